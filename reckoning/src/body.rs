@@ -1,0 +1,40 @@
+//! The name of a body in a scene.
+//!
+//! Says nothing of what the body is; see the protocol's `BodyTerms`.
+
+use core::fmt;
+
+/// Names one body of one scene for all of the body's life, and no other body before or after it.
+///
+/// An index may be used again after its body was removed; the generation then grows by one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct BodyId {
+    index: u32,
+    generation: u16,
+}
+
+impl BodyId {
+    /// The `generation`-th body to use `index`.
+    #[must_use]
+    pub const fn new(index: u32, generation: u16) -> Self {
+        Self { index, generation }
+    }
+
+    /// Place in dense arrays.
+    #[must_use]
+    pub const fn index(self) -> u32 {
+        self.index
+    }
+
+    /// How many bodies used this index before.
+    #[must_use]
+    pub const fn generation(self) -> u16 {
+        self.generation
+    }
+}
+
+impl fmt::Display for BodyId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "body {}.{}", self.index, self.generation)
+    }
+}

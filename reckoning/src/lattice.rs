@@ -1,0 +1,432 @@
+//! The grids on which motions are said, and how a motion is put on them.
+//!
+//! What is believed is what was said: both ends compute the believed motion from the same integers, so that rounding
+//! never accumulates (RECKONING 4). Laws, tested below: a value on its grid snaps to itself; snapping errs by half a
+//! step at most; order is kept; beyond its limit a value saturates.
+
+use glam::{DQuat, DVec3};
+
+use crate::exact::{normalised, product, scale3, sqrt, turn_by};
+use crate::motion::{Motion, Pose, Twist};
+use crate::tolerance::Tolerance;
+use crate::units::Metres;
+
+/// Largest position on a grid, in steps: 2³⁰.
+pub const POSITION_LIMIT: i32 = 1 << 30;
+/// Largest velocity on a grid, in steps: 2²⁴.
+pub const VELOCITY_LIMIT: i32 = 1 << 24;
+/// Largest turn that a residual may hold, in steps: 2¹⁰.
+pub const TURN_LIMIT: i32 = 1 << 10;
+
+/// Position step as a share of the tolerance. Measured: see ARCHITECTURE.md, "grids".
+const POSITION_SHARE: f64 = 0.375;
+/// Turn step, as a share of the tolerance at the bounding radius. Measured, as above.
+const TURN_SHARE: f64 = 0.375;
+/// Velocity step, as a share of the tolerance per second. Measured, as above.
+const VELOCITY_SHARE: f64 = 0.75;
+/// The coarsest turn step, radians, for bodies so small that any turn is within tolerance.
+const TURN_STEP_MOST: f64 = 0.25;
+/// The coarsest angular velocity step, rad/s, likewise.
+const ANGULAR_STEP_MOST: f64 = 4.0;
+
+/// The steps of one body's grids in one stream.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Grid {
+    position: f64,
+    turn: f64,
+    linear: f64,
+    angular: f64,
+}
+
+impl Grid {
+    /// The grids of a body with this bounding radius under this tolerance (RECKONING 4.2).
+    #[must_use]
+    pub fn new(tolerance: Tolerance, radius: Metres) -> Self {
+        let length = tolerance.metres().metres();
+        let radius = radius.metres();
+        let linear = length * VELOCITY_SHARE;
+        Self {
+            position: length * POSITION_SHARE,
+            turn: ((length * TURN_SHARE) / radius).min(TURN_STEP_MOST),
+            linear,
+            angular: (linear / radius).min(ANGULAR_STEP_MOST),
+        }
+    }
+}
+
+/// The nearest grid point, halves upward, saturating at `limit`.
+fn snap(value: f64, step: f64, limit: i32) -> i32 {
+    let limit = f64::from(limit);
+    // In range after the clamp, so the cast is exact.
+    libm::floor(value / step + 0.5).clamp(-limit, limit) as i32
+}
+
+fn snap3(value: DVec3, step: f64, limit: i32) -> [i32; 3] {
+    [
+        snap(value.x, step, limit),
+        snap(value.y, step, limit),
+        snap(value.z, step, limit),
+    ]
+}
+
+fn value3(steps: [i32; 3], step: f64) -> DVec3 {
+    DVec3::new(
+        f64::from(steps[0]) * step,
+        f64::from(steps[1]) * step,
+        f64::from(steps[2]) * step,
+    )
+}
+
+/// A motion on its grid: what a stream says of a body that moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Snapped {
+    /// In steps of [`Grid`]'s position.
+    pub position: [i32; 3],
+    /// Smallest three.
+    pub rotation: PackedRotation,
+    /// In steps of the grid's linear velocity.
+    pub linear: [i32; 3],
+    /// In steps of the grid's angular velocity.
+    pub angular: [i32; 3],
+}
+
+impl Snapped {
+    /// The grid point nearest to a motion.
+    #[must_use]
+    pub fn of(motion: &Motion, grid: &Grid) -> Self {
+        let (pose, twist) = (motion.pose(), motion.twist());
+        Self {
+            position: snap3(pose.position, grid.position, POSITION_LIMIT),
+            rotation: PackedRotation::of(pose.rotation),
+            linear: snap3(twist.linear, grid.linear, VELOCITY_LIMIT),
+            angular: snap3(twist.angular, grid.angular, VELOCITY_LIMIT),
+        }
+    }
+
+    /// The motion that these steps mean.
+    #[must_use]
+    pub fn motion(&self, grid: &Grid) -> Motion {
+        let pose = Pose {
+            position: value3(self.position, grid.position),
+            rotation: self.rotation.value(),
+        };
+        let twist = Twist {
+            linear: value3(self.linear, grid.linear),
+            angular: value3(self.angular, grid.angular),
+        };
+        Motion::from_checked(pose, twist)
+    }
+
+    /// The same place, without velocities.
+    #[must_use]
+    pub fn stilled(self) -> Self {
+        Self {
+            linear: [0; 3],
+            angular: [0; 3],
+            ..self
+        }
+    }
+
+    /// Whether every part lies within its limit, as all that is decoded must.
+    #[must_use]
+    pub fn is_within_limits(&self) -> bool {
+        within(self.position, POSITION_LIMIT)
+            && within(self.linear, VELOCITY_LIMIT)
+            && within(self.angular, VELOCITY_LIMIT)
+    }
+}
+
+fn within(steps: [i32; 3], limit: i32) -> bool {
+    steps.iter().all(|s| (-limit..=limit).contains(s))
+}
+
+/// What a motion differs by from a predicted one, in grid steps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Residual {
+    /// Position steps.
+    pub position: [i32; 3],
+    /// Rotation vector from the predicted rotation, world frame, in turn steps.
+    pub turn: [i32; 3],
+    /// Linear velocity steps.
+    pub linear: [i32; 3],
+    /// Angular velocity steps.
+    pub angular: [i32; 3],
+}
+
+impl Residual {
+    /// The residual that brings `predicted` nearest to `truth`, or `None` when one would not fit its limits.
+    #[must_use]
+    pub fn between(truth: &Motion, predicted: &Motion, grid: &Grid) -> Option<Self> {
+        let (to, from) = (Snapped::of(truth, grid), Snapped::of(predicted, grid));
+        let turn = snap3(
+            rotation_vector(truth.pose().rotation, predicted.pose().rotation),
+            grid.turn,
+            TURN_LIMIT,
+        );
+        let residual = Self {
+            position: minus(to.position, from.position)?,
+            turn,
+            linear: minus(to.linear, from.linear)?,
+            angular: minus(to.angular, from.angular)?,
+        };
+        residual.is_within_limits().then_some(residual)
+    }
+
+    /// The motion said by this residual on top of a predicted one (RECKONING 4.4).
+    #[must_use]
+    pub fn onto(&self, predicted: &Motion, grid: &Grid) -> Snapped {
+        let from = Snapped::of(predicted, grid);
+        let rotation = if self.turn == [0; 3] {
+            from.rotation
+        } else {
+            let turn = turn_by(value3(self.turn, grid.turn));
+            PackedRotation::of(normalised(product(turn, predicted.pose().rotation)))
+        };
+        Snapped {
+            position: plus(from.position, self.position, POSITION_LIMIT),
+            rotation,
+            linear: plus(from.linear, self.linear, VELOCITY_LIMIT),
+            angular: plus(from.angular, self.angular, VELOCITY_LIMIT),
+        }
+    }
+
+    /// Whether every part lies within its limit, as all that is decoded must.
+    #[must_use]
+    pub fn is_within_limits(&self) -> bool {
+        within(self.position, POSITION_LIMIT)
+            && within(self.turn, TURN_LIMIT)
+            && within(self.linear, VELOCITY_LIMIT)
+            && within(self.angular, VELOCITY_LIMIT)
+    }
+}
+
+/// Component by component; `None` on overflow.
+fn minus(a: [i32; 3], b: [i32; 3]) -> Option<[i32; 3]> {
+    Some([
+        a[0].checked_sub(b[0])?,
+        a[1].checked_sub(b[1])?,
+        a[2].checked_sub(b[2])?,
+    ])
+}
+
+/// Component by component, saturating at the limit, which is at most 2³⁰.
+fn plus(a: [i32; 3], b: [i32; 3], limit: i32) -> [i32; 3] {
+    core::array::from_fn(|i| a[i].saturating_add(b[i]).clamp(-limit, limit))
+}
+
+/// The shortest turn that leads from one rotation to another, as axis times angle, world frame, radians.
+///
+/// Only the sender computes it, so that it need not be exact.
+fn rotation_vector(to: DQuat, from: DQuat) -> DVec3 {
+    let turn = product(to, crate::exact::conjugate(from));
+    let sign = if turn.w < 0.0 { -1.0 } else { 1.0 };
+    let axis = scale3(DVec3::new(turn.x, turn.y, turn.z), sign);
+    let sine = crate::exact::length3(axis);
+    if sine == 0.0 {
+        return DVec3::ZERO;
+    }
+    let angle = 2.0 * libm::atan2(sine, turn.w * sign);
+    scale3(axis, angle / sine)
+}
+
+/// A rotation as its three smaller components in steps of 2⁻¹⁹ and the place of the largest, which is positive.
+///
+/// 62 bits. A turn is kept to within 6.7e-6 rad, which is 0.67 mm at 100 m from the centre.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct PackedRotation {
+    largest: u8,
+    others: [i32; 3],
+}
+
+/// Steps in one.
+const PACKED_STEPS: f64 = 524_288.0;
+
+impl PackedRotation {
+    /// No turn: the fourth component is the largest, the others are zero.
+    pub const IDENTITY: Self = Self {
+        largest: 3,
+        others: [0; 3],
+    };
+    /// The largest size of one of the smaller components: 2¹⁹/√2, rounded up.
+    pub const LIMIT: i32 = 370_728;
+
+    /// The grid point of a unit quaternion (RECKONING 4.3).
+    #[must_use]
+    pub fn of(rotation: DQuat) -> Self {
+        let mut packed = Self::nearest(rotation);
+        // Where two components tie, rounding may make the other one the largest; the second pass is then stable.
+        for _ in 0..3 {
+            let again = Self::nearest(packed.value());
+            if again == packed {
+                break;
+            }
+            packed = again;
+        }
+        packed
+    }
+
+    fn nearest(rotation: DQuat) -> Self {
+        let parts = rotation.to_array();
+        let steps = parts.map(|part| snap(part, 1.0 / PACKED_STEPS, 1 << 20));
+        let mut largest = 0;
+        for i in 1..4 {
+            if steps[i].abs() > steps[largest].abs() {
+                largest = i;
+            }
+        }
+        let sign = if steps[largest] < 0 { -1 } else { 1 };
+        let mut others = [0; 3];
+        for (slot, i) in (0..4).filter(|&i| i != largest).enumerate() {
+            others[slot] = steps[i] * sign;
+        }
+        Self {
+            largest: largest as u8,
+            others,
+        }
+    }
+
+    /// Checks what came from elsewhere: `None` unless it is the one way to say its rotation.
+    #[must_use]
+    pub fn from_parts(largest: u8, others: [i32; 3]) -> Option<Self> {
+        let bounded = largest < 4 && within(others, Self::LIMIT);
+        let packed = Self { largest, others };
+        (bounded && Self::nearest(packed.value()) == packed).then_some(packed)
+    }
+
+    /// Place of the largest component (x, y, z, w are 0 to 3), and the others in that order.
+    #[must_use]
+    pub const fn parts(self) -> (u8, [i32; 3]) {
+        (self.largest, self.others)
+    }
+
+    /// The unit quaternion of this grid point (RECKONING 4.3).
+    #[must_use]
+    pub fn value(self) -> DQuat {
+        let [a, b, c] = self.others.map(|steps| f64::from(steps) / PACKED_STEPS);
+        let rest = (1.0 - ((a * a + b * b) + c * c)).max(0.0);
+        let largest = sqrt(rest);
+        let (x, y, z, w) = match self.largest {
+            0 => (largest, a, b, c),
+            1 => (a, largest, b, c),
+            2 => (a, b, largest, c),
+            _ => (a, b, c, largest),
+        };
+        normalised(DQuat::from_xyzw(x, y, z, w))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::divergence::Divergence;
+    use proptest::prelude::*;
+
+    fn unit_quaternion() -> impl Strategy<Value = DQuat> {
+        proptest::array::uniform4(-1.0_f64..1.0)
+            .prop_filter("too short to normalise", |q| {
+                q.iter().map(|c| c * c).sum::<f64>() > 1e-3
+            })
+            .prop_map(|q| DQuat::from_array(q).normalize())
+    }
+
+    fn vector(limit: f64) -> impl Strategy<Value = DVec3> {
+        (-limit..limit, -limit..limit, -limit..limit).prop_map(|(x, y, z)| DVec3::new(x, y, z))
+    }
+
+    fn motion() -> impl Strategy<Value = Motion> {
+        (vector(1e4), unit_quaternion(), vector(50.0), vector(30.0)).prop_map(
+            |(position, rotation, linear, angular)| {
+                Motion::new(Pose { position, rotation }, Twist { linear, angular }).unwrap()
+            },
+        )
+    }
+
+    fn grid() -> impl Strategy<Value = Grid> {
+        (1_000_u32..10_000_000, 0.001_f64..100.0).prop_map(|(micrometres, radius)| {
+            Grid::new(
+                Tolerance::from_micrometres(micrometres).unwrap(),
+                Metres::new(radius),
+            )
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn a_value_on_its_grid_snaps_to_itself(steps in -POSITION_LIMIT..=POSITION_LIMIT, grid in grid()) {
+            prop_assert_eq!(snap(f64::from(steps) * grid.position, grid.position, POSITION_LIMIT), steps);
+        }
+
+        #[test]
+        fn snapping_errs_by_half_a_step_at_most(x in -1e5_f64..1e5, grid in grid()) {
+            let steps = snap(x, grid.position, POSITION_LIMIT);
+            if steps.abs() < POSITION_LIMIT {
+                prop_assert!((f64::from(steps) * grid.position - x).abs() <= grid.position * (0.5 + 1e-6));
+            }
+        }
+
+        #[test]
+        fn order_is_kept(a in -1e6_f64..1e6, b in -1e6_f64..1e6, grid in grid()) {
+            let (low, high) = if a < b { (a, b) } else { (b, a) };
+            prop_assert!(snap(low, grid.linear, VELOCITY_LIMIT) <= snap(high, grid.linear, VELOCITY_LIMIT));
+        }
+
+        #[test]
+        fn a_packed_rotation_snaps_to_itself(q in unit_quaternion()) {
+            let packed = PackedRotation::of(q);
+            prop_assert_eq!(PackedRotation::of(packed.value()), packed);
+            let (largest, others) = packed.parts();
+            prop_assert_eq!(PackedRotation::from_parts(largest, others), Some(packed));
+        }
+
+        #[test]
+        fn a_packed_rotation_is_near(q in unit_quaternion()) {
+            let truth = Pose { position: DVec3::ZERO, rotation: q };
+            let said = Pose { position: DVec3::ZERO, rotation: PackedRotation::of(q).value() };
+            prop_assert!(Divergence::between(&truth, &said).turn().radians() < 6.7e-6);
+        }
+
+        #[test]
+        fn a_residual_leads_within_tolerance(truth in motion(), predicted in motion(), micrometres in 5_000_u32..200_000) {
+            let tolerance = Tolerance::from_micrometres(micrometres).unwrap();
+            let radius = Metres::new(0.5);
+            let grid = Grid::new(tolerance, radius);
+            if let Some(residual) = Residual::between(&truth, &predicted, &grid) {
+                let turn_fits = residual.turn.iter().all(|t| t.abs() < TURN_LIMIT);
+                let said = residual.onto(&predicted, &grid).motion(&grid);
+                let error = Divergence::between(&truth.pose(), &said.pose()).surface_error(radius);
+                prop_assert!(!turn_fits || error.metres() <= tolerance.metres().metres(), "{error}");
+            }
+        }
+    }
+
+    #[test]
+    fn beyond_the_limit_a_value_saturates() {
+        assert_eq!(snap(1e300, 1e-3, POSITION_LIMIT), POSITION_LIMIT);
+        assert_eq!(snap(-1e300, 1e-3, POSITION_LIMIT), -POSITION_LIMIT);
+    }
+
+    #[test]
+    fn ties_between_components_have_one_form() {
+        let half = 0.5_f64;
+        let root = half.sqrt();
+        for q in [
+            [half, half, half, half],
+            [root, root, 0.0, 0.0],
+            [0.0, -root, 0.0, root],
+            [-half, half, -half, half],
+        ] {
+            let packed = PackedRotation::of(DQuat::from_array(q));
+            assert_eq!(PackedRotation::of(packed.value()), packed);
+        }
+    }
+
+    #[test]
+    fn what_is_not_a_rotation_is_refused() {
+        assert_eq!(PackedRotation::from_parts(4, [0; 3]), None);
+        assert_eq!(
+            PackedRotation::from_parts(0, [PackedRotation::LIMIT; 3]),
+            None
+        );
+        assert_eq!(PackedRotation::from_parts(0, [i32::MIN; 3]), None);
+    }
+}

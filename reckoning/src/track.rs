@@ -1,0 +1,186 @@
+//! The motion that was last said of a body: what every listener predicts from.
+//!
+//! One type is the publisher's belief and the subscriber's. It holds what was said, as integers or as the very bits of
+//! the engine, so that two tracks are equal exactly when every prediction from them is (RECKONING 3.1).
+
+use glam::{DQuat, DVec3};
+
+use crate::flow::{FlowTable, HORIZON};
+use crate::lattice::{Grid, Snapped};
+use crate::motion::{InvalidMotion, Motion, Pose, Twist};
+use crate::predictor::Predictor;
+use crate::tick::Tick;
+
+/// A said motion, the tick at which it held, and the law by which it goes on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Track {
+    /// When the motion held. It grows with each update of a body, so that it also names the track's revision.
+    pub origin: Tick,
+    /// How it goes on.
+    pub predictor: Predictor,
+    /// The motion.
+    pub anchor: Anchor,
+}
+
+/// A motion as it was said.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Anchor {
+    /// On the stream's grid.
+    Snapped(Snapped),
+    /// To the last bit of the engine's f32 state.
+    Verbatim(Verbatim),
+}
+
+/// A motion in the engine's own precision, kept as bits so that it can be compared and hashed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Verbatim {
+    bits: [u32; 13],
+}
+
+impl Verbatim {
+    /// Position, quaternion (x, y, z, w), linear and angular velocity.
+    ///
+    /// # Errors
+    ///
+    /// [`InvalidMotion`] as [`Motion::new`] has it.
+    pub fn new(
+        position: [f32; 3],
+        rotation: [f32; 4],
+        linear: [f32; 3],
+        angular: [f32; 3],
+    ) -> Result<Self, InvalidMotion> {
+        let mut bits = [0; 13];
+        let parts = position
+            .iter()
+            .chain(&rotation)
+            .chain(&linear)
+            .chain(&angular);
+        for (slot, part) in bits.iter_mut().zip(parts) {
+            *slot = part.to_bits();
+        }
+        let verbatim = Self { bits };
+        let (pose, twist) = verbatim.raw();
+        Motion::new(pose, twist)?;
+        Ok(verbatim)
+    }
+
+    /// The thirteen numbers in the order of [`Self::new`].
+    #[must_use]
+    pub fn parts(&self) -> [f32; 13] {
+        self.bits.map(f32::from_bits)
+    }
+
+    /// Position as the engine has it, metres.
+    #[must_use]
+    pub fn position(&self) -> [f32; 3] {
+        let p = self.parts();
+        [p[0], p[1], p[2]]
+    }
+
+    /// Quaternion x, y, z, w as the engine has it.
+    #[must_use]
+    pub fn rotation(&self) -> [f32; 4] {
+        let p = self.parts();
+        [p[3], p[4], p[5], p[6]]
+    }
+
+    /// The same place without movement.
+    #[must_use]
+    pub fn stilled(mut self) -> Self {
+        self.bits[7..].fill(0);
+        self
+    }
+
+    fn raw(&self) -> (Pose, Twist) {
+        let p = self.parts().map(f64::from);
+        (
+            Pose {
+                position: DVec3::new(p[0], p[1], p[2]),
+                rotation: DQuat::from_xyzw(p[3], p[4], p[5], p[6]),
+            },
+            Twist {
+                linear: DVec3::new(p[7], p[8], p[9]),
+                angular: DVec3::new(p[10], p[11], p[12]),
+            },
+        )
+    }
+
+    /// The motion, widened to f64 with its rotation normalised.
+    #[must_use]
+    pub fn motion(&self) -> Motion {
+        let (pose, twist) = self.raw();
+        Motion::new(pose, twist).expect("a verbatim motion was checked when it was made")
+    }
+}
+
+impl Track {
+    /// A body that lies where the engine left it, to the bit.
+    #[must_use]
+    pub fn resting(origin: Tick, verbatim: Verbatim) -> Self {
+        Self {
+            origin,
+            predictor: Predictor::Rest,
+            anchor: Anchor::Verbatim(verbatim.stilled()),
+        }
+    }
+
+    /// The motion that was said.
+    #[must_use]
+    pub fn start(&self, grid: &Grid) -> Motion {
+        match &self.anchor {
+            Anchor::Snapped(snapped) => snapped.motion(grid),
+            Anchor::Verbatim(verbatim) => verbatim.motion(),
+        }
+    }
+
+    /// The believed motion at a tick; before the origin that of the origin, beyond the horizon that of the horizon.
+    ///
+    /// `gravity`: what pulls at this body by a law said at this track's origin, m/s². `flow`: computed to
+    /// [`HORIZON`], or at least to the tick asked for.
+    #[must_use]
+    pub fn at(&self, tick: Tick, grid: &Grid, gravity: DVec3, flow: &FlowTable) -> Motion {
+        let elapsed = tick.since(self.origin).unwrap_or_default().min(HORIZON);
+        self.predictor
+            .predict(&self.start(grid), elapsed, gravity, flow)
+    }
+
+    /// Whether the body was said to lie still.
+    #[must_use]
+    pub fn is_resting(&self) -> bool {
+        self.predictor == Predictor::Rest
+    }
+
+    /// Whether the copy equals the engine's state to the bit.
+    #[must_use]
+    pub fn is_verbatim_rest(&self) -> bool {
+        self.is_resting() && matches!(self.anchor, Anchor::Verbatim(_))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_verbatim_motion_keeps_every_bit() {
+        let verbatim =
+            Verbatim::new([0.1, -0.0, 3e-40], [0.0, 0.0, 0.0, 1.0], [1.0; 3], [2.0; 3]).unwrap();
+        assert_eq!(verbatim.parts()[1].to_bits(), (-0.0_f32).to_bits());
+        assert_eq!(verbatim.motion().pose().position.x, f64::from(0.1_f32));
+        assert_eq!(verbatim.stilled().parts()[7..], [0.0; 6]);
+    }
+
+    #[test]
+    fn what_is_not_finite_is_refused() {
+        let identity = [0.0, 0.0, 0.0, 1.0];
+        let wrong = Verbatim::new([f32::NAN, 0.0, 0.0], identity, [0.0; 3], [0.0; 3]);
+        assert_eq!(wrong, Err(InvalidMotion::Position));
+        let wrong = Verbatim::new([0.0; 3], [0.0; 4], [0.0; 3], [0.0; 3]);
+        assert_eq!(wrong, Err(InvalidMotion::Rotation));
+    }
+
+    #[test]
+    fn a_track_fits_in_a_cache_line() {
+        assert!(size_of::<Track>() <= 80, "{}", size_of::<Track>());
+    }
+}
