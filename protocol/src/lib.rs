@@ -1,0 +1,13 @@
+//! The Rhumb protocol: what is said, in which bytes, and who may say it when.
+//!
+//! No clock, no socket, no engine: both ends are state machines that a driver feeds and drains (see `Endpoint`).
+#![no_std]
+#![forbid(unsafe_code)]
+
+extern crate alloc;
+
+mod endpoint;
+mod time;
+
+pub use endpoint::{Ending, Endpoint, Peer, Transmit, Wake, WakeReason};
+pub use time::{Instant, Span};
