@@ -7,7 +7,11 @@
 extern crate alloc;
 
 mod endpoint;
+pub mod limits;
+pub mod scene;
+pub mod stream;
 mod time;
+pub mod wire;
 
 pub use endpoint::{Ending, Endpoint, Peer, Transmit, Wake, WakeReason};
 pub use time::{Instant, Span};

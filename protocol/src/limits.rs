@@ -1,0 +1,81 @@
+//! Every bound of the protocol, in one place, with assertions that relate them.
+//!
+//! A bound that a server may lower is announced in `Welcome`; these are what nobody may exceed.
+
+/// Bytes of a state datagram: what fits a QUIC packet of 1,200 bytes with room for its header and tag.
+pub const DATAGRAM_BYTES_MAX: usize = 1_150;
+/// Bytes of one control message, its length and type aside.
+pub const MESSAGE_BYTES_MAX: usize = 16 * 1024;
+/// Bytes of a scene's name in UTF-8.
+pub const SCENE_NAME_BYTES_MAX: usize = 64;
+/// Versions that one `Hello` may offer.
+pub const VERSIONS_MAX: usize = 16;
+
+/// Bodies in one scene. Indices stay below it.
+pub const BODIES_MAX: u32 = 131_072;
+/// Shapes in one scene. Shape numbers stay below it.
+pub const SHAPES_MAX: u32 = 8_192;
+/// Streams of one scene: different tolerances that somebody follows.
+pub const STREAMS_PER_SCENE_MAX: usize = 8;
+/// Scenes of one server.
+pub const SCENES_MAX: usize = 256;
+/// Members of one scene.
+pub const MEMBERS_PER_SCENE_MAX: usize = 64;
+/// Different dampings of one scene's bodies, each of which needs a table at both ends.
+pub const DAMPINGS_MAX: usize = 64;
+/// Body indices that one `Reserve` may ask for.
+pub const RESERVE_MAX: u32 = BODIES_MAX;
+
+/// Commands of one member that wait for the next tick.
+pub const COMMANDS_WAITING_MAX: usize = 65_536;
+/// Ticks that an `Advance` may lead ahead of the scene.
+pub const ADVANCE_TICKS_MAX: u64 = 1_024;
+
+/// Largest coordinate, metres: at 1e5 m an f32 still tells 8 mm apart.
+pub const COORDINATE_MAX: f32 = 1e5;
+/// Largest linear velocity in a command, m/s.
+pub const LINEAR_MAX: f32 = 1e3;
+/// Largest angular velocity in a command, rad/s.
+pub const ANGULAR_MAX: f32 = 100.0;
+/// Largest gravity, m/s².
+pub const GRAVITY_MAX: f32 = 1e3;
+/// Largest force (N), torque (N·m), impulse (N·s) and torque impulse (N·m·s).
+pub const FORCE_MAX: f32 = 1e9;
+/// Smallest and largest extent of a shape, metres.
+pub const EXTENT_MIN: f32 = 1e-3;
+/// See [`EXTENT_MIN`].
+pub const EXTENT_MAX: f32 = 1e4;
+/// Smallest and largest density, kg/m³.
+pub const DENSITY_MIN: f32 = 1e-3;
+/// See [`DENSITY_MIN`].
+pub const DENSITY_MAX: f32 = 1e6;
+/// Largest friction coefficient.
+pub const FRICTION_MAX: f32 = 1e2;
+/// Largest damping, 1/s.
+pub const DAMPING_MAX: f32 = 1e3;
+/// Largest gravity scale of a body.
+pub const GRAVITY_SCALE_MAX: f32 = 1e2;
+/// Most substeps of one tick.
+pub const SUBSTEPS_MAX: u32 = 16;
+/// Fastest tick, per second.
+pub const RATE_MAX: u32 = 1_000;
+/// Slowest tick, seconds.
+pub const STEP_SECONDS_MAX: u32 = 1;
+
+/// Packets of a stream whose bodies the publisher remembers, so that it can repair them.
+pub const HISTORY_PACKETS: usize = 1_024;
+/// Lost packets that one `Echo` may name.
+pub const LOST_NAMED_MAX: usize = 64;
+/// Parts of one repair.
+pub const REPAIR_PARTS_MAX: u8 = 64;
+/// Packets that a subscriber holds back while notices are on their way.
+pub const PACKETS_HELD_MAX: usize = 512;
+/// Ticks that a packet may lie ahead of the newest heard, a minute at 60 Hz; beyond, the stream is begun anew.
+pub const TICK_JUMP_MAX: u64 = 3_600;
+
+// A body's index fits the bits of a gap code, and every message fits its own length.
+const _: () = assert!(BODIES_MAX <= 1 << 20);
+const _: () = assert!(SCENE_NAME_BYTES_MAX + 4 * VERSIONS_MAX + 64 < MESSAGE_BYTES_MAX);
+// A 16-bit packet number is told apart from the same number a turn earlier as long as it is remembered.
+const _: () = assert!(HISTORY_PACKETS < 1 << 15);
+const _: () = assert!(TICK_JUMP_MAX < 1 << 15);

@@ -1,0 +1,144 @@
+//! What a body is, apart from where it is.
+
+use rhumb_reckoning::{BodyId, Damping};
+
+use super::checks::{Invalid, Quantity, scalar};
+use super::material::Material;
+use super::shape::ShapeId;
+use super::terms::check_damping;
+use crate::limits::GRAVITY_SCALE_MAX;
+use crate::wire::bytes::{Reader, Writer};
+use crate::wire::{Malformed, Wire};
+
+/// Who moves a body.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum BodyKind {
+    /// Nobody.
+    Static,
+    /// The engine.
+    Dynamic,
+    /// Its member, by velocities and poses; it pushes others and is not pushed.
+    Kinematic,
+}
+
+/// What everybody who copies a body must know of it once.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BodyTerms {
+    /// Its name.
+    pub id: BodyId,
+    /// Who moves it.
+    pub kind: BodyKind,
+    /// Its shape, one of the scene's.
+    pub shape: ShapeId,
+    /// The scene's, unless it brings its own.
+    pub material: Option<Material>,
+    /// The scene's, unless it brings its own.
+    pub damping: Option<Damping>,
+    /// Factor on the scene's gravity; one for most.
+    pub gravity_scale: f32,
+}
+
+/// Bits of the byte that says what follows.
+mod flag {
+    pub(super) const KIND: u8 = 0b11;
+    pub(super) const MATERIAL: u8 = 1 << 2;
+    pub(super) const DAMPING: u8 = 1 << 3;
+    pub(super) const GRAVITY_SCALE: u8 = 1 << 4;
+    pub(super) const ALL: u8 = (1 << 5) - 1;
+}
+
+impl BodyTerms {
+    /// A body of the scene's own material and damping under the scene's own gravity.
+    #[must_use]
+    pub const fn plain(id: BodyId, kind: BodyKind, shape: ShapeId) -> Self {
+        Self {
+            id,
+            kind,
+            shape,
+            material: None,
+            damping: None,
+            gravity_scale: 1.0,
+        }
+    }
+
+    /// Checks every number.
+    ///
+    /// # Errors
+    ///
+    /// [`Invalid`] names the first that is wrong.
+    pub fn check(&self) -> Result<(), Invalid> {
+        if let Some(material) = &self.material {
+            material.check()?;
+        }
+        if let Some(damping) = self.damping {
+            check_damping(damping)?;
+        }
+        scalar(
+            self.gravity_scale,
+            -GRAVITY_SCALE_MAX,
+            GRAVITY_SCALE_MAX,
+            Quantity::GravityScale,
+        )
+    }
+}
+
+impl Wire for BodyTerms {
+    fn encode(&self, to: &mut Writer) {
+        let mut flags = match self.kind {
+            BodyKind::Static => 0,
+            BodyKind::Dynamic => 1,
+            BodyKind::Kinematic => 2,
+        };
+        let scaled = self.gravity_scale.to_bits() != 1.0_f32.to_bits();
+        for (present, bit) in [
+            (self.material.is_some(), flag::MATERIAL),
+            (self.damping.is_some(), flag::DAMPING),
+            (scaled, flag::GRAVITY_SCALE),
+        ] {
+            if present {
+                flags |= bit;
+            }
+        }
+        self.id.encode(to);
+        to.u8(flags);
+        self.shape.encode(to);
+        if let Some(material) = &self.material {
+            material.encode(to);
+        }
+        if let Some(damping) = &self.damping {
+            damping.encode(to);
+        }
+        if scaled {
+            to.f32(self.gravity_scale);
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let id = BodyId::decode(from)?;
+        let flags = from.u8()?;
+        if flags & !flag::ALL != 0 {
+            return Err(Malformed::UnknownCode);
+        }
+        let kind = match flags & flag::KIND {
+            0 => BodyKind::Static,
+            1 => BodyKind::Dynamic,
+            2 => BodyKind::Kinematic,
+            _ => return Err(Malformed::UnknownCode),
+        };
+        let shape = ShapeId::decode(from)?;
+        let mut terms = Self::plain(id, kind, shape);
+        if flags & flag::MATERIAL != 0 {
+            terms.material = Some(Material::decode(from)?);
+        }
+        if flags & flag::DAMPING != 0 {
+            terms.damping = Some(Damping::decode(from)?);
+        }
+        if flags & flag::GRAVITY_SCALE != 0 {
+            terms.gravity_scale = from.f32()?;
+            if terms.gravity_scale.to_bits() == 1.0_f32.to_bits() {
+                return Err(Malformed::NotCanonical);
+            }
+        }
+        Ok(terms)
+    }
+}

@@ -1,0 +1,163 @@
+//! What a number in a command must be, and how it is named when it is not.
+//!
+//! One check serves the caller before sending and the server after receiving, so that both give the same answer.
+
+use core::fmt;
+
+use glam::{Quat, Vec3};
+use rhumb_reckoning::UNIT_LENGTH_SLACK;
+
+/// A quantity of a command that can be wrong. Its number is its code on the wire.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[repr(u8)]
+pub enum Quantity {
+    /// Metres.
+    Position = 0,
+    /// Unit quaternion.
+    Rotation = 1,
+    /// m/s.
+    Linear = 2,
+    /// rad/s.
+    Angular = 3,
+    /// N.
+    Force = 4,
+    /// N·m.
+    Torque = 5,
+    /// N·s.
+    Impulse = 6,
+    /// N·m·s.
+    TorqueImpulse = 7,
+    /// m/s².
+    Gravity = 8,
+    /// Metres.
+    Extent = 9,
+    /// kg/m³.
+    Density = 10,
+    /// Coefficient.
+    Friction = 11,
+    /// Coefficient.
+    Restitution = 12,
+    /// 1/s.
+    Damping = 13,
+    /// Factor.
+    GravityScale = 14,
+    /// Steps.
+    Substeps = 15,
+    /// Ticks per second.
+    Rate = 16,
+}
+
+impl Quantity {
+    const ALL: [Self; 17] = [
+        Self::Position,
+        Self::Rotation,
+        Self::Linear,
+        Self::Angular,
+        Self::Force,
+        Self::Torque,
+        Self::Impulse,
+        Self::TorqueImpulse,
+        Self::Gravity,
+        Self::Extent,
+        Self::Density,
+        Self::Friction,
+        Self::Restitution,
+        Self::Damping,
+        Self::GravityScale,
+        Self::Substeps,
+        Self::Rate,
+    ];
+
+    /// The quantity of a code.
+    #[must_use]
+    pub fn from_code(code: u8) -> Option<Self> {
+        Self::ALL.get(usize::from(code)).copied()
+    }
+
+    /// Its code.
+    #[must_use]
+    pub const fn code(self) -> u8 {
+        self as u8
+    }
+}
+
+impl fmt::Display for Quantity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Position => "position",
+            Self::Rotation => "rotation",
+            Self::Linear => "linear velocity",
+            Self::Angular => "angular velocity",
+            Self::Force => "force",
+            Self::Torque => "torque",
+            Self::Impulse => "impulse",
+            Self::TorqueImpulse => "torque impulse",
+            Self::Gravity => "gravity",
+            Self::Extent => "shape extent",
+            Self::Density => "density",
+            Self::Friction => "friction",
+            Self::Restitution => "restitution",
+            Self::Damping => "damping",
+            Self::GravityScale => "gravity scale",
+            Self::Substeps => "number of substeps",
+            Self::Rate => "tick rate",
+        })
+    }
+}
+
+/// A number that no engine should be given.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Invalid {
+    /// NaN or infinite.
+    NotFinite(Quantity),
+    /// Outside the limits of the protocol.
+    OutOfRange(Quantity),
+}
+
+impl fmt::Display for Invalid {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotFinite(Quantity::Rotation) => {
+                f.write_str("rotation is not a finite quaternion of unit length")
+            }
+            Self::NotFinite(quantity) => write!(f, "{quantity} is NaN or infinite"),
+            Self::OutOfRange(quantity) => write!(f, "{quantity} is outside its limits"),
+        }
+    }
+}
+
+impl core::error::Error for Invalid {}
+
+/// A number within bounds, both allowed.
+pub(super) fn scalar(value: f32, least: f32, most: f32, quantity: Quantity) -> Result<(), Invalid> {
+    if !value.is_finite() {
+        return Err(Invalid::NotFinite(quantity));
+    }
+    if value < least || value > most {
+        return Err(Invalid::OutOfRange(quantity));
+    }
+    Ok(())
+}
+
+/// A vector each of whose components is at most `most` in size.
+pub(super) fn vector(value: Vec3, most: f32, quantity: Quantity) -> Result<(), Invalid> {
+    for part in value.to_array() {
+        scalar(part, -most, most, quantity)?;
+    }
+    Ok(())
+}
+
+/// A quaternion within the slack of unit length.
+pub(super) fn rotation(value: Quat) -> Result<(), Invalid> {
+    let squared: f64 = value
+        .to_array()
+        .iter()
+        .map(|&c| f64::from(c) * f64::from(c))
+        .sum();
+    let near_unit = (squared - 1.0).abs() <= UNIT_LENGTH_SLACK;
+    if near_unit {
+        Ok(())
+    } else {
+        Err(Invalid::NotFinite(Quantity::Rotation))
+    }
+}

@@ -1,0 +1,165 @@
+//! The shapes that bodies have.
+
+use core::fmt;
+
+use glam::Vec3;
+use rhumb_reckoning::Metres;
+
+use super::checks::{Invalid, Quantity, scalar};
+use crate::limits::{EXTENT_MAX, EXTENT_MIN, SHAPES_MAX};
+use crate::wire::bytes::{Reader, Writer};
+use crate::wire::{Malformed, Wire};
+
+/// Names a shape of one scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ShapeId(pub u32);
+
+impl fmt::Display for ShapeId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "shape {}", self.0)
+    }
+}
+
+impl Wire for ShapeId {
+    fn encode(&self, to: &mut Writer) {
+        to.varint(u64::from(self.0));
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let number = from.varint_to(u64::from(SHAPES_MAX) - 1)?;
+        Ok(Self(number as u32))
+    }
+}
+
+/// A solid, centred on its body's centre of mass. Lengths in metres; long axes along the body's y.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shape {
+    /// A sphere.
+    Ball {
+        /// Metres.
+        radius: f32,
+    },
+    /// A box.
+    Cuboid {
+        /// Half the edge lengths along x, y, z.
+        half_extents: Vec3,
+    },
+    /// A cylinder with half balls on its ends.
+    Capsule {
+        /// Half the length of the straight part.
+        half_height: f32,
+        /// Of the cylinder and the balls.
+        radius: f32,
+    },
+    /// A cylinder.
+    Cylinder {
+        /// Half its length.
+        half_height: f32,
+        /// Metres.
+        radius: f32,
+    },
+}
+
+impl Shape {
+    /// Checks every length.
+    ///
+    /// # Errors
+    ///
+    /// [`Invalid`] for an extent that is not finite or outside the limits.
+    pub fn check(&self) -> Result<(), Invalid> {
+        let extents = match *self {
+            Self::Ball { radius } => [radius; 3],
+            Self::Cuboid { half_extents } => half_extents.to_array(),
+            Self::Capsule {
+                half_height,
+                radius,
+            }
+            | Self::Cylinder {
+                half_height,
+                radius,
+            } => [half_height, radius, radius],
+        };
+        for extent in extents {
+            scalar(extent, EXTENT_MIN, EXTENT_MAX, Quantity::Extent)?;
+        }
+        Ok(())
+    }
+
+    /// The least ball around the centre of mass that holds the shape (RECKONING 4.5).
+    #[must_use]
+    pub fn bounding_radius(&self) -> Metres {
+        Metres::new(match *self {
+            Self::Ball { radius } => f64::from(radius),
+            Self::Cuboid { half_extents } => {
+                let [x, y, z] = half_extents.to_array().map(f64::from);
+                libm::sqrt(x * x + y * y + z * z)
+            }
+            Self::Capsule {
+                half_height,
+                radius,
+            } => f64::from(half_height) + f64::from(radius),
+            Self::Cylinder {
+                half_height,
+                radius,
+            } => {
+                let (h, r) = (f64::from(half_height), f64::from(radius));
+                libm::sqrt(h * h + r * r)
+            }
+        })
+    }
+}
+
+impl Wire for Shape {
+    fn encode(&self, to: &mut Writer) {
+        match *self {
+            Self::Ball { radius } => {
+                to.u8(0);
+                to.f32(radius);
+            }
+            Self::Cuboid { half_extents } => {
+                to.u8(1);
+                to.f32s(&half_extents.to_array());
+            }
+            Self::Capsule {
+                half_height,
+                radius,
+            } => {
+                to.u8(2);
+                to.f32s(&[half_height, radius]);
+            }
+            Self::Cylinder {
+                half_height,
+                radius,
+            } => {
+                to.u8(3);
+                to.f32s(&[half_height, radius]);
+            }
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        Ok(match from.u8()? {
+            0 => Self::Ball {
+                radius: from.f32()?,
+            },
+            1 => Self::Cuboid {
+                half_extents: Vec3::from_array(from.f32s()?),
+            },
+            2 => {
+                let [half_height, radius] = from.f32s()?;
+                Self::Capsule {
+                    half_height,
+                    radius,
+                }
+            }
+            3 => {
+                let [half_height, radius] = from.f32s()?;
+                Self::Cylinder {
+                    half_height,
+                    radius,
+                }
+            }
+            _ => return Err(Malformed::UnknownCode),
+        })
+    }
+}

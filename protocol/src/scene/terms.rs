@@ -1,0 +1,107 @@
+//! What a scene is created with and keeps for all its life.
+
+use core::num::NonZeroU32;
+
+use glam::Vec3;
+use rhumb_reckoning::{Damping, Integrator, Rate};
+
+use super::checks::{Invalid, Quantity, scalar, vector};
+use super::material::Material;
+use crate::limits::{DAMPING_MAX, GRAVITY_MAX, RATE_MAX, STEP_SECONDS_MAX, SUBSTEPS_MAX};
+use crate::wire::bytes::{Reader, Writer};
+use crate::wire::{Malformed, Wire};
+
+/// Who says when the next tick comes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pace {
+    /// A member: the scene stands still until it is told to advance.
+    Lockstep,
+    /// The server's clock, while anybody is there to see it.
+    FreeRunning,
+}
+
+/// How a scene steps, what pulls at its bodies, and what a body is made of unless it says otherwise.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SceneTerms {
+    /// Tick length and substeps.
+    pub integrator: Integrator,
+    /// m/s², world frame, at the scene's beginning.
+    pub gravity: Vec3,
+    /// Who leads.
+    pub pace: Pace,
+    /// For bodies that bring none.
+    pub material: Material,
+    /// For bodies that bring none.
+    pub damping: Damping,
+}
+
+impl SceneTerms {
+    /// Checks every number.
+    ///
+    /// # Errors
+    ///
+    /// [`Invalid`] names the first that is wrong.
+    pub fn check(&self) -> Result<(), Invalid> {
+        let rate = self.integrator.rate;
+        let fast = u64::from(rate.ticks()) > u64::from(rate.seconds()) * u64::from(RATE_MAX);
+        let slow =
+            u64::from(rate.seconds()) > u64::from(rate.ticks()) * u64::from(STEP_SECONDS_MAX);
+        if fast || slow {
+            return Err(Invalid::OutOfRange(Quantity::Rate));
+        }
+        if self.integrator.substeps.get() > SUBSTEPS_MAX {
+            return Err(Invalid::OutOfRange(Quantity::Substeps));
+        }
+        vector(self.gravity, GRAVITY_MAX, Quantity::Gravity)?;
+        self.material.check()?;
+        check_damping(self.damping)
+    }
+}
+
+/// Checks both numbers.
+pub(super) fn check_damping(damping: Damping) -> Result<(), Invalid> {
+    scalar(damping.linear, 0.0, DAMPING_MAX, Quantity::Damping)?;
+    scalar(damping.angular, 0.0, DAMPING_MAX, Quantity::Damping)
+}
+
+impl Wire for Damping {
+    fn encode(&self, to: &mut Writer) {
+        to.f32s(&[self.linear, self.angular]);
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let [linear, angular] = from.f32s()?;
+        Ok(Self { linear, angular })
+    }
+}
+
+impl Wire for SceneTerms {
+    fn encode(&self, to: &mut Writer) {
+        to.varint(u64::from(self.integrator.rate.ticks()));
+        to.varint(u64::from(self.integrator.rate.seconds()));
+        to.varint(u64::from(self.integrator.substeps.get()));
+        to.f32s(&self.gravity.to_array());
+        to.u8(match self.pace {
+            Pace::Lockstep => 0,
+            Pace::FreeRunning => 1,
+        });
+        self.material.encode(to);
+        self.damping.encode(to);
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let rate = Rate::new(from.varint32()?, from.varint32()?).ok_or(Malformed::OutOfRange)?;
+        let substeps = NonZeroU32::new(from.varint32()?).ok_or(Malformed::OutOfRange)?;
+        Ok(Self {
+            integrator: Integrator { rate, substeps },
+            gravity: Vec3::from_array(from.f32s()?),
+            pace: match from.u8()? {
+                0 => Pace::Lockstep,
+                1 => Pace::FreeRunning,
+                _ => return Err(Malformed::UnknownCode),
+            },
+            material: Material::decode(from)?,
+            damping: Damping::decode(from)?,
+        })
+    }
+}

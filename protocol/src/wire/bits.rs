@@ -1,0 +1,274 @@
+//! Single bits, low bit of the first byte first, and the codes built of them.
+//!
+//! The only place where bits are shifted. Writing asserts; reading never does. The last byte is filled with zeros, and
+//! a reader refuses anything else (PROTOCOL 5.1).
+
+use alloc::vec::Vec;
+
+use super::Malformed;
+
+/// Appends bits to a buffer.
+#[derive(Debug, Default)]
+pub struct BitWriter {
+    bytes: Vec<u8>,
+    pending: u64,
+    held: u32,
+}
+
+impl BitWriter {
+    /// Continues after whole bytes that were written before.
+    #[must_use]
+    pub fn after(bytes: Vec<u8>) -> Self {
+        Self {
+            bytes,
+            pending: 0,
+            held: 0,
+        }
+    }
+
+    /// The low `count` bits of `value`, low bit first; `count` is at most 32.
+    ///
+    /// # Panics
+    ///
+    /// When `value` does not fit `count` bits.
+    pub fn bits(&mut self, value: u32, count: u32) {
+        assert!(
+            count == 32 || (count < 32 && value >> count == 0),
+            "{value} does not fit {count} bits"
+        );
+        self.pending |= u64::from(value) << self.held;
+        self.held += count;
+        while self.held >= 8 {
+            self.bytes.push(self.pending as u8);
+            self.pending >>= 8;
+            self.held -= 8;
+        }
+    }
+
+    /// One bit.
+    pub fn flag(&mut self, flag: bool) {
+        self.bits(u32::from(flag), 1);
+    }
+
+    /// An unsigned number by an exponential Golomb code of order `order` (PROTOCOL 5.2).
+    ///
+    /// # Panics
+    ///
+    /// When `value` is above [`GOLOMB_MAX`].
+    pub fn golomb(&mut self, value: u32, order: u32) {
+        assert!(
+            value <= GOLOMB_MAX,
+            "{value} is too large for a Golomb code"
+        );
+        let shifted = value + (1 << order);
+        let extra = shifted.ilog2() - order;
+        self.bits((1 << extra) - 1, extra + 1);
+        let width = extra + order;
+        self.bits(shifted & !(1 << width), width);
+    }
+
+    /// A signed number: 0, -1, 1, -2, ... are the unsigned 0, 1, 2, 3, ...
+    ///
+    /// # Panics
+    ///
+    /// As [`Self::golomb`].
+    pub fn signed_golomb(&mut self, value: i32, order: u32) {
+        self.golomb(((value << 1) ^ (value >> 31)) as u32, order);
+    }
+
+    /// Bits written so far, those before this writer began included.
+    #[must_use]
+    pub fn bit_len(&self) -> usize {
+        self.bytes.len() * 8 + self.held as usize
+    }
+
+    /// Fills the last byte with zeros and hands everything over.
+    #[must_use]
+    pub fn into_bytes(mut self) -> Vec<u8> {
+        if self.held > 0 {
+            self.bytes.push(self.pending as u8);
+        }
+        self.bytes
+    }
+}
+
+/// The largest number that a Golomb code may hold: any residual on the widest grid, made unsigned.
+pub const GOLOMB_MAX: u32 = (1 << 31) + (1 << 30);
+
+/// How many bits [`BitWriter::golomb`] takes.
+#[must_use]
+pub const fn golomb_len(value: u32, order: u32) -> u32 {
+    let extra = (value + (1 << order)).ilog2() - order;
+    2 * extra + 1 + order
+}
+
+/// Takes bits off the front of a slice.
+#[derive(Clone, Debug)]
+pub struct BitReader<'a> {
+    bytes: &'a [u8],
+    position: usize,
+}
+
+impl<'a> BitReader<'a> {
+    /// Reads from the low bit of the first byte.
+    #[must_use]
+    pub const fn new(bytes: &'a [u8]) -> Self {
+        Self { bytes, position: 0 }
+    }
+
+    /// How many bits were read.
+    #[must_use]
+    pub const fn position(&self) -> usize {
+        self.position
+    }
+
+    /// The next `count` bits as a number; `count` is at most 32.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed::Truncated`] when fewer are left; so for every reader below.
+    pub fn bits(&mut self, count: u32) -> Result<u32, Malformed> {
+        let end = self.position + count as usize;
+        if end > self.bytes.len() * 8 {
+            return Err(Malformed::Truncated);
+        }
+        let first = self.position / 8;
+        // 32 bits from any bit on lie within five bytes.
+        let mut window = 0_u64;
+        for (place, byte) in self.bytes[first..].iter().take(5).enumerate() {
+            window |= u64::from(*byte) << (8 * place);
+        }
+        self.position = end;
+        let mask = (1_u64 << count) - 1;
+        Ok(((window >> ((end - count as usize) % 8)) & mask) as u32)
+    }
+
+    /// One bit.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::bits`].
+    pub fn flag(&mut self) -> Result<bool, Malformed> {
+        self.bits(1).map(|bit| bit == 1)
+    }
+
+    /// An unsigned number by an exponential Golomb code of order `order`.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed::OutOfRange`] above [`GOLOMB_MAX`].
+    pub fn golomb(&mut self, order: u32) -> Result<u32, Malformed> {
+        let mut extra = 0;
+        while self.flag()? {
+            extra += 1;
+            if extra + order > 31 {
+                return Err(Malformed::OutOfRange);
+            }
+        }
+        let width = extra + order;
+        let shifted = self.bits(width)? | (1 << width);
+        let value = shifted - (1 << order);
+        if value > GOLOMB_MAX {
+            return Err(Malformed::OutOfRange);
+        }
+        Ok(value)
+    }
+
+    /// A signed number; see [`BitWriter::signed_golomb`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::golomb`].
+    pub fn signed_golomb(&mut self, order: u32) -> Result<i32, Malformed> {
+        let value = self.golomb(order)?;
+        Ok((value >> 1) as i32 ^ -((value & 1) as i32))
+    }
+
+    /// Ends reading.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed::Trailing`] when a whole byte is left, [`Malformed::NotCanonical`] when the filling is not zero.
+    pub fn finish(mut self) -> Result<(), Malformed> {
+        let left = self.bytes.len() * 8 - self.position;
+        if left >= 8 {
+            return Err(Malformed::Trailing);
+        }
+        if self.bits(left as u32)? != 0 {
+            return Err(Malformed::NotCanonical);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[derive(Clone, Debug)]
+    enum Piece {
+        Bits(u32, u32),
+        Golomb(u32, u32),
+        Signed(i32, u32),
+    }
+
+    fn piece() -> impl Strategy<Value = Piece> {
+        prop_oneof![
+            (any::<u32>(), 0_u32..=32).prop_map(|(value, count)| {
+                let mask = (1_u64 << count) - 1;
+                Piece::Bits((u64::from(value) & mask) as u32, count)
+            }),
+            (0..=GOLOMB_MAX, 0_u32..12).prop_map(|(value, order)| Piece::Golomb(value, order)),
+            (0_u32..500, 0_u32..12).prop_map(|(value, order)| Piece::Golomb(value, order)),
+            (-(1_i32 << 30)..1 << 30, 0_u32..12)
+                .prop_map(|(value, order)| Piece::Signed(value, order)),
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn pieces_come_back_in_order(pieces in proptest::collection::vec(piece(), 0..40)) {
+            let mut writer = BitWriter::default();
+            let mut expected = 0;
+            for piece in &pieces {
+                match *piece {
+                    Piece::Bits(value, count) => writer.bits(value, count),
+                    Piece::Golomb(value, order) => {
+                        expected = writer.bit_len() + golomb_len(value, order) as usize;
+                        writer.golomb(value, order);
+                        prop_assert_eq!(writer.bit_len(), expected);
+                    }
+                    Piece::Signed(value, order) => writer.signed_golomb(value, order),
+                }
+            }
+            prop_assert!(expected <= writer.bit_len());
+            let bytes = writer.into_bytes();
+            let mut reader = BitReader::new(&bytes);
+            for piece in &pieces {
+                match *piece {
+                    Piece::Bits(value, count) => prop_assert_eq!(reader.bits(count), Ok(value)),
+                    Piece::Golomb(value, order) => prop_assert_eq!(reader.golomb(order), Ok(value)),
+                    Piece::Signed(value, order) => prop_assert_eq!(reader.signed_golomb(order), Ok(value)),
+                }
+            }
+            prop_assert_eq!(reader.finish(), Ok(()));
+        }
+
+        #[test]
+        fn no_bytes_make_a_reader_panic(bytes in proptest::collection::vec(any::<u8>(), 0..40), order in 0_u32..12) {
+            let mut reader = BitReader::new(&bytes);
+            while reader.golomb(order).is_ok() {}
+            let mut reader = BitReader::new(&bytes);
+            while reader.signed_golomb(order).is_ok() {}
+        }
+    }
+
+    #[test]
+    fn filling_other_than_zero_is_refused() {
+        let mut reader = BitReader::new(&[0b1000_0001]);
+        assert_eq!(reader.bits(3), Ok(1));
+        assert_eq!(reader.finish(), Err(Malformed::NotCanonical));
+        assert_eq!(BitReader::new(&[0]).finish(), Err(Malformed::Trailing));
+    }
+}

@@ -1,0 +1,280 @@
+//! Whole bytes: little-endian numbers and variable-length integers.
+//!
+//! Writing asserts, since the caller is one of us; reading never does, since the sender may be anyone. A variable
+//! integer holds seven bits a byte, low bits first, and only its shortest form is accepted (PROTOCOL 2.2).
+
+use alloc::vec::Vec;
+
+use super::Malformed;
+
+/// Appends values to a buffer.
+#[derive(Debug, Default)]
+pub struct Writer {
+    buffer: Vec<u8>,
+}
+
+impl Writer {
+    /// An empty buffer.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// What was written.
+    #[must_use]
+    pub fn into_bytes(self) -> Vec<u8> {
+        self.buffer
+    }
+
+    /// How many bytes were written.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.buffer.len()
+    }
+
+    /// Whether nothing was written.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.buffer.is_empty()
+    }
+
+    /// One byte.
+    pub fn u8(&mut self, value: u8) {
+        self.buffer.push(value);
+    }
+
+    /// Two bytes, little-endian.
+    pub fn u16(&mut self, value: u16) {
+        self.buffer.extend_from_slice(&value.to_le_bytes());
+    }
+
+    /// A variable integer of one to ten bytes.
+    pub fn varint(&mut self, mut value: u64) {
+        while value >= 0x80 {
+            self.buffer.push(value as u8 | 0x80);
+            value >>= 7;
+        }
+        self.buffer.push(value as u8);
+    }
+
+    /// The four bytes of a float, little-endian.
+    pub fn f32(&mut self, value: f32) {
+        self.buffer.extend_from_slice(&value.to_le_bytes());
+    }
+
+    /// Floats, one after the other.
+    pub fn f32s(&mut self, values: &[f32]) {
+        for value in values {
+            self.f32(*value);
+        }
+    }
+
+    /// Bytes as they are.
+    pub fn raw(&mut self, bytes: &[u8]) {
+        self.buffer.extend_from_slice(bytes);
+    }
+
+    /// A length as a variable integer, then the bytes.
+    pub fn sized(&mut self, bytes: &[u8]) {
+        self.varint(bytes.len() as u64);
+        self.raw(bytes);
+    }
+}
+
+/// Takes values off the front of a slice.
+#[derive(Clone, Debug)]
+pub struct Reader<'a> {
+    rest: &'a [u8],
+}
+
+impl<'a> Reader<'a> {
+    /// Reads from the start of `bytes`.
+    #[must_use]
+    pub const fn new(bytes: &'a [u8]) -> Self {
+        Self { rest: bytes }
+    }
+
+    /// What was not read yet.
+    #[must_use]
+    pub const fn rest(&self) -> &'a [u8] {
+        self.rest
+    }
+
+    /// The next `count` bytes.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed::Truncated`] when fewer are left; so for every reader below.
+    pub fn raw(&mut self, count: usize) -> Result<&'a [u8], Malformed> {
+        let (taken, rest) = self
+            .rest
+            .split_at_checked(count)
+            .ok_or(Malformed::Truncated)?;
+        self.rest = rest;
+        Ok(taken)
+    }
+
+    fn array<const N: usize>(&mut self) -> Result<[u8; N], Malformed> {
+        let (taken, rest) = self.rest.split_first_chunk().ok_or(Malformed::Truncated)?;
+        self.rest = rest;
+        Ok(*taken)
+    }
+
+    /// One byte.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::raw`].
+    pub fn u8(&mut self) -> Result<u8, Malformed> {
+        self.array::<1>().map(|[byte]| byte)
+    }
+
+    /// Two bytes, little-endian.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::raw`].
+    pub fn u16(&mut self) -> Result<u16, Malformed> {
+        self.array().map(u16::from_le_bytes)
+    }
+
+    /// A variable integer.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed::NotCanonical`] for a longer form than needed, [`Malformed::OutOfRange`] beyond 64 bits.
+    pub fn varint(&mut self) -> Result<u64, Malformed> {
+        let mut value = 0_u64;
+        for place in 0..10 {
+            let byte = self.u8()?;
+            let bits = u64::from(byte & 0x7f);
+            if place == 9 && bits > 1 {
+                return Err(Malformed::OutOfRange);
+            }
+            value |= bits << (7 * place);
+            if byte & 0x80 == 0 {
+                let shortest = byte != 0 || place == 0;
+                return if shortest {
+                    Ok(value)
+                } else {
+                    Err(Malformed::NotCanonical)
+                };
+            }
+        }
+        Err(Malformed::OutOfRange)
+    }
+
+    /// A variable integer of at most `most`.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::varint`], and [`Malformed::OutOfRange`] above `most`.
+    pub fn varint_to(&mut self, most: u64) -> Result<u64, Malformed> {
+        let value = self.varint()?;
+        if value > most {
+            return Err(Malformed::OutOfRange);
+        }
+        Ok(value)
+    }
+
+    /// A variable integer that fits 32 bits.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::varint_to`].
+    pub fn varint32(&mut self) -> Result<u32, Malformed> {
+        self.varint_to(u64::from(u32::MAX))
+            .map(|value| value as u32)
+    }
+
+    /// A float, which may be anything.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::raw`].
+    pub fn f32(&mut self) -> Result<f32, Malformed> {
+        self.array().map(f32::from_le_bytes)
+    }
+
+    /// `N` floats.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::raw`].
+    pub fn f32s<const N: usize>(&mut self) -> Result<[f32; N], Malformed> {
+        let mut values = [0.0; N];
+        for value in &mut values {
+            *value = self.f32()?;
+        }
+        Ok(values)
+    }
+
+    /// A length of at most `most`, then so many bytes.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed::TooLong`] above `most`.
+    pub fn sized(&mut self, most: usize) -> Result<&'a [u8], Malformed> {
+        let length = self.varint()?;
+        if length > most as u64 {
+            return Err(Malformed::TooLong);
+        }
+        self.raw(length as usize)
+    }
+
+    /// Ends reading.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed::Trailing`] when something is left.
+    pub fn finish(self) -> Result<(), Malformed> {
+        if self.rest.is_empty() {
+            Ok(())
+        } else {
+            Err(Malformed::Trailing)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn a_variable_integer_comes_back(value: u64) {
+            let mut writer = Writer::new();
+            writer.varint(value);
+            let bytes = writer.into_bytes();
+            let mut reader = Reader::new(&bytes);
+            prop_assert_eq!(reader.varint(), Ok(value));
+            prop_assert_eq!(reader.finish(), Ok(()));
+            for cut in 0..bytes.len() {
+                prop_assert_eq!(Reader::new(&bytes[..cut]).varint(), Err(Malformed::Truncated));
+            }
+        }
+
+        #[test]
+        fn what_reads_as_a_variable_integer_is_written_so(bytes in proptest::collection::vec(any::<u8>(), 0..12)) {
+            let mut reader = Reader::new(&bytes);
+            if let Ok(value) = reader.varint() {
+                let mut writer = Writer::new();
+                writer.varint(value);
+                prop_assert_eq!(&writer.into_bytes()[..], &bytes[..bytes.len() - reader.rest().len()]);
+            }
+        }
+    }
+
+    #[test]
+    fn a_longer_form_is_refused() {
+        assert_eq!(
+            Reader::new(&[0x80, 0x00]).varint(),
+            Err(Malformed::NotCanonical)
+        );
+        assert_eq!(
+            Reader::new(&[0xff; 10]).varint(),
+            Err(Malformed::OutOfRange)
+        );
+    }
+}

@@ -1,0 +1,21 @@
+//! Bytes and bits: the only place where numbers become either.
+pub mod bits;
+pub mod bytes;
+mod malformed;
+
+pub use malformed::Malformed;
+
+use self::bytes::{Reader, Writer};
+
+/// A value with one form in whole bytes.
+pub trait Wire: Sized {
+    /// Appends the value's one form.
+    fn encode(&self, to: &mut Writer);
+
+    /// Takes a value off the front.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed`] when the front is not a value of this type in its one form.
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed>;
+}
