@@ -1,0 +1,149 @@
+//! What every datagram begins with.
+
+use core::fmt;
+
+use crate::wire::bytes::{Reader, Writer};
+use crate::wire::{Malformed, Wire};
+
+/// Names one stream of one server process; told to a member when it joins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct StreamId(pub u32);
+
+impl fmt::Display for StreamId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "stream {}", self.0)
+    }
+}
+
+impl Wire for StreamId {
+    fn encode(&self, to: &mut Writer) {
+        to.varint(u64::from(self.0));
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        from.varint32().map(Self)
+    }
+}
+
+/// The low 16 bits of a count that both ends know roughly: packet numbers, ticks, notices (PROTOCOL 5.3).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Low16(pub u16);
+
+impl Low16 {
+    /// Of a whole count.
+    #[must_use]
+    pub const fn of(count: u64) -> Self {
+        Self(count as u16)
+    }
+
+    /// The count nearest to `near` that has these low bits; at a tie the higher one.
+    #[must_use]
+    pub const fn expand(self, near: u64) -> u64 {
+        let behind = near.wrapping_sub(self.0 as u64) & 0xffff;
+        let below = near.wrapping_sub(behind);
+        // `below` is at or under `near`; when it would lie under zero, or is farther than half a turn, go up a turn.
+        if behind >= 0x8000 || behind > near {
+            below.wrapping_add(0x1_0000)
+        } else {
+            below
+        }
+    }
+
+    /// Appends the two bytes.
+    pub fn encode(self, to: &mut Writer) {
+        to.u16(self.0);
+    }
+
+    /// Takes two bytes.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed::Truncated`].
+    pub fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        from.u16().map(Self)
+    }
+}
+
+/// What a datagram is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Kind {
+    /// Updates of a stream; part of a tick of which more packets follow.
+    State,
+    /// Updates of a stream; the last packet of its tick.
+    StateEnd,
+    /// Nothing was said up to a tick.
+    Vouch,
+    /// What the bodies of a lost packet do now.
+    Repair,
+    /// Every body's whole state; part of a tick of which more packets follow.
+    Full,
+    /// Every body's whole state; the last packet of its tick.
+    FullEnd,
+    /// From a member: what it heard and what it lost.
+    Echo,
+}
+
+impl Kind {
+    const CODES: [(u8, Self); 7] = [
+        (0, Self::State),
+        (1, Self::StateEnd),
+        (2, Self::Vouch),
+        (3, Self::Repair),
+        (4, Self::Full),
+        (5, Self::FullEnd),
+        (6, Self::Echo),
+    ];
+}
+
+/// The first bytes of a datagram: its kind and its stream.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Head {
+    /// What it is.
+    pub kind: Kind,
+    /// Whose.
+    pub stream: StreamId,
+}
+
+impl Wire for Head {
+    fn encode(&self, to: &mut Writer) {
+        let (code, _) = Kind::CODES
+            .into_iter()
+            .find(|(_, kind)| *kind == self.kind)
+            .expect("every kind has a code");
+        to.u8(code);
+        self.stream.encode(to);
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let code = from.u8()?;
+        let (_, kind) = Kind::CODES
+            .into_iter()
+            .find(|(known, _)| *known == code)
+            .ok_or(Malformed::UnknownCode)?;
+        Ok(Self {
+            kind,
+            stream: StreamId::decode(from)?,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn low_bits_grow_back_near_where_they_were_cut(count in 0_u64..1 << 40, off in -32_000_i64..32_000) {
+            let near = count.saturating_add_signed(off);
+            prop_assert_eq!(Low16::of(count).expand(near), count);
+        }
+
+        #[test]
+        fn low_bits_never_grow_below_zero(low: u16, near in 0_u64..100_000) {
+            let grown = Low16(low).expand(near);
+            prop_assert_eq!(grown as u16, low);
+            prop_assert!(grown.abs_diff(near) <= 0x1_0000);
+        }
+    }
+}
