@@ -8,6 +8,7 @@ extern crate alloc;
 
 mod endpoint;
 pub mod limits;
+pub mod message;
 pub mod packet;
 pub mod scene;
 pub mod stream;

@@ -17,8 +17,8 @@ use crate::wire::{Malformed, Wire};
 /// Orders of the codes of a record's index gap and age.
 const GAP_ORDER: u32 = 3;
 const AGE_ORDER: u32 = 4;
-/// A body may have rested for a day; a track this old is said as old as this, which changes nothing for one at rest.
-pub(crate) const AGE_MAX: u32 = 1 << 24;
+/// A track older than half a year at 60 Hz is said as old as this.
+pub(crate) const AGE_MAX: u32 = 1 << 30;
 
 /// One body's whole track.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

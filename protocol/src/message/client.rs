@@ -1,0 +1,197 @@
+//! What a client says on the control stream.
+
+use alloc::vec::Vec;
+
+use rhumb_reckoning::{Tick, Tolerance};
+
+use super::MAGIC;
+use super::frame::{Framed, OPTIONAL, frame};
+use crate::limits::{RESERVE_MAX, VERSIONS_MAX};
+use crate::scene::{Command, SceneName, SceneTerms};
+use crate::time::Instant;
+use crate::wire::bytes::{Reader, Writer};
+use crate::wire::{Malformed, Wire};
+
+/// Which stream of a scene a member wants.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum StreamChoice {
+    /// Reckoned, within this tolerance.
+    Within(Tolerance),
+    /// Everything, every tick, to the bit.
+    Full,
+}
+
+/// One message of a client. A connection is about one scene, which its `Hello` names.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ClientMessage {
+    /// The first: which versions are spoken, newest first, and which scene it is about.
+    Hello {
+        /// At least one.
+        versions: Vec<u16>,
+        /// The scene of this connection.
+        scene: SceneName,
+    },
+    /// Creates the scene.
+    Create(SceneTerms),
+    /// Becomes a member and follows a stream.
+    Join(StreamChoice),
+    /// Is no longer a member.
+    Leave,
+    /// Ends the scene for everyone.
+    Delete,
+    /// Wants more body indices.
+    Reserve {
+        /// How many.
+        count: u32,
+    },
+    /// A wish. The first of a membership has number 0, the next 1, and so on.
+    Command(Command),
+    /// Steps a lockstep scene until it has reached a tick.
+    Advance {
+        /// The tick.
+        to: Tick,
+    },
+    /// Lost so much that only a new snapshot helps.
+    Resync,
+    /// What time is it?
+    Ping {
+        /// The client's own moment, which comes back.
+        sent: Instant,
+    },
+    /// How is the scene?
+    Inspect,
+}
+
+/// Type bytes.
+mod kind {
+    pub(super) const HELLO: u8 = 1;
+    pub(super) const CREATE: u8 = 2;
+    pub(super) const JOIN: u8 = 3;
+    pub(super) const LEAVE: u8 = 4;
+    pub(super) const DELETE: u8 = 5;
+    pub(super) const RESERVE: u8 = 6;
+    pub(super) const COMMAND: u8 = 7;
+    pub(super) const ADVANCE: u8 = 8;
+    pub(super) const RESYNC: u8 = 9;
+    pub(super) const PING: u8 = 10;
+    pub(super) const INSPECT: u8 = 11;
+}
+
+impl Wire for StreamChoice {
+    fn encode(&self, to: &mut Writer) {
+        match self {
+            Self::Within(tolerance) => {
+                to.u8(0);
+                to.varint(u64::from(tolerance.micrometres()));
+            }
+            Self::Full => to.u8(1),
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        match from.u8()? {
+            0 => Tolerance::from_micrometres(from.varint32()?)
+                .map(Self::Within)
+                .map_err(|_| Malformed::OutOfRange),
+            1 => Ok(Self::Full),
+            _ => Err(Malformed::UnknownCode),
+        }
+    }
+}
+
+impl ClientMessage {
+    /// Appends the message, framed.
+    pub fn encode(&self, to: &mut Vec<u8>) {
+        let mut body = Writer::new();
+        let kind = match self {
+            Self::Hello { versions, scene } => {
+                body.raw(&MAGIC);
+                body.varint(versions.len() as u64);
+                for version in versions {
+                    body.u16(*version);
+                }
+                scene.encode(&mut body);
+                kind::HELLO
+            }
+            Self::Create(terms) => {
+                terms.encode(&mut body);
+                kind::CREATE
+            }
+            Self::Join(choice) => {
+                choice.encode(&mut body);
+                kind::JOIN
+            }
+            Self::Leave => kind::LEAVE,
+            Self::Delete => kind::DELETE,
+            Self::Reserve { count } => {
+                body.varint(u64::from(*count));
+                kind::RESERVE
+            }
+            Self::Command(command) => {
+                command.encode(&mut body);
+                kind::COMMAND
+            }
+            Self::Advance { to: tick } => {
+                body.varint(tick.value());
+                kind::ADVANCE
+            }
+            Self::Resync => kind::RESYNC,
+            Self::Ping { sent } => {
+                body.varint(sent.as_nanos());
+                kind::PING
+            }
+            Self::Inspect => kind::INSPECT,
+        };
+        frame(kind, &body.into_bytes(), to);
+    }
+
+    /// Reads a message; `None` for one of an unknown type that may be ignored.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed`] when the bytes are no message that this version knows.
+    pub fn decode(framed: &Framed) -> Result<Option<Self>, Malformed> {
+        let mut from = Reader::new(&framed.body);
+        let message = match framed.kind {
+            kind::HELLO => decode_hello(&mut from)?,
+            kind::CREATE => Self::Create(SceneTerms::decode(&mut from)?),
+            kind::JOIN => Self::Join(StreamChoice::decode(&mut from)?),
+            kind::LEAVE => Self::Leave,
+            kind::DELETE => Self::Delete,
+            kind::RESERVE => Self::Reserve {
+                count: from.varint_to(u64::from(RESERVE_MAX))? as u32,
+            },
+            kind::COMMAND => Self::Command(Command::decode(&mut from)?),
+            kind::ADVANCE => Self::Advance {
+                to: Tick::new(from.varint()?),
+            },
+            kind::RESYNC => Self::Resync,
+            kind::PING => Self::Ping {
+                sent: Instant::from_nanos(from.varint()?),
+            },
+            kind::INSPECT => Self::Inspect,
+            OPTIONAL.. => return Ok(None),
+            _ => return Err(Malformed::UnknownCode),
+        };
+        from.finish()?;
+        Ok(Some(message))
+    }
+}
+
+fn decode_hello(from: &mut Reader<'_>) -> Result<ClientMessage, Malformed> {
+    if from.raw(MAGIC.len())? != MAGIC {
+        return Err(Malformed::UnknownCode);
+    }
+    let count = from.varint()?;
+    if count == 0 || count > VERSIONS_MAX as u64 {
+        return Err(Malformed::TooLong);
+    }
+    let mut versions = Vec::new();
+    for _ in 0..count {
+        versions.push(from.u16()?);
+    }
+    Ok(ClientMessage::Hello {
+        versions,
+        scene: SceneName::decode(from)?,
+    })
+}

@@ -1,0 +1,98 @@
+//! Why a request about a scene as a whole was turned down.
+
+use core::fmt;
+
+use crate::scene::{Invalid, Quantity};
+use crate::wire::bytes::{Reader, Writer};
+use crate::wire::{Malformed, Wire};
+
+/// The answer to a request that cannot be granted. Nothing of it was done; the connection goes on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Denial {
+    /// The server has no scene of the name that the connection was opened with.
+    NoSuchScene,
+    /// There is such a scene already.
+    SceneExists,
+    /// A number in the terms of a new scene is wrong.
+    Terms(Invalid),
+    /// The server holds as many scenes as it may.
+    TooManyScenes,
+    /// The scene has as many members as it may.
+    TooManyMembers,
+    /// The scene has as many different streams as it may.
+    TooManyStreams,
+    /// The scene has no more body indices to give out.
+    NoIndicesLeft,
+    /// The scene runs by the server's clock and is not led by members.
+    NotLockstep,
+    /// The advance leads too far ahead.
+    TooFarAhead,
+    /// The scene's engine has failed; only leaving and deleting are left.
+    SceneFaulted,
+}
+
+impl fmt::Display for Denial {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoSuchScene => f.write_str("the server has no scene of that name"),
+            Self::SceneExists => f.write_str("a scene of that name exists already"),
+            Self::Terms(invalid) => write!(f, "the scene's terms are wrong: {invalid}"),
+            Self::TooManyScenes => f.write_str("the server holds as many scenes as it may"),
+            Self::TooManyMembers => f.write_str("the scene has as many members as it may"),
+            Self::TooManyStreams => {
+                f.write_str("the scene has as many different tolerances as it may")
+            }
+            Self::NoIndicesLeft => f.write_str("the scene has no more body indices to give out"),
+            Self::NotLockstep => {
+                f.write_str("the scene runs by the server's clock and cannot be advanced")
+            }
+            Self::TooFarAhead => f.write_str("the advance leads too far ahead"),
+            Self::SceneFaulted => f.write_str("the scene's engine has failed"),
+        }
+    }
+}
+
+impl core::error::Error for Denial {}
+
+impl Wire for Denial {
+    fn encode(&self, to: &mut Writer) {
+        match self {
+            Self::NoSuchScene => to.u8(0),
+            Self::SceneExists => to.u8(1),
+            Self::Terms(Invalid::NotFinite(quantity)) => {
+                to.u8(2);
+                to.u8(quantity.code());
+            }
+            Self::Terms(Invalid::OutOfRange(quantity)) => {
+                to.u8(3);
+                to.u8(quantity.code());
+            }
+            Self::TooManyScenes => to.u8(4),
+            Self::TooManyMembers => to.u8(5),
+            Self::TooManyStreams => to.u8(6),
+            Self::NoIndicesLeft => to.u8(7),
+            Self::NotLockstep => to.u8(8),
+            Self::TooFarAhead => to.u8(9),
+            Self::SceneFaulted => to.u8(10),
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let quantity =
+            |from: &mut Reader<'_>| Quantity::from_code(from.u8()?).ok_or(Malformed::UnknownCode);
+        Ok(match from.u8()? {
+            0 => Self::NoSuchScene,
+            1 => Self::SceneExists,
+            2 => Self::Terms(Invalid::NotFinite(quantity(from)?)),
+            3 => Self::Terms(Invalid::OutOfRange(quantity(from)?)),
+            4 => Self::TooManyScenes,
+            5 => Self::TooManyMembers,
+            6 => Self::TooManyStreams,
+            7 => Self::NoIndicesLeft,
+            8 => Self::NotLockstep,
+            9 => Self::TooFarAhead,
+            10 => Self::SceneFaulted,
+            _ => return Err(Malformed::UnknownCode),
+        })
+    }
+}

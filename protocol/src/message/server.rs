@@ -1,0 +1,265 @@
+//! What a server says on the control stream.
+
+use alloc::vec::Vec;
+use core::num::NonZeroU32;
+
+use glam::Vec3;
+use rhumb_reckoning::{Integrator, Rate, Tick, Tolerance};
+
+use super::client::StreamChoice;
+use super::denial::Denial;
+use super::frame::{Framed, OPTIONAL, frame};
+use super::inspection::Inspection;
+use super::notice::Notice;
+use crate::packet::StreamId;
+use crate::scene::{CommandError, IdRange, SceneTerms};
+use crate::stream::StreamStart;
+use crate::time::Instant;
+use crate::wire::bytes::{Reader, Writer};
+use crate::wire::{Malformed, Wire};
+
+/// The answer to `Hello`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Welcome {
+    /// The version that both speak from here on.
+    pub version: u16,
+    /// The terms of the scene that `Hello` named, if it exists.
+    pub scene: Option<SceneTerms>,
+}
+
+/// The answer to `Join`: where the stream begins. The scene's shapes and bodies follow as notices that do not count,
+/// up to `SnapshotEnd`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Joined {
+    /// Which stream it is.
+    pub choice: StreamChoice,
+    /// Where it begins.
+    pub start: StreamStart,
+    /// Body indices for this member to give out.
+    pub granted: IdRange,
+}
+
+/// One message of a server.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ServerMessage {
+    /// See [`Welcome`].
+    Welcome(Welcome),
+    /// The scene exists now.
+    Created,
+    /// See [`Joined`].
+    Joined(Joined),
+    /// The snapshot is whole.
+    SnapshotEnd,
+    /// The client is no longer a member.
+    Left,
+    /// The scene is gone: by this client's wish or another's.
+    Deleted,
+    /// More body indices.
+    Reserved(IdRange),
+    /// A request about the scene as a whole was turned down; requests are answered in order.
+    Denied(Denial),
+    /// All commands up to this number were applied or refused.
+    Applied {
+        /// Number of the last.
+        through: u64,
+        /// The tick before which they act.
+        tick: Tick,
+    },
+    /// One command was refused.
+    Refused {
+        /// Its number.
+        number: u64,
+        /// Why.
+        error: CommandError,
+    },
+    /// A change that all members hear of.
+    Notice(Notice),
+    /// The answer to `Ping`.
+    Pong {
+        /// What the client sent.
+        sent: Instant,
+        /// The newest tick.
+        tick: Tick,
+        /// Nanoseconds since that tick was reached.
+        since_tick_ns: u64,
+    },
+    /// The answer to `Inspect`.
+    Inspection(Inspection),
+}
+
+/// Type bytes.
+mod kind {
+    pub(super) const WELCOME: u8 = 1;
+    pub(super) const CREATED: u8 = 2;
+    pub(super) const JOINED: u8 = 3;
+    pub(super) const SNAPSHOT_END: u8 = 4;
+    pub(super) const LEFT: u8 = 5;
+    pub(super) const DELETED: u8 = 6;
+    pub(super) const RESERVED: u8 = 7;
+    pub(super) const DENIED: u8 = 8;
+    pub(super) const APPLIED: u8 = 9;
+    pub(super) const REFUSED: u8 = 10;
+    pub(super) const NOTICE: u8 = 11;
+    pub(super) const PONG: u8 = 12;
+    pub(super) const INSPECTION: u8 = 13;
+}
+
+impl Wire for Welcome {
+    fn encode(&self, to: &mut Writer) {
+        to.u16(self.version);
+        to.u8(u8::from(self.scene.is_some()));
+        if let Some(terms) = &self.scene {
+            terms.encode(to);
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let version = from.u16()?;
+        let scene = match from.u8()? {
+            0 => None,
+            1 => Some(SceneTerms::decode(from)?),
+            _ => return Err(Malformed::UnknownCode),
+        };
+        Ok(Self { version, scene })
+    }
+}
+
+impl Wire for Joined {
+    fn encode(&self, to: &mut Writer) {
+        self.choice.encode(to);
+        let start = &self.start;
+        start.stream.encode(to);
+        to.varint(u64::from(start.tolerance.micrometres()));
+        to.varint(u64::from(start.integrator.rate.ticks()));
+        to.varint(u64::from(start.integrator.rate.seconds()));
+        to.varint(u64::from(start.integrator.substeps.get()));
+        to.f32s(&start.gravity.to_array());
+        to.varint(start.tick.value());
+        to.varint(start.next);
+        to.varint(start.notices);
+        self.granted.encode(to);
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let choice = StreamChoice::decode(from)?;
+        let stream = StreamId::decode(from)?;
+        let tolerance =
+            Tolerance::from_micrometres(from.varint32()?).map_err(|_| Malformed::OutOfRange)?;
+        let rate = Rate::new(from.varint32()?, from.varint32()?).ok_or(Malformed::OutOfRange)?;
+        let substeps = NonZeroU32::new(from.varint32()?).ok_or(Malformed::OutOfRange)?;
+        let gravity = Vec3::from_array(from.f32s()?);
+        if !gravity.is_finite() {
+            return Err(Malformed::NotFinite);
+        }
+        let start = StreamStart {
+            stream,
+            tolerance,
+            integrator: Integrator { rate, substeps },
+            gravity,
+            tick: Tick::new(from.varint()?),
+            next: from.varint()?,
+            notices: from.varint()?,
+        };
+        Ok(Self {
+            choice,
+            start,
+            granted: IdRange::decode(from)?,
+        })
+    }
+}
+
+impl ServerMessage {
+    /// Appends the message, framed.
+    pub fn encode(&self, to: &mut Vec<u8>) {
+        let mut body = Writer::new();
+        let kind = match self {
+            Self::Welcome(welcome) => {
+                welcome.encode(&mut body);
+                kind::WELCOME
+            }
+            Self::Created => kind::CREATED,
+            Self::Joined(joined) => {
+                joined.encode(&mut body);
+                kind::JOINED
+            }
+            Self::SnapshotEnd => kind::SNAPSHOT_END,
+            Self::Left => kind::LEFT,
+            Self::Deleted => kind::DELETED,
+            Self::Reserved(range) => {
+                range.encode(&mut body);
+                kind::RESERVED
+            }
+            Self::Denied(denial) => {
+                denial.encode(&mut body);
+                kind::DENIED
+            }
+            Self::Applied { through, tick } => {
+                body.varint(*through);
+                body.varint(tick.value());
+                kind::APPLIED
+            }
+            Self::Refused { number, error } => {
+                body.varint(*number);
+                error.encode(&mut body);
+                kind::REFUSED
+            }
+            Self::Notice(notice) => {
+                notice.encode(&mut body);
+                kind::NOTICE
+            }
+            Self::Pong {
+                sent,
+                tick,
+                since_tick_ns,
+            } => {
+                body.varint(sent.as_nanos());
+                body.varint(tick.value());
+                body.varint(*since_tick_ns);
+                kind::PONG
+            }
+            Self::Inspection(inspection) => {
+                inspection.encode(&mut body);
+                kind::INSPECTION
+            }
+        };
+        frame(kind, &body.into_bytes(), to);
+    }
+
+    /// Reads a message; `None` for one of an unknown type that may be ignored.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed`] when the bytes are no message that this version knows.
+    pub fn decode(framed: &Framed) -> Result<Option<Self>, Malformed> {
+        let mut from = Reader::new(&framed.body);
+        let message = match framed.kind {
+            kind::WELCOME => Self::Welcome(Welcome::decode(&mut from)?),
+            kind::CREATED => Self::Created,
+            kind::JOINED => Self::Joined(Joined::decode(&mut from)?),
+            kind::SNAPSHOT_END => Self::SnapshotEnd,
+            kind::LEFT => Self::Left,
+            kind::DELETED => Self::Deleted,
+            kind::RESERVED => Self::Reserved(IdRange::decode(&mut from)?),
+            kind::DENIED => Self::Denied(Denial::decode(&mut from)?),
+            kind::APPLIED => Self::Applied {
+                through: from.varint()?,
+                tick: Tick::new(from.varint()?),
+            },
+            kind::REFUSED => Self::Refused {
+                number: from.varint()?,
+                error: CommandError::decode(&mut from)?,
+            },
+            kind::NOTICE => Self::Notice(Notice::decode(&mut from)?),
+            kind::PONG => Self::Pong {
+                sent: Instant::from_nanos(from.varint()?),
+                tick: Tick::new(from.varint()?),
+                since_tick_ns: from.varint()?,
+            },
+            kind::INSPECTION => Self::Inspection(Inspection::decode(&mut from)?),
+            OPTIONAL.. => return Ok(None),
+            _ => return Err(Malformed::UnknownCode),
+        };
+        from.finish()?;
+        Ok(Some(message))
+    }
+}

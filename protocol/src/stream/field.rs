@@ -1,0 +1,68 @@
+//! The gravity of a scene, as it was and is.
+//!
+//! A law said at a tick goes on under the gravity of that tick, for ever: both ends look it up by the track's origin.
+
+use alloc::vec::Vec;
+
+use glam::{DVec3, Vec3};
+use rhumb_reckoning::{HORIZON, Tick};
+
+/// Gravity by the tick from which on it pulled.
+#[derive(Clone, Debug)]
+pub(crate) struct Field {
+    /// Rising ticks; never empty.
+    changes: Vec<(Tick, DVec3)>,
+}
+
+impl Field {
+    pub(crate) fn new(gravity: Vec3) -> Self {
+        Self {
+            changes: alloc::vec![(Tick::ZERO, gravity.as_dvec3())],
+        }
+    }
+
+    /// What pulls at bodies whose law was said at `origin`, m/s².
+    pub(crate) fn at(&self, origin: Tick) -> DVec3 {
+        self.changes
+            .iter()
+            .rev()
+            .find(|(since, _)| *since <= origin)
+            .map_or(self.changes[0].1, |(_, gravity)| *gravity)
+    }
+
+    /// From `since` on another gravity pulls; what no track can still refer to is forgotten.
+    pub(crate) fn change(&mut self, since: Tick, gravity: Vec3) {
+        self.changes.retain(|(earlier, _)| *earlier < since);
+        let oldest_needed = since.before(HORIZON).unwrap_or_default();
+        let still_needed = self
+            .changes
+            .iter()
+            .rposition(|(earlier, _)| *earlier <= oldest_needed)
+            .unwrap_or(0);
+        self.changes.drain(..still_needed);
+        self.changes.push((since, gravity.as_dvec3()));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_law_keeps_the_gravity_it_was_said_under() {
+        let mut field = Field::new(Vec3::NEG_Y);
+        field.change(Tick::new(10), Vec3::X);
+        field.change(Tick::new(10), Vec3::Z);
+        assert_eq!(field.at(Tick::new(9)), DVec3::NEG_Y);
+        assert_eq!(field.at(Tick::new(10)), DVec3::Z);
+    }
+
+    #[test]
+    fn what_no_track_refers_to_is_forgotten() {
+        let mut field = Field::new(Vec3::NEG_Y);
+        for tick in 0..10_000 {
+            field.change(Tick::new(tick), Vec3::X);
+        }
+        assert!(field.changes.len() <= HORIZON.count() as usize + 2);
+    }
+}

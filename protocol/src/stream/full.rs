@@ -1,0 +1,141 @@
+//! The full stream at its source: every body, every tick, to the bit.
+//!
+//! The naive baseline. It has packets, numbers and repair as a reckoned stream has, but neither gate nor coding.
+
+use alloc::vec::Vec;
+
+use bytes::Bytes;
+use rhumb_reckoning::{Anchor, BodyId, Predictor, Tick, Ticks, Track, Verbatim};
+
+use super::history::History;
+use super::observation::Observation;
+use crate::packet::{
+    FullPacket, FullRecord, Low16, RepairRecord, RepairWriter, StreamId, TrackSaying, Vouch,
+};
+
+/// One full stream.
+#[derive(Debug)]
+pub struct FullPublisher {
+    stream: StreamId,
+    states: Vec<Option<(BodyId, Verbatim)>>,
+    history: History,
+    tick: Tick,
+}
+
+impl FullPublisher {
+    /// A stream without bodies.
+    #[must_use]
+    pub fn new(stream: StreamId, tick: Tick) -> Self {
+        Self {
+            stream,
+            states: Vec::new(),
+            history: History::default(),
+            tick,
+        }
+    }
+
+    /// Its name.
+    #[must_use]
+    pub const fn stream(&self) -> StreamId {
+        self.stream
+    }
+
+    /// The number of the next packet.
+    #[must_use]
+    pub const fn next_number(&self) -> u64 {
+        self.history.next()
+    }
+
+    /// A body has come into the scene.
+    pub fn place(&mut self, id: BodyId, motion: Verbatim) {
+        let index = id.index() as usize;
+        if index >= self.states.len() {
+            self.states.resize(index + 1, None);
+        }
+        self.states[index] = Some((id, motion));
+    }
+
+    /// A body has left the scene.
+    pub fn remove(&mut self, id: BodyId) {
+        if let Some(state) = self.states.get_mut(id.index() as usize) {
+            *state = None;
+        }
+    }
+
+    /// Every body's state as a track, in order of index.
+    pub fn tracks(&self) -> impl Iterator<Item = (BodyId, Track)> {
+        self.states
+            .iter()
+            .flatten()
+            .map(|(id, motion)| (*id, self.track(*motion)))
+    }
+
+    fn track(&self, motion: Verbatim) -> Track {
+        Track {
+            origin: self.tick,
+            predictor: Predictor::Uniform,
+            anchor: Anchor::Verbatim(motion),
+        }
+    }
+
+    /// Appends the datagrams that hold every body's state at a tick.
+    pub fn publish(
+        &mut self,
+        tick: Tick,
+        observations: &[Observation],
+        notices: u64,
+        out: &mut Vec<Bytes>,
+    ) {
+        self.tick = tick;
+        for observation in observations {
+            self.place(observation.id, observation.motion);
+        }
+        let records: Vec<FullRecord> = self
+            .states
+            .iter()
+            .flatten()
+            .map(|(id, motion)| FullRecord {
+                index: id.index(),
+                motion: *motion,
+            })
+            .collect();
+        let packets = records.len().div_ceil(FullPacket::RECORDS_MAX);
+        for (place, chunk) in records.chunks(FullPacket::RECORDS_MAX).enumerate() {
+            let packet = FullPacket {
+                number: Low16::of(self.history.next()),
+                tick: Low16::of(tick.value()),
+                notices: Low16::of(notices),
+                ends_tick: place + 1 == packets,
+                records: chunk.to_vec(),
+            };
+            self.history.record(chunk.iter().map(|record| record.index));
+            out.push(Bytes::from(packet.encode(self.stream)));
+        }
+    }
+
+    /// The datagram that vouches for the silence since the last packet.
+    #[must_use]
+    pub fn vouch(&self, notices: u64) -> Bytes {
+        let vouch = Vouch {
+            next: Low16::of(self.history.next()),
+            tick: Low16::of(self.tick.value()),
+            notices: Low16::of(notices),
+        };
+        Bytes::from(vouch.encode(self.stream))
+    }
+
+    /// The datagrams that say where the bodies of a lost packet are now, or `None` when it is too old to be known.
+    #[must_use]
+    pub fn repair(&self, number: u64, notices: u64) -> Option<Vec<Bytes>> {
+        let mut writer = RepairWriter::default();
+        for &index in self.history.bodies(number)? {
+            if let Some(Some((_, motion))) = self.states.get(index as usize) {
+                let whole = TrackSaying::of(&self.track(*motion));
+                let age = Ticks::ZERO;
+                writer.push(&RepairRecord { index, age, whole });
+            }
+        }
+        let datagrams = writer.finish(self.stream, number, self.tick.value(), notices);
+        Some(datagrams.into_iter().map(Bytes::from).collect())
+    }
+}

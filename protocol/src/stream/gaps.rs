@@ -1,0 +1,240 @@
+//! Which packets of a stream were heard, and since when what is not known.
+//!
+//! Numbers only: what a packet says is the subscriber's affair. A packet is *missing* while neither it nor a repair of
+//! it was heard, and *unread* when it was heard but some of it builds on a missing one. The stream is *settled* while
+//! there is neither; then everything said so far is known.
+
+use alloc::collections::BTreeMap;
+use alloc::vec::Vec;
+
+use rhumb_reckoning::Tick;
+
+use crate::limits::HISTORY_PACKETS;
+
+/// A packet that was not heard.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Missing {
+    /// No later than this was it sent: the tick of a packet after it.
+    before: Tick,
+    /// Which parts of its repair were heard, and how many there are.
+    parts: u64,
+}
+
+/// A packet of which something could not be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Unread {
+    tick: Tick,
+    /// Whether every repair so far of what it may build on is as new as itself.
+    covered: bool,
+}
+
+/// Whether a packet is to be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Arrival {
+    /// It is new.
+    Fresh,
+    /// It was heard before.
+    Duplicate,
+    /// It lies so far ahead that what lies between can no longer be repaired.
+    Lost,
+}
+
+/// The account of one stream's packets.
+#[derive(Clone, Debug)]
+pub(crate) struct Gaps {
+    next: u64,
+    missing: BTreeMap<u64, Missing>,
+    unread: BTreeMap<u64, Unread>,
+}
+
+impl Gaps {
+    /// All packets before `next` are known.
+    pub(crate) const fn new(next: u64) -> Self {
+        Self {
+            next,
+            missing: BTreeMap::new(),
+            unread: BTreeMap::new(),
+        }
+    }
+
+    /// One more than the newest number known to have been sent.
+    pub(crate) const fn next(&self) -> u64 {
+        self.next
+    }
+
+    /// Whether everything that was sent so far was heard or made good.
+    pub(crate) fn is_settled(&self) -> bool {
+        self.missing.is_empty() && self.unread.is_empty()
+    }
+
+    /// The missing numbers, oldest first.
+    pub(crate) fn missing(&self) -> impl Iterator<Item = u64> {
+        self.missing.keys().copied()
+    }
+
+    /// A body whose track is at least this new is known for sure; `None` when every body is.
+    pub(crate) fn doubted_before(&self) -> Option<Tick> {
+        let missing = self.missing.values().map(|missing| missing.before);
+        let unread = self.unread.values().map(|unread| unread.tick);
+        missing.chain(unread).max()
+    }
+
+    /// A packet arrived that was sent at `tick`.
+    pub(crate) fn arrive(&mut self, number: u64, tick: Tick) -> Arrival {
+        if number >= self.next {
+            if !self.announce(number, tick) {
+                return Arrival::Lost;
+            }
+            self.next = number + 1;
+            return Arrival::Fresh;
+        }
+        if self.missing.contains_key(&number) {
+            // It may come before what it builds on, so that nothing after it is covered by it.
+            self.made_good(number, Tick::ZERO);
+            Arrival::Fresh
+        } else {
+            Arrival::Duplicate
+        }
+    }
+
+    /// All packets before `next` were sent, the last of them no later than `tick`; `false` when too many are missing.
+    pub(crate) fn announce(&mut self, next: u64, tick: Tick) -> bool {
+        let new = next.saturating_sub(self.next);
+        if new + self.missing.len() as u64 > HISTORY_PACKETS as u64 {
+            return false;
+        }
+        for number in self.next..next {
+            let missing = Missing {
+                before: tick,
+                parts: 0,
+            };
+            self.missing.insert(number, missing);
+        }
+        self.next = self.next.max(next);
+        true
+    }
+
+    /// Something in a packet that arrived builds on what is missing.
+    pub(crate) fn could_not_read(&mut self, number: u64, tick: Tick) {
+        self.unread.insert(
+            number,
+            Unread {
+                tick,
+                covered: true,
+            },
+        );
+        self.settle();
+    }
+
+    /// A part of a repair arrived that says what a packet's bodies did at `as_of`.
+    pub(crate) fn repaired(&mut self, number: u64, part: u8, parts: u8, as_of: Tick) {
+        let Some(missing) = self.missing.get_mut(&number) else {
+            return;
+        };
+        missing.parts |= 1 << (part % 64);
+        let all = if parts >= 64 {
+            u64::MAX
+        } else {
+            (1 << parts) - 1
+        };
+        if missing.parts & all == all {
+            self.made_good(number, as_of);
+        }
+    }
+
+    fn made_good(&mut self, number: u64, as_of: Tick) {
+        self.missing.remove(&number);
+        for (_, unread) in self.unread.range_mut(number..) {
+            unread.covered &= as_of >= unread.tick;
+        }
+        self.settle();
+    }
+
+    /// An unread packet with nothing missing before it is either covered by repairs or must be repaired itself.
+    fn settle(&mut self) {
+        let oldest_missing = self.missing.keys().next().copied().unwrap_or(u64::MAX);
+        let ripe: Vec<u64> = self
+            .unread
+            .range(..oldest_missing)
+            .map(|(number, _)| *number)
+            .collect();
+        for number in ripe {
+            let Some(Unread { tick, covered }) = self.unread.remove(&number) else {
+                continue;
+            };
+            if !covered {
+                let missing = Missing {
+                    before: tick,
+                    parts: 0,
+                };
+                self.missing.insert(number, missing);
+                // Whatever is unread after it now waits for its repair.
+                return;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tick(value: u64) -> Tick {
+        Tick::new(value)
+    }
+
+    #[test]
+    fn a_gap_is_seen_and_filled_by_a_late_packet() {
+        let mut gaps = Gaps::new(0);
+        assert_eq!(gaps.arrive(0, tick(1)), Arrival::Fresh);
+        assert_eq!(gaps.arrive(2, tick(3)), Arrival::Fresh);
+        assert_eq!(gaps.missing().collect::<Vec<_>>(), [1]);
+        assert_eq!(gaps.doubted_before(), Some(tick(3)));
+        assert_eq!(gaps.arrive(1, tick(2)), Arrival::Fresh);
+        assert!(gaps.is_settled());
+        assert_eq!(gaps.arrive(1, tick(2)), Arrival::Duplicate);
+    }
+
+    #[test]
+    fn a_repair_counts_when_all_its_parts_were_heard() {
+        let mut gaps = Gaps::new(0);
+        assert!(gaps.announce(1, tick(5)));
+        gaps.repaired(0, 1, 2, tick(6));
+        gaps.repaired(0, 1, 2, tick(6));
+        assert!(!gaps.is_settled());
+        gaps.repaired(0, 0, 2, tick(6));
+        assert!(gaps.is_settled());
+    }
+
+    #[test]
+    fn a_repair_as_new_as_an_unread_packet_covers_it() {
+        let mut gaps = Gaps::new(0);
+        assert_eq!(gaps.arrive(1, tick(2)), Arrival::Fresh);
+        gaps.could_not_read(1, tick(2));
+        gaps.repaired(0, 0, 1, tick(2));
+        assert!(gaps.is_settled());
+    }
+
+    #[test]
+    fn an_unread_packet_newer_than_the_repair_is_asked_for_itself() {
+        let mut gaps = Gaps::new(0);
+        assert_eq!(gaps.arrive(1, tick(2)), Arrival::Fresh);
+        assert_eq!(gaps.arrive(2, tick(9)), Arrival::Fresh);
+        gaps.could_not_read(2, tick(9));
+        gaps.repaired(0, 0, 1, tick(5));
+        assert_eq!(gaps.missing().collect::<Vec<_>>(), [2]);
+        gaps.repaired(2, 0, 1, tick(9));
+        assert!(gaps.is_settled());
+    }
+
+    #[test]
+    fn too_far_ahead_is_lost_and_changes_nothing() {
+        let mut gaps = Gaps::new(0);
+        assert_eq!(
+            gaps.arrive(HISTORY_PACKETS as u64 + 1, tick(2)),
+            Arrival::Lost
+        );
+        assert!(gaps.is_settled());
+        assert_eq!(gaps.next(), 0);
+    }
+}
