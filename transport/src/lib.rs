@@ -1,0 +1,15 @@
+//! Sockets and clocks of Rhumb: QUIC for real, and a pretend network for tests.
+//!
+//! The only crate that touches either. It carries bytes between [`rhumb_protocol::Endpoint`]s and understands none of them.
+//! Every queue between threads is bounded.
+#![forbid(unsafe_code)]
+
+mod clock;
+mod quic;
+
+pub use clock::Clock;
+pub use quic::{
+    BindError, Certificate, CertificateError, ClientOptions, ConnectError, DATAGRAM_BYTES_MIN,
+    Fingerprint, FingerprintError, QuicClient, QuicServer, Received, ServeError, ServerOptions,
+    ServerStatistics, ServerWatch, Stop, TransportCode, Trust, WireStatistics,
+};

@@ -1,0 +1,189 @@
+//! What a server proves itself with: a certificate chain, its key, and the fingerprint to pin.
+//!
+//! Renews nothing and asks no authority. A `Certificate` that exists is usable: key and chain belong together.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use quinn::rustls;
+use rustls::crypto::ring::default_provider;
+use rustls::pki_types::pem::{Error as PemError, PemObject};
+use rustls::pki_types::{CertificateDer, PrivateKeyDer, PrivatePkcs8KeyDer};
+
+use super::fingerprint::Fingerprint;
+use super::tuning::ALPN;
+
+/// A server's certificate with its key, ready to serve.
+#[derive(Clone, Debug)]
+pub struct Certificate {
+    tls: Arc<rustls::ServerConfig>,
+    fingerprint: Fingerprint,
+}
+
+/// Why there is no certificate to serve, or no root to trust.
+#[derive(Debug)]
+pub enum CertificateError {
+    /// The file cannot be read, or is not PEM.
+    Unreadable {
+        /// Which file.
+        file: PathBuf,
+        /// What is wrong with it.
+        cause: PemError,
+    },
+    /// The file has no certificate.
+    NoCertificate {
+        /// Which file.
+        file: PathBuf,
+    },
+    /// The certificate cannot serve, or the key is not its key.
+    Unusable {
+        /// The file of the chain.
+        certificate: PathBuf,
+        /// The file of the key.
+        key: PathBuf,
+        /// What TLS says.
+        cause: rustls::Error,
+    },
+    /// A root in this file cannot be trusted.
+    Root {
+        /// Which file.
+        file: PathBuf,
+        /// What TLS says.
+        cause: rustls::Error,
+    },
+    /// No certificate can be made for these names.
+    Development {
+        /// What is wrong.
+        cause: rcgen::Error,
+    },
+}
+
+impl Certificate {
+    /// Makes a self-signed certificate for `names` (host names or addresses), new at each call. Clients pin its fingerprint.
+    ///
+    /// # Errors
+    ///
+    /// [`CertificateError::Development`] if a name is no name.
+    pub fn development<N: Into<String>>(
+        names: impl IntoIterator<Item = N>,
+    ) -> Result<Self, CertificateError> {
+        let names: Vec<String> = names.into_iter().map(Into::into).collect();
+        let made = rcgen::generate_simple_self_signed(names)
+            .map_err(|cause| CertificateError::Development { cause })?;
+        let key = PrivatePkcs8KeyDer::from(made.signing_key.serialize_der());
+        let made = Self::new(vec![made.cert.der().clone()], key.into());
+        Ok(made.expect("a certificate made with its key belongs to it"))
+    }
+
+    /// Reads a chain (the server's own certificate first) and its key from PEM files.
+    ///
+    /// # Errors
+    ///
+    /// The file that is missing, not PEM, or does not belong to the other.
+    pub fn from_pem_files(
+        certificate: impl AsRef<Path>,
+        key: impl AsRef<Path>,
+    ) -> Result<Self, CertificateError> {
+        let (certificate, key) = (certificate.as_ref(), key.as_ref());
+        let chain = read_certificates(certificate)?;
+        let secret = PrivateKeyDer::from_pem_file(key).map_err(|cause| unreadable(key, cause))?;
+        Self::new(chain, secret).map_err(|cause| CertificateError::Unusable {
+            certificate: certificate.to_owned(),
+            key: key.to_owned(),
+            cause,
+        })
+    }
+
+    /// What a client pins.
+    #[must_use]
+    pub fn fingerprint(&self) -> Fingerprint {
+        self.fingerprint
+    }
+
+    pub(super) fn tls(&self) -> Arc<rustls::ServerConfig> {
+        Arc::clone(&self.tls)
+    }
+
+    fn new(
+        chain: Vec<CertificateDer<'static>>,
+        key: PrivateKeyDer<'static>,
+    ) -> Result<Self, rustls::Error> {
+        let fingerprint = Fingerprint::of(
+            chain
+                .first()
+                .ok_or(rustls::Error::NoCertificatesPresented)?,
+        );
+        let mut tls = rustls::ServerConfig::builder_with_provider(Arc::new(default_provider()))
+            .with_protocol_versions(&[&rustls::version::TLS13])?
+            .with_no_client_auth()
+            .with_single_cert(chain, key)?;
+        tls.alpn_protocols = vec![ALPN.to_vec()];
+        // Nobody resumes: commands must not ride on replayable data, and tickets cost bytes at each join.
+        tls.send_tls13_tickets = 0;
+        Ok(Self {
+            tls: Arc::new(tls),
+            fingerprint,
+        })
+    }
+}
+
+/// All certificates of a PEM file, at least one.
+pub(super) fn read_certificates(
+    file: &Path,
+) -> Result<Vec<CertificateDer<'static>>, CertificateError> {
+    let found: Result<Vec<_>, PemError> =
+        CertificateDer::pem_file_iter(file).and_then(Iterator::collect);
+    let found = found.map_err(|cause| unreadable(file, cause))?;
+    if found.is_empty() {
+        return Err(CertificateError::NoCertificate {
+            file: file.to_owned(),
+        });
+    }
+    Ok(found)
+}
+
+fn unreadable(file: &Path, cause: PemError) -> CertificateError {
+    CertificateError::Unreadable {
+        file: file.to_owned(),
+        cause,
+    }
+}
+
+impl fmt::Display for CertificateError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unreadable { file, cause } => {
+                write!(f, "cannot read {} as pem: {cause}", file.display())
+            }
+            Self::NoCertificate { file } => write!(f, "{} holds no certificate", file.display()),
+            Self::Unusable {
+                certificate,
+                key,
+                cause,
+            } => write!(
+                f,
+                "cannot serve with certificate {} and key {}: {cause}",
+                certificate.display(),
+                key.display()
+            ),
+            Self::Root { file, cause } => {
+                write!(f, "cannot trust the roots of {}: {cause}", file.display())
+            }
+            Self::Development { cause } => {
+                write!(f, "cannot make a development certificate: {cause}")
+            }
+        }
+    }
+}
+
+impl std::error::Error for CertificateError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Unreadable { cause, .. } => Some(cause),
+            Self::NoCertificate { .. } => None,
+            Self::Unusable { cause, .. } | Self::Root { cause, .. } => Some(cause),
+            Self::Development { cause } => Some(cause),
+        }
+    }
+}

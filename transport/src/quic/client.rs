@@ -1,0 +1,194 @@
+//! A QUIC client for a plain frame loop: every call returns when asked to.
+//!
+//! Does not resolve names, speak the protocol or reconnect. Sockets live on a thread of its own, joined when it is dropped.
+
+use std::fmt;
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
+use std::sync::Arc;
+use std::sync::mpsc;
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use bytes::Bytes;
+
+use super::client_io::{self, Attempt, Connected};
+use super::code::TransportCode;
+use super::connect_error::ConnectError;
+use super::inbox::{Inbox, Received};
+use super::socket;
+use super::statistics::WireStatistics;
+use super::trust::{self, Trust};
+use super::tuning;
+
+/// Whom to connect to, and how to know them.
+#[derive(Clone, Debug)]
+pub struct ClientOptions {
+    /// The server's address; names are for the caller to resolve.
+    pub server: SocketAddr,
+    /// The name that the server's certificate shall bear; a pinned certificate may bear any.
+    pub server_name: String,
+    /// What makes its certificate the right one.
+    pub trust: Trust,
+    /// The local address; none means any of the server's family.
+    pub bind: Option<SocketAddr>,
+}
+
+/// A standing connection to a server, until one end closes it.
+pub struct QuicClient {
+    connected: Connected,
+    inbox: Arc<Inbox>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl ClientOptions {
+    /// A server at an address, by the name `localhost`, from any local address.
+    #[must_use]
+    pub fn new(server: SocketAddr, trust: Trust) -> Self {
+        Self {
+            server,
+            server_name: "localhost".into(),
+            trust,
+            bind: None,
+        }
+    }
+}
+
+impl QuicClient {
+    /// Connects, waiting for it no longer than `patience`.
+    ///
+    /// # Errors
+    ///
+    /// What was wrong, where; see [`ConnectError`].
+    pub fn connect(options: ClientOptions, patience: Duration) -> Result<Self, ConnectError> {
+        let ClientOptions {
+            server,
+            server_name,
+            trust,
+            bind,
+        } = options;
+        let bind = bind.unwrap_or_else(|| any_of_family(server));
+        let (tls, verdict) = trust::tls(&trust).map_err(ConnectError::Roots)?;
+        let config =
+            tuning::client(tls).map_err(|cause| ConnectError::Thread(io::Error::other(cause)))?;
+        let socket =
+            socket::bind(bind).map_err(|cause| ConnectError::LocalSocket { bind, cause })?;
+        let runtime = socket::runtime().map_err(ConnectError::Thread)?;
+        let attempt = Attempt {
+            server,
+            server_name,
+            bind,
+            socket,
+            config,
+            verdict,
+            patience,
+        };
+        let (ready, connected) = mpsc::sync_channel(1);
+        let inbox = Arc::new(Inbox::default());
+        let thread = thread::Builder::new()
+            .name("rhumb-client-io".into())
+            .spawn({
+                let inbox = Arc::clone(&inbox);
+                move || runtime.block_on(client_io::run(attempt, ready, inbox))
+            })
+            .map_err(ConnectError::Thread)?;
+        match connected.recv() {
+            Ok(connected) => Ok(Self {
+                connected: connected?,
+                inbox,
+                thread: Some(thread),
+            }),
+            Err(_) => Err(ConnectError::Thread(io::Error::other(
+                "it ended before it connected",
+            ))),
+        }
+    }
+
+    /// The next thing heard, waiting for it no longer than `patience`; zero only looks.
+    ///
+    /// Control bytes come before datagrams that wait at the same time. [`Received::Ended`] comes once, after all the rest;
+    /// after it this returns nothing, at once.
+    pub fn recv(&mut self, patience: Duration) -> Option<Received> {
+        self.inbox.take(patience)
+    }
+
+    /// Appends bytes to the control stream, without waiting.
+    ///
+    /// If too many wait unsent the connection closes with [`TransportCode::CONTROL_OVERFLOW`].
+    pub fn send_control(&self, bytes: Bytes) {
+        if self.connected.control.send(bytes).is_err() {
+            self.connected
+                .closing
+                .now(TransportCode::CONTROL_OVERFLOW.0);
+        }
+    }
+
+    /// Sends one datagram, without waiting. One larger than [`max_datagram_bytes`](Self::max_datagram_bytes) is not sent.
+    pub fn send_state(&self, bytes: Bytes) {
+        let bytes_len = bytes.len();
+        if let Err(cause) = self.connected.connection.send_datagram(bytes) {
+            tracing::debug!(bytes_len, %cause, "state datagram not sent");
+        }
+    }
+
+    /// Ends the connection with a code, once what was sent before has arrived or after a short wait.
+    pub fn close(&self, code: u32) {
+        self.connected.control.close(&self.connected.closing, code);
+    }
+
+    /// The connection's traffic so far.
+    #[must_use]
+    pub fn statistics(&self) -> WireStatistics {
+        WireStatistics::of(&self.connected.connection)
+    }
+
+    /// Datagrams that arrived and were dropped because the caller did not take them in time.
+    #[must_use]
+    pub fn state_dropped(&self) -> u64 {
+        self.inbox.state_dropped()
+    }
+
+    /// The largest datagram that can be sent now, never less than [`DATAGRAM_BYTES_MIN`](super::DATAGRAM_BYTES_MIN).
+    #[must_use]
+    pub fn max_datagram_bytes(&self) -> usize {
+        let now = self.connected.connection.max_datagram_size();
+        now.map_or(tuning::DATAGRAM_BYTES_MIN, |bytes| {
+            bytes.max(tuning::DATAGRAM_BYTES_MIN)
+        })
+    }
+
+    /// The server's address.
+    #[must_use]
+    pub fn server(&self) -> SocketAddr {
+        self.connected.connection.remote_address()
+    }
+}
+
+impl Drop for QuicClient {
+    /// Closes if nobody did, and waits until the server could be told: little more than half a second at most.
+    fn drop(&mut self) {
+        self.inbox.abandon();
+        self.close(TransportCode::LEFT.0);
+        if let Some(thread) = self.thread.take()
+            && thread.join().is_err()
+        {
+            tracing::error!("the client's i/o thread panicked");
+        }
+    }
+}
+
+impl fmt::Debug for QuicClient {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("QuicClient")
+            .field("server", &self.server())
+            .finish_non_exhaustive()
+    }
+}
+
+fn any_of_family(server: SocketAddr) -> SocketAddr {
+    let any: IpAddr = match server {
+        SocketAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
+        SocketAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
+    };
+    SocketAddr::new(any, 0)
+}

@@ -1,0 +1,186 @@
+//! The client's I/O thread: connects once, then carries one connection to its end.
+//!
+//! Interprets nothing and never tries again. Why not is said in `connect_error`.
+
+use std::net::{SocketAddr, UdpSocket};
+use std::sync::Arc;
+use std::sync::mpsc::SyncSender;
+use std::time::Duration;
+
+use quinn::{
+    ClientConfig, ConnectError as QuinnConnectError, Connection, ConnectionError, ConnectionId,
+    ConnectionIdGenerator, Endpoint, EndpointConfig, ReadError, RecvStream, SendStream,
+    TokioRuntime, TransportErrorCode, rustls,
+};
+use tokio::time::{sleep, timeout};
+
+use super::closing::Closing;
+use super::code::TransportCode;
+use super::connect_error::ConnectError;
+use super::control_queue::{ControlSender, ControlWriter, control_queue};
+use super::inbox::Inbox;
+use super::trust::Verdict;
+use super::tuning::{CLOSE_LEAVES, DATAGRAM_BYTES_MIN};
+
+/// All that an attempt needs.
+pub(super) struct Attempt {
+    pub(super) server: SocketAddr,
+    pub(super) server_name: String,
+    pub(super) bind: SocketAddr,
+    pub(super) socket: UdpSocket,
+    pub(super) config: ClientConfig,
+    pub(super) verdict: Verdict,
+    pub(super) patience: Duration,
+}
+
+/// The caller's side of a connection.
+#[derive(Debug)]
+pub(super) struct Connected {
+    pub(super) connection: Connection,
+    pub(super) control: ControlSender,
+    pub(super) closing: Arc<Closing>,
+}
+
+/// The I/O thread's side.
+struct Carried {
+    connection: Connection,
+    closing: Arc<Closing>,
+    writer: ControlWriter,
+    send: SendStream,
+    recv: RecvStream,
+}
+
+/// Connects, reports, and carries the connection until it has ended and the other side could be told.
+pub(super) async fn run(
+    attempt: Attempt,
+    ready: SyncSender<Result<Connected, ConnectError>>,
+    inbox: Arc<Inbox>,
+) {
+    let (server, patience) = (attempt.server, attempt.patience);
+    let outcome = timeout(patience, connect(attempt)).await;
+    let carried = match outcome.unwrap_or(Err(ConnectError::NothingAnswers { server, patience })) {
+        Ok((connected, carried)) => {
+            if ready.send(Ok(connected)).is_err() {
+                return;
+            }
+            carried
+        }
+        // The caller waits for this word; without it there is nothing to tell.
+        Err(error) => return drop(ready.send(Err(error))),
+    };
+    let Carried {
+        connection,
+        closing,
+        mut writer,
+        mut send,
+        recv,
+    } = carried;
+    let ending = tokio::join!(
+        closing.ended(),
+        writer.run(&closing, &mut send),
+        read_control(recv, &closing, &inbox),
+        read_state(&connection, &inbox),
+    )
+    .0;
+    inbox.put_end(ending);
+    let told = async {
+        while !closing.has_told() {
+            sleep(STEP).await;
+        }
+    };
+    // Not told in time: the server will notice the silence.
+    let _ = timeout(CLOSE_LEAVES, told).await;
+}
+
+async fn connect(attempt: Attempt) -> Result<(Connected, Carried), ConnectError> {
+    let Attempt {
+        server,
+        server_name,
+        bind,
+        socket,
+        config,
+        verdict,
+        patience,
+    } = attempt;
+    let mut local = EndpointConfig::default();
+    // One connection per socket: the address names it, so packets to us need no connection id.
+    local.cid_generator(|| Box::new(NoConnectionId));
+    let endpoint = Endpoint::new(local, None, socket, Arc::new(TokioRuntime))
+        .map_err(|cause| ConnectError::LocalSocket { bind, cause })?;
+    let failed =
+        |cause| ConnectError::from_handshake(cause, server, &server_name, &verdict, patience);
+    let connecting = endpoint
+        .connect_with(config, server, &server_name)
+        .map_err(|cause| match cause {
+            QuinnConnectError::InvalidServerName(server_name) => {
+                ConnectError::ServerName { server_name }
+            }
+            _ => ConnectError::ServerAddress { server, bind },
+        })?;
+    let connection = connecting.await.map_err(failed)?;
+    let closing = Closing::of(&connection);
+    if connection
+        .max_datagram_size()
+        .is_none_or(|bytes| bytes < DATAGRAM_BYTES_MIN)
+    {
+        closing.now(TransportCode::NO_DATAGRAMS.0);
+        return Err(ConnectError::OtherProtocol { server });
+    }
+    let (send, recv) = connection.open_bi().await.map_err(failed)?;
+    let (control, writer) = control_queue();
+    let connected = Connected {
+        connection: connection.clone(),
+        control,
+        closing: Arc::clone(&closing),
+    };
+    Ok((
+        connected,
+        Carried {
+            connection,
+            closing,
+            writer,
+            send,
+            recv,
+        },
+    ))
+}
+
+/// Reads no further than the caller keeps up.
+async fn read_control(mut stream: RecvStream, closing: &Closing, inbox: &Inbox) {
+    loop {
+        match stream.read_chunk(READ_BYTES_MAX, true).await {
+            Ok(Some(chunk)) => inbox.put_control(&chunk.bytes).await,
+            Ok(None) | Err(ReadError::ConnectionLost(_)) => return,
+            Err(_) => return closing.now(TransportCode::NO_CONTROL_STREAM.0),
+        }
+    }
+}
+
+async fn read_state(connection: &Connection, inbox: &Inbox) {
+    while let Ok(bytes) = connection.read_datagram().await {
+        inbox.put_state(&bytes);
+    }
+}
+
+/// One read of the control stream.
+const READ_BYTES_MAX: usize = 64 << 10;
+
+/// How often to look whether the close frame has left.
+const STEP: Duration = Duration::from_millis(1);
+
+/// Names no connection: packets are told apart by address alone.
+struct NoConnectionId;
+
+impl ConnectionIdGenerator for NoConnectionId {
+    fn generate_cid(&mut self) -> ConnectionId {
+        ConnectionId::new(&[])
+    }
+
+    fn cid_len(&self) -> usize {
+        0
+    }
+
+    fn cid_lifetime(&self) -> Option<Duration> {
+        None
+    }
+}

@@ -1,0 +1,100 @@
+//! How one connection is ended from here, and how its end is told.
+//!
+//! Waits for nothing itself but what it is asked to. The first code given is the one that counts.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use quinn::{Connection, ConnectionError, VarInt};
+use rhumb_protocol::Ending;
+use tokio::sync::Notify;
+
+use super::code::TransportCode;
+
+/// The end of a connection: asked for, given and told in one place, from any thread.
+#[derive(Debug)]
+pub(super) struct Closing {
+    connection: Connection,
+    own_code: AtomicU64,
+    asked: Notify,
+}
+
+/// Larger than any close code: this end has not closed.
+const NOT_CLOSED: u64 = u64::MAX;
+
+impl Closing {
+    pub(super) fn of(connection: &Connection) -> Arc<Self> {
+        Arc::new(Self {
+            connection: connection.clone(),
+            own_code: AtomicU64::new(NOT_CLOSED),
+            asked: Notify::new(),
+        })
+    }
+
+    /// Closes at once.
+    pub(super) fn now(&self, code: u32) {
+        self.note(code);
+        self.finish();
+    }
+
+    /// Closes once what was sent before has arrived, or after a short wait; see `ControlWriter::run`.
+    pub(super) fn after_flush(&self, code: u32) {
+        self.note(code);
+        self.asked.notify_one();
+    }
+
+    /// Waits until a close after a flush is asked for. For one waiter.
+    pub(super) async fn asked(&self) {
+        self.asked.notified().await;
+    }
+
+    /// Closes with the code that was asked for.
+    pub(super) fn finish(&self) {
+        let code = self.own_code().unwrap_or(TransportCode::LEFT.0);
+        self.note(code);
+        self.connection.close(VarInt::from_u32(code), b"");
+    }
+
+    /// Waits for the connection's end and names it: `Closed` for a code of either end.
+    pub(super) async fn ended(&self) -> Ending {
+        match self.connection.closed().await {
+            ConnectionError::ApplicationClosed(close) => {
+                u32::try_from(close.error_code.into_inner()).map_or(Ending::Broken, Ending::Closed)
+            }
+            ConnectionError::LocallyClosed => {
+                self.own_code().map_or(Ending::Broken, Ending::Closed)
+            }
+            ConnectionError::TimedOut => Ending::TimedOut,
+            ConnectionError::VersionMismatch
+            | ConnectionError::TransportError(_)
+            | ConnectionError::ConnectionClosed(_)
+            | ConnectionError::Reset
+            | ConnectionError::CidsExhausted => Ending::Broken,
+        }
+    }
+
+    /// Whether nobody is left to tell: the close frame has left, or the connection ended otherwise.
+    pub(super) fn has_told(&self) -> bool {
+        match self.connection.close_reason() {
+            Some(ConnectionError::LocallyClosed) => {
+                self.connection.stats().frame_tx.connection_close > 0
+            }
+            Some(_) => true,
+            None => false,
+        }
+    }
+
+    fn own_code(&self) -> Option<u32> {
+        u32::try_from(self.own_code.load(Ordering::Relaxed)).ok()
+    }
+
+    fn note(&self, code: u32) {
+        // Taken already: the first code counts.
+        let _ = self.own_code.compare_exchange(
+            NOT_CLOSED,
+            code.into(),
+            Ordering::Relaxed,
+            Ordering::Relaxed,
+        );
+    }
+}

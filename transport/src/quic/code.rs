@@ -1,0 +1,37 @@
+//! Close codes that the transport itself gives, above those of the protocol.
+//!
+//! What the protocol's own codes mean is not known here: they pass through as numbers.
+
+use std::fmt;
+
+/// A QUIC application close code that a transport gives on its own account.
+///
+/// Codes from 0x100 up are the transport's; those below are the conversation's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct TransportCode(pub u32);
+
+impl TransportCode {
+    /// The end left without a reason of its own.
+    pub const LEFT: Self = Self(0x100);
+    /// The server is stopping; another attempt later may find it again.
+    pub const GOING_AWAY: Self = Self(0x101);
+    /// More control bytes waited for this peer than the bound allows: it reads too slowly.
+    pub const CONTROL_OVERFLOW: Self = Self(0x102);
+    /// The client opened no control stream in time, or broke the one it had.
+    pub const NO_CONTROL_STREAM: Self = Self(0x103);
+    /// The peer's datagrams are absent or too small for the protocol.
+    pub const NO_DATAGRAMS: Self = Self(0x104);
+}
+
+impl fmt::Display for TransportCode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::LEFT => f.write_str("left"),
+            Self::GOING_AWAY => f.write_str("server going away"),
+            Self::CONTROL_OVERFLOW => f.write_str("control lane too slow"),
+            Self::NO_CONTROL_STREAM => f.write_str("no control stream"),
+            Self::NO_DATAGRAMS => f.write_str("datagrams absent or too small"),
+            Self(code) => write!(f, "close code {code:#x}"),
+        }
+    }
+}

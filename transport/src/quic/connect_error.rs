@@ -1,0 +1,209 @@
+//! Why a client has no connection, so that its user knows what to do.
+//!
+//! Tries nothing again. A refused certificate outranks the alert that QUIC reports for it.
+
+use std::fmt;
+use std::io;
+use std::net::SocketAddr;
+use std::time::Duration;
+
+use quinn::{ConnectionError, TransportErrorCode, rustls};
+
+use super::certificate::CertificateError;
+use super::fingerprint::Fingerprint;
+use super::trust::{Distrust, Verdict};
+
+/// Why a client has no connection.
+#[derive(Debug)]
+pub enum ConnectError {
+    /// Nothing answered in time.
+    NothingAnswers {
+        /// Where.
+        server: SocketAddr,
+        /// For how long it was tried.
+        patience: Duration,
+    },
+    /// The server's certificate is not the pinned one.
+    WrongFingerprint {
+        /// Where.
+        server: SocketAddr,
+        /// What was pinned.
+        expected: Fingerprint,
+        /// What the server showed.
+        presented: Fingerprint,
+    },
+    /// The trusted roots do not vouch for the server's certificate under its name.
+    Untrusted {
+        /// Where.
+        server: SocketAddr,
+        /// The name that was asked for.
+        server_name: String,
+        /// What TLS says.
+        cause: rustls::Error,
+    },
+    /// What answers speaks another protocol, or another version of it.
+    OtherProtocol {
+        /// Where.
+        server: SocketAddr,
+    },
+    /// The server turned the attempt away: it is full, or stopping.
+    Refused {
+        /// Where.
+        server: SocketAddr,
+    },
+    /// The handshake failed otherwise.
+    Handshake {
+        /// Where.
+        server: SocketAddr,
+        /// What QUIC says.
+        cause: ConnectionError,
+    },
+    /// The file of trusted roots is of no use.
+    Roots(CertificateError),
+    /// The server's name is no name.
+    ServerName {
+        /// The name.
+        server_name: String,
+    },
+    /// The server's address cannot be connected to from here.
+    ServerAddress {
+        /// The address.
+        server: SocketAddr,
+        /// The local address tried.
+        bind: SocketAddr,
+    },
+    /// The local socket failed.
+    LocalSocket {
+        /// The local address.
+        bind: SocketAddr,
+        /// What the system says.
+        cause: io::Error,
+    },
+    /// The I/O thread cannot start, or failed.
+    Thread(io::Error),
+}
+
+impl ConnectError {
+    /// What a failed handshake means, given what the certificate's verifier said.
+    pub(super) fn from_handshake(
+        cause: ConnectionError,
+        server: SocketAddr,
+        server_name: &str,
+        verdict: &Verdict,
+        patience: Duration,
+    ) -> Self {
+        match verdict.get() {
+            Some(&Distrust::OtherFingerprint {
+                expected,
+                presented,
+            }) => {
+                return ConnectError::WrongFingerprint {
+                    server,
+                    expected,
+                    presented,
+                };
+            }
+            Some(Distrust::Roots(cause)) => {
+                let (server_name, cause) = (server_name.to_owned(), cause.clone());
+                return ConnectError::Untrusted {
+                    server,
+                    server_name,
+                    cause,
+                };
+            }
+            None => {}
+        }
+        let no_alpn = TransportErrorCode::crypto(NO_APPLICATION_PROTOCOL);
+        match cause {
+            ConnectionError::TimedOut => ConnectError::NothingAnswers { server, patience },
+            ConnectionError::VersionMismatch => ConnectError::OtherProtocol { server },
+            ConnectionError::TransportError(error) if error.code == no_alpn => {
+                ConnectError::OtherProtocol { server }
+            }
+            ConnectionError::ConnectionClosed(close) if close.error_code == no_alpn => {
+                ConnectError::OtherProtocol { server }
+            }
+            ConnectionError::ConnectionClosed(close)
+                if close.error_code == TransportErrorCode::CONNECTION_REFUSED =>
+            {
+                ConnectError::Refused { server }
+            }
+            ConnectionError::ApplicationClosed(_) => ConnectError::Refused { server },
+            cause => ConnectError::Handshake { server, cause },
+        }
+    }
+}
+
+/// The TLS alert that says so. Source: RFC 7301, section 3.2.
+const NO_APPLICATION_PROTOCOL: u8 = 120;
+
+impl fmt::Display for ConnectError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NothingAnswers { server, patience } => write!(
+                f,
+                "nothing answered at {server} within {patience:?}: check the address, that the server runs, and that udp passes"
+            ),
+            Self::WrongFingerprint {
+                server,
+                expected,
+                presented,
+            } => write!(
+                f,
+                "{server} shows another certificate than the pinned one: expected {expected}, presented {presented}; pin the new one if the server's certificate was renewed"
+            ),
+            Self::Untrusted {
+                server,
+                server_name,
+                cause,
+            } => {
+                write!(
+                    f,
+                    "the certificate of {server} is not trusted for the name {server_name}: {cause}"
+                )
+            }
+            Self::OtherProtocol { server } => {
+                write!(
+                    f,
+                    "{server} does not speak rhumb/1: check the port and the server's version"
+                )
+            }
+            Self::Refused { server } => write!(
+                f,
+                "{server} refused the connection: it is full or stopping, try later"
+            ),
+            Self::Handshake { server, cause } => {
+                write!(f, "the handshake with {server} failed: {cause}")
+            }
+            Self::Roots(cause) => cause.fmt(f),
+            Self::ServerName { server_name } => {
+                write!(
+                    f,
+                    "{server_name:?} is no server name: give a host name or an address"
+                )
+            }
+            Self::ServerAddress { server, bind } => {
+                write!(
+                    f,
+                    "{server} cannot be reached from {bind}: check its port and family"
+                )
+            }
+            Self::LocalSocket { bind, cause } => {
+                write!(f, "cannot open a local udp socket at {bind}: {cause}")
+            }
+            Self::Thread(cause) => write!(f, "the client's i/o thread failed: {cause}"),
+        }
+    }
+}
+
+impl std::error::Error for ConnectError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Untrusted { cause, .. } => Some(cause),
+            Self::Handshake { cause, .. } => Some(cause),
+            Self::Roots(cause) => Some(cause),
+            Self::LocalSocket { cause, .. } | Self::Thread(cause) => Some(cause),
+            _ => None,
+        }
+    }
+}

@@ -1,0 +1,226 @@
+//! What a client's I/O thread heard and its caller has not yet taken.
+//!
+//! Bounded lane by lane: control holds the stream back, state drops its oldest. The end is told once, after all the rest.
+
+use std::collections::VecDeque;
+use std::sync::{Condvar, Mutex, MutexGuard};
+use std::time::{Duration, Instant};
+
+use bytes::Bytes;
+use rhumb_protocol::Ending;
+use tokio::sync::Notify;
+
+use super::tuning::{CONTROL_IN_FLIGHT_BYTES, PIECE_COST_BYTES, STATE_INBOX_BYTES};
+
+/// One thing that a client heard.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Received {
+    /// The next bytes of the control stream, cut anywhere.
+    Control(Bytes),
+    /// One state datagram.
+    State(Bytes),
+    /// The connection is gone; nothing follows.
+    Ended(Ending),
+}
+
+/// The meeting place of the two threads.
+#[derive(Debug, Default)]
+pub(super) struct Inbox {
+    waiting: Mutex<Waiting>,
+    arrival: Condvar,
+    room: Notify,
+}
+
+#[derive(Debug, Default)]
+struct Waiting {
+    control: Lane,
+    state: Lane,
+    state_dropped: u64,
+    ending: Option<Ending>,
+    end: End,
+    caller: Caller,
+}
+
+#[derive(Debug, Default)]
+struct Lane {
+    pieces: VecDeque<Bytes>,
+    cost_bytes: usize,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum End {
+    #[default]
+    Untold,
+    Told,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Caller {
+    #[default]
+    Here,
+    Gone,
+}
+
+impl Inbox {
+    /// Takes control bytes in, once there is room. Without a caller they are thrown away.
+    pub(super) async fn put_control(&self, bytes: &Bytes) {
+        while !self.try_put_control(bytes) {
+            self.room.notified().await;
+        }
+    }
+
+    /// Takes a datagram in, dropping the oldest that wait if they are too many.
+    pub(super) fn put_state(&self, bytes: &Bytes) {
+        let mut waiting = self.lock();
+        waiting.state.push(bytes);
+        while waiting.state.cost_bytes > STATE_INBOX_BYTES {
+            let _ = waiting.state.pop();
+            waiting.state_dropped += 1;
+        }
+        self.arrival.notify_one();
+    }
+
+    /// Takes the end in.
+    pub(super) fn put_end(&self, ending: Ending) {
+        self.lock().ending = Some(ending);
+        self.arrival.notify_one();
+    }
+
+    /// The next thing heard, control first, waiting for it no longer than `patience`.
+    pub(super) fn take(&self, patience: Duration) -> Option<Received> {
+        let mut waiting = self.lock();
+        if let Some(received) = self.next(&mut waiting) {
+            return Some(received);
+        }
+        if patience.is_zero() {
+            return None;
+        }
+        let deadline = Instant::now().checked_add(patience);
+        loop {
+            if waiting.end == End::Told {
+                return None;
+            }
+            let left = deadline.map_or(patience, |deadline| {
+                deadline.saturating_duration_since(Instant::now())
+            });
+            if left.is_zero() {
+                return None;
+            }
+            (waiting, _) = self.arrival.wait_timeout(waiting, left).expect(LOCK);
+            if let Some(received) = self.next(&mut waiting) {
+                return Some(received);
+            }
+        }
+    }
+
+    /// Nobody will take anything any more.
+    pub(super) fn abandon(&self) {
+        self.lock().caller = Caller::Gone;
+        self.room.notify_one();
+    }
+
+    /// Datagrams dropped so far.
+    pub(super) fn state_dropped(&self) -> u64 {
+        self.lock().state_dropped
+    }
+
+    fn try_put_control(&self, bytes: &Bytes) -> bool {
+        let mut waiting = self.lock();
+        if waiting.caller == Caller::Gone {
+            return true;
+        }
+        let full = waiting.control.cost_bytes >= CONTROL_IN_FLIGHT_BYTES;
+        if !full {
+            waiting.control.push(bytes);
+            self.arrival.notify_one();
+        }
+        !full
+    }
+
+    fn next(&self, waiting: &mut Waiting) -> Option<Received> {
+        if let Some(bytes) = waiting.control.pop() {
+            self.room.notify_one();
+            return Some(Received::Control(bytes));
+        }
+        if let Some(bytes) = waiting.state.pop() {
+            return Some(Received::State(bytes));
+        }
+        if waiting.end == End::Told {
+            return None;
+        }
+        let ending = waiting.ending?;
+        waiting.end = End::Told;
+        Some(Received::Ended(ending))
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Waiting> {
+        self.waiting.lock().expect(LOCK)
+    }
+}
+
+const LOCK: &str = "nothing panics while the inbox is locked";
+
+impl Lane {
+    fn push(&mut self, bytes: &Bytes) {
+        self.cost_bytes += bytes.len() + PIECE_COST_BYTES;
+        self.pieces.push_back(bytes.clone());
+    }
+
+    fn pop(&mut self) -> Option<Bytes> {
+        let bytes = self.pieces.pop_front()?;
+        self.cost_bytes -= bytes.len() + PIECE_COST_BYTES;
+        Some(bytes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn control_comes_first_and_the_end_last_and_once() {
+        let inbox = Inbox::default();
+        let (control, state) = (Bytes::from_static(b"c"), Bytes::from_static(b"s"));
+        inbox.put_end(Ending::TimedOut);
+        inbox.put_state(&state);
+        assert!(inbox.try_put_control(&control));
+        let mut heard = Vec::new();
+        while let Some(received) = inbox.take(Duration::MAX) {
+            heard.push(received);
+        }
+        let ended = Received::Ended(Ending::TimedOut);
+        assert_eq!(
+            heard,
+            [Received::Control(control), Received::State(state), ended]
+        );
+    }
+
+    #[test]
+    fn state_drops_its_oldest_beyond_the_bound() {
+        let inbox = Inbox::default();
+        let numbered = |n: u32| Bytes::from([n.to_be_bytes().as_slice(), &[0; 996]].concat());
+        for n in 0..10_000 {
+            inbox.put_state(&numbered(n));
+        }
+        let kept = STATE_INBOX_BYTES / (1_000 + PIECE_COST_BYTES);
+        assert_eq!(inbox.state_dropped(), 10_000 - kept as u64);
+        let oldest = u32::try_from(10_000 - kept).unwrap();
+        assert_eq!(
+            inbox.take(Duration::ZERO),
+            Some(Received::State(numbered(oldest)))
+        );
+    }
+
+    #[test]
+    fn control_waits_at_the_bound() {
+        let inbox = Inbox::default();
+        let piece = Bytes::from(vec![0; 1_000]);
+        let mut taken = 0;
+        while inbox.try_put_control(&piece) {
+            taken += 1;
+        }
+        assert!(taken * piece.len() <= CONTROL_IN_FLIGHT_BYTES + piece.len());
+        assert!(inbox.take(Duration::ZERO).is_some());
+        assert!(inbox.try_put_control(&piece));
+    }
+}

@@ -1,0 +1,38 @@
+//! QUIC for both ends: control as one stream, state as datagrams.
+//!
+//! Nothing here understands what it carries. Each end has a thread of its own for the sockets; what passes between that
+//! thread and the caller's is bounded, lane by lane.
+
+mod certificate;
+mod client;
+mod client_io;
+mod closing;
+mod code;
+mod connect_error;
+mod control_queue;
+mod fingerprint;
+mod host;
+mod inbox;
+mod input;
+mod server;
+mod server_io;
+mod socket;
+mod statistics;
+mod stop;
+mod trust;
+mod tuning;
+mod watch;
+
+pub use certificate::{Certificate, CertificateError};
+pub use client::{ClientOptions, QuicClient};
+pub use code::TransportCode;
+pub use connect_error::ConnectError;
+pub use fingerprint::{Fingerprint, FingerprintError};
+pub use host::ServeError;
+pub use inbox::Received;
+pub use server::{BindError, QuicServer, ServerOptions};
+pub use statistics::{ServerStatistics, WireStatistics};
+pub use stop::Stop;
+pub use trust::Trust;
+pub use tuning::DATAGRAM_BYTES_MIN;
+pub use watch::ServerWatch;

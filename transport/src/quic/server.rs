@@ -1,0 +1,215 @@
+//! A QUIC server: bound here, then run by the thread that owns the endpoint.
+//!
+//! Neither speaks the protocol nor steps a world. The caller's thread feeds the endpoint; a second one has the sockets.
+
+use std::fmt;
+use std::io;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::mpsc;
+use std::thread::{self, JoinHandle};
+
+use quinn::crypto::rustls::NoInitialCipherSuite;
+use quinn::{EndpointConfig, TokioRuntime};
+use rhumb_protocol::Endpoint;
+use tokio::sync::oneshot;
+
+use super::certificate::Certificate;
+use super::fingerprint::Fingerprint;
+use super::host::{Host, ServeError};
+use super::input::Input;
+use super::server_io;
+use super::socket;
+use super::statistics::ServerStatistics;
+use super::stop::Stop;
+use super::tuning;
+use super::watch::ServerWatch;
+
+/// Where to listen, and as whom.
+#[derive(Clone, Debug)]
+pub struct ServerOptions {
+    /// The UDP address; port 0 picks a free one.
+    pub listen: SocketAddr,
+    /// What the server proves itself with.
+    pub certificate: Certificate,
+}
+
+/// A server that is bound but not yet run. Clients may already connect; they wait.
+#[derive(Debug)]
+pub struct QuicServer {
+    local_addr: SocketAddr,
+    fingerprint: Fingerprint,
+    inputs: mpsc::Receiver<Input>,
+    wake: mpsc::Sender<Input>,
+    watch: ServerWatch,
+    io: IoThread,
+}
+
+/// Why a server cannot listen.
+#[derive(Debug)]
+pub enum BindError {
+    /// The address cannot be bound.
+    Address {
+        /// Which address.
+        listen: SocketAddr,
+        /// What the system says.
+        cause: io::Error,
+    },
+    /// The certificate's TLS side has no cipher suite that QUIC starts with.
+    Tls(NoInitialCipherSuite),
+    /// The I/O thread cannot start.
+    Thread(io::Error),
+}
+
+/// The thread with the sockets; it ends when this is dropped.
+#[derive(Debug)]
+struct IoThread {
+    end: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// Tells the host thread that the I/O thread is over, however it ended.
+#[derive(Debug)]
+struct LastWord(mpsc::Sender<Input>);
+
+impl QuicServer {
+    /// Binds the address and starts the I/O thread.
+    ///
+    /// # Errors
+    ///
+    /// The address, with what the system says of it; or the thread.
+    pub fn bind(options: ServerOptions) -> Result<Self, BindError> {
+        let ServerOptions {
+            listen,
+            certificate,
+        } = options;
+        let address = |cause| BindError::Address { listen, cause };
+        let config = tuning::server(certificate.tls()).map_err(BindError::Tls)?;
+        let socket = socket::bind(listen).map_err(address)?;
+        let runtime = socket::runtime().map_err(BindError::Thread)?;
+        let endpoint = {
+            let _inside = runtime.enter();
+            quinn::Endpoint::new(
+                EndpointConfig::default(),
+                Some(config),
+                socket,
+                Arc::new(TokioRuntime),
+            )
+            .map_err(address)?
+        };
+        let local_addr = endpoint.local_addr().map_err(address)?;
+        let (wake, inputs) = mpsc::channel();
+        let (end, ended) = oneshot::channel();
+        let watch = ServerWatch::default();
+        let thread = thread::Builder::new()
+            .name("rhumb-server-io".into())
+            .spawn({
+                let (host, watch) = (wake.clone(), watch.clone());
+                move || {
+                    let _last_word = LastWord(host.clone());
+                    runtime.block_on(server_io::accept(endpoint, host, watch, ended));
+                }
+            })
+            .map_err(BindError::Thread)?;
+        Ok(Self {
+            local_addr,
+            fingerprint: certificate.fingerprint(),
+            inputs,
+            wake,
+            watch,
+            io: IoThread {
+                end: Some(end),
+                thread: Some(thread),
+            },
+        })
+    }
+
+    /// The address that clients connect to.
+    #[must_use]
+    pub fn local_addr(&self) -> SocketAddr {
+        self.local_addr
+    }
+
+    /// What clients pin.
+    #[must_use]
+    pub fn fingerprint(&self) -> Fingerprint {
+        self.fingerprint
+    }
+
+    /// A look at the server that outlives the call of [`run`](Self::run).
+    #[must_use]
+    pub fn watch(&self) -> ServerWatch {
+        self.watch.clone()
+    }
+
+    /// Feeds and drains `endpoint` on the calling thread until `stop` is said.
+    ///
+    /// Every `handle_opened` is followed by exactly one `handle_ended`, unless the server stops first; a connection that the
+    /// endpoint or the driver closed ends as `Closed` with the code given, and nothing but its end is heard after `Close`.
+    /// When stopped the endpoint is told nothing more; its peers see [`TransportCode::GOING_AWAY`].
+    ///
+    /// [`TransportCode::GOING_AWAY`]: super::TransportCode::GOING_AWAY
+    ///
+    /// # Errors
+    ///
+    /// [`ServeError`] if the I/O thread is gone.
+    pub fn run<E: Endpoint>(
+        self,
+        endpoint: &mut E,
+        stop: &Stop,
+    ) -> Result<ServerStatistics, ServeError> {
+        let wake = self.wake.clone();
+        // A server that is gone needs no waking.
+        stop.on_stop(move || drop(wake.send(Input::Stop)));
+        let mut host = Host::new(self.inputs, self.watch.clone());
+        let outcome = host.run(endpoint);
+        host.close_all();
+        drop(self.io);
+        outcome.map(|()| self.watch.statistics())
+    }
+}
+
+impl Drop for LastWord {
+    fn drop(&mut self) {
+        // A host that is gone needs no telling.
+        let _ = self.0.send(Input::IoOver);
+    }
+}
+
+impl Drop for IoThread {
+    fn drop(&mut self) {
+        if let Some(end) = self.end.take() {
+            // Already over: nothing to end.
+            let _ = end.send(());
+        }
+        if let Some(thread) = self.thread.take()
+            && thread.join().is_err()
+        {
+            tracing::error!("the server's i/o thread panicked");
+        }
+    }
+}
+
+impl fmt::Display for BindError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Address { listen, cause } => {
+                write!(
+                    f,
+                    "cannot listen on udp {listen}: {cause}; choose another address or port 0"
+                )
+            }
+            Self::Tls(cause) => write!(f, "cannot serve quic with this tls configuration: {cause}"),
+            Self::Thread(cause) => write!(f, "cannot start the server's i/o thread: {cause}"),
+        }
+    }
+}
+
+impl std::error::Error for BindError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Address { cause, .. } | Self::Thread(cause) => Some(cause),
+            Self::Tls(cause) => Some(cause),
+        }
+    }
+}

@@ -1,0 +1,182 @@
+//! The server's I/O thread: accepts connections and carries what they say to the host thread.
+//!
+//! Interprets nothing. What waits for the host is bounded per connection and lane; a full house refuses at the door.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::Sender;
+
+use quinn::{Connecting, Connection, Endpoint, Incoming, ReadError, RecvStream, VarInt};
+use rhumb_protocol::Peer;
+use tokio::sync::oneshot;
+use tokio::time::timeout;
+
+use super::closing::Closing;
+use super::code::TransportCode;
+use super::control_queue::{ControlWriter, control_queue};
+use super::input::{Allowance, Input, Line};
+use super::tuning::{
+    CONNECTIONS_MAX, CONTROL_IN_FLIGHT_BYTES, DATAGRAM_BYTES_MIN, HANDSHAKES_UNPROVEN_MAX, SETUP,
+    STATE_IN_FLIGHT_BYTES,
+};
+use super::watch::ServerWatch;
+
+/// Accepts until told to end, then turns away whoever still knocks.
+pub(super) async fn accept(
+    endpoint: Endpoint,
+    host: Sender<Input>,
+    watch: ServerWatch,
+    mut ended: oneshot::Receiver<()>,
+) {
+    let handshakes = Arc::new(AtomicUsize::new(0));
+    let mut peers = 0;
+    loop {
+        let incoming = tokio::select! {
+            incoming = endpoint.accept() => incoming,
+            _ = &mut ended => break,
+        };
+        let Some(incoming) = incoming else { break };
+        let Some(connecting) = admit(&endpoint, incoming, &handshakes, &watch) else {
+            continue;
+        };
+        let peer = Peer(peers);
+        peers += 1;
+        handshakes.fetch_add(1, Ordering::Relaxed);
+        let (host, watch, handshakes) = (host.clone(), watch.clone(), Arc::clone(&handshakes));
+        tokio::spawn(async move {
+            let connected = timeout(SETUP, connecting).await;
+            handshakes.fetch_sub(1, Ordering::Relaxed);
+            match connected {
+                Ok(Ok(connection)) => serve(connection, peer, host, watch).await,
+                Ok(Err(cause)) => tracing::debug!(peer = peer.0, %cause, "handshake failed"),
+                Err(_) => tracing::debug!(peer = peer.0, "handshake took too long"),
+            }
+        });
+    }
+    endpoint.close(VarInt::from_u32(TransportCode::GOING_AWAY.0), b"");
+    // Connections in the midst of a handshake learn it too, at their next turn.
+    tokio::task::yield_now().await;
+}
+
+/// Takes an attempt, asks for proof of its address when many wait, or refuses when the house is full.
+fn admit(
+    endpoint: &Endpoint,
+    incoming: Incoming,
+    handshakes: &AtomicUsize,
+    watch: &ServerWatch,
+) -> Option<Connecting> {
+    if endpoint.open_connections() >= CONNECTIONS_MAX {
+        watch.count(|counters| &counters.refused);
+        incoming.refuse();
+        return None;
+    }
+    if handshakes.load(Ordering::Relaxed) >= HANDSHAKES_UNPROVEN_MAX
+        && !incoming.remote_address_validated()
+        && incoming.may_retry()
+    {
+        // It may retry, so this cannot be refused.
+        let _ = incoming.retry();
+        return None;
+    }
+    match incoming.accept() {
+        Ok(connecting) => Some(connecting),
+        Err(cause) => {
+            tracing::debug!(%cause, "attempt failed at once");
+            None
+        }
+    }
+}
+
+/// Carries one connection from its first moment to its last.
+async fn serve(connection: Connection, peer: Peer, host: Sender<Input>, watch: ServerWatch) {
+    let closing = Closing::of(&connection);
+    if connection
+        .max_datagram_size()
+        .is_none_or(|bytes| bytes < DATAGRAM_BYTES_MIN)
+    {
+        closing.now(TransportCode::NO_DATAGRAMS.0);
+        return;
+    }
+    tracing::debug!(peer = peer.0, address = %connection.remote_address(), "opened");
+    watch.opened(peer, connection.clone());
+    let (control, writer) = control_queue();
+    let line = Line {
+        connection: connection.clone(),
+        control,
+        closing: Arc::clone(&closing),
+    };
+    // A host that is gone hears nothing: the thread ends soon.
+    let _ = host.send(Input::Opened { peer, line });
+    tokio::join!(
+        carry_control(&connection, peer, &host, &closing, writer),
+        carry_state(&connection, peer, &host, &watch),
+    );
+    let ending = closing.ended().await;
+    tracing::debug!(peer = peer.0, ?ending, "ended");
+    watch.ended(peer);
+    let _ = host.send(Input::Ended { peer, ending });
+}
+
+/// Both directions of the control stream, from its opening.
+async fn carry_control(
+    connection: &Connection,
+    peer: Peer,
+    host: &Sender<Input>,
+    closing: &Closing,
+    mut writer: ControlWriter,
+) {
+    let opened = tokio::select! {
+        opened = timeout(SETUP, connection.accept_bi()) => opened,
+        () = closing.asked() => return closing.finish(),
+    };
+    match opened {
+        Ok(Ok((mut send, recv))) => {
+            tokio::join!(
+                writer.run(closing, &mut send),
+                read_control(peer, host, closing, recv)
+            );
+        }
+        Ok(Err(_)) => {}
+        Err(_) => closing.now(TransportCode::NO_CONTROL_STREAM.0),
+    }
+}
+
+/// Reads no further than the host thread keeps up: QUIC's flow control then holds the client back.
+async fn read_control(peer: Peer, host: &Sender<Input>, closing: &Closing, mut stream: RecvStream) {
+    let allowance = Allowance::new(CONTROL_IN_FLIGHT_BYTES);
+    loop {
+        match stream.read_chunk(READ_BYTES_MAX, true).await {
+            Ok(Some(chunk)) => {
+                let piece = allowance.admit(&chunk.bytes).await;
+                if host.send(Input::Control { peer, piece }).is_err() {
+                    return;
+                }
+            }
+            // The client has said its last; its close will follow.
+            Ok(None) | Err(ReadError::ConnectionLost(_)) => return,
+            Err(_) => return closing.now(TransportCode::NO_CONTROL_STREAM.0),
+        }
+    }
+}
+
+async fn carry_state(
+    connection: &Connection,
+    peer: Peer,
+    host: &Sender<Input>,
+    watch: &ServerWatch,
+) {
+    let allowance = Allowance::new(STATE_IN_FLIGHT_BYTES);
+    while let Ok(bytes) = connection.read_datagram().await {
+        match allowance.try_admit(&bytes) {
+            Some(piece) => {
+                if host.send(Input::State { peer, piece }).is_err() {
+                    return;
+                }
+            }
+            None => watch.count(|counters| &counters.state_dropped),
+        }
+    }
+}
+
+/// One read of the control stream.
+const READ_BYTES_MAX: usize = 64 << 10;

@@ -1,0 +1,35 @@
+//! A bound UDP socket with room for bursts, and the thread's runtime around it.
+//!
+//! Speaks no QUIC. Small kernel buffers are no error: they cost packets, not correctness.
+
+use std::io;
+use std::net::{SocketAddr, UdpSocket};
+
+use quinn::udp::{UdpSockRef, UdpSocketState};
+use tokio::runtime::{Builder, Runtime};
+
+use super::tuning::SOCKET_BUFFER_BYTES;
+
+/// Binds `address` and asks the kernel for buffers that hold a tick's burst.
+pub(super) fn bind(address: SocketAddr) -> io::Result<UdpSocket> {
+    let socket = UdpSocket::bind(address)?;
+    let state = UdpSocketState::new(UdpSockRef::from(&socket))?;
+    for refused in [
+        state.set_recv_buffer_size(UdpSockRef::from(&socket), SOCKET_BUFFER_BYTES),
+        state.set_send_buffer_size(UdpSockRef::from(&socket), SOCKET_BUFFER_BYTES),
+    ]
+    .into_iter()
+    .filter_map(Result::err)
+    {
+        tracing::debug!(%refused, "socket keeps its default buffer");
+    }
+    Ok(socket)
+}
+
+/// The runtime of one I/O thread.
+pub(super) fn runtime() -> io::Result<Runtime> {
+    Builder::new_current_thread()
+        .enable_io()
+        .enable_time()
+        .build()
+}

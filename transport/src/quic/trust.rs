@@ -1,0 +1,179 @@
+//! Whom a client takes for its server.
+//!
+//! Pins or asks roots, nothing between; a pin never waives the proof that the server holds the certificate's key.
+//! What was refused is remembered, so that the caller learns more than an alert number.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
+
+use quinn::rustls;
+use rustls::client::WebPkiServerVerifier;
+use rustls::client::danger::{HandshakeSignatureValid, ServerCertVerified, ServerCertVerifier};
+use rustls::crypto::{
+    CryptoProvider, ring::default_provider, verify_tls12_signature, verify_tls13_signature,
+};
+use rustls::pki_types::{CertificateDer, ServerName, UnixTime};
+use rustls::{CertificateError as Refusal, DigitallySignedStruct, RootCertStore, SignatureScheme};
+
+use super::certificate::{CertificateError, read_certificates};
+use super::fingerprint::Fingerprint;
+use super::tuning::ALPN;
+
+/// What makes a certificate the right one.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Trust {
+    /// It is this one.
+    Fingerprint(Fingerprint),
+    /// A root of this PEM file signed it for the server's name.
+    Roots(PathBuf),
+}
+
+/// Why a certificate was not trusted.
+#[derive(Clone, Debug)]
+pub(super) enum Distrust {
+    /// It is another than the pinned one.
+    OtherFingerprint {
+        expected: Fingerprint,
+        presented: Fingerprint,
+    },
+    /// The roots do not vouch for it.
+    Roots(rustls::Error),
+}
+
+/// Where a verifier leaves word of what it refused.
+pub(super) type Verdict = Arc<OnceLock<Distrust>>;
+
+/// The client's TLS side, and where its refusal is to be read.
+///
+/// # Errors
+///
+/// The file of roots cannot be used.
+pub(super) fn tls(trust: &Trust) -> Result<(Arc<rustls::ClientConfig>, Verdict), CertificateError> {
+    let provider = Arc::new(default_provider());
+    let judge = match trust {
+        Trust::Fingerprint(expected) => Judge::Pin(*expected),
+        Trust::Roots(file) => Judge::Roots(roots(file, &provider)?),
+    };
+    let verdict = Verdict::default();
+    let verifier = Verifier {
+        judge,
+        provider: Arc::clone(&provider),
+        verdict: Arc::clone(&verdict),
+    };
+    let mut tls = rustls::ClientConfig::builder_with_provider(provider)
+        .with_protocol_versions(&[&rustls::version::TLS13])
+        .expect("the ring provider speaks TLS 1.3")
+        .dangerous()
+        .with_custom_certificate_verifier(Arc::new(verifier))
+        .with_no_client_auth();
+    tls.alpn_protocols = vec![ALPN.to_vec()];
+    tls.resumption = rustls::client::Resumption::disabled();
+    Ok((Arc::new(tls), verdict))
+}
+
+fn roots(
+    file: &Path,
+    provider: &Arc<CryptoProvider>,
+) -> Result<Arc<WebPkiServerVerifier>, CertificateError> {
+    let refused = |cause| CertificateError::Root {
+        file: file.to_owned(),
+        cause,
+    };
+    let mut store = RootCertStore::empty();
+    for root in read_certificates(file)? {
+        store.add(root).map_err(refused)?;
+    }
+    WebPkiServerVerifier::builder_with_provider(Arc::new(store), Arc::clone(provider))
+        .build()
+        .map_err(|cause| refused(rustls::Error::General(cause.to_string())))
+}
+
+#[derive(Debug)]
+enum Judge {
+    Pin(Fingerprint),
+    Roots(Arc<WebPkiServerVerifier>),
+}
+
+#[derive(Debug)]
+struct Verifier {
+    judge: Judge,
+    provider: Arc<CryptoProvider>,
+    verdict: Verdict,
+}
+
+impl ServerCertVerifier for Verifier {
+    fn verify_server_cert(
+        &self,
+        end_entity: &CertificateDer<'_>,
+        intermediates: &[CertificateDer<'_>],
+        server_name: &ServerName<'_>,
+        ocsp_response: &[u8],
+        now: UnixTime,
+    ) -> Result<ServerCertVerified, rustls::Error> {
+        let distrust = match &self.judge {
+            Judge::Pin(expected) => {
+                let presented = Fingerprint::of(end_entity);
+                if presented == *expected {
+                    return Ok(ServerCertVerified::assertion());
+                }
+                Distrust::OtherFingerprint {
+                    expected: *expected,
+                    presented,
+                }
+            }
+            Judge::Roots(roots) => {
+                match roots.verify_server_cert(
+                    end_entity,
+                    intermediates,
+                    server_name,
+                    ocsp_response,
+                    now,
+                ) {
+                    Ok(verified) => return Ok(verified),
+                    Err(cause) => Distrust::Roots(cause),
+                }
+            }
+        };
+        let cause = match &distrust {
+            Distrust::OtherFingerprint { .. } => Refusal::ApplicationVerificationFailure.into(),
+            Distrust::Roots(cause) => cause.clone(),
+        };
+        // One handshake per verifier: the first word is the only one.
+        let _ = self.verdict.set(distrust);
+        Err(cause)
+    }
+
+    fn verify_tls12_signature(
+        &self,
+        message: &[u8],
+        cert: &CertificateDer<'_>,
+        dss: &DigitallySignedStruct,
+    ) -> Result<HandshakeSignatureValid, rustls::Error> {
+        verify_tls12_signature(
+            message,
+            cert,
+            dss,
+            &self.provider.signature_verification_algorithms,
+        )
+    }
+
+    fn verify_tls13_signature(
+        &self,
+        message: &[u8],
+        cert: &CertificateDer<'_>,
+        dss: &DigitallySignedStruct,
+    ) -> Result<HandshakeSignatureValid, rustls::Error> {
+        verify_tls13_signature(
+            message,
+            cert,
+            dss,
+            &self.provider.signature_verification_algorithms,
+        )
+    }
+
+    fn supported_verify_schemes(&self) -> Vec<SignatureScheme> {
+        self.provider
+            .signature_verification_algorithms
+            .supported_schemes()
+    }
+}

@@ -1,0 +1,125 @@
+//! Every number that QUIC is configured with, and why.
+//!
+//! Opens nothing. Both ends agree by construction: the same file configures both.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use quinn::crypto::rustls::{NoInitialCipherSuite, QuicClientConfig, QuicServerConfig};
+use quinn::{ClientConfig, IdleTimeout, ServerConfig, TransportConfig, VarInt, rustls};
+
+/// The application protocol, as TLS names it.
+pub(super) const ALPN: &[u8] = b"rhumb/1";
+
+/// Bytes of a state datagram that each connection carries from its first moment.
+///
+/// Derived: a UDP payload of 1,200, less 38 for QUIC (flags 1, connection id 8, packet number 4, tag 16, frame header 9).
+pub const DATAGRAM_BYTES_MIN: usize = 1_162;
+
+/// Silence after which a connection counts as lost.
+const IDLE_MS: VarInt = VarInt::from_u32(10_000);
+
+/// The client breaks silence after this long; five chances before `IDLE_MS`.
+const KEEP_ALIVE: Duration = Duration::from_secs(2);
+
+/// A handshake, and then the opening of the control stream, may each take this long.
+pub(super) const SETUP: Duration = Duration::from_secs(5);
+
+/// A closing end waits this long at most for its last control bytes to be written and acknowledged.
+pub(super) const FLUSH: Duration = Duration::from_millis(500);
+
+/// An ending end waits this long at most for its close frame to leave.
+pub(super) const CLOSE_LEAVES: Duration = Duration::from_millis(100);
+
+/// Connections that one server holds. With every bound below at its limit each costs some 7 MiB.
+pub(super) const CONNECTIONS_MAX: usize = 1_024;
+
+/// Handshakes in progress beyond which a client must first prove its address.
+pub(super) const HANDSHAKES_UNPROVEN_MAX: usize = 64;
+
+/// Control bytes that wait to be sent to one peer before it is given up as too slow.
+pub(super) const CONTROL_QUEUE_BYTES: usize = 4 << 20;
+
+/// Control bytes between the sockets and the caller, per connection; beyond them the stream is not read.
+pub(super) const CONTROL_IN_FLIGHT_BYTES: usize = 256 << 10;
+
+/// State bytes between the sockets and a server's host thread, per connection; beyond them datagrams are dropped.
+pub(super) const STATE_IN_FLIGHT_BYTES: usize = 1 << 20;
+
+/// State bytes that wait for a client's caller; beyond them the oldest datagrams are dropped.
+pub(super) const STATE_INBOX_BYTES: usize = 4 << 20;
+
+/// What one waiting piece costs beside its bytes, so that empty datagrams are bounded too.
+pub(super) const PIECE_COST_BYTES: usize = 64;
+
+/// Unsent datagrams per connection: a tick's burst of 500 full packets and more, yet never seconds of stale state.
+const DATAGRAM_SEND_BYTES: usize = 1 << 20;
+
+/// Datagrams that quinn holds before our own task takes them.
+const DATAGRAM_RECEIVE_BYTES: usize = 1 << 20;
+
+/// Stream bytes that a peer may have unread at a server, and at a client that is told a whole scene.
+const SERVER_STREAM_WINDOW: VarInt = VarInt::from_u32(256 << 10);
+const CLIENT_STREAM_WINDOW: VarInt = VarInt::from_u32(1 << 20);
+
+/// Stream bytes kept for retransmission, per connection.
+const SEND_WINDOW: u64 = 1 << 20;
+
+/// Kernel buffers asked for: a burst of 500 packets costs about twice its bytes there. Best effort.
+pub(super) const SOCKET_BUFFER_BYTES: usize = 4 << 20;
+
+/// Connection attempts not yet looked at, and the bytes that they may hold: some 5 MiB where quinn allows 100.
+const INCOMING_MAX: usize = 1_024;
+const INCOMING_BYTES: u64 = 16 << 10;
+const INCOMING_BYTES_TOTAL: u64 = 4 << 20;
+
+const _: () = assert!(500 * (1_200 + PIECE_COST_BYTES) < DATAGRAM_SEND_BYTES);
+const _: () = assert!(CONTROL_QUEUE_BYTES + DATAGRAM_SEND_BYTES + SEND_WINDOW as usize <= 8 << 20);
+
+/// A server's configuration from its TLS side.
+///
+/// # Errors
+///
+/// The provider has no initial cipher suite.
+pub(super) fn server(tls: Arc<rustls::ServerConfig>) -> Result<ServerConfig, NoInitialCipherSuite> {
+    let mut config = ServerConfig::with_crypto(Arc::new(QuicServerConfig::try_from(tls)?));
+    let mut transport = common();
+    transport
+        .max_concurrent_bidi_streams(VarInt::from_u32(1))
+        .stream_receive_window(SERVER_STREAM_WINDOW)
+        .receive_window(SERVER_STREAM_WINDOW);
+    config
+        .transport_config(Arc::new(transport))
+        .max_incoming(INCOMING_MAX)
+        .incoming_buffer_size(INCOMING_BYTES)
+        .incoming_buffer_size_total(INCOMING_BYTES_TOTAL);
+    Ok(config)
+}
+
+/// A client's configuration from its TLS side.
+///
+/// # Errors
+///
+/// The provider has no initial cipher suite.
+pub(super) fn client(tls: Arc<rustls::ClientConfig>) -> Result<ClientConfig, NoInitialCipherSuite> {
+    let mut config = ClientConfig::new(Arc::new(QuicClientConfig::try_from(tls)?));
+    let mut transport = common();
+    transport
+        .max_concurrent_bidi_streams(VarInt::from_u32(0))
+        .stream_receive_window(CLIENT_STREAM_WINDOW)
+        .receive_window(CLIENT_STREAM_WINDOW)
+        .keep_alive_interval(Some(KEEP_ALIVE));
+    config.transport_config(Arc::new(transport));
+    Ok(config)
+}
+
+fn common() -> TransportConfig {
+    let mut transport = TransportConfig::default();
+    transport
+        .max_concurrent_uni_streams(VarInt::from_u32(0))
+        .max_idle_timeout(Some(IdleTimeout::from(IDLE_MS)))
+        .send_window(SEND_WINDOW)
+        .datagram_send_buffer_size(DATAGRAM_SEND_BYTES)
+        .datagram_receive_buffer_size(Some(DATAGRAM_RECEIVE_BYTES));
+    transport
+}

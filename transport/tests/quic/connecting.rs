@@ -1,0 +1,165 @@
+//! A connection is had from the right server only, and an error says what was wrong.
+
+use std::fs;
+use std::net::UdpSocket;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::thread;
+use std::time::Duration;
+
+use quinn::crypto::rustls::QuicServerConfig;
+use quinn::rustls::{self, pki_types::PrivatePkcs8KeyDer};
+use rhumb_transport::{
+    BindError, Certificate, CertificateError, ClientOptions, ConnectError, Fingerprint, QuicClient,
+    QuicServer, ServerOptions, Trust,
+};
+
+use crate::support::{PATIENCE, Running};
+
+#[test]
+fn a_wrong_fingerprint_is_refused_and_both_are_named() {
+    let server = Running::echo();
+    let pinned = Fingerprint([7; 32]);
+    let options = ClientOptions {
+        trust: Trust::Fingerprint(pinned),
+        ..server.options()
+    };
+    let error = QuicClient::connect(options, PATIENCE).unwrap_err();
+    let text = error.to_string();
+    assert!(
+        text.contains(&pinned.to_string()) && text.contains(&server.fingerprint.to_string()),
+        "{text}"
+    );
+    let ConnectError::WrongFingerprint {
+        expected,
+        presented,
+        ..
+    } = error
+    else {
+        panic!("{text}")
+    };
+    assert_eq!((expected, presented), (pinned, server.fingerprint));
+}
+
+#[test]
+fn silence_is_reported_when_patience_ends() {
+    let silent = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let address = silent.local_addr().unwrap();
+    let options = ClientOptions::new(address, Trust::Fingerprint(Fingerprint([0; 32])));
+    let patience = Duration::from_millis(100);
+    let error = QuicClient::connect(options, patience).unwrap_err();
+    let ConnectError::NothingAnswers {
+        server,
+        patience: tried,
+    } = error
+    else {
+        panic!("{error}")
+    };
+    assert_eq!((server, tried), (address, patience));
+}
+
+#[test]
+fn another_protocol_is_told_apart() {
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
+    let inside = runtime.enter();
+    let made = rcgen::generate_simple_self_signed(["localhost".to_owned()]).unwrap();
+    let key = PrivatePkcs8KeyDer::from(made.signing_key.serialize_der());
+    let fingerprint = Fingerprint::of(made.cert.der());
+    let provider = Arc::new(rustls::crypto::ring::default_provider());
+    let mut tls = rustls::ServerConfig::builder_with_provider(provider)
+        .with_protocol_versions(&[&rustls::version::TLS13])
+        .unwrap()
+        .with_no_client_auth()
+        .with_single_cert(vec![made.cert.der().clone()], key.into())
+        .unwrap();
+    tls.alpn_protocols = vec![b"h3".to_vec()];
+    let config =
+        quinn::ServerConfig::with_crypto(Arc::new(QuicServerConfig::try_from(tls).unwrap()));
+    let other = quinn::Endpoint::server(config, "127.0.0.1:0".parse().unwrap()).unwrap();
+    let address = other.local_addr().unwrap();
+    drop(inside);
+    thread::spawn(move || {
+        runtime.block_on(async move {
+            while let Some(incoming) = other.accept().await {
+                let _ = incoming.await;
+            }
+        });
+    });
+    let options = ClientOptions::new(address, Trust::Fingerprint(fingerprint));
+    let error = QuicClient::connect(options, PATIENCE).unwrap_err();
+    assert!(
+        matches!(error, ConnectError::OtherProtocol { .. }),
+        "{error:?}"
+    );
+}
+
+#[test]
+fn roots_vouch_for_a_name_and_for_no_other() {
+    let folder = folder("roots");
+    let made = rcgen::generate_simple_self_signed(["physics.test".to_owned()]).unwrap();
+    let (certificate, key) = (folder.join("certificate.pem"), folder.join("key.pem"));
+    fs::write(&certificate, made.cert.pem()).unwrap();
+    fs::write(&key, made.signing_key.serialize_pem()).unwrap();
+    let server = Running::start(
+        Certificate::from_pem_files(&certificate, &key).unwrap(),
+        None,
+    );
+    let named = |server_name: &str| ClientOptions {
+        server_name: server_name.to_owned(),
+        trust: Trust::Roots(certificate.clone()),
+        ..server.options()
+    };
+    QuicClient::connect(named("physics.test"), PATIENCE).unwrap();
+    let error = QuicClient::connect(named("other.test"), PATIENCE).unwrap_err();
+    let ConnectError::Untrusted { server_name, .. } = error else {
+        panic!("{error}")
+    };
+    assert_eq!(server_name, "other.test");
+}
+
+#[test]
+fn a_certificate_error_names_the_file() {
+    let folder = folder("files");
+    let missing = folder.join("missing.pem");
+    let error = Certificate::from_pem_files(&missing, &missing).unwrap_err();
+    assert!(error.to_string().contains("missing.pem"), "{error}");
+    let empty = folder.join("empty.pem");
+    fs::write(&empty, "").unwrap();
+    let error = Certificate::from_pem_files(&empty, &missing).unwrap_err();
+    assert!(
+        matches!(&error, CertificateError::NoCertificate { file } if *file == empty),
+        "{error:?}"
+    );
+    let pair = || rcgen::generate_simple_self_signed(["localhost".to_owned()]).unwrap();
+    let (certificate, key) = (folder.join("one.pem"), folder.join("other.pem"));
+    fs::write(&certificate, pair().cert.pem()).unwrap();
+    fs::write(&key, pair().signing_key.serialize_pem()).unwrap();
+    let error = Certificate::from_pem_files(&certificate, &key).unwrap_err();
+    assert!(
+        matches!(error, CertificateError::Unusable { .. }),
+        "{error:?}"
+    );
+}
+
+#[test]
+fn a_taken_address_is_named() {
+    let taken = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let listen = taken.local_addr().unwrap();
+    let certificate = Certificate::development(["localhost"]).unwrap();
+    let error = QuicServer::bind(ServerOptions {
+        listen,
+        certificate,
+    })
+    .unwrap_err();
+    assert!(error.to_string().contains(&listen.to_string()), "{error}");
+    assert!(matches!(error, BindError::Address { .. }));
+}
+
+fn folder(name: &str) -> PathBuf {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
+    fs::create_dir_all(&folder).expect("the target folder is writable");
+    folder
+}

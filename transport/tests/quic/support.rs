@@ -1,0 +1,173 @@
+//! A server that echoes, run on a thread of its own, and the clients that talk to it.
+//!
+//! Promises nothing itself. A server that is dropped is stopped and joined.
+
+use std::collections::VecDeque;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use bytes::Bytes;
+use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Transmit, Wake};
+use rhumb_transport::{
+    Certificate, ClientOptions, Fingerprint, QuicClient, QuicServer, Received, ServerOptions,
+    ServerStatistics, ServerWatch, Stop, Trust,
+};
+
+/// Longer than anything here takes; reached only by a failure.
+pub const PATIENCE: Duration = Duration::from_secs(20);
+
+/// What an [`Echo`] tells the test.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) enum Event {
+    Opened(Peer),
+    Ended(Peer, Ending),
+}
+
+/// Sends back what it hears; the control byte `!` makes it say `bye` and close with code 7.
+pub(crate) struct Echo {
+    out: VecDeque<Transmit>,
+    events: Sender<Event>,
+    /// Each connection waits here before it is opened, if the test wants to hold the host thread.
+    gate: Option<Receiver<()>>,
+}
+
+impl Endpoint for Echo {
+    fn handle_opened(&mut self, _: Instant, peer: Peer) {
+        let _ = self.events.send(Event::Opened(peer));
+        if let Some(gate) = &self.gate {
+            let _ = gate.recv();
+        }
+    }
+
+    fn handle_control(&mut self, _: Instant, from: Peer, bytes: &[u8]) {
+        let close = bytes.contains(&b'!');
+        let bytes = if close {
+            Bytes::from_static(b"bye")
+        } else {
+            Bytes::copy_from_slice(bytes)
+        };
+        self.out.push_back(Transmit::Control { to: from, bytes });
+        if close {
+            self.out.push_back(Transmit::Close { to: from, code: 7 });
+        }
+    }
+
+    fn handle_datagram(&mut self, _: Instant, from: Peer, bytes: &[u8]) {
+        let bytes = Bytes::copy_from_slice(bytes);
+        self.out.push_back(Transmit::State { to: from, bytes });
+    }
+
+    fn handle_ended(&mut self, _: Instant, peer: Peer, ending: Ending) {
+        let _ = self.events.send(Event::Ended(peer, ending));
+    }
+
+    fn handle_timeout(&mut self, _: Instant) {}
+
+    fn poll_transmit(&mut self) -> Option<Transmit> {
+        self.out.pop_front()
+    }
+
+    fn poll_timeout(&self) -> Option<Wake> {
+        None
+    }
+}
+
+pub(crate) struct Running {
+    pub(crate) address: SocketAddr,
+    pub(crate) fingerprint: Fingerprint,
+    pub(crate) watch: ServerWatch,
+    pub(crate) events: Receiver<Event>,
+    stop: Stop,
+    thread: Option<JoinHandle<ServerStatistics>>,
+}
+
+impl Running {
+    pub(crate) fn echo() -> Self {
+        Self::start(
+            Certificate::development(["localhost"]).expect("localhost is a name"),
+            None,
+        )
+    }
+
+    pub(crate) fn start(certificate: Certificate, gate: Option<Receiver<()>>) -> Self {
+        let (sender, events) = channel();
+        let echo = Echo {
+            out: VecDeque::new(),
+            events: sender,
+            gate,
+        };
+        let (server, stop, thread) = serve(certificate, echo);
+        Self {
+            address: server.0,
+            fingerprint: server.1,
+            watch: server.2,
+            events,
+            stop,
+            thread: Some(thread),
+        }
+    }
+
+    pub(crate) fn options(&self) -> ClientOptions {
+        ClientOptions::new(self.address, Trust::Fingerprint(self.fingerprint))
+    }
+
+    pub(crate) fn connect(&self) -> QuicClient {
+        QuicClient::connect(self.options(), PATIENCE).expect("the server runs")
+    }
+
+    pub(crate) fn stop(&mut self) -> ServerStatistics {
+        self.stop.stop();
+        let thread = self.thread.take().expect("stopped once");
+        thread.join().expect("the server thread returns")
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        self.stop.stop();
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+type Bound = (SocketAddr, Fingerprint, ServerWatch);
+
+/// Runs any endpoint on a thread of its own.
+pub(crate) fn serve<E: Endpoint + Send + 'static>(
+    certificate: Certificate,
+    mut endpoint: E,
+) -> (Bound, Stop, JoinHandle<ServerStatistics>) {
+    let listen = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
+    let server = QuicServer::bind(ServerOptions {
+        listen,
+        certificate,
+    })
+    .expect("a free port is bound");
+    let bound = (server.local_addr(), server.fingerprint(), server.watch());
+    let stop = Stop::new();
+    let thread = thread::spawn({
+        let stop = stop.clone();
+        move || {
+            server
+                .run(&mut endpoint, &stop)
+                .expect("the i/o thread lives")
+        }
+    });
+    (bound, stop, thread)
+}
+
+/// Reads control bytes until there are as many as expected, or the connection ends.
+pub(crate) fn read_control(client: &mut QuicClient, bytes_len: usize) -> Vec<u8> {
+    let mut read = Vec::new();
+    while read.len() < bytes_len {
+        match client.recv(PATIENCE) {
+            Some(Received::Control(bytes)) => read.extend_from_slice(&bytes),
+            Some(Received::State(_)) => {}
+            other => panic!("{} control bytes, then {other:?}", read.len()),
+        }
+    }
+    read
+}
