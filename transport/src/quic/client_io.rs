@@ -8,9 +8,9 @@ use std::sync::mpsc::SyncSender;
 use std::time::Duration;
 
 use quinn::{
-    ClientConfig, ConnectError as QuinnConnectError, Connection, ConnectionError, ConnectionId,
+    ClientConfig, ConnectError as QuinnConnectError, Connection, ConnectionId,
     ConnectionIdGenerator, Endpoint, EndpointConfig, ReadError, RecvStream, SendStream,
-    TokioRuntime, TransportErrorCode, rustls,
+    TokioRuntime,
 };
 use tokio::time::{sleep, timeout};
 

@@ -16,7 +16,7 @@ use rhumb_transport::{
 };
 
 /// Longer than anything here takes; reached only by a failure.
-pub const PATIENCE: Duration = Duration::from_secs(20);
+pub(crate) const PATIENCE: Duration = Duration::from_secs(20);
 
 /// What an [`Echo`] tells the test.
 #[derive(Debug, PartialEq, Eq)]
