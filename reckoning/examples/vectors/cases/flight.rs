@@ -1,0 +1,232 @@
+//! Cases of what passes with time: flow, gravity, starts, predictions.
+
+use core::num::NonZeroU32;
+
+use glam::DVec3;
+use rhumb_reckoning::{
+    Damping, FlowTable, HORIZON, Integrator, Pose, Predictor, Rate, Ticks, Twist, Verbatim,
+};
+
+use super::chance::{motion, thirteen};
+use crate::document::Case;
+
+/// Ticks, seconds, substeps, linear and angular damping.
+const INTEGRATORS: [(u32, u32, u32, f32, f32); 9] = [
+    (60, 1, 4, 0.0, 0.0),
+    (60, 1, 4, 0.1, 0.05),
+    (60, 1, 1, 0.0, 0.5),
+    (1133, 100, 4, 0.3, 0.0),
+    (30, 1, 2, 2.5, 1.25),
+    (120, 1, 8, 0.01, 0.02),
+    (1000, 1, 3, 0.0, 0.1),
+    (1, 1, 7, 1.0e6, 1.0e6),
+    (1, 1, 1, 0.0, 0.0),
+];
+
+pub(super) fn tables() -> Vec<FlowTable> {
+    let table = |&(ticks, seconds, substeps, linear, angular): &(u32, u32, u32, f32, f32)| {
+        let integrator = Integrator {
+            rate: Rate::new(ticks, seconds).expect("no case has a zero"),
+            substeps: NonZeroU32::new(substeps).expect("no case has a zero"),
+        };
+        let mut table = FlowTable::new(integrator, Damping { linear, angular });
+        table.extend_to(HORIZON);
+        table
+    };
+    INTEGRATORS.iter().map(table).collect()
+}
+
+pub(super) fn integrators() -> Vec<Case> {
+    let case = |&(ticks, seconds, substeps, linear, angular)| {
+        Case::new()
+            .integer("ticks", ticks)
+            .integer("seconds", seconds)
+            .integer("substeps", substeps)
+            .singles("damping", &[linear, angular])
+    };
+    INTEGRATORS.iter().map(case).collect()
+}
+
+/// The coefficients, read off a body for which each stands alone.
+pub(super) fn flows() -> Vec<Case> {
+    let twist = Twist {
+        linear: DVec3::X,
+        angular: DVec3::Y,
+    };
+    let start = motion(Pose::IDENTITY, twist);
+    let mut cases = Vec::new();
+    for (index, table) in tables().iter().enumerate() {
+        for elapsed in [0, 1, 2, 3, 60, 500, 1_023] {
+            let end = Predictor::Ballistic.predict(&start, Ticks::new(elapsed), DVec3::Z, table);
+            let (p, v) = (end.pose().position, end.twist().linear);
+            let row = [v.x, p.x, v.z, p.z, end.twist().angular.y];
+            cases.push(
+                Case::new()
+                    .integer("integrator", index as i64)
+                    .integer("elapsed", elapsed)
+                    .doubles("row", &row),
+            );
+        }
+    }
+    cases
+}
+
+/// A scene's gravity and a body's scale.
+pub(super) const GRAVITIES: [([f32; 3], f32); 7] = [
+    ([0.0, -9.81, 0.0], 1.0),
+    ([0.0, -9.81, 0.0], 0.1),
+    ([0.0, -9.81, 0.0], 0.0),
+    ([0.3, -1.6, 0.7], -2.3),
+    ([0.0, 0.0, 0.0], 1.0),
+    ([1.0e-3, 123.4, -24.8], 3.0),
+    ([f32::MAX, -f32::MAX, f32::MIN_POSITIVE], f32::MAX),
+];
+
+pub(super) fn gravity((scene, scale): ([f32; 3], f32)) -> DVec3 {
+    DVec3::from_array(scene.map(|part| f64::from(part) * f64::from(scale)))
+}
+
+pub(super) fn gravities() -> Vec<Case> {
+    let case = |&given: &([f32; 3], f32)| {
+        Case::new()
+            .singles("scene", &given.0)
+            .singles("scale", &[given.1])
+            .doubles("gravity", &gravity(given).to_array())
+    };
+    GRAVITIES.iter().map(case).collect()
+}
+
+/// Position, quaternion, linear and angular velocity as an engine might have them.
+fn given_starts() -> Vec<[f32; 13]> {
+    let spun = |angular: [f32; 3]| {
+        let [x, y, z] = angular;
+        [
+            1.5, -2.25, 0.1, 0.5, -0.5, 0.5, 0.5, 3.0, 0.2, -1.1, x, y, z,
+        ]
+    };
+    let (tiny, huge) = (f32::MIN_POSITIVE / 4.0, f32::MAX);
+    vec![
+        // Nothing at all; signed zeros; a plain throw.
+        [
+            0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        ],
+        [
+            -0.0, 0.0, -0.0, -0.0, 0.0, -0.0, -1.0, -0.0, 0.0, -0.0, -0.0, 0.0, -0.0,
+        ],
+        [
+            10.0, 2.0, -3.0, 0.0, 0.0, 0.0, 1.0, 4.0, 6.0, -1.0, 0.0, 0.0, 0.0,
+        ],
+        // A rotation a little off unit length, as products leave it, and one at the edge of what is taken.
+        [
+            0.3, 0.7, 0.9, 0.182_57, 0.365_15, 0.547_72, 0.730_3, 0.0, 1.0, 0.0, 0.1, 0.2, 0.3,
+        ],
+        [
+            0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.000_999, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0,
+        ],
+        // Spins: a turn in every quadrant, beyond what the series is good for, and beyond the angle's limit.
+        spun([0.0, 0.0, 0.7]),
+        spun([1.0, 0.0, 0.0]),
+        spun([-2.0, 3.1, 0.4]),
+        spun([12.0, -9.0, 5.0]),
+        spun([100.0, 60.0, -80.0]),
+        spun([0.0, -900.0, 10.0]),
+        spun([4.0e3, 2.0e4, -1.0e4]),
+        spun([tiny, 0.0, -tiny]),
+        spun([huge, -huge, huge]),
+        [
+            huge, -huge, tiny, 0.0, 1.0, 0.0, 0.0, -huge, huge, huge, 0.0, 0.0, 1.0e-20,
+        ],
+        // Refused: too long, too short, not finite.
+        [
+            0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.002, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        ],
+        [0.0; 13],
+        [
+            f32::INFINITY,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            1.0,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+        ],
+    ]
+}
+
+fn verbatim(parts: &[f32; 13]) -> Option<Verbatim> {
+    let [px, py, pz, x, y, z, w, vx, vy, vz, ax, ay, az] = *parts;
+    Verbatim::new([px, py, pz], [x, y, z, w], [vx, vy, vz], [ax, ay, az]).ok()
+}
+
+pub(super) fn starts() -> Vec<Case> {
+    let case = |parts: &[f32; 13]| {
+        let case = Case::new().singles("verbatim", parts);
+        match verbatim(parts) {
+            Some(start) => case.doubles("motion", &thirteen(&start.motion())),
+            None => case.nothing("motion"),
+        }
+    };
+    given_starts().iter().map(case).collect()
+}
+
+pub(super) fn law_name(law: Predictor) -> &'static str {
+    match law {
+        Predictor::Rest => "rest",
+        Predictor::Uniform => "uniform",
+        Predictor::Ballistic => "ballistic",
+    }
+}
+
+pub(super) fn predictions() -> Vec<Case> {
+    let tables = tables();
+    let starts: Vec<_> = given_starts().iter().filter_map(verbatim).collect();
+    let mut cases = Vec::new();
+    let mut add = |law: Predictor, table: usize, start: usize, pull: usize, elapsed: u32| {
+        let end = law.predict(
+            &starts[start].motion(),
+            Ticks::new(elapsed),
+            gravity(GRAVITIES[pull]),
+            &tables[table],
+        );
+        cases.push(
+            Case::new()
+                .text("law", law_name(law))
+                .integer("integrator", table as i64)
+                .integer("start", start as i64)
+                .integer("gravity", pull as i64)
+                .integer("elapsed", elapsed)
+                .doubles("end", &thirteen(&end)),
+        );
+    };
+    for start in 0..starts.len() {
+        add(Predictor::Rest, 1, start, 0, 17 * start as u32);
+        // Every law over the edges of time: none, one, the horizon, beyond it.
+        for (place, elapsed) in [0, 1, 1_023, 1_024, u32::MAX].into_iter().enumerate() {
+            let table = (start + place) % INTEGRATORS.len();
+            let pull = (start * 3 + place) % GRAVITIES.len();
+            let law = if (start + place) % 2 == 0 {
+                Predictor::Ballistic
+            } else {
+                Predictor::Uniform
+            };
+            add(law, table, start, pull, elapsed);
+        }
+        // And over everyday times, so that angles fall in every quadrant.
+        for place in 0..6 {
+            let elapsed = 2 + (start as u32 * 31 + place * place * 29) % 700;
+            let law = if place % 3 == 0 {
+                Predictor::Uniform
+            } else {
+                Predictor::Ballistic
+            };
+            add(law, place as usize % 7, start, place as usize % 6, elapsed);
+        }
+    }
+    cases
+}

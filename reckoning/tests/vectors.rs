@@ -1,0 +1,64 @@
+//! The golden vectors of reckoning, and the constants in its document, are what the code computes.
+//!
+//! Proof: the file is computed anew and compared whole. After a change that is meant, write it with
+//! `cargo run -p rhumb-reckoning --example vectors -- --write`.
+
+#[path = "../examples/vectors/cases/mod.rs"]
+mod cases;
+#[path = "../examples/vectors/document.rs"]
+mod document;
+
+use std::path::Path;
+
+use rhumb_reckoning::{
+    Grid, HORIZON, Metres, POSITION_LIMIT, PackedRotation, TURN_LIMIT, Tolerance,
+    UNIT_LENGTH_SLACK, VELOCITY_LIMIT,
+};
+
+fn spec(name: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../spec")
+        .join(name);
+    std::fs::read_to_string(path).expect("the specification lies beside the crates")
+}
+
+#[test]
+fn the_golden_vectors_are_what_the_code_computes() {
+    let (computed, golden) = (cases::document(), spec("vectors/reckoning.json"));
+    for (number, (is, was)) in computed.lines().zip(golden.lines()).enumerate() {
+        assert_eq!(is, was, "line {} of the vectors", number + 1);
+    }
+    assert_eq!(computed.len(), golden.len());
+}
+
+#[test]
+fn the_document_states_the_constants_of_the_code() {
+    let text = spec("RECKONING.md");
+    // A metre of tolerance and a radius of a power of two, so that the shares come out as they went in.
+    let metre = Tolerance::from_micrometres(1_000_000).unwrap();
+    let wide = Grid::new(metre, Metres::new(1_024.0));
+    let narrow = Grid::new(metre, Metres::new(1e-6));
+    let shares = [
+        ("position share", wide.position()),
+        ("turn share", wide.turn() * 1_024.0),
+        ("velocity share", wide.linear()),
+        ("coarsest turn step", narrow.turn()),
+        ("coarsest angular step", narrow.angular()),
+        ("unit length slack", UNIT_LENGTH_SLACK),
+    ];
+    for (name, value) in shares {
+        let row = format!("| {name} | {value:?} | `{:016x}` |", value.to_bits());
+        assert!(text.contains(&row), "RECKONING.md lacks {row}");
+    }
+    let limits = [
+        ("horizon", HORIZON.count() as i32),
+        ("position limit", POSITION_LIMIT),
+        ("velocity limit", VELOCITY_LIMIT),
+        ("turn limit", TURN_LIMIT),
+        ("packed limit", PackedRotation::LIMIT),
+    ];
+    for (name, value) in limits {
+        let row = format!("| {name} | {value} |");
+        assert!(text.contains(&row), "RECKONING.md lacks {row}");
+    }
+}
