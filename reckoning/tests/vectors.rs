@@ -1,6 +1,6 @@
-//! The golden vectors of reckoning, and the constants in its document, are what the code computes.
+//! The golden vectors and the document are what the code computes.
 //!
-//! Proof: the file is computed anew and compared whole. After a change that is meant, write it with
+//! Proof: the vectors are computed anew and compared whole. After a change that is meant, write it with
 //! `cargo run -p rhumb-reckoning --example vectors -- --write`.
 
 #[path = "../examples/vectors/cases/mod.rs"]

@@ -1,4 +1,4 @@
-//! The cases of the golden vectors, each computed through the crate's public face.
+//! The cases of the golden vectors, computed through the public face.
 //!
 //! Chosen by hand where an edge is known, by a seeded generator elsewhere. One function a section of the file.
 

@@ -1,0 +1,148 @@
+"""Runs reckoning.py over the golden vectors, and compares its constants with the document.
+
+Usage: python3 check_reckoning.py. Prints what failed, then a count; the exit code is 1 if anything did.
+"""
+
+import json
+import struct
+import sys
+from pathlib import Path
+
+import reckoning as r
+
+SPEC = Path(__file__).resolve().parent.parent
+
+
+def bits64(values):
+    """Each float as sixteen hexadecimal digits."""
+    return [struct.pack(">d", value).hex() for value in values]
+
+
+def doubles(texts):
+    return [struct.unpack(">d", bytes.fromhex(text))[0] for text in texts]
+
+
+def singles(texts):
+    """Widened, as Python floats are doubles."""
+    return [struct.unpack(">f", bytes.fromhex(text))[0] for text in texts]
+
+
+class Checks:
+    """One method a section; each yields what is expected and what was computed."""
+
+    def __init__(self, vectors):
+        self.vectors = vectors
+        self.flows_of = [
+            r.Flow(case["ticks"], case["seconds"], case["substeps"], *singles(case["damping"]))
+            for case in vectors["integrators"]
+        ]
+        self.gravities_of = [
+            r.gravity_of(singles(case["scene"]), singles(case["scale"])[0]) for case in vectors["gravities"]
+        ]
+        self.grids_of = [
+            r.Grid.of(case["micrometres"], doubles(case["radius"])[0]) for case in vectors["grids"]
+        ]
+
+    def flows(self, case):
+        row = self.flows_of[case["integrator"]].row(case["elapsed"])
+        yield case["row"], bits64([row.velocity, row.reach, row.fall_velocity, row.fall, row.spin])
+
+    def gravities(self, case):
+        gravity = r.gravity_of(singles(case["scene"]), singles(case["scale"])[0])
+        yield case["gravity"], bits64(gravity)
+
+    def starts(self, case):
+        motion = r.verbatim_motion(singles(case["verbatim"]))
+        yield case["motion"], motion and bits64(motion.numbers())
+
+    def predictions(self, case):
+        start = r.verbatim_motion(singles(self.vectors["starts"][case["start"]]["verbatim"]))
+        flow, gravity = self.flows_of[case["integrator"]], self.gravities_of[case["gravity"]]
+        end = r.predicted(case["law"], start, case["elapsed"], gravity, flow)
+        yield case["end"], bits64(end.numbers())
+
+    def radii(self, case):
+        yield case["radius"], bits64([r.bounding_radius(case["shape"], singles(case["extents"]))])
+
+    def grids(self, case):
+        grid = r.Grid.of(case["micrometres"], doubles(case["radius"])[0])
+        yield case["steps"], bits64([grid.position, grid.turn, grid.linear, grid.angular])
+
+    def packings(self, case):
+        packed = r.packed(doubles(case["rotation"]))
+        yield (case["largest"], tuple(case["others"])), packed
+        yield case["value"], bits64(r.unpacked(packed))
+
+    def unpackings(self, case):
+        largest, others = case["largest"], tuple(case["others"])
+        value = bits64(r.unpacked((largest, others))) if r.is_packed(largest, others) else None
+        yield case["value"], value
+
+    def snappings(self, case):
+        grid = self.grids_of[case["grid"]]
+        yield from same_snapped(case, r.Snapped.of(r.Motion.of(doubles(case["motion"])), grid), grid)
+
+    def residuals(self, case):
+        grid = self.grids_of[case["grid"]]
+        parts = ("position", "turn", "linear", "angular")
+        residual = r.Residual(*(tuple(case[part + "_residual"]) for part in parts))
+        predicted = r.Motion.of(doubles(case["predicted"]))
+        yield from same_snapped(case, residual.onto(predicted, grid), grid)
+
+    def tracks(self, case):
+        grid = self.grids_of[case["grid"]]
+        rotation = (case["largest"], tuple(case["others"]))
+        anchor = r.Snapped(case["position"], rotation, case["linear"], case["angular"])
+        yield case["means"], bits64(anchor.motion(grid).numbers())
+        flow, gravity = self.flows_of[case["integrator"]], self.gravities_of[case["gravity"]]
+        elapsed = r.elapsed_ticks(case["tick"], case["origin"])
+        end = r.predicted(case["law"], anchor.motion(grid), elapsed, gravity, flow)
+        yield case["end"], bits64(end.numbers())
+
+
+def same_snapped(case, snapped, grid):
+    rotation = (case["largest"], tuple(case["others"]))
+    expected = (tuple(case["position"]), rotation, tuple(case["linear"]), tuple(case["angular"]))
+    yield expected, (snapped.position, snapped.rotation, snapped.linear, snapped.angular)
+    yield case["means"], bits64(snapped.motion(grid).numbers())
+
+
+def constants():
+    """Every constant of reckoning.py, as the document's tables write it."""
+    named = {name: value for name, value in vars(r).items() if name.isupper()}
+    for name, value in named.items():
+        for one in value if isinstance(value, list) else [value]:
+            if name in ("ANGLE_LIMIT", "PACKED_STEPS"):
+                yield name, str(int(one))
+            elif isinstance(one, float):
+                yield name, f"`{bits64([one])[0]}`"
+            else:
+                yield name, f"| {one} |"
+
+
+def main():
+    passed, failed = 0, 0
+    document = (SPEC / "RECKONING.md").read_text(encoding="utf-8")
+    for name, text in constants():
+        if text in document:
+            passed += 1
+        else:
+            failed += 1
+            print(f"constant {name}: {text} is not in RECKONING.md")
+    vectors = json.loads((SPEC / "vectors" / "reckoning.json").read_text(encoding="utf-8"))
+    checks = Checks(vectors)
+    for section, cases in vectors.items():
+        if section in ("format", "integrators"):
+            continue
+        for number, case in enumerate(cases):
+            wrong = [(want, got) for want, got in getattr(checks, section)(case) if want != got]
+            passed += not wrong
+            failed += bool(wrong)
+            for want, got in wrong:
+                print(f"{section} {number}: expected {want}, got {got}")
+    print(f"{passed} passed, {failed} failed")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

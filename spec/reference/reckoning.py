@@ -1,0 +1,363 @@
+"""Reckoning in Python: a second implementation that knows only RECKONING.md.
+
+Reads and writes no bytes; see check_reckoning.py for the vectors. Names and numbers in brackets are the document's.
+Python floats are doubles and are rounded operation by operation, so that formulas stand here as they stand there.
+"""
+
+import math
+import struct
+from dataclasses import dataclass
+
+Vector = tuple  # of three floats or integers
+Quaternion = tuple  # x, y, z, w
+
+
+def double(bits):
+    """The float of sixteen hexadecimal digits."""
+    return struct.unpack(">d", bytes.fromhex(bits))[0]
+
+
+# Constants [1.4, 1.6, 3.2, 4.2, 4.3]
+
+TWO_OVER_PI = double("3fe45f306dc9c883")
+HALF_PI_HIGH = double("3ff921fb54400000")
+HALF_PI_LOW = double("3dd0b4611a626331")
+ANGLE_LIMIT = 1000000.0
+
+# From the highest power down, as they are used.
+SINE = [double(bits) for bits in (
+    "3de6124613a86d09", "be5ae64567f544e4", "3ec71de3a556c734", "bf2a01a01a01a01a", "3f81111111111111",
+    "bfc5555555555555",
+)]
+COSINE = [double(bits) for bits in (
+    "bda93974a8c07c9d", "3e21eed8eff8d898", "be927e4fb7789f5c", "3efa01a01a01a01a", "bf56c16c16c16c17",
+    "3fa5555555555555", "bfe0000000000000",
+)]
+
+SLACK = double("3f50624dd2f1a9fc")
+HORIZON = 1023
+
+POSITION_SHARE = double("3fd8000000000000")
+TURN_SHARE = double("3fd8000000000000")
+VELOCITY_SHARE = double("3fe8000000000000")
+COARSEST_TURN = double("3fd0000000000000")
+COARSEST_ANGULAR = double("4010000000000000")
+
+POSITION_LIMIT = 1073741824
+VELOCITY_LIMIT = 16777216
+TURN_LIMIT = 1024
+PACKED_LIMIT = 370728
+PACKED_STEPS = 524288.0
+
+
+# Arithmetic [1]
+
+def scaled(a, k):
+    return tuple(part * k for part in a)
+
+
+def plus(a, b):
+    return tuple(x + y for x, y in zip(a, b))
+
+
+def length3(a):
+    x, y, z = a
+    return math.sqrt(x * x + y * y + z * z)
+
+
+def length4(q):
+    x, y, z, w = q
+    return math.sqrt(x * x + y * y + z * z + w * w)
+
+
+def normalised(q):
+    n = length4(q)
+    return tuple(part / n for part in q)
+
+
+def product(p, q):
+    px, py, pz, pw = p
+    qx, qy, qz, qw = q
+    return (
+        pw * qx + px * qw + py * qz - pz * qy,
+        pw * qy - px * qz + py * qw + pz * qx,
+        pw * qz + px * qy - py * qx + pz * qw,
+        pw * qw - px * qx - py * qy - pz * qz,
+    )
+
+
+def polynomial(coefficients, x):
+    """Horner's rule; coefficients from the highest down."""
+    total = coefficients[0]
+    for coefficient in coefficients[1:]:
+        total = total * x + coefficient
+    return total
+
+
+def sin_cos(x):
+    if not abs(x) <= ANGLE_LIMIT:
+        return 0.0, 1.0
+    k = math.floor(x * TWO_OVER_PI + 0.5)
+    r = (x - k * HALF_PI_HIGH) - k * HALF_PI_LOW
+    r2 = r * r
+    s = r + r * (r2 * polynomial(SINE, r2))
+    c = 1.0 + r2 * polynomial(COSINE, r2)
+    return [(s, c), (c, -s), (-s, -c), (-c, s)][k % 4]
+
+
+def turn_about(axis, length, half_angle):
+    sine, cosine = sin_cos(half_angle)
+    return scaled(axis, sine / length) + (cosine,)
+
+
+def turn_by(vector):
+    angle = length3(vector)
+    if angle == 0.0:
+        return (0.0, 0.0, 0.0, 1.0)
+    return turn_about(vector, angle, 0.5 * angle)
+
+
+@dataclass
+class Motion:
+    position: Vector
+    rotation: Quaternion
+    linear: Vector
+    angular: Vector
+
+    @staticmethod
+    def of(numbers):
+        """From thirteen numbers in the document's order."""
+        n = tuple(numbers)
+        return Motion(n[0:3], n[3:7], n[7:10], n[10:13])
+
+    def numbers(self):
+        return [*self.position, *self.rotation, *self.linear, *self.angular]
+
+
+def verbatim_motion(numbers):
+    """The motion of thirteen widened f32, or None where it is refused [1.6]."""
+    motion = Motion.of(numbers)
+    finite = all(math.isfinite(number) for number in numbers)
+    if not finite or not abs(length4(motion.rotation) - 1.0) <= SLACK:
+        return None
+    motion.rotation = normalised(motion.rotation)
+    return motion
+
+
+# Flow [2]
+
+@dataclass
+class Row:
+    """What the integrator does in n ticks [2.3]."""
+
+    velocity: float = 1.0
+    reach: float = 0.0
+    fall_velocity: float = 0.0
+    fall: float = 0.0
+    spin: float = 1.0
+    t1: float = 0.0
+    t3: float = 0.0
+    t5: float = 0.0
+
+
+class Flow:
+    """One integrator and one damping, with the rows computed so far."""
+
+    def __init__(self, ticks, seconds, substeps, linear_damping, angular_damping):
+        self.dt = float(seconds) / float(ticks)
+        self.substeps = float(substeps)
+        self.half_substep = (self.dt / self.substeps) * 0.5
+        self.linear_keep = 1.0 / (1.0 + self.dt * linear_damping)
+        self.angular_keep = 1.0 / (1.0 + self.dt * angular_damping)
+        self.fall_in_tick = (self.dt * self.dt) * ((self.substeps + 1.0) / (2.0 * self.substeps))
+        self.rows = [Row()]
+
+    def row(self, elapsed):
+        while len(self.rows) <= elapsed:
+            self.rows.append(self.next_row(self.rows[-1]))
+        return self.rows[elapsed]
+
+    def next_row(self, last):
+        spin2 = last.spin * last.spin
+        spin3 = spin2 * last.spin
+        spin5 = spin3 * spin2
+        return Row(
+            velocity=last.velocity * self.linear_keep,
+            reach=last.reach + self.dt * last.velocity,
+            fall_velocity=(last.fall_velocity + self.dt) * self.linear_keep,
+            fall=(last.fall + self.dt * last.fall_velocity) + self.fall_in_tick,
+            spin=last.spin * self.angular_keep,
+            t1=last.t1 + last.spin,
+            t3=last.t3 + spin3,
+            t5=last.t5 + spin5,
+        )
+
+    def half_angle(self, speed, row):
+        u = speed * self.half_substep
+        u2 = u * u
+        return (self.substeps * u) * (row.t1 - u2 * (row.t3 / 3.0 - u2 * (row.t5 / 5.0)))
+
+
+def gravity_of(scene_gravity, scale):
+    return scaled(scene_gravity, scale)
+
+
+# Predictors [3]
+
+def elapsed_ticks(tick, origin):
+    return 0 if tick < origin else min(tick - origin, HORIZON)
+
+
+def predicted(law, start, elapsed, gravity, flow):
+    """The motion by a law, `elapsed` ticks after `start`."""
+    if law == "rest":
+        return Motion(start.position, start.rotation, (0.0,) * 3, (0.0,) * 3)
+    row = flow.row(min(elapsed, HORIZON))
+    position = plus(start.position, scaled(start.linear, row.reach))
+    linear = scaled(start.linear, row.velocity)
+    if law == "ballistic":
+        position = plus(position, scaled(gravity, row.fall))
+        linear = plus(linear, scaled(gravity, row.fall_velocity))
+    return Motion(position, spun(start, row, flow), linear, scaled(start.angular, row.spin))
+
+
+def spun(start, row, flow):
+    """The rotation after a row [3.6]."""
+    speed = length3(start.angular)
+    half = flow.half_angle(speed, row)
+    if half == 0.0:
+        return start.rotation
+    return normalised(product(turn_about(start.angular, speed, half), start.rotation))
+
+
+# Grids [4]
+
+@dataclass
+class Grid:
+    position: float
+    turn: float
+    linear: float
+    angular: float
+
+    @staticmethod
+    def of(micrometres, radius):
+        tolerance = float(micrometres) / 1000000.0
+        linear = tolerance * VELOCITY_SHARE
+        return Grid(
+            position=tolerance * POSITION_SHARE,
+            turn=min((tolerance * TURN_SHARE) / radius, COARSEST_TURN),
+            linear=linear,
+            angular=min(linear / radius, COARSEST_ANGULAR),
+        )
+
+
+def bounding_radius(shape, extents):
+    if shape == "ball":
+        return extents[0]
+    if shape == "cuboid":
+        return length3(extents)
+    half_height, radius = extents
+    if shape == "capsule":
+        return half_height + radius
+    return math.sqrt(half_height * half_height + radius * radius)
+
+
+def clamped(number, limit):
+    return max(-limit, min(limit, number))
+
+
+def snap(value, step, limit):
+    steps = value / step + 0.5
+    # Clamped before the floor, which Python takes of finite numbers only; the limit is whole, so that it is the same.
+    return math.floor(clamped(steps, float(limit)))
+
+
+def nearest(q):
+    """The packed rotation nearest to a unit quaternion: (largest, others)."""
+    steps = [math.floor(part * PACKED_STEPS + 0.5) for part in q]
+    largest = max(range(4), key=lambda place: abs(steps[place]))
+    if steps[largest] < 0:
+        steps = [-s for s in steps]
+    others = tuple(s for place, s in enumerate(steps) if place != largest)
+    return largest, others
+
+
+def packed(q):
+    rotation = nearest(q)
+    for _ in range(3):
+        again = nearest(unpacked(rotation))
+        if again == rotation:
+            break
+        rotation = again
+    return rotation
+
+
+def unpacked(rotation):
+    """The quaternion that a packed rotation means."""
+    largest, others = rotation
+    a, b, c = (float(s) / PACKED_STEPS for s in others)
+    rest = max(0.0, 1.0 - ((a * a + b * b) + c * c))
+    parts = [a, b, c]
+    parts.insert(largest, math.sqrt(rest))
+    return normalised(parts)
+
+
+def is_packed(largest, others):
+    """Whether parts from elsewhere are the one way to say their rotation."""
+    if not 0 <= largest < 4 or any(abs(s) > PACKED_LIMIT for s in others):
+        return False
+    rotation = (largest, tuple(others))
+    return nearest(unpacked(rotation)) == rotation
+
+
+@dataclass
+class Snapped:
+    """A motion on a grid, in steps [4.6]."""
+
+    position: Vector
+    rotation: tuple  # largest, others
+    linear: Vector
+    angular: Vector
+
+    @staticmethod
+    def of(motion, grid):
+        return Snapped(
+            position=tuple(snap(x, grid.position, POSITION_LIMIT) for x in motion.position),
+            rotation=packed(motion.rotation),
+            linear=tuple(snap(x, grid.linear, VELOCITY_LIMIT) for x in motion.linear),
+            angular=tuple(snap(x, grid.angular, VELOCITY_LIMIT) for x in motion.angular),
+        )
+
+    def motion(self, grid):
+        return Motion(
+            position=scaled(self.position, grid.position),
+            rotation=unpacked(self.rotation),
+            linear=scaled(self.linear, grid.linear),
+            angular=scaled(self.angular, grid.angular),
+        )
+
+
+@dataclass
+class Residual:
+    position: Vector
+    turn: Vector
+    linear: Vector
+    angular: Vector
+
+    def onto(self, prediction, grid):
+        """The snapped motion that this residual means on top of a predicted motion [4.4]."""
+        start = Snapped.of(prediction, grid)
+        rotation = start.rotation
+        if any(self.turn):
+            turn = turn_by(scaled(self.turn, grid.turn))
+            rotation = packed(normalised(product(turn, prediction.rotation)))
+        return Snapped(
+            position=summed(start.position, self.position, POSITION_LIMIT),
+            rotation=rotation,
+            linear=summed(start.linear, self.linear, VELOCITY_LIMIT),
+            angular=summed(start.angular, self.angular, VELOCITY_LIMIT),
+        )
+
+
+def summed(a, b, limit):
+    return tuple(clamped(steps, limit) for steps in plus(a, b))
