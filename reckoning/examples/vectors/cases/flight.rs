@@ -11,7 +11,7 @@ use super::chance::{motion, thirteen};
 use crate::document::Case;
 
 /// Ticks, seconds, substeps, linear and angular damping.
-const INTEGRATORS: [(u32, u32, u32, f32, f32); 9] = [
+const INTEGRATORS: [(u32, u32, u32, f32, f32); 10] = [
     (60, 1, 4, 0.0, 0.0),
     (60, 1, 4, 0.1, 0.05),
     (60, 1, 1, 0.0, 0.5),
@@ -19,7 +19,8 @@ const INTEGRATORS: [(u32, u32, u32, f32, f32); 9] = [
     (30, 1, 2, 2.5, 1.25),
     (120, 1, 8, 0.01, 0.02),
     (1000, 1, 3, 0.0, 0.1),
-    (1, 1, 7, 1.0e6, 1.0e6),
+    (7, 3, 7, 1.0e6, 1.0e6),
+    (75, 1, 5, 0.2, 0.7),
     (1, 1, 1, 0.0, 0.0),
 ];
 
@@ -123,6 +124,13 @@ fn given_starts() -> Vec<[f32; 13]> {
         [
             0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.000_999, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0,
         ],
+        // Rotations that change in the last bit when they are normalised twice.
+        [
+            0.1, 0.2, 0.3, -0.557, -0.124, -0.008, 0.8212, 0.0, 0.0, 0.0, 0.3, 0.2, 0.1,
+        ],
+        [
+            0.1, 0.2, 0.3, 0.2, 0.3, -0.5, 0.7874, 0.0, 0.0, 0.0, -3.0, 0.2, 1.0,
+        ],
         // Spins: a turn in every quadrant, beyond what the series is good for, and beyond the angle's limit.
         spun([0.0, 0.0, 0.7]),
         spun([1.0, 0.0, 0.0]),
@@ -130,6 +138,8 @@ fn given_starts() -> Vec<[f32; 13]> {
         spun([12.0, -9.0, 5.0]),
         spun([100.0, 60.0, -80.0]),
         spun([0.0, -900.0, 10.0]),
+        spun([11.0, 0.0, 0.0]),
+        spun([0.0, 11.2, 0.0]),
         spun([4.0e3, 2.0e4, -1.0e4]),
         spun([tiny, 0.0, -tiny]),
         spun([huge, -huge, huge]),
@@ -217,6 +227,7 @@ pub(super) fn predictions() -> Vec<Case> {
             };
             add(law, table, start, pull, elapsed);
         }
+        add(Predictor::Ballistic, start % 10, start, 1, 0);
         // And over everyday times, so that angles fall in every quadrant.
         for place in 0..6 {
             let elapsed = 2 + (start as u32 * 31 + place * place * 29) % 700;
@@ -226,6 +237,15 @@ pub(super) fn predictions() -> Vec<Case> {
                 Predictor::Ballistic
             };
             add(law, place as usize % 7, start, place as usize % 6, elapsed);
+        }
+    }
+    // Half angles just within the limit and just beyond it.
+    add(Predictor::Uniform, 8, 13, 0, 1_023);
+    add(Predictor::Uniform, 8, 14, 0, 1_023);
+    // Spins so fast that the whole series counts, dying down.
+    for table in [2, 4, 5, 9] {
+        for (place, elapsed) in [2, 5, 37, 200, 700].into_iter().enumerate() {
+            add(Predictor::Uniform, table, 11 + place % 2, 0, elapsed);
         }
     }
     cases
