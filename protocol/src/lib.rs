@@ -11,6 +11,7 @@ pub mod limits;
 pub mod message;
 pub mod packet;
 pub mod scene;
+pub mod session;
 pub mod stream;
 mod time;
 pub mod wire;

@@ -62,6 +62,9 @@ pub const RATE_MAX: u32 = 1_000;
 /// Slowest tick, seconds.
 pub const STEP_SECONDS_MAX: u32 = 1;
 
+/// Largest tick, packet number and count of notices: nine thousand years at 1,000 a second.
+pub const COUNT_MAX: u64 = 1 << 48;
+
 /// Packets of a stream whose bodies the publisher remembers, so that it can repair them.
 pub const HISTORY_PACKETS: usize = 1_024;
 /// Lost packets that one `Echo` may name.

@@ -163,7 +163,7 @@ impl ClientMessage {
             },
             kind::COMMAND => Self::Command(Command::decode(&mut from)?),
             kind::ADVANCE => Self::Advance {
-                to: Tick::new(from.varint()?),
+                to: Tick::new(from.count()?),
             },
             kind::RESYNC => Self::Resync,
             kind::PING => Self::Ping {

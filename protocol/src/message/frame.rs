@@ -44,6 +44,15 @@ pub struct Frames {
 }
 
 impl Frames {
+    /// Nothing came yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            buffer: Vec::new(),
+            taken: 0,
+        }
+    }
+
     /// The next bytes of the stream, cut anywhere.
     pub fn push(&mut self, bytes: &[u8]) {
         if self.taken > 0 {

@@ -62,7 +62,7 @@ impl Wire for Inspection {
     }
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
-        let tick = Tick::new(from.varint()?);
+        let tick = Tick::new(from.count()?);
         let mut truth = 0;
         for place in 0..8 {
             truth |= u64::from(from.u8()?) << (8 * place);

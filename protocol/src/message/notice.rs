@@ -130,7 +130,7 @@ impl Wire for Notice {
                 },
             },
             4 => {
-                let since = Tick::new(from.varint()?);
+                let since = Tick::new(from.count()?);
                 let gravity = Vec3::from_array(from.f32s()?);
                 if !gravity.is_finite() {
                     return Err(Malformed::NotFinite);
@@ -138,7 +138,7 @@ impl Wire for Notice {
                 Self::GravityChanged { since, gravity }
             }
             5 => Self::SceneFaulted {
-                tick: Tick::new(from.varint()?),
+                tick: Tick::new(from.count()?),
             },
             _ => return Err(Malformed::UnknownCode),
         })
@@ -171,7 +171,7 @@ impl Wire for Track {
     }
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
-        let origin = Tick::new(from.varint()?);
+        let origin = Tick::new(from.count()?);
         let first = from.u8()?;
         if first & VERBATIM == 0 {
             return decode_snapped(origin, first, from);

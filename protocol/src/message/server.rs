@@ -1,10 +1,8 @@
 //! What a server says on the control stream.
 
 use alloc::vec::Vec;
-use core::num::NonZeroU32;
-
 use glam::Vec3;
-use rhumb_reckoning::{Integrator, Rate, Tick, Tolerance};
+use rhumb_reckoning::{Tick, Tolerance};
 
 use super::client::StreamChoice;
 use super::denial::Denial;
@@ -33,6 +31,8 @@ pub struct Welcome {
 pub struct Joined {
     /// Which stream it is.
     pub choice: StreamChoice,
+    /// What the scene was created with.
+    pub terms: SceneTerms,
     /// Where it begins.
     pub start: StreamStart,
     /// Body indices for this member to give out.
@@ -127,12 +127,10 @@ impl Wire for Welcome {
 impl Wire for Joined {
     fn encode(&self, to: &mut Writer) {
         self.choice.encode(to);
+        self.terms.encode(to);
         let start = &self.start;
         start.stream.encode(to);
         to.varint(u64::from(start.tolerance.micrometres()));
-        to.varint(u64::from(start.integrator.rate.ticks()));
-        to.varint(u64::from(start.integrator.rate.seconds()));
-        to.varint(u64::from(start.integrator.substeps.get()));
         to.f32s(&start.gravity.to_array());
         to.varint(start.tick.value());
         to.varint(start.next);
@@ -142,11 +140,10 @@ impl Wire for Joined {
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
         let choice = StreamChoice::decode(from)?;
+        let terms = SceneTerms::decode(from)?;
         let stream = StreamId::decode(from)?;
         let tolerance =
             Tolerance::from_micrometres(from.varint32()?).map_err(|_| Malformed::OutOfRange)?;
-        let rate = Rate::new(from.varint32()?, from.varint32()?).ok_or(Malformed::OutOfRange)?;
-        let substeps = NonZeroU32::new(from.varint32()?).ok_or(Malformed::OutOfRange)?;
         let gravity = Vec3::from_array(from.f32s()?);
         if !gravity.is_finite() {
             return Err(Malformed::NotFinite);
@@ -154,14 +151,15 @@ impl Wire for Joined {
         let start = StreamStart {
             stream,
             tolerance,
-            integrator: Integrator { rate, substeps },
+            integrator: terms.integrator,
             gravity,
-            tick: Tick::new(from.varint()?),
-            next: from.varint()?,
-            notices: from.varint()?,
+            tick: Tick::new(from.count()?),
+            next: from.count()?,
+            notices: from.count()?,
         };
         Ok(Self {
             choice,
+            terms,
             start,
             granted: IdRange::decode(from)?,
         })
@@ -242,17 +240,17 @@ impl ServerMessage {
             kind::RESERVED => Self::Reserved(IdRange::decode(&mut from)?),
             kind::DENIED => Self::Denied(Denial::decode(&mut from)?),
             kind::APPLIED => Self::Applied {
-                through: from.varint()?,
-                tick: Tick::new(from.varint()?),
+                through: from.count()?,
+                tick: Tick::new(from.count()?),
             },
             kind::REFUSED => Self::Refused {
-                number: from.varint()?,
+                number: from.count()?,
                 error: CommandError::decode(&mut from)?,
             },
             kind::NOTICE => Self::Notice(Notice::decode(&mut from)?),
             kind::PONG => Self::Pong {
                 sent: Instant::from_nanos(from.varint()?),
-                tick: Tick::new(from.varint()?),
+                tick: Tick::new(from.count()?),
                 since_tick_ns: from.varint()?,
             },
             kind::INSPECTION => Self::Inspection(Inspection::decode(&mut from)?),

@@ -16,6 +16,9 @@ pub struct IdRange {
 }
 
 impl IdRange {
+    /// None at all.
+    pub const EMPTY: Self = Self { first: 0, count: 0 };
+
     /// `count` indices from `first` on, or `None` beyond the limit of bodies.
     #[must_use]
     pub fn new(first: u32, count: u32) -> Option<Self> {

@@ -67,6 +67,8 @@ pub struct Subscriber {
     settled_at: Tick,
     newest: Tick,
     lost_touch: bool,
+    /// Whether the snapshot is whole; until then datagrams wait.
+    placed: bool,
     changed: Vec<u32>,
     updates: Vec<Update>,
     statistics: SubscriberStatistics,
@@ -88,10 +90,17 @@ impl Subscriber {
             settled_at: start.tick,
             newest: start.tick,
             lost_touch: false,
+            placed: false,
             changed: Vec::new(),
             updates: Vec::new(),
             statistics: SubscriberStatistics::default(),
         }
+    }
+
+    /// How many packets are missing.
+    #[must_use]
+    pub fn missing(&self) -> usize {
+        self.gaps.missing().count()
     }
 
     /// Its name.
@@ -131,7 +140,7 @@ impl Subscriber {
     /// Whether nothing is missing.
     #[must_use]
     pub fn is_settled(&self) -> bool {
-        self.gaps.is_settled() && self.held.is_empty() && !self.lost_touch
+        self.placed && self.gaps.is_settled() && self.held.is_empty() && !self.lost_touch
     }
 
     /// Whether so much is missing that only a new snapshot helps.
@@ -212,6 +221,16 @@ impl Subscriber {
     /// A notice was heard and taken in; datagrams that waited for it are read now.
     pub fn handle_notice(&mut self) {
         self.notices += 1;
+        self.read_held();
+    }
+
+    /// The snapshot is whole; datagrams that waited for it are read now.
+    pub fn handle_snapshot_end(&mut self) {
+        self.placed = true;
+        self.read_held();
+    }
+
+    fn read_held(&mut self) {
         for _ in 0..self.held.len() {
             if let Some(datagram) = self.held.pop_front() {
                 self.read(&datagram);
@@ -258,7 +277,7 @@ impl Subscriber {
 
     /// Whether the notices that a datagram builds on were heard; if not, keeps it for later.
     fn is_due(&mut self, notices: Low16, datagram: &[u8]) -> bool {
-        if notices.expand(self.notices) <= self.notices {
+        if self.placed && notices.expand(self.notices) <= self.notices {
             return true;
         }
         if self.held.len() < PACKETS_HELD_MAX {

@@ -13,6 +13,7 @@ use rhumb_reckoning::{
 use super::field::Field;
 use crate::limits::{BODIES_MAX, DAMPINGS_MAX};
 use crate::packet::Saying;
+use crate::scene::{BodyTerms, Shape};
 
 /// What a predictor needs to know of a body, told once with it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,6 +24,18 @@ pub struct Manner {
     pub damping: Damping,
     /// Factor on the scene's gravity.
     pub gravity_scale: f32,
+}
+
+impl Manner {
+    /// Of a body with these terms and this shape, in a scene whose bodies are damped like this.
+    #[must_use]
+    pub fn of(terms: &BodyTerms, shape: &Shape, damping: Damping) -> Self {
+        Self {
+            radius: shape.bounding_radius(),
+            damping: terms.damping.unwrap_or(damping),
+            gravity_scale: terms.gravity_scale,
+        }
+    }
 }
 
 /// One body's place in the table.

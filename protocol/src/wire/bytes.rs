@@ -6,6 +6,7 @@
 use alloc::vec::Vec;
 
 use super::Malformed;
+use crate::limits::COUNT_MAX;
 
 /// Appends values to a buffer.
 #[derive(Debug, Default)]
@@ -175,6 +176,15 @@ impl<'a> Reader<'a> {
             return Err(Malformed::OutOfRange);
         }
         Ok(value)
+    }
+
+    /// A tick or another count that only grows, of at most [`COUNT_MAX`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::varint_to`].
+    pub fn count(&mut self) -> Result<u64, Malformed> {
+        self.varint_to(COUNT_MAX)
     }
 
     /// A variable integer that fits 32 bits.

@@ -1,0 +1,578 @@
+//! The client's end of a connection: says what the application wants, keeps its copy of the scene, asks for repair.
+//!
+//! Does not wait and does not display. Poll order: feed `handle_*`, then drain `poll_event` and `poll_transmit`, then ask
+//! `poll_timeout`. After an `Ended` event nothing more happens.
+
+use alloc::collections::VecDeque;
+use alloc::vec::Vec;
+use core::fmt;
+
+use bytes::Bytes;
+use rhumb_reckoning::{BodyId, Tick};
+
+use super::close::CloseCode;
+use super::patience::Patience;
+use super::replica::Replica;
+use crate::endpoint::{Ending, Endpoint, Peer, Transmit, Wake, WakeReason};
+use crate::message::Denial;
+use crate::message::{
+    ClientMessage, Frames, Inspection, Joined, Notice, RemovalCause, ServerMessage, StreamChoice,
+    VERSIONS, Welcome,
+};
+use crate::scene::{Command, CommandError, IdRange, Invalid, Pace, SceneName, SceneTerms};
+use crate::time::{Instant, Span};
+
+/// What a client's application should know.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Event {
+    /// The server answered; the scene has these terms, if it exists.
+    Welcomed(Welcome),
+    /// The scene was created.
+    Created,
+    /// The copy is whole; these body indices are the application's to give out.
+    Joined(IdRange),
+    /// No longer a member.
+    Left,
+    /// The scene is gone.
+    Deleted,
+    /// More body indices.
+    Reserved(IdRange),
+    /// A request about the scene was turned down.
+    Denied(Denial),
+    /// Commands up to this number were applied or refused.
+    Applied {
+        /// The last one's number.
+        through: u64,
+        /// Before this tick's step.
+        tick: Tick,
+    },
+    /// One command was refused.
+    Refused {
+        /// Its number.
+        number: u64,
+        /// Why.
+        error: CommandError,
+    },
+    /// A body came.
+    BodyPlaced(BodyId),
+    /// A body went.
+    BodyRemoved {
+        /// Which.
+        id: BodyId,
+        /// Why.
+        cause: RemovalCause,
+    },
+    /// The engine failed; the scene stands still after this tick.
+    SceneFaulted(Tick),
+    /// How the scene is.
+    Inspected(Inspection),
+    /// Where the server's clock stood at a moment, by the middle of a round trip.
+    ClockSeen {
+        /// The client's moment.
+        at: Instant,
+        /// The newest tick then.
+        tick: Tick,
+        /// How long before.
+        since_tick: Span,
+        /// How long the question took.
+        round_trip: Span,
+    },
+    /// The connection is over.
+    Ended(Ending),
+}
+
+/// A call that cannot be, by the application's own mistake.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Misuse {
+    /// The conversation is not where this can be asked.
+    NotNow,
+    /// A number that no engine should be given.
+    Invalid(Invalid),
+}
+
+impl fmt::Display for Misuse {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotNow => f.write_str("not possible in this state of the connection"),
+            Self::Invalid(invalid) => invalid.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for Misuse {}
+
+/// How far the conversation has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    Unconnected,
+    Greeting,
+    Lobby,
+    Member,
+    Ended,
+}
+
+/// How long a gap may be the network's disorder before it counts as loss.
+const DISORDER: Span = Span::from_millis(4);
+/// The longest silence between two askings for one repair.
+const REPAIR_MOST: Span = Span::from_millis(500);
+/// How long an advance or a free-running stream may be silent before it is asked for.
+const SILENCE: Span = Span::from_millis(100);
+/// A free-running stream vouches at least this often, and is asked when it does not.
+const SILENCE_FREE: Span = Span::from_millis(1_500);
+/// See [`SILENCE`].
+const SILENCE_MOST: Span = Span::from_millis(2_000);
+/// How often the server's clock is looked at while it leads.
+const PING_EVERY: Span = Span::from_millis(1_000);
+
+/// The client's end of one connection.
+#[derive(Debug)]
+pub struct ClientSession {
+    state: State,
+    peer: Peer,
+    scene: SceneName,
+    terms: Option<SceneTerms>,
+    frames: Frames,
+    replica: Option<Replica>,
+    /// The copy that a snapshot is filling.
+    incoming: Option<Replica>,
+    granted: IdRange,
+    commands: u64,
+    awaited: Tick,
+    resyncing: bool,
+    repair: Patience,
+    silence: Patience,
+    ping_due: Option<Instant>,
+    round_trip: Span,
+    unsent: Vec<u8>,
+    out: VecDeque<Transmit>,
+    events: VecDeque<Event>,
+}
+
+impl ClientSession {
+    /// A conversation about a scene, not begun yet.
+    #[must_use]
+    pub const fn new(scene: SceneName) -> Self {
+        Self {
+            state: State::Unconnected,
+            peer: Peer(0),
+            scene,
+            terms: None,
+            frames: Frames::new(),
+            replica: None,
+            incoming: None,
+            granted: IdRange::EMPTY,
+            commands: 0,
+            awaited: Tick::ZERO,
+            resyncing: false,
+            repair: Patience::new(DISORDER, REPAIR_MOST),
+            silence: Patience::new(SILENCE, SILENCE_MOST),
+            ping_due: None,
+            round_trip: Span::from_millis(20),
+            unsent: Vec::new(),
+            out: VecDeque::new(),
+            events: VecDeque::new(),
+        }
+    }
+
+    /// Creates the scene; answered by `Created` or `Denied`.
+    ///
+    /// # Errors
+    ///
+    /// [`Misuse`] before the welcome, as a member, or for terms that are wrong.
+    pub fn create(&mut self, terms: SceneTerms) -> Result<(), Misuse> {
+        self.must_be(State::Lobby)?;
+        terms.check().map_err(Misuse::Invalid)?;
+        self.say(&ClientMessage::Create(terms));
+        Ok(())
+    }
+
+    /// Becomes a member; answered by `Joined` or `Denied`.
+    ///
+    /// # Errors
+    ///
+    /// [`Misuse::NotNow`] before the welcome or as a member.
+    pub fn join(&mut self, choice: StreamChoice) -> Result<(), Misuse> {
+        self.must_be(State::Lobby)?;
+        self.say(&ClientMessage::Join(choice));
+        Ok(())
+    }
+
+    /// Is a member no longer; answered by `Left`.
+    ///
+    /// # Errors
+    ///
+    /// [`Misuse::NotNow`] unless a member; so for the verbs below.
+    pub fn leave(&mut self) -> Result<(), Misuse> {
+        self.as_member(&ClientMessage::Leave)
+    }
+
+    /// Ends the scene for everyone; answered by `Deleted` or `Denied`.
+    ///
+    /// # Errors
+    ///
+    /// [`Misuse::NotNow`] before the welcome.
+    pub fn delete(&mut self) -> Result<(), Misuse> {
+        if self.state != State::Member {
+            self.must_be(State::Lobby)?;
+        }
+        self.say(&ClientMessage::Delete);
+        Ok(())
+    }
+
+    /// Asks for more body indices; answered by `Reserved` or `Denied`.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::leave`].
+    pub fn reserve(&mut self, count: u32) -> Result<(), Misuse> {
+        self.as_member(&ClientMessage::Reserve { count })
+    }
+
+    /// Wishes something; returns the number that its answer will name.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::leave`], and [`Misuse::Invalid`] for a wrong number, which is then not sent.
+    pub fn command(&mut self, command: Command) -> Result<u64, Misuse> {
+        command.check().map_err(Misuse::Invalid)?;
+        self.as_member(&ClientMessage::Command(command))?;
+        self.commands += 1;
+        Ok(self.commands - 1)
+    }
+
+    /// Lets the scene step to a tick; answered by the stream, which vouches for it.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::leave`].
+    pub fn advance(&mut self, now: Instant, to: Tick) -> Result<(), Misuse> {
+        self.as_member(&ClientMessage::Advance { to })?;
+        self.awaited = self.awaited.max(to);
+        self.silence.begin(now);
+        Ok(())
+    }
+
+    /// Asks how the scene is; answered by `Inspected`.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::leave`].
+    pub fn inspect(&mut self) -> Result<(), Misuse> {
+        self.as_member(&ClientMessage::Inspect)
+    }
+
+    /// Says goodbye.
+    pub fn close(&mut self, code: CloseCode) {
+        if matches!(self.state, State::Unconnected | State::Ended) {
+            return;
+        }
+        self.flush();
+        self.out.push_back(Transmit::Close {
+            to: self.peer,
+            code: code.0,
+        });
+        self.state = State::Ended;
+        self.events.push_back(Event::Ended(Ending::Closed(code.0)));
+    }
+
+    /// The copy of the scene, once it is whole.
+    #[must_use]
+    pub const fn replica(&self) -> Option<&Replica> {
+        self.replica.as_ref()
+    }
+
+    /// The copy, to drain its changes.
+    pub const fn replica_mut(&mut self) -> Option<&mut Replica> {
+        self.replica.as_mut()
+    }
+
+    /// The terms of the scene, once it was welcomed to or joined.
+    #[must_use]
+    pub const fn terms(&self) -> Option<&SceneTerms> {
+        self.terms.as_ref()
+    }
+
+    /// The last round trip that was measured.
+    #[must_use]
+    pub const fn round_trip(&self) -> Span {
+        self.round_trip
+    }
+
+    /// The next thing that the application should know.
+    pub fn poll_event(&mut self) -> Option<Event> {
+        self.events.pop_front()
+    }
+
+    fn must_be(&self, state: State) -> Result<(), Misuse> {
+        if self.state == state {
+            Ok(())
+        } else {
+            Err(Misuse::NotNow)
+        }
+    }
+
+    fn as_member(&mut self, message: &ClientMessage) -> Result<(), Misuse> {
+        self.must_be(State::Member)?;
+        self.say(message);
+        Ok(())
+    }
+
+    fn say(&mut self, message: &ClientMessage) {
+        message.encode(&mut self.unsent);
+    }
+
+    fn flush(&mut self) {
+        if !self.unsent.is_empty() {
+            let bytes = Bytes::from(core::mem::take(&mut self.unsent));
+            self.out.push_back(Transmit::Control {
+                to: self.peer,
+                bytes,
+            });
+        }
+    }
+
+    fn hear(&mut self, now: Instant, message: ServerMessage) -> Result<(), CloseCode> {
+        match message {
+            ServerMessage::Welcome(welcome) if self.state == State::Greeting => {
+                self.state = State::Lobby;
+                self.terms = welcome.scene;
+                self.ping(now);
+                self.events.push_back(Event::Welcomed(welcome));
+            }
+            ServerMessage::Created => self.events.push_back(Event::Created),
+            ServerMessage::Joined(joined) => self.begin_snapshot(&joined)?,
+            ServerMessage::SnapshotEnd => self.end_snapshot(now)?,
+            ServerMessage::Left => self.end_membership(Event::Left),
+            ServerMessage::Deleted => self.end_membership(Event::Deleted),
+            ServerMessage::Reserved(range) => self.events.push_back(Event::Reserved(range)),
+            ServerMessage::Denied(denial) => self.events.push_back(Event::Denied(denial)),
+            ServerMessage::Applied { through, tick } => {
+                self.events.push_back(Event::Applied { through, tick });
+            }
+            ServerMessage::Refused { number, error } => {
+                self.events.push_back(Event::Refused { number, error });
+            }
+            ServerMessage::Notice(notice) => self.hear_notice(&notice)?,
+            ServerMessage::Pong {
+                sent,
+                tick,
+                since_tick_ns,
+            } => self.hear_pong(now, sent, tick, Span::from_nanos(since_tick_ns)),
+            ServerMessage::Inspection(inspection) => {
+                self.events.push_back(Event::Inspected(inspection));
+            }
+            ServerMessage::Welcome(_) => return Err(CloseCode::VIOLATION),
+        }
+        Ok(())
+    }
+
+    fn begin_snapshot(&mut self, joined: &Joined) -> Result<(), CloseCode> {
+        if !matches!(self.state, State::Lobby | State::Member) {
+            return Err(CloseCode::VIOLATION);
+        }
+        joined.terms.check().map_err(|_| CloseCode::VIOLATION)?;
+        self.terms = Some(joined.terms);
+        self.granted = joined.granted;
+        self.incoming = Some(Replica::new(joined));
+        Ok(())
+    }
+
+    fn end_snapshot(&mut self, now: Instant) -> Result<(), CloseCode> {
+        let mut replica = self.incoming.take().ok_or(CloseCode::VIOLATION)?;
+        replica.end_snapshot();
+        self.replica = Some(replica);
+        if self.state != State::Member {
+            self.state = State::Member;
+            self.commands = 0;
+            self.events.push_back(Event::Joined(self.granted));
+        }
+        self.resyncing = false;
+        self.watch(now);
+        Ok(())
+    }
+
+    fn end_membership(&mut self, event: Event) {
+        self.state = State::Lobby;
+        self.replica = None;
+        self.incoming = None;
+        self.awaited = Tick::ZERO;
+        self.repair.end();
+        self.silence.end();
+        self.events.push_back(event);
+    }
+
+    fn hear_notice(&mut self, notice: &Notice) -> Result<(), CloseCode> {
+        if let Some(incoming) = &mut self.incoming {
+            return incoming.handle_notice(notice);
+        }
+        let replica = self.replica.as_mut().ok_or(CloseCode::VIOLATION)?;
+        replica.handle_notice(notice)?;
+        match *notice {
+            Notice::BodyPlaced { terms, .. } => self.events.push_back(Event::BodyPlaced(terms.id)),
+            Notice::BodyRemoved { id, cause } => {
+                self.events.push_back(Event::BodyRemoved { id, cause });
+            }
+            Notice::SceneFaulted { tick } => self.events.push_back(Event::SceneFaulted(tick)),
+            Notice::ShapeAdded { .. }
+            | Notice::ShapeRemoved { .. }
+            | Notice::GravityChanged { .. } => {}
+        }
+        Ok(())
+    }
+
+    fn hear_pong(&mut self, now: Instant, sent: Instant, tick: Tick, since_tick: Span) {
+        if sent > now {
+            return;
+        }
+        let round_trip = now.since(sent);
+        self.round_trip = round_trip;
+        self.events.push_back(Event::ClockSeen {
+            at: sent + Span::from_nanos(round_trip.as_nanos() / 2),
+            tick,
+            since_tick,
+            round_trip,
+        });
+    }
+
+    fn ping(&mut self, now: Instant) {
+        self.say(&ClientMessage::Ping { sent: now });
+        self.ping_due = Some(now + PING_EVERY);
+    }
+
+    fn is_free_running(&self) -> bool {
+        self.terms
+            .is_some_and(|terms| terms.pace == Pace::FreeRunning)
+    }
+
+    /// Looks at the stream after anything was heard: is something missing, or something awaited?
+    fn watch(&mut self, now: Instant) {
+        let Some(replica) = &self.replica else {
+            return;
+        };
+        let stream = replica.stream();
+        let (missing, lost_touch) = (stream.missing(), stream.has_lost_touch());
+        let awaits = stream.vouched() < self.awaited;
+        if missing > 0 {
+            self.repair.begin(now);
+        } else {
+            self.repair.end();
+        }
+        if lost_touch && !self.resyncing {
+            self.resyncing = true;
+            self.say(&ClientMessage::Resync);
+        }
+        self.silence.end();
+        if awaits {
+            self.silence.begin(now);
+        } else if self.is_free_running() {
+            self.silence.begin(now + SILENCE_FREE);
+        }
+    }
+
+    fn send_echo(&mut self) {
+        let Some(replica) = &self.replica else {
+            return;
+        };
+        let stream = replica.stream();
+        let bytes = Bytes::from(stream.echo().encode(stream.stream()));
+        self.out.push_back(Transmit::State {
+            to: self.peer,
+            bytes,
+        });
+    }
+}
+
+impl Endpoint for ClientSession {
+    fn handle_opened(&mut self, _now: Instant, peer: Peer) {
+        if self.state != State::Unconnected {
+            return;
+        }
+        self.peer = peer;
+        self.state = State::Greeting;
+        let hello = ClientMessage::Hello {
+            versions: VERSIONS.to_vec(),
+            scene: self.scene.clone(),
+        };
+        self.say(&hello);
+    }
+
+    fn handle_control(&mut self, now: Instant, _from: Peer, bytes: &[u8]) {
+        if matches!(self.state, State::Unconnected | State::Ended) {
+            return;
+        }
+        self.frames.push(bytes);
+        loop {
+            let heard = match self.frames.next_frame() {
+                Ok(None) => break,
+                Ok(Some(framed)) => ServerMessage::decode(&framed),
+                Err(malformed) => Err(malformed),
+            };
+            let result = match heard {
+                Ok(Some(message)) => self.hear(now, message),
+                Ok(None) => Ok(()),
+                Err(malformed) => Err(malformed.into()),
+            };
+            if let Err(code) = result {
+                self.close(code);
+                return;
+            }
+        }
+        self.watch(now);
+    }
+
+    fn handle_datagram(&mut self, now: Instant, _from: Peer, bytes: &[u8]) {
+        if let Some(incoming) = &mut self.incoming {
+            incoming.stream_mut().handle_datagram(bytes);
+        } else if let Some(replica) = &mut self.replica {
+            replica.stream_mut().handle_datagram(bytes);
+        }
+        self.watch(now);
+    }
+
+    fn handle_ended(&mut self, _now: Instant, _peer: Peer, ending: Ending) {
+        if self.state != State::Ended {
+            self.state = State::Ended;
+            self.events.push_back(Event::Ended(ending));
+        }
+    }
+
+    fn handle_timeout(&mut self, now: Instant) {
+        if self.state == State::Ended {
+            return;
+        }
+        let patient = Span::from_nanos(self.round_trip.as_nanos() * 5 / 4);
+        let lost = self.repair.ask(now, patient);
+        let silent = self.silence.ask(now, patient);
+        if lost || silent {
+            self.send_echo();
+        }
+        if self.ping_due.is_some_and(|due| due <= now) {
+            self.ping_due = None;
+            if self.is_free_running() && self.state == State::Member {
+                self.ping(now);
+            }
+        }
+    }
+
+    fn poll_transmit(&mut self) -> Option<Transmit> {
+        if self.out.is_empty() {
+            self.flush();
+        }
+        self.out.pop_front()
+    }
+
+    fn poll_timeout(&self) -> Option<Wake> {
+        if self.state == State::Ended {
+            return None;
+        }
+        let timers = [
+            (self.repair.due(), WakeReason::Repair),
+            (self.silence.due(), WakeReason::Vouch),
+            (self.ping_due, WakeReason::Ping),
+        ];
+        timers
+            .into_iter()
+            .filter_map(|(due, reason)| due.map(|at| Wake { at, reason }))
+            .min_by_key(|wake| wake.at)
+    }
+}

@@ -1,0 +1,78 @@
+//! When to ask again: a span that grows with each asking that is not answered.
+
+use crate::time::{Instant, Span};
+
+/// A repeated question.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Patience {
+    due: Option<Instant>,
+    span: Span,
+    least: Span,
+    most: Span,
+}
+
+impl Patience {
+    /// A question first repeated after `least`, and never after more than `most`.
+    pub(crate) const fn new(least: Span, most: Span) -> Self {
+        Self {
+            due: None,
+            span: least,
+            least,
+            most,
+        }
+    }
+
+    /// When it is due, if it is.
+    pub(crate) const fn due(&self) -> Option<Instant> {
+        self.due
+    }
+
+    /// Begins to wait, unless it waits already.
+    pub(crate) fn begin(&mut self, now: Instant) {
+        if self.due.is_none() {
+            self.due = Some(now + self.span);
+        }
+    }
+
+    /// Has an answer, or no longer needs one.
+    pub(crate) fn end(&mut self) {
+        self.due = None;
+        self.span = self.least;
+    }
+
+    /// Whether the question is to be asked now; if so, the next waiting is twice as long, and at least `round_trip`.
+    pub(crate) fn ask(&mut self, now: Instant, round_trip: Span) -> bool {
+        if self.due.is_none_or(|due| due > now) {
+            return false;
+        }
+        let doubled = Span::from_nanos(self.span.as_nanos() * 2);
+        self.span = doubled.max(round_trip).min(self.most);
+        self.due = Some(now + self.span);
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_question_is_asked_ever_more_rarely_until_it_is_answered() {
+        let mut patience = Patience::new(Span::from_millis(5), Span::from_millis(40));
+        let mut now = Instant::ZERO;
+        patience.begin(now);
+        let mut spans = [0; 5];
+        for span in &mut spans {
+            let due = patience.due().unwrap();
+            *span = due.since(now).as_nanos() / 1_000_000;
+            assert!(!patience.ask(now, Span::ZERO));
+            now = due;
+            assert!(patience.ask(now, Span::from_millis(15)));
+        }
+        assert_eq!(spans, [5, 15, 30, 40, 40]);
+        patience.end();
+        assert_eq!(patience.due(), None);
+        patience.begin(now);
+        assert_eq!(patience.due(), Some(now + Span::from_millis(5)));
+    }
+}

@@ -1,0 +1,134 @@
+//! A member's copy of a scene: its shapes, its bodies, and the stream that moves them.
+//!
+//! Changed by notices, in order, and by datagrams. Invariant: every body of the copy has a shape that is known.
+
+use alloc::collections::BTreeMap;
+use alloc::vec::Vec;
+
+use glam::Vec3;
+use rhumb_reckoning::{BodyId, Damping};
+
+use super::close::CloseCode;
+use crate::limits::SHAPES_MAX;
+use crate::message::{Joined, Notice};
+use crate::scene::{BodyTerms, Shape, ShapeId};
+use crate::stream::{Manner, Subscriber};
+
+/// The copy.
+#[derive(Debug)]
+pub struct Replica {
+    subscriber: Subscriber,
+    damping: Damping,
+    gravity: Vec3,
+    shapes: BTreeMap<ShapeId, Shape>,
+    bodies: Vec<Option<BodyTerms>>,
+    whole: bool,
+}
+
+impl Replica {
+    /// An empty copy that the snapshot after `joined` fills.
+    #[must_use]
+    pub(crate) fn new(joined: &Joined) -> Self {
+        Self {
+            subscriber: Subscriber::new(&joined.start),
+            damping: joined.terms.damping,
+            gravity: joined.start.gravity,
+            shapes: BTreeMap::new(),
+            bodies: Vec::new(),
+            whole: false,
+        }
+    }
+
+    /// The stream.
+    #[must_use]
+    pub const fn stream(&self) -> &Subscriber {
+        &self.subscriber
+    }
+
+    /// Where the bodies' changes are drained from.
+    pub const fn stream_mut(&mut self) -> &mut Subscriber {
+        &mut self.subscriber
+    }
+
+    /// Whether the snapshot has arrived.
+    #[must_use]
+    pub const fn is_whole(&self) -> bool {
+        self.whole
+    }
+
+    /// The gravity that pulls now, m/s².
+    #[must_use]
+    pub const fn gravity(&self) -> Vec3 {
+        self.gravity
+    }
+
+    /// What a body is.
+    #[must_use]
+    pub fn body(&self, id: BodyId) -> Option<&BodyTerms> {
+        let terms = self.bodies.get(id.index() as usize)?.as_ref()?;
+        (terms.id == id).then_some(terms)
+    }
+
+    /// A shape.
+    #[must_use]
+    pub fn shape(&self, id: ShapeId) -> Option<&Shape> {
+        self.shapes.get(&id)
+    }
+
+    /// All bodies in order of index.
+    pub fn bodies(&self) -> impl Iterator<Item = &BodyTerms> {
+        self.bodies.iter().flatten()
+    }
+
+    /// The snapshot is whole.
+    pub(crate) fn end_snapshot(&mut self) {
+        self.whole = true;
+        self.subscriber.handle_snapshot_end();
+    }
+
+    /// Takes in a notice. Those before the snapshot's end are the snapshot and do not count.
+    ///
+    /// # Errors
+    ///
+    /// The code to close with, when a notice contradicts what was said before or breaks a limit.
+    pub(crate) fn handle_notice(&mut self, notice: &Notice) -> Result<(), CloseCode> {
+        match notice {
+            Notice::ShapeAdded { id, shape } => {
+                if self.shapes.len() >= SHAPES_MAX as usize {
+                    return Err(CloseCode::LIMIT);
+                }
+                self.shapes.insert(*id, *shape);
+            }
+            Notice::ShapeRemoved { id } => {
+                self.shapes.remove(id).ok_or(CloseCode::VIOLATION)?;
+            }
+            Notice::BodyPlaced { terms, track } => {
+                let shape = self.shapes.get(&terms.shape).ok_or(CloseCode::VIOLATION)?;
+                let manner = Manner::of(terms, shape, self.damping);
+                if !self.subscriber.place(terms.id, &manner, *track) {
+                    return Err(CloseCode::LIMIT);
+                }
+                let index = terms.id.index() as usize;
+                if index >= self.bodies.len() {
+                    self.bodies.resize(index + 1, None);
+                }
+                self.bodies[index] = Some(*terms);
+            }
+            Notice::BodyRemoved { id, .. } => {
+                if !self.subscriber.remove(*id) {
+                    return Err(CloseCode::VIOLATION);
+                }
+                self.bodies[id.index() as usize] = None;
+            }
+            Notice::GravityChanged { since, gravity } => {
+                self.gravity = *gravity;
+                self.subscriber.change_gravity(*since, *gravity);
+            }
+            Notice::SceneFaulted { .. } => {}
+        }
+        if self.whole {
+            self.subscriber.handle_notice();
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,294 @@
+//! One connection at the server: reads requests in the order and states in which they are allowed.
+//!
+//! Does not know scenes: what a request means is decided by the host, which answers by `say`. Invariant: after the
+//! first violation nothing more is read, and the connection is to be closed.
+
+use alloc::collections::VecDeque;
+use alloc::vec::Vec;
+
+use bytes::Bytes;
+use rhumb_reckoning::Tick;
+
+use super::close::CloseCode;
+use crate::message::{ClientMessage, Frames, ServerMessage, StreamChoice, VERSIONS, Welcome};
+use crate::scene::{Command, SceneName, SceneTerms};
+use crate::time::Instant;
+
+/// What a client wants, now that it may want it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Request {
+    /// The first of every connection; to be answered by [`ServerSession::welcome`].
+    Hello {
+        /// What the connection is about.
+        scene: SceneName,
+    },
+    /// Create the scene.
+    Create(SceneTerms),
+    /// Become a member.
+    Join(StreamChoice),
+    /// Be one no longer.
+    Leave,
+    /// End the scene.
+    Delete,
+    /// More body indices.
+    Reserve(u32),
+    /// A command with its number.
+    Command {
+        /// Counted from the joining.
+        number: u64,
+        /// What is wished.
+        command: Command,
+    },
+    /// Step to this tick.
+    Advance(Tick),
+    /// A new snapshot.
+    Resync,
+    /// The time.
+    Ping(Instant),
+    /// The scene's state.
+    Inspect,
+}
+
+/// How far the conversation has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    Silent,
+    Greeted,
+    Lobby,
+    Member { commands: u64 },
+    Closed,
+}
+
+/// The server's end of one connection.
+#[derive(Debug)]
+pub struct ServerSession {
+    state: State,
+    frames: Frames,
+    out: Vec<u8>,
+    queue: VecDeque<Bytes>,
+    close: Option<CloseCode>,
+}
+
+impl Default for ServerSession {
+    fn default() -> Self {
+        Self {
+            state: State::Silent,
+            frames: Frames::default(),
+            out: Vec::new(),
+            queue: VecDeque::new(),
+            close: None,
+        }
+    }
+}
+
+impl ServerSession {
+    /// The next bytes of the client's control stream. Drain [`Self::poll_request`] after each call.
+    pub fn handle_control(&mut self, bytes: &[u8]) {
+        if self.state != State::Closed {
+            self.frames.push(bytes);
+        }
+    }
+
+    /// The next request. Answer it before the next call: what is allowed depends on the answer.
+    pub fn poll_request(&mut self) -> Option<Request> {
+        while self.state != State::Closed {
+            let message = match self.frames.next_frame() {
+                Ok(None) => return None,
+                Ok(Some(framed)) => ClientMessage::decode(&framed),
+                Err(malformed) => Err(malformed),
+            };
+            match message {
+                Ok(None) => {}
+                Ok(Some(message)) => match self.admit(message) {
+                    Ok(request) => return Some(request),
+                    Err(code) => self.close(code),
+                },
+                Err(malformed) => self.close(malformed.into()),
+            }
+        }
+        None
+    }
+
+    /// Whether a message is allowed now.
+    fn admit(&mut self, message: ClientMessage) -> Result<Request, CloseCode> {
+        match (self.state, message) {
+            (State::Silent, ClientMessage::Hello { versions, scene }) => {
+                if !versions.contains(&VERSIONS[0]) {
+                    return Err(CloseCode::VERSION);
+                }
+                self.state = State::Greeted;
+                Ok(Request::Hello { scene })
+            }
+            (State::Lobby | State::Member { .. }, ClientMessage::Ping { sent }) => {
+                Ok(Request::Ping(sent))
+            }
+            (State::Lobby | State::Member { .. }, ClientMessage::Delete) => Ok(Request::Delete),
+            (State::Lobby, ClientMessage::Create(terms)) => Ok(Request::Create(terms)),
+            (State::Lobby, ClientMessage::Join(choice)) => Ok(Request::Join(choice)),
+            (State::Member { commands }, message) => self.admit_member(commands, message),
+            _ => Err(CloseCode::VIOLATION),
+        }
+    }
+
+    fn admit_member(
+        &mut self,
+        commands: u64,
+        message: ClientMessage,
+    ) -> Result<Request, CloseCode> {
+        Ok(match message {
+            ClientMessage::Command(command) => {
+                self.state = State::Member {
+                    commands: commands + 1,
+                };
+                Request::Command {
+                    number: commands,
+                    command,
+                }
+            }
+            ClientMessage::Advance { to } => Request::Advance(to),
+            ClientMessage::Reserve { count } => Request::Reserve(count),
+            ClientMessage::Resync => Request::Resync,
+            ClientMessage::Inspect => Request::Inspect,
+            ClientMessage::Leave => Request::Leave,
+            _ => return Err(CloseCode::VIOLATION),
+        })
+    }
+
+    /// Answers the hello.
+    pub fn welcome(&mut self, scene: Option<SceneTerms>) {
+        if self.state == State::Greeted {
+            self.state = State::Lobby;
+            let version = VERSIONS[0];
+            self.say(&ServerMessage::Welcome(Welcome { version, scene }));
+        }
+    }
+
+    /// Says a message. What makes or unmakes a member changes what is allowed from here on.
+    pub fn say(&mut self, message: &ServerMessage) {
+        match message {
+            ServerMessage::Joined(_) if self.state == State::Lobby => {
+                self.state = State::Member { commands: 0 };
+            }
+            ServerMessage::Left | ServerMessage::Deleted if self.state != State::Closed => {
+                self.state = State::Lobby;
+            }
+            _ => {}
+        }
+        message.encode(&mut self.out);
+    }
+
+    /// Says messages that were encoded for many at once.
+    pub fn say_encoded(&mut self, messages: &Bytes) {
+        self.flush();
+        self.queue.push_back(messages.clone());
+    }
+
+    /// Ends the conversation.
+    pub fn close(&mut self, code: CloseCode) {
+        self.state = State::Closed;
+        self.close.get_or_insert(code);
+    }
+
+    fn flush(&mut self) {
+        if !self.out.is_empty() {
+            let out = core::mem::take(&mut self.out);
+            self.queue.push_back(Bytes::from(out));
+        }
+    }
+
+    /// The next bytes for the client's control stream.
+    pub fn poll_control(&mut self) -> Option<Bytes> {
+        self.flush();
+        self.queue.pop_front()
+    }
+
+    /// Why to close the connection, once everything was said.
+    #[must_use]
+    pub const fn poll_close(&self) -> Option<CloseCode> {
+        self.close
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn hello() -> ClientMessage {
+        ClientMessage::Hello {
+            versions: alloc::vec![9, 1],
+            scene: "pit".parse().unwrap(),
+        }
+    }
+
+    fn session_after(messages: &[ClientMessage]) -> ServerSession {
+        let mut session = ServerSession::default();
+        let mut bytes = Vec::new();
+        for message in messages {
+            message.encode(&mut bytes);
+        }
+        session.handle_control(&bytes);
+        session
+    }
+
+    #[test]
+    fn a_conversation_begins_with_a_hello() {
+        let mut session = session_after(&[ClientMessage::Delete]);
+        assert_eq!(session.poll_request(), None);
+        assert_eq!(session.poll_close(), Some(CloseCode::VIOLATION));
+    }
+
+    #[test]
+    fn a_version_from_the_future_alone_is_refused() {
+        let future = ClientMessage::Hello {
+            versions: alloc::vec![77],
+            scene: "pit".parse().unwrap(),
+        };
+        let mut session = session_after(&[future]);
+        assert_eq!(session.poll_request(), None);
+        assert_eq!(session.poll_close(), Some(CloseCode::VERSION));
+    }
+
+    #[test]
+    fn commands_are_for_members() {
+        let command = ClientMessage::Command(Command::SetGravity {
+            gravity: glam::Vec3::ZERO,
+        });
+        let mut session = session_after(&[hello(), command]);
+        assert!(matches!(
+            session.poll_request(),
+            Some(Request::Hello { .. })
+        ));
+        session.welcome(None);
+        assert_eq!(session.poll_request(), None);
+        assert_eq!(session.poll_close(), Some(CloseCode::VIOLATION));
+    }
+
+    #[test]
+    fn an_unknown_message_that_may_be_ignored_is() {
+        let mut session = session_after(&[hello()]);
+        let mut bytes = Vec::new();
+        crate::message::frame(0xee, &[1, 2, 3], &mut bytes);
+        ClientMessage::Delete.encode(&mut bytes);
+        session.handle_control(&bytes);
+        assert!(session.poll_request().is_some());
+        session.welcome(None);
+        assert_eq!(session.poll_request(), Some(Request::Delete));
+    }
+
+    proptest! {
+        #[test]
+        fn no_bytes_make_a_session_panic(bytes in proptest::collection::vec(any::<u8>(), 0..2_000)) {
+            let mut session = session_after(&[hello()]);
+            session.handle_control(&bytes);
+            let mut requests = 0;
+            while let Some(request) = session.poll_request() {
+                if let Request::Hello { .. } = request {
+                    session.welcome(None);
+                }
+                requests += 1;
+            }
+            prop_assert!(requests <= bytes.len() + 1);
+        }
+    }
+}
