@@ -240,10 +240,10 @@ pub(super) fn predictions() -> Vec<Case> {
         }
     }
     // Half angles just within the limit and just beyond it.
-    add(Predictor::Uniform, 8, 13, 0, 1_023);
-    add(Predictor::Uniform, 8, 14, 0, 1_023);
+    add(Predictor::Uniform, 9, 13, 0, 1_023);
+    add(Predictor::Uniform, 9, 14, 0, 1_023);
     // Spins so fast that the whole series counts, dying down.
-    for table in [2, 4, 5, 9] {
+    for table in [2, 4, 5, 8] {
         for (place, elapsed) in [2, 5, 37, 200, 700].into_iter().enumerate() {
             add(Predictor::Uniform, table, 11 + place % 2, 0, elapsed);
         }

@@ -1,0 +1,88 @@
+//! The predictors behind plain functions, for JavaScript to check.
+//!
+//! No memory is shared and no pointer passed: the caller writes numbers by index, asks for one prediction, and reads
+//! the result by index. Invariant: what is read is the last prediction, or nothing but zeros where it was refused.
+
+use core::num::NonZeroU32;
+use core::sync::atomic::{AtomicU64, Ordering};
+
+use glam::DVec3;
+use rhumb_reckoning::{
+    Damping, FlowTable, HORIZON, Integrator, Motion, Predictor, Rate, Ticks, Verbatim,
+};
+
+/// What a prediction is made from: see [`given`] for the order.
+static GIVEN: [AtomicU64; 21] = [const { AtomicU64::new(0) }; 21];
+/// Position, rotation, linear and angular velocity.
+static RESULT: [AtomicU64; 13] = [const { AtomicU64::new(0) }; 13];
+
+/// Sets one number that the next prediction is made from; an index out of range is passed over.
+///
+/// 0 to 12: the verbatim motion. 13 to 15: gravity. 16: ticks, 17: seconds, 18: substeps, 19: linear damping,
+/// 20: angular damping.
+#[unsafe(no_mangle)]
+pub extern "C" fn give(index: u32, value: f64) {
+    if let Some(slot) = GIVEN.get(index as usize) {
+        slot.store(value.to_bits(), Ordering::Relaxed);
+    }
+}
+
+/// Predicts by law 0 (rest), 1 (uniform) or 2 (ballistic); 1 if there is a result, 0 if the given was refused.
+#[unsafe(no_mangle)]
+pub extern "C" fn predict(law: u32, elapsed: u32) -> u32 {
+    let end = prediction(law, elapsed);
+    let numbers = end.map_or([0.0; 13], |motion| thirteen(&motion));
+    for (slot, number) in RESULT.iter().zip(numbers) {
+        slot.store(number.to_bits(), Ordering::Relaxed);
+    }
+    u32::from(end.is_some())
+}
+
+/// One number of the last prediction; zero for an index out of range.
+#[unsafe(no_mangle)]
+pub extern "C" fn result(index: u32) -> f64 {
+    RESULT.get(index as usize).map_or(0.0, read)
+}
+
+fn read(slot: &AtomicU64) -> f64 {
+    f64::from_bits(slot.load(Ordering::Relaxed))
+}
+
+fn given(index: usize) -> f64 {
+    read(&GIVEN[index])
+}
+
+fn prediction(law: u32, elapsed: u32) -> Option<Motion> {
+    let law = match law {
+        0 => Predictor::Rest,
+        1 => Predictor::Uniform,
+        2 => Predictor::Ballistic,
+        _ => return None,
+    };
+    // The caller widened f32s, so that narrowing them is exact.
+    let single = |index: usize| given(index) as f32;
+    let three = |first: usize| [single(first), single(first + 1), single(first + 2)];
+    let rotation = [single(3), single(4), single(5), single(6)];
+    let start = Verbatim::new(three(0), rotation, three(7), three(10)).ok()?;
+    let integrator = Integrator {
+        rate: Rate::new(given(16) as u32, given(17) as u32)?,
+        substeps: NonZeroU32::new(given(18) as u32)?,
+    };
+    let damping = Damping {
+        linear: single(19),
+        angular: single(20),
+    };
+    let mut flow = FlowTable::new(integrator, damping);
+    flow.extend_to(HORIZON);
+    let gravity = DVec3::new(given(13), given(14), given(15));
+    Some(law.predict(&start.motion(), Ticks::new(elapsed), gravity, &flow))
+}
+
+fn thirteen(motion: &Motion) -> [f64; 13] {
+    let (pose, twist) = (motion.pose(), motion.twist());
+    let (p, q) = (pose.position, pose.rotation);
+    let (v, w) = (twist.linear, twist.angular);
+    [
+        p.x, p.y, p.z, q.x, q.y, q.z, q.w, v.x, v.y, v.z, w.x, w.y, w.z,
+    ]
+}
