@@ -11,8 +11,10 @@ pub const SCENE_NAME_BYTES_MAX: usize = 64;
 /// Versions that one `Hello` may offer.
 pub const VERSIONS_MAX: usize = 16;
 
-/// Bodies in one scene. Indices stay below it.
+/// Bodies in one scene at one time.
 pub const BODIES_MAX: u32 = 131_072;
+/// Indices of bodies stay below it: more than there are bodies, since each member holds some in reserve.
+pub const INDICES_MAX: u32 = 1 << 20;
 /// Shapes in one scene. Shape numbers stay below it.
 pub const SHAPES_MAX: u32 = 8_192;
 /// Streams of one scene: different tolerances that somebody follows.
@@ -23,6 +25,8 @@ pub const SCENES_MAX: usize = 256;
 pub const MEMBERS_PER_SCENE_MAX: usize = 64;
 /// Different dampings of one scene's bodies, each of which needs a table at both ends.
 pub const DAMPINGS_MAX: usize = 64;
+/// Body indices that a member is granted when it joins.
+pub const GRANT: u32 = 4_096;
 /// Body indices that one `Reserve` may ask for.
 pub const RESERVE_MAX: u32 = BODIES_MAX;
 
@@ -77,7 +81,7 @@ pub const PACKETS_HELD_MAX: usize = 512;
 pub const TICK_JUMP_MAX: u64 = 3_600;
 
 // A body's index fits the bits of a gap code, and every message fits its own length.
-const _: () = assert!(BODIES_MAX <= 1 << 20);
+const _: () = assert!(BODIES_MAX <= INDICES_MAX && INDICES_MAX <= 1 << 24);
 const _: () = assert!(SCENE_NAME_BYTES_MAX + 4 * VERSIONS_MAX + 64 < MESSAGE_BYTES_MAX);
 // A 16-bit packet number is told apart from the same number a turn earlier as long as it is remembered.
 const _: () = assert!(HISTORY_PACKETS < 1 << 15);

@@ -5,7 +5,7 @@
 use alloc::vec::Vec;
 
 use super::header::{Head, Kind, Low16, StreamId};
-use crate::limits::{BODIES_MAX, DATAGRAM_BYTES_MAX};
+use crate::limits::{DATAGRAM_BYTES_MAX, INDICES_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 use rhumb_reckoning::Verbatim;
@@ -85,7 +85,7 @@ impl FullPacket {
         while !from.rest().is_empty() {
             let (low, high) = (from.u16()?, from.u16()?);
             let index = u32::from(low) | u32::from(high) << 16;
-            if index >= BODIES_MAX {
+            if index >= INDICES_MAX {
                 return Err(Malformed::OutOfRange);
             }
             let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = from.f32s()?;

@@ -9,7 +9,7 @@ use rhumb_reckoning::Ticks;
 
 use super::header::{Head, Kind, Low16, StreamId};
 use super::saying::{Saying, TrackSaying};
-use crate::limits::{BODIES_MAX, DATAGRAM_BYTES_MAX, REPAIR_PARTS_MAX};
+use crate::limits::{DATAGRAM_BYTES_MAX, INDICES_MAX, REPAIR_PARTS_MAX};
 use crate::wire::bits::{BitReader, BitWriter, golomb_len};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
@@ -70,7 +70,7 @@ impl Repair {
             let gap = bits.golomb(GAP_ORDER)?;
             let index = next_index.checked_add(gap).ok_or(Malformed::OutOfRange)?;
             let age = bits.golomb(AGE_ORDER)?;
-            if index >= BODIES_MAX || age > AGE_MAX {
+            if index >= INDICES_MAX || age > AGE_MAX {
                 return Err(Malformed::OutOfRange);
             }
             let whole = TrackSaying::decode(&mut bits)?;

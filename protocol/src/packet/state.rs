@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 
 use super::header::{Head, Kind, Low16, StreamId};
 use super::saying::Saying;
-use crate::limits::{BODIES_MAX, DATAGRAM_BYTES_MAX};
+use crate::limits::{DATAGRAM_BYTES_MAX, INDICES_MAX};
 use crate::wire::bits::{BitReader, BitWriter, golomb_len};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
@@ -148,7 +148,7 @@ impl<'a> StatePacket<'a> {
         for _ in 0..self.count {
             let gap = self.bits.golomb(GAP_ORDER)?;
             let index = next_index.checked_add(gap).ok_or(Malformed::OutOfRange)?;
-            if index >= BODIES_MAX {
+            if index >= INDICES_MAX {
                 return Err(Malformed::OutOfRange);
             }
             let saying = Saying::decode(&mut self.bits)?;
@@ -212,7 +212,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn updates() -> impl Strategy<Value = Vec<Update>> {
-        proptest::collection::btree_map(0..BODIES_MAX, saying(), 0..12).prop_map(|map| {
+        proptest::collection::btree_map(0..INDICES_MAX, saying(), 0..12).prop_map(|map| {
             map.into_iter()
                 .map(|(index, saying)| Update { index, saying })
                 .collect()

@@ -336,7 +336,7 @@ pub enum CommandError {
     UnknownBody(BodyId),
     /// No such shape.
     UnknownShape(ShapeId),
-    /// The body's index is in use, or its generation is not the next one.
+    /// The body's index is in use, or had a body of this generation or a later one.
     BodyIdTaken(BodyId),
     /// The body's index is not one of the member's own.
     NotGranted(BodyId),
@@ -360,7 +360,7 @@ impl fmt::Display for CommandError {
             Self::Invalid(invalid) => invalid.fmt(f),
             Self::UnknownBody(id) => write!(f, "the scene has no {id}"),
             Self::UnknownShape(id) => write!(f, "the scene has no {id}"),
-            Self::BodyIdTaken(id) => write!(f, "{id} is taken, or not the next of its index"),
+            Self::BodyIdTaken(id) => write!(f, "{id} is taken, or its index had a later body"),
             Self::NotGranted(id) => write!(f, "{id} is not one of this member's own"),
             Self::ShapeIdTaken(id) => write!(f, "{id} is taken"),
             Self::ShapeInUse(id) => write!(f, "a body still has {id}"),

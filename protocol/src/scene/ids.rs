@@ -2,7 +2,7 @@
 
 use rhumb_reckoning::BodyId;
 
-use crate::limits::BODIES_MAX;
+use crate::limits::INDICES_MAX;
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
@@ -13,17 +13,28 @@ use crate::wire::{Malformed, Wire};
 pub struct IdRange {
     first: u32,
     count: u32,
+    generation: u16,
 }
 
 impl IdRange {
     /// None at all.
-    pub const EMPTY: Self = Self { first: 0, count: 0 };
+    pub const EMPTY: Self = Self {
+        first: 0,
+        count: 0,
+        generation: 0,
+    };
 
-    /// `count` indices from `first` on, or `None` beyond the limit of bodies.
+    /// `count` indices from `first` on, none of which had a body of this generation or a later one.
+    ///
+    /// `None` beyond the limit of indices.
     #[must_use]
-    pub fn new(first: u32, count: u32) -> Option<Self> {
+    pub fn new(first: u32, count: u32, generation: u16) -> Option<Self> {
         let end = first.checked_add(count)?;
-        (end <= BODIES_MAX).then_some(Self { first, count })
+        (end <= INDICES_MAX).then_some(Self {
+            first,
+            count,
+            generation,
+        })
     }
 
     /// Whether a body's index is one of these.
@@ -32,10 +43,10 @@ impl IdRange {
         id.index() >= self.first && id.index() - self.first < self.count
     }
 
-    /// The `place`-th of these, as the first body to use its index.
+    /// A body for the `place`-th of these indices, the first that its member gives it.
     #[must_use]
     pub fn id(&self, place: u32) -> Option<BodyId> {
-        (place < self.count).then(|| BodyId::new(self.first + place, 0))
+        (place < self.count).then(|| BodyId::new(self.first + place, self.generation))
     }
 
     /// The first index.
@@ -49,16 +60,25 @@ impl IdRange {
     pub const fn count(&self) -> u32 {
         self.count
     }
+
+    /// The least generation that their bodies may have.
+    #[must_use]
+    pub const fn generation(&self) -> u16 {
+        self.generation
+    }
 }
 
 impl Wire for IdRange {
     fn encode(&self, to: &mut Writer) {
         to.varint(u64::from(self.first));
         to.varint(u64::from(self.count));
+        to.varint(u64::from(self.generation));
     }
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
-        Self::new(from.varint32()?, from.varint32()?).ok_or(Malformed::OutOfRange)
+        let (first, count) = (from.varint32()?, from.varint32()?);
+        let generation = from.varint_to(u64::from(u16::MAX))? as u16;
+        Self::new(first, count, generation).ok_or(Malformed::OutOfRange)
     }
 }
 
@@ -69,7 +89,7 @@ impl Wire for BodyId {
     }
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
-        let index = from.varint_to(u64::from(BODIES_MAX) - 1)?;
+        let index = from.varint_to(u64::from(INDICES_MAX) - 1)?;
         let generation = from.varint_to(u64::from(u16::MAX))?;
         Ok(Self::new(index as u32, generation as u16))
     }

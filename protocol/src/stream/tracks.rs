@@ -11,7 +11,7 @@ use rhumb_reckoning::{
 };
 
 use super::field::Field;
-use crate::limits::{BODIES_MAX, DAMPINGS_MAX};
+use crate::limits::{DAMPINGS_MAX, INDICES_MAX};
 use crate::packet::Saying;
 use crate::scene::{BodyTerms, Shape};
 
@@ -99,7 +99,7 @@ impl Tracks {
     /// Returns `false`, and changes nothing, when there are too many bodies or dampings.
     #[must_use]
     pub(crate) fn place(&mut self, id: BodyId, manner: &Manner, track: Track) -> bool {
-        if id.index() >= BODIES_MAX {
+        if id.index() >= INDICES_MAX {
             return false;
         }
         let Some(flow) = self.flow_of(manner.damping) else {
