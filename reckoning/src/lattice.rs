@@ -256,7 +256,8 @@ fn rotation_vector(to: DQuat, from: DQuat) -> DVec3 {
 
 /// A rotation as its three smaller components in steps of 2⁻¹⁹ and the place of the largest, which is positive.
 ///
-/// 62 bits. A turn is kept to within 6.7e-6 rad, which is 0.67 mm at 100 m from the centre.
+/// 62 bits. Error: below 6.7e-6 rad (half a step in each said component, three halves in the largest), or 9.4e-6 rad
+/// where components so nearly tie that a second pass rounds again; 0.94 mm at 100 m from the centre.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PackedRotation {
     largest: u8,
@@ -407,7 +408,7 @@ mod tests {
         fn a_packed_rotation_is_near(q in unit_quaternion()) {
             let truth = Pose { position: DVec3::ZERO, rotation: q };
             let said = Pose { position: DVec3::ZERO, rotation: PackedRotation::of(q).value() };
-            prop_assert!(Divergence::between(&truth, &said).turn().radians() < 6.7e-6);
+            prop_assert!(Divergence::between(&truth, &said).turn().radians() < 9.4e-6);
         }
 
         #[test]
