@@ -5,9 +5,14 @@
 #![forbid(unsafe_code)]
 
 mod clock;
+mod pretend;
 mod quic;
+mod socket;
 
 pub use clock::Clock;
+pub use pretend::{
+    Arena, Direction, Lane, Link, LinkCounts, LinkTerms, Rest, Share, Tally, TermsError,
+};
 pub use quic::{
     BindError, Certificate, CertificateError, ClientOptions, ConnectError, DATAGRAM_BYTES_MIN,
     Fingerprint, FingerprintError, QuicClient, QuicServer, Received, ServeError, ServerOptions,

@@ -16,10 +16,10 @@ use super::client_io::{self, Attempt, Connected};
 use super::code::TransportCode;
 use super::connect_error::ConnectError;
 use super::inbox::{Inbox, Received};
-use super::socket;
 use super::statistics::WireStatistics;
 use super::trust::{self, Trust};
 use super::tuning;
+use crate::socket;
 
 /// Whom to connect to, and how to know them.
 #[derive(Clone, Debug)]

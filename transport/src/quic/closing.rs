@@ -16,6 +16,8 @@ use super::code::TransportCode;
 pub(super) struct Closing {
     connection: Connection,
     own_code: AtomicU64,
+    /// UDP datagrams sent before this end closed: the next one bears the close frame.
+    sent_before: AtomicU64,
     asked: Notify,
 }
 
@@ -27,6 +29,7 @@ impl Closing {
         Arc::new(Self {
             connection: connection.clone(),
             own_code: AtomicU64::new(NOT_CLOSED),
+            sent_before: AtomicU64::new(0),
             asked: Notify::new(),
         })
     }
@@ -52,6 +55,10 @@ impl Closing {
     pub(super) fn finish(&self) {
         let code = self.own_code().unwrap_or(TransportCode::LEFT.0);
         self.note(code);
+        if self.connection.close_reason().is_none() {
+            self.sent_before
+                .store(self.sent_datagrams(), Ordering::Relaxed);
+        }
         self.connection.close(VarInt::from_u32(code), b"");
     }
 
@@ -77,11 +84,15 @@ impl Closing {
     pub(super) fn has_told(&self) -> bool {
         match self.connection.close_reason() {
             Some(ConnectionError::LocallyClosed) => {
-                self.connection.stats().frame_tx.connection_close > 0
+                self.sent_datagrams() > self.sent_before.load(Ordering::Relaxed)
             }
             Some(_) => true,
             None => false,
         }
+    }
+
+    fn sent_datagrams(&self) -> u64 {
+        self.connection.stats().udp_tx.datagrams
     }
 
     fn own_code(&self) -> Option<u32> {

@@ -92,7 +92,7 @@ impl ConnectError {
         verdict: &Verdict,
         patience: Duration,
     ) -> Self {
-        match verdict.get() {
+        match verdict.refusal() {
             Some(&Distrust::OtherFingerprint {
                 expected,
                 presented,

@@ -16,7 +16,6 @@ mod inbox;
 mod input;
 mod server;
 mod server_io;
-mod socket;
 mod statistics;
 mod stop;
 mod trust;

@@ -19,11 +19,11 @@ use super::fingerprint::Fingerprint;
 use super::host::{Host, ServeError};
 use super::input::Input;
 use super::server_io;
-use super::socket;
 use super::statistics::ServerStatistics;
 use super::stop::Stop;
 use super::tuning;
 use super::watch::ServerWatch;
+use crate::socket;
 
 /// Where to listen, and as whom.
 #[derive(Clone, Debug)]

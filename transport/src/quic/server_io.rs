@@ -5,11 +5,12 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::Sender;
+use std::time::Duration;
 
 use quinn::{Connecting, Connection, Endpoint, Incoming, ReadError, RecvStream, VarInt};
 use rhumb_protocol::Peer;
 use tokio::sync::oneshot;
-use tokio::time::timeout;
+use tokio::time::{sleep, timeout};
 
 use super::closing::Closing;
 use super::code::TransportCode;
@@ -54,8 +55,8 @@ pub(super) async fn accept(
         });
     }
     endpoint.close(VarInt::from_u32(TransportCode::GOING_AWAY.0), b"");
-    // Connections in the midst of a handshake learn it too, at their next turn.
-    tokio::task::yield_now().await;
+    // Every connection's task has a turn to send its close frame, those in the midst of a handshake too.
+    sleep(LAST_TURN).await;
 }
 
 /// Takes an attempt, asks for proof of its address when many wait, or refuses when the house is full.
@@ -177,6 +178,9 @@ async fn carry_state(
         }
     }
 }
+
+/// Long enough for a turn of each task, short enough that nobody waits for it.
+const LAST_TURN: Duration = Duration::from_millis(2);
 
 /// One read of the control stream.
 const READ_BYTES_MAX: usize = 64 << 10;

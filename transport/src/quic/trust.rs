@@ -41,7 +41,17 @@ pub(super) enum Distrust {
 }
 
 /// Where a verifier leaves word of what it refused.
-pub(super) type Verdict = Arc<OnceLock<Distrust>>;
+#[derive(Clone, Debug, Default)]
+pub(super) struct Verdict {
+    refused: Arc<OnceLock<Distrust>>,
+}
+
+impl Verdict {
+    /// Why the certificate was refused, if it was.
+    pub(super) fn refusal(&self) -> Option<&Distrust> {
+        self.refused.get()
+    }
+}
 
 /// The client's TLS side, and where its refusal is to be read.
 ///
@@ -58,7 +68,7 @@ pub(super) fn tls(trust: &Trust) -> Result<(Arc<rustls::ClientConfig>, Verdict),
     let verifier = Verifier {
         judge,
         provider: Arc::clone(&provider),
-        verdict: Arc::clone(&verdict),
+        verdict: verdict.clone(),
     };
     let mut tls = rustls::ClientConfig::builder_with_provider(provider)
         .with_protocol_versions(&[&rustls::version::TLS13])
@@ -139,7 +149,7 @@ impl ServerCertVerifier for Verifier {
             Distrust::Roots(cause) => cause.clone(),
         };
         // One handshake per verifier: the first word is the only one.
-        let _ = self.verdict.set(distrust);
+        let _ = self.verdict.refused.set(distrust);
         Err(cause)
     }
 

@@ -65,9 +65,6 @@ const CLIENT_STREAM_WINDOW: VarInt = VarInt::from_u32(1 << 20);
 /// Stream bytes kept for retransmission, per connection.
 const SEND_WINDOW: u64 = 1 << 20;
 
-/// Kernel buffers asked for: a burst of 500 packets costs about twice its bytes there. Best effort.
-pub(super) const SOCKET_BUFFER_BYTES: usize = 4 << 20;
-
 /// Connection attempts not yet looked at, and the bytes that they may hold: some 5 MiB where quinn allows 100.
 const INCOMING_MAX: usize = 1_024;
 const INCOMING_BYTES: u64 = 16 << 10;

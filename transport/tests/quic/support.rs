@@ -98,11 +98,19 @@ impl Running {
             events: sender,
             gate,
         };
-        let (server, stop, thread) = serve(certificate, echo);
+        let (
+            Bound {
+                address,
+                fingerprint,
+                watch,
+            },
+            stop,
+            thread,
+        ) = serve(certificate, echo);
         Self {
-            address: server.0,
-            fingerprint: server.1,
-            watch: server.2,
+            address,
+            fingerprint,
+            watch,
             events,
             stop,
             thread: Some(thread),
@@ -133,7 +141,12 @@ impl Drop for Running {
     }
 }
 
-type Bound = (SocketAddr, Fingerprint, ServerWatch);
+/// Where and what a running server is.
+pub(crate) struct Bound {
+    pub(crate) address: SocketAddr,
+    pub(crate) fingerprint: Fingerprint,
+    pub(crate) watch: ServerWatch,
+}
 
 /// Runs any endpoint on a thread of its own.
 pub(crate) fn serve<E: Endpoint + Send + 'static>(
@@ -146,7 +159,11 @@ pub(crate) fn serve<E: Endpoint + Send + 'static>(
         certificate,
     })
     .expect("a free port is bound");
-    let bound = (server.local_addr(), server.fingerprint(), server.watch());
+    let bound = Bound {
+        address: server.local_addr(),
+        fingerprint: server.fingerprint(),
+        watch: server.watch(),
+    };
     let stop = Stop::new();
     let thread = thread::spawn({
         let stop = stop.clone();

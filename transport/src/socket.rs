@@ -8,10 +8,11 @@ use std::net::{SocketAddr, UdpSocket};
 use quinn::udp::{UdpSockRef, UdpSocketState};
 use tokio::runtime::{Builder, Runtime};
 
-use super::tuning::SOCKET_BUFFER_BYTES;
+/// Kernel buffers asked for: a burst of 500 packets costs about twice its bytes there.
+const SOCKET_BUFFER_BYTES: usize = 4 << 20;
 
 /// Binds `address` and asks the kernel for buffers that hold a tick's burst.
-pub(super) fn bind(address: SocketAddr) -> io::Result<UdpSocket> {
+pub(crate) fn bind(address: SocketAddr) -> io::Result<UdpSocket> {
     let socket = UdpSocket::bind(address)?;
     let state = UdpSocketState::new(UdpSockRef::from(&socket))?;
     for refused in [
@@ -27,7 +28,7 @@ pub(super) fn bind(address: SocketAddr) -> io::Result<UdpSocket> {
 }
 
 /// The runtime of one I/O thread.
-pub(super) fn runtime() -> io::Result<Runtime> {
+pub(crate) fn runtime() -> io::Result<Runtime> {
     Builder::new_current_thread()
         .enable_io()
         .enable_time()
