@@ -7,6 +7,7 @@
 mod clock;
 mod pretend;
 mod quic;
+mod relay;
 mod socket;
 
 pub use clock::Clock;
@@ -18,3 +19,4 @@ pub use quic::{
     Fingerprint, FingerprintError, QuicClient, QuicServer, Received, ServeError, ServerOptions,
     ServerStatistics, ServerWatch, Stop, TransportCode, Trust, WireStatistics,
 };
+pub use relay::{RelayError, UdpRelay};

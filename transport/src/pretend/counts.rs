@@ -2,6 +2,8 @@
 //!
 //! Pieces and bytes as they were pushed: no headers are added.
 
+use std::ops::AddAssign;
+
 use bytes::Bytes;
 
 /// What happened on one lane of a link.
@@ -32,5 +34,22 @@ impl Tally {
     pub(super) fn add(&mut self, bytes: &Bytes) {
         self.pieces += 1;
         self.bytes += bytes.len() as u64;
+    }
+}
+
+impl AddAssign for Tally {
+    fn add_assign(&mut self, other: Self) {
+        self.pieces += other.pieces;
+        self.bytes += other.bytes;
+    }
+}
+
+impl AddAssign for LinkCounts {
+    fn add_assign(&mut self, other: Self) {
+        self.pushed += other.pushed;
+        self.lost += other.lost;
+        self.overflowed += other.overflowed;
+        self.duplicated += other.duplicated;
+        self.delivered += other.delivered;
     }
 }

@@ -51,15 +51,16 @@ impl Closing {
         self.asked.notified().await;
     }
 
-    /// Closes with the code that was asked for.
+    /// Closes with the code that was asked for, unless the connection has ended already: its first end is the true one.
     pub(super) fn finish(&self) {
         let code = self.own_code().unwrap_or(TransportCode::LEFT.0);
         self.note(code);
+        // Closing again would overwrite the reason that quinn keeps.
         if self.connection.close_reason().is_none() {
             self.sent_before
                 .store(self.sent_datagrams(), Ordering::Relaxed);
+            self.connection.close(VarInt::from_u32(code), b"");
         }
-        self.connection.close(VarInt::from_u32(code), b"");
     }
 
     /// Waits for the connection's end and names it: `Closed` for a code of either end.

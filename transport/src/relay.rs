@@ -1,0 +1,330 @@
+//! A UDP relay on real sockets that treats what passes by a link's terms, for benchmarks.
+//!
+//! Understands no packet: every datagram is state to its links. Not repeatable to the bit, since real arrival times enter;
+//! delays round up to the timer's millisecond. Clients and what waits for them are bounded.
+
+use std::fmt;
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
+use std::sync::{Arc, Mutex, MutexGuard};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use bytes::Bytes;
+use tokio::net::UdpSocket;
+use tokio::sync::{mpsc, oneshot};
+use tokio::time::sleep;
+
+use crate::clock::Clock;
+use crate::pretend::{Direction, Lane, Link, LinkCounts, LinkTerms};
+use crate::socket;
+
+/// A relay in front of a server; it runs until it is dropped.
+#[derive(Debug)]
+pub struct UdpRelay {
+    local_addr: SocketAddr,
+    lines: Lines,
+    end: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// Why there is no relay.
+#[derive(Debug)]
+pub enum RelayError {
+    /// The address cannot be bound.
+    Address {
+        /// Which address.
+        listen: SocketAddr,
+        /// What the system says.
+        cause: io::Error,
+    },
+    /// Its thread cannot start.
+    Thread(io::Error),
+}
+
+/// Each client's links, in the order in which they came.
+#[derive(Clone, Debug, Default)]
+struct Lines {
+    shared: Arc<Mutex<Vec<Line>>>,
+}
+
+#[derive(Debug)]
+struct Line {
+    client: SocketAddr,
+    up: Link,
+    down: Link,
+}
+
+impl UdpRelay {
+    /// Listens at `listen` (port 0 picks a free one) and passes on to `server`, by these terms in each direction.
+    ///
+    /// Each client has a pair of links of its own, up to 64 clients; others are not heard.
+    ///
+    /// # Errors
+    ///
+    /// The address, with what the system says of it; or the thread.
+    pub fn start(
+        listen: SocketAddr,
+        server: SocketAddr,
+        terms: LinkTerms,
+        seed: u64,
+    ) -> Result<Self, RelayError> {
+        let address = |cause| RelayError::Address { listen, cause };
+        let front = socket::bind(listen).map_err(address)?;
+        front.set_nonblocking(true).map_err(address)?;
+        let local_addr = front.local_addr().map_err(address)?;
+        let runtime = socket::runtime().map_err(RelayError::Thread)?;
+        let front = {
+            let _inside = runtime.enter();
+            UdpSocket::from_std(front).map_err(address)?
+        };
+        let lines = Lines::default();
+        let (end, ended) = oneshot::channel();
+        let relay = Relay {
+            clock: Clock::start(),
+            front,
+            server,
+            terms,
+            seed,
+            backs: Vec::new(),
+            lines: lines.clone(),
+        };
+        let thread = thread::Builder::new()
+            .name("rhumb-relay".into())
+            .spawn(move || runtime.block_on(relay.run(ended)))
+            .map_err(RelayError::Thread)?;
+        Ok(Self {
+            local_addr,
+            lines,
+            end: Some(end),
+            thread: Some(thread),
+        })
+    }
+
+    /// The address that clients connect to.
+    #[must_use]
+    pub fn local_addr(&self) -> SocketAddr {
+        self.local_addr
+    }
+
+    /// Datagrams and bytes that came, were lost and were passed on in one direction, over all clients.
+    #[must_use]
+    pub fn counts(&self, direction: Direction) -> LinkCounts {
+        let mut sum = LinkCounts::default();
+        for line in self.lines.lock().iter() {
+            let link = match direction {
+                Direction::Up => &line.up,
+                Direction::Down => &line.down,
+            };
+            sum += link.counts(Lane::State);
+        }
+        sum
+    }
+
+    /// Changes the terms of every link there is.
+    pub fn set_terms(&self, terms: LinkTerms) {
+        for line in self.lines.lock().iter_mut() {
+            line.up.set_terms(terms);
+            line.down.set_terms(terms);
+        }
+    }
+}
+
+impl Drop for UdpRelay {
+    fn drop(&mut self) {
+        if let Some(end) = self.end.take() {
+            // Already over: nothing to end.
+            let _ = end.send(());
+        }
+        if let Some(thread) = self.thread.take()
+            && thread.join().is_err()
+        {
+            tracing::error!("the relay's thread panicked");
+        }
+    }
+}
+
+impl Lines {
+    fn lock(&self) -> MutexGuard<'_, Vec<Line>> {
+        self.shared.lock().expect("no link panics")
+    }
+}
+
+/// The thread's side.
+struct Relay {
+    clock: Clock,
+    front: UdpSocket,
+    server: SocketAddr,
+    terms: LinkTerms,
+    seed: u64,
+    /// Each client's socket towards the server, as `lines`.
+    backs: Vec<Arc<UdpSocket>>,
+    lines: Lines,
+}
+
+/// A datagram from the server for the client of this index.
+struct Returned {
+    index: usize,
+    bytes: Bytes,
+}
+
+/// Clients that one relay serves.
+const CLIENTS_MAX: usize = 64;
+
+/// Datagrams from the server that wait for the relay's turn.
+const RETURNED_MAX: usize = 4_096;
+
+/// The largest UDP payload.
+const DATAGRAM_BYTES_MAX: usize = 65_535;
+
+impl Relay {
+    async fn run(mut self, mut ended: oneshot::Receiver<()>) {
+        let (returns, mut returned) = mpsc::channel(RETURNED_MAX);
+        let mut buffer = vec![0; DATAGRAM_BYTES_MAX];
+        loop {
+            let wait = self.next_wait();
+            tokio::select! {
+                _ = &mut ended => return,
+                heard = self.front.recv_from(&mut buffer) => {
+                    if let Ok((bytes_len, client)) = heard {
+                        self.take_up(client, Bytes::copy_from_slice(&buffer[..bytes_len]), &returns).await;
+                    }
+                }
+                Some(Returned { index, bytes }) = returned.recv() => {
+                    self.lines.lock()[index].down.push(self.clock.now(), bytes, Lane::State);
+                }
+                () = sleep(wait.unwrap_or_default()), if wait.is_some() => {}
+            }
+            self.pass_on().await;
+        }
+    }
+
+    fn next_wait(&self) -> Option<Duration> {
+        let lines = self.lines.lock();
+        let moments = lines
+            .iter()
+            .flat_map(|line| [line.up.next_at(), line.down.next_at()]);
+        moments.flatten().min().map(|at| self.clock.until(at))
+    }
+
+    async fn take_up(
+        &mut self,
+        client: SocketAddr,
+        bytes: Bytes,
+        returns: &mpsc::Sender<Returned>,
+    ) {
+        let known = self
+            .lines
+            .lock()
+            .iter()
+            .position(|line| line.client == client);
+        let index = match known {
+            Some(index) => index,
+            None => match self.admit(client, returns).await {
+                Ok(Some(index)) => index,
+                Ok(None) => return,
+                Err(cause) => {
+                    return tracing::warn!(%client, %cause, "no socket towards the server");
+                }
+            },
+        };
+        self.lines.lock()[index]
+            .up
+            .push(self.clock.now(), bytes, Lane::State);
+    }
+
+    /// Gives a new client links and a socket of its own; none if there are too many.
+    async fn admit(
+        &mut self,
+        client: SocketAddr,
+        returns: &mpsc::Sender<Returned>,
+    ) -> io::Result<Option<usize>> {
+        let index = self.backs.len();
+        if index >= CLIENTS_MAX {
+            return Ok(None);
+        }
+        let any: IpAddr = match self.server {
+            SocketAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
+            SocketAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
+        };
+        let back = socket::bind(SocketAddr::new(any, 0))?;
+        back.set_nonblocking(true)?;
+        let back = Arc::new(UdpSocket::from_std(back)?);
+        back.connect(self.server).await?;
+        // Ends with the runtime, when the relay does.
+        tokio::spawn(read_back(Arc::clone(&back), index, returns.clone()));
+        self.backs.push(back);
+        let seed = self.seed.wrapping_add(2 * index as u64);
+        let (up, down) = (
+            Link::new(self.terms, seed),
+            Link::new(self.terms, seed.wrapping_add(1)),
+        );
+        self.lines.lock().push(Line { client, up, down });
+        Ok(Some(index))
+    }
+
+    /// Sends on all that has arrived by now.
+    async fn pass_on(&self) {
+        for (index, back) in self.backs.iter().enumerate() {
+            while let Some(bytes) = self.due(index, Direction::Up) {
+                // A full or refusing socket loses the datagram, as a network may.
+                let _ = back.send(&bytes.1).await;
+            }
+            while let Some((client, bytes)) = self.due(index, Direction::Down) {
+                let _ = self.front.send_to(&bytes, client).await;
+            }
+        }
+    }
+
+    fn due(&self, index: usize, direction: Direction) -> Option<(SocketAddr, Bytes)> {
+        let now = self.clock.now();
+        let mut lines = self.lines.lock();
+        let line = &mut lines[index];
+        let link = match direction {
+            Direction::Up => &mut line.up,
+            Direction::Down => &mut line.down,
+        };
+        link.pop(now).map(|(_, bytes)| (line.client, bytes))
+    }
+}
+
+async fn read_back(back: Arc<UdpSocket>, index: usize, returns: mpsc::Sender<Returned>) {
+    let mut buffer = vec![0; DATAGRAM_BYTES_MAX];
+    loop {
+        match back.recv(&mut buffer).await {
+            Ok(bytes_len) => {
+                let bytes = Bytes::copy_from_slice(&buffer[..bytes_len]);
+                if returns.send(Returned { index, bytes }).await.is_err() {
+                    return;
+                }
+            }
+            // The server's port is closed for now; it may open again.
+            Err(cause) if cause.kind() == io::ErrorKind::ConnectionRefused => {}
+            Err(cause) => {
+                return tracing::warn!(index, %cause, "the way back from the server is gone");
+            }
+        }
+    }
+}
+
+impl fmt::Display for RelayError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Address { listen, cause } => {
+                write!(
+                    f,
+                    "cannot relay at udp {listen}: {cause}; choose another address or port 0"
+                )
+            }
+            Self::Thread(cause) => write!(f, "cannot start the relay's thread: {cause}"),
+        }
+    }
+}
+
+impl std::error::Error for RelayError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Address { cause, .. } | Self::Thread(cause) => Some(cause),
+        }
+    }
+}
