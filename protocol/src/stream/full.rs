@@ -9,6 +9,7 @@ use rhumb_reckoning::{Anchor, BodyId, Predictor, Tick, Ticks, Track, Verbatim};
 
 use super::history::History;
 use super::observation::Observation;
+use super::publisher::PublisherStatistics;
 use crate::packet::{
     FullPacket, FullRecord, Low16, RepairRecord, RepairWriter, StreamId, TrackSaying, Vouch,
 };
@@ -20,6 +21,7 @@ pub struct FullPublisher {
     states: Vec<Option<(BodyId, Verbatim)>>,
     history: History,
     tick: Tick,
+    statistics: PublisherStatistics,
 }
 
 impl FullPublisher {
@@ -31,6 +33,7 @@ impl FullPublisher {
             states: Vec::new(),
             history: History::default(),
             tick,
+            statistics: PublisherStatistics::default(),
         }
     }
 
@@ -44,6 +47,12 @@ impl FullPublisher {
     #[must_use]
     pub const fn next_number(&self) -> u64 {
         self.history.next()
+    }
+
+    /// What it said so far.
+    #[must_use]
+    pub const fn statistics(&self) -> PublisherStatistics {
+        self.statistics
     }
 
     /// A body has come into the scene.
@@ -109,7 +118,11 @@ impl FullPublisher {
                 records: chunk.to_vec(),
             };
             self.history.record(chunk.iter().map(|record| record.index));
-            out.push(Bytes::from(packet.encode(self.stream)));
+            let datagram = packet.encode(self.stream);
+            self.statistics.updates += chunk.len() as u64;
+            self.statistics.packets += 1;
+            self.statistics.bytes += datagram.len() as u64;
+            out.push(Bytes::from(datagram));
         }
     }
 

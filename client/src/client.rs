@@ -1,0 +1,537 @@
+//! A member of one scene, from a plain frame loop.
+//!
+//! Every call says how long it may wait; none waits longer. What it cannot have in time can be asked for again.
+
+use std::collections::VecDeque;
+use std::net::{SocketAddr, ToSocketAddrs};
+use std::time::Duration;
+
+use rhumb_protocol::message::{Denial, Inspection};
+use rhumb_protocol::scene::{Command, CommandError, IdRange, SceneTerms};
+use rhumb_protocol::session::{ClientSession, CloseCode, Event, Replica};
+use rhumb_protocol::stream::{Bound, Subscriber, SubscriberStatistics};
+use rhumb_protocol::{Ending, Instant, Span};
+use rhumb_reckoning::{BodyId, Seconds, Tick, Ticks};
+use rhumb_transport::{ClientOptions, QuicClient, WireStatistics};
+
+use crate::clock::{DisplayTime, SceneClock};
+use crate::error::{ClientError, OpenError};
+use crate::options::{Entry, Options};
+use crate::pump::{Pump, Way};
+use crate::view::{Glass, View};
+
+/// How many ticks a lockstep client lets the server compute beyond the one it looks at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Depth(u32);
+
+impl Depth {
+    /// Waits for each tick.
+    pub const LOCKSTEP: Self = Self(0);
+    /// Looks at the tick before, while the server computes the next.
+    pub const PIPELINED: Self = Self(1);
+}
+
+/// Something that happened in the scene or to a command.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Happening {
+    /// Commands up to this number were applied or refused, before the step that leaves this tick.
+    Applied {
+        /// The last one's number.
+        through: u64,
+        /// The tick.
+        tick: Tick,
+    },
+    /// A command was refused; nothing of it was applied.
+    Refused {
+        /// Its number.
+        number: u64,
+        /// Why.
+        error: CommandError,
+    },
+    /// A body came into the scene.
+    BodyPlaced(BodyId),
+    /// A body left the scene.
+    BodyRemoved {
+        /// Which.
+        id: BodyId,
+        /// Why.
+        cause: rhumb_protocol::message::RemovalCause,
+    },
+    /// More body indices were granted.
+    Reserved(IdRange),
+    /// A request was turned down.
+    Denied(Denial),
+}
+
+/// How the connection and the stream are doing.
+#[derive(Clone, Copy, Debug)]
+pub struct Statistics {
+    /// What crossed the wire.
+    pub wire: WireStatistics,
+    /// What the stream said.
+    pub stream: SubscriberStatistics,
+    /// The newest tick that the stream vouched for.
+    pub vouched: Tick,
+    /// The newest tick at which every body is within its tolerance.
+    pub complete: Tick,
+    /// How many ticks the view lies behind the server's clock, where that is known.
+    pub behind_ticks: Option<f64>,
+}
+
+/// Beyond the vouched tick a free-running view predicts at most this far, then holds: half a second.
+const PREDICT_SECONDS: f64 = 0.5;
+/// Happenings that are kept for a caller who does not ask; the oldest go first.
+const HAPPENINGS_KEPT: usize = 65_536;
+
+/// A member of one scene.
+pub struct Client {
+    pump: Pump,
+    patience: Duration,
+    view: View,
+    granted: IdRange,
+    terms: SceneTerms,
+    clock: SceneClock,
+    delay_ticks: f64,
+    smooth: bool,
+    requested: Tick,
+    happenings: VecDeque<Happening>,
+    inspected: Option<Inspection>,
+    denied: Option<Denial>,
+    left: bool,
+    faulted: Option<Tick>,
+    ended: Option<Ending>,
+}
+
+impl Client {
+    /// Connects and comes into the scene.
+    ///
+    /// # Errors
+    ///
+    /// [`OpenError`] names what failed: the address, the connection, the scene, or the server's patience.
+    pub fn open(options: Options) -> Result<Self, OpenError> {
+        let address = resolve(&options.server)?;
+        let connection = QuicClient::connect(
+            ClientOptions {
+                server_name: host_of(&options.server).to_owned(),
+                ..ClientOptions::new(address, options.trust.clone())
+            },
+            options.patience,
+        )?;
+        let mut pump = Pump::new(ClientSession::new(options.scene.clone()), connection);
+        let denied = |denial| OpenError::Denied {
+            scene: options.scene.clone(),
+            denial,
+        };
+        let welcome = await_event(
+            &mut pump,
+            options.patience,
+            "welcome",
+            |event| match event {
+                Event::Welcomed(welcome) => Some(Ok(welcome)),
+                _ => None,
+            },
+        )?
+        .map_err(denied)?;
+        let create = match options.entry {
+            Entry::Create(terms) => Some(terms),
+            Entry::CreateOrJoin(terms) if welcome.scene.is_none() => Some(terms),
+            Entry::CreateOrJoin(_) | Entry::Join => None,
+        };
+        if let Some(terms) = create {
+            pump.session.create(terms).map_err(ClientError::from)?;
+            let created =
+                await_event(&mut pump, options.patience, "answer", |event| match event {
+                    Event::Created => Some(Ok(())),
+                    Event::Denied(denial) => Some(Err(denial)),
+                    _ => None,
+                })?;
+            match created {
+                // Somebody else was faster; that is as good.
+                Err(Denial::SceneExists) if matches!(options.entry, Entry::CreateOrJoin(_)) => {}
+                other => other.map_err(denied)?,
+            }
+        }
+        pump.session
+            .join(options.stream)
+            .map_err(ClientError::from)?;
+        let granted = await_event(&mut pump, options.patience, "scene", |event| match event {
+            Event::Joined(granted) => Some(Ok(granted)),
+            Event::Denied(denial) => Some(Err(denial)),
+            _ => None,
+        })?
+        .map_err(denied)?;
+        Ok(Self::joined(pump, &options, granted))
+    }
+
+    fn joined(pump: Pump, options: &Options, granted: IdRange) -> Self {
+        let terms = *pump
+            .session
+            .terms()
+            .expect("a member knows its scene's terms");
+        let vouched = pump
+            .session
+            .replica()
+            .map_or(Tick::ZERO, |replica| replica.stream().vouched());
+        let mut client = Self {
+            pump,
+            patience: options.patience,
+            view: View::default(),
+            granted,
+            terms,
+            clock: SceneClock::new(terms.integrator.rate),
+            delay_ticks: options.delay_ticks,
+            smooth: options.smooth,
+            requested: vouched,
+            happenings: VecDeque::new(),
+            inspected: None,
+            denied: None,
+            left: false,
+            faulted: None,
+            ended: None,
+        };
+        client.refresh(DisplayTime::at(vouched), false);
+        client
+    }
+
+    /// Body indices that are this client's to give out.
+    #[must_use]
+    pub const fn granted(&self) -> IdRange {
+        self.granted
+    }
+
+    /// What the scene was created with.
+    #[must_use]
+    pub const fn terms(&self) -> &SceneTerms {
+        &self.terms
+    }
+
+    /// The bodies as they were when the view was last computed.
+    #[must_use]
+    pub const fn view(&self) -> &View {
+        &self.view
+    }
+
+    /// The copy of the scene: shapes, bodies, tracks.
+    #[must_use]
+    pub const fn replica(&self) -> Option<&Replica> {
+        self.pump.session.replica()
+    }
+
+    /// How far off the copy of a body may be, at the newest tick that the stream vouched for.
+    #[must_use]
+    pub fn bound(&self, id: BodyId) -> Option<Bound> {
+        self.replica()?.stream().bound(id)
+    }
+
+    /// The next thing that happened.
+    pub fn poll_happening(&mut self) -> Option<Happening> {
+        self.happenings.pop_front()
+    }
+
+    /// Wishes something before the next tick; returns the number that its answer will name. Does not wait.
+    ///
+    /// # Errors
+    ///
+    /// [`ClientError::Misuse`] for a number that no engine should be given; nothing is sent then.
+    pub fn command(&mut self, command: Command) -> Result<u64, ClientError> {
+        self.must_stand()?;
+        Ok(self.pump.session.command(command)?)
+    }
+
+    /// Asks for more body indices, and waits for them.
+    ///
+    /// # Errors
+    ///
+    /// [`ClientError::Denied`] when there are none left.
+    pub fn reserve(&mut self, count: u32) -> Result<IdRange, ClientError> {
+        self.must_stand()?;
+        self.pump.session.reserve(count)?;
+        self.denied = None;
+        let deadline = self.deadline();
+        loop {
+            if let Some(place) = self
+                .happenings
+                .iter()
+                .position(|h| matches!(h, Happening::Reserved(_)))
+                && let Some(Happening::Reserved(range)) = self.happenings.remove(place)
+            {
+                return Ok(range);
+            }
+            if let Some(denial) = self.denied.take() {
+                return Err(ClientError::Denied(denial));
+            }
+            self.turn(deadline, "answer")?;
+        }
+    }
+
+    /// Lets a lockstep scene step once, and shows it: this tick at depth 0, the one before at depth 1.
+    ///
+    /// Returns the tick that the view shows. If more of the server's work has already arrived, that is shown.
+    ///
+    /// # Errors
+    ///
+    /// [`ClientError::Patience`] when the tick's stream was not complete in time; [`Self::wait`] goes on waiting.
+    pub fn advance(&mut self, depth: Depth) -> Result<Tick, ClientError> {
+        self.must_stand()?;
+        self.requested = self.requested.next();
+        let now = self.pump.now();
+        self.pump.session.advance(now, self.requested)?;
+        self.pump.flush();
+        self.wait(depth)
+    }
+
+    /// Waits for the tick that the last [`Self::advance`] asked for, and shows it.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::advance`].
+    pub fn wait(&mut self, depth: Depth) -> Result<Tick, ClientError> {
+        let wanted = self
+            .requested
+            .before(Ticks::new(depth.0))
+            .unwrap_or_default();
+        let deadline = self.deadline();
+        self.pump.turn(Instant::ZERO);
+        self.take_events();
+        while self.complete() < wanted {
+            self.turn(deadline, "complete tick")?;
+        }
+        let tick = self.complete();
+        self.refresh(DisplayTime::at(tick), false);
+        Ok(tick)
+    }
+
+    /// Takes in what has arrived from a free-running scene and shows it as of now. Does not wait.
+    ///
+    /// # Errors
+    ///
+    /// [`ClientError::Ended`] when the connection is over.
+    pub fn follow(&mut self) -> Result<DisplayTime, ClientError> {
+        self.must_stand()?;
+        self.pump.turn(Instant::ZERO);
+        self.take_events();
+        self.must_stand()?;
+        let now = self.pump.now();
+        let step = self.terms.integrator.rate.step().seconds();
+        let vouched = self
+            .replica()
+            .map_or(Tick::ZERO, |replica| replica.stream().vouched());
+        let limit = vouched.value() as f64 + PREDICT_SECONDS / step;
+        let at = self.clock.show(now, self.delay_ticks, limit);
+        self.refresh(at, self.smooth);
+        Ok(at)
+    }
+
+    /// Takes in what arrives until `patience` is over, without showing it.
+    ///
+    /// # Errors
+    ///
+    /// [`ClientError::Ended`] when the connection is over.
+    pub fn idle(&mut self, patience: Duration) -> Result<(), ClientError> {
+        let deadline = self.pump.now() + Span::from_nanos(patience.as_nanos() as u64);
+        while self.pump.now() < deadline {
+            self.pump.turn(deadline);
+            self.take_events();
+            self.must_stand()?;
+        }
+        Ok(())
+    }
+
+    /// Asks how the scene is, and waits for the answer.
+    ///
+    /// # Errors
+    ///
+    /// [`ClientError::Patience`] when there is none in time.
+    pub fn inspect(&mut self) -> Result<Inspection, ClientError> {
+        self.must_stand()?;
+        self.inspected = None;
+        self.pump.session.inspect()?;
+        let deadline = self.deadline();
+        loop {
+            if let Some(inspection) = self.inspected.take() {
+                return Ok(inspection);
+            }
+            self.turn(deadline, "inspection")?;
+        }
+    }
+
+    /// Ends the scene for everyone, and waits until it is gone.
+    ///
+    /// # Errors
+    ///
+    /// [`ClientError::Denied`] when there is no such scene any more.
+    pub fn delete(&mut self) -> Result<(), ClientError> {
+        self.must_stand()?;
+        self.pump.session.delete()?;
+        self.denied = None;
+        let deadline = self.deadline();
+        while !self.left {
+            if let Some(denial) = self.denied.take() {
+                return Err(ClientError::Denied(denial));
+            }
+            self.turn(deadline, "answer")?;
+        }
+        Ok(())
+    }
+
+    /// Leaves; what was commanded before is delivered first. Dropping a client does the same.
+    pub fn close(mut self) {
+        self.say_goodbye();
+    }
+
+    fn say_goodbye(&mut self) {
+        if self.ended.is_none() {
+            self.pump.session.close(CloseCode::DONE);
+            self.pump.flush();
+        }
+    }
+
+    /// How the connection and the stream are doing.
+    #[must_use]
+    pub fn statistics(&self) -> Statistics {
+        let stream = self.replica().map(Replica::stream);
+        let server = self.clock.server(self.pump.now());
+        Statistics {
+            wire: self.pump.connection.statistics(),
+            stream: stream.map(Subscriber::statistics).unwrap_or_default(),
+            vouched: stream.map(Subscriber::vouched).unwrap_or_default(),
+            complete: self.complete(),
+            behind_ticks: server
+                .zip(self.view.time())
+                .map(|(server, shown)| server - shown.ticks()),
+        }
+    }
+
+    /// Hands every piece of the control stream and every datagram to `tap` as it passes, for recording.
+    pub fn record(&mut self, tap: impl FnMut(Way, &[u8]) + Send + 'static) {
+        self.pump.tap(Box::new(tap));
+    }
+
+    fn complete(&self) -> Tick {
+        self.replica()
+            .map_or(Tick::ZERO, |replica| replica.stream().complete())
+    }
+
+    fn deadline(&self) -> Instant {
+        self.pump.now() + Span::from_nanos(self.patience.as_nanos() as u64)
+    }
+
+    /// Waits for anything until the deadline.
+    fn turn(&mut self, deadline: Instant, awaited: &'static str) -> Result<(), ClientError> {
+        self.pump.turn(deadline);
+        self.take_events();
+        self.must_stand()?;
+        if self.pump.now() >= deadline {
+            let patience = self.patience;
+            return Err(ClientError::Patience { awaited, patience });
+        }
+        Ok(())
+    }
+
+    fn must_stand(&self) -> Result<(), ClientError> {
+        if let Some(ending) = self.ended {
+            return Err(ClientError::Ended(ending));
+        }
+        match self.faulted {
+            Some(tick) => Err(ClientError::SceneFaulted(tick)),
+            None => Ok(()),
+        }
+    }
+
+    fn take_events(&mut self) {
+        while let Some(event) = self.pump.session.poll_event() {
+            let happening = match event {
+                Event::Applied { through, tick } => Happening::Applied { through, tick },
+                Event::Refused { number, error } => Happening::Refused { number, error },
+                Event::BodyPlaced(id) => Happening::BodyPlaced(id),
+                Event::BodyRemoved { id, cause } => Happening::BodyRemoved { id, cause },
+                Event::Reserved(range) => Happening::Reserved(range),
+                Event::Denied(denial) => {
+                    self.denied = Some(denial);
+                    Happening::Denied(denial)
+                }
+                other => {
+                    self.take_state(&other);
+                    continue;
+                }
+            };
+            if self.happenings.len() == HAPPENINGS_KEPT {
+                self.happenings.pop_front();
+            }
+            self.happenings.push_back(happening);
+        }
+    }
+
+    /// Takes in what changes the state of this client rather than of the scene.
+    fn take_state(&mut self, event: &Event) {
+        match *event {
+            Event::Inspected(inspection) => self.inspected = Some(inspection),
+            Event::ClockSeen {
+                at,
+                tick,
+                since_tick,
+                round_trip,
+            } => self.clock.sample(at, tick, since_tick, round_trip),
+            Event::SceneFaulted(tick) => self.faulted = Some(tick),
+            Event::Left | Event::Deleted => self.left = true,
+            Event::Ended(ending) => self.ended = Some(ending),
+            _ => {}
+        }
+    }
+
+    fn refresh(&mut self, at: DisplayTime, smooth: bool) {
+        let now = Seconds::new(self.pump.now().as_nanos() as f64 / 1e9);
+        let Some(replica) = self.pump.session.replica_mut() else {
+            return;
+        };
+        let glass = Glass { at, now, smooth };
+        self.view.refresh(replica.stream_mut(), &glass);
+    }
+}
+
+impl Drop for Client {
+    fn drop(&mut self) {
+        self.say_goodbye();
+    }
+}
+
+/// Turns until an event is the one awaited; the inner result is the server's.
+fn await_event<T>(
+    pump: &mut Pump,
+    patience: Duration,
+    awaited: &'static str,
+    wanted: impl Fn(Event) -> Option<Result<T, Denial>>,
+) -> Result<Result<T, Denial>, ClientError> {
+    let deadline = pump.now() + Span::from_nanos(patience.as_nanos() as u64);
+    loop {
+        pump.turn(deadline);
+        while let Some(event) = pump.session.poll_event() {
+            if let Event::Ended(ending) = event {
+                return Err(ClientError::Ended(ending));
+            }
+            if let Some(answer) = wanted(event) {
+                return Ok(answer);
+            }
+        }
+        if pump.now() >= deadline {
+            return Err(ClientError::Patience { awaited, patience });
+        }
+    }
+}
+
+fn resolve(server: &str) -> Result<SocketAddr, OpenError> {
+    let failed = |cause| OpenError::Address {
+        server: server.to_owned(),
+        cause,
+    };
+    let mut addresses = server.to_socket_addrs().map_err(failed)?;
+    addresses
+        .next()
+        .ok_or_else(|| failed(std::io::ErrorKind::NotFound.into()))
+}
+
+/// The part of `host:port` that a certificate names.
+fn host_of(server: &str) -> &str {
+    let host = server.rsplit_once(':').map_or(server, |(host, _)| host);
+    host.trim_start_matches('[').trim_end_matches(']')
+}

@@ -1,0 +1,41 @@
+//! A remote physics scene, from a plain frame loop.
+//!
+//! No async in this interface: calls wait no longer than they are told, and nothing happens between them but that bytes
+//! arrive. A [`Client`] is a member of one scene; open another for another scene.
+//!
+//! ```no_run
+//! use rhumb_client::{Client, Depth, Entry, Options, Trust};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let fingerprint = std::env::var("RHUMB_FINGERPRINT")?.parse()?;
+//! let options = Options::new("127.0.0.1:4433", Trust::Fingerprint(fingerprint), "pit".parse()?, Entry::Join);
+//! let mut client = Client::open(options)?;
+//! loop {
+//!     client.advance(Depth::LOCKSTEP)?;
+//!     let view = client.view();
+//!     for place in view.changed() {
+//!         println!("{} is at {}", view.ids()[place], view.positions()[place]);
+//!     }
+//! }
+//! # }
+//! ```
+#![forbid(unsafe_code)]
+
+mod client;
+mod clock;
+mod error;
+mod options;
+mod pump;
+mod view;
+
+pub use client::{Client, Depth, Happening, Statistics};
+pub use clock::DisplayTime;
+pub use error::{ClientError, OpenError};
+pub use options::{Entry, Options};
+pub use pump::Way;
+pub use rhumb_protocol::message::{Denial, Inspection, RemovalCause, StreamChoice};
+pub use rhumb_protocol::scene;
+pub use rhumb_protocol::stream::Bound;
+pub use rhumb_reckoning::{BodyId, Metres, Tick, Tolerance};
+pub use rhumb_transport::{Fingerprint, Trust, WireStatistics};
+pub use view::View;

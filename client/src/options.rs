@@ -1,0 +1,57 @@
+//! Where to connect, what to trust, which scene, and how closely to follow it.
+
+use std::time::Duration;
+
+use rhumb_protocol::message::StreamChoice;
+use rhumb_protocol::scene::{SceneName, SceneTerms};
+use rhumb_reckoning::Tolerance;
+use rhumb_transport::Trust;
+
+/// How to come into the scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Entry {
+    /// It must not exist yet.
+    Create(SceneTerms),
+    /// It must exist.
+    Join,
+    /// Whichever.
+    CreateOrJoin(SceneTerms),
+}
+
+/// What a client is opened with.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Host and port of the server.
+    pub server: String,
+    /// How to know it.
+    pub trust: Trust,
+    /// Which of its scenes.
+    pub scene: SceneName,
+    /// How to come in.
+    pub entry: Entry,
+    /// What to follow.
+    pub stream: StreamChoice,
+    /// How long a call may wait for the server.
+    pub patience: Duration,
+    /// Free running only: how many ticks the view stays behind the server's clock. Zero lets prediction carry all of it.
+    pub delay_ticks: f64,
+    /// Free running only: whether corrections are shown as short glides.
+    pub smooth: bool,
+}
+
+impl Options {
+    /// The 5 cm tier, five seconds of patience, no delay, smooth.
+    #[must_use]
+    pub fn new(server: impl Into<String>, trust: Trust, scene: SceneName, entry: Entry) -> Self {
+        Self {
+            server: server.into(),
+            trust,
+            scene,
+            entry,
+            stream: StreamChoice::Within(Tolerance::NORMAL),
+            patience: Duration::from_secs(5),
+            delay_ticks: 0.0,
+            smooth: true,
+        }
+    }
+}

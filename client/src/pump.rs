@@ -1,0 +1,118 @@
+//! Moves bytes between a connection and its session, on the caller's thread.
+//!
+//! Decides nothing: it feeds, drains, and waits no longer than it is told.
+
+use std::time::Duration;
+
+use rhumb_protocol::session::ClientSession;
+use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
+use rhumb_transport::{Clock, QuicClient, Received};
+
+/// A connection and its session.
+pub(crate) struct Pump {
+    pub(crate) session: ClientSession,
+    pub(crate) connection: QuicClient,
+    clock: Clock,
+    /// Called with everything that passes, if anybody wants to know.
+    tap: Option<Tap>,
+}
+
+/// What passes between session and connection, for those who record it.
+pub(crate) type Tap = Box<dyn FnMut(Way, &[u8]) + Send>;
+
+/// Which way something passes between a client and its server.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Way {
+    /// Bytes of the control stream from the server.
+    ControlDown,
+    /// Bytes of the control stream to the server.
+    ControlUp,
+    /// A datagram from the server.
+    StateDown,
+    /// A datagram to the server.
+    StateUp,
+}
+
+/// The one peer of a client.
+const SERVER: Peer = Peer(0);
+
+impl Pump {
+    pub(crate) fn new(session: ClientSession, connection: QuicClient) -> Self {
+        let mut pump = Self {
+            session,
+            connection,
+            clock: Clock::start(),
+            tap: None,
+        };
+        pump.session.handle_opened(pump.clock.now(), SERVER);
+        pump.flush();
+        pump
+    }
+
+    pub(crate) fn now(&self) -> Instant {
+        self.clock.now()
+    }
+
+    pub(crate) fn tap(&mut self, tap: Tap) {
+        self.tap = Some(tap);
+    }
+
+    /// Sends what the session has to say.
+    pub(crate) fn flush(&mut self) {
+        while let Some(transmit) = self.session.poll_transmit() {
+            match transmit {
+                Transmit::Control { bytes, .. } => {
+                    self.note(Way::ControlUp, &bytes);
+                    self.connection.send_control(bytes);
+                }
+                Transmit::State { bytes, .. } => {
+                    self.note(Way::StateUp, &bytes);
+                    self.connection.send_state(bytes);
+                }
+                Transmit::Close { code, .. } => self.connection.close(code),
+            }
+        }
+    }
+
+    /// Handles what has arrived, waiting for the first of it until `deadline` at most; `false` when nothing came.
+    pub(crate) fn turn(&mut self, deadline: Instant) -> bool {
+        self.flush();
+        let now = self.clock.now();
+        let wake = self
+            .session
+            .poll_timeout()
+            .map_or(deadline, |wake| wake.at.min(deadline));
+        let patience = Duration::from_nanos(wake.since(now).as_nanos());
+        let mut heard = false;
+        let mut next = self.connection.recv(patience);
+        while let Some(received) = next {
+            heard = true;
+            self.handle(received);
+            next = self.connection.recv(Duration::ZERO);
+        }
+        self.session.handle_timeout(self.clock.now());
+        self.flush();
+        heard
+    }
+
+    fn handle(&mut self, received: Received) {
+        let now = self.clock.now();
+        match received {
+            Received::Control(bytes) => {
+                self.note(Way::ControlDown, &bytes);
+                self.session.handle_control(now, SERVER, &bytes);
+            }
+            Received::State(bytes) => {
+                self.note(Way::StateDown, &bytes);
+                self.session.handle_datagram(now, SERVER, &bytes);
+            }
+            Received::Ended(ending) => self.session.handle_ended(now, SERVER, ending),
+        }
+    }
+
+    fn note(&mut self, way: Way, bytes: &[u8]) {
+        if let Some(tap) = &mut self.tap {
+            tap(way, bytes);
+        }
+    }
+}

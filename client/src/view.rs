@@ -1,0 +1,257 @@
+//! The poses of all bodies, side by side, at one moment.
+//!
+//! A function of the tracks and the time: computing it twice for one moment gives the same. A body that rests costs
+//! nothing until it is said to move. Invariant: the arrays have one length, and `places` points into them.
+
+use glam::{DQuat, DVec3, Quat, Vec3};
+use rhumb_protocol::stream::Subscriber;
+use rhumb_reckoning::{Anchor, BodyId, Correction, Motion, Pose, Seconds, Ticks, Twist};
+
+use crate::clock::DisplayTime;
+
+/// What a simulator reads each frame.
+#[derive(Debug, Default)]
+pub struct View {
+    ids: Vec<BodyId>,
+    positions: Vec<Vec3>,
+    rotations: Vec<Quat>,
+    linear: Vec<Vec3>,
+    angular: Vec<Vec3>,
+    resting: Vec<bool>,
+    corrections: Vec<Correction>,
+    /// Place of each body by its index.
+    places: Vec<Option<u32>>,
+    changed: Vec<u32>,
+    removed: Vec<BodyId>,
+    touched: Vec<u32>,
+    time: Option<DisplayTime>,
+}
+
+/// How a view is computed.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Glass {
+    /// The moment to show.
+    pub(crate) at: DisplayTime,
+    /// The caller's own time, for glides.
+    pub(crate) now: Seconds,
+    /// Whether to glide.
+    pub(crate) smooth: bool,
+}
+
+impl View {
+    /// The bodies, in no order that means anything.
+    #[must_use]
+    pub fn ids(&self) -> &[BodyId] {
+        &self.ids
+    }
+
+    /// Centres of mass, metres, world frame.
+    #[must_use]
+    pub fn positions(&self) -> &[Vec3] {
+        &self.positions
+    }
+
+    /// Rotations body → world.
+    #[must_use]
+    pub fn rotations(&self) -> &[Quat] {
+        &self.rotations
+    }
+
+    /// Linear velocities as shown, m/s; zero for a body at rest.
+    #[must_use]
+    pub fn linear_velocities(&self) -> &[Vec3] {
+        &self.linear
+    }
+
+    /// Angular velocities as shown, rad/s; zero for a body at rest.
+    #[must_use]
+    pub fn angular_velocities(&self) -> &[Vec3] {
+        &self.angular
+    }
+
+    /// Whether each body lies still.
+    #[must_use]
+    pub fn resting(&self) -> &[bool] {
+        &self.resting
+    }
+
+    /// Places whose pose differs from the last view's, each once; a simulator need not write any other.
+    pub fn changed(&self) -> impl Iterator<Item = usize> {
+        self.changed.iter().map(|place| *place as usize)
+    }
+
+    /// Bodies that went since the last view.
+    #[must_use]
+    pub fn removed(&self) -> &[BodyId] {
+        &self.removed
+    }
+
+    /// Where a body is in the arrays of this view.
+    #[must_use]
+    pub fn place(&self, id: BodyId) -> Option<usize> {
+        let place = (*self.places.get(id.index() as usize)?)? as usize;
+        (self.ids[place] == id).then_some(place)
+    }
+
+    /// The moment that it shows; none before the first.
+    #[must_use]
+    pub const fn time(&self) -> Option<DisplayTime> {
+        self.time
+    }
+
+    /// Computes the view of another moment.
+    pub(crate) fn refresh(&mut self, stream: &mut Subscriber, glass: &Glass) {
+        self.changed.clear();
+        self.removed.clear();
+        let mut touched = std::mem::take(&mut self.touched);
+        touched.clear();
+        stream.drain_changed(&mut touched);
+        touched.sort_unstable();
+        touched.dedup();
+        for index in &touched {
+            self.follow_body(*index, stream, glass);
+        }
+        self.touched = touched;
+        for place in 0..self.ids.len() {
+            let gliding = glass.smooth && !self.corrections[place].is_over(glass.now);
+            if !self.resting[place] || gliding {
+                self.show(place, stream, glass);
+            }
+        }
+        self.time = Some(glass.at);
+    }
+
+    /// A body came, went or was spoken of.
+    fn follow_body(&mut self, index: u32, stream: &Subscriber, glass: &Glass) {
+        let Some(id) = stream.body(index) else {
+            self.take_out(index);
+            return;
+        };
+        let known = self.places.get(index as usize).copied().flatten();
+        match known.map(|place| place as usize) {
+            Some(place) if self.ids[place] == id => {
+                if glass.smooth
+                    && let Some(believed) = believed(stream, id, glass.at)
+                {
+                    let shown = self.shown(place);
+                    self.corrections[place] = Correction::between(glass.now, &shown, &believed);
+                }
+                // Shown below if it moves; if it has come to rest, this is the last time.
+                self.resting[place] = false;
+            }
+            Some(_) => {
+                self.take_out(index);
+                self.put_in(id);
+            }
+            None => self.put_in(id),
+        }
+    }
+
+    fn put_in(&mut self, id: BodyId) {
+        let index = id.index() as usize;
+        if index >= self.places.len() {
+            self.places.resize(index + 1, None);
+        }
+        self.places[index] = Some(self.ids.len() as u32);
+        self.ids.push(id);
+        // NaN differs from everything, so that the first pose counts as a change.
+        self.positions.push(Vec3::NAN);
+        self.rotations.push(Quat::IDENTITY);
+        self.linear.push(Vec3::ZERO);
+        self.angular.push(Vec3::ZERO);
+        self.resting.push(false);
+        self.corrections.push(Correction::NONE);
+    }
+
+    fn take_out(&mut self, index: u32) {
+        let Some(place) = self.places.get_mut(index as usize).and_then(Option::take) else {
+            return;
+        };
+        let place = place as usize;
+        self.removed.push(self.ids.swap_remove(place));
+        self.positions.swap_remove(place);
+        self.rotations.swap_remove(place);
+        self.linear.swap_remove(place);
+        self.angular.swap_remove(place);
+        self.resting.swap_remove(place);
+        self.corrections.swap_remove(place);
+        if let Some(moved) = self.ids.get(place) {
+            self.places[moved.index() as usize] = Some(place as u32);
+        }
+    }
+
+    /// Writes the pose of one body.
+    fn show(&mut self, place: usize, stream: &Subscriber, glass: &Glass) {
+        let id = self.ids[place];
+        let Some(track) = stream.track(id) else {
+            return;
+        };
+        let correction = self.corrections[place];
+        let still = track.is_resting() && (!glass.smooth || correction.is_over(glass.now));
+        self.resting[place] = still;
+        let (position, rotation) = match &track.anchor {
+            // The engine's own bits, not what arithmetic makes of them.
+            Anchor::Verbatim(verbatim) if still => {
+                self.linear[place] = Vec3::ZERO;
+                self.angular[place] = Vec3::ZERO;
+                (
+                    Vec3::from_array(verbatim.position()),
+                    Quat::from_array(verbatim.rotation()),
+                )
+            }
+            _ => {
+                let Some(believed) = believed(stream, id, glass.at) else {
+                    return;
+                };
+                let motion = if glass.smooth {
+                    correction.applied(glass.now, &believed)
+                } else {
+                    believed
+                };
+                self.linear[place] = motion.twist().linear.as_vec3();
+                self.angular[place] = motion.twist().angular.as_vec3();
+                (
+                    motion.pose().position.as_vec3(),
+                    motion.pose().rotation.as_quat(),
+                )
+            }
+        };
+        if self.positions[place] != position || self.rotations[place] != rotation {
+            self.positions[place] = position;
+            self.rotations[place] = rotation;
+            self.changed.push(place as u32);
+        }
+    }
+
+    /// The motion that the arrays hold.
+    fn shown(&self, place: usize) -> Motion {
+        let pose = Pose {
+            position: self.positions[place].as_dvec3(),
+            rotation: self.rotations[place].as_dquat(),
+        };
+        let twist = Twist {
+            linear: self.linear[place].as_dvec3(),
+            angular: self.angular[place].as_dvec3(),
+        };
+        Motion::new(pose, twist).unwrap_or(Motion::IDENTITY)
+    }
+}
+
+/// What is believed between two ticks: for display, halfway is halfway.
+fn believed(stream: &Subscriber, id: BodyId, at: DisplayTime) -> Option<Motion> {
+    let first = stream.believed(id, at.tick)?;
+    if at.fraction == 0.0 {
+        return Some(first);
+    }
+    let second = stream.believed(id, at.tick + Ticks::new(1))?;
+    let (a, b) = (first.pose(), second.pose());
+    let pose = Pose {
+        position: DVec3::lerp(a.position, b.position, at.fraction),
+        rotation: DQuat::slerp(a.rotation, b.rotation, at.fraction),
+    };
+    let twist = Twist {
+        linear: DVec3::lerp(first.twist().linear, second.twist().linear, at.fraction),
+        angular: DVec3::lerp(first.twist().angular, second.twist().angular, at.fraction),
+    };
+    Motion::new(pose, twist).ok()
+}
