@@ -1,4 +1,4 @@
-//! Sockets and clocks of Rhumb: QUIC for real, and a pretend network for tests.
+//! Sockets and clocks of Rhumb: QUIC, and a pretend network for tests.
 //!
 //! The only crate that touches either. It carries bytes between [`rhumb_protocol::Endpoint`]s and understands none of them.
 //! Every queue between threads is bounded.

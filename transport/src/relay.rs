@@ -1,4 +1,4 @@
-//! A UDP relay on real sockets that treats what passes by a link's terms, for benchmarks.
+//! A UDP relay on real sockets that spoils what passes, for benchmarks.
 //!
 //! Understands no packet: every datagram is state to its links. Not repeatable to the bit, since real arrival times enter;
 //! delays round up to the timer's millisecond. Clients and what waits for them are bounded.

@@ -1,4 +1,4 @@
-//! A bound UDP socket with room for bursts, and the thread's runtime around it.
+//! A bound UDP socket with room for bursts, and a thread's runtime.
 //!
 //! Speaks no QUIC. Small kernel buffers are no error: they cost packets, not correctness.
 

@@ -1,4 +1,4 @@
-//! The arena: virtual time that jumps, connections that end as real ones do, and the same run for the same seed.
+//! The arena: time that jumps, ends as real ones, one run per seed.
 //!
 //! Proved with a toy: clients that count aloud on both lanes, a server that answers, and a log of all that was heard.
 

@@ -1,4 +1,4 @@
-//! The pretended link keeps its terms: shares near the asked ones, order, rate, and the same run for the same seed.
+//! The pretended link keeps its terms, alike for the same seed.
 //!
 //! Thousands of packets per promise; bounds are five standard deviations or more, with fixed seeds.
 

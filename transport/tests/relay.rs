@@ -1,4 +1,4 @@
-//! The relay: datagrams cross it by its terms, and come back to whom they belong.
+//! The relay: datagrams cross by its terms, and return to their sender.
 //!
 //! Real sockets on loopback; every wait is for a datagram, and what is lost is counted, not timed.
 

@@ -1,4 +1,4 @@
-//! A server and its clients, joined by pretended links, in a time that jumps from event to event.
+//! A server and its clients, joined by pretended links, in virtual time.
 //!
 //! Has no thread and no clock. Does what `QuicServer::run` and its clients do, so that an endpoint cannot tell them apart;
 //! what it leaves out is the handshake and the idle time-out (see `sever`). The same seed gives the same run, to the bit.

@@ -1,4 +1,4 @@
-//! One direction of a pretended link: what is pushed in comes out late, again, in disorder, or not at all.
+//! One direction of a pretended link: late, twice, disordered or lost.
 //!
 //! Neither clock nor socket; says when to look again. On the control lane nothing is lost, copied or disordered: what the
 //! link loses there is sent again, by the terms that hold then. The same seed and calls give the same result, to the bit.

@@ -1,4 +1,4 @@
-//! A network that exists only in memory and virtual time, for tests that must be the same each time.
+//! A network that exists only in memory, the same each time.
 //!
 //! No socket, no clock, no thread: the same seed and the same calls give the same run, to the bit.
 

@@ -1,4 +1,4 @@
-//! What a server proves itself with: a certificate chain, its key, and the fingerprint to pin.
+//! What a server proves itself with: a certificate chain and its key.
 //!
 //! Renews nothing and asks no authority. A `Certificate` that exists is usable: key and chain belong together.
 

@@ -1,4 +1,4 @@
-//! The client's I/O thread: connects once, then carries one connection to its end.
+//! The client's I/O thread: connects once, then carries to the end.
 //!
 //! Interprets nothing and never tries again. Why not is said in `connect_error`.
 

@@ -1,4 +1,4 @@
-//! Control bytes on their way out: a bounded queue, and the task that empties it into the stream.
+//! Control bytes on their way out: a bounded queue and its writer.
 //!
 //! Does not cut or understand the bytes. Order is kept; nothing that was accepted is dropped while the connection lives.
 

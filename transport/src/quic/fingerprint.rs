@@ -1,4 +1,4 @@
-//! The name of a certificate: what a client pins when no authority vouches for the server.
+//! The name of a certificate, for a client to pin.
 //!
 //! Trusts nothing by itself; see `trust`.
 

@@ -1,4 +1,4 @@
-//! What the sockets tell the host thread, and the bound on how much of it may wait.
+//! What the sockets tell the host thread, bounded.
 //!
 //! Decides nothing. Each waiting piece holds a permit of its connection, given back when the piece was handled.
 

@@ -1,4 +1,4 @@
-//! The server's I/O thread: accepts connections and carries what they say to the host thread.
+//! The server's I/O thread: accepts, and carries to the host thread.
 //!
 //! Interprets nothing. What waits for the host is bounded per connection and lane; a full house refuses at the door.
 

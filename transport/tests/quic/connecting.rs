@@ -1,8 +1,9 @@
-//! A connection is had from the right server only, and an error says what was wrong.
+//! A connection is had from the right server only, or an error says why.
 
 use std::fs;
 use std::net::UdpSocket;
 use std::path::PathBuf;
+use std::process;
 use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
@@ -158,8 +159,10 @@ fn a_taken_address_is_named() {
     assert!(matches!(error, BindError::Address { .. }));
 }
 
+/// A folder of this process's own, so that runs at once do not meet.
 fn folder(name: &str) -> PathBuf {
-    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let own = format!("{name}-{}", process::id());
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(own);
     fs::create_dir_all(&folder).expect("the target folder is writable");
     folder
 }

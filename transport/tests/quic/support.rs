@@ -1,4 +1,4 @@
-//! A server that echoes, run on a thread of its own, and the clients that talk to it.
+//! A server that echoes on a thread of its own, and its clients.
 //!
 //! Promises nothing itself. A server that is dropped is stopped and joined.
 
