@@ -5,7 +5,6 @@
 //! there is neither; then everything said so far is known.
 
 use alloc::collections::BTreeMap;
-use alloc::vec::Vec;
 
 use rhumb_reckoning::Tick;
 
@@ -150,34 +149,26 @@ impl Gaps {
         self.settle();
     }
 
-    /// An unread packet with nothing missing before it is either covered by repairs or must be repaired itself.
+    /// An unread packet that a repair came too early for must be repaired itself; one with nothing missing before it is
+    /// covered.
     fn settle(&mut self) {
-        let oldest_missing = self.missing.keys().next().copied().unwrap_or(u64::MAX);
-        let ripe: Vec<u64> = self
-            .unread
-            .range(..oldest_missing)
-            .map(|(number, _)| *number)
-            .collect();
-        for number in ripe {
-            let Some(Unread { tick, covered }) = self.unread.remove(&number) else {
-                continue;
-            };
-            if !covered {
-                let missing = Missing {
-                    before: tick,
-                    parts: 0,
-                };
-                self.missing.insert(number, missing);
-                // Whatever is unread after it now waits for its repair.
-                return;
+        let missing = &mut self.missing;
+        self.unread.retain(|number, unread| {
+            if !unread.covered {
+                let before = unread.tick;
+                missing.insert(*number, Missing { before, parts: 0 });
             }
-        }
+            unread.covered
+        });
+        let oldest_missing = self.missing.keys().next().copied().unwrap_or(u64::MAX);
+        self.unread.retain(|number, _| *number > oldest_missing);
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alloc::vec::Vec;
 
     fn tick(value: u64) -> Tick {
         Tick::new(value)

@@ -22,9 +22,10 @@ use crate::wire::{Malformed, Wire};
 /// How far the copy of one body may be from the truth, at the newest tick that the stream has vouched for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Bound {
-    /// It is the engine's own state, to the bit.
-    Exact,
     /// Every point of it is within this distance of where it is.
+    ///
+    /// A body that was said to rest to the bit is no exception: it may have woken since, and not moved enough to be
+    /// spoken of.
     Within(Metres),
     /// A packet that may have spoken of it was lost and is not made good yet; the tolerance held at this tick.
     Unknown {
@@ -183,9 +184,6 @@ impl Subscriber {
         let doubted = self.gaps.doubted_before();
         if self.lost_touch || doubted.is_some_and(|before| track.origin < before) {
             return Some(Bound::Unknown { since });
-        }
-        if track.is_verbatim_rest() {
-            return Some(Bound::Exact);
         }
         Some(Bound::Within(self.tolerance().metres()))
     }

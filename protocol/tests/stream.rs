@@ -1,0 +1,393 @@
+//! A publisher and a subscriber over a bad network: what must hold at every tick.
+//!
+//! Proved on random motions with seeded loss, disorder and copies: whenever the stream is settled, track equals track to
+//! the bit; whatever the subscriber bounds lies within its bound; when the losses stop, everything becomes known.
+
+use std::collections::VecDeque;
+
+use bytes::Bytes;
+use glam::{DQuat, DVec3, Vec3};
+use proptest::prelude::*;
+use rhumb_protocol::packet::{Head, Kind, StreamId};
+use rhumb_protocol::stream::{
+    Activity, Bound, Manner, Observation, Publisher, StreamStart, Subscriber,
+};
+use rhumb_protocol::wire::Wire;
+use rhumb_protocol::wire::bytes::Reader;
+use rhumb_reckoning::{
+    Anchor, BodyId, Damping, Divergence, Integrator, Metres, Predictor, Rate, Tick, Tolerance,
+    Track, Verbatim,
+};
+
+const BODIES: u32 = 24;
+const GRAVITY: Vec3 = Vec3::new(0.0, -9.8, 0.0);
+
+/// A small deterministic generator, so that a failure's numbers say all.
+struct Dice(u64);
+
+impl Dice {
+    fn roll(&mut self) -> f64 {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        ((self.0 >> 33) as f64) / f64::from(1_u32 << 31)
+    }
+
+    fn around_zero(&mut self) -> f64 {
+        self.roll() * 2.0 - 1.0
+    }
+
+    fn vector(&mut self) -> DVec3 {
+        DVec3::new(self.around_zero(), self.around_zero(), self.around_zero())
+    }
+}
+
+/// A body that flies, is struck, slides and comes to rest.
+#[derive(Clone, Copy)]
+struct Puppet {
+    position: DVec3,
+    rotation: DQuat,
+    linear: DVec3,
+    angular: DVec3,
+    asleep: bool,
+}
+
+impl Puppet {
+    fn new(dice: &mut Dice) -> Self {
+        Self {
+            position: dice.vector() * 20.0,
+            rotation: DQuat::IDENTITY,
+            linear: DVec3::ZERO,
+            angular: DVec3::ZERO,
+            asleep: false,
+        }
+    }
+
+    fn step(&mut self, dice: &mut Dice) {
+        let fate = dice.roll();
+        if fate < 0.02 {
+            self.linear += dice.vector() * 6.0;
+            self.angular += dice.vector() * 8.0;
+            self.asleep = false;
+        } else if fate < 0.03 {
+            (self.linear, self.angular, self.asleep) = (DVec3::ZERO, DVec3::ZERO, true);
+        }
+        if !self.asleep {
+            self.linear += GRAVITY.as_dvec3() / 60.0;
+            if self.position.y < 0.0 {
+                self.linear.y = self.linear.y.max(0.0);
+            }
+            self.position += self.linear / 60.0;
+            self.rotation =
+                (DQuat::from_scaled_axis(self.angular / 60.0) * self.rotation).normalize();
+        }
+    }
+
+    fn verbatim(&self) -> Verbatim {
+        let [x, y, z, w] = self.rotation.as_quat().to_array();
+        Verbatim::new(
+            self.position.as_vec3().to_array(),
+            [x, y, z, w],
+            self.linear.as_vec3().to_array(),
+            self.angular.as_vec3().to_array(),
+        )
+        .unwrap()
+    }
+}
+
+fn integrator() -> Integrator {
+    Integrator {
+        rate: Rate::HZ_60,
+        substeps: std::num::NonZeroU32::new(4).unwrap(),
+    }
+}
+
+struct Stage {
+    dice: Dice,
+    puppets: Vec<Puppet>,
+    publisher: Publisher,
+    subscriber: Subscriber,
+    /// What is on its way, by the tick at which it arrives.
+    air: VecDeque<(u64, Bytes)>,
+    loss: f64,
+    tick: u64,
+    worst: f64,
+}
+
+impl Stage {
+    fn new(seed: u64, tolerance: Tolerance, loss: f64) -> Self {
+        let mut dice = Dice(seed);
+        let puppets: Vec<_> = (0..BODIES).map(|_| Puppet::new(&mut dice)).collect();
+        let stream = StreamId(3);
+        let mut publisher = Publisher::new(stream, tolerance, integrator(), GRAVITY, Tick::ZERO);
+        let mut subscriber = Subscriber::new(&StreamStart {
+            stream,
+            tolerance,
+            integrator: integrator(),
+            gravity: GRAVITY,
+            tick: Tick::ZERO,
+            next: 0,
+            notices: 0,
+        });
+        let manner = Manner {
+            radius: Metres::new(0.5),
+            damping: Damping::default(),
+            gravity_scale: 1.0,
+        };
+        for (index, puppet) in puppets.iter().enumerate() {
+            let id = BodyId::new(index as u32, 0);
+            let track = Track {
+                origin: Tick::ZERO,
+                predictor: Predictor::Ballistic,
+                anchor: Anchor::Verbatim(puppet.verbatim()),
+            };
+            assert!(publisher.place(id, &manner, track));
+            assert!(subscriber.place(id, &manner, track));
+        }
+        subscriber.handle_snapshot_end();
+        Self {
+            dice,
+            puppets,
+            publisher,
+            subscriber,
+            air: VecDeque::new(),
+            loss,
+            tick: 0,
+            worst: 0.0,
+        }
+    }
+
+    /// Sends a datagram: maybe lost, maybe late, maybe twice.
+    fn send(&mut self, datagram: &Bytes) {
+        if self.dice.roll() < self.loss {
+            return;
+        }
+        let copies = if self.dice.roll() < self.loss / 2.0 {
+            2
+        } else {
+            1
+        };
+        for _ in 0..copies {
+            let delay = if self.loss > 0.0 {
+                (self.dice.roll() * 4.0) as u64
+            } else {
+                0
+            };
+            self.air.push_back((self.tick + delay, datagram.clone()));
+        }
+    }
+
+    fn step(&mut self) {
+        self.tick += 1;
+        let mut observations = Vec::new();
+        for (index, puppet) in self.puppets.iter_mut().enumerate() {
+            let slept = puppet.asleep;
+            puppet.step(&mut self.dice);
+            if !(slept && puppet.asleep) {
+                observations.push(Observation {
+                    id: BodyId::new(index as u32, 0),
+                    motion: puppet.verbatim(),
+                    activity: if puppet.asleep {
+                        Activity::Asleep
+                    } else {
+                        Activity::Awake
+                    },
+                });
+            }
+        }
+        let mut datagrams = Vec::new();
+        self.publisher
+            .publish(Tick::new(self.tick), &observations, 0, &mut datagrams);
+        if datagrams.is_empty() {
+            datagrams.push(self.publisher.vouch(0));
+        }
+        for datagram in &datagrams {
+            self.send(datagram);
+        }
+        self.deliver();
+        if self.tick.is_multiple_of(5) {
+            self.echo();
+        }
+    }
+
+    fn deliver(&mut self) {
+        let now = self.tick;
+        let (due, later): (Vec<_>, Vec<_>) = self.air.drain(..).partition(|(at, _)| *at <= now);
+        self.air.extend(later);
+        for (_, datagram) in due {
+            self.subscriber.handle_datagram(&datagram);
+        }
+    }
+
+    fn echo(&mut self) {
+        let echo = self.subscriber.echo();
+        if self.dice.roll() < self.loss {
+            return;
+        }
+        for lost in echo.lost {
+            let number = lost.expand(self.publisher.next_number());
+            for datagram in self
+                .publisher
+                .repair(number, 0)
+                .expect("the history is long enough")
+            {
+                self.send(&datagram);
+            }
+        }
+        let vouch = self.publisher.vouch(0);
+        self.send(&vouch);
+    }
+
+    fn check(&mut self) -> Result<(), TestCaseError> {
+        let vouched = self.subscriber.vouched();
+        let current = vouched == Tick::new(self.tick);
+        let tolerance = self.publisher.tolerance().metres().metres();
+        for (id, track) in self.publisher.tracks() {
+            let Some(bound) = self.subscriber.bound(id) else {
+                return Err(TestCaseError::fail("a body is not bounded at all"));
+            };
+            if !current || matches!(bound, Bound::Unknown { .. }) {
+                continue;
+            }
+            let truth = self.puppets[id.index() as usize].verbatim();
+            prop_assert_eq!(
+                self.subscriber.track(id),
+                Some(&track),
+                "{} at {}",
+                id,
+                vouched
+            );
+            let believed = self.subscriber.believed(id, vouched).unwrap();
+            let error = Divergence::between(&truth.motion().pose(), &believed.pose())
+                .surface_error(Metres::new(0.5));
+            self.worst = self.worst.max(error.metres());
+            match bound {
+                Bound::Within(within) => prop_assert!(
+                    error.metres() <= within.metres(),
+                    "{} is off by {}",
+                    id,
+                    error
+                ),
+                Bound::Unknown { .. } => {}
+            }
+            prop_assert!(error.metres() <= tolerance);
+        }
+        prop_assert_eq!(self.subscriber.statistics().malformed, 0);
+        Ok(())
+    }
+}
+
+fn tolerance() -> impl Strategy<Value = Tolerance> {
+    prop_oneof![
+        Just(Tolerance::EXACT),
+        Just(Tolerance::FINE),
+        Just(Tolerance::NORMAL),
+        Just(Tolerance::COARSE)
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(100))]
+
+    #[test]
+    fn without_loss_track_equals_track_at_every_tick(seed: u64, tolerance in tolerance()) {
+        let mut stage = Stage::new(seed, tolerance, 0.0);
+        for _ in 0..300 {
+            stage.step();
+            prop_assert_eq!(stage.subscriber.complete(), Tick::new(stage.tick));
+            stage.check()?;
+        }
+        prop_assert!(stage.worst > 0.0);
+    }
+
+    #[test]
+    fn with_loss_every_bound_that_is_given_holds(seed: u64, tolerance in tolerance(), loss in 0.01_f64..0.4) {
+        let mut stage = Stage::new(seed, tolerance, loss);
+        for _ in 0..300 {
+            stage.step();
+            stage.check()?;
+        }
+        // The losses stop: within a few echoes all is known again.
+        stage.loss = 0.0;
+        for _ in 0..20 {
+            stage.step();
+        }
+        prop_assert!(stage.subscriber.is_settled());
+        prop_assert_eq!(stage.subscriber.complete(), Tick::new(stage.tick));
+        stage.check()?;
+    }
+
+    #[test]
+    fn no_bit_flipped_in_a_stream_makes_it_panic_or_leave_the_limits(seed: u64, flips in proptest::collection::vec(any::<u32>(), 40)) {
+        let mut stage = Stage::new(seed, Tolerance::NORMAL, 0.0);
+        for flip in flips {
+            stage.step();
+            let mut observations = Vec::new();
+            for (index, puppet) in stage.puppets.iter_mut().enumerate() {
+                puppet.linear += DVec3::X;
+                let id = BodyId::new(index as u32, 0);
+                observations.push(Observation { id, motion: puppet.verbatim(), activity: Activity::Awake });
+            }
+            let mut datagrams = Vec::new();
+            stage.publisher.publish(Tick::new(stage.tick), &observations, 0, &mut datagrams);
+            for datagram in datagrams {
+                let mut damaged = datagram.to_vec();
+                let bit = flip as usize % (damaged.len() * 8);
+                damaged[bit / 8] ^= 1 << (bit % 8);
+                stage.subscriber.handle_datagram(&damaged);
+            }
+            for index in 0..BODIES {
+                if let Some(id) = stage.subscriber.body(index) {
+                    let motion = stage.subscriber.believed(id, Tick::new(stage.tick + 30)).unwrap();
+                    prop_assert!(motion.pose().position.is_finite() && motion.pose().rotation.is_finite());
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_body_at_rest_to_the_bit_costs_nothing_more() {
+    let mut stage = Stage::new(7, Tolerance::NORMAL, 0.0);
+    for puppet in &mut stage.puppets {
+        puppet.asleep = true;
+    }
+    let asleep: Vec<_> = stage
+        .puppets
+        .iter()
+        .enumerate()
+        .map(|(index, puppet)| Observation {
+            id: BodyId::new(index as u32, 0),
+            motion: puppet.verbatim(),
+            activity: Activity::Asleep,
+        })
+        .collect();
+    let mut datagrams = Vec::new();
+    stage
+        .publisher
+        .publish(Tick::new(1), &asleep, 0, &mut datagrams);
+    assert!(!datagrams.is_empty());
+    for datagram in datagrams.drain(..) {
+        stage.subscriber.handle_datagram(&datagram);
+    }
+    stage
+        .publisher
+        .publish(Tick::new(2), &asleep, 0, &mut datagrams);
+    assert!(datagrams.is_empty());
+    let vouch = stage.publisher.vouch(0);
+    assert_eq!(
+        Head::decode(&mut Reader::new(&vouch)).unwrap().kind,
+        Kind::Vouch
+    );
+    assert!(vouch.len() < 12);
+    stage.subscriber.handle_datagram(&vouch);
+    assert_eq!(stage.subscriber.complete(), Tick::new(2));
+    for (index, puppet) in stage.puppets.iter().enumerate() {
+        let track = stage
+            .subscriber
+            .track(BodyId::new(index as u32, 0))
+            .unwrap();
+        assert_eq!(track.anchor, Anchor::Verbatim(puppet.verbatim().stilled()));
+    }
+}
