@@ -1,0 +1,370 @@
+//! Rapier as the engine of a scene.
+//!
+//! Wraps its `PhysicsWorld`; no type of Rapier leaves this file and its helper. Invariants: the world is never stepped
+//! again after a panic, since it may be broken anywhere; bodies that Rapier put into quarantine are out of the world
+//! when the step returns. Rapier caps the speeds of dynamic bodies at 400 m/s and an eighth of a turn per tick.
+
+use std::collections::BTreeMap;
+use std::mem;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use glam::{Quat, Vec3};
+use rapier3d::prelude::{PhysicsWorld, RigidBody, RigidBodyHandle};
+use rhumb_protocol::limits::COORDINATE_MAX;
+use rhumb_protocol::message::RemovalCause;
+use rhumb_protocol::scene::{BodyKind, SceneTerms};
+use rhumb_protocol::stream::{Activity, Observation};
+use rhumb_reckoning::{BodyId, Integrator, Twist};
+
+use super::drive::Drive;
+use super::rapier_body as translate;
+use super::{Engine, EngineFault, Newcomer, Push};
+
+/// A world of Rapier's.
+pub struct RapierEngine {
+    world: PhysicsWorld,
+    integrator: Integrator,
+    fault: Option<EngineFault>,
+    /// By index of the body.
+    places: Vec<Option<Place>>,
+    /// Kinematic bodies that move.
+    drives: BTreeMap<BodyId, Drive>,
+    /// Bodies on which a force acts until the next step is over.
+    pushed: Vec<RigidBodyHandle>,
+    /// Static bodies that were put elsewhere since the last step.
+    displaced: Vec<Place>,
+    /// Awake after the last step, in the order of ids.
+    awake: Vec<Place>,
+    /// Awake after the step before, in the order of ids.
+    awake_before: Vec<Place>,
+    observed: Vec<Observation>,
+}
+
+/// A body's name, and where Rapier keeps it.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    id: BodyId,
+    handle: RigidBodyHandle,
+}
+
+impl RapierEngine {
+    /// An empty world that steps as `terms` say.
+    #[must_use]
+    pub fn new(terms: &SceneTerms) -> Self {
+        let mut world = PhysicsWorld::new();
+        world.gravity = terms.gravity;
+        let parameters = &mut world.integration_parameters;
+        parameters.dt = terms.integrator.rate.step().seconds() as f32;
+        parameters.min_ccd_dt = parameters.dt / 100.0;
+        parameters.num_solver_iterations = terms.integrator.substeps.get() as usize;
+        Self {
+            world,
+            integrator: terms.integrator,
+            fault: None,
+            places: Vec::new(),
+            drives: BTreeMap::new(),
+            pushed: Vec::new(),
+            displaced: Vec::new(),
+            awake: Vec::new(),
+            awake_before: Vec::new(),
+            observed: Vec::new(),
+        }
+    }
+
+    /// Runs what touches the world; if that panics, the engine is faulted and holds nothing any more.
+    fn contained(&mut self, work: impl FnOnce(&mut Self)) {
+        if self.fault.is_some() {
+            return;
+        }
+        if catch_unwind(AssertUnwindSafe(|| work(self))).is_err() {
+            self.fault = Some(EngineFault::Panicked);
+            let broken = mem::take(&mut self.world);
+            // What cannot even be dropped is of no use to anybody: nothing hangs on the outcome.
+            let _ = catch_unwind(AssertUnwindSafe(|| drop(broken)));
+            self.places.clear();
+            self.drives.clear();
+            self.awake.clear();
+            self.observed.clear();
+        }
+    }
+
+    fn place(&self, id: BodyId) -> Option<Place> {
+        let place = self.places.get(id.index() as usize).copied().flatten()?;
+        (place.id == id).then_some(place)
+    }
+
+    fn body(&self, place: Place) -> Option<&RigidBody> {
+        self.world.bodies.get(place.handle)
+    }
+
+    fn drive_mut(&mut self, place: Place) -> Option<&mut Drive> {
+        let body = self.world.bodies.get(place.handle)?;
+        let pose = translate::widen(body.translation(), *body.rotation());
+        Some(
+            self.drives
+                .entry(place.id)
+                .or_insert_with(|| Drive::at(pose)),
+        )
+    }
+
+    fn insert(&mut self, newcomer: &Newcomer) {
+        let (handle, _) = self
+            .world
+            .insert(translate::body(newcomer), translate::collider(newcomer));
+        let index = newcomer.id.index() as usize;
+        if index >= self.places.len() {
+            self.places.resize(index + 1, None);
+        }
+        let place = Place {
+            id: newcomer.id,
+            handle,
+        };
+        self.places[index] = Some(place);
+        if newcomer.kind == BodyKind::Kinematic {
+            let twist = newcomer.motion.motion().twist();
+            self.keep(place, twist);
+        }
+    }
+
+    fn discard(&mut self, id: BodyId) {
+        if let Some(place) = self.place(id) {
+            self.places[id.index() as usize] = None;
+            self.drives.remove(&id);
+            self.world.remove_body(place.handle);
+        }
+    }
+
+    fn relocate(&mut self, id: BodyId, position: Vec3, rotation: Quat) {
+        let Some(place) = self.place(id) else { return };
+        let body = &mut self.world.bodies[place.handle];
+        if body.is_kinematic() {
+            if let Some(drive) = self.drive_mut(place) {
+                drive.go_to(translate::widen(position, rotation));
+            }
+            return;
+        }
+        let pose = translate::pose(position, rotation);
+        if *body.position() != pose {
+            body.set_position(pose, true);
+            if body.is_fixed() {
+                self.displaced.push(place);
+            }
+        }
+    }
+
+    fn keep(&mut self, place: Place, twist: Twist) {
+        if let Some(drive) = self.drive_mut(place) {
+            drive.keep(twist);
+        }
+    }
+
+    fn set_twist(&mut self, id: BodyId, twist: Twist) {
+        let Some(place) = self.place(id) else { return };
+        let body = &mut self.world.bodies[place.handle];
+        if body.is_kinematic() {
+            self.keep(place, twist);
+        } else {
+            let (linear, angular) = translate::narrow_twist(&twist);
+            body.set_linvel(linear, true);
+            body.set_angvel(angular, true);
+        }
+    }
+
+    /// Moves what moves by wish, steps, and looks at what came of it.
+    fn advance(&mut self, lost: &mut Vec<(BodyId, RemovalCause)>) {
+        self.drives.retain(|_, drive| drive.moves());
+        for (id, drive) in &mut self.drives {
+            let next = translate::narrow(&drive.advance(self.integrator));
+            let place = self.places.get(id.index() as usize).copied().flatten();
+            if let Some(body) = place.and_then(|place| self.world.bodies.get_mut(place.handle)) {
+                body.set_next_kinematic_position(next);
+            }
+        }
+        self.world.step();
+        for handle in self.pushed.drain(..) {
+            if let Some(body) = self.world.bodies.get_mut(handle) {
+                translate::unpush(body);
+            }
+        }
+        let first = lost.len();
+        self.discard_quarantined(lost);
+        self.look(lost);
+        let gone = &mut lost[first..];
+        if !gone.is_empty() {
+            gone.sort_unstable_by_key(|(id, _)| *id);
+            for (id, _) in gone.iter() {
+                self.discard(*id);
+            }
+            let mut awake = mem::take(&mut self.awake);
+            awake.retain(|place| self.is_at(*place));
+            self.awake = awake;
+        }
+    }
+
+    /// Takes out what Rapier disabled in this step; its report lasts for one step only.
+    fn discard_quarantined(&mut self, lost: &mut Vec<(BodyId, RemovalCause)>) {
+        let quarantine = self.world.quarantine();
+        if quarantine.is_empty() {
+            return;
+        }
+        let owners = quarantine.colliders().iter().filter_map(|handle| {
+            let collider = self.world.colliders.get(*handle)?;
+            collider.parent()
+        });
+        let mut handles: Vec<RigidBodyHandle> = quarantine.bodies().to_vec();
+        handles.extend(owners);
+        for handle in handles {
+            if let Some(body) = self.world.bodies.get(handle) {
+                let id = translate::id(body);
+                self.discard(id);
+                lost.push((id, RemovalCause::NotFinite));
+            }
+        }
+    }
+
+    /// Fills the observations of this step.
+    fn look(&mut self, lost: &mut Vec<(BodyId, RemovalCause)>) {
+        mem::swap(&mut self.awake, &mut self.awake_before);
+        self.awake.clear();
+        let active = self.world.active_bodies();
+        self.awake.extend(active.map(|(handle, body)| Place {
+            id: translate::id(body),
+            handle,
+        }));
+        self.awake.sort_unstable_by_key(|place| place.id);
+        let mut observed = mem::take(&mut self.observed);
+        observed.clear();
+        let mut before = self.awake_before.iter().peekable();
+        for place in &self.awake {
+            while let Some(gone) = before.next_if(|other| other.id < place.id) {
+                observed.extend(self.fallen_asleep(*gone));
+            }
+            before.next_if(|other| other.id == place.id);
+            match self.seen(*place, Activity::Awake) {
+                Ok(observation) => observed.push(observation),
+                Err(cause) => lost.push((place.id, cause)),
+            }
+        }
+        for gone in before {
+            observed.extend(self.fallen_asleep(*gone));
+        }
+        if !self.displaced.is_empty() {
+            self.displaced.sort_unstable_by_key(|place| place.id);
+            self.displaced.dedup_by_key(|place| place.id);
+            let still_there = self.displaced.iter().filter(|place| self.is_at(**place));
+            observed
+                .extend(still_there.filter_map(|place| self.seen(*place, Activity::Asleep).ok()));
+            observed.sort_unstable_by_key(|observation| observation.id);
+            self.displaced.clear();
+        }
+        self.observed = observed;
+    }
+
+    /// Whether the body was not removed since.
+    fn is_at(&self, place: Place) -> bool {
+        self.place(place.id)
+            .is_some_and(|now| now.handle == place.handle)
+    }
+
+    /// The last of a body that was awake and is so no more, unless it is gone altogether.
+    fn fallen_asleep(&self, place: Place) -> Option<Observation> {
+        if !self.is_at(place) {
+            return None;
+        }
+        self.seen(place, Activity::Asleep).ok()
+    }
+
+    /// What can be said of a body, or why it must go.
+    fn seen(&self, place: Place, activity: Activity) -> Result<Observation, RemovalCause> {
+        let body = self.body(place).ok_or(RemovalCause::NotFinite)?;
+        let kept = if body.is_kinematic() && activity == Activity::Awake {
+            self.drives.get(&place.id).and_then(Drive::kept)
+        } else {
+            None
+        };
+        let motion = translate::motion(body, kept).map_err(|_| RemovalCause::NotFinite)?;
+        if !translate::is_within(body.translation(), COORDINATE_MAX) {
+            return Err(RemovalCause::LeftWorld);
+        }
+        Ok(Observation {
+            id: place.id,
+            motion,
+            activity,
+        })
+    }
+}
+
+impl Engine for RapierEngine {
+    fn add(&mut self, body: &Newcomer) {
+        self.contained(|engine| engine.insert(body));
+    }
+
+    fn remove(&mut self, id: BodyId) {
+        self.contained(|engine| engine.discard(id));
+    }
+
+    fn set_pose(&mut self, id: BodyId, position: Vec3, rotation: Quat) {
+        self.contained(|engine| engine.relocate(id, position, rotation));
+    }
+
+    fn set_velocity(&mut self, id: BodyId, twist: Twist) {
+        self.contained(|engine| engine.set_twist(id, twist));
+    }
+
+    fn push(&mut self, id: BodyId, push: Push) {
+        self.contained(|engine| {
+            let Some(place) = engine.place(id) else {
+                return;
+            };
+            let dt = engine.world.integration_parameters.dt;
+            translate::push(&mut engine.world.bodies[place.handle], push, dt);
+            if matches!(push, Push::Force(_) | Push::Torque(_)) {
+                engine.pushed.push(place.handle);
+            }
+        });
+    }
+
+    fn set_gravity(&mut self, gravity: Vec3) {
+        self.contained(|engine| {
+            if engine.world.gravity != gravity {
+                engine.world.gravity = gravity;
+                engine.world.wake_up_all(true);
+            }
+        });
+    }
+
+    fn step(&mut self, lost: &mut Vec<(BodyId, RemovalCause)>) -> Result<(), EngineFault> {
+        let first = lost.len();
+        self.contained(|engine| engine.advance(lost));
+        match self.fault {
+            None => Ok(()),
+            Some(fault) => {
+                lost.truncate(first);
+                Err(fault)
+            }
+        }
+    }
+
+    fn observe(&self, out: &mut Vec<Observation>) {
+        out.extend_from_slice(&self.observed);
+    }
+
+    fn observe_one(&self, id: BodyId) -> Option<Observation> {
+        let place = self.place(id)?;
+        let body = self.body(place)?;
+        let activity = if body.is_fixed() || body.is_sleeping() {
+            Activity::Asleep
+        } else {
+            Activity::Awake
+        };
+        self.seen(place, activity).ok()
+    }
+
+    fn awake_count(&self) -> usize {
+        self.awake.len()
+    }
+
+    fn fault(&self) -> Option<EngineFault> {
+        self.fault
+    }
+}

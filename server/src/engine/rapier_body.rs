@@ -1,0 +1,176 @@
+//! Bodies in Rapier's words, and back.
+//!
+//! Translation only; which bodies there are is known in `rapier`.
+
+use glam::{DQuat, DVec3, Quat, Vec3};
+use rapier3d::math::Pose as RapierPose;
+use rapier3d::prelude::{Collider, ColliderBuilder, RigidBody, RigidBodyBuilder, RigidBodyType};
+use rhumb_protocol::limits::{ANGULAR_MAX, LINEAR_MAX};
+use rhumb_protocol::scene::{BodyKind, Shape};
+use rhumb_reckoning::{BodyId, InvalidMotion, Pose, Twist, Verbatim};
+
+use super::{Newcomer, Push};
+
+/// The body, without its solid. A kinematic one's velocities are not Rapier's: see `drive`.
+pub(super) fn body(newcomer: &Newcomer) -> RigidBody {
+    let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = newcomer.motion.parts();
+    let kind = match newcomer.kind {
+        BodyKind::Static => RigidBodyType::Fixed,
+        BodyKind::Dynamic => RigidBodyType::Dynamic,
+        BodyKind::Kinematic => RigidBodyType::KinematicPositionBased,
+    };
+    let mut builder = RigidBodyBuilder::new(kind)
+        .pose(pose(Vec3::new(px, py, pz), Quat::from_xyzw(x, y, z, w)))
+        .linear_damping(newcomer.damping.linear)
+        .angular_damping(newcomer.damping.angular)
+        .gravity_scale(newcomer.gravity_scale)
+        .user_data(tag(newcomer.id));
+    if newcomer.kind == BodyKind::Dynamic {
+        builder = builder
+            .linvel(Vec3::new(vx, vy, vz))
+            .angvel(Vec3::new(wx, wy, wz));
+    }
+    builder.build()
+}
+
+/// The solid of a body.
+pub(super) fn collider(newcomer: &Newcomer) -> Collider {
+    let builder = match newcomer.shape {
+        Shape::Ball { radius } => ColliderBuilder::ball(radius),
+        Shape::Cuboid { half_extents } => {
+            ColliderBuilder::cuboid(half_extents.x, half_extents.y, half_extents.z)
+        }
+        Shape::Capsule {
+            half_height,
+            radius,
+        } => ColliderBuilder::capsule_y(half_height, radius),
+        Shape::Cylinder {
+            half_height,
+            radius,
+        } => ColliderBuilder::cylinder(half_height, radius),
+    };
+    builder
+        .friction(newcomer.material.friction)
+        .restitution(newcomer.material.restitution)
+        .density(newcomer.material.density)
+        .build()
+}
+
+/// A name in Rapier's user data.
+fn tag(id: BodyId) -> u128 {
+    u128::from(id.generation()) << 32 | u128::from(id.index())
+}
+
+/// The name of a body that [`body`] made.
+pub(super) fn id(body: &RigidBody) -> BodyId {
+    BodyId::new(body.user_data as u32, (body.user_data >> 32) as u16)
+}
+
+/// A pose whose rotation keeps its very bits if it is of unit length up to rounding, and is normalised otherwise.
+pub(super) fn pose(position: Vec3, rotation: Quat) -> RapierPose {
+    let wide = rotation.as_dquat();
+    let rounded_only = (wide.length_squared() - 1.0).abs() <= UNIT_ROUNDING;
+    let rotation = if rounded_only {
+        rotation
+    } else {
+        wide.normalize().as_quat()
+    };
+    RapierPose::from_parts(position, rotation)
+}
+
+/// What a unit quaternion of f32 may lose: four squares, each rounded by at most 2⁻²⁴ relative, and the sum's spread.
+const UNIT_ROUNDING: f64 = 1e-6;
+
+/// Rounded to the engine's precision.
+pub(super) fn narrow(pose: &Pose) -> RapierPose {
+    RapierPose::from_parts(pose.position.as_vec3(), pose.rotation.as_quat())
+}
+
+/// In f64, where rounding left the rotation not quite of unit length.
+pub(super) fn widen(position: Vec3, rotation: Quat) -> Pose {
+    let rotation: DQuat = rotation.as_dquat().normalize();
+    Pose {
+        position: position.as_dvec3(),
+        rotation,
+    }
+}
+
+/// What a body does, with its velocities as Rapier has them or as somebody else knows them.
+///
+/// # Errors
+///
+/// [`InvalidMotion`] for a body that is no longer finite.
+pub(super) fn motion(body: &RigidBody, kept: Option<Twist>) -> Result<Verbatim, InvalidMotion> {
+    let position = body.translation();
+    let (linear, angular) = match kept {
+        Some(twist) => (twist.linear.as_vec3(), twist.angular.as_vec3()),
+        None => (body.linvel(), body.angvel()),
+    };
+    Verbatim::new(
+        position.to_array(),
+        body.rotation().to_array(),
+        linear.to_array(),
+        angular.to_array(),
+    )
+}
+
+/// Pushes a dynamic body, but to no more than the largest speeds that a command may set: what is finite but absurd would
+/// make Rapier give up the body, and each that it touches.
+///
+/// `dt`: length of a step, seconds. Forces stay until [`unpush`].
+pub(super) fn push(body: &mut RigidBody, push: Push, dt: f32) {
+    let properties = body.mass_properties();
+    let lightness = properties.effective_inv_mass.x;
+    let turnability = properties.effective_world_inv_inertia;
+    match push {
+        Push::Force(force) => {
+            let sum = body.user_force() + force;
+            let share = share_within(sum * lightness * dt, LINEAR_MAX);
+            body.reset_forces(false);
+            body.add_force(sum * share, true);
+        }
+        Push::Torque(torque) => {
+            let sum = body.user_torque() + torque;
+            let share = share_within((turnability * sum) * dt, ANGULAR_MAX);
+            body.reset_torques(false);
+            body.add_torque(sum * share, true);
+        }
+        Push::Impulse(impulse) => {
+            let change = impulse * lightness;
+            let linear = body.linvel() + change * share_within(change, LINEAR_MAX);
+            body.set_linvel(linear * share_within(linear, LINEAR_MAX), true);
+        }
+        Push::TorqueImpulse(impulse) => {
+            let change = turnability * impulse;
+            let angular = body.angvel() + change * share_within(change, ANGULAR_MAX);
+            body.set_angvel(angular * share_within(angular, ANGULAR_MAX), true);
+        }
+    }
+}
+
+/// Ends all forces and torques.
+pub(super) fn unpush(body: &mut RigidBody) {
+    body.reset_forces(false);
+    body.reset_torques(false);
+}
+
+/// The factor in (0, 1] by which a vector is as long as `most`, or one if it is no longer. Frame and unit: the vector's.
+fn share_within(vector: Vec3, most: f32) -> f32 {
+    let length = vector.as_dvec3().length();
+    if length <= f64::from(most) {
+        1.0
+    } else {
+        (f64::from(most) / length) as f32
+    }
+}
+
+/// Whether a point is inside the world.
+pub(super) fn is_within(position: Vec3, most: f32) -> bool {
+    position.abs().max_element() <= most
+}
+
+/// Velocities in the engine's precision.
+pub(super) fn narrow_twist(twist: &Twist) -> (Vec3, Vec3) {
+    let narrow = |v: DVec3| v.as_vec3();
+    (narrow(twist.linear), narrow(twist.angular))
+}

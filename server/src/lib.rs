@@ -1,0 +1,23 @@
+//! Rhumb's server: the engine behind a small trait, scenes, and what their members hear.
+//!
+//! Reads no clock; only `engine::rapier` knows the engine's types, and only `serve` has sockets, by way of the transport.
+//! Invariants: a refused command changes nothing; a state that is not finite never leaves the engine.
+#![forbid(unsafe_code)]
+
+pub mod cli;
+mod digest;
+pub mod engine;
+mod grants;
+mod host;
+mod outbox;
+mod registry;
+mod room;
+mod scene;
+mod serve;
+mod streams;
+mod times;
+
+pub use digest::Digest;
+pub use host::Host;
+pub use scene::{Scene, SceneFault, Stepped};
+pub use serve::{Identity, RunError, Server, run_on_core};

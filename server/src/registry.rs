@@ -1,0 +1,145 @@
+//! Which shapes and bodies a scene has, and had.
+//!
+//! Knows no engine. Checks the rules of names and numbers; a change that is refused changes nothing. Invariants: each
+//! body's shape is known; of each index the generations only grow.
+
+use std::collections::BTreeMap;
+
+use rhumb_protocol::limits::{BODIES_MAX, DAMPINGS_MAX, INDICES_MAX, SHAPES_MAX};
+use rhumb_protocol::scene::{BodyTerms, CommandError, IdRange, Shape, ShapeId};
+use rhumb_reckoning::{BodyId, Damping};
+
+/// The shapes and bodies of one scene.
+#[derive(Debug, Default)]
+pub(crate) struct Registry {
+    shapes: BTreeMap<ShapeId, KnownShape>,
+    /// By index; `None` where none ever was.
+    bodies: Vec<Option<KnownBody>>,
+    count: usize,
+    /// All that bodies ever had: both ends of a stream keep a table for each.
+    dampings: Vec<Damping>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct KnownShape {
+    shape: Shape,
+    /// Bodies that have it.
+    users: usize,
+}
+
+/// The last body of an index.
+#[derive(Clone, Copy, Debug)]
+struct KnownBody {
+    terms: BodyTerms,
+    lives: bool,
+}
+
+impl Registry {
+    pub(crate) fn add_shape(&mut self, id: ShapeId, shape: Shape) -> Result<(), CommandError> {
+        if id.0 >= SHAPES_MAX {
+            return Err(CommandError::UnknownShape(id));
+        }
+        if self.shapes.contains_key(&id) {
+            return Err(CommandError::ShapeIdTaken(id));
+        }
+        self.shapes.insert(id, KnownShape { shape, users: 0 });
+        Ok(())
+    }
+
+    pub(crate) fn remove_shape(&mut self, id: ShapeId) -> Result<(), CommandError> {
+        let known = self.shapes.get(&id);
+        if known.ok_or(CommandError::UnknownShape(id))?.users > 0 {
+            return Err(CommandError::ShapeInUse(id));
+        }
+        self.shapes.remove(&id);
+        Ok(())
+    }
+
+    /// Takes a body in and returns its shape. `damping`: its own or the scene's.
+    pub(crate) fn add_body(
+        &mut self,
+        terms: BodyTerms,
+        damping: Damping,
+    ) -> Result<Shape, CommandError> {
+        let id = terms.id;
+        if id.index() >= INDICES_MAX {
+            return Err(CommandError::NotGranted(id));
+        }
+        let last = self.bodies.get(id.index() as usize).copied().flatten();
+        if last.is_some_and(|last| last.lives || last.terms.id.generation() >= id.generation()) {
+            return Err(CommandError::BodyIdTaken(id));
+        }
+        if self.count >= BODIES_MAX as usize {
+            return Err(CommandError::TooManyBodies);
+        }
+        let new_damping = !self.dampings.contains(&damping);
+        if new_damping && self.dampings.len() >= DAMPINGS_MAX {
+            return Err(CommandError::TooManyDampings);
+        }
+        let known = self.shapes.get_mut(&terms.shape);
+        let known = known.ok_or(CommandError::UnknownShape(terms.shape))?;
+        known.users += 1;
+        let shape = known.shape;
+        if new_damping {
+            self.dampings.push(damping);
+        }
+        let index = id.index() as usize;
+        if index >= self.bodies.len() {
+            self.bodies.resize(index + 1, None);
+        }
+        self.bodies[index] = Some(KnownBody { terms, lives: true });
+        self.count += 1;
+        Ok(shape)
+    }
+
+    pub(crate) fn remove_body(&mut self, id: BodyId) -> Result<(), CommandError> {
+        let shape = self.body(id).ok_or(CommandError::UnknownBody(id))?.shape;
+        if let Some(Some(known)) = self.bodies.get_mut(id.index() as usize) {
+            known.lives = false;
+        }
+        if let Some(known) = self.shapes.get_mut(&shape) {
+            known.users -= 1;
+        }
+        self.count -= 1;
+        Ok(())
+    }
+
+    pub(crate) fn body(&self, id: BodyId) -> Option<&BodyTerms> {
+        let known = self.bodies.get(id.index() as usize)?.as_ref()?;
+        (known.lives && known.terms.id == id).then_some(&known.terms)
+    }
+
+    /// In the order of ids.
+    pub(crate) fn bodies(&self) -> impl Iterator<Item = &BodyTerms> {
+        let known = self.bodies.iter().flatten();
+        known.filter(|known| known.lives).map(|known| &known.terms)
+    }
+
+    pub(crate) const fn body_count(&self) -> usize {
+        self.count
+    }
+
+    pub(crate) fn shape(&self, id: ShapeId) -> Option<&Shape> {
+        self.shapes.get(&id).map(|known| &known.shape)
+    }
+
+    /// In the order of ids.
+    pub(crate) fn shapes(&self) -> impl Iterator<Item = (ShapeId, &Shape)> {
+        self.shapes.iter().map(|(id, known)| (*id, &known.shape))
+    }
+
+    /// `None` while a body lives in the range or one of its indices is used up; otherwise the least generation that no
+    /// body of the range has had.
+    pub(crate) fn vacancy(&self, range: &IdRange) -> Option<u16> {
+        let from = (range.first() as usize).min(self.bodies.len());
+        let to = (from + range.count() as usize).min(self.bodies.len());
+        let mut generation = 0;
+        for known in self.bodies[from..to].iter().flatten() {
+            if known.lives {
+                return None;
+            }
+            generation = generation.max(known.terms.id.generation().checked_add(1)?);
+        }
+        Some(generation)
+    }
+}
