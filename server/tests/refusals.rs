@@ -1,0 +1,404 @@
+//! A scene refuses what it must, and a refused command changes nothing.
+//!
+//! The rules of names are proved one by one; that nothing changes, by two scenes of which one never hears what the other
+//! refused, under random commands with absurd numbers and dead ids. A double stands in for an engine that fails.
+
+use core::num::NonZeroU32;
+
+use glam::{Quat, Vec3};
+use proptest::prelude::*;
+use rhumb_protocol::limits::{DAMPINGS_MAX, INDICES_MAX, SHAPES_MAX};
+use rhumb_protocol::message::RemovalCause;
+use rhumb_protocol::scene::{
+    BodyKind, BodyTerms, Command, CommandError, IdRange, Invalid, Material, Pace, Quantity,
+    SceneTerms, Shape, ShapeId,
+};
+use rhumb_protocol::stream::Observation;
+use rhumb_reckoning::{BodyId, Damping, Integrator, Rate, Tick, Twist, Verbatim};
+use rhumb_server::engine::{Engine, EngineFault, Newcomer, Push};
+use rhumb_server::{Scene, SceneFault};
+
+fn terms() -> SceneTerms {
+    SceneTerms {
+        integrator: Integrator {
+            rate: Rate::HZ_60,
+            substeps: NonZeroU32::new(4).unwrap(),
+        },
+        gravity: Vec3::new(0.0, -10.0, 0.0),
+        pace: Pace::Lockstep,
+        material: Material {
+            friction: 0.5,
+            restitution: 0.5,
+            density: 1_000.0,
+        },
+        damping: Damping::default(),
+    }
+}
+
+const SHAPE: ShapeId = ShapeId(3);
+
+fn with_shape() -> Scene {
+    let mut scene = Scene::new(terms()).unwrap();
+    let shape = Shape::Ball { radius: 0.5 };
+    scene
+        .apply(&Command::AddShape { id: SHAPE, shape })
+        .unwrap();
+    scene
+}
+
+fn body(index: u32, generation: u16, kind: BodyKind) -> Command {
+    let id = BodyId::new(index, generation);
+    let identity = [0.0, 0.0, 0.0, 1.0];
+    Command::AddBody {
+        terms: BodyTerms::plain(id, kind, SHAPE),
+        motion: Verbatim::new([0.0; 3], identity, [0.0; 3], [0.0; 3]).unwrap(),
+    }
+}
+
+#[test]
+fn generations_of_an_index_only_grow() {
+    let mut scene = with_shape();
+    let id = BodyId::new(4, 2);
+    scene.apply(&body(4, 2, BodyKind::Dynamic)).unwrap();
+    for generation in [1, 2, 3] {
+        let taken = CommandError::BodyIdTaken(BodyId::new(4, generation));
+        let answer = scene.apply(&body(4, generation, BodyKind::Dynamic));
+        assert_eq!(answer, Err(taken));
+    }
+    let range = IdRange::new(0, 10, 0).unwrap();
+    assert_eq!(scene.vacancy(&range), None);
+    scene.apply(&Command::RemoveBody { id }).unwrap();
+    assert_eq!(scene.vacancy(&range), Some(3));
+    assert_eq!(
+        scene.apply(&Command::RemoveBody { id }),
+        Err(CommandError::UnknownBody(id))
+    );
+    let answer = scene.apply(&body(4, 2, BodyKind::Dynamic));
+    assert_eq!(answer, Err(CommandError::BodyIdTaken(id)));
+    scene.apply(&body(4, 3, BodyKind::Dynamic)).unwrap();
+    let beyond = scene.apply(&body(INDICES_MAX, 0, BodyKind::Dynamic));
+    let id = BodyId::new(INDICES_MAX, 0);
+    assert_eq!(beyond, Err(CommandError::NotGranted(id)));
+}
+
+#[test]
+fn a_shape_stays_while_a_body_has_it() {
+    let mut scene = with_shape();
+    let (id, shape) = (SHAPE, Shape::Ball { radius: 1.0 });
+    assert_eq!(
+        scene.apply(&Command::AddShape { id, shape }),
+        Err(CommandError::ShapeIdTaken(id))
+    );
+    scene.apply(&body(0, 0, BodyKind::Dynamic)).unwrap();
+    let remove = Command::RemoveShape { id };
+    assert_eq!(scene.apply(&remove), Err(CommandError::ShapeInUse(id)));
+    scene
+        .apply(&Command::RemoveBody {
+            id: BodyId::new(0, 0),
+        })
+        .unwrap();
+    scene.apply(&remove).unwrap();
+    assert_eq!(scene.apply(&remove), Err(CommandError::UnknownShape(id)));
+    let unknown = scene.apply(&body(0, 1, BodyKind::Dynamic));
+    assert_eq!(unknown, Err(CommandError::UnknownShape(id)));
+    let id = ShapeId(SHAPES_MAX);
+    let beyond = scene.apply(&Command::AddShape { id, shape });
+    assert_eq!(beyond, Err(CommandError::UnknownShape(id)));
+}
+
+#[test]
+fn only_dynamic_bodies_are_pushed_and_static_ones_have_no_velocity() {
+    let mut scene = with_shape();
+    let (still, moved) = (BodyId::new(0, 0), BodyId::new(1, 0));
+    scene.apply(&body(0, 0, BodyKind::Static)).unwrap();
+    scene.apply(&body(1, 0, BodyKind::Kinematic)).unwrap();
+    let (linear, angular) = (Vec3::X, Vec3::Y);
+    for (id, velocity) in [
+        (still, Err(CommandError::NotPushable(still))),
+        (moved, Ok(())),
+    ] {
+        let refused = Err(CommandError::NotPushable(id));
+        let impulse = linear;
+        assert_eq!(scene.apply(&Command::Force { id, force: linear }), refused);
+        assert_eq!(
+            scene.apply(&Command::Torque { id, torque: linear }),
+            refused
+        );
+        assert_eq!(scene.apply(&Command::Impulse { id, impulse }), refused);
+        assert_eq!(
+            scene.apply(&Command::TorqueImpulse { id, impulse }),
+            refused
+        );
+        let set = Command::SetVelocity {
+            id,
+            linear,
+            angular,
+        };
+        assert_eq!(scene.apply(&set), velocity);
+    }
+}
+
+#[test]
+fn there_is_an_end_to_different_dampings() {
+    let mut scene = with_shape();
+    let damped = |index: u32| {
+        let Command::AddBody { mut terms, motion } = body(index, 0, BodyKind::Dynamic) else {
+            unreachable!()
+        };
+        terms.damping = Some(Damping {
+            linear: index as f32,
+            angular: 0.0,
+        });
+        Command::AddBody { terms, motion }
+    };
+    let most = DAMPINGS_MAX as u32;
+    for index in 0..most {
+        scene.apply(&damped(index)).unwrap();
+    }
+    let answer = scene.apply(&damped(most));
+    assert_eq!(answer, Err(CommandError::TooManyDampings));
+    scene.apply(&body(most, 0, BodyKind::Dynamic)).unwrap();
+}
+
+#[test]
+fn terms_are_checked() {
+    let mut wrong = terms();
+    wrong.gravity.x = f32::NAN;
+    let answer = Scene::new(wrong).map(|_| ());
+    assert_eq!(answer, Err(Invalid::NotFinite(Quantity::Gravity)));
+}
+
+/// An engine that holds nothing, loses one body and then fails.
+struct Double {
+    steps: u32,
+    loses: BodyId,
+}
+
+impl Engine for Double {
+    fn add(&mut self, _: &Newcomer) {}
+    fn remove(&mut self, _: BodyId) {}
+    fn set_pose(&mut self, _: BodyId, _: Vec3, _: Quat) {}
+    fn set_velocity(&mut self, _: BodyId, _: Twist) {}
+    fn push(&mut self, _: BodyId, _: Push) {}
+    fn set_gravity(&mut self, _: Vec3) {}
+
+    fn step(&mut self, lost: &mut Vec<(BodyId, RemovalCause)>) -> Result<(), EngineFault> {
+        self.steps += 1;
+        if self.steps == 1 {
+            lost.push((self.loses, RemovalCause::NotFinite));
+        }
+        self.fault().map_or(Ok(()), Err)
+    }
+
+    fn observe(&self, _: &mut Vec<Observation>) {}
+
+    fn observe_one(&self, _: BodyId) -> Option<Observation> {
+        None
+    }
+
+    fn awake_count(&self) -> usize {
+        0
+    }
+
+    fn fault(&self) -> Option<EngineFault> {
+        (self.steps > 1).then_some(EngineFault::Panicked)
+    }
+}
+
+#[test]
+fn a_scene_whose_engine_failed_stands_still_and_takes_no_commands() {
+    let loses = BodyId::new(0, 0);
+    let engine = Box::new(Double { steps: 0, loses });
+    let mut scene = Scene::with_engine(terms(), engine).unwrap();
+    let shape = Shape::Ball { radius: 0.5 };
+    let add = Command::AddShape { id: SHAPE, shape };
+    scene.apply(&add).unwrap();
+    scene.apply(&body(0, 0, BodyKind::Dynamic)).unwrap();
+    let stepped = scene.step().unwrap();
+    assert_eq!(stepped.removed, [(loses, RemovalCause::NotFinite)]);
+    assert_eq!(scene.body_count(), 0);
+    let fault = SceneFault::Engine(EngineFault::Panicked);
+    for _ in 0..2 {
+        assert_eq!(scene.step(), Err(fault));
+        assert_eq!(scene.tick(), Tick::new(1));
+        let answer = scene.apply(&Command::RemoveShape { id: SHAPE });
+        assert_eq!(answer, Err(CommandError::SceneFaulted));
+    }
+}
+
+/// Numbers that somebody might send.
+fn number() -> impl Strategy<Value = f32> {
+    prop_oneof![
+        8 => -3.0_f32..3.0,
+        1 => Just(0.0),
+        1 => Just(-1e5),
+        1 => Just(1e3),
+        1 => Just(1e9),
+        1 => Just(1e-3),
+        1 => Just(1e4),
+        1 => Just(f32::MAX),
+        1 => Just(f32::NAN),
+        1 => Just(f32::INFINITY),
+        1 => Just(1e-40),
+    ]
+}
+
+fn vector() -> impl Strategy<Value = Vec3> {
+    let component = || prop_oneof![3 => -3.0_f32..3.0, 1 => number()];
+    (component(), component(), component()).prop_map(|(x, y, z)| Vec3::new(x, y, z))
+}
+
+fn rotation() -> impl Strategy<Value = Quat> {
+    prop_oneof![
+        4 => Just(Quat::IDENTITY),
+        4 => (-1.0_f32..1.0).prop_map(Quat::from_rotation_x),
+        1 => Just(Quat::from_xyzw(0.0, 0.0, 0.0, 1.0004)),
+        1 => Just(Quat::from_xyzw(0.0, 0.0, 0.0, 0.0)),
+        1 => (number(), number()).prop_map(|(x, w)| Quat::from_xyzw(x, 0.0, 0.0, w)),
+    ]
+}
+
+fn id() -> impl Strategy<Value = BodyId> {
+    prop_oneof![
+        20 => (0..6_u32, 0..3_u16).prop_map(|(index, generation)| BodyId::new(index, generation)),
+        1 => Just(BodyId::new(u32::MAX, u16::MAX)),
+    ]
+}
+
+fn extent() -> impl Strategy<Value = f32> {
+    prop_oneof![6 => 0.1_f32..2.0, 1 => number()]
+}
+
+fn shape() -> impl Strategy<Value = Shape> {
+    prop_oneof![
+        extent().prop_map(|radius| Shape::Ball { radius }),
+        (extent(), extent(), extent()).prop_map(|(x, y, z)| Shape::Cuboid {
+            half_extents: Vec3::new(x, y, z)
+        }),
+        (extent(), extent()).prop_map(|(half_height, radius)| Shape::Capsule {
+            half_height,
+            radius
+        }),
+        (extent(), extent()).prop_map(|(half_height, radius)| Shape::Cylinder {
+            half_height,
+            radius
+        }),
+    ]
+}
+
+fn shape_id() -> impl Strategy<Value = ShapeId> {
+    prop_oneof![9 => (0..4_u32).prop_map(ShapeId), 1 => Just(ShapeId(u32::MAX))]
+}
+
+fn body_terms() -> impl Strategy<Value = BodyTerms> {
+    let kind = prop_oneof![
+        1 => Just(BodyKind::Static),
+        4 => Just(BodyKind::Dynamic),
+        2 => Just(BodyKind::Kinematic),
+    ];
+    let material = proptest::option::of((number(), number(), number()));
+    let scale = prop_oneof![6 => Just(1.0_f32), 1 => number()];
+    (id(), kind, shape_id(), material, scale).prop_map(|(id, kind, shape, material, scale)| {
+        let mut terms = BodyTerms::plain(id, kind, shape);
+        terms.material = material.map(|(friction, restitution, density)| Material {
+            friction,
+            restitution,
+            density,
+        });
+        terms.gravity_scale = scale;
+        terms
+    })
+}
+
+fn wish() -> impl Strategy<Value = Option<Command>> {
+    let place = (vector(), rotation(), vector(), vector());
+    let add = (body_terms(), place).prop_map(|(terms, (p, q, v, w))| {
+        let made = Verbatim::new(p.to_array(), q.to_array(), v.to_array(), w.to_array());
+        made.ok().map(|motion| Command::AddBody { terms, motion })
+    });
+    let pose = (id(), vector(), rotation()).prop_map(|(id, position, rotation)| Command::SetPose {
+        id,
+        position,
+        rotation,
+    });
+    let velocity =
+        (id(), vector(), vector()).prop_map(|(id, linear, angular)| Command::SetVelocity {
+            id,
+            linear,
+            angular,
+        });
+    let push = (id(), vector(), number(), 0..4).prop_map(|(id, vector, size, which)| {
+        let vector = vector * size;
+        match which {
+            0 => Command::Force { id, force: vector },
+            1 => Command::Torque { id, torque: vector },
+            2 => Command::Impulse {
+                id,
+                impulse: vector,
+            },
+            _ => Command::TorqueImpulse {
+                id,
+                impulse: vector,
+            },
+        }
+    });
+    prop_oneof![
+        2 => (shape_id(), shape()).prop_map(|(id, shape)| Some(Command::AddShape { id, shape })),
+        1 => shape_id().prop_map(|id| Some(Command::RemoveShape { id })),
+        6 => add,
+        1 => id().prop_map(|id| Some(Command::RemoveBody { id })),
+        2 => pose.prop_map(Some),
+        2 => velocity.prop_map(Some),
+        4 => push.prop_map(Some),
+        1 => vector().prop_map(|gravity| Some(Command::SetGravity { gravity })),
+        // A step.
+        6 => Just(None),
+    ]
+}
+
+/// All that can be seen of a scene.
+fn seen(scene: &Scene) -> (Vec<Observation>, Vec<BodyTerms>, usize, Vec3, Tick, u64) {
+    let mut all = Vec::new();
+    scene.observe_all(&mut all);
+    (
+        all,
+        scene.bodies().copied().collect(),
+        scene.shapes().count(),
+        scene.gravity(),
+        scene.tick(),
+        scene.digest().value(),
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    #[test]
+    fn no_sequence_panics_and_what_is_refused_changes_nothing(
+        wishes in proptest::collection::vec(wish(), 1..80)
+    ) {
+        let mut hears_all = Scene::new(terms()).unwrap();
+        let mut hears_accepted = Scene::new(terms()).unwrap();
+        for (number, shape) in [0.5, 1.0].into_iter().enumerate() {
+            let shape = Shape::Ball { radius: shape };
+            let add = Command::AddShape { id: ShapeId(number as u32), shape };
+            hears_all.apply(&add).unwrap();
+            hears_accepted.apply(&add).unwrap();
+        }
+        for wish in wishes {
+            match wish {
+                Some(command) => match hears_all.apply(&command) {
+                    Ok(()) => prop_assert_eq!(hears_accepted.apply(&command), Ok(())),
+                    Err(error) => prop_assert_ne!(error, CommandError::SceneFaulted),
+                },
+                None => {
+                    let stepped = hears_all.step();
+                    prop_assert!(stepped.is_ok());
+                    prop_assert_eq!(stepped, hears_accepted.step());
+                }
+            }
+            prop_assert_eq!(seen(&hears_all), seen(&hears_accepted));
+            prop_assert_eq!(seen(&hears_all).0.len(), hears_all.body_count());
+        }
+    }
+}

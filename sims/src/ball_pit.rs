@@ -1,0 +1,255 @@
+//! The ball pit: balls dropped into the middle of ten round walls, cycle after cycle.
+//!
+//! The scene is the paper's. What the paper leaves open is ours, and is this:
+//!
+//! - **Walls.** The wire has no meshes, so a wall of radius R is a ring of upright cuboids whose inner faces touch the
+//!   circle of radius R from outside: ⌈10·√R⌉ of them, so that their edges stand at most 5 cm off the circle, each 5 m
+//!   high and 0.5 m thick, long enough to meet its neighbours at the *outer* edge; inside they overlap, so that there is
+//!   no gap.
+//! - **Floor.** A cuboid of 220 × 10 × 220 m with its top at y = 0, so thick that nothing tunnels through it.
+//! - **Spawner.** All balls of a cycle appear at its first tick, at rest, in a cube of lattice places 1.1 m apart, each
+//!   off by up to 4 cm along each axis: 1.02 m between centres at least, so that none overlap. The cube's middle is 15 m
+//!   above the pit's; a cube too large to stay clear of the walls (6 m at its lowest) is raised.
+
+use glam::{Quat, Vec3};
+use rhumb_protocol::scene::{
+    BodyKind, BodyTerms, Command, Material, Pace, SceneTerms, Shape, ShapeId,
+};
+use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
+
+use crate::chance::Chance;
+use crate::cluster::Cluster;
+use crate::script::{GRAVITY, INTEGRATOR, Script, motion, still};
+
+/// The paper's evaluation scene.
+#[derive(Clone, Debug)]
+pub struct BallPit {
+    balls_per_cycle: u32,
+    cycles: u32,
+    chance: Chance,
+    /// Next body's index.
+    next: u32,
+}
+
+impl BallPit {
+    /// Balls of the paper's cycle.
+    pub const BALLS_PER_CYCLE: u32 = 500;
+    /// Balls at which the paper ends.
+    pub const BALLS: u32 = 10_000;
+    /// Length of a cycle, simulated seconds.
+    pub const CYCLE_SECONDS: u32 = 30;
+    /// Walls, of radii 10 m, 20 m, ... 100 m.
+    pub const WALLS: u32 = 10;
+
+    /// `cycles` times as many balls as `balls_per_cycle`.
+    #[must_use]
+    pub fn new(balls_per_cycle: u32, cycles: u32, seed: u64) -> Self {
+        Self {
+            balls_per_cycle,
+            cycles,
+            chance: Chance::new(seed),
+            next: 0,
+        }
+    }
+
+    /// `balls` in each cycle, and as many cycles as keep within [`Self::BALLS`]; one at least.
+    #[must_use]
+    pub fn sized(balls: u32, seed: u64) -> Self {
+        let cycles = (Self::BALLS / balls.max(1)).max(1);
+        Self::new(balls, cycles, seed)
+    }
+
+    /// The paper's numbers.
+    #[must_use]
+    pub fn paper(seed: u64) -> Self {
+        Self::sized(Self::BALLS_PER_CYCLE, seed)
+    }
+
+    /// Cuboids of the wall of this number, from one.
+    fn segments(wall: u32) -> u32 {
+        libm::ceil(10.0 * libm::sqrt(f64::from(wall * 10))) as u32
+    }
+
+    fn build(&mut self, out: &mut Vec<Command>) {
+        out.push(Command::AddShape {
+            id: FLOOR,
+            shape: Shape::Cuboid {
+                half_extents: Vec3::new(110.0, 5.0, 110.0),
+            },
+        });
+        self.place(
+            BodyKind::Static,
+            FLOOR,
+            still(Vec3::new(0.0, -5.0, 0.0)),
+            out,
+        );
+        for wall in 1..=Self::WALLS {
+            self.build_wall(wall, out);
+        }
+        out.push(Command::AddShape {
+            id: BALL,
+            shape: Shape::Ball { radius: 0.5 },
+        });
+    }
+
+    fn build_wall(&mut self, wall: u32, out: &mut Vec<Command>) {
+        let radius = f64::from(wall * 10);
+        let count = Self::segments(wall);
+        let half_angle = core::f64::consts::PI / f64::from(count);
+        let half_length = (radius + THICKNESS) * libm::tan(half_angle);
+        let shape = ShapeId(wall);
+        out.push(Command::AddShape {
+            id: shape,
+            shape: Shape::Cuboid {
+                half_extents: Vec3::new(
+                    half_length as f32,
+                    (HEIGHT * 0.5) as f32,
+                    (THICKNESS * 0.5) as f32,
+                ),
+            },
+        });
+        for segment in 0..count {
+            // Turned about y by the angle; unturned, a segment lies along x, with its outer face towards +z.
+            let angle = 2.0 * half_angle * f64::from(segment);
+            let distance = radius + THICKNESS * 0.5;
+            let position = Vec3::new(
+                (distance * libm::sin(angle)) as f32,
+                (HEIGHT * 0.5) as f32,
+                (distance * libm::cos(angle)) as f32,
+            );
+            let (y, w) = (libm::sin(angle * 0.5), libm::cos(angle * 0.5));
+            let rotation = Quat::from_xyzw(0.0, y as f32, 0.0, w as f32);
+            let place = motion(position, rotation, Vec3::ZERO, Vec3::ZERO);
+            self.place(BodyKind::Static, shape, place, out);
+        }
+    }
+
+    fn drop_balls(&mut self, out: &mut Vec<Command>) {
+        let mut chance = self.chance.clone();
+        for position in SPAWNER.places(self.balls_per_cycle, &mut chance) {
+            self.place(BodyKind::Dynamic, BALL, still(position), out);
+        }
+        self.chance = chance;
+    }
+
+    fn place(&mut self, kind: BodyKind, shape: ShapeId, motion: Verbatim, out: &mut Vec<Command>) {
+        let id = BodyId::new(self.next, 0);
+        self.next += 1;
+        out.push(Command::AddBody {
+            terms: BodyTerms::plain(id, kind, shape),
+            motion,
+        });
+    }
+}
+
+impl Script for BallPit {
+    fn name(&self) -> &'static str {
+        "ball-pit"
+    }
+
+    fn terms(&self) -> SceneTerms {
+        SceneTerms {
+            integrator: INTEGRATOR,
+            gravity: GRAVITY,
+            pace: Pace::Lockstep,
+            material: Material {
+                friction: 0.2,
+                restitution: 0.0,
+                density: 1_000.0,
+            },
+            damping: Damping {
+                linear: 0.0,
+                angular: 0.05,
+            },
+        }
+    }
+
+    fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {
+        if tick == Tick::ZERO {
+            self.build(out);
+        }
+        let cycle_ticks = u64::from(Self::CYCLE_SECONDS * INTEGRATOR.rate.ticks());
+        let cycle = tick.value() / cycle_ticks;
+        if tick.value().is_multiple_of(cycle_ticks) && cycle < u64::from(self.cycles) {
+            self.drop_balls(out);
+        }
+    }
+}
+
+const FLOOR: ShapeId = ShapeId(0);
+/// After the walls' shapes, which have their walls' numbers.
+const BALL: ShapeId = ShapeId(BallPit::WALLS + 1);
+/// Of the walls, metres.
+const HEIGHT: f64 = 5.0;
+/// Of the walls, metres.
+const THICKNESS: f64 = 0.5;
+
+const SPAWNER: Cluster = Cluster {
+    centre: Vec3::new(0.0, 15.0, 0.0),
+    lowest: 6.0,
+    spacing: 1.1,
+    jitter: 0.04,
+};
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn first(script: &mut BallPit) -> Vec<Command> {
+        let mut commands = Vec::new();
+        script.commands(Tick::ZERO, &mut commands);
+        commands
+    }
+
+    fn balls(commands: &[Command]) -> Vec<Vec3> {
+        let place = |command: &Command| match command {
+            Command::AddBody { terms, motion } if terms.shape == BALL => {
+                Some(Vec3::from_array(motion.position()))
+            }
+            _ => None,
+        };
+        commands.iter().filter_map(place).collect()
+    }
+
+    #[test]
+    fn balls_begin_apart_and_above_the_walls() {
+        for count in [1, 2, 500, 3_000] {
+            let places = balls(&first(&mut BallPit::new(count, 1, 7)));
+            assert_eq!(places.len(), count as usize);
+            for (i, place) in places.iter().enumerate() {
+                assert!(place.y >= 6.0);
+                for other in &places[..i] {
+                    assert!(place.distance(*other) > 1.0);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_seed_fixes_every_command() {
+        let script = |seed| first(&mut BallPit::paper(seed));
+        assert_eq!(script(1), script(1));
+        assert_ne!(script(1), script(2));
+        assert!(script(1).iter().all(|command| command.check().is_ok()));
+    }
+
+    #[test]
+    fn cycles_end_at_the_papers_ten_thousand() {
+        let mut script = BallPit::paper(3);
+        let mut commands = Vec::new();
+        for cycle in 0..25 {
+            script.commands(Tick::new(cycle * 1_800), &mut commands);
+            script.commands(Tick::new(cycle * 1_800 + 1), &mut commands);
+        }
+        assert_eq!(balls(&commands).len(), 10_000);
+    }
+
+    #[test]
+    fn walls_have_no_gap_and_stand_five_centimetres_off_their_circle_at_most() {
+        for wall in 1..=BallPit::WALLS {
+            let radius = f64::from(wall * 10);
+            let half_angle = core::f64::consts::PI / f64::from(BallPit::segments(wall));
+            assert!(radius / half_angle.cos() - radius < 0.05);
+        }
+    }
+}

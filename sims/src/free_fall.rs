@@ -1,0 +1,104 @@
+//! Bodies of every shape that fly and tumble without ever touching anything.
+//!
+//! What an integrator does to a free body, and nothing else; for tests of predictors.
+
+use glam::Vec3;
+use rhumb_protocol::scene::{
+    BodyKind, BodyTerms, Command, Material, Pace, SceneTerms, Shape, ShapeId,
+};
+use rhumb_reckoning::{BodyId, Damping, Tick};
+
+use crate::chance::Chance;
+use crate::cluster::Cluster;
+use crate::script::{GRAVITY, INTEGRATOR, Script, motion};
+
+/// Bodies thrown upward from places 20 m apart, at most 5 m/s fast and with spins up to 3 rad/s about each axis.
+///
+/// Every second one has a damping of its own, every third a gravity scale of its own. They fly apart so slowly that none
+/// meet in the first four seconds.
+#[derive(Clone, Debug)]
+pub struct FreeFall {
+    bodies: u32,
+    chance: Chance,
+}
+
+impl FreeFall {
+    /// So many bodies.
+    #[must_use]
+    pub fn new(bodies: u32, seed: u64) -> Self {
+        Self {
+            bodies,
+            chance: Chance::new(seed),
+        }
+    }
+}
+
+impl Script for FreeFall {
+    fn name(&self) -> &'static str {
+        "free-fall"
+    }
+
+    fn terms(&self) -> SceneTerms {
+        SceneTerms {
+            integrator: INTEGRATOR,
+            gravity: GRAVITY,
+            pace: Pace::Lockstep,
+            material: Material {
+                friction: 0.5,
+                restitution: 0.0,
+                density: 1_000.0,
+            },
+            damping: Damping::default(),
+        }
+    }
+
+    fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {
+        if tick != Tick::ZERO {
+            return;
+        }
+        for (shape, number) in SHAPES.into_iter().zip(0..) {
+            let id = ShapeId(number);
+            out.push(Command::AddShape { id, shape });
+        }
+        let mut places = self.chance.clone();
+        for (position, index) in CLUSTER.places(self.bodies, &mut places).zip(0..) {
+            let shape = ShapeId(index % SHAPES.len() as u32);
+            let mut terms = BodyTerms::plain(BodyId::new(index, 0), BodyKind::Dynamic, shape);
+            if index % 2 == 1 {
+                terms.damping = Some(Damping {
+                    linear: 0.1,
+                    angular: 0.2,
+                });
+            }
+            if index % 3 == 1 {
+                terms.gravity_scale = 0.5;
+            }
+            let linear = self.chance.vector() * 2.5 + Vec3::new(0.0, 2.5, 0.0);
+            let angular = self.chance.vector() * 3.0;
+            let motion = motion(position, self.chance.rotation(), linear, angular);
+            out.push(Command::AddBody { terms, motion });
+        }
+    }
+}
+
+const SHAPES: [Shape; 4] = [
+    Shape::Ball { radius: 0.5 },
+    Shape::Cuboid {
+        half_extents: Vec3::new(0.2, 0.4, 0.8),
+    },
+    Shape::Capsule {
+        half_height: 0.6,
+        radius: 0.25,
+    },
+    Shape::Cylinder {
+        half_height: 0.5,
+        radius: 0.3,
+    },
+];
+
+const CLUSTER: Cluster = Cluster {
+    centre: Vec3::new(0.0, 100.0, 0.0),
+    lowest: 50.0,
+    spacing: 20.0,
+    jitter: 1.0,
+};

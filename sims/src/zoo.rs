@@ -1,0 +1,251 @@
+//! A scene that uses every command there is, for tests.
+//!
+//! Means nothing: boxes, balls, capsules and cylinders on a floor, kinematic platforms among them, and commands at
+//! random that a lone member may give. Every one of its commands is meant to be accepted.
+
+use glam::{Quat, Vec3};
+use rhumb_protocol::scene::{
+    BodyKind, BodyTerms, Command, Material, Pace, SceneTerms, Shape, ShapeId,
+};
+use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
+
+use crate::chance::Chance;
+use crate::cluster::Cluster;
+use crate::script::{GRAVITY, INTEGRATOR, Script, motion, still};
+
+/// Every kind of body, and every command.
+#[derive(Clone, Debug)]
+pub struct Zoo {
+    bodies: u32,
+    chance: Chance,
+    /// The generations of the dynamic bodies, whose indices follow those of [`FIRST`].
+    generations: Vec<u16>,
+}
+
+impl Zoo {
+    /// So many dynamic bodies, one at least.
+    #[must_use]
+    pub fn new(bodies: u32, seed: u64) -> Self {
+        Self {
+            bodies: bodies.max(1),
+            chance: Chance::new(seed),
+            generations: Vec::new(),
+        }
+    }
+
+    fn begin(&mut self, out: &mut Vec<Command>) {
+        for (shape, number) in SHAPES.into_iter().zip(0..) {
+            let id = ShapeId(number);
+            out.push(Command::AddShape { id, shape });
+        }
+        for (id, kind, shape, position) in FIXTURES {
+            let id = BodyId::new(id, 0);
+            out.push(Command::AddBody {
+                terms: BodyTerms::plain(id, kind, ShapeId(shape)),
+                motion: still(position),
+            });
+        }
+        out.push(Command::SetVelocity {
+            id: CAROUSEL,
+            linear: Vec3::ZERO,
+            angular: Vec3::new(0.0, 0.5, 0.0),
+        });
+        let mut places = self.chance.clone();
+        for (position, place) in CLUSTER.places(self.bodies, &mut places).zip(0..) {
+            self.generations.push(0);
+            let motion = motion(position, self.chance.rotation(), Vec3::ZERO, Vec3::ZERO);
+            self.add(place, motion, out);
+        }
+    }
+
+    /// Adds the next body of a place.
+    fn add(&mut self, place: u32, motion: Verbatim, out: &mut Vec<Command>) {
+        let shape = MOVING[self.chance.below(MOVING.len() as u32) as usize];
+        let mut terms = BodyTerms::plain(self.id(place), BodyKind::Dynamic, ShapeId(shape));
+        if place % 2 == 1 {
+            terms.material = Some(Material {
+                friction: 0.9,
+                restitution: 0.5,
+                density: 200.0,
+            });
+        }
+        if place % 3 == 1 {
+            terms.damping = Some(Damping {
+                linear: 0.5,
+                angular: 0.5,
+            });
+        }
+        if place % 5 == 1 {
+            terms.gravity_scale = 0.25;
+        }
+        out.push(Command::AddBody { terms, motion });
+    }
+
+    fn id(&self, place: u32) -> BodyId {
+        BodyId::new(FIRST + place, self.generations[place as usize])
+    }
+
+    /// One command, or two that belong together, about one of the dynamic bodies.
+    fn meddle(&mut self, out: &mut Vec<Command>) {
+        let place = self.chance.below(self.bodies);
+        let id = self.id(place);
+        let vector = self.chance.vector();
+        match self.chance.below(8) {
+            0 => out.push(Command::Force {
+                id,
+                force: vector * 20_000.0,
+            }),
+            1 => out.push(Command::Torque {
+                id,
+                torque: vector * 2_000.0,
+            }),
+            2 => out.push(Command::Impulse {
+                id,
+                impulse: vector * 500.0,
+            }),
+            3 => out.push(Command::TorqueImpulse {
+                id,
+                impulse: vector * 50.0,
+            }),
+            4 => out.push(Command::SetVelocity {
+                id,
+                linear: vector * 5.0,
+                angular: vector * 5.0,
+            }),
+            5 => out.push(Command::SetPose {
+                id,
+                position: Vec3::new(0.0, 8.0, 0.0) + vector * 4.0,
+                rotation: self.chance.rotation(),
+            }),
+            6 => {
+                out.push(Command::RemoveBody { id });
+                self.generations[place as usize] += 1;
+                let position = Vec3::new(0.0, 8.0, 0.0) + vector * 4.0;
+                let motion = motion(position, Quat::IDENTITY, vector, Vec3::ZERO);
+                self.add(place, motion, out);
+            }
+            _ => out.push(Command::SetPose {
+                id: STEP,
+                position: Vec3::new(6.0, 0.5, 0.0) + vector * 0.25,
+                rotation: Quat::IDENTITY,
+            }),
+        }
+    }
+
+    /// What happens by the clock.
+    fn routine(tick: u64, out: &mut Vec<Command>) {
+        if tick.is_multiple_of(120) {
+            let there = if tick.is_multiple_of(240) { 1.0 } else { -1.0 };
+            out.push(Command::SetVelocity {
+                id: LIFT,
+                linear: Vec3::new(0.0, there, 0.0),
+                angular: Vec3::ZERO,
+            });
+        }
+        if tick % 10 == 5 {
+            let along = (tick % 200) as f32 * 0.02;
+            out.push(Command::SetPose {
+                id: PADDLE,
+                position: Vec3::new(along - 2.0, 0.6, 5.0),
+                rotation: Quat::IDENTITY,
+            });
+        }
+        match tick % 600 {
+            300 => out.push(Command::SetGravity {
+                gravity: Vec3::new(0.5, -3.0, 0.0),
+            }),
+            360 => out.push(Command::SetGravity { gravity: GRAVITY }),
+            400 => out.push(Command::RemoveShape { id: SPARE }),
+            401 => out.push(Command::AddShape {
+                id: SPARE,
+                shape: Shape::Ball { radius: 0.1 },
+            }),
+            _ => {}
+        }
+    }
+}
+
+impl Script for Zoo {
+    fn name(&self) -> &'static str {
+        "zoo"
+    }
+
+    fn terms(&self) -> SceneTerms {
+        SceneTerms {
+            integrator: INTEGRATOR,
+            gravity: GRAVITY,
+            pace: Pace::Lockstep,
+            material: Material {
+                friction: 0.5,
+                restitution: 0.1,
+                density: 500.0,
+            },
+            damping: Damping {
+                linear: 0.05,
+                angular: 0.1,
+            },
+        }
+    }
+
+    fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {
+        if tick == Tick::ZERO {
+            self.begin(out);
+        }
+        Self::routine(tick.value(), out);
+        // A second in four is left alone, so that bodies come to rest.
+        if tick.value() % 240 < 180 && tick.value() % 6 == 3 {
+            self.meddle(out);
+        }
+    }
+}
+
+/// By number; the last is nobody's.
+const SHAPES: [Shape; 7] = [
+    Shape::Cuboid {
+        half_extents: Vec3::new(30.0, 1.0, 30.0),
+    },
+    Shape::Cuboid {
+        half_extents: Vec3::new(2.0, 0.25, 2.0),
+    },
+    Shape::Cuboid {
+        half_extents: Vec3::new(0.3, 0.4, 0.5),
+    },
+    Shape::Ball { radius: 0.4 },
+    Shape::Capsule {
+        half_height: 0.4,
+        radius: 0.25,
+    },
+    Shape::Cylinder {
+        half_height: 0.4,
+        radius: 0.3,
+    },
+    Shape::Ball { radius: 0.1 },
+];
+
+/// The shapes of dynamic bodies.
+const MOVING: [u32; 4] = [2, 3, 4, 5];
+
+const SPARE: ShapeId = ShapeId(6);
+
+/// Floor, step, carousel, lift and paddle: index, kind, shape, place.
+const FIXTURES: [(u32, BodyKind, u32, Vec3); 5] = [
+    (0, BodyKind::Static, 0, Vec3::new(0.0, -1.0, 0.0)),
+    (1, BodyKind::Static, 1, Vec3::new(6.0, 0.5, 0.0)),
+    (2, BodyKind::Kinematic, 1, Vec3::new(0.0, 0.3, 0.0)),
+    (3, BodyKind::Kinematic, 1, Vec3::new(-6.0, 1.0, 0.0)),
+    (4, BodyKind::Kinematic, 1, Vec3::new(-2.0, 0.6, 5.0)),
+];
+
+const STEP: BodyId = BodyId::new(1, 0);
+const CAROUSEL: BodyId = BodyId::new(2, 0);
+const LIFT: BodyId = BodyId::new(3, 0);
+const PADDLE: BodyId = BodyId::new(4, 0);
+/// Index of the first dynamic body.
+const FIRST: u32 = FIXTURES.len() as u32;
+
+const CLUSTER: Cluster = Cluster {
+    centre: Vec3::new(0.0, 6.0, 0.0),
+    lowest: 3.0,
+    spacing: 1.6,
+    jitter: 0.1,
+};
