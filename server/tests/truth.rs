@@ -5,7 +5,7 @@
 use core::num::NonZeroU32;
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::limits::COORDINATE_MAX;
+use rhumb_protocol::limits::{COORDINATE_MAX, FORCE_MAX};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
     BodyKind, BodyTerms, Command, Material, Pace, SceneTerms, Shape, ShapeId,
@@ -307,6 +307,33 @@ fn a_body_that_leaves_the_world_is_removed_with_its_cause() {
         motion(Vec3::ZERO, out),
     );
     assert_eq!(seen(&mut scene)[0].id, again);
+}
+
+#[test]
+fn a_blow_beyond_measure_costs_no_body() {
+    let mut scene = ball_on_floor();
+    let id = ShapeId(2);
+    let shape = Shape::Ball { radius: 1e-3 };
+    scene.apply(&Command::AddShape { id, shape }).unwrap();
+    let mote = BodyId::new(2, 0);
+    let mut terms = BodyTerms::plain(mote, BodyKind::Dynamic, id);
+    let motion = motion(Vec3::new(0.0, 1.0, 0.0), Vec3::ZERO);
+    terms.material = Some(Material {
+        density: 1e-3,
+        ..scene.terms().material
+    });
+    scene.apply(&Command::AddBody { terms, motion }).unwrap();
+    let most = Vec3::new(0.0, -FORCE_MAX, FORCE_MAX);
+    let id = mote;
+    for command in [
+        Command::Impulse { id, impulse: most },
+        Command::TorqueImpulse { id, impulse: most },
+        Command::Force { id, force: most },
+        Command::Torque { id, torque: most },
+    ] {
+        scene.apply(&command).unwrap();
+        assert_eq!(scene.step().unwrap().removed, []);
+    }
 }
 
 /// Runs a script and hands each tick's observations to `check`.

@@ -368,3 +368,58 @@ impl Engine for RapierEngine {
         self.fault
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use core::num::NonZeroU32;
+
+    use rhumb_protocol::scene::{Material, Pace, Shape};
+    use rhumb_reckoning::{Damping, Rate, Verbatim};
+
+    use super::*;
+
+    #[test]
+    fn after_a_panic_it_holds_nothing_and_steps_no_more() {
+        let (material, damping) = (
+            Material {
+                friction: 0.5,
+                restitution: 0.0,
+                density: 1_000.0,
+            },
+            Damping::default(),
+        );
+        let mut engine = RapierEngine::new(&SceneTerms {
+            integrator: Integrator {
+                rate: Rate::HZ_60,
+                substeps: NonZeroU32::new(4).unwrap(),
+            },
+            gravity: Vec3::ZERO,
+            pace: Pace::Lockstep,
+            material,
+            damping,
+        });
+        let id = BodyId::new(0, 0);
+        let ball = Newcomer {
+            id,
+            kind: BodyKind::Dynamic,
+            shape: Shape::Ball { radius: 0.5 },
+            material,
+            damping,
+            gravity_scale: 1.0,
+            motion: Verbatim::new([0.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).unwrap(),
+        };
+        engine.add(&ball);
+        let mut lost = Vec::new();
+        assert_eq!(engine.step(&mut lost), Ok(()));
+        assert_eq!(engine.awake_count(), 1);
+        engine.contained(|_| panic!("as Rapier might"));
+        assert_eq!(engine.fault(), Some(EngineFault::Panicked));
+        engine.add(&ball);
+        engine.push(id, Push::Impulse(Vec3::X));
+        assert_eq!(engine.step(&mut lost), Err(EngineFault::Panicked));
+        assert_eq!(engine.observe_one(id), None);
+        let mut observed = Vec::new();
+        engine.observe(&mut observed);
+        assert_eq!((observed, lost, engine.awake_count()), (vec![], vec![], 0));
+    }
+}
