@@ -92,6 +92,7 @@ pub struct Client {
     terms: SceneTerms,
     clock: SceneClock,
     delay_ticks: f64,
+    whole_ticks: bool,
     smooth: bool,
     requested: Tick,
     happenings: VecDeque<Happening>,
@@ -180,6 +181,7 @@ impl Client {
             terms,
             clock: SceneClock::new(terms.integrator.rate),
             delay_ticks: options.delay_ticks,
+            whole_ticks: options.whole_ticks,
             smooth: options.smooth,
             requested: vouched,
             happenings: VecDeque::new(),
@@ -317,7 +319,12 @@ impl Client {
             .replica()
             .map_or(Tick::ZERO, |replica| replica.stream().vouched());
         let limit = vouched.value() as f64 + PREDICT_SECONDS / step;
-        let at = self.clock.show(now, self.delay_ticks, limit);
+        let shown = self.clock.show(now, self.delay_ticks, limit);
+        let at = if self.whole_ticks {
+            DisplayTime::at(shown.tick)
+        } else {
+            shown
+        };
         self.refresh(at, self.smooth);
         Ok(at)
     }

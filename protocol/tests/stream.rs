@@ -92,14 +92,14 @@ impl Puppet {
             self.linear.as_vec3().to_array(),
             self.angular.as_vec3().to_array(),
         )
-        .unwrap()
+        .expect("a puppet's motion is finite")
     }
 }
 
 fn integrator() -> Integrator {
     Integrator {
         rate: Rate::HZ_60,
-        substeps: std::num::NonZeroU32::new(4).unwrap(),
+        substeps: std::num::NonZeroU32::new(4).expect("four is not zero"),
     }
 }
 
@@ -258,7 +258,10 @@ impl Stage {
                 id,
                 vouched
             );
-            let believed = self.subscriber.believed(id, vouched).unwrap();
+            let believed = self
+                .subscriber
+                .believed(id, vouched)
+                .expect("a body that is bounded is believed");
             let error = Divergence::between(&truth.motion().pose(), &believed.pose())
                 .surface_error(Metres::new(0.5));
             self.worst = self.worst.max(error.metres());

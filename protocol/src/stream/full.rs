@@ -1,4 +1,4 @@
-//! The full stream at its source: every body, every tick, to the bit.
+//! The full stream at its source: every body that can move, every tick, to the bit.
 //!
 //! The naive baseline. It has packets, numbers and repair as a reckoned stream has, but neither gate nor coding.
 
@@ -14,11 +14,21 @@ use crate::packet::{
     FullPacket, FullRecord, Low16, RepairRecord, RepairWriter, StreamId, TrackSaying, Vouch,
 };
 
+/// What is sent of a body.
+#[derive(Clone, Copy, Debug)]
+struct State {
+    id: BodyId,
+    motion: Verbatim,
+    /// A static body is sent when it was put elsewhere, not every tick.
+    fixed: bool,
+    moved: bool,
+}
+
 /// One full stream.
 #[derive(Debug)]
 pub struct FullPublisher {
     stream: StreamId,
-    states: Vec<Option<(BodyId, Verbatim)>>,
+    states: Vec<Option<State>>,
     history: History,
     tick: Tick,
     statistics: PublisherStatistics,
@@ -55,13 +65,18 @@ impl FullPublisher {
         self.statistics
     }
 
-    /// A body has come into the scene.
-    pub fn place(&mut self, id: BodyId, motion: Verbatim) {
+    /// A body has come into the scene; one that is `fixed` is not sent again until it is observed.
+    pub fn place(&mut self, id: BodyId, motion: Verbatim, fixed: bool) {
         let index = id.index() as usize;
         if index >= self.states.len() {
             self.states.resize(index + 1, None);
         }
-        self.states[index] = Some((id, motion));
+        self.states[index] = Some(State {
+            id,
+            motion,
+            fixed,
+            moved: false,
+        });
     }
 
     /// A body has left the scene.
@@ -76,18 +91,21 @@ impl FullPublisher {
         self.states
             .iter()
             .flatten()
-            .map(|(id, motion)| (*id, self.track(*motion)))
+            .map(|state| (state.id, self.track(state)))
     }
 
-    fn track(&self, motion: Verbatim) -> Track {
+    fn track(&self, state: &State) -> Track {
+        if state.fixed {
+            return Track::resting(self.tick, state.motion);
+        }
         Track {
             origin: self.tick,
             predictor: Predictor::Uniform,
-            anchor: Anchor::Verbatim(motion),
+            anchor: Anchor::Verbatim(state.motion),
         }
     }
 
-    /// Appends the datagrams that hold every body's state at a tick.
+    /// Appends the datagrams that hold the state of every body that can move at a tick.
     pub fn publish(
         &mut self,
         tick: Tick,
@@ -97,17 +115,19 @@ impl FullPublisher {
     ) {
         self.tick = tick;
         for observation in observations {
-            self.place(observation.id, observation.motion);
+            if let Some(Some(state)) = self.states.get_mut(observation.id.index() as usize) {
+                (state.motion, state.moved) = (observation.motion, true);
+            }
         }
-        let records: Vec<FullRecord> = self
-            .states
-            .iter()
-            .flatten()
-            .map(|(id, motion)| FullRecord {
-                index: id.index(),
-                motion: *motion,
-            })
-            .collect();
+        let mut records = Vec::new();
+        for state in self.states.iter_mut().flatten() {
+            if !state.fixed || core::mem::take(&mut state.moved) {
+                records.push(FullRecord {
+                    index: state.id.index(),
+                    motion: state.motion,
+                });
+            }
+        }
         let packets = records.len().div_ceil(FullPacket::RECORDS_MAX);
         for (place, chunk) in records.chunks(FullPacket::RECORDS_MAX).enumerate() {
             let packet = FullPacket {
@@ -142,8 +162,8 @@ impl FullPublisher {
     pub fn repair(&self, number: u64, notices: u64) -> Option<Vec<Bytes>> {
         let mut writer = RepairWriter::default();
         for &index in self.history.bodies(number)? {
-            if let Some(Some((_, motion))) = self.states.get(index as usize) {
-                let whole = TrackSaying::of(&self.track(*motion));
+            if let Some(Some(state)) = self.states.get(index as usize) {
+                let whole = TrackSaying::of(&self.track(state));
                 let age = Ticks::ZERO;
                 writer.push(&RepairRecord { index, age, whole });
             }

@@ -1,0 +1,109 @@
+//! How far each copied body is from the truth of the tick that the copy shows.
+
+use std::collections::VecDeque;
+
+use rhumb_client::View;
+use rhumb_protocol::scene::BodyKind;
+use rhumb_reckoning::{BodyId, Divergence, Metres, Motion, Pose, Tick, Verbatim};
+
+use crate::record::{Breach, Cause};
+
+/// The states of all bodies at the last few ticks: a pipelined copy is a tick or two behind.
+#[derive(Debug, Default)]
+pub(super) struct RecentTruth {
+    ticks: VecDeque<(Tick, Vec<Option<Known>>)>,
+}
+
+/// What a body was at a tick, and how it is judged.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Known {
+    pub(super) id: BodyId,
+    pub(super) motion: Verbatim,
+    pub(super) radius: Metres,
+    pub(super) kind: BodyKind,
+}
+
+/// Ticks that are kept.
+const KEPT: usize = 64;
+
+impl RecentTruth {
+    pub(super) fn push(&mut self, tick: Tick, states: impl Iterator<Item = Option<Known>>) {
+        let mut row = if self.ticks.len() == KEPT {
+            self.ticks
+                .pop_front()
+                .map(|(_, row)| row)
+                .unwrap_or_default()
+        } else {
+            Vec::new()
+        };
+        row.clear();
+        row.extend(states);
+        self.ticks.push_back((tick, row));
+    }
+
+    fn at(&self, tick: Tick) -> Option<&[Option<Known>]> {
+        let (_, row) = self.ticks.iter().rev().find(|(kept, _)| *kept == tick)?;
+        Some(row)
+    }
+}
+
+/// The errors of one view.
+#[derive(Debug, Default)]
+pub(super) struct Errors {
+    /// Metres, sorted.
+    pub(super) errors_m: Vec<f32>,
+    pub(super) exact: u32,
+    pub(super) breaches: Vec<Breach>,
+}
+
+/// Compares a view with the truth of `tick`; `None` when that truth is no longer, or not yet, known.
+pub(super) fn compare(
+    recent: &RecentTruth,
+    tick: Tick,
+    view: &View,
+    tolerance: Option<f64>,
+    cause: impl Fn(BodyId) -> Cause,
+) -> Option<Errors> {
+    let truth = recent.at(tick)?;
+    let mut errors = Errors::default();
+    for known in truth.iter().flatten() {
+        if known.kind == BodyKind::Static {
+            continue;
+        }
+        let Some(place) = view.place(known.id) else {
+            continue;
+        };
+        let (position, rotation) = (view.positions()[place], view.rotations()[place]);
+        if known.motion.position() == position.to_array()
+            && known.motion.rotation() == rotation.to_array()
+        {
+            errors.exact += 1;
+            continue;
+        }
+        let shown = Pose {
+            position: position.as_dvec3(),
+            rotation: rotation.as_dquat(),
+        };
+        let shown =
+            Motion::new(shown, rhumb_reckoning::Twist::ZERO).map_or(shown, |motion| motion.pose());
+        let error =
+            Divergence::between(&known.motion.motion().pose(), &shown).surface_error(known.radius);
+        errors.errors_m.push(error.metres() as f32);
+        if let Some(tolerance_m) = tolerance
+            && error.metres() > tolerance_m + DISPLAY_SLACK
+        {
+            errors.breaches.push(Breach {
+                tick,
+                id: known.id,
+                error_m: error.metres(),
+                tolerance_m,
+                cause: cause(known.id),
+            });
+        }
+    }
+    errors.errors_m.sort_unstable_by(f32::total_cmp);
+    Some(errors)
+}
+
+/// A view holds f32: at 128 m a coordinate is rounded by up to 4 µm, and a rotation by 6e-8, on top of the promise.
+const DISPLAY_SLACK: f64 = 2e-5;

@@ -1,0 +1,110 @@
+//! The scene stepped in the caller's own thread: the truth, and the frame time to beat.
+
+use std::hint::black_box;
+
+use rhumb_protocol::scene::{Command, SceneTerms};
+use rhumb_protocol::stream::Observation;
+use rhumb_reckoning::{BodyId, Tick, Verbatim};
+use rhumb_server::Scene;
+use rhumb_transport::Clock;
+
+use super::DriveError;
+use crate::record::{Placed, Truth};
+
+/// An engine in this process, and the log of what it did.
+pub(super) struct Integrated {
+    scene: Scene,
+    clock: Clock,
+    pub(super) truth: Truth,
+    /// Each body's newest state, by index; what the simulator reads every frame.
+    states: Vec<Option<(BodyId, Verbatim)>>,
+    observations: Vec<Observation>,
+    pub(super) steps_ns: Vec<u64>,
+}
+
+impl Integrated {
+    pub(super) fn new(terms: SceneTerms) -> Result<Self, DriveError> {
+        Ok(Self {
+            scene: Scene::new(terms).map_err(DriveError::Terms)?,
+            clock: Clock::start(),
+            truth: Truth::default(),
+            states: Vec::new(),
+            observations: Vec::new(),
+            steps_ns: Vec::new(),
+        })
+    }
+
+    /// Applies a command and logs what it places or removes.
+    pub(super) fn apply(&mut self, command: &Command) -> Result<(), DriveError> {
+        self.scene.apply(command).map_err(DriveError::Refused)?;
+        let tick = self.scene.tick();
+        match *command {
+            Command::AddBody { terms, .. } => {
+                let observation = self.scene.observation(terms.id);
+                let shape = self.scene.shape_of(terms.id).copied();
+                if let (Some(observation), Some(shape)) = (observation, shape) {
+                    self.remember(&observation);
+                    self.truth.placed.push(Placed {
+                        tick,
+                        terms,
+                        shape,
+                        observation,
+                    });
+                }
+            }
+            Command::RemoveBody { id } => {
+                self.states[id.index() as usize] = None;
+                self.truth.removed.push((tick, id));
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn remember(&mut self, observation: &Observation) {
+        let index = observation.id.index() as usize;
+        if index >= self.states.len() {
+            self.states.resize(index + 1, None);
+        }
+        self.states[index] = Some((observation.id, observation.motion));
+    }
+
+    /// One frame of an integrated simulator: step, then read every pose. Returns what it cost in nanoseconds.
+    pub(super) fn frame(&mut self) -> Result<u64, DriveError> {
+        let begun = self.clock.now();
+        let stepped = self.scene.step().map_err(DriveError::Scene)?;
+        let after_step = self.clock.now();
+        for (id, _) in &stepped.removed {
+            self.states[id.index() as usize] = None;
+        }
+        self.observations.clear();
+        self.scene.observe(&mut self.observations);
+        let observations = std::mem::take(&mut self.observations);
+        for observation in &observations {
+            self.remember(observation);
+        }
+        for (_, motion) in self.states.iter().flatten() {
+            black_box((motion.position(), motion.rotation()));
+        }
+        let ended = self.clock.now();
+        for (id, _) in stepped.removed {
+            self.truth.removed.push((stepped.tick, id));
+        }
+        self.truth.ticks.push(observations);
+        self.truth.digest = self.scene.digest().value();
+        self.steps_ns.push(after_step.since(begun).as_nanos());
+        Ok(ended.since(begun).as_nanos())
+    }
+
+    pub(super) fn tick(&self) -> Tick {
+        self.scene.tick()
+    }
+
+    pub(super) fn states(&self) -> &[Option<(BodyId, Verbatim)>] {
+        &self.states
+    }
+
+    pub(super) fn scene(&self) -> &Scene {
+        &self.scene
+    }
+}

@@ -1,0 +1,96 @@
+//! Runs one script in several modes side by side, and records what each did.
+//!
+//! All modes take the same tick in turn, so that the machine's noise falls on all alike.
+mod compare;
+mod free;
+mod integrated;
+mod process;
+mod remote;
+mod side_by_side;
+
+pub use free::run_free;
+pub use process::{ProcessError, ServerProcess};
+pub use side_by_side::{Cores, Plan, run_side_by_side};
+
+use std::fmt;
+
+use rhumb_client::{ClientError, OpenError};
+use rhumb_protocol::scene::{CommandError, Invalid};
+use rhumb_server::SceneFault;
+use rhumb_transport::RelayError;
+
+/// Why a run did not come to its end.
+#[derive(Debug)]
+pub enum DriveError {
+    /// The server process did not start.
+    Process(ProcessError),
+    /// The client did not come into its scene.
+    Open(OpenError),
+    /// A call on the client failed.
+    Client(ClientError),
+    /// The relay that pretends the link did not start.
+    Relay(RelayError),
+    /// The engine in this process failed.
+    Scene(SceneFault),
+    /// The script's terms are wrong.
+    Terms(Invalid),
+    /// The script gave a command that a scene refuses.
+    Refused(CommandError),
+    /// The script names bodies that the server did not grant.
+    NotGranted,
+    /// There is no such scene.
+    NoSuchScene {
+        /// As it was asked for.
+        name: String,
+    },
+}
+
+impl fmt::Display for DriveError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Process(cause) => cause.fmt(f),
+            Self::Open(cause) => cause.fmt(f),
+            Self::Client(cause) => cause.fmt(f),
+            Self::Relay(cause) => cause.fmt(f),
+            Self::Scene(cause) => cause.fmt(f),
+            Self::Terms(cause) => cause.fmt(f),
+            Self::Refused(cause) => write!(f, "the script's command was refused: {cause}"),
+            Self::NotGranted => {
+                f.write_str("the server granted fewer body indices than the script needs")
+            }
+            Self::NoSuchScene { name } => {
+                write!(
+                    f,
+                    "there is no scene {name:?}; there are: {}",
+                    rhumb_sims::NAMES.join(", ")
+                )
+            }
+        }
+    }
+}
+
+impl std::error::Error for DriveError {}
+
+impl From<ProcessError> for DriveError {
+    fn from(cause: ProcessError) -> Self {
+        Self::Process(cause)
+    }
+}
+
+impl From<OpenError> for DriveError {
+    fn from(cause: OpenError) -> Self {
+        Self::Open(cause)
+    }
+}
+
+impl From<ClientError> for DriveError {
+    fn from(cause: ClientError) -> Self {
+        Self::Client(cause)
+    }
+}
+
+impl From<RelayError> for DriveError {
+    fn from(cause: RelayError) -> Self {
+        Self::Relay(cause)
+    }
+}

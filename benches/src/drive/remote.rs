@@ -1,0 +1,265 @@
+//! One remote mode: a server process, a client of it, and what the client's caller paid and saw.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use bytes::Bytes;
+use rhumb_client::{
+    Bound, Client, Depth, Entry, Inspection, Options, StreamChoice, Trust, WireStatistics,
+};
+use rhumb_protocol::scene::{Command, SceneName, SceneTerms};
+use rhumb_reckoning::{BodyId, Tick};
+use rhumb_transport::{Clock, LinkTerms, UdpRelay};
+
+use super::compare::{Errors, RecentTruth, compare};
+use super::{DriveError, ServerProcess};
+use crate::record::{Breach, Cause, Frame, JoinCost, Passed, Seen, Way};
+
+/// How a remote mode is set up.
+#[derive(Clone, Debug)]
+pub(super) struct Setup<'a> {
+    pub(super) stream: StreamChoice,
+    pub(super) depth: Depth,
+    pub(super) terms: SceneTerms,
+    pub(super) core: Option<usize>,
+    pub(super) link: &'a LinkTerms,
+    pub(super) seed: u64,
+}
+
+/// What the tap wrote since it was last emptied.
+type Tape = Arc<Mutex<Vec<(Way, Bytes)>>>;
+
+/// A server process and its client.
+pub(super) struct Remote {
+    client: Client,
+    depth: Depth,
+    tape: Tape,
+    clock: Clock,
+    wire: WireStatistics,
+    updates: u64,
+    pub(super) frames: Vec<Frame>,
+    pub(super) passed: Vec<Passed>,
+    pub(super) breaches: Vec<Breach>,
+    pub(super) join: JoinCost,
+    // Dropped last: the client says goodbye first.
+    _relay: Option<UdpRelay>,
+    _process: Option<ServerProcess>,
+}
+
+/// How long the bench waits for a server, an impaired link included.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// The scene's name on the bench's own servers.
+pub(super) fn scene_name() -> SceneName {
+    "bench".parse().expect("the name has only letters")
+}
+
+impl Remote {
+    /// Starts a server and joins its scene.
+    pub(super) fn start(setup: &Setup<'_>) -> Result<Self, DriveError> {
+        let process = ServerProcess::start(setup.core)?;
+        let mut remote = Self::join(&process, setup)?;
+        remote._process = Some(process);
+        Ok(remote)
+    }
+
+    /// Joins the scene of a server that somebody else keeps.
+    pub(super) fn join(process: &ServerProcess, setup: &Setup<'_>) -> Result<Self, DriveError> {
+        let relay = if *setup.link == LinkTerms::PERFECT {
+            None
+        } else {
+            let any_port = "127.0.0.1:0".parse().expect("an address of loopback");
+            Some(UdpRelay::start(
+                any_port,
+                process.address,
+                *setup.link,
+                setup.seed,
+            )?)
+        };
+        let address = relay.as_ref().map_or(process.address, UdpRelay::local_addr);
+        let mut options = Options::new(
+            address.to_string(),
+            Trust::Fingerprint(process.fingerprint),
+            scene_name(),
+            Entry::CreateOrJoin(setup.terms),
+        );
+        options.stream = setup.stream;
+        options.patience = PATIENCE;
+        (options.whole_ticks, options.smooth) = (true, false);
+        let mut client = Client::open(options)?;
+        let tape = Tape::default();
+        let writer = Arc::clone(&tape);
+        client.record(move |way, bytes| {
+            let way = match way {
+                rhumb_client::Way::ControlDown => Way::ControlDown,
+                rhumb_client::Way::ControlUp => Way::ControlUp,
+                rhumb_client::Way::StateDown => Way::StateDown,
+                rhumb_client::Way::StateUp => Way::StateUp,
+            };
+            let mut tape = writer.lock().unwrap_or_else(PoisonError::into_inner);
+            tape.push((way, Bytes::copy_from_slice(bytes)));
+        });
+        Ok(Self {
+            client,
+            depth: setup.depth,
+            tape,
+            clock: Clock::start(),
+            wire: WireStatistics::default(),
+            updates: 0,
+            frames: Vec::new(),
+            passed: Vec::new(),
+            breaches: Vec::new(),
+            join: JoinCost::default(),
+            _relay: relay,
+            _process: None,
+        })
+    }
+
+    /// Gives the commands before the first step, waits until they are applied, and counts all that as joining.
+    pub(super) fn prepare(&mut self, commands: &[Command]) -> Result<(), DriveError> {
+        let needed = commands
+            .iter()
+            .filter(|command| matches!(command, Command::AddBody { .. }))
+            .count() as u32;
+        let granted = self.client.granted();
+        if granted.first() != 0 || granted.generation() != 0 {
+            return Err(DriveError::NotGranted);
+        }
+        if granted.count() < needed {
+            let more = self.client.reserve(needed - granted.count())?;
+            if more.first() != granted.count() {
+                return Err(DriveError::NotGranted);
+            }
+        }
+        let mut last = None;
+        for command in commands {
+            last = Some(self.client.command(*command)?);
+        }
+        if let Some(last) = last {
+            self.await_applied(last)?;
+        }
+        self.client.wait(Depth::LOCKSTEP)?;
+        self.tape().clear();
+        self.wire = self.client.statistics().wire;
+        self.join = JoinCost {
+            wire_bytes_down: self.wire.received_bytes,
+            wire_datagrams_down: self.wire.received_datagrams,
+            wire_bytes_up: self.wire.sent_bytes,
+            wire_datagrams_up: self.wire.sent_datagrams,
+        };
+        Ok(())
+    }
+
+    fn await_applied(&mut self, number: u64) -> Result<(), DriveError> {
+        loop {
+            while let Some(happening) = self.client.poll_happening() {
+                match happening {
+                    rhumb_client::Happening::Refused { error, .. } => {
+                        return Err(DriveError::Refused(error));
+                    }
+                    rhumb_client::Happening::Applied { through, .. } if through >= number => {
+                        return Ok(());
+                    }
+                    _ => {}
+                }
+            }
+            self.client.idle(Duration::from_millis(1))?;
+        }
+    }
+
+    /// One frame of a remote simulator: command, advance, and have every pose of the tick that the call returns.
+    pub(super) fn frame(&mut self, commands: &[Command]) -> Result<(), DriveError> {
+        let begun = self.clock.now();
+        for command in commands {
+            self.client.command(*command)?;
+        }
+        let tick = self.client.advance(self.depth)?;
+        let frame_ns = self.clock.now().since(begun).as_nanos();
+        self.note_frame(tick, frame_ns);
+        Ok(())
+    }
+
+    /// One frame of a simulator that follows a free-running scene; returns the tick shown.
+    pub(super) fn follow(&mut self) -> Result<Tick, DriveError> {
+        let begun = self.clock.now();
+        let at = self.client.follow()?;
+        let frame_ns = self.clock.now().since(begun).as_nanos();
+        self.note_frame(at.tick, frame_ns);
+        Ok(at.tick)
+    }
+
+    fn tape(&self) -> std::sync::MutexGuard<'_, Vec<(Way, Bytes)>> {
+        self.tape.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Writes down what the frame cost and what it showed.
+    fn note_frame(&mut self, tick: Tick, frame_ns: u64) {
+        let statistics = self.client.statistics();
+        let (wire, before) = (statistics.wire, self.wire);
+        self.wire = wire;
+        let view = self.client.view();
+        let seen = |place: usize| Seen {
+            id: view.ids()[place],
+            position: view.positions()[place].to_array(),
+            rotation: view.rotations()[place].to_array(),
+            resting: view.resting()[place],
+        };
+        let frame = Frame {
+            tick,
+            frame_ns,
+            wire_bytes_down: wire.received_bytes - before.received_bytes,
+            wire_bytes_up: wire.sent_bytes - before.sent_bytes,
+            wire_datagrams_down: wire.received_datagrams - before.received_datagrams,
+            wire_datagrams_up: wire.sent_datagrams - before.sent_datagrams,
+            updates: statistics.stream.updates - self.updates,
+            seen: view.changed().map(seen).collect(),
+            gone: view.removed().to_vec(),
+            ..Frame::default()
+        };
+        self.updates = statistics.stream.updates;
+        let number = self.frames.len() as u32;
+        let taken = std::mem::take(&mut *self.tape());
+        self.passed
+            .extend(taken.into_iter().map(|(way, bytes)| Passed {
+                frame: number,
+                way,
+                bytes,
+            }));
+        self.frames.push(frame);
+    }
+
+    /// Judges the last frame against the truth; tells whether that truth was known.
+    pub(super) fn judge(&mut self, recent: &RecentTruth, tolerance: Option<f64>) -> bool {
+        let Some(frame) = self.frames.last_mut() else {
+            return false;
+        };
+        let client = &self.client;
+        let vouched = client.statistics().vouched;
+        let cause = |id: BodyId| match client.bound(id) {
+            Some(Bound::Unknown { .. }) => Cause::Loss,
+            _ if frame.tick > vouched => Cause::Late,
+            _ => Cause::Fault,
+        };
+        let Some(errors) = compare(recent, frame.tick, client.view(), tolerance, cause) else {
+            return false;
+        };
+        let Errors {
+            errors_m,
+            exact,
+            breaches,
+        } = errors;
+        frame.errors_m = errors_m;
+        frame.exact = exact;
+        self.breaches.extend(breaches);
+        true
+    }
+
+    pub(super) fn client(&mut self) -> &mut Client {
+        &mut self.client
+    }
+
+    /// What the server says of itself at the end.
+    pub(super) fn inspect(&mut self) -> Result<Inspection, DriveError> {
+        Ok(self.client.inspect()?)
+    }
+}

@@ -1,0 +1,215 @@
+//! The modes that step in turn: integrated, naive, and the reckoned stream at depth 0 and 1.
+//!
+//! Each tick: the pipelined client asks for its next tick; while its server works, the integrated scene takes the tick
+//! in this thread; then the others take it. So the pipelined caller has other work to do, as a simulator has.
+
+use rhumb_client::{Depth, StreamChoice};
+use rhumb_reckoning::{Tick, Tolerance};
+use rhumb_sims::Script;
+use rhumb_transport::LinkTerms;
+
+use super::DriveError;
+use super::compare::{Known, RecentTruth};
+use super::integrated::Integrated;
+use super::remote::{Remote, Setup};
+use crate::record::{Frame, JoinCost, Load, Mode, Run, RunTerms};
+
+/// Which cores the caller and the servers run on, where there are two.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Cores {
+    /// All servers.
+    pub server: Option<usize>,
+}
+
+/// What to run.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// Name of the script.
+    pub scene: String,
+    /// Its load.
+    pub bodies: u32,
+    /// Its seed.
+    pub seed: u64,
+    /// How many ticks.
+    pub ticks: u32,
+    /// The promise of the reckoned modes.
+    pub tolerance: Tolerance,
+    /// Between the processes.
+    pub link: LinkTerms,
+    /// Which modes, in the order of the report.
+    pub modes: Vec<Mode>,
+    /// Where they run.
+    pub cores: Cores,
+}
+
+impl Plan {
+    pub(super) fn script(&self) -> Result<Box<dyn Script>, DriveError> {
+        rhumb_sims::by_name(&self.scene, self.bodies, self.seed).ok_or_else(|| {
+            DriveError::NoSuchScene {
+                name: self.scene.clone(),
+            }
+        })
+    }
+
+    pub(super) fn run_terms(&self, mode: Mode, step_s: f64) -> RunTerms {
+        let reckoned = matches!(mode, Mode::Rhumb | Mode::RhumbPipelined | Mode::RhumbFree);
+        RunTerms {
+            scene: self.scene.clone(),
+            bodies: self.bodies,
+            mode,
+            depth: u32::from(mode == Mode::RhumbPipelined),
+            tolerance_m: reckoned.then(|| self.tolerance.metres().metres()),
+            link: if mode == Mode::Integrated {
+                "none".into()
+            } else {
+                self.link.to_string()
+            },
+            seed: self.seed,
+            step_s,
+            ticks: self.ticks,
+        }
+    }
+
+    pub(super) fn setup<'a>(&'a self, mode: Mode, script: &dyn Script) -> Setup<'a> {
+        Setup {
+            stream: match mode {
+                Mode::Naive => StreamChoice::Full,
+                _ => StreamChoice::Within(self.tolerance),
+            },
+            depth: match mode {
+                Mode::RhumbPipelined => Depth::PIPELINED,
+                _ => Depth::LOCKSTEP,
+            },
+            terms: script.terms(),
+            core: self.cores.server,
+            link: &self.link,
+            seed: self.seed,
+        }
+    }
+}
+
+/// Runs all modes of a plan but the free-running one; `progress` is told each tick that is done.
+///
+/// # Errors
+///
+/// [`DriveError`] names what did not work; nothing is kept of a run that does not end.
+pub fn run_side_by_side(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<Load, DriveError> {
+    let mut script = plan.script()?;
+    let mut integrated = Integrated::new(script.terms())?;
+    let mut remotes = Vec::new();
+    for mode in &plan.modes {
+        if matches!(mode, Mode::Naive | Mode::Rhumb | Mode::RhumbPipelined) {
+            remotes.push((*mode, Remote::start(&plan.setup(*mode, &*script))?));
+        }
+    }
+    // The pipelined one first: its server works while the others take their turn.
+    remotes.sort_by_key(|(mode, _)| *mode != Mode::RhumbPipelined);
+    let mut recent = RecentTruth::default();
+    let mut commands = Vec::new();
+    script.commands(Tick::ZERO, &mut commands);
+    for command in &commands {
+        integrated.apply(command)?;
+    }
+    for (_, remote) in &mut remotes {
+        remote.prepare(&commands)?;
+    }
+    remember(&mut recent, &integrated);
+    commands.clear();
+    let mut frames = Vec::new();
+    for number in 1..=plan.ticks {
+        let pipelined = remotes
+            .first()
+            .is_some_and(|(mode, _)| *mode == Mode::RhumbPipelined);
+        let (first, others) = remotes.split_at_mut(usize::from(pipelined));
+        for (_, remote) in first.iter_mut() {
+            remote.frame(&commands)?;
+        }
+        for command in &commands {
+            integrated.apply(command)?;
+        }
+        let frame_ns = integrated.frame()?;
+        frames.push(Frame {
+            tick: integrated.tick(),
+            frame_ns,
+            ..Frame::default()
+        });
+        remember(&mut recent, &integrated);
+        for (_, remote) in others {
+            remote.frame(&commands)?;
+        }
+        for (mode, remote) in &mut remotes {
+            let tolerance = (*mode != Mode::Naive).then(|| plan.tolerance.metres().metres());
+            remote.judge(&recent, tolerance);
+        }
+        progress(integrated.tick());
+        commands.clear();
+        if number < plan.ticks {
+            script.commands(integrated.tick(), &mut commands);
+        }
+    }
+    finish(plan, integrated, frames, remotes)
+}
+
+/// Keeps the states of all bodies at the newest tick.
+fn remember(recent: &mut RecentTruth, integrated: &Integrated) {
+    let scene = integrated.scene();
+    let known = integrated.states().iter().map(|state| {
+        let (id, motion) = (*state)?;
+        Some(Known {
+            id,
+            motion,
+            radius: scene.bounding_radius(id)?,
+            kind: scene.body(id)?.kind,
+        })
+    });
+    recent.push(integrated.tick(), known);
+}
+
+fn finish(
+    plan: &Plan,
+    integrated: Integrated,
+    frames: Vec<Frame>,
+    remotes: Vec<(Mode, Remote)>,
+) -> Result<Load, DriveError> {
+    let step_s = integrated.scene().terms().integrator.rate.step().seconds();
+    let mut runs = Vec::new();
+    let mut steps = integrated.steps_ns.clone();
+    steps.sort_unstable();
+    let share = |percent: usize| steps.get(steps.len() * percent / 100).copied().unwrap_or(0);
+    if plan.modes.contains(&Mode::Integrated) {
+        runs.push(Run {
+            terms: plan.run_terms(Mode::Integrated, step_s),
+            truth_digest: integrated.truth.digest,
+            frames,
+            passed: Vec::new(),
+            join: JoinCost::default(),
+            breaches: Vec::new(),
+            step_ns_p50: share(50),
+            step_ns_p99: share(99),
+            step_ns_total: steps.iter().sum(),
+            publish_ns_total: 0,
+        });
+    }
+    for (mode, mut remote) in remotes {
+        // A pipelined server may still owe the last tick.
+        remote.client().wait(Depth::LOCKSTEP)?;
+        let inspection = remote.inspect()?;
+        runs.push(Run {
+            terms: plan.run_terms(mode, step_s),
+            truth_digest: inspection.truth,
+            frames: remote.frames,
+            passed: remote.passed,
+            join: remote.join,
+            breaches: remote.breaches,
+            step_ns_p50: inspection.times.step_median,
+            step_ns_p99: inspection.times.step_p99,
+            step_ns_total: inspection.times.step_total,
+            publish_ns_total: inspection.times.publish_total + inspection.times.observe_total,
+        });
+    }
+    runs.sort_by_key(|run| plan.modes.iter().position(|mode| *mode == run.terms.mode));
+    Ok(Load {
+        truth: integrated.truth,
+        runs,
+    })
+}

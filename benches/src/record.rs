@@ -1,0 +1,256 @@
+//! What a run leaves behind: every figure of a report is computed from this, and nothing else.
+//!
+//! No clocks and no files: measured by `drive`, written by `trace`, summed up by `summary`, drawn by `report`.
+
+use std::fmt;
+
+use bytes::Bytes;
+use rhumb_protocol::scene::{BodyTerms, Shape};
+use rhumb_protocol::stream::Observation;
+use rhumb_reckoning::{BodyId, Tick};
+
+/// How a scene was run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Mode {
+    /// Stepped in the caller's own thread.
+    Integrated,
+    /// A server that sends everything.
+    Naive,
+    /// The reckoned stream; the caller waits for each tick.
+    Rhumb,
+    /// The reckoned stream; the caller goes on while the server steps.
+    RhumbPipelined,
+    /// The reckoned stream; the server steps by its own clock.
+    RhumbFree,
+}
+
+impl Mode {
+    /// As on the command line, in topics and in the summary.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Integrated => "integrated",
+            Self::Naive => "naive",
+            Self::Rhumb => "rhumb",
+            Self::RhumbPipelined => "rhumb-pipelined",
+            Self::RhumbFree => "rhumb-free",
+        }
+    }
+}
+
+impl fmt::Display for Mode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// What the engine did in one run of a script, tick by tick: the same for every mode.
+#[derive(Clone, Debug, Default)]
+pub struct Truth {
+    /// Every body that ever was, in order of placing, with the tick at which it came.
+    pub placed: Vec<Placed>,
+    /// Bodies removed, with the tick at which they went.
+    pub removed: Vec<(Tick, BodyId)>,
+    /// Observations after tick 1, 2, ...: only bodies that moved or fell asleep.
+    pub ticks: Vec<Vec<Observation>>,
+    /// Digest over all observations.
+    pub digest: u64,
+}
+
+/// A body and where it began.
+#[derive(Clone, Copy, Debug)]
+pub struct Placed {
+    /// Before the step that follows this tick.
+    pub tick: Tick,
+    /// What it is.
+    pub terms: BodyTerms,
+    /// Its shape.
+    pub shape: Shape,
+    /// Where it was placed.
+    pub observation: Observation,
+}
+
+/// A pose that a client's copy took on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seen {
+    /// Whose.
+    pub id: BodyId,
+    /// Metres.
+    pub position: [f32; 3],
+    /// Quaternion x, y, z, w.
+    pub rotation: [f32; 4],
+    /// Whether the copy takes it for resting.
+    pub resting: bool,
+}
+
+/// Why a copy was farther off than its tolerance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Cause {
+    /// A datagram was lost and not yet made good.
+    Loss,
+    /// The stream has not yet vouched for this tick.
+    Late,
+    /// Nothing explains it: a defect.
+    Fault,
+}
+
+impl Cause {
+    /// As in the summary.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Loss => "loss",
+            Self::Late => "late",
+            Self::Fault => "fault",
+        }
+    }
+}
+
+/// One body-tick over tolerance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Breach {
+    /// When.
+    pub tick: Tick,
+    /// Which.
+    pub id: BodyId,
+    /// Surface error, metres.
+    pub error_m: f64,
+    /// What was promised, metres.
+    pub tolerance_m: f64,
+    /// Why.
+    pub cause: Cause,
+}
+
+/// Which way a datagram or a piece of control stream went, as the client saw it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Way {
+    /// State datagram from the server.
+    StateDown,
+    /// State datagram to the server.
+    StateUp,
+    /// Bytes of the control stream from the server.
+    ControlDown,
+    /// Bytes of the control stream to the server.
+    ControlUp,
+}
+
+/// Something that crossed the wire.
+#[derive(Clone, Debug)]
+pub struct Passed {
+    /// The frame (counted from 0) in which the client saw it pass.
+    pub frame: u32,
+    /// Which way.
+    pub way: Way,
+    /// What, below QUIC.
+    pub bytes: Bytes,
+}
+
+/// One frame of the caller.
+#[derive(Clone, Debug, Default)]
+pub struct Frame {
+    /// The tick that its view showed; errors are taken against the truth of this tick.
+    pub tick: Tick,
+    /// What the frame cost the caller's thread, nanoseconds.
+    pub frame_ns: u64,
+    /// UDP payload bytes received and sent since the frame before, QUIC's own included.
+    pub wire_bytes_down: u64,
+    /// See above.
+    pub wire_bytes_up: u64,
+    /// UDP datagrams received and sent since the frame before.
+    pub wire_datagrams_down: u64,
+    /// See above.
+    pub wire_datagrams_up: u64,
+    /// Updates taken in since the frame before.
+    pub updates: u64,
+    /// Poses that changed in the copy since the frame before.
+    pub seen: Vec<Seen>,
+    /// Bodies taken out of the copy since the frame before.
+    pub gone: Vec<BodyId>,
+    /// Surface error of every body that is neither static nor at rest to the bit in both truth and copy, metres, sorted.
+    pub errors_m: Vec<f32>,
+    /// Bodies (of those that can move) whose error is exactly zero and not listed above.
+    pub exact: u32,
+}
+
+/// How a run was asked for.
+#[derive(Clone, Debug)]
+pub struct RunTerms {
+    /// Name of the script.
+    pub scene: String,
+    /// What its load was asked to be.
+    pub bodies: u32,
+    /// How it was run.
+    pub mode: Mode,
+    /// Frames that the caller is ahead of the server.
+    pub depth: u32,
+    /// Promised, metres; none for modes that promise the bits.
+    pub tolerance_m: Option<f64>,
+    /// The link between the processes, as on the command line.
+    pub link: String,
+    /// Seed of the script.
+    pub seed: u64,
+    /// Simulated seconds of one tick.
+    pub step_s: f64,
+    /// How many ticks were run.
+    pub ticks: u32,
+}
+
+/// One mode's run of one scene at one load.
+#[derive(Clone, Debug)]
+pub struct Run {
+    /// How it was asked for.
+    pub terms: RunTerms,
+    /// Digest of the truth as its own engine had it.
+    pub truth_digest: u64,
+    /// Frame by frame, the joining (frame 0's predecessors) left out.
+    pub frames: Vec<Frame>,
+    /// Everything that crossed the wire; empty for `integrated`.
+    pub passed: Vec<Passed>,
+    /// UDP payload bytes and datagrams, both ways, of connecting and joining, before the first frame.
+    pub join: JoinCost,
+    /// Every body-tick over tolerance.
+    pub breaches: Vec<Breach>,
+    /// Median and 99th percentile of the engine's step, nanoseconds.
+    pub step_ns_p50: u64,
+    /// See above.
+    pub step_ns_p99: u64,
+    /// All engine steps together, nanoseconds.
+    pub step_ns_total: u64,
+    /// Observing, choosing, encoding and handing over, all ticks together, nanoseconds; zero for `integrated`.
+    pub publish_ns_total: u64,
+}
+
+/// What it cost to come in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct JoinCost {
+    /// UDP payload bytes received.
+    pub wire_bytes_down: u64,
+    /// UDP datagrams received.
+    pub wire_datagrams_down: u64,
+    /// UDP payload bytes sent.
+    pub wire_bytes_up: u64,
+    /// UDP datagrams sent.
+    pub wire_datagrams_up: u64,
+}
+
+/// Everything that one invocation measured: one truth per load, and the modes run on it.
+#[derive(Clone, Debug)]
+pub struct Experiment {
+    /// The command line, as typed.
+    pub command: String,
+    /// Seed of the scripts.
+    pub seed: u64,
+    /// Processor, cores, system.
+    pub machine: String,
+    /// Per load.
+    pub loads: Vec<Load>,
+}
+
+/// One load of one scene.
+#[derive(Clone, Debug)]
+pub struct Load {
+    /// What the engine did.
+    pub truth: Truth,
+    /// What each mode made of it.
+    pub runs: Vec<Run>,
+}

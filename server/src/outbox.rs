@@ -1,0 +1,75 @@
+//! Everything that waits to be sent: what sessions said, and the datagrams.
+//!
+//! Knows the sessions, not the scenes. Datagrams are shared: one packet for many members is one allocation.
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+
+use bytes::Bytes;
+use rhumb_protocol::message::ServerMessage;
+use rhumb_protocol::session::ServerSession;
+use rhumb_protocol::{Peer, Transmit};
+
+/// The sessions of a host's connections and what they have to send.
+#[derive(Debug, Default)]
+pub(crate) struct Outbox {
+    sessions: BTreeMap<Peer, ServerSession>,
+    /// Connections whose sessions may have something to say.
+    talking: BTreeSet<Peer>,
+    ready: VecDeque<Transmit>,
+}
+
+impl Outbox {
+    pub(crate) fn open(&mut self, peer: Peer) {
+        self.sessions.insert(peer, ServerSession::default());
+    }
+
+    pub(crate) fn forget(&mut self, peer: Peer) {
+        self.sessions.remove(&peer);
+        self.talking.remove(&peer);
+    }
+
+    /// A connection's session, which may have something to say afterwards.
+    pub(crate) fn session(&mut self, peer: Peer) -> Option<&mut ServerSession> {
+        self.talking.insert(peer);
+        self.sessions.get_mut(&peer)
+    }
+
+    pub(crate) fn say(&mut self, to: Peer, message: &ServerMessage) {
+        if let Some(session) = self.session(to) {
+            session.say(message);
+        }
+    }
+
+    /// Says messages that were encoded once for many.
+    pub(crate) fn say_encoded(&mut self, to: Peer, messages: &Bytes) {
+        if let Some(session) = self.session(to) {
+            session.say_encoded(messages);
+        }
+    }
+
+    pub(crate) fn datagram(&mut self, to: Peer, bytes: Bytes) {
+        self.ready.push_back(Transmit::State { to, bytes });
+    }
+
+    pub(crate) fn poll(&mut self) -> Option<Transmit> {
+        if let Some(transmit) = self.ready.pop_front() {
+            return Some(transmit);
+        }
+        while let Some(peer) = self.talking.first().copied() {
+            if let Some(session) = self.sessions.get_mut(&peer) {
+                if let Some(bytes) = session.poll_control() {
+                    return Some(Transmit::Control { to: peer, bytes });
+                }
+                if let Some(code) = session.poll_close() {
+                    self.forget(peer);
+                    return Some(Transmit::Close {
+                        to: peer,
+                        code: code.0,
+                    });
+                }
+            }
+            self.talking.remove(&peer);
+        }
+        None
+    }
+}

@@ -1,0 +1,480 @@
+//! One scene with its members: applies what they wish, steps, and says what they must hear.
+//!
+//! Neither sockets nor threads: the host feeds it requests and moments. Order of a tick: wishes, step, observe, say.
+
+use std::collections::BTreeMap;
+
+use bytes::Bytes;
+use rhumb_protocol::limits::{ADVANCE_TICKS_MAX, GRANT, MEMBERS_PER_SCENE_MAX};
+use rhumb_protocol::message::{
+    Denial, Inspection, Joined, Notice, RemovalCause, ServerMessage, StreamChoice,
+};
+use rhumb_protocol::packet::{Echo, StreamId};
+use rhumb_protocol::scene::{BodyKind, Command, CommandError, Pace, SceneTerms};
+use rhumb_protocol::stream::{
+    Activity, FullPublisher, Manner, Observation, Publisher, StreamStart,
+};
+use rhumb_protocol::{Instant, Peer, Span};
+use rhumb_reckoning::{Anchor, BodyId, Predictor, Tick, Track, Verbatim};
+
+use crate::grants::Grants;
+use crate::outbox::Outbox;
+use crate::scene::Scene;
+use crate::streams::{Moment, Source, Stream, Streams};
+use crate::times::{Marks, Times};
+
+/// Reads the host's clock between the stages of a tick.
+pub(crate) type Stopwatch<'a> = &'a dyn Fn() -> Instant;
+
+/// A client that takes part.
+#[derive(Debug)]
+struct Member {
+    stream: StreamId,
+    /// Number of its last command that was looked at, and is not answered yet.
+    unanswered: Option<u64>,
+}
+
+/// One scene with its members.
+pub(crate) struct Room {
+    scene: Scene,
+    members: BTreeMap<Peer, Member>,
+    streams: Streams,
+    grants: Grants,
+    notices: u64,
+    /// Notices given since they were last handed to the members.
+    unsaid: Vec<u8>,
+    target: Tick,
+    next_step: Option<Instant>,
+    last_step: Instant,
+    observations: Vec<Observation>,
+    times: Times,
+    faulted: bool,
+}
+
+/// A free-running scene that is later than so many steps lets time go slower instead of catching up.
+const CATCH_UP_STEPS: u64 = 5;
+
+impl Room {
+    pub(crate) fn new(scene: Scene) -> Self {
+        let target = scene.tick();
+        Self {
+            scene,
+            members: BTreeMap::new(),
+            streams: Streams::default(),
+            grants: Grants::default(),
+            notices: 0,
+            unsaid: Vec::new(),
+            target,
+            next_step: None,
+            last_step: Instant::ZERO,
+            observations: Vec::new(),
+            times: Times::default(),
+            faulted: false,
+        }
+    }
+
+    pub(crate) fn terms(&self) -> &SceneTerms {
+        self.scene.terms()
+    }
+
+    pub(crate) fn members(&self) -> impl Iterator<Item = Peer> {
+        self.members.keys().copied()
+    }
+
+    /// When the next step is due: at once in a scene that was told to advance, never in one that nobody sees.
+    pub(crate) fn next_step(&self) -> Option<Instant> {
+        if self.faulted {
+            return None;
+        }
+        match self.terms().pace {
+            Pace::Lockstep => (self.scene.tick() < self.target).then_some(Instant::ZERO),
+            Pace::FreeRunning => self.next_step,
+        }
+    }
+
+    /// Makes a client a member; it hears the whole scene, then the stream.
+    pub(crate) fn join(
+        &mut self,
+        now: Instant,
+        peer: Peer,
+        choice: StreamChoice,
+        new_stream: StreamId,
+        out: &mut Outbox,
+    ) -> Result<(), Denial> {
+        if self.faulted {
+            return Err(Denial::SceneFaulted);
+        }
+        if self.members.len() >= MEMBERS_PER_SCENE_MAX {
+            return Err(Denial::TooManyMembers);
+        }
+        let stream = match self.streams.follow(choice)? {
+            Some(stream) => stream,
+            None => self.begin_stream(choice, new_stream),
+        };
+        if let Err(denial) = self.grant(peer, GRANT) {
+            self.streams.unfollow(stream);
+            return Err(denial);
+        }
+        self.tell_notices(out);
+        let member = Member {
+            stream,
+            unanswered: None,
+        };
+        self.members.insert(peer, member);
+        self.tell_snapshot(peer, out);
+        if self.next_step.is_none() {
+            self.last_step = now;
+            self.next_step = Some(now + self.step());
+        }
+        Ok(())
+    }
+
+    fn begin_stream(&mut self, choice: StreamChoice, id: StreamId) -> StreamId {
+        let terms = *self.scene.terms();
+        let tick = self.scene.tick();
+        let source = match choice {
+            StreamChoice::Within(tolerance) => Source::Reckoned(Box::new(Publisher::new(
+                id,
+                tolerance,
+                terms.integrator,
+                self.scene.gravity(),
+                tick,
+            ))),
+            StreamChoice::Full => Source::Full(FullPublisher::new(id, tick)),
+        };
+        let mut observations = Vec::new();
+        self.scene.observe_all(&mut observations);
+        let stream = self.streams.begin(choice, source);
+        for observation in &observations {
+            let kind = self.scene.body(observation.id).map(|body| body.kind);
+            let (Some(kind), Some(manner)) = (kind, manner(&self.scene, observation.id)) else {
+                continue;
+            };
+            let track = first_track(tick, observation, kind);
+            stream.place(observation.id, &manner, track, observation.motion);
+        }
+        id
+    }
+
+    fn grant(&mut self, peer: Peer, count: u32) -> Result<rhumb_protocol::scene::IdRange, Denial> {
+        let scene = &self.scene;
+        self.grants
+            .grant(peer, count, &|range| scene.vacancy(range))
+            .ok_or(Denial::NoIndicesLeft)
+    }
+
+    /// Says where the stream begins, and every shape and body.
+    fn tell_snapshot(&mut self, peer: Peer, out: &mut Outbox) {
+        let granted = match self.grants.first(peer) {
+            Some(range) => range,
+            None => return,
+        };
+        let Some(stream) = self.stream_of(peer) else {
+            return;
+        };
+        let start = StreamStart {
+            stream: stream.id(),
+            tolerance: stream.tolerance(),
+            integrator: self.terms().integrator,
+            gravity: self.scene.gravity(),
+            tick: self.scene.tick(),
+            next: stream.next_number(),
+            notices: self.notices,
+        };
+        let joined = Joined {
+            choice: stream.choice,
+            terms: *self.terms(),
+            start,
+            granted,
+        };
+        out.say(peer, &ServerMessage::Joined(joined));
+        let mut snapshot = Vec::new();
+        for (id, shape) in self.scene.shapes() {
+            let shape = *shape;
+            ServerMessage::Notice(Notice::ShapeAdded { id, shape }).encode(&mut snapshot);
+        }
+        for (id, track) in stream.tracks() {
+            if let Some(terms) = self.scene.body(id) {
+                let terms = *terms;
+                ServerMessage::Notice(Notice::BodyPlaced { terms, track }).encode(&mut snapshot);
+            }
+        }
+        ServerMessage::SnapshotEnd.encode(&mut snapshot);
+        out.say_encoded(peer, &Bytes::from(snapshot));
+    }
+
+    fn stream_of(&self, peer: Peer) -> Option<&Stream> {
+        let member = self.members.get(&peer)?;
+        self.streams.get(member.stream)
+    }
+
+    /// A member lost touch with its stream and needs the whole scene again.
+    pub(crate) fn resync(&mut self, peer: Peer, out: &mut Outbox) {
+        self.tell_notices(out);
+        self.tell_snapshot(peer, out);
+    }
+
+    /// A client is a member no longer. Its bodies stay.
+    pub(crate) fn leave(&mut self, peer: Peer) {
+        if let Some(member) = self.members.remove(&peer) {
+            self.streams.unfollow(member.stream);
+            self.grants.retire(peer);
+        }
+        if self.members.is_empty() {
+            self.next_step = None;
+        }
+    }
+
+    pub(crate) fn reserve(&mut self, peer: Peer, count: u32, out: &mut Outbox) {
+        let answer = match self.grant(peer, count) {
+            Ok(range) => ServerMessage::Reserved(range),
+            Err(denial) => ServerMessage::Denied(denial),
+        };
+        out.say(peer, &answer);
+    }
+
+    /// Applies one command, or says why not.
+    pub(crate) fn command(&mut self, peer: Peer, number: u64, command: &Command, out: &mut Outbox) {
+        if let Err(error) = self.apply(peer, command) {
+            out.say(peer, &ServerMessage::Refused { number, error });
+        }
+        if let Some(member) = self.members.get_mut(&peer) {
+            member.unanswered = Some(number);
+        }
+    }
+
+    fn apply(&mut self, peer: Peer, command: &Command) -> Result<(), CommandError> {
+        if self.faulted {
+            return Err(CommandError::SceneFaulted);
+        }
+        if let Command::AddBody { terms, .. } = command
+            && !self.grants.allows(peer, terms.id)
+        {
+            return Err(CommandError::NotGranted(terms.id));
+        }
+        self.scene.apply(command)?;
+        let tick = self.scene.tick();
+        match *command {
+            Command::AddShape { id, shape } => self.give(&Notice::ShapeAdded { id, shape }),
+            Command::RemoveShape { id } => self.give(&Notice::ShapeRemoved { id }),
+            Command::AddBody { terms, motion } => {
+                let observation = Observation {
+                    id: terms.id,
+                    motion,
+                    activity: Activity::Awake,
+                };
+                let track = first_track(tick, &observation, terms.kind);
+                if let Some(manner) = manner(&self.scene, terms.id) {
+                    self.streams.place(terms.id, &manner, track, motion);
+                }
+                self.give(&Notice::BodyPlaced { terms, track });
+            }
+            Command::RemoveBody { id } => {
+                self.streams.remove(id);
+                let cause = RemovalCause::Command;
+                self.give(&Notice::BodyRemoved { id, cause });
+            }
+            Command::SetGravity { gravity } => {
+                self.streams.change_gravity(tick, gravity);
+                self.give(&Notice::GravityChanged {
+                    since: tick,
+                    gravity,
+                });
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn give(&mut self, notice: &Notice) {
+        self.notices += 1;
+        ServerMessage::Notice(*notice).encode(&mut self.unsaid);
+    }
+
+    /// Hands new notices to every member, encoded once.
+    fn tell_notices(&mut self, out: &mut Outbox) {
+        if self.unsaid.is_empty() {
+            return;
+        }
+        let messages = Bytes::from(std::mem::take(&mut self.unsaid));
+        for peer in self.members.keys() {
+            out.say_encoded(*peer, &messages);
+        }
+    }
+
+    /// All that a member sent at once was looked at: says what came of it.
+    pub(crate) fn settle(&mut self, out: &mut Outbox) {
+        self.tell_notices(out);
+        let tick = self.scene.tick();
+        for (peer, member) in &mut self.members {
+            if let Some(through) = member.unanswered.take() {
+                out.say(*peer, &ServerMessage::Applied { through, tick });
+            }
+        }
+    }
+
+    /// Lets a lockstep scene step to a tick.
+    pub(crate) fn advance(&mut self, peer: Peer, to: Tick, out: &mut Outbox) {
+        let tick = self.scene.tick();
+        let too_far = to.value() > tick.value() + ADVANCE_TICKS_MAX;
+        let denial = match self.terms().pace {
+            Pace::FreeRunning => Some(Denial::NotLockstep),
+            Pace::Lockstep if self.faulted => Some(Denial::SceneFaulted),
+            Pace::Lockstep if too_far => Some(Denial::TooFarAhead),
+            Pace::Lockstep => None,
+        };
+        match denial {
+            Some(denial) => out.say(peer, &ServerMessage::Denied(denial)),
+            None => self.target = self.target.max(to),
+        }
+    }
+
+    /// Steps if a step is due.
+    pub(crate) fn handle_timeout(&mut self, now: Instant, clock: Stopwatch<'_>, out: &mut Outbox) {
+        if self.next_step().is_none_or(|due| due > now) {
+            return;
+        }
+        if let Some(due) = self.next_step {
+            let step = self.step();
+            let late_by = now.since(due).as_nanos();
+            let kept = late_by <= step.as_nanos() * CATCH_UP_STEPS;
+            self.next_step = Some(if kept { due + step } else { now + step });
+        }
+        self.last_step = now;
+        self.tick(clock, out);
+    }
+
+    fn step(&self) -> Span {
+        Span::from_nanos(self.terms().integrator.rate.step_ns())
+    }
+
+    /// One tick: truth, belief, words.
+    fn tick(&mut self, clock: Stopwatch<'_>, out: &mut Outbox) {
+        let begun = clock();
+        let stepped = match self.scene.step() {
+            Ok(stepped) => stepped,
+            Err(_) => return self.fault(out),
+        };
+        let after_step = clock();
+        for (id, cause) in stepped.removed {
+            self.streams.remove(id);
+            self.give(&Notice::BodyRemoved { id, cause });
+        }
+        self.observations.clear();
+        self.scene.observe(&mut self.observations);
+        let observed = clock();
+        self.streams.publish(&Moment {
+            tick: self.scene.tick(),
+            observations: &self.observations,
+            notices: self.notices,
+            vouch_always: self.terms().pace == Pace::Lockstep,
+        });
+        self.tell_notices(out);
+        for (peer, member) in &self.members {
+            if let Some(stream) = self.streams.get(member.stream) {
+                for packet in &stream.packets {
+                    out.datagram(*peer, packet.clone());
+                }
+            }
+        }
+        self.times.add(Marks {
+            begun,
+            stepped: after_step,
+            observed,
+            published: clock(),
+        });
+    }
+
+    /// The engine failed: everyone is told, and nothing moves any more.
+    fn fault(&mut self, out: &mut Outbox) {
+        self.faulted = true;
+        self.next_step = None;
+        let tick = self.scene.tick();
+        tracing::error!(
+            tick = tick.value(),
+            "the engine failed; the scene stands still"
+        );
+        self.give(&Notice::SceneFaulted { tick });
+        self.tell_notices(out);
+    }
+
+    /// A member says how far it heard: repairs what it lost and vouches for what it could not know of.
+    pub(crate) fn echo(&self, peer: Peer, stream: StreamId, echo: &Echo, out: &mut Outbox) {
+        let Some(stream) = self
+            .stream_of(peer)
+            .filter(|followed| followed.id() == stream)
+        else {
+            return;
+        };
+        for lost in &echo.lost {
+            let number = lost.expand(stream.next_number());
+            match stream.repair(number, self.notices) {
+                Some(datagrams) => {
+                    for datagram in datagrams {
+                        out.datagram(peer, datagram);
+                    }
+                }
+                // Forgotten: the vouch below tells the member how much it missed, and it asks for everything.
+                None => tracing::debug!(number, "a lost packet is no longer known"),
+            }
+        }
+        out.datagram(peer, stream.vouch(self.notices));
+    }
+
+    pub(crate) fn pong(&self, now: Instant, peer: Peer, sent: Instant, out: &mut Outbox) {
+        let pong = ServerMessage::Pong {
+            sent,
+            tick: self.scene.tick(),
+            since_tick_ns: now.since(self.last_step).as_nanos(),
+        };
+        out.say(peer, &pong);
+    }
+
+    pub(crate) fn inspect(&self, peer: Peer, out: &mut Outbox) {
+        let Some(stream) = self.stream_of(peer) else {
+            return;
+        };
+        let said = stream.statistics();
+        let inspection = Inspection {
+            tick: self.scene.tick(),
+            truth: self.scene.digest().value(),
+            bodies: self.scene.body_count() as u32,
+            awake: self.scene.awake_count() as u32,
+            updates: said.updates,
+            packets: said.packets,
+            packet_bytes: said.bytes,
+            times: self.times.summary(),
+        };
+        out.say(peer, &ServerMessage::Inspection(inspection));
+    }
+
+    /// The scene is gone: members hear it.
+    pub(crate) fn end(self, out: &mut Outbox) {
+        for peer in self.members.keys() {
+            out.say(*peer, &ServerMessage::Deleted);
+        }
+    }
+}
+
+/// What predictors need to know of a body of a scene.
+fn manner(scene: &Scene, id: BodyId) -> Option<Manner> {
+    let terms = scene.body(id)?;
+    let shape = scene.shape(terms.shape)?;
+    Some(Manner::of(terms, shape, scene.terms().damping))
+}
+
+/// What is believed of a body before anything was said of it.
+fn first_track(tick: Tick, observation: &Observation, kind: BodyKind) -> Track {
+    let predictor = match (observation.activity, kind) {
+        (Activity::Asleep, _) | (_, BodyKind::Static) => Predictor::Rest,
+        (Activity::Awake, BodyKind::Dynamic) => Predictor::Ballistic,
+        (Activity::Awake, BodyKind::Kinematic) => Predictor::Uniform,
+    };
+    let resting = predictor == Predictor::Rest;
+    let motion: Verbatim = observation.motion;
+    Track {
+        origin: tick,
+        predictor,
+        anchor: Anchor::Verbatim(if resting { motion.stilled() } else { motion }),
+    }
+}

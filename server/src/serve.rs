@@ -1,0 +1,137 @@
+//! Runs a host behind real sockets until it is told to stop.
+//!
+//! What the `rhumb-server` binary does, callable by whoever embeds it.
+
+use std::fmt;
+use std::io;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+use rhumb_transport::{
+    BindError, Certificate, CertificateError, Clock, Fingerprint, QuicServer, ServeError,
+    ServerOptions, ServerStatistics, Stop,
+};
+
+use crate::host::Host;
+
+/// What the server proves itself with.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Identity {
+    /// A certificate made at start; clients pin its fingerprint.
+    Development,
+    /// A certificate chain and its key, as PEM files.
+    Files {
+        /// The chain, the server's own first.
+        certificate: PathBuf,
+        /// The key.
+        key: PathBuf,
+    },
+}
+
+/// A server that listens, and is not run yet.
+pub struct Server {
+    transport: QuicServer,
+}
+
+/// Why a server did not start, or stopped unasked.
+#[derive(Debug)]
+pub enum RunError {
+    /// The certificate cannot be used.
+    Certificate(CertificateError),
+    /// The address cannot be listened on.
+    Bind(BindError),
+    /// The threads cannot be bound to a core.
+    Core {
+        /// Which core.
+        core: usize,
+        /// What the system says.
+        cause: io::Error,
+    },
+    /// The sockets' thread was lost.
+    Serve(ServeError),
+}
+
+impl fmt::Display for RunError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Certificate(cause) => cause.fmt(f),
+            Self::Bind(cause) => cause.fmt(f),
+            Self::Core { core, cause } => write!(f, "cannot run on core {core} alone: {cause}"),
+            Self::Serve(cause) => cause.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for RunError {}
+
+impl Server {
+    /// Listens. Clients that connect wait until [`Self::run`].
+    ///
+    /// # Errors
+    ///
+    /// [`RunError`] for a certificate or an address that cannot be used.
+    pub fn bind(listen: SocketAddr, identity: &Identity) -> Result<Self, RunError> {
+        let certificate = match identity {
+            Identity::Development => Certificate::development(["localhost"]),
+            Identity::Files { certificate, key } => Certificate::from_pem_files(certificate, key),
+        }
+        .map_err(RunError::Certificate)?;
+        let options = ServerOptions {
+            listen,
+            certificate,
+        };
+        let transport = QuicServer::bind(options).map_err(RunError::Bind)?;
+        Ok(Self { transport })
+    }
+
+    /// Where it listens.
+    #[must_use]
+    pub fn address(&self) -> SocketAddr {
+        self.transport.local_addr()
+    }
+
+    /// What clients pin.
+    #[must_use]
+    pub fn fingerprint(&self) -> Fingerprint {
+        self.transport.fingerprint()
+    }
+
+    /// Serves on the calling thread until `stop` is said; then every client hears that the server is going away.
+    ///
+    /// # Errors
+    ///
+    /// [`RunError::Serve`] if the sockets' thread is lost.
+    pub fn run(self, stop: &Stop) -> Result<ServerStatistics, RunError> {
+        let clock = Clock::start();
+        let mut host = Host::new(move || clock.now());
+        self.transport.run(&mut host, stop).map_err(RunError::Serve)
+    }
+}
+
+/// Binds the calling thread, and the threads it starts from now on, to one core.
+///
+/// # Errors
+///
+/// [`RunError::Core`] when the system refuses or has no such core.
+#[cfg(target_os = "linux")]
+pub fn run_on_core(core: usize) -> Result<(), RunError> {
+    use rustix::thread::{CpuSet, sched_setaffinity};
+    let failed = |cause| RunError::Core { core, cause };
+    if core >= CpuSet::MAX_CPU {
+        return Err(failed(io::ErrorKind::InvalidInput.into()));
+    }
+    let mut set = CpuSet::new();
+    set.set(core);
+    sched_setaffinity(None, &set).map_err(|errno| failed(errno.into()))
+}
+
+/// Binds the calling thread, and the threads it starts from now on, to one core.
+///
+/// # Errors
+///
+/// Always: this system has no such call.
+#[cfg(not(target_os = "linux"))]
+pub fn run_on_core(core: usize) -> Result<(), RunError> {
+    let cause = io::ErrorKind::Unsupported.into();
+    Err(RunError::Core { core, cause })
+}

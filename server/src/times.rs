@@ -1,0 +1,55 @@
+//! Where a scene's host time goes, stage by stage.
+
+use rhumb_protocol::Instant;
+use rhumb_protocol::message::StageTimes;
+
+/// Steps over which the median and the 99th percentile are taken.
+const RECENT: usize = 4_096;
+
+/// The stages of the ticks so far.
+#[derive(Debug, Default)]
+pub(crate) struct Times {
+    step_total: u64,
+    observe_total: u64,
+    publish_total: u64,
+    /// The last steps in nanoseconds; a ring once it is full.
+    recent: Vec<u64>,
+    next: usize,
+}
+
+/// The moments between the stages of one tick.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Marks {
+    pub(crate) begun: Instant,
+    pub(crate) stepped: Instant,
+    pub(crate) observed: Instant,
+    pub(crate) published: Instant,
+}
+
+impl Times {
+    pub(crate) fn add(&mut self, marks: Marks) {
+        let step = marks.stepped.since(marks.begun).as_nanos();
+        self.step_total += step;
+        self.observe_total += marks.observed.since(marks.stepped).as_nanos();
+        self.publish_total += marks.published.since(marks.observed).as_nanos();
+        if self.recent.len() < RECENT {
+            self.recent.push(step);
+        } else {
+            self.recent[self.next] = step;
+        }
+        self.next = (self.next + 1) % RECENT;
+    }
+
+    pub(crate) fn summary(&self) -> StageTimes {
+        let mut steps = self.recent.clone();
+        steps.sort_unstable();
+        let at = |share: usize| steps.get(steps.len() * share / 100).copied().unwrap_or(0);
+        StageTimes {
+            step_total: self.step_total,
+            step_median: at(50),
+            step_p99: at(99),
+            observe_total: self.observe_total,
+            publish_total: self.publish_total,
+        }
+    }
+}
