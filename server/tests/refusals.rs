@@ -22,7 +22,7 @@ fn terms() -> SceneTerms {
     SceneTerms {
         integrator: Integrator {
             rate: Rate::HZ_60,
-            substeps: NonZeroU32::new(4).unwrap(),
+            substeps: NonZeroU32::new(4).expect("four is not zero"),
         },
         gravity: Vec3::new(0.0, -10.0, 0.0),
         pace: Pace::Lockstep,
@@ -38,11 +38,11 @@ fn terms() -> SceneTerms {
 const SHAPE: ShapeId = ShapeId(3);
 
 fn with_shape() -> Scene {
-    let mut scene = Scene::new(terms()).unwrap();
+    let mut scene = Scene::new(terms()).expect("the test makes it valid");
     let shape = Shape::Ball { radius: 0.5 };
     scene
         .apply(&Command::AddShape { id: SHAPE, shape })
-        .unwrap();
+        .expect("the test makes it valid");
     scene
 }
 
@@ -51,7 +51,8 @@ fn body(index: u32, generation: u16, kind: BodyKind) -> Command {
     let identity = [0.0, 0.0, 0.0, 1.0];
     Command::AddBody {
         terms: BodyTerms::plain(id, kind, SHAPE),
-        motion: Verbatim::new([0.0; 3], identity, [0.0; 3], [0.0; 3]).unwrap(),
+        motion: Verbatim::new([0.0; 3], identity, [0.0; 3], [0.0; 3])
+            .expect("the test makes it valid"),
     }
 }
 
@@ -403,13 +404,17 @@ fn begun() -> Scene {
     };
     for (number, shape) in [(0, Shape::Ball { radius: 0.5 }), (1, floor)] {
         let id = ShapeId(number);
-        scene.apply(&Command::AddShape { id, shape }).unwrap();
+        scene
+            .apply(&Command::AddShape { id, shape })
+            .expect("the test makes it valid");
     }
     for (index, kind) in [BodyKind::Static, BodyKind::Dynamic, BodyKind::Kinematic]
         .into_iter()
         .enumerate()
     {
-        scene.apply(&body(index as u32, 0, kind)).unwrap();
+        scene
+            .apply(&body(index as u32, 0, kind))
+            .expect("the test makes it valid");
     }
     scene
 }

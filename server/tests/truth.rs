@@ -22,7 +22,7 @@ fn terms() -> SceneTerms {
     SceneTerms {
         integrator: Integrator {
             rate: Rate::HZ_60,
-            substeps: NonZeroU32::new(4).unwrap(),
+            substeps: NonZeroU32::new(4).expect("four is not zero"),
         },
         gravity: Vec3::new(0.0, -10.0, 0.0),
         pace: Pace::Lockstep,
@@ -45,18 +45,20 @@ fn motion(position: Vec3, linear: Vec3) -> Verbatim {
         linear.to_array(),
         [0.0; 3],
     )
-    .unwrap()
+    .expect("the test makes it valid")
 }
 
 fn add(scene: &mut Scene, id: BodyId, kind: BodyKind, shape: u32, place: Verbatim) {
     let terms = BodyTerms::plain(id, kind, ShapeId(shape));
     let motion = place;
-    scene.apply(&Command::AddBody { terms, motion }).unwrap();
+    scene
+        .apply(&Command::AddBody { terms, motion })
+        .expect("the test makes it valid");
 }
 
 /// Shape 0 is a slab of 20 × 2 × 20 m, shape 1 a ball of radius 0.5 m.
 fn empty() -> Scene {
-    let mut scene = Scene::new(terms()).unwrap();
+    let mut scene = Scene::new(terms()).expect("the test makes it valid");
     for (id, shape) in [
         Shape::Cuboid {
             half_extents: Vec3::new(10.0, 1.0, 10.0),
@@ -67,7 +69,9 @@ fn empty() -> Scene {
     .enumerate()
     {
         let id = ShapeId(id as u32);
-        scene.apply(&Command::AddShape { id, shape }).unwrap();
+        scene
+            .apply(&Command::AddShape { id, shape })
+            .expect("the test makes it valid");
     }
     scene
 }
@@ -94,13 +98,17 @@ fn ball_on_floor() -> Scene {
 }
 
 fn seen(scene: &mut Scene) -> Vec<Observation> {
-    scene.step().unwrap();
+    scene
+        .step()
+        .expect("an engine of Rapier steps what it was given");
     scene.observations().to_vec()
 }
 
 fn fall_asleep(scene: &mut Scene) {
     for _ in 0..300 {
-        scene.step().unwrap();
+        scene
+            .step()
+            .expect("an engine of Rapier steps what it was given");
         if scene.awake_count() == 0 {
             return;
         }
@@ -338,7 +346,7 @@ fn a_blow_beyond_measure_costs_no_body() {
 
 /// Runs a script and hands each tick's observations to `check`.
 fn run(script: &mut dyn Script, ticks: u32, mut check: impl FnMut(&Scene)) -> Scene {
-    let mut scene = Scene::new(script.terms()).unwrap();
+    let mut scene = Scene::new(script.terms()).expect("the test makes it valid");
     let mut commands = Vec::new();
     for _ in 0..ticks {
         commands.clear();
@@ -347,7 +355,13 @@ fn run(script: &mut dyn Script, ticks: u32, mut check: impl FnMut(&Scene)) -> Sc
             let answer = scene.apply(command);
             assert_eq!(answer, Ok(()), "{command:?} at {}", scene.tick());
         }
-        assert_eq!(scene.step().unwrap().removed, []);
+        assert_eq!(
+            scene
+                .step()
+                .expect("an engine of Rapier steps what it was given")
+                .removed,
+            []
+        );
         check(&scene);
     }
     scene
