@@ -19,11 +19,11 @@ pub const VELOCITY_LIMIT: i32 = 1 << 24;
 pub const TURN_LIMIT: i32 = 1 << 10;
 
 /// Position step as a share of the tolerance. Measured: see ARCHITECTURE.md, "grids".
-const POSITION_SHARE: f64 = 0.375;
+const POSITION_SHARE: f64 = 0.4375;
 /// Turn step, as a share of the tolerance at the bounding radius. Measured, as above.
-const TURN_SHARE: f64 = 0.375;
+const TURN_SHARE: f64 = 0.4375;
 /// Velocity step, as a share of the tolerance per second. Measured, as above.
-const VELOCITY_SHARE: f64 = 0.75;
+const VELOCITY_SHARE: f64 = 3.0;
 /// The coarsest turn step, radians, for bodies so small that any turn is within tolerance.
 const TURN_STEP_MOST: f64 = 0.25;
 /// The coarsest angular velocity step, rad/s, likewise.

@@ -14,10 +14,10 @@ use crate::wire::bits::{BitReader, BitWriter, golomb_len};
 /// Orders of the Golomb codes, by what they hold. Measured on the ball pit.
 mod order {
     pub(super) const AGE: u32 = 3;
-    pub(super) const POSITION: u32 = 1;
-    pub(super) const TURN: u32 = 1;
-    pub(super) const LINEAR: u32 = 3;
-    pub(super) const ANGULAR: u32 = 3;
+    pub(super) const POSITION: u32 = 0;
+    pub(super) const TURN: u32 = 0;
+    pub(super) const LINEAR: u32 = 2;
+    pub(super) const ANGULAR: u32 = 2;
     /// For motions said alone, whose numbers are as large as the world.
     pub(super) const ALONE_POSITION: u32 = 10;
     pub(super) const ALONE_VELOCITY: u32 = 6;
@@ -89,7 +89,7 @@ impl TrackSaying {
 
 impl Saying {
     /// Most bits that a saying takes: a residual whose every number is at its limit.
-    pub const MAX_BITS: usize = 3 + 18 + 3 * 62 + 3 * 22 + 6 * 48;
+    pub const MAX_BITS: usize = 3 + 18 + 3 * 63 + 3 * 23 + 6 * 49;
 
     /// How many bits [`Self::encode`] appends.
     #[must_use]

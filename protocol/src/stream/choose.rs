@@ -24,8 +24,8 @@ const FREE_FALL_SLACK: f64 = 0.2;
 
 /// A body that would not leave its tolerance within this time at its present speed is as good as still.
 ///
-/// Measured on the ball pit: from 0.25 s to 1 s the bytes change by less than one in a hundred.
-const STILL_FOR: Seconds = Seconds::new(0.5);
+/// Measured on the ball pit, 500 balls, 5 cm: 0.1 s takes 3 % fewer bytes than 0.5 s, and 0.05 s no fewer.
+const STILL_FOR: Seconds = Seconds::new(0.1);
 
 /// The law to say.
 pub(crate) fn law(record: &Record<'_>, step: Seconds, tolerance: Metres) -> Predictor {
@@ -84,6 +84,6 @@ mod tests {
     #[test]
     fn what_keeps_its_speed_moves_uniformly_and_what_has_none_rests() {
         assert_eq!(law_of(DVec3::X, DVec3::X), Predictor::Uniform);
-        assert_eq!(law_of(DVec3::X * 0.01, DVec3::X * 0.01), Predictor::Rest);
+        assert_eq!(law_of(DVec3::X * 0.3, DVec3::X * 0.3), Predictor::Rest);
     }
 }

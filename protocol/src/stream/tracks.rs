@@ -13,7 +13,7 @@ use rhumb_reckoning::{
 use super::field::Field;
 use crate::limits::{DAMPINGS_MAX, INDICES_MAX};
 use crate::packet::Saying;
-use crate::scene::{BodyTerms, Shape};
+use crate::scene::{BodyKind, BodyTerms, Shape};
 
 /// What a predictor needs to know of a body, told once with it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,12 +28,22 @@ pub struct Manner {
 
 impl Manner {
     /// Of a body with these terms and this shape, in a scene whose bodies are damped like this.
+    ///
+    /// A body that no engine moves keeps the velocity it is given: nothing damps it and nothing pulls at it.
     #[must_use]
     pub fn of(terms: &BodyTerms, shape: &Shape, damping: Damping) -> Self {
-        Self {
-            radius: shape.bounding_radius(),
-            damping: terms.damping.unwrap_or(damping),
-            gravity_scale: terms.gravity_scale,
+        let radius = shape.bounding_radius();
+        match terms.kind {
+            BodyKind::Dynamic => Self {
+                radius,
+                damping: terms.damping.unwrap_or(damping),
+                gravity_scale: terms.gravity_scale,
+            },
+            BodyKind::Static | BodyKind::Kinematic => Self {
+                radius,
+                damping: Damping::default(),
+                gravity_scale: 0.0,
+            },
         }
     }
 }
