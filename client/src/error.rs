@@ -9,7 +9,7 @@ use rhumb_protocol::message::Denial;
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::{CloseCode, Misuse};
 use rhumb_reckoning::Tick;
-use rhumb_transport::ConnectError;
+use rhumb_transport::{ConnectError, TransportCode};
 
 /// Why a client did not come into its scene.
 #[derive(Debug)]
@@ -77,7 +77,11 @@ impl fmt::Display for ClientError {
         match self {
             Self::Misuse(misuse) => misuse.fmt(f),
             Self::Ended(Ending::Closed(code)) => {
-                write!(f, "the connection was closed: {}", CloseCode(*code))
+                f.write_str("the connection was closed: ")?;
+                match *code {
+                    TransportCode::FIRST.. => TransportCode(*code).fmt(f),
+                    code => CloseCode(code).fmt(f),
+                }
             }
             Self::Ended(Ending::TimedOut) => f.write_str("the server was not heard any more"),
             Self::Ended(Ending::Broken) => f.write_str("the connection broke"),

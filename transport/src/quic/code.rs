@@ -11,6 +11,8 @@ use std::fmt;
 pub struct TransportCode(pub u32);
 
 impl TransportCode {
+    /// The least number of these codes.
+    pub const FIRST: u32 = 0x100;
     /// The end left without a reason of its own.
     pub const LEFT: Self = Self(0x100);
     /// The server is stopping; another attempt later may find it again.
