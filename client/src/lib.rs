@@ -38,4 +38,4 @@ pub use rhumb_protocol::scene;
 pub use rhumb_protocol::stream::Bound;
 pub use rhumb_reckoning::{BodyId, Metres, Tick, Tolerance};
 pub use rhumb_transport::{Fingerprint, Trust, WireStatistics};
-pub use view::View;
+pub use view::{Glass, View};

@@ -29,13 +29,13 @@ pub struct View {
 
 /// How a view is computed.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Glass {
+pub struct Glass {
     /// The moment to show.
-    pub(crate) at: DisplayTime,
+    pub at: DisplayTime,
     /// The caller's own time, for glides.
-    pub(crate) now: Seconds,
+    pub now: Seconds,
     /// Whether to glide.
-    pub(crate) smooth: bool,
+    pub smooth: bool,
 }
 
 impl View {
@@ -99,8 +99,8 @@ impl View {
         self.time
     }
 
-    /// Computes the view of another moment.
-    pub(crate) fn refresh(&mut self, stream: &mut Subscriber, glass: &Glass) {
+    /// Computes the view of another moment. A [`Client`](crate::Client) does it in each frame.
+    pub fn refresh(&mut self, stream: &mut Subscriber, glass: &Glass) {
         self.changed.clear();
         self.removed.clear();
         let mut touched = std::mem::take(&mut self.touched);
