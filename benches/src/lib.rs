@@ -1,0 +1,15 @@
+//! Runs scenes in every mode, measures each frame, and writes what was measured.
+//!
+//! A run leaves a [`record::Experiment`] behind. From it alone come the figures ([`summary`]), the file that holds
+//! every one of them again ([`trace`]) and the page that draws them ([`report`]).
+#![forbid(unsafe_code)]
+
+pub mod drive;
+pub mod evaluate;
+mod machine;
+pub mod record;
+pub mod report;
+pub mod summary;
+pub mod trace;
+
+mod quantile;

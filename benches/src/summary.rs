@@ -1,0 +1,195 @@
+//! The figures of an experiment: what `summary.json` says.
+//!
+//! Computed from the record and from nothing else. A figure that has no meaning for a mode is `null`: a scene stepped
+//! in the caller's own thread sends no bytes. A percentile is the least measured value that the given share does not
+//! exceed.
+
+mod measure;
+mod table;
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::record::Experiment;
+
+pub(crate) use measure::second_by_second;
+pub use table::Table;
+pub(crate) use table::number;
+
+/// Bytes that IPv4 and UDP add to each datagram.
+pub const DATAGRAM_HEADER_BYTES: u64 = 28;
+
+/// Frames of the paper's simulator in a second: its SimFPS is never above it.
+pub const SIM_FPS_MAX: f64 = 11.33;
+
+/// One experiment.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// The command line, as typed.
+    pub command: String,
+    /// Seed of the scripts.
+    pub seed: u64,
+    /// Processor, cores, system.
+    pub machine: String,
+    /// Every mode's run of every load, in the order of the record.
+    pub runs: Vec<RunFigures>,
+}
+
+/// One mode's run of one scene at one load.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunFigures {
+    /// Name of the script.
+    pub scene: String,
+    /// What its load was asked to be.
+    pub bodies: u32,
+    /// How it was run: `integrated`, `naive`, `rhumb`, `rhumb-pipelined`, `rhumb-free`.
+    pub mode: String,
+    /// Frames that the caller is ahead of the server.
+    pub depth: u32,
+    /// Promised surface error, metres; `null` for a mode that promises the bits.
+    pub tolerance_m: Option<f64>,
+    /// The link between the processes; `null` without one.
+    pub link: Option<String>,
+    /// Ticks that were run.
+    pub ticks: u32,
+    /// Digest of what the engine did: 16 hexadecimal digits, equal for every mode of a load or the load is void.
+    pub truth_hash: String,
+    /// UDP payload and 28 B of headers per datagram, server to client, whole run after joining.
+    pub bytes_down: Option<u64>,
+    /// The same, client to server.
+    pub bytes_up: Option<u64>,
+    /// State datagrams and control stream down, as handed to QUIC.
+    pub payload_bytes_down: Option<u64>,
+    /// UDP datagrams down.
+    pub datagrams_down: Option<u64>,
+    /// `payload_bytes_down` over the simulated time of the run, 1,000 bit/s.
+    pub payload_kbps_down: Option<f64>,
+    /// `bytes_down` over the simulated time of the run, 1,000 bit/s.
+    pub mean_kbps_down: Option<f64>,
+    /// `bytes_down` of the worst simulated second (the whole run if it is shorter), 1,000 bit/s.
+    pub worst_second_kbps_down: Option<f64>,
+    /// Updates of single bodies that the client took in.
+    pub updates: Option<u64>,
+    /// Bits of state datagrams down, as handed to QUIC, for each update.
+    pub bits_per_update: Option<f64>,
+    /// Of every body that can move, at every frame, against the engine at the same tick.
+    pub surface_error_m: Option<Errors>,
+    /// Body-ticks farther off than promised.
+    pub over_tolerance: Option<OverTolerance>,
+    /// What a frame cost the caller's thread.
+    pub frame_ms: Option<FrameTimes>,
+    /// The paper's measure: one over the mean frame time, and never above [`SIM_FPS_MAX`].
+    pub sim_fps: Option<f64>,
+    /// What a step cost the engine.
+    pub step_ms: StepTimes,
+    /// Time spent observing, choosing, encoding and handing over, divided by the time spent stepping.
+    pub publish_share: Option<f64>,
+    /// What it cost to come in, before the first frame.
+    pub join: Option<Join>,
+}
+
+/// Distances that no point of a body exceeds, metres: |Δp| + 2 r sin(Δθ/2), r the bounding radius.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Errors {
+    /// Median.
+    pub p50: f64,
+    /// 95th percentile.
+    pub p95: f64,
+    /// 99th percentile.
+    pub p99: f64,
+    /// Worst.
+    pub max: f64,
+}
+
+/// Body-ticks farther off than promised.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OverTolerance {
+    /// How many.
+    pub count: u64,
+    /// Of all body-ticks of bodies that can move.
+    pub share: f64,
+    /// How many for each cause: `loss`, `late`, and `fault`, which must be zero.
+    pub by_cause: BTreeMap<String, u64>,
+}
+
+/// What frames cost, milliseconds.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameTimes {
+    /// Median.
+    pub p50: f64,
+    /// 99th percentile.
+    pub p99: f64,
+    /// All together divided by their number.
+    pub mean: f64,
+}
+
+/// What steps cost, milliseconds.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StepTimes {
+    /// Median.
+    pub p50: f64,
+    /// 99th percentile.
+    pub p99: f64,
+}
+
+/// What it cost to come in: bytes with 28 B of headers for each datagram, and datagrams.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Join {
+    /// Server to client.
+    pub bytes_down: u64,
+    /// Server to client.
+    pub datagrams_down: u64,
+    /// Client to server.
+    pub bytes_up: u64,
+    /// Client to server.
+    pub datagrams_up: u64,
+}
+
+impl Summary {
+    /// The figures of an experiment.
+    #[must_use]
+    pub fn of(experiment: &Experiment) -> Self {
+        let runs = experiment.loads.iter().flat_map(|load| &load.runs);
+        Self {
+            command: experiment.command.clone(),
+            seed: experiment.seed,
+            machine: experiment.machine.clone(),
+            runs: runs.map(measure::figures).collect(),
+        }
+    }
+
+    /// As the text of `summary.json`.
+    #[must_use]
+    pub fn to_json(&self) -> String {
+        let mut text = serde_json::to_string_pretty(self)
+            .expect("numbers, texts and maps keyed by texts are always JSON");
+        text.push('\n');
+        text
+    }
+
+    /// As a table for a terminal.
+    #[must_use]
+    pub const fn table(&self) -> Table<'_> {
+        Table::new(self)
+    }
+}
+
+impl RunFigures {
+    /// Updates taken in for each simulated second.
+    #[must_use]
+    pub fn updates_per_second(&self) -> Option<f64> {
+        let (bytes, kbps) = (self.bytes_down?, self.mean_kbps_down?);
+        let simulated_s = bytes as f64 * 8.0 / 1e3 / kbps;
+        Some(self.updates? as f64 / simulated_s)
+    }
+
+    /// The run of another mode that differs from this one in nothing but the mode and what comes with it.
+    #[must_use]
+    pub fn beside<'a>(&self, runs: &'a [Self], mode: &str) -> Option<&'a Self> {
+        let same = |run: &&Self| run.scene == self.scene && run.bodies == self.bodies;
+        let mut of_mode = runs.iter().filter(same).filter(|run| run.mode == mode);
+        let first = of_mode.clone().next();
+        of_mode.find(|run| run.link == self.link).or(first)
+    }
+}

@@ -1,0 +1,169 @@
+//! One run's figures, from its frames.
+//!
+//! Decides what is added up and over what it is divided; the meaning of each figure is written beside its field.
+
+use std::collections::BTreeMap;
+
+use crate::quantile::{WithZeros, of_nanoseconds};
+use crate::record::{Breach, Cause, Frame, Mode, Run, RunTerms, Way};
+
+use super::{
+    DATAGRAM_HEADER_BYTES, Errors, FrameTimes, Join, OverTolerance, RunFigures, SIM_FPS_MAX,
+    StepTimes,
+};
+
+const NANOSECONDS_PER_MILLISECOND: f64 = 1e6;
+
+/// Everything that is said of a run.
+pub(super) fn figures(run: &Run) -> RunFigures {
+    let terms = &run.terms;
+    let mut errors = WithZeros::default();
+    for frame in &run.frames {
+        errors.extend(&frame.errors_m, frame.exact);
+    }
+    let frame_ms = frame_times(&run.frames);
+    let mut figures = RunFigures {
+        scene: terms.scene.clone(),
+        bodies: terms.bodies,
+        mode: terms.mode.name().to_owned(),
+        depth: terms.depth,
+        tolerance_m: terms.tolerance_m,
+        link: None,
+        ticks: terms.ticks,
+        truth_hash: format!("{:016x}", run.truth_digest),
+        bytes_down: None,
+        bytes_up: None,
+        payload_bytes_down: None,
+        datagrams_down: None,
+        payload_kbps_down: None,
+        mean_kbps_down: None,
+        worst_second_kbps_down: None,
+        updates: None,
+        bits_per_update: None,
+        surface_error_m: None,
+        over_tolerance: None,
+        frame_ms,
+        sim_fps: frame_ms.map(|ms| (1e3 / ms.mean).min(SIM_FPS_MAX)),
+        step_ms: StepTimes {
+            p50: run.step_ns_p50 as f64 / NANOSECONDS_PER_MILLISECOND,
+            p99: run.step_ns_p99 as f64 / NANOSECONDS_PER_MILLISECOND,
+        },
+        publish_share: None,
+        join: None,
+    };
+    if terms.mode != Mode::Integrated {
+        add_wire(&mut figures, run);
+        figures.surface_error_m = error_figures(&mut errors);
+        figures.over_tolerance = Some(over_tolerance(&run.breaches, errors.count()));
+        figures.publish_share =
+            (run.step_ns_total > 0).then(|| run.publish_ns_total as f64 / run.step_ns_total as f64);
+    }
+    figures
+}
+
+/// What only a run between two processes has.
+fn add_wire(figures: &mut RunFigures, run: &Run) {
+    let terms = &run.terms;
+    let simulated_s = f64::from(terms.ticks) * terms.step_s;
+    let sum = |of: fn(&Frame) -> u64| run.frames.iter().map(of).sum::<u64>();
+    let payload = |ways: &[Way]| -> u64 {
+        let counted = run.passed.iter().filter(|p| ways.contains(&p.way));
+        counted.map(|p| p.bytes.len() as u64).sum()
+    };
+    let bytes_down = sum(bytes_down);
+    let payload_down = payload(&[Way::StateDown, Way::ControlDown]);
+    let updates = sum(|frame| frame.updates);
+
+    figures.link = (!terms.link.is_empty()).then(|| terms.link.clone());
+    figures.bytes_down = Some(bytes_down);
+    figures.bytes_up = Some(sum(|f| {
+        f.wire_bytes_up + DATAGRAM_HEADER_BYTES * f.wire_datagrams_up
+    }));
+    figures.payload_bytes_down = Some(payload_down);
+    figures.datagrams_down = Some(sum(|frame| frame.wire_datagrams_down));
+    if simulated_s > 0.0 {
+        figures.payload_kbps_down = Some(kbps(payload_down, simulated_s));
+        figures.mean_kbps_down = Some(kbps(bytes_down, simulated_s));
+        figures.worst_second_kbps_down =
+            second_by_second(run).map(|(_, rate)| rate).reduce(f64::max);
+    }
+    figures.updates = Some(updates);
+    let state_bits = 8 * payload(&[Way::StateDown]);
+    figures.bits_per_update = (updates > 0).then(|| state_bits as f64 / updates as f64);
+    let join = run.join;
+    figures.join = Some(Join {
+        bytes_down: join.wire_bytes_down + DATAGRAM_HEADER_BYTES * join.wire_datagrams_down,
+        datagrams_down: join.wire_datagrams_down,
+        bytes_up: join.wire_bytes_up + DATAGRAM_HEADER_BYTES * join.wire_datagrams_up,
+        datagrams_up: join.wire_datagrams_up,
+    });
+}
+
+/// Bytes on the wire down in one frame, headers included.
+fn bytes_down(frame: &Frame) -> u64 {
+    frame.wire_bytes_down + DATAGRAM_HEADER_BYTES * frame.wire_datagrams_down
+}
+
+/// For each frame, its tick and the rate down over the simulated second that ends with it, 1,000 bit/s.
+///
+/// Near the run's beginning the second reaches back before it, where nothing was sent; a run shorter than a second is
+/// divided by its own length.
+pub(crate) fn second_by_second(run: &Run) -> impl Iterator<Item = (u64, f64)> + '_ {
+    let window = window_ticks(&run.terms);
+    let span_s = window as f64 * run.terms.step_s;
+    let mut inside = 0;
+    let mut oldest = 0;
+    run.frames.iter().map(move |frame| {
+        inside += bytes_down(frame);
+        let now = frame.tick.value();
+        while run.frames[oldest].tick.value() + window <= now {
+            inside -= bytes_down(&run.frames[oldest]);
+            oldest += 1;
+        }
+        (now, kbps(inside, span_s))
+    })
+}
+
+/// The whole number of ticks that is nearest to a second, and no more than were run.
+fn window_ticks(terms: &RunTerms) -> u64 {
+    let ticks = (1.0 / terms.step_s).round() as u64;
+    ticks.min(u64::from(terms.ticks)).max(1)
+}
+
+fn kbps(bytes: u64, seconds: f64) -> f64 {
+    bytes as f64 * 8.0 / 1e3 / seconds
+}
+
+fn error_figures(errors: &mut WithZeros) -> Option<Errors> {
+    Some(Errors {
+        p50: errors.percentile(50)?,
+        p95: errors.percentile(95)?,
+        p99: errors.percentile(99)?,
+        max: errors.percentile(100)?,
+    })
+}
+
+fn over_tolerance(breaches: &[Breach], body_ticks: u64) -> OverTolerance {
+    let mut by_cause: BTreeMap<String, u64> = [Cause::Loss, Cause::Late, Cause::Fault]
+        .map(|cause| (cause.name().to_owned(), 0))
+        .into();
+    for breach in breaches {
+        *by_cause.entry(breach.cause.name().to_owned()).or_default() += 1;
+    }
+    let count = breaches.len() as u64;
+    OverTolerance {
+        count,
+        share: count as f64 / (body_ticks.max(1)) as f64,
+        by_cause,
+    }
+}
+
+fn frame_times(frames: &[Frame]) -> Option<FrameTimes> {
+    let mut times: Vec<u64> = frames.iter().map(|frame| frame.frame_ns).collect();
+    let total: u64 = times.iter().sum();
+    Some(FrameTimes {
+        p50: of_nanoseconds(&mut times, 50)? as f64 / NANOSECONDS_PER_MILLISECOND,
+        p99: of_nanoseconds(&mut times, 99)? as f64 / NANOSECONDS_PER_MILLISECOND,
+        mean: total as f64 / frames.len() as f64 / NANOSECONDS_PER_MILLISECOND,
+    })
+}
