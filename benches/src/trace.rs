@@ -1,0 +1,136 @@
+//! `trace.mcap`: everything of an experiment in one file that people watch and machines recompute.
+//!
+//! For each load a prefix such as `/n500`; below it, each tick or frame:
+//!
+//! | topic | message | holds |
+//! |---|---|---|
+//! | `truth/state` | `rhumb.States` | what the engine did, to the bit |
+//! | `truth/static`, `truth/moving`, `truth/resting` | `foxglove.SceneUpdate` | the same to look at |
+//! | `{mode}/moving`, `{mode}/resting` | `foxglove.SceneUpdate` | the client's copy, coloured by error over tolerance |
+//! | `{mode}/stats` | `rhumb.TickStats` | bytes, updates, errors, frame time |
+//! | `{mode}/seen` | `rhumb.Poses` | the poses that changed in the client's copy |
+//! | `{mode}/breaches` | `rhumb.Breach` | body-ticks over tolerance |
+//! | `{mode}/wire/{way}` | `rhumb.Packet` | every datagram and piece of control stream |
+//!
+//! and metadata records `rhumb.experiment`, `rhumb.truth.n500`, `rhumb.run.n500.{mode}`. The messages are those of
+//! `proto/rhumb.proto`. Every figure of the summary follows from the file. It is written beside its place and takes its
+//! name only when it is whole.
+
+mod bodies;
+mod error;
+mod file;
+mod layout;
+mod load;
+mod messages;
+mod metadata;
+mod names;
+mod partial;
+mod primitives;
+mod run;
+mod scene;
+mod time;
+
+use std::io::{Seek, Write};
+use std::path::Path;
+
+use mcap::McapError;
+
+use crate::record::{Experiment, Load};
+
+pub use error::TraceError;
+pub use layout::layout;
+pub(crate) use names::{loads as load_names, runs as run_names};
+
+/// How much of a trace is for people; what machines read is always whole.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TraceOptions {
+    /// Scenes drawn in a simulated second.
+    pub scene_hz: f64,
+    /// Seconds that a body lies still before it is drawn among those at rest.
+    pub resting_after_s: f64,
+    /// Loads of more bodies are not drawn: a drawn body takes about 20 bytes each time.
+    pub scene_bodies_max: u32,
+}
+
+impl Default for TraceOptions {
+    fn default() -> Self {
+        Self {
+            scene_hz: 30.0,
+            resting_after_s: 0.5,
+            scene_bodies_max: 2_000,
+        }
+    }
+}
+
+impl TraceOptions {
+    fn draws(&self, load: &Load) -> bool {
+        load.runs
+            .first()
+            .is_some_and(|run| run.terms.bodies <= self.scene_bodies_max)
+    }
+}
+
+/// How far the writing is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Progress {
+    /// Ticks written, over all loads.
+    pub done: u64,
+    /// Ticks to write.
+    pub of: u64,
+}
+
+/// Writes the trace to `path`; returns its size in bytes.
+///
+/// Until it is whole it is called `path` with `.partial` appended, and it is removed if it never gets there.
+///
+/// # Errors
+///
+/// [`TraceError`] names the file and the cause.
+pub fn write(
+    path: &Path,
+    experiment: &Experiment,
+    options: &TraceOptions,
+    progress: &mut dyn FnMut(Progress),
+) -> Result<u64, TraceError> {
+    let mut partial = partial::Partial::create(path)?;
+    let written = write_to(partial.sink(), experiment, options, progress);
+    written.map_err(|cause| TraceError::writing(partial.path(), cause))?;
+    partial.finish()
+}
+
+/// Writes the trace to anything.
+fn write_to(
+    to: impl Write + Seek,
+    experiment: &Experiment,
+    options: &TraceOptions,
+    progress: &mut dyn FnMut(Progress),
+) -> Result<(), McapError> {
+    let mut file = file::File::new(to)?;
+    let prefixes = load_names(experiment);
+    let (name, record) = metadata::of_experiment(experiment, &prefixes);
+    file.put_metadata(name, record)?;
+    let mut place = 0;
+    for (load, prefix) in experiment.loads.iter().zip(&prefixes) {
+        let (name, record) = metadata::of_truth(prefix, load);
+        file.put_metadata(name, record)?;
+        for (run, name) in load.runs.iter().zip(run_names(load)) {
+            let (name, record) = metadata::of_run(prefix, &name, place, run);
+            file.put_metadata(name, record)?;
+            place += 1;
+        }
+    }
+    let of = experiment
+        .loads
+        .iter()
+        .map(|load| load::last_tick(load) + 1)
+        .sum();
+    let mut done = 0;
+    for (load, prefix) in experiment.loads.iter().zip(&prefixes) {
+        load::write(&mut file, prefix, load, options, &mut |_| {
+            done += 1;
+            progress(Progress { done, of });
+        })?;
+    }
+    file.finish()?.flush()?;
+    Ok(())
+}

@@ -1,0 +1,207 @@
+//! Where every body is at a tick: in the engine, and in a client's copy.
+//!
+//! Replays the record forward, a tick or a frame at a time.
+
+use std::collections::BTreeMap;
+
+use glam::{DQuat, DVec3};
+use rhumb_protocol::scene::BodyKind;
+use rhumb_protocol::stream::{Activity, Observation};
+use rhumb_reckoning::{BodyId, Divergence, Pose, Tick};
+
+use crate::record::{Frame, Placed, Truth};
+
+/// A body at a moment.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Body<'a> {
+    /// What it is.
+    pub(super) placed: &'a Placed,
+    /// Metres.
+    pub(super) position: [f32; 3],
+    /// Quaternion x, y, z, w.
+    pub(super) rotation: [f32; 4],
+    /// Whether it lies still.
+    pub(super) still: bool,
+}
+
+impl<'a> Body<'a> {
+    fn begin(placed: &'a Placed) -> Self {
+        Self {
+            placed,
+            position: placed.observation.motion.position(),
+            rotation: placed.observation.motion.rotation(),
+            still: placed.observation.activity == Activity::Asleep,
+        }
+    }
+
+    pub(super) const fn id(&self) -> BodyId {
+        self.placed.terms.id
+    }
+
+    pub(super) fn is_static(&self) -> bool {
+        self.placed.terms.kind == BodyKind::Static
+    }
+
+    /// How far any of its points may be from where `other` has it, metres.
+    pub(super) fn surface_error_m(&self, other: &Self) -> f64 {
+        let apart = Divergence::between(&self.pose(), &other.pose());
+        apart
+            .surface_error(self.placed.shape.bounding_radius())
+            .metres()
+    }
+
+    fn pose(&self) -> Pose {
+        Pose {
+            position: DVec3::from_array(self.position.map(f64::from)),
+            rotation: DQuat::from_array(self.rotation.map(f64::from)).normalize(),
+        }
+    }
+}
+
+/// Bodies by index.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Bodies<'a> {
+    slots: Vec<Option<Body<'a>>>,
+}
+
+impl<'a> Bodies<'a> {
+    pub(super) fn iter(&self) -> impl Iterator<Item = &Body<'a>> {
+        self.slots.iter().flatten()
+    }
+
+    pub(super) fn find(&self, id: BodyId) -> Option<&Body<'a>> {
+        let body = self.slots.get(id.index() as usize)?.as_ref()?;
+        (body.id() == id).then_some(body)
+    }
+
+    fn find_mut(&mut self, id: BodyId) -> Option<&mut Body<'a>> {
+        let body = self.slots.get_mut(id.index() as usize)?.as_mut()?;
+        (body.id() == id).then_some(body)
+    }
+
+    fn place(&mut self, placed: &'a Placed) {
+        let index = placed.terms.id.index() as usize;
+        if index >= self.slots.len() {
+            self.slots.resize(index + 1, None);
+        }
+        self.slots[index] = Some(Body::begin(placed));
+    }
+
+    fn remove(&mut self, id: BodyId) {
+        if self.find(id).is_some() {
+            self.slots[id.index() as usize] = None;
+        }
+    }
+}
+
+/// The engine's bodies.
+#[derive(Debug)]
+pub(super) struct TruthBodies<'a> {
+    truth: &'a Truth,
+    pub(super) bodies: Bodies<'a>,
+    placed: usize,
+    removed: usize,
+}
+
+/// What happened to the engine's bodies in a tick.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Happened<'a> {
+    pub(super) observed: &'a [Observation],
+    pub(super) placed: &'a [Placed],
+    pub(super) removed: &'a [(Tick, BodyId)],
+}
+
+impl<'a> TruthBodies<'a> {
+    pub(super) fn new(truth: &'a Truth) -> Self {
+        Self {
+            truth,
+            bodies: Bodies::default(),
+            placed: 0,
+            removed: 0,
+        }
+    }
+
+    /// Takes in what was observed after a tick, and what came and went before the next.
+    pub(super) fn step(&mut self, tick: Tick) -> Happened<'a> {
+        let truth = self.truth;
+        let row = tick
+            .value()
+            .checked_sub(1)
+            .and_then(|row| truth.ticks.get(row as usize));
+        let observed = row.map_or(&[][..], Vec::as_slice);
+        for observation in observed {
+            if let Some(body) = self.bodies.find_mut(observation.id) {
+                body.position = observation.motion.position();
+                body.rotation = observation.motion.rotation();
+                body.still = observation.activity == Activity::Asleep;
+            }
+        }
+        let removed = &truth.removed[self.removed..];
+        let removed = &removed[..removed.partition_point(|(when, _)| *when <= tick)];
+        for (_, id) in removed {
+            self.bodies.remove(*id);
+        }
+        let placed = &truth.placed[self.placed..];
+        let placed = &placed[..placed.partition_point(|placed| placed.tick <= tick)];
+        for placed in placed {
+            self.bodies.place(placed);
+        }
+        self.removed += removed.len();
+        self.placed += placed.len();
+        Happened {
+            observed,
+            placed,
+            removed,
+        }
+    }
+}
+
+/// A client's copy of them.
+#[derive(Debug)]
+pub(super) struct CopiedBodies<'a> {
+    truth: &'a Truth,
+    cast: BTreeMap<BodyId, &'a Placed>,
+    pub(super) bodies: Bodies<'a>,
+    placed: usize,
+}
+
+impl<'a> CopiedBodies<'a> {
+    pub(super) fn new(truth: &'a Truth) -> Self {
+        Self {
+            truth,
+            cast: truth
+                .placed
+                .iter()
+                .map(|placed| (placed.terms.id, placed))
+                .collect(),
+            bodies: Bodies::default(),
+            placed: 0,
+        }
+    }
+
+    /// Takes in what a frame showed. A body that was placed before its tick and not mentioned is where it was placed.
+    pub(super) fn show(&mut self, frame: &Frame) {
+        let truth = self.truth;
+        let placed = &truth.placed[self.placed..];
+        let placed = &placed[..placed.partition_point(|placed| placed.tick < frame.tick)];
+        self.placed += placed.len();
+        for placed in placed {
+            self.bodies.place(placed);
+        }
+        for id in &frame.gone {
+            self.bodies.remove(*id);
+        }
+        for seen in &frame.seen {
+            if self.bodies.find(seen.id).is_none()
+                && let Some(placed) = self.cast.get(&seen.id)
+            {
+                self.bodies.place(placed);
+            }
+            if let Some(body) = self.bodies.find_mut(seen.id) {
+                body.position = seen.position;
+                body.rotation = seen.rotation;
+                body.still = seen.resting;
+            }
+        }
+    }
+}

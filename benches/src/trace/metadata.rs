@@ -1,0 +1,79 @@
+//! The records that say what was run, and the few figures that no message holds.
+//!
+//! With them every figure of `summary.json` can be computed from the trace alone.
+
+use std::collections::BTreeMap;
+
+use crate::record::{Experiment, Load, Run};
+use crate::summary::DATAGRAM_HEADER_BYTES;
+
+/// Name and content of the record of the whole experiment.
+pub(super) fn of_experiment(
+    experiment: &Experiment,
+    loads: &[String],
+) -> (String, BTreeMap<String, String>) {
+    let pairs = [
+        ("command", experiment.command.clone()),
+        ("seed", experiment.seed.to_string()),
+        ("machine", experiment.machine.clone()),
+        ("loads", loads.join(" ")),
+        ("datagram_header_bytes", DATAGRAM_HEADER_BYTES.to_string()),
+        ("version", env!("CARGO_PKG_VERSION").to_owned()),
+    ];
+    ("rhumb.experiment".to_owned(), named(pairs))
+}
+
+/// Name and content of the record of a load's truth.
+pub(super) fn of_truth(prefix: &str, load: &Load) -> (String, BTreeMap<String, String>) {
+    let pairs = [
+        ("truth_hash", format!("{:016x}", load.truth.digest)),
+        ("ticks", load.truth.ticks.len().to_string()),
+        ("placed", load.truth.placed.len().to_string()),
+        ("removed", load.truth.removed.len().to_string()),
+    ];
+    (format!("rhumb.truth.{prefix}"), named(pairs))
+}
+
+/// Name and content of the record of a run, which is the `place`-th of the summary, counted from 0.
+pub(super) fn of_run(
+    prefix: &str,
+    name: &str,
+    place: usize,
+    run: &Run,
+) -> (String, BTreeMap<String, String>) {
+    let (terms, join) = (&run.terms, &run.join);
+    let mut record = named([
+        ("place", place.to_string()),
+        ("load", prefix.to_owned()),
+        ("name", name.to_owned()),
+        ("scene", terms.scene.clone()),
+        ("bodies", terms.bodies.to_string()),
+        ("mode", terms.mode.name().to_owned()),
+        ("depth", terms.depth.to_string()),
+        ("link", terms.link.clone()),
+        ("seed", terms.seed.to_string()),
+        ("step_s", terms.step_s.to_string()),
+        ("ticks", terms.ticks.to_string()),
+        ("frames", run.frames.len().to_string()),
+        ("truth_hash", format!("{:016x}", run.truth_digest)),
+        ("join_wire_bytes_down", join.wire_bytes_down.to_string()),
+        (
+            "join_wire_datagrams_down",
+            join.wire_datagrams_down.to_string(),
+        ),
+        ("join_wire_bytes_up", join.wire_bytes_up.to_string()),
+        ("join_wire_datagrams_up", join.wire_datagrams_up.to_string()),
+        ("step_ns_p50", run.step_ns_p50.to_string()),
+        ("step_ns_p99", run.step_ns_p99.to_string()),
+        ("step_ns_total", run.step_ns_total.to_string()),
+        ("publish_ns_total", run.publish_ns_total.to_string()),
+    ]);
+    if let Some(tolerance_m) = terms.tolerance_m {
+        record.insert("tolerance_m".to_owned(), tolerance_m.to_string());
+    }
+    (format!("rhumb.run.{prefix}.{name}"), record)
+}
+
+fn named<const COUNT: usize>(pairs: [(&str, String); COUNT]) -> BTreeMap<String, String> {
+    pairs.map(|(name, value)| (name.to_owned(), value)).into()
+}

@@ -1,0 +1,60 @@
+//! What the loads and runs of an experiment are called in topics and metadata.
+//!
+//! No two are called alike: the second `rhumb` run of a load is `rhumb-2`.
+
+use std::collections::BTreeMap;
+
+use crate::record::{Experiment, Load, Way};
+
+/// Prefix of each load, such as `n500`, in the order of the record.
+pub(crate) fn loads(experiment: &Experiment) -> Vec<String> {
+    let bodies = |load: &Load| load.runs.first().map_or(0, |run| run.terms.bodies);
+    distinct(
+        experiment
+            .loads
+            .iter()
+            .map(|load| format!("n{}", bodies(load))),
+    )
+}
+
+/// Name of each run of a load, such as `rhumb`, in the order of the record.
+pub(crate) fn runs(load: &Load) -> Vec<String> {
+    distinct(load.runs.iter().map(|run| run.terms.mode.name().to_owned()))
+}
+
+/// Last part of the topic of what passed one way.
+pub(super) const fn way(way: Way) -> &'static str {
+    match way {
+        Way::StateDown => "state-down",
+        Way::StateUp => "state-up",
+        Way::ControlDown => "control-down",
+        Way::ControlUp => "control-up",
+    }
+}
+
+fn distinct(names: impl Iterator<Item = String>) -> Vec<String> {
+    let mut taken: BTreeMap<String, u32> = BTreeMap::new();
+    names
+        .map(|name| {
+            let count = taken.entry(name.clone()).or_default();
+            *count += 1;
+            if *count == 1 {
+                name
+            } else {
+                format!("{name}-{count}")
+            }
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn no_two_names_are_alike() {
+        let names = ["naive", "rhumb", "rhumb"].map(str::to_owned);
+        assert_eq!(
+            super::distinct(names.into_iter()),
+            ["naive", "rhumb", "rhumb-2"]
+        );
+    }
+}

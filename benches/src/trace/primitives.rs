@@ -1,0 +1,161 @@
+//! A shape in a pose as what Foxglove draws.
+//!
+//! The engine's world has y up, Foxglove's z: poses are turned by a quarter about x, so that (x, y, z) is drawn at
+//! (x, -z, y) in the frame `map`. Only what is drawn is turned; the topics for machines keep the engine's frame.
+
+use foxglove::messages::{
+    Color, CubePrimitive, CylinderPrimitive, Pose, Quaternion, SceneEntity, SpherePrimitive,
+    Vector3,
+};
+use glam::{DQuat, DVec3};
+use rhumb_protocol::scene::Shape;
+
+/// The frame of all that is drawn.
+pub(super) const FRAME: &str = "map";
+
+/// Turns y up to z up: half the square root of two about x, and in w.
+const UP: DQuat = DQuat::from_xyzw(
+    std::f64::consts::FRAC_1_SQRT_2,
+    0.0,
+    0.0,
+    std::f64::consts::FRAC_1_SQRT_2,
+);
+
+/// Adds a body's primitives to an entity.
+pub(super) fn add(
+    entity: &mut SceneEntity,
+    shape: &Shape,
+    position: [f32; 3],
+    rotation: [f32; 4],
+    color: Color,
+) {
+    let centre = DVec3::from_array(position.map(f64::from));
+    let rotation = DQuat::from_array(rotation.map(f64::from));
+    let size = |x: f32, y: f32, z: f32| {
+        let [x, y, z] = [x, y, z].map(|half| 2.0 * f64::from(half));
+        Some(Vector3 { x, y, z })
+    };
+    let color = Some(color);
+    let sphere = |centre, radius| SpherePrimitive {
+        pose: Some(drawn(centre, rotation)),
+        size: size(radius, radius, radius),
+        color,
+    };
+    // Foxglove's cylinders stand along z, ours along y.
+    let along_y = rotation * UP.conjugate();
+    let cylinder = |half_height, radius| CylinderPrimitive {
+        pose: Some(drawn(centre, along_y)),
+        size: size(radius, radius, half_height),
+        bottom_scale: 1.0,
+        top_scale: 1.0,
+        color,
+    };
+    match *shape {
+        Shape::Ball { radius } => entity.spheres.push(sphere(centre, radius)),
+        Shape::Cuboid { half_extents } => entity.cubes.push(CubePrimitive {
+            pose: Some(drawn(centre, rotation)),
+            size: size(half_extents.x, half_extents.y, half_extents.z),
+            color,
+        }),
+        Shape::Cylinder {
+            half_height,
+            radius,
+        } => entity.cylinders.push(cylinder(half_height, radius)),
+        Shape::Capsule {
+            half_height,
+            radius,
+        } => {
+            entity.cylinders.push(cylinder(half_height, radius));
+            let end = rotation * DVec3::Y * f64::from(half_height);
+            entity.spheres.push(sphere(centre + end, radius));
+            entity.spheres.push(sphere(centre - end, radius));
+        }
+    }
+}
+
+fn drawn(position: DVec3, rotation: DQuat) -> Pose {
+    let turned = UP * rotation;
+    Pose {
+        position: Some(Vector3 {
+            x: position.x,
+            y: -position.z,
+            z: position.y,
+        }),
+        orientation: Some(Quaternion {
+            x: turned.x,
+            y: turned.y,
+            z: turned.z,
+            w: turned.w,
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GREY: Color = Color {
+        r: 0.5,
+        g: 0.5,
+        b: 0.5,
+        a: 1.0,
+    };
+
+    fn turned(pose: &Pose, vector: DVec3) -> DVec3 {
+        let q = pose.orientation.unwrap();
+        DQuat::from_xyzw(q.x, q.y, q.z, q.w) * vector
+    }
+
+    #[test]
+    fn what_is_up_is_drawn_up() {
+        let mut entity = SceneEntity::default();
+        let shape = Shape::Cylinder {
+            half_height: 2.0,
+            radius: 0.5,
+        };
+        add(
+            &mut entity,
+            &shape,
+            [1.0, 3.0, 5.0],
+            [0.0, 0.0, 0.0, 1.0],
+            GREY,
+        );
+        let cylinder = &entity.cylinders[0];
+        let pose = cylinder.pose.unwrap();
+        assert_eq!(
+            pose.position.unwrap(),
+            Vector3 {
+                x: 1.0,
+                y: -5.0,
+                z: 3.0
+            }
+        );
+        // Its axis, z to Foxglove, is vertical, and its length lies along it.
+        assert!((turned(&pose, DVec3::Z) - DVec3::Z).length() < 1e-12);
+        assert_eq!(
+            cylinder.size.unwrap(),
+            Vector3 {
+                x: 1.0,
+                y: 1.0,
+                z: 4.0
+            }
+        );
+    }
+
+    #[test]
+    fn a_capsule_is_a_cylinder_and_its_two_ends() {
+        let mut entity = SceneEntity::default();
+        let shape = Shape::Capsule {
+            half_height: 2.0,
+            radius: 0.5,
+        };
+        // Lying along x: y turned to -x by a quarter about z.
+        let lying = [0.0, 0.0, 0.5_f32.sqrt(), 0.5_f32.sqrt()];
+        add(&mut entity, &shape, [0.0; 3], lying, GREY);
+        assert_eq!((entity.cylinders.len(), entity.spheres.len()), (1, 2));
+        let end = entity.spheres[0].pose.unwrap().position.unwrap();
+        assert!((end.x + 2.0).abs() < 1e-6 && end.y.abs() < 1e-6 && end.z.abs() < 1e-6);
+        let axis = turned(&entity.cylinders[0].pose.unwrap(), DVec3::Z);
+        assert!((axis + DVec3::X).length() < 1e-6);
+    }
+}

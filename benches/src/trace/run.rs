@@ -1,0 +1,191 @@
+//! One run's topics: what its frames cost and showed, what crossed the wire, and its copy as a scene.
+
+use std::io::{Seek, Write};
+
+use foxglove::messages::Color;
+use mcap::McapError;
+
+use super::TraceOptions;
+use super::bodies::{Bodies, Body, CopiedBodies};
+use super::file::{File, Schema, Topic};
+use super::messages::{self, Packet, Poses, TickStats};
+use super::names;
+use super::scene::Scene;
+use super::time::Time;
+use crate::record::{Frame, Load, Mode, Run, Way};
+
+/// A run that is being written.
+pub(super) struct RunTopics<'a> {
+    run: &'a Run,
+    time: Time,
+    stats: Topic,
+    breaches: Topic,
+    seen: Topic,
+    wire: [(Way, Topic); 4],
+    scene: Option<Scene>,
+    copy: CopiedBodies<'a>,
+    reference_m: f64,
+    frames: usize,
+    passed: usize,
+    breached: usize,
+    drawn: Option<u64>,
+}
+
+impl<'a> RunTopics<'a> {
+    pub(super) fn new(prefix: &str, load: &'a Load, run: &'a Run, options: &TraceOptions) -> Self {
+        let time = Time::of(&run.terms, options);
+        let topic = |name: &str, schema| Topic::new(format!("{prefix}/{name}"), schema);
+        let drawn = run.terms.mode != Mode::Integrated && options.draws(load);
+        let ways = [
+            Way::StateDown,
+            Way::StateUp,
+            Way::ControlDown,
+            Way::ControlUp,
+        ];
+        Self {
+            run,
+            time,
+            stats: topic("stats", Schema::Own("rhumb.TickStats")),
+            breaches: topic("breaches", Schema::Own("rhumb.Breach")),
+            seen: topic("seen", Schema::Own("rhumb.Poses")),
+            wire: ways.map(|way| {
+                let name = format!("wire/{}", names::way(way));
+                (way, topic(&name, Schema::Wire("rhumb.Packet")))
+            }),
+            scene: drawn.then(|| Scene::new(prefix, time.patience_ticks())),
+            copy: CopiedBodies::new(&load.truth),
+            reference_m: run.terms.tolerance_m.unwrap_or(REFERENCE_M),
+            frames: 0,
+            passed: 0,
+            breached: 0,
+            drawn: None,
+        }
+    }
+
+    /// Writes all frames that showed `tick` or one before it; `truth` is the engine's at that tick.
+    pub(super) fn write_through<W: Write + Seek>(
+        &mut self,
+        file: &mut File<W>,
+        tick: u64,
+        truth: &Bodies<'_>,
+    ) -> Result<(), McapError> {
+        while let Some(frame) = self.run.frames.get(self.frames)
+            && frame.tick.value() <= tick
+        {
+            self.write_frame(file, frame, truth)?;
+            self.frames += 1;
+        }
+        while let Some(breach) = self.run.breaches.get(self.breached)
+            && breach.tick.value() <= tick
+        {
+            let at_ns = self.time.at_ns(breach.tick.value());
+            file.put(&mut self.breaches, at_ns, &messages::Breach::from(breach))?;
+            self.breached += 1;
+        }
+        Ok(())
+    }
+
+    /// Writes what passed after the last frame was seen.
+    pub(super) fn end<W: Write + Seek>(&mut self, file: &mut File<W>) -> Result<(), McapError> {
+        if let Some(last) = self.run.frames.last() {
+            self.write_passed(file, u32::MAX, last)?;
+        }
+        Ok(())
+    }
+
+    fn write_frame<W: Write + Seek>(
+        &mut self,
+        file: &mut File<W>,
+        frame: &Frame,
+        truth: &Bodies<'_>,
+    ) -> Result<(), McapError> {
+        let number = self.frames as u32;
+        let tick = frame.tick.value();
+        let at_ns = self.time.at_ns(tick);
+        let payload = self.write_passed(file, number, frame)?;
+        file.put(
+            &mut self.stats,
+            at_ns,
+            &TickStats::of(number, frame, payload),
+        )?;
+        if !frame.seen.is_empty() || !frame.gone.is_empty() {
+            file.put(&mut self.seen, at_ns, &Poses::of(number, frame))?;
+        }
+        if let Some(scene) = &mut self.scene {
+            self.copy.show(frame);
+            let last = self.frames + 1 == self.run.frames.len();
+            if self
+                .drawn
+                .is_none_or(|drawn| self.time.draws_after(drawn, tick))
+                || last
+            {
+                self.drawn = Some(tick);
+                let bodies = judged(&self.copy.bodies, truth);
+                let painted: Vec<_> = bodies
+                    .iter()
+                    .map(|(body, error_m)| (body, error_color(error_m / self.reference_m)))
+                    .collect();
+                scene.draw(file, (tick, at_ns), &painted)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes what passed up to and with a frame; returns the bytes of it that came down.
+    fn write_passed<W: Write + Seek>(
+        &mut self,
+        file: &mut File<W>,
+        number: u32,
+        frame: &Frame,
+    ) -> Result<u64, McapError> {
+        let mut down = 0;
+        let at_ns = self.time.at_ns(frame.tick.value());
+        while let Some(passed) = self.run.passed.get(self.passed)
+            && passed.frame <= number
+        {
+            self.passed += 1;
+            if matches!(passed.way, Way::StateDown | Way::ControlDown) {
+                down += passed.bytes.len() as u64;
+            }
+            for (way, topic) in &mut self.wire {
+                if *way == passed.way {
+                    file.put(topic, at_ns, &Packet::of(frame.tick, passed))?;
+                }
+            }
+        }
+        Ok(down)
+    }
+}
+
+/// What an error is coloured against where nothing was promised, metres.
+const REFERENCE_M: f64 = 0.05;
+
+/// The copy's bodies that can move, with their error in metres; one lies still only if it does so in the engine too.
+fn judged<'a>(copy: &Bodies<'a>, truth: &Bodies<'_>) -> Vec<(Body<'a>, f64)> {
+    let moving = copy.iter().filter(|body| !body.is_static());
+    moving
+        .map(|body| {
+            let real = truth.find(body.id());
+            let error_m = real.map_or(0.0, |real| body.surface_error_m(real));
+            let still = body.still && real.is_some_and(|real| real.still);
+            (Body { still, ..*body }, error_m)
+        })
+        .collect()
+}
+
+/// From blue at no error over yellow at half the tolerance to red at all of it; violet beyond.
+fn error_color(share: f64) -> Color {
+    const NONE: [f64; 3] = [0.20, 0.55, 0.85];
+    const HALF: [f64; 3] = [0.95, 0.78, 0.15];
+    const FULL: [f64; 3] = [0.88, 0.15, 0.12];
+    const OVER: [f64; 3] = [0.75, 0.10, 0.85];
+    let mix = |from: [f64; 3], to: [f64; 3], part: f64| {
+        let [r, g, b] = std::array::from_fn(|i| from[i] + (to[i] - from[i]) * part);
+        Color { r, g, b, a: 1.0 }
+    };
+    match share {
+        share if share > 1.0 => mix(OVER, OVER, 0.0),
+        share if share > 0.5 => mix(HALF, FULL, share * 2.0 - 1.0),
+        share => mix(NONE, HALF, share * 2.0),
+    }
+}
