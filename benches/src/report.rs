@@ -1,0 +1,159 @@
+//! `report.html`: an experiment for somebody who has read nothing else, in one file without scripts.
+//!
+//! The table first, one sentence above each figure, light or dark as the reader's system is. All figures come from the
+//! summary; the record is read for the curves only.
+
+mod decimate;
+mod figures;
+mod plot;
+mod table;
+mod words;
+
+use std::fmt::Write as _;
+
+use crate::record::{Experiment, Load};
+use crate::summary::{RunFigures, Summary};
+
+use figures::Figure;
+
+/// The text of `report.html`.
+#[must_use]
+pub fn html(experiment: &Experiment, summary: &Summary) -> String {
+    let mut page = String::new();
+    let _ = write!(
+        page,
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
+    );
+    page.push_str("<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n");
+    page.push_str("<title>Rhumb: what a remote copy costs</title>\n<style>\n");
+    page.push_str(include_str!("report/style.css"));
+    page.push_str("</style>\n</head>\n<body>\n");
+    page.push_str(&opening(experiment, summary));
+    page.push_str(&table::html(summary));
+    page.push_str(&modes(experiment));
+    page.push_str("<h2>Where it loses, and what these figures cannot say</h2>\n<ul>\n");
+    for sentence in words::limits(summary) {
+        let _ = writeln!(page, "<li>{sentence}</li>");
+    }
+    page.push_str("</ul>\n");
+    page.push_str(&all_figures(experiment, summary));
+    page.push_str(DEFINITIONS);
+    page.push_str("</body>\n</html>\n");
+    page
+}
+
+/// The text of `report.md`: the table alone.
+#[must_use]
+pub fn markdown(summary: &Summary) -> String {
+    format!(
+        "`{}`, seed {}, on {}\n\n{}",
+        summary.command,
+        summary.seed,
+        summary.machine,
+        summary.table().to_markdown()
+    )
+}
+
+fn opening(experiment: &Experiment, summary: &Summary) -> String {
+    let mut text = String::from("<h1>What a remote copy of a physics scene costs</h1>\n");
+    let _ = writeln!(text, "<p>{}</p>", words::what_was_run(experiment));
+    let _ = writeln!(
+        text,
+        "<pre>{}</pre>\n<p class=\"soft\">on {}</p>",
+        words::escape(&summary.command),
+        words::escape(&summary.machine)
+    );
+    for load in &experiment.loads {
+        let differs = load
+            .runs
+            .iter()
+            .find(|run| run.truth_digest != load.truth.digest);
+        if let Some(run) = differs {
+            let _ = writeln!(
+                text,
+                "<p class=\"warn\">The runs with {} bodies are void: the engine of {} did not do what the others did.</p>",
+                run.terms.bodies, run.terms.mode
+            );
+        }
+    }
+    text
+}
+
+fn modes(experiment: &Experiment) -> String {
+    let mut text = String::from("<h2>The modes</h2>\n<dl>\n");
+    for mode in figures::modes_of(&experiment.loads) {
+        let _ = writeln!(text, "<dt>{mode}</dt><dd>{}</dd>", words::mode(mode));
+    }
+    text.push_str("</dl>\n");
+    text
+}
+
+/// The figures of the largest load in full, those of the others folded away, and those over all loads.
+fn all_figures(experiment: &Experiment, summary: &Summary) -> String {
+    let mut text = String::from("<h2>Figures</h2>\n");
+    let mut runs = summary.runs.iter();
+    let mut loads: Vec<(&Load, Vec<&RunFigures>)> = Vec::new();
+    for load in &experiment.loads {
+        loads.push((load, runs.by_ref().take(load.runs.len()).collect()));
+    }
+    let bodies = |runs: &[&RunFigures]| runs.first().map_or(0, |run| run.bodies);
+    loads.sort_by_key(|(_, runs)| std::cmp::Reverse(bodies(runs)));
+    let of_load = |(load, runs): &(&Load, Vec<&RunFigures>)| {
+        let title = format!(", {} bodies", bodies(runs));
+        figure(&figures::bandwidth(load, runs), &title)
+            + &figure(&figures::errors(load, runs), &title)
+    };
+    if let Some((largest, others)) = loads.split_first() {
+        text.push_str(&of_load(largest));
+        for other in others {
+            let _ = writeln!(
+                text,
+                "<details><summary>The same with {} bodies</summary>\n{}</details>",
+                bodies(&other.1),
+                of_load(other)
+            );
+        }
+        text.push_str(&figure(
+            &figures::frame_times(&experiment.loads, summary),
+            "",
+        ));
+        text.push_str(&figure(&figures::points(&experiment.loads, summary), ""));
+    }
+    text
+}
+
+fn figure(figure: &Figure, of: &str) -> String {
+    let mut text = format!(
+        "<h3>{}{of}</h3>\n<p>{}</p>\n<div class=\"legend\">",
+        figure.title, figure.sentence
+    );
+    for mode in &figure.modes {
+        let _ = write!(
+            text,
+            "<span class=\"key\" style=\"--own: var(--{mode})\">{mode}</span>"
+        );
+    }
+    let svg = figure.svg.replacen("<svg ", "<svg role=\"img\" ", 1);
+    let _ = writeln!(
+        text,
+        "</div>\n<figure aria-label=\"{}\">{svg}</figure>",
+        figure.title
+    );
+    text
+}
+
+/// How each figure is measured, for whoever wants to measure it again.
+const DEFINITIONS: &str = "<h2>How it is measured</h2>
+<dl>
+<dt>kbit/s down</dt><dd>everything from server to client after joining: UDP payload and 28 bytes of IPv4 and UDP headers
+for each datagram, QUIC's encryption, acknowledgements and heartbeats included, over simulated time</dd>
+<dt>update</dt><dd>one body's new motion; its bits are those of state datagrams below QUIC, divided by the updates</dd>
+<dt>error</dt><dd>the distance that no point of the body exceeds: |Δp| + 2 r sin(Δθ/2), r its bounding radius; taken at
+every frame for every body that can move, against the engine at the same tick</dd>
+<dt>over tolerance</dt><dd>body-ticks farther off than promised, by cause: a lost datagram, a tick that the stream had not
+yet vouched for, or a fault, which must never be</dd>
+<dt>frame</dt><dd>from asking for a tick to having every pose that the call returns, in the simulator's own thread</dd>
+</dl>
+<p class=\"soft\">Every number is in <code>summary.json</code>, and can be computed again from <code>trace.mcap</code>
+without this program.</p>
+";

@@ -1,0 +1,308 @@
+//! The four figures: what is drawn in each, and one sentence saying what to see in it.
+
+use plotters::style::RGBColor;
+
+use super::decimate::decimate;
+use super::plot::{Axis, Chart, Mark, Scale};
+use crate::record::{Load, Mode, Run};
+use crate::summary::{RunFigures, Summary, number, second_by_second};
+
+/// A figure of the page.
+pub(super) struct Figure {
+    pub(super) title: String,
+    pub(super) sentence: String,
+    /// Which modes it shows.
+    pub(super) modes: Vec<Mode>,
+    pub(super) svg: String,
+}
+
+/// The colour of a mode on a light page; `style.css` has the dark one.
+const fn color(mode: Mode) -> RGBColor {
+    match mode {
+        Mode::Integrated => RGBColor(107, 114, 128),
+        Mode::Naive => RGBColor(194, 65, 12),
+        Mode::Rhumb => RGBColor(29, 78, 216),
+        Mode::RhumbPipelined => RGBColor(4, 120, 87),
+        Mode::RhumbFree => RGBColor(126, 34, 206),
+    }
+}
+
+fn remote(load: &Load) -> impl Iterator<Item = &Run> {
+    load.runs
+        .iter()
+        .filter(|run| run.terms.mode != Mode::Integrated)
+}
+
+fn plain(value: f64) -> String {
+    let digits = (-value.abs().log10().floor()).clamp(0.0, 6.0) as usize;
+    let digits = if value == 0.0 || value.fract() == 0.0 {
+        0
+    } else {
+        digits
+    };
+    format!("{value:.digits$}")
+}
+
+/// Bandwidth over time of one load.
+pub(super) fn bandwidth(load: &Load, figures: &[&RunFigures]) -> Figure {
+    let curve = |run: &Run| {
+        let points =
+            second_by_second(run).map(|(tick, kbps)| (tick as f64 * run.terms.step_s, kbps));
+        (run.terms.mode, decimate(points.collect()))
+    };
+    let curves: Vec<_> = remote(load).map(curve).collect();
+    let every = || curves.iter().flat_map(|(_, points)| points);
+    let rates = every().map(|point| point.1.max(RATE_LEAST_KBPS));
+    let mean = |mode: Mode| {
+        let run = figures.iter().find(|run| run.mode == mode.name());
+        run.and_then(|run| run.mean_kbps_down)
+    };
+    let sentence = match (mean(Mode::Naive), mean(Mode::Rhumb).or(mean(Mode::RhumbFree))) {
+        (Some(naive), Some(rhumb)) if rhumb > 0.0 => format!(
+            "The lower, the better: on average naive takes {} kbit/s and rhumb {}, {} times less. Each point is the \
+             second before it; a step up the scale is ten times as much.",
+            number(Some(naive)),
+            number(Some(rhumb)),
+            number(Some(naive / rhumb)),
+        ),
+        _ => "The lower, the better. Each point is the second before it; a step up the scale is ten times as much."
+            .to_owned(),
+    };
+    Figure {
+        title: "Bandwidth over time".to_owned(),
+        sentence,
+        modes: curves.iter().map(|(mode, _)| *mode).collect(),
+        svg: Chart {
+            x: Axis::linear(
+                "simulated time, s",
+                0.0,
+                every().map(|point| point.0),
+                plain,
+            ),
+            y: Axis::log("kbit/s down", rates, plain),
+            marks: lines(curves),
+        }
+        .svg(),
+    }
+}
+
+/// A rate below it is drawn at it: a packet a minute.
+const RATE_LEAST_KBPS: f64 = 0.1;
+
+fn lines(curves: Vec<(Mode, Vec<(f64, f64)>)>) -> Vec<Mark> {
+    let line = |(mode, points)| Mark::Line {
+        color: color(mode),
+        points,
+    };
+    curves.into_iter().map(line).collect()
+}
+
+/// How many body-ticks are farther off than a distance, against the tolerance.
+pub(super) fn errors(load: &Load, figures: &[&RunFigures]) -> Figure {
+    let curves: Vec<_> = remote(load)
+        .map(|run| (run.terms.mode, farther_off(run)))
+        .filter(|(_, points)| !points.is_empty())
+        .collect();
+    let tolerance_m = load.runs.iter().find_map(|run| run.terms.tolerance_m);
+    let every = || curves.iter().flat_map(|(_, points)| points);
+    let shares = every().map(|point| point.1).filter(|share| *share > 0.0);
+    let lengths = every()
+        .map(|point| point.0)
+        .chain(tolerance_m.map(|m| m * 1e3));
+    let x = Axis::log("farther off than, mm", lengths, plain);
+    let y = Axis::log("% of body-ticks", shares.chain([100.0]), plain);
+    let mut marks = lines(curves.clone());
+    marks.extend(tolerance_m.map(|m| Mark::Upright {
+        at: m * 1e3,
+        label: format!("tolerance {} mm", plain(m * 1e3)),
+    }));
+    let over: u64 = figures
+        .iter()
+        .filter_map(|run| run.over_tolerance.as_ref())
+        .map(|over| over.count)
+        .sum();
+    let exact: Vec<_> = remote(load)
+        .map(|run| run.terms.mode)
+        .filter(|mode| curves.iter().all(|(m, _)| m != mode))
+        .collect();
+    let mut sentence = match (tolerance_m, over) {
+        (Some(_), 0) => "Every curve ends before the upright line: nothing that the client saw was ever farther off \
+                         than promised."
+            .to_owned(),
+        (Some(_), over) => format!(
+            "A curve that crosses the upright line broke the promise: {over} body-ticks did, and the table says why."
+        ),
+        (None, _) => "The farther left a curve lies, the more exact the copy.".to_owned(),
+    };
+    if !exact.is_empty() {
+        let names: Vec<_> = exact.iter().map(|mode| mode.name()).collect();
+        sentence.push_str(&format!(
+            " There is no curve for {}, which was exact to the bit.",
+            names.join(" and ")
+        ));
+    }
+    Figure {
+        title: "How far off the copy was".to_owned(),
+        sentence,
+        modes: curves.iter().map(|(mode, _)| *mode).collect(),
+        svg: Chart { x, y, marks }.svg(),
+    }
+}
+
+/// Distances in mm and the percentage of all body-ticks that are farther off; empty if none is off at all.
+fn farther_off(run: &Run) -> Vec<(f64, f64)> {
+    let mut errors: Vec<f32> = run
+        .frames
+        .iter()
+        .flat_map(|frame| &frame.errors_m)
+        .copied()
+        .collect();
+    let exact: u64 = run.frames.iter().map(|frame| u64::from(frame.exact)).sum();
+    errors.sort_unstable_by(f32::total_cmp);
+    let Some(worst) = errors
+        .last()
+        .copied()
+        .map(f64::from)
+        .filter(|worst| *worst > 0.0)
+    else {
+        return Vec::new();
+    };
+    let all = errors.len() as f64 + exact as f64;
+    let least = worst * 1e-4;
+    let columns = COLUMNS as f64;
+    let mut points: Vec<_> = (0..COLUMNS)
+        .map(|column| {
+            let length = least * (worst / least).powf(f64::from(column) / columns);
+            let within = errors.partition_point(|error| f64::from(*error) <= length);
+            (length * 1e3, (errors.len() - within) as f64 / all * 100.0)
+        })
+        .collect();
+    // Down to a single body-tick, where the worst lies.
+    points.push((worst * 1e3, 100.0 / all));
+    points
+}
+
+/// Points of an error curve.
+const COLUMNS: u32 = 400;
+
+/// Frame time against bodies, over all loads.
+pub(super) fn frame_times(loads: &[Load], summary: &Summary) -> Figure {
+    let modes = modes_of(loads);
+    let of_mode = |mode: Mode| {
+        let runs = summary
+            .runs
+            .iter()
+            .filter(move |run| run.mode == mode.name());
+        runs.filter_map(|run| Some((f64::from(run.bodies), run.frame_ms?)))
+    };
+    let mut marks = Vec::new();
+    for mode in &modes {
+        let mut medians: Vec<_> = of_mode(*mode)
+            .map(|(bodies, ms)| (bodies, ms.p50))
+            .collect();
+        medians.sort_by(|a, b| a.0.total_cmp(&b.0));
+        marks.extend(medians.iter().map(|at| Mark::Dot {
+            color: color(*mode),
+            at: *at,
+            label: String::new(),
+        }));
+        marks.extend(lines(vec![(*mode, medians)]));
+    }
+    let every = || modes.iter().flat_map(|mode| of_mode(*mode));
+    let most = every().map(|point| point.0).fold(1.0, f64::max);
+    Figure {
+        title: "Frame time against bodies".to_owned(),
+        sentence: frame_sentence(summary),
+        svg: Chart {
+            x: Axis::linear("bodies", 0.0, [most * 1.1].into_iter(), plain),
+            y: Axis::log("median frame, ms", every().map(|(_, ms)| ms.p50), plain),
+            marks,
+        }
+        .svg(),
+        modes,
+    }
+}
+
+fn frame_sentence(summary: &Summary) -> String {
+    let largest = summary.runs.iter().map(|run| run.bodies).max().unwrap_or(0);
+    let median = |mode: Mode| {
+        let run = summary
+            .runs
+            .iter()
+            .find(|run| run.bodies == largest && run.mode == mode.name())?;
+        Some(run.frame_ms?.p50)
+    };
+    let mut sentence =
+        "What a frame costs the simulator's own thread; the lower, the better.".to_owned();
+    if let Some(integrated) = median(Mode::Integrated) {
+        for (mode, waits) in [
+            (Mode::Rhumb, "waiting for each tick"),
+            (Mode::RhumbPipelined, "going on meanwhile"),
+        ] {
+            if let Some(own) = median(mode) {
+                let ratio = number(Some(own / integrated));
+                sentence.push_str(&format!(
+                    " At {largest} bodies {mode}, {waits}, takes {ratio} times what stepping in process takes."
+                ));
+            }
+        }
+    }
+    sentence
+}
+
+/// What each run cost and how far off it was.
+pub(super) fn points(loads: &[Load], summary: &Summary) -> Figure {
+    let shown: Vec<_> = summary
+        .runs
+        .iter()
+        .filter_map(|run| Some((run, run.mean_kbps_down?, run.surface_error_m?.p99 * 1e3)))
+        .collect();
+    let errors = shown
+        .iter()
+        .map(|(.., error)| *error)
+        .filter(|error| *error > 0.0);
+    let y = Axis {
+        // A decade lower, where the exact ones lie.
+        from: Axis::log("", errors.clone(), plain).from / 10.0,
+        ..Axis::log("99th percentile of error, mm", errors, plain)
+    };
+    let marks = modes_of(loads)
+        .iter()
+        .flat_map(|mode| {
+            let runs = shown.iter().filter(|(run, ..)| run.mode == mode.name());
+            runs.map(|(run, kbps, error)| Mark::Dot {
+                color: color(*mode),
+                at: (*kbps, *error),
+                label: run.bodies.to_string(),
+            })
+            .collect::<Vec<_>>()
+        })
+        .collect();
+    Figure {
+        title: "What exactness costs".to_owned(),
+        sentence: "Nearer to the lower left corner is better: fewer bytes, smaller errors. Each point is a run, its \
+                   number the bodies; points on the lower edge are exact in 99 of 100 body-ticks."
+            .to_owned(),
+        modes: modes_of(loads).into_iter().filter(|mode| *mode != Mode::Integrated).collect(),
+        svg: Chart {
+            x: Axis {
+                scale: Scale::Log,
+                ..Axis::log("kbit/s down", shown.iter().map(|(_, kbps, _)| *kbps), plain)
+            },
+            y,
+            marks,
+        }
+        .svg(),
+    }
+}
+
+/// Every mode that was run, once, in the order of the record.
+pub(super) fn modes_of(loads: &[Load]) -> Vec<Mode> {
+    let mut modes = Vec::new();
+    for run in loads.iter().flat_map(|load| &load.runs) {
+        if !modes.contains(&run.terms.mode) {
+            modes.push(run.terms.mode);
+        }
+    }
+    modes
+}

@@ -1,0 +1,204 @@
+//! A chart as inline SVG.
+//!
+//! Knows axes and marks, not what they mean. Colours are those of a light page; `style.css` turns each of them into its
+//! counterpart on a dark one.
+
+use plotters::coord::Shift;
+use plotters::coord::ranged1d::{AsRangedCoord, ValueFormatter};
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+/// What is drawn.
+pub(super) struct Chart {
+    pub(super) x: Axis,
+    pub(super) y: Axis,
+    pub(super) marks: Vec<Mark>,
+}
+
+/// One direction.
+pub(super) struct Axis {
+    pub(super) title: String,
+    pub(super) scale: Scale,
+    pub(super) from: f64,
+    pub(super) to: f64,
+    pub(super) format: fn(f64) -> String,
+}
+
+/// How values lie along an axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Scale {
+    Linear,
+    /// From one power of ten to another; what lies below is drawn at the lower end.
+    Log,
+}
+
+/// Something on a chart, in values of its axes.
+pub(super) enum Mark {
+    Line {
+        color: RGBColor,
+        points: Vec<(f64, f64)>,
+    },
+    /// A thin line across the chart with a word at its top.
+    Upright { at: f64, label: String },
+    Dot {
+        color: RGBColor,
+        at: (f64, f64),
+        label: String,
+    },
+}
+
+/// Words and axes.
+pub(super) const INK: RGBColor = RGBColor(55, 65, 81);
+/// Lines behind the curves.
+const GRID: RGBColor = RGBColor(229, 231, 235);
+
+/// Units of the picture; the page scales it. Twice what is shown, since marks lie on whole units.
+const SIZE: (u32, u32) = (1_680, 680);
+const LETTERS: i32 = 32;
+
+impl Axis {
+    /// Powers of ten around all values, and at least one decade.
+    pub(super) fn log(
+        title: &str,
+        values: impl Iterator<Item = f64>,
+        format: fn(f64) -> String,
+    ) -> Self {
+        let positive = values.filter(|value| *value > 0.0 && value.is_finite());
+        let (least, most) = positive.fold((f64::MAX, 0.0_f64), |(least, most), value| {
+            (least.min(value), most.max(value))
+        });
+        let (least, most) = if most > 0.0 {
+            (least, most)
+        } else {
+            (1.0, 10.0)
+        };
+        let low = least.log10().floor();
+        let high = most.log10().ceil().max(low + 1.0);
+        Self {
+            title: title.to_owned(),
+            scale: Scale::Log,
+            from: 10_f64.powf(low),
+            to: 10_f64.powf(high),
+            format,
+        }
+    }
+
+    /// From `from` to the greatest value.
+    pub(super) fn linear(
+        title: &str,
+        from: f64,
+        values: impl Iterator<Item = f64>,
+        format: fn(f64) -> String,
+    ) -> Self {
+        let most = values.fold(from, f64::max);
+        Self {
+            title: title.to_owned(),
+            scale: Scale::Linear,
+            from,
+            to: if most > from { most } else { from + 1.0 },
+            format,
+        }
+    }
+
+    /// The value, or the nearest that the axis has.
+    fn clamp(&self, value: f64) -> f64 {
+        value.clamp(self.from, self.to)
+    }
+
+    /// One for each power of ten, or about six.
+    fn labels(&self) -> usize {
+        match self.scale {
+            Scale::Linear => 6,
+            Scale::Log => (self.to / self.from).log10().round() as usize + 1,
+        }
+    }
+}
+
+impl Chart {
+    /// As an `svg` element.
+    pub(super) fn svg(&self) -> String {
+        let mut text = String::new();
+        let root = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
+        let (x, y) = (self.x.from..self.x.to, self.y.from..self.y.to);
+        let painted = match (self.x.scale, self.y.scale) {
+            (Scale::Linear, Scale::Linear) => self.paint(&root, x, y),
+            (Scale::Linear, Scale::Log) => self.paint(&root, x, y.log_scale()),
+            (Scale::Log, Scale::Linear) => self.paint(&root, x.log_scale(), y),
+            (Scale::Log, Scale::Log) => self.paint(&root, x.log_scale(), y.log_scale()),
+        };
+        painted.expect("a text takes any drawing");
+        drop(root);
+        text
+    }
+
+    fn paint<'t, X, Y>(&self, root: &Area<'t>, x: X, y: Y) -> Result<(), Failure<'t>>
+    where
+        X: AsRangedCoord<Value = f64>,
+        Y: AsRangedCoord<Value = f64>,
+        X::CoordDescType: ValueFormatter<f64>,
+        Y::CoordDescType: ValueFormatter<f64>,
+    {
+        let mut chart = ChartBuilder::on(root)
+            .margin(12)
+            .margin_right(60)
+            .x_label_area_size(96)
+            .y_label_area_size(150)
+            .build_cartesian_2d(x, y)?;
+        let words = ("sans-serif", LETTERS).into_font().color(&INK);
+        chart
+            .configure_mesh()
+            .axis_style(INK.stroke_width(2))
+            .bold_line_style(GRID.stroke_width(2))
+            .light_line_style(TRANSPARENT)
+            .label_style(words.clone())
+            .axis_desc_style(words.clone())
+            .x_desc(&self.x.title)
+            .y_desc(&self.y.title)
+            .x_labels(self.x.labels())
+            .y_labels(self.y.labels())
+            .x_label_formatter(&|value| (self.x.format)(*value))
+            .y_label_formatter(&|value| (self.y.format)(*value))
+            .draw()?;
+        let within = |(x, y): (f64, f64)| (self.x.clamp(x), self.y.clamp(y));
+        for mark in &self.marks {
+            match mark {
+                Mark::Line { color, points } => {
+                    let points = points.iter().copied().map(within);
+                    chart.draw_series(LineSeries::new(points, color.stroke_width(4)))?;
+                }
+                Mark::Upright { at, label } => {
+                    let ends = [(*at, self.y.from), (*at, self.y.to)].map(within);
+                    chart.draw_series(LineSeries::new(ends, INK.stroke_width(2)))?;
+                    let word = words.clone().pos(Pos::new(HPos::Left, VPos::Top));
+                    let text = EmptyElement::at(ends[1]) + Text::new(label.clone(), (10, 4), word);
+                    chart.draw_series([text])?;
+                }
+                Mark::Dot { color, at, label } => {
+                    let word = words.clone().pos(Pos::new(HPos::Left, VPos::Center));
+                    let dot = EmptyElement::at(within(*at))
+                        + Circle::new((0, 0), 10, color.filled())
+                        + Text::new(label.clone(), (18, 0), word);
+                    chart.draw_series([dot])?;
+                }
+            }
+        }
+        root.present()
+    }
+}
+
+type Area<'t> = DrawingArea<SVGBackend<'t>, Shift>;
+type Failure<'t> = DrawingAreaErrorKind<<SVGBackend<'t> as DrawingBackend>::ErrorType>;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_log_axis_ends_at_powers_of_ten() {
+        let axis = Axis::log("x", [0.0, 0.03, 700.0].into_iter(), |x| x.to_string());
+        assert!((axis.from - 0.01).abs() < 1e-12 && (axis.to - 1_000.0).abs() < 1e-9);
+        assert_eq!(axis.labels(), 6);
+        let none = Axis::log("x", std::iter::empty(), |x| x.to_string());
+        assert_eq!((none.from, none.to), (1.0, 10.0));
+    }
+}

@@ -1,0 +1,178 @@
+//! What the page says in words: what was run, what the modes are, and where the limits lie.
+//!
+//! Every number comes from the summary; a limit that an experiment does not show is not mentioned.
+
+use std::fmt::Write as _;
+
+use crate::record::{Experiment, Mode};
+use crate::summary::{RunFigures, Summary, number};
+
+/// Text made safe to stand in HTML.
+pub(super) fn escape(text: &str) -> String {
+    let mut safe = String::with_capacity(text.len());
+    for letter in text.chars() {
+        match letter {
+            '&' => safe.push_str("&amp;"),
+            '<' => safe.push_str("&lt;"),
+            '>' => safe.push_str("&gt;"),
+            '"' => safe.push_str("&quot;"),
+            other => safe.push(other),
+        }
+    }
+    safe
+}
+
+/// What was run, in a paragraph.
+pub(super) fn what_was_run(experiment: &Experiment) -> String {
+    let terms: Vec<_> = experiment
+        .loads
+        .iter()
+        .flat_map(|load| &load.runs)
+        .map(|run| &run.terms)
+        .collect();
+    let Some(first) = terms.first() else {
+        return "Nothing was run.".to_owned();
+    };
+    let mut loads: Vec<_> = terms.iter().map(|terms| terms.bodies.to_string()).collect();
+    loads.dedup();
+    let link = terms
+        .iter()
+        .find(|terms| terms.mode != Mode::Integrated)
+        .map(|terms| &terms.link);
+    let tolerance = terms.iter().find_map(|terms| terms.tolerance_m);
+    let mut text = format!(
+        "A physics scene, {}, was stepped {} times ({} simulated seconds, {} steps a second), with {} bodies. A \
+         simulator that is another program keeps a copy of all of them; this page says what the copy costs and how \
+         true it is.",
+        first.scene,
+        first.ticks,
+        number(Some(f64::from(first.ticks) * first.step_s)),
+        number(Some(1.0 / first.step_s)),
+        spoken(&loads),
+    );
+    if let Some(tolerance_m) = tolerance {
+        let millimetres = number(Some(tolerance_m * 1e3));
+        let _ = write!(
+            text,
+            " Rhumb promised that no point of any body is ever farther off than {millimetres} mm."
+        );
+    }
+    if let Some(link) = link.filter(|link| !link.is_empty()) {
+        let _ = write!(text, " The link between the programs: {link}.");
+    }
+    let _ = write!(
+        text,
+        " The same script with the same seed ({}) ran in every mode, in turn, tick by tick, so that the machine's \
+         noise fell on all alike.",
+        experiment.seed
+    );
+    escape(&text)
+}
+
+/// `a`, `a and b`, `a, b and c`.
+fn spoken(items: &[String]) -> String {
+    match items {
+        [] => String::new(),
+        [only] => only.clone(),
+        [first @ .., last] => format!("{} and {last}", first.join(", ")),
+    }
+}
+
+/// What a mode is.
+pub(super) const fn mode(mode: Mode) -> &'static str {
+    match mode {
+        Mode::Integrated => {
+            "the engine runs in the simulator itself. No network; the frame time to beat."
+        }
+        Mode::Naive => {
+            "the engine runs in another process and sends every body's full state each tick, 56 bytes a body."
+        }
+        Mode::Rhumb => {
+            "the engine runs in another process and sends only what the copy could not have foreseen; the simulator \
+             waits for each tick."
+        }
+        Mode::RhumbPipelined => {
+            "the same, but the simulator goes on while the server steps, and sees a tick later."
+        }
+        Mode::RhumbFree => {
+            "the same, but the server steps by its own clock, in real time, and nobody waits."
+        }
+    }
+}
+
+/// Where Rhumb loses, and what these figures cannot say: sentences, ready for HTML.
+pub(super) fn limits(summary: &Summary) -> Vec<String> {
+    let runs = &summary.runs;
+    let largest = runs.iter().map(|run| run.bodies).max().unwrap_or(0);
+    let find = |mode: Mode| {
+        runs.iter()
+            .find(|run| run.bodies == largest && run.mode == mode.name())
+    };
+    let mut said = Vec::new();
+    let integrated = find(Mode::Integrated).and_then(|run| run.frame_ms);
+    if let Some((base, own)) = integrated.zip(find(Mode::Rhumb).and_then(|run| run.frame_ms)) {
+        said.push(format!(
+            "In lockstep a remote engine cannot be faster than a local one: at {largest} bodies a frame took {} ms \
+             instead of {} ms, {} times as long, and a real link adds its round trip to every frame.",
+            number(Some(own.p50)),
+            number(Some(base.p50)),
+            number(Some(own.p50 / base.p50)),
+        ));
+    }
+    said.extend(
+        find(Mode::Rhumb)
+            .or(find(Mode::RhumbFree))
+            .map(of_bandwidth),
+    );
+    let faults: u64 = runs
+        .iter()
+        .filter_map(|run| run.over_tolerance.as_ref()?.by_cause.get("fault"))
+        .sum();
+    if faults > 0 {
+        said.push(format!(
+            "<span class=\"warn\">{faults} body-ticks were over tolerance without anything to explain it: a defect.</span>"
+        ));
+    }
+    said.push(
+        "Times are of one run on one machine that other programs share: compare them with each other, not with those of \
+         another machine. Bytes, updates and errors of the modes that wait are repeatable; times are not."
+            .to_owned(),
+    );
+    said.push(
+        "Errors are measured at whole ticks against the engine at the very same tick. Smoothing between ticks, as a \
+         display does it, is not in them."
+            .to_owned(),
+    );
+    said
+}
+
+/// What the mean bandwidth of a run hides.
+fn of_bandwidth(run: &RunFigures) -> String {
+    let mut text = format!(
+        "The mean hides bursts: the worst second of {} with {} bodies took {} kbit/s, the mean was {}.",
+        run.mode,
+        run.bodies,
+        number(run.worst_second_kbps_down),
+        number(run.mean_kbps_down),
+    );
+    if let Some((payload, wire)) = run
+        .payload_bytes_down
+        .zip(run.bytes_down)
+        .filter(|(_, wire)| *wire > 0)
+    {
+        let share = 100.0 * (1.0 - payload as f64 / wire as f64);
+        let _ = write!(
+            text,
+            " {} % of the bytes are not ours but those of QUIC, UDP and IP; they are counted.",
+            number(Some(share))
+        );
+    }
+    if let Some(join) = run.join {
+        let kilobytes = number(Some(join.bytes_down as f64 / 1e3));
+        let _ = write!(
+            text,
+            " Coming in cost {kilobytes} kB once, which is counted apart."
+        );
+    }
+    text
+}
