@@ -3,6 +3,7 @@
 //! Start `rhumb-server` first; it prints the fingerprint that this takes as its argument.
 
 use std::num::NonZeroU32;
+use std::process::ExitCode;
 
 use glam::Vec3;
 use rhumb_client::scene::{
@@ -47,7 +48,17 @@ fn add(
     Ok(())
 }
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
+fn main() -> ExitCode {
+    match run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run() -> Result<(), Box<dyn std::error::Error>> {
     let fingerprint = std::env::args()
         .nth(1)
         .ok_or("the server's fingerprint is missing")?;
