@@ -62,7 +62,7 @@ pub enum ServerMessage {
     Applied {
         /// Number of the last.
         through: u64,
-        /// The tick before which they act.
+        /// The newest tick: they act in the step that leaves it (PROTOCOL 4.6).
         tick: Tick,
     },
     /// One command was refused.

@@ -159,7 +159,7 @@ impl<'a> StatePacket<'a> {
     }
 }
 
-/// Says that nothing was said since packet `last`, up to a tick.
+/// Says that all packets before `next` were sent, and that nothing more was to be said up to a tick (PROTOCOL 5.7).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Vouch {
     /// Number of the stream's next packet: all before it were sent.
