@@ -55,7 +55,11 @@ enum State {
     Silent,
     Greeted,
     Lobby,
-    Member { commands: u64 },
+    Member {
+        commands: u64,
+    },
+    /// A member until just now: what it said before it knew may still be under way, and is skipped.
+    Parted,
     Closed,
 }
 
@@ -100,7 +104,8 @@ impl ServerSession {
             match message {
                 Ok(None) => {}
                 Ok(Some(message)) => match self.admit(message) {
-                    Ok(request) => return Some(request),
+                    Ok(Some(request)) => return Some(request),
+                    Ok(None) => {}
                     Err(code) => self.close(code),
                 },
                 Err(malformed) => self.close(malformed.into()),
@@ -109,8 +114,15 @@ impl ServerSession {
         None
     }
 
-    /// Whether a message is allowed now.
-    fn admit(&mut self, message: ClientMessage) -> Result<Request, CloseCode> {
+    /// Whether a message is allowed now; `None` for one that is overtaken by the end of a membership.
+    fn admit(&mut self, message: ClientMessage) -> Result<Option<Request>, CloseCode> {
+        if self.state == State::Parted && is_for_members(&message) {
+            return Ok(None);
+        }
+        self.admit_now(message).map(Some)
+    }
+
+    fn admit_now(&mut self, message: ClientMessage) -> Result<Request, CloseCode> {
         match (self.state, message) {
             (State::Silent, ClientMessage::Hello { versions, scene }) => {
                 if !versions.contains(&VERSIONS[0]) {
@@ -119,13 +131,12 @@ impl ServerSession {
                 self.state = State::Greeted;
                 Ok(Request::Hello { scene })
             }
-            (State::Lobby | State::Member { .. }, ClientMessage::Ping { sent }) => {
-                Ok(Request::Ping(sent))
-            }
-            (State::Lobby | State::Member { .. }, ClientMessage::Delete) => Ok(Request::Delete),
-            (State::Lobby, ClientMessage::Create(terms)) => Ok(Request::Create(terms)),
-            (State::Lobby, ClientMessage::Join(choice)) => Ok(Request::Join(choice)),
+            (State::Silent | State::Greeted | State::Closed, _) => Err(CloseCode::VIOLATION),
+            (_, ClientMessage::Ping { sent }) => Ok(Request::Ping(sent)),
+            (_, ClientMessage::Delete) => Ok(Request::Delete),
             (State::Member { commands }, message) => self.admit_member(commands, message),
+            (_, ClientMessage::Create(terms)) => Ok(Request::Create(terms)),
+            (_, ClientMessage::Join(choice)) => Ok(Request::Join(choice)),
             _ => Err(CloseCode::VIOLATION),
         }
     }
@@ -166,11 +177,13 @@ impl ServerSession {
     /// Says a message. What makes or unmakes a member changes what is allowed from here on.
     pub fn say(&mut self, message: &ServerMessage) {
         match message {
-            ServerMessage::Joined(_) if self.state == State::Lobby => {
+            ServerMessage::Joined(_) if matches!(self.state, State::Lobby | State::Parted) => {
                 self.state = State::Member { commands: 0 };
             }
-            ServerMessage::Left | ServerMessage::Deleted if self.state != State::Closed => {
-                self.state = State::Lobby;
+            ServerMessage::Left | ServerMessage::Deleted
+                if matches!(self.state, State::Member { .. }) =>
+            {
+                self.state = State::Parted;
             }
             _ => {}
         }
@@ -207,6 +220,19 @@ impl ServerSession {
     pub const fn poll_close(&self) -> Option<CloseCode> {
         self.close
     }
+}
+
+/// Whether only a member says such a thing.
+const fn is_for_members(message: &ClientMessage) -> bool {
+    matches!(
+        message,
+        ClientMessage::Leave
+            | ClientMessage::Reserve { .. }
+            | ClientMessage::Command(_)
+            | ClientMessage::Advance { .. }
+            | ClientMessage::Resync
+            | ClientMessage::Inspect
+    )
 }
 
 #[cfg(test)]
@@ -262,6 +288,32 @@ mod tests {
         session.welcome(None);
         assert_eq!(session.poll_request(), None);
         assert_eq!(session.poll_close(), Some(CloseCode::VIOLATION));
+    }
+
+    #[test]
+    fn what_a_member_said_before_it_knew_that_it_is_none_is_skipped() {
+        let mut session = session_after(&[hello()]);
+        session.poll_request();
+        session.welcome(None);
+        session.state = State::Member { commands: 7 };
+        session.say(&ServerMessage::Deleted);
+        let mut bytes = Vec::new();
+        for message in [
+            ClientMessage::Command(Command::SetGravity {
+                gravity: glam::Vec3::ZERO,
+            }),
+            ClientMessage::Advance { to: Tick::new(9) },
+            ClientMessage::Leave,
+            ClientMessage::Delete,
+            ClientMessage::Join(StreamChoice::Full),
+        ] {
+            message.encode(&mut bytes);
+        }
+        session.handle_control(&bytes);
+        assert_eq!(session.poll_request(), Some(Request::Delete));
+        let joins = Some(Request::Join(StreamChoice::Full));
+        assert_eq!(session.poll_request(), joins);
+        assert_eq!(session.poll_close(), None);
     }
 
     #[test]
