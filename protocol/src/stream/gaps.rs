@@ -81,7 +81,7 @@ impl Gaps {
     /// A packet arrived that was sent at `tick`.
     pub(crate) fn arrive(&mut self, number: u64, tick: Tick) -> Arrival {
         if number >= self.next {
-            if !self.announce(number, tick) {
+            if !self.remembers(number + 1) || !self.announce(number, tick) {
                 return Arrival::Lost;
             }
             self.next = number + 1;
@@ -96,10 +96,10 @@ impl Gaps {
         }
     }
 
-    /// All packets before `next` were sent, the last of them no later than `tick`; `false` when too many are missing.
+    /// All packets before `next` were sent, the last of them no later than `tick`; `false`, and no change, when the
+    /// oldest that is missing can no longer be repaired.
     pub(crate) fn announce(&mut self, next: u64, tick: Tick) -> bool {
-        let new = next.saturating_sub(self.next);
-        if new + self.missing.len() as u64 > HISTORY_PACKETS as u64 {
+        if !self.remembers(next) {
             return false;
         }
         for number in self.next..next {
@@ -111,6 +111,13 @@ impl Gaps {
         }
         self.next = self.next.max(next);
         true
+    }
+
+    /// Whether a publisher whose next packet is `next` remembers the oldest packet that would then be missing.
+    fn remembers(&self, next: u64) -> bool {
+        let oldest = self.missing.keys().next().copied();
+        let oldest = oldest.unwrap_or(self.next).min(self.next);
+        next.saturating_sub(oldest) <= HISTORY_PACKETS as u64
     }
 
     /// Something in a packet that arrived builds on what is missing.
@@ -216,6 +223,17 @@ mod tests {
         assert_eq!(gaps.missing().collect::<Vec<_>>(), [2]);
         gaps.repaired(2, 0, 1, tick(9));
         assert!(gaps.is_settled());
+    }
+
+    #[test]
+    fn a_packet_that_its_publisher_has_forgotten_is_lost_for_good() {
+        let mut gaps = Gaps::new(0);
+        let history = HISTORY_PACKETS as u64;
+        for number in 1..history {
+            assert_eq!(gaps.arrive(number, tick(number)), Arrival::Fresh);
+        }
+        assert_eq!(gaps.missing().collect::<Vec<_>>(), [0]);
+        assert_eq!(gaps.arrive(history, tick(history)), Arrival::Lost);
     }
 
     #[test]
