@@ -60,6 +60,10 @@ pub struct SubscriberStatistics {
 pub struct Subscriber {
     stream: StreamId,
     tracks: Tracks,
+    /// By index, the track before the present one, where nothing was said between the two.
+    before: Vec<Option<Track>>,
+    /// The newest origin of a track before which too little of its body was heard.
+    known_from: Tick,
     gaps: Gaps,
     notices: u64,
     /// Datagrams that must wait until more notices were heard.
@@ -84,6 +88,8 @@ impl Subscriber {
         Self {
             stream: start.stream,
             tracks: Tracks::new(start.tolerance, start.integrator, start.gravity),
+            before: Vec::new(),
+            known_from: Tick::ZERO,
             gaps: Gaps::new(start.next),
             notices: start.notices,
             held: VecDeque::new(),
@@ -131,7 +137,7 @@ impl Subscriber {
     /// The newest tick at which the promise holds for every body.
     #[must_use]
     pub fn complete(&self) -> Tick {
-        if self.is_settled() {
+        if self.is_settled() && self.known_from <= self.vouched {
             self.vouched
         } else {
             self.settled_at
@@ -169,11 +175,27 @@ impl Subscriber {
         (slot.id(id.index()) == id).then_some(&slot.track)
     }
 
-    /// What is believed of a body at a tick.
+    /// What is believed of a body at a tick: by its track, or before that one's origin by the track before.
     #[must_use]
     pub fn believed(&self, id: BodyId, tick: Tick) -> Option<Motion> {
         let slot = self.tracks.slot(id.index())?;
-        (slot.id(id.index()) == id).then(|| self.tracks.believed(slot, tick))
+        if slot.id(id.index()) != id {
+            return None;
+        }
+        let track = self.track_at(id.index(), &slot.track, tick);
+        Some(
+            self.tracks
+                .predicted(slot, track.unwrap_or(&slot.track), tick),
+        )
+    }
+
+    /// Which of a body's last two tracks held at a tick, as far as is known.
+    fn track_at<'a>(&'a self, index: u32, track: &'a Track, tick: Tick) -> Option<&'a Track> {
+        if track.origin <= tick {
+            return Some(track);
+        }
+        let before = self.before.get(index as usize)?.as_ref();
+        before.filter(|before| before.origin <= tick)
     }
 
     /// How far off the copy of a body may be at the vouched tick.
@@ -182,7 +204,9 @@ impl Subscriber {
         let track = self.track(id)?;
         let since = self.settled_at;
         let doubted = self.gaps.doubted_before();
-        if self.lost_touch || doubted.is_some_and(|before| track.origin < before) {
+        let in_doubt = |track: &Track| doubted.is_some_and(|before| track.origin < before);
+        let held = self.track_at(id.index(), track, self.vouched);
+        if self.lost_touch || held.is_none_or(in_doubt) {
             return Some(Bound::Unknown { since });
         }
         Some(Bound::Within(self.tolerance().metres()))
@@ -200,6 +224,7 @@ impl Subscriber {
         let placed = self.tracks.place(id, manner, track);
         if placed {
             self.changed.push(id.index());
+            self.remember(id.index(), None);
         }
         placed
     }
@@ -244,9 +269,52 @@ impl Subscriber {
     }
 
     fn note_settled(&mut self) {
-        if self.is_settled() {
-            self.settled_at = self.vouched;
+        self.settled_at = self.complete();
+    }
+
+    fn remember(&mut self, index: u32, before: Option<Track>) {
+        let index = index as usize;
+        if index >= self.before.len() {
+            self.before.resize(index + 1, None);
         }
+        self.before[index] = before;
+    }
+
+    /// Takes in what was overtaken by a newer saying: it is what held until then.
+    fn take_overtaken(&mut self, index: u32, tick: Tick, saying: &Saying) {
+        let Some(Some(before)) = self.before.get(index as usize) else {
+            return;
+        };
+        let present = self.tracks.slot(index).map(|slot| slot.track.origin);
+        if before.origin >= tick || present.is_none_or(|origin| origin <= tick) {
+            return;
+        }
+        match saying {
+            Saying::Whole(whole) => self.remember(index, Some(whole.track(tick))),
+            Saying::Residual { .. } => self.forget_before(index),
+        }
+    }
+
+    /// Of what a body did before its present track, too little was heard.
+    fn forget_before(&mut self, index: u32) {
+        if let Some(origin) = self.tracks.slot(index).map(|slot| slot.track.origin) {
+            self.remember(index, None);
+            self.known_from = self.known_from.max(origin);
+        }
+    }
+
+    /// Takes in what a packet says of a body.
+    fn take(&mut self, index: u32, tick: Tick, saying: &Saying) -> Result<(), Unreadable> {
+        let before = self.tracks.slot(index).map(|slot| slot.track);
+        let heard = self.tracks.hear(index, tick, saying);
+        if heard == Err(Unreadable::Superseded) {
+            self.take_overtaken(index, tick, saying);
+        }
+        heard?;
+        self.remember(index, before);
+        self.statistics.updates += 1;
+        self.changed.push(index);
+        Ok(())
     }
 
     fn read(&mut self, datagram: &[u8]) {
@@ -338,11 +406,8 @@ impl Subscriber {
     }
 
     fn hear(&mut self, number: u64, tick: Tick, update: &Update) {
-        match self.tracks.hear(update.index, tick, &update.saying) {
-            Ok(()) => {
-                self.statistics.updates += 1;
-                self.changed.push(update.index);
-            }
+        match self.take(update.index, tick, &update.saying) {
+            Ok(()) => {}
             Err(Unreadable::OtherRevision) => {
                 self.statistics.unread += 1;
                 self.gaps.could_not_read(number, tick);
@@ -364,10 +429,8 @@ impl Subscriber {
                 predictor: Predictor::Uniform,
                 anchor: rhumb_reckoning::Anchor::Verbatim(record.motion),
             });
-            if self.tracks.hear(record.index, tick, &saying).is_ok() {
-                self.statistics.updates += 1;
-                self.changed.push(record.index);
-            }
+            // Removed or said anew since: what came later stands.
+            let _ = self.take(record.index, tick, &saying);
         }
         Ok(())
     }
@@ -403,6 +466,7 @@ impl Subscriber {
             if self.tracks.hear(record.index, origin, &whole).is_ok() {
                 self.changed.push(record.index);
             }
+            self.forget_before(record.index);
         }
         let lost = repair.lost.expand(self.gaps.next());
         self.gaps.repaired(lost, repair.part, repair.parts, as_of);

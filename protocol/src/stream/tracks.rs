@@ -197,7 +197,11 @@ impl Tracks {
 
     /// What is believed of a body at a tick.
     pub(crate) fn believed(&self, slot: &Slot, tick: Tick) -> Motion {
-        let track = &slot.track;
+        self.predicted(slot, &slot.track, tick)
+    }
+
+    /// What a track of a body, this one or one that it had, says of a tick.
+    pub(crate) fn predicted(&self, slot: &Slot, track: &Track, tick: Tick) -> Motion {
         let gravity = match track.predictor {
             Predictor::Ballistic => self.gravity(slot, track.origin),
             Predictor::Rest | Predictor::Uniform => DVec3::ZERO,
