@@ -193,6 +193,11 @@ impl Room {
             let shape = *shape;
             ServerMessage::Notice(Notice::ShapeAdded { id, shape }).encode(&mut snapshot);
         }
+        // A track goes on under the gravity that it was said under.
+        for (since, gravity) in stream.gravity_changes() {
+            let notice = Notice::GravityChanged { since, gravity };
+            ServerMessage::Notice(notice).encode(&mut snapshot);
+        }
         for (id, track) in stream.tracks() {
             if let Some(terms) = self.scene.body(id) {
                 let terms = *terms;

@@ -67,6 +67,19 @@ impl Stream {
         }
     }
 
+    /// What pulled from which tick on, oldest first, if tracks refer to more than one gravity.
+    pub(crate) fn gravity_changes(&self) -> Vec<(Tick, Vec3)> {
+        let changes: Vec<_> = match &self.source {
+            Source::Reckoned(publisher) => publisher.gravity_changes().collect(),
+            Source::Full(_) => Vec::new(),
+        };
+        if changes.len() > 1 {
+            changes
+        } else {
+            Vec::new()
+        }
+    }
+
     pub(crate) fn place(&mut self, id: BodyId, manner: &Manner, track: Track, motion: Verbatim) {
         match &mut self.source {
             Source::Reckoned(publisher) => {

@@ -30,6 +30,15 @@ impl Field {
             .map_or(self.changes[0].1, |(_, gravity)| *gravity)
     }
 
+    /// What pulled from which tick on, oldest first; the first stands for all time before.
+    pub(crate) fn changes(&self) -> impl Iterator<Item = (Tick, Vec3)> {
+        let since = |place: usize, tick: Tick| if place == 0 { Tick::ZERO } else { tick };
+        self.changes
+            .iter()
+            .enumerate()
+            .map(move |(place, (tick, gravity))| (since(place, *tick), gravity.as_vec3()))
+    }
+
     /// From `since` on another gravity pulls; what no track can still refer to is forgotten.
     pub(crate) fn change(&mut self, since: Tick, gravity: Vec3) {
         self.changes.retain(|(earlier, _)| *earlier < since);
@@ -55,6 +64,21 @@ mod tests {
         field.change(Tick::new(10), Vec3::Z);
         assert_eq!(field.at(Tick::new(9)), DVec3::NEG_Y);
         assert_eq!(field.at(Tick::new(10)), DVec3::Z);
+    }
+
+    #[test]
+    fn who_is_told_all_changes_believes_in_the_same_pull() {
+        let mut field = Field::new(Vec3::NEG_Y);
+        for (tick, gravity) in [(100, Vec3::X), (200, Vec3::ZERO), (4_000, Vec3::Z)] {
+            field.change(Tick::new(tick), gravity);
+        }
+        let mut told = Field::new(Vec3::Z);
+        for (since, gravity) in field.changes() {
+            told.change(since, gravity);
+        }
+        for tick in 0..5_000 {
+            assert_eq!(told.at(Tick::new(tick)), field.at(Tick::new(tick)));
+        }
     }
 
     #[test]

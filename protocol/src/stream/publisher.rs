@@ -110,6 +110,11 @@ impl Publisher {
         self.tracks.change_gravity(since, gravity);
     }
 
+    /// What pulled from which tick on, as far as tracks refer to it: what a late listener must be told before the tracks.
+    pub fn gravity_changes(&self) -> impl Iterator<Item = (Tick, Vec3)> {
+        self.tracks.gravity_changes()
+    }
+
     /// Every body's track, in order of index: what a late listener must be told.
     pub fn tracks(&self) -> impl Iterator<Item = (BodyId, Track)> {
         self.tracks

@@ -163,6 +163,11 @@ impl Tracks {
         self.field.change(since, gravity);
     }
 
+    /// See [`Field::changes`].
+    pub(crate) fn gravity_changes(&self) -> impl Iterator<Item = (Tick, Vec3)> {
+        self.field.changes()
+    }
+
     pub(crate) fn slot(&self, index: u32) -> Option<&Slot> {
         self.slots.get(index as usize)?.as_ref()
     }
