@@ -115,10 +115,11 @@ enum State {
 const DISORDER: Span = Span::from_millis(4);
 /// The longest silence between two askings for one repair.
 const REPAIR_MOST: Span = Span::from_millis(500);
-/// How long an advance or a free-running stream may be silent before it is asked for.
+/// How long an advance may be unanswered before it is asked for.
 const SILENCE: Span = Span::from_millis(100);
-/// A free-running stream vouches at least this often, and is asked when it does not.
-const SILENCE_FREE: Span = Span::from_millis(1_500);
+/// How long beyond [`SILENCE`] any stream may be silent before it is asked: its last packet may be the lost one. One
+/// that runs freely at 60 Hz vouches more often.
+const SILENCE_UNASKED: Span = Span::from_millis(1_500);
 /// See [`SILENCE`].
 const SILENCE_MOST: Span = Span::from_millis(2_000);
 /// How often the server's clock is looked at while it leads.
@@ -451,7 +452,7 @@ impl ClientSession {
         };
         let stream = replica.stream();
         let (missing, lost_touch) = (stream.missing(), stream.has_lost_touch());
-        let awaits = stream.vouched() < self.awaited;
+        let awaits = stream.complete() < self.awaited;
         if missing > 0 {
             self.repair.begin(now);
         } else {
@@ -464,8 +465,8 @@ impl ClientSession {
         self.silence.end();
         if awaits {
             self.silence.begin(now);
-        } else if self.is_free_running() {
-            self.silence.begin(now + SILENCE_FREE);
+        } else {
+            self.silence.begin(now + SILENCE_UNASKED);
         }
     }
 
