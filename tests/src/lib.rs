@@ -1,0 +1,20 @@
+//! What the tests of the whole share: a stage of pretended links, truth by replay, a table for rude guests, a process.
+//!
+//! No promise is kept here; the families in `tests/` are. Nothing here sleeps or reads a clock.
+#![forbid(unsafe_code)]
+
+mod process;
+mod rude;
+mod seed;
+mod stage;
+mod table;
+mod truth;
+mod witness;
+
+pub use process::{Ended, Programme, ServerProcess};
+pub use rude::Rude;
+pub use seed::{Dice, seed};
+pub use stage::{COMMANDER, Stage, TICK};
+pub use table::{Said, Table};
+pub use truth::{Record, Truth};
+pub use witness::{Claim, Witness, assert_same_copy, copy_digest};

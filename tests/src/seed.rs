@@ -1,0 +1,35 @@
+//! Chance that can be had again.
+//!
+//! Every random run names its seed; `SEED=n` in the environment replays it.
+
+/// The seed of a run: that of the environment, or else this one. It is printed, and shown when the test fails.
+#[must_use]
+pub fn seed(otherwise: u64) -> u64 {
+    let wished = std::env::var("SEED").ok();
+    let seed = wished
+        .and_then(|text| text.parse().ok())
+        .unwrap_or(otherwise);
+    eprintln!("seed {seed}: SEED={seed} replays this run");
+    seed
+}
+
+/// A small generator: integers only, alike on every platform. Source: Knuth's MMIX, TAOCP 2, section 3.3.4.
+#[derive(Clone, Debug)]
+pub struct Dice(u64);
+
+impl Dice {
+    /// Chance that a seed fixes.
+    #[must_use]
+    pub const fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    /// A number below `most`, which is not zero.
+    pub fn below(&mut self, most: usize) -> usize {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 33) as usize % most
+    }
+}

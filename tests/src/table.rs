@@ -1,0 +1,222 @@
+//! A real host and its guests at one table: whatever is said is heard at once, and written down.
+//!
+//! No links and no time but what `pass` lets by. Polite guests are real sessions; rude ones are bytes.
+
+use std::collections::BTreeMap;
+
+use bytes::Bytes;
+use rhumb_protocol::session::{ClientSession, CloseCode};
+use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
+use rhumb_server::Host;
+
+/// One thing that was said to or by a guest, as it crossed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Said {
+    /// Bytes of the control stream.
+    Control(Bytes),
+    /// A datagram.
+    State(Bytes),
+}
+
+/// A host with guests.
+pub struct Table {
+    host: Host,
+    now: Instant,
+    /// Real sessions by their peer.
+    polite: BTreeMap<Peer, ClientSession>,
+    /// What the host said to each peer and has not been taken yet.
+    heard: BTreeMap<Peer, Vec<Said>>,
+    /// What each polite guest said.
+    spoken: BTreeMap<Peer, Vec<Said>>,
+    closed: BTreeMap<Peer, CloseCode>,
+    next: u64,
+}
+
+/// The host, as each session names it.
+const HOST: Peer = Peer(0);
+
+impl Default for Table {
+    fn default() -> Self {
+        Self {
+            host: Host::new(|| Instant::ZERO),
+            now: Instant::ZERO,
+            polite: BTreeMap::new(),
+            heard: BTreeMap::new(),
+            spoken: BTreeMap::new(),
+            closed: BTreeMap::new(),
+            next: 0,
+        }
+    }
+}
+
+impl Table {
+    /// Seats a real session.
+    pub fn seat(&mut self, scene: &str) -> Peer {
+        let peer = self.seat_rude();
+        let name = scene.parse().expect("tests name scenes well");
+        let mut session = ClientSession::new(name);
+        session.handle_opened(self.now, HOST);
+        self.polite.insert(peer, session);
+        self.settle();
+        peer
+    }
+
+    /// Opens a connection of which only bytes will be known.
+    pub fn seat_rude(&mut self) -> Peer {
+        let peer = Peer(self.next);
+        self.next += 1;
+        self.host.handle_opened(self.now, peer);
+        peer
+    }
+
+    /// A polite guest.
+    ///
+    /// # Panics
+    ///
+    /// If there is none of this name.
+    pub fn guest(&mut self, peer: Peer) -> &mut ClientSession {
+        self.polite.get_mut(&peer).expect("a seated guest")
+    }
+
+    /// The moment it is.
+    #[must_use]
+    pub const fn now(&self) -> Instant {
+        self.now
+    }
+
+    /// Control bytes from anybody.
+    pub fn control(&mut self, from: Peer, bytes: &[u8]) {
+        self.host.handle_control(self.now, from, bytes);
+        self.settle();
+    }
+
+    /// A datagram from anybody.
+    pub fn datagram(&mut self, from: Peer, bytes: &[u8]) {
+        self.host.handle_datagram(self.now, from, bytes);
+        self.settle();
+    }
+
+    /// A connection breaks.
+    pub fn end(&mut self, peer: Peer) {
+        self.host.handle_ended(self.now, peer, Ending::Broken);
+        if let Some(mut session) = self.polite.remove(&peer) {
+            session.handle_ended(self.now, HOST, Ending::Broken);
+        }
+        self.settle();
+    }
+
+    /// Lets time pass, waking whoever wants it in between.
+    pub fn pass(&mut self, span: Span) {
+        let end = self.now + span;
+        while let Some(at) = self.next_wake().filter(|at| *at <= end) {
+            self.now = self.now.max(at);
+            self.settle();
+        }
+        self.now = end;
+        self.settle();
+    }
+
+    /// Why the host closed a connection, if it did.
+    #[must_use]
+    pub fn closed(&self, peer: Peer) -> Option<CloseCode> {
+        self.closed.get(&peer).copied()
+    }
+
+    /// What the host said to a peer since it was last asked.
+    pub fn take_heard(&mut self, peer: Peer) -> Vec<Said> {
+        self.heard.remove(&peer).unwrap_or_default()
+    }
+
+    /// What a polite guest said since it was last asked.
+    pub fn take_spoken(&mut self, peer: Peer) -> Vec<Said> {
+        self.spoken.remove(&peer).unwrap_or_default()
+    }
+
+    fn next_wake(&self) -> Option<Instant> {
+        let guests = self.polite.values().filter_map(Endpoint::poll_timeout);
+        let wakes = guests.chain(self.host.poll_timeout());
+        wakes.map(|wake| wake.at).min()
+    }
+
+    /// Hands over until nobody has anything to say or to do now.
+    pub fn settle(&mut self) {
+        loop {
+            let mut quiet = true;
+            while let Some(transmit) = self.host.poll_transmit() {
+                quiet = false;
+                self.hand_over(transmit);
+            }
+            let peers: Vec<_> = self.polite.keys().copied().collect();
+            for peer in peers {
+                quiet &= !self.drain_guest(peer);
+            }
+            if quiet && self.next_wake().is_none_or(|at| at > self.now) {
+                return;
+            }
+            self.wake();
+        }
+    }
+
+    fn wake(&mut self) {
+        let now = self.now;
+        let due =
+            |endpoint: &dyn Endpoint| endpoint.poll_timeout().is_some_and(|wake| wake.at <= now);
+        if due(&self.host) {
+            self.host.handle_timeout(now);
+        }
+        for session in self.polite.values_mut() {
+            if due(session) {
+                session.handle_timeout(now);
+            }
+        }
+    }
+
+    fn hand_over(&mut self, transmit: Transmit) {
+        let (to, said) = match transmit {
+            Transmit::Control { to, bytes } => (to, Said::Control(bytes)),
+            Transmit::State { to, bytes } => (to, Said::State(bytes)),
+            Transmit::Close { to, code } => {
+                self.closed.insert(to, CloseCode(code));
+                if let Some(session) = self.polite.get_mut(&to) {
+                    session.handle_ended(self.now, HOST, Ending::Closed(code));
+                }
+                return self.host.handle_ended(self.now, to, Ending::Closed(code));
+            }
+        };
+        if let Some(session) = self.polite.get_mut(&to) {
+            match &said {
+                Said::Control(bytes) => session.handle_control(self.now, HOST, bytes),
+                Said::State(bytes) => session.handle_datagram(self.now, HOST, bytes),
+            }
+        }
+        self.heard.entry(to).or_default().push(said);
+    }
+
+    /// Whether a guest had anything to say.
+    fn drain_guest(&mut self, peer: Peer) -> bool {
+        let mut spoke = false;
+        while let Some(transmit) = self
+            .polite
+            .get_mut(&peer)
+            .and_then(ClientSession::poll_transmit)
+        {
+            spoke = true;
+            let said = match transmit {
+                Transmit::Control { bytes, .. } => {
+                    self.host.handle_control(self.now, peer, &bytes);
+                    Said::Control(bytes)
+                }
+                Transmit::State { bytes, .. } => {
+                    self.host.handle_datagram(self.now, peer, &bytes);
+                    Said::State(bytes)
+                }
+                Transmit::Close { code, .. } => {
+                    self.host.handle_ended(self.now, peer, Ending::Closed(code));
+                    continue;
+                }
+            };
+            self.spoken.entry(peer).or_default().push(said);
+        }
+        spoke
+    }
+}

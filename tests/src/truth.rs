@@ -1,0 +1,141 @@
+//! What really happened in a scene: its commands applied again, at the ticks that the server named.
+//!
+//! The same engine steps it, so that a server that applied each command once, in order and where it said, has the same
+//! digest to the bit.
+
+use std::collections::BTreeMap;
+
+use rhumb_protocol::scene::{Command, SceneTerms};
+use rhumb_reckoning::{BodyId, Divergence, Metres, Pose, Tick, Verbatim};
+use rhumb_server::Scene;
+
+/// What one member commanded, and what the server said of it.
+#[derive(Clone, Debug, Default)]
+pub struct Record {
+    /// By number.
+    pub commands: Vec<Command>,
+    /// Commands up to a number, and the tick before whose step they acted.
+    pub applied: Vec<(u64, Tick)>,
+}
+
+/// Where every body was at every tick.
+#[derive(Debug, Default)]
+pub struct Truth {
+    bodies: BTreeMap<BodyId, Course>,
+    /// Of the scene after each tick.
+    digests: Vec<u64>,
+}
+
+/// One body's poses from the ticks on at which they changed; `None` once it is gone.
+#[derive(Debug)]
+struct Course {
+    radius: Metres,
+    poses: Vec<(Tick, Option<Verbatim>)>,
+}
+
+impl Truth {
+    /// Replays a record up to a tick.
+    ///
+    /// # Panics
+    ///
+    /// When a command is refused, or the record does not tell of each command once and in order.
+    #[must_use]
+    pub fn replay(terms: SceneTerms, record: &Record, until: Tick) -> Self {
+        let mut scene = Scene::new(terms).expect("the terms were those of a scene");
+        let mut truth = Self::default();
+        truth.digests.push(scene.digest().value());
+        let mut applied = record.applied.iter().peekable();
+        let mut next = 0;
+        loop {
+            while let Some((through, _)) = applied.next_if(|(_, tick)| *tick == scene.tick()) {
+                assert!(
+                    *through >= next,
+                    "command {through} was applied a second time"
+                );
+                for command in &record.commands[next as usize..=*through as usize] {
+                    truth.apply(&mut scene, command);
+                }
+                next = through + 1;
+            }
+            if scene.tick() >= until {
+                break;
+            }
+            truth.step(&mut scene);
+        }
+        assert!(
+            applied.next().is_none(),
+            "commands were applied at ticks out of order, or later than {until}"
+        );
+        truth
+    }
+
+    fn apply(&mut self, scene: &mut Scene, command: &Command) {
+        scene
+            .apply(command)
+            .expect("what the server applied can be applied again");
+        match *command {
+            Command::AddBody { terms, motion } => {
+                let radius = scene
+                    .bounding_radius(terms.id)
+                    .expect("the body was just added");
+                let poses = vec![(scene.tick(), Some(motion))];
+                self.bodies.insert(terms.id, Course { radius, poses });
+            }
+            Command::RemoveBody { id } => self.note(id, scene.tick().next(), None),
+            _ => {}
+        }
+    }
+
+    fn step(&mut self, scene: &mut Scene) {
+        let stepped = scene
+            .step()
+            .expect("the engine of the server did not fail either");
+        for (id, _) in stepped.removed {
+            self.note(id, stepped.tick, None);
+        }
+        for observation in scene.observations() {
+            self.note(observation.id, stepped.tick, Some(observation.motion));
+        }
+        self.digests.push(scene.digest().value());
+    }
+
+    fn note(&mut self, id: BodyId, tick: Tick, pose: Option<Verbatim>) {
+        let course = self
+            .bodies
+            .get_mut(&id)
+            .expect("only bodies that were added move or go");
+        course.poses.push((tick, pose));
+    }
+
+    /// The scene's digest after a tick.
+    #[must_use]
+    pub fn digest(&self, tick: Tick) -> Option<u64> {
+        self.digests.get(tick.value() as usize).copied()
+    }
+
+    /// Where a body was after a tick; `None` before it came and after it went.
+    #[must_use]
+    pub fn pose(&self, id: BodyId, tick: Tick) -> Option<Pose> {
+        let poses = &self.bodies.get(&id)?.poses;
+        let after = poses.partition_point(|(since, _)| *since <= tick);
+        let (_, pose) = poses[..after].last()?;
+        pose.map(|verbatim| verbatim.motion().pose())
+    }
+
+    /// How far any point of a body was from where it is believed to have been; `None` where it was not at all.
+    #[must_use]
+    pub fn error(&self, id: BodyId, tick: Tick, believed: &Pose) -> Option<Metres> {
+        let radius = self.bodies.get(&id)?.radius;
+        let pose = self.pose(id, tick)?;
+        Some(Divergence::between(&pose, believed).surface_error(radius))
+    }
+
+    /// How many bodies there were after a tick.
+    #[must_use]
+    pub fn count(&self, tick: Tick) -> usize {
+        self.bodies
+            .keys()
+            .filter(|id| self.pose(**id, tick).is_some())
+            .count()
+    }
+}

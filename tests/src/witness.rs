@@ -1,0 +1,219 @@
+//! What one member heard and believed, to be held against the truth afterwards.
+//!
+//! Reads a session and changes nothing in it but that its events are taken.
+
+use rhumb_protocol::Ending;
+use rhumb_protocol::message::{Denial, Inspection, RemovalCause};
+use rhumb_protocol::scene::{BodyKind, CommandError, IdRange};
+use rhumb_protocol::session::{ClientSession, Event, Replica};
+use rhumb_protocol::stream::Bound;
+use rhumb_reckoning::{BodyId, Metres, Pose, Tick};
+
+use crate::truth::Truth;
+
+/// That a body was within a distance of this pose at a tick.
+#[derive(Clone, Copy, Debug)]
+pub struct Claim {
+    /// Which body.
+    pub id: BodyId,
+    /// When.
+    pub tick: Tick,
+    /// Where the copy had it.
+    pub pose: Pose,
+    /// How far off that may be.
+    pub within: Metres,
+}
+
+/// The account of one member.
+#[derive(Debug, Default)]
+pub struct Witness {
+    /// Of every welcome.
+    pub welcomes: usize,
+    /// Indices of the last joining; none while it is no member.
+    pub granted: Option<IdRange>,
+    /// Commands up to a number, and the tick before whose step they acted.
+    pub applied: Vec<(u64, Tick)>,
+    /// Refused commands.
+    pub refused: Vec<(u64, CommandError)>,
+    /// Requests turned down.
+    pub denied: Vec<Denial>,
+    /// Bodies that went.
+    pub removed: Vec<(BodyId, RemovalCause)>,
+    /// Answers to inspections.
+    pub inspections: Vec<Inspection>,
+    /// How often the scene was created by it, it left, and the scene was deleted.
+    pub created: usize,
+    /// See `created`.
+    pub left: usize,
+    /// See `created`.
+    pub deleted: usize,
+    /// How the connection ended.
+    pub ended: Option<Ending>,
+    /// What its bounds promised.
+    pub claims: Vec<Claim>,
+    /// How often a bound was asked for and could not be given.
+    pub unknown: usize,
+    last_look: Option<(Tick, u64)>,
+}
+
+impl Witness {
+    /// Takes the session's events.
+    pub fn listen(&mut self, session: &mut ClientSession) {
+        while let Some(event) = session.poll_event() {
+            match event {
+                Event::Welcomed(_) => self.welcomes += 1,
+                Event::Created => self.created += 1,
+                Event::Joined(granted) => self.granted = Some(granted),
+                Event::Left => (self.granted, self.left) = (None, self.left + 1),
+                Event::Deleted => (self.granted, self.deleted) = (None, self.deleted + 1),
+                Event::Denied(denial) => self.denied.push(denial),
+                Event::Applied { through, tick } => self.applied.push((through, tick)),
+                Event::Refused { number, error } => self.refused.push((number, error)),
+                Event::BodyRemoved { id, cause } => self.removed.push((id, cause)),
+                Event::Inspected(inspection) => self.inspections.push(inspection),
+                Event::Ended(ending) => self.ended = Some(ending),
+                Event::Reserved(_)
+                | Event::BodyPlaced(_)
+                | Event::SceneFaulted(_)
+                | Event::ClockSeen { .. } => {}
+            }
+        }
+    }
+
+    /// Notes what the copy claims now of every body that can move, if anything was heard since the last look.
+    pub fn look(&mut self, session: &ClientSession) {
+        let Some(replica) = session.replica() else {
+            return;
+        };
+        let statistics = replica.stream().statistics();
+        let now = (
+            replica.stream().vouched(),
+            statistics.packets + statistics.repairs,
+        );
+        if self.last_look == Some(now) {
+            return;
+        }
+        self.last_look = Some(now);
+        self.claim(replica, |kind| kind != BodyKind::Static);
+    }
+
+    /// Notes what the copy claims now of every body.
+    pub fn look_at_all(&mut self, session: &ClientSession) {
+        if let Some(replica) = session.replica() {
+            self.claim(replica, |_| true);
+        }
+    }
+
+    fn claim(&mut self, replica: &Replica, wanted: impl Fn(BodyKind) -> bool) {
+        let stream = replica.stream();
+        let tick = stream.vouched();
+        for terms in replica.bodies().filter(|terms| wanted(terms.kind)) {
+            let id = terms.id;
+            match stream
+                .bound(id)
+                .expect("a body of the copy has a bound, if only an unknown one")
+            {
+                Bound::Unknown { .. } => self.unknown += 1,
+                Bound::Within(within) => {
+                    let believed = stream
+                        .believed(id, tick)
+                        .expect("a body of the copy is believed");
+                    let pose = believed.pose();
+                    self.claims.push(Claim {
+                        id,
+                        tick,
+                        pose,
+                        within,
+                    });
+                }
+            }
+        }
+    }
+
+    /// Holds every claim against the truth and returns the worst error of all.
+    ///
+    /// # Panics
+    ///
+    /// At the first claim that was not true.
+    pub fn judge(&self, truth: &Truth, who: &str) -> Metres {
+        let mut worst = Metres::new(0.0);
+        for Claim {
+            id,
+            tick,
+            pose,
+            within,
+        } in &self.claims
+        {
+            let error = truth.error(*id, *tick, pose).unwrap_or_else(|| {
+                panic!("{who}: {id} was bounded at {tick}, where it was not at all")
+            });
+            assert!(
+                error <= *within,
+                "{who}: {id} at {tick} is off by {error}, bound {within}"
+            );
+            if error > worst {
+                worst = error;
+            }
+        }
+        worst
+    }
+}
+
+/// Two copies of one scene in one tier are equal to the bit: shapes aside, which nothing moves.
+///
+/// # Panics
+///
+/// At the first body whose terms, track or belief differ.
+pub fn assert_same_copy(one: &Replica, other: &Replica) {
+    let ids = |replica: &Replica| replica.bodies().map(|terms| terms.id).collect::<Vec<_>>();
+    assert_eq!(ids(one), ids(other), "the copies hold different bodies");
+    assert_eq!(one.gravity(), other.gravity());
+    let (one_stream, other_stream) = (one.stream(), other.stream());
+    let tick = one_stream.vouched().max(other_stream.vouched());
+    for terms in one.bodies() {
+        let id = terms.id;
+        assert_eq!(Some(terms), other.body(id));
+        assert_eq!(
+            one_stream.track(id),
+            other_stream.track(id),
+            "the tracks of {id} at {tick}"
+        );
+        assert_eq!(
+            one_stream.believed(id, tick),
+            other_stream.believed(id, tick),
+            "{id} at {tick}"
+        );
+    }
+}
+
+/// FNV-1a over what a copy shows at its complete tick: the tick, then for each body in order of index its index,
+/// generation and the bits of position and rotation in f32. `so_far`: of the ticks before, or zero.
+#[must_use]
+pub fn copy_digest(so_far: u64, replica: &Replica) -> u64 {
+    let mut digest = if so_far == 0 { FNV_OFFSET } else { so_far };
+    let mut fold = |word: u32| {
+        for byte in word.to_le_bytes() {
+            digest = (digest ^ u64::from(byte)).wrapping_mul(FNV_PRIME);
+        }
+    };
+    let tick = replica.stream().complete();
+    fold(tick.value() as u32);
+    for terms in replica.bodies() {
+        fold(terms.id.index());
+        fold(u32::from(terms.id.generation()));
+        let motion = replica.stream().believed(terms.id, tick);
+        let pose = motion.expect("a body of the copy is believed").pose();
+        for part in pose.position.as_vec3().to_array() {
+            fold(part.to_bits());
+        }
+        for part in pose.rotation.as_quat().to_array() {
+            fold(part.to_bits());
+        }
+    }
+    digest
+}
+
+/// Source: Fowler, Noll and Vo, the 64-bit constants.
+const FNV_OFFSET: u64 = 0xcbf2_9ce4_8422_2325;
+/// See [`FNV_OFFSET`].
+const FNV_PRIME: u64 = 0x0000_0100_0000_01b3;
