@@ -1,0 +1,386 @@
+#!/usr/bin/env python3
+"""Computes the figures of summary.json again from trace.mcap, and says which of them hold.
+
+Knows the file format, the embedded schemas and the definitions of the figures, and nothing of the code that wrote
+either file. Errors are computed anew from the engine's states and the poses that the client's copy took on.
+
+    pip install mcap mcap-protobuf-support
+    python3 benches/check_trace.py results/trace.mcap results/summary.json
+"""
+
+import json
+import math
+import sys
+from array import array
+from collections import Counter, defaultdict
+
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+STATIC = 1
+CAUSES = {1: "loss", 2: "late", 3: "fault"}
+STATE_DOWN, CONTROL_DOWN = 1, 3
+SIM_FPS_MAX = 11.33
+# The copy is f32 and its rotation is brought to unit length before and after rounding: at 128 m this is worth 16 um.
+EXACT_M = 2e-5
+MASK = (1 << 64) - 1
+
+
+class Report:
+    """Counts what holds, and prints what does not."""
+
+    def __init__(self):
+        self.passed = 0
+        self.failed = 0
+        self.where = ""
+
+    def check(self, holds, what):
+        if holds:
+            self.passed += 1
+        else:
+            self.failed += 1
+            print(f"FAILED {self.where}: {what}")
+
+    def same(self, name, ours, theirs, relative=1e-9, absolute=0.0):
+        if ours is None or theirs is None or isinstance(ours, (str, dict)):
+            holds = ours == theirs
+        else:
+            holds = abs(ours - theirs) <= absolute + relative * max(abs(ours), abs(theirs))
+        self.check(holds, f"{name}: {ours} from the trace, {theirs} in the summary")
+
+
+def rank(values, percent):
+    """The least value that the given share does not exceed; values are sorted."""
+    return values[max(-(-len(values) * percent // 100), 1) - 1]
+
+
+def unit(q):
+    length = math.sqrt(sum(c * c for c in q))
+    return tuple(c / length for c in q)
+
+
+def surface_error(truth, shown, radius):
+    """|dp| + 2 r sin(turn / 2), of poses as px py pz qx qy qz qw."""
+    apart = math.dist(truth[:3], shown[:3])
+    ax, ay, az, aw = unit(truth[3:7])
+    bx, by, bz, bw = unit(shown[3:7])
+    x = -aw * bx + ax * bw - ay * bz + az * by
+    y = -aw * by + ay * bw - az * bx + ax * bz
+    z = -aw * bz + az * bw - ax * by + ay * bx
+    return apart + 2.0 * radius * min(math.sqrt(x * x + y * y + z * z), 1.0)
+
+
+class Digest:
+    """The server's digest of a truth, over the words of every observation."""
+
+    def __init__(self):
+        self.state = 0x7268756D62207631
+
+    def fold(self, word):
+        mixed = ((self.state ^ word) * 0x9E3779B97F4A7C15) & MASK
+        self.state = mixed ^ (mixed >> 32)
+
+
+def float_bits(values):
+    return array("I", array("f", values).tobytes())
+
+
+class Truth:
+    """The engine's bodies, stepped forward by rhumb.States."""
+
+    def __init__(self):
+        self.pose, self.terms, self.began, self.removed = {}, {}, {}, {}
+        self.digest, self.ticks, self.order = Digest(), 0, True
+
+    def step(self, states):
+        self.fold(states)
+        ids = list(zip(states.index, states.generation))
+        columns = (states.px, states.py, states.pz, states.qx, states.qy, states.qz, states.qw)
+        for body, pose in zip(ids, zip(*columns)):
+            self.pose[body] = pose
+        for body in zip(states.removed_index, states.removed_generation):
+            self.removed[body] = states.tick
+            self.pose.pop(body, None)
+        for placed in states.placed:
+            body = (placed.index, placed.generation)
+            self.terms[body] = (states.tick, placed.kind, placed.bounding_radius_m)
+            self.began[body] = self.pose[body] = tuple(placed.motion[:7])
+
+    def fold(self, states):
+        tick, fold = states.tick, self.digest.fold
+        self.order &= tick == self.ticks
+        self.ticks += 1
+        if tick == 0:
+            return
+        fold(tick & 0xFFFFFFFF)
+        fold(tick >> 32)
+        fold(len(states.index))
+        columns = [states.px, states.py, states.pz, states.qx, states.qy, states.qz, states.qw]
+        columns += [states.vx, states.vy, states.vz, states.wx, states.wy, states.wz]
+        bits = [float_bits(column) for column in columns]
+        for i, (index, generation) in enumerate(zip(states.index, states.generation)):
+            fold(index)
+            fold(generation)
+            for column in bits:
+                fold(column[i])
+            fold(int(states.awake[i]))
+
+
+class Run:
+    """One mode's run: its counts by frame, its copy, and the errors of that copy."""
+
+    def __init__(self, terms):
+        self.terms = terms
+        self.stats, self.seen = {}, {}
+        self.payload, self.state_bytes = Counter(), 0
+        self.breaches = {}
+        self.copy, self.errors, self.next = {}, [], 0
+        self.over, self.unjudged, self.miscounted = set(), 0, 0
+        self.error_max_wrong = 0
+
+    def add_packet(self, packet):
+        if packet.way in (STATE_DOWN, CONTROL_DOWN):
+            self.payload[packet.frame] += len(packet.data)
+        if packet.way == STATE_DOWN:
+            self.state_bytes += len(packet.data)
+
+    def follow(self, truth, tick):
+        """Shows all frames of this tick in the copy and compares it with the truth."""
+        while self.next in self.stats and self.stats[self.next].tick <= tick:
+            frame = self.stats[self.next]
+            self.show(self.seen.pop(self.next, None))
+            self.next += 1
+            if frame.body_ticks:
+                self.judge(truth, frame)
+            else:
+                self.unjudged += 1
+
+    def show(self, poses):
+        if poses is None:
+            return
+        for body in zip(poses.gone_index, poses.gone_generation):
+            self.copy[body] = None
+        columns = (poses.px, poses.py, poses.pz, poses.qx, poses.qy, poses.qz, poses.qw)
+        for body, pose in zip(zip(poses.index, poses.generation), zip(*columns)):
+            self.copy[body] = pose
+
+    def judge(self, truth, frame):
+        tolerance = self.terms.get("tolerance_m")
+        errors = []
+        for body, real in truth.pose.items():
+            placed, kind, radius = truth.terms[body]
+            if kind == STATIC:
+                continue
+            # Until it is mentioned, a body is where it was placed: at tick 0 by joining, else by the step that follows.
+            there = placed == 0 or placed < frame.tick
+            shown = self.copy.get(body, truth.began[body] if there else None)
+            if shown is None:
+                continue
+            error = 0.0 if shown == real else surface_error(real, shown, radius)
+            errors.append(error)
+            if tolerance and error > float(tolerance) + EXACT_M:
+                self.over.add((frame.tick, *body))
+        self.miscounted += len(errors) != frame.body_ticks
+        self.error_max_wrong += abs(max(errors, default=0.0) - frame.error_m_max) > 1e-6
+        self.errors += errors
+
+
+def read(path):
+    """Metadata by name, and every decoded message by topic."""
+    with open(path, "rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()], validate_crcs=True)
+        records = {record.name: record.metadata for record in reader.iter_metadata()}
+        topics = defaultdict(list)
+        for _, channel, message, decoded in reader.iter_decoded_messages():
+            if not channel.topic.endswith(("/moving", "/resting", "/static")):
+                topics[channel.topic].append((message.log_time, decoded))
+    return records, topics
+
+
+def gather(records, topics, load):
+    """The runs of a load with their messages."""
+    runs = []
+    for name, terms in records.items():
+        if not name.startswith("rhumb.run.") or terms["load"] != load:
+            continue
+        run = Run(terms)
+        base = f"/{load}/{terms['name']}"
+        run.stats = {stats.frame: stats for _, stats in topics[f"{base}/stats"]}
+        run.seen = {poses.frame: poses for _, poses in topics[f"{base}/seen"]}
+        run.breaches = {(b.tick, b.index, b.generation): b for _, b in topics[f"{base}/breaches"]}
+        for way in ("state-down", "state-up", "control-down", "control-up"):
+            for _, packet in topics[f"{base}/wire/{way}"]:
+                run.add_packet(packet)
+        runs.append(run)
+    return sorted(runs, key=lambda run: int(run.terms["place"]))
+
+
+def replay(topics, load, runs):
+    """Steps the engine's bodies and every copy side by side."""
+    truth = Truth()
+    for _, states in topics[f"/{load}/truth/state"]:
+        truth.step(states)
+        for run in runs:
+            run.follow(truth, states.tick)
+    return truth
+
+
+def worst_second(frames, rate, step_s, ticks):
+    """The greatest rate over any window of a second, or over the whole run if that is shorter."""
+    window = max(min(round(1.0 / step_s), ticks), 1)
+    worst, inside, oldest = 0.0, 0, 0
+    for frame in frames:
+        inside += rate(frame)
+        while frames[oldest].tick + window <= frame.tick:
+            inside -= rate(frames[oldest])
+            oldest += 1
+        worst = max(worst, inside * 8e-3 / (window * step_s))
+    return worst
+
+
+def check_costs(report, run, figures, header):
+    """Bytes, datagrams, rates and updates."""
+    terms, frames = run.terms, [run.stats[i] for i in range(len(run.stats))]
+    seconds = int(terms["ticks"]) * float(terms["step_s"])
+    down = lambda frame: frame.wire_bytes_down + header * frame.wire_datagrams_down
+    bytes_down = sum(map(down, frames))
+    payload, updates = sum(run.payload.values()), sum(frame.updates for frame in frames)
+    worst = worst_second(frames, down, float(terms["step_s"]), int(terms["ticks"]))
+    report.same("bytes_down", bytes_down, figures["bytes_down"])
+    up = sum(frame.wire_bytes_up + header * frame.wire_datagrams_up for frame in frames)
+    report.same("bytes_up", up, figures["bytes_up"])
+    report.same("payload_bytes_down", payload, figures["payload_bytes_down"])
+    report.same("datagrams_down", sum(f.wire_datagrams_down for f in frames), figures["datagrams_down"])
+    report.same("mean_kbps_down", bytes_down * 8e-3 / seconds, figures["mean_kbps_down"])
+    report.same("payload_kbps_down", payload * 8e-3 / seconds, figures["payload_kbps_down"])
+    report.same("worst_second_kbps_down", worst, figures["worst_second_kbps_down"])
+    report.same("updates", updates, figures["updates"])
+    bits = run.state_bytes * 8 / updates if updates else None
+    report.same("bits_per_update", bits, figures["bits_per_update"])
+    told = sum(frame.payload_bytes_down for frame in frames)
+    last = sum(count for frame, count in run.payload.items() if frame not in run.stats)
+    report.same("payload of the stats", told + last, payload)
+    join = {}
+    for way in ("down", "up"):
+        datagrams = int(terms[f"join_wire_datagrams_{way}"])
+        join[f"datagrams_{way}"] = datagrams
+        join[f"bytes_{way}"] = int(terms[f"join_wire_bytes_{way}"]) + header * datagrams
+    report.same("join", join, figures["join"])
+    steps = int(terms["step_ns_total"])
+    share = int(terms["publish_ns_total"]) / steps if steps else None
+    report.same("publish_share", share, figures["publish_share"])
+
+
+def check_fidelity(report, run, figures):
+    """Errors and breaches, from states and poses alone."""
+    errors = sorted(run.errors)
+    report.check(run.miscounted == 0, f"{run.miscounted} frames counted other bodies than the trace shows")
+    report.check(run.error_max_wrong == 0, f"{run.error_max_wrong} frames had another greatest error")
+    if errors:
+        for name, percent in (("p50", 50), ("p95", 95), ("p99", 99), ("max", 100)):
+            theirs = figures["surface_error_m"][name]
+            report.same(f"surface_error_m.{name}", rank(errors, percent), theirs, absolute=1e-6)
+    else:
+        report.same("surface_error_m", None, figures["surface_error_m"])
+    over = figures["over_tolerance"]
+    causes = Counter(CAUSES[breach.cause] for breach in run.breaches.values())
+    report.same("over_tolerance.count", len(run.breaches), over["count"])
+    report.same("over_tolerance.share", len(run.breaches) / max(len(errors), 1), over["share"])
+    for cause in CAUSES.values():
+        report.same(f"over_tolerance.by_cause.{cause}", causes[cause], over["by_cause"].get(cause))
+    # Either may round a body at the very edge to the other side.
+    tolerance = float(run.terms.get("tolerance_m", 0.0))
+    untold = run.over - run.breaches.keys()
+    report.check(not untold or max_excess(run, untold, tolerance) < 1e-6, f"{len(untold)} breaches are not told of")
+    wrong = [b for key, b in run.breaches.items() if b.error_m <= b.tolerance_m]
+    report.check(not wrong, f"{len(wrong)} breaches are none")
+    invented = [b for key, b in run.breaches.items() if key not in run.over and b.error_m > tolerance + EXACT_M + 1e-6]
+    report.check(not invented, f"{len(invented)} breaches are not in the poses")
+
+
+def max_excess(run, untold, tolerance):
+    """How far the worst of some breaches lies beyond the edge; large if it cannot be told."""
+    ticks = {key[0] for key in untold}
+    frames = [frame for frame in run.stats.values() if frame.tick in ticks]
+    return max((frame.error_m_max - tolerance - EXACT_M for frame in frames), default=math.inf)
+
+
+def check_times(report, run, figures):
+    """Frame and step times."""
+    terms = run.terms
+    times = sorted(frame.frame_ns for frame in run.stats.values())
+    mean = sum(times) / len(times)
+    report.same("frame_ms.p50", rank(times, 50) / 1e6, figures["frame_ms"]["p50"])
+    report.same("frame_ms.p99", rank(times, 99) / 1e6, figures["frame_ms"]["p99"])
+    report.same("frame_ms.mean", mean / 1e6, figures["frame_ms"]["mean"])
+    report.same("sim_fps", min(1e9 / mean, SIM_FPS_MAX), figures["sim_fps"])
+    for name in ("p50", "p99"):
+        report.same(f"step_ms.{name}", int(terms[f"step_ns_{name}"]) / 1e6, figures["step_ms"][name])
+
+
+def check_run(report, run, figures, header):
+    """Every figure of one run."""
+    terms = run.terms
+    for name in ("scene", "mode"):
+        report.same(name, terms[name], figures[name])
+    for name in ("bodies", "depth", "ticks"):
+        report.same(name, int(terms[name]), figures[name])
+    tolerance = terms.get("tolerance_m")
+    report.same("tolerance_m", None if tolerance is None else float(tolerance), figures["tolerance_m"])
+    report.same("truth_hash", terms["truth_hash"], figures["truth_hash"])
+    report.same("frames", int(terms["frames"]), len(run.stats))
+    report.check(run.next == len(run.stats), "some frames show a tick that the engine never reached")
+    if run.stats:
+        check_times(report, run, figures)
+    if terms["mode"] == "integrated":
+        for name in ("bytes_down", "bytes_up", "updates", "surface_error_m", "over_tolerance", "join", "link"):
+            report.same(name, None, figures[name])
+        return
+    report.same("link", terms["link"] or None, figures["link"])
+    check_costs(report, run, figures, header)
+    check_fidelity(report, run, figures)
+
+
+def check_truth(report, truth, record, runs):
+    """That the engine's states are all there, and are those of every run."""
+    report.check(truth.order, "a tick of the engine is missing")
+    report.same("ticks of the engine", truth.ticks - 1, int(record["ticks"]))
+    report.same("bodies placed", len(truth.terms), int(record["placed"]))
+    report.same("bodies removed", len(truth.removed), int(record["removed"]))
+    for run in runs:
+        report.same(f"truth of {run.terms['name']}", run.terms["truth_hash"], record["truth_hash"])
+    # What a free-running scene did was heard from its full stream, which does not say who fell asleep.
+    if any(run.terms["mode"] != "rhumb-free" for run in runs):
+        report.same("digest of the states", f"{truth.digest.state:016x}", record["truth_hash"])
+
+
+def main(trace, summary):
+    with open(summary, encoding="utf-8") as file:
+        figures = json.load(file)
+    records, topics = read(trace)
+    report, experiment = Report(), records["rhumb.experiment"]
+    report.where = "experiment"
+    for name in ("command", "machine"):
+        report.same(name, experiment[name], figures[name])
+    report.same("seed", experiment["seed"], str(figures["seed"]))
+    header, count = int(experiment["datagram_header_bytes"]), 0
+    for load in experiment["loads"].split():
+        runs = gather(records, topics, load)
+        truth = replay(topics, load, runs)
+        report.where = load
+        if runs:
+            check_truth(report, truth, records[f"rhumb.truth.{load}"], runs)
+        for run in runs:
+            report.where = f"{load} {run.terms['name']}"
+            check_run(report, run, figures["runs"][int(run.terms["place"])], header)
+        count += len(runs)
+    report.where = "experiment"
+    report.same("runs", count, len(figures["runs"]))
+    print(f"{report.passed} passed, {report.failed} failed")
+    return 1 if report.failed else 0
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit(__doc__)
+    sys.exit(main(sys.argv[1], sys.argv[2]))
