@@ -49,7 +49,7 @@ pub struct RunFigures {
     pub depth: u32,
     /// Promised surface error, metres; `null` for a mode that promises the bits.
     pub tolerance_m: Option<f64>,
-    /// The link between the processes; `null` without one.
+    /// The link that was pretended between the processes; `null` without one.
     pub link: Option<String>,
     /// Ticks that were run.
     pub ticks: u32,

@@ -3,7 +3,7 @@
 use plotters::style::RGBColor;
 
 use super::decimate::decimate;
-use super::plot::{Axis, Chart, Mark, Scale};
+use super::plot::{Axis, Chart, Mark, plain};
 use crate::record::{Load, Mode, Run};
 use crate::summary::{RunFigures, Summary, number, second_by_second};
 
@@ -31,16 +31,6 @@ fn remote(load: &Load) -> impl Iterator<Item = &Run> {
     load.runs
         .iter()
         .filter(|run| run.terms.mode != Mode::Integrated)
-}
-
-fn plain(value: f64) -> String {
-    let digits = (-value.abs().log10().floor()).clamp(0.0, 6.0) as usize;
-    let digits = if value == 0.0 || value.fract() == 0.0 {
-        0
-    } else {
-        digits
-    };
-    format!("{value:.digits$}")
 }
 
 /// Bandwidth over time of one load.
@@ -73,13 +63,8 @@ pub(super) fn bandwidth(load: &Load, figures: &[&RunFigures]) -> Figure {
         sentence,
         modes: curves.iter().map(|(mode, _)| *mode).collect(),
         svg: Chart {
-            x: Axis::linear(
-                "simulated time, s",
-                0.0,
-                every().map(|point| point.0),
-                plain,
-            ),
-            y: Axis::log("kbit/s down", rates, plain),
+            x: Axis::linear("simulated time, s", 0.0, every().map(|point| point.0)),
+            y: Axis::log("kbit/s down", rates),
             marks: lines(curves),
         }
         .svg(),
@@ -89,12 +74,23 @@ pub(super) fn bandwidth(load: &Load, figures: &[&RunFigures]) -> Figure {
 /// A rate below it is drawn at it: a packet a minute.
 const RATE_LEAST_KBPS: f64 = 0.1;
 
+/// Curves may lie on each other: what is drawn first is the wider.
 fn lines(curves: Vec<(Mode, Vec<(f64, f64)>)>) -> Vec<Mark> {
     let line = |(mode, points)| Mark::Line {
         color: color(mode),
+        width: if mode == Mode::Rhumb { 12 } else { 5 },
         points,
     };
     curves.into_iter().map(line).collect()
+}
+
+fn dot(mode: Mode, at: (f64, f64), label: String) -> Mark {
+    Mark::Dot {
+        color: color(mode),
+        radius: if mode == Mode::Rhumb { 16 } else { 9 },
+        at,
+        label,
+    }
 }
 
 /// How many body-ticks are farther off than a distance, against the tolerance.
@@ -109,8 +105,8 @@ pub(super) fn errors(load: &Load, figures: &[&RunFigures]) -> Figure {
     let lengths = every()
         .map(|point| point.0)
         .chain(tolerance_m.map(|m| m * 1e3));
-    let x = Axis::log("farther off than, mm", lengths, plain);
-    let y = Axis::log("% of body-ticks", shares.chain([100.0]), plain);
+    let x = Axis::log("farther off than, mm", lengths);
+    let y = Axis::log("% of body-ticks", shares.chain([100.0]));
     let mut marks = lines(curves.clone());
     marks.extend(tolerance_m.map(|m| Mark::Upright {
         at: m * 1e3,
@@ -137,7 +133,7 @@ pub(super) fn errors(load: &Load, figures: &[&RunFigures]) -> Figure {
     if !exact.is_empty() {
         let names: Vec<_> = exact.iter().map(|mode| mode.name()).collect();
         sentence.push_str(&format!(
-            " There is no curve for {}, which was exact to the bit.",
+            " There is no curve for {}, which was never off by more than a micrometre.",
             names.join(" and ")
         ));
     }
@@ -163,12 +159,12 @@ fn farther_off(run: &Run) -> Vec<(f64, f64)> {
         .last()
         .copied()
         .map(f64::from)
-        .filter(|worst| *worst > 0.0)
+        .filter(|worst| *worst > EXACT_M)
     else {
         return Vec::new();
     };
     let all = errors.len() as f64 + exact as f64;
-    let least = worst * 1e-4;
+    let least = (worst * 1e-4).max(EXACT_M);
     let columns = COLUMNS as f64;
     let mut points: Vec<_> = (0..COLUMNS)
         .map(|column| {
@@ -181,6 +177,9 @@ fn farther_off(run: &Run) -> Vec<(f64, f64)> {
     points.push((worst * 1e3, 100.0 / all));
     points
 }
+
+/// An f32 at a hundred metres is no finer: what is nearer is drawn as exact.
+const EXACT_M: f64 = 1e-6;
 
 /// Points of an error curve.
 const COLUMNS: u32 = 400;
@@ -201,12 +200,8 @@ pub(super) fn frame_times(loads: &[Load], summary: &Summary) -> Figure {
             .map(|(bodies, ms)| (bodies, ms.p50))
             .collect();
         medians.sort_by(|a, b| a.0.total_cmp(&b.0));
-        marks.extend(medians.iter().map(|at| Mark::Dot {
-            color: color(*mode),
-            at: *at,
-            label: String::new(),
-        }));
-        marks.extend(lines(vec![(*mode, medians)]));
+        marks.extend(lines(vec![(*mode, medians.clone())]));
+        marks.extend(medians.iter().map(|at| dot(*mode, *at, String::new())));
     }
     let every = || modes.iter().flat_map(|mode| of_mode(*mode));
     let most = every().map(|point| point.0).fold(1.0, f64::max);
@@ -214,8 +209,8 @@ pub(super) fn frame_times(loads: &[Load], summary: &Summary) -> Figure {
         title: "Frame time against bodies".to_owned(),
         sentence: frame_sentence(summary),
         svg: Chart {
-            x: Axis::linear("bodies", 0.0, [most * 1.1].into_iter(), plain),
-            y: Axis::log("median frame, ms", every().map(|(_, ms)| ms.p50), plain),
+            x: Axis::linear("bodies", 0.0, [most * 1.1].into_iter()),
+            y: Axis::log("median frame, ms", every().map(|(_, ms)| ms.p50)),
             marks,
         }
         .svg(),
@@ -257,39 +252,25 @@ pub(super) fn points(loads: &[Load], summary: &Summary) -> Figure {
         .iter()
         .filter_map(|run| Some((run, run.mean_kbps_down?, run.surface_error_m?.p99 * 1e3)))
         .collect();
-    let errors = shown
-        .iter()
-        .map(|(.., error)| *error)
-        .filter(|error| *error > 0.0);
-    let y = Axis {
-        // A decade lower, where the exact ones lie.
-        from: Axis::log("", errors.clone(), plain).from / 10.0,
-        ..Axis::log("99th percentile of error, mm", errors, plain)
-    };
+    let errors = shown.iter().map(|(.., error)| error.max(EXACT_M * 1e3));
+    let rates = shown.iter().map(|(_, kbps, _)| *kbps);
     let marks = modes_of(loads)
         .iter()
         .flat_map(|mode| {
             let runs = shown.iter().filter(|(run, ..)| run.mode == mode.name());
-            runs.map(|(run, kbps, error)| Mark::Dot {
-                color: color(*mode),
-                at: (*kbps, *error),
-                label: run.bodies.to_string(),
-            })
-            .collect::<Vec<_>>()
+            runs.map(|(run, kbps, error)| dot(*mode, (*kbps, *error), run.bodies.to_string()))
+                .collect::<Vec<_>>()
         })
         .collect();
     Figure {
         title: "What exactness costs".to_owned(),
         sentence: "Nearer to the lower left corner is better: fewer bytes, smaller errors. Each point is a run, its \
-                   number the bodies; points on the lower edge are exact in 99 of 100 body-ticks."
+                   number the bodies; points on the lower edge are exact."
             .to_owned(),
         modes: modes_of(loads).into_iter().filter(|mode| *mode != Mode::Integrated).collect(),
         svg: Chart {
-            x: Axis {
-                scale: Scale::Log,
-                ..Axis::log("kbit/s down", shown.iter().map(|(_, kbps, _)| *kbps), plain)
-            },
-            y,
+            x: Axis::log("kbit/s down", rates),
+            y: Axis::log("99th percentile of error, mm", errors),
             marks,
         }
         .svg(),

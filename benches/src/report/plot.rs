@@ -21,7 +21,6 @@ pub(super) struct Axis {
     pub(super) scale: Scale,
     pub(super) from: f64,
     pub(super) to: f64,
-    pub(super) format: fn(f64) -> String,
 }
 
 /// How values lie along an axis.
@@ -36,12 +35,14 @@ pub(super) enum Scale {
 pub(super) enum Mark {
     Line {
         color: RGBColor,
+        width: u32,
         points: Vec<(f64, f64)>,
     },
-    /// A thin line across the chart with a word at its top.
+    /// A thin line across the chart with a word at its foot.
     Upright { at: f64, label: String },
     Dot {
         color: RGBColor,
+        radius: i32,
         at: (f64, f64),
         label: String,
     },
@@ -58,11 +59,7 @@ const LETTERS: i32 = 32;
 
 impl Axis {
     /// Powers of ten around all values, and at least one decade.
-    pub(super) fn log(
-        title: &str,
-        values: impl Iterator<Item = f64>,
-        format: fn(f64) -> String,
-    ) -> Self {
+    pub(super) fn log(title: &str, values: impl Iterator<Item = f64>) -> Self {
         let positive = values.filter(|value| *value > 0.0 && value.is_finite());
         let (least, most) = positive.fold((f64::MAX, 0.0_f64), |(least, most), value| {
             (least.min(value), most.max(value))
@@ -79,30 +76,32 @@ impl Axis {
             scale: Scale::Log,
             from: 10_f64.powf(low),
             to: 10_f64.powf(high),
-            format,
         }
     }
 
     /// From `from` to the greatest value.
-    pub(super) fn linear(
-        title: &str,
-        from: f64,
-        values: impl Iterator<Item = f64>,
-        format: fn(f64) -> String,
-    ) -> Self {
+    pub(super) fn linear(title: &str, from: f64, values: impl Iterator<Item = f64>) -> Self {
         let most = values.fold(from, f64::max);
         Self {
             title: title.to_owned(),
             scale: Scale::Linear,
             from,
             to: if most > from { most } else { from + 1.0 },
-            format,
         }
     }
 
     /// The value, or the nearest that the axis has.
     fn clamp(&self, value: f64) -> f64 {
         value.clamp(self.from, self.to)
+    }
+
+    /// How far along the axis a value lies, from 0 to 1.
+    fn share(&self, value: f64) -> f64 {
+        let value = self.clamp(value);
+        match self.scale {
+            Scale::Linear => (value - self.from) / (self.to - self.from),
+            Scale::Log => (value / self.from).ln() / (self.to / self.from).ln(),
+        }
     }
 
     /// One for each power of ten, or about six.
@@ -156,34 +155,56 @@ impl Chart {
             .y_desc(&self.y.title)
             .x_labels(self.x.labels())
             .y_labels(self.y.labels())
-            .x_label_formatter(&|value| (self.x.format)(*value))
-            .y_label_formatter(&|value| (self.y.format)(*value))
+            .x_label_formatter(&|value| plain(*value))
+            .y_label_formatter(&|value| plain(*value))
             .draw()?;
         let within = |(x, y): (f64, f64)| (self.x.clamp(x), self.y.clamp(y));
         for mark in &self.marks {
             match mark {
-                Mark::Line { color, points } => {
+                Mark::Line {
+                    color,
+                    width,
+                    points,
+                } => {
                     let points = points.iter().copied().map(within);
-                    chart.draw_series(LineSeries::new(points, color.stroke_width(4)))?;
+                    chart.draw_series(LineSeries::new(points, color.stroke_width(*width)))?;
                 }
                 Mark::Upright { at, label } => {
                     let ends = [(*at, self.y.from), (*at, self.y.to)].map(within);
                     chart.draw_series(LineSeries::new(ends, INK.stroke_width(2)))?;
-                    let word = words.clone().pos(Pos::new(HPos::Left, VPos::Top));
-                    let text = EmptyElement::at(ends[1]) + Text::new(label.clone(), (10, 4), word);
+                    // On the side that has room for it.
+                    let (side, aside) = if self.x.share(*at) > 0.5 {
+                        (HPos::Right, -12)
+                    } else {
+                        (HPos::Left, 12)
+                    };
+                    let word = words.clone().pos(Pos::new(side, VPos::Bottom));
+                    let low = (ends[0].0, self.y.from);
+                    let text = EmptyElement::at(low) + Text::new(label.clone(), (aside, -12), word);
                     chart.draw_series([text])?;
                 }
-                Mark::Dot { color, at, label } => {
+                Mark::Dot {
+                    color,
+                    radius,
+                    at,
+                    label,
+                } => {
                     let word = words.clone().pos(Pos::new(HPos::Left, VPos::Center));
                     let dot = EmptyElement::at(within(*at))
-                        + Circle::new((0, 0), 10, color.filled())
-                        + Text::new(label.clone(), (18, 0), word);
+                        + Circle::new((0, 0), *radius, color.filled())
+                        + Text::new(label.clone(), (24, 0), word);
                     chart.draw_series([dot])?;
                 }
             }
         }
         root.present()
     }
+}
+
+/// A number with up to six digits after the point, as few as will do.
+pub(super) fn plain(value: f64) -> String {
+    let text = format!("{value:.6}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
 type Area<'t> = DrawingArea<SVGBackend<'t>, Shift>;
@@ -195,10 +216,19 @@ mod tests {
 
     #[test]
     fn a_log_axis_ends_at_powers_of_ten() {
-        let axis = Axis::log("x", [0.0, 0.03, 700.0].into_iter(), |x| x.to_string());
+        let axis = Axis::log("x", [0.0, 0.03, 700.0].into_iter());
         assert!((axis.from - 0.01).abs() < 1e-12 && (axis.to - 1_000.0).abs() < 1e-9);
         assert_eq!(axis.labels(), 6);
-        let none = Axis::log("x", std::iter::empty(), |x| x.to_string());
+        let none = Axis::log("x", std::iter::empty());
         assert_eq!((none.from, none.to), (1.0, 10.0));
+        assert!((axis.share(0.1) - 0.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_label_has_no_digit_too_many() {
+        assert_eq!(
+            [0.001, 50.0, 0.1, 100.0 / 3.0].map(plain),
+            ["0.001", "50", "0.1", "33.333333"]
+        );
     }
 }

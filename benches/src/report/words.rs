@@ -4,6 +4,7 @@
 
 use std::fmt::Write as _;
 
+use super::plot::plain;
 use crate::record::{Experiment, Mode};
 use crate::summary::{RunFigures, Summary, number};
 
@@ -46,12 +47,12 @@ pub(super) fn what_was_run(experiment: &Experiment) -> String {
          true it is.",
         first.scene,
         first.ticks,
-        number(Some(f64::from(first.ticks) * first.step_s)),
-        number(Some(1.0 / first.step_s)),
+        plain(f64::from(first.ticks) * first.step_s),
+        plain(1.0 / first.step_s),
         spoken(&loads),
     );
     if let Some(tolerance_m) = tolerance {
-        let millimetres = number(Some(tolerance_m * 1e3));
+        let millimetres = plain(tolerance_m * 1e3);
         let _ = write!(
             text,
             " Rhumb promised that no point of any body is ever farther off than {millimetres} mm."

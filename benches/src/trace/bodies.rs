@@ -109,6 +109,8 @@ pub(super) struct Happened<'a> {
     pub(super) observed: &'a [Observation],
     pub(super) placed: &'a [Placed],
     pub(super) removed: &'a [(Tick, BodyId)],
+    /// Whether one that nobody moves is among those that came or went.
+    pub(super) statics_changed: bool,
 }
 
 impl<'a> TruthBodies<'a> {
@@ -138,12 +140,15 @@ impl<'a> TruthBodies<'a> {
         }
         let removed = &truth.removed[self.removed..];
         let removed = &removed[..removed.partition_point(|(when, _)| *when <= tick)];
+        let mut statics_changed = false;
         for (_, id) in removed {
+            statics_changed |= self.bodies.find(*id).is_some_and(Body::is_static);
             self.bodies.remove(*id);
         }
         let placed = &truth.placed[self.placed..];
         let placed = &placed[..placed.partition_point(|placed| placed.tick <= tick)];
         for placed in placed {
+            statics_changed |= placed.terms.kind == BodyKind::Static;
             self.bodies.place(placed);
         }
         self.removed += removed.len();
@@ -152,6 +157,7 @@ impl<'a> TruthBodies<'a> {
             observed,
             placed,
             removed,
+            statics_changed,
         }
     }
 }
@@ -179,11 +185,13 @@ impl<'a> CopiedBodies<'a> {
         }
     }
 
-    /// Takes in what a frame showed. A body that was placed before its tick and not mentioned is where it was placed.
+    /// Takes in what a frame showed. A body that was placed at tick 0 or before the frame's tick, and was
+    /// never mentioned, is where it was placed.
     pub(super) fn show(&mut self, frame: &Frame) {
         let truth = self.truth;
         let placed = &truth.placed[self.placed..];
-        let placed = &placed[..placed.partition_point(|placed| placed.tick < frame.tick)];
+        let placed = &placed[..placed
+            .partition_point(|placed| placed.tick == Tick::ZERO || placed.tick < frame.tick)];
         self.placed += placed.len();
         for placed in placed {
             self.bodies.place(placed);

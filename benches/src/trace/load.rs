@@ -84,10 +84,8 @@ impl<'a> TruthTopics<'a> {
 
     fn write<W: Write + Seek>(&mut self, file: &mut File<W>, tick: Tick) -> Result<(), McapError> {
         let at_ns = self.time.at_ns(tick.value());
-        let statics = count_statics(&self.bodies.bodies);
         let happened = self.bodies.step(tick);
-        self.statics_changed |=
-            statics != count_statics(&self.bodies.bodies) || !happened.removed.is_empty();
+        self.statics_changed |= happened.statics_changed;
         let states = States::of(tick, happened.observed, happened.placed, happened.removed);
         file.put(&mut self.state, at_ns, &states)?;
         let due = self
@@ -112,10 +110,6 @@ impl<'a> TruthTopics<'a> {
         }
         Ok(())
     }
-}
-
-fn count_statics(bodies: &Bodies<'_>) -> usize {
-    bodies.iter().filter(|body| body.is_static()).count()
 }
 
 fn draw_statics(at_ns: u64, bodies: &Bodies<'_>) -> SceneUpdate {
