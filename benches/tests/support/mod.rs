@@ -1,0 +1,250 @@
+//! A small experiment whose every figure can be worked out by hand.
+//!
+//! Four ticks of a tenth of a second: a static floor, a ball that falls for all of them, a capsule that falls asleep at
+//! tick 2, and a cylinder that is placed at tick 1 and removed at tick 3.
+
+use bytes::Bytes;
+use glam::Vec3;
+use rhumb_bench::record::{
+    Breach, Cause, Experiment, Frame, JoinCost, Load, Mode, Passed, Placed, Run, RunTerms, Seen,
+    Truth, Way,
+};
+use rhumb_protocol::scene::{BodyKind, BodyTerms, Shape, ShapeId};
+use rhumb_protocol::stream::{Activity, Observation};
+use rhumb_reckoning::{BodyId, Tick, Verbatim};
+
+const FLOOR: BodyId = BodyId::new(0, 0);
+const BALL: BodyId = BodyId::new(1, 0);
+const CAPSULE: BodyId = BodyId::new(2, 3);
+const CYLINDER: BodyId = BodyId::new(3, 0);
+const TICKS: u32 = 4;
+const STEP_S: f64 = 0.1;
+const TOLERANCE_M: f64 = 0.05;
+
+const UPRIGHT: [f32; 4] = [0.0, 0.0, 0.0, 1.0];
+
+/// A body's state, upright, with a velocity that only has to survive.
+fn observation(id: BodyId, position: [f32; 3], activity: Activity) -> Observation {
+    let motion = Verbatim::new(position, UPRIGHT, [0.0, -1.0, 0.0], [0.25, 0.0, -0.0]);
+    Observation {
+        id,
+        motion: motion.expect("the motions of this experiment are finite"),
+        activity,
+    }
+}
+
+fn placed(tick: u64, id: BodyId, kind: BodyKind, shape: Shape, position: [f32; 3]) -> Placed {
+    Placed {
+        tick: Tick::new(tick),
+        terms: BodyTerms::plain(id, kind, ShapeId(id.index())),
+        shape,
+        observation: observation(id, position, Activity::Awake),
+    }
+}
+
+/// Height of the ball after a tick.
+fn ball_at(tick: u64) -> [f32; 3] {
+    [0.0, 10.0 - tick as f32, 0.0]
+}
+
+fn truth() -> Truth {
+    let floor = Shape::Cuboid {
+        half_extents: Vec3::new(50.0, 0.5, 50.0),
+    };
+    let capsule = Shape::Capsule {
+        half_height: 1.0,
+        radius: 0.5,
+    };
+    let cylinder = Shape::Cylinder {
+        half_height: 0.75,
+        radius: 1.0,
+    };
+    let mut ticks: Vec<Vec<_>> = (1..=u64::from(TICKS))
+        .map(|tick| vec![observation(BALL, ball_at(tick), Activity::Awake)])
+        .collect();
+    ticks[0].push(observation(CAPSULE, [5.0, 1.6, 0.0], Activity::Awake));
+    ticks[1].push(observation(CAPSULE, [5.0, 1.5, 0.0], Activity::Asleep));
+    ticks[1].push(observation(CYLINDER, [-5.0, 7.0, 0.0], Activity::Awake));
+    ticks[2].push(observation(CYLINDER, [-5.0, 6.0, 0.0], Activity::Awake));
+    Truth {
+        placed: vec![
+            placed(0, FLOOR, BodyKind::Static, floor, [0.0, -0.5, 0.0]),
+            placed(
+                0,
+                BALL,
+                BodyKind::Dynamic,
+                Shape::Ball { radius: 0.5 },
+                ball_at(0),
+            ),
+            placed(0, CAPSULE, BodyKind::Dynamic, capsule, [5.0, 2.0, 0.0]),
+            placed(1, CYLINDER, BodyKind::Dynamic, cylinder, [-5.0, 8.0, 0.0]),
+        ],
+        removed: vec![(Tick::new(3), CYLINDER)],
+        ticks,
+        digest: 0x0123_4567_89ab_cdef,
+    }
+}
+
+fn terms(mode: Mode) -> RunTerms {
+    RunTerms {
+        scene: "fall".to_owned(),
+        bodies: 3,
+        mode,
+        depth: 0,
+        tolerance_m: (mode == Mode::Rhumb).then_some(TOLERANCE_M),
+        link: if mode == Mode::Integrated {
+            "none"
+        } else {
+            "perfect"
+        }
+        .to_owned(),
+        seed: 7,
+        step_s: STEP_S,
+        ticks: TICKS,
+    }
+}
+
+fn run(mode: Mode, frames: Vec<Frame>) -> Run {
+    Run {
+        terms: terms(mode),
+        truth_digest: 0x0123_4567_89ab_cdef,
+        frames,
+        passed: Vec::new(),
+        join: JoinCost::default(),
+        breaches: Vec::new(),
+        step_ns_p50: 1_000_000,
+        step_ns_p99: 3_000_000,
+        step_ns_total: 4_000_000,
+        publish_ns_total: 0,
+    }
+}
+
+fn seen(id: BodyId, position: [f32; 3], resting: bool) -> Seen {
+    Seen {
+        id,
+        position,
+        rotation: UPRIGHT,
+        resting,
+    }
+}
+
+/// What both remote modes show of capsule and cylinder: the truth.
+fn bystanders(tick: u64) -> (Vec<Seen>, Vec<BodyId>) {
+    match tick {
+        1 => (vec![seen(CAPSULE, [5.0, 1.6, 0.0], false)], Vec::new()),
+        2 => (
+            vec![
+                seen(CAPSULE, [5.0, 1.5, 0.0], true),
+                seen(CYLINDER, [-5.0, 7.0, 0.0], false),
+            ],
+            Vec::new(),
+        ),
+        3 => (vec![seen(CYLINDER, [-5.0, 6.0, 0.0], false)], Vec::new()),
+        _ => (Vec::new(), vec![CYLINDER]),
+    }
+}
+
+fn integrated() -> Run {
+    let frame = |tick| Frame {
+        tick: Tick::new(tick),
+        frame_ns: tick * 1_000_000,
+        ..Frame::default()
+    };
+    run(Mode::Integrated, (1..=4).map(frame).collect())
+}
+
+fn naive() -> Run {
+    let frame = |tick| {
+        let (mut seen_now, gone) = bystanders(tick);
+        seen_now.push(seen(BALL, ball_at(tick), false));
+        Frame {
+            tick: Tick::new(tick),
+            frame_ns: 5_000_000,
+            wire_bytes_down: 1_000,
+            wire_datagrams_down: 1,
+            wire_bytes_up: 50,
+            wire_datagrams_up: 1,
+            updates: 3,
+            seen: seen_now,
+            gone,
+            errors_m: Vec::new(),
+            exact: if tick == 1 || tick == 4 { 2 } else { 3 },
+        }
+    };
+    let mut run = run(Mode::Naive, (1..=4).map(frame).collect());
+    run.passed = (0..4)
+        .map(|frame| Passed {
+            frame,
+            way: Way::StateDown,
+            bytes: Bytes::from(vec![frame as u8; 900]),
+        })
+        .collect();
+    run
+}
+
+/// How far beside the ball its copy is at each tick, metres.
+const RHUMB_ERRORS: [f32; 4] = [0.0, 0.015625, 0.03125, 0.0625];
+
+fn rhumb() -> Run {
+    let frame = |tick: u64| {
+        let error = RHUMB_ERRORS[tick as usize - 1];
+        let [x, y, z] = ball_at(tick);
+        let (mut seen_now, gone) = bystanders(tick);
+        seen_now.push(seen(BALL, [x + error, y, z], false));
+        let bodies = if tick == 1 || tick == 4 { 2 } else { 3 };
+        Frame {
+            tick: Tick::new(tick),
+            frame_ns: [2_000_000, 2_000_000, 4_000_000, 12_000_000][tick as usize - 1],
+            wire_bytes_down: [300, 100, 0, 100][tick as usize - 1],
+            wire_datagrams_down: [2, 1, 0, 1][tick as usize - 1],
+            wire_bytes_up: 40,
+            wire_datagrams_up: 1,
+            updates: [3, 1, 0, 1][tick as usize - 1],
+            seen: seen_now,
+            gone,
+            errors_m: if error > 0.0 { vec![error] } else { Vec::new() },
+            exact: if error > 0.0 { bodies - 1 } else { bodies },
+        }
+    };
+    let mut run = run(Mode::Rhumb, (1..=4).map(frame).collect());
+    let passed = |frame, way, length: usize| Passed {
+        frame,
+        way,
+        bytes: Bytes::from(vec![0xa5; length]),
+    };
+    run.passed = vec![
+        passed(0, Way::StateDown, 100),
+        passed(0, Way::ControlDown, 30),
+        passed(0, Way::ControlUp, 20),
+        passed(1, Way::StateDown, 40),
+        passed(3, Way::StateUp, 12),
+        passed(3, Way::StateDown, 60),
+    ];
+    run.join = JoinCost {
+        wire_bytes_down: 4_000,
+        wire_datagrams_down: 5,
+        wire_bytes_up: 2_000,
+        wire_datagrams_up: 4,
+    };
+    run.breaches = vec![Breach {
+        tick: Tick::new(4),
+        id: BALL,
+        error_m: 0.0625,
+        tolerance_m: TOLERANCE_M,
+        cause: Cause::Loss,
+    }];
+    run.publish_ns_total = 1_000_000;
+    run
+}
+
+pub(crate) fn experiment() -> Experiment {
+    Experiment {
+        command: "rhumb-bench evaluate --scene <fall>".to_owned(),
+        seed: 7,
+        machine: "a machine, 2 cores".to_owned(),
+        loads: vec![Load {
+            truth: truth(),
+            runs: vec![integrated(), naive(), rhumb()],
+        }],
+    }
+}
