@@ -4,13 +4,15 @@
 //! delays round up to the timer's millisecond. Clients and what waits for them are bounded.
 
 use std::fmt;
-use std::io;
+use std::io::{self, IoSliceMut};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use bytes::Bytes;
+use quinn::udp::{RecvMeta, UdpSocketState};
+use tokio::io::Interest;
 use tokio::net::UdpSocket;
 use tokio::sync::{mpsc, oneshot};
 use tokio::time::sleep;
@@ -71,12 +73,11 @@ impl UdpRelay {
     ) -> Result<Self, RelayError> {
         let address = |cause| RelayError::Address { listen, cause };
         let front = socket::bind(listen).map_err(address)?;
-        front.set_nonblocking(true).map_err(address)?;
         let local_addr = front.local_addr().map_err(address)?;
         let runtime = socket::runtime().map_err(RelayError::Thread)?;
         let front = {
             let _inside = runtime.enter();
-            UdpSocket::from_std(front).map_err(address)?
+            Socket::new(front).map_err(address)?
         };
         let lines = Lines::default();
         let (end, ended) = oneshot::channel();
@@ -153,12 +154,12 @@ impl Lines {
 /// The thread's side.
 struct Relay {
     clock: Clock,
-    front: UdpSocket,
+    front: Socket,
     server: SocketAddr,
     terms: LinkTerms,
     seed: u64,
     /// Each client's socket towards the server, as `lines`.
-    backs: Vec<Arc<UdpSocket>>,
+    backs: Vec<Arc<Socket>>,
     lines: Lines,
 }
 
@@ -185,9 +186,11 @@ impl Relay {
             let wait = self.next_wait();
             tokio::select! {
                 _ = &mut ended => return,
-                heard = self.front.recv_from(&mut buffer) => {
-                    if let Ok((bytes_len, client)) = heard {
-                        self.take_up(client, Bytes::copy_from_slice(&buffer[..bytes_len]), &returns).await;
+                heard = self.front.recv(&mut buffer) => {
+                    if let Ok(meta) = heard {
+                        for bytes in datagrams(&buffer, &meta) {
+                            self.take_up(meta.addr, bytes, &returns).await;
+                        }
                     }
                 }
                 Some(Returned { index, bytes }) = returned.recv() => {
@@ -248,9 +251,8 @@ impl Relay {
             SocketAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
         };
         let back = socket::bind(SocketAddr::new(any, 0))?;
-        back.set_nonblocking(true)?;
-        let back = Arc::new(UdpSocket::from_std(back)?);
-        back.connect(self.server).await?;
+        let back = Arc::new(Socket::new(back)?);
+        back.socket.connect(self.server).await?;
         // Ends with the runtime, when the relay does.
         tokio::spawn(read_back(Arc::clone(&back), index, returns.clone()));
         self.backs.push(back);
@@ -268,10 +270,10 @@ impl Relay {
         for (index, back) in self.backs.iter().enumerate() {
             while let Some(bytes) = self.due(index, Direction::Up) {
                 // A full or refusing socket loses the datagram, as a network may.
-                let _ = back.send(&bytes.1).await;
+                let _ = back.socket.send(&bytes.1).await;
             }
             while let Some((client, bytes)) = self.due(index, Direction::Down) {
-                let _ = self.front.send_to(&bytes, client).await;
+                let _ = self.front.socket.send_to(&bytes, client).await;
             }
         }
     }
@@ -288,14 +290,49 @@ impl Relay {
     }
 }
 
-async fn read_back(back: Arc<UdpSocket>, index: usize, returns: mpsc::Sender<Returned>) {
+/// A socket that knows when the system hands over several datagrams in one piece, as loopback does with segmented ones.
+struct Socket {
+    socket: UdpSocket,
+    state: UdpSocketState,
+}
+
+impl Socket {
+    fn new(socket: std::net::UdpSocket) -> io::Result<Self> {
+        let state = UdpSocketState::new((&socket).into())?;
+        let socket = UdpSocket::from_std(socket)?;
+        Ok(Self { socket, state })
+    }
+
+    /// One piece: datagrams of one sender, all of `stride` bytes but the last.
+    async fn recv(&self, buffer: &mut [u8]) -> io::Result<RecvMeta> {
+        let receive = || {
+            let mut meta = [RecvMeta::default()];
+            let mut pieces = [IoSliceMut::new(buffer)];
+            self.state
+                .recv((&self.socket).into(), &mut pieces, &mut meta)?;
+            Ok(meta[0])
+        };
+        self.socket.async_io(Interest::READABLE, receive).await
+    }
+}
+
+/// The datagrams of one piece.
+fn datagrams<'a>(buffer: &'a [u8], meta: &RecvMeta) -> impl Iterator<Item = Bytes> + use<'a> {
+    let stride = meta.stride.max(1);
+    buffer[..meta.len]
+        .chunks(stride)
+        .map(Bytes::copy_from_slice)
+}
+
+async fn read_back(back: Arc<Socket>, index: usize, returns: mpsc::Sender<Returned>) {
     let mut buffer = vec![0; DATAGRAM_BYTES_MAX];
     loop {
         match back.recv(&mut buffer).await {
-            Ok(bytes_len) => {
-                let bytes = Bytes::copy_from_slice(&buffer[..bytes_len]);
-                if returns.send(Returned { index, bytes }).await.is_err() {
-                    return;
+            Ok(meta) => {
+                for bytes in datagrams(&buffer, &meta) {
+                    if returns.send(Returned { index, bytes }).await.is_err() {
+                        return;
+                    }
                 }
             }
             // The server's port is closed for now; it may open again.
