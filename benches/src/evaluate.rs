@@ -1,99 +1,295 @@
 //! `rhumb-bench evaluate`: runs the modes, shows progress, writes what was measured.
+//!
+//! Measures nothing itself. What is written first is kept when what is written later fails.
 
+use std::fmt;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rhumb_reckoning::{Metres, Tolerance};
+use rhumb_server::{RunError, run_on_core};
 use rhumb_transport::LinkTerms;
 
-use crate::drive::{Cores, Plan, run_side_by_side};
-use crate::record::Mode;
+use crate::drive::{Cores, DriveError, Plan, run_free, run_side_by_side};
+use crate::machine;
+use crate::record::{Experiment, Load, Mode};
+use crate::report;
+use crate::summary::Summary;
+use crate::trace::{self, TraceError, TraceOptions};
 
 /// What to run, and where to write it.
 #[derive(Clone, Debug, Args)]
 pub struct Evaluate {
+    /// Which script: ball-pit, free-fall or zoo.
     #[arg(long, default_value = "ball-pit")]
     scene: String,
-    #[arg(long, value_delimiter = ',', default_value = "500")]
+    /// How many bodies; several loads are run one after the other.
+    #[arg(long, value_delimiter = ',', default_value = "500,1000,2000", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     bodies: Vec<u32>,
-    #[arg(long, default_value_t = 10.0)]
+    /// Which modes to run side by side.
+    #[arg(long, value_delimiter = ',', default_values_t = [ModeName::Integrated, ModeName::Naive, ModeName::Rhumb, ModeName::RhumbPipelined])]
+    modes: Vec<ModeName>,
+    /// Simulated seconds.
+    #[arg(long, default_value = "10", value_parser = seconds)]
     seconds: f64,
-    #[arg(long, default_value_t = 0.05)]
-    tolerance: f64,
+    /// How far off a copied body may be, metres.
+    #[arg(long, default_value = "0.05", value_parser = tolerance)]
+    tolerance: Tolerance,
+    /// Seed of the script and of the pretended link.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// The link between the processes, such as rtt=100ms,loss=5%,jitter=10ms.
     #[arg(long, default_value_t = LinkTerms::PERFECT)]
     link: LinkTerms,
+    /// Folder for summary.json, report.html, trace.mcap and its layout; made if it is not there.
+    #[arg(long, default_value = "results")]
+    out: PathBuf,
+    /// Write no trace.
+    #[arg(long)]
+    no_trace: bool,
+    /// Let the system choose the cores instead of keeping servers apart from their caller.
+    #[arg(long)]
+    no_pin: bool,
 }
 
-/// Runs it.
-pub fn evaluate(a: &Evaluate) -> ExitCode {
-    for bodies in &a.bodies {
-        let plan = Plan {
-            scene: a.scene.clone(),
-            bodies: *bodies,
-            seed: a.seed,
-            ticks: (a.seconds * 60.0) as u32,
-            tolerance: Tolerance::from_metres(Metres::new(a.tolerance)).expect("x"),
-            link: a.link,
-            modes: vec![
-                Mode::Integrated,
-                Mode::Naive,
-                Mode::Rhumb,
-                Mode::RhumbPipelined,
-            ],
-            cores: Cores { server: Some(1) },
-        };
-        let load = match run_side_by_side(&plan, &mut |_| {}) {
-            Ok(load) => load,
-            Err(e) => {
-                eprintln!("{e}");
-                return ExitCode::FAILURE;
-            }
-        };
-        for run in &load.runs {
-            let down: u64 = run
-                .frames
-                .iter()
-                .map(|f| f.wire_bytes_down + 28 * f.wire_datagrams_down)
-                .sum();
-            let dg: u64 = run.frames.iter().map(|f| f.wire_datagrams_down).sum();
-            let first5: u64 = run
-                .frames
-                .iter()
-                .take(300)
-                .map(|f| f.wire_bytes_down + 28 * f.wire_datagrams_down)
-                .sum();
-            let upd: u64 = run.frames.iter().map(|f| f.updates).sum();
-            let upd5: u64 = run.frames.iter().take(300).map(|f| f.updates).sum();
-            let state: usize = run
-                .passed
-                .iter()
-                .filter(|p| p.way == crate::record::Way::StateDown)
-                .map(|p| p.bytes.len())
-                .sum();
-            let mut ft: Vec<u64> = run.frames.iter().map(|f| f.frame_ns).collect();
-            ft.sort_unstable();
-            let max = run
-                .frames
-                .iter()
-                .flat_map(|f| f.errors_m.last())
-                .fold(0f32, |a, b| a.max(*b));
-            eprintln!(
-                "{:16} {:5} down {down:9} first5 {first5:8} dg {dg:6} state {state:8} upd {upd:6} upd5 {upd5} bits/upd {:.1} frame p50 {:.3} ms p99 {:.3} mean {:.3} step p50 {:.3} publish {:.3} breaches {} max {max:.4} truth {:016x} join {:?}",
-                run.terms.mode.name(),
-                bodies,
-                state as f64 * 8.0 / upd.max(1) as f64,
-                ft[ft.len() / 2] as f64 / 1e6,
-                ft[ft.len() * 99 / 100] as f64 / 1e6,
-                ft.iter().sum::<u64>() as f64 / ft.len() as f64 / 1e6,
-                run.step_ns_p50 as f64 / 1e6,
-                run.publish_ns_total as f64 / run.step_ns_total as f64,
-                run.breaches.len(),
-                run.truth_digest,
-                run.join
-            );
+/// A mode as it is named on the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum ModeName {
+    /// Stepped in the caller's own thread.
+    Integrated,
+    /// A server that sends everything.
+    Naive,
+    /// The reckoned stream, lockstep.
+    Rhumb,
+    /// The reckoned stream, one tick behind.
+    RhumbPipelined,
+    /// The reckoned stream of a server that runs by its own clock, in real time.
+    RhumbFree,
+}
+
+impl ModeName {
+    const fn mode(self) -> Mode {
+        match self {
+            Self::Integrated => Mode::Integrated,
+            Self::Naive => Mode::Naive,
+            Self::Rhumb => Mode::Rhumb,
+            Self::RhumbPipelined => Mode::RhumbPipelined,
+            Self::RhumbFree => Mode::RhumbFree,
         }
     }
-    ExitCode::SUCCESS
+}
+
+impl fmt::Display for ModeName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.mode().fmt(f)
+    }
+}
+
+/// Longest run that is kept in memory: an hour.
+const SECONDS_MAX: f64 = 3_600.0;
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if (0.1..=SECONDS_MAX).contains(&value) {
+        Ok(value)
+    } else {
+        Err(format!("must lie between 0.1 and {SECONDS_MAX} seconds"))
+    }
+}
+
+fn tolerance(text: &str) -> Result<Tolerance, String> {
+    let value: f64 = text
+        .parse()
+        .map_err(|_| "not a number of metres".to_owned())?;
+    Tolerance::from_metres(Metres::new(value)).map_err(|error| error.to_string())
+}
+
+/// Why an evaluation did not come to its end.
+#[derive(Debug)]
+enum EvaluateError {
+    /// A run failed.
+    Drive(DriveError),
+    /// The cores cannot be chosen.
+    Cores(RunError),
+    /// A file or folder cannot be written.
+    Write { path: PathBuf, cause: io::Error },
+    /// The trace cannot be written.
+    Trace(TraceError),
+    /// The engines of two modes did not do the same, so that nothing can be compared.
+    Void { bodies: u32, mode: Mode },
+}
+
+impl fmt::Display for EvaluateError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Drive(cause) => cause.fmt(f),
+            Self::Cores(cause) => write!(f, "{cause}; try --no-pin"),
+            Self::Write { path, cause } => write!(f, "cannot write {}: {cause}", path.display()),
+            Self::Trace(cause) => cause.fmt(f),
+            Self::Void { bodies, mode } => write!(
+                f,
+                "the runs with {bodies} bodies are void: the truth of {mode} differs from that of the other modes"
+            ),
+        }
+    }
+}
+
+impl From<DriveError> for EvaluateError {
+    fn from(cause: DriveError) -> Self {
+        Self::Drive(cause)
+    }
+}
+
+/// Runs an evaluation. Exit code 0 when everything was measured and written, 1 otherwise.
+pub fn evaluate(arguments: &Evaluate) -> ExitCode {
+    match run(arguments) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            // Nowhere is left to say that standard error is closed.
+            let _ = writeln!(io::stderr(), "error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(arguments: &Evaluate) -> Result<(), EvaluateError> {
+    std::fs::create_dir_all(&arguments.out).map_err(|cause| EvaluateError::Write {
+        path: arguments.out.clone(),
+        cause,
+    })?;
+    let cores = choose_cores(arguments)?;
+    let mut loads = Vec::new();
+    for bodies in &arguments.bodies {
+        loads.extend(run_load(arguments, *bodies, cores)?);
+    }
+    let experiment = Experiment {
+        command: std::env::args()
+            .skip(1)
+            .fold("rhumb-bench".to_owned(), |line, word| line + " " + &word),
+        seed: arguments.seed,
+        machine: machine::describe(),
+        loads,
+    };
+    let summary = Summary::of(&experiment);
+    let table = summary.table().to_string();
+    write_file(
+        &arguments.out.join("summary.json"),
+        summary.to_json().as_bytes(),
+    )?;
+    say(&table)?;
+    let page = report::html(&experiment, &summary);
+    write_file(&arguments.out.join("report.html"), page.as_bytes())?;
+    if !arguments.no_trace {
+        write_trace(&arguments.out, &experiment)?;
+    }
+    say(&format!("\nwritten to {}\n", arguments.out.display()))?;
+    check_truth(&experiment)
+}
+
+/// Keeps the servers on a core of their own where there is more than one.
+fn choose_cores(arguments: &Evaluate) -> Result<Cores, EvaluateError> {
+    if arguments.no_pin || machine::cores() < 2 || cfg!(not(target_os = "linux")) {
+        return Ok(Cores::default());
+    }
+    run_on_core(0).map_err(EvaluateError::Cores)?;
+    Ok(Cores { server: Some(1) })
+}
+
+/// Runs all modes at one load; the free-running one by itself, since it has a truth of its own.
+fn run_load(arguments: &Evaluate, bodies: u32, cores: Cores) -> Result<Vec<Load>, EvaluateError> {
+    let modes: Vec<Mode> = arguments.modes.iter().map(|name| name.mode()).collect();
+    let plan = Plan {
+        scene: arguments.scene.clone(),
+        bodies,
+        seed: arguments.seed,
+        ticks: (arguments.seconds * 60.0).round() as u32,
+        tolerance: arguments.tolerance,
+        link: arguments.link,
+        modes: modes.clone(),
+        cores,
+    };
+    let mut loads = Vec::new();
+    if modes.iter().any(|mode| *mode != Mode::RhumbFree) {
+        let bar = progress_bar(u64::from(plan.ticks), format!("{bodies} bodies"));
+        loads.push(run_side_by_side(&plan, &mut |_| bar.inc(1))?);
+        bar.finish_and_clear();
+    }
+    if modes.contains(&Mode::RhumbFree) {
+        let bar = progress_bar(
+            u64::from(plan.ticks),
+            format!("{bodies} bodies, free running"),
+        );
+        loads.push(run_free(&plan, &mut |_| bar.inc(1))?);
+        bar.finish_and_clear();
+    }
+    Ok(loads)
+}
+
+/// On standard error, and only if that is a terminal.
+fn progress_bar(length: u64, what: String) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::stderr());
+    let style = ProgressStyle::with_template("{msg:28} {bar:32} {pos}/{len} {elapsed} left {eta}");
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar.with_message(what)
+}
+
+fn write_trace(out: &Path, experiment: &Experiment) -> Result<(), EvaluateError> {
+    let bar = progress_bar(0, "trace".to_owned());
+    let path = out.join("trace.mcap");
+    let written = trace::write(
+        &path,
+        experiment,
+        &TraceOptions::default(),
+        &mut |progress| {
+            bar.set_length(progress.of);
+            bar.set_position(progress.done);
+        },
+    );
+    bar.finish_and_clear();
+    written.map_err(EvaluateError::Trace)?;
+    write_file(
+        &out.join("layout.json"),
+        trace::layout(experiment).as_bytes(),
+    )
+}
+
+/// Writes a whole file beside its place, then gives it its name, so that no half file is ever taken for a whole one.
+fn write_file(path: &Path, bytes: &[u8]) -> Result<(), EvaluateError> {
+    let partial = path.with_extension("partial");
+    let written = std::fs::write(&partial, bytes).and_then(|()| std::fs::rename(&partial, path));
+    written.map_err(|cause| {
+        // It may never have come to be.
+        let _ = std::fs::remove_file(&partial);
+        EvaluateError::Write {
+            path: path.to_owned(),
+            cause,
+        }
+    })
+}
+
+fn say(text: &str) -> Result<(), EvaluateError> {
+    let mut out = io::stdout().lock();
+    let said = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+    said.map_err(|cause| EvaluateError::Write {
+        path: "standard output".into(),
+        cause,
+    })
+}
+
+/// A run whose truth differs between modes is void.
+fn check_truth(experiment: &Experiment) -> Result<(), EvaluateError> {
+    for load in &experiment.loads {
+        for run in &load.runs {
+            if run.truth_digest != load.truth.digest {
+                return Err(EvaluateError::Void {
+                    bodies: run.terms.bodies,
+                    mode: run.terms.mode,
+                });
+            }
+        }
+    }
+    Ok(())
 }
