@@ -15,8 +15,19 @@ use crate::limits::HISTORY_PACKETS;
 struct Missing {
     /// No later than this was it sent: the tick of a packet after it.
     before: Tick,
-    /// Which parts of its repair were heard, and how many there are.
-    parts: u64,
+    /// Which parts of which of its repairs were heard.
+    heard: Option<(RepairOf, u64)>,
+}
+
+/// One answer of the publisher to a lost packet: what the packet's bodies did when it was given.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct RepairOf {
+    /// The tick of its tracks.
+    pub(crate) as_of: Tick,
+    /// Notices given by then: at one tick, bodies may go between two answers.
+    pub(crate) notices: u64,
+    /// Into how many parts it was cut.
+    pub(crate) parts: u8,
 }
 
 /// A packet of which something could not be read.
@@ -105,7 +116,7 @@ impl Gaps {
         for number in self.next..next {
             let missing = Missing {
                 before: tick,
-                parts: 0,
+                heard: None,
             };
             self.missing.insert(number, missing);
         }
@@ -132,19 +143,21 @@ impl Gaps {
         self.settle();
     }
 
-    /// A part of a repair arrived that says what a packet's bodies did at `as_of`.
-    pub(crate) fn repaired(&mut self, number: u64, part: u8, parts: u8, as_of: Tick) {
+    /// A part of a repair arrived. Parts of different repairs do not add up: they are cut in different places.
+    pub(crate) fn repaired(&mut self, number: u64, repair: RepairOf, part: u8) {
         let Some(missing) = self.missing.get_mut(&number) else {
             return;
         };
-        missing.parts |= 1 << (part % 64);
-        let all = if parts >= 64 {
-            u64::MAX
-        } else {
-            (1 << parts) - 1
+        let before = match missing.heard {
+            Some((newer, _)) if newer > repair => return,
+            Some((same, parts)) if same == repair => parts,
+            _ => 0,
         };
-        if missing.parts & all == all {
-            self.made_good(number, as_of);
+        let heard = before | 1 << (part % 64);
+        missing.heard = Some((repair, heard));
+        let all = u64::MAX >> (64 - repair.parts.clamp(1, 64));
+        if heard & all == all {
+            self.made_good(number, repair.as_of);
         }
     }
 
@@ -163,7 +176,13 @@ impl Gaps {
         self.unread.retain(|number, unread| {
             if !unread.covered {
                 let before = unread.tick;
-                missing.insert(*number, Missing { before, parts: 0 });
+                missing.insert(
+                    *number,
+                    Missing {
+                        before,
+                        heard: None,
+                    },
+                );
             }
             unread.covered
         });
@@ -179,6 +198,14 @@ mod tests {
 
     fn tick(value: u64) -> Tick {
         Tick::new(value)
+    }
+
+    fn repair(as_of: u64, parts: u8) -> RepairOf {
+        RepairOf {
+            as_of: tick(as_of),
+            notices: 0,
+            parts,
+        }
     }
 
     #[test]
@@ -197,10 +224,27 @@ mod tests {
     fn a_repair_counts_when_all_its_parts_were_heard() {
         let mut gaps = Gaps::new(0);
         assert!(gaps.announce(1, tick(5)));
-        gaps.repaired(0, 1, 2, tick(6));
-        gaps.repaired(0, 1, 2, tick(6));
+        gaps.repaired(0, repair(6, 2), 1);
+        gaps.repaired(0, repair(6, 2), 1);
         assert!(!gaps.is_settled());
-        gaps.repaired(0, 0, 2, tick(6));
+        gaps.repaired(0, repair(6, 2), 0);
+        assert!(gaps.is_settled());
+    }
+
+    #[test]
+    fn parts_of_different_repairs_do_not_add_up() {
+        let mut gaps = Gaps::new(0);
+        assert!(gaps.announce(1, tick(5)));
+        gaps.repaired(0, repair(6, 2), 0);
+        gaps.repaired(0, repair(7, 2), 1);
+        gaps.repaired(0, repair(6, 2), 1);
+        let later = RepairOf {
+            notices: 1,
+            ..repair(7, 2)
+        };
+        gaps.repaired(0, later, 0);
+        assert!(!gaps.is_settled());
+        gaps.repaired(0, later, 1);
         assert!(gaps.is_settled());
     }
 
@@ -209,7 +253,7 @@ mod tests {
         let mut gaps = Gaps::new(0);
         assert_eq!(gaps.arrive(1, tick(2)), Arrival::Fresh);
         gaps.could_not_read(1, tick(2));
-        gaps.repaired(0, 0, 1, tick(2));
+        gaps.repaired(0, repair(2, 1), 0);
         assert!(gaps.is_settled());
     }
 
@@ -219,9 +263,9 @@ mod tests {
         assert_eq!(gaps.arrive(1, tick(2)), Arrival::Fresh);
         assert_eq!(gaps.arrive(2, tick(9)), Arrival::Fresh);
         gaps.could_not_read(2, tick(9));
-        gaps.repaired(0, 0, 1, tick(5));
+        gaps.repaired(0, repair(5, 1), 0);
         assert_eq!(gaps.missing().collect::<Vec<_>>(), [2]);
-        gaps.repaired(2, 0, 1, tick(9));
+        gaps.repaired(2, repair(9, 1), 0);
         assert!(gaps.is_settled());
     }
 

@@ -9,7 +9,7 @@ use alloc::vec::Vec;
 use glam::Vec3;
 use rhumb_reckoning::{BodyId, Integrator, Metres, Motion, Predictor, Tick, Tolerance, Track};
 
-use super::gaps::{Arrival, Gaps};
+use super::gaps::{Arrival, Gaps, RepairOf};
 use super::tracks::{Manner, Tracks, Unreadable};
 use crate::limits::PACKETS_HELD_MAX;
 use crate::packet::{
@@ -216,6 +216,11 @@ impl Subscriber {
     /// maybe more than once.
     pub fn drain_changed(&mut self, out: &mut Vec<u32>) {
         out.append(&mut self.changed);
+    }
+
+    /// Counts every index below this one as changed.
+    pub(crate) fn touch_below(&mut self, end: usize) {
+        self.changed.extend(0..end as u32);
     }
 
     /// A notice placed a body; `false` when that breaks a limit.
@@ -469,7 +474,12 @@ impl Subscriber {
             self.forget_before(record.index);
         }
         let lost = repair.lost.expand(self.gaps.next());
-        self.gaps.repaired(lost, repair.part, repair.parts, as_of);
+        let of = RepairOf {
+            as_of,
+            notices: repair.notices.expand(self.notices),
+            parts: repair.parts,
+        };
+        self.gaps.repaired(lost, of, repair.part);
         Ok(())
     }
 
