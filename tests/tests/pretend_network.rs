@@ -365,6 +365,37 @@ fn who_lost_touch_for_long_is_told_the_whole_scene_again() {
 }
 
 #[test]
+fn what_went_while_touch_was_lost_counts_as_changed() {
+    let mut stage = Stage::new(
+        script("ball-pit"),
+        Pace::FreeRunning,
+        NORMAL,
+        LinkTerms::PERFECT,
+        1,
+    );
+    let lost = stage.enter(StreamChoice::Full);
+    stage.drive(Span::from_millis(100));
+    let mut changed = Vec::new();
+    let mut drain = |stage: &mut Stage| {
+        let copy = stage.arena.client_mut(lost).replica_mut();
+        changed.clear();
+        copy.unwrap().stream_mut().drain_changed(&mut changed);
+        changed.clone()
+    };
+    drain(&mut stage);
+    let ball = stage.copy(lost).bodies().last().unwrap().id;
+    deafen(&mut stage, lost, Direction::Down);
+    stage.command(&[Command::RemoveBody { id: ball }]);
+    // Three packets a tick: more than the publisher remembers.
+    stage.drive(Span::from_millis(7_000));
+    stage.arena.set_terms(LinkTerms::PERFECT);
+    stage.run(SETTLES_WITHIN);
+    assert!(stage.copy(lost).stream().is_settled());
+    assert_eq!(stage.copy(lost).stream().body(ball.index()), None);
+    assert!(drain(&mut stage).contains(&ball.index()));
+}
+
+#[test]
 fn a_packet_that_is_forgotten_is_not_asked_for_for_ever() {
     let mut stage = Stage::new(
         script("zoo"),

@@ -380,6 +380,9 @@ impl ClientSession {
 
     fn end_snapshot(&mut self, now: Instant) -> Result<(), CloseCode> {
         let mut replica = self.incoming.take().ok_or(CloseCode::VIOLATION)?;
+        if let Some(old) = &self.replica {
+            replica.succeed(old);
+        }
         replica.end_snapshot();
         self.replica = Some(replica);
         if self.state != State::Member {

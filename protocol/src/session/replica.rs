@@ -80,6 +80,11 @@ impl Replica {
         self.bodies.iter().flatten()
     }
 
+    /// Takes the place of a copy of the same scene: all that it held counts as changed, since it may be gone.
+    pub(crate) fn succeed(&mut self, old: &Self) {
+        self.subscriber.touch_below(old.subscriber.index_end());
+    }
+
     /// The snapshot is whole.
     pub(crate) fn end_snapshot(&mut self) {
         self.whole = true;
