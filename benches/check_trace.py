@@ -90,21 +90,33 @@ class Truth:
 
     def __init__(self):
         self.pose, self.terms, self.began, self.removed = {}, {}, {}, {}
+        self.coming, self.leaving = [], []
         self.digest, self.ticks, self.order = Digest(), 0, True
 
     def step(self, states):
+        """What is placed or removed after a tick is so from the next; what comes before the first is there at once."""
         self.fold(states)
+        self.settle()
         ids = list(zip(states.index, states.generation))
         columns = (states.px, states.py, states.pz, states.qx, states.qy, states.qz, states.qw)
         for body, pose in zip(ids, zip(*columns)):
             self.pose[body] = pose
         for body in zip(states.removed_index, states.removed_generation):
             self.removed[body] = states.tick
-            self.pose.pop(body, None)
+            self.leaving.append(body)
         for placed in states.placed:
             body = (placed.index, placed.generation)
             self.terms[body] = (states.tick, placed.kind, placed.bounding_radius_m)
-            self.began[body] = self.pose[body] = tuple(placed.motion[:7])
+            self.began[body] = tuple(placed.motion[:7])
+            self.coming.append(body)
+        if states.tick == 0:
+            self.settle()
+
+    def settle(self):
+        self.pose.update((body, self.began[body]) for body in self.coming)
+        for body in self.leaving:
+            self.pose.pop(body, None)
+        self.coming, self.leaving = [], []
 
     def fold(self, states):
         tick, fold = states.tick, self.digest.fold
@@ -168,12 +180,11 @@ class Run:
         tolerance = self.terms.get("tolerance_m")
         errors = []
         for body, real in truth.pose.items():
-            placed, kind, radius = truth.terms[body]
+            _, kind, radius = truth.terms[body]
             if kind == STATIC:
                 continue
-            # Until it is mentioned, a body is where it was placed: at tick 0 by joining, else by the step that follows.
-            there = placed == 0 or placed < frame.tick
-            shown = self.copy.get(body, truth.began[body] if there else None)
+            # Until it is mentioned, a body is where it was placed.
+            shown = self.copy.get(body, truth.began[body])
             if shown is None:
                 continue
             error = 0.0 if shown == real else surface_error(real, shown, radius)

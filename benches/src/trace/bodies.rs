@@ -101,15 +101,20 @@ pub(super) struct TruthBodies<'a> {
     pub(super) bodies: Bodies<'a>,
     placed: usize,
     removed: usize,
+    /// What came and went after the tick that the bodies are at.
+    after: Happened<'a>,
 }
 
 /// What happened to the engine's bodies in a tick.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Happened<'a> {
+    /// By its step.
     pub(super) observed: &'a [Observation],
+    /// After its step: there from the next.
     pub(super) placed: &'a [Placed],
+    /// After its step: gone from the next.
     pub(super) removed: &'a [(Tick, BodyId)],
-    /// Whether one that nobody moves is among those that came or went.
+    /// Whether one that nobody moves is among those that have come or gone since the tick before.
     pub(super) statics_changed: bool,
 }
 
@@ -120,12 +125,14 @@ impl<'a> TruthBodies<'a> {
             bodies: Bodies::default(),
             placed: 0,
             removed: 0,
+            after: Happened::default(),
         }
     }
 
-    /// Takes in what was observed after a tick, and what came and went before the next.
+    /// Goes to a tick, the one after the last.
     pub(super) fn step(&mut self, tick: Tick) -> Happened<'a> {
         let truth = self.truth;
+        let mut statics_changed = self.settle();
         let row = tick
             .value()
             .checked_sub(1)
@@ -140,25 +147,40 @@ impl<'a> TruthBodies<'a> {
         }
         let removed = &truth.removed[self.removed..];
         let removed = &removed[..removed.partition_point(|(when, _)| *when <= tick)];
-        let mut statics_changed = false;
-        for (_, id) in removed {
-            statics_changed |= self.bodies.find(*id).is_some_and(Body::is_static);
-            self.bodies.remove(*id);
-        }
         let placed = &truth.placed[self.placed..];
         let placed = &placed[..placed.partition_point(|placed| placed.tick <= tick)];
-        for placed in placed {
-            statics_changed |= placed.terms.kind == BodyKind::Static;
-            self.bodies.place(placed);
-        }
         self.removed += removed.len();
         self.placed += placed.len();
-        Happened {
+        self.after = Happened {
             observed,
             placed,
             removed,
-            statics_changed,
+            statics_changed: false,
+        };
+        let happened = self.after;
+        if tick == Tick::ZERO {
+            // What comes before the first step is there at once.
+            statics_changed |= self.settle();
         }
+        Happened {
+            statics_changed,
+            ..happened
+        }
+    }
+
+    /// Takes in what came and went; tells whether one of them was static.
+    fn settle(&mut self) -> bool {
+        let after = std::mem::take(&mut self.after);
+        let mut statics = false;
+        for (_, id) in after.removed {
+            statics |= self.bodies.find(*id).is_some_and(Body::is_static);
+            self.bodies.remove(*id);
+        }
+        for placed in after.placed {
+            statics |= placed.terms.kind == BodyKind::Static;
+            self.bodies.place(placed);
+        }
+        statics
     }
 }
 
