@@ -22,7 +22,7 @@ const fn color(mode: Mode) -> RGBColor {
         Mode::Integrated => RGBColor(107, 114, 128),
         Mode::Naive => RGBColor(194, 65, 12),
         Mode::Rhumb => RGBColor(29, 78, 216),
-        Mode::RhumbPipelined => RGBColor(4, 120, 87),
+        Mode::RhumbPipelined => RGBColor(16, 163, 127),
         Mode::RhumbFree => RGBColor(126, 34, 206),
     }
 }
@@ -36,8 +36,11 @@ fn remote(load: &Load) -> impl Iterator<Item = &Run> {
 /// Bandwidth over time of one load.
 pub(super) fn bandwidth(load: &Load, figures: &[&RunFigures]) -> Figure {
     let curve = |run: &Run| {
-        let points =
-            second_by_second(run).map(|(tick, kbps)| (tick as f64 * run.terms.step_s, kbps));
+        let end_s = f64::from(run.terms.ticks) * run.terms.step_s;
+        let points = second_by_second(run)
+            .map(|(tick, kbps)| (tick as f64 * run.terms.step_s, kbps))
+            // Before there is a whole second to look back on, the rate only seems to rise.
+            .filter(|(time, _)| *time >= 1.0 || end_s < 2.0);
         (run.terms.mode, decimate(points.collect()))
     };
     let curves: Vec<_> = remote(load).map(curve).collect();
@@ -78,7 +81,7 @@ const RATE_LEAST_KBPS: f64 = 0.1;
 fn lines(curves: Vec<(Mode, Vec<(f64, f64)>)>) -> Vec<Mark> {
     let line = |(mode, points)| Mark::Line {
         color: color(mode),
-        width: if mode == Mode::Rhumb { 12 } else { 5 },
+        width: if mode == Mode::Rhumb { 10 } else { 4 },
         points,
     };
     curves.into_iter().map(line).collect()
@@ -87,7 +90,7 @@ fn lines(curves: Vec<(Mode, Vec<(f64, f64)>)>) -> Vec<Mark> {
 fn dot(mode: Mode, at: (f64, f64), label: String) -> Mark {
     Mark::Dot {
         color: color(mode),
-        radius: if mode == Mode::Rhumb { 16 } else { 9 },
+        radius: if mode == Mode::Rhumb { 14 } else { 8 },
         at,
         label,
     }

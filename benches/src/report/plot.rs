@@ -3,6 +3,8 @@
 //! Knows axes and marks, not what they mean. Colours are those of a light page; `style.css` turns each of them into its
 //! counterpart on a dark one.
 
+use std::ops::Range;
+
 use plotters::coord::Shift;
 use plotters::coord::ranged1d::{AsRangedCoord, ValueFormatter};
 use plotters::prelude::*;
@@ -95,6 +97,14 @@ impl Axis {
         value.clamp(self.from, self.to)
     }
 
+    /// A little more than the axis, so that a power of ten that rounds outwards still gets its label.
+    fn range(&self) -> Range<f64> {
+        match self.scale {
+            Scale::Linear => self.from..self.to,
+            Scale::Log => self.from * (1.0 - 1e-9)..self.to * (1.0 + 1e-9),
+        }
+    }
+
     /// How far along the axis a value lies, from 0 to 1.
     fn share(&self, value: f64) -> f64 {
         let value = self.clamp(value);
@@ -118,7 +128,7 @@ impl Chart {
     pub(super) fn svg(&self) -> String {
         let mut text = String::new();
         let root = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
-        let (x, y) = (self.x.from..self.x.to, self.y.from..self.y.to);
+        let (x, y) = (self.x.range(), self.y.range());
         let painted = match (self.x.scale, self.y.scale) {
             (Scale::Linear, Scale::Linear) => self.paint(&root, x, y),
             (Scale::Linear, Scale::Log) => self.paint(&root, x, y.log_scale()),

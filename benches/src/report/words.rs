@@ -61,12 +61,13 @@ pub(super) fn what_was_run(experiment: &Experiment) -> String {
     if let Some(link) = link.filter(|link| !link.is_empty()) {
         let _ = write!(text, " The link between the programs: {link}.");
     }
-    let _ = write!(
-        text,
-        " The same script with the same seed ({}) ran in every mode, in turn, tick by tick, so that the machine's \
-         noise fell on all alike.",
-        experiment.seed
-    );
+    if experiment.loads.iter().any(|load| load.runs.len() > 1) {
+        text.push_str(
+            " The same script with the same seed ran in every mode, in turn, tick by tick, so that the machine's noise \
+             fell on all alike.",
+        );
+    }
+    let _ = write!(text, " The seed was {}.", experiment.seed);
     escape(&text)
 }
 
@@ -93,10 +94,11 @@ pub(super) const fn mode(mode: Mode) -> &'static str {
              waits for each tick."
         }
         Mode::RhumbPipelined => {
-            "the same, but the simulator goes on while the server steps, and sees a tick later."
+            "the engine runs in another process and sends as little; the simulator goes on while it steps, and sees \
+             each tick one tick later."
         }
         Mode::RhumbFree => {
-            "the same, but the server steps by its own clock, in real time, and nobody waits."
+            "the engine runs in another process by its own clock, in real time, and sends as little; nobody waits."
         }
     }
 }

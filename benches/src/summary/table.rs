@@ -94,10 +94,56 @@ pub(crate) fn number(value: Option<f64>) -> String {
     match value {
         Some(value) if !value.is_finite() => dash(),
         Some(0.0) => "0".to_owned(),
-        Some(value) if value.abs() >= 99.95 => format!("{value:.0}"),
+        Some(value) if value.abs() >= 99.95 => grouped(value),
         Some(value) if value.abs() >= 9.995 => format!("{value:.1}"),
         Some(value) if value.abs() >= 0.9995 => format!("{value:.2}"),
         Some(value) => format!("{value:.3}"),
         None => dash(),
+    }
+}
+
+/// A whole number with a comma before every three digits.
+fn grouped(value: f64) -> String {
+    let digits = format!("{value:.0}");
+    let mut text = String::new();
+    for (place, digit) in digits.chars().enumerate() {
+        let left = digits.len() - place;
+        if place > 0 && left % 3 == 0 && !text.ends_with('-') {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::number;
+
+    #[test]
+    fn a_number_shows_three_digits_or_all_before_the_point() {
+        let shown = [
+            0.0,
+            0.0126,
+            0.9999,
+            9.999,
+            99.96,
+            123.4,
+            1_234.0,
+            1_234_567.0,
+        ]
+        .map(|n| number(Some(n)));
+        let expected = [
+            "0",
+            "0.013",
+            "1.00",
+            "10.0",
+            "100",
+            "123",
+            "1,234",
+            "1,234,567",
+        ];
+        assert_eq!(shown, expected);
+        assert_eq!(number(None), number(Some(f64::NAN)));
     }
 }
