@@ -30,8 +30,10 @@ pub const GRANT: u32 = 4_096;
 /// Body indices that one `Reserve` may ask for.
 pub const RESERVE_MAX: u32 = BODIES_MAX;
 
-/// Commands of one member that wait for the next tick.
-pub const COMMANDS_WAITING_MAX: usize = 65_536;
+/// Commands and advances that wait behind an advance which the scene has not reached yet.
+pub const WISHES_WAITING_MAX: usize = 65_536;
+/// Ranges of indices that one member may hold.
+pub const RANGES_PER_MEMBER_MAX: usize = 64;
 /// Ticks that an `Advance` may lead ahead of the scene.
 pub const ADVANCE_TICKS_MAX: u64 = 1_024;
 

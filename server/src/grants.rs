@@ -5,7 +5,7 @@
 use std::collections::BTreeMap;
 
 use rhumb_protocol::Peer;
-use rhumb_protocol::limits::INDICES_MAX;
+use rhumb_protocol::limits::{INDICES_MAX, RANGES_PER_MEMBER_MAX};
 use rhumb_protocol::scene::IdRange;
 use rhumb_reckoning::BodyId;
 
@@ -21,13 +21,17 @@ pub(crate) struct Grants {
 pub(crate) type Vacancy<'a> = dyn Fn(&IdRange) -> Option<u16> + 'a;
 
 impl Grants {
-    /// Gives a member `count` indices, or `None` when no run of so many is left.
+    /// Gives a member `count` indices, or `None` when no run of so many is left or it holds too many runs already.
     pub(crate) fn grant(
         &mut self,
         peer: Peer,
         count: u32,
         vacancy: &Vacancy<'_>,
     ) -> Option<IdRange> {
+        let held = self.held.get(&peer).map_or(0, Vec::len);
+        if held >= RANGES_PER_MEMBER_MAX {
+            return None;
+        }
         let range = self.reuse(count, vacancy).or_else(|| self.extend(count))?;
         self.held.entry(peer).or_default().push(range);
         Some(range)

@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use rhumb_protocol::limits::{BODIES_MAX, DAMPINGS_MAX, INDICES_MAX, SHAPES_MAX};
-use rhumb_protocol::scene::{BodyTerms, CommandError, IdRange, Shape, ShapeId};
+use rhumb_protocol::scene::{BodyKind, BodyTerms, CommandError, IdRange, Shape, ShapeId};
 use rhumb_reckoning::{BodyId, Damping};
 
 /// The shapes and bodies of one scene.
@@ -72,6 +72,11 @@ impl Registry {
         if self.count >= BODIES_MAX as usize {
             return Err(CommandError::TooManyBodies);
         }
+        // As predictors have it: what no engine moves is not damped, whatever its terms name.
+        let damping = match terms.kind {
+            BodyKind::Dynamic => damping,
+            BodyKind::Static | BodyKind::Kinematic => Damping::default(),
+        };
         let new_damping = !self.dampings.contains(&damping);
         if new_damping && self.dampings.len() >= DAMPINGS_MAX {
             return Err(CommandError::TooManyDampings);

@@ -2,15 +2,16 @@
 //!
 //! Neither sockets nor threads: the host feeds it requests and moments. Order of a tick: wishes, step, observe, say.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use bytes::Bytes;
-use rhumb_protocol::limits::{ADVANCE_TICKS_MAX, GRANT, MEMBERS_PER_SCENE_MAX};
+use rhumb_protocol::limits::{ADVANCE_TICKS_MAX, GRANT, MEMBERS_PER_SCENE_MAX, WISHES_WAITING_MAX};
 use rhumb_protocol::message::{
     Denial, Inspection, Joined, Notice, RemovalCause, ServerMessage, StreamChoice,
 };
 use rhumb_protocol::packet::{Echo, StreamId};
 use rhumb_protocol::scene::{BodyKind, Command, CommandError, Pace, SceneTerms};
+use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::stream::{
     Activity, FullPublisher, Manner, Observation, Publisher, StreamStart,
 };
@@ -34,6 +35,13 @@ struct Member {
     unanswered: Option<u64>,
 }
 
+/// What acts in the order in which it was said: a command said after an advance acts after its steps.
+#[derive(Clone, Copy, Debug)]
+enum Wish {
+    Command { number: u64, command: Command },
+    Advance { to: Tick },
+}
+
 /// One scene with its members.
 pub(crate) struct Room {
     scene: Scene,
@@ -44,6 +52,8 @@ pub(crate) struct Room {
     /// Notices given since they were last handed to the members.
     unsaid: Vec<u8>,
     target: Tick,
+    /// What was said while steps are still owed to an earlier advance.
+    waiting: VecDeque<(Peer, Wish)>,
     next_step: Option<Instant>,
     last_step: Instant,
     observations: Vec<Observation>,
@@ -65,6 +75,7 @@ impl Room {
             notices: 0,
             unsaid: Vec::new(),
             target,
+            waiting: VecDeque::new(),
             next_step: None,
             last_step: Instant::ZERO,
             observations: Vec::new(),
@@ -238,13 +249,66 @@ impl Room {
         out.say(peer, &answer);
     }
 
-    /// Applies one command, or says why not.
+    /// Applies one command, or says why not; later if steps are still owed to an earlier advance.
     pub(crate) fn command(&mut self, peer: Peer, number: u64, command: &Command, out: &mut Outbox) {
-        if let Err(error) = self.apply(peer, command) {
-            out.say(peer, &ServerMessage::Refused { number, error });
+        let command = *command;
+        self.wish(peer, Wish::Command { number, command }, out);
+    }
+
+    /// Lets a lockstep scene step to a tick, after what was asked for before.
+    pub(crate) fn advance(&mut self, peer: Peer, to: Tick, out: &mut Outbox) {
+        self.wish(peer, Wish::Advance { to }, out);
+    }
+
+    fn wish(&mut self, peer: Peer, wish: Wish, out: &mut Outbox) {
+        let owed = self.terms().pace == Pace::Lockstep && self.scene.tick() < self.target;
+        if !owed || self.faulted {
+            return self.grant_wish(peer, wish, out);
         }
-        if let Some(member) = self.members.get_mut(&peer) {
-            member.unanswered = Some(number);
+        if self.waiting.len() < WISHES_WAITING_MAX {
+            self.waiting.push_back((peer, wish));
+        } else if let Some(session) = out.session(peer) {
+            session.close(CloseCode::LIMIT);
+        }
+    }
+
+    /// Grants what waited, up to the next advance that steps are owed to.
+    fn grant_waiting(&mut self, out: &mut Outbox) {
+        while self.faulted || self.scene.tick() >= self.target {
+            let Some((peer, wish)) = self.waiting.pop_front() else {
+                break;
+            };
+            if self.members.contains_key(&peer) {
+                self.grant_wish(peer, wish, out);
+            }
+        }
+        self.settle(out);
+    }
+
+    fn grant_wish(&mut self, peer: Peer, wish: Wish, out: &mut Outbox) {
+        match wish {
+            Wish::Command { number, command } => {
+                if let Err(error) = self.apply(peer, &command) {
+                    out.say(peer, &ServerMessage::Refused { number, error });
+                }
+                if let Some(member) = self.members.get_mut(&peer) {
+                    member.unanswered = Some(number);
+                }
+            }
+            Wish::Advance { to } => match self.refuse_advance(to) {
+                Some(denial) => out.say(peer, &ServerMessage::Denied(denial)),
+                None => self.target = self.target.max(to),
+            },
+        }
+    }
+
+    fn refuse_advance(&self, to: Tick) -> Option<Denial> {
+        let too_far = to.value() > self.scene.tick().value() + ADVANCE_TICKS_MAX;
+        match self.terms().pace {
+            Pace::FreeRunning => Some(Denial::NotLockstep),
+            Pace::Lockstep if self.faulted => Some(Denial::SceneFaulted),
+            Pace::Lockstep if too_far => Some(Denial::TooFarAhead),
+            Pace::Lockstep => None,
         }
     }
 
@@ -318,22 +382,6 @@ impl Room {
         }
     }
 
-    /// Lets a lockstep scene step to a tick.
-    pub(crate) fn advance(&mut self, peer: Peer, to: Tick, out: &mut Outbox) {
-        let tick = self.scene.tick();
-        let too_far = to.value() > tick.value() + ADVANCE_TICKS_MAX;
-        let denial = match self.terms().pace {
-            Pace::FreeRunning => Some(Denial::NotLockstep),
-            Pace::Lockstep if self.faulted => Some(Denial::SceneFaulted),
-            Pace::Lockstep if too_far => Some(Denial::TooFarAhead),
-            Pace::Lockstep => None,
-        };
-        match denial {
-            Some(denial) => out.say(peer, &ServerMessage::Denied(denial)),
-            None => self.target = self.target.max(to),
-        }
-    }
-
     /// Steps if a step is due.
     pub(crate) fn handle_timeout(&mut self, now: Instant, clock: Stopwatch<'_>, out: &mut Outbox) {
         if self.next_step().is_none_or(|due| due > now) {
@@ -347,6 +395,7 @@ impl Room {
         }
         self.last_step = now;
         self.tick(clock, out);
+        self.grant_waiting(out);
     }
 
     fn step(&self) -> Span {
@@ -411,8 +460,13 @@ impl Room {
         else {
             return;
         };
-        for lost in &echo.lost {
-            let number = lost.expand(stream.next_number());
+        // Each once, however often a member names it.
+        let lost: BTreeSet<u64> = echo
+            .lost
+            .iter()
+            .map(|lost| lost.expand(stream.next_number()))
+            .collect();
+        for number in lost {
             match stream.repair(number, self.notices) {
                 Some(datagrams) => {
                     for datagram in datagrams {

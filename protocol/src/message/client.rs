@@ -41,7 +41,7 @@ pub enum ClientMessage {
     Delete,
     /// Wants more body indices.
     Reserve {
-        /// How many.
+        /// How many; at least one.
         count: u32,
     },
     /// A wish. The first of a membership has number 0, the next 1, and so on.
@@ -158,8 +158,9 @@ impl ClientMessage {
             kind::JOIN => Self::Join(StreamChoice::decode(&mut from)?),
             kind::LEAVE => Self::Leave,
             kind::DELETE => Self::Delete,
-            kind::RESERVE => Self::Reserve {
-                count: from.varint_to(u64::from(RESERVE_MAX))? as u32,
+            kind::RESERVE => match from.varint_to(u64::from(RESERVE_MAX))? as u32 {
+                0 => return Err(Malformed::OutOfRange),
+                count => Self::Reserve { count },
             },
             kind::COMMAND => Self::Command(Command::decode(&mut from)?),
             kind::ADVANCE => Self::Advance {

@@ -37,8 +37,9 @@ pub(super) const CONNECTIONS_MAX: usize = 1_024;
 /// Handshakes in progress beyond which a client must first prove its address.
 pub(super) const HANDSHAKES_UNPROVEN_MAX: usize = 64;
 
-/// Control bytes that wait to be sent to one peer before it is given up as too slow.
-pub(super) const CONTROL_QUEUE_BYTES: usize = 4 << 20;
+/// Control bytes that wait to be sent to one peer before it is given up as too slow: more than the snapshot of a scene
+/// with as many bodies as a scene may have, at some 60 bytes each.
+pub(super) const CONTROL_QUEUE_BYTES: usize = 12 << 20;
 
 /// Control bytes between the sockets and the caller, per connection; beyond them the stream is not read.
 pub(super) const CONTROL_IN_FLIGHT_BYTES: usize = 256 << 10;
@@ -71,7 +72,7 @@ const INCOMING_BYTES: u64 = 16 << 10;
 const INCOMING_BYTES_TOTAL: u64 = 4 << 20;
 
 const _: () = assert!(500 * (1_200 + PIECE_COST_BYTES) < DATAGRAM_SEND_BYTES);
-const _: () = assert!(CONTROL_QUEUE_BYTES + DATAGRAM_SEND_BYTES + SEND_WINDOW as usize <= 8 << 20);
+const _: () = assert!(CONTROL_QUEUE_BYTES + DATAGRAM_SEND_BYTES + SEND_WINDOW as usize <= 16 << 20);
 
 /// A server's configuration from its TLS side.
 ///
