@@ -1,0 +1,365 @@
+//! Bytes from anyone: nobody else notices, nothing grows, and the right code ends it.
+//!
+//! Proved at a table where a real host has polite guests (real sessions, held against a scene stepped beside them) and
+//! rude ones: arbitrary bytes, real conversations with bytes turned, cut, copied and disordered, and messages at the
+//! wrong time. Well-formed commands with wrong numbers are the affair of `refusals`.
+//!
+//! Caught so far: `Reserve` of no index at all took a range that others could have had.
+
+use proptest::prelude::*;
+use rhumb_protocol::limits::{
+    COUNT_MAX, HISTORY_PACKETS, INDICES_MAX, LOST_NAMED_MAX, RESERVE_MAX,
+};
+use rhumb_protocol::message::{ClientMessage, StreamChoice};
+use rhumb_protocol::packet::{Echo, Low16, StreamId};
+use rhumb_protocol::session::{ClientSession, CloseCode, Event};
+use rhumb_protocol::{Endpoint, Instant, Peer, Span};
+use rhumb_reckoning::{Divergence, Tick, Tolerance};
+use rhumb_server::Scene;
+use rhumb_sims::{Script, Zoo};
+use rhumb_tests::{Dice, Rude, Said, Table};
+
+const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
+
+/// A polite guest that leads a scene, and the truth beside it.
+struct Good {
+    peer: Peer,
+    script: Zoo,
+    scene: Scene,
+}
+
+impl Good {
+    fn new(table: &mut Table, name: &str) -> Self {
+        let script = Zoo::new(12, 3);
+        let scene = Scene::new(script.terms()).expect("a script's terms are right");
+        let peer = table.seat(name);
+        let terms = script.terms();
+        let session = table.guest(peer);
+        session.create(terms).expect("it is welcome");
+        session.join(NORMAL).expect("it is in the lobby");
+        table.settle();
+        Self {
+            peer,
+            script,
+            scene,
+        }
+    }
+
+    /// Commands and steps; the copy must be whole and within tolerance whatever else happened.
+    fn tick(&mut self, table: &mut Table) {
+        let mut commands = Vec::new();
+        self.script.commands(self.scene.tick(), &mut commands);
+        for command in &commands {
+            self.scene
+                .apply(command)
+                .expect("scripts command what may be");
+            table
+                .guest(self.peer)
+                .command(*command)
+                .expect("it is a member");
+        }
+        let tick = self.scene.step().expect("the engine steps").tick;
+        let now = table.now();
+        table
+            .guest(self.peer)
+            .advance(now, tick)
+            .expect("it is a member");
+        table.settle();
+        let session = table.guest(self.peer);
+        while let Some(event) = session.poll_event() {
+            let bad = matches!(
+                event,
+                Event::Ended(_) | Event::Denied(_) | Event::Refused { .. }
+            );
+            assert!(!bad, "{event:?}");
+        }
+        let stream = session.replica().expect("it is a member").stream();
+        assert_eq!(stream.complete(), tick);
+        for terms in self.scene.bodies() {
+            let truth = self
+                .scene
+                .observation(terms.id)
+                .expect("the scene has its bodies");
+            let believed = stream.believed(terms.id, tick).expect("so has the copy");
+            let radius = self
+                .scene
+                .bounding_radius(terms.id)
+                .expect("a body has a shape");
+            let error = Divergence::between(&truth.motion.motion().pose(), &believed.pose());
+            let error = error.surface_error(radius);
+            assert!(
+                error <= Tolerance::NORMAL.metres(),
+                "{} is off by {error}",
+                terms.id
+            );
+        }
+    }
+}
+
+/// What a real member said and heard in its life, in order.
+fn conversation() -> (Vec<Said>, Vec<Said>) {
+    let mut table = Table::default();
+    let mut good = Good::new(&mut table, "recorded");
+    for _ in 0..12 {
+        good.tick(&mut table);
+    }
+    let session = table.guest(good.peer);
+    session.reserve(50).expect("it is a member");
+    session.inspect().expect("it is a member");
+    table.settle();
+    table.pass(Span::from_millis(2_000));
+    table.guest(good.peer).leave().expect("it is a member");
+    table.settle();
+    (table.take_spoken(good.peer), table.take_heard(good.peer))
+}
+
+/// Turns, cuts, copies and disorders what was said.
+fn damage(said: &[Said], dice: &mut Dice) -> Vec<Said> {
+    let mut damaged = said.to_vec();
+    for _ in 0..1 + dice.below(4) {
+        let place = dice.below(damaged.len());
+        let other = dice.below(damaged.len());
+        match dice.below(5) {
+            0 => damaged.swap(place, other),
+            1 => damaged.insert(other, damaged[place].clone()),
+            2 => drop(damaged.remove(place)),
+            _ => damaged[place] = turned(&damaged[place], dice),
+        }
+        if damaged.is_empty() {
+            return said.to_vec();
+        }
+    }
+    damaged
+}
+
+/// The same with a bit turned, or its end cut off.
+fn turned(said: &Said, dice: &mut Dice) -> Said {
+    let turn = |bytes: &[u8], dice: &mut Dice| {
+        let mut bytes = bytes.to_vec();
+        if bytes.is_empty() || dice.below(4) == 0 {
+            bytes.truncate(dice.below(bytes.len() + 1));
+        } else {
+            let bit = dice.below(bytes.len() * 8);
+            bytes[bit / 8] ^= 1 << (bit % 8);
+        }
+        bytes.into()
+    };
+    match said {
+        Said::Control(bytes) => Said::Control(turn(bytes, dice)),
+        Said::State(bytes) => Said::State(turn(bytes, dice)),
+    }
+}
+
+fn assert_protocol_code(code: Option<CloseCode>) {
+    let known = [
+        CloseCode::MALFORMED,
+        CloseCode::VIOLATION,
+        CloseCode::VERSION,
+        CloseCode::LIMIT,
+    ];
+    assert!(code.is_none_or(|code| known.contains(&code)), "{code:?}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(1_000))]
+
+    #[test]
+    fn arbitrary_bytes_close_their_sender_and_touch_nobody_else(
+        pieces in proptest::collection::vec(
+            (0_usize..3, any::<bool>(), proptest::collection::vec(any::<u8>(), 0..80)), 1..40)
+    ) {
+        let mut table = Table::default();
+        let mut good = Good::new(&mut table, "good");
+        let rude = [table.seat_rude(), table.seat_rude(), Rude::enter(&mut table, "good").peer];
+        for (place, (who, control, bytes)) in pieces.iter().enumerate() {
+            if *control {
+                table.control(rude[*who], bytes);
+            } else {
+                table.datagram(rude[*who], bytes);
+            }
+            if place % 8 == 0 {
+                good.tick(&mut table);
+            }
+        }
+        good.tick(&mut table);
+        for peer in rude {
+            assert_protocol_code(table.closed(peer));
+        }
+        prop_assert_eq!(table.closed(good.peer), None);
+    }
+
+    #[test]
+    fn a_damaged_conversation_touches_nobody_else(seed: u64) {
+        let (spoken, _) = RECORDED.with(Clone::clone);
+        let mut dice = Dice::new(seed);
+        let mut table = Table::default();
+        let mut good = Good::new(&mut table, "good");
+        let rude = table.seat_rude();
+        for (place, said) in damage(&spoken, &mut dice).iter().enumerate() {
+            match said {
+                Said::Control(bytes) => table.control(rude, bytes),
+                Said::State(bytes) => table.datagram(rude, bytes),
+            }
+            if place % 8 == 0 {
+                good.tick(&mut table);
+            }
+        }
+        good.tick(&mut table);
+        assert_protocol_code(table.closed(rude));
+        prop_assert_eq!(table.closed(good.peer), None);
+    }
+
+    #[test]
+    fn a_damaged_conversation_never_makes_a_client_panic_or_grow(seed: u64) {
+        let (_, heard) = RECORDED.with(Clone::clone);
+        let mut dice = Dice::new(seed);
+        let mut session = ClientSession::new("recorded".parse().expect("a scene's name"));
+        let mut now = Instant::ZERO;
+        session.handle_opened(now, Peer(0));
+        for said in damage(&heard, &mut dice) {
+            now = now + Span::from_millis(5);
+            match said {
+                Said::Control(bytes) => session.handle_control(now, Peer(0), &bytes),
+                Said::State(bytes) => session.handle_datagram(now, Peer(0), &bytes),
+            }
+            session.handle_timeout(now);
+            while session.poll_event().is_some() {}
+            let mut said = 0;
+            while session.poll_transmit().is_some() {
+                said += 1;
+            }
+            prop_assert!(said <= 3, "{} answers to one piece", said);
+            let Some(stream) = session.replica().map(rhumb_protocol::session::Replica::stream) else {
+                continue;
+            };
+            prop_assert!(stream.missing() <= HISTORY_PACKETS);
+            prop_assert!(stream.index_end() <= INDICES_MAX as usize);
+            for index in 0..stream.index_end().min(100) as u32 {
+                let id = stream.body(index);
+                let motion = id.and_then(|id| stream.believed(id, stream.vouched()));
+                prop_assert!(motion.is_none_or(|motion| motion.pose().position.is_finite()));
+            }
+        }
+    }
+}
+
+thread_local! {
+    /// Recorded once for each thread of tests.
+    static RECORDED: (Vec<Said>, Vec<Said>) = conversation();
+}
+
+fn host_bytes(table: &mut Table, peer: Peer) -> usize {
+    let said = table.take_heard(peer);
+    said.iter()
+        .map(|said| match said {
+            Said::Control(bytes) | Said::State(bytes) => bytes.len(),
+        })
+        .sum()
+}
+
+#[test]
+fn a_message_longer_than_the_limit_is_refused_at_its_length() {
+    let mut table = Table::default();
+    let rude = table.seat_rude();
+    // 16,385 and one for the type, as a variable integer.
+    table.control(rude, &[0x82, 0x80, 0x01]);
+    assert_eq!(table.closed(rude), Some(CloseCode::MALFORMED));
+}
+
+#[test]
+fn each_wrong_beginning_has_its_code() {
+    let hello = |versions: &[u16]| {
+        let scene = "good".parse().unwrap();
+        let versions = versions.to_vec();
+        ClientMessage::Hello { versions, scene }
+    };
+    for (messages, code) in [
+        (vec![ClientMessage::Leave], CloseCode::VIOLATION),
+        (vec![hello(&[7])], CloseCode::VERSION),
+        (vec![hello(&[1]), hello(&[1])], CloseCode::VIOLATION),
+        (
+            vec![hello(&[1]), ClientMessage::Inspect],
+            CloseCode::VIOLATION,
+        ),
+    ] {
+        let mut table = Table::default();
+        let mut good = Good::new(&mut table, "good");
+        let rude = table.seat_rude();
+        let mut bytes = Vec::new();
+        for message in &messages {
+            message.encode(&mut bytes);
+        }
+        table.control(rude, &bytes);
+        assert_eq!(table.closed(rude), Some(code), "{messages:?}");
+        good.tick(&mut table);
+    }
+}
+
+#[test]
+fn an_echo_is_answered_by_no_more_than_it_names() {
+    let mut table = Table::default();
+    let mut good = Good::new(&mut table, "good");
+    let rude = Rude::enter(&mut table, "good");
+    for _ in 0..20 {
+        good.tick(&mut table);
+    }
+    table.take_heard(rude.peer);
+    for stream in 0..4 {
+        for lost in [0, 10, 60_000] {
+            let echo = Echo {
+                next: Low16(lost),
+                lost: vec![Low16(lost); LOST_NAMED_MAX],
+            };
+            let bytes = echo.encode(StreamId(stream));
+            table.datagram(rude.peer, &bytes);
+            let answers = table.take_heard(rude.peer).len();
+            assert!(answers <= LOST_NAMED_MAX * 2 + 1, "{answers} answers");
+        }
+    }
+    good.tick(&mut table);
+}
+
+#[test]
+fn questions_cost_their_answers_and_nothing_else() {
+    let mut table = Table::default();
+    let mut good = Good::new(&mut table, "good");
+    let rude = Rude::enter(&mut table, "good");
+    for message in [
+        ClientMessage::Ping {
+            sent: Instant::from_nanos(u64::MAX),
+        },
+        ClientMessage::Inspect,
+        ClientMessage::Advance {
+            to: Tick::new(COUNT_MAX),
+        },
+        ClientMessage::Reserve { count: RESERVE_MAX },
+    ] {
+        let mut bytes = Vec::new();
+        message.encode(&mut bytes);
+        for _ in 0..2_000 {
+            table.control(rude.peer, &bytes);
+            assert!(host_bytes(&mut table, rude.peer) < 120, "{message:?}");
+        }
+    }
+    assert_eq!(rude.closed(&table), None);
+    good.tick(&mut table);
+}
+
+#[test]
+fn a_reservation_of_nothing_takes_nothing() {
+    let mut table = Table::default();
+    let good = Good::new(&mut table, "good");
+    let gone = Rude::enter(&mut table, "good");
+    table.end(gone.peer);
+    let mut rude = Rude::enter(&mut table, "good");
+    assert_eq!(
+        rude.granted, gone.granted,
+        "what nobody holds is given out again"
+    );
+    let leaver = Rude::enter(&mut table, "good");
+    table.end(leaver.peer);
+    rude.say(&mut table, &ClientMessage::Reserve { count: 0 });
+    assert_eq!(rude.closed(&table), Some(CloseCode::MALFORMED));
+    assert_eq!(Rude::enter(&mut table, "good").granted, leaver.granted);
+    assert_eq!(table.closed(good.peer), None);
+}

@@ -1,0 +1,510 @@
+//! A command that is wrong is refused by the name of what is wrong, and nothing of it is done.
+//!
+//! Proved by a member of bytes, which checks nothing before it sends: every field of every command gets every kind of
+//! wrong number, and each limit is reached and passed by the least step; the scene's digest, tick and number of bodies
+//! stay as they were.
+
+use glam::{Quat, Vec3};
+use rhumb_protocol::limits::{
+    ANGULAR_MAX, COORDINATE_MAX, DAMPING_MAX, DENSITY_MAX, DENSITY_MIN, EXTENT_MAX, EXTENT_MIN,
+    FORCE_MAX, FRICTION_MAX, GRAVITY_MAX, GRAVITY_SCALE_MAX, LINEAR_MAX,
+};
+use rhumb_protocol::message::{ClientMessage, StreamChoice};
+use rhumb_protocol::scene::{
+    BodyKind, BodyTerms, Command, CommandError, Invalid, Material, Quantity, SceneTerms, Shape,
+    ShapeId,
+};
+use rhumb_protocol::session::{CloseCode, Event};
+use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
+use rhumb_sims::{Script, Zoo};
+use rhumb_tests::{Rude, Table};
+
+/// What a rude member may try on: a body of its own of each kind, and a shape.
+struct Rig {
+    table: Table,
+    rude: Rude,
+    ball: BodyId,
+}
+
+/// A polite member makes a scene with a few bodies, and one step.
+fn begin(table: &mut Table) {
+    let mut script = Zoo::new(5, 3);
+    let peer = table.seat("good");
+    let session = table.guest(peer);
+    session.create(script.terms()).expect("it is welcome");
+    session
+        .join(StreamChoice::Full)
+        .expect("it is in the lobby");
+    table.settle();
+    let mut commands = Vec::new();
+    script.commands(Tick::ZERO, &mut commands);
+    let now = table.now();
+    let session = table.guest(peer);
+    for command in commands {
+        session
+            .command(command)
+            .expect("scripts command what may be");
+    }
+    session.advance(now, Tick::new(1)).expect("it is a member");
+    table.settle();
+}
+
+const BALL: ShapeId = ShapeId(100);
+
+impl Rig {
+    fn new() -> Self {
+        let mut table = Table::default();
+        begin(&mut table);
+        let mut rude = Rude::enter(&mut table, "good");
+        let shape = Shape::Ball { radius: 0.5 };
+        let add = Command::AddShape { id: BALL, shape };
+        rude.command(&mut table, add).expect("a fresh number");
+        let ball = rude.granted.id(0).expect("a member has indices");
+        let mut rig = Self { table, rude, ball };
+        rig.wish(add_body(
+            BodyTerms::plain(ball, BodyKind::Dynamic, BALL),
+            still(),
+        ))
+        .expect("a fresh index");
+        rig
+    }
+
+    fn wish(&mut self, command: Command) -> Result<(), CommandError> {
+        self.rude.command(&mut self.table, command)
+    }
+
+    /// The wish is refused so, and nothing of it is done.
+    fn assert_refused(&mut self, command: Command, expected: CommandError) {
+        let before = self.rude.inspect(&mut self.table);
+        assert_eq!(self.wish(command), Err(expected), "{command:?}");
+        assert_eq!(self.rude.inspect(&mut self.table), before, "{command:?}");
+        assert_eq!(self.rude.closed(&self.table), None);
+    }
+}
+
+fn still() -> Verbatim {
+    moving(Vec3::new(0.0, 50.0, 0.0), Vec3::ZERO, Vec3::ZERO)
+}
+
+fn moving(position: Vec3, linear: Vec3, angular: Vec3) -> Verbatim {
+    let rotation = [0.0, 0.0, 0.0, 1.0];
+    Verbatim::new(
+        position.to_array(),
+        rotation,
+        linear.to_array(),
+        angular.to_array(),
+    )
+    .expect("the tests make finite motions")
+}
+
+fn add_body(terms: BodyTerms, motion: Verbatim) -> Command {
+    Command::AddBody { terms, motion }
+}
+
+/// A vector with one component replaced, in each of three places.
+fn each_place(value: f32) -> [Vec3; 3] {
+    [Vec3::X, Vec3::Y, Vec3::Z]
+        .map(|axis| Vec3::select(axis.cmpgt(Vec3::ZERO), Vec3::splat(value), Vec3::ZERO))
+}
+
+/// A field of a command that a number can be written into, and what it may be.
+struct Field {
+    quantity: Quantity,
+    least: f32,
+    most: f32,
+    /// The command with this in the field; scalars take the sum of the parts.
+    command: Box<dyn Fn(Vec3) -> Command>,
+}
+
+impl Field {
+    fn new(
+        quantity: Quantity,
+        (least, most): (f32, f32),
+        command: impl Fn(Vec3) -> Command + 'static,
+    ) -> Self {
+        Self {
+            quantity,
+            least,
+            most,
+            command: Box::new(command),
+        }
+    }
+}
+
+/// A range around zero.
+const fn within(most: f32) -> (f32, f32) {
+    (-most, most)
+}
+
+/// Fields of commands about a body.
+fn fields_of_commands(id: BodyId) -> Vec<Field> {
+    let zero = Vec3::ZERO;
+    let rotation = Quat::IDENTITY;
+    vec![
+        Field::new(
+            Quantity::Position,
+            within(COORDINATE_MAX),
+            move |position| Command::SetPose {
+                id,
+                position,
+                rotation,
+            },
+        ),
+        Field::new(Quantity::Linear, within(LINEAR_MAX), move |linear| {
+            Command::SetVelocity {
+                id,
+                linear,
+                angular: zero,
+            }
+        }),
+        Field::new(Quantity::Angular, within(ANGULAR_MAX), move |angular| {
+            Command::SetVelocity {
+                id,
+                linear: zero,
+                angular,
+            }
+        }),
+        Field::new(Quantity::Force, within(FORCE_MAX), move |force| {
+            Command::Force { id, force }
+        }),
+        Field::new(Quantity::Torque, within(FORCE_MAX), move |torque| {
+            Command::Torque { id, torque }
+        }),
+        Field::new(Quantity::Impulse, within(FORCE_MAX), move |impulse| {
+            Command::Impulse { id, impulse }
+        }),
+        Field::new(Quantity::TorqueImpulse, within(FORCE_MAX), move |impulse| {
+            Command::TorqueImpulse { id, impulse }
+        }),
+        Field::new(Quantity::Gravity, within(GRAVITY_MAX), |gravity| {
+            Command::SetGravity { gravity }
+        }),
+    ]
+}
+
+/// Fields of a newcomer.
+fn fields_of_bodies(id: BodyId) -> Vec<Field> {
+    let plain = BodyTerms::plain(id, BodyKind::Dynamic, BALL);
+    let made = move |material: Material| {
+        let material = Some(material);
+        add_body(BodyTerms { material, ..plain }, still())
+    };
+    let damped = move |linear: f32, angular: f32| {
+        let damping = Some(Damping { linear, angular });
+        add_body(BodyTerms { damping, ..plain }, still())
+    };
+    vec![
+        Field::new(Quantity::Friction, (0.0, FRICTION_MAX), move |v| {
+            made(Material {
+                friction: v.element_sum(),
+                ..WOOD
+            })
+        }),
+        Field::new(Quantity::Restitution, (0.0, 1.0), move |v| {
+            made(Material {
+                restitution: v.element_sum(),
+                ..WOOD
+            })
+        }),
+        Field::new(Quantity::Density, (DENSITY_MIN, DENSITY_MAX), move |v| {
+            made(Material {
+                density: v.element_sum(),
+                ..WOOD
+            })
+        }),
+        Field::new(Quantity::Damping, (0.0, DAMPING_MAX), move |v| {
+            damped(v.element_sum(), 0.0)
+        }),
+        Field::new(Quantity::Damping, (0.0, DAMPING_MAX), move |v| {
+            damped(0.0, v.element_sum())
+        }),
+        Field::new(
+            Quantity::GravityScale,
+            within(GRAVITY_SCALE_MAX),
+            move |v| {
+                let gravity_scale = v.element_sum();
+                add_body(
+                    BodyTerms {
+                        gravity_scale,
+                        ..plain
+                    },
+                    still(),
+                )
+            },
+        ),
+    ]
+}
+
+const WOOD: Material = Material {
+    friction: 0.5,
+    restitution: 0.5,
+    density: 700.0,
+};
+
+/// Extents of new shapes.
+fn fields_of_shapes() -> Vec<Field> {
+    let shapes: [fn(f32) -> Shape; 6] = [
+        |radius| Shape::Ball { radius },
+        |y| Shape::Cuboid {
+            half_extents: Vec3::new(1.0, y, 1.0),
+        },
+        |half_height| Shape::Capsule {
+            half_height,
+            radius: 1.0,
+        },
+        |radius| Shape::Capsule {
+            half_height: 1.0,
+            radius,
+        },
+        |half_height| Shape::Cylinder {
+            half_height,
+            radius: 1.0,
+        },
+        |radius| Shape::Cylinder {
+            half_height: 1.0,
+            radius,
+        },
+    ];
+    let id = ShapeId(500);
+    let field = |shape: fn(f32) -> Shape| {
+        Field::new(Quantity::Extent, (EXTENT_MIN, EXTENT_MAX), move |v| {
+            Command::AddShape {
+                id,
+                shape: shape(v.element_sum()),
+            }
+        })
+    };
+    shapes.into_iter().map(field).collect()
+}
+
+/// All of them, for a rig's ball and its next body.
+fn fields(rig: &Rig) -> Vec<Field> {
+    let fresh = rig.rude.granted.id(1).expect("a member has indices");
+    let mut fields = fields_of_commands(rig.ball);
+    fields.extend(fields_of_bodies(fresh));
+    fields.extend(fields_of_shapes());
+    fields
+}
+
+#[test]
+fn every_number_that_is_not_finite_is_refused_by_its_name() {
+    let mut rig = Rig::new();
+    for Field {
+        quantity, command, ..
+    } in fields(&rig)
+    {
+        for wrong in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            for vector in each_place(wrong) {
+                let expected = CommandError::Invalid(Invalid::NotFinite(quantity));
+                rig.assert_refused(command(vector), expected);
+            }
+        }
+    }
+}
+
+#[test]
+fn what_is_beyond_a_limit_is_refused_by_its_name() {
+    let mut rig = Rig::new();
+    for field in fields(&rig) {
+        let just_beyond = [field.least.next_down(), field.most.next_up()];
+        for beyond in just_beyond.into_iter().chain([f32::MIN, f32::MAX]) {
+            for vector in each_place(beyond) {
+                let expected = CommandError::Invalid(Invalid::OutOfRange(field.quantity));
+                rig.assert_refused((field.command)(vector), expected);
+            }
+        }
+    }
+}
+
+#[test]
+fn what_is_at_a_limit_is_done_and_the_scene_goes_on() {
+    for number in 0..fields(&Rig::new()).len() {
+        for edge in 0..2 {
+            let mut rig = Rig::new();
+            let field = fields(&rig).swap_remove(number);
+            let [along_x, ..] = each_place([field.least, field.most][edge]);
+            assert_eq!(
+                rig.wish((field.command)(along_x)),
+                Ok(()),
+                "{}",
+                field.quantity
+            );
+            rig.rude
+                .say(&mut rig.table, &ClientMessage::Advance { to: Tick::new(5) });
+            let (_, tick, _) = rig.rude.inspect(&mut rig.table);
+            assert_eq!(tick, 5, "{} at {along_x}", field.quantity);
+        }
+    }
+}
+
+#[test]
+fn a_rotation_is_of_unit_length_or_refused() {
+    let mut rig = Rig::new();
+    let id = rig.ball;
+    for wrong in [
+        Quat::from_xyzw(0.0, 0.0, 0.0, 0.0),
+        Quat::from_xyzw(0.0, 0.0, 0.0, 1.1),
+        Quat::from_xyzw(f32::NAN, 0.0, 0.0, 1.0),
+        Quat::from_xyzw(f32::INFINITY, 0.0, 0.0, 1.0),
+        Quat::from_xyzw(1.0, 1.0, 1.0, 1.0),
+        Quat::from_xyzw(f32::MAX, f32::MAX, 0.0, 0.0),
+    ] {
+        let command = Command::SetPose {
+            id,
+            position: Vec3::ZERO,
+            rotation: wrong,
+        };
+        let expected = CommandError::Invalid(Invalid::NotFinite(Quantity::Rotation));
+        rig.assert_refused(command, expected);
+    }
+}
+
+#[test]
+fn a_newcomers_motion_keeps_the_limits_too() {
+    let mut rig = Rig::new();
+    let terms = BodyTerms::plain(rig.rude.granted.id(1).unwrap(), BodyKind::Dynamic, BALL);
+    let far = Vec3::new(0.0, COORDINATE_MAX.next_up(), 0.0);
+    let fast = Vec3::new(LINEAR_MAX.next_up(), 0.0, 0.0);
+    let spinning = Vec3::new(0.0, 0.0, ANGULAR_MAX.next_up());
+    for (motion, quantity) in [
+        (moving(far, Vec3::ZERO, Vec3::ZERO), Quantity::Position),
+        (moving(Vec3::ZERO, fast, Vec3::ZERO), Quantity::Linear),
+        (moving(Vec3::ZERO, Vec3::ZERO, spinning), Quantity::Angular),
+    ] {
+        let expected = CommandError::Invalid(Invalid::OutOfRange(quantity));
+        rig.assert_refused(add_body(terms, motion), expected);
+    }
+}
+
+#[test]
+fn a_newcomer_whose_motion_is_no_number_is_malformed() {
+    let mut rig = Rig::new();
+    let terms = BodyTerms::plain(rig.rude.granted.id(1).unwrap(), BodyKind::Dynamic, BALL);
+    let mut bytes = Vec::new();
+    ClientMessage::Command(add_body(terms, still())).encode(&mut bytes);
+    let height = 50.0_f32.to_le_bytes();
+    let place = bytes
+        .windows(4)
+        .position(|window| window == height)
+        .unwrap();
+    bytes[place..place + 4].copy_from_slice(&f32::NAN.to_le_bytes());
+    rig.rude.utter(&mut rig.table, &bytes);
+    assert_eq!(rig.rude.closed(&rig.table), Some(CloseCode::MALFORMED));
+}
+
+#[test]
+fn commands_about_what_is_not_there_are_refused_by_its_name() {
+    let mut rig = Rig::new();
+    let id = rig.ball;
+    let beyond = rig.rude.granted;
+    let plain = |id, shape| BodyTerms::plain(id, BodyKind::Dynamic, shape);
+    let dead = BodyId::new(id.index(), 7);
+    let foreign = BodyId::new(4_000, 0);
+    let outside = BodyId::new(beyond.first() + beyond.count(), 0);
+    let second = beyond.id(1).unwrap();
+    let ball = Shape::Ball { radius: 1.0 };
+    for (command, expected) in [
+        (
+            Command::RemoveBody { id: dead },
+            CommandError::UnknownBody(dead),
+        ),
+        (
+            Command::Force {
+                id: foreign,
+                force: Vec3::X,
+            },
+            CommandError::UnknownBody(foreign),
+        ),
+        (
+            Command::RemoveShape { id: ShapeId(77) },
+            CommandError::UnknownShape(ShapeId(77)),
+        ),
+        (
+            Command::RemoveShape { id: BALL },
+            CommandError::ShapeInUse(BALL),
+        ),
+        (
+            Command::AddShape {
+                id: BALL,
+                shape: ball,
+            },
+            CommandError::ShapeIdTaken(BALL),
+        ),
+        (
+            add_body(plain(foreign, BALL), still()),
+            CommandError::NotGranted(foreign),
+        ),
+        (
+            add_body(plain(outside, BALL), still()),
+            CommandError::NotGranted(outside),
+        ),
+        (
+            add_body(plain(id, BALL), still()),
+            CommandError::BodyIdTaken(id),
+        ),
+        (
+            add_body(plain(dead, BALL), still()),
+            CommandError::BodyIdTaken(dead),
+        ),
+        (
+            add_body(plain(second, ShapeId(77)), still()),
+            CommandError::UnknownShape(ShapeId(77)),
+        ),
+        (
+            Command::Impulse {
+                id: BodyId::new(0, 0),
+                impulse: Vec3::X,
+            },
+            CommandError::NotPushable(BodyId::new(0, 0)),
+        ),
+    ] {
+        rig.assert_refused(command, expected);
+    }
+    rig.wish(Command::RemoveBody { id }).unwrap();
+    rig.assert_refused(
+        Command::Torque {
+            id,
+            torque: Vec3::X,
+        },
+        CommandError::UnknownBody(id),
+    );
+    rig.assert_refused(
+        add_body(plain(id, BALL), still()),
+        CommandError::BodyIdTaken(id),
+    );
+    let next = BodyId::new(id.index(), 1);
+    assert_eq!(rig.wish(add_body(plain(next, BALL), still())), Ok(()));
+}
+
+#[test]
+fn a_scene_of_wrong_terms_is_denied_and_does_not_exist() {
+    let script = Zoo::new(1, 1);
+    let with = |change: fn(&mut SceneTerms)| {
+        let mut terms = script.terms();
+        change(&mut terms);
+        terms
+    };
+    for terms in [
+        with(|terms| terms.gravity.y = f32::NAN),
+        with(|terms| terms.gravity.x = GRAVITY_MAX.next_up()),
+        with(|terms| terms.material.density = 0.0),
+        with(|terms| terms.damping.linear = -1.0),
+    ] {
+        let mut table = Table::default();
+        let rude = table.seat_rude();
+        let mut bytes = Vec::new();
+        let scene = "wrong".parse().unwrap();
+        ClientMessage::Hello {
+            versions: vec![1],
+            scene,
+        }
+        .encode(&mut bytes);
+        ClientMessage::Create(terms).encode(&mut bytes);
+        table.control(rude, &bytes);
+        assert_eq!(table.closed(rude), None);
+        let again = table.seat("wrong");
+        let session = table.guest(again);
+        let event = std::iter::from_fn(|| session.poll_event()).next();
+        assert!(matches!(event, Some(Event::Welcomed(welcome)) if welcome.scene.is_none()));
+    }
+}
