@@ -88,7 +88,7 @@ pub struct Seen {
 pub enum Cause {
     /// A datagram was lost and not yet made good.
     Loss,
-    /// The stream has not yet vouched for this tick.
+    /// The view shows a tick that the stream has not vouched for yet, or that lies before what it was last told.
     Late,
     /// Nothing explains it: a defect.
     Fault,

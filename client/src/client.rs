@@ -225,6 +225,12 @@ impl Client {
         self.replica()?.stream().bound(id)
     }
 
+    /// How far off the copy of a body may be at a tick, such as the one that the view shows.
+    #[must_use]
+    pub fn bound_at(&self, id: BodyId, tick: Tick) -> Option<Bound> {
+        self.replica()?.stream().bound_at(id, tick)
+    }
+
     /// The next thing that happened.
     pub fn poll_happening(&mut self) -> Option<Happening> {
         self.happenings.pop_front()
@@ -318,8 +324,9 @@ impl Client {
         let vouched = self
             .replica()
             .map_or(Tick::ZERO, |replica| replica.stream().vouched());
-        let limit = vouched.value() as f64 + PREDICT_SECONDS / step;
-        let shown = self.clock.show(now, self.delay_ticks, limit);
+        let known = vouched.value() as f64;
+        let limit = known + PREDICT_SECONDS / step;
+        let shown = self.clock.show(now, self.delay_ticks, known, limit);
         let at = if self.whole_ticks {
             DisplayTime::at(shown.tick)
         } else {

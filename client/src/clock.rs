@@ -91,12 +91,11 @@ impl SceneClock {
         Some(origin + now.as_nanos() as f64 * self.ticks_per_ns)
     }
 
-    /// The moment to show now, `delay` ticks behind the server and never beyond `limit`.
-    pub(crate) fn show(&mut self, now: Instant, delay: f64, limit: f64) -> DisplayTime {
-        let wanted = self
-            .server(now)
-            .map_or(limit, |server| server - delay)
-            .min(limit);
+    /// The moment to show now: `delay` ticks behind the server, never beyond `limit`, and `known` while the server's clock
+    /// was not seen yet.
+    pub(crate) fn show(&mut self, now: Instant, delay: f64, known: f64, limit: f64) -> DisplayTime {
+        let wanted = self.server(now).map_or(known, |server| server - delay);
+        let wanted = wanted.min(limit);
         let shown = match self.shown {
             Some((then, shown)) => {
                 let passed = now.since(then).as_nanos() as f64 * self.ticks_per_ns;
@@ -145,7 +144,7 @@ mod tests {
     #[test]
     fn shown_time_never_goes_back_nor_runs_away() {
         let mut clock = clock();
-        let mut last = clock.show(seconds(0.0), 0.0, 1e9).ticks();
+        let mut last = clock.show(seconds(0.0), 0.0, 0.0, 1e9).ticks();
         for frame in 1..200 {
             let jolt = if frame % 50 == 0 { 5 } else { 0 };
             clock.sample(
@@ -155,7 +154,7 @@ mod tests {
                 Span::from_millis(1),
             );
             let shown = clock
-                .show(seconds(f64::from(frame) / 60.0), 0.0, 1e9)
+                .show(seconds(f64::from(frame) / 60.0), 0.0, 0.0, 1e9)
                 .ticks();
             assert!(shown >= last);
             assert!(shown - last <= 1.0 + SLEW + 1e-6);
@@ -167,7 +166,7 @@ mod tests {
     #[test]
     fn nothing_is_shown_beyond_the_limit() {
         let mut clock = clock();
-        assert!(clock.show(seconds(0.0), 0.0, 590.0).ticks() <= 590.0);
-        assert!(clock.show(seconds(1.0), 0.0, 590.0).ticks() <= 590.0);
+        assert!(clock.show(seconds(0.0), 0.0, 0.0, 590.0).ticks() <= 590.0);
+        assert!(clock.show(seconds(1.0), 0.0, 0.0, 590.0).ticks() <= 590.0);
     }
 }

@@ -234,11 +234,14 @@ impl Remote {
             return false;
         };
         let client = &self.client;
-        let vouched = client.statistics().vouched;
-        let cause = |id: BodyId| match client.bound(id) {
-            Some(Bound::Unknown { .. }) => Cause::Loss,
-            _ if frame.tick > vouched => Cause::Late,
-            _ => Cause::Fault,
+        let (vouched, tick) = (client.statistics().vouched, frame.tick);
+        let settled = client
+            .replica()
+            .is_some_and(|replica| replica.stream().is_settled());
+        let cause = |id: BodyId| match client.bound_at(id, tick) {
+            Some(Bound::Within(_)) => Cause::Fault,
+            _ if tick > vouched || settled => Cause::Late,
+            _ => Cause::Loss,
         };
         let Some(errors) = compare(recent, frame.tick, client.view(), tolerance, cause) else {
             return false;

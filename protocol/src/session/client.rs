@@ -122,6 +122,10 @@ const SILENCE: Span = Span::from_millis(100);
 const SILENCE_UNASKED: Span = Span::from_millis(1_500);
 /// See [`SILENCE`].
 const SILENCE_MOST: Span = Span::from_millis(2_000);
+/// A new member looks at the server's clock a few times soon after one another, so that one odd answer does no harm.
+const PINGS_AT_FIRST: u32 = 5;
+/// See [`PINGS_AT_FIRST`].
+const PING_AT_FIRST: Span = Span::from_millis(50);
 /// How often the server's clock is looked at while it leads.
 const PING_EVERY: Span = Span::from_millis(1_000);
 
@@ -143,6 +147,8 @@ pub struct ClientSession {
     repair: Patience,
     silence: Patience,
     ping_due: Option<Instant>,
+    /// Pings that still follow each other quickly.
+    pings_left: u32,
     round_trip: Span,
     unsent: Vec<u8>,
     out: VecDeque<Transmit>,
@@ -168,6 +174,7 @@ impl ClientSession {
             repair: Patience::new(DISORDER, REPAIR_MOST),
             silence: Patience::new(SILENCE, SILENCE_MOST),
             ping_due: None,
+            pings_left: 0,
             round_trip: Span::from_millis(20),
             unsent: Vec::new(),
             out: VecDeque::new(),
@@ -337,7 +344,7 @@ impl ClientSession {
             ServerMessage::Welcome(welcome) if self.state == State::Greeting => {
                 self.state = State::Lobby;
                 self.terms = welcome.scene;
-                self.ping(now);
+                self.say(&ClientMessage::Ping { sent: now });
                 self.events.push_back(Event::Welcomed(welcome));
             }
             ServerMessage::Created => self.events.push_back(Event::Created),
@@ -388,6 +395,8 @@ impl ClientSession {
         if self.state != State::Member {
             self.state = State::Member;
             self.commands = 0;
+            self.pings_left = PINGS_AT_FIRST;
+            self.ping(now);
             self.events.push_back(Event::Joined(self.granted));
         }
         self.resyncing = false;
@@ -430,6 +439,10 @@ impl ClientSession {
         }
         let round_trip = now.since(sent);
         self.round_trip = round_trip;
+        // Before the joining there may have been no scene whose clock could be told.
+        if self.state != State::Member {
+            return;
+        }
         self.events.push_back(Event::ClockSeen {
             at: sent + Span::from_nanos(round_trip.as_nanos() / 2),
             tick,
@@ -440,7 +453,13 @@ impl ClientSession {
 
     fn ping(&mut self, now: Instant) {
         self.say(&ClientMessage::Ping { sent: now });
-        self.ping_due = Some(now + PING_EVERY);
+        self.pings_left = self.pings_left.saturating_sub(1);
+        let pause = if self.pings_left > 0 {
+            PING_AT_FIRST
+        } else {
+            PING_EVERY
+        };
+        self.ping_due = Some(now + pause);
     }
 
     fn is_free_running(&self) -> bool {

@@ -201,12 +201,19 @@ impl Subscriber {
     /// How far off the copy of a body may be at the vouched tick.
     #[must_use]
     pub fn bound(&self, id: BodyId) -> Option<Bound> {
+        self.bound_at(id, self.vouched)
+    }
+
+    /// How far off the copy of a body may be at a tick; unknown for one that is not vouched for yet, or that lies before
+    /// the tracks that are still held.
+    #[must_use]
+    pub fn bound_at(&self, id: BodyId, tick: Tick) -> Option<Bound> {
         let track = self.track(id)?;
         let since = self.settled_at;
         let doubted = self.gaps.doubted_before();
         let in_doubt = |track: &Track| doubted.is_some_and(|before| track.origin < before);
-        let held = self.track_at(id.index(), track, self.vouched);
-        if self.lost_touch || held.is_none_or(in_doubt) {
+        let held = self.track_at(id.index(), track, tick);
+        if tick > self.vouched || self.lost_touch || held.is_none_or(in_doubt) {
             return Some(Bound::Unknown { since });
         }
         Some(Bound::Within(self.tolerance().metres()))

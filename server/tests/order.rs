@@ -1,0 +1,101 @@
+//! Wishes act in the order in which they were said: a command after an advance acts after its steps.
+//!
+//! Proved on a host without sockets that hears everything in one piece, as it may from a pipelined client.
+
+use std::num::NonZeroU32;
+
+use glam::Vec3;
+use rhumb_protocol::message::{ClientMessage, Frames, ServerMessage, StreamChoice, VERSIONS};
+use rhumb_protocol::scene::{Command, Material, Pace, SceneTerms, Shape, ShapeId};
+use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
+use rhumb_reckoning::{Damping, Integrator, Rate, Tick, Tolerance};
+use rhumb_server::Host;
+
+const CLIENT: Peer = Peer(1);
+
+fn terms() -> SceneTerms {
+    SceneTerms {
+        integrator: Integrator {
+            rate: Rate::HZ_60,
+            substeps: NonZeroU32::new(4).expect("four is not zero"),
+        },
+        gravity: Vec3::NEG_Y,
+        pace: Pace::Lockstep,
+        material: Material {
+            friction: 0.2,
+            restitution: 0.0,
+            density: 1_000.0,
+        },
+        damping: Damping::default(),
+    }
+}
+
+fn shape(number: u32) -> ClientMessage {
+    ClientMessage::Command(Command::AddShape {
+        id: ShapeId(number),
+        shape: Shape::Ball { radius: 0.5 },
+    })
+}
+
+/// Lets a host hear messages in one piece and run until nothing is due; returns what it said on the control stream.
+fn conversation(messages: &[ClientMessage]) -> Vec<ServerMessage> {
+    let mut host = Host::new(|| Instant::ZERO);
+    let now = Instant::ZERO;
+    host.handle_opened(now, CLIENT);
+    let mut bytes = Vec::new();
+    for message in messages {
+        message.encode(&mut bytes);
+    }
+    host.handle_control(now, CLIENT, &bytes);
+    while host.poll_timeout().is_some() {
+        host.handle_timeout(now);
+    }
+    let mut frames = Frames::new();
+    while let Some(transmit) = host.poll_transmit() {
+        if let Transmit::Control { bytes, .. } = transmit {
+            frames.push(&bytes);
+        }
+    }
+    let mut said = Vec::new();
+    while let Some(framed) = frames.next_frame().expect("a host says whole messages") {
+        said.extend(ServerMessage::decode(&framed).expect("a host speaks the protocol"));
+    }
+    said
+}
+
+fn joined(rest: impl IntoIterator<Item = ClientMessage>) -> Vec<ClientMessage> {
+    let mut messages = vec![
+        ClientMessage::Hello {
+            versions: VERSIONS.to_vec(),
+            scene: "order".parse().expect("a good name"),
+        },
+        ClientMessage::Create(terms()),
+        ClientMessage::Join(StreamChoice::Within(Tolerance::NORMAL)),
+    ];
+    messages.extend(rest);
+    messages
+}
+
+#[test]
+fn a_command_after_an_advance_acts_after_its_steps() {
+    let advance = |to| ClientMessage::Advance { to: Tick::new(to) };
+    let said = conversation(&joined([
+        shape(0),
+        advance(3),
+        shape(1),
+        shape(1),
+        advance(5),
+        shape(2),
+    ]));
+    let applied: Vec<_> = said
+        .iter()
+        .filter_map(|message| match message {
+            ServerMessage::Applied { through, tick } => Some((*through, tick.value())),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(applied, [(0, 0), (2, 3), (3, 5)]);
+    let refused =
+        |message: &&ServerMessage| matches!(message, ServerMessage::Refused { number: 2, .. });
+    assert_eq!(said.iter().filter(refused).count(), 1);
+}
