@@ -98,7 +98,7 @@ pub struct Client {
     happenings: VecDeque<Happening>,
     inspected: Option<Inspection>,
     denied: Option<Denial>,
-    left: bool,
+    deleted: bool,
     faulted: Option<Tick>,
     ended: Option<Ending>,
 }
@@ -187,7 +187,7 @@ impl Client {
             happenings: VecDeque::new(),
             inspected: None,
             denied: None,
-            left: false,
+            deleted: false,
             faulted: None,
             ended: None,
         };
@@ -279,8 +279,10 @@ impl Client {
     /// # Errors
     ///
     /// [`ClientError::Patience`] when the tick's stream was not complete in time; [`Self::wait`] goes on waiting.
+    /// [`ClientError::Denied`] when the scene is not led by members, or the tick lies too far ahead.
     pub fn advance(&mut self, depth: Depth) -> Result<Tick, ClientError> {
         self.must_stand()?;
+        self.denied = None;
         self.requested = self.requested.next();
         let now = self.pump.now();
         self.pump.session.advance(now, self.requested)?;
@@ -302,6 +304,10 @@ impl Client {
         self.pump.turn(Instant::ZERO);
         self.take_events();
         while self.complete() < wanted {
+            if let Some(denial) = self.denied.take() {
+                self.requested = self.complete();
+                return Err(ClientError::Denied(denial));
+            }
             self.turn(deadline, "complete tick")?;
         }
         let tick = self.complete();
@@ -379,11 +385,14 @@ impl Client {
         self.pump.session.delete()?;
         self.denied = None;
         let deadline = self.deadline();
-        while !self.left {
+        while !self.deleted {
             if let Some(denial) = self.denied.take() {
                 return Err(ClientError::Denied(denial));
             }
-            self.turn(deadline, "answer")?;
+            match self.turn(deadline, "answer") {
+                Ok(()) | Err(ClientError::SceneDeleted) => {}
+                Err(error) => return Err(error),
+            }
         }
         Ok(())
     }
@@ -446,6 +455,9 @@ impl Client {
         if let Some(ending) = self.ended {
             return Err(ClientError::Ended(ending));
         }
+        if self.deleted {
+            return Err(ClientError::SceneDeleted);
+        }
         match self.faulted {
             Some(tick) => Err(ClientError::SceneFaulted(tick)),
             None => Ok(()),
@@ -487,7 +499,7 @@ impl Client {
                 round_trip,
             } => self.clock.sample(at, tick, since_tick, round_trip),
             Event::SceneFaulted(tick) => self.faulted = Some(tick),
-            Event::Left | Event::Deleted => self.left = true,
+            Event::Deleted => self.deleted = true,
             Event::Ended(ending) => self.ended = Some(ending),
             _ => {}
         }

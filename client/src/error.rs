@@ -50,6 +50,8 @@ pub enum ClientError {
     },
     /// The server turned a request down.
     Denied(Denial),
+    /// Another member deleted the scene.
+    SceneDeleted,
     /// The scene's engine failed; it stands still after this tick.
     SceneFaulted(Tick),
 }
@@ -89,6 +91,7 @@ impl fmt::Display for ClientError {
                 write!(f, "the server gave no {awaited} within {patience:?}")
             }
             Self::Denied(denial) => denial.fmt(f),
+            Self::SceneDeleted => f.write_str("another member deleted the scene"),
             Self::SceneFaulted(tick) => {
                 write!(f, "the scene's engine failed; it stands still after {tick}")
             }
