@@ -1,0 +1,426 @@
+//! A server process and real clients over QUIC on loopback: what an operator and a simulator see.
+//!
+//! Proved by running the server's command line as a process of its own (see `ServerProcess`) and the public client
+//! against it. Waiting is always a client's call with its patience, never a sleep; results are asserted and times are
+//! only printed, but for one loose bound on an idle server's processor time.
+//!
+//! Caught so far: a member whose scene another one deleted was told of its own misuse, and waited out its patience; so
+//! was one that advanced a scene that runs by the server's clock.
+
+use std::net::UdpSocket;
+use std::time::{Duration, Instant};
+
+use glam::Vec3;
+use rhumb_client::scene::{
+    BodyKind, BodyTerms, Command, Invalid, Pace, Quantity, SceneTerms, Shape, ShapeId,
+};
+use rhumb_client::{
+    BodyId, Client, ClientError, Denial, Depth, Entry, Happening, OpenError, Options, StreamChoice,
+    Trust,
+};
+use rhumb_protocol::Ending;
+use rhumb_protocol::session::Misuse;
+use rhumb_reckoning::{Tick, Verbatim};
+use rhumb_sims::{BallPit, Script};
+use rhumb_tests::{Programme, ServerProcess};
+use rhumb_transport::{ConnectError, TransportCode};
+
+const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
+/// A free port of loopback.
+const ANYWHERE: &str = "127.0.0.1:0";
+
+fn options(server: &ServerProcess, scene: &str, entry: Entry) -> Options {
+    let trust = Trust::Fingerprint(server.fingerprint);
+    let scene = scene.parse().expect("the tests name scenes well");
+    Options::new(server.address.to_string(), trust, scene, entry)
+}
+
+fn terms(pace: Pace) -> SceneTerms {
+    SceneTerms {
+        pace,
+        ..BallPit::new(1, 1, 1).terms()
+    }
+}
+
+fn open(server: &ServerProcess, scene: &str, entry: Entry) -> Client {
+    Client::open(options(server, scene, entry)).expect("the server is there")
+}
+
+fn refused(options: Options) -> OpenError {
+    match Client::open(options) {
+        Ok(_) => panic!("a client was let in"),
+        Err(error) => error,
+    }
+}
+
+/// Drives a script for so many lockstep ticks and checks that each is shown.
+fn drive(client: &mut Client, script: &mut dyn Script, ticks: u64) {
+    for tick in 0..ticks {
+        let mut commands = Vec::new();
+        script.commands(Tick::new(tick), &mut commands);
+        for command in commands {
+            client.command(command).expect("the connection stands");
+        }
+        let shown = client.advance(Depth::LOCKSTEP).expect("the server steps");
+        assert_eq!(shown, Tick::new(tick + 1));
+    }
+}
+
+#[test]
+fn sixty_lockstep_ticks_of_a_small_scene_are_seen_as_they_were() {
+    let server = SERVER.serve(ANYWHERE);
+    assert!(
+        server.lines[0].starts_with("rhumb-server "),
+        "{:?}",
+        server.lines
+    );
+    let pace = Entry::Create(terms(Pace::Lockstep));
+    let mut client = open(&server, "pit", pace);
+    let mut script = BallPit::new(20, 1, 5);
+    drive(&mut client, &mut script, 60);
+    let mut scene = rhumb_server::Scene::new(script.terms()).unwrap();
+    let mut again = BallPit::new(20, 1, 5);
+    for tick in 0..60 {
+        let mut commands = Vec::new();
+        again.commands(Tick::new(tick), &mut commands);
+        for command in commands {
+            scene.apply(&command).unwrap();
+        }
+        scene.step().unwrap();
+    }
+    let view = client.view();
+    assert_eq!(view.ids().len(), scene.body_count());
+    for (place, id) in view.ids().iter().enumerate() {
+        let truth = Vec3::from_array(scene.observation(*id).unwrap().motion.position());
+        let off = truth.distance(view.positions()[place]);
+        assert!(off <= 0.05, "{id} is off by {off} m");
+    }
+    let inspection = client.inspect().unwrap();
+    assert_eq!(inspection.truth, scene.digest().value());
+    assert!(view_moves(&mut client));
+}
+
+/// Whether any ball is still awake and changes from tick to tick.
+fn view_moves(client: &mut Client) -> bool {
+    client.advance(Depth::LOCKSTEP).expect("the server steps");
+    client.view().changed().next().is_some()
+}
+
+#[test]
+fn a_signal_ends_the_server_in_order_and_it_can_come_back() {
+    for signal in ["TERM", "INT"] {
+        let server = SERVER.serve(ANYWHERE);
+        let address = server.address.to_string();
+        let lockstep = Entry::CreateOrJoin(terms(Pace::Lockstep));
+        let mut client = open(&server, "pit", lockstep);
+        drive(&mut client, &mut BallPit::new(2, 1, 1), 3);
+        server.signal(signal);
+        let error = match client.idle(Duration::from_secs(5)) {
+            Err(error @ ClientError::Ended(ending)) => {
+                let going_away = Ending::Closed(TransportCode::GOING_AWAY.0);
+                assert_eq!(ending, going_away, "{error}");
+                error
+            }
+            other => panic!("after {signal}: {other:?}"),
+        };
+        assert!(error.to_string().contains("going away"), "{error}");
+        let ended = server.wait();
+        assert_eq!(ended.code, Some(0), "{signal}: {}", ended.log);
+        assert!(!ended.log.contains("ERROR"), "{}", ended.log);
+        // A new one at the same address: a fresh certificate, and no scene.
+        let server = SERVER.serve(&address);
+        assert_eq!(server.address.to_string(), address);
+        let mut client = open(&server, "pit", lockstep);
+        assert_eq!(client.view().ids(), []);
+        drive(&mut client, &mut BallPit::new(2, 1, 1), 3);
+    }
+}
+
+#[test]
+fn what_it_cannot_start_with_is_said_in_one_error() {
+    for (arguments, named) in [
+        (&["--frobnicate"][..], "--frobnicate"),
+        (&["--listen", "nowhere"], "nowhere"),
+        (&["--cert", "a.pem"], "--key"),
+        (&["--log", "loudly"], "loudly"),
+    ] {
+        let ended = SERVER.fail(arguments);
+        assert_eq!(ended.code, Some(2), "{arguments:?}: {}", ended.log);
+        assert_eq!(ended.log.matches("error:").count(), 1, "{}", ended.log);
+        assert!(ended.log.contains(named), "{}", ended.log);
+        assert_eq!(ended.out, "");
+    }
+}
+
+#[test]
+fn what_it_cannot_read_or_bind_is_named() {
+    let taken = SERVER.serve(ANYWHERE);
+    let address = taken.address.to_string();
+    for (arguments, named) in [
+        (["--listen", address.as_str()].to_vec(), address.as_str()),
+        (
+            vec![
+                "--listen",
+                ANYWHERE,
+                "--cert",
+                "no/such.pem",
+                "--key",
+                "no/such.key",
+            ],
+            "no/such.pem",
+        ),
+    ] {
+        let ended = SERVER.fail(&arguments);
+        assert_eq!(ended.code, Some(1), "{arguments:?}: {}", ended.log);
+        assert_eq!(ended.log.lines().count(), 1, "{}", ended.log);
+        assert!(ended.log.contains(named), "{}", ended.log);
+        assert_eq!(ended.out, "");
+    }
+}
+
+#[test]
+fn another_certificate_than_the_pinned_one_is_refused_and_both_are_named() {
+    let (server, other) = (SERVER.serve(ANYWHERE), SERVER.serve(ANYWHERE));
+    let mut options = options(&server, "pit", Entry::Join);
+    options.trust = Trust::Fingerprint(other.fingerprint);
+    let error = refused(options);
+    assert!(
+        matches!(
+            error,
+            OpenError::Connect(ConnectError::WrongFingerprint { .. })
+        ),
+        "{error}"
+    );
+    let text = error.to_string();
+    assert!(text.contains(&server.fingerprint.to_string()), "{text}");
+    assert!(text.contains(&other.fingerprint.to_string()), "{text}");
+}
+
+#[test]
+fn where_nothing_listens_patience_ends() {
+    let server = SERVER.serve(ANYWHERE);
+    // Bound and never read: nothing answers, and nobody else takes the port.
+    let silent = UdpSocket::bind(ANYWHERE).unwrap();
+    let mut options = options(&server, "pit", Entry::Join);
+    options.server = silent.local_addr().unwrap().to_string();
+    options.patience = Duration::from_millis(300);
+    let begun = Instant::now();
+    let error = refused(options);
+    assert!(
+        matches!(
+            error,
+            OpenError::Connect(ConnectError::NothingAnswers { .. })
+        ),
+        "{error}"
+    );
+    assert!(error.to_string().contains("300ms"), "{error}");
+    println!("nothing answered for {:?}", begun.elapsed());
+}
+
+#[test]
+fn a_scene_that_does_not_exist_is_denied_by_its_name() {
+    let server = SERVER.serve(ANYWHERE);
+    let error = refused(options(&server, "atlantis", Entry::Join));
+    let no_such = matches!(
+        error,
+        OpenError::Denied {
+            denial: Denial::NoSuchScene,
+            ..
+        }
+    );
+    assert!(no_such, "{error}");
+    assert!(error.to_string().contains("atlantis"), "{error}");
+    let free = Entry::Create(terms(Pace::FreeRunning));
+    let _first = open(&server, "atlantis", free);
+    let error = refused(options(&server, "atlantis", free));
+    let exists = matches!(
+        error,
+        OpenError::Denied {
+            denial: Denial::SceneExists,
+            ..
+        }
+    );
+    assert!(exists, "{error}");
+}
+
+#[test]
+fn a_number_that_is_none_is_misuse_and_the_connection_goes_on() {
+    let server = SERVER.serve(ANYWHERE);
+    let mut client = open(&server, "pit", Entry::Create(terms(Pace::Lockstep)));
+    let gravity = Vec3::new(0.0, f32::NAN, 0.0);
+    let error = client.command(Command::SetGravity { gravity }).unwrap_err();
+    let expected = Misuse::Invalid(Invalid::NotFinite(Quantity::Gravity));
+    assert!(
+        matches!(error, ClientError::Misuse(misuse) if misuse == expected),
+        "{error}"
+    );
+    assert!(error.to_string().contains("gravity"), "{error}");
+    drive(&mut client, &mut BallPit::new(2, 1, 1), 5);
+    let answered = std::iter::from_fn(|| client.poll_happening());
+    assert!(
+        !answered
+            .into_iter()
+            .any(|h| matches!(h, Happening::Refused { .. }))
+    );
+}
+
+#[test]
+fn two_clients_of_a_scene_see_the_same() {
+    let server = SERVER.serve(ANYWHERE);
+    let mut leader = open(&server, "pit", Entry::Create(terms(Pace::Lockstep)));
+    let mut viewer = open(&server, "pit", Entry::Join);
+    drive(&mut leader, &mut BallPit::new(10, 1, 2), 30);
+    let tick = Tick::new(30);
+    while viewer.statistics().complete < tick {
+        viewer.idle(Duration::from_millis(10)).unwrap();
+    }
+    viewer.wait(Depth::LOCKSTEP).unwrap();
+    let (one, other) = (leader.view(), viewer.view());
+    assert_eq!(one.ids().len(), other.ids().len());
+    for (place, id) in one.ids().iter().enumerate() {
+        let seen = other.place(*id).unwrap();
+        assert_eq!(one.positions()[place], other.positions()[seen], "{id}");
+        assert_eq!(one.rotations()[place], other.rotations()[seen], "{id}");
+    }
+}
+
+#[test]
+fn a_deleted_scene_is_told_to_its_members_as_that() {
+    let server = SERVER.serve(ANYWHERE);
+    let mut leader = open(&server, "pit", Entry::Create(terms(Pace::Lockstep)));
+    let mut other = open(&server, "pit", Entry::Join);
+    leader.delete().unwrap();
+    let error = other.advance(Depth::LOCKSTEP).unwrap_err();
+    assert!(matches!(error, ClientError::SceneDeleted), "{error}");
+    let error = other.inspect().unwrap_err();
+    assert!(matches!(error, ClientError::SceneDeleted), "{error}");
+    let error = refused(options(&server, "pit", Entry::Join));
+    assert!(matches!(error, OpenError::Denied { .. }), "{error}");
+}
+
+#[test]
+fn a_scene_that_runs_freely_denies_an_advance_at_once() {
+    let server = SERVER.serve(ANYWHERE);
+    let mut client = open(&server, "pit", Entry::Create(terms(Pace::FreeRunning)));
+    let error = client.advance(Depth::LOCKSTEP).unwrap_err();
+    assert!(
+        matches!(error, ClientError::Denied(Denial::NotLockstep)),
+        "{error}"
+    );
+    client.follow().unwrap();
+}
+
+/// A grid of balls that touch nothing and fall nowhere: they sleep soon.
+fn grid(client: &mut Client, bodies: u32) {
+    let shape = Shape::Ball { radius: 0.4 };
+    let add = Command::AddShape {
+        id: ShapeId(0),
+        shape,
+    };
+    client.command(add).expect("the connection stands");
+    let mut ids = ids_of(client, bodies);
+    for place in 0..bodies {
+        let position = [(place % 100) as f32, 0.0, (place / 100) as f32];
+        let still = Verbatim::new(position, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
+        let id = ids.next().expect("as many ids as bodies");
+        client
+            .command(Command::AddBody {
+                terms: BodyTerms::plain(id, BodyKind::Dynamic, ShapeId(0)),
+                motion: still.expect("places of a grid are finite"),
+            })
+            .expect("the connection stands");
+        if place % 1_000 == 999 {
+            client
+                .idle(Duration::from_millis(20))
+                .expect("the connection stands");
+        }
+    }
+}
+
+/// So many body ids, of the range that was granted first and of another.
+fn ids_of(client: &mut Client, count: u32) -> impl Iterator<Item = BodyId> + use<> {
+    let first = client.granted();
+    let more = client.reserve(count).expect("there are indices left");
+    let ids = [first, more].into_iter();
+    ids.flat_map(|range| (0..range.count()).filter_map(move |place| range.id(place)))
+}
+
+#[test]
+fn ten_thousand_bodies_are_joined_while_the_scene_runs() {
+    const BODIES: u32 = 10_000;
+    let server = SERVER.serve(ANYWHERE);
+    let weightless = SceneTerms {
+        gravity: Vec3::ZERO,
+        ..terms(Pace::FreeRunning)
+    };
+    let mut first = open(&server, "grid", Entry::Create(weightless));
+    grid(&mut first, BODIES);
+    while first.view().ids().len() < BODIES as usize {
+        first.idle(Duration::from_millis(50)).unwrap();
+        first.follow().unwrap();
+    }
+    // Somebody has to look on while the other one joins.
+    let (done, joined) = std::sync::mpsc::channel();
+    let watcher = std::thread::spawn(move || {
+        let mut longest = Duration::ZERO;
+        let (mut last, mut newest) = (Instant::now(), first.statistics().vouched);
+        while joined.try_recv().is_err() {
+            first
+                .idle(Duration::from_millis(1))
+                .expect("the connection stands");
+            let vouched = first.statistics().vouched;
+            if vouched > newest {
+                longest = longest.max(last.elapsed());
+                (last, newest) = (Instant::now(), vouched);
+            }
+        }
+        (first, longest)
+    });
+    let begun = Instant::now();
+    let mut second = open(&server, "grid", Entry::Join);
+    let took = begun.elapsed();
+    done.send(()).unwrap();
+    let (first, longest) = watcher.join().unwrap();
+    println!(
+        "{BODIES} bodies joined in {took:?}; the longest gap between the first member's ticks was {longest:?}"
+    );
+    second.follow().unwrap();
+    assert_eq!(second.view().ids().len(), BODIES as usize);
+    for id in first.view().ids() {
+        let (one, other) = (
+            first.view().place(*id).unwrap(),
+            second.view().place(*id).unwrap(),
+        );
+        let off = first.view().positions()[one].distance(second.view().positions()[other]);
+        assert!(
+            off <= 0.1,
+            "{id} is off by {off} m between two members of the 5 cm tier"
+        );
+    }
+    let full = Options {
+        stream: StreamChoice::Full,
+        ..options(&server, "grid", Entry::Join)
+    };
+    assert_eq!(
+        Client::open(full).unwrap().view().ids().len(),
+        BODIES as usize
+    );
+}
+
+#[test]
+fn an_idle_server_uses_next_to_no_processor_time() {
+    let server = SERVER.serve(ANYWHERE);
+    let mut waiting = open(&server, "pit", Entry::Create(terms(Pace::Lockstep)));
+    drive(&mut waiting, &mut BallPit::new(20, 1, 1), 10);
+    let Some(before) = server.processor_ticks() else {
+        return println!("this system does not say what a process used");
+    };
+    let wait = Duration::from_secs(2);
+    waiting.idle(wait).unwrap();
+    let used = server.processor_ticks().expect("it said so before") - before;
+    println!("{used} clock ticks of 10 ms in {wait:?}");
+    assert!(
+        used * 10 < wait.as_millis() as u64 / 5,
+        "{used} clock ticks of 10 ms in {wait:?}"
+    );
+}
