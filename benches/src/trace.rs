@@ -57,7 +57,7 @@ impl Default for TraceOptions {
         Self {
             scene_hz: 30.0,
             resting_after_s: 0.5,
-            scene_bodies_max: 2_000,
+            scene_bodies_max: 1_000,
         }
     }
 }

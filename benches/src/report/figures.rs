@@ -77,8 +77,9 @@ pub(super) fn bandwidth(load: &Load, figures: &[&RunFigures]) -> Figure {
 /// A rate below it is drawn at it: a packet a minute.
 const RATE_LEAST_KBPS: f64 = 0.1;
 
-/// Curves may lie on each other: what is drawn first is the wider.
-fn lines(curves: Vec<(Mode, Vec<(f64, f64)>)>) -> Vec<Mark> {
+/// Curves may lie on each other: the wider are drawn first.
+fn lines(mut curves: Vec<(Mode, Vec<(f64, f64)>)>) -> Vec<Mark> {
+    curves.sort_by_key(|(mode, _)| drawn_first(*mode));
     let line = |(mode, points)| Mark::Line {
         color: color(mode),
         width: if mode == Mode::Rhumb { 10 } else { 4 },
@@ -87,13 +88,30 @@ fn lines(curves: Vec<(Mode, Vec<(f64, f64)>)>) -> Vec<Mark> {
     curves.into_iter().map(line).collect()
 }
 
-fn dot(mode: Mode, at: (f64, f64), label: String) -> Mark {
-    Mark::Dot {
-        color: color(mode),
-        radius: if mode == Mode::Rhumb { 14 } else { 8 },
-        at,
-        label,
+/// Dots with a word each; a word that would stand where another does is left out.
+fn dots(mut all: Vec<(Mode, (f64, f64), String)>) -> Vec<Mark> {
+    all.sort_by_key(|(mode, ..)| drawn_first(*mode));
+    let mut marks: Vec<Mark> = Vec::new();
+    let near = |a: f64, b: f64| (a - b).abs() <= 0.02 * b.abs();
+    for (mode, at, mut label) in all {
+        let twice = marks.iter().any(|mark| {
+            matches!(mark, Mark::Dot { at: other, .. } if near(at.0, other.0) && near(at.1, other.1))
+        });
+        if twice {
+            label.clear();
+        }
+        marks.push(Mark::Dot {
+            color: color(mode),
+            radius: if mode == Mode::Rhumb { 14 } else { 8 },
+            at,
+            label,
+        });
     }
+    marks
+}
+
+fn drawn_first(mode: Mode) -> impl Ord {
+    mode != Mode::Rhumb
 }
 
 /// How many body-ticks are farther off than a distance, against the tolerance.
@@ -197,15 +215,22 @@ pub(super) fn frame_times(loads: &[Load], summary: &Summary) -> Figure {
             .filter(move |run| run.mode == mode.name());
         runs.filter_map(|run| Some((f64::from(run.bodies), run.frame_ms?)))
     };
-    let mut marks = Vec::new();
-    for mode in &modes {
+    let medians = |mode: &Mode| {
         let mut medians: Vec<_> = of_mode(*mode)
             .map(|(bodies, ms)| (bodies, ms.p50))
             .collect();
         medians.sort_by(|a, b| a.0.total_cmp(&b.0));
-        marks.extend(lines(vec![(*mode, medians.clone())]));
-        marks.extend(medians.iter().map(|at| dot(*mode, *at, String::new())));
-    }
+        (*mode, medians)
+    };
+    let curves: Vec<_> = modes.iter().map(medians).collect();
+    let single = |(mode, medians): &(Mode, Vec<(f64, f64)>)| {
+        let mode = *mode;
+        let dots = medians.iter().map(move |at| (mode, *at, String::new()));
+        dots.collect::<Vec<_>>()
+    };
+    let medians = dots(curves.iter().flat_map(single).collect());
+    let mut marks = lines(curves);
+    marks.extend(medians);
     let every = || modes.iter().flat_map(|mode| of_mode(*mode));
     let most = every().map(|point| point.0).fold(1.0, f64::max);
     Figure {
@@ -257,14 +282,15 @@ pub(super) fn points(loads: &[Load], summary: &Summary) -> Figure {
         .collect();
     let errors = shown.iter().map(|(.., error)| error.max(EXACT_M * 1e3));
     let rates = shown.iter().map(|(_, kbps, _)| *kbps);
-    let marks = modes_of(loads)
-        .iter()
-        .flat_map(|mode| {
-            let runs = shown.iter().filter(|(run, ..)| run.mode == mode.name());
-            runs.map(|(run, kbps, error)| dot(*mode, (*kbps, *error), run.bodies.to_string()))
-                .collect::<Vec<_>>()
+    let of_mode = |mode: Mode| {
+        let runs = shown
+            .iter()
+            .filter(move |(run, ..)| run.mode == mode.name());
+        runs.map(move |(run, kbps, error)| {
+            (mode, (*kbps, *error), number(Some(f64::from(run.bodies))))
         })
-        .collect();
+    };
+    let marks = dots(modes_of(loads).into_iter().flat_map(of_mode).collect());
     Figure {
         title: "What exactness costs".to_owned(),
         sentence: "Nearer to the lower left corner is better: fewer bytes, smaller errors. Each point is a run, its \

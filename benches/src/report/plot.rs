@@ -199,10 +199,10 @@ impl Chart {
                     at,
                     label,
                 } => {
-                    let word = words.clone().pos(Pos::new(HPos::Left, VPos::Center));
+                    let word = words.clone().pos(Pos::new(HPos::Center, VPos::Bottom));
                     let dot = EmptyElement::at(within(*at))
                         + Circle::new((0, 0), *radius, color.filled())
-                        + Text::new(label.clone(), (24, 0), word);
+                        + Text::new(label.clone(), (0, -16), word);
                     chart.draw_series([dot])?;
                 }
             }

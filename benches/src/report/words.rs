@@ -115,8 +115,8 @@ pub(super) fn limits(summary: &Summary) -> Vec<String> {
     let integrated = find(Mode::Integrated).and_then(|run| run.frame_ms);
     if let Some((base, own)) = integrated.zip(find(Mode::Rhumb).and_then(|run| run.frame_ms)) {
         said.push(format!(
-            "In lockstep a remote engine cannot be faster than a local one: at {largest} bodies a frame took {} ms \
-             instead of {} ms, {} times as long, and a real link adds its round trip to every frame.",
+            "In lockstep the simulator waits for the engine and for the way there and back: at {largest} bodies a frame \
+             took {} ms, in process {} ms, {} times as long. A real link adds its round trip to every frame.",
             number(Some(own.p50)),
             number(Some(base.p50)),
             number(Some(own.p50 / base.p50)),
