@@ -1,4 +1,4 @@
-//! `rhumb-bench evaluate`: runs the modes, shows progress, writes what was measured.
+//! `rhumb-bench evaluate`: runs the modes and writes what was measured.
 //!
 //! Measures nothing itself. What is written first is kept when what is written later fails.
 

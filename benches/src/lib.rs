@@ -1,4 +1,4 @@
-//! Runs scenes in every mode, measures each frame, and writes what was measured.
+//! Runs scenes in every mode, measures each frame, and writes it all down.
 //!
 //! A run leaves a [`record::Experiment`] behind. From it alone come the figures ([`summary`]), the file that holds
 //! every one of them again ([`trace`]) and the page that draws them ([`report`]).

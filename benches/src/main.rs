@@ -1,4 +1,4 @@
-//! The `rhumb-bench` binary: what Rhumb costs, beside stepping in process and beside sending everything.
+//! The `rhumb-bench` binary: what Rhumb costs, beside its alternatives.
 
 use std::process::ExitCode;
 

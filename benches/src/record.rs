@@ -1,4 +1,4 @@
-//! What a run leaves behind: every figure of a report is computed from this, and nothing else.
+//! What a run leaves behind: all figures of a report come from this.
 //!
 //! No clocks and no files: measured by `drive`, written by `trace`, summed up by `summary`, drawn by `report`.
 

@@ -1,4 +1,4 @@
-//! `report.html`: an experiment for somebody who has read nothing else, in one file without scripts.
+//! `report.html`: an experiment for who has read nothing else, in one file.
 //!
 //! The table first, one sentence above each figure, light or dark as the reader's system is. All figures come from the
 //! summary; the record is read for the curves only.

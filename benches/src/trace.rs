@@ -1,4 +1,4 @@
-//! `trace.mcap`: everything of an experiment in one file that people watch and machines recompute.
+//! `trace.mcap`: an experiment in a file to watch and to compute from.
 //!
 //! For each load a prefix such as `/n500`; below it, each tick or frame:
 //!

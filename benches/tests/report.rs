@@ -1,4 +1,4 @@
-//! The page holds every run, draws with valid SVG, and needs nothing from anywhere else.
+//! The page holds every run, draws with valid SVG, and stands alone.
 
 mod support;
 

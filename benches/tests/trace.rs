@@ -1,4 +1,4 @@
-//! A trace read back by the format's own library: all of it is there, and any moment of it stands alone.
+//! A trace read back by the format's own library: it is whole, at any moment.
 
 mod support;
 

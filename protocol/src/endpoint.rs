@@ -1,4 +1,4 @@
-//! The one shape of both ends: what a driver, real or pretended, feeds and drains.
+//! The one shape of both ends: what a driver, real or not, feeds and drains.
 //!
 //! Neither clock nor socket: moments and bytes are arguments. A driver may call `handle_*` in any order, then drains
 //! `poll_transmit` until it is empty, then asks `poll_timeout` when to come back. It never waits inside a call.

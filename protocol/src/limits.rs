@@ -1,4 +1,4 @@
-//! Every bound of the protocol, in one place, with assertions that relate them.
+//! Every bound of the protocol, with assertions that relate them.
 //!
 //! A bound that a server may lower is announced in `Welcome`; these are what nobody may exceed.
 

@@ -1,4 +1,4 @@
-//! A publisher and a subscriber over a bad network: what must hold at every tick.
+//! A publisher and a subscriber over a bad network: what always holds.
 //!
 //! Proved on random motions with seeded loss, disorder and copies: whenever the stream is settled, track equals track to
 //! the bit; whatever the subscriber bounds lies within its bound; when the losses stop, everything becomes known.

@@ -1,4 +1,4 @@
-//! What one scene's integrator does to a free body in n ticks, as seven coefficients.
+//! What an integrator does to a free body in n ticks: seven coefficients.
 //!
 //! The engine integrates semi-implicitly in substeps, damps once a tick, and turns by a normalised linear step; a
 //! predictor that does otherwise drifts (RECKONING 2). The coefficients depend on the scene and on a body's damping,

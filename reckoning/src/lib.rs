@@ -1,4 +1,4 @@
-//! The nouns of remote rigid-body physics, and belief: its laws, its error, its repair.
+//! The nouns of remote rigid-body physics, and belief: laws, error, repair.
 //!
 //! No bytes, no packets, no clock, no socket, no engine. What a publisher and a subscriber must compute alike is
 //! written in `exact` and used from there.

@@ -1,4 +1,4 @@
-//! Rhumb's server: the engine behind a small trait, scenes, and what their members hear.
+//! Rhumb's server: an engine behind a trait, scenes, what members hear.
 //!
 //! Reads no clock; only `engine::rapier` knows the engine's types, and only `serve` has sockets, by way of the transport.
 //! Invariants: a refused command changes nothing; a state that is not finite never leaves the engine.

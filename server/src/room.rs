@@ -1,4 +1,4 @@
-//! One scene with its members: applies what they wish, steps, and says what they must hear.
+//! One scene with its members: applies wishes, steps, says what came of it.
 //!
 //! Neither sockets nor threads: the host feeds it requests and moments. Order of a tick: wishes, step, observe, say.
 

@@ -1,4 +1,4 @@
-//! Wishes act in the order in which they were said: a command after an advance acts after its steps.
+//! Wishes act in the order of saying: commands after an advance, after it.
 //!
 //! Proved on a host without sockets that hears everything in one piece, as it may from a pipelined client.
 

@@ -1,4 +1,4 @@
-//! What a scene says of its bodies is what its engine did, once, in order and finite.
+//! What a scene says of its bodies is what its engine did, once and finite.
 //!
 //! Proved by small scenes whose outcome is known. Time is counted in ticks; nothing here reads a clock.
 

@@ -1,4 +1,4 @@
-//! The ball pit: balls dropped into the middle of ten round walls, cycle after cycle.
+//! The ball pit: balls dropped among ten round walls, cycle after cycle.
 //!
 //! The scene is the paper's. What the paper leaves open is ours, and is this:
 //!

@@ -1,4 +1,4 @@
-//! What the tests of the whole share: a stage of pretended links, truth by replay, a table for rude guests, a process.
+//! What the tests of the whole share: stage, truth, table, process.
 //!
 //! No promise is kept here; the families in `tests/` are. Nothing here sleeps or reads a clock.
 #![forbid(unsafe_code)]

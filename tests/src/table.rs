@@ -1,4 +1,4 @@
-//! A real host and its guests at one table: whatever is said is heard at once, and written down.
+//! A real host and its guests at one table, where all is heard at once.
 //!
 //! No links and no time but what `pass` lets by. Polite guests are real sessions; rude ones are bytes.
 

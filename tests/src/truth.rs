@@ -1,7 +1,7 @@
-//! What really happened in a scene: its commands applied again, at the ticks that the server named.
+//! What really happened in a scene: its commands applied again.
 //!
-//! The same engine steps it, so that a server that applied each command once, in order and where it said, has the same
-//! digest to the bit.
+//! Each acts at the tick that the server named. The same engine steps them, so that a server that applied each command
+//! once, in order and where it said, has the same digest to the bit.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! What one member heard and believed, to be held against the truth afterwards.
+//! What one member heard and believed, to be held against the truth.
 //!
 //! Reads a session and changes nothing in it but that its events are taken.
 

@@ -1,4 +1,4 @@
-//! Bytes from anyone: nobody else notices, nothing grows, and the right code ends it.
+//! Bytes from anyone: nobody else notices, nothing grows, a code ends it.
 //!
 //! Proved at a table where a real host has polite guests (real sessions, held against a scene stepped beside them) and
 //! rude ones: arbitrary bytes, real conversations with bytes turned, cut, copied and disordered, and messages at the

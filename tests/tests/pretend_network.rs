@@ -1,4 +1,4 @@
-//! A real host and real members over pretended links: what must hold at every tick.
+//! Real host and members over pretended links: what holds at every tick.
 //!
 //! Proved in virtual time. Every claim of every member (this body is within so much of there, at this tick) is noted a
 //! few times a tick and held against the truth afterwards; the truth is the commands applied again, at the ticks that

@@ -1,4 +1,4 @@
-//! A server process and real clients over QUIC on loopback: what an operator and a simulator see.
+//! A server process and real clients over QUIC on loopback.
 //!
 //! Proved by running the server's command line as a process of its own (see `ServerProcess`) and the public client
 //! against it. Waiting is always a client's call with its patience, never a sleep; results are asserted and times are

@@ -1,4 +1,4 @@
-//! A command that is wrong is refused by the name of what is wrong, and nothing of it is done.
+//! A wrong command is refused by what is wrong, and nothing of it is done.
 //!
 //! Proved by a member of bytes, which checks nothing before it sends: every field of every command gets every kind of
 //! wrong number, and each limit is reached and passed by the least step; the scene's digest, tick and number of bodies

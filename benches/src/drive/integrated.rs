@@ -1,4 +1,4 @@
-//! The scene stepped in the caller's own thread: the truth, and the frame time to beat.
+//! The scene in the caller's own thread: the truth, and the time to beat.
 
 use std::hint::black_box;
 

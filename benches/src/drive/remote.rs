@@ -1,4 +1,4 @@
-//! One remote mode: a server process, a client of it, and what the client's caller paid and saw.
+//! One remote mode: a server process, a client, and what its caller saw.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! The modes that step in turn: integrated, naive, and the reckoned stream at depth 0 and 1.
+//! The modes that step in turn: integrated, naive, reckoned at two depths.
 //!
 //! Each tick: the pipelined client asks for its next tick; while its server works, the integrated scene takes the tick
 //! in this thread; then the others take it. So the pipelined caller has other work to do, as a simulator has.

@@ -1,4 +1,4 @@
-//! The records that say what was run, and the few figures that no message holds.
+//! The records that say what was run, and figures that no message holds.
 //!
 //! With them every figure of `summary.json` can be computed from the trace alone.
 

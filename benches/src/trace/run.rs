@@ -1,4 +1,4 @@
-//! One run's topics: what its frames cost and showed, what crossed the wire, and its copy as a scene.
+//! One run's topics: its frames, what crossed the wire, its copy as a scene.
 
 use std::io::{Seek, Write};
 

@@ -1,4 +1,4 @@
-//! The control messages: what clients ask and servers answer, reliably and in order (PROTOCOL 4).
+//! The control messages, reliable and in order (PROTOCOL 4).
 mod client;
 mod denial;
 mod frame;

@@ -1,4 +1,4 @@
-//! What every member of a scene must know, in order: who came, who left, what pulls.
+//! What every member of a scene must know: who came, who left, what pulls.
 //!
 //! A notice is encoded once for all members and counted by both ends; each state packet says how many it builds on.
 

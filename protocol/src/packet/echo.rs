@@ -1,4 +1,4 @@
-//! What comes back on the state path: how far a member has heard, and what it lost.
+//! What comes back on the state path: how far was heard, and what was lost.
 
 use alloc::vec::Vec;
 

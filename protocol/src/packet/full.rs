@@ -1,4 +1,4 @@
-//! The packets of a full stream: every body's whole state, every tick, 56 bytes each.
+//! The packets of a full stream: every body's whole state in 56 bytes.
 //!
 //! The naive baseline that reckoned streams are measured against, and a way to look at an engine without any loss.
 

@@ -1,4 +1,4 @@
-//! The client's end of a connection: says what the application wants, keeps its copy of the scene, asks for repair.
+//! The client's end of a connection: wishes, its copy of the scene, repair.
 //!
 //! Does not wait and does not display. Poll order: feed `handle_*`, then drain `poll_event` and `poll_transmit`, then ask
 //! `poll_timeout`. After an `Ended` event nothing more happens.

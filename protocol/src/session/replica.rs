@@ -1,4 +1,4 @@
-//! A member's copy of a scene: its shapes, its bodies, and the stream that moves them.
+//! A member's copy of a scene: its shapes, its bodies, and their stream.
 //!
 //! Changed by notices, in order, and by datagrams. Invariant: every body of the copy has a shape that is known.
 

@@ -1,4 +1,4 @@
-//! One connection at the server: reads requests in the order and states in which they are allowed.
+//! One connection at the server: reads requests where they are allowed.
 //!
 //! Does not know scenes: what a request means is decided by the host, which answers by `say`. Invariant: after the
 //! first violation nothing more is read, and the connection is to be closed.

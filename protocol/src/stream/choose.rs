@@ -1,4 +1,4 @@
-//! Which law will stay true longest, judged from what a body did in the last tick.
+//! Which law will stay true longest, judged from a body's last tick.
 //!
 //! Only the publisher chooses, so that nothing here is normative: any choice keeps the promise, a good one keeps it
 //! with fewer bytes.

@@ -1,4 +1,4 @@
-//! The full stream at its source: every body that can move, every tick, to the bit.
+//! The full stream at its source: what can move, every tick, to the bit.
 //!
 //! The naive baseline. It has packets, numbers and repair as a reckoned stream has, but neither gate nor coding.
 

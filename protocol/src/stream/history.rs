@@ -1,4 +1,4 @@
-//! Which bodies the last packets spoke of, so that a lost one can be made good.
+//! Which bodies the last packets spoke of, to make good a lost one.
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;

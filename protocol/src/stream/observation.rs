@@ -1,4 +1,4 @@
-//! What an engine says of a body after a tick: the truth that a publisher compares with what it said.
+//! What an engine says of a body after a tick: the publisher's truth.
 
 use rhumb_reckoning::{BodyId, Verbatim};
 

@@ -1,4 +1,4 @@
-//! Compares truth with what was said, and says again only what would break the tolerance.
+//! Compares truth with what was said; says what would break the tolerance.
 //!
 //! Knows nothing of who listens: what it says is encoded once for all. Invariant: after `publish`, every observed body
 //! is within the tolerance of its track, grid error included.

@@ -1,4 +1,4 @@
-//! Follows a stream: keeps the tracks that its publisher keeps, and knows which of them to trust.
+//! Follows a stream: keeps its tracks, and knows which of them to trust.
 //!
 //! Bytes from anyone: nothing heard may panic, and memory is bounded by the limits. Does not choose when to ask for
 //! repair; see the client's session. Invariant: while the stream is settled, every track equals the publisher's.

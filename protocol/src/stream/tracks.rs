@@ -1,4 +1,4 @@
-//! The table of tracks: the publisher's belief and the subscriber's copy of it.
+//! The table of tracks: the publisher's belief, and its copy.
 //!
 //! One belief, two homes: both ends hold this type and change it by the same calls, so that they stay equal to the bit.
 

@@ -1,4 +1,4 @@
-//! The server's command line as a binary of this package, so that tests need not find or build another.
+//! The server's command line as a binary that this package's tests find.
 
 use std::process::ExitCode;
 
