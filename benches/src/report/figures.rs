@@ -1,4 +1,4 @@
-//! The four figures: what is drawn in each, and one sentence saying what to see in it.
+//! The four figures: what is drawn in each, and what to see in it.
 
 use plotters::style::RGBColor;
 
@@ -294,7 +294,7 @@ pub(super) fn points(loads: &[Load], summary: &Summary) -> Figure {
     Figure {
         title: "What exactness costs".to_owned(),
         sentence: "Nearer to the lower left corner is better: fewer bytes, smaller errors. Each point is a run, its \
-                   number the bodies; points on the lower edge are exact."
+                   number the bodies; points on the lower edge are off by a micrometre at most."
             .to_owned(),
         modes: modes_of(loads).into_iter().filter(|mode| *mode != Mode::Integrated).collect(),
         svg: Chart {

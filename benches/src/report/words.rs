@@ -1,4 +1,4 @@
-//! What the page says in words: what was run, what the modes are, and where the limits lie.
+//! What the page says in words: runs, modes, and where the limits lie.
 //!
 //! Every number comes from the summary; a limit that an experiment does not show is not mentioned.
 
@@ -121,6 +121,14 @@ pub(super) fn limits(summary: &Summary) -> Vec<String> {
             number(Some(base.p50)),
             number(Some(own.p50 / base.p50)),
         ));
+    }
+    if find(Mode::RhumbPipelined).is_some() {
+        said.push(
+            "Pipelined, a frame is short because the simulator had other work while the server stepped: here, stepping \
+             the other modes. One that has nothing else to do waits for the engine all the same, and what it commands \
+             shows a tick later."
+                .to_owned(),
+        );
     }
     said.extend(
         find(Mode::Rhumb)
