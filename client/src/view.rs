@@ -187,7 +187,10 @@ impl View {
             return;
         };
         let correction = self.corrections[place];
-        let still = track.is_resting() && (!glass.smooth || correction.is_over(glass.now));
+        // A view that lies behind the stream does not show a rest before it began.
+        let begun = track.origin <= glass.at.tick;
+        let gliding = glass.smooth && !correction.is_over(glass.now);
+        let still = track.is_resting() && begun && !gliding;
         self.resting[place] = still;
         let (position, rotation) = match &track.anchor {
             // The engine's own bits, not what arithmetic makes of them.

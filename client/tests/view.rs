@@ -1,0 +1,151 @@
+//! The view: what a simulator reads is what the tracks say of that moment, and nothing moves that does not.
+//!
+//! Proved on a publisher and a subscriber in one process, without a network.
+
+use std::num::NonZeroU32;
+
+use bytes::Bytes;
+use glam::Vec3;
+use rhumb_client::{DisplayTime, Glass, View};
+use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::stream::{Activity, Manner, Observation, Publisher, StreamStart, Subscriber};
+use rhumb_reckoning::{
+    Anchor, BodyId, Damping, Integrator, Metres, Predictor, Rate, Seconds, Tick, Tolerance, Track,
+    Verbatim,
+};
+
+const STREAM: StreamId = StreamId(0);
+const BALL: BodyId = BodyId::new(3, 0);
+const OTHER: BodyId = BodyId::new(7, 0);
+
+struct Pair {
+    publisher: Publisher,
+    subscriber: Subscriber,
+    view: View,
+}
+
+fn moving(x: f32, speed: f32) -> Verbatim {
+    Verbatim::new(
+        [x, 0.1, 0.0],
+        [0.0, 0.0, 0.0, 1.0],
+        [speed, 0.0, 0.0],
+        [0.0; 3],
+    )
+    .expect("these numbers are finite")
+}
+
+impl Pair {
+    fn new() -> Self {
+        let integrator = Integrator {
+            rate: Rate::HZ_60,
+            substeps: NonZeroU32::new(4).expect("four is not zero"),
+        };
+        let tolerance = Tolerance::NORMAL;
+        let mut publisher = Publisher::new(STREAM, tolerance, integrator, Vec3::ZERO, Tick::ZERO);
+        let mut subscriber = Subscriber::new(&StreamStart {
+            stream: STREAM,
+            tolerance,
+            integrator,
+            gravity: Vec3::ZERO,
+            tick: Tick::ZERO,
+            next: 0,
+            notices: 0,
+        });
+        let manner = Manner {
+            radius: Metres::new(0.5),
+            damping: Damping::default(),
+            gravity_scale: 1.0,
+        };
+        for id in [BALL, OTHER] {
+            let track = Track {
+                origin: Tick::ZERO,
+                predictor: Predictor::Uniform,
+                anchor: Anchor::Verbatim(moving(0.0, 6.0)),
+            };
+            assert!(publisher.place(id, &manner, track));
+            assert!(subscriber.place(id, &manner, track));
+        }
+        subscriber.handle_snapshot_end();
+        Self {
+            publisher,
+            subscriber,
+            view: View::default(),
+        }
+    }
+
+    fn say(&mut self, tick: u64, motion: Verbatim, activity: Activity) {
+        let observation = Observation {
+            id: BALL,
+            motion,
+            activity,
+        };
+        let mut out: Vec<Bytes> = Vec::new();
+        self.publisher
+            .publish(Tick::new(tick), &[observation], 0, &mut out);
+        for datagram in out {
+            self.subscriber.handle_datagram(&datagram);
+        }
+    }
+
+    fn look(&mut self, tick: u64) -> (Vec3, bool) {
+        let at = DisplayTime::at(Tick::new(tick));
+        let (now, smooth) = (Seconds::new(0.0), false);
+        self.view
+            .refresh(&mut self.subscriber, &Glass { at, now, smooth });
+        let place = self.view.place(BALL).expect("the ball is in the view");
+        (self.view.positions()[place], self.view.resting()[place])
+    }
+}
+
+#[test]
+fn a_body_that_rests_lies_where_the_engine_left_it_and_changes_no_more() {
+    let mut pair = Pair::new();
+    let rest = moving(0.123_456_7, 0.0);
+    pair.say(1, rest, Activity::Asleep);
+    let (position, resting) = pair.look(1);
+    assert_eq!(position.to_array(), rest.position());
+    assert!(resting);
+    pair.look(2);
+    let changed: Vec<_> = pair
+        .view
+        .changed()
+        .map(|place| pair.view.ids()[place])
+        .collect();
+    assert_eq!(changed, [OTHER]);
+}
+
+#[test]
+fn looking_twice_at_one_moment_shows_the_same() {
+    let mut pair = Pair::new();
+    let first = pair.look(5);
+    assert_eq!(pair.look(5), first);
+    assert_eq!(pair.view.changed().count(), 0);
+}
+
+#[test]
+fn a_view_behind_the_stream_does_not_show_a_rest_before_it_began() {
+    let mut pair = Pair::new();
+    let (before, _) = pair.look(4);
+    pair.say(9, moving(2.0, 0.0), Activity::Asleep);
+    let (still_before, resting) = pair.look(4);
+    assert_eq!(before, still_before);
+    assert!(!resting);
+    let (after, resting) = pair.look(9);
+    assert_eq!(after.x, 2.0);
+    assert!(resting);
+}
+
+#[test]
+fn a_body_that_went_leaves_the_others_in_place() {
+    let mut pair = Pair::new();
+    pair.look(1);
+    assert!(pair.subscriber.remove(BALL));
+    let at = DisplayTime::at(Tick::new(2));
+    let (now, smooth) = (Seconds::new(0.0), false);
+    pair.view
+        .refresh(&mut pair.subscriber, &Glass { at, now, smooth });
+    assert_eq!(pair.view.removed(), [BALL]);
+    assert_eq!(pair.view.place(BALL), None);
+    assert_eq!(pair.view.ids(), [OTHER]);
+    assert_eq!(pair.view.place(OTHER), Some(0));
+}
