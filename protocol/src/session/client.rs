@@ -8,78 +8,18 @@ use alloc::vec::Vec;
 use core::fmt;
 
 use bytes::Bytes;
-use rhumb_reckoning::{BodyId, Tick};
+use rhumb_reckoning::Tick;
 
 use super::close::CloseCode;
+use super::event::Event;
 use super::patience::Patience;
 use super::replica::Replica;
 use crate::endpoint::{Ending, Endpoint, Peer, Transmit, Wake, WakeReason};
-use crate::message::Denial;
 use crate::message::{
-    ClientMessage, Frames, Inspection, Joined, Notice, RemovalCause, ServerMessage, StreamChoice,
-    VERSIONS, Welcome,
+    ClientMessage, Frames, Joined, Notice, ServerMessage, StreamChoice, VERSIONS,
 };
-use crate::scene::{Command, CommandError, IdRange, Invalid, Pace, SceneName, SceneTerms};
+use crate::scene::{Command, IdRange, Invalid, Pace, SceneName, SceneTerms};
 use crate::time::{Instant, Span};
-
-/// What a client's application should know.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Event {
-    /// The server answered; the scene has these terms, if it exists.
-    Welcomed(Welcome),
-    /// The scene was created.
-    Created,
-    /// The copy is whole; these body indices are the application's to give out.
-    Joined(IdRange),
-    /// No longer a member.
-    Left,
-    /// The scene is gone.
-    Deleted,
-    /// More body indices.
-    Reserved(IdRange),
-    /// A request about the scene was turned down.
-    Denied(Denial),
-    /// Commands up to this number were applied or refused.
-    Applied {
-        /// The last one's number.
-        through: u64,
-        /// Before this tick's step.
-        tick: Tick,
-    },
-    /// One command was refused.
-    Refused {
-        /// Its number.
-        number: u64,
-        /// Why.
-        error: CommandError,
-    },
-    /// A body came.
-    BodyPlaced(BodyId),
-    /// A body went.
-    BodyRemoved {
-        /// Which.
-        id: BodyId,
-        /// Why.
-        cause: RemovalCause,
-    },
-    /// The engine failed; the scene stands still after this tick.
-    SceneFaulted(Tick),
-    /// How the scene is.
-    Inspected(Inspection),
-    /// Where the server's clock stood at a moment, by the middle of a round trip.
-    ClockSeen {
-        /// The client's moment.
-        at: Instant,
-        /// The newest tick then.
-        tick: Tick,
-        /// How long before.
-        since_tick: Span,
-        /// How long the question took.
-        round_trip: Span,
-    },
-    /// The connection is over.
-    Ended(Ending),
-}
 
 /// A call that cannot be, by the application's own mistake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
