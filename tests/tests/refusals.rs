@@ -392,88 +392,66 @@ fn a_newcomer_whose_motion_is_no_number_is_malformed() {
     assert_eq!(rig.rude.closed(&rig.table), Some(CloseCode::MALFORMED));
 }
 
+/// A moving ball.
+const fn ball_of(id: BodyId, shape: ShapeId) -> BodyTerms {
+    BodyTerms::plain(id, BodyKind::Dynamic, shape)
+}
+
 #[test]
 fn commands_about_what_is_not_there_are_refused_by_its_name() {
     let mut rig = Rig::new();
-    let id = rig.ball;
-    let beyond = rig.rude.granted;
-    let plain = |id, shape| BodyTerms::plain(id, BodyKind::Dynamic, shape);
-    let dead = BodyId::new(id.index(), 7);
+    let dead = BodyId::new(rig.ball.index(), 7);
     let foreign = BodyId::new(4_000, 0);
-    let outside = BodyId::new(beyond.first() + beyond.count(), 0);
-    let second = beyond.id(1).unwrap();
-    let ball = Shape::Ball { radius: 1.0 };
-    for (command, expected) in [
-        (
-            Command::RemoveBody { id: dead },
-            CommandError::UnknownBody(dead),
-        ),
-        (
-            Command::Force {
-                id: foreign,
-                force: Vec3::X,
-            },
-            CommandError::UnknownBody(foreign),
-        ),
-        (
-            Command::RemoveShape { id: ShapeId(77) },
-            CommandError::UnknownShape(ShapeId(77)),
-        ),
-        (
-            Command::RemoveShape { id: BALL },
-            CommandError::ShapeInUse(BALL),
-        ),
-        (
-            Command::AddShape {
-                id: BALL,
-                shape: ball,
-            },
-            CommandError::ShapeIdTaken(BALL),
-        ),
-        (
-            add_body(plain(foreign, BALL), still()),
-            CommandError::NotGranted(foreign),
-        ),
-        (
-            add_body(plain(outside, BALL), still()),
-            CommandError::NotGranted(outside),
-        ),
-        (
-            add_body(plain(id, BALL), still()),
-            CommandError::BodyIdTaken(id),
-        ),
-        (
-            add_body(plain(dead, BALL), still()),
-            CommandError::BodyIdTaken(dead),
-        ),
-        (
-            add_body(plain(second, ShapeId(77)), still()),
-            CommandError::UnknownShape(ShapeId(77)),
-        ),
-        (
-            Command::Impulse {
-                id: BodyId::new(0, 0),
-                impulse: Vec3::X,
-            },
-            CommandError::NotPushable(BodyId::new(0, 0)),
-        ),
-    ] {
-        rig.assert_refused(command, expected);
+    let no_shape = ShapeId(77);
+    let remove = Command::RemoveBody { id: dead };
+    rig.assert_refused(remove, CommandError::UnknownBody(dead));
+    let (id, force) = (foreign, Vec3::X);
+    rig.assert_refused(Command::Force { id, force }, CommandError::UnknownBody(id));
+    let remove = Command::RemoveShape { id: no_shape };
+    rig.assert_refused(remove, CommandError::UnknownShape(no_shape));
+    let fresh = rig.rude.granted.id(1).unwrap();
+    let add = add_body(ball_of(fresh, no_shape), still());
+    rig.assert_refused(add, CommandError::UnknownShape(no_shape));
+}
+
+#[test]
+fn commands_about_what_is_taken_or_not_ones_own_are_refused_by_its_name() {
+    let mut rig = Rig::new();
+    let granted = rig.rude.granted;
+    let later = BodyId::new(rig.ball.index(), 7);
+    for taken in [rig.ball, later] {
+        let add = add_body(ball_of(taken, BALL), still());
+        rig.assert_refused(add, CommandError::BodyIdTaken(taken));
     }
+    let foreign = BodyId::new(4_000, 0);
+    let outside = BodyId::new(granted.first() + granted.count(), 0);
+    for id in [foreign, outside] {
+        let add = add_body(ball_of(id, BALL), still());
+        rig.assert_refused(add, CommandError::NotGranted(id));
+    }
+    let remove = Command::RemoveShape { id: BALL };
+    rig.assert_refused(remove, CommandError::ShapeInUse(BALL));
+    let shape = Shape::Ball { radius: 1.0 };
+    let add = Command::AddShape { id: BALL, shape };
+    rig.assert_refused(add, CommandError::ShapeIdTaken(BALL));
+    let (id, impulse) = (BodyId::new(0, 0), Vec3::X);
+    let push = Command::Impulse { id, impulse };
+    rig.assert_refused(push, CommandError::NotPushable(id));
+}
+
+#[test]
+fn a_dead_body_stays_dead_and_its_index_may_live_on() {
+    let mut rig = Rig::new();
+    let (id, torque) = (rig.ball, Vec3::X);
     rig.wish(Command::RemoveBody { id }).unwrap();
     rig.assert_refused(
-        Command::Torque {
-            id,
-            torque: Vec3::X,
-        },
+        Command::Torque { id, torque },
         CommandError::UnknownBody(id),
     );
-    rig.assert_refused(
-        add_body(plain(id, BALL), still()),
-        CommandError::BodyIdTaken(id),
-    );
+    let again = add_body(ball_of(id, BALL), still());
+    rig.assert_refused(again, CommandError::BodyIdTaken(id));
     let next = BodyId::new(id.index(), 1);
-    assert_eq!(rig.wish(add_body(plain(next, BALL), still())), Ok(()));
+    assert_eq!(rig.wish(add_body(ball_of(next, BALL), still())), Ok(()));
 }
 
 #[test]

@@ -1,0 +1,124 @@
+//! ARCHITECTURE.md lists what is there, and what code cites can be read.
+//!
+//! A line of the map is a row of a table: the path in backticks, then the purpose.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+
+use crate::house::{File, files, report, root};
+
+/// The map's paths with their purposes.
+fn listed() -> BTreeMap<String, String> {
+    let text = fs::read_to_string(root().join("ARCHITECTURE.md")).expect("the house has a map");
+    let mut listed = BTreeMap::new();
+    let begin = text.find("## Code map").expect("the map has its heading");
+    for line in text[begin..].lines() {
+        let Some((path, rest)) = line.strip_prefix("| `").and_then(|row| row.split_once('`'))
+        else {
+            continue;
+        };
+        let purpose = rest.trim_matches([' ', '|']).to_owned();
+        listed.insert(path.to_owned(), purpose);
+    }
+    listed
+}
+
+/// Whether a file must be in the map: sources, documents of the specification, scripts.
+fn is_mapped(file: &File) -> bool {
+    let endings = [".rs", ".py", ".mjs", ".js", ".sh"];
+    let name = file.path.rsplit('/').next().unwrap_or_default();
+    let is_script = !name.contains('.') && file.text.starts_with("#!");
+    file.is_in(&["spec/"]) || is_script || endings.iter().any(|ending| file.path.ends_with(ending))
+}
+
+#[test]
+fn every_path_of_the_map_exists_and_has_a_purpose() {
+    let mut violations = Vec::new();
+    for (path, purpose) in listed() {
+        if !root().join(&path).is_file() {
+            violations.push(format!("{path}: there is no such file"));
+        }
+        if purpose.is_empty() {
+            violations.push(format!("{path}: has no purpose"));
+        }
+    }
+    report("ARCHITECTURE.md lists what is there", &violations);
+}
+
+#[test]
+fn every_file_is_in_the_map() {
+    let listed = listed();
+    let missing = |file: &File| is_mapped(file) && !listed.contains_key(&file.path);
+    let first = |file: &File| file.text.lines().next().unwrap_or_default().to_owned();
+    let missing = files().into_iter().filter(missing);
+    let violations: Vec<_> = missing
+        .map(|file| format!("{}: {}", file.path, first(&file)))
+        .collect();
+    report(
+        "ARCHITECTURE.md lists every file with one line",
+        &violations,
+    );
+}
+
+/// The numbers of a document's headings and numbered clauses.
+fn clauses(document: &str) -> BTreeSet<String> {
+    let text =
+        fs::read_to_string(root().join(document)).expect("the specification has this document");
+    let numbers = text.lines().filter_map(|line| {
+        let line = line.trim_start_matches('#').trim_start();
+        let number = line.split_whitespace().next()?.trim_end_matches('.');
+        is_number(number).then(|| number.to_owned())
+    });
+    numbers.collect()
+}
+
+fn is_number(text: &str) -> bool {
+    text.split('.')
+        .all(|part| !part.is_empty() && part.bytes().all(|byte| byte.is_ascii_digit()))
+}
+
+/// The clauses that a text cites of a document, by line.
+fn cited(text: &str, name: &str) -> Vec<(usize, String)> {
+    let mut cited = Vec::new();
+    for (number, line) in text.lines().enumerate() {
+        for (place, _) in line.match_indices(name) {
+            let rest = line[place + name.len()..]
+                .strip_prefix(' ')
+                .unwrap_or_default();
+            let end = rest
+                .find(|c: char| !c.is_ascii_digit() && c != '.')
+                .unwrap_or(rest.len());
+            let clause = rest[..end].trim_end_matches('.');
+            if is_number(clause) {
+                cited.push((number + 1, clause.to_owned()));
+            }
+        }
+    }
+    cited
+}
+
+#[test]
+fn every_cited_clause_can_be_read() {
+    let mut violations = Vec::new();
+    let files = files();
+    for name in ["PROTOCOL", "RECKONING"] {
+        let clauses = clauses(&format!("spec/{name}.md"));
+        for File { path, text } in &files {
+            for (line, clause) in cited(text, name) {
+                if !clauses.contains(&clause) {
+                    violations.push(format!("{path}:{line}: {name} has no {clause}"));
+                }
+            }
+        }
+    }
+    report("a cited clause exists", &violations);
+}
+
+#[test]
+fn citations_are_found() {
+    // Written so that this file cites nothing itself.
+    let name = ["PROTO", "COL"].concat();
+    let text = format!("see ({name} 3.4), {name} 5.\n{name}.md, {name} x");
+    let found = cited(&text, &name);
+    assert_eq!(found, [(1, "3.4".to_owned()), (1, "5".to_owned())]);
+}

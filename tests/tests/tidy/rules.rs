@@ -1,0 +1,186 @@
+//! What every source keeps to: its first line, its lengths, its names.
+//!
+//! Each exception stands beside the rule that it is from.
+
+use crate::code::functions;
+use crate::house::{File, report, sources};
+
+/// Longest first line, with its mark.
+const FIRST_LINE_MAX: usize = 79;
+const FILE_LINES_MAX: usize = 600;
+const FUNCTION_LINES_MAX: usize = 70;
+
+#[test]
+fn every_file_begins_with_what_it_is_for() {
+    let mut violations = Vec::new();
+    for File { path, text } in sources() {
+        let first = text.lines().next().unwrap_or_default();
+        let length = first.chars().count();
+        if !first.starts_with("//! ") {
+            violations.push(format!("{path}: begins with {first:?}"));
+        } else if length > FIRST_LINE_MAX {
+            violations.push(format!(
+                "{path}: its first line has {length} characters, {FIRST_LINE_MAX} at most"
+            ));
+        }
+    }
+    report(
+        "a file begins with a line that says its purpose",
+        &violations,
+    );
+}
+
+#[test]
+fn files_and_functions_are_short() {
+    let mut violations = Vec::new();
+    for file in sources() {
+        let path = &file.path;
+        let lines = file.text.lines().count();
+        if lines > FILE_LINES_MAX {
+            violations.push(format!("{path}: {lines} lines, {FILE_LINES_MAX} at most"));
+        }
+        for function in functions(&file.code()) {
+            if function.lines > FUNCTION_LINES_MAX {
+                let (line, name, lines) = (function.line, function.name, function.lines);
+                violations.push(format!(
+                    "{path}:{line}: {name} has {lines} lines, {FUNCTION_LINES_MAX} at most"
+                ));
+            }
+        }
+    }
+    report("a file has 600 lines at most, a function 70", &violations);
+}
+
+/// Where in the code of these files any of these words stand.
+fn naming(words: &[&str], wanted: impl Fn(&File) -> bool) -> Vec<String> {
+    let mut violations = Vec::new();
+    for file in sources().into_iter().filter(wanted) {
+        for (number, line) in file.code().lines().enumerate() {
+            for word in words.iter().filter(|word| holds(line, word)) {
+                violations.push(format!("{}:{}: {word}", file.path, number + 1));
+            }
+        }
+    }
+    violations
+}
+
+/// Whether a line holds a word, and not only as a part of a longer name.
+fn holds(line: &str, word: &str) -> bool {
+    let in_name = |c: Option<char>| c.is_some_and(|c| c.is_alphanumeric() || c == '_');
+    line.match_indices(word).any(|(start, _)| {
+        let before = line[..start].chars().next_back();
+        let after = line[start + word.len()..].chars().next();
+        let begins_name = in_name(word.chars().next());
+        let ends_name = in_name(word.chars().next_back());
+        !(begins_name && in_name(before) || ends_name && in_name(after))
+    })
+}
+
+#[test]
+fn nothing_is_left_undone_silenced_or_expected_to_panic() {
+    let words = [
+        "todo!",
+        "unimplemented!",
+        "dbg!",
+        "#[ignore",
+        "#[allow(",
+        "#![allow(",
+        "should_panic",
+    ];
+    report(
+        "nothing is left undone, silenced or expected to panic",
+        &naming(&words, |_| true),
+    );
+}
+
+#[test]
+fn no_test_sleeps() {
+    let violations = naming(
+        &["thread::sleep", "sleep_ms", "tokio::time::sleep"],
+        File::is_test,
+    );
+    report("a test waits by a call that has patience", &violations);
+}
+
+#[test]
+fn belief_and_protocol_read_no_clock_open_no_socket_and_iterate_no_hash() {
+    let words = [
+        "std::time",
+        "std::net",
+        "std::thread",
+        "HashMap",
+        "HashSet",
+        "SystemTime",
+    ];
+    let pure = |file: &File| file.is_in(&["reckoning/src/", "protocol/src/"]);
+    report(
+        "reckoning and protocol know neither clock nor socket",
+        &naming(&words, pure),
+    );
+}
+
+#[test]
+fn only_the_engines_files_name_the_engine() {
+    let words = ["rapier3d", "rapier"];
+    let others = |file: &File| !file.is_in(&["server/src/engine/"]);
+    report(
+        "only server/src/engine/rapier* knows the engine",
+        &naming(&words, others),
+    );
+    let types = ["rapier3d"];
+    let beside = |file: &File| {
+        file.is_in(&["server/src/engine/"]) && !file.is_in(&["server/src/engine/rapier"])
+    };
+    report(
+        "only server/src/engine/rapier* knows the engine",
+        &naming(&types, beside),
+    );
+}
+
+#[test]
+fn sockets_and_clocks_are_in_the_rooms_that_own_them() {
+    let own = |file: &File| {
+        file.is_in(&[
+            "transport/",
+            "benches/",
+            "server/src/serve.rs",
+            "server/src/cli.rs",
+            "server/src/main.rs",
+        ]) || file.is_test()
+    };
+    let mut clocks = naming(&["Instant::now", "SystemTime"], |file| !own(file));
+    for file in sources().into_iter().filter(|file| !own(file)) {
+        let code = file.code();
+        let imports = code.lines().filter(|line| line.contains("std::time"));
+        let hosts = imports.filter(|line| holds(line, "Instant"));
+        clocks.extend(hosts.map(|line| format!("{}: {line}", file.path)));
+    }
+    report("a clock is read where it is owned", &clocks);
+    // Addresses are no sockets: a client resolves its server's name.
+    let sockets = ["UdpSocket", "TcpStream", "TcpListener", "UnixStream"];
+    report(
+        "a socket is opened where it is owned",
+        &naming(&sockets, |file| !own(file)),
+    );
+    let net = naming(&["std::net"], |file| {
+        !own(file) && !file.is_in(&["client/src/client.rs"])
+    });
+    report("the network is named where it is owned", &net);
+}
+
+#[test]
+fn no_library_prints() {
+    let words = ["println!", "print!"];
+    let libraries = [
+        "reckoning/src/",
+        "protocol/src/",
+        "transport/src/",
+        "server/src/",
+        "client/src/",
+        "sims/src/",
+    ];
+    report(
+        "a library does not print",
+        &naming(&words, |file| file.is_in(&libraries)),
+    );
+}
