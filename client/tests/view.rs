@@ -1,4 +1,4 @@
-//! The view: what a simulator reads is what the tracks say of that moment, and nothing moves that does not.
+//! The view: what a simulator reads is what the tracks say of that moment.
 //!
 //! Proved on a publisher and a subscriber in one process, without a network.
 

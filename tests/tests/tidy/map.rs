@@ -28,7 +28,8 @@ fn is_mapped(file: &File) -> bool {
     let endings = [".rs", ".py", ".mjs", ".js", ".sh"];
     let name = file.path.rsplit('/').next().unwrap_or_default();
     let is_script = !name.contains('.') && file.text.starts_with("#!");
-    file.is_in(&["spec/"]) || is_script || endings.iter().any(|ending| file.path.ends_with(ending))
+    let is_document = file.is_in(&["spec/"]) && !name.starts_with('.');
+    is_document || is_script || endings.iter().any(|ending| file.path.ends_with(ending))
 }
 
 #[test]
