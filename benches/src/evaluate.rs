@@ -160,6 +160,8 @@ fn run(arguments: &Evaluate) -> Result<(), EvaluateError> {
         path: arguments.out.clone(),
         cause,
     })?;
+    // Asked before this process keeps to one of them.
+    let machine = machine::describe();
     let cores = choose_cores(arguments)?;
     let mut loads = Vec::new();
     for bodies in &arguments.bodies {
@@ -170,7 +172,7 @@ fn run(arguments: &Evaluate) -> Result<(), EvaluateError> {
             .skip(1)
             .fold("rhumb-bench".to_owned(), |line, word| line + " " + &word),
         seed: arguments.seed,
-        machine: machine::describe(),
+        machine,
         loads,
     };
     let summary = Summary::of(&experiment);
@@ -183,7 +185,13 @@ fn run(arguments: &Evaluate) -> Result<(), EvaluateError> {
     let page = report::html(&experiment, &summary);
     write_file(&arguments.out.join("report.html"), page.as_bytes())?;
     if !arguments.no_trace {
-        write_trace(&arguments.out, &experiment)?;
+        // Drawing is most of a trace, and one load is enough to look at.
+        let scene_bodies_max = arguments.bodies.iter().copied().min().unwrap_or(0);
+        let options = TraceOptions {
+            scene_bodies_max,
+            ..TraceOptions::default()
+        };
+        write_trace(&arguments.out, &experiment, &options)?;
     }
     say(&format!("\nwritten to {}\n", arguments.out.display()))?;
     check_truth(&experiment)
@@ -236,18 +244,17 @@ fn progress_bar(length: u64, what: String) -> ProgressBar {
     bar.with_message(what)
 }
 
-fn write_trace(out: &Path, experiment: &Experiment) -> Result<(), EvaluateError> {
+fn write_trace(
+    out: &Path,
+    experiment: &Experiment,
+    options: &TraceOptions,
+) -> Result<(), EvaluateError> {
     let bar = progress_bar(0, "trace".to_owned());
     let path = out.join("trace.mcap");
-    let written = trace::write(
-        &path,
-        experiment,
-        &TraceOptions::default(),
-        &mut |progress| {
-            bar.set_length(progress.of);
-            bar.set_position(progress.done);
-        },
-    );
+    let written = trace::write(&path, experiment, options, &mut |progress| {
+        bar.set_length(progress.of);
+        bar.set_position(progress.done);
+    });
     bar.finish_and_clear();
     written.map_err(EvaluateError::Trace)?;
     write_file(
