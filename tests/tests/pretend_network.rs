@@ -7,7 +7,8 @@
 //! Caught so far: a member whose scene was deleted while its commands were under way was closed for a violation; a
 //! copy of half a tick, and one repaired from the future, claimed to be within tolerance at the tick before; who joined
 //! just after gravity had changed believed in other falls than the publisher; a packet lost for longer than it is
-//! remembered was asked for for ever.
+//! remembered was asked for for ever; a lockstep member that did not lead never learned of a lost last packet; a body
+//! that went while touch was lost stayed in views.
 
 use rhumb_protocol::message::{Denial, StreamChoice};
 use rhumb_protocol::scene::{Command, Pace};

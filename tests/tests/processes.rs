@@ -5,7 +5,7 @@
 //! only printed, but for one loose bound on an idle server's processor time.
 //!
 //! Caught so far: a member whose scene another one deleted was told of its own misuse, and waited out its patience; so
-//! was one that advanced a scene that runs by the server's clock.
+//! was one that advanced a scene that runs by the server's clock; who reserved no index at all was cut off for it.
 
 use std::net::UdpSocket;
 use std::time::{Duration, Instant};
@@ -255,6 +255,13 @@ fn a_number_that_is_none_is_misuse_and_the_connection_goes_on() {
         "{error}"
     );
     assert!(error.to_string().contains("gravity"), "{error}");
+    for count in [0, u32::MAX] {
+        let error = client.reserve(count).unwrap_err();
+        assert!(
+            matches!(error, ClientError::Misuse(Misuse::Indices(_))),
+            "{error}"
+        );
+    }
     drive(&mut client, &mut BallPit::new(2, 1, 1), 5);
     let answered = std::iter::from_fn(|| client.poll_happening());
     assert!(

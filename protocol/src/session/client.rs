@@ -15,6 +15,7 @@ use super::event::Event;
 use super::patience::Patience;
 use super::replica::Replica;
 use crate::endpoint::{Ending, Endpoint, Peer, Transmit, Wake, WakeReason};
+use crate::limits::RESERVE_MAX;
 use crate::message::{
     ClientMessage, Frames, Joined, Notice, ServerMessage, StreamChoice, VERSIONS,
 };
@@ -28,6 +29,8 @@ pub enum Misuse {
     NotNow,
     /// A number that no engine should be given.
     Invalid(Invalid),
+    /// So many body indices cannot be asked for at once.
+    Indices(u32),
 }
 
 impl fmt::Display for Misuse {
@@ -35,6 +38,10 @@ impl fmt::Display for Misuse {
         match self {
             Self::NotNow => f.write_str("not possible in this state of the connection"),
             Self::Invalid(invalid) => invalid.fmt(f),
+            Self::Indices(count) => write!(
+                f,
+                "{count} body indices cannot be asked for at once: 1 to {RESERVE_MAX}"
+            ),
         }
     }
 }
@@ -171,8 +178,11 @@ impl ClientSession {
     ///
     /// # Errors
     ///
-    /// As [`Self::leave`].
+    /// As [`Self::leave`], and [`Misuse::Indices`] for none or more than [`RESERVE_MAX`], which is then not sent.
     pub fn reserve(&mut self, count: u32) -> Result<(), Misuse> {
+        if count == 0 || count > RESERVE_MAX {
+            return Err(Misuse::Indices(count));
+        }
         self.as_member(&ClientMessage::Reserve { count })
     }
 
