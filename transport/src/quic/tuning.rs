@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use quinn::crypto::rustls::{NoInitialCipherSuite, QuicClientConfig, QuicServerConfig};
+use quinn::congestion::BbrConfig;
 use quinn::{ClientConfig, IdleTimeout, ServerConfig, TransportConfig, VarInt, rustls};
 
 /// The application protocol, as TLS names it.
@@ -113,6 +114,8 @@ pub(super) fn client(tls: Arc<rustls::ClientConfig>) -> Result<ClientConfig, NoI
 
 fn common() -> TransportConfig {
     let mut transport = TransportConfig::default();
+    // State is latest-wins: a controller that halves its window at each random loss would hold it back for seconds.
+    transport.congestion_controller_factory(Arc::new(BbrConfig::default()));
     transport
         .max_concurrent_uni_streams(VarInt::from_u32(0))
         .max_idle_timeout(Some(IdleTimeout::from(IDLE_MS)))
