@@ -118,7 +118,7 @@ impl Motion {
 }
 
 /// Which part of a motion cannot be one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum InvalidMotion {
     /// A coordinate is NaN or infinite.
     Position,

@@ -123,7 +123,7 @@ impl Host {
                 }
             }
             Request::Reserve(count) => room.reserve(peer, count, out),
-            Request::Command { number, command } => room.command(peer, number, &command, out),
+            Request::Command { number, command } => room.command(peer, number, command, out),
             Request::Advance(to) => room.advance(peer, to, out),
             Request::Resync => room.resync(peer, out),
             Request::Ping(sent) => room.pong(now, peer, sent, out),

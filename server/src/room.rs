@@ -38,8 +38,13 @@ struct Member {
 /// What acts in the order in which it was said: a command said after an advance acts after its steps.
 #[derive(Clone, Copy, Debug)]
 enum Wish {
-    Command { number: u64, command: Command },
-    Advance { to: Tick },
+    Command {
+        number: u64,
+        command: Result<Command, CommandError>,
+    },
+    Advance {
+        to: Tick,
+    },
 }
 
 /// One scene with its members.
@@ -250,8 +255,13 @@ impl Room {
     }
 
     /// Applies one command, or says why not; later if steps are still owed to an earlier advance.
-    pub(crate) fn command(&mut self, peer: Peer, number: u64, command: &Command, out: &mut Outbox) {
-        let command = *command;
+    pub(crate) fn command(
+        &mut self,
+        peer: Peer,
+        number: u64,
+        command: Result<Command, CommandError>,
+        out: &mut Outbox,
+    ) {
         self.wish(peer, Wish::Command { number, command }, out);
     }
 
@@ -288,7 +298,7 @@ impl Room {
     fn grant_wish(&mut self, peer: Peer, wish: Wish, out: &mut Outbox) {
         match wish {
             Wish::Command { number, command } => {
-                if let Err(error) = self.apply(peer, &command) {
+                if let Err(error) = command.and_then(|command| self.apply(peer, &command)) {
                     out.say(peer, &ServerMessage::Refused { number, error });
                 }
                 if let Some(member) = self.members.get_mut(&peer) {

@@ -6,9 +6,12 @@ use std::num::NonZeroU32;
 
 use glam::Vec3;
 use rhumb_protocol::message::{ClientMessage, Frames, ServerMessage, StreamChoice, VERSIONS};
-use rhumb_protocol::scene::{Command, Material, Pace, SceneTerms, Shape, ShapeId};
+use rhumb_protocol::scene::{
+    BodyKind, BodyTerms, Command, CommandError, Invalid, Material, Pace, Quantity, SceneTerms,
+    Shape, ShapeId,
+};
 use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
-use rhumb_reckoning::{Damping, Integrator, Rate, Tick, Tolerance};
+use rhumb_reckoning::{Damping, Integrator, Rate, Tick, Tolerance, Verbatim};
 use rhumb_server::Host;
 
 const CLIENT: Peer = Peer(1);
@@ -37,16 +40,21 @@ fn shape(number: u32) -> ClientMessage {
     })
 }
 
-/// Lets a host hear messages in one piece and run until nothing is due; returns what it said on the control stream.
+/// What a host says to messages that it hears in one piece.
 fn conversation(messages: &[ClientMessage]) -> Vec<ServerMessage> {
-    let mut host = Host::new(|| Instant::ZERO);
-    let now = Instant::ZERO;
-    host.handle_opened(now, CLIENT);
     let mut bytes = Vec::new();
     for message in messages {
         message.encode(&mut bytes);
     }
-    host.handle_control(now, CLIENT, &bytes);
+    heard(&bytes)
+}
+
+/// Lets a host hear bytes in one piece and run until nothing is due; returns what it said on the control stream.
+fn heard(bytes: &[u8]) -> Vec<ServerMessage> {
+    let mut host = Host::new(|| Instant::ZERO);
+    let now = Instant::ZERO;
+    host.handle_opened(now, CLIENT);
+    host.handle_control(now, CLIENT, bytes);
     while host.poll_timeout().is_some() {
         host.handle_timeout(now);
     }
@@ -98,4 +106,25 @@ fn a_command_after_an_advance_acts_after_its_steps() {
     let refused =
         |message: &&ServerMessage| matches!(message, ServerMessage::Refused { number: 2, .. });
     assert_eq!(said.iter().filter(refused).count(), 1);
+}
+
+#[test]
+fn a_motion_that_is_none_is_refused_and_the_conversation_goes_on() {
+    let id = rhumb_reckoning::BodyId::new(0, 0);
+    let motion = Verbatim::new([1.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).unwrap();
+    let terms = BodyTerms::plain(id, BodyKind::Dynamic, ShapeId(0));
+    let mut bytes = Vec::new();
+    for message in joined([shape(0)]) {
+        message.encode(&mut bytes);
+    }
+    ClientMessage::Command(Command::AddBody { terms, motion }).encode(&mut bytes);
+    // The position's last coordinate ends the message.
+    let end = bytes.len();
+    bytes[end - 4..].copy_from_slice(&f32::NAN.to_le_bytes());
+    shape(1).encode(&mut bytes);
+    let said = heard(&bytes);
+    let error = CommandError::Invalid(Invalid::NotFinite(Quantity::Position));
+    assert!(said.contains(&ServerMessage::Refused { number: 1, error }));
+    let tick = Tick::ZERO;
+    assert!(said.contains(&ServerMessage::Applied { through: 2, tick }));
 }

@@ -9,12 +9,12 @@ use rhumb_protocol::limits::{
     ANGULAR_MAX, COORDINATE_MAX, DAMPING_MAX, DENSITY_MAX, DENSITY_MIN, EXTENT_MAX, EXTENT_MIN,
     FORCE_MAX, FRICTION_MAX, GRAVITY_MAX, GRAVITY_SCALE_MAX, LINEAR_MAX,
 };
-use rhumb_protocol::message::{ClientMessage, StreamChoice};
+use rhumb_protocol::message::{ClientMessage, ServerMessage, StreamChoice};
 use rhumb_protocol::scene::{
     BodyKind, BodyTerms, Command, CommandError, Invalid, Material, Quantity, SceneTerms, Shape,
     ShapeId,
 };
-use rhumb_protocol::session::{CloseCode, Event};
+use rhumb_protocol::session::Event;
 use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
 use rhumb_sims::{Script, Zoo};
 use rhumb_tests::{Rude, Table};
@@ -377,7 +377,7 @@ fn a_newcomers_motion_keeps_the_limits_too() {
 }
 
 #[test]
-fn a_newcomer_whose_motion_is_no_number_is_malformed() {
+fn a_newcomer_whose_motion_is_no_number_is_refused_like_any_other() {
     let mut rig = Rig::new();
     let terms = BodyTerms::plain(rig.rude.granted.id(1).unwrap(), BodyKind::Dynamic, BALL);
     let mut bytes = Vec::new();
@@ -388,8 +388,11 @@ fn a_newcomer_whose_motion_is_no_number_is_malformed() {
         .position(|window| window == height)
         .unwrap();
     bytes[place..place + 4].copy_from_slice(&f32::NAN.to_le_bytes());
-    rig.rude.utter(&mut rig.table, &bytes);
-    assert_eq!(rig.rude.closed(&rig.table), Some(CloseCode::MALFORMED));
+    let heard = rig.rude.utter(&mut rig.table, &bytes);
+    let expected = CommandError::Invalid(Invalid::NotFinite(Quantity::Position));
+    let refused = |message: &ServerMessage| matches!(message, ServerMessage::Refused { error, .. } if *error == expected);
+    assert!(heard.iter().any(refused), "{heard:?}");
+    assert_eq!(rig.rude.closed(&rig.table), None);
 }
 
 /// A moving ball.

@@ -5,7 +5,7 @@
 use core::fmt;
 
 use glam::{Quat, Vec3};
-use rhumb_reckoning::UNIT_LENGTH_SLACK;
+use rhumb_reckoning::{InvalidMotion, UNIT_LENGTH_SLACK};
 
 /// A quantity of a command that can be wrong. Its number is its code on the wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -112,6 +112,17 @@ pub enum Invalid {
     NotFinite(Quantity),
     /// Outside the limits of the protocol.
     OutOfRange(Quantity),
+}
+
+impl From<InvalidMotion> for Invalid {
+    fn from(invalid: InvalidMotion) -> Self {
+        Self::NotFinite(match invalid {
+            InvalidMotion::Position => Quantity::Position,
+            InvalidMotion::Rotation => Quantity::Rotation,
+            InvalidMotion::Linear => Quantity::Linear,
+            InvalidMotion::Angular => Quantity::Angular,
+        })
+    }
 }
 
 impl fmt::Display for Invalid {

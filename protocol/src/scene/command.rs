@@ -315,7 +315,7 @@ impl Wire for Verbatim {
         if present & part::ANGULAR != 0 {
             angular = canonical(from.f32s()?, [0; 3])?;
         }
-        Self::new(position, rotation, linear, angular).map_err(|_| Malformed::NotFinite)
+        Self::new(position, rotation, linear, angular).map_err(Malformed::Motion)
     }
 }
 

@@ -11,8 +11,9 @@ use rhumb_reckoning::Tick;
 
 use super::close::CloseCode;
 use crate::message::{ClientMessage, Frames, ServerMessage, StreamChoice, VERSIONS, Welcome};
-use crate::scene::{Command, SceneName, SceneTerms};
+use crate::scene::{Command, CommandError, SceneName, SceneTerms};
 use crate::time::Instant;
+use crate::wire::Malformed;
 
 /// What a client wants, now that it may want it.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,8 +37,8 @@ pub enum Request {
     Command {
         /// Counted from the joining.
         number: u64,
-        /// What is wished.
-        command: Command,
+        /// What is wished, or why nobody can wish that.
+        command: Result<Command, CommandError>,
     },
     /// Step to this tick.
     Advance(Tick),
@@ -108,10 +109,31 @@ impl ServerSession {
                     Ok(None) => {}
                     Err(code) => self.close(code),
                 },
+                // Well framed and numbered, so that it is refused like any other command that cannot be.
+                Err(Malformed::Motion(invalid)) if self.is_member() => {
+                    let command = Err(CommandError::Invalid(invalid.into()));
+                    return Some(self.numbered(command));
+                }
                 Err(malformed) => self.close(malformed.into()),
             }
         }
         None
+    }
+
+    const fn is_member(&self) -> bool {
+        matches!(self.state, State::Member { .. })
+    }
+
+    /// Gives a member's command its number.
+    fn numbered(&mut self, command: Result<Command, CommandError>) -> Request {
+        let number = match self.state {
+            State::Member { commands } => commands,
+            _ => 0,
+        };
+        self.state = State::Member {
+            commands: number + 1,
+        };
+        Request::Command { number, command }
     }
 
     /// Whether a message is allowed now; `None` for one that is overtaken by the end of a membership.
@@ -134,28 +156,16 @@ impl ServerSession {
             (State::Silent | State::Greeted | State::Closed, _) => Err(CloseCode::VIOLATION),
             (_, ClientMessage::Ping { sent }) => Ok(Request::Ping(sent)),
             (_, ClientMessage::Delete) => Ok(Request::Delete),
-            (State::Member { commands }, message) => self.admit_member(commands, message),
+            (State::Member { .. }, message) => self.admit_member(message),
             (_, ClientMessage::Create(terms)) => Ok(Request::Create(terms)),
             (_, ClientMessage::Join(choice)) => Ok(Request::Join(choice)),
             _ => Err(CloseCode::VIOLATION),
         }
     }
 
-    fn admit_member(
-        &mut self,
-        commands: u64,
-        message: ClientMessage,
-    ) -> Result<Request, CloseCode> {
+    fn admit_member(&mut self, message: ClientMessage) -> Result<Request, CloseCode> {
         Ok(match message {
-            ClientMessage::Command(command) => {
-                self.state = State::Member {
-                    commands: commands + 1,
-                };
-                Request::Command {
-                    number: commands,
-                    command,
-                }
-            }
+            ClientMessage::Command(command) => self.numbered(Ok(command)),
             ClientMessage::Advance { to } => Request::Advance(to),
             ClientMessage::Reserve { count } => Request::Reserve(count),
             ClientMessage::Resync => Request::Resync,

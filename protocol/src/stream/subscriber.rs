@@ -11,7 +11,7 @@ use rhumb_reckoning::{BodyId, Integrator, Metres, Motion, Predictor, Tick, Toler
 
 use super::gaps::{Arrival, Gaps, RepairOf};
 use super::tracks::{Manner, Tracks, Unreadable};
-use crate::limits::PACKETS_HELD_MAX;
+use crate::limits::{PACKETS_HELD_MAX, TICK_JUMP_MAX};
 use crate::packet::{
     Echo, FullPacket, Head, Kind, Low16, Repair, Saying, StatePacket, StreamId, TrackSaying,
     Update, Vouch,
@@ -370,11 +370,20 @@ impl Subscriber {
         Tick::new(tick.expand(self.newest.value()))
     }
 
+    /// Whether a tick lies so far ahead that the stream is begun anew rather than gone on with.
+    fn jumps(&self, tick: Tick) -> bool {
+        tick.value() > self.newest.value() + TICK_JUMP_MAX
+    }
+
     /// Counts a numbered packet; returns its number and tick when it is to be read.
     fn arrive(&mut self, number: Low16, tick: Low16, ends_tick: bool) -> Option<(u64, Tick)> {
         let number = number.expand(self.gaps.next());
         let tick = self.tick_of(tick);
         let next = self.gaps.next();
+        if self.jumps(tick) {
+            self.lost_touch = true;
+            return None;
+        }
         match self.gaps.arrive(number, tick) {
             Arrival::Fresh => {}
             Arrival::Duplicate => {
@@ -454,7 +463,7 @@ impl Subscriber {
         let tick = self.tick_of(vouch.tick);
         let before = self.gaps.next();
         let next = vouch.next.expand(before);
-        if !self.gaps.announce(next, tick) {
+        if self.jumps(tick) || !self.gaps.announce(next, tick) {
             self.lost_touch = true;
             return Ok(());
         }

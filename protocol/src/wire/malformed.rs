@@ -2,6 +2,8 @@
 
 use core::fmt;
 
+use rhumb_reckoning::InvalidMotion;
+
 /// The bytes are not a value of the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Malformed {
@@ -17,6 +19,8 @@ pub enum Malformed {
     UnknownCode,
     /// A number is NaN or infinite, or a rotation is not of unit length.
     NotFinite,
+    /// So it is with a motion that was said to the bit.
+    Motion(InvalidMotion),
     /// A text is not UTF-8 or holds characters that it may not.
     Text,
     /// More than a limit allows.
@@ -26,6 +30,7 @@ pub enum Malformed {
 impl fmt::Display for Malformed {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
+            Self::Motion(invalid) => return invalid.fmt(f),
             Self::Truncated => "bytes end too soon",
             Self::Trailing => "bytes follow the end",
             Self::NotCanonical => "a number is not in its shortest form",
