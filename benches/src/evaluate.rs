@@ -33,10 +33,10 @@ pub struct Evaluate {
     #[arg(long, value_delimiter = ',', default_values_t = [ModeName::Integrated, ModeName::Naive, ModeName::Rhumb, ModeName::RhumbPipelined])]
     modes: Vec<ModeName>,
     /// Simulated seconds.
-    #[arg(long, default_value = "10", value_parser = seconds)]
+    #[arg(long, default_value = "10", value_parser = seconds, allow_negative_numbers = true)]
     seconds: f64,
     /// How far off a copied body may be, metres.
-    #[arg(long, default_value = "0.05", value_parser = tolerance)]
+    #[arg(long, default_value = "0.05", value_parser = tolerance, allow_negative_numbers = true)]
     tolerance: Tolerance,
     /// Seed of the script and of the pretended link.
     #[arg(long, default_value_t = 1)]
