@@ -348,7 +348,7 @@ impl Client {
     ///
     /// [`ClientError::Ended`] when the connection is over.
     pub fn idle(&mut self, patience: Duration) -> Result<(), ClientError> {
-        let deadline = self.pump.now() + Span::from_nanos(patience.as_nanos() as u64);
+        let deadline = self.pump.now() + span(patience);
         while self.pump.now() < deadline {
             self.pump.turn(deadline);
             self.take_events();
@@ -436,7 +436,7 @@ impl Client {
     }
 
     fn deadline(&self) -> Instant {
-        self.pump.now() + Span::from_nanos(self.patience.as_nanos() as u64)
+        self.pump.now() + span(self.patience)
     }
 
     /// Waits for anything until the deadline.
@@ -528,7 +528,7 @@ fn await_event<T>(
     awaited: &'static str,
     wanted: impl Fn(Event) -> Option<Result<T, Denial>>,
 ) -> Result<Result<T, Denial>, ClientError> {
-    let deadline = pump.now() + Span::from_nanos(patience.as_nanos() as u64);
+    let deadline = pump.now() + span(patience);
     loop {
         pump.turn(deadline);
         while let Some(event) = pump.session.poll_event() {
@@ -543,6 +543,11 @@ fn await_event<T>(
             return Err(ClientError::Patience { awaited, patience });
         }
     }
+}
+
+/// A patience as the protocol counts it; one of centuries saturates.
+fn span(patience: Duration) -> Span {
+    Span::from_nanos(u64::try_from(patience.as_nanos()).unwrap_or(u64::MAX))
 }
 
 fn resolve(server: &str) -> Result<SocketAddr, OpenError> {

@@ -25,6 +25,8 @@ pub struct View {
     removed: Vec<BodyId>,
     touched: Vec<u32>,
     time: Option<DisplayTime>,
+    /// The caller's time of the last look.
+    looked: Seconds,
 }
 
 /// How a view is computed.
@@ -119,6 +121,7 @@ impl View {
             }
         }
         self.time = Some(glass.at);
+        self.looked = glass.now;
     }
 
     /// A body came, went or was spoken of.
@@ -133,7 +136,7 @@ impl View {
                 if glass.smooth
                     && let Some(believed) = believed(stream, id, glass.at)
                 {
-                    let shown = self.shown(place);
+                    let shown = self.carried_on(place, glass.now);
                     self.corrections[place] = Correction::between(glass.now, &shown, &believed);
                 }
                 // Shown below if it moves; if it has come to rest, this is the last time.
@@ -226,15 +229,19 @@ impl View {
         }
     }
 
-    /// The motion that the arrays hold.
-    fn shown(&self, place: usize) -> Motion {
-        let pose = Pose {
-            position: self.positions[place].as_dvec3(),
-            rotation: self.rotations[place].as_dquat(),
-        };
+    /// Where a body would be shown now had nothing been said of it: the motion of the last look, carried on.
+    ///
+    /// So a glide holds only what belief jumped by, however long ago the last look was.
+    fn carried_on(&self, place: usize, now: Seconds) -> Motion {
+        let passed = (now.seconds() - self.looked.seconds()).max(0.0);
         let twist = Twist {
             linear: self.linear[place].as_dvec3(),
             angular: self.angular[place].as_dvec3(),
+        };
+        let turn = DQuat::from_scaled_axis(twist.angular * passed);
+        let pose = Pose {
+            position: self.positions[place].as_dvec3() + twist.linear * passed,
+            rotation: (turn * self.rotations[place].as_dquat()).normalize(),
         };
         Motion::new(pose, twist).unwrap_or(Motion::IDENTITY)
     }

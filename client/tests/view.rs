@@ -149,3 +149,43 @@ fn a_body_that_went_leaves_the_others_in_place() {
     assert_eq!(pair.view.ids(), [OTHER]);
     assert_eq!(pair.view.place(OTHER), Some(0));
 }
+
+#[test]
+fn a_glide_takes_up_what_belief_jumped_by_and_not_the_body_s_own_way() {
+    let look = |pair: &mut Pair, tick: u64| {
+        let at = DisplayTime::at(Tick::new(tick));
+        let now = Seconds::new(tick as f64 / 60.0);
+        let smooth = true;
+        pair.view
+            .refresh(&mut pair.subscriber, &Glass { at, now, smooth });
+        let place = pair.view.place(BALL).expect("the ball is in the view");
+        pair.view.positions()[place].x
+    };
+    // Looked at every tick or every sixth: an update that moves belief by 7 cm is no pause and no leap in the path.
+    for pause in [1, 6] {
+        let mut pair = Pair::new();
+        let mut last = look(&mut pair, 0);
+        for tick in 1..=30 {
+            if tick == 12 {
+                let jumped = moving(6.0 * 12.0 / 60.0 + 0.07, 6.0);
+                pair.say(12, jumped, Activity::Awake);
+            }
+            if tick % pause == 0 {
+                let shown = look(&mut pair, tick);
+                let way = 6.0 * pause as f32 / 60.0;
+                assert!(
+                    (shown - last - way).abs() < 0.075,
+                    "{pause}, {tick}: {}",
+                    shown - last
+                );
+                if tick == 12 {
+                    assert!(
+                        (shown - last - way).abs() < 0.01,
+                        "the glide begins where it was shown"
+                    );
+                }
+                last = shown;
+            }
+        }
+    }
+}

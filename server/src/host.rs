@@ -125,7 +125,7 @@ impl Host {
             Request::Reserve(count) => room.reserve(peer, count, out),
             Request::Command { number, command } => room.command(peer, number, command, out),
             Request::Advance(to) => room.advance(peer, to, out),
-            Request::Resync => room.resync(peer, out),
+            Request::Resync => room.resync(peer),
             Request::Ping(sent) => room.pong(now, peer, sent, out),
             Request::Inspect => room.inspect(peer, out),
             Request::Hello { .. } | Request::Create(_) | Request::Join(_) | Request::Delete => {}
@@ -214,7 +214,7 @@ impl Endpoint for Host {
         }
     }
 
-    fn handle_datagram(&mut self, _now: Instant, from: Peer, bytes: &[u8]) {
+    fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
         let mut reader = Reader::new(bytes);
         let Ok(Head {
             kind: Kind::Echo,
@@ -232,9 +232,9 @@ impl Endpoint for Host {
         let room = connection
             .scene
             .as_ref()
-            .and_then(|name| self.rooms.get(name));
+            .and_then(|name| self.rooms.get_mut(name));
         if let Some(room) = room {
-            room.echo(from, stream, &echo, &mut self.out);
+            room.echo(now, from, stream, &echo, &mut self.out);
         }
     }
 

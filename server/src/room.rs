@@ -33,6 +33,10 @@ struct Member {
     stream: StreamId,
     /// Number of its last command that was looked at, and is not answered yet.
     unanswered: Option<u64>,
+    /// Whether it asked for the whole scene again.
+    resync: bool,
+    /// When it was last heard on the state path.
+    echoed: Option<Instant>,
 }
 
 /// What acts in the order in which it was said: a command said after an advance acts after its steps.
@@ -65,6 +69,9 @@ pub(crate) struct Room {
     times: Times,
     faulted: bool,
 }
+
+/// The least time between two echoes of a member that are answered: half of what a member's patience begins with.
+const ECHO_PAUSE: Span = Span::from_millis(2);
 
 /// A free-running scene that is later than so many steps lets time go slower instead of catching up.
 const CATCH_UP_STEPS: u64 = 5;
@@ -135,6 +142,8 @@ impl Room {
         let member = Member {
             stream,
             unanswered: None,
+            resync: false,
+            echoed: None,
         };
         self.members.insert(peer, member);
         self.tell_snapshot(peer, out);
@@ -229,14 +238,17 @@ impl Room {
         self.streams.get(member.stream)
     }
 
-    /// A member lost touch with its stream and needs the whole scene again.
-    pub(crate) fn resync(&mut self, peer: Peer, out: &mut Outbox) {
-        self.tell_notices(out);
-        self.tell_snapshot(peer, out);
+    /// A member lost touch with its stream and needs the whole scene again; it is told when the piece is read, and once
+    /// however often it asks in it.
+    pub(crate) fn resync(&mut self, peer: Peer) {
+        if let Some(member) = self.members.get_mut(&peer) {
+            member.resync = true;
+        }
     }
 
-    /// A client is a member no longer. Its bodies stay.
+    /// A client is a member no longer. Its bodies stay; what it wished behind an advance that is not reached yet goes.
     pub(crate) fn leave(&mut self, peer: Peer) {
+        self.waiting.retain(|(wisher, _)| *wisher != peer);
         if let Some(member) = self.members.remove(&peer) {
             self.streams.unfollow(member.stream);
             self.grants.retire(peer);
@@ -384,6 +396,14 @@ impl Room {
     /// All that a member sent at once was looked at: says what came of it.
     pub(crate) fn settle(&mut self, out: &mut Outbox) {
         self.tell_notices(out);
+        let resyncing: Vec<Peer> = self
+            .members
+            .iter_mut()
+            .filter_map(|(peer, member)| std::mem::take(&mut member.resync).then_some(*peer))
+            .collect();
+        for peer in resyncing {
+            self.tell_snapshot(peer, out);
+        }
         let tick = self.scene.tick();
         for (peer, member) in &mut self.members {
             if let Some(through) = member.unanswered.take() {
@@ -406,6 +426,16 @@ impl Room {
         self.last_step = now;
         self.tick(clock, out);
         self.grant_waiting(out);
+    }
+
+    /// Ticks of silence within which a stream vouches: a quarter of a second, well below the time for which a view
+    /// predicts beyond what was vouched for; every tick where a member waits for it.
+    fn vouch_within(&self) -> u32 {
+        let rate = self.terms().integrator.rate;
+        match self.terms().pace {
+            Pace::Lockstep => 1,
+            Pace::FreeRunning => (rate.ticks() / rate.seconds() / 4).max(1),
+        }
     }
 
     fn step(&self) -> Span {
@@ -431,7 +461,7 @@ impl Room {
             tick: self.scene.tick(),
             observations: &self.observations,
             notices: self.notices,
-            vouch_always: self.terms().pace == Pace::Lockstep,
+            vouch_within: self.vouch_within(),
         });
         self.tell_notices(out);
         for (peer, member) in &self.members {
@@ -463,7 +493,23 @@ impl Room {
     }
 
     /// A member says how far it heard: repairs what it lost and vouches for what it could not know of.
-    pub(crate) fn echo(&self, peer: Peer, stream: StreamId, echo: &Echo, out: &mut Outbox) {
+    ///
+    /// Of echoes that follow each other faster than [`ECHO_PAUSE`] only the first is answered.
+    pub(crate) fn echo(
+        &mut self,
+        now: Instant,
+        peer: Peer,
+        stream: StreamId,
+        echo: &Echo,
+        out: &mut Outbox,
+    ) {
+        let Some(member) = self.members.get_mut(&peer) else {
+            return;
+        };
+        if member.echoed.is_some_and(|last| now < last + ECHO_PAUSE) {
+            return;
+        }
+        member.echoed = Some(now);
         let Some(stream) = self
             .stream_of(peer)
             .filter(|followed| followed.id() == stream)

@@ -26,9 +26,6 @@ pub(crate) struct Stream {
     pub(crate) packets: Vec<Bytes>,
 }
 
-/// A silent stream vouches at least this often, in ticks.
-const VOUCH_TICKS_MAX: u32 = 60;
-
 impl Stream {
     pub(crate) fn id(&self) -> StreamId {
         match &self.source {
@@ -111,8 +108,7 @@ impl Stream {
         }
     }
 
-    /// Says what must be said at a tick. A silent stream vouches every tick when `vouch_always`, otherwise ever more
-    /// rarely.
+    /// Says what must be said at a tick. A silent stream vouches ever more rarely, within bounds.
     fn publish(&mut self, at: &Moment<'_>) {
         self.packets.clear();
         match &mut self.source {
@@ -128,8 +124,8 @@ impl Stream {
             return;
         }
         self.silent_ticks += 1;
-        let due = self.silent_ticks.is_power_of_two() && self.silent_ticks < VOUCH_TICKS_MAX;
-        if at.vouch_always || due || self.silent_ticks.is_multiple_of(VOUCH_TICKS_MAX) {
+        let due = self.silent_ticks.is_power_of_two() && self.silent_ticks < at.vouch_within;
+        if due || self.silent_ticks.is_multiple_of(at.vouch_within) {
             self.packets.push(self.vouch(at.notices));
         }
     }
@@ -142,8 +138,8 @@ pub(crate) struct Moment<'a> {
     pub(crate) observations: &'a [Observation],
     /// Notices given up to this tick.
     pub(crate) notices: u64,
-    /// Whether somebody waits for this very tick.
-    pub(crate) vouch_always: bool,
+    /// A silent stream vouches at least once in so many ticks: one where somebody waits for this very tick.
+    pub(crate) vouch_within: u32,
 }
 
 /// All streams of a scene that somebody follows.

@@ -478,6 +478,10 @@ impl Subscriber {
             return Ok(());
         }
         let as_of = self.tick_of(repair.tick);
+        if self.jumps(as_of) {
+            self.lost_touch = true;
+            return Ok(());
+        }
         self.statistics.repairs += 1;
         for record in &repair.records {
             let Some(origin) = as_of.before(record.age) else {
