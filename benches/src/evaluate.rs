@@ -10,7 +10,7 @@ use std::process::ExitCode;
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rhumb_reckoning::{Metres, Tolerance};
-use rhumb_server::{RunError, run_on_core};
+use rhumb_server::{RunError, run_on_core, usable_cores};
 use rhumb_transport::LinkTerms;
 
 use crate::drive::{Cores, DriveError, Plan, run_free, run_side_by_side};
@@ -199,11 +199,17 @@ fn run(arguments: &Evaluate) -> Result<(), EvaluateError> {
 
 /// Keeps the servers on a core of their own where there is more than one.
 fn choose_cores(arguments: &Evaluate) -> Result<Cores, EvaluateError> {
-    if arguments.no_pin || machine::cores() < 2 || cfg!(not(target_os = "linux")) {
+    let usable = usable_cores();
+    let (Some(caller), Some(server)) = (usable.first(), usable.get(1)) else {
+        return Ok(Cores::default());
+    };
+    if arguments.no_pin {
         return Ok(Cores::default());
     }
-    run_on_core(0).map_err(EvaluateError::Cores)?;
-    Ok(Cores { server: Some(1) })
+    run_on_core(*caller).map_err(EvaluateError::Cores)?;
+    Ok(Cores {
+        server: Some(*server),
+    })
 }
 
 /// Runs all modes at one load; the free-running one by itself, since it has a truth of its own.

@@ -20,4 +20,4 @@ mod times;
 pub use digest::Digest;
 pub use host::Host;
 pub use scene::{Scene, SceneFault, Stepped};
-pub use serve::{Identity, RunError, Server, run_on_core};
+pub use serve::{Identity, RunError, Server, run_on_core, usable_cores};

@@ -108,6 +108,24 @@ impl Server {
     }
 }
 
+/// The cores that the calling thread may run on, lowest first; none where the system does not tell.
+#[cfg(target_os = "linux")]
+#[must_use]
+pub fn usable_cores() -> Vec<usize> {
+    use rustix::thread::{CpuSet, sched_getaffinity};
+    let set = sched_getaffinity(None).unwrap_or_default();
+    (0..CpuSet::MAX_CPU)
+        .filter(|core| set.is_set(*core))
+        .collect()
+}
+
+/// The cores that the calling thread may run on, lowest first; none where the system does not tell.
+#[cfg(not(target_os = "linux"))]
+#[must_use]
+pub fn usable_cores() -> Vec<usize> {
+    Vec::new()
+}
+
 /// Binds the calling thread, and the threads it starts from now on, to one core.
 ///
 /// # Errors

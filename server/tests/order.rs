@@ -128,3 +128,38 @@ fn a_motion_that_is_none_is_refused_and_the_conversation_goes_on() {
     let tick = Tick::ZERO;
     assert!(said.contains(&ServerMessage::Applied { through: 2, tick }));
 }
+
+#[test]
+fn a_snapshot_asked_for_a_thousand_times_in_one_piece_is_told_once() {
+    let said = conversation(&joined(std::iter::repeat_n(ClientMessage::Resync, 1_000)));
+    let snapshots = said
+        .iter()
+        .filter(|message| **message == ServerMessage::SnapshotEnd);
+    assert_eq!(
+        snapshots.count(),
+        2,
+        "one for joining, one for asking again"
+    );
+}
+
+#[test]
+fn what_waits_behind_an_advance_goes_with_its_member() {
+    let to = Tick::new(3);
+    let again = ClientMessage::Join(StreamChoice::Full);
+    let said = conversation(&joined([
+        ClientMessage::Advance { to },
+        shape(0),
+        ClientMessage::Leave,
+        again,
+        shape(1),
+    ]));
+    let applied: Vec<_> = said
+        .iter()
+        .filter_map(|message| match message {
+            ServerMessage::Applied { through, tick } => Some((*through, tick.value())),
+            _ => None,
+        })
+        .collect();
+    // The first command of the second membership; the one before it went with the first.
+    assert_eq!(applied, [(0, 3)]);
+}
