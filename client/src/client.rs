@@ -440,15 +440,16 @@ impl Client {
     }
 
     /// Waits for anything until the deadline.
+    ///
+    /// The deadline is looked at first, so that an answer which came just in time is still taken by the caller.
     fn turn(&mut self, deadline: Instant, awaited: &'static str) -> Result<(), ClientError> {
-        self.pump.turn(deadline);
-        self.take_events();
-        self.must_stand()?;
         if self.pump.now() >= deadline {
             let patience = self.patience;
             return Err(ClientError::Patience { awaited, patience });
         }
-        Ok(())
+        self.pump.turn(deadline);
+        self.take_events();
+        self.must_stand()
     }
 
     fn must_stand(&self) -> Result<(), ClientError> {

@@ -33,6 +33,9 @@ pub enum Way {
     StateUp,
 }
 
+/// Pieces taken in before timers and the caller have their turn, however fast a server sends.
+const PIECES_PER_TURN: usize = 4_096;
+
 /// The one peer of a client.
 const SERVER: Peer = Peer(0);
 
@@ -85,9 +88,14 @@ impl Pump {
         let patience = Duration::from_nanos(wake.since(now).as_nanos());
         let mut heard = false;
         let mut next = self.connection.recv(patience);
+        let mut left = PIECES_PER_TURN;
         while let Some(received) = next {
             heard = true;
             self.handle(received);
+            left -= 1;
+            if left == 0 {
+                break;
+            }
             next = self.connection.recv(Duration::ZERO);
         }
         self.session.handle_timeout(self.clock.now());

@@ -74,7 +74,9 @@ pub struct Subscriber {
     lost_touch: bool,
     /// Whether the snapshot is whole; until then datagrams wait.
     placed: bool,
+    /// Indices that changed since they were last drained, each once, and whether each index is among them.
     changed: Vec<u32>,
+    marked: Vec<bool>,
     updates: Vec<Update>,
     statistics: SubscriberStatistics,
 }
@@ -99,6 +101,7 @@ impl Subscriber {
             lost_touch: false,
             placed: false,
             changed: Vec::new(),
+            marked: Vec::new(),
             updates: Vec::new(),
             statistics: SubscriberStatistics::default(),
         }
@@ -219,15 +222,31 @@ impl Subscriber {
         Some(Bound::Within(self.tolerance().metres()))
     }
 
-    /// Moves the indices of bodies that came, went or were updated since the last call into `out`, in no order and
-    /// maybe more than once.
+    /// Moves the indices of bodies that came, went or were updated since the last call into `out`, in no order,
+    /// each once.
     pub fn drain_changed(&mut self, out: &mut Vec<u32>) {
+        for index in &self.changed {
+            self.marked[*index as usize] = false;
+        }
         out.append(&mut self.changed);
+    }
+
+    /// Counts an index as changed.
+    fn touch(&mut self, index: u32) {
+        let place = index as usize;
+        if place >= self.marked.len() {
+            self.marked.resize(place + 1, false);
+        }
+        if !core::mem::replace(&mut self.marked[place], true) {
+            self.changed.push(index);
+        }
     }
 
     /// Counts every index below this one as changed.
     pub(crate) fn touch_below(&mut self, end: usize) {
-        self.changed.extend(0..end as u32);
+        for index in 0..end as u32 {
+            self.touch(index);
+        }
     }
 
     /// A notice placed a body; `false` when that breaks a limit.
@@ -235,7 +254,7 @@ impl Subscriber {
     pub fn place(&mut self, id: BodyId, manner: &Manner, track: Track) -> bool {
         let placed = self.tracks.place(id, manner, track);
         if placed {
-            self.changed.push(id.index());
+            self.touch(id.index());
             self.remember(id.index(), None);
         }
         placed
@@ -244,7 +263,7 @@ impl Subscriber {
     /// A notice took a body out; `false` when it is not there.
     #[must_use]
     pub fn remove(&mut self, id: BodyId) -> bool {
-        self.changed.push(id.index());
+        self.touch(id.index());
         self.tracks.remove(id)
     }
 
@@ -325,7 +344,7 @@ impl Subscriber {
         heard?;
         self.remember(index, before);
         self.statistics.updates += 1;
-        self.changed.push(index);
+        self.touch(index);
         Ok(())
     }
 
@@ -489,7 +508,7 @@ impl Subscriber {
             };
             let whole = Saying::Whole(record.whole);
             if self.tracks.hear(record.index, origin, &whole).is_ok() {
-                self.changed.push(record.index);
+                self.touch(record.index);
             }
             self.forget_before(record.index);
         }
