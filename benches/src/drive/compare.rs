@@ -53,6 +53,8 @@ pub(super) struct Errors {
     /// Metres, sorted.
     pub(super) errors_m: Vec<f32>,
     pub(super) exact: u32,
+    /// Bodies of the truth that the copy does not have.
+    pub(super) missing: u32,
     pub(super) breaches: Vec<Breach>,
 }
 
@@ -71,6 +73,7 @@ pub(super) fn compare(
             continue;
         }
         let Some(place) = view.place(known.id) else {
+            errors.missing += 1;
             continue;
         };
         let (position, rotation) = (view.positions()[place], view.rotations()[place]);

@@ -16,8 +16,11 @@ use std::fmt;
 
 use rhumb_client::{ClientError, OpenError};
 use rhumb_protocol::scene::{CommandError, Invalid};
+use rhumb_reckoning::Tick;
 use rhumb_server::SceneFault;
 use rhumb_transport::RelayError;
+
+use crate::record::Mode;
 
 /// Why a run did not come to its end.
 #[derive(Debug)]
@@ -38,6 +41,13 @@ pub enum DriveError {
     Refused(CommandError),
     /// The script names bodies that the server did not grant.
     NotGranted,
+    /// A copy that waited for its tick lacks bodies, or shows a tick that never was.
+    Incomplete {
+        /// Whose.
+        mode: Mode,
+        /// When.
+        tick: Tick,
+    },
     /// There is no such scene.
     NoSuchScene {
         /// As it was asked for.
@@ -57,6 +67,9 @@ impl fmt::Display for DriveError {
             Self::Refused(cause) => write!(f, "the script's command was refused: {cause}"),
             Self::NotGranted => {
                 f.write_str("the server granted fewer body indices than the script needs")
+            }
+            Self::Incomplete { mode, tick } => {
+                write!(f, "the copy of {mode} lacks bodies of the scene at {tick}")
             }
             Self::NoSuchScene { name } => {
                 write!(

@@ -228,11 +228,10 @@ impl Remote {
         self.frames.push(frame);
     }
 
-    /// Judges the last frame against the truth; tells whether that truth was known.
-    pub(super) fn judge(&mut self, recent: &RecentTruth, tolerance: Option<f64>) -> bool {
-        let Some(frame) = self.frames.last_mut() else {
-            return false;
-        };
+    /// Judges the last frame against the truth; returns how many bodies its copy lacks, or nothing when that truth is not
+    /// known.
+    pub(super) fn judge(&mut self, recent: &RecentTruth, tolerance: Option<f64>) -> Option<u32> {
+        let frame = self.frames.last_mut()?;
         let client = &self.client;
         let (vouched, tick) = (client.statistics().vouched, frame.tick);
         let settled = client
@@ -243,18 +242,17 @@ impl Remote {
             _ if tick > vouched || settled => Cause::Late,
             _ => Cause::Loss,
         };
-        let Some(errors) = compare(recent, frame.tick, client.view(), tolerance, cause) else {
-            return false;
-        };
+        let errors = compare(recent, frame.tick, client.view(), tolerance, cause)?;
         let Errors {
             errors_m,
             exact,
+            missing,
             breaches,
         } = errors;
         frame.errors_m = errors_m;
         frame.exact = exact;
         self.breaches.extend(breaches);
-        true
+        Some(missing)
     }
 
     pub(super) fn client(&mut self) -> &mut Client {
