@@ -71,7 +71,8 @@ impl View {
         &self.angular
     }
 
-    /// Whether each body lies still.
+    /// Whether each body was said to lie still: its pose stays as it is until the body is spoken of again. One that the
+    /// engine has put to sleep lies where the engine left it, to the bit.
     #[must_use]
     pub fn resting(&self) -> &[bool] {
         &self.resting
