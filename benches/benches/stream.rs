@@ -11,10 +11,13 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use glam::Vec3;
 use rhumb_client::{DisplayTime, Glass, View};
 use rhumb_protocol::packet::StreamId;
-use rhumb_protocol::stream::{Activity, Manner, Observation, Publisher, StreamStart, Subscriber};
+use rhumb_protocol::stream::{
+    Activity, Features, Manner, Observation, Publisher, StreamStart, StreamTerms, Subscriber,
+    Witness,
+};
 use rhumb_reckoning::{
-    Anchor, BodyId, Damping, Integrator, Metres, Predictor, Rate, Seconds, Tick, Tolerance, Track,
-    Verbatim,
+    Anchor, BodyId, Damping, Integrator, Metres, Predictor, Rate, Seconds, Tick, Ticks, Tolerance,
+    Track, Verbatim,
 };
 
 const BODIES: u32 = 10_000;
@@ -52,6 +55,7 @@ fn manner() -> Manner {
         radius: Metres::new(0.5),
         damping: Damping::default(),
         gravity_scale: 0.0,
+        inertia: None,
     }
 }
 
@@ -60,12 +64,18 @@ fn track(index: u32) -> Track {
         origin: Tick::ZERO,
         predictor: Predictor::Ballistic,
         anchor: Anchor::Verbatim(state(index, 0)),
+        carrier: None,
     }
 }
 
 fn publisher() -> Publisher {
-    let mut publisher =
-        Publisher::new(STREAM, Tolerance::NORMAL, integrator(), GRAVITY, Tick::ZERO);
+    let terms = StreamTerms {
+        tolerance: Tolerance::NORMAL,
+        integrator: integrator(),
+        gravity: GRAVITY,
+        features: Features::ALL,
+    };
+    let mut publisher = Publisher::new(STREAM, &terms, Tick::ZERO);
     for index in 0..BODIES {
         assert!(publisher.place(BodyId::new(index, 0), &manner(), track(index)));
     }
@@ -103,7 +113,9 @@ fn stages(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("10,000 bodies");
     let observations = observations();
     let mut datagrams: Vec<Bytes> = Vec::new();
-    publisher().publish(Tick::new(1), &observations, 0, &mut datagrams);
+    let mut witness = Witness::new(Ticks::ZERO);
+    witness.observe(Tick::new(1), &observations);
+    publisher().publish(&witness, 0, &mut datagrams);
     let mut heard = subscriber();
     for datagram in &datagrams {
         heard.handle_datagram(datagram);
@@ -124,7 +136,7 @@ fn stages(criterion: &mut Criterion) {
             publisher,
             |publisher| {
                 let mut out = Vec::new();
-                publisher.publish(Tick::new(1), &observations, 0, &mut out);
+                publisher.publish(&witness, 0, &mut out);
                 out
             },
             criterion::BatchSize::LargeInput,

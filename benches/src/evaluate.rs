@@ -4,30 +4,27 @@
 
 use std::fmt;
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rhumb_reckoning::{Metres, Tolerance};
 use rhumb_server::{RunError, run_on_core, usable_cores};
 use rhumb_transport::LinkTerms;
 
 use crate::drive::{Cores, DriveError, Plan, run_free, run_side_by_side};
 use crate::machine;
+use crate::output::{self, OutputError};
 use crate::record::{Experiment, Load, Mode};
-use crate::report;
-use crate::summary::Summary;
-use crate::trace::{self, TraceError, TraceOptions};
 
 /// What to run, and where to write it.
 #[derive(Clone, Debug, Args)]
 pub struct Evaluate {
-    /// Which script: ball-pit, free-fall or zoo.
-    #[arg(long, default_value = "ball-pit")]
+    /// Which script.
+    #[arg(long, default_value = "ball-pit", value_parser = clap::builder::PossibleValuesParser::new(rhumb_sims::NAMES))]
     scene: String,
-    /// How many bodies; several loads are run one after the other.
-    #[arg(long, value_delimiter = ',', default_value = "500,1000,2000", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    /// How many bodies, as fits the scene unless said; several loads are run one after the other.
+    #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=100_000))]
     bodies: Vec<u32>,
     /// Which modes to run side by side.
     #[arg(long, value_delimiter = ',', default_values_t = [ModeName::Integrated, ModeName::Naive, ModeName::Rhumb, ModeName::RhumbPipelined])]
@@ -114,10 +111,8 @@ enum EvaluateError {
     Drive(DriveError),
     /// The cores cannot be chosen.
     Cores(RunError),
-    /// A file or folder cannot be written.
-    Write { path: PathBuf, cause: io::Error },
-    /// The trace cannot be written.
-    Trace(TraceError),
+    /// Something cannot be written.
+    Output(OutputError),
     /// The engines of two modes did not do the same, so that nothing can be compared.
     Void { bodies: u32, mode: Mode },
 }
@@ -127,8 +122,7 @@ impl fmt::Display for EvaluateError {
         match self {
             Self::Drive(cause) => cause.fmt(f),
             Self::Cores(cause) => write!(f, "{cause}; try --no-pin"),
-            Self::Write { path, cause } => write!(f, "cannot write {}: {cause}", path.display()),
-            Self::Trace(cause) => cause.fmt(f),
+            Self::Output(cause) => cause.fmt(f),
             Self::Void { bodies, mode } => write!(
                 f,
                 "the runs with {bodies} bodies are void: the truth of {mode} differs from that of the other modes"
@@ -140,6 +134,12 @@ impl fmt::Display for EvaluateError {
 impl From<DriveError> for EvaluateError {
     fn from(cause: DriveError) -> Self {
         Self::Drive(cause)
+    }
+}
+
+impl From<OutputError> for EvaluateError {
+    fn from(cause: OutputError) -> Self {
+        Self::Output(cause)
     }
 }
 
@@ -156,45 +156,34 @@ pub fn evaluate(arguments: &Evaluate) -> ExitCode {
 }
 
 fn run(arguments: &Evaluate) -> Result<(), EvaluateError> {
-    std::fs::create_dir_all(&arguments.out).map_err(|cause| EvaluateError::Write {
-        path: arguments.out.clone(),
-        cause,
-    })?;
+    output::make_folder(&arguments.out)?;
     // Asked before this process keeps to one of them.
     let machine = machine::describe();
     let cores = choose_cores(arguments)?;
     let mut loads = Vec::new();
-    for bodies in &arguments.bodies {
+    for bodies in bodies(arguments) {
         loads.extend(run_load(arguments, *bodies, cores)?);
     }
     let experiment = Experiment {
-        command: std::env::args()
-            .skip(1)
-            .fold("rhumb-bench".to_owned(), |line, word| line + " " + &word),
+        command: output::command_line(),
         seed: arguments.seed,
         machine,
         loads,
     };
-    let summary = Summary::of(&experiment);
-    let table = summary.table().to_string();
-    write_file(
-        &arguments.out.join("summary.json"),
-        summary.to_json().as_bytes(),
-    )?;
-    say(&table)?;
-    let page = report::html(&experiment, &summary);
-    write_file(&arguments.out.join("report.html"), page.as_bytes())?;
-    if !arguments.no_trace {
-        // Drawing is most of a trace, and one load is enough to look at.
-        let scene_bodies_max = arguments.bodies.iter().copied().min().unwrap_or(0);
-        let options = TraceOptions {
-            scene_bodies_max,
-            ..TraceOptions::default()
-        };
-        write_trace(&arguments.out, &experiment, &options)?;
-    }
-    say(&format!("\nwritten to {}\n", arguments.out.display()))?;
+    // Drawing is most of a trace, and one load is enough to look at.
+    let least = bodies(arguments).iter().copied().min().unwrap_or(0);
+    let drawn = (!arguments.no_trace).then_some(least);
+    output::write_all(&arguments.out, &experiment, drawn)?;
     check_truth(&experiment)
+}
+
+/// The loads that were asked for, or those that fit the scene.
+fn bodies(arguments: &Evaluate) -> &[u32] {
+    if arguments.bodies.is_empty() {
+        rhumb_sims::default_bodies(&arguments.scene).unwrap_or_default()
+    } else {
+        &arguments.bodies
+    }
 }
 
 /// Keeps the servers on a core of their own where there is more than one.
@@ -227,12 +216,12 @@ fn run_load(arguments: &Evaluate, bodies: u32, cores: Cores) -> Result<Vec<Load>
     };
     let mut loads = Vec::new();
     if modes.iter().any(|mode| *mode != Mode::RhumbFree) {
-        let bar = progress_bar(u64::from(plan.ticks), format!("{bodies} bodies"));
+        let bar = output::progress_bar(u64::from(plan.ticks), format!("{bodies} bodies"));
         loads.push(run_side_by_side(&plan, &mut |_| bar.inc(1))?);
         bar.finish_and_clear();
     }
     if modes.contains(&Mode::RhumbFree) {
-        let bar = progress_bar(
+        let bar = output::progress_bar(
             u64::from(plan.ticks),
             format!("{bodies} bodies, free running"),
         );
@@ -240,56 +229,6 @@ fn run_load(arguments: &Evaluate, bodies: u32, cores: Cores) -> Result<Vec<Load>
         bar.finish_and_clear();
     }
     Ok(loads)
-}
-
-/// On standard error, and only if that is a terminal.
-fn progress_bar(length: u64, what: String) -> ProgressBar {
-    let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::stderr());
-    let style = ProgressStyle::with_template("{msg:28} {bar:32} {pos}/{len} {elapsed} left {eta}");
-    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-    bar.with_message(what)
-}
-
-fn write_trace(
-    out: &Path,
-    experiment: &Experiment,
-    options: &TraceOptions,
-) -> Result<(), EvaluateError> {
-    let bar = progress_bar(0, "trace".to_owned());
-    let path = out.join("trace.mcap");
-    let written = trace::write(&path, experiment, options, &mut |progress| {
-        bar.set_length(progress.of);
-        bar.set_position(progress.done);
-    });
-    bar.finish_and_clear();
-    written.map_err(EvaluateError::Trace)?;
-    write_file(
-        &out.join("layout.json"),
-        trace::layout(experiment).as_bytes(),
-    )
-}
-
-/// Writes a whole file beside its place, then gives it its name, so that no half file is ever taken for a whole one.
-fn write_file(path: &Path, bytes: &[u8]) -> Result<(), EvaluateError> {
-    let partial = path.with_extension("partial");
-    let written = std::fs::write(&partial, bytes).and_then(|()| std::fs::rename(&partial, path));
-    written.map_err(|cause| {
-        // It may never have come to be.
-        let _ = std::fs::remove_file(&partial);
-        EvaluateError::Write {
-            path: path.to_owned(),
-            cause,
-        }
-    })
-}
-
-fn say(text: &str) -> Result<(), EvaluateError> {
-    let mut out = io::stdout().lock();
-    let said = out.write_all(text.as_bytes()).and_then(|()| out.flush());
-    said.map_err(|cause| EvaluateError::Write {
-        path: "standard output".into(),
-        cause,
-    })
 }
 
 /// A run whose truth differs between modes is void.

@@ -7,7 +7,10 @@
 pub mod drive;
 pub mod evaluate;
 mod machine;
+mod output;
 pub mod record;
+pub mod recording;
+pub mod replay;
 pub mod report;
 pub mod summary;
 pub mod trace;

@@ -3,7 +3,9 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use rhumb_bench::drive::{Serve, serve};
 use rhumb_bench::evaluate::{Evaluate, evaluate};
+use rhumb_bench::replay::{Replay, replay};
 
 /// Measures Rhumb.
 #[derive(Debug, Parser)]
@@ -17,14 +19,17 @@ struct Arguments {
 enum Task {
     /// Run a scene in process, naively remote and over Rhumb; write table, trace and report.
     Evaluate(Evaluate),
+    /// Publish and follow a recorded trace; write the same.
+    Replay(Replay),
     /// Be a server: how the other tasks start theirs.
     #[command(hide = true)]
-    Serve(rhumb_server::cli::Arguments),
+    Serve(Serve),
 }
 
 fn main() -> ExitCode {
     match Arguments::parse().task {
         Task::Evaluate(arguments) => evaluate(&arguments),
-        Task::Serve(arguments) => rhumb_server::cli::main(arguments),
+        Task::Replay(arguments) => replay(&arguments),
+        Task::Serve(arguments) => serve(arguments),
     }
 }

@@ -5,6 +5,7 @@
 use std::fmt;
 
 use bytes::Bytes;
+use rhumb_protocol::Span;
 use rhumb_protocol::scene::{BodyTerms, Shape};
 use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, Tick};
@@ -22,6 +23,8 @@ pub enum Mode {
     RhumbPipelined,
     /// The reckoned stream; the server steps by its own clock.
     RhumbFree,
+    /// The reckoned stream of a recorded scene, over a pretended link in simulated time.
+    Replay,
 }
 
 impl Mode {
@@ -34,6 +37,7 @@ impl Mode {
             Self::Rhumb => "rhumb",
             Self::RhumbPipelined => "rhumb-pipelined",
             Self::RhumbFree => "rhumb-free",
+            Self::Replay => "replay",
         }
     }
 }
@@ -58,7 +62,7 @@ pub struct Truth {
 }
 
 /// A body and where it began.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Placed {
     /// Before the step that follows this tick.
     pub tick: Tick,
@@ -170,6 +174,8 @@ pub struct Frame {
     pub errors_m: Vec<f32>,
     /// Bodies (of those that can move) whose error is exactly zero and not listed above.
     pub exact: u32,
+    /// Of a replay: surface error of every body that the recording has a record of at this tick, metres, in no order.
+    pub moving_errors_m: Vec<f32>,
 }
 
 /// How a run was asked for.
@@ -210,6 +216,8 @@ pub struct Run {
     pub join: JoinCost,
     /// Every body-tick over tolerance.
     pub breaches: Vec<Breach>,
+    /// Of a replay: how long after each lost packet all of its bodies were known again.
+    pub recoveries: Vec<Span>,
     /// Median and 99th percentile of the engine's step, nanoseconds.
     pub step_ns_p50: u64,
     /// See above.

@@ -43,7 +43,7 @@ pub struct RunFigures {
     pub scene: String,
     /// What its load was asked to be.
     pub bodies: u32,
-    /// How it was run: `integrated`, `naive`, `rhumb`, `rhumb-pipelined`, `rhumb-free`.
+    /// How it was run: `integrated`, `naive`, `rhumb`, `rhumb-pipelined`, `rhumb-free`, `replay`.
     pub mode: String,
     /// Frames that the caller is ahead of the server.
     pub depth: u32,
@@ -77,6 +77,10 @@ pub struct RunFigures {
     pub surface_error_m: Option<Errors>,
     /// Body-ticks farther off than promised.
     pub over_tolerance: Option<OverTolerance>,
+    /// Of a replay: of the bodies that the recording has a record of at the tick, against that record.
+    pub moving: Option<Moving>,
+    /// Of a replay: how long lost packets were missed; `null` if none was lost.
+    pub recovery: Option<Recovery>,
     /// What a frame cost the caller's thread.
     pub frame_ms: Option<FrameTimes>,
     /// The paper's measure: one over the mean frame time, and never above [`SIM_FPS_MAX`].
@@ -111,6 +115,30 @@ pub struct OverTolerance {
     pub share: f64,
     /// How many for each cause: `loss`, `late`, and `fault`, which must be zero.
     pub by_cause: BTreeMap<String, u64>,
+}
+
+/// How far off those bodies were that moved.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Moving {
+    /// Records of bodies, which are counted here and nowhere else.
+    pub body_ticks: u64,
+    /// Of them.
+    pub surface_error_m: Errors,
+    /// Body-ticks farther off than promised, of any body, divided by `body_ticks`.
+    pub over_tolerance_share: f64,
+}
+
+/// From the sending of a packet that was lost until all of its bodies were known again, as of its tick or later.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Recovery {
+    /// Ticks of which a packet was lost.
+    pub losses: u64,
+    /// Median, milliseconds.
+    pub p50_ms: f64,
+    /// 99th percentile, milliseconds.
+    pub p99_ms: f64,
+    /// The same in ticks.
+    pub p99_ticks: f64,
 }
 
 /// What frames cost, milliseconds.

@@ -26,6 +26,7 @@ mod metadata;
 mod names;
 mod partial;
 mod primitives;
+mod read;
 mod run;
 mod scene;
 mod time;
@@ -40,6 +41,7 @@ use crate::record::{Experiment, Load};
 pub use error::TraceError;
 pub use layout::layout;
 pub(crate) use names::{loads as load_names, runs as run_names};
+pub(crate) use read::read_states;
 
 /// How much of a trace is for people; what machines read is always whole.
 #[derive(Clone, Copy, Debug, PartialEq)]

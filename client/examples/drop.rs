@@ -32,6 +32,7 @@ fn terms() -> SceneTerms {
             linear: 0.0,
             angular: 0.05,
         },
+        sleep: None,
     }
 }
 

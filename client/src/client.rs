@@ -6,16 +6,18 @@ use std::collections::VecDeque;
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::time::Duration;
 
-use rhumb_protocol::message::{Denial, Inspection};
-use rhumb_protocol::scene::{Command, CommandError, IdRange, SceneTerms};
+use rhumb_protocol::limits::SILENCE_MS_MAX;
+use rhumb_protocol::message::{Denial, Inspection, StreamChoice};
+use rhumb_protocol::scene::{Command, IdRange, SceneTerms};
 use rhumb_protocol::session::{ClientSession, CloseCode, Event, Replica};
-use rhumb_protocol::stream::{Bound, Subscriber, SubscriberStatistics};
+use rhumb_protocol::stream::{Bound, Subscriber};
 use rhumb_protocol::{Ending, Instant, Span};
-use rhumb_reckoning::{BodyId, Seconds, Tick, Ticks};
-use rhumb_transport::{ClientOptions, QuicClient, WireStatistics};
+use rhumb_reckoning::{BodyId, Seconds, Tick, Ticks, Tolerance};
+use rhumb_transport::{ClientOptions, QuicClient};
 
 use crate::clock::{DisplayTime, SceneClock};
 use crate::error::{ClientError, OpenError};
+use crate::happening::{Happening, Statistics};
 use crate::options::{Entry, Options};
 use crate::pump::{Pump, Way};
 use crate::view::{Glass, View};
@@ -31,54 +33,8 @@ impl Depth {
     pub const PIPELINED: Self = Self(1);
 }
 
-/// Something that happened in the scene or to a command.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Happening {
-    /// Commands up to this number were applied or refused, before the step that leaves this tick.
-    Applied {
-        /// The last one's number.
-        through: u64,
-        /// The tick.
-        tick: Tick,
-    },
-    /// A command was refused; nothing of it was applied.
-    Refused {
-        /// Its number.
-        number: u64,
-        /// Why.
-        error: CommandError,
-    },
-    /// A body came into the scene.
-    BodyPlaced(BodyId),
-    /// A body left the scene.
-    BodyRemoved {
-        /// Which.
-        id: BodyId,
-        /// Why.
-        cause: rhumb_protocol::message::RemovalCause,
-    },
-    /// More body indices were granted.
-    Reserved(IdRange),
-    /// A request was turned down.
-    Denied(Denial),
-}
-
-/// How the connection and the stream are doing.
-#[derive(Clone, Copy, Debug)]
-pub struct Statistics {
-    /// What crossed the wire.
-    pub wire: WireStatistics,
-    /// What the stream said.
-    pub stream: SubscriberStatistics,
-    /// The newest tick that the stream vouched for.
-    pub vouched: Tick,
-    /// The newest tick at which every body is within its tolerance.
-    pub complete: Tick,
-    /// How many ticks the view lies behind the server's clock, where that is known.
-    pub behind_ticks: Option<f64>,
-}
-
-/// Beyond the vouched tick a free-running view predicts at most this far, then holds: half a second.
+/// Beyond the tick that should be vouched for by now a free-running view predicts at most this far, then holds: half a
+/// second.
 const PREDICT_SECONDS: f64 = 0.5;
 /// Happenings that are kept for a caller who does not ask; the oldest go first.
 const HAPPENINGS_KEPT: usize = 65_536;
@@ -219,6 +175,34 @@ impl Client {
         self.pump.session.replica()
     }
 
+    /// What the copy is by now.
+    #[must_use]
+    pub fn stream(&self) -> Option<StreamChoice> {
+        self.replica().map(Replica::choice)
+    }
+
+    /// How far off the copy may be now; none by a full stream, which says the very bits.
+    #[must_use]
+    pub fn tolerance(&self) -> Option<Tolerance> {
+        match self.stream()? {
+            StreamChoice::Within(tolerance) => Some(tolerance),
+            StreamChoice::Full => None,
+        }
+    }
+
+    /// Asks for another stream, and does not wait: [`Happening::Following`] tells when the copy is by it. Until then it is
+    /// by the present one, and no tick is missed between the two.
+    ///
+    /// # Errors
+    ///
+    /// [`ClientError::Misuse`] while an earlier change is not answered.
+    pub fn change_stream(&mut self, choice: StreamChoice) -> Result<(), ClientError> {
+        self.must_stand()?;
+        self.pump.session.follow(choice)?;
+        self.pump.flush();
+        Ok(())
+    }
+
     /// How far off the copy of a body may be, at the newest tick that the stream vouched for.
     #[must_use]
     pub fn bound(&self, id: BodyId) -> Option<Bound> {
@@ -327,11 +311,12 @@ impl Client {
         self.must_stand()?;
         let now = self.pump.now();
         let step = self.terms.integrator.rate.step().seconds();
-        let vouched = self
-            .replica()
-            .map_or(Tick::ZERO, |replica| replica.stream().vouched());
-        let known = vouched.value() as f64;
-        let limit = known + PREDICT_SECONDS / step;
+        let stream = self.replica().map(Replica::stream);
+        let known = stream.map_or(0.0, |stream| stream.vouched().value() as f64);
+        let silent = stream.map_or(0.0, |stream| stream.silent_ticks() as f64);
+        // The next vouch is due when the silence has doubled, or has gone on for as long as any may.
+        let due = silent.min(f64::from(SILENCE_MS_MAX) / (1e3 * step));
+        let limit = known + due + PREDICT_SECONDS / step;
         let shown = self.clock.show(now, self.delay_ticks, known, limit);
         let at = if self.whole_ticks {
             DisplayTime::at(shown.tick)
@@ -472,7 +457,9 @@ impl Client {
                 Event::Refused { number, error } => Happening::Refused { number, error },
                 Event::BodyPlaced(id) => Happening::BodyPlaced(id),
                 Event::BodyRemoved { id, cause } => Happening::BodyRemoved { id, cause },
+                Event::Amended(id) => Happening::Amended(id),
                 Event::Reserved(range) => Happening::Reserved(range),
+                Event::Following(choice) => Happening::Following(choice),
                 Event::Denied(denial) => {
                     self.denied = Some(denial);
                     Happening::Denied(denial)

@@ -24,18 +24,20 @@
 mod client;
 mod clock;
 mod error;
+mod happening;
 mod options;
 mod pump;
 mod view;
 
-pub use client::{Client, Depth, Happening, Statistics};
+pub use client::{Client, Depth};
 pub use clock::DisplayTime;
 pub use error::{ClientError, OpenError};
+pub use happening::{Happening, Statistics};
 pub use options::{Entry, Options};
 pub use pump::Way;
 pub use rhumb_protocol::message::{Denial, Inspection, RemovalCause, StreamChoice};
 pub use rhumb_protocol::scene;
 pub use rhumb_protocol::stream::Bound;
-pub use rhumb_reckoning::{BodyId, Metres, Tick, Tolerance};
+pub use rhumb_reckoning::{BodyId, Metres, Radians, Tick, Tolerance};
 pub use rhumb_transport::{Fingerprint, Trust, WireStatistics};
 pub use view::{Glass, View};

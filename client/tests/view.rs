@@ -8,10 +8,13 @@ use bytes::Bytes;
 use glam::Vec3;
 use rhumb_client::{DisplayTime, Glass, View};
 use rhumb_protocol::packet::StreamId;
-use rhumb_protocol::stream::{Activity, Manner, Observation, Publisher, StreamStart, Subscriber};
+use rhumb_protocol::stream::{
+    Activity, Features, Manner, Observation, Publisher, StreamStart, StreamTerms, Subscriber,
+    Witness,
+};
 use rhumb_reckoning::{
-    Anchor, BodyId, Damping, Integrator, Metres, Predictor, Rate, Seconds, Tick, Tolerance, Track,
-    Verbatim,
+    Anchor, BodyId, Damping, Integrator, Metres, Predictor, Rate, Seconds, Tick, Ticks, Tolerance,
+    Track, Verbatim,
 };
 
 const STREAM: StreamId = StreamId(0);
@@ -19,6 +22,7 @@ const BALL: BodyId = BodyId::new(3, 0);
 const OTHER: BodyId = BodyId::new(7, 0);
 
 struct Pair {
+    witness: Witness,
     publisher: Publisher,
     subscriber: Subscriber,
     view: View,
@@ -41,7 +45,13 @@ impl Pair {
             substeps: NonZeroU32::new(4).expect("four is not zero"),
         };
         let tolerance = Tolerance::NORMAL;
-        let mut publisher = Publisher::new(STREAM, tolerance, integrator, Vec3::ZERO, Tick::ZERO);
+        let terms = StreamTerms {
+            tolerance,
+            integrator,
+            gravity: Vec3::ZERO,
+            features: Features::ALL,
+        };
+        let mut publisher = Publisher::new(STREAM, &terms, Tick::ZERO);
         let mut subscriber = Subscriber::new(&StreamStart {
             stream: STREAM,
             tolerance,
@@ -55,18 +65,21 @@ impl Pair {
             radius: Metres::new(0.5),
             damping: Damping::default(),
             gravity_scale: 1.0,
+            inertia: None,
         };
         for id in [BALL, OTHER] {
             let track = Track {
                 origin: Tick::ZERO,
                 predictor: Predictor::Uniform,
                 anchor: Anchor::Verbatim(moving(0.0, 6.0)),
+                carrier: None,
             };
             assert!(publisher.place(id, &manner, track));
             assert!(subscriber.place(id, &manner, track));
         }
         subscriber.handle_snapshot_end();
         Self {
+            witness: Witness::new(Ticks::ZERO),
             publisher,
             subscriber,
             view: View::default(),
@@ -80,8 +93,8 @@ impl Pair {
             activity,
         };
         let mut out: Vec<Bytes> = Vec::new();
-        self.publisher
-            .publish(Tick::new(tick), &[observation], 0, &mut out);
+        self.witness.observe(Tick::new(tick), &[observation]);
+        self.publisher.publish(&self.witness, 0, &mut out);
         for datagram in out {
             self.subscriber.handle_datagram(&datagram);
         }

@@ -4,6 +4,8 @@
 
 /// Bytes of a state datagram: what fits a QUIC packet of 1,200 bytes with room for its header and tag.
 pub const DATAGRAM_BYTES_MAX: usize = 1_150;
+/// Updates in one packet.
+pub const UPDATES_PER_PACKET_MAX: usize = 400;
 /// Bytes of one control message, its length and type aside.
 pub const MESSAGE_BYTES_MAX: usize = 16 * 1024;
 /// Bytes of a scene's name in UTF-8.
@@ -17,6 +19,8 @@ pub const BODIES_MAX: u32 = 131_072;
 pub const INDICES_MAX: u32 = 1 << 20;
 /// Shapes in one scene. Shape numbers stay below it.
 pub const SHAPES_MAX: u32 = 8_192;
+/// Joints in one scene. Their numbers stay below it.
+pub const JOINTS_MAX: u32 = 65_536;
 /// Streams of one scene: different tolerances that somebody follows.
 pub const STREAMS_PER_SCENE_MAX: usize = 8;
 /// Scenes of one server.
@@ -51,6 +55,12 @@ pub const FORCE_MAX: f32 = 1e9;
 pub const EXTENT_MIN: f32 = 1e-3;
 /// See [`EXTENT_MIN`].
 pub const EXTENT_MAX: f32 = 1e4;
+/// Fewest points of a hull.
+pub const HULL_POINTS_MIN: usize = 4;
+/// Most points of a hull: their count is a byte.
+pub const HULL_POINTS_MAX: usize = 255;
+/// Least thickness of a hull, as a share of its bounding radius: flatter ones have no faces that f32 can tell.
+pub const HULL_FLATNESS: f32 = 1e-3;
 /// Smallest and largest density, kg/m³.
 pub const DENSITY_MIN: f32 = 1e-3;
 /// See [`DENSITY_MIN`].
@@ -61,6 +71,10 @@ pub const FRICTION_MAX: f32 = 1e2;
 pub const DAMPING_MAX: f32 = 1e3;
 /// Largest gravity scale of a body.
 pub const GRAVITY_SCALE_MAX: f32 = 1e2;
+/// Largest speed at which a body may count as still, m/s.
+pub const SLEEP_SPEED_MAX: f32 = 1e2;
+/// Longest stillness before sleep, seconds.
+pub const SLEEP_SECONDS_MAX: f32 = 1e3;
 /// Most substeps of one tick.
 pub const SUBSTEPS_MAX: u32 = 16;
 /// Fastest tick, per second.
@@ -79,12 +93,19 @@ pub const LOST_NAMED_MAX: usize = 64;
 pub const REPAIR_PARTS_MAX: u8 = 64;
 /// Packets that a subscriber holds back while notices are on their way.
 pub const PACKETS_HELD_MAX: usize = 512;
+/// Sums that one digest holds.
+pub const DIGEST_RANGES_MAX: usize = 128;
+/// Milliseconds within which a stream that runs freely vouches, however long it has been silent: QUIC answers each vouch,
+/// and both together must stay below 60 bytes a second, all headers counted (measured: 126 bytes a vouch).
+pub const SILENCE_MS_MAX: u32 = 2_500;
 /// Ticks that a packet may lie ahead of the newest heard, a minute at 60 Hz; beyond, the stream is begun anew.
 pub const TICK_JUMP_MAX: u64 = 3_600;
 
 // A body's index fits the bits of a gap code, and every message fits its own length.
 const _: () = assert!(BODIES_MAX <= INDICES_MAX && INDICES_MAX <= 1 << 24);
 const _: () = assert!(SCENE_NAME_BYTES_MAX + 4 * VERSIONS_MAX + 64 < MESSAGE_BYTES_MAX);
+const _: () = assert!(HULL_POINTS_MAX * 12 + 64 < MESSAGE_BYTES_MAX);
 // A 16-bit packet number is told apart from the same number a turn earlier as long as it is remembered.
 const _: () = assert!(HISTORY_PACKETS < 1 << 15);
 const _: () = assert!(TICK_JUMP_MAX < 1 << 15);
+const _: () = assert!(DIGEST_RANGES_MAX * 8 + 32 < DATAGRAM_BYTES_MAX);

@@ -20,6 +20,15 @@ pub(crate) fn length3(a: DVec3) -> f64 {
     sqrt(dot3(a, a))
 }
 
+/// Cross product: `y·z − z·y` and so on.
+pub(crate) fn cross3(a: DVec3, b: DVec3) -> DVec3 {
+    DVec3::new(
+        a.y * b.z - a.z * b.y,
+        a.z * b.x - a.x * b.z,
+        a.x * b.y - a.y * b.x,
+    )
+}
+
 /// Each component times one factor.
 pub(crate) fn scale3(a: DVec3, k: f64) -> DVec3 {
     DVec3::new(a.x * k, a.y * k, a.z * k)
@@ -49,6 +58,13 @@ pub(crate) fn product(a: DQuat, b: DQuat) -> DQuat {
         a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w,
         a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z,
     )
+}
+
+/// A vector turned by a unit quaternion (RECKONING 1.3).
+pub(crate) fn turned(q: DQuat, v: DVec3) -> DVec3 {
+    let r = DVec3::new(q.x, q.y, q.z);
+    let t = scale3(cross3(r, v), 2.0);
+    add3(add3(v, scale3(t, q.w)), cross3(r, t))
 }
 
 /// The reverse turn of a unit quaternion.

@@ -12,6 +12,9 @@ use crate::tick::{Rate, Ticks};
 /// No track is older than this: a moving body is said again before, so that tables and ages stay small.
 pub const HORIZON: Ticks = Ticks::new(1_023);
 
+/// Pi/4, to the nearest double.
+const QUARTER_PI: f64 = f64::from_bits(0x3FE9_21FB_5444_2D18);
+
 /// How a scene steps a free body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Integrator {
@@ -92,9 +95,14 @@ impl Flow {
 pub(crate) struct FlowTerms {
     dt: f64,
     substeps: f64,
-    half_substep: f64,
+    pub(crate) substep_count: u32,
+    /// Seconds.
+    pub(crate) substep: f64,
+    pub(crate) half_substep: f64,
+    /// The engine lets no body turn by more than an eighth of a turn a tick, rad/s.
+    pub(crate) spin_most: f64,
     linear_keep: f64,
-    angular_keep: f64,
+    pub(crate) angular_keep: f64,
     fall_in_tick: f64,
 }
 
@@ -114,7 +122,10 @@ impl FlowTable {
         let terms = FlowTerms {
             dt,
             substeps,
+            substep_count: integrator.substeps.get(),
+            substep: dt / substeps,
             half_substep: (dt / substeps) * 0.5,
+            spin_most: QUARTER_PI / dt,
             linear_keep: 1.0 / (1.0 + dt * f64::from(damping.linear)),
             angular_keep: 1.0 / (1.0 + dt * f64::from(damping.angular)),
             fall_in_tick: (dt * dt) * ((substeps + 1.0) / (2.0 * substeps)),
@@ -134,10 +145,14 @@ impl FlowTable {
         }
     }
 
+    /// `ticks`, or those of the last row computed when that is less.
+    pub(crate) fn within(&self, ticks: Ticks) -> Ticks {
+        ticks.min(Ticks::new(self.rows.len() as u32 - 1))
+    }
+
     /// The row for `ticks`; the last one computed when `ticks` lies beyond it.
     pub(crate) fn row(&self, ticks: Ticks) -> (&Flow, &FlowTerms) {
-        let index = (ticks.count() as usize).min(self.rows.len() - 1);
-        (&self.rows[index], &self.terms)
+        (&self.rows[self.within(ticks).count() as usize], &self.terms)
     }
 }
 

@@ -6,24 +6,30 @@
 
 use glam::{DQuat, DVec3};
 
-use crate::exact::{normalised, product, scale3, sqrt, turn_by};
+use crate::exact::{add3, normalised, product, scale3, sqrt, turn_by};
 use crate::motion::{Motion, Pose, Twist};
 use crate::tolerance::Tolerance;
-use crate::units::Metres;
+use crate::units::{Metres, Seconds};
 
-/// Largest position on a grid, in steps: 2³⁰.
+/// Largest position on a grid, in fine steps: 2³⁰.
 pub const POSITION_LIMIT: i32 = 1 << 30;
 /// Largest velocity on a grid, in steps: 2²⁴.
 pub const VELOCITY_LIMIT: i32 = 1 << 24;
+/// Largest position that a residual may hold, in steps: 2²⁶, which is the whole of [`POSITION_LIMIT`].
+pub const RESIDUAL_LIMIT: i32 = 1 << 26;
 /// Largest turn that a residual may hold, in steps: 2¹⁰.
 pub const TURN_LIMIT: i32 = 1 << 10;
 
-/// Position step as a share of the tolerance. Measured: see ARCHITECTURE.md, "grids".
-const POSITION_SHARE: f64 = 0.4375;
-/// Turn step, as a share of the tolerance at the bounding radius. Measured, as above.
-const TURN_SHARE: f64 = 0.4375;
-/// Velocity step, as a share of the tolerance per second. Measured, as above.
-const VELOCITY_SHARE: f64 = 3.0;
+/// Position step of a residual as a share of the tolerance. See ARCHITECTURE.md, "Grids", for this and the next two.
+const POSITION_SHARE: f64 = 0.5625;
+/// Turn step, as a share of the tolerance at the bounding radius.
+const TURN_SHARE: f64 = 0.5625;
+/// Velocity step, as a share of the tolerance per second.
+const VELOCITY_SHARE: f64 = 8.0;
+/// Fine steps in a step of position: motions are kept in these, so that a residual of zero moves a body by next to
+/// nothing.
+pub const FINE_STEPS: i32 = 16;
+const _: () = assert!(RESIDUAL_LIMIT * FINE_STEPS <= POSITION_LIMIT);
 /// The coarsest turn step, radians, for bodies so small that any turn is within tolerance.
 const TURN_STEP_MOST: f64 = 0.25;
 /// The coarsest angular velocity step, rad/s, likewise.
@@ -33,6 +39,7 @@ const ANGULAR_STEP_MOST: f64 = 4.0;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grid {
     position: f64,
+    fine: f64,
     turn: f64,
     linear: f64,
     angular: f64,
@@ -42,21 +49,44 @@ impl Grid {
     /// The grids of a body with this bounding radius under this tolerance (RECKONING 4.2).
     #[must_use]
     pub fn new(tolerance: Tolerance, radius: Metres) -> Self {
-        let length = tolerance.metres().metres();
-        let radius = radius.metres();
-        let linear = length * VELOCITY_SHARE;
-        Self {
-            position: length * POSITION_SHARE,
-            turn: ((length * TURN_SHARE) / radius).min(TURN_STEP_MOST),
-            linear,
-            angular: (linear / radius).min(ANGULAR_STEP_MOST),
+        match tolerance {
+            Tolerance::Surface(length) => {
+                let (length, radius) = (length.metres().metres(), radius.metres());
+                let (position, linear) = (length * POSITION_SHARE, length * VELOCITY_SHARE);
+                Self {
+                    position,
+                    fine: position / f64::from(FINE_STEPS),
+                    turn: ((length * TURN_SHARE) / radius).min(TURN_STEP_MOST),
+                    linear,
+                    angular: (linear / radius).min(ANGULAR_STEP_MOST),
+                }
+            }
+            Tolerance::Parts { position, turn } => {
+                // Two parts share a length; a bound of its own is as good as twice as long a shared one.
+                let length = position.metres().metres() * 2.0;
+                let angle = turn.radians().radians() * 2.0;
+                let position = length * POSITION_SHARE;
+                Self {
+                    position,
+                    fine: position / f64::from(FINE_STEPS),
+                    turn: (angle * TURN_SHARE).min(TURN_STEP_MOST),
+                    linear: length * VELOCITY_SHARE,
+                    angular: (angle * VELOCITY_SHARE).min(ANGULAR_STEP_MOST),
+                }
+            }
         }
     }
 
-    /// One step of position, metres.
+    /// One step of position in a residual, metres.
     #[must_use]
     pub const fn position(&self) -> f64 {
         self.position
+    }
+
+    /// One step of position in a motion, metres: a sixteenth of [`Self::position`].
+    #[must_use]
+    pub const fn fine(&self) -> f64 {
+        self.fine
     }
 
     /// One step of turn, radians.
@@ -104,7 +134,7 @@ fn value3(steps: [i32; 3], step: f64) -> DVec3 {
 /// A motion on its grid: what a stream says of a body that moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Snapped {
-    /// In steps of [`Grid`]'s position.
+    /// In steps of [`Grid::fine`].
     pub position: [i32; 3],
     /// Smallest three.
     pub rotation: PackedRotation,
@@ -120,7 +150,7 @@ impl Snapped {
     pub fn of(motion: &Motion, grid: &Grid) -> Self {
         let (pose, twist) = (motion.pose(), motion.twist());
         Self {
-            position: snap3(pose.position, grid.position, POSITION_LIMIT),
+            position: snap3(pose.position, grid.fine, POSITION_LIMIT),
             rotation: PackedRotation::of(pose.rotation),
             linear: snap3(twist.linear, grid.linear, VELOCITY_LIMIT),
             angular: snap3(twist.angular, grid.angular, VELOCITY_LIMIT),
@@ -131,7 +161,7 @@ impl Snapped {
     #[must_use]
     pub fn motion(&self, grid: &Grid) -> Motion {
         let pose = Pose {
-            position: value3(self.position, grid.position),
+            position: value3(self.position, grid.fine),
             rotation: self.rotation.value(),
         };
         let twist = Twist {
@@ -164,13 +194,20 @@ fn within(steps: [i32; 3], limit: i32) -> bool {
     steps.iter().all(|s| (-limit..=limit).contains(s))
 }
 
-/// What a motion differs by from a predicted one, in grid steps.
+/// What a motion differs by from a predicted one, in grid steps (RECKONING 4.4).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Residual {
     /// Position steps.
     pub position: [i32; 3],
-    /// Rotation vector from the predicted rotation, world frame, in turn steps.
+    /// Rotation vector from the predicted rotation, in turn steps, about the axes of the frame that positions are in.
     pub turn: [i32; 3],
+    /// What the velocities differ by from those that the correction itself implies; nothing where those serve.
+    pub velocity: Option<VelocityResidual>,
+}
+
+/// What velocities differ by from implied ones, in grid steps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct VelocityResidual {
     /// Linear velocity steps.
     pub linear: [i32; 3],
     /// Angular velocity steps.
@@ -178,60 +215,87 @@ pub struct Residual {
 }
 
 impl Residual {
-    /// The residual that brings `predicted` nearest to `truth`, or `None` when one would not fit its limits.
+    /// How far truth is from a predicted motion, in steps of position and of turn, not rounded.
     #[must_use]
-    pub fn between(truth: &Motion, predicted: &Motion, grid: &Grid) -> Option<Self> {
-        let (to, from) = (Snapped::of(truth, grid), Snapped::of(predicted, grid));
-        let turn = snap3(
-            rotation_vector(truth.pose().rotation, predicted.pose().rotation),
-            grid.turn,
-            // Not saturated at the limit: what lies beyond must be refused below, not said wrongly.
-            TURN_LIMIT + 1,
-        );
-        let residual = Self {
-            position: minus(to.position, from.position)?,
-            turn,
-            linear: minus(to.linear, from.linear)?,
-            angular: minus(to.angular, from.angular)?,
-        };
-        residual.is_within_limits().then_some(residual)
+    pub fn wanted(truth: &Pose, predicted: &Pose, grid: &Grid) -> [DVec3; 2] {
+        let apart = truth.position - predicted.position;
+        let turn = rotation_vector(truth.rotation, predicted.rotation);
+        [
+            scale3(apart, 1.0 / grid.position),
+            scale3(turn, 1.0 / grid.turn),
+        ]
+    }
+
+    /// The residual of velocities that brings implied ones nearest to those wanted.
+    #[must_use]
+    pub fn of_velocity(wanted: &Twist, implied: &Snapped, grid: &Grid) -> VelocityResidual {
+        let linear = snap3(wanted.linear, grid.linear, VELOCITY_LIMIT / 2);
+        let angular = snap3(wanted.angular, grid.angular, VELOCITY_LIMIT / 2);
+        // Both within half the limit, so that the difference is within the whole.
+        VelocityResidual {
+            linear: minus(linear, clamped(implied.linear, VELOCITY_LIMIT / 2)),
+            angular: minus(angular, clamped(implied.angular, VELOCITY_LIMIT / 2)),
+        }
     }
 
     /// The motion said by this residual on top of a predicted one (RECKONING 4.4).
+    ///
+    /// `over`: the time in which the prediction went astray, by which the correction is a velocity; more than nothing.
     #[must_use]
-    pub fn onto(&self, predicted: &Motion, grid: &Grid) -> Snapped {
+    pub fn onto(&self, predicted: &Motion, over: Seconds, grid: &Grid) -> Snapped {
+        let (pose, twist) = (predicted.pose(), predicted.twist());
         let from = Snapped::of(predicted, grid);
+        let turned = value3(self.turn, grid.turn);
         let rotation = if self.turn == [0; 3] {
             from.rotation
         } else {
-            let turn = turn_by(value3(self.turn, grid.turn));
-            PackedRotation::of(normalised(product(turn, predicted.pose().rotation)))
+            PackedRotation::of(normalised(product(turn_by(turned), pose.rotation)))
         };
+        let rate = 1.0 / over.seconds();
+        let linear = add3(
+            twist.linear,
+            scale3(value3(self.position, grid.position), rate),
+        );
+        let angular = add3(twist.angular, scale3(turned, rate));
+        let VelocityResidual {
+            linear: more_linear,
+            angular: more_angular,
+        } = self.velocity.unwrap_or_default();
+        let fine = self.position.map(|steps| steps.saturating_mul(FINE_STEPS));
         Snapped {
-            position: plus(from.position, self.position, POSITION_LIMIT),
+            position: plus(from.position, fine, POSITION_LIMIT),
             rotation,
-            linear: plus(from.linear, self.linear, VELOCITY_LIMIT),
-            angular: plus(from.angular, self.angular, VELOCITY_LIMIT),
+            linear: plus(
+                snap3(linear, grid.linear, VELOCITY_LIMIT),
+                more_linear,
+                VELOCITY_LIMIT,
+            ),
+            angular: plus(
+                snap3(angular, grid.angular, VELOCITY_LIMIT),
+                more_angular,
+                VELOCITY_LIMIT,
+            ),
         }
     }
 
     /// Whether every part lies within its limit, as all that is decoded must.
     #[must_use]
     pub fn is_within_limits(&self) -> bool {
-        within(self.position, POSITION_LIMIT)
+        let velocity = self.velocity.unwrap_or_default();
+        within(self.position, RESIDUAL_LIMIT)
             && within(self.turn, TURN_LIMIT)
-            && within(self.linear, VELOCITY_LIMIT)
-            && within(self.angular, VELOCITY_LIMIT)
+            && within(velocity.linear, VELOCITY_LIMIT)
+            && within(velocity.angular, VELOCITY_LIMIT)
     }
 }
 
-/// Component by component; `None` on overflow.
-fn minus(a: [i32; 3], b: [i32; 3]) -> Option<[i32; 3]> {
-    Some([
-        a[0].checked_sub(b[0])?,
-        a[1].checked_sub(b[1])?,
-        a[2].checked_sub(b[2])?,
-    ])
+fn clamped(steps: [i32; 3], limit: i32) -> [i32; 3] {
+    steps.map(|step| step.clamp(-limit, limit))
+}
+
+/// Component by component, of numbers within half a velocity's limit.
+fn minus(a: [i32; 3], b: [i32; 3]) -> [i32; 3] {
+    core::array::from_fn(|i| a[i] - b[i])
 }
 
 /// Component by component, saturating at the limit, which is at most 2³⁰.
@@ -345,6 +409,7 @@ impl PackedRotation {
 mod tests {
     use super::*;
     use crate::divergence::Divergence;
+    use crate::units::Radians;
     use proptest::prelude::*;
 
     fn unit_quaternion() -> impl Strategy<Value = DQuat> {
@@ -376,10 +441,21 @@ mod tests {
         })
     }
 
+    /// The residual that is rounded to the nearest steps, without velocities.
+    fn nearest(truth: &Motion, predicted: &Motion, grid: &Grid) -> Residual {
+        let [position, turn] = Residual::wanted(&truth.pose(), &predicted.pose(), grid);
+        let round = |v: DVec3| v.to_array().map(|x| x.round() as i32);
+        Residual {
+            position: round(position),
+            turn: round(turn),
+            velocity: None,
+        }
+    }
+
     proptest! {
         #[test]
         fn a_value_on_its_grid_snaps_to_itself(steps in -POSITION_LIMIT..=POSITION_LIMIT, grid in grid()) {
-            prop_assert_eq!(snap(f64::from(steps) * grid.position, grid.position, POSITION_LIMIT), steps);
+            prop_assert_eq!(snap(f64::from(steps) * grid.fine, grid.fine, POSITION_LIMIT), steps);
         }
 
         #[test]
@@ -412,31 +488,47 @@ mod tests {
         }
 
         #[test]
-        fn a_residual_leads_within_tolerance(truth in motion(), predicted in motion(), micrometres in 5_000_u32..200_000) {
-            let tolerance = Tolerance::from_micrometres(micrometres).unwrap();
+        fn a_residual_leads_within_tolerance(
+            truth in motion(), predicted in motion(), micrometres in 5_000_u32..200_000, turn in 0.0005_f64..3.0,
+        ) {
+            let surface = Tolerance::from_micrometres(micrometres).unwrap();
+            let position = surface.length().unwrap();
             let radius = Metres::new(0.5);
-            let grid = Grid::new(tolerance, radius);
-            if let Some(residual) = Residual::between(&truth, &predicted, &grid) {
-                let said = residual.onto(&predicted, &grid).motion(&grid);
-                let error = Divergence::between(&truth.pose(), &said.pose()).surface_error(radius);
-                prop_assert!(error.metres() <= tolerance.metres().metres(), "{error}");
+            for tolerance in [surface, Tolerance::parts(position, Radians::new(turn)).unwrap()] {
+                let grid = Grid::new(tolerance, radius);
+                let residual = nearest(&truth, &predicted, &grid);
+                if residual.is_within_limits() {
+                    let said = residual.onto(&predicted, Seconds::new(0.1), &grid).motion(&grid);
+                    let apart = Divergence::between(&truth.pose(), &said.pose());
+                    prop_assert!(tolerance.share(&apart, radius) <= 1.0, "{apart:?}");
+                }
             }
         }
-    }
 
-    #[test]
-    fn a_turn_too_large_for_a_residual_is_none() {
-        let tolerance = Tolerance::from_micrometres(1_000).unwrap();
-        let grid = Grid::new(tolerance, Metres::new(10.0));
-        let turned = |steps: f64| {
-            let rotation = turn_by(DVec3::Y * (steps * grid.turn));
-            let position = DVec3::ZERO;
-            Motion::new(Pose { position, rotation }, Twist::ZERO).unwrap()
-        };
-        let limit = f64::from(TURN_LIMIT);
-        for (steps, fits) in [(limit, true), (limit + 1.0, false), (-2.0 * limit, false)] {
-            let residual = Residual::between(&turned(steps), &Motion::IDENTITY, &grid);
-            assert_eq!(residual.is_some(), fits, "{steps}");
+        #[test]
+        fn velocities_that_are_said_arrive(truth in motion(), predicted in motion(), grid in grid()) {
+            let mut residual = nearest(&truth, &predicted, &grid);
+            prop_assume!(residual.is_within_limits());
+            let implied = residual.onto(&predicted, Seconds::new(0.1), &grid);
+            let wanted = Snapped::of(&truth, &grid);
+            residual.velocity = Some(Residual::of_velocity(&truth.twist(), &implied, &grid));
+            let said = residual.onto(&predicted, Seconds::new(0.1), &grid);
+            let far = |steps: [i32; 3]| steps.iter().any(|s| s.abs() > VELOCITY_LIMIT / 2);
+            prop_assume!(!far(implied.linear) && !far(implied.angular));
+            prop_assert_eq!((said.linear, said.angular), (wanted.linear, wanted.angular));
+        }
+
+        #[test]
+        fn a_correction_implies_the_velocity_that_made_it_necessary(linear in vector(20.0), steps in 1_u32..20) {
+            let grid = Grid::new(Tolerance::EXACT, Metres::new(0.5));
+            let over = Seconds::new(f64::from(steps) / 60.0);
+            let position = scale3(linear, over.seconds());
+            let truth = Motion::new(Pose { position, rotation: DQuat::IDENTITY }, Twist::ZERO).unwrap();
+            let residual = nearest(&truth, &Motion::IDENTITY, &grid);
+            let implied = residual.onto(&Motion::IDENTITY, over, &grid).motion(&grid);
+            // Half a step of position in that time, and half a step of velocity.
+            let slack = grid.position() / over.seconds() + grid.linear();
+            prop_assert!((implied.twist().linear - linear).length() <= slack);
         }
     }
 

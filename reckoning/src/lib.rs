@@ -11,6 +11,8 @@
 //! | angular velocity | radian per second | about world axes |
 //! | gravity, acceleration | metre per second squared | world |
 //! | time | tick, a step of the scene's fixed length | the scene's own |
+//!
+//! What another body holds is said in that body's frame in place of the world's: see [`Track`] and [`carried`].
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -21,24 +23,31 @@ mod correction;
 mod divergence;
 mod exact;
 mod flow;
+mod held;
+mod inertia;
 mod lattice;
 mod motion;
 mod predictor;
 mod tick;
 mod tolerance;
 mod track;
+mod tumble;
 mod units;
 
 pub use body::BodyId;
 pub use correction::Correction;
 pub use divergence::Divergence;
 pub use flow::{Damping, FlowTable, HORIZON, Integrator};
+pub use held::{carried, seen_from};
+pub use inertia::{Inertia, InvalidInertia};
 pub use lattice::{
-    Grid, POSITION_LIMIT, PackedRotation, Residual, Snapped, TURN_LIMIT, VELOCITY_LIMIT,
+    FINE_STEPS, Grid, POSITION_LIMIT, PackedRotation, RESIDUAL_LIMIT, Residual, Snapped,
+    TURN_LIMIT, VELOCITY_LIMIT, VelocityResidual,
 };
 pub use motion::{InvalidMotion, Motion, Pose, Twist, UNIT_LENGTH_SLACK};
-pub use predictor::Predictor;
+pub use predictor::{Conditions, Predictor, REST_ASTRAY};
 pub use tick::{Rate, Tick, Ticks};
-pub use tolerance::{InvalidTolerance, Tolerance};
+pub use tolerance::{InvalidTolerance, LengthBound, Tolerance, TurnBound};
 pub use track::{Anchor, Track, Verbatim};
+pub use tumble::Cursor;
 pub use units::{Metres, MetresPerSecond, Radians, Seconds};

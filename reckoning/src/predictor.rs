@@ -6,9 +6,16 @@
 use glam::DVec3;
 
 use crate::exact::{add3, length3, normalised, product, scale3, turn_about};
-use crate::flow::FlowTable;
+use crate::flow::{Flow, FlowTable, FlowTerms};
+use crate::inertia::Inertia;
 use crate::motion::{Motion, Pose, Twist};
-use crate::tick::Ticks;
+use crate::tick::{Rate, Ticks};
+use crate::tumble::{Cursor, Spin, Tumble};
+use crate::units::Seconds;
+
+/// A body that was still went astray in no more ticks than this, however long it lay: it is spoken of soon after it was
+/// set in motion.
+pub const REST_ASTRAY: Ticks = Ticks::new(3);
 
 /// How a body goes on from its last known motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -19,45 +26,127 @@ pub enum Predictor {
     Uniform,
     /// It falls with the scene's gravity and keeps its spin, less the body's damping.
     Ballistic,
+    /// It keeps its velocity and tumbles as its moments of inertia have it, less the body's damping.
+    Tumbling,
+    /// It falls with the scene's gravity and tumbles, less the body's damping.
+    Thrown,
+}
+
+/// What a law must know of a body beside its motion.
+#[derive(Clone, Copy, Debug)]
+pub struct Conditions<'a> {
+    /// What pulls at it, m/s², world frame.
+    pub gravity: DVec3,
+    /// The table of its damping, computed at least to the ticks that are asked for: beyond its last row a body holds
+    /// the motion of that row.
+    pub flow: &'a FlowTable,
+    /// How it resists being turned; a body of which none is known keeps its spin where another would tumble.
+    pub inertia: Option<&'a Inertia>,
 }
 
 impl Predictor {
+    /// Every law, in the order of the list.
+    pub const ALL: [Self; 5] = [
+        Self::Rest,
+        Self::Uniform,
+        Self::Ballistic,
+        Self::Tumbling,
+        Self::Thrown,
+    ];
+
     /// The motion `elapsed` ticks after `start`.
     ///
-    /// `gravity`: what pulls at this body, m/s², world frame. `flow`: the table of the body's damping, computed at
-    /// least to `elapsed`; beyond its last row the body holds the motion of that row.
+    /// A tumbling law takes as many steps as ticks have elapsed: who asks tick by tick keeps a [`Cursor`] instead.
     #[must_use]
-    pub fn predict(
+    pub fn predict(self, start: &Motion, elapsed: Ticks, conditions: &Conditions<'_>) -> Motion {
+        self.carry(start, elapsed, conditions, Tumble::after)
+    }
+
+    /// The same bits; what the cursor has computed is not computed again.
+    #[must_use]
+    pub fn predict_with(
         self,
         start: &Motion,
         elapsed: Ticks,
-        gravity: DVec3,
-        flow: &FlowTable,
+        conditions: &Conditions<'_>,
+        cursor: &mut Cursor,
     ) -> Motion {
-        let (row, terms) = flow.row(elapsed);
+        self.carry(
+            start,
+            elapsed,
+            conditions,
+            |spin, elapsed, inertia, terms| cursor.after(spin, elapsed, inertia, terms),
+        )
+    }
+
+    /// Whether gravity enters it.
+    #[must_use]
+    pub const fn falls(self) -> bool {
+        matches!(self, Self::Ballistic | Self::Thrown)
+    }
+
+    /// Whether moments of inertia enter it.
+    #[must_use]
+    pub const fn tumbles(self) -> bool {
+        matches!(self, Self::Tumbling | Self::Thrown)
+    }
+
+    /// In what time a prediction by this law, `age` ticks old, went astray (RECKONING 4.4).
+    ///
+    /// More than nothing: a prediction that is no tick old counts as one of one tick.
+    #[must_use]
+    pub fn astray(self, age: Ticks, rate: Rate) -> Seconds {
+        let ticks = match self {
+            Self::Rest => age.min(REST_ASTRAY),
+            _ => age,
+        };
+        Seconds::new(f64::from(ticks.count().max(1)) * rate.step().seconds())
+    }
+
+    fn carry(
+        self,
+        start: &Motion,
+        elapsed: Ticks,
+        conditions: &Conditions<'_>,
+        tumble: impl FnOnce(Spin, Ticks, &Inertia, &FlowTerms) -> Spin,
+    ) -> Motion {
+        if self == Self::Rest {
+            return start.stilled();
+        }
+        let elapsed = conditions.flow.within(elapsed);
+        let (row, terms) = conditions.flow.row(elapsed);
         let Pose { position, rotation } = start.pose();
         let Twist { linear, angular } = start.twist();
-        let travelled = add3(position, scale3(linear, row.reach));
-        let kept = scale3(linear, row.velocity);
-        let (position, linear) = match self {
-            Self::Rest => return start.stilled(),
-            Self::Uniform => (travelled, kept),
-            Self::Ballistic => (
-                add3(travelled, scale3(gravity, row.fall)),
-                add3(kept, scale3(gravity, row.fall_velocity)),
-            ),
+        let (mut position, mut linear) = (
+            add3(position, scale3(linear, row.reach)),
+            scale3(linear, row.velocity),
+        );
+        if self.falls() {
+            position = add3(position, scale3(conditions.gravity, row.fall));
+            linear = add3(linear, scale3(conditions.gravity, row.fall_velocity));
+        }
+        let turns = || elapsed > Ticks::ZERO && length3(angular) > 0.0;
+        let (rotation, angular) = match conditions.inertia {
+            Some(inertia) if self.tumbles() && turns() => {
+                tumble((rotation, angular), elapsed, inertia, terms)
+            }
+            _ => spun((rotation, angular), row, terms),
         };
-        let speed = length3(angular);
-        let half_angle = row.half_angle(speed, terms);
-        // Without spin or time the said rotation stands to the bit; normalising it again could move its last one.
-        let rotation = if half_angle == 0.0 {
-            rotation
-        } else {
-            normalised(product(turn_about(angular, speed, half_angle), rotation))
-        };
-        let angular = scale3(angular, row.spin);
         Motion::from_checked(Pose { position, rotation }, Twist { linear, angular })
     }
+}
+
+/// What keeps its axis of spin (RECKONING 3.6).
+fn spun((rotation, angular): Spin, row: &Flow, terms: &FlowTerms) -> Spin {
+    let speed = length3(angular);
+    let half_angle = row.half_angle(speed, terms);
+    // Without spin or time the said rotation stands to the bit; normalising it again could move its last one.
+    let rotation = if half_angle == 0.0 {
+        rotation
+    } else {
+        normalised(product(turn_about(angular, speed, half_angle), rotation))
+    };
+    (rotation, scale3(angular, row.spin))
 }
 
 #[cfg(test)]
@@ -79,8 +168,31 @@ mod tests {
         table
     }
 
+    fn slab() -> Inertia {
+        Inertia::new([1.0, 2.0, 2.9], Inertia::OWN_AXES).unwrap()
+    }
+
+    /// Of a slab under gravity.
+    fn thrown<'a>(flow: &'a FlowTable, slab: &'a Inertia) -> Conditions<'a> {
+        Conditions {
+            gravity: DVec3::new(0.0, -9.8, 0.0),
+            flow,
+            inertia: Some(slab),
+        }
+    }
+
     fn vector(limit: f64) -> impl Strategy<Value = DVec3> {
         (-limit..limit, -limit..limit, -limit..limit).prop_map(|(x, y, z)| DVec3::new(x, y, z))
+    }
+
+    #[test]
+    fn what_lay_still_went_astray_of_late_and_what_moved_all_along() {
+        let rate = Rate::new(50, 1).unwrap();
+        let after = |law: Predictor, age| law.astray(Ticks::new(age), rate).seconds();
+        for (age, still, moving) in [(0, 1.0, 1.0), (1, 1.0, 1.0), (3, 3.0, 3.0), (90, 3.0, 90.0)] {
+            assert_eq!(after(Predictor::Rest, age), still * 0.02);
+            assert_eq!(after(Predictor::Thrown, age), moving * 0.02);
+        }
     }
 
     proptest! {
@@ -90,8 +202,8 @@ mod tests {
         ) {
             let pose = Pose { position, rotation: DQuat::IDENTITY };
             let start = Motion::new(pose, Twist { linear, angular }).unwrap();
-            for law in [Predictor::Rest, Predictor::Uniform, Predictor::Ballistic] {
-                let end = law.predict(&start, Ticks::new(elapsed), DVec3::new(0.0, -9.8, 0.0), &table());
+            for law in Predictor::ALL {
+                let end = law.predict(&start, Ticks::new(elapsed), &thrown(&table(), &slab()));
                 prop_assert!(Motion::new(end.pose(), end.twist()).is_ok());
             }
         }
@@ -100,10 +212,10 @@ mod tests {
         fn nothing_has_moved_after_no_time(position in vector(1e5), linear in vector(1e3), angular in vector(1e3)) {
             let rotation = DQuat::from_scaled_axis(angular);
             let start = Motion::new(Pose { position, rotation }, Twist { linear, angular }).unwrap();
-            for law in [Predictor::Uniform, Predictor::Ballistic] {
-                prop_assert_eq!(law.predict(&start, Ticks::ZERO, DVec3::NEG_Y, &table()), start);
+            for law in &Predictor::ALL[1..] {
+                prop_assert_eq!(law.predict(&start, Ticks::ZERO, &thrown(&table(), &slab())), start);
             }
-            let rest = Predictor::Rest.predict(&start, Ticks::ZERO, DVec3::NEG_Y, &table());
+            let rest = Predictor::Rest.predict(&start, Ticks::ZERO, &thrown(&table(), &slab()));
             prop_assert_eq!(rest, start.stilled());
         }
     }

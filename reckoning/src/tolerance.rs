@@ -1,33 +1,42 @@
 //! How far off a copy may be.
 //!
-//! One length per stream (a tier). How it becomes grids is decided in `lattice`.
+//! One promise per stream (a tier): a length for any point of a body, or a length and an angle apart from each other.
+//! How it becomes grids is decided in `lattice`. All bounds are whole numbers, so that the wire says them exactly.
 
+use core::f64::consts::FRAC_PI_2;
 use core::fmt;
+use core::str::FromStr;
 
-use crate::units::Metres;
+use crate::divergence::Divergence;
+use crate::units::{Metres, Radians};
 
-/// The promise of a stream: a length of at least 1 mm and at most 10 m, in whole micrometres.
+/// The promise of a stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Tolerance {
+pub enum Tolerance {
+    /// No point of a body is farther off than this: [`Divergence::surface_error`].
+    Surface(LengthBound),
+    /// Neither the centre of mass nor the rotation is farther off than its own bound, whatever the size of the body.
+    Parts {
+        /// Of the centre of mass.
+        position: LengthBound,
+        /// Of the shortest turn from one rotation to the other.
+        turn: TurnBound,
+    },
+}
+
+/// A length of at least 1 mm and at most 10 m, in whole micrometres.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct LengthBound {
     micrometres: u32,
 }
 
-impl Tolerance {
-    /// 5 mm.
-    pub const EXACT: Self = Self { micrometres: 5_000 };
-    /// 2 cm.
-    pub const FINE: Self = Self {
-        micrometres: 20_000,
-    };
-    /// 5 cm.
-    pub const NORMAL: Self = Self {
-        micrometres: 50_000,
-    };
-    /// 20 cm.
-    pub const COARSE: Self = Self {
-        micrometres: 200_000,
-    };
+/// An angle of at least 0.0001 rad and at most a half turn, in whole microradians.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct TurnBound {
+    microradians: u32,
+}
 
+impl LengthBound {
     /// The smallest: below it, f32 engines disagree with themselves at a kilometre from the origin.
     pub const LEAST: Self = Self { micrometres: 1_000 };
     /// The largest.
@@ -35,29 +44,26 @@ impl Tolerance {
         micrometres: 10_000_000,
     };
 
-    /// A tolerance of so many micrometres.
+    /// So many micrometres.
     ///
     /// # Errors
     ///
-    /// [`InvalidTolerance`] outside [`Self::LEAST`] to [`Self::MOST`].
+    /// [`InvalidTolerance::Length`] outside [`Self::LEAST`] to [`Self::MOST`].
     pub const fn from_micrometres(micrometres: u32) -> Result<Self, InvalidTolerance> {
         if micrometres < Self::LEAST.micrometres || micrometres > Self::MOST.micrometres {
-            return Err(InvalidTolerance);
+            return Err(InvalidTolerance::Length);
         }
         Ok(Self { micrometres })
     }
 
-    /// The tolerance nearest to a length.
+    /// The bound nearest to a length.
     ///
     /// # Errors
     ///
-    /// [`InvalidTolerance`] for what is not a number or outside [`Self::LEAST`] to [`Self::MOST`].
+    /// [`InvalidTolerance::Length`] for what is not a number or outside [`Self::LEAST`] to [`Self::MOST`].
     pub fn from_metres(length: Metres) -> Result<Self, InvalidTolerance> {
-        let micrometres = libm::round(length.metres() * 1e6);
-        if !(0.0..=f64::from(u32::MAX)).contains(&micrometres) {
-            return Err(InvalidTolerance);
-        }
-        Self::from_micrometres(micrometres as u32)
+        let micrometres = millionths(length.metres()).ok_or(InvalidTolerance::Length)?;
+        Self::from_micrometres(micrometres)
     }
 
     /// As it is said on the wire.
@@ -73,13 +79,191 @@ impl Tolerance {
     }
 }
 
+impl TurnBound {
+    /// The smallest: ten times what a packed rotation is off.
+    pub const LEAST: Self = Self { microradians: 100 };
+    /// The largest, a half turn rounded up: any rotation will do.
+    pub const ANY: Self = Self {
+        microradians: 3_141_593,
+    };
+
+    /// So many microradians.
+    ///
+    /// # Errors
+    ///
+    /// [`InvalidTolerance::Turn`] outside [`Self::LEAST`] to [`Self::ANY`].
+    pub const fn from_microradians(microradians: u32) -> Result<Self, InvalidTolerance> {
+        if microradians < Self::LEAST.microradians || microradians > Self::ANY.microradians {
+            return Err(InvalidTolerance::Turn);
+        }
+        Ok(Self { microradians })
+    }
+
+    /// The bound nearest to an angle.
+    ///
+    /// # Errors
+    ///
+    /// [`InvalidTolerance::Turn`] for what is not a number or outside [`Self::LEAST`] to [`Self::ANY`].
+    pub fn from_radians(angle: Radians) -> Result<Self, InvalidTolerance> {
+        let microradians = millionths(angle.radians()).ok_or(InvalidTolerance::Turn)?;
+        Self::from_microradians(microradians)
+    }
+
+    /// As it is said on the wire.
+    #[must_use]
+    pub const fn microradians(self) -> u32 {
+        self.microradians
+    }
+
+    /// As an angle: microradians divided by a million (RECKONING 4.1).
+    #[must_use]
+    pub fn radians(self) -> Radians {
+        Radians::new(f64::from(self.microradians) / 1e6)
+    }
+}
+
+/// The nearest count of millionths; `None` for what is no number of u32.
+fn millionths(value: f64) -> Option<u32> {
+    let count = libm::round(value * 1e6);
+    (0.0..=f64::from(u32::MAX))
+        .contains(&count)
+        .then_some(count as u32)
+}
+
+impl Tolerance {
+    /// 5 mm for any point of a body.
+    pub const EXACT: Self = Self::surface_of(5_000);
+    /// 2 cm.
+    pub const FINE: Self = Self::surface_of(20_000);
+    /// 5 cm.
+    pub const NORMAL: Self = Self::surface_of(50_000);
+    /// 20 cm.
+    pub const COARSE: Self = Self::surface_of(200_000);
+    /// The smallest for any point of a body.
+    pub const LEAST: Self = Self::Surface(LengthBound::LEAST);
+    /// The largest for any point of a body.
+    pub const MOST: Self = Self::Surface(LengthBound::MOST);
+
+    const fn surface_of(micrometres: u32) -> Self {
+        Self::Surface(LengthBound { micrometres })
+    }
+
+    /// So many micrometres for any point of a body.
+    ///
+    /// # Errors
+    ///
+    /// [`InvalidTolerance::Length`] outside [`Self::LEAST`] to [`Self::MOST`].
+    pub const fn from_micrometres(micrometres: u32) -> Result<Self, InvalidTolerance> {
+        match LengthBound::from_micrometres(micrometres) {
+            Ok(length) => Ok(Self::Surface(length)),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// A length for any point of a body, to the nearest micrometre.
+    ///
+    /// # Errors
+    ///
+    /// [`InvalidTolerance::Length`] for what is not a number or outside [`Self::LEAST`] to [`Self::MOST`].
+    pub fn from_metres(length: Metres) -> Result<Self, InvalidTolerance> {
+        LengthBound::from_metres(length).map(Self::Surface)
+    }
+
+    /// A length for the centre of mass and an angle for the rotation, each to the nearest millionth.
+    ///
+    /// # Errors
+    ///
+    /// [`InvalidTolerance`] names the bound that is not a number or out of range.
+    pub fn parts(position: Metres, turn: Radians) -> Result<Self, InvalidTolerance> {
+        Ok(Self::Parts {
+            position: LengthBound::from_metres(position)?,
+            turn: TurnBound::from_radians(turn)?,
+        })
+    }
+
+    /// How much of this tolerance a copy uses that is so far off, of a body of this bounding radius: within it up to 1.
+    ///
+    /// Not negative. The one judgement of publishers and of whoever checks them (RECKONING 5.1).
+    #[must_use]
+    pub fn share(&self, apart: &Divergence, radius: Metres) -> f64 {
+        match self {
+            Self::Surface(length) => {
+                apart.surface_error(radius).metres() / length.metres().metres()
+            }
+            Self::Parts { position, turn } => {
+                let of_position = apart.position.metres() / position.metres().metres();
+                of_position.max(apart.turn().radians() / turn.radians().radians())
+            }
+        }
+    }
+
+    /// The greatest surface error of a copy within this tolerance, of a body of this bounding radius.
+    #[must_use]
+    pub fn reach(&self, radius: Metres) -> Metres {
+        match self {
+            Self::Surface(length) => length.metres(),
+            Self::Parts { position, turn } => {
+                let half_turn = (turn.radians().radians() * 0.5).min(FRAC_PI_2);
+                let chord = 2.0 * radius.metres() * libm::sin(half_turn);
+                Metres::new(position.metres().metres() + chord)
+            }
+        }
+    }
+
+    /// The length, of a tolerance that is one length.
+    #[must_use]
+    pub fn length(&self) -> Option<Metres> {
+        match self {
+            Self::Surface(length) => Some(length.metres()),
+            Self::Parts { .. } => None,
+        }
+    }
+}
+
+impl fmt::Display for Tolerance {
+    /// In the form that [`FromStr`] takes.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Surface(length) => write!(f, "{}", length.metres().metres()),
+            Self::Parts { position, turn } => {
+                let (position, turn) = (position.metres().metres(), turn.radians().radians());
+                write!(f, "{position}:{turn}")
+            }
+        }
+    }
+}
+
+impl FromStr for Tolerance {
+    type Err = InvalidTolerance;
+
+    /// Metres for any point (`0.05`), or metres for the centre and radians for the rotation (`0.01:0.002`).
+    fn from_str(text: &str) -> Result<Self, InvalidTolerance> {
+        let length = |text: &str| text.parse().map_err(|_| InvalidTolerance::Length);
+        match text.split_once(':') {
+            None => Self::from_metres(Metres::new(length(text)?)),
+            Some((position, turn)) => {
+                let turn = turn.parse().map_err(|_| InvalidTolerance::Turn)?;
+                Self::parts(Metres::new(length(position)?), Radians::new(turn))
+            }
+        }
+    }
+}
+
 /// A tolerance that no stream offers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct InvalidTolerance;
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum InvalidTolerance {
+    /// The length is no number or outside its range.
+    Length,
+    /// The angle is no number or outside its range.
+    Turn,
+}
 
 impl fmt::Display for InvalidTolerance {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("tolerance is outside 0.001 m to 10 m")
+        f.write_str(match self {
+            Self::Length => "tolerance is outside 0.001 m to 10 m",
+            Self::Turn => "tolerance of a turn is outside 0.0001 rad to 3.141593 rad",
+        })
     }
 }
 
@@ -87,6 +271,8 @@ impl core::error::Error for InvalidTolerance {}
 
 #[cfg(test)]
 mod tests {
+    use alloc::string::ToString;
+
     use super::*;
 
     #[test]
@@ -96,10 +282,69 @@ mod tests {
             Ok(Tolerance::NORMAL)
         );
         for wrong in [0.0, -1.0, f64::NAN, f64::INFINITY, 11.0, 0.0004] {
-            assert_eq!(
-                Tolerance::from_metres(Metres::new(wrong)),
-                Err(InvalidTolerance)
-            );
+            let refused = Tolerance::from_metres(Metres::new(wrong));
+            assert_eq!(refused, Err(InvalidTolerance::Length));
         }
+        for wrong in [0.0, -1.0, f64::NAN, f64::INFINITY, 3.2, 0.00009] {
+            let refused = Tolerance::parts(Metres::new(0.01), Radians::new(wrong));
+            assert_eq!(refused, Err(InvalidTolerance::Turn));
+        }
+    }
+
+    #[test]
+    fn a_tolerance_is_read_as_it_is_written() {
+        let parts = Tolerance::parts(Metres::new(0.01), Radians::new(0.002)).unwrap();
+        for (tolerance, text) in [(Tolerance::NORMAL, "0.05"), (parts, "0.01:0.002")] {
+            assert_eq!(tolerance.to_string(), text);
+            assert_eq!(text.parse(), Ok(tolerance));
+        }
+        for (text, wrong) in [
+            ("", InvalidTolerance::Length),
+            ("five", InvalidTolerance::Length),
+            ("0.01:", InvalidTolerance::Turn),
+            (":0.1", InvalidTolerance::Length),
+            ("0.01:4", InvalidTolerance::Turn),
+        ] {
+            assert_eq!(text.parse::<Tolerance>(), Err(wrong), "{text}");
+        }
+    }
+
+    #[test]
+    fn a_share_is_one_at_the_bound() {
+        let apart = |position, turn: f64| Divergence {
+            position: Metres::new(position),
+            half_chord: libm::sin(turn / 2.0),
+        };
+        let radius = Metres::new(10.0);
+        let surface = Tolerance::NORMAL;
+        assert_eq!(surface.share(&apart(0.05, 0.0), radius), 1.0);
+        assert!((surface.share(&apart(0.02, 0.001), radius) - 0.6).abs() < 1e-6);
+        let parts = Tolerance::parts(Metres::new(0.01), Radians::new(0.002)).unwrap();
+        assert_eq!(parts.share(&apart(0.01, 0.001), radius), 1.0);
+        assert!((parts.share(&apart(0.001, 0.003), radius) - 1.5).abs() < 1e-9);
+        // Any rotation will do, even the opposite one.
+        let anyhow = Tolerance::Parts {
+            position: LengthBound::LEAST,
+            turn: TurnBound::ANY,
+        };
+        assert!(anyhow.share(&apart(0.0, core::f64::consts::PI), radius) <= 1.0);
+    }
+
+    #[test]
+    fn what_is_within_a_tolerance_is_within_its_reach() {
+        let radius = Metres::new(2.0);
+        assert_eq!(Tolerance::FINE.reach(radius), Metres::new(0.02));
+        let parts = Tolerance::parts(Metres::new(0.01), Radians::new(0.002)).unwrap();
+        let worst = Divergence {
+            position: Metres::new(0.01),
+            half_chord: libm::sin(0.001),
+        };
+        let reach = parts.reach(radius).metres();
+        assert!((reach - worst.surface_error(radius).metres()).abs() < 1e-12);
+        let anyhow = Tolerance::Parts {
+            position: LengthBound::from_micrometres(10_000).unwrap(),
+            turn: TurnBound::ANY,
+        };
+        assert!((anyhow.reach(radius).metres() - 4.01).abs() < 1e-12);
     }
 }

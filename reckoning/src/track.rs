@@ -5,11 +5,13 @@
 
 use glam::{DQuat, DVec3};
 
-use crate::flow::{FlowTable, HORIZON};
+use crate::body::BodyId;
+use crate::flow::HORIZON;
 use crate::lattice::{Grid, Snapped};
 use crate::motion::{InvalidMotion, Motion, Pose, Twist};
-use crate::predictor::Predictor;
-use crate::tick::Tick;
+use crate::predictor::{Conditions, Predictor};
+use crate::tick::{Tick, Ticks};
+use crate::tumble::Cursor;
 
 /// A said motion, the tick at which it held, and the law by which it goes on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -20,6 +22,8 @@ pub struct Track {
     pub predictor: Predictor,
     /// The motion.
     pub anchor: Anchor,
+    /// The body in whose frame the motion is, and which carries this one along; none for the world.
+    pub carrier: Option<BodyId>,
 }
 
 /// A motion as it was said.
@@ -29,6 +33,17 @@ pub enum Anchor {
     Snapped(Snapped),
     /// To the last bit of the engine's f32 state.
     Verbatim(Verbatim),
+}
+
+impl Anchor {
+    /// The motion on its grid, if it was said so.
+    #[must_use]
+    pub const fn snapped(&self) -> Option<Snapped> {
+        match self {
+            Self::Snapped(snapped) => Some(*snapped),
+            Self::Verbatim(_) => None,
+        }
+    }
 }
 
 /// A motion in the engine's own precision, kept as bits so that it can be compared and hashed.
@@ -121,6 +136,7 @@ impl Track {
             origin,
             predictor: Predictor::Rest,
             anchor: Anchor::Verbatim(verbatim.stilled()),
+            carrier: None,
         }
     }
 
@@ -133,21 +149,47 @@ impl Track {
         }
     }
 
-    /// The believed motion at a tick; before the origin that of the origin, beyond the horizon that of the horizon.
+    /// The believed motion at a tick, in the frame that it was said in: the carrier's if there is one.
     ///
-    /// `gravity`: what pulls at this body by a law said at this track's origin, m/s². `flow`: computed to
-    /// [`HORIZON`], or at least to the tick asked for.
+    /// Before the origin it is that of the origin, beyond the horizon that of the horizon. A carrier's own motion is
+    /// added by [`carried`](crate::carried).
+    ///
+    /// The gravity of `conditions` is what pulls at this body by a law said at this track's origin; their flow is
+    /// computed to [`HORIZON`], or at least to the tick asked for.
     #[must_use]
-    pub fn at(&self, tick: Tick, grid: &Grid, gravity: DVec3, flow: &FlowTable) -> Motion {
-        let elapsed = tick.since(self.origin).unwrap_or_default().min(HORIZON);
+    pub fn at(&self, tick: Tick, grid: &Grid, conditions: &Conditions<'_>) -> Motion {
+        let start = self.start(grid);
         self.predictor
-            .predict(&self.start(grid), elapsed, gravity, flow)
+            .predict(&start, self.elapsed(tick), conditions)
     }
 
-    /// Whether the body was said to lie still.
+    /// The same bits; what the body's cursor has computed is not computed again.
+    #[must_use]
+    pub fn at_with(
+        &self,
+        tick: Tick,
+        grid: &Grid,
+        conditions: &Conditions<'_>,
+        cursor: &mut Cursor,
+    ) -> Motion {
+        let start = self.start(grid);
+        self.predictor
+            .predict_with(&start, self.elapsed(tick), conditions, cursor)
+    }
+
+    /// Ticks from the origin (RECKONING 3.2).
+    fn elapsed(&self, tick: Tick) -> Ticks {
+        match tick.since(self.origin) {
+            Some(ticks) => ticks.min(HORIZON),
+            None if tick > self.origin => HORIZON,
+            None => Ticks::ZERO,
+        }
+    }
+
+    /// Whether the body was said to lie still in the world.
     #[must_use]
     pub fn is_resting(&self) -> bool {
-        self.predictor == Predictor::Rest
+        self.predictor == Predictor::Rest && self.carrier.is_none()
     }
 
     /// Whether the copy equals the engine's state to the bit.
@@ -180,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn a_track_fits_in_a_cache_line() {
-        assert!(size_of::<Track>() <= 80, "{}", size_of::<Track>());
+    fn a_track_stays_small() {
+        assert!(size_of::<Track>() <= 88, "{}", size_of::<Track>());
     }
 }

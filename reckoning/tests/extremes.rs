@@ -7,12 +7,15 @@ use core::num::NonZeroU32;
 use glam::{DQuat, DVec3};
 use proptest::prelude::*;
 use rhumb_reckoning::{
-    Damping, Divergence, FlowTable, Grid, HORIZON, Integrator, Metres, Motion, POSITION_LIMIT,
-    PackedRotation, Pose, Predictor, Rate, Residual, Snapped, TURN_LIMIT, Ticks, Tolerance,
-    VELOCITY_LIMIT, Verbatim,
+    Conditions, Cursor, Damping, Divergence, FlowTable, Grid, HORIZON, Inertia, Integrator, Metres,
+    Motion, POSITION_LIMIT, PackedRotation, Pose, Predictor, RESIDUAL_LIMIT, Rate, Residual,
+    Snapped, TURN_LIMIT, Ticks, Tolerance, VELOCITY_LIMIT, VelocityResidual, Verbatim, carried,
+    seen_from,
 };
 
-const LAWS: [Predictor; 3] = [Predictor::Rest, Predictor::Uniform, Predictor::Ballistic];
+/// The laws that take a formula whatever the substeps, and those that take every substep.
+const FORMULAS: [Predictor; 3] = [Predictor::Rest, Predictor::Uniform, Predictor::Ballistic];
+const ITERATIONS: [Predictor; 2] = [Predictor::Tumbling, Predictor::Thrown];
 
 fn single() -> impl Strategy<Value = f32> {
     use proptest::num::f32::{NEGATIVE, NORMAL, POSITIVE, SUBNORMAL, ZERO};
@@ -47,8 +50,12 @@ fn near_tie() -> impl Strategy<Value = DQuat> {
 }
 
 fn table() -> impl Strategy<Value = FlowTable> {
+    table_of(u32::MAX)
+}
+
+fn table_of(substeps_most: u32) -> impl Strategy<Value = FlowTable> {
     let damping = (0.0..=f32::MAX, 0.0..=f32::MAX);
-    (1..=u32::MAX, 1..=u32::MAX, 1..=u32::MAX, damping).prop_map(
+    (1..=u32::MAX, 1..=u32::MAX, 1..=substeps_most, damping).prop_map(
         |(ticks, seconds, substeps, (linear, angular))| {
             let integrator = Integrator {
                 rate: Rate::new(ticks, seconds).expect("not zero"),
@@ -87,20 +94,35 @@ fn snapped() -> impl Strategy<Value = Snapped> {
 
 fn residual() -> impl Strategy<Value = Residual> {
     let velocities = (steps(VELOCITY_LIMIT), steps(VELOCITY_LIMIT));
-    (steps(POSITION_LIMIT), steps(TURN_LIMIT), velocities).prop_map(
-        |(position, turn, (linear, angular))| Residual {
+    let velocities = proptest::option::of(velocities);
+    (steps(RESIDUAL_LIMIT), steps(TURN_LIMIT), velocities).prop_map(
+        |(position, turn, velocities)| Residual {
             position,
             turn,
-            linear,
-            angular,
+            velocity: velocities.map(|(linear, angular)| VelocityResidual { linear, angular }),
         },
     )
+}
+
+fn rate() -> impl Strategy<Value = Rate> {
+    let edge = || prop_oneof![Just(1), 1..=u32::MAX, Just(u32::MAX)];
+    (edge(), edge()).prop_map(|(ticks, seconds)| Rate::new(ticks, seconds).expect("not zero"))
 }
 
 /// Gravity as RECKONING 2.5 has it.
 fn pull() -> impl Strategy<Value = DVec3> {
     (singles(), single()).prop_map(|(scene, scale)| {
         DVec3::from_array(scene.map(|part| f64::from(part) * f64::from(scale)))
+    })
+}
+
+/// Moments as far apart and as great or small as they may be, about any axes.
+fn inertia() -> impl Strategy<Value = Inertia> {
+    let share = || prop_oneof![Just(1.0_f32), 1.0_f32..16_777_216.0, Just(16_777_216.0)];
+    let least = prop_oneof![Just(f32::MIN_POSITIVE), 1e-30_f32..1e30];
+    (least, [share(), share(), share()], rotation()).prop_map(|(least, shares, frame)| {
+        let moments = shares.map(|share| least * share);
+        Inertia::new(moments, frame.to_array().map(|part| part as f32)).expect("within bounds")
     })
 }
 
@@ -117,23 +139,68 @@ proptest! {
     ) {
         let rotation = turned.to_array().map(|part| part as f32);
         let start = Verbatim::new(position, rotation, linear, angular).unwrap().motion();
-        for law in LAWS {
-            let end = law.predict(&start, Ticks::new(elapsed), pull, &table);
+        let conditions = Conditions { gravity: pull, flow: &table, inertia: None };
+        for law in FORMULAS {
+            let end = law.predict(&start, Ticks::new(elapsed), &conditions);
             prop_assert!(is_a_motion(&end), "{end:?}");
         }
     }
 
     #[test]
     fn a_prediction_from_any_snapped_motion_is_a_motion_and_can_be_said(
-        anchor in snapped(), residual in residual(), grid in grid(), table in table(), pull in pull(), elapsed in 0_u32..1_100,
+        anchor in snapped(), residual in residual(), rate in rate(), grid in grid(), table in table(), pull in pull(),
+        elapsed in 0_u32..1_100,
     ) {
-        for law in LAWS {
-            let end = law.predict(&anchor.motion(&grid), Ticks::new(elapsed), pull, &table);
+        let conditions = Conditions { gravity: pull, flow: &table, inertia: None };
+        for law in FORMULAS {
+            let end = law.predict(&anchor.motion(&grid), Ticks::new(elapsed), &conditions);
             prop_assert!(is_a_motion(&end), "{end:?}");
-            for said in [Snapped::of(&end, &grid), residual.onto(&end, &grid)] {
+            let over = law.astray(Ticks::new(elapsed), rate);
+            for said in [Snapped::of(&end, &grid), residual.onto(&end, over, &grid)] {
                 prop_assert!(said.is_within_limits());
                 prop_assert!(is_a_motion(&said.motion(&grid)));
                 prop_assert_eq!(Snapped::of(&said.motion(&grid), &grid), said);
+            }
+        }
+    }
+
+    #[test]
+    fn what_any_motion_holds_is_a_motion_and_can_be_said(
+        positions in [singles(), singles()], turned in [rotation(), rotation()], linear in singles(), angular in singles(),
+        grid in grid(),
+    ) {
+        let [carrier, body] = [0, 1].map(|i: usize| {
+            let rotation = turned[i].to_array().map(|part| part as f32);
+            Verbatim::new(positions[i], rotation, linear, angular).unwrap().motion()
+        });
+        let seen = seen_from(&carrier.pose(), &body.pose());
+        let said = Snapped::of(&seen, &grid);
+        prop_assert!(said.is_within_limits());
+        for held in [seen, said.motion(&grid)] {
+            prop_assert!(is_a_motion(&held), "{held:?}");
+            let again = carried(&carrier, &held.pose());
+            prop_assert!(is_a_motion(&again), "{again:?}");
+        }
+    }
+
+    #[test]
+    fn a_tumbling_from_any_motion_is_a_motion_whoever_keeps_a_cursor(
+        turned in rotation(), linear in singles(), angular in singles(), snapped in snapped(), grid in grid(),
+        table in table_of(16), inertia in inertia(), pull in pull(),
+        ticks in proptest::collection::vec(0_u32..1_100, 1..5),
+    ) {
+        let rotation = turned.to_array().map(|part| part as f32);
+        let verbatim = Verbatim::new([0.0; 3], rotation, linear, angular).unwrap().motion();
+        let conditions = Conditions { gravity: pull, flow: &table, inertia: Some(&inertia) };
+        let mut cursor = Cursor::default();
+        for start in [verbatim, snapped.motion(&grid)] {
+            for elapsed in ticks.iter().copied().map(Ticks::new) {
+                for law in ITERATIONS {
+                    let end = law.predict(&start, elapsed, &conditions);
+                    prop_assert!(is_a_motion(&end), "{end:?}");
+                    let kept = law.predict_with(&start, elapsed, &conditions, &mut cursor);
+                    prop_assert_eq!(format!("{end:?}"), format!("{kept:?}"));
+                }
             }
         }
     }
@@ -163,7 +230,8 @@ proptest! {
     ) {
         let rotation = turned.to_array().map(|part| part as f32);
         let start = |linear, angular| Verbatim::new([0.0; 3], rotation, linear, angular).unwrap().motion();
-        let end = |start: Motion| Predictor::Uniform.predict(&start, Ticks::new(elapsed), DVec3::ZERO, &table);
+        let conditions = Conditions { gravity: DVec3::ZERO, flow: &table, inertia: None };
+        let end = |start: Motion| Predictor::Uniform.predict(&start, Ticks::new(elapsed), &conditions);
         let there = end(start(linear, angular));
         let back = end(start(linear.map(|part| -part), angular.map(|part| -part)));
         prop_assert_eq!(there.pose().position, -back.pose().position);

@@ -11,8 +11,8 @@ mod document;
 use std::path::Path;
 
 use rhumb_reckoning::{
-    Grid, HORIZON, Metres, POSITION_LIMIT, PackedRotation, TURN_LIMIT, Tolerance,
-    UNIT_LENGTH_SLACK, VELOCITY_LIMIT,
+    FINE_STEPS, Grid, HORIZON, Inertia, Metres, POSITION_LIMIT, PackedRotation, RESIDUAL_LIMIT,
+    REST_ASTRAY, TURN_LIMIT, Tolerance, UNIT_LENGTH_SLACK, VELOCITY_LIMIT,
 };
 
 fn spec(name: &str) -> String {
@@ -45,6 +45,8 @@ fn the_document_states_the_constants_of_the_code() {
         ("coarsest turn step", narrow.turn()),
         ("coarsest angular step", narrow.angular()),
         ("unit length slack", UNIT_LENGTH_SLACK),
+        ("greatest ratio of moments", Inertia::RATIO_MAX),
+        ("share by which equal moments differ", Inertia::EQUAL),
     ];
     for (name, value) in shares {
         let row = format!("| {name} | {value:?} | `{:016x}` |", value.to_bits());
@@ -52,7 +54,10 @@ fn the_document_states_the_constants_of_the_code() {
     }
     let limits = [
         ("horizon", HORIZON.count() as i32),
+        ("ticks astray from rest", REST_ASTRAY.count() as i32),
+        ("fine steps in a step", FINE_STEPS),
         ("position limit", POSITION_LIMIT),
+        ("residual limit", RESIDUAL_LIMIT),
         ("velocity limit", VELOCITY_LIMIT),
         ("turn limit", TURN_LIMIT),
         ("packed limit", PackedRotation::LIMIT),

@@ -11,6 +11,7 @@ use clap::Parser;
 use rhumb_transport::Stop;
 use tracing::level_filters::LevelFilter;
 
+use crate::hook::Hooks;
 use crate::serve::{Identity, RunError, Server, run_on_core};
 
 /// A Rapier server for remote rigid-body physics.
@@ -36,13 +37,18 @@ pub struct Arguments {
 
 /// Runs a server until SIGINT or SIGTERM. Exit code 0 after such a stop, 1 when it cannot start or breaks.
 pub fn main(arguments: Arguments) -> ExitCode {
+    main_with(arguments, None)
+}
+
+/// As [`main`], with hooks for the scenes that clients create.
+pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
     tracing_subscriber::fmt()
         .with_max_level(arguments.log)
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
         .init();
-    match run(arguments) {
+    match run(arguments, hooks) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             // Whatever is logged, what keeps a server from starting is said. Nowhere is left to say that this failed.
@@ -52,7 +58,7 @@ pub fn main(arguments: Arguments) -> ExitCode {
     }
 }
 
-fn run(arguments: Arguments) -> Result<(), RunError> {
+fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), RunError> {
     if let Some(core) = arguments.core {
         run_on_core(core)?;
     }
@@ -61,7 +67,10 @@ fn run(arguments: Arguments) -> Result<(), RunError> {
         _ => Identity::Development,
     };
     let stop = Stop::new();
-    let server = Server::bind(arguments.listen, &identity)?;
+    let mut server = Server::bind(arguments.listen, &identity)?;
+    if let Some(hooks) = hooks {
+        server.attach(hooks);
+    }
     let asked = stop.clone();
     // Fails only when a handler stands already: then whoever set it up decides when to stop.
     if let Err(cause) = ctrlc::set_handler(move || asked.stop()) {

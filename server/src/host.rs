@@ -7,13 +7,14 @@ use std::collections::BTreeMap;
 
 use rhumb_protocol::limits::SCENES_MAX;
 use rhumb_protocol::message::{Denial, ServerMessage};
-use rhumb_protocol::packet::{Echo, Head, Kind, StreamId};
+use rhumb_protocol::packet::{Doubt, Echo, Head, Kind, StreamId};
 use rhumb_protocol::scene::{SceneName, SceneTerms};
 use rhumb_protocol::session::{Request, ServerSession};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Transmit, Wake, WakeReason};
 
+use crate::hook::Hooks;
 use crate::outbox::Outbox;
 use crate::room::Room;
 use crate::scene::Scene;
@@ -31,6 +32,7 @@ pub struct Host {
     connections: BTreeMap<Peer, Connection>,
     out: Outbox,
     streams_begun: u32,
+    hooks: Option<Hooks>,
     stopwatch: Box<dyn Fn() -> Instant + Send>,
 }
 
@@ -42,8 +44,14 @@ impl Host {
             connections: BTreeMap::new(),
             out: Outbox::default(),
             streams_begun: 0,
+            hooks: None,
             stopwatch: Box::new(stopwatch),
         }
+    }
+
+    /// Gives scenes that are created from now on their hooks.
+    pub fn attach(&mut self, hooks: Hooks) {
+        self.hooks = Some(hooks);
     }
 
     /// Names of the scenes that exist.
@@ -74,18 +82,23 @@ impl Host {
                 self.out.say(peer, &answer);
             }
             Request::Join(choice) => {
-                let stream = StreamId(self.streams_begun);
-                self.streams_begun += 1;
+                let stream = self.new_stream();
                 let joined = match self.rooms.get_mut(&name) {
                     Some(room) => room.join(now, peer, choice, stream, &mut self.out),
                     None => Err(Denial::NoSuchScene),
                 };
                 match joined {
-                    Ok(()) => connection.member = true,
+                    Ok(()) => self.note_member(peer),
                     Err(denial) => self.out.say(peer, &ServerMessage::Denied(denial)),
                 }
             }
             Request::Delete => self.delete(peer, &name),
+            Request::Follow(choice) => {
+                let stream = self.new_stream();
+                if let Some(room) = self.rooms.get_mut(&name) {
+                    room.follow(peer, choice, stream);
+                }
+            }
             request => self.handle_scene_request(now, peer, &name, request),
         }
     }
@@ -126,10 +139,28 @@ impl Host {
             Request::Command { number, command } => room.command(peer, number, command, out),
             Request::Advance(to) => room.advance(peer, to, out),
             Request::Resync => room.resync(peer),
+            Request::Followed(stream) => room.followed(peer, stream),
             Request::Ping(sent) => room.pong(now, peer, sent, out),
             Request::Inspect => room.inspect(peer, out),
-            Request::Hello { .. } | Request::Create(_) | Request::Join(_) | Request::Delete => {}
+            Request::Hello { .. }
+            | Request::Create(_)
+            | Request::Join(_)
+            | Request::Follow(_)
+            | Request::Delete => {}
         }
+    }
+
+    fn note_member(&mut self, peer: Peer) {
+        if let Some(connection) = self.connections.get_mut(&peer) {
+            connection.member = true;
+        }
+    }
+
+    /// A name for a stream, should one begin. Names come again after four thousand million.
+    const fn new_stream(&mut self) -> StreamId {
+        let stream = StreamId(self.streams_begun);
+        self.streams_begun = self.streams_begun.wrapping_add(1);
+        stream
     }
 
     fn create(&mut self, name: &SceneName, terms: SceneTerms) -> Result<(), Denial> {
@@ -139,7 +170,10 @@ impl Host {
         if self.rooms.len() >= SCENES_MAX {
             return Err(Denial::TooManyScenes);
         }
-        let scene = Scene::new(terms).map_err(Denial::Terms)?;
+        let mut scene = Scene::new(terms).map_err(Denial::Terms)?;
+        if let Some(hook) = self.hooks.as_mut().and_then(|hooks| hooks.of(name, &terms)) {
+            scene.attach(hook);
+        }
         self.rooms.insert(name.clone(), Room::new(scene));
         tracing::info!(scene = %name, "scene created");
         Ok(())
@@ -216,14 +250,7 @@ impl Endpoint for Host {
 
     fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
         let mut reader = Reader::new(bytes);
-        let Ok(Head {
-            kind: Kind::Echo,
-            stream,
-        }) = Head::decode(&mut reader)
-        else {
-            return;
-        };
-        let Ok(echo) = Echo::decode(reader) else {
+        let Ok(head) = Head::decode(&mut reader) else {
             return;
         };
         let Some(connection) = self.connections.get(&from).filter(|c| c.member) else {
@@ -233,8 +260,22 @@ impl Endpoint for Host {
             .scene
             .as_ref()
             .and_then(|name| self.rooms.get_mut(name));
-        if let Some(room) = room {
-            room.echo(now, from, stream, &echo, &mut self.out);
+        let Some(room) = room else {
+            return;
+        };
+        // What is no word of a member, or not of the protocol, is dropped.
+        match head.kind {
+            Kind::Echo => {
+                if let Ok(echo) = Echo::decode(reader) {
+                    room.echo(now, from, head.stream, &echo, &mut self.out);
+                }
+            }
+            Kind::Doubt => {
+                if let Ok(doubt) = Doubt::decode(reader) {
+                    room.doubt(now, from, head.stream, doubt, &mut self.out);
+                }
+            }
+            _ => {}
         }
     }
 

@@ -52,9 +52,7 @@ impl Outbox {
     }
 
     pub(crate) fn poll(&mut self) -> Option<Transmit> {
-        if let Some(transmit) = self.ready.pop_front() {
-            return Some(transmit);
-        }
+        // What was said goes first: datagrams may be of a stream that it tells of.
         while let Some(peer) = self.talking.first().copied() {
             if let Some(session) = self.sessions.get_mut(&peer) {
                 if let Some(bytes) = session.poll_control() {
@@ -70,6 +68,6 @@ impl Outbox {
             }
             self.talking.remove(&peer);
         }
-        None
+        self.ready.pop_front()
     }
 }

@@ -1,26 +1,29 @@
-//! Which shapes and bodies a scene has, and had.
+//! Which shapes, bodies and joints a scene has, and had.
 //!
 //! Knows no engine. Checks the rules of names and numbers; a change that is refused changes nothing. Invariants: each
-//! body's shape is known; of each index the generations only grow.
+//! body's shape is known, each joint's bodies live; of each index the generations only grow.
 
 use std::collections::BTreeMap;
 
-use rhumb_protocol::limits::{BODIES_MAX, DAMPINGS_MAX, INDICES_MAX, SHAPES_MAX};
-use rhumb_protocol::scene::{BodyKind, BodyTerms, CommandError, IdRange, Shape, ShapeId};
+use rhumb_protocol::limits::{BODIES_MAX, DAMPINGS_MAX, INDICES_MAX, JOINTS_MAX, SHAPES_MAX};
+use rhumb_protocol::scene::{
+    BodyKind, BodyTerms, CommandError, IdRange, Joint, JointId, Joints, Shape, ShapeId,
+};
 use rhumb_reckoning::{BodyId, Damping};
 
-/// The shapes and bodies of one scene.
+/// The shapes, bodies and joints of one scene.
 #[derive(Debug, Default)]
 pub(crate) struct Registry {
     shapes: BTreeMap<ShapeId, KnownShape>,
     /// By index; `None` where none ever was.
     bodies: Vec<Option<KnownBody>>,
     count: usize,
+    joints: Joints,
     /// All that bodies ever had: both ends of a stream keep a table for each.
     dampings: Vec<Damping>,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct KnownShape {
     shape: Shape,
     /// Bodies that have it.
@@ -55,12 +58,12 @@ impl Registry {
         Ok(())
     }
 
-    /// Takes a body in and returns its shape. `damping`: its own or the scene's.
+    /// Takes a body in. `damping`: its own or the scene's.
     pub(crate) fn add_body(
         &mut self,
         terms: BodyTerms,
         damping: Damping,
-    ) -> Result<Shape, CommandError> {
+    ) -> Result<(), CommandError> {
         let id = terms.id;
         if id.index() >= INDICES_MAX {
             return Err(CommandError::NotGranted(id));
@@ -84,7 +87,6 @@ impl Registry {
         let known = self.shapes.get_mut(&terms.shape);
         let known = known.ok_or(CommandError::UnknownShape(terms.shape))?;
         known.users += 1;
-        let shape = known.shape;
         if new_damping {
             self.dampings.push(damping);
         }
@@ -94,10 +96,11 @@ impl Registry {
         }
         self.bodies[index] = Some(KnownBody { terms, lives: true });
         self.count += 1;
-        Ok(shape)
+        Ok(())
     }
 
-    pub(crate) fn remove_body(&mut self, id: BodyId) -> Result<(), CommandError> {
+    /// Takes a body out, and names the joints that go with it.
+    pub(crate) fn remove_body(&mut self, id: BodyId) -> Result<Vec<JointId>, CommandError> {
         let shape = self.body(id).ok_or(CommandError::UnknownBody(id))?.shape;
         if let Some(Some(known)) = self.bodies.get_mut(id.index() as usize) {
             known.lives = false;
@@ -106,7 +109,33 @@ impl Registry {
             known.users -= 1;
         }
         self.count -= 1;
+        Ok(self.joints.remove_body(id))
+    }
+
+    pub(crate) fn add_joint(&mut self, id: JointId, joint: Joint) -> Result<(), CommandError> {
+        if id.0 >= JOINTS_MAX {
+            return Err(CommandError::UnknownJoint(id));
+        }
+        let [first, second] = joint.bodies;
+        for body in joint.bodies {
+            self.body(body).ok_or(CommandError::UnknownBody(body))?;
+        }
+        if first == second {
+            return Err(CommandError::JoinedToItself(first));
+        }
+        if !self.joints.insert(id, joint) {
+            return Err(CommandError::JointIdTaken(id));
+        }
         Ok(())
+    }
+
+    pub(crate) fn remove_joint(&mut self, id: JointId) -> Result<(), CommandError> {
+        let joint = self.joints.remove(id);
+        joint.map(drop).ok_or(CommandError::UnknownJoint(id))
+    }
+
+    pub(crate) const fn joints(&self) -> &Joints {
+        &self.joints
     }
 
     pub(crate) fn body(&self, id: BodyId) -> Option<&BodyTerms> {

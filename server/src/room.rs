@@ -5,51 +5,30 @@
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use bytes::Bytes;
-use rhumb_protocol::limits::{ADVANCE_TICKS_MAX, GRANT, MEMBERS_PER_SCENE_MAX, WISHES_WAITING_MAX};
+use rhumb_protocol::limits::{
+    ADVANCE_TICKS_MAX, GRANT, MEMBERS_PER_SCENE_MAX, SILENCE_MS_MAX, WISHES_WAITING_MAX,
+};
 use rhumb_protocol::message::{
     Denial, Inspection, Joined, Notice, RemovalCause, ServerMessage, StreamChoice,
 };
-use rhumb_protocol::packet::{Echo, StreamId};
-use rhumb_protocol::scene::{BodyKind, Command, CommandError, Pace, SceneTerms};
+use rhumb_protocol::packet::{Doubt, Echo, StreamId};
+use rhumb_protocol::scene::{Command, CommandError, Pace, SceneTerms};
 use rhumb_protocol::session::CloseCode;
-use rhumb_protocol::stream::{
-    Activity, FullPublisher, Manner, Observation, Publisher, StreamStart,
-};
+use rhumb_protocol::stream::{Activity, Observation, StreamStart};
 use rhumb_protocol::{Instant, Peer, Span};
-use rhumb_reckoning::{Anchor, BodyId, Predictor, Tick, Track, Verbatim};
+use rhumb_reckoning::{Tick, Ticks};
 
 use crate::grants::Grants;
+use crate::member::{Member, Want, Wish};
 use crate::outbox::Outbox;
+use crate::placing;
 use crate::scene::Scene;
+use crate::snapshot::snapshot;
 use crate::streams::{Moment, Source, Stream, Streams};
 use crate::times::{Marks, Times};
 
 /// Reads the host's clock between the stages of a tick.
 pub(crate) type Stopwatch<'a> = &'a dyn Fn() -> Instant;
-
-/// A client that takes part.
-#[derive(Debug)]
-struct Member {
-    stream: StreamId,
-    /// Number of its last command that was looked at, and is not answered yet.
-    unanswered: Option<u64>,
-    /// Whether it asked for the whole scene again.
-    resync: bool,
-    /// When it was last heard on the state path.
-    echoed: Option<Instant>,
-}
-
-/// What acts in the order in which it was said: a command said after an advance acts after its steps.
-#[derive(Clone, Copy, Debug)]
-enum Wish {
-    Command {
-        number: u64,
-        command: Result<Command, CommandError>,
-    },
-    Advance {
-        to: Tick,
-    },
-}
 
 /// One scene with its members.
 pub(crate) struct Room {
@@ -69,9 +48,6 @@ pub(crate) struct Room {
     times: Times,
     faulted: bool,
 }
-
-/// The least time between two echoes of a member that are answered: half of what a member's patience begins with.
-const ECHO_PAUSE: Span = Span::from_millis(2);
 
 /// A free-running scene that is later than so many steps lets time go slower instead of catching up.
 const CATCH_UP_STEPS: u64 = 5;
@@ -139,13 +115,7 @@ impl Room {
             return Err(denial);
         }
         self.tell_notices(out);
-        let member = Member {
-            stream,
-            unanswered: None,
-            resync: false,
-            echoed: None,
-        };
-        self.members.insert(peer, member);
+        self.members.insert(peer, Member::new(stream));
         self.tell_snapshot(peer, out);
         if self.next_step.is_none() {
             self.last_step = now;
@@ -155,28 +125,10 @@ impl Room {
     }
 
     fn begin_stream(&mut self, choice: StreamChoice, id: StreamId) -> StreamId {
-        let terms = *self.scene.terms();
-        let tick = self.scene.tick();
-        let source = match choice {
-            StreamChoice::Within(tolerance) => Source::Reckoned(Box::new(Publisher::new(
-                id,
-                tolerance,
-                terms.integrator,
-                self.scene.gravity(),
-                tick,
-            ))),
-            StreamChoice::Full => Source::Full(FullPublisher::new(id, tick)),
-        };
-        let mut observations = Vec::new();
-        self.scene.observe_all(&mut observations);
+        let source = Source::new(choice, id, &self.scene);
         let stream = self.streams.begin(choice, source);
-        for observation in &observations {
-            let kind = self.scene.body(observation.id).map(|body| body.kind);
-            let (Some(kind), Some(manner)) = (kind, manner(&self.scene, observation.id)) else {
-                continue;
-            };
-            let track = first_track(tick, observation, kind);
-            stream.place(observation.id, &manner, track, observation.motion);
+        for (id, manner, track, motion) in placing::everything(&self.scene) {
+            stream.place(id, &manner, track, motion);
         }
         id
     }
@@ -213,44 +165,76 @@ impl Room {
             granted,
         };
         out.say(peer, &ServerMessage::Joined(joined));
-        let mut snapshot = Vec::new();
-        for (id, shape) in self.scene.shapes() {
-            let shape = *shape;
-            ServerMessage::Notice(Notice::ShapeAdded { id, shape }).encode(&mut snapshot);
-        }
-        // A track goes on under the gravity that it was said under.
-        for (since, gravity) in stream.gravity_changes() {
-            let notice = Notice::GravityChanged { since, gravity };
-            ServerMessage::Notice(notice).encode(&mut snapshot);
-        }
-        for (id, track) in stream.tracks() {
-            if let Some(terms) = self.scene.body(id) {
-                let terms = *terms;
-                ServerMessage::Notice(Notice::BodyPlaced { terms, track }).encode(&mut snapshot);
-            }
-        }
-        ServerMessage::SnapshotEnd.encode(&mut snapshot);
+        let snapshot = snapshot(&self.scene, stream);
         out.say_encoded(peer, &Bytes::from(snapshot));
     }
 
     fn stream_of(&self, peer: Peer) -> Option<&Stream> {
         let member = self.members.get(&peer)?;
-        self.streams.get(member.stream)
+        self.streams.get(member.stream())
     }
 
     /// A member lost touch with its stream and needs the whole scene again; it is told when the piece is read, and once
     /// however often it asks in it.
     pub(crate) fn resync(&mut self, peer: Peer) {
         if let Some(member) = self.members.get_mut(&peer) {
-            member.resync = true;
+            member.wants.get_or_insert(Want::Again);
         }
+    }
+
+    /// A member wants another stream; of what it wants at once the last counts.
+    pub(crate) fn follow(&mut self, peer: Peer, choice: StreamChoice, new_stream: StreamId) {
+        if let Some(member) = self.members.get_mut(&peer) {
+            member.wants = Some(Want::Other { choice, new_stream });
+        }
+    }
+
+    /// A member has caught up with the stream that it changed to.
+    pub(crate) fn followed(&mut self, peer: Peer, with: StreamId) {
+        let member = self.members.get_mut(&peer);
+        if let Some(former) = member.and_then(|member| member.caught_up(with)) {
+            self.streams.unfollow(former);
+        }
+    }
+
+    /// Gives a member the snapshot that it wants.
+    fn grant_want(&mut self, peer: Peer, want: Want) -> Result<(), Denial> {
+        let Want::Other { choice, new_stream } = want else {
+            return Ok(());
+        };
+        if self.faulted {
+            return Err(Denial::SceneFaulted);
+        }
+        let Some(member) = self.members.get(&peer) else {
+            return Ok(());
+        };
+        let (present, heard) = (member.stream(), member.streams());
+        let wanted = self.streams.of_choice(choice);
+        if wanted == Some(present) {
+            return Ok(());
+        }
+        // One that it is leaving counts it already.
+        let stream = match heard.into_iter().find(|heard| Some(*heard) == wanted) {
+            Some(leaving) => leaving,
+            None => match self.streams.follow(choice)? {
+                Some(stream) => stream,
+                None => self.begin_stream(choice, new_stream),
+            },
+        };
+        let member = self.members.get_mut(&peer);
+        if let Some(gone) = member.and_then(|member| member.change(stream)) {
+            self.streams.unfollow(gone);
+        }
+        Ok(())
     }
 
     /// A client is a member no longer. Its bodies stay; what it wished behind an advance that is not reached yet goes.
     pub(crate) fn leave(&mut self, peer: Peer) {
         self.waiting.retain(|(wisher, _)| *wisher != peer);
         if let Some(member) = self.members.remove(&peer) {
-            self.streams.unfollow(member.stream);
+            for stream in member.streams() {
+                self.streams.unfollow(stream);
+            }
             self.grants.retire(peer);
         }
         if self.members.is_empty() {
@@ -346,28 +330,34 @@ impl Room {
         self.scene.apply(command)?;
         let tick = self.scene.tick();
         match *command {
-            Command::AddShape { id, shape } => self.give(&Notice::ShapeAdded { id, shape }),
-            Command::RemoveShape { id } => self.give(&Notice::ShapeRemoved { id }),
+            Command::AddShape { id, ref shape } => {
+                let shape = shape.clone();
+                self.give(Notice::ShapeAdded { id, shape });
+            }
+            Command::RemoveShape { id } => self.give(Notice::ShapeRemoved { id }),
             Command::AddBody { terms, motion } => {
                 let observation = Observation {
                     id: terms.id,
                     motion,
                     activity: Activity::Awake,
                 };
-                let track = first_track(tick, &observation, terms.kind);
-                if let Some(manner) = manner(&self.scene, terms.id) {
+                let tumbles = self.scene.inertia(terms.id).is_some();
+                let track = placing::first_track(tick, &observation, terms.kind, tumbles);
+                if let Some(manner) = placing::manner(&self.scene, terms.id) {
                     self.streams.place(terms.id, &manner, track, motion);
                 }
-                self.give(&Notice::BodyPlaced { terms, track });
+                self.give(placing::notice(&self.scene, terms, track, None));
             }
             Command::RemoveBody { id } => {
                 self.streams.remove(id);
                 let cause = RemovalCause::Command;
-                self.give(&Notice::BodyRemoved { id, cause });
+                self.give(Notice::BodyRemoved { id, cause });
             }
+            Command::AddJoint { id, joint } => self.give(Notice::JointAdded { id, joint }),
+            Command::RemoveJoint { id } => self.give(Notice::JointRemoved { id }),
             Command::SetGravity { gravity } => {
                 self.streams.change_gravity(tick, gravity);
-                self.give(&Notice::GravityChanged {
+                self.give(Notice::GravityChanged {
                     since: tick,
                     gravity,
                 });
@@ -377,9 +367,9 @@ impl Room {
         Ok(())
     }
 
-    fn give(&mut self, notice: &Notice) {
+    fn give(&mut self, notice: Notice) {
         self.notices += 1;
-        ServerMessage::Notice(*notice).encode(&mut self.unsaid);
+        ServerMessage::Notice(notice).encode(&mut self.unsaid);
     }
 
     /// Hands new notices to every member, encoded once.
@@ -396,13 +386,16 @@ impl Room {
     /// All that a member sent at once was looked at: says what came of it.
     pub(crate) fn settle(&mut self, out: &mut Outbox) {
         self.tell_notices(out);
-        let resyncing: Vec<Peer> = self
+        let wanting: Vec<(Peer, Want)> = self
             .members
             .iter_mut()
-            .filter_map(|(peer, member)| std::mem::take(&mut member.resync).then_some(*peer))
+            .filter_map(|(peer, member)| Some((*peer, member.wants.take()?)))
             .collect();
-        for peer in resyncing {
-            self.tell_snapshot(peer, out);
+        for (peer, want) in wanting {
+            match self.grant_want(peer, want) {
+                Ok(()) => self.tell_snapshot(peer, out),
+                Err(denial) => out.say(peer, &ServerMessage::Denied(denial)),
+            }
         }
         let tick = self.scene.tick();
         for (peer, member) in &mut self.members {
@@ -428,14 +421,18 @@ impl Room {
         self.grant_waiting(out);
     }
 
-    /// Ticks of silence within which a stream vouches: a quarter of a second, well below the time for which a view
-    /// predicts beyond what was vouched for; every tick where a member waits for it.
+    /// Ticks of silence within which a stream vouches: every tick where a member waits for it.
     fn vouch_within(&self) -> u32 {
         let rate = self.terms().integrator.rate;
         match self.terms().pace {
             Pace::Lockstep => 1,
-            Pace::FreeRunning => (rate.ticks() / rate.seconds() / 4).max(1),
+            Pace::FreeRunning => (rate.ticks() * SILENCE_MS_MAX / (1_000 * rate.seconds())).max(1),
         }
+    }
+
+    fn second(&self) -> Ticks {
+        let rate = self.terms().integrator.rate;
+        Ticks::new((rate.ticks() / rate.seconds()).max(1))
     }
 
     fn step(&self) -> Span {
@@ -450,9 +447,12 @@ impl Room {
             Err(_) => return self.fault(out),
         };
         let after_step = clock();
+        for error in stepped.refused {
+            tracing::warn!(%error, "the scene goes on without it");
+        }
         for (id, cause) in stepped.removed {
             self.streams.remove(id);
-            self.give(&Notice::BodyRemoved { id, cause });
+            self.give(Notice::BodyRemoved { id, cause });
         }
         self.observations.clear();
         self.scene.observe(&mut self.observations);
@@ -462,11 +462,12 @@ impl Room {
             observations: &self.observations,
             notices: self.notices,
             vouch_within: self.vouch_within(),
+            second: self.second(),
         });
         self.tell_notices(out);
         for (peer, member) in &self.members {
-            if let Some(stream) = self.streams.get(member.stream) {
-                for packet in &stream.packets {
+            for stream in member.streams() {
+                for packet in self.streams.packets(stream) {
                     out.datagram(*peer, packet.clone());
                 }
             }
@@ -488,13 +489,14 @@ impl Room {
             tick = tick.value(),
             "the engine failed; the scene stands still"
         );
-        self.give(&Notice::SceneFaulted { tick });
+        self.give(Notice::SceneFaulted { tick });
         self.tell_notices(out);
     }
 
     /// A member says how far it heard: repairs what it lost and vouches for what it could not know of.
     ///
-    /// Of echoes that follow each other faster than [`ECHO_PAUSE`] only the first is answered.
+    /// Of echoes that follow each other too fast only the first is answered. Members that lost the same packet before the
+    /// next tick hear the same datagrams, encoded once.
     pub(crate) fn echo(
         &mut self,
         now: Instant,
@@ -503,17 +505,11 @@ impl Room {
         echo: &Echo,
         out: &mut Outbox,
     ) {
-        let Some(member) = self.members.get_mut(&peer) else {
-            return;
-        };
-        if member.echoed.is_some_and(|last| now < last + ECHO_PAUSE) {
+        let member = self.members.get_mut(&peer);
+        if !member.is_some_and(|member| member.answers_echo(stream, now)) {
             return;
         }
-        member.echoed = Some(now);
-        let Some(stream) = self
-            .stream_of(peer)
-            .filter(|followed| followed.id() == stream)
-        else {
+        let Some(stream) = self.streams.get_mut(stream) else {
             return;
         };
         // Each once, however often a member names it.
@@ -526,7 +522,7 @@ impl Room {
             match stream.repair(number, self.notices) {
                 Some(datagrams) => {
                     for datagram in datagrams {
-                        out.datagram(peer, datagram);
+                        out.datagram(peer, datagram.clone());
                     }
                 }
                 // Forgotten: the vouch below tells the member how much it missed, and it asks for everything.
@@ -534,6 +530,26 @@ impl Room {
             }
         }
         out.datagram(peer, stream.vouch(self.notices));
+    }
+
+    /// A member believes otherwise than its stream said: it hears more sums, or the one track in question.
+    pub(crate) fn doubt(
+        &mut self,
+        now: Instant,
+        peer: Peer,
+        stream: StreamId,
+        doubt: Doubt,
+        out: &mut Outbox,
+    ) {
+        let member = self.members.get_mut(&peer);
+        if !member.is_some_and(|member| member.answers_doubt(stream, now)) {
+            return;
+        }
+        if let Some(stream) = self.streams.get_mut(stream) {
+            for datagram in stream.reassure(doubt, self.notices) {
+                out.datagram(peer, datagram);
+            }
+        }
     }
 
     pub(crate) fn pong(&self, now: Instant, peer: Peer, sent: Instant, out: &mut Outbox) {
@@ -558,6 +574,7 @@ impl Room {
             updates: said.updates,
             packets: said.packets,
             packet_bytes: said.bytes,
+            amended: stream.amended,
             times: self.times.summary(),
         };
         out.say(peer, &ServerMessage::Inspection(inspection));
@@ -568,28 +585,5 @@ impl Room {
         for peer in self.members.keys() {
             out.say(*peer, &ServerMessage::Deleted);
         }
-    }
-}
-
-/// What predictors need to know of a body of a scene.
-fn manner(scene: &Scene, id: BodyId) -> Option<Manner> {
-    let terms = scene.body(id)?;
-    let shape = scene.shape(terms.shape)?;
-    Some(Manner::of(terms, shape, scene.terms().damping))
-}
-
-/// What is believed of a body before anything was said of it.
-fn first_track(tick: Tick, observation: &Observation, kind: BodyKind) -> Track {
-    let predictor = match (observation.activity, kind) {
-        (Activity::Asleep, _) | (_, BodyKind::Static) => Predictor::Rest,
-        (Activity::Awake, BodyKind::Dynamic) => Predictor::Ballistic,
-        (Activity::Awake, BodyKind::Kinematic) => Predictor::Uniform,
-    };
-    let resting = predictor == Predictor::Rest;
-    let motion: Verbatim = observation.motion;
-    Track {
-        origin: tick,
-        predictor,
-        anchor: Anchor::Verbatim(if resting { motion.stilled() } else { motion }),
     }
 }

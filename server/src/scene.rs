@@ -4,18 +4,21 @@
 //! registry and the engine hold the same bodies; a scene whose engine failed takes no commands and steps no more.
 
 use core::fmt;
+use std::collections::BTreeMap;
 use std::mem;
 
 use glam::{DVec3, Vec3};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, CommandError, IdRange, Invalid, SceneTerms, Shape, ShapeId,
+    BodyKind, BodyTerms, Command, CommandError, IdRange, Invalid, JointId, Joints, SceneTerms,
+    Shape, ShapeId,
 };
 use rhumb_protocol::stream::Observation;
-use rhumb_reckoning::{BodyId, Metres, Tick, Twist, Verbatim};
+use rhumb_reckoning::{BodyId, Inertia, Metres, Tick, Twist, Verbatim};
 
 use crate::digest::Digest;
 use crate::engine::{Engine, EngineFault, Newcomer, Push, RapierEngine};
+use crate::hook::{Hook, HookError};
 use crate::registry::Registry;
 
 /// Bodies under one gravity, stepped together.
@@ -27,6 +30,11 @@ pub struct Scene {
     engine: Box<dyn Engine>,
     observations: Vec<Observation>,
     lost: Vec<(BodyId, RemovalCause)>,
+    /// Bodies that were put elsewhere since the last step, as they were before: that is where they were at its tick.
+    displaced: BTreeMap<BodyId, Observation>,
+    hook: Option<Hook>,
+    /// What the hook wishes before a step.
+    wishes: Vec<Command>,
     digest: Digest,
 }
 
@@ -37,6 +45,8 @@ pub struct Stepped {
     pub tick: Tick,
     /// Bodies that are gone, though nobody asked for it, in the order of ids.
     pub removed: Vec<(BodyId, RemovalCause)>,
+    /// Why commands of the scene's hook were not done.
+    pub refused: Vec<HookError>,
 }
 
 impl Scene {
@@ -65,6 +75,9 @@ impl Scene {
             engine,
             observations: Vec::new(),
             lost: Vec::new(),
+            displaced: BTreeMap::new(),
+            hook: None,
+            wishes: Vec::new(),
             digest: Digest::START,
         })
     }
@@ -80,11 +93,15 @@ impl Scene {
         self.sound()?;
         command.check().map_err(CommandError::Invalid)?;
         match *command {
-            Command::AddShape { id, shape } => self.registry.add_shape(id, shape)?,
-            Command::RemoveShape { id } => self.registry.remove_shape(id)?,
+            Command::AddShape { id, ref shape } => self.add_shape(id, shape)?,
+            Command::RemoveShape { id } => {
+                self.registry.remove_shape(id)?;
+                self.engine.remove_shape(id);
+            }
             Command::AddBody { terms, motion } => self.add_body(terms, motion)?,
             Command::RemoveBody { id } => {
-                self.registry.remove_body(id)?;
+                let joints = self.registry.remove_body(id)?;
+                self.let_go(joints);
                 self.engine.remove(id);
             }
             Command::SetPose {
@@ -93,6 +110,9 @@ impl Scene {
                 rotation,
             } => {
                 self.known(id)?;
+                if let Some(before) = self.engine.observe_one(id) {
+                    self.displaced.entry(id).or_insert(before);
+                }
                 self.engine.set_pose(id, position, rotation);
             }
             Command::SetVelocity {
@@ -110,6 +130,14 @@ impl Scene {
                 self.gravity = gravity;
                 self.engine.set_gravity(gravity);
             }
+            Command::AddJoint { id, joint } => {
+                self.registry.add_joint(id, joint)?;
+                self.engine.add_joint(id, &joint);
+            }
+            Command::RemoveJoint { id } => {
+                self.registry.remove_joint(id)?;
+                self.let_go([id]);
+            }
         }
         self.sound()
     }
@@ -121,31 +149,94 @@ impl Scene {
     /// [`SceneFault`] when the engine failed, now or before; the tick stays.
     pub fn step(&mut self) -> Result<Stepped, SceneFault> {
         self.observations.clear();
+        let refused = self.ask_hook();
         self.engine.step(&mut self.lost)?;
         self.tick = self.tick.next();
-        for (id, _) in &self.lost {
+        self.displaced.clear();
+        for place in 0..self.lost.len() {
+            let (id, _) = self.lost[place];
             // The engine names only bodies that it was given, each once.
-            let known = self.registry.remove_body(*id);
+            let known = self.registry.remove_body(id);
             debug_assert!(known.is_ok(), "{id} was lost and is not known");
+            self.let_go(known.unwrap_or_default());
         }
         self.engine.observe(&mut self.observations);
         self.digest.fold_tick(self.tick, &self.observations);
         Ok(Stepped {
             tick: self.tick,
             removed: mem::take(&mut self.lost),
+            refused,
         })
+    }
+
+    /// Gives the scene something that acts before each step from now on, in place of what it had.
+    pub fn attach(&mut self, hook: Hook) {
+        self.hook = Some(hook);
+    }
+
+    /// Does what the hook wishes, and says what of it was not done.
+    fn ask_hook(&mut self) -> Vec<HookError> {
+        let mut refused = Vec::new();
+        let Some(mut hook) = self.hook.take() else {
+            return refused;
+        };
+        if self.sound().is_ok() {
+            let mut wishes = mem::take(&mut self.wishes);
+            hook.act(self, &mut wishes);
+            for command in wishes.drain(..) {
+                refused.extend(self.steer(&command).err());
+            }
+            self.wishes = wishes;
+        }
+        self.hook = Some(hook);
+        refused
+    }
+
+    fn steer(&mut self, command: &Command) -> Result<(), HookError> {
+        match command {
+            Command::SetPose { .. }
+            | Command::SetVelocity { .. }
+            | Command::Force { .. }
+            | Command::Torque { .. }
+            | Command::Impulse { .. }
+            | Command::TorqueImpulse { .. } => self.apply(command).map_err(HookError::Refused),
+            Command::AddShape { .. }
+            | Command::RemoveShape { .. }
+            | Command::AddBody { .. }
+            | Command::RemoveBody { .. }
+            | Command::SetGravity { .. }
+            | Command::AddJoint { .. }
+            | Command::RemoveJoint { .. } => Err(HookError::NotAMotion),
+        }
+    }
+
+    fn add_shape(&mut self, id: ShapeId, shape: &Shape) -> Result<(), CommandError> {
+        self.registry.add_shape(id, shape.clone())?;
+        if self.engine.add_shape(id, shape).is_err() {
+            self.registry.remove_shape(id)?;
+            return Err(CommandError::ShapeUnfit(id));
+        }
+        Ok(())
+    }
+
+    /// Tells the engine of joints that are gone.
+    fn let_go(&mut self, joints: impl IntoIterator<Item = JointId>) {
+        for id in joints {
+            self.engine.remove_joint(id);
+        }
     }
 
     fn add_body(&mut self, terms: BodyTerms, motion: Verbatim) -> Result<(), CommandError> {
         let damping = terms.damping.unwrap_or(self.terms.damping);
-        let shape = self.registry.add_body(terms, damping)?;
+        self.registry.add_body(terms, damping)?;
         self.engine.add(&Newcomer {
             id: terms.id,
             kind: terms.kind,
-            shape,
+            shape: terms.shape,
             material: terms.material.unwrap_or(self.terms.material),
             damping,
             gravity_scale: terms.gravity_scale,
+            gyroscopic: terms.gyroscopic,
             motion,
         });
         Ok(())
@@ -194,10 +285,12 @@ impl Scene {
         out.extend_from_slice(&self.observations);
     }
 
-    /// Adds every body as it is now, in the order of ids; static ones as asleep.
+    /// Adds every body as it was after the last step, in the order of ids; static ones as asleep. One that was put
+    /// elsewhere since is where it was then, and is observed again after the next step.
     pub fn observe_all(&self, out: &mut Vec<Observation>) {
         let ids = self.registry.bodies().map(|terms| terms.id);
-        out.extend(ids.filter_map(|id| self.engine.observe_one(id)));
+        let before = |id: &BodyId| self.displaced.get(id).copied();
+        out.extend(ids.filter_map(|id| before(&id).or_else(|| self.engine.observe_one(id))));
     }
 
     /// What [`Self::observe`] adds.
@@ -265,6 +358,12 @@ impl Scene {
         self.registry.shapes()
     }
 
+    /// What holds bodies together.
+    #[must_use]
+    pub const fn joints(&self) -> &Joints {
+        self.registry.joints()
+    }
+
     /// The shape of a body.
     #[must_use]
     pub fn shape_of(&self, id: BodyId) -> Option<&Shape> {
@@ -275,6 +374,12 @@ impl Scene {
     #[must_use]
     pub fn bounding_radius(&self, id: BodyId) -> Option<Metres> {
         self.shape_of(id).map(Shape::bounding_radius)
+    }
+
+    /// How a body resists being turned, if it tumbles when it is free: dynamic, gyroscopic, of unequal moments.
+    #[must_use]
+    pub fn inertia(&self, id: BodyId) -> Option<Inertia> {
+        self.engine.inertia(id)
     }
 
     /// The least generation that no body of these indices has had.

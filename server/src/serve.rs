@@ -12,6 +12,7 @@ use rhumb_transport::{
     ServerOptions, ServerStatistics, Stop,
 };
 
+use crate::hook::Hooks;
 use crate::host::Host;
 
 /// What the server proves itself with.
@@ -31,6 +32,7 @@ pub enum Identity {
 /// A server that listens, and is not run yet.
 pub struct Server {
     transport: QuicServer,
+    hooks: Option<Hooks>,
 }
 
 /// Why a server did not start, or stopped unasked.
@@ -81,7 +83,10 @@ impl Server {
             certificate,
         };
         let transport = QuicServer::bind(options).map_err(RunError::Bind)?;
-        Ok(Self { transport })
+        Ok(Self {
+            transport,
+            hooks: None,
+        })
     }
 
     /// Where it listens.
@@ -96,6 +101,11 @@ impl Server {
         self.transport.fingerprint()
     }
 
+    /// Gives the scenes that will be created their hooks.
+    pub fn attach(&mut self, hooks: Hooks) {
+        self.hooks = Some(hooks);
+    }
+
     /// Serves on the calling thread until `stop` is said; then every client hears that the server is going away.
     ///
     /// # Errors
@@ -104,6 +114,9 @@ impl Server {
     pub fn run(self, stop: &Stop) -> Result<ServerStatistics, RunError> {
         let clock = Clock::start();
         let mut host = Host::new(move || clock.now());
+        if let Some(hooks) = self.hooks {
+            host.attach(hooks);
+        }
         self.transport.run(&mut host, stop).map_err(RunError::Serve)
     }
 }

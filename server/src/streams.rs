@@ -1,18 +1,45 @@
 //! The streams of one scene: each said once, however many follow it.
 
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+
 use bytes::Bytes;
 use glam::Vec3;
-use rhumb_protocol::limits::STREAMS_PER_SCENE_MAX;
+use rhumb_protocol::limits::{HISTORY_PACKETS, STREAMS_PER_SCENE_MAX};
 use rhumb_protocol::message::{Denial, StreamChoice};
-use rhumb_protocol::packet::StreamId;
-use rhumb_protocol::stream::{FullPublisher, Manner, Observation, Publisher, PublisherStatistics};
-use rhumb_reckoning::{BodyId, Tick, Tolerance, Track, Verbatim};
+use rhumb_protocol::packet::{Doubt, StreamId};
+use rhumb_protocol::stream::{
+    Features, FullPublisher, Manner, Observation, Publisher, PublisherStatistics, Reassurance,
+    StreamTerms, Witness,
+};
+use rhumb_reckoning::{BodyId, Tick, Ticks, Tolerance, Track, Verbatim};
+
+use crate::scene::Scene;
 
 /// One stream at its source.
 #[derive(Debug)]
 pub(crate) enum Source {
     Reckoned(Box<Publisher>),
     Full(FullPublisher),
+}
+
+impl Source {
+    /// What a choice of stream is made of, without bodies yet.
+    pub(crate) fn new(choice: StreamChoice, id: StreamId, scene: &Scene) -> Self {
+        let tick = scene.tick();
+        match choice {
+            StreamChoice::Within(tolerance) => {
+                let terms = StreamTerms {
+                    tolerance,
+                    integrator: scene.terms().integrator,
+                    gravity: scene.gravity(),
+                    features: Features::ALL,
+                };
+                Self::Reckoned(Box::new(Publisher::new(id, &terms, tick)))
+            }
+            StreamChoice::Full => Self::Full(FullPublisher::new(id, tick)),
+        }
+    }
 }
 
 /// A stream, who wants it, and how long it has been silent.
@@ -22,8 +49,14 @@ pub(crate) struct Stream {
     source: Source,
     followers: usize,
     silent_ticks: u32,
+    /// When the sum over all tracks was last said, and what it was.
+    digest: (Tick, u64),
+    /// Tracks that a member had otherwise.
+    pub(crate) amended: u64,
     /// The datagrams of the last tick.
-    pub(crate) packets: Vec<Bytes>,
+    packets: Vec<Bytes>,
+    /// What makes good lost packets, as asked for since the last tick: encoded once for all who lost the same.
+    repairs: BTreeMap<(u64, u64), Vec<Bytes>>,
 }
 
 impl Stream {
@@ -35,11 +68,7 @@ impl Stream {
     }
 
     pub(crate) fn tolerance(&self) -> Tolerance {
-        match self.choice {
-            StreamChoice::Within(tolerance) => tolerance,
-            // A full stream promises the bits; the grid of this tolerance is never used.
-            StreamChoice::Full => Tolerance::LEAST,
-        }
+        self.choice.tolerance()
     }
 
     pub(crate) fn next_number(&self) -> u64 {
@@ -61,6 +90,14 @@ impl Stream {
         match &self.source {
             Source::Reckoned(publisher) => publisher.tracks().collect(),
             Source::Full(publisher) => publisher.tracks().collect(),
+        }
+    }
+
+    /// The seat of a body, if it has one.
+    pub(crate) fn seat(&self, id: BodyId) -> Option<u32> {
+        match &self.source {
+            Source::Reckoned(publisher) => publisher.seat(id),
+            Source::Full(_) => None,
         }
     }
 
@@ -101,19 +138,28 @@ impl Stream {
         }
     }
 
-    pub(crate) fn repair(&self, number: u64, notices: u64) -> Option<Vec<Bytes>> {
-        match &self.source {
-            Source::Reckoned(publisher) => publisher.repair(number, notices),
-            Source::Full(publisher) => publisher.repair(number, notices),
+    /// The datagrams that make good a lost packet; none when it is not known any more.
+    pub(crate) fn repair(&mut self, number: u64, notices: u64) -> Option<&[Bytes]> {
+        if self.repairs.len() >= HISTORY_PACKETS {
+            self.repairs.clear();
         }
+        let entry = match self.repairs.entry((number, notices)) {
+            Entry::Occupied(known) => known.into_mut(),
+            Entry::Vacant(place) => place.insert(match &self.source {
+                Source::Reckoned(publisher) => publisher.repair(number, notices),
+                Source::Full(publisher) => publisher.repair(number, notices),
+            }?),
+        };
+        Some(entry)
     }
 
     /// Says what must be said at a tick. A silent stream vouches ever more rarely, within bounds.
-    fn publish(&mut self, at: &Moment<'_>) {
+    fn publish(&mut self, at: &Moment<'_>, witness: &Witness) {
         self.packets.clear();
+        self.repairs.clear();
         match &mut self.source {
             Source::Reckoned(publisher) => {
-                publisher.publish(at.tick, at.observations, at.notices, &mut self.packets);
+                publisher.publish(witness, at.notices, &mut self.packets);
             }
             Source::Full(publisher) => {
                 publisher.publish(at.tick, at.observations, at.notices, &mut self.packets);
@@ -121,12 +167,47 @@ impl Stream {
         }
         if !self.packets.is_empty() {
             self.silent_ticks = 0;
+            let digest = self.due_digest(at);
+            self.packets.extend(digest);
             return;
         }
         self.silent_ticks += 1;
         let due = self.silent_ticks.is_power_of_two() && self.silent_ticks < at.vouch_within;
         if due || self.silent_ticks.is_multiple_of(at.vouch_within) {
-            self.packets.push(self.vouch(at.notices));
+            // A digest vouches too.
+            let digest = self.due_digest(at);
+            self.packets
+                .push(digest.unwrap_or_else(|| self.vouch(at.notices)));
+        }
+    }
+
+    /// What says the sum over all tracks, if that is another than the one said last, and that is a second ago.
+    fn due_digest(&mut self, at: &Moment<'_>) -> Option<Bytes> {
+        let Source::Reckoned(publisher) = &self.source else {
+            return None;
+        };
+        let (last, sum) = self.digest;
+        let age = at.tick.since(last)?;
+        if age < at.second || publisher.agreement() == sum {
+            return None;
+        }
+        self.digest = (at.tick, publisher.agreement());
+        Some(publisher.digest(at.notices))
+    }
+
+    /// Answers a member whose sum over some tracks is another.
+    pub(crate) fn reassure(&mut self, doubt: Doubt, notices: u64) -> Vec<Bytes> {
+        let Source::Reckoned(publisher) = &self.source else {
+            return Vec::new();
+        };
+        match publisher.reassure(doubt, notices) {
+            Reassurance::Sums(datagram) => vec![datagram],
+            Reassurance::Amendment(id, datagrams) => {
+                self.amended += 1;
+                let name = id.map(tracing::field::display);
+                tracing::warn!(stream = %publisher.stream(), body = name, "a member's track was another");
+                datagrams
+            }
         }
     }
 }
@@ -140,17 +221,45 @@ pub(crate) struct Moment<'a> {
     pub(crate) notices: u64,
     /// A silent stream vouches at least once in so many ticks: one where somebody waits for this very tick.
     pub(crate) vouch_within: u32,
+    /// Ticks in a second, at least one.
+    pub(crate) second: Ticks,
 }
 
 /// All streams of a scene that somebody follows.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Streams {
     streams: Vec<Stream>,
+    /// What all reckoned streams speak of.
+    witness: Witness,
+}
+
+impl Default for Streams {
+    fn default() -> Self {
+        Self {
+            streams: Vec::new(),
+            witness: Witness::new(Ticks::ZERO),
+        }
+    }
 }
 
 impl Streams {
     pub(crate) fn get(&self, id: StreamId) -> Option<&Stream> {
         self.streams.iter().find(|stream| stream.id() == id)
+    }
+
+    pub(crate) fn get_mut(&mut self, id: StreamId) -> Option<&mut Stream> {
+        self.streams.iter_mut().find(|stream| stream.id() == id)
+    }
+
+    /// The datagrams of a stream's last tick.
+    pub(crate) fn packets(&self, id: StreamId) -> &[Bytes] {
+        self.get(id).map_or(&[], |stream| &stream.packets)
+    }
+
+    /// The stream of a choice, if somebody follows it.
+    pub(crate) fn of_choice(&self, choice: StreamChoice) -> Option<StreamId> {
+        let found = self.streams.iter().find(|stream| stream.choice == choice);
+        found.map(Stream::id)
     }
 
     /// The stream of a choice with one follower more, or what makes a new one.
@@ -176,7 +285,10 @@ impl Streams {
             source,
             followers: 1,
             silent_ticks: 0,
+            digest: (Tick::ZERO, 0),
+            amended: 0,
             packets: Vec::new(),
+            repairs: BTreeMap::new(),
         });
         self.streams.last_mut().expect("one was just added")
     }
@@ -212,8 +324,9 @@ impl Streams {
     }
 
     pub(crate) fn publish(&mut self, at: &Moment<'_>) {
+        self.witness.observe(at.tick, at.observations);
         for stream in &mut self.streams {
-            stream.publish(at);
+            stream.publish(at, &self.witness);
         }
     }
 }

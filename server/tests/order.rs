@@ -30,6 +30,7 @@ fn terms() -> SceneTerms {
             density: 1_000.0,
         },
         damping: Damping::default(),
+        sleep: None,
     }
 }
 

@@ -7,15 +7,15 @@ use core::num::NonZeroU32;
 
 use glam::{Quat, Vec3};
 use proptest::prelude::*;
-use rhumb_protocol::limits::{DAMPINGS_MAX, INDICES_MAX, SHAPES_MAX};
+use rhumb_protocol::limits::{DAMPINGS_MAX, INDICES_MAX, JOINTS_MAX, SHAPES_MAX};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, CommandError, IdRange, Invalid, Material, Pace, Quantity,
-    SceneTerms, Shape, ShapeId,
+    BodyKind, BodyTerms, Command, CommandError, Hull, IdRange, Invalid, Joint, JointFrame, JointId,
+    JointKind, JointLimits, Material, Pace, Quantity, SceneTerms, Shape, ShapeId,
 };
 use rhumb_protocol::stream::Observation;
-use rhumb_reckoning::{BodyId, Damping, Integrator, Rate, Tick, Twist, Verbatim};
-use rhumb_server::engine::{Engine, EngineFault, Newcomer, Push};
+use rhumb_reckoning::{BodyId, Damping, Inertia, Integrator, Rate, Tick, Twist, Verbatim};
+use rhumb_server::engine::{Engine, EngineFault, Newcomer, Push, Unfit};
 use rhumb_server::{Digest, Scene, SceneFault};
 
 fn terms() -> SceneTerms {
@@ -32,6 +32,7 @@ fn terms() -> SceneTerms {
             density: 1_000.0,
         },
         damping: Damping::default(),
+        sleep: None,
     }
 }
 
@@ -86,10 +87,11 @@ fn generations_of_an_index_only_grow() {
 fn a_shape_stays_while_a_body_has_it() {
     let mut scene = with_shape();
     let (id, shape) = (SHAPE, Shape::Ball { radius: 1.0 });
-    assert_eq!(
-        scene.apply(&Command::AddShape { id, shape }),
-        Err(CommandError::ShapeIdTaken(id))
-    );
+    let add = |id| Command::AddShape {
+        id,
+        shape: shape.clone(),
+    };
+    assert_eq!(scene.apply(&add(id)), Err(CommandError::ShapeIdTaken(id)));
     scene.apply(&body(0, 0, BodyKind::Dynamic)).unwrap();
     let remove = Command::RemoveShape { id };
     assert_eq!(scene.apply(&remove), Err(CommandError::ShapeInUse(id)));
@@ -103,7 +105,7 @@ fn a_shape_stays_while_a_body_has_it() {
     let unknown = scene.apply(&body(0, 1, BodyKind::Dynamic));
     assert_eq!(unknown, Err(CommandError::UnknownShape(id)));
     let id = ShapeId(SHAPES_MAX);
-    let beyond = scene.apply(&Command::AddShape { id, shape });
+    let beyond = scene.apply(&add(id));
     assert_eq!(beyond, Err(CommandError::UnknownShape(id)));
 }
 
@@ -162,6 +164,37 @@ fn there_is_an_end_to_different_dampings() {
 }
 
 #[test]
+fn a_joint_holds_two_bodies_that_live_under_a_free_number() {
+    let mut scene = with_shape();
+    let [a, b] = [0, 1].map(|index| BodyId::new(index, 0));
+    let add = |id, bodies| Command::AddJoint {
+        id,
+        joint: Joint {
+            kind: JointKind::Fixed,
+            bodies,
+            frames: [JointFrame::at(Vec3::ZERO); 2],
+            collide: false,
+        },
+    };
+    let id = JointId(7);
+    scene.apply(&body(0, 0, BodyKind::Static)).unwrap();
+    let answer = scene.apply(&add(id, [a, b]));
+    assert_eq!(answer, Err(CommandError::UnknownBody(b)));
+    scene.apply(&body(1, 0, BodyKind::Static)).unwrap();
+    let answer = scene.apply(&add(id, [b, b]));
+    assert_eq!(answer, Err(CommandError::JoinedToItself(b)));
+    let beyond = JointId(JOINTS_MAX);
+    let answer = scene.apply(&add(beyond, [a, b]));
+    assert_eq!(answer, Err(CommandError::UnknownJoint(beyond)));
+    scene.apply(&add(id, [a, b])).unwrap();
+    let answer = scene.apply(&add(id, [b, a]));
+    assert_eq!(answer, Err(CommandError::JointIdTaken(id)));
+    let remove = Command::RemoveJoint { id };
+    scene.apply(&remove).unwrap();
+    assert_eq!(scene.apply(&remove), Err(CommandError::UnknownJoint(id)));
+}
+
+#[test]
 fn terms_are_checked() {
     let mut wrong = terms();
     wrong.gravity.x = f32::NAN;
@@ -176,6 +209,13 @@ struct Double {
 }
 
 impl Engine for Double {
+    fn add_shape(&mut self, _: ShapeId, _: &Shape) -> Result<(), Unfit> {
+        Ok(())
+    }
+
+    fn remove_shape(&mut self, _: ShapeId) {}
+    fn add_joint(&mut self, _: JointId, _: &Joint) {}
+    fn remove_joint(&mut self, _: JointId) {}
     fn add(&mut self, _: &Newcomer) {}
     fn remove(&mut self, _: BodyId) {}
     fn set_pose(&mut self, _: BodyId, _: Vec3, _: Quat) {}
@@ -194,6 +234,10 @@ impl Engine for Double {
     fn observe(&self, _: &mut Vec<Observation>) {}
 
     fn observe_one(&self, _: BodyId) -> Option<Observation> {
+        None
+    }
+
+    fn inertia(&self, _: BodyId) -> Option<Inertia> {
         None
     }
 
@@ -278,8 +322,33 @@ fn extent() -> impl Strategy<Value = f32> {
     prop_oneof![16 => 0.1_f32..2.0, 1 => Just(1e-3), 1 => Just(1e4), 1 => absurd()]
 }
 
+/// Points on a coarse grid, so that many coincide, lie in lines and planes, or almost do.
+fn hull() -> impl Strategy<Value = Hull> {
+    let coordinate = || (-4_i8..=4).prop_map(|step| f32::from(step) * 0.25);
+    let point = (coordinate(), coordinate(), coordinate());
+    let points = prop::collection::vec(point, 4..60);
+    let sizes = (
+        extent(),
+        extent(),
+        prop_oneof![3 => Just(0.0), 1 => 0.0_f32..0.01],
+    );
+    (points, sizes, rotation()).prop_filter_map(
+        "its numbers are refused",
+        |(points, sizes, turn)| {
+            let (size, flatness, jitter) = sizes;
+            let spoiled = |(place, (x, y, z)): (usize, (f32, f32, f32))| {
+                let astray = jitter * (place % 7) as f32;
+                turn * (Vec3::new(x + astray, y * flatness, z - astray) * size)
+            };
+            let points: Vec<_> = points.into_iter().enumerate().map(spoiled).collect();
+            Hull::new(&points).ok()
+        },
+    )
+}
+
 fn shape() -> impl Strategy<Value = Shape> {
     prop_oneof![
+        hull().prop_map(Shape::Hull),
         extent().prop_map(|radius| Shape::Ball { radius }),
         (extent(), extent(), extent()).prop_map(|(x, y, z)| Shape::Cuboid {
             half_extents: Vec3::new(x, y, z)
@@ -343,6 +412,34 @@ fn push_wish() -> impl Strategy<Value = Option<Command>> {
     })
 }
 
+fn joint_id() -> impl Strategy<Value = JointId> {
+    prop_oneof![19 => (0..8_u32).prop_map(JointId), 1 => Just(JointId(JOINTS_MAX))]
+}
+
+fn limits() -> impl Strategy<Value = JointLimits> {
+    (number(-1.0, 0.5), number(0.0, 3.0)).prop_map(|(least, most)| JointLimits { least, most })
+}
+
+fn joint() -> impl Strategy<Value = Joint> {
+    let kind = prop_oneof![
+        Just(JointKind::Fixed),
+        prop::option::of([limits(), limits(), limits()]).prop_map(JointKind::Spherical),
+        prop::option::of(limits()).prop_map(JointKind::Revolute),
+        prop::option::of(limits()).prop_map(JointKind::Prismatic),
+    ];
+    let anchor = || prop_oneof![9 => vector(1.0), 1 => vector(1e4)];
+    let frame =
+        || (anchor(), rotation()).prop_map(|(anchor, rotation)| JointFrame { anchor, rotation });
+    (kind, [id(), id()], [frame(), frame()], any::<bool>()).prop_map(
+        |(kind, bodies, frames, collide)| Joint {
+            kind,
+            bodies,
+            frames,
+            collide,
+        },
+    )
+}
+
 fn wish() -> impl Strategy<Value = Option<Command>> {
     let position = prop_oneof![5 => vector(2.0), 1 => vector(1e5)];
     let pose = (id(), position, rotation()).prop_map(|(id, position, rotation)| Command::SetPose {
@@ -361,6 +458,8 @@ fn wish() -> impl Strategy<Value = Option<Command>> {
         1 => shape_id().prop_map(|id| Some(Command::RemoveShape { id })),
         8 => body_wish(),
         2 => id().prop_map(|id| Some(Command::RemoveBody { id })),
+        5 => (joint_id(), joint()).prop_map(|(id, joint)| Some(Command::AddJoint { id, joint })),
+        1 => joint_id().prop_map(|id| Some(Command::RemoveJoint { id })),
         2 => pose.prop_map(Some),
         2 => velocity.prop_map(Some),
         4 => push_wish(),
@@ -376,6 +475,7 @@ struct Seen {
     all: Vec<Observation>,
     bodies: Vec<BodyTerms>,
     shapes: Vec<(ShapeId, Shape)>,
+    joints: Vec<(JointId, Joint)>,
     gravity: Vec3,
     tick: Tick,
     digest: Digest,
@@ -388,7 +488,15 @@ impl Seen {
         Self {
             all,
             bodies: scene.bodies().copied().collect(),
-            shapes: scene.shapes().map(|(id, shape)| (id, *shape)).collect(),
+            shapes: scene
+                .shapes()
+                .map(|(id, shape)| (id, shape.clone()))
+                .collect(),
+            joints: scene
+                .joints()
+                .iter()
+                .map(|(id, joint)| (id, *joint))
+                .collect(),
             gravity: scene.gravity(),
             tick: scene.tick(),
             digest: scene.digest(),

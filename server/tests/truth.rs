@@ -8,12 +8,12 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::limits::{COORDINATE_MAX, FORCE_MAX};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, Material, Pace, SceneTerms, Shape, ShapeId,
+    BodyKind, BodyTerms, Command, CommandError, Hull, Joint, JointFrame, JointId, JointKind,
+    JointLimits, Material, Pace, SceneTerms, Shape, ShapeId, SleepTerms,
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, Damping, Integrator, Rate, Verbatim};
-use rhumb_server::{Digest, Scene};
-use rhumb_sims::{NAMES, Script, by_name};
+use rhumb_server::Scene;
 
 const FLOOR: BodyId = BodyId::new(0, 0);
 const BALL: BodyId = BodyId::new(1, 0);
@@ -35,6 +35,7 @@ fn terms() -> SceneTerms {
             linear: 0.0,
             angular: 0.5,
         },
+        sleep: None,
     }
 }
 
@@ -140,6 +141,38 @@ fn a_body_that_falls_asleep_is_seen_once_more() {
     scene.observe_all(&mut all);
     assert_eq!(all.len(), 2);
     assert!(all.iter().all(|one| one.activity == Activity::Asleep));
+}
+
+#[test]
+fn bodies_sleep_when_their_scene_says() {
+    let sleeps_after = |sleep| {
+        let mut scene =
+            Scene::new(SceneTerms { sleep, ..terms() }).expect("the test makes it valid");
+        scene
+            .apply(&Command::SetGravity {
+                gravity: Vec3::ZERO,
+            })
+            .unwrap();
+        let (id, shape) = (ShapeId(1), Shape::Ball { radius: 0.5 });
+        scene.apply(&Command::AddShape { id, shape }).unwrap();
+        let slow = motion(Vec3::ZERO, Vec3::new(0.2, 0.0, 0.0));
+        add(&mut scene, BALL, BodyKind::Dynamic, 1, slow);
+        (1..=120).find(|_| {
+            scene
+                .step()
+                .expect("an engine of Rapier steps what it was given");
+            scene.awake_count() == 0
+        })
+    };
+    let terms = |speed, seconds| Some(SleepTerms { speed, seconds });
+    assert_eq!(sleeps_after(None), None);
+    assert_eq!(sleeps_after(terms(0.19, 0.1)), None);
+    let soon = sleeps_after(terms(0.21, 0.1)).expect("it is still");
+    let later = sleeps_after(terms(0.21, 1.0)).expect("it is still");
+    assert!(
+        (6..10).contains(&soon) && (60..64).contains(&later),
+        "{soon}, {later}"
+    );
 }
 
 #[test]
@@ -296,6 +329,25 @@ fn a_kinematic_body_keeps_its_velocity_and_goes_where_it_is_told() {
 }
 
 #[test]
+fn a_rotation_by_its_other_quaternion_is_no_turn() {
+    let mut scene = empty();
+    let place = motion(Vec3::ZERO, Vec3::ZERO);
+    add(&mut scene, BALL, BodyKind::Kinematic, 1, place);
+    let id = BALL;
+    for rotation in [Quat::IDENTITY, -Quat::IDENTITY, Quat::IDENTITY] {
+        let position = Vec3::ZERO;
+        let there = Command::SetPose {
+            id,
+            position,
+            rotation,
+        };
+        scene.apply(&there).unwrap();
+        let parts = seen(&mut scene)[0].motion.parts();
+        assert!(parts[7..].iter().all(|part| part.abs() < 1e-3), "{parts:?}");
+    }
+}
+
+#[test]
 fn a_body_that_leaves_the_world_is_removed_with_its_cause() {
     let mut scene = empty();
     let edge = Vec3::new(COORDINATE_MAX - 1.0, 0.0, 0.0);
@@ -344,93 +396,190 @@ fn a_blow_beyond_measure_costs_no_body() {
     }
 }
 
-/// Runs a script and hands each tick's observations to `check`.
-fn run(script: &mut dyn Script, ticks: u32, mut check: impl FnMut(&Scene)) -> Scene {
-    let mut scene = Scene::new(script.terms()).expect("the test makes it valid");
-    let mut commands = Vec::new();
-    for _ in 0..ticks {
-        commands.clear();
-        script.commands(scene.tick(), &mut commands);
-        for command in &commands {
-            let answer = scene.apply(command);
-            assert_eq!(answer, Ok(()), "{command:?} at {}", scene.tick());
-        }
-        assert_eq!(
-            scene
-                .step()
-                .expect("an engine of Rapier steps what it was given")
-                .removed,
-            []
-        );
-        check(&scene);
+/// The corners of a box, given from its centre.
+fn box_hull(half: Vec3) -> Shape {
+    let corner = |place: u8| {
+        let side = |bit: u8| if place & bit == 0 { -1.0 } else { 1.0 };
+        half * Vec3::new(side(1), side(2), side(4))
+    };
+    let corners: Vec<_> = (0..8).map(corner).collect();
+    Shape::Hull(Hull::new(&corners).expect("the test makes it valid"))
+}
+
+#[test]
+fn a_hull_has_its_bodys_origin_for_centre_of_mass_and_its_solids_mass() {
+    let half = Vec3::new(0.5, 0.25, 1.0);
+    let thrown = |shape: Shape| {
+        let mut scene = empty();
+        let id = ShapeId(2);
+        scene.apply(&Command::AddShape { id, shape }).unwrap();
+        let place = motion(Vec3::ZERO, Vec3::ZERO);
+        add(&mut scene, BALL, BodyKind::Dynamic, 2, place);
+        scene
+            .apply(&Command::SetGravity {
+                gravity: Vec3::ZERO,
+            })
+            .unwrap();
+        let (force, torque) = (Vec3::new(600.0, 0.0, 0.0), Vec3::new(0.0, 50.0, 9.0));
+        scene.apply(&Command::Force { id: BALL, force }).unwrap();
+        scene.apply(&Command::Torque { id: BALL, torque }).unwrap();
+        seen(&mut scene);
+        seen(&mut scene)[0].motion.parts()
+    };
+    let (hull, cuboid) = (
+        thrown(box_hull(half)),
+        thrown(Shape::Cuboid { half_extents: half }),
+    );
+    for (one, other) in hull.into_iter().zip(cuboid) {
+        assert!((one - other).abs() < 1e-5, "{hull:?} is not {cuboid:?}");
     }
+    // Of a corner off all its neighbours by as much, the origin stays the centre.
+    let corner = Hull::new(&[Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z]).unwrap();
+    let pushed = thrown(Shape::Hull(corner));
+    let speed = 600.0 / 60.0 / (1_000.0 / 6.0);
+    assert!((pushed[7] - speed).abs() < 1e-5, "{pushed:?}");
+    assert!(pushed[8..10].iter().all(|part| part.abs() < 1e-6));
+}
+
+#[test]
+fn hulls_come_to_rest_on_a_floor() {
+    let mut scene = ball_on_floor();
+    let id = ShapeId(2);
+    let shape = box_hull(Vec3::splat(0.5));
+    scene.apply(&Command::AddShape { id, shape }).unwrap();
+    let box_id = BodyId::new(2, 0);
+    let place = motion(Vec3::new(3.0, 2.0, 0.0), Vec3::ZERO);
+    add(&mut scene, box_id, BodyKind::Dynamic, 2, place);
+    fall_asleep(&mut scene);
+    let [_, height, _] = scene.observation(box_id).unwrap().motion.position();
+    assert!((height - 0.5).abs() < 0.02, "{height}");
+}
+
+const JOINT: JointId = JointId(3);
+
+/// The ball half a metre beneath the middle of a slab that floats, held to it.
+fn ball_held(kind: JointKind) -> Scene {
+    let mut scene = empty();
+    let (slab, ball) = (Vec3::ZERO, Vec3::new(0.0, -2.0, 0.0));
+    add(
+        &mut scene,
+        FLOOR,
+        BodyKind::Static,
+        0,
+        motion(slab, Vec3::ZERO),
+    );
+    add(
+        &mut scene,
+        BALL,
+        BodyKind::Dynamic,
+        1,
+        motion(ball, Vec3::ZERO),
+    );
+    let joint = Joint {
+        kind,
+        bodies: [FLOOR, BALL],
+        frames: [
+            JointFrame::at(Vec3::new(0.0, -1.0, 0.0)),
+            JointFrame::at(Vec3::new(0.0, 1.0, 0.0)),
+        ],
+        collide: false,
+    };
+    scene
+        .apply(&Command::AddJoint { id: JOINT, joint })
+        .expect("the test makes it valid");
     scene
 }
 
-#[test]
-fn one_seed_gives_one_truth_and_a_trace_gives_its_digest() {
-    for name in NAMES {
-        let script = |seed| by_name(name, 30, seed).unwrap();
-        let mut traced = Digest::START;
-        let scene = run(script(1).as_mut(), 400, |scene| {
-            traced.fold_tick(scene.tick(), scene.observations());
-            let ids = scene.observations().iter().map(|one| one.id);
-            assert!(ids.is_sorted_by(|a, b| a < b));
-        });
-        assert_eq!(scene.digest(), traced);
-        let again = run(script(1).as_mut(), 400, |_| {});
-        assert_eq!(scene.digest(), again.digest(), "{name}");
-        let other = run(script(2).as_mut(), 400, |_| {});
-        assert_ne!(scene.digest(), other.digest(), "{name}");
-    }
-}
-
-/// Measured once; another value means that every recorded trace and every other machine disagrees with this build.
-#[test]
-fn the_truth_is_the_same_to_the_bit_in_every_build() {
-    for (name, digest) in [
-        ("ball-pit", 0x1761_74c9_5f0f_5f77),
-        ("free-fall", 0x7caf_2e48_1470_0023),
-        ("zoo", 0xeab5_48b7_1ab7_7f7f),
-    ] {
-        let scene = run(by_name(name, 50, 1).unwrap().as_mut(), 600, |_| {});
-        assert_eq!(scene.digest().value(), digest, "{name}: {}", scene.digest());
-    }
+fn place(scene: &Scene, id: BodyId) -> Vec3 {
+    Vec3::from_array(
+        scene
+            .observation(id)
+            .expect("it is there")
+            .motion
+            .position(),
+    )
 }
 
 #[test]
-fn what_an_observation_leaves_out_has_not_changed() {
-    let mut known = std::collections::BTreeMap::new();
-    let mut script = by_name("zoo", 20, 5).unwrap();
-    run(script.as_mut(), 1_500, |scene| {
-        for one in scene.observations() {
-            known.insert(one.id, one.motion);
+fn a_joint_leaves_free_what_its_kind_says() {
+    let push = Vec3::new(0.0, 0.0, 900.0);
+    let along = |kind| {
+        let mut scene = ball_held(kind);
+        scene
+            .apply(&Command::Impulse {
+                id: BALL,
+                impulse: push,
+            })
+            .unwrap();
+        for _ in 0..20 {
+            seen(&mut scene);
         }
-        let mut all = Vec::new();
-        scene.observe_all(&mut all);
-        assert_eq!(all.len(), scene.body_count());
-        for one in all {
-            let before = *known.entry(one.id).or_insert(one.motion);
-            assert_eq!(before, one.motion, "{} at {}", one.id, scene.tick());
-        }
-    });
-}
-
-#[test]
-fn no_ball_leaves_the_pit() {
-    let mut script = by_name("ball-pit", 500, 11).unwrap();
-    let balls = |scene: &Scene| {
-        let dynamic = |terms: &&BodyTerms| terms.kind == BodyKind::Dynamic;
-        scene.bodies().filter(dynamic).count()
+        place(&scene, BALL)
     };
-    let scene = run(script.as_mut(), 1_800, |_| {});
-    assert_eq!(balls(&scene), 500);
-    let mut all = Vec::new();
-    scene.observe_all(&mut all);
-    for one in all {
-        if scene.body(one.id).unwrap().kind == BodyKind::Dynamic {
-            let [x, y, z] = one.motion.position();
-            assert!(x.abs() < 105.0 && z.abs() < 105.0 && y > -1.0);
-        }
+    let still = Vec3::new(0.0, -2.0, 0.0);
+    // Along z a pendulum about x swings, and nothing slides along x.
+    assert!((along(JointKind::Fixed) - still).length() < 0.02);
+    assert!((along(JointKind::Prismatic(None)) - still).length() < 0.02);
+    for kind in [JointKind::Revolute(None), JointKind::Spherical(None)] {
+        let swung = along(kind);
+        assert!(swung.z > 0.3, "{kind:?}: {swung}");
+        assert!(((swung - Vec3::NEG_Y).length() - 1.0).abs() < 0.02);
     }
+    let narrow = JointLimits {
+        least: -0.1,
+        most: 0.1,
+    };
+    let held = along(JointKind::Revolute(Some(narrow)));
+    assert!(held.z > 0.02 && held.z < 0.15, "{held}");
+    let held = along(JointKind::Spherical(Some([narrow; 3])));
+    assert!(held.z > 0.02 && held.z < 0.15, "{held}");
+}
+
+#[test]
+fn a_joint_goes_when_it_is_told_to_or_with_a_body_and_wakes_what_it_held() {
+    for command in [
+        Command::RemoveJoint { id: JOINT },
+        Command::RemoveBody { id: FLOOR },
+    ] {
+        let mut scene = ball_held(JointKind::Fixed);
+        fall_asleep(&mut scene);
+        scene.apply(&command).unwrap();
+        assert_eq!(scene.joints().iter().count(), 0);
+        for _ in 0..30 {
+            seen(&mut scene);
+        }
+        assert!(place(&scene, BALL).y < -3.0, "{command:?}");
+        let answer = scene.apply(&Command::RemoveJoint { id: JOINT });
+        assert_eq!(answer, Err(CommandError::UnknownJoint(JOINT)));
+    }
+}
+
+#[test]
+fn a_body_that_is_lost_takes_its_joints_along() {
+    let mut scene = ball_held(JointKind::Spherical(None));
+    scene.apply(&Command::RemoveJoint { id: JOINT }).unwrap();
+    let other = BodyId::new(2, 0);
+    let edge = Vec3::new(COORDINATE_MAX - 1.0, 0.0, 0.0);
+    let out = Vec3::new(300.0, 0.0, 0.0);
+    add(&mut scene, other, BodyKind::Dynamic, 1, motion(edge, out));
+    let joint = Joint {
+        kind: JointKind::Prismatic(None),
+        bodies: [FLOOR, other],
+        frames: [JointFrame::at(Vec3::ZERO); 2],
+        collide: true,
+    };
+    scene
+        .apply(&Command::AddJoint { id: JOINT, joint })
+        .unwrap();
+    let stepped = scene.step().unwrap();
+    assert_eq!(stepped.removed, [(other, RemovalCause::LeftWorld)]);
+    assert_eq!(scene.joints().iter().count(), 0);
+    let joint = Joint {
+        bodies: [FLOOR, BALL],
+        ..joint
+    };
+    scene
+        .apply(&Command::AddJoint { id: JOINT, joint })
+        .unwrap();
+    seen(&mut scene);
 }

@@ -161,6 +161,7 @@ impl Script for BallPit {
                 linear: 0.0,
                 angular: 0.05,
             },
+            sleep: None,
         }
     }
 

@@ -33,6 +33,21 @@ impl Chance {
         Vec3::new(x, y, z)
     }
 
+    /// A point in the ball of radius one, evenly spread.
+    pub(crate) fn in_ball(&mut self) -> Vec3 {
+        loop {
+            let drawn = self.vector();
+            let squared: f64 = drawn
+                .to_array()
+                .map(|part| f64::from(part) * f64::from(part))
+                .iter()
+                .sum();
+            if squared <= 1.0 {
+                return drawn;
+            }
+        }
+    }
+
     /// A number below `count`, which is not zero.
     pub(crate) fn below(&mut self, count: u32) -> u32 {
         ((u64::from(self.draws.next_u32()) * u64::from(count)) >> 32) as u32

@@ -49,6 +49,7 @@ impl Script for FreeFall {
                 density: 1_000.0,
             },
             damping: Damping::default(),
+            sleep: None,
         }
     }
 

@@ -4,14 +4,34 @@
 //! bodies and a seed fix every bit of every command on every platform.
 #![forbid(unsafe_code)]
 
+mod asteroids;
 mod ball_pit;
+mod cast;
 mod chance;
 mod cluster;
+mod controller;
+mod cubes;
+mod dominoes;
 mod free_fall;
+mod ragdolls;
+mod rain;
+mod rest;
+mod rock;
 mod script;
+mod stack;
+mod tumbler;
 mod zoo;
 
+pub use asteroids::{Asteroids, Spin};
 pub use ball_pit::BallPit;
+pub use controller::Controller;
+pub use cubes::Cubes;
+pub use dominoes::Dominoes;
 pub use free_fall::FreeFall;
-pub use script::{NAMES, Script, by_name};
+pub use ragdolls::Ragdolls;
+pub use rain::Rain;
+pub use rest::Rest;
+pub use script::{NAMES, Script, by_name, default_bodies};
+pub use stack::Stack;
+pub use tumbler::Tumbler;
 pub use zoo::Zoo;

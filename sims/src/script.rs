@@ -8,7 +8,10 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{Command, SceneTerms};
 use rhumb_reckoning::{Integrator, Rate, Tick, Verbatim};
 
-use crate::{BallPit, FreeFall, Zoo};
+use crate::controller::Controller;
+use crate::{
+    Asteroids, BallPit, Cubes, Dominoes, FreeFall, Ragdolls, Rain, Rest, Spin, Stack, Tumbler, Zoo,
+};
 
 /// A scene as a sequence of commands.
 ///
@@ -25,20 +28,66 @@ pub trait Script: Send {
     ///
     /// Called once for each tick, from [`Tick::ZERO`] on without a gap.
     fn commands(&mut self, tick: Tick, out: &mut Vec<Command>);
+
+    /// What acts beside the engine, if anything does; the same each time it is asked for.
+    fn controller(&self) -> Option<Box<dyn Controller>> {
+        None
+    }
 }
 
 /// The scripts that [`by_name`] knows.
-pub const NAMES: [&str; 3] = ["ball-pit", "free-fall", "zoo"];
+pub const NAMES: [&str; 12] = [
+    "ball-pit",
+    "asteroids",
+    "asteroids-plain",
+    "rest-10k",
+    "cubes",
+    "ragdolls",
+    "stack",
+    "dominoes",
+    "tumbler",
+    "rain",
+    "free-fall",
+    "zoo",
+];
 
-/// A script with about so many moving bodies; what a ball pit makes of the number is said at [`BallPit::sized`].
+/// How many bodies a script of this name has unless somebody says otherwise; the ball pit has several such numbers.
+#[must_use]
+pub fn default_bodies(name: &str) -> Option<&'static [u32]> {
+    Some(match name {
+        "ball-pit" => &[BallPit::BALLS_PER_CYCLE, 1_000, 2_000],
+        "asteroids" | "asteroids-plain" => &[Asteroids::ROCKS],
+        "rest-10k" => &[Rest::BOXES],
+        "cubes" => &[Cubes::BODIES],
+        "ragdolls" => &[Ragdolls::BODIES],
+        "stack" => &[Stack::BODIES],
+        "dominoes" => &[Dominoes::STONES],
+        "tumbler" => &[Tumbler::BODIES],
+        "rain" => &[Rain::PROJECTILES],
+        "free-fall" => &[200],
+        "zoo" => &[50],
+        _ => return None,
+    })
+}
+
+/// A script with about so many moving bodies; what a script makes of the number is said where it is made.
 #[must_use]
 pub fn by_name(name: &str, bodies: u32, seed: u64) -> Option<Box<dyn Script>> {
-    match name {
-        "ball-pit" => Some(Box::new(BallPit::sized(bodies, seed))),
-        "free-fall" => Some(Box::new(FreeFall::new(bodies, seed))),
-        "zoo" => Some(Box::new(Zoo::new(bodies, seed))),
-        _ => None,
-    }
+    Some(match name {
+        "ball-pit" => Box::new(BallPit::sized(bodies, seed)),
+        "asteroids" => Box::new(Asteroids::new(bodies, seed, Spin::Gyroscopic)),
+        "asteroids-plain" => Box::new(Asteroids::new(bodies, seed, Spin::Plain)),
+        "rest-10k" => Box::new(Rest::new(bodies, seed)),
+        "cubes" => Box::new(Cubes::new(bodies, seed)),
+        "ragdolls" => Box::new(Ragdolls::new(bodies, seed)),
+        "stack" => Box::new(Stack::new(bodies, seed)),
+        "dominoes" => Box::new(Dominoes::new(bodies, seed)),
+        "tumbler" => Box::new(Tumbler::new(bodies, seed)),
+        "rain" => Box::new(Rain::new(bodies, seed)),
+        "free-fall" => Box::new(FreeFall::new(bodies, seed)),
+        "zoo" => Box::new(Zoo::new(bodies, seed)),
+        _ => return None,
+    })
 }
 
 /// Sixty ticks a second in four substeps, as all scenes here step.
@@ -64,4 +113,36 @@ pub(crate) fn motion(position: Vec3, rotation: Quat, linear: Vec3, angular: Vec3
 /// A place without movement.
 pub(crate) fn still(position: Vec3) -> Verbatim {
     motion(position, Quat::IDENTITY, Vec3::ZERO, Vec3::ZERO)
+}
+
+#[cfg(test)]
+mod tests {
+    use rhumb_protocol::limits::{INDICES_MAX, JOINTS_MAX, SHAPES_MAX};
+
+    use super::*;
+
+    #[test]
+    fn every_script_begins_within_the_limits_however_many_bodies_are_asked_for() {
+        for name in NAMES {
+            let usual = default_bodies(name).expect("a name of the list")[0];
+            for bodies in [0, 1, usual, 100_000] {
+                let mut script = by_name(name, bodies, 1).expect("a name of the list");
+                assert_eq!(script.name(), name);
+                assert_eq!(script.terms().check(), Ok(()));
+                let mut commands = Vec::new();
+                script.commands(Tick::ZERO, &mut commands);
+                for command in &commands {
+                    assert_eq!(command.check(), Ok(()), "{name} of {bodies}: {command:?}");
+                    let named = match *command {
+                        Command::AddShape { id, .. } => id.0 < SHAPES_MAX,
+                        Command::AddBody { terms, .. } => terms.id.index() < INDICES_MAX,
+                        Command::AddJoint { id, .. } => id.0 < JOINTS_MAX,
+                        _ => true,
+                    };
+                    assert!(named, "{name} of {bodies}: {command:?}");
+                }
+            }
+        }
+        assert!(by_name("nothing", 1, 1).is_none() && default_bodies("nothing").is_none());
+    }
 }

@@ -1,11 +1,12 @@
 //! A scene that uses every command there is, for tests.
 //!
-//! Means nothing: boxes, balls, capsules and cylinders on a floor, kinematic platforms among them, and commands at
-//! random that a lone member may give. Every one of its commands is meant to be accepted.
+//! Means nothing: boxes, balls, capsules, cylinders and hulls on a floor, kinematic platforms and a pendulum among them,
+//! and commands at random that a lone member may give. Every one of its commands is meant to be accepted.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, Material, Pace, SceneTerms, Shape, ShapeId,
+    BodyKind, BodyTerms, Command, Hull, Joint, JointFrame, JointId, JointKind, JointLimits,
+    Material, Pace, SceneTerms, Shape, ShapeId,
 };
 use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
 
@@ -18,23 +19,26 @@ use crate::script::{GRAVITY, INTEGRATOR, Script, motion, still};
 pub struct Zoo {
     bodies: u32,
     chance: Chance,
-    /// The generations of the dynamic bodies, whose indices follow those of [`FIRST`].
+    /// The generations of the bodies that stand alone, whose indices follow those of [`FIRST`].
     generations: Vec<u16>,
+    /// Of the pendulum's lower part.
+    bob: u16,
 }
 
 impl Zoo {
-    /// So many dynamic bodies, one at least.
+    /// So many dynamic bodies that stand alone, one at least.
     #[must_use]
     pub fn new(bodies: u32, seed: u64) -> Self {
         Self {
             bodies: bodies.max(1),
             chance: Chance::new(seed),
             generations: Vec::new(),
+            bob: 0,
         }
     }
 
     fn begin(&mut self, out: &mut Vec<Command>) {
-        for (shape, number) in SHAPES.into_iter().zip(0..) {
+        for (shape, number) in SHAPES.into_iter().chain([wedge()]).zip(0..) {
             let id = ShapeId(number);
             out.push(Command::AddShape { id, shape });
         }
@@ -50,12 +54,34 @@ impl Zoo {
             linear: Vec3::ZERO,
             angular: Vec3::new(0.0, 0.5, 0.0),
         });
+        out.push(Command::AddJoint {
+            id: HINGE,
+            joint: hanging(POST, ARM, JointKind::Revolute(None)),
+        });
+        self.hang_bob(out);
         let mut places = self.chance.clone();
         for (position, place) in CLUSTER.places(self.bodies, &mut places).zip(0..) {
             self.generations.push(0);
             let motion = motion(position, self.chance.rotation(), Vec3::ZERO, Vec3::ZERO);
             self.add(place, motion, out);
         }
+    }
+
+    /// Adds the pendulum's lower part, each time by another joint.
+    fn hang_bob(&mut self, out: &mut Vec<Command>) {
+        let id = BodyId::new(BOB, self.bob);
+        out.push(Command::AddBody {
+            terms: BodyTerms::plain(id, BodyKind::Dynamic, WEDGE),
+            motion: still(Vec3::new(8.0, 2.5, 8.0)),
+        });
+        let limits = |most: f32| JointLimits { least: -most, most };
+        let kind = match self.bob % 3 {
+            0 => JointKind::Spherical(Some([limits(0.5), limits(1.0), limits(0.5)])),
+            1 => JointKind::Prismatic(Some(limits(0.5))),
+            _ => JointKind::Fixed,
+        };
+        let joint = hanging(ARM, id, kind);
+        out.push(Command::AddJoint { id: LINK, joint });
     }
 
     /// Adds the next body of a place.
@@ -133,7 +159,7 @@ impl Zoo {
     }
 
     /// What happens by the clock.
-    fn routine(tick: u64, out: &mut Vec<Command>) {
+    fn routine(&mut self, tick: u64, out: &mut Vec<Command>) {
         if tick.is_multiple_of(120) {
             let there = if tick.is_multiple_of(240) { 1.0 } else { -1.0 };
             out.push(Command::SetVelocity {
@@ -160,6 +186,18 @@ impl Zoo {
                 id: SPARE,
                 shape: Shape::Ball { radius: 0.1 },
             }),
+            // The link goes by itself, and the next time with the body.
+            200 => out.push(Command::RemoveJoint { id: LINK }),
+            220 => {
+                let joint = hanging(ARM, BodyId::new(BOB, self.bob), JointKind::Spherical(None));
+                out.push(Command::AddJoint { id: LINK, joint });
+            }
+            450 => {
+                let id = BodyId::new(BOB, self.bob);
+                out.push(Command::RemoveBody { id });
+                self.bob += 1;
+                self.hang_bob(out);
+            }
             _ => {}
         }
     }
@@ -184,6 +222,7 @@ impl Script for Zoo {
                 linear: 0.05,
                 angular: 0.1,
             },
+            sleep: None,
         }
     }
 
@@ -191,7 +230,7 @@ impl Script for Zoo {
         if tick == Tick::ZERO {
             self.begin(out);
         }
-        Self::routine(tick.value(), out);
+        self.routine(tick.value(), out);
         // A second in four is left alone, so that bodies come to rest.
         if tick.value() % 240 < 180 && tick.value() % 6 == 3 {
             self.meddle(out);
@@ -199,7 +238,7 @@ impl Script for Zoo {
     }
 }
 
-/// By number; the last is nobody's.
+/// By number; the last is nobody's, and [`WEDGE`] follows.
 const SHAPES: [Shape; 7] = [
     Shape::Cuboid {
         half_extents: Vec3::new(30.0, 1.0, 30.0),
@@ -223,25 +262,56 @@ const SHAPES: [Shape; 7] = [
 ];
 
 /// The shapes of dynamic bodies.
-const MOVING: [u32; 4] = [2, 3, 4, 5];
+const MOVING: [u32; 5] = [2, 3, 4, 5, WEDGE.0];
 
 const SPARE: ShapeId = ShapeId(6);
+const WEDGE: ShapeId = ShapeId(7);
 
-/// Floor, step, carousel, lift and paddle: index, kind, shape, place.
-const FIXTURES: [(u32, BodyKind, u32, Vec3); 5] = [
+/// A prism over a triangle, around its centre of mass.
+fn wedge() -> Shape {
+    let corners = [(-0.3, -0.2), (0.6, -0.2), (-0.3, 0.4)];
+    let at = |z: f32| corners.map(|(x, y)| Vec3::new(x, y, z));
+    let points = [at(-0.4), at(0.4)].concat();
+    Shape::Hull(Hull::new(&points).expect("it has room inside"))
+}
+
+/// The second body hangs from the first by a metre: half of it in each.
+fn hanging(first: BodyId, second: BodyId, kind: JointKind) -> Joint {
+    let half = Vec3::new(0.0, 0.5, 0.0);
+    Joint {
+        kind,
+        bodies: [first, second],
+        frames: [JointFrame::at(-half), JointFrame::at(half)],
+        collide: false,
+    }
+}
+
+/// Between the post and the arm.
+const HINGE: JointId = JointId(0);
+/// Between the arm and the bob.
+const LINK: JointId = JointId(1);
+
+/// Floor, step, carousel, lift, paddle, post and arm: index, kind, shape, place.
+const FIXTURES: [(u32, BodyKind, u32, Vec3); 7] = [
     (0, BodyKind::Static, 0, Vec3::new(0.0, -1.0, 0.0)),
     (1, BodyKind::Static, 1, Vec3::new(6.0, 0.5, 0.0)),
     (2, BodyKind::Kinematic, 1, Vec3::new(0.0, 0.3, 0.0)),
     (3, BodyKind::Kinematic, 1, Vec3::new(-6.0, 1.0, 0.0)),
     (4, BodyKind::Kinematic, 1, Vec3::new(-2.0, 0.6, 5.0)),
+    (5, BodyKind::Static, 2, Vec3::new(8.0, 4.5, 8.0)),
+    (6, BodyKind::Dynamic, 4, Vec3::new(8.0, 3.5, 8.0)),
 ];
 
 const STEP: BodyId = BodyId::new(1, 0);
 const CAROUSEL: BodyId = BodyId::new(2, 0);
 const LIFT: BodyId = BodyId::new(3, 0);
 const PADDLE: BodyId = BodyId::new(4, 0);
-/// Index of the first dynamic body.
-const FIRST: u32 = FIXTURES.len() as u32;
+const POST: BodyId = BodyId::new(5, 0);
+const ARM: BodyId = BodyId::new(6, 0);
+/// Index of the pendulum's lower part.
+const BOB: u32 = FIXTURES.len() as u32;
+/// Index of the first dynamic body that stands alone.
+const FIRST: u32 = BOB + 1;
 
 const CLUSTER: Cluster = Cluster {
     centre: Vec3::new(0.0, 6.0, 0.0),

@@ -40,7 +40,8 @@ class Checks:
             r.gravity_of(singles(case["scene"]), singles(case["scale"])[0]) for case in vectors["gravities"]
         ]
         self.grids_of = [
-            r.Grid.of(case["micrometres"], doubles(case["radius"])[0]) for case in vectors["grids"]
+            r.Grid.of(case["micrometres"], doubles(case["radius"])[0], case.get("microradians"))
+            for case in vectors["grids"]
         ]
 
     def flows(self, case):
@@ -61,12 +62,24 @@ class Checks:
         end = r.predicted(case["law"], start, case["elapsed"], gravity, flow)
         yield case["end"], bits64(end.numbers())
 
+    def inertias(self, case):
+        inertia = r.Inertia.of(singles(case["moments"]), singles(case["frame"]))
+        yield case["equal"], inertia and int(inertia.is_equal())
+
+    def tumblings(self, case):
+        start = r.verbatim_motion(singles(self.vectors["starts"][case["start"]]["verbatim"]))
+        flow, gravity = self.flows_of[case["integrator"]], self.gravities_of[case["gravity"]]
+        said = self.vectors["inertias"][case["inertia"]]
+        inertia = r.Inertia.of(singles(said["moments"]), singles(said["frame"]))
+        end = r.predicted(case["law"], start, case["elapsed"], gravity, flow, inertia)
+        yield case["end"], bits64(end.numbers())
+
     def radii(self, case):
         yield case["radius"], bits64([r.bounding_radius(case["shape"], singles(case["extents"]))])
 
     def grids(self, case):
-        grid = r.Grid.of(case["micrometres"], doubles(case["radius"])[0])
-        yield case["steps"], bits64([grid.position, grid.turn, grid.linear, grid.angular])
+        grid = r.Grid.of(case["micrometres"], doubles(case["radius"])[0], case.get("microradians"))
+        yield case["steps"], bits64([grid.position, grid.fine, grid.turn, grid.linear, grid.angular])
 
     def packings(self, case):
         packed = r.packed(doubles(case["rotation"]))
@@ -84,10 +97,12 @@ class Checks:
 
     def residuals(self, case):
         grid = self.grids_of[case["grid"]]
-        parts = ("position", "turn", "linear", "angular")
-        residual = r.Residual(*(tuple(case[part + "_residual"]) for part in parts))
-        predicted = r.Motion.of(doubles(case["predicted"]))
-        yield from same_snapped(case, residual.onto(predicted, grid), grid)
+        parts = (case[part + "_residual"] for part in ("position", "turn", "linear", "angular"))
+        residual = r.Residual(*(steps and tuple(steps) for steps in parts))
+        over = r.astray(case["law"], case["age"], self.flows_of[case["integrator"]].dt)
+        yield case["over"], bits64([over])
+        said = residual.onto(r.Motion.of(doubles(case["predicted"])), over, grid)
+        yield from same_snapped(case, said, grid)
 
     def tracks(self, case):
         grid = self.grids_of[case["grid"]]
@@ -99,8 +114,21 @@ class Checks:
         end = r.predicted(case["law"], anchor.motion(grid), elapsed, gravity, flow)
         yield case["end"], bits64(end.numbers())
 
+    def holdings(self, case):
+        grid = self.grids_of[case["grid"]]
+        carrier, body = (r.Motion.of(doubles(case[name])) for name in ("carrier", "body"))
+        seen = r.seen_from(carrier, body)
+        yield case["seen"], bits64(seen.numbers())
+        said = r.Snapped.of(seen, grid)
+        yield from same_snapped(case, said, grid)
+        yield case["carried"], bits64(r.carried(carrier, said.motion(grid)).numbers())
+
 
 def same_snapped(case, snapped, grid):
+    """A snapped motion, or None where what would say it is refused, and what it means."""
+    if snapped is None or case["means"] is None:
+        yield case["means"], snapped
+        return
     rotation = (case["largest"], tuple(case["others"]))
     expected = (tuple(case["position"]), rotation, tuple(case["linear"]), tuple(case["angular"]))
     yield expected, (snapped.position, snapped.rotation, snapped.linear, snapped.angular)
@@ -112,6 +140,8 @@ def constants():
     named = {name: value for name, value in vars(r).items() if name.isupper()}
     for name, value in named.items():
         for one in value if isinstance(value, list) else [value]:
+            if name == "LEAST_NORMAL":
+                continue
             if name in ("ANGLE_LIMIT", "PACKED_STEPS"):
                 yield name, str(int(one))
             elif isinstance(one, float):

@@ -17,7 +17,7 @@ def double(bits):
     return struct.unpack(">d", bytes.fromhex(bits))[0]
 
 
-# Constants [1.4, 1.6, 3.2, 4.2, 4.3]
+# Constants [1.4, 1.6, 2.2, 2.6, 3.2, 4.2, 4.3]
 
 TWO_OVER_PI = double("3fe45f306dc9c883")
 HALF_PI_HIGH = double("3ff921fb54400000")
@@ -35,15 +35,23 @@ COSINE = [double(bits) for bits in (
 )]
 
 SLACK = double("3f50624dd2f1a9fc")
+QUARTER_PI = double("3fe921fb54442d18")
+RATIO = double("4170000000000000")
+EQUAL = double("3eb0000000000000")
+LEAST_NORMAL = 2.0 ** -126  # of f32
 HORIZON = 1023
 
-POSITION_SHARE = double("3fdc000000000000")
-TURN_SHARE = double("3fdc000000000000")
-VELOCITY_SHARE = double("4008000000000000")
+POSITION_SHARE = double("3fe2000000000000")
+TURN_SHARE = double("3fe2000000000000")
+VELOCITY_SHARE = double("4020000000000000")
 COARSEST_TURN = double("3fd0000000000000")
 COARSEST_ANGULAR = double("4010000000000000")
 
+FINE_STEPS = 16
+REST_ASTRAY = 3
+
 POSITION_LIMIT = 1073741824
+RESIDUAL_LIMIT = 67108864
 VELOCITY_LIMIT = 16777216
 TURN_LIMIT = 1024
 PACKED_LIMIT = 370728
@@ -60,9 +68,20 @@ def plus(a, b):
     return tuple(x + y for x, y in zip(a, b))
 
 
+def minus(a, b):
+    return tuple(x - y for x, y in zip(a, b))
+
+
+def dot3(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
 def length3(a):
-    x, y, z = a
-    return math.sqrt(x * x + y * y + z * z)
+    return math.sqrt(dot3(a, a))
+
+
+def cross3(a, b):
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 def length4(q):
@@ -84,6 +103,17 @@ def product(p, q):
         pw * qz + px * qy - py * qx + pz * qw,
         pw * qw - px * qx - py * qy - pz * qz,
     )
+
+
+def conjugate(q):
+    x, y, z, w = q
+    return (-x, -y, -z, w)
+
+
+def turned(q, v):
+    r = q[:3]
+    t = scaled(cross3(r, v), 2.0)
+    return plus(plus(v, scaled(t, q[3])), cross3(r, t))
 
 
 def polynomial(coefficients, x):
@@ -166,6 +196,8 @@ class Flow:
     def __init__(self, ticks, seconds, substeps, linear_damping, angular_damping):
         self.dt = float(seconds) / float(ticks)
         self.substeps = float(substeps)
+        self.substep = self.dt / self.substeps
+        self.spin_most = QUARTER_PI / self.dt
         self.half_substep = (self.dt / self.substeps) * 0.5
         self.linear_keep = 1.0 / (1.0 + self.dt * linear_damping)
         self.angular_keep = 1.0 / (1.0 + self.dt * angular_damping)
@@ -202,23 +234,49 @@ def gravity_of(scene_gravity, scale):
     return scaled(scene_gravity, scale)
 
 
+@dataclass
+class Inertia:
+    """How a body resists being turned [2.6]."""
+
+    moments: Vector
+    frame: Quaternion
+
+    @staticmethod
+    def of(moments, frame):
+        """From widened f32, or None where it is refused."""
+        normal = all(math.isfinite(m) and m >= LEAST_NORMAL for m in moments)
+        if not normal or max(moments) > min(moments) * RATIO or not abs(length4(frame) - 1.0) <= SLACK:
+            return None
+        return Inertia(tuple(moments), tuple(frame))
+
+    def is_equal(self):
+        least, greatest = min(self.moments), max(self.moments)
+        return greatest - least <= greatest * EQUAL
+
+
 # Predictors [3]
 
 def elapsed_ticks(tick, origin):
     return 0 if tick < origin else min(tick - origin, HORIZON)
 
 
-def predicted(law, start, elapsed, gravity, flow):
+def predicted(law, start, elapsed, gravity, flow, inertia=None):
     """The motion by a law, `elapsed` ticks after `start`."""
     if law == "rest":
         return Motion(start.position, start.rotation, (0.0,) * 3, (0.0,) * 3)
-    row = flow.row(min(elapsed, HORIZON))
+    elapsed = min(elapsed, HORIZON)
+    row = flow.row(elapsed)
     position = plus(start.position, scaled(start.linear, row.reach))
     linear = scaled(start.linear, row.velocity)
-    if law == "ballistic":
+    if law in ("ballistic", "thrown"):
         position = plus(position, scaled(gravity, row.fall))
         linear = plus(linear, scaled(gravity, row.fall_velocity))
-    return Motion(position, spun(start, row, flow), linear, scaled(start.angular, row.spin))
+    tumbles = law in ("tumbling", "thrown") and inertia is not None
+    if tumbles and elapsed != 0 and length3(start.angular) != 0.0:
+        rotation, angular = tumbled(start, elapsed, flow, inertia)
+    else:
+        rotation, angular = spun(start, row, flow), scaled(start.angular, row.spin)
+    return Motion(position, rotation, linear, angular)
 
 
 def spun(start, row, flow):
@@ -230,22 +288,98 @@ def spun(start, row, flow):
     return normalised(product(turn_about(start.angular, speed, half), start.rotation))
 
 
+def tumbled(start, elapsed, flow, inertia):
+    """Rotation and angular velocity after so many ticks [3.7]."""
+    m, f = inertia.moments, normalised(inertia.frame)
+    e = scaled(((m[2] - m[1]) / m[0], (m[0] - m[2]) / m[1], (m[1] - m[0]) / m[2]), flow.substep)
+    axes = normalised(product(start.rotation, f))
+    w = turned(conjugate(axes), start.angular)
+    for _ in range(elapsed):
+        for _ in range(int(flow.substeps)):
+            w, axes = substep(w, axes, m, e, flow)
+        w = scaled(w, flow.angular_keep)
+    unit = normalised(axes)
+    return normalised(product(unit, conjugate(f))), turned(unit, w)
+
+
+def substep(w, axes, m, e, flow):
+    bent = (
+        w[0] - e[0] * (w[1] * w[2]),
+        w[1] - e[1] * (w[2] * w[0]),
+        w[2] - e[2] * (w[0] * w[1]),
+    )
+    before, after = momentum2(m, w), momentum2(m, bent)
+    if after != 0.0:
+        w = scaled(bent, math.sqrt(before / after))
+    speed2 = dot3(w, w)
+    if speed2 > flow.spin_most * flow.spin_most:
+        w = scaled(w, flow.spin_most / math.sqrt(speed2))
+    tx, ty, tz = scaled(w, flow.half_substep)
+    x, y, z, s = axes
+    axes = (
+        x + (s * tx + y * tz - z * ty),
+        y + (s * ty - x * tz + z * tx),
+        z + (s * tz + x * ty - y * tx),
+        s - (x * tx + y * ty + z * tz),
+    )
+    return w, axes
+
+
+def momentum2(m, w):
+    p = tuple(moment * part for moment, part in zip(m, w))
+    return dot3(p, p)
+
+
+def carried(carrier, held):
+    """The motion in the world of what a carrier holds, from the motion of the held body's own track [3.8]."""
+    arm = turned(carrier.rotation, held.position)
+    return Motion(
+        position=plus(carrier.position, arm),
+        rotation=normalised(product(carrier.rotation, held.rotation)),
+        linear=plus(carrier.linear, cross3(carrier.angular, arm)),
+        angular=carrier.angular,
+    )
+
+
+def seen_from(carrier, motion):
+    """A motion in the world, seen from a carrier [3.8]."""
+    back = conjugate(carrier.rotation)
+    return Motion(
+        position=turned(back, minus(motion.position, carrier.position)),
+        rotation=normalised(product(back, motion.rotation)),
+        linear=(0.0,) * 3,
+        angular=(0.0,) * 3,
+    )
+
+
 # Grids [4]
 
 @dataclass
 class Grid:
     position: float
+    fine: float
     turn: float
     linear: float
     angular: float
 
     @staticmethod
-    def of(micrometres, radius):
-        tolerance = float(micrometres) / 1000000.0
-        linear = tolerance * VELOCITY_SHARE
+    def of(micrometres, radius, microradians=None):
+        length = float(micrometres) / 1000000.0
+        if microradians is not None:
+            angle = float(microradians) / 1000000.0
+            position = (length * 2.0) * POSITION_SHARE
+            return Grid(
+                position=position,
+                fine=position / FINE_STEPS,
+                turn=min((angle * 2.0) * TURN_SHARE, COARSEST_TURN),
+                linear=(length * 2.0) * VELOCITY_SHARE,
+                angular=min((angle * 2.0) * VELOCITY_SHARE, COARSEST_ANGULAR),
+            )
+        position, linear = length * POSITION_SHARE, length * VELOCITY_SHARE
         return Grid(
-            position=tolerance * POSITION_SHARE,
-            turn=min((tolerance * TURN_SHARE) / radius, COARSEST_TURN),
+            position=position,
+            fine=position / FINE_STEPS,
+            turn=min((length * TURN_SHARE) / radius, COARSEST_TURN),
             linear=linear,
             angular=min(linear / radius, COARSEST_ANGULAR),
         )
@@ -270,6 +404,10 @@ def snap(value, step, limit):
     steps = value / step + 0.5
     # Clamped before the floor, which Python takes of finite numbers only; the limit is whole, so that it is the same.
     return math.floor(clamped(steps, float(limit)))
+
+
+def snapped(vector, step, limit):
+    return tuple(snap(x, step, limit) for x in vector)
 
 
 def nearest(q):
@@ -322,42 +460,65 @@ class Snapped:
     @staticmethod
     def of(motion, grid):
         return Snapped(
-            position=tuple(snap(x, grid.position, POSITION_LIMIT) for x in motion.position),
+            position=snapped(motion.position, grid.fine, POSITION_LIMIT),
             rotation=packed(motion.rotation),
-            linear=tuple(snap(x, grid.linear, VELOCITY_LIMIT) for x in motion.linear),
-            angular=tuple(snap(x, grid.angular, VELOCITY_LIMIT) for x in motion.angular),
+            linear=snapped(motion.linear, grid.linear, VELOCITY_LIMIT),
+            angular=snapped(motion.angular, grid.angular, VELOCITY_LIMIT),
         )
 
     def motion(self, grid):
         return Motion(
-            position=scaled(self.position, grid.position),
+            position=scaled(self.position, grid.fine),
             rotation=unpacked(self.rotation),
             linear=scaled(self.linear, grid.linear),
             angular=scaled(self.angular, grid.angular),
         )
 
 
+def astray(law, age, dt):
+    """In what time a prediction by a law went astray, `over` of [4.4]."""
+    return (min(age, REST_ASTRAY) if law == "rest" else age) * dt
+
+
 @dataclass
 class Residual:
+    """A correction; both velocities are None where it says none [4.4]."""
+
     position: Vector
     turn: Vector
-    linear: Vector
-    angular: Vector
+    linear: Vector = None
+    angular: Vector = None
 
-    def onto(self, prediction, grid):
-        """The snapped motion that this residual means on top of a predicted motion [4.4]."""
+    def is_within_limits(self):
+        def within(steps, limit):
+            return steps is None or all(abs(step) <= limit for step in steps)
+
+        return (
+            within(self.position, RESIDUAL_LIMIT)
+            and within(self.turn, TURN_LIMIT)
+            and within(self.linear, VELOCITY_LIMIT)
+            and within(self.angular, VELOCITY_LIMIT)
+        )
+
+    def onto(self, prediction, over, grid):
+        """The snapped motion that this residual means on top of a predicted motion, or None where it is refused."""
+        if not self.is_within_limits():
+            return None
         start = Snapped.of(prediction, grid)
+        turn = scaled(self.turn, grid.turn)
         rotation = start.rotation
         if any(self.turn):
-            turn = turn_by(scaled(self.turn, grid.turn))
-            rotation = packed(normalised(product(turn, prediction.rotation)))
+            rotation = packed(normalised(product(turn_by(turn), prediction.rotation)))
+        rate = 1.0 / over
+        linear = plus(prediction.linear, scaled(scaled(self.position, grid.position), rate))
+        angular = plus(prediction.angular, scaled(turn, rate))
         return Snapped(
-            position=summed(start.position, self.position, POSITION_LIMIT),
+            position=summed(start.position, scaled(self.position, FINE_STEPS), POSITION_LIMIT),
             rotation=rotation,
-            linear=summed(start.linear, self.linear, VELOCITY_LIMIT),
-            angular=summed(start.angular, self.angular, VELOCITY_LIMIT),
+            linear=summed(snapped(linear, grid.linear, VELOCITY_LIMIT), self.linear, VELOCITY_LIMIT),
+            angular=summed(snapped(angular, grid.angular, VELOCITY_LIMIT), self.angular, VELOCITY_LIMIT),
         )
 
 
 def summed(a, b, limit):
-    return tuple(clamped(steps, limit) for steps in plus(a, b))
+    return tuple(clamped(steps, limit) for steps in plus(a, b or (0, 0, 0)))

@@ -90,7 +90,7 @@ impl Rude {
     pub fn command(&mut self, table: &mut Table, command: Command) -> Result<(), CommandError> {
         let expected = self.commands;
         self.commands += 1;
-        let heard = self.say(table, &ClientMessage::Command(command));
+        let heard = self.say(table, &ClientMessage::Command(command.clone()));
         let applied = heard.iter().filter(|message| {
             matches!(message, ServerMessage::Applied { through, .. } if *through == expected)
         });

@@ -126,10 +126,10 @@ impl Stage {
             let number = self
                 .arena
                 .client_mut(COMMANDER)
-                .command(*command)
+                .command(command.clone())
                 .expect("scripts command what may be");
             assert_eq!(number, self.commands.len() as u64);
-            self.commands.push(*command);
+            self.commands.push(command.clone());
         }
     }
 
@@ -232,6 +232,16 @@ impl Stage {
             .map(|copy| copy.stream().vouched())
             .max()
             .unwrap_or_default();
+        for (index, witness) in self.witnesses.iter().enumerate() {
+            let copy = self.arena.client(index).replica();
+            let mismatches = copy.map_or(0, |copy| copy.stream().statistics().mismatches);
+            assert_eq!(
+                (mismatches, &witness.amended[..]),
+                (0, &[][..]),
+                "member {index}"
+            );
+        }
+        assert_eq!(inspected.amended, 0);
         let witness = &self.witnesses[COMMANDER];
         assert_eq!(witness.refused, []);
         assert_eq!(self.unanswered(), 0, "not every command was answered");

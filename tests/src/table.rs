@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use bytes::Bytes;
 use rhumb_protocol::session::{ClientSession, CloseCode};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
-use rhumb_server::Host;
+use rhumb_server::{Hooks, Host};
 
 /// One thing that was said to or by a guest, as it crossed.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -50,6 +50,14 @@ impl Default for Table {
 }
 
 impl Table {
+    /// A host whose scenes get hooks.
+    #[must_use]
+    pub fn with_hooks(hooks: Hooks) -> Self {
+        let mut table = Self::default();
+        table.host.attach(hooks);
+        table
+    }
+
     /// Seats a real session.
     pub fn seat(&mut self, scene: &str) -> Peer {
         let peer = self.seat_rude();

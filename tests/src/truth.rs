@@ -122,12 +122,13 @@ impl Truth {
         pose.map(|verbatim| verbatim.motion().pose())
     }
 
-    /// How far any point of a body was from where it is believed to have been; `None` where it was not at all.
+    /// How far a body, of this bounding radius, was from where it is believed to have been; `None` where it was not at
+    /// all.
     #[must_use]
-    pub fn error(&self, id: BodyId, tick: Tick, believed: &Pose) -> Option<Metres> {
+    pub fn apart(&self, id: BodyId, tick: Tick, believed: &Pose) -> Option<(Divergence, Metres)> {
         let radius = self.bodies.get(&id)?.radius;
         let pose = self.pose(id, tick)?;
-        Some(Divergence::between(&pose, believed).surface_error(radius))
+        Some((Divergence::between(&pose, believed), radius))
     }
 
     /// How many bodies there were after a tick.

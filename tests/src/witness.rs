@@ -3,11 +3,11 @@
 //! Reads a session and changes nothing in it but that its events are taken.
 
 use rhumb_protocol::Ending;
-use rhumb_protocol::message::{Denial, Inspection, RemovalCause};
+use rhumb_protocol::message::{Denial, Inspection, RemovalCause, StreamChoice};
 use rhumb_protocol::scene::{BodyKind, CommandError, IdRange};
 use rhumb_protocol::session::{ClientSession, Event, Replica};
 use rhumb_protocol::stream::Bound;
-use rhumb_reckoning::{BodyId, Metres, Pose, Tick};
+use rhumb_reckoning::{BodyId, Metres, Pose, Tick, Tolerance};
 
 use crate::truth::Truth;
 
@@ -20,8 +20,10 @@ pub struct Claim {
     pub tick: Tick,
     /// Where the copy had it.
     pub pose: Pose,
-    /// How far off that may be.
+    /// How far off any point of it may be.
     pub within: Metres,
+    /// What its stream promised.
+    pub tolerance: Tolerance,
 }
 
 /// The account of one member.
@@ -39,6 +41,10 @@ pub struct Witness {
     pub denied: Vec<Denial>,
     /// Bodies that went.
     pub removed: Vec<(BodyId, RemovalCause)>,
+    /// Streams that it changed to.
+    pub following: Vec<StreamChoice>,
+    /// Bodies whose tracks were other than the server's.
+    pub amended: Vec<BodyId>,
     /// Answers to inspections.
     pub inspections: Vec<Inspection>,
     /// How often the scene was created by it, it left, and the scene was deleted.
@@ -64,6 +70,7 @@ impl Witness {
                 Event::Welcomed(_) => self.welcomes += 1,
                 Event::Created => self.created += 1,
                 Event::Joined(granted) => self.granted = Some(granted),
+                Event::Following(choice) => self.following.push(choice),
                 Event::Left => (self.granted, self.left) = (None, self.left + 1),
                 Event::Deleted => (self.granted, self.deleted) = (None, self.deleted + 1),
                 Event::Denied(denial) => self.denied.push(denial),
@@ -72,6 +79,7 @@ impl Witness {
                 Event::BodyRemoved { id, cause } => self.removed.push((id, cause)),
                 Event::Inspected(inspection) => self.inspections.push(inspection),
                 Event::Ended(ending) => self.ended = Some(ending),
+                Event::Amended(id) => self.amended.push(id),
                 Event::Reserved(_)
                 | Event::BodyPlaced(_)
                 | Event::SceneFaulted(_)
@@ -124,6 +132,7 @@ impl Witness {
                         tick,
                         pose,
                         within,
+                        tolerance: stream.tolerance(),
                     });
                 }
             }
@@ -142,14 +151,16 @@ impl Witness {
             tick,
             pose,
             within,
+            tolerance,
         } in &self.claims
         {
-            let error = truth.error(*id, *tick, pose).unwrap_or_else(|| {
+            let (apart, radius) = truth.apart(*id, *tick, pose).unwrap_or_else(|| {
                 panic!("{who}: {id} was bounded at {tick}, where it was not at all")
             });
+            let error = apart.surface_error(radius);
             assert!(
-                error <= *within,
-                "{who}: {id} at {tick} is off by {error}, bound {within}"
+                error <= *within && tolerance.share(&apart, radius) <= 1.0,
+                "{who}: {id} at {tick} is off by {error}, bound {within}, tolerance {tolerance}"
             );
             if error > worst {
                 worst = error;

@@ -55,7 +55,7 @@ impl Good {
                 .expect("scripts command what may be");
             table
                 .guest(self.peer)
-                .command(*command)
+                .command(command.clone())
                 .expect("it is a member");
         }
         let tick = self.scene.step().expect("the engine steps").tick;
@@ -85,13 +85,9 @@ impl Good {
                 .scene
                 .bounding_radius(terms.id)
                 .expect("a body has a shape");
-            let error = Divergence::between(&truth.motion.motion().pose(), &believed.pose());
-            let error = error.surface_error(radius);
-            assert!(
-                error <= Tolerance::NORMAL.metres(),
-                "{} is off by {error}",
-                terms.id
-            );
+            let apart = Divergence::between(&truth.motion.motion().pose(), &believed.pose());
+            let share = Tolerance::NORMAL.share(&apart, radius);
+            assert!(share <= 1.0, "{} is off by {share} tolerances", terms.id);
         }
     }
 }

@@ -431,3 +431,59 @@ fn an_idle_server_uses_next_to_no_processor_time() {
         "{used} clock ticks of 10 ms in {wait:?}"
     );
 }
+
+/// Bytes of IPv4 and UDP headers of one datagram.
+const HEADER_BYTES: u64 = 28;
+
+/// What a client sent and received so far, with all headers.
+fn on_the_wire(client: &Client) -> u64 {
+    let wire = client.statistics().wire;
+    let datagrams = wire.sent_datagrams + wire.received_datagrams;
+    wire.sent_bytes + wire.received_bytes + datagrams * HEADER_BYTES
+}
+
+/// Waits for the next vouch, and for what it sets off.
+fn next_vouch(client: &mut Client) -> Tick {
+    let before = client.statistics().vouched;
+    while client.statistics().vouched == before {
+        client
+            .idle(Duration::from_millis(10))
+            .expect("the connection stands");
+    }
+    client
+        .idle(Duration::from_millis(300))
+        .expect("the connection stands");
+    client.statistics().vouched
+}
+
+#[test]
+fn a_scene_at_rest_costs_a_member_sixty_bytes_a_second_both_ways_and_all_headers() {
+    let server = SERVER.serve(ANYWHERE);
+    let weightless = SceneTerms {
+        gravity: Vec3::ZERO,
+        ..terms(Pace::FreeRunning)
+    };
+    let mut client = open(&server, "grid", Entry::Create(weightless));
+    grid(&mut client, 500);
+    while client.statistics().stream.updates < 500 || client.inspect().unwrap().awake > 0 {
+        client.idle(Duration::from_millis(200)).unwrap();
+    }
+    // Settled: the longest silence between vouches is reached, and the last inspection is behind.
+    let mut begun = next_vouch(&mut client);
+    let mut ticks = 0;
+    while ticks < 150 {
+        let next = next_vouch(&mut client);
+        ticks = next.value() - begun.value();
+        begun = next;
+    }
+    let before = on_the_wire(&client);
+    let mut ended = begun;
+    for _ in 0..4 {
+        ended = next_vouch(&mut client);
+    }
+    let bytes = on_the_wire(&client) - before;
+    let seconds = (ended.value() - begun.value()) as f64 / 60.0;
+    let rate = bytes as f64 / seconds;
+    println!("{bytes} bytes in {seconds} s: {rate:.1} B/s");
+    assert!(rate <= 60.0, "{bytes} bytes in {seconds} s");
+}

@@ -4,6 +4,8 @@
 //! wrong number, and each limit is reached and passed by the least step; the scene's digest, tick and number of bodies
 //! stay as they were.
 
+use core::f32::consts::PI;
+
 use glam::{Quat, Vec3};
 use rhumb_protocol::limits::{
     ANGULAR_MAX, COORDINATE_MAX, DAMPING_MAX, DENSITY_MAX, DENSITY_MIN, EXTENT_MAX, EXTENT_MIN,
@@ -11,10 +13,12 @@ use rhumb_protocol::limits::{
 };
 use rhumb_protocol::message::{ClientMessage, ServerMessage, StreamChoice};
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, CommandError, Invalid, Material, Quantity, SceneTerms, Shape,
-    ShapeId,
+    BodyKind, BodyTerms, Command, CommandError, Invalid, Joint, JointFrame, JointId, JointKind,
+    JointLimits, Material, Quantity, SceneTerms, Shape, ShapeId, SleepTerms,
 };
 use rhumb_protocol::session::Event;
+use rhumb_protocol::wire::Wire;
+use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
 use rhumb_sims::{Script, Zoo};
 use rhumb_tests::{Rude, Table};
@@ -76,7 +80,7 @@ impl Rig {
     /// The wish is refused so, and nothing of it is done.
     fn assert_refused(&mut self, command: Command, expected: CommandError) {
         let before = self.rude.inspect(&mut self.table);
-        assert_eq!(self.wish(command), Err(expected), "{command:?}");
+        assert_eq!(self.wish(command.clone()), Err(expected), "{command:?}");
         assert_eq!(self.rude.inspect(&mut self.table), before, "{command:?}");
         assert_eq!(self.rude.closed(&self.table), None);
     }
@@ -274,7 +278,63 @@ fn fields_of_shapes() -> Vec<Field> {
             }
         })
     };
-    shapes.into_iter().map(field).collect()
+    let mut fields: Vec<_> = shapes.into_iter().map(field).collect();
+    let hull = move |first| Command::AddShape {
+        id,
+        shape: hull_of(&[first, CORNERS[0], CORNERS[1], CORNERS[2]]),
+    };
+    let most = EXTENT_MAX;
+    fields.push(Field::new(Quantity::Extent, (-most, most), hull));
+    fields
+}
+
+const CORNERS: [Vec3; 3] = [
+    Vec3::new(0.0, 100.0, 0.0),
+    Vec3::new(0.0, 0.0, 100.0),
+    Vec3::new(-100.0, -100.0, -100.0),
+];
+
+/// A hull as bytes have it, unchecked.
+fn hull_of(points: &[Vec3]) -> Shape {
+    let mut bytes = Writer::new();
+    bytes.u8(4);
+    bytes.u8(points.len() as u8);
+    for point in points {
+        bytes.f32s(&point.to_array());
+    }
+    Shape::decode(&mut Reader::new(&bytes.into_bytes())).expect("the count is right")
+}
+
+/// Anchors and limits of new joints between the ball and the zoo's floor.
+fn fields_of_joints(ball: BodyId) -> Vec<Field> {
+    let joint = move |kind, anchor| Command::AddJoint {
+        id: JointId(500),
+        joint: Joint {
+            kind,
+            bodies: [BodyId::new(0, 0), ball],
+            frames: [JointFrame::at(Vec3::ZERO), JointFrame::at(anchor)],
+            collide: true,
+        },
+    };
+    let limits = |least, most| JointLimits { least, most };
+    let most = EXTENT_MAX;
+    vec![
+        Field::new(Quantity::Anchor, (-most, most), move |v| {
+            joint(JointKind::Fixed, v)
+        }),
+        Field::new(Quantity::JointLimit, (0.5, PI), move |v| {
+            let limits = limits(0.5, v.element_sum());
+            joint(JointKind::Revolute(Some(limits)), Vec3::ZERO)
+        }),
+        Field::new(Quantity::JointLimit, (-PI, 0.5), move |v| {
+            let limits = limits(v.element_sum(), 0.5);
+            joint(JointKind::Spherical(Some([limits; 3])), Vec3::ZERO)
+        }),
+        Field::new(Quantity::JointLimit, (-most, 0.5), move |v| {
+            let limits = limits(v.element_sum(), 0.5);
+            joint(JointKind::Prismatic(Some(limits)), Vec3::ZERO)
+        }),
+    ]
 }
 
 /// All of them, for a rig's ball and its next body.
@@ -283,6 +343,7 @@ fn fields(rig: &Rig) -> Vec<Field> {
     let mut fields = fields_of_commands(rig.ball);
     fields.extend(fields_of_bodies(fresh));
     fields.extend(fields_of_shapes());
+    fields.extend(fields_of_joints(rig.ball));
     fields
 }
 
@@ -395,6 +456,23 @@ fn a_newcomer_whose_motion_is_no_number_is_refused_like_any_other() {
     assert_eq!(rig.rude.closed(&rig.table), None);
 }
 
+#[test]
+fn a_hull_without_room_inside_is_refused_as_too_thin() {
+    let mut rig = Rig::new();
+    let thin = CommandError::Invalid(Invalid::OutOfRange(Quantity::HullThickness));
+    for points in [
+        vec![Vec3::ZERO; 4],
+        vec![Vec3::ONE; 255],
+        (0..10).map(|i| Vec3::X * i as f32).collect(),
+        (0..9)
+            .map(|i| Vec3::new((i % 3) as f32, (i / 3) as f32, 1.0))
+            .collect(),
+    ] {
+        let (id, shape) = (ShapeId(500), hull_of(&points));
+        rig.assert_refused(Command::AddShape { id, shape }, thin);
+    }
+}
+
 /// A moving ball.
 const fn ball_of(id: BodyId, shape: ShapeId) -> BodyTerms {
     BodyTerms::plain(id, BodyKind::Dynamic, shape)
@@ -460,6 +538,9 @@ fn a_dead_body_stays_dead_and_its_index_may_live_on() {
 #[test]
 fn a_scene_of_wrong_terms_is_denied_and_does_not_exist() {
     let script = Zoo::new(1, 1);
+    const fn sleep(speed: f32, seconds: f32) -> SleepTerms {
+        SleepTerms { speed, seconds }
+    }
     let with = |change: fn(&mut SceneTerms)| {
         let mut terms = script.terms();
         change(&mut terms);
@@ -470,6 +551,8 @@ fn a_scene_of_wrong_terms_is_denied_and_does_not_exist() {
         with(|terms| terms.gravity.x = GRAVITY_MAX.next_up()),
         with(|terms| terms.material.density = 0.0),
         with(|terms| terms.damping.linear = -1.0),
+        with(|terms| terms.sleep = Some(sleep(-0.1, 1.0))),
+        with(|terms| terms.sleep = Some(sleep(0.1, f32::NAN))),
     ] {
         let mut table = Table::default();
         let rude = table.seat_rude();

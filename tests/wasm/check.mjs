@@ -4,7 +4,8 @@
 
 import { readFile } from "node:fs/promises";
 
-const LAWS = ["rest", "uniform", "ballistic"];
+const LAWS = ["rest", "uniform", "ballistic", "tumbling", "thrown"];
+const NO_INERTIA = { moments: Array(3).fill("00000000"), frame: Array(4).fill("00000000") };
 
 const view = new DataView(new ArrayBuffer(8));
 
@@ -25,6 +26,7 @@ function bits(number) {
 
 function givenNumbers(vectors, testCase) {
   const { ticks, seconds, substeps, damping } = vectors.integrators[testCase.integrator];
+  const { moments, frame } = vectors.inertias[testCase.inertia] ?? NO_INERTIA;
   return [
     ...vectors.starts[testCase.start].verbatim.map(single),
     ...vectors.gravities[testCase.gravity].gravity.map(double),
@@ -32,6 +34,8 @@ function givenNumbers(vectors, testCase) {
     seconds,
     substeps,
     ...damping.map(single),
+    ...moments.map(single),
+    ...frame.map(single),
   ];
 }
 
@@ -47,13 +51,17 @@ const vectorsFile = new URL("../../spec/vectors/reckoning.json", import.meta.url
 const vectors = JSON.parse(await readFile(vectorsFile, "utf8"));
 const { instance } = await WebAssembly.instantiate(await readFile(process.argv[2]));
 
-let failed = 0;
-vectors.predictions.forEach((testCase, index) => {
-  const end = predicted(instance.exports, vectors, testCase);
-  if (end.join() !== testCase.end.join()) {
-    failed += 1;
-    console.log(`prediction ${index}: expected ${testCase.end}, got ${end}`);
-  }
-});
-console.log(`${vectors.predictions.length - failed} passed, ${failed} failed`);
+let [passed, failed] = [0, 0];
+for (const section of ["predictions", "tumblings"]) {
+  vectors[section].forEach((testCase, index) => {
+    const end = predicted(instance.exports, vectors, testCase);
+    if (end.join() === testCase.end.join()) {
+      passed += 1;
+    } else {
+      failed += 1;
+      console.log(`${section} ${index}: expected ${testCase.end}, got ${end}`);
+    }
+  });
+}
+console.log(`${passed} passed, ${failed} failed`);
 process.exitCode = failed === 0 ? 0 : 1;

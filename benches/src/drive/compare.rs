@@ -2,9 +2,10 @@
 
 use std::collections::VecDeque;
 
+use glam::{Quat, Vec3};
 use rhumb_client::View;
 use rhumb_protocol::scene::BodyKind;
-use rhumb_reckoning::{BodyId, Divergence, Metres, Motion, Pose, Tick, Verbatim};
+use rhumb_reckoning::{BodyId, Divergence, Metres, Motion, Pose, Tick, Tolerance, Verbatim};
 
 use crate::record::{Breach, Cause};
 
@@ -63,7 +64,7 @@ pub(super) fn compare(
     recent: &RecentTruth,
     tick: Tick,
     view: &View,
-    tolerance: Option<f64>,
+    tolerance: Option<Tolerance>,
     cause: impl Fn(BodyId) -> Cause,
 ) -> Option<Errors> {
     let truth = recent.at(tick)?;
@@ -83,23 +84,17 @@ pub(super) fn compare(
             errors.exact += 1;
             continue;
         }
-        let shown = Pose {
-            position: position.as_dvec3(),
-            rotation: rotation.as_dquat(),
-        };
-        let shown =
-            Motion::new(shown, rhumb_reckoning::Twist::ZERO).map_or(shown, |motion| motion.pose());
-        let error =
-            Divergence::between(&known.motion.motion().pose(), &shown).surface_error(known.radius);
+        let apart = apart(&known.motion, position, rotation);
+        let error = apart.surface_error(known.radius);
         errors.errors_m.push(error.metres() as f32);
-        if let Some(tolerance_m) = tolerance
-            && error.metres() > tolerance_m + DISPLAY_SLACK
+        if let Some(tolerance) = tolerance
+            && breaks(tolerance, apart, known.radius)
         {
             errors.breaches.push(Breach {
                 tick,
                 id: known.id,
                 error_m: error.metres(),
-                tolerance_m,
+                tolerance_m: tolerance.reach(known.radius).metres(),
                 cause: cause(known.id),
             });
         }
@@ -108,5 +103,31 @@ pub(super) fn compare(
     Some(errors)
 }
 
-/// A view holds f32: at 128 m a coordinate is rounded by up to 4 µm, and a rotation by 6e-8, on top of the promise.
-const DISPLAY_SLACK: f64 = 2e-5;
+/// How far a pose that is shown lies from the truth.
+pub(crate) fn apart(truth: &Verbatim, position: Vec3, rotation: Quat) -> Divergence {
+    let shown = Pose {
+        position: position.as_dvec3(),
+        rotation: rotation.as_dquat(),
+    };
+    let shown =
+        Motion::new(shown, rhumb_reckoning::Twist::ZERO).map_or(shown, |motion| motion.pose());
+    Divergence::between(&truth.motion().pose(), &shown)
+}
+
+/// Whether a distance that was measured in a view breaks a promise.
+pub(crate) fn breaks(tolerance: Tolerance, apart: Divergence, radius: Metres) -> bool {
+    tolerance.share(&less_rounding(apart), radius) > 1.0
+}
+
+/// A distance without what a view adds to it, which holds f32.
+fn less_rounding(apart: Divergence) -> Divergence {
+    Divergence {
+        position: Metres::new((apart.position.metres() - POSITION_ROUNDING).max(0.0)),
+        half_chord: (apart.half_chord - TURN_ROUNDING).max(0.0),
+    }
+}
+
+/// At 128 m a coordinate is rounded by up to 4 µm, in metres.
+const POSITION_ROUNDING: f64 = 2e-5;
+/// Each component of a rotation is rounded by up to 3e-8.
+const TURN_ROUNDING: f64 = 1e-7;

@@ -32,12 +32,12 @@ struct Cast {
 impl Cast {
     fn note(&mut self, command: &Command, tick: Tick, truth: &mut Truth) {
         match *command {
-            Command::AddShape { id, shape } => {
-                self.shapes.insert(id, shape);
+            Command::AddShape { id, ref shape } => {
+                self.shapes.insert(id, shape.clone());
             }
             Command::AddBody { terms, motion } => {
-                if let Some(shape) = self.shapes.get(&terms.shape).copied() {
-                    self.bodies.insert(terms.id.index(), (terms, shape));
+                if let Some(shape) = self.shapes.get(&terms.shape).cloned() {
+                    self.bodies.insert(terms.id.index(), (terms, shape.clone()));
                     let observation = Observation {
                         id: terms.id,
                         motion,
@@ -147,7 +147,7 @@ pub fn run_free(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<Load, Dri
     let mut script = plan.script()?;
     let mut setup = plan.setup(Mode::RhumbFree, &*script);
     setup.terms.pace = Pace::FreeRunning;
-    let process = ServerProcess::start(setup.core)?;
+    let process = ServerProcess::start(setup.core, setup.beside.as_ref())?;
     let mut copy = Remote::join(&process, &setup)?;
     let mut clean = setup.clone();
     (clean.stream, clean.link) = (StreamChoice::Full, &LinkTerms::PERFECT);
@@ -170,7 +170,7 @@ pub fn run_free(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<Load, Dri
         script.commands(Tick::new(u64::from(number) + 1), &mut commands);
         for command in &commands {
             cast.note(command, tick, &mut truth);
-            copy.client().command(*command)?;
+            copy.client().command(command.clone())?;
         }
         // The truth of the tick that was shown is at the server already, and soon here.
         for _ in 0..WITNESS_TURNS {
@@ -183,7 +183,7 @@ pub fn run_free(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<Load, Dri
             }
         }
         witness_client.frames.clear();
-        copy.judge(&witness.recent, Some(plan.tolerance.metres().metres()));
+        copy.judge(&witness.recent, Some(plan.tolerance));
         progress(Tick::new(u64::from(number)));
         due = due + step;
     }
@@ -199,6 +199,7 @@ pub fn run_free(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<Load, Dri
         passed: std::mem::take(&mut copy.passed),
         join: copy.join,
         breaches: std::mem::take(&mut copy.breaches),
+        recoveries: Vec::new(),
         step_ns_p50: inspection.times.step_median,
         step_ns_p99: inspection.times.step_p99,
         step_ns_total: inspection.times.step_total,

@@ -2,13 +2,15 @@
 
 use std::hint::black_box;
 
-use rhumb_protocol::scene::{Command, SceneTerms};
+use rhumb_protocol::scene::Command;
 use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, Tick, Verbatim};
 use rhumb_server::Scene;
+use rhumb_sims::Script;
 use rhumb_transport::Clock;
 
 use super::DriveError;
+use super::control::hook;
 use crate::record::{Placed, Truth};
 
 /// An engine in this process, and the log of what it did.
@@ -23,9 +25,14 @@ pub(super) struct Integrated {
 }
 
 impl Integrated {
-    pub(super) fn new(terms: SceneTerms) -> Result<Self, DriveError> {
+    /// The empty scene of a script, with its controller.
+    pub(super) fn new(script: &dyn Script) -> Result<Self, DriveError> {
+        let mut scene = Scene::new(script.terms()).map_err(DriveError::Terms)?;
+        if let Some(controller) = script.controller() {
+            scene.attach(hook(controller));
+        }
         Ok(Self {
-            scene: Scene::new(terms).map_err(DriveError::Terms)?,
+            scene,
             clock: Clock::start(),
             truth: Truth::default(),
             states: Vec::new(),
@@ -41,7 +48,7 @@ impl Integrated {
         match *command {
             Command::AddBody { terms, .. } => {
                 let observation = self.scene.observation(terms.id);
-                let shape = self.scene.shape_of(terms.id).copied();
+                let shape = self.scene.shape_of(terms.id).cloned();
                 if let (Some(observation), Some(shape)) = (observation, shape) {
                     self.remember(&observation);
                     self.truth.placed.push(Placed {
@@ -74,6 +81,9 @@ impl Integrated {
         let begun = self.clock.now();
         let stepped = self.scene.step().map_err(DriveError::Scene)?;
         let after_step = self.clock.now();
+        if let Some(error) = stepped.refused.first() {
+            return Err(DriveError::Controller(*error));
+        }
         for (id, _) in &stepped.removed {
             self.states[id.index() as usize] = None;
         }

@@ -1,13 +1,15 @@
 //! Runs one script in several modes side by side, and records what each did.
 //!
 //! All modes take the same tick in turn, so that the machine's noise falls on all alike.
-mod compare;
+pub(crate) mod compare;
+mod control;
 mod free;
 mod integrated;
 mod process;
 mod remote;
 mod side_by_side;
 
+pub use control::{Played, Serve, serve};
 pub use free::run_free;
 pub use process::{ProcessError, ServerProcess};
 pub use side_by_side::{Cores, Plan, run_side_by_side};
@@ -17,7 +19,7 @@ use std::fmt;
 use rhumb_client::{ClientError, OpenError};
 use rhumb_protocol::scene::{CommandError, Invalid};
 use rhumb_reckoning::Tick;
-use rhumb_server::SceneFault;
+use rhumb_server::{HookError, SceneFault};
 use rhumb_transport::RelayError;
 
 use crate::record::Mode;
@@ -39,6 +41,8 @@ pub enum DriveError {
     Terms(Invalid),
     /// The script gave a command that a scene refuses.
     Refused(CommandError),
+    /// The script's controller gave a command that was not done.
+    Controller(HookError),
     /// The script names bodies that the server did not grant.
     NotGranted,
     /// A copy that waited for its tick lacks bodies, or shows a tick that never was.
@@ -65,6 +69,7 @@ impl fmt::Display for DriveError {
             Self::Scene(cause) => cause.fmt(f),
             Self::Terms(cause) => cause.fmt(f),
             Self::Refused(cause) => write!(f, "the script's command was refused: {cause}"),
+            Self::Controller(cause) => cause.fmt(f),
             Self::NotGranted => {
                 f.write_str("the server granted fewer body indices than the script needs")
             }

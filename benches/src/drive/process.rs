@@ -9,6 +9,8 @@ use std::process::{Child, Command, Stdio};
 
 use rhumb_transport::Fingerprint;
 
+use super::control::Played;
+
 /// A running server, killed when dropped.
 #[derive(Debug)]
 pub struct ServerProcess {
@@ -48,17 +50,22 @@ impl fmt::Display for ProcessError {
 impl std::error::Error for ProcessError {}
 
 impl ServerProcess {
-    /// Starts a server on a free port of loopback, on one core if asked.
+    /// Starts a server on a free port of loopback, on one core if asked, beside the controller of a script if named.
     ///
     /// # Errors
     ///
     /// [`ProcessError`] when it does not start or does not say where it is.
-    pub fn start(core: Option<usize>) -> Result<Self, ProcessError> {
+    pub fn start(core: Option<usize>, beside: Option<&Played>) -> Result<Self, ProcessError> {
         let program = std::env::current_exe().map_err(ProcessError::Start)?;
         let mut command = Command::new(program);
         command.args(["serve", "--listen", "127.0.0.1:0", "--log", "warn"]);
         if let Some(core) = core {
             command.arg("--core").arg(core.to_string());
+        }
+        if let Some(played) = beside {
+            command.args(["--scene", &played.scene]);
+            command.args(["--bodies", &played.bodies.to_string()]);
+            command.args(["--seed", &played.seed.to_string()]);
         }
         let mut child = command
             .stdin(Stdio::null())

@@ -8,10 +8,11 @@ use rhumb_client::{
     Bound, Client, Depth, Entry, Inspection, Options, StreamChoice, Trust, WireStatistics,
 };
 use rhumb_protocol::scene::{Command, SceneName, SceneTerms};
-use rhumb_reckoning::{BodyId, Tick};
+use rhumb_reckoning::{BodyId, Tick, Tolerance};
 use rhumb_transport::{Clock, LinkTerms, UdpRelay};
 
 use super::compare::{Errors, RecentTruth, compare};
+use super::control::Played;
 use super::{DriveError, ServerProcess};
 use crate::record::{Breach, Cause, Frame, JoinCost, Passed, Seen, Way};
 
@@ -21,6 +22,8 @@ pub(super) struct Setup<'a> {
     pub(super) stream: StreamChoice,
     pub(super) depth: Depth,
     pub(super) terms: SceneTerms,
+    /// Whose controller acts at the server, if it has one.
+    pub(super) beside: Option<Played>,
     pub(super) core: Option<usize>,
     pub(super) link: &'a LinkTerms,
     pub(super) seed: u64,
@@ -57,7 +60,7 @@ pub(super) fn scene_name() -> SceneName {
 impl Remote {
     /// Starts a server and joins its scene.
     pub(super) fn start(setup: &Setup<'_>) -> Result<Self, DriveError> {
-        let process = ServerProcess::start(setup.core)?;
+        let process = ServerProcess::start(setup.core, setup.beside.as_ref())?;
         let mut remote = Self::join(&process, setup)?;
         remote._process = Some(process);
         Ok(remote)
@@ -133,7 +136,7 @@ impl Remote {
         }
         let mut last = None;
         for command in commands {
-            last = Some(self.client.command(*command)?);
+            last = Some(self.client.command(command.clone())?);
         }
         if let Some(last) = last {
             self.await_applied(last)?;
@@ -171,7 +174,7 @@ impl Remote {
     pub(super) fn frame(&mut self, commands: &[Command]) -> Result<(), DriveError> {
         let begun = self.clock.now();
         for command in commands {
-            self.client.command(*command)?;
+            self.client.command(command.clone())?;
         }
         let tick = self.client.advance(self.depth)?;
         let frame_ns = self.clock.now().since(begun).as_nanos();
@@ -230,7 +233,11 @@ impl Remote {
 
     /// Judges the last frame against the truth; returns how many bodies its copy lacks, or nothing when that truth is not
     /// known.
-    pub(super) fn judge(&mut self, recent: &RecentTruth, tolerance: Option<f64>) -> Option<u32> {
+    pub(super) fn judge(
+        &mut self,
+        recent: &RecentTruth,
+        tolerance: Option<Tolerance>,
+    ) -> Option<u32> {
         let frame = self.frames.last_mut()?;
         let client = &self.client;
         let (vouched, tick) = (client.statistics().vouched, frame.tick);

@@ -4,12 +4,13 @@
 //! in this thread; then the others take it. So the pipelined caller has other work to do, as a simulator has.
 
 use rhumb_client::{Depth, StreamChoice};
-use rhumb_reckoning::{Tick, Tolerance};
+use rhumb_reckoning::{Metres, Tick, Tolerance};
 use rhumb_sims::Script;
 use rhumb_transport::LinkTerms;
 
 use super::DriveError;
 use super::compare::{Known, RecentTruth};
+use super::control::Played;
 use super::integrated::Integrated;
 use super::remote::{Remote, Setup};
 use crate::record::{Frame, JoinCost, Load, Mode, Run, RunTerms};
@@ -44,21 +45,29 @@ pub struct Plan {
 
 impl Plan {
     pub(super) fn script(&self) -> Result<Box<dyn Script>, DriveError> {
-        rhumb_sims::by_name(&self.scene, self.bodies, self.seed).ok_or_else(|| {
-            DriveError::NoSuchScene {
-                name: self.scene.clone(),
-            }
+        let script = self.played().script();
+        script.ok_or_else(|| DriveError::NoSuchScene {
+            name: self.scene.clone(),
         })
+    }
+
+    fn played(&self) -> Played {
+        Played {
+            scene: self.scene.clone(),
+            bodies: self.bodies,
+            seed: self.seed,
+        }
     }
 
     pub(super) fn run_terms(&self, mode: Mode, step_s: f64) -> RunTerms {
         let reckoned = matches!(mode, Mode::Rhumb | Mode::RhumbPipelined | Mode::RhumbFree);
+        let length = self.tolerance.length().filter(|_| reckoned);
         RunTerms {
             scene: self.scene.clone(),
             bodies: self.bodies,
             mode,
             depth: u32::from(mode == Mode::RhumbPipelined),
-            tolerance_m: reckoned.then(|| self.tolerance.metres().metres()),
+            tolerance_m: length.map(Metres::metres),
             link: if mode == Mode::Integrated {
                 "none".into()
             } else {
@@ -81,6 +90,7 @@ impl Plan {
                 _ => Depth::LOCKSTEP,
             },
             terms: script.terms(),
+            beside: script.controller().map(|_| self.played()),
             core: self.cores.server,
             link: &self.link,
             seed: self.seed,
@@ -95,7 +105,7 @@ impl Plan {
 /// [`DriveError`] names what did not work; nothing is kept of a run that does not end.
 pub fn run_side_by_side(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<Load, DriveError> {
     let mut script = plan.script()?;
-    let mut integrated = Integrated::new(script.terms())?;
+    let mut integrated = Integrated::new(&*script)?;
     let mut remotes = Vec::new();
     for mode in &plan.modes {
         if matches!(mode, Mode::Naive | Mode::Rhumb | Mode::RhumbPipelined) {
@@ -138,7 +148,7 @@ pub fn run_side_by_side(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<L
             remote.frame(&commands)?;
         }
         for (mode, remote) in &mut remotes {
-            let tolerance = (*mode != Mode::Naive).then(|| plan.tolerance.metres().metres());
+            let tolerance = (*mode != Mode::Naive).then_some(plan.tolerance);
             let missing = remote.judge(&recent, tolerance);
             // A pipelined copy may hear that a body goes before it shows the last tick that had it.
             let allowed = *mode == Mode::RhumbPipelined && missing.is_some();
@@ -190,6 +200,7 @@ fn finish(
             passed: Vec::new(),
             join: JoinCost::default(),
             breaches: Vec::new(),
+            recoveries: Vec::new(),
             step_ns_p50: share(50),
             step_ns_p99: share(99),
             step_ns_total: steps.iter().sum(),
@@ -207,6 +218,7 @@ fn finish(
             passed: remote.passed,
             join: remote.join,
             breaches: remote.breaches,
+            recoveries: Vec::new(),
             step_ns_p50: inspection.times.step_median,
             step_ns_p99: inspection.times.step_p99,
             step_ns_total: inspection.times.step_total,

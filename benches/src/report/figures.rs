@@ -24,6 +24,7 @@ const fn color(mode: Mode) -> RGBColor {
         Mode::Rhumb => RGBColor(29, 78, 216),
         Mode::RhumbPipelined => RGBColor(16, 163, 127),
         Mode::RhumbFree => RGBColor(126, 34, 206),
+        Mode::Replay => RGBColor(190, 24, 93),
     }
 }
 

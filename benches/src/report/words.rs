@@ -100,6 +100,10 @@ pub(super) const fn mode(mode: Mode) -> &'static str {
         Mode::RhumbFree => {
             "the engine runs in another process by its own clock, in real time, and sends as little; nobody waits."
         }
+        Mode::Replay => {
+            "a recorded scene is published and followed over a pretended link in simulated time; each tick is judged when \
+             the stream vouches for it, and bytes are counted as they are sent."
+        }
     }
 }
 

@@ -8,8 +8,8 @@ use crate::quantile::{WithZeros, of_nanoseconds};
 use crate::record::{Breach, Cause, Frame, Mode, Run, RunTerms, Way};
 
 use super::{
-    DATAGRAM_HEADER_BYTES, Errors, FrameTimes, Join, OverTolerance, RunFigures, SIM_FPS_MAX,
-    StepTimes,
+    DATAGRAM_HEADER_BYTES, Errors, FrameTimes, Join, Moving, OverTolerance, Recovery, RunFigures,
+    SIM_FPS_MAX, StepTimes,
 };
 
 const NANOSECONDS_PER_MILLISECOND: f64 = 1e6;
@@ -21,7 +21,9 @@ pub(super) fn figures(run: &Run) -> RunFigures {
     for frame in &run.frames {
         errors.extend(&frame.errors_m, frame.exact);
     }
-    let frame_ms = frame_times(&run.frames);
+    // Nobody waits for the frames of a replay.
+    let waited = terms.mode != Mode::Replay;
+    let frame_ms = waited.then(|| frame_times(&run.frames)).flatten();
     let mut figures = RunFigures {
         scene: terms.scene.clone(),
         bodies: terms.bodies,
@@ -42,6 +44,8 @@ pub(super) fn figures(run: &Run) -> RunFigures {
         bits_per_update: None,
         surface_error_m: None,
         over_tolerance: None,
+        moving: None,
+        recovery: None,
         frame_ms,
         sim_fps: frame_ms.map(|ms| (1e3 / ms.mean).min(SIM_FPS_MAX)),
         step_ms: StepTimes {
@@ -58,7 +62,38 @@ pub(super) fn figures(run: &Run) -> RunFigures {
         figures.publish_share =
             (run.step_ns_total > 0).then(|| run.publish_ns_total as f64 / run.step_ns_total as f64);
     }
+    if terms.mode == Mode::Replay {
+        figures.moving = moving(run);
+        figures.recovery = recovery(run);
+    }
     figures
+}
+
+/// Of the bodies that the recording has records of.
+fn moving(run: &Run) -> Option<Moving> {
+    let mut errors = WithZeros::default();
+    for frame in &run.frames {
+        errors.extend(&frame.moving_errors_m, 0);
+    }
+    let body_ticks = errors.count();
+    Some(Moving {
+        body_ticks,
+        surface_error_m: error_figures(&mut errors)?,
+        over_tolerance_share: run.breaches.len() as f64 / body_ticks as f64,
+    })
+}
+
+/// Of the packets that were lost.
+fn recovery(run: &Run) -> Option<Recovery> {
+    let mut spans: Vec<u64> = run.recoveries.iter().map(|span| span.as_nanos()).collect();
+    let p50_ns = of_nanoseconds(&mut spans, 50)? as f64;
+    let p99_ns = of_nanoseconds(&mut spans, 99)? as f64;
+    Some(Recovery {
+        losses: spans.len() as u64,
+        p50_ms: p50_ns / NANOSECONDS_PER_MILLISECOND,
+        p99_ms: p99_ns / NANOSECONDS_PER_MILLISECOND,
+        p99_ticks: p99_ns / 1e9 / run.terms.step_s,
+    })
 }
 
 /// What only a run between two processes has.

@@ -207,6 +207,10 @@ pub(super) struct Placement {
 impl From<&Placed> for Placement {
     fn from(placed: &Placed) -> Self {
         let (shape, extents) = match placed.shape {
+            Solid::Hull(ref hull) => {
+                let points = hull.points().iter();
+                (5, points.flat_map(glam::Vec3::to_array).collect())
+            }
             Solid::Ball { radius } => (1, vec![radius]),
             Solid::Cuboid { half_extents } => (2, half_extents.to_array().into()),
             Solid::Capsule {

@@ -52,6 +52,15 @@ pub(super) fn add(
     };
     match *shape {
         Shape::Ball { radius } => entity.spheres.push(sphere(centre, radius)),
+        // Its faces are the engine's matter: what is drawn is the ellipsoid as large as it is along each axis.
+        Shape::Hull(ref hull) => {
+            let half = hull.half_extents();
+            entity.spheres.push(SpherePrimitive {
+                pose: Some(drawn(centre, rotation)),
+                size: size(half.x, half.y, half.z),
+                color,
+            });
+        }
         Shape::Cuboid { half_extents } => entity.cubes.push(CubePrimitive {
             pose: Some(drawn(centre, rotation)),
             size: size(half_extents.x, half_extents.y, half_extents.z),

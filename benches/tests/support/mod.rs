@@ -112,6 +112,7 @@ fn run(mode: Mode, frames: Vec<Frame>) -> Run {
         passed: Vec::new(),
         join: JoinCost::default(),
         breaches: Vec::new(),
+        recoveries: Vec::new(),
         step_ns_p50: 1_000_000,
         step_ns_p99: 3_000_000,
         step_ns_total: 4_000_000,
@@ -169,6 +170,7 @@ fn naive() -> Run {
             gone,
             errors_m: Vec::new(),
             exact: if tick == 1 || tick == 4 { 2 } else { 3 },
+            moving_errors_m: Vec::new(),
         }
     };
     let mut run = run(Mode::Naive, (1..=4).map(frame).collect());
@@ -204,6 +206,7 @@ fn rhumb() -> Run {
             gone,
             errors_m: if error > 0.0 { vec![error] } else { Vec::new() },
             exact: if error > 0.0 { bodies - 1 } else { bodies },
+            moving_errors_m: Vec::new(),
         }
     };
     let mut run = run(Mode::Rhumb, (1..=4).map(frame).collect());

@@ -36,6 +36,8 @@ pub struct Inspection {
     pub packets: u64,
     /// Their bytes.
     pub packet_bytes: u64,
+    /// Tracks of that stream that some member had otherwise, and was told again.
+    pub amended: u64,
     /// Where the tick's time went.
     pub times: StageTimes,
 }
@@ -51,6 +53,7 @@ impl Wire for Inspection {
             self.updates,
             self.packets,
             self.packet_bytes,
+            self.amended,
             times.step_total,
             times.step_median,
             times.step_p99,
@@ -75,6 +78,7 @@ impl Wire for Inspection {
             updates: from.varint()?,
             packets: from.varint()?,
             packet_bytes: from.varint()?,
+            amended: from.varint()?,
             times: StageTimes {
                 step_total: from.varint()?,
                 step_median: from.varint()?,

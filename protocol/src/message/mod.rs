@@ -2,6 +2,7 @@
 mod client;
 mod denial;
 mod frame;
+mod inertia;
 mod inspection;
 mod notice;
 mod server;

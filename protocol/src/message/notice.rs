@@ -3,10 +3,12 @@
 //! A notice is encoded once for all members and counted by both ends; each state packet says how many it builds on.
 
 use glam::Vec3;
-use rhumb_reckoning::{Anchor, BodyId, Predictor, Tick, Track, Verbatim};
+use rhumb_reckoning::{Anchor, BodyId, Inertia, Predictor, Tick, Track, Verbatim};
 
-use crate::packet::TrackSaying;
-use crate::scene::{BodyTerms, Shape, ShapeId};
+use super::inertia;
+use crate::limits::INDICES_MAX;
+use crate::packet::{TrackSaying, law_code, law_of};
+use crate::scene::{BodyTerms, Joint, JointId, Shape, ShapeId};
 use crate::wire::bits::{BitReader, BitWriter};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
@@ -23,7 +25,7 @@ pub enum RemovalCause {
 }
 
 /// One change of a scene that all members hear of.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Notice {
     /// A shape became known.
     ShapeAdded {
@@ -41,8 +43,12 @@ pub enum Notice {
     BodyPlaced {
         /// What it is.
         terms: BodyTerms,
+        /// How it resists being turned, if it [can tumble](BodyTerms::can_tumble) and its moments are not equal.
+        inertia: Option<Inertia>,
         /// How it moves.
         track: Track,
+        /// Its seat in the stream, if it has one.
+        seat: Option<u32>,
     },
     /// A body is no longer in the scene.
     BodyRemoved {
@@ -63,6 +69,18 @@ pub enum Notice {
         /// The last tick that was whole.
         tick: Tick,
     },
+    /// Two bodies are held together.
+    JointAdded {
+        /// Its number.
+        id: JointId,
+        /// What it is.
+        joint: Joint,
+    },
+    /// A joint was taken out. Not said of one that goes with a body.
+    JointRemoved {
+        /// Its number.
+        id: JointId,
+    },
 }
 
 impl Wire for Notice {
@@ -77,10 +95,19 @@ impl Wire for Notice {
                 to.u8(1);
                 id.encode(to);
             }
-            Self::BodyPlaced { terms, track } => {
+            Self::BodyPlaced {
+                terms,
+                inertia,
+                track,
+                seat,
+            } => {
                 to.u8(2);
                 terms.encode(to);
+                if terms.can_tumble() {
+                    inertia::encode(inertia.as_ref(), to);
+                }
                 track.encode(to);
+                to.varint(seat.map_or(0, |seat| u64::from(seat) + 1));
             }
             Self::BodyRemoved { id, cause } => {
                 to.u8(3);
@@ -100,6 +127,15 @@ impl Wire for Notice {
                 to.u8(5);
                 to.varint(tick.value());
             }
+            Self::JointAdded { id, joint } => {
+                to.u8(6);
+                id.encode(to);
+                joint.encode(to);
+            }
+            Self::JointRemoved { id } => {
+                to.u8(7);
+                id.encode(to);
+            }
         }
     }
 
@@ -117,8 +153,17 @@ impl Wire for Notice {
             2 => {
                 let terms = BodyTerms::decode(from)?;
                 terms.check().map_err(|_| Malformed::OutOfRange)?;
-                let track = Track::decode(from)?;
-                Self::BodyPlaced { terms, track }
+                let inertia = if terms.can_tumble() {
+                    inertia::decode(from)?
+                } else {
+                    None
+                };
+                Self::BodyPlaced {
+                    terms,
+                    inertia,
+                    track: Track::decode(from)?,
+                    seat: (from.varint_to(u64::from(INDICES_MAX))? as u32).checked_sub(1),
+                }
             }
             3 => Self::BodyRemoved {
                 id: BodyId::decode(from)?,
@@ -140,25 +185,29 @@ impl Wire for Notice {
             5 => Self::SceneFaulted {
                 tick: Tick::new(from.count()?),
             },
+            6 => {
+                let id = JointId::decode(from)?;
+                let joint = Joint::decode(from)?;
+                joint.check().map_err(|_| Malformed::OutOfRange)?;
+                Self::JointAdded { id, joint }
+            }
+            7 => Self::JointRemoved {
+                id: JointId::decode(from)?,
+            },
             _ => return Err(Malformed::UnknownCode),
         })
     }
 }
 
 /// The bit of a track's first byte that says that its motion is verbatim; the law is in the bits below it.
-const VERBATIM: u8 = 1 << 2;
+const VERBATIM: u8 = 1 << 3;
 
 impl Wire for Track {
     fn encode(&self, to: &mut Writer) {
         to.varint(self.origin.value());
         match &self.anchor {
             Anchor::Verbatim(verbatim) => {
-                let law = match self.predictor {
-                    Predictor::Rest => 0,
-                    Predictor::Uniform => 1,
-                    Predictor::Ballistic => 2,
-                };
-                to.u8(law | VERBATIM);
+                to.u8(law_code(self.predictor) as u8 | VERBATIM);
                 verbatim.encode(to);
             }
             Anchor::Snapped(_) => {
@@ -176,12 +225,7 @@ impl Wire for Track {
         if first & VERBATIM == 0 {
             return decode_snapped(origin, first, from);
         }
-        let predictor = match first & !VERBATIM {
-            0 => Predictor::Rest,
-            1 => Predictor::Uniform,
-            2 => Predictor::Ballistic,
-            _ => return Err(Malformed::UnknownCode),
-        };
+        let predictor = law_of(u32::from(first & !VERBATIM))?;
         let verbatim = Verbatim::decode(from)?;
         if predictor == Predictor::Rest && verbatim != verbatim.stilled() {
             return Err(Malformed::NotCanonical);
@@ -190,6 +234,7 @@ impl Wire for Track {
             origin,
             predictor,
             anchor: Anchor::Verbatim(verbatim),
+            carrier: None,
         })
     }
 }
@@ -198,7 +243,7 @@ fn decode_snapped(origin: Tick, first: u8, from: &mut Reader<'_>) -> Result<Trac
     if first != 0 {
         return Err(Malformed::UnknownCode);
     }
-    let bytes = from.sized(crate::packet::Saying::MAX_BITS / 8 + 1)?;
+    let bytes = from.sized(TrackSaying::BITS_MAX / 8 + 1)?;
     let mut bits = BitReader::new(bytes);
     let saying = TrackSaying::decode(&mut bits)?;
     bits.finish()?;

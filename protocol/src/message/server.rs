@@ -2,7 +2,7 @@
 
 use alloc::vec::Vec;
 use glam::Vec3;
-use rhumb_reckoning::{Tick, Tolerance};
+use rhumb_reckoning::Tick;
 
 use super::client::StreamChoice;
 use super::denial::Denial;
@@ -130,7 +130,6 @@ impl Wire for Joined {
         self.terms.encode(to);
         let start = &self.start;
         start.stream.encode(to);
-        to.varint(u64::from(start.tolerance.micrometres()));
         to.f32s(&start.gravity.to_array());
         to.varint(start.tick.value());
         to.varint(start.next);
@@ -142,15 +141,13 @@ impl Wire for Joined {
         let choice = StreamChoice::decode(from)?;
         let terms = SceneTerms::decode(from)?;
         let stream = StreamId::decode(from)?;
-        let tolerance =
-            Tolerance::from_micrometres(from.varint32()?).map_err(|_| Malformed::OutOfRange)?;
         let gravity = Vec3::from_array(from.f32s()?);
         if !gravity.is_finite() {
             return Err(Malformed::NotFinite);
         }
         let start = StreamStart {
             stream,
-            tolerance,
+            tolerance: choice.tolerance(),
             integrator: terms.integrator,
             gravity,
             tick: Tick::new(from.count()?),

@@ -25,7 +25,7 @@ impl Wire for StreamId {
     }
 }
 
-/// The low 16 bits of a count that both ends know roughly: packet numbers, ticks, notices (PROTOCOL 5.3).
+/// The low 16 bits of a count that both ends know roughly: packet numbers, ticks, notices (PROTOCOL 5.7).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Low16(pub u16);
 
@@ -81,10 +81,14 @@ pub enum Kind {
     FullEnd,
     /// From a member: what it heard and what it lost.
     Echo,
+    /// Sums over tracks.
+    Digest,
+    /// From a member: a sum is another.
+    Doubt,
 }
 
 impl Kind {
-    const CODES: [(u8, Self); 7] = [
+    const CODES: [(u8, Self); 9] = [
         (0, Self::State),
         (1, Self::StateEnd),
         (2, Self::Vouch),
@@ -92,6 +96,8 @@ impl Kind {
         (4, Self::Full),
         (5, Self::FullEnd),
         (6, Self::Echo),
+        (7, Self::Digest),
+        (8, Self::Doubt),
     ];
 }
 

@@ -1,16 +1,30 @@
 //! The state datagrams: what each kind holds, bit by bit (PROTOCOL 5).
 //!
 //! Codec only: what a datagram means for a stream is decided in `stream`.
+mod digest;
 mod echo;
+mod forge;
 mod full;
 mod header;
+mod model;
 mod repair;
 mod saying;
 mod state;
+mod tables;
+mod walk;
+mod whole;
 
+pub use digest::{Digest, Doubt, Ranges};
 pub use echo::Echo;
+#[doc(hidden)]
+pub use forge::Forge;
 pub use full::{FULL_RECORD_BYTES, FullPacket, FullRecord};
 pub use header::{Head, Kind, Low16, StreamId};
 pub use repair::{Repair, RepairRecord, RepairWriter};
-pub use saying::{Saying, TrackSaying};
+pub(crate) use saying::Tongue;
+pub use saying::{Course, Saying};
 pub use state::{StatePacket, StateWriter, Update, Vouch};
+#[doc(hidden)]
+pub use tables::Tables;
+pub use whole::TrackSaying;
+pub(crate) use whole::{law_code, law_of};

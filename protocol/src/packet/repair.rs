@@ -8,14 +8,15 @@ use alloc::vec::Vec;
 use rhumb_reckoning::Ticks;
 
 use super::header::{Head, Kind, Low16, StreamId};
-use super::saying::{Saying, TrackSaying};
-use crate::limits::{DATAGRAM_BYTES_MAX, INDICES_MAX, REPAIR_PARTS_MAX};
-use crate::wire::bits::{BitReader, BitWriter, golomb_len};
+use super::whole::TrackSaying;
+use crate::limits::{DATAGRAM_BYTES_MAX, INDICES_MAX, REPAIR_PARTS_MAX, UPDATES_PER_PACKET_MAX};
+use crate::wire::bits::{BitReader, BitWriter, PutBits, TakeBits, golomb_len};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-/// Orders of the codes of a record's index gap and age.
+/// Orders of the codes of a record's index gap, seat and age.
 const GAP_ORDER: u32 = 3;
+const SEAT_ORDER: u32 = 5;
 const AGE_ORDER: u32 = 4;
 /// A track older than half a year at 60 Hz is said as old as this.
 pub(crate) const AGE_MAX: u32 = 1 << 30;
@@ -25,6 +26,8 @@ pub(crate) const AGE_MAX: u32 = 1 << 30;
 pub struct RepairRecord {
     /// Index of the body.
     pub index: u32,
+    /// Its seat, if it has one.
+    pub seat: Option<u32>,
     /// Ticks from the track's origin to the tick of the repair.
     pub age: Ticks,
     /// The track.
@@ -69,13 +72,20 @@ impl Repair {
         for _ in 0..count {
             let gap = bits.golomb(GAP_ORDER)?;
             let index = next_index.checked_add(gap).ok_or(Malformed::OutOfRange)?;
+            let seat = bits.golomb(SEAT_ORDER)?.checked_sub(1);
             let age = bits.golomb(AGE_ORDER)?;
-            if index >= INDICES_MAX || age > AGE_MAX {
+            if index >= INDICES_MAX || age > AGE_MAX || seat.is_some_and(|seat| seat >= INDICES_MAX)
+            {
                 return Err(Malformed::OutOfRange);
             }
             let whole = TrackSaying::decode(&mut bits)?;
             let age = Ticks::new(age);
-            records.push(RepairRecord { index, age, whole });
+            records.push(RepairRecord {
+                index,
+                seat,
+                age,
+                whole,
+            });
             next_index = index + 1;
         }
         bits.finish()?;
@@ -107,8 +117,11 @@ impl RepairWriter {
     pub fn push(&mut self, record: &RepairRecord) {
         let age = record.age.count().min(AGE_MAX);
         let gap = record.index - self.next_index;
-        let bits = golomb_len(record.index, GAP_ORDER) + golomb_len(age, AGE_ORDER);
-        let bits = bits as usize + Saying::Whole(record.whole).bit_len();
+        let seat = record.seat.map_or(0, |seat| seat + 1);
+        let bits = golomb_len(record.index, GAP_ORDER)
+            + golomb_len(seat, SEAT_ORDER)
+            + golomb_len(age, AGE_ORDER);
+        let bits = bits as usize + record.whole.bit_len();
         let full = self.bits.bit_len() + bits > (DATAGRAM_BYTES_MAX - HEAD_BYTES_MAX) * 8;
         let gap = if full {
             self.end_part();
@@ -117,6 +130,7 @@ impl RepairWriter {
             gap
         };
         self.bits.golomb(gap, GAP_ORDER);
+        self.bits.golomb(seat, SEAT_ORDER);
         self.bits.golomb(age, AGE_ORDER);
         record.whole.encode(&mut self.bits);
         self.next_index = record.index + 1;
@@ -155,12 +169,11 @@ impl RepairWriter {
     }
 }
 
-// A lost packet holds at most so many bodies that their whole tracks fit the parts: an update takes at least 2 + 4 + 6
-// bits behind its gap, a whole track at most four times what fits a part.
+// A lost packet holds at most so many bodies that their whole tracks fit the parts.
 const _: () = assert!(
-    (DATAGRAM_BYTES_MAX * 8 / 17) * (Saying::MAX_BITS + 60)
+    UPDATES_PER_PACKET_MAX * (TrackSaying::BITS_MAX + 100)
         <= REPAIR_PARTS_MAX as usize
-            * (DATAGRAM_BYTES_MAX - HEAD_BYTES_MAX - Saying::MAX_BITS / 8)
+            * (DATAGRAM_BYTES_MAX - HEAD_BYTES_MAX - TrackSaying::BITS_MAX / 8)
             * 8
 );
 
@@ -174,10 +187,12 @@ mod tests {
             Verbatim::new([index as f32; 3], [0.0, 0.0, 0.0, 1.0], [1.0; 3], [2.0; 3]).unwrap();
         RepairRecord {
             index,
+            seat: (!index.is_multiple_of(3)).then_some(index / 2),
             age: Ticks::new(index % 1_000),
             whole: TrackSaying {
                 predictor: Predictor::Ballistic,
                 anchor: Anchor::Verbatim(moving),
+                carrier: None,
             },
         }
     }

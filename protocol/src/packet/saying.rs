@@ -1,410 +1,475 @@
-//! What is said of one body: a law, and a motion in one of three forms.
+//! What an update says of a body: a correction of a prediction, or a track.
 //!
-//! Codes are exponential Golomb codes of fixed orders, so that a packet can be read without knowing any track, and a
-//! lost one derails nothing (PROTOCOL 5.4).
+//! Numbers are said by the range coder, as likely as the packet so far makes them. Nothing here looks at a track, so
+//! that a packet can be read to its end by who lacks some of them (PROTOCOL 5.6).
 
-use rhumb_reckoning::{
-    Anchor, HORIZON, POSITION_LIMIT, PackedRotation, Predictor, Residual, Snapped, Tick, Ticks,
-    Track, VELOCITY_LIMIT, Verbatim,
-};
+use rhumb_reckoning::{HORIZON, Predictor, Residual, Ticks, VelocityResidual};
 
+use super::model::{Model, symbol_cost};
+use super::tables::{MODES, contexts};
+use super::walk::{Walk, numbers};
+use super::whole::TrackSaying;
+use crate::limits::INDICES_MAX;
 use crate::wire::Malformed;
-use crate::wire::bits::{BitReader, BitWriter, golomb_len};
-
-/// Orders of the Golomb codes, by what they hold. Measured on the ball pit.
-mod order {
-    pub(super) const AGE: u32 = 3;
-    pub(super) const POSITION: u32 = 0;
-    pub(super) const TURN: u32 = 0;
-    pub(super) const LINEAR: u32 = 2;
-    pub(super) const ANGULAR: u32 = 2;
-    /// For motions said alone, whose numbers are as large as the world.
-    pub(super) const ALONE_POSITION: u32 = 10;
-    pub(super) const ALONE_VELOCITY: u32 = 6;
-}
+use crate::wire::range::{RangeReader, RangeWriter, TOTAL_BITS};
 
 /// What an update says of a body, at the tick of its packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Saying {
     /// A correction of what the last track predicts; readable only by who has that track.
     Residual {
-        /// The new law.
-        predictor: Predictor,
+        /// How the body goes on.
+        course: Course,
         /// Ticks since the origin of the track that this builds on: names its revision.
         age: Ticks,
-        /// The correction.
+        /// The correction, in the frame that the body goes on in.
         residual: Residual,
     },
     /// A whole motion, readable by all.
     Whole(TrackSaying),
 }
 
-/// A law and a whole motion, without its tick.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TrackSaying {
-    /// How the body goes on.
-    pub predictor: Predictor,
-    /// From which motion.
-    pub anchor: Anchor,
-}
-
-impl TrackSaying {
-    /// What says this track again.
-    #[must_use]
-    pub const fn of(track: &Track) -> Self {
-        Self {
-            predictor: track.predictor,
-            anchor: track.anchor,
-        }
-    }
-
-    /// The track that this says.
-    #[must_use]
-    pub const fn track(&self, origin: Tick) -> Track {
-        Track {
-            origin,
-            predictor: self.predictor,
-            anchor: self.anchor,
-        }
-    }
-
-    /// Appends the law, the form and the motion.
-    pub fn encode(&self, to: &mut BitWriter) {
-        encode_predictor(self.predictor, to);
-        to.flag(matches!(self.anchor, Anchor::Verbatim(_)));
-        encode_anchor(&self.anchor, self.predictor, to);
-    }
-
-    /// Takes the law, the form and the motion.
-    ///
-    /// # Errors
-    ///
-    /// [`Malformed`] for what is no motion within the limits.
-    pub fn decode(from: &mut BitReader<'_>) -> Result<Self, Malformed> {
-        let predictor = decode_predictor(from)?;
-        let verbatim = from.flag()?;
-        decode_anchor(predictor, verbatim, from)
-    }
-}
-
 impl Saying {
-    /// Most bits that a saying takes: a residual whose every number is at its limit.
-    pub const MAX_BITS: usize = 3 + 18 + 3 * 63 + 3 * 23 + 6 * 49;
-
-    /// How many bits [`Self::encode`] appends.
+    /// Whether it can only be read by who has another body's track too.
     #[must_use]
-    pub fn bit_len(&self) -> usize {
-        match self {
+    pub const fn names_carrier(&self) -> bool {
+        matches!(
+            self,
             Self::Residual {
-                predictor,
+                course: Course::Held { .. }
+                    | Course::World {
+                        carrier_age: Some(_),
+                        ..
+                    },
+                ..
+            }
+        )
+    }
+}
+
+/// How a body goes on after a correction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Course {
+    /// By the law and in the frame that it had.
+    Same,
+    /// In the world, by this law.
+    World {
+        /// The law.
+        predictor: Predictor,
+        /// If another body held it so far: ticks since the origin of that body's track.
+        carrier_age: Option<Ticks>,
+    },
+    /// Held by another body.
+    Held {
+        /// Its index; it is held by none itself.
+        carrier: u32,
+        /// Ticks since the origin of that body's track.
+        carrier_age: Ticks,
+    },
+}
+
+/// The forms of an update: what its first symbol says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Mode {
+    /// [`Course::Same`], with velocities or without.
+    Same { moved: bool },
+    /// [`Course::World`], likewise.
+    World { predictor: Predictor, moved: bool },
+    /// [`Course::Held`].
+    Held,
+    /// [`Saying::Whole`].
+    Whole,
+}
+
+impl Mode {
+    /// In the order of their codes.
+    const ALL: [Self; MODE_COUNT] = {
+        const fn world(predictor: Predictor, moved: bool) -> Mode {
+            Mode::World { predictor, moved }
+        }
+        [
+            Self::Same { moved: false },
+            Self::Same { moved: true },
+            world(Predictor::Rest, false),
+            world(Predictor::Uniform, false),
+            world(Predictor::Uniform, true),
+            world(Predictor::Ballistic, false),
+            world(Predictor::Ballistic, true),
+            world(Predictor::Tumbling, false),
+            world(Predictor::Tumbling, true),
+            world(Predictor::Thrown, false),
+            world(Predictor::Thrown, true),
+            Self::Held,
+            Self::Whole,
+        ]
+    };
+
+    const fn of(saying: &Saying) -> Self {
+        match saying {
+            Saying::Whole(_) => Self::Whole,
+            Saying::Residual {
+                course, residual, ..
+            } => {
+                let moved = residual.velocity.is_some();
+                match *course {
+                    Course::Same => Self::Same { moved },
+                    Course::Held { .. } => Self::Held,
+                    Course::World { predictor, .. } => Self::World { predictor, moved },
+                }
+            }
+        }
+    }
+
+    const fn code(self) -> usize {
+        match self {
+            Self::Same { moved } => moved as usize,
+            Self::World { predictor, moved } => match predictor {
+                Predictor::Rest => 2,
+                Predictor::Uniform => 3 + moved as usize,
+                Predictor::Ballistic => 5 + moved as usize,
+                Predictor::Tumbling => 7 + moved as usize,
+                Predictor::Thrown => 9 + moved as usize,
+            },
+            Self::Held => 11,
+            Self::Whole => 12,
+        }
+    }
+
+    const fn moved(self) -> bool {
+        matches!(
+            self,
+            Self::Same { moved: true } | Self::World { moved: true, .. }
+        )
+    }
+
+    /// Forms whose numbers are alike: of the same course or of another, with velocities or without.
+    const fn kind(self) -> usize {
+        let same = matches!(self, Self::Same { .. });
+        (!same as usize) * 2 + self.moved() as usize
+    }
+}
+
+/// What the updates of one packet are said by, one after another.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Tongue {
+    model: Model,
+    /// Which expectation of the next update's form holds: by the form of the last one.
+    last: usize,
+    /// Whether an update was said, and the body that the last held one is held by.
+    begun: bool,
+    carrier: Option<u32>,
+}
+
+impl Tongue {
+    /// Says an update: how many seats lie between its body's and the last one's, which body takes the seat if that is
+    /// to be said, then what is said of it.
+    ///
+    /// # Panics
+    ///
+    /// When a whole track names no body.
+    pub(crate) fn write(
+        &mut self,
+        gap: u32,
+        body: Option<u32>,
+        saying: &Saying,
+        to: &mut RangeWriter,
+    ) {
+        self.model.write(contexts::gap(self.begun), gap, to);
+        let mode = Mode::of(saying);
+        if let Some(body) = body.filter(|_| mode != Mode::Whole) {
+            self.write_code(SEATING, to);
+            to.raw(body, INDEX_BITS);
+        }
+        self.write_code(mode.code(), to);
+        match saying {
+            Saying::Whole(whole) => {
+                to.raw(body.expect("a whole track names its body"), INDEX_BITS);
+                whole.encode(to);
+            }
+            Saying::Residual {
+                course,
                 age,
                 residual,
             } => {
-                let mut bits = 3 + golomb_len(age.count(), order::AGE);
-                bits += signed3_len(residual.position, order::POSITION);
-                bits += signed3_len(residual.turn, order::TURN);
-                if *predictor != Predictor::Rest {
-                    bits += signed3_len(residual.linear, order::LINEAR);
-                    bits += signed3_len(residual.angular, order::ANGULAR);
-                }
-                bits as usize
-            }
-            Self::Whole(whole) => {
-                let moving = whole.predictor != Predictor::Rest;
-                match &whole.anchor {
-                    Anchor::Verbatim(_) => 4 + 7 * 32 + if moving { 6 * 32 } else { 0 },
-                    Anchor::Snapped(snapped) => {
-                        let mut bits =
-                            4 + 62 + signed3_len(snapped.position, order::ALONE_POSITION);
-                        if moving {
-                            bits += signed3_len(snapped.linear, order::ALONE_VELOCITY);
-                            bits += signed3_len(snapped.angular, order::ALONE_VELOCITY);
-                        }
-                        bits as usize
+                let kind = mode.kind();
+                self.model.write(contexts::age(kind), age.count() - 1, to);
+                self.write_carrier(course, to);
+                numbers(kind, *age, residual, |context, number| {
+                    self.model.write(context, number.unsigned_abs(), to);
+                    if number != 0 {
+                        to.raw(u32::from(number < 0), 1);
                     }
-                }
+                });
             }
         }
+        self.went_on(mode);
     }
 
-    /// Appends the saying.
-    pub fn encode(&self, to: &mut BitWriter) {
-        match self {
-            Self::Residual {
-                predictor,
-                age,
-                residual,
+    fn write_code(&self, code: usize, to: &mut RangeWriter) {
+        let starts = &MODES[self.last];
+        let size = starts[code + 1] - starts[code];
+        to.symbol(u32::from(starts[code]), u32::from(size), TOTAL_BITS);
+    }
+
+    fn read_code(&self, from: &mut RangeReader<'_>) -> Result<usize, Malformed> {
+        let starts = &MODES[self.last];
+        let part = from.part(TOTAL_BITS)? as u16;
+        let mut code = 0;
+        while starts[code + 1] <= part {
+            code += 1;
+        }
+        let size = starts[code + 1] - starts[code];
+        from.symbol(u32::from(starts[code]), u32::from(size), TOTAL_BITS);
+        Ok(code)
+    }
+
+    fn write_carrier(&mut self, course: &Course, to: &mut RangeWriter) {
+        let age = match *course {
+            Course::Same => return,
+            Course::World { carrier_age, .. } => {
+                to.raw(u32::from(carrier_age.is_some()), 1);
+                carrier_age
+            }
+            Course::Held {
+                carrier,
+                carrier_age,
             } => {
-                encode_predictor(*predictor, to);
-                to.flag(false);
-                to.golomb(age.count(), order::AGE);
-                encode3(residual.position, order::POSITION, to);
-                encode3(residual.turn, order::TURN, to);
-                if *predictor != Predictor::Rest {
-                    encode3(residual.linear, order::LINEAR, to);
-                    encode3(residual.angular, order::ANGULAR, to);
+                let again = self.carrier == Some(carrier);
+                if self.carrier.is_some() {
+                    to.raw(u32::from(again), 1);
                 }
+                if !again {
+                    to.raw(carrier, INDEX_BITS);
+                }
+                self.carrier = Some(carrier);
+                Some(carrier_age)
             }
-            Self::Whole(TrackSaying { predictor, anchor }) => {
-                encode_predictor(*predictor, to);
-                to.flag(true);
-                to.flag(matches!(anchor, Anchor::Verbatim(_)));
-                encode_anchor(anchor, *predictor, to);
-            }
+        };
+        if let Some(age) = age {
+            self.model.write(contexts::CARRIER_AGE, age.count(), to);
         }
     }
 
-    /// Takes a saying.
+    /// Reads an update: the gap, the body if it is named, then what is said of it.
     ///
     /// # Errors
     ///
     /// [`Malformed`] for what is no saying within the limits.
-    pub fn decode(from: &mut BitReader<'_>) -> Result<Self, Malformed> {
-        let predictor = decode_predictor(from)?;
-        if from.flag()? {
-            let verbatim = from.flag()?;
-            return decode_anchor(predictor, verbatim, from).map(Self::Whole);
+    pub(crate) fn read(
+        &mut self,
+        from: &mut RangeReader<'_>,
+    ) -> Result<(u32, Option<u32>, Saying), Malformed> {
+        let gap = self.model.read(contexts::gap(self.begun), from)?;
+        let mut code = self.read_code(from)?;
+        let mut body = None;
+        if code == SEATING {
+            body = Some(from.raw(INDEX_BITS)?);
+            code = self.read_code(from)?;
         }
-        let age = Ticks::new(from.golomb(order::AGE)?);
-        if age == Ticks::ZERO {
+        let mode = *Mode::ALL.get(code).ok_or(Malformed::NotCanonical)?;
+        let saying = if mode == Mode::Whole {
+            if body.is_some() {
+                return Err(Malformed::NotCanonical);
+            }
+            body = Some(from.raw(INDEX_BITS)?);
+            Saying::Whole(TrackSaying::decode(from)?)
+        } else {
+            let kind = mode.kind();
+            let age = self.model.read(contexts::age(kind), from)?;
+            if age >= HORIZON.count() {
+                return Err(Malformed::OutOfRange);
+            }
+            let age = Ticks::new(age + 1);
+            let course = self.read_course(mode, from)?;
+            let residual = self.read_residual(kind, age, from)?;
+            Saying::Residual {
+                course,
+                age,
+                residual,
+            }
+        };
+        self.went_on(mode);
+        Ok((gap, body, saying))
+    }
+
+    fn read_course(&mut self, mode: Mode, from: &mut RangeReader<'_>) -> Result<Course, Malformed> {
+        match mode {
+            Mode::Same { .. } | Mode::Whole => Ok(Course::Same),
+            Mode::World { predictor, .. } => {
+                let held = from.raw(1)? == 1;
+                let carrier_age = if held {
+                    Some(self.read_carrier_age(from)?)
+                } else {
+                    None
+                };
+                Ok(Course::World {
+                    predictor,
+                    carrier_age,
+                })
+            }
+            Mode::Held => {
+                let again = match self.carrier {
+                    Some(carrier) if from.raw(1)? == 1 => Some(carrier),
+                    _ => None,
+                };
+                let carrier = match again {
+                    Some(carrier) => carrier,
+                    None => from.raw(INDEX_BITS)?,
+                };
+                if again.is_none() && self.carrier == Some(carrier) {
+                    return Err(Malformed::NotCanonical);
+                }
+                self.carrier = Some(carrier);
+                let carrier_age = self.read_carrier_age(from)?;
+                Ok(Course::Held {
+                    carrier,
+                    carrier_age,
+                })
+            }
+        }
+    }
+
+    fn read_carrier_age(&mut self, from: &mut RangeReader<'_>) -> Result<Ticks, Malformed> {
+        let age = self.model.read(contexts::CARRIER_AGE, from)?;
+        if age > CARRIER_AGE_MAX {
             return Err(Malformed::OutOfRange);
         }
+        Ok(Ticks::new(age))
+    }
+
+    fn read_residual(
+        &mut self,
+        kind: usize,
+        age: Ticks,
+        from: &mut RangeReader<'_>,
+    ) -> Result<Residual, Malformed> {
+        let moved = kind % 2 == 1;
         let mut residual = Residual {
-            position: decode3(order::POSITION, from)?,
-            turn: decode3(order::TURN, from)?,
+            velocity: moved.then(VelocityResidual::default),
             ..Residual::default()
         };
-        if predictor != Predictor::Rest {
-            residual.linear = decode3(order::LINEAR, from)?;
-            residual.angular = decode3(order::ANGULAR, from)?;
+        let mut walk = Walk::new(kind, age);
+        while let Some(context) = walk.context() {
+            let size = self.model.read(context, from)?;
+            let size = i32::try_from(size).map_err(|_| Malformed::OutOfRange)?;
+            let negative = size != 0 && from.raw(1)? == 1;
+            *walk.place(&mut residual) = if negative { -size } else { size };
+            walk.step(size.unsigned_abs());
         }
         if !residual.is_within_limits() {
             return Err(Malformed::OutOfRange);
         }
-        Ok(Self::Residual {
-            predictor,
-            age,
-            residual,
-        })
+        Ok(residual)
     }
-}
 
-fn encode_predictor(predictor: Predictor, to: &mut BitWriter) {
-    to.bits(
-        match predictor {
-            Predictor::Rest => 0,
-            Predictor::Uniform => 1,
-            Predictor::Ballistic => 2,
-        },
-        2,
-    );
-}
-
-fn decode_predictor(from: &mut BitReader<'_>) -> Result<Predictor, Malformed> {
-    match from.bits(2)? {
-        0 => Ok(Predictor::Rest),
-        1 => Ok(Predictor::Uniform),
-        2 => Ok(Predictor::Ballistic),
-        _ => Err(Malformed::UnknownCode),
+    fn went_on(&mut self, mode: Mode) {
+        self.begun = true;
+        self.last = contexts::after(mode.code());
     }
-}
 
-fn encode_anchor(anchor: &Anchor, predictor: Predictor, to: &mut BitWriter) {
-    let moving = predictor != Predictor::Rest;
-    match anchor {
-        Anchor::Verbatim(verbatim) => {
-            let parts = verbatim.parts();
-            let said = if moving { &parts[..] } else { &parts[..7] };
-            for part in said {
-                to.bits(part.to_bits(), 32);
+    /// What saying this next would cost, its gap aside, in 1/256 bits.
+    pub(crate) fn cost(&self, saying: &Saying) -> u32 {
+        let mode = Mode::of(saying);
+        let starts = &MODES[self.last];
+        let code = mode.code();
+        let mut cost = symbol_cost(u32::from(starts[code + 1] - starts[code]));
+        match saying {
+            Saying::Whole(whole) => cost += (whole.bit_len() as u32 + INDEX_BITS) * 256,
+            Saying::Residual {
+                course,
+                age,
+                residual,
+            } => {
+                let kind = mode.kind();
+                cost += self.model.cost(contexts::age(kind), age.count() - 1);
+                cost += match course {
+                    Course::Same => 0,
+                    Course::World { carrier_age, .. } => {
+                        256 + carrier_age.map_or(0, |_| CARRIER_AGE_COST)
+                    }
+                    Course::Held { carrier, .. } if self.carrier == Some(*carrier) => {
+                        256 + CARRIER_AGE_COST
+                    }
+                    Course::Held { .. } => INDEX_BITS * 256 + CARRIER_AGE_COST,
+                };
+                numbers(kind, *age, residual, |context, number| {
+                    cost += self.model.cost(context, number.unsigned_abs());
+                    cost += u32::from(number != 0) * 256;
+                });
             }
         }
-        Anchor::Snapped(snapped) => {
-            encode3(snapped.position, order::ALONE_POSITION, to);
-            encode_rotation(snapped.rotation, to);
-            if moving {
-                encode3(snapped.linear, order::ALONE_VELOCITY, to);
-                encode3(snapped.angular, order::ALONE_VELOCITY, to);
-            }
-        }
+        cost
     }
 }
 
-fn decode_anchor(
-    predictor: Predictor,
-    verbatim: bool,
-    from: &mut BitReader<'_>,
-) -> Result<TrackSaying, Malformed> {
-    let moving = predictor != Predictor::Rest;
-    let anchor = if verbatim {
-        Anchor::Verbatim(decode_verbatim(moving, from)?)
-    } else {
-        let mut snapped = Snapped {
-            position: decode3(order::ALONE_POSITION, from)?,
-            rotation: decode_rotation(from)?,
-            linear: [0; 3],
-            angular: [0; 3],
-        };
-        if moving {
-            snapped.linear = decode3(order::ALONE_VELOCITY, from)?;
-            snapped.angular = decode3(order::ALONE_VELOCITY, from)?;
-        }
-        if !snapped.is_within_limits() {
-            return Err(Malformed::OutOfRange);
-        }
-        Anchor::Snapped(snapped)
-    };
-    Ok(TrackSaying { predictor, anchor })
-}
+/// Bits of a body's index.
+const INDEX_BITS: u32 = INDICES_MAX.ilog2();
+/// A body that holds others is spoken of at least this often, or said to rest.
+const CARRIER_AGE_MAX: u32 = 1 << 30;
+/// About what an age costs, to choose by.
+const CARRIER_AGE_COST: u32 = 4 * 256;
 
-fn decode_verbatim(moving: bool, from: &mut BitReader<'_>) -> Result<Verbatim, Malformed> {
-    let mut parts = [0.0_f32; 13];
-    let said = if moving { 13 } else { 7 };
-    for part in &mut parts[..said] {
-        *part = f32::from_bits(from.bits(32)?);
-    }
-    let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = parts;
-    Verbatim::new([px, py, pz], [x, y, z, w], [vx, vy, vz], [wx, wy, wz])
-        .map_err(|_| Malformed::NotFinite)
-}
-
-/// A packed component is at most 370,728 in size and so fits 20 bits with its sign.
-const COMPONENT_BITS: u32 = 20;
-
-fn encode_rotation(rotation: PackedRotation, to: &mut BitWriter) {
-    let (largest, others) = rotation.parts();
-    to.bits(u32::from(largest), 2);
-    for other in others {
-        to.bits((other + (1 << (COMPONENT_BITS - 1))) as u32, COMPONENT_BITS);
-    }
-}
-
-fn decode_rotation(from: &mut BitReader<'_>) -> Result<PackedRotation, Malformed> {
-    let largest = from.bits(2)? as u8;
-    let mut others = [0; 3];
-    for other in &mut others {
-        *other = from.bits(COMPONENT_BITS)? as i32 - (1 << (COMPONENT_BITS - 1));
-    }
-    PackedRotation::from_parts(largest, others).ok_or(Malformed::NotCanonical)
-}
-
-fn encode3(values: [i32; 3], order: u32, to: &mut BitWriter) {
-    for value in values {
-        to.signed_golomb(value, order);
-    }
-}
-
-fn decode3(order: u32, from: &mut BitReader<'_>) -> Result<[i32; 3], Malformed> {
-    Ok([
-        from.signed_golomb(order)?,
-        from.signed_golomb(order)?,
-        from.signed_golomb(order)?,
-    ])
-}
-
-fn signed3_len(values: [i32; 3], order: u32) -> u32 {
-    values
-        .iter()
-        .map(|&value| golomb_len(((value << 1) ^ (value >> 31)) as u32, order))
-        .sum()
-}
-
-// The longest codes: every residual within its limit can be written, and an age within the horizon.
-const _: () = assert!((POSITION_LIMIT as u32) * 2 < crate::wire::bits::GOLOMB_MAX);
-const _: () = assert!(VELOCITY_LIMIT < POSITION_LIMIT);
-const _: () = assert!(HORIZON.count() < 1 << 10);
+/// How many forms there are.
+pub(super) const MODE_COUNT: usize = 13;
+/// The code, behind those of the forms, that says that a body takes a seat; the form follows.
+const SEATING: usize = MODE_COUNT;
 
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::packet::whole::tests::{steps, whole};
+    use alloc::vec::Vec;
     use proptest::prelude::*;
+    use rhumb_reckoning::{RESIDUAL_LIMIT, TURN_LIMIT, VELOCITY_LIMIT};
 
-    pub(crate) fn predictor() -> impl Strategy<Value = Predictor> {
+    fn course() -> impl Strategy<Value = Course> {
+        let carrier_age = || (0_u32..2_000).prop_map(Ticks::new);
         prop_oneof![
-            Just(Predictor::Rest),
-            Just(Predictor::Uniform),
-            Just(Predictor::Ballistic)
-        ]
-    }
-
-    fn steps(limit: i32) -> impl Strategy<Value = [i32; 3]> {
-        prop_oneof![
-            proptest::array::uniform3(-limit..=limit),
-            proptest::array::uniform3(-9_i32..=9)
-        ]
-    }
-
-    fn whole() -> impl Strategy<Value = TrackSaying> {
-        let rotation = proptest::array::uniform4(-1.0_f64..1.0).prop_filter_map("too short", |q| {
-            let length = q.iter().map(|c| c * c).sum::<f64>().sqrt();
-            (length > 0.1).then(|| glam::DQuat::from_array(q.map(|c| c / length)))
-        });
-        let velocity = || steps(VELOCITY_LIMIT);
-        (
-            predictor(),
-            any::<bool>(),
-            steps(POSITION_LIMIT),
-            rotation,
-            velocity(),
-            velocity(),
-        )
-            .prop_map(
-                |(predictor, verbatim, position, rotation, linear, angular)| {
-                    let anchor = if verbatim {
-                        let float = |values: [i32; 3]| values.map(|v| v as f32 / 1024.0);
-                        let quaternion = rotation.to_array().map(|c| c as f32);
-                        let whole = Verbatim::new(
-                            float(position),
-                            quaternion,
-                            float(linear),
-                            float(angular),
-                        )
-                        .unwrap();
-                        Anchor::Verbatim(if predictor == Predictor::Rest {
-                            whole.stilled()
-                        } else {
-                            whole
-                        })
-                    } else {
-                        let rotation = PackedRotation::of(rotation);
-                        let snapped = Snapped {
-                            position,
-                            rotation,
-                            linear,
-                            angular,
-                        };
-                        Anchor::Snapped(if predictor == Predictor::Rest {
-                            snapped.stilled()
-                        } else {
-                            snapped
-                        })
-                    };
-                    TrackSaying { predictor, anchor }
-                },
+            3 => Just(Course::Same),
+            2 => (
+                prop::sample::select(&Predictor::ALL[..]),
+                proptest::option::of(carrier_age())
             )
+                .prop_map(|(predictor, carrier_age)| Course::World {
+                    predictor,
+                    carrier_age
+                }),
+            1 => (prop_oneof![0..INDICES_MAX, Just(5)], carrier_age()).prop_map(
+                |(carrier, carrier_age)| Course::Held {
+                    carrier,
+                    carrier_age
+                }
+            ),
+        ]
     }
 
     pub(crate) fn saying() -> impl Strategy<Value = Saying> {
-        let turn = steps(rhumb_reckoning::TURN_LIMIT);
+        let velocity = (steps(VELOCITY_LIMIT), steps(VELOCITY_LIMIT))
+            .prop_map(|(linear, angular)| VelocityResidual { linear, angular });
         let residual = (
-            steps(POSITION_LIMIT),
-            turn,
-            steps(VELOCITY_LIMIT),
-            steps(VELOCITY_LIMIT),
+            steps(RESIDUAL_LIMIT),
+            steps(TURN_LIMIT),
+            proptest::option::of(velocity),
         );
         prop_oneof![
             whole().prop_map(Saying::Whole),
-            (predictor(), 1_u32..=HORIZON.count(), residual).prop_map(
-                |(predictor, age, (position, turn, linear, angular))| {
-                    let rest = predictor == Predictor::Rest;
+            (course(), 1_u32..=HORIZON.count(), residual).prop_map(
+                |(course, age, (position, turn, velocity))| {
+                    let still = matches!(
+                        course,
+                        Course::Held { .. }
+                            | Course::World {
+                                predictor: Predictor::Rest,
+                                ..
+                            }
+                    );
                     Saying::Residual {
-                        predictor,
+                        course,
                         age: Ticks::new(age),
                         residual: Residual {
                             position,
                             turn,
-                            linear: if rest { [0; 3] } else { linear },
-                            angular: if rest { [0; 3] } else { angular },
+                            velocity: velocity.filter(|_| !still),
                         },
                     }
                 }
@@ -412,30 +477,51 @@ pub(crate) mod tests {
         ]
     }
 
+    fn seated() -> impl Strategy<Value = (u32, Option<u32>, Saying)> {
+        let body = prop_oneof![Just(None), (0..INDICES_MAX).prop_map(Some)];
+        (0_u32..5_000, body, saying()).prop_map(|(gap, body, saying)| {
+            let whole = matches!(saying, Saying::Whole(_));
+            (gap, body.or(whole.then_some(7)), saying)
+        })
+    }
+
     proptest! {
         #[test]
-        fn a_saying_comes_back_in_as_many_bits_as_announced(saying in saying()) {
-            let mut writer = BitWriter::default();
-            saying.encode(&mut writer);
-            prop_assert_eq!(writer.bit_len(), saying.bit_len());
-            prop_assert!(saying.bit_len() <= Saying::MAX_BITS);
+        fn sayings_come_back_at_about_their_cost(sayings in proptest::collection::vec(seated(), 0..20)) {
+            let (mut tongue, mut writer, mut cost) = (Tongue::default(), RangeWriter::default(), 0);
+            for (gap, body, saying) in &sayings {
+                cost += tongue.cost(saying) + 64 * 256;
+                tongue.write(*gap, *body, saying, &mut writer);
+            }
             let bytes = writer.into_bytes();
-            let mut reader = BitReader::new(&bytes);
-            prop_assert_eq!(Saying::decode(&mut reader), Ok(saying));
+            prop_assert!(bytes.len() * 8 * 256 <= cost as usize + cost as usize / 8 + 16 * 256);
+            let (mut tongue, mut reader) = (Tongue::default(), RangeReader::new(&bytes));
+            let mut read = Vec::new();
+            for _ in &sayings {
+                read.push(tongue.read(&mut reader).unwrap());
+            }
+            prop_assert_eq!(read, sayings);
             prop_assert_eq!(reader.finish(), Ok(()));
         }
 
         #[test]
-        fn what_decodes_encodes_to_the_same_bits(bytes in proptest::collection::vec(any::<u8>(), 0..64)) {
-            let mut reader = BitReader::new(&bytes);
-            if let Ok(saying) = Saying::decode(&mut reader) {
-                let mut writer = BitWriter::default();
-                saying.encode(&mut writer);
-                prop_assert_eq!(writer.bit_len(), reader.position());
-                let again = writer.into_bytes();
-                let mut reread = BitReader::new(&again);
-                prop_assert_eq!(Saying::decode(&mut reread), Ok(saying));
+        fn what_is_read_is_written_alike(bytes in proptest::collection::vec(any::<u8>(), 0..64), count in 0_usize..8) {
+            let (mut tongue, mut reader) = (Tongue::default(), RangeReader::new(&bytes));
+            let read: Result<Vec<_>, _> = (0..count).map(|_| tongue.read(&mut reader)).collect();
+            if let Ok(read) = read && reader.finish().is_ok() {
+                let (mut tongue, mut writer) = (Tongue::default(), RangeWriter::default());
+                for (gap, body, saying) in &read {
+                    tongue.write(*gap, *body, saying, &mut writer);
+                }
+                prop_assert_eq!(writer.into_bytes(), bytes);
             }
+        }
+    }
+
+    #[test]
+    fn every_form_has_its_code() {
+        for (code, mode) in Mode::ALL.into_iter().enumerate() {
+            assert_eq!(mode.code(), code);
         }
     }
 }

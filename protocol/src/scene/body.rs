@@ -36,6 +36,8 @@ pub struct BodyTerms {
     pub damping: Option<Damping>,
     /// Factor on the scene's gravity; one for most.
     pub gravity_scale: f32,
+    /// Whether the axis of its spin wanders when its moments of inertia differ, as physics has it; true for most.
+    pub gyroscopic: bool,
 }
 
 /// Bits of the byte that says what follows.
@@ -44,7 +46,8 @@ mod flag {
     pub(super) const MATERIAL: u8 = 1 << 2;
     pub(super) const DAMPING: u8 = 1 << 3;
     pub(super) const GRAVITY_SCALE: u8 = 1 << 4;
-    pub(super) const ALL: u8 = (1 << 5) - 1;
+    pub(super) const NOT_GYROSCOPIC: u8 = 1 << 5;
+    pub(super) const ALL: u8 = (1 << 6) - 1;
 }
 
 impl BodyTerms {
@@ -58,7 +61,14 @@ impl BodyTerms {
             material: None,
             damping: None,
             gravity_scale: 1.0,
+            gyroscopic: true,
         }
+    }
+
+    /// Whether its moments of inertia matter to how it moves when nothing touches it.
+    #[must_use]
+    pub const fn can_tumble(&self) -> bool {
+        matches!(self.kind, BodyKind::Dynamic) && self.gyroscopic
     }
 
     /// Checks every number.
@@ -90,12 +100,13 @@ impl Wire for BodyTerms {
             BodyKind::Kinematic => 2,
         };
         let scaled = self.gravity_scale.to_bits() != 1.0_f32.to_bits();
-        for (present, bit) in [
+        for (set, bit) in [
             (self.material.is_some(), flag::MATERIAL),
             (self.damping.is_some(), flag::DAMPING),
             (scaled, flag::GRAVITY_SCALE),
+            (!self.gyroscopic, flag::NOT_GYROSCOPIC),
         ] {
-            if present {
+            if set {
                 flags |= bit;
             }
         }
@@ -127,6 +138,7 @@ impl Wire for BodyTerms {
         };
         let shape = ShapeId::decode(from)?;
         let mut terms = Self::plain(id, kind, shape);
+        terms.gyroscopic = flags & flag::NOT_GYROSCOPIC == 0;
         if flags & flag::MATERIAL != 0 {
             terms.material = Some(Material::decode(from)?);
         }

@@ -45,10 +45,22 @@ pub enum Quantity {
     Substeps = 15,
     /// Ticks per second.
     Rate = 16,
+    /// How many points a hull has.
+    HullPoints = 17,
+    /// Metres.
+    HullThickness = 18,
+    /// Metres.
+    Anchor = 19,
+    /// Radians or metres.
+    JointLimit = 20,
+    /// m/s.
+    SleepSpeed = 21,
+    /// Seconds.
+    SleepSeconds = 22,
 }
 
 impl Quantity {
-    const ALL: [Self; 17] = [
+    const ALL: [Self; 23] = [
         Self::Position,
         Self::Rotation,
         Self::Linear,
@@ -66,6 +78,12 @@ impl Quantity {
         Self::GravityScale,
         Self::Substeps,
         Self::Rate,
+        Self::HullPoints,
+        Self::HullThickness,
+        Self::Anchor,
+        Self::JointLimit,
+        Self::SleepSpeed,
+        Self::SleepSeconds,
     ];
 
     /// The quantity of a code.
@@ -101,6 +119,12 @@ impl fmt::Display for Quantity {
             Self::GravityScale => "gravity scale",
             Self::Substeps => "number of substeps",
             Self::Rate => "tick rate",
+            Self::HullPoints => "number of a hull's points",
+            Self::HullThickness => "thickness of a hull",
+            Self::Anchor => "anchor of a joint",
+            Self::JointLimit => "limit of a joint",
+            Self::SleepSpeed => "speed below which bodies sleep",
+            Self::SleepSeconds => "time until bodies sleep",
         })
     }
 }

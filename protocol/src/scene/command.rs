@@ -9,13 +9,14 @@ use rhumb_reckoning::{BodyId, Verbatim};
 
 use super::body::BodyTerms;
 use super::checks::{Invalid, Quantity, rotation, vector};
+use super::joint::{Joint, JointId};
 use super::shape::{Shape, ShapeId};
 use crate::limits::{ANGULAR_MAX, COORDINATE_MAX, FORCE_MAX, GRAVITY_MAX, LINEAR_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
 /// One wish, applied before the next tick in the order of sending.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Command {
     /// Makes a shape known.
     AddShape {
@@ -92,6 +93,18 @@ pub enum Command {
         /// m/s², world frame.
         gravity: Vec3,
     },
+    /// Holds two bodies together.
+    AddJoint {
+        /// Its number, not in use.
+        id: JointId,
+        /// What it is.
+        joint: Joint,
+    },
+    /// Lets go of what a joint held; a joint goes with either of its bodies too.
+    RemoveJoint {
+        /// Which.
+        id: JointId,
+    },
 }
 
 impl Command {
@@ -102,8 +115,9 @@ impl Command {
     /// [`Invalid`] names the first that is wrong.
     pub fn check(&self) -> Result<(), Invalid> {
         match *self {
-            Self::AddShape { shape, .. } => shape.check(),
-            Self::RemoveShape { .. } | Self::RemoveBody { .. } => Ok(()),
+            Self::AddShape { ref shape, .. } => shape.check(),
+            Self::AddJoint { ref joint, .. } => joint.check(),
+            Self::RemoveShape { .. } | Self::RemoveBody { .. } | Self::RemoveJoint { .. } => Ok(()),
             Self::AddBody { terms, motion } => {
                 terms.check()?;
                 let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = motion.parts();
@@ -150,6 +164,8 @@ mod code {
     pub(super) const IMPULSE: u8 = 8;
     pub(super) const TORQUE_IMPULSE: u8 = 9;
     pub(super) const SET_GRAVITY: u8 = 10;
+    pub(super) const ADD_JOINT: u8 = 11;
+    pub(super) const REMOVE_JOINT: u8 = 12;
 }
 
 impl Wire for Command {
@@ -164,7 +180,7 @@ impl Wire for Command {
             Self::Torque { id, torque } => push(code::TORQUE, id, torque),
             Self::Impulse { id, impulse } => push(code::IMPULSE, id, impulse),
             Self::TorqueImpulse { id, impulse } => push(code::TORQUE_IMPULSE, id, impulse),
-            Self::AddShape { id, shape } => {
+            Self::AddShape { id, ref shape } => {
                 to.u8(code::ADD_SHAPE);
                 id.encode(to);
                 shape.encode(to);
@@ -205,6 +221,15 @@ impl Wire for Command {
             Self::SetGravity { gravity } => {
                 to.u8(code::SET_GRAVITY);
                 to.f32s(&gravity.to_array());
+            }
+            Self::AddJoint { id, joint } => {
+                to.u8(code::ADD_JOINT);
+                id.encode(to);
+                joint.encode(to);
+            }
+            Self::RemoveJoint { id } => {
+                to.u8(code::REMOVE_JOINT);
+                id.encode(to);
             }
         }
     }
@@ -254,6 +279,13 @@ impl Wire for Command {
             },
             code::SET_GRAVITY => Self::SetGravity {
                 gravity: vector(from)?,
+            },
+            code::ADD_JOINT => Self::AddJoint {
+                id: JointId::decode(from)?,
+                joint: Joint::decode(from)?,
+            },
+            code::REMOVE_JOINT => Self::RemoveJoint {
+                id: JointId::decode(from)?,
             },
             _ => return Err(Malformed::UnknownCode),
         })
@@ -352,6 +384,14 @@ pub enum CommandError {
     NotPushable(BodyId),
     /// The scene has faulted and takes no commands.
     SceneFaulted,
+    /// The engine cannot make a solid of the shape.
+    ShapeUnfit(ShapeId),
+    /// No such joint.
+    UnknownJoint(JointId),
+    /// The joint's number is in use.
+    JointIdTaken(JointId),
+    /// The joint would hold the body to itself.
+    JoinedToItself(BodyId),
 }
 
 impl fmt::Display for CommandError {
@@ -370,6 +410,10 @@ impl fmt::Display for CommandError {
             }
             Self::NotPushable(id) => write!(f, "{id} is static or kinematic and cannot be pushed"),
             Self::SceneFaulted => f.write_str("the scene has faulted and takes no commands"),
+            Self::ShapeUnfit(id) => write!(f, "the engine cannot make a solid of {id}"),
+            Self::UnknownJoint(id) => write!(f, "the scene has no {id}"),
+            Self::JointIdTaken(id) => write!(f, "{id} is taken"),
+            Self::JoinedToItself(id) => write!(f, "a joint cannot hold {id} to itself"),
         }
     }
 }
@@ -397,6 +441,10 @@ impl Wire for CommandError {
             Self::TooManyDampings => to.u8(9),
             Self::NotPushable(id) => named(to, 10, &id),
             Self::SceneFaulted => to.u8(11),
+            Self::ShapeUnfit(id) => named(to, 12, &id),
+            Self::UnknownJoint(id) => named(to, 13, &id),
+            Self::JointIdTaken(id) => named(to, 14, &id),
+            Self::JoinedToItself(id) => named(to, 15, &id),
         }
     }
 
@@ -416,6 +464,10 @@ impl Wire for CommandError {
             9 => Self::TooManyDampings,
             10 => Self::NotPushable(BodyId::decode(from)?),
             11 => Self::SceneFaulted,
+            12 => Self::ShapeUnfit(ShapeId::decode(from)?),
+            13 => Self::UnknownJoint(JointId::decode(from)?),
+            14 => Self::JointIdTaken(JointId::decode(from)?),
+            15 => Self::JoinedToItself(BodyId::decode(from)?),
             _ => return Err(Malformed::UnknownCode),
         })
     }

@@ -6,6 +6,7 @@ use glam::Vec3;
 use rhumb_reckoning::Metres;
 
 use super::checks::{Invalid, Quantity, scalar};
+use super::hull::Hull;
 use crate::limits::{EXTENT_MAX, EXTENT_MIN, SHAPES_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
@@ -32,7 +33,7 @@ impl Wire for ShapeId {
 }
 
 /// A solid, centred on its body's centre of mass. Lengths in metres; long axes along the body's y.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Shape {
     /// A sphere.
     Ball {
@@ -58,6 +59,8 @@ pub enum Shape {
         /// Metres.
         radius: f32,
     },
+    /// What lies between some points; the body's centre of mass is where they are counted from.
+    Hull(Hull),
 }
 
 impl Shape {
@@ -68,6 +71,7 @@ impl Shape {
     /// [`Invalid`] for an extent that is not finite or outside the limits.
     pub fn check(&self) -> Result<(), Invalid> {
         let extents = match *self {
+            Self::Hull(ref hull) => return hull.check(),
             Self::Ball { radius } => [radius; 3],
             Self::Cuboid { half_extents } => half_extents.to_array(),
             Self::Capsule {
@@ -89,6 +93,7 @@ impl Shape {
     #[must_use]
     pub fn bounding_radius(&self) -> Metres {
         Metres::new(match *self {
+            Self::Hull(ref hull) => return hull.bounding_radius(),
             Self::Ball { radius } => f64::from(radius),
             Self::Cuboid { half_extents } => {
                 let [x, y, z] = half_extents.to_array().map(f64::from);
@@ -134,6 +139,10 @@ impl Wire for Shape {
                 to.u8(3);
                 to.f32s(&[half_height, radius]);
             }
+            Self::Hull(ref hull) => {
+                to.u8(4);
+                hull.encode(to);
+            }
         }
     }
 
@@ -159,6 +168,7 @@ impl Wire for Shape {
                     radius,
                 }
             }
+            4 => Self::Hull(Hull::decode(from)?),
             _ => return Err(Malformed::UnknownCode),
         })
     }

@@ -7,7 +7,10 @@ use rhumb_reckoning::{Damping, Integrator, Rate};
 
 use super::checks::{Invalid, Quantity, scalar, vector};
 use super::material::Material;
-use crate::limits::{DAMPING_MAX, GRAVITY_MAX, RATE_MAX, STEP_SECONDS_MAX, SUBSTEPS_MAX};
+use crate::limits::{
+    DAMPING_MAX, GRAVITY_MAX, RATE_MAX, SLEEP_SECONDS_MAX, SLEEP_SPEED_MAX, STEP_SECONDS_MAX,
+    SUBSTEPS_MAX,
+};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
@@ -18,6 +21,22 @@ pub enum Pace {
     Lockstep,
     /// The server's clock, while anybody is there to see it.
     FreeRunning,
+}
+
+/// When bodies fall asleep.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SleepTerms {
+    /// A body is still while no point of it is faster, m/s.
+    pub speed: f32,
+    /// It falls asleep once it and all that it touches were still for so long, seconds.
+    pub seconds: f32,
+}
+
+impl SleepTerms {
+    fn check(self) -> Result<(), Invalid> {
+        scalar(self.speed, 0.0, SLEEP_SPEED_MAX, Quantity::SleepSpeed)?;
+        scalar(self.seconds, 0.0, SLEEP_SECONDS_MAX, Quantity::SleepSeconds)
+    }
 }
 
 /// How a scene steps, what pulls at its bodies, and what a body is made of unless it says otherwise.
@@ -33,6 +52,8 @@ pub struct SceneTerms {
     pub material: Material,
     /// For bodies that bring none.
     pub damping: Damping,
+    /// The engine's own habit, unless the scene says otherwise.
+    pub sleep: Option<SleepTerms>,
 }
 
 impl SceneTerms {
@@ -54,7 +75,8 @@ impl SceneTerms {
         }
         vector(self.gravity, GRAVITY_MAX, Quantity::Gravity)?;
         self.material.check()?;
-        check_damping(self.damping)
+        check_damping(self.damping)?;
+        self.sleep.map_or(Ok(()), SleepTerms::check)
     }
 }
 
@@ -87,6 +109,10 @@ impl Wire for SceneTerms {
         });
         self.material.encode(to);
         self.damping.encode(to);
+        to.u8(u8::from(self.sleep.is_some()));
+        if let Some(SleepTerms { speed, seconds }) = self.sleep {
+            to.f32s(&[speed, seconds]);
+        }
     }
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
@@ -102,6 +128,14 @@ impl Wire for SceneTerms {
             },
             material: Material::decode(from)?,
             damping: Damping::decode(from)?,
+            sleep: match from.u8()? {
+                0 => None,
+                1 => {
+                    let [speed, seconds] = from.f32s()?;
+                    Some(SleepTerms { speed, seconds })
+                }
+                _ => return Err(Malformed::UnknownCode),
+            },
         })
     }
 }

@@ -5,48 +5,24 @@
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
-use core::fmt;
 
 use bytes::Bytes;
-use rhumb_reckoning::Tick;
+use rhumb_reckoning::{Rate, Tick};
 
 use super::close::CloseCode;
+use super::copies::{Copies, Told};
 use super::event::Event;
+use super::misuse::Misuse;
 use super::patience::Patience;
+use super::pings::Pings;
 use super::replica::Replica;
 use crate::endpoint::{Ending, Endpoint, Peer, Transmit, Wake, WakeReason};
 use crate::limits::RESERVE_MAX;
 use crate::message::{
-    ClientMessage, Frames, Joined, Notice, ServerMessage, StreamChoice, VERSIONS,
+    ClientMessage, Denial, Frames, Joined, Notice, ServerMessage, StreamChoice, VERSIONS,
 };
-use crate::scene::{Command, IdRange, Invalid, Pace, SceneName, SceneTerms};
+use crate::scene::{Command, IdRange, Pace, SceneName, SceneTerms};
 use crate::time::{Instant, Span};
-
-/// A call that cannot be, by the application's own mistake.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Misuse {
-    /// The conversation is not where this can be asked.
-    NotNow,
-    /// A number that no engine should be given.
-    Invalid(Invalid),
-    /// So many body indices cannot be asked for at once.
-    Indices(u32),
-}
-
-impl fmt::Display for Misuse {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NotNow => f.write_str("not possible in this state of the connection"),
-            Self::Invalid(invalid) => invalid.fmt(f),
-            Self::Indices(count) => write!(
-                f,
-                "{count} body indices cannot be asked for at once: 1 to {RESERVE_MAX}"
-            ),
-        }
-    }
-}
-
-impl core::error::Error for Misuse {}
 
 /// How far the conversation has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,19 +38,18 @@ enum State {
 const DISORDER: Span = Span::from_millis(4);
 /// The longest silence between two askings for one repair.
 const REPAIR_MOST: Span = Span::from_millis(500);
+/// The pause between two askings for the whole scene, unless the stream was settled between them. It doubles, so that a
+/// link that is too thin for the scene is not filled with snapshots.
+const RESYNC_AGAIN: Span = Span::from_millis(1_000);
+/// See [`RESYNC_AGAIN`].
+const RESYNC_MOST: Span = Span::from_millis(16_000);
 /// How long an advance may be unanswered before it is asked for.
 const SILENCE: Span = Span::from_millis(100);
 /// How long beyond [`SILENCE`] any stream may be silent before it is asked: its last packet may be the lost one. One
-/// that runs freely at 60 Hz vouches more often.
-const SILENCE_UNASKED: Span = Span::from_millis(1_500);
+/// that runs freely vouches each two and a half seconds at least.
+const SILENCE_UNASKED: Span = Span::from_millis(2_900);
 /// See [`SILENCE`].
 const SILENCE_MOST: Span = Span::from_millis(2_000);
-/// A new member looks at the server's clock a few times soon after one another, so that one odd answer does no harm.
-const PINGS_AT_FIRST: u32 = 5;
-/// See [`PINGS_AT_FIRST`].
-const PING_AT_FIRST: Span = Span::from_millis(50);
-/// How often the server's clock is looked at while it leads.
-const PING_EVERY: Span = Span::from_millis(1_000);
 
 /// The client's end of one connection.
 #[derive(Debug)]
@@ -84,18 +59,18 @@ pub struct ClientSession {
     scene: SceneName,
     terms: Option<SceneTerms>,
     frames: Frames,
-    replica: Option<Replica>,
-    /// The copy that a snapshot is filling.
-    incoming: Option<Replica>,
+    copies: Copies,
+    /// The stream that was asked for in place of the present one.
+    wanted: Option<StreamChoice>,
     granted: IdRange,
     commands: u64,
     awaited: Tick,
     resyncing: bool,
+    touch: Patience,
     repair: Patience,
+    doubt: Patience,
     silence: Patience,
-    ping_due: Option<Instant>,
-    /// Pings that still follow each other quickly.
-    pings_left: u32,
+    pings: Pings,
     round_trip: Span,
     unsent: Vec<u8>,
     out: VecDeque<Transmit>,
@@ -112,16 +87,17 @@ impl ClientSession {
             scene,
             terms: None,
             frames: Frames::new(),
-            replica: None,
-            incoming: None,
+            copies: Copies::new(),
+            wanted: None,
             granted: IdRange::EMPTY,
             commands: 0,
             awaited: Tick::ZERO,
             resyncing: false,
+            touch: Patience::new(Span::ZERO, RESYNC_MOST),
             repair: Patience::new(DISORDER, REPAIR_MOST),
+            doubt: Patience::new(DISORDER, REPAIR_MOST),
             silence: Patience::new(SILENCE, SILENCE_MOST),
-            ping_due: None,
-            pings_left: 0,
+            pings: Pings::new(),
             round_trip: Span::from_millis(20),
             unsent: Vec::new(),
             out: VecDeque::new(),
@@ -210,6 +186,21 @@ impl ClientSession {
         Ok(())
     }
 
+    /// Follows another stream; answered by `Following` or `Denied`, and until then the copy is by the present one. That may
+    /// take as long as the other one is not complete, which a full stream over a bad link may never be.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::leave`], and while an earlier change is not answered.
+    pub fn follow(&mut self, choice: StreamChoice) -> Result<(), Misuse> {
+        if self.wanted.is_some() {
+            return Err(Misuse::NotNow);
+        }
+        self.as_member(&ClientMessage::Follow(choice))?;
+        self.wanted = Some(choice);
+        Ok(())
+    }
+
     /// Asks how the scene is; answered by `Inspected`.
     ///
     /// # Errors
@@ -236,12 +227,12 @@ impl ClientSession {
     /// The copy of the scene, once it is whole.
     #[must_use]
     pub const fn replica(&self) -> Option<&Replica> {
-        self.replica.as_ref()
+        self.copies.shown()
     }
 
     /// The copy, to drain its changes.
     pub const fn replica_mut(&mut self) -> Option<&mut Replica> {
-        self.replica.as_mut()
+        self.copies.shown_mut()
     }
 
     /// The terms of the scene, once it was welcomed to or joined.
@@ -303,7 +294,13 @@ impl ClientSession {
             ServerMessage::Left => self.end_membership(Event::Left),
             ServerMessage::Deleted => self.end_membership(Event::Deleted),
             ServerMessage::Reserved(range) => self.events.push_back(Event::Reserved(range)),
-            ServerMessage::Denied(denial) => self.events.push_back(Event::Denied(denial)),
+            ServerMessage::Denied(denial) => {
+                // Only what stands in the way of a stream denies one.
+                if matches!(denial, Denial::TooManyStreams | Denial::SceneFaulted) {
+                    self.wanted = None;
+                }
+                self.events.push_back(Event::Denied(denial));
+            }
             ServerMessage::Applied { through, tick } => {
                 self.events.push_back(Event::Applied { through, tick });
             }
@@ -331,22 +328,17 @@ impl ClientSession {
         joined.terms.check().map_err(|_| CloseCode::VIOLATION)?;
         self.terms = Some(joined.terms);
         self.granted = joined.granted;
-        self.incoming = Some(Replica::new(joined));
+        self.copies.begin(joined);
         Ok(())
     }
 
     fn end_snapshot(&mut self, now: Instant) -> Result<(), CloseCode> {
-        let mut replica = self.incoming.take().ok_or(CloseCode::VIOLATION)?;
-        if let Some(old) = &self.replica {
-            replica.succeed(old);
-        }
-        replica.end_snapshot();
-        self.replica = Some(replica);
+        self.copies.end_snapshot()?;
         if self.state != State::Member {
             self.state = State::Member;
             self.commands = 0;
-            self.pings_left = PINGS_AT_FIRST;
-            self.ping(now);
+            self.say(&ClientMessage::Ping { sent: now });
+            self.pings.begin(now);
             self.events.push_back(Event::Joined(self.granted));
         }
         self.resyncing = false;
@@ -354,22 +346,42 @@ impl ClientSession {
         Ok(())
     }
 
+    /// Takes the copy that was filled for the present one, if it is time.
+    fn change_copies(&mut self) {
+        let Some(before) = self.copies.catch_up() else {
+            return;
+        };
+        let Some(copy) = self.copies.shown() else {
+            return;
+        };
+        let (choice, stream) = (copy.choice(), copy.stream().stream());
+        if self.wanted == Some(choice) {
+            self.wanted = None;
+        }
+        if before.choice() != choice {
+            self.events.push_back(Event::Following(choice));
+        }
+        self.say(&ClientMessage::Followed(stream));
+    }
+
     fn end_membership(&mut self, event: Event) {
         self.state = State::Lobby;
-        self.replica = None;
-        self.incoming = None;
+        self.copies = Copies::new();
+        self.wanted = None;
+        self.resyncing = false;
         self.awaited = Tick::ZERO;
         self.repair.end();
+        self.doubt.end();
+        self.touch.end();
         self.silence.end();
+        self.pings.end();
         self.events.push_back(event);
     }
 
     fn hear_notice(&mut self, notice: &Notice) -> Result<(), CloseCode> {
-        if let Some(incoming) = &mut self.incoming {
-            return incoming.handle_notice(notice);
+        if self.copies.hear_notice(notice)? == Told::Snapshot {
+            return Ok(());
         }
-        let replica = self.replica.as_mut().ok_or(CloseCode::VIOLATION)?;
-        replica.handle_notice(notice)?;
         match *notice {
             Notice::BodyPlaced { terms, .. } => self.events.push_back(Event::BodyPlaced(terms.id)),
             Notice::BodyRemoved { id, cause } => {
@@ -378,6 +390,8 @@ impl ClientSession {
             Notice::SceneFaulted { tick } => self.events.push_back(Event::SceneFaulted(tick)),
             Notice::ShapeAdded { .. }
             | Notice::ShapeRemoved { .. }
+            | Notice::JointAdded { .. }
+            | Notice::JointRemoved { .. }
             | Notice::GravityChanged { .. } => {}
         }
         Ok(())
@@ -393,44 +407,60 @@ impl ClientSession {
         if self.state != State::Member {
             return;
         }
+        let at = sent + Span::from_nanos(round_trip.as_nanos() / 2);
+        if let Some(rate) = self.free_rate() {
+            self.pings.seen(at, tick, since_tick, round_trip, rate);
+        }
         self.events.push_back(Event::ClockSeen {
-            at: sent + Span::from_nanos(round_trip.as_nanos() / 2),
+            at,
             tick,
             since_tick,
             round_trip,
         });
     }
 
-    fn ping(&mut self, now: Instant) {
-        self.say(&ClientMessage::Ping { sent: now });
-        self.pings_left = self.pings_left.saturating_sub(1);
-        let pause = if self.pings_left > 0 {
-            PING_AT_FIRST
-        } else {
-            PING_EVERY
-        };
-        self.ping_due = Some(now + pause);
+    /// When to ask for the whole scene again.
+    fn touch_due(&self) -> Option<Instant> {
+        let due = self.touch.due()?;
+        (self.copies.have_lost_touch() && !self.resyncing).then_some(due)
     }
 
-    fn is_free_running(&self) -> bool {
-        self.terms
-            .is_some_and(|terms| terms.pace == Pace::FreeRunning)
+    /// When the server's clock is to be looked at: never where the members lead.
+    fn ping_due(&self) -> Option<Instant> {
+        self.free_rate().and(self.pings.due())
+    }
+
+    /// The rate of a scene that runs by the server's clock.
+    fn free_rate(&self) -> Option<Rate> {
+        let terms = self.terms.filter(|terms| terms.pace == Pace::FreeRunning);
+        terms.map(|terms| terms.integrator.rate)
     }
 
     /// Looks at the stream after anything was heard: is something missing, or something awaited?
     fn watch(&mut self, now: Instant) {
-        let Some(replica) = &self.replica else {
+        self.change_copies();
+        let Some(copy) = self.copies.shown() else {
             return;
         };
-        let stream = replica.stream();
-        let (missing, lost_touch) = (stream.missing(), stream.has_lost_touch());
-        let awaits = stream.complete() < self.awaited;
-        if missing > 0 {
+        let stream = copy.stream();
+        let (settled, awaits) = (stream.is_settled(), stream.complete() < self.awaited);
+        if self.copies.missing() > 0 {
             self.repair.begin(now);
         } else {
             self.repair.end();
         }
-        if lost_touch && !self.resyncing {
+        if self.copies.doubts() {
+            self.doubt.begin(now);
+        } else {
+            self.doubt.end();
+        }
+        let lost_touch = self.copies.have_lost_touch();
+        if lost_touch {
+            self.touch.begin(now);
+        } else if settled {
+            self.touch.end();
+        }
+        if lost_touch && !self.resyncing && self.touch.ask(now, RESYNC_AGAIN) {
             self.resyncing = true;
             self.say(&ClientMessage::Resync);
         }
@@ -442,16 +472,11 @@ impl ClientSession {
         }
     }
 
-    fn send_echo(&mut self) {
-        let Some(replica) = &self.replica else {
-            return;
-        };
-        let stream = replica.stream();
-        let bytes = Bytes::from(stream.echo().encode(stream.stream()));
-        self.out.push_back(Transmit::State {
-            to: self.peer,
-            bytes,
-        });
+    fn send_states(&mut self, datagrams: Vec<Bytes>) {
+        let to = self.peer;
+        let states = datagrams.into_iter();
+        self.out
+            .extend(states.map(|bytes| Transmit::State { to, bytes }));
     }
 }
 
@@ -494,10 +519,15 @@ impl Endpoint for ClientSession {
     }
 
     fn handle_datagram(&mut self, now: Instant, _from: Peer, bytes: &[u8]) {
-        if let Some(incoming) = &mut self.incoming {
-            incoming.stream_mut().handle_datagram(bytes);
-        } else if let Some(replica) = &mut self.replica {
-            replica.stream_mut().handle_datagram(bytes);
+        let vouched = |copies: &Copies| copies.shown().map(|copy| copy.stream().vouched());
+        let before = vouched(&self.copies);
+        self.copies.handle_datagram(bytes);
+        let after = vouched(&self.copies).filter(|_| before != vouched(&self.copies));
+        if let Some((rate, tick)) = self.free_rate().zip(after) {
+            self.pings.shown(now, tick, rate);
+        }
+        while let Some(id) = self.copies.shown_mut().and_then(Replica::poll_amended) {
+            self.events.push_back(Event::Amended(id));
         }
         self.watch(now);
     }
@@ -517,13 +547,17 @@ impl Endpoint for ClientSession {
         let lost = self.repair.ask(now, patient);
         let silent = self.silence.ask(now, patient);
         if lost || silent {
-            self.send_echo();
+            self.send_states(self.copies.echoes());
         }
-        if self.ping_due.is_some_and(|due| due <= now) {
-            self.ping_due = None;
-            if self.is_free_running() && self.state == State::Member {
-                self.ping(now);
-            }
+        if self.doubt.ask(now, patient) {
+            self.send_states(self.copies.questions());
+        }
+        if self.touch_due().is_some_and(|due| due <= now) {
+            self.watch(now);
+        }
+        if self.ping_due().is_some_and(|due| due <= now) {
+            self.say(&ClientMessage::Ping { sent: now });
+            self.pings.asked(now);
         }
     }
 
@@ -540,8 +574,10 @@ impl Endpoint for ClientSession {
         }
         let timers = [
             (self.repair.due(), WakeReason::Repair),
+            (self.doubt.due(), WakeReason::Repair),
+            (self.touch_due(), WakeReason::Repair),
             (self.silence.due(), WakeReason::Vouch),
-            (self.ping_due, WakeReason::Ping),
+            (self.ping_due(), WakeReason::Ping),
         ];
         timers
             .into_iter()

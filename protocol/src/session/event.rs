@@ -5,7 +5,7 @@
 use rhumb_reckoning::{BodyId, Tick};
 
 use crate::endpoint::Ending;
-use crate::message::{Denial, Inspection, RemovalCause, Welcome};
+use crate::message::{Denial, Inspection, RemovalCause, StreamChoice, Welcome};
 use crate::scene::{CommandError, IdRange};
 use crate::time::{Instant, Span};
 
@@ -18,6 +18,8 @@ pub enum Event {
     Created,
     /// The copy is whole; these body indices are the application's to give out.
     Joined(IdRange),
+    /// The copy is by another stream from now on.
+    Following(StreamChoice),
     /// No longer a member.
     Left,
     /// The scene is gone.
@@ -49,6 +51,8 @@ pub enum Event {
         /// Why.
         cause: RemovalCause,
     },
+    /// The copy of a body was not what the server had said, and was made right. That is a fault of one of the two ends.
+    Amended(BodyId),
     /// The engine failed; the scene stands still after this tick.
     SceneFaulted(Tick),
     /// How the scene is.

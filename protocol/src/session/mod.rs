@@ -1,13 +1,17 @@
 //! The conversation at both ends: who may say what when, and what it means.
 mod client;
 mod close;
+mod copies;
 mod event;
+mod misuse;
 mod patience;
+mod pings;
 mod replica;
 mod server;
 
-pub use client::{ClientSession, Misuse};
+pub use client::ClientSession;
 pub use close::CloseCode;
 pub use event::Event;
+pub use misuse::Misuse;
 pub use replica::Replica;
 pub use server::{Request, ServerSession};

@@ -1,6 +1,7 @@
-//! A member's copy of a scene: its shapes, its bodies, and their stream.
+//! A member's copy of a scene: its shapes, bodies, joints, stream.
 //!
-//! Changed by notices, in order, and by datagrams. Invariant: every body of the copy has a shape that is known.
+//! Changed by notices, in order, and by datagrams. Invariant: every body of the copy has a shape that is known, every
+//! joint two bodies.
 
 use alloc::collections::BTreeMap;
 use alloc::vec::Vec;
@@ -10,18 +11,20 @@ use rhumb_reckoning::{BodyId, Damping};
 
 use super::close::CloseCode;
 use crate::limits::SHAPES_MAX;
-use crate::message::{Joined, Notice};
-use crate::scene::{BodyTerms, Shape, ShapeId};
+use crate::message::{Joined, Notice, StreamChoice};
+use crate::scene::{BodyTerms, Joints, Shape, ShapeId};
 use crate::stream::{Manner, Subscriber};
 
 /// The copy.
 #[derive(Debug)]
 pub struct Replica {
+    choice: StreamChoice,
     subscriber: Subscriber,
     damping: Damping,
     gravity: Vec3,
     shapes: BTreeMap<ShapeId, Shape>,
     bodies: Vec<Option<BodyTerms>>,
+    joints: Joints,
     whole: bool,
 }
 
@@ -30,13 +33,27 @@ impl Replica {
     #[must_use]
     pub(crate) fn new(joined: &Joined) -> Self {
         Self {
+            choice: joined.choice,
             subscriber: Subscriber::new(&joined.start),
             damping: joined.terms.damping,
             gravity: joined.start.gravity,
             shapes: BTreeMap::new(),
             bodies: Vec::new(),
+            joints: Joints::default(),
             whole: false,
         }
+    }
+
+    /// Which of the scene's streams it is by.
+    #[must_use]
+    pub const fn choice(&self) -> StreamChoice {
+        self.choice
+    }
+
+    /// Whether nothing is lost by showing this copy in place of another one of the same scene.
+    pub(crate) fn is_as_far_as(&self, other: &Self) -> bool {
+        other.subscriber.has_lost_touch()
+            || self.subscriber.complete() >= other.subscriber.complete()
     }
 
     /// The stream.
@@ -80,6 +97,17 @@ impl Replica {
         self.bodies.iter().flatten()
     }
 
+    /// What holds bodies together.
+    #[must_use]
+    pub const fn joints(&self) -> &Joints {
+        &self.joints
+    }
+
+    /// The next body whose track was made right.
+    pub(crate) fn poll_amended(&mut self) -> Option<BodyId> {
+        self.subscriber.poll_amended()
+    }
+
     /// Takes the place of a copy of the same scene: all that it held counts as changed, since it may be gone.
     pub(crate) fn succeed(&mut self, old: &Self) {
         self.subscriber.touch_below(old.subscriber.index_end());
@@ -102,34 +130,54 @@ impl Replica {
                 if self.shapes.len() >= SHAPES_MAX as usize {
                     return Err(CloseCode::LIMIT);
                 }
-                self.shapes.insert(*id, *shape);
+                self.shapes.insert(*id, shape.clone());
             }
             Notice::ShapeRemoved { id } => {
                 self.shapes.remove(id).ok_or(CloseCode::VIOLATION)?;
             }
-            Notice::BodyPlaced { terms, track } => {
+            Notice::BodyPlaced {
+                terms,
+                inertia,
+                track,
+                seat,
+            } => {
                 let shape = self.shapes.get(&terms.shape).ok_or(CloseCode::VIOLATION)?;
-                let manner = Manner::of(terms, shape, self.damping);
+                let manner = Manner::of(terms, shape, self.damping, *inertia);
                 if !self.subscriber.place(terms.id, &manner, *track) {
                     return Err(CloseCode::LIMIT);
+                }
+                if let Some(seat) = seat {
+                    self.subscriber.seat(terms.id, *seat);
                 }
                 let index = terms.id.index() as usize;
                 if index >= self.bodies.len() {
                     self.bodies.resize(index + 1, None);
                 }
-                self.bodies[index] = Some(*terms);
+                if let Some(before) = self.bodies[index].replace(*terms) {
+                    self.joints.remove_body(before.id);
+                }
             }
             Notice::BodyRemoved { id, .. } => {
                 if !self.subscriber.remove(*id) {
                     return Err(CloseCode::VIOLATION);
                 }
                 self.bodies[id.index() as usize] = None;
+                self.joints.remove_body(*id);
             }
             Notice::GravityChanged { since, gravity } => {
                 self.gravity = *gravity;
                 self.subscriber.change_gravity(*since, *gravity);
             }
             Notice::SceneFaulted { .. } => {}
+            Notice::JointAdded { id, joint } => {
+                let known = joint.bodies.map(|body| self.body(body).is_some());
+                if known != [true; 2] || !self.joints.insert(*id, *joint) {
+                    return Err(CloseCode::VIOLATION);
+                }
+            }
+            Notice::JointRemoved { id } => {
+                self.joints.remove(*id).ok_or(CloseCode::VIOLATION)?;
+            }
         }
         if self.whole {
             self.subscriber.handle_notice();

@@ -11,6 +11,7 @@ use rhumb_reckoning::Tick;
 
 use super::close::CloseCode;
 use crate::message::{ClientMessage, Frames, ServerMessage, StreamChoice, VERSIONS, Welcome};
+use crate::packet::StreamId;
 use crate::scene::{Command, CommandError, SceneName, SceneTerms};
 use crate::time::Instant;
 use crate::wire::Malformed;
@@ -48,6 +49,10 @@ pub enum Request {
     Ping(Instant),
     /// The scene's state.
     Inspect,
+    /// Another stream.
+    Follow(StreamChoice),
+    /// The stream before this one is needed no more.
+    Followed(StreamId),
 }
 
 /// How far the conversation has come.
@@ -170,6 +175,8 @@ impl ServerSession {
             ClientMessage::Reserve { count } => Request::Reserve(count),
             ClientMessage::Resync => Request::Resync,
             ClientMessage::Inspect => Request::Inspect,
+            ClientMessage::Follow(choice) => Request::Follow(choice),
+            ClientMessage::Followed(stream) => Request::Followed(stream),
             ClientMessage::Leave => Request::Leave,
             _ => return Err(CloseCode::VIOLATION),
         })
@@ -242,6 +249,8 @@ const fn is_for_members(message: &ClientMessage) -> bool {
             | ClientMessage::Advance { .. }
             | ClientMessage::Resync
             | ClientMessage::Inspect
+            | ClientMessage::Follow(_)
+            | ClientMessage::Followed(_)
     )
 }
 

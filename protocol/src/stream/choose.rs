@@ -1,89 +1,520 @@
-//! Which law will stay true longest, judged from a body's last tick.
+//! Which saying will serve a body best: for how long, and for how many bits.
 //!
 //! Only the publisher chooses, so that nothing here is normative: any choice keeps the promise, a good one keeps it
-//! with fewer bytes.
+//! with fewer bytes. How long a saying holds is judged by what the same law would have made of the last two ticks, or,
+//! with hindsight, by what the body did.
+
+use alloc::vec::Vec;
 
 use glam::DVec3;
-use rhumb_reckoning::{Metres, Motion, Predictor, Seconds};
+use rhumb_reckoning::{
+    Divergence, HORIZON, Metres, Motion, Pose, Predictor, Residual, Tick, Ticks, Tolerance, Track,
+    Twist, carried, seen_from,
+};
 
-/// How a body moved up to now.
+use super::features::Features;
+use super::tracks::{Slot, Tracks};
+use crate::packet::{Course, Saying, Tongue};
+
+/// What is known of a body that is to be spoken of.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Record<'a> {
-    /// Its motion now.
-    pub(crate) truth: &'a Motion,
-    /// Its linear velocity one tick ago, m/s, if it was observed then.
-    pub(crate) velocity_before: Option<DVec3>,
-    /// What pulls at it, m/s².
-    pub(crate) gravity: DVec3,
-    /// Of its least enclosing ball.
-    pub(crate) radius: Metres,
+pub(crate) struct Subject<'a> {
+    /// Its index.
+    pub(crate) index: u32,
+    /// Its place in the table.
+    pub(crate) slot: &'a Slot,
+    /// The tick that is spoken of.
+    pub(crate) tick: Tick,
+    /// What it does then.
+    pub(crate) truth: Motion,
+    /// What it did one and two ticks before.
+    pub(crate) past: [Option<Motion>; 2],
+    /// What it will do, as far as hindsight knows.
+    pub(crate) ahead: &'a [Motion],
+    /// What could hold it.
+    pub(crate) holder: Option<Holder<'a>>,
 }
 
-/// Share of gravity by which a falling body's acceleration may differ from it.
-const FREE_FALL_SLACK: f64 = 0.2;
-
-/// A body that would not leave its tolerance within this time at its present speed is as good as still.
-///
-/// Measured on the ball pit, 500 balls, 5 cm: 0.1 s takes 3 % fewer bytes than 0.5 s, and 0.05 s no fewer.
-const STILL_FOR: Seconds = Seconds::new(0.1);
-
-/// The law to say.
-pub(crate) fn law(record: &Record<'_>, step: Seconds, tolerance: Metres) -> Predictor {
-    let twist = record.truth.twist();
-    let speed = twist.linear.length() + record.radius.metres() * twist.angular.length();
-    if falls_freely(record, step) {
-        return Predictor::Ballistic;
-    }
-    if speed * STILL_FOR.seconds() <= tolerance.metres() {
-        return Predictor::Rest;
-    }
-    Predictor::Uniform
+/// A body that another may be held by.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Holder<'a> {
+    /// Its index.
+    pub(crate) index: u32,
+    /// Its place in the table.
+    pub(crate) slot: &'a Slot,
+    /// What it does at the tick that is spoken of.
+    pub(crate) truth: Motion,
+    /// What it did one and two ticks before.
+    pub(crate) past: [Option<Motion>; 2],
+    /// What it will do.
+    pub(crate) ahead: &'a [Motion],
 }
 
-/// Whether the last tick changed the velocity as gravity alone would.
-fn falls_freely(record: &Record<'_>, step: Seconds) -> bool {
-    let pull = record.gravity.length();
-    let Some(before) = record.velocity_before else {
-        return false;
-    };
-    let acceleration = (record.truth.twist().linear - before) / step.seconds();
-    pull > 0.0 && (acceleration - record.gravity).length() <= FREE_FALL_SLACK * pull
+/// Steps by which corrections are made sparser: a part of the last step below this share is left out.
+const SPARSE: f64 = 0.7;
+/// A sparser correction may use this much of the tolerance.
+const SPARSE_SHARE: f64 = 0.9;
+/// What each tick adds to the expected error, as a share of the tolerance.
+const DOUBT: f64 = 0.05;
+/// What an update costs beside its saying: its place in the packet, in 1/256 bits.
+const OVERHEAD: u32 = 4 * 256;
+/// The ticks at which an expected error is looked at.
+const LOOKS: [f64; 11] = [1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0];
+/// How far a still body is put ahead of its course, as a share of the tolerance.
+const LEAD_MOST: f64 = 0.5;
+
+/// A saying that keeps the promise, the track it leads to, and what it is worth.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Choice {
+    pub(crate) saying: Saying,
+    pub(crate) track: Track,
+    /// Bits in 256ths by ticks: less is better.
+    price: f64,
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use rhumb_reckoning::{Pose, Twist};
+/// Chooses.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Chooser<'a> {
+    pub(crate) tracks: &'a Tracks,
+    /// What a packet expects at its beginning.
+    pub(crate) tongue: &'a Tongue,
+    pub(crate) features: Features,
+}
 
-    const STEP: Seconds = Seconds::new(1.0 / 60.0);
+/// How a body strays from a law, by ticks: α·h + β·h², of position (m) and of turn (rad).
+#[derive(Clone, Copy, Debug, Default)]
+struct Stray {
+    linear: [DVec3; 2],
+    angular: [DVec3; 2],
+}
 
-    fn law_of(before: DVec3, now: DVec3) -> Predictor {
-        let twist = Twist {
-            linear: now,
-            angular: DVec3::ZERO,
+impl Stray {
+    /// From how far it strayed in one tick and in two.
+    fn moving(one: [DVec3; 2], two: [DVec3; 2]) -> Self {
+        let fit = |f1: DVec3, f2: DVec3| {
+            let square = (f2 - f1 * 2.0) * 0.5;
+            [f1 - square, square]
         };
-        let truth = Motion::new(Pose::IDENTITY, twist).unwrap();
-        let record = Record {
-            truth: &truth,
-            velocity_before: Some(before),
-            gravity: DVec3::NEG_Y * 10.0,
-            radius: Metres::new(0.5),
+        Self {
+            linear: fit(one[0], two[0]),
+            angular: fit(one[1], two[1]),
+        }
+    }
+
+    /// Of a body that is said to be still, from how far it moved in its last tick and in its last two.
+    fn still(one: [DVec3; 2], two: [DVec3; 2]) -> Self {
+        let fit = |f1: DVec3, f2: DVec3| {
+            let square = (f1 * 2.0 - f2) * 0.5;
+            [f1 + square, square]
         };
-        law(&record, STEP, Metres::new(0.05))
+        Self {
+            linear: fit(one[0], two[0]),
+            angular: fit(one[1], two[1]),
+        }
     }
 
-    #[test]
-    fn what_gains_speed_as_gravity_gives_it_falls() {
-        let before = DVec3::new(3.0, 1.0, 0.0);
-        assert_eq!(
-            law_of(before, before + DVec3::NEG_Y * 10.0 * STEP.seconds()),
-            Predictor::Ballistic
-        );
+    fn after(&self, ticks: f64) -> [DVec3; 2] {
+        let at = |[rate, square]: [DVec3; 2]| rate * ticks + square * (ticks * ticks);
+        [at(self.linear), at(self.angular)]
+    }
+}
+
+/// A course, and what it has to bring together.
+#[derive(Clone, Copy, Debug)]
+struct Way<'a> {
+    course: Course,
+    predictor: Predictor,
+    holder: Option<Holder<'a>>,
+    /// Where the body is, and where it was predicted, in the frame of the course.
+    truth: Motion,
+    predicted: Motion,
+    stray: Stray,
+}
+
+impl Chooser<'_> {
+    /// The best saying among those that keep the promise, or `None` when no correction does.
+    pub(crate) fn choose(&self, subject: &Subject<'_>) -> Option<Choice> {
+        let age = subject.tick.since(subject.slot.track.origin)?;
+        if age == Ticks::ZERO || age > HORIZON || !self.features.residuals {
+            return None;
+        }
+        let mut best: Option<Choice> = None;
+        let mut best_way = None;
+        for way in self.ways(subject) {
+            for aim in self.aims(subject, &way) {
+                for said in [false, true] {
+                    let Some(choice) = self.try_one(subject, &way, age, aim, [0.5; 2], said) else {
+                        continue;
+                    };
+                    if best.is_none_or(|best| choice.price < best.price) {
+                        best = Some(choice);
+                        best_way = Some((way, aim, said));
+                    }
+                }
+            }
+        }
+        let (way, aim, said) = best_way?;
+        if self.features.sparse {
+            for rounding in [[SPARSE; 2], [SPARSE, 0.5], [0.5, SPARSE]] {
+                let sparser = self.try_one(subject, &way, age, aim, rounding, said);
+                best = sparser
+                    .filter(|sparser| best.is_none_or(|best| sparser.price < best.price))
+                    .or(best);
+            }
+        }
+        best
     }
 
-    #[test]
-    fn what_keeps_its_speed_moves_uniformly_and_what_has_none_rests() {
-        assert_eq!(law_of(DVec3::X, DVec3::X), Predictor::Uniform);
-        assert_eq!(law_of(DVec3::X * 0.3, DVec3::X * 0.3), Predictor::Rest);
+    /// The courses that a body may take.
+    fn ways<'s>(&self, subject: &Subject<'s>) -> Vec<Way<'s>> {
+        let slot = subject.slot;
+        let tumbles = slot.tumbles() && self.features.tumbling;
+        let mut laws = alloc::vec![Predictor::Rest];
+        laws.push(if tumbles {
+            Predictor::Tumbling
+        } else {
+            Predictor::Uniform
+        });
+        if self.features.ballistic && self.tracks.gravity(slot, subject.tick) != DVec3::ZERO {
+            laws.push(if tumbles {
+                Predictor::Thrown
+            } else {
+                Predictor::Ballistic
+            });
+        }
+        let now = &slot.track;
+        let carrier = self.tracks.carrier(now);
+        let carrier_age = carrier.and_then(|(_, slot)| subject.tick.since(slot.track.origin));
+        // A body whose carrier is gone can only be said anew.
+        if now.carrier.is_some() && carrier.is_none() {
+            return Vec::new();
+        }
+        let predicted = self.tracks.believed(slot, subject.tick);
+        let mut ways: Vec<Way<'s>> = laws
+            .into_iter()
+            .map(|predictor| Way {
+                course: if now.carrier.is_none() && now.predictor == predictor {
+                    Course::Same
+                } else {
+                    Course::World {
+                        predictor,
+                        carrier_age,
+                    }
+                },
+                predictor,
+                holder: None,
+                truth: subject.truth,
+                predicted,
+                stray: self.stray(subject, predictor),
+            })
+            .collect();
+        if self.features.held {
+            ways.extend(
+                subject
+                    .holder
+                    .and_then(|holder| self.held(subject, holder, &predicted)),
+            );
+        }
+        ways
     }
+
+    /// The course of being held by another body.
+    fn held<'s>(
+        &self,
+        subject: &Subject<'_>,
+        holder: Holder<'s>,
+        predicted: &Motion,
+    ) -> Option<Way<'s>> {
+        let track = &subject.slot.track;
+        let believed = self
+            .tracks
+            .framed(holder.slot, &holder.slot.track, subject.tick);
+        let held_already = track.carrier == Some(holder.slot.id(holder.index));
+        let course = if held_already {
+            Course::Same
+        } else if track.carrier.is_none() {
+            Course::Held {
+                carrier: holder.index,
+                carrier_age: subject.tick.since(holder.slot.track.origin)?,
+            }
+        } else {
+            return None;
+        };
+        let predicted = if held_already {
+            self.tracks.framed(subject.slot, track, subject.tick)
+        } else {
+            seen_from(&believed.pose(), &predicted.pose())
+        };
+        let seen =
+            |of: Option<Motion>, by: Option<Motion>| Some(seen_from(&by?.pose(), &of?.pose()));
+        let now = seen_from(&holder.truth.pose(), &subject.truth.pose());
+        let [one, two] = [0, 1].map(|i| {
+            seen(subject.past[i], holder.past[i]).map(|then| apart(&now.pose(), &then.pose()))
+        });
+        // Of a body that was not seen before nothing says that it is held.
+        let one = one?;
+        let two = two.unwrap_or([one[0] * 2.0, one[1] * 2.0]);
+        Some(Way {
+            course,
+            predictor: Predictor::Rest,
+            holder: Some(holder),
+            truth: seen_from(&believed.pose(), &subject.truth.pose()),
+            predicted,
+            stray: Stray::still(one, two),
+        })
+    }
+
+    /// How the last two ticks strayed from a law in the world.
+    fn stray(&self, subject: &Subject<'_>, predictor: Predictor) -> Stray {
+        let now = &subject.truth;
+        let Twist { linear, angular } = now.twist();
+        let step = self.tracks.integrator().rate.step().seconds();
+        if predictor == Predictor::Rest {
+            let steady = |ticks: f64| [linear * (ticks * step), angular * (ticks * step)];
+            let moved = |i: usize, ticks: f64| match subject.past[i] {
+                Some(past) => apart(&now.pose(), &past.pose()),
+                None => steady(ticks),
+            };
+            return Stray::still(moved(0, 1.0), moved(1, 2.0));
+        }
+        let strayed = |i: usize| {
+            let start = subject.past[i]?;
+            let ticks = Ticks::new(i as u32 + 1);
+            let expected =
+                self.tracks
+                    .continued(subject.slot, predictor, &start, subject.tick, ticks);
+            Some(apart(&now.pose(), &expected.pose()))
+        };
+        match (strayed(0), strayed(1)) {
+            (Some(one), Some(two)) => Stray::moving(one, two),
+            (Some(one), None) => Stray::moving(one, one.map(|by| by * 4.0)),
+            (None, _) => Stray::default(),
+        }
+    }
+
+    /// Where to aim beside the truth: with hindsight, a still body is put in the middle of what it will do.
+    fn aims(&self, subject: &Subject<'_>, way: &Way<'_>) -> Vec<[DVec3; 2]> {
+        let mut aims = alloc::vec![[DVec3::ZERO; 2]];
+        if way.predictor != Predictor::Rest {
+            return aims;
+        }
+        let allowance = Allowance::of(self.tracks.tolerance(), subject.slot.radius);
+        for ticks in [1_usize, 2, 4, 6] {
+            let Some(then) = subject.ahead.get(ticks - 1) else {
+                break;
+            };
+            let [mut p, mut q] = match way.holder {
+                None => apart(&then.pose(), &subject.truth.pose()),
+                Some(holder) => {
+                    let Some(by) = holder.ahead.get(ticks - 1) else {
+                        break;
+                    };
+                    let now = seen_from(&holder.truth.pose(), &subject.truth.pose());
+                    apart(&seen_from(&by.pose(), &then.pose()).pose(), &now.pose())
+                }
+            };
+            let share = allowance.share(p.length() * 0.5, q.length() * 0.5);
+            let scale = 0.5 * (LEAD_MOST / share).min(1.0);
+            (p, q) = (p * scale, q * scale);
+            aims.push([p, q]);
+        }
+        aims
+    }
+
+    /// One saying, if it keeps the promise.
+    fn try_one(
+        &self,
+        subject: &Subject<'_>,
+        way: &Way<'_>,
+        age: Ticks,
+        aim: [DVec3; 2],
+        rounding: [f64; 2],
+        said: bool,
+    ) -> Option<Choice> {
+        if way.predictor == Predictor::Rest && said {
+            return None;
+        }
+        let grid = self.tracks.grid(subject.slot);
+        let [position, turn] = Residual::wanted(&way.truth.pose(), &way.predicted.pose(), &grid);
+        let mut residual = Residual {
+            position: rounded(position + aim[0] / grid.position(), rounding[0])?,
+            turn: rounded(turn + aim[1] / grid.turn(), rounding[1])?,
+            velocity: None,
+        };
+        let saying = |residual| Saying::Residual {
+            course: way.course,
+            age,
+            residual,
+        };
+        let mut track = self
+            .tracks
+            .said(subject.index, subject.tick, &saying(residual))
+            .ok()?;
+        if said || !self.features.derived {
+            let implied = track.anchor.snapped()?;
+            residual.velocity = (way.predictor != Predictor::Rest)
+                .then(|| Residual::of_velocity(&way.truth.twist(), &implied, &grid));
+            track = self
+                .tracks
+                .said(subject.index, subject.tick, &saying(residual))
+                .ok()?;
+        }
+        if !residual.is_within_limits() {
+            return None;
+        }
+        let begun = track.start(&grid);
+        let allowance = Allowance::of(self.tracks.tolerance(), subject.slot.radius);
+        let off = apart(&begun.pose(), &way.truth.pose());
+        let share = self.exact_share(subject, way, &begun);
+        let most = if rounding == [0.5; 2] {
+            1.0
+        } else {
+            SPARSE_SHARE
+        };
+        if share > most {
+            return None;
+        }
+        let saying = saying(residual);
+        let life = self.life(subject, way, &track, &begun, off, allowance);
+        let price = f64::from(self.tongue.cost(&saying) + OVERHEAD) / life;
+        Some(Choice {
+            saying,
+            track,
+            price,
+        })
+    }
+
+    /// How much of the tolerance the beginning of a track uses, as a listener would measure it.
+    fn exact_share(&self, subject: &Subject<'_>, way: &Way<'_>, begun: &Motion) -> f64 {
+        let world = match way.holder {
+            None => *begun,
+            Some(holder) => {
+                let by = self
+                    .tracks
+                    .framed(holder.slot, &holder.slot.track, subject.tick);
+                carried(&by, &begun.pose())
+            }
+        };
+        share(
+            &subject.truth.pose(),
+            &world.pose(),
+            self.tracks.tolerance(),
+            subject.slot.radius,
+        )
+    }
+
+    /// For how many ticks a track will hold.
+    fn life(
+        &self,
+        subject: &Subject<'_>,
+        way: &Way<'_>,
+        track: &Track,
+        begun: &Motion,
+        off: [DVec3; 2],
+        allowance: Allowance,
+    ) -> f64 {
+        let mut held = 0.0;
+        for (then, ticks) in subject.ahead.iter().zip(1..) {
+            let tick = subject.tick + Ticks::new(ticks);
+            let mut motion = self.tracks.framed_fresh(subject.slot, track, tick);
+            if let Some(holder) = way.holder
+                && let Some(by) = holder.ahead.get(ticks as usize - 1)
+            {
+                motion = carried(by, &motion.pose());
+            }
+            let share = share(
+                &then.pose(),
+                &motion.pose(),
+                self.tracks.tolerance(),
+                subject.slot.radius,
+            );
+            if share > 1.0 {
+                return held + 1.0 - (share - 1.0).min(1.0) * 0.5;
+            }
+            held += 1.0;
+        }
+        let step = self.tracks.integrator().rate.step().seconds();
+        let mut stray = way.stray;
+        if way.predictor != Predictor::Rest {
+            let (truth, said) = (way.truth.twist(), begun.twist());
+            stray.linear[0] += (truth.linear - said.linear) * step;
+            stray.angular[0] += (truth.angular - said.angular) * step;
+        }
+        let (mut at, mut before) = (0.0, allowance.share(off[0].length(), off[1].length()));
+        for look in LOOKS {
+            let [p, q] = stray.after(look);
+            let share =
+                allowance.share((p - off[0]).length(), (q - off[1]).length()) + DOUBT * look;
+            if share > 1.0 {
+                let part = ((1.0 - before) / (share - before)).clamp(0.0, 1.0);
+                at += part * (look - at);
+                break;
+            }
+            (at, before) = (look, share);
+        }
+        f64::max(at, held) + 1.0
+    }
+}
+
+/// What a tolerance allows a body, to reckon expected errors by.
+#[derive(Clone, Copy, Debug)]
+struct Allowance {
+    position: f64,
+    turn: f64,
+    /// Whether both share one bound.
+    shared: bool,
+}
+
+impl Allowance {
+    fn of(tolerance: Tolerance, radius: Metres) -> Self {
+        match tolerance {
+            Tolerance::Surface(length) => {
+                let length = length.metres().metres();
+                Self {
+                    position: length,
+                    turn: length / radius.metres(),
+                    shared: true,
+                }
+            }
+            Tolerance::Parts { position, turn } => Self {
+                position: position.metres().metres(),
+                turn: turn.radians().radians(),
+                shared: false,
+            },
+        }
+    }
+
+    /// Of an error in metres and one in radians.
+    fn share(&self, position: f64, turn: f64) -> f64 {
+        let (position, turn) = (position / self.position, turn / self.turn);
+        if self.shared {
+            position + turn
+        } else {
+            position.max(turn)
+        }
+    }
+}
+
+/// How much of the tolerance lies between two poses of a body.
+pub(crate) fn share(truth: &Pose, believed: &Pose, tolerance: Tolerance, radius: Metres) -> f64 {
+    tolerance.share(&Divergence::between(truth, believed), radius)
+}
+
+/// How far one pose is from another, metres, and turned from it, as a rotation vector in radians.
+fn apart(to: &Pose, from: &Pose) -> [DVec3; 2] {
+    let turn = to.rotation * from.rotation.conjugate();
+    let sign = if turn.w < 0.0 { -2.0 } else { 2.0 };
+    // Twice the sine of half the angle: near enough to the angle for what is within tolerance.
+    let turn = DVec3::new(turn.x, turn.y, turn.z) * sign;
+    [to.position - from.position, turn]
+}
+
+/// To whole steps: up from this share of a step on, towards zero below; `None` beyond what an update may hold.
+fn rounded(steps: DVec3, share: f64) -> Option<[i32; 3]> {
+    let limit = f64::from(rhumb_reckoning::RESIDUAL_LIMIT);
+    let round = |x: f64| libm::copysign(libm::floor(x.abs() + (1.0 - share)), x);
+    let all = steps.to_array().map(round);
+    // Written so that NaN fails too.
+    let fits = all.iter().all(|x| x.abs() <= limit);
+    fits.then(|| all.map(|x| x as i32))
 }

@@ -102,6 +102,7 @@ impl FullPublisher {
             origin: self.tick,
             predictor: Predictor::Uniform,
             anchor: Anchor::Verbatim(state.motion),
+            carrier: None,
         }
     }
 
@@ -165,7 +166,12 @@ impl FullPublisher {
             if let Some(Some(state)) = self.states.get(index as usize) {
                 let whole = TrackSaying::of(&self.track(state));
                 let age = Ticks::ZERO;
-                writer.push(&RepairRecord { index, age, whole });
+                writer.push(&RepairRecord {
+                    index,
+                    seat: None,
+                    age,
+                    whole,
+                });
             }
         }
         let datagrams = writer.finish(self.stream, number, self.tick.value(), notices);

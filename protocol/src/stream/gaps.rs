@@ -132,14 +132,14 @@ impl Gaps {
     }
 
     /// Something in a packet that arrived builds on what is missing.
-    pub(crate) fn could_not_read(&mut self, number: u64, tick: Tick) {
-        self.unread.insert(
-            number,
-            Unread {
-                tick,
-                covered: true,
-            },
-        );
+    ///
+    /// `of_the_same`: the missing packet spoke of the same bodies, so that its repair may serve.
+    pub(crate) fn could_not_read(&mut self, number: u64, tick: Tick, of_the_same: bool) {
+        let unread = self.unread.entry(number).or_insert(Unread {
+            tick,
+            covered: true,
+        });
+        unread.covered &= of_the_same;
         self.settle();
     }
 
@@ -252,7 +252,7 @@ mod tests {
     fn a_repair_as_new_as_an_unread_packet_covers_it() {
         let mut gaps = Gaps::new(0);
         assert_eq!(gaps.arrive(1, tick(2)), Arrival::Fresh);
-        gaps.could_not_read(1, tick(2));
+        gaps.could_not_read(1, tick(2), true);
         gaps.repaired(0, repair(2, 1), 0);
         assert!(gaps.is_settled());
     }
@@ -262,7 +262,7 @@ mod tests {
         let mut gaps = Gaps::new(0);
         assert_eq!(gaps.arrive(1, tick(2)), Arrival::Fresh);
         assert_eq!(gaps.arrive(2, tick(9)), Arrival::Fresh);
-        gaps.could_not_read(2, tick(9));
+        gaps.could_not_read(2, tick(9), true);
         gaps.repaired(0, repair(5, 1), 0);
         assert_eq!(gaps.missing().collect::<Vec<_>>(), [2]);
         gaps.repaired(2, repair(9, 1), 0);

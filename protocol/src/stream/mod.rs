@@ -1,16 +1,30 @@
 //! The state stream: said once, followed by many.
+mod agreement;
+mod bound;
 mod choose;
+mod doubt;
+mod features;
 mod field;
 mod full;
 mod gaps;
 mod history;
 mod observation;
 mod publisher;
+mod seats;
+mod start;
+mod statistics;
 mod subscriber;
 mod tracks;
+mod witness;
 
+pub use bound::Bound;
+pub use doubt::Reassurance;
+pub use features::Features;
 pub use full::FullPublisher;
 pub use observation::{Activity, Observation};
-pub use publisher::{Publisher, PublisherStatistics};
-pub use subscriber::{Bound, StreamStart, Subscriber, SubscriberStatistics};
+pub use publisher::{Publisher, PublisherStatistics, StreamTerms};
+pub use start::StreamStart;
+pub use statistics::SubscriberStatistics;
+pub use subscriber::Subscriber;
 pub use tracks::Manner;
+pub use witness::{HINDSIGHT_MAX, Witness};

@@ -3,57 +3,25 @@
 //! Bytes from anyone: nothing heard may panic, and memory is bounded by the limits. Does not choose when to ask for
 //! repair; see the client's session. Invariant: while the stream is settled, every track equals the publisher's.
 
+mod reading;
+
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
 
 use glam::Vec3;
-use rhumb_reckoning::{BodyId, Integrator, Metres, Motion, Predictor, Tick, Tolerance, Track};
+use rhumb_reckoning::{BodyId, Motion, Tick, Tolerance, Track, carried};
 
-use super::gaps::{Arrival, Gaps, RepairOf};
-use super::tracks::{Manner, Tracks, Unreadable};
-use crate::limits::{PACKETS_HELD_MAX, TICK_JUMP_MAX};
-use crate::packet::{
-    Echo, FullPacket, Head, Kind, Low16, Repair, Saying, StatePacket, StreamId, TrackSaying,
-    Update, Vouch,
-};
+use super::bound::Bound;
+use super::doubt::Doubts;
+use super::gaps::Gaps;
+use super::seats::Seats;
+use super::start::StreamStart;
+use super::statistics::SubscriberStatistics;
+use super::tracks::{Manner, Tracks};
+use crate::limits::INDICES_MAX;
+use crate::packet::{Doubt, Echo, Head, Low16, StreamId, Update};
+use crate::wire::Wire;
 use crate::wire::bytes::Reader;
-use crate::wire::{Malformed, Wire};
-
-/// How far the copy of one body may be from the truth, at the newest tick that the stream has vouched for.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Bound {
-    /// Every point of it is within this distance of where it is.
-    ///
-    /// A body that was said to rest to the bit is no exception: it may have woken since, and not moved enough to be
-    /// spoken of.
-    Within(Metres),
-    /// A packet that may have spoken of it was lost and is not made good yet; the tolerance held at this tick.
-    Unknown {
-        /// Up to which the stream was whole.
-        since: Tick,
-    },
-}
-
-/// What a subscriber heard so far.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct SubscriberStatistics {
-    /// Datagrams of this stream that were read.
-    pub packets: u64,
-    /// Updates taken in.
-    pub updates: u64,
-    /// Datagrams that came twice.
-    pub duplicates: u64,
-    /// Datagrams that are not of the protocol.
-    pub malformed: u64,
-    /// Packets found missing.
-    pub missed: u64,
-    /// Repairs taken in, in parts.
-    pub repairs: u64,
-    /// Updates that built on a missing one.
-    pub unread: u64,
-    /// Packets dropped because too many waited for notices.
-    pub overflowed: u64,
-}
 
 /// One stream at its listener.
 #[derive(Debug)]
@@ -68,10 +36,17 @@ pub struct Subscriber {
     notices: u64,
     /// Datagrams that must wait until more notices were heard.
     held: VecDeque<Vec<u8>>,
+    /// Indices of bodies that others hold, and of some that these held once.
+    held_indices: Vec<u32>,
+    seats: Seats,
     vouched: Tick,
     settled_at: Tick,
     newest: Tick,
+    /// The tick of the newest packet that said something.
+    spoken: Tick,
     lost_touch: bool,
+    doubts: Doubts,
+    amended: VecDeque<BodyId>,
     /// Whether the snapshot is whole; until then datagrams wait.
     placed: bool,
     /// Indices that changed since they were last drained, each once, and whether each index is among them.
@@ -95,10 +70,15 @@ impl Subscriber {
             gaps: Gaps::new(start.next),
             notices: start.notices,
             held: VecDeque::new(),
+            held_indices: Vec::new(),
+            seats: Seats::default(),
             vouched: start.tick,
             settled_at: start.tick,
             newest: start.tick,
+            spoken: start.tick,
             lost_touch: false,
+            doubts: Doubts::default(),
+            amended: VecDeque::new(),
             placed: false,
             changed: Vec::new(),
             marked: Vec::new(),
@@ -135,6 +115,13 @@ impl Subscriber {
     #[must_use]
     pub const fn vouched(&self) -> Tick {
         self.vouched
+    }
+
+    /// For how many ticks up to the vouched one nothing was said. A stream that runs freely vouches again before it has
+    /// been silent for twice as long, or for two and a half seconds more (PROTOCOL 6.4).
+    #[must_use]
+    pub const fn silent_ticks(&self) -> u64 {
+        self.vouched.value().saturating_sub(self.spoken.value())
     }
 
     /// The newest tick at which the promise holds for every body.
@@ -185,11 +172,18 @@ impl Subscriber {
         if slot.id(id.index()) != id {
             return None;
         }
-        let track = self.track_at(id.index(), &slot.track, tick);
-        Some(
-            self.tracks
-                .predicted(slot, track.unwrap_or(&slot.track), tick),
-        )
+        let track = self
+            .track_at(id.index(), &slot.track, tick)
+            .unwrap_or(&slot.track);
+        let motion = self.tracks.framed(slot, track, tick);
+        let Some((index, carrier)) = self.tracks.carrier(track) else {
+            return Some(motion);
+        };
+        let held_by = self
+            .track_at(index, &carrier.track, tick)
+            .unwrap_or(&carrier.track);
+        let by = self.tracks.framed(carrier, held_by, tick);
+        Some(carried(&by, &motion.pose()))
     }
 
     /// Which of a body's last two tracks held at a tick, as far as is known.
@@ -212,14 +206,26 @@ impl Subscriber {
     #[must_use]
     pub fn bound_at(&self, id: BodyId, tick: Tick) -> Option<Bound> {
         let track = self.track(id)?;
+        let radius = self.tracks.slot(id.index())?.radius;
         let since = self.settled_at;
         let doubted = self.gaps.doubted_before();
         let in_doubt = |track: &Track| doubted.is_some_and(|before| track.origin < before);
-        let held = self.track_at(id.index(), track, tick);
-        if tick > self.vouched || self.lost_touch || held.is_none_or(in_doubt) {
+        let sure = |index: u32, track: &Track| {
+            let held = self.track_at(index, track, tick).copied();
+            held.filter(|held| !in_doubt(held))
+        };
+        let known = sure(id.index(), track).is_some_and(|then| match then.carrier {
+            None => true,
+            // What is held is known as well as its holder.
+            Some(_) => self
+                .tracks
+                .carrier(&then)
+                .is_some_and(|(index, carrier)| sure(index, &carrier.track).is_some()),
+        });
+        if tick > self.vouched || self.lost_touch || !known {
             return Some(Bound::Unknown { since });
         }
-        Some(Bound::Within(self.tolerance().metres()))
+        Some(Bound::Within(self.tolerance().reach(radius)))
     }
 
     /// Moves the indices of bodies that came, went or were updated since the last call into `out`, in no order,
@@ -242,6 +248,23 @@ impl Subscriber {
         }
     }
 
+    /// Counts what is held as changed where its holder is.
+    fn touch_held(&mut self) {
+        let mut held = core::mem::take(&mut self.held_indices);
+        held.retain(|index| {
+            let track = self.tracks.slot(*index).map(|slot| slot.track);
+            let Some(carrier) = track.and_then(|track| track.carrier) else {
+                return false;
+            };
+            let moved = self.marked.get(carrier.index() as usize);
+            if moved.copied().unwrap_or_default() {
+                self.touch(*index);
+            }
+            true
+        });
+        self.held_indices = held;
+    }
+
     /// Counts every index below this one as changed.
     pub(crate) fn touch_below(&mut self, end: usize) {
         for index in 0..end as u32 {
@@ -254,17 +277,32 @@ impl Subscriber {
     pub fn place(&mut self, id: BodyId, manner: &Manner, track: Track) -> bool {
         let placed = self.tracks.place(id, manner, track);
         if placed {
+            self.seats.leave(id.index());
+            if track.carrier.is_some() {
+                self.held_indices.push(id.index());
+            }
             self.touch(id.index());
             self.remember(id.index(), None);
         }
         placed
     }
 
+    /// A body has a seat already, as a late listener is told.
+    pub fn seat(&mut self, id: BodyId, seat: u32) {
+        if id.index() < INDICES_MAX && seat < INDICES_MAX {
+            self.seats.take(seat, id.index(), self.newest);
+        }
+    }
+
     /// A notice took a body out; `false` when it is not there.
     #[must_use]
     pub fn remove(&mut self, id: BodyId) -> bool {
         self.touch(id.index());
-        self.tracks.remove(id)
+        let removed = self.tracks.remove(id);
+        if removed {
+            self.seats.leave(id.index());
+        }
+        removed
     }
 
     /// A notice changed the gravity.
@@ -293,6 +331,12 @@ impl Subscriber {
         self.note_settled();
     }
 
+    /// Whether a datagram names this stream.
+    #[must_use]
+    pub fn is_about(&self, datagram: &[u8]) -> bool {
+        Head::decode(&mut Reader::new(datagram)).is_ok_and(|head| head.stream == self.stream)
+    }
+
     /// Takes in a datagram of this stream. One that is malformed or of another stream changes nothing but a count.
     pub fn handle_datagram(&mut self, datagram: &[u8]) {
         self.read(datagram);
@@ -311,215 +355,21 @@ impl Subscriber {
         self.before[index] = before;
     }
 
-    /// Takes in what was overtaken by a newer saying: it is what held until then.
-    fn take_overtaken(&mut self, index: u32, tick: Tick, saying: &Saying) {
-        let Some(Some(before)) = self.before.get(index as usize) else {
-            return;
-        };
-        let present = self.tracks.slot(index).map(|slot| slot.track.origin);
-        if before.origin >= tick || present.is_none_or(|origin| origin <= tick) {
-            return;
-        }
-        match saying {
-            Saying::Whole(whole) => self.remember(index, Some(whole.track(tick))),
-            Saying::Residual { .. } => self.forget_before(index),
-        }
+    /// What the publisher is to be asked, because a sum over tracks is another here.
+    #[must_use]
+    pub fn doubt(&self) -> Option<Doubt> {
+        self.doubts.doubt()
     }
 
-    /// Of what a body did before its present track, too little was heard.
-    fn forget_before(&mut self, index: u32) {
-        if let Some(origin) = self.tracks.slot(index).map(|slot| slot.track.origin) {
-            self.remember(index, None);
-            self.known_from = self.known_from.max(origin);
-        }
+    /// The sum over all tracks, by which two ends can be compared.
+    #[must_use]
+    pub fn agreement(&self) -> u64 {
+        self.tracks.agreement().value()
     }
 
-    /// Takes in what a packet says of a body.
-    fn take(&mut self, index: u32, tick: Tick, saying: &Saying) -> Result<(), Unreadable> {
-        let before = self.tracks.slot(index).map(|slot| slot.track);
-        let heard = self.tracks.hear(index, tick, saying);
-        if heard == Err(Unreadable::Superseded) {
-            self.take_overtaken(index, tick, saying);
-        }
-        heard?;
-        self.remember(index, before);
-        self.statistics.updates += 1;
-        self.touch(index);
-        Ok(())
-    }
-
-    fn read(&mut self, datagram: &[u8]) {
-        if self.try_read(datagram).is_err() {
-            self.statistics.malformed += 1;
-        }
-    }
-
-    fn try_read(&mut self, datagram: &[u8]) -> Result<(), Malformed> {
-        let mut reader = Reader::new(datagram);
-        let head = Head::decode(&mut reader)?;
-        if head.stream != self.stream {
-            return Err(Malformed::UnknownCode);
-        }
-        match head.kind {
-            Kind::State => self.read_state(datagram, StatePacket::decode(false, reader)?),
-            Kind::StateEnd => self.read_state(datagram, StatePacket::decode(true, reader)?),
-            Kind::Full => self.read_full(datagram, &FullPacket::decode(false, reader)?),
-            Kind::FullEnd => self.read_full(datagram, &FullPacket::decode(true, reader)?),
-            Kind::Vouch => self.read_vouch(datagram, Vouch::decode(reader)?),
-            Kind::Repair => self.read_repair(datagram, &Repair::decode(reader)?),
-            Kind::Echo => return Err(Malformed::UnknownCode),
-        }?;
-        Ok(())
-    }
-
-    /// Whether the notices that a datagram builds on were heard; if not, keeps it for later.
-    fn is_due(&mut self, notices: Low16, datagram: &[u8]) -> bool {
-        if self.placed && notices.expand(self.notices) <= self.notices {
-            return true;
-        }
-        if self.held.len() < PACKETS_HELD_MAX {
-            self.held.push_back(datagram.to_vec());
-        } else {
-            self.statistics.overflowed += 1;
-        }
-        false
-    }
-
-    fn tick_of(&self, tick: Low16) -> Tick {
-        Tick::new(tick.expand(self.newest.value()))
-    }
-
-    /// Whether a tick lies so far ahead that the stream is begun anew rather than gone on with.
-    fn jumps(&self, tick: Tick) -> bool {
-        tick.value() > self.newest.value() + TICK_JUMP_MAX
-    }
-
-    /// Counts a numbered packet; returns its number and tick when it is to be read.
-    fn arrive(&mut self, number: Low16, tick: Low16, ends_tick: bool) -> Option<(u64, Tick)> {
-        let number = number.expand(self.gaps.next());
-        let tick = self.tick_of(tick);
-        let next = self.gaps.next();
-        if self.jumps(tick) {
-            self.lost_touch = true;
-            return None;
-        }
-        match self.gaps.arrive(number, tick) {
-            Arrival::Fresh => {}
-            Arrival::Duplicate => {
-                self.statistics.duplicates += 1;
-                return None;
-            }
-            Arrival::Lost => {
-                self.lost_touch = true;
-                return None;
-            }
-        }
-        self.statistics.packets += 1;
-        self.statistics.missed += number.saturating_sub(next);
-        self.newest = self.newest.max(tick);
-        let whole = if ends_tick {
-            Some(tick)
-        } else {
-            tick.before(rhumb_reckoning::Ticks::new(1))
-        };
-        self.vouched = self.vouched.max(whole.unwrap_or_default());
-        Some((number, tick))
-    }
-
-    fn read_state(&mut self, datagram: &[u8], packet: StatePacket<'_>) -> Result<(), Malformed> {
-        if !self.is_due(packet.notices, datagram) {
-            return Ok(());
-        }
-        // Everything is decoded before anything is believed.
-        let mut updates = core::mem::take(&mut self.updates);
-        let (number, tick, ends_tick) = (packet.number, packet.tick, packet.ends_tick);
-        let decoded = packet.updates(&mut updates);
-        if decoded.is_ok()
-            && let Some((number, tick)) = self.arrive(number, tick, ends_tick)
-        {
-            for update in &updates {
-                self.hear(number, tick, update);
-            }
-        }
-        self.updates = updates;
-        decoded
-    }
-
-    fn hear(&mut self, number: u64, tick: Tick, update: &Update) {
-        match self.take(update.index, tick, &update.saying) {
-            Ok(()) => {}
-            Err(Unreadable::OtherRevision) => {
-                self.statistics.unread += 1;
-                self.gaps.could_not_read(number, tick);
-            }
-            // Removed or said anew since: what came later stands.
-            Err(Unreadable::NoBody | Unreadable::Superseded) => {}
-        }
-    }
-
-    fn read_full(&mut self, datagram: &[u8], packet: &FullPacket) -> Result<(), Malformed> {
-        if !self.is_due(packet.notices, datagram) {
-            return Ok(());
-        }
-        let Some((_, tick)) = self.arrive(packet.number, packet.tick, packet.ends_tick) else {
-            return Ok(());
-        };
-        for record in &packet.records {
-            let saying = Saying::Whole(TrackSaying {
-                predictor: Predictor::Uniform,
-                anchor: rhumb_reckoning::Anchor::Verbatim(record.motion),
-            });
-            // Removed or said anew since: what came later stands.
-            let _ = self.take(record.index, tick, &saying);
-        }
-        Ok(())
-    }
-
-    fn read_vouch(&mut self, datagram: &[u8], vouch: Vouch) -> Result<(), Malformed> {
-        if !self.is_due(vouch.notices, datagram) {
-            return Ok(());
-        }
-        let tick = self.tick_of(vouch.tick);
-        let before = self.gaps.next();
-        let next = vouch.next.expand(before);
-        if self.jumps(tick) || !self.gaps.announce(next, tick) {
-            self.lost_touch = true;
-            return Ok(());
-        }
-        self.statistics.missed += next.saturating_sub(before);
-        self.newest = self.newest.max(tick);
-        self.vouched = self.vouched.max(tick);
-        Ok(())
-    }
-
-    fn read_repair(&mut self, datagram: &[u8], repair: &Repair) -> Result<(), Malformed> {
-        if !self.is_due(repair.notices, datagram) {
-            return Ok(());
-        }
-        let as_of = self.tick_of(repair.tick);
-        if self.jumps(as_of) {
-            self.lost_touch = true;
-            return Ok(());
-        }
-        self.statistics.repairs += 1;
-        for record in &repair.records {
-            let Some(origin) = as_of.before(record.age) else {
-                return Err(Malformed::OutOfRange);
-            };
-            let whole = Saying::Whole(record.whole);
-            if self.tracks.hear(record.index, origin, &whole).is_ok() {
-                self.touch(record.index);
-            }
-            self.forget_before(record.index);
-        }
-        let lost = repair.lost.expand(self.gaps.next());
-        let of = RepairOf {
-            as_of,
-            notices: repair.notices.expand(self.notices),
-            parts: repair.parts,
-        };
-        self.gaps.repaired(lost, of, repair.part);
-        Ok(())
+    /// The next body whose track was made right.
+    pub fn poll_amended(&mut self) -> Option<BodyId> {
+        self.amended.pop_front()
     }
 
     /// What to tell the server: how far this has heard, and the oldest packets that are missing.
@@ -535,23 +385,4 @@ impl Subscriber {
                 .collect(),
         }
     }
-}
-
-/// Where a subscriber begins: what the server says when a member joins.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct StreamStart {
-    /// The stream's name.
-    pub stream: StreamId,
-    /// Its promise.
-    pub tolerance: Tolerance,
-    /// How the scene steps.
-    pub integrator: Integrator,
-    /// What pulls now.
-    pub gravity: Vec3,
-    /// The tick of the snapshot.
-    pub tick: Tick,
-    /// Number of the first packet after it.
-    pub next: u64,
-    /// Notices that it includes.
-    pub notices: u64,
 }

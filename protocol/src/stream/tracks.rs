@@ -3,16 +3,19 @@
 //! One belief, two homes: both ends hold this type and change it by the same calls, so that they stay equal to the bit.
 
 use alloc::vec::Vec;
+use core::cell::RefCell;
 
 use glam::{DVec3, Vec3};
 use rhumb_reckoning::{
-    Anchor, BodyId, Damping, FlowTable, Grid, HORIZON, Integrator, Metres, Motion, Predictor, Tick,
-    Tolerance, Track,
+    Anchor, BodyId, Conditions, Cursor, Damping, FlowTable, Grid, HORIZON, Inertia, Integrator,
+    Metres, Motion, Predictor, Residual, Seconds, Tick, Ticks, Tolerance, Track, carried,
+    seen_from,
 };
 
+use super::agreement::Agreement;
 use super::field::Field;
 use crate::limits::{DAMPINGS_MAX, INDICES_MAX};
-use crate::packet::Saying;
+use crate::packet::{Course, Saying};
 use crate::scene::{BodyKind, BodyTerms, Shape};
 
 /// What a predictor needs to know of a body, told once with it.
@@ -24,25 +27,34 @@ pub struct Manner {
     pub damping: Damping,
     /// Factor on the scene's gravity.
     pub gravity_scale: f32,
+    /// How it resists being turned, if it tumbles when it is free.
+    pub inertia: Option<Inertia>,
 }
 
 impl Manner {
-    /// Of a body with these terms and this shape, in a scene whose bodies are damped like this.
+    /// Of a body with these terms, this shape and this inertia, in a scene whose bodies are damped like this.
     ///
     /// A body that no engine moves keeps the velocity it is given: nothing damps it and nothing pulls at it.
     #[must_use]
-    pub fn of(terms: &BodyTerms, shape: &Shape, damping: Damping) -> Self {
+    pub fn of(
+        terms: &BodyTerms,
+        shape: &Shape,
+        damping: Damping,
+        inertia: Option<Inertia>,
+    ) -> Self {
         let radius = shape.bounding_radius();
         match terms.kind {
             BodyKind::Dynamic => Self {
                 radius,
                 damping: terms.damping.unwrap_or(damping),
                 gravity_scale: terms.gravity_scale,
+                inertia: inertia.filter(|_| terms.gyroscopic),
             },
             BodyKind::Static | BodyKind::Kinematic => Self {
                 radius,
                 damping: Damping::default(),
                 gravity_scale: 0.0,
+                inertia: None,
             },
         }
     }
@@ -54,6 +66,9 @@ pub(crate) struct Slot {
     pub(crate) track: Track,
     pub(crate) radius: Metres,
     gravity_scale: f32,
+    inertia: Option<Inertia>,
+    /// How far its tumbling was computed.
+    cursor: RefCell<Cursor>,
     generation: u16,
     flow: u16,
 }
@@ -61,6 +76,11 @@ pub(crate) struct Slot {
 impl Slot {
     pub(crate) const fn id(&self, index: u32) -> BodyId {
         BodyId::new(index, self.generation)
+    }
+
+    /// Whether it turns otherwise than at a constant spin when it is free.
+    pub(crate) const fn tumbles(&self) -> bool {
+        self.inertia.is_some()
     }
 }
 
@@ -72,6 +92,7 @@ pub(crate) struct Tracks {
     field: Field,
     flows: Vec<(Damping, FlowTable)>,
     slots: Vec<Option<Slot>>,
+    agreement: Agreement,
 }
 
 /// Why a saying could not be taken in.
@@ -93,6 +114,7 @@ impl Tracks {
             field: Field::new(gravity),
             flows: Vec::new(),
             slots: Vec::new(),
+            agreement: Agreement::default(),
         }
     }
 
@@ -119,13 +141,19 @@ impl Tracks {
         if index >= self.slots.len() {
             self.slots.resize_with(index + 1, || None);
         }
-        self.slots[index] = Some(Slot {
+        let slot = Slot {
             track,
             radius: manner.radius,
             gravity_scale: manner.gravity_scale,
+            inertia: manner.inertia,
+            cursor: RefCell::default(),
             generation: id.generation(),
             flow,
-        });
+        };
+        self.agreement.add(id.index(), &slot);
+        if let Some(gone) = self.slots[index].replace(slot) {
+            self.agreement.take(id.index(), &gone);
+        }
         true
     }
 
@@ -153,8 +181,8 @@ impl Tracks {
         let found = place
             .as_ref()
             .is_some_and(|slot| slot.generation == id.generation());
-        if found {
-            *place = None;
+        if let Some(gone) = place.take_if(|_| found) {
+            self.agreement.take(id.index(), &gone);
         }
         found
     }
@@ -172,8 +200,32 @@ impl Tracks {
         self.slots.get(index as usize)?.as_ref()
     }
 
-    pub(crate) fn slot_mut(&mut self, index: u32) -> Option<&mut Slot> {
-        self.slots.get_mut(index as usize)?.as_mut()
+    /// Gives a body another track; `false` when no body has the index.
+    pub(crate) fn set_track(&mut self, index: u32, track: Track) -> bool {
+        let Some(Some(slot)) = self.slots.get_mut(index as usize) else {
+            return false;
+        };
+        self.agreement.take(index, slot);
+        slot.track = track;
+        self.agreement.add(index, slot);
+        true
+    }
+
+    /// The sum over all tracks.
+    pub(crate) const fn agreement(&self) -> Agreement {
+        self.agreement
+    }
+
+    /// The sum over the tracks of a range of indices.
+    pub(crate) fn agreement_of(&self, range: core::ops::Range<usize>) -> Agreement {
+        let mut sum = Agreement::default();
+        let end = range.end.min(self.slots.len());
+        for index in range.start.min(end)..end {
+            if let Some(slot) = &self.slots[index] {
+                sum.add(index as u32, slot);
+            }
+        }
+        sum
     }
 
     /// Every body's index and place, in order.
@@ -200,39 +252,155 @@ impl Tracks {
         DVec3::new(x * scale, y * scale, z * scale)
     }
 
-    /// What is believed of a body at a tick.
+    /// What is believed of a body in the world at a tick.
     pub(crate) fn believed(&self, slot: &Slot, tick: Tick) -> Motion {
-        self.predicted(slot, &slot.track, tick)
+        let motion = self.framed(slot, &slot.track, tick);
+        match self.carrier(&slot.track) {
+            Some((_, carrier)) => {
+                let carrier = self.framed(carrier, &carrier.track, tick);
+                carried(&carrier, &motion.pose())
+            }
+            None => motion,
+        }
     }
 
-    /// What a track of a body, this one or one that it had, says of a tick.
-    pub(crate) fn predicted(&self, slot: &Slot, track: &Track, tick: Tick) -> Motion {
-        let gravity = match track.predictor {
-            Predictor::Ballistic => self.gravity(slot, track.origin),
-            Predictor::Rest | Predictor::Uniform => DVec3::ZERO,
+    /// The body that carries another along by its track, while it is there.
+    pub(crate) fn carrier(&self, track: &Track) -> Option<(u32, &Slot)> {
+        let id = track.carrier?;
+        let slot = self.slot(id.index())?;
+        (slot.generation == id.generation()).then_some((id.index(), slot))
+    }
+
+    /// What a track of a body, this one or one that it had, says of a tick in its own frame.
+    pub(crate) fn framed(&self, slot: &Slot, track: &Track, tick: Tick) -> Motion {
+        self.with_conditions(slot, track.predictor, track.origin, |conditions| {
+            let mut cursor = slot.cursor.borrow_mut();
+            track.at_with(tick, &self.grid(slot), conditions, &mut cursor)
+        })
+    }
+
+    /// The same without regard to what was computed before, for tracks that may never be said.
+    pub(crate) fn framed_fresh(&self, slot: &Slot, track: &Track, tick: Tick) -> Motion {
+        self.with_conditions(slot, track.predictor, track.origin, |conditions| {
+            track.at(tick, &self.grid(slot), conditions)
+        })
+    }
+
+    /// What a law would make of a motion of some ticks ago, under what pulls at a tick.
+    pub(crate) fn continued(
+        &self,
+        slot: &Slot,
+        predictor: Predictor,
+        start: &Motion,
+        tick: Tick,
+        ticks: Ticks,
+    ) -> Motion {
+        self.with_conditions(slot, predictor, tick, |conditions| {
+            predictor.predict(start, ticks, conditions)
+        })
+    }
+
+    fn with_conditions<T>(
+        &self,
+        slot: &Slot,
+        predictor: Predictor,
+        origin: Tick,
+        then: impl FnOnce(&Conditions<'_>) -> T,
+    ) -> T {
+        let gravity = if predictor.falls() {
+            self.gravity(slot, origin)
+        } else {
+            DVec3::ZERO
         };
         let (_, flow) = &self.flows[usize::from(slot.flow)];
-        track.at(tick, &self.grid(slot), gravity, flow)
+        then(&Conditions {
+            gravity,
+            flow,
+            inertia: slot.inertia.as_ref(),
+        })
     }
 
-    /// The track that a saying at `tick` gives a body of which `believed` was believed at that tick.
-    pub(crate) fn said(saying: &Saying, tick: Tick, believed: &Motion, grid: &Grid) -> Track {
-        match saying {
-            Saying::Whole(whole) => whole.track(tick),
-            Saying::Residual {
-                predictor,
-                residual,
-                ..
-            } => {
-                let snapped = residual.onto(believed, grid);
-                let resting = *predictor == Predictor::Rest;
-                Track {
-                    origin: tick,
-                    predictor: *predictor,
-                    anchor: Anchor::Snapped(if resting { snapped.stilled() } else { snapped }),
-                }
-            }
+    /// Whether a track has this age, as a saying names it.
+    fn is_of_age(track: &Track, age: Ticks, tick: Tick) -> bool {
+        tick.since(track.origin) == Some(age)
+    }
+
+    /// The frame that a body is or will be in, and what is predicted of it there, for what a saying corrects.
+    ///
+    /// Errors when the saying builds on other tracks than these.
+    fn footing(
+        &self,
+        index: u32,
+        course: &Course,
+        age: Ticks,
+        tick: Tick,
+    ) -> Result<Footing, Unreadable> {
+        let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
+        let track = &slot.track;
+        if !Self::is_of_age(track, age, tick) {
+            return Err(Unreadable::OtherRevision);
         }
+        let (predictor, carrier, predicted) = match *course {
+            Course::Same => (
+                track.predictor,
+                track.carrier,
+                self.framed(slot, track, tick),
+            ),
+            Course::World {
+                predictor,
+                carrier_age,
+            } => {
+                let carrier = self.carrier(track);
+                let known = match (carrier, carrier_age) {
+                    (None, None) => track.carrier.is_none(),
+                    (Some((_, carrier)), Some(age)) => Self::is_of_age(&carrier.track, age, tick),
+                    _ => false,
+                };
+                if !known {
+                    return Err(Unreadable::OtherRevision);
+                }
+                (predictor, None, self.believed(slot, tick))
+            }
+            Course::Held {
+                carrier,
+                carrier_age,
+            } => {
+                let holder = self.slot(carrier).ok_or(Unreadable::NoBody)?;
+                let free = holder.track.carrier.is_none() && track.carrier.is_none();
+                if carrier == index || !free || !Self::is_of_age(&holder.track, carrier_age, tick) {
+                    return Err(Unreadable::OtherRevision);
+                }
+                let holds = self.framed(holder, &holder.track, tick);
+                let seen = seen_from(&holds.pose(), &self.believed(slot, tick).pose());
+                (Predictor::Rest, Some(holder.id(carrier)), seen)
+            }
+        };
+        Ok(Footing {
+            predictor,
+            carrier,
+            predicted,
+            over: track.predictor.astray(age, self.integrator.rate),
+        })
+    }
+
+    /// The track that a saying at `tick` gives a body.
+    pub(crate) fn said(
+        &self,
+        index: u32,
+        tick: Tick,
+        saying: &Saying,
+    ) -> Result<Track, Unreadable> {
+        let (course, age, residual) = match saying {
+            Saying::Whole(whole) => return Ok(whole.track(tick)),
+            Saying::Residual {
+                course,
+                age,
+                residual,
+            } => (course, *age, residual),
+        };
+        let footing = self.footing(index, course, age, tick)?;
+        let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
+        Ok(footing.track(tick, residual, &self.grid(slot)))
     }
 
     /// Takes in what was said of a body at a tick.
@@ -246,16 +414,34 @@ impl Tracks {
         if tick <= slot.track.origin {
             return Err(Unreadable::Superseded);
         }
-        let track = match saying {
-            Saying::Whole(whole) => whole.track(tick),
-            Saying::Residual { age, .. } => {
-                if slot.track.origin + *age != tick {
-                    return Err(Unreadable::OtherRevision);
-                }
-                Self::said(saying, tick, &self.believed(slot, tick), &self.grid(slot))
-            }
-        };
-        self.slot_mut(index).ok_or(Unreadable::NoBody)?.track = track;
+        let track = self.said(index, tick, saying)?;
+        self.set_track(index, track);
         Ok(())
+    }
+}
+
+/// What a correction is added to.
+#[derive(Clone, Copy, Debug)]
+struct Footing {
+    /// How the body goes on.
+    predictor: Predictor,
+    /// In whose frame.
+    carrier: Option<BodyId>,
+    /// What was predicted of it there.
+    predicted: Motion,
+    /// In what time that went astray (RECKONING 4.4).
+    over: Seconds,
+}
+
+impl Footing {
+    fn track(&self, tick: Tick, residual: &Residual, grid: &Grid) -> Track {
+        let snapped = residual.onto(&self.predicted, self.over, grid);
+        let resting = self.predictor == Predictor::Rest;
+        Track {
+            origin: tick,
+            predictor: self.predictor,
+            anchor: Anchor::Snapped(if resting { snapped.stilled() } else { snapped }),
+            carrier: self.carrier,
+        }
     }
 }

@@ -7,6 +7,97 @@ use alloc::vec::Vec;
 
 use super::Malformed;
 
+/// What bits can be put into.
+pub trait PutBits {
+    /// The low `count` bits of `value`; `count` is at most 32.
+    fn bits(&mut self, value: u32, count: u32);
+
+    /// One bit.
+    fn flag(&mut self, flag: bool) {
+        self.bits(u32::from(flag), 1);
+    }
+
+    /// An unsigned number by an exponential Golomb code of order `order` (PROTOCOL 5.2).
+    ///
+    /// # Panics
+    ///
+    /// When `value` is above [`GOLOMB_MAX`].
+    fn golomb(&mut self, value: u32, order: u32) {
+        assert!(
+            value <= GOLOMB_MAX,
+            "{value} is too large for a Golomb code"
+        );
+        let shifted = value + (1 << order);
+        let extra = shifted.ilog2() - order;
+        for _ in 0..extra {
+            self.flag(true);
+        }
+        self.flag(false);
+        let width = extra + order;
+        self.bits(shifted & !(1 << width), width);
+    }
+
+    /// A signed number: 0, -1, 1, -2, ... are the unsigned 0, 1, 2, 3, ...
+    ///
+    /// # Panics
+    ///
+    /// As [`Self::golomb`].
+    fn signed_golomb(&mut self, value: i32, order: u32) {
+        self.golomb(((value << 1) ^ (value >> 31)) as u32, order);
+    }
+}
+
+/// What bits can be taken out of.
+pub trait TakeBits {
+    /// The next `count` bits as a number; `count` is at most 32.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed`] when there are none; so for every reader below.
+    fn bits(&mut self, count: u32) -> Result<u32, Malformed>;
+
+    /// One bit.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::bits`].
+    fn flag(&mut self) -> Result<bool, Malformed> {
+        self.bits(1).map(|bit| bit == 1)
+    }
+
+    /// An unsigned number by an exponential Golomb code of order `order`.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed::OutOfRange`] above [`GOLOMB_MAX`].
+    fn golomb(&mut self, order: u32) -> Result<u32, Malformed> {
+        let mut extra = 0;
+        while self.flag()? {
+            extra += 1;
+            if extra + order > 31 {
+                return Err(Malformed::OutOfRange);
+            }
+        }
+        let width = extra + order;
+        let shifted = self.bits(width)? | (1 << width);
+        let value = shifted - (1 << order);
+        if value > GOLOMB_MAX {
+            return Err(Malformed::OutOfRange);
+        }
+        Ok(value)
+    }
+
+    /// A signed number; see [`PutBits::signed_golomb`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::golomb`].
+    fn signed_golomb(&mut self, order: u32) -> Result<i32, Malformed> {
+        let unsigned = self.golomb(order)?;
+        Ok((unsigned >> 1) as i32 ^ -((unsigned & 1) as i32))
+    }
+}
+
 /// Appends bits to a buffer.
 #[derive(Debug, Default)]
 pub struct BitWriter {
@@ -26,56 +117,6 @@ impl BitWriter {
         }
     }
 
-    /// The low `count` bits of `value`, low bit first; `count` is at most 32.
-    ///
-    /// # Panics
-    ///
-    /// When `value` does not fit `count` bits.
-    pub fn bits(&mut self, value: u32, count: u32) {
-        assert!(
-            count == 32 || (count < 32 && value >> count == 0),
-            "{value} does not fit {count} bits"
-        );
-        self.pending |= u64::from(value) << self.held;
-        self.held += count;
-        while self.held >= 8 {
-            self.bytes.push(self.pending as u8);
-            self.pending >>= 8;
-            self.held -= 8;
-        }
-    }
-
-    /// One bit.
-    pub fn flag(&mut self, flag: bool) {
-        self.bits(u32::from(flag), 1);
-    }
-
-    /// An unsigned number by an exponential Golomb code of order `order` (PROTOCOL 5.2).
-    ///
-    /// # Panics
-    ///
-    /// When `value` is above [`GOLOMB_MAX`].
-    pub fn golomb(&mut self, value: u32, order: u32) {
-        assert!(
-            value <= GOLOMB_MAX,
-            "{value} is too large for a Golomb code"
-        );
-        let shifted = value + (1 << order);
-        let extra = shifted.ilog2() - order;
-        self.bits((1 << extra) - 1, extra + 1);
-        let width = extra + order;
-        self.bits(shifted & !(1 << width), width);
-    }
-
-    /// A signed number: 0, -1, 1, -2, ... are the unsigned 0, 1, 2, 3, ...
-    ///
-    /// # Panics
-    ///
-    /// As [`Self::golomb`].
-    pub fn signed_golomb(&mut self, value: i32, order: u32) {
-        self.golomb(((value << 1) ^ (value >> 31)) as u32, order);
-    }
-
     /// Bits written so far, those before this writer began included.
     #[must_use]
     pub fn bit_len(&self) -> usize {
@@ -89,6 +130,27 @@ impl BitWriter {
             self.bytes.push(self.pending as u8);
         }
         self.bytes
+    }
+}
+
+impl PutBits for BitWriter {
+    /// Low bit first.
+    ///
+    /// # Panics
+    ///
+    /// When `value` does not fit `count` bits.
+    fn bits(&mut self, value: u32, count: u32) {
+        assert!(
+            count == 32 || (count < 32 && value >> count == 0),
+            "{value} does not fit {count} bits"
+        );
+        self.pending |= u64::from(value) << self.held;
+        self.held += count;
+        while self.held >= 8 {
+            self.bytes.push(self.pending as u8);
+            self.pending >>= 8;
+            self.held -= 8;
+        }
     }
 }
 
@@ -122,68 +184,6 @@ impl<'a> BitReader<'a> {
         self.position
     }
 
-    /// The next `count` bits as a number; `count` is at most 32.
-    ///
-    /// # Errors
-    ///
-    /// [`Malformed::Truncated`] when fewer are left; so for every reader below.
-    pub fn bits(&mut self, count: u32) -> Result<u32, Malformed> {
-        let end = self.position + count as usize;
-        if end > self.bytes.len() * 8 {
-            return Err(Malformed::Truncated);
-        }
-        let first = self.position / 8;
-        // 32 bits from any bit on lie within five bytes.
-        let mut window = 0_u64;
-        for (place, byte) in self.bytes[first..].iter().take(5).enumerate() {
-            window |= u64::from(*byte) << (8 * place);
-        }
-        self.position = end;
-        let mask = (1_u64 << count) - 1;
-        Ok(((window >> ((end - count as usize) % 8)) & mask) as u32)
-    }
-
-    /// One bit.
-    ///
-    /// # Errors
-    ///
-    /// As [`Self::bits`].
-    pub fn flag(&mut self) -> Result<bool, Malformed> {
-        self.bits(1).map(|bit| bit == 1)
-    }
-
-    /// An unsigned number by an exponential Golomb code of order `order`.
-    ///
-    /// # Errors
-    ///
-    /// [`Malformed::OutOfRange`] above [`GOLOMB_MAX`].
-    pub fn golomb(&mut self, order: u32) -> Result<u32, Malformed> {
-        let mut extra = 0;
-        while self.flag()? {
-            extra += 1;
-            if extra + order > 31 {
-                return Err(Malformed::OutOfRange);
-            }
-        }
-        let width = extra + order;
-        let shifted = self.bits(width)? | (1 << width);
-        let value = shifted - (1 << order);
-        if value > GOLOMB_MAX {
-            return Err(Malformed::OutOfRange);
-        }
-        Ok(value)
-    }
-
-    /// A signed number; see [`BitWriter::signed_golomb`].
-    ///
-    /// # Errors
-    ///
-    /// As [`Self::golomb`].
-    pub fn signed_golomb(&mut self, order: u32) -> Result<i32, Malformed> {
-        let value = self.golomb(order)?;
-        Ok((value >> 1) as i32 ^ -((value & 1) as i32))
-    }
-
     /// Ends reading.
     ///
     /// # Errors
@@ -198,6 +198,29 @@ impl<'a> BitReader<'a> {
             return Err(Malformed::NotCanonical);
         }
         Ok(())
+    }
+}
+
+impl TakeBits for BitReader<'_> {
+    /// The next `count` bits as a number; `count` is at most 32.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed::Truncated`] when fewer are left.
+    fn bits(&mut self, count: u32) -> Result<u32, Malformed> {
+        let end = self.position + count as usize;
+        if end > self.bytes.len() * 8 {
+            return Err(Malformed::Truncated);
+        }
+        let first = self.position / 8;
+        // 32 bits from any bit on lie within five bytes.
+        let mut window = 0_u64;
+        for (place, byte) in self.bytes[first..].iter().take(5).enumerate() {
+            window |= u64::from(*byte) << (8 * place);
+        }
+        self.position = end;
+        let mask = (1_u64 << count) - 1;
+        Ok(((window >> ((end - count as usize) % 8)) & mask) as u32)
     }
 }
 

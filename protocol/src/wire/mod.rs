@@ -2,6 +2,7 @@
 pub mod bits;
 pub mod bytes;
 mod malformed;
+pub(crate) mod range;
 
 pub use malformed::Malformed;
 

@@ -11,9 +11,9 @@ use core::fmt;
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::message::RemovalCause;
-use rhumb_protocol::scene::{BodyKind, Material, Shape};
+use rhumb_protocol::scene::{BodyKind, Joint, JointId, Material, Shape, ShapeId};
 use rhumb_protocol::stream::Observation;
-use rhumb_reckoning::{BodyId, Damping, Twist, Verbatim};
+use rhumb_reckoning::{BodyId, Damping, Inertia, Twist, Verbatim};
 
 pub use rapier::RapierEngine;
 
@@ -24,14 +24,16 @@ pub struct Newcomer {
     pub id: BodyId,
     /// Who moves it.
     pub kind: BodyKind,
-    /// Its solid.
-    pub shape: Shape,
+    /// Its solid, one that the engine was given.
+    pub shape: ShapeId,
     /// Its surface and substance.
     pub material: Material,
     /// How its free motion dies down.
     pub damping: Damping,
     /// Factor on the scene's gravity.
     pub gravity_scale: f32,
+    /// Whether the axis of its spin wanders when its moments of inertia differ.
+    pub gyroscopic: bool,
     /// Where it is, and how it moves.
     pub motion: Verbatim,
 }
@@ -51,14 +53,30 @@ pub enum Push {
 
 /// A world of rigid bodies that can be stepped.
 ///
-/// Methods other than [`Engine::step`] never fail: a body that is not there is passed over, and an engine that breaks
+/// Methods other than [`Engine::step`] and [`Engine::add_shape`] never fail: a body that is not there is passed over, and an engine that breaks
 /// is faulted from then on. A change that changes nothing (the pose a body has, no force) wakes nothing.
 pub trait Engine: Send {
+    /// Makes a solid known under a name that is free.
+    ///
+    /// # Errors
+    ///
+    /// [`Unfit`] when it cannot make one; then nothing has changed.
+    fn add_shape(&mut self, id: ShapeId, shape: &Shape) -> Result<(), Unfit>;
+
+    /// Forgets a solid that no body has.
+    fn remove_shape(&mut self, id: ShapeId);
+
     /// Puts a body in.
     fn add(&mut self, body: &Newcomer);
 
-    /// Takes a body out; what rested on it wakes.
+    /// Takes a body out, with its joints; what rested on it wakes.
     fn remove(&mut self, id: BodyId);
+
+    /// Holds two bodies together under a name that is free, and wakes them.
+    fn add_joint(&mut self, id: JointId, joint: &Joint);
+
+    /// Lets go of what a joint held, and wakes it; one that went with a body is passed over.
+    fn remove_joint(&mut self, id: JointId);
 
     /// Puts a static or dynamic body elsewhere and wakes what it touched; a kinematic one goes there in the next step.
     ///
@@ -89,12 +107,19 @@ pub trait Engine: Send {
     /// One body as it is now, static ones as asleep.
     fn observe_one(&self, id: BodyId) -> Option<Observation>;
 
+    /// How a body resists being turned, if it tumbles when it is free: dynamic, gyroscopic, of unequal moments.
+    fn inertia(&self, id: BodyId) -> Option<Inertia>;
+
     /// Bodies that the last step left awake.
     fn awake_count(&self) -> usize;
 
     /// Why it steps no more, if so.
     fn fault(&self) -> Option<EngineFault>;
 }
+
+/// An engine cannot make a solid of a shape, though its numbers are within the limits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Unfit;
 
 /// Why an engine steps no more.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

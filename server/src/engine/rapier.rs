@@ -9,22 +9,28 @@ use std::mem;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use glam::{Quat, Vec3};
-use rapier3d::prelude::{PhysicsWorld, RigidBody, RigidBodyHandle};
+use rapier3d::prelude::{
+    ImpulseJointHandle, PhysicsWorld, RigidBody, RigidBodyHandle, SharedShape,
+};
 use rhumb_protocol::limits::COORDINATE_MAX;
 use rhumb_protocol::message::RemovalCause;
-use rhumb_protocol::scene::{BodyKind, SceneTerms};
+use rhumb_protocol::scene::{BodyKind, Joint, JointId, SceneTerms, Shape, ShapeId, SleepTerms};
 use rhumb_protocol::stream::{Activity, Observation};
-use rhumb_reckoning::{BodyId, Integrator, Twist};
+use rhumb_reckoning::{BodyId, Inertia, Integrator, Twist};
 
 use super::drive::Drive;
 use super::rapier_body as translate;
-use super::{Engine, EngineFault, Newcomer, Push};
+use super::{Engine, EngineFault, Newcomer, Push, Unfit};
 
 /// A world of Rapier's.
 pub struct RapierEngine {
     world: PhysicsWorld,
     integrator: Integrator,
+    sleep: Option<SleepTerms>,
     fault: Option<EngineFault>,
+    solids: BTreeMap<ShapeId, SharedShape>,
+    /// Some may be gone with a body.
+    joints: BTreeMap<JointId, ImpulseJointHandle>,
     /// By index of the body.
     places: Vec<Option<Place>>,
     /// Kinematic bodies that move.
@@ -60,7 +66,10 @@ impl RapierEngine {
         Self {
             world,
             integrator: terms.integrator,
+            sleep: terms.sleep,
             fault: None,
+            solids: BTreeMap::new(),
+            joints: BTreeMap::new(),
             places: Vec::new(),
             drives: BTreeMap::new(),
             pushed: Vec::new(),
@@ -81,6 +90,8 @@ impl RapierEngine {
             let broken = mem::take(&mut self.world);
             // What cannot even be dropped is of no use to anybody: nothing hangs on the outcome.
             let _ = catch_unwind(AssertUnwindSafe(|| drop(broken)));
+            self.solids.clear();
+            self.joints.clear();
             self.places.clear();
             self.drives.clear();
             self.awake.clear();
@@ -108,9 +119,15 @@ impl RapierEngine {
     }
 
     fn insert(&mut self, newcomer: &Newcomer) {
-        let (handle, _) = self
-            .world
-            .insert(translate::body(newcomer), translate::collider(newcomer));
+        let Some(solid) = self.solids.get(&newcomer.shape) else {
+            return;
+        };
+        let mut body = translate::body(newcomer);
+        if let Some(sleep) = self.sleep {
+            translate::let_sleep(&mut body, sleep);
+        }
+        let solid = translate::collider(newcomer, solid);
+        let (handle, _) = self.world.insert(body, solid);
         let index = newcomer.id.index() as usize;
         if index >= self.places.len() {
             self.places.resize(index + 1, None);
@@ -177,6 +194,7 @@ impl RapierEngine {
             let next = translate::narrow(&drive.advance(self.integrator));
             let place = self.places.get(id.index() as usize).copied().flatten();
             if let Some(body) = place.and_then(|place| self.world.bodies.get_mut(place.handle)) {
+                let next = translate::nearest(next, *body.rotation());
                 body.set_next_kinematic_position(next);
             }
         }
@@ -295,12 +313,43 @@ impl RapierEngine {
 }
 
 impl Engine for RapierEngine {
+    fn add_shape(&mut self, id: ShapeId, shape: &Shape) -> Result<(), Unfit> {
+        let solid = translate::solid(shape)?;
+        self.solids.insert(id, solid);
+        Ok(())
+    }
+
+    fn remove_shape(&mut self, id: ShapeId) {
+        self.solids.remove(&id);
+    }
+
     fn add(&mut self, body: &Newcomer) {
         self.contained(|engine| engine.insert(body));
     }
 
     fn remove(&mut self, id: BodyId) {
         self.contained(|engine| engine.discard(id));
+    }
+
+    fn add_joint(&mut self, id: JointId, joint: &Joint) {
+        self.contained(|engine| {
+            let [Some(first), Some(second)] = joint.bodies.map(|body| engine.place(body)) else {
+                return;
+            };
+            let held = translate::joint(joint);
+            let handle = engine
+                .world
+                .insert_impulse_joint(first.handle, second.handle, held);
+            engine.joints.insert(id, handle);
+        });
+    }
+
+    fn remove_joint(&mut self, id: JointId) {
+        self.contained(|engine| {
+            if let Some(handle) = engine.joints.remove(&id) {
+                engine.world.remove_impulse_joint(handle);
+            }
+        });
     }
 
     fn set_pose(&mut self, id: BodyId, position: Vec3, rotation: Quat) {
@@ -360,6 +409,10 @@ impl Engine for RapierEngine {
         self.seen(place, activity).ok()
     }
 
+    fn inertia(&self, id: BodyId) -> Option<Inertia> {
+        translate::inertia(self.body(self.place(id)?)?)
+    }
+
     fn awake_count(&self) -> usize {
         self.awake.len()
     }
@@ -373,7 +426,7 @@ impl Engine for RapierEngine {
 mod tests {
     use core::num::NonZeroU32;
 
-    use rhumb_protocol::scene::{Material, Pace, Shape};
+    use rhumb_protocol::scene::{Material, Pace};
     use rhumb_reckoning::{Damping, Rate, Verbatim};
 
     use super::*;
@@ -397,17 +450,21 @@ mod tests {
             pace: Pace::Lockstep,
             material,
             damping,
+            sleep: None,
         });
         let id = BodyId::new(0, 0);
         let ball = Newcomer {
             id,
             kind: BodyKind::Dynamic,
-            shape: Shape::Ball { radius: 0.5 },
+            shape: ShapeId(0),
             material,
             damping,
             gravity_scale: 1.0,
+            gyroscopic: true,
             motion: Verbatim::new([0.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).unwrap(),
         };
+        let shape = Shape::Ball { radius: 0.5 };
+        assert_eq!(engine.add_shape(ball.shape, &shape), Ok(()));
         engine.add(&ball);
         let mut lost = Vec::new();
         assert_eq!(engine.step(&mut lost), Ok(()));

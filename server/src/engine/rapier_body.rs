@@ -2,14 +2,19 @@
 //!
 //! Translation only; which bodies there are is known in `rapier`.
 
+use std::panic::catch_unwind;
+
 use glam::{DQuat, DVec3, Quat, Vec3};
 use rapier3d::math::Pose as RapierPose;
-use rapier3d::prelude::{Collider, ColliderBuilder, RigidBody, RigidBodyBuilder, RigidBodyType};
+use rapier3d::prelude::{
+    Collider, ColliderBuilder, GenericJoint, GenericJointBuilder, JointAxesMask, JointAxis,
+    MassProperties, RigidBody, RigidBodyBuilder, RigidBodyType, SharedShape,
+};
 use rhumb_protocol::limits::{ANGULAR_MAX, LINEAR_MAX};
-use rhumb_protocol::scene::{BodyKind, Shape};
-use rhumb_reckoning::{BodyId, InvalidMotion, Pose, Twist, Verbatim};
+use rhumb_protocol::scene::{BodyKind, Joint, JointFrame, JointKind, Shape, SleepTerms};
+use rhumb_reckoning::{BodyId, Inertia, InvalidMotion, Pose, Twist, Verbatim};
 
-use super::{Newcomer, Push};
+use super::{Newcomer, Push, Unfit};
 
 /// The body, without its solid. A kinematic one's velocities are not Rapier's: see `drive`.
 pub(super) fn body(newcomer: &Newcomer) -> RigidBody {
@@ -24,6 +29,7 @@ pub(super) fn body(newcomer: &Newcomer) -> RigidBody {
         .linear_damping(newcomer.damping.linear)
         .angular_damping(newcomer.damping.angular)
         .gravity_scale(newcomer.gravity_scale)
+        .gyroscopic_forces_enabled(newcomer.gyroscopic)
         .user_data(tag(newcomer.id));
     if newcomer.kind == BodyKind::Dynamic {
         builder = builder
@@ -33,27 +39,92 @@ pub(super) fn body(newcomer: &Newcomer) -> RigidBody {
     builder.build()
 }
 
-/// The solid of a body.
-pub(super) fn collider(newcomer: &Newcomer) -> Collider {
-    let builder = match newcomer.shape {
-        Shape::Ball { radius } => ColliderBuilder::ball(radius),
+/// Makes a body fall asleep by a scene's terms.
+pub(super) fn let_sleep(body: &mut RigidBody, sleep: SleepTerms) {
+    let activation = body.activation_mut();
+    // Rapier compares its threshold with half of how fast the fastest point goes.
+    activation.normalized_linear_threshold = sleep.speed * 0.5;
+    activation.time_until_sleep = sleep.seconds;
+}
+
+/// The solid of a shape; bodies share it.
+///
+/// # Errors
+///
+/// [`Unfit`] for a hull of which no faces, or no mass and moments, can be made.
+pub(super) fn solid(shape: &Shape) -> Result<SharedShape, Unfit> {
+    Ok(match *shape {
+        Shape::Ball { radius } => SharedShape::ball(radius),
         Shape::Cuboid { half_extents } => {
-            ColliderBuilder::cuboid(half_extents.x, half_extents.y, half_extents.z)
+            SharedShape::cuboid(half_extents.x, half_extents.y, half_extents.z)
         }
         Shape::Capsule {
             half_height,
             radius,
-        } => ColliderBuilder::capsule_y(half_height, radius),
+        } => SharedShape::capsule_y(half_height, radius),
         Shape::Cylinder {
             half_height,
             radius,
-        } => ColliderBuilder::cylinder(half_height, radius),
-    };
-    builder
+        } => SharedShape::cylinder(half_height, radius),
+        Shape::Hull(ref hull) => {
+            // Looking for faces among points that rounding makes contradict each other may panic. Nothing is kept of it.
+            let made = catch_unwind(|| SharedShape::convex_hull(hull.points()));
+            let solid = made.ok().flatten().ok_or(Unfit)?;
+            let properties = solid.mass_properties(1.0);
+            let sound = [
+                properties.mass(),
+                properties.principal_inertia().min_element(),
+            ]
+            .into_iter()
+            .all(|value| value.is_normal() && value > 0.0);
+            if !sound {
+                return Err(Unfit);
+            }
+            solid
+        }
+    })
+}
+
+/// The solid of a body with its surface and mass.
+pub(super) fn collider(newcomer: &Newcomer, solid: &SharedShape) -> Collider {
+    let density = newcomer.material.density;
+    let builder = ColliderBuilder::new(solid.clone())
         .friction(newcomer.material.friction)
-        .restitution(newcomer.material.restitution)
-        .density(newcomer.material.density)
-        .build()
+        .restitution(newcomer.material.restitution);
+    // A hull is given from the centre of mass: rounding, or a hull that says otherwise, does not move it.
+    let builder = if solid.as_convex_polyhedron().is_some() {
+        builder.mass_properties(MassProperties {
+            local_com: Vec3::ZERO,
+            ..solid.mass_properties(density)
+        })
+    } else {
+        builder.density(density)
+    };
+    builder.build()
+}
+
+/// What holds two bodies together.
+pub(super) fn joint(joint: &Joint) -> GenericJoint {
+    let (locked, free): (_, &[JointAxis]) = match joint.kind {
+        JointKind::Fixed => (JointAxesMask::LOCKED_FIXED_AXES, &[]),
+        JointKind::Spherical(_) => (
+            JointAxesMask::LOCKED_SPHERICAL_AXES,
+            &[JointAxis::AngX, JointAxis::AngY, JointAxis::AngZ],
+        ),
+        JointKind::Revolute(_) => (JointAxesMask::LOCKED_REVOLUTE_AXES, &[JointAxis::AngX]),
+        JointKind::Prismatic(_) => (JointAxesMask::LOCKED_PRISMATIC_AXES, &[JointAxis::LinX]),
+    };
+    let [first, second] = joint
+        .frames
+        .map(|JointFrame { anchor, rotation }| pose(anchor, rotation));
+    let mut builder = GenericJointBuilder::new(locked)
+        .local_frame1(first)
+        .local_frame2(second)
+        .contacts_enabled(joint.collide);
+    for (axis, limits) in free.iter().zip(joint.kind.limits()) {
+        builder = builder.limits(*axis, [limits.least, limits.most]);
+    }
+    builder.build()
 }
 
 /// A name in Rapier's user data.
@@ -86,6 +157,16 @@ pub(super) fn narrow(pose: &Pose) -> RapierPose {
     RapierPose::from_parts(pose.position.as_vec3(), pose.rotation.as_quat())
 }
 
+/// The pose by that one of its two quaternions which is nearer to a rotation: to Rapier the way to the other is a turn
+/// more, made in one step.
+pub(super) fn nearest(pose: RapierPose, to: Quat) -> RapierPose {
+    if pose.rotation.dot(to) < 0.0 {
+        RapierPose::from_parts(pose.translation, -pose.rotation)
+    } else {
+        pose
+    }
+}
+
 /// In f64, where rounding left the rotation not quite of unit length.
 pub(super) fn widen(position: Vec3, rotation: Quat) -> Pose {
     let rotation: DQuat = rotation.as_dquat().normalize();
@@ -112,6 +193,21 @@ pub(super) fn motion(body: &RigidBody, kept: Option<Twist>) -> Result<Verbatim, 
         linear.to_array(),
         angular.to_array(),
     )
+}
+
+/// How a body resists being turned, if that makes it tumble when it is free.
+///
+/// A needle or a film so thin that f32 knows one of its moments no more is none that tumbles: it is predicted as one
+/// that keeps its spin, and corrected.
+pub(super) fn inertia(body: &RigidBody) -> Option<Inertia> {
+    if !body.is_dynamic() || !body.gyroscopic_forces_enabled() {
+        return None;
+    }
+    let properties = &body.mass_properties().local_mprops;
+    let moments = properties.principal_inertia().to_array();
+    let frame = properties.principal_inertia_local_frame.to_array();
+    let inertia = Inertia::new(moments, frame).ok()?;
+    (!inertia.is_isotropic()).then_some(inertia)
 }
 
 /// Pushes a dynamic body, but to no more than the largest speeds that a command may set: what is finite but absurd would

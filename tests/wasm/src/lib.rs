@@ -8,18 +8,19 @@ use core::sync::atomic::{AtomicU64, Ordering};
 
 use glam::DVec3;
 use rhumb_reckoning::{
-    Damping, FlowTable, HORIZON, Integrator, Motion, Predictor, Rate, Ticks, Verbatim,
+    Conditions, Damping, FlowTable, HORIZON, Inertia, Integrator, Motion, Predictor, Rate, Ticks,
+    Verbatim,
 };
 
 /// What a prediction is made from: see [`given`] for the order.
-static GIVEN: [AtomicU64; 21] = [const { AtomicU64::new(0) }; 21];
+static GIVEN: [AtomicU64; 28] = [const { AtomicU64::new(0) }; 28];
 /// Position, rotation, linear and angular velocity.
 static RESULT: [AtomicU64; 13] = [const { AtomicU64::new(0) }; 13];
 
 /// Sets one number that the next prediction is made from; an index out of range is passed over.
 ///
 /// 0 to 12: the verbatim motion. 13 to 15: gravity. 16: ticks, 17: seconds, 18: substeps, 19: linear damping,
-/// 20: angular damping.
+/// 20: angular damping. 21 to 23: moments of inertia, all zero where none are known. 24 to 27: their frame.
 #[unsafe(no_mangle)]
 pub extern "C" fn give(index: u32, value: f64) {
     if let Some(slot) = GIVEN.get(index as usize) {
@@ -27,7 +28,7 @@ pub extern "C" fn give(index: u32, value: f64) {
     }
 }
 
-/// Predicts by law 0 (rest), 1 (uniform) or 2 (ballistic); 1 if there is a result, 0 if the given was refused.
+/// Predicts by law 0 (rest), 1 (uniform), 2 (ballistic), 3 (tumbling) or 4 (thrown); 1 if there is a result, 0 if the given was refused.
 #[unsafe(no_mangle)]
 pub extern "C" fn predict(law: u32, elapsed: u32) -> u32 {
     let end = prediction(law, elapsed);
@@ -53,12 +54,7 @@ fn given(index: usize) -> f64 {
 }
 
 fn prediction(law: u32, elapsed: u32) -> Option<Motion> {
-    let law = match law {
-        0 => Predictor::Rest,
-        1 => Predictor::Uniform,
-        2 => Predictor::Ballistic,
-        _ => return None,
-    };
+    let law = Predictor::ALL.get(law as usize)?;
     // The caller widened f32s, so that narrowing them is exact.
     let single = |index: usize| given(index) as f32;
     let three = |first: usize| [single(first), single(first + 1), single(first + 2)];
@@ -74,8 +70,17 @@ fn prediction(law: u32, elapsed: u32) -> Option<Motion> {
     };
     let mut flow = FlowTable::new(integrator, damping);
     flow.extend_to(HORIZON);
-    let gravity = DVec3::new(given(13), given(14), given(15));
-    Some(law.predict(&start.motion(), Ticks::new(elapsed), gravity, &flow))
+    let frame = [single(24), single(25), single(26), single(27)];
+    let inertia = match three(21) {
+        [0.0, 0.0, 0.0] => None,
+        moments => Some(Inertia::new(moments, frame).ok()?),
+    };
+    let conditions = Conditions {
+        gravity: DVec3::new(given(13), given(14), given(15)),
+        flow: &flow,
+        inertia: inertia.as_ref(),
+    };
+    Some(law.predict(&start.motion(), Ticks::new(elapsed), &conditions))
 }
 
 fn thirteen(motion: &Motion) -> [f64; 13] {

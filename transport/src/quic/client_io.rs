@@ -8,15 +8,15 @@ use std::sync::mpsc::SyncSender;
 use std::time::Duration;
 
 use quinn::{
-    ClientConfig, ConnectError as QuinnConnectError, Connection, ConnectionId,
-    ConnectionIdGenerator, Endpoint, EndpointConfig, ReadError, RecvStream, SendStream,
-    TokioRuntime,
+    ClientConfig, ConnectError as QuinnConnectError, Connection, Endpoint, EndpointConfig,
+    ReadError, RecvStream, SendStream, TokioRuntime,
 };
 use tokio::time::{sleep, timeout};
 
 use super::closing::Closing;
 use super::code::TransportCode;
 use super::connect_error::ConnectError;
+use super::connection_id::Unnamed;
 use super::control_queue::{ControlSender, ControlWriter, control_queue};
 use super::inbox::Inbox;
 use super::trust::Verdict;
@@ -104,7 +104,7 @@ async fn connect(attempt: Attempt) -> Result<(Connected, Carried), ConnectError>
     } = attempt;
     let mut local = EndpointConfig::default();
     // One connection per socket: the address names it, so packets to us need no connection id.
-    local.cid_generator(|| Box::new(NoConnectionId));
+    local.cid_generator(|| Box::new(Unnamed));
     let endpoint = Endpoint::new(local, None, socket, Arc::new(TokioRuntime))
         .map_err(|cause| ConnectError::LocalSocket { bind, cause })?;
     let failed =
@@ -167,20 +167,3 @@ const READ_BYTES_MAX: usize = 64 << 10;
 
 /// How often to look whether the close frame has left.
 const STEP: Duration = Duration::from_millis(1);
-
-/// Names no connection: packets are told apart by address alone.
-struct NoConnectionId;
-
-impl ConnectionIdGenerator for NoConnectionId {
-    fn generate_cid(&mut self) -> ConnectionId {
-        ConnectionId::new(&[])
-    }
-
-    fn cid_len(&self) -> usize {
-        0
-    }
-
-    fn cid_lifetime(&self) -> Option<Duration> {
-        None
-    }
-}

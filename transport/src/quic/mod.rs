@@ -9,6 +9,7 @@ mod client_io;
 mod closing;
 mod code;
 mod connect_error;
+mod connection_id;
 mod control_queue;
 mod fingerprint;
 mod host;

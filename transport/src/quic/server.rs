@@ -15,6 +15,7 @@ use rhumb_protocol::Endpoint;
 use tokio::sync::oneshot;
 
 use super::certificate::Certificate;
+use super::connection_id::Short;
 use super::fingerprint::Fingerprint;
 use super::host::{Host, ServeError};
 use super::input::Input;
@@ -84,18 +85,16 @@ impl QuicServer {
             certificate,
         } = options;
         let address = |cause| BindError::Address { listen, cause };
+        let provider = Arc::clone(certificate.tls().crypto_provider());
+        let mut local = EndpointConfig::default();
+        local.cid_generator(move || Box::new(Short::new(Arc::clone(&provider))));
         let config = tuning::server(certificate.tls()).map_err(BindError::Tls)?;
         let socket = socket::bind(listen).map_err(address)?;
         let runtime = socket::runtime().map_err(BindError::Thread)?;
         let endpoint = {
             let _inside = runtime.enter();
-            quinn::Endpoint::new(
-                EndpointConfig::default(),
-                Some(config),
-                socket,
-                Arc::new(TokioRuntime),
-            )
-            .map_err(address)?
+            quinn::Endpoint::new(local, Some(config), socket, Arc::new(TokioRuntime))
+                .map_err(address)?
         };
         let local_addr = endpoint.local_addr().map_err(address)?;
         let (wake, inputs) = mpsc::channel();

@@ -4,14 +4,15 @@ use core::num::NonZeroU32;
 
 use glam::DVec3;
 use rhumb_reckoning::{
-    Damping, FlowTable, HORIZON, Integrator, Pose, Predictor, Rate, Ticks, Twist, Verbatim,
+    Conditions, Damping, FlowTable, HORIZON, Integrator, Pose, Predictor, Rate, Ticks, Twist,
+    Verbatim,
 };
 
 use super::chance::{motion, thirteen};
 use crate::document::Case;
 
 /// Ticks, seconds, substeps, linear and angular damping.
-const INTEGRATORS: [(u32, u32, u32, f32, f32); 10] = [
+pub(super) const INTEGRATORS: [(u32, u32, u32, f32, f32); 10] = [
     (60, 1, 4, 0.0, 0.0),
     (60, 1, 4, 0.1, 0.05),
     (60, 1, 1, 0.0, 0.5),
@@ -58,7 +59,12 @@ pub(super) fn flows() -> Vec<Case> {
     let mut cases = Vec::new();
     for (index, table) in tables().iter().enumerate() {
         for elapsed in [0, 1, 2, 3, 60, 500, 1_023] {
-            let end = Predictor::Ballistic.predict(&start, Ticks::new(elapsed), DVec3::Z, table);
+            let conditions = Conditions {
+                gravity: DVec3::Z,
+                flow: table,
+                inertia: None,
+            };
+            let end = Predictor::Ballistic.predict(&start, Ticks::new(elapsed), &conditions);
             let (p, v) = (end.pose().position, end.twist().linear);
             let row = [v.x, p.x, v.z, p.z, end.twist().angular.y];
             cases.push(
@@ -98,7 +104,7 @@ pub(super) fn gravities() -> Vec<Case> {
 }
 
 /// Position, quaternion, linear and angular velocity as an engine might have them.
-fn given_starts() -> Vec<[f32; 13]> {
+pub(super) fn given_starts() -> Vec<[f32; 13]> {
     let spun = |angular: [f32; 3]| {
         let [x, y, z] = angular;
         [
@@ -169,7 +175,7 @@ fn given_starts() -> Vec<[f32; 13]> {
     ]
 }
 
-fn verbatim(parts: &[f32; 13]) -> Option<Verbatim> {
+pub(super) fn verbatim(parts: &[f32; 13]) -> Option<Verbatim> {
     let [px, py, pz, x, y, z, w, vx, vy, vz, ax, ay, az] = *parts;
     Verbatim::new([px, py, pz], [x, y, z, w], [vx, vy, vz], [ax, ay, az]).ok()
 }
@@ -190,6 +196,8 @@ pub(super) fn law_name(law: Predictor) -> &'static str {
         Predictor::Rest => "rest",
         Predictor::Uniform => "uniform",
         Predictor::Ballistic => "ballistic",
+        Predictor::Tumbling => "tumbling",
+        Predictor::Thrown => "thrown",
     }
 }
 
@@ -201,8 +209,11 @@ pub(super) fn predictions() -> Vec<Case> {
         let end = law.predict(
             &starts[start].motion(),
             Ticks::new(elapsed),
-            gravity(GRAVITIES[pull]),
-            &tables[table],
+            &Conditions {
+                gravity: gravity(GRAVITIES[pull]),
+                flow: &tables[table],
+                inertia: None,
+            },
         );
         cases.push(
             Case::new()

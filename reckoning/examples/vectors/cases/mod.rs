@@ -3,9 +3,12 @@
 //! Chosen by hand where an edge is known, by a seeded generator elsewhere. One function a section of the file.
 
 mod chance;
+mod corrections;
 mod flight;
+mod holding;
 mod packing;
 mod said;
+mod tumbling;
 
 use chance::Chance;
 
@@ -20,12 +23,15 @@ pub(crate) fn document() -> String {
         ("gravities", flight::gravities()),
         ("starts", flight::starts()),
         ("predictions", flight::predictions()),
+        ("inertias", tumbling::inertias()),
+        ("tumblings", tumbling::tumblings()),
         ("radii", said::radii()),
         ("grids", said::grids()),
         ("packings", packing::packings(&mut chance)),
         ("unpackings", packing::unpackings(&mut chance)),
         ("snappings", said::snappings(&mut chance)),
-        ("residuals", said::residuals(&mut chance)),
+        ("residuals", corrections::residuals(&mut chance)),
         ("tracks", said::tracks(&mut chance)),
+        ("holdings", holding::holdings(&mut chance)),
     ])
 }

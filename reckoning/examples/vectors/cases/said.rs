@@ -1,9 +1,9 @@
-//! Cases of what is said on grids: snapped motions, residuals, tracks.
+//! Cases of what is said on grids: steps, snapped motions, tracks.
 
 use glam::{DQuat, DVec3};
 use rhumb_reckoning::{
-    Anchor, Grid, Metres, Motion, POSITION_LIMIT, Pose, Predictor, Residual, Snapped, TURN_LIMIT,
-    Tick, Tolerance, Track, Twist, VELOCITY_LIMIT,
+    Anchor, Conditions, Grid, Metres, Motion, Pose, Predictor, Radians, Snapped, Tick, Tolerance,
+    Track, Twist,
 };
 
 use super::chance::{Chance, motion, thirteen};
@@ -60,16 +60,40 @@ pub(super) fn grid(index: usize) -> Grid {
     Grid::new(tolerance, Metres::new(radius))
 }
 
+/// Bounds of position and turn apart: micrometres, microradians, and a radius that must not matter.
+const PARTS: [(u32, u32, f64); 6] = [
+    (2_000, 8_727, 0.35),
+    (10_000, 2_000, 1.9),
+    (1_000, 100, 0.001),
+    (1_000, 3_141_593, 100.0),
+    (10_000_000, 285_714, 1.0),
+    (33_333, 666_667, 12.5),
+];
+
 pub(super) fn grids() -> Vec<Case> {
-    let case = |(index, &(micrometres, radius)): (usize, &(u32, f64))| {
-        let grid = grid(index);
-        let steps = [grid.position(), grid.turn(), grid.linear(), grid.angular()];
+    let steps = |grid: Grid| {
+        let (position, fine) = (grid.position(), grid.fine());
+        [position, fine, grid.turn(), grid.linear(), grid.angular()]
+    };
+    let surface = |(index, &(micrometres, radius)): (usize, &(u32, f64))| {
         Case::new()
             .integer("micrometres", micrometres)
             .doubles("radius", &[radius])
-            .doubles("steps", &steps)
+            .doubles("steps", &steps(grid(index)))
     };
-    GRIDS.iter().enumerate().map(case).collect()
+    let parts = |&(micrometres, microradians, radius): &(u32, u32, f64)| {
+        let millionths = |count: u32| f64::from(count) / 1e6;
+        let (position, turn) = (millionths(micrometres), millionths(microradians));
+        let tolerance = Tolerance::parts(Metres::new(position), Radians::new(turn));
+        let tolerance = tolerance.expect("the cases are within bounds");
+        Case::new()
+            .integer("micrometres", micrometres)
+            .integer("microradians", microradians)
+            .doubles("radius", &[radius])
+            .doubles("steps", &steps(Grid::new(tolerance, Metres::new(radius))))
+    };
+    let surfaces = GRIDS.iter().enumerate().map(surface);
+    surfaces.chain(PARTS.iter().map(parts)).collect()
 }
 
 /// The integers of a snapped motion, and the motion that they mean.
@@ -99,7 +123,7 @@ pub(super) fn snappings(chance: &mut Chance) -> Vec<Case> {
         // Halves on both sides of zero.
         let halves = DVec3::new(0.5, -0.5, 2.5);
         let at_halves = Pose {
-            position: halves * grid.position(),
+            position: halves * grid.fine(),
             rotation: DQuat::IDENTITY,
         };
         let by_halves = Twist {
@@ -124,51 +148,6 @@ pub(super) fn snappings(chance: &mut Chance) -> Vec<Case> {
     cases
 }
 
-pub(super) fn residuals(chance: &mut Chance) -> Vec<Case> {
-    let mut cases = Vec::new();
-    let mut add = |index: usize, predicted: &Motion, residual: &Residual| {
-        let case = Case::new()
-            .integer("grid", index as i64)
-            .doubles("predicted", &thirteen(predicted))
-            .integers("position_residual", &residual.position)
-            .integers("turn_residual", &residual.turn)
-            .integers("linear_residual", &residual.linear)
-            .integers("angular_residual", &residual.angular);
-        let grid = grid(index);
-        cases.push(snapped(case, &residual.onto(predicted, &grid), &grid));
-    };
-    for index in 0..GRIDS.len() {
-        for size in [3, 40, TURN_LIMIT] {
-            let mut steps = |limit| core::array::from_fn(|_| chance.steps(limit));
-            let residual = Residual {
-                position: steps(size * 4),
-                turn: steps(size),
-                linear: steps(size),
-                angular: steps(size),
-            };
-            add(index, &chance.motion(), &residual);
-        }
-    }
-    // No residual; no turn; the limits, which saturate.
-    add(2, &chance.motion(), &Residual::default());
-    let sideways = Residual {
-        position: [1, -1, 0],
-        ..Residual::default()
-    };
-    add(3, &chance.motion(), &sideways);
-    for sign in [1, -1] {
-        let most = Residual {
-            position: [sign * POSITION_LIMIT; 3],
-            turn: [sign * TURN_LIMIT; 3],
-            linear: [sign * VELOCITY_LIMIT; 3],
-            angular: [sign * VELOCITY_LIMIT; 3],
-        };
-        add(0, &chance.motion(), &most);
-        add(6, &chance.motion(), &most);
-    }
-    cases
-}
-
 /// Snapped anchors followed over ticks, before their origin too.
 pub(super) fn tracks(chance: &mut Chance) -> Vec<Case> {
     let tables = tables();
@@ -184,13 +163,17 @@ pub(super) fn tracks(chance: &mut Chance) -> Vec<Case> {
             origin: Tick::new(origin),
             predictor: law,
             anchor: Anchor::Snapped(anchor),
+            carrier: None,
         };
         let tick = origin - 5 + (index as u64 * index as u64 * 7) % 1_500;
         let end = track.at(
             Tick::new(tick),
             &grid,
-            gravity(GRAVITIES[pull]),
-            &tables[table],
+            &Conditions {
+                gravity: gravity(GRAVITIES[pull]),
+                flow: &tables[table],
+                inertia: None,
+            },
         );
         let case = Case::new()
             .text("law", law_name(law))

@@ -1,0 +1,120 @@
+//! What each task leaves in its folder: summary, report, trace and its layout.
+//!
+//! Each is there whole or not at all.
+
+use std::fmt;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use crate::record::Experiment;
+use crate::report;
+use crate::summary::Summary;
+use crate::trace::{self, TraceError, TraceOptions};
+
+/// Why something was not written.
+#[derive(Debug)]
+pub(crate) enum OutputError {
+    /// A file or folder cannot be written.
+    Write { path: PathBuf, cause: io::Error },
+    /// The trace cannot be written.
+    Trace(TraceError),
+}
+
+impl fmt::Display for OutputError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Write { path, cause } => write!(f, "cannot write {}: {cause}", path.display()),
+            Self::Trace(cause) => cause.fmt(f),
+        }
+    }
+}
+
+/// Makes the folder if it is not there.
+pub(crate) fn make_folder(out: &Path) -> Result<(), OutputError> {
+    std::fs::create_dir_all(out).map_err(|cause| OutputError::Write {
+        path: out.to_owned(),
+        cause,
+    })
+}
+
+/// How this program was called.
+pub(crate) fn command_line() -> String {
+    std::env::args()
+        .skip(1)
+        .fold("rhumb-bench".to_owned(), |line, word| line + " " + &word)
+}
+
+/// Says the table and writes everything; a trace only if `drawn` tells up to how many bodies are drawn in it.
+///
+/// What is written first is kept when what is written later fails.
+pub(crate) fn write_all(
+    out: &Path,
+    experiment: &Experiment,
+    drawn: Option<u32>,
+) -> Result<(), OutputError> {
+    let summary = Summary::of(experiment);
+    write_file(&out.join("summary.json"), summary.to_json().as_bytes())?;
+    say(&summary.table().to_string())?;
+    let page = report::html(experiment, &summary);
+    write_file(&out.join("report.html"), page.as_bytes())?;
+    if let Some(scene_bodies_max) = drawn {
+        let options = TraceOptions {
+            scene_bodies_max,
+            ..TraceOptions::default()
+        };
+        write_trace(out, experiment, &options)?;
+    }
+    say(&format!("\nwritten to {}\n", out.display()))
+}
+
+/// On standard error, and only if that is a terminal.
+pub(crate) fn progress_bar(length: u64, what: String) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::stderr());
+    let style = ProgressStyle::with_template("{msg:28} {bar:32} {pos}/{len} {elapsed} left {eta}");
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar.with_message(what)
+}
+
+fn write_trace(
+    out: &Path,
+    experiment: &Experiment,
+    options: &TraceOptions,
+) -> Result<(), OutputError> {
+    let bar = progress_bar(0, "trace".to_owned());
+    let path = out.join("trace.mcap");
+    let written = trace::write(&path, experiment, options, &mut |progress| {
+        bar.set_length(progress.of);
+        bar.set_position(progress.done);
+    });
+    bar.finish_and_clear();
+    written.map_err(OutputError::Trace)?;
+    write_file(
+        &out.join("layout.json"),
+        trace::layout(experiment).as_bytes(),
+    )
+}
+
+/// Writes a whole file beside its place, then gives it its name, so that no half file is ever taken for a whole one.
+fn write_file(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
+    let partial = path.with_extension("partial");
+    let written = std::fs::write(&partial, bytes).and_then(|()| std::fs::rename(&partial, path));
+    written.map_err(|cause| {
+        // It may never have come to be.
+        let _ = std::fs::remove_file(&partial);
+        OutputError::Write {
+            path: path.to_owned(),
+            cause,
+        }
+    })
+}
+
+fn say(text: &str) -> Result<(), OutputError> {
+    let mut out = io::stdout().lock();
+    let said = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+    said.map_err(|cause| OutputError::Write {
+        path: "standard output".into(),
+        cause,
+    })
+}

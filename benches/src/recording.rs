@@ -1,0 +1,68 @@
+//! A scene's motion as it was recorded once: what a replay publishes.
+//!
+//! Two forms are read: the truth in a `trace.mcap` of ours ([`mcap`]), and foreign recordings ([`rhtrace`]). A recording
+//! is checked when it is read, so that a replay can rely on it.
+
+mod error;
+pub mod mcap;
+pub mod rhtrace;
+
+use std::path::Path;
+
+use glam::Vec3;
+use rhumb_protocol::scene::BodyKind;
+use rhumb_reckoning::{Damping, Integrator};
+
+pub use error::RecordingError;
+
+use crate::record::Truth;
+
+/// A recorded scene.
+#[derive(Clone, Debug)]
+pub struct Recording {
+    /// What it is called: a scene, or the file without its ending.
+    pub name: String,
+    /// Every body and every tick.
+    pub truth: Truth,
+    /// How the engine stepped.
+    pub integrator: Integrator,
+    /// What pulled, m/s², world frame.
+    pub gravity: Vec3,
+    /// Of every body.
+    pub damping: Damping,
+}
+
+impl Recording {
+    /// Reads a recording; the file's ending tells its form.
+    ///
+    /// # Errors
+    ///
+    /// [`RecordingError`] names the file and what is wrong with it.
+    pub fn read(path: &Path) -> Result<Self, RecordingError> {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let bytes = std::fs::read(path).map_err(|cause| RecordingError::read(path, cause))?;
+        if let Some(name) = name.strip_suffix(".rhtrace.zst") {
+            rhtrace::read(name, &bytes)
+        } else if name.ends_with(".mcap") {
+            mcap::read(&bytes)
+        } else {
+            Err(RecordingError::UnknownForm {
+                path: path.to_owned(),
+            })
+        }
+    }
+
+    /// Bodies that the engine moved.
+    #[must_use]
+    pub fn bodies(&self) -> u32 {
+        let placed = self.truth.placed.iter();
+        let dynamic = placed.filter(|placed| placed.terms.kind == BodyKind::Dynamic);
+        dynamic.count() as u32
+    }
+
+    /// Ticks after the first state.
+    #[must_use]
+    pub fn ticks(&self) -> u32 {
+        self.truth.ticks.len() as u32
+    }
+}

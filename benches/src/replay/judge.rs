@@ -1,0 +1,174 @@
+//! Compares a copy with the recording, as the stream vouches for its ticks.
+//!
+//! Each tick is judged once: at the first moment at which the stream vouches for it, against the recording at that very
+//! tick. What a delay of the link or a hindsight costs is therefore no error; what is not heard yet of a tick that is
+//! vouched for is.
+
+use glam::{Quat, Vec3};
+use rhumb_protocol::scene::BodyKind;
+use rhumb_protocol::stream::{Bound, Subscriber};
+use rhumb_reckoning::{BodyId, Metres, Predictor, Tick, Tolerance, Verbatim};
+
+use crate::drive::compare::{apart, breaks};
+use crate::record::{Breach, Cause, Frame, Seen, Truth};
+
+/// A body of the recording at the tick that is judged.
+#[derive(Clone, Copy, Debug)]
+struct Known {
+    id: BodyId,
+    motion: Verbatim,
+    radius: Metres,
+    is_static: bool,
+    /// The last tick at which the recording has a record of it.
+    recorded: Tick,
+    /// What the copy showed last.
+    shown: ([f32; 3], [f32; 4]),
+}
+
+/// The recording beside the copy.
+#[derive(Debug)]
+pub(super) struct Judge<'a> {
+    truth: &'a Truth,
+    tick: Tick,
+    bodies: Vec<Option<Known>>,
+    placed: usize,
+    removed: usize,
+    gone: Vec<BodyId>,
+    pub(super) breaches: Vec<Breach>,
+}
+
+impl<'a> Judge<'a> {
+    pub(super) fn new(truth: &'a Truth) -> Self {
+        let mut judge = Self {
+            truth,
+            tick: Tick::ZERO,
+            bodies: Vec::new(),
+            placed: 0,
+            removed: 0,
+            gone: Vec::new(),
+            breaches: Vec::new(),
+        };
+        judge.come_and_go();
+        judge
+    }
+
+    /// The last tick that was judged.
+    pub(super) const fn tick(&self) -> Tick {
+        self.tick
+    }
+
+    /// Goes to the next tick of the recording, if it has one.
+    pub(super) fn step(&mut self) -> bool {
+        let Some(row) = self.truth.ticks.get(self.tick.value() as usize) else {
+            return false;
+        };
+        self.come_and_go();
+        self.tick = self.tick.next();
+        for observation in row {
+            let place = self.bodies.get_mut(observation.id.index() as usize);
+            if let Some(Some(known)) = place {
+                known.motion = observation.motion;
+                known.recorded = self.tick;
+            }
+        }
+        true
+    }
+
+    /// Takes in what came and went since the tick that the bodies are at.
+    fn come_and_go(&mut self) {
+        let truth = self.truth;
+        while let Some((when, id)) = truth.removed.get(self.removed)
+            && *when <= self.tick
+        {
+            self.removed += 1;
+            self.bodies[id.index() as usize] = None;
+            self.gone.push(*id);
+        }
+        while let Some(placed) = truth.placed.get(self.placed)
+            && placed.tick <= self.tick
+        {
+            self.placed += 1;
+            let index = placed.terms.id.index() as usize;
+            if index >= self.bodies.len() {
+                self.bodies.resize(index + 1, None);
+            }
+            let motion = placed.observation.motion;
+            self.bodies[index] = Some(Known {
+                id: placed.terms.id,
+                motion,
+                radius: placed.shape.bounding_radius(),
+                is_static: placed.terms.kind == BodyKind::Static,
+                recorded: Tick::ZERO,
+                shown: (motion.position(), motion.rotation()),
+            });
+        }
+    }
+
+    /// Judges the copy at the tick that it has come to.
+    pub(super) fn frame(&mut self, copy: &Subscriber, tolerance: Tolerance) -> Frame {
+        let tick = self.tick;
+        let mut frame = Frame {
+            tick,
+            gone: std::mem::take(&mut self.gone),
+            ..Frame::default()
+        };
+        let known = self.bodies.iter_mut().flatten();
+        for known in known.filter(|known| !known.is_static) {
+            let Some(believed) = copy.believed(known.id, tick) else {
+                continue;
+            };
+            let pose = believed.pose();
+            let (position, rotation) = (pose.position.as_vec3(), pose.rotation.as_quat());
+            let shown = (position.to_array(), rotation.to_array());
+            if shown != known.shown {
+                known.shown = shown;
+                frame.seen.push(seen(known.id, shown, copy));
+            }
+            let error_m = error_m(known, position, rotation);
+            if shown == (known.motion.position(), known.motion.rotation()) {
+                frame.exact += 1;
+            } else {
+                frame.errors_m.push(error_m as f32);
+            }
+            if known.recorded == tick {
+                frame.moving_errors_m.push(error_m as f32);
+            }
+            let off = apart(&known.motion, position, rotation);
+            if breaks(tolerance, off, known.radius) {
+                self.breaches.push(Breach {
+                    tick,
+                    id: known.id,
+                    error_m,
+                    tolerance_m: tolerance.reach(known.radius).metres(),
+                    cause: cause(copy, known.id, tick),
+                });
+            }
+        }
+        frame.errors_m.sort_unstable_by(f32::total_cmp);
+        frame
+    }
+}
+
+fn error_m(known: &Known, position: Vec3, rotation: Quat) -> f64 {
+    let off = apart(&known.motion, position, rotation);
+    off.surface_error(known.radius).metres()
+}
+
+fn seen(id: BodyId, (position, rotation): ([f32; 3], [f32; 4]), copy: &Subscriber) -> Seen {
+    let track = copy.track(id);
+    Seen {
+        id,
+        position,
+        rotation,
+        resting: track.is_some_and(|track| track.predictor == Predictor::Rest),
+    }
+}
+
+/// Why a body of a tick that is vouched for is off.
+fn cause(copy: &Subscriber, id: BodyId, tick: Tick) -> Cause {
+    match copy.bound_at(id, tick) {
+        Some(Bound::Within(_)) | None => Cause::Fault,
+        Some(Bound::Unknown { .. }) if copy.statistics().missed > 0 => Cause::Loss,
+        Some(Bound::Unknown { .. }) => Cause::Late,
+    }
+}

@@ -1,0 +1,121 @@
+//! The client's end of a replay: a subscriber, and when it asks for repair.
+//!
+//! Asks as PROTOCOL 6.7 has it, and as the client's session does. The round trip is known, as if it had been measured.
+
+use std::collections::VecDeque;
+
+use bytes::Bytes;
+use glam::Vec3;
+use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::stream::{Manner, StreamStart, Subscriber};
+use rhumb_protocol::{Instant, Span};
+use rhumb_reckoning::{BodyId, Integrator, Tick, Tolerance, Track};
+
+/// A change that a notice tells of.
+#[derive(Clone, Debug)]
+pub(super) enum Change {
+    Placed(BodyId, Manner, Track),
+    Removed(BodyId),
+}
+
+/// How long a gap may be disorder before it counts as loss.
+const DISORDER: Span = Span::from_millis(4);
+/// The longest wait between two askings for one repair.
+const REPAIR_MOST: Span = Span::from_millis(500);
+/// How long the stream may be silent before it is asked.
+const SILENCE: Span = Span::from_millis(3_000);
+
+/// The client's end.
+#[derive(Debug)]
+pub(super) struct Listener {
+    pub(super) subscriber: Subscriber,
+    /// What notices under way will say, in order.
+    pub(super) told: VecDeque<Change>,
+    /// When a missing packet is asked for next, and how long the wait after that is at least.
+    repair: Option<(Instant, Span)>,
+    silence: Instant,
+    round_trip: Span,
+}
+
+/// What both ends of a replay know before it begins.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Start {
+    pub(super) stream: StreamId,
+    pub(super) tolerance: Tolerance,
+    pub(super) integrator: Integrator,
+    pub(super) gravity: Vec3,
+}
+
+impl Listener {
+    pub(super) fn new(start: &Start, round_trip: Span) -> Self {
+        Self {
+            subscriber: Subscriber::new(&StreamStart {
+                stream: start.stream,
+                tolerance: start.tolerance,
+                integrator: start.integrator,
+                gravity: start.gravity,
+                tick: Tick::ZERO,
+                next: 0,
+                notices: 0,
+            }),
+            told: VecDeque::new(),
+            repair: None,
+            silence: Instant::ZERO + SILENCE,
+            round_trip,
+        }
+    }
+
+    /// The next notice arrived; `false` when what it says breaks a limit.
+    #[must_use]
+    pub(super) fn hear_notice(&mut self, now: Instant) -> bool {
+        let done = match self.told.pop_front() {
+            Some(Change::Placed(id, manner, track)) => self.subscriber.place(id, &manner, track),
+            Some(Change::Removed(id)) => self.subscriber.remove(id),
+            None => false,
+        };
+        self.subscriber.handle_notice();
+        self.watch(now);
+        done
+    }
+
+    /// A datagram arrived.
+    pub(super) fn hear(&mut self, now: Instant, datagram: &[u8]) {
+        self.subscriber.handle_datagram(datagram);
+        self.watch(now);
+    }
+
+    fn watch(&mut self, now: Instant) {
+        self.silence = now + SILENCE;
+        if self.subscriber.missing() == 0 {
+            self.repair = None;
+        } else if self.repair.is_none() {
+            self.repair = Some((now + DISORDER, DISORDER));
+        }
+    }
+
+    /// When it asks next if it hears nothing until then.
+    pub(super) fn due(&self) -> Instant {
+        let repair = self.repair.map(|(at, _)| at);
+        repair.map_or(self.silence, |at| at.min(self.silence))
+    }
+
+    /// What it asks now, if it is time to.
+    pub(super) fn ask(&mut self, now: Instant) -> Option<Bytes> {
+        if now < self.due() {
+            return None;
+        }
+        if let Some((at, wait)) = &mut self.repair
+            && *at <= now
+        {
+            let least = self.round_trip.as_nanos() / 4 * 5;
+            let next = (wait.as_nanos() * 2).max(least).min(REPAIR_MOST.as_nanos());
+            *wait = Span::from_nanos(next);
+            *at = now + *wait;
+        }
+        if self.silence <= now {
+            self.silence = now + SILENCE;
+        }
+        let echo = self.subscriber.echo();
+        Some(Bytes::from(echo.encode(self.subscriber.stream())))
+    }
+}

@@ -1,0 +1,500 @@
+//! One replay: a publisher, two links and a listener in simulated time.
+//!
+//! The recording is published as a server publishes a free-running scene: notices before packets, vouching in silence,
+//! repairs when asked. Bytes are counted as the server sends them, whether or not they arrive. The bodies that are there
+//! at the beginning are known at both ends and cost nothing.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+use std::num::NonZeroU32;
+
+use bytes::Bytes;
+use rhumb_protocol::message::{Notice, ServerMessage};
+use rhumb_protocol::packet::{Echo, Head, Kind, StreamId};
+use rhumb_protocol::scene::BodyKind;
+use rhumb_protocol::stream::{
+    Activity, Features, Manner, Observation, Publisher, StreamTerms, Witness,
+};
+use rhumb_protocol::wire::Wire;
+use rhumb_protocol::wire::bytes::Reader;
+use rhumb_protocol::{Instant, Span};
+use rhumb_reckoning::{Anchor, BodyId, Metres, Predictor, Rate, Tick, Ticks, Tolerance, Track};
+use rhumb_transport::{Clock, Lane, Link, LinkTerms};
+
+use super::judge::Judge;
+use super::listener::{Change, Listener, Start};
+use crate::record::{Frame, JoinCost, Mode, Passed, Placed, Run, RunTerms, Way};
+use crate::recording::Recording;
+
+/// How a recording is replayed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReplayTerms {
+    /// What is promised.
+    pub tolerance: Tolerance,
+    /// Both ways.
+    pub link: LinkTerms,
+    /// Published every so many ticks.
+    pub every: NonZeroU32,
+    /// Of the link.
+    pub seed: u64,
+    /// How far the publisher looks back before it speaks.
+    pub hindsight: Ticks,
+    /// What the publisher may use.
+    pub features: Features,
+}
+
+/// Why a replay did not come to its end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ReplayError {
+    /// The recording has more bodies or kinds of damping than a stream can have, or removes one that is not there.
+    Limits(Tick),
+    /// So much was lost that a member would have to take a new snapshot, which a replay has none of.
+    LostTouch(Tick),
+    /// The stream did not vouch for the last tick within ten seconds after it.
+    NoEnd,
+}
+
+impl fmt::Display for ReplayError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Limits(tick) => {
+                write!(f, "a stream cannot have the recording's bodies at {tick}")
+            }
+            Self::LostTouch(tick) => write!(f, "so much was lost by {tick} that no repair helps"),
+            Self::NoEnd => f.write_str("the last tick was not heard of within ten seconds"),
+        }
+    }
+}
+
+impl std::error::Error for ReplayError {}
+
+/// What QUIC adds to a datagram of ours: a short header without connection id and with two bytes of packet number (3),
+/// the frame's type and length (3), the tag (16). Acknowledgements and heartbeats are not counted.
+const QUIC_BYTES: u64 = 22;
+
+/// A silent stream vouches at least so often, as a server's (PROTOCOL 6.4).
+const SILENCE_MS_MAX: u32 = 2_500;
+
+/// Echoes that follow each other faster are not answered, as a server's (PROTOCOL 6.4).
+const ECHO_PAUSE: Span = Span::from_millis(2);
+
+/// How long after the last tick a replay goes on at most: ten seconds.
+const END: Span = Span::from_millis(10_000);
+
+const STREAM: StreamId = StreamId(0);
+
+/// Replays a recording; `progress` is called after each tick.
+///
+/// # Errors
+///
+/// [`ReplayError`]; nothing is kept of a replay that does not end.
+pub fn run(
+    recording: &Recording,
+    terms: &ReplayTerms,
+    progress: &mut dyn FnMut(Tick),
+) -> Result<Run, ReplayError> {
+    let mut stage = Stage::new(recording, terms);
+    stage.come_and_go(Tick::ZERO)?;
+    stage.listener.subscriber.handle_snapshot_end();
+    let rate = recording.integrator.rate;
+    let last = u64::from(recording.ticks());
+    for number in 1..=last + u64::from(terms.hindsight.count()) {
+        let tick = Tick::new(number);
+        let at = moment(rate, tick);
+        stage.pass_until(at)?;
+        stage.come_and_go(tick)?;
+        stage.publish(at, tick);
+        stage.pass_until(at)?;
+        progress(tick);
+    }
+    stage.end(Tick::new(u64::from(recording.ticks())))?;
+    Ok(stage.into_run())
+}
+
+fn moment(rate: Rate, tick: Tick) -> Instant {
+    Instant::from_nanos(tick.value() * rate.step_ns())
+}
+
+/// A packet that was lost, and who must be heard of again.
+#[derive(Debug)]
+struct Lost {
+    at: Instant,
+    tick: Tick,
+    bodies: Vec<BodyId>,
+}
+
+#[derive(Debug)]
+struct Stage<'a> {
+    recording: &'a Recording,
+    terms: &'a ReplayTerms,
+    publisher: Publisher,
+    witness: Witness,
+    listener: Listener,
+    judge: Judge<'a>,
+    down: Link,
+    up: Link,
+    placed: usize,
+    removed: usize,
+    notices: u64,
+    /// The newest observation of each body since something was last published.
+    observed: BTreeMap<u32, Observation>,
+    silent: u32,
+    echoed: Option<Instant>,
+    lost: Vec<Lost>,
+    recoveries: Vec<Span>,
+    clock: Clock,
+    publish_ns: u64,
+    frames: Vec<Frame>,
+    passed: Vec<Passed>,
+    /// What was sent since the last frame.
+    sent: Frame,
+    updates: u64,
+}
+
+impl<'a> Stage<'a> {
+    fn new(recording: &'a Recording, terms: &'a ReplayTerms) -> Self {
+        let start = Start {
+            stream: STREAM,
+            tolerance: terms.tolerance,
+            integrator: recording.integrator,
+            gravity: recording.gravity,
+        };
+        let link = terms.link;
+        let round_trip_ns = 2 * (link.delay.as_nanos() + link.jitter.as_nanos());
+        Self {
+            recording,
+            terms,
+            publisher: Publisher::new(
+                STREAM,
+                &StreamTerms {
+                    tolerance: start.tolerance,
+                    integrator: start.integrator,
+                    gravity: start.gravity,
+                    features: terms.features,
+                },
+                Tick::ZERO,
+            ),
+            witness: Witness::new(terms.hindsight),
+            listener: Listener::new(&start, Span::from_nanos(round_trip_ns)),
+            judge: Judge::new(&recording.truth),
+            down: Link::new(link, terms.seed),
+            up: Link::new(link, !terms.seed),
+            placed: 0,
+            removed: 0,
+            notices: 0,
+            observed: BTreeMap::new(),
+            silent: 0,
+            echoed: None,
+            lost: Vec::new(),
+            recoveries: Vec::new(),
+            clock: Clock::start(),
+            publish_ns: 0,
+            frames: Vec::new(),
+            passed: Vec::new(),
+            sent: Frame::default(),
+            updates: 0,
+        }
+    }
+
+    /// Tells of what came and went before the step that leads to a tick; at tick 0 both ends know.
+    fn come_and_go(&mut self, tick: Tick) -> Result<(), ReplayError> {
+        let truth = &self.recording.truth;
+        while let Some((when, id)) = truth.removed.get(self.removed)
+            && *when < tick
+        {
+            self.removed += 1;
+            self.observed.remove(&id.index());
+            self.publisher.remove(*id);
+            let cause = rhumb_protocol::message::RemovalCause::Command;
+            let notice = Notice::BodyRemoved { id: *id, cause };
+            self.tell(tick, notice, Change::Removed(*id));
+        }
+        while let Some(placed) = truth.placed.get(self.placed)
+            && (placed.tick < tick || tick == Tick::ZERO && placed.tick == tick)
+        {
+            self.placed += 1;
+            let track = first_track(placed);
+            let damping = self.recording.damping;
+            let manner = Manner::of(&placed.terms, &placed.shape, damping, None);
+            let id = placed.terms.id;
+            let mut fits = self.publisher.place(id, &manner, track);
+            if tick == Tick::ZERO {
+                fits &= self.listener.subscriber.place(id, &manner, track);
+            } else {
+                let terms = placed.terms;
+                let notice = Notice::BodyPlaced {
+                    terms,
+                    inertia: None,
+                    track,
+                    seat: None,
+                };
+                self.tell(tick, notice, Change::Placed(id, manner, track));
+            }
+            if !fits {
+                return Err(ReplayError::Limits(tick));
+            }
+        }
+        Ok(())
+    }
+
+    fn tell(&mut self, tick: Tick, notice: Notice, change: Change) {
+        let at = moment(self.recording.integrator.rate, tick);
+        self.notices += 1;
+        self.listener.told.push_back(change);
+        let mut bytes = Vec::new();
+        ServerMessage::Notice(notice).encode(&mut bytes);
+        self.send_down(at, Bytes::from(bytes), Lane::Control);
+    }
+
+    /// One tick of the server: truth, belief, words.
+    fn publish(&mut self, now: Instant, tick: Tick) {
+        // With hindsight the last ticks are spoken of after the recording's end.
+        let row = self.recording.truth.ticks.get(tick.value() as usize - 1);
+        for observation in row.into_iter().flatten() {
+            self.observed.insert(observation.id.index(), *observation);
+        }
+        if !tick
+            .value()
+            .is_multiple_of(u64::from(self.terms.every.get()))
+        {
+            return;
+        }
+        let observed = std::mem::take(&mut self.observed);
+        let observations: Vec<_> = observed.into_values().collect();
+        let mut packets = Vec::new();
+        let begun = self.clock.now();
+        self.witness.observe(tick, &observations);
+        self.publisher
+            .publish(&self.witness, self.notices, &mut packets);
+        self.publish_ns += self.clock.now().since(begun).as_nanos();
+        if packets.is_empty() {
+            self.silent += 1;
+            if self.vouches() {
+                let vouch = self.publisher.vouch(self.notices);
+                self.send_down(now, vouch, Lane::State);
+            }
+            return;
+        }
+        self.silent = 0;
+        let losses = self.down.counts(Lane::State).lost.pieces;
+        for packet in packets {
+            self.send_down(now, packet, Lane::State);
+        }
+        if self.down.counts(Lane::State).lost.pieces > losses {
+            let said = self.publisher.tracks();
+            let spoken = self.publisher.tick();
+            let said = said.filter(|(_, track)| track.origin == spoken);
+            let bodies = said.map(|(id, _)| id).collect();
+            self.lost.push(Lost {
+                at: now,
+                tick,
+                bodies,
+            });
+        }
+    }
+
+    /// Whether a stream that was silent for so long vouches: ever more rarely, within bounds.
+    fn vouches(&self) -> bool {
+        let rate = self.recording.integrator.rate;
+        let within = rate.ticks() * SILENCE_MS_MAX / (1_000 * rate.seconds());
+        let within = (within / self.terms.every).max(1);
+        let doubled = self.silent.is_power_of_two() && self.silent < within;
+        doubled || self.silent.is_multiple_of(within)
+    }
+
+    fn send_down(&mut self, now: Instant, bytes: Bytes, lane: Lane) {
+        self.sent.wire_bytes_down += bytes.len() as u64 + QUIC_BYTES;
+        self.sent.wire_datagrams_down += 1;
+        let way = match lane {
+            Lane::Control => Way::ControlDown,
+            Lane::State => Way::StateDown,
+        };
+        self.keep(way, &bytes);
+        self.down.push(now, bytes, lane);
+    }
+
+    fn keep(&mut self, way: Way, bytes: &Bytes) {
+        self.passed.push(Passed {
+            frame: self.frames.len() as u32,
+            way,
+            bytes: bytes.clone(),
+        });
+    }
+
+    /// Everything that the links and the listener do up to a moment.
+    fn pass_until(&mut self, until: Instant) -> Result<(), ReplayError> {
+        loop {
+            let arrivals = [self.down.next_at(), self.up.next_at()];
+            let next = arrivals
+                .into_iter()
+                .flatten()
+                .fold(self.listener.due(), Instant::min);
+            if next > until {
+                return Ok(());
+            }
+            self.pass(next)?;
+        }
+    }
+
+    fn pass(&mut self, now: Instant) -> Result<(), ReplayError> {
+        while let Some((lane, bytes)) = self.down.pop(now) {
+            match lane {
+                Lane::State => self.listener.hear(now, &bytes),
+                Lane::Control if self.listener.hear_notice(now) => {}
+                Lane::Control => return Err(ReplayError::Limits(self.publisher.tick())),
+            }
+        }
+        if self.listener.subscriber.has_lost_touch() {
+            return Err(ReplayError::LostTouch(self.publisher.tick()));
+        }
+        self.recover(now);
+        self.judge();
+        if let Some(echo) = self.listener.ask(now) {
+            self.sent.wire_bytes_up += echo.len() as u64 + QUIC_BYTES;
+            self.sent.wire_datagrams_up += 1;
+            self.keep(Way::StateUp, &echo);
+            self.up.push(now, echo, Lane::State);
+        }
+        while let Some((_, bytes)) = self.up.pop(now) {
+            self.answer(now, &bytes);
+        }
+        Ok(())
+    }
+
+    /// The server answers an echo: repairs what was lost and vouches for what could not be known of.
+    fn answer(&mut self, now: Instant, datagram: &[u8]) {
+        if self.echoed.is_some_and(|last| now < last + ECHO_PAUSE) {
+            return;
+        }
+        self.echoed = Some(now);
+        let mut reader = Reader::new(datagram);
+        let is_echo = Head::decode(&mut reader).is_ok_and(|head| head.kind == Kind::Echo);
+        let echo = Echo::decode(reader).ok().filter(|_| is_echo);
+        let lost = echo.map(|echo| echo.lost).unwrap_or_default();
+        let next = self.publisher.next_number();
+        let numbers: BTreeSet<u64> = lost.iter().map(|low| low.expand(next)).collect();
+        for number in numbers {
+            let repair = self.publisher.repair(number, self.notices);
+            for datagram in repair.unwrap_or_default() {
+                self.send_down(now, datagram, Lane::State);
+            }
+        }
+        let vouch = self.publisher.vouch(self.notices);
+        self.send_down(now, vouch, Lane::State);
+    }
+
+    /// Notes which losses are made good by now: all of their bodies were heard of as of their tick or later, or went.
+    fn recover(&mut self, now: Instant) {
+        let copy = &self.listener.subscriber;
+        let recoveries = &mut self.recoveries;
+        self.lost.retain_mut(|lost| {
+            let tick = lost.tick;
+            let behind = |id: &BodyId| copy.track(*id).is_some_and(|track| track.origin < tick);
+            lost.bodies.retain(behind);
+            if lost.bodies.is_empty() {
+                recoveries.push(now.since(lost.at));
+            }
+            !lost.bodies.is_empty()
+        });
+    }
+
+    /// Judges every tick that the stream has vouched for by now, and that was published.
+    fn judge(&mut self) {
+        let copy = &self.listener.subscriber;
+        let every = u64::from(self.terms.every.get());
+        while self.judge.tick() < copy.vouched() && self.judge.step() {
+            let tick = self.judge.tick().value();
+            if !tick.is_multiple_of(every) {
+                continue;
+            }
+            let mut frame = self.judge.frame(copy, self.terms.tolerance);
+            let updates = copy.statistics().updates;
+            let sent = std::mem::take(&mut self.sent);
+            frame.updates = updates - std::mem::replace(&mut self.updates, updates);
+            add_wire(&mut frame, &sent);
+            self.frames.push(frame);
+        }
+    }
+
+    /// After the last tick: vouches until it was heard of.
+    fn end(&mut self, last: Tick) -> Result<(), ReplayError> {
+        let rate = self.recording.integrator.rate;
+        let begun = moment(rate, last);
+        let every = u64::from(self.terms.every.get());
+        let due = Tick::new(last.value() / every * every);
+        let mut now = begun;
+        while self.judge.tick() < due || !self.lost.is_empty() {
+            now = now + Span::from_nanos(4 * rate.step_ns());
+            if now > begun + END {
+                return Err(ReplayError::NoEnd);
+            }
+            self.pass_until(now)?;
+            let vouch = self.publisher.vouch(self.notices);
+            self.send_down(now, vouch, Lane::State);
+            self.pass_until(now)?;
+        }
+        let sent = std::mem::take(&mut self.sent);
+        if let Some(frame) = self.frames.last_mut() {
+            add_wire(frame, &sent);
+        }
+        Ok(())
+    }
+
+    fn into_run(self) -> Run {
+        let recording = self.recording;
+        let rate = recording.integrator.rate;
+        let tolerance = self.terms.tolerance.length();
+        let link = self.terms.link;
+        Run {
+            terms: RunTerms {
+                scene: recording.name.clone(),
+                bodies: recording.bodies(),
+                mode: Mode::Replay,
+                depth: 0,
+                tolerance_m: tolerance.map(Metres::metres),
+                link: if link == LinkTerms::PERFECT {
+                    String::new()
+                } else {
+                    link.to_string()
+                },
+                seed: self.terms.seed,
+                step_s: rate.step().seconds(),
+                ticks: recording.ticks(),
+            },
+            truth_digest: recording.truth.digest,
+            frames: self.frames,
+            passed: self.passed,
+            join: JoinCost::default(),
+            breaches: self.judge.breaches,
+            recoveries: self.recoveries,
+            step_ns_p50: 0,
+            step_ns_p99: 0,
+            step_ns_total: 0,
+            publish_ns_total: self.publish_ns,
+        }
+    }
+}
+
+fn add_wire(frame: &mut Frame, sent: &Frame) {
+    frame.wire_bytes_down += sent.wire_bytes_down;
+    frame.wire_bytes_up += sent.wire_bytes_up;
+    frame.wire_datagrams_down += sent.wire_datagrams_down;
+    frame.wire_datagrams_up += sent.wire_datagrams_up;
+}
+
+/// What is believed of a body before anything was said of it, as a server's scene has it.
+fn first_track(placed: &Placed) -> Track {
+    let predictor = match (placed.observation.activity, placed.terms.kind) {
+        (Activity::Asleep, _) | (_, BodyKind::Static) => Predictor::Rest,
+        (Activity::Awake, BodyKind::Dynamic) => Predictor::Ballistic,
+        (Activity::Awake, BodyKind::Kinematic) => Predictor::Uniform,
+    };
+    let motion = placed.observation.motion;
+    let resting = predictor == Predictor::Rest;
+    Track {
+        origin: placed.tick,
+        predictor,
+        anchor: Anchor::Verbatim(if resting { motion.stilled() } else { motion }),
+        carrier: None,
+    }
+}

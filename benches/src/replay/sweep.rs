@@ -1,0 +1,116 @@
+//! Several replays of one recording that differ in a setting.
+
+use std::num::NonZeroU32;
+use std::str::FromStr;
+
+use rhumb_transport::LinkTerms;
+
+/// What one replay is asked for.
+#[derive(Clone, Debug)]
+pub(super) struct Setting {
+    pub(super) tolerance: f64,
+    pub(super) turn: Option<f64>,
+    pub(super) link: LinkTerms,
+    pub(super) every: NonZeroU32,
+}
+
+/// A setting's name and the values that it takes in turn.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Sweep {
+    name: String,
+    values: Vec<String>,
+}
+
+impl FromStr for Sweep {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (name, values) = text.split_once('=').ok_or("must be name=value,value,...")?;
+        let values: Vec<_> = values.split(',').map(|v| v.trim().to_owned()).collect();
+        if values.iter().any(String::is_empty) {
+            return Err("a value is missing".to_owned());
+        }
+        let name = name.trim().to_owned();
+        Ok(Self { name, values })
+    }
+}
+
+impl Sweep {
+    /// A setting for each value.
+    pub(super) fn over(&self, base: &Setting) -> Result<Vec<Setting>, String> {
+        let with = |value: &String| change(base, &self.name, value);
+        self.values.iter().map(with).collect()
+    }
+}
+
+/// The same setting with another value.
+fn change(base: &Setting, name: &str, value: &str) -> Result<Setting, String> {
+    let mut setting = base.clone();
+    let wrong = || format!("{name}={value}: not a number");
+    match name {
+        "tolerance" => setting.tolerance = value.parse().map_err(|_| wrong())?,
+        "turn" => setting.turn = Some(value.parse().map_err(|_| wrong())?),
+        "every" => setting.every = value.parse().map_err(|_| wrong())?,
+        _ => setting.link = with_link(base.link, &format!("{name}={value}"))?,
+    }
+    Ok(setting)
+}
+
+/// The same link with other parts.
+fn with_link(link: LinkTerms, parts: &str) -> Result<LinkTerms, String> {
+    let text = format!("{link},{parts}");
+    text.parse()
+        .map_err(|error: rhumb_transport::TermsError| error.to_string())
+}
+
+/// Losses in per cent, even and in bursts of four, at each round trip.
+pub(super) fn matrix(base: &Setting) -> Result<Vec<Setting>, String> {
+    let mut all = Vec::new();
+    for rtt_ms in [0, 50, 100, 300] {
+        for (loss, burst) in [(0, 1), (1, 1), (5, 1), (20, 1), (1, 4), (5, 4), (20, 4)] {
+            let parts = format!("rtt={rtt_ms}ms,loss={loss}%,burst={burst}");
+            let link = with_link(base.link, &parts)?;
+            all.push(Setting {
+                link,
+                ..base.clone()
+            });
+        }
+    }
+    Ok(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn base() -> Setting {
+        Setting {
+            tolerance: 0.01,
+            turn: None,
+            link: "jitter=3ms".parse().unwrap(),
+            every: NonZeroU32::MIN,
+        }
+    }
+
+    #[test]
+    fn a_sweep_changes_one_setting_and_keeps_the_others() {
+        let sweep: Sweep = "loss=1%,5%".parse().unwrap();
+        let all = sweep.over(&base()).unwrap();
+        let links: Vec<_> = all.iter().map(|setting| setting.link).collect();
+        let expected = ["jitter=3ms,loss=1%", "jitter=3ms,loss=5%"].map(|t| t.parse().unwrap());
+        assert_eq!(links, expected);
+        let sweep: Sweep = "tolerance=0.02".parse().unwrap();
+        assert!((sweep.over(&base()).unwrap()[0].tolerance - 0.02).abs() < 1e-12);
+        assert_eq!(matrix(&base()).unwrap().len(), 28);
+    }
+
+    #[test]
+    fn what_is_no_setting_is_refused() {
+        assert!("tolerance".parse::<Sweep>().is_err());
+        assert!("tolerance=1,".parse::<Sweep>().is_err());
+        for wrong in ["tolerance=x", "every=0", "colour=red"] {
+            let sweep: Sweep = wrong.parse().unwrap();
+            assert!(sweep.over(&base()).is_err(), "{wrong}");
+        }
+    }
+}

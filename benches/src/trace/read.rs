@@ -1,0 +1,127 @@
+//! The engine's states, read back from a trace.
+//!
+//! Only what [`record::Truth`](crate::record::Truth) holds; what a number means is decided in `messages`.
+
+use glam::Vec3;
+use prost::Message as _;
+use rhumb_protocol::scene::{BodyKind, BodyTerms, Hull, Shape, ShapeId};
+use rhumb_protocol::stream::{Activity, Observation};
+use rhumb_reckoning::{BodyId, Tick, Verbatim};
+
+use super::messages::{Placement, States};
+use crate::record::Placed;
+
+/// What one message of `truth/state` says.
+#[derive(Clone, Debug)]
+pub(crate) struct TickStates {
+    pub(crate) tick: Tick,
+    pub(crate) observed: Vec<Observation>,
+    pub(crate) placed: Vec<Placed>,
+    pub(crate) removed: Vec<(Tick, BodyId)>,
+}
+
+/// Reads a message; `None` if something in it is no motion, shape, kind or id.
+///
+/// # Errors
+///
+/// If it is no such message.
+pub(crate) fn read_states(bytes: &[u8]) -> Result<Option<TickStates>, prost::DecodeError> {
+    let states = States::decode(bytes)?;
+    Ok(understand(&states))
+}
+
+fn understand(states: &States) -> Option<TickStates> {
+    let tick = Tick::new(states.tick);
+    let observed = (0..states.index.len()).map(|place| observation(states, place));
+    let placed = states
+        .placed
+        .iter()
+        .map(|placement| placed(tick, placement));
+    let removed = states.removed_index.iter().zip(&states.removed_generation);
+    let removed = removed.map(|(index, generation)| Some((tick, id(*index, *generation)?)));
+    Some(TickStates {
+        tick,
+        observed: observed.collect::<Option<_>>()?,
+        placed: placed.collect::<Option<_>>()?,
+        removed: removed.collect::<Option<_>>()?,
+    })
+}
+
+fn id(index: u32, generation: u32) -> Option<BodyId> {
+    Some(BodyId::new(index, u16::try_from(generation).ok()?))
+}
+
+fn observation(states: &States, place: usize) -> Option<Observation> {
+    let columns = [
+        &states.px, &states.py, &states.pz, &states.qx, &states.qy, &states.qz, &states.qw,
+        &states.vx, &states.vy, &states.vz, &states.wx, &states.wy, &states.wz,
+    ];
+    let mut parts = [0.0; 13];
+    for (part, column) in parts.iter_mut().zip(columns) {
+        *part = *column.get(place)?;
+    }
+    let index = *states.index.get(place)?;
+    let generation = *states.generation.get(place)?;
+    Some(Observation {
+        id: id(index, generation)?,
+        motion: motion(&parts)?,
+        activity: activity(*states.awake.get(place)?),
+    })
+}
+
+const fn activity(awake: bool) -> Activity {
+    if awake {
+        Activity::Awake
+    } else {
+        Activity::Asleep
+    }
+}
+
+fn motion(parts: &[f32]) -> Option<Verbatim> {
+    let [px, py, pz, qx, qy, qz, qw, vx, vy, vz, wx, wy, wz] = *parts.first_chunk::<13>()?;
+    Verbatim::new([px, py, pz], [qx, qy, qz, qw], [vx, vy, vz], [wx, wy, wz]).ok()
+}
+
+fn placed(tick: Tick, placement: &Placement) -> Option<Placed> {
+    let id = id(placement.index, placement.generation)?;
+    let kind = match placement.kind {
+        1 => BodyKind::Static,
+        2 => BodyKind::Dynamic,
+        3 => BodyKind::Kinematic,
+        _ => return None,
+    };
+    let shape = shape(placement.shape, &placement.extents)?;
+    shape.check().ok()?;
+    Some(Placed {
+        tick,
+        terms: BodyTerms::plain(id, kind, ShapeId(0)),
+        shape,
+        observation: Observation {
+            id,
+            motion: motion(&placement.motion)?,
+            activity: activity(placement.awake),
+        },
+    })
+}
+
+fn shape(kind: i32, extents: &[f32]) -> Option<Shape> {
+    Some(match (kind, extents) {
+        (1, &[radius]) => Shape::Ball { radius },
+        (2, &[x, y, z]) => Shape::Cuboid {
+            half_extents: Vec3::new(x, y, z),
+        },
+        (3, &[half_height, radius]) => Shape::Capsule {
+            half_height,
+            radius,
+        },
+        (4, &[half_height, radius]) => Shape::Cylinder {
+            half_height,
+            radius,
+        },
+        (5, points) => {
+            let points: Vec<_> = points.chunks_exact(3).map(Vec3::from_slice).collect();
+            Shape::Hull(Hull::new(&points).ok()?)
+        }
+        _ => return None,
+    })
+}

@@ -1,0 +1,171 @@
+//! `rhumb-bench replay` keeps the promise on recordings made here.
+//!
+//! Boxes that bounce ever lower and then fall asleep, in the form of a foreign engine's recording.
+
+use std::num::NonZeroU32;
+
+use rhumb_bench::record::{Cause, Experiment, Load, Run};
+use rhumb_bench::recording::{Recording, RecordingError, rhtrace};
+use rhumb_bench::replay::{ReplayTerms, run};
+use rhumb_bench::summary::{RunFigures, Summary};
+use rhumb_bench::trace::{TraceOptions, write};
+use rhumb_protocol::stream::Features;
+use rhumb_reckoning::{Metres, Ticks, Tolerance};
+
+const BODIES: u32 = 12;
+const FRAMES: u32 = 240;
+const GRAVITY: f32 = -20.0;
+
+/// A box's height: it bounces, by no law that a stream knows. Its velocity is told as zero, which is wrong.
+fn height(body: u32, frame: u32) -> f32 {
+    let time = frame as f32 / 60.0 + body as f32 * 0.01;
+    let bounce = (time * 3.0).sin().abs() * (2.0 - time * 0.4).max(0.0);
+    0.2 + bounce
+}
+
+fn unpacked() -> Vec<u8> {
+    let mut bytes = rhtrace::MAGIC.to_vec();
+    let floats = |bytes: &mut Vec<u8>, values: &[f32]| {
+        bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+    };
+    bytes.extend(BODIES.to_le_bytes());
+    bytes.extend(FRAMES.to_le_bytes());
+    floats(&mut bytes, &[1.0 / 60.0, 0.0, 0.0, GRAVITY]);
+    for _ in 0..BODIES {
+        floats(&mut bytes, &[0.2, 0.2, 0.2, 0.346_410_16]);
+    }
+    for frame in 0..FRAMES {
+        let last = FRAMES - 20;
+        let count = if frame <= last { BODIES } else { 0 };
+        bytes.extend((count as u16).to_le_bytes());
+        for body in 0..count {
+            let z = height(body, frame);
+            bytes.extend((body as u16).to_le_bytes());
+            let place = [body as f32, 0.0, z];
+            floats(&mut bytes, &place);
+            floats(
+                &mut bytes,
+                &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            );
+            bytes.push(u8::from(frame < last));
+        }
+    }
+    bytes
+}
+
+fn recording() -> Recording {
+    let packed = zstd::encode_all(&*unpacked(), 1).expect("memory takes all");
+    rhtrace::read("bounce", &packed).expect("this is a recording")
+}
+
+fn replayed(recording: &Recording, link: &str, every: u32) -> Run {
+    let terms = ReplayTerms {
+        tolerance: Tolerance::from_metres(Metres::new(0.02)).expect("within bounds"),
+        link: link.parse().expect("these are terms of a link"),
+        every: NonZeroU32::new(every).expect("not zero"),
+        seed: 3,
+        hindsight: Ticks::ZERO,
+        features: Features::ALL,
+    };
+    run(recording, &terms, &mut |_| {}).expect("it comes to its end")
+}
+
+fn experiment(recording: &Recording, run: Run) -> Experiment {
+    Experiment {
+        command: String::new(),
+        seed: 3,
+        machine: String::new(),
+        loads: vec![Load {
+            truth: recording.truth.clone(),
+            runs: vec![run],
+        }],
+    }
+}
+
+fn figures(recording: &Recording, run: &Run) -> RunFigures {
+    let summary = Summary::of(&experiment(recording, run.clone()));
+    summary.runs.into_iter().next().expect("there is one run")
+}
+
+#[test]
+fn without_loss_every_published_tick_is_within_the_tolerance() {
+    let recording = recording();
+    for (link, every) in [
+        ("", 1),
+        ("rtt=300ms", 1),
+        ("rtt=50ms,jitter=30ms", 1),
+        ("", 3),
+    ] {
+        let run = replayed(&recording, link, every);
+        assert_eq!(run.breaches, [], "{link} every {every}");
+        assert_eq!(run.frames.len() as u32, (FRAMES - 1) / every, "{link}");
+        let figures = figures(&recording, &run);
+        let moving = figures.moving.expect("boxes move");
+        assert!(moving.surface_error_m.max > 0.0 && moving.surface_error_m.max <= 0.02);
+        assert_eq!(figures.recovery, None);
+    }
+}
+
+#[test]
+fn what_is_off_under_loss_is_off_by_loss_and_is_made_good() {
+    let recording = recording();
+    let run = replayed(&recording, "rtt=100ms,loss=10%", 1);
+    assert!(
+        run.breaches
+            .iter()
+            .all(|breach| breach.cause == Cause::Loss)
+    );
+    let recovery = figures(&recording, &run)
+        .recovery
+        .expect("something is lost");
+    // No repair is known before it was asked for and came.
+    assert!(recovery.losses > 0 && recovery.p50_ms > 0.0);
+}
+
+#[test]
+fn one_seed_gives_one_replay() {
+    let recording = recording();
+    let bytes = |run: Run| -> Vec<_> { run.passed.into_iter().map(|p| p.bytes).collect() };
+    let link = "rtt=80ms,loss=5%,jitter=9ms";
+    let once = bytes(replayed(&recording, link, 1));
+    assert_eq!(once, bytes(replayed(&recording, link, 1)));
+}
+
+#[test]
+fn a_trace_of_ours_without_a_scene_is_refused_by_name() {
+    let recording = recording();
+    let run = replayed(&recording, "", 1);
+    let path = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("replay.mcap");
+    let options = TraceOptions::default();
+    write(&path, &experiment(&recording, run), &options, &mut |_| {}).expect("it is written");
+    match Recording::read(&path) {
+        Err(RecordingError::UnknownScene { name }) => assert_eq!(name, "bounce"),
+        other => panic!("a scene that is none was taken: {other:?}"),
+    }
+}
+
+#[test]
+fn bytes_that_are_no_recording_are_refused() {
+    let whole = unpacked();
+    let read = |bytes: &[u8]| {
+        let packed = zstd::encode_all(bytes, 1).expect("memory takes all");
+        rhtrace::read("bounce", &packed)
+    };
+    for length in [0, 7, 8, 31, 40, whole.len() - 1] {
+        let refused = read(&whole[..length]);
+        assert!(matches!(refused, Err(RecordingError::Length)), "{length}");
+    }
+    let mut longer = whole.clone();
+    longer.push(0);
+    assert!(matches!(read(&longer), Err(RecordingError::Length)));
+    let mut other = whole.clone();
+    other[0] = b'X';
+    assert!(matches!(read(&other), Err(RecordingError::NotARecording)));
+    let mut still = whole;
+    still[16..20].copy_from_slice(&0.0_f32.to_le_bytes());
+    assert!(matches!(read(&still), Err(RecordingError::Step { .. })));
+    assert!(matches!(
+        rhtrace::read("x", b"no zstd"),
+        Err(RecordingError::Unpack(_))
+    ));
+}

@@ -1,0 +1,60 @@
+//! What happened in the scene or to a request.
+//!
+//! And how the connection is doing. Said to whoever asks; nothing is decided here.
+
+use rhumb_protocol::message::{Denial, RemovalCause, StreamChoice};
+use rhumb_protocol::scene::{CommandError, IdRange};
+use rhumb_protocol::stream::SubscriberStatistics;
+use rhumb_reckoning::{BodyId, Tick};
+use rhumb_transport::WireStatistics;
+
+/// Something that happened in the scene or to a command.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Happening {
+    /// Commands up to this number were applied or refused, before the step that leaves this tick.
+    Applied {
+        /// The last one's number.
+        through: u64,
+        /// The tick.
+        tick: Tick,
+    },
+    /// A command was refused; nothing of it was applied.
+    Refused {
+        /// Its number.
+        number: u64,
+        /// Why.
+        error: CommandError,
+    },
+    /// A body came into the scene.
+    BodyPlaced(BodyId),
+    /// A body left the scene.
+    BodyRemoved {
+        /// Which.
+        id: BodyId,
+        /// Why.
+        cause: RemovalCause,
+    },
+    /// The copy of a body was not what the server had said, and was made right. That is a fault of one of the two ends.
+    Amended(BodyId),
+    /// More body indices were granted.
+    Reserved(IdRange),
+    /// A request was turned down.
+    Denied(Denial),
+    /// The copy is by another stream from now on.
+    Following(StreamChoice),
+}
+
+/// How the connection and the stream are doing.
+#[derive(Clone, Copy, Debug)]
+pub struct Statistics {
+    /// What crossed the wire.
+    pub wire: WireStatistics,
+    /// What the stream said.
+    pub stream: SubscriberStatistics,
+    /// The newest tick that the stream vouched for.
+    pub vouched: Tick,
+    /// The newest tick at which every body is within its tolerance.
+    pub complete: Tick,
+    /// How many ticks the view lies behind the server's clock, where that is known.
+    pub behind_ticks: Option<f64>,
+}

@@ -1,0 +1,242 @@
+//! The form of vectors and tables: one case, or one row, a line of JSON.
+//!
+//! Each meaning is what the decoder makes of the bytes. f32s are their bits as eight hexadecimal digits.
+
+use std::fmt::Write;
+
+use rhumb_protocol::packet::{
+    Course, Echo, Head, Kind, Repair, Saying, StatePacket, Tables, TrackSaying, Update, Vouch,
+};
+use rhumb_protocol::wire::bytes::Reader;
+use rhumb_protocol::wire::{Malformed, Wire};
+use rhumb_reckoning::{Anchor, Predictor};
+
+/// What a case shows, and its datagram.
+pub(crate) type Case = (String, Vec<u8>);
+
+/// The file of vectors.
+pub(crate) fn vectors(said: &[Case], refused: &[Case]) -> String {
+    let said = said.iter().map(|(name, bytes)| {
+        let means = meaning(bytes).unwrap_or_else(|why| panic!("{name}: {why}"));
+        format!(
+            "{{\"name\": \"{name}\", \"bytes\": \"{}\", \"means\": {means}}}",
+            hex(bytes)
+        )
+    });
+    let refused = refused.iter().map(|(name, bytes)| {
+        let why = meaning(bytes).expect_err(name);
+        format!(
+            "{{\"name\": \"{name}\", \"bytes\": \"{}\", \"refusal\": \"{why:?}\"}}",
+            hex(bytes)
+        )
+    });
+    format!(
+        "{{\n\"format\": \"rhumb packet vectors 1\",\n\"said\": [\n{}\n],\n\"refused\": [\n{}\n]\n}}\n",
+        lines(said),
+        lines(refused)
+    )
+}
+
+/// The file of tables.
+pub(crate) fn tables() -> String {
+    let Tables {
+        expected,
+        shapes,
+        modes,
+    } = Tables::ALL;
+    format!(
+        "{{\n\"format\": \"rhumb packet tables 1\",\n\"expected\": [\n{}\n],\n\"shapes\": [\n{}\n],\n\"modes\": [\n{}\n]\n}}\n",
+        lines(
+            expected
+                .chunks(16)
+                .map(|row| list(row).trim_matches(['[', ']']).to_owned())
+        ),
+        lines(shapes.iter().map(|row| list(row))),
+        lines(modes.iter().map(|row| list(row))),
+    )
+}
+
+fn lines(lines: impl Iterator<Item = String>) -> String {
+    lines.collect::<Vec<_>>().join(",\n")
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::new(), |mut text, byte| {
+        write!(text, "{byte:02x}").expect("a string takes text");
+        text
+    })
+}
+
+fn list<T: ToString>(values: &[T]) -> String {
+    let values: Vec<_> = values.iter().map(ToString::to_string).collect();
+    format!("[{}]", values.join(", "))
+}
+
+fn maybe<T: ToString>(value: Option<T>) -> String {
+    value.map_or("null".to_owned(), |value| value.to_string())
+}
+
+/// What a datagram says, or why it is refused.
+pub(crate) fn meaning(bytes: &[u8]) -> Result<String, Malformed> {
+    let mut reader = Reader::new(bytes);
+    let head = Head::decode(&mut reader)?;
+    let body = match head.kind {
+        Kind::State => state(false, reader)?,
+        Kind::StateEnd => state(true, reader)?,
+        Kind::Vouch => {
+            let Vouch {
+                next,
+                tick,
+                notices,
+            } = Vouch::decode(reader)?;
+            format!(
+                "\"kind\": 2, \"next\": {}, \"tick\": {}, \"notices\": {}",
+                next.0, tick.0, notices.0
+            )
+        }
+        Kind::Repair => repair(&Repair::decode(reader)?),
+        Kind::Echo => {
+            let echo = Echo::decode(reader)?;
+            let lost: Vec<_> = echo.lost.iter().map(|low| low.0).collect();
+            format!(
+                "\"kind\": 6, \"next\": {}, \"lost\": {}",
+                echo.next.0,
+                list(&lost)
+            )
+        }
+        Kind::Full | Kind::FullEnd | Kind::Digest | Kind::Doubt => {
+            return Err(Malformed::UnknownCode);
+        }
+    };
+    Ok(format!("{{\"stream\": {}, {body}}}", head.stream.0))
+}
+
+fn state(ends_tick: bool, reader: Reader<'_>) -> Result<String, Malformed> {
+    let packet = StatePacket::decode(ends_tick, reader)?;
+    let mut body = format!(
+        "\"kind\": {}, \"number\": {}, \"tick\": {}, \"notices\": {}",
+        u8::from(ends_tick),
+        packet.number.0,
+        packet.tick.0,
+        packet.notices.0
+    );
+    let mut updates = Vec::new();
+    packet.updates(&mut updates)?;
+    let updates: Vec<_> = updates.iter().map(update).collect();
+    write!(body, ", \"updates\": {}", list(&updates)).expect("a string takes text");
+    Ok(body)
+}
+
+fn update(update: &Update) -> String {
+    let Update { seat, body, saying } = update;
+    let said = match saying {
+        Saying::Whole(track) => format!("\"whole\": {}", whole(track)),
+        Saying::Residual {
+            course,
+            age,
+            residual,
+        } => {
+            let mut said = match *course {
+                Course::Same => "\"course\": \"same\"".to_owned(),
+                Course::World {
+                    predictor,
+                    carrier_age,
+                } => format!(
+                    "\"course\": \"world\", \"law\": {}, \"carrier_age\": {}",
+                    law(predictor),
+                    maybe(carrier_age.map(rhumb_reckoning::Ticks::count))
+                ),
+                Course::Held {
+                    carrier,
+                    carrier_age,
+                } => format!(
+                    "\"course\": \"held\", \"carrier\": {carrier}, \"carrier_age\": {}",
+                    carrier_age.count()
+                ),
+            };
+            write!(
+                said,
+                ", \"age\": {}, \"position\": {}, \"turn\": {}",
+                age.count(),
+                list(&residual.position),
+                list(&residual.turn)
+            )
+            .expect("a string takes text");
+            if let Some(velocity) = residual.velocity {
+                write!(
+                    said,
+                    ", \"linear\": {}, \"angular\": {}",
+                    list(&velocity.linear),
+                    list(&velocity.angular)
+                )
+                .expect("a string takes text");
+            }
+            said
+        }
+    };
+    format!("{{\"seat\": {seat}, \"body\": {}, {said}}}", maybe(*body))
+}
+
+fn repair(repair: &Repair) -> String {
+    let records: Vec<_> = repair
+        .records
+        .iter()
+        .map(|record| {
+            format!(
+                "{{\"index\": {}, \"seat\": {}, \"age\": {}, \"whole\": {}}}",
+                record.index,
+                maybe(record.seat),
+                record.age.count(),
+                whole(&record.whole)
+            )
+        })
+        .collect();
+    format!(
+        "\"kind\": 3, \"lost\": {}, \"tick\": {}, \"notices\": {}, \"part\": {}, \"parts\": {}, \"records\": {}",
+        repair.lost.0,
+        repair.tick.0,
+        repair.notices.0,
+        repair.part,
+        repair.parts,
+        list(&records)
+    )
+}
+
+fn whole(track: &TrackSaying) -> String {
+    let carrier = track
+        .carrier
+        .map(|carrier| list(&[carrier.index(), u32::from(carrier.generation())]));
+    let motion = match &track.anchor {
+        Anchor::Verbatim(verbatim) => {
+            let parts = verbatim.parts();
+            let bits = parts.map(|part| format!("\"{:08x}\"", part.to_bits()));
+            format!("\"verbatim\": {}", list(&bits))
+        }
+        Anchor::Snapped(snapped) => {
+            let (largest, others) = snapped.rotation.parts();
+            format!(
+                "\"position\": {}, \"largest\": {largest}, \"others\": {}, \"linear\": {}, \"angular\": {}",
+                list(&snapped.position),
+                list(&others),
+                list(&snapped.linear),
+                list(&snapped.angular)
+            )
+        }
+    };
+    format!(
+        "{{\"law\": {}, \"carrier\": {}, {motion}}}",
+        law(track.predictor),
+        maybe(carrier)
+    )
+}
+
+/// The code of a law.
+const fn law(predictor: Predictor) -> u8 {
+    match predictor {
+        Predictor::Rest => 0,
+        Predictor::Uniform => 1,
+        Predictor::Ballistic => 2,
+        Predictor::Tumbling => 3,
+        Predictor::Thrown => 4,
+    }
+}

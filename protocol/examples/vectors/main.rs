@@ -1,0 +1,22 @@
+//! Prints the golden vectors of packets; `--write` writes them and the tables.
+//!
+//! Decides nothing: the cases are in `said` and `refused`, their form in `document`.
+
+mod chance;
+mod document;
+mod refused;
+mod said;
+
+use std::io::{self, Write};
+use std::path::Path;
+
+fn main() -> io::Result<()> {
+    let text = document::vectors(&said::cases(), &refused::cases());
+    if std::env::args().any(|argument| argument == "--write") {
+        let spec = Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec");
+        std::fs::create_dir_all(spec.join("tables"))?;
+        std::fs::write(spec.join("tables/packets.json"), document::tables())?;
+        return std::fs::write(spec.join("vectors/packets.json"), text);
+    }
+    io::stdout().write_all(text.as_bytes())
+}

@@ -1,0 +1,363 @@
+//! What is refused: cut short, in another form, without meaning, too large.
+
+use rhumb_protocol::limits::INDICES_MAX;
+use rhumb_protocol::packet::{
+    Forge, Low16, RepairRecord, RepairWriter, StreamId, Tables, Update, Vouch,
+};
+use rhumb_reckoning::{BodyId, RESIDUAL_LIMIT, TURN_LIMIT, Ticks, VELOCITY_LIMIT};
+
+use crate::chance::Chance;
+use crate::document::{Case, meaning};
+use crate::said::{carried, every_form, packet};
+
+/// Contexts by number: gaps, ages by kind, a carrier's age, the first of positions.
+const GAP: [usize; 2] = [0, 1];
+const AGE: usize = 2;
+const CARRIER_AGE: usize = 6;
+const POSITION: usize = 8;
+const TURN: usize = POSITION + 120;
+const VELOCITY: usize = TURN + 216;
+
+/// Codes of forms.
+const SAME: usize = 0;
+const SAME_MOVED: usize = 1;
+const REST: usize = 2;
+const HELD: usize = 11;
+const WHOLE: usize = 12;
+const SEATING: usize = 13;
+const INDEX_BITS: u32 = 20;
+
+/// All of them.
+pub(crate) fn cases() -> Vec<Case> {
+    let mut cases = Vec::new();
+    heads(&mut cases);
+    codes(&mut cases);
+    numbers(&mut cases);
+    wholes(&mut cases);
+    tails(&mut cases);
+    repairs(&mut cases);
+    cases
+}
+
+/// A packet of the same head as those that are said.
+fn state(count: u8, updates: &[u8]) -> Vec<u8> {
+    let mut bytes = vec![1, 5, 0x70, 0x11, 0x2c, 1, 12, 0, count];
+    bytes.extend_from_slice(updates);
+    bytes
+}
+
+fn heads(cases: &mut Vec<Case>) {
+    let mut case = |name: &str, bytes: &[u8]| cases.push((name.to_owned(), bytes.to_vec()));
+    case("nothing", &[]);
+    case("a kind without a meaning", &[7, 5]);
+    case("a stream id that ends too soon", &[1, 0x80]);
+    case(
+        "a stream id in a longer form",
+        &[1, 0x85, 0, 0, 0, 0, 0, 0, 0, 0],
+    );
+    case(
+        "a stream id of 33 bits",
+        &[1, 0x80, 0x80, 0x80, 0x80, 0x10, 0, 0, 0, 0, 0, 0, 0],
+    );
+    let whole = state(0, &[]);
+    for cut in 2..whole.len() {
+        case("a head that ends too soon", &whole[..cut]);
+    }
+    case("401 updates", &[1, 5, 0, 0, 0, 0, 0, 0, 0x91, 0x03]);
+    case("bytes behind no updates", &state(0, &[1]));
+    case("a zero behind no updates", &state(0, &[0]));
+    let vouch = Vouch {
+        next: Low16(1),
+        tick: Low16(2),
+        notices: Low16(3),
+    }
+    .encode(StreamId(5));
+    case("a vouch that ends too soon", &vouch[..vouch.len() - 1]);
+    case("bytes behind a vouch", &[&vouch[..], &[0]].concat());
+    case("an echo of 65 numbers", &[6, 5, 0, 0, 65]);
+    case("an echo that ends too soon", &[6, 5, 0, 0, 2, 1, 0]);
+}
+
+fn codes(cases: &mut Vec<Case>) {
+    let mut case = |name: &str, count, forge: Forge| {
+        cases.push((name.to_owned(), state(count, &forge.into_bytes())));
+    };
+    let begun = || Forge::default().number(GAP[0], 0);
+    let twice = begun().code(0, SEATING).raw(3, INDEX_BITS).code(0, SEATING);
+    case("a seat taken twice", 1, twice);
+    let whole = begun().code(0, SEATING).raw(3, INDEX_BITS).code(0, WHOLE);
+    case("a seat taken before a whole track", 1, whole);
+    let held = |forge: Forge| {
+        forge
+            .number(AGE + 2, 0)
+            .raw(7, INDEX_BITS)
+            .number(CARRIER_AGE, 0)
+    };
+    let still = |mut forge: Forge| {
+        for context in [0, 1, 1] {
+            forge = forge.number(POSITION + 2 * 30 + context, 0);
+        }
+        for context in [4, 0, 0] {
+            forge = forge.number(TURN + 2 * 54 + context, 0);
+        }
+        forge
+    };
+    let first = still(held(begun().code(0, HELD)));
+    let again = first.number(GAP[1], 0).code(3, HELD).number(AGE + 2, 0);
+    case(
+        "the same carrier named anew",
+        2,
+        again.raw(0, 1).raw(7, INDEX_BITS).raw(1, 8),
+    );
+    for law in 5..8 {
+        let forge = begun()
+            .code(0, WHOLE)
+            .raw(3, INDEX_BITS)
+            .raw(law, 3)
+            .raw(1, 8);
+        case("a law without a meaning", 1, forge);
+    }
+}
+
+fn numbers(cases: &mut Vec<Case>) {
+    let mut case = |name: &str, count, forge: Forge| {
+        cases.push((name.to_owned(), state(count, &forge.into_bytes())));
+    };
+    let begun = || Forge::default().number(GAP[0], 0);
+    case(
+        "a seat beyond the last",
+        1,
+        all_still(Forge::default().number(GAP[0], INDICES_MAX).code(0, SAME)),
+    );
+    let near = all_still(
+        Forge::default()
+            .number(GAP[0], INDICES_MAX - 1)
+            .code(0, SAME),
+    );
+    case(
+        "a seat after the last",
+        2,
+        all_still(near.number(GAP[1], 0).code(1, SAME)),
+    );
+    case(
+        "an age beyond the horizon",
+        1,
+        begun().code(0, SAME).number(AGE, 1_023).raw(1, 8),
+    );
+    let carrier = begun().code(0, REST).number(AGE + 2, 0).raw(1, 1);
+    case(
+        "a carrier's age beyond the greatest",
+        1,
+        carrier.number(CARRIER_AGE, (1 << 30) + 1).raw(1, 8),
+    );
+    let same = |code| begun().code(0, code).number(AGE + code, 0);
+    let position = same(SAME)
+        .number(POSITION, RESIDUAL_LIMIT as u32 + 1)
+        .raw(1, 1);
+    let position = position.number(POSITION + 4, 0).number(POSITION + 4, 0);
+    let position = position.number(TURN + 8, 0).number(TURN, 0).number(TURN, 0);
+    case("a position beyond its limit", 1, position);
+    let placed = |forge: Forge, kind: usize| {
+        let at = POSITION + kind * 30;
+        forge.number(at, 0).number(at + 1, 0).number(at + 1, 0)
+    };
+    let turn = placed(same(SAME), 0)
+        .number(TURN + 4, TURN_LIMIT as u32 + 1)
+        .raw(0, 1);
+    case(
+        "a turn beyond its limit",
+        1,
+        turn.number(TURN + 3, 0).number(TURN + 3, 0),
+    );
+    let at = TURN + 54;
+    let moved = placed(same(SAME_MOVED), 1)
+        .number(at + 4, 0)
+        .number(at, 0)
+        .number(at, 0);
+    let moved = moved.number(VELOCITY, VELOCITY_LIMIT as u32 + 1).raw(1, 1);
+    let moved = moved.number(VELOCITY + 4, 0).number(VELOCITY + 4, 0);
+    let moved = moved
+        .number(VELOCITY + 5, 0)
+        .number(VELOCITY + 6, 0)
+        .number(VELOCITY + 6, 0);
+    case("a velocity beyond its limit", 1, moved);
+    endless_numbers(cases);
+}
+
+fn endless_numbers(cases: &mut Vec<Case>) {
+    let mut case = |name: &str, count, forge: Forge| {
+        cases.push((name.to_owned(), state(count, &forge.into_bytes())));
+    };
+    for bits in [31, 40] {
+        let mut endless = Forge::default().escape(shape_of_first_gap());
+        for _ in 0..bits {
+            endless = endless.raw(1, 1);
+        }
+        case("a number of too many bits", 1, endless.raw(1, 8));
+    }
+    let mut wide = Forge::default().escape(shape_of_first_gap());
+    for _ in 0..30 {
+        wide = wide.raw(1, 1);
+    }
+    case(
+        "a number beyond 32 bits, or a seat beyond the last",
+        1,
+        wide.raw(0, 1).raw(0x3fff_ffff, 30).raw(1, 8),
+    );
+}
+
+/// A correction of nothing in the same course, of a track of a tick ago.
+fn all_still(forge: Forge) -> Forge {
+    let forge = forge.number(AGE, 0).number(POSITION, 0);
+    let forge = forge.number(POSITION + 1, 0).number(POSITION + 1, 0);
+    forge.number(TURN + 4, 0).number(TURN, 0).number(TURN, 0)
+}
+
+/// The class that a packet's first number falls into, by PROTOCOL 5.4.
+fn shape_of_first_gap() -> usize {
+    let sixteenths = u32::from(Tables::ALL.expected[GAP[0]]) / 16 + 1;
+    let octave = sixteenths.ilog2();
+    let raw = (octave + 1).saturating_sub(7);
+    let quarter = (((sixteenths >> raw) << 2) >> (octave - raw)) & 3;
+    ((octave - raw) * 4 + quarter) as usize
+}
+
+fn verbatim_wholes(case: &mut impl FnMut(&str, &[(u32, u32)])) {
+    let rest: [(u32, u32); 3] = [(0, 3), (0, 1), (1, 1)];
+    let zeros = |count: usize| vec![(0_u32, 32_u32); count];
+    let nan = [
+        &rest[..],
+        &[(0x7fc0_0000, 32)],
+        &zeros(5),
+        &[(0x3f80_0000, 32)],
+    ]
+    .concat();
+    case("a position that is no number", &nan);
+    case("a rotation of no length", &[&rest[..], &zeros(7)].concat());
+}
+
+fn wholes(cases: &mut Vec<Case>) {
+    let mut case = |name: &str, bits: &[(u32, u32)]| {
+        let mut forge = Forge::default()
+            .number(GAP[0], 0)
+            .code(0, WHOLE)
+            .raw(3, INDEX_BITS);
+        for (value, count) in bits {
+            forge = forge.raw(*value, *count);
+        }
+        // Ones behind, so that what is refused is refused before the bytes end.
+        cases.push((name.to_owned(), state(1, &forge.raw(0xff, 8).into_bytes())));
+    };
+    verbatim_wholes(&mut case);
+    let mut moving = vec![(1, 3), (1, 1), (9, 20), (0, 16), (0, 1)];
+    moving.extend([(0, 1), (0, 14)].repeat(3));
+    moving.extend([(3, 2), (524_288, 20), (524_288, 20), (524_288, 20)]);
+    moving.extend([(0, 1), (0, 6)].repeat(6));
+    case("a carrier, and not at rest", &moving);
+    let far = [(0, 3), (0, 1), (0, 1)];
+    let mut ones = far.to_vec();
+    ones.extend([(1, 1); 18]);
+    case("a position of too many bits", &ones);
+    let still = [(0_u32, 1_u32), (0, 14)];
+    let origin: Vec<_> = far
+        .iter()
+        .chain(&still)
+        .chain(&still)
+        .chain(&still)
+        .copied()
+        .collect();
+    case(
+        "a packed rotation whose largest is another",
+        &[
+            &origin[..],
+            &[
+                (3, 2),
+                (524_288 + 370_728, 20),
+                (524_288 + 370_728, 20),
+                (524_288 + 370_728, 20),
+            ],
+        ]
+        .concat(),
+    );
+    case(
+        "a packed rotation beyond its limit",
+        &[
+            &origin[..],
+            &[(3, 2), (0, 20), (524_288, 20), (524_288, 20)],
+        ]
+        .concat(),
+    );
+    // One more than the limit of positions is 2³⁰ + 1, doubled.
+    let shifted = (2_u32 << 30) + 2 + (1 << 14);
+    let extra = shifted.ilog2() - 14;
+    let mut beyond = far.to_vec();
+    beyond.extend((0..extra).map(|_| (1, 1)));
+    beyond.extend([(0, 1), (shifted & !(1 << shifted.ilog2()), extra + 14)]);
+    beyond.extend(still.iter().chain(&still));
+    beyond.extend([(3, 2), (524_288, 20), (524_288, 20), (524_288, 20)]);
+    case("a position beyond its limit, in a whole track", &beyond);
+}
+
+fn tails(cases: &mut Vec<Case>) {
+    let forms: Vec<_> = (0..)
+        .zip(every_form())
+        .map(|(seat, saying)| Update {
+            seat,
+            body: Some(seat + 9),
+            saying,
+        })
+        .collect();
+    let bytes = packet(&forms);
+    let mut chance = Chance::new(5);
+    let (mut cuts, mut flips) = (0, 0);
+    while cuts < 10 {
+        let cut = &bytes[..9 + chance.below(bytes.len() as u32 - 9) as usize];
+        if meaning(cut).is_err() {
+            cases.push(("cut short".to_owned(), cut.to_vec()));
+            cuts += 1;
+        }
+    }
+    while flips < 10 {
+        let mut flipped = bytes.clone();
+        let place = 9 + chance.below(bytes.len() as u32 - 9) as usize;
+        flipped[place] ^= 1 << chance.below(8);
+        if meaning(&flipped).is_err() {
+            cases.push(("a bit changed".to_owned(), flipped));
+            flips += 1;
+        }
+    }
+    for more in [&[0][..], &[1], &[0, 0, 0, 0, 1], &[0xff; 9]] {
+        cases.push((
+            "bytes behind the updates".to_owned(),
+            [&bytes, more].concat(),
+        ));
+    }
+    for tail in [&[0xff; 4][..], &[0xff; 40]] {
+        cases.push(("all ones".to_owned(), state(1, tail)));
+    }
+}
+
+fn repairs(cases: &mut Vec<Case>) {
+    let record = RepairRecord {
+        index: 5,
+        seat: Some(3),
+        age: Ticks::new(4),
+        whole: carried(&mut Chance::new(3), BodyId::new(8, 1)),
+    };
+    let mut writer = RepairWriter::default();
+    writer.push(&record);
+    let bytes = writer.finish(StreamId(5), 1, 2, 3).remove(0);
+    let mut case = |name: &str, bytes: &[u8]| cases.push((name.to_owned(), bytes.to_vec()));
+    case("a repair that ends too soon", &bytes[..bytes.len() - 1]);
+    case("bytes behind a repair", &[&bytes[..], &[0]].concat());
+    let with = |place: usize, value: u8| {
+        let mut bytes = bytes.clone();
+        bytes[place] = value;
+        bytes
+    };
+    case("a part that is none of the parts", &with(8, 1));
+    case("more parts than there may be", &with(9, 65));
+    let mut filled = bytes.clone();
+    *filled.last_mut().expect("it has bytes") |= 0x80;
+    case("filling that is not zero", &filled);
+}

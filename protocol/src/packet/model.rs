@@ -1,0 +1,188 @@
+//! How likely each number is: what the range coder of a packet goes by.
+//!
+//! Every packet begins with the same expectations and learns from its own numbers alone, so that a lost packet derails
+//! no other (PROTOCOL 5.4). Writer and reader hold one of these each and change it by the same calls.
+
+use super::tables::{CLASSES, CONTEXTS, EXPECTED, SHAPES, SYMBOLS};
+use crate::wire::Malformed;
+use crate::wire::range::{RangeReader, RangeWriter, TOTAL_BITS};
+
+/// The last symbol of each alphabet: the number is at least this, and the rest of it follows.
+const ESCAPE: u32 = SYMBOLS as u32 - 1;
+/// One expected step, in fixed point.
+const ONE: u32 = 256;
+/// Numbers above this are learnt from as if they were this.
+const LEARNT_MOST: u32 = 4_095;
+/// How slowly a context learns: an eighth of each surprise, as a power of two.
+const LEARNING_SHIFT: u32 = 3;
+/// From this octave of the expectation on, low bits are said raw.
+const OCTAVES: u32 = CLASSES as u32 / 4;
+
+/// What one packet expects of its numbers, by context.
+#[derive(Clone, Debug)]
+pub(crate) struct Model {
+    expected: [u32; CONTEXTS],
+}
+
+impl Default for Model {
+    fn default() -> Self {
+        Self {
+            expected: EXPECTED.map(u32::from),
+        }
+    }
+}
+
+/// The alphabet by which a number is said: how many low bits go raw, and the shape of the rest.
+#[derive(Clone, Copy, Debug)]
+struct Alphabet {
+    raw: u32,
+    shape: usize,
+}
+
+impl Model {
+    /// Expectations fall into classes of a quarter of an octave.
+    fn alphabet(&self, context: usize) -> Alphabet {
+        let sixteenths = (self.expected[context] / (ONE / 16)) + 1;
+        let octave = sixteenths.ilog2();
+        let raw = (octave + 1).saturating_sub(OCTAVES);
+        let octave = octave - raw;
+        let quarter = (((sixteenths >> raw) << 2) >> octave) & 3;
+        Alphabet {
+            raw,
+            shape: (octave * 4 + quarter) as usize,
+        }
+    }
+
+    fn learn(&mut self, context: usize, number: u32) {
+        let seen = number.min(LEARNT_MOST) * ONE;
+        let expected = &mut self.expected[context];
+        // Towards what was seen by an eighth of the difference, rounded down; both stay below 2²⁰.
+        let step = (i64::from(seen) - i64::from(*expected)) >> LEARNING_SHIFT;
+        *expected = (i64::from(*expected) + step) as u32;
+    }
+
+    /// Says a number.
+    pub(crate) fn write(&mut self, context: usize, number: u32, to: &mut RangeWriter) {
+        let Alphabet { raw, shape } = self.alphabet(context);
+        let high = number >> raw;
+        let symbol = high.min(ESCAPE) as usize;
+        let starts = &SHAPES[shape];
+        let size = starts[symbol + 1] - starts[symbol];
+        to.symbol(u32::from(starts[symbol]), u32::from(size), TOTAL_BITS);
+        if high >= ESCAPE {
+            write_rest(high - ESCAPE, to);
+        }
+        to.raw(number & ((1 << raw) - 1), raw);
+        self.learn(context, number);
+    }
+
+    /// Reads a number.
+    pub(crate) fn read(
+        &mut self,
+        context: usize,
+        from: &mut RangeReader<'_>,
+    ) -> Result<u32, Malformed> {
+        let Alphabet { raw, shape } = self.alphabet(context);
+        let starts = &SHAPES[shape];
+        let part = from.part(TOTAL_BITS)? as u16;
+        let mut symbol = 0;
+        while starts[symbol + 1] <= part {
+            symbol += 1;
+        }
+        let size = starts[symbol + 1] - starts[symbol];
+        from.symbol(u32::from(starts[symbol]), u32::from(size), TOTAL_BITS);
+        let mut high = symbol as u32;
+        if high == ESCAPE {
+            high = high
+                .checked_add(read_rest(from)?)
+                .ok_or(Malformed::OutOfRange)?;
+        }
+        if high.leading_zeros() < raw {
+            return Err(Malformed::OutOfRange);
+        }
+        let number = (high << raw) | from.raw(raw)?;
+        self.learn(context, number);
+        Ok(number)
+    }
+
+    /// What a number would cost now, in 1/256 bits.
+    pub(crate) fn cost(&self, context: usize, number: u32) -> u32 {
+        let Alphabet { raw, shape } = self.alphabet(context);
+        let high = number >> raw;
+        let symbol = high.min(ESCAPE) as usize;
+        let starts = &SHAPES[shape];
+        let mut cost = symbol_cost(u32::from(starts[symbol + 1] - starts[symbol])) + raw * 256;
+        if high >= ESCAPE {
+            cost += (2 * (high - ESCAPE + 1).ilog2() + 1) * 256;
+        }
+        cost
+    }
+}
+
+/// What a symbol of this frequency costs, in 1/256 bits; the logarithm is a broken line, which is near enough to choose by.
+pub(crate) const fn symbol_cost(size: u32) -> u32 {
+    let whole = size.ilog2();
+    let fraction = (size << 8 >> whole) - 256;
+    (TOTAL_BITS - whole) * 256 - fraction
+}
+
+/// The rest of an escaped number: as many ones as its length, a zero, and the number.
+fn write_rest(rest: u32, to: &mut RangeWriter) {
+    let width = (rest + 1).ilog2();
+    for _ in 0..width {
+        to.raw(1, 1);
+    }
+    to.raw(0, 1);
+    to.raw(rest + 1 - (1 << width), width);
+}
+
+fn read_rest(from: &mut RangeReader<'_>) -> Result<u32, Malformed> {
+    let mut width = 0;
+    while from.raw(1)? == 1 {
+        width += 1;
+        if width > 30 {
+            return Err(Malformed::OutOfRange);
+        }
+    }
+    Ok(from.raw(width)? + (1 << width) - 1)
+}
+
+// The greatest expectation that can be learnt still leaves raw bits for a 32-bit number.
+const _: () = assert!(LEARNT_MOST * ONE < 1 << 20);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alloc::vec::Vec;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn numbers_come_back_at_about_their_cost(
+            numbers in proptest::collection::vec((0..CONTEXTS, prop_oneof![0_u32..4, 0_u32..300, 0_u32..1 << 30]), 1..120),
+        ) {
+            let (mut model, mut writer, mut cost) = (Model::default(), RangeWriter::default(), 0);
+            for (context, number) in &numbers {
+                cost += model.cost(*context, *number);
+                model.write(*context, *number, &mut writer);
+            }
+            let bytes = writer.into_bytes();
+            prop_assert!(bytes.len() as f64 * 8.0 <= f64::from(cost) / 256.0 * 1.02 + 16.0);
+            let (mut model, mut reader) = (Model::default(), RangeReader::new(&bytes));
+            let read: Result<Vec<_>, _> = numbers
+                .iter()
+                .map(|(context, _)| model.read(*context, &mut reader).map(|number| (*context, number)))
+                .collect();
+            prop_assert_eq!(read, Ok(numbers));
+            prop_assert_eq!(reader.finish(), Ok(()));
+        }
+    }
+
+    #[test]
+    fn every_shape_gives_every_symbol_a_chance() {
+        for shape in &SHAPES {
+            assert_eq!((shape[0], shape[SYMBOLS]), (0, 1 << TOTAL_BITS));
+            assert!(shape.windows(2).all(|pair| pair[0] < pair[1]));
+        }
+    }
+}

@@ -1,0 +1,90 @@
+//! The joints of a scene, by name and by body.
+//!
+//! Kept alike at both ends. Invariant: a joint is found under its name and under both of its bodies, or not at all.
+
+use alloc::collections::{BTreeMap, BTreeSet};
+use alloc::vec::Vec;
+
+use rhumb_reckoning::BodyId;
+
+use super::joint::{Joint, JointId};
+
+/// All joints of one scene.
+#[derive(Clone, Debug, Default)]
+pub struct Joints {
+    by_id: BTreeMap<JointId, Joint>,
+    by_body: BTreeSet<(BodyId, JointId)>,
+}
+
+impl Joints {
+    /// Takes a joint in, unless its name is taken; whether it did.
+    pub fn insert(&mut self, id: JointId, joint: Joint) -> bool {
+        if self.by_id.contains_key(&id) {
+            return false;
+        }
+        self.by_id.insert(id, joint);
+        self.by_body.extend(joint.bodies.map(|body| (body, id)));
+        true
+    }
+
+    /// Takes a joint out.
+    pub fn remove(&mut self, id: JointId) -> Option<Joint> {
+        let joint = self.by_id.remove(&id)?;
+        for body in joint.bodies {
+            self.by_body.remove(&(body, id));
+        }
+        Some(joint)
+    }
+
+    /// Takes out all joints of a body that goes, in the order of names.
+    pub fn remove_body(&mut self, body: BodyId) -> Vec<JointId> {
+        let all = (body, JointId(0))..=(body, JointId(u32::MAX));
+        let gone: Vec<_> = self.by_body.range(all).map(|(_, id)| *id).collect();
+        for id in &gone {
+            self.remove(*id);
+        }
+        gone
+    }
+
+    /// The joint of a name.
+    #[must_use]
+    pub fn get(&self, id: JointId) -> Option<&Joint> {
+        self.by_id.get(&id)
+    }
+
+    /// All, in the order of names.
+    pub fn iter(&self) -> impl Iterator<Item = (JointId, &Joint)> {
+        self.by_id.iter().map(|(id, joint)| (*id, joint))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::super::joint::{JointFrame, JointKind};
+    use super::*;
+
+    #[test]
+    fn a_joint_goes_with_either_of_its_bodies() {
+        let body = |index| BodyId::new(index, 0);
+        let between = |bodies| Joint {
+            kind: JointKind::Fixed,
+            bodies,
+            frames: [JointFrame::at(Vec3::ZERO); 2],
+            collide: false,
+        };
+        let mut joints = Joints::default();
+        for first in 0..3 {
+            let joint = between([body(first), body(first + 1)]);
+            assert!(joints.insert(JointId(first), joint));
+            assert!(!joints.insert(JointId(first), joint));
+        }
+        assert_eq!(joints.remove_body(body(1)), [JointId(0), JointId(1)]);
+        assert_eq!(joints.remove_body(body(1)), []);
+        assert_eq!(joints.iter().count(), 1);
+        assert_eq!(joints.remove_body(body(3)), [JointId(2)]);
+        assert_eq!(joints.remove(JointId(2)), None);
+        assert!(joints.by_body.is_empty());
+    }
+}

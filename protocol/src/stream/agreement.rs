@@ -1,0 +1,89 @@
+//! A sum over all tracks, by which two ends find out if they agree.
+//!
+//! Kept up to date at the cost of what changes. Does not say which track differs: sums over ranges of indices do, when they
+//! are compared one after another (PROTOCOL 6.12).
+
+use rhumb_reckoning::{Anchor, Track};
+
+use super::tracks::Slot;
+
+/// The sum over the tracks of some bodies, modulo 2⁶⁴; it does not depend on their order.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Agreement(u64);
+
+impl Agreement {
+    /// The sum as a number.
+    pub(crate) const fn value(self) -> u64 {
+        self.0
+    }
+
+    /// A body's track is among them from now on.
+    pub(crate) fn add(&mut self, index: u32, slot: &Slot) {
+        self.0 = self.0.wrapping_add(digest(index, slot));
+    }
+
+    /// It is no longer.
+    pub(crate) fn take(&mut self, index: u32, slot: &Slot) {
+        self.0 = self.0.wrapping_sub(digest(index, slot));
+    }
+}
+
+/// Odd, with its ones and zeros evenly spread: the golden ratio in 64 bits. Source: Steele, Lea and Flood (2014),
+/// SplitMix64.
+const FACTOR: u64 = 0x9e37_79b9_7f4a_7c15;
+
+/// Mixes one word into a digest (PROTOCOL 6.12).
+const fn mix(so_far: u64, word: u64) -> u64 {
+    let product = (so_far ^ word).wrapping_mul(FACTOR);
+    product ^ (product >> 32)
+}
+
+/// Two integers as one word.
+const fn pair(low: i32, high: i32) -> u64 {
+    (low as u32) as u64 | ((high as u32) as u64) << 32
+}
+
+/// Of one body: its name and all that its track says.
+fn digest(index: u32, slot: &Slot) -> u64 {
+    let id = slot.id(index);
+    let Track {
+        origin,
+        predictor,
+        ref anchor,
+        carrier,
+    } = slot.track;
+    let mut sum = mix(FACTOR, pair(index as i32, i32::from(id.generation())));
+    sum = mix(sum, origin.value());
+    if let Some(carrier) = carrier {
+        let (index, generation) = (carrier.index(), carrier.generation());
+        sum = mix(sum, pair(index as i32, i32::from(generation)));
+    }
+    match anchor {
+        Anchor::Verbatim(motion) => {
+            sum = mix(sum, 2 * predictor as u64 + 1);
+            for parts in motion.parts().chunks(2) {
+                let bits = |place: usize| parts.get(place).map_or(0, |part| part.to_bits() as i32);
+                sum = mix(sum, pair(bits(0), bits(1)));
+            }
+        }
+        Anchor::Snapped(motion) => {
+            sum = mix(sum, 2 * predictor as u64);
+            let [x, y, z] = motion.position;
+            let (largest, [a, b, c]) = motion.rotation.parts();
+            let [u, v, w] = motion.linear;
+            let [p, q, r] = motion.angular;
+            for word in [
+                pair(x, y),
+                pair(z, i32::from(largest)),
+                pair(a, b),
+                pair(c, u),
+                pair(v, w),
+                pair(p, q),
+                pair(r, 0),
+            ] {
+                sum = mix(sum, word);
+            }
+        }
+    }
+    sum
+}

@@ -1,0 +1,39 @@
+//! What a publisher may use: all, unless a measurement switches it off.
+
+/// Switches of a publisher's choices. They change what is said, never how it is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Features {
+    /// Bodies that fall are predicted to fall.
+    pub ballistic: bool,
+    /// Bodies of unequal moments are predicted to tumble.
+    pub tumbling: bool,
+    /// Bodies may be held by others.
+    pub held: bool,
+    /// Velocities are left to be implied where that serves.
+    pub derived: bool,
+    /// Corrections leave out what the tolerance does not need.
+    pub sparse: bool,
+    /// Motions are said as corrections of what was predicted.
+    pub residuals: bool,
+    /// What is still within tolerance is not spoken of.
+    pub gate: bool,
+}
+
+impl Features {
+    /// Everything.
+    pub const ALL: Self = Self {
+        ballistic: true,
+        tumbling: true,
+        held: true,
+        derived: true,
+        sparse: true,
+        residuals: true,
+        gate: true,
+    };
+}
+
+impl Default for Features {
+    fn default() -> Self {
+        Self::ALL
+    }
+}

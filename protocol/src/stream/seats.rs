@@ -1,0 +1,205 @@
+//! Which body sits where: small numbers for those that are much spoken of.
+//!
+//! Both ends hold this type. The publisher decides, and says each seating; a listener that missed one finds the seat
+//! empty or its body's track of another age, and never takes one body for another (PROTOCOL 6.13).
+
+use alloc::collections::BinaryHeap;
+use alloc::vec::Vec;
+use core::cmp::Reverse;
+
+use rhumb_reckoning::Tick;
+
+/// One seat.
+#[derive(Clone, Copy, Debug)]
+struct Seat {
+    body: Option<u32>,
+    /// When this was said, and when the body was last spoken of.
+    since: Tick,
+    spoken: Tick,
+}
+
+/// Bodies by seat and seats by body.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Seats {
+    seats: Vec<Seat>,
+    /// By index, one more than the seat; 0 for none.
+    of_body: Vec<u32>,
+}
+
+impl Seats {
+    /// The body in a seat.
+    pub(crate) fn body(&self, seat: u32) -> Option<u32> {
+        self.seats.get(seat as usize)?.body
+    }
+
+    /// The body that sat in a seat at a tick, if nobody took it later.
+    pub(crate) fn body_at(&self, seat: u32, tick: Tick) -> Option<u32> {
+        let seat = self.seats.get(seat as usize)?;
+        seat.body.filter(|_| seat.since <= tick)
+    }
+
+    /// The seat of a body.
+    pub(crate) fn of(&self, body: u32) -> Option<u32> {
+        self.of_body.get(body as usize)?.checked_sub(1)
+    }
+
+    /// A body takes a seat; who sat there stands. What was said later stays.
+    pub(crate) fn take(&mut self, seat: u32, body: u32, tick: Tick) {
+        self.reach(seat, body);
+        let place = seat as usize;
+        if self.seats[place].since > tick {
+            return;
+        }
+        self.leave(body);
+        if let Some(before) = self.seats[place].body {
+            self.of_body[before as usize] = 0;
+        }
+        self.seats[place] = Seat {
+            body: Some(body),
+            since: tick,
+            spoken: tick,
+        };
+        self.of_body[body as usize] = seat + 1;
+    }
+
+    /// A body leaves its seat, if it has one; returns which.
+    pub(crate) fn leave(&mut self, body: u32) -> Option<u32> {
+        let seat = self.of(body)?;
+        self.of_body[body as usize] = 0;
+        self.seats[seat as usize].body = None;
+        Some(seat)
+    }
+
+    /// A body had no seat at a tick; one that it took later stays.
+    pub(crate) fn leave_by(&mut self, body: u32, tick: Tick) {
+        let seat = self.of(body).and_then(|seat| self.seats.get(seat as usize));
+        if seat.is_some_and(|seat| seat.since <= tick) {
+            self.leave(body);
+        }
+    }
+
+    /// Notes that the body of a seat was spoken of.
+    pub(crate) fn speak(&mut self, seat: u32, tick: Tick) {
+        if let Some(seat) = self.seats.get_mut(seat as usize) {
+            seat.spoken = tick;
+        }
+    }
+
+    fn reach(&mut self, seat: u32, body: u32) {
+        let (seats, bodies) = (seat as usize + 1, body as usize + 1);
+        if seats > self.seats.len() {
+            let empty = Seat {
+                body: None,
+                since: Tick::ZERO,
+                spoken: Tick::ZERO,
+            };
+            self.seats.resize(seats, empty);
+        }
+        if bodies > self.of_body.len() {
+            self.of_body.resize(bodies, 0);
+        }
+    }
+}
+
+/// Gives seats out: the lowest that is free.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Usher {
+    seats: Seats,
+    free: BinaryHeap<Reverse<u32>>,
+    /// Left since the last sweep: not given out before the next, so that no two bodies sit there in one tick.
+    left: Vec<u32>,
+    /// Seats from here on were never taken.
+    end: u32,
+    swept: Tick,
+}
+
+/// Who was silent for so many ticks loses its seat when others need one.
+const SILENT_TICKS: u64 = 60;
+
+impl Usher {
+    /// The seats as they are.
+    pub(crate) const fn seats(&self) -> &Seats {
+        &self.seats
+    }
+
+    /// The seat of a body that is spoken of, and whether it takes it now.
+    pub(crate) fn seat(&mut self, body: u32, tick: Tick) -> (u32, bool) {
+        if let Some(seat) = self.seats.of(body) {
+            self.seats.speak(seat, tick);
+            return (seat, false);
+        }
+        let seat = self.free.pop().map_or_else(
+            || {
+                self.end += 1;
+                self.end - 1
+            },
+            |Reverse(seat)| seat,
+        );
+        self.seats.take(seat, body, tick);
+        (seat, true)
+    }
+
+    /// A body comes to rest or goes; its seat is free from the next tick on.
+    pub(crate) fn leave(&mut self, body: u32) {
+        if let Some(seat) = self.seats.leave(body) {
+            self.left.push(seat);
+        }
+    }
+
+    /// Frees the seats of those who were silent for long; to be called once a tick, before anybody speaks.
+    pub(crate) fn sweep(&mut self, tick: Tick) {
+        if tick.value() >= self.swept.value() + SILENT_TICKS {
+            self.swept = tick;
+            self.leave_the_silent(tick);
+        }
+        self.free.extend(self.left.drain(..).map(Reverse));
+    }
+
+    fn leave_the_silent(&mut self, tick: Tick) {
+        for seat in 0..self.end {
+            let Seat { body, spoken, .. } = self.seats.seats[seat as usize];
+            if let Some(body) = body
+                && spoken.value() + SILENT_TICKS <= tick.value()
+            {
+                self.leave(body);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_lowest_free_seat_is_given_and_silence_loses_it() {
+        let mut usher = Usher::default();
+        for (body, seat) in [(70, 0), (3, 1), (900, 2)] {
+            assert_eq!(usher.seat(body, Tick::new(1)), (seat, true));
+        }
+        usher.leave(3);
+        assert_eq!(usher.seat(8, Tick::new(1)), (3, true));
+        usher.sweep(Tick::new(2));
+        assert_eq!(usher.seat(70, Tick::new(50)), (0, false));
+        assert_eq!(usher.seat(4, Tick::new(50)), (1, true));
+        usher.sweep(Tick::new(70));
+        assert_eq!(usher.seats().of(900), None);
+        assert_eq!(usher.seat(5, Tick::new(70)), (2, true));
+        assert_eq!(usher.seat(6, Tick::new(70)), (3, true));
+    }
+
+    #[test]
+    fn what_was_said_later_stays() {
+        let mut seats = Seats::default();
+        seats.take(4, 9, Tick::new(10));
+        seats.take(4, 7, Tick::new(8));
+        assert_eq!(
+            (seats.body(4), seats.of(9), seats.of(7)),
+            (Some(9), Some(4), None)
+        );
+        seats.take(2, 9, Tick::new(11));
+        assert_eq!((seats.body(4), seats.body(2)), (None, Some(9)));
+        seats.take(2, 7, Tick::new(12));
+        assert_eq!((seats.of(9), seats.of(7)), (None, Some(2)));
+    }
+}

@@ -1,0 +1,30 @@
+//! What a subscriber heard so far, counted.
+//!
+//! Numbers only; nothing is decided by them here.
+
+/// What a subscriber heard so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SubscriberStatistics {
+    /// Datagrams of this stream that were read.
+    pub packets: u64,
+    /// Updates taken in.
+    pub updates: u64,
+    /// Datagrams that came twice.
+    pub duplicates: u64,
+    /// Datagrams that are not of the protocol.
+    pub malformed: u64,
+    /// Packets found missing.
+    pub missed: u64,
+    /// Repairs taken in, in parts.
+    pub repairs: u64,
+    /// Updates that built on a missing one.
+    pub unread: u64,
+    /// Packets dropped because too many waited for notices.
+    pub overflowed: u64,
+    /// Sums over tracks that were compared with the publisher's.
+    pub compared: u64,
+    /// Of these, sums over all tracks that were others: a fault of one of the two ends.
+    pub mismatches: u64,
+    /// Bodies whose track was made right for that.
+    pub amended: u64,
+}

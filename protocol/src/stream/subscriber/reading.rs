@@ -1,0 +1,321 @@
+//! How a subscriber reads its datagrams: what each kind changes.
+//!
+//! Everything is decoded before anything is believed; what cannot be read is counted, never guessed.
+
+use rhumb_reckoning::{Predictor, Tick};
+
+use super::Subscriber;
+use crate::limits::{PACKETS_HELD_MAX, TICK_JUMP_MAX};
+use crate::packet::{
+    Digest, FullPacket, Head, Kind, Low16, Ranges, Repair, Saying, StatePacket, TrackSaying,
+    Update, Vouch,
+};
+use crate::stream::gaps::{Arrival, RepairOf};
+use crate::stream::tracks::{Slot, Unreadable};
+use crate::wire::bytes::Reader;
+use crate::wire::{Malformed, Wire};
+
+impl Subscriber {
+    /// Takes in what was overtaken by a newer saying: it is what held until then.
+    fn take_overtaken(&mut self, index: u32, tick: Tick, saying: &Saying) {
+        let Some(Some(before)) = self.before.get(index as usize) else {
+            return;
+        };
+        let present = self.tracks.slot(index).map(|slot| slot.track.origin);
+        if before.origin >= tick || present.is_none_or(|origin| origin <= tick) {
+            return;
+        }
+        match saying {
+            Saying::Whole(whole) => self.remember(index, Some(whole.track(tick))),
+            Saying::Residual { .. } => self.forget_before(index),
+        }
+    }
+
+    /// Of what a body did before its present track, too little was heard.
+    pub(super) fn forget_before(&mut self, index: u32) {
+        if let Some(origin) = self.tracks.slot(index).map(|slot| slot.track.origin) {
+            self.remember(index, None);
+            self.known_from = self.known_from.max(origin);
+        }
+    }
+
+    /// Takes in what a packet says of a body.
+    fn take(&mut self, index: u32, tick: Tick, saying: &Saying) -> Result<(), Unreadable> {
+        let before = self.tracks.slot(index).map(|slot| slot.track);
+        let heard = self.tracks.hear(index, tick, saying);
+        if heard == Err(Unreadable::Superseded) {
+            self.take_overtaken(index, tick, saying);
+        }
+        heard?;
+        let held = self
+            .tracks
+            .slot(index)
+            .is_some_and(|slot| slot.track.carrier.is_some());
+        if held && before.is_none_or(|before| before.carrier.is_none()) {
+            self.held_indices.push(index);
+        }
+        self.remember(index, before);
+        self.statistics.updates += 1;
+        self.touch(index);
+        Ok(())
+    }
+
+    pub(super) fn read(&mut self, datagram: &[u8]) {
+        if self.try_read(datagram).is_err() {
+            self.statistics.malformed += 1;
+        }
+    }
+
+    fn try_read(&mut self, datagram: &[u8]) -> Result<(), Malformed> {
+        let mut reader = Reader::new(datagram);
+        let head = Head::decode(&mut reader)?;
+        if head.stream != self.stream {
+            return Err(Malformed::UnknownCode);
+        }
+        match head.kind {
+            Kind::State => self.read_state(datagram, StatePacket::decode(false, reader)?),
+            Kind::StateEnd => self.read_state(datagram, StatePacket::decode(true, reader)?),
+            Kind::Full => self.read_full(datagram, &FullPacket::decode(false, reader)?),
+            Kind::FullEnd => self.read_full(datagram, &FullPacket::decode(true, reader)?),
+            Kind::Vouch => self.read_vouch(datagram, Vouch::decode(reader)?),
+            Kind::Repair => self.read_repair(datagram, &Repair::decode(reader)?),
+            Kind::Digest => self.read_digest(datagram, &Digest::decode(reader)?),
+            Kind::Echo | Kind::Doubt => return Err(Malformed::UnknownCode),
+        }?;
+        Ok(())
+    }
+
+    /// Whether the notices that a datagram builds on were heard; if not, keeps it for later.
+    fn is_due(&mut self, notices: Low16, datagram: &[u8]) -> bool {
+        if self.placed && notices.expand(self.notices) <= self.notices {
+            return true;
+        }
+        if self.held.len() < PACKETS_HELD_MAX {
+            self.held.push_back(datagram.to_vec());
+        } else {
+            self.statistics.overflowed += 1;
+        }
+        false
+    }
+
+    fn tick_of(&self, tick: Low16) -> Tick {
+        Tick::new(tick.expand(self.newest.value()))
+    }
+
+    /// Whether a tick lies so far ahead that the stream is begun anew rather than gone on with.
+    fn jumps(&self, tick: Tick) -> bool {
+        tick.value() > self.newest.value() + TICK_JUMP_MAX
+    }
+
+    /// Counts a numbered packet; returns its number and tick when it is to be read.
+    fn arrive(&mut self, number: Low16, tick: Low16, ends_tick: bool) -> Option<(u64, Tick)> {
+        let number = number.expand(self.gaps.next());
+        let tick = self.tick_of(tick);
+        let next = self.gaps.next();
+        if self.jumps(tick) {
+            self.lost_touch = true;
+            return None;
+        }
+        match self.gaps.arrive(number, tick) {
+            Arrival::Fresh => {}
+            Arrival::Duplicate => {
+                self.statistics.duplicates += 1;
+                return None;
+            }
+            Arrival::Lost => {
+                self.lost_touch = true;
+                return None;
+            }
+        }
+        self.statistics.packets += 1;
+        self.statistics.missed += number.saturating_sub(next);
+        self.newest = self.newest.max(tick);
+        self.spoken = self.spoken.max(tick);
+        let whole = if ends_tick {
+            Some(tick)
+        } else {
+            tick.before(rhumb_reckoning::Ticks::new(1))
+        };
+        self.vouched = self.vouched.max(whole.unwrap_or_default());
+        Some((number, tick))
+    }
+
+    fn read_state(&mut self, datagram: &[u8], packet: StatePacket<'_>) -> Result<(), Malformed> {
+        if !self.is_due(packet.notices, datagram) {
+            return Ok(());
+        }
+        // Everything is decoded before anything is believed.
+        let mut updates = core::mem::take(&mut self.updates);
+        let (number, tick, ends_tick) = (packet.number, packet.tick, packet.ends_tick);
+        let decoded = packet.updates(&mut updates);
+        if decoded.is_ok()
+            && let Some((number, tick)) = self.arrive(number, tick, ends_tick)
+        {
+            // What is held is read by where its holder is said to be in the same packet.
+            for framed in [false, true] {
+                for update in &updates {
+                    if update.saying.names_carrier() == framed {
+                        self.hear(number, tick, update);
+                    }
+                }
+            }
+            self.touch_held();
+        }
+        self.updates = updates;
+        decoded
+    }
+
+    fn hear(&mut self, number: u64, tick: Tick, update: &Update) {
+        if let Some(body) = update.body {
+            self.seats.take(update.seat, body, tick);
+        }
+        // Who sits there now may not be who was meant then.
+        let seated = self.seats.body_at(update.seat, tick);
+        let Some(index) = update.body.or(seated) else {
+            self.statistics.unread += 1;
+            self.gaps.could_not_read(number, tick, false);
+            return;
+        };
+        let taken = self.take(index, tick, &update.saying);
+        let rests = |slot: &Slot| slot.track.origin == tick && slot.track.is_verbatim_rest();
+        if self.tracks.slot(index).is_some_and(rests) {
+            self.seats.leave(index);
+        }
+        match taken {
+            Ok(()) => {}
+            Err(Unreadable::OtherRevision) => {
+                self.statistics.unread += 1;
+                self.gaps.could_not_read(number, tick, true);
+            }
+            // Removed or said anew since: what came later stands.
+            Err(Unreadable::NoBody | Unreadable::Superseded) => {}
+        }
+    }
+
+    fn read_full(&mut self, datagram: &[u8], packet: &FullPacket) -> Result<(), Malformed> {
+        if !self.is_due(packet.notices, datagram) {
+            return Ok(());
+        }
+        let Some((_, tick)) = self.arrive(packet.number, packet.tick, packet.ends_tick) else {
+            return Ok(());
+        };
+        for record in &packet.records {
+            let saying = Saying::Whole(TrackSaying {
+                predictor: Predictor::Uniform,
+                anchor: rhumb_reckoning::Anchor::Verbatim(record.motion),
+                carrier: None,
+            });
+            // Removed or said anew since: what came later stands.
+            let _ = self.take(record.index, tick, &saying);
+        }
+        Ok(())
+    }
+
+    fn read_vouch(&mut self, datagram: &[u8], vouch: Vouch) -> Result<(), Malformed> {
+        if !self.is_due(vouch.notices, datagram) {
+            return Ok(());
+        }
+        let tick = self.tick_of(vouch.tick);
+        let before = self.gaps.next();
+        let next = vouch.next.expand(before);
+        if self.jumps(tick) || !self.gaps.announce(next, tick) {
+            self.lost_touch = true;
+            return Ok(());
+        }
+        self.statistics.missed += next.saturating_sub(before);
+        self.newest = self.newest.max(tick);
+        self.vouched = self.vouched.max(tick);
+        Ok(())
+    }
+
+    /// Sums over tracks vouch, and can be compared if nothing was heard or missed since.
+    fn read_digest(&mut self, datagram: &[u8], digest: &Digest) -> Result<(), Malformed> {
+        if !self.is_due(digest.notices, datagram) {
+            return Ok(());
+        }
+        let (next, tick, notices) = (digest.next, digest.tick, digest.notices);
+        self.read_vouch(
+            datagram,
+            Vouch {
+                next,
+                tick,
+                notices,
+            },
+        )?;
+        let same_packets = next.expand(self.gaps.next()) == self.gaps.next();
+        let same_notices = notices.expand(self.notices) == self.notices;
+        let known = self.held.is_empty() && !self.lost_touch && self.gaps.is_settled();
+        if !(same_packets && same_notices && known) {
+            return Ok(());
+        }
+        self.statistics.compared += 1;
+        if self.doubts.compare(&self.tracks, digest) && digest.ranges == Ranges::ALL {
+            self.statistics.mismatches += 1;
+        }
+        Ok(())
+    }
+
+    /// Takes the publisher's track of the body that is doubted, whatever is believed here.
+    fn amend(&mut self, as_of: Tick, repair: &Repair) -> Result<(), Malformed> {
+        let Some(index) = self.doubts.index() else {
+            return Ok(());
+        };
+        for record in repair.records.iter().filter(|record| record.index == index) {
+            let origin = as_of.before(record.age).ok_or(Malformed::OutOfRange)?;
+            if self.tracks.set_track(index, record.whole.track(origin)) {
+                self.seats.leave(index);
+                self.forget_before(index);
+                self.touch(index);
+                self.statistics.amended += 1;
+                self.amended.extend(self.body(index));
+            }
+        }
+        self.doubts.end();
+        Ok(())
+    }
+
+    fn read_repair(&mut self, datagram: &[u8], repair: &Repair) -> Result<(), Malformed> {
+        if !self.is_due(repair.notices, datagram) {
+            return Ok(());
+        }
+        let as_of = self.tick_of(repair.tick);
+        if self.jumps(as_of) {
+            self.lost_touch = true;
+            return Ok(());
+        }
+        let lost = repair.lost.expand(self.gaps.next());
+        if lost >= self.gaps.next() {
+            return self.amend(as_of, repair);
+        }
+        self.statistics.repairs += 1;
+        for record in &repair.records {
+            let Some(origin) = as_of.before(record.age) else {
+                return Err(Malformed::OutOfRange);
+            };
+            let whole = Saying::Whole(record.whole);
+            // A seat that was missed must not make one body's next update another's.
+            match record.seat {
+                Some(seat) => self.seats.take(seat, record.index, as_of),
+                None => self.seats.leave_by(record.index, as_of),
+            }
+            let was_held = self
+                .tracks
+                .slot(record.index)
+                .is_some_and(|slot| slot.track.carrier.is_some());
+            if self.tracks.hear(record.index, origin, &whole).is_ok() {
+                if record.whole.carrier.is_some() && !was_held {
+                    self.held_indices.push(record.index);
+                }
+                self.touch(record.index);
+            }
+            self.forget_before(record.index);
+        }
+        let of = RepairOf {
+            as_of,
+            notices: repair.notices.expand(self.notices),
+            parts: repair.parts,
+        };
+        self.gaps.repaired(lost, of, repair.part);
+        Ok(())
+    }
+}

@@ -1,0 +1,328 @@
+//! A range coder: symbols in as many bits as their likelihood is worth.
+//!
+//! Thirty-two bits wide, bytes from the most significant down. Writing asserts; reading never does, and refuses every
+//! string but the one that writing gives (PROTOCOL 5.3).
+
+use alloc::vec::Vec;
+
+use super::Malformed;
+use super::bits::{PutBits, TakeBits};
+
+/// Frequencies of one alphabet add up to two to this power.
+pub(crate) const TOTAL_BITS: u32 = 12;
+
+/// The range is never below this when a symbol begins.
+const RANGE_LEAST: u32 = 1 << 24;
+/// Most raw bits that one step takes.
+const RAW_BITS_STEP: u32 = 16;
+
+/// Puts symbols together.
+#[derive(Clone, Debug)]
+pub(crate) struct RangeWriter {
+    bytes: Vec<u8>,
+    /// Below 2³²; what exceeds it has been carried into `bytes`.
+    low: u64,
+    range: u32,
+}
+
+impl Default for RangeWriter {
+    fn default() -> Self {
+        Self {
+            bytes: Vec::new(),
+            low: 0,
+            range: u32::MAX,
+        }
+    }
+}
+
+impl RangeWriter {
+    /// A symbol that covers `size` of the 2^`bits` parts of its alphabet, from part `start` on.
+    ///
+    /// # Panics
+    ///
+    /// When it covers nothing.
+    pub(crate) fn symbol(&mut self, start: u32, size: u32, bits: u32) {
+        assert!(size > 0, "what has no probability cannot be said");
+        let part = self.range >> bits;
+        self.low += u64::from(part) * u64::from(start);
+        self.range = part * size;
+        if self.low >> 32 != 0 {
+            self.low &= u64::from(u32::MAX);
+            self.carry();
+        }
+        while self.range < RANGE_LEAST {
+            self.bytes.push((self.low >> 24) as u8);
+            self.low = (self.low << 8) & u64::from(u32::MAX);
+            self.range <<= 8;
+        }
+    }
+
+    /// The low `count` bits of `value`, each as likely as not; `count` is at most 32.
+    pub(crate) fn raw(&mut self, value: u32, count: u32) {
+        let low_count = count.min(RAW_BITS_STEP);
+        if count > RAW_BITS_STEP {
+            self.symbol(value >> RAW_BITS_STEP, 1, count - RAW_BITS_STEP);
+        }
+        if low_count > 0 {
+            self.symbol(value & ((1 << low_count) - 1), 1, low_count);
+        }
+    }
+
+    fn carry(&mut self) {
+        for byte in self.bytes.iter_mut().rev() {
+            *byte = byte.wrapping_add(1);
+            if *byte != 0 {
+                return;
+            }
+        }
+    }
+
+    /// How many bytes [`Self::into_bytes`] gives at most.
+    pub(crate) fn byte_len_most(&self) -> usize {
+        self.bytes.len() + 4
+    }
+
+    /// Ends with the fewest bytes that leave no doubt, zeros at the end left out.
+    pub(crate) fn into_bytes(mut self) -> Vec<u8> {
+        let tail = shortest_tail(self.low as i64, self.range);
+        if tail >> 32 != 0 {
+            self.carry();
+        }
+        self.bytes.extend_from_slice(&(tail as u32).to_be_bytes());
+        while self.bytes.last() == Some(&0) {
+            self.bytes.pop();
+        }
+        self.bytes
+    }
+}
+
+impl PutBits for RangeWriter {
+    fn bits(&mut self, value: u32, count: u32) {
+        self.raw(value, count);
+    }
+}
+
+impl TakeBits for RangeReader<'_> {
+    fn bits(&mut self, count: u32) -> Result<u32, Malformed> {
+        self.raw(count)
+    }
+}
+
+/// Of the numbers from `low` up to before `low + range`, the one with the most zero bytes at its low end, of 32 bits;
+/// among those the least.
+fn shortest_tail(low: i64, range: u32) -> i64 {
+    for zeros in [32, 24, 16, 8] {
+        let unit = 1_i64 << zeros;
+        let value = (low + unit - 1).div_euclid(unit) * unit;
+        if value - low < i64::from(range) {
+            return value;
+        }
+    }
+    low
+}
+
+/// Takes symbols apart.
+#[derive(Clone, Debug)]
+pub(crate) struct RangeReader<'a> {
+    bytes: &'a [u8],
+    /// How many were taken, those beyond the end included: zeros stand there.
+    taken: usize,
+    /// The last four bytes that were taken.
+    window: u32,
+    /// What was read, from the low end of the range on.
+    offset: u32,
+    range: u32,
+}
+
+impl<'a> RangeReader<'a> {
+    pub(crate) fn new(bytes: &'a [u8]) -> Self {
+        let mut reader = Self {
+            bytes,
+            taken: 0,
+            window: 0,
+            offset: 0,
+            range: u32::MAX,
+        };
+        for _ in 0..4 {
+            reader.take();
+        }
+        reader
+    }
+
+    fn take(&mut self) {
+        let byte = self.bytes.get(self.taken).copied().unwrap_or_default();
+        self.taken += 1;
+        self.window = (self.window << 8) | u32::from(byte);
+        self.offset = (self.offset << 8) | u32::from(byte);
+    }
+
+    /// Which of 2^`bits` parts comes next; [`Self::symbol`] then says which symbol that was.
+    pub(crate) fn part(&self, bits: u32) -> Result<u32, Malformed> {
+        let part = self.offset / (self.range >> bits);
+        // Division leaves a rest at the upper end that nothing is ever put into.
+        if part >> bits != 0 {
+            return Err(Malformed::NotCanonical);
+        }
+        Ok(part)
+    }
+
+    /// Takes the symbol that covers these parts, the one of [`Self::part`] among them.
+    pub(crate) fn symbol(&mut self, start: u32, size: u32, bits: u32) {
+        let part = self.range >> bits;
+        self.offset -= part * start;
+        self.range = part * size;
+        while self.range < RANGE_LEAST {
+            self.range <<= 8;
+            self.take();
+        }
+    }
+
+    /// The next `count` raw bits; `count` is at most 32.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed`] when so much was read beyond the end that no writer can have meant it.
+    pub(crate) fn raw(&mut self, count: u32) -> Result<u32, Malformed> {
+        let low_count = count.min(RAW_BITS_STEP);
+        let mut value = 0;
+        if count > RAW_BITS_STEP {
+            value = self.step(count - RAW_BITS_STEP)? << RAW_BITS_STEP;
+        }
+        if low_count > 0 {
+            value |= self.step(low_count)?;
+        }
+        Ok(value)
+    }
+
+    fn step(&mut self, bits: u32) -> Result<u32, Malformed> {
+        let value = self.part(bits)?;
+        self.symbol(value, 1, bits);
+        Ok(value)
+    }
+
+    /// Whether the bytes are the very ones that a writer of these symbols gives.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed::Trailing`] for more bytes than that, [`Malformed::NotCanonical`] for others.
+    pub(crate) fn finish(&self) -> Result<(), Malformed> {
+        if self.bytes.len() > self.taken {
+            return Err(Malformed::Trailing);
+        }
+        if self.offset >= self.range {
+            return Err(Malformed::NotCanonical);
+        }
+        let low = i64::from(self.window) - i64::from(self.offset);
+        let ends_in_zero = self.bytes.last() == Some(&0);
+        if ends_in_zero || shortest_tail(low, self.range) != i64::from(self.window) {
+            return Err(Malformed::NotCanonical);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Symbols of an alphabet of skewed frequencies, and raw bits.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    enum Said {
+        Symbol(usize),
+        Raw(u32, u32),
+    }
+
+    const STARTS: [u32; 6] = [0, 3_000, 3_900, 4_094, 4_095, 4_096];
+
+    fn said() -> impl Strategy<Value = Said> {
+        prop_oneof![
+            (0_usize..5).prop_map(Said::Symbol),
+            Just(Said::Symbol(0)),
+            (0_u32..=32, any::<u32>()).prop_map(|(count, value)| Said::Raw(
+                if count == 32 {
+                    value
+                } else {
+                    value & ((1 << count) - 1)
+                },
+                count
+            )),
+        ]
+    }
+
+    fn written(all: &[Said]) -> Vec<u8> {
+        let mut writer = RangeWriter::default();
+        for said in all {
+            match *said {
+                Said::Symbol(s) => {
+                    writer.symbol(STARTS[s], STARTS[s + 1] - STARTS[s], TOTAL_BITS);
+                }
+                Said::Raw(value, count) => writer.raw(value, count),
+            }
+        }
+        writer.into_bytes()
+    }
+
+    /// Reads as many as `like` has, each of the same kind.
+    fn read(bytes: &[u8], like: &[Said]) -> Result<Vec<Said>, Malformed> {
+        let mut reader = RangeReader::new(bytes);
+        let mut all = Vec::new();
+        for said in like {
+            all.push(match *said {
+                Said::Symbol(_) => {
+                    let part = reader.part(TOTAL_BITS)?;
+                    let s = STARTS.iter().rposition(|start| *start <= part).unwrap();
+                    reader.symbol(STARTS[s], STARTS[s + 1] - STARTS[s], TOTAL_BITS);
+                    Said::Symbol(s)
+                }
+                Said::Raw(_, count) => Said::Raw(reader.raw(count)?, count),
+            });
+        }
+        reader.finish()?;
+        Ok(all)
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_written_is_read(all in proptest::collection::vec(said(), 0..200)) {
+            let bytes = written(&all);
+            prop_assert_eq!(read(&bytes, &all), Ok(all));
+        }
+
+        #[test]
+        fn no_other_string_says_the_same(
+            all in proptest::collection::vec(said(), 0..40), bytes in proptest::collection::vec(any::<u8>(), 0..40),
+        ) {
+            if let Ok(read) = read(&bytes, &all) {
+                prop_assert_eq!(written(&read), bytes);
+            }
+        }
+
+        #[test]
+        fn a_changed_bit_is_refused_or_is_what_another_writer_says(
+            all in proptest::collection::vec(said(), 1..40), at in any::<prop::sample::Index>(), bit in 0..8,
+        ) {
+            let mut bytes = written(&all);
+            prop_assume!(!bytes.is_empty());
+            let place = at.index(bytes.len());
+            bytes[place] ^= 1_u8 << bit;
+            if let Ok(read) = read(&bytes, &all) {
+                prop_assert_eq!(written(&read), bytes);
+            }
+        }
+
+        #[test]
+        fn the_likely_is_short(count in 0_usize..2_000) {
+            let bytes = written(&alloc::vec![Said::Symbol(0); count]);
+            // -log2(3000/4096) is 0.45 bits.
+            prop_assert!(bytes.len() <= count * 45 / 800 + 2);
+        }
+    }
+
+    #[test]
+    fn nothing_takes_no_bytes() {
+        assert_eq!(written(&[]), []);
+        assert_eq!(read(&[], &[]), Ok(Vec::new()));
+        assert_eq!(read(&[1], &[]), Err(Malformed::NotCanonical));
+    }
+}

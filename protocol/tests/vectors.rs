@@ -1,0 +1,36 @@
+//! The golden vectors of packets and the tables are what the code has.
+//!
+//! After a change that is meant, write both with `cargo run -p rhumb-protocol --example vectors -- --write`.
+
+#[path = "../examples/vectors/chance.rs"]
+mod chance;
+#[path = "../examples/vectors/document.rs"]
+mod document;
+#[path = "../examples/vectors/refused.rs"]
+mod refused;
+#[path = "../examples/vectors/said.rs"]
+mod said;
+
+use std::path::Path;
+
+fn same_as_in_spec(name: &str, computed: &str) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../spec")
+        .join(name);
+    let golden = std::fs::read_to_string(path).expect("the specification lies beside the crates");
+    for (number, (is, was)) in computed.lines().zip(golden.lines()).enumerate() {
+        assert_eq!(is, was, "line {} of {name}", number + 1);
+    }
+    assert_eq!(computed.len(), golden.len());
+}
+
+#[test]
+fn the_tables_are_those_of_the_code() {
+    same_as_in_spec("tables/packets.json", &document::tables());
+}
+
+#[test]
+fn the_golden_vectors_are_what_the_code_says_and_refuses() {
+    let (said, refused) = (said::cases(), refused::cases());
+    same_as_in_spec("vectors/packets.json", &document::vectors(&said, &refused));
+}

@@ -1,0 +1,113 @@
+//! What a script's scene does is fixed by its name, bodies and seed.
+//!
+//! Proved by runs in this process, held against each other and against recorded digests.
+
+use rhumb_protocol::scene::{BodyKind, BodyTerms};
+use rhumb_server::{Digest, Hook, Scene};
+use rhumb_sims::{NAMES, Script, by_name};
+
+/// Runs a script and hands each tick's observations to `check`.
+fn run(script: &mut dyn Script, ticks: u32, mut check: impl FnMut(&Scene)) -> Scene {
+    let mut scene = Scene::new(script.terms()).expect("the test makes it valid");
+    if let Some(mut controller) = script.controller() {
+        scene.attach(Hook::new(move |scene: &Scene, out| {
+            let motion = |id| scene.observation(id).map(|seen| seen.motion);
+            controller.before_step(scene.tick(), &motion, out);
+        }));
+    }
+    let mut commands = Vec::new();
+    for _ in 0..ticks {
+        commands.clear();
+        script.commands(scene.tick(), &mut commands);
+        for command in &commands {
+            let answer = scene.apply(command);
+            assert_eq!(answer, Ok(()), "{command:?} at {}", scene.tick());
+        }
+        assert_eq!(
+            scene
+                .step()
+                .expect("an engine of Rapier steps what it was given")
+                .removed,
+            []
+        );
+        check(&scene);
+    }
+    scene
+}
+
+#[test]
+fn one_seed_gives_one_truth_and_a_trace_gives_its_digest() {
+    for name in NAMES {
+        let script = |seed| by_name(name, 30, seed).unwrap();
+        let mut traced = Digest::START;
+        let scene = run(script(1).as_mut(), 400, |scene| {
+            traced.fold_tick(scene.tick(), scene.observations());
+            let ids = scene.observations().iter().map(|one| one.id);
+            assert!(ids.is_sorted_by(|a, b| a < b));
+        });
+        assert_eq!(scene.digest(), traced);
+        let again = run(script(1).as_mut(), 400, |_| {});
+        assert_eq!(scene.digest(), again.digest(), "{name}");
+        let other = run(script(2).as_mut(), 400, |_| {});
+        assert_ne!(scene.digest(), other.digest(), "{name}");
+    }
+}
+
+/// Measured once; another value means that every recorded trace and every other machine disagrees with this build.
+#[test]
+fn the_truth_is_the_same_to_the_bit_in_every_build() {
+    for (name, digest) in [
+        ("ball-pit", 0x1761_74c9_5f0f_5f77),
+        ("asteroids", 0x9a50_9af1_bedd_0caa),
+        ("asteroids-plain", 0x1739_8353_208a_2c9e),
+        ("rest-10k", 0x49d2_ae8a_b0c7_6165),
+        ("cubes", 0x5278_7d75_6ebc_a1e9),
+        ("ragdolls", 0x8329_f58b_001b_d8ce),
+        ("stack", 0x2f92_b7b4_d36b_a2eb),
+        ("dominoes", 0x8d59_54a5_8c6c_b7ff),
+        ("tumbler", 0x2a50_3035_b38f_5eba),
+        ("rain", 0x56e9_4a13_f9fa_59e3),
+        ("free-fall", 0x7caf_2e48_1470_0023),
+        ("zoo", 0x8f64_f725_0abe_f8af),
+    ] {
+        let scene = run(by_name(name, 50, 1).unwrap().as_mut(), 600, |_| {});
+        assert_eq!(scene.digest().value(), digest, "{name}: {}", scene.digest());
+    }
+}
+
+#[test]
+fn what_an_observation_leaves_out_has_not_changed() {
+    let mut known = std::collections::BTreeMap::new();
+    let mut script = by_name("zoo", 20, 5).unwrap();
+    run(script.as_mut(), 1_500, |scene| {
+        for one in scene.observations() {
+            known.insert(one.id, one.motion);
+        }
+        let mut all = Vec::new();
+        scene.observe_all(&mut all);
+        assert_eq!(all.len(), scene.body_count());
+        for one in all {
+            let before = *known.entry(one.id).or_insert(one.motion);
+            assert_eq!(before, one.motion, "{} at {}", one.id, scene.tick());
+        }
+    });
+}
+
+#[test]
+fn no_ball_leaves_the_pit() {
+    let mut script = by_name("ball-pit", 500, 11).unwrap();
+    let balls = |scene: &Scene| {
+        let dynamic = |terms: &&BodyTerms| terms.kind == BodyKind::Dynamic;
+        scene.bodies().filter(dynamic).count()
+    };
+    let scene = run(script.as_mut(), 1_800, |_| {});
+    assert_eq!(balls(&scene), 500);
+    let mut all = Vec::new();
+    scene.observe_all(&mut all);
+    for one in all {
+        if scene.body(one.id).unwrap().kind == BodyKind::Dynamic {
+            let [x, y, z] = one.motion.position();
+            assert!(x.abs() < 105.0 && z.abs() < 105.0 && y > -1.0);
+        }
+    }
+}

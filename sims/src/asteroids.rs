@@ -1,0 +1,356 @@
+//! Asteroids: rocks that fly about a sphere and keep their speed.
+//!
+//! The scene of a public benchmark of networking products for games (KinematicSoup, *UnityNetworkTransformBenchmark*,
+//! its `SphereRingBenchmark`), with its numbers. What it takes from files is ours, and is this: eight rocks of 55 to 116
+//! corners, 2.8–3.7 × 1.8–2.8 × 2.1–3.0 m, the same for every seed; scales are even in 751 steps. No gravity, no damping,
+//! friction 0.6, no bounce; a rock of scale s weighs s³ kg. Nothing rests.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use glam::{DVec3, Quat, Vec3};
+use rhumb_protocol::scene::{
+    BodyKind, BodyTerms, Command, Hull, Material, Pace, SceneTerms, Shape, ShapeId,
+};
+use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
+
+use crate::chance::Chance;
+use crate::controller::{Controller, flight};
+use crate::rock::Rock;
+use crate::script::{INTEGRATOR, Script, motion, still};
+
+/// Whether the axis of a rock's spin wanders, as physics has it, or stays, as in many engines.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Spin {
+    /// Gyroscopic forces act.
+    Gyroscopic,
+    /// They do not.
+    Plain,
+}
+
+/// Rocks about a sphere.
+#[derive(Clone, Debug)]
+pub struct Asteroids {
+    flock: Flock,
+    spin: Spin,
+}
+
+impl Asteroids {
+    /// Rocks of the benchmark.
+    pub const ROCKS: u32 = 250;
+
+    /// So many rocks.
+    #[must_use]
+    pub fn new(rocks: u32, seed: u64, spin: Spin) -> Self {
+        Self {
+            flock: Flock::new(rocks, seed),
+            spin,
+        }
+    }
+}
+
+impl Script for Asteroids {
+    fn name(&self) -> &'static str {
+        match self.spin {
+            Spin::Gyroscopic => "asteroids",
+            Spin::Plain => "asteroids-plain",
+        }
+    }
+
+    fn terms(&self) -> SceneTerms {
+        SceneTerms {
+            integrator: INTEGRATOR,
+            gravity: Vec3::ZERO,
+            pace: Pace::Lockstep,
+            material: Material {
+                friction: FRICTION,
+                restitution: 0.0,
+                density: 1.0,
+            },
+            damping: Damping::default(),
+            sleep: None,
+        }
+    }
+
+    fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {
+        if tick != Tick::ZERO {
+            return;
+        }
+        let (id, shape) = (CENTRE_SHAPE, Shape::Ball { radius: CENTRE });
+        out.push(Command::AddShape { id, shape });
+        out.push(Command::AddBody {
+            terms: BodyTerms::plain(BodyId::new(0, 0), BodyKind::Static, id),
+            motion: still(Vec3::ZERO),
+        });
+        let mut known = BTreeSet::new();
+        for (member, index) in self.flock.members.iter().zip(1..) {
+            let rock = &self.flock.rocks[member.rock as usize];
+            let id = ShapeId(1 + member.rock * (SCALE_STEPS + 1) + member.step);
+            if known.insert(id) {
+                let scale = member.scale() as f32;
+                let points: Vec<_> = rock.points.iter().map(|point| *point * scale).collect();
+                let hull = Hull::new(&points).expect("rocks are thick, and within the limits");
+                let shape = Shape::Hull(hull);
+                out.push(Command::AddShape { id, shape });
+            }
+            let mut terms = BodyTerms::plain(BodyId::new(index, 0), BodyKind::Dynamic, id);
+            terms.gyroscopic = self.spin == Spin::Gyroscopic;
+            terms.material = Some(Material {
+                friction: FRICTION,
+                restitution: 0.0,
+                density: (1.0 / rock.volume) as f32,
+            });
+            let motion = member.motion;
+            out.push(Command::AddBody { terms, motion });
+        }
+    }
+
+    fn controller(&self) -> Option<Box<dyn Controller>> {
+        let members = self.flock.members.iter();
+        Some(Box::new(Herding {
+            bounds: self.flock.bounds,
+            drives: members
+                .map(|member| (member.mass(), member.speed))
+                .collect(),
+        }))
+    }
+}
+
+/// Keeps rocks going at their speed, and within bounds.
+struct Herding {
+    /// Metres.
+    bounds: f64,
+    /// Mass in kg and speed in m/s of each rock, whose indices begin at one.
+    drives: Vec<(f64, f64)>,
+}
+
+impl Controller for Herding {
+    fn before_step(
+        &mut self,
+        _: Tick,
+        motion: &dyn Fn(BodyId) -> Option<Verbatim>,
+        out: &mut Vec<Command>,
+    ) {
+        for ((mass, target), index) in self.drives.iter().zip(1..) {
+            let id = BodyId::new(index, 0);
+            let Some(motion) = motion(id) else { continue };
+            let (position, velocity) = flight(&motion);
+            let wished = self.acceleration(position.as_dvec3(), velocity.as_dvec3(), *target);
+            if let Some(acceleration) = wished {
+                let force = (acceleration * *mass).as_vec3();
+                out.push(Command::Force { id, force });
+            }
+        }
+    }
+}
+
+impl Herding {
+    /// Towards the middle from outside; along the way, up to the target speed, inside. m/s².
+    fn acceleration(&self, position: DVec3, velocity: DVec3, target: f64) -> Option<DVec3> {
+        let squared = position.length_squared();
+        if squared > self.bounds * self.bounds {
+            return Some(position * (-HOMEWARD / libm::sqrt(squared)));
+        }
+        let squared = velocity.length_squared();
+        if squared == 0.0 || (squared - target * target).abs() <= NEAR_ENOUGH {
+            return None;
+        }
+        let speed = libm::sqrt(squared);
+        let wanted = (target - speed) / INTEGRATOR.rate.step().seconds();
+        Some(velocity * (wanted.clamp(-THRUST, THRUST) / speed))
+    }
+}
+
+/// Where everything begins: what the script places and the controller drives.
+#[derive(Clone, Debug)]
+struct Flock {
+    rocks: Vec<Rock>,
+    members: Vec<Member>,
+    /// Metres from the middle.
+    bounds: f64,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Member {
+    rock: u32,
+    /// Of the scale.
+    step: u32,
+    /// m/s.
+    speed: f64,
+    motion: Verbatim,
+}
+
+impl Member {
+    fn scale(&self) -> f64 {
+        0.25 + 0.75 * f64::from(self.step) / f64::from(SCALE_STEPS)
+    }
+
+    fn mass(&self) -> f64 {
+        let scale = self.scale();
+        scale * scale * scale
+    }
+}
+
+impl Flock {
+    fn new(count: u32, seed: u64) -> Self {
+        let mut shaping = Chance::new(ROCKS_SEED);
+        let rocks: Vec<_> = (0..ROCKS).map(|_| rock(&mut shaping)).collect();
+        let bounds = (50.0 * libm::cbrt(f64::from(count) / 1_000.0)).max(10.0);
+        let mut chance = Chance::new(seed);
+        let mut room = Room::default();
+        let members = (0..count).map(|_| member(&rocks, bounds, &mut room, &mut chance));
+        Self {
+            members: members.collect(),
+            rocks,
+            bounds,
+        }
+    }
+}
+
+fn rock(chance: &mut Chance) -> Rock {
+    let between = |chance: &mut Chance, least: f64, most: f64| {
+        least + (most - least) * (f64::from(chance.signed()) * 0.5 + 0.5)
+    };
+    let extents = DVec3::new(
+        between(chance, 2.8, 3.7),
+        between(chance, 1.8, 2.8),
+        between(chance, 2.1, 3.0),
+    );
+    Rock::new(55 + chance.below(62), extents, chance)
+}
+
+fn member(rocks: &[Rock], bounds: f64, room: &mut Room, chance: &mut Chance) -> Member {
+    let mut member = Member {
+        rock: chance.below(ROCKS),
+        step: chance.below(SCALE_STEPS + 1),
+        speed: 2.5 + 1.5 * f64::from(chance.signed()),
+        motion: still(Vec3::ZERO),
+    };
+    let position = chance.in_ball().as_dvec3() * bounds;
+    let scale = member.scale();
+    let position = room.take(
+        position,
+        2.0 * scale,
+        rocks[member.rock as usize].radius * scale,
+    );
+    let direction = loop {
+        let drawn = chance.in_ball().as_dvec3();
+        let length = libm::sqrt(drawn.length_squared());
+        if length > 0.1 {
+            break drawn / length;
+        }
+    };
+    let rotation: Quat = chance.rotation();
+    let linear = (direction * member.speed).as_vec3();
+    let angular = (chance.in_ball().as_dvec3() * MOST_SPIN).as_vec3();
+    member.motion = motion(position.as_vec3(), rotation, linear, angular);
+    member
+}
+
+/// Which room is taken: balls, by cells of a grid that is wider than any two reach.
+#[derive(Debug, Default)]
+struct Room {
+    cells: BTreeMap<[i32; 3], Vec<(DVec3, f64)>>,
+}
+
+impl Room {
+    const CELL: f64 = 4.0;
+
+    fn cell(position: DVec3) -> [i32; 3] {
+        let part = |part: f64| libm::floor(part / Self::CELL) as i32;
+        [part(position.x), part(position.y), part(position.z)]
+    }
+
+    /// The first place from `position` outward with a ball of `clear` metres that nobody reaches into; from now on a
+    /// ball of `radius` is there.
+    fn take(&mut self, mut position: DVec3, clear: f64, radius: f64) -> DVec3 {
+        let length = libm::sqrt(position.length_squared());
+        let outward = if length > 0.0 {
+            position / length
+        } else {
+            DVec3::X
+        };
+        while !self.is_free(position, clear) {
+            position += outward * clear;
+        }
+        let cell = self.cells.entry(Self::cell(position)).or_default();
+        cell.push((position, radius));
+        position
+    }
+
+    fn is_free(&self, position: DVec3, clear: f64) -> bool {
+        let reaches = |other: DVec3, radius: f64| {
+            let reach = clear + radius;
+            (position - other).length_squared() < reach * reach
+        };
+        if reaches(DVec3::ZERO, f64::from(CENTRE)) {
+            return false;
+        }
+        let [x, y, z] = Self::cell(position);
+        let around =
+            (-1..=1).flat_map(|i| (-1..=1).flat_map(move |j| (-1..=1).map(move |k| [i, j, k])));
+        let mut cells = around.filter_map(|[i, j, k]| self.cells.get(&[x + i, y + j, z + k]));
+        !cells.any(|cell| cell.iter().any(|(other, radius)| reaches(*other, *radius)))
+    }
+}
+
+/// Different rocks.
+const ROCKS: u32 = 8;
+/// Of the rocks' shapes: the benchmark's own seed.
+const ROCKS_SEED: u64 = 2_323;
+/// Scales between the least and the most.
+const SCALE_STEPS: u32 = 750;
+const FRICTION: f32 = 0.6;
+/// Radius of the sphere in the middle, metres.
+const CENTRE: f32 = 5.0;
+const CENTRE_SHAPE: ShapeId = ShapeId(0);
+/// 45° a second, rad/s.
+const MOST_SPIN: f64 = core::f64::consts::FRAC_PI_4;
+/// Acceleration of who is out of bounds, m/s².
+const HOMEWARD: f64 = 10.0;
+/// Acceleration towards the target speed, m/s².
+const THRUST: f64 = 5.0;
+/// Difference of squared speeds that is left alone, m²/s².
+const NEAR_ENOUGH: f64 = 0.001;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rocks_begin_apart_within_what_the_benchmark_says() {
+        let flock = Flock::new(Asteroids::ROCKS, 7);
+        assert!((flock.bounds - 31.498).abs() < 1e-3);
+        for rock in &flock.rocks {
+            assert!((55..=116).contains(&rock.points.len()));
+            assert!((1.4..1.95).contains(&rock.radius), "{}", rock.radius);
+        }
+        for (place, member) in flock.members.iter().enumerate() {
+            let (position, velocity) = flight(&member.motion);
+            assert!((0.25..=1.0).contains(&member.scale()));
+            assert!((1.0..=4.0).contains(&member.speed));
+            assert!((f64::from(velocity.length()) - member.speed).abs() < 1e-4);
+            let radius =
+                |member: &Member| flock.rocks[member.rock as usize].radius * member.scale();
+            assert!(f64::from(position.length()) > 5.0 + radius(member));
+            for other in &flock.members[..place] {
+                let apart = flight(&other.motion).0.distance(position);
+                assert!(f64::from(apart) > radius(member) + radius(other));
+            }
+        }
+    }
+
+    #[test]
+    fn a_rock_is_brought_back_from_outside_and_to_its_speed_inside() {
+        let herding = Herding {
+            bounds: 30.0,
+            drives: Vec::new(),
+        };
+        let wished = |x, speed| herding.acceleration(DVec3::X * x, DVec3::Z * speed, 2.0);
+        assert_eq!(wished(31.0, 2.0), Some(DVec3::X * -10.0));
+        assert_eq!(wished(10.0, 2.0), None);
+        assert_eq!(wished(10.0, 1.0), Some(DVec3::Z * 5.0));
+        assert_eq!(wished(10.0, 4.0), Some(DVec3::Z * -5.0));
+        let close = wished(10.0, 1.99).expect("it is too slow");
+        assert!((close.z - 0.6).abs() < 1e-9, "{close}");
+    }
+}

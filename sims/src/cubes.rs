@@ -1,0 +1,276 @@
+//! Cubes on a floor, and a player among them who pushes and gathers.
+//!
+//! The public demo of networked physics (G. Fiedler), as far as its parameters are known: 30 × 30 cubes of 0.4 m a metre
+//! apart and a player's cube of 1.5 m; gravity 20 m/s², density 1 kg/m³, friction 1, no bounce; damping of a hundredth a
+//! step, 0.6038 1/s; no more than 32 m/s and 16 rad/s; asleep after 0.1 s with no point faster than 0.25 m/s. The player
+//! is driven by 120 N along the floor, up to 6 m/s. What it does is ours, and is this:
+//!
+//! - It heads for a place within 12 m of the middle, and for the next after two seconds; it falls from 3 m at first.
+//! - In turn, four seconds each: it rolls; it pushes, so that cubes within 2 m are accelerated away by up to 60 m/s²;
+//!   it gathers, so that cubes within 1.8 m are drawn along with it and in, by up to 120 m/s².
+
+use glam::{DVec3, Vec3};
+use rhumb_protocol::scene::{BodyKind, Command, Material, Pace, SceneTerms, Shape, SleepTerms};
+use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
+
+use crate::cast::Cast;
+use crate::chance::Chance;
+use crate::controller::{Controller, flight};
+use crate::script::{INTEGRATOR, Script, still};
+
+/// Cubes and a player.
+#[derive(Clone, Debug)]
+pub struct Cubes {
+    bodies: u32,
+    seed: u64,
+}
+
+impl Cubes {
+    /// The cubes and the player.
+    pub const BODIES: u32 = 901;
+
+    /// So many bodies, the player one of them.
+    #[must_use]
+    pub fn new(bodies: u32, seed: u64) -> Self {
+        Self {
+            bodies: bodies.max(1),
+            seed,
+        }
+    }
+}
+
+impl Script for Cubes {
+    fn name(&self) -> &'static str {
+        "cubes"
+    }
+
+    fn terms(&self) -> SceneTerms {
+        SceneTerms {
+            integrator: INTEGRATOR,
+            gravity: Vec3::new(0.0, -20.0, 0.0),
+            pace: Pace::Lockstep,
+            material: Material {
+                friction: 1.0,
+                restitution: 0.0,
+                density: DENSITY,
+            },
+            damping: Damping {
+                linear: 0.6038,
+                angular: 0.6038,
+            },
+            sleep: Some(SleepTerms {
+                speed: 0.25,
+                seconds: 0.1,
+            }),
+        }
+    }
+
+    fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {
+        if tick != Tick::ZERO {
+            return;
+        }
+        let mut cast = Cast::default();
+        cast.floor(200.0, out);
+        let cube = |half| Shape::Cuboid {
+            half_extents: Vec3::splat(half),
+        };
+        let (large, small) = (
+            cast.shape(cube(PLAYER_HALF), out),
+            cast.shape(cube(CUBE_HALF), out),
+        );
+        let above = still(Vec3::new(0.0, 3.0, 0.0));
+        let player = cast.body(BodyKind::Dynamic, large, above, out);
+        debug_assert_eq!(player, PLAYER, "the player comes after the floor");
+        let cubes = self.bodies - 1;
+        let side = (1..).find(|side: &u32| side * side >= cubes).unwrap_or(1);
+        let middle = (side - 1) as f32 * 0.5;
+        for place in 0..cubes {
+            let (x, z) = (
+                (place % side) as f32 - middle,
+                (place / side) as f32 - middle,
+            );
+            let place = still(Vec3::new(x, CUBE_HALF, z));
+            cast.body(BodyKind::Dynamic, small, place, out);
+        }
+    }
+
+    fn controller(&self) -> Option<Box<dyn Controller>> {
+        Some(Box::new(Player {
+            bodies: self.bodies,
+            chance: Chance::new(self.seed),
+            goal: Vec3::ZERO,
+        }))
+    }
+}
+
+/// What the player does to the cubes around.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Deed {
+    Roll,
+    Push,
+    Gather,
+}
+
+impl Deed {
+    fn at(tick: Tick) -> Self {
+        match tick.value() / DEED_TICKS % 3 {
+            0 => Self::Roll,
+            1 => Self::Push,
+            _ => Self::Gather,
+        }
+    }
+}
+
+/// Drives the player's cube, acts on those around, and holds all to the largest speeds.
+struct Player {
+    bodies: u32,
+    chance: Chance,
+    goal: Vec3,
+}
+
+impl Controller for Player {
+    fn before_step(
+        &mut self,
+        tick: Tick,
+        motion: &dyn Fn(BodyId) -> Option<Verbatim>,
+        out: &mut Vec<Command>,
+    ) {
+        if tick.value().is_multiple_of(GOAL_TICKS) {
+            self.goal = self.chance.vector() * Vec3::new(12.0, 0.0, 12.0);
+        }
+        let Some(player) = motion(PLAYER) else { return };
+        let (position, velocity) = flight(&player);
+        let way = (self.goal - position) * Vec3::new(1.0, 0.0, 1.0);
+        let length = length(way);
+        if length > 0.5 && velocity.dot(way) < CRUISE * length {
+            out.push(Command::Force {
+                id: PLAYER,
+                force: way * (DRIVE / length),
+            });
+        }
+        let deed = Deed::at(tick);
+        for index in 0..self.bodies {
+            let id = BodyId::new(PLAYER.index() + index, 0);
+            let Some(cube) = motion(id) else { continue };
+            out.extend(capped(id, &cube));
+            let wished = if id == PLAYER {
+                None
+            } else {
+                acceleration(deed, &player, &cube)
+            };
+            if let Some(acceleration) = wished {
+                let force = acceleration * CUBE_MASS;
+                out.push(Command::Force { id, force });
+            }
+        }
+    }
+}
+
+/// What the player's deed does to a cube, m/s².
+fn acceleration(deed: Deed, player: &Verbatim, cube: &Verbatim) -> Option<Vec3> {
+    let ((position, velocity), (other, its_velocity)) = (flight(player), flight(cube));
+    let away = other - position;
+    let distance = length(away);
+    match deed {
+        Deed::Push if distance < PUSH_RADIUS && distance > 0.0 => {
+            let share = 1.0 - distance / PUSH_RADIUS;
+            Some(away * (PUSH * share / distance))
+        }
+        Deed::Gather if distance < GATHER_RADIUS && distance > 0.0 => {
+            // As if it were a part of the player, drawn in a little: what it lacks of the velocity of that point.
+            let spin = Vec3::from_slice(&player.parts()[10..]);
+            let carried = velocity + spin.cross(away) - away * (DRAW / distance);
+            let wished = (carried - its_velocity) * GRIP;
+            let size = length(wished);
+            Some(if size > GATHER {
+                wished * (GATHER / size)
+            } else {
+                wished
+            })
+        }
+        Deed::Roll | Deed::Push | Deed::Gather => None,
+    }
+}
+
+/// Slows down what is faster than may be.
+fn capped(id: BodyId, motion: &Verbatim) -> Option<Command> {
+    let (_, linear) = flight(motion);
+    let angular = Vec3::from_slice(&motion.parts()[10..]);
+    let share = |vector: Vec3, most: f32| (most / length(vector)).min(1.0);
+    let (slow, calm) = (share(linear, LINEAR_MOST), share(angular, ANGULAR_MOST));
+    (slow < 1.0 || calm < 1.0).then(|| Command::SetVelocity {
+        id,
+        linear: linear * slow,
+        angular: angular * calm,
+    })
+}
+
+/// Rounded alike everywhere.
+fn length(vector: Vec3) -> f32 {
+    let wide: DVec3 = vector.as_dvec3();
+    libm::sqrt(wide.length_squared()) as f32
+}
+
+/// After the floor.
+const PLAYER: BodyId = BodyId::new(1, 0);
+/// kg/m³.
+const DENSITY: f32 = 1.0;
+/// Half the edges, metres.
+const CUBE_HALF: f32 = 0.2;
+const PLAYER_HALF: f32 = 0.75;
+/// kg.
+const CUBE_MASS: f32 = 8.0 * CUBE_HALF * CUBE_HALF * CUBE_HALF * DENSITY;
+/// Of the player towards its goal, m/s.
+const CRUISE: f32 = 6.0;
+/// Of the player along the floor, N.
+const DRIVE: f32 = 120.0;
+/// Metres, and m/s² in the middle.
+const PUSH_RADIUS: f32 = 2.0;
+const PUSH: f32 = 60.0;
+/// Metres, and m/s² at most.
+const GATHER_RADIUS: f32 = 1.8;
+const GATHER: f32 = 120.0;
+/// How fast what is gathered is drawn in, m/s.
+const DRAW: f32 = 1.0;
+/// Share of the lacking velocity that is given back in a second, 1/s.
+const GRIP: f32 = 20.0;
+/// m/s and rad/s.
+const LINEAR_MOST: f32 = 32.0;
+const ANGULAR_MOST: f32 = 16.0;
+/// Between two goals, and between two deeds.
+const GOAL_TICKS: u64 = 120;
+const DEED_TICKS: u64 = 240;
+
+#[cfg(test)]
+mod tests {
+    use glam::Quat;
+
+    use super::*;
+    use crate::script::motion;
+
+    #[test]
+    fn a_push_goes_outward_and_a_grip_carries_along() {
+        let moving = |position, linear| motion(position, Quat::IDENTITY, linear, Vec3::ZERO);
+        let player = moving(Vec3::ZERO, Vec3::Z);
+        let near = moving(Vec3::X, Vec3::ZERO);
+        let far = moving(Vec3::X * 2.5, Vec3::ZERO);
+        assert_eq!(
+            acceleration(Deed::Push, &player, &near),
+            Some(Vec3::X * 30.0)
+        );
+        let gathered = acceleration(Deed::Gather, &player, &near).expect("it is near");
+        assert_eq!(gathered, Vec3::new(-20.0, 0.0, 20.0));
+        for deed in [Deed::Roll, Deed::Push, Deed::Gather] {
+            assert_eq!(acceleration(deed, &player, &far), None);
+        }
+        let fast = moving(Vec3::ZERO, Vec3::X * 64.0);
+        let slowed = capped(PLAYER, &fast);
+        let expected = Command::SetVelocity {
+            id: PLAYER,
+            linear: Vec3::X * 32.0,
+            angular: Vec3::ZERO,
+        };
+        assert_eq!(slowed, Some(expected));
+        assert_eq!(capped(PLAYER, &player), None);
+    }
+}

@@ -1,0 +1,101 @@
+//! Dominoes in a ring: the first is struck, and each strikes the next.
+//!
+//! Stones of 0.2 × 1 × 0.5 m, 0.55 m apart, with a gap before the first, so that the last falls on the floor. The blow
+//! comes when half a second has passed and all sleep or are about to. Friction 0.5, no bounce, damping 0.05 and 0.05 1/s.
+
+use core::f64::consts::PI;
+
+use glam::Vec3;
+use rhumb_protocol::scene::{BodyKind, Command, Material, Pace, SceneTerms, Shape};
+use rhumb_reckoning::{BodyId, Damping, Tick};
+
+use crate::cast::{Cast, about_y};
+use crate::chance::Chance;
+use crate::script::{GRAVITY, INTEGRATOR, Script, motion};
+
+/// A ring of stones.
+#[derive(Clone, Debug)]
+pub struct Dominoes {
+    stones: u32,
+    chance: Chance,
+    first: Option<BodyId>,
+}
+
+impl Dominoes {
+    /// Stones of a ring unless somebody says otherwise.
+    pub const STONES: u32 = 200;
+
+    /// So many stones, one at least.
+    #[must_use]
+    pub fn new(stones: u32, seed: u64) -> Self {
+        Self {
+            stones: stones.max(1),
+            chance: Chance::new(seed),
+            first: None,
+        }
+    }
+
+    fn build(&mut self, out: &mut Vec<Command>) {
+        // Places around, some of which stay empty; the ring is never so small that stones touch.
+        let places = (self.stones + GAP).max(12);
+        let radius = SPACING * f64::from(places) / (2.0 * PI);
+        let mut cast = Cast::default();
+        cast.floor(radius as f32 + 10.0, out);
+        let half_extents = Vec3::new(0.1, 0.5, 0.25);
+        let stone = cast.shape(Shape::Cuboid { half_extents }, out);
+        for place in 0..self.stones {
+            let angle = 2.0 * PI * f64::from(place) / f64::from(places);
+            let astray = f64::from(self.chance.signed()) * 0.02;
+            let position = Vec3::new(
+                (radius * libm::sin(angle)) as f32,
+                half_extents.y,
+                (radius * libm::cos(angle)) as f32,
+            );
+            let there = motion(position, about_y(angle + astray), Vec3::ZERO, Vec3::ZERO);
+            let id = cast.body(BodyKind::Dynamic, stone, there, out);
+            self.first.get_or_insert(id);
+        }
+    }
+}
+
+impl Script for Dominoes {
+    fn name(&self) -> &'static str {
+        "dominoes"
+    }
+
+    fn terms(&self) -> SceneTerms {
+        SceneTerms {
+            integrator: INTEGRATOR,
+            gravity: GRAVITY,
+            pace: Pace::Lockstep,
+            material: Material {
+                friction: 0.5,
+                restitution: 0.0,
+                density: 500.0,
+            },
+            damping: Damping {
+                linear: 0.05,
+                angular: 0.05,
+            },
+            sleep: None,
+        }
+    }
+
+    fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {
+        match (tick.value(), self.first) {
+            (0, _) => self.build(out),
+            // The ring runs along x at its first stone, whose upper edge is pushed that way.
+            (30, Some(id)) => out.push(Command::SetVelocity {
+                id,
+                linear: Vec3::new(0.75, 0.0, 0.0),
+                angular: Vec3::new(0.0, 0.0, -1.5),
+            }),
+            _ => {}
+        }
+    }
+}
+
+/// Between neighbours along the ring, metres.
+const SPACING: f64 = 0.55;
+/// Places that stay empty.
+const GAP: u32 = 4;

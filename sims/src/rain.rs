@@ -1,0 +1,147 @@
+//! Projectiles in the air: thrown up, and thrown again as they come down.
+//!
+//! Each is thrown from a place of its own on a grid of 3 m, at 12–18 m/s upward and up to 2 m/s sideways; as it falls
+//! past the ground, which is not there, its controller puts it back and throws it by the same law with other chance. So
+//! almost all are in free flight at any time, each by itself. No damping; friction 0.5, no bounce. Nothing rests.
+
+use glam::{Quat, Vec3};
+use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, Material, Pace, SceneTerms, Shape};
+use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
+
+use crate::cast::Cast;
+use crate::chance::Chance;
+use crate::controller::{Controller, flight};
+use crate::script::{GRAVITY, INTEGRATOR, Script, motion};
+
+/// Projectiles.
+#[derive(Clone, Debug)]
+pub struct Rain {
+    projectiles: u32,
+    seed: u64,
+}
+
+impl Rain {
+    /// Projectiles unless somebody says otherwise.
+    pub const PROJECTILES: u32 = 400;
+
+    /// So many projectiles.
+    #[must_use]
+    pub const fn new(projectiles: u32, seed: u64) -> Self {
+        Self { projectiles, seed }
+    }
+}
+
+impl Script for Rain {
+    fn name(&self) -> &'static str {
+        "rain"
+    }
+
+    fn terms(&self) -> SceneTerms {
+        SceneTerms {
+            integrator: INTEGRATOR,
+            gravity: GRAVITY,
+            pace: Pace::Lockstep,
+            material: Material {
+                friction: 0.5,
+                restitution: 0.0,
+                density: 1_000.0,
+            },
+            damping: Damping::default(),
+            sleep: None,
+        }
+    }
+
+    fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {
+        if tick != Tick::ZERO {
+            return;
+        }
+        let mut cast = Cast::default();
+        let shapes = SHAPES.map(|shape| cast.shape(shape, out));
+        let mut chance = Chance::new(self.seed);
+        for place in 0..self.projectiles {
+            let shape = shapes[place as usize % shapes.len()];
+            let (linear, angular) = throw(&mut chance);
+            // Not all at once: each somewhere on its way.
+            let height = 6.0 + 6.0 * chance.signed();
+            let position = pad(place, self.projectiles) + Vec3::Y * height;
+            let start = motion(position, chance.rotation(), linear, angular);
+            let terms = |id: BodyId| BodyTerms::plain(id, BodyKind::Dynamic, shape);
+            cast.with(terms, start, out);
+        }
+    }
+
+    fn controller(&self) -> Option<Box<dyn Controller>> {
+        Some(Box::new(Thrower {
+            projectiles: self.projectiles,
+            chance: Chance::new(!self.seed),
+        }))
+    }
+}
+
+/// Throws what came down.
+struct Thrower {
+    projectiles: u32,
+    chance: Chance,
+}
+
+impl Controller for Thrower {
+    fn before_step(
+        &mut self,
+        _: Tick,
+        motion: &dyn Fn(BodyId) -> Option<Verbatim>,
+        out: &mut Vec<Command>,
+    ) {
+        for place in 0..self.projectiles {
+            let id = BodyId::new(place, 0);
+            let Some((position, velocity)) = motion(id).as_ref().map(flight) else {
+                continue;
+            };
+            if position.y < 0.0 && velocity.y < 0.0 {
+                let (linear, angular) = throw(&mut self.chance);
+                out.push(Command::SetPose {
+                    id,
+                    position: pad(place, self.projectiles),
+                    rotation: Quat::IDENTITY,
+                });
+                out.push(Command::SetVelocity {
+                    id,
+                    linear,
+                    angular,
+                });
+            }
+        }
+    }
+}
+
+/// Where a projectile is thrown from, one of so many.
+fn pad(place: u32, projectiles: u32) -> Vec3 {
+    let side = (1..)
+        .find(|side: &u32| side * side >= projectiles)
+        .unwrap_or(1);
+    let middle = (side - 1) as f32 * 0.5;
+    let (x, z) = (
+        (place % side) as f32 - middle,
+        (place / side) as f32 - middle,
+    );
+    Vec3::new(x * SPACING, 0.0, z * SPACING)
+}
+
+/// How it is thrown, m/s and rad/s.
+fn throw(chance: &mut Chance) -> (Vec3, Vec3) {
+    let linear = Vec3::new(0.0, 15.0, 0.0) + chance.vector() * Vec3::new(2.0, 3.0, 2.0);
+    (linear, chance.vector() * 3.0)
+}
+
+/// Between pads, metres.
+const SPACING: f32 = 3.0;
+
+const SHAPES: [Shape; 3] = [
+    Shape::Ball { radius: 0.15 },
+    Shape::Cuboid {
+        half_extents: Vec3::new(0.3, 0.05, 0.05),
+    },
+    Shape::Capsule {
+        half_height: 0.2,
+        radius: 0.08,
+    },
+];

@@ -1,0 +1,91 @@
+//! Ten thousand sleepers: boxes that stand on a floor and do nothing.
+//!
+//! Each is put down where it rests, so that all sleep after the engine's half second. Friction 0.5, no bounce, damping
+//! 0.05 and 0.05 1/s; boxes of 0.5 to 1 m, 1.5 m apart.
+
+use glam::Vec3;
+use rhumb_protocol::scene::{BodyKind, Command, Material, Pace, SceneTerms, Shape};
+use rhumb_reckoning::{Damping, Tick};
+
+use crate::cast::{Cast, about_y};
+use crate::chance::Chance;
+use crate::script::{GRAVITY, INTEGRATOR, Script, motion};
+
+/// Boxes at rest.
+#[derive(Clone, Debug)]
+pub struct Rest {
+    boxes: u32,
+    chance: Chance,
+}
+
+impl Rest {
+    /// Boxes of the scene that is named for them.
+    pub const BOXES: u32 = 10_000;
+
+    /// So many boxes.
+    #[must_use]
+    pub fn new(boxes: u32, seed: u64) -> Self {
+        Self {
+            boxes,
+            chance: Chance::new(seed),
+        }
+    }
+}
+
+impl Script for Rest {
+    fn name(&self) -> &'static str {
+        "rest-10k"
+    }
+
+    fn terms(&self) -> SceneTerms {
+        SceneTerms {
+            integrator: INTEGRATOR,
+            gravity: GRAVITY,
+            pace: Pace::Lockstep,
+            material: Material {
+                friction: 0.5,
+                restitution: 0.0,
+                density: 500.0,
+            },
+            damping: Damping {
+                linear: 0.05,
+                angular: 0.05,
+            },
+            sleep: None,
+        }
+    }
+
+    fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {
+        if tick != Tick::ZERO {
+            return;
+        }
+        let side = (1..)
+            .find(|side: &u32| side * side >= self.boxes)
+            .unwrap_or(1);
+        let middle = (side - 1) as f32 * 0.5;
+        let mut cast = Cast::default();
+        cast.floor(middle * SPACING + 10.0, out);
+        let shapes = HALVES.map(|half_extents| cast.shape(Shape::Cuboid { half_extents }, out));
+        for place in 0..self.boxes {
+            let kind = self.chance.below(HALVES.len() as u32) as usize;
+            let (x, z) = (
+                (place % side) as f32 - middle,
+                (place / side) as f32 - middle,
+            );
+            let position = Vec3::new(x * SPACING, HALVES[kind].y, z * SPACING);
+            let turn = about_y(f64::from(self.chance.signed()));
+            let place = motion(position, turn, Vec3::ZERO, Vec3::ZERO);
+            cast.body(BodyKind::Dynamic, shapes[kind], place, out);
+        }
+    }
+}
+
+/// Between neighbours, metres: more than any box is long across.
+const SPACING: f32 = 1.5;
+
+/// Half the sizes of the boxes, metres.
+const HALVES: [Vec3; 3] = [
+    Vec3::new(0.25, 0.25, 0.25),
+    Vec3::new(0.5, 0.25, 0.35),
+    Vec3::new(0.4, 0.5, 0.4),
+];

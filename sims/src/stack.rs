@@ -1,0 +1,129 @@
+//! A tower of twenty boxes, and a wall of ten by ten that is struck.
+//!
+//! Boxes of 1 m in the tower, which stands; bricks of 1 × 0.5 × 0.5 m in the wall, into which a ball of 1 m and 4,000
+//! kg/m³ flies at 15 m/s when two seconds have passed. Friction 0.7, no bounce, damping 0.05 and 0.05 1/s, of the ball
+//! 0.05 and 3 1/s. All sleep again some ten seconds later.
+
+use glam::Vec3;
+use rhumb_protocol::scene::{
+    BodyKind, BodyTerms, Command, Material, Pace, SceneTerms, Shape, ShapeId,
+};
+use rhumb_reckoning::{Damping, Tick};
+
+use crate::cast::Cast;
+use crate::chance::Chance;
+use crate::script::{GRAVITY, INTEGRATOR, Script, motion, still};
+
+/// Towers and walls.
+#[derive(Clone, Debug)]
+pub struct Stack {
+    pairs: u32,
+    chance: Chance,
+    cast: Cast,
+    ball: ShapeId,
+}
+
+impl Stack {
+    /// Bodies of one tower and one wall, and the ball.
+    pub const BODIES: u32 = TOWER + SIDE * SIDE + 1;
+
+    /// As many pairs of a tower and a wall as make up so many bodies, one at least and 300 at most.
+    #[must_use]
+    pub fn new(bodies: u32, seed: u64) -> Self {
+        Self {
+            pairs: (bodies / Self::BODIES).clamp(1, PAIRS_MAX),
+            chance: Chance::new(seed),
+            cast: Cast::default(),
+            ball: ShapeId(0),
+        }
+    }
+
+    fn build(&mut self, out: &mut Vec<Command>) {
+        self.cast.floor(60.0 + APART * self.pairs as f32, out);
+        let cuboid = |half_extents| Shape::Cuboid { half_extents };
+        let (block, brick) = (Vec3::splat(0.5), Vec3::new(0.5, 0.25, 0.25));
+        let block = self.cast.shape(cuboid(block), out);
+        let brick = self.cast.shape(cuboid(brick), out);
+        self.ball = self.cast.shape(Shape::Ball { radius: 0.5 }, out);
+        for pair in 0..self.pairs {
+            let along = APART * pair as f32;
+            for storey in 0..TOWER {
+                // By a hundredth of a metre at most: no two towers are one.
+                let astray = self.chance.vector() * Vec3::new(0.01, 0.0, 0.01);
+                let place = Vec3::new(-8.0, storey as f32 + 0.5, along) + astray;
+                self.cast.body(BodyKind::Dynamic, block, still(place), out);
+            }
+            for place in 0..SIDE * SIDE {
+                let (column, row) = ((place % SIDE) as f32, (place / SIDE) as f32);
+                let place = Vec3::new(column - 4.5, row * 0.5 + 0.25, along);
+                self.cast.body(BodyKind::Dynamic, brick, still(place), out);
+            }
+        }
+    }
+
+    fn strike(&mut self, out: &mut Vec<Command>) {
+        for pair in 0..self.pairs {
+            let off = self.chance.vector() * Vec3::new(1.5, 0.5, 0.0);
+            let position = Vec3::new(0.0, 2.5, APART * pair as f32 - 6.0) + off;
+            let flight = motion(position, glam::Quat::IDENTITY, STRIKE, Vec3::ZERO);
+            let shape = self.ball;
+            let heavy = |id| BodyTerms {
+                material: Some(Material {
+                    density: 4_000.0,
+                    ..MATERIAL
+                }),
+                damping: Some(Damping {
+                    linear: 0.05,
+                    angular: 3.0,
+                }),
+                ..BodyTerms::plain(id, BodyKind::Dynamic, shape)
+            };
+            self.cast.with(heavy, flight, out);
+        }
+    }
+}
+
+impl Script for Stack {
+    fn name(&self) -> &'static str {
+        "stack"
+    }
+
+    fn terms(&self) -> SceneTerms {
+        SceneTerms {
+            integrator: INTEGRATOR,
+            gravity: GRAVITY,
+            pace: Pace::Lockstep,
+            material: MATERIAL,
+            damping: Damping {
+                linear: 0.05,
+                angular: 0.05,
+            },
+            sleep: None,
+        }
+    }
+
+    fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {
+        match tick.value() {
+            0 => self.build(out),
+            120 => self.strike(out),
+            _ => {}
+        }
+    }
+}
+
+/// As far as the floor reaches.
+const PAIRS_MAX: u32 = 300;
+/// Boxes of a tower.
+const TOWER: u32 = 20;
+/// Bricks of a row, and rows.
+const SIDE: u32 = 10;
+/// Between two walls, metres.
+const APART: f32 = 30.0;
+/// Of the ball, m/s.
+const STRIKE: Vec3 = Vec3::new(0.0, 2.0, 15.0);
+
+const MATERIAL: Material = Material {
+    friction: 0.7,
+    restitution: 0.0,
+    density: 500.0,
+};

@@ -1,0 +1,171 @@
+//! A drum that turns with bodies inside, which never rest.
+//!
+//! Twelve kinematic staves on a circle of 4 m about z, 6 m long inside, and two ends that close it, all turned by the
+//! controller at 1 rad/s as one: nothing is pinched between them. Inside: balls, boxes and capsules of 0.2 to 0.3 m. Friction 0.8, no bounce, damping 0.05 and
+//! 0.05 1/s.
+
+use core::f64::consts::PI;
+
+use glam::{Quat, Vec3};
+use rhumb_protocol::scene::{BodyKind, Command, Material, Pace, SceneTerms, Shape};
+use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
+
+use crate::cast::{Cast, about_z};
+use crate::chance::Chance;
+use crate::controller::Controller;
+use crate::script::{GRAVITY, INTEGRATOR, Script, motion, still};
+
+/// A drum with bodies inside.
+#[derive(Clone, Debug)]
+pub struct Tumbler {
+    bodies: u32,
+    chance: Chance,
+}
+
+impl Tumbler {
+    /// Bodies inside unless somebody says otherwise.
+    pub const BODIES: u32 = 200;
+    /// More would not find room.
+    pub const BODIES_MAX: u32 = 448;
+
+    /// So many bodies inside, as far as there is room.
+    #[must_use]
+    pub fn new(bodies: u32, seed: u64) -> Self {
+        Self {
+            bodies: bodies.min(Self::BODIES_MAX),
+            chance: Chance::new(seed),
+        }
+    }
+
+    fn fill(&mut self, cast: &mut Cast, out: &mut Vec<Command>) {
+        let shapes = SHAPES.map(|shape| cast.shape(shape, out));
+        // Places of a lattice inside the drum, from below.
+        let (across, deep) = (7, 8);
+        for place in 0..self.bodies {
+            let (x, z, y) = (
+                place % across,
+                place / across % deep,
+                place / (across * deep),
+            );
+            let lattice = Vec3::new(
+                x as f32 - (across - 1) as f32 * 0.5,
+                y as f32 - 3.5,
+                z as f32 - (deep - 1) as f32 * 0.5,
+            );
+            let position = lattice * Vec3::new(0.65, 0.55, 0.65) + self.chance.vector() * 0.01;
+            let shape = shapes[self.chance.below(shapes.len() as u32) as usize];
+            cast.body(BodyKind::Dynamic, shape, still(position), out);
+        }
+    }
+}
+
+impl Script for Tumbler {
+    fn name(&self) -> &'static str {
+        "tumbler"
+    }
+
+    fn terms(&self) -> SceneTerms {
+        SceneTerms {
+            integrator: INTEGRATOR,
+            gravity: GRAVITY,
+            pace: Pace::Lockstep,
+            material: Material {
+                friction: 0.8,
+                restitution: 0.0,
+                density: 500.0,
+            },
+            damping: Damping {
+                linear: 0.05,
+                angular: 0.05,
+            },
+            sleep: None,
+        }
+    }
+
+    fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {
+        if tick != Tick::ZERO {
+            return;
+        }
+        let mut cast = Cast::default();
+        let half = (RADIUS + THICKNESS) * libm::tan(PI / f64::from(STAVES));
+        let half_extents = Vec3::new(half as f32, (THICKNESS * 0.5) as f32, 4.0);
+        let stave = cast.shape(Shape::Cuboid { half_extents }, out);
+        let half_extents = Vec3::new(5.0, 5.0, 0.5);
+        let end = cast.shape(Shape::Cuboid { half_extents }, out);
+        for number in 0..STAVES + ENDS.len() as u32 {
+            let (position, rotation) = part_at(number, 0.0);
+            let there = motion(position, rotation, Vec3::ZERO, Vec3::ZERO);
+            let shape = if number < STAVES { stave } else { end };
+            cast.body(BodyKind::Kinematic, shape, there, out);
+        }
+        self.fill(&mut cast, out);
+    }
+
+    fn controller(&self) -> Option<Box<dyn Controller>> {
+        Some(Box::new(Turning))
+    }
+}
+
+/// Turns the drum.
+struct Turning;
+
+impl Controller for Turning {
+    fn before_step(
+        &mut self,
+        tick: Tick,
+        motion: &dyn Fn(BodyId) -> Option<Verbatim>,
+        out: &mut Vec<Command>,
+    ) {
+        let seconds = tick.next().value() as f64 * INTEGRATOR.rate.step().seconds();
+        for number in 0..STAVES + ENDS.len() as u32 {
+            let id = BodyId::new(number, 0);
+            if motion(id).is_some() {
+                let (position, rotation) = part_at(number, SPEED * seconds);
+                out.push(Command::SetPose {
+                    id,
+                    position,
+                    rotation,
+                });
+            }
+        }
+    }
+}
+
+/// Where a stave, or after those an end, is once the drum has turned by so much, rad.
+fn part_at(number: u32, turned: f64) -> (Vec3, Quat) {
+    // A whole turn is taken off, so that hours later angles are as fine as in the beginning.
+    let whole = 2.0 * PI;
+    let turned = turned - whole * libm::floor(turned / whole);
+    if let Some(end) = number.checked_sub(STAVES) {
+        return (Vec3::Z * ENDS[end as usize], about_z(turned));
+    }
+    let angle = whole * f64::from(number) / f64::from(STAVES) + turned;
+    let distance = RADIUS + THICKNESS * 0.5;
+    let position = Vec3::new(
+        (-distance * libm::sin(angle)) as f32,
+        (distance * libm::cos(angle)) as f32,
+        0.0,
+    );
+    (position, about_z(angle))
+}
+
+const STAVES: u32 = 12;
+/// Middles of the ends along z, metres.
+const ENDS: [f32; 2] = [-3.5, 3.5];
+/// From the axis to the inner face of a stave, metres.
+const RADIUS: f64 = 4.0;
+/// Of a stave, metres.
+const THICKNESS: f64 = 0.5;
+/// rad/s.
+const SPEED: f64 = 1.0;
+
+const SHAPES: [Shape; 3] = [
+    Shape::Ball { radius: 0.25 },
+    Shape::Cuboid {
+        half_extents: Vec3::new(0.2, 0.2, 0.2),
+    },
+    Shape::Capsule {
+        half_height: 0.1,
+        radius: 0.15,
+    },
+];

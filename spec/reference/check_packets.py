@@ -1,0 +1,46 @@
+"""Runs packets.py over the golden vectors: both ways for what is said, and the reason of what is refused.
+
+Usage: python3 check_packets.py. Prints what failed, then a count; the exit code is 1 if anything did.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import packets
+
+SPEC = Path(__file__).resolve().parent.parent
+
+
+def outcome(datagram):
+    """What a datagram says, or the word for why it is refused."""
+    try:
+        return packets.decoded(datagram)
+    except packets.Malformed as why:
+        return why.args[0]
+
+
+def results(vectors):
+    """Each case with what is expected and what came of it."""
+    for case in vectors["said"]:
+        datagram = bytes.fromhex(case["bytes"])
+        yield case["name"], case["means"], outcome(datagram)
+        yield case["name"] + ", written", case["bytes"], packets.encoded(case["means"]).hex()
+    for case in vectors["refused"]:
+        yield case["name"], case["refusal"], outcome(bytes.fromhex(case["bytes"]))
+
+
+def main():
+    passed, failed = 0, 0
+    vectors = json.loads((SPEC / "vectors" / "packets.json").read_text(encoding="utf-8"))
+    for name, want, got in results(vectors):
+        passed += want == got
+        failed += want != got
+        if want != got:
+            print(f"{name}: expected {want}, got {got}")
+    print(f"{passed} passed, {failed} failed")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,148 @@
+//! A controller does the same beside a hosted scene as in one process.
+//!
+//! The host is real, its member polite; the truth is a scene of this thread with the same script and the same hook. A
+//! digest of all that was ever observed is equal only if every push was, at its tick.
+
+use glam::Vec3;
+use rhumb_protocol::message::StreamChoice;
+use rhumb_protocol::scene::{BodyKind, Command, CommandError};
+use rhumb_protocol::session::Event;
+use rhumb_reckoning::{BodyId, Tick};
+use rhumb_server::{Hook, HookError, Hooks, Scene};
+use rhumb_sims::{Controller, NAMES, Script, by_name};
+use rhumb_tests::Table;
+
+const TICKS: u64 = 240;
+
+fn hook(mut controller: Box<dyn Controller>) -> Hook {
+    Hook::new(move |scene: &Scene, out| {
+        let motion = |id| scene.observation(id).map(|seen| seen.motion);
+        controller.before_step(scene.tick(), &motion, out);
+    })
+}
+
+fn script(name: &str) -> Box<dyn Script> {
+    by_name(name, 20, 4).expect("a name of the list")
+}
+
+/// The digest of a script's run in this thread, with or without its controller.
+fn alone(name: &str, controlled: bool) -> u64 {
+    let mut script = script(name);
+    let mut scene = Scene::new(script.terms()).expect("scripts have good terms");
+    if let Some(controller) = script.controller().filter(|_| controlled) {
+        scene.attach(hook(controller));
+    }
+    let mut commands = Vec::new();
+    for tick in 0..TICKS {
+        commands.clear();
+        script.commands(Tick::new(tick), &mut commands);
+        for command in &commands {
+            scene.apply(command).expect("scripts command what may be");
+        }
+        let stepped = scene.step().expect("the engine does not fail");
+        assert_eq!(stepped.refused, [], "{name} at {}", scene.tick());
+    }
+    scene.digest().value()
+}
+
+/// The digest of the same at a host, and how many commands went up.
+fn hosted(name: &'static str) -> (u64, usize) {
+    let twin = script(name);
+    let mut script = script(name);
+    let hooks = Hooks::new(move |_, _| twin.controller().map(hook));
+    let mut table = Table::with_hooks(hooks);
+    let peer = table.seat("played");
+    let session = table.guest(peer);
+    session.create(script.terms()).expect("it is welcome");
+    session
+        .join(StreamChoice::Full)
+        .expect("it is in the lobby");
+    table.settle();
+    let (mut commands, mut said) = (Vec::new(), 0);
+    for tick in 0..TICKS {
+        commands.clear();
+        script.commands(Tick::new(tick), &mut commands);
+        let now = table.now();
+        let session = table.guest(peer);
+        said += commands.len();
+        for command in commands.drain(..) {
+            session.command(command).expect("it is a member");
+        }
+        session
+            .advance(now, Tick::new(tick + 1))
+            .expect("it is a member");
+        table.settle();
+    }
+    let session = table.guest(peer);
+    session.inspect().expect("it is a member");
+    table.settle();
+    let session = table.guest(peer);
+    let inspected = |event| match event {
+        Event::Inspected(inspection) => Some(inspection.truth),
+        _ => None,
+    };
+    let truth = std::iter::from_fn(|| session.poll_event()).find_map(inspected);
+    (truth.expect("an inspection was asked for"), said)
+}
+
+#[test]
+fn hosted_or_alone_a_script_with_its_controller_is_one_truth() {
+    let mut controlled = 0;
+    for name in NAMES {
+        let (truth, _) = hosted(name);
+        assert_eq!(truth, alone(name, true), "{name}");
+        if script(name).controller().is_some() {
+            assert_ne!(truth, alone(name, false), "{name} has an idle controller");
+            controlled += 1;
+        }
+    }
+    assert!(controlled >= 2);
+}
+
+#[test]
+fn nothing_goes_up_for_what_a_controller_does() {
+    let mut script = script("asteroids");
+    let mut commands = Vec::new();
+    script.commands(Tick::ZERO, &mut commands);
+    assert_eq!(hosted("asteroids").1, commands.len());
+}
+
+#[test]
+fn a_hook_moves_bodies_and_nothing_else() {
+    let mut script = script("zoo");
+    let mut scene = Scene::new(script.terms()).expect("scripts have good terms");
+    let mut commands = Vec::new();
+    script.commands(Tick::ZERO, &mut commands);
+    for command in &commands {
+        scene.apply(command).expect("scripts command what may be");
+    }
+    let dynamic = scene
+        .bodies()
+        .filter(|body| body.kind == BodyKind::Dynamic)
+        .last()
+        .map(|body| body.id)
+        .expect("the zoo has some");
+    let missing = BodyId::new(9_999, 0);
+    let (up, none) = (Vec3::new(0.0, 9.0, 0.0), Vec3::ZERO);
+    scene.attach(Hook::new(move |_: &Scene, out| {
+        out.push(Command::RemoveBody { id: dynamic });
+        out.push(Command::SetGravity { gravity: none });
+        out.push(Command::Force {
+            id: missing,
+            force: up,
+        });
+        out.push(Command::SetVelocity {
+            id: dynamic,
+            linear: up,
+            angular: none,
+        });
+    }));
+    let gravity = scene.gravity();
+    let stepped = scene.step().expect("the engine does not fail");
+    let unknown = HookError::Refused(CommandError::UnknownBody(missing));
+    let expected = [HookError::NotAMotion, HookError::NotAMotion, unknown];
+    assert_eq!(stepped.refused, expected);
+    assert_eq!(scene.gravity(), gravity);
+    let motion = scene.observation(dynamic).expect("it is there").motion;
+    assert!(motion.parts()[8] > 5.0, "{motion:?}");
+}

@@ -1,0 +1,71 @@
+//! Every copy has the joints of its scene, whenever its member joined.
+//!
+//! Two polite members at one table: one commands the zoo, which adds and removes joints and bodies that have some; the
+//! other joins late. The scene itself, given the same commands, is the truth.
+
+use rhumb_protocol::Peer;
+use rhumb_protocol::message::StreamChoice;
+use rhumb_protocol::scene::{Joint, JointId, Joints};
+use rhumb_reckoning::Tick;
+use rhumb_server::Scene;
+use rhumb_sims::{Script, Zoo};
+use rhumb_tests::Table;
+
+const TICKS: u64 = 700;
+
+fn listed(joints: &Joints) -> Vec<(JointId, Joint)> {
+    joints.iter().map(|(id, joint)| (id, *joint)).collect()
+}
+
+fn copied(table: &mut Table, peer: Peer) -> Vec<(JointId, Joint)> {
+    let copy = table.guest(peer).replica().expect("it is a member");
+    listed(copy.joints())
+}
+
+#[test]
+fn a_copy_has_the_joints_of_its_scene_from_the_first_tick_to_the_last() {
+    let mut script = Zoo::new(5, 3);
+    let mut scene = Scene::new(script.terms()).expect("the zoo has good terms");
+    let mut table = Table::default();
+    let peer = table.seat("zoo");
+    let session = table.guest(peer);
+    session.create(script.terms()).expect("it is welcome");
+    session
+        .join(StreamChoice::Full)
+        .expect("it is in the lobby");
+    table.settle();
+    let mut late = Vec::new();
+    let mut seen = [0_usize; 3];
+    for tick in 0..TICKS {
+        let mut commands = Vec::new();
+        script.commands(Tick::new(tick), &mut commands);
+        let now = table.now();
+        for command in &commands {
+            scene.apply(command).expect("scripts command what may be");
+            let session = table.guest(peer);
+            session.command(command.clone()).expect("it is a member");
+        }
+        scene.step().expect("the engine does not fail");
+        let session = table.guest(peer);
+        session
+            .advance(now, Tick::new(tick + 1))
+            .expect("it is a member");
+        table.settle();
+        // Before the link goes, while it is gone, and after it came again with another body.
+        if [10, 210, 460].contains(&tick) {
+            let peer = table.seat("zoo");
+            let session = table.guest(peer);
+            session
+                .join(StreamChoice::Full)
+                .expect("it is in the lobby");
+            table.settle();
+            late.push(peer);
+        }
+        let truth = listed(scene.joints());
+        seen[truth.len()] += 1;
+        for peer in late.iter().chain([&peer]) {
+            assert_eq!(copied(&mut table, *peer), truth, "at tick {tick}");
+        }
+    }
+    assert!(seen[1] > 0 && seen[2] > 0, "{seen:?}");
+}
