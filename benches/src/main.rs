@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use rhumb_bench::drive::{Serve, serve};
 use rhumb_bench::evaluate::{Evaluate, evaluate};
+use rhumb_bench::replay::ablate::{Ablate, ablate};
 use rhumb_bench::replay::{Replay, replay};
 
 /// Measures Rhumb.
@@ -21,6 +22,8 @@ enum Task {
     Evaluate(Evaluate),
     /// Publish and follow a recorded trace; write the same.
     Replay(Replay),
+    /// Replay a recorded trace with each means of the publisher switched off in turn.
+    Ablate(Ablate),
     /// Be a server: how the other tasks start theirs.
     #[command(hide = true)]
     Serve(Serve),
@@ -30,6 +33,7 @@ fn main() -> ExitCode {
     match Arguments::parse().task {
         Task::Evaluate(arguments) => evaluate(&arguments),
         Task::Replay(arguments) => replay(&arguments),
+        Task::Ablate(arguments) => ablate(&arguments),
         Task::Serve(arguments) => serve(arguments),
     }
 }

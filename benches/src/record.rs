@@ -9,6 +9,7 @@ use rhumb_protocol::Span;
 use rhumb_protocol::scene::{BodyTerms, Shape};
 use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, Tick};
+use serde::{Deserialize, Serialize};
 
 /// How a scene was run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -199,6 +200,23 @@ pub struct RunTerms {
     pub step_s: f64,
     /// How many ticks were run.
     pub ticks: u32,
+    /// Of a replay: what only a replay is asked for.
+    pub replayed: Option<Replayed>,
+}
+
+/// What only a replay is asked for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Replayed {
+    /// How far a body's centre may be off, metres, where its turn has a bound of its own.
+    pub position_m: Option<f64>,
+    /// How far it may be turned then, radians.
+    pub turn_rad: Option<f64>,
+    /// Published every so many ticks.
+    pub every: u32,
+    /// Ticks that the publisher looked back before it spoke of one.
+    pub hindsight_ticks: u32,
+    /// Means of the publisher that were switched off, as on the command line.
+    pub without: Vec<String>,
 }
 
 /// One mode's run of one scene at one load.

@@ -5,6 +5,8 @@
 
 mod decimate;
 mod figures;
+mod frontier;
+mod labels;
 mod plot;
 mod table;
 mod words;
@@ -88,9 +90,26 @@ fn modes(experiment: &Experiment) -> String {
     text
 }
 
+/// The figures of replays: curves of a single one, the frontier of several that differ in what was promised.
+fn replay_figures(experiment: &Experiment, summary: &Summary) -> String {
+    if let ([load], [run]) = (&experiment.loads[..], &summary.runs[..]) {
+        return figure(&figures::bandwidth(load, &[run]), "")
+            + &figure(&figures::errors(load, &[run]), "");
+    }
+    frontier::frontier(summary).map_or_else(String::new, |frontier| figure(&frontier, ""))
+}
+
 /// The figures of the largest load in full, those of the others folded away, and those over all loads.
 fn all_figures(experiment: &Experiment, summary: &Summary) -> String {
     let mut text = String::from("<h2>Figures</h2>\n");
+    if summary.is_of_replays() {
+        let figures = replay_figures(experiment, summary);
+        return if figures.is_empty() {
+            figures
+        } else {
+            text + &figures
+        };
+    }
     let mut runs = summary.runs.iter();
     let mut loads: Vec<(&Load, Vec<&RunFigures>)> = Vec::new();
     for load in &experiment.loads {
@@ -127,10 +146,11 @@ fn figure(figure: &Figure, of: &str) -> String {
         "<h3>{}{of}</h3>\n<p>{}</p>\n<div class=\"legend\">",
         figure.title, figure.sentence
     );
-    for mode in &figure.modes {
+    for key in &figure.keys {
         let _ = write!(
             text,
-            "<span class=\"key\" style=\"--own: var(--{mode})\">{mode}</span>"
+            "<span class=\"key\" style=\"--own: var({})\">{}</span>",
+            key.color, key.label
         );
     }
     let svg = figure.svg.replacen("<svg ", "<svg role=\"img\" ", 1);
@@ -147,11 +167,17 @@ const DEFINITIONS: &str = "<h2>How it is measured</h2>
 <dl>
 <dt>kbit/s down</dt><dd>everything from server to client after joining: UDP payload and 28 bytes of IPv4 and UDP headers
 for each datagram, QUIC's encryption, acknowledgements and heartbeats included, over simulated time</dd>
+<dt>payload</dt><dd>state datagrams and control stream alone, below QUIC</dd>
 <dt>update</dt><dd>one body's new motion; its bits are those of state datagrams below QUIC, divided by the updates</dd>
 <dt>error</dt><dd>the distance that no point of the body exceeds: |Δp| + 2 r sin(Δθ/2), r its bounding radius; taken at
 every frame for every body that can move, against the engine at the same tick</dd>
 <dt>over tolerance</dt><dd>body-ticks farther off than promised, by cause: a lost datagram, a tick that the stream had not
 yet vouched for, or a fault, which must never be</dd>
+<dt>moving</dt><dd>of a replay: bodies that the recording has a record of at the tick; a body without one has not
+moved</dd>
+<dt>recovery</dt><dd>of a replay: from the sending of a packet that was lost until all of its bodies were known again, as of
+its tick or later</dd>
+<dt>p50, p99</dt><dd>nearest rank, never interpolated: the least measured value that the share does not exceed</dd>
 <dt>frame</dt><dd>from asking for a tick to having every pose that the call returns, in the simulator's own thread</dd>
 </dl>
 <p class=\"soft\">Every number is in <code>summary.json</code>, and can be computed again from <code>trace.mcap</code>

@@ -4,6 +4,7 @@
 //! in the caller's own thread sends no bytes. A percentile is the least measured value that the given share does not
 //! exceed.
 
+mod columns;
 mod measure;
 mod table;
 
@@ -11,8 +12,9 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::record::Experiment;
+use crate::record::{Experiment, Replayed};
 
+pub(crate) use columns::{Column, columns};
 pub(crate) use measure::second_by_second;
 pub use table::Table;
 pub(crate) use table::number;
@@ -53,6 +55,8 @@ pub struct RunFigures {
     pub link: Option<String>,
     /// Ticks that were run.
     pub ticks: u32,
+    /// Of a replay: what only a replay is asked for.
+    pub replayed: Option<Replayed>,
     /// Digest of what the engine did: 16 hexadecimal digits, equal for every mode of a load or the load is void.
     pub truth_hash: String,
     /// UDP payload and 28 B of headers per datagram, server to client, whole run after joining.
@@ -79,6 +83,8 @@ pub struct RunFigures {
     pub over_tolerance: Option<OverTolerance>,
     /// Of a replay: of the bodies that the recording has a record of at the tick, against that record.
     pub moving: Option<Moving>,
+    /// Of an ablation: payload bytes down over those with every means of the publisher on.
+    pub of_all_on: Option<f64>,
     /// Of a replay: how long lost packets were missed; `null` if none was lost.
     pub recovery: Option<Recovery>,
     /// What a frame cost the caller's thread.
@@ -179,11 +185,13 @@ impl Summary {
     #[must_use]
     pub fn of(experiment: &Experiment) -> Self {
         let runs = experiment.loads.iter().flat_map(|load| &load.runs);
+        let mut runs: Vec<_> = runs.map(measure::figures).collect();
+        measure::compare_with_all_on(&mut runs);
         Self {
             command: experiment.command.clone(),
             seed: experiment.seed,
             machine: experiment.machine.clone(),
-            runs: runs.map(measure::figures).collect(),
+            runs,
         }
     }
 
@@ -194,6 +202,12 @@ impl Summary {
             .expect("numbers, texts and maps keyed by texts are always JSON");
         text.push('\n');
         text
+    }
+
+    /// Whether all runs are replays of recordings.
+    #[must_use]
+    pub fn is_of_replays(&self) -> bool {
+        !self.runs.is_empty() && self.runs.iter().all(|run| run.replayed.is_some())
     }
 
     /// As a table for a terminal.
@@ -210,6 +224,12 @@ impl RunFigures {
         let (bytes, kbps) = (self.bytes_down?, self.mean_kbps_down?);
         let simulated_s = bytes as f64 * 8.0 / 1e3 / kbps;
         Some(self.updates? as f64 / simulated_s)
+    }
+
+    /// The naive run that this one is measured against.
+    #[must_use]
+    pub fn baseline<'a>(&self, runs: &'a [Self]) -> Option<&'a Self> {
+        self.beside(runs, "naive")
     }
 
     /// The run of another mode that differs from this one in nothing but the mode and what comes with it.

@@ -2,6 +2,9 @@
 //!
 //! Boxes that bounce ever lower and then fall asleep, in the form of a foreign engine's recording.
 
+#[path = "support/bounce.rs"]
+mod bounce;
+
 use std::num::NonZeroU32;
 
 use rhumb_bench::record::{Cause, Experiment, Load, Run};
@@ -12,50 +15,10 @@ use rhumb_bench::trace::{TraceOptions, write};
 use rhumb_protocol::stream::Features;
 use rhumb_reckoning::{Metres, Ticks, Tolerance};
 
-const BODIES: u32 = 12;
-const FRAMES: u32 = 240;
-const GRAVITY: f32 = -20.0;
-
-/// A box's height: it bounces, by no law that a stream knows. Its velocity is told as zero, which is wrong.
-fn height(body: u32, frame: u32) -> f32 {
-    let time = frame as f32 / 60.0 + body as f32 * 0.01;
-    let bounce = (time * 3.0).sin().abs() * (2.0 - time * 0.4).max(0.0);
-    0.2 + bounce
-}
-
-fn unpacked() -> Vec<u8> {
-    let mut bytes = rhtrace::MAGIC.to_vec();
-    let floats = |bytes: &mut Vec<u8>, values: &[f32]| {
-        bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
-    };
-    bytes.extend(BODIES.to_le_bytes());
-    bytes.extend(FRAMES.to_le_bytes());
-    floats(&mut bytes, &[1.0 / 60.0, 0.0, 0.0, GRAVITY]);
-    for _ in 0..BODIES {
-        floats(&mut bytes, &[0.2, 0.2, 0.2, 0.346_410_16]);
-    }
-    for frame in 0..FRAMES {
-        let last = FRAMES - 20;
-        let count = if frame <= last { BODIES } else { 0 };
-        bytes.extend((count as u16).to_le_bytes());
-        for body in 0..count {
-            let z = height(body, frame);
-            bytes.extend((body as u16).to_le_bytes());
-            let place = [body as f32, 0.0, z];
-            floats(&mut bytes, &place);
-            floats(
-                &mut bytes,
-                &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-            );
-            bytes.push(u8::from(frame < last));
-        }
-    }
-    bytes
-}
+use bounce::{FRAMES, packed, unpacked};
 
 fn recording() -> Recording {
-    let packed = zstd::encode_all(&*unpacked(), 1).expect("memory takes all");
-    rhtrace::read("bounce", &packed).expect("this is a recording")
+    rhtrace::read("bounce", &packed()).expect("this is a recording")
 }
 
 fn replayed(recording: &Recording, link: &str, every: u32) -> Run {

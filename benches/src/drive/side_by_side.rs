@@ -76,6 +76,7 @@ impl Plan {
             seed: self.seed,
             step_s,
             ticks: self.ticks,
+            replayed: None,
         }
     }
 

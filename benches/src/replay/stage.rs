@@ -21,9 +21,10 @@ use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{Anchor, BodyId, Metres, Predictor, Rate, Tick, Ticks, Tolerance, Track};
 use rhumb_transport::{Clock, Lane, Link, LinkTerms};
 
+use super::feature::Feature;
 use super::judge::Judge;
 use super::listener::{Change, Listener, Start};
-use crate::record::{Frame, JoinCost, Mode, Passed, Placed, Run, RunTerms, Way};
+use crate::record::{Frame, JoinCost, Mode, Passed, Placed, Replayed, Run, RunTerms, Way};
 use crate::recording::Recording;
 
 /// How a recording is replayed.
@@ -41,6 +42,27 @@ pub struct ReplayTerms {
     pub hindsight: Ticks,
     /// What the publisher may use.
     pub features: Features,
+}
+
+impl ReplayTerms {
+    /// As a summary tells of them.
+    fn replayed(&self) -> Replayed {
+        let parts = match self.tolerance {
+            Tolerance::Parts { position, turn } => {
+                Some((position.metres().metres(), turn.radians().radians()))
+            }
+            Tolerance::Surface(_) => None,
+        };
+        Replayed {
+            position_m: parts.map(|(position, _)| position),
+            turn_rad: parts.map(|(_, turn)| turn),
+            every: self.every.get(),
+            hindsight_ticks: self.hindsight.count(),
+            without: Feature::without(&self.features)
+                .map(|feature| feature.name().to_owned())
+                .collect(),
+        }
+    }
 }
 
 /// Why a replay did not come to its end.
@@ -460,6 +482,7 @@ impl<'a> Stage<'a> {
                 seed: self.terms.seed,
                 step_s: rate.step().seconds(),
                 ticks: recording.ticks(),
+                replayed: Some(self.terms.replayed()),
             },
             truth_digest: recording.truth.digest,
             frames: self.frames,

@@ -1,18 +1,10 @@
-//! Several replays of one recording that differ in a setting.
+//! Several replays of one recording that differ in a manner.
 
-use std::num::NonZeroU32;
 use std::str::FromStr;
 
 use rhumb_transport::LinkTerms;
 
-/// What one replay is asked for.
-#[derive(Clone, Debug)]
-pub(super) struct Setting {
-    pub(super) tolerance: f64,
-    pub(super) turn: Option<f64>,
-    pub(super) link: LinkTerms,
-    pub(super) every: NonZeroU32,
-}
+use super::source::Manner;
 
 /// A setting's name and the values that it takes in turn.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -36,24 +28,24 @@ impl FromStr for Sweep {
 }
 
 impl Sweep {
-    /// A setting for each value.
-    pub(super) fn over(&self, base: &Setting) -> Result<Vec<Setting>, String> {
+    /// A manner for each value.
+    pub(super) fn over(&self, base: &Manner) -> Result<Vec<Manner>, String> {
         let with = |value: &String| change(base, &self.name, value);
         self.values.iter().map(with).collect()
     }
 }
 
 /// The same setting with another value.
-fn change(base: &Setting, name: &str, value: &str) -> Result<Setting, String> {
-    let mut setting = base.clone();
+fn change(base: &Manner, name: &str, value: &str) -> Result<Manner, String> {
+    let mut manner = *base;
     let wrong = || format!("{name}={value}: not a number");
     match name {
-        "tolerance" => setting.tolerance = value.parse().map_err(|_| wrong())?,
-        "turn" => setting.turn = Some(value.parse().map_err(|_| wrong())?),
-        "every" => setting.every = value.parse().map_err(|_| wrong())?,
-        _ => setting.link = with_link(base.link, &format!("{name}={value}"))?,
+        "tolerance" => manner.promise.tolerance = value.parse().map_err(|_| wrong())?,
+        "turn" => manner.promise.turn = Some(value.parse().map_err(|_| wrong())?),
+        "every" => manner.every = value.parse().map_err(|_| wrong())?,
+        _ => manner.link = with_link(base.link, &format!("{name}={value}"))?,
     }
-    Ok(setting)
+    Ok(manner)
 }
 
 /// The same link with other parts.
@@ -64,16 +56,13 @@ fn with_link(link: LinkTerms, parts: &str) -> Result<LinkTerms, String> {
 }
 
 /// Losses in per cent, even and in bursts of four, at each round trip.
-pub(super) fn matrix(base: &Setting) -> Result<Vec<Setting>, String> {
+pub(super) fn matrix(base: &Manner) -> Result<Vec<Manner>, String> {
     let mut all = Vec::new();
     for rtt_ms in [0, 50, 100, 300] {
         for (loss, burst) in [(0, 1), (1, 1), (5, 1), (20, 1), (1, 4), (5, 4), (20, 4)] {
             let parts = format!("rtt={rtt_ms}ms,loss={loss}%,burst={burst}");
             let link = with_link(base.link, &parts)?;
-            all.push(Setting {
-                link,
-                ..base.clone()
-            });
+            all.push(Manner { link, ..*base });
         }
     }
     Ok(all)
@@ -81,14 +70,21 @@ pub(super) fn matrix(base: &Setting) -> Result<Vec<Setting>, String> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use std::num::NonZeroU32;
 
-    fn base() -> Setting {
-        Setting {
-            tolerance: 0.01,
-            turn: None,
+    use super::*;
+    use crate::replay::source::Promise;
+
+    fn base() -> Manner {
+        Manner {
+            promise: Promise {
+                tolerance: 0.01,
+                turn: None,
+            },
             link: "jitter=3ms".parse().unwrap(),
             every: NonZeroU32::MIN,
+            seed: 1,
+            hindsight: 0,
         }
     }
 
@@ -96,11 +92,11 @@ mod tests {
     fn a_sweep_changes_one_setting_and_keeps_the_others() {
         let sweep: Sweep = "loss=1%,5%".parse().unwrap();
         let all = sweep.over(&base()).unwrap();
-        let links: Vec<_> = all.iter().map(|setting| setting.link).collect();
+        let links: Vec<_> = all.iter().map(|manner| manner.link).collect();
         let expected = ["jitter=3ms,loss=1%", "jitter=3ms,loss=5%"].map(|t| t.parse().unwrap());
         assert_eq!(links, expected);
         let sweep: Sweep = "tolerance=0.02".parse().unwrap();
-        assert!((sweep.over(&base()).unwrap()[0].tolerance - 0.02).abs() < 1e-12);
+        assert!((sweep.over(&base()).unwrap()[0].promise.tolerance - 0.02).abs() < 1e-12);
         assert_eq!(matrix(&base()).unwrap().len(), 28);
     }
 

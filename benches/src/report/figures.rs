@@ -11,9 +11,37 @@ use crate::summary::{RunFigures, Summary, number, second_by_second};
 pub(super) struct Figure {
     pub(super) title: String,
     pub(super) sentence: String,
-    /// Which modes it shows.
-    pub(super) modes: Vec<Mode>,
+    /// What its colours mean.
+    pub(super) keys: Vec<Key>,
     pub(super) svg: String,
+}
+
+/// What a colour means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Key {
+    /// The colour's name in `style.css`.
+    pub(super) color: &'static str,
+    pub(super) label: &'static str,
+}
+
+/// What the colour of a mode means.
+const fn key(mode: Mode) -> Key {
+    let color = match mode {
+        Mode::Integrated => "--integrated",
+        Mode::Naive => "--naive",
+        Mode::Rhumb => "--rhumb",
+        Mode::RhumbPipelined => "--rhumb-pipelined",
+        Mode::RhumbFree => "--rhumb-free",
+        Mode::Replay => "--replay",
+    };
+    Key {
+        color,
+        label: mode.name(),
+    }
+}
+
+fn keys(modes: impl IntoIterator<Item = Mode>) -> Vec<Key> {
+    modes.into_iter().map(key).collect()
 }
 
 /// The colour of a mode on a light page; `style.css` has the dark one.
@@ -65,7 +93,7 @@ pub(super) fn bandwidth(load: &Load, figures: &[&RunFigures]) -> Figure {
     Figure {
         title: "Bandwidth over time".to_owned(),
         sentence,
-        modes: curves.iter().map(|(mode, _)| *mode).collect(),
+        keys: keys(curves.iter().map(|(mode, _)| *mode)),
         svg: Chart {
             x: Axis::linear("simulated time, s", 0.0, every().map(|point| point.0)),
             y: Axis::log("kbit/s down", rates),
@@ -89,26 +117,16 @@ fn lines(mut curves: Vec<(Mode, Vec<(f64, f64)>)>) -> Vec<Mark> {
     curves.into_iter().map(line).collect()
 }
 
-/// Dots with a word each; a word that would stand where another does is left out.
+/// Dots with a word each.
 fn dots(mut all: Vec<(Mode, (f64, f64), String)>) -> Vec<Mark> {
     all.sort_by_key(|(mode, ..)| drawn_first(*mode));
-    let mut marks: Vec<Mark> = Vec::new();
-    let near = |a: f64, b: f64| (a - b).abs() <= 0.02 * b.abs();
-    for (mode, at, mut label) in all {
-        let twice = marks.iter().any(|mark| {
-            matches!(mark, Mark::Dot { at: other, .. } if near(at.0, other.0) && near(at.1, other.1))
-        });
-        if twice {
-            label.clear();
-        }
-        marks.push(Mark::Dot {
-            color: color(mode),
-            radius: if mode == Mode::Rhumb { 14 } else { 8 },
-            at,
-            label,
-        });
-    }
-    marks
+    let dot = |(mode, at, label)| Mark::Dot {
+        color: color(mode),
+        radius: if mode == Mode::Rhumb { 14 } else { 8 },
+        at,
+        label,
+    };
+    all.into_iter().map(dot).collect()
 }
 
 fn drawn_first(mode: Mode) -> impl Ord {
@@ -162,7 +180,7 @@ pub(super) fn errors(load: &Load, figures: &[&RunFigures]) -> Figure {
     Figure {
         title: "How far off the copy was".to_owned(),
         sentence,
-        modes: curves.iter().map(|(mode, _)| *mode).collect(),
+        keys: keys(curves.iter().map(|(mode, _)| *mode)),
         svg: Chart { x, y, marks }.svg(),
     }
 }
@@ -243,7 +261,7 @@ pub(super) fn frame_times(loads: &[Load], summary: &Summary) -> Figure {
             marks,
         }
         .svg(),
-        modes,
+        keys: keys(modes),
     }
 }
 
@@ -297,7 +315,7 @@ pub(super) fn points(loads: &[Load], summary: &Summary) -> Figure {
         sentence: "Nearer to the lower left corner is better: fewer bytes, smaller errors. Each point is a run, its \
                    number the bodies; points on the lower edge are off by a micrometre at most."
             .to_owned(),
-        modes: modes_of(loads).into_iter().filter(|mode| *mode != Mode::Integrated).collect(),
+        keys: keys(modes_of(loads).into_iter().filter(|mode| *mode != Mode::Integrated)),
         svg: Chart {
             x: Axis::log("kbit/s down", rates),
             y: Axis::log("99th percentile of error, mm", errors),

@@ -10,6 +10,8 @@ use plotters::coord::ranged1d::{AsRangedCoord, ValueFormatter};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
+use super::labels::Labels;
+
 /// What is drawn.
 pub(super) struct Chart {
     pub(super) x: Axis,
@@ -58,6 +60,10 @@ const GRID: RGBColor = RGBColor(229, 231, 235);
 /// Units of the picture; the page scales it. Twice what is shown, since marks lie on whole units.
 const SIZE: (u32, u32) = (1_680, 680);
 const LETTERS: i32 = 32;
+/// What the words below the chart take.
+const BELOW: u32 = 96;
+/// The part of the picture above them.
+const ABOVE_WORDS: (i32, i32) = (SIZE.0 as i32, (SIZE.1 - BELOW) as i32);
 
 impl Axis {
     /// Powers of ten around all values, and at least one decade.
@@ -150,7 +156,7 @@ impl Chart {
         let mut chart = ChartBuilder::on(root)
             .margin(12)
             .margin_right(60)
-            .x_label_area_size(96)
+            .x_label_area_size(BELOW)
             .y_label_area_size(150)
             .build_cartesian_2d(x, y)?;
         let words = ("sans-serif", LETTERS).into_font().color(&INK);
@@ -169,6 +175,8 @@ impl Chart {
             .y_label_formatter(&|value| plain(*value))
             .draw()?;
         let within = |(x, y): (f64, f64)| (self.x.clamp(x), self.y.clamp(y));
+        let mut labels = Labels::new(ABOVE_WORDS, (LETTERS * 3 / 5, LETTERS));
+        let mut dots = Vec::new();
         for mark in &self.marks {
             match mark {
                 Mark::Line {
@@ -177,17 +185,14 @@ impl Chart {
                     points,
                 } => {
                     let points = points.iter().copied().map(within);
+                    let places = points.clone().map(|point| chart.backend_coord(&point));
+                    labels.avoid_line(places);
                     chart.draw_series(LineSeries::new(points, color.stroke_width(*width)))?;
                 }
                 Mark::Upright { at, label } => {
                     let ends = [(*at, self.y.from), (*at, self.y.to)].map(within);
                     chart.draw_series(LineSeries::new(ends, INK.stroke_width(2)))?;
-                    // On the side that has room for it.
-                    let (side, aside) = if self.x.share(*at) > 0.5 {
-                        (HPos::Right, -12)
-                    } else {
-                        (HPos::Left, 12)
-                    };
+                    let (side, aside) = side_with_room(self.x.share(*at));
                     let word = words.clone().pos(Pos::new(side, VPos::Bottom));
                     let low = (ends[0].0, self.y.from);
                     let text = EmptyElement::at(low) + Text::new(label.clone(), (aside, -12), word);
@@ -199,16 +204,44 @@ impl Chart {
                     at,
                     label,
                 } => {
-                    let word = words.clone().pos(Pos::new(HPos::Center, VPos::Bottom));
-                    let dot = EmptyElement::at(within(*at))
-                        + Circle::new((0, 0), *radius, color.filled())
-                        + Text::new(label.clone(), (0, -16), word);
-                    chart.draw_series([dot])?;
+                    let at = chart.backend_coord(&within(*at));
+                    labels.avoid(at, *radius);
+                    dots.push((at, *radius, label));
+                    root.draw(&Circle::new(at, *radius, color.filled()))?;
                 }
             }
         }
+        put_words(root, &mut labels, &dots, &words)?;
         root.present()
     }
+}
+
+/// Beside an upright line that stands so far along the axis.
+const fn side_with_room(share: f64) -> (HPos, i32) {
+    if share > 0.5 {
+        (HPos::Right, -12)
+    } else {
+        (HPos::Left, 12)
+    }
+}
+
+/// Where dots lie, how large they are, and what is written beside them.
+type Dots<'m> = Vec<((i32, i32), i32, &'m String)>;
+
+/// Writes the words of dots that have room for them.
+fn put_words<'t>(
+    root: &Area<'t>,
+    labels: &mut Labels,
+    dots: &Dots<'_>,
+    words: &TextStyle<'_>,
+) -> Result<(), Failure<'t>> {
+    for (at, radius, label) in dots.iter().filter(|(.., label)| !label.is_empty()) {
+        if let Some(corner) = labels.place(*at, *radius, label) {
+            let word = words.clone().pos(Pos::new(HPos::Left, VPos::Top));
+            root.draw(&Text::new(String::clone(label), corner, word))?;
+        }
+    }
+    Ok(())
 }
 
 /// A number with up to six digits after the point, as few as will do.

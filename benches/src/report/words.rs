@@ -5,7 +5,7 @@
 use std::fmt::Write as _;
 
 use super::plot::plain;
-use crate::record::{Experiment, Mode};
+use crate::record::{Experiment, Mode, RunTerms};
 use crate::summary::{RunFigures, Summary, number};
 
 /// Text made safe to stand in HTML.
@@ -40,6 +40,9 @@ pub(super) fn what_was_run(experiment: &Experiment) -> String {
         .iter()
         .find(|terms| terms.mode != Mode::Integrated)
         .map(|terms| &terms.link);
+    if terms.iter().all(|terms| terms.replayed.is_some()) {
+        return escape(&what_was_replayed(first, terms.len(), experiment.seed));
+    }
     let tolerance = terms.iter().find_map(|terms| terms.tolerance_m);
     let mut text = format!(
         "A physics scene, {}, was stepped {} times ({} simulated seconds, {} steps a second), with {} bodies. A \
@@ -69,6 +72,23 @@ pub(super) fn what_was_run(experiment: &Experiment) -> String {
     }
     let _ = write!(text, " The seed was {}.", experiment.seed);
     escape(&text)
+}
+
+/// The recording, and how often it was replayed.
+fn what_was_replayed(first: &RunTerms, runs: usize, seed: u64) -> String {
+    let times = match runs {
+        1 => "once".to_owned(),
+        _ => format!("{runs} times, once for each row"),
+    };
+    format!(
+        "A recording, {}, of {} bodies and {} simulated seconds ({} steps a second) was published and followed {times}, \
+         over a link in simulated time. This page says what each copy cost and how true it was. One seed gives one \
+         result, to the bit; it was {seed}.",
+        first.scene,
+        first.bodies,
+        plain(f64::from(first.ticks) * first.step_s),
+        plain((1.0 / first.step_s * 1e3).round() / 1e3),
+    )
 }
 
 /// `a`, `a and b`, `a, b and c`.
@@ -147,6 +167,22 @@ pub(super) fn limits(summary: &Summary) -> Vec<String> {
         said.push(format!(
             "<span class=\"warn\">{faults} body-ticks were over tolerance without anything to explain it: a defect.</span>"
         ));
+    }
+    if runs.iter().any(|run| run.of_all_on.is_some()) {
+        said.push(
+            "Each row switches off what it names and nothing else. What the publisher has no switch for is on in every \
+             row: packing, rest, the grids and the range coder. Means that serve each other hide each other: what two of \
+             them are worth together is more than the sum of their rows."
+                .to_owned(),
+        );
+    }
+    if summary.is_of_replays() {
+        said.push(
+            "Bytes are counted as the publisher sends them, with 22 of QUIC and 28 of headers for each datagram; \
+             acknowledgements, heartbeats and the first state are not in them."
+                .to_owned(),
+        );
+        return said;
     }
     said.push(
         "Times are of one run on one machine that other programs share: compare them with each other, not with those of \

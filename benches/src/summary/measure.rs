@@ -32,6 +32,7 @@ pub(super) fn figures(run: &Run) -> RunFigures {
         tolerance_m: terms.tolerance_m,
         link: None,
         ticks: terms.ticks,
+        replayed: terms.replayed.clone(),
         truth_hash: format!("{:016x}", run.truth_digest),
         bytes_down: None,
         bytes_up: None,
@@ -45,6 +46,7 @@ pub(super) fn figures(run: &Run) -> RunFigures {
         surface_error_m: None,
         over_tolerance: None,
         moving: None,
+        of_all_on: None,
         recovery: None,
         frame_ms,
         sim_fps: frame_ms.map(|ms| (1e3 / ms.mean).min(SIM_FPS_MAX)),
@@ -67,6 +69,20 @@ pub(super) fn figures(run: &Run) -> RunFigures {
         figures.recovery = recovery(run);
     }
     figures
+}
+
+/// Where means of the publisher were switched off, what that made of the bytes.
+pub(super) fn compare_with_all_on(runs: &mut [RunFigures]) {
+    let switched = |run: &RunFigures| run.replayed.as_ref().map(|of| of.without.len());
+    let all_on = runs.iter().find(|run| switched(run) == Some(0));
+    let all_on = all_on.and_then(|run| run.payload_bytes_down);
+    if !runs.iter().any(|run| switched(run) > Some(0)) {
+        return;
+    }
+    for run in runs {
+        let pair = run.payload_bytes_down.zip(all_on);
+        run.of_all_on = pair.map(|(own, all)| own as f64 / all as f64);
+    }
 }
 
 /// Of the bodies that the recording has records of.

@@ -4,12 +4,8 @@
 
 use std::fmt;
 
-use super::{RunFigures, Summary};
-
-const COLUMNS: [&str; 11] = [
-    "mode", "bodies", "kbit/s", "naive/", "upd/s", "p99 mm", "max mm", "over", "frame ms",
-    "/integr", "step ms",
-];
+use super::Summary;
+use super::columns::{Column, columns};
 
 /// Shown by `Display`; one line per run under one line of titles.
 #[derive(Clone, Copy, Debug)]
@@ -25,67 +21,68 @@ impl<'a> Table<'a> {
     /// The same cells as a table in Markdown.
     #[must_use]
     pub fn to_markdown(&self) -> String {
-        let mut text = format!("| {} |\n|---", COLUMNS.join(" | "));
-        text.push_str(&"|---:".repeat(COLUMNS.len() - 1));
+        let columns = columns(&self.summary.runs);
+        let mut text = format!("| {} |\n|---", titles(&columns).join(" | "));
+        text.push_str(&"|---:".repeat(columns.len() - 1));
         text.push_str("|\n");
-        for cells in self.rows() {
+        for cells in self.rows(&columns) {
             text.push_str(&format!("| {} |\n", cells.join(" | ")));
         }
         text
     }
 
-    fn rows(&self) -> Vec<[String; COLUMNS.len()]> {
+    fn rows(&self, columns: &[Column]) -> Vec<Vec<String>> {
         let runs = &self.summary.runs;
-        runs.iter().map(|run| cells(run, runs)).collect()
+        let cells = |run| {
+            columns
+                .iter()
+                .map(|column| (column.cell)(run, runs))
+                .collect()
+        };
+        runs.iter().map(cells).collect()
     }
+}
+
+fn titles(columns: &[Column]) -> Vec<String> {
+    columns
+        .iter()
+        .map(|column| column.short.to_owned())
+        .collect()
 }
 
 impl fmt::Display for Table<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let rows = self.rows();
-        let widths: [usize; COLUMNS.len()] = std::array::from_fn(|column| {
-            let longest = rows.iter().map(|row| row[column].chars().count()).max();
-            longest.unwrap_or(0).max(COLUMNS[column].len())
-        });
-        let titles = COLUMNS.map(str::to_owned);
-        for row in std::iter::once(&titles).chain(&rows) {
-            let [first, rest @ ..] = row;
-            let mut line = format!("{first:<0$}", widths[0]);
-            for (cell, width) in rest.iter().zip(&widths[1..]) {
-                line.push_str(&format!("  {cell:>width$}"));
-            }
-            writeln!(f, "{}", line.trim_end())?;
-        }
-        Ok(())
+        let columns = columns(&self.summary.runs);
+        let mut rows = vec![titles(&columns)];
+        rows.extend(self.rows(&columns));
+        f.write_str(&aligned(&rows))
     }
 }
 
-/// What stands in the columns for a run; a dash for what has no meaning.
-fn cells(run: &RunFigures, runs: &[RunFigures]) -> [String; COLUMNS.len()] {
-    let kbps = run.mean_kbps_down;
-    let naive = run.beside(runs, "naive").and_then(|run| run.mean_kbps_down);
-    let frame = run.frame_ms.map(|ms| ms.p50);
-    let integrated = run.beside(runs, "integrated").and_then(|run| run.frame_ms);
-    let error_mm =
-        |of: fn(&super::Errors) -> f64| run.surface_error_m.as_ref().map(|e| 1e3 * of(e));
-    [
-        run.mode.clone(),
-        run.bodies.to_string(),
-        number(kbps),
-        number(naive.zip(kbps).map(|(naive, own)| naive / own)),
-        number(run.updates_per_second()),
-        number(error_mm(|errors| errors.p99)),
-        number(error_mm(|errors| errors.max)),
-        run.over_tolerance
-            .as_ref()
-            .map_or_else(dash, |over| over.count.to_string()),
-        number(frame),
-        number(frame.zip(integrated).map(|(own, base)| own / base.p50)),
-        number(Some(run.step_ms.p50)),
-    ]
+/// Rows of cells below each other: the first column from the left, the others from the right.
+fn aligned(rows: &[Vec<String>]) -> String {
+    let width = |column: usize| {
+        let lengths = rows.iter().map(|row| row[column].chars().count());
+        lengths.max().unwrap_or(0)
+    };
+    let widths: Vec<_> = (0..rows.first().map_or(0, Vec::len)).map(width).collect();
+    let mut text = String::new();
+    for row in rows {
+        let mut line = String::new();
+        for (place, (cell, width)) in row.iter().zip(&widths).enumerate() {
+            line.push_str(&match place {
+                0 => format!("{cell:<width$}"),
+                _ => format!("  {cell:>width$}"),
+            });
+        }
+        text.push_str(line.trim_end());
+        text.push('\n');
+    }
+    text
 }
 
-fn dash() -> String {
+/// For what has no meaning.
+pub(super) fn dash() -> String {
     "–".to_owned()
 }
 

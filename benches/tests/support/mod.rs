@@ -101,6 +101,7 @@ fn terms(mode: Mode) -> RunTerms {
         seed: 7,
         step_s: STEP_S,
         ticks: TICKS,
+        replayed: None,
     }
 }
 

@@ -1,0 +1,53 @@
+//! `rhumb-bench ablate`: what each means of a publisher is worth.
+//!
+//! Replays it with everything on, with each means switched off in turn, and with all of them off. Switches nothing that
+//! the publisher has no switch for: packing, rest, grids and the range coder are on in every row.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use rhumb_protocol::stream::Features;
+
+use super::{Failure, Feature, Keep, Manner, Source, ended, experiment, run_all};
+use crate::output;
+
+/// Which recording, how it is published, and where to write what came of it.
+#[derive(Clone, Debug, Args)]
+pub struct Ablate {
+    #[command(flatten)]
+    source: Source,
+    #[command(flatten)]
+    manner: Manner,
+    /// Folder for summary.json and report.html; made if it is not there.
+    #[arg(long, default_value = "results")]
+    out: PathBuf,
+}
+
+/// Replays. Exit code 0 when everything was replayed and written, 1 otherwise.
+pub fn ablate(arguments: &Ablate) -> ExitCode {
+    ended(ablate_all(arguments))
+}
+
+fn ablate_all(arguments: &Ablate) -> Result<(), Failure> {
+    output::make_folder(&arguments.out)?;
+    let terms = rows().map(|features| arguments.manner.terms(features));
+    let all = terms
+        .collect::<Result<Vec<_>, _>>()
+        .map_err(Failure::Terms)?;
+    let recording = arguments.source.read()?;
+    let runs = run_all(&recording, &all, Keep::Figures)?;
+    let experiment = experiment(recording, arguments.manner.seed(), runs);
+    output::write_all(&arguments.out, &experiment, None)?;
+    Ok(())
+}
+
+/// Everything, everything but one, nothing.
+fn rows() -> impl Iterator<Item = Features> {
+    let singly = Feature::ALL
+        .into_iter()
+        .map(|feature| Feature::all_but(&[feature]));
+    std::iter::once(Features::ALL)
+        .chain(singly)
+        .chain([Feature::all_but(&Feature::ALL)])
+}

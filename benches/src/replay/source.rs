@@ -1,0 +1,112 @@
+//! What every task on a recording is asked for alike.
+//!
+//! Which recording, and under which terms it is published and followed.
+
+use std::num::NonZeroU32;
+use std::path::PathBuf;
+
+use clap::Args;
+use rhumb_protocol::stream::{Features, HINDSIGHT_MAX};
+use rhumb_reckoning::{Damping, Metres, Radians, Ticks, Tolerance};
+use rhumb_transport::LinkTerms;
+
+use super::stage::ReplayTerms;
+use crate::recording::{Recording, RecordingError};
+
+/// Which recording, and how its engine stepped.
+#[derive(Clone, Debug, Args)]
+pub struct Source {
+    /// The recording: a trace.mcap of ours, or an .rhtrace.zst.
+    trace: PathBuf,
+    /// Linear and angular damping of the recorded bodies, 1/s, if they are not those of the recording's scene.
+    #[arg(long, value_parser = damping)]
+    damping: Option<Damping>,
+    /// Substeps of the recorded engine, if they are not those of the recording's scene.
+    #[arg(long)]
+    substeps: Option<NonZeroU32>,
+}
+
+impl Source {
+    pub(crate) fn read(&self) -> Result<Recording, RecordingError> {
+        let mut recording = Recording::read(&self.trace)?;
+        recording.damping = self.damping.unwrap_or(recording.damping);
+        recording.integrator.substeps = self.substeps.unwrap_or(recording.integrator.substeps);
+        Ok(recording)
+    }
+}
+
+/// `0.1,0.05`.
+fn damping(text: &str) -> Result<Damping, String> {
+    let (linear, angular) = text
+        .split_once(',')
+        .ok_or("needs two numbers, linear,angular")?;
+    let read = |text: &str| {
+        let value = text.trim().parse::<f32>().ok();
+        value.filter(|value| (0.0..=1_000.0).contains(value))
+    };
+    let pair = read(linear).zip(read(angular));
+    let (linear, angular) = pair.ok_or("must be two numbers from 0 to 1000")?;
+    Ok(Damping { linear, angular })
+}
+
+/// The promise that is made.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct Promise {
+    /// How far off a copied body may be, metres.
+    #[arg(long, default_value = "0.01", allow_negative_numbers = true)]
+    pub(super) tolerance: f64,
+    /// How far it may be turned, degrees; the tolerance is then one of its centre alone.
+    #[arg(long, allow_negative_numbers = true)]
+    pub(super) turn: Option<f64>,
+}
+
+impl Promise {
+    pub(crate) fn tolerance(&self) -> Result<Tolerance, String> {
+        let metres = Metres::new(self.tolerance);
+        let read = match self.turn {
+            Some(degrees) => Tolerance::parts(metres, Radians::new(degrees.to_radians())),
+            None => Tolerance::from_metres(metres),
+        };
+        read.map_err(|error| error.to_string())
+    }
+}
+
+/// How it is published and followed.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct Manner {
+    #[command(flatten)]
+    pub(super) promise: Promise,
+    /// The link, such as rtt=100ms,loss=5%,jitter=10ms, in simulated time.
+    #[arg(long, default_value_t = LinkTerms::PERFECT)]
+    pub(super) link: LinkTerms,
+    /// Publish every so many ticks of the recording.
+    #[arg(long, default_value = "1")]
+    pub(super) every: NonZeroU32,
+    /// Seed of the pretended link.
+    #[arg(long, default_value_t = 1)]
+    pub(super) seed: u64,
+    /// Ticks that the publisher looks back before it speaks of one; the copy is as much later.
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=i64::from(HINDSIGHT_MAX.count())))]
+    pub(super) hindsight: u32,
+}
+
+impl Manner {
+    pub(crate) const fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    /// The terms of a replay with these means.
+    pub(crate) fn terms(&self, features: Features) -> Result<ReplayTerms, String> {
+        if self.hindsight > 0 && self.every.get() > 1 {
+            return Err("--hindsight looks at every tick: leave --every at 1".to_owned());
+        }
+        Ok(ReplayTerms {
+            tolerance: self.promise.tolerance()?,
+            link: self.link,
+            every: self.every,
+            seed: self.seed,
+            hindsight: Ticks::new(self.hindsight),
+            features,
+        })
+    }
+}

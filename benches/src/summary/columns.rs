@@ -1,0 +1,219 @@
+//! The columns of a table of runs: what each is called, and what stands in it.
+//!
+//! One list serves terminal, Markdown and page. Which columns there are follows from the runs: those of replays are not
+//! those of scenes that were stepped, and a column that would say the same of every run is left out.
+
+use rhumb_transport::LinkTerms;
+
+use super::RunFigures;
+use super::table::{dash, number};
+
+/// A column.
+#[derive(Clone, Copy)]
+pub(crate) struct Column {
+    /// In a terminal, unit included.
+    pub(crate) short: &'static str,
+    /// On a page.
+    pub(crate) long: &'static str,
+    /// On a page, in small print below: the unit.
+    pub(crate) small: &'static str,
+    /// What stands in it for a run, beside the other runs.
+    pub(crate) cell: fn(&RunFigures, &[RunFigures]) -> String,
+}
+
+const fn column(
+    short: &'static str,
+    long: &'static str,
+    small: &'static str,
+    cell: fn(&RunFigures, &[RunFigures]) -> String,
+) -> Column {
+    Column {
+        short,
+        long,
+        small,
+        cell,
+    }
+}
+
+/// The columns that fit these runs; the first names the run.
+pub(crate) fn columns(runs: &[RunFigures]) -> Vec<Column> {
+    if runs.iter().any(|run| run.replayed.is_none()) || runs.is_empty() {
+        return EVALUATED.to_vec();
+    }
+    let any = |has: fn(&RunFigures) -> bool| runs.iter().any(has);
+    let mut columns = vec![SETTING];
+    if any(|run| run.link.is_some()) {
+        columns.extend(LINK);
+    }
+    columns.extend(RATES);
+    if any(|run| run.of_all_on.is_some()) {
+        columns.extend(ABLATED);
+    }
+    columns.extend(UPDATES);
+    columns.extend(ERRORS);
+    if any(|run| run.recovery.is_some()) {
+        columns.extend(RECOVERY);
+    }
+    columns
+}
+
+const EVALUATED: [Column; 13] = [
+    column("mode", "mode", "", |run, _| run.mode.clone()),
+    column("bodies", "bodies", "", |run, _| run.bodies.to_string()),
+    column("kbit/s", "kbit/s down", "mean", |run, _| {
+        number(run.mean_kbps_down)
+    }),
+    column("payload", "payload", "kbit/s", |run, _| {
+        number(run.payload_kbps_down)
+    }),
+    column("naive/", "less than naive", "times", |run, runs| {
+        let naive = run.baseline(runs).and_then(|naive| naive.mean_kbps_down);
+        number(ratio(naive, run.mean_kbps_down))
+    }),
+    column("worst s", "worst second", "kbit/s", |run, _| {
+        number(run.worst_second_kbps_down)
+    }),
+    column("upd/s", "updates", "a second", |run, _| {
+        number(run.updates_per_second())
+    }),
+    column("bits/upd", "update", "bits", |run, _| {
+        number(run.bits_per_update)
+    }),
+    column("p99 mm", "error p99", "mm", |run, _| {
+        number(run.surface_error_m.map(|errors| 1e3 * errors.p99))
+    }),
+    column("max mm", "error max", "mm", |run, _| {
+        number(run.surface_error_m.map(|errors| 1e3 * errors.max))
+    }),
+    column("over", "over tolerance", "body-ticks", |run, _| over(run)),
+    column("frame ms", "frame", "ms, median", |run, _| {
+        number(run.frame_ms.map(|ms| ms.p50))
+    }),
+    column("/integr", "of integrated", "times", |run, runs| {
+        let integrated = run.beside(runs, "integrated");
+        let base = integrated.and_then(|run| run.frame_ms);
+        number(ratio(run.frame_ms.map(|ms| ms.p50), base.map(|ms| ms.p50)))
+    }),
+];
+
+const SETTING: Column = column("replay", "replay", "tolerance and means", |run, _| {
+    setting(run)
+});
+
+const LINK: [Column; 3] = [
+    column("rtt ms", "round trip", "ms", |run, _| {
+        link(run).map_or_else(dash, |link| {
+            (2.0 * link.delay.as_nanos() as f64 / 1e6).to_string()
+        })
+    }),
+    column("loss", "loss", "of packets", |run, _| {
+        link(run).map_or_else(dash, |link| link.loss.to_string())
+    }),
+    column("burst", "bursts of", "packets", |run, _| {
+        link(run).map_or_else(dash, |link| link.burst.to_string())
+    }),
+];
+
+const RATES: [Column; 2] = [
+    column("payload kbit/s", "payload", "kbit/s", |run, _| {
+        number(run.payload_kbps_down)
+    }),
+    column("with headers", "with headers", "kbit/s", |run, _| {
+        number(run.mean_kbps_down)
+    }),
+];
+
+const ABLATED: [Column; 2] = [
+    column("payload kB", "payload", "kB in all", |run, _| {
+        number(run.payload_bytes_down.map(|bytes| bytes as f64 / 1e3))
+    }),
+    column("of all on", "of all on", "times", |run, _| {
+        number(run.of_all_on)
+    }),
+];
+
+const UPDATES: [Column; 2] = [
+    column("upd/s", "updates", "a second", |run, _| {
+        number(run.updates_per_second())
+    }),
+    column("bits/upd", "update", "bits", |run, _| {
+        number(run.bits_per_update)
+    }),
+];
+
+const ERRORS: [Column; 4] = [
+    column("p50 mm", "error p50", "mm, moving", |run, _| {
+        number(run.moving.map(|moving| 1e3 * moving.surface_error_m.p50))
+    }),
+    column("p99 mm", "error p99", "mm, moving", |run, _| {
+        number(run.moving.map(|moving| 1e3 * moving.surface_error_m.p99))
+    }),
+    column("max mm", "error max", "mm", |run, _| {
+        number(run.surface_error_m.map(|errors| 1e3 * errors.max))
+    }),
+    column("over %", "over tolerance", "% of moving", |run, _| {
+        number(run.moving.map(|moving| 1e2 * moving.over_tolerance_share))
+    }),
+];
+
+const RECOVERY: [Column; 2] = [
+    column("rec p50 ms", "recovery p50", "ms", |run, _| {
+        number(run.recovery.map(|recovery| recovery.p50_ms))
+    }),
+    column("rec p99 ms", "recovery p99", "ms", |run, _| {
+        number(run.recovery.map(|recovery| recovery.p99_ms))
+    }),
+];
+
+fn ratio(part: Option<f64>, whole: Option<f64>) -> Option<f64> {
+    Some(part? / whole?)
+}
+
+/// None without a link: the perfect one.
+fn link(run: &RunFigures) -> Option<LinkTerms> {
+    run.link.as_deref().unwrap_or_default().parse().ok()
+}
+
+/// Body-ticks over tolerance by cause.
+fn over(run: &RunFigures) -> String {
+    let Some(over) = &run.over_tolerance else {
+        return dash();
+    };
+    let causes = over.by_cause.iter().filter(|(_, count)| **count > 0);
+    let why: Vec<_> = causes
+        .map(|(cause, count)| format!("{count} {cause}"))
+        .collect();
+    if why.is_empty() {
+        "0".to_owned()
+    } else {
+        why.join(", ")
+    }
+}
+
+/// What a replay was asked for beside its link.
+fn setting(run: &RunFigures) -> String {
+    let Some(of) = &run.replayed else {
+        return run.mode.clone();
+    };
+    let metres = run.tolerance_m.or(of.position_m);
+    let mut text = metres.map_or_else(dash, |metres| {
+        format!("{} mm", (metres * 1e9).round() / 1e6)
+    });
+    if let Some(turn_rad) = of.turn_rad {
+        text.push_str(&format!(", {}°", number(Some(turn_rad.to_degrees()))));
+    }
+    if of.every > 1 {
+        text.push_str(&format!(", each {} ticks", of.every));
+    }
+    if of.hindsight_ticks > 0 {
+        text.push_str(&format!(", {} ticks later", of.hindsight_ticks));
+    }
+    if !of.without.is_empty() {
+        text.push_str(", without ");
+        text.push_str(&match &of.without[..] {
+            all if all.len() == crate::replay::Feature::ALL.len() => "any of these".to_owned(),
+            some => some.join(", "),
+        });
+    }
+    text
+}

@@ -1,0 +1,135 @@
+//! The tasks on a recording write what they say: sweep, matrix, ablation.
+
+#[path = "support/bounce.rs"]
+mod bounce;
+
+use std::path::PathBuf;
+use std::process::Command;
+
+use serde_json::Value;
+
+/// What a task said and wrote.
+struct Done {
+    said: String,
+    summary: Value,
+    page: String,
+}
+
+impl Done {
+    fn runs(&self) -> &[Value] {
+        self.summary["runs"].as_array().expect("there are runs")
+    }
+
+    fn number(&self, run: usize, name: &str) -> f64 {
+        let value = &self.runs()[run][name];
+        value
+            .as_f64()
+            .unwrap_or_else(|| panic!("{name} of run {run} is {value}"))
+    }
+}
+
+fn task(name: &str, arguments: &[&str]) -> Done {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("task-{name}"));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let trace = folder.join("bounce.rhtrace.zst");
+    std::fs::write(&trace, bounce::packed()).expect("a file");
+    let run = Command::new(env!("CARGO_BIN_EXE_rhumb-bench"))
+        .arg(arguments[0])
+        .arg(&trace)
+        .args(&arguments[1..])
+        .arg("--out")
+        .arg(&folder)
+        .output()
+        .expect("the bench starts");
+    let error = String::from_utf8_lossy(&run.stderr);
+    assert!(run.status.success(), "{error}");
+    let read = |name: &str| std::fs::read_to_string(folder.join(name)).expect("it was written");
+    Done {
+        said: String::from_utf8(run.stdout).expect("text"),
+        summary: serde_json::from_str(&read("summary.json")).expect("JSON"),
+        page: read("report.html"),
+    }
+}
+
+#[test]
+fn an_ablation_has_a_row_for_each_means_beside_all_on() {
+    let done = task("ablate", &["ablate", "--tolerance", "0.02"]);
+    let without: Vec<_> = done
+        .runs()
+        .iter()
+        .map(|run| run["replayed"]["without"].as_array().map_or(0, Vec::len))
+        .collect();
+    assert_eq!(without, [0, 1, 1, 1, 1, 1, 1, 1, 7]);
+    assert_eq!(done.number(0, "of_all_on"), 1.0);
+    let bytes = |run| done.number(run, "payload_bytes_down");
+    for run in 0..9 {
+        let ratio = bytes(run) / bytes(0);
+        assert!((done.number(run, "of_all_on") - ratio).abs() < 1e-12);
+    }
+    // Whole motions cost more than corrections, and speaking always more than speaking when it matters.
+    assert!(bytes(6) > bytes(0) && bytes(8) > bytes(7));
+    assert!(done.number(7, "updates") > done.number(0, "updates"));
+    for word in ["without gate", "without any of these"] {
+        assert!(
+            done.said.contains(word) && done.page.contains(word),
+            "{word}"
+        );
+    }
+    assert!(done.page.contains("no switch"));
+}
+
+#[test]
+fn a_sweep_of_tolerances_draws_the_frontier() {
+    let values = "tolerance=0.005,0.02,0.08";
+    let done = task("sweep", &["replay", "--no-trace", "--sweep", values]);
+    assert!(done.number(0, "payload_bytes_down") > done.number(2, "payload_bytes_down"));
+    let figures: Vec<_> = done.page.split("<svg ").skip(1).collect();
+    assert_eq!(figures.len(), 1);
+    assert!(done.page.contains("What exactness costs"));
+    for label in ["5 mm", "20 mm", "80 mm"] {
+        assert!(figures[0].contains(label), "{label}");
+    }
+    assert!(figures[0].matches("<circle").count() == 9);
+}
+
+#[test]
+fn a_matrix_has_every_loss_even_and_in_bursts_at_every_round_trip() {
+    let done = task("matrix", &["replay", "--no-trace", "--matrix"]);
+    let links: Vec<_> = done
+        .runs()
+        .iter()
+        .map(|run| run["link"].as_str().unwrap_or_default())
+        .collect();
+    assert_eq!(links.len(), 28);
+    for link in ["", "loss=20%", "delay=150ms,loss=5%,burst=4", "delay=25ms"] {
+        assert!(links.contains(&link), "{link:?} of {links:?}");
+    }
+    for run in done.runs() {
+        let lossless = run["link"]
+            .as_str()
+            .is_none_or(|link| !link.contains("loss"));
+        // Of two hundred packets a link that loses one in a hundred may lose none.
+        let loses_much = run["link"]
+            .as_str()
+            .is_some_and(|link| link.contains("20%"));
+        assert!(run["recovery"].is_null() || !lossless, "{}", run["link"]);
+        assert!(!run["recovery"].is_null() || !loses_much, "{}", run["link"]);
+        let over = run["over_tolerance"]["count"].as_u64();
+        assert!(!lossless || over == Some(0));
+        assert_eq!(run["over_tolerance"]["by_cause"]["fault"], 0);
+    }
+    let titles = [
+        "rtt ms",
+        "loss",
+        "burst",
+        "over %",
+        "rec p50 ms",
+        "rec p99 ms",
+    ];
+    assert!(
+        titles.iter().all(|title| done.said.contains(title)),
+        "{}",
+        done.said
+    );
+    assert!(done.page.contains("recovery p99"));
+}
