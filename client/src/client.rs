@@ -2,6 +2,8 @@
 //!
 //! Every call says how long it may wait; none waits longer. What it cannot have in time can be asked for again.
 
+mod driving;
+
 use std::collections::VecDeque;
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::time::Duration;
@@ -47,7 +49,10 @@ pub struct Client {
     granted: IdRange,
     terms: SceneTerms,
     clock: SceneClock,
+    /// The same for what is driven, which the view's delay does not hold back.
+    drive_clock: SceneClock,
     delay_ticks: f64,
+    lead_ticks: f64,
     whole_ticks: bool,
     smooth: bool,
     requested: Tick,
@@ -136,7 +141,9 @@ impl Client {
             granted,
             terms,
             clock: SceneClock::new(terms.integrator.rate),
+            drive_clock: SceneClock::new(terms.integrator.rate),
             delay_ticks: options.delay_ticks,
+            lead_ticks: options.lead_ticks,
             whole_ticks: options.whole_ticks,
             smooth: options.smooth,
             requested: vouched,
@@ -402,6 +409,7 @@ impl Client {
         Statistics {
             wire: self.pump.connection.statistics(),
             stream: stream.map(Subscriber::statistics).unwrap_or_default(),
+            driven: self.pump.session.upstream().unwrap_or_default(),
             vouched: stream.map(Subscriber::vouched).unwrap_or_default(),
             complete: self.complete(),
             behind_ticks: server
@@ -460,6 +468,8 @@ impl Client {
                 Event::Amended(id) => Happening::Amended(id),
                 Event::Reserved(range) => Happening::Reserved(range),
                 Event::Following(choice) => Happening::Following(choice),
+                Event::Driving(bodies) => Happening::Driving(bodies),
+                Event::NotDriving(error) => Happening::NotDriving(error),
                 Event::Denied(denial) => {
                     self.denied = Some(denial);
                     Happening::Denied(denial)
@@ -485,7 +495,10 @@ impl Client {
                 tick,
                 since_tick,
                 round_trip,
-            } => self.clock.sample(at, tick, since_tick, round_trip),
+            } => {
+                self.clock.sample(at, tick, since_tick, round_trip);
+                self.drive_clock.sample(at, tick, since_tick, round_trip);
+            }
             Event::SceneFaulted(tick) => self.faulted = Some(tick),
             Event::Deleted => self.deleted = true,
             Event::Ended(ending) => self.ended = Some(ending),

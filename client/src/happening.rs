@@ -2,9 +2,9 @@
 //!
 //! And how the connection is doing. Said to whoever asks; nothing is decided here.
 
-use rhumb_protocol::message::{Denial, RemovalCause, StreamChoice};
+use rhumb_protocol::message::{Denial, DriveError, RemovalCause, StreamChoice};
 use rhumb_protocol::scene::{CommandError, IdRange};
-use rhumb_protocol::stream::SubscriberStatistics;
+use rhumb_protocol::stream::{PublisherStatistics, SubscriberStatistics};
 use rhumb_reckoning::{BodyId, Tick};
 use rhumb_transport::WireStatistics;
 
@@ -42,6 +42,10 @@ pub enum Happening {
     Denied(Denial),
     /// The copy is by another stream from now on.
     Following(StreamChoice),
+    /// These bodies, in rising order, are this client's to drive from now on, and no others.
+    Driving(Vec<BodyId>),
+    /// The bodies that this client asked to drive are not its to drive; those that it drove before still are.
+    NotDriving(DriveError),
 }
 
 /// How the connection and the stream are doing.
@@ -51,6 +55,8 @@ pub struct Statistics {
     pub wire: WireStatistics,
     /// What the stream said.
     pub stream: SubscriberStatistics,
+    /// What was said of the bodies that this client drives, since they were granted.
+    pub driven: PublisherStatistics,
     /// The newest tick that the stream vouched for.
     pub vouched: Tick,
     /// The newest tick at which every body is within its tolerance.

@@ -19,6 +19,23 @@
 //! }
 //! # }
 //! ```
+//!
+//! What the caller's simulator moves itself, it drives: it says so once, and where the bodies are in each frame.
+//!
+//! ```no_run
+//! use rhumb_client::{BodyId, Client, ClientError, Tolerance, Verbatim};
+//!
+//! # fn frame() -> Verbatim { unreachable!() }
+//! # fn run(client: &mut Client, avatar: BodyId) -> Result<(), ClientError> {
+//! client.drive(&[avatar], Tolerance::FINE)?;
+//! loop {
+//!     // Where the avatar is now, and how it moves.
+//!     client.publish(&[(avatar, frame())])?;
+//!     client.follow()?;
+//!     // Draw client.view() …
+//! }
+//! # }
+//! ```
 #![forbid(unsafe_code)]
 
 mod client;
@@ -35,9 +52,9 @@ pub use error::{ClientError, OpenError};
 pub use happening::{Happening, Statistics};
 pub use options::{Entry, Options};
 pub use pump::Way;
-pub use rhumb_protocol::message::{Denial, Inspection, RemovalCause, StreamChoice};
+pub use rhumb_protocol::message::{Denial, DriveError, Inspection, RemovalCause, StreamChoice};
 pub use rhumb_protocol::scene;
 pub use rhumb_protocol::stream::Bound;
-pub use rhumb_reckoning::{BodyId, Metres, Radians, Tick, Tolerance};
+pub use rhumb_reckoning::{BodyId, Metres, Radians, Tick, Tolerance, Verbatim};
 pub use rhumb_transport::{Fingerprint, Trust, WireStatistics};
 pub use view::{Glass, View};

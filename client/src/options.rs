@@ -35,6 +35,9 @@ pub struct Options {
     pub patience: Duration,
     /// Free running only: how many ticks the view stays behind the server's clock. Zero lets prediction carry all of it.
     pub delay_ticks: f64,
+    /// Free running only: how many ticks ahead of the server's clock bodies that this client drives are said to be. Zero
+    /// lets the server predict over the way there; as much as the way takes, and a little more, lets it know.
+    pub lead_ticks: f64,
     /// Free running only: whether only whole ticks are shown, as a simulator with ticks of its own may want.
     pub whole_ticks: bool,
     /// Free running only: whether corrections are shown as short glides.
@@ -53,6 +56,7 @@ impl Options {
             stream: StreamChoice::Within(Tolerance::NORMAL),
             patience: Duration::from_secs(5),
             delay_ticks: 0.0,
+            lead_ticks: 0.0,
             whole_ticks: false,
             smooth: true,
         }

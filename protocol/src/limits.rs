@@ -29,6 +29,13 @@ pub const SCENES_MAX: usize = 256;
 pub const MEMBERS_PER_SCENE_MAX: usize = 64;
 /// Different dampings of one scene's bodies, each of which needs a table at both ends.
 pub const DAMPINGS_MAX: usize = 64;
+/// Kinematic bodies that one member drives.
+pub const DRIVEN_MAX: usize = 256;
+/// Milliseconds of silence after which the driver of bodies vouches first: loss is then found in time to be repaired, and
+/// a body that is spoken of a few times a second costs a vouch or two for each time.
+pub const DRIVE_VOUCH_MS: u32 = 67;
+/// Milliseconds for which a driven body goes on beyond the tick at which its driver should have vouched again.
+pub const DRIVE_GRACE_MS: u32 = 1_000;
 /// Body indices that a member is granted when it joins.
 pub const GRANT: u32 = 4_096;
 /// Body indices that one `Reserve` may ask for.

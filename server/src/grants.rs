@@ -59,6 +59,13 @@ impl Grants {
         ranges.is_some_and(|ranges| ranges.iter().any(|range| range.contains(id)))
     }
 
+    /// Which member may name bodies of this index.
+    pub(crate) fn holder(&self, id: BodyId) -> Option<Peer> {
+        let mut held = self.held.iter();
+        let holder = held.find(|(_, ranges)| ranges.iter().any(|range| range.contains(id)));
+        holder.map(|(peer, _)| *peer)
+    }
+
     /// The range that a member was given first.
     pub(crate) fn first(&self, peer: Peer) -> Option<IdRange> {
         self.held.get(&peer)?.first().copied()
@@ -85,7 +92,9 @@ mod tests {
         assert!(grants.allows(first, BodyId::new(9, 0)));
         assert!(!grants.allows(first, BodyId::new(10, 0)));
         assert!(!grants.allows(second, BodyId::new(0, 0)));
+        assert_eq!(grants.holder(BodyId::new(9, 4)), Some(first));
         grants.retire(first);
+        assert_eq!(grants.holder(BodyId::new(9, 4)), None);
         assert!(!grants.allows(first, BodyId::new(0, 0)));
         let other = grants.grant(second, 10, &|_| None).unwrap();
         assert_eq!(other.first(), 10);

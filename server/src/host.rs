@@ -14,6 +14,7 @@ use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Transmit, Wake, WakeReason};
 
+use crate::drives::DriveStatistics;
 use crate::hook::Hooks;
 use crate::outbox::Outbox;
 use crate::room::Room;
@@ -59,6 +60,12 @@ impl Host {
         self.rooms.keys()
     }
 
+    /// How the bodies of a scene are doing that members drive.
+    pub fn drives(&self, scene: &SceneName) -> impl Iterator<Item = DriveStatistics> {
+        let room = self.rooms.get(scene).into_iter();
+        room.flat_map(Room::drive_statistics)
+    }
+
     fn handle_request(&mut self, now: Instant, peer: Peer, request: Request) {
         let Some(connection) = self.connections.get_mut(&peer) else {
             return;
@@ -97,6 +104,12 @@ impl Host {
                 let stream = self.new_stream();
                 if let Some(room) = self.rooms.get_mut(&name) {
                     room.follow(peer, choice, stream);
+                }
+            }
+            Request::Drive(drive) => {
+                let stream = self.new_stream();
+                if let Some(room) = self.rooms.get_mut(&name) {
+                    room.drive(peer, stream, drive, &mut self.out);
                 }
             }
             request => self.handle_scene_request(now, peer, &name, request),
@@ -140,12 +153,14 @@ impl Host {
             Request::Advance(to) => room.advance(peer, to, out),
             Request::Resync => room.resync(peer),
             Request::Followed(stream) => room.followed(peer, stream),
+            Request::Upstream(packet) => room.upstream(peer, packet, out),
             Request::Ping(sent) => room.pong(now, peer, sent, out),
             Request::Inspect => room.inspect(peer, out),
             Request::Hello { .. }
             | Request::Create(_)
             | Request::Join(_)
             | Request::Follow(_)
+            | Request::Drive(_)
             | Request::Delete => {}
         }
     }
@@ -275,7 +290,8 @@ impl Endpoint for Host {
                     room.doubt(now, from, head.stream, doubt, &mut self.out);
                 }
             }
-            _ => {}
+            // What the source of a stream says, of the stream of what it drives.
+            _ => room.upstream_datagram(from, bytes, &mut self.out),
         }
     }
 

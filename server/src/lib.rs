@@ -6,6 +6,7 @@
 
 pub mod cli;
 mod digest;
+mod drives;
 pub mod engine;
 mod grants;
 mod hook;
@@ -22,6 +23,7 @@ mod streams;
 mod times;
 
 pub use digest::Digest;
+pub use drives::DriveStatistics;
 pub use hook::{Hook, HookError, Hooks};
 pub use host::Host;
 pub use scene::{Scene, SceneFault, Stepped};

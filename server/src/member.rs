@@ -2,7 +2,7 @@
 //!
 //! The streams that it hears, and what it waits for. Follows streams by name only; who begins and ends them is the room's matter.
 
-use rhumb_protocol::message::StreamChoice;
+use rhumb_protocol::message::{Drive, StreamChoice};
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::{Command, CommandError};
 use rhumb_protocol::{Instant, Span};
@@ -42,6 +42,13 @@ pub(crate) enum Wish {
     Advance {
         to: Tick,
     },
+    Drive {
+        /// The name of the stream on which it will say how they move.
+        stream: StreamId,
+        drive: Drive,
+    },
+    /// A packet of that stream.
+    Upstream(Vec<u8>),
 }
 
 /// A stream that a member hears.

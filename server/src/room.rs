@@ -2,6 +2,7 @@
 //!
 //! Neither sockets nor threads: the host feeds it requests and moments. Order of a tick: wishes, step, observe, say.
 
+mod driving;
 mod following;
 
 use std::collections::{BTreeMap, VecDeque};
@@ -20,6 +21,7 @@ use rhumb_protocol::stream::{Activity, Observation, StreamStart};
 use rhumb_protocol::{Instant, Peer, Span};
 use rhumb_reckoning::{Tick, Ticks};
 
+use crate::drives::Drives;
 use crate::grants::Grants;
 use crate::member::{Member, Want, Wish};
 use crate::outbox::Outbox;
@@ -38,6 +40,7 @@ pub(crate) struct Room {
     members: BTreeMap<Peer, Member>,
     streams: Streams,
     grants: Grants,
+    drives: Drives,
     notices: u64,
     /// Notices given since they were last handed to the members.
     unsaid: Vec<u8>,
@@ -62,6 +65,7 @@ impl Room {
             members: BTreeMap::new(),
             streams: Streams::default(),
             grants: Grants::default(),
+            drives: Drives::default(),
             notices: 0,
             unsaid: Vec::new(),
             target,
@@ -179,6 +183,7 @@ impl Room {
     /// A client is a member no longer. Its bodies stay; what it wished behind an advance that is not reached yet goes.
     pub(crate) fn leave(&mut self, peer: Peer) {
         self.waiting.retain(|(wisher, _)| *wisher != peer);
+        self.drives.end(peer);
         if let Some(member) = self.members.remove(&peer) {
             for stream in member.streams() {
                 self.streams.unfollow(stream);
@@ -253,6 +258,8 @@ impl Room {
                 Some(denial) => out.say(peer, &ServerMessage::Denied(denial)),
                 None => self.target = self.target.max(to),
             },
+            Wish::Drive { stream, drive } => self.grant_drive(peer, stream, &drive, out),
+            Wish::Upstream(packet) => self.hear_driver(peer, &packet, out),
         }
     }
 
@@ -275,6 +282,7 @@ impl Room {
         {
             return Err(CommandError::NotGranted(terms.id));
         }
+        self.refuse_steering(command)?;
         self.scene.apply(command)?;
         let tick = self.scene.tick();
         match *command {
@@ -298,6 +306,7 @@ impl Room {
             }
             Command::RemoveBody { id } => {
                 self.streams.remove(id);
+                self.drives.remove(id);
                 let cause = RemovalCause::Command;
                 self.give(Notice::BodyRemoved { id, cause });
             }
@@ -366,6 +375,10 @@ impl Room {
         }
         self.last_step = now;
         self.tick(clock, out);
+        if self.terms().pace == Pace::FreeRunning {
+            let say = |peer, question| out.datagram(peer, question);
+            self.drives.ask(now, self.scene.tick(), say);
+        }
         self.grant_waiting(out);
     }
 
@@ -390,6 +403,7 @@ impl Room {
     /// One tick: truth, belief, words.
     fn tick(&mut self, clock: Stopwatch<'_>, out: &mut Outbox) {
         let begun = clock();
+        self.drives.steer(&mut self.scene);
         let stepped = match self.scene.step() {
             Ok(stepped) => stepped,
             Err(_) => return self.fault(out),
@@ -400,6 +414,7 @@ impl Room {
         }
         for (id, cause) in stepped.removed {
             self.streams.remove(id);
+            self.drives.remove(id);
             self.give(Notice::BodyRemoved { id, cause });
         }
         self.observations.clear();

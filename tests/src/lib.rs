@@ -3,6 +3,7 @@
 //! No promise is kept here; the families in `tests/` are. Nothing here sleeps or reads a clock.
 #![forbid(unsafe_code)]
 
+mod avatar;
 mod process;
 mod rude;
 mod seed;
@@ -11,6 +12,7 @@ mod table;
 mod truth;
 mod witness;
 
+pub use avatar::Avatars;
 pub use process::{Ended, Programme, ServerProcess};
 pub use rude::Rude;
 pub use seed::{Dice, seed};

@@ -3,7 +3,7 @@
 //! Reads a session and changes nothing in it but that its events are taken.
 
 use rhumb_protocol::Ending;
-use rhumb_protocol::message::{Denial, Inspection, RemovalCause, StreamChoice};
+use rhumb_protocol::message::{Denial, DriveError, Inspection, RemovalCause, StreamChoice};
 use rhumb_protocol::scene::{BodyKind, CommandError, IdRange};
 use rhumb_protocol::session::{ClientSession, Event, Replica};
 use rhumb_protocol::stream::Bound;
@@ -43,6 +43,8 @@ pub struct Witness {
     pub removed: Vec<(BodyId, RemovalCause)>,
     /// Streams that it changed to.
     pub following: Vec<StreamChoice>,
+    /// What it was given to drive, or why not.
+    pub drives: Vec<Result<Vec<BodyId>, DriveError>>,
     /// Bodies whose tracks were other than the server's.
     pub amended: Vec<BodyId>,
     /// Answers to inspections.
@@ -80,6 +82,8 @@ impl Witness {
                 Event::Inspected(inspection) => self.inspections.push(inspection),
                 Event::Ended(ending) => self.ended = Some(ending),
                 Event::Amended(id) => self.amended.push(id),
+                Event::Driving(bodies) => self.drives.push(Ok(bodies)),
+                Event::NotDriving(error) => self.drives.push(Err(error)),
                 Event::Reserved(_)
                 | Event::BodyPlaced(_)
                 | Event::SceneFaulted(_)

@@ -2,36 +2,18 @@
 
 use alloc::vec::Vec;
 
-use rhumb_reckoning::{LengthBound, Tick, Tolerance, TurnBound};
+use rhumb_reckoning::Tick;
 
 use super::MAGIC;
+use super::choice::StreamChoice;
+use super::drive::Drive;
 use super::frame::{Framed, OPTIONAL, frame};
-use crate::limits::{RESERVE_MAX, VERSIONS_MAX};
+use crate::limits::{DATAGRAM_BYTES_MAX, RESERVE_MAX, VERSIONS_MAX};
 use crate::packet::StreamId;
 use crate::scene::{Command, SceneName, SceneTerms};
 use crate::time::Instant;
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
-
-/// Which stream of a scene a member wants.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum StreamChoice {
-    /// Reckoned, within this tolerance.
-    Within(Tolerance),
-    /// Everything, every tick, to the bit.
-    Full,
-}
-
-impl StreamChoice {
-    /// How far off a copy by this stream may be. A full stream says the very bits: for it this means nothing.
-    #[must_use]
-    pub const fn tolerance(self) -> Tolerance {
-        match self {
-            Self::Within(tolerance) => tolerance,
-            Self::Full => Tolerance::LEAST,
-        }
-    }
-}
 
 /// One message of a client. A connection is about one scene, which its `Hello` names.
 #[derive(Clone, Debug, PartialEq)]
@@ -76,6 +58,10 @@ pub enum ClientMessage {
     Follow(StreamChoice),
     /// Has caught up with a stream that it changed to, and needs the one before no more.
     Followed(StreamId),
+    /// Drives these kinematic bodies from now on.
+    Drive(Drive),
+    /// A packet of the stream on which it says how its driven bodies move, where that must come before an advance.
+    Upstream(Vec<u8>),
 }
 
 /// Type bytes.
@@ -93,40 +79,8 @@ mod kind {
     pub(super) const INSPECT: u8 = 11;
     pub(super) const FOLLOW: u8 = 12;
     pub(super) const FOLLOWED: u8 = 13;
-}
-
-impl Wire for StreamChoice {
-    fn encode(&self, to: &mut Writer) {
-        match self {
-            Self::Within(Tolerance::Surface(length)) => {
-                to.u8(0);
-                to.varint(u64::from(length.micrometres()));
-            }
-            Self::Full => to.u8(1),
-            Self::Within(Tolerance::Parts { position, turn }) => {
-                to.u8(2);
-                to.varint(u64::from(position.micrometres()));
-                to.varint(u64::from(turn.microradians()));
-            }
-        }
-    }
-
-    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
-        Ok(match from.u8()? {
-            0 => Self::Within(Tolerance::Surface(decode_length(from)?)),
-            1 => Self::Full,
-            2 => Self::Within(Tolerance::Parts {
-                position: decode_length(from)?,
-                turn: TurnBound::from_microradians(from.varint32()?)
-                    .map_err(|_| Malformed::OutOfRange)?,
-            }),
-            _ => return Err(Malformed::UnknownCode),
-        })
-    }
-}
-
-fn decode_length(from: &mut Reader<'_>) -> Result<LengthBound, Malformed> {
-    LengthBound::from_micrometres(from.varint32()?).map_err(|_| Malformed::OutOfRange)
+    pub(super) const DRIVE: u8 = 14;
+    pub(super) const UPSTREAM: u8 = 15;
 }
 
 impl ClientMessage {
@@ -179,6 +133,14 @@ impl ClientMessage {
                 stream.encode(&mut body);
                 kind::FOLLOWED
             }
+            Self::Drive(drive) => {
+                drive.encode(&mut body);
+                kind::DRIVE
+            }
+            Self::Upstream(packet) => {
+                body.raw(packet);
+                kind::UPSTREAM
+            }
         };
         frame(kind, &body.into_bytes(), to);
     }
@@ -211,6 +173,11 @@ impl ClientMessage {
             kind::INSPECT => Self::Inspect,
             kind::FOLLOW => Self::Follow(StreamChoice::decode(&mut from)?),
             kind::FOLLOWED => Self::Followed(StreamId::decode(&mut from)?),
+            kind::DRIVE => Self::Drive(Drive::decode(&mut from)?),
+            kind::UPSTREAM if framed.body.len() > DATAGRAM_BYTES_MAX => {
+                return Err(Malformed::TooLong);
+            }
+            kind::UPSTREAM => Self::Upstream(from.raw(framed.body.len())?.to_vec()),
             OPTIONAL.. => return Ok(None),
             _ => return Err(Malformed::UnknownCode),
         };
@@ -235,64 +202,4 @@ fn decode_hello(from: &mut Reader<'_>) -> Result<ClientMessage, Malformed> {
         versions,
         scene: SceneName::decode(from)?,
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn read(bytes: &[u8]) -> Result<StreamChoice, Malformed> {
-        let mut reader = Reader::new(bytes);
-        let choice = StreamChoice::decode(&mut reader)?;
-        reader.finish()?;
-        Ok(choice)
-    }
-
-    #[test]
-    fn a_choice_of_a_stream_comes_back_as_it_was_said() {
-        let parts = |micrometres, microradians| {
-            StreamChoice::Within(Tolerance::Parts {
-                position: LengthBound::from_micrometres(micrometres).unwrap(),
-                turn: TurnBound::from_microradians(microradians).unwrap(),
-            })
-        };
-        for (choice, bytes) in [
-            (
-                StreamChoice::Within(Tolerance::NORMAL),
-                &[0, 0xd0, 0x86, 3][..],
-            ),
-            (StreamChoice::Full, &[1][..]),
-            (parts(10_000, 2_000), &[2, 0x90, 0x4e, 0xd0, 0x0f][..]),
-            (
-                parts(1_000, 3_141_593),
-                &[2, 0xe8, 7, 0xd9, 0xdf, 0xbf, 1][..],
-            ),
-        ] {
-            let mut writer = Writer::new();
-            choice.encode(&mut writer);
-            assert_eq!(writer.into_bytes(), bytes);
-            assert_eq!(read(bytes), Ok(choice));
-            for cut in 0..bytes.len() {
-                assert_eq!(read(&bytes[..cut]), Err(Malformed::Truncated));
-            }
-        }
-    }
-
-    #[test]
-    fn a_tolerance_that_no_stream_offers_is_refused() {
-        for (first, numbers) in [
-            (0, &[999_u64][..]),
-            (0, &[10_000_001][..]),
-            (2, &[999, 2_000][..]),
-            (2, &[10_000, 99][..]),
-            (2, &[10_000, 3_141_594][..]),
-        ] {
-            let mut writer = Writer::new();
-            writer.u8(first);
-            numbers.iter().for_each(|number| writer.varint(*number));
-            let refused = read(&writer.into_bytes());
-            assert_eq!(refused, Err(Malformed::OutOfRange), "{numbers:?}");
-        }
-        assert_eq!(read(&[3]), Err(Malformed::UnknownCode));
-    }
 }

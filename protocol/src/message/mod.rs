@@ -1,14 +1,18 @@
 //! The control messages, reliable and in order (PROTOCOL 4).
+mod choice;
 mod client;
 mod denial;
+mod drive;
 mod frame;
 mod inertia;
 mod inspection;
 mod notice;
 mod server;
 
-pub use client::{ClientMessage, StreamChoice};
+pub use choice::StreamChoice;
+pub use client::ClientMessage;
 pub use denial::Denial;
+pub use drive::{Drive, DriveError, Driving};
 pub use frame::{Framed, Frames, frame};
 pub use inspection::{Inspection, StageTimes};
 pub use notice::{Notice, RemovalCause};

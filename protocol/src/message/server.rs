@@ -4,8 +4,9 @@ use alloc::vec::Vec;
 use glam::Vec3;
 use rhumb_reckoning::Tick;
 
-use super::client::StreamChoice;
+use super::choice::StreamChoice;
 use super::denial::Denial;
+use super::drive::{DriveError, Driving};
 use super::frame::{Framed, OPTIONAL, frame};
 use super::inspection::Inspection;
 use super::notice::Notice;
@@ -85,6 +86,10 @@ pub enum ServerMessage {
     },
     /// The answer to `Inspect`.
     Inspection(Inspection),
+    /// The answer to `Drive`.
+    Driving(Driving),
+    /// `Drive` was refused, and what was driven before goes on; or nothing is driven any more.
+    NotDriving(DriveError),
 }
 
 /// Type bytes.
@@ -102,6 +107,8 @@ mod kind {
     pub(super) const NOTICE: u8 = 11;
     pub(super) const PONG: u8 = 12;
     pub(super) const INSPECTION: u8 = 13;
+    pub(super) const DRIVING: u8 = 14;
+    pub(super) const NOT_DRIVING: u8 = 15;
 }
 
 impl Wire for Welcome {
@@ -216,6 +223,14 @@ impl ServerMessage {
                 inspection.encode(&mut body);
                 kind::INSPECTION
             }
+            Self::Driving(driving) => {
+                driving.encode(&mut body);
+                kind::DRIVING
+            }
+            Self::NotDriving(error) => {
+                error.encode(&mut body);
+                kind::NOT_DRIVING
+            }
         };
         frame(kind, &body.into_bytes(), to);
     }
@@ -251,6 +266,8 @@ impl ServerMessage {
                 since_tick_ns: from.varint()?,
             },
             kind::INSPECTION => Self::Inspection(Inspection::decode(&mut from)?),
+            kind::DRIVING => Self::Driving(Driving::decode(&mut from)?),
+            kind::NOT_DRIVING => Self::NotDriving(DriveError::decode(&mut from)?),
             OPTIONAL.. => return Ok(None),
             _ => return Err(Malformed::UnknownCode),
         };

@@ -120,11 +120,7 @@ impl Command {
             Self::RemoveShape { .. } | Self::RemoveBody { .. } | Self::RemoveJoint { .. } => Ok(()),
             Self::AddBody { terms, motion } => {
                 terms.check()?;
-                let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = motion.parts();
-                vector(Vec3::new(px, py, pz), COORDINATE_MAX, Quantity::Position)?;
-                rotation(Quat::from_xyzw(x, y, z, w))?;
-                vector(Vec3::new(vx, vy, vz), LINEAR_MAX, Quantity::Linear)?;
-                vector(Vec3::new(wx, wy, wz), ANGULAR_MAX, Quantity::Angular)
+                Self::check_motion(&motion)
             }
             Self::SetPose {
                 position,
@@ -148,6 +144,19 @@ impl Command {
             }
             Self::SetGravity { gravity } => vector(gravity, GRAVITY_MAX, Quantity::Gravity),
         }
+    }
+
+    /// Checks every number of a motion that somebody gives a body.
+    ///
+    /// # Errors
+    ///
+    /// [`Invalid`] names the first that is wrong.
+    pub fn check_motion(motion: &Verbatim) -> Result<(), Invalid> {
+        let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = motion.parts();
+        vector(Vec3::new(px, py, pz), COORDINATE_MAX, Quantity::Position)?;
+        rotation(Quat::from_xyzw(x, y, z, w))?;
+        vector(Vec3::new(vx, vy, vz), LINEAR_MAX, Quantity::Linear)?;
+        vector(Vec3::new(wx, wy, wz), ANGULAR_MAX, Quantity::Angular)
     }
 }
 
@@ -392,6 +401,8 @@ pub enum CommandError {
     JointIdTaken(JointId),
     /// The joint would hold the body to itself.
     JoinedToItself(BodyId),
+    /// A member drives the body, and alone says where it is.
+    Driven(BodyId),
 }
 
 impl fmt::Display for CommandError {
@@ -414,6 +425,7 @@ impl fmt::Display for CommandError {
             Self::UnknownJoint(id) => write!(f, "the scene has no {id}"),
             Self::JointIdTaken(id) => write!(f, "{id} is taken"),
             Self::JoinedToItself(id) => write!(f, "a joint cannot hold {id} to itself"),
+            Self::Driven(id) => write!(f, "a member drives {id} and alone says where it is"),
         }
     }
 }
@@ -445,6 +457,7 @@ impl Wire for CommandError {
             Self::UnknownJoint(id) => named(to, 13, &id),
             Self::JointIdTaken(id) => named(to, 14, &id),
             Self::JoinedToItself(id) => named(to, 15, &id),
+            Self::Driven(id) => named(to, 16, &id),
         }
     }
 
@@ -468,6 +481,7 @@ impl Wire for CommandError {
             13 => Self::UnknownJoint(JointId::decode(from)?),
             14 => Self::JointIdTaken(JointId::decode(from)?),
             15 => Self::JoinedToItself(BodyId::decode(from)?),
+            16 => Self::Driven(BodyId::decode(from)?),
             _ => return Err(Malformed::UnknownCode),
         })
     }

@@ -3,6 +3,8 @@
 //! Does not wait and does not display. Poll order: feed `handle_*`, then drain `poll_event` and `poll_transmit`, then ask
 //! `poll_timeout`. After an `Ended` event nothing more happens.
 
+mod driving;
+
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
 
@@ -23,6 +25,7 @@ use crate::message::{
 };
 use crate::scene::{Command, IdRange, Pace, SceneName, SceneTerms};
 use crate::time::{Instant, Span};
+use driving::Wheel;
 
 /// How far the conversation has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,6 +66,7 @@ pub struct ClientSession {
     /// The stream that was asked for in place of the present one.
     wanted: Option<StreamChoice>,
     granted: IdRange,
+    wheel: Wheel,
     commands: u64,
     awaited: Tick,
     resyncing: bool,
@@ -90,6 +94,7 @@ impl ClientSession {
             copies: Copies::new(),
             wanted: None,
             granted: IdRange::EMPTY,
+            wheel: Wheel::new(),
             commands: 0,
             awaited: Tick::ZERO,
             resyncing: false,
@@ -316,6 +321,8 @@ impl ClientSession {
             ServerMessage::Inspection(inspection) => {
                 self.events.push_back(Event::Inspected(inspection));
             }
+            ServerMessage::Driving(driving) => self.hear_driving(&driving),
+            ServerMessage::NotDriving(error) => self.hear_not_driving(error),
             ServerMessage::Welcome(_) => return Err(CloseCode::VIOLATION),
         }
         Ok(())
@@ -367,6 +374,7 @@ impl ClientSession {
     fn end_membership(&mut self, event: Event) {
         self.state = State::Lobby;
         self.copies = Copies::new();
+        self.wheel = Wheel::new();
         self.wanted = None;
         self.resyncing = false;
         self.awaited = Tick::ZERO;
@@ -385,6 +393,7 @@ impl ClientSession {
         match *notice {
             Notice::BodyPlaced { terms, .. } => self.events.push_back(Event::BodyPlaced(terms.id)),
             Notice::BodyRemoved { id, cause } => {
+                self.wheel.remove(id);
                 self.events.push_back(Event::BodyRemoved { id, cause });
             }
             Notice::SceneFaulted { tick } => self.events.push_back(Event::SceneFaulted(tick)),
@@ -519,6 +528,9 @@ impl Endpoint for ClientSession {
     }
 
     fn handle_datagram(&mut self, now: Instant, _from: Peer, bytes: &[u8]) {
+        if self.hear_of_upstream(now, bytes) {
+            return;
+        }
         let vouched = |copies: &Copies| copies.shown().map(|copy| copy.stream().vouched());
         let before = vouched(&self.copies);
         self.copies.handle_datagram(bytes);

@@ -2,10 +2,12 @@
 //!
 //! Said by the session in the order in which it was heard; nothing is decided here.
 
+use alloc::vec::Vec;
+
 use rhumb_reckoning::{BodyId, Tick};
 
 use crate::endpoint::Ending;
-use crate::message::{Denial, Inspection, RemovalCause, StreamChoice, Welcome};
+use crate::message::{Denial, DriveError, Inspection, RemovalCause, StreamChoice, Welcome};
 use crate::scene::{CommandError, IdRange};
 use crate::time::{Instant, Span};
 
@@ -55,6 +57,10 @@ pub enum Event {
     Amended(BodyId),
     /// The engine failed; the scene stands still after this tick.
     SceneFaulted(Tick),
+    /// These bodies, in rising order, are the application's to drive from now on, and no others.
+    Driving(Vec<BodyId>),
+    /// What was asked to be driven is not; what was driven before goes on.
+    NotDriving(DriveError),
     /// How the scene is.
     Inspected(Inspection),
     /// Where the server's clock stood at a moment, by the middle of a round trip.

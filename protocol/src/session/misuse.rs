@@ -4,7 +4,9 @@
 
 use core::fmt;
 
-use crate::limits::RESERVE_MAX;
+use rhumb_reckoning::BodyId;
+
+use crate::limits::{DRIVEN_MAX, RESERVE_MAX};
 use crate::scene::Invalid;
 
 /// A call that cannot be, by the application's own mistake.
@@ -16,6 +18,10 @@ pub enum Misuse {
     Invalid(Invalid),
     /// So many body indices cannot be asked for at once.
     Indices(u32),
+    /// So many bodies cannot be driven by one member.
+    TooManyDriven(usize),
+    /// The body is not one that this member drives or asked to drive.
+    NotDriven(BodyId),
 }
 
 impl fmt::Display for Misuse {
@@ -27,6 +33,13 @@ impl fmt::Display for Misuse {
                 f,
                 "{count} body indices cannot be asked for at once: 1 to {RESERVE_MAX}"
             ),
+            Self::TooManyDriven(count) => {
+                write!(
+                    f,
+                    "{count} bodies cannot be driven by one member: {DRIVEN_MAX} at most"
+                )
+            }
+            Self::NotDriven(id) => write!(f, "{id} is not driven by this member"),
         }
     }
 }

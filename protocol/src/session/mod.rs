@@ -1,7 +1,10 @@
 //! The conversation at both ends: who may say what when, and what it means.
+mod cadence;
 mod client;
 mod close;
 mod copies;
+mod driven;
+mod driver;
 mod event;
 mod misuse;
 mod patience;
@@ -11,6 +14,7 @@ mod server;
 
 pub use client::ClientSession;
 pub use close::CloseCode;
+pub use driven::Driven;
 pub use event::Event;
 pub use misuse::Misuse;
 pub use replica::Replica;

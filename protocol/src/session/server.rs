@@ -10,7 +10,9 @@ use bytes::Bytes;
 use rhumb_reckoning::Tick;
 
 use super::close::CloseCode;
-use crate::message::{ClientMessage, Frames, ServerMessage, StreamChoice, VERSIONS, Welcome};
+use crate::message::{
+    ClientMessage, Drive, Frames, ServerMessage, StreamChoice, VERSIONS, Welcome,
+};
 use crate::packet::StreamId;
 use crate::scene::{Command, CommandError, SceneName, SceneTerms};
 use crate::time::Instant;
@@ -53,6 +55,10 @@ pub enum Request {
     Follow(StreamChoice),
     /// The stream before this one is needed no more.
     Followed(StreamId),
+    /// To drive bodies.
+    Drive(Drive),
+    /// A packet of the stream on which it says how they move.
+    Upstream(Vec<u8>),
 }
 
 /// How far the conversation has come.
@@ -177,6 +183,8 @@ impl ServerSession {
             ClientMessage::Inspect => Request::Inspect,
             ClientMessage::Follow(choice) => Request::Follow(choice),
             ClientMessage::Followed(stream) => Request::Followed(stream),
+            ClientMessage::Drive(drive) => Request::Drive(drive),
+            ClientMessage::Upstream(packet) => Request::Upstream(packet),
             ClientMessage::Leave => Request::Leave,
             _ => return Err(CloseCode::VIOLATION),
         })
@@ -251,6 +259,8 @@ const fn is_for_members(message: &ClientMessage) -> bool {
             | ClientMessage::Inspect
             | ClientMessage::Follow(_)
             | ClientMessage::Followed(_)
+            | ClientMessage::Drive(_)
+            | ClientMessage::Upstream(_)
     )
 }
 

@@ -53,6 +53,8 @@ pub struct Subscriber {
     changed: Vec<u32>,
     marked: Vec<bool>,
     updates: Vec<Update>,
+    /// Of a stream whose source is not trusted with more: indices and seats stay below it, and no body holds another.
+    narrow: Option<u32>,
     statistics: SubscriberStatistics,
 }
 
@@ -83,7 +85,18 @@ impl Subscriber {
             changed: Vec::new(),
             marked: Vec::new(),
             updates: Vec::new(),
+            narrow: None,
             statistics: SubscriberStatistics::default(),
+        }
+    }
+
+    /// The same of a stream whose bodies and seats have numbers below `end` and hold one another never, so that no peer
+    /// makes tables longer.
+    #[must_use]
+    pub(crate) fn narrow(start: &StreamStart, end: u32) -> Self {
+        Self {
+            narrow: Some(end),
+            ..Self::new(start)
         }
     }
 
@@ -132,6 +145,11 @@ impl Subscriber {
         } else {
             self.settled_at
         }
+    }
+
+    /// The tick from which on everything is known, up to the vouched one, while nothing is missing.
+    pub(crate) const fn known_from(&self) -> Tick {
+        self.known_from
     }
 
     /// Whether nothing is missing.
@@ -184,6 +202,12 @@ impl Subscriber {
             .unwrap_or(&carrier.track);
         let by = self.tracks.framed(carrier, held_by, tick);
         Some(carried(&by, &motion.pose()))
+    }
+
+    /// What a track of a body, this one or one that it had, says of a tick.
+    pub(crate) fn predicted(&self, id: BodyId, track: &Track, tick: Tick) -> Option<Motion> {
+        let slot = self.tracks.slot(id.index())?;
+        (slot.id(id.index()) == id).then(|| self.tracks.framed_fresh(slot, track, tick))
     }
 
     /// Which of a body's last two tracks held at a tick, as far as is known.

@@ -7,8 +7,8 @@ use rhumb_reckoning::{Predictor, Tick};
 use super::Subscriber;
 use crate::limits::{PACKETS_HELD_MAX, TICK_JUMP_MAX};
 use crate::packet::{
-    Digest, FullPacket, Head, Kind, Low16, Ranges, Repair, Saying, StatePacket, TrackSaying,
-    Update, Vouch,
+    Digest, FullPacket, Head, Kind, Low16, Ranges, Repair, RepairRecord, Saying, StatePacket,
+    TrackSaying, Update, Vouch,
 };
 use crate::stream::gaps::{Arrival, RepairOf};
 use crate::stream::tracks::{Slot, Unreadable};
@@ -17,7 +17,12 @@ use crate::wire::{Malformed, Wire};
 
 impl Subscriber {
     /// Takes in what was overtaken by a newer saying: it is what held until then.
+    ///
+    /// Of a narrow stream more than two tracks of a body may be in use: what held between them is not known any more.
     fn take_overtaken(&mut self, index: u32, tick: Tick, saying: &Saying) {
+        if self.narrow.is_some() {
+            return self.forget_before(index);
+        }
         let Some(Some(before)) = self.before.get(index as usize) else {
             return;
         };
@@ -90,7 +95,7 @@ impl Subscriber {
         if self.placed && notices.expand(self.notices) <= self.notices {
             return true;
         }
-        if self.held.len() < PACKETS_HELD_MAX {
+        if self.narrow.is_none() && self.held.len() < PACKETS_HELD_MAX {
             self.held.push_back(datagram.to_vec());
         } else {
             self.statistics.overflowed += 1;
@@ -147,7 +152,9 @@ impl Subscriber {
         // Everything is decoded before anything is believed.
         let mut updates = core::mem::take(&mut self.updates);
         let (number, tick, ends_tick) = (packet.number, packet.tick, packet.ends_tick);
-        let decoded = packet.updates(&mut updates);
+        let decoded = packet
+            .updates(&mut updates)
+            .and_then(|()| self.admit(&updates));
         if decoded.is_ok()
             && let Some((number, tick)) = self.arrive(number, tick, ends_tick)
         {
@@ -163,6 +170,39 @@ impl Subscriber {
         }
         self.updates = updates;
         decoded
+    }
+
+    /// Refuses what a narrow stream cannot say.
+    fn admit(&self, updates: &[Update]) -> Result<(), Malformed> {
+        let Some(end) = self.narrow else {
+            return Ok(());
+        };
+        let fits = |update: &Update| {
+            let held = matches!(&update.saying, Saying::Whole(whole) if whole.carrier.is_some());
+            let named = update.body.is_none_or(|body| body < end) && update.seat < end;
+            named && !held && !update.saying.names_carrier()
+        };
+        if updates.iter().all(fits) {
+            Ok(())
+        } else {
+            Err(Malformed::OutOfRange)
+        }
+    }
+
+    /// The same of a repair.
+    fn admit_repair(&self, repair: &Repair) -> Result<(), Malformed> {
+        let Some(end) = self.narrow else {
+            return Ok(());
+        };
+        let fits = |record: &RepairRecord| {
+            let named = record.index < end && record.seat.is_none_or(|seat| seat < end);
+            named && record.whole.carrier.is_none()
+        };
+        if repair.records.iter().all(fits) {
+            Ok(())
+        } else {
+            Err(Malformed::OutOfRange)
+        }
     }
 
     fn hear(&mut self, number: u64, tick: Tick, update: &Update) {
@@ -275,6 +315,7 @@ impl Subscriber {
     }
 
     fn read_repair(&mut self, datagram: &[u8], repair: &Repair) -> Result<(), Malformed> {
+        self.admit_repair(repair)?;
         if !self.is_due(repair.notices, datagram) {
             return Ok(());
         }

@@ -1,0 +1,118 @@
+//! Bodies that the caller's own simulator moves, said to the server.
+//!
+//! The caller says once per frame where they are; what the server predicts anyway is not sent.
+
+use glam::DQuat;
+use rhumb_protocol::Instant;
+use rhumb_protocol::scene::Pace;
+use rhumb_reckoning::{BodyId, Tick, Tolerance, Verbatim};
+
+use super::Client;
+use crate::error::ClientError;
+
+impl Client {
+    /// Asks to drive these kinematic bodies, in place of those that it drove before, so that the server's bodies are within
+    /// the tolerance of where [`Self::publish`] says they are. None at all ends it.
+    ///
+    /// Does not wait: [`Happening::Driving`](crate::Happening::Driving) or
+    /// [`Happening::NotDriving`](crate::Happening::NotDriving) tells what came of it. While they are driven, nobody can put
+    /// them elsewhere by a command. They are driven no longer once they or this client leave the scene; then they stand
+    /// still.
+    ///
+    /// # Errors
+    ///
+    /// [`ClientError::Misuse`] for more bodies than one member may drive, and while an earlier wish is not answered.
+    pub fn drive(&mut self, bodies: &[BodyId], tolerance: Tolerance) -> Result<(), ClientError> {
+        self.must_stand()?;
+        self.pump.session.drive(tolerance, bodies)?;
+        self.pump.flush();
+        Ok(())
+    }
+
+    /// Says where driven bodies are now, and how they move; call it once per frame. One that is not named stands still
+    /// where it was named last. Sends nothing while the server predicts all of them well enough.
+    ///
+    /// Returns the tick that it was said of, or none if there is nobody to say it to: before the wish to drive is granted,
+    /// before the server's clock was seen, or when a frame falls on the same tick as the one before. In lockstep that is
+    /// the tick of the next [`Self::advance`]; in a free-running scene the one nearest to now by the server's clock, plus
+    /// the `lead_ticks` of the options. There, positions are carried on to that tick by their velocities, half a tick at
+    /// most.
+    ///
+    /// When a client falls silent, its bodies go on as predicted until it should have said something again and a second
+    /// more, and then stand still.
+    ///
+    /// # Errors
+    ///
+    /// [`ClientError::Misuse`] for a body that this client did not ask to drive, or a number that no engine should be
+    /// given; nothing is said then.
+    pub fn publish(&mut self, motions: &[(BodyId, Verbatim)]) -> Result<Option<Tick>, ClientError> {
+        self.must_stand()?;
+        let (tick, said) = match self.terms.pace {
+            Pace::Lockstep => {
+                let newest = self.requested.max(self.vouched());
+                let tick = newest.next();
+                (tick, self.pump.session.publish(tick, motions)?)
+            }
+            Pace::FreeRunning => {
+                self.pump.turn(Instant::ZERO);
+                self.take_events();
+                self.must_stand()?;
+                let Some(present) = self.present() else {
+                    return Ok(None);
+                };
+                let tick = Tick::new((present + 0.5) as u64);
+                let seconds = (tick.value() as f64 - present) * self.step_seconds();
+                let carried: Vec<(BodyId, Verbatim)> = motions
+                    .iter()
+                    .map(|(id, motion)| (*id, carried(motion, seconds)))
+                    .collect();
+                (tick, self.pump.session.publish(tick, &carried)?)
+            }
+        };
+        self.pump.flush();
+        Ok(said.then_some(tick))
+    }
+
+    /// The bodies that the server lets this client drive, in rising order.
+    pub fn driven(&self) -> impl Iterator<Item = BodyId> {
+        self.pump.session.driven()
+    }
+
+    /// The moment of the scene at which driven bodies are now, in ticks; none before the server's clock was seen.
+    fn present(&mut self) -> Option<f64> {
+        let now = self.pump.now();
+        self.drive_clock.server(now)?;
+        let shown = self
+            .drive_clock
+            .show(now, -self.lead_ticks, 0.0, f64::INFINITY);
+        Some(shown.ticks())
+    }
+
+    fn step_seconds(&self) -> f64 {
+        self.terms.integrator.rate.step().seconds()
+    }
+
+    fn vouched(&self) -> Tick {
+        self.replica()
+            .map_or(Tick::ZERO, |replica| replica.stream().vouched())
+    }
+}
+
+/// A motion some seconds later or earlier, by its velocities; the same if that is none.
+fn carried(motion: &Verbatim, seconds: f64) -> Verbatim {
+    if *motion == motion.stilled() {
+        return *motion;
+    }
+    let (pose, twist) = (motion.motion().pose(), motion.motion().twist());
+    let position = pose.position + twist.linear * seconds;
+    let turn = DQuat::from_scaled_axis(twist.angular * seconds);
+    let rotation = (turn * pose.rotation).normalize();
+    let later = Verbatim::new(
+        position.as_vec3().to_array(),
+        rotation.as_quat().to_array(),
+        twist.linear.as_vec3().to_array(),
+        twist.angular.as_vec3().to_array(),
+    );
+    // Only what no engine should be given leads beyond all numbers, and that is refused as it was given.
+    later.unwrap_or(*motion)
+}

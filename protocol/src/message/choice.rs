@@ -1,0 +1,122 @@
+//! Which stream of a scene a member wants, and within what.
+//!
+//! A name only: who begins and ends streams is the server's matter.
+
+use rhumb_reckoning::{LengthBound, Tolerance, TurnBound};
+
+use crate::wire::bytes::{Reader, Writer};
+use crate::wire::{Malformed, Wire};
+
+/// Which stream of a scene a member wants.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum StreamChoice {
+    /// Reckoned, within this tolerance.
+    Within(Tolerance),
+    /// Everything, every tick, to the bit.
+    Full,
+}
+
+impl StreamChoice {
+    /// How far off a copy by this stream may be. A full stream says the very bits: for it this means nothing.
+    #[must_use]
+    pub const fn tolerance(self) -> Tolerance {
+        match self {
+            Self::Within(tolerance) => tolerance,
+            Self::Full => Tolerance::LEAST,
+        }
+    }
+}
+
+impl Wire for StreamChoice {
+    fn encode(&self, to: &mut Writer) {
+        match self {
+            Self::Within(Tolerance::Surface(length)) => {
+                to.u8(0);
+                to.varint(u64::from(length.micrometres()));
+            }
+            Self::Full => to.u8(1),
+            Self::Within(Tolerance::Parts { position, turn }) => {
+                to.u8(2);
+                to.varint(u64::from(position.micrometres()));
+                to.varint(u64::from(turn.microradians()));
+            }
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        Ok(match from.u8()? {
+            0 => Self::Within(Tolerance::Surface(decode_length(from)?)),
+            1 => Self::Full,
+            2 => Self::Within(Tolerance::Parts {
+                position: decode_length(from)?,
+                turn: TurnBound::from_microradians(from.varint32()?)
+                    .map_err(|_| Malformed::OutOfRange)?,
+            }),
+            _ => return Err(Malformed::UnknownCode),
+        })
+    }
+}
+
+fn decode_length(from: &mut Reader<'_>) -> Result<LengthBound, Malformed> {
+    LengthBound::from_micrometres(from.varint32()?).map_err(|_| Malformed::OutOfRange)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(bytes: &[u8]) -> Result<StreamChoice, Malformed> {
+        let mut reader = Reader::new(bytes);
+        let choice = StreamChoice::decode(&mut reader)?;
+        reader.finish()?;
+        Ok(choice)
+    }
+
+    #[test]
+    fn a_choice_of_a_stream_comes_back_as_it_was_said() {
+        let parts = |micrometres, microradians| {
+            StreamChoice::Within(Tolerance::Parts {
+                position: LengthBound::from_micrometres(micrometres).unwrap(),
+                turn: TurnBound::from_microradians(microradians).unwrap(),
+            })
+        };
+        for (choice, bytes) in [
+            (
+                StreamChoice::Within(Tolerance::NORMAL),
+                &[0, 0xd0, 0x86, 3][..],
+            ),
+            (StreamChoice::Full, &[1][..]),
+            (parts(10_000, 2_000), &[2, 0x90, 0x4e, 0xd0, 0x0f][..]),
+            (
+                parts(1_000, 3_141_593),
+                &[2, 0xe8, 7, 0xd9, 0xdf, 0xbf, 1][..],
+            ),
+        ] {
+            let mut writer = Writer::new();
+            choice.encode(&mut writer);
+            assert_eq!(writer.into_bytes(), bytes);
+            assert_eq!(read(bytes), Ok(choice));
+            for cut in 0..bytes.len() {
+                assert_eq!(read(&bytes[..cut]), Err(Malformed::Truncated));
+            }
+        }
+    }
+
+    #[test]
+    fn a_tolerance_that_no_stream_offers_is_refused() {
+        for (first, numbers) in [
+            (0, &[999_u64][..]),
+            (0, &[10_000_001][..]),
+            (2, &[999, 2_000][..]),
+            (2, &[10_000, 99][..]),
+            (2, &[10_000, 3_141_594][..]),
+        ] {
+            let mut writer = Writer::new();
+            writer.u8(first);
+            numbers.iter().for_each(|number| writer.varint(*number));
+            let refused = read(&writer.into_bytes());
+            assert_eq!(refused, Err(Malformed::OutOfRange), "{numbers:?}");
+        }
+        assert_eq!(read(&[3]), Err(Malformed::UnknownCode));
+    }
+}

@@ -1,0 +1,266 @@
+//! What a server knows of the bodies that one member drives.
+//!
+//! The subscriber's end of an upstream. Bytes from anyone: nothing heard may panic, memory is bounded, and no body is
+//! touched that was not granted. Does not put bodies anywhere; says where they belong at a tick.
+
+use alloc::collections::VecDeque;
+use alloc::vec::Vec;
+
+use bytes::Bytes;
+use glam::Vec3;
+use rhumb_reckoning::{BodyId, Integrator, Motion, Tick, Tolerance, Track};
+
+use super::cadence::Cadence;
+use super::patience::Patience;
+use crate::limits::DRIVEN_MAX;
+use crate::message::Driving;
+use crate::packet::{Head, Kind, StreamId};
+use crate::stream::{Manner, StreamStart, Subscriber, SubscriberStatistics};
+use crate::time::{Instant, Span};
+use crate::wire::Wire;
+use crate::wire::bytes::Reader;
+
+/// The tracks of a body that hold from some tick on, oldest first: a driver may speak of ticks that are still to come.
+#[derive(Clone, Debug)]
+struct Course {
+    /// None once it has left the scene.
+    id: Option<BodyId>,
+    tracks: VecDeque<Track>,
+}
+
+/// What one member drives, as far as it was heard.
+#[derive(Debug)]
+pub struct Driven {
+    subscriber: Subscriber,
+    /// The place is the index in the stream.
+    courses: Vec<Course>,
+    cadence: Cadence,
+    /// What was said up to this tick was heard before anything was missing, or it is long ago.
+    sure_until: Tick,
+    /// The newest tick at which bodies were asked for.
+    present: Tick,
+    changed: Vec<u32>,
+    repair: Patience,
+    doubt: Patience,
+    silence: Patience,
+}
+
+/// Tracks that are kept of a body.
+const TRACKS_KEPT: usize = 64;
+/// Indices and seats of a stream stay below it: who leaves a seat may take another before that one is free again.
+const NAMES_END: u32 = 2 * DRIVEN_MAX as u32;
+/// How long a gap may be the network's disorder before it counts as loss.
+const DISORDER: Span = Span::from_millis(4);
+/// The pause between the first two askings for one repair; it doubles. The server does not measure round trips; the
+/// driver, which does, answers no asking twice within one.
+const ASK_AGAIN: Span = Span::from_millis(50);
+/// The longest pause between two askings for a repair.
+const REPAIR_MOST: Span = Span::from_millis(500);
+/// The longest pause between two askings of a driver that is silent.
+const SILENCE_MOST: Span = Span::from_millis(2_000);
+
+impl Driven {
+    /// A stream as it is granted. `manner` says what predictors need to know of each body.
+    pub fn new(
+        driving: &Driving,
+        tolerance: Tolerance,
+        integrator: Integrator,
+        manner: impl Fn(BodyId) -> Option<Manner>,
+    ) -> Self {
+        let start = StreamStart {
+            stream: driving.stream,
+            tolerance,
+            integrator,
+            gravity: Vec3::ZERO,
+            tick: driving.tick,
+            next: 0,
+            notices: 0,
+        };
+        let mut subscriber = Subscriber::narrow(&start, NAMES_END);
+        let mut courses = Vec::with_capacity(driving.bodies.len());
+        for (id, motion) in &driving.bodies {
+            let index = BodyId::new(courses.len() as u32, 0);
+            let track = driving.first_track(*motion);
+            let placed = manner(*id).is_some_and(|manner| subscriber.place(index, &manner, track));
+            courses.push(Course {
+                id: placed.then_some(*id),
+                tracks: VecDeque::from([track]),
+            });
+        }
+        subscriber.handle_snapshot_end();
+        Self {
+            subscriber,
+            courses,
+            cadence: Cadence::of(integrator.rate),
+            sure_until: driving.tick,
+            present: driving.tick,
+            changed: Vec::new(),
+            repair: Patience::new(DISORDER, REPAIR_MOST),
+            doubt: Patience::new(DISORDER, REPAIR_MOST),
+            silence: Patience::new(DISORDER, SILENCE_MOST),
+        }
+    }
+
+    /// Its name.
+    #[must_use]
+    pub const fn stream(&self) -> StreamId {
+        self.subscriber.stream()
+    }
+
+    /// Its promise.
+    #[must_use]
+    pub const fn tolerance(&self) -> Tolerance {
+        self.subscriber.tolerance()
+    }
+
+    /// What was heard so far.
+    #[must_use]
+    pub const fn statistics(&self) -> SubscriberStatistics {
+        self.subscriber.statistics()
+    }
+
+    /// The newest tick up to which the driver has said everything.
+    #[must_use]
+    pub const fn vouched(&self) -> Tick {
+        self.subscriber.vouched()
+    }
+
+    /// The bodies, in rising order.
+    pub fn bodies(&self) -> impl Iterator<Item = BodyId> {
+        self.courses.iter().filter_map(|course| course.id)
+    }
+
+    /// Whether so much is missing that the stream must begin anew.
+    #[must_use]
+    pub const fn has_lost_touch(&self) -> bool {
+        self.subscriber.has_lost_touch()
+    }
+
+    /// Whether nothing is missing that was said of a tick, as far as that was heard of.
+    #[must_use]
+    pub fn is_sure_of(&self, tick: Tick) -> bool {
+        let known = self.subscriber.is_settled() && self.subscriber.known_from() <= tick;
+        known || tick <= self.sure_until
+    }
+
+    /// Whether its driver was not heard for so long that its bodies stand still at a tick.
+    #[must_use]
+    pub fn is_forsaken(&self, tick: Tick) -> bool {
+        tick > self.trusted()
+    }
+
+    fn trusted(&self) -> Tick {
+        let silence = self.subscriber.silent_ticks();
+        self.cadence.trusted(self.vouched(), silence)
+    }
+
+    /// A body has left the scene. Its track stays, since the driver does not know at the same tick.
+    pub fn remove(&mut self, id: BodyId) {
+        for course in &mut self.courses {
+            course.id = course.id.filter(|known| *known != id);
+        }
+    }
+
+    /// Takes in a packet of this stream. One that is none, or that names what was not granted, changes nothing but a
+    /// count.
+    ///
+    /// Returns the oldest tick of which more, or less, is known than before; none if nothing changed.
+    pub fn handle_datagram(&mut self, datagram: &[u8]) -> Option<Tick> {
+        let mut reader = Reader::new(datagram);
+        let kind = Head::decode(&mut reader).map(|head| head.kind);
+        if matches!(kind, Ok(Kind::Full | Kind::FullEnd)) {
+            return None;
+        }
+        let (settled, vouched) = (self.subscriber.is_settled(), self.vouched());
+        self.subscriber.handle_datagram(datagram);
+        self.subscriber.drain_changed(&mut self.changed);
+        let mut oldest = None;
+        for index in self.changed.drain(..) {
+            let track = self.subscriber.track(BodyId::new(index, 0));
+            if let Some((course, track)) = self.courses.get_mut(index as usize).zip(track) {
+                course.take(*track);
+                oldest = Some(oldest.map_or(track.origin, |oldest: Tick| oldest.min(track.origin)));
+            }
+        }
+        // What was missing, or is now, may have been said of any tick since the last that was vouched for.
+        let settles = self.subscriber.is_settled();
+        if settled && settles {
+            return oldest;
+        }
+        // What a repair left unknown may still lie ahead.
+        if settled && self.subscriber.known_from() <= self.present {
+            self.sure_until = vouched;
+        }
+        Some(vouched.next())
+    }
+
+    /// Where the bodies belong at a tick, in rising order; ticks are asked for in rising order too. One that its driver
+    /// was not heard of for too long stands where it was last predicted.
+    pub fn motions(&mut self, tick: Tick) -> impl Iterator<Item = (BodyId, Motion)> {
+        self.present = tick;
+        let until = self.trusted();
+        let (at, forsaken) = (tick.min(until), tick > until);
+        let subscriber = &self.subscriber;
+        let courses = self.courses.iter_mut().enumerate();
+        courses.filter_map(move |(place, course)| {
+            let id = course.id?;
+            let track = course.at(at)?;
+            let motion = subscriber.predicted(BodyId::new(place as u32, 0), track, at)?;
+            Some((id, if forsaken { motion.stilled() } else { motion }))
+        })
+    }
+
+    /// What the driver is to be asked at a tick, if it is time: for what was lost, whether it is still there, or for
+    /// what is believed otherwise.
+    pub fn ask(&mut self, now: Instant, tick: Tick, out: &mut Vec<Bytes>) {
+        let silence = self.subscriber.silent_ticks();
+        let overdue = tick > self.cadence.asked(self.vouched(), silence);
+        let missing = self.subscriber.missing() > 0;
+        let doubted = self.subscriber.doubt();
+        for (patience, wanted) in [
+            (&mut self.repair, missing),
+            (&mut self.silence, overdue),
+            (&mut self.doubt, doubted.is_some()),
+        ] {
+            if wanted {
+                patience.begin(now);
+            } else {
+                patience.end();
+            }
+        }
+        let asks =
+            [&mut self.repair, &mut self.silence].map(|patience| patience.ask(now, ASK_AGAIN));
+        if asks.contains(&true) {
+            out.push(Bytes::from(self.subscriber.echo().encode(self.stream())));
+        }
+        if let Some(doubt) = doubted
+            && self.doubt.ask(now, ASK_AGAIN)
+        {
+            out.push(Bytes::from(doubt.encode(self.stream())));
+        }
+    }
+}
+
+impl Course {
+    /// Another track holds from its origin on.
+    fn take(&mut self, track: Track) {
+        if self
+            .tracks
+            .back()
+            .is_some_and(|last| last.origin >= track.origin)
+        {
+            self.tracks.clear();
+        }
+        if self.tracks.len() == TRACKS_KEPT {
+            self.tracks.pop_front();
+        }
+        self.tracks.push_back(track);
+    }
+
+    /// The track that holds at a tick; those before it are forgotten.
+    fn at(&mut self, tick: Tick) -> Option<&Track> {
+        let held = self.tracks.partition_point(|track| track.origin <= tick);
+        self.tracks.drain(..held.saturating_sub(1));
+        self.tracks.front().filter(|track| track.origin <= tick)
+    }
+}

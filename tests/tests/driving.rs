@@ -1,0 +1,186 @@
+//! A client drives bodies of a server process over QUIC on loopback.
+//!
+//! Waiting is always a client's call with its patience; no time is asserted. What the server has is read by another client
+//! that follows every state of every tick.
+
+use std::time::Duration;
+
+use rhumb_client::Depth;
+use rhumb_client::scene::{Command, CommandError, Pace, SceneTerms};
+use rhumb_client::{
+    BodyId, Client, ClientError, DriveError, Entry, Happening, Options, StreamChoice, Tick,
+    Tolerance, Trust, Verbatim,
+};
+use rhumb_protocol::session::Misuse;
+use rhumb_sims::Script;
+use rhumb_tests::{Avatars, Programme, ServerProcess};
+
+const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
+/// Two hundredths of a metre.
+const CLOSE: Tolerance = Tolerance::FINE;
+/// The same with what f32 rounds.
+const CLOSE_METRES: f32 = 0.020_01;
+
+fn options(server: &ServerProcess, entry: Entry) -> Options {
+    let trust = Trust::Fingerprint(server.fingerprint);
+    let scene = "driven".parse().expect("a scene's name");
+    Options::new(server.address.to_string(), trust, scene, entry)
+}
+
+/// A scene with one avatar, the client that made it and may drive it, and one that sees every state.
+fn open(server: &ServerProcess, pace: Pace) -> (Client, Client) {
+    let mut script = Avatars(1);
+    let terms = SceneTerms {
+        pace,
+        ..script.terms()
+    };
+    let mut driver = Client::open(options(server, Entry::Create(terms))).expect("it is there");
+    let mut commands = Vec::new();
+    script.commands(Tick::ZERO, &mut commands);
+    for command in commands {
+        driver.command(command).expect("the connection stands");
+    }
+    let full = Options {
+        stream: StreamChoice::Full,
+        ..options(server, Entry::Join)
+    };
+    let watcher = Client::open(full).expect("it is there");
+    (driver, watcher)
+}
+
+/// Waits for the answer to a wish to drive.
+fn answer(client: &mut Client) -> Result<Vec<BodyId>, DriveError> {
+    loop {
+        client
+            .idle(Duration::from_millis(2))
+            .expect("the connection stands");
+        while let Some(happening) = client.poll_happening() {
+            match happening {
+                Happening::Driving(bodies) => return Ok(bodies),
+                Happening::NotDriving(error) => return Err(error),
+                _ => {}
+            }
+        }
+    }
+}
+
+/// How far the body that a client sees is from a place, metres.
+fn off(client: &Client, id: BodyId, motion: &Verbatim) -> f32 {
+    let view = client.view();
+    let place = view.place(id).expect("the body is there");
+    let at = glam::Vec3::from_array(motion.position());
+    view.positions()[place].distance(at)
+}
+
+#[test]
+fn in_lockstep_the_server_has_an_avatar_where_its_simulator_does() {
+    let server = SERVER.serve("127.0.0.1:0");
+    let (mut driver, mut watcher) = open(&server, Pace::Lockstep);
+    let id = Avatars::id(0);
+    driver.drive(&[id], CLOSE).expect("it may ask");
+    assert_eq!(answer(&mut driver), Ok(vec![id]));
+    let mut last = Avatars::walk(0, Tick::ZERO);
+    for tick in (1..=300).map(Tick::new) {
+        let walk = Avatars::walk(0, tick);
+        let said = driver.publish(&[(id, walk)]).expect("it drives");
+        assert_eq!(said, Some(tick));
+        assert_eq!(
+            driver.advance(Depth::LOCKSTEP).expect("the server steps"),
+            tick
+        );
+        last = walk;
+        while watcher.statistics().complete < tick {
+            watcher
+                .idle(Duration::from_millis(1))
+                .expect("the connection stands");
+        }
+        watcher.wait(Depth::LOCKSTEP).expect("it is complete");
+        let error = off(&watcher, id, &walk);
+        assert!(error <= CLOSE_METRES, "off by {error} m at {tick}");
+    }
+    // The driver's own copy is within both tolerances.
+    assert!(off(&driver, id, &last) <= CLOSE_METRES + 0.05);
+    let said = driver.statistics().driven;
+    println!(
+        "{} updates, {} bytes in 300 ticks",
+        said.updates, said.bytes
+    );
+    assert!(said.updates < 100, "{said:?}");
+}
+
+#[test]
+fn a_free_running_server_has_an_avatar_where_it_came_to_stand() {
+    let server = SERVER.serve("127.0.0.1:0");
+    let (mut driver, mut watcher) = open(&server, Pace::FreeRunning);
+    let id = Avatars::id(0);
+    driver.drive(&[id], CLOSE).expect("it may ask");
+    // Each frame of this client is one of the walk, however long it took.
+    let mut place = Avatars::walk(0, Tick::ZERO);
+    for frame in 0..150 {
+        place = Avatars::walk(0, Tick::new(frame));
+        driver.publish(&[(id, place)]).expect("it asked to drive");
+        driver
+            .idle(Duration::from_millis(5))
+            .expect("the connection stands");
+    }
+    let place = place.stilled();
+    while watcher.view().place(id).is_none() || off(&watcher, id, &place) > CLOSE_METRES {
+        driver.publish(&[(id, place)]).expect("it drives");
+        driver
+            .idle(Duration::from_millis(5))
+            .expect("the connection stands");
+        watcher
+            .idle(Duration::from_millis(5))
+            .expect("the connection stands");
+        watcher.follow().expect("the connection stands");
+    }
+    assert_eq!(driver.driven().collect::<Vec<_>>(), [id]);
+}
+
+#[test]
+fn what_is_wrong_with_a_wish_to_drive_is_said() {
+    let server = SERVER.serve("127.0.0.1:0");
+    let (mut driver, mut other) = open(&server, Pace::FreeRunning);
+    let id = Avatars::id(0);
+    let stands = Avatars::walk(0, Tick::ZERO).stilled();
+    let error = driver
+        .publish(&[(id, stands)])
+        .expect_err("it drives nothing");
+    assert!(
+        matches!(error, ClientError::Misuse(Misuse::NotDriven(_))),
+        "{error}"
+    );
+    assert!(error.to_string().contains("body 4.0"), "{error}");
+    driver
+        .drive(&[Avatars::freight()], CLOSE)
+        .expect("it may ask");
+    let refused = answer(&mut driver).expect_err("it is not kinematic");
+    assert_eq!(refused, DriveError::NotKinematic(Avatars::freight()));
+    assert!(refused.to_string().contains("not kinematic"), "{refused}");
+    other.drive(&[id], CLOSE).expect("it may ask");
+    assert_eq!(answer(&mut other), Err(DriveError::NotYours(id)));
+    driver.drive(&[id], CLOSE).expect("it may ask");
+    // Who has asked may say where it is, though nobody hears it yet.
+    driver.publish(&[(id, stands)]).expect("it asked to drive");
+    assert_eq!(answer(&mut driver), Ok(vec![id]));
+    let command = Command::SetPose {
+        id,
+        position: glam::Vec3::Y,
+        rotation: glam::Quat::IDENTITY,
+    };
+    other.command(command).expect("it may ask");
+    let refused = loop {
+        other
+            .idle(Duration::from_millis(2))
+            .expect("the connection stands");
+        if let Some(Happening::Refused { error, .. }) = other.poll_happening() {
+            break error;
+        }
+    };
+    assert_eq!(refused, CommandError::Driven(id));
+    let far = Verbatim::new([1e6, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
+    let error = driver
+        .publish(&[(id, far.expect("it is finite"))])
+        .expect_err("no such place");
+    assert!(error.to_string().contains("position"), "{error}");
+}

@@ -1,0 +1,415 @@
+//! Whatever a member says of bodies that it drives, nobody else's move by it.
+//!
+//! Proved at a table: a polite guest drives a body in a scene that runs freely, and a rude one, which drives a body too,
+//! sends arbitrary datagrams, a real driver's ones with bits turned, and well-formed ones about what is not its own.
+
+use proptest::prelude::*;
+use rhumb_protocol::Peer;
+use rhumb_protocol::message::{ClientMessage, Drive, Driving, ServerMessage, StreamChoice};
+use rhumb_protocol::packet::{
+    Low16, RepairRecord, RepairWriter, Saying, StateWriter, StreamId, TrackSaying, Update, Vouch,
+};
+use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, Pace, SceneTerms, ShapeId};
+use rhumb_protocol::session::Event;
+use rhumb_reckoning::{Anchor, BodyId, Predictor, Tick, Ticks, Tolerance, Verbatim};
+use rhumb_sims::Script;
+use rhumb_tests::{Avatars, Dice, Rude, Said, TICK, Table};
+
+const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
+
+fn still(x: f32) -> Verbatim {
+    Verbatim::new([x, 3.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).expect("a place")
+}
+
+/// A scene that runs freely, with a guest that drives the first avatar and a rude one that drives a body of its own.
+struct Scene {
+    table: Table,
+    good: Peer,
+    rude: Rude,
+    driving: Driving,
+    own: BodyId,
+    ticks: u64,
+}
+
+impl Scene {
+    fn new() -> Self {
+        let mut table = Table::default();
+        let good = table.seat("driven");
+        let mut script = Avatars(1);
+        let terms = SceneTerms {
+            pace: Pace::FreeRunning,
+            ..script.terms()
+        };
+        let mut commands = Vec::new();
+        script.commands(Tick::ZERO, &mut commands);
+        let guest = table.guest(good);
+        guest.create(terms).expect("it is welcome");
+        guest.join(NORMAL).expect("it is in the lobby");
+        table.settle();
+        let guest = table.guest(good);
+        for command in commands {
+            guest.command(command).expect("it is a member");
+        }
+        guest
+            .drive(Tolerance::NORMAL, &[Avatars::id(0)])
+            .expect("it may ask");
+        table.settle();
+        let mut rude = Rude::enter(&mut table, "driven");
+        let own = rude.granted.id(0).expect("it was granted some");
+        let terms = BodyTerms::plain(own, BodyKind::Kinematic, ShapeId(3));
+        let motion = still(30.0);
+        rude.command(&mut table, Command::AddBody { terms, motion })
+            .expect("it may add");
+        let driving = drive(&mut rude, &mut table, own);
+        Self {
+            table,
+            good,
+            rude,
+            driving,
+            own,
+            ticks: 0,
+        }
+    }
+
+    /// A tick of the scene: the polite one drives on, and its body is where it says.
+    fn tick(&mut self) {
+        self.ticks += 1;
+        let id = Avatars::id(0);
+        let tick = self.driving.tick + Ticks::new(self.ticks as u32 + 1);
+        let walk = Avatars::walk(0, tick);
+        let guest = self.table.guest(self.good);
+        guest.publish(tick, &[(id, walk)]).expect("it drives");
+        self.table.settle();
+        self.table.pass(TICK);
+        let guest = self.table.guest(self.good);
+        while let Some(event) = guest.poll_event() {
+            let bad = matches!(
+                event,
+                Event::Ended(_) | Event::NotDriving(_) | Event::BodyRemoved { .. }
+            );
+            assert!(!bad, "{event:?}");
+        }
+        let stream = guest.replica().expect("it is a member").stream();
+        let at = |id| {
+            stream
+                .believed(id, stream.vouched())
+                .expect("it is there")
+                .pose()
+                .position
+        };
+        let off = at(id).distance(walk.motion().pose().position);
+        assert!(off < 0.3, "the avatar is off by {off} m");
+        for (id, place) in [
+            (
+                Avatars::platform(),
+                Avatars::berth().motion().pose().position,
+            ),
+            (Avatars::floor(), glam::DVec3::new(0.0, -0.5, 0.0)),
+        ] {
+            assert!(at(id).distance(place) < 0.06, "{id} is at {}", at(id));
+        }
+    }
+
+    fn own(&mut self) -> glam::DVec3 {
+        let stream = self
+            .table
+            .guest(self.good)
+            .replica()
+            .expect("it is a member")
+            .stream();
+        stream
+            .believed(self.own, stream.vouched())
+            .expect("it is there")
+            .pose()
+            .position
+    }
+
+    /// A packet of the rude one's own stream that says these of bodies by index.
+    fn state(&self, number: u64, tick: Tick, said: &[(u32, Verbatim)]) -> Vec<u8> {
+        let mut writer = StateWriter::new(self.driving.stream, number, tick.value(), 0);
+        for (index, motion) in said {
+            let saying = Saying::Whole(TrackSaying {
+                predictor: Predictor::Uniform,
+                anchor: Anchor::Verbatim(*motion),
+                carrier: None,
+            });
+            let body = Some(*index);
+            assert!(writer.push(&Update {
+                seat: *index,
+                body,
+                saying
+            }));
+        }
+        writer.finish(true)
+    }
+}
+
+fn drive(rude: &mut Rude, table: &mut Table, body: BodyId) -> Driving {
+    let drive = Drive {
+        tolerance: Tolerance::NORMAL,
+        bodies: vec![body],
+    };
+    let heard = rude.say(table, &ClientMessage::Drive(drive));
+    let driving = heard.into_iter().find_map(|message| match message {
+        ServerMessage::Driving(driving) => Some(driving),
+        _ => None,
+    });
+    driving.expect("its own body is its own to drive")
+}
+
+/// What a real driver says of a walk, as the polite one's datagrams are.
+fn recorded(stream: StreamId) -> Vec<Vec<u8>> {
+    let mut scene = Scene::new();
+    scene.table.take_spoken(scene.good);
+    for _ in 0..60 {
+        scene.tick();
+    }
+    let spoken = scene.table.take_spoken(scene.good);
+    let mut packets: Vec<Vec<u8>> = spoken
+        .into_iter()
+        .filter_map(|said| match said {
+            Said::State(bytes) => Some(bytes.to_vec()),
+            Said::Control(_) => None,
+        })
+        .collect();
+    // The stream's name stands behind the kind, in one byte here.
+    packets
+        .iter_mut()
+        .for_each(|packet| packet[1] = stream.0 as u8);
+    packets
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+
+    #[test]
+    fn arbitrary_datagrams_of_any_stream_move_nobody_elses_body(
+        pieces in proptest::collection::vec(
+            (0_u8..10, 0_u8..6, proptest::collection::vec(any::<u8>(), 0..60)), 1..60)
+    ) {
+        let mut scene = Scene::new();
+        for (place, (kind, stream, bytes)) in pieces.iter().enumerate() {
+            let mut datagram = vec![*kind, *stream];
+            datagram.extend_from_slice(bytes);
+            scene.table.datagram(scene.rude.peer, &datagram);
+            if place % 8 == 0 {
+                scene.tick();
+            }
+        }
+        scene.tick();
+        prop_assert_eq!(scene.rude.closed(&scene.table), None);
+    }
+
+    #[test]
+    fn a_damaged_drivers_stream_moves_nobody_elses_body(seed: u64) {
+        let mut scene = Scene::new();
+        let mut dice = Dice::new(seed);
+        let packets = recorded(scene.driving.stream);
+        for (place, packet) in packets.iter().enumerate() {
+            let mut packet = packet.clone();
+            if dice.below(3) == 0 {
+                let bit = dice.below(packet.len() * 8);
+                packet[bit / 8] ^= 1 << (bit % 8);
+            }
+            for _ in 0..dice.below(3) {
+                scene.table.datagram(scene.rude.peer, &packet);
+            }
+            if place % 4 == 0 {
+                scene.tick();
+            }
+        }
+        scene.tick();
+        prop_assert_eq!(scene.rude.closed(&scene.table), None);
+    }
+}
+
+#[test]
+fn a_driver_moves_what_it_was_granted_and_nothing_beside_it() {
+    let mut scene = Scene::new();
+    let tick = scene.driving.tick.next();
+    // Index 0 is its own body; no other index is anybody's in its stream.
+    for (number, index) in [(0, 0), (1, 1), (2, 4), (3, 511), (4, 512), (5, 1_000_000)] {
+        let later = tick + Ticks::new(number as u32);
+        let packet = scene.state(number, later, &[(index, still(33.0))]);
+        scene.table.datagram(scene.rude.peer, &packet);
+    }
+    for _ in 0..20 {
+        scene.tick();
+    }
+    let own = scene.own();
+    assert!((own.x - 33.0).abs() < 0.06, "it is at {own}");
+}
+
+#[test]
+fn another_members_stream_cannot_be_spoken_on() {
+    let mut scene = Scene::new();
+    scene.tick();
+    for stream in 0..20 {
+        if StreamId(stream) == scene.driving.stream {
+            continue;
+        }
+        for number in 0..4 {
+            let mut packet = scene.state(
+                number,
+                scene.driving.tick + Ticks::new(5),
+                &[(0, still(-9.0))],
+            );
+            packet[1] = stream as u8;
+            scene.table.datagram(scene.rude.peer, &packet);
+        }
+    }
+    for _ in 0..20 {
+        scene.tick();
+    }
+    let own = scene.own();
+    assert!((own.x - 30.0).abs() < 0.06, "it is at {own}");
+}
+
+#[test]
+fn impossible_places_and_ticks_leave_a_body_where_it_is() {
+    let mut scene = Scene::new();
+    let beyond = |x, v| Verbatim::new([x, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [v; 3], [0.0; 3]);
+    let tick = scene.driving.tick;
+    for (number, (ahead, motion)) in [
+        (1, beyond(1e30, 0.0)),
+        (2, beyond(f32::MAX, f32::MAX)),
+        (3, beyond(-1e6, 1e30)),
+        (3_000, beyond(7.0, 0.0)),
+        (6_000, beyond(7.0, 0.0)),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let motion = motion.expect("it is finite");
+        let packet = scene.state(number as u64, tick + Ticks::new(ahead), &[(0, motion)]);
+        scene.table.datagram(scene.rude.peer, &packet);
+        scene.tick();
+        let own = scene.own();
+        assert!((own.x - 30.0).abs() < 0.06, "it is at {own}");
+    }
+}
+
+#[test]
+fn a_jump_in_time_ends_a_drive_and_its_member_may_ask_again() {
+    let mut scene = Scene::new();
+    let vouch = Vouch {
+        next: Low16(0),
+        tick: Low16::of(scene.driving.tick.value() + 20_000),
+        notices: Low16(0),
+    };
+    scene.table.take_heard(scene.rude.peer);
+    let datagram = vouch.encode(scene.driving.stream);
+    scene.table.datagram(scene.rude.peer, &datagram);
+    let heard = scene.table.take_heard(scene.rude.peer);
+    assert!(matches!(&heard[..], [Said::Control(_)]), "{heard:?}");
+    // What is sent on is of a stream that is no more.
+    for _ in 0..100 {
+        scene.table.datagram(scene.rude.peer, &datagram);
+    }
+    assert_eq!(scene.table.take_heard(scene.rude.peer), []);
+    scene.driving = drive(&mut scene.rude, &mut scene.table, scene.own);
+    scene.ticks = 0;
+    let packet = scene.state(0, scene.driving.tick.next(), &[(0, still(31.0))]);
+    scene.table.datagram(scene.rude.peer, &packet);
+    for _ in 0..10 {
+        scene.tick();
+    }
+    assert!((scene.own().x - 31.0).abs() < 0.06);
+}
+
+#[test]
+fn gaps_without_end_and_repairs_of_what_was_never_lost_cost_little() {
+    let mut scene = Scene::new();
+    let mut said = 0;
+    for round in 0..400_u64 {
+        let tick = scene.driving.tick + Ticks::new(round as u32 + 1);
+        let packet = scene.state(round * 2 + 1, tick, &[(0, still(30.0))]);
+        scene.table.datagram(scene.rude.peer, &packet);
+        let mut writer = RepairWriter::default();
+        writer.push(&RepairRecord {
+            index: (round % 600) as u32,
+            seat: Some((round * 7 % 600) as u32),
+            age: Ticks::ZERO,
+            whole: TrackSaying {
+                predictor: Predictor::Rest,
+                anchor: Anchor::Verbatim(still(30.0)),
+                carrier: Some(BodyId::new(0, 0)).filter(|_| round % 3 == 0),
+            },
+        });
+        let stream = scene.driving.stream;
+        for datagram in writer.finish(stream, round * 3, tick.value(), 0) {
+            scene.table.datagram(scene.rude.peer, &datagram);
+        }
+        if round % 4 == 0 {
+            scene.table.take_heard(scene.rude.peer);
+            scene.tick();
+            let heard = scene.table.take_heard(scene.rude.peer);
+            said += heard
+                .iter()
+                .filter(|said| matches!(said, Said::State(bytes) if bytes[0] == 6))
+                .count();
+        }
+    }
+    assert!(said > 0 && said <= 100, "asked {said} times in 100 ticks");
+}
+
+#[test]
+fn what_comes_the_wrong_way_for_the_pace_changes_nothing() {
+    let mut table = Table::default();
+    let mut script = Avatars(0);
+    let good = table.seat("led");
+    let guest = table.guest(good);
+    guest.create(script.terms()).expect("it is welcome");
+    guest.join(NORMAL).expect("it is in the lobby");
+    table.settle();
+    let mut commands = Vec::new();
+    script.commands(Tick::ZERO, &mut commands);
+    let guest = table.guest(good);
+    for command in commands {
+        guest.command(command).expect("it is a member");
+    }
+    table.settle();
+    let mut rude = Rude::enter(&mut table, "led");
+    let own = rude.granted.id(0).expect("it was granted some");
+    let terms = BodyTerms::plain(own, BodyKind::Kinematic, ShapeId(3));
+    let motion = still(30.0);
+    rude.command(&mut table, Command::AddBody { terms, motion })
+        .expect("it may add");
+    let driving = drive(&mut rude, &mut table, own);
+    let mut writer = StateWriter::new(driving.stream, 0, 1, 0);
+    let saying = Saying::Whole(TrackSaying {
+        predictor: Predictor::Rest,
+        anchor: Anchor::Verbatim(still(35.0)),
+        carrier: None,
+    });
+    assert!(writer.push(&Update {
+        seat: 0,
+        body: Some(0),
+        saying
+    }));
+    let packet = writer.finish(true);
+    let step = |table: &mut Table, tick| {
+        let now = table.now();
+        table
+            .guest(good)
+            .advance(now, Tick::new(tick))
+            .expect("it is a member");
+        table.settle();
+        let stream = table
+            .guest(good)
+            .replica()
+            .expect("it is a member")
+            .stream();
+        stream
+            .believed(own, Tick::new(tick))
+            .expect("it is there")
+            .pose()
+            .position
+            .x
+    };
+    // Another run might hear a datagram a tick later: where members lead, it is not heard at all.
+    table.datagram(rude.peer, &packet);
+    assert!((step(&mut table, 1) - 30.0).abs() < 0.06);
+    rude.say(&mut table, &ClientMessage::Upstream(packet));
+    assert!((step(&mut table, 2) - 35.0).abs() < 0.06);
+}
