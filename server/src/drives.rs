@@ -111,6 +111,10 @@ impl Drives {
             return;
         };
         self.drivers.retain(|_, driver| *driver != peer);
+        // Who begins and ends without a step between them fills no log.
+        if team.steps == 0 {
+            return;
+        }
         tracing::info!(
             peer = peer.0,
             steps = team.steps,

@@ -85,7 +85,7 @@ impl Walk {
     fn statistics(&self) -> Option<DriveStatistics> {
         let scene = "stage".parse().expect("a scene's name");
         let mut drives = self.stage.arena.server().drives(&scene);
-        drives.find(|drive| drive.bodies > 0)
+        drives.find(|drive| drive.driver == rhumb_protocol::Peer(0))
     }
 
     /// The simulator's frame: says where the avatars are at a tick.
@@ -222,7 +222,7 @@ fn what_the_server_knows_of_an_avatar_is_within_the_tolerance_over_any_link() {
         ("rtt=60ms", 3, 0.02),
         ("rtt=60ms,jitter=30ms", 6, 0.1),
         ("rtt=100ms,loss=5%", 14, 0.2),
-        ("rtt=40ms,loss=20%,jitter=10ms,reorder=10%,dup=10%", 14, 0.5),
+        ("rtt=40ms,loss=20%,jitter=10ms,reorder=10%,dup=10%", 14, 0.9),
         ("rtt=100ms,loss=5%,burst=6,jitter=20ms", 16, 0.4),
     ] {
         survives(terms, lead, known, seed(21));
@@ -581,11 +581,84 @@ fn what_lies_on_a_driven_platform_is_carried_and_sleeps_when_that_stands() {
     let carried = walk.at(freight).pose().position;
     assert!((carried.x - 1.0).abs() < 0.1, "the freight is at {carried}");
     let moved = walk.at(platform).pose().position;
-    assert!((moved.x - 1.0).abs() < 0.02, "the platform is at {moved}");
+    // What stands for a second is there to the bit, as far as the engine has it.
+    assert!((moved.x - 1.0).abs() < 1e-6, "the platform is at {moved}");
     let session = walk.stage.arena.client_mut(COMMANDER);
     session.inspect().expect("a member may ask");
     walk.stage.run(TICK);
     let inspection = walk.stage.witnesses[COMMANDER].inspections[0];
     // All but the one that turns.
     assert_eq!(inspection.awake, 1);
+}
+
+#[test]
+fn a_driver_goes_on_while_its_own_copy_changes_streams() {
+    let mut walk = Walk::new(Pace::FreeRunning, 1, 8, seed(22));
+    walk.over("rtt=80ms,loss=3%");
+    for choice in [
+        StreamChoice::Within(Tolerance::EXACT),
+        StreamChoice::Full,
+        NORMAL,
+    ] {
+        let session = walk.stage.arena.client_mut(COMMANDER);
+        session
+            .follow(choice)
+            .expect("no other change is asked for");
+        for _ in 0..120 {
+            walk.frame();
+        }
+        assert_eq!(walk.stage.copy(COMMANDER).choice(), choice);
+    }
+    assert!(walk.judged > 200, "{} were judged", walk.judged);
+    assert_eq!(walk.stage.witnesses[COMMANDER].drives.len(), 1);
+}
+
+#[test]
+fn each_of_two_drivers_moves_its_own_and_sees_the_others() {
+    let mut walk = Walk::new(Pace::FreeRunning, 1, 4, seed(23));
+    let guest = walk.stage.enter(NORMAL);
+    let granted = walk.stage.witnesses[guest].granted.expect("it is a member");
+    let id = granted.id(0).expect("it was granted some");
+    let mut terms = *walk
+        .stage
+        .copy(guest)
+        .body(Avatars::id(0))
+        .expect("it is there");
+    terms.id = id;
+    // The same walk, from elsewhere and with other rests.
+    let at = |tick| Avatars::walk(3, tick);
+    let motion = at(Tick::ZERO).stilled();
+    let add = Command::AddBody { terms, motion };
+    walk.stage
+        .arena
+        .client_mut(guest)
+        .command(add)
+        .expect("it is a member");
+    walk.stage.run(Span::from_millis(100));
+    assert_eq!(drive(&mut walk.stage, guest, &[id]), Ok(vec![id]));
+    let links: LinkTerms = "rtt=50ms,loss=5%"
+        .parse()
+        .expect("the tests write links well");
+    walk.stage.arena.set_terms(links);
+    walk.stage
+        .arena
+        .set_terms_of(walk.watcher, Direction::Down, LinkTerms::PERFECT);
+    let mut worst: f64 = 0.0;
+    for frame in 0..400 {
+        let tick = walk.newest() + Ticks::new(4);
+        let session = walk.stage.arena.client_mut(guest);
+        session.publish(tick, &[(id, at(tick))]).expect("it drives");
+        walk.frame();
+        if frame > 30 {
+            let copy = walk.stage.copy(COMMANDER).stream();
+            let seen = copy.believed(id, copy.complete()).expect("it is there");
+            let said = at(copy.complete()).motion();
+            worst = worst.max(seen.pose().position.distance(said.pose().position));
+        }
+    }
+    // Two tolerances and what a lost packet may cost for a round trip or two.
+    assert!(worst < 0.5, "off by {worst} m");
+    assert!(walk.judged > 200, "{} were judged", walk.judged);
+    let scene = "stage".parse().expect("a scene's name");
+    assert_eq!(walk.stage.arena.server().drives(&scene).count(), 2);
 }

@@ -5,7 +5,9 @@
 
 use proptest::prelude::*;
 use rhumb_protocol::Peer;
-use rhumb_protocol::message::{ClientMessage, Drive, Driving, ServerMessage, StreamChoice};
+use rhumb_protocol::message::{
+    ClientMessage, Drive, DriveError, Driving, ServerMessage, StreamChoice,
+};
 use rhumb_protocol::packet::{
     Low16, RepairRecord, RepairWriter, Saying, StateWriter, StreamId, TrackSaying, Update, Vouch,
 };
@@ -351,6 +353,30 @@ fn gaps_without_end_and_repairs_of_what_was_never_lost_cost_little() {
         }
     }
     assert!(said > 0 && said <= 100, "asked {said} times in 100 ticks");
+}
+
+#[test]
+fn wishes_to_drive_cost_their_answers_and_nothing_else() {
+    let mut scene = Scene::new();
+    scene.tick();
+    for _ in 0..2_000 {
+        scene.driving = drive(&mut scene.rude, &mut scene.table, scene.own);
+    }
+    let own = scene.own();
+    assert!((own.x - 30.0).abs() < 0.06, "it is at {own}");
+    let foreign = Drive {
+        tolerance: Tolerance::NORMAL,
+        bodies: vec![Avatars::id(0), scene.own],
+    };
+    for _ in 0..2_000 {
+        let heard = scene
+            .rude
+            .say(&mut scene.table, &ClientMessage::Drive(foreign.clone()));
+        let refused = ServerMessage::NotDriving(DriveError::NotYours(Avatars::id(0)));
+        assert_eq!(heard, [refused]);
+    }
+    assert_eq!(scene.rude.closed(&scene.table), None);
+    scene.tick();
 }
 
 #[test]

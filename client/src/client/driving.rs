@@ -116,3 +116,21 @@ fn carried(motion: &Verbatim, seconds: f64) -> Verbatim {
     // Only what no engine should be given leads beyond all numbers, and that is refused as it was given.
     later.unwrap_or(*motion)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_motion_is_carried_by_its_velocities_and_a_still_one_keeps_every_bit() {
+        let upright = [0.0, 0.0, 0.0, 1.0];
+        let still = Verbatim::new([0.1, 0.2, 0.3], upright, [0.0; 3], [0.0; 3]).unwrap();
+        assert_eq!(carried(&still, 0.5), still);
+        let moving = Verbatim::new([1.0, 0.0, 0.0], upright, [0.0, 2.0, 0.0], [0.0, 0.0, 4.0]);
+        let later = carried(&moving.unwrap(), -0.25);
+        assert_eq!(later.position(), [1.0, -0.5, 0.0]);
+        let [_, _, z, w] = later.rotation();
+        assert!((2.0 * z.atan2(w) + 1.0).abs() < 1e-6, "{z} {w}");
+        assert_eq!(later.parts()[7..], moving.unwrap().parts()[7..]);
+    }
+}

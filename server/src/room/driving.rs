@@ -34,7 +34,7 @@ impl Room {
     pub(super) fn hear_driver(&mut self, peer: Peer, packet: &[u8], out: &mut Outbox) {
         if !self.drives.hear(peer, packet, self.scene.tick()) {
             self.drives.end(peer);
-            tracing::warn!(peer = peer.0, "lost touch with a driver");
+            tracing::debug!(peer = peer.0, "lost touch with a driver");
             out.say(peer, &ServerMessage::NotDriving(DriveError::LostTouch));
         }
     }
@@ -51,7 +51,7 @@ impl Room {
         let answer = match self.begin_drive(peer, stream, drive) {
             Ok(driving) => ServerMessage::Driving(driving),
             Err(error) => {
-                tracing::info!(peer = peer.0, %error, "may not drive");
+                tracing::debug!(peer = peer.0, %error, "may not drive");
                 ServerMessage::NotDriving(error)
             }
         };
@@ -95,7 +95,7 @@ impl Room {
             debug_assert!(stands.is_ok(), "a body may be where it is");
         }
         let bodies = driving.bodies.len();
-        tracing::info!(peer = peer.0, bodies, stream = %stream, "drives from now on");
+        tracing::debug!(peer = peer.0, bodies, stream = %stream, "drives from now on");
         Ok(driving)
     }
 
