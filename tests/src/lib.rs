@@ -10,6 +10,7 @@ mod seed;
 mod stage;
 mod table;
 mod truth;
+mod walk;
 mod witness;
 
 pub use avatar::Avatars;
@@ -19,4 +20,5 @@ pub use seed::{Dice, seed};
 pub use stage::{COMMANDER, Stage, TICK};
 pub use table::{Said, Table};
 pub use truth::{Record, Truth};
+pub use walk::{Walk, drive};
 pub use witness::{Claim, Witness, assert_same_copy, copy_digest};
