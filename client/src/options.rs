@@ -36,7 +36,8 @@ pub struct Options {
     /// Free running only: how many ticks the view stays behind the server's clock. Zero lets prediction carry all of it.
     pub delay_ticks: f64,
     /// Free running only: how many ticks ahead of the server's clock bodies that this client drives are said to be. Zero
-    /// lets the server predict over the way there; as much as the way takes, and a little more, lets it know.
+    /// lets the server predict over the way there; as much as the way takes, and a little more, lets it know. It can be
+    /// changed by `Client::set_lead_ticks`.
     pub lead_ticks: f64,
     /// Free running only: whether only whole ticks are shown, as a simulator with ticks of its own may want.
     pub whole_ticks: bool,

@@ -485,8 +485,9 @@ impl Room {
     }
 
     /// The scene is gone: members hear it.
-    pub(crate) fn end(self, out: &mut Outbox) {
+    pub(crate) fn end(mut self, out: &mut Outbox) {
         for peer in self.members.keys() {
+            self.drives.end(*peer);
             out.say(*peer, &ServerMessage::Deleted);
         }
     }

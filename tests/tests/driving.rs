@@ -124,6 +124,8 @@ fn a_free_running_server_has_an_avatar_where_it_came_to_stand() {
             .expect("the connection stands");
     }
     let place = place.stilled();
+    let way = driver.statistics().wire.round_trip.as_secs_f64() / 2.0;
+    driver.set_lead_ticks(way * 60.0 + 1.0);
     while watcher.view().place(id).is_none() || off(&watcher, id, &place) > CLOSE_METRES {
         driver.publish(&[(id, place)]).expect("it drives");
         driver

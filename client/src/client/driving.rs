@@ -73,6 +73,13 @@ impl Client {
         Ok(said.then_some(tick))
     }
 
+    /// Changes how many ticks ahead of the server's clock driven bodies are said to be; see
+    /// [`Options::lead_ticks`](crate::Options::lead_ticks). Half of the round trip that [`Self::statistics`] tells, and a
+    /// tick or two for jitter, spares the server from predicting.
+    pub const fn set_lead_ticks(&mut self, ticks: f64) {
+        self.lead_ticks = ticks;
+    }
+
     /// The bodies that the server lets this client drive, in rising order.
     pub fn driven(&self) -> impl Iterator<Item = BodyId> {
         self.pump.session.driven()

@@ -264,3 +264,144 @@ impl Course {
         self.tracks.front().filter(|track| track.origin <= tick)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{BodyKind, BodyTerms, Shape, ShapeId};
+    use crate::session::driver::{Driver, Told};
+    use core::num::NonZeroU32;
+    use proptest::prelude::*;
+    use rhumb_reckoning::{Damping, Divergence, Metres, Rate, Ticks, Verbatim};
+
+    const INTEGRATOR: Integrator = Integrator {
+        rate: Rate::HZ_60,
+        substeps: NonZeroU32::new(4).unwrap(),
+    };
+    const TOLERANCE: Tolerance = Tolerance::FINE;
+
+    fn at(x: f32, speed: f32) -> Verbatim {
+        Verbatim::new(
+            [x, 0.0, 0.0],
+            [0.0, 0.0, 0.0, 1.0],
+            [speed, 0.0, 0.0],
+            [0.0; 3],
+        )
+        .unwrap()
+    }
+
+    /// To and fro, at a speed that changes each half second.
+    fn walk(tick: u64) -> Verbatim {
+        let mut x = 0.0;
+        let speed = |tick: u64| ((tick / 30) % 4) as f32 - 1.5;
+        for before in 0..tick {
+            x += speed(before) / 60.0;
+        }
+        at(x, speed(tick))
+    }
+
+    fn ends() -> (Driver, Driven) {
+        let id = BodyId::new(70, 3);
+        let driving = Driving {
+            stream: StreamId(9),
+            tick: Tick::new(100),
+            bodies: alloc::vec![(id, at(0.0, 0.0))],
+        };
+        let manner = |id| {
+            let terms = BodyTerms::plain(id, BodyKind::Kinematic, ShapeId(0));
+            let shape = Shape::Ball { radius: 0.5 };
+            Some(Manner::of(&terms, &shape, Damping::default(), None))
+        };
+        let driver = Driver::new(&driving, TOLERANCE, INTEGRATOR, manner);
+        let driven = Driven::new(&driving, TOLERANCE, INTEGRATOR, manner);
+        (driver, driven)
+    }
+
+    /// Where the server has the body at a tick.
+    fn placed(driven: &mut Driven, tick: Tick) -> Option<Motion> {
+        let mut motions = driven.motions(tick);
+        motions.next().map(|(id, motion)| {
+            assert_eq!(id, BodyId::new(70, 3));
+            motion
+        })
+    }
+
+    proptest! {
+        /// `lost` and `late` say what becomes of each packet; the driver leads by `lead` ticks.
+        #[test]
+        fn what_is_known_in_time_is_within_the_tolerance(
+            fates in proptest::collection::vec((0_u8..10, 0_u64..6), 600), lead in 0_u64..12
+        ) {
+            let (mut driver, mut driven) = ends();
+            let mut under_way: Vec<(u64, Bytes)> = Vec::new();
+            let mut fates = fates.into_iter();
+            let (mut said, mut asked): (Vec<Bytes>, Vec<Bytes>) = Default::default();
+            let mut sure = 0;
+            for step in 1..240_u64 {
+                let tick = Tick::new(100 + step);
+                let now = Instant::from_nanos(step * 16_666_667);
+                let ahead = step + lead;
+                let told = driver.publish(Tick::new(100 + ahead), &[(BodyId::new(70, 3), walk(ahead))], &mut said);
+                prop_assert_eq!(told, Told::Yes);
+                for question in asked.drain(..) {
+                    driver.handle_datagram(now, Span::from_millis(30), &question, &mut said);
+                }
+                for packet in said.drain(..) {
+                    let (fate, way) = fates.next().unwrap_or((9, 0));
+                    if fate > 1 {
+                        under_way.push((step + way, packet));
+                    }
+                }
+                under_way.retain(|(due, packet)| {
+                    let is_due = *due <= step;
+                    if is_due {
+                        driven.handle_datagram(packet);
+                    }
+                    !is_due
+                });
+                let placed = placed(&mut driven, tick).expect("it is there");
+                if driven.is_sure_of(tick) && driven.vouched() >= tick && step > lead {
+                    let apart = Divergence::between(&walk(step).motion().pose(), &placed.pose());
+                    let share = TOLERANCE.share(&apart, Metres::new(0.5));
+                    prop_assert!(share <= 1.0, "off by {} at step {}", share, step);
+                    sure += 1;
+                }
+                driven.ask(now, tick, &mut asked);
+            }
+            prop_assert!(lead < 8 || sure > 0);
+            prop_assert_eq!(driven.statistics().mismatches, 0);
+            prop_assert_eq!(driven.statistics().malformed, 0);
+        }
+    }
+
+    #[test]
+    fn a_driver_that_is_not_heard_any_more_leaves_bodies_that_stand() {
+        let (mut driver, mut driven) = ends();
+        let mut said = Vec::new();
+        for ahead in 1..=20_u64 {
+            let motion = at(ahead as f32 / 60.0, 1.0);
+            driver.publish(
+                Tick::new(100 + ahead),
+                &[(BodyId::new(70, 3), motion)],
+                &mut said,
+            );
+        }
+        for packet in said.drain(..) {
+            driven.handle_datagram(&packet);
+        }
+        let last = driven.vouched();
+        let mut flown = 0;
+        let mut before = placed(&mut driven, last).expect("it is there").pose();
+        for ahead in 1..300 {
+            let now = placed(&mut driven, last + Ticks::new(ahead)).expect("it is there");
+            flown += u32::from(now.pose() != before);
+            assert_eq!(
+                driven.is_forsaken(last + Ticks::new(ahead)),
+                now.twist() == rhumb_reckoning::Twist::ZERO
+            );
+            before = now.pose();
+        }
+        // As long as it was silent before, or four ticks, and a second.
+        assert!((64..=80).contains(&flown), "{flown} ticks");
+    }
+}
