@@ -74,6 +74,11 @@ fn off(client: &Client, id: BodyId, motion: &Verbatim) -> f32 {
 
 #[test]
 fn in_lockstep_the_server_has_an_avatar_where_its_simulator_does() {
+    walks_in_lockstep(Depth::LOCKSTEP, 0);
+    walks_in_lockstep(Depth::PIPELINED, 1);
+}
+
+fn walks_in_lockstep(depth: Depth, behind: u64) {
     let server = SERVER.serve("127.0.0.1:0");
     let (mut driver, mut watcher) = open(&server, Pace::Lockstep);
     let id = Avatars::id(0);
@@ -84,10 +89,8 @@ fn in_lockstep_the_server_has_an_avatar_where_its_simulator_does() {
         let walk = Avatars::walk(0, tick);
         let said = driver.publish(&[(id, walk)]).expect("it drives");
         assert_eq!(said, Some(tick));
-        assert_eq!(
-            driver.advance(Depth::LOCKSTEP).expect("the server steps"),
-            tick
-        );
+        let shown = driver.advance(depth).expect("the server steps");
+        assert!(shown.value() + behind >= tick.value(), "{shown} at {tick}");
         last = walk;
         while watcher.statistics().complete < tick {
             watcher
@@ -98,13 +101,10 @@ fn in_lockstep_the_server_has_an_avatar_where_its_simulator_does() {
         let error = off(&watcher, id, &walk);
         assert!(error <= CLOSE_METRES, "off by {error} m at {tick}");
     }
-    // The driver's own copy is within both tolerances.
-    assert!(off(&driver, id, &last) <= CLOSE_METRES + 0.05);
+    // The driver's own copy is within both tolerances, and as far behind as it waits.
+    let way = 1.4 / 60.0 * behind as f32;
+    assert!(off(&driver, id, &last) <= CLOSE_METRES + 0.05 + way);
     let said = driver.statistics().driven;
-    println!(
-        "{} updates, {} bytes in 300 ticks",
-        said.updates, said.bytes
-    );
     assert!(said.updates < 100, "{said:?}");
 }
 

@@ -438,4 +438,12 @@ fn what_comes_the_wrong_way_for_the_pace_changes_nothing() {
     assert!((step(&mut table, 1) - 30.0).abs() < 0.06);
     rude.say(&mut table, &ClientMessage::Upstream(packet));
     assert!((step(&mut table, 2) - 35.0).abs() < 0.06);
+    let mut scene = Scene::new();
+    let packet = scene.state(0, scene.driving.tick.next(), &[(0, still(35.0))]);
+    let late = ClientMessage::Upstream(packet);
+    scene.rude.say(&mut scene.table, &late);
+    for _ in 0..10 {
+        scene.tick();
+    }
+    assert!((scene.own().x - 30.0).abs() < 0.06);
 }

@@ -38,6 +38,8 @@ impl Client {
     /// the `lead_ticks` of the options. There, positions are carried on to that tick by their velocities, half a tick at
     /// most.
     ///
+    /// The view goes on showing the bodies as the server has them; a simulator shows its own.
+    ///
     /// When a client falls silent, its bodies go on as predicted until it should have said something again and a second
     /// more, and then stand still.
     ///

@@ -300,17 +300,18 @@ mod tests {
         at(x, speed(tick))
     }
 
+    fn manner(id: BodyId) -> Option<Manner> {
+        let terms = BodyTerms::plain(id, BodyKind::Kinematic, ShapeId(0));
+        let shape = Shape::Ball { radius: 0.5 };
+        Some(Manner::of(&terms, &shape, Damping::default(), None))
+    }
+
     fn ends() -> (Driver, Driven) {
         let id = BodyId::new(70, 3);
         let driving = Driving {
             stream: StreamId(9),
             tick: Tick::new(100),
             bodies: alloc::vec![(id, at(0.0, 0.0))],
-        };
-        let manner = |id| {
-            let terms = BodyTerms::plain(id, BodyKind::Kinematic, ShapeId(0));
-            let shape = Shape::Ball { radius: 0.5 };
-            Some(Manner::of(&terms, &shape, Damping::default(), None))
         };
         let driver = Driver::new(&driving, TOLERANCE, INTEGRATOR, manner);
         let driven = Driven::new(&driving, TOLERANCE, INTEGRATOR, manner);
@@ -372,6 +373,37 @@ mod tests {
             prop_assert_eq!(driven.statistics().mismatches, 0);
             prop_assert_eq!(driven.statistics().malformed, 0);
         }
+    }
+
+    #[test]
+    fn a_track_that_is_another_by_a_fault_is_found_and_made_right() {
+        let (mut driver, mut driven) = ends();
+        let (mut said, mut asked): (Vec<Bytes>, Vec<Bytes>) = Default::default();
+        for step in 1..=200_u64 {
+            let now = Instant::from_nanos(step * 16_666_667);
+            let tick = Tick::new(100 + step);
+            driver.publish(tick, &[(BodyId::new(70, 3), at(0.0, 0.0))], &mut said);
+            if step == 20 {
+                let wrong = Track::resting(tick, at(7.0, 0.0));
+                let index = BodyId::new(0, 0);
+                assert!(
+                    driven
+                        .subscriber
+                        .place(index, &manner(index).unwrap(), wrong)
+                );
+            }
+            for packet in said.drain(..) {
+                driven.handle_datagram(&packet);
+            }
+            driven.ask(now, tick, &mut asked);
+            for question in asked.drain(..) {
+                driver.handle_datagram(now, Span::from_millis(30), &question, &mut said);
+            }
+        }
+        let heard = driven.statistics();
+        assert_eq!((heard.mismatches, heard.amended), (1, 1), "{heard:?}");
+        let placed = placed(&mut driven, Tick::new(300)).expect("it is there");
+        assert_eq!(placed.pose().position.x, 0.0);
     }
 
     #[test]

@@ -21,7 +21,9 @@ impl Room {
 
     /// A member says on the control stream how its bodies move: before the steps that it asks for behind it.
     pub(crate) fn upstream(&mut self, peer: Peer, packet: Vec<u8>, out: &mut Outbox) {
-        self.wish(peer, Wish::Upstream(packet), out);
+        if self.terms().pace == Pace::Lockstep {
+            self.wish(peer, Wish::Upstream(packet), out);
+        }
     }
 
     /// The same by a datagram. Where members lead, what came at another moment in another run would be another truth.
