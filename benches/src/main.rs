@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use rhumb_bench::drive::{Serve, serve};
 use rhumb_bench::evaluate::{Evaluate, evaluate};
+use rhumb_bench::limit::{LimitOf, limit};
 use rhumb_bench::replay::ablate::{Ablate, ablate};
 use rhumb_bench::replay::{Replay, replay};
 
@@ -24,6 +25,8 @@ enum Task {
     Replay(Replay),
     /// Replay a recorded trace with each means of the publisher switched off in turn.
     Ablate(Ablate),
+    /// How few updates and bits a recorded trace would have needed, had the future been known.
+    Limit(LimitOf),
     /// Be a server: how the other tasks start theirs.
     #[command(hide = true)]
     Serve(Serve),
@@ -34,6 +37,7 @@ fn main() -> ExitCode {
         Task::Evaluate(arguments) => evaluate(&arguments),
         Task::Replay(arguments) => replay(&arguments),
         Task::Ablate(arguments) => ablate(&arguments),
+        Task::Limit(arguments) => limit(&arguments),
         Task::Serve(arguments) => serve(arguments),
     }
 }

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+use crate::limit::Limit;
 use crate::record::Experiment;
 use crate::report;
 use crate::summary::Summary;
@@ -66,6 +67,13 @@ pub(crate) fn write_all(
         };
         write_trace(out, experiment, &options)?;
     }
+    say(&format!("\nwritten to {}\n", out.display()))
+}
+
+/// Says a limit and writes `limit.json`.
+pub(crate) fn write_limit(out: &Path, limit: &Limit) -> Result<(), OutputError> {
+    write_file(&out.join("limit.json"), limit.to_json().as_bytes())?;
+    say(&limit.to_string())?;
     say(&format!("\nwritten to {}\n", out.display()))
 }
 

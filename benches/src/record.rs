@@ -217,6 +217,17 @@ pub struct Replayed {
     pub hindsight_ticks: u32,
     /// Means of the publisher that were switched off, as on the command line.
     pub without: Vec<String>,
+    /// What was found to do for the same promise, had the future been known; none unless it was asked for.
+    pub limit: Option<Least>,
+}
+
+/// How little was found to do.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Least {
+    /// Updates for each simulated second.
+    pub updates_per_second: f64,
+    /// 1,000 bit/s of simulated time.
+    pub kbps: f64,
 }
 
 /// One mode's run of one scene at one load.

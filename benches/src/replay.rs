@@ -11,19 +11,22 @@ mod source;
 mod stage;
 mod sweep;
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
 
+use crate::limit::Limit;
 use crate::machine;
 use crate::output;
-use crate::record::{Experiment, Load, Run};
+use crate::record::{Experiment, Least, Load, Run};
 use crate::recording::Recording;
 
 pub(crate) use failure::{Failure, ended};
 pub use feature::Feature;
 pub use source::{Manner, Promise, Source};
+pub(crate) use stage::first_track;
 pub use stage::{ReplayError, ReplayTerms, run};
 pub use sweep::Sweep;
 
@@ -50,6 +53,9 @@ pub struct Replay {
     /// Write no trace.
     #[arg(long)]
     no_trace: bool,
+    /// Compare with how little would have done, had the future been known.
+    #[arg(long)]
+    limit: bool,
 }
 
 /// Replays. Exit code 0 when everything was replayed and written, 1 otherwise.
@@ -66,7 +72,10 @@ fn replay_all(arguments: &Replay) -> Result<(), Failure> {
     } else {
         Keep::Everything
     };
-    let runs = run_all(&recording, &all, keep)?;
+    let mut runs = run_all(&recording, &all, keep)?;
+    if arguments.limit {
+        set_beside_limits(&recording, &all, &mut runs);
+    }
     let bodies = recording.bodies();
     let experiment = experiment(recording, arguments.manner.seed(), runs);
     let drawn = (!arguments.no_trace).then_some(bodies);
@@ -99,6 +108,24 @@ fn run_all(recording: &Recording, all: &[ReplayTerms], keep: Keep) -> Result<Vec
         bar.finish_and_clear();
     }
     Ok(runs)
+}
+
+/// Sets each replay beside how little would have done for its promise.
+fn set_beside_limits(recording: &Recording, all: &[ReplayTerms], runs: &mut [Run]) {
+    let mut known = BTreeMap::new();
+    for (terms, run) in all.iter().zip(runs) {
+        let promise = (terms.tolerance, terms.every);
+        let least = known.entry(promise).or_insert_with(|| {
+            let limit = Limit::of(recording, terms.tolerance, terms.every);
+            Least {
+                updates_per_second: limit.fewest_updates.updates_per_second,
+                kbps: limit.fewest_bits.kbps,
+            }
+        });
+        if let Some(replayed) = &mut run.terms.replayed {
+            replayed.limit = Some(*least);
+        }
+    }
 }
 
 fn experiment(recording: Recording, seed: u64, runs: Vec<Run>) -> Experiment {

@@ -17,7 +17,7 @@ use crate::record::{Experiment, Replayed};
 pub(crate) use columns::{Column, columns};
 pub(crate) use measure::second_by_second;
 pub use table::Table;
-pub(crate) use table::number;
+pub(crate) use table::{aligned, number};
 
 /// Bytes that IPv4 and UDP add to each datagram.
 pub const DATAGRAM_HEADER_BYTES: u64 = 28;
@@ -85,6 +85,8 @@ pub struct RunFigures {
     pub moving: Option<Moving>,
     /// Of an ablation: payload bytes down over those with every means of the publisher on.
     pub of_all_on: Option<f64>,
+    /// Of a replay that was set beside its limit: updates and payload bits over the fewest that were found to do.
+    pub of_limit: Option<OfLimit>,
     /// Of a replay: how long lost packets were missed; `null` if none was lost.
     pub recovery: Option<Recovery>,
     /// What a frame cost the caller's thread.
@@ -132,6 +134,15 @@ pub struct Moving {
     pub surface_error_m: Errors,
     /// Body-ticks farther off than promised, of any body, divided by `body_ticks`.
     pub over_tolerance_share: f64,
+}
+
+/// Times what was found to do, had the future been known.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OfLimit {
+    /// Updates over the fewest.
+    pub updates: f64,
+    /// Payload bits down over the fewest.
+    pub bits: f64,
 }
 
 /// From the sending of a packet that was lost until all of its bodies were known again, as of its tick or later.

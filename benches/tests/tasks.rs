@@ -1,4 +1,4 @@
-//! The tasks on a recording write what they say: sweep, matrix, ablation.
+//! The tasks on a recording write what they say.
 
 #[path = "support/bounce.rs"]
 mod bounce;
@@ -12,6 +12,7 @@ use serde_json::Value;
 struct Done {
     said: String,
     summary: Value,
+    limit: Value,
     page: String,
 }
 
@@ -43,10 +44,11 @@ fn task(name: &str, arguments: &[&str]) -> Done {
         .expect("the bench starts");
     let error = String::from_utf8_lossy(&run.stderr);
     assert!(run.status.success(), "{error}");
-    let read = |name: &str| std::fs::read_to_string(folder.join(name)).expect("it was written");
+    let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap_or_default();
     Done {
         said: String::from_utf8(run.stdout).expect("text"),
-        summary: serde_json::from_str(&read("summary.json")).expect("JSON"),
+        summary: serde_json::from_str(&read("summary.json")).unwrap_or_default(),
+        limit: serde_json::from_str(&read("limit.json")).unwrap_or_default(),
         page: read("report.html"),
     }
 }
@@ -132,4 +134,23 @@ fn a_matrix_has_every_loss_even_and_in_bursts_at_every_round_trip() {
         done.said
     );
     assert!(done.page.contains("recovery p99"));
+}
+
+#[test]
+fn a_replay_is_set_beside_the_limit_of_its_recording() {
+    let terms = ["--tolerance", "0.02", "--every", "2"];
+    let limit = task("limit", &[&["limit"], &terms[..]].concat());
+    let done = task(
+        "of-limit",
+        &[&["replay", "--no-trace", "--limit"], &terms[..]].concat(),
+    );
+    let (updates, bits) = (&limit.limit["fewest_updates"], &limit.limit["fewest_bits"]);
+    let rate = updates["updates_per_second"].as_f64().expect("a rate");
+    let kbps = bits["kbps"].as_f64().expect("a rate");
+    let of = &done.runs()[0]["of_limit"];
+    let expected = done.number(0, "payload_kbps_down") / kbps;
+    assert!((of["bits"].as_f64().expect("a ratio") - expected).abs() < 1e-9);
+    assert!(of["updates"].as_f64().is_some_and(|ratio| ratio > 1.0));
+    assert!(rate > 0.0 && limit.said.contains("fewest bits"));
+    assert!(done.said.contains("bits/limit") && done.page.contains("updates of limit"));
 }

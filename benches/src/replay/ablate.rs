@@ -9,7 +9,9 @@ use std::process::ExitCode;
 use clap::Args;
 use rhumb_protocol::stream::Features;
 
-use super::{Failure, Feature, Keep, Manner, Source, ended, experiment, run_all};
+use super::{
+    Failure, Feature, Keep, Manner, Source, ended, experiment, run_all, set_beside_limits,
+};
 use crate::output;
 
 /// Which recording, how it is published, and where to write what came of it.
@@ -22,6 +24,9 @@ pub struct Ablate {
     /// Folder for summary.json and report.html; made if it is not there.
     #[arg(long, default_value = "results")]
     out: PathBuf,
+    /// Compare with how little would have done, had the future been known.
+    #[arg(long)]
+    limit: bool,
 }
 
 /// Replays. Exit code 0 when everything was replayed and written, 1 otherwise.
@@ -36,7 +41,10 @@ fn ablate_all(arguments: &Ablate) -> Result<(), Failure> {
         .collect::<Result<Vec<_>, _>>()
         .map_err(Failure::Terms)?;
     let recording = arguments.source.read()?;
-    let runs = run_all(&recording, &all, Keep::Figures)?;
+    let mut runs = run_all(&recording, &all, Keep::Figures)?;
+    if arguments.limit {
+        set_beside_limits(&recording, &all, &mut runs);
+    }
     let experiment = experiment(recording, arguments.manner.seed(), runs);
     output::write_all(&arguments.out, &experiment, None)?;
     Ok(())

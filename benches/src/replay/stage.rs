@@ -61,6 +61,7 @@ impl ReplayTerms {
             without: Feature::without(&self.features)
                 .map(|feature| feature.name().to_owned())
                 .collect(),
+            limit: None,
         }
     }
 }
@@ -506,7 +507,7 @@ fn add_wire(frame: &mut Frame, sent: &Frame) {
 }
 
 /// What is believed of a body before anything was said of it, as a server's scene has it.
-fn first_track(placed: &Placed) -> Track {
+pub(crate) fn first_track(placed: &Placed) -> Track {
     let predictor = match (placed.observation.activity, placed.terms.kind) {
         (Activity::Asleep, _) | (_, BodyKind::Static) => Predictor::Rest,
         (Activity::Awake, BodyKind::Dynamic) => Predictor::Ballistic,

@@ -168,20 +168,8 @@ pub(super) fn limits(summary: &Summary) -> Vec<String> {
             "<span class=\"warn\">{faults} body-ticks were over tolerance without anything to explain it: a defect.</span>"
         ));
     }
-    if runs.iter().any(|run| run.of_all_on.is_some()) {
-        said.push(
-            "Each row switches off what it names and nothing else. What the publisher has no switch for is on in every \
-             row: packing, rest, the grids and the range coder. Means that serve each other hide each other: what two of \
-             them are worth together is more than the sum of their rows."
-                .to_owned(),
-        );
-    }
     if summary.is_of_replays() {
-        said.push(
-            "Bytes are counted as the publisher sends them, with 22 of QUIC and 28 of headers for each datagram; \
-             acknowledgements, heartbeats and the first state are not in them."
-                .to_owned(),
-        );
+        said.extend(limits_of_replays(runs));
         return said;
     }
     said.push(
@@ -192,6 +180,34 @@ pub(super) fn limits(summary: &Summary) -> Vec<String> {
     said.push(
         "Errors are measured at whole ticks against the engine at the very same tick. Smoothing between ticks, as a \
          display does it, is not in them."
+            .to_owned(),
+    );
+    said
+}
+
+/// What replays cannot say.
+fn limits_of_replays(runs: &[RunFigures]) -> Vec<String> {
+    let mut said = Vec::new();
+    if runs.iter().any(|run| run.of_all_on.is_some()) {
+        said.push(
+            "Each row switches off what it names and nothing else. What the publisher has no switch for is on in every \
+             row: packing, rest, the grids and the range coder. Means that serve each other hide each other: what two of \
+             them are worth together may be more than the sum of their rows."
+                .to_owned(),
+        );
+    }
+    if runs.iter().any(|run| run.of_limit.is_some()) {
+        said.push(
+            "The limit is what was found with the future known: each body's way cut into the longest segments by any of \
+             the laws, each verified, and coded by an ideal coder that learns as it goes. Better fits may be found, so that \
+             the true least is lower still; and a publisher has more to do: it rounds to the grid, says packets and exact \
+             rests, and does not know the future."
+                .to_owned(),
+        );
+    }
+    said.push(
+        "Bytes are counted as the publisher sends them, with 22 of QUIC and 28 of headers for each datagram; \
+         acknowledgements, heartbeats and the first state are not in them."
             .to_owned(),
     );
     said

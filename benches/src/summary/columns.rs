@@ -50,6 +50,9 @@ pub(crate) fn columns(runs: &[RunFigures]) -> Vec<Column> {
         columns.extend(ABLATED);
     }
     columns.extend(UPDATES);
+    if any(|run| run.of_limit.is_some()) {
+        columns.extend(OF_LIMIT);
+    }
     columns.extend(ERRORS);
     if any(|run| run.recovery.is_some()) {
         columns.extend(RECOVERY);
@@ -138,6 +141,15 @@ const UPDATES: [Column; 2] = [
     }),
     column("bits/upd", "update", "bits", |run, _| {
         number(run.bits_per_update)
+    }),
+];
+
+const OF_LIMIT: [Column; 2] = [
+    column("bits/limit", "bits of limit", "times", |run, _| {
+        number(run.of_limit.map(|of| of.bits))
+    }),
+    column("upd/limit", "updates of limit", "times", |run, _| {
+        number(run.of_limit.map(|of| of.updates))
     }),
 ];
 

@@ -8,8 +8,8 @@ use crate::quantile::{WithZeros, of_nanoseconds};
 use crate::record::{Breach, Cause, Frame, Mode, Run, RunTerms, Way};
 
 use super::{
-    DATAGRAM_HEADER_BYTES, Errors, FrameTimes, Join, Moving, OverTolerance, Recovery, RunFigures,
-    SIM_FPS_MAX, StepTimes,
+    DATAGRAM_HEADER_BYTES, Errors, FrameTimes, Join, Moving, OfLimit, OverTolerance, Recovery,
+    RunFigures, SIM_FPS_MAX, StepTimes,
 };
 
 const NANOSECONDS_PER_MILLISECOND: f64 = 1e6;
@@ -47,6 +47,7 @@ pub(super) fn figures(run: &Run) -> RunFigures {
         over_tolerance: None,
         moving: None,
         of_all_on: None,
+        of_limit: None,
         recovery: None,
         frame_ms,
         sim_fps: frame_ms.map(|ms| (1e3 / ms.mean).min(SIM_FPS_MAX)),
@@ -59,7 +60,7 @@ pub(super) fn figures(run: &Run) -> RunFigures {
     };
     if terms.mode != Mode::Integrated {
         add_wire(&mut figures, run);
-        figures.surface_error_m = error_figures(&mut errors);
+        figures.surface_error_m = Errors::of(&mut errors);
         figures.over_tolerance = Some(over_tolerance(&run.breaches, errors.count()));
         figures.publish_share =
             (run.step_ns_total > 0).then(|| run.publish_ns_total as f64 / run.step_ns_total as f64);
@@ -67,6 +68,7 @@ pub(super) fn figures(run: &Run) -> RunFigures {
     if terms.mode == Mode::Replay {
         figures.moving = moving(run);
         figures.recovery = recovery(run);
+        figures.of_limit = of_limit(&figures);
     }
     figures
 }
@@ -94,8 +96,17 @@ fn moving(run: &Run) -> Option<Moving> {
     let body_ticks = errors.count();
     Some(Moving {
         body_ticks,
-        surface_error_m: error_figures(&mut errors)?,
+        surface_error_m: Errors::of(&mut errors)?,
         over_tolerance_share: run.breaches.len() as f64 / body_ticks as f64,
+    })
+}
+
+/// Beside what was found to do.
+fn of_limit(figures: &RunFigures) -> Option<OfLimit> {
+    let least = figures.replayed.as_ref()?.limit?;
+    Some(OfLimit {
+        updates: figures.updates_per_second()? / least.updates_per_second,
+        bits: figures.payload_kbps_down? / least.kbps,
     })
 }
 
@@ -185,13 +196,16 @@ fn kbps(bytes: u64, seconds: f64) -> f64 {
     bytes as f64 * 8.0 / 1e3 / seconds
 }
 
-fn error_figures(errors: &mut WithZeros) -> Option<Errors> {
-    Some(Errors {
-        p50: errors.percentile(50)?,
-        p95: errors.percentile(95)?,
-        p99: errors.percentile(99)?,
-        max: errors.percentile(100)?,
-    })
+impl Errors {
+    /// Of some distances, metres; `None` of nothing.
+    pub(crate) fn of(errors: &mut WithZeros) -> Option<Self> {
+        Some(Self {
+            p50: errors.percentile(50)?,
+            p95: errors.percentile(95)?,
+            p99: errors.percentile(99)?,
+            max: errors.percentile(100)?,
+        })
+    }
 }
 
 fn over_tolerance(breaches: &[Breach], body_ticks: u64) -> OverTolerance {

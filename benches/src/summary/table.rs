@@ -60,7 +60,7 @@ impl fmt::Display for Table<'_> {
 }
 
 /// Rows of cells below each other: the first column from the left, the others from the right.
-fn aligned(rows: &[Vec<String>]) -> String {
+pub(crate) fn aligned(rows: &[Vec<String>]) -> String {
     let width = |column: usize| {
         let lengths = rows.iter().map(|row| row[column].chars().count());
         lengths.max().unwrap_or(0)

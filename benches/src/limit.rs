@@ -1,0 +1,335 @@
+//! `rhumb-bench limit`: how few updates and bits might have done.
+//!
+//! Had the future been known. For each body of a recording, greedily, the longest segments by any law of the closed list, each verified by the
+//! normative prediction; then what an ideal coder would have taken for them. It is found, not proved: a better fit may
+//! make a segment longer, so that the true least is lower still. On the other side no publisher reaches it: motions are
+//! fitted before they are rounded to the grid, the future is not known, and no packet, repair or exact rest is counted.
+
+mod code;
+mod course;
+mod fit;
+mod path;
+mod segments;
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::num::NonZeroU32;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use rhumb_reckoning::Tolerance;
+use serde::{Deserialize, Serialize};
+
+use crate::output;
+use crate::quantile::WithZeros;
+use crate::recording::Recording;
+use crate::replay::{Failure, Promise, Source, ended};
+use crate::summary::{Errors, aligned, number};
+
+use code::Bits;
+use course::{Basis, Course, Holder, Law};
+use path::{Path, Paths};
+use segments::{HOLDER_RATIO, Least, Way, cut};
+
+/// Which recording, what is promised, and where to write what came of it.
+#[derive(Clone, Debug, Args)]
+pub struct LimitOf {
+    #[command(flatten)]
+    source: Source,
+    #[command(flatten)]
+    promise: Promise,
+    /// Judge every so many ticks of the recording, as if no others were published.
+    #[arg(long, default_value = "1")]
+    every: NonZeroU32,
+    /// Folder for limit.json; made if it is not there.
+    #[arg(long, default_value = "results")]
+    out: PathBuf,
+}
+
+/// How few updates and bits were found to do.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Limit {
+    /// What was recorded.
+    pub scene: String,
+    /// Bodies that can move.
+    pub bodies: u32,
+    /// Ticks of the recording.
+    pub ticks: u32,
+    /// Judged every so many ticks.
+    pub every: u32,
+    /// What is promised, metres; of the centre alone where turns have a bound of their own.
+    pub tolerance_m: f64,
+    /// That bound, radians.
+    pub turn_rad: Option<f64>,
+    /// Cut into as few segments as were found.
+    pub fewest_updates: Cut,
+    /// Cut for few bits, or the same cut if that takes no more.
+    pub fewest_bits: Cut,
+}
+
+/// The ways of all bodies, cut into segments.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Cut {
+    /// Segments, the first of each body left out: what has to be said.
+    pub updates: u64,
+    /// The same for each simulated second.
+    pub updates_per_second: f64,
+    /// By the law that is said.
+    pub by_law: BTreeMap<String, u64>,
+    /// Of an ideal coder, 1,000 bit/s of simulated time.
+    pub kbps: f64,
+    /// Of it, for each update.
+    pub bits_per_update: f64,
+    /// What it would take for each part.
+    pub parts_kbps: Parts,
+    /// Of bodies that are elsewhere than a frame before, at those frames; never above the tolerance.
+    pub surface_error_m: Option<Errors>,
+}
+
+/// The parts of a cut, 1,000 bit/s.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Parts {
+    /// Which bodies are spoken of.
+    pub naming: f64,
+    /// By which law they go on.
+    pub laws: f64,
+    /// Positions and turns.
+    pub poses: f64,
+    /// Velocities.
+    pub velocities: f64,
+}
+
+/// Computes a limit. Exit code 0 when it was computed and written, 1 otherwise.
+pub fn limit(arguments: &LimitOf) -> ExitCode {
+    ended(limit_all(arguments))
+}
+
+fn limit_all(arguments: &LimitOf) -> Result<(), Failure> {
+    output::make_folder(&arguments.out)?;
+    let tolerance = arguments.promise.tolerance().map_err(Failure::Terms)?;
+    let recording = arguments.source.read()?;
+    let limit = Limit::of(&recording, tolerance, arguments.every);
+    output::write_limit(&arguments.out, &limit)?;
+    Ok(())
+}
+
+impl Limit {
+    /// Of a recording, under a tolerance that holds at every so many ticks.
+    #[must_use]
+    pub fn of(recording: &Recording, tolerance: Tolerance, every: NonZeroU32) -> Self {
+        let paths = Paths::new(recording, every);
+        let bar = output::progress_bar(2 * paths.len() as u64, "limit".to_owned());
+        let of = |least| {
+            let search = Search::new(recording, tolerance, every, least);
+            search.cut_all(&paths, &mut || bar.inc(1))
+        };
+        let (fewest_updates, fewest_bits) = (of(Least::Updates), of(Least::Bits));
+        bar.finish_and_clear();
+        let (tolerance_m, turn_rad) = match tolerance {
+            Tolerance::Surface(length) => (length.metres().metres(), None),
+            Tolerance::Parts { position, turn } => {
+                (position.metres().metres(), Some(turn.radians().radians()))
+            }
+        };
+        Self {
+            scene: recording.name.clone(),
+            bodies: paths.len() as u32,
+            ticks: recording.ticks(),
+            every: every.get(),
+            tolerance_m,
+            turn_rad,
+            fewest_bits: if fewest_bits.kbps < fewest_updates.kbps {
+                fewest_bits
+            } else {
+                fewest_updates.clone()
+            },
+            fewest_updates,
+        }
+    }
+
+    /// As the text of `limit.json`.
+    #[must_use]
+    pub fn to_json(&self) -> String {
+        let mut text = serde_json::to_string_pretty(self)
+            .expect("numbers, texts and maps keyed by texts are always JSON");
+        text.push('\n');
+        text
+    }
+}
+
+impl fmt::Display for Limit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let cuts = [&self.fewest_updates, &self.fewest_bits];
+        let mut rows = vec![
+            ["", "fewest updates", "fewest bits"]
+                .map(str::to_owned)
+                .to_vec(),
+        ];
+        let mut row = |name: &str, of: &dyn Fn(&Cut) -> Option<f64>| {
+            let cells = cuts.iter().map(|cut| number(of(cut)));
+            rows.push(std::iter::once(name.to_owned()).chain(cells).collect());
+        };
+        row("updates a second", &|cut| Some(cut.updates_per_second));
+        for law in Law::ALL {
+            row(&format!("  {}, %", law.name()), &|cut| {
+                let count = *cut.by_law.get(law.name())?;
+                Some(100.0 * count as f64 / cut.updates.max(1) as f64)
+            });
+        }
+        row("bits an update", &|cut| Some(cut.bits_per_update));
+        row("kbit/s", &|cut| Some(cut.kbps));
+        row("  which bodies", &|cut| Some(cut.parts_kbps.naming));
+        row("  which laws", &|cut| Some(cut.parts_kbps.laws));
+        row("  poses", &|cut| Some(cut.parts_kbps.poses));
+        row("  velocities", &|cut| Some(cut.parts_kbps.velocities));
+        row("error p50, mm", &|cut| Some(1e3 * cut.surface_error_m?.p50));
+        row("error p99, mm", &|cut| Some(1e3 * cut.surface_error_m?.p99));
+        row("error max, mm", &|cut| Some(1e3 * cut.surface_error_m?.max));
+        f.write_str(&aligned(&rows))
+    }
+}
+
+/// A body's turn to be cut.
+struct Turn {
+    body: usize,
+    holds: bool,
+}
+
+/// Most bodies that others may be held by, as publishers have it.
+const HOLDERS_MAX: usize = 16;
+
+/// All bodies, the largest first if they are larger than the smallest by enough to hold it.
+fn holders_first(paths: &Paths<'_>) -> Vec<Turn> {
+    let mut order: Vec<_> = (0..paths.len()).collect();
+    order.sort_by(|a, b| paths.radius(*b).total_cmp(&paths.radius(*a)));
+    let least = order.last().map_or(0.0, |last| paths.radius(*last));
+    let holds = |place: usize, body: usize| {
+        place < HOLDERS_MAX && paths.radius(body) >= least * HOLDER_RATIO
+    };
+    order
+        .into_iter()
+        .enumerate()
+        .map(|(place, body)| Turn {
+            body,
+            holds: holds(place, body),
+        })
+        .collect()
+}
+
+/// What the cutting of every body needs.
+struct Search<'a> {
+    recording: &'a Recording,
+    tolerance: Tolerance,
+    every: NonZeroU32,
+    least: Least,
+    /// By the bits of both dampings.
+    bases: BTreeMap<[u32; 2], Basis>,
+    holders: Vec<Holder>,
+}
+
+impl<'a> Search<'a> {
+    fn new(
+        recording: &'a Recording,
+        tolerance: Tolerance,
+        every: NonZeroU32,
+        least: Least,
+    ) -> Self {
+        Self {
+            recording,
+            tolerance,
+            every,
+            least,
+            bases: BTreeMap::new(),
+            holders: Vec::new(),
+        }
+    }
+
+    /// Cuts every body's way; `done` is called after each.
+    fn cut_all(mut self, paths: &Paths<'_>, done: &mut dyn FnMut()) -> Cut {
+        let mut found = Found::default();
+        // What may hold others is cut first: what it holds is judged by where it is believed to be.
+        for place in holders_first(paths) {
+            if let Some(path) = paths.get(place.body) {
+                let way = self.cut(&path, found.present.len());
+                found.take(&path, &way);
+                if place.holds {
+                    self.holders.push(Holder {
+                        radius: path.radius,
+                        first: path.first,
+                        believed: way.believed,
+                    });
+                }
+            }
+            done();
+        }
+        found.figures(self.recording, self.every)
+    }
+
+    fn cut(&mut self, path: &Path, body: usize) -> Way {
+        let damping = [path.damping.linear, path.damping.angular].map(f32::to_bits);
+        let integrator = self.recording.integrator;
+        let basis = self
+            .bases
+            .entry(damping)
+            .or_insert_with(|| Basis::new(integrator, path));
+        let course = Course {
+            path,
+            basis,
+            holders: &self.holders,
+            tolerance: self.tolerance,
+            rate: integrator.rate,
+            every: self.every,
+        };
+        cut(&course, body, self.least)
+    }
+}
+
+/// What was found so far.
+#[derive(Debug, Default)]
+struct Found {
+    updates: Vec<segments::Update>,
+    present: Vec<(usize, usize, Law)>,
+    errors: WithZeros,
+}
+
+impl Found {
+    fn take(&mut self, path: &Path, way: &Way) {
+        let law = match path.known.predictor {
+            rhumb_reckoning::Predictor::Rest => Law::Rest,
+            _ => Law::Ballistic,
+        };
+        self.present.push((path.first, path.end(), law));
+        self.updates.extend(&way.updates);
+        self.errors.extend(&way.errors_m, 0);
+    }
+
+    fn figures(mut self, recording: &Recording, every: NonZeroU32) -> Cut {
+        self.updates
+            .sort_by_key(|update| (update.frame, update.body));
+        let frames = recording.ticks() / every.get() + 1;
+        let bits: Bits = code::bits(&self.updates, &self.present, frames as usize);
+        let step_s = recording.integrator.rate.step().seconds();
+        let simulated_s = (f64::from(recording.ticks()) * step_s).max(step_s);
+        let kbps = |bits: f64| bits / 1e3 / simulated_s;
+        let updates = self.updates.len() as u64;
+        let mut by_law: BTreeMap<String, u64> = Law::ALL.map(|law| (law.name().into(), 0)).into();
+        for update in &self.updates {
+            *by_law.entry(update.laws[1].name().into()).or_default() += 1;
+        }
+        Cut {
+            updates,
+            updates_per_second: updates as f64 / simulated_s,
+            by_law,
+            kbps: kbps(bits.sum()),
+            bits_per_update: bits.sum() / updates.max(1) as f64,
+            parts_kbps: Parts {
+                naming: kbps(bits.naming),
+                laws: kbps(bits.laws),
+                poses: kbps(bits.poses),
+                velocities: kbps(bits.velocities),
+            },
+            surface_error_m: Errors::of(&mut self.errors),
+        }
+    }
+}

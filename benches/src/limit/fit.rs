@@ -1,0 +1,264 @@
+//! The motion that stays nearest to what a body does, by one law.
+//!
+//! Weighted least squares, whose weights grow where the error is greatest, so that the greatest error falls (Lawson,
+//! 1961). Simple models of position and turn lead; how good a motion is, the normative prediction tells. The best
+//! motion there is may be missed; none is called better than it is.
+
+use glam::{DMat3, DQuat, DVec3};
+use rhumb_reckoning::{Divergence, Motion, Pose, Twist};
+
+use super::course::{Course, Law, Saying};
+
+/// Rounds of weighing.
+const ROUNDS: u32 = 10;
+/// Beyond so many times the tolerance after the first rounds nothing is to be hoped for.
+const HOPELESS: f64 = 4.0;
+/// Unknowns of a turn: where it begins and how fast it is.
+const UNKNOWNS: usize = 6;
+
+/// A frame to come near to.
+#[derive(Clone, Copy, Debug)]
+struct Aim {
+    frame: usize,
+    ticks: usize,
+    truth: Pose,
+    weight: f64,
+    /// Where the fit so far is.
+    fitted: Pose,
+}
+
+/// The saying of a law at `from` that comes nearest to the frames from there to `to`, `to` left out; none if its holder
+/// is gone by then or nothing is to be hoped for.
+pub(super) fn fit(
+    course: &Course<'_>,
+    law: Law,
+    holder: Option<usize>,
+    from: usize,
+    to: usize,
+) -> Option<Saying> {
+    let mut aims = aims(course, law, holder, from, to)?;
+    let mut pose = aims.first()?.truth;
+    let mut twist = Twist {
+        linear: DVec3::ZERO,
+        angular: if law.moves() {
+            mean_spin(course, &aims)
+        } else {
+            DVec3::ZERO
+        },
+    };
+    let mut best: Option<(f64, Saying)> = None;
+    for round in 0..ROUNDS {
+        (pose.position, twist.linear) = place(course, law, &aims);
+        let steps = if round == 0 { 2 } else { 1 };
+        for _ in 0..steps {
+            follow(course, law, from, (pose, twist), &mut aims)?;
+            let [by, faster] = turn(course, law, &aims, twist.angular);
+            pose.rotation = (DQuat::from_scaled_axis(by) * pose.rotation).normalize();
+            twist.angular += faster;
+        }
+        let motion = follow(course, law, from, (pose, twist), &mut aims)?;
+        let worst = weigh(course, &mut aims);
+        let saying = Saying {
+            law,
+            frame: from,
+            motion,
+            holder,
+        };
+        if best.is_none_or(|(least, _)| worst < least) {
+            best = Some((worst, saying));
+        }
+        if worst <= 1.0 || round >= 2 && worst > HOPELESS {
+            break;
+        }
+    }
+    best.map(|(_, saying)| saying)
+}
+
+fn aims(
+    course: &Course<'_>,
+    law: Law,
+    holder: Option<usize>,
+    from: usize,
+    to: usize,
+) -> Option<Vec<Aim>> {
+    let still = |frame: &usize| law == Law::Rest && *frame > from && course.path.is_same(*frame);
+    let aim = |frame: usize| {
+        let truth = course.target(frame, holder)?.pose();
+        Some(Aim {
+            frame,
+            ticks: course.ticks(from, frame).count() as usize,
+            truth,
+            weight: 1.0,
+            fitted: truth,
+        })
+    };
+    (from..to).filter(|frame| !still(frame)).map(aim).collect()
+}
+
+/// The mean spin over all frames, rad/s, world axes.
+fn mean_spin(course: &Course<'_>, aims: &[Aim]) -> DVec3 {
+    let turned = aims
+        .windows(2)
+        .map(|pair| rotation_vector(pair[1].truth.rotation, pair[0].truth.rotation));
+    let angle = aims
+        .last()
+        .map_or(0.0, |last| course.basis.turn[last.ticks]);
+    if angle > 0.0 {
+        turned.sum::<DVec3>() / angle
+    } else {
+        DVec3::ZERO
+    }
+}
+
+/// The best position and velocity under the weights.
+fn place(course: &Course<'_>, law: Law, aims: &[Aim]) -> (DVec3, DVec3) {
+    let pull = |aim: &Aim| match law {
+        Law::Ballistic => course.path.gravity * course.basis.fall[aim.ticks],
+        _ => DVec3::ZERO,
+    };
+    let (mut one, mut reach, mut reach2) = (0.0, 0.0, 0.0);
+    let (mut sum, mut moment) = (DVec3::ZERO, DVec3::ZERO);
+    for aim in aims {
+        let (weight, by) = (aim.weight, course.basis.reach[aim.ticks]);
+        let position = aim.truth.position - pull(aim);
+        one += weight;
+        reach += weight * by;
+        reach2 += weight * by * by;
+        sum += position * weight;
+        moment += position * (weight * by);
+    }
+    let determinant = one * reach2 - reach * reach;
+    if !law.moves() || determinant <= 1e-12 * one * reach2 {
+        return (sum / one, DVec3::ZERO);
+    }
+    let velocity = (moment * one - sum * reach) / determinant;
+    ((sum - velocity * reach) / one, velocity)
+}
+
+/// What is to be added to the turn at the beginning (rad) and to the spin (rad/s) to come nearer: one step of Gauss and
+/// Newton.
+fn turn(course: &Course<'_>, law: Law, aims: &[Aim], spin: DVec3) -> [DVec3; 2] {
+    if !law.moves() {
+        let weights: f64 = aims.iter().map(|aim| aim.weight).sum();
+        let errors = aims
+            .iter()
+            .map(|aim| rotation_vector(aim.truth.rotation, aim.fitted.rotation) * aim.weight);
+        return [errors.sum::<DVec3>() / weights, DVec3::ZERO];
+    }
+    let mut matrix = [[0.0; UNKNOWNS + 1]; UNKNOWNS];
+    for aim in aims {
+        let error = rotation_vector(aim.truth.rotation, aim.fitted.rotation);
+        let by = course.basis.turn[aim.ticks];
+        let turned = DMat3::from_quat(DQuat::from_scaled_axis(spin * by));
+        let faster = left_jacobian(spin * by) * by;
+        let columns = [
+            turned.x_axis,
+            turned.y_axis,
+            turned.z_axis,
+            faster.x_axis,
+            faster.y_axis,
+            faster.z_axis,
+        ];
+        for (row, left) in matrix.iter_mut().zip(&columns) {
+            for (cell, right) in row.iter_mut().zip(&columns) {
+                *cell += aim.weight * left.dot(*right);
+            }
+            row[UNKNOWNS] += aim.weight * left.dot(error);
+        }
+    }
+    let [a, b, c, d, e, f] = solved(matrix);
+    [DVec3::new(a, b, c), DVec3::new(d, e, f)]
+}
+
+/// How a turn changes with its rotation vector. Source: Solà, Deray and Atchuthan (2018), equation 145.
+fn left_jacobian(turn: DVec3) -> DMat3 {
+    let angle = turn.length();
+    if angle < 1e-6 {
+        return DMat3::IDENTITY;
+    }
+    let axis = turn / angle;
+    let cross = DMat3::from_cols(
+        axis.cross(DVec3::X),
+        axis.cross(DVec3::Y),
+        axis.cross(DVec3::Z),
+    );
+    let along = DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
+    let sine = angle.sin() / angle;
+    DMat3::IDENTITY * sine + along * (1.0 - sine) + cross * ((1.0 - angle.cos()) / angle)
+}
+
+/// Gauss' elimination; unknowns that nothing tells of stay zero.
+fn solved(mut rows: [[f64; UNKNOWNS + 1]; UNKNOWNS]) -> [f64; UNKNOWNS] {
+    let scale = (0..UNKNOWNS).map(|i| rows[i][i]).fold(0.0, f64::max);
+    let mut told = [false; UNKNOWNS];
+    for pivot in 0..UNKNOWNS {
+        let least = 1e-12 * scale;
+        if rows[pivot][pivot] <= least {
+            continue;
+        }
+        told[pivot] = true;
+        let by = rows[pivot];
+        for (other, row) in rows.iter_mut().enumerate() {
+            if other != pivot {
+                let share = row[pivot] / by[pivot];
+                for (cell, own) in row.iter_mut().zip(by) {
+                    *cell -= share * own;
+                }
+            }
+        }
+    }
+    std::array::from_fn(|i| {
+        if told[i] {
+            rows[i][UNKNOWNS] / rows[i][i]
+        } else {
+            0.0
+        }
+    })
+}
+
+/// Puts the fitted poses where the normative prediction has them; returns the motion itself, none if it is none.
+fn follow(
+    course: &Course<'_>,
+    law: Law,
+    from: usize,
+    (pose, twist): (Pose, Twist),
+    aims: &mut [Aim],
+) -> Option<Motion> {
+    let motion = Motion::new(pose, twist).ok()?;
+    let saying = Saying {
+        law,
+        frame: from,
+        motion,
+        holder: None,
+    };
+    for aim in aims {
+        aim.fitted = course.predicted(&saying, aim.frame).pose();
+    }
+    Some(motion)
+}
+
+/// Gives each frame weight by how far off it is; returns the greatest share of the tolerance.
+fn weigh(course: &Course<'_>, aims: &mut [Aim]) -> f64 {
+    let share = |aim: &Aim| {
+        let apart = Divergence::between(&aim.truth, &aim.fitted);
+        course.tolerance.share(&apart, course.path.radius)
+    };
+    let worst = aims.iter().map(share).fold(0.0, f64::max);
+    let mut total = 0.0;
+    for aim in aims.iter_mut() {
+        aim.weight *= share(aim).max(1e-3 * worst).max(f64::MIN_POSITIVE);
+        total += aim.weight;
+    }
+    let scale = aims.len() as f64 / total;
+    for aim in aims {
+        aim.weight *= scale;
+    }
+    worst
+}
+
+/// The shortest turn from one rotation to another, axis times angle, rad.
+fn rotation_vector(to: DQuat, from: DQuat) -> DVec3 {
+    let turn = to * from.conjugate();
+    let turn = if turn.w < 0.0 { -turn } else { turn };
+    turn.to_scaled_axis()
+}

@@ -1,0 +1,289 @@
+//! One body's way, cut into as few segments as are found.
+//!
+//! Greedy: from where the last segment breaks the promise, the one that keeps it longest. For one family of fits no
+//! other cut of the way has fewer segments, since what holds over a stretch holds over each part of it. A cut for few
+//! bits takes the segment that costs least for the time that it holds, which is no more than a good guess.
+
+use rhumb_reckoning::{Grid, Motion, Residual, carried, seen_from};
+
+use super::course::{Course, Law, Saying};
+use super::fit::fit;
+use super::path::Path;
+
+/// A body is held within this many radii of its holder, and the holder is larger by the factor below, as publishers
+/// have it.
+const HOLDER_REACH: f64 = 3.0;
+/// See above.
+pub(super) const HOLDER_RATIO: f64 = 1.2;
+
+/// What has to be said at the beginning of a segment.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Update {
+    pub(super) frame: usize,
+    /// Place of the body.
+    pub(super) body: usize,
+    /// The law until now, and from now on.
+    pub(super) laws: [Law; 2],
+    /// Whether the body is held by another than before.
+    pub(super) changes_holder: bool,
+    /// Position and turn in grid steps, and velocities where those implied would not hold as long.
+    pub(super) residual: Residual,
+}
+
+/// A body's whole way.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Way {
+    pub(super) updates: Vec<Update>,
+    /// Surface errors at frames at which the body is elsewhere than a frame before, metres.
+    pub(super) errors_m: Vec<f32>,
+    /// Where it is believed to be, frame by frame.
+    pub(super) believed: Vec<Motion>,
+}
+
+/// What a cut is to have little of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Least {
+    /// Segments.
+    Updates,
+    /// Bits for the time that a segment holds, as far as they can be guessed.
+    Bits,
+}
+
+/// A saying, until when it holds, and what has to be said for it.
+#[derive(Clone, Copy, Debug)]
+struct Candidate {
+    saying: Saying,
+    until: usize,
+    update: Update,
+}
+
+/// Cuts a body's way into segments.
+pub(super) fn cut(course: &Course<'_>, body: usize, least: Least) -> Way {
+    let path = course.path;
+    let grid = Grid::new(course.tolerance, path.radius);
+    let mut way = Way::default();
+    let mut saying = known(path, &grid);
+    let mut frame = course.holds_until(&saying);
+    note(course, &saying, frame, &mut way);
+    while frame < path.end() {
+        let mut best: Option<Candidate> = None;
+        for found in longest(course, frame) {
+            for candidate in candidates(course, &grid, (saying, found), body, least) {
+                if best.is_none_or(|best| price(&candidate, least) < price(&best, least)) {
+                    best = Some(candidate);
+                }
+            }
+        }
+        let Some(next) = best else {
+            break;
+        };
+        way.updates.push(next.update);
+        (saying, frame) = (next.saying, next.until);
+        note(course, &saying, frame, &mut way);
+    }
+    way
+}
+
+/// Less is better.
+fn price(candidate: &Candidate, least: Least) -> f64 {
+    let frames = (candidate.until - candidate.saying.frame) as f64;
+    match least {
+        Least::Updates => 1.0 / frames,
+        Least::Bits => guess(&candidate.update.residual) / frames,
+    }
+}
+
+/// What an update may take: enough to choose by; what it takes is reckoned when all are known.
+fn guess(residual: &Residual) -> f64 {
+    let number = |value: &i32| match value.unsigned_abs() {
+        0 => 0.7,
+        size => 2.5 + 2.0 * f64::from(size).log2(),
+    };
+    let three = |values: &[i32; 3]| values.iter().map(number).sum::<f64>();
+    let velocity = residual
+        .velocity
+        .map_or(0.0, |by| three(&by.linear) + three(&by.angular));
+    NAMING_BITS + three(&residual.position) + three(&residual.turn) + velocity
+}
+
+/// Which body, and which law.
+const NAMING_BITS: f64 = 6.0;
+
+/// What both ends know before anything is said.
+fn known(path: &Path, grid: &Grid) -> Saying {
+    let law = match path.known.predictor {
+        rhumb_reckoning::Predictor::Rest => Law::Rest,
+        rhumb_reckoning::Predictor::Uniform => Law::Uniform,
+        _ => Law::Ballistic,
+    };
+    Saying {
+        law,
+        frame: path.first,
+        motion: path.known.start(grid),
+        holder: None,
+    }
+}
+
+/// Writes down where a segment has the body, and how far off that is.
+fn note(course: &Course<'_>, saying: &Saying, until: usize, way: &mut Way) {
+    for frame in saying.frame..until {
+        if let Some(believed) = course.believed(saying, frame) {
+            way.believed.push(believed);
+        }
+        if !course.path.is_same(frame)
+            && let Some(apart) = course.apart(saying, frame)
+        {
+            let error = apart.surface_error(course.path.radius);
+            way.errors_m.push(error.metres() as f32);
+        }
+    }
+}
+
+/// By each law the saying that holds longest from a frame on, and until when.
+fn longest(course: &Course<'_>, frame: usize) -> Vec<(Saying, usize)> {
+    let by = |law: Law| {
+        let holder = match law {
+            Law::Held => Some(nearest_holder(course, frame)?),
+            _ => None,
+        };
+        let pulled = course.path.gravity != glam::DVec3::ZERO;
+        let found = (law != Law::Ballistic || pulled)
+            .then(|| longest_by(course, law, holder, frame))
+            .flatten();
+        found.filter(|(_, until)| *until > frame)
+    };
+    Law::ALL.into_iter().filter_map(by).collect()
+}
+
+/// By one law.
+fn longest_by(
+    course: &Course<'_>,
+    law: Law,
+    holder: Option<usize>,
+    frame: usize,
+) -> Option<(Saying, usize)> {
+    let end = course.horizon(law, frame);
+    let motion = course.target(frame, holder)?;
+    let start = Saying {
+        law,
+        frame,
+        motion: if law.moves() {
+            motion
+        } else {
+            motion.stilled()
+        },
+        holder,
+    };
+    let mut best = (start, course.holds_until(&start));
+    let attempt = |to: usize, best: &mut (Saying, usize)| {
+        let fitted = fit(course, law, holder, frame, to);
+        let until = fitted.map(|saying| (saying, course.holds_until(&saying)));
+        *best = until.filter(|(_, until)| *until > best.1).unwrap_or(*best);
+        best.1 >= to
+    };
+    // Ever longer until none is found, then between what was found and what was not.
+    let mut beyond = end + 1;
+    while best.1 < end {
+        let length = best.1 - frame;
+        let to = (best.1 + (length / 2).max(1)).min(end);
+        if !attempt(to, &mut best) {
+            beyond = to;
+            break;
+        }
+    }
+    while best.1 + 1 < beyond.min(end + 1) {
+        let to = best.1 + (beyond - best.1) / 2;
+        if !attempt(to, &mut best) {
+            beyond = to;
+        }
+    }
+    Some(best)
+}
+
+/// The nearest body that may hold this one.
+fn nearest_holder(course: &Course<'_>, frame: usize) -> Option<usize> {
+    let path = course.path;
+    let here = path.at(frame).pose().position;
+    let far = |place: usize| {
+        let holder = &course.holders[place];
+        let radius = holder.radius.metres();
+        let far = holder.at(frame)?.pose().position.distance(here);
+        let holds = radius >= path.radius.metres() * HOLDER_RATIO && far <= radius * HOLDER_REACH;
+        holds.then_some((far, place))
+    };
+    (0..course.holders.len())
+        .filter_map(far)
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, place)| place)
+}
+
+/// The ways to say what was found: as it is, and with the velocities that the correction itself implies.
+fn candidates(
+    course: &Course<'_>,
+    grid: &Grid,
+    (last, (next, until)): (Saying, (Saying, usize)),
+    body: usize,
+    least: Least,
+) -> Vec<Candidate> {
+    let frame = next.frame;
+    let predicted = in_frame_of(course, &last, &next);
+    let [position, turn] = Residual::wanted(&next.motion.pose(), &predicted.pose(), grid);
+    let rounded = |steps: glam::DVec3| steps.to_array().map(|step| step.round() as i32);
+    let residual = Residual {
+        position: rounded(position),
+        turn: rounded(turn),
+        velocity: None,
+    };
+    let candidate = |saying, until, residual| Candidate {
+        saying,
+        until,
+        update: Update {
+            frame,
+            body,
+            laws: [last.law, next.law],
+            changes_holder: next.holder.is_some() && last.holder != next.holder,
+            residual,
+        },
+    };
+    if !next.law.moves() {
+        return vec![candidate(next, until, residual)];
+    }
+    let age = course.ticks(last.frame, frame);
+    let over = last.law.predictor().astray(age, course.rate);
+    let implied = residual.onto(&predicted, over, grid);
+    let velocity = Some(Residual::of_velocity(&next.motion.twist(), &implied, grid));
+    let mut all = vec![candidate(
+        next,
+        until,
+        Residual {
+            velocity,
+            ..residual
+        },
+    )];
+    if let Ok(motion) = Motion::new(next.motion.pose(), implied.motion(grid).twist()) {
+        let saying = Saying { motion, ..next };
+        let holds = course.holds_until(&saying);
+        if holds >= until || least == Least::Bits && holds > frame {
+            all.insert(0, candidate(saying, holds, residual));
+        }
+    }
+    all
+}
+
+/// What was predicted of the frame at which the next saying begins, as that saying's holder sees it.
+fn in_frame_of(course: &Course<'_>, last: &Saying, next: &Saying) -> Motion {
+    let frame = next.frame;
+    let predicted = course.predicted(last, frame);
+    if last.holder == next.holder {
+        return predicted;
+    }
+    let by = |holder: usize| course.holders[holder].at(frame);
+    let world = match last.holder.and_then(by) {
+        Some(by) => carried(by, &predicted.pose()),
+        None => predicted,
+    };
+    match next.holder.and_then(by) {
+        Some(by) => seen_from(&by.pose(), &world.pose()),
+        None => world,
+    }
+}

@@ -1,0 +1,135 @@
+//! A limit keeps its promise, and is never above what a publisher needs.
+
+#[path = "support/bounce.rs"]
+mod bounce;
+
+use std::num::NonZeroU32;
+
+use glam::{DQuat, DVec3, Vec3};
+use rhumb_bench::limit::Limit;
+use rhumb_bench::record::{Placed, Truth};
+use rhumb_bench::recording::{Recording, rhtrace};
+use rhumb_bench::replay::{ReplayTerms, run};
+use rhumb_protocol::scene::{BodyKind, BodyTerms, Shape, ShapeId};
+use rhumb_protocol::stream::{Activity, Features, Observation};
+use rhumb_reckoning::{
+    BodyId, Damping, Integrator, Metres, Rate, Tick, Ticks, Tolerance, Verbatim,
+};
+
+const TICKS: u64 = 300;
+
+fn tolerance(metres: f64) -> Tolerance {
+    Tolerance::from_metres(Metres::new(metres)).expect("within bounds")
+}
+
+fn limit(recording: &Recording, metres: f64) -> Limit {
+    Limit::of(recording, tolerance(metres), NonZeroU32::MIN)
+}
+
+/// One box that does at each tick what a function says; its velocities are told as zero.
+fn recording(gravity: Vec3, pose: impl Fn(f64) -> (DVec3, DQuat)) -> Recording {
+    let id = BodyId::new(0, 0);
+    let at = |tick: u64| {
+        let (position, rotation) = pose(tick as f64 / 60.0);
+        let (p, q) = (position.as_vec3().to_array(), rotation.as_quat().to_array());
+        Observation {
+            id,
+            motion: Verbatim::new(p, q, [0.0; 3], [0.0; 3]).expect("finite"),
+            activity: Activity::Awake,
+        }
+    };
+    let shape = Shape::Cuboid {
+        half_extents: Vec3::splat(0.2),
+    };
+    let placed = Placed {
+        tick: Tick::ZERO,
+        terms: BodyTerms::plain(id, BodyKind::Dynamic, ShapeId(0)),
+        shape,
+        observation: at(0),
+    };
+    Recording {
+        name: "one".to_owned(),
+        truth: Truth {
+            placed: vec![placed],
+            removed: Vec::new(),
+            ticks: (1..=TICKS).map(|tick| vec![at(tick)]).collect(),
+            digest: 0,
+        },
+        integrator: Integrator {
+            rate: Rate::HZ_60,
+            substeps: NonZeroU32::MIN,
+        },
+        gravity,
+        damping: Damping::default(),
+    }
+}
+
+#[test]
+fn what_goes_straight_and_spins_is_said_once() {
+    let recording = recording(Vec3::ZERO, |time| {
+        let turned = DQuat::from_scaled_axis(DVec3::new(1.0, -2.0, 0.5) * time);
+        (DVec3::new(1.5, -0.5, 0.25) * time, turned)
+    });
+    let limit = limit(&recording, 0.01);
+    assert_eq!(limit.fewest_updates.updates, 1, "{limit}");
+    assert_eq!(limit.fewest_updates.by_law["uniform"], 1);
+}
+
+#[test]
+fn what_is_thrown_is_said_once() {
+    let gravity = Vec3::new(0.0, 0.0, -9.8);
+    let recording = recording(gravity, |time| {
+        let fallen =
+            DVec3::new(2.0, 0.0, 30.0) * time - DVec3::Z * (4.9 * time * (time + 1.0 / 60.0));
+        (fallen, DQuat::IDENTITY)
+    });
+    let limit = limit(&recording, 0.01);
+    assert_eq!(limit.fewest_updates.updates, 1, "{limit}");
+    assert_eq!(limit.fewest_updates.by_law["ballistic"], 1);
+}
+
+#[test]
+fn a_body_that_shakes_within_twice_the_tolerance_lies_still() {
+    let recording = recording(Vec3::ZERO, |time| {
+        let shaken = DVec3::X * (0.0095 * (1.0 - (time * 40.0).cos()));
+        (shaken, DQuat::IDENTITY)
+    });
+    // It lies in the middle of where it shakes, which is not where it began.
+    let still = limit(&recording, 0.01);
+    assert_eq!(still.fewest_updates.updates, 1, "{still}");
+    assert_eq!(still.fewest_updates.by_law["rest"], 1);
+    assert!(limit(&recording, 0.002).fewest_updates.updates > 20);
+}
+
+#[test]
+fn a_limit_is_within_its_tolerance_and_below_a_publisher() {
+    let recording = rhtrace::read("bounce", &bounce::packed()).expect("this is a recording");
+    for metres in [0.005, 0.02, 0.1] {
+        let limit = limit(&recording, metres);
+        for cut in [&limit.fewest_updates, &limit.fewest_bits] {
+            let errors = cut.surface_error_m.expect("boxes move");
+            assert!(errors.max <= metres + 1e-9, "{limit}");
+        }
+        let terms = ReplayTerms {
+            tolerance: tolerance(metres),
+            link: rhumb_transport::LinkTerms::PERFECT,
+            every: NonZeroU32::MIN,
+            seed: 1,
+            hindsight: Ticks::ZERO,
+            features: Features::ALL,
+        };
+        let run = run(&recording, &terms, &mut |_| {}).expect("it ends");
+        let updates: u64 = run.frames.iter().map(|frame| frame.updates).sum();
+        assert!(
+            limit.fewest_updates.updates < updates,
+            "{metres}: {updates}"
+        );
+        assert!(limit.fewest_bits.kbps <= limit.fewest_updates.kbps);
+    }
+}
+
+#[test]
+fn one_recording_has_one_limit() {
+    let recording = rhtrace::read("bounce", &bounce::packed()).expect("this is a recording");
+    assert_eq!(limit(&recording, 0.02), limit(&recording, 0.02));
+}
