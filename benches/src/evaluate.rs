@@ -65,6 +65,8 @@ enum ModeName {
     RhumbPipelined,
     /// The reckoned stream of a server that runs by its own clock, in real time.
     RhumbFree,
+    /// The full stream of the same server.
+    NaiveFree,
 }
 
 impl ModeName {
@@ -75,6 +77,7 @@ impl ModeName {
             Self::Rhumb => Mode::Rhumb,
             Self::RhumbPipelined => Mode::RhumbPipelined,
             Self::RhumbFree => Mode::RhumbFree,
+            Self::NaiveFree => Mode::NaiveFree,
         }
     }
 }
@@ -160,16 +163,18 @@ fn run(arguments: &Evaluate) -> Result<(), EvaluateError> {
     // Asked before this process keeps to one of them.
     let machine = machine::describe();
     let cores = choose_cores(arguments)?;
-    let mut loads = Vec::new();
-    for bodies in bodies(arguments) {
-        loads.extend(run_load(arguments, *bodies, cores)?);
-    }
-    let experiment = Experiment {
+    let mut experiment = Experiment {
         command: output::command_line(),
         seed: arguments.seed,
         machine,
-        loads,
+        loads: Vec::new(),
     };
+    for bodies in bodies(arguments) {
+        let loads = run_load(arguments, *bodies, cores)?;
+        experiment.loads.extend(loads);
+        // What is done is there even if what follows fails.
+        output::write_figures(&arguments.out, &experiment)?;
+    }
     // Drawing is most of a trace, and one load is enough to look at.
     let least = bodies(arguments).iter().copied().min().unwrap_or(0);
     let drawn = (!arguments.no_trace).then_some(least);
@@ -201,26 +206,36 @@ fn choose_cores(arguments: &Evaluate) -> Result<Cores, EvaluateError> {
     })
 }
 
-/// Runs all modes at one load; the free-running one by itself, since it has a truth of its own.
+/// How many ticks of the scene come nearest to the seconds that were asked for, one at least.
+fn ticks(arguments: &Evaluate, bodies: u32) -> Result<u32, EvaluateError> {
+    let script = rhumb_sims::by_name(&arguments.scene, bodies, arguments.seed);
+    let script = script.ok_or_else(|| DriveError::NoSuchScene {
+        name: arguments.scene.clone(),
+    })?;
+    let step_s = script.terms().integrator.rate.step().seconds();
+    Ok((arguments.seconds / step_s).round().max(1.0) as u32)
+}
+
+/// Runs all modes at one load; the free-running ones by themselves, since they have a truth of their own.
 fn run_load(arguments: &Evaluate, bodies: u32, cores: Cores) -> Result<Vec<Load>, EvaluateError> {
     let modes: Vec<Mode> = arguments.modes.iter().map(|name| name.mode()).collect();
     let plan = Plan {
         scene: arguments.scene.clone(),
         bodies,
         seed: arguments.seed,
-        ticks: (arguments.seconds * 60.0).round() as u32,
+        ticks: ticks(arguments, bodies)?,
         tolerance: arguments.tolerance,
         link: arguments.link,
         modes: modes.clone(),
         cores,
     };
     let mut loads = Vec::new();
-    if modes.iter().any(|mode| *mode != Mode::RhumbFree) {
+    if modes.iter().any(|mode| !mode.is_free()) {
         let bar = output::progress_bar(u64::from(plan.ticks), format!("{bodies} bodies"));
         loads.push(run_side_by_side(&plan, &mut |_| bar.inc(1))?);
         bar.finish_and_clear();
     }
-    if modes.contains(&Mode::RhumbFree) {
+    if modes.iter().any(|mode| mode.is_free()) {
         let bar = output::progress_bar(
             u64::from(plan.ticks),
             format!("{bodies} bodies, free running"),

@@ -55,11 +55,9 @@ pub(crate) fn write_all(
     experiment: &Experiment,
     drawn: Option<u32>,
 ) -> Result<(), OutputError> {
-    let summary = Summary::of(experiment);
-    write_file(&out.join("summary.json"), summary.to_json().as_bytes())?;
+    let summary = write_figures(out, experiment)?;
     say(&summary.table().to_string())?;
-    let page = report::html(experiment, &summary);
-    write_file(&out.join("report.html"), page.as_bytes())?;
+    say(&summary.ratios())?;
     if let Some(scene_bodies_max) = drawn {
         let options = TraceOptions {
             scene_bodies_max,
@@ -68,6 +66,15 @@ pub(crate) fn write_all(
         write_trace(out, experiment, &options)?;
     }
     say(&format!("\nwritten to {}\n", out.display()))
+}
+
+/// Writes summary and report of what was measured so far.
+pub(crate) fn write_figures(out: &Path, experiment: &Experiment) -> Result<Summary, OutputError> {
+    let summary = Summary::of(experiment);
+    write_file(&out.join("summary.json"), summary.to_json().as_bytes())?;
+    let page = report::html(experiment, &summary);
+    write_file(&out.join("report.html"), page.as_bytes())?;
+    Ok(summary)
 }
 
 /// Says a limit and writes `limit.json`.

@@ -24,11 +24,19 @@ pub enum Mode {
     RhumbPipelined,
     /// The reckoned stream; the server steps by its own clock.
     RhumbFree,
+    /// The full stream of the same server that runs by its own clock.
+    NaiveFree,
     /// The reckoned stream of a recorded scene, over a pretended link in simulated time.
     Replay,
 }
 
 impl Mode {
+    /// Whether the server steps by its own clock.
+    #[must_use]
+    pub const fn is_free(self) -> bool {
+        matches!(self, Self::RhumbFree | Self::NaiveFree)
+    }
+
     /// As on the command line, in topics and in the summary.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -38,6 +46,7 @@ impl Mode {
             Self::Rhumb => "rhumb",
             Self::RhumbPipelined => "rhumb-pipelined",
             Self::RhumbFree => "rhumb-free",
+            Self::NaiveFree => "naive-free",
             Self::Replay => "replay",
         }
     }

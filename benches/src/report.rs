@@ -32,6 +32,7 @@ pub fn html(experiment: &Experiment, summary: &Summary) -> String {
     page.push_str("</style>\n</head>\n<body>\n");
     page.push_str(&opening(experiment, summary));
     page.push_str(&table::html(summary));
+    page.push_str(&table::ratios(summary));
     page.push_str(&modes(experiment));
     page.push_str("<h2>Where it loses, and what these figures cannot say</h2>\n<ul>\n");
     for sentence in words::limits(summary) {
@@ -116,9 +117,14 @@ fn all_figures(experiment: &Experiment, summary: &Summary) -> String {
         loads.push((load, runs.by_ref().take(load.runs.len()).collect()));
     }
     let bodies = |runs: &[&RunFigures]| runs.first().map_or(0, |run| run.bodies);
+    let what = |load: &Load, runs: &[&RunFigures]| {
+        let is_free = load.runs.iter().any(|run| run.terms.mode.is_free());
+        let how = if is_free { ", free running" } else { "" };
+        format!("{} bodies{how}", bodies(runs))
+    };
     loads.sort_by_key(|(_, runs)| std::cmp::Reverse(bodies(runs)));
     let of_load = |(load, runs): &(&Load, Vec<&RunFigures>)| {
-        let title = format!(", {} bodies", bodies(runs));
+        let title = format!(", {}", what(load, runs));
         figure(&figures::bandwidth(load, runs), &title)
             + &figure(&figures::errors(load, runs), &title)
     };
@@ -127,8 +133,8 @@ fn all_figures(experiment: &Experiment, summary: &Summary) -> String {
         for other in others {
             let _ = writeln!(
                 text,
-                "<details><summary>The same with {} bodies</summary>\n{}</details>",
-                bodies(&other.1),
+                "<details><summary>The same with {}</summary>\n{}</details>",
+                what(other.0, &other.1),
                 of_load(other)
             );
         }

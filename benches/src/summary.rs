@@ -17,7 +17,7 @@ use crate::record::{Experiment, Replayed};
 pub(crate) use columns::{Column, columns};
 pub(crate) use measure::second_by_second;
 pub use table::Table;
-pub(crate) use table::{aligned, number};
+pub(crate) use table::{aligned, number, ratios};
 
 /// Bytes that IPv4 and UDP add to each datagram.
 pub const DATAGRAM_HEADER_BYTES: u64 = 28;
@@ -45,7 +45,8 @@ pub struct RunFigures {
     pub scene: String,
     /// What its load was asked to be.
     pub bodies: u32,
-    /// How it was run: `integrated`, `naive`, `rhumb`, `rhumb-pipelined`, `rhumb-free`, `replay`.
+    /// How it was run: `integrated`, `naive`, `rhumb`, `rhumb-pipelined`, `rhumb-free`, `naive-free`,
+    /// `replay`.
     pub mode: String,
     /// Frames that the caller is ahead of the server.
     pub depth: u32,
@@ -59,6 +60,8 @@ pub struct RunFigures {
     pub replayed: Option<Replayed>,
     /// Digest of what the engine did: 16 hexadecimal digits, equal for every mode of a load or the load is void.
     pub truth_hash: String,
+    /// Whether the engine did something else than in the load's other runs: then nothing of it may be compared.
+    pub void: bool,
     /// UDP payload and 28 B of headers per datagram, server to client, whole run after joining.
     pub bytes_down: Option<u64>,
     /// The same, client to server.
@@ -73,12 +76,18 @@ pub struct RunFigures {
     pub mean_kbps_down: Option<f64>,
     /// `bytes_down` of the worst simulated second (the whole run if it is shorter), 1,000 bit/s.
     pub worst_second_kbps_down: Option<f64>,
+    /// What came down in the first five simulated seconds, or in all if they are fewer.
+    pub first_seconds: Option<FirstSeconds>,
+    /// How many times less came down than in the naive run beside it.
+    pub less_than_naive: Option<LessThanNaive>,
     /// Updates of single bodies that the client took in.
     pub updates: Option<u64>,
     /// Bits of state datagrams down, as handed to QUIC, for each update.
     pub bits_per_update: Option<f64>,
     /// Of every body that can move, at every frame, against the engine at the same tick.
     pub surface_error_m: Option<Errors>,
+    /// Frames without any error because no body was there, or because the truth of their tick never came to be known.
+    pub unjudged_frames: Option<u64>,
     /// Body-ticks farther off than promised.
     pub over_tolerance: Option<OverTolerance>,
     /// Of a replay: of the bodies that the recording has a record of at the tick, against that record.
@@ -134,6 +143,30 @@ pub struct Moving {
     pub surface_error_m: Errors,
     /// Body-ticks farther off than promised, of any body, divided by `body_ticks`.
     pub over_tolerance_share: f64,
+}
+
+/// What came down at the beginning, where a scene is busiest.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FirstSeconds {
+    /// How long, simulated.
+    pub seconds: f64,
+    /// As `payload_bytes_down`.
+    pub payload_bytes_down: u64,
+    /// As `bytes_down`: with headers.
+    pub bytes_down: u64,
+}
+
+/// Bytes down of the naive run over those of this one.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LessThanNaive {
+    /// Payload, whole run.
+    pub payload: f64,
+    /// With headers, whole run.
+    pub with_headers: f64,
+    /// Payload, first seconds.
+    pub payload_first: f64,
+    /// With headers, first seconds.
+    pub with_headers_first: f64,
 }
 
 /// Times what was found to do, had the future been known.
@@ -195,8 +228,12 @@ impl Summary {
     /// The figures of an experiment.
     #[must_use]
     pub fn of(experiment: &Experiment) -> Self {
-        let runs = experiment.loads.iter().flat_map(|load| &load.runs);
-        let mut runs: Vec<_> = runs.map(measure::figures).collect();
+        let runs = experiment.loads.iter().flat_map(|load| {
+            let figures = |run| measure::figures(run, load.truth.digest);
+            load.runs.iter().map(figures)
+        });
+        let mut runs: Vec<_> = runs.collect();
+        measure::compare_with_naive(&mut runs);
         measure::compare_with_all_on(&mut runs);
         Self {
             command: experiment.command.clone(),
@@ -221,6 +258,16 @@ impl Summary {
         !self.runs.is_empty() && self.runs.iter().all(|run| run.replayed.is_some())
     }
 
+    /// How many times less than naive each run took, as lines for a terminal; empty without a naive run.
+    #[must_use]
+    pub fn ratios(&self) -> String {
+        let rows = ratios(&self.runs);
+        if rows.len() < 2 {
+            return String::new();
+        }
+        format!("\nless than naive, times\n{}", aligned(&rows))
+    }
+
     /// As a table for a terminal.
     #[must_use]
     pub const fn table(&self) -> Table<'_> {
@@ -237,10 +284,16 @@ impl RunFigures {
         Some(self.updates? as f64 / simulated_s)
     }
 
-    /// The naive run that this one is measured against.
+    /// The naive run that this one is measured against: of a free-running scene the one that follows the same server.
     #[must_use]
     pub fn baseline<'a>(&self, runs: &'a [Self]) -> Option<&'a Self> {
-        self.beside(runs, "naive")
+        let free = || self.beside(runs, "naive-free");
+        let naive = || self.beside(runs, "naive");
+        if self.mode.ends_with("-free") {
+            free().or_else(naive)
+        } else {
+            naive()
+        }
     }
 
     /// The run of another mode that differs from this one in nothing but the mode and what comes with it.

@@ -3,33 +3,57 @@
 use std::path::PathBuf;
 use std::process::Command;
 
-/// Runs a scene in all lockstep modes and returns its digests.
-fn truths(scene: &str, bodies: &str) -> Vec<String> {
-    let out = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("evaluate-{scene}"));
+/// Runs a scene and returns the runs of its summary.
+fn runs(name: &str, arguments: &[&str]) -> Vec<serde_json::Value> {
+    let out = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("evaluate-{name}"));
     let run = Command::new(env!("CARGO_BIN_EXE_rhumb-bench"))
-        .args(["evaluate", "--scene", scene, "--bodies", bodies])
+        .arg("evaluate")
+        .args(arguments)
         .args(["--seconds", "0.5", "--no-trace", "--no-pin", "--out"])
         .arg(&out)
         .output()
         .expect("the bench starts");
     let said = String::from_utf8_lossy(&run.stderr);
-    assert!(run.status.success(), "{scene}: {said}");
+    assert!(run.status.success(), "{name}: {said}");
     let summary = std::fs::read(out.join("summary.json")).expect("it was written");
     let summary: serde_json::Value = serde_json::from_slice(&summary).expect("it is JSON");
-    let runs = summary["runs"].as_array().expect("there are runs");
-    runs.iter()
-        .map(|run| run["truth_hash"].to_string())
-        .collect()
+    summary["runs"].as_array().expect("there are runs").clone()
 }
 
 #[test]
 fn integrated_and_hosted_scenes_have_one_truth() {
     for (scene, bodies) in [("asteroids", "20"), ("zoo", "5")] {
-        let truths = truths(scene, bodies);
+        let runs = runs(scene, &["--scene", scene, "--bodies", bodies]);
+        let truths: Vec<_> = runs.iter().map(|run| &run["truth_hash"]).collect();
         assert_eq!(truths.len(), 4, "{scene}");
         assert!(
-            truths.iter().all(|truth| *truth == truths[0]),
+            runs.iter().all(|run| run["void"] == false)
+                && truths.iter().all(|truth| *truth == truths[0]),
             "{scene}: {truths:?}"
         );
+    }
+}
+
+#[test]
+fn a_pipelined_run_has_its_last_tick_too() {
+    let modes = ["--modes", "naive,rhumb,rhumb-pipelined", "--bodies", "30"];
+    let runs = runs("pipelined", &modes);
+    assert_eq!(runs[1]["updates"], runs[2]["updates"]);
+    assert_eq!(runs[1]["payload_bytes_down"], runs[2]["payload_bytes_down"]);
+    assert_eq!(runs[2]["unjudged_frames"], 0);
+}
+
+#[test]
+fn free_running_has_a_naive_run_of_the_same_server_beside_it() {
+    let modes = ["--modes", "rhumb-free,naive-free", "--bodies", "30"];
+    let runs = runs("free", &modes);
+    assert_eq!(runs[0]["truth_hash"], runs[1]["truth_hash"]);
+    let less = runs[0]["less_than_naive"]["payload"].as_f64();
+    assert!(less.is_some_and(|times| times > 1.0), "{less:?}");
+    for run in &runs {
+        let unjudged = run["unjudged_frames"].as_u64().expect("a count");
+        // Only what was shown before the first tick was heard of has no truth.
+        assert!(unjudged < 15, "{unjudged} of 30 frames");
+        assert_eq!(run["over_tolerance"]["by_cause"]["fault"], 0);
     }
 }

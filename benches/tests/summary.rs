@@ -179,3 +179,48 @@ fn nothing_measured_is_no_figure_and_no_panic() {
     assert_eq!(summary.runs[2].worst_second_kbps_down, None);
     assert!(summary.table().to_string().contains('–'));
 }
+
+#[test]
+fn less_than_naive_is_told_of_all_and_of_the_first_seconds() {
+    let mut experiment = experiment();
+    // Ten seconds of a tenth each: five of them are busy.
+    for run in &mut experiment.loads[0].runs[1..] {
+        let frame = run.frames[0].clone();
+        let busy = |number: u64| u64::from(number <= 50);
+        let naive = run.terms.mode == Mode::Naive;
+        run.terms.ticks = 100;
+        run.frames = (1..=100)
+            .map(|number| {
+                let mut frame = frame.clone();
+                frame.tick = rhumb_reckoning::Tick::new(number);
+                frame.wire_datagrams_down = 1;
+                frame.wire_bytes_down = if naive { 972 } else { 72 + 100 * busy(number) };
+                frame
+            })
+            .collect();
+    }
+    let summary = Summary::of(&experiment);
+    let rhumb = &summary.runs[2];
+    let first = rhumb.first_seconds.unwrap();
+    assert_eq!((first.seconds, first.bytes_down), (5.0, 50 * 200));
+    let less = rhumb.less_than_naive.unwrap();
+    assert!(close(Some(less.with_headers_first), 5.0));
+    assert!(close(Some(less.with_headers), 100_000.0 / 15_000.0));
+    // Four datagrams of 900 B against what the copy heard, all of it in the first frames.
+    assert!(close(Some(less.payload), 3_600.0 / 230.0));
+    assert_eq!(less.payload, less.payload_first);
+    assert_eq!(summary.runs[1].less_than_naive, None);
+    assert!(summary.ratios().contains("first 5 s"));
+    let page = rhumb_bench::report::html(&experiment, &summary);
+    assert!(page.contains("Less than naive"));
+}
+
+#[test]
+fn a_run_whose_truth_differs_is_void_in_summary_and_table() {
+    let mut experiment = experiment();
+    experiment.loads[0].runs[2].truth_digest += 1;
+    let summary = Summary::of(&experiment);
+    let void: Vec<_> = summary.runs.iter().map(|run| run.void).collect();
+    assert_eq!(void, [false, false, true]);
+    assert!(summary.table().to_string().contains("rhumb (void)"));
+}

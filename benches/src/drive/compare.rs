@@ -3,7 +3,6 @@
 use std::collections::VecDeque;
 
 use glam::{Quat, Vec3};
-use rhumb_client::View;
 use rhumb_protocol::scene::BodyKind;
 use rhumb_reckoning::{BodyId, Divergence, Metres, Motion, Pose, Tick, Tolerance, Verbatim};
 
@@ -42,6 +41,11 @@ impl RecentTruth {
         self.ticks.push_back((tick, row));
     }
 
+    /// Whether a tick has come, so that its truth is known now or never.
+    pub(super) fn has_come(&self, tick: Tick) -> bool {
+        self.ticks.back().is_some_and(|(newest, _)| tick <= *newest)
+    }
+
     fn at(&self, tick: Tick) -> Option<&[Option<Known>]> {
         let (_, row) = self.ticks.iter().rev().find(|(kept, _)| *kept == tick)?;
         Some(row)
@@ -59,11 +63,12 @@ pub(super) struct Errors {
     pub(super) breaches: Vec<Breach>,
 }
 
-/// Compares a view with the truth of `tick`; `None` when that truth is no longer, or not yet, known.
+/// Compares what a copy shows of each body with the truth of `tick`; `None` when that truth is no longer, or not yet,
+/// known.
 pub(super) fn compare(
     recent: &RecentTruth,
     tick: Tick,
-    view: &View,
+    shown: impl Fn(BodyId) -> Option<(Vec3, Quat)>,
     tolerance: Option<Tolerance>,
     cause: impl Fn(BodyId) -> Cause,
 ) -> Option<Errors> {
@@ -73,11 +78,10 @@ pub(super) fn compare(
         if known.kind == BodyKind::Static {
             continue;
         }
-        let Some(place) = view.place(known.id) else {
+        let Some((position, rotation)) = shown(known.id) else {
             errors.missing += 1;
             continue;
         };
-        let (position, rotation) = (view.positions()[place], view.rotations()[place]);
         if known.motion.position() == position.to_array()
             && known.motion.rotation() == rotation.to_array()
         {

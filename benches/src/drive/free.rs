@@ -6,18 +6,18 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use rhumb_client::StreamChoice;
 use rhumb_protocol::packet::{FullPacket, Head, Kind};
 use rhumb_protocol::scene::{BodyTerms, Command, Pace, Shape, ShapeId};
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Instant, Span};
-use rhumb_reckoning::{BodyId, Metres, Tick, Verbatim};
+use rhumb_reckoning::{BodyId, Metres, Tick, Tolerance, Verbatim};
+use rhumb_sims::Script;
 use rhumb_transport::{Clock, LinkTerms};
 
 use super::compare::{Known, RecentTruth};
-use super::remote::Remote;
+use super::remote::{Remote, Setup};
 use super::side_by_side::Plan;
 use super::{DriveError, ServerProcess};
 use crate::record::{Load, Mode, Passed, Placed, Run, Truth, Way};
@@ -70,7 +70,15 @@ struct Witness {
 
 impl Witness {
     /// Takes in the datagrams of the full stream, tick by tick.
-    fn hear(&mut self, passed: &[Passed], cast: &Cast, truth: &mut Truth) {
+    ///
+    /// `known` is called after each tick that is whole.
+    fn hear(
+        &mut self,
+        passed: &[Passed],
+        cast: &Cast,
+        truth: &mut Truth,
+        known: &mut dyn FnMut(&RecentTruth),
+    ) {
         let mut changed: BTreeMap<u32, Observation> = BTreeMap::new();
         for datagram in passed.iter().filter(|passed| passed.way == Way::StateDown) {
             let mut reader = Reader::new(&datagram.bytes);
@@ -103,6 +111,7 @@ impl Witness {
             if ends_tick {
                 self.tick = packet.tick.expand(self.tick);
                 self.end_tick(&mut changed, cast, truth);
+                known(&self.recent);
             }
         }
     }
@@ -138,81 +147,171 @@ fn known(id: BodyId, motion: Verbatim, radius: Metres, terms: &BodyTerms) -> Kno
     }
 }
 
-/// Follows a free-running scene for as long as the plan's ticks take.
+/// A client of the free-running server that is judged.
+struct Copy {
+    mode: Mode,
+    remote: Remote,
+    tolerance: Option<Tolerance>,
+}
+
+/// Follows a free-running scene for as long as the plan's ticks take, by every free-running mode of the plan.
 ///
 /// # Errors
 ///
 /// [`DriveError`] names what did not work; nothing is kept of a run that does not end.
 pub fn run_free(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<Load, DriveError> {
     let mut script = plan.script()?;
-    let mut setup = plan.setup(Mode::RhumbFree, &*script);
-    setup.terms.pace = Pace::FreeRunning;
-    let process = ServerProcess::start(setup.core, setup.beside.as_ref())?;
-    let mut copy = Remote::join(&process, &setup)?;
-    let mut clean = setup.clone();
-    (clean.stream, clean.link) = (StreamChoice::Full, &LinkTerms::PERFECT);
-    let mut witness_client = Remote::join(&process, &clean)?;
-    let (mut truth, mut cast, mut witness) =
-        (Truth::default(), Cast::default(), Witness::default());
-    let mut commands = Vec::new();
-    script.commands(Tick::ZERO, &mut commands);
-    for command in &commands {
-        cast.note(command, Tick::ZERO, &mut truth);
+    let setup = |mode, script: &dyn Script| {
+        let mut setup = plan.setup(mode, script);
+        setup.terms.pace = Pace::FreeRunning;
+        setup
+    };
+    let clean = Setup {
+        link: &LinkTerms::PERFECT,
+        ..setup(Mode::NaiveFree, &*script)
+    };
+    let process = ServerProcess::start(clean.core, clean.beside.as_ref())?;
+    let mut copies = Vec::new();
+    for mode in plan.modes.iter().filter(|mode| mode.is_free()) {
+        copies.push(Copy {
+            mode: *mode,
+            remote: Remote::join(&process, &setup(*mode, &*script))?,
+            tolerance: (*mode == Mode::RhumbFree).then_some(plan.tolerance),
+        });
     }
-    copy.prepare(&commands)?;
-    let step = Span::from_nanos(setup.terms.integrator.rate.step_ns());
+    let mut stage = Stage {
+        witness_client: Remote::join(&process, &clean)?,
+        witness: Witness::default(),
+        cast: Cast::default(),
+        truth: Truth::default(),
+        copies,
+    };
+    stage.prepare(&mut *script)?;
+    let step = Span::from_nanos(clean.terms.integrator.rate.step_ns());
     let clock = Clock::start();
     let mut due = clock.now();
-    for number in 0..plan.ticks {
-        copy.client().idle(until(&clock, due))?;
-        let tick = copy.follow()?;
-        commands.clear();
-        script.commands(Tick::new(u64::from(number) + 1), &mut commands);
+    for number in 0..u64::from(plan.ticks) {
+        stage.frame(&mut *script, number, until(&clock, due))?;
+        progress(Tick::new(number));
+        due = due + step;
+    }
+    stage.catch_up()?;
+    stage.into_load(plan, clean.terms.integrator.rate.step().seconds())
+}
+
+/// A free-running server's clients: those that are judged, and the one that tells the truth.
+struct Stage {
+    /// The first gives the script's commands.
+    copies: Vec<Copy>,
+    witness_client: Remote,
+    witness: Witness,
+    cast: Cast,
+    truth: Truth,
+}
+
+impl Stage {
+    /// The commands before the first frame; what was so far counts as joining.
+    fn prepare(&mut self, script: &mut dyn Script) -> Result<(), DriveError> {
+        let mut commands = Vec::new();
+        script.commands(Tick::ZERO, &mut commands);
         for command in &commands {
-            cast.note(command, tick, &mut truth);
-            copy.client().command(command.clone())?;
+            self.cast.note(command, Tick::ZERO, &mut self.truth);
         }
-        // The truth of the tick that was shown is at the server already, and soon here.
-        for _ in 0..WITNESS_TURNS {
-            witness_client.client().idle(Duration::from_millis(1))?;
-            witness_client.follow()?;
-            let passed = std::mem::take(&mut witness_client.passed);
-            witness.hear(&passed, &cast, &mut truth);
-            if witness.tick >= tick.value() {
+        if let Some((first, others)) = self.copies.split_first_mut() {
+            first.remote.prepare(&commands)?;
+            for copy in others {
+                copy.remote.begin()?;
+            }
+        }
+        Ok(())
+    }
+
+    /// One frame of every copy, when it is time for it.
+    fn frame(
+        &mut self,
+        script: &mut dyn Script,
+        number: u64,
+        patience: Duration,
+    ) -> Result<(), DriveError> {
+        let mut commands = Vec::new();
+        script.commands(Tick::new(number + 1), &mut commands);
+        for (place, copy) in self.copies.iter_mut().enumerate() {
+            if place == 0 {
+                copy.remote.client().idle(patience)?;
+            }
+            let tick = copy.remote.follow()?;
+            copy.remote.keep();
+            for command in commands.drain(..) {
+                self.cast.note(&command, tick, &mut self.truth);
+                copy.remote.client().command(command)?;
+            }
+        }
+        self.listen()?;
+        Ok(())
+    }
+
+    /// Hears what the engine did and judges what can be judged by now; returns how many frames are left.
+    fn listen(&mut self) -> Result<usize, DriveError> {
+        self.witness_client
+            .client()
+            .idle(Duration::from_millis(1))?;
+        self.witness_client.follow()?;
+        self.witness_client.frames.clear();
+        let passed = std::mem::take(&mut self.witness_client.passed);
+        let (copies, mut left) = (&mut self.copies, 0);
+        let mut judge = |recent: &RecentTruth| {
+            let kept = copies
+                .iter_mut()
+                .map(|copy| copy.remote.judge_kept(recent, copy.tolerance));
+            left = kept.sum();
+        };
+        self.witness
+            .hear(&passed, &self.cast, &mut self.truth, &mut judge);
+        Ok(left)
+    }
+
+    /// Waits until the truth of the last frames is known.
+    fn catch_up(&mut self) -> Result<(), DriveError> {
+        for _ in 0..CATCH_UP_MS {
+            if self.listen()? == 0 && self.copies.iter().all(|copy| copy.remote.is_judged()) {
                 break;
             }
         }
-        witness_client.frames.clear();
-        copy.judge(&witness.recent, Some(plan.tolerance));
-        progress(Tick::new(u64::from(number)));
-        due = due + step;
+        Ok(())
     }
-    let inspection = copy.inspect()?;
-    truth.digest = inspection.truth;
-    let run = Run {
-        terms: plan.run_terms(
-            Mode::RhumbFree,
-            setup.terms.integrator.rate.step().seconds(),
-        ),
-        truth_digest: inspection.truth,
-        frames: std::mem::take(&mut copy.frames),
-        passed: std::mem::take(&mut copy.passed),
-        join: copy.join,
-        breaches: std::mem::take(&mut copy.breaches),
-        recoveries: Vec::new(),
-        step_ns_p50: inspection.times.step_median,
-        step_ns_p99: inspection.times.step_p99,
-        step_ns_total: inspection.times.step_total,
-        publish_ns_total: inspection.times.publish_total + inspection.times.observe_total,
-    };
-    Ok(Load {
-        truth,
-        runs: vec![run],
-    })
+
+    fn into_load(mut self, plan: &Plan, step_s: f64) -> Result<Load, DriveError> {
+        let mut runs = Vec::new();
+        for copy in &mut self.copies {
+            let remote = &mut copy.remote;
+            let inspection = remote.inspect()?;
+            // The scene goes on between two inspections: all of them saw one engine.
+            if runs.is_empty() {
+                self.truth.digest = inspection.truth;
+            }
+            runs.push(Run {
+                terms: plan.run_terms(copy.mode, step_s),
+                truth_digest: self.truth.digest,
+                frames: std::mem::take(&mut remote.frames),
+                passed: std::mem::take(&mut remote.passed),
+                join: remote.join,
+                breaches: std::mem::take(&mut remote.breaches),
+                recoveries: Vec::new(),
+                step_ns_p50: inspection.times.step_median,
+                step_ns_p99: inspection.times.step_p99,
+                step_ns_total: inspection.times.step_total,
+                publish_ns_total: inspection.times.publish_total + inspection.times.observe_total,
+            });
+        }
+        Ok(Load {
+            truth: self.truth,
+            runs,
+        })
+    }
 }
 
-/// How often the witness is asked, a millisecond each, for a tick that was shown.
-const WITNESS_TURNS: u32 = 8;
+/// How long the truth of the last frames is waited for, a millisecond each time.
+const CATCH_UP_MS: u32 = 5_000;
 
 fn until(clock: &Clock, due: Instant) -> Duration {
     Duration::from_nanos(due.since(clock.now()).as_nanos())

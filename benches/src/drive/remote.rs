@@ -1,9 +1,11 @@
 //! One remote mode: a server process, a client, and what its caller saw.
 
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use bytes::Bytes;
+use glam::{Quat, Vec3};
 use rhumb_client::{
     Bound, Client, Depth, Entry, Inspection, Options, StreamChoice, Trust, WireStatistics,
 };
@@ -41,12 +43,23 @@ pub(super) struct Remote {
     wire: WireStatistics,
     updates: u64,
     pub(super) frames: Vec<Frame>,
+    /// Frames whose truth is not known yet, oldest first.
+    pending: VecDeque<Shown>,
     pub(super) passed: Vec<Passed>,
     pub(super) breaches: Vec<Breach>,
     pub(super) join: JoinCost,
     // Dropped last: the client says goodbye first.
     _relay: Option<UdpRelay>,
     _process: Option<ServerProcess>,
+}
+
+/// What a frame showed, kept until its truth is known.
+#[derive(Debug)]
+struct Shown {
+    /// Which frame.
+    number: usize,
+    /// Each body's pose, and why it would be off if it were, by index.
+    bodies: BTreeMap<BodyId, (Vec3, Quat, Cause)>,
 }
 
 /// How long the bench waits for a server, an impaired link included.
@@ -110,6 +123,7 @@ impl Remote {
             wire: WireStatistics::default(),
             updates: 0,
             frames: Vec::new(),
+            pending: VecDeque::new(),
             passed: Vec::new(),
             breaches: Vec::new(),
             join: JoinCost::default(),
@@ -141,6 +155,11 @@ impl Remote {
         if let Some(last) = last {
             self.await_applied(last)?;
         }
+        self.begin()
+    }
+
+    /// Counts all that was so far as joining.
+    pub(super) fn begin(&mut self) -> Result<(), DriveError> {
         self.client.wait(Depth::LOCKSTEP)?;
         self.tape().clear();
         self.wire = self.client.statistics().wire;
@@ -191,6 +210,17 @@ impl Remote {
         Ok(at.tick)
     }
 
+    /// The tick that a pipelined server still owes, as a frame of its own.
+    pub(super) fn last_frame(&mut self) -> Result<(), DriveError> {
+        let begun = self.clock.now();
+        let tick = self.client.wait(Depth::LOCKSTEP)?;
+        let frame_ns = self.clock.now().since(begun).as_nanos();
+        if self.frames.last().is_none_or(|last| last.tick < tick) {
+            self.note_frame(tick, frame_ns);
+        }
+        Ok(())
+    }
+
     fn tape(&self) -> std::sync::MutexGuard<'_, Vec<(Way, Bytes)>> {
         self.tape.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -238,28 +268,84 @@ impl Remote {
         recent: &RecentTruth,
         tolerance: Option<Tolerance>,
     ) -> Option<u32> {
-        let frame = self.frames.last_mut()?;
-        let client = &self.client;
-        let (vouched, tick) = (client.statistics().vouched, frame.tick);
-        let settled = client
-            .replica()
-            .is_some_and(|replica| replica.stream().is_settled());
-        let cause = |id: BodyId| match client.bound_at(id, tick) {
-            Some(Bound::Within(_)) => Cause::Fault,
-            _ if tick > vouched || settled => Cause::Late,
-            _ => Cause::Loss,
+        let number = self.frames.len().checked_sub(1)?;
+        let tick = self.frames[number].tick;
+        let view = self.client.view();
+        let shown = |id: BodyId| {
+            let place = view.place(id)?;
+            Some((view.positions()[place], view.rotations()[place]))
         };
-        let errors = compare(recent, frame.tick, client.view(), tolerance, cause)?;
-        let Errors {
-            errors_m,
-            exact,
-            missing,
-            breaches,
-        } = errors;
-        frame.errors_m = errors_m;
-        frame.exact = exact;
-        self.breaches.extend(breaches);
-        Some(missing)
+        let errors = compare(recent, tick, shown, tolerance, |id| self.cause(id, tick))?;
+        Some(self.take_errors(number, errors))
+    }
+
+    /// Why a body would be off that is shown as of a tick.
+    fn cause(&self, id: BodyId, tick: Tick) -> Cause {
+        let client = &self.client;
+        let settled = || {
+            let replica = client.replica();
+            replica.is_some_and(|replica| replica.stream().is_settled())
+        };
+        match client.bound_at(id, tick) {
+            Some(Bound::Within(_)) => Cause::Fault,
+            _ if tick > client.statistics().vouched || settled() => Cause::Late,
+            _ => Cause::Loss,
+        }
+    }
+
+    fn take_errors(&mut self, number: usize, errors: Errors) -> u32 {
+        let frame = &mut self.frames[number];
+        frame.errors_m = errors.errors_m;
+        frame.exact = errors.exact;
+        self.breaches.extend(errors.breaches);
+        errors.missing
+    }
+
+    /// Keeps what the last frame showed, to be judged when its truth is known.
+    pub(super) fn keep(&mut self) {
+        let Some(number) = self.frames.len().checked_sub(1) else {
+            return;
+        };
+        let tick = self.frames[number].tick;
+        let view = self.client.view();
+        let body = |(place, id): (usize, &BodyId)| {
+            let pose = (view.positions()[place], view.rotations()[place]);
+            (*id, (pose.0, pose.1, self.cause(*id, tick)))
+        };
+        let bodies = view.ids().iter().enumerate().map(body).collect();
+        self.pending.push_back(Shown { number, bodies });
+    }
+
+    /// Whether no frame waits for its truth.
+    pub(super) fn is_judged(&self) -> bool {
+        self.pending.is_empty()
+    }
+
+    /// Judges the frames that were kept, oldest first, as far as their tick has come; returns how many are left.
+    pub(super) fn judge_kept(
+        &mut self,
+        recent: &RecentTruth,
+        tolerance: Option<Tolerance>,
+    ) -> usize {
+        while let Some(shown) = self.pending.front() {
+            let tick = self.frames[shown.number].tick;
+            let pose = |id: BodyId| {
+                let (position, rotation, _) = shown.bodies.get(&id)?;
+                Some((*position, *rotation))
+            };
+            // A body that was not shown is missing and has no error.
+            let cause = |id: BodyId| shown.bodies.get(&id).map_or(Cause::Late, |body| body.2);
+            let number = shown.number;
+            let errors = compare(recent, tick, pose, tolerance, cause);
+            if errors.is_none() && !recent.has_come(tick) {
+                break;
+            }
+            self.pending.pop_front();
+            if let Some(errors) = errors {
+                self.take_errors(number, errors);
+            }
+        }
+        self.pending.len()
     }
 
     pub(super) fn client(&mut self) -> &mut Client {

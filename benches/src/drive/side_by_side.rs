@@ -13,6 +13,7 @@ use super::compare::{Known, RecentTruth};
 use super::control::Played;
 use super::integrated::Integrated;
 use super::remote::{Remote, Setup};
+use crate::quantile::of_nanoseconds;
 use crate::record::{Frame, JoinCost, Load, Mode, Run, RunTerms};
 
 /// Which cores the caller and the servers run on, where there are two.
@@ -83,7 +84,7 @@ impl Plan {
     pub(super) fn setup<'a>(&'a self, mode: Mode, script: &dyn Script) -> Setup<'a> {
         Setup {
             stream: match mode {
-                Mode::Naive => StreamChoice::Full,
+                Mode::Naive | Mode::NaiveFree => StreamChoice::Full,
                 _ => StreamChoice::Within(self.tolerance),
             },
             depth: match mode {
@@ -109,7 +110,7 @@ pub fn run_side_by_side(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<L
     let mut integrated = Integrated::new(&*script)?;
     let mut remotes = Vec::new();
     for mode in &plan.modes {
-        if matches!(mode, Mode::Naive | Mode::Rhumb | Mode::RhumbPipelined) {
+        if *mode != Mode::Integrated && !mode.is_free() {
             remotes.push((*mode, Remote::start(&plan.setup(*mode, &*script))?));
         }
     }
@@ -164,7 +165,25 @@ pub fn run_side_by_side(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<L
             script.commands(integrated.tick(), &mut commands);
         }
     }
+    show_what_is_owed(plan, &recent, integrated.tick(), &mut remotes)?;
     finish(plan, integrated, frames, remotes)
+}
+
+/// A pipelined server still owes the last tick.
+fn show_what_is_owed(
+    plan: &Plan,
+    recent: &RecentTruth,
+    tick: Tick,
+    remotes: &mut [(Mode, Remote)],
+) -> Result<(), DriveError> {
+    let pipelined = |(mode, _): &&mut (Mode, Remote)| *mode == Mode::RhumbPipelined;
+    for (mode, remote) in remotes.iter_mut().filter(pipelined) {
+        remote.last_frame()?;
+        if remote.judge(recent, Some(plan.tolerance)) != Some(0) {
+            return Err(DriveError::Incomplete { mode: *mode, tick });
+        }
+    }
+    Ok(())
 }
 
 /// Keeps the states of all bodies at the newest tick.
@@ -191,8 +210,8 @@ fn finish(
     let step_s = integrated.scene().terms().integrator.rate.step().seconds();
     let mut runs = Vec::new();
     let mut steps = integrated.steps_ns.clone();
-    steps.sort_unstable();
-    let share = |percent: usize| steps.get(steps.len() * percent / 100).copied().unwrap_or(0);
+    let mut share = |percent| of_nanoseconds(&mut steps, percent).unwrap_or(0);
+    let (step_ns_p50, step_ns_p99) = (share(50), share(99));
     if plan.modes.contains(&Mode::Integrated) {
         runs.push(Run {
             terms: plan.run_terms(Mode::Integrated, step_s),
@@ -202,15 +221,13 @@ fn finish(
             join: JoinCost::default(),
             breaches: Vec::new(),
             recoveries: Vec::new(),
-            step_ns_p50: share(50),
-            step_ns_p99: share(99),
+            step_ns_p50,
+            step_ns_p99,
             step_ns_total: steps.iter().sum(),
             publish_ns_total: 0,
         });
     }
     for (mode, mut remote) in remotes {
-        // A pipelined server may still owe the last tick.
-        remote.client().wait(Depth::LOCKSTEP)?;
         let inspection = remote.inspect()?;
         runs.push(Run {
             terms: plan.run_terms(mode, step_s),

@@ -32,6 +32,7 @@ const fn key(mode: Mode) -> Key {
         Mode::Rhumb => "--rhumb",
         Mode::RhumbPipelined => "--rhumb-pipelined",
         Mode::RhumbFree => "--rhumb-free",
+        Mode::NaiveFree => "--naive-free",
         Mode::Replay => "--replay",
     };
     Key {
@@ -52,6 +53,7 @@ const fn color(mode: Mode) -> RGBColor {
         Mode::Rhumb => RGBColor(29, 78, 216),
         Mode::RhumbPipelined => RGBColor(16, 163, 127),
         Mode::RhumbFree => RGBColor(126, 34, 206),
+        Mode::NaiveFree => RGBColor(161, 98, 7),
         Mode::Replay => RGBColor(190, 24, 93),
     }
 }
@@ -79,7 +81,10 @@ pub(super) fn bandwidth(load: &Load, figures: &[&RunFigures]) -> Figure {
         let run = figures.iter().find(|run| run.mode == mode.name());
         run.and_then(|run| run.mean_kbps_down)
     };
-    let sentence = match (mean(Mode::Naive), mean(Mode::Rhumb).or(mean(Mode::RhumbFree))) {
+    let sentence = match (
+        mean(Mode::Naive).or(mean(Mode::NaiveFree)),
+        mean(Mode::Rhumb).or(mean(Mode::RhumbFree)),
+    ) {
         (Some(naive), Some(rhumb)) if rhumb > 0.0 => format!(
             "The lower, the better: on average naive takes {} kbit/s and rhumb {}, {} times less. Each point is the \
              second before it; a step up the scale is ten times as much.",
@@ -108,7 +113,7 @@ const RATE_LEAST_KBPS: f64 = 0.1;
 
 /// Curves may lie on each other: the wider are drawn first.
 fn lines(mut curves: Vec<(Mode, Vec<(f64, f64)>)>) -> Vec<Mark> {
-    curves.sort_by_key(|(mode, _)| drawn_first(*mode));
+    curves.sort_by_key(|(mode, _)| !drawn_first(*mode));
     let line = |(mode, points)| Mark::Line {
         color: color(mode),
         width: if mode == Mode::Rhumb { 10 } else { 4 },
@@ -119,18 +124,19 @@ fn lines(mut curves: Vec<(Mode, Vec<(f64, f64)>)>) -> Vec<Mark> {
 
 /// Dots with a word each.
 fn dots(mut all: Vec<(Mode, (f64, f64), String)>) -> Vec<Mark> {
-    all.sort_by_key(|(mode, ..)| drawn_first(*mode));
+    all.sort_by_key(|(mode, ..)| !drawn_first(*mode));
     let dot = |(mode, at, label)| Mark::Dot {
         color: color(mode),
-        radius: if mode == Mode::Rhumb { 14 } else { 8 },
+        radius: if drawn_first(mode) { 14 } else { 8 },
         at,
         label,
     };
     all.into_iter().map(dot).collect()
 }
 
-fn drawn_first(mode: Mode) -> impl Ord {
-    mode != Mode::Rhumb
+/// What lies below others that may lie on it.
+const fn drawn_first(mode: Mode) -> bool {
+    matches!(mode, Mode::Rhumb | Mode::Naive)
 }
 
 /// How many body-ticks are farther off than a distance, against the tolerance.

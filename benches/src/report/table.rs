@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::words::escape;
-use crate::summary::{Column, RunFigures, Summary, columns};
+use crate::summary::{Column, RunFigures, Summary, columns, ratios as ratios_of};
 
 /// The `table` element.
 pub(super) fn html(summary: &Summary) -> String {
@@ -30,6 +30,29 @@ pub(super) fn html(summary: &Summary) -> String {
             );
         }
         text.push_str(&row(run, &columns, summary));
+    }
+    text.push_str("</tbody></table></div>\n");
+    text
+}
+
+/// How many times less than naive each run took; nothing without a naive run.
+pub(super) fn ratios(summary: &Summary) -> String {
+    let rows = ratios_of(&summary.runs);
+    let Some((titles, rows)) = rows.split_first().filter(|(_, rows)| !rows.is_empty()) else {
+        return String::new();
+    };
+    let mut text =
+        String::from("<h2>Less than naive, times</h2>\n<div class=\"wide\"><table>\n<thead><tr>");
+    for title in titles {
+        let _ = write!(text, "<th>{title}</th>");
+    }
+    text.push_str("</tr></thead>\n<tbody>\n");
+    for row in rows {
+        let cells: String = row
+            .iter()
+            .map(|cell| format!("<td>{}</td>", escape(cell)))
+            .collect();
+        let _ = writeln!(text, "<tr>{cells}</tr>");
     }
     text.push_str("</tbody></table></div>\n");
     text

@@ -117,6 +117,9 @@ pub(super) const fn mode(mode: Mode) -> &'static str {
             "the engine runs in another process and sends as little; the simulator goes on while it steps, and sees \
              each tick one tick later."
         }
+        Mode::NaiveFree => {
+            "the same server that runs by its own clock sends every body's full state each tick."
+        }
         Mode::RhumbFree => {
             "the engine runs in another process by its own clock, in real time, and sends as little; nobody waits."
         }

@@ -61,7 +61,10 @@ pub(crate) fn columns(runs: &[RunFigures]) -> Vec<Column> {
 }
 
 const EVALUATED: [Column; 13] = [
-    column("mode", "mode", "", |run, _| run.mode.clone()),
+    column("mode", "mode", "", |run, _| match run.void {
+        true => format!("{} (void)", run.mode),
+        false => run.mode.clone(),
+    }),
     column("bodies", "bodies", "", |run, _| run.bodies.to_string()),
     column("kbit/s", "kbit/s down", "mean", |run, _| {
         number(run.mean_kbps_down)

@@ -5,17 +5,17 @@
 use std::collections::BTreeMap;
 
 use crate::quantile::{WithZeros, of_nanoseconds};
-use crate::record::{Breach, Cause, Frame, Mode, Run, RunTerms, Way};
+use crate::record::{Breach, Cause, Frame, Mode, Passed, Run, RunTerms, Way};
 
 use super::{
-    DATAGRAM_HEADER_BYTES, Errors, FrameTimes, Join, Moving, OfLimit, OverTolerance, Recovery,
-    RunFigures, SIM_FPS_MAX, StepTimes,
+    DATAGRAM_HEADER_BYTES, Errors, FirstSeconds, FrameTimes, Join, LessThanNaive, Moving, OfLimit,
+    OverTolerance, Recovery, RunFigures, SIM_FPS_MAX, StepTimes,
 };
 
 const NANOSECONDS_PER_MILLISECOND: f64 = 1e6;
 
 /// Everything that is said of a run.
-pub(super) fn figures(run: &Run) -> RunFigures {
+pub(super) fn figures(run: &Run, truth_digest: u64) -> RunFigures {
     let terms = &run.terms;
     let mut errors = WithZeros::default();
     for frame in &run.frames {
@@ -34,6 +34,7 @@ pub(super) fn figures(run: &Run) -> RunFigures {
         ticks: terms.ticks,
         replayed: terms.replayed.clone(),
         truth_hash: format!("{:016x}", run.truth_digest),
+        void: run.truth_digest != truth_digest,
         bytes_down: None,
         bytes_up: None,
         payload_bytes_down: None,
@@ -41,9 +42,12 @@ pub(super) fn figures(run: &Run) -> RunFigures {
         payload_kbps_down: None,
         mean_kbps_down: None,
         worst_second_kbps_down: None,
+        first_seconds: None,
+        less_than_naive: None,
         updates: None,
         bits_per_update: None,
         surface_error_m: None,
+        unjudged_frames: None,
         over_tolerance: None,
         moving: None,
         of_all_on: None,
@@ -60,6 +64,8 @@ pub(super) fn figures(run: &Run) -> RunFigures {
     };
     if terms.mode != Mode::Integrated {
         add_wire(&mut figures, run);
+        figures.first_seconds = first_seconds(run);
+        figures.unjudged_frames = Some(unjudged(run));
         figures.surface_error_m = Errors::of(&mut errors);
         figures.over_tolerance = Some(over_tolerance(&run.breaches, errors.count()));
         figures.publish_share =
@@ -71,6 +77,48 @@ pub(super) fn figures(run: &Run) -> RunFigures {
         figures.of_limit = of_limit(&figures);
     }
     figures
+}
+
+/// Simulated seconds that are told apart.
+const FIRST_S: f64 = 5.0;
+
+/// What came down in the first frames.
+fn first_seconds(run: &Run) -> Option<FirstSeconds> {
+    let step_s = run.terms.step_s;
+    let wanted = (FIRST_S / step_s).round() as usize;
+    let frames = wanted.min(run.frames.len());
+    let within = |passed: &&Passed| (passed.frame as usize) < frames;
+    let down = |passed: &&Passed| matches!(passed.way, Way::StateDown | Way::ControlDown);
+    let payload = run.passed.iter().filter(within).filter(down);
+    (frames > 0).then(|| FirstSeconds {
+        seconds: frames as f64 * step_s,
+        payload_bytes_down: payload.map(|passed| passed.bytes.len() as u64).sum(),
+        bytes_down: run.frames[..frames].iter().map(bytes_down).sum(),
+    })
+}
+
+fn unjudged(run: &Run) -> u64 {
+    let empty = |frame: &&Frame| frame.exact == 0 && frame.errors_m.is_empty();
+    run.frames.iter().filter(empty).count() as u64
+}
+
+/// How many times less each run took than the naive one beside it.
+pub(super) fn compare_with_naive(runs: &mut [RunFigures]) {
+    let ratio = |naive: u64, own: u64| (own > 0).then(|| naive as f64 / own as f64);
+    let of = |run: &RunFigures| {
+        let naive = run.baseline(runs).filter(|naive| naive.mode != run.mode)?;
+        let (first, own_first) = (naive.first_seconds?, run.first_seconds?);
+        Some(LessThanNaive {
+            payload: ratio(naive.payload_bytes_down?, run.payload_bytes_down?)?,
+            with_headers: ratio(naive.bytes_down?, run.bytes_down?)?,
+            payload_first: ratio(first.payload_bytes_down, own_first.payload_bytes_down)?,
+            with_headers_first: ratio(first.bytes_down, own_first.bytes_down)?,
+        })
+    };
+    let all: Vec<_> = runs.iter().map(of).collect();
+    for (run, less) in runs.iter_mut().zip(all) {
+        run.less_than_naive = less;
+    }
 }
 
 /// Where means of the publisher were switched off, what that made of the bytes.

@@ -4,8 +4,8 @@
 
 use std::fmt;
 
-use super::Summary;
 use super::columns::{Column, columns};
+use super::{RunFigures, Summary};
 
 /// Shown by `Display`; one line per run under one line of titles.
 #[derive(Clone, Copy, Debug)]
@@ -41,6 +41,33 @@ impl<'a> Table<'a> {
         };
         runs.iter().map(cells).collect()
     }
+}
+
+/// How many times less than naive each run took: titles, then a row for each.
+pub(crate) fn ratios(runs: &[RunFigures]) -> Vec<Vec<String>> {
+    let titles = [
+        "mode",
+        "bodies",
+        "payload",
+        "with headers",
+        "payload, first 5 s",
+        "with headers, first 5 s",
+    ];
+    let mut rows = vec![titles.map(str::to_owned).to_vec()];
+    for run in runs {
+        if let Some(less) = run.less_than_naive {
+            let ratios = [
+                less.payload,
+                less.with_headers,
+                less.payload_first,
+                less.with_headers_first,
+            ];
+            let mut row = vec![run.mode.clone(), run.bodies.to_string()];
+            row.extend(ratios.map(|ratio| number(Some(ratio))));
+            rows.push(row);
+        }
+    }
+    rows
 }
 
 fn titles(columns: &[Column]) -> Vec<String> {
