@@ -11,13 +11,14 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use glam::Vec3;
 use rhumb_client::{DisplayTime, Glass, View};
 use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::scene::Cadence;
 use rhumb_protocol::stream::{
     Activity, Features, Manner, Observation, Publisher, StreamStart, StreamTerms, Subscriber,
     Witness,
 };
 use rhumb_reckoning::{
-    Anchor, BodyId, Damping, Integrator, Metres, Predictor, Rate, Seconds, Tick, Ticks, Tolerance,
-    Track, Verbatim,
+    Anchor, BodyId, Damping, Integrator, Metres, Predictor, Rate, Seconds, Tick, Tolerance, Track,
+    Verbatim,
 };
 
 const BODIES: u32 = 10_000;
@@ -87,6 +88,7 @@ fn subscriber() -> Subscriber {
         stream: STREAM,
         tolerance: Tolerance::NORMAL,
         integrator: integrator(),
+        every: Cadence::EACH_TICK.every,
         gravity: GRAVITY,
         tick: Tick::ZERO,
         next: 0,
@@ -113,7 +115,7 @@ fn stages(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("10,000 bodies");
     let observations = observations();
     let mut datagrams: Vec<Bytes> = Vec::new();
-    let mut witness = Witness::new(Ticks::ZERO);
+    let mut witness = Witness::new(Cadence::EACH_TICK);
     witness.observe(Tick::new(1), &observations);
     publisher().publish(&witness, 0, &mut datagrams);
     let mut heard = subscriber();

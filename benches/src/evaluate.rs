@@ -4,11 +4,14 @@
 
 use std::fmt;
 use std::io::{self, Write};
+use std::num::NonZeroU32;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
-use rhumb_reckoning::{Metres, Tolerance};
+use rhumb_protocol::scene::Cadence;
+use rhumb_protocol::stream::HINDSIGHT_MAX;
+use rhumb_reckoning::{Metres, Ticks, Tolerance};
 use rhumb_server::{RunError, run_on_core, usable_cores};
 use rhumb_transport::LinkTerms;
 
@@ -41,6 +44,12 @@ pub struct Evaluate {
     /// The link between the processes, such as rtt=100ms,loss=5%,jitter=10ms.
     #[arg(long, default_value_t = LinkTerms::PERFECT)]
     link: LinkTerms,
+    /// Free running: publish every so many ticks.
+    #[arg(long, default_value = "1")]
+    every: NonZeroU32,
+    /// Free running: ticks that the publisher looks back before it speaks of one; the copy is as much later.
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=i64::from(HINDSIGHT_MAX.count())))]
+    hindsight: u32,
     /// Folder for summary.json, report.html, trace.mcap and its layout; made if it is not there.
     #[arg(long, default_value = "results")]
     out: PathBuf,
@@ -227,6 +236,10 @@ fn run_load(arguments: &Evaluate, bodies: u32, cores: Cores) -> Result<Vec<Load>
         tolerance: arguments.tolerance,
         link: arguments.link,
         modes: modes.clone(),
+        cadence: Cadence {
+            every: arguments.every,
+            hindsight: Ticks::new(arguments.hindsight),
+        },
         cores,
     };
     let mut loads = Vec::new();

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use glam::{Quat, Vec3};
 use rhumb_client::scene::{
-    BodyKind, BodyTerms, Command, Material, Pace, SceneTerms, Shape, ShapeId,
+    BodyKind, BodyTerms, Cadence, Command, Material, Pace, SceneTerms, Shape, ShapeId,
 };
 use rhumb_client::{BodyId, Client, Entry, Happening, Options, Tolerance, Trust, Verbatim};
 use rhumb_reckoning::{Damping, Integrator, Rate};
@@ -41,6 +41,7 @@ fn terms() -> SceneTerms {
             angular: 0.05,
         },
         sleep: None,
+        cadence: Cadence::EACH_TICK,
     }
 }
 

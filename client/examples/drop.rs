@@ -7,7 +7,7 @@ use std::process::ExitCode;
 
 use glam::Vec3;
 use rhumb_client::scene::{
-    BodyKind, BodyTerms, Command, Material, Pace, SceneTerms, Shape, ShapeId,
+    BodyKind, BodyTerms, Cadence, Command, Material, Pace, SceneTerms, Shape, ShapeId,
 };
 use rhumb_client::{Client, Depth, Entry, Options, Trust};
 use rhumb_reckoning::{BodyId, Damping, Integrator, Rate, Verbatim};
@@ -33,6 +33,7 @@ fn terms() -> SceneTerms {
             angular: 0.05,
         },
         sleep: None,
+        cadence: Cadence::EACH_TICK,
     }
 }
 

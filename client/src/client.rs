@@ -321,10 +321,13 @@ impl Client {
         let stream = self.replica().map(Replica::stream);
         let known = stream.map_or(0.0, |stream| stream.vouched().value() as f64);
         let silent = stream.map_or(0.0, |stream| stream.silent_ticks() as f64);
-        // The next vouch is due when the silence has doubled, or has gone on for as long as any may.
+        // The next vouch is due when the silence has doubled, or has gone on for as long as any may, and at a tick that is
+        // spoken of.
         let due = silent.min(f64::from(SILENCE_MS_MAX) / (1e3 * step));
+        let cadence = self.terms.cadence;
+        let due = due.max(f64::from(cadence.every.get()));
         let limit = known + due + PREDICT_SECONDS / step;
-        let shown = self.clock.show(now, self.delay_ticks, known, limit);
+        let shown = self.clock.show(now, self.delay_ticks(), known, limit);
         let at = if self.whole_ticks {
             DisplayTime::at(shown.tick)
         } else {
@@ -332,6 +335,13 @@ impl Client {
         };
         self.refresh(at, self.smooth);
         Ok(at)
+    }
+
+    /// How many ticks a free-running view stays behind the server's clock: as many as its options say, after those that the
+    /// scene is spoken of late.
+    #[must_use]
+    pub fn delay_ticks(&self) -> f64 {
+        self.delay_ticks + f64::from(self.terms.cadence.hindsight.count())
     }
 
     /// Takes in what arrives until `patience` is over, without showing it.

@@ -33,7 +33,8 @@ pub struct Options {
     pub stream: StreamChoice,
     /// How long a call may wait for the server.
     pub patience: Duration,
-    /// Free running only: how many ticks the view stays behind the server's clock. Zero lets prediction carry all of it.
+    /// Free running only: how many ticks the view stays behind what the stream can speak of, which is the server's clock less
+    /// the scene's hindsight. Zero lets prediction carry all of the way.
     pub delay_ticks: f64,
     /// Free running only: how many ticks ahead of the server's clock bodies that this client drives are said to be. Zero
     /// lets the server predict over the way there; as much as the way takes, and a little more, lets it know. It can be

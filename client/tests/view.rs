@@ -8,13 +8,14 @@ use bytes::Bytes;
 use glam::Vec3;
 use rhumb_client::{DisplayTime, Glass, View};
 use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::scene::Cadence;
 use rhumb_protocol::stream::{
     Activity, Features, Manner, Observation, Publisher, StreamStart, StreamTerms, Subscriber,
     Witness,
 };
 use rhumb_reckoning::{
-    Anchor, BodyId, Damping, Integrator, Metres, Predictor, Rate, Seconds, Tick, Ticks, Tolerance,
-    Track, Verbatim,
+    Anchor, BodyId, Damping, Integrator, Metres, Predictor, Rate, Seconds, Tick, Tolerance, Track,
+    Verbatim,
 };
 
 const STREAM: StreamId = StreamId(0);
@@ -56,6 +57,7 @@ impl Pair {
             stream: STREAM,
             tolerance,
             integrator,
+            every: Cadence::EACH_TICK.every,
             gravity: Vec3::ZERO,
             tick: Tick::ZERO,
             next: 0,
@@ -79,7 +81,7 @@ impl Pair {
         }
         subscriber.handle_snapshot_end();
         Self {
-            witness: Witness::new(Ticks::ZERO),
+            witness: Witness::new(Cadence::EACH_TICK),
             publisher,
             subscriber,
             view: View::default(),

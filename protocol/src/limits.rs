@@ -88,6 +88,10 @@ pub const SUBSTEPS_MAX: u32 = 16;
 pub const RATE_MAX: u32 = 1_000;
 /// Slowest tick, seconds.
 pub const STEP_SECONDS_MAX: u32 = 1;
+/// Seconds from one published tick to the next, where it is not the next tick.
+pub const PUBLISH_SECONDS_MAX: u32 = 1;
+/// Ticks that a publisher may look back before it speaks.
+pub const HINDSIGHT_TICKS_MAX: u32 = 6;
 
 /// Largest tick, packet number and count of notices: nine thousand years at 1,000 a second.
 pub const COUNT_MAX: u64 = 1 << 48;

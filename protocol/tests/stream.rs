@@ -9,6 +9,7 @@ use bytes::Bytes;
 use glam::{DQuat, DVec3, Vec3};
 use proptest::prelude::*;
 use rhumb_protocol::packet::{Head, Kind, StreamId};
+use rhumb_protocol::scene::Cadence;
 use rhumb_protocol::stream::{
     Activity, Bound, Features, Manner, Observation, Publisher, Reassurance, StreamStart,
     StreamTerms, Subscriber, Witness,
@@ -16,7 +17,7 @@ use rhumb_protocol::stream::{
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_reckoning::{
-    Anchor, BodyId, Damping, Divergence, Integrator, Metres, Predictor, Radians, Rate, Tick, Ticks,
+    Anchor, BodyId, Damping, Divergence, Integrator, Metres, Predictor, Radians, Rate, Tick,
     Tolerance, Track, Verbatim,
 };
 
@@ -144,6 +145,7 @@ impl Stage {
             stream,
             tolerance,
             integrator: integrator(),
+            every: Cadence::EACH_TICK.every,
             gravity: GRAVITY,
             tick: Tick::ZERO,
             next: 0,
@@ -166,7 +168,7 @@ impl Stage {
             dice,
             past: vec![puppets.iter().map(Puppet::verbatim).collect()],
             puppets,
-            witness: Witness::new(Ticks::ZERO),
+            witness: Witness::new(Cadence::EACH_TICK),
             publisher,
             subscriber,
             air: VecDeque::new(),

@@ -60,10 +60,11 @@ const CATCH_UP_STEPS: u64 = 5;
 impl Room {
     pub(crate) fn new(scene: Scene) -> Self {
         let target = scene.tick();
+        let streams = Streams::new(scene.terms().cadence);
         Self {
             scene,
             members: BTreeMap::new(),
-            streams: Streams::default(),
+            streams,
             grants: Grants::default(),
             drives: Drives::default(),
             notices: 0,
@@ -159,8 +160,9 @@ impl Room {
             stream: stream.id(),
             tolerance: stream.tolerance(),
             integrator: self.terms().integrator,
+            every: self.terms().cadence.every,
             gravity: self.scene.gravity(),
-            tick: self.scene.tick(),
+            tick: stream.tick(),
             next: stream.next_number(),
             notices: self.notices,
         };
@@ -382,12 +384,15 @@ impl Room {
         self.grant_waiting(out);
     }
 
-    /// Ticks of silence within which a stream vouches: every tick where a member waits for it.
+    /// Spoken ticks of silence within which a stream vouches: each tick where a member waits for it.
     fn vouch_within(&self) -> u32 {
         let rate = self.terms().integrator.rate;
         match self.terms().pace {
             Pace::Lockstep => 1,
-            Pace::FreeRunning => (rate.ticks() * SILENCE_MS_MAX / (1_000 * rate.seconds())).max(1),
+            Pace::FreeRunning => {
+                let ticks = rate.ticks() * SILENCE_MS_MAX / (1_000 * rate.seconds());
+                (ticks / self.terms().cadence.every).max(1)
+            }
         }
     }
 

@@ -8,6 +8,7 @@ use glam::Vec3;
 use rhumb_protocol::limits::{HISTORY_PACKETS, STREAMS_PER_SCENE_MAX};
 use rhumb_protocol::message::{Denial, StreamChoice};
 use rhumb_protocol::packet::{Doubt, StreamId};
+use rhumb_protocol::scene::Cadence;
 use rhumb_protocol::stream::{
     Features, FullPublisher, Manner, Observation, Publisher, PublisherStatistics, Reassurance,
     StreamTerms, Witness,
@@ -48,7 +49,8 @@ pub(crate) struct Stream {
     pub(crate) choice: StreamChoice,
     source: Source,
     followers: usize,
-    silent_ticks: u32,
+    /// Ticks that were spoken of, and of which nothing had to be said.
+    silent: u32,
     /// When the sum over all tracks was last said, and what it was.
     digest: (Tick, u64),
     /// Tracks that a member had otherwise.
@@ -69,6 +71,14 @@ impl Stream {
 
     pub(crate) fn tolerance(&self) -> Tolerance {
         self.choice.tolerance()
+    }
+
+    /// The tick up to which everything was said.
+    pub(crate) fn tick(&self) -> Tick {
+        match &self.source {
+            Source::Reckoned(publisher) => publisher.tick(),
+            Source::Full(publisher) => publisher.tick(),
+        }
     }
 
     pub(crate) fn next_number(&self) -> u64 {
@@ -120,7 +130,9 @@ impl Stream {
                 let placed = publisher.place(id, manner, track);
                 debug_assert!(placed, "the scene keeps the limits of its streams");
             }
-            Source::Full(publisher) => publisher.place(id, motion, track.is_resting()),
+            Source::Full(publisher) => {
+                publisher.place(id, track.origin, motion, track.is_resting());
+            }
         }
     }
 
@@ -153,27 +165,31 @@ impl Stream {
         Some(entry)
     }
 
-    /// Says what must be said at a tick. A silent stream vouches ever more rarely, within bounds.
+    /// Says what must be said now, if a tick is spoken of. A silent stream vouches ever more rarely, within bounds.
     fn publish(&mut self, at: &Moment<'_>, witness: &Witness) {
         self.packets.clear();
         self.repairs.clear();
+        let before = self.tick();
         match &mut self.source {
             Source::Reckoned(publisher) => {
                 publisher.publish(witness, at.notices, &mut self.packets);
             }
             Source::Full(publisher) => {
-                publisher.publish(at.tick, at.observations, at.notices, &mut self.packets);
+                publisher.publish(witness, at.notices, &mut self.packets);
             }
         }
+        if self.tick() == before {
+            return;
+        }
         if !self.packets.is_empty() {
-            self.silent_ticks = 0;
+            self.silent = 0;
             let digest = self.due_digest(at);
             self.packets.extend(digest);
             return;
         }
-        self.silent_ticks += 1;
-        let due = self.silent_ticks.is_power_of_two() && self.silent_ticks < at.vouch_within;
-        if due || self.silent_ticks.is_multiple_of(at.vouch_within) {
+        self.silent += 1;
+        let due = self.silent.is_power_of_two() && self.silent < at.vouch_within;
+        if due || self.silent.is_multiple_of(at.vouch_within) {
             // A digest vouches too.
             let digest = self.due_digest(at);
             self.packets
@@ -187,11 +203,11 @@ impl Stream {
             return None;
         };
         let (last, sum) = self.digest;
-        let age = at.tick.since(last)?;
+        let age = publisher.tick().since(last)?;
         if age < at.second || publisher.agreement() == sum {
             return None;
         }
-        self.digest = (at.tick, publisher.agreement());
+        self.digest = (publisher.tick(), publisher.agreement());
         Some(publisher.digest(at.notices))
     }
 
@@ -219,7 +235,8 @@ pub(crate) struct Moment<'a> {
     pub(crate) observations: &'a [Observation],
     /// Notices given up to this tick.
     pub(crate) notices: u64,
-    /// A silent stream vouches at least once in so many ticks: one where somebody waits for this very tick.
+    /// A silent stream vouches at least once in so many ticks that are spoken of: one where somebody waits for this very
+    /// tick.
     pub(crate) vouch_within: u32,
     /// Ticks in a second, at least one.
     pub(crate) second: Ticks,
@@ -233,16 +250,15 @@ pub(crate) struct Streams {
     witness: Witness,
 }
 
-impl Default for Streams {
-    fn default() -> Self {
+impl Streams {
+    /// None yet; they will be said by this cadence.
+    pub(crate) fn new(cadence: Cadence) -> Self {
         Self {
             streams: Vec::new(),
-            witness: Witness::new(Ticks::ZERO),
+            witness: Witness::new(cadence),
         }
     }
-}
 
-impl Streams {
     pub(crate) fn get(&self, id: StreamId) -> Option<&Stream> {
         self.streams.iter().find(|stream| stream.id() == id)
     }
@@ -284,7 +300,7 @@ impl Streams {
             choice,
             source,
             followers: 1,
-            silent_ticks: 0,
+            silent: 0,
             digest: (Tick::ZERO, 0),
             amended: 0,
             packets: Vec::new(),

@@ -7,8 +7,8 @@ use std::num::NonZeroU32;
 use glam::Vec3;
 use rhumb_protocol::message::{ClientMessage, Frames, ServerMessage, StreamChoice, VERSIONS};
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, CommandError, Invalid, Material, Pace, Quantity, SceneTerms,
-    Shape, ShapeId,
+    BodyKind, BodyTerms, Cadence, Command, CommandError, Invalid, Material, Pace, Quantity,
+    SceneTerms, Shape, ShapeId,
 };
 use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
 use rhumb_reckoning::{Damping, Integrator, Rate, Tick, Tolerance, Verbatim};
@@ -31,6 +31,7 @@ fn terms() -> SceneTerms {
         },
         damping: Damping::default(),
         sleep: None,
+        cadence: Cadence::EACH_TICK,
     }
 }
 

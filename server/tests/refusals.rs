@@ -10,8 +10,8 @@ use proptest::prelude::*;
 use rhumb_protocol::limits::{DAMPINGS_MAX, INDICES_MAX, JOINTS_MAX, SHAPES_MAX};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, CommandError, Hull, IdRange, Invalid, Joint, JointFrame, JointId,
-    JointKind, JointLimits, Material, Pace, Quantity, SceneTerms, Shape, ShapeId,
+    BodyKind, BodyTerms, Cadence, Command, CommandError, Hull, IdRange, Invalid, Joint, JointFrame,
+    JointId, JointKind, JointLimits, Material, Pace, Quantity, SceneTerms, Shape, ShapeId,
 };
 use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, Damping, Inertia, Integrator, Rate, Tick, Twist, Verbatim};
@@ -33,6 +33,7 @@ fn terms() -> SceneTerms {
         },
         damping: Damping::default(),
         sleep: None,
+        cadence: Cadence::EACH_TICK,
     }
 }
 

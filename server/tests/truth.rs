@@ -8,8 +8,8 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::limits::{COORDINATE_MAX, FORCE_MAX};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, CommandError, Hull, Joint, JointFrame, JointId, JointKind,
-    JointLimits, Material, Pace, SceneTerms, Shape, ShapeId, SleepTerms,
+    BodyKind, BodyTerms, Cadence, Command, CommandError, Hull, Joint, JointFrame, JointId,
+    JointKind, JointLimits, Material, Pace, SceneTerms, Shape, ShapeId, SleepTerms,
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, Damping, Integrator, Rate, Verbatim};
@@ -36,6 +36,7 @@ fn terms() -> SceneTerms {
             angular: 0.5,
         },
         sleep: None,
+        cadence: Cadence::EACH_TICK,
     }
 }
 

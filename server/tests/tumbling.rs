@@ -8,7 +8,7 @@ use core::num::NonZeroU32;
 
 use glam::{DVec3, Quat, Vec3};
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, Hull, Material, Pace, SceneTerms, Shape, ShapeId,
+    BodyKind, BodyTerms, Cadence, Command, Hull, Material, Pace, SceneTerms, Shape, ShapeId,
 };
 use rhumb_reckoning::{
     BodyId, Conditions, Cursor, Damping, Divergence, FlowTable, HORIZON, Integrator, Metres,
@@ -80,6 +80,7 @@ fn terms(gravity: Vec3, damping: Damping) -> SceneTerms {
         },
         damping,
         sleep: None,
+        cadence: Cadence::EACH_TICK,
     }
 }
 

@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DVec3, Quat, Vec3};
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, Hull, Material, Pace, SceneTerms, Shape, ShapeId,
+    BodyKind, BodyTerms, Cadence, Command, Hull, Material, Pace, SceneTerms, Shape, ShapeId,
 };
 use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
 
@@ -68,6 +68,7 @@ impl Script for Asteroids {
             },
             damping: Damping::default(),
             sleep: None,
+            cadence: Cadence::EACH_TICK,
         }
     }
 

@@ -13,7 +13,7 @@
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, Material, Pace, SceneTerms, Shape, ShapeId,
+    BodyKind, BodyTerms, Cadence, Command, Material, Pace, SceneTerms, Shape, ShapeId,
 };
 use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
 
@@ -162,6 +162,7 @@ impl Script for BallPit {
                 angular: 0.05,
             },
             sleep: None,
+            cadence: Cadence::EACH_TICK,
         }
     }
 

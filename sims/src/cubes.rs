@@ -10,7 +10,9 @@
 //!   it gathers, so that cubes within 1.8 m are drawn along with it and in, by up to 120 m/s².
 
 use glam::{DVec3, Vec3};
-use rhumb_protocol::scene::{BodyKind, Command, Material, Pace, SceneTerms, Shape, SleepTerms};
+use rhumb_protocol::scene::{
+    BodyKind, Cadence, Command, Material, Pace, SceneTerms, Shape, SleepTerms,
+};
 use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
 
 use crate::cast::Cast;
@@ -62,6 +64,7 @@ impl Script for Cubes {
                 speed: 0.25,
                 seconds: 0.1,
             }),
+            cadence: Cadence::EACH_TICK,
         }
     }
 

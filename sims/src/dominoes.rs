@@ -6,7 +6,7 @@
 use core::f64::consts::PI;
 
 use glam::Vec3;
-use rhumb_protocol::scene::{BodyKind, Command, Material, Pace, SceneTerms, Shape};
+use rhumb_protocol::scene::{BodyKind, Cadence, Command, Material, Pace, SceneTerms, Shape};
 use rhumb_reckoning::{BodyId, Damping, Tick};
 
 use crate::cast::{Cast, about_y};
@@ -78,6 +78,7 @@ impl Script for Dominoes {
                 angular: 0.05,
             },
             sleep: None,
+            cadence: Cadence::EACH_TICK,
         }
     }
 

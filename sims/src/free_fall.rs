@@ -4,7 +4,7 @@
 
 use glam::Vec3;
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, Material, Pace, SceneTerms, Shape, ShapeId,
+    BodyKind, BodyTerms, Cadence, Command, Material, Pace, SceneTerms, Shape, ShapeId,
 };
 use rhumb_reckoning::{BodyId, Damping, Tick};
 
@@ -50,6 +50,7 @@ impl Script for FreeFall {
             },
             damping: Damping::default(),
             sleep: None,
+            cadence: Cadence::EACH_TICK,
         }
     }
 

@@ -8,7 +8,7 @@
 use glam::Vec3;
 use rhumb_protocol::limits::JOINTS_MAX;
 use rhumb_protocol::scene::{
-    BodyKind, Command, Joint, JointFrame, JointId, JointKind, JointLimits, Material, Pace,
+    BodyKind, Cadence, Command, Joint, JointFrame, JointId, JointKind, JointLimits, Material, Pace,
     SceneTerms, Shape, ShapeId, SleepTerms,
 };
 use rhumb_reckoning::{BodyId, Damping, Tick};
@@ -93,6 +93,7 @@ impl Script for Ragdolls {
                 speed: 0.3,
                 seconds: 0.5,
             }),
+            cadence: Cadence::EACH_TICK,
         }
     }
 

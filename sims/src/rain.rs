@@ -5,7 +5,9 @@
 //! almost all are in free flight at any time, each by itself. No damping; friction 0.5, no bounce. Nothing rests.
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, Material, Pace, SceneTerms, Shape};
+use rhumb_protocol::scene::{
+    BodyKind, BodyTerms, Cadence, Command, Material, Pace, SceneTerms, Shape,
+};
 use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
 
 use crate::cast::Cast;
@@ -48,6 +50,7 @@ impl Script for Rain {
             },
             damping: Damping::default(),
             sleep: None,
+            cadence: Cadence::EACH_TICK,
         }
     }
 

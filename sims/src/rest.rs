@@ -4,7 +4,7 @@
 //! 0.05 and 0.05 1/s; boxes of 0.5 to 1 m, 1.5 m apart.
 
 use glam::Vec3;
-use rhumb_protocol::scene::{BodyKind, Command, Material, Pace, SceneTerms, Shape};
+use rhumb_protocol::scene::{BodyKind, Cadence, Command, Material, Pace, SceneTerms, Shape};
 use rhumb_reckoning::{Damping, Tick};
 
 use crate::cast::{Cast, about_y};
@@ -52,6 +52,7 @@ impl Script for Rest {
                 angular: 0.05,
             },
             sleep: None,
+            cadence: Cadence::EACH_TICK,
         }
     }
 

@@ -6,7 +6,7 @@
 
 use glam::Vec3;
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, Material, Pace, SceneTerms, Shape, ShapeId,
+    BodyKind, BodyTerms, Cadence, Command, Material, Pace, SceneTerms, Shape, ShapeId,
 };
 use rhumb_reckoning::{Damping, Tick};
 
@@ -99,6 +99,7 @@ impl Script for Stack {
                 angular: 0.05,
             },
             sleep: None,
+            cadence: Cadence::EACH_TICK,
         }
     }
 

@@ -7,7 +7,7 @@
 use core::f64::consts::PI;
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::scene::{BodyKind, Command, Material, Pace, SceneTerms, Shape};
+use rhumb_protocol::scene::{BodyKind, Cadence, Command, Material, Pace, SceneTerms, Shape};
 use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
 
 use crate::cast::{Cast, about_z};
@@ -79,6 +79,7 @@ impl Script for Tumbler {
                 angular: 0.05,
             },
             sleep: None,
+            cadence: Cadence::EACH_TICK,
         }
     }
 

@@ -5,8 +5,8 @@
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, Hull, Joint, JointFrame, JointId, JointKind, JointLimits,
-    Material, Pace, SceneTerms, Shape, ShapeId,
+    BodyKind, BodyTerms, Cadence, Command, Hull, Joint, JointFrame, JointId, JointKind,
+    JointLimits, Material, Pace, SceneTerms, Shape, ShapeId,
 };
 use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
 
@@ -223,6 +223,7 @@ impl Script for Zoo {
                 angular: 0.1,
             },
             sleep: None,
+            cadence: Cadence::EACH_TICK,
         }
     }
 

@@ -6,7 +6,7 @@ use core::num::NonZeroU32;
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, Material, Pace, SceneTerms, Shape, ShapeId,
+    BodyKind, BodyTerms, Cadence, Command, Material, Pace, SceneTerms, Shape, ShapeId,
 };
 use rhumb_reckoning::{BodyId, Damping, Integrator, Rate, Tick, Verbatim};
 use rhumb_sims::Script;
@@ -116,6 +116,7 @@ impl Script for Avatars {
                 angular: 0.05,
             },
             sleep: None,
+            cadence: Cadence::EACH_TICK,
         }
     }
 

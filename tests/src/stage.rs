@@ -51,6 +51,18 @@ impl Stage {
             pace,
             ..script.terms()
         };
+        Self::of(script, terms, choice, links, seed)
+    }
+
+    /// A scene of this script with other terms than its own, created and joined by the commander.
+    #[must_use]
+    pub fn of(
+        script: Box<dyn Script>,
+        terms: SceneTerms,
+        choice: StreamChoice,
+        links: LinkTerms,
+        seed: u64,
+    ) -> Self {
         let mut stage = Self {
             arena: Arena::new(Host::new(|| Instant::ZERO), links, seed),
             witnesses: Vec::new(),

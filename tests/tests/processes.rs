@@ -8,11 +8,12 @@
 //! was one that advanced a scene that runs by the server's clock; who reserved no index at all was cut off for it.
 
 use std::net::UdpSocket;
+use std::num::NonZeroU32;
 use std::time::{Duration, Instant};
 
 use glam::Vec3;
 use rhumb_client::scene::{
-    BodyKind, BodyTerms, Command, Invalid, Pace, Quantity, SceneTerms, Shape, ShapeId,
+    BodyKind, BodyTerms, Cadence, Command, Invalid, Pace, Quantity, SceneTerms, Shape, ShapeId,
 };
 use rhumb_client::{
     BodyId, Client, ClientError, Denial, Depth, Entry, Happening, OpenError, Options, StreamChoice,
@@ -20,7 +21,7 @@ use rhumb_client::{
 };
 use rhumb_protocol::Ending;
 use rhumb_protocol::session::Misuse;
-use rhumb_reckoning::{Tick, Verbatim};
+use rhumb_reckoning::{Tick, Ticks, Verbatim};
 use rhumb_sims::{BallPit, Script};
 use rhumb_tests::{Programme, ServerProcess};
 use rhumb_transport::{ConnectError, TransportCode};
@@ -315,6 +316,33 @@ fn a_scene_that_runs_freely_denies_an_advance_at_once() {
         "{error}"
     );
     client.follow().unwrap();
+}
+
+#[test]
+fn a_client_shows_a_scene_as_much_later_as_its_hindsight_takes() {
+    let server = SERVER.serve(ANYWHERE);
+    let cadence = Cadence {
+        every: NonZeroU32::new(2).expect("two is not zero"),
+        hindsight: Ticks::new(6),
+    };
+    let terms = SceneTerms {
+        cadence,
+        ..terms(Pace::FreeRunning)
+    };
+    let mut client = open(&server, "pit", Entry::Create(terms));
+    assert_eq!(client.terms().cadence, cadence);
+    client.idle(Duration::from_millis(600)).unwrap();
+    let shown = client.follow().unwrap();
+    assert!(client.delay_ticks() >= 6.0);
+    assert!(shown.tick > Tick::ZERO);
+    // Half of it is left for what the server's clock was seen wrongly by.
+    let newest = client.inspect().unwrap().tick;
+    assert!(
+        newest >= shown.tick + Ticks::new(3),
+        "{newest}, shown {shown:?}"
+    );
+    let vouched = client.statistics().vouched;
+    assert!(vouched.value().is_multiple_of(2) && vouched + Ticks::new(3) <= newest);
 }
 
 /// A grid of balls that touch nothing and fall nowhere: they sleep soon.

@@ -163,7 +163,7 @@ pub fn run_free(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<Load, Dri
     let mut script = plan.script()?;
     let setup = |mode, script: &dyn Script| {
         let mut setup = plan.setup(mode, script);
-        setup.terms.pace = Pace::FreeRunning;
+        (setup.terms.pace, setup.terms.cadence) = (Pace::FreeRunning, plan.cadence);
         setup
     };
     let clean = Setup {

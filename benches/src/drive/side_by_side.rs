@@ -4,6 +4,7 @@
 //! in this thread; then the others take it. So the pipelined caller has other work to do, as a simulator has.
 
 use rhumb_client::{Depth, StreamChoice};
+use rhumb_protocol::scene::Cadence;
 use rhumb_reckoning::{Metres, Tick, Tolerance};
 use rhumb_sims::Script;
 use rhumb_transport::LinkTerms;
@@ -40,6 +41,8 @@ pub struct Plan {
     pub link: LinkTerms,
     /// Which modes, in the order of the report.
     pub modes: Vec<Mode>,
+    /// When the free-running scene is published.
+    pub cadence: Cadence,
     /// Where they run.
     pub cores: Cores,
 }

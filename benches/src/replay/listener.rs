@@ -3,6 +3,7 @@
 //! Asks as PROTOCOL 6.7 has it, and as the client's session does. The round trip is known, as if it had been measured.
 
 use std::collections::VecDeque;
+use std::num::NonZeroU32;
 
 use bytes::Bytes;
 use glam::Vec3;
@@ -44,6 +45,7 @@ pub(super) struct Start {
     pub(super) tolerance: Tolerance,
     pub(super) integrator: Integrator,
     pub(super) gravity: Vec3,
+    pub(super) every: NonZeroU32,
 }
 
 impl Listener {
@@ -53,6 +55,7 @@ impl Listener {
                 stream: start.stream,
                 tolerance: start.tolerance,
                 integrator: start.integrator,
+                every: start.every,
                 gravity: start.gravity,
                 tick: Tick::ZERO,
                 next: 0,

@@ -97,9 +97,6 @@ impl Manner {
 
     /// The terms of a replay with these means.
     pub(crate) fn terms(&self, features: Features) -> Result<ReplayTerms, String> {
-        if self.hindsight > 0 && self.every.get() > 1 {
-            return Err("--hindsight looks at every tick: leave --every at 1".to_owned());
-        }
         Ok(ReplayTerms {
             tolerance: self.promise.tolerance()?,
             link: self.link,

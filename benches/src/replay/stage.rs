@@ -4,17 +4,15 @@
 //! repairs when asked. Bytes are counted as the server sends them, whether or not they arrive. The bodies that are there
 //! at the beginning are known at both ends and cost nothing.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::fmt;
 use std::num::NonZeroU32;
 
 use bytes::Bytes;
 use rhumb_protocol::message::{Notice, ServerMessage};
 use rhumb_protocol::packet::{Echo, Head, Kind, StreamId};
-use rhumb_protocol::scene::BodyKind;
-use rhumb_protocol::stream::{
-    Activity, Features, Manner, Observation, Publisher, StreamTerms, Witness,
-};
+use rhumb_protocol::scene::{BodyKind, Cadence};
+use rhumb_protocol::stream::{Activity, Features, Manner, Publisher, StreamTerms, Witness};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Instant, Span};
@@ -159,8 +157,6 @@ struct Stage<'a> {
     placed: usize,
     removed: usize,
     notices: u64,
-    /// The newest observation of each body since something was last published.
-    observed: BTreeMap<u32, Observation>,
     silent: u32,
     echoed: Option<Instant>,
     lost: Vec<Lost>,
@@ -181,6 +177,7 @@ impl<'a> Stage<'a> {
             tolerance: terms.tolerance,
             integrator: recording.integrator,
             gravity: recording.gravity,
+            every: terms.every,
         };
         let link = terms.link;
         let round_trip_ns = 2 * (link.delay.as_nanos() + link.jitter.as_nanos());
@@ -197,7 +194,10 @@ impl<'a> Stage<'a> {
                 },
                 Tick::ZERO,
             ),
-            witness: Witness::new(terms.hindsight),
+            witness: Witness::new(Cadence {
+                every: terms.every,
+                hindsight: terms.hindsight,
+            }),
             listener: Listener::new(&start, Span::from_nanos(round_trip_ns)),
             judge: Judge::new(&recording.truth),
             down: Link::new(link, terms.seed),
@@ -205,7 +205,6 @@ impl<'a> Stage<'a> {
             placed: 0,
             removed: 0,
             notices: 0,
-            observed: BTreeMap::new(),
             silent: 0,
             echoed: None,
             lost: Vec::new(),
@@ -226,7 +225,6 @@ impl<'a> Stage<'a> {
             && *when < tick
         {
             self.removed += 1;
-            self.observed.remove(&id.index());
             self.publisher.remove(*id);
             let cause = rhumb_protocol::message::RemovalCause::Command;
             let notice = Notice::BodyRemoved { id: *id, cause };
@@ -273,23 +271,16 @@ impl<'a> Stage<'a> {
     fn publish(&mut self, now: Instant, tick: Tick) {
         // With hindsight the last ticks are spoken of after the recording's end.
         let row = self.recording.truth.ticks.get(tick.value() as usize - 1);
-        for observation in row.into_iter().flatten() {
-            self.observed.insert(observation.id.index(), *observation);
-        }
-        if !tick
-            .value()
-            .is_multiple_of(u64::from(self.terms.every.get()))
-        {
-            return;
-        }
-        let observed = std::mem::take(&mut self.observed);
-        let observations: Vec<_> = observed.into_values().collect();
         let mut packets = Vec::new();
         let begun = self.clock.now();
-        self.witness.observe(tick, &observations);
+        self.witness
+            .observe(tick, row.map_or(&[][..], |row| &row[..]));
         self.publisher
             .publish(&self.witness, self.notices, &mut packets);
         self.publish_ns += self.clock.now().since(begun).as_nanos();
+        if self.witness.present().is_none() {
+            return;
+        }
         if packets.is_empty() {
             self.silent += 1;
             if self.vouches() {

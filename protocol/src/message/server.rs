@@ -156,6 +156,7 @@ impl Wire for Joined {
             stream,
             tolerance: choice.tolerance(),
             integrator: terms.integrator,
+            every: terms.cadence.every,
             gravity,
             tick: Tick::new(from.count()?),
             next: from.count()?,

@@ -57,10 +57,16 @@ pub enum Quantity {
     SleepSpeed = 21,
     /// Seconds.
     SleepSeconds = 22,
+    /// Ticks from one that is published to the next.
+    PublishedEvery = 23,
+    /// Ticks.
+    Hindsight = 24,
+    /// When the streams of a lockstep scene are said.
+    LockstepCadence = 25,
 }
 
 impl Quantity {
-    const ALL: [Self; 23] = [
+    const ALL: [Self; 26] = [
         Self::Position,
         Self::Rotation,
         Self::Linear,
@@ -84,6 +90,9 @@ impl Quantity {
         Self::JointLimit,
         Self::SleepSpeed,
         Self::SleepSeconds,
+        Self::PublishedEvery,
+        Self::Hindsight,
+        Self::LockstepCadence,
     ];
 
     /// The quantity of a code.
@@ -125,6 +134,9 @@ impl fmt::Display for Quantity {
             Self::JointLimit => "limit of a joint",
             Self::SleepSpeed => "speed below which bodies sleep",
             Self::SleepSeconds => "time until bodies sleep",
+            Self::PublishedEvery => "number of ticks from one publication to the next",
+            Self::Hindsight => "hindsight",
+            Self::LockstepCadence => "cadence of a lockstep scene",
         })
     }
 }
@@ -156,6 +168,9 @@ impl fmt::Display for Invalid {
                 f.write_str("rotation is not a finite quaternion of unit length")
             }
             Self::NotFinite(quantity) => write!(f, "{quantity} is NaN or infinite"),
+            Self::OutOfRange(Quantity::LockstepCadence) => f.write_str(
+                "a lockstep scene says each tick at once: make it free-running to publish more rarely or with hindsight",
+            ),
             Self::OutOfRange(quantity) => write!(f, "{quantity} is outside its limits"),
         }
     }

@@ -1,5 +1,6 @@
 //! The nouns of a scene as clients and servers name them.
 mod body;
+mod cadence;
 mod checks;
 mod command;
 mod hull;
@@ -12,6 +13,7 @@ mod shape;
 mod terms;
 
 pub use body::{BodyKind, BodyTerms};
+pub use cadence::Cadence;
 pub use checks::{Invalid, Quantity};
 pub use command::{Command, CommandError};
 pub use hull::Hull;

@@ -5,6 +5,7 @@ use core::num::NonZeroU32;
 use glam::Vec3;
 use rhumb_reckoning::{Damping, Integrator, Rate};
 
+use super::cadence::Cadence;
 use super::checks::{Invalid, Quantity, scalar, vector};
 use super::material::Material;
 use crate::limits::{
@@ -54,6 +55,8 @@ pub struct SceneTerms {
     pub damping: Damping,
     /// The engine's own habit, unless the scene says otherwise.
     pub sleep: Option<SleepTerms>,
+    /// When its streams are said.
+    pub cadence: Cadence,
 }
 
 impl SceneTerms {
@@ -76,7 +79,12 @@ impl SceneTerms {
         vector(self.gravity, GRAVITY_MAX, Quantity::Gravity)?;
         self.material.check()?;
         check_damping(self.damping)?;
-        self.sleep.map_or(Ok(()), SleepTerms::check)
+        self.sleep.map_or(Ok(()), SleepTerms::check)?;
+        self.cadence.check(rate)?;
+        match self.pace {
+            Pace::Lockstep => self.cadence.check_lockstep(),
+            Pace::FreeRunning => Ok(()),
+        }
     }
 }
 
@@ -113,6 +121,7 @@ impl Wire for SceneTerms {
         if let Some(SleepTerms { speed, seconds }) = self.sleep {
             to.f32s(&[speed, seconds]);
         }
+        self.cadence.encode(to);
     }
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
@@ -136,6 +145,7 @@ impl Wire for SceneTerms {
                 }
                 _ => return Err(Malformed::UnknownCode),
             },
+            cadence: Cadence::decode(from)?,
         })
     }
 }

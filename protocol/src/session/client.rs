@@ -3,13 +3,14 @@
 //! Does not wait and does not display. Poll order: feed `handle_*`, then drain `poll_event` and `poll_transmit`, then ask
 //! `poll_timeout`. After an `Ended` event nothing more happens.
 
+mod clock;
 mod driving;
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
 
 use bytes::Bytes;
-use rhumb_reckoning::{Rate, Tick};
+use rhumb_reckoning::Tick;
 
 use super::close::CloseCode;
 use super::copies::{Copies, Told};
@@ -23,7 +24,7 @@ use crate::limits::RESERVE_MAX;
 use crate::message::{
     ClientMessage, Denial, Frames, Joined, Notice, ServerMessage, StreamChoice, VERSIONS,
 };
-use crate::scene::{Command, IdRange, Pace, SceneName, SceneTerms};
+use crate::scene::{Command, IdRange, SceneName, SceneTerms};
 use crate::time::{Instant, Span};
 use driving::Wheel;
 
@@ -406,43 +407,10 @@ impl ClientSession {
         Ok(())
     }
 
-    fn hear_pong(&mut self, now: Instant, sent: Instant, tick: Tick, since_tick: Span) {
-        if sent > now {
-            return;
-        }
-        let round_trip = now.since(sent);
-        self.round_trip = round_trip;
-        // Before the joining there may have been no scene whose clock could be told.
-        if self.state != State::Member {
-            return;
-        }
-        let at = sent + Span::from_nanos(round_trip.as_nanos() / 2);
-        if let Some(rate) = self.free_rate() {
-            self.pings.seen(at, tick, since_tick, round_trip, rate);
-        }
-        self.events.push_back(Event::ClockSeen {
-            at,
-            tick,
-            since_tick,
-            round_trip,
-        });
-    }
-
     /// When to ask for the whole scene again.
     fn touch_due(&self) -> Option<Instant> {
         let due = self.touch.due()?;
         (self.copies.have_lost_touch() && !self.resyncing).then_some(due)
-    }
-
-    /// When the server's clock is to be looked at: never where the members lead.
-    fn ping_due(&self) -> Option<Instant> {
-        self.free_rate().and(self.pings.due())
-    }
-
-    /// The rate of a scene that runs by the server's clock.
-    fn free_rate(&self) -> Option<Rate> {
-        let terms = self.terms.filter(|terms| terms.pace == Pace::FreeRunning);
-        terms.map(|terms| terms.integrator.rate)
     }
 
     /// Looks at the stream after anything was heard: is something missing, or something awaited?
@@ -535,8 +503,8 @@ impl Endpoint for ClientSession {
         let before = vouched(&self.copies);
         self.copies.handle_datagram(bytes);
         let after = vouched(&self.copies).filter(|_| before != vouched(&self.copies));
-        if let Some((rate, tick)) = self.free_rate().zip(after) {
-            self.pings.shown(now, tick, rate);
+        if let Some(tick) = after {
+            self.note_shown(now, tick);
         }
         while let Some(id) = self.copies.shown_mut().and_then(Replica::poll_amended) {
             self.events.push_back(Event::Amended(id));

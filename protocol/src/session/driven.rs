@@ -5,6 +5,7 @@
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
+use core::num::NonZeroU32;
 
 use bytes::Bytes;
 use glam::Vec3;
@@ -71,6 +72,7 @@ impl Driven {
             stream: driving.stream,
             tolerance,
             integrator,
+            every: NonZeroU32::MIN,
             gravity: Vec3::ZERO,
             tick: driving.tick,
             next: 0,

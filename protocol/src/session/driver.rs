@@ -14,6 +14,7 @@ use super::cadence::Cadence;
 use crate::limits::TICK_JUMP_MAX;
 use crate::message::Driving;
 use crate::packet::{Doubt, Echo, Head, Kind};
+use crate::scene;
 use crate::stream::{
     Activity, Features, Manner, Observation, Publisher, PublisherStatistics, Reassurance,
     StreamTerms, Witness,
@@ -101,7 +102,7 @@ impl Driver {
         }
         Self {
             publisher,
-            witness: Witness::new(rhumb_reckoning::Ticks::ZERO),
+            witness: Witness::new(scene::Cadence::EACH_TICK),
             bodies,
             seen: Vec::new(),
             cadence: Cadence::of(integrator.rate),

@@ -3,7 +3,7 @@
 //! Reads no clock itself. Two clocks drift apart slowly, so that looking is rare; what the stream shows of the server's
 //! time is held against what was seen, and only when that is off is the clock looked at sooner.
 
-use rhumb_reckoning::{Rate, Tick};
+use rhumb_reckoning::{Rate, Tick, Ticks};
 
 use crate::time::{Instant, Span};
 
@@ -89,8 +89,8 @@ impl Pings {
         });
     }
 
-    /// The stream has just shown that the server has reached a tick.
-    pub(crate) fn shown(&mut self, now: Instant, tick: Tick, rate: Rate) {
+    /// The stream has just shown that the server has reached a tick, or did so at most `slack` before.
+    pub(crate) fn shown(&mut self, now: Instant, tick: Tick, slack: Ticks, rate: Rate) {
         let Some(seen) = self.seen else {
             return;
         };
@@ -98,7 +98,7 @@ impl Pings {
         let step = rate.step().seconds();
         let expected = seen.ticks + passed / 1e9 / step;
         let off = (expected - tick.value() as f64).abs() * step;
-        if off > SLACK_SECONDS + step {
+        if off > SLACK_SECONDS + f64::from(slack.count()) * step {
             let soon = (self.asked + PAUSE_WHILE_OFF).max(now);
             self.due = Some(self.due.map_or(soon, |due| due.min(soon)));
         }
@@ -108,6 +108,8 @@ impl Pings {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const ONE: Ticks = Ticks::new(1);
 
     fn seconds(count: u64) -> Instant {
         Instant::from_nanos(count * 1_000_000_000)
@@ -131,7 +133,7 @@ mod tests {
         let mut pings = settled();
         let due = pings.due().unwrap();
         for second in 2..60 {
-            pings.shown(seconds(second), Tick::new(60 * second), Rate::HZ_60);
+            pings.shown(seconds(second), Tick::new(60 * second), ONE, Rate::HZ_60);
         }
         assert_eq!(pings.due(), Some(due));
         assert!(due > seconds(60));
@@ -140,10 +142,10 @@ mod tests {
     #[test]
     fn a_clock_that_went_slower_is_looked_at_again() {
         let mut pings = settled();
-        pings.shown(seconds(10), Tick::new(570), Rate::HZ_60);
+        pings.shown(seconds(10), Tick::new(570), ONE, Rate::HZ_60);
         assert_eq!(pings.due(), Some(seconds(10)));
         pings.asked(seconds(10));
-        pings.shown(seconds(10), Tick::new(570), Rate::HZ_60);
+        pings.shown(seconds(10), Tick::new(570), ONE, Rate::HZ_60);
         assert_eq!(pings.due(), Some(seconds(11)));
     }
 }

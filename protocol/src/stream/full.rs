@@ -8,8 +8,8 @@ use bytes::Bytes;
 use rhumb_reckoning::{Anchor, BodyId, Predictor, Tick, Ticks, Track, Verbatim};
 
 use super::history::History;
-use super::observation::Observation;
 use super::publisher::PublisherStatistics;
+use super::witness::Witness;
 use crate::packet::{
     FullPacket, FullRecord, Low16, RepairRecord, RepairWriter, StreamId, TrackSaying, Vouch,
 };
@@ -18,6 +18,8 @@ use crate::packet::{
 #[derive(Clone, Copy, Debug)]
 struct State {
     id: BodyId,
+    /// The tick at which it came, or the last that was spoken of.
+    since: Tick,
     motion: Verbatim,
     /// A static body is sent when it was put elsewhere, not every tick.
     fixed: bool,
@@ -59,20 +61,28 @@ impl FullPublisher {
         self.history.next()
     }
 
+    /// The tick up to which everything was said.
+    #[must_use]
+    pub const fn tick(&self) -> Tick {
+        self.tick
+    }
+
     /// What it said so far.
     #[must_use]
     pub const fn statistics(&self) -> PublisherStatistics {
         self.statistics
     }
 
-    /// A body has come into the scene; one that is `fixed` is not sent again until it is observed.
-    pub fn place(&mut self, id: BodyId, motion: Verbatim, fixed: bool) {
+    /// A body has come into the scene after the step to `since`; one that is `fixed` is not sent again until it is
+    /// observed.
+    pub fn place(&mut self, id: BodyId, since: Tick, motion: Verbatim, fixed: bool) {
         let index = id.index() as usize;
         if index >= self.states.len() {
             self.states.resize(index + 1, None);
         }
         self.states[index] = Some(State {
             id,
+            since,
             motion,
             fixed,
             moved: false,
@@ -96,32 +106,38 @@ impl FullPublisher {
 
     fn track(&self, state: &State) -> Track {
         if state.fixed {
-            return Track::resting(self.tick, state.motion);
+            return Track::resting(state.since, state.motion);
         }
         Track {
-            origin: self.tick,
+            origin: state.since,
             predictor: Predictor::Uniform,
             anchor: Anchor::Verbatim(state.motion),
             carrier: None,
         }
     }
 
-    /// Appends the datagrams that hold the state of every body that can move at a tick.
-    pub fn publish(
-        &mut self,
-        tick: Tick,
-        observations: &[Observation],
-        notices: u64,
-        out: &mut Vec<Bytes>,
-    ) {
+    /// Appends the datagrams that hold the state of every body that can move at the tick that is spoken of, if one is.
+    pub fn publish(&mut self, witness: &Witness, notices: u64, out: &mut Vec<Bytes>) {
+        // A stream that began after that tick has told it already.
+        let Some(tick) = witness.present().filter(|tick| *tick > self.tick) else {
+            return;
+        };
         self.tick = tick;
-        for observation in observations {
-            if let Some(Some(state)) = self.states.get_mut(observation.id.index() as usize) {
+        for observation in witness.at(tick).unwrap_or_default() {
+            let state = self.states.get_mut(observation.id.index() as usize);
+            if let Some(Some(state)) = state
+                && state.id == observation.id
+                && state.since <= tick
+            {
                 (state.motion, state.moved) = (observation.motion, true);
             }
         }
         let mut records = Vec::new();
         for state in self.states.iter_mut().flatten() {
+            if state.since > tick {
+                continue;
+            }
+            state.since = tick;
             if !state.fixed || core::mem::take(&mut state.moved) {
                 records.push(FullRecord {
                     index: state.id.index(),

@@ -181,11 +181,12 @@ impl Publisher {
     }
 
     /// Says what must be said of what was witnessed and appends the datagrams to `out`; none when every track still
-    /// holds.
+    /// holds, or nothing is spoken of now.
     ///
     /// `notices`: how many the scene has given, up to the newest tick that was witnessed.
     pub fn publish(&mut self, witness: &Witness, notices: u64, out: &mut Vec<Bytes>) {
-        let Some(tick) = witness.present() else {
+        // A stream that began after that tick has told it already.
+        let Some(tick) = witness.present().filter(|tick| *tick > self.tick) else {
             return;
         };
         self.tick = tick;
@@ -249,7 +250,7 @@ impl Publisher {
         let mut largest: Vec<(f64, usize)> = Vec::with_capacity(HOLDERS_MAX + 1);
         let mut least = f64::INFINITY;
         for (place, observation) in observations.iter().enumerate() {
-            let Some(slot) = self.tracks.slot(observation.id.index()) else {
+            let Some(slot) = self.seen_slot(observation) else {
                 continue;
             };
             let radius = slot.radius.metres();
@@ -264,6 +265,13 @@ impl Publisher {
         }
         largest.retain(|(radius, _)| *radius >= least * HOLDER_RATIO);
         largest.into_iter().map(|(_, place)| place).collect()
+    }
+
+    /// The slot of a body that was seen at the present tick: not of one that came later, or has the index of one that went.
+    fn seen_slot(&self, observation: &Observation) -> Option<&Slot> {
+        let slot = self.tracks.slot(observation.id.index())?;
+        let there = slot.id(observation.id.index()) == observation.id;
+        (there && slot.track.origin <= self.tick).then_some(slot)
     }
 
     /// The place of the body that could hold another: the one that does, or the nearest within reach.
@@ -311,8 +319,7 @@ impl Publisher {
         holder: Option<usize>,
     ) -> Option<Update> {
         let index = observation.id.index();
-        let slot = self.tracks.slot(index)?;
-        tick.since(slot.track.origin)?;
+        let slot = self.seen_slot(observation)?;
         let (saying, track) = match observation.activity {
             Activity::Asleep => {
                 let resting = Track::resting(tick, observation.motion);

@@ -2,6 +2,8 @@
 //!
 //! Told by the server before the snapshot.
 
+use core::num::NonZeroU32;
+
 use glam::Vec3;
 use rhumb_reckoning::{Integrator, Tick, Tolerance};
 
@@ -16,6 +18,8 @@ pub struct StreamStart {
     pub tolerance: Tolerance,
     /// How the scene steps.
     pub integrator: Integrator,
+    /// The multiples of this number are the ticks that it is said of.
+    pub every: NonZeroU32,
     /// What pulls now.
     pub gravity: Vec3,
     /// The tick of the snapshot.

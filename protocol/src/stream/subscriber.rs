@@ -7,6 +7,7 @@ mod reading;
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
+use core::num::NonZeroU32;
 
 use glam::Vec3;
 use rhumb_reckoning::{BodyId, Motion, Tick, Tolerance, Track, carried};
@@ -28,6 +29,9 @@ use crate::wire::bytes::Reader;
 pub struct Subscriber {
     stream: StreamId,
     tracks: Tracks,
+    /// The snapshot's tick.
+    start: Tick,
+    every: NonZeroU32,
     /// By index, the track before the present one, where nothing was said between the two.
     before: Vec<Option<Track>>,
     /// The newest origin of a track before which too little of its body was heard.
@@ -67,6 +71,8 @@ impl Subscriber {
         Self {
             stream: start.stream,
             tracks: Tracks::new(start.tolerance, start.integrator, start.gravity),
+            start: start.tick,
+            every: start.every,
             before: Vec::new(),
             known_from: Tick::ZERO,
             gaps: Gaps::new(start.next),
@@ -225,8 +231,8 @@ impl Subscriber {
         self.bound_at(id, self.vouched)
     }
 
-    /// How far off the copy of a body may be at a tick; unknown for one that is not vouched for yet, or that lies before
-    /// the tracks that are still held.
+    /// How far off the copy of a body may be at a tick; unknown for one that is not vouched for yet, that lies before the
+    /// tracks that are still held, or between two ticks that are spoken of.
     #[must_use]
     pub fn bound_at(&self, id: BodyId, tick: Tick) -> Option<Bound> {
         let track = self.track(id)?;
@@ -246,10 +252,21 @@ impl Subscriber {
                 .carrier(&then)
                 .is_some_and(|(index, carrier)| sure(index, &carrier.track).is_some()),
         });
-        if tick > self.vouched || self.lost_touch || !known {
+        if tick > self.vouched || !self.is_spoken_of(tick) || self.lost_touch || !known {
             return Some(Bound::Unknown { since });
         }
         Some(Bound::Within(self.tolerance().reach(radius)))
+    }
+
+    /// Whether the promise is about a tick.
+    fn is_spoken_of(&self, tick: Tick) -> bool {
+        tick == self.start || tick.value().is_multiple_of(u64::from(self.every.get()))
+    }
+
+    /// The last tick before this one that the promise is about.
+    fn spoken_before(&self, tick: Tick) -> Tick {
+        let before = tick.value().saturating_sub(1);
+        Tick::new(before - before % u64::from(self.every.get()))
     }
 
     /// Moves the indices of bodies that came, went or were updated since the last call into `out`, in no order,

@@ -3,15 +3,17 @@
 //! One per scene, whoever publishes from it. Invariant: ticks follow one another without a gap; what breaks that begins
 //! anew.
 
-use alloc::collections::VecDeque;
+use alloc::collections::{BTreeMap, VecDeque};
 use alloc::vec::Vec;
 
 use rhumb_reckoning::{BodyId, Tick, Ticks};
 
-use super::observation::Observation;
+use super::observation::{Activity, Observation};
+use crate::limits::HINDSIGHT_TICKS_MAX;
+use crate::scene::Cadence;
 
 /// The most ticks that a publisher may look back before it speaks.
-pub const HINDSIGHT_MAX: Ticks = Ticks::new(6);
+pub const HINDSIGHT_MAX: Ticks = Ticks::new(HINDSIGHT_TICKS_MAX);
 /// Ticks before the one that is spoken of, from which a body's course is judged.
 const PAST: usize = 2;
 
@@ -21,17 +23,24 @@ pub struct Witness {
     /// Oldest first; each in order of index.
     ticks: VecDeque<Vec<Observation>>,
     newest: Tick,
-    hindsight: Ticks,
+    cadence: Cadence,
+    /// By index, bodies that fell asleep at ticks that are passed over: the next one that is spoken of has them too.
+    passed_over: BTreeMap<u32, Observation>,
 }
 
 impl Witness {
-    /// Nothing was seen yet. `hindsight`: how far its publishers look back, at most [`HINDSIGHT_MAX`].
+    /// Nothing was seen yet. `cadence`: when its publishers speak; they look back at most [`HINDSIGHT_MAX`].
     #[must_use]
-    pub fn new(hindsight: Ticks) -> Self {
+    pub fn new(cadence: Cadence) -> Self {
+        let hindsight = cadence.hindsight.min(HINDSIGHT_MAX);
         Self {
             ticks: VecDeque::new(),
             newest: Tick::ZERO,
-            hindsight: hindsight.min(HINDSIGHT_MAX),
+            cadence: Cadence {
+                hindsight,
+                ..cadence
+            },
+            passed_over: BTreeMap::new(),
         }
     }
 
@@ -41,7 +50,7 @@ impl Witness {
             self.ticks.clear();
         }
         self.newest = tick;
-        let kept = PAST + 1 + self.hindsight.count() as usize;
+        let kept = PAST + 1 + self.cadence.hindsight.count() as usize;
         let mut seen = if self.ticks.len() >= kept {
             self.ticks.pop_front().unwrap_or_default()
         } else {
@@ -49,14 +58,27 @@ impl Witness {
         };
         seen.clear();
         seen.extend_from_slice(observations);
+        if !self.cadence.speaks_of(tick) {
+            let asleep = seen.iter().filter(|seen| seen.activity == Activity::Asleep);
+            let asleep = asleep.map(|seen| (seen.id.index(), *seen));
+            self.passed_over.extend(asleep);
+        } else if !self.passed_over.is_empty() {
+            for seen in observations {
+                self.passed_over.remove(&seen.id.index());
+            }
+            seen.extend(core::mem::take(&mut self.passed_over).into_values());
+            seen.sort_unstable_by_key(|seen| seen.id.index());
+        }
         self.ticks.push_back(seen);
     }
 
-    /// The tick that is spoken of: as far back as hindsight says. `None` while too little was seen.
+    /// The tick that is spoken of now: as far back as hindsight says. `None` while too little was seen, and at the ticks
+    /// between two that are spoken of.
     #[must_use]
     pub fn present(&self) -> Option<Tick> {
-        let tick = self.newest.before(self.hindsight)?;
-        self.at(tick).map(|_| tick)
+        let tick = self.newest.before(self.cadence.hindsight)?;
+        let seen = self.cadence.speaks_of(tick) && self.at(tick).is_some();
+        seen.then_some(tick)
     }
 
     /// What was seen at a tick.
@@ -80,8 +102,9 @@ impl Witness {
 
 #[cfg(test)]
 mod tests {
+    use core::num::NonZeroU32;
+
     use super::*;
-    use crate::stream::Activity;
     use rhumb_reckoning::Verbatim;
 
     fn seen(index: u32, x: f32) -> Observation {
@@ -94,7 +117,10 @@ mod tests {
 
     #[test]
     fn the_present_lies_as_far_back_as_hindsight_says() {
-        let mut witness = Witness::new(Ticks::new(2));
+        let mut witness = Witness::new(Cadence {
+            hindsight: Ticks::new(2),
+            ..Cadence::EACH_TICK
+        });
         for tick in 1..=10 {
             witness.observe(Tick::new(tick), &[seen(3, tick as f32)]);
             let expected = tick.checked_sub(2).filter(|t| *t > 0).map(Tick::new);
@@ -112,10 +138,49 @@ mod tests {
 
     #[test]
     fn a_gap_begins_anew() {
-        let mut witness = Witness::new(Ticks::ZERO);
+        let mut witness = Witness::new(Cadence::EACH_TICK);
         witness.observe(Tick::new(1), &[seen(0, 1.0)]);
         witness.observe(Tick::new(5), &[seen(0, 5.0)]);
         assert_eq!(witness.at(Tick::new(1)), None);
         assert_eq!(witness.present(), Some(Tick::new(5)));
+    }
+
+    #[test]
+    fn who_falls_asleep_between_two_spoken_ticks_is_seen_at_the_second() {
+        let every = NonZeroU32::new(3).unwrap();
+        let hindsight = Ticks::new(2);
+        let mut witness = Witness::new(Cadence { every, hindsight });
+        let asleep = |index, x| Observation {
+            activity: Activity::Asleep,
+            ..seen(index, x)
+        };
+        let ticks: [&[Observation]; 8] = [
+            &[seen(4, 1.0), asleep(9, 1.0)],
+            &[asleep(4, 2.0)],
+            &[asleep(1, 3.0)],
+            &[seen(4, 4.0)],
+            &[asleep(4, 5.0)],
+            &[seen(4, 6.0)],
+            &[],
+            &[],
+        ];
+        for (place, observations) in ticks.into_iter().enumerate() {
+            let tick = Tick::new(place as u64 + 1);
+            witness.observe(tick, observations);
+            let spoken = match tick.value() {
+                5 => Some(Tick::new(3)),
+                8 => Some(Tick::new(6)),
+                _ => None,
+            };
+            assert_eq!(witness.present(), spoken, "{tick}");
+        }
+        let at = |tick| witness.at(Tick::new(tick)).unwrap();
+        assert_eq!(at(6), [seen(4, 6.0)]);
+        let mut witness = Witness::new(Cadence { every, hindsight });
+        for (place, observations) in ticks[..3].iter().enumerate() {
+            witness.observe(Tick::new(place as u64 + 1), observations);
+        }
+        let third = [asleep(1, 3.0), asleep(4, 2.0), asleep(9, 1.0)];
+        assert_eq!(witness.at(Tick::new(3)).unwrap(), third);
     }
 }

@@ -426,7 +426,7 @@ impl Engine for RapierEngine {
 mod tests {
     use core::num::NonZeroU32;
 
-    use rhumb_protocol::scene::{Material, Pace};
+    use rhumb_protocol::scene::{Cadence, Material, Pace};
     use rhumb_reckoning::{Damping, Rate, Verbatim};
 
     use super::*;
@@ -451,6 +451,7 @@ mod tests {
             material,
             damping,
             sleep: None,
+            cadence: Cadence::EACH_TICK,
         });
         let id = BodyId::new(0, 0);
         let ball = Newcomer {

@@ -137,11 +137,11 @@ impl Subscriber {
         self.newest = self.newest.max(tick);
         self.spoken = self.spoken.max(tick);
         let whole = if ends_tick {
-            Some(tick)
+            tick
         } else {
-            tick.before(rhumb_reckoning::Ticks::new(1))
+            self.spoken_before(tick)
         };
-        self.vouched = self.vouched.max(whole.unwrap_or_default());
+        self.vouched = self.vouched.max(whole);
         Some((number, tick))
     }
 

@@ -1,0 +1,53 @@
+//! How a client follows the clock of a scene that runs freely.
+
+use rhumb_reckoning::{Rate, Tick, Ticks};
+
+use super::{ClientSession, State};
+use crate::scene::Pace;
+use crate::session::event::Event;
+use crate::time::{Instant, Span};
+
+impl ClientSession {
+    pub(super) fn hear_pong(&mut self, now: Instant, sent: Instant, tick: Tick, since_tick: Span) {
+        if sent > now {
+            return;
+        }
+        let round_trip = now.since(sent);
+        self.round_trip = round_trip;
+        // Before the joining there may have been no scene whose clock could be told.
+        if self.state != State::Member {
+            return;
+        }
+        let at = sent + Span::from_nanos(round_trip.as_nanos() / 2);
+        if let Some(rate) = self.free_rate() {
+            self.pings.seen(at, tick, since_tick, round_trip, rate);
+        }
+        self.events.push_back(Event::ClockSeen {
+            at,
+            tick,
+            since_tick,
+            round_trip,
+        });
+    }
+
+    /// The stream has just vouched for another tick.
+    pub(super) fn note_shown(&mut self, now: Instant, tick: Tick) {
+        let terms = self.terms.filter(|terms| terms.pace == Pace::FreeRunning);
+        if let Some(terms) = terms {
+            let reached = tick + terms.cadence.hindsight;
+            let slack = Ticks::new(terms.cadence.every.get());
+            self.pings.shown(now, reached, slack, terms.integrator.rate);
+        }
+    }
+
+    /// When the server's clock is to be looked at: never where the members lead.
+    pub(super) fn ping_due(&self) -> Option<Instant> {
+        self.free_rate().and(self.pings.due())
+    }
+
+    /// The rate of a scene that runs by the server's clock.
+    fn free_rate(&self) -> Option<Rate> {
+        let terms = self.terms.filter(|terms| terms.pace == Pace::FreeRunning);
+        terms.map(|terms| terms.integrator.rate)
+    }
+}
