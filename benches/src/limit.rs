@@ -1,9 +1,10 @@
 //! `rhumb-bench limit`: how few updates and bits might have done.
 //!
-//! Had the future been known. For each body of a recording, greedily, the longest segments by any law of the closed list, each verified by the
-//! normative prediction; then what an ideal coder would have taken for them. It is found, not proved: a better fit may
-//! make a segment longer, so that the true least is lower still. On the other side no publisher reaches it: motions are
-//! fitted before they are rounded to the grid, the future is not known, and no packet, repair or exact rest is counted.
+//! Had the future been known. For each body of a recording, greedily, the longest segments by any law of the closed
+//! list, each verified by the normative prediction; then what an ideal coder would have taken for them. It is found, not
+//! proved: a better fit may make a segment longer, so that the true least is lower still. On the other side a publisher
+//! has more to do: it does not know the future, and says packets, repairs and exact rests. One cut is of motions as they
+//! were fitted, one of such as the protocol can say: the difference is the price of its grid.
 
 mod code;
 mod course;
@@ -64,6 +65,8 @@ pub struct Limit {
     pub turn_rad: Option<f64>,
     /// Cut into as few segments as were found.
     pub fewest_updates: Cut,
+    /// The same with motions that are rounded to the protocol's grid and judged as rounded: what could be said.
+    pub fewest_updates_on_grid: Cut,
     /// Cut for few bits, or the same cut if that takes no more.
     pub fewest_bits: Cut,
 }
@@ -119,12 +122,13 @@ impl Limit {
     #[must_use]
     pub fn of(recording: &Recording, tolerance: Tolerance, every: NonZeroU32) -> Self {
         let paths = Paths::new(recording, every);
-        let bar = output::progress_bar(2 * paths.len() as u64, "limit".to_owned());
+        let bar = output::progress_bar(3 * paths.len() as u64, "limit".to_owned());
         let of = |least| {
             let search = Search::new(recording, tolerance, every, least);
             search.cut_all(&paths, &mut || bar.inc(1))
         };
         let (fewest_updates, fewest_bits) = (of(Least::Updates), of(Least::Bits));
+        let fewest_updates_on_grid = of(Least::UpdatesOnGrid);
         bar.finish_and_clear();
         let (tolerance_m, turn_rad) = match tolerance {
             Tolerance::Surface(length) => (length.metres().metres(), None),
@@ -139,6 +143,7 @@ impl Limit {
             every: every.get(),
             tolerance_m,
             turn_rad,
+            fewest_updates_on_grid,
             fewest_bits: if fewest_bits.kbps < fewest_updates.kbps {
                 fewest_bits
             } else {
@@ -160,9 +165,13 @@ impl Limit {
 
 impl fmt::Display for Limit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let cuts = [&self.fewest_updates, &self.fewest_bits];
+        let cuts = [
+            &self.fewest_updates,
+            &self.fewest_bits,
+            &self.fewest_updates_on_grid,
+        ];
         let mut rows = vec![
-            ["", "fewest updates", "fewest bits"]
+            ["", "fewest updates", "fewest bits", "updates on grid"]
                 .map(str::to_owned)
                 .to_vec(),
         ];

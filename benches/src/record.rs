@@ -235,6 +235,8 @@ pub struct Replayed {
 pub struct Least {
     /// Updates for each simulated second.
     pub updates_per_second: f64,
+    /// The same where motions are rounded to the protocol's grid.
+    pub updates_on_grid_per_second: f64,
     /// 1,000 bit/s of simulated time.
     pub kbps: f64,
 }

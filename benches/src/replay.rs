@@ -119,6 +119,7 @@ fn set_beside_limits(recording: &Recording, all: &[ReplayTerms], runs: &mut [Run
             let limit = Limit::of(recording, terms.tolerance, terms.every);
             Least {
                 updates_per_second: limit.fewest_updates.updates_per_second,
+                updates_on_grid_per_second: limit.fewest_updates_on_grid.updates_per_second,
                 kbps: limit.fewest_bits.kbps,
             }
         });

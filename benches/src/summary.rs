@@ -174,6 +174,8 @@ pub struct LessThanNaive {
 pub struct OfLimit {
     /// Updates over the fewest.
     pub updates: f64,
+    /// Updates over the fewest with motions on the protocol's grid.
+    pub updates_on_grid: f64,
     /// Payload bits down over the fewest.
     pub bits: f64,
 }

@@ -106,7 +106,9 @@ fn a_limit_is_within_its_tolerance_and_below_a_publisher() {
     let recording = rhtrace::read("bounce", &bounce::packed()).expect("this is a recording");
     for metres in [0.005, 0.02, 0.1] {
         let limit = limit(&recording, metres);
-        for cut in [&limit.fewest_updates, &limit.fewest_bits] {
+        let on_grid = &limit.fewest_updates_on_grid;
+        assert!(limit.fewest_updates.updates <= on_grid.updates, "{limit}");
+        for cut in [&limit.fewest_updates, &limit.fewest_bits, on_grid] {
             let errors = cut.surface_error_m.expect("boxes move");
             assert!(errors.max <= metres + 1e-9, "{limit}");
         }

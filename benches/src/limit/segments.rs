@@ -4,7 +4,7 @@
 //! other cut of the way has fewer segments, since what holds over a stretch holds over each part of it. A cut for few
 //! bits takes the segment that costs least for the time that it holds, which is no more than a good guess.
 
-use rhumb_reckoning::{Grid, Motion, Residual, carried, seen_from};
+use rhumb_reckoning::{Grid, Motion, Residual, Snapped, carried, seen_from};
 
 use super::course::{Course, Law, Saying};
 use super::fit::fit;
@@ -47,6 +47,8 @@ pub(super) enum Least {
     Updates,
     /// Bits for the time that a segment holds, as far as they can be guessed.
     Bits,
+    /// Segments whose motions are such as the protocol can say: rounded to its grid, and judged as rounded.
+    UpdatesOnGrid,
 }
 
 /// A saying, until when it holds, and what has to be said for it.
@@ -67,7 +69,11 @@ pub(super) fn cut(course: &Course<'_>, body: usize, least: Least) -> Way {
     note(course, &saying, frame, &mut way);
     while frame < path.end() {
         let mut best: Option<Candidate> = None;
-        for found in longest(course, frame) {
+        let realised = |fitted: Saying| match least {
+            Least::UpdatesOnGrid => on_grid(course, &grid, &saying, &fitted),
+            Least::Updates | Least::Bits => (fitted, course.holds_until(&fitted)),
+        };
+        for found in longest(course, frame, &realised) {
             for candidate in candidates(course, &grid, (saying, found), body, least) {
                 if best.is_none_or(|best| price(&candidate, least) < price(&best, least)) {
                     best = Some(candidate);
@@ -88,7 +94,7 @@ pub(super) fn cut(course: &Course<'_>, body: usize, least: Least) -> Way {
 fn price(candidate: &Candidate, least: Least) -> f64 {
     let frames = (candidate.until - candidate.saying.frame) as f64;
     match least {
-        Least::Updates => 1.0 / frames,
+        Least::Updates | Least::UpdatesOnGrid => 1.0 / frames,
         Least::Bits => guess(&candidate.update.residual) / frames,
     }
 }
@@ -139,8 +145,69 @@ fn note(course: &Course<'_>, saying: &Saying, until: usize, way: &mut Way) {
     }
 }
 
+/// What is said of a fitted motion, and until when that holds.
+type Realised<'r> = &'r dyn Fn(Saying) -> (Saying, usize);
+
+/// The motion that the protocol says where it wants to say a fitted one, with the velocities that hold longer: those
+/// that the correction implies, or those that are nearest to the fitted ones.
+fn on_grid(course: &Course<'_>, grid: &Grid, last: &Saying, fitted: &Saying) -> (Saying, usize) {
+    let (residual, implied) = implied(course, grid, last, fitted);
+    let mut all = vec![implied];
+    if fitted.law.moves() {
+        let velocity = Some(Residual::of_velocity(
+            &fitted.motion.twist(),
+            &implied,
+            grid,
+        ));
+        let residual = Residual {
+            velocity,
+            ..residual
+        };
+        all.push(said(course, grid, last, fitted, &residual));
+    }
+    let held = all.into_iter().map(|snapped| {
+        let motion = snapped.motion(grid);
+        let saying = Saying { motion, ..*fitted };
+        (saying, course.holds_until(&saying))
+    });
+    held.max_by_key(|(_, until)| *until)
+        .unwrap_or((*fitted, fitted.frame))
+}
+
+/// The correction of a pose, rounded, and the motion that it leads to by itself.
+fn implied(course: &Course<'_>, grid: &Grid, last: &Saying, next: &Saying) -> (Residual, Snapped) {
+    let predicted = in_frame_of(course, last, next);
+    let [position, turn] = Residual::wanted(&next.motion.pose(), &predicted.pose(), grid);
+    let rounded = |steps: glam::DVec3| steps.to_array().map(|step| step.round() as i32);
+    let residual = Residual {
+        position: rounded(position),
+        turn: rounded(turn),
+        velocity: None,
+    };
+    (residual, said(course, grid, last, next, &residual))
+}
+
+/// The motion that a correction leads to.
+fn said(
+    course: &Course<'_>,
+    grid: &Grid,
+    last: &Saying,
+    next: &Saying,
+    residual: &Residual,
+) -> Snapped {
+    let predicted = in_frame_of(course, last, next);
+    let age = course.ticks(last.frame, next.frame);
+    let over = last.law.predictor().astray(age, course.rate);
+    let snapped = residual.onto(&predicted, over, grid);
+    if next.law.moves() {
+        snapped
+    } else {
+        snapped.stilled()
+    }
+}
+
 /// By each law the saying that holds longest from a frame on, and until when.
-fn longest(course: &Course<'_>, frame: usize) -> Vec<(Saying, usize)> {
+fn longest(course: &Course<'_>, frame: usize, realised: Realised<'_>) -> Vec<(Saying, usize)> {
     let by = |law: Law| {
         let holder = match law {
             Law::Held => Some(nearest_holder(course, frame)?),
@@ -148,7 +215,7 @@ fn longest(course: &Course<'_>, frame: usize) -> Vec<(Saying, usize)> {
         };
         let pulled = course.path.gravity != glam::DVec3::ZERO;
         let found = (law != Law::Ballistic || pulled)
-            .then(|| longest_by(course, law, holder, frame))
+            .then(|| longest_by(course, law, holder, frame, realised))
             .flatten();
         found.filter(|(_, until)| *until > frame)
     };
@@ -161,6 +228,7 @@ fn longest_by(
     law: Law,
     holder: Option<usize>,
     frame: usize,
+    realised: Realised<'_>,
 ) -> Option<(Saying, usize)> {
     let end = course.horizon(law, frame);
     let motion = course.target(frame, holder)?;
@@ -174,10 +242,10 @@ fn longest_by(
         },
         holder,
     };
-    let mut best = (start, course.holds_until(&start));
+    let mut best = realised(start);
     let attempt = |to: usize, best: &mut (Saying, usize)| {
         let fitted = fit(course, law, holder, frame, to);
-        let until = fitted.map(|saying| (saying, course.holds_until(&saying)));
+        let until = fitted.map(realised);
         *best = until.filter(|(_, until)| *until > best.1).unwrap_or(*best);
         best.1 >= to
     };
@@ -226,14 +294,7 @@ fn candidates(
     least: Least,
 ) -> Vec<Candidate> {
     let frame = next.frame;
-    let predicted = in_frame_of(course, &last, &next);
-    let [position, turn] = Residual::wanted(&next.motion.pose(), &predicted.pose(), grid);
-    let rounded = |steps: glam::DVec3| steps.to_array().map(|step| step.round() as i32);
-    let residual = Residual {
-        position: rounded(position),
-        turn: rounded(turn),
-        velocity: None,
-    };
+    let (residual, implied) = implied(course, grid, &last, &next);
     let candidate = |saying, until, residual| Candidate {
         saying,
         until,
@@ -248,9 +309,6 @@ fn candidates(
     if !next.law.moves() {
         return vec![candidate(next, until, residual)];
     }
-    let age = course.ticks(last.frame, frame);
-    let over = last.law.predictor().astray(age, course.rate);
-    let implied = residual.onto(&predicted, over, grid);
     let velocity = Some(Residual::of_velocity(&next.motion.twist(), &implied, grid));
     let mut all = vec![candidate(
         next,

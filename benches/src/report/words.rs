@@ -203,8 +203,8 @@ fn limits_of_replays(runs: &[RunFigures]) -> Vec<String> {
         said.push(
             "The limit is what was found with the future known: each body's way cut into the longest segments by any of \
              the laws, each verified, and coded by an ideal coder that learns as it goes. Better fits may be found, so that \
-             the true least is lower still; and a publisher has more to do: it rounds to the grid, says packets and exact \
-             rests, and does not know the future."
+             the true least is lower still; and a publisher has more to do: it says packets and exact rests, and does not \
+             know the future. On the grid means that motions were rounded as the protocol says them, and judged as rounded."
                 .to_owned(),
         );
     }

@@ -147,12 +147,15 @@ const UPDATES: [Column; 2] = [
     }),
 ];
 
-const OF_LIMIT: [Column; 2] = [
+const OF_LIMIT: [Column; 3] = [
     column("bits/limit", "bits of limit", "times", |run, _| {
         number(run.of_limit.map(|of| of.bits))
     }),
     column("upd/limit", "updates of limit", "times", |run, _| {
         number(run.of_limit.map(|of| of.updates))
+    }),
+    column("upd/on grid", "of limit on grid", "times", |run, _| {
+        number(run.of_limit.map(|of| of.updates_on_grid))
     }),
 ];
 

@@ -154,6 +154,7 @@ fn of_limit(figures: &RunFigures) -> Option<OfLimit> {
     let least = figures.replayed.as_ref()?.limit?;
     Some(OfLimit {
         updates: figures.updates_per_second()? / least.updates_per_second,
+        updates_on_grid: figures.updates_per_second()? / least.updates_on_grid_per_second,
         bits: figures.payload_kbps_down? / least.kbps,
     })
 }
