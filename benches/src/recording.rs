@@ -7,15 +7,17 @@ mod error;
 pub mod mcap;
 pub mod rhtrace;
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use glam::Vec3;
 use rhumb_protocol::scene::BodyKind;
-use rhumb_reckoning::{Damping, Integrator};
+use rhumb_protocol::stream::Manner;
+use rhumb_reckoning::{BodyId, Damping, Inertia, Integrator};
 
 pub use error::RecordingError;
 
-use crate::record::Truth;
+use crate::record::{Placed, Truth};
 
 /// A recorded scene.
 #[derive(Clone, Debug)]
@@ -30,6 +32,8 @@ pub struct Recording {
     pub gravity: Vec3,
     /// Of every body.
     pub damping: Damping,
+    /// How those bodies resist being turned that tumble when they are free, as far as it is known.
+    pub inertias: BTreeMap<BodyId, Inertia>,
 }
 
 impl Recording {
@@ -50,6 +54,12 @@ impl Recording {
                 path: path.to_owned(),
             })
         }
+    }
+
+    /// What a predictor needs to know of a body.
+    pub(crate) fn manner(&self, placed: &Placed) -> Manner {
+        let inertia = self.inertias.get(&placed.terms.id).copied();
+        Manner::of(&placed.terms, &placed.shape, self.damping, inertia)
     }
 
     /// Bodies that the engine moved.

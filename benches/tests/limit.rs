@@ -3,6 +3,7 @@
 #[path = "support/bounce.rs"]
 mod bounce;
 
+use std::collections::BTreeMap;
 use std::num::NonZeroU32;
 
 use glam::{DQuat, DVec3, Vec3};
@@ -61,6 +62,7 @@ fn recording(gravity: Vec3, pose: impl Fn(f64) -> (DVec3, DQuat)) -> Recording {
         },
         gravity,
         damping: Damping::default(),
+        inertias: BTreeMap::new(),
     }
 }
 

@@ -154,3 +154,30 @@ fn a_replay_is_set_beside_the_limit_of_its_recording() {
     assert!(rate > 0.0 && limit.said.contains("fewest bits"));
     assert!(done.said.contains("bits/limit") && done.page.contains("updates of limit"));
 }
+
+#[test]
+fn a_replay_of_our_own_trace_says_what_the_server_said() {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("task-own");
+    let bench = |arguments: &[&str]| {
+        let run = Command::new(env!("CARGO_BIN_EXE_rhumb-bench"))
+            .args(arguments)
+            .arg("--out")
+            .arg(&folder)
+            .output()
+            .expect("the bench starts");
+        let error = String::from_utf8_lossy(&run.stderr);
+        assert!(run.status.success(), "{error}");
+        let text = std::fs::read(folder.join("summary.json")).expect("it was written");
+        serde_json::from_slice::<Value>(&text).expect("JSON")
+    };
+    let scene = ["evaluate", "--scene", "asteroids", "--bodies", "40"];
+    let how = ["--seconds", "2", "--modes", "rhumb", "--no-pin"];
+    let live = bench(&[&scene[..], &how[..]].concat());
+    let trace = folder.join("trace.mcap");
+    let trace = trace.to_str().expect("a path of letters");
+    let again = bench(&["replay", trace, "--tolerance", "0.05", "--no-trace"]);
+    let of = |summary: &Value| summary["runs"][0]["updates"].clone();
+    // Tumbling and all: what the bodies' inertia is follows from the script.
+    assert!(of(&live).as_u64().is_some_and(|updates| updates > 0));
+    assert_eq!(of(&live), of(&again));
+}

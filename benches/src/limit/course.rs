@@ -6,13 +6,14 @@ use std::num::NonZeroU32;
 
 use glam::DVec3;
 use rhumb_reckoning::{
-    Conditions, Divergence, FlowTable, HORIZON, Integrator, Metres, Motion, Pose, Predictor, Rate,
-    Ticks, Tolerance, Twist, carried, seen_from,
+    Conditions, Cursor, Divergence, FlowTable, HORIZON, Integrator, Metres, Motion, Pose,
+    Predictor, Rate, Ticks, Tolerance, Twist, carried, seen_from,
 };
 
 use super::path::Path;
 
-/// A law of the closed list, in the world or in the frame of a body that holds.
+/// A law of the closed list, in the world or in the frame of a body that holds. Bodies that tumble do so by either of the
+/// moving ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Law {
     Rest,
@@ -34,10 +35,13 @@ impl Law {
         }
     }
 
-    pub(super) const fn predictor(self) -> Predictor {
+    /// As it is for a body that tumbles, or does not.
+    pub(super) const fn predictor(self, tumbles: bool) -> Predictor {
         match self {
             Self::Rest | Self::Held => Predictor::Rest,
+            Self::Uniform if tumbles => Predictor::Tumbling,
             Self::Uniform => Predictor::Uniform,
+            Self::Ballistic if tumbles => Predictor::Thrown,
             Self::Ballistic => Predictor::Ballistic,
         }
     }
@@ -157,21 +161,31 @@ impl Course<'_> {
         Some(seen_from(&by.pose(), &truth.pose()))
     }
 
+    /// How a law goes on for this body.
+    pub(super) const fn predictor(&self, law: Law) -> Predictor {
+        law.predictor(self.path.inertia.is_some())
+    }
+
     /// What a saying makes of a frame, in its own frame of reference.
-    pub(super) fn predicted(&self, saying: &Saying, frame: usize) -> Motion {
+    pub(super) fn predicted(&self, saying: &Saying, frame: usize, cursor: &mut Cursor) -> Motion {
         let conditions = Conditions {
             gravity: self.path.gravity,
             flow: &self.basis.flow,
-            inertia: None,
+            inertia: self.path.inertia.as_ref(),
         };
         let ticks = self.ticks(saying.frame, frame);
-        let law = saying.law.predictor();
-        law.predict(&saying.motion, ticks, &conditions)
+        let law = self.predictor(saying.law);
+        law.predict_with(&saying.motion, ticks, &conditions, cursor)
     }
 
     /// The same in the world; none when the holder is gone.
-    pub(super) fn believed(&self, saying: &Saying, frame: usize) -> Option<Motion> {
-        let predicted = self.predicted(saying, frame);
+    pub(super) fn believed(
+        &self,
+        saying: &Saying,
+        frame: usize,
+        cursor: &mut Cursor,
+    ) -> Option<Motion> {
+        let predicted = self.predicted(saying, frame, cursor);
         match saying.holder {
             None => Some(predicted),
             Some(holder) => {
@@ -182,8 +196,13 @@ impl Course<'_> {
     }
 
     /// How far off a saying is at a frame.
-    pub(super) fn apart(&self, saying: &Saying, frame: usize) -> Option<Divergence> {
-        let believed = self.believed(saying, frame)?;
+    pub(super) fn apart(
+        &self,
+        saying: &Saying,
+        frame: usize,
+        cursor: &mut Cursor,
+    ) -> Option<Divergence> {
+        let believed = self.believed(saying, frame, cursor)?;
         Some(Divergence::between(
             &self.path.at(frame).pose(),
             &believed.pose(),
@@ -193,6 +212,7 @@ impl Course<'_> {
     /// The frame after the last to which a saying keeps the promise without a gap.
     pub(super) fn holds_until(&self, saying: &Saying) -> usize {
         let end = self.horizon(saying.law, saying.frame);
+        let mut cursor = Cursor::default();
         for frame in saying.frame..end {
             // What lies still in truth and belief is no farther off than before.
             let still = saying.law == Law::Rest && frame > saying.frame && self.path.is_same(frame);
@@ -200,7 +220,7 @@ impl Course<'_> {
                 continue;
             }
             let within = self
-                .apart(saying, frame)
+                .apart(saying, frame, &mut cursor)
                 .is_some_and(|apart| self.tolerance.share(&apart, self.path.radius) <= 1.0);
             if !within {
                 return frame;

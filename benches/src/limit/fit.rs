@@ -5,7 +5,7 @@
 //! motion there is may be missed; none is called better than it is.
 
 use glam::{DMat3, DQuat, DVec3};
-use rhumb_reckoning::{Divergence, Motion, Pose, Twist};
+use rhumb_reckoning::{Cursor, Divergence, Motion, Pose, Twist};
 
 use super::course::{Course, Law, Saying};
 
@@ -231,8 +231,9 @@ fn follow(
         motion,
         holder: None,
     };
+    let mut cursor = Cursor::default();
     for aim in aims {
-        aim.fitted = course.predicted(&saying, aim.frame).pose();
+        aim.fitted = course.predicted(&saying, aim.frame, &mut cursor).pose();
     }
     Some(motion)
 }

@@ -8,8 +8,7 @@ use std::num::NonZeroU32;
 
 use glam::DVec3;
 use rhumb_protocol::scene::BodyKind;
-use rhumb_protocol::stream::Manner;
-use rhumb_reckoning::{BodyId, Damping, Metres, Motion, Tick, Track, Verbatim};
+use rhumb_reckoning::{BodyId, Damping, Inertia, Metres, Motion, Tick, Track, Verbatim};
 
 use crate::record::Placed;
 use crate::recording::Recording;
@@ -22,6 +21,8 @@ pub(super) struct Path {
     pub(super) damping: Damping,
     /// What pulls at it, m/s².
     pub(super) gravity: DVec3,
+    /// How it resists being turned, if it tumbles.
+    pub(super) inertia: Option<Inertia>,
     /// What both ends know of it before anything is said.
     pub(super) known: Track,
     /// Its first frame.
@@ -112,7 +113,7 @@ fn path(
     end: u64,
     every: NonZeroU32,
 ) -> Path {
-    let manner = Manner::of(&placed.terms, &placed.shape, recording.damping, None);
+    let manner = recording.manner(placed);
     let every = u64::from(every.get());
     let first = placed.tick.value().div_ceil(every);
     let mut motion = placed.observation.motion.motion();
@@ -133,7 +134,8 @@ fn path(
         radius: manner.radius,
         damping: manner.damping,
         gravity: recording.gravity.as_dvec3() * f64::from(manner.gravity_scale),
-        known: first_track(placed),
+        known: first_track(placed, &manner),
+        inertia: manner.inertia,
         first: first as usize,
         motions,
         same,

@@ -4,7 +4,7 @@
 //! other cut of the way has fewer segments, since what holds over a stretch holds over each part of it. A cut for few
 //! bits takes the segment that costs least for the time that it holds, which is no more than a good guess.
 
-use rhumb_reckoning::{Grid, Motion, Residual, Snapped, carried, seen_from};
+use rhumb_reckoning::{Cursor, Grid, Motion, Predictor, Residual, Snapped, carried, seen_from};
 
 use super::course::{Course, Law, Saying};
 use super::fit::fit;
@@ -118,8 +118,8 @@ const NAMING_BITS: f64 = 6.0;
 /// What both ends know before anything is said.
 fn known(path: &Path, grid: &Grid) -> Saying {
     let law = match path.known.predictor {
-        rhumb_reckoning::Predictor::Rest => Law::Rest,
-        rhumb_reckoning::Predictor::Uniform => Law::Uniform,
+        Predictor::Rest => Law::Rest,
+        Predictor::Uniform | Predictor::Tumbling => Law::Uniform,
         _ => Law::Ballistic,
     };
     Saying {
@@ -132,14 +132,15 @@ fn known(path: &Path, grid: &Grid) -> Saying {
 
 /// Writes down where a segment has the body, and how far off that is.
 fn note(course: &Course<'_>, saying: &Saying, until: usize, way: &mut Way) {
+    let (mut there, mut apart) = (Cursor::default(), Cursor::default());
     for frame in saying.frame..until {
-        if let Some(believed) = course.believed(saying, frame) {
+        if let Some(believed) = course.believed(saying, frame, &mut there) {
             way.believed.push(believed);
         }
         if !course.path.is_same(frame)
-            && let Some(apart) = course.apart(saying, frame)
+            && let Some(off) = course.apart(saying, frame, &mut apart)
         {
-            let error = apart.surface_error(course.path.radius);
+            let error = off.surface_error(course.path.radius);
             way.errors_m.push(error.metres() as f32);
         }
     }
@@ -197,7 +198,7 @@ fn said(
 ) -> Snapped {
     let predicted = in_frame_of(course, last, next);
     let age = course.ticks(last.frame, next.frame);
-    let over = last.law.predictor().astray(age, course.rate);
+    let over = course.predictor(last.law).astray(age, course.rate);
     let snapped = residual.onto(&predicted, over, grid);
     if next.law.moves() {
         snapped
@@ -331,7 +332,7 @@ fn candidates(
 /// What was predicted of the frame at which the next saying begins, as that saying's holder sees it.
 fn in_frame_of(course: &Course<'_>, last: &Saying, next: &Saying) -> Motion {
     let frame = next.frame;
-    let predicted = course.predicted(last, frame);
+    let predicted = course.predicted(last, frame, &mut Cursor::default());
     if last.holder == next.holder {
         return predicted;
     }

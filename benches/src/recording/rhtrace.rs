@@ -6,6 +6,7 @@
 //! says that the body is awake. A body without a record has not changed. Frame 0 has a record of every body: where it
 //! begins. Damping is not told and taken as zero, with one substep.
 
+use std::collections::BTreeMap;
 use std::num::NonZeroU32;
 
 use glam::Vec3;
@@ -75,6 +76,7 @@ pub fn read(name: &str, packed: &[u8]) -> Result<Recording, RecordingError> {
         integrator,
         gravity,
         damping: Damping::default(),
+        inertias: BTreeMap::new(),
     })
 }
 

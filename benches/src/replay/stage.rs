@@ -234,9 +234,8 @@ impl<'a> Stage<'a> {
             && (placed.tick < tick || tick == Tick::ZERO && placed.tick == tick)
         {
             self.placed += 1;
-            let track = first_track(placed);
-            let damping = self.recording.damping;
-            let manner = Manner::of(&placed.terms, &placed.shape, damping, None);
+            let manner = self.recording.manner(placed);
+            let track = first_track(placed, &manner);
             let id = placed.terms.id;
             let mut fits = self.publisher.place(id, &manner, track);
             if tick == Tick::ZERO {
@@ -245,7 +244,7 @@ impl<'a> Stage<'a> {
                 let terms = placed.terms;
                 let notice = Notice::BodyPlaced {
                     terms,
-                    inertia: None,
+                    inertia: manner.inertia,
                     track,
                     seat: None,
                 };
@@ -498,9 +497,11 @@ fn add_wire(frame: &mut Frame, sent: &Frame) {
 }
 
 /// What is believed of a body before anything was said of it, as a server's scene has it.
-pub(crate) fn first_track(placed: &Placed) -> Track {
+pub(crate) fn first_track(placed: &Placed, manner: &Manner) -> Track {
+    let tumbles = manner.inertia.is_some();
     let predictor = match (placed.observation.activity, placed.terms.kind) {
         (Activity::Asleep, _) | (_, BodyKind::Static) => Predictor::Rest,
+        (Activity::Awake, BodyKind::Dynamic) if tumbles => Predictor::Thrown,
         (Activity::Awake, BodyKind::Dynamic) => Predictor::Ballistic,
         (Activity::Awake, BodyKind::Kinematic) => Predictor::Uniform,
     };
