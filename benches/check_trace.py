@@ -21,6 +21,7 @@ STATIC = 1
 CAUSES = {1: "loss", 2: "late", 3: "fault"}
 STATE_DOWN, CONTROL_DOWN = 1, 3
 SIM_FPS_MAX = 11.33
+FIRST_S = 5.0
 # The copy is f32 and its rotation is brought to unit length before and after rounding: at 128 m this is worth 16 um.
 EXACT_M = 2e-5
 MASK = (1 << 64) - 1
@@ -253,6 +254,55 @@ def worst_second(frames, rate, step_s, ticks):
     return worst
 
 
+def first_seconds(run, frames, down):
+    """What came down in the first frames."""
+    step_s = float(run.terms["step_s"])
+    count = min(math.floor(FIRST_S / step_s + 0.5), len(frames))
+    if count == 0:
+        return None
+    payload = sum(size for frame, size in run.payload.items() if frame < count)
+    return {
+        "seconds": count * step_s,
+        "payload_bytes_down": payload,
+        "bytes_down": sum(map(down, frames[:count])),
+    }
+
+
+def check_ratios(report, figures, runs):
+    """How many times less came down than in the naive run beside it."""
+    told = figures["less_than_naive"]
+    if told is None:
+        return
+    free = figures["mode"].endswith("-free")
+    alike = [r for r in runs if r["scene"] == figures["scene"] and r["bodies"] == figures["bodies"]]
+    find = lambda mode: [r for r in alike if r["mode"] == mode]
+    found = (find("naive-free") if free else []) or find("naive")
+    naive = next((r for r in found if r["link"] == figures["link"]), found[0] if found else None)
+    report.check(naive is not None, "less than a naive run that is not there")
+    if naive is None:
+        return
+    ratio = lambda of: of(naive) / of(figures)
+    report.same("less_than_naive.payload", ratio(lambda r: r["payload_bytes_down"]), told["payload"])
+    report.same("less_than_naive.with_headers", ratio(lambda r: r["bytes_down"]), told["with_headers"])
+    first = lambda name: ratio(lambda r: r["first_seconds"][name])
+    report.same("less_than_naive.payload_first", first("payload_bytes_down"), told["payload_first"])
+    report.same("less_than_naive.with_headers_first", first("bytes_down"), told["with_headers_first"])
+
+
+def check_replay(report, terms, figures):
+    """How a replay was asked for."""
+    told = figures["replayed"]
+    report.same("replayed", terms["mode"] == "replay", told is not None)
+    if told is None:
+        return
+    for name in ("every", "hindsight_ticks"):
+        report.same(f"replayed.{name}", int(terms[name]), told[name])
+    for name in ("position_m", "turn_rad"):
+        ours = float(terms[name]) if name in terms else None
+        report.same(f"replayed.{name}", ours, told[name])
+    report.same("replayed.without", terms["without"], " ".join(told["without"]))
+
+
 def check_costs(report, run, figures, header):
     """Bytes, datagrams, rates and updates."""
     terms, frames = run.terms, [run.stats[i] for i in range(len(run.stats))]
@@ -270,6 +320,10 @@ def check_costs(report, run, figures, header):
     report.same("payload_kbps_down", payload * 8e-3 / seconds, figures["payload_kbps_down"])
     report.same("worst_second_kbps_down", worst, figures["worst_second_kbps_down"])
     report.same("updates", updates, figures["updates"])
+    first = first_seconds(run, frames, down)
+    for name in first or {}:
+        report.same(f"first_seconds.{name}", first[name], figures["first_seconds"][name])
+    report.same("first_seconds", first is None, figures["first_seconds"] is None)
     bits = run.state_bytes * 8 / updates if updates else None
     report.same("bits_per_update", bits, figures["bits_per_update"])
     told = sum(frame.payload_bytes_down for frame in frames)
@@ -289,6 +343,7 @@ def check_costs(report, run, figures, header):
 def check_fidelity(report, run, figures):
     """Errors and breaches, from states and poses alone."""
     errors = sorted(run.errors)
+    report.same("unjudged_frames", run.unjudged, figures["unjudged_frames"])
     report.check(run.miscounted == 0, f"{run.miscounted} frames counted other bodies than the trace shows")
     report.check(run.error_max_wrong == 0, f"{run.error_max_wrong} frames had another greatest error")
     if errors:
@@ -352,6 +407,7 @@ def check_run(report, run, figures, header):
     report.same("tolerance_m", None if tolerance is None else float(tolerance), figures["tolerance_m"])
     report.same("truth_hash", terms["truth_hash"], figures["truth_hash"])
     report.same("frames", int(terms["frames"]), len(run.stats))
+    check_replay(report, terms, figures)
     report.check(run.next == len(run.stats), "some frames show a tick that the engine never reached")
     if run.stats and terms["mode"] != "replay":
         check_times(report, run, figures)
@@ -395,7 +451,11 @@ def main(trace, summary):
             check_truth(report, truth, records[f"rhumb.truth.{load}"], runs)
         for run in runs:
             report.where = f"{load} {run.terms['name']}"
-            check_run(report, run, figures["runs"][int(run.terms["place"])], header)
+            own = figures["runs"][int(run.terms["place"])]
+            check_run(report, run, own, header)
+            check_ratios(report, own, figures["runs"])
+            void = run.terms["truth_hash"] != records[f"rhumb.truth.{load}"]["truth_hash"]
+            report.same("void", void, own["void"])
         count += len(runs)
     report.where = "experiment"
     report.same("runs", count, len(figures["runs"]))

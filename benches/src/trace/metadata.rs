@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::record::{Experiment, Load, Run};
+use crate::record::{Experiment, Load, Replayed, Run};
 use crate::summary::DATAGRAM_HEADER_BYTES;
 
 /// Name and content of the record of the whole experiment.
@@ -71,7 +71,27 @@ pub(super) fn of_run(
     if let Some(tolerance_m) = terms.tolerance_m {
         record.insert("tolerance_m".to_owned(), tolerance_m.to_string());
     }
+    if let Some(replayed) = &terms.replayed {
+        record.extend(of_replay(replayed));
+    }
     (format!("rhumb.run.{prefix}.{name}"), record)
+}
+
+/// What only a replay is asked for.
+fn of_replay(replayed: &Replayed) -> BTreeMap<String, String> {
+    let mut record = named([
+        ("every", replayed.every.to_string()),
+        ("hindsight_ticks", replayed.hindsight_ticks.to_string()),
+        ("without", replayed.without.join(" ")),
+    ]);
+    let parts = [
+        ("position_m", replayed.position_m),
+        ("turn_rad", replayed.turn_rad),
+    ];
+    for (name, value) in parts {
+        record.extend(value.map(|value| (name.to_owned(), value.to_string())));
+    }
+    record
 }
 
 fn named<const COUNT: usize>(pairs: [(&str, String); COUNT]) -> BTreeMap<String, String> {
