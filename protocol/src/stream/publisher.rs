@@ -3,6 +3,10 @@
 //! Knows nothing of who listens: what it says is encoded once for all. Invariant: after `publish`, every observed body
 //! is within the tolerance of its track, grid error included.
 
+mod holding;
+mod packing;
+mod repairing;
+
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
 
@@ -19,11 +23,7 @@ use super::observation::{Activity, Observation};
 use super::seats::Usher;
 use super::tracks::{Manner, Slot, Tracks};
 use super::witness::{HINDSIGHT_MAX, Witness};
-use crate::limits::{HISTORY_PACKETS, UPDATES_PER_PACKET_MAX};
-use crate::packet::{
-    Low16, RepairRecord, RepairWriter, Saying, StateWriter, StreamId, Tongue, TrackSaying, Update,
-    Vouch,
-};
+use crate::packet::{Low16, Saying, StreamId, Tongue, TrackSaying, Update, Vouch};
 
 /// What a publisher said so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -75,13 +75,6 @@ struct Naming {
     body: u32,
     carrier: u32,
 }
-
-/// Bodies that others may be held by, at one tick: the largest that move.
-const HOLDERS_MAX: usize = 16;
-/// A holder is larger than what it holds by this factor at least.
-const HOLDER_RATIO: f64 = 1.2;
-/// A body is held within this many radii of its holder.
-const HOLDER_REACH: f64 = 3.0;
 
 impl Publisher {
     /// A stream without bodies.
@@ -229,85 +222,11 @@ impl Publisher {
         self.updates = updates;
     }
 
-    /// What was named in this tick was so in its last packet at the latest; what no repair is asked of any more goes.
-    fn number_namings(&mut self) {
-        let next = self.history.next();
-        for naming in self.namings.iter_mut().rev() {
-            if naming.number != u64::MAX {
-                break;
-            }
-            naming.number = next.saturating_sub(1);
-        }
-        while let Some(oldest) = self.namings.front()
-            && oldest.number + (HISTORY_PACKETS as u64) < next
-        {
-            self.namings.pop_front();
-        }
-    }
-
-    /// Places among the observations of the largest bodies that move and are not held.
-    fn holders(&self, observations: &[Observation]) -> Vec<usize> {
-        let mut largest: Vec<(f64, usize)> = Vec::with_capacity(HOLDERS_MAX + 1);
-        let mut least = f64::INFINITY;
-        for (place, observation) in observations.iter().enumerate() {
-            let Some(slot) = self.seen_slot(observation) else {
-                continue;
-            };
-            let radius = slot.radius.metres();
-            least = least.min(radius);
-            let full = largest.len() == HOLDERS_MAX;
-            if slot.track.carrier.is_some() || full && largest[HOLDERS_MAX - 1].0 >= radius {
-                continue;
-            }
-            let at = largest.partition_point(|(other, _)| *other >= radius);
-            largest.insert(at, (radius, place));
-            largest.truncate(HOLDERS_MAX);
-        }
-        largest.retain(|(radius, _)| *radius >= least * HOLDER_RATIO);
-        largest.into_iter().map(|(_, place)| place).collect()
-    }
-
     /// The slot of a body that was seen at the present tick: not of one that came later, or has the index of one that went.
     fn seen_slot(&self, observation: &Observation) -> Option<&Slot> {
         let slot = self.tracks.slot(observation.id.index())?;
         let there = slot.id(observation.id.index()) == observation.id;
         (there && slot.track.origin <= self.tick).then_some(slot)
-    }
-
-    /// The place of the body that could hold another: the one that does, or the nearest within reach.
-    fn holder_of(
-        &self,
-        observation: &Observation,
-        holders: &[usize],
-        observations: &[Observation],
-    ) -> Option<usize> {
-        let slot = self.tracks.slot(observation.id.index())?;
-        let position = |place: &usize| Vec3::from_array(observations[*place].motion.position());
-        let here = Vec3::from_array(observation.motion.position());
-        if let Some(carrier) = slot.track.carrier {
-            return holders
-                .iter()
-                .copied()
-                .find(|place| observations[*place].id == carrier);
-        }
-        let radius_of = |place: &usize| {
-            let index = observations[*place].id.index();
-            self.tracks
-                .slot(index)
-                .map_or(0.0, |slot| slot.radius.metres())
-        };
-        holders
-            .iter()
-            .copied()
-            .filter(|place| {
-                let radius = radius_of(place);
-                let far = f64::from(position(place).distance(here));
-                radius >= slot.radius.metres() * HOLDER_RATIO && far <= radius * HOLDER_REACH
-            })
-            .min_by(|a, b| {
-                let far = |place: &usize| position(place).distance_squared(here);
-                far(a).total_cmp(&far(b))
-            })
     }
 
     /// Compares one body with its track; when the track no longer holds, replaces it and returns what says so.
@@ -356,21 +275,6 @@ impl Publisher {
             body: named.then_some(index),
             saying,
         })
-    }
-
-    /// A body was held by the one and is held by the other from now on.
-    fn shift_burden(&mut self, from: Option<BodyId>, to: Option<BodyId>) {
-        if let Some(from) = from {
-            let burden = &mut self.burdens[from.index() as usize];
-            *burden = burden.saturating_sub(1);
-        }
-        if let Some(to) = to {
-            let place = to.index() as usize;
-            if place >= self.burdens.len() {
-                self.burdens.resize(place + 1, 0);
-            }
-            self.burdens[place] += 1;
-        }
     }
 
     /// What to say of a body that is awake, or `None` while its track holds.
@@ -465,62 +369,6 @@ impl Publisher {
         (Saying::Whole(whole), whole.track(tick))
     }
 
-    /// Cuts the updates of one tick into datagrams.
-    ///
-    /// What builds on another body's track comes after that body, in the same packet or a later one.
-    fn pack(&mut self, tick: Tick, updates: &mut [Update], notices: u64, out: &mut Vec<Bytes>) {
-        updates.sort_unstable_by_key(|update| update.seat);
-        if let Some(all) = self.write(tick, updates, notices, true)
-            && all.1 == updates.len()
-        {
-            self.send(all.0, updates, out);
-            return;
-        }
-        updates.sort_by_key(|update| (update.saying.names_carrier(), update.seat));
-        let alone = updates.partition_point(|update| !update.saying.names_carrier());
-        let (first, second) = updates.split_at(alone);
-        for (group, last) in [(first, second.is_empty()), (second, true)] {
-            let mut rest: &[Update] = group;
-            while let Some((datagram, fitting)) = self.write(tick, rest, notices, last) {
-                let (said, later) = rest.split_at(fitting);
-                self.send(datagram, said, out);
-                rest = later;
-            }
-        }
-    }
-
-    /// A packet of as many updates as fit, and how many those are; it ends its tick if all do and `last` is set.
-    fn write(
-        &self,
-        tick: Tick,
-        updates: &[Update],
-        notices: u64,
-        last: bool,
-    ) -> Option<(Vec<u8>, usize)> {
-        if updates.is_empty() {
-            return None;
-        }
-        let number = self.history.next();
-        let mut writer = StateWriter::new(self.stream, number, tick.value(), notices);
-        let fitting = updates
-            .iter()
-            .take_while(|update| writer.push(update))
-            .count();
-        Some((writer.finish(last && fitting == updates.len()), fitting))
-    }
-
-    fn send(&mut self, datagram: Vec<u8>, said: &[Update], out: &mut Vec<Bytes>) {
-        let seats = self.usher.seats();
-        let body = |update: &Update| update.body.or_else(|| seats.body(update.seat));
-        let mut bodies: Vec<u32> = said.iter().filter_map(body).collect();
-        bodies.sort_unstable();
-        self.history.record(bodies.into_iter());
-        self.statistics.updates += said.len() as u64;
-        self.statistics.packets += 1;
-        self.statistics.bytes += datagram.len() as u64;
-        out.push(Bytes::from(datagram));
-    }
-
     /// The datagram that vouches for the silence since the last packet.
     #[must_use]
     pub fn vouch(&self, notices: u64) -> Bytes {
@@ -530,41 +378,6 @@ impl Publisher {
             notices: Low16::of(notices),
         };
         Bytes::from(vouch.encode(self.stream))
-    }
-
-    /// The datagrams that say what the bodies of a lost packet do now, or `None` when it is too old to be known.
-    #[must_use]
-    pub fn repair(&self, number: u64, notices: u64) -> Option<Vec<Bytes>> {
-        let mut writer = RepairWriter::default();
-        let mut bodies = self.history.bodies(number)?.to_vec();
-        // Who lacks a carrier could not read what named it since.
-        let lost = bodies.len();
-        for naming in self.namings.iter().filter(|naming| naming.number >= number) {
-            if bodies[..lost].binary_search(&naming.carrier).is_ok() {
-                bodies.push(naming.body);
-            }
-        }
-        bodies.sort_unstable();
-        bodies.dedup();
-        // More than a repair holds: a new snapshot is cheaper.
-        if bodies.len() > UPDATES_PER_PACKET_MAX {
-            return None;
-        }
-        for index in bodies {
-            let Some(slot) = self.tracks.slot(index) else {
-                continue;
-            };
-            let age = self.tick.since(slot.track.origin).unwrap_or_default();
-            let whole = TrackSaying::of(&slot.track);
-            writer.push(&RepairRecord {
-                index,
-                seat: self.usher.seats().of(index),
-                age,
-                whole,
-            });
-        }
-        let datagrams = writer.finish(self.stream, number, self.tick.value(), notices);
-        Some(datagrams.into_iter().map(Bytes::from).collect())
     }
 }
 

@@ -1,0 +1,73 @@
+//! How the updates of one tick become packets.
+
+use alloc::vec::Vec;
+
+use bytes::Bytes;
+use rhumb_reckoning::Tick;
+
+use super::Publisher;
+use crate::packet::{StateWriter, Update};
+
+impl Publisher {
+    /// Cuts the updates of one tick into datagrams.
+    ///
+    /// What builds on another body's track comes after that body, in the same packet or a later one.
+    pub(super) fn pack(
+        &mut self,
+        tick: Tick,
+        updates: &mut [Update],
+        notices: u64,
+        out: &mut Vec<Bytes>,
+    ) {
+        updates.sort_unstable_by_key(|update| update.seat);
+        if let Some(all) = self.write(tick, updates, notices, true)
+            && all.1 == updates.len()
+        {
+            self.send(all.0, updates, out);
+            return;
+        }
+        updates.sort_by_key(|update| (update.saying.names_carrier(), update.seat));
+        let alone = updates.partition_point(|update| !update.saying.names_carrier());
+        let (first, second) = updates.split_at(alone);
+        for (group, last) in [(first, second.is_empty()), (second, true)] {
+            let mut rest: &[Update] = group;
+            while let Some((datagram, fitting)) = self.write(tick, rest, notices, last) {
+                let (said, later) = rest.split_at(fitting);
+                self.send(datagram, said, out);
+                rest = later;
+            }
+        }
+    }
+
+    /// A packet of as many updates as fit, and how many those are; it ends its tick if all do and `last` is set.
+    fn write(
+        &self,
+        tick: Tick,
+        updates: &[Update],
+        notices: u64,
+        last: bool,
+    ) -> Option<(Vec<u8>, usize)> {
+        if updates.is_empty() {
+            return None;
+        }
+        let number = self.history.next();
+        let mut writer = StateWriter::new(self.stream, number, tick.value(), notices);
+        let fitting = updates
+            .iter()
+            .take_while(|update| writer.push(update))
+            .count();
+        Some((writer.finish(last && fitting == updates.len()), fitting))
+    }
+
+    fn send(&mut self, datagram: Vec<u8>, said: &[Update], out: &mut Vec<Bytes>) {
+        let seats = self.usher.seats();
+        let body = |update: &Update| update.body.or_else(|| seats.body(update.seat));
+        let mut bodies: Vec<u32> = said.iter().filter_map(body).collect();
+        bodies.sort_unstable();
+        self.history.record(bodies.into_iter());
+        self.statistics.updates += said.len() as u64;
+        self.statistics.packets += 1;
+        self.statistics.bytes += datagram.len() as u64;
+        out.push(Bytes::from(datagram));
+    }
+}
