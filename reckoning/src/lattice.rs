@@ -25,7 +25,9 @@ const POSITION_SHARE: f64 = 0.5625;
 /// Turn step, as a share of the tolerance at the bounding radius.
 const TURN_SHARE: f64 = 0.5625;
 /// Velocity step, as a share of the tolerance per second.
-const VELOCITY_SHARE: f64 = 8.0;
+const VELOCITY_SHARE: f64 = 0.0625;
+/// Velocities of residuals are said in steps that are doubled so many times at most.
+pub const COARSENESS_LIMIT: u32 = 12;
 /// Fine steps in a step of position: motions are kept in these, so that a residual of zero moves a body by next to
 /// nothing.
 pub const FINE_STEPS: i32 = 16;
@@ -205,13 +207,29 @@ pub struct Residual {
     pub velocity: Option<VelocityResidual>,
 }
 
-/// What velocities differ by from implied ones, in grid steps.
+/// What velocities differ by from implied ones, in steps of the grid that are doubled some times.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct VelocityResidual {
-    /// Linear velocity steps.
+    /// How many times the steps are doubled.
+    pub coarseness: u32,
+    /// Such steps of linear velocity.
     pub linear: [i32; 3],
-    /// Angular velocity steps.
+    /// Such steps of angular velocity.
     pub angular: [i32; 3],
+}
+
+impl VelocityResidual {
+    /// In steps of the grid; within limits these are within [`VELOCITY_LIMIT`].
+    fn steps(&self) -> [[i32; 3]; 2] {
+        [self.linear, self.angular].map(|all| all.map(|steps| steps << self.coarseness))
+    }
+
+    fn is_within_limits(&self) -> bool {
+        let limit = VELOCITY_LIMIT >> self.coarseness.min(COARSENESS_LIMIT);
+        self.coarseness <= COARSENESS_LIMIT
+            && within(self.linear, limit)
+            && within(self.angular, limit)
+    }
 }
 
 impl Residual {
@@ -226,15 +244,23 @@ impl Residual {
         ]
     }
 
-    /// The residual of velocities that brings implied ones nearest to those wanted.
+    /// The residual of velocities that brings implied ones nearest to those wanted, in steps of this coarseness.
     #[must_use]
-    pub fn of_velocity(wanted: &Twist, implied: &Snapped, grid: &Grid) -> VelocityResidual {
+    pub fn of_velocity(
+        wanted: &Twist,
+        implied: &Snapped,
+        grid: &Grid,
+        coarseness: u32,
+    ) -> VelocityResidual {
         let linear = snap3(wanted.linear, grid.linear, VELOCITY_LIMIT / 2);
         let angular = snap3(wanted.angular, grid.angular, VELOCITY_LIMIT / 2);
         // Both within half the limit, so that the difference is within the whole.
+        let coarse = |steps: i32| (steps + ((1 << coarseness) >> 1)) >> coarseness;
+        let off = |wanted, implied| minus(wanted, clamped(implied, VELOCITY_LIMIT / 2)).map(coarse);
         VelocityResidual {
-            linear: minus(linear, clamped(implied.linear, VELOCITY_LIMIT / 2)),
-            angular: minus(angular, clamped(implied.angular, VELOCITY_LIMIT / 2)),
+            coarseness,
+            linear: off(linear, implied.linear),
+            angular: off(angular, implied.angular),
         }
     }
 
@@ -257,10 +283,7 @@ impl Residual {
             scale3(value3(self.position, grid.position), rate),
         );
         let angular = add3(twist.angular, scale3(turned, rate));
-        let VelocityResidual {
-            linear: more_linear,
-            angular: more_angular,
-        } = self.velocity.unwrap_or_default();
+        let [more_linear, more_angular] = self.velocity.unwrap_or_default().steps();
         let fine = self.position.map(|steps| steps.saturating_mul(FINE_STEPS));
         Snapped {
             position: plus(from.position, fine, POSITION_LIMIT),
@@ -284,8 +307,7 @@ impl Residual {
         let velocity = self.velocity.unwrap_or_default();
         within(self.position, RESIDUAL_LIMIT)
             && within(self.turn, TURN_LIMIT)
-            && within(velocity.linear, VELOCITY_LIMIT)
-            && within(velocity.angular, VELOCITY_LIMIT)
+            && velocity.is_within_limits()
     }
 }
 
@@ -511,7 +533,7 @@ mod tests {
             prop_assume!(residual.is_within_limits());
             let implied = residual.onto(&predicted, Seconds::new(0.1), &grid);
             let wanted = Snapped::of(&truth, &grid);
-            residual.velocity = Some(Residual::of_velocity(&truth.twist(), &implied, &grid));
+            residual.velocity = Some(Residual::of_velocity(&truth.twist(), &implied, &grid, 0));
             let said = residual.onto(&predicted, Seconds::new(0.1), &grid);
             let far = |steps: [i32; 3]| steps.iter().any(|s| s.abs() > VELOCITY_LIMIT / 2);
             prop_assume!(!far(implied.linear) && !far(implied.angular));

@@ -28,6 +28,7 @@ mod inertia;
 mod lattice;
 mod motion;
 mod predictor;
+mod settling;
 mod tick;
 mod tolerance;
 mod track;
@@ -41,11 +42,12 @@ pub use flow::{Damping, FlowTable, HORIZON, Integrator};
 pub use held::{carried, seen_from};
 pub use inertia::{Inertia, InvalidInertia};
 pub use lattice::{
-    FINE_STEPS, Grid, POSITION_LIMIT, PackedRotation, RESIDUAL_LIMIT, Residual, Snapped,
-    TURN_LIMIT, VELOCITY_LIMIT, VelocityResidual,
+    COARSENESS_LIMIT, FINE_STEPS, Grid, POSITION_LIMIT, PackedRotation, RESIDUAL_LIMIT, Residual,
+    Snapped, TURN_LIMIT, VELOCITY_LIMIT, VelocityResidual,
 };
 pub use motion::{InvalidMotion, Motion, Pose, Twist, UNIT_LENGTH_SLACK};
 pub use predictor::{Conditions, Predictor, REST_ASTRAY};
+pub use settling::Settling;
 pub use tick::{Rate, Tick, Ticks};
 pub use tolerance::{InvalidTolerance, LengthBound, Tolerance, TurnBound};
 pub use track::{Anchor, Track, Verbatim};

@@ -7,10 +7,10 @@ use core::num::NonZeroU32;
 use glam::{DQuat, DVec3};
 use proptest::prelude::*;
 use rhumb_reckoning::{
-    Conditions, Cursor, Damping, Divergence, FlowTable, Grid, HORIZON, Inertia, Integrator, Metres,
-    Motion, POSITION_LIMIT, PackedRotation, Pose, Predictor, RESIDUAL_LIMIT, Rate, Residual,
-    Snapped, TURN_LIMIT, Ticks, Tolerance, VELOCITY_LIMIT, VelocityResidual, Verbatim, carried,
-    seen_from,
+    COARSENESS_LIMIT, Conditions, Cursor, Damping, Divergence, FlowTable, Grid, HORIZON, Inertia,
+    Integrator, Metres, Motion, POSITION_LIMIT, PackedRotation, Pose, Predictor, RESIDUAL_LIMIT,
+    Rate, Residual, Snapped, TURN_LIMIT, Ticks, Tolerance, VELOCITY_LIMIT, VelocityResidual,
+    Verbatim, carried, seen_from,
 };
 
 /// The laws that take a formula whatever the substeps, and those that take every substep.
@@ -93,13 +93,20 @@ fn snapped() -> impl Strategy<Value = Snapped> {
 }
 
 fn residual() -> impl Strategy<Value = Residual> {
-    let velocities = (steps(VELOCITY_LIMIT), steps(VELOCITY_LIMIT));
+    let velocities = (0..=COARSENESS_LIMIT).prop_flat_map(|coarseness| {
+        let limit = VELOCITY_LIMIT >> coarseness;
+        (steps(limit), steps(limit)).prop_map(move |(linear, angular)| VelocityResidual {
+            coarseness,
+            linear,
+            angular,
+        })
+    });
     let velocities = proptest::option::of(velocities);
     (steps(RESIDUAL_LIMIT), steps(TURN_LIMIT), velocities).prop_map(
         |(position, turn, velocities)| Residual {
             position,
             turn,
-            velocity: velocities.map(|(linear, angular)| VelocityResidual { linear, angular }),
+            velocity: velocities,
         },
     )
 }

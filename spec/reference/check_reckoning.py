@@ -18,6 +18,11 @@ def bits64(values):
     return [struct.pack(">d", value).hex() for value in values]
 
 
+def bits32(values):
+    """Each float, which an f32 holds, as eight hexadecimal digits."""
+    return [struct.pack(">f", value).hex() for value in values]
+
+
 def doubles(texts):
     return [struct.unpack(">d", bytes.fromhex(text))[0] for text in texts]
 
@@ -98,7 +103,7 @@ class Checks:
     def residuals(self, case):
         grid = self.grids_of[case["grid"]]
         parts = (case[part + "_residual"] for part in ("position", "turn", "linear", "angular"))
-        residual = r.Residual(*(steps and tuple(steps) for steps in parts))
+        residual = r.Residual(*(steps and tuple(steps) for steps in parts), case["coarseness"] or 0)
         over = r.astray(case["law"], case["age"], self.flows_of[case["integrator"]].dt)
         yield case["over"], bits64([over])
         said = residual.onto(r.Motion.of(doubles(case["predicted"])), over, grid)
@@ -122,6 +127,12 @@ class Checks:
         said = r.Snapped.of(seen, grid)
         yield from same_snapped(case, said, grid)
         yield case["carried"], bits64(r.carried(carrier, said.motion(grid)).numbers())
+
+    def settlings(self, case):
+        steps = (case[name] for name in ("position_steps", "others_steps"))
+        predicted = r.Motion.of(doubles(case["predicted"]))
+        numbers = r.settled(predicted, case["negated"], *steps, case["largest_step"][0])
+        yield case["verbatim"], numbers and bits32(numbers)
 
 
 def same_snapped(case, snapped, grid):

@@ -12,13 +12,14 @@ import reckoning
 TABLES = json.loads((Path(__file__).resolve().parent.parent / "tables" / "packets.json").read_text(encoding="utf-8"))
 
 INDEX_BITS, INDICES = 20, 1 << 20
-HORIZON = 1023
 AGE_MAX = 1 << 30
 UPDATES_MAX, RECORDS_MAX, LOST_MAX, PARTS_MAX = 400, 9200, 64, 64
 POSITION_LIMIT, VELOCITY_LIMIT, RESIDUAL_LIMIT, TURN_LIMIT = 1 << 30, 1 << 24, 1 << 26, 1 << 10
+COARSENESS_LIMIT = 12
+SETTLED_AGE, COARSENESS, LENGTH = 7, 384, 388  # contexts
 GOLOMB_MAX = 3 << 30
 ALPHABET_BITS, ESCAPE = 12, 17
-SEATING, WHOLE, HELD = 13, 12, 11
+SEATING, SETTLED, WHOLE, HELD = 14, 13, 12, 11
 WORD = 1 << 32
 
 
@@ -138,6 +139,10 @@ def ilog2(number):
     return number.bit_length() - 1
 
 
+def group(context):
+    return 1 if 8 <= context < 128 else 2 if 128 <= context < 344 else 3 if 344 <= context < COARSENESS else 0
+
+
 class Model:
     def __init__(self):
         self.expected = list(TABLES["expected"])
@@ -147,7 +152,7 @@ class Model:
         raw = max(ilog2(x) - 6, 0)
         octave = ilog2(x) - raw
         quarter = ((x >> raw) << 2 >> octave) & 3
-        return raw, TABLES["shapes"][4 * octave + quarter]
+        return raw, TABLES["shapes"][28 * group(context) + 4 * octave + quarter]
 
     def learn(self, context, number):
         self.expected[context] += (256 * min(number, 4095) - self.expected[context]) >> 3
@@ -230,6 +235,16 @@ FORMS = [
 ]
 
 
+def coarseness_context(kind, age):
+    return COARSENESS + 2 * (kind // 2) + int(age_class(age) >= 2)
+
+
+def length_context(place, lengths):
+    """Of a step of a settling: its context, and the length that its own is measured against."""
+    part, fixed = ((0, 14), (1, None), (1, None), (2, 19), (3, None), (3, None), (4, 1))[place]
+    return LENGTH + part, lengths[place - 1] if fixed is None else fixed
+
+
 def kind_of(course, moved):
     return 2 * (course != "same") + moved
 
@@ -252,12 +267,18 @@ class Tongue:
         if update["body"] is not None:
             write_code(modes, SEATING, to)
             to.bits(update["body"], INDEX_BITS)
+        if "negated" in update:
+            write_code(modes, SETTLED, to)
+            self.write_settled(update, to)
+            return self.went_on(SETTLED)
         moved = "linear" in update
         form = FORMS.index((update["course"], update.get("law"), moved))
         write_code(modes, form, to)
         kind = kind_of(update["course"], moved)
         self.model.write(2 + kind, update["age"] - 1, to)
         self.write_carrier(update, to)
+        if moved:
+            self.model.write(coarseness_context(kind, update["age"]), update["coarseness"], to)
         walk = Walk(kind, update["age"])
         for name in TRIPLES[: 4 if moved else 2]:
             for number in update[name]:
@@ -266,6 +287,39 @@ class Tongue:
                     to.bits(int(number < 0), 1)
                 walk.step(abs(number))
         self.went_on(form)
+
+    def write_settled(self, update, to):
+        self.model.write(SETTLED_AGE, update["age"] - 1, to)
+        to.bits(update["negated"], 1)
+        steps, lengths = update["steps"], [0] * 7
+        for place, step in enumerate(steps):
+            lengths[place] = abs(step).bit_length()
+            context, expected = length_context(place, lengths)
+            off = lengths[place] - expected
+            self.model.write(context, 2 * off if off >= 0 else -2 * off - 1, to)
+            if step:
+                to.bits(int(step < 0), 1)
+                to.bits(abs(step) & (1 << lengths[place] - 1) - 1, lengths[place] - 1)
+
+    def read_settled(self, update, frm):
+        update["age"] = self.read_age(SETTLED_AGE, frm)
+        update["negated"], update["steps"], lengths = frm.bits(1), [], [0] * 7
+        for place in range(7):
+            context, expected = length_context(place, lengths)
+            off = self.model.read(context, frm)
+            lengths[place] = expected + (off // 2 if off % 2 == 0 else -(off // 2) - 1)
+            refuse_if(not 0 <= lengths[place] <= 31, "OutOfRange")
+            step = 0
+            if lengths[place]:
+                negative = frm.bits(1)
+                step = frm.bits(lengths[place] - 1) | 1 << lengths[place] - 1
+                step = -step if negative else step
+            update["steps"].append(step)
+
+    def read_age(self, context, frm):
+        age = self.model.read(context, frm) + 1
+        refuse_if(age > AGE_MAX, "OutOfRange")
+        return age
 
     def write_carrier(self, update, to):
         if update["course"] == "same":
@@ -293,6 +347,8 @@ class Tongue:
         if form == WHOLE:
             update["body"] = frm.bits(INDEX_BITS)
             update["whole"] = read_whole(frm)
+        elif form == SETTLED:
+            self.read_settled(update, frm)
         else:
             self.read_correction(form, update, frm)
         self.went_on(form)
@@ -301,8 +357,7 @@ class Tongue:
     def read_correction(self, form, update, frm):
         course, law, moved = FORMS[form]
         kind = kind_of(course, moved)
-        age = self.model.read(2 + kind, frm) + 1
-        refuse_if(age > HORIZON, "OutOfRange")
+        age = self.read_age(2 + kind, frm)
         update |= {"course": course, "age": age}
         if course == "world":
             update["law"] = law
@@ -314,6 +369,10 @@ class Tongue:
                 self.carrier = carrier
             update["carrier"] = self.carrier
             update["carrier_age"] = self.read_carrier_age(frm)
+        limits = LIMITS
+        if moved:
+            coarseness = update["coarseness"] = self.model.read(coarseness_context(kind, age), frm)
+            limits = LIMITS[:2] + (VELOCITY_LIMIT >> min(coarseness, COARSENESS_LIMIT),) * 2
         walk = Walk(kind, age)
         for name in TRIPLES[: 4 if moved else 2]:
             update[name] = []
@@ -322,7 +381,8 @@ class Tongue:
                 refuse_if(size >= 1 << 31, "OutOfRange")
                 update[name].append(-size if size and frm.bits(1) else size)
                 walk.step(size)
-        for name, limit in zip(TRIPLES, LIMITS):
+        refuse_if(moved and coarseness > COARSENESS_LIMIT, "OutOfRange")
+        for name, limit in zip(TRIPLES, limits):
             refuse_if(any(abs(number) > limit for number in update.get(name, ())), "OutOfRange")
 
     def read_carrier_age(self, frm):

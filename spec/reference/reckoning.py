@@ -43,7 +43,7 @@ HORIZON = 1023
 
 POSITION_SHARE = double("3fe2000000000000")
 TURN_SHARE = double("3fe2000000000000")
-VELOCITY_SHARE = double("4020000000000000")
+VELOCITY_SHARE = double("3fb0000000000000")
 COARSEST_TURN = double("3fd0000000000000")
 COARSEST_ANGULAR = double("4010000000000000")
 
@@ -54,6 +54,7 @@ POSITION_LIMIT = 1073741824
 RESIDUAL_LIMIT = 67108864
 VELOCITY_LIMIT = 16777216
 TURN_LIMIT = 1024
+COARSENESS_LIMIT = 12
 PACKED_LIMIT = 370728
 PACKED_STEPS = 524288.0
 
@@ -488,6 +489,7 @@ class Residual:
     turn: Vector
     linear: Vector = None
     angular: Vector = None
+    coarseness: int = 0
 
     def is_within_limits(self):
         def within(steps, limit):
@@ -496,8 +498,9 @@ class Residual:
         return (
             within(self.position, RESIDUAL_LIMIT)
             and within(self.turn, TURN_LIMIT)
-            and within(self.linear, VELOCITY_LIMIT)
-            and within(self.angular, VELOCITY_LIMIT)
+            and self.coarseness <= COARSENESS_LIMIT
+            and within(self.linear, VELOCITY_LIMIT >> self.coarseness)
+            and within(self.angular, VELOCITY_LIMIT >> self.coarseness)
         )
 
     def onto(self, prediction, over, grid):
@@ -512,13 +515,50 @@ class Residual:
         rate = 1.0 / over
         linear = plus(prediction.linear, scaled(scaled(self.position, grid.position), rate))
         angular = plus(prediction.angular, scaled(turn, rate))
+        more = [scaled(said or (0, 0, 0), 1 << self.coarseness) for said in (self.linear, self.angular)]
         return Snapped(
             position=summed(start.position, scaled(self.position, FINE_STEPS), POSITION_LIMIT),
             rotation=rotation,
-            linear=summed(snapped(linear, grid.linear, VELOCITY_LIMIT), self.linear, VELOCITY_LIMIT),
-            angular=summed(snapped(angular, grid.angular, VELOCITY_LIMIT), self.angular, VELOCITY_LIMIT),
+            linear=summed(snapped(linear, grid.linear, VELOCITY_LIMIT), more[0], VELOCITY_LIMIT),
+            angular=summed(snapped(angular, grid.angular, VELOCITY_LIMIT), more[1], VELOCITY_LIMIT),
         )
 
 
 def summed(a, b, limit):
-    return tuple(clamped(steps, limit) for steps in plus(a, b or (0, 0, 0)))
+    return tuple(clamped(steps, limit) for steps in plus(a, b))
+
+
+# Settling [4.7]
+
+
+def single(number):
+    """The nearest f32, widened; beyond the largest an infinity."""
+    try:
+        return struct.unpack("<f", struct.pack("<f", number))[0]
+    except OverflowError:
+        return math.copysign(math.inf, number)
+
+
+def stepped(number, by):
+    """The f32 so many places after the nearest to a number."""
+    bits = struct.unpack("<I", struct.pack("<f", single(number)))[0]
+    rank = (bits if bits < 1 << 31 else (bits ^ 0x7FFFFFFF) - (1 << 32)) + by
+    rank = (rank + (1 << 31)) % (1 << 32) - (1 << 31)
+    return struct.unpack("<f", struct.pack("<I", rank if rank >= 0 else (rank + (1 << 32)) ^ 0x7FFFFFFF))[0]
+
+
+def settled(prediction, negated, position_steps, others_steps, largest_step):
+    """The thirteen widened f32 of a body at rest, or None where they are refused."""
+    position = [stepped(number, by) for number, by in zip(prediction.position, position_steps)]
+    expected = [-part if negated else part for part in prediction.rotation]
+    largest = max(range(4), key=lambda place: (abs(expected[place]), -place))
+    places = [place for place in range(4) if place != largest]
+    rotation = [0.0] * 4
+    for place, by in zip(places, others_steps):
+        rotation[place] = stepped(expected[place], by)
+    a, b, c = (rotation[place] for place in places)
+    rest = 1.0 - ((a * a + b * b) + c * c)
+    size = math.sqrt(rest) if rest > 0.0 else 0.0
+    rotation[largest] = stepped(-size if expected[largest] < 0.0 else size, largest_step)
+    numbers = [*position, *rotation, *[0.0] * 6]
+    return numbers if verbatim_motion(numbers) else None

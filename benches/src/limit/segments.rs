@@ -13,6 +13,8 @@ use super::path::Path;
 /// A body is held within this many radii of its holder, and the holder is larger by the factor below, as publishers
 /// have it.
 const HOLDER_REACH: f64 = 3.0;
+/// Velocities are said in steps of half the tolerance a second.
+const COARSENESS: u32 = 3;
 /// See above.
 pub(super) const HOLDER_RATIO: f64 = 1.2;
 
@@ -159,6 +161,7 @@ fn on_grid(course: &Course<'_>, grid: &Grid, last: &Saying, fitted: &Saying) -> 
             &fitted.motion.twist(),
             &implied,
             grid,
+            COARSENESS,
         ));
         let residual = Residual {
             velocity,
@@ -310,7 +313,12 @@ fn candidates(
     if !next.law.moves() {
         return vec![candidate(next, until, residual)];
     }
-    let velocity = Some(Residual::of_velocity(&next.motion.twist(), &implied, grid));
+    let velocity = Some(Residual::of_velocity(
+        &next.motion.twist(),
+        &implied,
+        grid,
+        COARSENESS,
+    ));
     let mut all = vec![candidate(
         next,
         until,

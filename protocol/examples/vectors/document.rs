@@ -131,6 +131,16 @@ fn update(update: &Update) -> String {
     let Update { seat, body, saying } = update;
     let said = match saying {
         Saying::Whole(track) => format!("\"whole\": {}", whole(track)),
+        Saying::Settled { age, settling } => {
+            let [x, y, z] = settling.position;
+            let [a, b, c] = settling.others;
+            format!(
+                "\"age\": {}, \"negated\": {}, \"steps\": {}",
+                age.count(),
+                u32::from(settling.negated),
+                list(&[x, y, z, a, b, c, settling.largest])
+            )
+        }
         Saying::Residual {
             course,
             age,
@@ -165,7 +175,8 @@ fn update(update: &Update) -> String {
             if let Some(velocity) = residual.velocity {
                 write!(
                     said,
-                    ", \"linear\": {}, \"angular\": {}",
+                    ", \"coarseness\": {}, \"linear\": {}, \"angular\": {}",
+                    velocity.coarseness,
                     list(&velocity.linear),
                     list(&velocity.angular)
                 )

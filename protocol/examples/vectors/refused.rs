@@ -17,6 +17,9 @@ const CARRIER_AGE: usize = 6;
 const POSITION: usize = 8;
 const TURN: usize = POSITION + 120;
 const VELOCITY: usize = TURN + 216;
+const COARSENESS: usize = VELOCITY + 40;
+const LENGTH: usize = COARSENESS + 4;
+const SETTLED_AGE: usize = 7;
 
 /// Codes of forms.
 const SAME: usize = 0;
@@ -24,7 +27,8 @@ const SAME_MOVED: usize = 1;
 const REST: usize = 2;
 const HELD: usize = 11;
 const WHOLE: usize = 12;
-const SEATING: usize = 13;
+const SETTLED: usize = 13;
+const SEATING: usize = 14;
 const INDEX_BITS: u32 = 20;
 
 /// All of them.
@@ -140,9 +144,9 @@ fn numbers(cases: &mut Vec<Case>) {
         all_still(near.number(GAP[1], 0).code(1, SAME)),
     );
     case(
-        "an age beyond the horizon",
+        "an age beyond the greatest",
         1,
-        begun().code(0, SAME).number(AGE, 1_023).raw(1, 8),
+        begun().code(0, SAME).number(AGE, 1 << 30).raw(1, 8),
     );
     let carrier = begun().code(0, REST).number(AGE + 2, 0).raw(1, 1);
     case(
@@ -170,18 +174,48 @@ fn numbers(cases: &mut Vec<Case>) {
         turn.number(TURN + 3, 0).number(TURN + 3, 0),
     );
     let at = TURN + 54;
-    let moved = placed(same(SAME_MOVED), 1)
-        .number(at + 4, 0)
-        .number(at, 0)
-        .number(at, 0);
-    let moved = moved.number(VELOCITY, VELOCITY_LIMIT as u32 + 1).raw(1, 1);
-    let moved = moved.number(VELOCITY + 4, 0).number(VELOCITY + 4, 0);
-    let moved = moved
-        .number(VELOCITY + 5, 0)
-        .number(VELOCITY + 6, 0)
-        .number(VELOCITY + 6, 0);
-    case("a velocity beyond its limit", 1, moved);
+    let said = |coarseness| same(SAME_MOVED).number(COARSENESS, coarseness);
+    let moved = |coarseness| {
+        placed(said(coarseness), 1)
+            .number(at + 4, 0)
+            .number(at, 0)
+            .number(at, 0)
+    };
+    let still = |forge: Forge, at: usize| {
+        let forge = forge.number(at, 0).number(at + 1, 0);
+        forge.number(at + 1, 0)
+    };
+    for coarseness in [0, 5] {
+        let beyond = (VELOCITY_LIMIT >> coarseness) as u32 + 1;
+        let fast = moved(coarseness).number(VELOCITY, beyond).raw(1, 1);
+        let fast = fast.number(VELOCITY + 4, 0).number(VELOCITY + 4, 0);
+        let name = format!("a velocity beyond its limit, doubled {coarseness} times");
+        case(&name, 1, still(fast, VELOCITY + 5));
+    }
+    let coarse = still(still(moved(13), VELOCITY), VELOCITY + 5);
+    case("steps doubled too often", 1, coarse);
     endless_numbers(cases);
+    settlings(cases);
+}
+
+fn settlings(cases: &mut Vec<Case>) {
+    let mut case = |name: &str, forge: Forge| {
+        cases.push((name.to_owned(), state(1, &forge.into_bytes())));
+    };
+    let begun = || Forge::default().number(GAP[0], 0).code(0, SETTLED);
+    let settled = || begun().number(SETTLED_AGE, 0).raw(0, 1);
+    case(
+        "a settling of a track that is too old",
+        begun().number(SETTLED_AGE, 1 << 30).raw(1, 8),
+    );
+    case(
+        "a step of 32 bits",
+        settled().number(LENGTH, 2 * (32 - 14)).raw(1, 8),
+    );
+    case(
+        "a step of less than no bits",
+        settled().number(LENGTH, 2 * 14 + 1).raw(1, 8),
+    );
 }
 
 fn endless_numbers(cases: &mut Vec<Case>) {

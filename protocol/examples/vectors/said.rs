@@ -6,8 +6,8 @@ use rhumb_protocol::packet::{
     Update, Vouch,
 };
 use rhumb_reckoning::{
-    Anchor, BodyId, HORIZON, POSITION_LIMIT, Predictor, RESIDUAL_LIMIT, Residual, Snapped,
-    TURN_LIMIT, Ticks, VELOCITY_LIMIT, VelocityResidual, Verbatim,
+    Anchor, BodyId, HORIZON, POSITION_LIMIT, Predictor, RESIDUAL_LIMIT, Residual, Settling,
+    Snapped, TURN_LIMIT, Ticks, VELOCITY_LIMIT, VelocityResidual, Verbatim,
 };
 
 use crate::chance::Chance;
@@ -54,6 +54,7 @@ pub(crate) const fn residual(course: Course, position: [i32; 3], turn: [i32; 3])
     }
 }
 
+/// In steps doubled as often as the first of them says.
 fn with_velocity(saying: Saying, linear: [i32; 3], angular: [i32; 3]) -> Saying {
     match saying {
         Saying::Residual {
@@ -61,14 +62,21 @@ fn with_velocity(saying: Saying, linear: [i32; 3], angular: [i32; 3]) -> Saying 
             age,
             mut residual,
         } => {
-            residual.velocity = Some(VelocityResidual { linear, angular });
+            residual.velocity = Some(VelocityResidual {
+                coarseness: match linear[0].unsigned_abs() {
+                    small @ 0..1_000 => small % 10,
+                    _ => 0,
+                },
+                linear,
+                angular,
+            });
             Saying::Residual {
                 course,
                 age,
                 residual,
             }
         }
-        whole @ Saying::Whole(_) => whole,
+        other => other,
     }
 }
 
@@ -81,7 +89,24 @@ const fn aged(saying: Saying, age: u32) -> Saying {
             age: Ticks::new(age),
             residual,
         },
+        Saying::Settled { settling, .. } => Saying::Settled {
+            age: Ticks::new(age),
+            settling,
+        },
         whole @ Saying::Whole(_) => whole,
+    }
+}
+
+/// Rest to the bit, of a track of nine ticks ago.
+const fn settled(position: [i32; 3], others: [i32; 3], largest: i32) -> Saying {
+    Saying::Settled {
+        age: Ticks::new(9),
+        settling: Settling {
+            negated: largest > 0,
+            position,
+            others,
+            largest,
+        },
     }
 }
 
@@ -172,6 +197,7 @@ pub(crate) fn every_form() -> Vec<Saying> {
     }
     all.push(residual(held(7, 3), [1, 1, -4], [0, -2, 1]));
     all.push(Saying::Whole(snapped(&mut chance, Predictor::Tumbling)));
+    all.push(settled([12_000, -1, 0], [-300_000, 7, 1], 1));
     all
 }
 
@@ -201,11 +227,24 @@ fn forms(cases: &mut Vec<Case>) {
 
 fn limits(cases: &mut Vec<Case>) {
     let plain = residual(Course::Same, [0; 3], [0; 3]);
-    for age in [1, 2, 3, 5, 11, 31, HORIZON.count()] {
+    for age in [1, 2, 3, 5, 11, 31, HORIZON.count(), 1 << 30] {
         let saying = aged(residual(Course::Same, [0, 3, -1], [1, 0, 0]), age);
         cases.push((
             format!("a track of {age} ticks ago"),
             packet(&[seated(0, saying)]),
+        ));
+    }
+    let far = i32::MAX;
+    for (name, settling) in [
+        ("no steps at all", settled([0; 3], [0; 3], 0)),
+        (
+            "the longest steps",
+            settled([far, -far, far], [-far, far, 0], -far),
+        ),
+    ] {
+        cases.push((
+            format!("a settling of {name}"),
+            packet(&[seated(0, settling)]),
         ));
     }
     for seat in [0, 1, 40, 5_000, INDICES_MAX - 1] {

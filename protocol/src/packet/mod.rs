@@ -11,6 +11,7 @@ mod repair;
 mod saying;
 mod state;
 mod tables;
+mod tally;
 mod walk;
 mod whole;
 
@@ -26,5 +27,7 @@ pub use saying::{Course, Saying};
 pub use state::{StatePacket, StateWriter, Update, Vouch};
 #[doc(hidden)]
 pub use tables::Tables;
+#[doc(hidden)]
+pub use tally::Tally;
 pub use whole::TrackSaying;
 pub(crate) use whole::{law_code, law_of};

@@ -3,7 +3,7 @@
 //! Every packet begins with the same expectations and learns from its own numbers alone, so that a lost packet derails
 //! no other (PROTOCOL 5.4). Writer and reader hold one of these each and change it by the same calls.
 
-use super::tables::{CLASSES, CONTEXTS, EXPECTED, SHAPES, SYMBOLS};
+use super::tables::{CLASSES, CONTEXTS, EXPECTED, SHAPES, SYMBOLS, contexts};
 use crate::wire::Malformed;
 use crate::wire::range::{RangeReader, RangeWriter, TOTAL_BITS};
 
@@ -49,7 +49,7 @@ impl Model {
         let quarter = (((sixteenths >> raw) << 2) >> octave) & 3;
         Alphabet {
             raw,
-            shape: (octave * 4 + quarter) as usize,
+            shape: contexts::group(context) * CLASSES + (octave * 4 + quarter) as usize,
         }
     }
 

@@ -3,7 +3,7 @@
 //! Numbers are said by the range coder, as likely as the packet so far makes them. Nothing here looks at a track, so
 //! that a packet can be read to its end by who lacks some of them (PROTOCOL 5.6).
 
-use rhumb_reckoning::{HORIZON, Predictor, Residual, Ticks, VelocityResidual};
+use rhumb_reckoning::{Predictor, Residual, Settling, Ticks, VelocityResidual};
 
 use super::model::{Model, symbol_cost};
 use super::tables::{MODES, contexts};
@@ -24,6 +24,13 @@ pub enum Saying {
         age: Ticks,
         /// The correction, in the frame that the body goes on in.
         residual: Residual,
+    },
+    /// Rest, to the engine's own bits; readable only by who has the last track.
+    Settled {
+        /// Ticks since the origin of the track that this builds on: names its revision.
+        age: Ticks,
+        /// What the pose differs by from the predicted one.
+        settling: Settling,
     },
     /// A whole motion, readable by all.
     Whole(TrackSaying),
@@ -79,6 +86,8 @@ enum Mode {
     Held,
     /// [`Saying::Whole`].
     Whole,
+    /// [`Saying::Settled`].
+    Settled,
 }
 
 impl Mode {
@@ -101,12 +110,14 @@ impl Mode {
             world(Predictor::Thrown, true),
             Self::Held,
             Self::Whole,
+            Self::Settled,
         ]
     };
 
     const fn of(saying: &Saying) -> Self {
         match saying {
             Saying::Whole(_) => Self::Whole,
+            Saying::Settled { .. } => Self::Settled,
             Saying::Residual {
                 course, residual, ..
             } => {
@@ -132,6 +143,7 @@ impl Mode {
             },
             Self::Held => 11,
             Self::Whole => 12,
+            Self::Settled => 13,
         }
     }
 
@@ -186,6 +198,18 @@ impl Tongue {
                 to.raw(body.expect("a whole track names its body"), INDEX_BITS);
                 whole.encode(to);
             }
+            Saying::Settled { age, settling } => {
+                self.model.write(contexts::SETTLED_AGE, age.count() - 1, to);
+                to.raw(u32::from(settling.negated), 1);
+                for (context, step, expected) in settled(settling) {
+                    let length = length(step);
+                    self.model.write(context, zigzag(length, expected), to);
+                    if length > 0 {
+                        to.raw(u32::from(step < 0), 1);
+                        to.raw(step.unsigned_abs() & ((1 << (length - 1)) - 1), length - 1);
+                    }
+                }
+            }
             Saying::Residual {
                 course,
                 age,
@@ -194,6 +218,10 @@ impl Tongue {
                 let kind = mode.kind();
                 self.model.write(contexts::age(kind), age.count() - 1, to);
                 self.write_carrier(course, to);
+                if let Some(velocity) = &residual.velocity {
+                    let context = contexts::coarseness(kind, age.count());
+                    self.model.write(context, velocity.coarseness, to);
+                }
                 numbers(kind, *age, residual, |context, number| {
                     self.model.write(context, number.unsigned_abs(), to);
                     if number != 0 {
@@ -273,13 +301,13 @@ impl Tongue {
             }
             body = Some(from.raw(INDEX_BITS)?);
             Saying::Whole(TrackSaying::decode(from)?)
+        } else if mode == Mode::Settled {
+            let age = self.read_age(contexts::SETTLED_AGE, from)?;
+            let settling = self.read_settling(from)?;
+            Saying::Settled { age, settling }
         } else {
             let kind = mode.kind();
-            let age = self.model.read(contexts::age(kind), from)?;
-            if age >= HORIZON.count() {
-                return Err(Malformed::OutOfRange);
-            }
-            let age = Ticks::new(age + 1);
+            let age = self.read_age(contexts::age(kind), from)?;
             let course = self.read_course(mode, from)?;
             let residual = self.read_residual(kind, age, from)?;
             Saying::Residual {
@@ -294,7 +322,7 @@ impl Tongue {
 
     fn read_course(&mut self, mode: Mode, from: &mut RangeReader<'_>) -> Result<Course, Malformed> {
         match mode {
-            Mode::Same { .. } | Mode::Whole => Ok(Course::Same),
+            Mode::Same { .. } | Mode::Whole | Mode::Settled => Ok(Course::Same),
             Mode::World { predictor, .. } => {
                 let held = from.raw(1)? == 1;
                 let carrier_age = if held {
@@ -329,9 +357,35 @@ impl Tongue {
         }
     }
 
+    fn read_age(&mut self, context: usize, from: &mut RangeReader<'_>) -> Result<Ticks, Malformed> {
+        let age = self.model.read(context, from)?;
+        if age >= AGE_MAX {
+            return Err(Malformed::OutOfRange);
+        }
+        Ok(Ticks::new(age + 1))
+    }
+
+    fn read_settling(&mut self, from: &mut RangeReader<'_>) -> Result<Settling, Malformed> {
+        let mut settling = Settling {
+            negated: from.raw(1)? == 1,
+            ..Settling::default()
+        };
+        for place in 0..SETTLED_STEPS {
+            let (context, _, expected) = settled(&settling)[place];
+            let length = unzigzag(self.model.read(context, from)?, expected)?;
+            let step = settled_step(&mut settling, place);
+            if length > 0 {
+                let negative = from.raw(1)? == 1;
+                let size = (from.raw(length - 1)? | 1 << (length - 1)) as i32;
+                *step = if negative { -size } else { size };
+            }
+        }
+        Ok(settling)
+    }
+
     fn read_carrier_age(&mut self, from: &mut RangeReader<'_>) -> Result<Ticks, Malformed> {
         let age = self.model.read(contexts::CARRIER_AGE, from)?;
-        if age > CARRIER_AGE_MAX {
+        if age > AGE_MAX {
             return Err(Malformed::OutOfRange);
         }
         Ok(Ticks::new(age))
@@ -343,11 +397,14 @@ impl Tongue {
         age: Ticks,
         from: &mut RangeReader<'_>,
     ) -> Result<Residual, Malformed> {
-        let moved = kind % 2 == 1;
-        let mut residual = Residual {
-            velocity: moved.then(VelocityResidual::default),
-            ..Residual::default()
-        };
+        let mut residual = Residual::default();
+        if kind % 2 == 1 {
+            let context = contexts::coarseness(kind, age.count());
+            residual.velocity = Some(VelocityResidual {
+                coarseness: self.model.read(context, from)?,
+                ..VelocityResidual::default()
+            });
+        }
         let mut walk = Walk::new(kind, age);
         while let Some(context) = walk.context() {
             let size = self.model.read(context, from)?;
@@ -369,48 +426,176 @@ impl Tongue {
 
     /// What saying this next would cost, its gap aside, in 1/256 bits.
     pub(crate) fn cost(&self, saying: &Saying) -> u32 {
-        let mode = Mode::of(saying);
         let starts = &MODES[self.last];
-        let code = mode.code();
-        let mut cost = symbol_cost(u32::from(starts[code + 1] - starts[code]));
-        match saying {
-            Saying::Whole(whole) => cost += (whole.bit_len() as u32 + INDEX_BITS) * 256,
+        let code = Mode::of(saying).code();
+        let mut bits = match saying {
+            Saying::Whole(whole) => whole.bit_len() as u32 + INDEX_BITS,
+            Saying::Settled { settling, .. } => {
+                let lengths = settled(settling).map(|(_, step, _)| length(step));
+                1 + lengths.iter().sum::<u32>()
+            }
             Saying::Residual {
-                course,
-                age,
-                residual,
-            } => {
-                let kind = mode.kind();
-                cost += self.model.cost(contexts::age(kind), age.count() - 1);
-                cost += match course {
-                    Course::Same => 0,
-                    Course::World { carrier_age, .. } => {
-                        256 + carrier_age.map_or(0, |_| CARRIER_AGE_COST)
-                    }
-                    Course::Held { carrier, .. } if self.carrier == Some(*carrier) => {
-                        256 + CARRIER_AGE_COST
-                    }
-                    Course::Held { .. } => INDEX_BITS * 256 + CARRIER_AGE_COST,
-                };
-                numbers(kind, *age, residual, |context, number| {
-                    cost += self.model.cost(context, number.unsigned_abs());
-                    cost += u32::from(number != 0) * 256;
-                });
+                course, residual, ..
+            } => signs(residual) + self.carrier_bits(course),
+        };
+        bits *= 256;
+        bits += symbol_cost(u32::from(starts[code + 1] - starts[code]));
+        each_number(saying, |context, number| {
+            bits += self.model.cost(context, number)
+        });
+        bits
+    }
+
+    /// Bits by which a carrier is named.
+    fn carrier_bits(&self, course: &Course) -> u32 {
+        match *course {
+            Course::Same => 0,
+            Course::World { .. } => 1,
+            Course::Held { carrier, .. } if self.carrier == Some(carrier) => 1,
+            Course::Held { .. } => INDEX_BITS,
+        }
+    }
+
+    /// What is to be counted of an update when tables are fitted: the row and the code of its form, and its numbers with
+    /// their contexts.
+    pub(super) fn note(
+        &mut self,
+        gap: u32,
+        named: bool,
+        saying: &Saying,
+        tally: &mut impl Counted,
+    ) {
+        tally.number(contexts::gap(self.begun), gap);
+        let mode = Mode::of(saying);
+        if named && mode != Mode::Whole {
+            tally.code(self.last, SEATING);
+        }
+        tally.code(self.last, mode.code());
+        each_number(saying, |context, number| {
+            tally.number(context, number);
+        });
+        self.went_on(mode);
+    }
+}
+
+/// Takes what is counted when tables are fitted.
+pub(super) trait Counted {
+    fn code(&mut self, row: usize, code: usize);
+    fn number(&mut self, context: usize, number: u32);
+}
+
+/// The numbers of a saying that are said in contexts, in order.
+fn each_number(saying: &Saying, mut say: impl FnMut(usize, u32)) {
+    match saying {
+        Saying::Whole(_) => {}
+        Saying::Settled { age, settling } => {
+            say(contexts::SETTLED_AGE, age.count() - 1);
+            for (context, step, expected) in settled(settling) {
+                say(context, zigzag(length(step), expected));
             }
         }
-        cost
+        Saying::Residual {
+            course,
+            age,
+            residual,
+        } => {
+            let kind = Mode::of(saying).kind();
+            say(contexts::age(kind), age.count() - 1);
+            if let Course::World {
+                carrier_age: Some(carrier_age),
+                ..
+            }
+            | Course::Held { carrier_age, .. } = course
+            {
+                say(contexts::CARRIER_AGE, carrier_age.count());
+            }
+            if let Some(velocity) = &residual.velocity {
+                say(contexts::coarseness(kind, age.count()), velocity.coarseness);
+            }
+            numbers(kind, *age, residual, |context, number| {
+                say(context, number.unsigned_abs());
+            });
+        }
     }
+}
+
+/// How many numbers of a correction have a sign.
+fn signs(residual: &Residual) -> u32 {
+    let velocity = residual.velocity.unwrap_or_default();
+    let triples = [
+        residual.position,
+        residual.turn,
+        velocity.linear,
+        velocity.angular,
+    ];
+    let numbers = triples.as_flattened().iter();
+    numbers.filter(|number| **number != 0).count() as u32
 }
 
 /// Bits of a body's index.
 const INDEX_BITS: u32 = INDICES_MAX.ilog2();
-/// A body that holds others is spoken of at least this often, or said to rest.
-const CARRIER_AGE_MAX: u32 = 1 << 30;
-/// About what an age costs, to choose by.
-const CARRIER_AGE_COST: u32 = 4 * 256;
+/// A body that moves or holds others is spoken of at least this often, or said to rest.
+const AGE_MAX: u32 = 1 << 30;
+/// Steps of a settling: three of position, three of the smaller parts of a quaternion, one of its greatest.
+const SETTLED_STEPS: usize = 7;
+/// The longest step of a settling, bits.
+const STEP_BITS_MAX: u32 = 31;
+/// What lengths the first steps of position and of rotation are measured against, and the last: about those of a
+/// body of half a metre at 5 cm.
+const LENGTHS: [u32; 3] = [14, 19, 1];
+
+/// The steps of a settling in the order in which they are said, each with its context and with the length that its own
+/// is measured against: that of the step before, or a fixed one.
+fn settled(settling: &Settling) -> [(usize, i32, u32); SETTLED_STEPS] {
+    let ([x, y, z], [a, b, c]) = (settling.position, settling.others);
+    let [first, turned, last] = LENGTHS;
+    [
+        (contexts::settled(0), x, first),
+        (contexts::settled(1), y, length(x)),
+        (contexts::settled(1), z, length(y)),
+        (contexts::settled(2), a, turned),
+        (contexts::settled(3), b, length(a)),
+        (contexts::settled(3), c, length(b)),
+        (contexts::settled(4), settling.largest, last),
+    ]
+}
+
+/// Bits of a step, its sign aside.
+const fn length(step: i32) -> u32 {
+    32 - step.unsigned_abs().leading_zeros()
+}
+
+const fn settled_step(settling: &mut Settling, place: usize) -> &mut i32 {
+    match place {
+        0..3 => &mut settling.position[place],
+        3..6 => &mut settling.others[place - 3],
+        _ => &mut settling.largest,
+    }
+}
+
+/// How a length differs from an expected one, without a sign.
+const fn zigzag(length: u32, expected: u32) -> u32 {
+    if length >= expected {
+        (length - expected) * 2
+    } else {
+        (expected - length) * 2 - 1
+    }
+}
+
+fn unzigzag(number: u32, expected: u32) -> Result<u32, Malformed> {
+    let by = number / 2;
+    let length = if number.is_multiple_of(2) {
+        expected.checked_add(by)
+    } else {
+        expected.checked_sub(by + 1)
+    };
+    length
+        .filter(|length| *length <= STEP_BITS_MAX)
+        .ok_or(Malformed::OutOfRange)
+}
 
 /// How many forms there are.
-pub(super) const MODE_COUNT: usize = 13;
+pub(super) const MODE_COUNT: usize = 14;
 /// The code, behind those of the forms, that says that a body takes a seat; the form follows.
 const SEATING: usize = MODE_COUNT;
 
@@ -420,7 +605,7 @@ pub(crate) mod tests {
     use crate::packet::whole::tests::{steps, whole};
     use alloc::vec::Vec;
     use proptest::prelude::*;
-    use rhumb_reckoning::{RESIDUAL_LIMIT, TURN_LIMIT, VELOCITY_LIMIT};
+    use rhumb_reckoning::{COARSENESS_LIMIT, HORIZON, RESIDUAL_LIMIT, TURN_LIMIT, VELOCITY_LIMIT};
 
     fn course() -> impl Strategy<Value = Course> {
         let carrier_age = || (0_u32..2_000).prop_map(Ticks::new);
@@ -444,15 +629,33 @@ pub(crate) mod tests {
     }
 
     pub(crate) fn saying() -> impl Strategy<Value = Saying> {
-        let velocity = (steps(VELOCITY_LIMIT), steps(VELOCITY_LIMIT))
-            .prop_map(|(linear, angular)| VelocityResidual { linear, angular });
+        let velocity = (0..=COARSENESS_LIMIT).prop_flat_map(|coarseness| {
+            let limit = VELOCITY_LIMIT >> coarseness;
+            (steps(limit), steps(limit)).prop_map(move |(linear, angular)| VelocityResidual {
+                coarseness,
+                linear,
+                angular,
+            })
+        });
         let residual = (
             steps(RESIDUAL_LIMIT),
             steps(TURN_LIMIT),
             proptest::option::of(velocity),
         );
+        let settling = (any::<bool>(), steps(i32::MAX), steps(1 << 20), -9..=9_i32).prop_map(
+            |(negated, position, others, largest)| Settling {
+                negated,
+                position,
+                others,
+                largest,
+            },
+        );
         prop_oneof![
             whole().prop_map(Saying::Whole),
+            (1_u32..=1 << 30, settling).prop_map(|(age, settling)| Saying::Settled {
+                age: Ticks::new(age),
+                settling,
+            }),
             (course(), 1_u32..=HORIZON.count(), residual).prop_map(
                 |(course, age, (position, turn, velocity))| {
                     let still = matches!(

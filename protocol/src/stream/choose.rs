@@ -54,12 +54,14 @@ pub(crate) struct Holder<'a> {
 const SPARSE: f64 = 0.7;
 /// A sparser correction may use this much of the tolerance.
 const SPARSE_SHARE: f64 = 0.9;
-/// What each tick adds to the expected error, as a share of the tolerance.
-const DOUBT: f64 = 0.05;
 /// What an update costs beside its saying: its place in the packet, in 1/256 bits.
 const OVERHEAD: u32 = 4 * 256;
 /// The ticks at which an expected error is looked at.
-const LOOKS: [f64; 11] = [1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0];
+const LOOKS: [f64; 15] = [
+    1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 96.0, 128.0, 192.0,
+];
+/// Velocities are not said, or said in steps that are doubled so often.
+const SAID: [Option<u32>; 7] = [None, Some(9), Some(7), Some(5), Some(3), Some(1), Some(0)];
 /// How far a still body is put ahead of its course, as a share of the tolerance.
 const LEAD_MOST: f64 = 0.5;
 
@@ -135,14 +137,15 @@ impl Chooser<'_> {
     /// The best saying among those that keep the promise, or `None` when no correction does.
     pub(crate) fn choose(&self, subject: &Subject<'_>) -> Option<Choice> {
         let age = subject.tick.since(subject.slot.track.origin)?;
-        if age == Ticks::ZERO || age > HORIZON || !self.features.residuals {
+        let aged = age > HORIZON && subject.slot.track.predictor != Predictor::Rest;
+        if age == Ticks::ZERO || aged || !self.features.residuals {
             return None;
         }
         let mut best: Option<Choice> = None;
         let mut best_way = None;
         for way in self.ways(subject) {
             for aim in self.aims(subject, &way) {
-                for said in [false, true] {
+                for said in SAID {
                     let Some(choice) = self.try_one(subject, &way, age, aim, [0.5; 2], said) else {
                         continue;
                     };
@@ -329,9 +332,9 @@ impl Chooser<'_> {
         age: Ticks,
         aim: [DVec3; 2],
         rounding: [f64; 2],
-        said: bool,
+        said: Option<u32>,
     ) -> Option<Choice> {
-        if way.predictor == Predictor::Rest && said {
+        if way.predictor == Predictor::Rest && said.is_some() {
             return None;
         }
         let grid = self.tracks.grid(subject.slot);
@@ -350,10 +353,11 @@ impl Chooser<'_> {
             .tracks
             .said(subject.index, subject.tick, &saying(residual))
             .ok()?;
-        if said || !self.features.derived {
+        if said.is_some() || !self.features.derived {
             let implied = track.anchor.snapped()?;
-            residual.velocity = (way.predictor != Predictor::Rest)
-                .then(|| Residual::of_velocity(&way.truth.twist(), &implied, &grid));
+            residual.velocity = (way.predictor != Predictor::Rest).then(|| {
+                Residual::of_velocity(&way.truth.twist(), &implied, &grid, said.unwrap_or(3))
+            });
             track = self
                 .tracks
                 .said(subject.index, subject.tick, &saying(residual))
@@ -440,11 +444,18 @@ impl Chooser<'_> {
             stray.linear[0] += (truth.linear - said.linear) * step;
             stray.angular[0] += (truth.angular - said.angular) * step;
         }
+        let age = f64::from(
+            subject
+                .tick
+                .since(subject.slot.track.origin)
+                .map_or(0, |a| a.count()),
+        );
+        let doubt = (0.2 / age).clamp(0.002, 0.05);
         let (mut at, mut before) = (0.0, allowance.share(off[0].length(), off[1].length()));
         for look in LOOKS {
             let [p, q] = stray.after(look);
             let share =
-                allowance.share((p - off[0]).length(), (q - off[1]).length()) + DOUBT * look;
+                allowance.share((p - off[0]).length(), (q - off[1]).length()) + doubt * look;
             if share > 1.0 {
                 let part = ((1.0 - before) / (share - before)).clamp(0.0, 1.0);
                 at += part * (look - at);

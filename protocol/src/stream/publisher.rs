@@ -13,7 +13,8 @@ use alloc::vec::Vec;
 use bytes::Bytes;
 use glam::Vec3;
 use rhumb_reckoning::{
-    Anchor, BodyId, HORIZON, Integrator, Motion, Predictor, Snapped, Tick, Ticks, Tolerance, Track,
+    Anchor, BodyId, HORIZON, Integrator, Motion, Predictor, Settling, Snapped, Tick, Ticks,
+    Tolerance, Track,
 };
 
 use super::choose::{Chooser, Holder, Subject, share};
@@ -62,6 +63,8 @@ pub struct Publisher {
     burdens: Vec<u32>,
     namings: VecDeque<Naming>,
     updates: Vec<Update>,
+    /// Who came to rest at this tick: packets still name them by their seats.
+    leaving: Vec<u32>,
     /// What a packet expects at its beginning.
     tongue: Tongue,
     statistics: PublisherStatistics,
@@ -90,6 +93,7 @@ impl Publisher {
             burdens: Vec::new(),
             namings: VecDeque::new(),
             updates: Vec::new(),
+            leaving: Vec::new(),
             tongue: Tongue::default(),
             statistics: PublisherStatistics::default(),
         }
@@ -218,6 +222,9 @@ impl Publisher {
             updates.extend(self.judge(witness, tick, observation, holder));
         }
         self.pack(tick, &mut updates, notices, out);
+        for index in self.leaving.drain(..) {
+            self.usher.leave(index);
+        }
         self.number_namings();
         self.updates = updates;
     }
@@ -247,7 +254,7 @@ impl Publisher {
                 if unchanged {
                     return None;
                 }
-                (Saying::Whole(TrackSaying::of(&resting)), resting)
+                (self.settle(tick, slot, observation), resting)
             }
             Activity::Awake => self.correct(witness, tick, slot, observation, holder)?,
         };
@@ -267,13 +274,31 @@ impl Publisher {
         }
         let (seat, taken) = self.usher.seat(index, tick);
         if track.is_verbatim_rest() {
-            self.usher.leave(index);
+            self.leaving.push(index);
         }
         let named = taken || matches!(saying, Saying::Whole(_));
         Some(Update {
             seat,
             body: named.then_some(index),
             saying,
+        })
+    }
+
+    /// What says that a body rests where the engine has it, to the bit.
+    fn settle(&self, tick: Tick, slot: &Slot, observation: &Observation) -> Saying {
+        let age = tick
+            .since(slot.track.origin)
+            .filter(|age| *age > Ticks::ZERO);
+        let free = slot.track.carrier.is_none() && self.features.residuals;
+        let still = slot.track.predictor == Predictor::Rest;
+        let settling = age.filter(|age| free && (still || *age <= HORIZON));
+        let settling = settling.and_then(|age| {
+            let predicted = self.tracks.believed(slot, tick);
+            let settling = Settling::of(&observation.motion, &predicted.pose())?;
+            Some(Saying::Settled { age, settling })
+        });
+        settling.unwrap_or_else(|| {
+            Saying::Whole(TrackSaying::of(&Track::resting(tick, observation.motion)))
         })
     }
 

@@ -8,7 +8,7 @@ use core::cell::RefCell;
 use glam::{DVec3, Vec3};
 use rhumb_reckoning::{
     Anchor, BodyId, Conditions, Cursor, Damping, FlowTable, Grid, HORIZON, Inertia, Integrator,
-    Metres, Motion, Predictor, Residual, Seconds, Tick, Ticks, Tolerance, Track, carried,
+    Metres, Motion, Predictor, Residual, Seconds, Settling, Tick, Ticks, Tolerance, Track, carried,
     seen_from,
 };
 
@@ -392,6 +392,7 @@ impl Tracks {
     ) -> Result<Track, Unreadable> {
         let (course, age, residual) = match saying {
             Saying::Whole(whole) => return Ok(whole.track(tick)),
+            Saying::Settled { age, settling } => return self.settled(index, tick, *age, settling),
             Saying::Residual {
                 course,
                 age,
@@ -401,6 +402,26 @@ impl Tracks {
         let footing = self.footing(index, course, age, tick)?;
         let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
         Ok(footing.track(tick, residual, &self.grid(slot)))
+    }
+
+    /// The track of a body that comes to rest.
+    fn settled(
+        &self,
+        index: u32,
+        tick: Tick,
+        age: Ticks,
+        settling: &Settling,
+    ) -> Result<Track, Unreadable> {
+        let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
+        let free = slot.track.carrier.is_none();
+        if !free || !Self::is_of_age(&slot.track, age, tick) {
+            return Err(Unreadable::OtherRevision);
+        }
+        let predicted = self.framed(slot, &slot.track, tick);
+        settling
+            .onto(&predicted.pose())
+            .map(|verbatim| Track::resting(tick, verbatim))
+            .map_err(|_| Unreadable::OtherRevision)
     }
 
     /// Takes in what was said of a body at a tick.

@@ -32,7 +32,7 @@ impl Subscriber {
         }
         match saying {
             Saying::Whole(whole) => self.remember(index, Some(whole.track(tick))),
-            Saying::Residual { .. } => self.forget_before(index),
+            Saying::Residual { .. } | Saying::Settled { .. } => self.forget_before(index),
         }
     }
 

@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 use rhumb_reckoning::{
-    FINE_STEPS, Motion, POSITION_LIMIT, Pose, Predictor, RESIDUAL_LIMIT, Rate, Residual, Seconds,
-    TURN_LIMIT, Ticks, Twist, VELOCITY_LIMIT, VelocityResidual,
+    COARSENESS_LIMIT, FINE_STEPS, Motion, POSITION_LIMIT, Pose, Predictor, RESIDUAL_LIMIT, Rate,
+    Residual, Seconds, TURN_LIMIT, Ticks, Twist, VELOCITY_LIMIT, VelocityResidual,
 };
 
 use super::chance::{Chance, motion, thirteen};
@@ -53,9 +53,13 @@ impl Corrected {
             .integers("turn_residual", &residual.turn);
         let case = match residual.velocity {
             Some(velocity) => case
+                .integer("coarseness", velocity.coarseness)
                 .integers("linear_residual", &velocity.linear)
                 .integers("angular_residual", &velocity.angular),
-            None => case.nothing("linear_residual").nothing("angular_residual"),
+            None => case
+                .nothing("coarseness")
+                .nothing("linear_residual")
+                .nothing("angular_residual"),
         };
         if residual.is_within_limits() {
             let grid = grid(self.grid);
@@ -95,6 +99,7 @@ fn by_chance(chance: &mut Chance) -> Vec<Case> {
                 velocity: None,
             };
             let velocity = VelocityResidual {
+                coarseness: (index + place) as u32,
                 linear: steps(size),
                 angular: steps(size),
             };
@@ -191,15 +196,16 @@ fn at_limits(chance: &mut Chance) -> Vec<Case> {
             turn: [sign * TURN_LIMIT; 3],
             velocity: None,
         };
-        let velocity = VelocityResidual {
-            linear: [sign * VELOCITY_LIMIT; 3],
-            angular: [sign * VELOCITY_LIMIT; 3],
-        };
-        let fastest = Residual {
-            velocity: Some(velocity),
-            ..most
-        };
-        for number in [0, 6, 13] {
+        for (number, coarseness) in [(0, 0), (6, 3), (13, COARSENESS_LIMIT)] {
+            let velocity = VelocityResidual {
+                coarseness,
+                linear: [sign * (VELOCITY_LIMIT >> coarseness); 3],
+                angular: [sign * (VELOCITY_LIMIT >> coarseness); 3],
+            };
+            let fastest = Residual {
+                velocity: Some(velocity),
+                ..most
+            };
             cases.push(Corrected::nth(number).case(&chance.motion(), &most));
             cases.push(Corrected::nth(number).case(&chance.motion(), &fastest));
         }
@@ -225,6 +231,7 @@ fn saturated() -> Vec<Case> {
         let predicted = motion(pose, twist);
         for sign in [1, -1] {
             let velocity = VelocityResidual {
+                coarseness: 0,
                 linear: [sign * VELOCITY_LIMIT, -sign, 0],
                 angular: [sign, -sign * VELOCITY_LIMIT, 0],
             };
@@ -251,8 +258,12 @@ fn refused(chance: &mut Chance) -> Vec<Case> {
         steps[place] = limit;
         steps
     };
-    let velocity = |linear, angular| Residual {
-        velocity: Some(VelocityResidual { linear, angular }),
+    let velocity = |coarseness, linear, angular| Residual {
+        velocity: Some(VelocityResidual {
+            coarseness,
+            linear,
+            angular,
+        }),
         ..Residual::default()
     };
     let beyond = [
@@ -264,8 +275,10 @@ fn refused(chance: &mut Chance) -> Vec<Case> {
             turn: at(1, -TURN_LIMIT - 1),
             ..Residual::default()
         },
-        velocity(at(2, VELOCITY_LIMIT + 1), [0; 3]),
-        velocity([0; 3], at(0, -VELOCITY_LIMIT - 1)),
+        velocity(0, at(2, VELOCITY_LIMIT + 1), [0; 3]),
+        velocity(0, [0; 3], at(0, -VELOCITY_LIMIT - 1)),
+        velocity(5, at(1, (VELOCITY_LIMIT >> 5) + 1), [0; 3]),
+        velocity(COARSENESS_LIMIT + 1, [0; 3], [0; 3]),
     ];
     let predicted = chance.motion();
     let cases = beyond.iter().enumerate();

@@ -8,6 +8,7 @@ mod flight;
 mod holding;
 mod packing;
 mod said;
+mod settling;
 mod tumbling;
 
 use chance::Chance;
@@ -33,5 +34,6 @@ pub(crate) fn document() -> String {
         ("residuals", corrections::residuals(&mut chance)),
         ("tracks", said::tracks(&mut chance)),
         ("holdings", holding::holdings(&mut chance)),
+        ("settlings", settling::settlings(&mut chance)),
     ])
 }

@@ -1,0 +1,54 @@
+//! What tables are fitted to: the forms and numbers of packets, counted as the coder says them.
+//!
+//! No part of the conversation: who fits tables reads packets that were said and counts them (ARCHITECTURE.md,
+//! "Tables").
+
+use alloc::vec::Vec;
+
+use super::saying::{Counted, MODE_COUNT, Tongue};
+use super::state::Update;
+use super::tables::{CLASSES, CONTEXTS, GROUPS, SYMBOLS, contexts};
+
+/// What was said in one packet.
+#[derive(Clone, Debug, Default)]
+pub struct Tally {
+    /// Row and code of each form, and of each taking of a seat.
+    pub codes: Vec<[usize; 2]>,
+    /// Context and value of each number, in order.
+    pub numbers: Vec<(usize, u32)>,
+}
+
+impl Tally {
+    /// Rows of forms, and codes in each.
+    pub const CODES: [usize; 2] = [4, MODE_COUNT + 1];
+    /// How many contexts there are, groups of them, classes in each group, and symbols of an alphabet.
+    pub const NUMBERS: [usize; 4] = [CONTEXTS, GROUPS, CLASSES, SYMBOLS];
+
+    /// Counts a packet's updates.
+    #[must_use]
+    pub fn of(updates: &[Update]) -> Self {
+        let (mut tally, mut tongue, mut next) = (Self::default(), Tongue::default(), 0);
+        for update in updates {
+            let (gap, named) = (update.seat - next, update.body.is_some());
+            tongue.note(gap, named, &update.saying, &mut tally);
+            next = update.seat + 1;
+        }
+        tally
+    }
+
+    /// The group of a context: those of one group share their alphabets.
+    #[must_use]
+    pub const fn group(context: usize) -> usize {
+        contexts::group(context)
+    }
+}
+
+impl Counted for Tally {
+    fn code(&mut self, row: usize, code: usize) {
+        self.codes.push([row, code]);
+    }
+
+    fn number(&mut self, context: usize, number: u32) {
+        self.numbers.push((context, number));
+    }
+}
