@@ -6,8 +6,141 @@
 //! with the new tables fits a little better.
 
 use std::fmt::Write;
+use std::num::NonZeroU32;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::str::FromStr;
 
-use rhumb_protocol::packet::{Tables, Tally};
+use clap::Args;
+use rhumb_protocol::packet::{Head, Kind, StatePacket, Tables, Tally};
+use rhumb_protocol::stream::{Features, HINDSIGHT_MAX};
+use rhumb_protocol::wire::Wire;
+use rhumb_protocol::wire::bytes::Reader;
+use rhumb_reckoning::{Metres, Radians, Ticks, Tolerance};
+use rhumb_transport::LinkTerms;
+
+use crate::output;
+use crate::record::{Passed, Way};
+use crate::recording::Recording;
+use crate::replay::{Failure, ReplayTerms, ended, run};
+
+/// Which recordings to fit to, and where the tables are.
+#[derive(Clone, Debug, Args)]
+pub struct FitTo {
+    /// Recordings and how they are published, such as cubes.rhtrace.zst,tolerance=0.01,hindsight=6,weight=2; others:
+    /// turn (degrees), every.
+    #[arg(required = true)]
+    loads: Vec<Load>,
+    /// The source file whose tables are replaced; without it they are printed.
+    #[arg(long)]
+    into: Option<PathBuf>,
+}
+
+/// A recording, how it is published, and how much it counts.
+#[derive(Clone, Debug, PartialEq)]
+struct Load {
+    path: PathBuf,
+    terms: ReplayTerms,
+    weight: f64,
+}
+
+impl FromStr for Load {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let mut parts = text.split(',');
+        let path = PathBuf::from(parts.next().unwrap_or_default());
+        let (mut tolerance, mut turn, mut every, mut hindsight, mut weight) =
+            (0.01, None, 1.0, 0.0, 1.0);
+        for part in parts {
+            let (name, value) = part
+                .split_once('=')
+                .ok_or_else(|| format!("{part} is no setting"))?;
+            let value: f64 = value.parse().map_err(|_| format!("{value} is no number"))?;
+            match name {
+                "tolerance" => tolerance = value,
+                "turn" => turn = Some(value),
+                "every" => every = value,
+                "hindsight" => hindsight = value,
+                "weight" => weight = value,
+                _ => return Err(format!("{name} is no setting of a load")),
+            }
+        }
+        let length = Metres::new(tolerance);
+        let tolerance = match turn {
+            None => Tolerance::from_metres(length),
+            Some(degrees) => Tolerance::parts(length, Radians::new(degrees.to_radians())),
+        };
+        let looks = hindsight >= 0.0 && hindsight <= f64::from(HINDSIGHT_MAX.count());
+        if !(looks && weight > 0.0 && f64::is_finite(weight)) {
+            return Err(format!("{text}: hindsight or weight is out of range"));
+        }
+        Ok(Self {
+            path,
+            terms: ReplayTerms {
+                tolerance: tolerance.map_err(|wrong| wrong.to_string())?,
+                link: LinkTerms::PERFECT,
+                every: NonZeroU32::new(every as u32).ok_or("every is at least 1")?,
+                seed: 1,
+                hindsight: Ticks::new(hindsight as u32),
+                features: Features::ALL,
+            },
+            weight,
+        })
+    }
+}
+
+/// Fits tables. Exit code 0 when they were fitted and written, 1 otherwise.
+pub fn fit(arguments: &FitTo) -> ExitCode {
+    ended(fit_all(arguments))
+}
+
+fn fit_all(arguments: &FitTo) -> Result<(), Failure> {
+    let mut fit = Fit::new();
+    for load in &arguments.loads {
+        let recording = Recording::read(&load.path)?;
+        let bar = output::progress_bar(u64::from(recording.ticks()), recording.name.clone());
+        let run = run(&recording, &load.terms, &mut |_| bar.inc(1))?;
+        bar.finish_and_clear();
+        fit.add(load.weight, run.passed.iter().filter_map(tally).collect());
+    }
+    let [before, after] = fit.run();
+    let told = format!("{before:.4} bits a number became {after:.4}\n");
+    let written = match &arguments.into {
+        None => fit.to_rust(),
+        Some(path) => {
+            let text = std::fs::read_to_string(path).map_err(|e| unwritten(path, &e))?;
+            let text = fit.replaced(&text).ok_or_else(|| {
+                Failure::Terms(format!("{} holds no such tables", path.display()))
+            })?;
+            std::fs::write(path, text).map_err(|e| unwritten(path, &e))?;
+            String::new()
+        }
+    };
+    let mut out = std::io::stdout();
+    std::io::Write::write_all(&mut out, (told + &written).as_bytes())
+        .map_err(|e| Failure::Terms(e.to_string()))
+}
+
+fn unwritten(path: &std::path::Path, why: &std::io::Error) -> Failure {
+    Failure::Terms(format!("{}: {why}", path.display()))
+}
+
+/// What is counted of a datagram, if it is one of updates.
+fn tally(passed: &Passed) -> Option<Tally> {
+    let mut reader = Reader::new(&passed.bytes);
+    let head = Head::decode(&mut reader)
+        .ok()
+        .filter(|_| passed.way == Way::StateDown)?;
+    let ends_tick = head.kind == Kind::StateEnd;
+    if !ends_tick && head.kind != Kind::State {
+        return None;
+    }
+    let packet = StatePacket::decode(ends_tick, reader).ok()?;
+    let mut updates = Vec::new();
+    packet.updates(&mut updates).ok()?;
+    Some(Tally::of(&updates))
+}
 
 const CONTEXTS: usize = Tally::NUMBERS[0];
 const GROUPS: usize = Tally::NUMBERS[1];
@@ -26,7 +159,7 @@ const LOYALTY: f64 = 1.0;
 
 /// What was said in the packets of several loads, each with its weight.
 #[derive(Debug, Default)]
-pub struct Fit {
+struct Fit {
     packets: Vec<(f64, Tally)>,
     expected: Vec<u32>,
     shapes: Vec<Vec<f64>>,
@@ -37,8 +170,7 @@ pub struct Fit {
 
 impl Fit {
     /// Begins with the tables as they are.
-    #[must_use]
-    pub fn new() -> Self {
+    fn new() -> Self {
         let sizes = |starts: &[u16]| {
             let pairs = starts.windows(2);
             pairs.map(|pair| f64::from(pair[1] - pair[0])).collect()
@@ -61,7 +193,7 @@ impl Fit {
     }
 
     /// Adds the packets of one load; loads count alike but for their weight.
-    pub fn add(&mut self, weight: f64, packets: Vec<Tally>) {
+    fn add(&mut self, weight: f64, packets: Vec<Tally>) {
         let numbers: usize = packets.iter().map(|packet| packet.numbers.len()).sum();
         let each = weight * 1e6 / numbers.max(1) as f64;
         self.packets
@@ -69,7 +201,7 @@ impl Fit {
     }
 
     /// Fits; returns what all numbers cost before and after, in bits a number.
-    pub fn run(&mut self) -> [f64; 2] {
+    fn run(&mut self) -> [f64; 2] {
         let before = self.cost();
         for _ in 0..TURNS {
             self.fit_shapes();
@@ -179,16 +311,15 @@ impl Fit {
         self.modes = counts.iter().map(|counts| whole_parts(counts)).collect();
     }
 
-    /// The tables as `protocol/src/packet/tables.rs` holds them.
-    #[must_use]
-    pub fn to_rust(&self) -> String {
-        let mut text = String::from("EXPECTED\n");
+    /// The bodies of the tables, by name, as `protocol/src/packet/tables.rs` holds them.
+    fn bodies(&self) -> [(&'static str, String); 3] {
+        let mut expected = String::new();
         for row in self.expected.chunks(16) {
             let row: Vec<_> = row.iter().map(u32::to_string).collect();
-            let _ = writeln!(text, "    {},", row.join(", "));
+            let _ = writeln!(expected, "    {},", row.join(", "));
         }
-        for (name, table) in [("SHAPES", &self.shapes), ("MODES", &self.modes)] {
-            let _ = writeln!(text, "{name}");
+        let starts = |table: &[Vec<f64>]| {
+            let mut text = String::new();
             for row in table {
                 let mut start = 0.0;
                 let mut starts = vec!["0".to_owned()];
@@ -198,8 +329,32 @@ impl Fit {
                 }
                 let _ = writeln!(text, "    [{}],", starts.join(", "));
             }
+            text
+        };
+        [
+            ("EXPECTED", expected),
+            ("SHAPES", starts(&self.shapes)),
+            ("MODES", starts(&self.modes)),
+        ]
+    }
+
+    /// The tables, for reading.
+    fn to_rust(&self) -> String {
+        let tables = self.bodies();
+        let tables = tables.iter().map(|(name, body)| format!("{name}\n{body}"));
+        tables.collect()
+    }
+
+    /// A source text with these tables in place of its own; none if it has no such tables.
+    fn replaced(&self, text: &str) -> Option<String> {
+        let mut text = text.to_owned();
+        for (name, body) in self.bodies() {
+            let begin = text.find(&format!("const {name}:"))?;
+            let begin = begin + text[begin..].find("= [\n")? + 4;
+            let end = begin + text[begin..].find("];\n")?;
+            text.replace_range(begin..end, &body);
         }
-        text
+        Some(text)
     }
 }
 
@@ -242,4 +397,61 @@ fn whole_parts(counts: &[f64]) -> Vec<f64> {
     let most = (0..parts.len()).max_by(|a, b| parts[*a].total_cmp(&parts[*b]));
     parts[most.unwrap_or_default()] += rest;
     parts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A packet whose positions are all this.
+    fn packet(number: u32) -> Tally {
+        let context = (0..CONTEXTS).find(|context| Tally::group(*context) == 1);
+        Tally {
+            codes: vec![[1, 0]; 4],
+            numbers: vec![(context.unwrap(), number); 4],
+        }
+    }
+
+    #[test]
+    fn what_is_said_often_becomes_cheap() {
+        let mut fit = Fit::new();
+        fit.add(1.0, vec![packet(3); 500]);
+        let [before, after] = fit.run();
+        assert!(after < before && after < 0.2, "{before} {after}");
+        for row in fit.shapes.iter().chain(&fit.modes) {
+            assert!(row.iter().all(|size| *size >= 1.0));
+            assert!((row.iter().sum::<f64>() - PARTS).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn tables_take_the_place_of_tables() {
+        let fit = Fit::new();
+        let source =
+            "const EXPECTED: x = [\n1\n];\nconst SHAPES: y = [\n2\n];\nconst MODES: z = [\n3\n];\n";
+        let replaced = fit.replaced(source).unwrap();
+        assert_eq!(fit.replaced(&replaced), Some(replaced.clone()));
+        assert!(replaced.starts_with("const EXPECTED: x = [\n    "));
+        assert_eq!(fit.replaced("const EXPECTED: x = [\n];\n"), None);
+    }
+
+    #[test]
+    fn loads_are_read_and_wrong_ones_refused() {
+        let load: Load = "a.mcap,tolerance=0.02,every=2,hindsight=6,weight=2"
+            .parse()
+            .unwrap();
+        assert_eq!(
+            (load.terms.every.get(), load.terms.hindsight),
+            (2, Ticks::new(6))
+        );
+        for wrong in [
+            "a,every=0",
+            "a,colour=1",
+            "a,weight=0",
+            "a,hindsight=7",
+            "a,turn",
+        ] {
+            assert!(wrong.parse::<Load>().is_err(), "{wrong}");
+        }
+    }
 }

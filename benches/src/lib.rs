@@ -6,6 +6,7 @@
 
 pub mod drive;
 pub mod evaluate;
+pub mod fit;
 pub mod limit;
 mod machine;
 mod output;

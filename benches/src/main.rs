@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use rhumb_bench::drive::{Serve, serve};
 use rhumb_bench::evaluate::{Evaluate, evaluate};
+use rhumb_bench::fit::{FitTo, fit};
 use rhumb_bench::limit::{LimitOf, limit};
 use rhumb_bench::replay::ablate::{Ablate, ablate};
 use rhumb_bench::replay::{Replay, replay};
@@ -27,6 +28,8 @@ enum Task {
     Ablate(Ablate),
     /// How few updates and bits a recorded trace would have needed, had the future been known.
     Limit(LimitOf),
+    /// Fit the tables of the packets' coder to recorded traces.
+    Fit(FitTo),
     /// Be a server: how the other tasks start theirs.
     #[command(hide = true)]
     Serve(Serve),
@@ -38,6 +41,7 @@ fn main() -> ExitCode {
         Task::Replay(arguments) => replay(&arguments),
         Task::Ablate(arguments) => ablate(&arguments),
         Task::Limit(arguments) => limit(&arguments),
+        Task::Fit(arguments) => fit(&arguments),
         Task::Serve(arguments) => serve(arguments),
     }
 }

@@ -441,7 +441,7 @@ impl Tongue {
         bits *= 256;
         bits += symbol_cost(u32::from(starts[code + 1] - starts[code]));
         each_number(saying, |context, number| {
-            bits += self.model.cost(context, number)
+            bits += self.model.cost(context, number);
         });
         bits
     }

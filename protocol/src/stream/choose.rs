@@ -54,6 +54,10 @@ pub(crate) struct Holder<'a> {
 const SPARSE: f64 = 0.7;
 /// A sparser correction may use this much of the tolerance.
 const SPARSE_SHARE: f64 = 0.9;
+/// What the ticks of a track's whole life add to the expected error of the next, as a share of the tolerance …
+const DOUBT_OF_A_LIFE: f64 = 0.1;
+/// … and each tick, at least and at most.
+const DOUBT: [f64; 2] = [0.001, 0.05];
 /// What an update costs beside its saying: its place in the packet, in 1/256 bits.
 const OVERHEAD: u32 = 4 * 256;
 /// The ticks at which an expected error is looked at.
@@ -444,13 +448,7 @@ impl Chooser<'_> {
             stray.linear[0] += (truth.linear - said.linear) * step;
             stray.angular[0] += (truth.angular - said.angular) * step;
         }
-        let age = f64::from(
-            subject
-                .tick
-                .since(subject.slot.track.origin)
-                .map_or(0, |a| a.count()),
-        );
-        let doubt = (0.2 / age).clamp(0.002, 0.05);
+        let doubt = doubt(subject);
         let (mut at, mut before) = (0.0, allowance.share(off[0].length(), off[1].length()));
         for look in LOOKS {
             let [p, q] = stray.after(look);
@@ -465,6 +463,14 @@ impl Chooser<'_> {
         }
         f64::max(at, held) + 1.0
     }
+}
+
+/// What each tick adds to the expected error of a body, as a share of the tolerance: less of one whose last track held for
+/// long, as of what flies freely.
+fn doubt(subject: &Subject<'_>) -> f64 {
+    let age = subject.tick.since(subject.slot.track.origin);
+    let [least, most] = DOUBT;
+    (DOUBT_OF_A_LIFE / f64::from(age.unwrap_or_default().count())).clamp(least, most)
 }
 
 /// What a tolerance allows a body, to reckon expected errors by.
