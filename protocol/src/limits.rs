@@ -102,6 +102,12 @@ pub const HISTORY_PACKETS: usize = 1_024;
 pub const LOST_NAMED_MAX: usize = 64;
 /// Parts of one repair.
 pub const REPAIR_PARTS_MAX: u8 = 64;
+/// A parity covers packets of so many numbers in a row at most, and so many packets are kept for it at either end.
+pub const PARITY_SPAN: u32 = 32;
+/// Parities of different factors: half of the elements of the field in which they are summed.
+pub const PARITY_ROWS: u8 = 128;
+/// Parities that a subscriber keeps until it heard enough of them.
+pub const PARITIES_KEPT: usize = 16;
 /// Packets that a subscriber holds back while notices are on their way.
 pub const PACKETS_HELD_MAX: usize = 512;
 /// Sums that one digest holds.
@@ -119,4 +125,6 @@ const _: () = assert!(HULL_POINTS_MAX * 12 + 64 < MESSAGE_BYTES_MAX);
 // A 16-bit packet number is told apart from the same number a turn earlier as long as it is remembered.
 const _: () = assert!(HISTORY_PACKETS < 1 << 15);
 const _: () = assert!(TICK_JUMP_MAX < 1 << 15);
+// No two packets of a parity have the same factor, and what it covers fits its bits.
+const _: () = assert!(PARITY_SPAN <= PARITY_ROWS as u32 && PARITY_SPAN <= 32);
 const _: () = assert!(DIGEST_RANGES_MAX * 8 + 32 < DATAGRAM_BYTES_MAX);

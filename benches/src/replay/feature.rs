@@ -20,11 +20,13 @@ pub enum Feature {
     Residuals,
     /// Not speaking of what is within tolerance.
     Gate,
+    /// Saying parities of what is lost, and by themselves where much is.
+    Redundancy,
 }
 
 impl Feature {
     /// Every one, in the order of the list.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Ballistic,
         Self::Tumbling,
         Self::Held,
@@ -32,6 +34,7 @@ impl Feature {
         Self::Sparse,
         Self::Residuals,
         Self::Gate,
+        Self::Redundancy,
     ];
 
     /// As on the command line and in the summary.
@@ -45,6 +48,7 @@ impl Feature {
             Self::Sparse => "sparse",
             Self::Residuals => "residuals",
             Self::Gate => "gate",
+            Self::Redundancy => "redundancy",
         }
     }
 
@@ -75,6 +79,7 @@ impl Feature {
             Self::Sparse => &mut features.sparse,
             Self::Residuals => &mut features.residuals,
             Self::Gate => &mut features.gate,
+            Self::Redundancy => &mut features.redundancy,
         }
     }
 }

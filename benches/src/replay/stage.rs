@@ -4,7 +4,6 @@
 //! repairs when asked. Bytes are counted as the server sends them, whether or not they arrive. The bodies that are there
 //! at the beginning are known at both ends and cost nothing.
 
-use std::collections::BTreeSet;
 use std::fmt;
 use std::num::NonZeroU32;
 
@@ -12,7 +11,9 @@ use bytes::Bytes;
 use rhumb_protocol::message::{Notice, ServerMessage};
 use rhumb_protocol::packet::{Echo, Head, Kind, StreamId};
 use rhumb_protocol::scene::{BodyKind, Cadence};
-use rhumb_protocol::stream::{Activity, Features, Manner, Publisher, StreamTerms, Witness};
+use rhumb_protocol::stream::{
+    Activity, Features, Losses, Manner, Publisher, StreamTerms, Witness,
+};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Instant, Span};
@@ -104,6 +105,9 @@ const END: Span = Span::from_millis(10_000);
 
 const STREAM: StreamId = StreamId(0);
 
+/// The only listener.
+const LISTENER: u64 = 0;
+
 /// Replays a recording; `progress` is called after each tick.
 ///
 /// # Errors
@@ -117,6 +121,7 @@ pub fn run(
     let mut stage = Stage::new(recording, terms);
     stage.come_and_go(Tick::ZERO)?;
     stage.listener.subscriber.handle_snapshot_end();
+    stage.losses.begin(LISTENER, stage.publisher.next_number());
     let rate = recording.integrator.rate;
     let last = u64::from(recording.ticks());
     for number in 1..=last + u64::from(terms.hindsight.count()) {
@@ -158,6 +163,7 @@ struct Stage<'a> {
     removed: usize,
     notices: u64,
     silent: u32,
+    losses: Losses,
     echoed: Option<Instant>,
     lost: Vec<Lost>,
     recoveries: Vec<Span>,
@@ -206,6 +212,7 @@ impl<'a> Stage<'a> {
             removed: 0,
             notices: 0,
             silent: 0,
+            losses: Losses::default(),
             echoed: None,
             lost: Vec::new(),
             recoveries: Vec::new(),
@@ -280,19 +287,30 @@ impl<'a> Stage<'a> {
         if self.witness.present().is_none() {
             return;
         }
+        let losses = self.down.counts(Lane::State).lost.pieces;
         if packets.is_empty() {
             self.silent += 1;
             if self.vouches() {
                 let vouch = self.publisher.vouch(self.notices);
                 self.send_down(now, vouch, Lane::State);
             }
-            return;
+        } else {
+            self.silent = 0;
+            for packet in packets {
+                self.send_down(now, packet, Lane::State);
+            }
+            self.note_lost(now, tick, losses);
         }
-        self.silent = 0;
-        let losses = self.down.counts(Lane::State).lost.pieces;
-        for packet in packets {
-            self.send_down(now, packet, Lane::State);
+        let redundancy = self.losses.redundancy(self.publisher.next_number());
+        let mut parities = Vec::new();
+        self.publisher.say_parities(redundancy, &mut parities);
+        for parity in parities {
+            self.send_down(now, parity, Lane::State);
         }
+    }
+
+    /// Notes of which bodies nothing arrives that was just said, if more was lost than before.
+    fn note_lost(&mut self, now: Instant, tick: Tick, losses: u64) {
         if self.down.counts(Lane::State).lost.pieces > losses {
             let said = self.publisher.tracks();
             let spoken = self.publisher.tick();
@@ -383,14 +401,15 @@ impl<'a> Stage<'a> {
         let mut reader = Reader::new(datagram);
         let is_echo = Head::decode(&mut reader).is_ok_and(|head| head.kind == Kind::Echo);
         let echo = Echo::decode(reader).ok().filter(|_| is_echo);
-        let lost = echo.map(|echo| echo.lost).unwrap_or_default();
-        let next = self.publisher.next_number();
-        let numbers: BTreeSet<u64> = lost.iter().map(|low| low.expand(next)).collect();
-        for number in numbers {
-            let repair = self.publisher.repair(number, self.notices);
-            for datagram in repair.unwrap_or_default() {
-                self.send_down(now, datagram, Lane::State);
+        let mut datagrams = Vec::new();
+        if let Some(echo) = echo {
+            self.losses.hear(LISTENER, &echo, self.publisher.next_number());
+            for number in self.publisher.answer(&echo, &mut datagrams) {
+                datagrams.extend(self.publisher.repair(number, self.notices).unwrap_or_default());
             }
+        }
+        for datagram in datagrams {
+            self.send_down(now, datagram, Lane::State);
         }
         let vouch = self.publisher.vouch(self.notices);
         self.send_down(now, vouch, Lane::State);

@@ -3,15 +3,20 @@
 use alloc::vec::Vec;
 
 use super::header::{Head, Kind, Low16, StreamId};
-use crate::limits::LOST_NAMED_MAX;
+use crate::limits::{LOST_NAMED_MAX, PARITY_SPAN};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
 /// A member's account of its stream. It asks for a repair of each lost packet and for a vouch.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Echo {
-    /// One more than the number of the newest packet heard.
+    /// One more than the number of the newest packet known to have been sent.
     pub next: Low16,
+    /// How many packets were heard, copies and rebuilt ones aside: by what the numbers grew more than this between two
+    /// echoes, packets were lost.
+    pub heard: Low16,
+    /// How many parities would do for those of the lost packets that were sent last; none where repairs are wanted.
+    pub parities: u8,
     /// Packets below that were not heard, oldest first.
     pub lost: Vec<Low16>,
 }
@@ -27,6 +32,8 @@ impl Echo {
         }
         .encode(&mut to);
         self.next.encode(&mut to);
+        self.heard.encode(&mut to);
+        to.u8(self.parities);
         to.varint(self.lost.len() as u64);
         for lost in &self.lost {
             lost.encode(&mut to);
@@ -41,6 +48,11 @@ impl Echo {
     /// [`Malformed`] when that is not an echo.
     pub fn decode(mut from: Reader<'_>) -> Result<Self, Malformed> {
         let next = Low16::decode(&mut from)?;
+        let heard = Low16::decode(&mut from)?;
+        let parities = from.u8()?;
+        if u32::from(parities) > PARITY_SPAN {
+            return Err(Malformed::OutOfRange);
+        }
         let count = from.varint()?;
         if count > LOST_NAMED_MAX as u64 {
             return Err(Malformed::TooLong);
@@ -50,7 +62,12 @@ impl Echo {
             lost.push(Low16::decode(&mut from)?);
         }
         from.finish()?;
-        Ok(Self { next, lost })
+        Ok(Self {
+            next,
+            heard,
+            parities,
+            lost,
+        })
     }
 }
 
@@ -61,8 +78,9 @@ mod tests {
 
     proptest! {
         #[test]
-        fn an_echo_comes_back(next: u16, lost in proptest::collection::vec(any::<u16>(), 0..LOST_NAMED_MAX)) {
-            let echo = Echo { next: Low16(next), lost: lost.into_iter().map(Low16).collect() };
+        fn an_echo_comes_back(next: u16, heard: u16, parities in 0..=PARITY_SPAN as u8, lost in proptest::collection::vec(any::<u16>(), 0..LOST_NAMED_MAX)) {
+            let (next, heard) = (Low16(next), Low16(heard));
+            let echo = Echo { next, heard, parities, lost: lost.into_iter().map(Low16).collect() };
             let bytes = echo.encode(StreamId(300));
             let mut reader = Reader::new(&bytes);
             prop_assert_eq!(Head::decode(&mut reader), Ok(Head { kind: Kind::Echo, stream: StreamId(300) }));

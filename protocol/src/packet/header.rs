@@ -85,10 +85,12 @@ pub enum Kind {
     Digest,
     /// From a member: a sum is another.
     Doubt,
+    /// A sum over the last packets, from which a lost one can be had.
+    Parity,
 }
 
 impl Kind {
-    const CODES: [(u8, Self); 9] = [
+    const CODES: [(u8, Self); 10] = [
         (0, Self::State),
         (1, Self::StateEnd),
         (2, Self::Vouch),
@@ -98,6 +100,7 @@ impl Kind {
         (6, Self::Echo),
         (7, Self::Digest),
         (8, Self::Doubt),
+        (9, Self::Parity),
     ];
 }
 

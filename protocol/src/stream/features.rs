@@ -17,6 +17,8 @@ pub struct Features {
     pub residuals: bool,
     /// What is still within tolerance is not spoken of.
     pub gate: bool,
+    /// What is lost can be had back from parities.
+    pub redundancy: bool,
 }
 
 impl Features {
@@ -29,6 +31,7 @@ impl Features {
         sparse: true,
         residuals: true,
         gate: true,
+        redundancy: true,
     };
 }
 

@@ -135,12 +135,19 @@ impl Gaps {
     ///
     /// `of_the_same`: the missing packet spoke of the same bodies, so that its repair may serve.
     pub(crate) fn could_not_read(&mut self, number: u64, tick: Tick, of_the_same: bool) {
+        let waits = self.missing.range(..number).next().is_some();
         let unread = self.unread.entry(number).or_insert(Unread {
             tick,
             covered: true,
         });
-        unread.covered &= of_the_same;
+        unread.covered &= of_the_same && waits;
         self.settle();
+    }
+
+    /// Takes a packet that was heard, and of which something could not be read that no repair so far covers, as one that
+    /// is heard only now; `false` if there is nothing more to read in it.
+    pub(crate) fn read_again(&mut self, number: u64) -> bool {
+        self.missing.remove(&number).is_some()
     }
 
     /// A part of a repair arrived. Parts of different repairs do not add up: they are cut in different places.

@@ -21,6 +21,7 @@ use super::choose::{Chooser, Holder, Subject, share};
 use super::features::Features;
 use super::history::History;
 use super::observation::{Activity, Observation};
+use super::parities::Parities;
 use super::seats::Usher;
 use super::tracks::{Manner, Slot, Tracks};
 use super::witness::{HINDSIGHT_MAX, Witness};
@@ -57,6 +58,7 @@ pub struct Publisher {
     tracks: Tracks,
     features: Features,
     history: History,
+    parities: Parities,
     tick: Tick,
     usher: Usher,
     /// By index, how many bodies each holds.
@@ -88,6 +90,7 @@ impl Publisher {
             tracks: Tracks::new(terms.tolerance, terms.integrator, terms.gravity),
             features: terms.features,
             history: History::default(),
+            parities: Parities::default(),
             tick,
             usher: Usher::default(),
             burdens: Vec::new(),

@@ -43,11 +43,12 @@ impl Seats {
         self.of_body.get(body as usize)?.checked_sub(1)
     }
 
-    /// A body takes a seat; who sat there stands. What was said later stays.
+    /// A body takes a seat; who sat there stands. What was said later of either stays.
     pub(crate) fn take(&mut self, seat: u32, body: u32, tick: Tick) {
         self.reach(seat, body);
         let place = seat as usize;
-        if self.seats[place].since > tick {
+        let since = |seat: u32| self.seats[seat as usize].since;
+        if since(seat) > tick || self.of(body).is_some_and(|other| since(other) > tick) {
             return;
         }
         self.leave(body);

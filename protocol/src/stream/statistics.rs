@@ -5,7 +5,7 @@
 /// What a subscriber heard so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SubscriberStatistics {
-    /// Datagrams of this stream that were read.
+    /// Packets of this stream that were read, rebuilt ones too.
     pub packets: u64,
     /// Updates taken in.
     pub updates: u64,
@@ -15,6 +15,10 @@ pub struct SubscriberStatistics {
     pub malformed: u64,
     /// Packets found missing.
     pub missed: u64,
+    /// Parities heard.
+    pub parities: u64,
+    /// Packets that parities gave back.
+    pub rebuilt: u64,
     /// Repairs taken in, in parts.
     pub repairs: u64,
     /// Updates that built on a missing one.

@@ -4,6 +4,7 @@
 //! repair; see the client's session. Invariant: while the stream is settled, every track equals the publisher's.
 
 mod reading;
+mod rebuilding;
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
@@ -15,6 +16,7 @@ use rhumb_reckoning::{BodyId, Motion, Tick, Tolerance, Track, carried};
 use super::bound::Bound;
 use super::doubt::Doubts;
 use super::gaps::Gaps;
+use super::restorer::Restorer;
 use super::seats::Seats;
 use super::start::StreamStart;
 use super::statistics::SubscriberStatistics;
@@ -37,6 +39,7 @@ pub struct Subscriber {
     /// The newest origin of a track before which too little of its body was heard.
     known_from: Tick,
     gaps: Gaps,
+    restorer: Restorer,
     notices: u64,
     /// Datagrams that must wait until more notices were heard.
     held: VecDeque<Vec<u8>>,
@@ -76,6 +79,7 @@ impl Subscriber {
             before: Vec::new(),
             known_from: Tick::ZERO,
             gaps: Gaps::new(start.next),
+            restorer: Restorer::new(start.next),
             notices: start.notices,
             held: VecDeque::new(),
             held_indices: Vec::new(),
@@ -413,14 +417,23 @@ impl Subscriber {
         self.amended.pop_front()
     }
 
+    /// How many packets came by themselves.
+    const fn heard(&self) -> u64 {
+        self.statistics.packets - self.statistics.rebuilt
+    }
+
     /// What to tell the server: how far this has heard, and the oldest packets that are missing.
     #[must_use]
     pub fn echo(&self) -> Echo {
+        let parities = self.restorer.wanted(self.gaps.missing());
+        // What was heard is read as soon as what it waits for is there.
+        let waits = |number: &u64| parities > 0 && self.restorer.column(*number).is_some();
+        let lost = self.gaps.missing().filter(|number| !waits(number));
         Echo {
             next: Low16::of(self.gaps.next()),
-            lost: self
-                .gaps
-                .missing()
+            heard: Low16::of(self.heard()),
+            parities,
+            lost: lost
                 .take(crate::limits::LOST_NAMED_MAX)
                 .map(Low16::of)
                 .collect(),

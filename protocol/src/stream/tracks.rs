@@ -320,11 +320,6 @@ impl Tracks {
         })
     }
 
-    /// Whether a track has this age, as a saying names it.
-    fn is_of_age(track: &Track, age: Ticks, tick: Tick) -> bool {
-        tick.since(track.origin) == Some(age)
-    }
-
     /// The frame that a body is or will be in, and what is predicted of it there, for what a saying corrects.
     ///
     /// Errors when the saying builds on other tracks than these.
@@ -334,10 +329,11 @@ impl Tracks {
         course: &Course,
         age: Ticks,
         tick: Tick,
+        former: Former<'_>,
     ) -> Result<Footing, Unreadable> {
         let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
         let track = &slot.track;
-        if !Self::is_of_age(track, age, tick) {
+        if !is_of_age(track, age, tick) {
             return Err(Unreadable::OtherRevision);
         }
         let (predictor, carrier, predicted) = match *course {
@@ -350,27 +346,30 @@ impl Tracks {
                 predictor,
                 carrier_age,
             } => {
-                let carrier = self.carrier(track);
-                let known = match (carrier, carrier_age) {
-                    (None, None) => track.carrier.is_none(),
-                    (Some((_, carrier)), Some(age)) => Self::is_of_age(&carrier.track, age, tick),
-                    _ => false,
+                let motion = self.framed(slot, track, tick);
+                let believed = match (self.carrier(track), carrier_age) {
+                    (None, None) if track.carrier.is_none() => motion,
+                    (Some((index, holder)), Some(age)) => {
+                        let revision = former.of_age(index, holder, age, tick);
+                        let revision = revision.ok_or(Unreadable::OtherRevision)?;
+                        carried(&self.framed(holder, revision, tick), &motion.pose())
+                    }
+                    _ => return Err(Unreadable::OtherRevision),
                 };
-                if !known {
-                    return Err(Unreadable::OtherRevision);
-                }
-                (predictor, None, self.believed(slot, tick))
+                (predictor, None, believed)
             }
             Course::Held {
                 carrier,
                 carrier_age,
             } => {
                 let holder = self.slot(carrier).ok_or(Unreadable::NoBody)?;
-                let free = holder.track.carrier.is_none() && track.carrier.is_none();
-                if carrier == index || !free || !Self::is_of_age(&holder.track, carrier_age, tick) {
+                let revision = former.of_age(carrier, holder, carrier_age, tick);
+                let revision = revision.ok_or(Unreadable::OtherRevision)?;
+                let free = revision.carrier.is_none() && track.carrier.is_none();
+                if carrier == index || !free {
                     return Err(Unreadable::OtherRevision);
                 }
-                let holds = self.framed(holder, &holder.track, tick);
+                let holds = self.framed(holder, revision, tick);
                 let seen = seen_from(&holds.pose(), &self.believed(slot, tick).pose());
                 (Predictor::Rest, Some(holder.id(carrier)), seen)
             }
@@ -390,6 +389,16 @@ impl Tracks {
         tick: Tick,
         saying: &Saying,
     ) -> Result<Track, Unreadable> {
+        self.said_of(index, tick, saying, Former::default())
+    }
+
+    fn said_of(
+        &self,
+        index: u32,
+        tick: Tick,
+        saying: &Saying,
+        former: Former<'_>,
+    ) -> Result<Track, Unreadable> {
         let (course, age, residual) = match saying {
             Saying::Whole(whole) => return Ok(whole.track(tick)),
             Saying::Settled { age, settling } => return self.settled(index, tick, *age, settling),
@@ -399,7 +408,7 @@ impl Tracks {
                 residual,
             } => (course, *age, residual),
         };
-        let footing = self.footing(index, course, age, tick)?;
+        let footing = self.footing(index, course, age, tick, former)?;
         let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
         Ok(footing.track(tick, residual, &self.grid(slot)))
     }
@@ -430,14 +439,37 @@ impl Tracks {
         index: u32,
         tick: Tick,
         saying: &Saying,
+        former: Former<'_>,
     ) -> Result<(), Unreadable> {
         let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
         if tick <= slot.track.origin {
             return Err(Unreadable::Superseded);
         }
-        let track = self.said(index, tick, saying)?;
+        let track = self.said_of(index, tick, saying, former)?;
         self.set_track(index, track);
         Ok(())
+    }
+}
+
+/// Whether a track has this age, as a saying names it.
+fn is_of_age(track: &Track, age: Ticks, tick: Tick) -> bool {
+    tick.since(track.origin) == Some(age)
+}
+
+/// By index, the tracks before the present ones: what is heard late may name a carrier's.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Former<'a>(pub(crate) &'a [Option<Track>]);
+
+impl<'a> Former<'a> {
+    /// The revision of a body's track that has an age, if that is known.
+    fn of_age<'t>(self, index: u32, slot: &'t Slot, age: Ticks, tick: Tick) -> Option<&'t Track>
+    where
+        'a: 't,
+    {
+        let before = || self.0.get(index as usize).and_then(Option::as_ref);
+        let all = core::iter::once(&slot.track).chain(core::iter::once_with(before).flatten());
+        let mut all = all.filter(|track| is_of_age(track, age, tick));
+        all.next()
     }
 }
 

@@ -64,6 +64,9 @@ impl Publisher {
         let body = |update: &Update| update.body.or_else(|| seats.body(update.seat));
         let mut bodies: Vec<u32> = said.iter().filter_map(body).collect();
         bodies.sort_unstable();
+        if self.features.redundancy {
+            self.parities.record(self.history.next(), &datagram);
+        }
         self.history.record(bodies.into_iter());
         self.statistics.updates += said.len() as u64;
         self.statistics.packets += 1;

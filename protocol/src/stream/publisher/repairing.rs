@@ -6,9 +6,30 @@ use bytes::Bytes;
 
 use super::Publisher;
 use crate::limits::{HISTORY_PACKETS, UPDATES_PER_PACKET_MAX};
-use crate::packet::{RepairRecord, RepairWriter, TrackSaying};
+use crate::packet::{Echo, RepairRecord, RepairWriter, TrackSaying};
+use crate::stream::redundancy::Redundancy;
 
 impl Publisher {
+    /// Says the parities that are due after a tick that was spoken of, silent or not, and appends them to `out`.
+    pub fn say_parities(&mut self, redundancy: Redundancy, out: &mut Vec<Bytes>) {
+        if self.features.redundancy {
+            self.parities.end_tick(self.stream, redundancy, out);
+        }
+    }
+
+    /// Answers a listener that lost packets by parities, where these serve, and appends them to `out`. Returns the
+    /// numbers of the packets that must be repaired instead, each once.
+    pub fn answer(&mut self, echo: &Echo, out: &mut Vec<Bytes>) -> Vec<u64> {
+        let next = self.history.next();
+        let mut lost: Vec<u64> = echo.lost.iter().map(|lost| lost.expand(next)).collect();
+        lost.sort_unstable();
+        lost.dedup();
+        let heard = echo.next.expand(next);
+        let wanted = usize::from(echo.parities);
+        self.parities
+            .answer(self.stream, lost.into_iter(), (heard, wanted), out)
+    }
+
     /// The datagrams that say what the bodies of a lost packet do now, or `None` when it is too old to be known.
     #[must_use]
     pub fn repair(&self, number: u64, notices: u64) -> Option<Vec<Bytes>> {

@@ -7,11 +7,11 @@ use rhumb_reckoning::{Predictor, Tick};
 use super::Subscriber;
 use crate::limits::{PACKETS_HELD_MAX, TICK_JUMP_MAX};
 use crate::packet::{
-    Digest, FullPacket, Head, Kind, Low16, Ranges, Repair, RepairRecord, Saying, StatePacket,
+    Digest, FullPacket, Head, Kind, Low16, Parity, Ranges, Repair, RepairRecord, Saying, StatePacket,
     TrackSaying, Update, Vouch,
 };
 use crate::stream::gaps::{Arrival, RepairOf};
-use crate::stream::tracks::{Slot, Unreadable};
+use crate::stream::tracks::{Former, Slot, Unreadable};
 use crate::wire::bytes::Reader;
 use crate::wire::{Malformed, Wire};
 
@@ -47,7 +47,8 @@ impl Subscriber {
     /// Takes in what a packet says of a body.
     fn take(&mut self, index: u32, tick: Tick, saying: &Saying) -> Result<(), Unreadable> {
         let before = self.tracks.slot(index).map(|slot| slot.track);
-        let heard = self.tracks.hear(index, tick, saying);
+        let former = Former(&self.before);
+        let heard = self.tracks.hear(index, tick, saying, former);
         if heard == Err(Unreadable::Superseded) {
             self.take_overtaken(index, tick, saying);
         }
@@ -85,6 +86,10 @@ impl Subscriber {
             Kind::Vouch => self.read_vouch(datagram, Vouch::decode(reader)?),
             Kind::Repair => self.read_repair(datagram, &Repair::decode(reader)?),
             Kind::Digest => self.read_digest(datagram, &Digest::decode(reader)?),
+            Kind::Parity => {
+                self.read_parity(Parity::decode(reader)?);
+                Ok(())
+            }
             Kind::Echo | Kind::Doubt => return Err(Malformed::UnknownCode),
         }?;
         Ok(())
@@ -103,7 +108,7 @@ impl Subscriber {
         false
     }
 
-    fn tick_of(&self, tick: Low16) -> Tick {
+    pub(super) fn tick_of(&self, tick: Low16) -> Tick {
         Tick::new(tick.expand(self.newest.value()))
     }
 
@@ -145,7 +150,7 @@ impl Subscriber {
         Some((number, tick))
     }
 
-    fn read_state(&mut self, datagram: &[u8], packet: StatePacket<'_>) -> Result<(), Malformed> {
+    pub(super) fn read_state(&mut self, datagram: &[u8], packet: StatePacket<'_>) -> Result<(), Malformed> {
         if !self.is_due(packet.notices, datagram) {
             return Ok(());
         }
@@ -155,21 +160,31 @@ impl Subscriber {
         let decoded = packet
             .updates(&mut updates)
             .and_then(|()| self.admit(&updates));
+        let newest = self.gaps.next();
         if decoded.is_ok()
             && let Some((number, tick)) = self.arrive(number, tick, ends_tick)
         {
-            // What is held is read by where its holder is said to be in the same packet.
-            for framed in [false, true] {
-                for update in &updates {
-                    if update.saying.names_carrier() == framed {
-                        self.hear(number, tick, update);
-                    }
-                }
+            self.keep(number, datagram);
+            self.hear_all(number, tick, &updates);
+            if number < newest {
+                self.read_again_after(number, &mut updates);
             }
             self.touch_held();
         }
         self.updates = updates;
         decoded
+    }
+
+    /// Takes in all that a packet says.
+    pub(super) fn hear_all(&mut self, number: u64, tick: Tick, updates: &[Update]) {
+        // What is held is read by where its holder is said to be in the same packet.
+        for framed in [false, true] {
+            for update in updates {
+                if update.saying.names_carrier() == framed {
+                    self.hear(number, tick, update);
+                }
+            }
+        }
     }
 
     /// Refuses what a narrow stream cannot say.
@@ -343,7 +358,8 @@ impl Subscriber {
                 .tracks
                 .slot(record.index)
                 .is_some_and(|slot| slot.track.carrier.is_some());
-            if self.tracks.hear(record.index, origin, &whole).is_ok() {
+            let former = Former(&self.before);
+            if self.tracks.hear(record.index, origin, &whole, former).is_ok() {
                 if record.whole.carrier.is_some() && !was_held {
                     self.held_indices.push(record.index);
                 }
@@ -357,6 +373,10 @@ impl Subscriber {
             parts: repair.parts,
         };
         self.gaps.repaired(lost, of, repair.part);
+        let mut updates = core::mem::take(&mut self.updates);
+        self.read_again_after(lost, &mut updates);
+        self.updates = updates;
+        self.touch_held();
         Ok(())
     }
 }

@@ -1,0 +1,92 @@
+//! How much of a stream is said again in parities, by how much of it is lost.
+
+/// A share of a stream's packets that was lost, of a million.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Loss(pub u32);
+
+impl Loss {
+    /// Of a hundred.
+    #[must_use]
+    pub const fn percent(count: u32) -> Self {
+        Self(count * 10_000)
+    }
+}
+
+/// How much is said again in parities.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Redundancy {
+    /// Nothing: what is lost is asked for.
+    #[default]
+    Off,
+    /// After every third tick.
+    Thin,
+    /// After every other tick: what was lost with a tick is had back with the next one.
+    Plain,
+    /// After every tick.
+    Thick,
+}
+
+impl Redundancy {
+    const ALL: [Self; 4] = [Self::Off, Self::Thin, Self::Plain, Self::Thick];
+
+    /// The loss from which on it is used.
+    #[must_use]
+    pub const fn from(self) -> Loss {
+        match self {
+            Self::Off => Loss(0),
+            Self::Thin => Loss::percent(1),
+            Self::Plain => Loss::percent(3),
+            Self::Thick => Loss::percent(10),
+        }
+    }
+
+    /// What serves for a loss where this served so far: at once more if more is lost, less only if clearly less is.
+    #[must_use]
+    pub fn for_loss(self, loss: Loss) -> Self {
+        let served = |eased: bool| {
+            let enough = |level: &&Self| {
+                let from = level.from().0;
+                loss.0 >= if eased { from / 5 * 3 } else { from }
+            };
+            Self::ALL.iter().rfind(enough).copied().unwrap_or_default()
+        };
+        served(false).max(self.min(served(true)))
+    }
+
+    /// After how many ticks parities are said; none if none are.
+    pub(crate) const fn ticks(self) -> Option<u32> {
+        match self {
+            Self::Off => None,
+            Self::Thin => Some(3),
+            Self::Plain => Some(2),
+            Self::Thick => Some(1),
+        }
+    }
+
+    /// How many parities go with so many new packets: such that of a hundred times hardly once more is lost than they
+    /// give back, and no more than there are packets.
+    pub(crate) fn parities(self, packets: u64) -> u64 {
+        let loss = match self {
+            Self::Off => return 0,
+            Self::Thin => 0.02,
+            Self::Plain => 0.05,
+            Self::Thick => 0.1,
+        };
+        let packets = packets.min(64);
+        (1..packets).find(|parities| beyond(packets + parities, *parities, loss) < 0.015).unwrap_or(packets)
+    }
+}
+
+/// The probability that of `count` more than `most` are lost, each with probability `loss`.
+fn beyond(count: u64, most: u64, loss: f64) -> f64 {
+    let mut term = 1.0;
+    for _ in 0..count {
+        term *= 1.0 - loss;
+    }
+    let mut within = 0.0;
+    for lost in 0..=most {
+        within += term;
+        term *= (count - lost) as f64 / (lost + 1) as f64 * loss / (1.0 - loss);
+    }
+    1.0 - within
+}

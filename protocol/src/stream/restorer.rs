@@ -1,0 +1,223 @@
+//! What a listener keeps so that parities give it lost packets back.
+//!
+//! Columns and sums only: what a rebuilt packet says is for the subscriber to read, as it reads any other. Bytes from
+//! anyone: the packets of [`PARITY_SPAN`] numbers and [`PARITIES_KEPT`] parities are all that is kept, and a parity costs
+//! no more than a multiplication for each byte of these.
+
+use alloc::collections::{BTreeMap, VecDeque};
+use alloc::vec;
+use alloc::vec::Vec;
+
+use crate::limits::{PARITIES_KEPT, PARITY_SPAN};
+use crate::packet::{Parity, add_times, inverse, times};
+
+/// A parity, less the packets in it that were heard.
+#[derive(Clone, Debug)]
+struct Sum {
+    row: u8,
+    /// The packets that are still in it.
+    unknown: Vec<u64>,
+    column: Vec<u8>,
+}
+
+impl Sum {
+    /// Takes a packet out that has become known.
+    fn take(&mut self, number: u64, column: &[u8]) {
+        let Some(place) = self.unknown.iter().position(|other| *other == number) else {
+            return;
+        };
+        self.unknown.swap_remove(place);
+        if self.column.len() < column.len() {
+            self.column.resize(column.len(), 0);
+        }
+        add_times(&mut self.column, Parity::factor(self.row, number), column);
+    }
+}
+
+/// A listener's last packets and the parities that it has no use for yet.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Restorer {
+    /// One more than the highest number of which anything was heard.
+    end: u64,
+    columns: BTreeMap<u64, Vec<u8>>,
+    sums: VecDeque<Sum>,
+    /// Below this number nothing is rebuilt: it was said before this began, or a parity was wrong.
+    distrusted: u64,
+}
+
+impl Restorer {
+    /// Of a stream of which nothing before this packet will be heard.
+    pub(crate) fn new(next: u64) -> Self {
+        Self {
+            end: next,
+            distrusted: next,
+            ..Self::default()
+        }
+    }
+
+    /// A packet was heard, of which this is the column.
+    pub(crate) fn hear(&mut self, number: u64, column: Vec<u8>) {
+        self.advance(number + 1);
+        if number < self.oldest() {
+            return;
+        }
+        for sum in &mut self.sums {
+            sum.take(number, &column);
+        }
+        self.sums.retain(|sum| !sum.unknown.is_empty());
+        self.columns.insert(number, column);
+    }
+
+    /// A parity was heard, of which this is the number of the newest packet.
+    pub(crate) fn add(&mut self, last: u64, parity: Parity) {
+        self.advance(last + 1);
+        let mut sum = Sum {
+            row: parity.row,
+            unknown: parity.numbers(last).collect(),
+            column: parity.sums,
+        };
+        for number in sum.unknown.clone() {
+            if let Some(column) = self.columns.get(&number) {
+                sum.take(number, column);
+            }
+        }
+        let oldest = self.oldest().max(self.distrusted);
+        let of_use = sum.unknown.iter().all(|number| *number >= oldest);
+        let twice = |other: &Sum| other.row == sum.row && other.unknown == sum.unknown;
+        if !of_use || sum.unknown.is_empty() || self.sums.iter().any(twice) {
+            return;
+        }
+        if self.sums.len() == PARITIES_KEPT {
+            self.sums.pop_front();
+        }
+        self.sums.push_back(sum);
+    }
+
+    /// The packets that what was heard gives back, in order of their numbers, with their columns.
+    pub(crate) fn rebuild(&mut self) -> Vec<(u64, Vec<u8>)> {
+        if self.sums.is_empty() {
+            return Vec::new();
+        }
+        let mut unknown: Vec<u64> = self.sums.iter().flat_map(|sum| sum.unknown.iter().copied()).collect();
+        unknown.sort_unstable();
+        unknown.dedup();
+        let mut rows: Vec<Row> = (0..self.sums.len()).map(|place| self.row(place, &unknown)).collect();
+        reduce(&mut rows, unknown.len());
+        let rebuilt: Vec<_> = rows
+            .iter()
+            .filter_map(|row| {
+                let mut of = row.factors.iter().enumerate().filter(|(_, factor)| **factor != 0);
+                let (place, _) = of.next()?;
+                of.next().is_none().then(|| (unknown[place], self.mixed(row)))
+            })
+            .collect();
+        for (number, column) in &rebuilt {
+            self.hear(*number, column.clone());
+        }
+        rebuilt
+    }
+
+    /// A rebuilt packet was none: no parity heard so far is used any more, nor is any asked for until these packets are
+    /// history.
+    pub(crate) fn distrust(&mut self, number: u64) {
+        self.columns.remove(&number);
+        self.sums.clear();
+        self.distrusted = self.end;
+    }
+
+    /// The column of a packet, if that was heard or rebuilt, and lately.
+    pub(crate) fn column(&self, number: u64) -> Option<&[u8]> {
+        self.columns.get(&number).map(Vec::as_slice)
+    }
+
+    /// How many parities more would give back those of the missing packets that parities can.
+    pub(crate) fn wanted(&self, missing: impl Iterator<Item = u64>) -> u8 {
+        let oldest = self.oldest().max(self.distrusted);
+        let lost = missing
+            .filter(|number| *number >= oldest && !self.columns.contains_key(number))
+            .count();
+        lost.saturating_sub(self.sums.len()) as u8
+    }
+
+    /// What is known of lies below; what lies too far below that is forgotten.
+    fn advance(&mut self, end: u64) {
+        if end <= self.end {
+            return;
+        }
+        self.end = end;
+        let oldest = self.oldest();
+        self.columns = self.columns.split_off(&oldest);
+        let of_use = |sum: &Sum| sum.unknown.iter().all(|number| *number >= oldest);
+        self.sums.retain(of_use);
+    }
+
+    const fn oldest(&self) -> u64 {
+        self.end.saturating_sub(PARITY_SPAN as u64)
+    }
+
+    fn row(&self, place: usize, unknown: &[u64]) -> Row {
+        let sum = &self.sums[place];
+        let factor = |number: &u64| {
+            let covered = sum.unknown.contains(number);
+            if covered { Parity::factor(sum.row, *number) } else { 0 }
+        };
+        let mut shares = vec![0; self.sums.len()];
+        shares[place] = 1;
+        Row {
+            factors: unknown.iter().map(factor).collect(),
+            shares,
+        }
+    }
+
+    /// The sum of the parities by their shares in a row.
+    fn mixed(&self, row: &Row) -> Vec<u8> {
+        let used = || self.sums.iter().zip(&row.shares).filter(|(_, share)| **share != 0);
+        let longest = used().map(|(sum, _)| sum.column.len()).max();
+        let mut column = vec![0; longest.unwrap_or_default()];
+        for (sum, share) in used() {
+            add_times(&mut column, *share, &sum.column);
+        }
+        column
+    }
+}
+
+/// An equation: which unknown packets it holds with which factors, and how it was made of the parities.
+#[derive(Clone, Debug)]
+struct Row {
+    factors: Vec<u8>,
+    shares: Vec<u8>,
+}
+
+impl Row {
+    fn scale(&mut self, by: u8) {
+        for number in self.factors.iter_mut().chain(&mut self.shares) {
+            *number = times(*number, by);
+        }
+    }
+
+    fn add(&mut self, by: u8, other: &Self) {
+        add_times(&mut self.factors, by, &other.factors);
+        add_times(&mut self.shares, by, &other.shares);
+    }
+}
+
+/// Gauss-Jordan elimination: afterwards each row has a first factor of one that no other row has.
+fn reduce(rows: &mut [Row], columns: usize) {
+    let mut done = 0;
+    for column in 0..columns {
+        let Some(found) = (done..rows.len()).find(|place| rows[*place].factors[column] != 0) else {
+            continue;
+        };
+        rows.swap(done, found);
+        let factor = rows[done].factors[column];
+        rows[done].scale(inverse(factor));
+        let pivot = rows[done].clone();
+        for (place, row) in rows.iter_mut().enumerate() {
+            if place != done {
+                let factor = row.factors[column];
+                row.add(factor, &pivot);
+            }
+        }
+        done += 1;
+    }
+}
