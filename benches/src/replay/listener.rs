@@ -23,6 +23,8 @@ pub(super) enum Change {
 const DISORDER: Span = Span::from_millis(4);
 /// The longest wait between two askings for one repair.
 const REPAIR_MOST: Span = Span::from_millis(500);
+/// How often it tells what it lost, where parities gave that back.
+const REPORT: Span = Span::from_millis(500);
 /// How long the stream may be silent before it is asked.
 const SILENCE: Span = Span::from_millis(3_000);
 
@@ -36,6 +38,8 @@ pub(super) struct Listener {
     repair: Option<(Instant, Span)>,
     silence: Instant,
     round_trip: Span,
+    /// When it said last what it lost, and how much that was.
+    reported: (Instant, u64),
 }
 
 /// What both ends of a replay know before it begins.
@@ -65,6 +69,7 @@ impl Listener {
             repair: None,
             silence: Instant::ZERO + SILENCE,
             round_trip,
+            reported: (Instant::ZERO, 0),
         }
     }
 
@@ -104,9 +109,13 @@ impl Listener {
 
     /// What it asks now, if it is time to.
     pub(super) fn ask(&mut self, now: Instant) -> Option<Bytes> {
-        if now < self.due() {
+        let (at, lost) = self.reported;
+        let reports =
+            self.repair.is_none() && self.subscriber.lost() > lost && now >= at + REPORT;
+        if now < self.due() && !reports {
             return None;
         }
+        self.reported = (now, self.subscriber.lost());
         if let Some((at, wait)) = &mut self.repair
             && *at <= now
         {

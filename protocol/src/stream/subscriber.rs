@@ -34,6 +34,8 @@ pub struct Subscriber {
     /// The snapshot's tick.
     start: Tick,
     every: NonZeroU32,
+    /// The number of the first packet.
+    first: u64,
     /// By index, the track before the present one, where nothing was said between the two.
     before: Vec<Option<Track>>,
     /// The newest origin of a track before which too little of its body was heard.
@@ -76,6 +78,7 @@ impl Subscriber {
             tracks: Tracks::new(start.tolerance, start.integrator, start.gravity),
             start: start.tick,
             every: start.every,
+            first: start.next,
             before: Vec::new(),
             known_from: Tick::ZERO,
             gaps: Gaps::new(start.next),
@@ -415,6 +418,12 @@ impl Subscriber {
     /// The next body whose track was made right.
     pub fn poll_amended(&mut self) -> Option<BodyId> {
         self.amended.pop_front()
+    }
+
+    /// How many of the packets that are known to have been sent did not come by themselves, since this began.
+    #[must_use]
+    pub const fn lost(&self) -> u64 {
+        (self.gaps.next() - self.first).saturating_sub(self.heard())
     }
 
     /// How many packets came by themselves.
