@@ -40,6 +40,9 @@ pub struct Replay {
     /// Switch these means of the publisher off.
     #[arg(long, value_delimiter = ',')]
     without: Vec<Feature>,
+    /// Say nothing twice: the same as `--without redundancy`.
+    #[arg(long)]
+    no_redundancy: bool,
     /// Replay once for each value, such as tolerance=0.005,0.01,0.02 or loss=0%,1%,5%; others: turn, every, and the
     /// names of a link.
     #[arg(long, conflicts_with = "matrix")]
@@ -149,7 +152,11 @@ fn settings(arguments: &Replay) -> Result<Vec<ReplayTerms>, Failure> {
         None if arguments.matrix => sweep::matrix(&base).map_err(Failure::Terms)?,
         None => vec![base],
     };
-    let features = Feature::all_but(&arguments.without);
+    let mut without = arguments.without.clone();
+    if arguments.no_redundancy {
+        without.push(Feature::Redundancy);
+    }
+    let features = Feature::all_but(&without);
     let terms = manners.iter().map(|manner| manner.terms(features));
     terms.collect::<Result<_, _>>().map_err(Failure::Terms)
 }

@@ -11,8 +11,8 @@ use proptest::prelude::*;
 use rhumb_protocol::packet::{Head, Kind, StreamId};
 use rhumb_protocol::scene::Cadence;
 use rhumb_protocol::stream::{
-    Activity, Bound, Features, Manner, Observation, Publisher, Reassurance, StreamStart,
-    StreamTerms, Subscriber, Witness,
+    Activity, Bound, Features, Manner, Observation, Publisher, Reassurance, Redundancy,
+    StreamStart, StreamTerms, Subscriber, Witness,
 };
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
@@ -125,6 +125,7 @@ struct Stage {
     /// What is on its way, by the tick at which it arrives.
     air: VecDeque<(u64, Bytes)>,
     loss: f64,
+    redundancy: Redundancy,
     tick: u64,
     worst: f64,
 }
@@ -173,6 +174,12 @@ impl Stage {
             subscriber,
             air: VecDeque::new(),
             loss,
+            redundancy: [
+                Redundancy::Off,
+                Redundancy::Thin,
+                Redundancy::Plain,
+                Redundancy::Thick,
+            ][seed as usize % 4],
             tick: 0,
             worst: 0.0,
         }
@@ -227,6 +234,7 @@ impl Stage {
         if self.tick.is_multiple_of(10) {
             datagrams.push(self.publisher.digest(0));
         }
+        self.publisher.say_parities(self.redundancy, &mut datagrams);
         for datagram in &datagrams {
             self.send(datagram);
         }
@@ -250,8 +258,12 @@ impl Stage {
         if self.dice.roll() < self.loss {
             return;
         }
-        for lost in echo.lost {
-            let number = lost.expand(self.publisher.next_number());
+        let mut parities = Vec::new();
+        let lost = self.publisher.answer(&echo, &mut parities);
+        for datagram in &parities {
+            self.send(datagram);
+        }
+        for number in lost {
             for datagram in self
                 .publisher
                 .repair(number, 0)

@@ -246,6 +246,6 @@ impl Team {
 const fn is_said(kind: Kind) -> bool {
     matches!(
         kind,
-        Kind::State | Kind::StateEnd | Kind::Vouch | Kind::Repair | Kind::Digest
+        Kind::State | Kind::StateEnd | Kind::Vouch | Kind::Repair | Kind::Digest | Kind::Parity
     )
 }

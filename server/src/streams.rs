@@ -1,17 +1,18 @@
 //! The streams of one scene: each said once, however many follow it.
 
-use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, BTreeSet};
 
 use bytes::Bytes;
 use glam::Vec3;
+use rhumb_protocol::Peer;
 use rhumb_protocol::limits::{HISTORY_PACKETS, STREAMS_PER_SCENE_MAX};
 use rhumb_protocol::message::{Denial, StreamChoice};
-use rhumb_protocol::packet::{Doubt, StreamId};
+use rhumb_protocol::packet::{Doubt, Echo, StreamId};
 use rhumb_protocol::scene::Cadence;
 use rhumb_protocol::stream::{
-    Features, FullPublisher, Manner, Observation, Publisher, PublisherStatistics, Reassurance,
-    StreamTerms, Witness,
+    Features, FullPublisher, Losses, Manner, Observation, Publisher, PublisherStatistics,
+    Reassurance, StreamTerms, Witness,
 };
 use rhumb_reckoning::{BodyId, Tick, Ticks, Tolerance, Track, Verbatim};
 
@@ -57,6 +58,8 @@ pub(crate) struct Stream {
     pub(crate) amended: u64,
     /// The datagrams of the last tick.
     packets: Vec<Bytes>,
+    /// What its members lose.
+    losses: Losses,
     /// What makes good lost packets, as asked for since the last tick: encoded once for all who lost the same.
     repairs: BTreeMap<(u64, u64), Vec<Bytes>>,
 }
@@ -150,8 +153,31 @@ impl Stream {
         }
     }
 
+    /// A member says how far it heard: what gives it back what it lost, or makes it good, and a vouch for what it could not
+    /// know of.
+    pub(crate) fn answer(&mut self, peer: Peer, echo: &Echo, notices: u64) -> Vec<Bytes> {
+        let next = self.next_number();
+        self.losses.hear(peer.0, echo, next);
+        let mut datagrams = Vec::new();
+        let lost: BTreeSet<u64> = match &mut self.source {
+            Source::Reckoned(publisher) => {
+                publisher.answer(echo, &mut datagrams).into_iter().collect()
+            }
+            Source::Full(_) => echo.lost.iter().map(|lost| lost.expand(next)).collect(),
+        };
+        for number in lost {
+            match self.repair(number, notices) {
+                Some(repair) => datagrams.extend_from_slice(repair),
+                // Forgotten: the vouch below tells the member how much it missed, and it asks for everything.
+                None => tracing::debug!(number, "a lost packet is no longer known"),
+            }
+        }
+        datagrams.push(self.vouch(notices));
+        datagrams
+    }
+
     /// The datagrams that make good a lost packet; none when it is not known any more.
-    pub(crate) fn repair(&mut self, number: u64, notices: u64) -> Option<&[Bytes]> {
+    fn repair(&mut self, number: u64, notices: u64) -> Option<&[Bytes]> {
         if self.repairs.len() >= HISTORY_PACKETS {
             self.repairs.clear();
         }
@@ -181,6 +207,15 @@ impl Stream {
         if self.tick() == before {
             return;
         }
+        self.vouch_or_sum_up(at);
+        let redundancy = self.losses.redundancy(self.followers, self.next_number());
+        if let Source::Reckoned(publisher) = &mut self.source {
+            publisher.say_parities(redundancy, &mut self.packets);
+        }
+    }
+
+    /// What goes with the packets of a tick, or in place of them.
+    fn vouch_or_sum_up(&mut self, at: &Moment<'_>) {
         if !self.packets.is_empty() {
             self.silent = 0;
             let digest = self.due_digest(at);
@@ -304,6 +339,7 @@ impl Streams {
             digest: (Tick::ZERO, 0),
             amended: 0,
             packets: Vec::new(),
+            losses: Losses::default(),
             repairs: BTreeMap::new(),
         });
         self.streams.last_mut().expect("one was just added")

@@ -26,6 +26,10 @@ def results(vectors):
         datagram = bytes.fromhex(case["bytes"])
         yield case["name"], case["means"], outcome(datagram)
         yield case["name"] + ", written", case["bytes"], packets.encoded(case["means"]).hex()
+    for case in vectors["parities"]:
+        covered = [(number, bytes.fromhex(datagram)) for number, datagram in case["packets"]]
+        row = packets.decoded(bytes.fromhex(case["parity"]))["row"]
+        yield "the parity of packets", case["parity"], packets.parity(row, covered).hex()
     for case in vectors["refused"]:
         yield case["name"], case["refusal"], outcome(bytes.fromhex(case["bytes"]))
 

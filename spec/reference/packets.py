@@ -14,6 +14,7 @@ TABLES = json.loads((Path(__file__).resolve().parent.parent / "tables" / "packet
 INDEX_BITS, INDICES = 20, 1 << 20
 AGE_MAX = 1 << 30
 UPDATES_MAX, RECORDS_MAX, LOST_MAX, PARTS_MAX = 400, 9200, 64, 64
+SPAN, ROWS, SUMS_MAX = 32, 128, 1136
 POSITION_LIMIT, VELOCITY_LIMIT, RESIDUAL_LIMIT, TURN_LIMIT = 1 << 30, 1 << 24, 1 << 26, 1 << 10
 COARSENESS_LIMIT = 12
 SETTLED_AGE, COARSENESS, LENGTH = 7, 384, 388  # contexts
@@ -547,7 +548,7 @@ def varint(value):
 def decoded(datagram):
     frm = Bytes(datagram)
     kind = frm.u8()
-    refuse_if(kind > 6, "UnknownCode")
+    refuse_if(kind > 6 and kind != 9, "UnknownCode")
     said = {"stream": frm.varint(WORD - 1), "kind": kind}
     if kind in (0, 1):
         said |= {name: frm.low16() for name in ("number", "tick", "notices")}
@@ -569,10 +570,18 @@ def decoded(datagram):
         refuse_if(said["part"] >= said["parts"] or said["parts"] > PARTS_MAX, "OutOfRange")
         read_records(said, frm)
     elif kind == 6:
-        said["next"] = frm.low16()
+        said |= {"next": frm.low16(), "gone": frm.low16(), "parities": frm.u8()}
+        refuse_if(said["parities"] > SPAN, "OutOfRange")
         count = frm.varint(LOST_MAX, "TooLong")
         said["lost"] = [frm.low16() for _ in range(count)]
         frm.finish()
+    elif kind == 9:
+        said |= {"last": frm.low16(), "covered": frm.varint(WORD - 1), "row": frm.u8()}
+        refuse_if(said["covered"] >= 1 << SPAN - 1 or said["row"] >= ROWS, "OutOfRange")
+        sums = frm.rest()
+        refuse_if(len(sums) > SUMS_MAX, "TooLong")
+        refuse_if(sums.endswith(b"\0"), "NotCanonical")
+        said["sums"] = sums.hex()
     return said
 
 
@@ -613,5 +622,39 @@ def encoded(said):
             index = record["index"] + 1
         parts = bytes([said["part"], said["parts"]]) + varint(len(said["records"]))
         return head + low16s("lost", "tick", "notices") + parts + bits.finish()
+    if kind == 9:
+        return head + low16s("last") + varint(said["covered"]) + bytes([said["row"]]) + bytes.fromhex(said["sums"])
     lost = b"".join(number.to_bytes(2, "little") for number in said["lost"])
-    return head + low16s("next") + varint(len(said["lost"])) + lost
+    return head + low16s("next", "gone") + bytes([said["parities"]]) + varint(len(said["lost"])) + lost
+
+
+def times(a, b):
+    product = 0
+    for bit in range(8):
+        if b >> bit & 1:
+            product ^= a << bit
+    for bit in range(15, 7, -1):
+        if product >> bit & 1:
+            product ^= 0x11D << bit - 8
+    return product
+
+
+def factor(row, number):
+    difference = (ROWS + row) ^ (number % ROWS)
+    return next(inverse for inverse in range(256) if times(difference, inverse) == 1)
+
+
+def parity(row, packets):
+    """The parity of packets, each a number and a datagram, the newest last."""
+    last, _ = packets[-1]
+    sums, covered = bytearray(SUMS_MAX), 0
+    for number, datagram in packets:
+        frm = Bytes(datagram)
+        column = bytes([frm.u8()])
+        stream, _ = frm.varint(WORD - 1), frm.low16()
+        covered |= 1 << last - number
+        multiple = factor(row, number)
+        for place, byte in enumerate(column + frm.rest()):
+            sums[place] ^= times(multiple, byte)
+    said = {"kind": 9, "stream": stream, "last": last % 65536, "covered": covered >> 1, "row": row}
+    return encoded(said | {"sums": bytes(sums).rstrip(b"\0").hex()})

@@ -8,7 +8,7 @@
 
 use proptest::prelude::*;
 use rhumb_protocol::limits::{
-    COUNT_MAX, HISTORY_PACKETS, INDICES_MAX, LOST_NAMED_MAX, RESERVE_MAX,
+    COUNT_MAX, HISTORY_PACKETS, INDICES_MAX, LOST_NAMED_MAX, PARITY_SPAN, RESERVE_MAX,
 };
 use rhumb_protocol::message::{ClientMessage, StreamChoice};
 use rhumb_protocol::packet::{Echo, Low16, StreamId};
@@ -306,6 +306,8 @@ fn an_echo_is_answered_by_no_more_than_it_names() {
         for lost in [0, 10, 60_000] {
             let echo = Echo {
                 next: Low16(lost),
+                gone: Low16(lost),
+                parities: PARITY_SPAN as u8,
                 lost: vec![Low16(lost); LOST_NAMED_MAX],
             };
             let bytes = echo.encode(StreamId(stream));

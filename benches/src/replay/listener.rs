@@ -110,8 +110,7 @@ impl Listener {
     /// What it asks now, if it is time to.
     pub(super) fn ask(&mut self, now: Instant) -> Option<Bytes> {
         let (at, lost) = self.reported;
-        let reports =
-            self.repair.is_none() && self.subscriber.lost() > lost && now >= at + REPORT;
+        let reports = self.repair.is_none() && self.subscriber.lost() > lost && now >= at + REPORT;
         if now < self.due() && !reports {
             return None;
         }

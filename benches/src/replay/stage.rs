@@ -11,9 +11,7 @@ use bytes::Bytes;
 use rhumb_protocol::message::{Notice, ServerMessage};
 use rhumb_protocol::packet::{Echo, Head, Kind, StreamId};
 use rhumb_protocol::scene::{BodyKind, Cadence};
-use rhumb_protocol::stream::{
-    Activity, Features, Losses, Manner, Publisher, StreamTerms, Witness,
-};
+use rhumb_protocol::stream::{Activity, Features, Losses, Manner, Publisher, StreamTerms, Witness};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Instant, Span};
@@ -121,7 +119,6 @@ pub fn run(
     let mut stage = Stage::new(recording, terms);
     stage.come_and_go(Tick::ZERO)?;
     stage.listener.subscriber.handle_snapshot_end();
-    stage.losses.begin(LISTENER, stage.publisher.next_number());
     let rate = recording.integrator.rate;
     let last = u64::from(recording.ticks());
     for number in 1..=last + u64::from(terms.hindsight.count()) {
@@ -301,7 +298,7 @@ impl<'a> Stage<'a> {
             }
             self.note_lost(now, tick, losses);
         }
-        let redundancy = self.losses.redundancy(self.publisher.next_number());
+        let redundancy = self.losses.redundancy(1, self.publisher.next_number());
         let mut parities = Vec::new();
         self.publisher.say_parities(redundancy, &mut parities);
         for parity in parities {
@@ -403,9 +400,14 @@ impl<'a> Stage<'a> {
         let echo = Echo::decode(reader).ok().filter(|_| is_echo);
         let mut datagrams = Vec::new();
         if let Some(echo) = echo {
-            self.losses.hear(LISTENER, &echo, self.publisher.next_number());
+            self.losses
+                .hear(LISTENER, &echo, self.publisher.next_number());
             for number in self.publisher.answer(&echo, &mut datagrams) {
-                datagrams.extend(self.publisher.repair(number, self.notices).unwrap_or_default());
+                datagrams.extend(
+                    self.publisher
+                        .repair(number, self.notices)
+                        .unwrap_or_default(),
+                );
             }
         }
         for datagram in datagrams {

@@ -55,7 +55,7 @@ fn with_link(link: LinkTerms, parts: &str) -> Result<LinkTerms, String> {
         .map_err(|error: rhumb_transport::TermsError| error.to_string())
 }
 
-/// Losses in per cent, even and in bursts of four, at each round trip.
+/// Losses in per cent, even and in bursts of four, at each round trip; what loses nothing has no bursts.
 pub(super) fn matrix(base: &Manner) -> Result<Vec<Manner>, String> {
     let mut all = Vec::new();
     for rtt_ms in [0, 50, 100, 300] {

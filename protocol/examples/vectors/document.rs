@@ -5,7 +5,8 @@
 use std::fmt::Write;
 
 use rhumb_protocol::packet::{
-    Course, Echo, Head, Kind, Repair, Saying, StatePacket, Tables, TrackSaying, Update, Vouch,
+    Course, Echo, Head, Kind, Parity, Repair, Saying, StatePacket, Tables, TrackSaying, Update,
+    Vouch,
 };
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::wire::{Malformed, Wire};
@@ -14,8 +15,15 @@ use rhumb_reckoning::{Anchor, Predictor};
 /// What a case shows, and its datagram.
 pub(crate) type Case = (String, Vec<u8>);
 
+/// A parity with the packets that it covers, by number.
+#[derive(Debug)]
+pub(crate) struct Covered {
+    pub(crate) parity: Vec<u8>,
+    pub(crate) packets: Vec<(u64, Vec<u8>)>,
+}
+
 /// The file of vectors.
-pub(crate) fn vectors(said: &[Case], refused: &[Case]) -> String {
+pub(crate) fn vectors(said: &[Case], refused: &[Case], covered: &[Covered]) -> String {
     let said = said.iter().map(|(name, bytes)| {
         let means = meaning(bytes).unwrap_or_else(|why| panic!("{name}: {why}"));
         format!(
@@ -30,10 +38,20 @@ pub(crate) fn vectors(said: &[Case], refused: &[Case]) -> String {
             hex(bytes)
         )
     });
+    let covered = covered.iter().map(|case| {
+        let of = |(number, bytes): &(u64, Vec<u8>)| format!("[{number}, \"{}\"]", hex(bytes));
+        let packets: Vec<_> = case.packets.iter().map(of).collect();
+        format!(
+            "{{\"parity\": \"{}\", \"packets\": {}}}",
+            hex(&case.parity),
+            list(&packets)
+        )
+    });
     format!(
-        "{{\n\"format\": \"rhumb packet vectors 1\",\n\"said\": [\n{}\n],\n\"refused\": [\n{}\n]\n}}\n",
+        "{{\n\"format\": \"rhumb packet vectors 1\",\n\"said\": [\n{}\n],\n\"refused\": [\n{}\n],\n\"parities\": [\n{}\n]\n}}\n",
         lines(said),
-        lines(refused)
+        lines(refused),
+        lines(covered)
     )
 }
 
@@ -99,9 +117,21 @@ pub(crate) fn meaning(bytes: &[u8]) -> Result<String, Malformed> {
             let echo = Echo::decode(reader)?;
             let lost: Vec<_> = echo.lost.iter().map(|low| low.0).collect();
             format!(
-                "\"kind\": 6, \"next\": {}, \"lost\": {}",
+                "\"kind\": 6, \"next\": {}, \"gone\": {}, \"parities\": {}, \"lost\": {}",
                 echo.next.0,
+                echo.gone.0,
+                echo.parities,
                 list(&lost)
+            )
+        }
+        Kind::Parity => {
+            let parity = Parity::decode(reader)?;
+            format!(
+                "\"kind\": 9, \"last\": {}, \"covered\": {}, \"row\": {}, \"sums\": \"{}\"",
+                parity.last.0,
+                parity.covered,
+                parity.row,
+                hex(&parity.sums)
             )
         }
         Kind::Full | Kind::FullEnd | Kind::Digest | Kind::Doubt => {

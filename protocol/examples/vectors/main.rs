@@ -11,7 +11,7 @@ use std::io::{self, Write};
 use std::path::Path;
 
 fn main() -> io::Result<()> {
-    let text = document::vectors(&said::cases(), &refused::cases());
+    let text = document::vectors(&said::cases(), &refused::cases(), &said::covered());
     if std::env::args().any(|argument| argument == "--write") {
         let spec = Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec");
         std::fs::create_dir_all(spec.join("tables"))?;

@@ -78,8 +78,25 @@ fn heads(cases: &mut Vec<Case>) {
     .encode(StreamId(5));
     case("a vouch that ends too soon", &vouch[..vouch.len() - 1]);
     case("bytes behind a vouch", &[&vouch[..], &[0]].concat());
-    case("an echo of 65 numbers", &[6, 5, 0, 0, 65]);
-    case("an echo that ends too soon", &[6, 5, 0, 0, 2, 1, 0]);
+    case("an echo of 65 numbers", &[6, 5, 0, 0, 0, 0, 0, 65]);
+    case(
+        "an echo that ends too soon",
+        &[6, 5, 0, 0, 0, 0, 0, 2, 1, 0],
+    );
+    case("an echo that wants 33 parities", &[6, 5, 0, 0, 0, 0, 33, 0]);
+    let parity = [9, 5, 0x71, 0x11, 3, 7, 1, 2, 3];
+    for cut in 2..6 {
+        case("a parity that ends too soon", &parity[..cut]);
+    }
+    case("a parity of row 128", &[9, 5, 0x71, 0x11, 3, 128, 1]);
+    let wide = [9, 5, 0x71, 0x11, 0x80, 0x80, 0x80, 0x80, 8, 7, 1];
+    case("a parity over 33 numbers", &wide);
+    case(
+        "a parity that ends in a zero",
+        &[&parity[..], &[0]].concat(),
+    );
+    let long = [&parity[..6], &[1; 1137]].concat();
+    case("a parity of 1137 sums", &long);
 }
 
 fn codes(cases: &mut Vec<Case>) {

@@ -2,8 +2,8 @@
 
 use rhumb_protocol::limits::INDICES_MAX;
 use rhumb_protocol::packet::{
-    Course, Echo, Low16, RepairRecord, RepairWriter, Saying, StateWriter, StreamId, TrackSaying,
-    Update, Vouch,
+    Course, Echo, Low16, Parity, RepairRecord, RepairWriter, Saying, StateWriter, StreamId,
+    TrackSaying, Update, Vouch,
 };
 use rhumb_reckoning::{
     Anchor, BodyId, HORIZON, POSITION_LIMIT, Predictor, RESIDUAL_LIMIT, Residual, Settling,
@@ -11,7 +11,7 @@ use rhumb_reckoning::{
 };
 
 use crate::chance::Chance;
-use crate::document::Case;
+use crate::document::{Case, Covered};
 
 /// All of them.
 pub(crate) fn cases() -> Vec<Case> {
@@ -417,7 +417,43 @@ fn by_chance(cases: &mut Vec<Case>) {
     ));
 }
 
+/// Parities over packets that say one thing to many.
+pub(crate) fn covered() -> Vec<Covered> {
+    let mut chance = Chance::new(11);
+    let mut packets = Vec::new();
+    for number in 69_990_u64..70_010 {
+        let age = Ticks::new(1 + chance.below(9));
+        let residual = Residual::default();
+        let said = Saying::Residual {
+            course: Course::Same,
+            age,
+            residual,
+        };
+        let mut writer = StateWriter::new(StreamId(5), number, number / 2, 12);
+        for seat in 0..=chance.below(30) {
+            assert!(writer.push(&seated(2 * seat, said)), "the updates fit");
+        }
+        packets.push((number, writer.finish(number % 3 != 0)));
+    }
+    let parity = |row: u8, places: &[usize]| {
+        let packets: Vec<_> = places.iter().map(|place| packets[*place].clone()).collect();
+        let slices: Vec<_> = packets.iter().map(|(n, bytes)| (*n, &bytes[..])).collect();
+        let parity = Parity::of(row, &slices).expect("each packet says something");
+        let parity = parity.encode(StreamId(5));
+        Covered { parity, packets }
+    };
+    vec![
+        parity(0, &[0]),
+        parity(0, &[1, 2]),
+        parity(127, &[3, 5, 8]),
+        parity(64, &(0..20).collect::<Vec<_>>()),
+    ]
+}
+
 fn others(cases: &mut Vec<Case>) {
+    for case in covered() {
+        cases.push(("a parity".to_owned(), case.parity));
+    }
     for (next, tick, notices) in [(0, 0, 0), (70_001, 301, 12)] {
         let low = |count| Low16::of(count);
         let vouch = Vouch {
@@ -427,9 +463,15 @@ fn others(cases: &mut Vec<Case>) {
         };
         cases.push(("a vouch".to_owned(), vouch.encode(StreamId(5))));
     }
-    for lost in [vec![], vec![Low16(1)], (0..64).map(Low16).collect()] {
+    for (parities, lost) in [
+        (0, vec![]),
+        (1, vec![Low16(1)]),
+        (32, (0..64).map(Low16).collect()),
+    ] {
         let echo = Echo {
             next: Low16(70),
+            gone: Low16(300),
+            parities,
             lost,
         };
         cases.push(("an echo".to_owned(), echo.encode(StreamId(5))));

@@ -12,9 +12,8 @@ use crate::wire::{Malformed, Wire};
 pub struct Echo {
     /// One more than the number of the newest packet known to have been sent.
     pub next: Low16,
-    /// How many packets were heard, copies and rebuilt ones aside: by what the numbers grew more than this between two
-    /// echoes, packets were lost.
-    pub heard: Low16,
+    /// How many of all packets so far did not come by themselves, whether parities gave them back or not.
+    pub gone: Low16,
     /// How many parities would do for those of the lost packets that were sent last; none where repairs are wanted.
     pub parities: u8,
     /// Packets below that were not heard, oldest first.
@@ -32,7 +31,7 @@ impl Echo {
         }
         .encode(&mut to);
         self.next.encode(&mut to);
-        self.heard.encode(&mut to);
+        self.gone.encode(&mut to);
         to.u8(self.parities);
         to.varint(self.lost.len() as u64);
         for lost in &self.lost {
@@ -48,7 +47,7 @@ impl Echo {
     /// [`Malformed`] when that is not an echo.
     pub fn decode(mut from: Reader<'_>) -> Result<Self, Malformed> {
         let next = Low16::decode(&mut from)?;
-        let heard = Low16::decode(&mut from)?;
+        let gone = Low16::decode(&mut from)?;
         let parities = from.u8()?;
         if u32::from(parities) > PARITY_SPAN {
             return Err(Malformed::OutOfRange);
@@ -64,7 +63,7 @@ impl Echo {
         from.finish()?;
         Ok(Self {
             next,
-            heard,
+            gone,
             parities,
             lost,
         })
@@ -78,9 +77,9 @@ mod tests {
 
     proptest! {
         #[test]
-        fn an_echo_comes_back(next: u16, heard: u16, parities in 0..=PARITY_SPAN as u8, lost in proptest::collection::vec(any::<u16>(), 0..LOST_NAMED_MAX)) {
-            let (next, heard) = (Low16(next), Low16(heard));
-            let echo = Echo { next, heard, parities, lost: lost.into_iter().map(Low16).collect() };
+        fn an_echo_comes_back(next: u16, gone: u16, parities in 0..=PARITY_SPAN as u8, lost in proptest::collection::vec(any::<u16>(), 0..LOST_NAMED_MAX)) {
+            let (next, gone) = (Low16(next), Low16(gone));
+            let echo = Echo { next, gone, parities, lost: lost.into_iter().map(Low16).collect() };
             let bytes = echo.encode(StreamId(300));
             let mut reader = Reader::new(&bytes);
             prop_assert_eq!(Head::decode(&mut reader), Ok(Head { kind: Kind::Echo, stream: StreamId(300) }));

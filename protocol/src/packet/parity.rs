@@ -48,6 +48,20 @@ impl Parity {
         })
     }
 
+    /// The parity of some state packets, the newest last, whose numbers all lie within [`PARITY_SPAN`]; `None` if there
+    /// is none, or one that is never covered.
+    #[must_use]
+    pub fn of(row: u8, packets: &[(u64, &[u8])]) -> Option<Self> {
+        let (last, _) = *packets.last()?;
+        let mut parity = Self::begin(row, last);
+        for (number, datagram) in packets {
+            let (_, column) = column_of(datagram)?;
+            parity.add(*number, last.checked_sub(*number)?, &column);
+        }
+        parity.sums.truncate(without_zeros(&parity.sums).len());
+        Some(parity)
+    }
+
     /// A sum over nothing yet.
     pub(crate) fn begin(row: u8, last: u64) -> Self {
         Self {

@@ -40,6 +40,8 @@ enum State {
 
 /// How long a gap may be the network's disorder before it counts as loss.
 const DISORDER: Span = Span::from_millis(4);
+/// How often a member tells what it lost, where parities gave that back.
+const REPORT: Span = Span::from_millis(500);
 /// The longest silence between two askings for one repair.
 const REPAIR_MOST: Span = Span::from_millis(500);
 /// The pause between two askings for the whole scene, unless the stream was settled between them. It doubles, so that a
@@ -73,6 +75,8 @@ pub struct ClientSession {
     resyncing: bool,
     touch: Patience,
     repair: Patience,
+    /// When it told last what it lost, and how many packets that were.
+    reported: (Instant, u64),
     doubt: Patience,
     silence: Patience,
     pings: Pings,
@@ -101,6 +105,7 @@ impl ClientSession {
             resyncing: false,
             touch: Patience::new(Span::ZERO, RESYNC_MOST),
             repair: Patience::new(DISORDER, REPAIR_MOST),
+            reported: (Instant::ZERO, 0),
             doubt: Patience::new(DISORDER, REPAIR_MOST),
             silence: Patience::new(SILENCE, SILENCE_MOST),
             pings: Pings::new(),
@@ -407,6 +412,11 @@ impl ClientSession {
         Ok(())
     }
 
+    fn send_echoes(&mut self, now: Instant) {
+        self.reported = (now, self.copies.lost());
+        self.send_states(self.copies.echoes());
+    }
+
     /// When to ask for the whole scene again.
     fn touch_due(&self) -> Option<Instant> {
         let due = self.touch.due()?;
@@ -425,6 +435,10 @@ impl ClientSession {
             self.repair.begin(now);
         } else {
             self.repair.end();
+            let (at, lost) = self.reported;
+            if self.copies.lost() != lost && now >= at + REPORT {
+                self.send_echoes(now);
+            }
         }
         if self.copies.doubts() {
             self.doubt.begin(now);
@@ -527,7 +541,7 @@ impl Endpoint for ClientSession {
         let lost = self.repair.ask(now, patient);
         let silent = self.silence.ask(now, patient);
         if lost || silent {
-            self.send_states(self.copies.echoes());
+            self.send_echoes(now);
         }
         if self.doubt.ask(now, patient) {
             self.send_states(self.copies.questions());

@@ -104,6 +104,11 @@ impl Copies {
         self.whole().map(|copy| copy.stream().missing()).sum()
     }
 
+    /// How many packets did not come by themselves, whether parities gave them back or not.
+    pub(crate) fn lost(&self) -> u64 {
+        self.whole().map(|copy| copy.stream().lost()).sum()
+    }
+
     /// Whether something that was said is believed wrongly.
     pub(crate) fn doubts(&self) -> bool {
         self.whole().any(|copy| copy.stream().doubt().is_some())

@@ -3,7 +3,7 @@
 //! The publisher's end. Does not know by which lane its packets go. Invariant: after `publish` the server, once it has
 //! heard all of it, believes each body within the tolerance of what was said here.
 
-use alloc::collections::{BTreeMap, BTreeSet};
+use alloc::collections::BTreeMap;
 use alloc::vec::Vec;
 
 use bytes::Bytes;
@@ -16,7 +16,7 @@ use crate::message::Driving;
 use crate::packet::{Doubt, Echo, Head, Kind};
 use crate::scene;
 use crate::stream::{
-    Activity, Features, Manner, Observation, Publisher, PublisherStatistics, Reassurance,
+    Activity, Features, Losses, Manner, Observation, Publisher, PublisherStatistics, Reassurance,
     StreamTerms, Witness,
 };
 use crate::time::{Instant, Span};
@@ -45,10 +45,15 @@ pub(crate) enum Told {
     TooFar,
 }
 
+/// The only listener.
+const SERVER: u64 = 0;
+
 /// The stream at its source.
 #[derive(Debug)]
 pub(crate) struct Driver {
     publisher: Publisher,
+    /// What the server loses.
+    losses: Losses,
     witness: Witness,
     /// In rising order of id. The place is the index in the stream.
     bodies: Vec<Body>,
@@ -110,6 +115,7 @@ impl Driver {
             vouch_at: Cadence::of(integrator.rate).vouch_after(0),
             digest: (driving.tick, 0),
             answered: BTreeMap::new(),
+            losses: Losses::default(),
         }
     }
 
@@ -171,6 +177,8 @@ impl Driver {
         let first = out.len();
         self.publisher.publish(&self.witness, NOTICES, out);
         self.close_tick(tick, out.len() > first, out);
+        let redundancy = self.losses.redundancy(1, self.publisher.next_number());
+        self.publisher.say_parities(redundancy, out);
         Told::Yes
     }
 
@@ -239,9 +247,8 @@ impl Driver {
 
     fn answer(&mut self, now: Instant, round_trip: Span, echo: &Echo, out: &mut Vec<Bytes>) {
         self.answered.retain(|_, at| now < *at + round_trip);
-        let next = self.publisher.next_number();
-        let lost: BTreeSet<u64> = echo.lost.iter().map(|lost| lost.expand(next)).collect();
-        for number in lost {
+        self.losses.hear(SERVER, echo, self.publisher.next_number());
+        for number in self.publisher.answer(echo, out) {
             if self.answered.contains_key(&number) {
                 continue;
             }

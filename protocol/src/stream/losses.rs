@@ -3,16 +3,21 @@
 //! Counts of packets only: how long anything took is not known here, so that a slow link is never taken for a lossy one.
 
 use alloc::collections::BTreeMap;
+use alloc::vec::Vec;
 
 use super::redundancy::{Loss, Redundancy};
 use crate::packet::{Echo, Low16};
 
-/// A loss is that of the last packets, of at least so many if there were.
+/// A loss is that of the last packets: of one to two such windows.
 const WINDOW: u64 = 256;
-/// What is believed before anything was heard: one packet lost of so many.
+/// So many packets came through before the first loss that anybody tells of, if so many were sent.
+const BEFORE: u64 = 192;
+/// What is believed beforehand: one packet lost of so many.
 const PRIOR: u64 = 32;
 /// So many listeners, one more each time, may lose more than what the stream is made for.
 const SPARED: usize = 16;
+/// Listeners of whom account is kept at one time.
+const ACCOUNTS_MAX: usize = 256;
 
 /// One listener, by what its echoes said.
 #[derive(Clone, Copy, Debug)]
@@ -29,8 +34,8 @@ struct Account {
 struct Point {
     /// Packets that were sent up to it.
     sent: u64,
-    /// Packets that were heard.
-    heard: u64,
+    /// Of these, those that did not arrive.
+    lost: u64,
 }
 
 /// What the listeners of one stream lose.
@@ -41,50 +46,38 @@ pub struct Losses {
 }
 
 impl Losses {
-    /// A listener begins to hear the stream; its next packet is number `next`.
-    pub fn begin(&mut self, listener: u64, next: u64) {
-        let point = Point {
-            sent: next,
-            heard: 0,
-        };
-        let account = Account {
-            since: point,
-            middle: point,
-            newest: point,
-        };
-        self.accounts.insert(listener, account);
-    }
-
-    /// A listener hears it no more.
-    pub fn end(&mut self, listener: u64) {
-        self.accounts.remove(&listener);
-    }
-
-    /// A listener said how far it heard of a stream whose next packet is number `next`. What it cannot have heard is not
-    /// believed.
+    /// A listener said how far it heard of a stream whose next packet is number `next`. What cannot be is not believed.
     pub fn hear(&mut self, listener: u64, echo: &Echo, next: u64) {
-        let Some(account) = self.accounts.get_mut(&listener) else {
-            return;
-        };
-        let before = account.newest;
         let sent = echo.next.expand(next);
-        let heard = Low16(echo.heard.0).expand(before.heard);
-        if sent > next || sent < before.sent || heard < before.heard || heard - before.heard > sent - before.sent + WINDOW {
+        if sent > next {
             return;
         }
-        account.newest = Point { sent, heard };
-        if sent - account.middle.sent >= WINDOW {
-            account.since = account.middle;
-            account.middle = account.newest;
+        if let Some(account) = self.accounts.get_mut(&listener) {
+            account.hear(sent, echo.gone);
+        } else if self.accounts.len() < ACCOUNTS_MAX {
+            // Of what it lost long ago nothing follows: what it still lacks it lost just now.
+            let lost = u64::from(echo.gone.0);
+            let just_now = lost.min(echo.lost.len() as u64);
+            self.accounts
+                .insert(listener, Account::begin(Point { sent, lost }, just_now));
         }
     }
 
-    /// How much redundancy a stream is worth whose next packet is number `next`.
-    pub fn redundancy(&mut self, next: u64) -> Redundancy {
-        let mut losses: alloc::vec::Vec<Loss> =
-            self.accounts.values().map(|account| account.loss(next)).collect();
+    /// How much redundancy a stream with so many listeners is worth, whose next packet is number `next`.
+    pub fn redundancy(&mut self, listeners: usize, next: u64) -> Redundancy {
+        // Who says nothing loses nothing.
+        let speaks = |account: &Account| next.saturating_sub(account.newest.sent) < 2 * WINDOW;
+        self.accounts.retain(|_, account| speaks(account));
+        if self.accounts.is_empty() && self.redundancy == Redundancy::Off {
+            return Redundancy::Off;
+        }
+        let mut losses: Vec<Loss> = self
+            .accounts
+            .values()
+            .map(|account| account.loss(next))
+            .collect();
         losses.sort_unstable();
-        let spared = losses.len().saturating_sub(1) / SPARED;
+        let spared = listeners.saturating_sub(1) / SPARED;
         let worst = losses.iter().rev().nth(spared).copied().unwrap_or_default();
         self.redundancy = self.redundancy.for_loss(worst);
         self.redundancy
@@ -92,16 +85,132 @@ impl Losses {
 }
 
 impl Account {
-    /// What was lost since counting began, of all that was sent since: who says nothing lost nothing.
+    /// After a silence, in which nothing was lost but what is told of now.
+    const fn begin(newest: Point, lost: u64) -> Self {
+        let since = Point {
+            sent: newest.sent.saturating_sub(BEFORE),
+            lost: newest.lost - lost,
+        };
+        Self {
+            since,
+            middle: since,
+            newest,
+        }
+    }
+
+    fn hear(&mut self, sent: u64, gone: Low16) {
+        let before = self.newest;
+        let lost = gone.expand(before.lost);
+        let span = sent.saturating_sub(before.sent);
+        let more = lost.saturating_sub(before.lost);
+        if sent < before.sent || more > span {
+            return;
+        }
+        let newest = Point { sent, lost };
+        if span >= WINDOW {
+            *self = Self::begin(newest, more);
+            return;
+        }
+        self.newest = newest;
+        if sent - self.middle.sent >= WINDOW {
+            self.since = self.middle;
+            self.middle = newest;
+        }
+    }
+
+    /// The share that was lost since counting began.
     fn loss(&self, next: u64) -> Loss {
-        let silent = next.saturating_sub(self.newest.sent);
-        let since = if silent >= 2 * WINDOW { return Loss(0) } else { self.since };
-        let sent = self.newest.sent - since.sent;
-        let lost = sent.saturating_sub(self.newest.heard - since.heard);
+        let sent = next.saturating_sub(self.since.sent);
+        let lost = self.newest.lost.saturating_sub(self.since.lost);
         if lost == 0 {
             return Loss(0);
         }
-        let share = (lost + 1) * 1_000_000 / (sent + silent + PRIOR);
+        let share = (lost + 1) * 1_000_000 / (sent + PRIOR);
         Loss(share.min(1_000_000) as u32)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a listener makes of a stream that loses each packet of which `is_lost` is true, if it tells every 30 packets
+    /// what it lost since; by packet.
+    fn course(packets: u64, is_lost: impl Fn(u64) -> bool) -> Vec<Redundancy> {
+        let mut losses = Losses::default();
+        let (mut gone, mut told) = (0_u64, 0);
+        let mut all = Vec::new();
+        for number in 0..packets {
+            gone += u64::from(is_lost(number));
+            let next = number + 1;
+            if gone > told && next.is_multiple_of(30) {
+                told = gone;
+                losses.hear(7, &echo(next, gone), next);
+            }
+            all.push(losses.redundancy(1, next));
+        }
+        all
+    }
+
+    fn echo(next: u64, gone: u64) -> Echo {
+        Echo {
+            next: Low16::of(next),
+            gone: Low16::of(gone),
+            parities: 0,
+            lost: alloc::vec![Low16(0); 4],
+        }
+    }
+
+    #[test]
+    fn redundancy_follows_loss_and_ends_with_it() {
+        let course = course(3_000, |number| {
+            (500..1_500).contains(&number) && number % 20 == 3
+        });
+        assert!(course[..500].iter().all(|level| *level == Redundancy::Off));
+        assert!(
+            course[800..1_500]
+                .iter()
+                .all(|level| *level == Redundancy::Plain)
+        );
+        assert!(
+            course[2_200..]
+                .iter()
+                .all(|level| *level == Redundancy::Off)
+        );
+    }
+
+    #[test]
+    fn less_than_a_packet_in_a_hundred_is_worth_no_redundancy() {
+        let course = course(5_000, |number| number % 250 == 249);
+        assert!(course.iter().all(|level| *level == Redundancy::Off));
+    }
+
+    #[test]
+    fn much_loss_is_worth_much_redundancy() {
+        let course = course(2_000, |number| number % 5 == 0);
+        assert_eq!(course.last(), Some(&Redundancy::Thick));
+    }
+
+    #[test]
+    fn the_worst_listener_decides_unless_there_are_many() {
+        for (listeners, worth) in [(16, Redundancy::Plain), (17, Redundancy::Off)] {
+            let mut losses = Losses::default();
+            losses.hear(1, &echo(60, 4), 60);
+            assert_eq!(losses.redundancy(listeners, 60), worth, "{listeners}");
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_is_not_believed() {
+        let mut losses = Losses::default();
+        losses.hear(1, &echo(50, 2), 20);
+        assert_eq!(losses.redundancy(1, 20), Redundancy::Off);
+        losses.hear(1, &echo(20, 0), 20);
+        losses.hear(1, &echo(22, 20), 22);
+        assert_eq!(losses.redundancy(1, 22), Redundancy::Off);
+        for listener in 0..2 * ACCOUNTS_MAX as u64 {
+            losses.hear(listener, &echo(22, 1), 22);
+        }
+        assert!(losses.accounts.len() <= ACCOUNTS_MAX);
     }
 }

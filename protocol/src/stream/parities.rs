@@ -55,7 +55,12 @@ impl Parities {
     }
 
     /// A tick was spoken of: says what parities are due and appends them to `out`.
-    pub(crate) fn end_tick(&mut self, stream: StreamId, redundancy: Redundancy, out: &mut Vec<Bytes>) {
+    pub(crate) fn end_tick(
+        &mut self,
+        stream: StreamId,
+        redundancy: Redundancy,
+        out: &mut Vec<Bytes>,
+    ) {
         self.asked.clear();
         let oldest = self.oldest();
         self.said.retain(|said| said.end > oldest);
@@ -80,7 +85,8 @@ impl Parities {
             let longest = longest.unwrap_or_default();
             let most = longest + longest / LONGER;
             let from = (end.saturating_sub(COVERED)).max(oldest);
-            let numbers = (from..end).filter(|number| (1..=most).contains(&self.column(*number).len()));
+            let numbers =
+                (from..end).filter(|number| (1..=most).contains(&self.column(*number).len()));
             let numbers: Vec<u64> = numbers.collect();
             for _ in 0..redundancy.parities(end - self.uncovered) {
                 if let Some(said) = self.say(stream, &numbers) {
@@ -107,11 +113,15 @@ impl Parities {
             return old;
         }
         let of_use = |said: &Said| said.numbers.iter().any(|number| recent.contains(number));
-        let under_way = self.said.iter().filter(|said| said.end > heard && of_use(said));
+        let under_way = self
+            .said
+            .iter()
+            .filter(|said| said.end > heard && of_use(said));
         let mut wanted = wanted.min(recent.len()).saturating_sub(under_way.count());
         // One serves all who lost what it covers.
         for said in &self.asked {
-            let serves = recent.iter().all(|number| said.numbers.contains(number)) && said.end <= heard;
+            let serves =
+                recent.iter().all(|number| said.numbers.contains(number)) && said.end <= heard;
             if wanted > 0 && serves {
                 out.push(said.datagram.clone());
                 wanted -= 1;
@@ -156,5 +166,109 @@ impl Parities {
         let place = number.checked_sub(self.oldest());
         let column = place.and_then(|place| self.columns.get(place as usize));
         column.map_or(&[], Vec::as_slice)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::packet::{Head, Kind};
+    use crate::wire::Wire;
+    use crate::wire::bytes::Reader;
+    use alloc::vec;
+
+    const STREAM: StreamId = StreamId(3);
+
+    /// A state packet of so many bytes.
+    fn packet(number: u64, bytes: usize) -> Vec<u8> {
+        let mut packet = vec![1, 3];
+        packet.extend_from_slice(&(number as u16).to_le_bytes());
+        packet.resize(bytes, 7);
+        packet
+    }
+
+    fn covered(datagram: &[u8]) -> Vec<u64> {
+        let mut reader = Reader::new(datagram);
+        assert_eq!(
+            Head::decode(&mut reader).map(|head| head.kind),
+            Ok(Kind::Parity)
+        );
+        let parity = Parity::decode(reader).expect("a parity was said");
+        let mut numbers: Vec<u64> = parity.numbers(parity.last.expand(0)).collect();
+        numbers.reverse();
+        numbers
+    }
+
+    /// Ten packets, one a tick, with what was said of them.
+    fn ten(redundancy: Redundancy) -> (Parities, Vec<Vec<u64>>) {
+        let mut parities = Parities::default();
+        let mut said = Vec::new();
+        for number in 0..10 {
+            parities.record(number, &packet(number, 40));
+            parities.end_tick(STREAM, redundancy, &mut said);
+        }
+        (
+            parities,
+            said.iter().map(|datagram| covered(datagram)).collect(),
+        )
+    }
+
+    #[test]
+    fn each_packet_is_covered_soon_and_again_by_what_follows() {
+        let (_, said) = ten(Redundancy::Plain);
+        let ends: Vec<_> = said
+            .iter()
+            .map(|numbers| numbers[numbers.len() - 1])
+            .collect();
+        assert_eq!(ends, [1, 3, 5, 7, 9]);
+        assert_eq!(said[4], (0..10).collect::<Vec<_>>());
+        assert_eq!(ten(Redundancy::Off).1, [[0; 0]; 0]);
+    }
+
+    #[test]
+    fn who_asks_gets_what_is_not_under_way() {
+        let (mut parities, _) = ten(Redundancy::Plain);
+        let mut out = Vec::new();
+        // The parities of packets 7 and 9 are under way to who has heard of packets below 6.
+        let old = parities.answer(STREAM, [3, 4, 5].into_iter(), (6, 3), &mut out);
+        assert!(old.is_empty());
+        let said: Vec<_> = out.iter().map(|datagram| covered(datagram)).collect();
+        assert_eq!(said, [[3, 4, 5]]);
+    }
+
+    #[test]
+    fn one_parity_serves_all_who_ask_in_a_tick() {
+        let (mut parities, _) = ten(Redundancy::Off);
+        let mut out = Vec::new();
+        for lost in [2, 3, 5] {
+            assert!(
+                parities
+                    .answer(STREAM, [lost].into_iter(), (10, 1), &mut out)
+                    .is_empty()
+            );
+        }
+        assert_eq!(out.len(), 3);
+        assert!(out.iter().all(|datagram| *datagram == out[0]));
+        assert_eq!(covered(&out[0]), (2..10).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn what_is_forgotten_or_not_wanted_is_repaired() {
+        let mut parities = Parities::default();
+        for number in 0..100 {
+            parities.record(number, &packet(number, 40));
+        }
+        let mut out = Vec::new();
+        assert_eq!(
+            parities.answer(STREAM, [3, 99].into_iter(), (100, 1), &mut out),
+            [3]
+        );
+        assert_eq!(out.len(), 1);
+        assert_eq!(
+            parities.answer(STREAM, [3, 99].into_iter(), (100, 0), &mut out),
+            [3, 99]
+        );
+        assert_eq!(out.len(), 1);
+        assert_eq!(parities.columns.len(), PARITY_SPAN as usize);
     }
 }

@@ -73,7 +73,9 @@ impl Redundancy {
             Self::Thick => 0.1,
         };
         let packets = packets.min(64);
-        (1..packets).find(|parities| beyond(packets + parities, *parities, loss) < 0.015).unwrap_or(packets)
+        (1..packets)
+            .find(|parities| beyond(packets + parities, *parities, loss) < 0.015)
+            .unwrap_or(packets)
     }
 }
 
@@ -89,4 +91,28 @@ fn beyond(count: u64, most: u64, loss: f64) -> f64 {
         term *= (count - lost) as f64 / (lost + 1) as f64 * loss / (1.0 - loss);
     }
     1.0 - within
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn more_comes_at_once_and_less_only_when_clearly_less_is_lost() {
+        let percent = Loss::percent;
+        assert_eq!(Redundancy::Off.for_loss(percent(5)), Redundancy::Plain);
+        assert_eq!(Redundancy::Plain.for_loss(percent(2)), Redundancy::Plain);
+        assert_eq!(Redundancy::Thin.for_loss(percent(2)), Redundancy::Thin);
+        assert_eq!(Redundancy::Plain.for_loss(percent(1)), Redundancy::Thin);
+        assert_eq!(Redundancy::Plain.for_loss(Loss(0)), Redundancy::Off);
+        assert_eq!(Redundancy::Off.for_loss(Loss(9_999)), Redundancy::Off);
+    }
+
+    #[test]
+    fn parities_grow_with_packets_more_slowly_than_these() {
+        let plain = [1, 2, 3, 6, 10, 20].map(|packets| Redundancy::Plain.parities(packets));
+        assert_eq!(plain, [1, 1, 1, 2, 3, 4]);
+        assert_eq!(Redundancy::Off.parities(10), 0);
+        assert_eq!(Redundancy::Thick.parities(1), 1);
+    }
 }

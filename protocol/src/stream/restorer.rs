@@ -93,28 +93,36 @@ impl Restorer {
         self.sums.push_back(sum);
     }
 
-    /// The packets that what was heard gives back, in order of their numbers, with their columns.
+    /// The packets that what was heard gives back, in order of their numbers, with their columns; again until they are
+    /// counted as heard.
     pub(crate) fn rebuild(&mut self) -> Vec<(u64, Vec<u8>)> {
         if self.sums.is_empty() {
             return Vec::new();
         }
-        let mut unknown: Vec<u64> = self.sums.iter().flat_map(|sum| sum.unknown.iter().copied()).collect();
+        let mut unknown: Vec<u64> = self
+            .sums
+            .iter()
+            .flat_map(|sum| sum.unknown.iter().copied())
+            .collect();
         unknown.sort_unstable();
         unknown.dedup();
-        let mut rows: Vec<Row> = (0..self.sums.len()).map(|place| self.row(place, &unknown)).collect();
-        reduce(&mut rows, unknown.len());
-        let rebuilt: Vec<_> = rows
-            .iter()
-            .filter_map(|row| {
-                let mut of = row.factors.iter().enumerate().filter(|(_, factor)| **factor != 0);
-                let (place, _) = of.next()?;
-                of.next().is_none().then(|| (unknown[place], self.mixed(row)))
-            })
+        let mut rows: Vec<Row> = (0..self.sums.len())
+            .map(|place| self.row(place, &unknown))
             .collect();
-        for (number, column) in &rebuilt {
-            self.hear(*number, column.clone());
-        }
-        rebuilt
+        reduce(&mut rows, unknown.len());
+        rows.iter()
+            .filter_map(|row| {
+                let mut of = row
+                    .factors
+                    .iter()
+                    .enumerate()
+                    .filter(|(_, factor)| **factor != 0);
+                let (place, _) = of.next()?;
+                of.next()
+                    .is_none()
+                    .then(|| (unknown[place], self.mixed(row)))
+            })
+            .collect()
     }
 
     /// A rebuilt packet was none: no parity heard so far is used any more, nor is any asked for until these packets are
@@ -130,9 +138,11 @@ impl Restorer {
         self.columns.get(&number).map(Vec::as_slice)
     }
 
-    /// How many parities more would give back those of the missing packets that parities can.
-    pub(crate) fn wanted(&self, missing: impl Iterator<Item = u64>) -> u8 {
-        let oldest = self.oldest().max(self.distrusted);
+    /// How many parities more would give back those of the missing packets below `next` that parities can.
+    pub(crate) fn wanted(&self, missing: impl Iterator<Item = u64>, next: u64) -> u8 {
+        let oldest = next
+            .saturating_sub(u64::from(PARITY_SPAN))
+            .max(self.distrusted);
         let lost = missing
             .filter(|number| *number >= oldest && !self.columns.contains_key(number))
             .count();
@@ -159,7 +169,11 @@ impl Restorer {
         let sum = &self.sums[place];
         let factor = |number: &u64| {
             let covered = sum.unknown.contains(number);
-            if covered { Parity::factor(sum.row, *number) } else { 0 }
+            if covered {
+                Parity::factor(sum.row, *number)
+            } else {
+                0
+            }
         };
         let mut shares = vec![0; self.sums.len()];
         shares[place] = 1;
@@ -171,7 +185,12 @@ impl Restorer {
 
     /// The sum of the parities by their shares in a row.
     fn mixed(&self, row: &Row) -> Vec<u8> {
-        let used = || self.sums.iter().zip(&row.shares).filter(|(_, share)| **share != 0);
+        let used = || {
+            self.sums
+                .iter()
+                .zip(&row.shares)
+                .filter(|(_, share)| **share != 0)
+        };
         let longest = used().map(|(sum, _)| sum.column.len()).max();
         let mut column = vec![0; longest.unwrap_or_default()];
         for (sum, share) in used() {
@@ -219,5 +238,130 @@ fn reduce(rows: &mut [Row], columns: usize) {
             }
         }
         done += 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::limits::PARITY_ROWS;
+    use proptest::collection::vec;
+    use proptest::prelude::*;
+
+    /// The parity of a row over columns with these numbers, which rise.
+    fn parity(row: u8, columns: &[(u64, Vec<u8>)]) -> (u64, Parity) {
+        let (last, _) = columns[columns.len() - 1];
+        let mut parity = Parity::begin(row, last);
+        for (number, column) in columns {
+            parity.add(*number, last - number, column);
+        }
+        (last, parity)
+    }
+
+    fn padded(column: &[u8], bytes: usize) -> Vec<u8> {
+        let mut column = column.to_vec();
+        column.resize(bytes.max(column.len()), 0);
+        column
+    }
+
+    proptest! {
+        #[test]
+        fn as_many_packets_come_back_as_there_are_parities(
+            first in 0_u64..1_000, columns in vec(vec(any::<u8>(), 1..60), 1..PARITY_SPAN as usize),
+            lost in vec(any::<prop::sample::Index>(), 1..PARITIES_KEPT), row in 0..PARITY_ROWS - 16, late in any::<bool>(),
+        ) {
+            let columns: Vec<_> = columns.into_iter().enumerate().map(|(n, column)| (first + n as u64, column)).collect();
+            let mut lost: Vec<usize> = lost.iter().map(|index| index.index(columns.len())).collect();
+            lost.sort_unstable();
+            lost.dedup();
+            let mut restorer = Restorer::new(first);
+            let heard = |restorer: &mut Restorer| {
+                for (place, (number, column)) in columns.iter().enumerate() {
+                    if !lost.contains(&place) {
+                        restorer.hear(*number, column.clone());
+                    }
+                }
+            };
+            if !late {
+                heard(&mut restorer);
+            }
+            for place in 0..lost.len() {
+                prop_assert!(restorer.rebuild().is_empty());
+                let (last, parity) = parity(row + place as u8, &columns);
+                restorer.add(last, parity);
+            }
+            if late {
+                heard(&mut restorer);
+            }
+            let rebuilt = restorer.rebuild();
+            prop_assert_eq!(rebuilt.len(), lost.len());
+            for (number, column) in &rebuilt {
+                restorer.hear(*number, column.clone());
+            }
+            for ((number, column), place) in rebuilt.iter().zip(&lost) {
+                let (expected, said) = &columns[*place];
+                prop_assert_eq!(number, expected);
+                let bytes = column.len().max(said.len());
+                prop_assert_eq!(padded(column, bytes), padded(said, bytes));
+            }
+            prop_assert_eq!(restorer.wanted(lost.iter().map(|place| first + *place as u64), first + columns.len() as u64), 0);
+            prop_assert!(restorer.sums.is_empty());
+        }
+
+        #[test]
+        fn whatever_is_heard_what_is_kept_is_bounded(
+            heard in vec((any::<u16>(), any::<u32>(), 0..PARITY_ROWS, vec(any::<u8>(), 0..20), any::<bool>()), 0..200),
+        ) {
+            let mut restorer = Restorer::default();
+            for (number, covered, row, bytes, is_parity) in heard {
+                let number = u64::from(number % 300);
+                if is_parity {
+                    let parity = Parity { last: crate::packet::Low16::of(number), covered: covered >> 1, row, sums: bytes };
+                    restorer.add(number, parity);
+                } else {
+                    restorer.hear(number, bytes);
+                }
+                let rebuilt = restorer.rebuild();
+                prop_assert!(rebuilt.len() <= PARITIES_KEPT);
+                for (number, column) in rebuilt {
+                    restorer.hear(number, column);
+                }
+                prop_assert!(restorer.columns.len() <= PARITY_SPAN as usize);
+                prop_assert!(restorer.sums.len() <= PARITIES_KEPT);
+                prop_assert!(restorer.wanted(0..300, 300) <= PARITY_SPAN as u8);
+            }
+        }
+    }
+
+    #[test]
+    fn parities_over_different_packets_add_up() {
+        let columns: Vec<_> = (0..8_u8).map(|n| (u64::from(n), vec![n + 1; 9])).collect();
+        let mut restorer = Restorer::new(0);
+        for place in [0, 3, 4, 7] {
+            restorer.hear(columns[place].0, columns[place].1.clone());
+        }
+        for (row, covered) in [(0, 0..3), (1, 1..6), (2, 2..7), (3, 5..8)] {
+            let (last, parity) = parity(row, &columns[covered]);
+            restorer.add(last, parity);
+        }
+        let rebuilt = restorer.rebuild();
+        let numbers: Vec<u64> = rebuilt.iter().map(|(number, _)| *number).collect();
+        assert_eq!(numbers, [1, 2, 5, 6]);
+        assert!(
+            rebuilt
+                .iter()
+                .all(|(number, column)| *column == columns[*number as usize].1)
+        );
+    }
+
+    #[test]
+    fn what_was_said_before_this_began_is_not_waited_for() {
+        let columns: Vec<_> = (0..4_u8).map(|n| (u64::from(n), vec![n + 1; 9])).collect();
+        let mut restorer = Restorer::new(2);
+        restorer.hear(2, columns[2].1.clone());
+        let (last, parity) = parity(0, &columns);
+        restorer.add(last, parity);
+        assert!(restorer.rebuild().is_empty() && restorer.sums.is_empty());
+        assert_eq!(restorer.wanted([3].into_iter(), 4), 1);
     }
 }

@@ -423,24 +423,20 @@ impl Subscriber {
     /// How many of the packets that are known to have been sent did not come by themselves, since this began.
     #[must_use]
     pub const fn lost(&self) -> u64 {
-        (self.gaps.next() - self.first).saturating_sub(self.heard())
-    }
-
-    /// How many packets came by themselves.
-    const fn heard(&self) -> u64 {
-        self.statistics.packets - self.statistics.rebuilt
+        let heard = self.statistics.packets - self.statistics.rebuilt;
+        (self.gaps.next() - self.first).saturating_sub(heard)
     }
 
     /// What to tell the server: how far this has heard, and the oldest packets that are missing.
     #[must_use]
     pub fn echo(&self) -> Echo {
-        let parities = self.restorer.wanted(self.gaps.missing());
+        let parities = self.restorer.wanted(self.gaps.missing(), self.gaps.next());
         // What was heard is read as soon as what it waits for is there.
         let waits = |number: &u64| parities > 0 && self.restorer.column(*number).is_some();
         let lost = self.gaps.missing().filter(|number| !waits(number));
         Echo {
             next: Low16::of(self.gaps.next()),
-            heard: Low16::of(self.heard()),
+            gone: Low16::of(self.lost()),
             parities,
             lost: lost
                 .take(crate::limits::LOST_NAMED_MAX)

@@ -1,7 +1,5 @@
 //! What a member asks of its streams: another one, or what it lost.
 
-use std::collections::BTreeSet;
-
 use rhumb_protocol::message::{Denial, StreamChoice};
 use rhumb_protocol::packet::{Doubt, Echo, StreamId};
 use rhumb_protocol::{Instant, Peer};
@@ -84,24 +82,9 @@ impl Room {
         let Some(stream) = self.streams.get_mut(stream) else {
             return;
         };
-        // Each once, however often a member names it.
-        let lost: BTreeSet<u64> = echo
-            .lost
-            .iter()
-            .map(|lost| lost.expand(stream.next_number()))
-            .collect();
-        for number in lost {
-            match stream.repair(number, self.notices) {
-                Some(datagrams) => {
-                    for datagram in datagrams {
-                        out.datagram(peer, datagram.clone());
-                    }
-                }
-                // Forgotten: the vouch below tells the member how much it missed, and it asks for everything.
-                None => tracing::debug!(number, "a lost packet is no longer known"),
-            }
+        for datagram in stream.answer(peer, echo, self.notices) {
+            out.datagram(peer, datagram);
         }
-        out.datagram(peer, stream.vouch(self.notices));
     }
 
     /// A member believes otherwise than its stream said: it hears more sums, or the one track in question.

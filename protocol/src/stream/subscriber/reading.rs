@@ -7,8 +7,8 @@ use rhumb_reckoning::{Predictor, Tick};
 use super::Subscriber;
 use crate::limits::{PACKETS_HELD_MAX, TICK_JUMP_MAX};
 use crate::packet::{
-    Digest, FullPacket, Head, Kind, Low16, Parity, Ranges, Repair, RepairRecord, Saying, StatePacket,
-    TrackSaying, Update, Vouch,
+    Digest, FullPacket, Head, Kind, Low16, Parity, Ranges, Repair, RepairRecord, Saying,
+    StatePacket, TrackSaying, Update, Vouch,
 };
 use crate::stream::gaps::{Arrival, RepairOf};
 use crate::stream::tracks::{Former, Slot, Unreadable};
@@ -62,6 +62,11 @@ impl Subscriber {
         }
         self.remember(index, before);
         self.statistics.updates += 1;
+        // Who follows a narrow stream learns of the newest track only, where one datagram brings several.
+        let again = self.marked.get(index as usize).copied().unwrap_or_default();
+        if self.narrow.is_some() && again {
+            self.forget_before(index);
+        }
         self.touch(index);
         Ok(())
     }
@@ -92,6 +97,7 @@ impl Subscriber {
             }
             Kind::Echo | Kind::Doubt => return Err(Malformed::UnknownCode),
         }?;
+        self.rebuild();
         Ok(())
     }
 
@@ -150,7 +156,11 @@ impl Subscriber {
         Some((number, tick))
     }
 
-    pub(super) fn read_state(&mut self, datagram: &[u8], packet: StatePacket<'_>) -> Result<(), Malformed> {
+    pub(super) fn read_state(
+        &mut self,
+        datagram: &[u8],
+        packet: StatePacket<'_>,
+    ) -> Result<(), Malformed> {
         if !self.is_due(packet.notices, datagram) {
             return Ok(());
         }
@@ -359,7 +369,11 @@ impl Subscriber {
                 .slot(record.index)
                 .is_some_and(|slot| slot.track.carrier.is_some());
             let former = Former(&self.before);
-            if self.tracks.hear(record.index, origin, &whole, former).is_ok() {
+            if self
+                .tracks
+                .hear(record.index, origin, &whole, former)
+                .is_ok()
+            {
                 if record.whole.carrier.is_some() && !was_held {
                     self.held_indices.push(record.index);
                 }

@@ -16,7 +16,7 @@ impl Subscriber {
         }
     }
 
-    /// Reads what a parity gives back as if it had arrived.
+    /// Keeps a parity for what it may give back.
     pub(super) fn read_parity(&mut self, parity: Parity) {
         let next = self.gaps.next();
         let last = parity.last.expand(next);
@@ -26,12 +26,17 @@ impl Subscriber {
         }
         self.statistics.parities += 1;
         self.restorer.add(last, parity);
+    }
+
+    /// Reads what parities give back by now as if it had arrived.
+    pub(super) fn rebuild(&mut self) {
         for (number, column) in self.restorer.rebuild() {
             if self.read_rebuilt(number, &column).is_err() {
                 self.restorer.distrust(number);
                 self.statistics.malformed += 1;
                 return;
             }
+            self.restorer.hear(number, column);
         }
     }
 
@@ -46,7 +51,9 @@ impl Subscriber {
 
     /// Reads those packets after a late one again that could not be read without it.
     pub(super) fn read_again_after(&mut self, late: u64, updates: &mut Vec<Update>) {
-        let kept = (late + 1..self.gaps.next()).rev().take(PARITY_SPAN as usize);
+        let kept = (late + 1..self.gaps.next())
+            .rev()
+            .take(PARITY_SPAN as usize);
         for number in kept.collect::<Vec<_>>().into_iter().rev() {
             let Some(column) = self.restorer.column(number) else {
                 continue;
