@@ -1,4 +1,4 @@
-//! A sum over a stream's last packets, from which who lost one of them has it back.
+//! A sum over a stream's last packets, from which a lost one can be had.
 //!
 //! Codec, and the columns that are summed; which packets are covered, and what a listener makes of it, is decided in
 //! `stream`. Invariant: the packets themselves know nothing of it, so that they are said once and read alone.

@@ -1,4 +1,4 @@
-//! The parities of a stream at its source: over which packets they are summed, and when they are said.
+//! The parities of a stream at its source: over what, and when they are said
 //!
 //! Knows nothing of who listens but how much is lost. Keeps the packets of [`PARITY_SPAN`] numbers.
 

@@ -1,4 +1,4 @@
-//! How a subscriber has lost packets back from parities, and reads what waited for them.
+//! How a subscriber has lost packets back, and reads what waited for them
 
 use alloc::vec::Vec;
 
