@@ -1,4 +1,4 @@
-//! The engine's own bits of a pose at rest, as a correction of what was predicted.
+//! A pose at rest to the engine's own bits, as a correction of a prediction
 //!
 //! Lossless: any pose can be said, and those near the prediction are short. Neighbouring f32 are a step apart, so that
 //! a step is as fine as the number at hand (RECKONING 4.7).

@@ -1,4 +1,4 @@
-//! What tables are fitted to: the forms and numbers of packets, counted as the coder says them.
+//! What tables are fitted to: the forms and numbers of packets, counted
 //!
 //! No part of the conversation: who fits tables reads packets that were said and counts them (ARCHITECTURE.md,
 //! "Tables").

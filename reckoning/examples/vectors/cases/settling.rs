@@ -1,4 +1,4 @@
-//! Cases of rest to the engine's own bits, said as a correction of what was predicted.
+//! Cases of rest to the engine's own bits, as a correction of a prediction
 
 use glam::DQuat;
 use rhumb_reckoning::{Motion, Pose, Settling, Twist};
