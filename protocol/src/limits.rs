@@ -12,6 +12,10 @@ pub const MESSAGE_BYTES_MAX: usize = 16 * 1024;
 pub const SCENE_NAME_BYTES_MAX: usize = 64;
 /// Versions that one `Hello` may offer.
 pub const VERSIONS_MAX: usize = 16;
+/// Extensions of one message.
+pub const EXTENSIONS_MAX: usize = 16;
+/// Bytes of one extension's value.
+pub const EXTENSION_BYTES_MAX: usize = 256;
 
 /// Bodies in one scene at one time.
 pub const BODIES_MAX: u32 = 131_072;
@@ -120,7 +124,10 @@ pub const TICK_JUMP_MAX: u64 = 3_600;
 
 // A body's index fits the bits of a gap code, and every message fits its own length.
 const _: () = assert!(BODIES_MAX <= INDICES_MAX && INDICES_MAX <= 1 << 24);
-const _: () = assert!(SCENE_NAME_BYTES_MAX + 4 * VERSIONS_MAX + 64 < MESSAGE_BYTES_MAX);
+const _: () = assert!(
+    SCENE_NAME_BYTES_MAX + 4 * VERSIONS_MAX + EXTENSIONS_MAX * (EXTENSION_BYTES_MAX + 7) + 256
+        < MESSAGE_BYTES_MAX
+);
 const _: () = assert!(HULL_POINTS_MAX * 12 + 64 < MESSAGE_BYTES_MAX);
 // A 16-bit packet number is told apart from the same number a turn earlier as long as it is remembered.
 const _: () = assert!(HISTORY_PACKETS < 1 << 15);

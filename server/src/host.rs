@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use rhumb_protocol::limits::SCENES_MAX;
-use rhumb_protocol::message::{Denial, ServerMessage};
+use rhumb_protocol::message::{Denial, Grease, ServerMessage};
 use rhumb_protocol::packet::{Doubt, Echo, Head, Kind, StreamId};
 use rhumb_protocol::scene::{SceneName, SceneTerms};
 use rhumb_protocol::session::{Request, ServerSession};
@@ -228,13 +228,15 @@ impl Host {
 }
 
 impl Endpoint for Host {
-    fn handle_opened(&mut self, _now: Instant, peer: Peer) {
+    fn handle_opened(&mut self, now: Instant, peer: Peer) {
         let connection = Connection {
             scene: None,
             member: false,
         };
         self.connections.insert(peer, connection);
-        self.out.open(peer);
+        // Any number does that is seldom twice the same.
+        let seed = now.as_nanos() ^ peer.0.rotate_left(48);
+        self.out.open(peer, Grease::new(seed));
     }
 
     fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {

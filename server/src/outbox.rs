@@ -5,7 +5,7 @@
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use bytes::Bytes;
-use rhumb_protocol::message::ServerMessage;
+use rhumb_protocol::message::{Grease, ServerMessage};
 use rhumb_protocol::session::ServerSession;
 use rhumb_protocol::{Peer, Transmit};
 
@@ -19,8 +19,8 @@ pub(crate) struct Outbox {
 }
 
 impl Outbox {
-    pub(crate) fn open(&mut self, peer: Peer) {
-        self.sessions.insert(peer, ServerSession::default());
+    pub(crate) fn open(&mut self, peer: Peer, grease: Grease) {
+        self.sessions.insert(peer, ServerSession::new(grease));
     }
 
     pub(crate) fn forget(&mut self, peer: Peer) {

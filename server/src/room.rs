@@ -12,7 +12,7 @@ use rhumb_protocol::limits::{
     ADVANCE_TICKS_MAX, GRANT, MEMBERS_PER_SCENE_MAX, SILENCE_MS_MAX, WISHES_WAITING_MAX,
 };
 use rhumb_protocol::message::{
-    Denial, Inspection, Joined, Notice, RemovalCause, ServerMessage, StreamChoice,
+    Denial, Extensions, Inspection, Joined, Notice, RemovalCause, ServerMessage, StreamChoice,
 };
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::{Command, CommandError, Pace, SceneTerms};
@@ -171,6 +171,7 @@ impl Room {
             terms: *self.terms(),
             start,
             granted,
+            extensions: Extensions::NONE,
         };
         out.say(peer, &ServerMessage::Joined(joined));
         let snapshot = snapshot(&self.scene, stream);

@@ -5,7 +5,9 @@
 use std::num::NonZeroU32;
 
 use glam::Vec3;
-use rhumb_protocol::message::{ClientMessage, Frames, ServerMessage, StreamChoice, VERSIONS};
+use rhumb_protocol::message::{
+    ClientMessage, Extensions, Frames, ServerMessage, StreamChoice, VERSIONS,
+};
 use rhumb_protocol::scene::{
     BodyKind, BodyTerms, Cadence, Command, CommandError, Invalid, Material, Pace, Quantity,
     SceneTerms, Shape, ShapeId,
@@ -78,6 +80,7 @@ fn joined(rest: impl IntoIterator<Item = ClientMessage>) -> Vec<ClientMessage> {
         ClientMessage::Hello {
             versions: VERSIONS.to_vec(),
             scene: "order".parse().expect("a good name"),
+            extensions: Extensions::NONE,
         },
         ClientMessage::Create(terms()),
         ClientMessage::Join(StreamChoice::Within(Tolerance::NORMAL)),

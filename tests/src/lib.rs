@@ -5,6 +5,7 @@
 
 mod avatar;
 mod process;
+pub mod requirements;
 mod rude;
 mod seed;
 mod stage;

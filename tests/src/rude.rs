@@ -3,7 +3,7 @@
 //! Understands the answers and keeps no copy of the scene.
 
 use rhumb_protocol::Peer;
-use rhumb_protocol::message::{ClientMessage, Frames, ServerMessage, StreamChoice};
+use rhumb_protocol::message::{ClientMessage, Extensions, Frames, ServerMessage, StreamChoice};
 use rhumb_protocol::scene::{Command, CommandError, IdRange};
 use rhumb_protocol::session::CloseCode;
 
@@ -41,6 +41,7 @@ impl Rude {
             &ClientMessage::Hello {
                 versions: vec![1],
                 scene,
+                extensions: Extensions::NONE,
             },
         );
         let heard = rude.say(table, &ClientMessage::Join(StreamChoice::Full));

@@ -10,7 +10,7 @@ use proptest::prelude::*;
 use rhumb_protocol::limits::{
     COUNT_MAX, HISTORY_PACKETS, INDICES_MAX, LOST_NAMED_MAX, PARITY_SPAN, RESERVE_MAX,
 };
-use rhumb_protocol::message::{ClientMessage, StreamChoice};
+use rhumb_protocol::message::{ClientMessage, Extensions, StreamChoice};
 use rhumb_protocol::packet::{Echo, Low16, StreamId};
 use rhumb_protocol::session::{ClientSession, CloseCode, Event};
 use rhumb_protocol::{Endpoint, Instant, Peer, Span};
@@ -269,7 +269,11 @@ fn each_wrong_beginning_has_its_code() {
     let hello = |versions: &[u16]| {
         let scene = "good".parse().unwrap();
         let versions = versions.to_vec();
-        ClientMessage::Hello { versions, scene }
+        ClientMessage::Hello {
+            versions,
+            scene,
+            extensions: Extensions::NONE,
+        }
     };
     for (messages, code) in [
         (vec![ClientMessage::Leave], CloseCode::VIOLATION),

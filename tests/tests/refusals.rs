@@ -11,7 +11,7 @@ use rhumb_protocol::limits::{
     ANGULAR_MAX, COORDINATE_MAX, DAMPING_MAX, DENSITY_MAX, DENSITY_MIN, EXTENT_MAX, EXTENT_MIN,
     FORCE_MAX, FRICTION_MAX, GRAVITY_MAX, GRAVITY_SCALE_MAX, LINEAR_MAX,
 };
-use rhumb_protocol::message::{ClientMessage, ServerMessage, StreamChoice};
+use rhumb_protocol::message::{ClientMessage, Extensions, ServerMessage, StreamChoice};
 use rhumb_protocol::scene::{
     BodyKind, BodyTerms, Command, CommandError, Invalid, Joint, JointFrame, JointId, JointKind,
     JointLimits, Material, Quantity, SceneTerms, Shape, ShapeId, SleepTerms,
@@ -561,6 +561,7 @@ fn a_scene_of_wrong_terms_is_denied_and_does_not_exist() {
         ClientMessage::Hello {
             versions: vec![1],
             scene,
+            extensions: Extensions::NONE,
         }
         .encode(&mut bytes);
         ClientMessage::Create(terms).encode(&mut bytes);

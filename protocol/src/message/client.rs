@@ -7,13 +7,14 @@ use rhumb_reckoning::Tick;
 use super::MAGIC;
 use super::choice::StreamChoice;
 use super::drive::Drive;
-use super::frame::{Framed, OPTIONAL, frame};
+use super::extensions::Extensions;
+use super::frame::{Framed, frame};
 use crate::limits::{DATAGRAM_BYTES_MAX, RESERVE_MAX, VERSIONS_MAX};
 use crate::packet::StreamId;
 use crate::scene::{Command, SceneName, SceneTerms};
 use crate::time::Instant;
 use crate::wire::bytes::{Reader, Writer};
-use crate::wire::{Malformed, Wire};
+use crate::wire::{Malformed, OPTIONAL, Wire};
 
 /// One message of a client. A connection is about one scene, which its `Hello` names.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,6 +25,8 @@ pub enum ClientMessage {
         versions: Vec<u16>,
         /// The scene of this connection.
         scene: SceneName,
+        /// What else is said, by number.
+        extensions: Extensions,
     },
     /// Creates the scene.
     Create(SceneTerms),
@@ -88,13 +91,18 @@ impl ClientMessage {
     pub fn encode(&self, to: &mut Vec<u8>) {
         let mut body = Writer::new();
         let kind = match self {
-            Self::Hello { versions, scene } => {
+            Self::Hello {
+                versions,
+                scene,
+                extensions,
+            } => {
                 body.raw(&MAGIC);
                 body.varint(versions.len() as u64);
                 for version in versions {
                     body.u16(*version);
                 }
                 scene.encode(&mut body);
+                extensions.encode(&mut body);
                 kind::HELLO
             }
             Self::Create(terms) => {
@@ -201,5 +209,6 @@ fn decode_hello(from: &mut Reader<'_>) -> Result<ClientMessage, Malformed> {
     Ok(ClientMessage::Hello {
         versions,
         scene: SceneName::decode(from)?,
+        extensions: Extensions::decode(from)?,
     })
 }

@@ -4,7 +4,7 @@ use core::fmt;
 
 use crate::scene::{Invalid, Quantity};
 use crate::wire::bytes::{Reader, Writer};
-use crate::wire::{Malformed, Wire};
+use crate::wire::{Malformed, OPTIONAL, Wire};
 
 /// The answer to a request that cannot be granted. Nothing of it was done; the connection goes on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -29,6 +29,8 @@ pub enum Denial {
     TooFarAhead,
     /// The scene's engine has failed; only leaving and deleting are left.
     SceneFaulted,
+    /// Something that a later version has a word for; the code is from [`OPTIONAL`] on.
+    Other(u8),
 }
 
 impl fmt::Display for Denial {
@@ -48,6 +50,7 @@ impl fmt::Display for Denial {
             }
             Self::TooFarAhead => f.write_str("the advance leads too far ahead"),
             Self::SceneFaulted => f.write_str("the scene's engine has failed"),
+            Self::Other(code) => write!(f, "the server has a reason of its own, number {code}"),
         }
     }
 }
@@ -74,6 +77,7 @@ impl Wire for Denial {
             Self::NotLockstep => to.u8(8),
             Self::TooFarAhead => to.u8(9),
             Self::SceneFaulted => to.u8(10),
+            Self::Other(code) => to.u8(*code),
         }
     }
 
@@ -92,6 +96,7 @@ impl Wire for Denial {
             8 => Self::NotLockstep,
             9 => Self::TooFarAhead,
             10 => Self::SceneFaulted,
+            code @ OPTIONAL.. => Self::Other(code),
             _ => return Err(Malformed::UnknownCode),
         })
     }

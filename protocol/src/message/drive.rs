@@ -11,7 +11,7 @@ use super::choice::StreamChoice;
 use crate::limits::DRIVEN_MAX;
 use crate::packet::StreamId;
 use crate::wire::bytes::{Reader, Writer};
-use crate::wire::{Malformed, Wire};
+use crate::wire::{Malformed, OPTIONAL, Wire};
 
 /// What a member wants to drive from now on, in place of what it drove before.
 #[derive(Clone, Debug, PartialEq)]
@@ -48,6 +48,8 @@ pub enum DriveError {
     SceneFaulted,
     /// What the member said can be followed no more; nothing is driven until it asks again.
     LostTouch,
+    /// Something that a later version has a word for; the code is from [`OPTIONAL`] on.
+    Other(u8),
 }
 
 impl Driving {
@@ -76,6 +78,7 @@ impl fmt::Display for DriveError {
             Self::LostTouch => {
                 f.write_str("what was said of driven bodies can be followed no more")
             }
+            Self::Other(code) => write!(f, "the server has a reason of its own, number {code}"),
         }
     }
 }
@@ -154,6 +157,7 @@ impl Wire for DriveError {
             Self::DrivenByAnother(id) => named(3, id),
             Self::SceneFaulted => to.u8(4),
             Self::LostTouch => to.u8(5),
+            Self::Other(code) => to.u8(code),
         }
     }
 
@@ -165,6 +169,7 @@ impl Wire for DriveError {
             3 => Self::DrivenByAnother(BodyId::decode(from)?),
             4 => Self::SceneFaulted,
             5 => Self::LostTouch,
+            code @ OPTIONAL.. => Self::Other(code),
             _ => return Err(Malformed::UnknownCode),
         })
     }

@@ -9,9 +9,6 @@ use crate::limits::MESSAGE_BYTES_MAX;
 use crate::wire::Malformed;
 use crate::wire::bytes::{Reader, Writer};
 
-/// Types from here on may be ignored.
-pub(crate) const OPTIONAL: u8 = 0x80;
-
 /// Appends one message.
 ///
 /// # Panics

@@ -2,6 +2,8 @@
 //!
 //! A notice is encoded once for all members and counted by both ends; each state packet says how many it builds on.
 
+use alloc::vec::Vec;
+
 use glam::Vec3;
 use rhumb_reckoning::{Anchor, BodyId, Inertia, Predictor, Tick, Track, Verbatim};
 
@@ -9,6 +11,7 @@ use super::inertia;
 use crate::limits::INDICES_MAX;
 use crate::packet::{TrackSaying, law_code, law_of};
 use crate::scene::{BodyTerms, Joint, JointId, Shape, ShapeId};
+use crate::wire::OPTIONAL;
 use crate::wire::bits::{BitReader, BitWriter};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
@@ -81,6 +84,13 @@ pub enum Notice {
         /// Its number.
         id: JointId,
     },
+    /// Something that a later version knows, and that changes nothing of what this one does. It counts as any other.
+    Unknown {
+        /// From [`OPTIONAL`] on.
+        code: u8,
+        /// The rest, as it came.
+        fields: Vec<u8>,
+    },
 }
 
 impl Wire for Notice {
@@ -135,6 +145,10 @@ impl Wire for Notice {
             Self::JointRemoved { id } => {
                 to.u8(7);
                 id.encode(to);
+            }
+            Self::Unknown { code, fields } => {
+                to.u8(*code);
+                to.raw(fields);
             }
         }
     }
@@ -193,6 +207,10 @@ impl Wire for Notice {
             }
             7 => Self::JointRemoved {
                 id: JointId::decode(from)?,
+            },
+            code @ OPTIONAL.. => Self::Unknown {
+                code,
+                fields: from.raw(from.rest().len())?.to_vec(),
             },
             _ => return Err(Malformed::UnknownCode),
         })

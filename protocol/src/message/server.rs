@@ -7,7 +7,8 @@ use rhumb_reckoning::Tick;
 use super::choice::StreamChoice;
 use super::denial::Denial;
 use super::drive::{DriveError, Driving};
-use super::frame::{Framed, OPTIONAL, frame};
+use super::extensions::Extensions;
+use super::frame::{Framed, frame};
 use super::inspection::Inspection;
 use super::notice::Notice;
 use crate::packet::StreamId;
@@ -15,20 +16,22 @@ use crate::scene::{CommandError, IdRange, SceneTerms};
 use crate::stream::StreamStart;
 use crate::time::Instant;
 use crate::wire::bytes::{Reader, Writer};
-use crate::wire::{Malformed, Wire};
+use crate::wire::{Malformed, OPTIONAL, Wire};
 
 /// The answer to `Hello`.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Welcome {
     /// The version that both speak from here on.
     pub version: u16,
     /// The terms of the scene that `Hello` named, if it exists.
     pub scene: Option<SceneTerms>,
+    /// What else is said, by number.
+    pub extensions: Extensions,
 }
 
 /// The answer to `Join`: where the stream begins. The scene's shapes and bodies follow as notices that do not count,
 /// up to `SnapshotEnd`.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Joined {
     /// Which stream it is.
     pub choice: StreamChoice,
@@ -38,6 +41,8 @@ pub struct Joined {
     pub start: StreamStart,
     /// Body indices for this member to give out.
     pub granted: IdRange,
+    /// What else is said, by number.
+    pub extensions: Extensions,
 }
 
 /// One message of a server.
@@ -118,6 +123,7 @@ impl Wire for Welcome {
         if let Some(terms) = &self.scene {
             terms.encode(to);
         }
+        self.extensions.encode(to);
     }
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
@@ -127,7 +133,11 @@ impl Wire for Welcome {
             1 => Some(SceneTerms::decode(from)?),
             _ => return Err(Malformed::UnknownCode),
         };
-        Ok(Self { version, scene })
+        Ok(Self {
+            version,
+            scene,
+            extensions: Extensions::decode(from)?,
+        })
     }
 }
 
@@ -142,6 +152,7 @@ impl Wire for Joined {
         to.varint(start.next);
         to.varint(start.notices);
         self.granted.encode(to);
+        self.extensions.encode(to);
     }
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
@@ -167,6 +178,7 @@ impl Wire for Joined {
             terms,
             start,
             granted: IdRange::decode(from)?,
+            extensions: Extensions::decode(from)?,
         })
     }
 }

@@ -13,7 +13,7 @@ use super::joint::{Joint, JointId};
 use super::shape::{Shape, ShapeId};
 use crate::limits::{ANGULAR_MAX, COORDINATE_MAX, FORCE_MAX, GRAVITY_MAX, LINEAR_MAX};
 use crate::wire::bytes::{Reader, Writer};
-use crate::wire::{Malformed, Wire};
+use crate::wire::{Malformed, OPTIONAL, Wire};
 
 /// One wish, applied before the next tick in the order of sending.
 #[derive(Clone, Debug, PartialEq)]
@@ -296,6 +296,7 @@ impl Wire for Command {
             code::REMOVE_JOINT => Self::RemoveJoint {
                 id: JointId::decode(from)?,
             },
+            OPTIONAL.. => return Err(Malformed::UnknownCommand),
             _ => return Err(Malformed::UnknownCode),
         })
     }
@@ -403,6 +404,10 @@ pub enum CommandError {
     JoinedToItself(BodyId),
     /// A member drives the body, and alone says where it is.
     Driven(BodyId),
+    /// The server does not know such a command.
+    UnknownCommand,
+    /// Something that a later version has a word for; the code is from [`OPTIONAL`] on.
+    Other(u8),
 }
 
 impl fmt::Display for CommandError {
@@ -426,6 +431,8 @@ impl fmt::Display for CommandError {
             Self::JointIdTaken(id) => write!(f, "{id} is taken"),
             Self::JoinedToItself(id) => write!(f, "a joint cannot hold {id} to itself"),
             Self::Driven(id) => write!(f, "a member drives {id} and alone says where it is"),
+            Self::UnknownCommand => f.write_str("the server does not know such a command"),
+            Self::Other(code) => write!(f, "the server has a reason of its own, number {code}"),
         }
     }
 }
@@ -458,6 +465,8 @@ impl Wire for CommandError {
             Self::JointIdTaken(id) => named(to, 14, &id),
             Self::JoinedToItself(id) => named(to, 15, &id),
             Self::Driven(id) => named(to, 16, &id),
+            Self::UnknownCommand => to.u8(17),
+            Self::Other(code) => to.u8(code),
         }
     }
 
@@ -482,6 +491,8 @@ impl Wire for CommandError {
             14 => Self::JointIdTaken(JointId::decode(from)?),
             15 => Self::JoinedToItself(BodyId::decode(from)?),
             16 => Self::Driven(BodyId::decode(from)?),
+            17 => Self::UnknownCommand,
+            code @ OPTIONAL.. => Self::Other(code),
             _ => return Err(Malformed::UnknownCode),
         })
     }

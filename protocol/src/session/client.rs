@@ -5,6 +5,7 @@
 
 mod clock;
 mod driving;
+mod greeting;
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
@@ -21,9 +22,7 @@ use super::pings::Pings;
 use super::replica::Replica;
 use crate::endpoint::{Ending, Endpoint, Peer, Transmit, Wake, WakeReason};
 use crate::limits::RESERVE_MAX;
-use crate::message::{
-    ClientMessage, Denial, Frames, Joined, Notice, ServerMessage, StreamChoice, VERSIONS,
-};
+use crate::message::{ClientMessage, Denial, Frames, Joined, Notice, ServerMessage, StreamChoice};
 use crate::scene::{Command, IdRange, SceneName, SceneTerms};
 use crate::time::{Instant, Span};
 use driving::Wheel;
@@ -293,12 +292,7 @@ impl ClientSession {
 
     fn hear(&mut self, now: Instant, message: ServerMessage) -> Result<(), CloseCode> {
         match message {
-            ServerMessage::Welcome(welcome) if self.state == State::Greeting => {
-                self.state = State::Lobby;
-                self.terms = welcome.scene;
-                self.say(&ClientMessage::Ping { sent: now });
-                self.events.push_back(Event::Welcomed(welcome));
-            }
+            ServerMessage::Welcome(welcome) => self.hear_welcome(now, welcome)?,
             ServerMessage::Created => self.events.push_back(Event::Created),
             ServerMessage::Joined(joined) => self.begin_snapshot(&joined)?,
             ServerMessage::SnapshotEnd => self.end_snapshot(now)?,
@@ -329,7 +323,6 @@ impl ClientSession {
             }
             ServerMessage::Driving(driving) => self.hear_driving(&driving),
             ServerMessage::NotDriving(error) => self.hear_not_driving(error),
-            ServerMessage::Welcome(_) => return Err(CloseCode::VIOLATION),
         }
         Ok(())
     }
@@ -339,6 +332,9 @@ impl ClientSession {
             return Err(CloseCode::VIOLATION);
         }
         joined.terms.check().map_err(|_| CloseCode::VIOLATION)?;
+        if joined.extensions.ask_too_much() {
+            return Err(CloseCode::EXTENSION);
+        }
         self.terms = Some(joined.terms);
         self.granted = joined.granted;
         self.copies.begin(joined);
@@ -407,6 +403,7 @@ impl ClientSession {
             | Notice::ShapeRemoved { .. }
             | Notice::JointAdded { .. }
             | Notice::JointRemoved { .. }
+            | Notice::Unknown { .. }
             | Notice::GravityChanged { .. } => {}
         }
         Ok(())
@@ -472,17 +469,13 @@ impl ClientSession {
 }
 
 impl Endpoint for ClientSession {
-    fn handle_opened(&mut self, _now: Instant, peer: Peer) {
+    fn handle_opened(&mut self, now: Instant, peer: Peer) {
         if self.state != State::Unconnected {
             return;
         }
         self.peer = peer;
         self.state = State::Greeting;
-        let hello = ClientMessage::Hello {
-            versions: VERSIONS.to_vec(),
-            scene: self.scene.clone(),
-        };
-        self.say(&hello);
+        self.greet(now, peer);
     }
 
     fn handle_control(&mut self, now: Instant, _from: Peer, bytes: &[u8]) {

@@ -20,6 +20,8 @@ impl CloseCode {
     pub const VERSION: Self = Self(3);
     /// A limit of the protocol was exceeded.
     pub const LIMIT: Self = Self(4);
+    /// An extension must be known to go on, and is not.
+    pub const EXTENSION: Self = Self(5);
 }
 
 impl From<Malformed> for CloseCode {
@@ -36,6 +38,7 @@ impl fmt::Display for CloseCode {
             Self::VIOLATION => "a message that is not allowed in this state",
             Self::VERSION => "no version in common",
             Self::LIMIT => "a limit of the protocol was exceeded",
+            Self::EXTENSION => "an extension that must be known is not",
             Self(code) => return write!(f, "unknown close code {code}"),
         })
     }

@@ -168,7 +168,7 @@ impl Replica {
                 self.gravity = *gravity;
                 self.subscriber.change_gravity(*since, *gravity);
             }
-            Notice::SceneFaulted { .. } => {}
+            Notice::SceneFaulted { .. } | Notice::Unknown { .. } => {}
             Notice::JointAdded { id, joint } => {
                 let known = joint.bodies.map(|body| self.body(body).is_some());
                 if known != [true; 2] || !self.joints.insert(*id, *joint) {

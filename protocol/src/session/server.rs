@@ -11,7 +11,7 @@ use rhumb_reckoning::Tick;
 
 use super::close::CloseCode;
 use crate::message::{
-    ClientMessage, Drive, Frames, ServerMessage, StreamChoice, VERSIONS, Welcome,
+    ClientMessage, Drive, Frames, Grease, ServerMessage, StreamChoice, VERSIONS, Welcome,
 };
 use crate::packet::StreamId;
 use crate::scene::{Command, CommandError, SceneName, SceneTerms};
@@ -80,24 +80,26 @@ enum State {
 pub struct ServerSession {
     state: State,
     frames: Frames,
+    grease: Grease,
     out: Vec<u8>,
     queue: VecDeque<Bytes>,
     close: Option<CloseCode>,
 }
 
-impl Default for ServerSession {
-    fn default() -> Self {
+impl ServerSession {
+    /// A conversation that waits for its `Hello`.
+    #[must_use]
+    pub const fn new(grease: Grease) -> Self {
         Self {
             state: State::Silent,
-            frames: Frames::default(),
+            frames: Frames::new(),
+            grease,
             out: Vec::new(),
             queue: VecDeque::new(),
             close: None,
         }
     }
-}
 
-impl ServerSession {
     /// The next bytes of the client's control stream. Drain [`Self::poll_request`] after each call.
     pub fn handle_control(&mut self, bytes: &[u8]) {
         if self.state != State::Closed {
@@ -124,6 +126,9 @@ impl ServerSession {
                 Err(Malformed::Motion(invalid)) if self.is_member() => {
                     let command = Err(CommandError::Invalid(invalid.into()));
                     return Some(self.numbered(command));
+                }
+                Err(Malformed::UnknownCommand) if self.is_member() => {
+                    return Some(self.numbered(Err(CommandError::UnknownCommand)));
                 }
                 Err(malformed) => self.close(malformed.into()),
             }
@@ -157,9 +162,19 @@ impl ServerSession {
 
     fn admit_now(&mut self, message: ClientMessage) -> Result<Request, CloseCode> {
         match (self.state, message) {
-            (State::Silent, ClientMessage::Hello { versions, scene }) => {
+            (
+                State::Silent,
+                ClientMessage::Hello {
+                    versions,
+                    scene,
+                    extensions,
+                },
+            ) => {
                 if !versions.contains(&VERSIONS[0]) {
                     return Err(CloseCode::VERSION);
+                }
+                if extensions.ask_too_much() {
+                    return Err(CloseCode::EXTENSION);
                 }
                 self.state = State::Greeted;
                 Ok(Request::Hello { scene })
@@ -194,8 +209,13 @@ impl ServerSession {
     pub fn welcome(&mut self, scene: Option<SceneTerms>) {
         if self.state == State::Greeted {
             self.state = State::Lobby;
-            let version = VERSIONS[0];
-            self.say(&ServerMessage::Welcome(Welcome { version, scene }));
+            let welcome = Welcome {
+                version: VERSIONS[0],
+                scene,
+                extensions: self.grease.extensions(),
+            };
+            self.say(&ServerMessage::Welcome(welcome));
+            self.grease.message(&mut self.out);
         }
     }
 
@@ -267,17 +287,19 @@ const fn is_for_members(message: &ClientMessage) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::message::{Extension, Extensions};
     use proptest::prelude::*;
 
     fn hello() -> ClientMessage {
         ClientMessage::Hello {
             versions: alloc::vec![9, 1],
             scene: "pit".parse().unwrap(),
+            extensions: Extensions::NONE,
         }
     }
 
     fn session_after(messages: &[ClientMessage]) -> ServerSession {
-        let mut session = ServerSession::default();
+        let mut session = ServerSession::new(Grease::new(0));
         let mut bytes = Vec::new();
         for message in messages {
             message.encode(&mut bytes);
@@ -298,10 +320,27 @@ mod tests {
         let future = ClientMessage::Hello {
             versions: alloc::vec![77],
             scene: "pit".parse().unwrap(),
+            extensions: Extensions::NONE,
         };
         let mut session = session_after(&[future]);
         assert_eq!(session.poll_request(), None);
         assert_eq!(session.poll_close(), Some(CloseCode::VERSION));
+    }
+
+    #[test]
+    fn an_extension_is_skipped_unless_it_must_be_known() {
+        for (id, closed) in [(27, None), (9, None), (8, Some(CloseCode::EXTENSION))] {
+            let mut extensions = Extensions::NONE;
+            let value = alloc::vec![1, 2];
+            assert!(extensions.insert(Extension { id, value }));
+            let mut session = session_after(&[ClientMessage::Hello {
+                versions: alloc::vec![0x1a1a, 2, 1],
+                scene: "pit".parse().unwrap(),
+                extensions,
+            }]);
+            assert_eq!(session.poll_request().is_none(), closed.is_some());
+            assert_eq!(session.poll_close(), closed);
+        }
     }
 
     #[test]
@@ -343,6 +382,35 @@ mod tests {
         let joins = Some(Request::Join(StreamChoice::Full));
         assert_eq!(session.poll_request(), joins);
         assert_eq!(session.poll_close(), None);
+    }
+
+    #[test]
+    fn a_command_from_the_future_is_refused_and_takes_a_number() {
+        let mut session = session_after(&[hello()]);
+        session.poll_request();
+        session.welcome(None);
+        session.state = State::Member { commands: 7 };
+        let mut bytes = Vec::new();
+        crate::message::frame(7, &[0x80, 1, 2, 3], &mut bytes);
+        ClientMessage::Command(Command::RemoveJoint {
+            id: crate::scene::JointId(0),
+        })
+        .encode(&mut bytes);
+        crate::message::frame(7, &[0x7f], &mut bytes);
+        session.handle_control(&bytes);
+        let command = Err(CommandError::UnknownCommand);
+        let refused = Request::Command { number: 7, command };
+        assert_eq!(session.poll_request(), Some(refused));
+        let next = session.poll_request();
+        assert!(matches!(
+            next,
+            Some(Request::Command {
+                number: 8,
+                command: Ok(_)
+            })
+        ));
+        assert_eq!(session.poll_request(), None);
+        assert_eq!(session.poll_close(), Some(CloseCode::MALFORMED));
     }
 
     #[test]

@@ -17,6 +17,8 @@ pub enum Malformed {
     OutOfRange,
     /// A code that no version so far has given a meaning.
     UnknownCode,
+    /// A command that a later version may know: it is refused, and nothing else is wrong.
+    UnknownCommand,
     /// A number is NaN or infinite, or a rotation is not of unit length.
     NotFinite,
     /// So it is with a motion that was said to the bit.
@@ -36,6 +38,7 @@ impl fmt::Display for Malformed {
             Self::NotCanonical => "a number is not in its shortest form",
             Self::OutOfRange => "a number is out of range",
             Self::UnknownCode => "unknown code",
+            Self::UnknownCommand => "unknown command",
             Self::NotFinite => "a number is not finite, or a rotation not of unit length",
             Self::Text => "text is not UTF-8 or holds forbidden characters",
             Self::TooLong => "longer than its limit",

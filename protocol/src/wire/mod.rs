@@ -8,6 +8,9 @@ pub use malformed::Malformed;
 
 use self::bytes::{Reader, Writer};
 
+/// Codes from here on may be met by who does not know them; what is then done stands with each (PROTOCOL 3.5).
+pub const OPTIONAL: u8 = 0x80;
+
 /// A value with one form in whole bytes.
 pub trait Wire: Sized {
     /// Appends the value's one form.

@@ -1,9 +1,12 @@
 //! ARCHITECTURE.md lists what is there, and what code cites can be read.
 //!
-//! A line of the map is a row of a table: the path in backticks, then the purpose.
+//! A line of the map is a row of a table: the path in backticks, then the purpose. What is cited of the documents is a
+//! clause, as 3.4, or a requirement by its name, as 3.4-1.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
+
+use rhumb_tests::requirements::{Document, is_name};
 
 use crate::house::{File, files, report, root};
 
@@ -87,10 +90,10 @@ fn cited(text: &str, name: &str) -> Vec<(usize, String)> {
                 .strip_prefix(' ')
                 .unwrap_or_default();
             let end = rest
-                .find(|c: char| !c.is_ascii_digit() && c != '.')
+                .find(|c: char| !c.is_ascii_digit() && c != '.' && c != '-')
                 .unwrap_or(rest.len());
-            let clause = rest[..end].trim_end_matches('.');
-            if is_number(clause) {
+            let clause = rest[..end].trim_end_matches(['.', '-']);
+            if is_number(clause) || is_name(clause) {
                 cited.push((number + 1, clause.to_owned()));
             }
         }
@@ -102,8 +105,10 @@ fn cited(text: &str, name: &str) -> Vec<(usize, String)> {
 fn every_cited_clause_can_be_read() {
     let mut violations = Vec::new();
     let files = files();
-    for name in ["PROTOCOL", "RECKONING"] {
-        let clauses = clauses(&format!("spec/{name}.md"));
+    for document in Document::ALL {
+        let name = document.name();
+        let mut clauses = clauses(&format!("spec/{name}.md"));
+        clauses.extend(document.requirements().into_iter().map(|one| one.id));
         for File { path, text } in &files {
             for (line, clause) in cited(text, name) {
                 if !clauses.contains(&clause) {
@@ -116,10 +121,35 @@ fn every_cited_clause_can_be_read() {
 }
 
 #[test]
+fn every_requirement_has_a_name_of_its_clause_for_itself() {
+    let mut violations = Vec::new();
+    for document in Document::ALL {
+        let mut seen = BTreeSet::new();
+        for requirement in document.requirements() {
+            let clause = requirement.id.split('-').next().unwrap_or_default();
+            if clause != requirement.clause {
+                violations.push(format!("{requirement} stands in {}", requirement.clause));
+            }
+            if requirement.text.is_empty() {
+                violations.push(format!("{requirement} says nothing"));
+            }
+            if !seen.insert(requirement.id.clone()) {
+                violations.push(format!("{requirement} is there twice"));
+            }
+        }
+    }
+    report("a requirement has a name for itself", &violations);
+}
+
+#[test]
 fn citations_are_found() {
     // Written so that this file cites nothing itself.
     let name = ["PROTO", "COL"].concat();
-    let text = format!("see ({name} 3.4), {name} 5.\n{name}.md, {name} x");
+    let text = format!("see ({name} 3.4), {name} 5.\n{name}.md, {name} x, {name} 3.4-12.");
     let found = cited(&text, &name);
-    assert_eq!(found, [(1, "3.4".to_owned()), (1, "5".to_owned())]);
+    let expected = [(1, "3.4"), (1, "5"), (2, "3.4-12")];
+    assert_eq!(
+        found,
+        expected.map(|(line, clause)| (line, clause.to_owned()))
+    );
 }

@@ -1,0 +1,140 @@
+//! Fields that an end adds to what the first messages hold, by number.
+//!
+//! Knows which numbers may be skipped, and none that means anything yet. What is said of one here is kept as it came, so
+//! that it goes on unchanged (PROTOCOL 3.5).
+
+use alloc::vec::Vec;
+
+use crate::limits::{EXTENSION_BYTES_MAX, EXTENSIONS_MAX};
+use crate::wire::bytes::{Reader, Writer};
+use crate::wire::{Malformed, Wire};
+
+/// One field: its number, and bytes that who knows the number understands.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Extension {
+    /// Even: who does not know it refuses the whole. Odd: who does not know it skips it.
+    pub id: u32,
+    /// At most [`EXTENSION_BYTES_MAX`].
+    pub value: Vec<u8>,
+}
+
+impl Extension {
+    /// Whether who does not know it must refuse what it stands in.
+    #[must_use]
+    pub const fn is_critical(&self) -> bool {
+        self.id.is_multiple_of(2)
+    }
+}
+
+/// The extensions of one message, in rising order of their numbers, each once.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Extensions(Vec<Extension>);
+
+impl Extensions {
+    /// None.
+    pub const NONE: Self = Self(Vec::new());
+
+    /// Adds one; `false` when there is one of this number, too many, or too long a value, and then nothing is added.
+    #[must_use]
+    pub fn insert(&mut self, extension: Extension) -> bool {
+        let fits = self.0.len() < EXTENSIONS_MAX && extension.value.len() <= EXTENSION_BYTES_MAX;
+        match self.0.binary_search_by_key(&extension.id, |one| one.id) {
+            Err(place) if fits => {
+                self.0.insert(place, extension);
+                true
+            }
+            _ => false,
+        }
+    }
+
+    /// All of them, in order.
+    pub fn iter(&self) -> impl Iterator<Item = &Extension> {
+        self.0.iter()
+    }
+
+    /// Whether one must be known and is not: this version knows none.
+    #[must_use]
+    pub fn ask_too_much(&self) -> bool {
+        self.0.iter().any(Extension::is_critical)
+    }
+}
+
+impl Wire for Extensions {
+    fn encode(&self, to: &mut Writer) {
+        to.varint(self.0.len() as u64);
+        for extension in &self.0 {
+            to.varint(u64::from(extension.id));
+            to.sized(&extension.value);
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let count = from.varint()?;
+        if count > EXTENSIONS_MAX as u64 {
+            return Err(Malformed::TooLong);
+        }
+        let mut extensions: Vec<Extension> = Vec::new();
+        for _ in 0..count {
+            let id = from.varint32()?;
+            if extensions.last().is_some_and(|last| last.id >= id) {
+                return Err(Malformed::NotCanonical);
+            }
+            let value = from.sized(EXTENSION_BYTES_MAX)?.to_vec();
+            extensions.push(Extension { id, value });
+        }
+        Ok(Self(extensions))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(bytes: &[u8]) -> Result<Extensions, Malformed> {
+        let mut reader = Reader::new(bytes);
+        let extensions = Extensions::decode(&mut reader)?;
+        reader.finish()?;
+        Ok(extensions)
+    }
+
+    #[test]
+    fn extensions_come_back_in_order() {
+        let mut extensions = Extensions::NONE;
+        let value = |length| alloc::vec![7; length];
+        for (id, length, taken) in [
+            (301, 0, true),
+            (27, 2, true),
+            (27, 1, false),
+            (29, EXTENSION_BYTES_MAX + 1, false),
+        ] {
+            let value = value(length);
+            assert_eq!(extensions.insert(Extension { id, value }), taken);
+        }
+        let mut writer = Writer::new();
+        extensions.encode(&mut writer);
+        let bytes = writer.into_bytes();
+        assert_eq!(bytes, [2, 27, 2, 7, 7, 0xad, 2, 0]);
+        assert_eq!(read(&bytes), Ok(extensions));
+        for cut in 0..bytes.len() {
+            assert_eq!(read(&bytes[..cut]), Err(Malformed::Truncated));
+        }
+    }
+
+    #[test]
+    fn only_even_numbers_must_be_known() {
+        let of = |id| {
+            let value = Vec::new();
+            Extensions(alloc::vec![Extension { id, value }])
+        };
+        assert!(of(4).ask_too_much() && of(0).ask_too_much());
+        assert!(!of(27).ask_too_much() && !Extensions::NONE.ask_too_much());
+    }
+
+    #[test]
+    fn numbers_that_do_not_rise_and_lists_that_are_too_long_are_refused() {
+        assert_eq!(read(&[2, 5, 0, 5, 0]), Err(Malformed::NotCanonical));
+        assert_eq!(read(&[2, 5, 0, 3, 0]), Err(Malformed::NotCanonical));
+        assert_eq!(read(&[17]), Err(Malformed::TooLong));
+        assert_eq!(read(&[1, 5, 0x81, 2]), Err(Malformed::TooLong));
+    }
+}

@@ -1,0 +1,126 @@
+//! Values that mean nothing, so that nobody comes to rely on their absence.
+//!
+//! No peer may mind them (PROTOCOL 3.5). Which are said follows from a seed.
+
+use alloc::vec::Vec;
+
+use super::extensions::{Extension, Extensions};
+use super::frame::frame;
+
+/// Seeded chance for what means nothing: xorshift of 64 bits, multiplied.
+///
+/// Source: Vigna, "An experimental exploration of Marsaglia's xorshift generators, scrambled", 2016, section 5.
+#[derive(Clone, Debug)]
+pub struct Grease(u64);
+
+impl Grease {
+    /// The chance of one connection.
+    #[must_use]
+    pub const fn new(seed: u64) -> Self {
+        // Neighbouring seeds part at once; zero, which the generator cannot leave, comes of one seed only.
+        match seed.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15) {
+            0 => Self(1),
+            state => Self(state),
+        }
+    }
+
+    /// A version that is none, among those in `known`, at any place.
+    #[must_use]
+    pub fn versions(&mut self, known: &[u16]) -> Vec<u16> {
+        let mut versions = known.to_vec();
+        let place = self.below(versions.len() as u32 + 1) as usize;
+        let nibble = self.below(16) as u16;
+        versions.insert(place, nibble * 0x1010 + 0x0a0a);
+        versions
+    }
+
+    /// One extension that may be skipped.
+    #[must_use]
+    pub fn extensions(&mut self) -> Extensions {
+        let mut extensions = Extensions::NONE;
+        let id = FIRST + STRIDE * self.below(1 << 20);
+        let value = self.bytes();
+        let fits = extensions.insert(Extension { id, value });
+        debug_assert!(fits, "one short value always fits");
+        extensions
+    }
+
+    /// Appends, each other time, a message that may be ignored.
+    pub fn message(&mut self, to: &mut Vec<u8>) {
+        if self.below(2) == 0 {
+            let kind = 0x8a + 0x10 * self.below(8) as u8;
+            frame(kind, &self.bytes(), to);
+        }
+    }
+
+    fn bytes(&mut self) -> Vec<u8> {
+        let length = self.below(9);
+        (0..length).map(|_| self.below(256) as u8).collect()
+    }
+
+    /// A number below `end`.
+    const fn below(&mut self, end: u32) -> u32 {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        let mixed = self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 32;
+        (mixed * end as u64 >> 32) as u32
+    }
+}
+
+/// Numbers of extensions that never mean anything: this one and each `STRIDE`-th from it on, all odd.
+const FIRST: u32 = 27;
+/// See [`FIRST`].
+const STRIDE: u32 = 62;
+
+/// Whether a version is one of those that never mean anything.
+#[must_use]
+pub const fn is_no_version(version: u16) -> bool {
+    version & 0x0f0f == 0x0a0a && version >> 12 == version >> 4 & 0xf
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::message::{ClientMessage, Frames, ServerMessage, VERSIONS};
+
+    #[test]
+    fn what_means_nothing_is_among_what_is_set_aside_for_it() {
+        for seed in 0..2_000 {
+            let mut grease = Grease::new(seed);
+            let versions = grease.versions(&VERSIONS);
+            let (none, known): (Vec<u16>, Vec<u16>) = versions
+                .iter()
+                .partition(|version| is_no_version(**version));
+            assert_eq!((none.len(), &known[..]), (1, &VERSIONS[..]));
+            let extensions = grease.extensions();
+            assert!(!extensions.ask_too_much());
+            assert!(extensions.iter().all(|one| one.id % STRIDE == FIRST));
+        }
+    }
+
+    #[test]
+    fn a_message_that_means_nothing_is_skipped_by_both_ends() {
+        let mut said = 0;
+        for seed in 0..200 {
+            let mut bytes = Vec::new();
+            Grease::new(seed).message(&mut bytes);
+            let mut frames = Frames::new();
+            frames.push(&bytes);
+            while let Some(framed) = frames.next_frame().unwrap() {
+                assert_eq!(framed.kind & 0x8f, 0x8a);
+                assert_eq!(ClientMessage::decode(&framed), Ok(None));
+                assert_eq!(ServerMessage::decode(&framed), Ok(None));
+                said += 1;
+            }
+        }
+        assert!((60..140).contains(&said), "{said} of 200");
+    }
+
+    #[test]
+    fn no_version_that_is_spoken_is_set_aside() {
+        assert!(!VERSIONS.iter().any(|version| is_no_version(*version)));
+        let aside = (0..=u16::MAX).filter(|version| is_no_version(*version));
+        assert_eq!(aside.count(), 16);
+    }
+}

@@ -1,0 +1,245 @@
+//! What a later version may say, this one bears or refuses by name.
+//!
+//! Each promise is shown at the bytes of a client's control stream; a server's stand with its session.
+
+use std::num::NonZeroU32;
+
+use glam::Vec3;
+use rhumb_protocol::limits::GRANT;
+use rhumb_protocol::message::{
+    ClientMessage, Denial, Extension, Extensions, Frames, Joined, Notice, ServerMessage,
+    StreamChoice, VERSIONS, Welcome, frame, is_no_version,
+};
+use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::scene::{Cadence, CommandError, IdRange, Material, Pace, SceneTerms};
+use rhumb_protocol::session::{ClientSession, CloseCode, Event};
+use rhumb_protocol::stream::StreamStart;
+use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Transmit};
+use rhumb_reckoning::{Damping, Integrator, Rate, Tick, Tolerance};
+
+const PEER: Peer = Peer(0);
+
+fn terms() -> SceneTerms {
+    SceneTerms {
+        integrator: Integrator {
+            rate: Rate::HZ_60,
+            substeps: NonZeroU32::MIN,
+        },
+        gravity: Vec3::NEG_Y,
+        pace: Pace::Lockstep,
+        material: Material {
+            friction: 0.5,
+            restitution: 0.0,
+            density: 1_000.0,
+        },
+        damping: Damping::default(),
+        sleep: None,
+        cadence: Cadence::EACH_TICK,
+    }
+}
+
+fn extensions(id: u32) -> Extensions {
+    let mut extensions = Extensions::NONE;
+    let value = vec![1, 2, 3];
+    assert!(extensions.insert(Extension { id, value }));
+    extensions
+}
+
+fn welcome(version: u16, extensions: Extensions) -> ServerMessage {
+    ServerMessage::Welcome(Welcome {
+        version,
+        scene: Some(terms()),
+        extensions,
+    })
+}
+
+fn joined(extensions: Extensions) -> ServerMessage {
+    let choice = StreamChoice::Within(Tolerance::NORMAL);
+    let start = StreamStart {
+        stream: StreamId(4),
+        tolerance: choice.tolerance(),
+        integrator: terms().integrator,
+        every: terms().cadence.every,
+        gravity: Vec3::NEG_Y,
+        tick: Tick::ZERO,
+        next: 0,
+        notices: 0,
+    };
+    ServerMessage::Joined(Joined {
+        choice,
+        terms: terms(),
+        start,
+        granted: IdRange::EMPTY,
+        extensions,
+    })
+}
+
+fn hears(session: &mut ClientSession, messages: &[ServerMessage]) {
+    let mut bytes = Vec::new();
+    for message in messages {
+        message.encode(&mut bytes);
+    }
+    session.handle_control(Instant::from_nanos(9), PEER, &bytes);
+}
+
+fn events(session: &mut ClientSession) -> Vec<Event> {
+    std::iter::from_fn(|| session.poll_event()).collect()
+}
+
+fn opened(at: u64) -> ClientSession {
+    let mut session = ClientSession::new("pit".parse().unwrap());
+    session.handle_opened(Instant::from_nanos(at), PEER);
+    session
+}
+
+/// A session that is a member with a whole, empty copy.
+fn member() -> ClientSession {
+    let mut session = opened(0);
+    hears(&mut session, &[welcome(1, Extensions::NONE)]);
+    session
+        .join(StreamChoice::Within(Tolerance::NORMAL))
+        .unwrap();
+    let snapshot = [joined(Extensions::NONE), ServerMessage::SnapshotEnd];
+    hears(&mut session, &snapshot);
+    assert!(matches!(
+        events(&mut session)[..],
+        [Event::Welcomed(_), Event::Joined(_)]
+    ));
+    session
+}
+
+fn said(session: &mut ClientSession) -> Vec<u8> {
+    let mut said = Vec::new();
+    while let Some(transmit) = session.poll_transmit() {
+        if let Transmit::Control { bytes, .. } = transmit {
+            said.extend_from_slice(&bytes);
+        }
+    }
+    said
+}
+
+#[test]
+fn a_hello_offers_what_is_spoken_among_what_means_nothing() {
+    let mut places = [0; 2];
+    for at in 0..64 {
+        let mut frames = Frames::new();
+        frames.push(&said(&mut opened(at)));
+        let first = frames.next_frame().unwrap().expect("a client says hello");
+        let Ok(Some(ClientMessage::Hello {
+            versions,
+            extensions,
+            ..
+        })) = ClientMessage::decode(&first)
+        else {
+            panic!("a conversation begins with a hello");
+        };
+        assert!(extensions.iter().count() == 1 && !extensions.ask_too_much());
+        let place = versions.iter().position(|one| is_no_version(*one));
+        places[place.expect("one means nothing")] += 1;
+        assert!(versions.contains(&VERSIONS[0]));
+        while let Some(framed) = frames.next_frame().unwrap() {
+            assert_eq!(ClientMessage::decode(&framed), Ok(None));
+        }
+    }
+    assert!(places.iter().all(|count| *count > 16), "{places:?}");
+}
+
+#[test]
+fn one_moment_gives_one_hello() {
+    assert_eq!(said(&mut opened(5)), said(&mut opened(5)));
+    assert_ne!(said(&mut opened(5)), said(&mut opened(6)));
+}
+
+#[test]
+fn a_welcome_in_a_version_that_is_not_spoken_ends_the_connection() {
+    for version in [0, 2, 0x0a0a, 0xfafa, u16::MAX] {
+        let mut session = opened(0);
+        hears(&mut session, &[welcome(version, Extensions::NONE)]);
+        let ended = Event::Ended(Ending::Closed(CloseCode::VERSION.0));
+        assert_eq!(events(&mut session), [ended]);
+    }
+}
+
+#[test]
+fn an_extension_that_may_be_skipped_is_told_and_one_that_must_be_known_ends_it() {
+    let mut session = opened(0);
+    hears(&mut session, &[welcome(1, extensions(27))]);
+    assert!(matches!(
+        &events(&mut session)[..],
+        [Event::Welcomed(heard)] if heard.extensions == extensions(27)
+    ));
+    hears(&mut session, &[joined(extensions(9))]);
+    assert_eq!(events(&mut session), []);
+    let ended = Event::Ended(Ending::Closed(CloseCode::EXTENSION.0));
+    let mut session = opened(0);
+    hears(&mut session, &[welcome(1, extensions(26))]);
+    assert_eq!(events(&mut session), [ended.clone()]);
+    let mut session = opened(0);
+    hears(&mut session, &[welcome(1, Extensions::NONE)]);
+    hears(&mut session, &[joined(extensions(2))]);
+    assert_eq!(events(&mut session)[1..], [ended]);
+}
+
+#[test]
+fn an_unknown_notice_changes_nothing_and_counts() {
+    let mut session = member();
+    let unknown = Notice::Unknown {
+        code: 0xff,
+        fields: vec![9; 40],
+    };
+    hears(&mut session, &[ServerMessage::Notice(unknown)]);
+    assert_eq!(events(&mut session), []);
+    // A vouch that says one notice is read at once, one that says two is held.
+    let vouched = |session: &ClientSession| session.replica().unwrap().stream().vouched();
+    let vouch = |tick, notices| [2, 4, 0, 0, tick, 0, notices, 0];
+    session.handle_datagram(Instant::from_nanos(10), PEER, &vouch(3, 1));
+    assert_eq!(vouched(&session), Tick::new(3));
+    session.handle_datagram(Instant::from_nanos(11), PEER, &vouch(5, 2));
+    assert_eq!(vouched(&session), Tick::new(3));
+}
+
+#[test]
+fn unknown_messages_and_reasons_are_borne() {
+    let mut session = member();
+    let mut bytes = Vec::new();
+    frame(0x80, &[], &mut bytes);
+    frame(0xff, &[3; 300], &mut bytes);
+    session.handle_control(Instant::from_nanos(10), PEER, &bytes);
+    assert_eq!(events(&mut session), []);
+    let refused = ServerMessage::Refused {
+        number: 0,
+        error: CommandError::Other(0x90),
+    };
+    let denied = ServerMessage::Denied(Denial::Other(0x81));
+    session.reserve(GRANT).unwrap();
+    hears(&mut session, &[refused, denied]);
+    let error = CommandError::Other(0x90);
+    let expected = [
+        Event::Refused { number: 0, error },
+        Event::Denied(Denial::Other(0x81)),
+    ];
+    assert_eq!(events(&mut session), expected);
+}
+
+#[test]
+fn a_datagram_of_an_unknown_kind_is_dropped() {
+    let mut session = member();
+    for kind in 11..=u8::MAX {
+        session.handle_datagram(Instant::from_nanos(10), PEER, &[kind, 4, 1, 2, 3, 4, 5, 6]);
+    }
+    let stream = session.replica().unwrap().stream();
+    assert!(stream.is_settled() && stream.vouched() == Tick::ZERO);
+    assert_eq!(events(&mut session), []);
+}
+
+#[test]
+fn what_must_be_known_and_is_not_is_malformed() {
+    for (kind, body) in [(0x7f, &[][..]), (11, &[0x7f]), (8, &[0x7f]), (15, &[0x7f])] {
+        let mut session = member();
+        let mut bytes = Vec::new();
+        frame(kind, body, &mut bytes);
+        session.handle_control(Instant::from_nanos(10), PEER, &bytes);
+        let ended = Event::Ended(Ending::Closed(CloseCode::MALFORMED.0));
+        assert_eq!(events(&mut session), [ended], "{kind}");
+    }
+}

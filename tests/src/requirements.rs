@@ -1,0 +1,223 @@
+//! The requirements that the documents of `spec/` name, with their texts.
+//!
+//! A requirement begins at its name in brackets, as `[2.2-1]`, and goes to the next name or to the end of its paragraph,
+//! item or row. It is a MUST unless it says SHOULD or MAY.
+
+use std::fmt;
+use std::path::Path;
+
+/// A document of the specification.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Document {
+    /// Bytes, and who may say them when.
+    Protocol,
+    /// The arithmetic of motion.
+    Reckoning,
+}
+
+/// How binding a requirement is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Level {
+    /// Whoever does otherwise is not conformant.
+    Must,
+    /// Whoever does otherwise has a reason.
+    Should,
+    /// A choice that others bear.
+    May,
+}
+
+/// One requirement.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Requirement {
+    /// Where it stands.
+    pub document: Document,
+    /// Its name without brackets, as `2.2-1`.
+    pub id: String,
+    /// The clause under whose heading it stands, as `2.2`.
+    pub clause: String,
+    /// How binding it is.
+    pub level: Level,
+    /// What it says, on one line.
+    pub text: String,
+}
+
+impl Document {
+    /// Both, in the order in which one reads them.
+    pub const ALL: [Self; 2] = [Self::Protocol, Self::Reckoning];
+
+    /// The word by which it is cited.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Protocol => "PROTOCOL",
+            Self::Reckoning => "RECKONING",
+        }
+    }
+
+    /// What it says.
+    ///
+    /// # Panics
+    ///
+    /// When it is not beside this package.
+    #[must_use]
+    pub fn text(self) -> String {
+        let spec = Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec");
+        std::fs::read_to_string(spec.join(format!("{}.md", self.name())))
+            .expect("the specification lies beside this package")
+    }
+
+    /// Its requirements, in the order in which they stand.
+    #[must_use]
+    pub fn requirements(self) -> Vec<Requirement> {
+        requirements(self, &self.text())
+    }
+}
+
+impl fmt::Display for Level {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Must => "MUST",
+            Self::Should => "SHOULD",
+            Self::May => "MAY",
+        })
+    }
+}
+
+impl fmt::Display for Requirement {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {}", self.document.name(), self.id)
+    }
+}
+
+/// The requirements of a text.
+#[must_use]
+pub fn requirements(document: Document, text: &str) -> Vec<Requirement> {
+    let mut found = Vec::new();
+    for Part { clause, text } in parts(text) {
+        let names = names(&text);
+        for (place, (start, end)) in names.iter().enumerate() {
+            let until = names.get(place + 1).map_or(text.len(), |(next, _)| *next);
+            let said = text[*end..until].trim().trim_matches('|').trim();
+            found.push(Requirement {
+                document,
+                id: text[start + 1..end - 1].to_owned(),
+                clause: clause.clone(),
+                level: level(said),
+                text: said.to_owned(),
+            });
+        }
+    }
+    found
+}
+
+/// A paragraph, an item or a row, on one line.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Part {
+    /// The clause that it stands in.
+    pub clause: String,
+    /// Its words.
+    pub text: String,
+}
+
+/// A text's paragraphs, items and rows; headings, notes and what is indented as code are left out.
+#[must_use]
+pub fn parts(text: &str) -> Vec<Part> {
+    let mut parts: Vec<Part> = Vec::new();
+    let mut clause = String::new();
+    let mut open = false;
+    for line in text.lines() {
+        let goes_on = open && !line.is_empty() && !begins_a_part(line);
+        open = false;
+        if let Some(heading) = line.strip_prefix('#') {
+            let heading = heading.trim_start_matches('#').trim_start();
+            clause = heading.split(' ').next().unwrap_or_default().to_owned();
+        } else if goes_on {
+            let part = parts.last_mut().expect("an open part was begun");
+            part.text.push(' ');
+            part.text.push_str(line.trim());
+            open = true;
+        } else if !line.is_empty() && !line.starts_with("    ") {
+            let (clause, text) = (clause.clone(), line.trim().to_owned());
+            parts.push(Part { clause, text });
+            open = !line.starts_with('|');
+        }
+    }
+    parts.retain(|part| !part.text.starts_with("*Note"));
+    parts
+}
+
+fn begins_a_part(line: &str) -> bool {
+    let numbered = line.split_once(". ").is_some_and(|(number, _)| {
+        !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit())
+    });
+    numbered
+        || ["|", "#", "- ", "    "]
+            .iter()
+            .any(|start| line.starts_with(start))
+}
+
+/// Where names begin and end, brackets included.
+fn names(text: &str) -> Vec<(usize, usize)> {
+    let brackets = text.match_indices('[').filter_map(|(start, _)| {
+        let end = start + text[start..].find(']')? + 1;
+        is_name(&text[start + 1..end - 1]).then_some((start, end))
+    });
+    brackets.collect()
+}
+
+/// Whether a text is a clause, a hyphen and a number.
+#[must_use]
+pub fn is_name(text: &str) -> bool {
+    let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    text.split_once('-')
+        .is_some_and(|(clause, number)| clause.split('.').all(is_number) && is_number(number))
+}
+
+fn level(text: &str) -> Level {
+    let says = |word: &str| {
+        let words = text.split(|c: char| !c.is_ascii_uppercase());
+        words.into_iter().any(|one| one == word)
+    };
+    if says("MUST") {
+        Level::Must
+    } else if says("SHOULD") {
+        Level::Should
+    } else if says("MAY") {
+        Level::May
+    } else {
+        Level::Must
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TEXT: &str = "# A\n\nBefore.\n\n### 2.1 Words\n\nNothing yet. [2.1-1] It is so\nand so. [2.1-2] One MAY\n\
+        ask; [2.1-4] one SHOULD.\n\n*Note.* MUST is [not] said.\n\n    code [2.1-9]\n\n\
+        | a | [2.1-3] b MUST NOT |\n| c | d [3] |\n1. [2.1-5] an item\n2. another\n";
+
+    #[test]
+    fn requirements_are_found_with_their_texts() {
+        let found = requirements(Document::Protocol, TEXT);
+        let found: Vec<_> = found
+            .iter()
+            .map(|one| (&one.id[..], one.level, &one.text[..]))
+            .collect();
+        let expected = [
+            ("2.1-1", Level::Must, "It is so and so."),
+            ("2.1-2", Level::May, "One MAY ask;"),
+            ("2.1-4", Level::Should, "one SHOULD."),
+            ("2.1-3", Level::Must, "b MUST NOT"),
+            ("2.1-5", Level::Must, "an item"),
+        ];
+        assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn the_protocol_has_requirements() {
+        let protocol = Document::Protocol.requirements();
+        assert!(protocol.len() > 200, "{}", protocol.len());
+        assert_eq!(protocol[0].to_string(), "PROTOCOL 1.1-1");
+    }
+}
