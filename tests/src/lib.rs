@@ -4,6 +4,7 @@
 #![forbid(unsafe_code)]
 
 mod avatar;
+pub mod grammar;
 mod process;
 pub mod requirements;
 mod rude;

@@ -1,0 +1,367 @@
+//! The control messages as `spec/tables/protocol.json` has them, read by that table alone.
+//!
+//! Knows nothing of the codec: what both make of the same bytes is compared elsewhere. A value is JSON: fields by name,
+//! `is` for which of several it is, f32s as the eight hexadecimal digits of their bits, bytes as hexadecimal digits.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::Path;
+
+use serde_json::{Map, Value, json};
+
+/// The table.
+#[derive(Debug)]
+pub struct Grammar {
+    table: Value,
+}
+
+/// Where one number of a message stands, and what the table says of it.
+#[derive(Clone, Debug)]
+pub struct Span {
+    /// The names that lead to it, with dots between.
+    pub path: String,
+    /// Its primitive, or `code`.
+    pub kind: String,
+    /// First byte.
+    pub start: usize,
+    /// Behind its last byte.
+    pub end: usize,
+    /// Least and most, if the table bounds it.
+    pub bounds: (Option<u64>, Option<u64>),
+    /// What it must not be, as bytes.
+    pub not: Option<Vec<u8>>,
+}
+
+/// Why the table does not have such bytes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Unreadable(pub String);
+
+impl Grammar {
+    /// The table of this house.
+    ///
+    /// # Panics
+    ///
+    /// When it is not there, or no JSON.
+    #[must_use]
+    pub fn load() -> Self {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/tables/protocol.json");
+        let text = std::fs::read_to_string(path).expect("the table lies beside this package");
+        let table = serde_json::from_str(&text).expect("the table is JSON");
+        Self { table }
+    }
+
+    /// The whole table.
+    #[must_use]
+    pub const fn table(&self) -> &Value {
+        &self.table
+    }
+
+    /// The limits by name.
+    ///
+    /// # Panics
+    ///
+    /// When the table has none.
+    #[must_use]
+    pub fn limits(&self) -> BTreeMap<&str, f64> {
+        let limits = self.table["limits"].as_object().expect("limits by name");
+        let number = |value: &Value| value.as_f64().expect("a limit is a number");
+        limits
+            .iter()
+            .map(|(name, value)| (name.as_str(), number(value)))
+            .collect()
+    }
+
+    /// What bytes mean as one whole value of a type, and where its numbers stand.
+    ///
+    /// # Errors
+    ///
+    /// [`Unreadable`] when they are not one by the table.
+    pub fn read(&self, name: &str, bytes: &[u8]) -> Result<(Value, Vec<Span>), Unreadable> {
+        let mut reading = Reading {
+            grammar: self,
+            bytes,
+            at: 0,
+            path: Vec::new(),
+            spans: Vec::new(),
+        };
+        let value = reading.named(name, &json!({}))?;
+        if reading.at < bytes.len() {
+            return Err(Unreadable(format!(
+                "{} bytes behind",
+                bytes.len() - reading.at
+            )));
+        }
+        Ok((value, reading.spans))
+    }
+
+    fn bound(&self, bound: &Value) -> Option<u64> {
+        match bound {
+            Value::String(name) => self.table["limits"][name.as_str()].as_u64(),
+            other => other.as_u64(),
+        }
+    }
+}
+
+struct Reading<'a> {
+    grammar: &'a Grammar,
+    bytes: &'a [u8],
+    at: usize,
+    path: Vec<String>,
+    spans: Vec<Span>,
+}
+
+impl Reading<'_> {
+    fn fail<T>(&self, why: &str) -> Result<T, Unreadable> {
+        Err(Unreadable(format!(
+            "{} at {}: {why}",
+            self.path.join("."),
+            self.at
+        )))
+    }
+
+    fn take(&mut self, count: usize) -> Result<&[u8], Unreadable> {
+        if self.bytes.len() - self.at < count {
+            return self.fail("ends too soon");
+        }
+        self.at += count;
+        Ok(&self.bytes[self.at - count..self.at])
+    }
+
+    /// A value of a type that the table names, or of a primitive that `field` bounds.
+    fn named(&mut self, name: &str, field: &Value) -> Result<Value, Unreadable> {
+        let grammar = self.grammar;
+        let Some(definition) = grammar.table["types"].get(name) else {
+            return self.primitive(name, field);
+        };
+        if let Some(fields) = definition.get("fields") {
+            return self.fields(fields).map(Value::Object);
+        }
+        if definition.get("times").is_some() {
+            return self.times(definition);
+        }
+        match definition["is"].as_str() {
+            Some(primitive) => self.primitive(primitive, definition),
+            None => self.coded(definition),
+        }
+    }
+
+    fn coded(&mut self, definition: &Value) -> Result<Value, Unreadable> {
+        let start = self.at;
+        let code = u64::from(self.take(1)?[0]);
+        self.note("code", start, (None, None), None);
+        let codes = definition["codes"].as_array().expect("codes are listed");
+        if let Some(row) = codes.iter().find(|row| row["code"] == code) {
+            let mut said = Map::new();
+            said.insert("is".to_owned(), row["name"].clone());
+            said.extend(self.fields(&row["fields"])?);
+            return Ok(Value::Object(said));
+        }
+        let optional = definition["optional"].as_u64();
+        if optional.is_some_and(|optional| code >= optional) {
+            let rest = hex(self.take(self.bytes.len() - self.at)?);
+            return Ok(json!({"is": code, "rest": rest}));
+        }
+        self.fail("no such code")
+    }
+
+    fn fields(&mut self, fields: &Value) -> Result<Map<String, Value>, Unreadable> {
+        let mut said = Map::new();
+        for field in fields.as_array().expect("fields are listed") {
+            let name = field["name"].as_str().expect("a field has a name");
+            if !is_there(field, &said) {
+                continue;
+            }
+            self.path.push(name.to_owned());
+            let value = match field["type"].as_str() {
+                Some(kind) => self.named(kind, field)?,
+                None => self.times(field)?,
+            };
+            self.path.pop();
+            said.insert(name.to_owned(), value);
+        }
+        Ok(said)
+    }
+
+    fn times(&mut self, field: &Value) -> Result<Value, Unreadable> {
+        let times = &field["times"];
+        let kind = times[0].as_str().expect("what is repeated has a type");
+        let bounds = json!({"least": times[1], "most": times[2]});
+        let counted_by = field["counted by"].as_str().unwrap_or("varint");
+        self.path.push("count".to_owned());
+        let count = self.primitive(counted_by, &bounds)?;
+        self.path.pop();
+        let count = count.as_u64().unwrap_or_default();
+        let mut values = Vec::new();
+        for place in 0..count {
+            self.path.push(place.to_string());
+            values.push(self.named(kind, &json!({}))?);
+            self.path.pop();
+        }
+        Ok(Value::Array(values))
+    }
+
+    fn primitive(&mut self, kind: &str, field: &Value) -> Result<Value, Unreadable> {
+        let bounds = (
+            self.grammar.bound(&field["least"]),
+            self.grammar.bound(&field["most"]),
+        );
+        let start = self.at;
+        let value = match kind {
+            "u8" | "u16" | "u32" | "u64" => {
+                let size = kind[1..].parse::<usize>().unwrap_or_default() / 8;
+                let bytes = self.take(size)?;
+                let number = bytes.iter().rev().fold(0, |n, b| n << 8 | u64::from(*b));
+                self.bounded(number, bounds, field)?
+            }
+            "varint" => {
+                let number = self.varint()?;
+                self.bounded(number, bounds, field)?
+            }
+            "varint32" | "count" => {
+                let natural = if kind == "count" {
+                    1 << 48
+                } else {
+                    0xffff_ffff
+                };
+                let number = self.varint()?;
+                let bounds = (bounds.0, Some(bounds.1.unwrap_or(natural)));
+                let value = self.bounded(number, bounds, field)?;
+                self.note(kind, start, bounds, None);
+                return Ok(value);
+            }
+            "f32" => self.f32()?,
+            "vec3" => Value::Array((0..3).map(|_| self.f32()).collect::<Result<_, _>>()?),
+            "quat" => Value::Array((0..4).map(|_| self.f32()).collect::<Result<_, _>>()?),
+            "bytes" => {
+                let left = self.bytes.len() - self.at;
+                self.bounded(left as u64, bounds, field)?;
+                Value::String(hex(self.take(left)?))
+            }
+            "sized" | "text" => return self.sized(kind, bounds, field),
+            _ => return self.fail("a type that no table has"),
+        };
+        let not = field["not"].as_str().map(unhex);
+        if not.as_deref() == Some(&self.bytes[start..self.at]) {
+            return self.fail("should have been left out");
+        }
+        self.note(kind, start, bounds, not);
+        Ok(value)
+    }
+
+    fn sized(
+        &mut self,
+        kind: &str,
+        bounds: (Option<u64>, Option<u64>),
+        field: &Value,
+    ) -> Result<Value, Unreadable> {
+        let start = self.at;
+        let length = self.varint()?;
+        self.bounded(length, bounds, field)?;
+        self.note("length", start, bounds, None);
+        let bytes = self
+            .take(usize::try_from(length).unwrap_or(usize::MAX))?
+            .to_vec();
+        if kind == "sized" {
+            return Ok(Value::String(hex(&bytes)));
+        }
+        let allowed = |c: &u8| c.is_ascii_alphanumeric() || b"-_./".contains(c);
+        match String::from_utf8(bytes) {
+            Ok(text) if text.as_bytes().iter().all(allowed) => Ok(Value::String(text)),
+            _ => self.fail("a character that no name has"),
+        }
+    }
+
+    fn f32(&mut self) -> Result<Value, Unreadable> {
+        let bytes: Vec<u8> = self.take(4)?.iter().rev().copied().collect();
+        Ok(Value::String(hex(&bytes)))
+    }
+
+    fn varint(&mut self) -> Result<u64, Unreadable> {
+        let mut number = 0_u128;
+        for place in 0..10 {
+            let byte = self.take(1)?[0];
+            number |= u128::from(byte & 0x7f) << (7 * place);
+            if byte < 0x80 {
+                if byte == 0 && place > 0 {
+                    return self.fail("not the shortest form");
+                }
+                return u64::try_from(number).or_else(|_| self.fail("more than 64 bits"));
+            }
+        }
+        self.fail("more than ten bytes")
+    }
+
+    fn bounded(
+        &self,
+        number: u64,
+        (least, most): (Option<u64>, Option<u64>),
+        field: &Value,
+    ) -> Result<Value, Unreadable> {
+        let within = least.is_none_or(|least| number >= least)
+            && most.is_none_or(|most| number <= most)
+            && field["mask"]
+                .as_u64()
+                .is_none_or(|mask| number & !mask == 0);
+        let kind = field["kinds"]
+            .as_array()
+            .and_then(|pair| Some((pair.first()?.as_u64()?, pair.get(1)?.as_u64()?)));
+        if within && kind.is_none_or(|(mask, most)| number & mask <= most) {
+            Ok(Value::from(number))
+        } else {
+            self.fail("out of range")
+        }
+    }
+
+    fn note(
+        &mut self,
+        kind: &str,
+        start: usize,
+        bounds: (Option<u64>, Option<u64>),
+        not: Option<Vec<u8>>,
+    ) {
+        self.spans.push(Span {
+            path: self.path.join("."),
+            kind: kind.to_owned(),
+            start,
+            end: self.at,
+            bounds,
+            not,
+        });
+    }
+}
+
+/// Whether a field is there, by what was said before it.
+fn is_there(field: &Value, said: &Map<String, Value>) -> bool {
+    let Some(when) = field["when"].as_array() else {
+        return true;
+    };
+    let mut names = when[0].as_str().unwrap_or_default().split('.');
+    let first = names.next().and_then(|name| said.get(name));
+    let flags = names.fold(first, |value, name| value?.get(name));
+    let flags = flags.and_then(Value::as_u64).unwrap_or_default();
+    Some(flags & when[1].as_u64().unwrap_or_default()) == when[2].as_u64()
+}
+
+/// Bytes as hexadecimal digits.
+#[must_use]
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::new(), |mut text, byte| {
+        write!(text, "{byte:02x}").expect("a string takes text");
+        text
+    })
+}
+
+/// Bytes from hexadecimal digits.
+///
+/// # Panics
+///
+/// When the text is not of such digits.
+#[must_use]
+pub fn unhex(text: &str) -> Vec<u8> {
+    let digits: Vec<_> = text.bytes().filter(|byte| *byte != b' ').collect();
+    let pairs = digits.chunks(2).map(|pair| {
+        let pair = std::str::from_utf8(pair).expect("digits are text");
+        u8::from_str_radix(pair, 16).expect("hexadecimal digits")
+    });
+    pairs.collect()
+}
