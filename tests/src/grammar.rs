@@ -1,4 +1,4 @@
-//! The control messages as `spec/tables/protocol.json` has them, read by that table alone.
+//! The control messages, read by `spec/tables/protocol.json` alone.
 //!
 //! Knows nothing of the codec: what both make of the same bytes is compared elsewhere. A value is JSON: fields by name,
 //! `is` for which of several it is, f32s as the eight hexadecimal digits of their bits, bytes as hexadecimal digits.

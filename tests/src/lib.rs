@@ -12,6 +12,7 @@ mod seed;
 mod stage;
 mod table;
 mod truth;
+pub mod vectors;
 mod walk;
 mod witness;
 

@@ -34,6 +34,10 @@ impl ClientSession {
         if welcome.extensions.ask_too_much() {
             return Err(CloseCode::EXTENSION);
         }
+        let terms = welcome.scene.as_ref();
+        if terms.is_some_and(|terms| terms.check().is_err()) {
+            return Err(CloseCode::VIOLATION);
+        }
         self.state = State::Lobby;
         self.terms = welcome.scene;
         self.say(&ClientMessage::Ping { sent: now });

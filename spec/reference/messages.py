@@ -1,0 +1,439 @@
+"""The control stream, from PROTOCOL 2 to 4: frames, and messages by the table of spec/tables/protocol.json.
+
+A message is {"is": its name, ...fields by name}; f32s are the eight hexadecimal digits of their bits, bytes are
+hexadecimal digits. What the table cannot say stands below as rules, by the clauses that they come from.
+"""
+
+import json
+import math
+import struct
+from pathlib import Path
+
+import reckoning
+from packets import BitReader, Bytes, Malformed, read_whole, refuse_if, varint
+
+TABLE = json.loads((Path(__file__).resolve().parent.parent / "tables" / "protocol.json").read_text(encoding="utf-8"))
+TYPES, LIMITS = TABLE["types"], TABLE["limits"]
+COUNT_MAX, WORD = 1 << 48, 1 << 32
+OPTIONAL = 0x80
+IDENTITY = ["00000000", "00000000", "00000000", "3f800000"]
+STILL = ["00000000"] * 3
+SLACK = 0.001
+
+
+class UnknownCommand(Exception):
+    """A command that nobody need know: it is refused, and takes a number (3.5-13)."""
+
+
+class Refused(Exception):
+    """A well-formed command, or terms, with a number that no engine should be given (4.5)."""
+
+    def __init__(self, name, quantity):
+        super().__init__(name, quantity)
+        self.error = {"is": name, "quantity": TABLE["quantities"].index(quantity)}
+
+
+def f32(digits):
+    return struct.unpack(">f", bytes.fromhex(digits))[0]
+
+
+def bound(value):
+    return LIMITS[value] if isinstance(value, str) else value
+
+
+# 4.1 Frames
+
+
+class Frames:
+    """Cuts a stream of bytes into messages."""
+
+    def __init__(self):
+        self.data = b""
+
+    def push(self, data):
+        self.data += data
+
+    def next(self):
+        """(type, body) of the next whole message, or None until more bytes come."""
+        frm = Bytes(self.data)
+        try:
+            length = frm.varint((1 << 64) - 1)
+        except Malformed as why:
+            if why.args[0] == "Truncated":
+                return None
+            raise
+        refuse_if(length == 0, "OutOfRange")
+        refuse_if(length > LIMITS["MESSAGE_BYTES_MAX"] + 1, "TooLong")
+        if len(self.data) - frm.at < length:
+            return None
+        message = frm.raw(length)
+        self.data = self.data[frm.at :]
+        return message[0], message[1:]
+
+
+def framed(kind, body):
+    return varint(len(body) + 1) + bytes([kind]) + body
+
+
+# The table's grammar
+
+
+def decoded(side, kind, body):
+    """What a message of a "client" or a "server" means; None for one that nobody need know."""
+    codes = TYPES[side + " message"]["codes"]
+    row = next((row for row in codes if row["code"] == kind), None)
+    if row is None:
+        refuse_if(kind < OPTIONAL, "UnknownCode")
+        return None
+    frm = Bytes(body)
+    said = {"is": row["name"]} | read_fields(row["fields"], frm)
+    frm.finish()
+    return said
+
+
+def read(name, frm, field):
+    kind = TYPES.get(name)
+    if kind is None:
+        return read_primitive(name, field, frm)
+    if "fields" in kind:
+        said = read_fields(kind["fields"], frm)
+    elif "times" in kind:
+        said = read_times(kind, frm)
+    elif "is" in kind:
+        return read_primitive(kind["is"], kind, frm)
+    else:
+        said = read_coded(name, kind, frm)
+    RULES.get(name, lambda said: None)(said)
+    return said
+
+
+def read_coded(name, kind, frm):
+    code = frm.u8()
+    row = next((row for row in kind["codes"] if row["code"] == code), None)
+    if row is None:
+        refuse_if(code < kind.get("optional", 256), "UnknownCode")
+        if name == "command":
+            raise UnknownCommand
+        # An error's reason has nothing behind it; a notice may have anything.
+        return {"is": code, "rest": frm.rest().hex() if name == "notice" else ""}
+    said = {"is": row["name"]} | read_fields(row["fields"], frm)
+    return said
+
+
+def read_fields(fields, frm):
+    said = {}
+    for field in fields:
+        if is_there(field, said):
+            name = field["name"]
+            said[name] = read(field["type"], frm, field) if "type" in field else read_times(field, frm)
+    return said
+
+
+def is_there(field, said):
+    if "when" not in field:
+        return True
+    path, mask, value = field["when"]
+    for name in path.split("."):
+        said = said[name]
+    return said & mask == value
+
+
+def read_times(field, frm):
+    name, least, most = field["times"]
+    counted = {"least": least, "most": most}
+    count = read_primitive(field.get("counted by", "varint"), counted, frm)
+    values = [read(name, frm, {}) for _ in range(count)]
+    if "rising" in field:
+        order = [rank(value) for value in values]
+        refuse_if(any(a >= b for a, b in zip(order, order[1:])), "NotCanonical")
+    return values
+
+
+def rank(value):
+    if "value" in value:
+        return value["id"]
+    value = value.get("id", value)
+    return (value["index"], value["generation"])
+
+
+def read_primitive(kind, field, frm):
+    start = frm.at
+    least, most = bound(field.get("least", 0)), bound(field.get("most", 1 << 64))
+    if kind in ("u8", "u16", "u32", "u64"):
+        value = int.from_bytes(frm.raw(int(kind[1:]) // 8), "little")
+        refuse_if(value & ~field.get("mask", value), "UnknownCode")
+        mask, top = field.get("kinds", (0, 0))
+        refuse_if(value & mask > top, "UnknownCode")
+        refuse_if(not least <= value <= most, "OutOfRange")
+    elif kind in ("varint", "varint32", "count"):
+        natural = {"varint": (1 << 64) - 1, "varint32": WORD - 1, "count": COUNT_MAX}[kind]
+        value = frm.varint(min(most, natural))
+        refuse_if(value < least, "OutOfRange")
+    elif kind == "f32":
+        value = read_f32(frm)
+    elif kind == "vec3":
+        value = [read_f32(frm) for _ in range(3)]
+        finite = field.get("rule") != "finite" or all(math.isfinite(f32(part)) for part in value)
+        refuse_if(not finite, "NotFinite")
+    elif kind == "quat":
+        value = [read_f32(frm) for _ in range(4)]
+    elif kind == "bytes":
+        value = frm.rest()
+        refuse_if(len(value) > most, "TooLong")
+        value = value.hex()
+    else:
+        length = frm.varint(most, "TooLong")
+        value = frm.raw(length)
+        refuse_if(length < least, "Text")
+        value = read_text(value) if kind == "text" else value.hex()
+    refuse_if(field.get("not") == frm.data[start : frm.at].hex(), "NotCanonical")
+    return value
+
+
+def read_f32(frm):
+    return frm.raw(4)[::-1].hex()
+
+
+NAME = set(b"abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_./")
+
+
+def read_text(data):
+    refuse_if(any(byte not in NAME for byte in data), "Text")
+    return data.decode("ascii")
+
+
+# Rules that the table names
+
+
+def motion_of(said):
+    """The thirteen f32s of a motion, as digits."""
+    return [*said["position"], *said.get("rotation", IDENTITY), *said.get("linear", STILL), *said.get("angular", STILL)]
+
+
+def check_motion(said):
+    refuse_if(reckoning.verbatim_motion([f32(part) for part in motion_of(said)]) is None, "NotFinite")
+
+
+def check_range(said):
+    refuse_if(said["first"] + said["count"] > LIMITS["INDICES_MAX"], "OutOfRange")
+
+
+def check_joint(said):
+    refuse_if(said["flags"] & 11 == 8, "UnknownCode")
+
+
+def check_inertia(said):
+    if said["is"] == "none":
+        return
+    moments = [f32(part) for part in said["moments"]]
+    frame = [f32(part) for part in said.get("frame", IDENTITY)]
+    inertia = reckoning.Inertia.of(moments, frame)
+    refuse_if(inertia is None, "OutOfRange")
+    refuse_if(inertia.is_equal(), "NotCanonical")
+
+
+def check_said_track(said):
+    if said["is"] == "in bits":
+        bits = BitReader(bytes.fromhex(said["whole"]))
+        whole = read_whole(bits)
+        bits.finish()
+        refuse_if("verbatim" in whole, "NotCanonical")
+    if said["is"] == "rest":
+        refuse_if(said["anchor"]["present"] & 6, "NotCanonical")
+
+
+def check_notice(said):
+    """Shapes, terms and joints outside section 7 are malformed in a notice (4.6-1)."""
+    try:
+        if said["is"] == "ShapeAdded":
+            check_numbers("shape", said["shape"])
+        elif said["is"] == "BodyPlaced":
+            check_numbers("body terms", said["terms"])
+        elif said["is"] == "JointAdded":
+            check_numbers("joint", said["joint"])
+    except Refused as why:
+        raise Malformed("OutOfRange") from why
+
+
+RULES = {
+    "id range": check_range,
+    "inertia": check_inertia,
+    "joint": check_joint,
+    "motion": check_motion,
+    "notice": check_notice,
+    "said track": check_said_track,
+}
+
+
+# 4.5 and 7: numbers that no engine should be given
+
+
+def check_command(said):
+    """Raises Refused for the first number that is outside section 7."""
+    if said["is"] in ("Create", "Joined"):
+        check_terms(said["terms"])
+    elif said["is"] == "Command":
+        command = said["command"]
+        row = next(row for row in TYPES["command"]["codes"] if row["name"] == command["is"])
+        check_fields(row["fields"], command)
+
+
+def check_numbers(name, said):
+    kind = TYPES.get(name)
+    if kind is None or not isinstance(said, dict):
+        return
+    if name == "joint":
+        return check_whole_joint(said)
+    if "codes" in kind:
+        kind = next(row for row in kind["codes"] if row["name"] == said["is"])
+    check_fields(kind["fields"], said)
+    if name == "shape" and said["is"] == "hull":
+        check_thickness([[f32(part) for part in point] for point in said["points"]])
+
+
+def check_fields(fields, said):
+    for field in fields:
+        if field["name"] in said:
+            check_field(field, said[field["name"]])
+
+
+def check_field(field, value):
+    quantity = field.get("quantity")
+    if quantity is None:
+        return check_numbers(field.get("type"), value)
+    if quantity == "rotation":
+        return check_rotation([f32(part) for part in value])
+    parts = flat(value)
+    most = bound(field["to"]) if "to" in field else math.inf
+    least = bound(field["from"]) if "from" in field else -most
+    most, least = to_f32(most), to_f32(least)
+    for part in parts:
+        check_scalar(f32(part), least, most, quantity)
+
+
+def flat(value):
+    if isinstance(value, str):
+        return [value]
+    return [part for one in value for part in flat(one)]
+
+
+def to_f32(value):
+    return value if math.isinf(value) else struct.unpack("<f", struct.pack("<f", value))[0]
+
+
+def check_scalar(value, least, most, quantity):
+    if not math.isfinite(value):
+        raise Refused("NotFinite", quantity)
+    if not least <= value <= most:
+        raise Refused("OutOfRange", quantity)
+
+
+def check_rotation(parts):
+    squared = sum(part * part for part in parts)
+    if not abs(squared - 1) <= SLACK:
+        raise Refused("NotFinite", "rotation")
+
+
+PI = f32("40490fdb")
+
+
+def check_whole_joint(said):
+    for side in ("first", "second"):
+        for part in said[side + " anchor"]:
+            check_scalar(f32(part), -LIMITS["EXTENT_MAX"], LIMITS["EXTENT_MAX"], "anchor of a joint")
+        check_rotation([f32(part) for part in said.get(side + " rotation", IDENTITY)])
+    most = LIMITS["EXTENT_MAX"] if said["flags"] & 3 == 3 else PI
+    for name, limits in said.items():
+        if name.startswith("limits"):
+            least = f32(limits["least"])
+            check_scalar(least, -most, most, "limit of a joint")
+            check_scalar(f32(limits["most"]), least, most, "limit of a joint")
+
+
+def check_thickness(points):
+    """2.6-2: the greatest distance from the plane through the first point, the farthest, and the farthest from the line."""
+
+    def away(point):
+        return [a - b for a, b in zip(point, points[0])]
+
+    def squared(v):
+        return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+
+    def cross(a, b):
+        return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+    radius = max(math.sqrt(squared(point)) for point in points)
+    along = max((away(point) for point in points), key=squared)
+    normal = max((cross(along, away(point)) for point in points), key=squared)
+    length = math.sqrt(squared(normal))
+    reach = max(abs(sum(a * b for a, b in zip(normal, away(point)))) for point in points)
+    thickness = reach / length if length > 0 else 0.0
+    if thickness < max(to_f32(LIMITS["EXTENT_MIN"]), radius * to_f32(LIMITS["HULL_FLATNESS"])):
+        raise Refused("OutOfRange", "thickness of a hull")
+
+
+def check_terms(terms):
+    ticks, seconds = terms["ticks"], terms["seconds"]
+    if ticks > seconds * LIMITS["RATE_MAX"] or seconds > ticks * LIMITS["STEP_SECONDS_MAX"]:
+        raise Refused("OutOfRange", "rate")
+    if terms["substeps"] > LIMITS["SUBSTEPS_MAX"]:
+        raise Refused("OutOfRange", "substeps")
+    check_fields(TYPES["scene terms"]["fields"], terms)
+    if terms["every"] > 1 and terms["every"] * seconds > ticks * LIMITS["PUBLISH_SECONDS_MAX"]:
+        raise Refused("OutOfRange", "every")
+    if terms["hindsight"] > LIMITS["HINDSIGHT_TICKS_MAX"]:
+        raise Refused("OutOfRange", "hindsight")
+    if terms["pace"] == 0 and (terms["every"], terms["hindsight"]) != (1, 0):
+        raise Refused("OutOfRange", "cadence of a lockstep scene")
+
+
+# Writing
+
+
+def encoded(side, said):
+    """The framed bytes of a message."""
+    row = next(row for row in TYPES[side + " message"]["codes"] if row["name"] == said["is"])
+    return framed(row["code"], write_fields(row["fields"], said))
+
+
+def write(name, value, field):
+    kind = TYPES.get(name)
+    if kind is None:
+        return write_primitive(name, value)
+    if "fields" in kind:
+        return write_fields(kind["fields"], value)
+    if "times" in kind:
+        return write_times(kind, value)
+    if "is" in kind:
+        return write_primitive(kind["is"], value)
+    if isinstance(value["is"], int):
+        return bytes([value["is"]]) + bytes.fromhex(value["rest"])
+    row = next(row for row in kind["codes"] if row["name"] == value["is"])
+    return bytes([row["code"]]) + write_fields(row["fields"], value)
+
+
+def write_fields(fields, said):
+    out = b""
+    for field in fields:
+        if field["name"] in said:
+            value = said[field["name"]]
+            out += write(field["type"], value, field) if "type" in field else write_times(field, value)
+    return out
+
+
+def write_times(field, values):
+    count = write_primitive(field.get("counted by", "varint"), len(values))
+    return count + b"".join(write(field["times"][0], value, {}) for value in values)
+
+
+def write_primitive(kind, value):
+    if kind in ("u8", "u16", "u32", "u64"):
+        return value.to_bytes(int(kind[1:]) // 8, "little")
+    if kind in ("varint", "varint32", "count"):
+        return varint(value)
+    if kind == "f32":
+        return bytes.fromhex(value)[::-1]
+    if kind in ("vec3", "quat"):
+        return b"".join(bytes.fromhex(part)[::-1] for part in value)
+    data = value.encode("ascii") if kind == "text" else bytes.fromhex(value)
+    return data if kind == "bytes" else varint(len(data)) + data

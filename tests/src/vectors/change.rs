@@ -1,0 +1,115 @@
+//! Messages that differ from good ones in one number.
+//!
+//! The table says where the numbers stand and what bounds them; nothing is changed twice in the same way.
+
+use std::collections::BTreeSet;
+
+use serde_json::Value;
+
+use super::pieces::{f, v};
+use super::{Case, Side};
+use crate::grammar::{Grammar, Span};
+
+/// Every change of one number of the cases that the table reads.
+pub(super) fn cases(grammar: &Grammar, side: Side, said: &[Case]) -> Vec<Case> {
+    let mut changed = Vec::new();
+    let mut seen = BTreeSet::new();
+    for Case { name, kind, body } in said {
+        let typed = [&[*kind], &body[..]].concat();
+        let Ok((means, spans)) = grammar.read(side.type_name(), &typed) else {
+            continue;
+        };
+        let of = kinds(&means);
+        // The first span is the type, which cases of their own change.
+        for span in spans.iter().skip(1) {
+            let place: String = span.path.chars().filter(|c| !c.is_ascii_digit()).collect();
+            let now = &typed[span.start..span.end];
+            for (word, bytes) in changes(span, now) {
+                if !seen.insert((of.clone(), place.clone(), word.clone())) {
+                    continue;
+                }
+                let body = [&typed[1..span.start], &bytes, &typed[span.end..]].concat();
+                let path = if span.kind == "code" {
+                    "code"
+                } else {
+                    &span.path
+                };
+                let name = format!("{name}: {path} {word}");
+                let kind = *kind;
+                changed.push(Case { name, kind, body });
+            }
+        }
+    }
+    changed
+}
+
+/// Which of several each part of a value is.
+fn kinds(means: &Value) -> String {
+    match means {
+        Value::Object(fields) => {
+            let is = fields.get("is").and_then(Value::as_str).unwrap_or_default();
+            let rest = fields.values().map(kinds);
+            format!("{is}{}", rest.collect::<String>())
+        }
+        _ => String::new(),
+    }
+}
+
+fn changes(span: &Span, now: &[u8]) -> Vec<(String, Vec<u8>)> {
+    let mut changes: Vec<(String, Vec<u8>)> = Vec::new();
+    let mut change = |word: String, bytes: Vec<u8>| {
+        if bytes != now {
+            changes.push((word, bytes));
+        }
+    };
+    match &span.kind[..] {
+        "varint" | "varint32" | "count" | "length" => {
+            let most = span.bounds.1.unwrap_or(u64::MAX);
+            let least = span.bounds.0.unwrap_or(0);
+            if span.kind != "length" && !span.path.ends_with("count") || span.path == "count" {
+                change(format!("{least}, the least"), v(least));
+                change(format!("{most}, the most"), v(most));
+            }
+            if least > 0 {
+                change(format!("{}, too little", least - 1), v(least - 1));
+            }
+            match most.checked_add(1) {
+                Some(more) => change(format!("{more}, too much"), v(more)),
+                None => change("of 65 bits".to_owned(), [&[0xff; 9][..], &[2]].concat()),
+            }
+            let mut longer = now.to_vec();
+            *longer.last_mut().expect("a number has bytes") |= 0x80;
+            longer.push(0);
+            change("in a longer form".to_owned(), longer);
+        }
+        "u8" => {
+            let more = span
+                .bounds
+                .1
+                .map_or(0xff, |most| (most as u8).saturating_add(1));
+            change(format!("{more}"), vec![more]);
+            change(
+                "with a bit that means nothing".to_owned(),
+                vec![now[0] | 0x80],
+            );
+        }
+        "code" => change("one that no table has".to_owned(), vec![0x7d]),
+        "f32" | "vec3" | "quat" => {
+            let size = now.len();
+            for (word, number) in [
+                ("NaN", f32::NAN),
+                ("infinite", f32::INFINITY),
+                ("the greatest of all", f32::MAX),
+                ("less than nothing", -1e-3),
+            ] {
+                let bytes = [&now[..size - 4], &f(&[number])].concat();
+                change(word.to_owned(), bytes);
+            }
+            if let Some(not) = &span.not {
+                change("what is left out".to_owned(), not.clone());
+            }
+        }
+        _ => {}
+    }
+    changes
+}

@@ -1,0 +1,210 @@
+//! What clients say: every message and command.
+
+use super::Case;
+use super::pieces::{
+    Cases, TURNED, body, choices, extensions, f, id, joints, motion, shapes, terms, v,
+};
+
+pub(super) fn cases() -> Vec<Case> {
+    let mut cases = Cases::default();
+    hellos(&mut cases);
+    for (pace, word) in [(0, "lockstep"), (1, "free running")] {
+        for sleep in [false, true] {
+            let name = format!("Create, {word}, sleep {sleep}");
+            cases.say(2, name, &[&terms(pace, sleep)]);
+        }
+    }
+    choosing(&mut cases);
+    for (kind, name) in [(4, "Leave"), (5, "Delete"), (9, "Resync"), (11, "Inspect")] {
+        cases.say(kind, name, &[]);
+    }
+    cases.say(6, "Reserve", &[&v(4_096)]);
+    cases.say(8, "Advance", &[&v(300)]);
+    cases.say(10, "Ping", &[&v(123_456_789_012)]);
+    cases.say(13, "Followed", &[&v(5)]);
+    cases.say(15, "Upstream, nothing", &[]);
+    cases.say(15, "Upstream", &[&[2, 5, 0, 0, 9, 0, 0, 0]]);
+    cases.say(15, "Upstream, the longest", &[&[1; 1_150]]);
+    cases.say(15, "Upstream, too long", &[&[1; 1_151]]);
+    commands(&mut cases);
+    for kind in [0, 16, 0x7f] {
+        cases.say(
+            kind,
+            format!("a critical type {kind} that nobody knows"),
+            &[&[1]],
+        );
+    }
+    for kind in [0x80, 0x8a, 0xff] {
+        cases.say(
+            kind,
+            format!("an optional type {kind} that nobody knows"),
+            &[&[1, 2, 3]],
+        );
+    }
+    cases.0
+}
+
+fn choosing(cases: &mut Cases) {
+    for (word, choice) in choices() {
+        cases.say(3, format!("Join, {word}"), &[&choice]);
+        cases.say(12, format!("Follow, {word}"), &[&choice]);
+        if choice != [1] {
+            cases.say(14, format!("Drive none, {word}"), &[&choice, &[0]]);
+            let (one, other) = (id(3, 0), id(300, 2));
+            cases.say(
+                14,
+                format!("Drive two, {word}"),
+                &[&choice, &[2], &one, &other],
+            );
+            let later = id(3, 1);
+            cases.say(
+                14,
+                format!("Drive by generation, {word}"),
+                &[&choice, &[2], &one, &later],
+            );
+            cases.say(
+                14,
+                format!("Drive one twice, {word}"),
+                &[&choice, &[2], &one, &one],
+            );
+            cases.say(
+                14,
+                format!("Drive in falling order, {word}"),
+                &[&choice, &[2], &other, &one],
+            );
+        }
+    }
+    cases.say(14, "Drive by a full stream", &[&[1, 0]]);
+    let all: Vec<u8> = (0..256).flat_map(|index| id(index, 0)).collect();
+    cases.say(14, "Drive the most", &[&choices()[0].1, &v(256), &all]);
+    cases.say(
+        14,
+        "Drive one more than the most",
+        &[&choices()[0].1, &v(257), &all, &id(256, 0)],
+    );
+}
+
+fn hellos(cases: &mut Cases) {
+    let offer = |versions: &[u16]| {
+        let mut bytes = [b"RHMB".to_vec(), v(versions.len() as u64)].concat();
+        bytes.extend(versions.iter().flat_map(|version| version.to_le_bytes()));
+        bytes
+    };
+    let pit = [&[3], &b"pit"[..]].concat();
+    for (name, versions, ids) in [
+        ("Hello", &[1][..], &[][..]),
+        ("Hello, greased", &[0x1a1a, 1], &[27]),
+        ("Hello from the future", &[2, 1], &[2, 3, 89]),
+        (
+            "Hello with the most of all",
+            &[7; 16],
+            &[1, 3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 23, 25, 27, 29, 31],
+        ),
+        ("Hello with too many versions", &[7; 17], &[]),
+        ("Hello without versions", &[], &[]),
+        ("Hello with extensions that fall", &[1], &[27, 3]),
+        ("Hello with an extension twice", &[1], &[27, 27]),
+    ] {
+        cases.say(1, name, &[&offer(versions), &pit, &extensions(ids)]);
+    }
+    let magic = [b"RHMC", &offer(&[1])[4..], &pit, &[0]].concat();
+    cases.say(1, "Hello of another protocol", &[&magic]);
+    let longest = [&[64], &[b'x'; 64][..]].concat();
+    for (name, scene) in [
+        ("Hello, the longest name", &longest[..]),
+        ("Hello, every kind of letter", b"\x08aZ0-_./9"),
+        ("Hello, a name of nothing", &[0]),
+        ("Hello, a space in the name", b"\x03a b"),
+        ("Hello, a name that is not ASCII", b"\x02\xc3\xa4"),
+        ("Hello, a name that is no text", b"\x01\xff"),
+        ("Hello, a name too long", &[&[65], &[b'x'; 65][..]].concat()),
+    ] {
+        cases.say(1, name, &[&offer(&[1]), scene, &[0]]);
+    }
+}
+
+fn commands(cases: &mut Cases) {
+    for (word, shape) in shapes() {
+        cases.say(7, format!("AddShape, {word}"), &[&[0], &v(1), &shape]);
+    }
+    let points = |count: u8| -> Vec<u8> {
+        let numbers =
+            (0..count).flat_map(|n| [f32::from(n % 2), f32::from(n / 2 % 2), f32::from(n / 4)]);
+        [vec![4, count], f(&numbers.collect::<Vec<_>>())].concat()
+    };
+    cases.say(7, "AddShape, the most points", &[&[0], &v(1), &points(255)]);
+    cases.say(7, "AddShape, too few points", &[&[0], &v(1), &points(3)]);
+    cases.say(
+        7,
+        "AddShape, a flat hull",
+        &[&[0], &v(1), &[4, 4], &f(&[0.0; 12])],
+    );
+    cases.say(7, "RemoveShape", &[&[1], &v(1)]);
+    for flags in [0, 1, 2, 4, 8, 16, 32, 60, 61] {
+        let terms = body(300, flags);
+        cases.say(
+            7,
+            format!("AddBody, flags {flags}"),
+            &[&[2], &terms, &motion(0)],
+        );
+    }
+    for present in 1..8 {
+        let terms = body(3, 1);
+        cases.say(
+            7,
+            format!("AddBody, present {present}"),
+            &[&[2], &terms, &motion(present)],
+        );
+    }
+    pushes(cases);
+}
+
+/// Commands that say how what is there shall move, or be held.
+fn pushes(cases: &mut Cases) {
+    cases.say(7, "RemoveBody", &[&[3], &id(300, 2)]);
+    cases.say(
+        7,
+        "SetPose",
+        &[&[4], &id(300, 2), &f(&[1.0, 2.0, 3.0]), &f(&TURNED)],
+    );
+    let unturned = f(&[0.0, 0.0, 0.0, 0.0]);
+    cases.say(
+        7,
+        "SetPose, no rotation",
+        &[&[4], &id(300, 2), &f(&[0.0; 3]), &unturned],
+    );
+    cases.say(
+        7,
+        "SetVelocity",
+        &[&[5], &id(300, 2), &f(&[1.0, -1.0, 0.0, 0.0, 0.5, 99.0])],
+    );
+    for (code, name) in [
+        (6, "Force"),
+        (7, "Torque"),
+        (8, "Impulse"),
+        (9, "TorqueImpulse"),
+    ] {
+        cases.say(7, name, &[&[code], &id(300, 2), &f(&[0.0, 2.5, 0.0])]);
+    }
+    cases.say(7, "SetGravity", &[&[10], &f(&[0.0, -1.5, 0.0])]);
+    for (word, joint) in joints() {
+        cases.say(7, format!("AddJoint, {word}"), &[&[11], &v(7), &joint]);
+    }
+    let fixed = [&[8][..], &joints()[0].1[1..], &f(&[0.0, 1.0])].concat();
+    cases.say(7, "AddJoint, fixed with limits", &[&[11], &v(7), &fixed]);
+    cases.say(7, "RemoveJoint", &[&[12], &v(7)]);
+    for code in [13, 0x7f] {
+        cases.say(
+            7,
+            format!("a critical command {code} that nobody knows"),
+            &[&[code, 1]],
+        );
+    }
+    for code in [0x80, 0x9a, 0xff] {
+        cases.say(
+            7,
+            format!("an optional command {code} that nobody knows"),
+            &[&[code, 1]],
+        );
+    }
+}

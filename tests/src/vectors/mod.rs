@@ -1,0 +1,263 @@
+//! The golden vectors of the control stream.
+//!
+//! Messages are put together by hand from the document and read by the codec and by the table; what both make of them is
+//! written down. `cargo run -p rhumb-tests --example vectors -- --write` writes `spec/vectors/control.json`.
+
+mod change;
+mod client;
+mod pieces;
+mod server;
+
+use rhumb_protocol::message::{ClientMessage, Framed, ServerMessage, frame};
+use rhumb_protocol::scene::{Command, Invalid, Quantity};
+use rhumb_protocol::wire::Malformed;
+use serde_json::{Value, json};
+
+use crate::grammar::{Grammar, hex};
+
+/// Who says a message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// A client.
+    Client,
+    /// A server.
+    Server,
+}
+
+/// One message that is said, or refused.
+#[derive(Clone, Debug)]
+pub(crate) struct Case {
+    name: String,
+    kind: u8,
+    body: Vec<u8>,
+}
+
+/// What comes of a message.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Outcome {
+    /// It is one, and says the same when it is written again; a number of it may be one that no engine should be given.
+    Said(Option<Invalid>),
+    /// Nobody need know it.
+    Skipped,
+    /// A command that nobody need know is refused.
+    UnknownCommand,
+    /// A command whose motion is none is refused.
+    NoMotion(Quantity),
+    /// It is none.
+    Refused(Malformed),
+}
+
+impl Side {
+    /// What the table calls what it says.
+    #[must_use]
+    pub const fn type_name(self) -> &'static str {
+        match self {
+            Self::Client => "client message",
+            Self::Server => "server message",
+        }
+    }
+
+    /// What the codec makes of a message.
+    ///
+    /// # Panics
+    ///
+    /// When what it reads is not written as it was.
+    #[must_use]
+    pub fn outcome(self, kind: u8, body: &[u8]) -> Outcome {
+        let framed = Framed {
+            kind,
+            body: body.to_vec(),
+        };
+        let mut written = Vec::new();
+        let invalid = match self {
+            Self::Client => match ClientMessage::decode(&framed) {
+                Ok(Some(message)) => {
+                    message.encode(&mut written);
+                    check(&message)
+                }
+                Ok(None) => return Outcome::Skipped,
+                Err(Malformed::UnknownCommand) => return Outcome::UnknownCommand,
+                Err(Malformed::Motion(invalid)) => {
+                    let (Invalid::NotFinite(quantity) | Invalid::OutOfRange(quantity)) =
+                        invalid.into();
+                    return Outcome::NoMotion(quantity);
+                }
+                Err(malformed) => return Outcome::Refused(malformed),
+            },
+            Self::Server => match ServerMessage::decode(&framed) {
+                Ok(Some(message)) => {
+                    message.encode(&mut written);
+                    None
+                }
+                Ok(None) => return Outcome::Skipped,
+                Err(malformed) => return Outcome::Refused(malformed),
+            },
+        };
+        assert_eq!(written, framed_bytes(kind, body), "one value, one encoding");
+        Outcome::Said(invalid)
+    }
+}
+
+/// The number of a well-formed message that the server would refuse it for.
+fn check(message: &ClientMessage) -> Option<Invalid> {
+    match message {
+        ClientMessage::Command(command) => Command::check(command).err(),
+        ClientMessage::Create(terms) => terms.check().err(),
+        _ => None,
+    }
+}
+
+fn framed_bytes(kind: u8, body: &[u8]) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    frame(kind, body, &mut bytes);
+    bytes
+}
+
+/// The file.
+#[must_use]
+pub fn control() -> String {
+    let grammar = Grammar::load();
+    let mut sections = Vec::new();
+    for (side, cases, name) in [
+        (Side::Client, client::cases(), "client"),
+        (Side::Server, server::cases(), "server"),
+    ] {
+        let more = change::cases(&grammar, side, &cases);
+        let (said, refused) = lines(&grammar, side, cases.iter().chain(&more));
+        sections.push(format!("\"{name} says\": [\n{}\n]", said.join(",\n")));
+        sections.push(format!(
+            "\"refused of a {name}\": [\n{}\n]",
+            refused.join(",\n")
+        ));
+    }
+    sections.push(format!("\"frames\": [\n{}\n]", frames().join(",\n")));
+    let sections = sections.join(",\n");
+    format!("{{\n\"format\": \"rhumb control vectors 1\",\n{sections}\n}}\n")
+}
+
+fn lines<'a>(
+    grammar: &Grammar,
+    side: Side,
+    cases: impl Iterator<Item = &'a Case>,
+) -> (Vec<String>, Vec<String>) {
+    let (mut said, mut refused) = (Vec::new(), Vec::new());
+    for Case { name, kind, body } in cases {
+        let bytes = hex(&framed_bytes(*kind, body));
+        let mut line = json!({"name": name, "bytes": bytes});
+        let outcome = side.outcome(*kind, body);
+        match outcome {
+            Outcome::Refused(why) => {
+                line["refusal"] = Value::String(word(why));
+                refused.push(line.to_string());
+                continue;
+            }
+            Outcome::Skipped => line["skipped"] = Value::Bool(true),
+            Outcome::UnknownCommand => line["error"] = json!({"is": "UnknownCommand"}),
+            Outcome::NoMotion(quantity) => line["error"] = error(Invalid::NotFinite(quantity)),
+            Outcome::Said(invalid) => {
+                if let Some(invalid) = invalid {
+                    line["error"] = error(invalid);
+                }
+            }
+        }
+        let typed = [&[*kind], &body[..]].concat();
+        line["means"] = match grammar.read(side.type_name(), &typed) {
+            Ok((means, _)) => means,
+            Err(why) => panic!("{name}: the codec reads what the table does not: {why:?}"),
+        };
+        line["cuts"] = json!(whole_at(side, *kind, body));
+        said.push(line.to_string());
+    }
+    (said, refused)
+}
+
+/// The lengths, up to one byte more, at which a body, cut or with a zero byte behind, is one of its kind.
+fn whole_at(side: Side, kind: u8, body: &[u8]) -> Vec<usize> {
+    let longer = [body, &[0]].concat();
+    let is_whole = |end: &usize| {
+        let outcome = side.outcome(kind, &longer[..*end]);
+        !matches!(outcome, Outcome::Refused(_))
+    };
+    (0..=longer.len())
+        .filter(|end| *end != body.len())
+        .filter(is_whole)
+        .collect()
+}
+
+/// The word for why bytes are no value.
+fn word(why: Malformed) -> String {
+    match why {
+        Malformed::Motion(_) => "NotFinite".to_owned(),
+        other => format!("{other:?}"),
+    }
+}
+
+fn error(invalid: Invalid) -> Value {
+    match invalid {
+        Invalid::NotFinite(quantity) => json!({"is": "NotFinite", "quantity": quantity.code()}),
+        Invalid::OutOfRange(quantity) => json!({"is": "OutOfRange", "quantity": quantity.code()}),
+    }
+}
+
+/// Streams of bytes, how they fall into messages, and what ends them.
+fn frames() -> Vec<String> {
+    let leave = [1_u8, 4];
+    let most = [&[0x81, 0x80, 0x01, 0xee][..], &[7; 16_384]].concat();
+    let mut split = Vec::new();
+    for (name, bytes, refusal) in [
+        ("nothing", &[][..], None),
+        ("one message", &leave, None),
+        (
+            "two messages and the beginning of a third",
+            &[1, 4, 1, 5, 1],
+            None,
+        ),
+        ("the beginning of a length", &[0xff], None),
+        ("the longest", &most, None),
+        ("a message without a type", &[0, 4], Some("OutOfRange")),
+        (
+            "one byte more than the longest",
+            &[0x82, 0x80, 0x01, 0xee],
+            Some("TooLong"),
+        ),
+        (
+            "a length in a longer form",
+            &[0x81, 0x00, 4],
+            Some("NotCanonical"),
+        ),
+        (
+            "a length of more than 64 bits",
+            &[0xff; 10],
+            Some("TooLong"),
+        ),
+        (
+            "a good message, then one without a type",
+            &[1, 4, 0],
+            Some("OutOfRange"),
+        ),
+    ] {
+        split.push(frame_line(name, bytes, refusal));
+    }
+    split
+}
+
+fn frame_line(name: &str, bytes: &[u8], refusal: Option<&str>) -> String {
+    let mut frames = rhumb_protocol::message::Frames::new();
+    frames.push(bytes);
+    let mut messages = Vec::new();
+    let refused = loop {
+        match frames.next_frame() {
+            Ok(Some(framed)) => {
+                messages.push(json!({"type": framed.kind, "body": hex(&framed.body)}));
+            }
+            Ok(None) => break None,
+            Err(why) => break Some(format!("{why:?}")),
+        }
+    };
+    assert_eq!(refused.as_deref(), refusal, "{name}");
+    let mut line = json!({"name": name, "bytes": hex(bytes), "messages": messages});
+    if let Some(why) = refused {
+        line["refusal"] = Value::String(why);
+    }
+    line.to_string()
+}

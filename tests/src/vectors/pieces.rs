@@ -1,0 +1,144 @@
+//! What messages are put together from by hand.
+
+use super::Case;
+
+/// A variable integer.
+pub(super) fn v(mut number: u64) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    while number >= 0x80 {
+        bytes.push(number as u8 | 0x80);
+        number >>= 7;
+    }
+    bytes.push(number as u8);
+    bytes
+}
+
+/// Floats.
+pub(super) fn f(numbers: &[f32]) -> Vec<u8> {
+    numbers.iter().flat_map(|one| one.to_le_bytes()).collect()
+}
+
+/// A body's name.
+pub(super) fn id(index: u64, generation: u64) -> Vec<u8> {
+    [v(index), v(generation)].concat()
+}
+
+pub(super) const TURNED: [f32; 4] = [0.5, -0.5, 0.5, 0.5];
+
+/// A motion with the parts that `present` says.
+pub(super) fn motion(present: u8) -> Vec<u8> {
+    let mut bytes = [vec![present], f(&[1.0, 2.5, -3.0])].concat();
+    if present & 1 != 0 {
+        bytes.extend(f(&TURNED));
+    }
+    if present & 2 != 0 {
+        bytes.extend(f(&[0.0, -9.5, 0.25]));
+    }
+    if present & 4 != 0 {
+        bytes.extend(f(&[3.0, 0.0, -0.0]));
+    }
+    bytes
+}
+
+/// Terms of a body with the parts that `flags` says.
+pub(super) fn body(index: u64, flags: u8) -> Vec<u8> {
+    let mut bytes = [id(index, 2), vec![flags], v(1)].concat();
+    if flags & 4 != 0 {
+        bytes.extend(f(&[0.5, 0.25, 500.0]));
+    }
+    if flags & 8 != 0 {
+        bytes.extend(f(&[0.125, 2.0]));
+    }
+    if flags & 16 != 0 {
+        bytes.extend(f(&[-0.5]));
+    }
+    bytes
+}
+
+/// A scene's terms; free running says that it is spoken of every third tick, with hindsight.
+pub(super) fn terms(pace: u8, sleep: bool) -> Vec<u8> {
+    let mut bytes = [v(60), v(1), v(4), f(&[0.0, -9.81, 0.0]), vec![pace]].concat();
+    bytes.extend(f(&[0.5, 0.25, 1_000.0, 0.0, 0.125]));
+    if sleep {
+        bytes.extend([vec![1], f(&[0.25, 2.0])].concat());
+    } else {
+        bytes.push(0);
+    }
+    let cadence = if pace == 0 {
+        [v(1), v(0)]
+    } else {
+        [v(3), v(2)]
+    };
+    bytes.extend(cadence.concat());
+    bytes
+}
+
+/// Each shape with its word.
+pub(super) fn shapes() -> [(&'static str, Vec<u8>); 5] {
+    let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+    [
+        ("ball", [vec![0], f(&[0.5])].concat()),
+        ("cuboid", [vec![1], f(&[0.5, 1.0, 2.0])].concat()),
+        ("capsule", [vec![2], f(&[0.5, 0.25])].concat()),
+        ("cylinder", [vec![3], f(&[0.5, 0.25])].concat()),
+        ("hull", [vec![4, 4], f(&corners)].concat()),
+    ]
+}
+
+/// Each kind of joint, with and without what may be left out.
+pub(super) fn joints() -> Vec<(String, Vec<u8>)> {
+    let limits = [-0.5, 0.75, -1.0, 1.0, 0.0, 0.0];
+    let mut joints = Vec::new();
+    for flags in [0, 1, 2, 3, 4, 9, 10, 11, 16, 32, 48, 61] {
+        let mut bytes = vec![flags];
+        for (place, bit) in [(0, 16), (1, 32)] {
+            bytes.extend([id(place + 3, 0), f(&[0.0, 0.5, -1.0])].concat());
+            if flags & bit != 0 {
+                bytes.extend(f(&TURNED));
+            }
+        }
+        let pairs = match (flags & 8, flags & 3) {
+            (0, _) => 0,
+            (_, 1) => 3,
+            _ => 1,
+        };
+        bytes.extend(f(&limits[..2 * pairs]));
+        let kind = ["fixed", "spherical", "revolute", "prismatic"][usize::from(flags & 3)];
+        joints.push((format!("{kind}, flags {flags}"), bytes));
+    }
+    joints
+}
+
+/// Extensions of these numbers, each with a value of as many bytes as it has bits set.
+pub(super) fn extensions(ids: &[u32]) -> Vec<u8> {
+    let mut bytes = v(ids.len() as u64);
+    for id in ids {
+        let length = id.count_ones() as usize;
+        bytes.extend(v(u64::from(*id)));
+        bytes.extend([v(length as u64), vec![9; length]].concat());
+    }
+    bytes
+}
+
+/// Each choice of a stream with its word.
+pub(super) fn choices() -> [(&'static str, Vec<u8>); 3] {
+    [
+        ("within 0.05 m", [vec![0], v(50_000)].concat()),
+        ("full", vec![1]),
+        (
+            "within 0.01 m and 0.002 rad",
+            [vec![2], v(10_000), v(2_000)].concat(),
+        ),
+    ]
+}
+
+/// Gathers cases.
+#[derive(Debug, Default)]
+pub(super) struct Cases(pub(super) Vec<Case>);
+
+impl Cases {
+    pub(super) fn say(&mut self, kind: u8, name: impl Into<String>, parts: &[&[u8]]) {
+        let (name, body) = (name.into(), parts.concat());
+        self.0.push(Case { name, kind, body });
+    }
+}

@@ -1,0 +1,301 @@
+//! What servers say: every message, notice, error and denial.
+
+use rhumb_protocol::packet::TrackSaying;
+use rhumb_protocol::wire::bits::BitWriter;
+use rhumb_reckoning::{Anchor, BodyId, PackedRotation, Predictor, Snapped};
+
+use super::Case;
+use super::pieces::{
+    Cases, TURNED, body, choices, extensions, f, id, joints, motion, shapes, terms, v,
+};
+
+pub(super) fn cases() -> Vec<Case> {
+    let mut cases = Cases::default();
+    welcomes(&mut cases);
+    for (kind, name) in [
+        (2, "Created"),
+        (4, "SnapshotEnd"),
+        (5, "Left"),
+        (6, "Deleted"),
+    ] {
+        cases.say(kind, name, &[]);
+    }
+    for (word, choice) in choices() {
+        let start = [
+            v(5),
+            f(&[0.0, -9.81, 0.0]),
+            v(300),
+            v(70_000),
+            v(12),
+            v(4_096),
+            v(4_096),
+            v(2),
+        ];
+        let (terms, more) = (terms(0, false), extensions(&[]));
+        let parts = [&choice[..], &terms, &start.concat(), &more].concat();
+        cases.say(3, format!("Joined, {word}"), &[&parts]);
+    }
+    for (first, count) in [
+        (0, 4_096),
+        ((1 << 20) - 1, 1),
+        (1 << 20, 0),
+        ((1 << 20) - 1, 2),
+    ] {
+        let range = [v(first), v(count), v(7)].concat();
+        cases.say(7, format!("Reserved, {count} from {first}"), &[&range]);
+    }
+    denials(&mut cases);
+    cases.say(9, "Applied", &[&v(4), &v(299)]);
+    errors(&mut cases);
+    notices(&mut cases);
+    cases.say(12, "Pong", &[&v(123_456_789_012), &v(300), &v(7_654_321)]);
+    let numbers: Vec<u8> = (0..9).flat_map(|place| v(1 << (5 * place))).collect();
+    cases.say(
+        13,
+        "Inspection",
+        &[
+            &v(300),
+            &[1, 2, 3, 4, 5, 6, 7, 8],
+            &v(500),
+            &v(17),
+            &numbers,
+        ],
+    );
+    drivings(&mut cases);
+    for kind in [0, 16, 0x7f] {
+        cases.say(
+            kind,
+            format!("a critical type {kind} that nobody knows"),
+            &[&[1]],
+        );
+    }
+    for kind in [0x80, 0x8a, 0xff] {
+        cases.say(
+            kind,
+            format!("an optional type {kind} that nobody knows"),
+            &[&[1, 2, 3]],
+        );
+    }
+    cases.0
+}
+
+fn welcomes(cases: &mut Cases) {
+    for (word, versions) in [("", 1_u16), (", a version from the future", 2)] {
+        let version = versions.to_le_bytes();
+        cases.say(1, format!("Welcome, no scene{word}"), &[&version, &[0, 0]]);
+        cases.say(
+            1,
+            format!("Welcome{word}"),
+            &[&version, &[1], &terms(1, true), &extensions(&[27])],
+        );
+    }
+}
+
+fn drivings(cases: &mut Cases) {
+    let driven = [id(3, 0), motion(0), id(300, 2), motion(7)].concat();
+    cases.say(14, "Driving none", &[&v(9), &v(300), &[0]]);
+    cases.say(14, "Driving two", &[&v(9), &v(300), &[2], &driven]);
+    cases.say(
+        14,
+        "Driving one twice",
+        &[
+            &v(9),
+            &v(300),
+            &[2],
+            &id(3, 0),
+            &motion(0),
+            &id(3, 0),
+            &motion(0),
+        ],
+    );
+    for reason in 0..4 {
+        cases.say(
+            15,
+            format!("NotDriving, {reason}"),
+            &[&[reason], &id(300, 2)],
+        );
+    }
+    for reason in [4, 5, 6, 0x7f, 0x80, 0xff] {
+        cases.say(15, format!("NotDriving, {reason}"), &[&[reason]]);
+    }
+}
+
+fn denials(cases: &mut Cases) {
+    for code in [0, 1, 4, 5, 6, 7, 8, 9, 10, 11, 0x7f, 0x80, 0xff] {
+        cases.say(8, format!("Denied, {code}"), &[&[code]]);
+    }
+    for code in [2, 3] {
+        for quantity in [0, 16, 25, 26] {
+            cases.say(
+                8,
+                format!("Denied, {code} {quantity}"),
+                &[&[code, quantity]],
+            );
+        }
+    }
+}
+
+fn errors(cases: &mut Cases) {
+    for code in [0, 1] {
+        for quantity in 0..27 {
+            cases.say(
+                10,
+                format!("Refused, {code} {quantity}"),
+                &[&v(4), &[code, quantity]],
+            );
+        }
+    }
+    for code in [2, 4, 5, 10, 15, 16] {
+        cases.say(
+            10,
+            format!("Refused, {code} of a body"),
+            &[&v(4), &[code], &id(300, 2)],
+        );
+    }
+    for code in [3, 6, 7, 12, 13, 14] {
+        cases.say(
+            10,
+            format!("Refused, {code} of a shape or joint"),
+            &[&v(4), &[code], &v(300)],
+        );
+    }
+    for code in [8, 9, 11, 17, 18, 0x7f, 0x80, 0xff] {
+        cases.say(10, format!("Refused, {code}"), &[&v(4), &[code]]);
+    }
+}
+
+/// A track that is said in bits.
+fn in_bits(predictor: Predictor, carrier: Option<BodyId>) -> Vec<u8> {
+    let moving = predictor != Predictor::Rest;
+    let speed = |numbers: [i32; 3]| if moving { numbers } else { [0; 3] };
+    let rotation = PackedRotation::from_parts(3, [1_000, -20_000, 0]).expect("a stable one");
+    let anchor = Snapped {
+        position: [70_000, -5, 0],
+        rotation,
+        linear: speed([12, -300, 0]),
+        angular: speed([0, 1, -1]),
+    };
+    let mut bits = BitWriter::default();
+    let saying = TrackSaying {
+        predictor,
+        anchor: Anchor::Snapped(anchor),
+        carrier,
+    };
+    saying.encode(&mut bits);
+    let bytes = bits.into_bytes();
+    [v(bytes.len() as u64), bytes].concat()
+}
+
+fn notices(cases: &mut Cases) {
+    for (word, shape) in shapes() {
+        cases.say(11, format!("ShapeAdded, {word}"), &[&[0], &v(1), &shape]);
+    }
+    cases.say(
+        11,
+        "ShapeAdded, a flat hull",
+        &[&[0], &v(1), &[4, 4], &f(&[0.0; 12])],
+    );
+    cases.say(11, "ShapeRemoved", &[&[1], &v(1)]);
+    for flags in [0, 2, 4, 8, 16, 33, 60, 61] {
+        let name = format!("BodyPlaced, flags {flags}");
+        cases.say(
+            11,
+            name,
+            &[&[2], &body(300, flags), &v(6), &[8], &motion(0), &[0]],
+        );
+    }
+    inertias(cases);
+    tracks(cases);
+    for cause in 0..4 {
+        cases.say(
+            11,
+            format!("BodyRemoved, {cause}"),
+            &[&[3], &id(300, 2), &[cause]],
+        );
+    }
+    cases.say(
+        11,
+        "GravityChanged",
+        &[&[4], &v(300), &f(&[0.0, -1.5, 0.0])],
+    );
+    cases.say(11, "SceneFaulted", &[&[5], &v(300)]);
+    for (word, joint) in joints() {
+        cases.say(11, format!("JointAdded, {word}"), &[&[6], &v(7), &joint]);
+    }
+    cases.say(11, "JointRemoved", &[&[7], &v(7)]);
+    for code in [8, 0x7f] {
+        cases.say(
+            11,
+            format!("a critical notice {code} that nobody knows"),
+            &[&[code, 1]],
+        );
+    }
+    for code in [0x80, 0x9a, 0xff] {
+        cases.say(
+            11,
+            format!("an optional notice {code} that nobody knows"),
+            &[&[code, 1]],
+        );
+    }
+}
+
+fn inertias(cases: &mut Cases) {
+    let tumbler = body(300, 1);
+    let moments = f(&[1.0, 2.0, 2.5]);
+    for (word, inertia) in [
+        ("none", vec![0]),
+        ("own axes", [vec![1], moments.clone()].concat()),
+        ("a frame", [vec![2], moments.clone(), f(&TURNED)].concat()),
+        ("equal moments", [vec![1], f(&[3.0; 3])].concat()),
+        ("no moment", [vec![1], f(&[0.0, 1.0, 1.0])].concat()),
+        (
+            "a negative moment",
+            [vec![1], f(&[-1.0, 1.0, 1.0])].concat(),
+        ),
+        (
+            "moments too far apart",
+            [vec![1], f(&[1e-9, 1.0, 1.0])].concat(),
+        ),
+        (
+            "a frame that is none",
+            [vec![2], moments, f(&[0.5; 3]), f(&[2.0])].concat(),
+        ),
+    ] {
+        let name = format!("BodyPlaced, inertia: {word}");
+        cases.say(
+            11,
+            name,
+            &[&[2], &tumbler, &inertia, &v(6), &[8], &motion(0), &[0]],
+        );
+    }
+}
+
+fn tracks(cases: &mut Cases) {
+    let plain = body(300, 33);
+    for law in 8..13_u8 {
+        for present in 0..8 {
+            let name = format!("BodyPlaced, verbatim {law}, present {present}");
+            cases.say(
+                11,
+                name,
+                &[&[2], &plain, &v(6), &[law], &motion(present), &v(9)],
+            );
+        }
+    }
+    for code in [1, 7, 13, 15, 16, 0x80] {
+        let name = format!("BodyPlaced, a track of no form {code}");
+        cases.say(11, name, &[&[2], &plain, &v(6), &[code], &motion(0), &v(9)]);
+    }
+    let carrier = Some(BodyId::new(7, 1));
+    for (word, track) in [
+        ("rest", in_bits(Predictor::Rest, None)),
+        ("held", in_bits(Predictor::Rest, carrier)),
+        ("uniform", in_bits(Predictor::Uniform, None)),
+        ("ballistic", in_bits(Predictor::Ballistic, None)),
+        ("tumbling", in_bits(Predictor::Tumbling, None)),
+        ("thrown", in_bits(Predictor::Thrown, None)),
+    ] {
+        let name = format!("BodyPlaced, snapped, {word}");
+        cases.say(11, name, &[&[2], &plain, &v(6), &[0], &track, &v(0)]);
+    }
+}

@@ -1,0 +1,240 @@
+//! Vectors, tables and examples of the control stream are what the codec has.
+//!
+//! After a change that is meant, write the vectors with `cargo run -p rhumb-tests --example vectors -- --write`.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use rhumb_protocol::limits;
+use rhumb_protocol::message::{MAGIC, VERSIONS, is_no_version};
+use rhumb_protocol::packet::{Head, Kind};
+use rhumb_protocol::scene::Quantity;
+use rhumb_protocol::session::CloseCode;
+use rhumb_protocol::wire::bytes::Reader;
+use rhumb_protocol::wire::{OPTIONAL, Wire};
+use rhumb_tests::grammar::{Grammar, unhex};
+use rhumb_tests::requirements::Document;
+use rhumb_tests::vectors::{Outcome, Side, control};
+use serde_json::Value;
+
+#[test]
+fn the_golden_vectors_are_what_the_codec_says_and_refuses() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/vectors/control.json");
+    let golden = std::fs::read_to_string(path).expect("the specification lies beside the crates");
+    let computed = control();
+    for (number, (is, was)) in computed.lines().zip(golden.lines()).enumerate() {
+        assert_eq!(is, was, "line {}", number + 1);
+    }
+    assert_eq!(computed.len(), golden.len());
+}
+
+#[test]
+fn the_golden_vectors_are_many() {
+    let vectors: Value = serde_json::from_str(&control()).expect("vectors are JSON");
+    let count = |name: &str| vectors[name].as_array().expect("a section").len();
+    assert!(count("client says") + count("server says") >= 150);
+    assert!(count("refused of a client") + count("refused of a server") >= 150);
+}
+
+/// What each limit is in code.
+fn limits_in_code() -> BTreeMap<&'static str, f64> {
+    macro_rules! limits {
+        ($($name:ident)*) => {
+            BTreeMap::from([$((stringify!($name), limits::$name as f64)),*])
+        };
+    }
+    limits! {
+        DATAGRAM_BYTES_MAX UPDATES_PER_PACKET_MAX MESSAGE_BYTES_MAX SCENE_NAME_BYTES_MAX VERSIONS_MAX
+        EXTENSIONS_MAX EXTENSION_BYTES_MAX BODIES_MAX INDICES_MAX SHAPES_MAX JOINTS_MAX
+        STREAMS_PER_SCENE_MAX SCENES_MAX MEMBERS_PER_SCENE_MAX DAMPINGS_MAX DRIVEN_MAX DRIVE_VOUCH_MS
+        DRIVE_GRACE_MS GRANT RESERVE_MAX WISHES_WAITING_MAX RANGES_PER_MEMBER_MAX ADVANCE_TICKS_MAX
+        COORDINATE_MAX LINEAR_MAX ANGULAR_MAX GRAVITY_MAX FORCE_MAX EXTENT_MIN EXTENT_MAX
+        HULL_POINTS_MIN HULL_POINTS_MAX HULL_FLATNESS DENSITY_MIN DENSITY_MAX FRICTION_MAX DAMPING_MAX
+        GRAVITY_SCALE_MAX SLEEP_SPEED_MAX SLEEP_SECONDS_MAX SUBSTEPS_MAX RATE_MAX STEP_SECONDS_MAX
+        PUBLISH_SECONDS_MAX HINDSIGHT_TICKS_MAX COUNT_MAX HISTORY_PACKETS LOST_NAMED_MAX
+        REPAIR_PARTS_MAX PACKETS_HELD_MAX DIGEST_RANGES_MAX SILENCE_MS_MAX TICK_JUMP_MAX
+    }
+}
+
+/// The limits of PROTOCOL 7 by name.
+fn limits_in_the_document() -> BTreeMap<String, f64> {
+    let text = Document::Protocol.text();
+    let rows = text.lines().filter_map(|line| {
+        let (name, rest) = line.strip_prefix("| `")?.split_once("` | ")?;
+        let value = rest.split(' ').next()?.parse().ok()?;
+        let is_name = name.bytes().all(|c| c.is_ascii_uppercase() || c == b'_');
+        is_name.then(|| (name.to_owned(), value))
+    });
+    rows.collect()
+}
+
+#[test]
+fn limits_are_the_same_in_code_document_and_table() {
+    let grammar = Grammar::load();
+    // Compared as what code computes with: most are f32, whose decimals are the document's.
+    let single = |value: f64| value as f32;
+    let code: BTreeMap<_, _> = limits_in_code()
+        .into_iter()
+        .map(|(name, value)| (name.to_owned(), single(value)))
+        .collect();
+    let named = |(name, value): (&str, f64)| (name.to_owned(), single(value));
+    let table: BTreeMap<_, _> = grammar.limits().into_iter().map(named).collect();
+    assert_eq!(code, table);
+    let document: BTreeMap<_, _> = limits_in_the_document()
+        .into_iter()
+        .map(|(name, value)| (name, single(value)))
+        .collect();
+    assert_eq!(code, document);
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../protocol/src/limits.rs");
+    let source = std::fs::read_to_string(source).expect("the limits lie beside this package");
+    let constants = source.lines().filter_map(|line| {
+        let (name, _) = line.strip_prefix("pub const ")?.split_once(':')?;
+        Some(name.to_owned())
+    });
+    let all: BTreeSet<_> = constants.collect();
+    assert_eq!(all, code.into_keys().collect());
+}
+
+#[test]
+fn codes_are_the_same_in_code_and_table() {
+    let grammar = Grammar::load();
+    let table = grammar.table();
+    assert_eq!(table["version"], VERSIONS[0]);
+    let magic = &table["types"]["client message"]["codes"][0]["fields"][0];
+    assert_eq!(magic["least"], u32::from_le_bytes(MAGIC));
+    for (name, code) in [
+        ("DONE", CloseCode::DONE),
+        ("MALFORMED", CloseCode::MALFORMED),
+        ("VIOLATION", CloseCode::VIOLATION),
+        ("VERSION", CloseCode::VERSION),
+        ("LIMIT", CloseCode::LIMIT),
+        ("EXTENSION", CloseCode::EXTENSION),
+    ] {
+        let codes = table["close codes"].as_array().expect("codes are listed");
+        let row = codes.iter().find(|row| row["name"] == name);
+        assert_eq!(row.map(|row| &row["code"]), Some(&Value::from(code.0)));
+    }
+    let quantities = table["quantities"].as_array().expect("a list").len();
+    for code in 0..=u8::MAX {
+        let known = usize::from(code) < quantities;
+        assert_eq!(Quantity::from_code(code).is_some(), known, "{code}");
+    }
+    let kinds = table["datagrams"].as_array().expect("a list");
+    for code in 0..=u8::MAX {
+        let known: Option<Kind> = Head::decode(&mut Reader::new(&[code, 0]))
+            .ok()
+            .map(|head| head.kind);
+        let listed = kinds.iter().any(|row| row["kind"] == code);
+        assert_eq!(known.is_some(), listed, "{code}");
+    }
+    for version in table["grease"]["versions"].as_array().expect("a list") {
+        let version = version.as_u64().expect("a number") as u16;
+        assert!(is_no_version(version));
+    }
+}
+
+/// Each type of message with a body of zeros, each code behind those that have one: known to both or to neither.
+#[test]
+fn every_type_that_the_table_has_the_codec_has_and_no_other() {
+    let grammar = Grammar::load();
+    for side in [Side::Client, Side::Server] {
+        let codes = &grammar.table()["types"][side.type_name()]["codes"];
+        let codes = codes.as_array().expect("codes are listed");
+        for kind in 0..=u8::MAX {
+            let row = codes.iter().find(|row| row["code"] == kind);
+            let unknown = |body: &[u8]| match side.outcome(kind, body) {
+                Outcome::Skipped => kind >= OPTIONAL,
+                Outcome::Refused(why) => format!("{why:?}") == "UnknownCode",
+                _ => false,
+            };
+            let is_coded = row.is_some_and(|row| {
+                let first = &row["fields"][0]["type"];
+                first
+                    .as_str()
+                    .is_some_and(|name| grammar.table()["types"][name]["codes"].is_array())
+            });
+            if !is_coded {
+                assert_eq!(unknown(&[]), row.is_none(), "{side:?} {kind}");
+            }
+        }
+    }
+}
+
+/// The examples of a clause: what each shows, and its bytes.
+fn examples(clause: &str) -> Vec<(String, Vec<u8>)> {
+    let text = Document::Protocol.text();
+    let begin = text
+        .find(&format!("### {clause} "))
+        .expect("the clause is there");
+    let section = &text[begin..];
+    let section = section[4..]
+        .find("\n#")
+        .map_or(section, |end| &section[..end + 4]);
+    let lines = section.lines().filter_map(|line| {
+        let line = line.strip_prefix("    ")?;
+        let digits = line
+            .char_indices()
+            .find(|(place, _)| begins_a_word(line, *place) && is_bytes(&line[*place..]));
+        let (place, _) = digits?;
+        Some((line[..place].trim().to_owned(), unhex(&line[place..])))
+    });
+    lines.collect()
+}
+
+fn begins_a_word(line: &str, place: usize) -> bool {
+    line[..place].chars().next_back().is_none_or(|c| c == ' ')
+}
+
+/// Whether a text is pairs of digits with one or two spaces between.
+fn is_bytes(text: &str) -> bool {
+    let pairs: Vec<_> = text.split(' ').filter(|pair| !pair.is_empty()).collect();
+    let is_pair =
+        |pair: &&str| pair.len() == 2 && pair.bytes().all(|c| b"0123456789abcdef".contains(&c));
+    pairs.len() > 1 && !text.starts_with(' ') && pairs.iter().all(is_pair)
+}
+
+#[test]
+fn the_documents_examples_of_messages_mean_what_they_say() {
+    let grammar = Grammar::load();
+    let mut words = Vec::new();
+    for (name, bytes) in examples("4.12") {
+        let (length, typed) = bytes.split_first().expect("an example has bytes");
+        assert_eq!(usize::from(*length), typed.len(), "{name}");
+        let server = ["Applied", "Refused", "BodyPlaced"];
+        let side = if server.iter().any(|word| name.starts_with(word)) {
+            Side::Server
+        } else {
+            Side::Client
+        };
+        let (means, _) = grammar.read(side.type_name(), typed).expect(&name);
+        assert_eq!(
+            side.outcome(typed[0], &typed[1..]),
+            Outcome::Said(None),
+            "{name}"
+        );
+        let is = means["is"].as_str().expect("a message is something");
+        let inner = ["command", "notice"].map(|word| means[word]["is"].as_str().unwrap_or(is));
+        assert!(
+            inner.iter().any(|is| name.contains(is)) || name.contains(is),
+            "{name}: {means}"
+        );
+        words.push(is.to_owned());
+    }
+    let expected = [
+        "Hello", "Join", "Join", "Command", "Advance", "Drive", "Applied", "Refused", "Notice",
+    ];
+    assert_eq!(words, expected);
+}
+
+#[test]
+fn the_documents_examples_of_datagrams_are_of_stream_five() {
+    let kinds: Vec<_> = examples("5.16")
+        .into_iter()
+        .map(|(_, bytes)| {
+            let head = Head::decode(&mut Reader::new(&bytes)).expect("a datagram");
+            assert_eq!(head.stream.0, 5);
+            head.kind
+        })
+        .collect();
+    assert_eq!(kinds, [Kind::StateEnd, Kind::Vouch, Kind::Echo]);
+}
