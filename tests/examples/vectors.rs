@@ -1,13 +1,21 @@
-//! Prints the golden vectors of the control stream; `--write` writes them.
+//! Prints the golden vectors of the control stream and of streams; `--write` writes them.
 
 use std::path::Path;
 
+use rhumb_tests::vectors::{control, streams};
+
 fn main() -> std::io::Result<()> {
-    let text = rhumb_tests::vectors::control();
-    if std::env::args().any(|argument| argument == "--write") {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/vectors/control.json");
-        return std::fs::write(path, text);
+    let write = std::env::args().any(|argument| argument == "--write");
+    let vectors = Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/vectors");
+    for (name, text) in [
+        ("control.json", control()),
+        ("streams.json", streams::streams()),
+    ] {
+        if write {
+            std::fs::write(vectors.join(name), text)?;
+        } else {
+            println!("{text}");
+        }
     }
-    println!("{text}");
     Ok(())
 }

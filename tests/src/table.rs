@@ -18,6 +18,19 @@ pub enum Said {
     State(Bytes),
 }
 
+/// What becomes of a datagram from the host.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fate {
+    /// It arrives.
+    Arrives,
+    /// It does not.
+    Lost,
+    /// It arrives two times.
+    Twice,
+    /// It arrives behind the next one.
+    Late,
+}
+
 /// A host with guests.
 pub struct Table {
     host: Host,
@@ -29,6 +42,11 @@ pub struct Table {
     /// What each polite guest said.
     spoken: BTreeMap<Peer, Vec<Said>>,
     closed: BTreeMap<Peer, CloseCode>,
+    /// What lies between the host and each peer that is not reached by all it says.
+    sieves: BTreeMap<Peer, Box<dyn FnMut(&Bytes) -> Fate>>,
+    late: BTreeMap<Peer, Bytes>,
+    /// What lies between peers and the host; what is not to arrive is lost.
+    outer_sieves: BTreeMap<Peer, Box<dyn FnMut(&Bytes) -> Fate>>,
     next: u64,
 }
 
@@ -44,6 +62,9 @@ impl Default for Table {
             heard: BTreeMap::new(),
             spoken: BTreeMap::new(),
             closed: BTreeMap::new(),
+            sieves: BTreeMap::new(),
+            late: BTreeMap::new(),
+            outer_sieves: BTreeMap::new(),
             next: 0,
         }
     }
@@ -102,6 +123,16 @@ impl Table {
     pub fn datagram(&mut self, from: Peer, bytes: &[u8]) {
         self.host.handle_datagram(self.now, from, bytes);
         self.settle();
+    }
+
+    /// Lets datagrams from the host to a peer come as a sieve has it, from now on.
+    pub fn sift(&mut self, peer: Peer, sieve: Box<dyn FnMut(&Bytes) -> Fate>) {
+        self.sieves.insert(peer, sieve);
+    }
+
+    /// Loses datagrams from a polite guest to the host unless a sieve has them arrive, from now on.
+    pub fn sift_spoken(&mut self, peer: Peer, sieve: Box<dyn FnMut(&Bytes) -> Fate>) {
+        self.outer_sieves.insert(peer, sieve);
     }
 
     /// A connection breaks.
@@ -182,7 +213,7 @@ impl Table {
     fn hand_over(&mut self, transmit: Transmit) {
         let (to, said) = match transmit {
             Transmit::Control { to, bytes } => (to, Said::Control(bytes)),
-            Transmit::State { to, bytes } => (to, Said::State(bytes)),
+            Transmit::State { to, bytes } => return self.hand_over_datagram(to, bytes),
             Transmit::Close { to, code } => {
                 self.closed.insert(to, CloseCode(code));
                 if let Some(session) = self.polite.get_mut(&to) {
@@ -191,6 +222,29 @@ impl Table {
                 return self.host.handle_ended(self.now, to, Ending::Closed(code));
             }
         };
+        self.arrive(to, said);
+    }
+
+    fn hand_over_datagram(&mut self, to: Peer, bytes: Bytes) {
+        let fate = self.sieves.get_mut(&to).map(|sieve| sieve(&bytes));
+        let late = self.late.remove(&to);
+        match fate.unwrap_or(Fate::Arrives) {
+            Fate::Arrives => self.arrive(to, Said::State(bytes)),
+            Fate::Lost => {}
+            Fate::Twice => {
+                self.arrive(to, Said::State(bytes.clone()));
+                self.arrive(to, Said::State(bytes));
+            }
+            Fate::Late => {
+                self.late.insert(to, bytes);
+            }
+        }
+        if let Some(bytes) = late {
+            self.arrive(to, Said::State(bytes));
+        }
+    }
+
+    fn arrive(&mut self, to: Peer, said: Said) {
         if let Some(session) = self.polite.get_mut(&to) {
             match &said {
                 Said::Control(bytes) => session.handle_control(self.now, HOST, bytes),
@@ -215,7 +269,10 @@ impl Table {
                     Said::Control(bytes)
                 }
                 Transmit::State { bytes, .. } => {
-                    self.host.handle_datagram(self.now, peer, &bytes);
+                    let fate = self.outer_sieves.get_mut(&peer).map(|sieve| sieve(&bytes));
+                    if fate.is_none_or(|fate| fate == Fate::Arrives) {
+                        self.host.handle_datagram(self.now, peer, &bytes);
+                    }
                     Said::State(bytes)
                 }
                 Transmit::Close { code, .. } => {

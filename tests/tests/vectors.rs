@@ -14,7 +14,7 @@ use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::wire::{OPTIONAL, Wire};
 use rhumb_tests::grammar::{Grammar, unhex};
 use rhumb_tests::requirements::Document;
-use rhumb_tests::vectors::{Outcome, Side, control};
+use rhumb_tests::vectors::{Outcome, Side, control, streams};
 use serde_json::Value;
 
 #[test]
@@ -26,6 +26,23 @@ fn the_golden_vectors_are_what_the_codec_says_and_refuses() {
         assert_eq!(is, was, "line {}", number + 1);
     }
     assert_eq!(computed.len(), golden.len());
+}
+
+#[test]
+fn a_session_that_hears_a_golden_stream_knows_what_its_member_knew() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/vectors/streams.json");
+    let golden = std::fs::read_to_string(path).expect("the specification lies beside the crates");
+    let golden: Value = serde_json::from_str(&golden).expect("vectors are JSON");
+    for stream in golden["streams"].as_array().expect("streams are listed") {
+        let events = stream["events"].as_array().expect("events are listed");
+        let states = streams::replayed(events);
+        assert!(states.len() >= 20, "{}", stream["name"]);
+        for (place, expected, known) in states {
+            assert_eq!(known, expected, "event {place} of {}", stream["name"]);
+        }
+        let last = &events.last().expect("a stream has events")[1];
+        assert_eq!(last["settled"], true, "{}", stream["name"]);
+    }
 }
 
 #[test]

@@ -7,6 +7,7 @@ mod change;
 mod client;
 mod pieces;
 mod server;
+pub mod streams;
 
 use rhumb_protocol::message::{ClientMessage, Framed, ServerMessage, frame};
 use rhumb_protocol::scene::{Command, Invalid, Quantity};

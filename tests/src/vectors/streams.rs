@@ -1,0 +1,333 @@
+//! Golden streams: what a member heard of a live scene over a bad link, and what it then knew.
+//!
+//! Recorded from a real host by `cargo run -p rhumb-tests --example vectors -- --write`, and held by replaying what was
+//! heard to a session: so an engine that moves bodies otherwise does not change what is golden here, but the wire does.
+
+use bytes::Bytes;
+use rhumb_protocol::message::StreamChoice;
+use rhumb_protocol::scene::{Cadence, Command, Pace};
+use rhumb_protocol::session::{ClientSession, Replica};
+use rhumb_protocol::{Endpoint, Instant, Peer, Span};
+use rhumb_reckoning::{BodyId, Metres, Radians, Tick, Ticks, Tolerance};
+use rhumb_sims::by_name;
+use serde_json::{Value, json};
+
+use crate::grammar::{hex, unhex};
+use crate::seed::Dice;
+use crate::table::{Fate, Said, Table};
+
+/// One recording to be made.
+#[derive(Clone, Copy, Debug)]
+struct Take {
+    name: &'static str,
+    scene: &'static str,
+    bodies: u32,
+    pace: Pace,
+    cadence: Option<(u32, u32)>,
+    choice: StreamChoice,
+    /// Of a hundred datagrams, how many are lost, come late or come twice.
+    bad: usize,
+    ticks: u64,
+}
+
+/// The host, as each session names it.
+const HOST: Peer = Peer(0);
+/// Ticks at the end without faults.
+const CALM: u64 = 40;
+
+fn takes() -> Vec<Take> {
+    let parts = Tolerance::parts(Metres::new(0.01), Radians::new(0.002));
+    let parts = StreamChoice::Within(parts.expect("within range"));
+    let normal = StreamChoice::Within(Tolerance::NORMAL);
+    let exact = StreamChoice::Within(Tolerance::EXACT);
+    let plain = Take {
+        name: "",
+        scene: "zoo",
+        bodies: 12,
+        pace: Pace::Lockstep,
+        cadence: None,
+        choice: normal,
+        bad: 0,
+        ticks: 150,
+    };
+    vec![
+        Take {
+            name: "a zoo, nothing lost",
+            ..plain
+        },
+        Take {
+            name: "a zoo over a bad link",
+            bad: 25,
+            choice: exact,
+            ..plain
+        },
+        Take {
+            name: "balls that fall into a pit",
+            scene: "ball-pit",
+            bodies: 8,
+            bad: 30,
+            choice: exact,
+            ..plain
+        },
+        Take {
+            name: "cubes within parts",
+            scene: "cubes",
+            bodies: 20,
+            choice: parts,
+            bad: 25,
+            ..plain
+        },
+        Take {
+            name: "rocks that tumble",
+            scene: "asteroids",
+            bodies: 6,
+            choice: exact,
+            bad: 25,
+            ..plain
+        },
+        Take {
+            name: "bodies in a drum",
+            scene: "tumbler",
+            bodies: 10,
+            bad: 25,
+            ..plain
+        },
+        Take {
+            name: "ragdolls",
+            scene: "ragdolls",
+            bodies: 12,
+            bad: 25,
+            ..plain
+        },
+        Take {
+            name: "everything of a zoo",
+            choice: StreamChoice::Full,
+            bad: 25,
+            ticks: 60,
+            ..plain
+        },
+        Take {
+            name: "a zoo that runs free, each other tick, with hindsight",
+            pace: Pace::FreeRunning,
+            cadence: Some((2, 2)),
+            bad: 25,
+            ..plain
+        },
+        Take {
+            name: "a zoo that runs free",
+            pace: Pace::FreeRunning,
+            choice: exact,
+            bad: 25,
+            ..plain
+        },
+    ]
+}
+
+/// What a member knows, as the vectors have it.
+fn known(replica: &Replica) -> Value {
+    let stream = replica.stream();
+    let echo = stream.echo();
+    let lost: Vec<_> = echo.lost.iter().map(|number| number.0).collect();
+    json!({
+        "vouched": stream.vouched().value(),
+        "complete": stream.complete().value(),
+        "settled": stream.is_settled(),
+        "next": echo.next.0,
+        "lost": lost,
+        "sum": format!("{:016x}", stream.agreement()),
+        "poses": format!("{:016x}", poses(replica)),
+    })
+}
+
+/// FNV-1a over the bits of each body's believed motion at the vouched tick, in order of index.
+fn poses(replica: &Replica) -> u64 {
+    let stream = replica.stream();
+    let mut digest = 0xcbf2_9ce4_8422_2325_u64;
+    for terms in replica.bodies() {
+        let motion = stream.believed(terms.id, stream.vouched());
+        for number in numbers(motion.as_ref()) {
+            for byte in number.to_le_bytes() {
+                digest = (digest ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
+            }
+        }
+    }
+    digest
+}
+
+/// The thirteen numbers of a motion; none of a body that is not believed.
+fn numbers(motion: Option<&rhumb_reckoning::Motion>) -> Vec<f64> {
+    motion.map_or(Vec::new(), |motion| {
+        let (pose, twist) = (motion.pose(), motion.twist());
+        let parts: [&[f64]; 4] = [
+            &pose.position.to_array(),
+            &pose.rotation.to_array(),
+            &twist.linear.to_array(),
+            &twist.angular.to_array(),
+        ];
+        parts.concat()
+    })
+}
+
+fn heard(said: &Said) -> Value {
+    match said {
+        Said::Control(bytes) => json!(["control", hex(bytes)]),
+        Said::State(bytes) => json!(["datagram", hex(bytes)]),
+    }
+}
+
+/// Records a take: what was heard, with what was known after each tick.
+fn record(take: &Take, seed: u64) -> Vec<Value> {
+    let mut script = by_name(take.scene, take.bodies, 1).expect("a scene that has a script");
+    let mut terms = script.terms();
+    terms.pace = take.pace;
+    terms.cadence = take
+        .cadence
+        .map_or(Cadence::EACH_TICK, |(every, hindsight)| Cadence {
+            every: every.try_into().expect("not zero"),
+            hindsight: Ticks::new(hindsight),
+        });
+    let mut table = Table::default();
+    let peer = table.seat("golden");
+    let now = table.now();
+    table.guest(peer).create(terms).expect("terms of a script");
+    table.settle();
+    table
+        .guest(peer)
+        .join(take.choice)
+        .expect("a scene to join");
+    table.settle();
+    let mut events: Vec<Value> = table.take_heard(peer).iter().map(heard).collect();
+    let mut dice = Dice::new(seed);
+    let (bad, frame) = (take.bad, Span::from_nanos(16_666_667));
+    for tick in 0..take.ticks {
+        if tick == take.ticks - CALM {
+            table.sift(peer, Box::new(|_| Fate::Arrives));
+            table.sift_spoken(peer, Box::new(|_| Fate::Arrives));
+        } else if tick == 1 {
+            let (mut there, mut back) = (dice.clone(), dice.clone());
+            table.sift(peer, Box::new(move |_| fate(&mut there, bad)));
+            // Echoes are lost more often, so that what is missing stays missing for some ticks.
+            let deaf = 3 * bad;
+            table.sift_spoken(peer, Box::new(move |_| fate(&mut back, deaf)));
+        }
+        let mut commands = Vec::new();
+        script.commands(Tick::new(tick), &mut commands);
+        commands.extend(disturbance(take, tick, &mut dice));
+        let at = now + Span::from_nanos(frame.as_nanos() * tick);
+        for command in commands {
+            table
+                .guest(peer)
+                .command(command)
+                .expect("scripts command what may be");
+        }
+        if take.pace == Pace::Lockstep {
+            let to = Tick::new(tick + 1);
+            table
+                .guest(peer)
+                .advance(at, to)
+                .expect("a member advances");
+        }
+        table.settle();
+        table.pass(frame);
+        events.extend(table.take_heard(peer).iter().map(heard));
+        events.push(json!(["known", null]));
+    }
+    with_knowledge(events)
+}
+
+/// Puts what a session knows behind each tick, and behind each datagram that leaves it unsettled.
+fn with_knowledge(events: Vec<Value>) -> Vec<Value> {
+    let mut session = greeted();
+    let mut told = Vec::new();
+    for event in events {
+        let is_tick = event[0] == "known";
+        hear(&mut session, &event);
+        if !is_tick {
+            told.push(event);
+        }
+        let Some(replica) = session.replica() else {
+            continue;
+        };
+        if is_tick || !replica.stream().is_settled() {
+            told.push(json!(["known", known(replica)]));
+        }
+    }
+    told
+}
+
+fn greeted() -> ClientSession {
+    let mut session = ClientSession::new("golden".parse().expect("a good name"));
+    session.handle_opened(Instant::ZERO, HOST);
+    session
+}
+
+fn hear(session: &mut ClientSession, event: &Value) {
+    let bytes = || Bytes::from(unhex(event[1].as_str().expect("digits")));
+    match event[0].as_str() {
+        Some("control") => session.handle_control(Instant::ZERO, HOST, &bytes()),
+        Some("datagram") => session.handle_datagram(Instant::ZERO, HOST, &bytes()),
+        _ => {}
+    }
+}
+
+fn fate(dice: &mut Dice, bad: usize) -> Fate {
+    match dice.below(100) {
+        roll if roll >= bad => Fate::Arrives,
+        roll => match roll % 4 {
+            0 => Fate::Twice,
+            1 => Fate::Late,
+            _ => Fate::Lost,
+        },
+    }
+}
+
+/// What the script would not do: other gravity, a body that goes.
+fn disturbance(take: &Take, tick: u64, dice: &mut Dice) -> Vec<Command> {
+    let mut commands = Vec::new();
+    if take.scene == "zoo" && tick % 40 == 25 {
+        let y = -(dice.below(20) as f32);
+        let gravity = glam::Vec3::new(0.5, y, 0.0);
+        commands.push(Command::SetGravity { gravity });
+    }
+    if take.scene == "zoo" && tick == 70 {
+        commands.push(Command::RemoveBody {
+            id: BodyId::new(2, 0),
+        });
+    }
+    commands
+}
+
+/// The file.
+#[must_use]
+pub fn streams() -> String {
+    let takes = takes().into_iter().enumerate().map(|(place, take)| {
+        let events = record(&take, place as u64 + 1);
+        let lines: Vec<_> = events.iter().map(Value::to_string).collect();
+        let name = take.name;
+        format!(
+            "{{\"name\": \"{name}\", \"events\": [\n{}\n]}}",
+            lines.join(",\n")
+        )
+    });
+    let takes = takes.collect::<Vec<_>>().join(",\n");
+    format!("{{\n\"format\": \"rhumb stream vectors 1\",\n\"streams\": [\n{takes}\n]\n}}\n")
+}
+
+/// Says to a session what a stream's member heard; for each known state, its place, what it should be and what it is.
+///
+/// # Panics
+///
+/// When an event is none.
+#[must_use]
+pub fn replayed(events: &[Value]) -> Vec<(usize, Value, Value)> {
+    let mut session = greeted();
+    let mut states = Vec::new();
+    for (place, event) in events.iter().enumerate() {
+        hear(&mut session, event);
+        if event[0] == "known" {
+            let replica = session.replica().expect("a member");
+            states.push((place, event[1].clone(), known(replica)));
+        }
+    }
+    states
+}
