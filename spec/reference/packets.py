@@ -569,6 +569,19 @@ def decoded(datagram):
         said |= {"part": frm.u8(), "parts": frm.u8()}
         refuse_if(said["part"] >= said["parts"] or said["parts"] > PARTS_MAX, "OutOfRange")
         read_records(said, frm)
+    elif kind in (4, 5):
+        said |= {name: frm.low16() for name in ("number", "tick", "notices")}
+        read_full(said, frm)
+    elif kind == 7:
+        said |= {name: frm.low16() for name in ("next", "tick", "notices")}
+        said |= {"first": frm.varint(INDICES - 1), "stride": frm.varint(INDICES)}
+        refuse_if(said["stride"] == 0, "OutOfRange")
+        said["sums"] = [frm.raw(8)[::-1].hex() for _ in range(frm.varint(SUMS_MAX))]
+        frm.finish()
+    elif kind == 8:
+        said |= {"first": frm.varint(INDICES - 1), "stride": frm.varint(INDICES)}
+        refuse_if(said["stride"] == 0, "OutOfRange")
+        frm.finish()
     elif kind == 6:
         said |= {"next": frm.low16(), "gone": frm.low16(), "parities": frm.u8()}
         refuse_if(said["parities"] > SPAN, "OutOfRange")
@@ -583,6 +596,17 @@ def decoded(datagram):
         refuse_if(sums.endswith(b"\0"), "NotCanonical")
         said["sums"] = sums.hex()
     return said
+
+
+def read_full(said, frm):
+    said["records"] = []
+    while frm.at < len(frm.data):
+        record = {"index": int.from_bytes(frm.raw(4), "little")}
+        refuse_if(record["index"] >= INDICES, "OutOfRange")
+        record["motion"] = [frm.raw(4)[::-1].hex() for _ in range(13)]
+        numbers = [struct.unpack(">f", bytes.fromhex(part))[0] for part in record["motion"]]
+        refuse_if(reckoning.verbatim_motion(numbers) is None, "NotFinite")
+        said["records"].append(record)
 
 
 def read_records(said, frm):

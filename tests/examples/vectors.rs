@@ -1,4 +1,4 @@
-//! Prints the golden vectors of the control stream and of streams; `--write` writes them.
+//! Prints golden vectors of messages and streams; `--write` writes them.
 
 use std::path::Path;
 

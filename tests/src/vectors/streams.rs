@@ -1,4 +1,4 @@
-//! Golden streams: what a member heard of a live scene over a bad link, and what it then knew.
+//! Golden streams: what a member heard over a bad link, and what it then knew.
 //!
 //! Recorded from a real host by `cargo run -p rhumb-tests --example vectors -- --write`, and held by replaying what was
 //! heard to a session: so an engine that moves bodies otherwise does not change what is golden here, but the wire does.
@@ -35,91 +35,52 @@ const HOST: Peer = Peer(0);
 /// Ticks at the end without faults.
 const CALM: u64 = 40;
 
+impl Take {
+    const fn of(name: &'static str, scene: &'static str, choice: StreamChoice) -> Self {
+        Self {
+            name,
+            scene,
+            bodies: 12,
+            pace: Pace::Lockstep,
+            cadence: None,
+            choice,
+            bad: 25,
+            ticks: 150,
+        }
+    }
+
+    const fn with(self, bodies: u32, bad: usize) -> Self {
+        Self {
+            bodies,
+            bad,
+            ..self
+        }
+    }
+}
+
 fn takes() -> Vec<Take> {
     let parts = Tolerance::parts(Metres::new(0.01), Radians::new(0.002));
     let parts = StreamChoice::Within(parts.expect("within range"));
     let normal = StreamChoice::Within(Tolerance::NORMAL);
     let exact = StreamChoice::Within(Tolerance::EXACT);
-    let plain = Take {
-        name: "",
-        scene: "zoo",
-        bodies: 12,
-        pace: Pace::Lockstep,
-        cadence: None,
-        choice: normal,
-        bad: 0,
-        ticks: 150,
+    let full = Take::of("everything of a zoo", "zoo", StreamChoice::Full);
+    let rare = "a zoo that runs free, each other tick, with hindsight";
+    let free = |name, choice, cadence| Take {
+        pace: Pace::FreeRunning,
+        cadence,
+        ..Take::of(name, "zoo", choice)
     };
     vec![
-        Take {
-            name: "a zoo, nothing lost",
-            ..plain
-        },
-        Take {
-            name: "a zoo over a bad link",
-            bad: 25,
-            choice: exact,
-            ..plain
-        },
-        Take {
-            name: "balls that fall into a pit",
-            scene: "ball-pit",
-            bodies: 8,
-            bad: 30,
-            choice: exact,
-            ..plain
-        },
-        Take {
-            name: "cubes within parts",
-            scene: "cubes",
-            bodies: 20,
-            choice: parts,
-            bad: 25,
-            ..plain
-        },
-        Take {
-            name: "rocks that tumble",
-            scene: "asteroids",
-            bodies: 6,
-            choice: exact,
-            bad: 25,
-            ..plain
-        },
-        Take {
-            name: "bodies in a drum",
-            scene: "tumbler",
-            bodies: 10,
-            bad: 25,
-            ..plain
-        },
-        Take {
-            name: "ragdolls",
-            scene: "ragdolls",
-            bodies: 12,
-            bad: 25,
-            ..plain
-        },
-        Take {
-            name: "everything of a zoo",
-            choice: StreamChoice::Full,
-            bad: 25,
-            ticks: 60,
-            ..plain
-        },
-        Take {
-            name: "a zoo that runs free, each other tick, with hindsight",
-            pace: Pace::FreeRunning,
-            cadence: Some((2, 2)),
-            bad: 25,
-            ..plain
-        },
-        Take {
-            name: "a zoo that runs free",
-            pace: Pace::FreeRunning,
-            choice: exact,
-            bad: 25,
-            ..plain
-        },
+        Take::of("a zoo, nothing lost", "zoo", normal).with(12, 0),
+        Take::of("a zoo over a bad link", "zoo", exact),
+        Take::of("balls that fall into a pit", "ball-pit", exact).with(8, 30),
+        Take::of("cubes within parts", "cubes", parts).with(20, 25),
+        Take::of("rocks that tumble", "asteroids", exact).with(6, 25),
+        Take::of("bodies in a drum", "tumbler", normal).with(10, 25),
+        Take::of("ragdolls", "ragdolls", normal),
+        Take { ticks: 60, ..full },
+        free(rare, normal, Some((2, 2))),
+        free("a zoo that runs free", exact, None),
     ]
 }
 

@@ -1,0 +1,93 @@
+"""A live scene, followed by client.py and by the Rust client: both hold the same bits at every tick that both hold.
+
+Usage: python3 check_live.py RHUMB-SERVER RHUMB-FOLLOW [BODIES [TICKS]]. Needs what client.py needs. Starts the server and the
+leader of a ball pit, joins while the scene runs, and compares what both wrote.
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+MICROMETRES = 10000
+
+
+def start(arguments, **named):
+    return subprocess.Popen([str(one) for one in arguments], stdout=subprocess.PIPE, text=True, **named)
+
+
+def server_of(process):
+    """Where it listens, and what to pin."""
+    said = {}
+    while len(said) < 2:
+        line = process.stdout.readline()
+        if not line:
+            raise SystemExit("the server ended before it listened")
+        for start_of in ("listening on ", "fingerprint "):
+            if line.startswith(start_of):
+                said[start_of] = line[len(start_of) :].strip()
+    return said["listening on "], said["fingerprint "]
+
+
+def expect(process, word):
+    line = process.stdout.readline().strip()
+    if not line.startswith(word):
+        raise SystemExit(f"expected {word!r}, heard {line!r}")
+    return line
+
+
+def run(folder, server_path, follow_path, bodies, ticks):
+    address = None
+    processes = []
+    try:
+        server = start([server_path, "--listen", "127.0.0.1:0"])
+        processes.append(server)
+        address, fingerprint = server_of(server)
+        common = ["--server", address, "--fingerprint", fingerprint, "--scene", "live", "--micrometres", MICROMETRES]
+        rust = [follow_path, *common, "--bodies", bodies, "--ticks", ticks, "--out", folder / "rust.jsonl"]
+        leader = start(rust, stdin=subprocess.PIPE)
+        processes.append(leader)
+        expect(leader, "going")
+        python = [sys.executable, HERE / "client.py", *common, "--until", ticks, "--out", folder / "python.jsonl"]
+        follower = start(python)
+        processes.append(follower)
+        expect(follower, "joined")
+        leader.stdin.write("\n")
+        leader.stdin.flush()
+        expect(leader, "done")
+        print(expect(follower, "followed"))
+        leader.stdin.close()
+        return follower.wait(timeout=20) + leader.wait(timeout=20)
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def lines(path):
+    return {line["tick"]: line for line in map(json.loads, path.read_text(encoding="utf-8").splitlines())}
+
+
+def main():
+    server_path, follow_path = Path(sys.argv[1]), Path(sys.argv[2])
+    bodies, ticks = (int(sys.argv[place]) if len(sys.argv) > place else most for place, most in ((3, 200), (4, 300)))
+    with tempfile.TemporaryDirectory() as folder:
+        failed = run(Path(folder), server_path, follow_path, bodies, ticks)
+        rust, python = lines(Path(folder) / "rust.jsonl"), lines(Path(folder) / "python.jsonl")
+    both = sorted(rust.keys() & python.keys())
+    wrong = [tick for tick in both if rust[tick] != python[tick]]
+    poses = sum(len(rust[tick]["moving"]) for tick in both)
+    print(f"{len(both)} ticks held by both, {poses} motions, {len(wrong)} ticks differ")
+    for tick in wrong[:5]:
+        one, other = rust[tick]["moving"], python[tick]["moving"]
+        differ = [name for name in one.keys() | other.keys() if one.get(name) != other.get(name)]
+        print(f"tick {tick}: sums {rust[tick]['sum']} and {python[tick]['sum']}, bodies {sorted(differ)[:5]}")
+    # The follower joins after some ticks, and may hold some only when later ones have come.
+    few = len(both) < ticks // 2 or ticks not in both
+    return 1 if failed or wrong or few or not poses else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,92 @@
+"""Runs subscriber.py over the golden streams: after each tick and each loss it must know what the vectors say.
+
+Usage: python3 check_streams.py. Prints what failed, then a count; the exit code is 1 if anything did.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import messages
+import subscriber
+
+SPEC = Path(__file__).resolve().parent.parent
+
+
+class Member:
+    """One end of a connection that only listens."""
+
+    def __init__(self):
+        self.frames, self.scene = messages.Frames(), None
+
+    def hear_control(self, data):
+        self.frames.push(data)
+        while (message := self.frames.next()) is not None:
+            said = messages.decoded("server", *message)
+            if said is not None:
+                self.hear(said)
+
+    def hear(self, said):
+        if said["is"] == "Joined":
+            self.scene = subscriber.Scene(said)
+        elif said["is"] == "Notice":
+            self.scene.hear_notice(said["notice"])
+        elif said["is"] == "SnapshotEnd":
+            self.scene.end_snapshot()
+
+
+def poses(scene):
+    """FNV-1a over the bits of each body's believed motion at the vouched tick, in order of index."""
+    h = 0xCBF29CE484222325
+    for index in sorted(scene.bodies):
+        motion = scene.believed(scene.bodies[index], scene.vouched)
+        for byte in subscriber.bits64(motion.numbers()):
+            h = (h ^ byte) * 0x100000001B3 & subscriber.MASK
+    return f"{h:016x}"
+
+
+def known(scene, with_poses):
+    echo = scene.echo()
+    state = {
+        "vouched": scene.vouched,
+        "complete": scene.complete(),
+        "settled": scene.is_settled(),
+        "next": echo["next"],
+        "lost": echo["lost"],
+        "sum": f"{scene.sum():016x}",
+    }
+    # What is shown of a body that is in doubt is nobody's promise (6.8).
+    return state | ({"poses": poses(scene)} if with_poses else {})
+
+
+def results(stream):
+    """Each state that a stream's member knew, and what this one knows."""
+    member = Member()
+    for place, (what, said) in enumerate(stream["events"]):
+        if what == "control":
+            member.hear_control(bytes.fromhex(said))
+        elif what == "datagram" and member.scene:
+            member.scene.hear_datagram(bytes.fromhex(said))
+        elif what == "known":
+            want = dict(said)
+            if not want["settled"]:
+                del want["poses"]
+            yield f"{stream['name']}, event {place}", want, known(member.scene, want["settled"])
+    yield f"{stream['name']}, sums that differ", 0, member.scene.disagreements
+
+
+def main():
+    passed, failed = 0, 0
+    vectors = json.loads((SPEC / "vectors" / "streams.json").read_text(encoding="utf-8"))
+    for stream in vectors["streams"]:
+        for name, want, got in results(stream):
+            passed += want == got
+            failed += want != got
+            if want != got and failed < 40:
+                print(f"{name}: expected {want}, got {got}")
+    print(f"{passed} passed, {failed} failed")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,199 @@
+"""A client that joins a scene over QUIC and follows it, from PROTOCOL 1 and 3: asks for repair, keeps the connection up.
+
+Needs `aioquic`. Usage: python3 client.py --server HOST:PORT --fingerprint HEX --scene NAME --micrometres N --out FILE
+[--until TICK]. Says `joined` once its copy is whole, and writes each tick at which the copy is complete, as bits.
+"""
+
+import argparse
+import asyncio
+import hashlib
+import json
+import ssl
+import struct
+import sys
+
+from aioquic.asyncio.client import connect
+from aioquic.asyncio.protocol import QuicConnectionProtocol
+from aioquic.quic.configuration import QuicConfiguration
+from aioquic.quic.events import ConnectionTerminated, DatagramFrameReceived, StreamDataReceived
+from cryptography.hazmat.primitives.serialization import Encoding
+
+import messages
+import packets
+import subscriber
+
+FIRST_ECHO, LAST_ECHO, SILENCE = 0.025, 0.5, 3.0
+DONE, MALFORMED, VERSION, EXTENSION = 0, 1, 3, 5
+
+
+class Ended(Exception):
+    """The connection is over; the argument is the close code, or a reason."""
+
+
+class Member(QuicConnectionProtocol):
+    """One connection about one scene."""
+
+    def __init__(self, *arguments, **named):
+        super().__init__(*arguments, **named)
+        self.frames, self.scene, self.ended = messages.Frames(), None, None
+        self.heard, self.answers = asyncio.Event(), asyncio.Queue()
+        self.on_state = lambda scene: None
+        self.control = None
+        self.asked_at, self.patience, self.heard_at = 0.0, FIRST_ECHO, 0.0
+
+    # What comes
+
+    def quic_event_received(self, event):
+        self.heard_at = self._loop.time()
+        if isinstance(event, StreamDataReceived):
+            self.hear_control(event.data)
+        elif isinstance(event, DatagramFrameReceived):
+            if self.scene:
+                self.scene.hear_datagram(event.data)
+                self.on_state(self.scene)
+        elif isinstance(event, ConnectionTerminated):
+            self.ended = event.error_code
+            self.answers.put_nowait({"is": "Ended", "code": event.error_code})
+
+    def hear_control(self, data):
+        self.frames.push(data)
+        try:
+            while (message := self.frames.next()) is not None:
+                said = messages.decoded("server", *message)
+                if said is not None:
+                    self.hear(said)
+        except packets.Malformed:
+            self.end(MALFORMED)
+        except subscriber.Violation as why:
+            self.end(why.args[0])
+
+    def hear(self, said):
+        if said["is"] in ("Welcome", "Joined") and any(one["id"] % 2 == 0 for one in said["extensions"]):
+            self.end(EXTENSION)
+        elif said["is"] == "Joined":
+            self.scene = subscriber.Scene(said)
+        elif said["is"] == "Notice":
+            self.scene.hear_notice(said["notice"])
+            self.on_state(self.scene)
+        else:
+            if said["is"] == "SnapshotEnd":
+                self.scene.end_snapshot()
+                self.on_state(self.scene)
+            self.answers.put_nowait(said)
+
+    # What goes
+
+    def say(self, said):
+        if self.control is None:
+            self.control = self._quic.get_next_available_stream_id()
+        self._quic.send_stream_data(self.control, messages.encoded("client", said))
+        self.transmit()
+
+    def end(self, code):
+        self._quic.close(error_code=code)
+        self.transmit()
+
+    async def answer(self, *names):
+        """The next message of one of these names."""
+        while True:
+            said = await asyncio.wait_for(self.answers.get(), 10)
+            if said["is"] in names:
+                return said
+            if said["is"] in ("Ended", "Denied"):
+                raise Ended(said)
+
+    async def repair(self):
+        """6.7: echoes for what is missing, and for a stream that is silent."""
+        while self.ended is None:
+            await asyncio.sleep(0.005)
+            now, scene = self._loop.time(), self.scene
+            if scene is None or not scene.whole:
+                continue
+            if not scene.missing:
+                self.patience = FIRST_ECHO
+            silent = now - max(self.heard_at, self.asked_at) > SILENCE
+            if silent or (scene.missing and now - self.asked_at > self.patience):
+                self._quic.send_datagram_frame(packets.encoded(scene.echo()))
+                self.transmit()
+                self.asked_at, self.patience = now, min(2 * self.patience, LAST_ECHO)
+
+    # 1.3
+
+    def must_be(self, fingerprint):
+        certificate = self._quic.tls._peer_certificate
+        if hashlib.sha256(certificate.public_bytes(Encoding.DER)).hexdigest() != fingerprint:
+            raise Ended("the server's certificate is another")
+
+
+def bits(motion):
+    return "".join(struct.pack(">d", number).hex() for number in motion.numbers())
+
+
+class Log:
+    """Writes what a copy holds at each tick at which it is complete."""
+
+    def __init__(self, path):
+        self.file, self.written = open(path, "w", encoding="utf-8"), None
+
+    def note(self, scene):
+        tick = scene.complete()
+        if not scene.is_settled() or tick == self.written:
+            return
+        self.written = tick
+        moving = {
+            f"{index}:{body.generation}": bits(scene.believed(body, tick))
+            for index, body in sorted(scene.bodies.items())
+            if not body.track.is_verbatim_rest()
+        }
+        line = {"tick": tick, "sum": f"{scene.sum():016x}", "moving": moving}
+        self.file.write(json.dumps(line) + "\n")
+
+
+async def follow(arguments):
+    host, port = arguments.server.rsplit(":", 1)
+    configuration = QuicConfiguration(is_client=True, alpn_protocols=["rhumb/1"], verify_mode=ssl.CERT_NONE)
+    configuration.max_datagram_frame_size, configuration.idle_timeout = 65536, 10.0
+    log = Log(arguments.out)
+    async with connect(host.strip("[]"), int(port), configuration=configuration, create_protocol=Member) as member:
+        member.must_be(arguments.fingerprint.lower())
+        member.on_state = log.note
+        # A version that means nothing is offered too, and an extension (3.5).
+        greased = [{"id": 27, "value": "00"}]
+        member.say({"is": "Hello", "magic": 0x424D4852, "versions": [0x4A4A, 1], "scene": arguments.scene, "extensions": greased})
+        welcome = await member.answer("Welcome")
+        if welcome["version"] != 1:
+            member.end(VERSION)
+            raise Ended(VERSION)
+        within = {"is": "within a surface tolerance", "micrometres": arguments.micrometres}
+        member.say({"is": "Join", "choice": within})
+        await member.answer("SnapshotEnd")
+        print("joined", flush=True)
+        repairing = asyncio.ensure_future(member.repair())
+        end = asyncio.get_running_loop().time() + arguments.seconds
+        while (log.written or 0) < arguments.until:
+            if member.ended is not None or asyncio.get_running_loop().time() > end:
+                raise Ended(member.ended if member.ended is not None else "it took too long")
+            await asyncio.sleep(0.02)
+        repairing.cancel()
+        log.file.close()
+        print(f"followed to tick {log.written}; sums that differ: {member.scene.disagreements}", flush=True)
+        member.say({"is": "Leave"})
+        await member.answer("Left")
+        member.end(DONE)
+    return 1 if member.scene.disagreements else 0
+
+
+def main():
+    parser = argparse.ArgumentParser(description="Follows a scene.")
+    parser.add_argument("--server", required=True)
+    parser.add_argument("--fingerprint", required=True)
+    parser.add_argument("--scene", required=True)
+    parser.add_argument("--micrometres", type=int, default=50000)
+    parser.add_argument("--until", type=int, required=True, help="the tick to follow to")
+    parser.add_argument("--seconds", type=float, default=120, help="patience")
+    parser.add_argument("--out", required=True)
+    return asyncio.run(follow(parser.parse_args()))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,506 @@
+"""A member's copy of a scene, from PROTOCOL 6: tracks, gaps, repairs, seats, gravity, notices.
+
+Fed with messages and datagrams; asks for nothing by itself. For reading beside the document, not for speed.
+"""
+
+import struct
+from dataclasses import dataclass, replace
+
+import packets
+import reckoning
+from messages import LIMITS, f32, motion_of
+
+LAWS = ("rest", "uniform", "ballistic", "tumbling", "thrown")
+HISTORY, JUMP, HELD = LIMITS["HISTORY_PACKETS"], LIMITS["TICK_JUMP_MAX"], LIMITS["PACKETS_HELD_MAX"]
+IDENTITY = ["00000000", "00000000", "00000000", "3f800000"]
+
+
+class Violation(Exception):
+    """The server contradicts what it said; the argument is the code to close with."""
+
+
+# 6.1 Tracks
+
+
+@dataclass
+class Track:
+    origin: int
+    law: str
+    anchor: object  # reckoning.Snapped, or a list of thirteen f32s as digits
+    carrier: tuple = None  # index, generation
+
+    def is_verbatim_rest(self):
+        return self.law == "rest" and isinstance(self.anchor, list)
+
+
+def track_of_whole(origin, whole):
+    """5.5"""
+    law, carrier = LAWS[whole["law"]], whole["carrier"]
+    if "verbatim" in whole:
+        anchor = whole["verbatim"]
+    else:
+        rotation = (whole["largest"], tuple(whole["others"]))
+        anchor = reckoning.Snapped(tuple(whole["position"]), rotation, tuple(whole["linear"]), tuple(whole["angular"]))
+    return Track(origin, law, anchor, tuple(carrier) if carrier else None)
+
+
+def track_of_notice(said):
+    """4.6"""
+    if said["said"]["is"] == "in bits":
+        bits = packets.BitReader(bytes.fromhex(said["said"]["whole"]))
+        return track_of_whole(said["origin"], packets.read_whole(bits))
+    return Track(said["origin"], said["said"]["is"], motion_of(said["said"]["anchor"]))
+
+
+class Body:
+    """What a body is, and how it moves."""
+
+    def __init__(self, terms, inertia, track, scene):
+        self.index, self.generation = terms["id"]["index"], terms["id"]["generation"]
+        dynamic = terms["flags"] & 3 == 1
+        damping = terms.get("damping", scene.terms["damping"])
+        still = {"linear": "00000000", "angular": "00000000"}
+        self.flow = scene.flow(damping if dynamic else still)
+        self.scale = f32(terms.get("gravity scale", "3f800000")) if dynamic else 0.0
+        self.grid = scene.grid(radius_of(scene.shapes[terms["shape"]]))
+        self.inertia = None
+        if inertia and inertia["is"] != "none":
+            moments = [f32(part) for part in inertia["moments"]]
+            self.inertia = reckoning.Inertia.of(moments, [f32(part) for part in inertia.get("frame", IDENTITY)])
+        self.track, self.before = track, None
+
+    def moved(self, track, tick, gravity):
+        """The motion of one of its tracks at a tick, in the track's own frame (RECKONING 3.1)."""
+        if isinstance(track.anchor, list):
+            start = reckoning.verbatim_motion([f32(part) for part in track.anchor])
+        else:
+            start = track.anchor.motion(self.grid)
+        elapsed = reckoning.elapsed_ticks(tick, track.origin)
+        pull = reckoning.gravity_of(gravity, self.scale)
+        return reckoning.predicted(track.law, start, elapsed, pull, self.flow, self.inertia)
+
+
+def radius_of(shape):
+    """RECKONING 4.5, and 2.6 for hulls"""
+    if shape["is"] == "hull":
+        return max(reckoning.length3([f32(part) for part in point]) for point in shape["points"])
+    if shape["is"] == "cuboid":
+        return reckoning.bounding_radius("cuboid", [f32(part) for part in shape["half extents"]])
+    if shape["is"] == "ball":
+        return reckoning.bounding_radius("ball", [f32(shape["radius"])])
+    return reckoning.bounding_radius(shape["is"], [f32(shape["half height"]), f32(shape["radius"])])
+
+
+# 5.7 Low 16 bits
+
+
+def expanded(low, expected):
+    count = expected - ((expected - low) & 0xFFFF)
+    if count < 0 or expected - count >= 0x8000:
+        count += 0x10000
+    return count
+
+
+# 6.12 Agreement
+
+MASK = (1 << 64) - 1
+F = 0x9E3779B97F4A7C15
+
+
+def mix(h, w):
+    p = (h ^ w) * F & MASK
+    return p ^ (p >> 32)
+
+
+def pair(a, b):
+    return (a & 0xFFFFFFFF) | (b & 0xFFFFFFFF) << 32
+
+
+def digest(body):
+    track = body.track
+    h = mix(F, pair(body.index, body.generation))
+    h = mix(h, track.origin)
+    if track.carrier:
+        h = mix(h, pair(*track.carrier))
+    law = LAWS.index(track.law)
+    if isinstance(track.anchor, list):
+        numbers = [int(part, 16) for part in track.anchor] + [0]
+        words = [2 * law + 1] + [pair(a, b) for a, b in zip(numbers[::2], numbers[1::2])]
+    else:
+        x, y, z = track.anchor.position
+        largest, (a, b, c) = track.anchor.rotation
+        u, v, w = track.anchor.linear
+        p, q, r = track.anchor.angular
+        words = [2 * law, pair(x, y), pair(z, largest), pair(a, b), pair(c, u), pair(v, w), pair(p, q), pair(r, 0)]
+    for word in words:
+        h = mix(h, word)
+    return h
+
+
+class Scene:
+    """What a member knows of its scene, by one stream."""
+
+    def __init__(self, joined):
+        self.choice, self.terms, self.stream = joined["choice"], joined["terms"], joined["stream"]
+        self.flows, self.shapes, self.bodies, self.joints = {}, {}, {}, {}
+        self.gravities = [(0, [f32(part) for part in joined["gravity"]])]
+        self.snapshot_gravity = False
+        self.whole, self.notices, self.next = False, joined["notices"], joined["next"]
+        self.vouched = self.newest = self.settled_at = joined["tick"]
+        self.known_from = 0
+        self.seats, self.seat_of = {}, {}  # seat: (index, since); index: seat
+        self.missing, self.unread, self.parts, self.held = {}, {}, {}, []
+        self.lost_touch, self.disagreements, self.granted = False, 0, joined["granted"]
+
+    def flow(self, damping):
+        terms = self.terms
+        key = (damping["linear"], damping["angular"])
+        if key not in self.flows:
+            dampings = [f32(part) for part in key]
+            self.flows[key] = reckoning.Flow(terms["ticks"], terms["seconds"], terms["substeps"], *dampings)
+        return self.flows[key]
+
+    def grid(self, radius):
+        choice = self.choice
+        # A full stream says nothing on a grid.
+        return reckoning.Grid.of(choice.get("micrometres", 1000), radius, choice.get("microradians"))
+
+    def gravity(self, origin):
+        """6.9"""
+        return [pull for since, pull in self.gravities if since <= origin][-1]
+
+    # Belief
+
+    def own(self, body, track, tick):
+        return body.moved(track, tick, self.gravity(track.origin))
+
+    def carrier(self, track):
+        """The body that carries a track's, if it is there still."""
+        body = self.bodies.get(track.carrier[0]) if track.carrier else None
+        return body if body and body.generation == track.carrier[1] else None
+
+    def believed(self, body, tick):
+        """RECKONING 3.8"""
+
+        def then(body):
+            before = body.before
+            if body.track.origin > tick and before and before.origin <= tick:
+                return before
+            return body.track
+
+        track = then(body)
+        motion, carrier = self.own(body, track, tick), self.carrier(track)
+        if carrier is None:
+            return motion
+        return reckoning.carried(self.own(carrier, then(carrier), tick), motion)
+
+    # 4.6, 4.8 Notices
+
+    def hear_notice(self, said):
+        name = said["is"]
+        if name == "ShapeAdded":
+            self.shapes[said["id"]] = said["shape"]
+        elif name == "ShapeRemoved":
+            self.must(said["id"] in self.shapes)
+            del self.shapes[said["id"]]
+        elif name == "BodyPlaced":
+            self.place(said)
+        elif name == "BodyRemoved":
+            body = self.bodies.get(said["id"]["index"])
+            self.must(body and body.generation == said["id"]["generation"])
+            self.leave(body.index)
+            del self.bodies[body.index]
+        elif name == "GravityChanged":
+            pull = [f32(part) for part in said["gravity"]]
+            if not self.whole and not self.snapshot_gravity:
+                self.gravities, self.snapshot_gravity = [], True
+            self.gravities = [old for old in self.gravities if old[0] < said["tick"]] + [(said["tick"], pull)]
+        elif name == "JointAdded":
+            self.must(said["id"] not in self.joints)
+            self.joints[said["id"]] = said["joint"]
+        elif name == "JointRemoved":
+            # Those that went with a body are not told apart here.
+            self.joints.pop(said["id"], None)
+        if self.whole:
+            self.notices += 1
+            self.release()
+
+    def must(self, good):
+        if not good:
+            raise Violation(2)
+
+    def place(self, said):
+        self.must(said["terms"]["shape"] in self.shapes)
+        body = Body(said["terms"], said.get("inertia"), track_of_notice(said["track"]), self)
+        self.leave(body.index)
+        self.bodies[body.index] = body
+        if said["seat"]:
+            self.sit(said["seat"] - 1, body.index, 0)
+
+    def end_snapshot(self):
+        self.whole = True
+        self.release()
+
+    # 6.13 Seats
+
+    def leave(self, index):
+        seat = self.seat_of.pop(index, None)
+        if seat is not None:
+            del self.seats[seat]
+
+    def sit(self, seat, index, tick):
+        if seat in self.seats and self.seats[seat][1] > tick:
+            return
+        self.leave(index)
+        if seat in self.seats:
+            self.leave(self.seats[seat][0])
+        self.seats[seat], self.seat_of[index] = (index, tick), seat
+
+    # 6.5 Reading
+
+    def hear_datagram(self, data):
+        try:
+            said = packets.decoded(data)
+        except packets.Malformed:
+            return
+        if said["stream"] != self.stream or said["kind"] in (6, 8):
+            return
+        if not self.whole or expanded(said["notices"], self.notices) > self.notices:
+            if len(self.held) < HELD:
+                self.held.append(said)
+            return
+        self.read(said)
+        self.settle()
+
+    def release(self):
+        waiting, self.held = self.held, []
+        for said in waiting:
+            if self.whole and expanded(said["notices"], self.notices) <= self.notices:
+                self.read(said)
+            else:
+                self.held.append(said)
+        self.settle()
+
+    def settle(self):
+        if self.is_settled() and self.known_from <= self.vouched:
+            self.settled_at = self.vouched
+
+    def read(self, said):
+        if self.lost_touch:
+            return
+        tick = expanded(said["tick"], self.newest)
+        if tick > self.newest + JUMP:
+            self.lost_touch = True
+            return
+        kind = said["kind"]
+        if kind in (2, 7):
+            self.hear_vouch(expanded(said["next"], self.next), tick)
+            if kind == 7:
+                self.compare(said)
+        elif kind == 3:
+            self.hear_repair(said, tick)
+        else:
+            self.hear_packet(said, tick)
+
+    # 6.6 Gaps
+
+    def miss(self, end, tick):
+        for number in range(self.next, min(end, self.next + HISTORY + 1)):
+            self.missing[number] = tick
+        self.next = max(self.next, end)
+        if self.missing and self.next > min(self.missing) + HISTORY:
+            self.lost_touch = True
+
+    def hear_vouch(self, next_number, tick):
+        self.miss(next_number, tick)
+        self.newest, self.vouched = max(self.newest, tick), max(self.vouched, tick)
+
+    def hear_packet(self, said, tick):
+        number = expanded(said["number"], self.next)
+        if number < self.next and number not in self.missing:
+            return
+        late = number < self.next
+        if not late:
+            self.miss(number, tick)
+            self.next = max(self.next, number + 1)
+        if self.lost_touch:
+            return
+        self.newest = max(self.newest, tick)
+        if late:
+            del self.missing[number]
+            self.parts.pop(number, None)
+        every = self.terms["every"]
+        ends = said["kind"] in (1, 5)
+        before = max(tick - 1, 0)
+        self.vouched = max(self.vouched, tick if ends else before - before % every)
+        if said["kind"] in (4, 5):
+            self.hear_full(said, tick)
+        else:
+            self.hear_state(said, number, tick)
+        if late:
+            self.made_good(number, None)
+
+    def made_good(self, number, repaired_at):
+        """A missing packet was heard late (None), or repaired by a repair of a tick."""
+        for other, tick in sorted(self.unread.items()):
+            if other > number and (repaired_at is None or repaired_at < tick):
+                del self.unread[other]
+                self.missing[other] = tick
+        if self.missing:
+            oldest = min(self.missing)
+            self.unread = {other: tick for other, tick in self.unread.items() if other > oldest}
+        else:
+            self.unread = {}
+
+    # 6.2 Revisions
+
+    def hear_state(self, said, number, tick):
+        later, outcomes = [], []
+        for update in said["updates"]:
+            if update.get("course") == "held" or update.get("carrier_age") is not None:
+                later.append(update)
+            else:
+                outcomes.append(self.hear_update(update, tick))
+        outcomes += [self.hear_update(update, tick) for update in later]
+        for index in [index for index, body in self.bodies.items() if index in self.seat_of]:
+            track = self.bodies[index].track
+            if track.is_verbatim_rest() and track.origin == tick:
+                self.leave(index)
+        if "seatless" in outcomes:
+            self.missing[number] = tick
+        elif "unread" in outcomes and any(other < number for other in self.missing):
+            self.unread[number] = tick
+
+    def hear_update(self, update, tick):
+        """"heard", "unread", or "seatless"."""
+        index = update["body"]
+        if index is None:
+            sitter = self.seats.get(update["seat"])
+            if sitter is None or sitter[1] > tick:
+                return "seatless"
+            index = sitter[0]
+        body = self.bodies.get(index)
+        if body is None:
+            return "heard"
+        if update["body"] is not None:
+            self.sit(update["seat"], index, tick)
+        if "carrier" in update and update["carrier"] not in self.bodies:
+            return "heard"
+        old = body.track
+        if tick <= old.origin:
+            self.known_from = max(self.known_from, old.origin)
+            return "heard"
+        if "whole" in update:
+            track = track_of_whole(tick, update["whole"])
+        else:
+            track = self.corrected(body, update, tick)
+            if track is None:
+                return "unread"
+        body.before, body.track = old, track
+        return "heard"
+
+    def corrected(self, body, update, tick):
+        """The track that a correction gives, or None where it cannot be read."""
+        old, age = body.track, update["age"]
+        if tick - age != old.origin:
+            return None
+        own, law, carrier = self.own(body, old, tick), old.law, old.carrier
+        if update["course"] == "world":
+            held_by = self.carrier(old)
+            law, carrier = LAWS[update["law"]], None
+            if (old.carrier is None) != (update["carrier_age"] is None):
+                return None
+            if old.carrier is not None:
+                if held_by is None or tick - update["carrier_age"] != held_by.track.origin:
+                    return None
+                own = reckoning.carried(self.own(held_by, held_by.track, tick), own)
+        elif update["course"] == "held":
+            by = self.bodies[update["carrier"]]
+            wrong = by is body or by.track.carrier is not None or old.carrier is not None
+            if wrong or tick - update["carrier_age"] != by.track.origin:
+                return None
+            own = reckoning.seen_from(self.own(by, by.track, tick), own)
+            law, carrier = "rest", (by.index, by.generation)
+        said = [tuple(update[name]) if name in update else None for name in packets.TRIPLES]
+        over = reckoning.astray(old.law, age, body.flow.dt)
+        anchor = reckoning.Residual(*said).onto(own, over, body.grid)
+        if law == "rest":
+            anchor = replace(anchor, linear=(0, 0, 0), angular=(0, 0, 0))
+        return Track(tick, law, anchor, carrier)
+
+    # 6.10 The full stream
+
+    def hear_full(self, said, tick):
+        for record in said["records"]:
+            body = self.bodies.get(record["index"])
+            if body is None:
+                continue
+            if tick <= body.track.origin:
+                self.known_from = max(self.known_from, body.track.origin)
+                continue
+            body.before, body.track = body.track, Track(tick, "uniform", record["motion"])
+
+    # 6.7 Repair
+
+    def hear_repair(self, said, tick):
+        lost = expanded(said["lost"], self.next)
+        self.newest = max(self.newest, tick)
+        if lost >= self.next:
+            return
+        for record in said["records"]:
+            self.hear_record(record, tick)
+        if lost not in self.missing:
+            return
+        name = (tick, said["notices"], said["parts"])
+        heard = self.parts.get(lost, (name, set()))
+        parts = heard[1] if heard[0] == name else set()
+        parts.add(said["part"])
+        self.parts[lost] = (name, parts)
+        if len(parts) == said["parts"]:
+            del self.missing[lost], self.parts[lost]
+            self.made_good(lost, tick)
+
+    def hear_record(self, record, tick):
+        index, body = record["index"], self.bodies.get(record["index"])
+        if body is None:
+            return
+        if record["seat"] is not None:
+            self.sit(record["seat"], index, tick)
+        elif index in self.seat_of and self.seats[self.seat_of[index]][1] <= tick:
+            self.leave(index)
+        track = track_of_whole(tick - record["age"], record["whole"])
+        if track.origin > body.track.origin:
+            body.track, body.before = track, None
+            self.known_from = max(self.known_from, track.origin)
+
+    # 6.12 Agreement
+
+    def sum(self, first=0, end=1 << 20):
+        return sum(digest(body) for body in self.bodies.values() if first <= body.index < end) & MASK
+
+    def compare(self, said):
+        alike = expanded(said["next"], self.next) == self.next
+        if not (self.is_settled() and alike and expanded(said["notices"], self.notices) == self.notices):
+            return
+        for place, expected in enumerate(said["sums"]):
+            first = said["first"] + place * said["stride"]
+            self.disagreements += self.sum(first, first + said["stride"]) != int(expected, 16)
+
+    # What is known
+
+    def is_settled(self):
+        return self.whole and not (self.missing or self.unread or self.held or self.lost_touch)
+
+    def complete(self):
+        if self.is_settled() and self.known_from <= self.vouched:
+            return self.vouched
+        return self.settled_at
+
+    def echo(self):
+        """5.13"""
+        lost = [number & 0xFFFF for number in sorted(self.missing)[: LIMITS["LOST_NAMED_MAX"]]]
+        return {"stream": self.stream, "kind": 6, "next": self.next & 0xFFFF, "lost": lost}
+
+
+def bits64(values):
+    return b"".join(struct.pack("<d", value) for value in values)

@@ -1,0 +1,241 @@
+//! Leads a lockstep scene and writes what its copy holds at each tick, as bits.
+//!
+//! For comparison with another client of the same scene. Says `going` when others may join, waits for a line, leads on,
+//! says `done` and waits for the end of its input. A line of the file is a tick at which the copy was complete.
+
+use std::fs::File;
+use std::io::{self, BufRead, BufWriter, Write};
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::Parser;
+use rhumb_protocol::message::StreamChoice;
+use rhumb_protocol::session::{ClientSession, Event, Replica};
+use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
+use rhumb_reckoning::{LengthBound, Motion, Tick, Tolerance};
+use rhumb_sims::{Script, by_name};
+use rhumb_transport::{ClientOptions, Clock, Fingerprint, QuicClient, Received, Trust};
+
+/// Leads a scene and writes what its copy holds.
+#[derive(Debug, Parser)]
+struct Arguments {
+    /// Where the server listens.
+    #[arg(long)]
+    server: SocketAddr,
+    /// What to pin.
+    #[arg(long)]
+    fingerprint: Fingerprint,
+    /// Name of the scene, which is created.
+    #[arg(long)]
+    scene: String,
+    /// Which script it runs.
+    #[arg(long, default_value = "ball-pit")]
+    script: String,
+    /// Bodies of the script.
+    #[arg(long)]
+    bodies: u32,
+    /// Tolerance in micrometres.
+    #[arg(long)]
+    micrometres: u32,
+    /// Ticks in all.
+    #[arg(long)]
+    ticks: u64,
+    /// Where to write.
+    #[arg(long)]
+    out: PathBuf,
+}
+
+const SERVER: Peer = Peer(0);
+/// How long anything may take before it counts as lost.
+const PATIENCE: Span = Span::from_millis(20_000);
+/// Ticks before others join.
+const ALONE: u64 = 20;
+/// The least time of a tick.
+const FRAME: Span = Span::from_millis(16);
+
+struct Leader {
+    session: ClientSession,
+    connection: QuicClient,
+    clock: Clock,
+    out: BufWriter<File>,
+    written: Option<Tick>,
+}
+
+fn failed(what: &str) -> io::Error {
+    io::Error::other(what.to_owned())
+}
+
+impl Leader {
+    fn open(arguments: &Arguments) -> io::Result<Self> {
+        let trust = Trust::Fingerprint(arguments.fingerprint);
+        let options = ClientOptions::new(arguments.server, trust);
+        let connection = QuicClient::connect(options, Duration::from_secs(10))
+            .map_err(|error| failed(&error.to_string()))?;
+        let scene = arguments.scene.parse();
+        let mut session = ClientSession::new(scene.map_err(|_| failed("no name of a scene"))?);
+        let clock = Clock::start();
+        session.handle_opened(clock.now(), SERVER);
+        Ok(Self {
+            session,
+            connection,
+            clock,
+            out: BufWriter::new(File::create(&arguments.out)?),
+            written: None,
+        })
+    }
+
+    /// Takes in what comes until a moment, and writes each tick that becomes complete.
+    fn turn(&mut self, until: Instant) -> io::Result<()> {
+        self.flush();
+        let wake = self
+            .session
+            .poll_timeout()
+            .map_or(until, |wake| wake.at.min(until));
+        if let Some(received) = self.connection.recv(self.clock.until(wake)) {
+            let now = self.clock.now();
+            match received {
+                Received::Control(bytes) => self.session.handle_control(now, SERVER, &bytes),
+                Received::State(bytes) => self.session.handle_datagram(now, SERVER, &bytes),
+                Received::Ended(ending) => return Err(failed(&format!("ended: {ending:?}"))),
+            }
+            self.write()?;
+        }
+        self.session.handle_timeout(self.clock.now());
+        self.flush();
+        Ok(())
+    }
+
+    fn flush(&mut self) {
+        while let Some(transmit) = self.session.poll_transmit() {
+            match transmit {
+                Transmit::Control { bytes, .. } => self.connection.send_control(bytes),
+                Transmit::State { bytes, .. } => self.connection.send_state(bytes),
+                Transmit::Close { code, .. } => self.connection.close(code),
+            }
+        }
+    }
+
+    fn write(&mut self) -> io::Result<()> {
+        let Some(replica) = self.session.replica() else {
+            return Ok(());
+        };
+        let tick = replica.stream().complete();
+        if self.written == Some(tick) || !replica.stream().is_settled() {
+            return Ok(());
+        }
+        self.written = Some(tick);
+        writeln!(self.out, "{}", line(replica, tick))
+    }
+
+    /// Waits for what `seen` makes of an event.
+    fn await_event(&mut self, seen: impl Fn(&Event) -> bool) -> io::Result<()> {
+        let end = self.clock.now() + PATIENCE;
+        while self.clock.now() < end {
+            while let Some(event) = self.session.poll_event() {
+                if seen(&event) {
+                    return Ok(());
+                }
+            }
+            self.turn(end)?;
+        }
+        Err(failed("the server took too long"))
+    }
+
+    /// One tick: the script's commands, the advance, and patience.
+    fn lead(&mut self, script: &mut dyn Script, tick: u64) -> io::Result<()> {
+        let mut commands = Vec::new();
+        script.commands(Tick::new(tick), &mut commands);
+        for command in commands {
+            let said = self.session.command(command);
+            said.map_err(|misuse| failed(&misuse.to_string()))?;
+        }
+        let (begin, to) = (self.clock.now(), Tick::new(tick + 1));
+        let said = self.session.advance(begin, to);
+        said.map_err(|misuse| failed(&misuse.to_string()))?;
+        let is_there = |leader: &Self| {
+            let replica = leader.session.replica();
+            replica.is_some_and(|replica| replica.stream().complete() >= to)
+        };
+        while !is_there(self) {
+            if self.clock.now() > begin + PATIENCE {
+                return Err(failed("a tick took too long"));
+            }
+            self.turn(begin + PATIENCE)?;
+        }
+        while self.clock.now() < begin + FRAME {
+            self.turn(begin + FRAME)?;
+        }
+        while self.session.poll_event().is_some() {}
+        Ok(())
+    }
+}
+
+/// What a copy holds: the sum over its tracks, and what it believes of each body that does not rest to the bit.
+fn line(replica: &Replica, tick: Tick) -> String {
+    let stream = replica.stream();
+    let moving = replica.bodies().filter_map(|terms| {
+        let track = stream.track(terms.id)?;
+        let motion = stream.believed(terms.id, tick)?;
+        let id = terms.id;
+        let text = || {
+            format!(
+                "\"{}:{}\":\"{}\"",
+                id.index(),
+                id.generation(),
+                bits(&motion)
+            )
+        };
+        (!track.is_verbatim_rest()).then(text)
+    });
+    let moving: Vec<_> = moving.collect();
+    let (tick, sum) = (tick.value(), stream.agreement());
+    format!(
+        "{{\"tick\":{tick},\"sum\":\"{sum:016x}\",\"moving\":{{{}}}}}",
+        moving.join(",")
+    )
+}
+
+/// The thirteen doubles of a motion.
+fn bits(motion: &Motion) -> String {
+    let (pose, twist) = (motion.pose(), motion.twist());
+    let parts: [&[f64]; 4] = [
+        &pose.position.to_array(),
+        &pose.rotation.to_array(),
+        &twist.linear.to_array(),
+        &twist.angular.to_array(),
+    ];
+    let numbers = parts.concat();
+    numbers
+        .iter()
+        .map(|number| format!("{:016x}", number.to_bits()))
+        .collect()
+}
+
+fn main() -> io::Result<()> {
+    let arguments = Arguments::parse();
+    let script = by_name(&arguments.script, arguments.bodies, 1);
+    let mut script = script.ok_or_else(|| failed("no script of this name"))?;
+    let length = LengthBound::from_micrometres(arguments.micrometres);
+    let length = length.map_err(|_| failed("no tolerance that a stream offers"))?;
+    let mut leader = Leader::open(&arguments)?;
+    leader.await_event(|event| matches!(event, Event::Welcomed(_)))?;
+    let misuse = |misuse: rhumb_protocol::session::Misuse| failed(&misuse.to_string());
+    leader.session.create(script.terms()).map_err(misuse)?;
+    leader.await_event(|event| *event == Event::Created)?;
+    let choice = StreamChoice::Within(Tolerance::Surface(length));
+    leader.session.join(choice).map_err(misuse)?;
+    leader.await_event(|event| matches!(event, Event::Joined(_)))?;
+    let mut answers = io::stdin().lock().lines();
+    for tick in 0..arguments.ticks {
+        if tick == ALONE {
+            println!("going");
+            answers.next().transpose()?;
+        }
+        leader.lead(script.as_mut(), tick)?;
+    }
+    leader.out.flush()?;
+    println!("done");
+    while answers.next().transpose()?.is_some() {}
+    Ok(())
+}
