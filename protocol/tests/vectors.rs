@@ -6,6 +6,8 @@
 mod chance;
 #[path = "../examples/vectors/document.rs"]
 mod document;
+#[path = "../examples/vectors/plain.rs"]
+mod plain;
 #[path = "../examples/vectors/refused.rs"]
 mod refused;
 #[path = "../examples/vectors/said.rs"]

@@ -12,6 +12,8 @@ use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::{Anchor, Predictor};
 
+use crate::plain;
+
 /// What a case shows, and its datagram.
 pub(crate) type Case = (String, Vec<u8>);
 

@@ -4,6 +4,7 @@
 
 mod chance;
 mod document;
+mod plain;
 mod refused;
 mod said;
 

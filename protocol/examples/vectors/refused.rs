@@ -8,6 +8,7 @@ use rhumb_reckoning::{BodyId, RESIDUAL_LIMIT, TURN_LIMIT, Ticks, VELOCITY_LIMIT}
 
 use crate::chance::Chance;
 use crate::document::{Case, meaning};
+use crate::plain;
 use crate::said::{carried, every_form, packet};
 
 /// Contexts by number: gaps, ages by kind, a carrier's age, the first of positions.
@@ -40,6 +41,7 @@ pub(crate) fn cases() -> Vec<Case> {
     wholes(&mut cases);
     tails(&mut cases);
     repairs(&mut cases);
+    cases.extend(plain::refused());
     cases
 }
 
@@ -53,7 +55,8 @@ fn state(count: u8, updates: &[u8]) -> Vec<u8> {
 fn heads(cases: &mut Vec<Case>) {
     let mut case = |name: &str, bytes: &[u8]| cases.push((name.to_owned(), bytes.to_vec()));
     case("nothing", &[]);
-    case("a kind without a meaning", &[7, 5]);
+    case("a kind without a meaning", &[0x7f, 5]);
+    case("a kind that never gets a meaning", &[0x8a, 5, 1, 2, 3]);
     case("a stream id that ends too soon", &[1, 0x80]);
     case(
         "a stream id in a longer form",

@@ -23,6 +23,7 @@ pub(crate) fn cases() -> Vec<Case> {
     wholes(&mut cases);
     by_chance(&mut cases);
     others(&mut cases);
+    cases.extend(plain::said());
     cases
 }
 

@@ -1,4 +1,4 @@
-//! Leads a lockstep scene and writes what its copy holds at each tick, as bits.
+//! Leads a lockstep scene and writes what its copy holds, tick by tick.
 //!
 //! For comparison with another client of the same scene. Says `going` when others may join, waits for a line, leads on,
 //! says `done` and waits for the end of its input. A line of the file is a tick at which the copy was complete.
