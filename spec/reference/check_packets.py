@@ -12,6 +12,19 @@ import packets
 SPEC = Path(__file__).resolve().parent.parent
 
 
+SHORT = 40  # Bytes of a datagram of which each bit is flipped here; Rust's tests flip those of all.
+
+
+def bears(datagram, bit):
+    """Whether a datagram with one bit flipped is refused, or says what is written as it was."""
+    flipped = bytearray(datagram)
+    flipped[bit // 8] ^= 1 << bit % 8
+    try:
+        return packets.encoded(packets.decoded(bytes(flipped))) == flipped
+    except packets.Malformed:
+        return True
+
+
 def outcome(datagram):
     """What a datagram says, or the word for why it is refused."""
     try:

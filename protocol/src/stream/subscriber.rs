@@ -27,7 +27,7 @@ use crate::wire::Wire;
 use crate::wire::bytes::Reader;
 
 /// One stream at its listener.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Subscriber {
     stream: StreamId,
     tracks: Tracks,

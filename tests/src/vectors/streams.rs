@@ -85,7 +85,8 @@ fn takes() -> Vec<Take> {
 }
 
 /// What a member knows, as the vectors have it.
-fn known(replica: &Replica) -> Value {
+#[must_use]
+pub fn known(replica: &Replica) -> Value {
     let stream = replica.stream();
     let echo = stream.echo();
     let lost: Vec<_> = echo.lost.iter().map(|number| number.0).collect();
@@ -216,13 +217,24 @@ fn with_knowledge(events: Vec<Value>) -> Vec<Value> {
     told
 }
 
-fn greeted() -> ClientSession {
+/// A session that waits for what its server says.
+///
+/// # Panics
+///
+/// Never: its scene has a name.
+#[must_use]
+pub fn greeted() -> ClientSession {
     let mut session = ClientSession::new("golden".parse().expect("a good name"));
     session.handle_opened(Instant::ZERO, HOST);
     session
 }
 
-fn hear(session: &mut ClientSession, event: &Value) {
+/// Says an event of a stream to a session.
+///
+/// # Panics
+///
+/// When it is none.
+pub fn hear(session: &mut ClientSession, event: &Value) {
     let bytes = || Bytes::from(unhex(event[1].as_str().expect("digits")));
     match event[0].as_str() {
         Some("control") => session.handle_control(Instant::ZERO, HOST, &bytes()),

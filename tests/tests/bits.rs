@@ -1,0 +1,195 @@
+//! Every bit of every golden vector, flipped: nothing panics or leaves the limits.
+//!
+//! Datagrams of streams are flipped at the very moment at which they were heard: each flipped one is given to a copy of
+//! the subscriber that had heard all before it. What it then believes is looked at for now and for a second later.
+
+use std::path::Path;
+
+use rhumb_protocol::message::Frames;
+use rhumb_protocol::packet::{
+    Digest, Doubt, Echo, FullPacket, Head, Kind, Repair, StatePacket, Vouch,
+};
+use rhumb_protocol::session::{ClientSession, Replica};
+use rhumb_protocol::stream::Subscriber;
+use rhumb_protocol::wire::bytes::Reader;
+use rhumb_protocol::wire::{Malformed, Wire};
+use rhumb_reckoning::{Anchor, BodyId, Motion, Ticks};
+use rhumb_tests::grammar::unhex;
+use rhumb_tests::vectors::{Outcome, Side, streams};
+use serde_json::Value;
+
+fn vectors(name: &str) -> Value {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/vectors");
+    let text = std::fs::read_to_string(path.join(name)).expect("the vectors are there");
+    serde_json::from_str(&text).expect("vectors are JSON")
+}
+
+fn list(value: &Value) -> &[Value] {
+    value.as_array().expect("a list")
+}
+
+fn bytes_of(case: &Value) -> Vec<u8> {
+    unhex(case["bytes"].as_str().expect("digits"))
+}
+
+/// Each of the bytes' variants that differ in one bit.
+fn flips(bytes: &[u8]) -> impl Iterator<Item = Vec<u8>> {
+    (0..8 * bytes.len()).map(|bit| {
+        let mut flipped = bytes.to_vec();
+        flipped[bit / 8] ^= 1 << (bit % 8);
+        flipped
+    })
+}
+
+/// Reads a datagram as whoever it is for would.
+fn read(bytes: &[u8]) -> Result<(), Malformed> {
+    let mut reader = Reader::new(bytes);
+    match Head::decode(&mut reader)?.kind {
+        Kind::State | Kind::StateEnd => {
+            let packet = StatePacket::decode(true, reader)?;
+            packet.updates(&mut Vec::new())
+        }
+        Kind::Vouch => Vouch::decode(reader).map(drop),
+        Kind::Repair => Repair::decode(reader).map(drop),
+        Kind::Full | Kind::FullEnd => FullPacket::decode(true, reader).map(drop),
+        Kind::Echo => Echo::decode(reader).map(drop),
+        Kind::Digest => Digest::decode(reader).map(drop),
+        Kind::Doubt => Doubt::decode(reader).map(drop),
+    }
+}
+
+#[test]
+fn a_flipped_bit_of_a_datagram_never_panics() {
+    let packets = vectors("packets.json");
+    let (mut refused, mut read_otherwise) = (0_u32, 0_u32);
+    for case in list(&packets["said"]) {
+        for flipped in flips(&bytes_of(case)) {
+            match read(&flipped) {
+                Ok(()) => read_otherwise += 1,
+                Err(_) => refused += 1,
+            }
+        }
+    }
+    assert!(refused > 10_000, "{refused}");
+    assert!(read_otherwise > 10_000, "{read_otherwise}");
+}
+
+#[test]
+fn a_flipped_bit_of_a_message_never_panics() {
+    let control = vectors("control.json");
+    let mut read_otherwise = 0_u32;
+    for (side, section) in [(Side::Client, "client says"), (Side::Server, "server says")] {
+        for case in list(&control[section]) {
+            for flipped in flips(&bytes_of(case)) {
+                let mut frames = Frames::new();
+                frames.push(&flipped);
+                while let Ok(Some(framed)) = frames.next_frame() {
+                    if !matches!(side.outcome(framed.kind, &framed.body), Outcome::Refused(_)) {
+                        read_otherwise += 1;
+                    }
+                }
+            }
+        }
+    }
+    assert!(read_otherwise > 10_000, "{read_otherwise}");
+}
+
+/// That a motion is one: finite, and turned by a rotation.
+fn assert_is_motion(motion: &Motion, what: &str) {
+    let (pose, twist) = (motion.pose(), motion.twist());
+    assert!(pose.position.is_finite(), "{what}: {pose:?}");
+    assert!(
+        (pose.rotation.length() - 1.0).abs() < 1e-9,
+        "{what}: {pose:?}"
+    );
+    let finite = twist.linear.is_finite() && twist.angular.is_finite();
+    assert!(finite, "{what}: {twist:?}");
+}
+
+/// That all that is believed of these bodies is within the limits of what can be said.
+fn assert_within_limits(stream: &Subscriber, bodies: &[BodyId], what: &str) {
+    for id in bodies {
+        let Some(track) = stream.track(*id) else {
+            continue;
+        };
+        if let Anchor::Snapped(snapped) = &track.anchor {
+            assert!(snapped.is_within_limits(), "{what}: {id}");
+        }
+        for later in [0, 60] {
+            let tick = stream.vouched() + Ticks::new(later);
+            let believed = stream
+                .believed(*id, tick)
+                .expect("what has a track is believed");
+            assert_is_motion(&believed, what);
+        }
+    }
+}
+
+fn bodies(replica: &Replica) -> Vec<BodyId> {
+    replica.bodies().map(|terms| terms.id).collect()
+}
+
+/// Gives each flip of a datagram to a copy of what the session holds; returns how many changed a track.
+fn flip_for(session: &ClientSession, datagram: &[u8], what: &str) -> u32 {
+    let Some(replica) = session.replica() else {
+        return 0;
+    };
+    let (stream, bodies) = (replica.stream(), bodies(replica));
+    let mut changed = 0;
+    for flipped in flips(datagram) {
+        if !stream.is_about(&flipped) || read(&flipped).is_err() {
+            continue;
+        }
+        let mut copy = stream.clone();
+        copy.handle_datagram(&flipped);
+        if copy.agreement() != stream.agreement() {
+            changed += 1;
+            assert_within_limits(&copy, &bodies, what);
+        }
+    }
+    changed
+}
+
+#[test]
+fn a_flipped_bit_of_a_stream_never_yields_a_pose_outside_the_limits() {
+    let mut changed = 0;
+    for stream in list(&vectors("streams.json")["streams"]) {
+        let mut session = streams::greeted();
+        for (place, event) in list(&stream["events"]).iter().enumerate() {
+            if event[0] == "datagram" {
+                let datagram = unhex(event[1].as_str().expect("digits"));
+                let what = format!("event {place} of {}", stream["name"]);
+                changed += flip_for(&session, &datagram, &what);
+            }
+            streams::hear(&mut session, event);
+        }
+    }
+    assert!(
+        changed > 10_000,
+        "{changed} flips changed what was believed"
+    );
+}
+
+#[test]
+fn what_a_flip_makes_malformed_changes_nothing() {
+    for stream in list(&vectors("streams.json")["streams"]).iter().take(2) {
+        let mut session = streams::greeted();
+        for event in list(&stream["events"]) {
+            if event[0] == "datagram" {
+                let datagram = unhex(event[1].as_str().expect("digits"));
+                for flipped in flips(&datagram).filter(|flipped| read(flipped).is_err()) {
+                    let told = [
+                        "datagram".into(),
+                        Value::from(rhumb_tests::grammar::hex(&flipped)),
+                    ];
+                    streams::hear(&mut session, &Value::from(told.to_vec()));
+                }
+            }
+            streams::hear(&mut session, event);
+            if event[0] == "known" {
+                let replica = session.replica().expect("a member");
+                assert_eq!(streams::known(replica), event[1], "{}", stream["name"]);
+            }
+        }
+    }
+}
