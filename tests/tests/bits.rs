@@ -1,4 +1,4 @@
-//! Every bit of every golden vector, flipped: nothing panics or leaves the limits.
+//! Each bit of each golden vector flipped: nothing panics or leaves the limits.
 //!
 //! Datagrams of streams are flipped at the very moment at which they were heard: each flipped one is given to a copy of
 //! the subscriber that had heard all before it. What it then believes is looked at for now and for a second later.
