@@ -1,4 +1,4 @@
-//! Each bit of each golden vector flipped: nothing panics or leaves the limits.
+//! Every bit of the golden vectors flipped: nothing panics or leaves limits.
 //!
 //! Datagrams of streams are flipped at the very moment at which they were heard: each flipped one is given to a copy of
 //! the subscriber that had heard all before it. What it then believes is looked at for now and for a second later.
