@@ -1,6 +1,6 @@
 //! Every bound of the protocol, with assertions that relate them.
 //!
-//! A bound that a server may lower is announced in `Welcome`; these are what nobody may exceed.
+//! These are what nobody may exceed; a server that refuses earlier says so when it does (PROTOCOL 7-3).
 
 /// Bytes of a state datagram: what fits a QUIC packet of 1,200 bytes with room for its header and tag.
 pub const DATAGRAM_BYTES_MAX: usize = 1_150;

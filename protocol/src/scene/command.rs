@@ -465,7 +465,7 @@ impl Wire for CommandError {
             Self::JointIdTaken(id) => named(to, 14, &id),
             Self::JoinedToItself(id) => named(to, 15, &id),
             Self::Driven(id) => named(to, 16, &id),
-            Self::UnknownCommand => to.u8(17),
+            Self::UnknownCommand => to.u8(19),
             Self::Other(code) => to.u8(code),
         }
     }
@@ -491,7 +491,7 @@ impl Wire for CommandError {
             14 => Self::JointIdTaken(JointId::decode(from)?),
             15 => Self::JoinedToItself(BodyId::decode(from)?),
             16 => Self::Driven(BodyId::decode(from)?),
-            17 => Self::UnknownCommand,
+            19 => Self::UnknownCommand,
             code @ OPTIONAL.. => Self::Other(code),
             _ => return Err(Malformed::UnknownCode),
         })

@@ -159,7 +159,7 @@ fn errors(cases: &mut Cases) {
             &[&v(4), &[code], &v(300)],
         );
     }
-    for code in [8, 9, 11, 17, 18, 0x7f, 0x80, 0xff] {
+    for code in [8, 9, 11, 17, 19, 0x7f, 0x80, 0xff] {
         cases.say(10, format!("Refused, {code}"), &[&v(4), &[code]]);
     }
 }
