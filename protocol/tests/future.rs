@@ -87,7 +87,7 @@ fn events(session: &mut ClientSession) -> Vec<Event> {
 }
 
 fn opened(at: u64) -> ClientSession {
-    let mut session = ClientSession::new("pit".parse().unwrap());
+    let mut session = ClientSession::new("pit".parse().expect("a good name"));
     session.handle_opened(Instant::from_nanos(at), PEER);
     session
 }
@@ -98,7 +98,7 @@ fn member() -> ClientSession {
     hears(&mut session, &[welcome(1, Extensions::NONE)]);
     session
         .join(StreamChoice::Within(Tolerance::NORMAL))
-        .unwrap();
+        .expect("one may join from the lobby");
     let snapshot = [joined(Extensions::NONE), ServerMessage::SnapshotEnd];
     hears(&mut session, &snapshot);
     assert!(matches!(
@@ -173,7 +173,7 @@ fn an_extension_that_may_be_skipped_is_told_and_one_that_must_be_known_ends_it()
     let ended = Event::Ended(Ending::Closed(CloseCode::EXTENSION.0));
     let mut session = opened(0);
     hears(&mut session, &[welcome(1, extensions(26))]);
-    assert_eq!(events(&mut session), [ended.clone()]);
+    assert_eq!(events(&mut session), std::slice::from_ref(&ended));
     let mut session = opened(0);
     hears(&mut session, &[welcome(1, Extensions::NONE)]);
     hears(&mut session, &[joined(extensions(2))]);

@@ -1,5 +1,6 @@
 //! Prints golden vectors of messages and streams; `--write` writes them.
 
+use std::io::Write;
 use std::path::Path;
 
 use rhumb_tests::vectors::{control, streams};
@@ -14,7 +15,7 @@ fn main() -> std::io::Result<()> {
         if write {
             std::fs::write(vectors.join(name), text)?;
         } else {
-            println!("{text}");
+            std::io::stdout().write_all(text.as_bytes())?;
         }
     }
     Ok(())

@@ -21,7 +21,7 @@ pub use process::{Ended, Programme, ServerProcess};
 pub use rude::Rude;
 pub use seed::{Dice, seed};
 pub use stage::{COMMANDER, Stage, TICK};
-pub use table::{Fate, Said, Table};
+pub use table::{Fate, Said, Sieve, Table};
 pub use truth::{Record, Truth};
 pub use walk::{Walk, drive};
 pub use witness::{Claim, Witness, assert_same_copy, copy_digest};

@@ -31,6 +31,16 @@ pub enum Fate {
     Late,
 }
 
+/// Says what becomes of each datagram.
+pub struct Sieve(Box<dyn FnMut(&Bytes) -> Fate>);
+
+impl Sieve {
+    /// What this says.
+    pub fn new(fate: impl FnMut(&Bytes) -> Fate + 'static) -> Self {
+        Self(Box::new(fate))
+    }
+}
+
 /// A host with guests.
 pub struct Table {
     host: Host,
@@ -43,10 +53,10 @@ pub struct Table {
     spoken: BTreeMap<Peer, Vec<Said>>,
     closed: BTreeMap<Peer, CloseCode>,
     /// What lies between the host and each peer that is not reached by all it says.
-    sieves: BTreeMap<Peer, Box<dyn FnMut(&Bytes) -> Fate>>,
+    sieves: BTreeMap<Peer, Sieve>,
     late: BTreeMap<Peer, Bytes>,
     /// What lies between peers and the host; what is not to arrive is lost.
-    outer_sieves: BTreeMap<Peer, Box<dyn FnMut(&Bytes) -> Fate>>,
+    outer_sieves: BTreeMap<Peer, Sieve>,
     next: u64,
 }
 
@@ -126,12 +136,12 @@ impl Table {
     }
 
     /// Lets datagrams from the host to a peer come as a sieve has it, from now on.
-    pub fn sift(&mut self, peer: Peer, sieve: Box<dyn FnMut(&Bytes) -> Fate>) {
+    pub fn sift(&mut self, peer: Peer, sieve: Sieve) {
         self.sieves.insert(peer, sieve);
     }
 
     /// Loses datagrams from a polite guest to the host unless a sieve has them arrive, from now on.
-    pub fn sift_spoken(&mut self, peer: Peer, sieve: Box<dyn FnMut(&Bytes) -> Fate>) {
+    pub fn sift_spoken(&mut self, peer: Peer, sieve: Sieve) {
         self.outer_sieves.insert(peer, sieve);
     }
 
@@ -226,7 +236,7 @@ impl Table {
     }
 
     fn hand_over_datagram(&mut self, to: Peer, bytes: Bytes) {
-        let fate = self.sieves.get_mut(&to).map(|sieve| sieve(&bytes));
+        let fate = self.sieves.get_mut(&to).map(|sieve| sieve.0(&bytes));
         let late = self.late.remove(&to);
         match fate.unwrap_or(Fate::Arrives) {
             Fate::Arrives => self.arrive(to, Said::State(bytes)),
@@ -269,7 +279,10 @@ impl Table {
                     Said::Control(bytes)
                 }
                 Transmit::State { bytes, .. } => {
-                    let fate = self.outer_sieves.get_mut(&peer).map(|sieve| sieve(&bytes));
+                    let fate = self
+                        .outer_sieves
+                        .get_mut(&peer)
+                        .map(|sieve| sieve.0(&bytes));
                     if fate.is_none_or(|fate| fate == Fate::Arrives) {
                         self.host.handle_datagram(self.now, peer, &bytes);
                     }

@@ -64,7 +64,7 @@ impl Grease {
         self.0 ^= self.0 << 25;
         self.0 ^= self.0 >> 27;
         let mixed = self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 32;
-        (mixed * end as u64 >> 32) as u32
+        ((mixed * end as u64) >> 32) as u32
     }
 }
 
@@ -76,7 +76,7 @@ const STRIDE: u32 = 62;
 /// Whether a version is one of those that never mean anything.
 #[must_use]
 pub const fn is_no_version(version: u16) -> bool {
-    version & 0x0f0f == 0x0a0a && version >> 12 == version >> 4 & 0xf
+    version & 0x0f0f == 0x0a0a && version >> 12 == (version >> 4) & 0xf
 }
 
 #[cfg(test)]

@@ -212,6 +212,13 @@ fn bits(motion: &Motion) -> String {
         .collect()
 }
 
+/// Tells whoever started this.
+fn say(word: &str) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    writeln!(out, "{word}")?;
+    out.flush()
+}
+
 fn main() -> io::Result<()> {
     let arguments = Arguments::parse();
     let script = by_name(&arguments.script, arguments.bodies, 1);
@@ -229,13 +236,13 @@ fn main() -> io::Result<()> {
     let mut answers = io::stdin().lock().lines();
     for tick in 0..arguments.ticks {
         if tick == ALONE {
-            println!("going");
+            say("going")?;
             answers.next().transpose()?;
         }
         leader.lead(script.as_mut(), tick)?;
     }
     leader.out.flush()?;
-    println!("done");
+    say("done")?;
     while answers.next().transpose()?.is_some() {}
     Ok(())
 }

@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 
 use crate::grammar::{hex, unhex};
 use crate::seed::Dice;
-use crate::table::{Fate, Said, Table};
+use crate::table::{Fate, Said, Sieve, Table};
 
 /// One recording to be made.
 #[derive(Clone, Copy, Debug)]
@@ -163,14 +163,14 @@ fn record(take: &Take, seed: u64) -> Vec<Value> {
     let (bad, frame) = (take.bad, Span::from_nanos(16_666_667));
     for tick in 0..take.ticks {
         if tick == take.ticks - CALM {
-            table.sift(peer, Box::new(|_| Fate::Arrives));
-            table.sift_spoken(peer, Box::new(|_| Fate::Arrives));
+            table.sift(peer, Sieve::new(|_| Fate::Arrives));
+            table.sift_spoken(peer, Sieve::new(|_| Fate::Arrives));
         } else if tick == 1 {
             let (mut there, mut back) = (dice.clone(), dice.clone());
-            table.sift(peer, Box::new(move |_| fate(&mut there, bad)));
+            table.sift(peer, Sieve::new(move |_| fate(&mut there, bad)));
             // Echoes are lost more often, so that what is missing stays missing for some ticks.
             let deaf = 3 * bad;
-            table.sift_spoken(peer, Box::new(move |_| fate(&mut back, deaf)));
+            table.sift_spoken(peer, Sieve::new(move |_| fate(&mut back, deaf)));
         }
         let mut commands = Vec::new();
         script.commands(Tick::new(tick), &mut commands);
