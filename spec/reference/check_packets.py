@@ -39,6 +39,8 @@ def results(vectors):
         datagram = bytes.fromhex(case["bytes"])
         yield case["name"], case["means"], outcome(datagram)
         yield case["name"] + ", written", case["bytes"], packets.encoded(case["means"]).hex()
+        if len(datagram) <= SHORT:
+            yield case["name"] + ", each bit flipped", [], [bit for bit in range(8 * len(datagram)) if not bears(datagram, bit)]
     for case in vectors["parities"]:
         covered = [(number, bytes.fromhex(datagram)) for number, datagram in case["packets"]]
         row = packets.decoded(bytes.fromhex(case["parity"]))["row"]

@@ -13,8 +13,8 @@ TABLES = json.loads((Path(__file__).resolve().parent.parent / "tables" / "packet
 
 INDEX_BITS, INDICES = 20, 1 << 20
 AGE_MAX = 1 << 30
-UPDATES_MAX, RECORDS_MAX, LOST_MAX, PARTS_MAX = 400, 9200, 64, 64
-SPAN, ROWS, SUMS_MAX = 32, 128, 1136
+UPDATES_MAX, RECORDS_MAX, LOST_MAX, PARTS_MAX, SUMS_MAX = 400, 9200, 64, 64, 128
+SPAN, ROWS, COLUMN_MAX = 32, 128, 1136
 POSITION_LIMIT, VELOCITY_LIMIT, RESIDUAL_LIMIT, TURN_LIMIT = 1 << 30, 1 << 24, 1 << 26, 1 << 10
 COARSENESS_LIMIT = 12
 SETTLED_AGE, COARSENESS, LENGTH = 7, 384, 388  # contexts
@@ -548,7 +548,7 @@ def varint(value):
 def decoded(datagram):
     frm = Bytes(datagram)
     kind = frm.u8()
-    refuse_if(kind > 6 and kind != 9, "UnknownCode")
+    refuse_if(kind > 9, "UnknownCode")
     said = {"stream": frm.varint(WORD - 1), "kind": kind}
     if kind in (0, 1):
         said |= {name: frm.low16() for name in ("number", "tick", "notices")}
@@ -592,7 +592,7 @@ def decoded(datagram):
         said |= {"last": frm.low16(), "covered": frm.varint(WORD - 1), "row": frm.u8()}
         refuse_if(said["covered"] >= 1 << SPAN - 1 or said["row"] >= ROWS, "OutOfRange")
         sums = frm.rest()
-        refuse_if(len(sums) > SUMS_MAX, "TooLong")
+        refuse_if(len(sums) > COLUMN_MAX, "TooLong")
         refuse_if(sums.endswith(b"\0"), "NotCanonical")
         said["sums"] = sums.hex()
     return said
@@ -646,6 +646,18 @@ def encoded(said):
             index = record["index"] + 1
         parts = bytes([said["part"], said["parts"]]) + varint(len(said["records"]))
         return head + low16s("lost", "tick", "notices") + parts + bits.finish()
+    if kind in (4, 5):
+        records = b"".join(
+            record["index"].to_bytes(4, "little") + b"".join(bytes.fromhex(part)[::-1] for part in record["motion"])
+            for record in said["records"]
+        )
+        return head + low16s("number", "tick", "notices") + records
+    if kind in (7, 8):
+        ranges = varint(said["first"]) + varint(said["stride"])
+        if kind == 8:
+            return head + ranges
+        sums = b"".join(bytes.fromhex(part)[::-1] for part in said["sums"])
+        return head + low16s("next", "tick", "notices") + ranges + varint(len(said["sums"])) + sums
     if kind == 9:
         return head + low16s("last") + varint(said["covered"]) + bytes([said["row"]]) + bytes.fromhex(said["sums"])
     lost = b"".join(number.to_bytes(2, "little") for number in said["lost"])
@@ -671,7 +683,7 @@ def factor(row, number):
 def parity(row, packets):
     """The parity of packets, each a number and a datagram, the newest last."""
     last, _ = packets[-1]
-    sums, covered = bytearray(SUMS_MAX), 0
+    sums, covered = bytearray(COLUMN_MAX), 0
     for number, datagram in packets:
         frm = Bytes(datagram)
         column = bytes([frm.u8()])

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import packets
 import reckoning
 from messages import LIMITS, f32, motion_of
+from restorer import Restorer
 
 LAWS = ("rest", "uniform", "ballistic", "tumbling", "thrown")
 HISTORY, JUMP, HELD = LIMITS["HISTORY_PACKETS"], LIMITS["TICK_JUMP_MAX"], LIMITS["PACKETS_HELD_MAX"]
@@ -91,6 +92,12 @@ def radius_of(shape):
     return reckoning.bounding_radius(shape["is"], [f32(shape["half height"]), f32(shape["radius"])])
 
 
+def revision(body, origin):
+    """The body's track of an origin, if it is the present one or the one just before (6.2, 6.6)."""
+    tracks = [track for track in (body.track, body.before) if track and track.origin == origin]
+    return tracks[0] if tracks else None
+
+
 # 5.7 Low 16 bits
 
 
@@ -149,7 +156,9 @@ class Scene:
         self.vouched = self.newest = self.settled_at = joined["tick"]
         self.known_from = 0
         self.seats, self.seat_of = {}, {}  # seat: (index, since); index: seat
-        self.missing, self.unread, self.parts, self.held = {}, {}, {}, []
+        self.missing, self.unread, self.parts, self.held, self.gone = {}, {}, {}, [], 0
+        self.unreadable = {}  # packets of which something was unread
+        self.restorer = Restorer(self.stream)
         self.lost_touch, self.disagreements, self.granted = False, 0, joined["granted"]
 
     def flow(self, damping):
@@ -249,7 +258,8 @@ class Scene:
             del self.seats[seat]
 
     def sit(self, seat, index, tick):
-        if seat in self.seats and self.seats[seat][1] > tick:
+        taken = [self.seats[one][1] for one in (seat, self.seat_of.get(index)) if one in self.seats]
+        if any(since > tick for since in taken):
             return
         self.leave(index)
         if seat in self.seats:
@@ -265,11 +275,16 @@ class Scene:
             return
         if said["stream"] != self.stream or said["kind"] in (6, 8):
             return
+        if said["kind"] == 9:
+            self.hear_parity(said)
+            return
+        said["data"] = data
         if not self.whole or expanded(said["notices"], self.notices) > self.notices:
             if len(self.held) < HELD:
                 self.held.append(said)
             return
         self.read(said)
+        self.rebuild()
         self.settle()
 
     def release(self):
@@ -279,6 +294,7 @@ class Scene:
                 self.read(said)
             else:
                 self.held.append(said)
+        self.rebuild()
         self.settle()
 
     def settle(self):
@@ -307,6 +323,7 @@ class Scene:
     def miss(self, end, tick):
         for number in range(self.next, min(end, self.next + HISTORY + 1)):
             self.missing[number] = tick
+        self.gone += max(end - self.next, 0)
         self.next = max(self.next, end)
         if self.missing and self.next > min(self.missing) + HISTORY:
             self.lost_touch = True
@@ -315,7 +332,7 @@ class Scene:
         self.miss(next_number, tick)
         self.newest, self.vouched = max(self.newest, tick), max(self.vouched, tick)
 
-    def hear_packet(self, said, tick):
+    def hear_packet(self, said, tick, rebuilt=False):
         number = expanded(said["number"], self.next)
         if number < self.next and number not in self.missing:
             return
@@ -329,6 +346,7 @@ class Scene:
         if late:
             del self.missing[number]
             self.parts.pop(number, None)
+            self.gone -= not rebuilt
         every = self.terms["every"]
         ends = said["kind"] in (1, 5)
         before = max(tick - 1, 0)
@@ -336,9 +354,11 @@ class Scene:
         if said["kind"] in (4, 5):
             self.hear_full(said, tick)
         else:
+            self.restorer.keep(number, said["data"])
             self.hear_state(said, number, tick)
         if late:
             self.made_good(number, None)
+            self.read_again_after(number)
 
     def made_good(self, number, repaired_at):
         """A missing packet was heard late (None), or repaired by a repair of a tick."""
@@ -351,6 +371,37 @@ class Scene:
             self.unread = {other: tick for other, tick in self.unread.items() if other > oldest}
         else:
             self.unread = {}
+
+    def read_again_after(self, number):
+        """What could not be read, and whose bytes are there still, in order."""
+        for other in sorted(self.missing):
+            if other > number and other in self.unreadable and other in self.restorer.columns:
+                tick = self.missing.pop(other)
+                self.hear_state(self.unreadable.pop(other), other, tick)
+
+    # 6.15 Redundancy
+
+    def hear_parity(self, said):
+        if self.whole:
+            last = expanded(said["last"], self.next)
+            self.restorer.hear(last, said["covered"], said["row"], bytes.fromhex(said["sums"]), self.next)
+            self.rebuild()
+            self.settle()
+
+    def rebuild(self):
+        while (found := self.restorer.rebuilt()) is not None:
+            number, data = found
+            self.restorer.keep(number, data)
+            try:
+                said = packets.decoded(data)
+            except packets.Malformed:
+                self.restorer.was_wrong(self.next)
+                return
+            said["data"] = data
+            if expanded(said["notices"], self.notices) > self.notices:
+                self.held.append(said)
+            else:
+                self.hear_packet(said, expanded(said["tick"], self.newest), rebuilt=True)
 
     # 6.2 Revisions
 
@@ -366,10 +417,13 @@ class Scene:
             track = self.bodies[index].track
             if track.is_verbatim_rest() and track.origin == tick:
                 self.leave(index)
-        if "seatless" in outcomes:
+        waits = "unread" in outcomes and any(other < number for other in self.missing)
+        if "seatless" in outcomes or "unread" in outcomes and not waits:
             self.missing[number] = tick
-        elif "unread" in outcomes and any(other < number for other in self.missing):
+        elif waits:
             self.unread[number] = tick
+        if "seatless" in outcomes or "unread" in outcomes:
+            self.unreadable[number] = said
 
     def hear_update(self, update, tick):
         """"heard", "unread", or "seatless"."""
@@ -405,28 +459,37 @@ class Scene:
         if tick - age != old.origin:
             return None
         own, law, carrier = self.own(body, old, tick), old.law, old.carrier
+        if "negated" in update:
+            return None if old.carrier else self.settled(own, update, tick)
         if update["course"] == "world":
             held_by = self.carrier(old)
             law, carrier = LAWS[update["law"]], None
             if (old.carrier is None) != (update["carrier_age"] is None):
                 return None
             if old.carrier is not None:
-                if held_by is None or tick - update["carrier_age"] != held_by.track.origin:
+                named = held_by and revision(held_by, tick - update["carrier_age"])
+                if named is None:
                     return None
-                own = reckoning.carried(self.own(held_by, held_by.track, tick), own)
+                own = reckoning.carried(self.own(held_by, named, tick), own)
         elif update["course"] == "held":
             by = self.bodies[update["carrier"]]
-            wrong = by is body or by.track.carrier is not None or old.carrier is not None
-            if wrong or tick - update["carrier_age"] != by.track.origin:
+            named = revision(by, tick - update["carrier_age"])
+            if by is body or named is None or named.carrier is not None or old.carrier is not None:
                 return None
-            own = reckoning.seen_from(self.own(by, by.track, tick), own)
+            own = reckoning.seen_from(self.own(by, named, tick), own)
             law, carrier = "rest", (by.index, by.generation)
         said = [tuple(update[name]) if name in update else None for name in packets.TRIPLES]
         over = reckoning.astray(old.law, age, body.flow.dt)
-        anchor = reckoning.Residual(*said).onto(own, over, body.grid)
+        anchor = reckoning.Residual(*said, update.get("coarseness", 0)).onto(own, over, body.grid)
         if law == "rest":
             anchor = replace(anchor, linear=(0, 0, 0), angular=(0, 0, 0))
         return Track(tick, law, anchor, carrier)
+
+    def settled(self, own, update, tick):
+        """RECKONING 4.7"""
+        steps = update["steps"]
+        numbers = reckoning.settled(own, update["negated"], steps[:3], steps[3:6], steps[6])
+        return numbers and Track(tick, "rest", [struct.pack(">f", number).hex() for number in numbers])
 
     # 6.10 The full stream
 
@@ -459,6 +522,7 @@ class Scene:
         if len(parts) == said["parts"]:
             del self.missing[lost], self.parts[lost]
             self.made_good(lost, tick)
+            self.read_again_after(lost)
 
     def hear_record(self, record, tick):
         index, body = record["index"], self.bodies.get(record["index"])
@@ -499,7 +563,9 @@ class Scene:
     def echo(self):
         """5.13"""
         lost = [number & 0xFFFF for number in sorted(self.missing)[: LIMITS["LOST_NAMED_MAX"]]]
-        return {"stream": self.stream, "kind": 6, "next": self.next & 0xFFFF, "lost": lost}
+        head = {"stream": self.stream, "kind": 6, "next": self.next & 0xFFFF}
+        # No parities are asked for: repairs do (6.15).
+        return head | {"gone": self.gone & 0xFFFF, "parities": 0, "lost": lost}
 
 
 def bits64(values):

@@ -136,9 +136,7 @@ pub(crate) fn meaning(bytes: &[u8]) -> Result<String, Malformed> {
                 hex(&parity.sums)
             )
         }
-        Kind::Full | Kind::FullEnd | Kind::Digest | Kind::Doubt => {
-            return Err(Malformed::UnknownCode);
-        }
+        Kind::Full | Kind::FullEnd | Kind::Digest | Kind::Doubt => plain::meaning(head, reader)?,
     };
     Ok(format!("{{\"stream\": {}, {body}}}", head.stream.0))
 }

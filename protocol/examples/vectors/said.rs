@@ -12,6 +12,7 @@ use rhumb_reckoning::{
 
 use crate::chance::Chance;
 use crate::document::{Case, Covered};
+use crate::plain;
 
 /// All of them.
 pub(crate) fn cases() -> Vec<Case> {
