@@ -17,8 +17,8 @@ use rhumb_protocol::stream::{
     Witness,
 };
 use rhumb_reckoning::{
-    Anchor, BodyId, Damping, Integrator, Metres, Predictor, Rate, Seconds, Tick, Tolerance, Track,
-    Verbatim,
+    Anchor, BodyId, Class, Damping, Integrator, Metres, Predictor, Rate, Seconds, Tick, Tolerance,
+    Track, Verbatim,
 };
 
 const BODIES: u32 = 10_000;
@@ -57,6 +57,7 @@ fn manner() -> Manner {
         damping: Damping::default(),
         gravity_scale: 0.0,
         inertia: None,
+        class: Class::USUAL,
     }
 }
 

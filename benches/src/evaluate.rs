@@ -10,7 +10,7 @@ use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
 use rhumb_protocol::scene::Cadence;
-use rhumb_protocol::stream::HINDSIGHT_MAX;
+use rhumb_protocol::stream::{Budget, HINDSIGHT_MAX};
 use rhumb_reckoning::{Metres, Ticks, Tolerance};
 use rhumb_server::{RunError, run_on_core, usable_cores};
 use rhumb_transport::LinkTerms;
@@ -50,6 +50,9 @@ pub struct Evaluate {
     /// Free running: ticks that the publisher looks back before it speaks of one; the copy is as much later.
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=i64::from(HINDSIGHT_MAX.count())))]
     hindsight: u32,
+    /// Bytes a second that the packets of a reckoned stream may take; without one they take what the promise needs.
+    #[arg(long, value_name = "BYTES/S", value_parser = crate::replay::budget)]
+    budget: Option<Budget>,
     /// Folder for summary.json, report.html, trace.mcap and its layout; made if it is not there.
     #[arg(long, default_value = "results")]
     out: PathBuf,
@@ -234,6 +237,7 @@ fn run_load(arguments: &Evaluate, bodies: u32, cores: Cores) -> Result<Vec<Load>
         seed: arguments.seed,
         ticks: ticks(arguments, bodies)?,
         tolerance: arguments.tolerance,
+        budget: arguments.budget,
         link: arguments.link,
         modes: modes.clone(),
         cadence: Cadence {

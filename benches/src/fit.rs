@@ -78,6 +78,7 @@ impl FromStr for Load {
         Ok(Self {
             path,
             terms: ReplayTerms {
+                budget: None,
                 tolerance: tolerance.map_err(|wrong| wrong.to_string())?,
                 link: LinkTerms::PERFECT,
                 every: NonZeroU32::new(every as u32).ok_or("every is at least 1")?,

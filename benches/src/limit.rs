@@ -286,7 +286,7 @@ impl<'a> Search<'a> {
             path,
             basis,
             holders: &self.holders,
-            tolerance: self.tolerance,
+            tolerance: self.tolerance.of_class(path.class),
             rate: integrator.rate,
             every: self.every,
         };

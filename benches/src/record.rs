@@ -104,17 +104,23 @@ pub enum Cause {
     Loss,
     /// The view shows a tick that the stream has not vouched for yet, or that lies before what it was last told.
     Late,
+    /// The stream's budget did not suffice, and it said so.
+    Budget,
     /// Nothing explains it: a defect.
     Fault,
 }
 
 impl Cause {
+    /// All of them, in the order of a report.
+    pub const ALL: [Self; 4] = [Self::Loss, Self::Late, Self::Budget, Self::Fault];
+
     /// As in the summary.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Loss => "loss",
             Self::Late => "late",
+            Self::Budget => "budget",
             Self::Fault => "fault",
         }
     }
@@ -201,6 +207,8 @@ pub struct RunTerms {
     pub depth: u32,
     /// Promised, metres; none for modes that promise the bits.
     pub tolerance_m: Option<f64>,
+    /// Bytes a second that its stream could take, if that was limited.
+    pub budget_bytes_per_second: Option<u32>,
     /// The link between the processes, as on the command line.
     pub link: String,
     /// Seed of the script.
@@ -266,6 +274,8 @@ pub struct Run {
     pub step_ns_total: u64,
     /// Observing, choosing, encoding and handing over, all ticks together, nanoseconds; zero for `integrated`.
     pub publish_ns_total: u64,
+    /// Sums over tracks in which the two ends were found to differ: a defect.
+    pub mismatches: u64,
 }
 
 /// What it cost to come in.

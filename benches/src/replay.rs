@@ -25,6 +25,7 @@ use crate::recording::Recording;
 
 pub(crate) use failure::{Failure, ended};
 pub use feature::Feature;
+pub(crate) use source::budget;
 pub use source::{Manner, Promise, Source};
 pub(crate) use stage::first_track;
 pub use stage::{ReplayError, ReplayTerms, run};
@@ -43,8 +44,8 @@ pub struct Replay {
     /// Say nothing twice: the same as `--without redundancy`.
     #[arg(long)]
     no_redundancy: bool,
-    /// Replay once for each value, such as tolerance=0.005,0.01,0.02 or loss=0%,1%,5%; others: turn, every, and the
-    /// names of a link.
+    /// Replay once for each value, such as tolerance=0.005,0.01,0.02 or loss=0%,1%,5%; others: turn, every, budget
+    /// (none or bytes a second), and the names of a link.
     #[arg(long, conflicts_with = "matrix")]
     sweep: Option<Sweep>,
     /// Replay once for each loss of 0, 1, 5 and 20 %, even and in bursts of 4, at round trips of 0, 50, 100 and 300 ms.

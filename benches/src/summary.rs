@@ -52,6 +52,8 @@ pub struct RunFigures {
     pub depth: u32,
     /// Promised surface error, metres; `null` for a mode that promises the bits.
     pub tolerance_m: Option<f64>,
+    /// Bytes a second that the stream's packets could take; `null` without a budget.
+    pub budget_bytes_per_second: Option<u32>,
     /// The link that was pretended between the processes; `null` without one.
     pub link: Option<String>,
     /// Ticks that were run.
@@ -90,6 +92,8 @@ pub struct RunFigures {
     pub unjudged_frames: Option<u64>,
     /// Body-ticks farther off than promised.
     pub over_tolerance: Option<OverTolerance>,
+    /// Sums over tracks in which the two ends were found to differ: a defect.
+    pub mismatches: Option<u64>,
     /// Of a replay: of the bodies that the recording has a record of at the tick, against that record.
     pub moving: Option<Moving>,
     /// Of an ablation: payload bytes down over those with every means of the publisher on.

@@ -26,6 +26,10 @@ fn integrated_and_hosted_scenes_have_one_truth() {
         let runs = runs(scene, &["--scene", scene, "--bodies", bodies]);
         let truths: Vec<_> = runs.iter().map(|run| &run["truth_hash"]).collect();
         assert_eq!(truths.len(), 4, "{scene}");
+        for run in &runs[1..] {
+            let over = (&run["over_tolerance"]["count"], &run["mismatches"]);
+            assert_eq!(over, (&0.into(), &0.into()), "{scene}: {}", run["mode"]);
+        }
         assert!(
             runs.iter().all(|run| run["void"] == false)
                 && truths.iter().all(|truth| *truth == truths[0]),
@@ -55,5 +59,31 @@ fn free_running_has_a_naive_run_of_the_same_server_beside_it() {
         // Only what was shown before the first tick was heard of has no truth.
         assert!(unjudged < 15, "{unjudged} of 30 frames");
         assert_eq!(run["over_tolerance"]["by_cause"]["fault"], 0);
+        assert_eq!(run["mismatches"], 0);
     }
+}
+
+#[test]
+fn what_a_budget_withholds_is_counted_as_its_doing_and_nothing_else_breaks() {
+    let modes = [
+        "--modes",
+        "naive,rhumb",
+        "--bodies",
+        "60",
+        "--budget",
+        "600",
+    ];
+    let runs = runs("budget", &modes);
+    let run = &runs[1];
+    assert_eq!(run["budget_bytes_per_second"], 600);
+    let over = &run["over_tolerance"];
+    assert!(
+        over["by_cause"]["budget"]
+            .as_u64()
+            .is_some_and(|count| count > 0),
+        "{over}"
+    );
+    assert_eq!(over["count"], over["by_cause"]["budget"]);
+    assert_eq!(run["mismatches"], 0);
+    assert_eq!(runs[0]["budget_bytes_per_second"], serde_json::Value::Null);
 }

@@ -120,6 +120,7 @@ fn a_limit_is_within_its_tolerance_and_below_a_publisher() {
             every: NonZeroU32::MIN,
             seed: 1,
             hindsight: Ticks::ZERO,
+            budget: None,
             features: Features::ALL,
         };
         let run = run(&recording, &terms, &mut |_| {}).expect("it ends");

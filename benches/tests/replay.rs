@@ -12,7 +12,7 @@ use rhumb_bench::recording::{Recording, RecordingError, rhtrace};
 use rhumb_bench::replay::{ReplayTerms, run};
 use rhumb_bench::summary::{RunFigures, Summary};
 use rhumb_bench::trace::{TraceOptions, write};
-use rhumb_protocol::stream::Features;
+use rhumb_protocol::stream::{Budget, Features};
 use rhumb_reckoning::{Metres, Ticks, Tolerance};
 
 use bounce::{FRAMES, packed, unpacked};
@@ -22,12 +22,17 @@ fn recording() -> Recording {
 }
 
 fn replayed(recording: &Recording, link: &str, every: u32) -> Run {
+    within(recording, link, every, None)
+}
+
+fn within(recording: &Recording, link: &str, every: u32, budget: Option<Budget>) -> Run {
     let terms = ReplayTerms {
         tolerance: Tolerance::from_metres(Metres::new(0.02)).expect("within bounds"),
         link: link.parse().expect("these are terms of a link"),
         every: NonZeroU32::new(every).expect("not zero"),
         seed: 3,
         hindsight: Ticks::ZERO,
+        budget,
         features: Features::ALL,
     };
     run(recording, &terms, &mut |_| {}).expect("it comes to its end")
@@ -66,6 +71,62 @@ fn without_loss_every_published_tick_is_within_the_tolerance() {
         let moving = figures.moving.expect("boxes move");
         assert!(moving.surface_error_m.max > 0.0 && moving.surface_error_m.max <= 0.02);
         assert_eq!(figures.recovery, None);
+    }
+}
+
+#[test]
+fn a_budget_is_kept_and_what_it_withholds_is_told_of() {
+    let recording = recording();
+    let seconds = f64::from(recording.ticks()) * recording.integrator.rate.step().seconds();
+    let free = replayed(&recording, "", 1);
+    let payload = |run: &Run| {
+        figures(&recording, run)
+            .payload_bytes_down
+            .unwrap_or_default()
+    };
+    for link in ["", "rtt=100ms"] {
+        let budget = Budget::new(400, 1_150);
+        let run = within(&recording, link, 1, budget);
+        assert!(!run.breaches.is_empty(), "{link}: the budget is tight");
+        let by_choice = run
+            .breaches
+            .iter()
+            .all(|breach| breach.cause == Cause::Budget);
+        assert!(by_choice, "{link}");
+        // A burst, what time earned, an update too much, and vouches, which are rare.
+        let most = 1_150.0 + 400.0 * seconds + 64.0 + 40.0 * 12.0;
+        assert!(
+            (payload(&run) as f64) < most,
+            "{link}: {} of {most}",
+            payload(&run)
+        );
+        assert!(payload(&run) < payload(&free), "{link}");
+    }
+}
+
+#[test]
+fn traffic_never_rises_because_latency_rose() {
+    let recording = recording();
+    for budget in [None, Budget::new(400, 1_150), Budget::per_second(100_000)] {
+        let bytes = |link: &str| {
+            let run = within(&recording, link, 1, budget);
+            let figures = figures(&recording, &run);
+            // The last vouches are asked for until the copy is complete, which takes a way longer.
+            let last = run.frames.len() - 1;
+            let sent = run.frames[..last]
+                .iter()
+                .map(|frame| frame.wire_bytes_down)
+                .sum::<u64>();
+            (sent, figures.updates)
+        };
+        let near = bytes("");
+        for far in ["rtt=50ms", "rtt=300ms", "rtt=300ms,jitter=40ms"] {
+            let far = bytes(far);
+            assert!(
+                far.0 <= near.0 && far.1 == near.1,
+                "{budget:?}: {far:?} of {near:?}"
+            );
+        }
     }
 }
 

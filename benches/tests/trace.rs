@@ -145,6 +145,7 @@ fn the_records_say_what_was_run() {
         ("truth_hash", "0123456789abcdef"),
         ("join_wire_bytes_down", "4000"),
         ("publish_ns_total", "1000000"),
+        ("mismatches", "0"),
         ("place", "2"),
     ] {
         assert_eq!(run[name], value, "{name}");

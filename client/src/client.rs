@@ -9,7 +9,7 @@ use std::net::{SocketAddr, ToSocketAddrs};
 use std::time::Duration;
 
 use rhumb_protocol::limits::SILENCE_MS_MAX;
-use rhumb_protocol::message::{Denial, Inspection, StreamChoice};
+use rhumb_protocol::message::{Denial, Inspection, Moves, StreamChoice};
 use rhumb_protocol::scene::{Command, IdRange, SceneTerms};
 use rhumb_protocol::session::{ClientSession, CloseCode, Event, Replica};
 use rhumb_protocol::stream::{Bound, Subscriber};
@@ -192,7 +192,9 @@ impl Client {
     #[must_use]
     pub fn tolerance(&self) -> Option<Tolerance> {
         match self.stream()? {
-            StreamChoice::Within(tolerance) => Some(tolerance),
+            StreamChoice::Within(tolerance) | StreamChoice::Capped { tolerance, .. } => {
+                Some(tolerance)
+            }
             StreamChoice::Full => None,
         }
     }
@@ -206,6 +208,19 @@ impl Client {
     pub fn change_stream(&mut self, choice: StreamChoice) -> Result<(), ClientError> {
         self.must_stand()?;
         self.pump.session.follow(choice)?;
+        self.pump.flush();
+        Ok(())
+    }
+
+    /// Says where the server may move this client when its link is thin: to coarse (20 cm) unless this says otherwise.
+    /// [`Happening::Moved`] tells when it does, and [`Self::tolerance`] what holds.
+    ///
+    /// # Errors
+    ///
+    /// [`ClientError::Ended`] when the connection is over.
+    pub fn allow_moves(&mut self, moves: Moves) -> Result<(), ClientError> {
+        self.must_stand()?;
+        self.pump.session.allow(moves)?;
         self.pump.flush();
         Ok(())
     }
@@ -478,6 +493,7 @@ impl Client {
                 Event::Amended(id) => Happening::Amended(id),
                 Event::Reserved(range) => Happening::Reserved(range),
                 Event::Following(choice) => Happening::Following(choice),
+                Event::Moved { to, cause } => Happening::Moved { to, cause },
                 Event::Driving(bodies) => Happening::Driving(bodies),
                 Event::NotDriving(error) => Happening::NotDriving(error),
                 Event::Denied(denial) => {

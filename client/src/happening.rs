@@ -2,7 +2,7 @@
 //!
 //! And how the connection is doing. Said to whoever asks; nothing is decided here.
 
-use rhumb_protocol::message::{Denial, DriveError, RemovalCause, StreamChoice};
+use rhumb_protocol::message::{Denial, DriveError, MoveCause, RemovalCause, StreamChoice};
 use rhumb_protocol::scene::{CommandError, IdRange};
 use rhumb_protocol::stream::{PublisherStatistics, SubscriberStatistics};
 use rhumb_reckoning::{BodyId, Tick};
@@ -42,6 +42,13 @@ pub enum Happening {
     Denied(Denial),
     /// The copy is by another stream from now on.
     Following(StreamChoice),
+    /// The server is moving this client to another stream because of its link; `Following` tells when the copy is by it.
+    Moved {
+        /// Which stream.
+        to: StreamChoice,
+        /// Why.
+        cause: MoveCause,
+    },
     /// These bodies, in rising order, are this client's to drive from now on, and no others.
     Driving(Vec<BodyId>),
     /// The bodies that this client asked to drive are not its to drive; those that it drove before still are.

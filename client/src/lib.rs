@@ -52,9 +52,11 @@ pub use error::{ClientError, OpenError};
 pub use happening::{Happening, Statistics};
 pub use options::{Entry, Options};
 pub use pump::Way;
-pub use rhumb_protocol::message::{Denial, DriveError, Inspection, RemovalCause, StreamChoice};
+pub use rhumb_protocol::message::{
+    Denial, DriveError, Inspection, MoveCause, Moves, RemovalCause, StreamChoice,
+};
 pub use rhumb_protocol::scene;
-pub use rhumb_protocol::stream::Bound;
+pub use rhumb_protocol::stream::{Bound, Budget};
 pub use rhumb_reckoning::{BodyId, Metres, Radians, Tick, Tolerance, Verbatim};
 pub use rhumb_transport::{Fingerprint, Trust, WireStatistics};
 pub use view::{Glass, View};

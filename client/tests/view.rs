@@ -14,8 +14,8 @@ use rhumb_protocol::stream::{
     Witness,
 };
 use rhumb_reckoning::{
-    Anchor, BodyId, Damping, Integrator, Metres, Predictor, Rate, Seconds, Tick, Tolerance, Track,
-    Verbatim,
+    Anchor, BodyId, Class, Damping, Integrator, Metres, Predictor, Rate, Seconds, Tick, Tolerance,
+    Track, Verbatim,
 };
 
 const STREAM: StreamId = StreamId(0);
@@ -68,6 +68,7 @@ impl Pair {
             damping: Damping::default(),
             gravity_scale: 1.0,
             inertia: None,
+            class: Class::USUAL,
         };
         for id in [BALL, OTHER] {
             let track = Track {

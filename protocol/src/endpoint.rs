@@ -5,6 +5,7 @@
 
 use bytes::Bytes;
 
+use crate::link::LinkReport;
 use crate::time::Instant;
 
 /// A connection, named by the driver; never used again after it closed.
@@ -86,6 +87,11 @@ pub trait Endpoint {
 
     /// A moment that `poll_timeout` named has come.
     fn handle_timeout(&mut self, now: Instant);
+
+    /// How a peer's link does: told some ten times a second while something is said to it, where the driver can tell.
+    fn handle_link(&mut self, now: Instant, peer: Peer, report: &LinkReport) {
+        let _ = (now, peer, report);
+    }
 
     /// The next thing to send, in order per peer and lane.
     fn poll_transmit(&mut self) -> Option<Transmit>;

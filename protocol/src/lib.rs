@@ -8,6 +8,7 @@ extern crate alloc;
 
 mod endpoint;
 pub mod limits;
+mod link;
 pub mod message;
 pub mod packet;
 pub mod scene;
@@ -17,4 +18,5 @@ mod time;
 pub mod wire;
 
 pub use endpoint::{Ending, Endpoint, Peer, Transmit, Wake, WakeReason};
+pub use link::LinkReport;
 pub use time::{Instant, Span};

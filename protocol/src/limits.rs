@@ -17,6 +17,13 @@ pub const EXTENSIONS_MAX: usize = 16;
 /// Bytes of one extension's value.
 pub const EXTENSION_BYTES_MAX: usize = 256;
 
+/// Least and greatest bytes that a second of a stream with a budget may take.
+pub const BUDGET_MIN: u32 = 256;
+/// See [`BUDGET_MIN`].
+pub const BUDGET_MAX: u32 = 1 << 30;
+/// Most bytes that such a stream may take at once; the least is a full datagram.
+pub const BUDGET_BURST_MAX: u32 = 1 << 24;
+
 /// Bodies in one scene at one time.
 pub const BODIES_MAX: u32 = 131_072;
 /// Indices of bodies stay below it: more than there are bodies, since each member holds some in reserve.
@@ -44,6 +51,8 @@ pub const DRIVE_GRACE_MS: u32 = 1_000;
 pub const GRANT: u32 = 4_096;
 /// Body indices that one `Reserve` may ask for.
 pub const RESERVE_MAX: u32 = BODIES_MAX;
+/// Body indices that one member may hold: tables by index are as long as the highest index that has a body.
+pub const GRANTED_MAX: u32 = GRANT + RESERVE_MAX;
 
 /// Commands and advances that wait behind an advance which the scene has not reached yet.
 pub const WISHES_WAITING_MAX: usize = 65_536;

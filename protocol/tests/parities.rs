@@ -14,7 +14,8 @@ use rhumb_protocol::stream::{
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_reckoning::{
-    Anchor, BodyId, Damping, Integrator, Metres, Predictor, Rate, Tick, Tolerance, Track, Verbatim,
+    Anchor, BodyId, Class, Damping, Integrator, Metres, Predictor, Rate, Tick, Tolerance, Track,
+    Verbatim,
 };
 
 const STREAM: StreamId = StreamId(3);
@@ -71,6 +72,7 @@ impl Stage {
             damping: Damping::default(),
             gravity_scale: 1.0,
             inertia: None,
+            class: Class::default(),
         };
         for body in 0..BODIES {
             let track = Track {

@@ -17,7 +17,7 @@ use rhumb_protocol::stream::{
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_reckoning::{
-    Anchor, BodyId, Damping, Divergence, Integrator, Metres, Predictor, Radians, Rate, Tick,
+    Anchor, BodyId, Class, Damping, Divergence, Integrator, Metres, Predictor, Radians, Rate, Tick,
     Tolerance, Track, Verbatim,
 };
 
@@ -105,12 +105,14 @@ fn integrator() -> Integrator {
     }
 }
 
-fn manner() -> Manner {
+/// Of every body another class than its neighbour's.
+fn manner(index: usize) -> Manner {
     Manner {
         radius: Metres::new(0.5),
         damping: Damping::default(),
         gravity_scale: 1.0,
         inertia: None,
+        class: Class::new((index % 7) as i8 - 3).expect("there are seven classes"),
     }
 }
 
@@ -152,9 +154,8 @@ impl Stage {
             next: 0,
             notices: 0,
         });
-        let manner = manner();
         for (index, puppet) in puppets.iter().enumerate() {
-            let id = BodyId::new(index as u32, 0);
+            let (id, manner) = (BodyId::new(index as u32, 0), manner(index));
             let track = Track {
                 origin: Tick::ZERO,
                 predictor: Predictor::Ballistic,
@@ -279,7 +280,7 @@ impl Stage {
     fn check(&mut self) -> Result<(), TestCaseError> {
         let vouched = self.subscriber.vouched();
         let current = vouched == Tick::new(self.tick);
-        let (tolerance, radius) = (self.publisher.tolerance(), Metres::new(0.5));
+        let radius = Metres::new(0.5);
         for (id, track) in self.publisher.tracks() {
             let Some(bound) = self.subscriber.bound(id) else {
                 return Err(TestCaseError::fail("a body is not bounded at all"));
@@ -297,6 +298,8 @@ impl Stage {
                 .believed(id, vouched)
                 .expect("a body that is bounded is believed");
             let apart = Divergence::between(&truth.motion().pose(), &believed.pose());
+            let class = manner(id.index() as usize).class;
+            let tolerance = self.publisher.tolerance().of_class(class);
             let error = apart.surface_error(radius);
             self.worst = self.worst.max(error.metres());
             prop_assert!(error <= within, "{} is off by {} at {}", id, error, vouched);
@@ -358,7 +361,7 @@ proptest! {
             carrier: None,
         };
         let id = BodyId::new(place, 0);
-        prop_assert!(stage.subscriber.place(id, &manner(), track));
+        prop_assert!(stage.subscriber.place(id, &manner(place as usize), track));
         prop_assert_ne!(stage.subscriber.agreement(), stage.publisher.agreement());
         stage.subscriber.handle_datagram(&stage.publisher.digest(0));
         let mut asked = 0;

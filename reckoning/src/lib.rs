@@ -19,6 +19,7 @@
 extern crate alloc;
 
 mod body;
+mod class;
 mod correction;
 mod divergence;
 mod exact;
@@ -36,6 +37,7 @@ mod tumble;
 mod units;
 
 pub use body::BodyId;
+pub use class::Class;
 pub use correction::Correction;
 pub use divergence::Divergence;
 pub use flow::{Damping, FlowTable, HORIZON, Integrator};

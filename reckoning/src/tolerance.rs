@@ -7,6 +7,7 @@ use core::f64::consts::FRAC_PI_2;
 use core::fmt;
 use core::str::FromStr;
 
+use crate::class::Class;
 use crate::divergence::Divergence;
 use crate::units::{Metres, Radians};
 
@@ -179,6 +180,33 @@ impl Tolerance {
             position: LengthBound::from_metres(position)?,
             turn: TurnBound::from_radians(turn)?,
         })
+    }
+
+    /// What this tolerance of a stream is for a body of a class: each bound by that power of two, rounded down, and kept
+    /// within what a tolerance may be (RECKONING 4.1).
+    #[must_use]
+    pub fn of_class(self, class: Class) -> Self {
+        let length = |bound: LengthBound| LengthBound {
+            micrometres: class.scale(
+                bound.micrometres,
+                LengthBound::LEAST.micrometres,
+                LengthBound::MOST.micrometres,
+            ),
+        };
+        let angle = |bound: TurnBound| TurnBound {
+            microradians: class.scale(
+                bound.microradians,
+                TurnBound::LEAST.microradians,
+                TurnBound::ANY.microradians,
+            ),
+        };
+        match self {
+            Self::Surface(bound) => Self::Surface(length(bound)),
+            Self::Parts { position, turn } => Self::Parts {
+                position: length(position),
+                turn: angle(turn),
+            },
+        }
     }
 
     /// How much of this tolerance a copy uses that is so far off, of a body of this bounding radius: within it up to 1.

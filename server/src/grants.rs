@@ -5,7 +5,7 @@
 use std::collections::BTreeMap;
 
 use rhumb_protocol::Peer;
-use rhumb_protocol::limits::{INDICES_MAX, RANGES_PER_MEMBER_MAX};
+use rhumb_protocol::limits::{GRANTED_MAX, INDICES_MAX, RANGES_PER_MEMBER_MAX};
 use rhumb_protocol::scene::IdRange;
 use rhumb_reckoning::BodyId;
 
@@ -28,8 +28,9 @@ impl Grants {
         count: u32,
         vacancy: &Vacancy<'_>,
     ) -> Option<IdRange> {
-        let held = self.held.get(&peer).map_or(0, Vec::len);
-        if held >= RANGES_PER_MEMBER_MAX {
+        let held = self.held.get(&peer).map_or(&[][..], Vec::as_slice);
+        let indices: u32 = held.iter().map(IdRange::count).sum();
+        if held.len() >= RANGES_PER_MEMBER_MAX || count > GRANTED_MAX - indices.min(GRANTED_MAX) {
             return None;
         }
         let range = self.reuse(count, vacancy).or_else(|| self.extend(count))?;
@@ -80,6 +81,8 @@ impl Grants {
 
 #[cfg(test)]
 mod tests {
+    use rhumb_protocol::limits::{GRANT, RESERVE_MAX};
+
     use super::*;
 
     #[test]
@@ -108,7 +111,30 @@ mod tests {
     #[test]
     fn there_is_an_end_to_indices() {
         let mut grants = Grants::default();
-        assert!(grants.grant(Peer(1), INDICES_MAX, &|_| None).is_some());
+        let (mut left, mut member) = (INDICES_MAX, 0);
+        while left > 0 {
+            let count = left.min(GRANTED_MAX);
+            assert!(grants.grant(Peer(member), count, &|_| None).is_some());
+            (left, member) = (left - count, member + 1);
+        }
+        assert_eq!(grants.grant(Peer(99), 1, &|_| None), None);
+    }
+
+    #[test]
+    fn one_member_cannot_take_all_indices() {
+        let mut grants = Grants::default();
+        assert!(grants.grant(Peer(1), GRANT, &|_| None).is_some());
+        assert!(grants.grant(Peer(1), RESERVE_MAX, &|_| None).is_some());
         assert_eq!(grants.grant(Peer(1), 1, &|_| None), None);
+        // Tables by index are no longer than what it holds, whichever body it adds.
+        assert_eq!(grants.end, GRANTED_MAX);
+        assert!(grants.grant(Peer(2), GRANT, &|_| None).is_some());
+        // A range that comes again counts as the whole that it is.
+        grants.retire(Peer(1));
+        let nothing_lives = |_: &IdRange| Some(1);
+        assert!(grants.grant(Peer(3), RESERVE_MAX, &nothing_lives).is_some());
+        let next = grants.grant(Peer(3), GRANT, &nothing_lives);
+        assert_eq!(next.map(|range| range.first()), Some(0));
+        assert_eq!(grants.grant(Peer(3), 1, &nothing_lives), None);
     }
 }

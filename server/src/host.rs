@@ -12,7 +12,7 @@ use rhumb_protocol::scene::{SceneName, SceneTerms};
 use rhumb_protocol::session::{Request, ServerSession};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
-use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Transmit, Wake, WakeReason};
+use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
 
 use crate::drives::DriveStatistics;
 use crate::hook::Hooks;
@@ -153,6 +153,7 @@ impl Host {
             Request::Advance(to) => room.advance(peer, to, out),
             Request::Resync => room.resync(peer),
             Request::Followed(stream) => room.followed(peer, stream),
+            Request::Moves(moves) => room.allow(peer, moves),
             Request::Upstream(packet) => room.upstream(peer, packet, out),
             Request::Ping(sent) => room.pong(now, peer, sent, out),
             Request::Inspect => room.inspect(peer, out),
@@ -294,6 +295,18 @@ impl Endpoint for Host {
             }
             // What the source of a stream says, of the stream of what it drives.
             _ => room.upstream_datagram(from, bytes, &mut self.out),
+        }
+    }
+
+    fn handle_link(&mut self, now: Instant, peer: Peer, report: &LinkReport) {
+        let Some(connection) = self.connections.get(&peer).filter(|c| c.member) else {
+            return;
+        };
+        let name = connection.scene.as_ref();
+        let stream = StreamId(self.streams_begun);
+        if let Some(room) = name.and_then(|name| self.rooms.get_mut(name)) {
+            self.streams_begun = self.streams_begun.wrapping_add(1);
+            room.hear_of_link(now, peer, report, stream, &mut self.out);
         }
     }
 

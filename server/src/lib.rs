@@ -20,6 +20,7 @@ mod scene;
 mod serve;
 mod snapshot;
 mod streams;
+mod thin_link;
 mod times;
 
 pub use digest::Digest;

@@ -8,6 +8,8 @@ use rhumb_protocol::scene::{Command, CommandError};
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::Tick;
 
+use crate::thin_link::ThinLink;
+
 /// A client that takes part.
 #[derive(Debug)]
 pub(crate) struct Member {
@@ -18,6 +20,8 @@ pub(crate) struct Member {
     pub(crate) unanswered: Option<u64>,
     /// The snapshot that it is to hear when all that it said at once was looked at; the last one counts.
     pub(crate) wants: Option<Want>,
+    /// Whether its link carries its stream.
+    pub(crate) link: ThinLink,
 }
 
 /// Which snapshot a member waits for.
@@ -89,12 +93,13 @@ fn is_due(last: &mut Option<Instant>, now: Instant, pause: Span) -> bool {
 
 impl Member {
     /// Who has just joined and follows a stream.
-    pub(crate) const fn new(stream: StreamId) -> Self {
+    pub(crate) const fn new(stream: StreamId, choice: StreamChoice) -> Self {
         Self {
             following: Following::new(stream),
             former: None,
             unanswered: None,
             wants: None,
+            link: ThinLink::new(choice),
         }
     }
 
@@ -166,7 +171,7 @@ mod tests {
 
     #[test]
     fn the_former_stream_is_heard_until_the_new_one_is_caught_up_with() {
-        let mut member = Member::new(A);
+        let mut member = Member::new(A, StreamChoice::Full);
         assert_eq!(member.change(B), None);
         assert_eq!(heard(&member), [B, A]);
         assert_eq!(member.caught_up(A), None);
@@ -176,7 +181,7 @@ mod tests {
 
     #[test]
     fn who_changes_twice_keeps_what_it_has_a_copy_of() {
-        let mut member = Member::new(A);
+        let mut member = Member::new(A, StreamChoice::Full);
         assert_eq!(member.change(B), None);
         assert_eq!(member.change(C), Some(B));
         assert_eq!(heard(&member), [C, A]);
@@ -185,7 +190,7 @@ mod tests {
 
     #[test]
     fn who_changes_back_hears_one_stream_once() {
-        let mut member = Member::new(A);
+        let mut member = Member::new(A, StreamChoice::Full);
         assert_eq!(member.change(B), None);
         assert_eq!(member.change(A), Some(B));
         assert_eq!(heard(&member), [A]);
@@ -193,7 +198,7 @@ mod tests {
 
     #[test]
     fn echoes_of_each_stream_have_a_pause_of_their_own() {
-        let mut member = Member::new(A);
+        let mut member = Member::new(A, StreamChoice::Full);
         member.change(B);
         let now = Instant::from_nanos(7);
         assert!(member.answers_echo(A, now) && member.answers_echo(B, now));

@@ -122,7 +122,7 @@ impl Room {
             return Err(denial);
         }
         self.tell_notices(out);
-        self.members.insert(peer, Member::new(stream));
+        self.members.insert(peer, Member::new(stream, choice));
         self.tell_snapshot(peer, out);
         if self.next_step.is_none() {
             self.last_step = now;
@@ -485,6 +485,7 @@ impl Room {
             packets: said.packets,
             packet_bytes: said.bytes,
             amended: stream.amended,
+            withheld: said.withheld,
             times: self.times.summary(),
         };
         out.say(peer, &ServerMessage::Inspection(inspection));

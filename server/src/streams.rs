@@ -30,14 +30,18 @@ impl Source {
     pub(crate) fn new(choice: StreamChoice, id: StreamId, scene: &Scene) -> Self {
         let tick = scene.tick();
         match choice {
-            StreamChoice::Within(tolerance) => {
+            StreamChoice::Within(tolerance) | StreamChoice::Capped { tolerance, .. } => {
                 let terms = StreamTerms {
                     tolerance,
                     integrator: scene.terms().integrator,
                     gravity: scene.gravity(),
                     features: Features::ALL,
                 };
-                Self::Reckoned(Box::new(Publisher::new(id, &terms, tick)))
+                let mut publisher = Publisher::new(id, &terms, tick);
+                if let StreamChoice::Capped { budget, .. } = choice {
+                    publisher.limit(budget);
+                }
+                Self::Reckoned(Box::new(publisher))
             }
             StreamChoice::Full => Self::Full(FullPublisher::new(id, tick)),
         }
@@ -56,6 +60,8 @@ pub(crate) struct Stream {
     digest: (Tick, u64),
     /// Tracks that a member had otherwise.
     pub(crate) amended: u64,
+    /// Whether bodies wait for a word, for want of budget.
+    in_arrears: bool,
     /// The datagrams of the last tick.
     packets: Vec<Bytes>,
     /// What its members lose.
@@ -207,6 +213,7 @@ impl Stream {
         if self.tick() == before {
             return;
         }
+        self.tell_of_arrears();
         self.vouch_or_sum_up(at);
         let redundancy = self.losses.redundancy(self.followers, self.next_number());
         if let Source::Reckoned(publisher) = &mut self.source {
@@ -232,6 +239,21 @@ impl Stream {
         }
     }
 
+    /// Logs when a budget begins not to suffice, and when it suffices again.
+    fn tell_of_arrears(&mut self) {
+        let Source::Reckoned(publisher) = &self.source else {
+            return;
+        };
+        let (waiting, withheld) = (publisher.waiting(), publisher.statistics().withheld);
+        let stream = publisher.stream();
+        if waiting > 0 && !self.in_arrears {
+            tracing::info!(%stream, waiting, cause = "budget", "bodies wait for a word");
+        } else if waiting == 0 && self.in_arrears {
+            tracing::info!(%stream, withheld, "the budget suffices again");
+        }
+        self.in_arrears = waiting > 0;
+    }
+
     /// What says the sum over all tracks, if that is another than the one said last, and that is a second ago.
     fn due_digest(&mut self, at: &Moment<'_>) -> Option<Bytes> {
         let Source::Reckoned(publisher) = &self.source else {
@@ -239,7 +261,9 @@ impl Stream {
         };
         let (last, sum) = self.digest;
         let age = publisher.tick().since(last)?;
-        if age < at.second || publisher.agreement() == sum {
+        // A digest states nothing of a budget's arrears: silence is vouched for by what does.
+        let capped = matches!(self.choice, StreamChoice::Capped { .. });
+        if age < at.second || publisher.agreement() == sum || capped && self.packets.is_empty() {
             return None;
         }
         self.digest = (publisher.tick(), publisher.agreement());
@@ -338,6 +362,7 @@ impl Streams {
             silent: 0,
             digest: (Tick::ZERO, 0),
             amended: 0,
+            in_arrears: false,
             packets: Vec::new(),
             losses: Losses::default(),
             repairs: BTreeMap::new(),

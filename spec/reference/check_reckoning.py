@@ -82,6 +82,10 @@ class Checks:
     def radii(self, case):
         yield case["radius"], bits64([r.bounding_radius(case["shape"], singles(case["extents"]))])
 
+    def classes(self, case):
+        yield case["position"], r.of_class(case["micrometres"], case["class"], 1000, 10000000)
+        yield case["turn"], r.of_class(case["microradians"], case["class"], 100, 3141593)
+
     def grids(self, case):
         grid = r.Grid.of(case["micrometres"], doubles(case["radius"])[0], case.get("microradians"))
         yield case["steps"], bits64([grid.position, grid.fine, grid.turn, grid.linear, grid.angular])

@@ -545,12 +545,27 @@ def varint(value):
     return bytes(out + bytes([value]))
 
 
+IN_ARREARS = (11, 12)
+
+
+def eighths(code):
+    """The factor that an excess stands for, in eighths; none if it is not bounded [5.17]."""
+    refuse_if(code == 0, "NotCanonical")
+    return None if code == 255 else (8 + code % 8) << code // 8
+
+
+def excess_of(factor):
+    return 255 if factor is None else next(code for code in range(1, 255) if eighths(code) == factor)
+
+
 def decoded(datagram):
     frm = Bytes(datagram)
     kind = frm.u8()
-    refuse_if(kind > 9, "UnknownCode")
+    refuse_if(kind > 9 and kind not in IN_ARREARS, "UnknownCode")
     said = {"stream": frm.varint(WORD - 1), "kind": kind}
-    if kind in (0, 1):
+    if kind in IN_ARREARS:
+        said["excess_eighths"] = eighths(frm.u8())
+    if kind in (0, 1, 11):
         said |= {name: frm.low16() for name in ("number", "tick", "notices")}
         count = frm.varint(UPDATES_MAX)
         coder, tongue, seat, said["updates"] = RangeReader(frm.rest()), Tongue(), 0, []
@@ -561,7 +576,7 @@ def decoded(datagram):
             said["updates"].append({"seat": seat} | update)
             seat += 1
         coder.finish()
-    elif kind == 2:
+    elif kind in (2, 12):
         said |= {name: frm.low16() for name in ("next", "tick", "notices")}
         frm.finish()
     elif kind == 3:
@@ -628,13 +643,15 @@ def encoded(said):
 
     kind = said["kind"]
     head = bytes([kind]) + varint(said["stream"])
-    if kind in (0, 1):
+    if kind in IN_ARREARS:
+        head += bytes([excess_of(said["excess_eighths"])])
+    if kind in (0, 1, 11):
         coder, tongue, seat = RangeWriter(), Tongue(), 0
         for update in said["updates"]:
             tongue.write(update["seat"] - seat, update, coder)
             seat = update["seat"] + 1
         return head + low16s("number", "tick", "notices") + varint(len(said["updates"])) + coder.finish()
-    if kind == 2:
+    if kind in (2, 12):
         return head + low16s("next", "tick", "notices")
     if kind == 3:
         bits, index = BitWriter(), 0

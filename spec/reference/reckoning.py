@@ -355,6 +355,12 @@ def seen_from(carrier, motion):
 
 # Grids [4]
 
+def of_class(integer, class_, least, most):
+    """An integer of a tolerance for a body of a class [4.1]."""
+    scaled = integer << class_ if class_ >= 0 else integer >> -class_
+    return min(max(scaled, least), most)
+
+
 @dataclass
 class Grid:
     position: float

@@ -8,7 +8,7 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{
     BodyKind, BodyTerms, Cadence, Command, Material, Pace, SceneTerms, Shape, ShapeId,
 };
-use rhumb_reckoning::{BodyId, Damping, Integrator, Rate, Tick, Verbatim};
+use rhumb_reckoning::{BodyId, Class, Damping, Integrator, Rate, Tick, Verbatim};
 use rhumb_sims::Script;
 
 /// A floor, avatars that nothing moves yet, a box on a small platform, and a body that always turns.
@@ -141,7 +141,14 @@ impl Script for Avatars {
             out.push(Command::AddShape { id, shape });
         }
         let mut add = |index, kind, shape, motion| {
-            let terms = BodyTerms::plain(BodyId::new(index, 0), kind, ShapeId(shape));
+            let class = match kind {
+                BodyKind::Kinematic => Class::AVATAR,
+                BodyKind::Static | BodyKind::Dynamic => Class::USUAL,
+            };
+            let terms = BodyTerms {
+                class,
+                ..BodyTerms::plain(BodyId::new(index, 0), kind, ShapeId(shape))
+            };
             out.push(Command::AddBody { terms, motion });
         };
         add(FLOOR, BodyKind::Static, 0, still(Vec3::new(0.0, -0.5, 0.0)));

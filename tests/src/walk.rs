@@ -8,7 +8,9 @@ use std::collections::VecDeque;
 use rhumb_protocol::message::{DriveError, StreamChoice};
 use rhumb_protocol::scene::Pace;
 use rhumb_protocol::{Peer, Span};
-use rhumb_reckoning::{BodyId, Divergence, Metres, Motion, Tick, Ticks, Tolerance, Verbatim};
+use rhumb_reckoning::{
+    BodyId, Class, Divergence, Metres, Motion, Tick, Ticks, Tolerance, Verbatim,
+};
 use rhumb_server::DriveStatistics;
 use rhumb_transport::{Direction, Lane, LinkTerms};
 
@@ -16,7 +18,7 @@ use crate::avatar::Avatars;
 use crate::stage::{COMMANDER, Stage, TICK};
 
 const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
-/// How closely the server is to know where avatars are: 2 cm.
+/// How closely the server is to know where bodies are that are driven; avatars, by their class, half as far off.
 const CLOSE: Tolerance = Tolerance::FINE;
 /// The bounding radius of an avatar.
 const RADIUS: Metres = Metres::new(0.8);
@@ -179,7 +181,7 @@ impl Walk {
     /// When they are farther apart than the tolerance.
     pub fn hold(&mut self, id: BodyId, tick: Tick, said: &Verbatim, had: &Motion) {
         let apart = Divergence::between(&said.motion().pose(), &had.pose());
-        let share = CLOSE.share(&apart, RADIUS);
+        let share = CLOSE.of_class(Class::AVATAR).share(&apart, RADIUS);
         assert!(
             share <= 1.0 + ROUNDING,
             "{id} is off by {share} tolerances at {tick}"

@@ -3,7 +3,9 @@
 //! Reads a session and changes nothing in it but that its events are taken.
 
 use rhumb_protocol::Ending;
-use rhumb_protocol::message::{Denial, DriveError, Inspection, RemovalCause, StreamChoice};
+use rhumb_protocol::message::{
+    Denial, DriveError, Inspection, MoveCause, RemovalCause, StreamChoice,
+};
 use rhumb_protocol::scene::{BodyKind, CommandError, IdRange};
 use rhumb_protocol::session::{ClientSession, Event, Replica};
 use rhumb_protocol::stream::Bound;
@@ -22,8 +24,10 @@ pub struct Claim {
     pub pose: Pose,
     /// How far off any point of it may be.
     pub within: Metres,
-    /// What its stream promised.
+    /// What its stream promised for it.
     pub tolerance: Tolerance,
+    /// By what factor it said that this may be exceeded.
+    pub excess: f64,
 }
 
 /// The account of one member.
@@ -43,6 +47,8 @@ pub struct Witness {
     pub removed: Vec<(BodyId, RemovalCause)>,
     /// Streams that it changed to.
     pub following: Vec<StreamChoice>,
+    /// Where the server moved it, and why.
+    pub moved: Vec<(StreamChoice, MoveCause)>,
     /// What it was given to drive, or why not.
     pub drives: Vec<Result<Vec<BodyId>, DriveError>>,
     /// Bodies whose tracks were other than the server's.
@@ -73,6 +79,7 @@ impl Witness {
                 Event::Created => self.created += 1,
                 Event::Joined(granted) => self.granted = Some(granted),
                 Event::Following(choice) => self.following.push(choice),
+                Event::Moved { to, cause } => self.moved.push((to, cause)),
                 Event::Left => (self.granted, self.left) = (None, self.left + 1),
                 Event::Deleted => (self.granted, self.deleted) = (None, self.deleted + 1),
                 Event::Denied(denial) => self.denied.push(denial),
@@ -136,7 +143,10 @@ impl Witness {
                         tick,
                         pose,
                         within,
-                        tolerance: stream.tolerance(),
+                        tolerance: stream
+                            .tolerance_of(id)
+                            .expect("a body of the copy has a tolerance"),
+                        excess: stream.excess_at(tick).expect("a bound knows its factor"),
                     });
                 }
             }
@@ -156,6 +166,7 @@ impl Witness {
             pose,
             within,
             tolerance,
+            excess,
         } in &self.claims
         {
             let (apart, radius) = truth.apart(*id, *tick, pose).unwrap_or_else(|| {
@@ -163,7 +174,7 @@ impl Witness {
             });
             let error = apart.surface_error(radius);
             assert!(
-                error <= *within && tolerance.share(&apart, radius) <= 1.0,
+                error <= *within && tolerance.share(&apart, radius) <= *excess,
                 "{who}: {id} at {tick} is off by {error}, bound {within}, tolerance {tolerance}"
             );
             if error > worst {

@@ -245,7 +245,7 @@ fn the_documents_examples_of_messages_mean_what_they_say() {
 
 #[test]
 fn the_documents_examples_of_datagrams_are_of_stream_five() {
-    let kinds: Vec<_> = examples("5.16")
+    let kinds: Vec<_> = examples("5.18")
         .into_iter()
         .map(|(_, bytes)| {
             let head = Head::decode(&mut Reader::new(&bytes)).expect("a datagram");

@@ -5,6 +5,7 @@
 #![forbid(unsafe_code)]
 
 mod clock;
+mod gauge;
 mod pretend;
 mod quic;
 mod relay;

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::BodyKind;
-use rhumb_reckoning::{BodyId, Divergence, Metres, Motion, Pose, Tick, Tolerance, Verbatim};
+use rhumb_reckoning::{BodyId, Class, Divergence, Metres, Motion, Pose, Tick, Tolerance, Verbatim};
 
 use crate::record::{Breach, Cause};
 
@@ -21,6 +21,7 @@ pub(super) struct Known {
     pub(super) motion: Verbatim,
     pub(super) radius: Metres,
     pub(super) kind: BodyKind,
+    pub(super) class: Class,
 }
 
 /// Ticks that are kept.
@@ -64,13 +65,13 @@ pub(super) struct Errors {
 }
 
 /// Compares what a copy shows of each body with the truth of `tick`; `None` when that truth is no longer, or not yet,
-/// known.
+/// known. `cause` is told by what share of its tolerance a body is off.
 pub(super) fn compare(
     recent: &RecentTruth,
     tick: Tick,
     shown: impl Fn(BodyId) -> Option<(Vec3, Quat)>,
     tolerance: Option<Tolerance>,
-    cause: impl Fn(BodyId) -> Cause,
+    cause: impl Fn(BodyId, f64) -> Cause,
 ) -> Option<Errors> {
     let truth = recent.at(tick)?;
     let mut errors = Errors::default();
@@ -91,15 +92,16 @@ pub(super) fn compare(
         let apart = apart(&known.motion, position, rotation);
         let error = apart.surface_error(known.radius);
         errors.errors_m.push(error.metres() as f32);
+        let tolerance = tolerance.map(|tolerance| tolerance.of_class(known.class));
         if let Some(tolerance) = tolerance
-            && breaks(tolerance, apart, known.radius)
+            && let Some(share) = over(tolerance, apart, known.radius)
         {
             errors.breaches.push(Breach {
                 tick,
                 id: known.id,
                 error_m: error.metres(),
                 tolerance_m: tolerance.reach(known.radius).metres(),
-                cause: cause(known.id),
+                cause: cause(known.id, share),
             });
         }
     }
@@ -118,9 +120,10 @@ pub(crate) fn apart(truth: &Verbatim, position: Vec3, rotation: Quat) -> Diverge
     Divergence::between(&truth.motion().pose(), &shown)
 }
 
-/// Whether a distance that was measured in a view breaks a promise.
-pub(crate) fn breaks(tolerance: Tolerance, apart: Divergence, radius: Metres) -> bool {
-    tolerance.share(&less_rounding(apart), radius) > 1.0
+/// The share of its tolerance by which a body is off, measured in a view, if that breaks the promise.
+pub(crate) fn over(tolerance: Tolerance, apart: Divergence, radius: Metres) -> Option<f64> {
+    let share = tolerance.share(&less_rounding(apart), radius);
+    (share > 1.0).then_some(share)
 }
 
 /// A distance without what a view adds to it, which holds f32.

@@ -144,6 +144,7 @@ fn known(id: BodyId, motion: Verbatim, radius: Metres, terms: &BodyTerms) -> Kno
         motion,
         radius,
         kind: terms.kind,
+        class: terms.class,
     }
 }
 
@@ -301,6 +302,7 @@ impl Stage {
                 step_ns_p99: inspection.times.step_p99,
                 step_ns_total: inspection.times.step_total,
                 publish_ns_total: inspection.times.publish_total + inspection.times.observe_total,
+                mismatches: remote.mismatches(),
             });
         }
         Ok(Load {

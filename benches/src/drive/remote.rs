@@ -10,6 +10,8 @@ use rhumb_client::{
     Bound, Client, Depth, Entry, Inspection, Options, StreamChoice, Trust, WireStatistics,
 };
 use rhumb_protocol::scene::{Command, SceneName, SceneTerms};
+use rhumb_protocol::session::Replica;
+use rhumb_protocol::stream::Subscriber;
 use rhumb_reckoning::{BodyId, Tick, Tolerance};
 use rhumb_transport::{Clock, LinkTerms, UdpRelay};
 
@@ -53,13 +55,33 @@ pub(super) struct Remote {
     _process: Option<ServerProcess>,
 }
 
+/// What was known of how far off a body may be, when it was shown.
+#[derive(Clone, Copy, Debug)]
+enum Standing {
+    /// By this factor on its tolerance at most.
+    Within(f64),
+    /// It was not known, for this reason.
+    Unknown(Cause),
+}
+
+impl Standing {
+    /// Why it is off by so much of its tolerance.
+    fn cause(self, share: f64) -> Cause {
+        match self {
+            Self::Within(excess) if share <= excess => Cause::Budget,
+            Self::Within(_) => Cause::Fault,
+            Self::Unknown(cause) => cause,
+        }
+    }
+}
+
 /// What a frame showed, kept until its truth is known.
 #[derive(Debug)]
 struct Shown {
     /// Which frame.
     number: usize,
     /// Each body's pose, and why it would be off if it were, by index.
-    bodies: BTreeMap<BodyId, (Vec3, Quat, Cause)>,
+    bodies: BTreeMap<BodyId, (Vec3, Quat, Standing)>,
 }
 
 /// How long the bench waits for a server, an impaired link included.
@@ -275,21 +297,24 @@ impl Remote {
             let place = view.place(id)?;
             Some((view.positions()[place], view.rotations()[place]))
         };
-        let errors = compare(recent, tick, shown, tolerance, |id| self.cause(id, tick))?;
+        let errors = compare(recent, tick, shown, tolerance, |id, share| {
+            self.standing(id, tick).cause(share)
+        })?;
         Some(self.take_errors(number, errors))
     }
 
-    /// Why a body would be off that is shown as of a tick.
-    fn cause(&self, id: BodyId, tick: Tick) -> Cause {
+    /// What is known of how far off a body may be that is shown as of a tick.
+    fn standing(&self, id: BodyId, tick: Tick) -> Standing {
         let client = &self.client;
-        let settled = || {
-            let replica = client.replica();
-            replica.is_some_and(|replica| replica.stream().is_settled())
-        };
+        let stream = client.replica().map(Replica::stream);
         match client.bound_at(id, tick) {
-            Some(Bound::Within(_)) => Cause::Fault,
-            _ if tick > client.statistics().vouched || settled() => Cause::Late,
-            _ => Cause::Loss,
+            Some(Bound::Within(_)) => {
+                let excess = stream.and_then(|stream| stream.excess_at(tick));
+                Standing::Within(excess.unwrap_or(1.0))
+            }
+            _ if tick > client.statistics().vouched => Standing::Unknown(Cause::Late),
+            _ if stream.is_some_and(Subscriber::is_settled) => Standing::Unknown(Cause::Late),
+            _ => Standing::Unknown(Cause::Loss),
         }
     }
 
@@ -310,7 +335,7 @@ impl Remote {
         let view = self.client.view();
         let body = |(place, id): (usize, &BodyId)| {
             let pose = (view.positions()[place], view.rotations()[place]);
-            (*id, (pose.0, pose.1, self.cause(*id, tick)))
+            (*id, (pose.0, pose.1, self.standing(*id, tick)))
         };
         let bodies = view.ids().iter().enumerate().map(body).collect();
         self.pending.push_back(Shown { number, bodies });
@@ -334,7 +359,10 @@ impl Remote {
                 Some((*position, *rotation))
             };
             // A body that was not shown is missing and has no error.
-            let cause = |id: BodyId| shown.bodies.get(&id).map_or(Cause::Late, |body| body.2);
+            let cause = |id: BodyId, share: f64| {
+                let standing = shown.bodies.get(&id).map(|body| body.2);
+                standing.map_or(Cause::Late, |standing| standing.cause(share))
+            };
             let number = shown.number;
             let errors = compare(recent, tick, pose, tolerance, cause);
             if errors.is_none() && !recent.has_come(tick) {
@@ -350,6 +378,11 @@ impl Remote {
 
     pub(super) fn client(&mut self) -> &mut Client {
         &mut self.client
+    }
+
+    /// Sums over tracks in which the copy differed from what the server said.
+    pub(super) fn mismatches(&self) -> u64 {
+        self.client.statistics().stream.mismatches
     }
 
     /// What the server says of itself at the end.

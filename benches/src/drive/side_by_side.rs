@@ -5,6 +5,7 @@
 
 use rhumb_client::{Depth, StreamChoice};
 use rhumb_protocol::scene::Cadence;
+use rhumb_protocol::stream::Budget;
 use rhumb_reckoning::{Metres, Tick, Tolerance};
 use rhumb_sims::Script;
 use rhumb_transport::LinkTerms;
@@ -37,6 +38,8 @@ pub struct Plan {
     pub ticks: u32,
     /// The promise of the reckoned modes.
     pub tolerance: Tolerance,
+    /// What their packets may take, if that is limited.
+    pub budget: Option<Budget>,
     /// Between the processes.
     pub link: LinkTerms,
     /// Which modes, in the order of the report.
@@ -72,6 +75,10 @@ impl Plan {
             mode,
             depth: u32::from(mode == Mode::RhumbPipelined),
             tolerance_m: length.map(Metres::metres),
+            budget_bytes_per_second: self
+                .budget
+                .filter(|_| reckoned)
+                .map(Budget::bytes_per_second),
             link: if mode == Mode::Integrated {
                 "none".into()
             } else {
@@ -88,7 +95,13 @@ impl Plan {
         Setup {
             stream: match mode {
                 Mode::Naive | Mode::NaiveFree => StreamChoice::Full,
-                _ => StreamChoice::Within(self.tolerance),
+                _ => match self.budget {
+                    Some(budget) => StreamChoice::Capped {
+                        tolerance: self.tolerance,
+                        budget,
+                    },
+                    None => StreamChoice::Within(self.tolerance),
+                },
             },
             depth: match mode {
                 Mode::RhumbPipelined => Depth::PIPELINED,
@@ -194,11 +207,13 @@ fn remember(recent: &mut RecentTruth, integrated: &Integrated) {
     let scene = integrated.scene();
     let known = integrated.states().iter().map(|state| {
         let (id, motion) = (*state)?;
+        let terms = scene.body(id)?;
         Some(Known {
             id,
             motion,
             radius: scene.bounding_radius(id)?,
-            kind: scene.body(id)?.kind,
+            kind: terms.kind,
+            class: terms.class,
         })
     });
     recent.push(integrated.tick(), known);
@@ -228,10 +243,11 @@ fn finish(
             step_ns_p99,
             step_ns_total: steps.iter().sum(),
             publish_ns_total: 0,
+            mismatches: 0,
         });
     }
     for (mode, mut remote) in remotes {
-        let inspection = remote.inspect()?;
+        let (inspection, mismatches) = (remote.inspect()?, remote.mismatches());
         runs.push(Run {
             terms: plan.run_terms(mode, step_s),
             truth_digest: inspection.truth,
@@ -244,6 +260,7 @@ fn finish(
             step_ns_p99: inspection.times.step_p99,
             step_ns_total: inspection.times.step_total,
             publish_ns_total: inspection.times.publish_total + inspection.times.observe_total,
+            mismatches,
         });
     }
     runs.sort_by_key(|run| plan.modes.iter().position(|mode| *mode == run.terms.mode));

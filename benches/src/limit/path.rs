@@ -8,7 +8,7 @@ use std::num::NonZeroU32;
 
 use glam::DVec3;
 use rhumb_protocol::scene::BodyKind;
-use rhumb_reckoning::{BodyId, Damping, Inertia, Metres, Motion, Tick, Track, Verbatim};
+use rhumb_reckoning::{BodyId, Class, Damping, Inertia, Metres, Motion, Tick, Track, Verbatim};
 
 use crate::record::Placed;
 use crate::recording::Recording;
@@ -18,6 +18,7 @@ use crate::replay::first_track;
 #[derive(Clone, Debug)]
 pub(super) struct Path {
     pub(super) radius: Metres,
+    pub(super) class: Class,
     pub(super) damping: Damping,
     /// What pulls at it, m/s².
     pub(super) gravity: DVec3,
@@ -132,6 +133,7 @@ fn path(
     }
     Path {
         radius: manner.radius,
+        class: manner.class,
         damping: manner.damping,
         gravity: recording.gravity.as_dvec3() * f64::from(manner.gravity_scale),
         known: first_track(placed, &manner),

@@ -7,9 +7,9 @@
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::BodyKind;
 use rhumb_protocol::stream::{Bound, Subscriber};
-use rhumb_reckoning::{BodyId, Metres, Predictor, Tick, Tolerance, Verbatim};
+use rhumb_reckoning::{BodyId, Class, Metres, Predictor, Tick, Tolerance, Verbatim};
 
-use crate::drive::compare::{apart, breaks};
+use crate::drive::compare::{apart, over};
 use crate::record::{Breach, Cause, Frame, Seen, Truth};
 
 /// A body of the recording at the tick that is judged.
@@ -18,6 +18,7 @@ struct Known {
     id: BodyId,
     motion: Verbatim,
     radius: Metres,
+    class: Class,
     is_static: bool,
     /// The last tick at which the recording has a record of it.
     recorded: Tick,
@@ -97,6 +98,7 @@ impl<'a> Judge<'a> {
                 id: placed.terms.id,
                 motion,
                 radius: placed.shape.bounding_radius(),
+                class: placed.terms.class,
                 is_static: placed.terms.kind == BodyKind::Static,
                 recorded: Tick::ZERO,
                 shown: (motion.position(), motion.rotation()),
@@ -134,13 +136,14 @@ impl<'a> Judge<'a> {
                 frame.moving_errors_m.push(error_m as f32);
             }
             let off = apart(&known.motion, position, rotation);
-            if breaks(tolerance, off, known.radius) {
+            let tolerance = tolerance.of_class(known.class);
+            if let Some(share) = over(tolerance, off, known.radius) {
                 self.breaches.push(Breach {
                     tick,
                     id: known.id,
                     error_m,
                     tolerance_m: tolerance.reach(known.radius).metres(),
-                    cause: cause(copy, known.id, tick),
+                    cause: cause(copy, known.id, tick, share),
                 });
             }
         }
@@ -164,9 +167,11 @@ fn seen(id: BodyId, (position, rotation): ([f32; 3], [f32; 4]), copy: &Subscribe
     }
 }
 
-/// Why a body of a tick that is vouched for is off.
-fn cause(copy: &Subscriber, id: BodyId, tick: Tick) -> Cause {
+/// Why a body of a tick that is vouched for is off by so much of its tolerance.
+fn cause(copy: &Subscriber, id: BodyId, tick: Tick, share: f64) -> Cause {
+    let owned = copy.excess_at(tick).is_some_and(|excess| share <= excess);
     match copy.bound_at(id, tick) {
+        Some(Bound::Within(_)) if owned => Cause::Budget,
         Some(Bound::Within(_)) | None => Cause::Fault,
         Some(Bound::Unknown { .. }) if copy.statistics().missed > 0 => Cause::Loss,
         Some(Bound::Unknown { .. }) => Cause::Late,

@@ -8,7 +8,7 @@ use std::num::NonZeroU32;
 use bytes::Bytes;
 use glam::Vec3;
 use rhumb_protocol::packet::StreamId;
-use rhumb_protocol::stream::{Manner, StreamStart, Subscriber};
+use rhumb_protocol::stream::{Budget, Manner, StreamStart, Subscriber};
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{BodyId, Integrator, Tick, Tolerance, Track};
 
@@ -53,9 +53,14 @@ pub(super) struct Start {
 }
 
 impl Listener {
-    pub(super) fn new(start: &Start, round_trip: Span) -> Self {
+    /// `budget`: of a stream that has one.
+    pub(super) fn new(start: &Start, round_trip: Span, budget: Option<Budget>) -> Self {
+        let begin = match budget {
+            Some(_) => Subscriber::limited,
+            None => Subscriber::new,
+        };
         Self {
-            subscriber: Subscriber::new(&StreamStart {
+            subscriber: begin(&StreamStart {
                 stream: start.stream,
                 tolerance: start.tolerance,
                 integrator: start.integrator,

@@ -6,7 +6,8 @@ use std::num::NonZeroU32;
 use std::path::PathBuf;
 
 use clap::Args;
-use rhumb_protocol::stream::{Features, HINDSIGHT_MAX};
+use rhumb_protocol::limits::{BUDGET_MAX, BUDGET_MIN};
+use rhumb_protocol::stream::{Budget, Features, HINDSIGHT_MAX};
 use rhumb_reckoning::{Damping, Metres, Radians, Ticks, Tolerance};
 use rhumb_transport::LinkTerms;
 
@@ -88,6 +89,15 @@ pub struct Manner {
     /// Ticks that the publisher looks back before it speaks of one; the copy is as much later.
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=i64::from(HINDSIGHT_MAX.count())))]
     pub(super) hindsight: u32,
+    /// Bytes a second that the stream's packets may take; without one they take what the promise needs.
+    #[arg(long, value_name = "BYTES/S", value_parser = budget)]
+    pub(super) budget: Option<Budget>,
+}
+
+/// Bytes a second, of which a quarter may be said at once.
+pub(crate) fn budget(text: &str) -> Result<Budget, String> {
+    let budget = text.parse().ok().and_then(Budget::per_second);
+    budget.ok_or_else(|| format!("must be bytes a second, from {BUDGET_MIN} to {BUDGET_MAX}"))
 }
 
 impl Manner {
@@ -103,6 +113,7 @@ impl Manner {
             every: self.every,
             seed: self.seed,
             hindsight: Ticks::new(self.hindsight),
+            budget: self.budget,
             features,
         })
     }

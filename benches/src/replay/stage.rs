@@ -11,7 +11,9 @@ use bytes::Bytes;
 use rhumb_protocol::message::{Notice, ServerMessage};
 use rhumb_protocol::packet::{Echo, Head, Kind, StreamId};
 use rhumb_protocol::scene::{BodyKind, Cadence};
-use rhumb_protocol::stream::{Activity, Features, Losses, Manner, Publisher, StreamTerms, Witness};
+use rhumb_protocol::stream::{
+    Activity, Budget, Features, Losses, Manner, Publisher, StreamTerms, Witness,
+};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Instant, Span};
@@ -39,6 +41,8 @@ pub struct ReplayTerms {
     pub hindsight: Ticks,
     /// What the publisher may use.
     pub features: Features,
+    /// What its packets may take, if that is limited.
+    pub budget: Option<Budget>,
 }
 
 impl ReplayTerms {
@@ -134,6 +138,21 @@ pub fn run(
     Ok(stage.into_run())
 }
 
+/// The stream at its source, without bodies yet.
+fn publisher(start: &Start, terms: &ReplayTerms) -> Publisher {
+    let stream = StreamTerms {
+        tolerance: start.tolerance,
+        integrator: start.integrator,
+        gravity: start.gravity,
+        features: terms.features,
+    };
+    let mut publisher = Publisher::new(start.stream, &stream, Tick::ZERO);
+    if let Some(budget) = terms.budget {
+        publisher.limit(budget);
+    }
+    publisher
+}
+
 fn moment(rate: Rate, tick: Tick) -> Instant {
     Instant::from_nanos(tick.value() * rate.step_ns())
 }
@@ -187,21 +206,12 @@ impl<'a> Stage<'a> {
         Self {
             recording,
             terms,
-            publisher: Publisher::new(
-                STREAM,
-                &StreamTerms {
-                    tolerance: start.tolerance,
-                    integrator: start.integrator,
-                    gravity: start.gravity,
-                    features: terms.features,
-                },
-                Tick::ZERO,
-            ),
+            publisher: publisher(&start, terms),
             witness: Witness::new(Cadence {
                 every: terms.every,
                 hindsight: terms.hindsight,
             }),
-            listener: Listener::new(&start, Span::from_nanos(round_trip_ns)),
+            listener: Listener::new(&start, Span::from_nanos(round_trip_ns), terms.budget),
             judge: Judge::new(&recording.truth),
             down: Link::new(link, terms.seed),
             up: Link::new(link, !terms.seed),
@@ -486,6 +496,7 @@ impl<'a> Stage<'a> {
                 mode: Mode::Replay,
                 depth: 0,
                 tolerance_m: tolerance.map(Metres::metres),
+                budget_bytes_per_second: self.terms.budget.map(Budget::bytes_per_second),
                 link: if link == LinkTerms::PERFECT {
                     String::new()
                 } else {
@@ -506,6 +517,7 @@ impl<'a> Stage<'a> {
             step_ns_p99: 0,
             step_ns_total: 0,
             publish_ns_total: self.publish_ns,
+            mismatches: self.listener.subscriber.statistics().mismatches,
         }
     }
 }

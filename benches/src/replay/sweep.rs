@@ -43,6 +43,11 @@ fn change(base: &Manner, name: &str, value: &str) -> Result<Manner, String> {
         "tolerance" => manner.promise.tolerance = value.parse().map_err(|_| wrong())?,
         "turn" => manner.promise.turn = Some(value.parse().map_err(|_| wrong())?),
         "every" => manner.every = value.parse().map_err(|_| wrong())?,
+        "budget" if value == "none" => manner.budget = None,
+        "budget" => {
+            let read = super::source::budget(value);
+            manner.budget = Some(read.map_err(|why| format!("budget={value}: {why}"))?);
+        }
         _ => manner.link = with_link(base.link, &format!("{name}={value}"))?,
     }
     Ok(manner)
@@ -85,6 +90,7 @@ mod tests {
             every: NonZeroU32::MIN,
             seed: 1,
             hindsight: 0,
+            budget: None,
         }
     }
 
@@ -97,6 +103,13 @@ mod tests {
         assert_eq!(links, expected);
         let sweep: Sweep = "tolerance=0.02".parse().unwrap();
         assert!((sweep.over(&base()).unwrap()[0].promise.tolerance - 0.02).abs() < 1e-12);
+        let sweep: Sweep = "budget=none,4000".parse().unwrap();
+        let budgets = sweep
+            .over(&base())
+            .unwrap()
+            .into_iter()
+            .map(|manner| manner.budget);
+        assert!(budgets.eq([None, rhumb_protocol::stream::Budget::per_second(4_000)]));
         assert_eq!(matrix(&base()).unwrap().len(), 28);
     }
 
@@ -104,7 +117,7 @@ mod tests {
     fn what_is_no_setting_is_refused() {
         assert!("tolerance".parse::<Sweep>().is_err());
         assert!("tolerance=1,".parse::<Sweep>().is_err());
-        for wrong in ["tolerance=x", "every=0", "colour=red"] {
+        for wrong in ["tolerance=x", "every=0", "budget=9", "colour=red"] {
             let sweep: Sweep = wrong.parse().unwrap();
             assert!(sweep.over(&base()).is_err(), "{wrong}");
         }

@@ -226,6 +226,9 @@ fn setting(run: &RunFigures) -> String {
     if of.hindsight_ticks > 0 {
         text.push_str(&format!(", {} ticks later", of.hindsight_ticks));
     }
+    if let Some(budget) = run.budget_bytes_per_second {
+        text.push_str(&format!(", {budget} B/s"));
+    }
     if !of.without.is_empty() {
         text.push_str(", without ");
         text.push_str(&match &of.without[..] {

@@ -30,6 +30,7 @@ pub(super) fn figures(run: &Run, truth_digest: u64) -> RunFigures {
         mode: terms.mode.name().to_owned(),
         depth: terms.depth,
         tolerance_m: terms.tolerance_m,
+        budget_bytes_per_second: terms.budget_bytes_per_second,
         link: None,
         ticks: terms.ticks,
         replayed: terms.replayed.clone(),
@@ -49,6 +50,7 @@ pub(super) fn figures(run: &Run, truth_digest: u64) -> RunFigures {
         surface_error_m: None,
         unjudged_frames: None,
         over_tolerance: None,
+        mismatches: None,
         moving: None,
         of_all_on: None,
         of_limit: None,
@@ -68,6 +70,7 @@ pub(super) fn figures(run: &Run, truth_digest: u64) -> RunFigures {
         figures.unjudged_frames = Some(unjudged(run));
         figures.surface_error_m = Errors::of(&mut errors);
         figures.over_tolerance = Some(over_tolerance(&run.breaches, errors.count()));
+        figures.mismatches = Some(run.mismatches);
         figures.publish_share =
             (run.step_ns_total > 0).then(|| run.publish_ns_total as f64 / run.step_ns_total as f64);
     }
@@ -258,9 +261,8 @@ impl Errors {
 }
 
 fn over_tolerance(breaches: &[Breach], body_ticks: u64) -> OverTolerance {
-    let mut by_cause: BTreeMap<String, u64> = [Cause::Loss, Cause::Late, Cause::Fault]
-        .map(|cause| (cause.name().to_owned(), 0))
-        .into();
+    let mut by_cause: BTreeMap<String, u64> =
+        Cause::ALL.map(|cause| (cause.name().to_owned(), 0)).into();
     for breach in breaches {
         *by_cause.entry(breach.cause.name().to_owned()).or_default() += 1;
     }

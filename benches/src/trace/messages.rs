@@ -96,6 +96,7 @@ impl From<&record::Breach> for Breach {
                 record::Cause::Loss => 1,
                 record::Cause::Late => 2,
                 record::Cause::Fault => 3,
+                record::Cause::Budget => 4,
             },
         }
     }
@@ -202,6 +203,8 @@ pub(super) struct Placement {
     pub(super) motion: Vec<f32>,
     #[prost(bool, tag = "8")]
     pub(super) awake: bool,
+    #[prost(sint32, tag = "9")]
+    pub(super) class: i32,
 }
 
 impl From<&Placed> for Placement {
@@ -235,6 +238,7 @@ impl From<&Placed> for Placement {
             bounding_radius_m: placed.shape.bounding_radius().metres(),
             motion: placed.observation.motion.parts().into(),
             awake: placed.observation.activity == Activity::Awake,
+            class: placed.terms.class.exponent().into(),
         }
     }
 }

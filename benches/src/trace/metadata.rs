@@ -67,9 +67,13 @@ pub(super) fn of_run(
         ("step_ns_p99", run.step_ns_p99.to_string()),
         ("step_ns_total", run.step_ns_total.to_string()),
         ("publish_ns_total", run.publish_ns_total.to_string()),
+        ("mismatches", run.mismatches.to_string()),
     ]);
     if let Some(tolerance_m) = terms.tolerance_m {
         record.insert("tolerance_m".to_owned(), tolerance_m.to_string());
+    }
+    if let Some(budget) = terms.budget_bytes_per_second {
+        record.insert("budget_bytes_per_second".to_owned(), budget.to_string());
     }
     if let Some(replayed) = &terms.replayed {
         record.extend(of_replay(replayed));

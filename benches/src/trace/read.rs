@@ -6,7 +6,7 @@ use glam::Vec3;
 use prost::Message as _;
 use rhumb_protocol::scene::{BodyKind, BodyTerms, Hull, Shape, ShapeId};
 use rhumb_protocol::stream::{Activity, Observation};
-use rhumb_reckoning::{BodyId, Tick, Verbatim};
+use rhumb_reckoning::{BodyId, Class, Tick, Verbatim};
 
 use super::messages::{Placement, States};
 use crate::record::Placed;
@@ -92,9 +92,13 @@ fn placed(tick: Tick, placement: &Placement) -> Option<Placed> {
     };
     let shape = shape(placement.shape, &placement.extents)?;
     shape.check().ok()?;
+    let class = i8::try_from(placement.class).ok().and_then(Class::new)?;
     Some(Placed {
         tick,
-        terms: BodyTerms::plain(id, kind, ShapeId(0)),
+        terms: BodyTerms {
+            class,
+            ..BodyTerms::plain(id, kind, ShapeId(0))
+        },
         shape,
         observation: Observation {
             id,

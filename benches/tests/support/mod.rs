@@ -92,6 +92,7 @@ fn terms(mode: Mode) -> RunTerms {
         mode,
         depth: 0,
         tolerance_m: (mode == Mode::Rhumb).then_some(TOLERANCE_M),
+        budget_bytes_per_second: None,
         link: if mode == Mode::Integrated {
             "none"
         } else {
@@ -118,6 +119,7 @@ fn run(mode: Mode, frames: Vec<Frame>) -> Run {
         step_ns_p99: 3_000_000,
         step_ns_total: 4_000_000,
         publish_ns_total: 0,
+        mismatches: 0,
     }
 }
 

@@ -5,8 +5,8 @@
 use std::fmt::Write;
 
 use rhumb_protocol::packet::{
-    Course, Echo, Head, Kind, Parity, Repair, Saying, StatePacket, Tables, TrackSaying, Update,
-    Vouch,
+    Course, Echo, Excess, Head, Kind, Parity, Repair, Saying, StatePacket, Tables, TrackSaying,
+    Update, Vouch,
 };
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::wire::{Malformed, Wire};
@@ -101,18 +101,16 @@ pub(crate) fn meaning(bytes: &[u8]) -> Result<String, Malformed> {
     let mut reader = Reader::new(bytes);
     let head = Head::decode(&mut reader)?;
     let body = match head.kind {
-        Kind::State => state(false, reader)?,
-        Kind::StateEnd => state(true, reader)?,
-        Kind::Vouch => {
-            let Vouch {
-                next,
-                tick,
-                notices,
-            } = Vouch::decode(reader)?;
-            format!(
-                "\"kind\": 2, \"next\": {}, \"tick\": {}, \"notices\": {}",
-                next.0, tick.0, notices.0
-            )
+        Kind::State => state("\"kind\": 0", StatePacket::decode(false, reader)?)?,
+        Kind::StateEnd => state("\"kind\": 1", StatePacket::decode(true, reader)?)?,
+        Kind::StateInArrears => {
+            let packet = StatePacket::decode_in_arrears(reader)?;
+            state(&format!("\"kind\": 11, {}", factor(packet.excess)), packet)?
+        }
+        Kind::Vouch => format!("\"kind\": 2, {}", vouch(&Vouch::decode(reader)?)),
+        Kind::VouchInArrears => {
+            let (said, excess) = Vouch::decode_in_arrears(reader)?;
+            format!("\"kind\": 12, {}, {}", factor(excess), vouch(&said))
         }
         Kind::Repair => repair(&Repair::decode(reader)?),
         Kind::Echo => {
@@ -141,14 +139,21 @@ pub(crate) fn meaning(bytes: &[u8]) -> Result<String, Malformed> {
     Ok(format!("{{\"stream\": {}, {body}}}", head.stream.0))
 }
 
-fn state(ends_tick: bool, reader: Reader<'_>) -> Result<String, Malformed> {
-    let packet = StatePacket::decode(ends_tick, reader)?;
+/// A factor in eighths, which are whole.
+fn factor(excess: Excess) -> String {
+    let eighths = excess.factor().map(|factor| (factor * 8.0) as u64);
+    format!("\"excess_eighths\": {}", maybe(eighths))
+}
+
+fn vouch(said: &Vouch) -> String {
+    let (next, tick, notices) = (said.next.0, said.tick.0, said.notices.0);
+    format!("\"next\": {next}, \"tick\": {tick}, \"notices\": {notices}")
+}
+
+fn state(kind: &str, packet: StatePacket<'_>) -> Result<String, Malformed> {
     let mut body = format!(
-        "\"kind\": {}, \"number\": {}, \"tick\": {}, \"notices\": {}",
-        u8::from(ends_tick),
-        packet.number.0,
-        packet.tick.0,
-        packet.notices.0
+        "{kind}, \"number\": {}, \"tick\": {}, \"notices\": {}",
+        packet.number.0, packet.tick.0, packet.notices.0
     );
     let mut updates = Vec::new();
     packet.updates(&mut updates)?;

@@ -81,6 +81,18 @@ fn heads(cases: &mut Vec<Case>) {
     .encode(StreamId(5));
     case("a vouch that ends too soon", &vouch[..vouch.len() - 1]);
     case("bytes behind a vouch", &[&vouch[..], &[0]].concat());
+    case(
+        "a vouch in arrears of no excess",
+        &[12, 5, 0, 1, 0, 2, 0, 3, 0],
+    );
+    case(
+        "a packet in arrears of no excess",
+        &[11, 5, 0, 1, 0, 2, 0, 3, 0, 0],
+    );
+    case(
+        "a vouch in arrears that ends too soon",
+        &[12, 5, 9, 1, 0, 2, 0, 3],
+    );
     case("an echo of 65 numbers", &[6, 5, 0, 0, 0, 0, 0, 65]);
     case(
         "an echo that ends too soon",

@@ -2,7 +2,7 @@
 
 use rhumb_protocol::limits::INDICES_MAX;
 use rhumb_protocol::packet::{
-    Course, Echo, Low16, Parity, RepairRecord, RepairWriter, Saying, StateWriter, StreamId,
+    Course, Echo, Excess, Low16, Parity, RepairRecord, RepairWriter, Saying, StateWriter, StreamId,
     TrackSaying, Update, Vouch,
 };
 use rhumb_reckoning::{
@@ -464,6 +464,25 @@ fn others(cases: &mut Vec<Case>) {
             notices: low(notices),
         };
         cases.push(("a vouch".to_owned(), vouch.encode(StreamId(5))));
+    }
+    for share in [1.01, 2.0, 3.3, 1e9, 1e30] {
+        let excess = Excess::covering(share);
+        let silence = Vouch {
+            next: Low16(5),
+            tick: Low16(6),
+            notices: Low16(7),
+        };
+        let name = "a vouch in arrears".to_owned();
+        cases.push((name, silence.encode_in_arrears(StreamId(5), excess)));
+        let mut writer = StateWriter::new(StreamId(5), 70_000, 300, 12);
+        let whole = every_whole()[0];
+        assert!(writer.push(&Update {
+            seat: 3,
+            body: Some(9),
+            saying: Saying::Whole(whole),
+        }));
+        let name = "a packet in arrears".to_owned();
+        cases.push((name, writer.finish_in_arrears(excess)));
     }
     for (parities, lost) in [
         (0, vec![]),

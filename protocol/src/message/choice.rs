@@ -4,6 +4,7 @@
 
 use rhumb_reckoning::{LengthBound, Tolerance, TurnBound};
 
+use crate::stream::Budget;
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
@@ -12,6 +13,13 @@ use crate::wire::{Malformed, Wire};
 pub enum StreamChoice {
     /// Reckoned, within this tolerance.
     Within(Tolerance),
+    /// The same, held to a budget: where that does not suffice, the stream says how far it exceeds the tolerance.
+    Capped {
+        /// What it promises while the budget suffices.
+        tolerance: Tolerance,
+        /// What it may take.
+        budget: Budget,
+    },
     /// Everything, every tick, to the bit.
     Full,
 }
@@ -21,7 +29,7 @@ impl StreamChoice {
     #[must_use]
     pub const fn tolerance(self) -> Tolerance {
         match self {
-            Self::Within(tolerance) => tolerance,
+            Self::Within(tolerance) | Self::Capped { tolerance, .. } => tolerance,
             Self::Full => Tolerance::LEAST,
         }
     }
@@ -40,11 +48,34 @@ impl Wire for StreamChoice {
                 to.varint(u64::from(position.micrometres()));
                 to.varint(u64::from(turn.microradians()));
             }
+            Self::Capped { tolerance, budget } => {
+                to.u8(CAPPED);
+                budget.encode(to);
+                Self::Within(*tolerance).encode(to);
+            }
         }
     }
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
-        Ok(match from.u8()? {
+        let code = from.u8()?;
+        if code != CAPPED {
+            return Self::uncapped(code, from);
+        }
+        let budget = Budget::decode(from)?;
+        match Self::uncapped(from.u8()?, from)? {
+            Self::Within(tolerance) => Ok(Self::Capped { tolerance, budget }),
+            Self::Full | Self::Capped { .. } => Err(Malformed::UnknownCode),
+        }
+    }
+}
+
+/// Before a budget, and the choice that it is for.
+const CAPPED: u8 = 3;
+
+impl StreamChoice {
+    /// What follows a code, of a choice without a budget.
+    fn uncapped(code: u8, from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        Ok(match code {
             0 => Self::Within(Tolerance::Surface(decode_length(from)?)),
             1 => Self::Full,
             2 => Self::Within(Tolerance::Parts {
@@ -91,6 +122,13 @@ mod tests {
                 parts(1_000, 3_141_593),
                 &[2, 0xe8, 7, 0xd9, 0xdf, 0xbf, 1][..],
             ),
+            (
+                StreamChoice::Capped {
+                    tolerance: Tolerance::NORMAL,
+                    budget: Budget::new(8_000, 2_000).unwrap(),
+                },
+                &[3, 0xc0, 0x3e, 0xd0, 0x0f, 0, 0xd0, 0x86, 3][..],
+            ),
         ] {
             let mut writer = Writer::new();
             choice.encode(&mut writer);
@@ -117,6 +155,11 @@ mod tests {
             let refused = read(&writer.into_bytes());
             assert_eq!(refused, Err(Malformed::OutOfRange), "{numbers:?}");
         }
-        assert_eq!(read(&[3]), Err(Malformed::UnknownCode));
+        assert_eq!(read(&[4]), Err(Malformed::UnknownCode));
+        // A full stream has no budget, and a budget none of its own.
+        for inner in [1, 3] {
+            let refused = read(&[3, 0xc0, 0x3e, 0xd0, 0x0f, inner]);
+            assert_eq!(refused, Err(Malformed::UnknownCode));
+        }
     }
 }

@@ -9,6 +9,7 @@ use super::choice::StreamChoice;
 use super::drive::Drive;
 use super::extensions::Extensions;
 use super::frame::{Framed, frame};
+use super::moving::Moves;
 use crate::limits::{DATAGRAM_BYTES_MAX, RESERVE_MAX, VERSIONS_MAX};
 use crate::packet::StreamId;
 use crate::scene::{Command, SceneName, SceneTerms};
@@ -65,6 +66,8 @@ pub enum ClientMessage {
     Drive(Drive),
     /// A packet of the stream on which it says how its driven bodies move, where that must come before an advance.
     Upstream(Vec<u8>),
+    /// Says where it may be moved when its link is thin.
+    Moves(Moves),
 }
 
 /// Type bytes.
@@ -84,6 +87,7 @@ mod kind {
     pub(super) const FOLLOWED: u8 = 13;
     pub(super) const DRIVE: u8 = 14;
     pub(super) const UPSTREAM: u8 = 15;
+    pub(super) const MOVES: u8 = 16;
 }
 
 impl ClientMessage {
@@ -149,6 +153,10 @@ impl ClientMessage {
                 body.raw(packet);
                 kind::UPSTREAM
             }
+            Self::Moves(moves) => {
+                moves.encode(&mut body);
+                kind::MOVES
+            }
         };
         frame(kind, &body.into_bytes(), to);
     }
@@ -186,6 +194,7 @@ impl ClientMessage {
                 return Err(Malformed::TooLong);
             }
             kind::UPSTREAM => Self::Upstream(from.raw(framed.body.len())?.to_vec()),
+            kind::MOVES => Self::Moves(Moves::decode(&mut from)?),
             OPTIONAL.. => return Ok(None),
             _ => return Err(Malformed::UnknownCode),
         };

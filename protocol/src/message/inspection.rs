@@ -38,6 +38,8 @@ pub struct Inspection {
     pub packet_bytes: u64,
     /// Tracks of that stream that some member had otherwise, and was told again.
     pub amended: u64,
+    /// Bodies of which that stream withheld that they were off, for want of budget, each counted at every tick.
+    pub withheld: u64,
     /// Where the tick's time went.
     pub times: StageTimes,
 }
@@ -54,6 +56,7 @@ impl Wire for Inspection {
             self.packets,
             self.packet_bytes,
             self.amended,
+            self.withheld,
             times.step_total,
             times.step_median,
             times.step_p99,
@@ -79,6 +82,7 @@ impl Wire for Inspection {
             packets: from.varint()?,
             packet_bytes: from.varint()?,
             amended: from.varint()?,
+            withheld: from.varint()?,
             times: StageTimes {
                 step_total: from.varint()?,
                 step_median: from.varint()?,

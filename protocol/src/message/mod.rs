@@ -8,6 +8,7 @@ mod frame;
 mod grease;
 mod inertia;
 mod inspection;
+mod moving;
 mod notice;
 mod server;
 
@@ -19,6 +20,7 @@ pub use extensions::{Extension, Extensions};
 pub use frame::{Framed, Frames, frame};
 pub use grease::{Grease, is_no_version};
 pub use inspection::{Inspection, StageTimes};
+pub use moving::{MoveCause, Moves};
 pub use notice::{Notice, RemovalCause};
 pub use server::{Joined, ServerMessage, Welcome};
 

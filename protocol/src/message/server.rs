@@ -10,6 +10,7 @@ use super::drive::{DriveError, Driving};
 use super::extensions::Extensions;
 use super::frame::{Framed, frame};
 use super::inspection::Inspection;
+use super::moving::MoveCause;
 use super::notice::Notice;
 use crate::packet::StreamId;
 use crate::scene::{CommandError, IdRange, SceneTerms};
@@ -95,6 +96,13 @@ pub enum ServerMessage {
     Driving(Driving),
     /// `Drive` was refused, and what was driven before goes on; or nothing is driven any more.
     NotDriving(DriveError),
+    /// The server moves the member to another stream for its link's sake; a snapshot of that stream follows.
+    Moved {
+        /// Which stream.
+        to: StreamChoice,
+        /// Why.
+        cause: MoveCause,
+    },
 }
 
 /// Type bytes.
@@ -114,6 +122,7 @@ mod kind {
     pub(super) const INSPECTION: u8 = 13;
     pub(super) const DRIVING: u8 = 14;
     pub(super) const NOT_DRIVING: u8 = 15;
+    pub(super) const MOVED: u8 = 16;
 }
 
 impl Wire for Welcome {
@@ -244,6 +253,11 @@ impl ServerMessage {
                 error.encode(&mut body);
                 kind::NOT_DRIVING
             }
+            Self::Moved { to: choice, cause } => {
+                choice.encode(&mut body);
+                cause.encode(&mut body);
+                kind::MOVED
+            }
         };
         frame(kind, &body.into_bytes(), to);
     }
@@ -281,6 +295,10 @@ impl ServerMessage {
             kind::INSPECTION => Self::Inspection(Inspection::decode(&mut from)?),
             kind::DRIVING => Self::Driving(Driving::decode(&mut from)?),
             kind::NOT_DRIVING => Self::NotDriving(DriveError::decode(&mut from)?),
+            kind::MOVED => Self::Moved {
+                to: StreamChoice::decode(&mut from)?,
+                cause: MoveCause::decode(&mut from)?,
+            },
             OPTIONAL.. => return Ok(None),
             _ => return Err(Malformed::UnknownCode),
         };

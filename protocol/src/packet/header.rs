@@ -87,10 +87,14 @@ pub enum Kind {
     Doubt,
     /// A sum over the last packets, from which a lost one can be had.
     Parity,
+    /// Updates of a stream with a budget; the last packet of its tick, and something was withheld.
+    StateInArrears,
+    /// Nothing was said up to a tick of a stream with a budget, though something should have been.
+    VouchInArrears,
 }
 
 impl Kind {
-    const CODES: [(u8, Self); 10] = [
+    const CODES: [(u8, Self); 12] = [
         (0, Self::State),
         (1, Self::StateEnd),
         (2, Self::Vouch),
@@ -101,6 +105,8 @@ impl Kind {
         (7, Self::Digest),
         (8, Self::Doubt),
         (9, Self::Parity),
+        (11, Self::StateInArrears),
+        (12, Self::VouchInArrears),
     ];
 }
 

@@ -3,6 +3,7 @@
 //! Codec only: what a datagram means for a stream is decided in `stream`.
 mod digest;
 mod echo;
+mod excess;
 mod forge;
 mod full;
 mod galois;
@@ -19,6 +20,7 @@ mod whole;
 
 pub use digest::{Digest, Doubt, Ranges};
 pub use echo::Echo;
+pub use excess::Excess;
 #[doc(hidden)]
 pub use forge::Forge;
 pub use full::{FULL_RECORD_BYTES, FullPacket, FullRecord};

@@ -2,6 +2,7 @@
 
 use alloc::vec::Vec;
 
+use super::excess::Excess;
 use super::header::{Head, Kind, Low16, StreamId};
 use super::saying::{Saying, Tongue};
 use super::whole::TrackSaying;
@@ -35,8 +36,8 @@ pub struct StateWriter {
     notices: Low16,
 }
 
-/// Bytes before the updates: kind, stream, number, tick, notices and count.
-const HEAD_BYTES_MAX: usize = 1 + 5 + 2 + 2 + 2 + 2;
+/// Bytes before the updates: kind, stream, excess, number, tick, notices and count.
+const HEAD_BYTES_MAX: usize = 1 + 5 + 1 + 2 + 2 + 2 + 2;
 /// More than the widest gap and the naming of a body take.
 const GAP_BYTES_MAX: usize = 12;
 
@@ -94,12 +95,25 @@ impl StateWriter {
         } else {
             Kind::State
         };
+        self.finish_as(kind, None)
+    }
+
+    /// The datagram that ends a tick at which tracks exceed their tolerances by this.
+    #[must_use]
+    pub fn finish_in_arrears(self, excess: Excess) -> Vec<u8> {
+        self.finish_as(Kind::StateInArrears, Some(excess))
+    }
+
+    fn finish_as(self, kind: Kind, excess: Option<Excess>) -> Vec<u8> {
         let mut head = Writer::new();
         Head {
             kind,
             stream: self.stream,
         }
         .encode(&mut head);
+        if let Some(excess) = excess {
+            excess.encode(&mut head);
+        }
         self.number.encode(&mut head);
         self.tick.encode(&mut head);
         self.notices.encode(&mut head);
@@ -120,6 +134,8 @@ pub struct StatePacket<'a> {
     pub notices: Low16,
     /// Whether it is the last of its tick.
     pub ends_tick: bool,
+    /// By what factor tracks exceed their tolerances, of a packet that says so.
+    pub excess: Excess,
     count: u64,
     words: RangeReader<'a>,
 }
@@ -140,9 +156,21 @@ impl<'a> StatePacket<'a> {
             tick,
             notices,
             ends_tick,
+            excess: Excess::NONE,
             count,
             words: RangeReader::new(from.rest()),
         })
+    }
+
+    /// Reads what follows the head of one that says an excess.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed`] when that is not such a packet.
+    pub fn decode_in_arrears(mut from: Reader<'a>) -> Result<Self, Malformed> {
+        let excess = Excess::decode(&mut from)?;
+        let packet = Self::decode(true, from)?;
+        Ok(Self { excess, ..packet })
     }
 
     /// Reads every update; `out` keeps its capacity from packet to packet.
@@ -182,12 +210,21 @@ impl Vouch {
     /// The datagram.
     #[must_use]
     pub fn encode(&self, stream: StreamId) -> Vec<u8> {
+        self.encode_as(Kind::Vouch, stream, None)
+    }
+
+    /// The datagram that vouches for ticks at which tracks exceed their tolerances by this (PROTOCOL 5.17).
+    #[must_use]
+    pub fn encode_in_arrears(&self, stream: StreamId, excess: Excess) -> Vec<u8> {
+        self.encode_as(Kind::VouchInArrears, stream, Some(excess))
+    }
+
+    fn encode_as(&self, kind: Kind, stream: StreamId, excess: Option<Excess>) -> Vec<u8> {
         let mut to = Writer::new();
-        Head {
-            kind: Kind::Vouch,
-            stream,
+        Head { kind, stream }.encode(&mut to);
+        if let Some(excess) = excess {
+            excess.encode(&mut to);
         }
-        .encode(&mut to);
         self.next.encode(&mut to);
         self.tick.encode(&mut to);
         self.notices.encode(&mut to);
@@ -207,6 +244,16 @@ impl Vouch {
         };
         from.finish()?;
         Ok(vouch)
+    }
+
+    /// Reads what follows the head of one that says an excess.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed`] when that is not such a vouch.
+    pub fn decode_in_arrears(mut from: Reader<'_>) -> Result<(Self, Excess), Malformed> {
+        let excess = Excess::decode(&mut from)?;
+        Ok((Self::decode(from)?, excess))
     }
 }
 
@@ -275,6 +322,49 @@ mod tests {
             let mut longer = bytes;
             longer.push(0);
             prop_assert!(decode(&longer).is_err());
+        }
+    }
+
+    #[test]
+    fn what_is_said_in_arrears_comes_back_and_no_excess_is_not_said_so() {
+        let excess = Excess::covering(3.0);
+        let writer = StateWriter::new(StreamId(7), 70_000, 80_000, 90_000);
+        let state = writer.finish_in_arrears(excess);
+        let vouch = Vouch {
+            next: Low16(1),
+            tick: Low16(2),
+            notices: Low16(3),
+        };
+        let silence = vouch.encode_in_arrears(StreamId(7), excess);
+        for (bytes, kind) in [
+            (state, Kind::StateInArrears),
+            (silence, Kind::VouchInArrears),
+        ] {
+            let stream = StreamId(7);
+            let read = |bytes: &[u8]| {
+                let mut reader = Reader::new(bytes);
+                assert_eq!(Head::decode(&mut reader), Ok(Head { kind, stream }));
+                match kind {
+                    Kind::StateInArrears => {
+                        StatePacket::decode_in_arrears(reader).and_then(|packet| {
+                            assert!(packet.ends_tick);
+                            let excess = packet.excess;
+                            packet.updates(&mut Vec::new()).map(|()| excess)
+                        })
+                    }
+                    _ => Vouch::decode_in_arrears(reader).map(|(read, excess)| {
+                        assert_eq!(read, vouch);
+                        excess
+                    }),
+                }
+            };
+            assert_eq!(read(&bytes), Ok(excess));
+            for cut in 2..bytes.len() {
+                assert_eq!(read(&bytes[..cut]), Err(Malformed::Truncated));
+            }
+            let mut within = bytes;
+            within[2] = 0;
+            assert_eq!(read(&within), Err(Malformed::NotCanonical));
         }
     }
 

@@ -1,6 +1,6 @@
 //! What a body is, apart from where it is.
 
-use rhumb_reckoning::{BodyId, Damping};
+use rhumb_reckoning::{BodyId, Class, Damping};
 
 use super::checks::{Invalid, Quantity, scalar};
 use super::material::Material;
@@ -38,6 +38,8 @@ pub struct BodyTerms {
     pub gravity_scale: f32,
     /// Whether the axis of its spin wanders when its moments of inertia differ, as physics has it; true for most.
     pub gyroscopic: bool,
+    /// How much closer or looser than its streams it is followed.
+    pub class: Class,
 }
 
 /// Bits of the byte that says what follows.
@@ -47,7 +49,8 @@ mod flag {
     pub(super) const DAMPING: u8 = 1 << 3;
     pub(super) const GRAVITY_SCALE: u8 = 1 << 4;
     pub(super) const NOT_GYROSCOPIC: u8 = 1 << 5;
-    pub(super) const ALL: u8 = (1 << 6) - 1;
+    pub(super) const CLASS: u8 = 1 << 6;
+    pub(super) const ALL: u8 = (1 << 7) - 1;
 }
 
 impl BodyTerms {
@@ -62,6 +65,7 @@ impl BodyTerms {
             damping: None,
             gravity_scale: 1.0,
             gyroscopic: true,
+            class: Class::USUAL,
         }
     }
 
@@ -105,6 +109,7 @@ impl Wire for BodyTerms {
             (self.damping.is_some(), flag::DAMPING),
             (scaled, flag::GRAVITY_SCALE),
             (!self.gyroscopic, flag::NOT_GYROSCOPIC),
+            (self.class != Class::USUAL, flag::CLASS),
         ] {
             if set {
                 flags |= bit;
@@ -121,6 +126,9 @@ impl Wire for BodyTerms {
         }
         if scaled {
             to.f32(self.gravity_scale);
+        }
+        if self.class != Class::USUAL {
+            to.u8(self.class.exponent().cast_unsigned());
         }
     }
 
@@ -150,6 +158,13 @@ impl Wire for BodyTerms {
             if terms.gravity_scale.to_bits() == 1.0_f32.to_bits() {
                 return Err(Malformed::NotCanonical);
             }
+        }
+        if flags & flag::CLASS != 0 {
+            let class = Class::new(from.u8()?.cast_signed()).ok_or(Malformed::OutOfRange)?;
+            if class == Class::USUAL {
+                return Err(Malformed::NotCanonical);
+            }
+            terms.class = class;
         }
         Ok(terms)
     }

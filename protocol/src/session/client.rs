@@ -22,7 +22,9 @@ use super::pings::Pings;
 use super::replica::Replica;
 use crate::endpoint::{Ending, Endpoint, Peer, Transmit, Wake, WakeReason};
 use crate::limits::RESERVE_MAX;
-use crate::message::{ClientMessage, Denial, Frames, Joined, Notice, ServerMessage, StreamChoice};
+use crate::message::{
+    ClientMessage, Denial, Frames, Joined, Moves, Notice, ServerMessage, StreamChoice,
+};
 use crate::scene::{Command, IdRange, SceneName, SceneTerms};
 use crate::time::{Instant, Span};
 use driving::Wheel;
@@ -211,6 +213,15 @@ impl ClientSession {
         Ok(())
     }
 
+    /// Says where the server may move this member when its link is thin: to coarse (20 cm) unless this says otherwise.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::leave`].
+    pub fn allow(&mut self, moves: Moves) -> Result<(), Misuse> {
+        self.as_member(&ClientMessage::Moves(moves))
+    }
+
     /// Asks how the scene is; answered by `Inspected`.
     ///
     /// # Errors
@@ -323,6 +334,7 @@ impl ClientSession {
             }
             ServerMessage::Driving(driving) => self.hear_driving(&driving),
             ServerMessage::NotDriving(error) => self.hear_not_driving(error),
+            ServerMessage::Moved { to, cause } => self.events.push_back(Event::Moved { to, cause }),
         }
         Ok(())
     }

@@ -7,7 +7,9 @@ use alloc::vec::Vec;
 use rhumb_reckoning::{BodyId, Tick};
 
 use crate::endpoint::Ending;
-use crate::message::{Denial, DriveError, Inspection, RemovalCause, StreamChoice, Welcome};
+use crate::message::{
+    Denial, DriveError, Inspection, MoveCause, RemovalCause, StreamChoice, Welcome,
+};
 use crate::scene::{CommandError, IdRange};
 use crate::time::{Instant, Span};
 
@@ -22,6 +24,13 @@ pub enum Event {
     Joined(IdRange),
     /// The copy is by another stream from now on.
     Following(StreamChoice),
+    /// The server is moving the member to this stream for its link's sake; `Following` tells when the copy is by it.
+    Moved {
+        /// Which stream.
+        to: StreamChoice,
+        /// Why.
+        cause: MoveCause,
+    },
     /// No longer a member.
     Left,
     /// The scene is gone.

@@ -34,7 +34,10 @@ impl Replica {
     pub(crate) fn new(joined: &Joined) -> Self {
         Self {
             choice: joined.choice,
-            subscriber: Subscriber::new(&joined.start),
+            subscriber: match joined.choice {
+                StreamChoice::Capped { .. } => Subscriber::limited(&joined.start),
+                StreamChoice::Within(_) | StreamChoice::Full => Subscriber::new(&joined.start),
+            },
             damping: joined.terms.damping,
             gravity: joined.start.gravity,
             shapes: BTreeMap::new(),

@@ -11,7 +11,7 @@ use rhumb_reckoning::Tick;
 
 use super::close::CloseCode;
 use crate::message::{
-    ClientMessage, Drive, Frames, Grease, ServerMessage, StreamChoice, VERSIONS, Welcome,
+    ClientMessage, Drive, Frames, Grease, Moves, ServerMessage, StreamChoice, VERSIONS, Welcome,
 };
 use crate::packet::StreamId;
 use crate::scene::{Command, CommandError, SceneName, SceneTerms};
@@ -59,6 +59,8 @@ pub enum Request {
     Drive(Drive),
     /// A packet of the stream on which it says how they move.
     Upstream(Vec<u8>),
+    /// To be moved only so far when its link is thin.
+    Moves(Moves),
 }
 
 /// How far the conversation has come.
@@ -200,6 +202,7 @@ impl ServerSession {
             ClientMessage::Followed(stream) => Request::Followed(stream),
             ClientMessage::Drive(drive) => Request::Drive(drive),
             ClientMessage::Upstream(packet) => Request::Upstream(packet),
+            ClientMessage::Moves(moves) => Request::Moves(moves),
             ClientMessage::Leave => Request::Leave,
             _ => return Err(CloseCode::VIOLATION),
         })
@@ -281,6 +284,7 @@ const fn is_for_members(message: &ClientMessage) -> bool {
             | ClientMessage::Followed(_)
             | ClientMessage::Drive(_)
             | ClientMessage::Upstream(_)
+            | ClientMessage::Moves(_)
     )
 }
 

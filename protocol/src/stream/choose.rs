@@ -85,6 +85,8 @@ pub(crate) struct Chooser<'a> {
     /// What a packet expects at its beginning.
     pub(crate) tongue: &'a Tongue,
     pub(crate) features: Features,
+    /// Factor on the tolerances by which lives are judged: one, unless a budget does not suffice.
+    pub(crate) slack: f64,
 }
 
 /// How a body strays from a law, by ticks: α·h + β·h², of position (m) and of turn (rad).
@@ -162,7 +164,8 @@ impl Chooser<'_> {
         }
         let (way, aim, said) = best_way?;
         if self.features.sparse {
-            for rounding in [[SPARSE; 2], [SPARSE, 0.5], [0.5, SPARSE]] {
+            let sparse = SPARSE * self.slack;
+            for rounding in [[sparse; 2], [sparse, 0.5], [0.5, sparse]] {
                 let sparser = self.try_one(subject, &way, age, aim, rounding, said);
                 best = sparser
                     .filter(|sparser| best.is_none_or(|best| sparser.price < best.price))
@@ -305,7 +308,7 @@ impl Chooser<'_> {
         if way.predictor != Predictor::Rest {
             return aims;
         }
-        let allowance = Allowance::of(self.tracks.tolerance(), subject.slot.radius);
+        let allowance = self.allowance(subject);
         for ticks in [1_usize, 2, 4, 6] {
             let Some(then) = subject.ahead.get(ticks - 1) else {
                 break;
@@ -371,13 +374,13 @@ impl Chooser<'_> {
             return None;
         }
         let begun = track.start(&grid);
-        let allowance = Allowance::of(self.tracks.tolerance(), subject.slot.radius);
+        let allowance = self.allowance(subject);
         let off = apart(&begun.pose(), &way.truth.pose());
         let share = self.exact_share(subject, way, &begun);
         let most = if rounding == [0.5; 2] {
             1.0
         } else {
-            SPARSE_SHARE
+            SPARSE_SHARE * self.slack
         };
         if share > most {
             return None;
@@ -406,9 +409,15 @@ impl Chooser<'_> {
         share(
             &subject.truth.pose(),
             &world.pose(),
-            self.tracks.tolerance(),
+            self.tracks.tolerance_of(subject.slot),
             subject.slot.radius,
         )
+    }
+
+    /// What may be expected of a body.
+    fn allowance(&self, subject: &Subject<'_>) -> Allowance {
+        let tolerance = self.tracks.tolerance_of(subject.slot);
+        Allowance::of(tolerance, subject.slot.radius).loosened(self.slack)
     }
 
     /// For how many ticks a track will hold.
@@ -433,9 +442,10 @@ impl Chooser<'_> {
             let share = share(
                 &then.pose(),
                 &motion.pose(),
-                self.tracks.tolerance(),
+                self.tracks.tolerance_of(subject.slot),
                 subject.slot.radius,
             );
+            let share = share / self.slack;
             if share > 1.0 {
                 return held + 1.0 - (share - 1.0).min(1.0) * 0.5;
             }
@@ -498,6 +508,15 @@ impl Allowance {
                 turn: turn.radians().radians(),
                 shared: false,
             },
+        }
+    }
+
+    /// The same for tolerances so many times as wide.
+    fn loosened(self, factor: f64) -> Self {
+        Self {
+            position: self.position * factor,
+            turn: self.turn * factor,
+            ..self
         }
     }
 

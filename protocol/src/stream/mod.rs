@@ -1,6 +1,7 @@
 //! The state stream: said once, followed by many.
 mod agreement;
 mod bound;
+mod budget;
 mod choose;
 mod doubt;
 mod features;
@@ -16,12 +17,14 @@ mod redundancy;
 mod restorer;
 mod seats;
 mod start;
+mod statements;
 mod statistics;
 mod subscriber;
 mod tracks;
 mod witness;
 
 pub use bound::Bound;
+pub use budget::Budget;
 pub use doubt::Reassurance;
 pub use features::Features;
 pub use full::FullPublisher;

@@ -6,7 +6,9 @@
 mod holding;
 mod packing;
 mod repairing;
+mod spending;
 
+use alloc::boxed::Box;
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
 
@@ -25,7 +27,8 @@ use super::parities::Parities;
 use super::seats::Usher;
 use super::tracks::{Manner, Slot, Tracks};
 use super::witness::{HINDSIGHT_MAX, Witness};
-use crate::packet::{Low16, Saying, StreamId, Tongue, TrackSaying, Update, Vouch};
+use crate::packet::{Excess, Low16, Saying, StreamId, Tongue, TrackSaying, Update, Vouch};
+use spending::Spending;
 
 /// What a publisher said so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -36,6 +39,8 @@ pub struct PublisherStatistics {
     pub packets: u64,
     /// Their bytes.
     pub bytes: u64,
+    /// Bodies that were not told of though they were off, for want of budget, each counted at every tick.
+    pub withheld: u64,
 }
 
 /// What a stream is, at its source.
@@ -69,6 +74,10 @@ pub struct Publisher {
     leaving: Vec<u32>,
     /// What a packet expects at its beginning.
     tongue: Tongue,
+    /// What it may take, if that is limited, and who waits.
+    spending: Option<Box<Spending>>,
+    /// Factor on all tolerances that a budget asks for at present; one without.
+    slack: f64,
     statistics: PublisherStatistics,
 }
 
@@ -98,6 +107,8 @@ impl Publisher {
             updates: Vec::new(),
             leaving: Vec::new(),
             tongue: Tongue::default(),
+            spending: None,
+            slack: 1.0,
             statistics: PublisherStatistics::default(),
         }
     }
@@ -189,7 +200,10 @@ impl Publisher {
         let Some(tick) = witness.present().filter(|tick| *tick > self.tick) else {
             return;
         };
-        self.tick = tick;
+        let before = core::mem::replace(&mut self.tick, tick);
+        if let Some(spending) = self.spending.take() {
+            return self.publish_within(spending, witness, before, notices, out);
+        }
         let observations = witness.at(tick).unwrap_or_default();
         let mut updates = core::mem::take(&mut self.updates);
         updates.clear();
@@ -316,7 +330,7 @@ impl Publisher {
     ) -> Option<(Saying, Track)> {
         let truth = observation.motion.motion();
         let believed = self.tracks.believed(slot, tick);
-        let tolerance = self.tracks.tolerance();
+        let tolerance = self.tracks.tolerance_of(slot);
         let age = tick.since(slot.track.origin)?;
         let moves = slot.track.predictor != Predictor::Rest;
         let orphaned = slot.track.carrier.is_some() && self.tracks.carrier(&slot.track).is_none();
@@ -335,6 +349,7 @@ impl Publisher {
             tracks: &self.tracks,
             tongue: &self.tongue,
             features: self.features,
+            slack: self.slack,
         };
         let subject = Subject {
             index: observation.id.index(),
@@ -382,7 +397,7 @@ impl Publisher {
         let used = share(
             &truth.pose(),
             &said.pose(),
-            self.tracks.tolerance(),
+            self.tracks.tolerance_of(slot),
             slot.radius,
         );
         let whole = TrackSaying {
@@ -405,7 +420,10 @@ impl Publisher {
             tick: Low16::of(self.tick.value()),
             notices: Low16::of(notices),
         };
-        Bytes::from(vouch.encode(self.stream))
+        Bytes::from(match self.excess() {
+            Excess::NONE => vouch.encode(self.stream),
+            excess => vouch.encode_in_arrears(self.stream, excess),
+        })
     }
 }
 

@@ -11,7 +11,7 @@ use alloc::vec::Vec;
 use core::num::NonZeroU32;
 
 use glam::Vec3;
-use rhumb_reckoning::{BodyId, Motion, Tick, Tolerance, Track, carried};
+use rhumb_reckoning::{BodyId, Metres, Motion, Tick, Tolerance, Track, carried};
 
 use super::bound::Bound;
 use super::doubt::Doubts;
@@ -19,6 +19,7 @@ use super::gaps::Gaps;
 use super::restorer::Restorer;
 use super::seats::Seats;
 use super::start::StreamStart;
+use super::statements::Statements;
 use super::statistics::SubscriberStatistics;
 use super::tracks::{Manner, Tracks};
 use crate::limits::INDICES_MAX;
@@ -64,6 +65,8 @@ pub struct Subscriber {
     updates: Vec<Update>,
     /// Of a stream whose source is not trusted with more: indices and seats stay below it, and no body holds another.
     narrow: Option<u32>,
+    /// Of a stream with a budget, what it says of how far it exceeds its tolerances.
+    statements: Option<Statements>,
     statistics: SubscriberStatistics,
 }
 
@@ -99,6 +102,7 @@ impl Subscriber {
             marked: Vec::new(),
             updates: Vec::new(),
             narrow: None,
+            statements: None,
             statistics: SubscriberStatistics::default(),
         }
     }
@@ -111,6 +115,24 @@ impl Subscriber {
             narrow: Some(end),
             ..Self::new(start)
         }
+    }
+
+    /// The same of a stream with a budget, which may exceed its tolerances and says by how much.
+    #[must_use]
+    pub fn limited(start: &StreamStart) -> Self {
+        Self {
+            statements: Some(Statements::new(start.next, start.tick)),
+            ..Self::new(start)
+        }
+    }
+
+    /// The factor by which tolerances may be exceeded at a tick: one, unless the stream has a budget that did not suffice;
+    /// `None` where a stream with a budget was not heard to say it.
+    #[must_use]
+    pub fn excess_at(&self, tick: Tick) -> Option<f64> {
+        self.statements
+            .as_ref()
+            .map_or(Some(1.0), |said| said.at(tick))
     }
 
     /// How many packets are missing.
@@ -129,6 +151,13 @@ impl Subscriber {
     #[must_use]
     pub const fn tolerance(&self) -> Tolerance {
         self.tracks.tolerance()
+    }
+
+    /// Its promise for a body: by the body's class.
+    #[must_use]
+    pub fn tolerance_of(&self, id: BodyId) -> Option<Tolerance> {
+        let slot = self.tracks.slot(id.index())?;
+        (slot.id(id.index()) == id).then(|| self.tracks.tolerance_of(slot))
     }
 
     /// What it heard so far.
@@ -243,7 +272,7 @@ impl Subscriber {
     #[must_use]
     pub fn bound_at(&self, id: BodyId, tick: Tick) -> Option<Bound> {
         let track = self.track(id)?;
-        let radius = self.tracks.slot(id.index())?.radius;
+        let slot = self.tracks.slot(id.index())?;
         let since = self.settled_at;
         let doubted = self.gaps.doubted_before();
         let in_doubt = |track: &Track| doubted.is_some_and(|before| track.origin < before);
@@ -262,7 +291,11 @@ impl Subscriber {
         if tick > self.vouched || !self.is_spoken_of(tick) || self.lost_touch || !known {
             return Some(Bound::Unknown { since });
         }
-        Some(Bound::Within(self.tolerance().reach(radius)))
+        let Some(excess) = self.excess_at(tick) else {
+            return Some(Bound::Unknown { since });
+        };
+        let reach = self.tracks.tolerance_of(slot).reach(slot.radius);
+        Some(Bound::Within(Metres::new(reach.metres() * excess)))
     }
 
     /// Whether the promise is about a tick.

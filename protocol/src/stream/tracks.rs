@@ -7,9 +7,9 @@ use core::cell::RefCell;
 
 use glam::{DVec3, Vec3};
 use rhumb_reckoning::{
-    Anchor, BodyId, Conditions, Cursor, Damping, FlowTable, Grid, HORIZON, Inertia, Integrator,
-    Metres, Motion, Predictor, Residual, Seconds, Settling, Tick, Ticks, Tolerance, Track, carried,
-    seen_from,
+    Anchor, BodyId, Class, Conditions, Cursor, Damping, FlowTable, Grid, HORIZON, Inertia,
+    Integrator, Metres, Motion, Predictor, Residual, Seconds, Settling, Tick, Ticks, Tolerance,
+    Track, carried, seen_from,
 };
 
 use super::agreement::Agreement;
@@ -29,6 +29,8 @@ pub struct Manner {
     pub gravity_scale: f32,
     /// How it resists being turned, if it tumbles when it is free.
     pub inertia: Option<Inertia>,
+    /// By which its tolerance differs from its stream's.
+    pub class: Class,
 }
 
 impl Manner {
@@ -43,18 +45,21 @@ impl Manner {
         inertia: Option<Inertia>,
     ) -> Self {
         let radius = shape.bounding_radius();
+        let class = terms.class;
         match terms.kind {
             BodyKind::Dynamic => Self {
                 radius,
                 damping: terms.damping.unwrap_or(damping),
                 gravity_scale: terms.gravity_scale,
                 inertia: inertia.filter(|_| terms.gyroscopic),
+                class,
             },
             BodyKind::Static | BodyKind::Kinematic => Self {
                 radius,
                 damping: Damping::default(),
                 gravity_scale: 0.0,
                 inertia: None,
+                class,
             },
         }
     }
@@ -71,6 +76,7 @@ pub(crate) struct Slot {
     cursor: RefCell<Cursor>,
     generation: u16,
     flow: u16,
+    class: Class,
 }
 
 impl Slot {
@@ -149,6 +155,7 @@ impl Tracks {
             cursor: RefCell::default(),
             generation: id.generation(),
             flow,
+            class: manner.class,
         };
         self.agreement.add(id.index(), &slot);
         if let Some(gone) = self.slots[index].replace(slot) {
@@ -241,8 +248,13 @@ impl Tracks {
         self.slots.len()
     }
 
+    /// How far off the copy of a body may be: the stream's tolerance, by the body's class.
+    pub(crate) fn tolerance_of(&self, slot: &Slot) -> Tolerance {
+        self.tolerance.of_class(slot.class)
+    }
+
     pub(crate) fn grid(&self, slot: &Slot) -> Grid {
-        Grid::new(self.tolerance, slot.radius)
+        Grid::new(self.tolerance_of(slot), slot.radius)
     }
 
     /// What pulls at a body by a law said at `origin`, m/s² (RECKONING 2.5).
@@ -423,7 +435,7 @@ impl Tracks {
     ) -> Result<Track, Unreadable> {
         let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
         let free = slot.track.carrier.is_none();
-        if !free || !Self::is_of_age(&slot.track, age, tick) {
+        if !free || !is_of_age(&slot.track, age, tick) {
             return Err(Unreadable::OtherRevision);
         }
         let predicted = self.framed(slot, &slot.track, tick);

@@ -1,12 +1,14 @@
 //! What a member asks of its streams: another one, or what it lost.
 
-use rhumb_protocol::message::{Denial, StreamChoice};
+use rhumb_protocol::message::{Denial, MoveCause, Moves, ServerMessage, StreamChoice};
 use rhumb_protocol::packet::{Doubt, Echo, StreamId};
-use rhumb_protocol::{Instant, Peer};
+use rhumb_protocol::scene::Pace;
+use rhumb_protocol::{Instant, LinkReport, Peer};
 
 use super::Room;
 use crate::member::Want;
 use crate::outbox::Outbox;
+use crate::thin_link::Verdict;
 
 impl Room {
     /// A member lost touch with its stream and needs the whole scene again; it is told when the piece is read, and once
@@ -26,9 +28,77 @@ impl Room {
 
     /// A member has caught up with the stream that it changed to.
     pub(crate) fn followed(&mut self, peer: Peer, with: StreamId) {
-        let member = self.members.get_mut(&peer);
-        if let Some(former) = member.and_then(|member| member.caught_up(with)) {
+        let Some(member) = self.members.get_mut(&peer) else {
+            return;
+        };
+        member.link.caught_up(with);
+        if let Some(former) = member.caught_up(with) {
             self.streams.unfollow(former);
+        }
+    }
+
+    /// A member says where it may be moved.
+    pub(crate) fn allow(&mut self, peer: Peer, moves: Moves) {
+        if let Some(member) = self.members.get_mut(&peer) {
+            member.link.allow(moves);
+        }
+    }
+
+    /// How a member's link did lately: moves it to another tier if it does not carry its own, and back when it does again.
+    ///
+    /// Only where nobody waits for ticks: a lockstep scene goes as slowly as its links.
+    pub(crate) fn hear_of_link(
+        &mut self,
+        now: Instant,
+        peer: Peer,
+        report: &LinkReport,
+        new_stream: StreamId,
+        out: &mut Outbox,
+    ) {
+        if self.faulted || self.terms().pace == Pace::Lockstep {
+            return;
+        }
+        let Some(present) = self.stream_of(peer).map(|stream| stream.choice) else {
+            return;
+        };
+        let member = self
+            .members
+            .get_mut(&peer)
+            .filter(|member| member.wants.is_none());
+        let Some(verdict) = member.and_then(|member| member.link.judge(now, report, present))
+        else {
+            return;
+        };
+        let (to, cause) = match verdict {
+            Verdict::Coarser(to) => (to, MoveCause::Thin),
+            Verdict::Finer(to) => (to, MoveCause::Eased),
+        };
+        self.tell_notices(out);
+        if let Err(denial) = self.change_stream(peer, to, new_stream) {
+            // Tried again with the next report.
+            tracing::debug!(peer = peer.0, ?denial, "a member is not moved");
+            return;
+        }
+        self.note_move(now, peer, verdict);
+        let tolerance = to.tolerance();
+        tracing::info!(peer = peer.0, %tolerance, ?cause, "a member is moved for its link's sake");
+        out.say(peer, &ServerMessage::Moved { to, cause });
+        self.tell_snapshot(peer, out);
+    }
+
+    /// A member is on its way to another stream. A thin link is spared the one that it leaves.
+    fn note_move(&mut self, now: Instant, peer: Peer, verdict: Verdict) {
+        let Some(member) = self.members.get_mut(&peer) else {
+            return;
+        };
+        let stream = member.stream();
+        member.link.moved(now, verdict, stream);
+        let spared = match verdict {
+            Verdict::Coarser(_) => member.caught_up(stream),
+            Verdict::Finer(_) => None,
+        };
+        if let Some(spared) = spared {
+            self.streams.unfollow(spared);
         }
     }
 
@@ -40,6 +110,20 @@ impl Room {
         if self.faulted {
             return Err(Denial::SceneFaulted);
         }
+        self.change_stream(peer, choice, new_stream)?;
+        if let Some(member) = self.members.get_mut(&peer) {
+            member.link.choose(choice);
+        }
+        Ok(())
+    }
+
+    /// Has a member follow another stream, begun if nobody follows it yet.
+    fn change_stream(
+        &mut self,
+        peer: Peer,
+        choice: StreamChoice,
+        new_stream: StreamId,
+    ) -> Result<(), Denial> {
         let Some(member) = self.members.get(&peer) else {
             return Ok(());
         };

@@ -6,11 +6,12 @@
 use std::collections::VecDeque;
 
 use bytes::Bytes;
-use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Transmit};
+use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 
 use super::counts::LinkCounts;
 use super::link::{Lane, Link};
 use super::terms::LinkTerms;
+use crate::gauge::Gauge;
 
 /// Which way a link leads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -49,6 +50,7 @@ struct Seat<C> {
     up: Way,
     down: Way,
     stands: Stands,
+    gauge: Gauge,
 }
 
 /// One direction: a link, and what its control lane carries in order.
@@ -118,6 +120,7 @@ impl<S: Endpoint, C: Endpoint> Arena<S, C> {
             up,
             down,
             stands: Stands::Yes,
+            gauge: Gauge::new(self.now),
         });
         self.server.handle_opened(self.now, peer(index));
         self.clients[index].client.handle_opened(self.now, SERVER);
@@ -245,6 +248,7 @@ impl<S: Endpoint, C: Endpoint> Arena<S, C> {
             self.now = self.now.max(at);
             self.land();
             self.wake();
+            self.report();
             self.drain();
         }
     }
@@ -322,6 +326,24 @@ impl<S: Endpoint, C: Endpoint> Arena<S, C> {
             if is_due(&seat.client, now) {
                 seat.client.handle_timeout(now);
             }
+        }
+    }
+
+    /// Tells the server how the links to its clients do.
+    fn report(&mut self) {
+        let now = self.now;
+        for (index, seat) in self.clients.iter_mut().enumerate() {
+            if seat.stands == Stands::No || !seat.gauge.is_due(now) {
+                continue;
+            }
+            let link = &seat.down.link;
+            let pushed = |lane| link.counts(lane).pushed.bytes;
+            let handed = pushed(Lane::State) + pushed(Lane::Control);
+            let delay = |way: &Way| way.link.terms().delay.as_nanos();
+            let round_trip = Span::from_nanos(delay(&seat.up) + delay(&seat.down));
+            let waiting = link.waiting_bytes(now);
+            let report = seat.gauge.read(now, handed, waiting, round_trip);
+            self.server.handle_link(now, peer(index), &report);
         }
     }
 

@@ -127,6 +127,14 @@ impl Link {
         }
     }
 
+    /// Bytes that wait where the rate is limited.
+    #[must_use]
+    pub fn waiting_bytes(&self, now: Instant) -> u64 {
+        let rate_bytes = u128::from(self.terms.rate_bytes.unwrap_or(0));
+        let wait_ns = u128::from(self.free_at.since(now).as_nanos());
+        u64::try_from(wait_ns * rate_bytes / NS_PER_SECOND).unwrap_or(u64::MAX)
+    }
+
     /// Takes the next piece that has arrived by now.
     pub fn pop(&mut self, now: Instant) -> Option<(Lane, Bytes)> {
         self.advance(now);

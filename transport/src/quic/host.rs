@@ -10,13 +10,14 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use quinn::SendDatagramError;
-use rhumb_protocol::{Endpoint, Peer, Transmit};
+use rhumb_protocol::{Endpoint, Peer, Span, Transmit};
 
 use super::code::TransportCode;
 use super::input::{Input, Line};
-use super::tuning::CLOSE_LEAVES;
+use super::tuning::{CLOSE_LEAVES, DATAGRAM_SEND_BYTES};
 use super::watch::ServerWatch;
 use crate::clock::Clock;
+use crate::gauge::Gauge;
 
 /// Why a server stopped without being asked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,6 +41,9 @@ pub(super) struct Host {
 struct Standing {
     line: Line,
     talk: Talk,
+    gauge: Gauge,
+    /// Bytes of datagrams that were handed over.
+    handed_bytes: u64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,6 +77,7 @@ impl Host {
     /// Runs until stopped.
     pub(super) fn run<E: Endpoint>(&mut self, endpoint: &mut E) -> Result<(), ServeError> {
         loop {
+            self.report(endpoint);
             self.drain(endpoint);
             if self.wait(endpoint)? == Flow::Stop {
                 return Ok(());
@@ -130,6 +135,8 @@ impl Host {
                     Standing {
                         line,
                         talk: Talk::Open,
+                        gauge: Gauge::new(now),
+                        handed_bytes: 0,
                     },
                 );
                 endpoint.handle_opened(now, peer);
@@ -152,6 +159,23 @@ impl Host {
             Input::IoOver => return Err(ServeError::IoThreadLost),
         }
         Ok(Flow::Go)
+    }
+
+    /// Tells the endpoint how the links of those do to whom it said something lately.
+    fn report<E: Endpoint>(&mut self, endpoint: &mut E) {
+        let now = self.clock.now();
+        for (peer, standing) in &mut self.lines {
+            if standing.talk == Talk::Closing || !standing.gauge.is_due(now) {
+                continue;
+            }
+            let connection = &standing.line.connection;
+            let free = connection.datagram_send_buffer_space();
+            let waiting = DATAGRAM_SEND_BYTES.saturating_sub(free) as u64;
+            let round_trip = u64::try_from(connection.rtt().as_nanos()).unwrap_or(u64::MAX);
+            let handed = standing.handed_bytes;
+            let report = (standing.gauge).read(now, handed, waiting, Span::from_nanos(round_trip));
+            endpoint.handle_link(now, *peer, &report);
+        }
     }
 
     fn drain<E: Endpoint>(&mut self, endpoint: &mut E) {
@@ -189,6 +213,7 @@ impl Host {
                 continue;
             };
             let bytes_len = bytes.len();
+            standing.handed_bytes += bytes_len as u64;
             match standing.line.connection.send_datagram(bytes) {
                 Ok(()) | Err(SendDatagramError::ConnectionLost(_)) => {}
                 Err(cause) => {

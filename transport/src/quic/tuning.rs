@@ -56,7 +56,7 @@ pub(super) const STATE_INBOX_BYTES: usize = 4 << 20;
 pub(super) const PIECE_COST_BYTES: usize = 64;
 
 /// Unsent datagrams per connection: a tick's burst of 500 full packets and more, yet never seconds of stale state.
-const DATAGRAM_SEND_BYTES: usize = 1 << 20;
+pub(super) const DATAGRAM_SEND_BYTES: usize = 1 << 20;
 
 /// Datagrams that quinn holds before our own task takes them.
 const DATAGRAM_RECEIVE_BYTES: usize = 1 << 20;

@@ -6,7 +6,7 @@ use bytes::Bytes;
 use rhumb_reckoning::Tick;
 
 use super::Publisher;
-use crate::packet::{StateWriter, Update};
+use crate::packet::{Excess, StateWriter, Update};
 
 impl Publisher {
     /// Cuts the updates of one tick into datagrams.
@@ -56,7 +56,12 @@ impl Publisher {
             .iter()
             .take_while(|update| writer.push(update))
             .count();
-        Some((writer.finish(last && fitting == updates.len()), fitting))
+        let ends_tick = last && fitting == updates.len();
+        let datagram = match self.excess() {
+            excess if ends_tick && excess != Excess::NONE => writer.finish_in_arrears(excess),
+            _ => writer.finish(ends_tick),
+        };
+        Some((datagram, fitting))
     }
 
     fn send(&mut self, datagram: Vec<u8>, said: &[Update], out: &mut Vec<Bytes>) {

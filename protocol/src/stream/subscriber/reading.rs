@@ -7,7 +7,7 @@ use rhumb_reckoning::{Predictor, Tick};
 use super::Subscriber;
 use crate::limits::{PACKETS_HELD_MAX, TICK_JUMP_MAX};
 use crate::packet::{
-    Digest, FullPacket, Head, Kind, Low16, Parity, Ranges, Repair, RepairRecord, Saying,
+    Digest, Excess, FullPacket, Head, Kind, Low16, Parity, Ranges, Repair, RepairRecord, Saying,
     StatePacket, TrackSaying, Update, Vouch,
 };
 use crate::stream::gaps::{Arrival, RepairOf};
@@ -88,14 +88,23 @@ impl Subscriber {
             Kind::StateEnd => self.read_state(datagram, StatePacket::decode(true, reader)?),
             Kind::Full => self.read_full(datagram, &FullPacket::decode(false, reader)?),
             Kind::FullEnd => self.read_full(datagram, &FullPacket::decode(true, reader)?),
-            Kind::Vouch => self.read_vouch(datagram, Vouch::decode(reader)?),
+            Kind::StateInArrears if self.statements.is_some() => {
+                self.read_state(datagram, StatePacket::decode_in_arrears(reader)?)
+            }
+            Kind::Vouch => self.read_vouch(datagram, Vouch::decode(reader)?, Some(Excess::NONE)),
+            Kind::VouchInArrears if self.statements.is_some() => {
+                let (vouch, excess) = Vouch::decode_in_arrears(reader)?;
+                self.read_vouch(datagram, vouch, Some(excess))
+            }
             Kind::Repair => self.read_repair(datagram, &Repair::decode(reader)?),
             Kind::Digest => self.read_digest(datagram, &Digest::decode(reader)?),
             Kind::Parity => {
                 self.read_parity(Parity::decode(reader)?);
                 Ok(())
             }
-            Kind::Echo | Kind::Doubt => return Err(Malformed::UnknownCode),
+            Kind::Echo | Kind::Doubt | Kind::StateInArrears | Kind::VouchInArrears => {
+                return Err(Malformed::UnknownCode);
+            }
         }?;
         self.rebuild();
         Ok(())
@@ -167,6 +176,7 @@ impl Subscriber {
         // Everything is decoded before anything is believed.
         let mut updates = core::mem::take(&mut self.updates);
         let (number, tick, ends_tick) = (packet.number, packet.tick, packet.ends_tick);
+        let excess = ends_tick.then_some(packet.excess);
         let decoded = packet
             .updates(&mut updates)
             .and_then(|()| self.admit(&updates));
@@ -174,6 +184,9 @@ impl Subscriber {
         if decoded.is_ok()
             && let Some((number, tick)) = self.arrive(number, tick, ends_tick)
         {
+            if let Some(statements) = &mut self.statements {
+                statements.packet(number, tick, excess);
+            }
             self.keep(number, datagram);
             self.hear_all(number, tick, &updates);
             if number < newest {
@@ -276,7 +289,13 @@ impl Subscriber {
         Ok(())
     }
 
-    fn read_vouch(&mut self, datagram: &[u8], vouch: Vouch) -> Result<(), Malformed> {
+    /// `excess`: what it says of how far tracks exceed their tolerances, if it says anything of that.
+    fn read_vouch(
+        &mut self,
+        datagram: &[u8],
+        vouch: Vouch,
+        excess: Option<Excess>,
+    ) -> Result<(), Malformed> {
         if !self.is_due(vouch.notices, datagram) {
             return Ok(());
         }
@@ -286,6 +305,9 @@ impl Subscriber {
         if self.jumps(tick) || !self.gaps.announce(next, tick) {
             self.lost_touch = true;
             return Ok(());
+        }
+        if let (Some(statements), Some(excess)) = (&mut self.statements, excess) {
+            statements.vouch(next, tick, excess);
         }
         self.statistics.missed += next.saturating_sub(before);
         self.newest = self.newest.max(tick);
@@ -306,6 +328,7 @@ impl Subscriber {
                 tick,
                 notices,
             },
+            None,
         )?;
         let same_packets = next.expand(self.gaps.next()) == self.gaps.next();
         let same_notices = notices.expand(self.notices) == self.notices;

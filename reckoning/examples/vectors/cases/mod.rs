@@ -27,6 +27,7 @@ pub(crate) fn document() -> String {
         ("inertias", tumbling::inertias()),
         ("tumblings", tumbling::tumblings()),
         ("radii", said::radii()),
+        ("classes", said::classes()),
         ("grids", said::grids()),
         ("packings", packing::packings(&mut chance)),
         ("unpackings", packing::unpackings(&mut chance)),

@@ -2,8 +2,8 @@
 
 use glam::{DQuat, DVec3};
 use rhumb_reckoning::{
-    Anchor, Conditions, Grid, Metres, Motion, Pose, Predictor, Radians, Snapped, Tick, Tolerance,
-    Track, Twist,
+    Anchor, Class, Conditions, Grid, LengthBound, Metres, Motion, Pose, Predictor, Radians,
+    Snapped, Tick, Tolerance, Track, TurnBound, Twist,
 };
 
 use super::chance::{Chance, motion, thirteen};
@@ -69,6 +69,40 @@ const PARTS: [(u32, u32, f64); 6] = [
     (10_000_000, 285_714, 1.0),
     (33_333, 666_667, 12.5),
 ];
+
+/// Integers of a parts tolerance and a class.
+const CLASSES: [(u32, u32, i8); 10] = [
+    (50_000, 20_000, 0),
+    (50_000, 20_000, -1),
+    (50_000, 20_000, 1),
+    (33_333, 777, -1),
+    (33_333, 777, -2),
+    (7_999, 799, -3),
+    (8_001, 801, -3),
+    (1_000, 100, -1),
+    (2_000_000, 1_000_000, 3),
+    (1_250_000, 392_699, 3),
+];
+
+pub(super) fn classes() -> Vec<Case> {
+    let case = |&(micrometres, microradians, exponent): &(u32, u32, i8)| {
+        let tolerance = Tolerance::Parts {
+            position: LengthBound::from_micrometres(micrometres).expect("within bounds"),
+            turn: TurnBound::from_microradians(microradians).expect("within bounds"),
+        };
+        let class = Class::new(exponent).expect("within bounds");
+        let Tolerance::Parts { position, turn } = tolerance.of_class(class) else {
+            unreachable!("a class leaves a tolerance of its kind");
+        };
+        Case::new()
+            .integer("micrometres", micrometres)
+            .integer("microradians", microradians)
+            .integer("class", exponent)
+            .integer("position", position.micrometres())
+            .integer("turn", turn.microradians())
+    };
+    CLASSES.iter().map(case).collect()
+}
 
 pub(super) fn grids() -> Vec<Case> {
     let steps = |grid: Grid| {

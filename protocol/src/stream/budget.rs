@@ -1,0 +1,162 @@
+//! How many bytes a stream may take, and what it has left of them.
+//!
+//! A bucket that fills as ticks pass. What is said when it does not suffice is decided in `publisher/spending`. Knows no
+//! link and no listener: what a stream takes never depends on how the network does.
+
+use rhumb_reckoning::{Rate, Ticks};
+
+use crate::limits::{BUDGET_BURST_MAX, BUDGET_MAX, BUDGET_MIN, DATAGRAM_BYTES_MAX};
+use crate::wire::bytes::{Reader, Writer};
+use crate::wire::{Malformed, Wire};
+
+/// Bytes that the packets of a stream may take: so many in a second of the scene's time, and so many at once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Budget {
+    bytes_per_second: u32,
+    burst: u32,
+}
+
+impl Budget {
+    /// So many bytes a second, and so many at once; `None` outside the limits (PROTOCOL 7).
+    #[must_use]
+    pub fn new(bytes_per_second: u32, burst: u32) -> Option<Self> {
+        let fits = (BUDGET_MIN..=BUDGET_MAX).contains(&bytes_per_second);
+        let bursts = (DATAGRAM_BYTES_MAX as u32..=BUDGET_BURST_MAX).contains(&burst);
+        (fits && bursts).then_some(Self {
+            bytes_per_second,
+            burst,
+        })
+    }
+
+    /// So many bytes a second, and at once what a quarter of a second allows, or a full packet if that is more.
+    #[must_use]
+    pub fn per_second(bytes: u32) -> Option<Self> {
+        let burst = (bytes / 4).clamp(DATAGRAM_BYTES_MAX as u32, BUDGET_BURST_MAX);
+        Self::new(bytes, burst)
+    }
+
+    /// Bytes a second.
+    #[must_use]
+    pub const fn bytes_per_second(self) -> u32 {
+        self.bytes_per_second
+    }
+
+    /// Bytes at once.
+    #[must_use]
+    pub const fn burst(self) -> u32 {
+        self.burst
+    }
+}
+
+impl Wire for Budget {
+    fn encode(&self, to: &mut Writer) {
+        to.varint(u64::from(self.bytes_per_second));
+        to.varint(u64::from(self.burst));
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        Self::new(from.varint32()?, from.varint32()?).ok_or(Malformed::OutOfRange)
+    }
+}
+
+/// What is left of a budget.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Purse {
+    /// Billionths of a byte; negative after what had to be said all the same.
+    left: i64,
+    each_tick: i64,
+    most: i64,
+}
+
+const BILLION: i64 = 1_000_000_000;
+
+impl Purse {
+    /// A full one.
+    pub(crate) fn new(budget: Budget, rate: Rate) -> Self {
+        let most = i64::from(budget.burst) * BILLION;
+        Self {
+            left: most,
+            each_tick: (u64::from(budget.bytes_per_second) * rate.step_ns()) as i64,
+            most,
+        }
+    }
+
+    /// Time passed.
+    pub(crate) fn earn(&mut self, passed: Ticks) {
+        let earned = self.each_tick.saturating_mul(i64::from(passed.count()));
+        self.left = self.left.saturating_add(earned).min(self.most);
+    }
+
+    /// Bytes were said.
+    pub(crate) fn spend(&mut self, bytes: usize) {
+        self.left = self.left.saturating_sub(bytes as i64 * BILLION);
+    }
+
+    /// What is left, as a share of what may be said at once.
+    pub(crate) fn share_left(&self) -> f64 {
+        self.left.max(0) as f64 / self.most as f64
+    }
+
+    /// Whole bytes that are left.
+    pub(crate) fn left(&self) -> u64 {
+        (self.left.max(0) / BILLION) as u64
+    }
+}
+
+// A tick of the slowest scene earns what can be counted.
+const _: () = assert!((BUDGET_MAX as i64) <= i64::MAX / BILLION / 4);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn what_is_spent_is_at_most_the_burst_and_what_time_earned(
+            rate in BUDGET_MIN..1_000_000,
+            wishes in proptest::collection::vec(0_usize..3_000, 1..400),
+        ) {
+            let budget = Budget::per_second(rate).unwrap();
+            let mut purse = Purse::new(budget, Rate::HZ_60);
+            let (mut spent, mut longest) = (0_u64, 0);
+            for (ticks, wish) in wishes.iter().enumerate() {
+                purse.earn(Ticks::new(1));
+                if purse.left() > 0 {
+                    purse.spend(*wish);
+                    spent += *wish as u64;
+                    longest = longest.max(*wish);
+                }
+                let earned = u64::from(rate) * (ticks as u64 + 1) / 60;
+                let allowed = u64::from(budget.burst()) + earned + longest as u64 + 1;
+                prop_assert!(spent <= allowed, "{} of {}", spent, allowed);
+            }
+        }
+    }
+
+    #[test]
+    fn a_budget_comes_back_as_it_was_said_and_others_are_refused() {
+        for (rate, burst, fits) in [
+            (BUDGET_MIN, 1_150, true),
+            (8_000, 2_000, true),
+            (BUDGET_MAX, BUDGET_BURST_MAX, true),
+            (BUDGET_MIN - 1, 1_150, false),
+            (8_000, 1_149, false),
+            (BUDGET_MAX + 1, 2_000, false),
+            (8_000, BUDGET_BURST_MAX + 1, false),
+        ] {
+            let mut writer = Writer::new();
+            writer.varint(u64::from(rate));
+            writer.varint(u64::from(burst));
+            let bytes = writer.into_bytes();
+            let read = Budget::decode(&mut Reader::new(&bytes));
+            assert_eq!(read.is_ok(), fits, "{rate} {burst}");
+            assert_eq!(read.ok(), Budget::new(rate, burst));
+            if let Ok(budget) = read {
+                let mut writer = Writer::new();
+                budget.encode(&mut writer);
+                assert_eq!(writer.into_bytes(), bytes);
+            }
+        }
+    }
+}

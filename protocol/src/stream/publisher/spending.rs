@@ -1,0 +1,274 @@
+//! What is said first where a budget does not suffice, and what waits
+//!
+//! Invariant: what waits, waits by choice, is counted, and is told of: the stream states the greatest share of a
+//! tolerance that its tracks use. Costs a publisher without a budget nothing.
+
+use alloc::boxed::Box;
+use alloc::collections::BTreeMap;
+use alloc::vec::Vec;
+
+use bytes::Bytes;
+use rhumb_reckoning::{HORIZON, Predictor, Tick, Track};
+
+use super::Publisher;
+use crate::packet::{Excess, TrackSaying, Update};
+use crate::stream::budget::{Budget, Purse};
+use crate::stream::choose::share;
+use crate::stream::observation::{Activity, Observation};
+use crate::stream::tracks::Slot;
+use crate::stream::witness::Witness;
+
+/// A waiting body's error counts double after so many ticks, and so on.
+const AGE: f64 = 60.0;
+/// An error counts so much at least: of a body that sleeps, and only lacks the last digits.
+const ERROR_LEAST: f64 = 0.25;
+/// Each so many-th word goes to whoever waited longest: nobody starves, however wrong others are.
+const TURNS: usize = 4;
+/// While less is left nothing is said: heads would take more than words.
+const WORTH_A_PACKET: u64 = 96;
+/// Bytes of a packet besides its updates.
+const HEAD: u64 = 12;
+/// More bytes than any update takes.
+const LONGEST_WORD: usize = TrackSaying::BITS_MAX / 8 + 32;
+/// While less than this share of the purse is left, all tolerances are loosened, by so much each tick.
+const SHORT: (f64, f64) = (0.3, 1.04);
+/// While more than this share is left, they are tightened again.
+const AMPLE: (f64, f64) = (0.6, 0.98);
+/// Tolerances are loosened this much at most.
+const SLACK_MOST: f64 = 1_000.0;
+
+/// A budget in use.
+#[derive(Debug)]
+pub(super) struct Spending {
+    purse: Purse,
+    /// Bodies that were due and have not had a word since, by index.
+    waiting: BTreeMap<u32, Waiting>,
+    /// The greatest share that any track used at the ticks since the last packet.
+    worst: f64,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Waiting {
+    since: Tick,
+    /// What was seen of it last, and when.
+    seen: Observation,
+    seen_at: Tick,
+}
+
+/// A body that should have a word.
+#[derive(Clone, Copy, Debug)]
+struct Due {
+    seen: Observation,
+    share: f64,
+    since: Tick,
+    /// Its track is too old to be corrected any later.
+    urgent: bool,
+}
+
+impl Due {
+    fn weight(&self, tick: Tick) -> f64 {
+        let waited = tick.since(self.since).unwrap_or_default().count();
+        self.share.max(ERROR_LEAST) * (1.0 + f64::from(waited) / AGE)
+    }
+}
+
+impl Publisher {
+    /// Holds what is said from now on to a budget.
+    ///
+    /// No body holds another then: each is worth a word by itself. No parities are said: they would take what words need.
+    pub fn limit(&mut self, budget: Budget) {
+        self.features.held = false;
+        self.features.redundancy = false;
+        self.spending = Some(Box::new(Spending {
+            purse: Purse::new(budget, self.tracks.integrator().rate),
+            waiting: BTreeMap::new(),
+            worst: 1.0,
+        }));
+    }
+
+    /// By what factor tracks exceed their tolerances at most, at the ticks since the last packet.
+    #[must_use]
+    pub fn excess(&self) -> Excess {
+        let spending = self.spending.as_ref();
+        spending.map_or(Excess::NONE, |spending| Excess::covering(spending.worst))
+    }
+
+    /// Bodies that wait for a word.
+    #[must_use]
+    pub fn waiting(&self) -> usize {
+        let spending = self.spending.as_ref();
+        spending.map_or(0, |spending| spending.waiting.len())
+    }
+
+    /// Says what the budget allows of what is due at a tick; `before`: the tick that was spoken of before.
+    pub(super) fn publish_within(
+        &mut self,
+        mut spending: Box<Spending>,
+        witness: &Witness,
+        before: Tick,
+        notices: u64,
+        out: &mut Vec<Bytes>,
+    ) {
+        let tick = self.tick;
+        self.usher.sweep(tick);
+        spending.purse.earn(tick.since(before).unwrap_or_default());
+        let observations = witness.at(tick).unwrap_or_default();
+        let due = self.due(&mut spending, tick, observations);
+        let mut updates = core::mem::take(&mut self.updates);
+        updates.clear();
+        self.adjust(&spending.purse);
+        self.speak(&mut spending, witness, due, &mut updates);
+
+        let begun = out.len();
+        let spoke = !updates.is_empty();
+        self.spending = Some(spending);
+        self.pack(tick, &mut updates, notices, out);
+        self.updates = updates;
+        if let Some(spending) = self.spending.as_mut().filter(|_| spoke) {
+            spending
+                .purse
+                .spend(out[begun..].iter().map(Bytes::len).sum());
+            spending.worst = 1.0;
+        }
+    }
+
+    /// Loosens tolerances while the purse runs short: fewer words that serve longer are worth more than late ones.
+    fn adjust(&mut self, purse: &Purse) {
+        let left = purse.share_left();
+        let factor = match left {
+            left if left < SHORT.0 => SHORT.1,
+            left if left > AMPLE.0 => AMPLE.1,
+            _ => 1.0,
+        };
+        self.slack = (self.slack * factor).clamp(1.0, SLACK_MOST);
+    }
+
+    /// Who should have a word: whose track is off, and who waits.
+    fn due(&self, spending: &mut Spending, tick: Tick, observations: &[Observation]) -> Vec<Due> {
+        for observation in observations {
+            if let Some(waiting) = spending.waiting.get_mut(&observation.id.index()) {
+                (waiting.seen, waiting.seen_at) = (*observation, tick);
+            }
+        }
+        let asleep = spending.waiting.values();
+        let unseen = asleep
+            .filter(|waiting| waiting.seen_at != tick)
+            .map(|waiting| waiting.seen);
+        let mut due = Vec::new();
+        for seen in observations.iter().copied().chain(unseen) {
+            let since = spending.waiting.get(&seen.id.index());
+            let since = since.map_or(tick, |waiting| waiting.since);
+            let found = self
+                .seen_slot(&seen)
+                .and_then(|slot| self.is_due(slot, tick, &seen));
+            due.extend(found.map(|(share, urgent)| Due {
+                seen,
+                share,
+                since,
+                urgent,
+            }));
+        }
+        due
+    }
+
+    /// The share of its tolerance that a track uses, and whether it cannot wait; `None` while it needs no word.
+    fn is_due(&self, slot: &Slot, tick: Tick, seen: &Observation) -> Option<(f64, bool)> {
+        let believed = self.tracks.believed(slot, tick);
+        let tolerance = self.tracks.tolerance_of(slot);
+        let truth = seen.motion.motion();
+        let used = share(&truth.pose(), &believed.pose(), tolerance, slot.radius);
+        let age = tick.since(slot.track.origin)?;
+        let moves = slot.track.predictor != Predictor::Rest;
+        let urgent = age >= HORIZON && moves;
+        let told = match seen.activity {
+            Activity::Asleep => {
+                let resting = Track::resting(tick, seen.motion);
+                slot.track.is_verbatim_rest() && slot.track.anchor == resting.anchor
+            }
+            Activity::Awake => used <= 1.0 && self.features.gate,
+        };
+        (urgent || !told).then_some((used, urgent))
+    }
+
+    /// Gives words to the worst, and each few to who waited longest, while the budget lasts.
+    fn speak(
+        &mut self,
+        spending: &mut Spending,
+        witness: &Witness,
+        due: Vec<Due>,
+        updates: &mut Vec<Update>,
+    ) {
+        let tick = self.tick;
+        let allowed = spending.purse.left();
+        let allowed = if allowed < WORTH_A_PACKET { 0 } else { allowed };
+        let mut spent = HEAD * 8 * 256;
+        let mut waiting = BTreeMap::new();
+        let mut worst = 1.0;
+        // Where all of them may speak, they do so in the order of a stream without a budget.
+        let all = (due.len() * LONGEST_WORD) as u64 <= allowed && self.slack <= 1.0;
+        for due in if all { due } else { in_turn(due, tick) } {
+            let waits = !all && due.weight(tick) <= self.slack;
+            if due.urgent || !waits && spent < allowed * 8 * 256 {
+                let update = self.judge(witness, tick, &due.seen, None);
+                spent += update.as_ref().map_or(0, |update| self.bits_of(update));
+                updates.extend(update);
+                continue;
+            }
+            let mine = Waiting {
+                since: due.since,
+                seen: due.seen,
+                seen_at: tick,
+            };
+            waiting.insert(due.seen.id.index(), mine);
+            self.statistics.withheld += u64::from(due.share > 1.0);
+            worst = worse(worst, due.share);
+        }
+        spending.waiting = waiting;
+        spending.worst = worse(spending.worst, worst);
+    }
+
+    /// Bits of an update in 256ths, more or less.
+    fn bits_of(&self, update: &Update) -> u64 {
+        /// Naming a body by its index, and by its seat.
+        const NAMED: u64 = 24 * 256;
+        const SEATED: u64 = 4 * 256;
+        let name = if update.body.is_some() { NAMED } else { SEATED };
+        u64::from(self.tongue.cost(&update.saying)) + name
+    }
+}
+
+/// The greater share; what is no number is beyond any.
+fn worse(one: f64, other: f64) -> f64 {
+    if other <= one {
+        one
+    } else if other.is_nan() {
+        f64::INFINITY
+    } else {
+        other
+    }
+}
+
+/// The urgent first, then the worst; each few words one to who waited longest.
+fn in_turn(mut due: Vec<Due>, tick: Tick) -> Vec<Due> {
+    due.sort_by(|a, b| {
+        let by_weight = b.weight(tick).total_cmp(&a.weight(tick));
+        b.urgent.cmp(&a.urgent).then(by_weight)
+    });
+    let mut eldest: Vec<usize> = (0..due.len()).collect();
+    eldest.sort_by_key(|place| due[*place].since);
+    let mut taken = alloc::vec![false; due.len()];
+    let mut order = Vec::with_capacity(due.len());
+    let (mut worst, mut eldest) = (0..due.len(), eldest.into_iter());
+    while order.len() < due.len() {
+        let is_free = |place: &usize| !taken[*place];
+        let place = if order.len() % TURNS == TURNS - 1 {
+            eldest.find(is_free)
+        } else {
+            worst.find(is_free)
+        };
+        let Some(place) = place else { break };
+        taken[place] = true;
+        order.push(due[place]);
+    }
+    order
+}
