@@ -17,6 +17,7 @@ mod tables;
 mod tally;
 mod walk;
 mod whole;
+mod zigzag;
 
 pub use digest::{Digest, Doubt, Ranges};
 pub use echo::Echo;

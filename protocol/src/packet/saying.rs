@@ -9,6 +9,7 @@ use super::model::{Model, symbol_cost};
 use super::tables::{MODES, contexts};
 use super::walk::{Walk, numbers};
 use super::whole::TrackSaying;
+use super::zigzag::{unzigzag, zigzag};
 use crate::limits::INDICES_MAX;
 use crate::wire::Malformed;
 use crate::wire::range::{RangeReader, RangeWriter, TOTAL_BITS};
@@ -538,8 +539,6 @@ const INDEX_BITS: u32 = INDICES_MAX.ilog2();
 const AGE_MAX: u32 = 1 << 30;
 /// Steps of a settling: three of position, three of the smaller parts of a quaternion, one of its greatest.
 const SETTLED_STEPS: usize = 7;
-/// The longest step of a settling, bits.
-const STEP_BITS_MAX: u32 = 31;
 /// What lengths the first steps of position and of rotation are measured against, and the last: about those of a
 /// body of half a metre at 5 cm.
 const LENGTHS: [u32; 3] = [14, 19, 1];
@@ -571,27 +570,6 @@ const fn settled_step(settling: &mut Settling, place: usize) -> &mut i32 {
         3..6 => &mut settling.others[place - 3],
         _ => &mut settling.largest,
     }
-}
-
-/// How a length differs from an expected one, without a sign.
-const fn zigzag(length: u32, expected: u32) -> u32 {
-    if length >= expected {
-        (length - expected) * 2
-    } else {
-        (expected - length) * 2 - 1
-    }
-}
-
-fn unzigzag(number: u32, expected: u32) -> Result<u32, Malformed> {
-    let by = number / 2;
-    let length = if number.is_multiple_of(2) {
-        expected.checked_add(by)
-    } else {
-        expected.checked_sub(by + 1)
-    };
-    length
-        .filter(|length| *length <= STEP_BITS_MAX)
-        .ok_or(Malformed::OutOfRange)
 }
 
 /// How many forms there are.
