@@ -24,6 +24,8 @@ pub struct View {
     changed: Vec<u32>,
     removed: Vec<BodyId>,
     touched: Vec<u32>,
+    /// Places of the bodies that are computed now.
+    moving: Vec<(u32, BodyId)>,
     time: Option<DisplayTime>,
     /// The caller's time of the last look.
     looked: Seconds,
@@ -115,12 +117,26 @@ impl View {
             self.follow_body(*index, stream, glass);
         }
         self.touched = touched;
+        let mut moving = std::mem::take(&mut self.moving);
+        moving.clear();
         for place in 0..self.ids.len() {
             let gliding = glass.smooth && !self.corrections[place].is_over(glass.now);
-            if !self.resting[place] || gliding {
-                self.show(place, stream, glass);
+            if (!self.resting[place] || gliding) && !self.show_still(place, stream, glass) {
+                moving.push((place as u32, self.ids[place]));
             }
         }
+        if glass.at.fraction == 0.0 {
+            stream.believe_each(&moving, glass.at.tick, |place, believed| {
+                self.show(place as usize, &believed, glass);
+            });
+        } else {
+            for (place, id) in &moving {
+                if let Some(believed) = believed(stream, *id, glass.at) {
+                    self.show(*place as usize, &believed, glass);
+                }
+            }
+        }
+        self.moving = moving;
         self.time = Some(glass.at);
         self.looked = glass.now;
     }
@@ -184,45 +200,43 @@ impl View {
         }
     }
 
-    /// Writes the pose of one body.
-    fn show(&mut self, place: usize, stream: &Subscriber, glass: &Glass) {
-        let id = self.ids[place];
-        let Some(track) = stream.track(id) else {
-            return;
+    /// Notes whether a body lies still; shows it if it does so to the bit, or is not there. `false`: it must be computed.
+    fn show_still(&mut self, place: usize, stream: &Subscriber, glass: &Glass) -> bool {
+        let Some(track) = stream.track(self.ids[place]) else {
+            return true;
         };
-        let correction = self.corrections[place];
         // A view that lies behind the stream does not show a rest before it began.
         let begun = track.origin <= glass.at.tick;
-        let gliding = glass.smooth && !correction.is_over(glass.now);
+        let gliding = glass.smooth && !self.corrections[place].is_over(glass.now);
         let still = track.is_resting() && begun && !gliding;
         self.resting[place] = still;
-        let (position, rotation) = match &track.anchor {
+        match &track.anchor {
             // The engine's own bits, not what arithmetic makes of them.
             Anchor::Verbatim(verbatim) if still => {
                 self.linear[place] = Vec3::ZERO;
                 self.angular[place] = Vec3::ZERO;
-                (
-                    Vec3::from_array(verbatim.position()),
-                    Quat::from_array(verbatim.rotation()),
-                )
+                let position = Vec3::from_array(verbatim.position());
+                self.put(place, position, Quat::from_array(verbatim.rotation()));
+                true
             }
-            _ => {
-                let Some(believed) = believed(stream, id, glass.at) else {
-                    return;
-                };
-                let motion = if glass.smooth {
-                    correction.applied(glass.now, &believed)
-                } else {
-                    believed
-                };
-                self.linear[place] = motion.twist().linear.as_vec3();
-                self.angular[place] = motion.twist().angular.as_vec3();
-                (
-                    motion.pose().position.as_vec3(),
-                    motion.pose().rotation.as_quat(),
-                )
-            }
-        };
+            _ => false,
+        }
+    }
+
+    /// Shows a body that is believed to move so.
+    fn show(&mut self, place: usize, believed: &Motion, glass: &Glass) {
+        let glide = glass
+            .smooth
+            .then(|| self.corrections[place].applied(glass.now, believed));
+        let motion = glide.as_ref().unwrap_or(believed);
+        self.linear[place] = motion.twist().linear.as_vec3();
+        self.angular[place] = motion.twist().angular.as_vec3();
+        let pose = motion.pose();
+        self.put(place, pose.position.as_vec3(), pose.rotation.as_quat());
+    }
+
+    /// Writes a pose, and notes whether it is another.
+    fn put(&mut self, place: usize, position: Vec3, rotation: Quat) {
         if self.positions[place] != position || self.rotations[place] != rotation {
             self.positions[place] = position;
             self.rotations[place] = rotation;

@@ -10,6 +10,20 @@ pub(crate) fn sqrt(x: f64) -> f64 {
     libm::sqrt(x)
 }
 
+/// The greatest whole number that is not above `x`; infinities and NaN stay. Zero has no sign here.
+#[inline]
+pub(crate) fn floor(x: f64) -> f64 {
+    let has_fraction = x.abs() < WHOLE;
+    if !has_fraction {
+        return x;
+    }
+    let cut = x as i64 as f64;
+    if cut > x { cut - 1.0 } else { cut }
+}
+
+/// From 2⁵² on every double is whole.
+const WHOLE: f64 = 4_503_599_627_370_496.0;
+
 /// `(x·x + y·y) + z·z`.
 pub(crate) fn dot3(a: DVec3, b: DVec3) -> f64 {
     a.x * b.x + a.y * b.y + a.z * b.z
@@ -73,14 +87,14 @@ pub(crate) fn conjugate(q: DQuat) -> DQuat {
 }
 
 /// Two over pi, to the nearest double.
-const TWO_OVER_PI: f64 = f64::from_bits(0x3FE4_5F30_6DC9_C883);
+pub(crate) const TWO_OVER_PI: f64 = f64::from_bits(0x3FE4_5F30_6DC9_C883);
 /// The first 33 bits of pi/2, so that a multiple of up to 20 bits is exact.
-const HALF_PI_HIGH: f64 = f64::from_bits(0x3FF9_21FB_5440_0000);
+pub(crate) const HALF_PI_HIGH: f64 = f64::from_bits(0x3FF9_21FB_5440_0000);
 /// Pi/2 less [`HALF_PI_HIGH`], to the nearest double.
-const HALF_PI_LOW: f64 = f64::from_bits(0x3DD0_B461_1A62_6331);
+pub(crate) const HALF_PI_LOW: f64 = f64::from_bits(0x3DD0_B461_1A62_6331);
 
 /// Taylor coefficients of sine, x³ to x¹³. The first term left out is below 2.1e-14 at pi/4.
-const SINE: [f64; 6] = [
+pub(crate) const SINE: [f64; 6] = [
     -1.0 / 6.0,
     1.0 / 120.0,
     -1.0 / 5_040.0,
@@ -89,7 +103,7 @@ const SINE: [f64; 6] = [
     1.0 / 6_227_020_800.0,
 ];
 /// Taylor coefficients of cosine, x² to x¹⁴. The first term left out is below 1.1e-15 at pi/4.
-const COSINE: [f64; 7] = [
+pub(crate) const COSINE: [f64; 7] = [
     -1.0 / 2.0,
     1.0 / 24.0,
     -1.0 / 720.0,
@@ -109,7 +123,7 @@ pub(crate) fn sin_cos(x: f64) -> (f64, f64) {
     if !in_range {
         return (0.0, 1.0);
     }
-    let quarters = libm::floor(x * TWO_OVER_PI + 0.5);
+    let quarters = floor(x * TWO_OVER_PI + 0.5);
     let r = (x - quarters * HALF_PI_HIGH) - quarters * HALF_PI_LOW;
     let r2 = r * r;
     let sine = r + r * (r2 * polynomial(&SINE, r2));
@@ -124,7 +138,7 @@ pub(crate) fn sin_cos(x: f64) -> (f64, f64) {
 }
 
 /// The largest angle whose reduction by [`HALF_PI_HIGH`] is exact, rounded down: 2²⁰ quarter turns is 1.6 million.
-const ANGLE_LIMIT: f64 = 1.0e6;
+pub(crate) const ANGLE_LIMIT: f64 = 1.0e6;
 
 /// Horner's rule from the highest coefficient down.
 fn polynomial(coefficients: &[f64], x: f64) -> f64 {
@@ -162,6 +176,11 @@ mod tests {
             let (s, c) = sin_cos(x);
             prop_assert!((s - libm::sin(x)).abs() < 3e-14);
             prop_assert!((c - libm::cos(x)).abs() < 3e-14);
+        }
+
+        #[test]
+        fn a_floor_is_what_the_library_says(x in prop_oneof![-3.0_f64..3.0, -1e17_f64..1e17, any::<f64>()]) {
+            prop_assert!(floor(x) == libm::floor(x) || x.is_nan() && floor(x).is_nan());
         }
 
         #[test]

@@ -94,7 +94,7 @@ impl Flow {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct FlowTerms {
     dt: f64,
-    substeps: f64,
+    pub(crate) substeps: f64,
     pub(crate) substep_count: u32,
     /// Seconds.
     pub(crate) substep: f64,
@@ -146,11 +146,13 @@ impl FlowTable {
     }
 
     /// `ticks`, or those of the last row computed when that is less.
+    #[inline]
     pub(crate) fn within(&self, ticks: Ticks) -> Ticks {
         ticks.min(Ticks::new(self.rows.len() as u32 - 1))
     }
 
     /// The row for `ticks`; the last one computed when `ticks` lies beyond it.
+    #[inline]
     pub(crate) fn row(&self, ticks: Ticks) -> (&Flow, &FlowTerms) {
         (&self.rows[self.within(ticks).count() as usize], &self.terms)
     }

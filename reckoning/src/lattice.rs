@@ -6,8 +6,9 @@
 
 use glam::{DQuat, DVec3};
 
-use crate::exact::{add3, normalised, product, scale3, sqrt, turn_by};
+use crate::exact::{add3, floor, normalised, product, scale3, turn_by};
 use crate::motion::{Motion, Pose, Twist};
+use crate::packed::PackedRotation;
 use crate::tolerance::Tolerance;
 use crate::units::{Metres, Seconds};
 
@@ -114,7 +115,7 @@ impl Grid {
 fn snap(value: f64, step: f64, limit: i32) -> i32 {
     let limit = f64::from(limit);
     // In range after the clamp, so the cast is exact.
-    libm::floor(value / step + 0.5).clamp(-limit, limit) as i32
+    floor(value / step + 0.5).clamp(-limit, limit) as i32
 }
 
 fn snap3(value: DVec3, step: f64, limit: i32) -> [i32; 3] {
@@ -162,15 +163,22 @@ impl Snapped {
     /// The motion that these steps mean.
     #[must_use]
     pub fn motion(&self, grid: &Grid) -> Motion {
+        let (pose, twist) = self.raw(grid);
+        let rotation = normalised(pose.rotation);
+        Motion::from_checked(Pose { rotation, ..pose }, twist)
+    }
+
+    /// The same with its rotation not normalised yet.
+    pub(crate) fn raw(&self, grid: &Grid) -> (Pose, Twist) {
         let pose = Pose {
             position: value3(self.position, grid.fine),
-            rotation: self.rotation.value(),
+            rotation: self.rotation.unnormalised(),
         };
         let twist = Twist {
             linear: value3(self.linear, grid.linear),
             angular: value3(self.angular, grid.angular),
         };
-        Motion::from_checked(pose, twist)
+        (pose, twist)
     }
 
     /// The same place, without velocities.
@@ -269,8 +277,19 @@ impl Residual {
     /// `over`: the time in which the prediction went astray, by which the correction is a velocity; more than nothing.
     #[must_use]
     pub fn onto(&self, predicted: &Motion, over: Seconds, grid: &Grid) -> Snapped {
+        self.onto_snapped(predicted, &Snapped::of(predicted, grid), over, grid)
+    }
+
+    /// The same, where the grid point nearest to what was predicted is known already.
+    #[must_use]
+    pub fn onto_snapped(
+        &self,
+        predicted: &Motion,
+        from: &Snapped,
+        over: Seconds,
+        grid: &Grid,
+    ) -> Snapped {
         let (pose, twist) = (predicted.pose(), predicted.twist());
-        let from = Snapped::of(predicted, grid);
         let turned = value3(self.turn, grid.turn);
         let rotation = if self.turn == [0; 3] {
             from.rotation
@@ -284,7 +303,9 @@ impl Residual {
         );
         let angular = add3(twist.angular, scale3(turned, rate));
         let [more_linear, more_angular] = self.velocity.unwrap_or_default().steps();
-        let fine = self.position.map(|steps| steps.saturating_mul(FINE_STEPS));
+        let [x, y, z] = self.position;
+        let fine = |steps: i32| steps.saturating_mul(FINE_STEPS);
+        let fine = [fine(x), fine(y), fine(z)];
         Snapped {
             position: plus(from.position, fine, POSITION_LIMIT),
             rotation,
@@ -312,17 +333,20 @@ impl Residual {
 }
 
 fn clamped(steps: [i32; 3], limit: i32) -> [i32; 3] {
-    steps.map(|step| step.clamp(-limit, limit))
+    let [a, b, c] = steps;
+    let one = |step: i32| step.clamp(-limit, limit);
+    [one(a), one(b), one(c)]
 }
 
 /// Component by component, of numbers within half a velocity's limit.
 fn minus(a: [i32; 3], b: [i32; 3]) -> [i32; 3] {
-    core::array::from_fn(|i| a[i] - b[i])
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
 /// Component by component, saturating at the limit, which is at most 2³⁰.
 fn plus(a: [i32; 3], b: [i32; 3], limit: i32) -> [i32; 3] {
-    core::array::from_fn(|i| a[i].saturating_add(b[i]).clamp(-limit, limit))
+    let one = |i: usize| a[i].saturating_add(b[i]).clamp(-limit, limit);
+    [one(0), one(1), one(2)]
 }
 
 /// The shortest turn that leads from one rotation to another, as axis times angle, world frame, radians.
@@ -338,93 +362,6 @@ fn rotation_vector(to: DQuat, from: DQuat) -> DVec3 {
     }
     let angle = 2.0 * libm::atan2(sine, turn.w * sign);
     scale3(axis, angle / sine)
-}
-
-/// A rotation as its three smaller components in steps of 2⁻¹⁹ and the place of the largest, which is positive.
-///
-/// 62 bits. Error: below 6.7e-6 rad (half a step in each said component, three halves in the largest), or 9.4e-6 rad
-/// where components so nearly tie that a second pass rounds again; 0.94 mm at 100 m from the centre.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct PackedRotation {
-    largest: u8,
-    others: [i32; 3],
-}
-
-/// Steps in one.
-const PACKED_STEPS: f64 = 524_288.0;
-
-impl PackedRotation {
-    /// No turn: the fourth component is the largest, the others are zero.
-    pub const IDENTITY: Self = Self {
-        largest: 3,
-        others: [0; 3],
-    };
-    /// The largest size of one of the smaller components: 2¹⁹/√2, rounded up.
-    pub const LIMIT: i32 = 370_728;
-
-    /// The grid point of a unit quaternion (RECKONING 4.3).
-    #[must_use]
-    pub fn of(rotation: DQuat) -> Self {
-        let mut packed = Self::nearest(rotation);
-        // Where two components tie, rounding may make the other one the largest; the second pass is then stable.
-        for _ in 0..3 {
-            let again = Self::nearest(packed.value());
-            if again == packed {
-                break;
-            }
-            packed = again;
-        }
-        packed
-    }
-
-    fn nearest(rotation: DQuat) -> Self {
-        let parts = rotation.to_array();
-        let steps = parts.map(|part| snap(part, 1.0 / PACKED_STEPS, 1 << 20));
-        let mut largest = 0;
-        for i in 1..4 {
-            if steps[i].abs() > steps[largest].abs() {
-                largest = i;
-            }
-        }
-        let sign = if steps[largest] < 0 { -1 } else { 1 };
-        let mut others = [0; 3];
-        for (slot, i) in (0..4).filter(|&i| i != largest).enumerate() {
-            others[slot] = steps[i] * sign;
-        }
-        Self {
-            largest: largest as u8,
-            others,
-        }
-    }
-
-    /// Checks what came from elsewhere: `None` unless it is the one way to say its rotation.
-    #[must_use]
-    pub fn from_parts(largest: u8, others: [i32; 3]) -> Option<Self> {
-        let bounded = largest < 4 && within(others, Self::LIMIT);
-        let packed = Self { largest, others };
-        (bounded && Self::nearest(packed.value()) == packed).then_some(packed)
-    }
-
-    /// Place of the largest component (x, y, z, w are 0 to 3), and the others in that order.
-    #[must_use]
-    pub const fn parts(self) -> (u8, [i32; 3]) {
-        (self.largest, self.others)
-    }
-
-    /// The unit quaternion of this grid point (RECKONING 4.3).
-    #[must_use]
-    pub fn value(self) -> DQuat {
-        let [a, b, c] = self.others.map(|steps| f64::from(steps) / PACKED_STEPS);
-        let rest = (1.0 - ((a * a + b * b) + c * c)).max(0.0);
-        let largest = sqrt(rest);
-        let (x, y, z, w) = match self.largest {
-            0 => (largest, a, b, c),
-            1 => (a, largest, b, c),
-            2 => (a, b, largest, c),
-            _ => (a, b, c, largest),
-        };
-        normalised(DQuat::from_xyzw(x, y, z, w))
-    }
 }
 
 #[cfg(test)]

@@ -24,11 +24,14 @@ mod correction;
 mod divergence;
 mod exact;
 mod flow;
+mod gate;
 mod held;
 mod inertia;
 mod lattice;
 mod motion;
+mod packed;
 mod predictor;
+mod quartet;
 mod settling;
 mod tick;
 mod tolerance;
@@ -41,14 +44,17 @@ pub use class::Class;
 pub use correction::Correction;
 pub use divergence::Divergence;
 pub use flow::{Damping, FlowTable, HORIZON, Integrator};
+pub use gate::{Case, Gate};
 pub use held::{carried, seen_from};
 pub use inertia::{Inertia, InvalidInertia};
 pub use lattice::{
-    COARSENESS_LIMIT, FINE_STEPS, Grid, POSITION_LIMIT, PackedRotation, RESIDUAL_LIMIT, Residual,
-    Snapped, TURN_LIMIT, VELOCITY_LIMIT, VelocityResidual,
+    COARSENESS_LIMIT, FINE_STEPS, Grid, POSITION_LIMIT, RESIDUAL_LIMIT, Residual, Snapped,
+    TURN_LIMIT, VELOCITY_LIMIT, VelocityResidual,
 };
 pub use motion::{InvalidMotion, Motion, Pose, Twist, UNIT_LENGTH_SLACK};
+pub use packed::PackedRotation;
 pub use predictor::{Conditions, Predictor, REST_ASTRAY};
+pub use quartet::Quartet;
 pub use settling::Settling;
 pub use tick::{Rate, Tick, Ticks};
 pub use tolerance::{InvalidTolerance, LengthBound, Tolerance, TurnBound};

@@ -81,8 +81,13 @@ impl Verbatim {
 
     /// The thirteen numbers in the order of [`Self::new`].
     #[must_use]
+    #[inline]
     pub fn parts(&self) -> [f32; 13] {
-        self.bits.map(f32::from_bits)
+        let mut parts = [0.0; 13];
+        for (part, bits) in parts.iter_mut().zip(self.bits) {
+            *part = f32::from_bits(bits);
+        }
+        parts
     }
 
     /// Position as the engine has it, metres.
@@ -106,16 +111,17 @@ impl Verbatim {
         self
     }
 
-    fn raw(&self) -> (Pose, Twist) {
-        let p = self.parts().map(f64::from);
+    /// Widened, its rotation as it was given.
+    pub(crate) fn raw(&self) -> (Pose, Twist) {
+        let p = |place: usize| f64::from(f32::from_bits(self.bits[place]));
         (
             Pose {
-                position: DVec3::new(p[0], p[1], p[2]),
-                rotation: DQuat::from_xyzw(p[3], p[4], p[5], p[6]),
+                position: DVec3::new(p(0), p(1), p(2)),
+                rotation: DQuat::from_xyzw(p(3), p(4), p(5), p(6)),
             },
             Twist {
-                linear: DVec3::new(p[7], p[8], p[9]),
-                angular: DVec3::new(p[10], p[11], p[12]),
+                linear: DVec3::new(p(7), p(8), p(9)),
+                angular: DVec3::new(p(10), p(11), p(12)),
             },
         )
     }
@@ -178,7 +184,8 @@ impl Track {
     }
 
     /// Ticks from the origin (RECKONING 3.2).
-    fn elapsed(&self, tick: Tick) -> Ticks {
+    #[inline]
+    pub(crate) fn elapsed(&self, tick: Tick) -> Ticks {
         match tick.since(self.origin) {
             Some(ticks) => ticks.min(HORIZON),
             None if tick > self.origin => HORIZON,
@@ -223,6 +230,6 @@ mod tests {
 
     #[test]
     fn a_track_stays_small() {
-        assert!(size_of::<Track>() <= 88, "{}", size_of::<Track>());
+        assert!(size_of::<Track>() <= 80, "{}", size_of::<Track>());
     }
 }

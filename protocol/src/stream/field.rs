@@ -22,7 +22,12 @@ impl Field {
     }
 
     /// What pulls at bodies whose law was said at `origin`, m/s².
+    #[inline]
     pub(crate) fn at(&self, origin: Tick) -> DVec3 {
+        // Most scenes have had one gravity all along.
+        if let [(_, gravity)] = self.changes[..] {
+            return gravity;
+        }
         self.changes
             .iter()
             .rev()

@@ -10,6 +10,7 @@ mod full;
 mod gaps;
 mod history;
 mod losses;
+mod natures;
 mod observation;
 mod parities;
 mod publisher;

@@ -7,6 +7,7 @@ mod holding;
 mod packing;
 mod repairing;
 mod spending;
+mod surveying;
 
 use alloc::boxed::Box;
 use alloc::collections::VecDeque;
@@ -29,6 +30,7 @@ use super::tracks::{Manner, Slot, Tracks};
 use super::witness::{HINDSIGHT_MAX, Witness};
 use crate::packet::{Excess, Low16, Saying, StreamId, Tongue, TrackSaying, Update, Vouch};
 use spending::Spending;
+use surveying::Survey;
 
 /// What a publisher said so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -66,12 +68,14 @@ pub struct Publisher {
     parities: Parities,
     tick: Tick,
     usher: Usher,
-    /// By index, how many bodies each holds.
-    burdens: Vec<u32>,
+    /// Who holds others, and how many, in order of index.
+    burdens: Vec<(u32, u32)>,
     namings: VecDeque<Naming>,
     updates: Vec<Update>,
     /// Who came to rest at this tick: packets still name them by their seats.
     leaving: Vec<u32>,
+    /// What the look at a tick found; none while it is made use of.
+    survey: Option<Box<Survey>>,
     /// What a packet expects at its beginning.
     tongue: Tongue,
     /// What it may take, if that is limited, and who waits.
@@ -106,6 +110,7 @@ impl Publisher {
             namings: VecDeque::new(),
             updates: Vec::new(),
             leaving: Vec::new(),
+            survey: Some(Box::new(Survey::new(terms.tolerance, terms.integrator))),
             tongue: Tongue::default(),
             spending: None,
             slack: 1.0,
@@ -208,42 +213,37 @@ impl Publisher {
         let mut updates = core::mem::take(&mut self.updates);
         updates.clear();
         self.usher.sweep(tick);
+        let mut survey = self.survey.take().expect("no look is going on");
+        self.survey(tick, observations, &mut survey);
         // What may hold others is spoken of first, so that what it holds is judged by where it is said to be.
-        let holders = if self.features.held {
-            self.holders(observations)
-        } else {
-            Vec::new()
-        };
-        let holds = |publisher: &Self, place: usize| {
-            let index = observations[place].id.index() as usize;
-            publisher
-                .burdens
-                .get(index)
-                .is_some_and(|burden| *burden > 0)
-        };
-        for place in &holders {
+        for place in &survey.holders {
             updates.extend(self.judge(witness, tick, &observations[*place], None));
         }
-
-        let burdened: Vec<usize> = (0..observations.len())
-            .filter(|place| holds(self, *place) && !holders.contains(place))
-            .collect();
-        for place in &burdened {
-            updates.extend(self.judge(witness, tick, &observations[*place], None));
+        self.survey_burdened(observations, &mut survey);
+        for place in &survey.burdened {
+            let observation = &observations[*place as usize];
+            updates.extend(self.judge(witness, tick, observation, None));
         }
-        for (place, observation) in observations.iter().enumerate() {
-            if holders.contains(&place) || burdened.contains(&place) {
+        for place in &survey.doubtful {
+            if survey.is_before(*place) {
                 continue;
             }
-            let holder = self.holder_of(observation, &holders, observations);
+            let observation = &observations[*place as usize];
+            let holder = self.holder_of(observation, &survey.holders, observations);
             updates.extend(self.judge(witness, tick, observation, holder));
         }
-        self.pack(tick, &mut updates, notices, out);
+        self.survey = Some(survey);
+        self.say(tick, &mut updates, notices, out);
+        self.updates = updates;
+    }
+
+    /// Says what was judged to be said at a tick.
+    fn say(&mut self, tick: Tick, updates: &mut [Update], notices: u64, out: &mut Vec<Bytes>) {
+        self.pack(tick, updates, notices, out);
         for index in self.leaving.drain(..) {
             self.usher.leave(index);
         }
         self.number_namings();
-        self.updates = updates;
     }
 
     /// The slot of a body that was seen at the present tick: not of one that came later, or has the index of one that went.
@@ -357,14 +357,14 @@ impl Publisher {
             tick,
             truth,
             past: seen.past,
-            ahead: &seen.ahead,
+            ahead: seen.ahead(),
             holder: held_by.as_ref().and_then(|(other, seen)| {
                 Some(Holder {
                     index: other.id.index(),
                     slot: self.tracks.slot(other.id.index())?,
                     truth: other.motion.motion(),
                     past: seen.past,
-                    ahead: &seen.ahead,
+                    ahead: seen.ahead(),
                 })
             }),
         };
@@ -430,16 +430,32 @@ impl Publisher {
 /// What was seen of a body around a tick.
 struct Sight {
     past: [Option<Motion>; 2],
-    ahead: Vec<Motion>,
+    /// As many as `known`.
+    ahead: [Motion; HINDSIGHT_MAX.count() as usize],
+    known: usize,
 }
 
 impl Sight {
     fn of(witness: &Witness, id: BodyId, tick: Tick) -> Self {
         let motion = |tick: Tick| witness.of(id, tick).map(|seen| seen.motion.motion());
-        let past = [1, 2].map(|ticks| tick.before(Ticks::new(ticks)).and_then(motion));
-        let ahead = (1..=HINDSIGHT_MAX.count())
-            .map_while(|ticks| motion(tick + Ticks::new(ticks)))
-            .collect();
-        Self { past, ahead }
+        let before = |ticks| tick.before(Ticks::new(ticks)).and_then(motion);
+        let past = [before(1), before(2)];
+        let mut sight = Self {
+            past,
+            ahead: [Motion::IDENTITY; HINDSIGHT_MAX.count() as usize],
+            known: 0,
+        };
+        for (ticks, place) in (1..).zip(&mut sight.ahead) {
+            let Some(seen) = motion(tick + Ticks::new(ticks)) else {
+                break;
+            };
+            *place = seen;
+            sight.known += 1;
+        }
+        sight
+    }
+
+    fn ahead(&self) -> &[Motion] {
+        &self.ahead[..self.known]
     }
 }

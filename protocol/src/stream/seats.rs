@@ -6,16 +6,38 @@
 use alloc::collections::BinaryHeap;
 use alloc::vec::Vec;
 use core::cmp::Reverse;
+use core::num::NonZeroU32;
 
 use rhumb_reckoning::Tick;
+
+use super::tracks::grow_to;
 
 /// One seat.
 #[derive(Clone, Copy, Debug)]
 struct Seat {
-    body: Option<u32>,
-    /// When this was said, and when the body was last spoken of.
+    /// One more than the body's index.
+    body: Option<NonZeroU32>,
+    /// The low bits of the tick at which it was last spoken of.
+    spoken: u32,
+    /// When this was said.
     since: Tick,
-    spoken: Tick,
+}
+
+impl Seat {
+    const EMPTY: Self = Self {
+        body: None,
+        spoken: 0,
+        since: Tick::ZERO,
+    };
+
+    fn body(&self) -> Option<u32> {
+        Some(self.body?.get() - 1)
+    }
+
+    /// For how many ticks the body was not spoken of.
+    const fn silent(&self, tick: Tick) -> u32 {
+        (tick.value() as u32).wrapping_sub(self.spoken)
+    }
 }
 
 /// Bodies by seat and seats by body.
@@ -29,13 +51,13 @@ pub(crate) struct Seats {
 impl Seats {
     /// The body in a seat.
     pub(crate) fn body(&self, seat: u32) -> Option<u32> {
-        self.seats.get(seat as usize)?.body
+        self.seats.get(seat as usize)?.body()
     }
 
     /// The body that sat in a seat at a tick, if nobody took it later.
     pub(crate) fn body_at(&self, seat: u32, tick: Tick) -> Option<u32> {
         let seat = self.seats.get(seat as usize)?;
-        seat.body.filter(|_| seat.since <= tick)
+        seat.body().filter(|_| seat.since <= tick)
     }
 
     /// The seat of a body.
@@ -52,13 +74,13 @@ impl Seats {
             return;
         }
         self.leave(body);
-        if let Some(before) = self.seats[place].body {
+        if let Some(before) = self.seats[place].body() {
             self.of_body[before as usize] = 0;
         }
         self.seats[place] = Seat {
-            body: Some(body),
+            body: NonZeroU32::new(body + 1),
+            spoken: tick.value() as u32,
             since: tick,
-            spoken: tick,
         };
         self.of_body[body as usize] = seat + 1;
     }
@@ -82,23 +104,13 @@ impl Seats {
     /// Notes that the body of a seat was spoken of.
     pub(crate) fn speak(&mut self, seat: u32, tick: Tick) {
         if let Some(seat) = self.seats.get_mut(seat as usize) {
-            seat.spoken = tick;
+            seat.spoken = tick.value() as u32;
         }
     }
 
     fn reach(&mut self, seat: u32, body: u32) {
-        let (seats, bodies) = (seat as usize + 1, body as usize + 1);
-        if seats > self.seats.len() {
-            let empty = Seat {
-                body: None,
-                since: Tick::ZERO,
-                spoken: Tick::ZERO,
-            };
-            self.seats.resize(seats, empty);
-        }
-        if bodies > self.of_body.len() {
-            self.of_body.resize(bodies, 0);
-        }
+        grow_to(&mut self.seats, seat as usize + 1, || Seat::EMPTY);
+        grow_to(&mut self.of_body, body as usize + 1, || 0);
     }
 }
 
@@ -158,9 +170,9 @@ impl Usher {
 
     fn leave_the_silent(&mut self, tick: Tick) {
         for seat in 0..self.end {
-            let Seat { body, spoken, .. } = self.seats.seats[seat as usize];
-            if let Some(body) = body
-                && spoken.value() + SILENT_TICKS <= tick.value()
+            let seat = &self.seats.seats[seat as usize];
+            if let Some(body) = seat.body()
+                && u64::from(seat.silent(tick)) >= SILENT_TICKS
             {
                 self.leave(body);
             }

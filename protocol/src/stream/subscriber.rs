@@ -3,6 +3,7 @@
 //! Bytes from anyone: nothing heard may panic, and memory is bounded by the limits. Does not choose when to ask for
 //! repair; see the client's session. Invariant: while the stream is settled, every track equals the publisher's.
 
+mod believing;
 mod reading;
 mod rebuilding;
 
@@ -21,7 +22,7 @@ use super::seats::Seats;
 use super::start::StreamStart;
 use super::statements::Statements;
 use super::statistics::SubscriberStatistics;
-use super::tracks::{Manner, Tracks};
+use super::tracks::{Manner, Tracks, grow_to};
 use crate::limits::INDICES_MAX;
 use crate::packet::{Doubt, Echo, Head, Low16, StreamId, Update};
 use crate::wire::Wire;
@@ -430,9 +431,7 @@ impl Subscriber {
 
     fn remember(&mut self, index: u32, before: Option<Track>) {
         let index = index as usize;
-        if index >= self.before.len() {
-            self.before.resize(index + 1, None);
-        }
+        grow_to(&mut self.before, index + 1, || None);
         self.before[index] = before;
     }
 

@@ -3,17 +3,19 @@
 //! One belief, two homes: both ends hold this type and change it by the same calls, so that they stay equal to the bit.
 
 use alloc::vec::Vec;
-use core::cell::RefCell;
+use core::cell::Cell;
+use core::fmt;
 
 use glam::{DVec3, Vec3};
 use rhumb_reckoning::{
-    Anchor, BodyId, Class, Conditions, Cursor, Damping, FlowTable, Grid, HORIZON, Inertia,
-    Integrator, Metres, Motion, Predictor, Residual, Seconds, Settling, Tick, Ticks, Tolerance,
-    Track, carried, seen_from,
+    Anchor, BodyId, Case, Class, Conditions, Cursor, Damping, FlowTable, Gate, Grid, HORIZON,
+    Inertia, Integrator, Metres, Motion, Predictor, Quartet, Residual, Seconds, Settling, Snapped,
+    Tick, Ticks, Tolerance, Track, Verbatim, carried, seen_from,
 };
 
 use super::agreement::Agreement;
 use super::field::Field;
+use super::natures::{Nature, Natures};
 use crate::limits::{DAMPINGS_MAX, INDICES_MAX};
 use crate::packet::{Course, Saying};
 use crate::scene::{BodyKind, BodyTerms, Shape};
@@ -66,17 +68,38 @@ impl Manner {
 }
 
 /// One body's place in the table.
-#[derive(Clone, Debug)]
 pub(crate) struct Slot {
     pub(crate) track: Track,
     pub(crate) radius: Metres,
-    gravity_scale: f32,
-    inertia: Option<Inertia>,
     /// How far its tumbling was computed.
-    cursor: RefCell<Cursor>,
+    cursor: Cell<Cursor>,
+    /// Its kind, of those of the table.
+    nature: u32,
     generation: u16,
-    flow: u16,
-    class: Class,
+    tumbles: bool,
+}
+
+impl Clone for Slot {
+    fn clone(&self) -> Self {
+        Self {
+            track: self.track,
+            radius: self.radius,
+            // A cursor changes what an answer costs, never its bits.
+            cursor: Cell::default(),
+            nature: self.nature,
+            generation: self.generation,
+            tumbles: self.tumbles,
+        }
+    }
+}
+
+impl fmt::Debug for Slot {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Slot")
+            .field("track", &self.track)
+            .field("generation", &self.generation)
+            .finish_non_exhaustive()
+    }
 }
 
 impl Slot {
@@ -86,7 +109,7 @@ impl Slot {
 
     /// Whether it turns otherwise than at a constant spin when it is free.
     pub(crate) const fn tumbles(&self) -> bool {
-        self.inertia.is_some()
+        self.tumbles
     }
 }
 
@@ -97,8 +120,20 @@ pub(crate) struct Tracks {
     integrator: Integrator,
     field: Field,
     flows: Vec<(Damping, FlowTable)>,
+    natures: Natures,
     slots: Vec<Option<Slot>>,
     agreement: Agreement,
+    /// What was predicted last, as long as no track changed since: who chooses asks for it again and again.
+    foreseen: Cell<Option<Foreseen>>,
+}
+
+/// What a body's own track says of a tick.
+#[derive(Clone, Copy, Debug)]
+struct Foreseen {
+    index: u32,
+    tick: Tick,
+    motion: Motion,
+    snapped: Snapped,
 }
 
 /// Why a saying could not be taken in.
@@ -119,8 +154,10 @@ impl Tracks {
             integrator,
             field: Field::new(gravity),
             flows: Vec::new(),
+            natures: Natures::default(),
             slots: Vec::new(),
             agreement: Agreement::default(),
+            foreseen: Cell::new(None),
         }
     }
 
@@ -144,24 +181,35 @@ impl Tracks {
             return false;
         };
         let index = id.index() as usize;
-        if index >= self.slots.len() {
-            self.slots.resize_with(index + 1, || None);
-        }
-        let slot = Slot {
-            track,
+        grow_to(&mut self.slots, index + 1, || None);
+        let nature = self.natures.join(Nature {
             radius: manner.radius,
             gravity_scale: manner.gravity_scale,
             inertia: manner.inertia,
-            cursor: RefCell::default(),
-            generation: id.generation(),
             flow,
             class: manner.class,
+            grid: Grid::new(self.tolerance.of_class(manner.class), manner.radius),
+        });
+        let slot = Slot {
+            track,
+            radius: manner.radius,
+            cursor: Cell::default(),
+            nature,
+            generation: id.generation(),
+            tumbles: manner.inertia.is_some(),
         };
         self.agreement.add(id.index(), &slot);
         if let Some(gone) = self.slots[index].replace(slot) {
-            self.agreement.take(id.index(), &gone);
+            self.let_go(id.index(), &gone);
         }
         true
+    }
+
+    /// A body is no longer in its place.
+    fn let_go(&mut self, index: u32, gone: &Slot) {
+        self.agreement.take(index, gone);
+        self.natures.leave(gone.nature);
+        self.foreseen.set(None);
     }
 
     /// The number of the table of this damping, made when it is the first of its kind.
@@ -189,13 +237,14 @@ impl Tracks {
             .as_ref()
             .is_some_and(|slot| slot.generation == id.generation());
         if let Some(gone) = place.take_if(|_| found) {
-            self.agreement.take(id.index(), &gone);
+            self.let_go(id.index(), &gone);
         }
         found
     }
 
     pub(crate) fn change_gravity(&mut self, since: Tick, gravity: Vec3) {
         self.field.change(since, gravity);
+        self.foreseen.set(None);
     }
 
     /// See [`Field::changes`].
@@ -215,6 +264,7 @@ impl Tracks {
         self.agreement.take(index, slot);
         slot.track = track;
         self.agreement.add(index, slot);
+        self.foreseen.set(None);
         true
     }
 
@@ -250,16 +300,16 @@ impl Tracks {
 
     /// How far off the copy of a body may be: the stream's tolerance, by the body's class.
     pub(crate) fn tolerance_of(&self, slot: &Slot) -> Tolerance {
-        self.tolerance.of_class(slot.class)
+        self.tolerance.of_class(self.natures.get(slot.nature).class)
     }
 
     pub(crate) fn grid(&self, slot: &Slot) -> Grid {
-        Grid::new(self.tolerance_of(slot), slot.radius)
+        self.natures.get(slot.nature).grid
     }
 
     /// What pulls at a body by a law said at `origin`, m/s² (RECKONING 2.5).
     pub(crate) fn gravity(&self, slot: &Slot, origin: Tick) -> DVec3 {
-        let scale = f64::from(slot.gravity_scale);
+        let scale = f64::from(self.natures.get(slot.nature).gravity_scale);
         let DVec3 { x, y, z } = self.field.at(origin);
         DVec3::new(x * scale, y * scale, z * scale)
     }
@@ -286,8 +336,13 @@ impl Tracks {
     /// What a track of a body, this one or one that it had, says of a tick in its own frame.
     pub(crate) fn framed(&self, slot: &Slot, track: &Track, tick: Tick) -> Motion {
         self.with_conditions(slot, track.predictor, track.origin, |conditions| {
-            let mut cursor = slot.cursor.borrow_mut();
-            track.at_with(tick, &self.grid(slot), conditions, &mut cursor)
+            if !track.predictor.tumbles() {
+                return track.at(tick, &self.grid(slot), conditions);
+            }
+            let mut cursor = slot.cursor.take();
+            let motion = track.at_with(tick, &self.grid(slot), conditions, &mut cursor);
+            slot.cursor.set(cursor);
+            motion
         })
     }
 
@@ -324,12 +379,69 @@ impl Tracks {
         } else {
             DVec3::ZERO
         };
-        let (_, flow) = &self.flows[usize::from(slot.flow)];
+        let nature = self.natures.get(slot.nature);
+        let (_, flow) = &self.flows[usize::from(nature.flow)];
         then(&Conditions {
             gravity,
             flow,
-            inertia: slot.inertia.as_ref(),
+            inertia: nature.inertia.as_ref(),
         })
+    }
+
+    /// Has a gate look at a body's track.
+    pub(crate) fn look(
+        &self,
+        slot: &Slot,
+        tick: Tick,
+        seen: (u32, &Verbatim),
+        gate: &mut Gate,
+        doubtful: &mut Vec<u32>,
+    ) {
+        let track = &slot.track;
+        let (place, truth) = seen;
+        // A gate is of one tolerance.
+        if self.natures.get(slot.nature).class != Class::USUAL {
+            return doubtful.push(place);
+        }
+        self.with_conditions(slot, track.predictor, track.origin, |conditions| {
+            let case = Case {
+                truth,
+                track,
+                tick,
+                grid: &self.natures.get(slot.nature).grid,
+                radius: slot.radius,
+                conditions,
+            };
+            gate.look(place, &case, doubtful);
+        });
+    }
+
+    /// Has a quartet predict a body's own track, if it takes such tracks.
+    #[must_use]
+    pub(crate) fn take(&self, quartet: &mut Quartet, key: u32, slot: &Slot, tick: Tick) -> bool {
+        let track = &slot.track;
+        let grid = &self.natures.get(slot.nature).grid;
+        self.with_conditions(slot, track.predictor, track.origin, |conditions| {
+            quartet.take(key, track, tick, grid, conditions)
+        })
+    }
+
+    /// What a body's own track says of a tick, and the grid point nearest to it.
+    fn foreseen(&self, index: u32, slot: &Slot, tick: Tick) -> (Motion, Snapped) {
+        let kept = self.foreseen.get();
+        let kept = kept.filter(|kept| kept.index == index && kept.tick == tick);
+        let kept = kept.unwrap_or_else(|| {
+            let motion = self.framed(slot, &slot.track, tick);
+            let snapped = Snapped::of(&motion, &self.grid(slot));
+            Foreseen {
+                index,
+                tick,
+                motion,
+                snapped,
+            }
+        });
+        self.foreseen.set(Some(kept));
+        (kept.motion, kept.snapped)
     }
 
     /// The frame that a body is or will be in, and what is predicted of it there, for what a saying corrects.
@@ -348,23 +460,25 @@ impl Tracks {
         if !is_of_age(track, age, tick) {
             return Err(Unreadable::OtherRevision);
         }
-        let (predictor, carrier, predicted) = match *course {
+        let free = track.carrier.is_none();
+        let (predictor, carrier, (predicted, snapped)) = match *course {
             Course::Same => (
                 track.predictor,
                 track.carrier,
-                self.framed(slot, track, tick),
+                self.foreseen(index, slot, tick),
             ),
             Course::World {
                 predictor,
                 carrier_age,
             } => {
-                let motion = self.framed(slot, track, tick);
                 let believed = match (self.carrier(track), carrier_age) {
-                    (None, None) if track.carrier.is_none() => motion,
+                    (None, None) if free => self.foreseen(index, slot, tick),
                     (Some((index, holder)), Some(age)) => {
                         let revision = former.of_age(index, holder, age, tick);
                         let revision = revision.ok_or(Unreadable::OtherRevision)?;
-                        carried(&self.framed(holder, revision, tick), &motion.pose())
+                        let motion = self.framed(slot, track, tick);
+                        let held = carried(&self.framed(holder, revision, tick), &motion.pose());
+                        self.snapped(slot, held)
                     }
                     _ => return Err(Unreadable::OtherRevision),
                 };
@@ -383,6 +497,7 @@ impl Tracks {
                 }
                 let holds = self.framed(holder, revision, tick);
                 let seen = seen_from(&holds.pose(), &self.believed(slot, tick).pose());
+                let seen = self.snapped(slot, seen);
                 (Predictor::Rest, Some(holder.id(carrier)), seen)
             }
         };
@@ -390,8 +505,14 @@ impl Tracks {
             predictor,
             carrier,
             predicted,
+            snapped,
             over: track.predictor.astray(age, self.integrator.rate),
         })
+    }
+
+    /// A motion of a body, and the grid point nearest to it.
+    fn snapped(&self, slot: &Slot, motion: Motion) -> (Motion, Snapped) {
+        (motion, Snapped::of(&motion, &self.grid(slot)))
     }
 
     /// The track that a saying at `tick` gives a body.
@@ -492,21 +613,53 @@ struct Footing {
     predictor: Predictor,
     /// In whose frame.
     carrier: Option<BodyId>,
-    /// What was predicted of it there.
+    /// What was predicted of it there, and the grid point nearest to that.
     predicted: Motion,
+    snapped: Snapped,
     /// In what time that went astray (RECKONING 4.4).
     over: Seconds,
 }
 
 impl Footing {
     fn track(&self, tick: Tick, residual: &Residual, grid: &Grid) -> Track {
-        let snapped = residual.onto(&self.predicted, self.over, grid);
+        let snapped = residual.onto_snapped(&self.predicted, &self.snapped, self.over, grid);
         let resting = self.predictor == Predictor::Rest;
         Track {
             origin: tick,
             predictor: self.predictor,
             anchor: Anchor::Snapped(if resting { snapped.stilled() } else { snapped }),
             carrier: self.carrier,
+        }
+    }
+}
+
+/// Makes a table at least so long. Its room grows by a thirty-second, so that it is little more than what is in it.
+pub(crate) fn grow_to<T>(table: &mut Vec<T>, len: usize, fill: impl FnMut() -> T) {
+    if len > table.capacity() {
+        let room = len.max(table.len() + table.len() / 32);
+        table.reserve_exact(room - table.len());
+    }
+    if len > table.len() {
+        table.resize_with(len, fill);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_place_in_the_table_stays_small() {
+        assert!(size_of::<Option<Slot>>() <= 104, "{}", size_of::<Slot>());
+    }
+
+    #[test]
+    fn a_table_has_little_more_room_than_it_needs() {
+        let mut table = Vec::new();
+        for len in 1..5_000 {
+            grow_to(&mut table, len, || 0_u8);
+            assert_eq!(table.len(), len);
+            assert!(table.capacity() <= len + len / 32 + 1);
         }
     }
 }

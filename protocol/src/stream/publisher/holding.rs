@@ -1,6 +1,4 @@
-//! Which bodies could hold others, and what each holds.
-
-use alloc::vec::Vec;
+//! Which body could hold another, and how many each holds.
 
 use glam::Vec3;
 use rhumb_reckoning::BodyId;
@@ -9,35 +7,13 @@ use super::Publisher;
 use crate::stream::observation::Observation;
 
 /// Bodies that others may be held by, at one tick: the largest that move.
-const HOLDERS_MAX: usize = 16;
+pub(super) const HOLDERS_MAX: usize = 16;
 /// A holder is larger than what it holds by this factor at least.
-const HOLDER_RATIO: f64 = 1.2;
+pub(super) const HOLDER_RATIO: f64 = 1.2;
 /// A body is held within this many radii of its holder.
 const HOLDER_REACH: f64 = 3.0;
 
 impl Publisher {
-    /// Places among the observations of the largest bodies that move and are not held.
-    pub(super) fn holders(&self, observations: &[Observation]) -> Vec<usize> {
-        let mut largest: Vec<(f64, usize)> = Vec::with_capacity(HOLDERS_MAX + 1);
-        let mut least = f64::INFINITY;
-        for (place, observation) in observations.iter().enumerate() {
-            let Some(slot) = self.seen_slot(observation) else {
-                continue;
-            };
-            let radius = slot.radius.metres();
-            least = least.min(radius);
-            let full = largest.len() == HOLDERS_MAX;
-            if slot.track.carrier.is_some() || full && largest[HOLDERS_MAX - 1].0 >= radius {
-                continue;
-            }
-            let at = largest.partition_point(|(other, _)| *other >= radius);
-            largest.insert(at, (radius, place));
-            largest.truncate(HOLDERS_MAX);
-        }
-        largest.retain(|(radius, _)| *radius >= least * HOLDER_RATIO);
-        largest.into_iter().map(|(_, place)| place).collect()
-    }
-
     /// The place of the body that could hold another: the one that does, or the nearest within reach.
     pub(super) fn holder_of(
         &self,
@@ -74,18 +50,30 @@ impl Publisher {
             })
     }
 
+    /// Whether a body holds another.
+    pub(super) fn holds(&self, index: u32) -> bool {
+        let known = |(holder, _): &(u32, u32)| *holder;
+        self.burdens.binary_search_by_key(&index, known).is_ok()
+    }
+
     /// A body was held by the one and is held by the other from now on.
     pub(super) fn shift_burden(&mut self, from: Option<BodyId>, to: Option<BodyId>) {
-        if let Some(from) = from {
-            let burden = &mut self.burdens[from.index() as usize];
-            *burden = burden.saturating_sub(1);
+        let place = |burdens: &[(u32, u32)], id: BodyId| {
+            burdens.binary_search_by_key(&id.index(), |(holder, _)| *holder)
+        };
+        if let Some(from) = from
+            && let Ok(at) = place(&self.burdens, from)
+        {
+            self.burdens[at].1 -= 1;
+            if self.burdens[at].1 == 0 {
+                self.burdens.remove(at);
+            }
         }
         if let Some(to) = to {
-            let place = to.index() as usize;
-            if place >= self.burdens.len() {
-                self.burdens.resize(place + 1, 0);
+            match place(&self.burdens, to) {
+                Ok(at) => self.burdens[at].1 += 1,
+                Err(at) => self.burdens.insert(at, (to.index(), 1)),
             }
-            self.burdens[place] += 1;
         }
     }
 }

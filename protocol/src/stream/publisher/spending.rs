@@ -122,7 +122,7 @@ impl Publisher {
         let begun = out.len();
         let spoke = !updates.is_empty();
         self.spending = Some(spending);
-        self.pack(tick, &mut updates, notices, out);
+        self.say(tick, &mut updates, notices, out);
         self.updates = updates;
         if let Some(spending) = self.spending.as_mut().filter(|_| spoke) {
             spending

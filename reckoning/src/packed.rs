@@ -1,0 +1,123 @@
+//! A rotation in sixty-two bits.
+//!
+//! Knows no grid but its own, which is the same for every body. Invariant: one rotation has one form (RECKONING 4.3).
+
+use glam::DQuat;
+
+use crate::exact::{floor, normalised, sqrt};
+
+/// A rotation as its three smaller components in steps of 2⁻¹⁹ and the place of the largest, which is positive.
+///
+/// 62 bits. Error: below 6.7e-6 rad (half a step in each said component, three halves in the largest), or 9.4e-6 rad
+/// where components so nearly tie that a second pass rounds again; 0.94 mm at 100 m from the centre.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct PackedRotation {
+    /// The place in the low two bits of the first, a component in the twenty above, half of the third in the rest; the
+    /// second component and the other half: so small that a table of tracks is dense.
+    words: [u32; 2],
+}
+
+/// Steps in one.
+const PACKED_STEPS: f64 = 524_288.0;
+/// By the place of the greatest component, those of the others.
+const OTHERS: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
+
+impl PackedRotation {
+    /// No turn: the fourth component is the largest, the others are zero.
+    pub const IDENTITY: Self = Self::packed(3, [0; 3]);
+    /// The largest size of one of the smaller components: 2¹⁹/√2, rounded up.
+    pub const LIMIT: i32 = 370_728;
+
+    /// The grid point of a unit quaternion (RECKONING 4.3).
+    #[must_use]
+    pub fn of(rotation: DQuat) -> Self {
+        let mut packed = Self::nearest(rotation);
+        // Where two components tie, rounding may make the other one the largest; the second pass is then stable.
+        for _ in 0..3 {
+            let again = Self::nearest(packed.value());
+            if again == packed {
+                break;
+            }
+            packed = again;
+        }
+        packed
+    }
+
+    fn nearest(rotation: DQuat) -> Self {
+        let most = f64::from(1 << 20);
+        let part = |part: f64| floor(part * PACKED_STEPS + 0.5).clamp(-most, most) as i32;
+        let steps = [
+            part(rotation.x),
+            part(rotation.y),
+            part(rotation.z),
+            part(rotation.w),
+        ];
+        let mut largest = 0;
+        for i in 1..4 {
+            if steps[i].abs() > steps[largest].abs() {
+                largest = i;
+            }
+        }
+        let sign = if steps[largest] < 0 { -1 } else { 1 };
+        let most = 1 << 19;
+        let [a, b, c] = OTHERS[largest];
+        let other = |i: usize| (steps[i] * sign).clamp(-most, most - 1);
+        Self::packed(largest as u8, [other(a), other(b), other(c)])
+    }
+
+    /// Of a place and of components that fit twenty bits.
+    const fn packed(largest: u8, [a, b, c]: [i32; 3]) -> Self {
+        const MASK: u32 = (1 << 20) - 1;
+        let (a, b, c) = (a as u32 & MASK, b as u32 & MASK, c as u32 & MASK);
+        Self {
+            words: [largest as u32 | a << 2 | c << 22, b | (c >> 10) << 20],
+        }
+    }
+
+    /// Checks what came from elsewhere: `None` unless it is the one way to say its rotation.
+    #[must_use]
+    pub fn from_parts(largest: u8, others: [i32; 3]) -> Option<Self> {
+        let small = |part: &i32| (-Self::LIMIT..=Self::LIMIT).contains(part);
+        let bounded = largest < 4 && others.iter().all(small);
+        if !bounded {
+            return None;
+        }
+        let packed = Self::packed(largest, others);
+        (Self::nearest(packed.value()) == packed).then_some(packed)
+    }
+
+    /// Place of the largest component (x, y, z, w are 0 to 3), and the others in that order.
+    #[must_use]
+    pub const fn parts(self) -> (u8, [i32; 3]) {
+        let [low, high] = self.words;
+        let c = (low >> 22) | (high >> 20 << 10);
+        // Shifted up and down again, the sign fills what lies above.
+        const fn signed(bits: u32) -> i32 {
+            (bits << 12) as i32 >> 12
+        }
+        ((low & 3) as u8, [signed(low >> 2), signed(high), signed(c)])
+    }
+
+    /// The unit quaternion of this grid point (RECKONING 4.3).
+    #[must_use]
+    pub fn value(self) -> DQuat {
+        normalised(self.unnormalised())
+    }
+
+    /// The same, of unit length but for rounding.
+    pub(crate) fn unnormalised(self) -> DQuat {
+        let (largest, [a, b, c]) = self.parts();
+        let part = |steps: i32| f64::from(steps) / PACKED_STEPS;
+        let (a, b, c) = (part(a), part(b), part(c));
+        let rest = (1.0 - ((a * a + b * b) + c * c)).max(0.0);
+        // Taken from the low two bits, it is a place among four.
+        let largest = usize::from(largest & 3);
+        let [first, second, third] = OTHERS[largest];
+        let mut parts = [0.0; 4];
+        parts[largest] = sqrt(rest);
+        parts[first] = a;
+        parts[second] = b;
+        parts[third] = c;
+        DQuat::from_array(parts)
+    }
+}

@@ -1,0 +1,275 @@
+//! What a tick allocates, and what a body takes, by an allocator that counts
+//!
+//! Ten thousand balls are published and followed in one process, without a network. Counts are those of the test's own
+//! thread. Memory is what the heap holds more than before, room in tables and buffers included.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::num::NonZeroU32;
+
+use bytes::Bytes;
+use glam::Vec3;
+use rhumb_client::{DisplayTime, Glass, View};
+use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::scene::Cadence;
+use rhumb_protocol::stream::{
+    Activity, Features, Manner, Observation, Publisher, StreamStart, StreamTerms, Subscriber,
+    Witness,
+};
+use rhumb_reckoning::{
+    Anchor, BodyId, Damping, Integrator, Metres, Predictor, Rate, Seconds, Tick, Tolerance, Track,
+    Verbatim,
+};
+
+/// The system's allocator, and what was asked of it.
+struct Counting;
+
+thread_local! {
+    static CALLS: Cell<u64> = const { Cell::new(0) };
+    static BYTES: Cell<i64> = const { Cell::new(0) };
+}
+
+fn note(calls: u64, bytes: i64) {
+    CALLS.with(|all| all.set(all.get() + calls));
+    BYTES.with(|all| all.set(all.get() + bytes));
+}
+
+// SAFETY: every call goes to the system's allocator as it came; the counters neither allocate nor unwind.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        note(1, layout.size() as i64);
+        // SAFETY: the caller keeps the promises of this very method.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, place: *mut u8, layout: Layout) {
+        note(0, -(layout.size() as i64));
+        // SAFETY: as above.
+        unsafe { System.dealloc(place, layout) }
+    }
+
+    unsafe fn realloc(&self, place: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        note(1, size as i64 - layout.size() as i64);
+        // SAFETY: as above.
+        unsafe { System.realloc(place, layout, size) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// What work asked of the allocator: calls, and bytes that it keeps.
+fn count<T>(work: impl FnOnce() -> T) -> (T, u64, i64) {
+    let before = (CALLS.get(), BYTES.get());
+    let done = work();
+    (done, CALLS.get() - before.0, BYTES.get() - before.1)
+}
+
+const BODIES: u32 = 10_000;
+const STREAM: StreamId = StreamId(0);
+const GRAVITY: Vec3 = Vec3::new(0.0, -9.806_65, 0.0);
+/// Of so many bodies one is struck in each tick.
+const STRUCK: u64 = 20;
+
+fn integrator() -> Integrator {
+    Integrator {
+        rate: Rate::HZ_60,
+        substeps: NonZeroU32::new(4).expect("four is not zero"),
+    }
+}
+
+/// Balls on their way, each turned back now and then.
+#[derive(Clone, Copy)]
+enum Scene {
+    /// Each ball is struck every so many ticks.
+    Struck,
+    /// No ball is ever struck.
+    Free,
+}
+
+impl Scene {
+    fn state(self, index: u32, tick: u64) -> Verbatim {
+        let phase = tick + u64::from(index) % STRUCK;
+        let (struck, last) = match self {
+            Self::Struck => (phase / STRUCK, phase / STRUCK * STRUCK),
+            Self::Free => (0, 0),
+        };
+        let speed = if struck % 2 == 0 { 3.0 } else { -3.0 };
+        let since = (phase - last) as f32 / 60.0;
+        // To and fro: where it was struck is where it began, or the end of its way.
+        let way = 3.0 * STRUCK as f32 / 60.0;
+        let from = if struck % 2 == 0 { 0.0 } else { way };
+        let x = from + speed * since + (index % 100) as f32;
+        Verbatim::new(
+            [x, 0.0, (index / 100) as f32],
+            [0.0, 0.0, 0.0, 1.0],
+            [speed, 0.0, 0.0],
+            [0.0; 3],
+        )
+        .expect("these numbers are finite")
+    }
+
+    fn observations(self, tick: u64) -> Vec<Observation> {
+        let seen = |index| Observation {
+            id: BodyId::new(index, 0),
+            motion: self.state(index, tick),
+            activity: Activity::Awake,
+        };
+        (0..BODIES).map(seen).collect()
+    }
+
+    fn bodies(self) -> impl Iterator<Item = (BodyId, Manner, Track)> {
+        (0..BODIES).map(move |index| {
+            let manner = Manner {
+                radius: Metres::new(0.5),
+                damping: Damping::default(),
+                gravity_scale: 0.0,
+                inertia: None,
+            };
+            let track = Track {
+                origin: Tick::ZERO,
+                predictor: Predictor::Uniform,
+                anchor: Anchor::Verbatim(self.state(index, 0)),
+                carrier: None,
+            };
+            (BodyId::new(index, 0), manner, track)
+        })
+    }
+
+    fn publisher(self, tolerance: Tolerance) -> Publisher {
+        let terms = StreamTerms {
+            tolerance,
+            integrator: integrator(),
+            gravity: GRAVITY,
+            features: Features::ALL,
+        };
+        let mut publisher = Publisher::new(STREAM, &terms, Tick::ZERO);
+        for (id, manner, track) in self.bodies() {
+            assert!(publisher.place(id, &manner, track));
+        }
+        publisher
+    }
+
+    fn subscriber(self, tolerance: Tolerance) -> Subscriber {
+        let mut subscriber = Subscriber::new(&StreamStart {
+            stream: STREAM,
+            tolerance,
+            integrator: integrator(),
+            every: Cadence::EACH_TICK.every,
+            gravity: GRAVITY,
+            tick: Tick::ZERO,
+            next: 0,
+            notices: 0,
+        });
+        for (id, manner, track) in self.bodies() {
+            assert!(subscriber.place(id, &manner, track));
+        }
+        subscriber.handle_snapshot_end();
+        subscriber
+    }
+
+    /// The datagrams of each tick.
+    fn said(self, ticks: u64, tolerance: Tolerance) -> Vec<Vec<Bytes>> {
+        let mut witness = Witness::new(Cadence::EACH_TICK);
+        let mut publisher = self.publisher(tolerance);
+        let say = |tick| {
+            let mut out = Vec::new();
+            witness.observe(Tick::new(tick), &self.observations(tick));
+            publisher.publish(&witness, 0, &mut out);
+            out
+        };
+        let said: Vec<_> = (1..=ticks).map(say).collect();
+        assert_eq!(publisher.tick(), Tick::new(ticks));
+        said
+    }
+}
+
+fn look(view: &mut View, subscriber: &mut Subscriber, tick: u64) {
+    let glass = Glass {
+        at: DisplayTime::at(Tick::new(tick)),
+        now: Seconds::new(tick as f64 / 60.0),
+        smooth: false,
+    };
+    view.refresh(subscriber, &glass);
+}
+
+#[test]
+fn a_tick_of_which_nothing_must_be_said_allocates_nothing() {
+    let tiers = [
+        Tolerance::EXACT,
+        Tolerance::FINE,
+        Tolerance::NORMAL,
+        Tolerance::COARSE,
+    ];
+    let mut publishers = tiers.map(|tier| Scene::Free.publisher(tier));
+    let mut witness = Witness::new(Cadence::EACH_TICK);
+    let mut out = Vec::new();
+    for tick in 1..=120 {
+        let observations = Scene::Free.observations(tick);
+        let ((), calls, _) = count(|| {
+            witness.observe(Tick::new(tick), &observations);
+            for publisher in &mut publishers {
+                publisher.publish(&witness, 0, &mut out);
+            }
+        });
+        assert!(out.is_empty());
+        assert!(calls == 0 || tick < 10, "{calls} at tick {tick}");
+    }
+}
+
+#[test]
+fn hearing_and_viewing_a_tick_allocates_nothing() {
+    let said = Scene::Struck.said(200, Tolerance::NORMAL);
+    let mut subscriber = Scene::Struck.subscriber(Tolerance::NORMAL);
+    let mut view = View::default();
+    for (tick, datagrams) in (1..).zip(&said) {
+        let ((), calls, _) = count(|| {
+            for datagram in datagrams {
+                subscriber.handle_datagram(datagram);
+            }
+            look(&mut view, &mut subscriber, tick);
+        });
+        assert!(calls == 0 || tick < 100, "{calls} at tick {tick}");
+    }
+    assert!(subscriber.statistics().updates > 1_000);
+    assert_eq!(subscriber.statistics().malformed, 0);
+}
+
+#[test]
+fn a_body_takes_116_bytes_of_each_stream_at_a_server_and_192_with_what_ticks_need() {
+    let mut witness = Witness::new(Cadence::EACH_TICK);
+    let (mut publisher, _, placed) = count(|| Scene::Struck.publisher(Tolerance::NORMAL));
+    let mut seen = 0;
+    let ((), _, grown) = count(|| {
+        for tick in 1..=2 * STRUCK {
+            let observations = Scene::Struck.observations(tick);
+            let ((), _, kept) = count(|| witness.observe(Tick::new(tick), &observations));
+            seen += kept;
+            publisher.publish(&witness, 0, &mut Vec::new());
+        }
+    });
+    // What all streams share is not a stream's; what was said is gone.
+    let said = grown - seen;
+    assert!(publisher.statistics().updates >= u64::from(BODIES));
+    let each = (placed + said) / i64::from(BODIES);
+    assert!(placed / i64::from(BODIES) <= 116, "{placed}");
+    assert!(each <= 192, "{each}: {placed} and {said}");
+}
+
+#[test]
+fn a_body_takes_no_more_than_544_bytes_at_a_client() {
+    let said = Scene::Struck.said(2 * STRUCK, Tolerance::NORMAL);
+    let (mut subscriber, _, placed) = count(|| Scene::Struck.subscriber(Tolerance::NORMAL));
+    let mut view = View::default();
+    let ((), _, viewed) = count(|| look(&mut view, &mut subscriber, 0));
+    let ((), _, heard) = count(|| {
+        for (tick, datagrams) in (1..).zip(&said) {
+            for datagram in datagrams {
+                subscriber.handle_datagram(datagram);
+            }
+            look(&mut view, &mut subscriber, tick);
+        }
+    });
+    let each = (placed + viewed + heard) / i64::from(BODIES);
+    assert!(each <= 544, "{each}: {placed}, {viewed} and {heard}");
+}
