@@ -46,13 +46,12 @@ def poses(scene):
 
 
 def known(scene, with_poses):
-    echo = scene.echo()
     state = {
         "vouched": scene.vouched,
         "complete": scene.complete(),
         "settled": scene.is_settled(),
-        "next": echo["next"],
-        "lost": echo["lost"],
+        "next": scene.next & 0xFFFF,
+        "missing": len(scene.missing),
         "sum": f"{scene.sum():016x}",
     }
     # What is shown of a body that is in doubt is nobody's promise (6.8).

@@ -146,6 +146,14 @@ pub fn parts(text: &str) -> Vec<Part> {
     parts
 }
 
+/// What a part says before its first name.
+#[must_use]
+pub fn unnamed(text: &str) -> &str {
+    names(text)
+        .first()
+        .map_or(text, |(start, _)| &text[..*start])
+}
+
 fn begins_a_part(line: &str) -> bool {
     let numbered = line.split_once(". ").is_some_and(|(number, _)| {
         !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit())

@@ -88,14 +88,12 @@ fn takes() -> Vec<Take> {
 #[must_use]
 pub fn known(replica: &Replica) -> Value {
     let stream = replica.stream();
-    let echo = stream.echo();
-    let lost: Vec<_> = echo.lost.iter().map(|number| number.0).collect();
     json!({
         "vouched": stream.vouched().value(),
         "complete": stream.complete().value(),
         "settled": stream.is_settled(),
-        "next": echo.next.0,
-        "lost": lost,
+        "next": stream.echo().next.0,
+        "missing": stream.missing(),
         "sum": format!("{:016x}", stream.agreement()),
         "poses": format!("{:016x}", poses(replica)),
     })

@@ -6,7 +6,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 
-use rhumb_tests::requirements::{Document, is_name};
+use rhumb_tests::requirements::{Document, is_name, parts, unnamed};
 
 use crate::house::{File, files, report, root};
 
@@ -139,6 +139,23 @@ fn every_requirement_has_a_name_of_its_clause_for_itself() {
         }
     }
     report("a requirement has a name for itself", &violations);
+}
+
+#[test]
+fn what_must_should_or_may_be_has_a_name() {
+    let mut violations = Vec::new();
+    for document in Document::ALL {
+        for part in parts(&document.text()) {
+            let unnamed = unnamed(&part.text);
+            let words = unnamed.split(|c: char| !c.is_ascii_uppercase());
+            let mut bound = words.filter(|word| ["MUST", "SHOULD", "MAY"].contains(word));
+            if is_number(&part.clause) && bound.next().is_some() {
+                let (name, clause) = (document.name(), &part.clause);
+                violations.push(format!("{name} {clause}: {unnamed}"));
+            }
+        }
+    }
+    report("a requirement has a name", &violations);
 }
 
 #[test]

@@ -170,18 +170,17 @@ impl Subscriber {
         datagram: &[u8],
         packet: StatePacket<'_>,
     ) -> Result<(), Malformed> {
-        if !self.is_due(packet.notices, datagram) {
-            return Ok(());
-        }
-        // Everything is decoded before anything is believed.
+        // Everything is decoded before anything is believed, or kept for later (PROTOCOL 6.5).
         let mut updates = core::mem::take(&mut self.updates);
         let (number, tick, ends_tick) = (packet.number, packet.tick, packet.ends_tick);
         let excess = ends_tick.then_some(packet.excess);
+        let notices = packet.notices;
         let decoded = packet
             .updates(&mut updates)
             .and_then(|()| self.admit(&updates));
         let newest = self.gaps.next();
         if decoded.is_ok()
+            && self.is_due(notices, datagram)
             && let Some((number, tick)) = self.arrive(number, tick, ends_tick)
         {
             if let Some(statements) = &mut self.statements {
