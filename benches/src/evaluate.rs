@@ -15,7 +15,7 @@ use rhumb_reckoning::{Metres, Ticks, Tolerance};
 use rhumb_server::{RunError, run_on_core, usable_cores};
 use rhumb_transport::LinkTerms;
 
-use crate::drive::{Cores, DriveError, Plan, run_free, run_side_by_side};
+use crate::drive::{Cores, DriveError, Loss, Losses, Plan, run_free, run_side_by_side};
 use crate::machine;
 use crate::output::{self, OutputError};
 use crate::record::{Experiment, Load, Mode};
@@ -38,6 +38,17 @@ pub struct Evaluate {
     /// How far off a copied body may be, metres.
     #[arg(long, default_value = "0.05", value_parser = tolerance, allow_negative_numbers = true)]
     tolerance: Tolerance,
+    /// The client of the paper's protocol: one that loses nothing but what the protocol costs, or the published one.
+    #[arg(
+        long,
+        value_enum,
+        default_value = "sound",
+        conflicts_with = "app_losses"
+    )]
+    app_client: AppClient,
+    /// The client of the paper's protocol: a sound one that loses these alone.
+    #[arg(long, value_enum, value_delimiter = ',')]
+    app_losses: Vec<Loss>,
     /// Seed of the script and of the pretended link.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -64,6 +75,25 @@ pub struct Evaluate {
     no_pin: bool,
 }
 
+/// Which client speaks the paper's protocol.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum AppClient {
+    /// One that loses nothing but what the protocol costs.
+    Sound,
+    /// The published one, with all of its losses.
+    AsPublished,
+}
+
+impl Evaluate {
+    fn losses(&self) -> Losses {
+        match self.app_client {
+            _ if !self.app_losses.is_empty() => Losses::only(&self.app_losses),
+            AppClient::Sound => Losses::SOUND,
+            AppClient::AsPublished => Losses::AS_PUBLISHED,
+        }
+    }
+}
+
 /// A mode as it is named on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum ModeName {
@@ -79,6 +109,12 @@ enum ModeName {
     RhumbFree,
     /// The full stream of the same server.
     NaiveFree,
+    /// The paper's protocol: every body, a datagram each.
+    AppAll,
+    /// The paper's protocol: bodies that are awake.
+    AppActive,
+    /// The paper's protocol: every body, as many in a datagram as fit.
+    AppPacked,
 }
 
 impl ModeName {
@@ -90,6 +126,9 @@ impl ModeName {
             Self::RhumbPipelined => Mode::RhumbPipelined,
             Self::RhumbFree => Mode::RhumbFree,
             Self::NaiveFree => Mode::NaiveFree,
+            Self::AppAll => Mode::AppAll,
+            Self::AppActive => Mode::AppActive,
+            Self::AppPacked => Mode::AppPacked,
         }
     }
 }
@@ -240,6 +279,7 @@ fn run_load(arguments: &Evaluate, bodies: u32, cores: Cores) -> Result<Vec<Load>
         budget: arguments.budget,
         link: arguments.link,
         modes: modes.clone(),
+        losses: arguments.losses(),
         cadence: Cadence {
             every: arguments.every,
             hindsight: Ticks::new(arguments.hindsight),

@@ -26,6 +26,12 @@ pub enum Mode {
     RhumbFree,
     /// The full stream of the same server that runs by its own clock.
     NaiveFree,
+    /// The paper's protocol: every body's state in a datagram of its own.
+    AppAll,
+    /// The same of bodies that are awake.
+    AppActive,
+    /// Every body's state, as many in a datagram as fit.
+    AppPacked,
     /// The reckoned stream of a recorded scene, over a pretended link in simulated time.
     Replay,
 }
@@ -35,6 +41,12 @@ impl Mode {
     #[must_use]
     pub const fn is_free(self) -> bool {
         matches!(self, Self::RhumbFree | Self::NaiveFree)
+    }
+
+    /// Whether it speaks the paper's protocol.
+    #[must_use]
+    pub const fn is_app(self) -> bool {
+        matches!(self, Self::AppAll | Self::AppActive | Self::AppPacked)
     }
 
     /// As on the command line, in topics and in the summary.
@@ -47,6 +59,9 @@ impl Mode {
             Self::RhumbPipelined => "rhumb-pipelined",
             Self::RhumbFree => "rhumb-free",
             Self::NaiveFree => "naive-free",
+            Self::AppAll => "app-all",
+            Self::AppActive => "app-active",
+            Self::AppPacked => "app-packed",
             Self::Replay => "replay",
         }
     }

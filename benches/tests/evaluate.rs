@@ -87,3 +87,49 @@ fn what_a_budget_withholds_is_counted_as_its_doing_and_nothing_else_breaks() {
     assert_eq!(run["mismatches"], 0);
     assert_eq!(runs[0]["budget_bytes_per_second"], serde_json::Value::Null);
 }
+
+#[test]
+fn the_papers_protocol_has_the_same_truth_and_says_every_body_in_a_datagram_of_its_own() {
+    let modes = "integrated,app-all,app-active,app-packed";
+    let runs = runs("app", &["--modes", modes, "--bodies", "30"]);
+    for run in &runs {
+        assert_eq!(run["void"], false, "{run}");
+        assert_eq!(run["truth_hash"], runs[0]["truth_hash"]);
+    }
+    let number = |run: &serde_json::Value, name: &str| run[name].as_u64().expect("a count");
+    let (all, packed) = (&runs[1], &runs[3]);
+    // Thirty ticks of thirty states, and the end of each; the acknowledgement of each step is a packet too.
+    assert_eq!(number(all, "updates"), 900);
+    assert_eq!(number(all, "payload_bytes_down"), 30 * (30 * 88 + 28));
+    assert_eq!(number(all, "datagrams_down"), 30 * (30 + 1 + 1));
+    let on_wire = 30 * (30 * 116 + 56 + 40);
+    assert_eq!(number(all, "bytes_down"), on_wire);
+    assert_eq!(number(packed, "payload_bytes_down"), 30 * (30 * 88 + 28));
+    assert_eq!(number(packed, "datagrams_down"), 30 * (2 + 1));
+    assert_eq!(all["surface_error_m"]["max"], 0.0, "what is heard is exact");
+}
+
+#[test]
+fn each_loss_of_the_published_client_can_be_had_alone() {
+    for losses in ["poll", "cap", "list", "buffer"] {
+        let client = ["--modes", "integrated,app-all", "--bodies", "10"];
+        let runs = runs(losses, &[&client[..], &["--app-losses", losses]].concat());
+        assert_eq!(runs[1]["void"], false);
+        assert_eq!(runs[1]["updates"], 300, "{losses}");
+        let link = runs[1]["link"].to_string();
+        assert!(link.contains(losses), "{link}");
+    }
+}
+
+#[test]
+fn what_the_papers_protocol_cannot_say_is_refused_by_name() {
+    let run = Command::new(env!("CARGO_BIN_EXE_rhumb-bench"))
+        .args(["evaluate", "--scene", "ragdolls", "--modes", "app-all"])
+        .args(["--seconds", "0.5", "--no-trace", "--no-pin", "--out"])
+        .arg(PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("evaluate-unsaid"))
+        .output()
+        .expect("the bench starts");
+    let said = String::from_utf8_lossy(&run.stderr);
+    assert!(!run.status.success());
+    assert!(said.contains("the paper's protocol cannot say"), "{said}");
+}

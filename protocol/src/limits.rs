@@ -8,6 +8,8 @@ pub const DATAGRAM_BYTES_MAX: usize = 1_150;
 pub const UPDATES_PER_PACKET_MAX: usize = 400;
 /// Bytes of one control message, its length and type aside.
 pub const MESSAGE_BYTES_MAX: usize = 16 * 1024;
+/// Bytes of one control message that is said in pieces: a mesh at its limits.
+pub const LONG_MESSAGE_BYTES_MAX: usize = 2 << 20;
 /// Bytes of a scene's name in UTF-8.
 pub const SCENE_NAME_BYTES_MAX: usize = 64;
 /// Versions that one `Hello` may offer.
@@ -81,6 +83,16 @@ pub const HULL_POINTS_MIN: usize = 4;
 pub const HULL_POINTS_MAX: usize = 255;
 /// Least thickness of a hull, as a share of its bounding radius: flatter ones have no faces that f32 can tell.
 pub const HULL_FLATNESS: f32 = 1e-3;
+/// Most posts of a field of heights: 512 by 512.
+pub const POSTS_MAX: usize = 512 * 512;
+/// Most points of a mesh.
+pub const MESH_POINTS_MAX: usize = 65_536;
+/// Most triangles of a mesh: an engine builds a tree of them in some 60 ms.
+pub const TRIANGLES_MAX: usize = 65_536;
+/// Most parts of a compound.
+pub const PARTS_MAX: usize = 64;
+/// Bytes that all shapes of a scene may take in memory.
+pub const SHAPE_BYTES_PER_SCENE_MAX: usize = 8 << 20;
 /// Smallest and largest density, kg/m³.
 pub const DENSITY_MIN: f32 = 1e-3;
 /// See [`DENSITY_MIN`].
@@ -138,6 +150,9 @@ const _: () = assert!(
         < MESSAGE_BYTES_MAX
 );
 const _: () = assert!(HULL_POINTS_MAX * 12 + 64 < MESSAGE_BYTES_MAX);
+// A place of a point takes three bytes at most; four of a post. Each fits a message said in pieces, with its names.
+const _: () = assert!(MESH_POINTS_MAX * 12 + TRIANGLES_MAX * 9 + 64 < LONG_MESSAGE_BYTES_MAX);
+const _: () = assert!(POSTS_MAX * 4 + 64 < LONG_MESSAGE_BYTES_MAX);
 // A 16-bit packet number is told apart from the same number a turn earlier as long as it is remembered.
 const _: () = assert!(HISTORY_PACKETS < 1 << 15);
 const _: () = assert!(TICK_JUMP_MAX < 1 << 15);

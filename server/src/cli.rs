@@ -7,10 +7,11 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::Parser;
-use rhumb_transport::Stop;
+use clap::{Parser, ValueEnum};
+use rhumb_transport::{AppListen, Stop};
 use tracing::level_filters::LevelFilter;
 
+use crate::app::{AppOptions, Datagrams, States, TimeAdvanced};
 use crate::hook::Hooks;
 use crate::serve::{Identity, RunError, Server, run_on_core};
 
@@ -33,6 +34,70 @@ pub struct Arguments {
     /// Run on this processor core alone.
     #[arg(long)]
     core: Option<usize>,
+    /// TCP and UDP address for clients of the paper's protocol, such as OpenSimulator's RemotePhysics plug-in.
+    #[arg(long)]
+    app_listen: Option<SocketAddr>,
+    /// How such clients are told that a frame is over.
+    #[arg(long, value_enum, default_value = "tcp", requires = "app_listen")]
+    app_time_advanced: Over,
+    /// Of which bodies such clients are told the state in each frame.
+    #[arg(long, value_enum, default_value = "changed", requires = "app_listen")]
+    app_states: Told,
+    /// Datagrams that such clients are sent in about a millisecond; 0: as fast as they come.
+    #[arg(long, default_value_t = 64, requires = "app_listen")]
+    app_pace: u32,
+    /// As many states in a datagram as fit, for measurements: the plug-in reads only the first.
+    #[arg(long, requires = "app_listen")]
+    app_packed: bool,
+}
+
+/// How clients are told that a frame is over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Over {
+    /// On TCP, where it is not lost.
+    Tcp,
+    /// By the last datagram.
+    Udp,
+    /// Not at all: spares the plug-in what its lists cost it.
+    Never,
+}
+
+/// Of which bodies clients are told the state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Told {
+    /// Of each that can move.
+    All,
+    /// Of each that is awake.
+    Active,
+    /// Of each that is elsewhere than was told last.
+    Changed,
+}
+
+impl Arguments {
+    fn app(&self) -> (Option<AppListen>, AppOptions) {
+        let listen = self.app_listen.map(|address| AppListen {
+            address,
+            datagrams_per_ms: (self.app_pace > 0).then_some(self.app_pace),
+        });
+        let options = AppOptions {
+            time_advanced: match self.app_time_advanced {
+                Over::Tcp => TimeAdvanced::Tcp,
+                Over::Udp => TimeAdvanced::Udp,
+                Over::Never => TimeAdvanced::Never,
+            },
+            states: match self.app_states {
+                Told::All => States::All,
+                Told::Active => States::Active,
+                Told::Changed => States::Changed,
+            },
+            datagrams: if self.app_packed {
+                Datagrams::Packed
+            } else {
+                Datagrams::Single
+            },
+        };
+        (listen, options)
+    }
 }
 
 /// Runs a server until SIGINT or SIGTERM. Exit code 0 after such a stop, 1 when it cannot start or breaks.
@@ -62,6 +127,7 @@ fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), RunError> {
     if let Some(core) = arguments.core {
         run_on_core(core)?;
     }
+    let (app_listen, app_options) = arguments.app();
     let identity = match (arguments.cert, arguments.key) {
         (Some(certificate), Some(key)) => Identity::Files { certificate, key },
         _ => Identity::Development,
@@ -71,25 +137,30 @@ fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), RunError> {
     if let Some(hooks) = hooks {
         server.attach(hooks);
     }
+    let app = match app_listen {
+        Some(listen) => Some(server.listen_app(listen, app_options)?),
+        None => None,
+    };
     let asked = stop.clone();
     // Fails only when a handler stands already: then whoever set it up decides when to stop.
     if let Err(cause) = ctrlc::set_handler(move || asked.stop()) {
         tracing::warn!("signals do not stop this server: {cause}");
     }
-    announce(&server, &identity);
+    announce(&server, &identity, app);
     let statistics = server.run(&stop)?;
     tracing::info!(connections = statistics.opened, "stopped");
     Ok(())
 }
 
 /// Tells where the server is and what to pin. A closed standard output does not stop a server.
-fn announce(server: &Server, identity: &Identity) {
+fn announce(server: &Server, identity: &Identity, app: Option<SocketAddr>) {
     let kind = match identity {
         Identity::Development => "development, made at start",
         Identity::Files { .. } => "from files",
     };
+    let app = app.map_or_else(String::new, |app| format!("app listening on {app}\n"));
     let lines = format!(
-        "rhumb-server {}\nlistening on {}\ncertificate {kind}\nfingerprint {}\n",
+        "rhumb-server {}\nlistening on {}\ncertificate {kind}\nfingerprint {}\n{app}",
         env!("CARGO_PKG_VERSION"),
         server.address(),
         server.fingerprint(),

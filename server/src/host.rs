@@ -14,6 +14,7 @@ use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
 
+use crate::app::{AppOptions, Guests};
 use crate::drives::DriveStatistics;
 use crate::hook::Hooks;
 use crate::outbox::Outbox;
@@ -29,12 +30,13 @@ struct Connection {
 
 /// All scenes of one server process and all connections to them.
 pub struct Host {
-    rooms: BTreeMap<SceneName, Room>,
+    pub(crate) rooms: BTreeMap<SceneName, Room>,
     connections: BTreeMap<Peer, Connection>,
-    out: Outbox,
+    pub(crate) out: Outbox,
+    pub(crate) guests: Guests,
     streams_begun: u32,
     hooks: Option<Hooks>,
-    stopwatch: Box<dyn Fn() -> Instant + Send>,
+    pub(crate) stopwatch: Box<dyn Fn() -> Instant + Send>,
 }
 
 impl Host {
@@ -44,6 +46,7 @@ impl Host {
             rooms: BTreeMap::new(),
             connections: BTreeMap::new(),
             out: Outbox::default(),
+            guests: Guests::default(),
             streams_begun: 0,
             hooks: None,
             stopwatch: Box::new(stopwatch),
@@ -53,6 +56,11 @@ impl Host {
     /// Gives scenes that are created from now on their hooks.
     pub fn attach(&mut self, hooks: Hooks) {
         self.hooks = Some(hooks);
+    }
+
+    /// Speaks so to clients of the paper's protocol.
+    pub fn configure_app(&mut self, options: AppOptions) {
+        self.guests.configure(options);
     }
 
     /// Names of the scenes that exist.
@@ -179,7 +187,7 @@ impl Host {
         stream
     }
 
-    fn create(&mut self, name: &SceneName, terms: SceneTerms) -> Result<(), Denial> {
+    pub(crate) fn create(&mut self, name: &SceneName, terms: SceneTerms) -> Result<(), Denial> {
         if self.rooms.contains_key(name) {
             return Err(Denial::SceneExists);
         }
@@ -196,21 +204,33 @@ impl Host {
     }
 
     fn delete(&mut self, peer: Peer, name: &SceneName) {
-        let Some(room) = self.rooms.remove(name) else {
+        if self.rooms.get(name).is_some_and(Room::is_led) {
+            let denial = ServerMessage::Denied(Denial::Led);
+            return self.out.say(peer, &denial);
+        }
+        if !self.rooms.contains_key(name) {
             let denial = ServerMessage::Denied(Denial::NoSuchScene);
             return self.out.say(peer, &denial);
+        }
+        let connection = self.connections.get(&peer);
+        let asked_by_member = connection.is_some_and(|connection| connection.member);
+        self.end_scene(name);
+        if !asked_by_member {
+            self.out.say(peer, &ServerMessage::Deleted);
+        }
+    }
+
+    /// A scene is gone; its members hear it.
+    pub(crate) fn end_scene(&mut self, name: &SceneName) {
+        let Some(room) = self.rooms.remove(name) else {
+            return;
         };
-        let mut asked_by_member = false;
         for member in room.members() {
-            asked_by_member |= member == peer;
             if let Some(connection) = self.connections.get_mut(&member) {
                 connection.member = false;
             }
         }
         room.end(&mut self.out);
-        if !asked_by_member {
-            self.out.say(peer, &ServerMessage::Deleted);
-        }
         tracing::info!(scene = %name, "scene deleted");
     }
 

@@ -4,6 +4,7 @@
 //! Invariants: a refused command changes nothing; a state that is not finite never leaves the engine.
 #![forbid(unsafe_code)]
 
+mod app;
 pub mod cli;
 mod digest;
 mod drives;
@@ -23,6 +24,7 @@ mod streams;
 mod thin_link;
 mod times;
 
+pub use app::{AppOptions, Datagrams, States, TimeAdvanced};
 pub use digest::Digest;
 pub use drives::DriveStatistics;
 pub use hook::{Hook, HookError, Hooks};

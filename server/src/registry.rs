@@ -5,7 +5,9 @@
 
 use std::collections::BTreeMap;
 
-use rhumb_protocol::limits::{BODIES_MAX, DAMPINGS_MAX, INDICES_MAX, JOINTS_MAX, SHAPES_MAX};
+use rhumb_protocol::limits::{
+    BODIES_MAX, DAMPINGS_MAX, INDICES_MAX, JOINTS_MAX, SHAPE_BYTES_PER_SCENE_MAX, SHAPES_MAX,
+};
 use rhumb_protocol::scene::{
     BodyKind, BodyTerms, CommandError, IdRange, Joint, JointId, Joints, Shape, ShapeId,
 };
@@ -15,6 +17,7 @@ use rhumb_reckoning::{BodyId, Damping};
 #[derive(Debug, Default)]
 pub(crate) struct Registry {
     shapes: BTreeMap<ShapeId, KnownShape>,
+    shape_bytes: usize,
     /// By index; `None` where none ever was.
     bodies: Vec<Option<KnownBody>>,
     count: usize,
@@ -45,6 +48,11 @@ impl Registry {
         if self.shapes.contains_key(&id) {
             return Err(CommandError::ShapeIdTaken(id));
         }
+        let bytes = self.shape_bytes + shape.bytes();
+        if bytes > SHAPE_BYTES_PER_SCENE_MAX {
+            return Err(CommandError::TooManyShapeBytes);
+        }
+        self.shape_bytes = bytes;
         self.shapes.insert(id, KnownShape { shape, users: 0 });
         Ok(())
     }
@@ -54,7 +62,9 @@ impl Registry {
         if known.ok_or(CommandError::UnknownShape(id))?.users > 0 {
             return Err(CommandError::ShapeInUse(id));
         }
-        self.shapes.remove(&id);
+        if let Some(known) = self.shapes.remove(&id) {
+            self.shape_bytes -= known.shape.bytes();
+        }
         Ok(())
     }
 
@@ -86,6 +96,9 @@ impl Registry {
         }
         let known = self.shapes.get_mut(&terms.shape);
         let known = known.ok_or(CommandError::UnknownShape(terms.shape))?;
+        if terms.kind == BodyKind::Dynamic && !known.shape.is_solid() {
+            return Err(CommandError::NoInside(terms.shape));
+        }
         known.users += 1;
         if new_damping {
             self.dampings.push(damping);

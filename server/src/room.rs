@@ -4,6 +4,7 @@
 
 mod driving;
 mod following;
+mod leading;
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -52,6 +53,8 @@ pub(crate) struct Room {
     observations: Vec<Observation>,
     times: Times,
     faulted: bool,
+    /// Whether a client of another protocol says when it steps and ends.
+    led: bool,
 }
 
 /// A free-running scene that is later than so many steps lets time go slower instead of catching up.
@@ -76,6 +79,7 @@ impl Room {
             observations: Vec::new(),
             times: Times::default(),
             faulted: false,
+            led: false,
         }
     }
 
@@ -270,6 +274,7 @@ impl Room {
         let too_far = to.value() > self.scene.tick().value() + ADVANCE_TICKS_MAX;
         match self.terms().pace {
             Pace::FreeRunning => Some(Denial::NotLockstep),
+            Pace::Lockstep if self.led => Some(Denial::Led),
             Pace::Lockstep if self.faulted => Some(Denial::SceneFaulted),
             Pace::Lockstep if too_far => Some(Denial::TooFarAhead),
             Pace::Lockstep => None,

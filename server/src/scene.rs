@@ -17,7 +17,7 @@ use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, Inertia, Metres, Tick, Twist, Verbatim};
 
 use crate::digest::Digest;
-use crate::engine::{Engine, EngineFault, Newcomer, Push, RapierEngine};
+use crate::engine::{Contact, Engine, EngineFault, Newcomer, Push, RapierEngine};
 use crate::hook::{Hook, HookError};
 use crate::registry::Registry;
 
@@ -237,6 +237,7 @@ impl Scene {
             damping,
             gravity_scale: terms.gravity_scale,
             gyroscopic: terms.gyroscopic,
+            turns: terms.turns,
             motion,
         });
         Ok(())
@@ -380,6 +381,11 @@ impl Scene {
     #[must_use]
     pub fn inertia(&self, id: BodyId) -> Option<Inertia> {
         self.engine.inertia(id)
+    }
+
+    /// Adds, for each body that touches this one after the last step, where they do so deepest.
+    pub fn contacts(&self, id: BodyId, out: &mut Vec<Contact>) {
+        self.engine.contacts(id, out);
     }
 
     /// The least generation that no body of these indices has had.

@@ -8,10 +8,11 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use rhumb_transport::{
-    BindError, Certificate, CertificateError, Clock, Fingerprint, QuicServer, ServeError,
-    ServerOptions, ServerStatistics, Stop,
+    AppBindError, AppListen, BindError, Certificate, CertificateError, Clock, Fingerprint,
+    QuicServer, ServeError, ServerOptions, ServerStatistics, Stop,
 };
 
+use crate::app::AppOptions;
 use crate::hook::Hooks;
 use crate::host::Host;
 
@@ -33,6 +34,7 @@ pub enum Identity {
 pub struct Server {
     transport: QuicServer,
     hooks: Option<Hooks>,
+    app: AppOptions,
 }
 
 /// Why a server did not start, or stopped unasked.
@@ -42,6 +44,8 @@ pub enum RunError {
     Certificate(CertificateError),
     /// The address cannot be listened on.
     Bind(BindError),
+    /// The address for clients of the paper's protocol cannot be listened on.
+    AppBind(AppBindError),
     /// The threads cannot be bound to a core.
     Core {
         /// Which core.
@@ -58,6 +62,7 @@ impl fmt::Display for RunError {
         match self {
             Self::Certificate(cause) => cause.fmt(f),
             Self::Bind(cause) => cause.fmt(f),
+            Self::AppBind(cause) => cause.fmt(f),
             Self::Core { core, cause } => write!(f, "cannot run on core {core} alone: {cause}"),
             Self::Serve(cause) => cause.fmt(f),
         }
@@ -86,6 +91,7 @@ impl Server {
         Ok(Self {
             transport,
             hooks: None,
+            app: AppOptions::default(),
         })
     }
 
@@ -99,6 +105,20 @@ impl Server {
     #[must_use]
     pub fn fingerprint(&self) -> Fingerprint {
         self.transport.fingerprint()
+    }
+
+    /// Awaits clients of the paper's protocol too, and says where.
+    ///
+    /// # Errors
+    ///
+    /// [`RunError::AppBind`] for an address that cannot be used.
+    pub fn listen_app(
+        &mut self,
+        listen: AppListen,
+        options: AppOptions,
+    ) -> Result<SocketAddr, RunError> {
+        self.app = options;
+        self.transport.listen_app(listen).map_err(RunError::AppBind)
     }
 
     /// Gives the scenes that will be created their hooks.
@@ -117,7 +137,10 @@ impl Server {
         if let Some(hooks) = self.hooks {
             host.attach(hooks);
         }
-        self.transport.run(&mut host, stop).map_err(RunError::Serve)
+        host.configure_app(self.app);
+        self.transport
+            .run_app(&mut host, stop)
+            .map_err(RunError::Serve)
     }
 }
 

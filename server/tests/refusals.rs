@@ -15,7 +15,7 @@ use rhumb_protocol::scene::{
 };
 use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, Damping, Inertia, Integrator, Rate, Tick, Twist, Verbatim};
-use rhumb_server::engine::{Engine, EngineFault, Newcomer, Push, Unfit};
+use rhumb_server::engine::{Contact, Engine, EngineFault, Newcomer, Push, Unfit};
 use rhumb_server::{Digest, Scene, SceneFault};
 
 fn terms() -> SceneTerms {
@@ -241,6 +241,8 @@ impl Engine for Double {
     fn inertia(&self, _: BodyId) -> Option<Inertia> {
         None
     }
+
+    fn contacts(&self, _: BodyId, _: &mut Vec<Contact>) {}
 
     fn awake_count(&self) -> usize {
         0

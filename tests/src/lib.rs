@@ -5,6 +5,7 @@
 
 mod avatar;
 pub mod grammar;
+mod plugin;
 mod process;
 pub mod requirements;
 mod rude;
@@ -17,6 +18,7 @@ mod walk;
 mod witness;
 
 pub use avatar::Avatars;
+pub use plugin::{PluginTalk, Recording, hear};
 pub use process::{Ended, Programme, ServerProcess};
 pub use rude::Rude;
 pub use seed::{Dice, seed};

@@ -35,6 +35,8 @@ pub struct ServerProcess {
     pub address: SocketAddr,
     /// What to pin.
     pub fingerprint: Fingerprint,
+    /// Where clients of the paper's protocol are awaited, if they are.
+    pub app: Option<SocketAddr>,
 }
 
 impl Programme {
@@ -59,10 +61,27 @@ impl Programme {
     /// When it does not say where it listens and what to pin.
     #[must_use]
     pub fn serve(self, listen: &str) -> ServerProcess {
-        let mut child = self.spawn(&["--listen", listen, "--log", "info"]);
+        self.serve_with(listen, &[])
+    }
+
+    /// The same for clients of the paper's protocol too, on a free port of loopback, with more arguments.
+    ///
+    /// # Panics
+    ///
+    /// When it does not say where it listens.
+    #[must_use]
+    pub fn serve_app(self, listen: &str, more: &[&str]) -> ServerProcess {
+        let app = ["--app-listen", "127.0.0.1:0"];
+        self.serve_with(listen, &[&app, more].concat())
+    }
+
+    fn serve_with(self, listen: &str, more: &[&str]) -> ServerProcess {
+        let plain = ["--listen", listen, "--log", "info"];
+        let mut child = self.spawn(&[&plain, more].concat());
         let mut out = BufReader::new(child.stdout.take().expect("standard output is piped"));
         let mut lines = Vec::new();
-        while lines.len() < START_UP_LINES {
+        let expected = START_UP_LINES + usize::from(more.contains(&"--app-listen"));
+        while lines.len() < expected {
             let mut line = String::new();
             let read = out.read_line(&mut line).expect("the server says text");
             assert!(read > 0, "the server ended after it said {lines:?}");
@@ -78,7 +97,12 @@ impl Programme {
         let fingerprint = after("fingerprint ")
             .parse()
             .expect("it shows a fingerprint");
+        let app = lines
+            .iter()
+            .find_map(|line| line.strip_prefix("app listening on "))
+            .map(|address| address.parse().expect("it listens on an address"));
         ServerProcess {
+            app,
             child,
             out,
             lines,

@@ -17,8 +17,8 @@ use rhumb_protocol::stream::{
     Witness,
 };
 use rhumb_reckoning::{
-    Anchor, BodyId, Damping, Integrator, Metres, Predictor, Rate, Seconds, Tick, Tolerance, Track,
-    Verbatim,
+    Anchor, BodyId, Class, Damping, Integrator, Metres, Predictor, Rate, Seconds, Tick, Tolerance,
+    Track, Verbatim,
 };
 
 /// The system's allocator, and what was asked of it.
@@ -125,6 +125,7 @@ impl Scene {
                 damping: Damping::default(),
                 gravity_scale: 0.0,
                 inertia: None,
+                class: Class::default(),
             };
             let track = Track {
                 origin: Tick::ZERO,

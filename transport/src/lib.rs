@@ -4,13 +4,16 @@
 //! Every queue between threads is bounded.
 #![forbid(unsafe_code)]
 
+mod app;
 mod clock;
 mod gauge;
+mod piece;
 mod pretend;
 mod quic;
 mod relay;
 mod socket;
 
+pub use app::{AppBindError, AppEndpoint, AppListen, AppTransmit};
 pub use clock::Clock;
 pub use pretend::{
     Arena, Direction, Lane, Link, LinkCounts, LinkTerms, Rest, Share, Tally, TermsError,

@@ -1,6 +1,7 @@
 //! Runs one script in several modes side by side, and records what each did.
 //!
 //! All modes take the same tick in turn, so that the machine's noise falls on all alike.
+mod app;
 pub(crate) mod compare;
 mod control;
 mod free;
@@ -9,6 +10,7 @@ mod process;
 mod remote;
 mod side_by_side;
 
+pub use app::{AppError, Loss, Losses, Unsaid};
 pub use control::{Played, Serve, serve};
 pub use free::run_free;
 pub use process::{ProcessError, ServerProcess};
@@ -33,6 +35,8 @@ pub enum DriveError {
     Open(OpenError),
     /// A call on the client failed.
     Client(ClientError),
+    /// A mode of the paper's protocol failed.
+    App(AppError),
     /// The relay that pretends the link did not start.
     Relay(RelayError),
     /// The engine in this process failed.
@@ -65,6 +69,7 @@ impl fmt::Display for DriveError {
             Self::Process(cause) => cause.fmt(f),
             Self::Open(cause) => cause.fmt(f),
             Self::Client(cause) => cause.fmt(f),
+            Self::App(cause) => cause.fmt(f),
             Self::Relay(cause) => cause.fmt(f),
             Self::Scene(cause) => cause.fmt(f),
             Self::Terms(cause) => cause.fmt(f),
@@ -104,6 +109,12 @@ impl From<OpenError> for DriveError {
 impl From<ClientError> for DriveError {
     fn from(cause: ClientError) -> Self {
         Self::Client(cause)
+    }
+}
+
+impl From<AppError> for DriveError {
+    fn from(cause: AppError) -> Self {
+        Self::App(cause)
     }
 }
 

@@ -19,6 +19,8 @@ pub struct ServerProcess {
     pub address: SocketAddr,
     /// What to pin.
     pub fingerprint: Fingerprint,
+    /// Where clients of the paper's protocol are awaited, if they are.
+    pub app: Option<SocketAddr>,
 }
 
 /// Why there is no server.
@@ -56,6 +58,19 @@ impl ServerProcess {
     ///
     /// [`ProcessError`] when it does not start or does not say where it is.
     pub fn start(core: Option<usize>, beside: Option<&Played>) -> Result<Self, ProcessError> {
+        Self::start_with(core, beside, &[])
+    }
+
+    /// The same with more arguments, such as where clients of the paper's protocol are awaited.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::start`].
+    pub fn start_with(
+        core: Option<usize>,
+        beside: Option<&Played>,
+        more: &[&str],
+    ) -> Result<Self, ProcessError> {
         let program = std::env::current_exe().map_err(ProcessError::Start)?;
         let mut command = Command::new(program);
         command.args(["serve", "--listen", "127.0.0.1:0", "--log", "warn"]);
@@ -67,16 +82,19 @@ impl ServerProcess {
             command.args(["--bodies", &played.bodies.to_string()]);
             command.args(["--seed", &played.seed.to_string()]);
         }
+        command.args(more);
+        let awaits_app = more.iter().any(|more| more.starts_with("--app-listen"));
         let mut child = command
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .spawn()
             .map_err(ProcessError::Start)?;
-        match read_start_up_lines(&mut child) {
-            Ok((address, fingerprint)) => Ok(Self {
+        match read_start_up_lines(&mut child, awaits_app) {
+            Ok((address, fingerprint, app)) => Ok(Self {
                 child,
                 address,
                 fingerprint,
+                app,
             }),
             Err(error) => {
                 end(&mut child);
@@ -86,9 +104,13 @@ impl ServerProcess {
     }
 }
 
-/// Reads the lines that name address and fingerprint.
-fn read_start_up_lines(child: &mut Child) -> Result<(SocketAddr, Fingerprint), ProcessError> {
+/// What the start-up lines name.
+type Addresses = (SocketAddr, Fingerprint, Option<SocketAddr>);
+
+/// Reads the lines that name address and fingerprint, and the address for the paper's protocol if there is one.
+fn read_start_up_lines(child: &mut Child, awaits_app: bool) -> Result<Addresses, ProcessError> {
     let (mut said, mut address, mut fingerprint) = (String::new(), None, None);
+    let mut app = None;
     if let Some(out) = child.stdout.take() {
         for line in BufReader::new(out).lines() {
             let line = line.map_err(ProcessError::Start)?;
@@ -98,10 +120,15 @@ fn read_start_up_lines(child: &mut Child) -> Result<(SocketAddr, Fingerprint), P
             if let Some(text) = line.strip_prefix("fingerprint ") {
                 fingerprint = text.parse().ok();
             }
+            if let Some(text) = line.strip_prefix("app listening on ") {
+                app = text.parse().ok();
+            }
             said.push_str(&line);
             said.push('\n');
-            if let (Some(address), Some(fingerprint)) = (address, fingerprint) {
-                return Ok((address, fingerprint));
+            if let (Some(address), Some(fingerprint)) = (address, fingerprint)
+                && app.is_some() == awaits_app
+            {
+                return Ok((address, fingerprint, app));
             }
         }
     }

@@ -4,13 +4,14 @@
 //! in this thread; then the others take it. So the pipelined caller has other work to do, as a simulator has.
 
 use rhumb_client::{Depth, StreamChoice};
-use rhumb_protocol::scene::Cadence;
+use rhumb_protocol::scene::{Cadence, Command};
 use rhumb_protocol::stream::Budget;
 use rhumb_reckoning::{Metres, Tick, Tolerance};
 use rhumb_sims::Script;
 use rhumb_transport::LinkTerms;
 
 use super::DriveError;
+use super::app::{AppRemote, AppSetup, Losses};
 use super::compare::{Known, RecentTruth};
 use super::control::Played;
 use super::integrated::Integrated;
@@ -44,6 +45,8 @@ pub struct Plan {
     pub link: LinkTerms,
     /// Which modes, in the order of the report.
     pub modes: Vec<Mode>,
+    /// What the client of the paper's protocol loses.
+    pub losses: Losses,
     /// When the free-running scene is published.
     pub cadence: Cadence,
     /// Where they run.
@@ -81,6 +84,8 @@ impl Plan {
                 .map(Budget::bytes_per_second),
             link: if mode == Mode::Integrated {
                 "none".into()
+            } else if mode.is_app() {
+                format!("{}, client {}", LinkTerms::PERFECT, self.losses)
             } else {
                 self.link.to_string()
             },
@@ -89,6 +94,36 @@ impl Plan {
             ticks: self.ticks,
             replayed: None,
         }
+    }
+
+    /// The modes whose client is Rhumb's and waits for its tick; the pipelined one first, since its server works while the
+    /// others take their turn.
+    fn start_remotes(&self, script: &dyn Script) -> Result<Vec<(Mode, Remote)>, DriveError> {
+        let mut remotes = Vec::new();
+        for mode in &self.modes {
+            if *mode != Mode::Integrated && !mode.is_free() && !mode.is_app() {
+                remotes.push((*mode, Remote::start(&self.setup(*mode, script))?));
+            }
+        }
+        remotes.sort_by_key(|(mode, _)| *mode != Mode::RhumbPipelined);
+        Ok(remotes)
+    }
+
+    /// The modes of the paper's protocol.
+    fn start_apps(&self, script: &dyn Script) -> Result<Vec<(Mode, AppRemote)>, DriveError> {
+        let modes = self.modes.iter().copied().filter(|mode| mode.is_app());
+        modes
+            .map(|mode| {
+                let setup = AppSetup {
+                    mode,
+                    losses: self.losses,
+                    terms: script.terms(),
+                    beside: script.controller().map(|_| self.played()),
+                    core: self.cores.server,
+                };
+                Ok((mode, AppRemote::start(&setup)?))
+            })
+            .collect()
     }
 
     pub(super) fn setup<'a>(&'a self, mode: Mode, script: &dyn Script) -> Setup<'a> {
@@ -124,14 +159,8 @@ impl Plan {
 pub fn run_side_by_side(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<Load, DriveError> {
     let mut script = plan.script()?;
     let mut integrated = Integrated::new(&*script)?;
-    let mut remotes = Vec::new();
-    for mode in &plan.modes {
-        if *mode != Mode::Integrated && !mode.is_free() {
-            remotes.push((*mode, Remote::start(&plan.setup(*mode, &*script))?));
-        }
-    }
-    // The pipelined one first: its server works while the others take their turn.
-    remotes.sort_by_key(|(mode, _)| *mode != Mode::RhumbPipelined);
+    let mut remotes = plan.start_remotes(&*script)?;
+    let mut apps = plan.start_apps(&*script)?;
     let mut recent = RecentTruth::default();
     let mut commands = Vec::new();
     script.commands(Tick::ZERO, &mut commands);
@@ -140,6 +169,9 @@ pub fn run_side_by_side(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<L
     }
     for (_, remote) in &mut remotes {
         remote.prepare(&commands)?;
+    }
+    for (_, app) in &mut apps {
+        app.prepare(&commands)?;
     }
     remember(&mut recent, &integrated);
     commands.clear();
@@ -165,6 +197,7 @@ pub fn run_side_by_side(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<L
         for (_, remote) in others {
             remote.frame(&commands)?;
         }
+        frame_of_apps(&mut apps, &commands, &recent, integrated.tick())?;
         for (mode, remote) in &mut remotes {
             let tolerance = (*mode != Mode::Naive).then_some(plan.tolerance);
             let missing = remote.judge(&recent, tolerance);
@@ -182,7 +215,56 @@ pub fn run_side_by_side(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<L
         }
     }
     show_what_is_owed(plan, &recent, integrated.tick(), &mut remotes)?;
-    finish(plan, integrated, frames, remotes)
+    let apps = apps
+        .into_iter()
+        .map(|(mode, app)| finish_app(plan, mode, app, &integrated))
+        .collect::<Result<Vec<_>, _>>()?;
+    let mut load = finish(plan, integrated, frames, remotes)?;
+    load.runs.extend(apps);
+    load.runs
+        .sort_by_key(|run| plan.modes.iter().position(|mode| *mode == run.terms.mode));
+    Ok(load)
+}
+
+/// Has each mode of the paper's protocol take a tick, and judges what it saw.
+fn frame_of_apps(
+    apps: &mut [(Mode, AppRemote)],
+    commands: &[Command],
+    recent: &RecentTruth,
+    tick: Tick,
+) -> Result<(), DriveError> {
+    for (mode, app) in apps {
+        app.frame(commands)?;
+        if app.judge(recent) != Some(0) {
+            return Err(DriveError::Incomplete { mode: *mode, tick });
+        }
+    }
+    Ok(())
+}
+
+fn finish_app(
+    plan: &Plan,
+    mode: Mode,
+    mut app: AppRemote,
+    integrated: &Integrated,
+) -> Result<Run, DriveError> {
+    let step_s = integrated.scene().terms().integrator.rate.step().seconds();
+    let inspection = app.inspect()?;
+    Ok(Run {
+        terms: plan.run_terms(mode, step_s),
+        truth_digest: inspection.truth,
+        frames: app.frames,
+        passed: app.passed,
+        join: app.join,
+        breaches: Vec::new(),
+        recoveries: Vec::new(),
+        // It says no sums over tracks.
+        mismatches: 0,
+        step_ns_p50: inspection.times.step_median,
+        step_ns_p99: inspection.times.step_p99,
+        step_ns_total: inspection.times.step_total,
+        publish_ns_total: inspection.times.publish_total + inspection.times.observe_total,
+    })
 }
 
 /// A pipelined server still owes the last tick.
@@ -263,7 +345,6 @@ fn finish(
             mismatches,
         });
     }
-    runs.sort_by_key(|run| plan.modes.iter().position(|mode| *mode == run.terms.mode));
     Ok(Load {
         truth: integrated.truth,
         runs,

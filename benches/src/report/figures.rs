@@ -33,6 +33,9 @@ const fn key(mode: Mode) -> Key {
         Mode::RhumbPipelined => "--rhumb-pipelined",
         Mode::RhumbFree => "--rhumb-free",
         Mode::NaiveFree => "--naive-free",
+        Mode::AppAll => "--app-all",
+        Mode::AppActive => "--app-active",
+        Mode::AppPacked => "--app-packed",
         Mode::Replay => "--replay",
     };
     Key {
@@ -54,6 +57,9 @@ const fn color(mode: Mode) -> RGBColor {
         Mode::RhumbPipelined => RGBColor(16, 163, 127),
         Mode::RhumbFree => RGBColor(126, 34, 206),
         Mode::NaiveFree => RGBColor(161, 98, 7),
+        Mode::AppAll => RGBColor(153, 27, 27),
+        Mode::AppActive => RGBColor(220, 38, 38),
+        Mode::AppPacked => RGBColor(87, 83, 78),
         Mode::Replay => RGBColor(190, 24, 93),
     }
 }

@@ -123,6 +123,15 @@ pub(super) const fn mode(mode: Mode) -> &'static str {
         Mode::RhumbFree => {
             "the engine runs in another process by its own clock, in real time, and sends as little; nobody waits."
         }
+        Mode::AppAll => {
+            "the engine runs in another process and speaks the paper's protocol: every body's state each tick, a datagram each."
+        }
+        Mode::AppActive => {
+            "the paper's protocol, of bodies that are awake: their states each tick, a datagram each."
+        }
+        Mode::AppPacked => {
+            "the paper's protocol with as many states in a datagram as fit: what packing alone would give it."
+        }
         Mode::Replay => {
             "a recorded scene is published and followed over a pretended link in simulated time; each tick is judged when \
              the stream vouches for it, and bytes are counted as they are sent."

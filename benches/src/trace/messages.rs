@@ -224,6 +224,8 @@ impl From<&Placed> for Placement {
                 half_height,
                 radius,
             } => (4, vec![half_height, radius]),
+            // No script has such ones yet; they are drawn, and traces have no numbers for them.
+            Solid::Heights(_) | Solid::Mesh(_) | Solid::Compound(_) => (0, Vec::new()),
         };
         Self {
             index: placed.terms.id.index(),

@@ -4,11 +4,11 @@
 //! (x, -z, y) in the frame `map`. Only what is drawn is turned; the topics for machines keep the engine's frame.
 
 use foxglove::messages::{
-    Color, CubePrimitive, CylinderPrimitive, Pose, Quaternion, SceneEntity, SpherePrimitive,
-    Vector3,
+    Color, CubePrimitive, CylinderPrimitive, Point3, Pose, Quaternion, SceneEntity,
+    SpherePrimitive, TriangleListPrimitive, Vector3,
 };
 use glam::{DQuat, DVec3};
-use rhumb_protocol::scene::Shape;
+use rhumb_protocol::scene::{Compound, Shape};
 
 /// The frame of all that is drawn.
 pub(super) const FRAME: &str = "map";
@@ -35,6 +35,7 @@ pub(super) fn add(
         let [x, y, z] = [x, y, z].map(|half| 2.0 * f64::from(half));
         Some(Vector3 { x, y, z })
     };
+    let tint = color;
     let color = Some(color);
     let sphere = |centre, radius| SpherePrimitive {
         pose: Some(drawn(centre, rotation)),
@@ -61,6 +62,13 @@ pub(super) fn add(
                 color,
             });
         }
+        Shape::Heights(_) | Shape::Mesh(_) => {
+            let triangles = sheet(shape, drawn(centre, rotation));
+            entity
+                .triangles
+                .push(TriangleListPrimitive { color, ..triangles });
+        }
+        Shape::Compound(ref parts) => add_parts(entity, parts, centre, rotation, tint),
         Shape::Cuboid { half_extents } => entity.cubes.push(CubePrimitive {
             pose: Some(drawn(centre, rotation)),
             size: size(half_extents.x, half_extents.y, half_extents.z),
@@ -80,6 +88,55 @@ pub(super) fn add(
             entity.spheres.push(sphere(centre - end, radius));
         }
     }
+}
+
+/// Adds the primitives of each part.
+fn add_parts(
+    entity: &mut SceneEntity,
+    compound: &Compound,
+    centre: DVec3,
+    rotation: DQuat,
+    color: Color,
+) {
+    for part in compound.parts() {
+        let at = (centre + rotation * part.position.as_dvec3()).as_vec3();
+        let turned = (rotation * part.rotation.as_dquat()).as_quat();
+        let (at, turned) = (at.to_array(), turned.to_array());
+        add(entity, &part.shape, at, turned, color);
+    }
+}
+
+/// Ground or a mesh, without its colour; of anything else no triangle.
+fn sheet(shape: &Shape, pose: Pose) -> TriangleListPrimitive {
+    let point = |DVec3 { x, y, z }| Point3 { x, y, z };
+    let (points, indices) = match shape {
+        Shape::Heights(heights) => {
+            let posts = heights.posts().map(point).collect();
+            (posts, cells(heights.rows(), heights.columns()))
+        }
+        Shape::Mesh(mesh) => {
+            let points = mesh.points().iter().map(|at| point(at.as_dvec3()));
+            (points.collect(), mesh.triangles().as_flattened().to_vec())
+        }
+        _ => (Vec::new(), Vec::new()),
+    };
+    TriangleListPrimitive {
+        pose: Some(pose),
+        points,
+        indices,
+        ..TriangleListPrimitive::default()
+    }
+}
+
+/// Two triangles for each cell of a grid.
+fn cells(rows: u32, columns: u32) -> Vec<u32> {
+    let corners = |row, column| {
+        let here: u32 = row * columns + column;
+        let next = here + columns;
+        [here, here + 1, next, next, here + 1, next + 1]
+    };
+    let cell = |row| (0..columns - 1).flat_map(move |column| corners(row, column));
+    (0..rows - 1).flat_map(cell).collect()
 }
 
 fn drawn(position: DVec3, rotation: DQuat) -> Pose {

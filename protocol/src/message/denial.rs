@@ -29,6 +29,8 @@ pub enum Denial {
     TooFarAhead,
     /// The scene's engine has failed; only leaving and deleting are left.
     SceneFaulted,
+    /// A client of another protocol leads the scene, and ends it.
+    Led,
     /// Something that a later version has a word for; the code is from [`OPTIONAL`] on.
     Other(u8),
 }
@@ -50,6 +52,7 @@ impl fmt::Display for Denial {
             }
             Self::TooFarAhead => f.write_str("the advance leads too far ahead"),
             Self::SceneFaulted => f.write_str("the scene's engine has failed"),
+            Self::Led => f.write_str("a client of another protocol leads the scene, and ends it"),
             Self::Other(code) => write!(f, "the server has a reason of its own, number {code}"),
         }
     }
@@ -77,6 +80,7 @@ impl Wire for Denial {
             Self::NotLockstep => to.u8(8),
             Self::TooFarAhead => to.u8(9),
             Self::SceneFaulted => to.u8(10),
+            Self::Led => to.u8(11),
             Self::Other(code) => to.u8(*code),
         }
     }
@@ -96,6 +100,7 @@ impl Wire for Denial {
             8 => Self::NotLockstep,
             9 => Self::TooFarAhead,
             10 => Self::SceneFaulted,
+            11 => Self::Led,
             code @ OPTIONAL.. => Self::Other(code),
             _ => return Err(Malformed::UnknownCode),
         })

@@ -1,21 +1,37 @@
 //! Where one control message ends and the next begins.
 //!
 //! A message is its length (a variable integer that counts type and body), a type byte, and a body. Types from 0x80 on
-//! may be ignored by who does not know them; others may not (PROTOCOL 4.1).
+//! may be ignored by who does not know them; others may not (PROTOCOL 4.1). A body that is too long for one message is said
+//! in pieces before it, each as long as a message may be.
 
 use alloc::vec::Vec;
 
-use crate::limits::MESSAGE_BYTES_MAX;
+use crate::limits::{LONG_MESSAGE_BYTES_MAX, MESSAGE_BYTES_MAX};
 use crate::wire::Malformed;
 use crate::wire::bytes::{Reader, Writer};
 
-/// Appends one message.
+/// The type of a piece of the body of the message that follows.
+const PIECE: u8 = 0;
+
+/// Appends one message, behind the pieces that do not fit it.
 ///
 /// # Panics
 ///
-/// When the body is longer than the limit: the caller is one of us.
-pub fn frame(kind: u8, body: &[u8], to: &mut Vec<u8>) {
-    assert!(body.len() <= MESSAGE_BYTES_MAX, "a message fits its limit");
+/// When the body is longer than the limit of long messages: the caller is one of us.
+pub fn frame(kind: u8, mut body: &[u8], to: &mut Vec<u8>) {
+    assert!(
+        body.len() <= LONG_MESSAGE_BYTES_MAX,
+        "a message fits its limit"
+    );
+    while body.len() > MESSAGE_BYTES_MAX {
+        let (piece, rest) = body.split_at(MESSAGE_BYTES_MAX);
+        frame_one(PIECE, piece, to);
+        body = rest;
+    }
+    frame_one(kind, body, to);
+}
+
+fn frame_one(kind: u8, body: &[u8], to: &mut Vec<u8>) {
     let mut writer = Writer::new();
     writer.varint(body.len() as u64 + 1);
     writer.u8(kind);
@@ -36,6 +52,8 @@ pub struct Framed {
 #[derive(Debug, Default)]
 pub struct Frames {
     buffer: Vec<u8>,
+    /// The front of a long body.
+    pieces: Vec<u8>,
     /// Bytes at the front of the buffer that were handed out already.
     taken: usize,
 }
@@ -46,6 +64,7 @@ impl Frames {
     pub const fn new() -> Self {
         Self {
             buffer: Vec::new(),
+            pieces: Vec::new(),
             taken: 0,
         }
     }
@@ -65,6 +84,48 @@ impl Frames {
     ///
     /// [`Malformed`] when the front cannot be a message; nothing after it can be read either.
     pub fn next_frame(&mut self) -> Result<Option<Framed>, Malformed> {
+        while let Some(framed) = self.next_one()? {
+            if framed.kind == PIECE {
+                self.keep(&framed.body)?;
+            } else if self.pieces.is_empty() {
+                return Ok(Some(framed));
+            } else {
+                return self.whole(framed).map(Some);
+            }
+        }
+        Ok(None)
+    }
+
+    /// Keeps a piece until its message comes.
+    fn keep(&mut self, piece: &[u8]) -> Result<(), Malformed> {
+        if piece.len() != MESSAGE_BYTES_MAX {
+            return Err(Malformed::NotCanonical);
+        }
+        if self.pieces.len() + piece.len() > LONG_MESSAGE_BYTES_MAX {
+            return Err(Malformed::TooLong);
+        }
+        self.pieces.extend_from_slice(piece);
+        Ok(())
+    }
+
+    /// A message with the pieces before it.
+    fn whole(&mut self, last: Framed) -> Result<Framed, Malformed> {
+        let mut body = core::mem::take(&mut self.pieces);
+        if last.body.is_empty() {
+            return Err(Malformed::NotCanonical);
+        }
+        if body.len() + last.body.len() > LONG_MESSAGE_BYTES_MAX {
+            return Err(Malformed::TooLong);
+        }
+        body.extend_from_slice(&last.body);
+        Ok(Framed {
+            kind: last.kind,
+            body,
+        })
+    }
+
+    /// The next message as it stands.
+    fn next_one(&mut self) -> Result<Option<Framed>, Malformed> {
         let mut reader = Reader::new(&self.buffer[self.taken..]);
         let length = match reader.varint_to(MESSAGE_BYTES_MAX as u64 + 1) {
             Ok(0) => return Err(Malformed::OutOfRange),
@@ -111,6 +172,52 @@ mod tests {
             }
             prop_assert_eq!(heard, bodies);
         }
+    }
+
+    #[test]
+    fn a_long_message_comes_in_pieces_and_is_whole_again() {
+        for length in [
+            MESSAGE_BYTES_MAX,
+            MESSAGE_BYTES_MAX + 1,
+            2 * MESSAGE_BYTES_MAX,
+            LONG_MESSAGE_BYTES_MAX,
+        ] {
+            let body: Vec<u8> = (0..length).map(|place| place as u8).collect();
+            let mut stream = Vec::new();
+            frame(7, &body, &mut stream);
+            frame(8, &[1], &mut stream);
+            let mut frames = Frames::default();
+            let mut heard = Vec::new();
+            for chunk in stream.chunks(10_000) {
+                frames.push(chunk);
+                while let Some(framed) = frames.next_frame().unwrap() {
+                    heard.push((framed.kind, framed.body));
+                }
+            }
+            assert_eq!(heard, [(7, body), (8, [1].to_vec())]);
+        }
+    }
+
+    #[test]
+    fn pieces_of_another_length_without_an_end_or_without_need_are_refused() {
+        let full = [0; MESSAGE_BYTES_MAX];
+        let read = |parts: &[(u8, &[u8])]| {
+            let mut stream = Vec::new();
+            for (kind, body) in parts {
+                frame_one(*kind, body, &mut stream);
+            }
+            let mut frames = Frames::default();
+            frames.push(&stream);
+            frames.next_frame()
+        };
+        assert_eq!(read(&[(PIECE, &[1])]), Err(Malformed::NotCanonical));
+        assert_eq!(
+            read(&[(PIECE, &full), (7, &[])]),
+            Err(Malformed::NotCanonical)
+        );
+        assert_eq!(read(&[(PIECE, &full)]), Ok(None));
+        let many = [(PIECE, &full[..]); LONG_MESSAGE_BYTES_MAX / MESSAGE_BYTES_MAX + 1];
+        assert_eq!(read(&many), Err(Malformed::TooLong));
     }
 
     #[test]

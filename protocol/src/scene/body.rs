@@ -40,6 +40,8 @@ pub struct BodyTerms {
     pub gyroscopic: bool,
     /// How much closer or looser than its streams it is followed.
     pub class: Class,
+    /// Whether it can be turned by what touches it; true for most. What cannot is turned by commands alone.
+    pub turns: bool,
 }
 
 /// Bits of the byte that says what follows.
@@ -50,7 +52,7 @@ mod flag {
     pub(super) const GRAVITY_SCALE: u8 = 1 << 4;
     pub(super) const NOT_GYROSCOPIC: u8 = 1 << 5;
     pub(super) const CLASS: u8 = 1 << 6;
-    pub(super) const ALL: u8 = (1 << 7) - 1;
+    pub(super) const DOES_NOT_TURN: u8 = 1 << 7;
 }
 
 impl BodyTerms {
@@ -66,13 +68,14 @@ impl BodyTerms {
             gravity_scale: 1.0,
             gyroscopic: true,
             class: Class::USUAL,
+            turns: true,
         }
     }
 
     /// Whether its moments of inertia matter to how it moves when nothing touches it.
     #[must_use]
     pub const fn can_tumble(&self) -> bool {
-        matches!(self.kind, BodyKind::Dynamic) && self.gyroscopic
+        matches!(self.kind, BodyKind::Dynamic) && self.gyroscopic && self.turns
     }
 
     /// Checks every number.
@@ -110,6 +113,7 @@ impl Wire for BodyTerms {
             (scaled, flag::GRAVITY_SCALE),
             (!self.gyroscopic, flag::NOT_GYROSCOPIC),
             (self.class != Class::USUAL, flag::CLASS),
+            (!self.turns, flag::DOES_NOT_TURN),
         ] {
             if set {
                 flags |= bit;
@@ -135,9 +139,6 @@ impl Wire for BodyTerms {
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
         let id = BodyId::decode(from)?;
         let flags = from.u8()?;
-        if flags & !flag::ALL != 0 {
-            return Err(Malformed::UnknownCode);
-        }
         let kind = match flags & flag::KIND {
             0 => BodyKind::Static,
             1 => BodyKind::Dynamic,
@@ -147,6 +148,7 @@ impl Wire for BodyTerms {
         let shape = ShapeId::decode(from)?;
         let mut terms = Self::plain(id, kind, shape);
         terms.gyroscopic = flags & flag::NOT_GYROSCOPIC == 0;
+        terms.turns = flags & flag::DOES_NOT_TURN == 0;
         if flags & flag::MATERIAL != 0 {
             terms.material = Some(Material::decode(from)?);
         }

@@ -63,10 +63,20 @@ pub enum Quantity {
     Hindsight = 24,
     /// When the streams of a lockstep scene are said.
     LockstepCadence = 25,
+    /// Rows and columns of heights, and how many these make.
+    Posts = 26,
+    /// How many points a mesh has.
+    MeshPoints = 27,
+    /// How many triangles a mesh has.
+    Triangles = 28,
+    /// Which point is a triangle's.
+    TrianglePoint = 29,
+    /// How many parts a compound has, and of what kind.
+    Parts = 30,
 }
 
 impl Quantity {
-    const ALL: [Self; 26] = [
+    const ALL: [Self; 31] = [
         Self::Position,
         Self::Rotation,
         Self::Linear,
@@ -93,6 +103,11 @@ impl Quantity {
         Self::PublishedEvery,
         Self::Hindsight,
         Self::LockstepCadence,
+        Self::Posts,
+        Self::MeshPoints,
+        Self::Triangles,
+        Self::TrianglePoint,
+        Self::Parts,
     ];
 
     /// The quantity of a code.
@@ -137,6 +152,11 @@ impl fmt::Display for Quantity {
             Self::PublishedEvery => "number of ticks from one publication to the next",
             Self::Hindsight => "hindsight",
             Self::LockstepCadence => "cadence of a lockstep scene",
+            Self::Posts => "number of rows and columns of heights",
+            Self::MeshPoints => "number of a mesh's points",
+            Self::Triangles => "number of a mesh's triangles",
+            Self::TrianglePoint => "point of a triangle",
+            Self::Parts => "parts of a compound",
         })
     }
 }

@@ -404,6 +404,10 @@ pub enum CommandError {
     JoinedToItself(BodyId),
     /// A member drives the body, and alone says where it is.
     Driven(BodyId),
+    /// A dynamic body needs a shape with an inside.
+    NoInside(ShapeId),
+    /// The scene's shapes take as many bytes as they may.
+    TooManyShapeBytes,
     /// The server does not know such a command.
     UnknownCommand,
     /// Something that a later version has a word for; the code is from [`OPTIONAL`] on.
@@ -431,6 +435,10 @@ impl fmt::Display for CommandError {
             Self::JointIdTaken(id) => write!(f, "{id} is taken"),
             Self::JoinedToItself(id) => write!(f, "a joint cannot hold {id} to itself"),
             Self::Driven(id) => write!(f, "a member drives {id} and alone says where it is"),
+            Self::NoInside(id) => write!(f, "{id} has no inside, and a dynamic body needs one"),
+            Self::TooManyShapeBytes => {
+                f.write_str("the scene's shapes take as many bytes as they may")
+            }
             Self::UnknownCommand => f.write_str("the server does not know such a command"),
             Self::Other(code) => write!(f, "the server has a reason of its own, number {code}"),
         }
@@ -465,6 +473,8 @@ impl Wire for CommandError {
             Self::JointIdTaken(id) => named(to, 14, &id),
             Self::JoinedToItself(id) => named(to, 15, &id),
             Self::Driven(id) => named(to, 16, &id),
+            Self::NoInside(id) => named(to, 17, &id),
+            Self::TooManyShapeBytes => to.u8(18),
             Self::UnknownCommand => to.u8(19),
             Self::Other(code) => to.u8(code),
         }
@@ -491,6 +501,8 @@ impl Wire for CommandError {
             14 => Self::JointIdTaken(JointId::decode(from)?),
             15 => Self::JoinedToItself(BodyId::decode(from)?),
             16 => Self::Driven(BodyId::decode(from)?),
+            17 => Self::NoInside(ShapeId::decode(from)?),
+            18 => Self::TooManyShapeBytes,
             19 => Self::UnknownCommand,
             code @ OPTIONAL.. => Self::Other(code),
             _ => return Err(Malformed::UnknownCode),

@@ -6,7 +6,10 @@ use glam::Vec3;
 use rhumb_reckoning::Metres;
 
 use super::checks::{Invalid, Quantity, scalar};
+use super::compound::Compound;
+use super::heights::Heights;
 use super::hull::Hull;
+use super::mesh::Mesh;
 use crate::limits::{EXTENT_MAX, EXTENT_MIN, SHAPES_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
@@ -61,9 +64,50 @@ pub enum Shape {
     },
     /// What lies between some points; the body's centre of mass is where they are counted from.
     Hull(Hull),
+    /// Ground: for bodies that no engine moves.
+    Heights(Heights),
+    /// Triangles: for bodies that no engine moves.
+    Mesh(Mesh),
+    /// Several shapes that hold together.
+    Compound(Compound),
 }
 
 impl Shape {
+    /// Whether it has an inside, so that it has mass: neither ground nor triangles, nor anything with such a part.
+    #[must_use]
+    pub fn is_solid(&self) -> bool {
+        match self {
+            Self::Heights(_) | Self::Mesh(_) => false,
+            Self::Compound(compound) => compound.parts().iter().all(|part| part.shape.is_solid()),
+            Self::Ball { .. }
+            | Self::Cuboid { .. }
+            | Self::Capsule { .. }
+            | Self::Cylinder { .. }
+            | Self::Hull(_) => true,
+        }
+    }
+
+    /// About how many bytes whoever keeps it needs for it.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        let own = size_of::<Self>();
+        own + match self {
+            Self::Hull(hull) => size_of_val(hull.points()),
+            Self::Heights(heights) => size_of_val(heights.heights()),
+            Self::Mesh(mesh) => size_of_val(mesh.points()) + size_of_val(mesh.triangles()),
+            Self::Compound(compound) => {
+                let parts = compound.parts().iter();
+                parts
+                    .map(|part| size_of_val(part) + part.shape.bytes())
+                    .sum()
+            }
+            Self::Ball { .. }
+            | Self::Cuboid { .. }
+            | Self::Capsule { .. }
+            | Self::Cylinder { .. } => 0,
+        }
+    }
+
     /// Checks every length.
     ///
     /// # Errors
@@ -72,6 +116,9 @@ impl Shape {
     pub fn check(&self) -> Result<(), Invalid> {
         let extents = match *self {
             Self::Hull(ref hull) => return hull.check(),
+            Self::Heights(ref heights) => return heights.check(),
+            Self::Mesh(ref mesh) => return mesh.check(),
+            Self::Compound(ref compound) => return compound.check(),
             Self::Ball { radius } => [radius; 3],
             Self::Cuboid { half_extents } => half_extents.to_array(),
             Self::Capsule {
@@ -94,6 +141,9 @@ impl Shape {
     pub fn bounding_radius(&self) -> Metres {
         Metres::new(match *self {
             Self::Hull(ref hull) => return hull.bounding_radius(),
+            Self::Heights(ref heights) => return heights.bounding_radius(),
+            Self::Mesh(ref mesh) => return mesh.bounding_radius(),
+            Self::Compound(ref compound) => return compound.bounding_radius(),
             Self::Ball { radius } => f64::from(radius),
             Self::Cuboid { half_extents } => {
                 let [x, y, z] = half_extents.to_array().map(f64::from);
@@ -110,6 +160,36 @@ impl Shape {
                 let (h, r) = (f64::from(half_height), f64::from(radius));
                 libm::sqrt(h * h + r * r)
             }
+        })
+    }
+
+    /// What a part of another may be: anything without parts.
+    pub(super) fn decode_part(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        Ok(match from.u8()? {
+            0 => Self::Ball {
+                radius: from.f32()?,
+            },
+            1 => Self::Cuboid {
+                half_extents: Vec3::from_array(from.f32s()?),
+            },
+            2 => {
+                let [half_height, radius] = from.f32s()?;
+                Self::Capsule {
+                    half_height,
+                    radius,
+                }
+            }
+            3 => {
+                let [half_height, radius] = from.f32s()?;
+                Self::Cylinder {
+                    half_height,
+                    radius,
+                }
+            }
+            4 => Self::Hull(Hull::decode(from)?),
+            5 => Self::Heights(Heights::decode(from)?),
+            6 => Self::Mesh(Mesh::decode(from)?),
+            _ => return Err(Malformed::UnknownCode),
         })
     }
 }
@@ -143,33 +223,29 @@ impl Wire for Shape {
                 to.u8(4);
                 hull.encode(to);
             }
+            Self::Heights(ref heights) => {
+                to.u8(5);
+                heights.encode(to);
+            }
+            Self::Mesh(ref mesh) => {
+                to.u8(6);
+                mesh.encode(to);
+            }
+            Self::Compound(ref compound) => {
+                to.u8(COMPOUND);
+                compound.encode(to);
+            }
         }
     }
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
-        Ok(match from.u8()? {
-            0 => Self::Ball {
-                radius: from.f32()?,
-            },
-            1 => Self::Cuboid {
-                half_extents: Vec3::from_array(from.f32s()?),
-            },
-            2 => {
-                let [half_height, radius] = from.f32s()?;
-                Self::Capsule {
-                    half_height,
-                    radius,
-                }
-            }
-            3 => {
-                let [half_height, radius] = from.f32s()?;
-                Self::Cylinder {
-                    half_height,
-                    radius,
-                }
-            }
-            4 => Self::Hull(Hull::decode(from)?),
-            _ => return Err(Malformed::UnknownCode),
-        })
+        if from.rest().first() != Some(&COMPOUND) {
+            return Self::decode_part(from);
+        }
+        from.u8()?;
+        Compound::decode(from).map(Self::Compound)
     }
 }
+
+/// The code of what has parts.
+const COMPOUND: u8 = 7;

@@ -10,7 +10,7 @@ use glam::Vec3;
 use rhumb_reckoning::{BodyId, Damping};
 
 use super::close::CloseCode;
-use crate::limits::SHAPES_MAX;
+use crate::limits::{SHAPE_BYTES_PER_SCENE_MAX, SHAPES_MAX};
 use crate::message::{Joined, Notice, StreamChoice};
 use crate::scene::{BodyTerms, Joints, Shape, ShapeId};
 use crate::stream::{Manner, Subscriber};
@@ -23,6 +23,7 @@ pub struct Replica {
     damping: Damping,
     gravity: Vec3,
     shapes: BTreeMap<ShapeId, Shape>,
+    shape_bytes: usize,
     bodies: Vec<Option<BodyTerms>>,
     joints: Joints,
     whole: bool,
@@ -41,6 +42,7 @@ impl Replica {
             damping: joined.terms.damping,
             gravity: joined.start.gravity,
             shapes: BTreeMap::new(),
+            shape_bytes: 0,
             bodies: Vec::new(),
             joints: Joints::default(),
             whole: false,
@@ -133,10 +135,17 @@ impl Replica {
                 if self.shapes.len() >= SHAPES_MAX as usize {
                     return Err(CloseCode::LIMIT);
                 }
-                self.shapes.insert(*id, shape.clone());
+                self.shape_bytes += shape.bytes();
+                if self.shape_bytes > SHAPE_BYTES_PER_SCENE_MAX {
+                    return Err(CloseCode::LIMIT);
+                }
+                if let Some(before) = self.shapes.insert(*id, shape.clone()) {
+                    self.shape_bytes -= before.bytes();
+                }
             }
             Notice::ShapeRemoved { id } => {
-                self.shapes.remove(id).ok_or(CloseCode::VIOLATION)?;
+                let shape = self.shapes.remove(id).ok_or(CloseCode::VIOLATION)?;
+                self.shape_bytes -= shape.bytes();
             }
             Notice::BodyPlaced {
                 terms,

@@ -6,6 +6,7 @@
 mod drive;
 mod rapier;
 mod rapier_body;
+mod rapier_solid;
 
 use core::fmt;
 
@@ -16,6 +17,7 @@ use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, Damping, Inertia, Twist, Verbatim};
 
 pub use rapier::RapierEngine;
+pub use rapier_solid::{bulk, hull_of};
 
 /// A body to be put into an engine, with everything that its terms left to the scene filled in.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,6 +36,8 @@ pub struct Newcomer {
     pub gravity_scale: f32,
     /// Whether the axis of its spin wanders when its moments of inertia differ.
     pub gyroscopic: bool,
+    /// Whether what touches it can turn it.
+    pub turns: bool,
     /// Where it is, and how it moves.
     pub motion: Verbatim,
 }
@@ -110,11 +114,36 @@ pub trait Engine: Send {
     /// How a body resists being turned, if it tumbles when it is free: dynamic, gyroscopic, of unequal moments.
     fn inertia(&self, id: BodyId) -> Option<Inertia>;
 
+    /// Adds, for each body that touches this one after the last step, where they do so deepest.
+    fn contacts(&self, id: BodyId, out: &mut Vec<Contact>);
+
     /// Bodies that the last step left awake.
     fn awake_count(&self) -> usize;
 
     /// Why it steps no more, if so.
     fn fault(&self) -> Option<EngineFault>;
+}
+
+/// Where a body touches another one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contact {
+    /// The other.
+    pub with: BodyId,
+    /// Metres, world frame: on the body that was asked about.
+    pub point: Vec3,
+    /// From the other towards the body that was asked about, unit, world frame.
+    pub normal: Vec3,
+    /// Metres; negative: they overlap.
+    pub separation: f32,
+}
+
+/// What an engine makes of a shape that has an inside.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bulk {
+    /// Its centre of mass, from where its numbers are counted. Metres.
+    pub centre: Vec3,
+    /// m³.
+    pub volume: f32,
 }
 
 /// An engine cannot make a solid of a shape, though its numbers are within the limits.

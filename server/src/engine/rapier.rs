@@ -10,7 +10,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use glam::{Quat, Vec3};
 use rapier3d::prelude::{
-    ImpulseJointHandle, PhysicsWorld, RigidBody, RigidBodyHandle, SharedShape,
+    Collider, ContactPair, ImpulseJointHandle, PhysicsWorld, RigidBody, RigidBodyHandle,
 };
 use rhumb_protocol::limits::COORDINATE_MAX;
 use rhumb_protocol::message::RemovalCause;
@@ -20,7 +20,8 @@ use rhumb_reckoning::{BodyId, Inertia, Integrator, Twist};
 
 use super::drive::Drive;
 use super::rapier_body as translate;
-use super::{Engine, EngineFault, Newcomer, Push, Unfit};
+use super::rapier_solid::{self as solids, Solid};
+use super::{Contact, Engine, EngineFault, Newcomer, Push, Unfit};
 
 /// A world of Rapier's.
 pub struct RapierEngine {
@@ -28,7 +29,9 @@ pub struct RapierEngine {
     integrator: Integrator,
     sleep: Option<SleepTerms>,
     fault: Option<EngineFault>,
-    solids: BTreeMap<ShapeId, SharedShape>,
+    solids: BTreeMap<ShapeId, Solid>,
+    /// Whether a body had a solid so thin that what is fast could pass through it: dynamic bodies are swept from then on.
+    has_sheets: bool,
     /// Some may be gone with a body.
     joints: BTreeMap<JointId, ImpulseJointHandle>,
     /// By index of the body.
@@ -69,6 +72,7 @@ impl RapierEngine {
             sleep: terms.sleep,
             fault: None,
             solids: BTreeMap::new(),
+            has_sheets: false,
             joints: BTreeMap::new(),
             places: Vec::new(),
             drives: BTreeMap::new(),
@@ -126,8 +130,20 @@ impl RapierEngine {
         if let Some(sleep) = self.sleep {
             translate::let_sleep(&mut body, sleep);
         }
-        let solid = translate::collider(newcomer, solid);
-        let (handle, _) = self.world.insert(body, solid);
+        if let Some(mass) = solids::mass_beside(newcomer, solid) {
+            body.set_additional_mass_properties(mass, false);
+        }
+        if solid.is_sheet && !self.has_sheets {
+            self.has_sheets = true;
+            for (_, other) in self.world.bodies.iter_mut() {
+                other.enable_ccd(other.is_dynamic());
+            }
+        }
+        body.enable_ccd(self.has_sheets && body.is_dynamic());
+        let handle = self.world.insert_body(body);
+        for collider in solids::colliders(newcomer, solid) {
+            self.world.insert_collider(collider, Some(handle));
+        }
         let index = newcomer.id.index() as usize;
         if index >= self.places.len() {
             self.places.resize(index + 1, None);
@@ -292,6 +308,35 @@ impl RapierEngine {
         self.seen(place, Activity::Asleep).ok()
     }
 
+    /// Where a pair of solids touches deepest, seen from the first one's body or the second's.
+    fn contact(&self, of: RigidBodyHandle, pair: &ContactPair) -> Option<Contact> {
+        if !pair.has_any_active_contact() {
+            return None;
+        }
+        let [first, second] =
+            [pair.collider1, pair.collider2].map(|handle| self.world.colliders.get(handle));
+        let (first, second) = (first?, second?);
+        let (manifold, deepest) = pair.find_deepest_contact()?;
+        // From the first towards the second.
+        let normal = manifold.data.normal;
+        let at = |collider: &Collider, point| collider.position().transform_point(point);
+        let is_first = first.parent() == Some(of);
+        let (other, point, normal) = if is_first {
+            (second, at(first, deepest.local_p1), -normal)
+        } else {
+            (first, at(second, deepest.local_p2), normal)
+        };
+        let other = self.world.bodies.get(other.parent()?)?;
+        let contact = Contact {
+            with: translate::id(other),
+            point,
+            normal,
+            separation: deepest.dist,
+        };
+        let finite = point.is_finite() && normal.is_finite() && deepest.dist.is_finite();
+        finite.then_some(contact)
+    }
+
     /// What can be said of a body, or why it must go.
     fn seen(&self, place: Place, activity: Activity) -> Result<Observation, RemovalCause> {
         let body = self.body(place).ok_or(RemovalCause::NotFinite)?;
@@ -314,7 +359,7 @@ impl RapierEngine {
 
 impl Engine for RapierEngine {
     fn add_shape(&mut self, id: ShapeId, shape: &Shape) -> Result<(), Unfit> {
-        let solid = translate::solid(shape)?;
+        let solid = solids::solid(shape)?;
         self.solids.insert(id, solid);
         Ok(())
     }
@@ -413,6 +458,30 @@ impl Engine for RapierEngine {
         translate::inertia(self.body(self.place(id)?)?)
     }
 
+    fn contacts(&self, id: BodyId, out: &mut Vec<Contact>) {
+        let first = out.len();
+        let Some((place, body)) = self.place(id).and_then(|at| Some((at, self.body(at)?))) else {
+            return;
+        };
+        for collider in body.colliders() {
+            for pair in self.world.contact_pairs_with(*collider) {
+                out.extend(self.contact(place.handle, pair));
+            }
+        }
+        let deepest_first = |a: &Contact, b: &Contact| {
+            (a.with.cmp(&b.with)).then(a.separation.total_cmp(&b.separation))
+        };
+        out[first..].sort_by(deepest_first);
+        let mut with = None;
+        let mut place = 0;
+        out.retain(|contact| {
+            place += 1;
+            let again = place > first && with == Some(contact.with);
+            with = (place > first).then_some(contact.with);
+            !again
+        });
+    }
+
     fn awake_count(&self) -> usize {
         self.awake.len()
     }
@@ -462,6 +531,7 @@ mod tests {
             damping,
             gravity_scale: 1.0,
             gyroscopic: true,
+            turns: true,
             motion: Verbatim::new([0.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).unwrap(),
         };
         let shape = Shape::Ball { radius: 0.5 };

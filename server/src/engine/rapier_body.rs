@@ -2,19 +2,17 @@
 //!
 //! Translation only; which bodies there are is known in `rapier`.
 
-use std::panic::catch_unwind;
-
 use glam::{DQuat, DVec3, Quat, Vec3};
 use rapier3d::math::Pose as RapierPose;
 use rapier3d::prelude::{
-    Collider, ColliderBuilder, GenericJoint, GenericJointBuilder, JointAxesMask, JointAxis,
-    MassProperties, RigidBody, RigidBodyBuilder, RigidBodyType, SharedShape,
+    GenericJoint, GenericJointBuilder, JointAxesMask, JointAxis, RigidBody, RigidBodyBuilder,
+    RigidBodyType,
 };
 use rhumb_protocol::limits::{ANGULAR_MAX, LINEAR_MAX};
-use rhumb_protocol::scene::{BodyKind, Joint, JointFrame, JointKind, Shape, SleepTerms};
+use rhumb_protocol::scene::{BodyKind, Joint, JointFrame, JointKind, SleepTerms};
 use rhumb_reckoning::{BodyId, Inertia, InvalidMotion, Pose, Twist, Verbatim};
 
-use super::{Newcomer, Push, Unfit};
+use super::{Newcomer, Push};
 
 /// The body, without its solid. A kinematic one's velocities are not Rapier's: see `drive`.
 pub(super) fn body(newcomer: &Newcomer) -> RigidBody {
@@ -31,6 +29,9 @@ pub(super) fn body(newcomer: &Newcomer) -> RigidBody {
         .gravity_scale(newcomer.gravity_scale)
         .gyroscopic_forces_enabled(newcomer.gyroscopic)
         .user_data(tag(newcomer.id));
+    if !newcomer.turns {
+        builder = builder.lock_rotations();
+    }
     if newcomer.kind == BodyKind::Dynamic {
         builder = builder
             .linvel(Vec3::new(vx, vy, vz))
@@ -45,62 +46,6 @@ pub(super) fn let_sleep(body: &mut RigidBody, sleep: SleepTerms) {
     // Rapier compares its threshold with half of how fast the fastest point goes.
     activation.normalized_linear_threshold = sleep.speed * 0.5;
     activation.time_until_sleep = sleep.seconds;
-}
-
-/// The solid of a shape; bodies share it.
-///
-/// # Errors
-///
-/// [`Unfit`] for a hull of which no faces, or no mass and moments, can be made.
-pub(super) fn solid(shape: &Shape) -> Result<SharedShape, Unfit> {
-    Ok(match *shape {
-        Shape::Ball { radius } => SharedShape::ball(radius),
-        Shape::Cuboid { half_extents } => {
-            SharedShape::cuboid(half_extents.x, half_extents.y, half_extents.z)
-        }
-        Shape::Capsule {
-            half_height,
-            radius,
-        } => SharedShape::capsule_y(half_height, radius),
-        Shape::Cylinder {
-            half_height,
-            radius,
-        } => SharedShape::cylinder(half_height, radius),
-        Shape::Hull(ref hull) => {
-            // Looking for faces among points that rounding makes contradict each other may panic. Nothing is kept of it.
-            let made = catch_unwind(|| SharedShape::convex_hull(hull.points()));
-            let solid = made.ok().flatten().ok_or(Unfit)?;
-            let properties = solid.mass_properties(1.0);
-            let sound = [
-                properties.mass(),
-                properties.principal_inertia().min_element(),
-            ]
-            .into_iter()
-            .all(|value| value.is_normal() && value > 0.0);
-            if !sound {
-                return Err(Unfit);
-            }
-            solid
-        }
-    })
-}
-
-/// The solid of a body with its surface and mass.
-pub(super) fn collider(newcomer: &Newcomer, solid: &SharedShape) -> Collider {
-    let density = newcomer.material.density;
-    let builder = ColliderBuilder::new(solid.clone())
-        .friction(newcomer.material.friction)
-        .restitution(newcomer.material.restitution);
-    // A hull is given from the centre of mass: rounding, or a hull that says otherwise, does not move it.
-    let builder = if solid.as_convex_polyhedron().is_some() {
-        builder.mass_properties(MassProperties {
-            local_com: Vec3::ZERO,
-            ..solid.mass_properties(density)
-        })
-    } else {
-        builder.density(density)
-    };
-    builder.build()
 }
 
 /// What holds two bodies together.

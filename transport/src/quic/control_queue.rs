@@ -12,7 +12,8 @@ use tokio::time::sleep;
 
 use super::closing::Closing;
 use super::code::TransportCode;
-use super::tuning::{CONTROL_QUEUE_BYTES, FLUSH, PIECE_COST_BYTES};
+use super::tuning::{CONTROL_QUEUE_BYTES, FLUSH};
+use crate::piece::PIECE_COST_BYTES;
 
 /// The near end of a connection's control lane; usable from any thread. Dropping it ends the connection.
 #[derive(Debug)]

@@ -16,6 +16,7 @@ use super::code::TransportCode;
 use super::input::{Input, Line};
 use super::tuning::{CLOSE_LEAVES, DATAGRAM_SEND_BYTES};
 use super::watch::ServerWatch;
+use crate::app::{AppDoor, AppHooks};
 use crate::clock::Clock;
 use crate::gauge::Gauge;
 
@@ -35,6 +36,7 @@ pub(super) struct Host {
     /// Datagrams of the drain in progress: they leave after its control bytes, so that both can share a packet.
     states: Vec<(Peer, Bytes)>,
     watch: ServerWatch,
+    door: Option<AppDoor>,
 }
 
 #[derive(Debug)]
@@ -64,22 +66,30 @@ enum Flow {
 const INPUTS_PER_TURN: usize = 256;
 
 impl Host {
-    pub(super) fn new(inputs: Receiver<Input>, watch: ServerWatch) -> Self {
+    pub(super) fn new(inputs: Receiver<Input>, watch: ServerWatch, door: Option<AppDoor>) -> Self {
         Self {
             clock: Clock::start(),
             inputs,
             lines: BTreeMap::new(),
             states: Vec::new(),
             watch,
+            door,
         }
     }
 
     /// Runs until stopped.
-    pub(super) fn run<E: Endpoint>(&mut self, endpoint: &mut E) -> Result<(), ServeError> {
+    pub(super) fn run<E: Endpoint>(
+        &mut self,
+        endpoint: &mut E,
+        app: &AppHooks<E>,
+    ) -> Result<(), ServeError> {
         loop {
             self.report(endpoint);
             self.drain(endpoint);
-            if self.wait(endpoint)? == Flow::Stop {
+            if let Some(door) = &mut self.door {
+                app.drain(endpoint, door);
+            }
+            if self.wait(endpoint, app)? == Flow::Stop {
                 return Ok(());
             }
             let now = self.clock.now();
@@ -103,7 +113,11 @@ impl Host {
     }
 
     /// Waits for an input or the endpoint's next moment, and handles what came.
-    fn wait<E: Endpoint>(&mut self, endpoint: &mut E) -> Result<Flow, ServeError> {
+    fn wait<E: Endpoint>(
+        &mut self,
+        endpoint: &mut E,
+        app: &AppHooks<E>,
+    ) -> Result<Flow, ServeError> {
         let first = match endpoint.poll_timeout() {
             Some(wake) => match self.inputs.recv_timeout(self.clock.until(wake.at)) {
                 Ok(input) => input,
@@ -114,7 +128,7 @@ impl Host {
         };
         let mut input = first;
         for _ in 0..INPUTS_PER_TURN {
-            if self.handle(endpoint, input)? == Flow::Stop {
+            if self.handle(endpoint, app, input)? == Flow::Stop {
                 return Ok(Flow::Stop);
             }
             input = match self.inputs.try_recv() {
@@ -123,10 +137,15 @@ impl Host {
                 Err(TryRecvError::Disconnected) => return Err(ServeError::IoThreadLost),
             };
         }
-        self.handle(endpoint, input)
+        self.handle(endpoint, app, input)
     }
 
-    fn handle<E: Endpoint>(&mut self, endpoint: &mut E, input: Input) -> Result<Flow, ServeError> {
+    fn handle<E: Endpoint>(
+        &mut self,
+        endpoint: &mut E,
+        app: &AppHooks<E>,
+        input: Input,
+    ) -> Result<Flow, ServeError> {
         let now = self.clock.now();
         match input {
             Input::Opened { peer, line } => {
@@ -154,6 +173,11 @@ impl Host {
             Input::Ended { peer, ending } => {
                 self.lines.remove(&peer);
                 endpoint.handle_ended(now, peer, ending);
+            }
+            Input::App(input) => {
+                if let Some(door) = &mut self.door {
+                    app.handle(endpoint, now, input, door);
+                }
             }
             Input::Stop => return Ok(Flow::Stop),
             Input::IoOver => return Err(ServeError::IoThreadLost),

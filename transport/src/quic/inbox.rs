@@ -10,7 +10,8 @@ use bytes::Bytes;
 use rhumb_protocol::Ending;
 use tokio::sync::Notify;
 
-use super::tuning::{CONTROL_IN_FLIGHT_BYTES, PIECE_COST_BYTES, STATE_INBOX_BYTES};
+use super::tuning::{CONTROL_IN_FLIGHT_BYTES, STATE_INBOX_BYTES};
+use crate::piece::PIECE_COST_BYTES;
 
 /// One thing that a client heard.
 #[derive(Clone, Debug, PartialEq, Eq)]

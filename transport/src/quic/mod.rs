@@ -30,6 +30,7 @@ pub use connect_error::ConnectError;
 pub use fingerprint::{Fingerprint, FingerprintError};
 pub use host::ServeError;
 pub use inbox::Received;
+pub(crate) use input::Input;
 pub use server::{BindError, QuicServer, ServerOptions};
 pub use statistics::{ServerStatistics, WireStatistics};
 pub use stop::Stop;

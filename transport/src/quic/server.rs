@@ -24,6 +24,7 @@ use super::statistics::ServerStatistics;
 use super::stop::Stop;
 use super::tuning;
 use super::watch::ServerWatch;
+use crate::app::{AppBindError, AppDoor, AppEndpoint, AppHooks, AppListen};
 use crate::socket;
 
 /// Where to listen, and as whom.
@@ -43,6 +44,7 @@ pub struct QuicServer {
     inputs: mpsc::Receiver<Input>,
     wake: mpsc::Sender<Input>,
     watch: ServerWatch,
+    door: Option<AppDoor>,
     io: IoThread,
 }
 
@@ -116,6 +118,7 @@ impl QuicServer {
             inputs,
             wake,
             watch,
+            door: None,
             io: IoThread {
                 end: Some(end),
                 thread: Some(thread),
@@ -141,6 +144,31 @@ impl QuicServer {
         self.watch.clone()
     }
 
+    /// Opens a second door, for clients of the paper's protocol, and says where. They wait until [`run_app`](Self::run_app).
+    ///
+    /// # Errors
+    ///
+    /// The address, with what the system says of it; or the thread.
+    pub fn listen_app(&mut self, listen: AppListen) -> Result<SocketAddr, AppBindError> {
+        let door = AppDoor::open(listen, self.wake.clone())?;
+        let address = door.address();
+        self.door = Some(door);
+        Ok(address)
+    }
+
+    /// As [`run`](Self::run), with the clients at the second door.
+    ///
+    /// # Errors
+    ///
+    /// [`ServeError`] if the I/O thread is gone.
+    pub fn run_app<E: AppEndpoint>(
+        self,
+        endpoint: &mut E,
+        stop: &Stop,
+    ) -> Result<ServerStatistics, ServeError> {
+        self.run_with(endpoint, stop, &AppHooks::of_endpoint())
+    }
+
     /// Feeds and drains `endpoint` on the calling thread until `stop` is said.
     ///
     /// Every `handle_opened` is followed by exactly one `handle_ended`, unless the server stops first; a connection that the
@@ -157,11 +185,20 @@ impl QuicServer {
         endpoint: &mut E,
         stop: &Stop,
     ) -> Result<ServerStatistics, ServeError> {
+        self.run_with(endpoint, stop, &AppHooks::none())
+    }
+
+    fn run_with<E: Endpoint>(
+        self,
+        endpoint: &mut E,
+        stop: &Stop,
+        app: &AppHooks<E>,
+    ) -> Result<ServerStatistics, ServeError> {
         let wake = self.wake.clone();
         // A server that is gone needs no waking.
         stop.on_stop(move || drop(wake.send(Input::Stop)));
-        let mut host = Host::new(self.inputs, self.watch.clone());
-        let outcome = host.run(endpoint);
+        let mut host = Host::new(self.inputs, self.watch.clone(), self.door);
+        let outcome = host.run(endpoint, app);
         host.close_all();
         drop(self.io);
         outcome.map(|()| self.watch.statistics())

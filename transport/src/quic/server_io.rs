@@ -15,12 +15,13 @@ use tokio::time::{sleep, timeout};
 use super::closing::Closing;
 use super::code::TransportCode;
 use super::control_queue::{ControlWriter, control_queue};
-use super::input::{Allowance, Input, Line};
+use super::input::{Input, Line};
 use super::tuning::{
     CONNECTIONS_MAX, CONTROL_IN_FLIGHT_BYTES, DATAGRAM_BYTES_MIN, HANDSHAKES_UNPROVEN_MAX, SETUP,
     STATE_IN_FLIGHT_BYTES,
 };
 use super::watch::ServerWatch;
+use crate::piece::Allowance;
 
 /// Accepts until told to end, then turns away whoever still knocks.
 pub(super) async fn accept(

@@ -9,6 +9,8 @@ use quinn::congestion::BbrConfig;
 use quinn::crypto::rustls::{NoInitialCipherSuite, QuicClientConfig, QuicServerConfig};
 use quinn::{ClientConfig, IdleTimeout, ServerConfig, TransportConfig, VarInt, rustls};
 
+use crate::piece::PIECE_COST_BYTES;
+
 /// The application protocol, as TLS names it.
 pub(super) const ALPN: &[u8] = b"rhumb/1";
 
@@ -51,9 +53,6 @@ pub(super) const STATE_IN_FLIGHT_BYTES: usize = 1 << 20;
 
 /// State bytes that wait for a client's caller; beyond them the oldest datagrams are dropped.
 pub(super) const STATE_INBOX_BYTES: usize = 4 << 20;
-
-/// What one waiting piece costs beside its bytes, so that empty datagrams are bounded too.
-pub(super) const PIECE_COST_BYTES: usize = 64;
 
 /// Unsent datagrams per connection: a tick's burst of 500 full packets and more, yet never seconds of stale state.
 pub(super) const DATAGRAM_SEND_BYTES: usize = 1 << 20;

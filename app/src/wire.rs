@@ -1,0 +1,141 @@
+//! Big-endian numbers, and what is made of them field by field.
+//!
+//! Reading is length-checked and never asserts: the sender may be anyone.
+
+use alloc::vec::Vec;
+
+use glam::{Quat, Vec3};
+
+use crate::malformed::Malformed;
+
+/// Takes values off the front of a slice.
+#[derive(Clone, Debug)]
+pub(crate) struct Reader<'a> {
+    rest: &'a [u8],
+}
+
+impl<'a> Reader<'a> {
+    pub(crate) const fn new(bytes: &'a [u8]) -> Self {
+        Self { rest: bytes }
+    }
+
+    pub(crate) const fn left(&self) -> usize {
+        self.rest.len()
+    }
+
+    pub(crate) fn raw(&mut self, count: usize) -> Result<&'a [u8], Malformed> {
+        let split = self.rest.split_at_checked(count);
+        let (taken, rest) = split.ok_or(Malformed::Truncated)?;
+        self.rest = rest;
+        Ok(taken)
+    }
+
+    pub(crate) fn array<const N: usize>(&mut self) -> Result<[u8; N], Malformed> {
+        let (taken, rest) = self.rest.split_first_chunk().ok_or(Malformed::Truncated)?;
+        self.rest = rest;
+        Ok(*taken)
+    }
+
+    pub(crate) const fn finish(self) -> Result<(), Malformed> {
+        if self.rest.is_empty() {
+            Ok(())
+        } else {
+            Err(Malformed::TrailingBytes)
+        }
+    }
+}
+
+/// A value in the body of a message.
+pub(crate) trait Field: Sized {
+    /// Appends its bytes.
+    fn put(&self, to: &mut Vec<u8>);
+
+    /// Takes it off the front.
+    fn take(from: &mut Reader<'_>) -> Result<Self, Malformed>;
+
+    /// Takes so many of them; the caller has checked that there are bytes for them.
+    fn take_all(from: &mut Reader<'_>, count: usize) -> Result<Vec<Self>, Malformed> {
+        (0..count).map(|_| Self::take(from)).collect()
+    }
+}
+
+impl Field for u32 {
+    fn put(&self, to: &mut Vec<u8>) {
+        to.extend_from_slice(&self.to_be_bytes());
+    }
+
+    fn take(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        from.array().map(Self::from_be_bytes)
+    }
+}
+
+impl Field for f32 {
+    fn put(&self, to: &mut Vec<u8>) {
+        to.extend_from_slice(&self.to_be_bytes());
+    }
+
+    fn take(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        from.array().map(Self::from_be_bytes)
+    }
+}
+
+impl<T: Field + Copy + Default, const N: usize> Field for [T; N] {
+    fn put(&self, to: &mut Vec<u8>) {
+        for value in self {
+            value.put(to);
+        }
+    }
+
+    fn take(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let mut values = [T::default(); N];
+        for value in &mut values {
+            *value = T::take(from)?;
+        }
+        Ok(values)
+    }
+}
+
+impl Field for Vec3 {
+    fn put(&self, to: &mut Vec<u8>) {
+        self.to_array().put(to);
+    }
+
+    fn take(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        <[f32; 3]>::take(from).map(Self::from_array)
+    }
+}
+
+impl Field for Quat {
+    fn put(&self, to: &mut Vec<u8>) {
+        self.to_array().put(to);
+    }
+
+    fn take(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        <[f32; 4]>::take(from).map(Self::from_array)
+    }
+}
+
+/// A struct whose bytes are those of its fields, in order.
+macro_rules! fields {
+    ($(#[$meta:meta])* $name:ident { $($(#[$doc:meta])* $field:ident: $type:ty,)+ }) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        pub struct $name {
+            $($(#[$doc])* pub $field: $type,)+
+        }
+
+        impl $crate::wire::Field for $name {
+            fn put(&self, to: &mut alloc::vec::Vec<u8>) {
+                $($crate::wire::Field::put(&self.$field, to);)+
+            }
+
+            fn take(
+                from: &mut $crate::wire::Reader<'_>,
+            ) -> Result<Self, $crate::malformed::Malformed> {
+                Ok(Self { $($field: $crate::wire::Field::take(from)?,)+ })
+            }
+        }
+    };
+}
+
+pub(crate) use fields;

@@ -1,0 +1,81 @@
+//! What a client of the paper's protocol knows of its actors.
+
+use std::collections::BTreeMap;
+use std::hint::black_box;
+
+use glam::{Quat, Vec3};
+use rhumb_app::Message;
+use rhumb_reckoning::BodyId;
+
+use super::words::{SIMULATION, body_of};
+
+/// The poses that were heard last.
+#[derive(Debug, Default)]
+pub(super) struct Copy {
+    poses: BTreeMap<u32, (BodyId, Vec3, Quat)>,
+    /// Everyone who was ever heard of, again and again, if the client keeps such a list.
+    heard_of: Option<Vec<u32>>,
+    /// Actors whose pose changed since this was last emptied.
+    pub(super) changed: Vec<BodyId>,
+    pub(super) states: u64,
+    /// Whether the server has taken it in.
+    pub(super) ready: bool,
+    /// Frames that were told to be over.
+    pub(super) over: u64,
+}
+
+impl Copy {
+    /// `lists`: whether it keeps the list that is never emptied.
+    pub(super) fn new(lists: bool) -> Self {
+        Self {
+            heard_of: lists.then(Vec::new),
+            ..Self::default()
+        }
+    }
+
+    /// A body is created where its simulator says.
+    pub(super) fn place(&mut self, id: BodyId, position: Vec3, rotation: Quat) {
+        self.poses.insert(id.index(), (id, position, rotation));
+        self.changed.push(id);
+    }
+
+    /// A body is removed.
+    pub(super) fn remove(&mut self, id: BodyId) {
+        self.poses.remove(&id.index());
+    }
+
+    pub(super) fn pose(&self, id: BodyId) -> Option<(Vec3, Quat)> {
+        let (known, position, rotation) = *self.poses.get(&id.index())?;
+        (known == id).then_some((position, rotation))
+    }
+
+    /// Takes a message in, with the work that the published client makes of it if it is one.
+    pub(super) fn hear(&mut self, message: &Message) {
+        match message {
+            Message::SetDynamicActor(state) => {
+                self.states += 1;
+                let object = state.actor.object;
+                if let Some(list) = &mut self.heard_of {
+                    let entries = list.iter().filter(|other| **other == object).count();
+                    black_box(entries);
+                    list.push(object);
+                }
+                let Some(index) = body_of(object) else { return };
+                if let Some((id, position, rotation)) = self.poses.get_mut(&index) {
+                    (*position, *rotation) = (state.position, state.rotation);
+                    self.changed.push(*id);
+                }
+            }
+            Message::TimeAdvanced(SIMULATION) => {
+                self.over += 1;
+                if let Some(list) = &self.heard_of {
+                    for object in list.clone() {
+                        black_box(body_of(object).and_then(|index| self.poses.get(&index)));
+                    }
+                }
+            }
+            Message::LogonReady(SIMULATION) => self.ready = true,
+            _ => {}
+        }
+    }
+}

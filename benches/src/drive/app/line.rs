@@ -1,0 +1,188 @@
+//! The sockets of a sound client: its caller's own thread has them.
+//!
+//! But for what it is told to lose: a cap on what leaves, and the size of a buffer.
+
+use std::io::{self, Read, Write};
+use std::net::{SocketAddr, TcpStream, UdpSocket};
+use std::thread;
+use std::time::Duration;
+
+use rhumb_app::{Frames, Message};
+
+use super::copy::Copy;
+use super::losses::Losses;
+use super::wire::Wire;
+
+/// The sockets, once connected.
+#[derive(Debug)]
+pub(super) struct Sockets {
+    pub(super) tcp: TcpStream,
+    pub(super) udp: UdpSocket,
+}
+
+/// A connection that its caller reads.
+#[derive(Debug)]
+pub(super) struct Direct {
+    sockets: Sockets,
+    losses: Losses,
+    frames: Frames,
+    buffer: Vec<u8>,
+}
+
+/// Of a sound client: a frame of ten thousand bodies and more.
+#[cfg(target_os = "linux")]
+const BUFFER_BYTES: usize = 16 << 20;
+/// The system's default on Linux, which the published client leaves alone; the kernel doubles what it is told.
+#[cfg(target_os = "linux")]
+const DEFAULT_BUFFER_BYTES: usize = 212_992 / 2;
+/// A server that says nothing of a frame for so long is gone.
+pub(super) const STEP: Duration = Duration::from_secs(30);
+/// Silence behind the first word of a frame after which its end counts as lost: the published simulator begins its next frame then, 11.33 times
+/// a second.
+pub(super) const LOST: Duration = Duration::from_nanos(88_261_253);
+/// Messages that leave in one turn of the published client's pump.
+pub(super) const MESSAGES_PER_POLL: usize = 50;
+/// Between two turns of its pump.
+pub(super) const PUMP: Duration = Duration::from_millis(30);
+/// One read of TCP.
+pub(super) const READ_BYTES: usize = 64 << 10;
+
+impl Sockets {
+    /// Connects both, and sends the logon by datagram as the published client does, before that on TCP.
+    pub(super) fn open(server: SocketAddr, losses: Losses) -> io::Result<Self> {
+        let udp = UdpSocket::bind("127.0.0.1:0")?;
+        set_buffer(&udp, losses)?;
+        udp.connect(server)?;
+        let tcp = TcpStream::connect(server)?;
+        Ok(Self { tcp, udp })
+    }
+}
+
+/// Gives a socket the buffer of the published client, or a large one.
+#[cfg(target_os = "linux")]
+fn set_buffer(udp: &UdpSocket, losses: Losses) -> io::Result<()> {
+    use rustix::net::sockopt::{set_socket_recv_buffer_size, set_socket_recv_buffer_size_force};
+    if losses.buffer {
+        set_socket_recv_buffer_size(udp, DEFAULT_BUFFER_BYTES)?;
+    } else if set_socket_recv_buffer_size_force(udp, BUFFER_BYTES).is_err() {
+        // Without the right to it, as much as anybody may have.
+        set_socket_recv_buffer_size(udp, BUFFER_BYTES)?;
+    }
+    Ok(())
+}
+
+/// Elsewhere a socket keeps the buffer that it has, which is another: nothing can be said of this loss there.
+#[cfg(not(target_os = "linux"))]
+fn set_buffer(_: &UdpSocket, _: Losses) -> io::Result<()> {
+    Ok(())
+}
+
+impl Direct {
+    pub(super) fn new(sockets: Sockets, losses: Losses) -> io::Result<Self> {
+        sockets.tcp.set_nodelay(true)?;
+        Ok(Self {
+            sockets,
+            losses,
+            frames: Frames::default(),
+            buffer: vec![0; READ_BYTES],
+        })
+    }
+
+    /// Sends messages, one write for as many as leave together.
+    pub(super) fn send(&mut self, messages: &[Vec<u8>], wire: &mut Wire) -> io::Result<()> {
+        if !self.losses.cap {
+            return self.write(&messages.concat(), wire);
+        }
+        let mut turns = messages.chunks(MESSAGES_PER_POLL).peekable();
+        while let Some(turn) = turns.next() {
+            self.write(&turn.concat(), wire)?;
+            if turns.peek().is_some() {
+                thread::sleep(PUMP);
+            }
+        }
+        Ok(())
+    }
+
+    fn write(&mut self, bytes: &[u8], wire: &mut Wire) -> io::Result<()> {
+        if bytes.is_empty() {
+            return Ok(());
+        }
+        wire.segments_up(bytes);
+        self.sockets.tcp.write_all(bytes)
+    }
+
+    /// Reads until a frame more is over, or its end is lost; then takes in what TCP has.
+    pub(super) fn hear(&mut self, copy: &mut Copy, wire: &mut Wire) -> io::Result<()> {
+        let before = copy.over;
+        // A server that steps is silent, however long it takes: an end is lost only behind what came before it.
+        self.sockets.udp.set_read_timeout(Some(STEP))?;
+        let mut silent = true;
+        while copy.over == before {
+            match self.sockets.udp.recv(&mut self.buffer) {
+                Ok(count) => {
+                    let datagram = &self.buffer[..count];
+                    if std::mem::take(&mut silent) {
+                        self.sockets.udp.set_read_timeout(Some(LOST))?;
+                    }
+                    wire.datagram_down(datagram);
+                    hear_datagram(datagram, copy)?;
+                }
+                Err(cause) if is_nothing_yet(&cause) => break,
+                Err(cause) => return Err(cause),
+            }
+        }
+        self.hear_tcp(copy, wire)
+    }
+
+    pub(super) fn hear_tcp(&mut self, copy: &mut Copy, wire: &mut Wire) -> io::Result<()> {
+        self.sockets.tcp.set_nonblocking(true)?;
+        let heard = loop {
+            match self.sockets.tcp.read(&mut self.buffer) {
+                Ok(0) => break Err(io::ErrorKind::ConnectionAborted.into()),
+                Ok(count) => {
+                    wire.segments_down(&self.buffer[..count]);
+                    self.frames.push(&self.buffer[..count]);
+                }
+                Err(cause) if is_nothing_yet(&cause) => break Ok(()),
+                Err(cause) => break Err(cause),
+            }
+        };
+        self.sockets.tcp.set_nonblocking(false)?;
+        heard?;
+        while let Some(message) = next_message(&mut self.frames)? {
+            copy.hear(&message);
+        }
+        Ok(())
+    }
+
+    pub(super) fn send_datagram(&mut self, bytes: &[u8], wire: &mut Wire) -> io::Result<()> {
+        wire.datagram_up(bytes);
+        self.sockets.udp.send(bytes).map(drop)
+    }
+}
+
+/// Takes in every message of a datagram: one, or as many as were packed.
+pub(super) fn hear_datagram(datagram: &[u8], copy: &mut Copy) -> io::Result<()> {
+    let mut frames = Frames::default();
+    frames.push(datagram);
+    while let Some(message) = next_message(&mut frames)? {
+        copy.hear(&message);
+    }
+    Ok(())
+}
+
+/// The next message; bytes that are none are the server's fault.
+pub(super) fn next_message(frames: &mut Frames) -> io::Result<Option<Message>> {
+    let framed = frames.next_message();
+    let framed =
+        framed.map_err(|malformed| io::Error::new(io::ErrorKind::InvalidData, malformed))?;
+    Ok(framed.map(|framed| framed.message))
+}
+
+/// Whether a read only found nothing there.
+pub(super) fn is_nothing_yet(cause: &io::Error) -> bool {
+    matches!(
+        cause.kind(),
+        io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut | io::ErrorKind::Interrupted
+    )
+}

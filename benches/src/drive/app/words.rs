@@ -1,0 +1,220 @@
+//! A script's commands in the words of the paper's protocol.
+//!
+//! As the published plug-in says them: a shape for each object, then the actor, then that it has the shape. What the
+//! protocol cannot say is refused before a run begins.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use glam::{Quat, Vec3};
+use rhumb_app::{
+    ApplyForce, ApplyTorque, AttachShape, ConvexMesh, CreateDynamicActor, CreateStaticActor, Id,
+    Message, Motion, SetWorld, Surface,
+};
+use rhumb_protocol::limits::COORDINATE_MAX;
+use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, Material, SceneTerms, Shape, ShapeId};
+use rhumb_reckoning::{Damping, Verbatim};
+
+/// The simulation that the bench logs on to.
+pub(super) const SIMULATION: u32 = 1;
+/// Objects below are the ground plane and the terrain.
+const FIRST_OBJECT: u32 = 2;
+/// What such a server gives bodies that the protocol cannot speak of.
+const DAMPING: Damping = Damping {
+    linear: 0.0,
+    angular: 0.05,
+};
+
+/// What the protocol has no words for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unsaid {
+    /// Damping, of the scene or of a body, other than such servers have.
+    Damping,
+    /// When bodies sleep.
+    Sleep,
+    /// A body that its simulator moves.
+    Kinematic,
+    /// A cylinder, a capsule that is not the protocol's own, ground, a mesh, or a compound.
+    Shape,
+    /// A body without gyroscopic forces, or one that nothing turns.
+    Turning,
+    /// An impulse.
+    Impulse,
+    /// A joint.
+    Joint,
+}
+
+impl fmt::Display for Unsaid {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Damping => "damping other than 0 and 0.05",
+            Self::Sleep => "when bodies sleep",
+            Self::Kinematic => "a kinematic body",
+            Self::Shape => "a shape that is neither ball nor cuboid nor hull",
+            Self::Turning => "how a body turns",
+            Self::Impulse => "an impulse",
+            Self::Joint => "a joint",
+        })
+    }
+}
+
+/// The index of the body that an object is.
+pub(super) const fn body_of(object: u32) -> Option<u32> {
+    object.checked_sub(FIRST_OBJECT)
+}
+
+const fn id(object: u32) -> Id {
+    Id {
+        simulation: SIMULATION,
+        object,
+    }
+}
+
+/// Translates; remembers what has a name of its own only in a script.
+#[derive(Debug)]
+pub(super) struct Words {
+    material: Material,
+    shapes: BTreeMap<ShapeId, Shape>,
+}
+
+impl Words {
+    /// For a scene of these terms.
+    pub(super) fn new(terms: &SceneTerms) -> Result<Self, Unsaid> {
+        if terms.damping != DAMPING {
+            return Err(Unsaid::Damping);
+        }
+        if terms.sleep.is_some() {
+            return Err(Unsaid::Sleep);
+        }
+        Ok(Self {
+            material: terms.material,
+            shapes: BTreeMap::new(),
+        })
+    }
+
+    /// Gravity, and a ground plane so low that there is none.
+    pub(super) fn world(gravity: Vec3) -> Message {
+        Message::SetWorld(SetWorld {
+            plane: id(0),
+            gravity,
+            static_friction: 0.0,
+            kinetic_friction: 0.0,
+            restitution: 0.0,
+            margin: 0.0,
+            height: -COORDINATE_MAX,
+            normal: Vec3::Z,
+        })
+    }
+
+    /// Adds what says a command.
+    pub(super) fn say(&mut self, command: &Command, out: &mut Vec<Message>) -> Result<(), Unsaid> {
+        let object = |index: u32| id(index + FIRST_OBJECT);
+        match *command {
+            Command::AddShape { id, ref shape } => {
+                self.shapes.insert(id, shape.clone());
+            }
+            Command::RemoveShape { id } => drop(self.shapes.remove(&id)),
+            Command::AddBody { terms, motion } => self.add(&terms, motion, out)?,
+            Command::RemoveBody { id } => {
+                out.push(Message::RemoveActor(object(id.index())));
+                out.push(Message::RemoveShape(object(id.index())));
+            }
+            Command::SetPose {
+                id,
+                position,
+                rotation,
+            } => {
+                let actor = object(id.index());
+                out.push(Message::UpdateActorPosition((actor, position)));
+                out.push(Message::UpdateActorOrientation((actor, rotation)));
+            }
+            Command::SetVelocity {
+                id,
+                linear,
+                angular,
+            } => {
+                let actor = object(id.index());
+                out.push(Message::UpdateLinearVelocity((actor, linear)));
+                out.push(Message::UpdateAngularVelocity((actor, angular)));
+            }
+            Command::Force { id, force } => {
+                let actor = object(id.index());
+                out.push(Message::ApplyForce(ApplyForce { actor, force }));
+            }
+            Command::Torque { id, torque } => {
+                let actor = object(id.index());
+                out.push(Message::ApplyTorque(ApplyTorque { actor, torque }));
+            }
+            Command::SetGravity { gravity } => out.push(Self::world(gravity)),
+            Command::Impulse { .. } | Command::TorqueImpulse { .. } => {
+                return Err(Unsaid::Impulse);
+            }
+            Command::AddJoint { .. } | Command::RemoveJoint { .. } => return Err(Unsaid::Joint),
+        }
+        Ok(())
+    }
+
+    fn add(
+        &self,
+        terms: &BodyTerms,
+        motion: Verbatim,
+        out: &mut Vec<Message>,
+    ) -> Result<(), Unsaid> {
+        if terms.damping.is_some_and(|damping| damping != DAMPING) {
+            return Err(Unsaid::Damping);
+        }
+        if !terms.gyroscopic || !terms.turns {
+            return Err(Unsaid::Turning);
+        }
+        let actor = id(terms.id.index() + FIRST_OBJECT);
+        out.push(match self.shapes.get(&terms.shape) {
+            Some(Shape::Ball { radius }) => Message::AddSphere((actor, Vec3::ZERO, *radius)),
+            Some(Shape::Cuboid { half_extents }) => Message::AddBox((actor, *half_extents * 2.0)),
+            Some(Shape::Hull(hull)) => Message::AddConvexMesh(ConvexMesh {
+                shape: actor,
+                points: hull.points().to_vec(),
+            }),
+            _ => return Err(Unsaid::Shape),
+        });
+        let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = motion.parts();
+        let position = Vec3::new(px, py, pz);
+        let rotation = Quat::from_xyzw(x, y, z, w);
+        out.push(match terms.kind {
+            BodyKind::Static => Message::CreateStaticActor(CreateStaticActor {
+                actor,
+                position,
+                rotation,
+                flags: 0,
+            }),
+            BodyKind::Dynamic => Message::CreateDynamicActor(CreateDynamicActor {
+                motion: Motion {
+                    actor,
+                    position,
+                    rotation,
+                    gravity_modifier: terms.gravity_scale,
+                    linear: Vec3::new(vx, vy, vz),
+                    angular: Vec3::new(wx, wy, wz),
+                },
+                flags: 0,
+            }),
+            BodyKind::Kinematic => return Err(Unsaid::Kinematic),
+        });
+        let material = terms.material.unwrap_or(self.material);
+        out.push(Message::AttachShape(AttachShape {
+            actor,
+            shape: Id {
+                simulation: 0,
+                object: actor.object,
+            },
+            surface: Surface {
+                density: material.density,
+                static_friction: material.friction,
+                kinetic_friction: material.friction,
+                restitution: material.restitution,
+            },
+            rotation: Quat::IDENTITY,
+            position: Vec3::ZERO,
+        }));
+        Ok(())
+    }
+}

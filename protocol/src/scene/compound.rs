@@ -1,0 +1,171 @@
+//! Several shapes that hold together, as one.
+//!
+//! One of no parts is a body that nothing touches. Parts have no parts. Cheap to copy: copies share their parts.
+
+use alloc::sync::Arc;
+use alloc::vec::Vec;
+
+use glam::{Quat, Vec3};
+use rhumb_reckoning::Metres;
+
+use super::checks::{Invalid, Quantity, rotation, vector};
+use super::shape::Shape;
+use crate::limits::{EXTENT_MAX, EXTENT_MIN, PARTS_MAX};
+use crate::wire::bytes::{Reader, Writer};
+use crate::wire::{Malformed, Wire};
+
+/// A shape in another one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Part {
+    /// Metres, in the body's axes.
+    pub position: Vec3,
+    /// Part → body.
+    pub rotation: Quat,
+    /// What it is; no compound.
+    pub shape: Shape,
+}
+
+/// Parts that hold together; the body's centre of mass is where they are counted from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Compound {
+    parts: Arc<[Part]>,
+}
+
+impl Compound {
+    /// What some parts make.
+    ///
+    /// # Errors
+    ///
+    /// [`Invalid`] when they are too many, when one has parts itself, or for the first number that is wrong.
+    pub fn new(parts: Vec<Part>) -> Result<Self, Invalid> {
+        let compound = Self {
+            parts: parts.into(),
+        };
+        compound.check()?;
+        Ok(compound)
+    }
+
+    /// A shape that nothing touches.
+    #[must_use]
+    pub fn nothing() -> Self {
+        Self {
+            parts: Arc::new([]),
+        }
+    }
+
+    /// The parts.
+    #[must_use]
+    pub fn parts(&self) -> &[Part] {
+        &self.parts
+    }
+
+    /// Of a ball around the centre of mass that holds the balls that hold the parts; a millimetre if that is more.
+    #[must_use]
+    pub fn bounding_radius(&self) -> Metres {
+        let reach = |part: &Part| {
+            let squared = part.position.as_dvec3().length_squared();
+            libm::sqrt(squared) + part.shape.bounding_radius().metres()
+        };
+        let reaches = self.parts.iter().map(reach);
+        Metres::new(reaches.fold(f64::from(EXTENT_MIN), f64::max))
+    }
+
+    /// Checks every number (PROTOCOL 2.6).
+    pub(super) fn check(&self) -> Result<(), Invalid> {
+        if self.parts.len() > PARTS_MAX {
+            return Err(Invalid::OutOfRange(Quantity::Parts));
+        }
+        for part in self.parts.iter() {
+            vector(part.position, EXTENT_MAX, Quantity::Extent)?;
+            rotation(part.rotation)?;
+            if matches!(part.shape, Shape::Compound(_)) {
+                return Err(Invalid::OutOfRange(Quantity::Parts));
+            }
+            part.shape.check()?;
+        }
+        Ok(())
+    }
+}
+
+impl Wire for Compound {
+    fn encode(&self, to: &mut Writer) {
+        debug_assert!(self.parts.len() <= PARTS_MAX, "counted when made");
+        to.u8(self.parts.len() as u8);
+        for part in self.parts.iter() {
+            to.f32s(&part.position.to_array());
+            to.f32s(&part.rotation.to_array());
+            part.shape.encode(to);
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let count = usize::from(from.u8()?);
+        if count > PARTS_MAX {
+            return Err(Malformed::OutOfRange);
+        }
+        let mut parts = Vec::with_capacity(count);
+        for _ in 0..count {
+            parts.push(Part {
+                position: Vec3::from_array(from.f32s()?),
+                rotation: Quat::from_array(from.f32s()?),
+                shape: Shape::decode_part(from)?,
+            });
+        }
+        Ok(Self {
+            parts: parts.into(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use alloc::vec;
+
+    use super::*;
+
+    fn part(x: f32, shape: Shape) -> Part {
+        Part {
+            position: Vec3::new(x, 0.0, 0.0),
+            rotation: Quat::IDENTITY,
+            shape,
+        }
+    }
+
+    #[test]
+    fn it_comes_back_from_its_bytes_and_not_from_fewer() {
+        let balls = [1.0, 2.0].map(|x| part(x, Shape::Ball { radius: 0.5 }));
+        let compound = Compound::new(balls.to_vec()).expect("two balls");
+        assert_eq!(compound.bounding_radius().metres(), 2.5);
+        let shape = Shape::Compound(compound);
+        let mut writer = Writer::new();
+        shape.encode(&mut writer);
+        let bytes = writer.into_bytes();
+        assert_eq!(Shape::decode(&mut Reader::new(&bytes)), Ok(shape));
+        for cut in 0..bytes.len() {
+            let cut = Shape::decode(&mut Reader::new(&bytes[..cut]));
+            assert_eq!(cut, Err(Malformed::Truncated));
+        }
+    }
+
+    #[test]
+    fn parts_of_parts_and_too_many_parts_are_refused() {
+        let inner = Shape::Compound(Compound::nothing());
+        let wrong = Err(Invalid::OutOfRange(Quantity::Parts));
+        assert_eq!(Compound::new(vec![part(0.0, inner.clone())]), wrong);
+        let ball = part(0.0, Shape::Ball { radius: 0.5 });
+        assert_eq!(Compound::new(vec![ball; PARTS_MAX + 1]), wrong);
+        let nested = Compound {
+            parts: [part(0.0, inner)].into(),
+        };
+        let mut writer = Writer::new();
+        nested.encode(&mut writer);
+        let read = Compound::decode(&mut Reader::new(&writer.into_bytes()));
+        assert_eq!(read, Err(Malformed::UnknownCode));
+    }
+
+    #[test]
+    fn nothing_has_a_ball_of_a_millimetre() {
+        let radius = Compound::nothing().bounding_radius().metres();
+        assert_eq!(radius, f64::from(EXTENT_MIN));
+    }
+}

@@ -1,0 +1,215 @@
+//! A field of heights, as a shape: ground.
+//!
+//! A sheet, not a solid: it has no inside and no mass, so only what no engine moves may have it. Cheap to copy: copies
+//! share their heights.
+
+use alloc::sync::Arc;
+use alloc::vec::Vec;
+
+use glam::DVec3;
+use rhumb_reckoning::Metres;
+
+use super::checks::{Invalid, Quantity, scalar};
+use crate::limits::{EXTENT_MAX, EXTENT_MIN, POSTS_MAX};
+use crate::wire::bytes::{Reader, Writer};
+use crate::wire::{Malformed, Wire};
+
+/// Heights over a grid. Body's axes: row r and column c stand at x = r · row spacing, y = the height, z = c · column
+/// spacing, metres; between them lie two triangles for each cell.
+#[derive(Clone, Debug)]
+pub struct Heights {
+    rows: u32,
+    columns: u32,
+    row_spacing: f32,
+    column_spacing: f32,
+    /// Row by row.
+    heights: Arc<[f32]>,
+    /// Of the farthest post.
+    radius: f64,
+}
+
+impl Heights {
+    /// A field of `rows` rows, each of as many heights.
+    ///
+    /// # Errors
+    ///
+    /// [`Invalid`] when rows or columns are fewer than two, when there are more posts than allowed or not as many as rows and
+    /// columns make, and when a spacing, a height or the size of the field is not finite or beyond the limits.
+    pub fn new(
+        rows: u32,
+        row_spacing: f32,
+        column_spacing: f32,
+        heights: &[f32],
+    ) -> Result<Self, Invalid> {
+        let posts = u32::try_from(heights.len()).unwrap_or(u32::MAX);
+        let columns = posts.checked_div(rows).unwrap_or(0);
+        if rows.checked_mul(columns) != Some(posts) {
+            return Err(Invalid::OutOfRange(Quantity::Posts));
+        }
+        let field = Self::unchecked([rows, columns], [row_spacing, column_spacing], heights);
+        field.check()?;
+        Ok(field)
+    }
+
+    fn unchecked([rows, columns]: [u32; 2], spacing: [f32; 2], heights: &[f32]) -> Self {
+        let [row_spacing, column_spacing] = spacing;
+        let mut field = Self {
+            rows,
+            columns,
+            row_spacing,
+            column_spacing,
+            heights: heights.into(),
+            radius: 0.0,
+        };
+        let squared = field.posts().map(DVec3::length_squared);
+        field.radius = libm::sqrt(squared.fold(0.0, f64::max));
+        field
+    }
+
+    /// How many rows.
+    #[must_use]
+    pub const fn rows(&self) -> u32 {
+        self.rows
+    }
+
+    /// How many columns.
+    #[must_use]
+    pub const fn columns(&self) -> u32 {
+        self.columns
+    }
+
+    /// Metres from row to row, along x.
+    #[must_use]
+    pub const fn row_spacing(&self) -> f32 {
+        self.row_spacing
+    }
+
+    /// Metres from column to column, along z.
+    #[must_use]
+    pub const fn column_spacing(&self) -> f32 {
+        self.column_spacing
+    }
+
+    /// The heights, row by row.
+    #[must_use]
+    pub fn heights(&self) -> &[f32] {
+        &self.heights
+    }
+
+    /// Every post, row by row.
+    pub fn posts(&self) -> impl Iterator<Item = DVec3> {
+        let columns = self.columns.max(1) as usize;
+        let spacing = [self.row_spacing, self.column_spacing].map(f64::from);
+        self.heights.iter().enumerate().map(move |(place, height)| {
+            let (row, column) = ((place / columns) as f64, (place % columns) as f64);
+            DVec3::new(row * spacing[0], f64::from(*height), column * spacing[1])
+        })
+    }
+
+    /// Of the least ball around the body's origin that holds it.
+    #[must_use]
+    pub const fn bounding_radius(&self) -> Metres {
+        Metres::new(self.radius)
+    }
+
+    /// Checks every number (PROTOCOL 2.6).
+    pub(super) fn check(&self) -> Result<(), Invalid> {
+        let posts = u64::from(self.rows) * u64::from(self.columns);
+        if self.rows < 2 || self.columns < 2 || posts > POSTS_MAX as u64 {
+            return Err(Invalid::OutOfRange(Quantity::Posts));
+        }
+        for (count, spacing) in [
+            (self.rows, self.row_spacing),
+            (self.columns, self.column_spacing),
+        ] {
+            scalar(spacing, EXTENT_MIN, EXTENT_MAX, Quantity::Extent)?;
+            let length = (count - 1) as f32 * spacing;
+            scalar(length, EXTENT_MIN, EXTENT_MAX, Quantity::Extent)?;
+        }
+        let mut heights = self.heights.iter();
+        heights.try_for_each(|height| scalar(*height, -EXTENT_MAX, EXTENT_MAX, Quantity::Extent))
+    }
+}
+
+/// Two fields are equal when all that was said of them is.
+impl PartialEq for Heights {
+    fn eq(&self, other: &Self) -> bool {
+        let told = |field: &Self| {
+            (
+                field.rows,
+                field.columns,
+                field.row_spacing,
+                field.column_spacing,
+            )
+        };
+        told(self) == told(other) && self.heights == other.heights
+    }
+}
+
+impl Wire for Heights {
+    fn encode(&self, to: &mut Writer) {
+        to.varint(u64::from(self.rows));
+        to.varint(u64::from(self.columns));
+        to.f32s(&[self.row_spacing, self.column_spacing]);
+        to.f32s(&self.heights);
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let most = POSTS_MAX as u64;
+        let (rows, columns) = (from.varint_to(most)?, from.varint_to(most)?);
+        let posts = rows * columns;
+        if rows < 2 || columns < 2 || posts > most {
+            return Err(Malformed::OutOfRange);
+        }
+        let spacing = from.f32s()?;
+        let bytes = from.raw(posts as usize * 4)?;
+        let heights: Vec<f32> = bytes
+            .as_chunks::<4>()
+            .0
+            .iter()
+            .map(|bytes| f32::from_le_bytes(*bytes))
+            .collect();
+        let counts = [rows as u32, columns as u32];
+        Ok(Self::unchecked(counts, spacing, &heights))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use alloc::vec;
+
+    use super::*;
+
+    #[test]
+    fn it_comes_back_from_its_bytes_and_not_from_fewer() {
+        let field = Heights::new(2, 1.0, 2.0, &[0.0, 1.0, 2.0, 3.0, 4.0, 5.0]).expect("a field");
+        assert_eq!((field.rows(), field.columns()), (2, 3));
+        let last = field.posts().last();
+        assert_eq!(last, Some(DVec3::new(1.0, 5.0, 4.0)));
+        assert_eq!(field.bounding_radius().metres(), libm::sqrt(42.0));
+        let mut writer = Writer::new();
+        field.encode(&mut writer);
+        let bytes = writer.into_bytes();
+        assert_eq!(Heights::decode(&mut Reader::new(&bytes)), Ok(field));
+        for cut in 0..bytes.len() {
+            let cut = Heights::decode(&mut Reader::new(&bytes[..cut]));
+            assert_eq!(cut, Err(Malformed::Truncated));
+        }
+    }
+
+    #[test]
+    fn what_no_engine_should_build_is_refused_by_what_is_wrong() {
+        let posts = Err(Invalid::OutOfRange(Quantity::Posts));
+        let extent = Err(Invalid::OutOfRange(Quantity::Extent));
+        assert_eq!(Heights::new(0, 1.0, 1.0, &[]), posts);
+        assert_eq!(Heights::new(1, 1.0, 1.0, &[0.0; 4]), posts);
+        assert_eq!(Heights::new(4, 1.0, 1.0, &[0.0; 4]), posts);
+        assert_eq!(Heights::new(2, 1.0, 1.0, &[0.0; 5]), posts);
+        assert_eq!(Heights::new(2, 1.0, 1.0, &vec![0.0; POSTS_MAX + 2]), posts);
+        assert_eq!(Heights::new(2, 0.0, 1.0, &[0.0; 4]), extent);
+        assert_eq!(Heights::new(2, 1.0, 1.0, &[0.0, 0.0, 2e4, 0.0]), extent);
+        assert_eq!(Heights::new(4, 9e3, 1.0, &[0.0; 8]), extent);
+        let nan = Heights::new(2, 1.0, 1.0, &[0.0, f32::NAN, 0.0, 0.0]);
+        assert_eq!(nan, Err(Invalid::NotFinite(Quantity::Extent)));
+    }
+}

@@ -1,0 +1,174 @@
+//! A mesh of triangles, as a shape: what stands about and is not convex.
+//!
+//! A sheet, not a solid: it has no mass, so only what no engine moves may have it. Indices are checked here, since engines
+//! do not. Cheap to copy: copies share their points.
+
+use alloc::sync::Arc;
+use alloc::vec::Vec;
+
+use glam::Vec3;
+use rhumb_reckoning::Metres;
+
+use super::checks::{Invalid, Quantity, scalar};
+use crate::limits::{EXTENT_MAX, MESH_POINTS_MAX, TRIANGLES_MAX};
+use crate::wire::bytes::{Reader, Writer};
+use crate::wire::{Malformed, Wire};
+
+/// Triangles between points. Body's axes, metres.
+#[derive(Clone, Debug)]
+pub struct Mesh {
+    points: Arc<[Vec3]>,
+    triangles: Arc<[[u32; 3]]>,
+    /// Of the farthest point.
+    radius: f64,
+}
+
+impl Mesh {
+    /// The triangles between some points, each by the places of three of them.
+    ///
+    /// # Errors
+    ///
+    /// [`Invalid`] when there are none or too many, when a triangle names a point that there is not, or when a coordinate is
+    /// not finite or beyond the limits.
+    pub fn new(points: &[Vec3], triangles: &[[u32; 3]]) -> Result<Self, Invalid> {
+        let mesh = Self::unchecked(points.to_vec(), triangles.to_vec());
+        mesh.check()?;
+        Ok(mesh)
+    }
+
+    fn unchecked(points: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Self {
+        let squared = points.iter().map(|point| point.as_dvec3().length_squared());
+        let radius = libm::sqrt(squared.fold(0.0, f64::max));
+        Self {
+            points: points.into(),
+            triangles: triangles.into(),
+            radius,
+        }
+    }
+
+    /// The points.
+    #[must_use]
+    pub fn points(&self) -> &[Vec3] {
+        &self.points
+    }
+
+    /// The triangles, by places of points.
+    #[must_use]
+    pub fn triangles(&self) -> &[[u32; 3]] {
+        &self.triangles
+    }
+
+    /// Of the least ball around the body's origin that holds it.
+    #[must_use]
+    pub const fn bounding_radius(&self) -> Metres {
+        Metres::new(self.radius)
+    }
+
+    /// Checks every number (PROTOCOL 2.6).
+    pub(super) fn check(&self) -> Result<(), Invalid> {
+        if !(3..=MESH_POINTS_MAX).contains(&self.points.len()) {
+            return Err(Invalid::OutOfRange(Quantity::MeshPoints));
+        }
+        if !(1..=TRIANGLES_MAX).contains(&self.triangles.len()) {
+            return Err(Invalid::OutOfRange(Quantity::Triangles));
+        }
+        let points = self.points.len() as u32;
+        if self
+            .triangles
+            .iter()
+            .flatten()
+            .any(|place| *place >= points)
+        {
+            return Err(Invalid::OutOfRange(Quantity::TrianglePoint));
+        }
+        let mut parts = self.points.iter().flat_map(Vec3::to_array);
+        parts.try_for_each(|part| scalar(part, -EXTENT_MAX, EXTENT_MAX, Quantity::Extent))
+    }
+}
+
+/// Two meshes are equal when points and triangles are, in the same order.
+impl PartialEq for Mesh {
+    fn eq(&self, other: &Self) -> bool {
+        self.points == other.points && self.triangles == other.triangles
+    }
+}
+
+impl Wire for Mesh {
+    fn encode(&self, to: &mut Writer) {
+        to.varint(self.points.len() as u64);
+        to.varint(self.triangles.len() as u64);
+        for point in self.points.iter() {
+            to.f32s(&point.to_array());
+        }
+        for place in self.triangles.iter().flatten() {
+            to.varint(u64::from(*place));
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let points = from.varint_to(MESH_POINTS_MAX as u64)? as usize;
+        let count = from.varint_to(TRIANGLES_MAX as u64)? as usize;
+        // A triangle takes three bytes at least: nothing is kept for a count without bytes.
+        if points * 12 + count * 3 > from.rest().len() {
+            return Err(Malformed::Truncated);
+        }
+        let mut corners = Vec::with_capacity(points);
+        for _ in 0..points {
+            corners.push(Vec3::from_array(from.f32s()?));
+        }
+        let mut triangles = Vec::with_capacity(count);
+        for _ in 0..count {
+            let mut place = || {
+                from.varint_to(MESH_POINTS_MAX as u64)
+                    .map(|place| place as u32)
+            };
+            triangles.push([place()?, place()?, place()?]);
+        }
+        Ok(Self::unchecked(corners, triangles))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CORNERS: [Vec3; 3] = [Vec3::ZERO, Vec3::X, Vec3::Y];
+
+    #[test]
+    fn it_comes_back_from_its_bytes_and_not_from_fewer() {
+        let mesh = Mesh::new(&CORNERS, &[[0, 1, 2], [2, 1, 0]]).expect("a mesh");
+        let mut writer = Writer::new();
+        mesh.encode(&mut writer);
+        let bytes = writer.into_bytes();
+        assert_eq!(bytes.len(), 2 + 36 + 6);
+        assert_eq!(Mesh::decode(&mut Reader::new(&bytes)), Ok(mesh));
+        for cut in 0..bytes.len() {
+            let cut = Mesh::decode(&mut Reader::new(&bytes[..cut]));
+            assert_eq!(cut, Err(Malformed::Truncated));
+        }
+    }
+
+    #[test]
+    fn what_no_engine_should_build_is_refused_by_what_is_wrong() {
+        let wrong = |points: &[Vec3], triangles: &[[u32; 3]]| {
+            Mesh::new(points, triangles).expect_err("the test makes it wrong")
+        };
+        let range = Invalid::OutOfRange;
+        assert_eq!(
+            wrong(&CORNERS[..2], &[[0, 1, 1]]),
+            range(Quantity::MeshPoints)
+        );
+        assert_eq!(wrong(&CORNERS, &[]), range(Quantity::Triangles));
+        assert_eq!(
+            wrong(&CORNERS, &[[0, 1, 3]]),
+            range(Quantity::TrianglePoint)
+        );
+        let far = [Vec3::ZERO, Vec3::X * 2e4, Vec3::Y];
+        assert_eq!(wrong(&far, &[[0, 1, 2]]), range(Quantity::Extent));
+        let none = [Vec3::ZERO, Vec3::NAN, Vec3::Y];
+        assert_eq!(
+            wrong(&none, &[[0, 1, 2]]),
+            Invalid::NotFinite(Quantity::Extent)
+        );
+    }
+}

@@ -1,0 +1,315 @@
+//! What body an actor is: its parts as one shape, around its centre of mass.
+//!
+//! A body of a scene has its origin in its centre of mass, one shape, one density and one surface. An actor has its origin
+//! anywhere, and shapes with a density and a surface each. The body's density is what gives it the actor's mass; its
+//! surface is that of the part that was attached first.
+
+use glam::{Quat, Vec3};
+use rhumb_app::Surface;
+use rhumb_protocol::limits::{DENSITY_MAX, DENSITY_MIN, FRICTION_MAX};
+use rhumb_protocol::scene::{BodyKind, Compound, Material, Part as ScenePart, Shape};
+
+use super::outline::Outline;
+use super::refusal::Refusal;
+
+/// A shape on an actor.
+#[derive(Clone, Debug)]
+pub(super) struct Part {
+    /// The client's name of the shape.
+    pub(super) name: u32,
+    /// What it was when it was attached; none of a name that nobody defined.
+    pub(super) outline: Option<Outline>,
+    pub(super) material: Material,
+    /// Metres, in the actor's axes.
+    pub(super) position: Vec3,
+    /// Shape → actor.
+    pub(super) rotation: Quat,
+}
+
+/// Where a body's axes lie in its actor's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Frame {
+    /// The body's origin, metres.
+    pub(super) position: Vec3,
+    /// Body → actor.
+    pub(super) rotation: Quat,
+}
+
+/// The body that an actor is.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Form {
+    pub(super) shape: Shape,
+    pub(super) frame: Frame,
+    /// None: the scene's own.
+    pub(super) material: Option<Material>,
+    /// kg.
+    pub(super) mass: f32,
+}
+
+impl Frame {
+    const IDENTITY: Self = Self {
+        position: Vec3::ZERO,
+        rotation: Quat::IDENTITY,
+    };
+
+    /// The body's pose of an actor's. One that is the actor's own keeps every bit.
+    pub(super) fn body_of(&self, position: Vec3, rotation: Quat) -> (Vec3, Quat) {
+        if *self == Self::IDENTITY {
+            return (position, rotation);
+        }
+        let (wide, offset) = (rotation.as_dquat(), self.position.as_dvec3());
+        let at = position.as_dvec3() + wide * offset;
+        let turned = (wide * self.rotation.as_dquat()).normalize();
+        (at.as_vec3(), turned.as_quat())
+    }
+
+    /// The actor's pose of a body's.
+    pub(super) fn actor_of(&self, position: Vec3, rotation: Quat) -> (Vec3, Quat) {
+        if *self == Self::IDENTITY {
+            return (position, rotation);
+        }
+        let wide = (rotation.as_dquat() * self.rotation.as_dquat().conjugate()).normalize();
+        let at = position.as_dvec3() - wide * self.position.as_dvec3();
+        (at.as_vec3(), wide.as_quat())
+    }
+}
+
+/// A rotation of unit length, from one that is about so; the published plug-in rounds.
+pub(super) fn unit(rotation: Quat) -> Result<Quat, Refusal> {
+    let wide = rotation.as_dquat();
+    let squared = wide.length_squared();
+    if !squared.is_finite() || squared < 1e-6 {
+        return Err(Refusal::Number);
+    }
+    if (squared - 1.0).abs() <= 1e-6 {
+        return Ok(rotation);
+    }
+    Ok(wide.normalize().as_quat())
+}
+
+/// A material of a scene from a surface of a client. What is beyond the limits is at them; what is no number is refused.
+pub(super) fn material(surface: &Surface) -> Result<Material, Refusal> {
+    let Surface {
+        density,
+        kinetic_friction,
+        restitution,
+        ..
+    } = *surface;
+    if !(density.is_finite() && kinetic_friction.is_finite() && restitution.is_finite()) {
+        return Err(Refusal::Number);
+    }
+    Ok(Material {
+        // An engine knows one coefficient: that of what slides, since what stands is as hard to move as to keep moving.
+        friction: kinetic_friction.clamp(0.0, FRICTION_MAX),
+        restitution: restitution.clamp(0.0, 1.0),
+        density: density.clamp(DENSITY_MIN, DENSITY_MAX),
+    })
+}
+
+/// What an actor of these parts is. `scenes`: the material that needs no mention.
+pub(super) fn form(kind: BodyKind, parts: &[Part], scenes: Material) -> Form {
+    let placed: Vec<(Outline, &Part)> = parts
+        .iter()
+        .filter_map(|part| {
+            let outline = part.outline.as_ref()?;
+            let outline = match kind {
+                BodyKind::Static => Some(outline.clone()),
+                BodyKind::Dynamic | BodyKind::Kinematic => outline.solid(),
+            };
+            Some((outline?, part))
+        })
+        .collect();
+    let volume: f32 = placed.iter().map(|(outline, _)| outline.bulk.volume).sum();
+    let masses = placed
+        .iter()
+        .map(|(outline, part)| outline.bulk.volume * part.material.density);
+    let mass: f32 = masses.sum();
+    let (shape, frame) = match placed.as_slice() {
+        [] => (Shape::Compound(Compound::nothing()), Frame::IDENTITY),
+        [(outline, part)] => single(outline, part),
+        _ => several(kind, &placed, mass),
+    };
+    let Some((_, first)) = placed.first() else {
+        // What has no shape weighs a kilogram, as the engine has it.
+        return Form {
+            shape,
+            frame,
+            material: None,
+            mass: 1.0,
+        };
+    };
+    let mean = if volume > 0.0 && placed.len() > 1 {
+        (mass / volume).clamp(DENSITY_MIN, DENSITY_MAX)
+    } else {
+        first.material.density
+    };
+    let material = Material {
+        density: mean,
+        ..first.material
+    };
+    Form {
+        shape,
+        frame,
+        material: (material != scenes).then_some(material),
+        mass: mass.max(f32::MIN_POSITIVE),
+    }
+}
+
+fn lies(outline: &Outline, part: &Part) -> Frame {
+    let rotation = (part.rotation.as_dquat() * outline.rotation.as_dquat()).normalize();
+    let offset = part.rotation.as_dquat() * outline.position.as_dvec3();
+    let plain = part.rotation == Quat::IDENTITY && outline.rotation == Quat::IDENTITY;
+    Frame {
+        position: (part.position.as_dvec3() + offset).as_vec3(),
+        rotation: if plain {
+            Quat::IDENTITY
+        } else {
+            rotation.as_quat()
+        },
+    }
+}
+
+fn single(outline: &Outline, part: &Part) -> (Shape, Frame) {
+    let (shape, centre) = outline.centred();
+    let mut frame = lies(outline, part);
+    frame.position += frame.rotation * centre;
+    (shape, frame)
+}
+
+fn several(kind: BodyKind, placed: &[(Outline, &Part)], mass: f32) -> (Shape, Frame) {
+    let frames: Vec<Frame> = placed
+        .iter()
+        .map(|(outline, part)| lies(outline, part))
+        .collect();
+    let moments = placed.iter().zip(&frames).map(|((outline, part), frame)| {
+        let own = frame.position + frame.rotation * outline.bulk.centre;
+        own * (outline.bulk.volume * part.material.density)
+    });
+    let centre = if kind == BodyKind::Dynamic && mass > 0.0 {
+        moments.sum::<Vec3>() / mass
+    } else {
+        Vec3::ZERO
+    };
+    let parts = placed
+        .iter()
+        .zip(&frames)
+        .map(|((outline, _), frame)| ScenePart {
+            position: frame.position - centre,
+            rotation: frame.rotation,
+            shape: outline.shape.clone(),
+        });
+    // Parts are counted when they are attached, and each was checked when it was told.
+    let compound = Compound::new(parts.collect()).unwrap_or_else(|_| Compound::nothing());
+    let frame = Frame {
+        position: centre,
+        rotation: Quat::IDENTITY,
+    };
+    (Shape::Compound(compound), frame)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STONE: Material = Material {
+        friction: 0.2,
+        restitution: 0.0,
+        density: 1_000.0,
+    };
+
+    fn part(outline: Outline, position: Vec3, density: f32) -> Part {
+        Part {
+            name: 1,
+            outline: Some(outline),
+            material: Material { density, ..STONE },
+            position,
+            rotation: Quat::IDENTITY,
+        }
+    }
+
+    #[test]
+    fn a_plain_ball_keeps_its_pose_to_the_bit_and_its_scenes_material() {
+        let ball = Outline::ball(Vec3::ZERO, 0.5).unwrap();
+        let form = form(BodyKind::Dynamic, &[part(ball, Vec3::ZERO, 1_000.0)], STONE);
+        assert_eq!(form.shape, Shape::Ball { radius: 0.5 });
+        assert_eq!((form.material, form.frame), (None, Frame::IDENTITY));
+        assert!((form.mass - 523.6).abs() < 0.1, "{}", form.mass);
+        let pose = (
+            Vec3::new(0.1, 0.2, 0.3),
+            Quat::from_xyzw(0.1, 0.7, 0.1, 0.7),
+        );
+        assert_eq!(form.frame.body_of(pose.0, pose.1), pose);
+    }
+
+    #[test]
+    fn two_linked_boxes_weigh_and_balance_as_two() {
+        let cube = Outline::cuboid(Vec3::ONE).unwrap();
+        let parts = [
+            part(cube.clone(), Vec3::ZERO, 1_000.0),
+            part(cube, Vec3::new(2.0, 0.0, 0.0), 3_000.0),
+        ];
+        let form = form(BodyKind::Dynamic, &parts, STONE);
+        assert!((form.mass - 4_000.0).abs() < 0.1);
+        assert_eq!(form.material.unwrap().density, 2_000.0);
+        assert!((form.frame.position.x - 1.5).abs() < 1e-6);
+        let Shape::Compound(compound) = &form.shape else {
+            panic!("two parts are a compound");
+        };
+        let places: Vec<f32> = compound
+            .parts()
+            .iter()
+            .map(|part| part.position.x)
+            .collect();
+        assert_eq!(places, [-1.5, 0.5]);
+        let (position, rotation) = form.frame.body_of(Vec3::ONE, Y);
+        let (back, turned) = form.frame.actor_of(position, rotation);
+        assert!(back.distance(Vec3::ONE) < 1e-6 && turned.angle_between(Y) < 1e-3);
+    }
+
+    /// A quarter about y.
+    const Y: Quat = Quat::from_xyzw(0.0, 0.707_106_77, 0.0, 0.707_106_77);
+
+    #[test]
+    fn a_hull_off_its_origin_is_put_around_its_centre_of_mass() {
+        let corners: Vec<Vec3> = (0..8)
+            .map(|bits| {
+                Vec3::new(
+                    (bits & 1) as f32,
+                    (bits >> 1 & 1) as f32,
+                    (bits >> 2) as f32,
+                )
+            })
+            .collect();
+        let shape = rhumb_app::Id {
+            simulation: 0,
+            object: 1,
+        };
+        let hull = Outline::hull(&rhumb_app::ConvexMesh {
+            shape,
+            points: corners,
+        })
+        .unwrap();
+        let form = form(BodyKind::Dynamic, &[part(hull, Vec3::ZERO, 1_000.0)], STONE);
+        assert!(form.frame.position.distance(Vec3::splat(0.5)) < 1e-5);
+        assert!((form.shape.bounding_radius().metres() - 0.75_f64.sqrt()).abs() < 1e-5);
+    }
+
+    #[test]
+    fn what_has_no_shape_is_nothing_that_weighs_a_kilogram() {
+        let form = form(BodyKind::Dynamic, &[], STONE);
+        assert_eq!(form.shape, Shape::Compound(Compound::nothing()));
+        assert_eq!(form.mass, 1.0);
+    }
+
+    #[test]
+    fn an_avatars_capsule_stands_upright_and_is_as_tall_as_told() {
+        let capsule = Outline::capsule(0.3, 1.9).unwrap();
+        let mut upright = part(capsule, Vec3::ZERO, 1_062.0);
+        upright.rotation = Y;
+        let form = form(BodyKind::Dynamic, &[upright], STONE);
+        let (_, rotation) = form.frame.body_of(Vec3::ZERO, Quat::IDENTITY);
+        let axis = rotation * Vec3::Y;
+        assert!(axis.z.abs() > 0.999_99, "{axis}");
+        assert_eq!(form.shape.bounding_radius().metres() as f32, 0.95);
+    }
+}

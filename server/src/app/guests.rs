@@ -1,0 +1,241 @@
+//! All clients of the paper's protocol, as a host sees them.
+//!
+//! A client says whose simulation it is on TCP and, once, by a datagram, which may come first: simulation and address
+//! join the two. No state is sent to an address that is not that of a standing connection.
+
+use core::fmt;
+use core::net::{IpAddr, SocketAddr};
+use std::collections::{BTreeMap, VecDeque};
+
+use rhumb_app::{Break, Message};
+use rhumb_protocol::scene::SceneName;
+use rhumb_protocol::{Instant, Peer};
+use rhumb_transport::{AppEndpoint, AppTransmit};
+
+use super::guest::{Asked, FrameAt, Guest};
+use super::options::AppOptions;
+use super::refusal::Refusal;
+use crate::host::Host;
+
+/// The clients of one host.
+#[derive(Debug, Default)]
+pub(crate) struct Guests {
+    options: AppOptions,
+    guests: BTreeMap<Peer, Guest>,
+    /// Logons by datagram whose connections have not logged on yet, oldest first.
+    strays: VecDeque<(u32, SocketAddr)>,
+    closing: VecDeque<Peer>,
+}
+
+/// Logons by datagram that are remembered.
+const STRAYS_MAX: usize = 256;
+
+/// Why a client is sent away.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Parting {
+    Broken(Break),
+    /// Another connection leads this simulation.
+    Taken,
+    /// Its scene's engine failed.
+    Faulted,
+    NoScene(Refusal),
+}
+
+impl fmt::Display for Parting {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Broken(cause) => cause.fmt(f),
+            Self::Taken => f.write_str("another connection leads this simulation"),
+            Self::Faulted => f.write_str("the engine of its scene failed"),
+            Self::NoScene(refusal) => refusal.fmt(f),
+        }
+    }
+}
+
+impl Guests {
+    pub(crate) const fn configure(&mut self, options: AppOptions) {
+        self.options = options;
+    }
+
+    /// Where a simulation's states go, if its datagram came before; the last one counts.
+    fn claim_stray(&mut self, simulation: u32, ip: IpAddr) -> Option<SocketAddr> {
+        let is_its = |stray: &(u32, SocketAddr)| stray.0 == simulation && stray.1.ip() == ip;
+        let last = self.strays.iter().rfind(|stray| is_its(stray)).copied();
+        self.strays.retain(|stray| !is_its(stray));
+        last.map(|(_, from)| from)
+    }
+
+    fn is_taken(&self, simulation: u32, by_other_than: Peer) -> bool {
+        let leads = |guest: &Guest| guest.simulation == Some(simulation);
+        let mut guests = self.guests.iter();
+        guests.any(|(peer, guest)| *peer != by_other_than && leads(guest))
+    }
+}
+
+impl Host {
+    /// Looks at every whole message that a client has said.
+    fn hear_guest(&mut self, peer: Peer) -> Result<(), Parting> {
+        loop {
+            let Some(guest) = self.guests.guests.get_mut(&peer) else {
+                return Ok(());
+            };
+            let Some(framed) = guest.session.poll_message().map_err(Parting::Broken)? else {
+                return Ok(());
+            };
+            match guest.hear(&framed) {
+                Asked::Nothing => {}
+                Asked::Logon(simulation) => self.log_on(peer, simulation)?,
+                Asked::Frame(seconds) => self.pass_frame(peer, framed.index, seconds)?,
+                Asked::Logoff => {
+                    tracing::info!(peer = peer.0, "an app client logged off");
+                    self.dismiss(peer);
+                    self.guests.closing.push_back(peer);
+                    return Ok(());
+                }
+            }
+        }
+    }
+
+    fn log_on(&mut self, peer: Peer, simulation: u32) -> Result<(), Parting> {
+        if self.guests.is_taken(simulation, peer) {
+            return Err(Parting::Taken);
+        }
+        let ip = self.guests.guests.get(&peer).map(|guest| guest.address);
+        let states_to = ip.and_then(|ip| self.guests.claim_stray(simulation, ip));
+        if let Some(guest) = self.guests.guests.get_mut(&peer) {
+            guest.simulation = Some(simulation);
+            guest.states_to = states_to;
+            guest.mail.lasting(&Message::LogonReady(simulation));
+            tracing::info!(peer = peer.0, simulation, "an app client logged on");
+        }
+        Ok(())
+    }
+
+    fn pass_frame(&mut self, peer: Peer, index: u32, seconds: f32) -> Result<(), Parting> {
+        let Some(guest) = self.guests.guests.get(&peer) else {
+            return Ok(());
+        };
+        if guest.scene.is_none()
+            && let Err(refusal) = self.begin_scene(peer, seconds)
+        {
+            return match refusal {
+                // The next frame may be of another length.
+                Refusal::Time => {
+                    if let Some(guest) = self.guests.guests.get_mut(&peer) {
+                        guest.refuse(index, refusal);
+                    }
+                    Ok(())
+                }
+                _ => Err(Parting::NoScene(refusal)),
+            };
+        }
+        let Some(guest) = self.guests.guests.get_mut(&peer) else {
+            return Ok(());
+        };
+        let name = guest.scene.as_ref().map(|scene| &scene.name);
+        let Some(room) = name.and_then(|name| self.rooms.get_mut(name)) else {
+            return Ok(());
+        };
+        let at = FrameAt {
+            leader: peer,
+            room,
+            clock: &self.stopwatch,
+            out: &mut self.out,
+        };
+        if let Err(refusal) = guest.frame(seconds, at, &self.guests.options) {
+            guest.refuse(index, refusal);
+        }
+        let name = guest.scene.as_ref().map(|scene| &scene.name);
+        let room = name.and_then(|name| self.rooms.get(name));
+        if room.is_some_and(crate::room::Room::is_faulted) {
+            return Err(Parting::Faulted);
+        }
+        Ok(())
+    }
+
+    fn begin_scene(&mut self, peer: Peer, seconds: f32) -> Result<(), Refusal> {
+        let Some(guest) = self.guests.guests.get(&peer) else {
+            return Ok(());
+        };
+        let (terms, pace) = guest.terms(seconds)?;
+        let simulation = guest.simulation.unwrap_or_default();
+        let name: SceneName = format!("app/{simulation}")
+            .parse()
+            .expect("a number names a scene");
+        self.create(&name, terms).map_err(Refusal::NoScene)?;
+        let room = self.rooms.get_mut(&name);
+        let range = room.and_then(|room| room.lead(peer));
+        let range = range.ok_or(Refusal::TooMany)?;
+        if let Some(guest) = self.guests.guests.get_mut(&peer) {
+            guest.begin(name, range, pace);
+        }
+        Ok(())
+    }
+
+    /// A client is gone, and its scene with it.
+    fn dismiss(&mut self, peer: Peer) {
+        let Some(guest) = self.guests.guests.get_mut(&peer) else {
+            return;
+        };
+        guest.simulation = None;
+        if let Some(scene) = guest.scene.take() {
+            self.end_scene(&scene.name);
+        }
+    }
+}
+
+impl AppEndpoint for Host {
+    fn handle_app_opened(&mut self, _now: Instant, peer: Peer, from: SocketAddr) {
+        self.guests.guests.insert(peer, Guest::new(from.ip()));
+    }
+
+    fn handle_app_bytes(&mut self, _now: Instant, from: Peer, bytes: &[u8]) {
+        if let Some(guest) = self.guests.guests.get_mut(&from) {
+            guest.session.handle_bytes(bytes);
+        }
+        if let Err(parting) = self.hear_guest(from) {
+            tracing::warn!(peer = from.0, %parting, "closing the connection of an app client");
+            self.dismiss(from);
+            self.guests.closing.push_back(from);
+        }
+    }
+
+    fn handle_app_datagram(&mut self, _now: Instant, from: SocketAddr, bytes: &[u8]) {
+        // Clients say nothing else by datagram; what else comes is nobody's.
+        let Ok(Message::Logon(logon)) = Message::from_datagram(bytes) else {
+            return;
+        };
+        // Whose states go somewhere already keeps them, whoever else names its simulation.
+        let waits = |guest: &&mut Guest| {
+            guest.simulation == Some(logon.simulation)
+                && guest.address == from.ip()
+                && guest.states_to.is_none()
+        };
+        if let Some(guest) = self.guests.guests.values_mut().find(waits) {
+            guest.states_to = Some(from);
+            return;
+        }
+        if self.guests.strays.len() >= STRAYS_MAX {
+            self.guests.strays.pop_front();
+        }
+        self.guests.strays.push_back((logon.simulation, from));
+    }
+
+    fn handle_app_ended(&mut self, _now: Instant, peer: Peer) {
+        self.dismiss(peer);
+        self.guests.guests.remove(&peer);
+    }
+
+    fn poll_app(&mut self) -> Option<AppTransmit> {
+        for (to, guest) in &mut self.guests.guests {
+            if let Some((to, bytes)) = guest.mail.poll_datagram() {
+                return Some(AppTransmit::Datagram { to, bytes });
+            }
+            if let Some(bytes) = guest.poll_bytes() {
+                return Some(AppTransmit::Bytes { to: *to, bytes });
+            }
+        }
+        let to = self.guests.closing.pop_front()?;
+        Some(AppTransmit::Close { to })
+    }
+}

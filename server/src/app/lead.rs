@@ -1,0 +1,30 @@
+//! A scene in the hands of the client that leads it.
+
+use glam::Vec3;
+use rhumb_protocol::Peer;
+use rhumb_protocol::scene::{Command, CommandError, IdRange};
+
+use crate::room::Room;
+use crate::scene::Scene;
+
+/// A room, as its leader commands it.
+pub(super) struct Lead<'a> {
+    pub(super) room: &'a mut Room,
+    pub(super) leader: Peer,
+    /// The indices that its bodies may have.
+    pub(super) range: IdRange,
+}
+
+impl Lead<'_> {
+    pub(super) fn command(&mut self, command: &Command) -> Result<(), CommandError> {
+        self.room.command_of_leader(self.leader, command)
+    }
+
+    pub(super) fn set_gravity(&mut self, gravity: Vec3) -> Result<(), CommandError> {
+        self.command(&Command::SetGravity { gravity })
+    }
+
+    pub(super) const fn scene(&self) -> &Scene {
+        self.room.scene()
+    }
+}

@@ -1,0 +1,70 @@
+//! Keeps what moves above ground that changed.
+//!
+//! Ground is a sheet: what a new one buries would fall for ever. Regions set theirs two or three times while things lie on
+//! it already, so what is below is put on top, as much above as it is large.
+
+use glam::{DQuat, DVec3, Quat, Vec3};
+use rhumb_protocol::scene::{BodyKind, Command, Heights, Shape};
+use rhumb_reckoning::BodyId;
+
+use super::lead::Lead;
+use super::ledger::Ledger;
+
+/// Lifts what lies below a body's field of heights.
+pub(super) fn lift(ledger: &Ledger, ground: BodyId, lead: &mut Lead<'_>) {
+    let scene = lead.scene();
+    let (Some(Shape::Heights(field)), Some(at)) =
+        (scene.shape_of(ground).cloned(), scene.observation(ground))
+    else {
+        return;
+    };
+    let (origin, turned) = pose(&at.motion.parts());
+    let moving = ledger
+        .actors
+        .values()
+        .filter(|a| a.kind == BodyKind::Dynamic);
+    let bodies: Vec<BodyId> = moving.filter_map(|a| a.body).map(|body| body.id).collect();
+    for id in bodies {
+        let Some(seen) = lead.scene().observation(id) else {
+            continue;
+        };
+        let parts = seen.motion.parts();
+        let (position, _) = pose(&parts);
+        let mut local = turned.conjugate() * (position - origin);
+        let surface = highest_near(&field, local);
+        if surface.is_none_or(|surface| local.y >= surface) {
+            continue;
+        }
+        let radius = lead.scene().bounding_radius(id);
+        local.y = surface.unwrap_or(local.y) + radius.map_or(0.0, rhumb_reckoning::Metres::metres);
+        let lifted = Command::SetPose {
+            id,
+            position: (origin + turned * local).as_vec3(),
+            rotation: Quat::from_xyzw(parts[3], parts[4], parts[5], parts[6]),
+        };
+        if let Err(error) = lead.command(&lifted) {
+            tracing::warn!(%id, %error, "a body stays under the ground");
+        }
+    }
+}
+
+fn pose(parts: &[f32; 13]) -> (DVec3, DQuat) {
+    let position = Vec3::new(parts[0], parts[1], parts[2]);
+    let rotation = Quat::from_xyzw(parts[3], parts[4], parts[5], parts[6]);
+    (position.as_dvec3(), rotation.as_dquat().normalize())
+}
+
+/// The highest corner of the cell over or under a point; none beside the field.
+fn highest_near(field: &Heights, at: DVec3) -> Option<f64> {
+    let cell = |along: f64, spacing: f32, count: u32| {
+        let place = (along / f64::from(spacing)).floor();
+        (place >= 0.0 && place < f64::from(count - 1)).then_some(place as usize)
+    };
+    let row = cell(at.x, field.row_spacing(), field.rows())?;
+    let column = cell(at.z, field.column_spacing(), field.columns())?;
+    let columns = field.columns() as usize;
+    let here = row * columns + column;
+    let corners = [here, here + 1, here + columns, here + columns + 1];
+    let heights = corners.map(|corner| f64::from(field.heights()[corner]));
+    Some(heights.into_iter().fold(f64::MIN, f64::max))
+}

@@ -1,0 +1,172 @@
+//! What waits to be sent to one client, cut so that it hurts nothing.
+//!
+//! The published plug-in loses messages that a read of its own cuts, and reads 64 KiB each 30 ms: so what goes on TCP is
+//! handed on in pieces of whole messages that fit a segment. What goes by datagram has one message in each, unless a
+//! measurement packs them.
+
+use core::net::SocketAddr;
+use std::collections::VecDeque;
+
+use bytes::Bytes;
+use rhumb_app::Message;
+
+use super::options::Datagrams;
+
+/// Messages on their way out.
+#[derive(Debug, Default)]
+pub(super) struct Mail {
+    /// Counts messages, as the protocol has it: sixteen bits in the upper half of the index.
+    counter: u16,
+    piece: Vec<u8>,
+    pieces: VecDeque<Bytes>,
+    pieces_bytes: usize,
+    datagram: Vec<u8>,
+    datagrams: VecDeque<(SocketAddr, Bytes)>,
+}
+
+/// Bytes of a piece: what fits a segment of an Ethernet.
+const PIECE_BYTES_MAX: usize = 1_400;
+/// Bytes of a packed datagram: what fits a packet of an Ethernet.
+const DATAGRAM_BYTES_MAX: usize = 1_472;
+/// Bytes that may wait for TCP beyond which states that could have gone by datagram are dropped: newer ones will come.
+const PASSING_WAIT_MAX: usize = 64 << 10;
+
+impl Mail {
+    fn index(&mut self) -> u32 {
+        let index = u32::from(self.counter) << 16;
+        self.counter = self.counter.wrapping_add(1);
+        index
+    }
+
+    /// To be delivered, in order.
+    pub(super) fn lasting(&mut self, message: &Message) {
+        let start = self.piece.len();
+        let index = self.index();
+        message.encode(index, &mut self.piece);
+        if self.piece.len() > PIECE_BYTES_MAX && start > 0 {
+            let last = self.piece.split_off(start);
+            self.close_piece();
+            self.piece = last;
+        }
+    }
+
+    /// To be delivered soon or not at all.
+    pub(super) fn passing(
+        &mut self,
+        message: &Message,
+        to: Option<SocketAddr>,
+        datagrams: Datagrams,
+    ) {
+        let Some(to) = to else {
+            if self.pieces_bytes < PASSING_WAIT_MAX {
+                self.lasting(message);
+            }
+            return;
+        };
+        let start = self.datagram.len();
+        let index = self.index();
+        message.encode(index, &mut self.datagram);
+        let full = match datagrams {
+            Datagrams::Single => true,
+            Datagrams::Packed => self.datagram.len() > DATAGRAM_BYTES_MAX,
+        };
+        if full && start > 0 {
+            let last = self.datagram.split_off(start);
+            self.close_datagram(to);
+            self.datagram = last;
+        }
+    }
+
+    fn close_piece(&mut self) {
+        if !self.piece.is_empty() {
+            let piece = Bytes::from(std::mem::take(&mut self.piece));
+            self.pieces_bytes += piece.len();
+            self.pieces.push_back(piece);
+        }
+    }
+
+    fn close_datagram(&mut self, to: SocketAddr) {
+        if !self.datagram.is_empty() {
+            let datagram = Bytes::copy_from_slice(&self.datagram);
+            self.datagram.clear();
+            self.datagrams.push_back((to, datagram));
+        }
+    }
+
+    /// Nothing more belongs to what is being packed.
+    pub(super) fn flush(&mut self, to: Option<SocketAddr>) {
+        self.close_piece();
+        if let Some(to) = to {
+            self.close_datagram(to);
+        }
+    }
+
+    /// The next bytes for TCP: whole messages.
+    pub(super) fn poll_bytes(&mut self) -> Option<Bytes> {
+        if self.pieces.is_empty() {
+            self.close_piece();
+        }
+        let piece = self.pieces.pop_front()?;
+        self.pieces_bytes -= piece.len();
+        Some(piece)
+    }
+
+    /// The next datagram, and where it goes.
+    pub(super) fn poll_datagram(&mut self) -> Option<(SocketAddr, Bytes)> {
+        self.datagrams.pop_front()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn drain(mail: &mut Mail) -> (Vec<usize>, Vec<usize>) {
+        let pieces = std::iter::from_fn(|| mail.poll_bytes()).map(|b| b.len());
+        let pieces: Vec<_> = pieces.collect();
+        let datagrams = std::iter::from_fn(|| mail.poll_datagram()).map(|(_, b)| b.len());
+        (pieces, datagrams.collect())
+    }
+
+    #[test]
+    fn pieces_hold_whole_messages_and_fit_a_segment() {
+        let mut mail = Mail::default();
+        for _ in 0..120 {
+            mail.lasting(&Message::TimeAdvanced(7));
+        }
+        let (pieces, _) = drain(&mut mail);
+        assert_eq!(pieces.iter().sum::<usize>(), 120 * 28);
+        assert!(
+            pieces
+                .iter()
+                .all(|bytes| *bytes <= PIECE_BYTES_MAX && bytes % 28 == 0)
+        );
+    }
+
+    #[test]
+    fn a_datagram_holds_one_message_or_as_many_as_fit() {
+        let to = Some(SocketAddr::from(([127, 0, 0, 1], 9)));
+        for (datagrams, expected) in [
+            (Datagrams::Single, vec![28; 60]),
+            (Datagrams::Packed, vec![28 * 52, 28 * 8]),
+        ] {
+            let mut mail = Mail::default();
+            for _ in 0..60 {
+                mail.passing(&Message::TimeAdvanced(7), to, datagrams);
+            }
+            mail.flush(to);
+            assert_eq!(drain(&mut mail), (vec![], expected));
+        }
+    }
+
+    #[test]
+    fn what_has_nowhere_to_go_goes_on_tcp_and_waits_within_bounds() {
+        let mut mail = Mail::default();
+        for _ in 0..10_000 {
+            mail.passing(&Message::TimeAdvanced(7), None, Datagrams::Single);
+        }
+        let (pieces, datagrams) = drain(&mut mail);
+        assert!(pieces.iter().sum::<usize>() < PASSING_WAIT_MAX + 2 * PIECE_BYTES_MAX);
+        assert!(datagrams.is_empty());
+    }
+}

@@ -1,0 +1,134 @@
+//! A shape as a client told it, in the words of a scene.
+//!
+//! Checked when it is made: whoever has one may give it to an engine.
+
+use core::f32::consts::FRAC_1_SQRT_2;
+
+use glam::{Quat, Vec3};
+use rhumb_app::{ConvexMesh, Heights as ToldHeights, TriangleMesh};
+use rhumb_protocol::limits::{EXTENT_MIN, POSTS_MAX};
+use rhumb_protocol::scene::{Heights, Hull, Mesh, Shape};
+
+use super::refusal::Refusal;
+use crate::engine::{Bulk, bulk, hull_of};
+
+/// A shape, and how it lies in the axes in which the client told it.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Outline {
+    pub(super) shape: Shape,
+    /// Metres, in the client's axes.
+    pub(super) position: Vec3,
+    /// Shape → client's axes.
+    pub(super) rotation: Quat,
+    pub(super) bulk: Bulk,
+}
+
+/// Long axes are the client's x and the scene's y: a quarter back about z.
+const Y_TO_X: Quat = Quat::from_xyzw(0.0, 0.0, -FRAC_1_SQRT_2, FRAC_1_SQRT_2);
+
+impl Outline {
+    fn of(shape: Shape) -> Result<Self, Refusal> {
+        shape.check()?;
+        let bulk = bulk(&shape).map_err(|_| Refusal::Unfit)?;
+        Ok(Self {
+            shape,
+            position: Vec3::ZERO,
+            rotation: Quat::IDENTITY,
+            bulk,
+        })
+    }
+
+    pub(super) fn ball(origin: Vec3, radius: f32) -> Result<Self, Refusal> {
+        if !origin.is_finite() {
+            return Err(Refusal::Number);
+        }
+        let ball = Self::of(Shape::Ball { radius })?;
+        Ok(Self {
+            position: origin,
+            ..ball
+        })
+    }
+
+    /// `edges`: whole lengths, metres.
+    pub(super) fn cuboid(edges: Vec3) -> Result<Self, Refusal> {
+        let half_extents = edges * 0.5;
+        Self::of(Shape::Cuboid { half_extents })
+    }
+
+    /// `height`: from cap to cap, so that an avatar is as tall as it should be; no less than the caps' own.
+    pub(super) fn capsule(radius: f32, height: f32) -> Result<Self, Refusal> {
+        let half_height = (height * 0.5 - radius).max(EXTENT_MIN);
+        let capsule = Self::of(Shape::Capsule {
+            half_height,
+            radius,
+        })?;
+        Ok(Self {
+            rotation: Y_TO_X,
+            ..capsule
+        })
+    }
+
+    pub(super) fn hull(told: &ConvexMesh) -> Result<Self, Refusal> {
+        Self::of(Shape::Hull(hull_of(&told.points)?))
+    }
+
+    /// Of what has no inside the mass is that of its hull, if it has one.
+    pub(super) fn mesh(told: &TriangleMesh) -> Result<Self, Refusal> {
+        let mesh = Mesh::new(&told.points, &told.triangles)?;
+        Ok(Self::sheet(&told.points, Shape::Mesh(mesh)))
+    }
+
+    pub(super) fn heights(told: &ToldHeights) -> Result<Self, Refusal> {
+        if told.heights.len() > POSTS_MAX {
+            return Err(Refusal::TooMany);
+        }
+        let field = Heights::new(
+            told.rows,
+            told.row_spacing,
+            told.column_spacing,
+            &told.heights,
+        )?;
+        Ok(Self::sheet(&[], Shape::Heights(field)))
+    }
+
+    fn sheet(points: &[Vec3], shape: Shape) -> Self {
+        let solid = hull_of(points).ok().map(Shape::Hull);
+        let bulk = solid.and_then(|solid| bulk(&solid).ok());
+        Self {
+            shape,
+            position: Vec3::ZERO,
+            rotation: Quat::IDENTITY,
+            bulk: bulk.unwrap_or(Bulk {
+                centre: Vec3::ZERO,
+                volume: 0.0,
+            }),
+        }
+    }
+
+    /// What a body that is moved can have of it: itself, or the hull of its points. None of ground.
+    pub(super) fn solid(&self) -> Option<Self> {
+        match &self.shape {
+            Shape::Mesh(mesh) => Self::of(Shape::Hull(hull_of(mesh.points()).ok()?)).ok(),
+            Shape::Heights(_) => None,
+            _ => Some(self.clone()),
+        }
+    }
+
+    /// Itself around its centre of mass, and where that was. A centre that only rounding puts off stays.
+    pub(super) fn centred(&self) -> (Shape, Vec3) {
+        let centre = self.bulk.centre;
+        let rounding = self.shape.bounding_radius().metres() as f32 * ROUNDING;
+        if let Shape::Hull(hull) = &self.shape
+            && centre.length() > rounding
+        {
+            let points: Vec<Vec3> = hull.points().iter().map(|point| point - centre).collect();
+            if let Ok(hull) = Hull::new(&points) {
+                return (Shape::Hull(hull), centre);
+            }
+        }
+        (self.shape.clone(), Vec3::ZERO)
+    }
+}
+
+/// A share of its radius by which a hull's centre of mass may be off by rounding alone.
+const ROUNDING: f32 = 1e-4;

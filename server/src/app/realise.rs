@@ -1,0 +1,309 @@
+//! Makes a scene what a client said of its world since the last frame.
+//!
+//! In the order of saying, and once for each actor: one that became another form is taken out and put in again where it
+//! is, under the next generation of its index; one that only moves is moved. Joints come last, when all bodies are there.
+
+use glam::{Quat, Vec3};
+use rhumb_protocol::limits::JOINTS_MAX;
+use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, Compound, JointId, Shape};
+use rhumb_protocol::stream::Observation;
+use rhumb_reckoning::{BodyId, Verbatim};
+
+use super::actor::{Actor, Body, Wish};
+use super::form::{Form, Frame, form};
+use super::joint;
+use super::lead::Lead;
+use super::ledger::{Ledger, MATERIAL};
+use super::lifting::lift;
+use super::names::Names;
+use super::refusal::Refusal;
+
+/// What came of it that the client should hear.
+#[derive(Debug, Default)]
+pub(super) struct Realised {
+    /// Masses that are others than were told, kg, by actor.
+    pub(super) masses: Vec<(u32, f32)>,
+    /// What could not be done, by actor.
+    pub(super) refused: Vec<(u32, Refusal)>,
+}
+
+/// Where an actor is, and how it moves.
+#[derive(Clone, Copy, Debug)]
+struct Moving {
+    position: Vec3,
+    rotation: Quat,
+    linear: Vec3,
+    angular: Vec3,
+}
+
+impl Ledger {
+    /// Does all that was said since the last frame.
+    pub(super) fn realise(&mut self, lead: &mut Lead<'_>) -> Realised {
+        let mut realised = Realised::default();
+        for name in std::mem::take(&mut self.loosened) {
+            // One that went with a body is gone already.
+            let _ = lead.command(&Command::RemoveJoint { id: name });
+        }
+        for body in std::mem::take(&mut self.doomed) {
+            self.take_out(&body, lead);
+            self.names.give_back(body.id);
+        }
+        let mut grounds = Vec::new();
+        for name in self.take_touched() {
+            let Some(mut actor) = self.actors.remove(&name) else {
+                continue;
+            };
+            let before = actor.body.map(|body| body.id);
+            if let Err(refusal) = self.realise_actor(name, &mut actor, lead, &mut realised) {
+                realised.refused.push((name, refusal));
+            }
+            let ground = actor.body.map(|body| body.id);
+            let is_new = ground != before && actor.kind == BodyKind::Static;
+            grounds.extend(ground.filter(|_| is_new));
+            self.actors.insert(name, actor);
+        }
+        for ground in grounds {
+            lift(self, ground, lead);
+        }
+        self.realise_joints(lead, &mut realised);
+        realised
+    }
+
+    fn take_out(&mut self, body: &Body, lead: &mut Lead<'_>) {
+        self.forget_body(body.id);
+        // One that left the world is gone already.
+        let _ = lead.command(&Command::RemoveBody { id: body.id });
+        self.shelf.give_back(body.shape, lead);
+        for held in self.joints.values_mut() {
+            let gone = |id: JointId| lead.scene().joints().get(id).is_none();
+            held.name = held.name.filter(|id| !gone(*id));
+        }
+    }
+
+    fn realise_actor(
+        &mut self,
+        name: u32,
+        actor: &mut Actor,
+        lead: &mut Lead<'_>,
+        realised: &mut Realised,
+    ) -> Result<(), Refusal> {
+        let form = form(actor.kind, &actor.parts, MATERIAL);
+        if let Some(told) = actor.told_mass
+            && (told - form.mass).abs() > told * SAME_MASS
+        {
+            actor.told_mass = Some(form.mass);
+            realised.masses.push((name, form.mass));
+        }
+        let present = actor
+            .body
+            .and_then(|body| lead.scene().observation(body.id));
+        if let (Some(body), None) = (&actor.body, &present)
+            && actor.wish.position.is_none()
+            && lead.scene().body(body.id).is_none()
+        {
+            // It left the world, and nobody says where it is to be.
+            actor.fulfil();
+            return Ok(());
+        }
+        let wish = actor.wish;
+        let now = actor
+            .body
+            .zip(present)
+            .map(|(body, seen)| seen_as(&body.frame, &seen));
+        if let Some(now) = now {
+            actor.position = now.position;
+            actor.rotation = now.rotation;
+            actor.linear = now.linear;
+            actor.angular = now.angular;
+        }
+        actor.fulfil();
+        match (actor.body, now) {
+            (Some(body), Some(now)) if is_as(&body, &form, actor, lead) => {
+                steer(actor, &body, wish, now, lead)
+            }
+            _ => self.put_in(name, actor, form, lead),
+        }
+    }
+
+    /// Puts an actor into the scene, in place of the body that it was.
+    fn put_in(
+        &mut self,
+        name: u32,
+        actor: &mut Actor,
+        form: Form,
+        lead: &mut Lead<'_>,
+    ) -> Result<(), Refusal> {
+        let before = actor.body.take();
+        if let Some(before) = &before {
+            self.take_out(before, lead);
+        }
+        let again = before.and_then(|before| Names::again(before.id));
+        let id = match again {
+            Some(id) => id,
+            None => self.names.take(&lead.range).ok_or(Refusal::TooMany)?,
+        };
+        let taken = self.shelf.take(&form.shape, lead);
+        let shape = match taken {
+            Ok(shape) => shape,
+            Err(error) => {
+                tracing::warn!(actor = name, %error, "an actor has no shape in its scene");
+                let nothing = Shape::Compound(Compound::nothing());
+                self.shelf.take(&nothing, lead)?
+            }
+        };
+        let mut terms = BodyTerms::plain(id, actor.kind, shape);
+        terms.material = form.material;
+        terms.gravity_scale = actor.gravity;
+        terms.turns = !actor.upright;
+        let (position, rotation) = form.frame.body_of(actor.position, actor.rotation);
+        let still = actor.kind == BodyKind::Static;
+        let [linear, angular] =
+            [actor.linear, actor.angular].map(|velocity| if still { Vec3::ZERO } else { velocity });
+        let motion = Verbatim::new(
+            position.to_array(),
+            rotation.to_array(),
+            linear.to_array(),
+            angular.to_array(),
+        )
+        .map_err(|_| Refusal::Number)?;
+        if let Err(error) = lead.command(&Command::AddBody { terms, motion }) {
+            self.shelf.give_back(shape, lead);
+            self.names.give_back(id);
+            return Err(error.into());
+        }
+        self.note_body(id, name);
+        actor.body = Some(Body {
+            id,
+            shape,
+            frame: form.frame,
+            material: form.material,
+            gravity: actor.gravity,
+            upright: actor.upright,
+        });
+        Ok(())
+    }
+
+    fn realise_joints(&mut self, lead: &mut Lead<'_>, realised: &mut Realised) {
+        let waiting: Vec<u32> = self
+            .joints
+            .iter()
+            .filter(|(_, held)| held.name.is_none() && !joint::is_upright(&held.told))
+            .map(|(name, _)| *name)
+            .collect();
+        for name in waiting {
+            let Some(told) = self.joints.get(&name).map(|held| held.told) else {
+                continue;
+            };
+            if !self.actors.contains_key(&told.second.actor.object) {
+                self.realise_world(lead, realised);
+            }
+            let id = (0..JOINTS_MAX).map(JointId);
+            let mut free = id.filter(|id| lead.scene().joints().get(*id).is_none());
+            let joined = (free.next().ok_or(Refusal::TooMany))
+                .and_then(|id| self.hold(&told, id, lead).map(|()| id));
+            match joined {
+                Ok(id) => {
+                    if let Some(held) = self.joints.get_mut(&name) {
+                        held.name = Some(id);
+                    }
+                }
+                // The other actor may come yet.
+                Err(Refusal::JointTo(_)) => {}
+                Err(refusal) => {
+                    self.joints.remove(&name);
+                    realised.refused.push((told.first.actor.object, refusal));
+                }
+            }
+        }
+    }
+
+    /// Has something in the scene that stands for the world, which joints may hold.
+    fn realise_world(&mut self, lead: &mut Lead<'_>, realised: &mut Realised) {
+        let stands = Actor::new(BodyKind::Static, Vec3::ZERO, Quat::IDENTITY);
+        let mut world = self.actors.remove(&WORLD).unwrap_or(stands);
+        if world.body.is_none()
+            && let Err(refusal) = self.realise_actor(WORLD, &mut world, lead, realised)
+        {
+            realised.refused.push((WORLD, refusal));
+        }
+        self.actors.insert(WORLD, world);
+    }
+
+    fn hold(
+        &self,
+        told: &rhumb_app::AddJoint,
+        id: JointId,
+        lead: &mut Lead<'_>,
+    ) -> Result<(), Refusal> {
+        let body = |name: u32| -> Result<(BodyId, Frame), Refusal> {
+            let body = self.actors.get(&name).and_then(|actor| actor.body);
+            body.map(|body| (body.id, body.frame))
+                .ok_or(Refusal::JointTo(name))
+        };
+        let second = told.second.actor.object;
+        let second = if self.actors.contains_key(&second) {
+            second
+        } else {
+            WORLD
+        };
+        let bodies = [body(told.first.actor.object)?, body(second)?];
+        let joint = joint::between(told, bodies).ok_or(Refusal::Joint)?;
+        lead.command(&Command::AddJoint { id, joint })?;
+        Ok(())
+    }
+}
+
+/// The actor that a joint holds which names one that does not exist.
+const WORLD: u32 = u32::MAX;
+/// A share of a mass by which rounding may change it.
+const SAME_MASS: f32 = 1e-6;
+
+/// A body as the actor that it is.
+fn seen_as(frame: &Frame, seen: &Observation) -> Moving {
+    let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = seen.motion.parts();
+    let (position, rotation) = frame.actor_of(Vec3::new(px, py, pz), Quat::from_xyzw(x, y, z, w));
+    Moving {
+        position,
+        rotation,
+        linear: Vec3::new(vx, vy, vz),
+        angular: Vec3::new(wx, wy, wz),
+    }
+}
+
+/// Whether a body is what its actor has become.
+fn is_as(body: &Body, form: &Form, actor: &Actor, lead: &Lead<'_>) -> bool {
+    body.frame == form.frame
+        && body.material == form.material
+        && body.gravity == actor.gravity
+        && body.upright == actor.upright
+        && lead.scene().shape(body.shape) == Some(&form.shape)
+}
+
+/// Has a body do what was said of its actor's motion.
+fn steer(
+    actor: &Actor,
+    body: &Body,
+    wish: Wish,
+    now: Moving,
+    lead: &mut Lead<'_>,
+) -> Result<(), Refusal> {
+    let elsewhere = (actor.position, actor.rotation) != (now.position, now.rotation);
+    if elsewhere {
+        let (position, rotation) = body.frame.body_of(actor.position, actor.rotation);
+        lead.command(&Command::SetPose {
+            id: body.id,
+            position,
+            rotation,
+        })?;
+    }
+    let set_going = wish.linear.is_some() || wish.angular.is_some();
+    let otherwise = (actor.linear, actor.angular) != (now.linear, now.angular);
+    if set_going && otherwise && actor.kind == BodyKind::Dynamic {
+        lead.command(&Command::SetVelocity {
+            id: body.id,
+            linear: actor.linear,
+            angular: actor.angular,
+        })?;
+    }
+    Ok(())
+}

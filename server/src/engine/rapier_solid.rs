@@ -1,0 +1,240 @@
+//! Shapes as Rapier's solids.
+//!
+//! What may panic inside Rapier is built where a panic is caught, of a copy: nothing is kept of it. Invariant: a solid's
+//! mass and moments are normal numbers at any density of the limits.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use glam::{Quat, Vec3};
+use rapier3d::math::Pose as RapierPose;
+use rapier3d::parry::utils::Array2;
+use rapier3d::prelude::{Collider, ColliderBuilder, MassProperties, SharedShape};
+use rhumb_protocol::limits::HULL_POINTS_MAX;
+use rhumb_protocol::scene::{Heights, Hull, Invalid, Mesh, Shape};
+
+use super::rapier_body::pose;
+use super::{Bulk, Newcomer, Unfit};
+
+/// What bodies of one shape share.
+#[derive(Clone)]
+pub(super) struct Solid {
+    parts: Vec<(RapierPose, SharedShape)>,
+    weighing: Weighing,
+    /// Whether it is thin anywhere, so that what is fast could pass through it between two steps.
+    pub(super) is_sheet: bool,
+}
+
+/// How a body comes by its mass and moments.
+#[derive(Clone, Copy)]
+enum Weighing {
+    /// By its part's, as the engine has them.
+    Plain,
+    /// By its part's, around the origin: a hull is given from the centre of mass, and rounding, or a hull that says
+    /// otherwise, does not move it.
+    Centred,
+    /// By what its parts are together, of one unit of density.
+    Together(MassProperties),
+    /// By nothing that can be touched.
+    Nothing,
+}
+
+/// The solid of a shape; bodies share it.
+///
+/// # Errors
+///
+/// [`Unfit`] for a shape of which no faces, or no mass and moments, can be made.
+pub(super) fn solid(shape: &Shape) -> Result<Solid, Unfit> {
+    let mut parts = Vec::new();
+    add_parts(shape, RapierPose::IDENTITY, &mut parts)?;
+    let weighing = match shape {
+        Shape::Hull(_) => Weighing::Centred,
+        Shape::Compound(compound) if compound.parts().is_empty() => Weighing::Nothing,
+        Shape::Compound(_) if shape.is_solid() => {
+            let together = total(&parts);
+            check(&together)?;
+            Weighing::Together(together)
+        }
+        _ => Weighing::Plain,
+    };
+    Ok(Solid {
+        parts,
+        weighing,
+        is_sheet: !shape.is_solid(),
+    })
+}
+
+fn add_parts(
+    shape: &Shape,
+    at: RapierPose,
+    parts: &mut Vec<(RapierPose, SharedShape)>,
+) -> Result<(), Unfit> {
+    let part = match *shape {
+        Shape::Ball { radius } => SharedShape::ball(radius),
+        Shape::Cuboid { half_extents } => {
+            SharedShape::cuboid(half_extents.x, half_extents.y, half_extents.z)
+        }
+        Shape::Capsule {
+            half_height,
+            radius,
+        } => SharedShape::capsule_y(half_height, radius),
+        Shape::Cylinder {
+            half_height,
+            radius,
+        } => SharedShape::cylinder(half_height, radius),
+        Shape::Hull(ref hull) => {
+            // Looking for faces among points that rounding makes contradict each other may panic.
+            let made = catch_unwind(|| SharedShape::convex_hull(hull.points()));
+            let solid = made.ok().flatten().ok_or(Unfit)?;
+            check(&solid.mass_properties(1.0))?;
+            solid
+        }
+        Shape::Heights(ref heights) => {
+            parts.push((at * middle(heights), ground(heights)?));
+            return Ok(());
+        }
+        Shape::Mesh(ref mesh) => triangles(mesh)?,
+        Shape::Compound(ref compound) => {
+            for part in compound.parts() {
+                add_parts(&part.shape, at * pose(part.position, part.rotation), parts)?;
+            }
+            return Ok(());
+        }
+    };
+    parts.push((at, part));
+    Ok(())
+}
+
+/// Where the middle of a field is: Rapier counts from there.
+fn middle(heights: &Heights) -> RapierPose {
+    let half = |count: u32, spacing| (count - 1) as f32 * spacing * 0.5;
+    let x = half(heights.rows(), heights.row_spacing());
+    let z = half(heights.columns(), heights.column_spacing());
+    RapierPose::from_parts(Vec3::new(x, 0.0, z), Quat::IDENTITY)
+}
+
+fn ground(heights: &Heights) -> Result<SharedShape, Unfit> {
+    let (rows, columns) = (heights.rows() as usize, heights.columns() as usize);
+    // Its rows go along z, which are our columns, and its numbers column by column: ours, row by row, are in its order.
+    let posts = heights.heights().to_vec();
+    let scale = Vec3::new(
+        (rows - 1) as f32 * heights.row_spacing(),
+        1.0,
+        (columns - 1) as f32 * heights.column_spacing(),
+    );
+    // Without its fixing of inner edges: with it capsules that stand on flat ground are not held (measured).
+    let build = || SharedShape::heightfield(Array2::new(columns, rows, posts), scale);
+    catch_unwind(build).map_err(|_| Unfit)
+}
+
+fn triangles(mesh: &Mesh) -> Result<SharedShape, Unfit> {
+    let (points, triangles) = (mesh.points().to_vec(), mesh.triangles().to_vec());
+    let made = catch_unwind(|| SharedShape::trimesh(points, triangles));
+    made.ok().and_then(Result::ok).ok_or(Unfit)
+}
+
+/// What parts are together, of one unit of density.
+fn total(parts: &[(RapierPose, SharedShape)]) -> MassProperties {
+    let properties = parts.iter().map(|(at, part)| {
+        let own = part.mass_properties(1.0);
+        own.transform_by(at)
+    });
+    properties.sum()
+}
+
+fn check(properties: &MassProperties) -> Result<(), Unfit> {
+    let inertia = properties.principal_inertia().min_element();
+    let sound = [properties.mass(), inertia]
+        .into_iter()
+        .all(|value| value.is_normal() && value > 0.0);
+    if sound && properties.local_com.is_finite() {
+        Ok(())
+    } else {
+        Err(Unfit)
+    }
+}
+
+/// The solids of a body with their surface and mass.
+pub(super) fn colliders(newcomer: &Newcomer, solid: &Solid) -> impl Iterator<Item = Collider> {
+    let material = newcomer.material;
+    solid.parts.iter().map(move |(at, part)| {
+        let builder = ColliderBuilder::new(part.clone())
+            .friction(material.friction)
+            .restitution(material.restitution);
+        let builder = match solid.weighing {
+            Weighing::Plain => builder.density(material.density),
+            Weighing::Centred => builder.mass_properties(MassProperties {
+                local_com: Vec3::ZERO,
+                ..part.mass_properties(material.density)
+            }),
+            Weighing::Together(_) | Weighing::Nothing => builder.density(0.0),
+        };
+        if *at == RapierPose::IDENTITY {
+            builder.build()
+        } else {
+            builder.position(*at).build()
+        }
+    })
+}
+
+/// The mass that a body has beside its solids'.
+pub(super) fn mass_beside(newcomer: &Newcomer, solid: &Solid) -> Option<MassProperties> {
+    match solid.weighing {
+        Weighing::Plain | Weighing::Centred => None,
+        Weighing::Together(unit) => {
+            let density = newcomer.material.density;
+            Some(MassProperties::with_principal_inertia_frame(
+                Vec3::ZERO,
+                unit.mass() * density,
+                unit.principal_inertia() * density,
+                unit.principal_inertia_local_frame,
+            ))
+        }
+        // What has no shape falls all the same: a kilogram that turns like a ball of a metre.
+        Weighing::Nothing => Some(MassProperties::new(Vec3::ZERO, 1.0, Vec3::splat(0.4))),
+    }
+}
+
+/// What the engine makes of a shape that has an inside; of a mesh, of what its triangles enclose.
+///
+/// # Errors
+///
+/// [`Unfit`] when it can make no solid of it, or one without mass.
+pub fn bulk(shape: &Shape) -> Result<Bulk, Unfit> {
+    let mut parts = Vec::new();
+    add_parts(shape, RapierPose::IDENTITY, &mut parts)?;
+    let properties = catch_unwind(AssertUnwindSafe(|| total(&parts))).map_err(|_| Unfit)?;
+    check(&properties)?;
+    Ok(Bulk {
+        centre: properties.local_com,
+        volume: properties.mass(),
+    })
+}
+
+/// The hull of any number of points as one of as many as a hull may have: those farthest out, in directions all round.
+///
+/// # Errors
+///
+/// [`Invalid`] for a point that is not finite or too far out, and for points that make no hull.
+pub fn hull_of(points: &[Vec3]) -> Result<Hull, Invalid> {
+    if points.len() <= HULL_POINTS_MAX {
+        return Hull::new(points);
+    }
+    let mut chosen = Vec::new();
+    for direction in directions(HULL_POINTS_MAX) {
+        let reach = |point: &Vec3| point.dot(direction);
+        let farthest = points.iter().max_by(|a, b| reach(a).total_cmp(&reach(b)));
+        chosen.extend(farthest.filter(|point| !chosen.contains(*point)).copied());
+    }
+    Hull::new(&chosen)
+}
+
+/// Unit vectors spread over a sphere, by the golden angle.
+fn directions(count: usize) -> impl Iterator<Item = Vec3> {
+    let golden = core::f32::consts::PI * (3.0 - 5.0_f32.sqrt());
+    (0..count).map(move |place| {
+        let y = 1.0 - 2.0 * (place as f32 + 0.5) / count as f32;
+        let across = (1.0 - y * y).max(0.0).sqrt();
+        let angle = golden * place as f32;
+        Vec3::new(across * angle.cos(), y, across * angle.sin())
+    })
+}

@@ -1,0 +1,295 @@
+//! Ground, meshes, compounds, and bodies that nothing turns.
+//!
+//! Proved by small scenes whose outcome is known, and by random shapes under balls that fall: whatever keeps the limits is
+//! stepped without a fault, and nothing that is not finite is ever said.
+
+use core::num::NonZeroU32;
+
+use glam::{Quat, Vec3};
+use proptest::prelude::*;
+use rhumb_protocol::limits::SHAPE_BYTES_PER_SCENE_MAX;
+use rhumb_protocol::scene::{
+    BodyKind, BodyTerms, Cadence, Command, CommandError, Compound, Heights, Material, Mesh, Pace,
+    Part, SceneTerms, Shape, ShapeId,
+};
+use rhumb_reckoning::{BodyId, Damping, Integrator, Rate, Verbatim};
+use rhumb_server::Scene;
+
+const GROUND: BodyId = BodyId::new(0, 0);
+const FALLING: BodyId = BodyId::new(1, 0);
+
+fn scene() -> Scene {
+    Scene::new(SceneTerms {
+        integrator: Integrator {
+            rate: Rate::HZ_60,
+            substeps: NonZeroU32::new(4).unwrap(),
+        },
+        gravity: Vec3::new(0.0, -10.0, 0.0),
+        pace: Pace::Lockstep,
+        material: Material {
+            friction: 0.5,
+            restitution: 0.0,
+            density: 1_000.0,
+        },
+        damping: Damping {
+            linear: 0.0,
+            angular: 0.5,
+        },
+        sleep: None,
+        cadence: Cadence::EACH_TICK,
+    })
+    .unwrap()
+}
+
+fn add_shape(scene: &mut Scene, id: u32, shape: Shape) -> Result<(), CommandError> {
+    let id = ShapeId(id);
+    scene.apply(&Command::AddShape { id, shape })
+}
+
+fn add(scene: &mut Scene, terms: BodyTerms, at: Vec3) -> Result<(), CommandError> {
+    let upright = [0.0, 0.0, 0.0, 1.0];
+    let motion = Verbatim::new(at.to_array(), upright, [0.0; 3], [0.0; 3]).unwrap();
+    scene.apply(&Command::AddBody { terms, motion })
+}
+
+/// Drops a body on a static one; returns where it is two seconds later, and how it is turned.
+fn drop_on(ground: Shape, falling: Shape, turns: bool, from: Vec3) -> (Vec3, Quat) {
+    let mut scene = scene();
+    add_shape(&mut scene, 0, ground).unwrap();
+    add_shape(&mut scene, 1, falling).unwrap();
+    let plain = BodyTerms::plain;
+    add(
+        &mut scene,
+        plain(GROUND, BodyKind::Static, ShapeId(0)),
+        Vec3::ZERO,
+    )
+    .unwrap();
+    let mut terms = plain(FALLING, BodyKind::Dynamic, ShapeId(1));
+    terms.turns = turns;
+    add(&mut scene, terms, from).unwrap();
+    for _ in 0..120 {
+        scene.step().unwrap();
+    }
+    let motion = scene.observation(FALLING).unwrap().motion;
+    let rotation = Quat::from_array(motion.rotation());
+    (Vec3::from_array(motion.position()), rotation)
+}
+
+/// A terrace: 2 m high where x is 8 m or more.
+fn terrace() -> Shape {
+    let heights: Vec<f32> = (0..16)
+        .flat_map(|row| [if row < 8 { 0.0 } else { 2.0 }; 16])
+        .collect();
+    Shape::Heights(Heights::new(16, 1.0, 1.0, &heights).unwrap())
+}
+
+/// A square of 10 m around the origin, of two triangles that face up.
+fn square() -> Shape {
+    let corners = [[-5.0, -5.0], [5.0, -5.0], [5.0, 5.0], [-5.0, 5.0]];
+    let points = corners.map(|[x, z]| Vec3::new(x, 0.0, z));
+    Shape::Mesh(Mesh::new(&points, &[[0, 2, 1], [0, 3, 2]]).unwrap())
+}
+
+const BALL: Shape = Shape::Ball { radius: 0.5 };
+
+#[test]
+fn rows_of_heights_lie_along_x_and_hold_what_falls() {
+    let (low, _) = drop_on(terrace(), BALL, true, Vec3::new(3.5, 3.0, 12.2));
+    assert!((low.y - 0.5).abs() < 0.02, "{low}");
+    let (high, _) = drop_on(terrace(), BALL, true, Vec3::new(12.2, 4.0, 3.5));
+    assert!((high.y - 2.5).abs() < 0.02, "{high}");
+    let (beside, _) = drop_on(terrace(), BALL, true, Vec3::new(-2.0, 3.0, 3.5));
+    assert!(beside.y < -10.0, "{beside}");
+}
+
+#[test]
+fn a_capsule_stands_on_flat_ground_just_above_a_post() {
+    let capsule = Shape::Capsule {
+        half_height: 0.7,
+        radius: 0.2,
+    };
+    let (at, _) = drop_on(terrace(), capsule, false, Vec3::new(3.0, 2.0, 3.0));
+    assert!((at.y - 0.9).abs() < 0.02, "{at}");
+}
+
+#[test]
+fn what_falls_fast_does_not_pass_through_a_sheet() {
+    let small = Shape::Ball { radius: 0.05 };
+    for ground in [square(), terrace()] {
+        let (at, _) = drop_on(ground, small.clone(), true, Vec3::new(2.3, 14.0, 2.7));
+        assert!((0.0..0.3).contains(&at.y), "{at}");
+    }
+}
+
+#[test]
+fn a_compound_falls_and_lies_as_one() {
+    let part = |x: f32| Part {
+        position: Vec3::new(x, 0.0, 0.0),
+        rotation: Quat::IDENTITY,
+        shape: BALL,
+    };
+    let dumbbell = Shape::Compound(Compound::new(vec![part(-1.0), part(1.0)]).unwrap());
+    let (at, turned) = drop_on(square(), dumbbell, true, Vec3::new(0.0, 2.0, 0.0));
+    assert!((at.y - 0.5).abs() < 0.02, "{at}");
+    assert!((turned * Vec3::X).y.abs() < 0.02, "it lies on both ends");
+}
+
+#[test]
+fn what_has_no_parts_falls_through_everything() {
+    let nothing = Shape::Compound(Compound::nothing());
+    let (at, _) = drop_on(square(), nothing, true, Vec3::new(0.0, 1.0, 0.0));
+    assert!(
+        (at.y - 1.0 + 20.0).abs() < 0.2,
+        "two seconds of 10 m/s²: {at}"
+    );
+}
+
+#[test]
+fn what_does_not_turn_stands_on_its_edge() {
+    let plank = Shape::Cuboid {
+        half_extents: Vec3::new(0.1, 1.0, 0.1),
+    };
+    // Half of it over the edge.
+    let edge = Vec3::new(5.05, 1.2, 0.0);
+    let (stands, turned) = drop_on(square(), plank.clone(), false, edge);
+    assert_eq!(turned, Quat::IDENTITY);
+    assert!((stands.y - 1.0).abs() < 0.02, "{stands}");
+    let (falls, _) = drop_on(square(), plank, true, edge);
+    assert!(falls.y < 0.0, "{falls}");
+}
+
+#[test]
+fn a_dynamic_body_has_no_sheet_and_a_scene_not_too_many_of_them() {
+    let mut scene = scene();
+    add_shape(&mut scene, 0, square()).unwrap();
+    let holed = Compound::new(vec![Part {
+        position: Vec3::ZERO,
+        rotation: Quat::IDENTITY,
+        shape: terrace(),
+    }]);
+    add_shape(&mut scene, 1, Shape::Compound(holed.unwrap())).unwrap();
+    for shape in [ShapeId(0), ShapeId(1)] {
+        let terms = BodyTerms::plain(FALLING, BodyKind::Dynamic, shape);
+        let refused = add(&mut scene, terms, Vec3::ZERO);
+        assert_eq!(refused, Err(CommandError::NoInside(shape)));
+    }
+    let moved = BodyTerms::plain(FALLING, BodyKind::Kinematic, ShapeId(0));
+    assert_eq!(add(&mut scene, moved, Vec3::ZERO), Ok(()));
+    let large = || Shape::Heights(Heights::new(500, 1.0, 1.0, &[0.0; 250_000]).unwrap());
+    let fit = SHAPE_BYTES_PER_SCENE_MAX as u32 / 1_000_200;
+    for id in 10..10 + fit {
+        assert_eq!(add_shape(&mut scene, id, large()), Ok(()));
+    }
+    let full = Err(CommandError::TooManyShapeBytes);
+    assert_eq!(add_shape(&mut scene, 100, large()), full);
+    scene
+        .apply(&Command::RemoveShape { id: ShapeId(10) })
+        .unwrap();
+    assert_eq!(add_shape(&mut scene, 100, large()), Ok(()));
+}
+
+#[test]
+fn contacts_name_the_other_and_point_away_from_it() {
+    let mut scene = scene();
+    add_shape(&mut scene, 0, terrace()).unwrap();
+    add_shape(&mut scene, 1, BALL).unwrap();
+    let plain = BodyTerms::plain;
+    add(
+        &mut scene,
+        plain(GROUND, BodyKind::Static, ShapeId(0)),
+        Vec3::ZERO,
+    )
+    .unwrap();
+    let ball = plain(FALLING, BodyKind::Dynamic, ShapeId(1));
+    add(&mut scene, ball, Vec3::new(3.5, 0.55, 3.4)).unwrap();
+    let mut contacts = Vec::new();
+    scene.contacts(FALLING, &mut contacts);
+    assert_eq!(contacts, []);
+    for _ in 0..60 {
+        scene.step().unwrap();
+    }
+    scene.contacts(FALLING, &mut contacts);
+    scene.contacts(GROUND, &mut contacts);
+    let [up, down] = contacts.as_slice() else {
+        panic!("one of each: {contacts:?}");
+    };
+    assert_eq!((up.with, down.with), (GROUND, FALLING));
+    assert!(up.normal.y > 0.999 && down.normal.y < -0.999);
+    assert!(up.point.y.abs() < 0.02 && up.separation.abs() < 0.02);
+}
+
+fn corner() -> impl Strategy<Value = Vec3> {
+    let part = || prop_oneof![4 => -1.0_f32..1.0, 1 => Just(0.0), 1 => Just(1.0)];
+    (part(), part(), part()).prop_map(|(x, y, z)| Vec3::new(x, y, z))
+}
+
+/// Triangles anywhere, some of them lines, points or each other.
+fn mesh() -> impl Strategy<Value = Shape> {
+    let points = prop::collection::vec(corner(), 3..=8);
+    let size = prop::sample::select(vec![0.0_f32, 1e-3, 1.0, 30.0, 9e3]);
+    let triangles = prop::collection::vec([0..8_u32, 0..8, 0..8], 1..=12);
+    (points, size, triangles).prop_map(|(points, size, triangles)| {
+        let points: Vec<_> = points.into_iter().map(|point| point * size).collect();
+        let count = points.len() as u32;
+        let places = triangles.into_iter().map(|t| t.map(|place| place % count));
+        Shape::Mesh(Mesh::new(&points, &places.collect::<Vec<_>>()).unwrap())
+    })
+}
+
+/// Ground, of posts as near and as steep as allowed.
+fn heights() -> impl Strategy<Value = Shape> {
+    let spacing = prop::sample::select(vec![1e-3_f32, 0.5, 3.0, 3e3]);
+    let steep = prop::sample::select(vec![0.0_f32, 1.0, 9e3]);
+    let posts = prop::collection::vec(-1.0_f32..1.0, 9);
+    (spacing, steep, posts).prop_map(|(spacing, steep, posts)| {
+        let posts: Vec<_> = posts.into_iter().map(|post| post * steep).collect();
+        Shape::Heights(Heights::new(3, spacing, spacing, &posts).unwrap())
+    })
+}
+
+fn compound() -> impl Strategy<Value = Shape> {
+    let ball = (1e-3_f32..1.0).prop_map(|radius| Shape::Ball { radius });
+    let part = (
+        corner(),
+        -3.0_f32..3.0,
+        prop_oneof![4 => ball, 1 => mesh(), 1 => heights()],
+    );
+    prop::collection::vec(part, 0..=5).prop_map(|parts| {
+        let parts = parts.into_iter().map(|(position, angle, shape)| Part {
+            position,
+            rotation: Quat::from_rotation_z(angle),
+            shape,
+        });
+        Shape::Compound(Compound::new(parts.collect()).unwrap())
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    #[test]
+    fn whatever_keeps_the_limits_is_stepped_and_stays_finite(
+        ground in prop_oneof![mesh(), heights(), compound()],
+        falling in prop_oneof![compound(), Just(BALL)],
+        places in prop::collection::vec(corner(), 1..6),
+        kind in prop::sample::select(vec![BodyKind::Static, BodyKind::Kinematic]),
+    ) {
+        let mut scene = scene();
+        // What the engine can make no solid of is refused, and nothing has changed.
+        let made = [(0, ground), (1, falling)].map(|(id, shape)| add_shape(&mut scene, id, shape));
+        let _ = add(&mut scene, BodyTerms::plain(GROUND, kind, ShapeId(0)), Vec3::ZERO);
+        for (number, place) in places.into_iter().enumerate() {
+            let id = BodyId::new(number as u32 + 1, 0);
+            let terms = BodyTerms::plain(id, BodyKind::Dynamic, ShapeId(1));
+            let added = add(&mut scene, terms, place * 3.0 + Vec3::Y);
+            let sound = added.is_ok() || matches!(added, Err(CommandError::NoInside(_)));
+            prop_assert!(sound || made[1].is_err(), "{added:?}");
+        }
+        for _ in 0..30 {
+            prop_assert!(scene.step().is_ok());
+            for observation in scene.observations() {
+                prop_assert!(observation.motion.parts().iter().all(|part| part.is_finite()));
+            }
+        }
+    }
+}

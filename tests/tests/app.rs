@@ -1,0 +1,319 @@
+//! The real plug-in's bytes against a host: understood, answered in kind
+//!
+//! Proved by playing recordings of OpenSimulator's unmodified RemotePhysics plug-in (`PluginTalk`) to a host in virtual
+//! time: a session each of a region at rest, of a region with a hundred balls and an avatar, of forty balls, of avatars
+//! that walk, fly and are resized, and of everything else that the plug-in can say.
+
+use rhumb_app::{Id, Kind, Logon, Message, Motion};
+use rhumb_protocol::Instant;
+use rhumb_server::{AppOptions, Host, States, TimeAdvanced};
+use rhumb_tests::{Dice, PluginTalk, Recording, seed};
+
+const ZOO: &[u8] = include_bytes!("../data/app/harness_zoo.zst");
+const BALLS: &[u8] = include_bytes!("../data/app/harness_balls.zst");
+const AVATAR: &[u8] = include_bytes!("../data/app/harness_avatar.zst");
+const REGION: &[u8] = include_bytes!("../data/app/region_start.zst");
+const REGION_BALLS: &[u8] = include_bytes!("../data/app/region_balls_avatar.zst");
+
+fn host() -> Host {
+    Host::new(|| Instant::ZERO)
+}
+
+/// Plays a recording to its end, message by message, and checks what every session has in common.
+fn play(packed: &[u8]) -> (Recording, PluginTalk) {
+    let recording = Recording::unpack(packed);
+    let mut host = host();
+    let mut talk = PluginTalk::begin(&mut host, 1, recording.datagram());
+    let steps = recording.count(Kind::AdvanceTime);
+    for piece in recording.pieces() {
+        assert!(!talk.closed, "closed before {piece:?}");
+        talk.say(&mut host, piece);
+    }
+    assert!(talk.closed, "who logs off is let go");
+    assert_eq!(host.scenes().count(), 0, "its scene ends with it");
+    assert_eq!(talk.heard(Kind::LogonReady), 1);
+    assert_eq!(talk.heard(Kind::TimeAdvanced), steps);
+    let refused: Vec<_> = talk
+        .lasting
+        .iter()
+        .filter(|message| message.kind() == Kind::Error)
+        .collect();
+    assert!(refused.is_empty(), "{refused:?}");
+    (recording, talk)
+}
+
+/// The ground of the harness's terrain: four plateaus, with steps at the middle.
+fn plateau(size: f32, x: f32, y: f32) -> f32 {
+    let middle = size * 0.5;
+    match (x >= middle, y >= middle) {
+        (false, false) => 20.0,
+        (true, false) => 26.0,
+        (false, true) => 22.0,
+        (true, true) => 28.0,
+    }
+}
+
+#[test]
+fn a_region_that_starts_and_stops_is_understood() {
+    let (recording, talk) = play(REGION);
+    assert_eq!(recording.count(Kind::AddHeightField), 2);
+    assert_eq!(talk.heard(Kind::SetDynamicActor), 0, "nothing moves in it");
+}
+
+#[test]
+fn forty_balls_come_to_rest_on_their_plateaus() {
+    let (recording, talk) = play(BALLS);
+    assert_eq!(talk.heard(Kind::UpdateMass), recording.count(Kind::GetMass));
+    let last = talk.last_states();
+    assert_eq!(last.len(), 40);
+    for (name, state) in last {
+        let above = state.position.z - plateau(64.0, state.position.x, state.position.y);
+        assert!(
+            (0.2..0.3).contains(&above),
+            "{name}: {state:?} is {above} m above"
+        );
+    }
+}
+
+#[test]
+fn every_kind_of_thing_is_understood_and_weighed() {
+    let (recording, talk) = play(ZOO);
+    assert!(talk.heard(Kind::UpdateMass) >= 11);
+    assert_eq!(
+        recording.count(Kind::ApplyTorque),
+        1,
+        "the one without a header"
+    );
+    for state in talk.last_states().values() {
+        assert!(state.position.is_finite() && state.rotation.is_normalized());
+    }
+}
+
+#[test]
+fn avatars_stay_upright_walk_on_the_ground_and_feel_it() {
+    let (_, talk) = play(AVATAR);
+    let mut felt = 0;
+    for message in talk.passing.iter().chain(&talk.lasting) {
+        match message {
+            Message::SetDynamicActor(state) => {
+                let turned = (state.rotation * glam::Vec3::Z).z;
+                assert!(turned > 0.999, "{state:?} leans");
+                assert!(state.position.z > 20.0, "{state:?} is under the ground");
+            }
+            Message::ActorsCollided(contact) => {
+                assert!(contact.colliding.object >= 800_000, "{contact:?}");
+                assert!(contact.normal.is_normalized());
+                felt += u32::from(contact.collided.object == 1 && contact.normal.z > 0.9);
+            }
+            _ => {}
+        }
+    }
+    assert!(felt > 50, "the ground was felt {felt} times");
+}
+
+#[test]
+fn a_region_with_balls_and_an_avatar_is_understood_to_its_end() {
+    let (recording, talk) = play(REGION_BALLS);
+    assert!(recording.messages.len() > 2_600);
+    let last = talk.last_states();
+    assert!(last.len() >= 100, "{} moved", last.len());
+    assert!(talk.heard(Kind::UpdateMass) >= recording.count(Kind::GetMass));
+    // The last terrain lies above the first, where they had come to lie: they are put on top. Some roll over the edge.
+    let inside = |state: &Motion| {
+        let region = 0.0..255.0;
+        region.contains(&state.position.x) && region.contains(&state.position.y)
+    };
+    for (name, state) in last.iter().filter(|(_, state)| inside(state)) {
+        assert!(
+            state.position.z > 24.1,
+            "{name} is under the ground: {state:?}"
+        );
+    }
+    assert!(last.values().filter(|state| inside(state)).count() >= 95);
+}
+
+/// Where each actor was said to be last.
+fn last_places(messages: &[Message]) -> std::collections::BTreeMap<u32, glam::Vec3> {
+    let states = messages.iter().filter_map(|message| match message {
+        Message::SetDynamicActor(state) => Some((state.actor.object, state.position)),
+        _ => None,
+    });
+    states.collect()
+}
+
+#[test]
+fn what_rests_is_said_again_where_nothing_is_lost() {
+    let (_, talk) = play(BALLS);
+    let (passing, lasting) = (last_places(&talk.passing), last_places(&talk.lasting));
+    assert_eq!(lasting.len(), 40, "every ball came to rest once at least");
+    let same = passing
+        .iter()
+        .filter(|(name, at)| lasting[name].distance(**at) < 2e-3);
+    assert!(same.count() >= 35, "{passing:?} {lasting:?}");
+}
+
+#[test]
+fn simulations_of_several_clients_do_not_touch() {
+    let (balls, zoo) = (Recording::unpack(BALLS), Recording::unpack(ZOO));
+    let (_, alone) = play(BALLS);
+    let mut host = host();
+    let mut first = PluginTalk::begin(&mut host, 1, balls.datagram());
+    // The same session under another number of its simulation.
+    let mut logon = Vec::new();
+    Message::Logon(Logon::new(8, "other")).encode(0, &mut logon);
+    let mut second = PluginTalk::begin(&mut host, 2, &logon);
+    second.say(&mut host, &logon);
+    let mut others = zoo.pieces().skip(1);
+    for piece in balls.pieces() {
+        first.say(&mut host, piece);
+        for piece in others.by_ref().take(2) {
+            second.say(&mut host, piece);
+        }
+    }
+    assert_eq!(first.last_states(), alone.last_states());
+    for state in second.last_states().values() {
+        assert_eq!(state.actor.simulation, 8);
+    }
+    assert!(second.heard(Kind::UpdateMass) >= 11);
+}
+
+#[test]
+fn a_simulation_has_one_client_and_the_first_goes_on() {
+    let recording = Recording::unpack(ZOO);
+    let mut host = host();
+    let mut first = PluginTalk::begin(&mut host, 1, recording.datagram());
+    let half = recording.bytes.len() / 2;
+    first.say(&mut host, &recording.bytes[..half]);
+    let mut second = PluginTalk::begin(&mut host, 2, recording.datagram());
+    second.say(&mut host, &recording.bytes);
+    assert!(second.closed && second.lasting.is_empty());
+    second.end(&mut host);
+    first.say(&mut host, &recording.bytes[half..]);
+    assert!(first.closed);
+    let frames = recording.count(Kind::AdvanceTime);
+    assert_eq!(first.heard(Kind::TimeAdvanced), frames);
+}
+
+#[test]
+fn a_client_whose_datagram_is_lost_hears_its_states_on_tcp() {
+    let recording = Recording::unpack(BALLS);
+    let mut host = host();
+    let mut talk = PluginTalk::begin(&mut host, 1, b"no logon");
+    for piece in recording.pieces() {
+        talk.say(&mut host, piece);
+    }
+    assert!(talk.passing.is_empty());
+    assert_eq!(talk.last_states().len(), 40);
+}
+
+#[test]
+fn an_operator_chooses_what_is_said() {
+    let recording = Recording::unpack(BALLS);
+    let play = |options: AppOptions| {
+        let mut host = host();
+        host.configure_app(options);
+        let mut talk = PluginTalk::begin(&mut host, 1, recording.datagram());
+        for piece in recording.pieces() {
+            talk.say(&mut host, piece);
+        }
+        talk
+    };
+    let frames = recording.count(Kind::AdvanceTime);
+    let all = play(AppOptions {
+        states: States::All,
+        time_advanced: TimeAdvanced::Udp,
+        ..AppOptions::default()
+    });
+    let over = |messages: &[Message]| {
+        let over = messages.iter().filter(|m| m.kind() == Kind::TimeAdvanced);
+        over.count()
+    };
+    assert_eq!((over(&all.passing), over(&all.lasting)), (frames, 0));
+    let never = play(AppOptions {
+        states: States::Active,
+        time_advanced: TimeAdvanced::Never,
+        ..AppOptions::default()
+    });
+    assert_eq!(never.heard(Kind::TimeAdvanced), 0);
+    let changed = play(AppOptions::default());
+    let count = |talk: &PluginTalk| talk.heard(Kind::SetDynamicActor);
+    assert!(count(&changed) < count(&never) && count(&never) <= count(&all));
+}
+
+#[test]
+fn broken_sessions_end_alone_and_nobody_panics() {
+    let (zoo, balls) = (Recording::unpack(ZOO), Recording::unpack(BALLS));
+    let mut dice = Dice::new(seed(0xa99));
+    let mut host = host();
+    let mut logon = Vec::new();
+    Message::Logon(Logon::new(99, "steady")).encode(0, &mut logon);
+    let mut steady = PluginTalk::begin(&mut host, 1, &logon);
+    steady.say(&mut host, &logon);
+    let mut closed = 0;
+    for round in 0..60_u16 {
+        let of = if round % 2 == 0 { &zoo } else { &balls };
+        let mut bytes = of.bytes.clone();
+        // Behind the terrain, where most words are.
+        let words = bytes.len() - 17_000;
+        for _ in 0..1 + dice.below(20) {
+            let place = words + dice.below(17_000);
+            bytes[place] = dice.below(256) as u8;
+        }
+        let mut broken = PluginTalk::begin(&mut host, 2 + round, &bytes);
+        for piece in bytes.chunks(1 + dice.below(3_000)) {
+            broken.say(&mut host, piece);
+            if broken.closed {
+                break;
+            }
+        }
+        closed += u32::from(broken.closed);
+        broken.end(&mut host);
+        let mut frame = Vec::new();
+        Message::AdvanceTime((99, 0.089)).encode(0, &mut frame);
+        steady.say(&mut host, &frame);
+        assert_eq!(steady.heard(Kind::TimeAdvanced), usize::from(round) + 1);
+        assert_eq!(host.scenes().count(), 1, "a scene ends with its client");
+    }
+    assert!(closed > 20, "{closed} of 60 were closed");
+}
+
+#[test]
+fn numbers_that_no_engine_should_be_given_are_refused_and_the_session_goes_on() {
+    let mut host = host();
+    let mut bytes = Vec::new();
+    let id = |object| Id {
+        simulation: 7,
+        object,
+    };
+    let wrong = [
+        Message::AddSphere((id(1), glam::Vec3::ZERO, f32::NAN)),
+        Message::AddSphere((id(1), glam::Vec3::NAN, 1.0)),
+        Message::AddBox((id(1), glam::Vec3::new(1.0, -1.0, 1.0))),
+        Message::AddCapsule((id(1), 1e9, 1.0)),
+        Message::AddPlane((id(1), 0.0, glam::Vec3::ZERO)),
+        Message::UpdateGravityModifier((id(1), f32::INFINITY)),
+        Message::UpdateLinearVelocity((id(1), glam::Vec3::splat(1e30))),
+        Message::UpdateActorOrientation((id(1), glam::Quat::from_xyzw(0.0, 0.0, 0.0, 0.0))),
+        Message::UpdateActorPosition((id(1), glam::Vec3::NEG_INFINITY)),
+        Message::AdvanceTime((7, f32::NAN)),
+        Message::AdvanceTime((7, -1.0)),
+    ];
+    Message::Logon(Logon::new(7, "x")).encode(0, &mut bytes);
+    for (index, message) in wrong.iter().enumerate() {
+        message.encode(index as u32 + 1, &mut bytes);
+    }
+    Message::AdvanceTime((7, 0.089)).encode(99, &mut bytes);
+    let mut talk = PluginTalk::begin(&mut host, 1, b"");
+    talk.say(&mut host, &bytes);
+    assert!(!talk.closed);
+    let refused: Vec<u32> = talk
+        .lasting
+        .iter()
+        .filter_map(|message| match message {
+            Message::Error(fault) => Some(fault.index),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(refused, (1..=wrong.len() as u32).collect::<Vec<_>>());
+    assert_eq!(talk.heard(Kind::TimeAdvanced), 1);
+}

@@ -1,0 +1,149 @@
+//! The real plug-in's bytes against a server process, by TCP and UDP
+//!
+//! Proved by writing recordings of the plug-in to the sockets of the server's own command line, as fast as they are taken,
+//! and by a native client that watches the scene that they lead. Waiting is a read with its patience, never a sleep.
+
+use std::io::{Read, Write};
+use std::net::{TcpStream, UdpSocket};
+use std::time::Duration;
+
+use rhumb_app::{Frames, Kind, Message};
+use rhumb_client::scene::Shape;
+use rhumb_client::{Client, ClientError, Entry, Options, Trust};
+use rhumb_tests::{Programme, Recording, ServerProcess};
+
+const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
+const ANYWHERE: &str = "127.0.0.1:0";
+const ZOO: &[u8] = include_bytes!("../data/app/harness_zoo.zst");
+const BALLS: &[u8] = include_bytes!("../data/app/harness_balls.zst");
+/// Longer than anything here takes.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Frames before somebody watches.
+const FRAMES_SEEN: usize = 45;
+
+struct Plugin {
+    tcp: TcpStream,
+    udp: UdpSocket,
+    frames: Frames,
+}
+
+/// What the tests rely on.
+const LOOPBACK: &str = "loopback works";
+
+impl Plugin {
+    fn connect(server: &ServerProcess, recording: &Recording) -> Self {
+        let app = server.app.expect("it listens for such clients");
+        let udp = UdpSocket::bind(ANYWHERE).expect(LOOPBACK);
+        udp.send_to(recording.datagram(), app).expect(LOOPBACK);
+        udp.set_read_timeout(Some(PATIENCE)).expect(LOOPBACK);
+        let tcp = TcpStream::connect(app).expect(LOOPBACK);
+        tcp.set_read_timeout(Some(PATIENCE)).expect(LOOPBACK);
+        Self {
+            tcp,
+            udp,
+            frames: Frames::default(),
+        }
+    }
+
+    fn say(&mut self, bytes: &[u8]) {
+        self.tcp.write_all(bytes).expect(LOOPBACK);
+    }
+
+    /// What comes on TCP, until the server closes it or so many frames are over.
+    fn hear(&mut self, frames: Option<usize>) -> Vec<Message> {
+        let mut heard: Vec<Message> = Vec::new();
+        let mut buffer = [0; 4_096];
+        let is_over = |message: &&Message| message.kind() == Kind::TimeAdvanced;
+        while Some(heard.iter().filter(is_over).count()) != frames {
+            // One that was refused may be reset, for what it said and nobody read.
+            let count = self.tcp.read(&mut buffer).unwrap_or(0);
+            if count == 0 {
+                break;
+            }
+            self.frames.push(&buffer[..count]);
+            while let Some(framed) = self.frames.next_message().expect("messages") {
+                heard.push(framed.message);
+            }
+        }
+        heard
+    }
+}
+
+#[test]
+fn a_session_of_the_plug_in_is_driven_to_its_end() {
+    let server = SERVER.serve_app(ANYWHERE, &[]);
+    let recording = Recording::unpack(ZOO);
+    let mut plugin = Plugin::connect(&server, &recording);
+    plugin.say(&recording.bytes);
+    let heard = plugin.hear(None);
+    let count = |kind| heard.iter().filter(|m| m.kind() == kind).count();
+    assert_eq!(count(Kind::LogonReady), 1);
+    let frames = recording.count(Kind::AdvanceTime);
+    assert_eq!(count(Kind::TimeAdvanced), frames);
+    assert_eq!(count(Kind::Error), 0);
+    assert!(count(Kind::UpdateMass) >= 11);
+    let mut datagram = [0; 2_048];
+    let (bytes, _) = plugin.udp.recv_from(&mut datagram).unwrap();
+    let first = Message::from_datagram(&datagram[..bytes]).unwrap();
+    assert_eq!(first.kind(), Kind::SetDynamicActor);
+    server.signal("TERM");
+    let ended = server.wait();
+    assert_eq!(ended.code, Some(0));
+    let told = ended.log.contains("an app client logged off");
+    assert!(told, "{}", ended.log);
+}
+
+#[test]
+fn a_native_client_watches_what_the_plug_in_leads() {
+    let server = SERVER.serve_app(ANYWHERE, &[]);
+    let recording = Recording::unpack(BALLS);
+    let mut plugin = Plugin::connect(&server, &recording);
+    let pieces: Vec<&[u8]> = recording.pieces().collect();
+    let is_frame = |message: &Message| message.kind() == Kind::AdvanceTime;
+    let mut frames = (0..pieces.len()).filter(|place| is_frame(&recording.messages[*place]));
+    let middle = frames.nth(FRAMES_SEEN - 1).expect("a session is longer") + 1;
+    let (first, second) = pieces.split_at(middle);
+    plugin.say(&first.concat());
+    plugin.hear(Some(FRAMES_SEEN));
+    let trust = Trust::Fingerprint(server.fingerprint);
+    let scene = "app/7".parse().unwrap();
+    let options = Options::new(server.address.to_string(), trust, scene, Entry::Join);
+    let mut client = Client::open(options).unwrap();
+    let copy = client.replica().expect("it has joined");
+    let shapes: Vec<Shape> = copy
+        .bodies()
+        .filter_map(|terms| copy.shape(terms.shape).cloned())
+        .collect();
+    let is_ground = |shape: &&Shape| matches!(shape, Shape::Heights(_));
+    assert_eq!(shapes.iter().filter(is_ground).count(), 1);
+    let is_ball = |shape: &&Shape| matches!(shape, Shape::Ball { .. });
+    assert_eq!(shapes.iter().filter(is_ball).count(), 40);
+    plugin.say(&second.concat());
+    plugin.hear(None);
+    let ended = loop {
+        if let Err(error) = client.idle(PATIENCE) {
+            break error;
+        }
+    };
+    assert!(matches!(ended, ClientError::SceneDeleted), "{ended}");
+}
+
+#[test]
+fn noise_ends_its_own_connection_with_a_reason() {
+    let server = SERVER.serve_app(ANYWHERE, &[]);
+    let recording = Recording::unpack(ZOO);
+    let mut noisy = Plugin::connect(&server, &recording);
+    noisy.say(b"GET / HTTP/1.1\r\nHost: physics\r\n\r\n");
+    assert!(noisy.hear(None).is_empty());
+    let mut early = Plugin::connect(&server, &recording);
+    early.say(&recording.bytes[76..200]);
+    assert!(early.hear(None).is_empty());
+    let mut plugin = Plugin::connect(&server, &recording);
+    plugin.say(&recording.bytes);
+    assert!(!plugin.hear(None).is_empty());
+    server.signal("TERM");
+    let log = server.wait().log;
+    assert!(log.contains("version 18245 is not spoken here"), "{log}");
+    assert!(log.contains("the first message was no logon"), "{log}");
+}

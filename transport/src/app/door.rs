@@ -1,0 +1,231 @@
+//! The second door of a server: bound here, run by the endpoint's thread
+
+use core::fmt;
+use core::net::SocketAddr;
+use std::collections::BTreeMap;
+use std::io;
+use std::sync::mpsc::Sender;
+use std::thread::{self, JoinHandle};
+
+use bytes::Bytes;
+use rhumb_protocol::{Instant, Peer};
+use tokio::net::{TcpListener, UdpSocket};
+use tokio::sync::{mpsc, oneshot};
+
+use super::endpoint::{AppEndpoint, AppTransmit};
+use super::io::{Sockets, carry};
+use super::line::{AppInput, AppLine};
+use crate::quic::Input;
+use crate::socket;
+
+/// Where clients of the paper's protocol are awaited.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AppListen {
+    /// The address of both TCP and UDP; port 0 picks one that is free for both.
+    pub address: SocketAddr,
+    /// Datagrams in about a millisecond; none: as fast as they come.
+    pub datagrams_per_ms: Option<u32>,
+}
+
+/// Why the second door cannot be opened.
+#[derive(Debug)]
+pub enum AppBindError {
+    /// The address cannot be bound.
+    Address {
+        /// Which address.
+        address: SocketAddr,
+        /// What the system says.
+        cause: io::Error,
+    },
+    /// The I/O thread cannot start.
+    Thread(io::Error),
+}
+
+/// The door, as the host thread has it.
+#[derive(Debug)]
+pub(crate) struct AppDoor {
+    address: SocketAddr,
+    lines: BTreeMap<Peer, AppLine>,
+    datagrams: mpsc::Sender<(SocketAddr, Bytes)>,
+    end: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// How an endpoint is fed by the door and drained for it; nothing, if it knows no such clients.
+pub(crate) struct AppHooks<E> {
+    handle: fn(&mut E, Instant, AppInput, &mut AppDoor),
+    poll: fn(&mut E) -> Option<AppTransmit>,
+}
+
+/// Datagrams that wait for the sockets; beyond them they are dropped: a frame of ten thousand bodies, and more.
+const DATAGRAMS_WAITING_MAX: usize = 1 << 16;
+/// Ports to try when any will do, but for both kinds.
+const PORTS_TRIED: usize = 16;
+
+impl AppDoor {
+    /// Binds the address for both kinds and starts the I/O thread.
+    pub(crate) fn open(listen: AppListen, host: Sender<Input>) -> Result<Self, AppBindError> {
+        let address = listen.address;
+        let wrong = |cause| AppBindError::Address { address, cause };
+        let runtime = socket::runtime().map_err(AppBindError::Thread)?;
+        let (tcp, udp) = {
+            let _inside = runtime.enter();
+            bind_both(address).map_err(wrong)?
+        };
+        let address = tcp.local_addr().map_err(wrong)?;
+        let (datagrams, waiting) = mpsc::channel(DATAGRAMS_WAITING_MAX);
+        let (end, ended) = oneshot::channel();
+        let sockets = Sockets {
+            tcp,
+            udp,
+            datagrams_per_ms: listen.datagrams_per_ms,
+        };
+        let thread = thread::Builder::new()
+            .name("rhumb-app-io".into())
+            .spawn(move || runtime.block_on(carry(sockets, host, waiting, ended)))
+            .map_err(AppBindError::Thread)?;
+        Ok(Self {
+            address,
+            lines: BTreeMap::new(),
+            datagrams,
+            end: Some(end),
+            thread: Some(thread),
+        })
+    }
+
+    pub(crate) const fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Hands on what an endpoint wants sent. A connection that is closed, or takes too little, is not heard any more.
+    fn send(&mut self, transmit: AppTransmit) {
+        match transmit {
+            AppTransmit::Bytes { to, bytes } => {
+                let line = self.lines.get(&to);
+                if line.is_some_and(|line| line.send(bytes).is_err()) {
+                    tracing::warn!(peer = to.0, "an app client reads too slowly, closing");
+                    self.lines.remove(&to);
+                }
+            }
+            AppTransmit::Datagram { to, bytes } => {
+                if self.datagrams.try_send((to, bytes)).is_err() {
+                    tracing::debug!(%to, "a datagram was dropped: too many wait");
+                }
+            }
+            AppTransmit::Close { to } => drop(self.lines.remove(&to)),
+        }
+    }
+}
+
+impl Drop for AppDoor {
+    fn drop(&mut self) {
+        self.lines.clear();
+        if let Some(end) = self.end.take() {
+            // Already over: nothing to end.
+            let _ = end.send(());
+        }
+        if let Some(thread) = self.thread.take()
+            && thread.join().is_err()
+        {
+            tracing::error!("the i/o thread of app clients panicked");
+        }
+    }
+}
+
+/// Sockets of both kinds on one port.
+fn bind_both(address: SocketAddr) -> io::Result<(TcpListener, UdpSocket)> {
+    let mut tries = 0;
+    loop {
+        tries += 1;
+        let tcp = std::net::TcpListener::bind(address)?;
+        tcp.set_nonblocking(true)?;
+        match socket::bind(tcp.local_addr()?) {
+            Ok(udp) => {
+                udp.set_nonblocking(true)?;
+                return Ok((TcpListener::from_std(tcp)?, UdpSocket::from_std(udp)?));
+            }
+            // The port that TCP was given may be another's on UDP.
+            Err(_) if address.port() == 0 && tries < PORTS_TRIED => {}
+            Err(cause) => return Err(cause),
+        }
+    }
+}
+
+impl<E> AppHooks<E> {
+    /// Of an endpoint that knows no clients of the paper's protocol.
+    pub(crate) fn none() -> Self {
+        Self {
+            handle: |_, _, _, _| {},
+            poll: |_| None,
+        }
+    }
+
+    /// Lets the endpoint handle what came.
+    pub(crate) fn handle(
+        &self,
+        endpoint: &mut E,
+        now: Instant,
+        input: AppInput,
+        door: &mut AppDoor,
+    ) {
+        (self.handle)(endpoint, now, input, door);
+    }
+
+    /// Sends all that the endpoint has to say.
+    pub(crate) fn drain(&self, endpoint: &mut E, door: &mut AppDoor) {
+        while let Some(transmit) = (self.poll)(endpoint) {
+            door.send(transmit);
+        }
+    }
+}
+
+impl<E: AppEndpoint> AppHooks<E> {
+    /// Of an endpoint that knows them.
+    pub(crate) fn of_endpoint() -> Self {
+        Self {
+            handle,
+            poll: E::poll_app,
+        }
+    }
+}
+
+fn handle<E: AppEndpoint>(endpoint: &mut E, now: Instant, input: AppInput, door: &mut AppDoor) {
+    match input {
+        AppInput::Opened { peer, from, line } => {
+            door.lines.insert(peer, line);
+            endpoint.handle_app_opened(now, peer, from);
+        }
+        AppInput::Bytes { peer, piece } => {
+            if door.lines.contains_key(&peer) {
+                endpoint.handle_app_bytes(now, peer, &piece.bytes);
+            }
+        }
+        AppInput::Datagram { from, piece } => {
+            endpoint.handle_app_datagram(now, from, &piece.bytes);
+        }
+        AppInput::Ended { peer } => {
+            door.lines.remove(&peer);
+            endpoint.handle_app_ended(now, peer);
+        }
+    }
+}
+
+impl fmt::Display for AppBindError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Address { address, cause } => write!(
+                f,
+                "cannot listen on tcp and udp {address}: {cause}; choose another address or port 0"
+            ),
+            Self::Thread(cause) => write!(f, "cannot start the i/o thread of app clients: {cause}"),
+        }
+    }
+}
+
+impl std::error::Error for AppBindError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Address { cause, .. } | Self::Thread(cause) => Some(cause),
+        }
+    }
+}
