@@ -12,7 +12,7 @@ use clap::{Args, ValueEnum};
 use rhumb_protocol::scene::Cadence;
 use rhumb_protocol::stream::{Budget, HINDSIGHT_MAX};
 use rhumb_reckoning::{Metres, Ticks, Tolerance};
-use rhumb_server::{RunError, run_on_core, usable_cores};
+use rhumb_server::{RunError, run_on_cores, usable_cores};
 use rhumb_transport::LinkTerms;
 
 use crate::drive::{Cores, DriveError, Loss, Losses, Plan, run_free, run_side_by_side};
@@ -251,7 +251,7 @@ fn choose_cores(arguments: &Evaluate) -> Result<Cores, EvaluateError> {
     if arguments.no_pin {
         return Ok(Cores::default());
     }
-    run_on_core(*caller).map_err(EvaluateError::Cores)?;
+    run_on_cores(&[*caller]).map_err(EvaluateError::Cores)?;
     Ok(Cores {
         server: Some(*server),
     })

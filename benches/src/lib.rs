@@ -10,6 +10,7 @@ pub mod fit;
 pub mod limit;
 mod machine;
 mod output;
+pub mod paper;
 pub mod record;
 pub mod recording;
 pub mod replay;

@@ -7,6 +7,7 @@ use rhumb_bench::drive::{Serve, serve};
 use rhumb_bench::evaluate::{Evaluate, evaluate};
 use rhumb_bench::fit::{FitTo, fit};
 use rhumb_bench::limit::{LimitOf, limit};
+use rhumb_bench::paper::{Paper, paper};
 use rhumb_bench::replay::ablate::{Ablate, ablate};
 use rhumb_bench::replay::{Replay, replay};
 
@@ -30,6 +31,8 @@ enum Task {
     Limit(LimitOf),
     /// Fit the tables of the packets' coder to recorded traces.
     Fit(FitTo),
+    /// Run the paper's experiment: SimFPS and PhysFT by load, with its tests; or one of the tasks beside it.
+    Paper(Box<Paper>),
     /// Be a server: how the other tasks start theirs.
     #[command(hide = true)]
     Serve(Serve),
@@ -42,6 +45,7 @@ fn main() -> ExitCode {
         Task::Ablate(arguments) => ablate(&arguments),
         Task::Limit(arguments) => limit(&arguments),
         Task::Fit(arguments) => fit(&arguments),
+        Task::Paper(arguments) => paper(&arguments),
         Task::Serve(arguments) => serve(arguments),
     }
 }

@@ -92,6 +92,12 @@ pub(crate) fn progress_bar(length: u64, what: String) -> ProgressBar {
     bar.with_message(what)
 }
 
+/// A bar whose steps are worth nothing by themselves.
+pub(crate) fn share_style() -> ProgressStyle {
+    let style = ProgressStyle::with_template("{msg:34} {bar:32} {percent} % {elapsed} left {eta}");
+    style.unwrap_or_else(|_| ProgressStyle::default_bar())
+}
+
 fn write_trace(
     out: &Path,
     experiment: &Experiment,
@@ -111,8 +117,18 @@ fn write_trace(
     )
 }
 
+/// Writes what serialises as indented JSON.
+pub(crate) fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), OutputError> {
+    let mut text = serde_json::to_string_pretty(value).map_err(|cause| OutputError::Write {
+        path: path.to_owned(),
+        cause: cause.into(),
+    })?;
+    text.push('\n');
+    write_file(path, text.as_bytes())
+}
+
 /// Writes a whole file beside its place, then gives it its name, so that no half file is ever taken for a whole one.
-fn write_file(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
+pub(crate) fn write_file(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
     let partial = path.with_extension("partial");
     let written = std::fs::write(&partial, bytes).and_then(|()| std::fs::rename(&partial, path));
     written.map_err(|cause| {
@@ -125,7 +141,7 @@ fn write_file(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
     })
 }
 
-fn say(text: &str) -> Result<(), OutputError> {
+pub(crate) fn say(text: &str) -> Result<(), OutputError> {
     let mut out = io::stdout().lock();
     let said = out.write_all(text.as_bytes()).and_then(|()| out.flush());
     said.map_err(|cause| OutputError::Write {

@@ -37,6 +37,12 @@ pub enum Mode {
 }
 
 impl Mode {
+    /// Whether the caller goes on while the server steps.
+    #[must_use]
+    pub const fn is_ahead(self) -> bool {
+        matches!(self, Self::RhumbPipelined)
+    }
+
     /// Whether the server steps by its own clock.
     #[must_use]
     pub const fn is_free(self) -> bool {

@@ -17,6 +17,12 @@ use crate::record::{Experiment, Load};
 use crate::summary::{RunFigures, Summary};
 
 use figures::Figure;
+pub(crate) use figures::color;
+pub(crate) use plot::{Axis, Chart, Mark, SIZE};
+pub(crate) use words::escape;
+
+/// How a page looks.
+pub(crate) const STYLE: &str = include_str!("report/style.css");
 
 /// The text of `report.html`.
 #[must_use]
@@ -28,7 +34,7 @@ pub fn html(experiment: &Experiment, summary: &Summary) -> String {
     );
     page.push_str("<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n");
     page.push_str("<title>Rhumb: what a remote copy costs</title>\n<style>\n");
-    page.push_str(include_str!("report/style.css"));
+    page.push_str(STYLE);
     page.push_str("</style>\n</head>\n<body>\n");
     page.push_str(&opening(experiment, summary));
     page.push_str(&table::html(summary));
@@ -63,8 +69,8 @@ fn opening(experiment: &Experiment, summary: &Summary) -> String {
     let _ = writeln!(
         text,
         "<pre>{}</pre>\n<p class=\"soft\">on {}</p>",
-        words::escape(&summary.command),
-        words::escape(&summary.machine)
+        escape(&summary.command),
+        escape(&summary.machine)
     );
     for load in &experiment.loads {
         let differs = load

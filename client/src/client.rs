@@ -24,7 +24,7 @@ use crate::options::{Entry, Options};
 use crate::pump::{Pump, Way};
 use crate::view::{Glass, View};
 
-/// How many ticks a lockstep client lets the server compute beyond the one it looks at.
+/// How many ticks that are spoken of a lockstep client lets the server compute beyond the one it looks at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Depth(u32);
 
@@ -33,6 +33,12 @@ impl Depth {
     pub const LOCKSTEP: Self = Self(0);
     /// Looks at the tick before, while the server computes the next.
     pub const PIPELINED: Self = Self(1);
+
+    /// Looks so many ticks back; [`Self::LOCKSTEP`] is 0, [`Self::PIPELINED`] is 1.
+    #[must_use]
+    pub const fn new(ticks: u32) -> Self {
+        Self(ticks)
+    }
 }
 
 /// Beyond the tick that should be vouched for by now a free-running view predicts at most this far, then holds: half a
@@ -280,6 +286,8 @@ impl Client {
 
     /// Lets a lockstep scene step once, and shows it: this tick at depth 0, the one before at depth 1.
     ///
+    /// A scene whose streams do not speak of every tick steps to the next one that they speak of, and depth counts those.
+    ///
     /// Returns the tick that the view shows. If more of the server's work has already arrived, that is shown.
     ///
     /// # Errors
@@ -289,7 +297,7 @@ impl Client {
     pub fn advance(&mut self, depth: Depth) -> Result<Tick, ClientError> {
         self.must_stand()?;
         self.denied = None;
-        self.requested = self.requested.next();
+        self.requested = self.terms.cadence.next_spoken(self.requested);
         let now = self.pump.now();
         self.pump.session.advance(now, self.requested)?;
         self.pump.flush();
@@ -304,7 +312,7 @@ impl Client {
     pub fn wait(&mut self, depth: Depth) -> Result<Tick, ClientError> {
         let wanted = self
             .requested
-            .before(Ticks::new(depth.0))
+            .before(self.spoken_ticks(depth))
             .unwrap_or_default();
         let deadline = self.deadline();
         self.pump.turn(Instant::ZERO);
@@ -451,6 +459,11 @@ impl Client {
     fn complete(&self) -> Tick {
         self.replica()
             .map_or(Tick::ZERO, |replica| replica.stream().complete())
+    }
+
+    /// The ticks from one that is spoken of to the one so many later.
+    fn spoken_ticks(&self, depth: Depth) -> Ticks {
+        Ticks::new(depth.0.saturating_mul(self.terms.cadence.every.get()))
     }
 
     fn deadline(&self) -> Instant {

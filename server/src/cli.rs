@@ -4,6 +4,7 @@
 
 use std::io::{IsTerminal, Write};
 use std::net::SocketAddr;
+use std::num::NonZeroU32;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -12,8 +13,9 @@ use rhumb_transport::{AppListen, Stop};
 use tracing::level_filters::LevelFilter;
 
 use crate::app::{AppOptions, Datagrams, States, TimeAdvanced};
+use crate::engine::Workers;
 use crate::hook::Hooks;
-use crate::serve::{Identity, RunError, Server, run_on_core};
+use crate::serve::{Identity, RunError, Server, run_on_cores};
 
 /// A Rapier server for remote rigid-body physics.
 #[derive(Debug, Parser)]
@@ -31,9 +33,12 @@ pub struct Arguments {
     /// What to log: off, error, warn, info, debug or trace.
     #[arg(long, default_value = "info")]
     log: LevelFilter,
-    /// Run on this processor core alone.
-    #[arg(long)]
-    core: Option<usize>,
+    /// Run on this processor core alone, or on these.
+    #[arg(long, value_delimiter = ',')]
+    core: Vec<usize>,
+    /// Step on so many threads, which all scenes share; more than one needs the feature `parallel`.
+    #[arg(long, default_value = "1")]
+    threads: NonZeroU32,
     /// TCP and UDP address for clients of the paper's protocol, such as OpenSimulator's RemotePhysics plug-in.
     #[arg(long)]
     app_listen: Option<SocketAddr>,
@@ -124,16 +129,18 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
 }
 
 fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), RunError> {
-    if let Some(core) = arguments.core {
-        run_on_core(core)?;
+    if !arguments.core.is_empty() {
+        run_on_cores(&arguments.core)?;
     }
     let (app_listen, app_options) = arguments.app();
+    let workers = Workers::new(Some(arguments.threads)).map_err(RunError::Workers)?;
     let identity = match (arguments.cert, arguments.key) {
         (Some(certificate), Some(key)) => Identity::Files { certificate, key },
         _ => Identity::Development,
     };
     let stop = Stop::new();
     let mut server = Server::bind(arguments.listen, &identity)?;
+    server.employ(workers);
     if let Some(hooks) = hooks {
         server.attach(hooks);
     }

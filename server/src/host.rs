@@ -16,6 +16,7 @@ use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake
 
 use crate::app::{AppOptions, Guests};
 use crate::drives::DriveStatistics;
+use crate::engine::Workers;
 use crate::hook::Hooks;
 use crate::outbox::Outbox;
 use crate::room::Room;
@@ -36,6 +37,7 @@ pub struct Host {
     pub(crate) guests: Guests,
     streams_begun: u32,
     hooks: Option<Hooks>,
+    workers: Workers,
     pub(crate) stopwatch: Box<dyn Fn() -> Instant + Send>,
 }
 
@@ -49,6 +51,7 @@ impl Host {
             guests: Guests::default(),
             streams_begun: 0,
             hooks: None,
+            workers: Workers::default(),
             stopwatch: Box::new(stopwatch),
         }
     }
@@ -61,6 +64,11 @@ impl Host {
     /// Speaks so to clients of the paper's protocol.
     pub fn configure_app(&mut self, options: AppOptions) {
         self.guests.configure(options);
+    }
+
+    /// Has scenes that are created from now on stepped by these threads.
+    pub fn employ(&mut self, workers: Workers) {
+        self.workers = workers;
     }
 
     /// Names of the scenes that exist.
@@ -194,7 +202,7 @@ impl Host {
         if self.rooms.len() >= SCENES_MAX {
             return Err(Denial::TooManyScenes);
         }
-        let mut scene = Scene::new(terms).map_err(Denial::Terms)?;
+        let mut scene = Scene::on(terms, &self.workers).map_err(Denial::Terms)?;
         if let Some(hook) = self.hooks.as_mut().and_then(|hooks| hooks.of(name, &terms)) {
             scene.attach(hook);
         }

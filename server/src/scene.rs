@@ -17,7 +17,7 @@ use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, Inertia, Metres, Tick, Twist, Verbatim};
 
 use crate::digest::Digest;
-use crate::engine::{Contact, Engine, EngineFault, Newcomer, Push, RapierEngine};
+use crate::engine::{Contact, Engine, EngineFault, Newcomer, Push, RapierEngine, Workers};
 use crate::hook::{Hook, HookError};
 use crate::registry::Registry;
 
@@ -56,8 +56,17 @@ impl Scene {
     ///
     /// [`Invalid`] names the first of the terms that is wrong.
     pub fn new(terms: SceneTerms) -> Result<Self, Invalid> {
+        Self::on(terms, &Workers::default())
+    }
+
+    /// An empty scene that Rapier steps on these threads.
+    ///
+    /// # Errors
+    ///
+    /// [`Invalid`] names the first of the terms that is wrong.
+    pub fn on(terms: SceneTerms, workers: &Workers) -> Result<Self, Invalid> {
         terms.check()?;
-        Self::with_engine(terms, Box::new(RapierEngine::new(&terms)))
+        Self::with_engine(terms, Box::new(RapierEngine::on(&terms, workers)))
     }
 
     /// An empty scene that another engine steps; the engine is empty too and under the terms' gravity.

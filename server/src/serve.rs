@@ -13,6 +13,7 @@ use rhumb_transport::{
 };
 
 use crate::app::AppOptions;
+use crate::engine::{NoWorkers, Workers};
 use crate::hook::Hooks;
 use crate::host::Host;
 
@@ -35,6 +36,7 @@ pub struct Server {
     transport: QuicServer,
     hooks: Option<Hooks>,
     app: AppOptions,
+    workers: Workers,
 }
 
 /// Why a server did not start, or stopped unasked.
@@ -46,13 +48,15 @@ pub enum RunError {
     Bind(BindError),
     /// The address for clients of the paper's protocol cannot be listened on.
     AppBind(AppBindError),
-    /// The threads cannot be bound to a core.
-    Core {
-        /// Which core.
-        core: usize,
+    /// The threads cannot be bound to cores.
+    Cores {
+        /// Which cores.
+        cores: Vec<usize>,
         /// What the system says.
         cause: io::Error,
     },
+    /// There are not as many threads to step on.
+    Workers(NoWorkers),
     /// The sockets' thread was lost.
     Serve(ServeError),
 }
@@ -63,7 +67,11 @@ impl fmt::Display for RunError {
             Self::Certificate(cause) => cause.fmt(f),
             Self::Bind(cause) => cause.fmt(f),
             Self::AppBind(cause) => cause.fmt(f),
-            Self::Core { core, cause } => write!(f, "cannot run on core {core} alone: {cause}"),
+            Self::Cores { cores, cause } => {
+                let cores: Vec<_> = cores.iter().map(usize::to_string).collect();
+                write!(f, "cannot run on cores {} alone: {cause}", cores.join(","))
+            }
+            Self::Workers(cause) => cause.fmt(f),
             Self::Serve(cause) => cause.fmt(f),
         }
     }
@@ -92,6 +100,7 @@ impl Server {
             transport,
             hooks: None,
             app: AppOptions::default(),
+            workers: Workers::default(),
         })
     }
 
@@ -126,6 +135,11 @@ impl Server {
         self.hooks = Some(hooks);
     }
 
+    /// Has the scenes that will be created stepped by these threads.
+    pub fn employ(&mut self, workers: Workers) {
+        self.workers = workers;
+    }
+
     /// Serves on the calling thread until `stop` is said; then every client hears that the server is going away.
     ///
     /// # Errors
@@ -134,6 +148,7 @@ impl Server {
     pub fn run(self, stop: &Stop) -> Result<ServerStatistics, RunError> {
         let clock = Clock::start();
         let mut host = Host::new(move || clock.now());
+        host.employ(self.workers);
         if let Some(hooks) = self.hooks {
             host.attach(hooks);
         }
@@ -162,30 +177,37 @@ pub fn usable_cores() -> Vec<usize> {
     Vec::new()
 }
 
-/// Binds the calling thread, and the threads it starts from now on, to one core.
+/// Binds the calling thread, and the threads it starts from now on, to some cores.
 ///
 /// # Errors
 ///
-/// [`RunError::Core`] when the system refuses or has no such core.
+/// [`RunError::Cores`] when the system refuses or has none of them.
 #[cfg(target_os = "linux")]
-pub fn run_on_core(core: usize) -> Result<(), RunError> {
+pub fn run_on_cores(cores: &[usize]) -> Result<(), RunError> {
     use rustix::thread::{CpuSet, sched_setaffinity};
-    let failed = |cause| RunError::Core { core, cause };
-    if core >= CpuSet::MAX_CPU {
+    let failed = |cause| RunError::Cores {
+        cores: cores.to_vec(),
+        cause,
+    };
+    if cores.iter().any(|core| *core >= CpuSet::MAX_CPU) {
         return Err(failed(io::ErrorKind::InvalidInput.into()));
     }
     let mut set = CpuSet::new();
-    set.set(core);
+    for core in cores {
+        set.set(*core);
+    }
     sched_setaffinity(None, &set).map_err(|errno| failed(errno.into()))
 }
 
-/// Binds the calling thread, and the threads it starts from now on, to one core.
+/// Binds the calling thread, and the threads it starts from now on, to some cores.
 ///
 /// # Errors
 ///
 /// Always: this system has no such call.
 #[cfg(not(target_os = "linux"))]
-pub fn run_on_core(core: usize) -> Result<(), RunError> {
-    let cause = io::ErrorKind::Unsupported.into();
-    Err(RunError::Core { core, cause })
+pub fn run_on_cores(cores: &[usize]) -> Result<(), RunError> {
+    Err(RunError::Cores {
+        cores: cores.to_vec(),
+        cause: io::ErrorKind::Unsupported.into(),
+    })
 }

@@ -49,7 +49,12 @@ fn read(bytes: &[u8]) -> Result<(), Malformed> {
             let packet = StatePacket::decode(true, reader)?;
             packet.updates(&mut Vec::new())
         }
+        Kind::StateInArrears => {
+            let packet = StatePacket::decode_in_arrears(reader)?;
+            packet.updates(&mut Vec::new())
+        }
         Kind::Vouch => Vouch::decode(reader).map(drop),
+        Kind::VouchInArrears => Vouch::decode_in_arrears(reader).map(drop),
         Kind::Repair => Repair::decode(reader).map(drop),
         Kind::Full | Kind::FullEnd => FullPacket::decode(true, reader).map(drop),
         Kind::Echo => Echo::decode(reader).map(drop),

@@ -293,6 +293,38 @@ fn two_clients_of_a_scene_see_the_same() {
 }
 
 #[test]
+fn a_lockstep_scene_that_speaks_of_every_sixth_tick_advances_by_six() {
+    let server = SERVER.serve(ANYWHERE);
+    let mut rare = terms(Pace::Lockstep);
+    rare.cadence.every = NonZeroU32::new(6).unwrap();
+    let mut script = BallPit::new(10, 1, 2);
+    let mut commands = Vec::new();
+    script.commands(Tick::ZERO, &mut commands);
+    let mut truths = Vec::new();
+    for (scene, terms, depth) in [
+        ("each", terms(Pace::Lockstep), Depth::LOCKSTEP),
+        ("sixth", rare, Depth::LOCKSTEP),
+        ("sixth-behind", rare, Depth::PIPELINED),
+    ] {
+        let every = u64::from(terms.cadence.every.get());
+        let mut client = open(&server, scene, Entry::Create(terms));
+        for command in &commands {
+            client.command(command.clone()).unwrap();
+        }
+        for frame in 1..=60 / every {
+            let shown = client.advance(depth).unwrap();
+            let newest = Tick::new(frame * every);
+            assert!(shown == newest || depth == Depth::PIPELINED, "{shown}");
+            assert!(shown.value().is_multiple_of(every) && shown <= newest);
+            assert!(newest.since(shown) <= Some(Ticks::new(rare.cadence.every.get())));
+        }
+        assert_eq!(client.wait(Depth::LOCKSTEP).unwrap(), Tick::new(60));
+        truths.push(client.inspect().unwrap().truth);
+    }
+    assert!(truths.iter().all(|truth| *truth == truths[0]), "{truths:?}");
+}
+
+#[test]
 fn a_deleted_scene_is_told_to_its_members_as_that() {
     let server = SERVER.serve(ANYWHERE);
     let mut leader = open(&server, "pit", Entry::Create(terms(Pace::Lockstep)));

@@ -63,6 +63,7 @@ pub struct Serve {
 
 /// Runs a server until it is told to stop; exit code 1 when it cannot start, or when there is no such script.
 pub fn serve(arguments: Serve) -> ExitCode {
+    end_with_parent();
     let Serve {
         server,
         scene,
@@ -85,3 +86,15 @@ pub fn serve(arguments: Serve) -> ExitCode {
     let hooks = Hooks::new(move |_, _| script.controller().map(hook));
     rhumb_server::cli::main_with(server, Some(hooks))
 }
+
+/// Has this process end when the one that started it is gone, however that ended.
+#[cfg(target_os = "linux")]
+fn end_with_parent() {
+    use rustix::process::{Signal, set_parent_process_death_signal};
+    // Refused, a server outlives a caller that was killed, as on other systems.
+    let _ = set_parent_process_death_signal(Some(Signal::TERM));
+}
+
+/// Has this process end when the one that started it is gone: not on this system.
+#[cfg(not(target_os = "linux"))]
+fn end_with_parent() {}

@@ -171,7 +171,7 @@ pub fn run_free(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<Load, Dri
         link: &LinkTerms::PERFECT,
         ..setup(Mode::NaiveFree, &*script)
     };
-    let process = ServerProcess::start(clean.core, clean.beside.as_ref())?;
+    let process = ServerProcess::start(&clean.housing, clean.beside.as_ref())?;
     let mut copies = Vec::new();
     for mode in plan.modes.iter().filter(|mode| mode.is_free()) {
         copies.push(Copy {

@@ -6,6 +6,7 @@ pub(crate) mod compare;
 mod control;
 mod free;
 mod integrated;
+pub(crate) mod player;
 mod process;
 mod remote;
 mod side_by_side;
@@ -13,7 +14,7 @@ mod side_by_side;
 pub use app::{AppError, Loss, Losses, Unsaid};
 pub use control::{Played, Serve, serve};
 pub use free::run_free;
-pub use process::{ProcessError, ServerProcess};
+pub use process::{Housing, ProcessError, ServerProcess};
 pub use side_by_side::{Cores, Plan, run_side_by_side};
 
 use std::fmt;
@@ -21,7 +22,7 @@ use std::fmt;
 use rhumb_client::{ClientError, OpenError};
 use rhumb_protocol::scene::{CommandError, Invalid};
 use rhumb_reckoning::Tick;
-use rhumb_server::{HookError, SceneFault};
+use rhumb_server::{HookError, NoWorkers, SceneFault};
 use rhumb_transport::RelayError;
 
 use crate::record::Mode;
@@ -41,6 +42,8 @@ pub enum DriveError {
     Relay(RelayError),
     /// The engine in this process failed.
     Scene(SceneFault),
+    /// There are not as many threads to step on.
+    Workers(NoWorkers),
     /// The script's terms are wrong.
     Terms(Invalid),
     /// The script gave a command that a scene refuses.
@@ -72,6 +75,7 @@ impl fmt::Display for DriveError {
             Self::App(cause) => cause.fmt(f),
             Self::Relay(cause) => cause.fmt(f),
             Self::Scene(cause) => cause.fmt(f),
+            Self::Workers(cause) => cause.fmt(f),
             Self::Terms(cause) => cause.fmt(f),
             Self::Refused(cause) => write!(f, "the script's command was refused: {cause}"),
             Self::Controller(cause) => cause.fmt(f),

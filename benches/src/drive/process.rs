@@ -5,6 +5,7 @@
 use std::fmt;
 use std::io::{self, BufRead, BufReader};
 use std::net::SocketAddr;
+use std::num::NonZeroU32;
 use std::process::{Child, Command, Stdio};
 
 use rhumb_transport::Fingerprint;
@@ -21,6 +22,26 @@ pub struct ServerProcess {
     pub fingerprint: Fingerprint,
     /// Where clients of the paper's protocol are awaited, if they are.
     pub app: Option<SocketAddr>,
+}
+
+/// Where a server runs, and on how many threads it steps.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Housing {
+    /// The cores it keeps to; any if empty.
+    pub cores: Vec<usize>,
+    /// Threads of the engine; one unless said.
+    pub threads: Option<NonZeroU32>,
+}
+
+impl Housing {
+    /// One thread, on one core if asked.
+    #[must_use]
+    pub fn on(core: Option<usize>) -> Self {
+        Self {
+            cores: core.into_iter().collect(),
+            threads: None,
+        }
+    }
 }
 
 /// Why there is no server.
@@ -52,13 +73,13 @@ impl fmt::Display for ProcessError {
 impl std::error::Error for ProcessError {}
 
 impl ServerProcess {
-    /// Starts a server on a free port of loopback, on one core if asked, beside the controller of a script if named.
+    /// Starts a server on a free port of loopback, on its cores, beside the controller of a script if named.
     ///
     /// # Errors
     ///
     /// [`ProcessError`] when it does not start or does not say where it is.
-    pub fn start(core: Option<usize>, beside: Option<&Played>) -> Result<Self, ProcessError> {
-        Self::start_with(core, beside, &[])
+    pub fn start(housing: &Housing, beside: Option<&Played>) -> Result<Self, ProcessError> {
+        Self::start_with(housing, beside, &[])
     }
 
     /// The same with more arguments, such as where clients of the paper's protocol are awaited.
@@ -67,15 +88,19 @@ impl ServerProcess {
     ///
     /// As [`Self::start`].
     pub fn start_with(
-        core: Option<usize>,
+        housing: &Housing,
         beside: Option<&Played>,
         more: &[&str],
     ) -> Result<Self, ProcessError> {
         let program = std::env::current_exe().map_err(ProcessError::Start)?;
         let mut command = Command::new(program);
         command.args(["serve", "--listen", "127.0.0.1:0", "--log", "warn"]);
-        if let Some(core) = core {
-            command.arg("--core").arg(core.to_string());
+        if !housing.cores.is_empty() {
+            let cores: Vec<_> = housing.cores.iter().map(usize::to_string).collect();
+            command.arg("--core").arg(cores.join(","));
+        }
+        if let Some(threads) = housing.threads {
+            command.arg("--threads").arg(threads.to_string());
         }
         if let Some(played) = beside {
             command.args(["--scene", &played.scene]);

@@ -17,7 +17,7 @@ use rhumb_transport::{Clock, LinkTerms, UdpRelay};
 
 use super::compare::{Errors, RecentTruth, compare};
 use super::control::Played;
-use super::{DriveError, ServerProcess};
+use super::{DriveError, Housing, ServerProcess};
 use crate::record::{Breach, Cause, Frame, JoinCost, Passed, Seen, Way};
 
 /// How a remote mode is set up.
@@ -28,9 +28,21 @@ pub(super) struct Setup<'a> {
     pub(super) terms: SceneTerms,
     /// Whose controller acts at the server, if it has one.
     pub(super) beside: Option<Played>,
-    pub(super) core: Option<usize>,
+    pub(super) housing: Housing,
     pub(super) link: &'a LinkTerms,
     pub(super) seed: u64,
+    /// Bodies that are placed in all, later ones included; what the first commands place is counted anyway.
+    pub(super) bodies: u32,
+    pub(super) keep: Keep,
+}
+
+/// What is kept of each frame beside what it cost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Keep {
+    /// Every byte that passed and every pose that changed.
+    Everything,
+    /// Nothing: a run may be as long as it likes.
+    Costs,
 }
 
 /// What the tap wrote since it was last emptied.
@@ -40,6 +52,8 @@ type Tape = Arc<Mutex<Vec<(Way, Bytes)>>>;
 pub(super) struct Remote {
     client: Client,
     depth: Depth,
+    bodies: u32,
+    keep: Keep,
     tape: Tape,
     clock: Clock,
     wire: WireStatistics,
@@ -95,7 +109,7 @@ pub(super) fn scene_name() -> SceneName {
 impl Remote {
     /// Starts a server and joins its scene.
     pub(super) fn start(setup: &Setup<'_>) -> Result<Self, DriveError> {
-        let process = ServerProcess::start(setup.core, setup.beside.as_ref())?;
+        let process = ServerProcess::start(&setup.housing, setup.beside.as_ref())?;
         let mut remote = Self::join(&process, setup)?;
         remote._process = Some(process);
         Ok(remote)
@@ -126,20 +140,14 @@ impl Remote {
         (options.whole_ticks, options.smooth) = (true, false);
         let mut client = Client::open(options)?;
         let tape = Tape::default();
-        let writer = Arc::clone(&tape);
-        client.record(move |way, bytes| {
-            let way = match way {
-                rhumb_client::Way::ControlDown => Way::ControlDown,
-                rhumb_client::Way::ControlUp => Way::ControlUp,
-                rhumb_client::Way::StateDown => Way::StateDown,
-                rhumb_client::Way::StateUp => Way::StateUp,
-            };
-            let mut tape = writer.lock().unwrap_or_else(PoisonError::into_inner);
-            tape.push((way, Bytes::copy_from_slice(bytes)));
-        });
+        if setup.keep == Keep::Everything {
+            record(&mut client, Arc::clone(&tape));
+        }
         Ok(Self {
             client,
             depth: setup.depth,
+            bodies: setup.bodies,
+            keep: setup.keep,
             tape,
             clock: Clock::start(),
             wire: WireStatistics::default(),
@@ -160,6 +168,7 @@ impl Remote {
             .iter()
             .filter(|command| matches!(command, Command::AddBody { .. }))
             .count() as u32;
+        let needed = needed.max(self.bodies);
         let granted = self.client.granted();
         if granted.first() != 0 || granted.generation() != 0 {
             return Err(DriveError::NotGranted);
@@ -243,6 +252,11 @@ impl Remote {
         Ok(())
     }
 
+    /// Takes the last frame out again, if its caller keeps its own account.
+    pub(super) fn take_frame(&mut self) -> Option<Frame> {
+        self.frames.pop()
+    }
+
     fn tape(&self) -> std::sync::MutexGuard<'_, Vec<(Way, Bytes)>> {
         self.tape.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -259,7 +273,7 @@ impl Remote {
             rotation: view.rotations()[place].to_array(),
             resting: view.resting()[place],
         };
-        let frame = Frame {
+        let mut frame = Frame {
             tick,
             frame_ns,
             wire_bytes_down: wire.received_bytes - before.received_bytes,
@@ -267,10 +281,12 @@ impl Remote {
             wire_datagrams_down: wire.received_datagrams - before.received_datagrams,
             wire_datagrams_up: wire.sent_datagrams - before.sent_datagrams,
             updates: statistics.stream.updates - self.updates,
-            seen: view.changed().map(seen).collect(),
-            gone: view.removed().to_vec(),
             ..Frame::default()
         };
+        if self.keep == Keep::Everything {
+            frame.seen = view.changed().map(seen).collect();
+            frame.gone = view.removed().to_vec();
+        }
         self.updates = statistics.stream.updates;
         let number = self.frames.len() as u32;
         let taken = std::mem::take(&mut *self.tape());
@@ -389,4 +405,18 @@ impl Remote {
     pub(super) fn inspect(&mut self) -> Result<Inspection, DriveError> {
         Ok(self.client.inspect()?)
     }
+}
+
+/// Writes down all that passes.
+fn record(client: &mut Client, tape: Tape) {
+    client.record(move |way, bytes| {
+        let way = match way {
+            rhumb_client::Way::ControlDown => Way::ControlDown,
+            rhumb_client::Way::ControlUp => Way::ControlUp,
+            rhumb_client::Way::StateDown => Way::StateDown,
+            rhumb_client::Way::StateUp => Way::StateUp,
+        };
+        let mut tape = tape.lock().unwrap_or_else(PoisonError::into_inner);
+        tape.push((way, Bytes::copy_from_slice(bytes)));
+    });
 }

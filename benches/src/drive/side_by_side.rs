@@ -10,12 +10,12 @@ use rhumb_reckoning::{Metres, Tick, Tolerance};
 use rhumb_sims::Script;
 use rhumb_transport::LinkTerms;
 
-use super::DriveError;
 use super::app::{AppRemote, AppSetup, Losses};
 use super::compare::{Known, RecentTruth};
 use super::control::Played;
 use super::integrated::Integrated;
-use super::remote::{Remote, Setup};
+use super::remote::{Keep, Remote, Setup};
+use super::{DriveError, Housing};
 use crate::quantile::of_nanoseconds;
 use crate::record::{Frame, JoinCost, Load, Mode, Run, RunTerms};
 
@@ -119,7 +119,7 @@ impl Plan {
                     losses: self.losses,
                     terms: script.terms(),
                     beside: script.controller().map(|_| self.played()),
-                    core: self.cores.server,
+                    housing: Housing::on(self.cores.server),
                 };
                 Ok((mode, AppRemote::start(&setup)?))
             })
@@ -144,9 +144,11 @@ impl Plan {
             },
             terms: script.terms(),
             beside: script.controller().map(|_| self.played()),
-            core: self.cores.server,
+            housing: Housing::on(self.cores.server),
             link: &self.link,
             seed: self.seed,
+            bodies: 0,
+            keep: Keep::Everything,
         }
     }
 }

@@ -49,7 +49,7 @@ fn keys(modes: impl IntoIterator<Item = Mode>) -> Vec<Key> {
 }
 
 /// The colour of a mode on a light page; `style.css` has the dark one.
-const fn color(mode: Mode) -> RGBColor {
+pub(crate) const fn color(mode: Mode) -> RGBColor {
     match mode {
         Mode::Integrated => RGBColor(107, 114, 128),
         Mode::Naive => RGBColor(194, 65, 12),

@@ -13,30 +13,30 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use super::labels::Labels;
 
 /// What is drawn.
-pub(super) struct Chart {
-    pub(super) x: Axis,
-    pub(super) y: Axis,
-    pub(super) marks: Vec<Mark>,
+pub(crate) struct Chart {
+    pub(crate) x: Axis,
+    pub(crate) y: Axis,
+    pub(crate) marks: Vec<Mark>,
 }
 
 /// One direction.
-pub(super) struct Axis {
-    pub(super) title: String,
-    pub(super) scale: Scale,
-    pub(super) from: f64,
-    pub(super) to: f64,
+pub(crate) struct Axis {
+    pub(crate) title: String,
+    pub(crate) scale: Scale,
+    pub(crate) from: f64,
+    pub(crate) to: f64,
 }
 
 /// How values lie along an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Scale {
+pub(crate) enum Scale {
     Linear,
     /// From one power of ten to another; what lies below is drawn at the lower end.
     Log,
 }
 
 /// Something on a chart, in values of its axes.
-pub(super) enum Mark {
+pub(crate) enum Mark {
     Line {
         color: RGBColor,
         width: u32,
@@ -58,7 +58,7 @@ pub(super) const INK: RGBColor = RGBColor(55, 65, 81);
 const GRID: RGBColor = RGBColor(229, 231, 235);
 
 /// Units of the picture; the page scales it. Twice what is shown, since marks lie on whole units.
-const SIZE: (u32, u32) = (1_680, 680);
+pub(crate) const SIZE: (u32, u32) = (1_680, 680);
 const LETTERS: i32 = 32;
 /// What the words below the chart take.
 const BELOW: u32 = 96;
@@ -67,7 +67,7 @@ const ABOVE_WORDS: (i32, i32) = (SIZE.0 as i32, (SIZE.1 - BELOW) as i32);
 
 impl Axis {
     /// Powers of ten around all values, and at least one decade.
-    pub(super) fn log(title: &str, values: impl Iterator<Item = f64>) -> Self {
+    pub(crate) fn log(title: &str, values: impl Iterator<Item = f64>) -> Self {
         let positive = values.filter(|value| *value > 0.0 && value.is_finite());
         let (least, most) = positive.fold((f64::MAX, 0.0_f64), |(least, most), value| {
             (least.min(value), most.max(value))
@@ -88,7 +88,7 @@ impl Axis {
     }
 
     /// From `from` to the greatest value.
-    pub(super) fn linear(title: &str, from: f64, values: impl Iterator<Item = f64>) -> Self {
+    pub(crate) fn linear(title: &str, from: f64, values: impl Iterator<Item = f64>) -> Self {
         let most = values.fold(from, f64::max);
         Self {
             title: title.to_owned(),
@@ -131,7 +131,7 @@ impl Axis {
 
 impl Chart {
     /// As an `svg` element.
-    pub(super) fn svg(&self) -> String {
+    pub(crate) fn svg(&self) -> String {
         let mut text = String::new();
         let root = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
         let (x, y) = (self.x.range(), self.y.range());

@@ -9,7 +9,7 @@ use crate::record::{Experiment, Mode, RunTerms};
 use crate::summary::{RunFigures, Summary, number};
 
 /// Text made safe to stand in HTML.
-pub(super) fn escape(text: &str) -> String {
+pub(crate) fn escape(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for letter in text.chars() {
         match letter {

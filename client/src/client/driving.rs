@@ -52,7 +52,7 @@ impl Client {
         let (tick, said) = match self.terms.pace {
             Pace::Lockstep => {
                 let newest = self.requested.max(self.vouched());
-                let tick = newest.next();
+                let tick = self.terms.cadence.next_spoken(newest);
                 (tick, self.pump.session.publish(tick, motions)?)
             }
             Pace::FreeRunning => {

@@ -23,7 +23,7 @@ pub struct Cadence {
 }
 
 impl Cadence {
-    /// Each tick, at once: the only one of a lockstep scene, whose members wait for each tick.
+    /// Each tick, at once.
     pub const EACH_TICK: Self = Self {
         every: NonZeroU32::MIN,
         hindsight: Ticks::ZERO,
@@ -48,9 +48,16 @@ impl Cadence {
         Ok(())
     }
 
-    /// Checks that members who wait for each tick get it.
+    /// The first tick after another that is spoken of.
+    #[must_use]
+    pub fn next_spoken(self, after: Tick) -> Tick {
+        let every = u64::from(self.every.get());
+        Tick::new((after.value() / every + 1) * every)
+    }
+
+    /// Checks that members who wait for a tick get it before they ask for another.
     pub(super) fn check_lockstep(self) -> Result<(), Invalid> {
-        if self == Self::EACH_TICK {
+        if self.hindsight == Ticks::ZERO {
             Ok(())
         } else {
             Err(Invalid::OutOfRange(Quantity::LockstepCadence))

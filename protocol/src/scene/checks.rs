@@ -189,7 +189,7 @@ impl fmt::Display for Invalid {
             }
             Self::NotFinite(quantity) => write!(f, "{quantity} is NaN or infinite"),
             Self::OutOfRange(Quantity::LockstepCadence) => f.write_str(
-                "a lockstep scene says each tick at once: make it free-running to publish more rarely or with hindsight",
+                "a lockstep scene says its ticks at once: make it free-running to publish with hindsight",
             ),
             Self::OutOfRange(quantity) => write!(f, "{quantity} is outside its limits"),
         }

@@ -7,6 +7,7 @@ mod drive;
 mod rapier;
 mod rapier_body;
 mod rapier_solid;
+mod rapier_workers;
 
 use core::fmt;
 
@@ -18,6 +19,7 @@ use rhumb_reckoning::{BodyId, Damping, Inertia, Twist, Verbatim};
 
 pub use rapier::RapierEngine;
 pub use rapier_solid::{bulk, hull_of};
+pub use rapier_workers::{NoWorkers, Workers};
 
 /// A body to be put into an engine, with everything that its terms left to the scene filled in.
 #[derive(Clone, Copy, Debug, PartialEq)]

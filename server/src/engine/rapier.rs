@@ -21,6 +21,7 @@ use rhumb_reckoning::{BodyId, Inertia, Integrator, Twist};
 use super::drive::Drive;
 use super::rapier_body as translate;
 use super::rapier_solid::{self as solids, Solid};
+use super::rapier_workers::Workers;
 use super::{Contact, Engine, EngineFault, Newcomer, Push, Unfit};
 
 /// A world of Rapier's.
@@ -60,7 +61,14 @@ impl RapierEngine {
     /// An empty world that steps as `terms` say.
     #[must_use]
     pub fn new(terms: &SceneTerms) -> Self {
+        Self::on(terms, &Workers::default())
+    }
+
+    /// An empty world that these threads step as `terms` say.
+    #[must_use]
+    pub fn on(terms: &SceneTerms, workers: &Workers) -> Self {
         let mut world = PhysicsWorld::new();
+        workers.employ(&mut world);
         world.gravity = terms.gravity;
         let parameters = &mut world.integration_parameters;
         parameters.dt = terms.integrator.rate.step().seconds() as f32;

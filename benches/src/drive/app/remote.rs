@@ -20,7 +20,7 @@ use super::wire::{Count, Wire};
 use super::words::{SIMULATION, Unsaid, Words};
 use crate::drive::compare::{RecentTruth, compare};
 use crate::drive::control::Played;
-use crate::drive::{DriveError, ServerProcess};
+use crate::drive::{Housing, DriveError, ServerProcess};
 use crate::record::{Cause, Frame, JoinCost, Mode, Passed, Seen};
 
 /// A server process and its client.
@@ -47,7 +47,7 @@ pub(in crate::drive) struct AppSetup {
     pub(in crate::drive) losses: Losses,
     pub(in crate::drive) terms: SceneTerms,
     pub(in crate::drive) beside: Option<Played>,
-    pub(in crate::drive) core: Option<usize>,
+    pub(in crate::drive) housing: Housing,
 }
 
 /// How often, and how long, a client looks whether it was taken in: half a minute.
@@ -114,7 +114,7 @@ impl AppRemote {
         if setup.mode == Mode::AppPacked {
             more.push("--app-packed");
         }
-        let process = ServerProcess::start_with(setup.core, setup.beside.as_ref(), &more)?;
+        let process = ServerProcess::start_with(&setup.housing, setup.beside.as_ref(), &more)?;
         let words = Words::new(&setup.terms).map_err(AppError::Unsaid)?;
         let seconds = setup.terms.integrator.rate.step().seconds() as f32;
         let line = connect(&process, setup.losses).map_err(AppError::Line)?;

@@ -1,0 +1,122 @@
+//! Modes that step in turn, of which only what they cost is kept.
+//!
+//! A frame is as many steps as lie between two ticks that the scene's streams speak of. Who plays keeps nothing of a
+//! frame but its cost: neither poses nor bytes, so that a run of hours is no larger than one of seconds.
+
+mod hosted;
+mod local;
+mod processor;
+
+use rhumb_protocol::scene::{Command, SceneTerms};
+use rhumb_reckoning::{Tick, Tolerance};
+
+use super::{DriveError, Housing};
+use crate::record::Mode;
+
+pub(crate) use hosted::hosted_at;
+
+/// One mode of a scene, frame by frame.
+pub(crate) trait Player {
+    /// Gives the commands before the first step, and waits until they are done.
+    fn prepare(&mut self, commands: &[Command]) -> Result<(), DriveError>;
+
+    /// One frame of a simulator: commands, steps, and every pose that the frame shows.
+    fn frame(&mut self, commands: &[Command]) -> Result<Took, DriveError>;
+
+    /// Waits for all steps that were asked for, and says how the scene stands.
+    fn account(&mut self) -> Result<Account, DriveError>;
+}
+
+/// What a frame took the caller's thread.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Took {
+    /// By the clock, nanoseconds.
+    pub(crate) wall_ns: u64,
+    /// Of these the thread's own work, where the system tells; the rest was waiting.
+    pub(crate) work_ns: Option<u64>,
+}
+
+/// How a scene stands, and what came and went since it began; joining is left out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Account {
+    pub(crate) tick: Tick,
+    /// Digest of everything that was ever observed in it.
+    pub(crate) truth: u64,
+    pub(crate) awake: u32,
+    pub(crate) stages: Stages,
+    pub(crate) traffic: Traffic,
+}
+
+/// Where the time of whoever steps went, nanoseconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Stages {
+    pub(crate) step_ns: u64,
+    pub(crate) observe_ns: u64,
+    pub(crate) publish_ns: u64,
+}
+
+/// What crossed the wire; bytes have each datagram's headers counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Traffic {
+    pub(crate) bytes_down: u64,
+    pub(crate) bytes_up: u64,
+    pub(crate) datagrams_down: u64,
+    pub(crate) datagrams_up: u64,
+    pub(crate) updates: u64,
+}
+
+/// What every player of one scene is asked for alike.
+#[derive(Clone, Debug)]
+pub(crate) struct Billing {
+    pub(crate) terms: SceneTerms,
+    /// Bodies that are placed in all, the last ones included.
+    pub(crate) bodies: u32,
+    /// What reckoned modes promise.
+    pub(crate) tolerance: Tolerance,
+    /// Where servers run.
+    pub(crate) housing: Housing,
+    pub(crate) seed: u64,
+}
+
+/// Who plays one or several modes.
+trait Troupe {
+    /// Sets up all that a mode needs.
+    fn start(&self, billing: &Billing, mode: Mode) -> Result<Box<dyn Player>, DriveError>;
+}
+
+/// A mode that can be played, and by whom.
+pub(crate) struct Playable {
+    pub(crate) mode: Mode,
+    troupe: &'static (dyn Troupe + Sync),
+}
+
+/// All modes that can be played, in the order of reports. A mode joins by a line.
+const PLAYABLE: &[Playable] = &[
+    Playable {
+        mode: Mode::Integrated,
+        troupe: &local::InThread,
+    },
+    Playable {
+        mode: Mode::Naive,
+        troupe: &hosted::OverRhumb,
+    },
+    Playable {
+        mode: Mode::Rhumb,
+        troupe: &hosted::OverRhumb,
+    },
+    Playable {
+        mode: Mode::RhumbPipelined,
+        troupe: &hosted::OverRhumb,
+    },
+];
+
+/// The modes that can be played, in the order of reports.
+pub(crate) fn playable() -> impl Iterator<Item = Mode> {
+    PLAYABLE.iter().map(|playable| playable.mode)
+}
+
+/// Starts a mode; `None` if it cannot be played.
+pub(crate) fn start(mode: Mode, billing: &Billing) -> Option<Result<Box<dyn Player>, DriveError>> {
+    let playable = PLAYABLE.iter().find(|playable| playable.mode == mode)?;
+    Some(playable.troupe.start(billing, mode))
+}

@@ -1,0 +1,104 @@
+//! A server process and the client of one mode.
+
+use rhumb_client::{Depth, StreamChoice};
+use rhumb_protocol::scene::Command;
+use rhumb_transport::LinkTerms;
+
+use super::processor::work_ns;
+use super::{Account, Billing, Player, Stages, Took, Traffic, Troupe};
+use crate::drive::DriveError;
+use crate::drive::remote::{Keep, Remote, Setup};
+use crate::record::Mode;
+use crate::summary::DATAGRAM_HEADER_BYTES;
+
+/// A client of a server that steps for it alone.
+struct Hosted {
+    remote: Remote,
+    traffic: Traffic,
+}
+
+/// Plays at a server of its own, by this protocol.
+pub(super) struct OverRhumb;
+
+impl Troupe for OverRhumb {
+    fn start(&self, billing: &Billing, mode: Mode) -> Result<Box<dyn Player>, DriveError> {
+        let depth = if mode.is_ahead() {
+            Depth::PIPELINED
+        } else {
+            Depth::LOCKSTEP
+        };
+        let stream = match mode {
+            Mode::Naive => StreamChoice::Full,
+            _ => StreamChoice::Within(billing.tolerance),
+        };
+        begin(billing, stream, depth)
+    }
+}
+
+/// The reckoned stream at any depth.
+pub(crate) fn hosted_at(billing: &Billing, depth: Depth) -> Result<Box<dyn Player>, DriveError> {
+    begin(billing, StreamChoice::Within(billing.tolerance), depth)
+}
+
+fn begin(
+    billing: &Billing,
+    stream: StreamChoice,
+    depth: Depth,
+) -> Result<Box<dyn Player>, DriveError> {
+    let remote = Remote::start(&Setup {
+        stream,
+        depth,
+        terms: billing.terms,
+        beside: None,
+        housing: billing.housing.clone(),
+        link: &LinkTerms::PERFECT,
+        seed: billing.seed,
+        bodies: billing.bodies,
+        keep: Keep::Costs,
+    })?;
+    Ok(Box::new(Hosted {
+        remote,
+        traffic: Traffic::default(),
+    }))
+}
+
+impl Player for Hosted {
+    fn prepare(&mut self, commands: &[Command]) -> Result<(), DriveError> {
+        self.remote.prepare(commands)
+    }
+
+    fn frame(&mut self, commands: &[Command]) -> Result<Took, DriveError> {
+        let work = work_ns();
+        self.remote.frame(commands)?;
+        let work_ns = work_ns().zip(work).map(|(after, before)| after - before);
+        let frame = self.remote.take_frame().unwrap_or_default();
+        let traffic = &mut self.traffic;
+        let headers = |datagrams| datagrams * DATAGRAM_HEADER_BYTES;
+        traffic.bytes_down += frame.wire_bytes_down + headers(frame.wire_datagrams_down);
+        traffic.bytes_up += frame.wire_bytes_up + headers(frame.wire_datagrams_up);
+        traffic.datagrams_down += frame.wire_datagrams_down;
+        traffic.datagrams_up += frame.wire_datagrams_up;
+        traffic.updates += frame.updates;
+        Ok(Took {
+            wall_ns: frame.frame_ns,
+            work_ns,
+        })
+    }
+
+    fn account(&mut self) -> Result<Account, DriveError> {
+        self.remote.client().wait(Depth::LOCKSTEP)?;
+        let inspection = self.remote.inspect()?;
+        let times = inspection.times;
+        Ok(Account {
+            tick: inspection.tick,
+            truth: inspection.truth,
+            awake: inspection.awake,
+            stages: Stages {
+                step_ns: times.step_total,
+                observe_ns: times.observe_total,
+                publish_ns: times.publish_total,
+            },
+            traffic: self.traffic,
+        })
+    }
+}

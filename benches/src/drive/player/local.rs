@@ -1,0 +1,128 @@
+//! The engine in the caller's own thread: the time to beat.
+
+use std::hint::black_box;
+
+use rhumb_protocol::scene::Command;
+use rhumb_protocol::stream::Activity;
+use rhumb_reckoning::{BodyId, Verbatim};
+use rhumb_server::{Scene, Workers};
+use rhumb_transport::Clock;
+
+use super::processor::work_ns;
+use super::{Account, Billing, Player, Stages, Took, Traffic, Troupe};
+use crate::drive::DriveError;
+use crate::record::Mode;
+
+/// A scene in this process, and every body's newest state as a simulator keeps it.
+struct Local {
+    scene: Scene,
+    /// Steps of a frame.
+    steps: u32,
+    clock: Clock,
+    states: Vec<Option<(BodyId, Verbatim)>>,
+    stages: Stages,
+}
+
+/// Plays in the caller's thread.
+pub(super) struct InThread;
+
+impl Troupe for InThread {
+    fn start(&self, billing: &Billing, _: Mode) -> Result<Box<dyn Player>, DriveError> {
+        let threads = billing.housing.threads;
+        let workers = Workers::new(threads).map_err(DriveError::Workers)?;
+        let scene = Scene::on(billing.terms, &workers).map_err(DriveError::Terms)?;
+        Ok(Box::new(Local {
+            scene,
+            steps: billing.terms.cadence.every.get(),
+            clock: Clock::start(),
+            states: Vec::new(),
+            stages: Stages::default(),
+        }))
+    }
+}
+
+impl Local {
+    fn apply(&mut self, commands: &[Command]) -> Result<(), DriveError> {
+        for command in commands {
+            self.scene.apply(command).map_err(DriveError::Refused)?;
+            match *command {
+                Command::AddBody { terms, motion } => self.remember(terms.id, motion),
+                Command::RemoveBody { id } => self.forget(id),
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    fn remember(&mut self, id: BodyId, motion: Verbatim) {
+        let index = id.index() as usize;
+        if index >= self.states.len() {
+            self.states.resize(index + 1, None);
+        }
+        self.states[index] = Some((id, motion));
+    }
+
+    fn forget(&mut self, id: BodyId) {
+        if let Some(state) = self.states.get_mut(id.index() as usize) {
+            *state = None;
+        }
+    }
+
+    /// One step. Of the steps between, only what fell asleep is looked at, since no later one tells of it again.
+    fn step(&mut self, last: LastStep) -> Result<(), DriveError> {
+        let begun = self.clock.now();
+        let stepped = self.scene.step().map_err(DriveError::Scene)?;
+        let after = self.clock.now();
+        for (id, _) in stepped.removed {
+            self.forget(id);
+        }
+        let Self { scene, states, .. } = self;
+        for seen in scene.observations() {
+            if last == LastStep::Yes || seen.activity == Activity::Asleep {
+                states[seen.id.index() as usize] = Some((seen.id, seen.motion));
+            }
+        }
+        self.stages.step_ns += after.since(begun).as_nanos();
+        self.stages.observe_ns += self.clock.now().since(after).as_nanos();
+        Ok(())
+    }
+}
+
+/// Whether a step is the last one of its frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum LastStep {
+    Yes,
+    No,
+}
+
+impl Player for Local {
+    fn prepare(&mut self, commands: &[Command]) -> Result<(), DriveError> {
+        self.apply(commands)
+    }
+
+    fn frame(&mut self, commands: &[Command]) -> Result<Took, DriveError> {
+        let work = work_ns();
+        let begun = self.clock.now();
+        self.apply(commands)?;
+        for _ in 1..self.steps {
+            self.step(LastStep::No)?;
+        }
+        self.step(LastStep::Yes)?;
+        for (_, motion) in self.states.iter().flatten() {
+            black_box((motion.position(), motion.rotation()));
+        }
+        let wall_ns = self.clock.now().since(begun).as_nanos();
+        let work_ns = work_ns().zip(work).map(|(after, before)| after - before);
+        Ok(Took { wall_ns, work_ns })
+    }
+
+    fn account(&mut self) -> Result<Account, DriveError> {
+        Ok(Account {
+            tick: self.scene.tick(),
+            truth: self.scene.digest().value(),
+            awake: self.scene.awake_count() as u32,
+            stages: self.stages,
+            traffic: Traffic::default(),
+        })
+    }
+}

@@ -1,0 +1,294 @@
+//! What all trials say together: means, spreads, tests, degradation.
+//!
+//! A void outcome counts nowhere, and is told by name.
+
+use serde::{Deserialize, Serialize};
+
+use super::outcome::{ModeOutcome, Trial};
+use super::settings::Settings;
+use super::statistics::{Comparison, Sample};
+use crate::record::Mode;
+
+/// Below so many frames a second a load degrades (MDL: the minimum degradation load).
+pub(super) const DEGRADED_FPS: f64 = 9.0;
+/// Level of significance of all tests.
+pub(super) const ALPHA: f64 = 0.05;
+
+/// Everything that is computed from the trials.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Analysis {
+    /// In ascending order.
+    pub(super) loads: Vec<LoadAnalysis>,
+    /// In the order of the settings.
+    pub(super) degradation: Vec<Degradation>,
+    /// Outcomes that count nowhere.
+    pub(super) void: Vec<Void>,
+}
+
+/// One load.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct LoadAnalysis {
+    /// Balls.
+    pub(super) load: u32,
+    /// In the order of the settings; a mode all of whose outcomes are void is missing.
+    pub(super) modes: Vec<ModeAnalysis>,
+}
+
+/// One mode at one load, over all trials.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct ModeAnalysis {
+    /// Its name.
+    pub(super) mode: String,
+    /// Frames per second.
+    pub(super) sim_fps: Sample,
+    /// The same if a frame also takes as long as the server.
+    pub(super) sustained_fps: Sample,
+    /// Milliseconds of a frame.
+    pub(super) phys_ft_ms: Sample,
+    /// Of these the caller's own work; none where the system does not tell.
+    pub(super) work_ms: Option<Sample>,
+    /// Milliseconds of the engine's steps in a frame.
+    pub(super) step_ms: Sample,
+    /// Milliseconds of all that the server does beside stepping, in a frame.
+    pub(super) beside_ms: Sample,
+    /// Bytes to the caller in a frame, headers counted.
+    pub(super) bytes_down: Sample,
+    /// Bodies awake at the end.
+    pub(super) awake: Sample,
+    /// Against integrated at this load; none of integrated itself.
+    pub(super) against_integrated: Option<Against>,
+}
+
+/// A mode against integrated: differences are the mode's less the integrated's.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Against {
+    /// Of frames per second.
+    pub(super) sim_fps: Comparison,
+    /// Of milliseconds per frame.
+    pub(super) phys_ft_ms: Comparison,
+}
+
+/// The least load at which a mode's mean is below nine frames a second.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Degradation {
+    /// Which mode.
+    pub(super) mode: String,
+    /// By SimFPS; none if no load of the experiment degrades it.
+    pub(super) mdl: Option<u32>,
+    /// By what it can keep up.
+    pub(super) sustained_mdl: Option<u32>,
+}
+
+/// An outcome whose engine did not do what the integrated one did.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Void {
+    /// Which trial.
+    pub(super) trial: u32,
+    /// Its seed.
+    pub(super) seed: u64,
+    /// At which load.
+    pub(super) load: u32,
+    /// Which mode.
+    pub(super) mode: String,
+}
+
+impl Analysis {
+    /// Of some trials.
+    #[must_use]
+    pub(super) fn of(settings: &Settings, trials: &[Trial]) -> Self {
+        let loads: Vec<_> = settings
+            .loads
+            .iter()
+            .map(|load| of_load(settings, *load, trials))
+            .collect();
+        let degradation = settings
+            .modes
+            .iter()
+            .map(|mode| degradation(mode, &loads))
+            .collect();
+        Self {
+            loads,
+            degradation,
+            void: void(trials),
+        }
+    }
+
+    /// One mode at one load.
+    #[must_use]
+    pub(super) fn mode(&self, load: u32, mode: &str) -> Option<&ModeAnalysis> {
+        let load = self.loads.iter().find(|found| found.load == load)?;
+        load.modes.iter().find(|found| found.mode == mode)
+    }
+}
+
+fn of_load(settings: &Settings, load: u32, trials: &[Trial]) -> LoadAnalysis {
+    let integrated = sound(trials, load, Mode::Integrated.name());
+    let modes = settings.modes.iter();
+    LoadAnalysis {
+        load,
+        modes: modes
+            .filter_map(|mode| of_mode(settings, mode, &sound(trials, load, mode), &integrated))
+            .collect(),
+    }
+}
+
+/// The outcomes of a mode at a load that count.
+fn sound<'t>(trials: &'t [Trial], load: u32, mode: &str) -> Vec<&'t ModeOutcome> {
+    let loads = trials.iter().flat_map(|trial| &trial.loads);
+    let modes = loads
+        .filter(|found| found.load == load)
+        .flat_map(|found| &found.modes);
+    modes
+        .filter(|found| found.mode == mode && !found.void)
+        .collect()
+}
+
+fn of_mode(
+    settings: &Settings,
+    mode: &str,
+    outcomes: &[&ModeOutcome],
+    integrated: &[&ModeOutcome],
+) -> Option<ModeAnalysis> {
+    let values = |of: fn(&ModeOutcome) -> f64, all: &[&ModeOutcome]| -> Vec<f64> {
+        all.iter().map(|outcome| of(outcome)).collect()
+    };
+    let sample = |of: fn(&ModeOutcome) -> f64| Sample::of(&values(of, outcomes));
+    let compare = |of: fn(&ModeOutcome) -> f64| {
+        Comparison::of(
+            &values(of, outcomes),
+            &values(of, integrated),
+            settings.seed,
+        )
+    };
+    let fps = |outcome: &ModeOutcome| outcome.sim_fps;
+    let frame = |outcome: &ModeOutcome| outcome.phys_ft_ms;
+    let against = compare(fps).zip(compare(frame));
+    let work: Option<Vec<f64>> = outcomes.iter().map(|outcome| outcome.work_ms).collect();
+    Some(ModeAnalysis {
+        mode: mode.to_owned(),
+        sim_fps: sample(fps)?,
+        sustained_fps: sample(|outcome| outcome.sustained_fps)?,
+        phys_ft_ms: sample(frame)?,
+        work_ms: work.and_then(|work| Sample::of(&work)),
+        step_ms: sample(|outcome| outcome.step_ms)?,
+        beside_ms: sample(|outcome| outcome.observe_ms + outcome.publish_ms)?,
+        bytes_down: sample(|outcome| outcome.bytes_down as f64 / f64::from(outcome.frames.max(1)))?,
+        awake: sample(|outcome| f64::from(outcome.awake))?,
+        against_integrated: against.filter(|_| mode != Mode::Integrated.name()).map(
+            |(sim_fps, phys_ft_ms)| Against {
+                sim_fps,
+                phys_ft_ms,
+            },
+        ),
+    })
+}
+
+/// The rule: the least load whose mean is below nine.
+fn degradation(mode: &str, loads: &[LoadAnalysis]) -> Degradation {
+    let least = |of: fn(&ModeAnalysis) -> f64| {
+        let below = loads.iter().filter(|load| {
+            let own = load.modes.iter().find(|found| found.mode == mode);
+            own.is_some_and(|own| of(own) < DEGRADED_FPS)
+        });
+        below.map(|load| load.load).min()
+    };
+    Degradation {
+        mode: mode.to_owned(),
+        mdl: least(|own| own.sim_fps.mean),
+        sustained_mdl: least(|own| own.sustained_fps.mean),
+    }
+}
+
+fn void(trials: &[Trial]) -> Vec<Void> {
+    let mut void = Vec::new();
+    for trial in trials {
+        for load in &trial.loads {
+            for outcome in load.modes.iter().filter(|outcome| outcome.void) {
+                void.push(Void {
+                    trial: trial.number,
+                    seed: trial.seed,
+                    load: load.load,
+                    mode: outcome.mode.clone(),
+                });
+            }
+        }
+    }
+    void
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::super::outcome::LoadOutcome;
+    use super::super::settings::tests::settings;
+    use super::*;
+
+    /// A trial with these frames per second of integrated and naive at 500 and 1,000 balls.
+    pub(in crate::paper) fn trial(number: u32, fps: [[f64; 2]; 2]) -> Trial {
+        let outcome = |mode: &str, fps: f64| ModeOutcome {
+            mode: mode.to_owned(),
+            frames: 10,
+            sim_fps: fps,
+            sustained_fps: fps / 2.0,
+            phys_ft_ms: 1e3 / fps,
+            bytes_down: 1_000,
+            ..ModeOutcome::default()
+        };
+        let load = |load, fps: [f64; 2]| LoadOutcome {
+            load,
+            modes: vec![outcome("integrated", fps[0]), outcome("naive", fps[1])],
+        };
+        Trial {
+            number,
+            seed: u64::from(number),
+            wall_s: 1.0,
+            loads: vec![load(500, fps[0]), load(1_000, fps[1])],
+        }
+    }
+
+    #[test]
+    fn degradation_begins_at_the_least_load_whose_mean_is_below_nine() {
+        let trials = [
+            trial(1, [[11.0, 9.5], [9.2, 8.0]]),
+            trial(2, [[11.0, 8.5], [8.8, 7.0]]),
+        ];
+        let analysis = Analysis::of(&settings(), &trials);
+        let mdl = |mode: &str| {
+            let found = analysis.degradation.iter().find(|found| found.mode == mode);
+            found.map(|found| (found.mdl, found.sustained_mdl)).unwrap()
+        };
+        // Integrated: means 11 and exactly 9, which is not below. Naive: exactly 9 at 500, 7.5 at 1,000.
+        assert_eq!(mdl("integrated"), (None, Some(500)));
+        assert_eq!(mdl("naive"), (Some(1_000), Some(500)));
+        assert_eq!(mdl("rhumb"), (None, None));
+        let naive = analysis.mode(1_000, "naive").unwrap();
+        assert_eq!((naive.sim_fps.count, naive.sim_fps.mean), (2, 7.5));
+        let against = naive.against_integrated.unwrap();
+        assert!((against.sim_fps.difference + 1.5).abs() < 1e-12);
+        assert_eq!(
+            analysis.mode(500, "integrated").unwrap().against_integrated,
+            None
+        );
+        assert_eq!(naive.bytes_down.mean, 100.0);
+    }
+
+    #[test]
+    fn a_void_outcome_counts_nowhere_and_is_told_by_name() {
+        let mut trials = [
+            trial(1, [[11.0, 10.0], [10.0, 10.0]]),
+            trial(2, [[11.0, 1.0], [10.0, 10.0]]),
+        ];
+        trials[1].loads[0].modes[1].void = true;
+        let analysis = Analysis::of(&settings(), &trials);
+        let naive = analysis.mode(500, "naive").unwrap();
+        assert_eq!((naive.sim_fps.count, naive.sim_fps.mean), (1, 10.0));
+        let named = Void {
+            trial: 2,
+            seed: 2,
+            load: 500,
+            mode: "naive".to_owned(),
+        };
+        assert_eq!(analysis.void, [named]);
+        trials[0].loads[0].modes[1].void = true;
+        assert_eq!(Analysis::of(&settings(), &trials).mode(500, "naive"), None);
+    }
+}

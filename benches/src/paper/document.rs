@@ -1,0 +1,291 @@
+//! `rhumb-bench paper page`: puts what was measured into a page.
+//!
+//! `<!-- paper: BLOCK FILE -->` opens a block, `<!-- /paper -->` closes it; FILE lies beside the page. What stands between
+//! is replaced, everything else is left as it is. Nothing of a block is typed, so that a check can tell whether it is stale.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::PaperError;
+use super::experiment::PaperResults;
+use super::figures::{self, Figure};
+use super::hardware::{self, HardwareResults};
+use super::remote::{self, RemoteResults};
+use super::store::parse;
+use super::{findings, tables};
+use crate::output;
+
+/// Which page.
+#[derive(Clone, Debug, Args)]
+pub(super) struct PageArguments {
+    /// The page in Markdown.
+    #[arg(default_value = "docs/results/README.md")]
+    page: PathBuf,
+    /// Change nothing; fail if the page does not say what its files say.
+    #[arg(long)]
+    check: bool,
+}
+
+const OPENS: &str = "<!-- paper: ";
+const OPENED: &str = " -->";
+const CLOSES: &str = "<!-- /paper -->";
+
+/// Fills a page, or checks it.
+pub(super) fn run(arguments: &PageArguments) -> Result<(), PaperError> {
+    let path = &arguments.page;
+    let text = read(path)?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let filled = fill(path, &text, &mut |block, file| {
+        make_block(path, folder, block, file)
+    })?;
+    let mut stale = filled.changed;
+    for (name, svg) in &filled.figures {
+        let beside = folder.join(name);
+        if fs::read_to_string(&beside).ok().as_ref() != Some(svg) {
+            stale.push(name.clone());
+        }
+    }
+    if arguments.check {
+        if stale.is_empty() {
+            return Ok(output::say(&format!(
+                "{} says what its files say\n",
+                path.display()
+            ))?);
+        }
+        let (path, blocks) = (path.clone(), stale);
+        return Err(PaperError::Stale { path, blocks });
+    }
+    for (name, svg) in &filled.figures {
+        output::write_file(&folder.join(name), svg.as_bytes())?;
+    }
+    output::write_file(path, filled.text.as_bytes())?;
+    let what = if stale.is_empty() {
+        "nothing new".to_owned()
+    } else {
+        stale.join(", ")
+    };
+    Ok(output::say(&format!("{}: {what}\n", path.display()))?)
+}
+
+/// What stands in a block, and the picture that it shows.
+#[derive(Debug, Default)]
+struct Block {
+    text: String,
+    /// Name beside the page, and content.
+    figure: Option<(String, String)>,
+}
+
+/// A page with its blocks filled.
+#[derive(Debug, Default)]
+struct Filled {
+    text: String,
+    /// Blocks that were otherwise before.
+    changed: Vec<String>,
+    figures: BTreeMap<String, String>,
+}
+
+/// Replaces what stands between the markers of a page.
+fn fill(
+    path: &Path,
+    text: &str,
+    make: &mut dyn FnMut(&str, &str) -> Result<Block, PaperError>,
+) -> Result<Filled, PaperError> {
+    let wrong = |why: String| PaperError::Page {
+        path: path.to_owned(),
+        why,
+    };
+    let mut filled = Filled::default();
+    let mut rest = text;
+    while let Some((before, after)) = rest.split_once(OPENS) {
+        let ends = || wrong("a marker does not end on its line".to_owned());
+        let (marker, after) = after.split_once(OPENED).ok_or_else(ends)?;
+        let (block, file) = marker
+            .split_once(' ')
+            .filter(|_| !marker.contains('\n'))
+            .ok_or_else(|| wrong(format!("the marker {marker:?} names no block and file")))?;
+        let unclosed = || wrong(format!("the block {block} is not closed"));
+        let (inside, after) = after.split_once(CLOSES).ok_or_else(unclosed)?;
+        if inside.contains(OPENS) {
+            return Err(unclosed());
+        }
+        let made = make(block, file)?;
+        let new = format!("\n{}\n", made.text.trim_end());
+        if new != inside {
+            filled.changed.push(block.to_owned());
+        }
+        filled
+            .text
+            .push_str(&format!("{before}{OPENS}{marker}{OPENED}{new}{CLOSES}"));
+        filled.figures.extend(made.figure);
+        rest = after;
+    }
+    filled.text.push_str(rest);
+    Ok(filled)
+}
+
+fn read(path: &Path) -> Result<String, PaperError> {
+    fs::read_to_string(path).map_err(|cause| PaperError::Read {
+        path: path.to_owned(),
+        cause,
+    })
+}
+
+fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, PaperError> {
+    parse(path, read(path)?.as_bytes())
+}
+
+/// A block by its name.
+fn make_block(page: &Path, folder: &Path, block: &str, file: &str) -> Result<Block, PaperError> {
+    let path = folder.join(file);
+    let text = match block.split_once('-') {
+        Some(("remote", what)) => of_remote(&read_json(&path)?, what),
+        Some(("hardware", what)) => of_hardware(&read_json(&path)?, what),
+        _ => {
+            let results: PaperResults = read_json(&path)?;
+            match block.strip_prefix("figure-") {
+                Some(name) => return of_figure(page, block, figure(&results, name)),
+                None => of_paper(&results, block),
+            }
+        }
+    };
+    let text = text.ok_or_else(|| no_such(page, block))?;
+    Ok(Block { text, figure: None })
+}
+
+fn no_such(page: &Path, block: &str) -> PaperError {
+    PaperError::Page {
+        path: page.to_owned(),
+        why: format!("there is no block {block:?}"),
+    }
+}
+
+fn of_paper(results: &PaperResults, block: &str) -> Option<String> {
+    let table = match block {
+        "command" => return Some(format!("    {}", results.command)),
+        "findings" => {
+            let said = findings::sentences(results);
+            let lines: Vec<String> = said
+                .iter()
+                .map(|sentence| format!("- {sentence}"))
+                .collect();
+            return Some(lines.join("\n"));
+        }
+        "sim-fps" => tables::sim_fps(results),
+        "phys-ft" => tables::phys_ft(results),
+        "sustained" => tables::sustained(results),
+        "degradation" => tables::degradation(results),
+        "tests-sim-fps" => tables::tests_fps(results),
+        "tests-phys-ft" => tables::tests_frame(results),
+        "stages" => tables::stages(results),
+        "traffic" => tables::traffic(results),
+        _ => return None,
+    };
+    Some(table.to_markdown())
+}
+
+fn of_remote(results: &RemoteResults, what: &str) -> Option<String> {
+    match what {
+        "command" => Some(format!(
+            "    {}\n\nOn {} ({}; {} build), seed {}, {} frames a point.",
+            results.command,
+            results.machine,
+            results.cores,
+            results.build,
+            results.seed,
+            results.frames
+        )),
+        "crossings" => Some(remote::crossings_table(results).to_markdown()),
+        "points" => Some(remote::points_table(results).to_markdown()),
+        _ => None,
+    }
+}
+
+fn of_hardware(results: &HardwareResults, what: &str) -> Option<String> {
+    match what {
+        "command" => {
+            let line = |machine: &hardware::MachineResults| {
+                format!(
+                    "    {}\n\nOn {} ({} build).\n",
+                    machine.command, machine.machine, machine.build
+                )
+            };
+            Some(
+                results
+                    .machines
+                    .iter()
+                    .map(line)
+                    .collect::<Vec<_>>()
+                    .join("\n"),
+            )
+        }
+        "table" => Some(hardware::table(results).to_markdown()),
+        _ => None,
+    }
+}
+
+fn figure(results: &PaperResults, name: &str) -> Option<Figure> {
+    [figures::sim_fps(results), figures::phys_ft(results)]
+        .into_iter()
+        .find(|figure| figure.name == name)
+}
+
+fn of_figure(page: &Path, block: &str, figure: Option<Figure>) -> Result<Block, PaperError> {
+    let figure = figure.ok_or_else(|| no_such(page, block))?;
+    let name = format!("{}.svg", figure.name);
+    Ok(Block {
+        text: format!("![{}]({name})", figure.title),
+        figure: Some((name, figure.standalone())),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PAGE: &str = "# A page\n\n<!-- paper: one a.json -->\nold\n<!-- /paper -->\n\ntail\n";
+
+    fn filled(text: &str) -> Result<Filled, PaperError> {
+        fill(Path::new("page.md"), text, &mut |block, file| {
+            Ok(Block {
+                text: format!("{block} of {file}"),
+                figure: None,
+            })
+        })
+    }
+
+    #[test]
+    fn a_block_is_replaced_and_all_else_is_left() {
+        let once = filled(PAGE).unwrap();
+        let expected =
+            "# A page\n\n<!-- paper: one a.json -->\none of a.json\n<!-- /paper -->\n\ntail\n";
+        assert_eq!(once.text, expected);
+        assert_eq!(once.changed, ["one"]);
+        let again = filled(&once.text).unwrap();
+        assert_eq!((again.text.as_str(), again.changed.len()), (expected, 0));
+    }
+
+    #[test]
+    fn wrong_markers_are_told_by_name() {
+        for (text, why) in [
+            (
+                "<!-- paper: one a.json -->\nold\n",
+                "the block one is not closed",
+            ),
+            (
+                "<!-- paper: one -->\n<!-- /paper -->",
+                "names no block and file",
+            ),
+            ("<!-- paper: one a.json\n", "does not end on its line"),
+            (
+                "<!-- paper: one a.json -->\n<!-- paper: two a.json -->\n<!-- /paper -->",
+                "the block one is not closed",
+            ),
+        ] {
+            let said = filled(text).unwrap_err().to_string();
+            assert!(said.contains(why), "{said}");
+        }
+    }
+}

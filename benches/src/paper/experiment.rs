@@ -1,0 +1,280 @@
+//! `rhumb-bench paper`: trials one after the other, and what comes of them.
+//!
+//! What has ended is kept at once, and computed anew after each trial: an interruption costs the trial that runs.
+
+use std::num::NonZeroU32;
+use std::path::PathBuf;
+
+use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use rhumb_reckoning::{Metres, Tolerance};
+use rhumb_server::{Workers, run_on_cores, usable_cores};
+use serde::{Deserialize, Serialize};
+
+use super::PaperError;
+use super::analysis::Analysis;
+use super::loads::Loads;
+use super::outcome::Trial;
+use super::pit::{FRAMES_PER_SECOND, STEPS};
+use super::settings::Settings;
+use super::store::Store;
+use super::trial::{self, Staging};
+use super::{report, tables};
+use crate::drive::{DriveError, Housing, player};
+use crate::machine;
+use crate::output;
+use crate::record::Mode;
+
+/// The experiment, and where its results go.
+#[derive(Clone, Debug, Args)]
+pub(super) struct ExperimentArguments {
+    /// How many trials, each with its own seed; 30 unless said, 3 with --fast.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    trials: Option<u32>,
+    /// Balls in the pit, stage by stage, such as 500..10000 or 500,1000; 500..10000 unless said, 100..300 with --fast.
+    #[arg(long)]
+    loads: Option<Loads>,
+    /// Simulated seconds of each stage; 30 unless said, 3 with --fast.
+    #[arg(long, value_parser = stage_seconds, allow_negative_numbers = true)]
+    stage_seconds: Option<f64>,
+    /// Which modes; integrated must be among them. All unless said.
+    #[arg(long, value_delimiter = ',', value_parser = mode_parser())]
+    modes: Vec<Mode>,
+    /// How far off a copied body may be, metres.
+    #[arg(long, default_value_t = 0.05, allow_negative_numbers = true)]
+    tolerance: f64,
+    /// Seed of the first trial; each later one has the next.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Threads that each engine steps on; more than one needs the feature `parallel`.
+    #[arg(long, default_value = "1")]
+    threads: NonZeroU32,
+    /// A short experiment: three trials of three small loads, three simulated seconds each.
+    #[arg(long)]
+    fast: bool,
+    /// Folder for trials and results; an interrupted experiment goes on there.
+    #[arg(long, default_value = "results/paper")]
+    out: PathBuf,
+    /// Let the system choose the cores instead of keeping servers apart from their caller.
+    #[arg(long)]
+    no_pin: bool,
+}
+
+/// What an experiment leaves behind: `paper.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct PaperResults {
+    /// How the program was called.
+    pub(super) command: String,
+    /// What was asked for, and where.
+    pub(super) settings: Settings,
+    /// Every trial that ended.
+    pub(super) trials: Vec<Trial>,
+    /// What they say together.
+    pub(super) analysis: Analysis,
+}
+
+/// A mode by its name, of those that can be played.
+fn mode_parser() -> impl TypedValueParser<Value = Mode> {
+    let names: Vec<_> = player::playable().map(Mode::name).collect();
+    PossibleValuesParser::new(names).try_map(|name| {
+        let found = player::playable().find(|mode| mode.name() == name);
+        found.ok_or("no such mode")
+    })
+}
+
+fn stage_seconds(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if (0.1..=3_600.0).contains(&value) {
+        Ok(value)
+    } else {
+        Err("must lie between 0.1 and 3600 seconds".to_owned())
+    }
+}
+
+/// A length as a tolerance.
+pub(super) fn tolerance(metres: f64) -> Result<Tolerance, PaperError> {
+    Tolerance::from_metres(Metres::new(metres)).map_err(|error| PaperError::Tolerance {
+        metres,
+        cause: error.to_string(),
+    })
+}
+
+/// Where the caller runs, and where the servers.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct Places {
+    pub(super) caller: Vec<usize>,
+    pub(super) servers: Vec<usize>,
+}
+
+impl Places {
+    /// The caller on the first core, the servers on the others, where there are two.
+    pub(super) fn apart() -> Self {
+        match usable_cores().split_first() {
+            Some((caller, servers)) if !servers.is_empty() => Self {
+                caller: vec![*caller],
+                servers: servers.to_vec(),
+            },
+            _ => Self::default(),
+        }
+    }
+
+    /// In words, such as `caller 0, servers 1`.
+    pub(super) fn describe(&self) -> String {
+        let list = |cores: &[usize]| {
+            let cores: Vec<_> = cores.iter().map(usize::to_string).collect();
+            cores.join("+")
+        };
+        match (self.caller.is_empty(), self.servers.is_empty()) {
+            (true, true) => "not pinned".to_owned(),
+            (true, false) => format!("caller anywhere, servers {}", list(&self.servers)),
+            (false, true) => format!("caller {}, servers anywhere", list(&self.caller)),
+            (false, false) => format!(
+                "caller {}, servers {}",
+                list(&self.caller),
+                list(&self.servers)
+            ),
+        }
+    }
+}
+
+/// Runs what is missing of the experiment, and writes everything.
+pub(super) fn run(arguments: &ExperimentArguments) -> Result<(), PaperError> {
+    // Asked before this process keeps to one core.
+    let machine = machine::describe();
+    let places = if arguments.no_pin {
+        Places::default()
+    } else {
+        Places::apart()
+    };
+    let modes = modes(arguments)?;
+    let settings = settings(arguments, &modes, &places, machine);
+    let trials = arguments
+        .trials
+        .unwrap_or(if arguments.fast { 3 } else { 30 });
+    tolerance(settings.tolerance_m)?;
+    Workers::new(Some(arguments.threads)).map_err(DriveError::Workers)?;
+    let store = Store::open(&arguments.out, &settings)?;
+    if !places.caller.is_empty() {
+        run_on_cores(&places.caller).map_err(PaperError::Cores)?;
+    }
+    let housing = Housing {
+        cores: places.servers.clone(),
+        threads: Some(arguments.threads),
+    };
+    let staging = Staging {
+        housing: &housing,
+        modes: &modes,
+        caller_percent: 100,
+    };
+    let mut done = store.trials()?;
+    let missing: Vec<u32> = (1..=trials)
+        .filter(|number| !done.contains_key(number))
+        .collect();
+    if missing.len() < trials as usize {
+        let kept = trials as usize - missing.len();
+        output::say(&format!("{kept} of {trials} trials have ended before\n"))?;
+    }
+    // A frame takes about as long as there are balls in the pit.
+    let cost: u64 = settings.loads.iter().copied().map(u64::from).sum();
+    let length = cost * u64::from(settings.frames_per_load) * missing.len() as u64;
+    let bar = output::progress_bar(length, String::new());
+    bar.set_style(output::share_style());
+    for number in &missing {
+        let trial = trial::run(&settings, *number, &staging, &mut |progress| {
+            bar.set_message(format!(
+                "trial {number} of {trials}, {} balls",
+                progress.load
+            ));
+            bar.inc(u64::from(progress.load));
+        })?;
+        store.keep(&trial)?;
+        let said = format!(
+            "trial {number} of {trials}, seed {}: {:.0} s\n",
+            trial.seed, trial.wall_s
+        );
+        bar.suspend(|| output::say(&said))?;
+        done.insert(*number, trial);
+        let ended = done.values().cloned().collect();
+        write(arguments, &settings, ended)?;
+    }
+    bar.finish_and_clear();
+    let results = write(arguments, &settings, done.into_values().collect())?;
+    say(arguments, &results)
+}
+
+fn modes(arguments: &ExperimentArguments) -> Result<Vec<Mode>, PaperError> {
+    if arguments.modes.is_empty() {
+        return Ok(player::playable().collect());
+    }
+    if !arguments.modes.contains(&Mode::Integrated) {
+        return Err(PaperError::NoIntegrated);
+    }
+    Ok(player::playable()
+        .filter(|mode| arguments.modes.contains(mode))
+        .collect())
+}
+
+fn settings(
+    arguments: &ExperimentArguments,
+    modes: &[Mode],
+    places: &Places,
+    machine: String,
+) -> Settings {
+    let fast = arguments.fast;
+    let usual = if fast {
+        Loads::multiples(100, 3)
+    } else {
+        Loads::multiples(500, 20)
+    };
+    let loads = arguments.loads.clone().unwrap_or(usual);
+    let seconds = arguments
+        .stage_seconds
+        .unwrap_or(if fast { 3.0 } else { 30.0 });
+    Settings {
+        scene: "ball-pit".to_owned(),
+        loads: loads.as_slice().to_vec(),
+        frames_per_load: (seconds * FRAMES_PER_SECOND).round().max(1.0) as u32,
+        steps_per_frame: STEPS.get(),
+        frames_per_second: FRAMES_PER_SECOND,
+        tolerance_m: arguments.tolerance,
+        modes: modes.iter().map(|mode| mode.name().to_owned()).collect(),
+        seed: arguments.seed,
+        cores: places.describe(),
+        threads: arguments.threads.get(),
+        build: Settings::this_build(),
+        machine,
+    }
+}
+
+/// Computes everything from the trials that ended, and writes it.
+fn write(
+    arguments: &ExperimentArguments,
+    settings: &Settings,
+    trials: Vec<Trial>,
+) -> Result<PaperResults, PaperError> {
+    let results = PaperResults {
+        command: output::command_line(),
+        settings: settings.clone(),
+        analysis: Analysis::of(settings, &trials),
+        trials,
+    };
+    let out = &arguments.out;
+    output::write_json(&out.join("paper.json"), &results)?;
+    let write = |name: &str, text: String| output::write_file(&out.join(name), text.as_bytes());
+    write("trials.csv", tables::trials_csv(&results)?)?;
+    write("analysis.csv", tables::analysis_csv(&results)?)?;
+    write("paper.md", report::markdown(&results))?;
+    write("paper.html", report::html(&results))?;
+    Ok(results)
+}
+
+fn say(arguments: &ExperimentArguments, results: &PaperResults) -> Result<(), PaperError> {
+    output::say(&tables::sim_fps(results).to_text())?;
+    output::say(&tables::phys_ft(results).to_text())?;
+    output::say(&tables::degradation(results).to_text())?;
+    for sentence in tables::void(results) {
+        output::say(&format!("{sentence}\n"))?;
+    }
+    let out = arguments.out.display();
+    Ok(output::say(&format!("\nwritten to {out}\n"))?)
+}

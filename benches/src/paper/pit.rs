@@ -1,0 +1,93 @@
+//! Scenes in the paper's frames: 1/11.33 s each, in six equal steps.
+//!
+//! A step is 1/67.98 s, the longest of which a whole number fills a frame and none exceeds 1/60 s. Streams speak of the
+//! last tick of a frame alone, as the paper's engine did. A script is asked once a frame, before its first step.
+
+use std::num::NonZeroU32;
+
+use rhumb_protocol::scene::{Cadence, Command, SceneTerms};
+use rhumb_reckoning::{Rate, Tick, Ticks};
+use rhumb_sims::{BallPit, Script};
+
+/// Steps of a frame.
+pub(super) const STEPS: NonZeroU32 = NonZeroU32::new(6).expect("six is not zero");
+/// 11.33 frames a second, of six steps each.
+const RATE: Rate = Rate::new(6_798, 100).expect("neither is zero");
+/// Frames in a second.
+pub(super) const FRAMES_PER_SECOND: f64 = 11.33;
+
+/// A scene's terms, in frames.
+pub(super) fn in_frames(terms: SceneTerms) -> SceneTerms {
+    let mut terms = terms;
+    terms.integrator.rate = RATE;
+    terms.cadence = Cadence {
+        every: STEPS,
+        hindsight: Ticks::ZERO,
+    };
+    terms
+}
+
+/// The ball pit that fills stage by stage.
+pub(super) struct Pit {
+    script: BallPit,
+    frames_per_load: u32,
+}
+
+impl Pit {
+    /// As many balls more in each of `stages` stages, each so many frames long.
+    pub(super) fn new(balls_per_stage: u32, stages: u32, frames_per_load: u32, seed: u64) -> Self {
+        Self {
+            script: BallPit::new(balls_per_stage, stages, seed),
+            frames_per_load,
+        }
+    }
+
+    pub(super) fn terms(&self) -> SceneTerms {
+        in_frames(self.script.terms())
+    }
+
+    /// Adds what is commanded before a frame, counted from 0; each is asked for once, in order.
+    pub(super) fn commands(&mut self, frame: u32, out: &mut Vec<Command>) {
+        if frame.is_multiple_of(self.frames_per_load) {
+            let stage = frame / self.frames_per_load;
+            // The script counts its own ticks, sixty a second.
+            let cycle = u64::from(BallPit::CYCLE_SECONDS * 60);
+            self.script
+                .commands(Tick::new(u64::from(stage) * cycle), out);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_frame_is_of_the_papers_length_and_no_step_exceeds_a_sixtieth() {
+        let terms = Pit::new(500, 20, 340, 1).terms();
+        assert_eq!(terms.check(), Ok(()));
+        let step_s = terms.integrator.rate.step().seconds();
+        assert!(step_s <= 1.0 / 60.0);
+        let frame_s = step_s * f64::from(terms.cadence.every.get());
+        assert!((frame_s - 1.0 / FRAMES_PER_SECOND).abs() < 1e-12);
+    }
+
+    #[test]
+    fn each_stage_begins_with_its_balls_and_nothing_comes_between() {
+        let mut pit = Pit::new(50, 3, 7, 1);
+        let mut added = Vec::new();
+        for frame in 0..30 {
+            let mut commands = Vec::new();
+            pit.commands(frame, &mut commands);
+            let bodies = commands
+                .iter()
+                .filter(|command| matches!(command, Command::AddBody { .. }));
+            added.push(bodies.count());
+        }
+        let walls = added[0] - 50;
+        assert!(walls > 0);
+        for (frame, added) in added.iter().enumerate().skip(1) {
+            assert_eq!(*added, if [7, 14].contains(&frame) { 50 } else { 0 });
+        }
+    }
+}

@@ -1,0 +1,570 @@
+//! `rhumb-bench paper remote`: from where on remote beats integrated.
+//!
+//! All modes step one scene. For each amount of other work each mode has a block of frames by itself, in turn, so that what
+//! a caller does while its server steps is that work and nothing else; the first frame of a block is not counted.
+
+use std::hint::spin_loop;
+use std::num::NonZeroU32;
+use std::path::PathBuf;
+
+use clap::Args;
+use rhumb_client::Depth;
+use rhumb_protocol::Span;
+use rhumb_protocol::scene::Command;
+use rhumb_reckoning::Tick;
+use rhumb_server::run_on_cores;
+use rhumb_sims::{Crowd, Script};
+use rhumb_transport::Clock;
+use serde::{Deserialize, Serialize};
+
+use super::PaperError;
+use super::crossover::{Crossover, Pair, crossover};
+use super::experiment::{Places, tolerance};
+use super::pit::{FRAMES_PER_SECOND, in_frames};
+use super::report::page;
+use super::settings::Settings;
+use super::table::Table;
+use crate::drive::Housing;
+use crate::drive::player::{self, Account, Billing, Player};
+use crate::machine;
+use crate::output;
+use crate::record::Mode;
+use crate::summary::number;
+
+/// Loads, other work and depths, and where the results go.
+#[derive(Clone, Debug, Args)]
+pub(super) struct RemoteArguments {
+    /// How many bodies; 20000, 50000 and 100000 unless said, 1000 and 2000 with --fast.
+    #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    loads: Vec<u32>,
+    /// How many in a hundred of the bodies are on the move; the others sleep.
+    #[arg(long, value_delimiter = ',', default_values_t = [100, 5], value_parser = clap::value_parser!(u32).range(0..=100))]
+    awake: Vec<u32>,
+    /// What the caller's thread does in each frame beside physics, milliseconds; 0,5,20,50,100 unless said.
+    #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=10_000))]
+    other_work_ms: Vec<u32>,
+    /// Frames that the caller lets its server be ahead.
+    #[arg(long, value_delimiter = ',', default_values_t = [0, 1, 2], value_parser = clap::value_parser!(u32).range(0..=16))]
+    depths: Vec<u32>,
+    /// Frames of each point that are counted.
+    #[arg(long, default_value = "6")]
+    frames: NonZeroU32,
+    /// How far off a copied body may be, metres.
+    #[arg(long, default_value_t = 0.05, allow_negative_numbers = true)]
+    tolerance: f64,
+    /// Seed of the scene.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Small loads.
+    #[arg(long)]
+    fast: bool,
+    /// Folder for the results; made if it is not there.
+    #[arg(long, default_value = "results/remote")]
+    out: PathBuf,
+    /// Let the system choose the cores instead of keeping servers apart from their caller.
+    #[arg(long)]
+    no_pin: bool,
+}
+
+/// What was measured: `remote.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct RemoteResults {
+    /// How the program was called.
+    pub(super) command: String,
+    /// Processor, cores, system.
+    pub(super) machine: String,
+    /// Release or debug, and the version.
+    pub(super) build: String,
+    /// Where the caller and the servers ran.
+    pub(super) cores: String,
+    /// Of the scene.
+    pub(super) seed: u64,
+    /// Frames of each point.
+    pub(super) frames: u32,
+    /// Load by load.
+    pub(super) points: Vec<Point>,
+    /// Computed from the points.
+    pub(super) crossings: Vec<Crossing>,
+}
+
+/// One mode with so many bodies and so much other work. Times are milliseconds a frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Point {
+    /// Bodies.
+    pub(super) load: u32,
+    /// How many in a hundred were put on the move.
+    pub(super) awake_percent: u32,
+    /// How many were awake at the end, by the engine.
+    pub(super) awake: u32,
+    /// Asked for.
+    pub(super) other_work_ms: u32,
+    /// Frames ahead; none of the integrated engine.
+    pub(super) depth: Option<u32>,
+    /// The frame, other work included.
+    pub(super) frame_ms: f64,
+    /// Of it the physics call.
+    pub(super) call_ms: f64,
+    /// Of that the caller's thread's own work.
+    pub(super) work_ms: Option<f64>,
+    /// The engine's steps.
+    pub(super) step_ms: f64,
+    /// Looking at what moved.
+    pub(super) observe_ms: f64,
+    /// Choosing, encoding and handing over.
+    pub(super) publish_ms: f64,
+    /// Frames per second, none above 11.33.
+    pub(super) sim_fps: f64,
+    /// The same without that cap.
+    pub(super) uncapped_fps: f64,
+    /// Whether its engine did not do what the integrated one did.
+    pub(super) void: bool,
+}
+
+/// From where on a depth beats the integrated engine in SimFPS.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Crossing {
+    /// Frames ahead.
+    pub(super) depth: u32,
+    /// How many in a hundred were put on the move.
+    pub(super) awake_percent: u32,
+    /// At which load, if it is over other work that it was sought.
+    pub(super) load: Option<u32>,
+    /// With how much other work, if it is over loads that it was sought.
+    pub(super) other_work_ms: Option<u32>,
+    /// Of frames that last 1/11.33 s at least; none if nowhere.
+    pub(super) capped: Option<Crossover>,
+    /// Of frames as fast as they can be.
+    pub(super) uncapped: Option<Crossover>,
+}
+
+/// Frames in which balls come to fall and boxes to sleep, before anything is measured: a second.
+const WARM_UP_FRAMES: u32 = 12;
+
+/// Runs everything, and writes it after each load.
+pub(super) fn run(arguments: &RemoteArguments) -> Result<(), PaperError> {
+    let machine = machine::describe();
+    let places = if arguments.no_pin {
+        Places::default()
+    } else {
+        Places::apart()
+    };
+    tolerance(arguments.tolerance)?;
+    output::make_folder(&arguments.out)?;
+    if !places.caller.is_empty() {
+        run_on_cores(&places.caller).map_err(PaperError::Cores)?;
+    }
+    let usual: &[u32] = if arguments.fast {
+        &[1_000, 2_000]
+    } else {
+        &[20_000, 50_000, 100_000]
+    };
+    let loads = if arguments.loads.is_empty() {
+        usual
+    } else {
+        &arguments.loads
+    };
+    let mut results = RemoteResults {
+        command: output::command_line(),
+        machine,
+        build: Settings::this_build(),
+        cores: places.describe(),
+        seed: arguments.seed,
+        frames: arguments.frames.get(),
+        points: Vec::new(),
+        crossings: Vec::new(),
+    };
+    let cost: u64 = loads.iter().copied().map(u64::from).sum();
+    let shares: u64 = arguments
+        .awake
+        .iter()
+        .map(|share| u64::from(*share) + 1)
+        .sum();
+    let bar = output::progress_bar(cost * shares, String::new());
+    bar.set_style(output::share_style());
+    for awake_percent in &arguments.awake {
+        for load in loads {
+            bar.set_message(format!("{load} bodies, {awake_percent} % on the move"));
+            let points = run_load(arguments, &places, *load, *awake_percent)?;
+            results.points.extend(points);
+            results.crossings = crossings(&results.points);
+            write(arguments, &results)?;
+            bar.inc(u64::from(*load) * (u64::from(*awake_percent) + 1));
+        }
+    }
+    bar.finish_and_clear();
+    output::say(&crossings_table(&results).to_text())?;
+    output::say(&points_table(&results).to_text())?;
+    let out = arguments.out.display();
+    Ok(output::say(&format!("\nwritten to {out}\n"))?)
+}
+
+/// A mode on its way.
+struct Runner {
+    depth: Option<u32>,
+    player: Box<dyn Player>,
+}
+
+fn run_load(
+    arguments: &RemoteArguments,
+    places: &Places,
+    load: u32,
+    awake_percent: u32,
+) -> Result<Vec<Point>, PaperError> {
+    let mut script = Crowd::new(load, awake_percent, arguments.seed);
+    let mut commands = Vec::new();
+    script.commands(Tick::ZERO, &mut commands);
+    let placed = commands
+        .iter()
+        .filter(|command| matches!(command, Command::AddBody { .. }));
+    let billing = Billing {
+        terms: in_frames(script.terms()),
+        bodies: placed.count() as u32,
+        tolerance: tolerance(arguments.tolerance)?,
+        housing: Housing {
+            cores: places.servers.clone(),
+            threads: None,
+        },
+        seed: arguments.seed,
+    };
+    let mode = Mode::Integrated;
+    let integrated = player::start(mode, &billing).ok_or(PaperError::NotPlayable { mode })??;
+    let mut runners = vec![Runner {
+        depth: None,
+        player: integrated,
+    }];
+    for depth in &arguments.depths {
+        runners.push(Runner {
+            depth: Some(*depth),
+            player: player::hosted_at(&billing, Depth::new(*depth))?,
+        });
+    }
+    for runner in &mut runners {
+        runner.player.prepare(&commands)?;
+        for _ in 0..WARM_UP_FRAMES {
+            runner.player.frame(&[])?;
+        }
+    }
+    let usual = [0, 5, 20, 50, 100];
+    let works = if arguments.other_work_ms.is_empty() {
+        &usual[..]
+    } else {
+        &arguments.other_work_ms
+    };
+    let mut points = Vec::new();
+    for other_work_ms in works {
+        let mut truth = None;
+        for runner in &mut runners {
+            let (mut point, account) = block(runner, *other_work_ms, arguments.frames)?;
+            let own = (account.tick, account.truth);
+            point.void = *truth.get_or_insert(own) != own;
+            (point.load, point.awake_percent) = (load, awake_percent);
+            points.push(point);
+        }
+    }
+    Ok(points)
+}
+
+/// Some frames of one mode, one after the other.
+fn block(
+    runner: &mut Runner,
+    other_work_ms: u32,
+    frames: NonZeroU32,
+) -> Result<(Point, Account), PaperError> {
+    let clock = Clock::start();
+    let other_work = Span::from_millis(u64::from(other_work_ms));
+    let before = runner.player.account()?;
+    // Fills what runs ahead, and warms caches that another mode had.
+    runner.player.frame(&[])?;
+    work(&clock, other_work);
+    let (mut frame_ns, mut lasted_s) = (0, 0.0);
+    let (mut call_ns, mut work_ns) = (0, Some(0));
+    for _ in 0..frames.get() {
+        let begun = clock.now();
+        let took = runner.player.frame(&[])?;
+        work(&clock, other_work);
+        let frame = clock.now().since(begun).as_nanos();
+        frame_ns += frame;
+        lasted_s += (frame as f64 / 1e9).max(1.0 / FRAMES_PER_SECOND);
+        call_ns += took.wall_ns;
+        work_ns = work_ns.zip(took.work_ns).map(|(sum, own)| sum + own);
+    }
+    let after = runner.player.account()?;
+    let count = f64::from(frames.get());
+    let each = |nanoseconds: u64| nanoseconds as f64 / 1e6 / count;
+    // The first frame steps too.
+    let stage = |of: fn(&Account) -> u64| (of(&after) - of(&before)) as f64 / 1e6 / (count + 1.0);
+    let point = Point {
+        load: 0,
+        awake_percent: 0,
+        awake: after.awake,
+        other_work_ms,
+        depth: runner.depth,
+        frame_ms: each(frame_ns),
+        call_ms: each(call_ns),
+        work_ms: work_ns.map(each),
+        step_ms: stage(|account| account.stages.step_ns),
+        observe_ms: stage(|account| account.stages.observe_ns),
+        publish_ms: stage(|account| account.stages.publish_ns),
+        sim_fps: count / lasted_s,
+        uncapped_fps: count / (frame_ns.max(1) as f64 / 1e9),
+        void: false,
+    };
+    Ok((point, after))
+}
+
+/// What a simulator does beside physics: work for so long, by the clock.
+fn work(clock: &Clock, span: Span) {
+    let end = clock.now() + span;
+    while clock.now() < end {
+        spin_loop();
+    }
+}
+
+/// All crossovers: over other work at each load, and over loads with each amount of other work.
+fn crossings(points: &[Point]) -> Vec<Crossing> {
+    let sound: Vec<&Point> = points.iter().filter(|point| !point.void).collect();
+    let mut depths: Vec<u32> = sound.iter().filter_map(|point| point.depth).collect();
+    let mut shares: Vec<u32> = sound.iter().map(|point| point.awake_percent).collect();
+    let mut loads: Vec<u32> = sound.iter().map(|point| point.load).collect();
+    let mut works: Vec<u32> = sound.iter().map(|point| point.other_work_ms).collect();
+    for values in [&mut depths, &mut shares, &mut loads, &mut works] {
+        values.sort_unstable();
+        values.dedup();
+    }
+    let mut found = Vec::new();
+    for awake_percent in shares {
+        for depth in &depths {
+            let along = |load: Option<u32>, other_work_ms: Option<u32>| {
+                let there = |point: &&&Point| {
+                    point.awake_percent == awake_percent
+                        && load.is_none_or(|load| point.load == load)
+                        && other_work_ms.is_none_or(|work| point.other_work_ms == work)
+                };
+                let sorted = |of: fn(&Point) -> f64| {
+                    let all: Vec<&Point> = sound.iter().filter(there).copied().collect();
+                    crossover(&pairs(&all, *depth, load.is_some(), of))
+                };
+                Crossing {
+                    depth: *depth,
+                    awake_percent,
+                    load,
+                    other_work_ms,
+                    capped: sorted(|point| point.sim_fps),
+                    uncapped: sorted(|point| point.uncapped_fps),
+                }
+            };
+            found.extend(loads.iter().map(|load| along(Some(*load), None)));
+            found.extend(works.iter().map(|work| along(None, Some(*work))));
+        }
+    }
+    found
+}
+
+/// The pairs of the integrated engine and a depth, by other work or by load.
+fn pairs(points: &[&Point], depth: u32, by_work: bool, of: fn(&Point) -> f64) -> Vec<Pair> {
+    let place = |point: &Point| {
+        if by_work {
+            point.other_work_ms
+        } else {
+            point.load
+        }
+    };
+    let mut pairs: Vec<Pair> = points
+        .iter()
+        .filter(|point| point.depth == Some(depth))
+        .filter_map(|other| {
+            let beside = |own: &&&Point| {
+                own.depth.is_none()
+                    && own.load == other.load
+                    && own.other_work_ms == other.other_work_ms
+            };
+            let own = points.iter().find(beside)?;
+            Some(Pair {
+                at: f64::from(place(other)),
+                own: of(own),
+                other: of(other),
+            })
+        })
+        .collect();
+    pairs.sort_by(|one, other| one.at.total_cmp(&other.at));
+    pairs
+}
+
+fn write(arguments: &RemoteArguments, results: &RemoteResults) -> Result<(), PaperError> {
+    let out = &arguments.out;
+    output::write_json(&out.join("remote.json"), results)?;
+    let tables = [crossings_table(results), points_table(results)];
+    let mut text = format!("# Where remote wins\n\n`{}`\n", results.command);
+    let mut body = format!("<pre>{}</pre>\n", crate::report::escape(&results.command));
+    for table in tables {
+        text.push_str(&format!("\n## {}\n\n{}", table.title, table.to_markdown()));
+        body.push_str(&table.to_html());
+    }
+    output::write_file(&out.join("remote.md"), text.as_bytes())?;
+    let html = page("Where remote wins", &body);
+    Ok(output::write_file(
+        &out.join("remote.html"),
+        html.as_bytes(),
+    )?)
+}
+
+/// The crossovers, a row each.
+pub(super) fn crossings_table(results: &RemoteResults) -> Table {
+    let mut table = Table::new(
+        "From where on remote beats integrated",
+        [
+            "depth",
+            "on the move, %",
+            "sought over",
+            "in SimFPS",
+            "uncapped",
+        ],
+    );
+    for found in &results.crossings {
+        let over = match (found.load, found.other_work_ms) {
+            (Some(load), _) => format!("other work, at {load} bodies"),
+            (_, Some(work)) => format!("bodies, at {work} ms of other work"),
+            _ => String::new(),
+        };
+        let unit = if found.load.is_some() { "ms" } else { "bodies" };
+        let cell = |crossover: Option<Crossover>| match crossover {
+            None => "nowhere".to_owned(),
+            Some(found) => {
+                let from = if found.from_the_first {
+                    "from the first, "
+                } else {
+                    "from "
+                };
+                let to = found
+                    .to
+                    .map_or_else(String::new, |to| format!(" to {}", number(Some(to))));
+                format!("{from}{}{to} {unit}", number(Some(found.from)))
+            }
+        };
+        table.rows.push(vec![
+            found.depth.to_string(),
+            found.awake_percent.to_string(),
+            over,
+            cell(found.capped),
+            cell(found.uncapped),
+        ]);
+    }
+    table.note = "Between measured points by straight lines. Where both reach 11.33 frames a second neither beats the \
+                  other. Nowhere: within what was measured."
+        .to_owned();
+    table
+}
+
+/// The points, a row each.
+pub(super) fn points_table(results: &RemoteResults) -> Table {
+    let columns = [
+        "bodies",
+        "on the move, %",
+        "awake",
+        "other work, ms",
+        "depth",
+        "SimFPS",
+        "uncapped",
+        "frame, ms",
+        "call, ms",
+        "caller's own work, ms",
+        "caller waits, ms",
+        "engine, ms",
+        "observe, ms",
+        "publish, ms",
+        "beside of engine",
+    ];
+    let mut table = Table::new("Frames, and where their time goes", columns);
+    for point in &results.points {
+        let depth = point
+            .depth
+            .map_or_else(|| "integrated".to_owned(), |depth| depth.to_string());
+        let beside = (point.observe_ms + point.publish_ms) / point.step_ms;
+        let mut row = vec![
+            point.load.to_string(),
+            point.awake_percent.to_string(),
+            point.awake.to_string(),
+            point.other_work_ms.to_string(),
+            if point.void {
+                format!("{depth}, void")
+            } else {
+                depth
+            },
+        ];
+        let waits = point.work_ms.map(|work| (point.call_ms - work).max(0.0));
+        let values = [
+            Some(point.sim_fps),
+            Some(point.uncapped_fps),
+            Some(point.frame_ms),
+            Some(point.call_ms),
+            point.work_ms,
+            waits,
+            Some(point.step_ms),
+            Some(point.observe_ms),
+            Some(point.publish_ms),
+            Some(beside),
+        ];
+        row.extend(values.map(number));
+        table.rows.push(row);
+    }
+    table.note =
+        "Void: the engine did not do what the integrated one did; left out of the crossovers."
+            .to_owned();
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn point(load: u32, other_work_ms: u32, depth: Option<u32>, fps: f64) -> Point {
+        Point {
+            load,
+            awake_percent: 100,
+            awake: load,
+            other_work_ms,
+            depth,
+            frame_ms: 1e3 / fps,
+            call_ms: 1.0,
+            work_ms: Some(1.0),
+            step_ms: 1.0,
+            observe_ms: 0.0,
+            publish_ms: 0.05,
+            sim_fps: fps.min(FRAMES_PER_SECOND),
+            uncapped_fps: fps,
+            void: false,
+        }
+    }
+
+    #[test]
+    fn crossovers_are_sought_over_other_work_and_over_loads() {
+        let points = [
+            point(1_000, 0, None, 20.0),
+            point(1_000, 0, Some(1), 18.0),
+            point(1_000, 100, None, 8.0),
+            point(1_000, 100, Some(1), 10.0),
+            point(3_000, 0, None, 6.0),
+            point(3_000, 0, Some(1), 5.0),
+            point(3_000, 100, None, 4.0),
+            point(3_000, 100, Some(1), 6.0),
+        ];
+        let found = crossings(&points);
+        assert_eq!(found.len(), 4);
+        let of = |load: Option<u32>, work: Option<u32>| {
+            let found = found
+                .iter()
+                .find(|one| one.load == load && one.other_work_ms == work);
+            found.cloned().unwrap()
+        };
+        let at_thousand = of(Some(1_000), None);
+        // Uncapped −2 at 0 and +2 at 100. Capped the first is a tie, from which on remote wins.
+        assert_eq!(at_thousand.uncapped.unwrap().from, 50.0);
+        assert_eq!(at_thousand.capped.unwrap().from, 0.0);
+        assert_eq!(of(None, Some(0)).capped, None);
+        let busy = of(None, Some(100)).capped.unwrap();
+        assert!(busy.from_the_first && busy.from == 1_000.0 && busy.to.is_none());
+        let mut void = points;
+        void[3].void = true;
+        assert_eq!(crossings(&void)[0].uncapped, None);
+    }
+}

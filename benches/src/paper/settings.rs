@@ -1,0 +1,137 @@
+//! What defines an experiment, so that trials of two are never mixed.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+/// All that a trial's outcome may depend on but its number.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Settings {
+    /// Name of the script.
+    pub(super) scene: String,
+    /// Balls in the pit, stage by stage: multiples of the first without a gap.
+    pub(super) loads: Vec<u32>,
+    /// Frames of each stage.
+    pub(super) frames_per_load: u32,
+    /// Steps of each frame.
+    pub(super) steps_per_frame: u32,
+    /// Frames per second of simulated time.
+    pub(super) frames_per_second: f64,
+    /// What reckoned modes promise, metres.
+    pub(super) tolerance_m: f64,
+    /// Modes, in the order of the report.
+    pub(super) modes: Vec<String>,
+    /// Seed of the first trial; each later one has the next.
+    pub(super) seed: u64,
+    /// Where the caller and the servers run.
+    pub(super) cores: String,
+    /// Threads that an engine steps on.
+    pub(super) threads: u32,
+    /// Release or debug, and the version.
+    pub(super) build: String,
+    /// Processor, cores, system.
+    pub(super) machine: String,
+}
+
+/// The first setting in which two experiments differ.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Difference {
+    /// Its name.
+    pub(super) setting: String,
+    /// What the one has.
+    pub(super) one: String,
+    /// What the other has.
+    pub(super) other: String,
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {} and {}", self.setting, self.one, self.other)
+    }
+}
+
+impl Settings {
+    /// How this program was built.
+    #[must_use]
+    pub(super) fn this_build() -> String {
+        let kind = if cfg!(debug_assertions) {
+            "debug"
+        } else {
+            "release"
+        };
+        format!("{kind}, {}", env!("CARGO_PKG_VERSION"))
+    }
+
+    /// Seed of a trial, counted from 1.
+    #[must_use]
+    pub(super) const fn seed_of(&self, trial: u32) -> u64 {
+        self.seed.wrapping_add(trial as u64 - 1)
+    }
+
+    /// The first setting in which this differs from another.
+    #[must_use]
+    pub(super) fn difference(&self, other: &Self) -> Option<Difference> {
+        let fields = |settings: &Self| match serde_json::to_value(settings) {
+            Ok(serde_json::Value::Object(fields)) => fields,
+            _ => serde_json::Map::new(),
+        };
+        let (ours, theirs) = (fields(self), fields(other));
+        let differs =
+            |(name, _): &(&String, &serde_json::Value)| ours.get(*name) != theirs.get(*name);
+        let (setting, one) = ours.iter().find(differs)?;
+        Some(Difference {
+            setting: setting.clone(),
+            one: one.to_string(),
+            other: theirs
+                .get(setting)
+                .map_or_else(String::new, ToString::to_string),
+        })
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    pub(in crate::paper) fn settings() -> Settings {
+        Settings {
+            scene: "ball-pit".to_owned(),
+            loads: vec![500, 1_000],
+            frames_per_load: 340,
+            steps_per_frame: 6,
+            frames_per_second: 11.33,
+            tolerance_m: 0.05,
+            modes: ["integrated", "naive", "rhumb", "rhumb-pipelined"]
+                .map(str::to_owned)
+                .into(),
+            seed: 1,
+            cores: "caller 0, servers 1".to_owned(),
+            threads: 1,
+            build: "release, 0.1.0".to_owned(),
+            machine: "a machine".to_owned(),
+        }
+    }
+
+    #[test]
+    fn a_difference_is_told_by_name() {
+        let one = settings();
+        assert_eq!(one.difference(&one), None);
+        let other = Settings {
+            loads: vec![500],
+            ..settings()
+        };
+        let said = one.difference(&other).unwrap().to_string();
+        assert_eq!(said, "loads: [500,1000] and [500]");
+        let other = Settings {
+            machine: "another".to_owned(),
+            ..settings()
+        };
+        assert_eq!(one.difference(&other).unwrap().setting, "machine");
+    }
+
+    #[test]
+    fn each_trial_has_a_seed_of_its_own() {
+        let seeds: Vec<_> = (1..=3).map(|trial| settings().seed_of(trial)).collect();
+        assert_eq!(seeds, [1, 2, 3]);
+    }
+}

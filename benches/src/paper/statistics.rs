@@ -1,0 +1,269 @@
+//! What repeated trials say of two modes, and whether they differ.
+//!
+//! Knows numbers alone. Distributions come from `statrs`; chance for resampling is seeded.
+
+use rand_pcg::Pcg32;
+use rand_pcg::rand_core::Rng;
+use serde::{Deserialize, Serialize};
+use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
+
+/// How often a sample is drawn again for an interval.
+const RESAMPLES: usize = 10_000;
+
+/// How many values there are, what they are on average, and how they spread.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Sample {
+    /// How many.
+    pub(super) count: usize,
+    /// Arithmetic mean.
+    pub(super) mean: f64,
+    /// Standard deviation with count − 1 in the denominator; none of a single value.
+    pub(super) deviation: Option<f64>,
+}
+
+impl Sample {
+    /// Of some values; `None` of nothing.
+    #[must_use]
+    pub(super) fn of(values: &[f64]) -> Option<Self> {
+        let count = values.len();
+        if count == 0 {
+            return None;
+        }
+        let mean = values.iter().sum::<f64>() / count as f64;
+        let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+        Some(Self {
+            count,
+            mean,
+            deviation: (count > 1).then(|| (squares / (count - 1) as f64).sqrt()),
+        })
+    }
+
+    /// Square of the mean's standard error.
+    fn error_squared(&self) -> Option<f64> {
+        Some(self.deviation?.powi(2) / self.count as f64)
+    }
+}
+
+/// A test of the hypothesis that two means are equal.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Test {
+    /// The difference of the means in standard errors: first less second. None where nothing spreads.
+    pub(super) statistic: Option<f64>,
+    /// Two-tailed probability of such a difference or a greater one, were the means equal.
+    pub(super) p: f64,
+}
+
+/// An interval.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Interval {
+    /// Lower end.
+    pub(super) from: f64,
+    /// Upper end.
+    pub(super) to: f64,
+}
+
+/// One sample against another: what the tests say of the difference of their means, first less second.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Comparison {
+    /// Mean of the first less that of the second.
+    pub(super) difference: f64,
+    /// Mean of the first over that of the second.
+    pub(super) ratio: f64,
+    /// The paper's test, with the samples' deviations in place of the populations'. None with a single trial.
+    pub(super) z: Option<Test>,
+    /// The same by Student's distribution, unequal variances (Welch). None with a single trial.
+    pub(super) welch: Option<Test>,
+    /// Cohen's d: the difference in pooled standard deviations. None with a single trial, or where nothing spreads.
+    pub(super) effect: Option<f64>,
+    /// 95 % of the differences of means of resampled trials. None with a single trial.
+    pub(super) interval: Option<Interval>,
+}
+
+impl Comparison {
+    /// Compares two samples; `None` if one is empty.
+    #[must_use]
+    pub(super) fn of(first: &[f64], second: &[f64], seed: u64) -> Option<Self> {
+        let (one, other) = (Sample::of(first)?, Sample::of(second)?);
+        let several = first.len() > 1 && second.len() > 1;
+        Some(Self {
+            difference: one.mean - other.mean,
+            ratio: one.mean / other.mean,
+            z: z_test(&one, &other),
+            welch: welch_test(&one, &other),
+            effect: cohens_d(&one, &other),
+            interval: several.then(|| bootstrap(first, second, seed)),
+        })
+    }
+}
+
+/// The difference in standard errors, and the error's square; the statistic is none where nothing spreads.
+fn standardised(one: &Sample, other: &Sample) -> Option<(Option<f64>, f64)> {
+    let squared = one.error_squared()? + other.error_squared()?;
+    let difference = one.mean - other.mean;
+    let statistic = (squared > 0.0).then(|| difference / squared.sqrt());
+    Some((statistic, difference))
+}
+
+/// Without any spread equal means are surely equal, and others surely are not.
+fn p_without_spread(difference: f64) -> f64 {
+    if difference == 0.0 { 1.0 } else { 0.0 }
+}
+
+/// Two-tailed two-sample Z-test.
+fn z_test(one: &Sample, other: &Sample) -> Option<Test> {
+    let (statistic, difference) = standardised(one, other)?;
+    let p = match statistic {
+        Some(z) => 2.0 * Normal::standard().cdf(-z.abs()),
+        None => p_without_spread(difference),
+    };
+    Some(Test { statistic, p })
+}
+
+/// Welch's two-tailed t-test, with the degrees of freedom of Welch and Satterthwaite.
+fn welch_test(one: &Sample, other: &Sample) -> Option<Test> {
+    let (statistic, difference) = standardised(one, other)?;
+    let p = match statistic {
+        Some(t) => {
+            let (a, b) = (one.error_squared()?, other.error_squared()?);
+            let parts = a.powi(2) / (one.count - 1) as f64 + b.powi(2) / (other.count - 1) as f64;
+            let student = StudentsT::new(0.0, 1.0, (a + b).powi(2) / parts).ok()?;
+            2.0 * student.cdf(-t.abs())
+        }
+        None => p_without_spread(difference),
+    };
+    Some(Test { statistic, p })
+}
+
+/// The difference of the means in pooled standard deviations.
+fn cohens_d(one: &Sample, other: &Sample) -> Option<f64> {
+    let sum = |sample: &Sample| Some(sample.deviation?.powi(2) * (sample.count - 1) as f64);
+    let pooled = (sum(one)? + sum(other)?) / (one.count + other.count - 2) as f64;
+    (pooled > 0.0).then(|| (one.mean - other.mean) / pooled.sqrt())
+}
+
+/// The middle 95 % of differences of means, each side resampled by itself (percentile bootstrap).
+fn bootstrap(first: &[f64], second: &[f64], seed: u64) -> Interval {
+    /// The generator's stream number: PCG's own example.
+    const STREAM: u64 = 0x0a02_bdbf_7bb3_c0a7;
+    let mut draws = Pcg32::new(seed, STREAM);
+    let mut mean_again = |values: &[f64]| {
+        let pick = |_| values[((u64::from(draws.next_u32()) * values.len() as u64) >> 32) as usize];
+        (0..values.len()).map(pick).sum::<f64>() / values.len() as f64
+    };
+    let mut differences: Vec<f64> = (0..RESAMPLES)
+        .map(|_| mean_again(first) - mean_again(second))
+        .collect();
+    differences.sort_unstable_by(f64::total_cmp);
+    let at = |share: f64| differences[((RESAMPLES - 1) as f64 * share).round() as usize];
+    Interval {
+        from: at(0.025),
+        to: at(0.975),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn near(found: f64, expected: f64, within: f64) {
+        assert!((found - expected).abs() <= within, "{found} for {expected}");
+    }
+
+    fn sample(count: usize, mean: f64, deviation: f64) -> Sample {
+        Sample {
+            count,
+            mean,
+            deviation: Some(deviation),
+        }
+    }
+
+    #[test]
+    fn a_sample_has_the_mean_and_deviation_of_the_textbooks_example() {
+        // 2, 4, 4, 4, 5, 5, 7, 9: mean 5, squares sum to 32; 32 / 7 = 4.571428..., whose root is 2.138089935.
+        let sample = Sample::of(&[2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0]).unwrap();
+        assert_eq!((sample.count, sample.mean), (8, 5.0));
+        near(sample.deviation.unwrap(), 2.138_089_935, 1e-9);
+        assert_eq!(Sample::of(&[3.0]).unwrap().deviation, None);
+        assert_eq!(Sample::of(&[]), None);
+    }
+
+    #[test]
+    fn the_z_test_reads_the_normal_table() {
+        // (52 − 50) / √(36/36 + 64/64·…): errors 3²/36 + 4²/64 = 0.25 + 0.25, so z = 2 / √0.5 = 2.828427; from the
+        // table of the normal distribution 2·(1 − Φ(2.83)) = 0.0047.
+        let test = z_test(&sample(36, 52.0, 3.0), &sample(64, 50.0, 4.0)).unwrap();
+        near(test.statistic.unwrap(), 2.828_427, 1e-6);
+        near(test.p, 0.0047, 5e-5);
+        // The critical value of α = 0.05: z = 1.96 has p = 0.0500.
+        let test = z_test(&sample(100, 1.96, 1.0), &sample(100, 0.0, 0.0)).unwrap();
+        near(test.statistic.unwrap(), 19.6, 1e-9);
+        let test = z_test(&sample(100, 0.0, 1.0), &sample(100, 0.196, 0.0)).unwrap();
+        near(test.statistic.unwrap(), -1.96, 1e-9);
+        near(test.p, 0.0500, 5e-5);
+    }
+
+    #[test]
+    fn welchs_test_gives_the_published_p_values() {
+        // Two examples by which implementations of the test are widely checked. Two samples of 15.
+        let first = [
+            27.5, 21.0, 19.0, 23.6, 17.0, 17.9, 16.9, 20.1, 21.9, 22.6, 23.1, 19.6, 19.0, 21.7,
+            21.4,
+        ];
+        let second = [
+            27.1, 22.0, 20.8, 23.4, 23.4, 23.5, 25.8, 22.0, 24.8, 20.2, 21.9, 22.1, 22.9, 20.5,
+            24.4,
+        ];
+        let test = Comparison::of(&first, &second, 1).unwrap().welch.unwrap();
+        near(test.p, 0.021_378_001, 1e-8);
+        // Counts 10 and 20.
+        let first = [17.2, 20.9, 22.6, 18.1, 21.7, 21.4, 23.5, 24.2, 14.7, 21.8];
+        let second = [
+            21.5, 22.8, 21.0, 23.0, 21.6, 23.6, 22.5, 20.7, 23.4, 21.8, 20.7, 21.7, 21.5, 22.5,
+            23.6, 21.5, 22.5, 23.5, 21.5, 21.8,
+        ];
+        let test = Comparison::of(&first, &second, 1).unwrap().welch.unwrap();
+        near(test.p, 0.148_841_696, 1e-8);
+    }
+
+    #[test]
+    fn an_effect_is_the_difference_in_pooled_deviations() {
+        // Pooled by hand: √((9·4 + 19·1) / 28) = √(55 / 28) = 1.401530; (12 − 10) / 1.401530 = 1.427011.
+        let found = cohens_d(&sample(10, 12.0, 2.0), &sample(20, 10.0, 1.0)).unwrap();
+        near(found, 1.427_012, 2e-6);
+    }
+
+    #[test]
+    fn what_does_not_spread_is_equal_or_surely_is_not() {
+        let capped = [11.33; 5];
+        let same = Comparison::of(&capped, &capped, 1).unwrap();
+        assert_eq!((same.z.unwrap().p, same.welch.unwrap().p), (1.0, 1.0));
+        assert_eq!((same.effect, same.z.unwrap().statistic), (None, None));
+        let other = Comparison::of(&capped, &[3.0; 5], 1).unwrap();
+        assert_eq!((other.z.unwrap().p, other.welch.unwrap().p), (0.0, 0.0));
+        let interval = other.interval.unwrap();
+        near(interval.from, 8.33, 1e-12);
+        near(interval.to, 8.33, 1e-12);
+    }
+
+    #[test]
+    fn one_trial_is_compared_and_not_tested() {
+        let one = Comparison::of(&[4.0], &[2.0], 1).unwrap();
+        assert_eq!((one.difference, one.ratio), (2.0, 2.0));
+        assert_eq!((one.z, one.welch, one.effect), (None, None, None));
+        assert_eq!(one.interval, None);
+        assert_eq!(Comparison::of(&[], &[2.0], 1), None);
+    }
+
+    #[test]
+    fn an_interval_is_about_as_wide_as_theory_says_and_the_seed_fixes_it() {
+        // Of 0, 1, ..., 99 the mean's standard error is √(833.25 / 100) = 2.8866, of two such means' difference 4.0823;
+        // 1.96 of these each way.
+        let values: Vec<f64> = (0..100).map(f64::from).collect();
+        let shifted: Vec<f64> = values.iter().map(|value| value + 10.0).collect();
+        let interval = bootstrap(&shifted, &values, 7);
+        near(interval.from, 10.0 - 1.96 * 4.0823, 0.4);
+        near(interval.to, 10.0 + 1.96 * 4.0823, 0.4);
+        assert_eq!(interval, bootstrap(&shifted, &values, 7));
+        assert_ne!(interval, bootstrap(&shifted, &values, 8));
+    }
+}

@@ -1,0 +1,465 @@
+//! The experiment's tables, with the paper's own figures beside.
+
+use serde::Serialize;
+
+use super::PaperError;
+use super::analysis::{ALPHA, DEGRADED_FPS, Degradation, ModeAnalysis};
+use super::experiment::PaperResults;
+use super::published;
+use super::statistics::{Comparison, Interval, Sample, Test};
+use super::table::Table;
+use crate::output::OutputError;
+use crate::record::Mode;
+use crate::summary::number;
+
+/// For what there is not.
+const NONE: &str = "–";
+
+/// How many digits a figure shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Digits {
+    /// Three that count.
+    Three,
+    /// Two places, as the paper prints frames per second.
+    TwoPlaces,
+}
+
+impl Digits {
+    fn show(self, value: Option<f64>) -> String {
+        match (self, value) {
+            (Self::TwoPlaces, Some(value)) => format!("{value:.2}"),
+            (_, value) => number(value),
+        }
+    }
+
+    /// A mean and its standard deviation.
+    fn spread(self, sample: &Sample) -> String {
+        let mean = self.show(Some(sample.mean));
+        match sample.deviation {
+            Some(deviation) => format!("{mean} ± {}", self.show(Some(deviation))),
+            None => mean,
+        }
+    }
+}
+
+fn probability(p: f64) -> String {
+    if p < 0.0001 {
+        "< 0.0001".to_owned()
+    } else {
+        format!("{p:.4}")
+    }
+}
+
+fn test(test: Option<Test>) -> [String; 2] {
+    match test {
+        None => [NONE.to_owned(), NONE.to_owned()],
+        Some(Test { statistic, p }) => {
+            let statistic =
+                statistic.map_or_else(|| NONE.to_owned(), |value| format!("{value:.2}"));
+            [statistic, probability(p)]
+        }
+    }
+}
+
+fn interval(interval: Option<Interval>) -> String {
+    interval.map_or_else(
+        || NONE.to_owned(),
+        |Interval { from, to }| format!("{} to {}", number(Some(from)), number(Some(to))),
+    )
+}
+
+/// One column for each mode and two of the paper, one row for each load.
+fn by_mode(
+    results: &PaperResults,
+    title: &str,
+    own: fn(&ModeAnalysis) -> &Sample,
+    theirs: fn(&published::Published) -> Option<(f64, f64)>,
+    digits: Digits,
+) -> Table {
+    let modes = results.settings.modes.iter().map(String::as_str);
+    let columns = ["balls"].into_iter().chain(modes);
+    let mut table = Table::new(
+        title,
+        columns.chain(["paper: integrated", "paper: distributed"]),
+    );
+    for load in &results.analysis.loads {
+        let mut row = vec![load.load.to_string()];
+        for mode in &results.settings.modes {
+            let found = load.modes.iter().find(|found| found.mode == *mode);
+            row.push(found.map_or_else(|| NONE.to_owned(), |found| digits.spread(own(found))));
+        }
+        let published = published::at(load.load).and_then(theirs);
+        row.push(digits.show(published.map(|pair| pair.0)));
+        row.push(digits.show(published.map(|pair| pair.1)));
+        table.rows.push(row);
+    }
+    table
+}
+
+/// Frames per second.
+pub(super) fn sim_fps(results: &PaperResults) -> Table {
+    let mut table = by_mode(
+        results,
+        "SimFPS: simulated frames per second, at most 11.33 (mean ± standard deviation over trials)",
+        |mode| &mode.sim_fps,
+        |row| Some((row.integrated_fps, row.distributed_fps)),
+        Digits::TwoPlaces,
+    );
+    table.note = "The paper's figures are of another engine on other machines: what compares is how each remote column \
+                  stands to the integrated one beside it."
+        .to_owned();
+    table
+}
+
+/// Frames per second that each mode can keep up.
+pub(super) fn sustained(results: &PaperResults) -> Table {
+    let mut table = by_mode(
+        results,
+        "Frames per second that server and caller both keep up",
+        |mode| &mode.sustained_fps,
+        |row| Some((row.integrated_fps, row.distributed_fps)),
+        Digits::TwoPlaces,
+    );
+    table.note = "Differs from SimFPS only where the caller goes on while the server steps: its frame is short, but it \
+                  cannot have frames faster than the server makes them."
+        .to_owned();
+    table
+}
+
+/// Milliseconds of a physics frame.
+pub(super) fn phys_ft(results: &PaperResults) -> Table {
+    by_mode(
+        results,
+        "PhysFT: milliseconds from calling advance to having every pose that the call returns",
+        |mode| &mode.phys_ft_ms,
+        |row| row.frame_ms,
+        Digits::Three,
+    )
+}
+
+/// Where each mode degrades.
+pub(super) fn degradation(results: &PaperResults) -> Table {
+    let title = format!("MDL: the least load whose mean SimFPS is below {DEGRADED_FPS}");
+    let mut table = Table::new(&title, ["mode", "MDL, balls", "MDL by what is kept up"]);
+    let most = results.settings.loads.last().copied().unwrap_or_default();
+    let cell =
+        |mdl: Option<u32>| mdl.map_or_else(|| format!("above {most}"), |mdl| mdl.to_string());
+    for Degradation {
+        mode,
+        mdl,
+        sustained_mdl,
+    } in &results.analysis.degradation
+    {
+        table
+            .rows
+            .push(vec![mode.clone(), cell(*mdl), cell(*sustained_mdl)]);
+    }
+    for (mode, mdl) in [
+        ("paper: integrated", published::MDL_INTEGRATED),
+        ("paper: distributed", published::MDL_DISTRIBUTED),
+    ] {
+        table
+            .rows
+            .push(vec![mode.to_owned(), mdl.to_string(), NONE.to_owned()]);
+    }
+    table
+}
+
+/// Each mode against integrated at each load, by one of the two measures.
+fn tests_of(
+    results: &PaperResults,
+    title: &str,
+    of: fn(&ModeAnalysis) -> Option<Comparison>,
+) -> Table {
+    let columns = [
+        "balls",
+        "mode",
+        "of integrated",
+        "difference",
+        "95 % interval",
+        "z",
+        "p",
+        "Welch t",
+        "p",
+        "Cohen's d",
+        "differs",
+    ];
+    let mut table = Table::new(title, columns);
+    for load in &results.analysis.loads {
+        for mode in &load.modes {
+            let Some(found) = of(mode) else { continue };
+            let differs = match found.z {
+                None => NONE,
+                Some(test) if test.p < ALPHA => "yes",
+                Some(_) => "no",
+            };
+            let mut row = vec![
+                load.load.to_string(),
+                mode.mode.clone(),
+                number(Some(found.ratio)),
+                number(Some(found.difference)),
+                interval(found.interval),
+            ];
+            row.extend(test(found.z));
+            row.extend(test(found.welch));
+            row.push(number(found.effect));
+            row.push(differs.to_owned());
+            table.rows.push(row);
+        }
+    }
+    table.note = format!(
+        "Two-tailed Z-tests against integrated at each load, α = {ALPHA}; Welch's t and the interval (10,000 resamples) \
+         stand beside them since trials are few. A dash: nothing spreads, or a single trial. Difference: the mode less \
+         integrated."
+    );
+    table
+}
+
+/// Tests of frames per second.
+pub(super) fn tests_fps(results: &PaperResults) -> Table {
+    tests_of(results, "SimFPS against integrated", |mode| {
+        Some(mode.against_integrated?.sim_fps)
+    })
+}
+
+/// Tests of frame times.
+pub(super) fn tests_frame(results: &PaperResults) -> Table {
+    tests_of(results, "PhysFT against integrated, ms", |mode| {
+        Some(mode.against_integrated?.phys_ft_ms)
+    })
+}
+
+/// Where the time of a frame goes.
+pub(super) fn stages(results: &PaperResults) -> Table {
+    let columns = [
+        "balls",
+        "mode",
+        "caller: work, ms",
+        "caller: waiting, ms",
+        "engine, ms",
+        "server beside it, ms",
+        "of engine",
+        "awake",
+    ];
+    let mut table = Table::new("Where a frame's time goes", columns);
+    for load in &results.analysis.loads {
+        for mode in &load.modes {
+            let waiting = mode
+                .work_ms
+                .map(|work| (mode.phys_ft_ms.mean - work.mean).max(0.0));
+            table.rows.push(vec![
+                load.load.to_string(),
+                mode.mode.clone(),
+                number(mode.work_ms.map(|work| work.mean)),
+                number(waiting),
+                number(Some(mode.step_ms.mean)),
+                number(Some(mode.beside_ms.mean)),
+                number(Some(mode.beside_ms.mean / mode.step_ms.mean)),
+                number(Some(mode.awake.mean)),
+            ]);
+        }
+    }
+    table.note =
+        "The integrated engine steps in the caller's own thread: its work is the engine's."
+            .to_owned();
+    table
+}
+
+/// Bytes to the caller over the whole experiment.
+pub(super) fn traffic(results: &PaperResults) -> Table {
+    let columns = [
+        "mode",
+        "bytes down, per trial",
+        "of these in the worst stage",
+        "times rhumb",
+    ];
+    let mut table = Table::new(
+        "Bandwidth over the whole experiment, headers counted",
+        columns,
+    );
+    let total = |mode: &str| {
+        let bytes = results.analysis.loads.iter().map(|load| {
+            let own = load.modes.iter().find(|found| found.mode == mode)?;
+            Some(own.bytes_down.mean * f64::from(results.settings.frames_per_load))
+        });
+        bytes.collect::<Option<Vec<f64>>>()
+    };
+    let sum = |mode: &str| total(mode).map(|stages| stages.iter().sum::<f64>());
+    let rhumb = sum(Mode::Rhumb.name());
+    for mode in results
+        .settings
+        .modes
+        .iter()
+        .filter(|mode| *mode != Mode::Integrated.name())
+    {
+        let worst = total(mode).and_then(|stages| stages.into_iter().reduce(f64::max));
+        let ratio = sum(mode).zip(rhumb).map(|(own, rhumb)| own / rhumb);
+        table.rows.push(vec![
+            mode.clone(),
+            number(sum(mode)),
+            number(worst),
+            number(ratio),
+        ]);
+    }
+    table
+}
+
+/// What is void, a sentence each.
+pub(super) fn void(results: &PaperResults) -> Vec<String> {
+    let void = results.analysis.void.iter();
+    void.map(|void| {
+        format!(
+            "void: trial {} (seed {}), {} balls, {}: its engine did not do what the integrated one did; left out",
+            void.trial, void.seed, void.load, void.mode
+        )
+    })
+    .collect()
+}
+
+/// One line of `trials.csv`: a mode at a load in a trial.
+#[derive(Serialize)]
+struct TrialLine<'r> {
+    trial: u32,
+    seed: u64,
+    load: u32,
+    mode: &'r str,
+    frames: u32,
+    phys_ft_ms: f64,
+    phys_ft_p50_ms: f64,
+    phys_ft_p99_ms: f64,
+    phys_ft_max_ms: f64,
+    work_ms: Option<f64>,
+    sim_fps: f64,
+    sustained_fps: f64,
+    step_ms: f64,
+    observe_ms: f64,
+    publish_ms: f64,
+    awake: u32,
+    bytes_down: u64,
+    bytes_up: u64,
+    datagrams_down: u64,
+    updates: u64,
+    truth: &'r str,
+    void: bool,
+}
+
+/// Every outcome of every trial.
+pub(super) fn trials_csv(results: &PaperResults) -> Result<String, PaperError> {
+    let mut lines = Vec::new();
+    for trial in &results.trials {
+        for load in &trial.loads {
+            for found in &load.modes {
+                lines.push(TrialLine {
+                    trial: trial.number,
+                    seed: trial.seed,
+                    load: load.load,
+                    mode: &found.mode,
+                    frames: found.frames,
+                    phys_ft_ms: found.phys_ft_ms,
+                    phys_ft_p50_ms: found.phys_ft_p50_ms,
+                    phys_ft_p99_ms: found.phys_ft_p99_ms,
+                    phys_ft_max_ms: found.phys_ft_max_ms,
+                    work_ms: found.work_ms,
+                    sim_fps: found.sim_fps,
+                    sustained_fps: found.sustained_fps,
+                    step_ms: found.step_ms,
+                    observe_ms: found.observe_ms,
+                    publish_ms: found.publish_ms,
+                    awake: found.awake,
+                    bytes_down: found.bytes_down,
+                    bytes_up: found.bytes_up,
+                    datagrams_down: found.datagrams_down,
+                    updates: found.updates,
+                    truth: &found.truth,
+                    void: found.void,
+                });
+            }
+        }
+    }
+    csv(&lines)
+}
+
+/// One line of `analysis.csv`: a mode at a load over all trials, by one measure.
+#[derive(Serialize)]
+struct AnalysisLine<'r> {
+    load: u32,
+    mode: &'r str,
+    measure: &'static str,
+    trials: usize,
+    mean: f64,
+    deviation: Option<f64>,
+    of_integrated: Option<f64>,
+    difference: Option<f64>,
+    interval_from: Option<f64>,
+    interval_to: Option<f64>,
+    z: Option<f64>,
+    z_p: Option<f64>,
+    welch_t: Option<f64>,
+    welch_p: Option<f64>,
+    cohens_d: Option<f64>,
+}
+
+/// Every comparison.
+pub(super) fn analysis_csv(results: &PaperResults) -> Result<String, PaperError> {
+    let mut lines = Vec::new();
+    for load in &results.analysis.loads {
+        for mode in &load.modes {
+            let against = mode.against_integrated;
+            for (measure, sample, found) in [
+                (
+                    "sim_fps",
+                    mode.sim_fps,
+                    against.map(|against| against.sim_fps),
+                ),
+                (
+                    "phys_ft_ms",
+                    mode.phys_ft_ms,
+                    against.map(|against| against.phys_ft_ms),
+                ),
+            ] {
+                let interval = found.and_then(|found| found.interval);
+                let (z, welch) = (
+                    found.and_then(|found| found.z),
+                    found.and_then(|found| found.welch),
+                );
+                lines.push(AnalysisLine {
+                    load: load.load,
+                    mode: &mode.mode,
+                    measure,
+                    trials: sample.count,
+                    mean: sample.mean,
+                    deviation: sample.deviation,
+                    of_integrated: found.map(|found| found.ratio),
+                    difference: found.map(|found| found.difference),
+                    interval_from: interval.map(|interval| interval.from),
+                    interval_to: interval.map(|interval| interval.to),
+                    z: z.and_then(|test| test.statistic),
+                    z_p: z.map(|test| test.p),
+                    welch_t: welch.and_then(|test| test.statistic),
+                    welch_p: welch.map(|test| test.p),
+                    cohens_d: found.and_then(|found| found.effect),
+                });
+            }
+        }
+    }
+    csv(&lines)
+}
+
+fn csv(lines: &[impl Serialize]) -> Result<String, PaperError> {
+    let failed = |cause: std::io::Error| {
+        PaperError::Output(OutputError::Write {
+            path: "a table of values".into(),
+            cause,
+        })
+    };
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    for line in lines {
+        writer
+            .serialize(line)
+            .map_err(|cause| failed(cause.into()))?;
+    }
+    let bytes = writer
+        .into_inner()
+        .map_err(|cause| failed(cause.into_error()))?;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
+}

@@ -1,0 +1,283 @@
+//! One trial: all modes in turn, frame by frame, while the pit fills.
+//!
+//! A mode whose caller goes on while its server steps asks first. Then the integrated engine takes its frame in this
+//! thread, which is the other work of that caller, and a pause follows, in which that server ends; the others come after
+//! and have their core to themselves.
+
+use std::time::Duration;
+
+use rhumb_protocol::scene::Command;
+use rhumb_transport::Clock;
+
+use super::PaperError;
+use super::outcome::{LoadOutcome, ModeOutcome, Trial};
+use super::pit::{FRAMES_PER_SECOND, Pit};
+use super::quota::Weakness;
+use super::settings::Settings;
+use crate::drive::Housing;
+use crate::drive::player::{self, Account, Billing, Player, Took};
+use crate::quantile::of_nanoseconds;
+use crate::record::Mode;
+
+/// How much of the trial is done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Progress<'t> {
+    /// Balls in the pit.
+    pub(super) load: u32,
+    /// What the caller has of a processor, in words.
+    pub(super) caller: &'t str,
+}
+
+/// Where a trial is run, and by whom.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Staging<'t> {
+    pub(super) housing: &'t Housing,
+    pub(super) modes: &'t [Mode],
+    /// Hundredths of one processor that the caller gets once the servers run; 100 leaves it alone.
+    pub(super) caller_percent: u32,
+}
+
+/// A mode on its way through a trial.
+struct Runner {
+    mode: Mode,
+    player: Box<dyn Player>,
+    /// Of this load.
+    took: Vec<Took>,
+    before: Account,
+}
+
+/// Of the integrated frame, what the pause after it takes, so that a server that steps meanwhile comes to its end.
+const PAUSE_SHARE: f64 = 0.2;
+
+/// Runs a trial; `progress` is told each frame that is done.
+pub(super) fn run(
+    settings: &Settings,
+    number: u32,
+    staging: &Staging<'_>,
+    progress: &mut dyn FnMut(Progress<'_>),
+) -> Result<Trial, PaperError> {
+    let clock = Clock::start();
+    let seed = settings.seed_of(number);
+    let stages = settings.loads.len() as u32;
+    let first = settings.loads.first().copied().unwrap_or_default();
+    let mut pit = Pit::new(first, stages, settings.frames_per_load, seed);
+    let mut commands = Vec::new();
+    pit.commands(0, &mut commands);
+    let placed = commands
+        .iter()
+        .filter(|command| matches!(command, Command::AddBody { .. }));
+    let billing = Billing {
+        terms: pit.terms(),
+        bodies: placed.count() as u32 + first * (stages - 1),
+        tolerance: super::experiment::tolerance(settings.tolerance_m)?,
+        housing: staging.housing.clone(),
+        seed,
+    };
+    let mut runners = begin(staging.modes, &billing, &commands)?;
+    // Only now: what a weak process starts is weak too.
+    let weakness = match staging.caller_percent {
+        100 => None,
+        percent => Some(Weakness::enter(percent)?),
+    };
+    let whole = || "all of a processor".to_owned();
+    let caller = weakness.as_ref().map_or_else(whole, Weakness::describe);
+    commands.clear();
+    let mut loads = Vec::new();
+    for (stage, load) in (0..).zip(&settings.loads) {
+        for frame in 0..settings.frames_per_load {
+            let number = stage * settings.frames_per_load + frame;
+            if number > 0 {
+                commands.clear();
+                pit.commands(number, &mut commands);
+            }
+            one_frame(&mut runners, &commands)?;
+            progress(Progress {
+                load: *load,
+                caller: &caller,
+            });
+        }
+        loads.push(LoadOutcome {
+            load: *load,
+            modes: outcomes(&mut runners, staging.modes)?,
+        });
+    }
+    Ok(Trial {
+        number,
+        seed,
+        wall_s: clock.now().as_nanos() as f64 / 1e9,
+        loads,
+    })
+}
+
+/// Starts every mode, in the order of turns, and gives it its first commands.
+fn begin(
+    modes: &[Mode],
+    billing: &Billing,
+    commands: &[Command],
+) -> Result<Vec<Runner>, PaperError> {
+    let mut runners = Vec::new();
+    for mode in modes {
+        let started = player::start(*mode, billing);
+        let mut player = started.ok_or(PaperError::NotPlayable { mode: *mode })??;
+        player.prepare(commands)?;
+        let before = player.account()?;
+        runners.push(Runner {
+            mode: *mode,
+            player,
+            took: Vec::new(),
+            before,
+        });
+    }
+    runners.sort_by_key(|runner| (!runner.mode.is_ahead(), runner.mode != Mode::Integrated));
+    Ok(runners)
+}
+
+fn one_frame(runners: &mut [Runner], commands: &[Command]) -> Result<(), PaperError> {
+    let anyone_ahead = runners.iter().any(|runner| runner.mode.is_ahead());
+    for runner in runners {
+        let took = runner.player.frame(commands)?;
+        runner.took.push(took);
+        if anyone_ahead && runner.mode == Mode::Integrated {
+            pause(Duration::from_nanos(
+                (took.wall_ns as f64 * PAUSE_SHARE) as u64,
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Leaves both cores to the servers for a while.
+fn pause(span: Duration) {
+    let clock = Clock::start();
+    let end = clock.now() + rhumb_protocol::Span::from_nanos(span.as_nanos() as u64);
+    // A parked thread may be woken early.
+    while clock.now() < end {
+        std::thread::park_timeout(clock.until(end));
+    }
+}
+
+/// What each mode did since the last load, in the order of the settings.
+fn outcomes(runners: &mut [Runner], modes: &[Mode]) -> Result<Vec<ModeOutcome>, PaperError> {
+    let mut truth = None;
+    let mut found = Vec::new();
+    for runner in runners.iter_mut() {
+        let account = runner.player.account()?;
+        if runner.mode == Mode::Integrated {
+            truth = Some((account.tick, account.truth));
+        }
+        let took = std::mem::take(&mut runner.took);
+        let outcome = outcome(runner.mode, &took, &runner.before, &account);
+        runner.before = account;
+        found.push((runner.mode, (account.tick, account.truth), outcome));
+    }
+    for (_, own, outcome) in &mut found {
+        outcome.void = truth != Some(*own);
+    }
+    found.sort_by_key(|(mode, ..)| modes.iter().position(|other| other == mode));
+    Ok(found.into_iter().map(|(.., outcome)| outcome).collect())
+}
+
+/// The figures of some frames.
+fn outcome(mode: Mode, took: &[Took], before: &Account, after: &Account) -> ModeOutcome {
+    let frames = took.len().max(1) as f64;
+    let mut walls: Vec<u64> = took.iter().map(|took| took.wall_ns).collect();
+    let percentile =
+        |values: &mut Vec<u64>, percent| of_nanoseconds(values, percent).map_or(0.0, milliseconds);
+    let mean_ms = milliseconds(walls.iter().sum::<u64>()) / frames;
+    let work: Option<u64> = took.iter().map(|took| took.work_ns).sum();
+    let per_frame = |of: fn(&Account) -> u64| milliseconds(of(after) - of(before)) / frames;
+    let (step_ms, observe_ms, publish_ms) = (
+        per_frame(|account| account.stages.step_ns),
+        per_frame(|account| account.stages.observe_ns),
+        per_frame(|account| account.stages.publish_ns),
+    );
+    let sim_fps = sim_fps(took);
+    let server_ms = step_ms + observe_ms + publish_ms;
+    let sustained = if mode.is_ahead() {
+        sim_fps.min(1e3 / server_ms)
+    } else {
+        sim_fps
+    };
+    let since = |of: fn(&Account) -> u64| of(after) - of(before);
+    ModeOutcome {
+        mode: mode.name().to_owned(),
+        frames: took.len() as u32,
+        phys_ft_ms: mean_ms,
+        phys_ft_p50_ms: percentile(&mut walls, 50),
+        phys_ft_p99_ms: percentile(&mut walls, 99),
+        phys_ft_max_ms: percentile(&mut walls, 100),
+        work_ms: work.map(|work| milliseconds(work) / frames),
+        sim_fps,
+        sustained_fps: sustained,
+        step_ms,
+        observe_ms,
+        publish_ms,
+        awake: after.awake,
+        bytes_down: since(|account| account.traffic.bytes_down),
+        bytes_up: since(|account| account.traffic.bytes_up),
+        datagrams_down: since(|account| account.traffic.datagrams_down),
+        updates: since(|account| account.traffic.updates),
+        truth: format!("{:016x}", after.truth),
+        void: false,
+    }
+}
+
+/// Frames over their time, where a frame lasts at least as long as the simulated time that it covers.
+fn sim_fps(took: &[Took]) -> f64 {
+    let least_s = 1.0 / FRAMES_PER_SECOND;
+    let lasted: f64 = took
+        .iter()
+        .map(|took| (took.wall_ns as f64 / 1e9).max(least_s))
+        .sum();
+    if lasted > 0.0 {
+        took.len() as f64 / lasted
+    } else {
+        0.0
+    }
+}
+
+fn milliseconds(nanoseconds: u64) -> f64 {
+    nanoseconds as f64 / 1e6
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::drive::player::Stages;
+
+    fn took(wall_ms: u64) -> Took {
+        Took {
+            wall_ns: wall_ms * 1_000_000,
+            work_ns: Some(wall_ms * 500_000),
+        }
+    }
+
+    #[test]
+    fn no_frame_makes_up_for_a_slow_one() {
+        assert!((sim_fps(&[took(1), took(2)]) - FRAMES_PER_SECOND).abs() < 1e-9);
+        // One frame of 1 ms lasts 88.26 ms, the other 200: two frames in 288.26 ms.
+        assert!((sim_fps(&[took(1), took(200)]) - 6.938_2).abs() < 1e-4);
+        assert_eq!(sim_fps(&[]), 0.0);
+    }
+
+    #[test]
+    fn a_caller_ahead_of_its_server_keeps_up_with_it_and_no_more() {
+        let stages = Stages {
+            step_ns: 380_000_000,
+            observe_ns: 10_000_000,
+            publish_ns: 10_000_000,
+        };
+        let after = Account {
+            stages,
+            ..Account::default()
+        };
+        let frames = [took(1), took(1)];
+        let ahead = outcome(Mode::RhumbPipelined, &frames, &Account::default(), &after);
+        assert!((ahead.sim_fps - FRAMES_PER_SECOND).abs() < 1e-9);
+        assert!((ahead.sustained_fps - 5.0).abs() < 1e-9);
+        assert_eq!((ahead.step_ms, ahead.publish_ms), (190.0, 5.0));
+        assert_eq!((ahead.phys_ft_ms, ahead.work_ms), (1.0, Some(0.5)));
+        let waits = outcome(Mode::Rhumb, &frames, &Account::default(), &after);
+        assert!((waits.sustained_fps - FRAMES_PER_SECOND).abs() < 1e-9);
+    }
+}

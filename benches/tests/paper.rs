@@ -1,0 +1,258 @@
+//! `rhumb-bench paper` with real servers: it resumes, and its page is true.
+//!
+//! Times are never asserted. Waiting is reading a process' own words, never a sleep.
+
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+use serde_json::Value;
+
+fn folder(name: &str) -> PathBuf {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("paper-{name}"));
+    // It may not be there yet.
+    let _ = fs::remove_dir_all(&folder);
+    folder
+}
+
+fn bench(task: &[&str], out: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_rhumb-bench"));
+    command.arg("paper").args(task).arg("--out").arg(out);
+    command
+}
+
+fn run(task: &[&str], out: &Path) -> Output {
+    bench(task, out).output().expect("the bench starts")
+}
+
+fn succeeds(task: &[&str], out: &Path) -> String {
+    let output = run(task, out);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{task:?}: {said}");
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+fn fails(task: &[&str], out: &Path) -> String {
+    let output = run(task, out);
+    assert!(!output.status.success(), "{task:?}");
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn json(path: &Path) -> Value {
+    let bytes = fs::read(path).expect("it was written");
+    serde_json::from_slice(&bytes).expect("it is JSON")
+}
+
+const SMALL: [&str; 6] = [
+    "--loads",
+    "20..40",
+    "--stage-seconds",
+    "0.5",
+    "--no-pin",
+    "--trials",
+];
+
+#[test]
+fn an_interrupted_experiment_goes_on_where_it_was() {
+    let out = folder("resume");
+    let task = [&SMALL[..], &["3"]].concat();
+    let mut first = bench(&task, &out)
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("the bench starts");
+    let mut said = String::new();
+    let mut lines = BufReader::new(first.stdout.take().expect("it is piped"));
+    lines.read_line(&mut said).expect("it says something");
+    assert!(said.starts_with("trial 1 of 3, seed 1: "), "{said}");
+    first.kill().expect("it runs or has ended");
+    first.wait().expect("it was started");
+    let kept = out.join("trials/0001.json");
+    let before = fs::read(&kept).expect("a trial is kept as it ends");
+
+    let said = succeeds(&task, &out);
+    assert!(said.contains(" of 3 trials have ended before"), "{said}");
+    assert_eq!(before, fs::read(&kept).expect("it is still there"));
+    let results = json(&out.join("paper.json"));
+    let trials = results["trials"].as_array().expect("there are trials");
+    let seeds: Vec<_> = trials.iter().map(|trial| trial["seed"].as_u64()).collect();
+    assert_eq!(seeds, [Some(1), Some(2), Some(3)]);
+    assert_eq!(results["analysis"]["void"], Value::Array(Vec::new()));
+    for load in results["analysis"]["loads"].as_array().expect("loads") {
+        let modes = load["modes"].as_array().expect("modes");
+        let names: Vec<_> = modes
+            .iter()
+            .filter_map(|mode| mode["mode"].as_str())
+            .collect();
+        assert_eq!(names, ["integrated", "naive", "rhumb", "rhumb-pipelined"]);
+        assert!(modes.iter().all(|mode| mode["phys_ft_ms"]["count"] == 3));
+        assert!(modes[0]["against_integrated"].is_null());
+        assert!(modes[1]["against_integrated"]["phys_ft_ms"]["z"]["p"].is_number());
+    }
+    for name in ["trials.csv", "analysis.csv", "paper.md", "paper.html"] {
+        let text = fs::read_to_string(out.join(name)).expect("it was written");
+        assert!(text.contains("rhumb-pipelined"), "{name}");
+    }
+    let lines = fs::read_to_string(out.join("trials.csv")).expect("it was written");
+    // Titles, and a line for each of 3 trials, 2 loads, 4 modes.
+    assert_eq!(lines.lines().count(), 25);
+
+    // A trial more is welcome, another seed is not.
+    let more = [&SMALL[..], &["4"]].concat();
+    assert!(succeeds(&more, &out).contains("3 of 4 trials have ended before"));
+    let said = fails(&[&task[..], &["--seed", "7"]].concat(), &out);
+    assert!(
+        said.contains("another experiment (seed: 1 and 7)"),
+        "{said}"
+    );
+}
+
+#[test]
+fn what_cannot_be_asked_for_is_refused_by_name() {
+    let out = folder("refused");
+    for (task, why) in [
+        (
+            &["--modes", "naive,rhumb"][..],
+            "--modes must name integrated",
+        ),
+        (&["--modes", "integrated,teleport"], "teleport"),
+        (
+            &["--loads", "500,1500"],
+            "multiples of the first without a gap",
+        ),
+        (&["--loads", "none"], "not a number of balls"),
+        (&["--trials", "0"], "0 is not in 1..=10000"),
+        (
+            &["--stage-seconds", "-1"],
+            "must lie between 0.1 and 3600 seconds",
+        ),
+        (&["--tolerance", "NaN"], "a tolerance of NaN m"),
+        (&["remote", "--awake", "101"], "101 is not in 0..=100"),
+        (
+            &["hardware", "--caller-percent", "5"],
+            "5 is not in 10..=100",
+        ),
+        (
+            &["hardware", "--threads", "some"],
+            "neither a number of threads nor",
+        ),
+        (&["merge", "nowhere.json"], "cannot read nowhere.json"),
+    ] {
+        let said = fails(task, &out);
+        assert!(said.contains(why), "{task:?}: {said}");
+    }
+    if !cfg!(feature = "parallel") {
+        let said = fails(&["--threads", "2"], &out);
+        assert!(said.contains("without the feature \"parallel\""), "{said}");
+    }
+}
+
+#[test]
+fn crossovers_come_from_points_whose_truth_is_one() {
+    let out = folder("remote");
+    let task = [
+        "remote",
+        "--no-pin",
+        "--loads",
+        "60",
+        "--awake",
+        "100,20",
+        "--other-work-ms",
+        "0,2",
+        "--depths",
+        "0,1",
+        "--frames",
+        "2",
+    ];
+    let said = succeeds(&task, &out);
+    assert!(
+        said.contains("From where on remote beats integrated"),
+        "{said}"
+    );
+    let results = json(&out.join("remote.json"));
+    let points = results["points"].as_array().expect("points");
+    // Two shares, two amounts of other work, and integrated beside two depths.
+    assert_eq!(points.len(), 12);
+    assert!(points.iter().all(|point| point["void"] == false));
+    // Over other work at the one load, over loads with either amount: for two depths and two shares.
+    assert_eq!(
+        results["crossings"].as_array().expect("crossings").len(),
+        12
+    );
+    let awake = |place: usize| points[place]["awake"].as_u64().expect("a count");
+    assert!(awake(6) < awake(0), "{} of {}", awake(6), awake(0));
+}
+
+#[test]
+fn a_weak_caller_is_told_as_what_it_is_and_machines_merge() {
+    let out = folder("hardware");
+    let task = [
+        "hardware",
+        "--fast",
+        "--threads",
+        "1",
+        "--caller-percent",
+        "100,50",
+    ];
+    succeeds(&task, &out);
+    let results = json(&out.join("hardware.json"));
+    let rows = results["machines"][0]["rows"].as_array().expect("rows");
+    // Pinned and not, strong and weak, three modes.
+    assert_eq!(rows.len(), 12);
+    assert!(rows.iter().all(|row| row["outcome"]["void"] == false));
+    let weak = rows.iter().filter(|row| {
+        let caller = row["caller"].as_str().expect("words");
+        caller.starts_with("50 % by ")
+    });
+    assert_eq!(weak.count(), 6);
+
+    let file = out.join("hardware.json").display().to_string();
+    let twice = fails(&["merge", &file, &file], &folder("merged-twice"));
+    assert!(twice.contains("was named twice"), "{twice}");
+    let other = folder("hardware-other").with_extension("json");
+    let mut elsewhere = results;
+    elsewhere["machines"][0]["machine"] = "another machine".into();
+    elsewhere["machines"][0]["rows"][0]["outcome"]["truth"] = "0".into();
+    fs::write(&other, elsewhere.to_string()).expect("the folder is there");
+    let merged = folder("merged");
+    let said = succeeds(&["merge", &file, &other.display().to_string()], &merged);
+    assert!(said.contains("another machine"), "{said}");
+    let merged = json(&merged.join("hardware.json"));
+    assert_eq!(merged["machines"].as_array().expect("machines").len(), 2);
+    // The first machine's truth counts: a row that says otherwise is void.
+    assert_eq!(merged["machines"][1]["rows"][0]["outcome"]["void"], true);
+    assert_eq!(merged["machines"][1]["rows"][1]["outcome"]["void"], false);
+}
+
+#[test]
+fn the_page_of_results_says_what_its_files_say() {
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/results/README.md");
+    let check = |page: &Path| {
+        Command::new(env!("CARGO_BIN_EXE_rhumb-bench"))
+            .args(["paper", "page", "--check"])
+            .arg(page)
+            .output()
+            .expect("the bench starts")
+    };
+    let said = check(&page);
+    assert!(
+        said.status.success(),
+        "{}",
+        String::from_utf8_lossy(&said.stderr)
+    );
+    // And it would be noticed if it did not.
+    let text = fs::read_to_string(&page).expect("the page is there");
+    let copy = folder("page");
+    fs::create_dir_all(copy.join("data")).expect("the folder can be made");
+    for entry in fs::read_dir(page.parent().expect("a folder").join("data")).expect("data") {
+        let from = entry.expect("a file").path();
+        let name = from.file_name().expect("a name").to_owned();
+        fs::copy(&from, copy.join("data").join(name)).expect("it can be copied");
+    }
+    let stale = copy.join("README.md");
+    fs::write(&stale, text.replacen("| 500 |", "| 501 |", 1)).expect("it can be written");
+    let said = check(&stale);
+    assert!(!said.status.success());
+    let said = String::from_utf8_lossy(&said.stderr).into_owned();
+    assert!(said.contains("sim-fps"), "{said}");
+}

@@ -1,0 +1,98 @@
+//! The threads that step scenes: the caller's own, or a pool.
+//!
+//! What a scene does is the same to the bit on any number of threads. Without the feature `parallel` there is one.
+
+use std::fmt;
+use std::num::NonZeroU32;
+#[cfg(feature = "parallel")]
+use std::sync::Arc;
+
+use rapier3d::prelude::PhysicsWorld;
+#[cfg(feature = "parallel")]
+use rapier3d::rayon::{ThreadPool, ThreadPoolBuilder};
+
+/// Threads that several scenes may share. By default there is one, or, with the feature, one for each core.
+#[derive(Clone, Debug, Default)]
+pub struct Workers {
+    #[cfg(feature = "parallel")]
+    pool: Option<Arc<ThreadPool>>,
+}
+
+/// Why there are not as many threads.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum NoWorkers {
+    /// This program was built to step on one thread.
+    OneOnly {
+        /// What was asked for.
+        asked: NonZeroU32,
+    },
+    /// The system gives no more threads.
+    Denied {
+        /// What was asked for.
+        asked: NonZeroU32,
+    },
+}
+
+impl fmt::Display for NoWorkers {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::OneOnly { asked } => write!(
+                f,
+                "cannot step on {asked} threads: this program was built without the feature \"parallel\""
+            ),
+            Self::Denied { asked } => write!(f, "the system gives no {asked} threads to step on"),
+        }
+    }
+}
+
+impl std::error::Error for NoWorkers {}
+
+impl Workers {
+    /// So many threads; one unless said.
+    ///
+    /// # Errors
+    ///
+    /// [`NoWorkers`] when there cannot be so many.
+    #[cfg(feature = "parallel")]
+    pub fn new(threads: Option<NonZeroU32>) -> Result<Self, NoWorkers> {
+        let asked = threads.unwrap_or(NonZeroU32::MIN);
+        let pool = ThreadPoolBuilder::new()
+            .num_threads(asked.get() as usize)
+            .build();
+        match pool {
+            Ok(pool) => Ok(Self {
+                pool: Some(Arc::new(pool)),
+            }),
+            Err(_) => Err(NoWorkers::Denied { asked }),
+        }
+    }
+
+    /// So many threads; one unless said.
+    ///
+    /// # Errors
+    ///
+    /// [`NoWorkers`] when there cannot be so many.
+    #[cfg(not(feature = "parallel"))]
+    pub fn new(threads: Option<NonZeroU32>) -> Result<Self, NoWorkers> {
+        match threads {
+            Some(asked) if asked > NonZeroU32::MIN => Err(NoWorkers::OneOnly { asked }),
+            _ => Ok(Self::default()),
+        }
+    }
+
+    /// Whether this program was built to step on more than one thread.
+    #[must_use]
+    pub const fn may_be_many() -> bool {
+        cfg!(feature = "parallel")
+    }
+
+    /// Has a world stepped by these threads.
+    #[cfg(feature = "parallel")]
+    pub(super) fn employ(&self, world: &mut PhysicsWorld) {
+        world.set_thread_pool(self.pool.clone());
+    }
+
+    /// Has a world stepped by these threads.
+    #[cfg(not(feature = "parallel"))]
+    pub(super) fn employ(&self, _: &mut PhysicsWorld) {}
+}
