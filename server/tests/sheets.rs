@@ -15,6 +15,7 @@ use rhumb_protocol::scene::{
 use rhumb_reckoning::{BodyId, Damping, Integrator, Rate, Verbatim};
 use rhumb_server::Scene;
 
+const VALID: &str = "the test makes it valid";
 const GROUND: BodyId = BodyId::new(0, 0);
 const FALLING: BodyId = BodyId::new(1, 0);
 
@@ -22,7 +23,7 @@ fn scene() -> Scene {
     Scene::new(SceneTerms {
         integrator: Integrator {
             rate: Rate::HZ_60,
-            substeps: NonZeroU32::new(4).unwrap(),
+            substeps: NonZeroU32::new(4).expect(VALID),
         },
         gravity: Vec3::new(0.0, -10.0, 0.0),
         pace: Pace::Lockstep,
@@ -38,7 +39,7 @@ fn scene() -> Scene {
         sleep: None,
         cadence: Cadence::EACH_TICK,
     })
-    .unwrap()
+    .expect(VALID)
 }
 
 fn add_shape(scene: &mut Scene, id: u32, shape: Shape) -> Result<(), CommandError> {
@@ -48,29 +49,29 @@ fn add_shape(scene: &mut Scene, id: u32, shape: Shape) -> Result<(), CommandErro
 
 fn add(scene: &mut Scene, terms: BodyTerms, at: Vec3) -> Result<(), CommandError> {
     let upright = [0.0, 0.0, 0.0, 1.0];
-    let motion = Verbatim::new(at.to_array(), upright, [0.0; 3], [0.0; 3]).unwrap();
+    let motion = Verbatim::new(at.to_array(), upright, [0.0; 3], [0.0; 3]).expect(VALID);
     scene.apply(&Command::AddBody { terms, motion })
 }
 
 /// Drops a body on a static one; returns where it is two seconds later, and how it is turned.
 fn drop_on(ground: Shape, falling: Shape, turns: bool, from: Vec3) -> (Vec3, Quat) {
     let mut scene = scene();
-    add_shape(&mut scene, 0, ground).unwrap();
-    add_shape(&mut scene, 1, falling).unwrap();
+    add_shape(&mut scene, 0, ground).expect(VALID);
+    add_shape(&mut scene, 1, falling).expect(VALID);
     let plain = BodyTerms::plain;
     add(
         &mut scene,
         plain(GROUND, BodyKind::Static, ShapeId(0)),
         Vec3::ZERO,
     )
-    .unwrap();
+    .expect(VALID);
     let mut terms = plain(FALLING, BodyKind::Dynamic, ShapeId(1));
     terms.turns = turns;
-    add(&mut scene, terms, from).unwrap();
+    add(&mut scene, terms, from).expect(VALID);
     for _ in 0..120 {
-        scene.step().unwrap();
+        scene.step().expect(VALID);
     }
-    let motion = scene.observation(FALLING).unwrap().motion;
+    let motion = scene.observation(FALLING).expect(VALID).motion;
     let rotation = Quat::from_array(motion.rotation());
     (Vec3::from_array(motion.position()), rotation)
 }
@@ -80,14 +81,14 @@ fn terrace() -> Shape {
     let heights: Vec<f32> = (0..16)
         .flat_map(|row| [if row < 8 { 0.0 } else { 2.0 }; 16])
         .collect();
-    Shape::Heights(Heights::new(16, 1.0, 1.0, &heights).unwrap())
+    Shape::Heights(Heights::new(16, 1.0, 1.0, &heights).expect(VALID))
 }
 
 /// A square of 10 m around the origin, of two triangles that face up.
 fn square() -> Shape {
     let corners = [[-5.0, -5.0], [5.0, -5.0], [5.0, 5.0], [-5.0, 5.0]];
     let points = corners.map(|[x, z]| Vec3::new(x, 0.0, z));
-    Shape::Mesh(Mesh::new(&points, &[[0, 2, 1], [0, 3, 2]]).unwrap())
+    Shape::Mesh(Mesh::new(&points, &[[0, 2, 1], [0, 3, 2]]).expect(VALID))
 }
 
 const BALL: Shape = Shape::Ball { radius: 0.5 };
@@ -128,7 +129,7 @@ fn a_compound_falls_and_lies_as_one() {
         rotation: Quat::IDENTITY,
         shape: BALL,
     };
-    let dumbbell = Shape::Compound(Compound::new(vec![part(-1.0), part(1.0)]).unwrap());
+    let dumbbell = Shape::Compound(Compound::new(vec![part(-1.0), part(1.0)]).expect(VALID));
     let (at, turned) = drop_on(square(), dumbbell, true, Vec3::new(0.0, 2.0, 0.0));
     assert!((at.y - 0.5).abs() < 0.02, "{at}");
     assert!((turned * Vec3::X).y.abs() < 0.02, "it lies on both ends");
@@ -161,13 +162,13 @@ fn what_does_not_turn_stands_on_its_edge() {
 #[test]
 fn a_dynamic_body_has_no_sheet_and_a_scene_not_too_many_of_them() {
     let mut scene = scene();
-    add_shape(&mut scene, 0, square()).unwrap();
+    add_shape(&mut scene, 0, square()).expect(VALID);
     let holed = Compound::new(vec![Part {
         position: Vec3::ZERO,
         rotation: Quat::IDENTITY,
         shape: terrace(),
     }]);
-    add_shape(&mut scene, 1, Shape::Compound(holed.unwrap())).unwrap();
+    add_shape(&mut scene, 1, Shape::Compound(holed.expect(VALID))).expect(VALID);
     for shape in [ShapeId(0), ShapeId(1)] {
         let terms = BodyTerms::plain(FALLING, BodyKind::Dynamic, shape);
         let refused = add(&mut scene, terms, Vec3::ZERO);
@@ -175,7 +176,7 @@ fn a_dynamic_body_has_no_sheet_and_a_scene_not_too_many_of_them() {
     }
     let moved = BodyTerms::plain(FALLING, BodyKind::Kinematic, ShapeId(0));
     assert_eq!(add(&mut scene, moved, Vec3::ZERO), Ok(()));
-    let large = || Shape::Heights(Heights::new(500, 1.0, 1.0, &[0.0; 250_000]).unwrap());
+    let large = || Shape::Heights(Heights::new(500, 1.0, 1.0, &[0.0; 250_000]).expect(VALID));
     let fit = SHAPE_BYTES_PER_SCENE_MAX as u32 / 1_000_200;
     for id in 10..10 + fit {
         assert_eq!(add_shape(&mut scene, id, large()), Ok(()));
@@ -184,29 +185,29 @@ fn a_dynamic_body_has_no_sheet_and_a_scene_not_too_many_of_them() {
     assert_eq!(add_shape(&mut scene, 100, large()), full);
     scene
         .apply(&Command::RemoveShape { id: ShapeId(10) })
-        .unwrap();
+        .expect(VALID);
     assert_eq!(add_shape(&mut scene, 100, large()), Ok(()));
 }
 
 #[test]
 fn contacts_name_the_other_and_point_away_from_it() {
     let mut scene = scene();
-    add_shape(&mut scene, 0, terrace()).unwrap();
-    add_shape(&mut scene, 1, BALL).unwrap();
+    add_shape(&mut scene, 0, terrace()).expect(VALID);
+    add_shape(&mut scene, 1, BALL).expect(VALID);
     let plain = BodyTerms::plain;
     add(
         &mut scene,
         plain(GROUND, BodyKind::Static, ShapeId(0)),
         Vec3::ZERO,
     )
-    .unwrap();
+    .expect(VALID);
     let ball = plain(FALLING, BodyKind::Dynamic, ShapeId(1));
-    add(&mut scene, ball, Vec3::new(3.5, 0.55, 3.4)).unwrap();
+    add(&mut scene, ball, Vec3::new(3.5, 0.55, 3.4)).expect(VALID);
     let mut contacts = Vec::new();
     scene.contacts(FALLING, &mut contacts);
     assert_eq!(contacts, []);
     for _ in 0..60 {
-        scene.step().unwrap();
+        scene.step().expect(VALID);
     }
     scene.contacts(FALLING, &mut contacts);
     scene.contacts(GROUND, &mut contacts);
@@ -232,7 +233,7 @@ fn mesh() -> impl Strategy<Value = Shape> {
         let points: Vec<_> = points.into_iter().map(|point| point * size).collect();
         let count = points.len() as u32;
         let places = triangles.into_iter().map(|t| t.map(|place| place % count));
-        Shape::Mesh(Mesh::new(&points, &places.collect::<Vec<_>>()).unwrap())
+        Shape::Mesh(Mesh::new(&points, &places.collect::<Vec<_>>()).expect(VALID))
     })
 }
 
@@ -243,7 +244,7 @@ fn heights() -> impl Strategy<Value = Shape> {
     let posts = prop::collection::vec(-1.0_f32..1.0, 9);
     (spacing, steep, posts).prop_map(|(spacing, steep, posts)| {
         let posts: Vec<_> = posts.into_iter().map(|post| post * steep).collect();
-        Shape::Heights(Heights::new(3, spacing, spacing, &posts).unwrap())
+        Shape::Heights(Heights::new(3, spacing, spacing, &posts).expect(VALID))
     })
 }
 
@@ -260,7 +261,7 @@ fn compound() -> impl Strategy<Value = Shape> {
             rotation: Quat::from_rotation_z(angle),
             shape,
         });
-        Shape::Compound(Compound::new(parts.collect()).unwrap())
+        Shape::Compound(Compound::new(parts.collect()).expect(VALID))
     })
 }
 
