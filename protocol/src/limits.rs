@@ -91,6 +91,8 @@ pub const MESH_POINTS_MAX: usize = 65_536;
 pub const TRIANGLES_MAX: usize = 65_536;
 /// Most parts of a compound.
 pub const PARTS_MAX: usize = 64;
+/// Bytes that the parts of a compound may take in memory: on the wire they take no more, and fit a long message.
+pub const PARTS_BYTES_MAX: usize = 1_664 * 1024;
 /// Bytes that all shapes of a scene may take in memory.
 pub const SHAPE_BYTES_PER_SCENE_MAX: usize = 8 << 20;
 /// Smallest and largest density, kg/m³.
@@ -153,6 +155,8 @@ const _: () = assert!(HULL_POINTS_MAX * 12 + 64 < MESSAGE_BYTES_MAX);
 // A place of a point takes three bytes at most; four of a post. Each fits a message said in pieces, with its names.
 const _: () = assert!(MESH_POINTS_MAX * 12 + TRIANGLES_MAX * 9 + 64 < LONG_MESSAGE_BYTES_MAX);
 const _: () = assert!(POSTS_MAX * 4 + 64 < LONG_MESSAGE_BYTES_MAX);
+const _: () = assert!(MESH_POINTS_MAX * 12 + TRIANGLES_MAX * 12 < PARTS_BYTES_MAX);
+const _: () = assert!(PARTS_BYTES_MAX + PARTS_MAX * 64 < LONG_MESSAGE_BYTES_MAX);
 // A 16-bit packet number is told apart from the same number a turn earlier as long as it is remembered.
 const _: () = assert!(HISTORY_PACKETS < 1 << 15);
 const _: () = assert!(TICK_JUMP_MAX < 1 << 15);

@@ -10,7 +10,7 @@ use rhumb_reckoning::Metres;
 
 use super::checks::{Invalid, Quantity, rotation, vector};
 use super::shape::Shape;
-use crate::limits::{EXTENT_MAX, EXTENT_MIN, PARTS_MAX};
+use crate::limits::{EXTENT_MAX, EXTENT_MIN, PARTS_BYTES_MAX, PARTS_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
@@ -83,6 +83,10 @@ impl Compound {
             }
             part.shape.check()?;
         }
+        let bytes: usize = self.parts.iter().map(|part| part.shape.bytes()).sum();
+        if bytes > PARTS_BYTES_MAX {
+            return Err(Invalid::OutOfRange(Quantity::Parts));
+        }
         Ok(())
     }
 }
@@ -122,6 +126,7 @@ mod tests {
     use alloc::vec;
 
     use super::*;
+    use crate::scene::Mesh;
 
     fn part(x: f32, shape: Shape) -> Part {
         Part {
@@ -161,6 +166,19 @@ mod tests {
         nested.encode(&mut writer);
         let read = Compound::decode(&mut Reader::new(&writer.into_bytes()));
         assert_eq!(read, Err(Malformed::UnknownCode));
+    }
+
+    #[test]
+    fn a_compound_at_its_limits_fits_a_long_message_and_one_beyond_is_refused() {
+        let points = vec![Vec3::X; 60_000];
+        let triangles = vec![[59_999_u32; 3]; 60_000];
+        let mesh = Shape::Mesh(Mesh::new(&points, &triangles).expect("within the limits"));
+        let one = Compound::new(vec![part(0.0, mesh.clone())]).expect("within the limits");
+        let mut writer = Writer::new();
+        one.encode(&mut writer);
+        assert!(writer.len() < crate::limits::LONG_MESSAGE_BYTES_MAX);
+        let two = Compound::new(vec![part(0.0, mesh.clone()), part(1.0, mesh)]);
+        assert_eq!(two, Err(Invalid::OutOfRange(Quantity::Parts)));
     }
 
     #[test]

@@ -106,6 +106,20 @@ pub(super) fn material(surface: &Surface) -> Result<Material, Refusal> {
     })
 }
 
+/// The mass of an actor of these parts, kg; a kilogram if nothing of it can be touched.
+pub(super) fn mass(kind: BodyKind, parts: &[Part]) -> f32 {
+    let counts = |outline: &&Outline| kind == BodyKind::Static || outline.solid().is_some();
+    let masses = parts.iter().filter_map(|part| {
+        let outline = part.outline.as_ref().filter(counts)?;
+        Some(outline.bulk.volume * part.material.density)
+    });
+    let (count, sum) = masses.fold((0, 0.0), |(count, sum), mass| (count + 1, sum + mass));
+    match count {
+        0 => 1.0,
+        _ => f32::max(sum, f32::MIN_POSITIVE),
+    }
+}
+
 /// What an actor of these parts is. `scenes`: the material that needs no mention.
 pub(super) fn form(kind: BodyKind, parts: &[Part], scenes: Material) -> Form {
     let placed: Vec<(Outline, &Part)> = parts

@@ -156,13 +156,17 @@ impl Guest {
         options: &AppOptions,
     ) -> Result<(), Refusal> {
         let scene = self.scene.as_mut().ok_or(Refusal::Time)?;
-        let ticks = scene.pace.ticks(seconds).ok_or(Refusal::Time)?;
+        let owed = scene.pace.ticks(seconds).ok_or(Refusal::Time)?;
         let FrameAt {
             leader,
             room,
             clock,
             out,
+            ticks_left,
         } = at;
+        // Who asks for more time at once than may pass has its time pass more slowly.
+        let ticks = owed.min(*ticks_left);
+        *ticks_left -= ticks;
         self.refusals = 0;
         let mut lead = Lead {
             room,
@@ -232,6 +236,8 @@ pub(super) struct FrameAt<'a> {
     pub(super) room: &'a mut Room,
     pub(super) clock: Stopwatch<'a>,
     pub(super) out: &'a mut Outbox,
+    /// Ticks that may pass before others have their turn.
+    pub(super) ticks_left: &'a mut u32,
 }
 
 impl Ledger {

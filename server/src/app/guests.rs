@@ -30,6 +30,9 @@ pub(crate) struct Guests {
 /// Logons by datagram that are remembered.
 const STRAYS_MAX: usize = 256;
 
+/// Ticks that one read of a client may have pass: two seconds of its time. Its plug-in says eleven frames of six each second.
+const TICKS_AT_ONCE: u32 = 135;
+
 /// Why a client is sent away.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Parting {
@@ -75,6 +78,7 @@ impl Guests {
 impl Host {
     /// Looks at every whole message that a client has said.
     fn hear_guest(&mut self, peer: Peer) -> Result<(), Parting> {
+        let mut ticks_left = TICKS_AT_ONCE;
         loop {
             let Some(guest) = self.guests.guests.get_mut(&peer) else {
                 return Ok(());
@@ -85,7 +89,9 @@ impl Host {
             match guest.hear(&framed) {
                 Asked::Nothing => {}
                 Asked::Logon(simulation) => self.log_on(peer, simulation)?,
-                Asked::Frame(seconds) => self.pass_frame(peer, framed.index, seconds)?,
+                Asked::Frame(seconds) => {
+                    self.pass_frame(peer, framed.index, seconds, &mut ticks_left)?;
+                }
                 Asked::Logoff => {
                     tracing::info!(peer = peer.0, "an app client logged off");
                     self.dismiss(peer);
@@ -111,7 +117,13 @@ impl Host {
         Ok(())
     }
 
-    fn pass_frame(&mut self, peer: Peer, index: u32, seconds: f32) -> Result<(), Parting> {
+    fn pass_frame(
+        &mut self,
+        peer: Peer,
+        index: u32,
+        seconds: f32,
+        ticks_left: &mut u32,
+    ) -> Result<(), Parting> {
         let Some(guest) = self.guests.guests.get(&peer) else {
             return Ok(());
         };
@@ -141,6 +153,7 @@ impl Host {
             room,
             clock: &self.stopwatch,
             out: &mut self.out,
+            ticks_left,
         };
         if let Err(refusal) = guest.frame(seconds, at, &self.guests.options) {
             guest.refuse(index, refusal);

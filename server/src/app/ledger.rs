@@ -10,13 +10,13 @@ use glam::{Quat, Vec3};
 use rhumb_app::{AddJoint, AttachShape, Message, Motion, SetWorld, Surface};
 use rhumb_protocol::limits::{
     ANGULAR_MAX, BODIES_MAX, COORDINATE_MAX, GRAVITY_MAX, GRAVITY_SCALE_MAX, JOINTS_MAX,
-    LINEAR_MAX, PARTS_MAX,
+    LINEAR_MAX, PARTS_BYTES_MAX, PARTS_MAX,
 };
 use rhumb_protocol::scene::{BodyKind, JointId, Material};
 use rhumb_reckoning::BodyId;
 
 use super::actor::Actor;
-use super::form::{Part, form, material, unit};
+use super::form::{Part, mass, material, unit};
 use super::names::Names;
 use super::outline::Outline;
 use super::refusal::Refusal;
@@ -30,6 +30,8 @@ pub(super) struct Ledger {
     shape_bytes: usize,
     pub(super) actors: BTreeMap<u32, Actor>,
     pub(super) joints: BTreeMap<u32, Held>,
+    /// The number in the scene of the joint that was held last.
+    pub(super) last_joint: u32,
     /// Actors that were touched since the last frame, in the order in which they were.
     touched: Vec<u32>,
     touched_once: BTreeSet<u32>,
@@ -307,7 +309,7 @@ impl Ledger {
         let Some(actor) = self.actors.get_mut(&name) else {
             return Answer::Nothing;
         };
-        let mass = form(actor.kind, &actor.parts, MATERIAL).mass;
+        let mass = mass(actor.kind, &actor.parts);
         actor.told_mass = Some(mass);
         Answer::Mass(mass)
     }
@@ -338,8 +340,9 @@ impl Ledger {
             position: within(told.position, rhumb_protocol::limits::EXTENT_MAX)?,
             rotation: unit(told.rotation)?,
         };
-        let parts = self.actors.get(&told.actor.object).map(|a| a.parts.len());
-        if parts.is_some_and(|parts| parts >= PARTS_MAX) {
+        if let Some(actor) = self.actors.get(&told.actor.object)
+            && (actor.parts.len() >= PARTS_MAX || bytes(&actor.parts, &part) > PARTS_BYTES_MAX)
+        {
             return Err(Refusal::TooMany);
         }
         self.change(told.actor.object, |actor| {
@@ -394,6 +397,15 @@ impl Ledger {
             .any(|held| super::joint::is_upright(&held.told));
         self.change(name, |actor| actor.upright = upright);
     }
+}
+
+/// Bytes that the parts of an actor take, with one more.
+fn bytes(parts: &[Part], more: &Part) -> usize {
+    let outlines = parts
+        .iter()
+        .chain([more])
+        .filter_map(|part| part.outline.as_ref());
+    outlines.map(|outline| outline.shape.bytes()).sum()
 }
 
 /// An actor that moves, from its state.

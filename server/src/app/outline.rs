@@ -21,6 +21,8 @@ pub(super) struct Outline {
     /// Shape → client's axes.
     pub(super) rotation: Quat,
     pub(super) bulk: Bulk,
+    /// What a body that is moved has in its place, if it has no inside.
+    hull: Option<Hull>,
 }
 
 /// Long axes are the client's x and the scene's y: a quarter back about z.
@@ -35,6 +37,7 @@ impl Outline {
             position: Vec3::ZERO,
             rotation: Quat::IDENTITY,
             bulk,
+            hull: None,
         })
     }
 
@@ -92,7 +95,8 @@ impl Outline {
     }
 
     fn sheet(points: &[Vec3], shape: Shape) -> Self {
-        let solid = hull_of(points).ok().map(Shape::Hull);
+        let hull = hull_of(points).ok();
+        let solid = hull.clone().map(Shape::Hull);
         let bulk = solid.and_then(|solid| bulk(&solid).ok());
         Self {
             shape,
@@ -102,16 +106,20 @@ impl Outline {
                 centre: Vec3::ZERO,
                 volume: 0.0,
             }),
+            hull: hull.filter(|_| bulk.is_some()),
         }
     }
 
     /// What a body that is moved can have of it: itself, or the hull of its points. None of ground.
     pub(super) fn solid(&self) -> Option<Self> {
-        match &self.shape {
-            Shape::Mesh(mesh) => Self::of(Shape::Hull(hull_of(mesh.points()).ok()?)).ok(),
-            Shape::Heights(_) => None,
-            _ => Some(self.clone()),
+        if self.shape.is_solid() {
+            return Some(self.clone());
         }
+        let shape = Shape::Hull(self.hull.clone()?);
+        Some(Self {
+            shape,
+            ..self.clone()
+        })
     }
 
     /// Itself around its centre of mass, and where that was. A centre that only rounding puts off stays.

@@ -197,10 +197,11 @@ impl Ledger {
             if !self.actors.contains_key(&told.second.actor.object) {
                 self.realise_world(lead, realised);
             }
-            let id = (0..JOINTS_MAX).map(JointId);
-            let mut free = id.filter(|id| lead.scene().joints().get(*id).is_none());
-            let joined = (free.next().ok_or(Refusal::TooMany))
-                .and_then(|id| self.hold(&told, id, lead).map(|()| id));
+            let joined = self.free_joint(lead).and_then(|id| {
+                self.hold(&told, id, lead)?;
+                self.last_joint = id.0;
+                Ok(id)
+            });
             match joined {
                 Ok(id) => {
                     if let Some(held) = self.joints.get_mut(&name) {
@@ -215,6 +216,14 @@ impl Ledger {
                 }
             }
         }
+    }
+
+    /// A number that the scene has no joint of, behind the one that was given last.
+    fn free_joint(&self, lead: &Lead<'_>) -> Result<JointId, Refusal> {
+        let from = (self.last_joint + 1) % JOINTS_MAX;
+        let mut numbers = (from..JOINTS_MAX).chain(0..from).map(JointId);
+        let free = numbers.find(|id| lead.scene().joints().get(*id).is_none());
+        free.ok_or(Refusal::TooMany)
     }
 
     /// Has something in the scene that stands for the world, which joints may hold.

@@ -37,6 +37,9 @@ impl Shelf {
             }
             return Ok(*id);
         }
+        if self.users.len() >= SHAPES_MAX as usize {
+            return Err(CommandError::UnknownShape(ShapeId(SHAPES_MAX)));
+        }
         let id = self.free(lead);
         let shape = shape.clone();
         lead.command(&Command::AddShape { id, shape })?;
