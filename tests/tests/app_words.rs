@@ -1,0 +1,313 @@
+//! Whatever a client of the paper's protocol says, its scene stays sound
+//!
+//! Proved by random words about few things, with numbers that are sane, absurd or none, so that they contradict each other
+//! in every way; and by joints whose outcome is known.
+
+use glam::{Quat, Vec3};
+use rhumb_app::{
+    AddJoint, ApplyForce, ApplyTorque, AttachShape, ConvexMesh, CreateDynamicActor,
+    CreateStaticActor, DetachShape, Grip, Heights, Id, Kind, Logon, Message, Motion, SetWorld,
+    Surface, Surfacing, TriangleMesh,
+};
+use rhumb_protocol::Instant;
+use rhumb_server::Host;
+use rhumb_tests::{Dice, PluginTalk, seed};
+
+const fn id(object: u32) -> Id {
+    Id {
+        simulation: 7,
+        object,
+    }
+}
+
+fn say(host: &mut Host, talk: &mut PluginTalk, message: &Message) {
+    let mut bytes = Vec::new();
+    message.encode(0, &mut bytes);
+    talk.say(host, &bytes);
+}
+
+/// A host and a client that has logged on and said its world.
+fn logged_on() -> (Host, PluginTalk) {
+    let mut host = Host::new(|| Instant::ZERO);
+    let mut logon = Vec::new();
+    Message::Logon(Logon::new(7, "words")).encode(0, &mut logon);
+    let mut talk = PluginTalk::begin(&mut host, 1, &logon);
+    talk.say(&mut host, &logon);
+    let world = Message::SetWorld(SetWorld {
+        plane: id(0),
+        gravity: Vec3::new(0.0, 0.0, -10.0),
+        static_friction: 0.5,
+        kinetic_friction: 0.5,
+        restitution: 0.0,
+        margin: 0.0,
+        height: -5.0,
+        normal: Vec3::Z,
+    });
+    say(&mut host, &mut talk, &world);
+    (host, talk)
+}
+
+const FRAME: Message = Message::AdvanceTime((7, 0.089));
+
+const STONE: Surface = Surface {
+    density: 1_000.0,
+    static_friction: 0.5,
+    kinetic_friction: 0.5,
+    restitution: 0.0,
+};
+
+fn ball(host: &mut Host, talk: &mut PluginTalk, object: u32, position: Vec3) {
+    let motion = Motion {
+        actor: id(object),
+        position,
+        rotation: Quat::IDENTITY,
+        gravity_modifier: 1.0,
+        linear: Vec3::ZERO,
+        angular: Vec3::ZERO,
+    };
+    for message in [
+        Message::AddSphere((id(object), Vec3::ZERO, 0.5)),
+        Message::CreateDynamicActor(CreateDynamicActor { motion, flags: 1 }),
+        Message::AttachShape(AttachShape {
+            actor: id(object),
+            shape: id(object),
+            surface: STONE,
+            rotation: Quat::IDENTITY,
+            position: Vec3::ZERO,
+        }),
+    ] {
+        say(host, talk, &message);
+    }
+}
+
+fn joint(joint: u32, first: Grip, second: Grip, free: Vec3) -> Message {
+    Message::AddJoint(AddJoint {
+        joint: id(joint),
+        first,
+        second,
+        linear_lower: Vec3::ZERO,
+        linear_upper: Vec3::ZERO,
+        angular_lower: free,
+        angular_upper: Vec3::ZERO,
+    })
+}
+
+const fn grip(object: u32, anchor: Vec3) -> Grip {
+    Grip {
+        actor: id(object),
+        rotation: Quat::IDENTITY,
+        anchor,
+    }
+}
+
+#[test]
+fn joints_hold_actors_together_and_to_the_world() {
+    let (mut host, mut talk) = logged_on();
+    ball(&mut host, &mut talk, 10, Vec3::new(0.0, 0.0, 20.0));
+    ball(&mut host, &mut talk, 11, Vec3::new(2.0, 0.0, 20.0));
+    // The first hangs from the world by a hinge about y, the second is held by the first.
+    let hinge = Vec3::new(0.0, 1.0, 0.0);
+    let hung = joint(
+        1,
+        grip(10, Vec3::ZERO),
+        grip(999, Vec3::new(0.0, 0.0, 20.0)),
+        hinge,
+    );
+    let held = joint(
+        2,
+        grip(10, Vec3::new(2.0, 0.0, 0.0)),
+        grip(11, Vec3::ZERO),
+        Vec3::ZERO,
+    );
+    say(&mut host, &mut talk, &hung);
+    say(&mut host, &mut talk, &held);
+    for _ in 0..6 {
+        say(&mut host, &mut talk, &FRAME);
+    }
+    let last = talk.last_states();
+    let (first, second) = (last[&10].position, last[&11].position);
+    assert!(first.distance(Vec3::new(0.0, 0.0, 20.0)) < 0.05, "{first}");
+    assert!((second.distance(first) - 2.0).abs() < 0.05, "{second}");
+    assert!(
+        second.z < 19.0 && second.y.abs() < 0.05,
+        "it swings: {second}"
+    );
+    say(&mut host, &mut talk, &Message::RemoveJoint(id(1)));
+    for _ in 0..6 {
+        say(&mut host, &mut talk, &FRAME);
+    }
+    let first = talk.last_states()[&10].position;
+    assert!(first.z < 19.0, "what nothing holds falls: {first}");
+    assert_eq!(talk.heard(Kind::Error), 0);
+}
+
+/// Words about few things.
+struct Babble(Dice);
+
+impl Babble {
+    fn one_in(&mut self, count: usize) -> bool {
+        self.0.below(count) == 0
+    }
+
+    fn number(&mut self, most: f32) -> f32 {
+        if self.one_in(60) {
+            let absurd = [f32::NAN, f32::INFINITY, 1e30, -1e9, 0.0, 1e-30, -0.0];
+            return absurd[self.0.below(absurd.len())];
+        }
+        (self.0.below(2_001) as f32 / 1_000.0 - 1.0) * most
+    }
+
+    fn vector(&mut self, most: f32) -> Vec3 {
+        Vec3::new(self.number(most), self.number(most), self.number(most))
+    }
+
+    fn rotation(&mut self) -> Quat {
+        match self.0.below(4) {
+            0 => Quat::from_xyzw(self.number(1.0), self.number(1.0), 0.0, self.number(1.0)),
+            1 => Quat::from_rotation_x(self.0.below(6) as f32),
+            _ => Quat::IDENTITY,
+        }
+    }
+
+    fn thing(&mut self) -> Id {
+        id(self.0.below(6) as u32)
+    }
+
+    fn surface(&mut self) -> Surface {
+        Surface {
+            density: self.number(2_000.0),
+            static_friction: self.number(1.0),
+            kinetic_friction: self.number(1.0),
+            restitution: self.number(1.0),
+        }
+    }
+
+    fn grip(&mut self) -> Grip {
+        Grip {
+            actor: self.thing(),
+            rotation: self.rotation(),
+            anchor: self.vector(1.0),
+        }
+    }
+
+    fn shape(&mut self) -> Message {
+        let shape = self.thing();
+        let points = (0..self.0.below(12)).map(|_| self.vector(2.0)).collect();
+        match self.0.below(7) {
+            0 => Message::AddSphere((shape, Vec3::ZERO, self.number(1.0).abs())),
+            1 => Message::AddCapsule((shape, self.number(1.0).abs(), self.number(3.0).abs())),
+            2 => Message::AddBox((shape, self.vector(2.0).abs())),
+            3 => Message::AddConvexMesh(ConvexMesh { shape, points }),
+            4 => Message::AddTriangleMesh(TriangleMesh {
+                shape,
+                triangles: (0..self.0.below(9))
+                    .map(|_| [self.0.below(12) as u32; 3].map(|p| p + self.0.below(3) as u32))
+                    .collect(),
+                points,
+            }),
+            5 => Message::AddHeightField(Heights {
+                shape,
+                rows: 4,
+                columns: 3,
+                row_spacing: self.number(2.0).abs(),
+                column_spacing: 1.0,
+                heights: (0..12).map(|_| self.number(2.0)).collect(),
+            }),
+            _ => Message::RemoveShape(shape),
+        }
+    }
+
+    fn motion(&mut self) -> Motion {
+        Motion {
+            actor: self.thing(),
+            position: self.vector(5.0),
+            rotation: self.rotation(),
+            gravity_modifier: self.number(2.0),
+            linear: self.vector(30.0),
+            angular: self.vector(20.0),
+        }
+    }
+
+    fn word(&mut self) -> Message {
+        let (actor, shape) = (self.thing(), self.thing());
+        match self.0.below(24) {
+            0..=4 => self.shape(),
+            5 => Message::CreateStaticActor(CreateStaticActor {
+                actor,
+                position: self.vector(5.0),
+                rotation: self.rotation(),
+                flags: 1,
+            }),
+            6..=8 => Message::CreateDynamicActor(CreateDynamicActor {
+                motion: self.motion(),
+                flags: 1,
+            }),
+            9 => Message::RemoveActor(actor),
+            10..=13 => Message::AttachShape(AttachShape {
+                actor,
+                shape,
+                surface: self.surface(),
+                rotation: self.rotation(),
+                position: self.vector(1.0),
+            }),
+            14 => Message::DetachShape(DetachShape { actor, shape }),
+            15 => Message::UpdateShapeMaterial(Surfacing {
+                actor,
+                shape,
+                surface: self.surface(),
+            }),
+            16 => Message::AddJoint(AddJoint {
+                joint: shape,
+                first: self.grip(),
+                second: self.grip(),
+                linear_lower: Vec3::splat(self.0.below(2) as f32),
+                linear_upper: Vec3::ZERO,
+                angular_lower: Vec3::new(0.0, self.0.below(2) as f32, 0.0),
+                angular_upper: Vec3::ZERO,
+            }),
+            17 => Message::RemoveJoint(shape),
+            18 => Message::SetDynamicActor(self.motion()),
+            19 => Message::UpdateLinearVelocity((actor, self.vector(50.0))),
+            20 => Message::UpdateGravityModifier((actor, self.number(1.0))),
+            21 => Message::ApplyForce(ApplyForce {
+                actor,
+                force: self.vector(1e5),
+            }),
+            22 => Message::ApplyTorque(ApplyTorque {
+                actor,
+                torque: self.vector(1e4),
+            }),
+            _ => Message::GetMass(actor),
+        }
+    }
+}
+
+#[test]
+fn whatever_is_said_the_scene_goes_on_and_says_finite_states() {
+    let first = seed(0x0a99);
+    for round in 0..120 {
+        let mut babble = Babble(Dice::new(first + round));
+        let (mut host, mut talk) = logged_on();
+        let mut frames = 0;
+        for _ in 0..150 {
+            let word = babble.word();
+            say(&mut host, &mut talk, &word);
+            if babble.one_in(4) {
+                say(&mut host, &mut talk, &FRAME);
+                frames += 1;
+            }
+            assert!(
+                !talk.closed,
+                "seed {}: closed after {word:?}",
+                first + round
+            );
+        }
+        assert_eq!(talk.heard(Kind::TimeAdvanced), frames);
+        for state in talk.last_states().values() {
+            let finite = state.position.is_finite() && state.linear.is_finite();
+            assert!(finite && state.rotation.is_normalized(), "{state:?}");
+        }
+        say(&mut host, &mut talk, &Message::Logoff(7));
+        assert!(talk.closed && host.scenes().count() == 0);
+    }
+}
