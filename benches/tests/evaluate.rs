@@ -6,10 +6,13 @@ use std::process::Command;
 /// Runs a scene and returns the runs of its summary.
 fn runs(name: &str, arguments: &[&str]) -> Vec<serde_json::Value> {
     let out = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("evaluate-{name}"));
+    let brief = !arguments.contains(&"--seconds");
+    let seconds: &[&str] = if brief { &["--seconds", "0.5"] } else { &[] };
     let run = Command::new(env!("CARGO_BIN_EXE_rhumb-bench"))
         .arg("evaluate")
         .args(arguments)
-        .args(["--seconds", "0.5", "--no-trace", "--no-pin", "--out"])
+        .args(seconds)
+        .args(["--no-trace", "--no-pin", "--out"])
         .arg(&out)
         .output()
         .expect("the bench starts");
@@ -68,11 +71,13 @@ fn what_a_budget_withholds_is_counted_as_its_doing_and_nothing_else_breaks() {
     let modes = [
         "--modes",
         "naive,rhumb",
+        "--scene",
+        "tumbler",
         "--bodies",
-        "60",
-        "--budget",
-        "600",
+        "200",
     ];
+    let tight = ["--seconds", "4", "--tolerance", "0.005", "--budget", "600"];
+    let modes = [&modes[..], &tight[..]].concat();
     let runs = runs("budget", &modes);
     let run = &runs[1];
     assert_eq!(run["budget_bytes_per_second"], 600);

@@ -104,6 +104,9 @@ fn a_budget_is_kept_and_what_it_withholds_is_told_of() {
     }
 }
 
+/// A frame may close before or after a vouch for the silence around it: so many bytes with headers.
+const TWO_VOUCHES: u64 = 128;
+
 #[test]
 fn traffic_never_rises_because_latency_rose() {
     let recording = recording();
@@ -123,7 +126,7 @@ fn traffic_never_rises_because_latency_rose() {
         for far in ["rtt=50ms", "rtt=300ms", "rtt=300ms,jitter=40ms"] {
             let far = bytes(far);
             assert!(
-                far.0 <= near.0 && far.1 == near.1,
+                far.0 <= near.0 + TWO_VOUCHES && far.1 == near.1,
                 "{budget:?}: {far:?} of {near:?}"
             );
         }

@@ -93,7 +93,10 @@ fn breaches_are_counted_by_cause() {
         .iter()
         .map(|(cause, count)| (cause.as_str(), *count))
         .collect();
-    assert_eq!(causes, [("fault", 0), ("late", 0), ("loss", 1)]);
+    assert_eq!(
+        causes,
+        [("budget", 0), ("fault", 0), ("late", 0), ("loss", 1)]
+    );
 }
 
 #[test]

@@ -221,3 +221,34 @@ fn a_change_that_is_denied_changes_nothing() {
     assert_eq!(stage.copy(COMMANDER).choice(), tolerance(3));
     assert_eq!(stage.copy(COMMANDER).stream().complete(), tick);
 }
+
+#[test]
+fn each_tier_is_encoded_once_whoever_listens() {
+    let said = |listeners: usize| {
+        let mut stage = stage(Pace::Lockstep, "", 1);
+        let others: Vec<usize> = [EXACT, FINE, NORMAL, COARSE]
+            .into_iter()
+            .flat_map(|tier| vec![tier; listeners])
+            .map(|tier| stage.enter(tier))
+            .collect();
+        for _ in 0..120 {
+            stage.tick();
+        }
+        let inspected = others.iter().step_by(listeners).map(|member| {
+            let session = stage.arena.client_mut(*member);
+            session.inspect().expect("it is a member");
+            stage.run(Span::from_millis(50));
+            let inspection = stage.witnesses[*member].inspections[0];
+            (
+                inspection.updates,
+                inspection.packets,
+                inspection.packet_bytes,
+            )
+        });
+        inspected.collect::<Vec<_>>()
+    };
+    let alone = said(1);
+    assert!(alone.iter().all(|(updates, ..)| *updates > 0));
+    assert!(alone[0].0 > alone[3].0, "a finer tier says more: {alone:?}");
+    assert_eq!(said(6), alone);
+}
