@@ -1,4 +1,4 @@
-//! `rhumb-bench fit`: the coder's tables, fitted to what recordings make it say
+//! `rhumb-bench fit`: the coder's tables, fitted to what recordings say
 //!
 //! Each recording is published without loss, and what its packets say is counted; all recordings count alike. Then, in
 //! turns: alphabets are the histograms of what is said in their class, blended with what smooth ones would be; and each

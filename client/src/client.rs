@@ -18,28 +18,12 @@ use rhumb_reckoning::{BodyId, Seconds, Tick, Ticks, Tolerance};
 use rhumb_transport::{ClientOptions, QuicClient};
 
 use crate::clock::{DisplayTime, SceneClock};
+use crate::depth::Depth;
 use crate::error::{ClientError, OpenError};
 use crate::happening::{Happening, Statistics};
 use crate::options::{Entry, Options};
 use crate::pump::{Pump, Way};
 use crate::view::{Glass, View};
-
-/// How many ticks that are spoken of a lockstep client lets the server compute beyond the one it looks at.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Depth(u32);
-
-impl Depth {
-    /// Waits for each tick.
-    pub const LOCKSTEP: Self = Self(0);
-    /// Looks at the tick before, while the server computes the next.
-    pub const PIPELINED: Self = Self(1);
-
-    /// Looks so many ticks back; [`Self::LOCKSTEP`] is 0, [`Self::PIPELINED`] is 1.
-    #[must_use]
-    pub const fn new(ticks: u32) -> Self {
-        Self(ticks)
-    }
-}
 
 /// Beyond the tick that should be vouched for by now a free-running view predicts at most this far, then holds: half a
 /// second.
@@ -463,7 +447,7 @@ impl Client {
 
     /// The ticks from one that is spoken of to the one so many later.
     fn spoken_ticks(&self, depth: Depth) -> Ticks {
-        Ticks::new(depth.0.saturating_mul(self.terms.cadence.every.get()))
+        Ticks::new(depth.ticks().saturating_mul(self.terms.cadence.every.get()))
     }
 
     fn deadline(&self) -> Instant {

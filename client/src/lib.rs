@@ -40,14 +40,16 @@
 
 mod client;
 mod clock;
+mod depth;
 mod error;
 mod happening;
 mod options;
 mod pump;
 mod view;
 
-pub use client::{Client, Depth};
+pub use client::Client;
 pub use clock::DisplayTime;
+pub use depth::Depth;
 pub use error::{ClientError, OpenError};
 pub use happening::{Happening, Statistics};
 pub use options::{Entry, Options};

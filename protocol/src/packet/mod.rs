@@ -28,7 +28,7 @@ pub use full::{FULL_RECORD_BYTES, FullPacket, FullRecord};
 pub(crate) use galois::{add_times, inverse, times};
 pub use header::{Head, Kind, Low16, StreamId};
 pub use parity::Parity;
-pub(crate) use parity::{column_of, packet_of};
+pub(crate) use parity::{column_into, column_of, packet_of};
 pub use repair::{Repair, RepairRecord, RepairWriter};
 pub(crate) use saying::Tongue;
 pub use saying::{Course, Saying};

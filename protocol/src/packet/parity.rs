@@ -131,6 +131,14 @@ impl Parity {
 /// The bytes of a state packet that are summed: its kind, and what follows its number. `None` of another datagram, of a
 /// packet that says nothing, and of one that is too long.
 pub(crate) fn column_of(datagram: &[u8]) -> Option<(Low16, Vec<u8>)> {
+    let mut column = Vec::new();
+    let number = column_into(datagram, &mut column)?;
+    Some((number, column))
+}
+
+/// The same, in place of what was in `column`.
+pub(crate) fn column_into(datagram: &[u8], column: &mut Vec<u8>) -> Option<Low16> {
+    column.clear();
     let mut reader = Reader::new(datagram);
     let head = Head::decode(&mut reader).ok()?;
     let kind = match head.kind {
@@ -145,10 +153,9 @@ pub(crate) fn column_of(datagram: &[u8]) -> Option<(Low16, Vec<u8>)> {
     if !comes_back || rest.len() >= COLUMN_BYTES_MAX {
         return None;
     }
-    let mut column = Vec::with_capacity(rest.len() + 1);
     column.push(kind);
     column.extend_from_slice(rest);
-    Some((number, column))
+    Some(number)
 }
 
 /// The datagram of a column; `None` if no packet has this one.

@@ -3,6 +3,7 @@ mod agreement;
 mod bound;
 mod budget;
 mod choose;
+mod columns;
 mod doubt;
 mod features;
 mod field;

@@ -4,12 +4,13 @@
 //! anyone: the packets of [`PARITY_SPAN`] numbers and [`PARITIES_KEPT`] parities are all that is kept, and a parity costs
 //! no more than a multiplication for each byte of these.
 
-use alloc::collections::{BTreeMap, VecDeque};
+use alloc::collections::VecDeque;
 use alloc::vec;
 use alloc::vec::Vec;
 
+use super::columns::Columns;
 use crate::limits::{PARITIES_KEPT, PARITY_SPAN};
-use crate::packet::{Parity, add_times, inverse, times};
+use crate::packet::{Parity, add_times, column_into, inverse, times};
 
 /// A parity, less the packets in it that were heard.
 #[derive(Clone, Debug)]
@@ -39,7 +40,9 @@ impl Sum {
 pub(crate) struct Restorer {
     /// One more than the highest number of which anything was heard.
     end: u64,
-    columns: BTreeMap<u64, Vec<u8>>,
+    columns: Columns,
+    /// The column of the packet that is being heard.
+    heard: Vec<u8>,
     sums: VecDeque<Sum>,
     /// Below this number nothing is rebuilt: it was said before this began, or a parity was wrong.
     distrusted: u64,
@@ -55,17 +58,26 @@ impl Restorer {
         }
     }
 
-    /// A packet was heard, of which this is the column.
-    pub(crate) fn hear(&mut self, number: u64, column: Vec<u8>) {
+    /// A packet was heard.
+    pub(crate) fn hear_packet(&mut self, number: u64, datagram: &[u8]) {
+        let mut column = core::mem::take(&mut self.heard);
+        if column_into(datagram, &mut column).is_some() {
+            self.hear(number, &column);
+        }
+        self.heard = column;
+    }
+
+    /// A packet was heard or rebuilt, of which this is the column.
+    pub(crate) fn hear(&mut self, number: u64, column: &[u8]) {
         self.advance(number + 1);
         if number < self.oldest() {
             return;
         }
         for sum in &mut self.sums {
-            sum.take(number, &column);
+            sum.take(number, column);
         }
         self.sums.retain(|sum| !sum.unknown.is_empty());
-        self.columns.insert(number, column);
+        self.columns.keep(number, column);
     }
 
     /// A parity was heard, of which this is the number of the newest packet.
@@ -77,7 +89,7 @@ impl Restorer {
             column: parity.sums,
         };
         for number in sum.unknown.clone() {
-            if let Some(column) = self.columns.get(&number) {
+            if let Some(column) = self.columns.get(number) {
                 sum.take(number, column);
             }
         }
@@ -128,14 +140,14 @@ impl Restorer {
     /// A rebuilt packet was none: no parity heard so far is used any more, nor is any asked for until these packets are
     /// history.
     pub(crate) fn distrust(&mut self, number: u64) {
-        self.columns.remove(&number);
+        self.columns.forget(number);
         self.sums.clear();
         self.distrusted = self.end;
     }
 
     /// The column of a packet, if that was heard or rebuilt, and lately.
     pub(crate) fn column(&self, number: u64) -> Option<&[u8]> {
-        self.columns.get(&number).map(Vec::as_slice)
+        self.columns.get(number)
     }
 
     /// How many parities more would give back those of the missing packets below `next` that parities can.
@@ -144,7 +156,7 @@ impl Restorer {
             .saturating_sub(u64::from(PARITY_SPAN))
             .max(self.distrusted);
         let lost = missing
-            .filter(|number| *number >= oldest && !self.columns.contains_key(number))
+            .filter(|number| *number >= oldest && self.columns.get(*number).is_none())
             .count();
         lost.saturating_sub(self.sums.len()) as u8
     }
@@ -156,7 +168,7 @@ impl Restorer {
         }
         self.end = end;
         let oldest = self.oldest();
-        self.columns = self.columns.split_off(&oldest);
+        self.columns.forget_below(oldest);
         let of_use = |sum: &Sum| sum.unknown.iter().all(|number| *number >= oldest);
         self.sums.retain(of_use);
     }
@@ -278,7 +290,7 @@ mod tests {
             let heard = |restorer: &mut Restorer| {
                 for (place, (number, column)) in columns.iter().enumerate() {
                     if !lost.contains(&place) {
-                        restorer.hear(*number, column.clone());
+                        restorer.hear(*number, column);
                     }
                 }
             };
@@ -296,7 +308,7 @@ mod tests {
             let rebuilt = restorer.rebuild();
             prop_assert_eq!(rebuilt.len(), lost.len());
             for (number, column) in &rebuilt {
-                restorer.hear(*number, column.clone());
+                restorer.hear(*number, column);
             }
             for ((number, column), place) in rebuilt.iter().zip(&lost) {
                 let (expected, said) = &columns[*place];
@@ -319,14 +331,13 @@ mod tests {
                     let parity = Parity { last: crate::packet::Low16::of(number), covered: covered >> 1, row, sums: bytes };
                     restorer.add(number, parity);
                 } else {
-                    restorer.hear(number, bytes);
+                    restorer.hear(number, &bytes);
                 }
                 let rebuilt = restorer.rebuild();
                 prop_assert!(rebuilt.len() <= PARITIES_KEPT);
                 for (number, column) in rebuilt {
-                    restorer.hear(number, column);
+                    restorer.hear(number, &column);
                 }
-                prop_assert!(restorer.columns.len() <= PARITY_SPAN as usize);
                 prop_assert!(restorer.sums.len() <= PARITIES_KEPT);
                 prop_assert!(restorer.wanted(0..300, 300) <= PARITY_SPAN as u8);
             }
@@ -338,7 +349,7 @@ mod tests {
         let columns: Vec<_> = (0..8_u8).map(|n| (u64::from(n), vec![n + 1; 9])).collect();
         let mut restorer = Restorer::new(0);
         for place in [0, 3, 4, 7] {
-            restorer.hear(columns[place].0, columns[place].1.clone());
+            restorer.hear(columns[place].0, &columns[place].1);
         }
         for (row, covered) in [(0, 0..3), (1, 1..6), (2, 2..7), (3, 5..8)] {
             let (last, parity) = parity(row, &columns[covered]);
@@ -358,7 +369,7 @@ mod tests {
     fn what_was_said_before_this_began_is_not_waited_for() {
         let columns: Vec<_> = (0..4_u8).map(|n| (u64::from(n), vec![n + 1; 9])).collect();
         let mut restorer = Restorer::new(2);
-        restorer.hear(2, columns[2].1.clone());
+        restorer.hear(2, &columns[2].1);
         let (last, parity) = parity(0, &columns);
         restorer.add(last, parity);
         assert!(restorer.rebuild().is_empty() && restorer.sums.is_empty());

@@ -2,23 +2,26 @@
 //!
 //! One belief, two homes: both ends hold this type and change it by the same calls, so that they stay equal to the bit.
 
+mod hearing;
+
 use alloc::vec::Vec;
 use core::cell::Cell;
 use core::fmt;
 
 use glam::{DVec3, Vec3};
 use rhumb_reckoning::{
-    Anchor, BodyId, Case, Class, Conditions, Cursor, Damping, FlowTable, Gate, Grid, HORIZON,
-    Inertia, Integrator, Metres, Motion, Predictor, Quartet, Residual, Seconds, Settling, Snapped,
-    Tick, Ticks, Tolerance, Track, Verbatim, carried, seen_from,
+    BodyId, Case, Class, Conditions, Cursor, Damping, FlowTable, Gate, Grid, HORIZON, Inertia,
+    Integrator, Metres, Motion, Predictor, Quartet, Snapped, Tick, Ticks, Tolerance, Track,
+    Verbatim, carried,
 };
 
 use super::agreement::Agreement;
 use super::field::Field;
 use super::natures::{Nature, Natures};
 use crate::limits::{DAMPINGS_MAX, INDICES_MAX};
-use crate::packet::{Course, Saying};
 use crate::scene::{BodyKind, BodyTerms, Shape};
+
+pub(crate) use hearing::{Former, Unreadable};
 
 /// What a predictor needs to know of a body, told once with it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -134,17 +137,6 @@ struct Foreseen {
     tick: Tick,
     motion: Motion,
     snapped: Snapped,
-}
-
-/// Why a saying could not be taken in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Unreadable {
-    /// No body has this index now.
-    NoBody,
-    /// The track is as new as the saying, or newer.
-    Superseded,
-    /// The saying builds on a track that is not here.
-    OtherRevision,
 }
 
 impl Tracks {
@@ -442,194 +434,6 @@ impl Tracks {
         });
         self.foreseen.set(Some(kept));
         (kept.motion, kept.snapped)
-    }
-
-    /// The frame that a body is or will be in, and what is predicted of it there, for what a saying corrects.
-    ///
-    /// Errors when the saying builds on other tracks than these.
-    fn footing(
-        &self,
-        index: u32,
-        course: &Course,
-        age: Ticks,
-        tick: Tick,
-        former: Former<'_>,
-    ) -> Result<Footing, Unreadable> {
-        let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
-        let track = &slot.track;
-        if !is_of_age(track, age, tick) {
-            return Err(Unreadable::OtherRevision);
-        }
-        let free = track.carrier.is_none();
-        let (predictor, carrier, (predicted, snapped)) = match *course {
-            Course::Same => (
-                track.predictor,
-                track.carrier,
-                self.foreseen(index, slot, tick),
-            ),
-            Course::World {
-                predictor,
-                carrier_age,
-            } => {
-                let believed = match (self.carrier(track), carrier_age) {
-                    (None, None) if free => self.foreseen(index, slot, tick),
-                    (Some((index, holder)), Some(age)) => {
-                        let revision = former.of_age(index, holder, age, tick);
-                        let revision = revision.ok_or(Unreadable::OtherRevision)?;
-                        let motion = self.framed(slot, track, tick);
-                        let held = carried(&self.framed(holder, revision, tick), &motion.pose());
-                        self.snapped(slot, held)
-                    }
-                    _ => return Err(Unreadable::OtherRevision),
-                };
-                (predictor, None, believed)
-            }
-            Course::Held {
-                carrier,
-                carrier_age,
-            } => {
-                let holder = self.slot(carrier).ok_or(Unreadable::NoBody)?;
-                let revision = former.of_age(carrier, holder, carrier_age, tick);
-                let revision = revision.ok_or(Unreadable::OtherRevision)?;
-                let free = revision.carrier.is_none() && track.carrier.is_none();
-                if carrier == index || !free {
-                    return Err(Unreadable::OtherRevision);
-                }
-                let holds = self.framed(holder, revision, tick);
-                let seen = seen_from(&holds.pose(), &self.believed(slot, tick).pose());
-                let seen = self.snapped(slot, seen);
-                (Predictor::Rest, Some(holder.id(carrier)), seen)
-            }
-        };
-        Ok(Footing {
-            predictor,
-            carrier,
-            predicted,
-            snapped,
-            over: track.predictor.astray(age, self.integrator.rate),
-        })
-    }
-
-    /// A motion of a body, and the grid point nearest to it.
-    fn snapped(&self, slot: &Slot, motion: Motion) -> (Motion, Snapped) {
-        (motion, Snapped::of(&motion, &self.grid(slot)))
-    }
-
-    /// The track that a saying at `tick` gives a body.
-    pub(crate) fn said(
-        &self,
-        index: u32,
-        tick: Tick,
-        saying: &Saying,
-    ) -> Result<Track, Unreadable> {
-        self.said_of(index, tick, saying, Former::default())
-    }
-
-    fn said_of(
-        &self,
-        index: u32,
-        tick: Tick,
-        saying: &Saying,
-        former: Former<'_>,
-    ) -> Result<Track, Unreadable> {
-        let (course, age, residual) = match saying {
-            Saying::Whole(whole) => return Ok(whole.track(tick)),
-            Saying::Settled { age, settling } => return self.settled(index, tick, *age, settling),
-            Saying::Residual {
-                course,
-                age,
-                residual,
-            } => (course, *age, residual),
-        };
-        let footing = self.footing(index, course, age, tick, former)?;
-        let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
-        Ok(footing.track(tick, residual, &self.grid(slot)))
-    }
-
-    /// The track of a body that comes to rest.
-    fn settled(
-        &self,
-        index: u32,
-        tick: Tick,
-        age: Ticks,
-        settling: &Settling,
-    ) -> Result<Track, Unreadable> {
-        let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
-        let free = slot.track.carrier.is_none();
-        if !free || !is_of_age(&slot.track, age, tick) {
-            return Err(Unreadable::OtherRevision);
-        }
-        let predicted = self.framed(slot, &slot.track, tick);
-        settling
-            .onto(&predicted.pose())
-            .map(|verbatim| Track::resting(tick, verbatim))
-            .map_err(|_| Unreadable::OtherRevision)
-    }
-
-    /// Takes in what was said of a body at a tick.
-    pub(crate) fn hear(
-        &mut self,
-        index: u32,
-        tick: Tick,
-        saying: &Saying,
-        former: Former<'_>,
-    ) -> Result<(), Unreadable> {
-        let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
-        if tick <= slot.track.origin {
-            return Err(Unreadable::Superseded);
-        }
-        let track = self.said_of(index, tick, saying, former)?;
-        self.set_track(index, track);
-        Ok(())
-    }
-}
-
-/// Whether a track has this age, as a saying names it.
-fn is_of_age(track: &Track, age: Ticks, tick: Tick) -> bool {
-    tick.since(track.origin) == Some(age)
-}
-
-/// By index, the tracks before the present ones: what is heard late may name a carrier's.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Former<'a>(pub(crate) &'a [Option<Track>]);
-
-impl<'a> Former<'a> {
-    /// The revision of a body's track that has an age, if that is known.
-    fn of_age<'t>(self, index: u32, slot: &'t Slot, age: Ticks, tick: Tick) -> Option<&'t Track>
-    where
-        'a: 't,
-    {
-        let before = || self.0.get(index as usize).and_then(Option::as_ref);
-        let all = core::iter::once(&slot.track).chain(core::iter::once_with(before).flatten());
-        let mut all = all.filter(|track| is_of_age(track, age, tick));
-        all.next()
-    }
-}
-
-/// What a correction is added to.
-#[derive(Clone, Copy, Debug)]
-struct Footing {
-    /// How the body goes on.
-    predictor: Predictor,
-    /// In whose frame.
-    carrier: Option<BodyId>,
-    /// What was predicted of it there, and the grid point nearest to that.
-    predicted: Motion,
-    snapped: Snapped,
-    /// In what time that went astray (RECKONING 4.4).
-    over: Seconds,
-}
-
-impl Footing {
-    fn track(&self, tick: Tick, residual: &Residual, grid: &Grid) -> Track {
-        let snapped = residual.onto_snapped(&self.predicted, &self.snapped, self.over, grid);
-        let resting = self.predictor == Predictor::Rest;
-        Track {
-            origin: tick,
-            predictor: self.predictor,
-            anchor: Anchor::Snapped(if resting { snapped.stilled() } else { snapped }),
-            carrier: self.carrier,
-        }
     }
 }
 

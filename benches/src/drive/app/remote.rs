@@ -20,7 +20,7 @@ use super::wire::{Count, Wire};
 use super::words::{SIMULATION, Unsaid, Words};
 use crate::drive::compare::{RecentTruth, compare};
 use crate::drive::control::Played;
-use crate::drive::{Housing, DriveError, ServerProcess};
+use crate::drive::{DriveError, Housing, ServerProcess};
 use crate::record::{Cause, Frame, JoinCost, Mode, Passed, Seen};
 
 /// A server process and its client.

@@ -212,6 +212,10 @@ impl Publisher {
                 let update = self.judge(witness, tick, &due.seen, None);
                 spent += update.as_ref().map_or(0, |update| self.bits_of(update));
                 updates.extend(update);
+                // Loosened words may leave more than the tolerance.
+                let left = self.seen_slot(&due.seen);
+                let left = left.and_then(|slot| self.is_due(slot, tick, &due.seen));
+                worst = worse(worst, left.map_or(1.0, |(share, _)| share));
                 continue;
             }
             let mine = Waiting {

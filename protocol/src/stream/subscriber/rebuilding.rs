@@ -4,16 +4,14 @@ use alloc::vec::Vec;
 
 use super::Subscriber;
 use crate::limits::PARITY_SPAN;
-use crate::packet::{Head, Parity, StatePacket, Update, column_of, packet_of};
+use crate::packet::{Head, Parity, StatePacket, Update, packet_of};
 use crate::wire::bytes::Reader;
 use crate::wire::{Malformed, Wire};
 
 impl Subscriber {
     /// Keeps a packet for the parities that cover it, and to read it again.
     pub(super) fn keep(&mut self, number: u64, datagram: &[u8]) {
-        if let Some((_, column)) = column_of(datagram) {
-            self.restorer.hear(number, column);
-        }
+        self.restorer.hear_packet(number, datagram);
     }
 
     /// Keeps a parity for what it may give back.
@@ -36,7 +34,7 @@ impl Subscriber {
                 self.statistics.malformed += 1;
                 return;
             }
-            self.restorer.hear(number, column);
+            self.restorer.hear(number, &column);
         }
     }
 
