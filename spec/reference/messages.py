@@ -44,17 +44,35 @@ def bound(value):
 # 4.1 Frames
 
 
+PIECE, PIECE_BYTES, WHOLE_MAX = (bound(TABLE["pieces"][name]) for name in ("type", "bytes", "together"))
+
+
 class Frames:
-    """Cuts a stream of bytes into messages."""
+    """Cuts a stream of bytes into messages, and puts those together that come in pieces."""
 
     def __init__(self):
-        self.data = b""
+        self.data, self.pieces = b"", b""
 
     def push(self, data):
         self.data += data
 
     def next(self):
         """(type, body) of the next whole message, or None until more bytes come."""
+        while (message := self.next_one()) is not None:
+            kind, body = message
+            if kind == PIECE:
+                refuse_if(len(body) != PIECE_BYTES, "NotCanonical")
+            elif self.pieces:
+                refuse_if(not body, "NotCanonical")
+            refuse_if(self.pieces and len(self.pieces) + len(body) > WHOLE_MAX, "TooLong")
+            if kind != PIECE:
+                body, self.pieces = self.pieces + body, b""
+                return kind, body
+            self.pieces += body
+        return None
+
+    def next_one(self):
+        """The next message as it stands."""
         frm = Bytes(self.data)
         try:
             length = frm.varint((1 << 64) - 1)
@@ -72,7 +90,11 @@ class Frames:
 
 
 def framed(kind, body):
-    return varint(len(body) + 1) + bytes([kind]) + body
+    pieces = b""
+    while len(body) > PIECE_BYTES:
+        pieces += framed(PIECE, body[:PIECE_BYTES])
+        body = body[PIECE_BYTES:]
+    return pieces + varint(len(body) + 1) + bytes([kind]) + body
 
 
 # The table's grammar
@@ -102,13 +124,14 @@ def read(name, frm, field):
     elif "is" in kind:
         return read_primitive(kind["is"], kind, frm)
     else:
-        said = read_coded(name, kind, frm)
+        said = read_coded(name, kind, frm, field)
     RULES.get(name, lambda said: None)(said)
     return said
 
 
-def read_coded(name, kind, frm):
+def read_coded(name, kind, frm, field):
     code = frm.u8()
+    refuse_if(code in field.get("except", ()), "UnknownCode")
     row = next((row for row in kind["codes"] if row["code"] == code), None)
     if row is None:
         refuse_if(code < kind.get("optional", 256), "UnknownCode")
@@ -125,8 +148,23 @@ def read_fields(fields, frm):
     for field in fields:
         if is_there(field, said):
             name = field["name"]
-            said[name] = read(field["type"], frm, field) if "type" in field else read_times(field, frm)
+            if "each" in field:
+                said[name] = read_each(field, said, frm)
+            else:
+                said[name] = read(field["type"], frm, field) if "type" in field else read_times(field, frm)
+            if "whole" in field:
+                other, most = field["whole"]
+                refuse_if(said[other] * said[name] > bound(most), "OutOfRange")
     return said
+
+
+def read_each(field, said, frm):
+    """As many of a type as earlier fields make when multiplied."""
+    name, *counts = field["each"]
+    count = math.prod(said[other] for other in counts)
+    # Each takes a byte at least.
+    refuse_if(count > len(frm.data) - frm.at, "Truncated")
+    return [read(name, frm, {}) for _ in range(count)]
 
 
 def is_there(field, said):
@@ -165,6 +203,9 @@ def read_primitive(kind, field, frm):
         mask, top = field.get("kinds", (0, 0))
         refuse_if(value & mask > top, "UnknownCode")
         refuse_if(not least <= value <= most, "OutOfRange")
+    elif kind == "i8":
+        value = int.from_bytes(frm.raw(1), "little", signed=True)
+        refuse_if(not field["least"] <= value <= field["most"], "OutOfRange")
     elif kind in ("varint", "varint32", "count"):
         natural = {"varint": (1 << 64) - 1, "varint32": WORD - 1, "count": COUNT_MAX}[kind]
         value = frm.varint(min(most, natural))
@@ -289,6 +330,10 @@ def check_numbers(name, said):
     check_fields(kind["fields"], said)
     if name == "shape" and said["is"] == "hull":
         check_thickness([[f32(part) for part in point] for point in said["points"]])
+    elif name == "shape" and said["is"] == "heights":
+        check_size(said)
+    elif name == "shape" and said["is"] == "mesh":
+        check_triangles(said)
 
 
 def check_fields(fields, said):
@@ -300,9 +345,16 @@ def check_fields(fields, said):
 def check_field(field, value):
     quantity = field.get("quantity")
     if quantity is None:
-        return check_numbers(field.get("type"), value)
+        several = field.get("times", field.get("each"))
+        for one in value if several else [value]:
+            check_numbers(several[0] if several else field["type"], one)
+        return None
     if quantity == "rotation":
         return check_rotation([f32(part) for part in value])
+    if isinstance(value, int):
+        if not bound(field["from"]) <= value <= bound(field["to"]):
+            raise Refused("OutOfRange", quantity)
+        return None
     parts = flat(value)
     most = bound(field["to"]) if "to" in field else math.inf
     least = bound(field["from"]) if "from" in field else -most
@@ -350,6 +402,20 @@ def check_whole_joint(said):
             check_scalar(f32(limits["most"]), least, most, "limit of a joint")
 
 
+def check_size(heights):
+    """2.6-15: how long a field is each way, as f32 has it."""
+    for count, spacing in (("rows", "row spacing"), ("columns", "column spacing")):
+        length = to_f32((heights[count] - 1) * f32(heights[spacing]))
+        check_scalar(length, to_f32(LIMITS["EXTENT_MIN"]), LIMITS["EXTENT_MAX"], "extent")
+
+
+def check_triangles(mesh):
+    """2.6-16"""
+    places = [place for triangle in mesh["triangles"] for place in triangle.values()]
+    if any(place >= mesh["point count"] for place in places):
+        raise Refused("OutOfRange", "point of a triangle")
+
+
 def check_thickness(points):
     """2.6-2: the greatest distance from the plane through the first point, the farthest, and the farthest from the line."""
 
@@ -383,8 +449,8 @@ def check_terms(terms):
         raise Refused("OutOfRange", "every")
     if terms["hindsight"] > LIMITS["HINDSIGHT_TICKS_MAX"]:
         raise Refused("OutOfRange", "hindsight")
-    if terms["pace"] == 0 and (terms["every"], terms["hindsight"]) != (1, 0):
-        raise Refused("OutOfRange", "cadence of a lockstep scene")
+    if terms["pace"] == 0 and terms["hindsight"]:
+        raise Refused("OutOfRange", "hindsight of a lockstep scene")
 
 
 # Writing
@@ -417,7 +483,10 @@ def write_fields(fields, said):
     for field in fields:
         if field["name"] in said:
             value = said[field["name"]]
-            out += write(field["type"], value, field) if "type" in field else write_times(field, value)
+            if "each" in field:
+                out += b"".join(write(field["each"][0], one, {}) for one in value)
+            else:
+                out += write(field["type"], value, field) if "type" in field else write_times(field, value)
     return out
 
 
@@ -429,6 +498,8 @@ def write_times(field, values):
 def write_primitive(kind, value):
     if kind in ("u8", "u16", "u32", "u64"):
         return value.to_bytes(int(kind[1:]) // 8, "little")
+    if kind == "i8":
+        return value.to_bytes(1, "little", signed=True)
     if kind in ("varint", "varint32", "count"):
         return varint(value)
     if kind == "f32":

@@ -63,7 +63,8 @@ class Body:
         still = {"linear": "00000000", "angular": "00000000"}
         self.flow = scene.flow(damping if dynamic else still)
         self.scale = f32(terms.get("gravity scale", "3f800000")) if dynamic else 0.0
-        self.grid = scene.grid(radius_of(scene.shapes[terms["shape"]]))
+        self.class_ = terms.get("class", 0)
+        self.grid = scene.grid(radius_of(scene.shapes[terms["shape"]]), self.class_)
         self.inertia = None
         if inertia and inertia["is"] != "none":
             moments = [f32(part) for part in inertia["moments"]]
@@ -83,6 +84,16 @@ class Body:
 
 def radius_of(shape):
     """RECKONING 4.5, and 2.6 for hulls"""
+    if shape["is"] == "heights":
+        along, across = f32(shape["row spacing"]), f32(shape["column spacing"])
+        places = ((place // shape["columns"], place % shape["columns"]) for place in range(len(shape["heights"])))
+        posts = zip(places, shape["heights"])
+        return max(reckoning.length3([row * along, f32(y), column * across]) for (row, column), y in posts)
+    if shape["is"] == "mesh":
+        return max(reckoning.length3([f32(part) for part in point]) for point in shape["points"])
+    if shape["is"] == "compound":
+        balls = [reckoning.length3([f32(x) for x in part["position"]]) + radius_of(part["shape"]) for part in shape["parts"]]
+        return max([f32("3a83126f"), *balls])
     if shape["is"] == "hull":
         return max(reckoning.length3([f32(part) for part in point]) for point in shape["points"])
     if shape["is"] == "cuboid":
@@ -149,6 +160,10 @@ class Scene:
 
     def __init__(self, joined):
         self.choice, self.terms, self.stream = joined["choice"], joined["terms"], joined["stream"]
+        # The stream of a choice with a budget is that of the choice in it, but for what it states.
+        self.capped = self.choice["is"] == "within a budget"
+        self.choice = self.choice["choice"] if self.capped else self.choice
+        self.statements = Statements(joined["next"], joined["tick"])
         self.flows, self.shapes, self.bodies, self.joints = {}, {}, {}, {}
         self.gravities = [(0, [f32(part) for part in joined["gravity"]])]
         self.snapshot_gravity = False
@@ -169,10 +184,12 @@ class Scene:
             self.flows[key] = reckoning.Flow(terms["ticks"], terms["seconds"], terms["substeps"], *dampings)
         return self.flows[key]
 
-    def grid(self, radius):
+    def grid(self, radius, class_):
         choice = self.choice
         # A full stream says nothing on a grid.
-        return reckoning.Grid.of(choice.get("micrometres", 1000), radius, choice.get("microradians"))
+        length = reckoning.of_class(choice.get("micrometres", 1000), class_, 1000, 10000000)
+        turn = choice.get("microradians")
+        return reckoning.Grid.of(length, radius, turn and reckoning.of_class(turn, class_, 100, 3141593))
 
     def gravity(self, origin):
         """6.9"""
@@ -275,6 +292,8 @@ class Scene:
             return
         if said["stream"] != self.stream or said["kind"] in (6, 8):
             return
+        if said["kind"] in packets.IN_ARREARS and not self.capped:
+            return
         if said["kind"] == 9:
             self.hear_parity(said)
             return
@@ -309,9 +328,12 @@ class Scene:
             self.lost_touch = True
             return
         kind = said["kind"]
-        if kind in (2, 7):
-            self.hear_vouch(expanded(said["next"], self.next), tick)
-            if kind == 7:
+        if kind in (2, 7, 12):
+            number = expanded(said["next"], self.next)
+            self.hear_vouch(number, tick)
+            if kind != 7:
+                self.statements.vouch(number, tick, stated(said))
+            else:
                 self.compare(said)
         elif kind == 3:
             self.hear_repair(said, tick)
@@ -348,7 +370,8 @@ class Scene:
             self.parts.pop(number, None)
             self.gone -= not rebuilt
         every = self.terms["every"]
-        ends = said["kind"] in (1, 5)
+        ends = said["kind"] in (1, 5, 11)
+        self.statements.packet(number, tick, stated(said) if ends else None)
         before = max(tick - 1, 0)
         self.vouched = max(self.vouched, tick if ends else before - before % every)
         if said["kind"] in (4, 5):
@@ -560,12 +583,49 @@ class Scene:
             return self.vouched
         return self.settled_at
 
+    def excess(self, tick):
+        """6.16: by what factor bodies may be off at a tick, in eighths; None where that is not known."""
+        return self.statements.at(tick) if self.capped else 8
+
     def echo(self):
         """5.13"""
         lost = [number & 0xFFFF for number in sorted(self.missing)[: LIMITS["LOST_NAMED_MAX"]]]
         head = {"stream": self.stream, "kind": 6, "next": self.next & 0xFFFF}
         # No parities are asked for: repairs do (6.15).
         return head | {"gone": self.gone & 0xFFFF, "parities": 0, "lost": lost}
+
+
+# 6.16 Statements
+
+UNBOUNDED = float("inf")
+
+
+def stated(said):
+    """The excess that a packet or a vouch states, in eighths."""
+    eighths = said.get("excess_eighths", 8)
+    return UNBOUNDED if eighths is None else eighths
+
+
+class Statements:
+    """What a stream with a budget said of how far off its bodies are; factors in eighths."""
+
+    def __init__(self, number, snapshot):
+        self.said, self.next, self.since = [], number, snapshot
+
+    def packet(self, number, tick, excess):
+        """`excess`: what it states, if it ends its tick."""
+        since = self.since if number == self.next else tick
+        if excess is not None:
+            self.said.append((since, tick, excess))
+        if number >= self.next:
+            self.next, self.since = number + 1, tick + 1 if excess is not None else since
+
+    def vouch(self, number, tick, excess):
+        self.said.append((self.since if number == self.next else tick, tick, excess))
+
+    def at(self, tick):
+        least = min((excess for first, last, excess in self.said if first <= tick <= last), default=UNBOUNDED)
+        return None if least == UNBOUNDED else least
 
 
 def bits64(values):

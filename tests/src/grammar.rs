@@ -141,15 +141,19 @@ impl Reading<'_> {
         }
         match definition["is"].as_str() {
             Some(primitive) => self.primitive(primitive, definition),
-            None => self.coded(definition),
+            None => self.coded(definition, field),
         }
     }
 
-    fn coded(&mut self, definition: &Value) -> Result<Value, Unreadable> {
+    fn coded(&mut self, definition: &Value, field: &Value) -> Result<Value, Unreadable> {
         let start = self.at;
         let code = u64::from(self.take(1)?[0]);
         self.note("code", start, (None, None), None);
         let codes = definition["codes"].as_array().expect("codes are listed");
+        let excepted = field["except"].as_array();
+        if excepted.is_some_and(|excepted| excepted.iter().any(|other| *other == code)) {
+            return self.fail("a code that is not said here");
+        }
         if let Some(row) = codes.iter().find(|row| row["code"] == code) {
             let mut said = Map::new();
             said.insert("is".to_owned(), row["name"].clone());
@@ -174,8 +178,19 @@ impl Reading<'_> {
             self.path.push(name.to_owned());
             let value = match field["type"].as_str() {
                 Some(kind) => self.named(kind, field)?,
+                None if field.get("each").is_some() => self.each(field, &said)?,
                 None => self.times(field)?,
             };
+            if let Some(whole) = field["whole"].as_array() {
+                let most = self.grammar.bound(&whole[1]);
+                let product = value
+                    .as_u64()
+                    .zip(said[whole[0].as_str().unwrap_or_default()].as_u64());
+                let product = product.and_then(|(one, other)| one.checked_mul(other));
+                if product.is_none() || product > most {
+                    return self.fail("a product out of range");
+                }
+            }
             self.path.pop();
             said.insert(name.to_owned(), value);
         }
@@ -190,7 +205,19 @@ impl Reading<'_> {
         self.path.push("count".to_owned());
         let count = self.primitive(counted_by, &bounds)?;
         self.path.pop();
-        let count = count.as_u64().unwrap_or_default();
+        self.repeated(kind, count.as_u64().unwrap_or_default())
+    }
+
+    /// As many of a type as fields that were said before make when multiplied.
+    fn each(&mut self, field: &Value, said: &Map<String, Value>) -> Result<Value, Unreadable> {
+        let each = field["each"].as_array().expect("a type and names");
+        let mut names = each.iter().map(|name| name.as_str().unwrap_or_default());
+        let kind = names.next().expect("what is repeated has a type");
+        let count = names.map(|name| said[name].as_u64().unwrap_or_default());
+        self.repeated(kind, count.product())
+    }
+
+    fn repeated(&mut self, kind: &str, count: u64) -> Result<Value, Unreadable> {
         let mut values = Vec::new();
         for place in 0..count {
             self.path.push(place.to_string());
@@ -212,6 +239,16 @@ impl Reading<'_> {
                 let bytes = self.take(size)?;
                 let number = bytes.iter().rev().fold(0, |n, b| n << 8 | u64::from(*b));
                 self.bounded(number, bounds, field)?
+            }
+            "i8" => {
+                let number = i64::from(self.take(1)?[0].cast_signed());
+                let bounds = [&field["least"], &field["most"]].map(Value::as_i64);
+                if bounds[0].is_some_and(|least| number < least)
+                    || bounds[1].is_some_and(|most| number > most)
+                {
+                    return self.fail("out of range");
+                }
+                Value::from(number)
             }
             "varint" => {
                 let number = self.varint()?;

@@ -205,8 +205,28 @@ fn numbers(cases: &mut Vec<Case>) {
         1,
         turn.number(TURN + 3, 0).number(TURN + 3, 0),
     );
+    velocities(cases);
+    endless_numbers(cases);
+    settlings(cases);
+}
+
+/// Velocities and their coarseness.
+fn velocities(cases: &mut Vec<Case>) {
+    let mut case = |name: &str, count, forge: Forge| {
+        cases.push((name.to_owned(), state(count, &forge.into_bytes())));
+    };
+    let placed = |forge: Forge, kind: usize| {
+        let at = POSITION + kind * 30;
+        forge.number(at, 0).number(at + 1, 0).number(at + 1, 0)
+    };
     let at = TURN + 54;
-    let said = |coarseness| same(SAME_MOVED).number(COARSENESS, coarseness);
+    let said = |coarseness| {
+        Forge::default()
+            .number(GAP[0], 0)
+            .code(0, SAME_MOVED)
+            .number(AGE + SAME_MOVED, 0)
+            .number(COARSENESS, coarseness)
+    };
     let moved = |coarseness| {
         placed(said(coarseness), 1)
             .number(at + 4, 0)
@@ -226,8 +246,6 @@ fn numbers(cases: &mut Vec<Case>) {
     }
     let coarse = still(still(moved(13), VELOCITY), VELOCITY + 5);
     case("steps doubled too often", 1, coarse);
-    endless_numbers(cases);
-    settlings(cases);
 }
 
 fn settlings(cases: &mut Vec<Case>) {

@@ -452,20 +452,9 @@ pub(crate) fn covered() -> Vec<Covered> {
     ]
 }
 
-fn others(cases: &mut Vec<Case>) {
-    for case in covered() {
-        cases.push(("a parity".to_owned(), case.parity));
-    }
-    for (next, tick, notices) in [(0, 0, 0), (70_001, 301, 12)] {
-        let low = |count| Low16::of(count);
-        let vouch = Vouch {
-            next: low(next),
-            tick: low(tick),
-            notices: low(notices),
-        };
-        cases.push(("a vouch".to_owned(), vouch.encode(StreamId(5))));
-    }
-    for share in [1.01, 2.0, 3.3, 1e9, 1e30] {
+/// What a stream with a budget says while that does not suffice.
+fn in_arrears(cases: &mut Vec<Case>) {
+    for share in [1.01, 2.0, 3.3, 1e9, 4_026_531_840.0, 1e30] {
         let excess = Excess::covering(share);
         let silence = Vouch {
             next: Low16(5),
@@ -484,6 +473,22 @@ fn others(cases: &mut Vec<Case>) {
         let name = "a packet in arrears".to_owned();
         cases.push((name, writer.finish_in_arrears(excess)));
     }
+}
+
+fn others(cases: &mut Vec<Case>) {
+    for case in covered() {
+        cases.push(("a parity".to_owned(), case.parity));
+    }
+    for (next, tick, notices) in [(0, 0, 0), (70_001, 301, 12)] {
+        let low = |count| Low16::of(count);
+        let vouch = Vouch {
+            next: low(next),
+            tick: low(tick),
+            notices: low(notices),
+        };
+        cases.push(("a vouch".to_owned(), vouch.encode(StreamId(5))));
+    }
+    in_arrears(cases);
     for (parities, lost) in [
         (0, vec![]),
         (1, vec![Low16(1)]),

@@ -88,10 +88,12 @@ fn changes(span: &Span, now: &[u8]) -> Vec<(String, Vec<u8>)> {
                 .1
                 .map_or(0xff, |most| (most as u8).saturating_add(1));
             change(format!("{more}"), vec![more]);
-            change(
-                "with a bit that means nothing".to_owned(),
-                vec![now[0] | 0x80],
-            );
+            change("with its high bit".to_owned(), vec![now[0] | 0x80]);
+        }
+        "i8" => {
+            for number in [-128_i8, -4, -3, 0, 3, 4, 127] {
+                change(format!("{number}"), vec![number.cast_unsigned()]);
+            }
         }
         "code" => change("one that no table has".to_owned(), vec![0x7d]),
         "f32" | "vec3" | "quat" => {

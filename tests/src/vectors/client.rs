@@ -2,7 +2,8 @@
 
 use super::Case;
 use super::pieces::{
-    Cases, TURNED, body, choices, extensions, f, id, joints, motion, shapes, terms, v,
+    Cases, TURNED, bad_shapes, body, choices, extensions, f, id, joints, motion, shapes, terms,
+    terms_of, v,
 };
 
 pub(super) fn cases() -> Vec<Case> {
@@ -14,7 +15,12 @@ pub(super) fn cases() -> Vec<Case> {
             cases.say(2, name, &[&terms(pace, sleep)]);
         }
     }
+    for (word, cadence) in [("each third tick", [3, 0]), ("with hindsight", [1, 1])] {
+        let name = format!("Create, lockstep, {word}");
+        cases.say(2, name, &[&terms_of(0, false, cadence)]);
+    }
     choosing(&mut cases);
+    moves(&mut cases);
     for (kind, name) in [(4, "Leave"), (5, "Delete"), (9, "Resync"), (11, "Inspect")] {
         cases.say(kind, name, &[]);
     }
@@ -27,7 +33,7 @@ pub(super) fn cases() -> Vec<Case> {
     cases.say(15, "Upstream, the longest", &[&[1; 1_150]]);
     cases.say(15, "Upstream, too long", &[&[1; 1_151]]);
     commands(&mut cases);
-    for kind in [0, 16, 0x7f] {
+    for kind in [17, 0x7f] {
         cases.say(
             kind,
             format!("a critical type {kind} that nobody knows"),
@@ -82,6 +88,20 @@ fn choosing(cases: &mut Cases) {
         "Drive one more than the most",
         &[&choices()[0].1, &v(257), &all, &id(256, 0)],
     );
+}
+
+/// Whether the server may move a member, and budgets that are none.
+fn moves(cases: &mut Cases) {
+    cases.say(16, "Moves, never", &[&[0]]);
+    for most in [999, 1_000, 200_000, 10_000_000, 10_000_001] {
+        cases.say(16, format!("Moves, up to {most}"), &[&[1], &v(most)]);
+    }
+    cases.say(16, "Moves, no such word", &[&[2]]);
+    cases.say(16, "Moves, nothing", &[]);
+    let budget = [v(8_000), v(2_000)].concat();
+    cases.say(3, "Join, a full stream in a budget", &[&[3], &budget, &[1]]);
+    let twice = [&[3][..], &budget, &[0], &v(50_000)].concat();
+    cases.say(3, "Join, a budget in a budget", &[&[3], &budget, &twice]);
 }
 
 fn hellos(cases: &mut Cases) {
@@ -139,8 +159,11 @@ fn commands(cases: &mut Cases) {
         "AddShape, a flat hull",
         &[&[0], &v(1), &[4, 4], &f(&[0.0; 12])],
     );
+    for (word, shape) in bad_shapes() {
+        cases.say(7, format!("AddShape, {word}"), &[&[0], &v(1), &shape]);
+    }
     cases.say(7, "RemoveShape", &[&[1], &v(1)]);
-    for flags in [0, 1, 2, 4, 8, 16, 32, 60, 61] {
+    for flags in [0, 1, 2, 4, 8, 16, 32, 60, 61, 64, 128, 193, 254, 255] {
         let terms = body(300, flags);
         cases.say(
             7,

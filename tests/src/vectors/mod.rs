@@ -203,6 +203,12 @@ fn error(invalid: Invalid) -> Value {
 /// Streams of bytes, how they fall into messages, and what ends them.
 fn frames() -> Vec<String> {
     let leave = [1_u8, 4];
+    let (first, second) = (
+        [&[0x81, 0x80, 0x01, 0][..], &[7; 16_384]].concat(),
+        [3, 7, 8, 9],
+    );
+    let long = [&first[..], &second, &leave].concat();
+    let endless = [&first[..], &[1, 7]].concat();
     let most = [&[0x81, 0x80, 0x01, 0xee][..], &[7; 16_384]].concat();
     let mut split = Vec::new();
     for (name, bytes, refusal) in [
@@ -216,6 +222,11 @@ fn frames() -> Vec<String> {
         ("the beginning of a length", &[0xff], None),
         ("the longest", &most, None),
         ("a message without a type", &[0, 4], Some("OutOfRange")),
+        ("one in pieces, and one behind it", &long, None),
+        ("a piece, and no more yet", &first, None),
+        ("a piece that is short", &[2, 0, 1], Some("NotCanonical")),
+        ("a piece of nothing", &[1, 0], Some("NotCanonical")),
+        ("a piece without a rest", &endless, Some("NotCanonical")),
         (
             "one byte more than the longest",
             &[0x82, 0x80, 0x01, 0xee],

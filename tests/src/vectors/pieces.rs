@@ -52,11 +52,19 @@ pub(super) fn body(index: u64, flags: u8) -> Vec<u8> {
     if flags & 16 != 0 {
         bytes.extend(f(&[-0.5]));
     }
+    if flags & 64 != 0 {
+        bytes.push(2);
+    }
     bytes
 }
 
 /// A scene's terms; free running says that it is spoken of every third tick, with hindsight.
 pub(super) fn terms(pace: u8, sleep: bool) -> Vec<u8> {
+    terms_of(pace, sleep, if pace == 0 { [1, 0] } else { [3, 2] })
+}
+
+/// The same with what is said for every and hindsight.
+pub(super) fn terms_of(pace: u8, sleep: bool, cadence: [u64; 2]) -> Vec<u8> {
     let mut bytes = [v(60), v(1), v(4), f(&[0.0, -9.81, 0.0]), vec![pace]].concat();
     bytes.extend(f(&[0.5, 0.25, 1_000.0, 0.0, 0.125]));
     if sleep {
@@ -64,17 +72,12 @@ pub(super) fn terms(pace: u8, sleep: bool) -> Vec<u8> {
     } else {
         bytes.push(0);
     }
-    let cadence = if pace == 0 {
-        [v(1), v(0)]
-    } else {
-        [v(3), v(2)]
-    };
-    bytes.extend(cadence.concat());
+    bytes.extend(cadence.map(v).concat());
     bytes
 }
 
 /// Each shape with its word.
-pub(super) fn shapes() -> [(&'static str, Vec<u8>); 5] {
+pub(super) fn shapes() -> [(&'static str, Vec<u8>); 9] {
     let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
     [
         ("ball", [vec![0], f(&[0.5])].concat()),
@@ -82,6 +85,70 @@ pub(super) fn shapes() -> [(&'static str, Vec<u8>); 5] {
         ("capsule", [vec![2], f(&[0.5, 0.25])].concat()),
         ("cylinder", [vec![3], f(&[0.5, 0.25])].concat()),
         ("hull", [vec![4, 4], f(&corners)].concat()),
+        ("heights", heights([2, 3], [1.0, 0.5])),
+        ("mesh", mesh(&corners, &[0, 1, 2, 3, 2, 1])),
+        (
+            "compound",
+            compound(&[
+                [vec![0], f(&[0.5])].concat(),
+                mesh(&corners, &[0, 1, 2]),
+                heights([3, 2], [1.0, 1.0]),
+            ]),
+        ),
+        ("compound of nothing", compound(&[])),
+    ]
+}
+
+/// Heights of so many rows and columns.
+pub(super) fn heights(counts: [u64; 2], spacings: [f32; 2]) -> Vec<u8> {
+    let heights: Vec<f32> = (0..counts[0] * counts[1]).map(|n| n as f32 - 2.5).collect();
+    [vec![5], counts.map(v).concat(), f(&spacings), f(&heights)].concat()
+}
+
+/// A mesh of points by their coordinates, and triangles by places of points.
+pub(super) fn mesh(coordinates: &[f32], places: &[u64]) -> Vec<u8> {
+    let counts = [coordinates.len() as u64 / 3, places.len() as u64 / 3];
+    let places: Vec<u8> = places.iter().flat_map(|place| v(*place)).collect();
+    [vec![6], counts.map(v).concat(), f(coordinates), places].concat()
+}
+
+/// Shapes that hold together, each beside the one before.
+pub(super) fn compound(parts: &[Vec<u8>]) -> Vec<u8> {
+    let mut bytes = vec![7, parts.len() as u8];
+    for (place, part) in parts.iter().enumerate() {
+        bytes.extend(f(&[place as f32, -0.5, 0.0]));
+        bytes.extend(f(&TURNED));
+        bytes.extend(part);
+    }
+    bytes
+}
+
+/// Shapes that are none, or that no engine should be given.
+pub(super) fn bad_shapes() -> Vec<(&'static str, Vec<u8>)> {
+    let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+    let ball = [vec![0], f(&[0.5])].concat();
+    let unturned = [vec![7, 1], f(&[0.0; 7]), ball.clone()].concat();
+    vec![
+        ("heights of one row", heights([1, 4], [1.0, 1.0])),
+        ("heights of one column", heights([4, 1], [1.0, 1.0])),
+        (
+            "heights of too many posts",
+            [vec![5], v(512), v(513), f(&[1.0; 6])].concat(),
+        ),
+        ("heights that are too long", heights([3, 2], [5_001.0, 1.0])),
+        ("heights that are too wide", heights([2, 3], [1.0, 5_001.0])),
+        ("the longest heights", heights([3, 2], [5_000.0, 1.0])),
+        ("mesh of two points", mesh(&corners[..6], &[0, 1, 1])),
+        ("mesh of no triangles", mesh(&corners, &[])),
+        ("mesh with a point that is not", mesh(&corners, &[0, 1, 3])),
+        (
+            "mesh with a place that none has",
+            mesh(&corners, &[0, 1, 65_537]),
+        ),
+        ("compound of a compound", compound(&[compound(&[])])),
+        ("compound of the most", compound(&vec![ball.clone(); 64])),
+        ("compound of one more", compound(&vec![ball; 65])),
+        ("compound with a part of no rotation", unturned),
     ]
 }
 
@@ -121,13 +188,21 @@ pub(super) fn extensions(ids: &[u32]) -> Vec<u8> {
 }
 
 /// Each choice of a stream with its word.
-pub(super) fn choices() -> [(&'static str, Vec<u8>); 3] {
+pub(super) fn choices() -> [(&'static str, Vec<u8>); 5] {
     [
         ("within 0.05 m", [vec![0], v(50_000)].concat()),
         ("full", vec![1]),
         (
             "within 0.01 m and 0.002 rad",
             [vec![2], v(10_000), v(2_000)].concat(),
+        ),
+        (
+            "within 0.05 m and 8000 bytes a second",
+            [vec![3], v(8_000), v(2_000), vec![0], v(50_000)].concat(),
+        ),
+        (
+            "within 0.01 m, 0.002 rad and the least bytes",
+            [vec![3], v(256), v(1_150), vec![2], v(10_000), v(2_000)].concat(),
         ),
     ]
 }

@@ -6,7 +6,7 @@ use rhumb_reckoning::{Anchor, BodyId, PackedRotation, Predictor, Snapped};
 
 use super::Case;
 use super::pieces::{
-    Cases, TURNED, body, choices, extensions, f, id, joints, motion, shapes, terms, v,
+    Cases, TURNED, bad_shapes, body, choices, extensions, f, id, joints, motion, shapes, terms, v,
 };
 
 pub(super) fn cases() -> Vec<Case> {
@@ -49,7 +49,7 @@ pub(super) fn cases() -> Vec<Case> {
     errors(&mut cases);
     notices(&mut cases);
     cases.say(12, "Pong", &[&v(123_456_789_012), &v(300), &v(7_654_321)]);
-    let numbers: Vec<u8> = (0..9).flat_map(|place| v(1 << (5 * place))).collect();
+    let numbers: Vec<u8> = (0..10).flat_map(|place| v(1 << (5 * place))).collect();
     cases.say(
         13,
         "Inspection",
@@ -62,7 +62,19 @@ pub(super) fn cases() -> Vec<Case> {
         ],
     );
     drivings(&mut cases);
-    for kind in [0, 16, 0x7f] {
+    others(&mut cases);
+    cases.0
+}
+
+/// That a member is moved, and what nobody knows.
+fn others(cases: &mut Cases) {
+    for (word, choice) in choices() {
+        for cause in [0, 1, 2] {
+            let name = format!("Moved, {word}, cause {cause}");
+            cases.say(16, name, &[&choice, &[cause]]);
+        }
+    }
+    for kind in [17, 0x7f] {
         cases.say(
             kind,
             format!("a critical type {kind} that nobody knows"),
@@ -76,7 +88,6 @@ pub(super) fn cases() -> Vec<Case> {
             &[&[1, 2, 3]],
         );
     }
-    cases.0
 }
 
 fn welcomes(cases: &mut Cases) {
@@ -121,11 +132,11 @@ fn drivings(cases: &mut Cases) {
 }
 
 fn denials(cases: &mut Cases) {
-    for code in [0, 1, 4, 5, 6, 7, 8, 9, 10, 11, 0x7f, 0x80, 0xff] {
+    for code in [0, 1, 4, 5, 6, 7, 8, 9, 10, 11, 12, 0x7f, 0x80, 0xff] {
         cases.say(8, format!("Denied, {code}"), &[&[code]]);
     }
     for code in [2, 3] {
-        for quantity in [0, 16, 25, 26] {
+        for quantity in [0, 16, 25, 30, 31] {
             cases.say(
                 8,
                 format!("Denied, {code} {quantity}"),
@@ -137,7 +148,7 @@ fn denials(cases: &mut Cases) {
 
 fn errors(cases: &mut Cases) {
     for code in [0, 1] {
-        for quantity in 0..27 {
+        for quantity in 0..32 {
             cases.say(
                 10,
                 format!("Refused, {code} {quantity}"),
@@ -152,14 +163,14 @@ fn errors(cases: &mut Cases) {
             &[&v(4), &[code], &id(300, 2)],
         );
     }
-    for code in [3, 6, 7, 12, 13, 14] {
+    for code in [3, 6, 7, 12, 13, 14, 17] {
         cases.say(
             10,
             format!("Refused, {code} of a shape or joint"),
             &[&v(4), &[code], &v(300)],
         );
     }
-    for code in [8, 9, 11, 17, 19, 0x7f, 0x80, 0xff] {
+    for code in [8, 9, 11, 18, 19, 20, 0x7f, 0x80, 0xff] {
         cases.say(10, format!("Refused, {code}"), &[&v(4), &[code]]);
     }
 }
@@ -190,13 +201,16 @@ fn notices(cases: &mut Cases) {
     for (word, shape) in shapes() {
         cases.say(11, format!("ShapeAdded, {word}"), &[&[0], &v(1), &shape]);
     }
+    for (word, shape) in bad_shapes() {
+        cases.say(11, format!("ShapeAdded, {word}"), &[&[0], &v(1), &shape]);
+    }
     cases.say(
         11,
         "ShapeAdded, a flat hull",
         &[&[0], &v(1), &[4, 4], &f(&[0.0; 12])],
     );
     cases.say(11, "ShapeRemoved", &[&[1], &v(1)]);
-    for flags in [0, 2, 4, 8, 16, 33, 60, 61] {
+    for flags in [0, 2, 4, 8, 16, 33, 60, 61, 66, 97, 129, 193, 254] {
         let name = format!("BodyPlaced, flags {flags}");
         cases.say(
             11,
