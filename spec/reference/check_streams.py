@@ -54,6 +54,8 @@ def known(scene, with_poses):
         "missing": len(scene.missing),
         "sum": f"{scene.sum():016x}",
     }
+    if scene.capped:
+        state["excess_eighths"] = scene.excess(scene.vouched)
     # What is shown of a body that is in doubt is nobody's promise (6.8).
     return state | ({"poses": poses(scene)} if with_poses else {})
 

@@ -5,10 +5,13 @@
 
 use bytes::Bytes;
 use rhumb_protocol::message::StreamChoice;
-use rhumb_protocol::scene::{Cadence, Command, Pace};
+use rhumb_protocol::scene::{
+    BodyKind, BodyTerms, Cadence, Command, Compound, Heights, Pace, Part, Shape, ShapeId,
+};
 use rhumb_protocol::session::{ClientSession, Replica};
+use rhumb_protocol::stream::Budget;
 use rhumb_protocol::{Endpoint, Instant, Peer, Span};
-use rhumb_reckoning::{BodyId, Metres, Radians, Tick, Ticks, Tolerance};
+use rhumb_reckoning::{BodyId, Class, Metres, Radians, Tick, Ticks, Tolerance, Verbatim};
 use rhumb_sims::by_name;
 use serde_json::{Value, json};
 
@@ -28,12 +31,14 @@ struct Take {
     /// Of a hundred datagrams, how many are lost, come late or come twice.
     bad: usize,
     ticks: u64,
+    /// Whether bodies are of classes, and such that have ground and parts come too.
+    diverse: bool,
 }
 
 /// The host, as each session names it.
 const HOST: Peer = Peer(0);
 /// Ticks at the end without faults.
-const CALM: u64 = 40;
+const CALM: u64 = 60;
 
 impl Take {
     const fn of(name: &'static str, scene: &'static str, choice: StreamChoice) -> Self {
@@ -46,6 +51,7 @@ impl Take {
             choice,
             bad: 25,
             ticks: 150,
+            diverse: false,
         }
     }
 
@@ -63,6 +69,10 @@ fn takes() -> Vec<Take> {
     let parts = StreamChoice::Within(parts.expect("within range"));
     let normal = StreamChoice::Within(Tolerance::NORMAL);
     let exact = StreamChoice::Within(Tolerance::EXACT);
+    let capped = StreamChoice::Capped {
+        tolerance: Tolerance::EXACT,
+        budget: Budget::new(2_000, 1_150).expect("within range"),
+    };
     let full = Take::of("everything of a zoo", "zoo", StreamChoice::Full);
     let rare = "a zoo that runs free, each other tick, with hindsight";
     let free = |name, choice, cadence| Take {
@@ -78,9 +88,22 @@ fn takes() -> Vec<Take> {
         Take::of("rocks that tumble", "asteroids", exact).with(6, 25),
         Take::of("bodies in a drum", "tumbler", normal).with(10, 25),
         Take::of("ragdolls", "ragdolls", normal),
-        Take { ticks: 60, ..full },
+        Take { ticks: 80, ..full },
         free(rare, normal, Some((2, 2))),
         free("a zoo that runs free", exact, None),
+        Take {
+            cadence: Some((3, 0)),
+            diverse: true,
+            ..Take::of(
+                "a zoo of classes in lockstep, each third tick",
+                "zoo",
+                parts,
+            )
+        },
+        Take {
+            diverse: true,
+            ..Take::of("a pit of classes within a budget", "ball-pit", capped).with(30, 20)
+        },
     ]
 }
 
@@ -88,7 +111,7 @@ fn takes() -> Vec<Take> {
 #[must_use]
 pub fn known(replica: &Replica) -> Value {
     let stream = replica.stream();
-    json!({
+    let mut known = json!({
         "vouched": stream.vouched().value(),
         "complete": stream.complete().value(),
         "settled": stream.is_settled(),
@@ -96,7 +119,13 @@ pub fn known(replica: &Replica) -> Value {
         "missing": stream.missing(),
         "sum": format!("{:016x}", stream.agreement()),
         "poses": format!("{:016x}", poses(replica)),
-    })
+    });
+    if matches!(replica.choice(), StreamChoice::Capped { .. }) {
+        // Factors are whole when counted in eighths.
+        let excess = stream.excess_at(stream.vouched());
+        known["excess_eighths"] = json!(excess.map(|factor| (factor * 8.0) as u64));
+    }
+    known
 }
 
 /// FNV-1a over the bits of each body's believed motion at the vouched tick, in order of index.
@@ -173,6 +202,9 @@ fn record(take: &Take, seed: u64) -> Vec<Value> {
         let mut commands = Vec::new();
         script.commands(Tick::new(tick), &mut commands);
         commands.extend(disturbance(take, tick, &mut dice));
+        if take.diverse {
+            commands.iter_mut().for_each(classify);
+        }
         let at = now + Span::from_nanos(frame.as_nanos() * tick);
         for command in commands {
             table
@@ -264,6 +296,50 @@ fn disturbance(take: &Take, tick: u64, dice: &mut Dice) -> Vec<Command> {
         commands.push(Command::RemoveBody {
             id: BodyId::new(2, 0),
         });
+    }
+    if take.diverse && tick == 5 {
+        commands.extend(newcomers());
+    }
+    commands
+}
+
+/// Gives a body that comes a class: each in turn.
+fn classify(command: &mut Command) {
+    if let Command::AddBody { terms, .. } = command {
+        let turn = (terms.id.index() % 7) as i8;
+        terms.class = Class::new(turn - 3).expect("one of seven");
+    }
+}
+
+/// A piece of ground, and a dumbbell that falls on it without being turned.
+fn newcomers() -> Vec<Command> {
+    let heights: Vec<f32> = (0..20).map(|post| (post % 3) as f32 * 0.25).collect();
+    let ground = Heights::new(4, 2.0, 1.5, &heights).expect("a field");
+    let end = |x| Part {
+        position: glam::Vec3::new(x, 0.0, 0.0),
+        rotation: glam::Quat::IDENTITY,
+        shape: Shape::Ball { radius: 0.25 },
+    };
+    let dumbbell = Compound::new(vec![end(-0.5), end(0.5)]).expect("two balls");
+    let mut commands = Vec::new();
+    for (place, (shape, kind, at)) in [
+        (Shape::Heights(ground), BodyKind::Static, [20.0, 0.0, 20.0]),
+        (
+            Shape::Compound(dumbbell),
+            BodyKind::Dynamic,
+            [23.0, 3.0, 23.0],
+        ),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let id = ShapeId(8_000 + place as u32);
+        commands.push(Command::AddShape { id, shape });
+        let mut terms = BodyTerms::plain(BodyId::new(4_000 + place as u32, 0), kind, id);
+        terms.turns = kind == BodyKind::Static;
+        let motion = Verbatim::new(at, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
+        let motion = motion.expect("a place is finite");
+        commands.push(Command::AddBody { terms, motion });
     }
     commands
 }
