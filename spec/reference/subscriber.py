@@ -377,7 +377,9 @@ class Scene:
         if said["kind"] in (4, 5):
             self.hear_full(said, tick)
         else:
-            self.restorer.keep(number, said["data"])
+            if said["kind"] != 11:
+                # Packets in arrears have no column (5.17): none is read again.
+                self.restorer.keep(number, said["data"])
             self.hear_state(said, number, tick)
         if late:
             self.made_good(number, None)

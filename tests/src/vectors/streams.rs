@@ -71,7 +71,7 @@ fn takes() -> Vec<Take> {
     let exact = StreamChoice::Within(Tolerance::EXACT);
     let capped = StreamChoice::Capped {
         tolerance: Tolerance::EXACT,
-        budget: Budget::new(2_000, 1_150).expect("within range"),
+        budget: Budget::new(1_500, 1_150).expect("within range"),
     };
     let full = Take::of("everything of a zoo", "zoo", StreamChoice::Full);
     let rare = "a zoo that runs free, each other tick, with hindsight";
@@ -102,7 +102,7 @@ fn takes() -> Vec<Take> {
         },
         Take {
             diverse: true,
-            ..Take::of("a pit of classes within a budget", "ball-pit", capped).with(30, 20)
+            ..Take::of("a drum of classes within a budget", "tumbler", capped).with(24, 20)
         },
     ]
 }
