@@ -38,7 +38,7 @@ class Member(QuicConnectionProtocol):
         self.frames, self.scene, self.ended = messages.Frames(), None, None
         self.heard, self.answers = asyncio.Event(), asyncio.Queue()
         self.on_state = lambda scene: None
-        self.control = None
+        self.control, self.is_moved = None, False
         self.asked_at, self.patience, self.heard_at = 0.0, FIRST_ECHO, 0.0
 
     # What comes
@@ -72,12 +72,18 @@ class Member(QuicConnectionProtocol):
             self.end(EXTENSION)
         elif said["is"] == "Joined":
             self.scene = subscriber.Scene(said)
+        elif said["is"] == "Moved":
+            # The stream that comes next is another one (4.12); it is shown as soon as it is whole.
+            self.is_moved = True
         elif said["is"] == "Notice":
             self.scene.hear_notice(said["notice"])
             self.on_state(self.scene)
         else:
             if said["is"] == "SnapshotEnd":
                 self.scene.end_snapshot()
+                if self.is_moved:
+                    self.say({"is": "Followed", "stream": self.scene.stream})
+                    self.is_moved = False
                 self.on_state(self.scene)
             self.answers.put_nowait(said)
 
