@@ -311,10 +311,10 @@ fn classify(command: &mut Command) {
     }
 }
 
-/// A piece of ground, and a dumbbell that falls on it without being turned.
+/// Ground that is too long for one message, and a dumbbell that falls on it without being turned.
 fn newcomers() -> Vec<Command> {
-    let heights: Vec<f32> = (0..20).map(|post| (post % 3) as f32 * 0.25).collect();
-    let ground = Heights::new(4, 2.0, 1.5, &heights).expect("a field");
+    let heights: Vec<f32> = (0..4_480).map(|post| (post % 3) as f32 * 0.25).collect();
+    let ground = Heights::new(70, 0.25, 0.125, &heights).expect("a field");
     let end = |x| Part {
         position: glam::Vec3::new(x, 0.0, 0.0),
         rotation: glam::Quat::IDENTITY,
