@@ -8,7 +8,7 @@ use alloc::vec::Vec;
 use bytes::Bytes;
 
 use super::redundancy::Redundancy;
-use crate::limits::{PARITY_ROWS, PARITY_SPAN};
+use crate::limits::{PARITIES_KEPT, PARITY_ROWS, PARITY_SPAN};
 use crate::packet::{Parity, StreamId, column_of};
 
 /// A parity covers so many packets at most if nobody asked for it: as many as two bytes can name.
@@ -26,6 +26,19 @@ struct Said {
     datagram: Bytes,
 }
 
+/// A parity that somebody asked for, and so may serve others who ask.
+#[derive(Clone, Debug)]
+struct Asked {
+    said: Said,
+    /// How often it was given.
+    askers: u32,
+    /// What who was given it last had lost: who asks the same again has had it, or it was lost too.
+    last: Vec<u64>,
+}
+
+/// A parity that was asked for is given so often at most, so that nobody is given the same for ever.
+const ASKERS_MAX: u32 = 4;
+
 /// The last packets of a stream and what is said of them once more.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Parities {
@@ -39,8 +52,8 @@ pub(crate) struct Parities {
     row: u8,
     /// Parities over packets that are kept.
     said: VecDeque<Said>,
-    /// Parities that were asked for since the last tick, and so may serve others who ask.
-    asked: Vec<Said>,
+    /// Parities that were asked for since the last tick, the newest of them.
+    asked: VecDeque<Asked>,
 }
 
 impl Parities {
@@ -118,13 +131,16 @@ impl Parities {
             .iter()
             .filter(|said| said.end > heard && of_use(said));
         let mut wanted = wanted.min(recent.len()).saturating_sub(under_way.count());
-        // One serves all who lost what it covers.
-        for said in &self.asked {
+        // One serves all who lost what it covers, but for who had it and asks again.
+        for asked in &mut self.asked {
+            let said = &asked.said;
             let serves =
                 recent.iter().all(|number| said.numbers.contains(number)) && said.end <= heard;
-            if wanted > 0 && serves {
+            if wanted > 0 && serves && asked.askers < ASKERS_MAX && asked.last != recent {
                 out.push(said.datagram.clone());
                 wanted -= 1;
+                asked.askers += 1;
+                asked.last.clone_from(&recent);
             }
         }
         let longest = recent.iter().map(|number| self.column(*number).len()).max();
@@ -137,7 +153,14 @@ impl Parities {
         for _ in 0..wanted {
             if let Some(said) = self.say(stream, &numbers) {
                 out.push(said.datagram.clone());
-                self.asked.push(Said { end: heard, ..said });
+                if self.asked.len() == PARITIES_KEPT {
+                    self.asked.pop_front();
+                }
+                self.asked.push_back(Asked {
+                    said: Said { end: heard, ..said },
+                    askers: 1,
+                    last: recent.clone(),
+                });
             }
         }
         old
@@ -270,5 +293,23 @@ mod tests {
         );
         assert_eq!(out.len(), 1);
         assert_eq!(parities.columns.len(), PARITY_SPAN as usize);
+    }
+
+    #[test]
+    fn who_asks_the_same_again_is_given_another_parity() {
+        let (mut parities, _) = ten(Redundancy::Off);
+        let mut said = Vec::new();
+        for _ in 0..50 {
+            // Two listeners in turn, and no tick between.
+            for lost in [3, 4] {
+                parities.answer(STREAM, [lost].into_iter(), (10, 1), &mut said);
+            }
+        }
+        assert_eq!(said.len(), 100);
+        for datagram in &said {
+            let given = said.iter().filter(|other| *other == datagram).count();
+            assert!(given <= ASKERS_MAX as usize, "{given}");
+        }
+        assert!(parities.asked.len() <= PARITIES_KEPT);
     }
 }
