@@ -9,14 +9,14 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DVec3, Quat, Vec3};
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Cadence, Command, Hull, Material, Pace, SceneTerms, Shape, ShapeId,
+    BodyKind, BodyTerms, Command, Hull, Material, SceneTerms, Shape, ShapeId,
 };
-use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
+use rhumb_reckoning::{BodyId, Tick, Verbatim};
 
 use crate::chance::Chance;
 use crate::controller::{Controller, flight};
 use crate::rock::Rock;
-use crate::script::{INTEGRATOR, Script, motion, still};
+use crate::script::{INTEGRATOR, Script, TERMS, motion, still, surface};
 
 /// Whether the axis of a rock's spin wanders, as physics has it, or stays, as in many engines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,17 +58,9 @@ impl Script for Asteroids {
 
     fn terms(&self) -> SceneTerms {
         SceneTerms {
-            integrator: INTEGRATOR,
             gravity: Vec3::ZERO,
-            pace: Pace::Lockstep,
-            material: Material {
-                friction: FRICTION,
-                restitution: 0.0,
-                density: 1.0,
-            },
-            damping: Damping::default(),
-            sleep: None,
-            cadence: Cadence::EACH_TICK,
+            material: surface(FRICTION, 1.0),
+            ..TERMS
         }
     }
 

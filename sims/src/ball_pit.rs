@@ -12,14 +12,12 @@
 //!   above the pit's; a cube too large to stay clear of the walls (6 m at its lowest) is raised.
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Cadence, Command, Material, Pace, SceneTerms, Shape, ShapeId,
-};
+use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, SceneTerms, Shape, ShapeId};
 use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
 
 use crate::chance::Chance;
 use crate::cluster::Cluster;
-use crate::script::{GRAVITY, INTEGRATOR, Script, motion, still};
+use crate::script::{INTEGRATOR, Script, TERMS, motion, still, surface};
 
 /// The paper's evaluation scene.
 #[derive(Clone, Debug)]
@@ -149,20 +147,12 @@ impl Script for BallPit {
 
     fn terms(&self) -> SceneTerms {
         SceneTerms {
-            integrator: INTEGRATOR,
-            gravity: GRAVITY,
-            pace: Pace::Lockstep,
-            material: Material {
-                friction: 0.2,
-                restitution: 0.0,
-                density: 1_000.0,
-            },
+            material: surface(0.2, 1_000.0),
             damping: Damping {
                 linear: 0.0,
                 angular: 0.05,
             },
-            sleep: None,
-            cadence: Cadence::EACH_TICK,
+            ..TERMS
         }
     }
 

@@ -10,15 +10,13 @@
 //!   it gathers, so that cubes within 1.8 m are drawn along with it and in, by up to 120 m/s².
 
 use glam::{DVec3, Vec3};
-use rhumb_protocol::scene::{
-    BodyKind, Cadence, Command, Material, Pace, SceneTerms, Shape, SleepTerms,
-};
+use rhumb_protocol::scene::{BodyKind, Command, SceneTerms, Shape, SleepTerms};
 use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
 
 use crate::cast::Cast;
 use crate::chance::Chance;
 use crate::controller::{Controller, flight};
-use crate::script::{INTEGRATOR, Script, still};
+use crate::script::{Script, TERMS, still, surface};
 
 /// Cubes and a player.
 #[derive(Clone, Debug)]
@@ -48,14 +46,8 @@ impl Script for Cubes {
 
     fn terms(&self) -> SceneTerms {
         SceneTerms {
-            integrator: INTEGRATOR,
             gravity: Vec3::new(0.0, -20.0, 0.0),
-            pace: Pace::Lockstep,
-            material: Material {
-                friction: 1.0,
-                restitution: 0.0,
-                density: DENSITY,
-            },
+            material: surface(1.0, DENSITY),
             damping: Damping {
                 linear: 0.6038,
                 angular: 0.6038,
@@ -64,7 +56,7 @@ impl Script for Cubes {
                 speed: 0.25,
                 seconds: 0.1,
             }),
-            cadence: Cadence::EACH_TICK,
+            ..TERMS
         }
     }
 

@@ -6,12 +6,12 @@
 use core::f64::consts::PI;
 
 use glam::Vec3;
-use rhumb_protocol::scene::{BodyKind, Cadence, Command, Material, Pace, SceneTerms, Shape};
+use rhumb_protocol::scene::{BodyKind, Command, SceneTerms, Shape};
 use rhumb_reckoning::{BodyId, Damping, Tick};
 
 use crate::cast::{Cast, about_y};
 use crate::chance::Chance;
-use crate::script::{GRAVITY, INTEGRATOR, Script, motion};
+use crate::script::{Script, TERMS, motion, surface};
 
 /// A ring of stones.
 #[derive(Clone, Debug)]
@@ -65,20 +65,12 @@ impl Script for Dominoes {
 
     fn terms(&self) -> SceneTerms {
         SceneTerms {
-            integrator: INTEGRATOR,
-            gravity: GRAVITY,
-            pace: Pace::Lockstep,
-            material: Material {
-                friction: 0.5,
-                restitution: 0.0,
-                density: 500.0,
-            },
+            material: surface(0.5, 500.0),
             damping: Damping {
                 linear: 0.05,
                 angular: 0.05,
             },
-            sleep: None,
-            cadence: Cadence::EACH_TICK,
+            ..TERMS
         }
     }
 

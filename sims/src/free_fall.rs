@@ -3,14 +3,12 @@
 //! What an integrator does to a free body, and nothing else; for tests of predictors.
 
 use glam::Vec3;
-use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Cadence, Command, Material, Pace, SceneTerms, Shape, ShapeId,
-};
+use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, SceneTerms, Shape, ShapeId};
 use rhumb_reckoning::{BodyId, Damping, Tick};
 
 use crate::chance::Chance;
 use crate::cluster::Cluster;
-use crate::script::{GRAVITY, INTEGRATOR, Script, motion};
+use crate::script::{Script, TERMS, motion, surface};
 
 /// Bodies thrown upward from places 20 m apart, at most 5 m/s fast and with spins up to 3 rad/s about each axis.
 ///
@@ -40,17 +38,8 @@ impl Script for FreeFall {
 
     fn terms(&self) -> SceneTerms {
         SceneTerms {
-            integrator: INTEGRATOR,
-            gravity: GRAVITY,
-            pace: Pace::Lockstep,
-            material: Material {
-                friction: 0.5,
-                restitution: 0.0,
-                density: 1_000.0,
-            },
-            damping: Damping::default(),
-            sleep: None,
-            cadence: Cadence::EACH_TICK,
+            material: surface(0.5, 1_000.0),
+            ..TERMS
         }
     }
 

@@ -8,14 +8,14 @@
 use glam::Vec3;
 use rhumb_protocol::limits::JOINTS_MAX;
 use rhumb_protocol::scene::{
-    BodyKind, Cadence, Command, Joint, JointFrame, JointId, JointKind, JointLimits, Material, Pace,
-    SceneTerms, Shape, ShapeId, SleepTerms,
+    BodyKind, Command, Joint, JointFrame, JointId, JointKind, JointLimits, SceneTerms, Shape,
+    ShapeId, SleepTerms,
 };
 use rhumb_reckoning::{BodyId, Damping, Tick};
 
 use crate::cast::Cast;
 use crate::chance::Chance;
-use crate::script::{GRAVITY, INTEGRATOR, Script, motion, still};
+use crate::script::{Script, TERMS, motion, still, surface};
 
 /// Dolls that fall.
 #[derive(Clone, Debug)]
@@ -77,14 +77,7 @@ impl Script for Ragdolls {
 
     fn terms(&self) -> SceneTerms {
         SceneTerms {
-            integrator: INTEGRATOR,
-            gravity: GRAVITY,
-            pace: Pace::Lockstep,
-            material: Material {
-                friction: 0.7,
-                restitution: 0.0,
-                density: 1_000.0,
-            },
+            material: surface(0.7, 1_000.0),
             damping: Damping {
                 linear: 0.2,
                 angular: 1.0,
@@ -93,7 +86,7 @@ impl Script for Ragdolls {
                 speed: 0.3,
                 seconds: 0.5,
             }),
-            cadence: Cadence::EACH_TICK,
+            ..TERMS
         }
     }
 

@@ -5,15 +5,13 @@
 //! almost all are in free flight at any time, each by itself. No damping; friction 0.5, no bounce. Nothing rests.
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Cadence, Command, Material, Pace, SceneTerms, Shape,
-};
-use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
+use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, SceneTerms, Shape};
+use rhumb_reckoning::{BodyId, Tick, Verbatim};
 
 use crate::cast::Cast;
 use crate::chance::Chance;
 use crate::controller::{Controller, flight};
-use crate::script::{GRAVITY, INTEGRATOR, Script, motion};
+use crate::script::{Script, TERMS, motion, surface};
 
 /// Projectiles.
 #[derive(Clone, Debug)]
@@ -40,17 +38,8 @@ impl Script for Rain {
 
     fn terms(&self) -> SceneTerms {
         SceneTerms {
-            integrator: INTEGRATOR,
-            gravity: GRAVITY,
-            pace: Pace::Lockstep,
-            material: Material {
-                friction: 0.5,
-                restitution: 0.0,
-                density: 1_000.0,
-            },
-            damping: Damping::default(),
-            sleep: None,
-            cadence: Cadence::EACH_TICK,
+            material: surface(0.5, 1_000.0),
+            ..TERMS
         }
     }
 

@@ -4,12 +4,12 @@
 //! 0.05 and 0.05 1/s; boxes of 0.5 to 1 m, 1.5 m apart.
 
 use glam::Vec3;
-use rhumb_protocol::scene::{BodyKind, Cadence, Command, Material, Pace, SceneTerms, Shape};
+use rhumb_protocol::scene::{BodyKind, Command, SceneTerms, Shape};
 use rhumb_reckoning::{Damping, Tick};
 
 use crate::cast::{Cast, about_y};
 use crate::chance::Chance;
-use crate::script::{GRAVITY, INTEGRATOR, Script, motion};
+use crate::script::{Script, TERMS, motion, surface};
 
 /// Boxes at rest.
 #[derive(Clone, Debug)]
@@ -39,20 +39,12 @@ impl Script for Rest {
 
     fn terms(&self) -> SceneTerms {
         SceneTerms {
-            integrator: INTEGRATOR,
-            gravity: GRAVITY,
-            pace: Pace::Lockstep,
-            material: Material {
-                friction: 0.5,
-                restitution: 0.0,
-                density: 500.0,
-            },
+            material: surface(0.5, 500.0),
             damping: Damping {
                 linear: 0.05,
                 angular: 0.05,
             },
-            sleep: None,
-            cadence: Cadence::EACH_TICK,
+            ..TERMS
         }
     }
 

@@ -5,8 +5,8 @@
 use core::num::NonZeroU32;
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::scene::{Command, SceneTerms};
-use rhumb_reckoning::{Integrator, Rate, Tick, Verbatim};
+use rhumb_protocol::scene::{Cadence, Command, Material, Pace, SceneTerms};
+use rhumb_reckoning::{Damping, Integrator, Rate, Tick, Verbatim};
 
 use crate::controller::Controller;
 use crate::{
@@ -98,6 +98,29 @@ pub(crate) const INTEGRATOR: Integrator = Integrator {
 
 /// The Earth's, along y, m/s².
 pub(crate) const GRAVITY: Vec3 = Vec3::new(0.0, -9.806_65, 0.0);
+
+/// What a scene has unless its script says otherwise: the Earth's gravity, and bodies that nothing damps.
+pub(crate) const TERMS: SceneTerms = SceneTerms {
+    integrator: INTEGRATOR,
+    gravity: GRAVITY,
+    pace: Pace::Lockstep,
+    material: surface(0.5, 1_000.0),
+    damping: Damping {
+        linear: 0.0,
+        angular: 0.0,
+    },
+    sleep: None,
+    cadence: Cadence::EACH_TICK,
+};
+
+/// A material from which nothing bounces, kg/m³.
+pub(crate) const fn surface(friction: f32, density: f32) -> Material {
+    Material {
+        friction,
+        restitution: 0.0,
+        density,
+    }
+}
 
 /// A motion whose parts the script knows to be finite and of unit length.
 pub(crate) fn motion(position: Vec3, rotation: Quat, linear: Vec3, angular: Vec3) -> Verbatim {

@@ -5,14 +5,12 @@
 //! 0.05 and 3 1/s. All sleep again some ten seconds later.
 
 use glam::Vec3;
-use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Cadence, Command, Material, Pace, SceneTerms, Shape, ShapeId,
-};
+use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, Material, SceneTerms, Shape, ShapeId};
 use rhumb_reckoning::{Damping, Tick};
 
 use crate::cast::Cast;
 use crate::chance::Chance;
-use crate::script::{GRAVITY, INTEGRATOR, Script, motion, still};
+use crate::script::{Script, TERMS, motion, still, surface};
 
 /// Towers and walls.
 #[derive(Clone, Debug)]
@@ -90,16 +88,12 @@ impl Script for Stack {
 
     fn terms(&self) -> SceneTerms {
         SceneTerms {
-            integrator: INTEGRATOR,
-            gravity: GRAVITY,
-            pace: Pace::Lockstep,
             material: MATERIAL,
             damping: Damping {
                 linear: 0.05,
                 angular: 0.05,
             },
-            sleep: None,
-            cadence: Cadence::EACH_TICK,
+            ..TERMS
         }
     }
 
@@ -123,8 +117,4 @@ const APART: f32 = 30.0;
 /// Of the ball, m/s.
 const STRIKE: Vec3 = Vec3::new(0.0, 2.0, 15.0);
 
-const MATERIAL: Material = Material {
-    friction: 0.7,
-    restitution: 0.0,
-    density: 500.0,
-};
+const MATERIAL: Material = surface(0.7, 500.0);

@@ -7,13 +7,13 @@
 use core::f64::consts::PI;
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::scene::{BodyKind, Cadence, Command, Material, Pace, SceneTerms, Shape};
+use rhumb_protocol::scene::{BodyKind, Command, SceneTerms, Shape};
 use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
 
 use crate::cast::{Cast, about_z};
 use crate::chance::Chance;
 use crate::controller::Controller;
-use crate::script::{GRAVITY, INTEGRATOR, Script, motion, still};
+use crate::script::{INTEGRATOR, Script, TERMS, motion, still, surface};
 
 /// A drum with bodies inside.
 #[derive(Clone, Debug)]
@@ -66,20 +66,12 @@ impl Script for Tumbler {
 
     fn terms(&self) -> SceneTerms {
         SceneTerms {
-            integrator: INTEGRATOR,
-            gravity: GRAVITY,
-            pace: Pace::Lockstep,
-            material: Material {
-                friction: 0.8,
-                restitution: 0.0,
-                density: 500.0,
-            },
+            material: surface(0.8, 500.0),
             damping: Damping {
                 linear: 0.05,
                 angular: 0.05,
             },
-            sleep: None,
-            cadence: Cadence::EACH_TICK,
+            ..TERMS
         }
     }
 

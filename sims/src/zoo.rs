@@ -5,14 +5,14 @@
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Cadence, Command, Hull, Joint, JointFrame, JointId, JointKind,
-    JointLimits, Material, Pace, SceneTerms, Shape, ShapeId,
+    BodyKind, BodyTerms, Command, Hull, Joint, JointFrame, JointId, JointKind, JointLimits,
+    Material, SceneTerms, Shape, ShapeId,
 };
 use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
 
 use crate::chance::Chance;
 use crate::cluster::Cluster;
-use crate::script::{GRAVITY, INTEGRATOR, Script, motion, still};
+use crate::script::{GRAVITY, Script, TERMS, motion, still};
 
 /// Every kind of body, and every command.
 #[derive(Clone, Debug)]
@@ -210,9 +210,6 @@ impl Script for Zoo {
 
     fn terms(&self) -> SceneTerms {
         SceneTerms {
-            integrator: INTEGRATOR,
-            gravity: GRAVITY,
-            pace: Pace::Lockstep,
             material: Material {
                 friction: 0.5,
                 restitution: 0.1,
@@ -222,8 +219,7 @@ impl Script for Zoo {
                 linear: 0.05,
                 angular: 0.1,
             },
-            sleep: None,
-            cadence: Cadence::EACH_TICK,
+            ..TERMS
         }
     }
 
