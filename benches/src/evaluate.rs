@@ -4,6 +4,7 @@
 
 use std::fmt;
 use std::io::{self, Write};
+use std::mem;
 use std::num::NonZeroU32;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -13,12 +14,15 @@ use rhumb_protocol::scene::Cadence;
 use rhumb_protocol::stream::{Budget, HINDSIGHT_MAX};
 use rhumb_reckoning::{Metres, Ticks, Tolerance};
 use rhumb_server::{RunError, run_on_cores, usable_cores};
+use rhumb_sims::Script;
 use rhumb_transport::LinkTerms;
 
 use crate::drive::{Cores, DriveError, Loss, Losses, Plan, run_free, run_side_by_side};
+use crate::limit::set_beside_limits;
 use crate::machine;
 use crate::output::{self, OutputError};
-use crate::record::{Experiment, Load, Mode};
+use crate::record::{Experiment, Load, Mode, Run};
+use crate::recording::Recording;
 
 /// What to run, and where to write it.
 #[derive(Clone, Debug, Args)]
@@ -70,6 +74,9 @@ pub struct Evaluate {
     /// Write no trace.
     #[arg(long)]
     no_trace: bool,
+    /// Do not compare with how little would have done, had the future been known.
+    #[arg(long)]
+    no_limit: bool,
     /// Let the system choose the cores instead of keeping servers apart from their caller.
     #[arg(long)]
     no_pin: bool,
@@ -221,7 +228,12 @@ fn run(arguments: &Evaluate) -> Result<(), EvaluateError> {
         loads: Vec::new(),
     };
     for bodies in bodies(arguments) {
-        let loads = run_load(arguments, *bodies, cores)?;
+        let mut loads = run_load(arguments, *bodies, cores)?;
+        if !arguments.no_limit {
+            for load in &mut loads {
+                set_beside_limit(arguments, *bodies, load)?;
+            }
+        }
         experiment.loads.extend(loads);
         // What is done is there even if what follows fails.
         output::write_figures(&arguments.out, &experiment)?;
@@ -257,14 +269,42 @@ fn choose_cores(arguments: &Evaluate) -> Result<Cores, EvaluateError> {
     })
 }
 
+fn script(arguments: &Evaluate, bodies: u32) -> Result<Box<dyn Script>, DriveError> {
+    let script = rhumb_sims::by_name(&arguments.scene, bodies, arguments.seed);
+    script.ok_or_else(|| DriveError::NoSuchScene {
+        name: arguments.scene.clone(),
+    })
+}
+
 /// How many ticks of the scene come nearest to the seconds that were asked for, one at least.
 fn ticks(arguments: &Evaluate, bodies: u32) -> Result<u32, EvaluateError> {
-    let script = rhumb_sims::by_name(&arguments.scene, bodies, arguments.seed);
-    let script = script.ok_or_else(|| DriveError::NoSuchScene {
-        name: arguments.scene.clone(),
-    })?;
-    let step_s = script.terms().integrator.rate.step().seconds();
+    let terms = script(arguments, bodies)?.terms();
+    let step_s = terms.integrator.rate.step().seconds();
     Ok((arguments.seconds / step_s).round().max(1.0) as u32)
+}
+
+/// Sets the reckoned runs of a load beside how little would have done for them.
+fn set_beside_limit(
+    arguments: &Evaluate,
+    bodies: u32,
+    load: &mut Load,
+) -> Result<(), EvaluateError> {
+    let mut script = script(arguments, bodies)?;
+    let recording = Recording::of_play(&mut *script, mem::take(&mut load.truth));
+    let promised = |run: &Run| {
+        let every = match run.terms.mode.is_free() {
+            true => arguments.every,
+            false => NonZeroU32::MIN,
+        };
+        run.terms.tolerance_m.map(|_| (arguments.tolerance, every))
+    };
+    let runs = load.runs.iter_mut().map(|run| {
+        let promised = promised(run);
+        (run, promised)
+    });
+    set_beside_limits(&recording, runs);
+    load.truth = recording.truth;
+    Ok(())
 }
 
 /// Runs all modes at one load; the free-running ones by themselves, since they have a truth of their own.

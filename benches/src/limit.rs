@@ -6,6 +6,7 @@
 //! has more to do: it does not know the future, and says packets, repairs and exact rests. One cut is of motions as they
 //! were fitted, one of such as the protocol can say: the difference is the price of its grid.
 
+mod beside;
 mod code;
 mod course;
 mod fit;
@@ -28,6 +29,7 @@ use crate::recording::Recording;
 use crate::replay::{Failure, Promise, Source, ended};
 use crate::summary::{Errors, aligned, number};
 
+pub(crate) use beside::{Promised, set_beside_limits};
 use code::Bits;
 use course::{Basis, Course, Holder, Law};
 use path::{Path, Paths};

@@ -240,6 +240,8 @@ pub struct RunTerms {
     pub ticks: u32,
     /// Of a replay: what only a replay is asked for.
     pub replayed: Option<Replayed>,
+    /// What was found to do for the same promise, had the future been known; none if that was not sought.
+    pub limit: Option<Least>,
 }
 
 /// What only a replay is asked for.
@@ -255,8 +257,6 @@ pub struct Replayed {
     pub hindsight_ticks: u32,
     /// Means of the publisher that were switched off, as on the command line.
     pub without: Vec<String>,
-    /// What was found to do for the same promise, had the future been known; none unless it was asked for.
-    pub limit: Option<Least>,
 }
 
 /// How little was found to do.

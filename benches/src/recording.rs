@@ -5,6 +5,7 @@
 
 mod error;
 pub mod mcap;
+mod play;
 pub mod rhtrace;
 
 use std::collections::BTreeMap;

@@ -11,16 +11,15 @@ mod source;
 mod stage;
 mod sweep;
 
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
 
-use crate::limit::Limit;
+use crate::limit::{Promised, set_beside_limits};
 use crate::machine;
 use crate::output;
-use crate::record::{Experiment, Least, Load, Run};
+use crate::record::{Experiment, Load, Run};
 use crate::recording::Recording;
 
 pub(crate) use failure::{Failure, ended};
@@ -57,9 +56,9 @@ pub struct Replay {
     /// Write no trace.
     #[arg(long)]
     no_trace: bool,
-    /// Compare with how little would have done, had the future been known.
+    /// Do not compare with how little would have done, had the future been known.
     #[arg(long)]
-    limit: bool,
+    no_limit: bool,
 }
 
 /// Replays. Exit code 0 when everything was replayed and written, 1 otherwise.
@@ -77,8 +76,8 @@ fn replay_all(arguments: &Replay) -> Result<(), Failure> {
         Keep::Everything
     };
     let mut runs = run_all(&recording, &all, keep)?;
-    if arguments.limit {
-        set_beside_limits(&recording, &all, &mut runs);
+    if !arguments.no_limit {
+        set_beside_limits(&recording, promised(&all, &mut runs));
     }
     let bodies = recording.bodies();
     let experiment = experiment(recording, arguments.manner.seed(), runs);
@@ -114,23 +113,13 @@ fn run_all(recording: &Recording, all: &[ReplayTerms], keep: Keep) -> Result<Vec
     Ok(runs)
 }
 
-/// Sets each replay beside how little would have done for its promise.
-fn set_beside_limits(recording: &Recording, all: &[ReplayTerms], runs: &mut [Run]) {
-    let mut known = BTreeMap::new();
-    for (terms, run) in all.iter().zip(runs) {
-        let promise = (terms.tolerance, terms.every);
-        let least = known.entry(promise).or_insert_with(|| {
-            let limit = Limit::of(recording, terms.tolerance, terms.every);
-            Least {
-                updates_per_second: limit.fewest_updates.updates_per_second,
-                updates_on_grid_per_second: limit.fewest_updates_on_grid.updates_per_second,
-                kbps: limit.fewest_bits.kbps,
-            }
-        });
-        if let Some(replayed) = &mut run.terms.replayed {
-            replayed.limit = Some(*least);
-        }
-    }
+/// The replays with what each promised.
+fn promised<'a>(
+    all: &[ReplayTerms],
+    runs: &'a mut [Run],
+) -> impl Iterator<Item = (&'a mut Run, Option<Promised>)> {
+    let promised = all.iter().map(|terms| Some((terms.tolerance, terms.every)));
+    runs.iter_mut().zip(promised)
 }
 
 fn experiment(recording: Recording, seed: u64, runs: Vec<Run>) -> Experiment {

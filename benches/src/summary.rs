@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::record::{Experiment, Replayed};
+use crate::record::{Experiment, Least, Replayed};
 
 pub(crate) use columns::{Column, columns};
 pub(crate) use measure::second_by_second;
@@ -98,7 +98,9 @@ pub struct RunFigures {
     pub moving: Option<Moving>,
     /// Of an ablation: payload bytes down over those with every means of the publisher on.
     pub of_all_on: Option<f64>,
-    /// Of a replay that was set beside its limit: updates and payload bits over the fewest that were found to do.
+    /// What was found to do for the same promise, had the future been known; `null` if that was not sought.
+    pub limit: Option<Least>,
+    /// Updates and payload bits over the fewest that were found to do.
     pub of_limit: Option<OfLimit>,
     /// Of a replay: how long lost packets were missed; `null` if none was lost.
     pub recovery: Option<Recovery>,

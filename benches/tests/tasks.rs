@@ -142,7 +142,7 @@ fn a_replay_is_set_beside_the_limit_of_its_recording() {
     let limit = task("limit", &[&["limit"], &terms[..]].concat());
     let done = task(
         "of-limit",
-        &[&["replay", "--no-trace", "--limit"], &terms[..]].concat(),
+        &[&["replay", "--no-trace"], &terms[..]].concat(),
     );
     let (updates, bits) = (&limit.limit["fewest_updates"], &limit.limit["fewest_bits"]);
     let rate = updates["updates_per_second"].as_f64().expect("a rate");

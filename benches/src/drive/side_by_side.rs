@@ -93,6 +93,7 @@ impl Plan {
             step_s,
             ticks: self.ticks,
             replayed: None,
+            limit: None,
         }
     }
 

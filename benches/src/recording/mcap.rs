@@ -1,16 +1,12 @@
 //! The truth in a `trace.mcap` of ours.
 //!
-//! The trace holds poses and shapes; what pulled and damped comes from the scene that it names, run with its numbers of
-//! bodies and seed, and how each body tumbles from an engine that is given the script's bodies and never stepped. What a
-//! controller or a command changed later is not in it: gravity is taken as the scene began. The first load of the trace
-//! is taken.
+//! The trace holds poses and shapes; the rest comes from the scene that it names, run with its numbers of bodies and seed.
+//! The first load of the trace is taken.
 
 use std::collections::BTreeMap;
 
-use rhumb_protocol::scene::Command;
-use rhumb_reckoning::{BodyId, Inertia, Tick};
-use rhumb_server::{Digest, Scene};
-use rhumb_sims::Script;
+use rhumb_reckoning::Tick;
+use rhumb_server::Digest;
 
 use super::{Recording, RecordingError};
 use crate::record::Truth;
@@ -43,40 +39,7 @@ pub fn read(bytes: &[u8]) -> Result<Recording, RecordingError> {
         return Err(unknown());
     };
     let mut script = rhumb_sims::by_name(&name, bodies, seed).ok_or_else(unknown)?;
-    let terms = script.terms();
-    let truth = truth(bytes, load)?;
-    Ok(Recording {
-        inertias: inertias(&mut *script, truth.ticks.len() as u64),
-        truth,
-        integrator: terms.integrator,
-        gravity: terms.gravity,
-        damping: terms.damping,
-        name,
-    })
-}
-
-/// How the bodies tumble that a script adds in so many ticks.
-fn inertias(script: &mut dyn Script, ticks: u64) -> BTreeMap<BodyId, Inertia> {
-    let mut inertias = BTreeMap::new();
-    let Ok(mut scene) = Scene::new(script.terms()) else {
-        return inertias;
-    };
-    let mut commands = Vec::new();
-    for tick in 0..=ticks {
-        script.commands(Tick::new(tick), &mut commands);
-    }
-    for command in commands {
-        let makes = matches!(command, Command::AddShape { .. } | Command::AddBody { .. });
-        // What is refused here is no body of the recording either.
-        if makes
-            && scene.apply(&command).is_ok()
-            && let Command::AddBody { terms, .. } = command
-            && let Some(inertia) = scene.inertia(terms.id)
-        {
-            inertias.insert(terms.id, inertia);
-        }
-    }
-    inertias
+    Ok(Recording::of_play(&mut *script, truth(bytes, load)?))
 }
 
 /// Metadata records by name.

@@ -9,9 +9,8 @@ use std::process::ExitCode;
 use clap::Args;
 use rhumb_protocol::stream::Features;
 
-use super::{
-    Failure, Feature, Keep, Manner, Source, ended, experiment, run_all, set_beside_limits,
-};
+use super::{Failure, Feature, Keep, Manner, Source, ended, experiment, promised, run_all};
+use crate::limit::set_beside_limits;
 use crate::output;
 
 /// Which recording, how it is published, and where to write what came of it.
@@ -24,9 +23,9 @@ pub struct Ablate {
     /// Folder for summary.json and report.html; made if it is not there.
     #[arg(long, default_value = "results")]
     out: PathBuf,
-    /// Compare with how little would have done, had the future been known.
+    /// Do not compare with how little would have done, had the future been known.
     #[arg(long)]
-    limit: bool,
+    no_limit: bool,
 }
 
 /// Replays. Exit code 0 when everything was replayed and written, 1 otherwise.
@@ -42,8 +41,8 @@ fn ablate_all(arguments: &Ablate) -> Result<(), Failure> {
         .map_err(Failure::Terms)?;
     let recording = arguments.source.read()?;
     let mut runs = run_all(&recording, &all, Keep::Figures)?;
-    if arguments.limit {
-        set_beside_limits(&recording, &all, &mut runs);
+    if !arguments.no_limit {
+        set_beside_limits(&recording, promised(&all, &mut runs));
     }
     let experiment = experiment(recording, arguments.manner.seed(), runs);
     output::write_all(&arguments.out, &experiment, None)?;

@@ -62,7 +62,6 @@ impl ReplayTerms {
             without: Feature::without(&self.features)
                 .map(|feature| feature.name().to_owned())
                 .collect(),
-            limit: None,
         }
     }
 }
@@ -506,6 +505,7 @@ impl<'a> Stage<'a> {
                 step_s: rate.step().seconds(),
                 ticks: recording.ticks(),
                 replayed: Some(self.terms.replayed()),
+                limit: None,
             },
             truth_digest: recording.truth.digest,
             frames: self.frames,

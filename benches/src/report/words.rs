@@ -184,6 +184,7 @@ pub(super) fn limits(summary: &Summary) -> Vec<String> {
         said.extend(limits_of_replays(runs));
         return said;
     }
+    said.extend(of_limit(runs));
     said.push(
         "Times are of one run on one machine that other programs share: compare them with each other, not with those of \
          another machine. Bytes, updates and errors of the modes that wait are repeatable; times are not."
@@ -208,21 +209,25 @@ fn limits_of_replays(runs: &[RunFigures]) -> Vec<String> {
                 .to_owned(),
         );
     }
-    if runs.iter().any(|run| run.of_limit.is_some()) {
-        said.push(
-            "The limit is what was found with the future known: each body's way cut into the longest segments by any of \
-             the laws, each verified, and coded by an ideal coder that learns as it goes. Better fits may be found, so that \
-             the true least is lower still; and a publisher has more to do: it says packets and exact rests, and does not \
-             know the future. On the grid means that motions were rounded as the protocol says them, and judged as rounded."
-                .to_owned(),
-        );
-    }
+    said.extend(of_limit(runs));
     said.push(
         "Bytes are counted as the publisher sends them, with 22 of QUIC and 28 of headers for each datagram; \
          acknowledgements, heartbeats and the first state are not in them."
             .to_owned(),
     );
     said
+}
+
+/// What the limit is that runs are set beside, if they are.
+fn of_limit(runs: &[RunFigures]) -> Option<String> {
+    let beside = runs.iter().any(|run| run.of_limit.is_some());
+    beside.then(|| {
+        "The limit is what was found with the future known: each body's way cut into the longest segments by any of the \
+         laws, each verified, and coded by an ideal coder that learns as it goes. Better fits may be found, so that the \
+         true least is lower still; and a publisher has more to do: it says packets and exact rests, and does not know the \
+         future. On the grid means that motions were rounded as the protocol says them, and judged as rounded."
+            .to_owned()
+    })
 }
 
 /// What the mean bandwidth of a run hides.

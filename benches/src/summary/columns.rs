@@ -37,10 +37,14 @@ const fn column(
 
 /// The columns that fit these runs; the first names the run.
 pub(crate) fn columns(runs: &[RunFigures]) -> Vec<Column> {
-    if runs.iter().any(|run| run.replayed.is_none()) || runs.is_empty() {
-        return EVALUATED.to_vec();
-    }
     let any = |has: fn(&RunFigures) -> bool| runs.iter().any(has);
+    if any(|run| run.replayed.is_none()) || runs.is_empty() {
+        let mut columns = EVALUATED.to_vec();
+        if any(|run| run.of_limit.is_some()) {
+            columns.extend(OF_LIMIT);
+        }
+        return columns;
+    }
     let mut columns = vec![SETTING];
     if any(|run| run.link.is_some()) {
         columns.extend(LINK);

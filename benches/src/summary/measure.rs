@@ -53,6 +53,7 @@ pub(super) fn figures(run: &Run, truth_digest: u64) -> RunFigures {
         mismatches: None,
         moving: None,
         of_all_on: None,
+        limit: terms.limit,
         of_limit: None,
         recovery: None,
         frame_ms,
@@ -77,8 +78,8 @@ pub(super) fn figures(run: &Run, truth_digest: u64) -> RunFigures {
     if terms.mode == Mode::Replay {
         figures.moving = moving(run);
         figures.recovery = recovery(run);
-        figures.of_limit = of_limit(&figures);
     }
+    figures.of_limit = of_limit(&figures);
     figures
 }
 
@@ -154,7 +155,7 @@ fn moving(run: &Run) -> Option<Moving> {
 
 /// Beside what was found to do.
 fn of_limit(figures: &RunFigures) -> Option<OfLimit> {
-    let least = figures.replayed.as_ref()?.limit?;
+    let least = figures.limit?;
     Some(OfLimit {
         updates: figures.updates_per_second()? / least.updates_per_second,
         updates_on_grid: figures.updates_per_second()? / least.updates_on_grid_per_second,

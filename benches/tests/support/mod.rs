@@ -103,6 +103,7 @@ fn terms(mode: Mode) -> RunTerms {
         step_s: STEP_S,
         ticks: TICKS,
         replayed: None,
+        limit: None,
     }
 }
 
