@@ -10,6 +10,7 @@ mod error;
 mod experiment;
 mod figures;
 mod findings;
+mod gap;
 mod hardware;
 mod loads;
 mod outcome;
@@ -35,6 +36,7 @@ use document::PageArguments;
 use duty::DutyArguments;
 use error::PaperError;
 use experiment::ExperimentArguments;
+use gap::GapArguments;
 use hardware::HardwareArguments;
 use remote::RemoteArguments;
 
@@ -52,6 +54,8 @@ pub struct Paper {
 enum PaperTask {
     /// From which load, and from how much other work on, a remote engine beats an integrated one.
     Remote(RemoteArguments),
+    /// Where the client of the published experiment loses its time.
+    Gap(GapArguments),
     /// What threads, pinning and a weak caller make of one pit, on this machine.
     Hardware(HardwareArguments),
     /// Merge what several machines gave into one table.
@@ -79,6 +83,7 @@ pub fn paper(arguments: &Paper) -> ExitCode {
     let done = match &arguments.task {
         None => experiment::run(&arguments.experiment),
         Some(PaperTask::Remote(arguments)) => remote::run(arguments),
+        Some(PaperTask::Gap(arguments)) => gap::run(arguments),
         Some(PaperTask::Hardware(arguments)) => hardware::run(arguments),
         Some(PaperTask::Merge(arguments)) => hardware::merge(&arguments.files, &arguments.out),
         Some(PaperTask::Page(arguments)) => document::run(arguments),

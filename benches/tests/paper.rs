@@ -84,7 +84,18 @@ fn an_interrupted_experiment_goes_on_where_it_was() {
             .iter()
             .filter_map(|mode| mode["mode"].as_str())
             .collect();
-        assert_eq!(names, ["integrated", "naive", "rhumb", "rhumb-pipelined"]);
+        assert_eq!(
+            names,
+            [
+                "integrated",
+                "app-all",
+                "app-active",
+                "app-packed",
+                "naive",
+                "rhumb",
+                "rhumb-pipelined"
+            ]
+        );
         assert!(modes.iter().all(|mode| mode["phys_ft_ms"]["count"] == 3));
         assert!(modes[0]["against_integrated"].is_null());
         assert!(modes[1]["against_integrated"]["phys_ft_ms"]["z"]["p"].is_number());
@@ -94,8 +105,8 @@ fn an_interrupted_experiment_goes_on_where_it_was() {
         assert!(text.contains("rhumb-pipelined"), "{name}");
     }
     let lines = fs::read_to_string(out.join("trials.csv")).expect("it was written");
-    // Titles, and a line for each of 3 trials, 2 loads, 4 modes.
-    assert_eq!(lines.lines().count(), 25);
+    // Titles, and a line for each of 3 trials, 2 loads, 7 modes.
+    assert_eq!(lines.lines().count(), 43);
 
     // A trial more is welcome, another seed is not.
     let more = [&SMALL[..], &["4"]].concat();
@@ -145,6 +156,29 @@ fn what_cannot_be_asked_for_is_refused_by_name() {
         let said = fails(&["--threads", "2"], &out);
         assert!(said.contains("without the feature \"parallel\""), "{said}");
     }
+}
+
+#[test]
+fn each_loss_of_the_published_client_has_a_row_whose_truth_is_one() {
+    let out = folder("gap");
+    let said = succeeds(&["gap", "--no-pin", "--loads", "40", "--frames", "8"], &out);
+    assert!(said.contains("protocol alone"), "{said}");
+    let results = json(&out.join("gap.json"));
+    let rows = results["rows"].as_array().expect("rows");
+    let of = |client: &str| {
+        let row = rows.iter().find(|row| row["client"] == client);
+        &row.expect("a row of that name")["outcome"]
+    };
+    assert_eq!(rows.len(), 10);
+    assert!(rows.iter().all(|row| row["outcome"]["void"] == false));
+    // All bodies are told of in each frame, a datagram each; one more ends it, and one acknowledges the advance.
+    for client in ["sound", "list", "as published"] {
+        assert_eq!(of(client)["updates"], 8 * 40, "{client}");
+        assert_eq!(of(client)["datagrams_down"], 8 * 42, "{client}");
+    }
+    assert_eq!(of("sound, packed")["updates"], 8 * 40);
+    assert!(of("sound, packed")["datagrams_down"].as_u64() < Some(8 * 10));
+    assert!(of("rhumb")["updates"].as_u64() < Some(8 * 40));
 }
 
 #[test]

@@ -3,15 +3,18 @@
 //! A frame is as many steps as lie between two ticks that the scene's streams speak of. Who plays keeps nothing of a
 //! frame but its cost: neither poses nor bytes, so that a run of hours is no larger than one of seconds.
 
+mod guest;
 mod hosted;
 mod local;
 mod processor;
 
+use rhumb_protocol::message::StageTimes;
 use rhumb_protocol::scene::{Command, SceneTerms};
 use rhumb_reckoning::{Tick, Tolerance};
 
-use super::{DriveError, Housing};
-use crate::record::Mode;
+use super::{DriveError, Housing, Losses};
+use crate::record::{Frame, Mode};
+use crate::summary::DATAGRAM_HEADER_BYTES;
 
 pub(crate) use hosted::hosted_at;
 
@@ -65,6 +68,27 @@ pub(crate) struct Traffic {
     pub(crate) updates: u64,
 }
 
+impl Stages {
+    fn of(times: &StageTimes) -> Self {
+        Self {
+            step_ns: times.step_total,
+            observe_ns: times.observe_total,
+            publish_ns: times.publish_total,
+        }
+    }
+}
+
+impl Traffic {
+    fn add(&mut self, frame: &Frame) {
+        let headers = |datagrams| datagrams * DATAGRAM_HEADER_BYTES;
+        self.bytes_down += frame.wire_bytes_down + headers(frame.wire_datagrams_down);
+        self.bytes_up += frame.wire_bytes_up + headers(frame.wire_datagrams_up);
+        self.datagrams_down += frame.wire_datagrams_down;
+        self.datagrams_up += frame.wire_datagrams_up;
+        self.updates += frame.updates;
+    }
+}
+
 /// What every player of one scene is asked for alike.
 #[derive(Clone, Debug)]
 pub(crate) struct Billing {
@@ -73,6 +97,8 @@ pub(crate) struct Billing {
     pub(crate) bodies: u32,
     /// What reckoned modes promise.
     pub(crate) tolerance: Tolerance,
+    /// What clients of the paper's protocol lose.
+    pub(crate) losses: Losses,
     /// Where servers run.
     pub(crate) housing: Housing,
     pub(crate) seed: u64,
@@ -95,6 +121,18 @@ const PLAYABLE: &[Playable] = &[
     Playable {
         mode: Mode::Integrated,
         troupe: &local::InThread,
+    },
+    Playable {
+        mode: Mode::AppAll,
+        troupe: &guest::OverApp,
+    },
+    Playable {
+        mode: Mode::AppActive,
+        troupe: &guest::OverApp,
+    },
+    Playable {
+        mode: Mode::AppPacked,
+        troupe: &guest::OverApp,
     },
     Playable {
         mode: Mode::Naive,

@@ -121,6 +121,7 @@ impl Plan {
                     terms: script.terms(),
                     beside: script.controller().map(|_| self.played()),
                     housing: Housing::on(self.cores.server),
+                    keep: Keep::Everything,
                 };
                 Ok((mode, AppRemote::start(&setup)?))
             })

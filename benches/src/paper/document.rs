@@ -12,6 +12,7 @@ use clap::Args;
 use super::PaperError;
 use super::experiment::PaperResults;
 use super::figures::{self, Figure};
+use super::gap::{self, GapResults};
 use super::hardware::{self, HardwareResults};
 use super::remote::{self, RemoteResults};
 use super::store::parse;
@@ -142,6 +143,7 @@ fn make_block(page: &Path, folder: &Path, block: &str, file: &str) -> Result<Blo
     let path = folder.join(file);
     let text = match block.split_once('-') {
         Some(("remote", what)) => of_remote(&read_json(&path)?, what),
+        Some(("gap", what)) => of_gap(&read_json(&path)?, what),
         Some(("hardware", what)) => of_hardware(&read_json(&path)?, what),
         _ => {
             let results: PaperResults = read_json(&path)?;
@@ -199,6 +201,23 @@ fn of_remote(results: &RemoteResults, what: &str) -> Option<String> {
         )),
         "crossings" => Some(remote::crossings_table(results).to_markdown()),
         "points" => Some(remote::points_table(results).to_markdown()),
+        _ => None,
+    }
+}
+
+fn of_gap(results: &GapResults, what: &str) -> Option<String> {
+    match what {
+        "command" => Some(format!(
+            "    {}\n\nOn {} ({}; {} build), seed {}, {} frames each.",
+            results.command,
+            results.machine,
+            results.cores,
+            results.build,
+            results.seed,
+            results.frames
+        )),
+        "table" => Some(gap::table(results).to_markdown()),
+        "shares" => Some(gap::shares_table(results).to_markdown()),
         _ => None,
     }
 }

@@ -24,8 +24,8 @@ use super::pit::{FRAMES_PER_SECOND, in_frames};
 use super::report::page;
 use super::settings::Settings;
 use super::table::Table;
-use crate::drive::Housing;
 use crate::drive::player::{self, Account, Billing, Player};
+use crate::drive::{Housing, Losses};
 use crate::machine;
 use crate::output;
 use crate::record::Mode;
@@ -220,6 +220,7 @@ fn run_load(
         terms: in_frames(script.terms()),
         bodies: placed.count() as u32,
         tolerance: tolerance(arguments.tolerance)?,
+        losses: Losses::SOUND,
         housing: Housing {
             cores: places.servers.clone(),
             threads: None,

@@ -14,8 +14,8 @@ use super::outcome::{LoadOutcome, ModeOutcome, Trial};
 use super::pit::{FRAMES_PER_SECOND, Pit};
 use super::quota::Weakness;
 use super::settings::Settings;
-use crate::drive::Housing;
 use crate::drive::player::{self, Account, Billing, Player, Took};
+use crate::drive::{Housing, Losses};
 use crate::quantile::of_nanoseconds;
 use crate::record::Mode;
 
@@ -70,6 +70,7 @@ pub(super) fn run(
         terms: pit.terms(),
         bodies: placed.count() as u32 + first * (stages - 1),
         tolerance: super::experiment::tolerance(settings.tolerance_m)?,
+        losses: Losses::SOUND,
         housing: staging.housing.clone(),
         seed,
     };
@@ -178,7 +179,7 @@ fn outcomes(runners: &mut [Runner], modes: &[Mode]) -> Result<Vec<ModeOutcome>, 
 }
 
 /// The figures of some frames.
-fn outcome(mode: Mode, took: &[Took], before: &Account, after: &Account) -> ModeOutcome {
+pub(super) fn outcome(mode: Mode, took: &[Took], before: &Account, after: &Account) -> ModeOutcome {
     let frames = took.len().max(1) as f64;
     let mut walls: Vec<u64> = took.iter().map(|took| took.wall_ns).collect();
     let percentile =

@@ -68,13 +68,18 @@ struct Taken {
 
 impl Polled {
     /// Starts the threads.
-    pub(super) fn start(sockets: Sockets, losses: Losses, copy: Copy) -> io::Result<Self> {
+    pub(super) fn start(
+        sockets: Sockets,
+        losses: Losses,
+        copy: Copy,
+        wire: Wire,
+    ) -> io::Result<Self> {
         let shared = Arc::new(Shared {
             out: Mutex::default(),
             heard: Mutex::default(),
             copy: Mutex::new(Taken {
                 copy,
-                wire: Wire::default(),
+                wire,
                 over: None,
             }),
             news: Condvar::new(),

@@ -20,6 +20,7 @@ use super::wire::{Count, Wire};
 use super::words::{SIMULATION, Unsaid, Words};
 use crate::drive::compare::{RecentTruth, compare};
 use crate::drive::control::Played;
+use crate::drive::remote::Keep;
 use crate::drive::{DriveError, Housing, ServerProcess};
 use crate::record::{Cause, Frame, JoinCost, Mode, Passed, Seen};
 
@@ -27,8 +28,10 @@ use crate::record::{Cause, Frame, JoinCost, Mode, Passed, Seen};
 pub(in crate::drive) struct AppRemote {
     line: Line,
     words: Words,
-    /// Seconds of a tick.
+    /// Ticks of a frame, and their seconds.
+    ticks_each: u32,
     seconds: f32,
+    keep: Keep,
     ticks: u64,
     messages: u64,
     counts: (Count, Count),
@@ -48,6 +51,7 @@ pub(in crate::drive) struct AppSetup {
     pub(in crate::drive) terms: SceneTerms,
     pub(in crate::drive) beside: Option<Played>,
     pub(in crate::drive) housing: Housing,
+    pub(in crate::drive) keep: Keep,
 }
 
 /// How often, and how long, a client looks whether it was taken in: half a minute.
@@ -116,12 +120,16 @@ impl AppRemote {
         }
         let process = ServerProcess::start_with(&setup.housing, setup.beside.as_ref(), &more)?;
         let words = Words::new(&setup.terms).map_err(AppError::Unsaid)?;
-        let seconds = setup.terms.integrator.rate.step().seconds() as f32;
-        let line = connect(&process, setup.losses).map_err(AppError::Line)?;
+        let ticks_each = setup.terms.cadence.every.get();
+        let tick_s = setup.terms.integrator.rate.step().seconds();
+        let seconds = (tick_s * f64::from(ticks_each)) as f32;
+        let line = connect(&process, setup.losses, setup.keep).map_err(AppError::Line)?;
         let mut remote = Self {
             line,
             words,
+            ticks_each,
             seconds,
+            keep: setup.keep,
             ticks: 0,
             messages: 0,
             counts: Default::default(),
@@ -200,7 +208,7 @@ impl AppRemote {
         said.push(self.encoded(&advance));
         self.line.frame(said).map_err(AppError::Line)?;
         let frame_ns = self.clock.now().since(begun).as_nanos();
-        self.ticks += 1;
+        self.ticks += u64::from(self.ticks_each);
         self.note_frame(frame_ns);
         Ok(())
     }
@@ -215,6 +223,9 @@ impl AppRemote {
             changed.sort_unstable();
             changed.dedup();
             let updates = std::mem::take(&mut copy.states);
+            if self.keep == Keep::Costs {
+                changed.clear();
+            }
             let seen = changed.into_iter().filter_map(|id| {
                 let (position, rotation) = copy.pose(id)?;
                 Some(Seen {
@@ -247,6 +258,16 @@ impl AppRemote {
         self.frames.push(frame);
     }
 
+    /// The last frame, which is not kept.
+    pub(in crate::drive) fn take_frame(&mut self) -> Option<Frame> {
+        self.frames.pop()
+    }
+
+    /// Ticks that have passed.
+    pub(in crate::drive) const fn ticks(&self) -> u64 {
+        self.ticks
+    }
+
     /// Judges the last frame against the truth; returns how many bodies its copy lacks.
     pub(in crate::drive) fn judge(&mut self, recent: &RecentTruth) -> Option<u32> {
         let number = self.frames.len().checked_sub(1)?;
@@ -271,21 +292,34 @@ impl AppRemote {
             Entry::Join,
         );
         let mut client = Client::open(options)?;
-        Ok(client.inspect()?)
+        // A client that lost the end of a frame may be ahead of its server.
+        let mut looks = READY_LOOKS;
+        loop {
+            let inspection = client.inspect()?;
+            if inspection.tick.value() >= self.ticks {
+                return Ok(inspection);
+            }
+            looks -= 1;
+            if looks == 0 {
+                let cause = io::ErrorKind::TimedOut.into();
+                return Err(AppError::Line(cause).into());
+            }
+            thread::sleep(READY_PAUSE);
+        }
     }
 }
 
-fn connect(process: &ServerProcess, losses: Losses) -> io::Result<Line> {
+fn connect(process: &ServerProcess, losses: Losses, keep: Keep) -> io::Result<Line> {
     let server = process.app.ok_or(io::ErrorKind::AddrNotAvailable)?;
     let sockets = Sockets::open(server, losses)?;
     let copy = Copy::new(losses.list);
     Ok(if losses.poll {
-        Line::Polled(Polled::start(sockets, losses, copy)?)
+        Line::Polled(Polled::start(sockets, losses, copy, Wire::new(keep))?)
     } else {
         Line::Direct(Box::new(Own {
             line: Direct::new(sockets, losses)?,
             copy,
-            wire: Wire::default(),
+            wire: Wire::new(keep),
         }))
     })
 }

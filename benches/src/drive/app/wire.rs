@@ -5,6 +5,7 @@
 
 use bytes::Bytes;
 
+use crate::drive::remote::Keep;
 use crate::record::Way;
 
 /// Bytes that a segment has of headers beyond a datagram's: 40 less 28.
@@ -19,11 +20,12 @@ pub(super) struct Count {
     pub(super) packets: u64,
 }
 
-/// Both ways, and the bytes themselves since they were last taken.
-#[derive(Debug, Default)]
+/// Both ways, and the bytes themselves since they were last taken, if they are kept.
+#[derive(Debug)]
 pub(super) struct Wire {
     pub(super) down: Count,
     pub(super) up: Count,
+    keep: Keep,
     state_down: Vec<u8>,
     control_down: Vec<u8>,
     control_up: Vec<u8>,
@@ -45,14 +47,26 @@ impl Count {
 }
 
 impl Wire {
+    pub(super) fn new(keep: Keep) -> Self {
+        Self {
+            down: Count::default(),
+            up: Count::default(),
+            keep,
+            state_down: Vec::new(),
+            control_down: Vec::new(),
+            control_up: Vec::new(),
+            datagram_up: Vec::new(),
+        }
+    }
+
     pub(super) fn datagram_down(&mut self, bytes: &[u8]) {
         self.down.add(1, bytes.len() as u64);
-        self.state_down.extend_from_slice(bytes);
+        keep(self.keep, bytes, &mut self.state_down);
     }
 
     pub(super) fn datagram_up(&mut self, bytes: &[u8]) {
         self.up.add(1, bytes.len() as u64);
-        self.datagram_up.extend_from_slice(bytes);
+        keep(self.keep, bytes, &mut self.datagram_up);
     }
 
     /// One read of TCP.
@@ -61,7 +75,7 @@ impl Wire {
         let more = segments * SEGMENT_MORE_BYTES;
         self.down.add(segments, bytes.len() as u64 + more);
         self.up.add(segments, more);
-        self.control_down.extend_from_slice(bytes);
+        keep(self.keep, bytes, &mut self.control_down);
     }
 
     /// One write to TCP.
@@ -70,7 +84,7 @@ impl Wire {
         let more = segments * SEGMENT_MORE_BYTES;
         self.up.add(segments, bytes.len() as u64 + more);
         self.down.add(segments, more);
-        self.control_up.extend_from_slice(bytes);
+        keep(self.keep, bytes, &mut self.control_up);
     }
 
     /// What crossed since this was last asked, each way in one piece, datagram after datagram.
@@ -87,6 +101,12 @@ impl Wire {
     }
 }
 
+fn keep(keep: Keep, bytes: &[u8], lane: &mut Vec<u8>) {
+    if keep == Keep::Everything {
+        lane.extend_from_slice(bytes);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -94,7 +114,7 @@ mod tests {
     #[test]
     fn with_a_datagrams_headers_a_segment_has_its_own_and_its_acknowledgement() {
         let on_wire = |count: Count| count.bytes + 28 * count.packets;
-        let mut wire = Wire::default();
+        let mut wire = Wire::new(Keep::Everything);
         wire.segments_up(&[0; 32]);
         assert_eq!((on_wire(wire.up), on_wire(wire.down)), (72, 40));
         wire.datagram_down(&[0; 88]);
@@ -104,5 +124,8 @@ mod tests {
         let taken = wire.take();
         assert_eq!(taken.len(), 3);
         assert!(wire.take().is_empty());
+        let mut wire = Wire::new(Keep::Costs);
+        wire.datagram_down(&[0; 88]);
+        assert_eq!((on_wire(wire.down), wire.take().len()), (116, 0));
     }
 }

@@ -9,7 +9,6 @@ use super::{Account, Billing, Player, Stages, Took, Traffic, Troupe};
 use crate::drive::DriveError;
 use crate::drive::remote::{Keep, Remote, Setup};
 use crate::record::Mode;
-use crate::summary::DATAGRAM_HEADER_BYTES;
 
 /// A client of a server that steps for it alone.
 struct Hosted {
@@ -72,13 +71,7 @@ impl Player for Hosted {
         self.remote.frame(commands)?;
         let work_ns = work_ns().zip(work).map(|(after, before)| after - before);
         let frame = self.remote.take_frame().unwrap_or_default();
-        let traffic = &mut self.traffic;
-        let headers = |datagrams| datagrams * DATAGRAM_HEADER_BYTES;
-        traffic.bytes_down += frame.wire_bytes_down + headers(frame.wire_datagrams_down);
-        traffic.bytes_up += frame.wire_bytes_up + headers(frame.wire_datagrams_up);
-        traffic.datagrams_down += frame.wire_datagrams_down;
-        traffic.datagrams_up += frame.wire_datagrams_up;
-        traffic.updates += frame.updates;
+        self.traffic.add(&frame);
         Ok(Took {
             wall_ns: frame.frame_ns,
             work_ns,
@@ -88,16 +81,11 @@ impl Player for Hosted {
     fn account(&mut self) -> Result<Account, DriveError> {
         self.remote.client().wait(Depth::LOCKSTEP)?;
         let inspection = self.remote.inspect()?;
-        let times = inspection.times;
         Ok(Account {
             tick: inspection.tick,
             truth: inspection.truth,
             awake: inspection.awake,
-            stages: Stages {
-                step_ns: times.step_total,
-                observe_ns: times.observe_total,
-                publish_ns: times.publish_total,
-            },
+            stages: Stages::of(&inspection.times),
             traffic: self.traffic,
         })
     }
