@@ -15,6 +15,7 @@ pub mod record;
 pub mod recording;
 pub mod replay;
 pub mod report;
+pub mod scene_file;
 pub mod summary;
 pub mod trace;
 

@@ -10,6 +10,7 @@ use rhumb_bench::limit::{LimitOf, limit};
 use rhumb_bench::paper::{Paper, paper};
 use rhumb_bench::replay::ablate::{Ablate, ablate};
 use rhumb_bench::replay::{Replay, replay};
+use rhumb_bench::scene_file::{SceneOf, scene};
 
 /// Measures Rhumb.
 #[derive(Debug, Parser)]
@@ -33,6 +34,8 @@ enum Task {
     Fit(FitTo),
     /// Run the paper's experiment: SimFPS and PhysFT by load, with its tests; or one of the tasks beside it.
     Paper(Box<Paper>),
+    /// Write what a scene places as JSON, for engines that are not linked here.
+    Scene(SceneOf),
     /// Be a server: how the other tasks start theirs.
     #[command(hide = true)]
     Serve(Serve),
@@ -46,6 +49,7 @@ fn main() -> ExitCode {
         Task::Limit(arguments) => limit(&arguments),
         Task::Fit(arguments) => fit(&arguments),
         Task::Paper(arguments) => paper(&arguments),
+        Task::Scene(arguments) => scene(&arguments),
         Task::Serve(arguments) => serve(arguments),
     }
 }

@@ -1,0 +1,253 @@
+//! `rhumb-bench scene`: what a script places, as JSON, for engines that are not linked here.
+//!
+//! Bodies and where they begin, with the terms that they share; no joints, no forces, and nothing that a controller does. A
+//! script that needs those is refused by name, since another engine would run another scene.
+
+use std::fmt;
+use std::io::{self, Write};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use rhumb_protocol::scene::{BodyKind, Command, Shape};
+use rhumb_reckoning::Tick;
+use serde::Serialize;
+
+use crate::output::{self, OutputError};
+
+/// Which scene, and where to write it.
+#[derive(Clone, Debug, Args)]
+pub struct SceneOf {
+    /// Which script.
+    #[arg(default_value = "ball-pit", value_parser = clap::builder::PossibleValuesParser::new(rhumb_sims::NAMES))]
+    scene: String,
+    /// How many bodies.
+    #[arg(long, default_value_t = 500, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    bodies: u32,
+    /// Ticks in which it may place them.
+    #[arg(long, default_value_t = 600)]
+    ticks: u32,
+    /// Seed of the script.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// The file.
+    #[arg(long, default_value = "results/scene.json")]
+    out: PathBuf,
+}
+
+/// `scene.json`: metres, seconds, kilograms; rotations are quaternions x, y, z, w.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct SceneFile {
+    scene: String,
+    seed: u64,
+    gravity: [f32; 3],
+    /// Of a tick.
+    step_s: f64,
+    friction: f32,
+    restitution: f32,
+    density: f32,
+    linear_damping: f32,
+    angular_damping: f32,
+    bodies: Vec<Placed>,
+}
+
+/// A body and where it begins.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct Placed {
+    /// Before the step that follows this tick.
+    tick: u64,
+    /// Whether the engine moves it; what is not moved stands still.
+    dynamic: bool,
+    shape: Solid,
+    position: [f32; 3],
+    rotation: [f32; 4],
+    linear: [f32; 3],
+    angular: [f32; 3],
+}
+
+/// What such a body may look like.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Solid {
+    Ball { radius: f32 },
+    Cuboid { half_extents: [f32; 3] },
+    Capsule { half_height: f32, radius: f32 },
+    Cylinder { half_height: f32, radius: f32 },
+    Hull { points: Vec<[f32; 3]> },
+}
+
+/// Why a scene was not written.
+#[derive(Debug)]
+enum SceneError {
+    /// It does more than place bodies.
+    More { scene: String, what: &'static str },
+    /// The file cannot be written.
+    Output(OutputError),
+}
+
+impl fmt::Display for SceneError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::More { scene, what } => {
+                write!(f, "{scene} cannot be told as bodies alone: it has {what}")
+            }
+            Self::Output(cause) => cause.fmt(f),
+        }
+    }
+}
+
+/// Writes a scene. Exit code 0 when it was written, 1 otherwise.
+pub fn scene(arguments: &SceneOf) -> ExitCode {
+    match write(arguments) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            // Nowhere is left to say that standard error is closed.
+            let _ = writeln!(io::stderr(), "error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn write(arguments: &SceneOf) -> Result<(), SceneError> {
+    let file = SceneFile::of(arguments)?;
+    let folder = arguments.out.parent().unwrap_or(&arguments.out);
+    output::make_folder(folder).map_err(SceneError::Output)?;
+    output::write_json(&arguments.out, &file).map_err(SceneError::Output)?;
+    let said = format!(
+        "{} bodies: {}\n",
+        file.bodies.len(),
+        arguments.out.display()
+    );
+    output::say(&said).map_err(SceneError::Output)
+}
+
+impl SceneFile {
+    fn of(arguments: &SceneOf) -> Result<Self, SceneError> {
+        let more = |what| SceneError::More {
+            scene: arguments.scene.clone(),
+            what,
+        };
+        let script = rhumb_sims::by_name(&arguments.scene, arguments.bodies, arguments.seed);
+        let mut script = script.expect("names are of the list that the parser knows");
+        if script.controller().is_some() {
+            return Err(more("a controller"));
+        }
+        let terms = script.terms();
+        let (mut shapes, mut bodies) = (Vec::new(), Vec::new());
+        let mut commands = Vec::new();
+        for tick in 0..=u64::from(arguments.ticks) {
+            commands.clear();
+            script.commands(Tick::new(tick), &mut commands);
+            for command in &commands {
+                match command {
+                    Command::AddShape { id, shape } => shapes.push((*id, Solid::of(shape))),
+                    Command::AddBody { terms, motion } => {
+                        if terms.material.is_some() || terms.damping.is_some() {
+                            return Err(more("bodies with a surface or a damping of their own"));
+                        }
+                        let dynamic = match terms.kind {
+                            BodyKind::Dynamic => true,
+                            BodyKind::Static => false,
+                            BodyKind::Kinematic => return Err(more("kinematic bodies")),
+                        };
+                        let shape = shapes.iter().rev().find(|(id, _)| *id == terms.shape);
+                        let shape = shape.and_then(|(_, solid)| solid.clone());
+                        let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = motion.parts();
+                        bodies.push(Placed {
+                            tick,
+                            dynamic,
+                            shape: shape.ok_or_else(|| more("ground, meshes or compounds"))?,
+                            position: [px, py, pz],
+                            rotation: [x, y, z, w],
+                            linear: [vx, vy, vz],
+                            angular: [wx, wy, wz],
+                        });
+                    }
+                    _ => return Err(more("commands that do more than place bodies")),
+                }
+            }
+        }
+        Ok(Self {
+            scene: arguments.scene.clone(),
+            seed: arguments.seed,
+            gravity: terms.gravity.to_array(),
+            step_s: terms.integrator.rate.step().seconds(),
+            friction: terms.material.friction,
+            restitution: terms.material.restitution,
+            density: terms.material.density,
+            linear_damping: terms.damping.linear,
+            angular_damping: terms.damping.angular,
+            bodies,
+        })
+    }
+}
+
+impl Solid {
+    fn of(shape: &Shape) -> Option<Self> {
+        Some(match shape {
+            Shape::Ball { radius } => Self::Ball { radius: *radius },
+            Shape::Cuboid { half_extents } => Self::Cuboid {
+                half_extents: half_extents.to_array(),
+            },
+            Shape::Capsule {
+                half_height,
+                radius,
+            } => Self::Capsule {
+                half_height: *half_height,
+                radius: *radius,
+            },
+            Shape::Cylinder {
+                half_height,
+                radius,
+            } => Self::Cylinder {
+                half_height: *half_height,
+                radius: *radius,
+            },
+            Shape::Hull(hull) => Self::Hull {
+                points: hull.points().iter().map(glam::Vec3::to_array).collect(),
+            },
+            Shape::Heights(_) | Shape::Mesh(_) | Shape::Compound(_) => return None,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(scene: &str) -> Result<SceneFile, SceneError> {
+        SceneFile::of(&SceneOf {
+            scene: scene.to_owned(),
+            bodies: 20,
+            ticks: 10,
+            seed: 1,
+            out: PathBuf::new(),
+        })
+    }
+
+    #[test]
+    fn a_pit_is_its_walls_and_its_balls() {
+        let pit = of("ball-pit").unwrap();
+        let balls = pit.bodies.iter().filter(|body| body.dynamic);
+        assert!(
+            balls
+                .clone()
+                .all(|ball| ball.shape == Solid::Ball { radius: 0.5 })
+        );
+        assert_eq!(balls.count(), 20);
+        assert!(pit.bodies.len() > 100);
+        assert_eq!((pit.friction, pit.angular_damping), (0.2, 0.05));
+    }
+
+    #[test]
+    fn what_another_engine_could_not_run_alike_is_refused_by_name() {
+        for (scene, what) in [
+            ("asteroids", "a controller"),
+            ("ragdolls", "more than place bodies"),
+            ("zoo", "zoo"),
+        ] {
+            let said = of(scene).unwrap_err().to_string();
+            assert!(said.contains(what), "{said}");
+        }
+    }
+}
