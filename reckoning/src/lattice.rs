@@ -174,11 +174,7 @@ impl Snapped {
             position: value3(self.position, grid.fine),
             rotation: self.rotation.unnormalised(),
         };
-        let twist = Twist {
-            linear: value3(self.linear, grid.linear),
-            angular: value3(self.angular, grid.angular),
-        };
-        (pose, twist)
+        (pose, self.twist(grid))
     }
 
     /// The same place, without velocities.
@@ -188,6 +184,26 @@ impl Snapped {
             linear: [0; 3],
             angular: [0; 3],
             ..self
+        }
+    }
+
+    /// The same place with the velocities that a residual makes of these, saturating at the limit.
+    #[must_use]
+    pub fn hastened(&self, by: &VelocityResidual) -> Self {
+        let [linear, angular] = by.steps();
+        Self {
+            linear: plus(self.linear, linear, VELOCITY_LIMIT),
+            angular: plus(self.angular, angular, VELOCITY_LIMIT),
+            ..*self
+        }
+    }
+
+    /// The velocities that these steps mean.
+    #[must_use]
+    pub fn twist(&self, grid: &Grid) -> Twist {
+        Twist {
+            linear: value3(self.linear, grid.linear),
+            angular: value3(self.angular, grid.angular),
         }
     }
 
@@ -229,7 +245,36 @@ pub struct VelocityResidual {
 impl VelocityResidual {
     /// In steps of the grid; within limits these are within [`VELOCITY_LIMIT`].
     fn steps(&self) -> [[i32; 3]; 2] {
-        [self.linear, self.angular].map(|all| all.map(|steps| steps << self.coarseness))
+        [
+            each(self.linear, |steps| steps << self.coarseness),
+            each(self.angular, |steps| steps << self.coarseness),
+        ]
+    }
+
+    /// What brings implied velocities nearest to those wanted, in the finest steps.
+    #[must_use]
+    pub fn finest(wanted: &Twist, implied: &Snapped, grid: &Grid) -> Self {
+        let linear = snap3(wanted.linear, grid.linear, VELOCITY_LIMIT / 2);
+        let angular = snap3(wanted.angular, grid.angular, VELOCITY_LIMIT / 2);
+        // Both within half the limit, so that the difference is within the whole.
+        let off = |wanted, implied| minus(wanted, clamped(implied, VELOCITY_LIMIT / 2));
+        Self {
+            coarseness: 0,
+            linear: off(linear, implied.linear),
+            angular: off(angular, implied.angular),
+        }
+    }
+
+    /// Of the finest steps the nearest that are doubled so many times, at most [`COARSENESS_LIMIT`].
+    #[must_use]
+    pub fn coarser(&self, coarseness: u32) -> Self {
+        let coarseness = coarseness.min(COARSENESS_LIMIT);
+        let coarse = |steps: i32| (steps + ((1 << coarseness) >> 1)) >> coarseness;
+        Self {
+            coarseness,
+            linear: each(self.linear, coarse),
+            angular: each(self.angular, coarse),
+        }
     }
 
     fn is_within_limits(&self) -> bool {
@@ -260,16 +305,7 @@ impl Residual {
         grid: &Grid,
         coarseness: u32,
     ) -> VelocityResidual {
-        let linear = snap3(wanted.linear, grid.linear, VELOCITY_LIMIT / 2);
-        let angular = snap3(wanted.angular, grid.angular, VELOCITY_LIMIT / 2);
-        // Both within half the limit, so that the difference is within the whole.
-        let coarse = |steps: i32| (steps + ((1 << coarseness) >> 1)) >> coarseness;
-        let off = |wanted, implied| minus(wanted, clamped(implied, VELOCITY_LIMIT / 2)).map(coarse);
-        VelocityResidual {
-            coarseness,
-            linear: off(linear, implied.linear),
-            angular: off(angular, implied.angular),
-        }
+        VelocityResidual::finest(wanted, implied, grid).coarser(coarseness)
     }
 
     /// The motion said by this residual on top of a predicted one (RECKONING 4.4).
@@ -302,23 +338,18 @@ impl Residual {
             scale3(value3(self.position, grid.position), rate),
         );
         let angular = add3(twist.angular, scale3(turned, rate));
-        let [more_linear, more_angular] = self.velocity.unwrap_or_default().steps();
         let [x, y, z] = self.position;
         let fine = |steps: i32| steps.saturating_mul(FINE_STEPS);
         let fine = [fine(x), fine(y), fine(z)];
-        Snapped {
+        let implied = Snapped {
             position: plus(from.position, fine, POSITION_LIMIT),
             rotation,
-            linear: plus(
-                snap3(linear, grid.linear, VELOCITY_LIMIT),
-                more_linear,
-                VELOCITY_LIMIT,
-            ),
-            angular: plus(
-                snap3(angular, grid.angular, VELOCITY_LIMIT),
-                more_angular,
-                VELOCITY_LIMIT,
-            ),
+            linear: snap3(linear, grid.linear, VELOCITY_LIMIT),
+            angular: snap3(angular, grid.angular, VELOCITY_LIMIT),
+        };
+        match &self.velocity {
+            Some(velocity) => implied.hastened(velocity),
+            None => implied,
         }
     }
 
@@ -333,9 +364,12 @@ impl Residual {
 }
 
 fn clamped(steps: [i32; 3], limit: i32) -> [i32; 3] {
-    let [a, b, c] = steps;
-    let one = |step: i32| step.clamp(-limit, limit);
-    [one(a), one(b), one(c)]
+    each(steps, |step| step.clamp(-limit, limit))
+}
+
+/// Written out, since `map` of an array stays a call here.
+fn each([a, b, c]: [i32; 3], then: impl Fn(i32) -> i32) -> [i32; 3] {
+    [then(a), then(b), then(c)]
 }
 
 /// Component by component, of numbers within half a velocity's limit.

@@ -107,6 +107,16 @@ impl Motion {
         self.twist
     }
 
+    /// The same place with these velocities, or without movement where they are not finite.
+    #[must_use]
+    pub fn moving(&self, twist: Twist) -> Self {
+        let finite = twist.linear.is_finite() && twist.angular.is_finite();
+        Self {
+            pose: self.pose,
+            twist: if finite { twist } else { Twist::ZERO },
+        }
+    }
+
     /// The same place without movement.
     #[must_use]
     pub const fn stilled(&self) -> Self {

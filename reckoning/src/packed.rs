@@ -34,6 +34,9 @@ impl PackedRotation {
         let mut packed = Self::nearest(rotation);
         // Where two components tie, rounding may make the other one the largest; the second pass is then stable.
         for _ in 0..3 {
+            if packed.is_surely_stable() {
+                break;
+            }
             let again = Self::nearest(packed.value());
             if again == packed {
                 break;
@@ -41,6 +44,16 @@ impl PackedRotation {
             packed = again;
         }
         packed
+    }
+
+    /// Whether the largest component is the largest of its value's steps too, by a whole step at least: then that value
+    /// is packed as this. The others are whole steps there but for rounding errors, which are far below half of one.
+    fn is_surely_stable(self) -> bool {
+        let (_, others) = self.parts();
+        let square = |part: i32| i64::from(part) * i64::from(part);
+        let sum: i64 = others.iter().copied().map(square).sum();
+        let most = others.iter().map(|part| part.abs()).max().unwrap_or(0);
+        square(1 << 19) - sum >= square(most + 1)
     }
 
     fn nearest(rotation: DQuat) -> Self {
@@ -83,7 +96,7 @@ impl PackedRotation {
             return None;
         }
         let packed = Self::packed(largest, others);
-        (Self::nearest(packed.value()) == packed).then_some(packed)
+        (packed.is_surely_stable() || Self::nearest(packed.value()) == packed).then_some(packed)
     }
 
     /// Place of the largest component (x, y, z, w are 0 to 3), and the others in that order.
@@ -119,5 +132,24 @@ impl PackedRotation {
         parts[second] = b;
         parts[third] = c;
         DQuat::from_array(parts)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn what_is_surely_stable_is_packed_as_itself(
+            largest in 0_u8..4,
+            others in proptest::array::uniform3(prop_oneof![-400_000_i32..=400_000, 302_000..303_000, 370_000..371_000]),
+        ) {
+            let packed = PackedRotation::packed(largest, others);
+            if packed.is_surely_stable() {
+                prop_assert_eq!(PackedRotation::nearest(packed.value()), packed);
+            }
+        }
     }
 }

@@ -44,6 +44,15 @@ pub struct Conditions<'a> {
     pub inertia: Option<&'a Inertia>,
 }
 
+impl Conditions<'_> {
+    /// How far a body that falls is from one that does not, after so many ticks: metres.
+    #[must_use]
+    pub fn fallen(&self, elapsed: Ticks) -> DVec3 {
+        let (row, _) = self.flow.row(elapsed);
+        scale3(self.gravity, row.fall)
+    }
+}
+
 impl Predictor {
     /// Every law, in the order of the list.
     pub const ALL: [Self; 5] = [

@@ -1,6 +1,7 @@
 //! The state datagrams: what each kind holds, bit by bit (PROTOCOL 5).
 //!
 //! Codec only: what a datagram means for a stream is decided in `stream`.
+mod cost;
 mod digest;
 mod echo;
 mod excess;

@@ -5,7 +5,7 @@
 
 use super::tables::{CLASSES, CONTEXTS, EXPECTED, SHAPES, SYMBOLS, contexts};
 use crate::wire::Malformed;
-use crate::wire::range::{RangeReader, RangeWriter, TOTAL_BITS};
+use crate::wire::range::{RangeReader, RangeWriter, TOTAL_BITS, symbol_at};
 
 /// The last symbol of each alphabet: the number is at least this, and the rest of it follows.
 const ESCAPE: u32 = SYMBOLS as u32 - 1;
@@ -84,11 +84,7 @@ impl Model {
     ) -> Result<u32, Malformed> {
         let Alphabet { raw, shape } = self.alphabet(context);
         let starts = &SHAPES[shape];
-        let part = from.part(TOTAL_BITS)? as u16;
-        let mut symbol = 0;
-        while starts[symbol + 1] <= part {
-            symbol += 1;
-        }
+        let symbol = symbol_at(starts, from.part(TOTAL_BITS)?);
         let size = starts[symbol + 1] - starts[symbol];
         from.symbol(u32::from(starts[symbol]), u32::from(size), TOTAL_BITS);
         let mut high = symbol as u32;
@@ -100,7 +96,8 @@ impl Model {
         if high.leading_zeros() < raw {
             return Err(Malformed::OutOfRange);
         }
-        let number = (high << raw) | from.raw(raw)?;
+        let low = if raw > 0 { from.raw(raw)? } else { 0 };
+        let number = (high << raw) | low;
         self.learn(context, number);
         Ok(number)
     }
@@ -110,8 +107,7 @@ impl Model {
         let Alphabet { raw, shape } = self.alphabet(context);
         let high = number >> raw;
         let symbol = high.min(ESCAPE) as usize;
-        let starts = &SHAPES[shape];
-        let mut cost = symbol_cost(u32::from(starts[symbol + 1] - starts[symbol])) + raw * 256;
+        let mut cost = u32::from(COSTS[shape][symbol]) + raw * 256;
         if high >= ESCAPE {
             cost += (2 * (high - ESCAPE + 1).ilog2() + 1) * 256;
         }
@@ -126,6 +122,23 @@ pub(crate) const fn symbol_cost(size: u32) -> u32 {
     (TOTAL_BITS - whole) * 256 - fraction
 }
 
+/// What each symbol of each alphabet costs, in 1/256 bits.
+static COSTS: [[u16; SYMBOLS]; SHAPES.len()] = {
+    let mut costs = [[0; SYMBOLS]; SHAPES.len()];
+    let mut shape = 0;
+    while shape < SHAPES.len() {
+        let mut symbol = 0;
+        while symbol < SYMBOLS {
+            let size = SHAPES[shape][symbol + 1] - SHAPES[shape][symbol];
+            // At most twelve bits.
+            costs[shape][symbol] = symbol_cost(size as u32) as u16;
+            symbol += 1;
+        }
+        shape += 1;
+    }
+    costs
+};
+
 /// The rest of an escaped number: as many ones as its length, a zero, and the number.
 fn write_rest(rest: u32, to: &mut RangeWriter) {
     let width = (rest + 1).ilog2();
@@ -138,7 +151,7 @@ fn write_rest(rest: u32, to: &mut RangeWriter) {
 
 fn read_rest(from: &mut RangeReader<'_>) -> Result<u32, Malformed> {
     let mut width = 0;
-    while from.raw(1)? == 1 {
+    while from.bit()? {
         width += 1;
         if width > 30 {
             return Err(Malformed::OutOfRange);

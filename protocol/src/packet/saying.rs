@@ -5,14 +5,14 @@
 
 use rhumb_reckoning::{Predictor, Residual, Settling, Ticks, VelocityResidual};
 
-use super::model::{Model, symbol_cost};
+use super::model::Model;
 use super::tables::{MODES, contexts};
 use super::walk::{Walk, numbers};
 use super::whole::TrackSaying;
 use super::zigzag::{unzigzag, zigzag};
 use crate::limits::INDICES_MAX;
 use crate::wire::Malformed;
-use crate::wire::range::{RangeReader, RangeWriter, TOTAL_BITS};
+use crate::wire::range::{RangeReader, RangeWriter, TOTAL_BITS, symbol_at};
 
 /// What an update says of a body, at the tick of its packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -78,7 +78,7 @@ pub enum Course {
 
 /// The forms of an update: what its first symbol says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Mode {
+pub(super) enum Mode {
     /// [`Course::Same`], with velocities or without.
     Same { moved: bool },
     /// [`Course::World`], likewise.
@@ -115,24 +115,26 @@ impl Mode {
         ]
     };
 
-    const fn of(saying: &Saying) -> Self {
+    pub(super) const fn of(saying: &Saying) -> Self {
         match saying {
             Saying::Whole(_) => Self::Whole,
             Saying::Settled { .. } => Self::Settled,
             Saying::Residual {
                 course, residual, ..
-            } => {
-                let moved = residual.velocity.is_some();
-                match *course {
-                    Course::Same => Self::Same { moved },
-                    Course::Held { .. } => Self::Held,
-                    Course::World { predictor, .. } => Self::World { predictor, moved },
-                }
-            }
+            } => Self::of_course(course, residual.velocity.is_some()),
         }
     }
 
-    const fn code(self) -> usize {
+    /// Of a correction, with velocities or without.
+    pub(super) const fn of_course(course: &Course, moved: bool) -> Self {
+        match *course {
+            Course::Same => Self::Same { moved },
+            Course::Held { .. } => Self::Held,
+            Course::World { predictor, .. } => Self::World { predictor, moved },
+        }
+    }
+
+    pub(super) const fn code(self) -> usize {
         match self {
             Self::Same { moved } => moved as usize,
             Self::World { predictor, moved } => match predictor {
@@ -156,7 +158,7 @@ impl Mode {
     }
 
     /// Forms whose numbers are alike: of the same course or of another, with velocities or without.
-    const fn kind(self) -> usize {
+    pub(super) const fn kind(self) -> usize {
         let same = matches!(self, Self::Same { .. });
         (!same as usize) * 2 + self.moved() as usize
     }
@@ -165,12 +167,12 @@ impl Mode {
 /// What the updates of one packet are said by, one after another.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tongue {
-    model: Model,
+    pub(super) model: Model,
     /// Which expectation of the next update's form holds: by the form of the last one.
-    last: usize,
+    pub(super) last: usize,
     /// Whether an update was said, and the body that the last held one is held by.
     begun: bool,
-    carrier: Option<u32>,
+    pub(super) carrier: Option<u32>,
 }
 
 impl Tongue {
@@ -242,11 +244,7 @@ impl Tongue {
 
     fn read_code(&self, from: &mut RangeReader<'_>) -> Result<usize, Malformed> {
         let starts = &MODES[self.last];
-        let part = from.part(TOTAL_BITS)? as u16;
-        let mut code = 0;
-        while starts[code + 1] <= part {
-            code += 1;
-        }
+        let code = symbol_at(starts, from.part(TOTAL_BITS)?);
         let size = starts[code + 1] - starts[code];
         from.symbol(u32::from(starts[code]), u32::from(size), TOTAL_BITS);
         Ok(code)
@@ -325,7 +323,7 @@ impl Tongue {
         match mode {
             Mode::Same { .. } | Mode::Whole | Mode::Settled => Ok(Course::Same),
             Mode::World { predictor, .. } => {
-                let held = from.raw(1)? == 1;
+                let held = from.bit()?;
                 let carrier_age = if held {
                     Some(self.read_carrier_age(from)?)
                 } else {
@@ -338,7 +336,7 @@ impl Tongue {
             }
             Mode::Held => {
                 let again = match self.carrier {
-                    Some(carrier) if from.raw(1)? == 1 => Some(carrier),
+                    Some(carrier) if from.bit()? => Some(carrier),
                     _ => None,
                 };
                 let carrier = match again {
@@ -368,7 +366,7 @@ impl Tongue {
 
     fn read_settling(&mut self, from: &mut RangeReader<'_>) -> Result<Settling, Malformed> {
         let mut settling = Settling {
-            negated: from.raw(1)? == 1,
+            negated: from.bit()?,
             ..Settling::default()
         };
         for place in 0..SETTLED_STEPS {
@@ -376,7 +374,7 @@ impl Tongue {
             let length = unzigzag(self.model.read(context, from)?, expected)?;
             let step = settled_step(&mut settling, place);
             if length > 0 {
-                let negative = from.raw(1)? == 1;
+                let negative = from.bit()?;
                 let size = (from.raw(length - 1)? | 1 << (length - 1)) as i32;
                 *step = if negative { -size } else { size };
             }
@@ -410,7 +408,7 @@ impl Tongue {
         while let Some(context) = walk.context() {
             let size = self.model.read(context, from)?;
             let size = i32::try_from(size).map_err(|_| Malformed::OutOfRange)?;
-            let negative = size != 0 && from.raw(1)? == 1;
+            let negative = size != 0 && from.bit()?;
             *walk.place(&mut residual) = if negative { -size } else { size };
             walk.step(size.unsigned_abs());
         }
@@ -423,38 +421,6 @@ impl Tongue {
     fn went_on(&mut self, mode: Mode) {
         self.begun = true;
         self.last = contexts::after(mode.code());
-    }
-
-    /// What saying this next would cost, its gap aside, in 1/256 bits.
-    pub(crate) fn cost(&self, saying: &Saying) -> u32 {
-        let starts = &MODES[self.last];
-        let code = Mode::of(saying).code();
-        let mut bits = match saying {
-            Saying::Whole(whole) => whole.bit_len() as u32 + INDEX_BITS,
-            Saying::Settled { settling, .. } => {
-                let lengths = settled(settling).map(|(_, step, _)| length(step));
-                1 + lengths.iter().sum::<u32>()
-            }
-            Saying::Residual {
-                course, residual, ..
-            } => signs(residual) + self.carrier_bits(course),
-        };
-        bits *= 256;
-        bits += symbol_cost(u32::from(starts[code + 1] - starts[code]));
-        each_number(saying, |context, number| {
-            bits += self.model.cost(context, number);
-        });
-        bits
-    }
-
-    /// Bits by which a carrier is named.
-    fn carrier_bits(&self, course: &Course) -> u32 {
-        match *course {
-            Course::Same => 0,
-            Course::World { .. } => 1,
-            Course::Held { carrier, .. } if self.carrier == Some(carrier) => 1,
-            Course::Held { .. } => INDEX_BITS,
-        }
     }
 
     /// What is to be counted of an update when tables are fitted: the row and the code of its form, and its numbers with
@@ -486,7 +452,7 @@ pub(super) trait Counted {
 }
 
 /// The numbers of a saying that are said in contexts, in order.
-fn each_number(saying: &Saying, mut say: impl FnMut(usize, u32)) {
+pub(super) fn each_number(saying: &Saying, mut say: impl FnMut(usize, u32)) {
     match saying {
         Saying::Whole(_) => {}
         Saying::Settled { age, settling } => {
@@ -520,21 +486,8 @@ fn each_number(saying: &Saying, mut say: impl FnMut(usize, u32)) {
     }
 }
 
-/// How many numbers of a correction have a sign.
-fn signs(residual: &Residual) -> u32 {
-    let velocity = residual.velocity.unwrap_or_default();
-    let triples = [
-        residual.position,
-        residual.turn,
-        velocity.linear,
-        velocity.angular,
-    ];
-    let numbers = triples.as_flattened().iter();
-    numbers.filter(|number| **number != 0).count() as u32
-}
-
 /// Bits of a body's index.
-const INDEX_BITS: u32 = INDICES_MAX.ilog2();
+pub(super) const INDEX_BITS: u32 = INDICES_MAX.ilog2();
 /// A body that moves or holds others is spoken of at least this often, or said to rest.
 const AGE_MAX: u32 = 1 << 30;
 /// Steps of a settling: three of position, three of the smaller parts of a quaternion, one of its greatest.
@@ -545,7 +498,7 @@ const LENGTHS: [u32; 3] = [14, 19, 1];
 
 /// The steps of a settling in the order in which they are said, each with its context and with the length that its own
 /// is measured against: that of the step before, or a fixed one.
-fn settled(settling: &Settling) -> [(usize, i32, u32); SETTLED_STEPS] {
+pub(super) fn settled(settling: &Settling) -> [(usize, i32, u32); SETTLED_STEPS] {
     let ([x, y, z], [a, b, c]) = (settling.position, settling.others);
     let [first, turned, last] = LENGTHS;
     [
@@ -560,7 +513,7 @@ fn settled(settling: &Settling) -> [(usize, i32, u32); SETTLED_STEPS] {
 }
 
 /// Bits of a step, its sign aside.
-const fn length(step: i32) -> u32 {
+pub(super) const fn length(step: i32) -> u32 {
     32 - step.unsigned_abs().leading_zeros()
 }
 

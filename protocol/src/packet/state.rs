@@ -40,6 +40,8 @@ pub struct StateWriter {
 const HEAD_BYTES_MAX: usize = 1 + 5 + 1 + 2 + 2 + 2 + 2;
 /// More than the widest gap and the naming of a body take.
 const GAP_BYTES_MAX: usize = 12;
+/// More than any update takes: fifteen numbers of at most 88 bits each, a form and two names, and an eighth.
+const UPDATE_BYTES_MAX: usize = 256;
 
 impl StateWriter {
     /// An empty packet.
@@ -67,11 +69,9 @@ impl StateWriter {
             .seat
             .checked_sub(self.next_seat)
             .expect("updates come in rising order of seat");
-        // The cost is a broken line under the true one, and a range is worth a little less than it says.
-        let cost = self.tongue.cost(&update.saying) as usize;
-        let bytes = (cost + cost / 8) / (8 * 256) + GAP_BYTES_MAX;
+        let room = (DATAGRAM_BYTES_MAX - HEAD_BYTES_MAX).saturating_sub(self.words.byte_len_most());
         let full = usize::from(self.count) == UPDATES_PER_PACKET_MAX;
-        if full || self.words.byte_len_most() + bytes > DATAGRAM_BYTES_MAX - HEAD_BYTES_MAX {
+        if full || room < UPDATE_BYTES_MAX && self.bytes_most(&update.saying) > room {
             return false;
         }
         self.tongue
@@ -79,6 +79,13 @@ impl StateWriter {
         self.next_seat = update.seat + 1;
         self.count += 1;
         true
+    }
+
+    /// Bytes that an update takes at most.
+    fn bytes_most(&self, saying: &Saying) -> usize {
+        // The cost is a broken line under the true one, and a range is worth a little less than it says.
+        let cost = self.tongue.cost(saying) as usize;
+        (cost + cost / 8) / (8 * 256) + GAP_BYTES_MAX
     }
 
     /// How many updates it holds.

@@ -2,7 +2,7 @@
 //!
 //! One walk for who writes, who reads and who counts the cost.
 
-use rhumb_reckoning::{Residual, Ticks};
+use rhumb_reckoning::{Residual, Ticks, VelocityResidual};
 
 use super::tables::contexts;
 
@@ -19,6 +19,45 @@ pub(super) fn numbers(
         let number = *walk.place(&mut residual);
         say(context, number);
         walk.step(number.unsigned_abs());
+    }
+}
+
+/// The same over its numbers of position and of turn alone.
+pub(super) fn numbers_of_place(
+    kind: usize,
+    age: Ticks,
+    residual: &Residual,
+    mut say: impl FnMut(usize, u32),
+) {
+    let mut walk = Walk::new(kind, age);
+    for part in residual.position.iter().chain(&residual.turn) {
+        let Some(context) = walk.context() else {
+            return;
+        };
+        let size = part.unsigned_abs();
+        say(context, size);
+        walk.step(size);
+    }
+}
+
+/// The same over the numbers of its velocities alone.
+pub(super) fn numbers_of_velocity(
+    kind: usize,
+    age: Ticks,
+    velocity: &VelocityResidual,
+    mut say: impl FnMut(usize, u32),
+) {
+    let mut walk = Walk {
+        next: 6,
+        ..Walk::new(kind, age)
+    };
+    for part in velocity.linear.iter().chain(&velocity.angular) {
+        let Some(context) = walk.context() else {
+            return;
+        };
+        let size = part.unsigned_abs();
+        say(context, size);
+        walk.step(size);
     }
 }
 

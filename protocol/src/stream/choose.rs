@@ -4,17 +4,18 @@
 //! with fewer bytes. How long a saying holds is judged by what the same law would have made of the last two ticks, or,
 //! with hindsight, by what the body did.
 
-use alloc::vec::Vec;
+mod trial;
 
 use glam::DVec3;
 use rhumb_reckoning::{
-    Divergence, HORIZON, Metres, Motion, Pose, Predictor, Residual, Tick, Ticks, Tolerance, Track,
-    Twist, carried, seen_from,
+    Divergence, HORIZON, Metres, Motion, Pose, Predictor, Tick, Ticks, Tolerance, Track, Twist,
+    carried, seen_from,
 };
 
 use super::features::Features;
 use super::tracks::{Slot, Tracks};
 use crate::packet::{Course, Saying, Tongue};
+use trial::{Best, Trial};
 
 /// What is known of a body that is to be spoken of.
 #[derive(Clone, Copy, Debug)]
@@ -25,8 +26,9 @@ pub(crate) struct Subject<'a> {
     pub(crate) slot: &'a Slot,
     /// The tick that is spoken of.
     pub(crate) tick: Tick,
-    /// What it does then.
+    /// What it does then, and what is believed of it.
     pub(crate) truth: Motion,
+    pub(crate) believed: Motion,
     /// What it did one and two ticks before.
     pub(crate) past: [Option<Motion>; 2],
     /// What it will do, as far as hindsight knows.
@@ -50,10 +52,14 @@ pub(crate) struct Holder<'a> {
     pub(crate) ahead: &'a [Motion],
 }
 
-/// Steps by which corrections are made sparser: a part of the last step below this share is left out.
-const SPARSE: f64 = 0.7;
-/// A sparser correction may use this much of the tolerance.
-const SPARSE_SHARE: f64 = 0.9;
+/// Courses that are tried: rest, a law that falls, one that does not, and being held.
+const WAYS: usize = 4;
+/// Places that a still body is put on: where it is, and the middle of its way in one, two, four and six ticks.
+const AIMS: usize = 5;
+/// No aim beside the truth.
+const AT_TRUTH: [DVec3; 2] = [DVec3::ZERO; 2];
+/// Steps are rounded to the nearest.
+const NEAREST: [f64; 2] = [0.5; 2];
 /// What the ticks of a track's whole life add to the expected error of the next, as a share of the tolerance …
 const DOUBT_OF_A_LIFE: f64 = 0.1;
 /// … and each tick, at least and at most.
@@ -64,8 +70,6 @@ const OVERHEAD: u32 = 4 * 256;
 const LOOKS: [f64; 15] = [
     1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 96.0, 128.0, 192.0,
 ];
-/// Velocities are not said, or said in steps that are doubled so often.
-const SAID: [Option<u32>; 7] = [None, Some(9), Some(7), Some(5), Some(3), Some(1), Some(0)];
 /// How far a still body is put ahead of its course, as a share of the tolerance.
 const LEAD_MOST: f64 = 0.5;
 
@@ -74,8 +78,6 @@ const LEAD_MOST: f64 = 0.5;
 pub(crate) struct Choice {
     pub(crate) saying: Saying,
     pub(crate) track: Track,
-    /// Bits in 256ths by ticks: less is better.
-    price: f64,
 }
 
 /// Chooses.
@@ -147,85 +149,84 @@ impl Chooser<'_> {
         if age == Ticks::ZERO || aged || !self.features.residuals {
             return None;
         }
-        let mut best: Option<Choice> = None;
-        let mut best_way = None;
-        for way in self.ways(subject) {
-            for aim in self.aims(subject, &way) {
-                for said in SAID {
-                    let Some(choice) = self.try_one(subject, &way, age, aim, [0.5; 2], said) else {
-                        continue;
-                    };
-                    if best.is_none_or(|best| choice.price < best.price) {
-                        best = Some(choice);
-                        best_way = Some((way, aim, said));
-                    }
+        let grid = self.tracks.grid(subject.slot);
+        let case = Trial {
+            chooser: self,
+            subject,
+            grid: &grid,
+            age,
+            allowance: self.allowance(subject),
+        };
+        let ways = self.ways(subject);
+        // Free bodies are put on the same place whatever their law.
+        let free = case.footing(&subject.believed, &subject.truth);
+        let mut nearest = None;
+        let mut best: Option<Best<'_, '_>> = None;
+        for way in ways.iter().flatten() {
+            let footing = match way.holder {
+                None => free,
+                Some(_) => case.footing(&way.predicted, &way.truth),
+            };
+            for aim in self.aims(subject, way).into_iter().flatten() {
+                let mut place = if way.holder.is_some() || aim != AT_TRUTH {
+                    case.place(way, &footing, aim, NEAREST)
+                } else {
+                    *nearest.get_or_insert_with(|| case.place(way, &footing, aim, NEAREST))
+                };
+                if let Some(place) = &mut place {
+                    case.try_all(way, (&footing, aim), place, &mut best);
                 }
             }
         }
-        let (way, aim, said) = best_way?;
+        let mut best = best?;
         if self.features.sparse {
-            let sparse = SPARSE * self.slack;
-            for rounding in [[sparse; 2], [sparse, 0.5], [0.5, sparse]] {
-                let sparser = self.try_one(subject, &way, age, aim, rounding, said);
-                best = sparser
-                    .filter(|sparser| best.is_none_or(|best| sparser.price < best.price))
-                    .or(best);
-            }
+            case.make_sparser(&mut best);
         }
-        best
+        Some(best.choice(&case))
     }
 
     /// The courses that a body may take.
-    fn ways<'s>(&self, subject: &Subject<'s>) -> Vec<Way<'s>> {
+    fn ways<'s>(&self, subject: &Subject<'s>) -> [Option<Way<'s>>; WAYS] {
         let slot = subject.slot;
         let tumbles = slot.tumbles() && self.features.tumbling;
-        let mut laws = alloc::vec![Predictor::Rest];
-        laws.push(if tumbles {
-            Predictor::Tumbling
-        } else {
-            Predictor::Uniform
-        });
-        if self.features.ballistic && self.tracks.gravity(slot, subject.tick) != DVec3::ZERO {
-            laws.push(if tumbles {
-                Predictor::Thrown
-            } else {
-                Predictor::Ballistic
-            });
-        }
+        let falls =
+            self.features.ballistic && self.tracks.gravity(slot, subject.tick) != DVec3::ZERO;
         let now = &slot.track;
         let carrier = self.tracks.carrier(now);
         let carrier_age = carrier.and_then(|(_, slot)| subject.tick.since(slot.track.origin));
         // A body whose carrier is gone can only be said anew.
         if now.carrier.is_some() && carrier.is_none() {
-            return Vec::new();
+            return [None; WAYS];
         }
-        let predicted = self.tracks.believed(slot, subject.tick);
-        let mut ways: Vec<Way<'s>> = laws
-            .into_iter()
-            .map(|predictor| Way {
-                course: if now.carrier.is_none() && now.predictor == predictor {
-                    Course::Same
-                } else {
-                    Course::World {
-                        predictor,
-                        carrier_age,
-                    }
-                },
-                predictor,
-                holder: None,
-                truth: subject.truth,
-                predicted,
-                stray: self.stray(subject, predictor),
-            })
-            .collect();
-        if self.features.held {
-            ways.extend(
-                subject
-                    .holder
-                    .and_then(|holder| self.held(subject, holder, &predicted)),
-            );
-        }
-        ways
+        let predicted = subject.believed;
+        let way = |predictor, stray| Way {
+            course: if now.carrier.is_none() && now.predictor == predictor {
+                Course::Same
+            } else {
+                Course::World {
+                    predictor,
+                    carrier_age,
+                }
+            },
+            predictor,
+            holder: None,
+            truth: subject.truth,
+            predicted,
+            stray,
+        };
+        let (floating, falling) = if tumbles {
+            (Predictor::Tumbling, Predictor::Thrown)
+        } else {
+            (Predictor::Uniform, Predictor::Ballistic)
+        };
+        let [drift, fall] = self.strays(subject, floating);
+        let holder = subject.holder.filter(|_| self.features.held);
+        [
+            Some(way(Predictor::Rest, self.stray_of_rest(subject))),
+            Some(way(floating, drift)),
+            falls.then(|| way(falling, fall)),
+            holder.and_then(|holder| self.held(subject, holder, &predicted)),
+        ]
     }
 
     /// The course of being held by another body.
@@ -242,7 +243,10 @@ impl Chooser<'_> {
         let held_already = track.carrier == Some(holder.slot.id(holder.index));
         let course = if held_already {
             Course::Same
-        } else if track.carrier.is_none() {
+        } else if track.carrier.is_none()
+            && holder.slot.track.carrier.is_none()
+            && holder.index != subject.index
+        {
             Course::Held {
                 carrier: holder.index,
                 carrier_age: subject.tick.since(holder.slot.track.origin)?,
@@ -274,42 +278,52 @@ impl Chooser<'_> {
         })
     }
 
-    /// How the last two ticks strayed from a law in the world.
-    fn stray(&self, subject: &Subject<'_>, predictor: Predictor) -> Stray {
+    /// How far a body moved in its last two ticks.
+    fn stray_of_rest(&self, subject: &Subject<'_>) -> Stray {
         let now = &subject.truth;
         let Twist { linear, angular } = now.twist();
         let step = self.tracks.integrator().rate.step().seconds();
-        if predictor == Predictor::Rest {
-            let steady = |ticks: f64| [linear * (ticks * step), angular * (ticks * step)];
-            let moved = |i: usize, ticks: f64| match subject.past[i] {
-                Some(past) => apart(&now.pose(), &past.pose()),
-                None => steady(ticks),
-            };
-            return Stray::still(moved(0, 1.0), moved(1, 2.0));
-        }
-        let strayed = |i: usize| {
-            let start = subject.past[i]?;
-            let ticks = Ticks::new(i as u32 + 1);
-            let expected =
-                self.tracks
-                    .continued(subject.slot, predictor, &start, subject.tick, ticks);
-            Some(apart(&now.pose(), &expected.pose()))
+        let steady = |ticks: f64| [linear * (ticks * step), angular * (ticks * step)];
+        let moved = |i: usize, ticks: f64| match subject.past[i] {
+            Some(past) => apart(&now.pose(), &past.pose()),
+            None => steady(ticks),
         };
-        match (strayed(0), strayed(1)) {
-            (Some(one), Some(two)) => Stray::moving(one, two),
-            (Some(one), None) => Stray::moving(one, one.map(|by| by * 4.0)),
+        Stray::still(moved(0, 1.0), moved(1, 2.0))
+    }
+
+    /// How the last two ticks strayed from a law in the world that does not fall, and from the same that does.
+    fn strays(&self, subject: &Subject<'_>, predictor: Predictor) -> [Stray; 2] {
+        let now = subject.truth.pose();
+        let strayed = |i: usize| {
+            let (start, ticks) = (subject.past[i]?, Ticks::new(i as u32 + 1));
+            let slot = subject.slot;
+            let (expected, fall) =
+                self.tracks
+                    .continued(slot, predictor, &start, subject.tick, ticks);
+            let expected = expected.pose();
+            let fallen = Pose {
+                position: expected.position + fall,
+                ..expected
+            };
+            Some([expected, fallen].map(|expected| apart(&now, &expected)))
+        };
+        let (one, two) = (strayed(0), strayed(1));
+        [0, 1].map(|law| match (one, two) {
+            (Some(one), Some(two)) => Stray::moving(one[law], two[law]),
+            (Some(one), None) => Stray::moving(one[law], one[law].map(|by| by * 4.0)),
             (None, _) => Stray::default(),
-        }
+        })
     }
 
     /// Where to aim beside the truth: with hindsight, a still body is put in the middle of what it will do.
-    fn aims(&self, subject: &Subject<'_>, way: &Way<'_>) -> Vec<[DVec3; 2]> {
-        let mut aims = alloc::vec![[DVec3::ZERO; 2]];
+    fn aims(&self, subject: &Subject<'_>, way: &Way<'_>) -> [Option<[DVec3; 2]>; AIMS] {
+        let mut aims = [None; AIMS];
+        aims[0] = Some(AT_TRUTH);
         if way.predictor != Predictor::Rest {
             return aims;
         }
         let allowance = self.allowance(subject);
-        for ticks in [1_usize, 2, 4, 6] {
+        for (place, ticks) in (1..).zip([1_usize, 2, 4, 6]) {
             let Some(then) = subject.ahead.get(ticks - 1) else {
                 break;
             };
@@ -326,92 +340,9 @@ impl Chooser<'_> {
             let share = allowance.share(p.length() * 0.5, q.length() * 0.5);
             let scale = 0.5 * (LEAD_MOST / share).min(1.0);
             (p, q) = (p * scale, q * scale);
-            aims.push([p, q]);
+            aims[place] = Some([p, q]);
         }
         aims
-    }
-
-    /// One saying, if it keeps the promise.
-    fn try_one(
-        &self,
-        subject: &Subject<'_>,
-        way: &Way<'_>,
-        age: Ticks,
-        aim: [DVec3; 2],
-        rounding: [f64; 2],
-        said: Option<u32>,
-    ) -> Option<Choice> {
-        if way.predictor == Predictor::Rest && said.is_some() {
-            return None;
-        }
-        let grid = self.tracks.grid(subject.slot);
-        let [position, turn] = Residual::wanted(&way.truth.pose(), &way.predicted.pose(), &grid);
-        let mut residual = Residual {
-            position: rounded(position + aim[0] / grid.position(), rounding[0])?,
-            turn: rounded(turn + aim[1] / grid.turn(), rounding[1])?,
-            velocity: None,
-        };
-        let saying = |residual| Saying::Residual {
-            course: way.course,
-            age,
-            residual,
-        };
-        let mut track = self
-            .tracks
-            .said(subject.index, subject.tick, &saying(residual))
-            .ok()?;
-        if said.is_some() || !self.features.derived {
-            let implied = track.anchor.snapped()?;
-            residual.velocity = (way.predictor != Predictor::Rest).then(|| {
-                Residual::of_velocity(&way.truth.twist(), &implied, &grid, said.unwrap_or(3))
-            });
-            track = self
-                .tracks
-                .said(subject.index, subject.tick, &saying(residual))
-                .ok()?;
-        }
-        if !residual.is_within_limits() {
-            return None;
-        }
-        let begun = track.start(&grid);
-        let allowance = self.allowance(subject);
-        let off = apart(&begun.pose(), &way.truth.pose());
-        let share = self.exact_share(subject, way, &begun);
-        let most = if rounding == [0.5; 2] {
-            1.0
-        } else {
-            SPARSE_SHARE * self.slack
-        };
-        if share > most {
-            return None;
-        }
-        let saying = saying(residual);
-        let life = self.life(subject, way, &track, &begun, off, allowance);
-        let price = f64::from(self.tongue.cost(&saying) + OVERHEAD) / life;
-        Some(Choice {
-            saying,
-            track,
-            price,
-        })
-    }
-
-    /// How much of the tolerance the beginning of a track uses, as a listener would measure it.
-    fn exact_share(&self, subject: &Subject<'_>, way: &Way<'_>, begun: &Motion) -> f64 {
-        let world = match way.holder {
-            None => *begun,
-            Some(holder) => {
-                let by = self
-                    .tracks
-                    .framed(holder.slot, &holder.slot.track, subject.tick);
-                carried(&by, &begun.pose())
-            }
-        };
-        share(
-            &subject.truth.pose(),
-            &world.pose(),
-            self.tracks.tolerance_of(subject.slot),
-            subject.slot.radius,
-        )
     }
 
     /// What may be expected of a body.
@@ -420,20 +351,21 @@ impl Chooser<'_> {
         Allowance::of(tolerance, subject.slot.radius).loosened(self.slack)
     }
 
-    /// For how many ticks a track will hold.
+    /// For how many ticks a track that begins so will hold.
     fn life(
         &self,
         subject: &Subject<'_>,
         way: &Way<'_>,
-        track: &Track,
         begun: &Motion,
         off: [DVec3; 2],
         allowance: Allowance,
     ) -> f64 {
         let mut held = 0.0;
         for (then, ticks) in subject.ahead.iter().zip(1..) {
-            let tick = subject.tick + Ticks::new(ticks);
-            let mut motion = self.tracks.framed_fresh(subject.slot, track, tick);
+            let (slot, ticks_on) = (subject.slot, Ticks::new(ticks));
+            let mut motion =
+                self.tracks
+                    .foreseen(slot, way.predictor, begun, subject.tick, ticks_on);
             if let Some(holder) = way.holder
                 && let Some(by) = holder.ahead.get(ticks as usize - 1)
             {
@@ -543,14 +475,4 @@ fn apart(to: &Pose, from: &Pose) -> [DVec3; 2] {
     // Twice the sine of half the angle: near enough to the angle for what is within tolerance.
     let turn = DVec3::new(turn.x, turn.y, turn.z) * sign;
     [to.position - from.position, turn]
-}
-
-/// To whole steps: up from this share of a step on, towards zero below; `None` beyond what an update may hold.
-fn rounded(steps: DVec3, share: f64) -> Option<[i32; 3]> {
-    let limit = f64::from(rhumb_reckoning::RESIDUAL_LIMIT);
-    let round = |x: f64| libm::copysign(libm::floor(x.abs() + (1.0 - share)), x);
-    let all = steps.to_array().map(round);
-    // Written so that NaN fails too.
-    let fits = all.iter().all(|x| x.abs() <= limit);
-    fits.then(|| all.map(|x| x as i32))
 }

@@ -356,6 +356,7 @@ impl Publisher {
             slot,
             tick,
             truth,
+            believed,
             past: seen.past,
             ahead: seen.ahead(),
             holder: held_by.as_ref().and_then(|(other, seen)| {

@@ -11,8 +11,8 @@ use core::fmt;
 use glam::{DVec3, Vec3};
 use rhumb_reckoning::{
     BodyId, Case, Class, Conditions, Cursor, Damping, FlowTable, Gate, Grid, HORIZON, Inertia,
-    Integrator, Metres, Motion, Predictor, Quartet, Snapped, Tick, Ticks, Tolerance, Track,
-    Verbatim, carried,
+    Integrator, Metres, Motion, Predictor, Quartet, Tick, Ticks, Tolerance, Track, Verbatim,
+    carried,
 };
 
 use super::agreement::Agreement;
@@ -126,17 +126,6 @@ pub(crate) struct Tracks {
     natures: Natures,
     slots: Vec<Option<Slot>>,
     agreement: Agreement,
-    /// What was predicted last, as long as no track changed since: who chooses asks for it again and again.
-    foreseen: Cell<Option<Foreseen>>,
-}
-
-/// What a body's own track says of a tick.
-#[derive(Clone, Copy, Debug)]
-struct Foreseen {
-    index: u32,
-    tick: Tick,
-    motion: Motion,
-    snapped: Snapped,
 }
 
 impl Tracks {
@@ -149,7 +138,6 @@ impl Tracks {
             natures: Natures::default(),
             slots: Vec::new(),
             agreement: Agreement::default(),
-            foreseen: Cell::new(None),
         }
     }
 
@@ -201,7 +189,6 @@ impl Tracks {
     fn let_go(&mut self, index: u32, gone: &Slot) {
         self.agreement.take(index, gone);
         self.natures.leave(gone.nature);
-        self.foreseen.set(None);
     }
 
     /// The number of the table of this damping, made when it is the first of its kind.
@@ -236,7 +223,6 @@ impl Tracks {
 
     pub(crate) fn change_gravity(&mut self, since: Tick, gravity: Vec3) {
         self.field.change(since, gravity);
-        self.foreseen.set(None);
     }
 
     /// See [`Field::changes`].
@@ -256,7 +242,6 @@ impl Tracks {
         self.agreement.take(index, slot);
         slot.track = track;
         self.agreement.add(index, slot);
-        self.foreseen.set(None);
         true
     }
 
@@ -345,8 +330,8 @@ impl Tracks {
         })
     }
 
-    /// What a law would make of a motion of some ticks ago, under what pulls at a tick.
-    pub(crate) fn continued(
+    /// What a law makes of a motion some ticks after a tick at which it is said.
+    pub(crate) fn foreseen(
         &self,
         slot: &Slot,
         predictor: Predictor,
@@ -356,6 +341,26 @@ impl Tracks {
     ) -> Motion {
         self.with_conditions(slot, predictor, tick, |conditions| {
             predictor.predict(start, ticks, conditions)
+        })
+    }
+
+    /// What a law that does not fall would make of a motion of some ticks ago, and by how much it would fall under what
+    /// pulls at a tick if it did.
+    pub(crate) fn continued(
+        &self,
+        slot: &Slot,
+        predictor: Predictor,
+        start: &Motion,
+        tick: Tick,
+        ticks: Ticks,
+    ) -> (Motion, DVec3) {
+        self.with_conditions(slot, predictor, tick, |conditions| {
+            let fall = Conditions {
+                gravity: self.gravity(slot, tick),
+                ..*conditions
+            };
+            let motion = predictor.predict(start, ticks, conditions);
+            (motion, fall.fallen(ticks))
         })
     }
 
@@ -416,24 +421,6 @@ impl Tracks {
         self.with_conditions(slot, track.predictor, track.origin, |conditions| {
             quartet.take(key, track, tick, grid, conditions)
         })
-    }
-
-    /// What a body's own track says of a tick, and the grid point nearest to it.
-    fn foreseen(&self, index: u32, slot: &Slot, tick: Tick) -> (Motion, Snapped) {
-        let kept = self.foreseen.get();
-        let kept = kept.filter(|kept| kept.index == index && kept.tick == tick);
-        let kept = kept.unwrap_or_else(|| {
-            let motion = self.framed(slot, &slot.track, tick);
-            let snapped = Snapped::of(&motion, &self.grid(slot));
-            Foreseen {
-                index,
-                tick,
-                motion,
-                snapped,
-            }
-        });
-        self.foreseen.set(Some(kept));
-        (kept.motion, kept.snapped)
     }
 }
 

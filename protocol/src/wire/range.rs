@@ -121,6 +121,18 @@ fn shortest_tail(low: i64, range: u32) -> i64 {
     low
 }
 
+/// The symbol that covers a part, of an alphabet whose symbols begin at `starts`: the last that does not begin after it.
+///
+/// Counted over all of them: a loop that ended at the symbol would cost a mispredicted branch each time.
+pub(crate) fn symbol_at<const N: usize>(starts: &[u16; N], part: u32) -> usize {
+    // Both below 2¹³, so that lanes may compare them as signed.
+    let part = part as i16;
+    let begun = starts[1..N - 1]
+        .iter()
+        .map(|start| i16::from(*start as i16 <= part));
+    begun.sum::<i16>() as usize
+}
+
 /// Takes symbols apart.
 #[derive(Clone, Debug)]
 pub(crate) struct RangeReader<'a> {
@@ -171,6 +183,10 @@ impl<'a> RangeReader<'a> {
         let part = self.range >> bits;
         self.offset -= part * start;
         self.range = part * size;
+        self.fill();
+    }
+
+    fn fill(&mut self) {
         while self.range < RANGE_LEAST {
             self.range <<= 8;
             self.take();
@@ -192,6 +208,19 @@ impl<'a> RangeReader<'a> {
             value |= self.step(low_count)?;
         }
         Ok(value)
+    }
+
+    /// The next of two that are as likely as each other: a raw bit.
+    pub(crate) fn bit(&mut self) -> Result<bool, Malformed> {
+        let part = self.range >> 1;
+        let set = self.offset >= part;
+        let offset = if set { self.offset - part } else { self.offset };
+        if offset >= part {
+            return Err(Malformed::NotCanonical);
+        }
+        (self.offset, self.range) = (offset, part);
+        self.fill();
+        Ok(set)
     }
 
     fn step(&mut self, bits: u32) -> Result<u32, Malformed> {

@@ -38,17 +38,13 @@ impl Tracks {
         }
         let free = track.carrier.is_none();
         let (predictor, carrier, (predicted, snapped)) = match *course {
-            Course::Same => (
-                track.predictor,
-                track.carrier,
-                self.foreseen(index, slot, tick),
-            ),
+            Course::Same => (track.predictor, track.carrier, self.predicted(slot, tick)),
             Course::World {
                 predictor,
                 carrier_age,
             } => {
                 let believed = match (self.carrier(track), carrier_age) {
-                    (None, None) if free => self.foreseen(index, slot, tick),
+                    (None, None) if free => self.predicted(slot, tick),
                     (Some((index, holder)), Some(age)) => {
                         let revision = former.of_age(index, holder, age, tick);
                         let revision = revision.ok_or(Unreadable::OtherRevision)?;
@@ -86,22 +82,18 @@ impl Tracks {
         })
     }
 
+    /// What a body's own track says of a tick, and the grid point nearest to it.
+    fn predicted(&self, slot: &Slot, tick: Tick) -> (Motion, Snapped) {
+        self.snapped(slot, self.framed(slot, &slot.track, tick))
+    }
+
     /// A motion of a body, and the grid point nearest to it.
     fn snapped(&self, slot: &Slot, motion: Motion) -> (Motion, Snapped) {
         (motion, Snapped::of(&motion, &self.grid(slot)))
     }
 
     /// The track that a saying at `tick` gives a body.
-    pub(crate) fn said(
-        &self,
-        index: u32,
-        tick: Tick,
-        saying: &Saying,
-    ) -> Result<Track, Unreadable> {
-        self.said_of(index, tick, saying, Former::default())
-    }
-
-    fn said_of(
+    fn said(
         &self,
         index: u32,
         tick: Tick,
@@ -154,7 +146,7 @@ impl Tracks {
         if tick <= slot.track.origin {
             return Err(Unreadable::Superseded);
         }
-        let track = self.said_of(index, tick, saying, former)?;
+        let track = self.said(index, tick, saying, former)?;
         self.set_track(index, track);
         Ok(())
     }

@@ -1,0 +1,112 @@
+//! What a saying would cost, as a packet's coder stands: for who chooses.
+//!
+//! Nothing here is normative, and nothing changes the coder. Costs are in 1/256 bits. A correction costs what its form,
+//! its place and its velocities do, each by itself, so that who tries many need not count the same numbers again.
+
+use rhumb_reckoning::{Residual, Ticks, VelocityResidual};
+
+use super::model::symbol_cost;
+use super::saying::{Course, INDEX_BITS, Mode, Saying, Tongue, each_number, length, settled};
+use super::tables::{MODES, contexts};
+use super::walk::{numbers_of_place, numbers_of_velocity};
+
+/// A whole bit.
+const BIT: u32 = 256;
+
+impl Tongue {
+    /// What saying this next would cost, its gap aside.
+    pub(crate) fn cost(&self, saying: &Saying) -> u32 {
+        let bits = match saying {
+            Saying::Residual {
+                course,
+                age,
+                residual,
+            } => {
+                let velocity = residual.velocity.as_ref();
+                let moved = velocity.is_some();
+                let said =
+                    velocity.map_or(0, |velocity| self.cost_of_velocity(course, *age, velocity));
+                return self.cost_of_form(course, *age, moved)
+                    + self.cost_of_place(course, *age, moved, residual)
+                    + said;
+            }
+            Saying::Whole(whole) => whole.bit_len() as u32 + INDEX_BITS,
+            Saying::Settled { settling, .. } => {
+                let lengths = settled(settling).map(|(_, step, _)| length(step));
+                1 + lengths.iter().sum::<u32>()
+            }
+        };
+        let mut cost = bits * BIT + self.cost_of_mode(Mode::of(saying));
+        each_number(saying, |context, number| {
+            cost += self.model.cost(context, number);
+        });
+        cost
+    }
+
+    /// Of a correction, what says its form, its age and its carrier.
+    pub(crate) fn cost_of_form(&self, course: &Course, age: Ticks, moved: bool) -> u32 {
+        let mode = Mode::of_course(course, moved);
+        let context = contexts::age(mode.kind());
+        self.cost_of_mode(mode)
+            + self.model.cost(context, age.count() - 1)
+            + self.cost_of_carrier(course)
+    }
+
+    /// Of a correction of this form, what says position and turn.
+    pub(crate) fn cost_of_place(
+        &self,
+        course: &Course,
+        age: Ticks,
+        moved: bool,
+        residual: &Residual,
+    ) -> u32 {
+        let mut cost = 0;
+        let kind = Mode::of_course(course, moved).kind();
+        numbers_of_place(kind, age, residual, |context, size| {
+            cost += self.model.cost(context, size) + sign(size);
+        });
+        cost
+    }
+
+    /// Of a correction of this course, what says velocities.
+    pub(crate) fn cost_of_velocity(
+        &self,
+        course: &Course,
+        age: Ticks,
+        velocity: &VelocityResidual,
+    ) -> u32 {
+        let kind = Mode::of_course(course, true).kind();
+        let coarseness = contexts::coarseness(kind, age.count());
+        let mut cost = self.model.cost(coarseness, velocity.coarseness);
+        numbers_of_velocity(kind, age, velocity, |context, size| {
+            cost += self.model.cost(context, size) + sign(size);
+        });
+        cost
+    }
+
+    fn cost_of_mode(&self, mode: Mode) -> u32 {
+        let (starts, code) = (&MODES[self.last], mode.code());
+        symbol_cost(u32::from(starts[code + 1] - starts[code]))
+    }
+
+    fn cost_of_carrier(&self, course: &Course) -> u32 {
+        let age = |age: Ticks| self.model.cost(contexts::CARRIER_AGE, age.count());
+        match *course {
+            Course::Same => 0,
+            Course::World { carrier_age, .. } => BIT + carrier_age.map_or(0, age),
+            Course::Held {
+                carrier,
+                carrier_age,
+            } => {
+                let again = self.carrier == Some(carrier);
+                let named = if again { 1 } else { INDEX_BITS };
+                named * BIT + age(carrier_age)
+            }
+        }
+    }
+}
+
+/// What is nothing has no sign.
+const fn sign(size: u32) -> u32 {
+    if size == 0 { 0 } else { BIT }
+}
