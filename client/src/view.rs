@@ -3,6 +3,8 @@
 //! A function of the tracks and the time: computing it twice for one moment gives the same. A body that rests costs
 //! nothing until it is said to move. Invariant: the arrays have one length, and `places` points into them.
 
+use std::num::NonZeroU32;
+
 use glam::{DQuat, DVec3, Quat, Vec3};
 use rhumb_protocol::stream::Subscriber;
 use rhumb_reckoning::{Anchor, BodyId, Correction, Motion, Pose, Seconds, Ticks, Twist};
@@ -18,18 +20,20 @@ pub struct View {
     linear: Vec<Vec3>,
     angular: Vec<Vec3>,
     resting: Vec<bool>,
+    /// While views glide, as many as bodies; none else.
     corrections: Vec<Correction>,
-    /// Place of each body by its index.
-    places: Vec<Option<u32>>,
+    /// One more than the place of each body, by its index.
+    places: Vec<Option<NonZeroU32>>,
     changed: Vec<u32>,
     removed: Vec<BodyId>,
     touched: Vec<u32>,
-    /// Places of the bodies that are computed now.
-    moving: Vec<(u32, BodyId)>,
     time: Option<DisplayTime>,
     /// The caller's time of the last look.
     looked: Seconds,
 }
+
+/// Moving bodies that are asked for together.
+const TOGETHER: usize = 64;
 
 /// How a view is computed.
 #[derive(Clone, Copy, Debug)]
@@ -94,7 +98,7 @@ impl View {
     /// Where a body is in the arrays of this view.
     #[must_use]
     pub fn place(&self, id: BodyId) -> Option<usize> {
-        let place = (*self.places.get(id.index() as usize)?)? as usize;
+        let place = self.place_of(id.index())?;
         (self.ids[place] == id).then_some(place)
     }
 
@@ -113,32 +117,68 @@ impl View {
         stream.drain_changed(&mut touched);
         touched.sort_unstable();
         touched.dedup();
+        self.make_room(&touched, glass);
         for index in &touched {
             self.follow_body(*index, stream, glass);
         }
         self.touched = touched;
-        let mut moving = std::mem::take(&mut self.moving);
-        moving.clear();
+        let mut moving = [(0, BodyId::new(0, 0)); TOGETHER];
+        let mut waiting = 0;
         for place in 0..self.ids.len() {
             let gliding = glass.smooth && !self.corrections[place].is_over(glass.now);
             if (!self.resting[place] || gliding) && !self.show_still(place, stream, glass) {
-                moving.push((place as u32, self.ids[place]));
+                moving[waiting] = (place as u32, self.ids[place]);
+                waiting += 1;
+            }
+            if waiting == TOGETHER {
+                self.show_moving(&moving, stream, glass);
+                waiting = 0;
             }
         }
-        if glass.at.fraction == 0.0 {
-            stream.believe_each(&moving, glass.at.tick, |place, believed| {
-                self.show(place as usize, &believed, glass);
-            });
-        } else {
-            for (place, id) in &moving {
-                if let Some(believed) = believed(stream, *id, glass.at) {
-                    self.show(*place as usize, &believed, glass);
-                }
-            }
-        }
-        self.moving = moving;
+        self.show_moving(&moving[..waiting], stream, glass);
         self.time = Some(glass.at);
         self.looked = glass.now;
+    }
+
+    /// Sees to it that the tables have room for what comes, and little more.
+    fn make_room(&mut self, touched: &[u32], glass: &Glass) {
+        let unknown = |index: &&u32| self.place_of(**index).is_none();
+        let coming = touched.iter().filter(unknown).count();
+        if let Some(last) = touched.last() {
+            let end = (*last as usize + 1).saturating_sub(self.places.len());
+            self.places.reserve_exact(end);
+        }
+        self.ids.reserve_exact(coming);
+        self.positions.reserve_exact(coming);
+        self.rotations.reserve_exact(coming);
+        self.linear.reserve_exact(coming);
+        self.angular.reserve_exact(coming);
+        self.resting.reserve_exact(coming);
+        if glass.smooth {
+            self.corrections.resize(self.ids.len(), Correction::NONE);
+        } else {
+            self.corrections = Vec::new();
+        }
+    }
+
+    /// Shows bodies that move, several side by side.
+    fn show_moving(&mut self, moving: &[(u32, BodyId)], stream: &Subscriber, glass: &Glass) {
+        if glass.at.fraction == 0.0 {
+            stream.believe_each(moving, glass.at.tick, |place, believed| {
+                self.show(place as usize, &believed, glass);
+            });
+            return;
+        }
+        for (place, id) in moving {
+            if let Some(believed) = believed(stream, *id, glass.at) {
+                self.show(*place as usize, &believed, glass);
+            }
+        }
+    }
+
+    fn place_of(&self, index: u32) -> Option<usize> {
+        let place = (*self.places.get(index as usize)?)?;
+        Some(place.get() as usize - 1)
     }
 
     /// A body came, went or was spoken of.
@@ -147,8 +187,7 @@ impl View {
             self.take_out(index);
             return;
         };
-        let known = self.places.get(index as usize).copied().flatten();
-        match known.map(|place| place as usize) {
+        match self.place_of(index) {
             Some(place) if self.ids[place] == id => {
                 if glass.smooth
                     && let Some(believed) = believed(stream, id, glass.at)
@@ -161,42 +200,46 @@ impl View {
             }
             Some(_) => {
                 self.take_out(index);
-                self.put_in(id);
+                self.put_in(id, glass);
             }
-            None => self.put_in(id),
+            None => self.put_in(id, glass),
         }
     }
 
-    fn put_in(&mut self, id: BodyId) {
+    fn put_in(&mut self, id: BodyId, glass: &Glass) {
         let index = id.index() as usize;
         if index >= self.places.len() {
             self.places.resize(index + 1, None);
         }
-        self.places[index] = Some(self.ids.len() as u32);
         self.ids.push(id);
+        self.places[index] = NonZeroU32::new(self.ids.len() as u32);
         // NaN differs from everything, so that the first pose counts as a change.
         self.positions.push(Vec3::NAN);
         self.rotations.push(Quat::IDENTITY);
         self.linear.push(Vec3::ZERO);
         self.angular.push(Vec3::ZERO);
         self.resting.push(false);
-        self.corrections.push(Correction::NONE);
+        if glass.smooth {
+            self.corrections.push(Correction::NONE);
+        }
     }
 
     fn take_out(&mut self, index: u32) {
-        let Some(place) = self.places.get_mut(index as usize).and_then(Option::take) else {
+        let Some(place) = self.place_of(index) else {
             return;
         };
-        let place = place as usize;
+        self.places[index as usize] = None;
         self.removed.push(self.ids.swap_remove(place));
         self.positions.swap_remove(place);
         self.rotations.swap_remove(place);
         self.linear.swap_remove(place);
         self.angular.swap_remove(place);
         self.resting.swap_remove(place);
-        self.corrections.swap_remove(place);
+        if !self.corrections.is_empty() {
+            self.corrections.swap_remove(place);
+        }
         if let Some(moved) = self.ids.get(place) {
-            self.places[moved.index() as usize] = Some(place as u32);
+            self.places[moved.index() as usize] = NonZeroU32::new(place as u32 + 1);
         }
     }
 
