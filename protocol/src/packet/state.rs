@@ -48,7 +48,7 @@ impl StateWriter {
     #[must_use]
     pub fn new(stream: StreamId, number: u64, tick: u64, notices: u64) -> Self {
         Self {
-            words: RangeWriter::default(),
+            words: RangeWriter::with_capacity(DATAGRAM_BYTES_MAX),
             tongue: Tongue::default(),
             next_seat: 0,
             count: 0,

@@ -348,7 +348,7 @@ impl Chooser<'_> {
     /// What may be expected of a body.
     fn allowance(&self, subject: &Subject<'_>) -> Allowance {
         let tolerance = self.tracks.tolerance_of(subject.slot);
-        Allowance::of(tolerance, subject.slot.radius).loosened(self.slack)
+        Allowance::of(tolerance, self.tracks.radius(subject.slot)).loosened(self.slack)
     }
 
     /// For how many ticks a track that begins so will hold.
@@ -375,7 +375,7 @@ impl Chooser<'_> {
                 &then.pose(),
                 &motion.pose(),
                 self.tracks.tolerance_of(subject.slot),
-                subject.slot.radius,
+                self.tracks.radius(subject.slot),
             );
             let share = share / self.slack;
             if share > 1.0 {

@@ -5,7 +5,7 @@
 
 use alloc::vec::Vec;
 
-use crate::limits::PARITY_SPAN;
+use crate::limits::{DATAGRAM_BYTES_MAX, PARITY_SPAN};
 
 /// Columns by number.
 #[derive(Clone, Debug, Default)]
@@ -30,6 +30,8 @@ impl Columns {
         let place = &mut self.places[place_of(number)];
         place.number = Some(number);
         place.column.clear();
+        // Room for any packet at once: a longer one than the place had before would ask for more.
+        place.column.reserve_exact(DATAGRAM_BYTES_MAX);
         place.column.extend_from_slice(column);
     }
 

@@ -41,6 +41,8 @@ pub struct PublisherStatistics {
     pub packets: u64,
     /// Their bytes.
     pub bytes: u64,
+    /// Observations that were held against tracks: a body that sleeps on is not among them.
+    pub looked: u64,
     /// Bodies that were not told of though they were off, for want of budget, each counted at every tick.
     pub withheld: u64,
 }
@@ -335,7 +337,12 @@ impl Publisher {
         let moves = slot.track.predictor != Predictor::Rest;
         let orphaned = slot.track.carrier.is_some() && self.tracks.carrier(&slot.track).is_none();
         let expired = (age >= HORIZON && moves) || orphaned || !self.features.gate;
-        let used = share(&truth.pose(), &believed.pose(), tolerance, slot.radius);
+        let used = share(
+            &truth.pose(),
+            &believed.pose(),
+            tolerance,
+            self.tracks.radius(slot),
+        );
         if !expired && used <= 1.0 {
             return None;
         }
@@ -399,7 +406,7 @@ impl Publisher {
             &truth.pose(),
             &said.pose(),
             self.tracks.tolerance_of(slot),
-            slot.radius,
+            self.tracks.radius(slot),
         );
         let whole = TrackSaying {
             predictor,

@@ -19,16 +19,21 @@ struct Seat {
     body: Option<NonZeroU32>,
     /// The low bits of the tick at which it was last spoken of.
     spoken: u32,
-    /// When this was said.
-    since: Tick,
+    /// When this was said, in two words: a tick in one would make room for nothing beside it.
+    since: [u32; 2],
 }
 
 impl Seat {
     const EMPTY: Self = Self {
         body: None,
         spoken: 0,
-        since: Tick::ZERO,
+        since: [0; 2],
     };
+
+    const fn since(&self) -> Tick {
+        let [low, high] = self.since;
+        Tick::new(low as u64 | (high as u64) << 32)
+    }
 
     fn body(&self) -> Option<u32> {
         Some(self.body?.get() - 1)
@@ -57,7 +62,7 @@ impl Seats {
     /// The body that sat in a seat at a tick, if nobody took it later.
     pub(crate) fn body_at(&self, seat: u32, tick: Tick) -> Option<u32> {
         let seat = self.seats.get(seat as usize)?;
-        seat.body().filter(|_| seat.since <= tick)
+        seat.body().filter(|_| seat.since() <= tick)
     }
 
     /// The seat of a body.
@@ -69,7 +74,7 @@ impl Seats {
     pub(crate) fn take(&mut self, seat: u32, body: u32, tick: Tick) {
         self.reach(seat, body);
         let place = seat as usize;
-        let since = |seat: u32| self.seats[seat as usize].since;
+        let since = |seat: u32| self.seats[seat as usize].since();
         if since(seat) > tick || self.of(body).is_some_and(|other| since(other) > tick) {
             return;
         }
@@ -80,7 +85,7 @@ impl Seats {
         self.seats[place] = Seat {
             body: NonZeroU32::new(body + 1),
             spoken: tick.value() as u32,
-            since: tick,
+            since: [tick.value() as u32, (tick.value() >> 32) as u32],
         };
         self.of_body[body as usize] = seat + 1;
     }
@@ -96,7 +101,7 @@ impl Seats {
     /// A body had no seat at a tick; one that it took later stays.
     pub(crate) fn leave_by(&mut self, body: u32, tick: Tick) {
         let seat = self.of(body).and_then(|seat| self.seats.get(seat as usize));
-        if seat.is_some_and(|seat| seat.since <= tick) {
+        if seat.is_some_and(|seat| seat.since() <= tick) {
             self.leave(body);
         }
     }

@@ -295,7 +295,10 @@ impl Subscriber {
         let Some(excess) = self.excess_at(tick) else {
             return Some(Bound::Unknown { since });
         };
-        let reach = self.tracks.tolerance_of(slot).reach(slot.radius);
+        let reach = self
+            .tracks
+            .tolerance_of(slot)
+            .reach(self.tracks.radius(slot));
         Some(Bound::Within(Metres::new(reach.metres() * excess)))
     }
 
@@ -322,9 +325,7 @@ impl Subscriber {
     /// Counts an index as changed.
     fn touch(&mut self, index: u32) {
         let place = index as usize;
-        if place >= self.marked.len() {
-            self.marked.resize(place + 1, false);
-        }
+        grow_to(&mut self.marked, place + 1, || false);
         if !core::mem::replace(&mut self.marked[place], true) {
             self.changed.push(index);
         }

@@ -73,7 +73,6 @@ impl Manner {
 /// One body's place in the table.
 pub(crate) struct Slot {
     pub(crate) track: Track,
-    pub(crate) radius: Metres,
     /// How far its tumbling was computed.
     cursor: Cell<Cursor>,
     /// Its kind, of those of the table.
@@ -86,7 +85,6 @@ impl Clone for Slot {
     fn clone(&self) -> Self {
         Self {
             track: self.track,
-            radius: self.radius,
             // A cursor changes what an answer costs, never its bits.
             cursor: Cell::default(),
             nature: self.nature,
@@ -172,7 +170,6 @@ impl Tracks {
         });
         let slot = Slot {
             track,
-            radius: manner.radius,
             cursor: Cell::default(),
             nature,
             generation: id.generation(),
@@ -278,6 +275,11 @@ impl Tracks {
     /// How far off the copy of a body may be: the stream's tolerance, by the body's class.
     pub(crate) fn tolerance_of(&self, slot: &Slot) -> Tolerance {
         self.tolerance.of_class(self.natures.get(slot.nature).class)
+    }
+
+    /// Of the least ball around a body's centre of mass that holds it.
+    pub(crate) fn radius(&self, slot: &Slot) -> Metres {
+        self.natures.get(slot.nature).radius
     }
 
     pub(crate) fn grid(&self, slot: &Slot) -> Grid {
@@ -406,7 +408,7 @@ impl Tracks {
                 track,
                 tick,
                 grid: &self.natures.get(slot.nature).grid,
-                radius: slot.radius,
+                radius: self.radius(slot),
                 conditions,
             };
             gate.look(place, &case, doubtful);
@@ -441,7 +443,7 @@ mod tests {
 
     #[test]
     fn a_place_in_the_table_stays_small() {
-        assert!(size_of::<Option<Slot>>() <= 104, "{}", size_of::<Slot>());
+        assert!(size_of::<Option<Slot>>() <= 96, "{}", size_of::<Slot>());
     }
 
     #[test]

@@ -36,6 +36,14 @@ impl Default for RangeWriter {
 }
 
 impl RangeWriter {
+    /// With room for so many bytes.
+    pub(crate) fn with_capacity(bytes: usize) -> Self {
+        Self {
+            bytes: Vec::with_capacity(bytes),
+            ..Self::default()
+        }
+    }
+
     /// A symbol that covers `size` of the 2^`bits` parts of its alphabet, from part `start` on.
     ///
     /// # Panics

@@ -192,7 +192,7 @@ impl Trial<'_> {
             &subject.truth.pose(),
             &world.pose(),
             tracks.tolerance_of(subject.slot),
-            subject.slot.radius,
+            tracks.radius(subject.slot),
         )
     }
 

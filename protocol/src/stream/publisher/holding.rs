@@ -34,7 +34,7 @@ impl Publisher {
             let index = observations[*place].id.index();
             self.tracks
                 .slot(index)
-                .map_or(0.0, |slot| slot.radius.metres())
+                .map_or(0.0, |slot| self.tracks.radius(slot).metres())
         };
         holders
             .iter()
@@ -42,7 +42,8 @@ impl Publisher {
             .filter(|place| {
                 let radius = radius_of(place);
                 let far = f64::from(position(place).distance(here));
-                radius >= slot.radius.metres() * HOLDER_RATIO && far <= radius * HOLDER_REACH
+                radius >= self.tracks.radius(slot).metres() * HOLDER_RATIO
+                    && far <= radius * HOLDER_REACH
             })
             .min_by(|a, b| {
                 let far = |place: &usize| position(place).distance_squared(here);

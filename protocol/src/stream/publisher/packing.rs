@@ -26,7 +26,7 @@ impl Publisher {
             self.send(all.0, updates, out);
             return;
         }
-        updates.sort_by_key(|update| (update.saying.names_carrier(), update.seat));
+        updates.sort_unstable_by_key(|update| (update.saying.names_carrier(), update.seat));
         let alone = updates.partition_point(|update| !update.saying.names_carrier());
         let (first, second) = updates.split_at(alone);
         for (group, last) in [(first, second.is_empty()), (second, true)] {
@@ -67,7 +67,8 @@ impl Publisher {
     fn send(&mut self, datagram: Vec<u8>, said: &[Update], out: &mut Vec<Bytes>) {
         let seats = self.usher.seats();
         let body = |update: &Update| update.body.or_else(|| seats.body(update.seat));
-        let mut bodies: Vec<u32> = said.iter().filter_map(body).collect();
+        let mut bodies = Vec::with_capacity(said.len());
+        bodies.extend(said.iter().filter_map(body));
         bodies.sort_unstable();
         if self.features.redundancy {
             self.parities.record(self.history.next(), &datagram);

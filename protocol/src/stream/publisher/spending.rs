@@ -113,6 +113,7 @@ impl Publisher {
         self.usher.sweep(tick);
         spending.purse.earn(tick.since(before).unwrap_or_default());
         let observations = witness.at(tick).unwrap_or_default();
+        self.statistics.looked += observations.len() as u64;
         let due = self.due(&mut spending, tick, observations);
         let mut updates = core::mem::take(&mut self.updates);
         updates.clear();
@@ -176,7 +177,12 @@ impl Publisher {
         let believed = self.tracks.believed(slot, tick);
         let tolerance = self.tracks.tolerance_of(slot);
         let truth = seen.motion.motion();
-        let used = share(&truth.pose(), &believed.pose(), tolerance, slot.radius);
+        let used = share(
+            &truth.pose(),
+            &believed.pose(),
+            tolerance,
+            self.tracks.radius(slot),
+        );
         let age = tick.since(slot.track.origin)?;
         let moves = slot.track.predictor != Predictor::Rest;
         let urgent = age >= HORIZON && moves;

@@ -54,16 +54,17 @@ impl Survey {
 
 impl Publisher {
     /// Looks at what was seen at a tick.
-    pub(super) fn survey(&self, tick: Tick, observations: &[Observation], survey: &mut Survey) {
+    pub(super) fn survey(&mut self, tick: Tick, observations: &[Observation], survey: &mut Survey) {
         survey.doubtful.clear();
         survey.largest.clear();
         survey.holders.clear();
         let mut least = f64::INFINITY;
+        self.statistics.looked += observations.len() as u64;
         for (place, observation) in observations.iter().enumerate() {
             let Some(slot) = self.seen_slot(observation) else {
                 continue;
             };
-            let radius = slot.radius.metres();
+            let radius = self.tracks.radius(slot).metres();
             least = least.min(radius);
             if self.features.held && slot.track.carrier.is_none() {
                 survey.consider(radius, place);

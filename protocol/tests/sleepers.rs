@@ -1,0 +1,88 @@
+//! What sleeps costs a publisher nothing, however much of it there is.
+
+use core::num::NonZeroU32;
+
+use bytes::Bytes;
+use glam::Vec3;
+use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::scene::Cadence;
+use rhumb_protocol::stream::{
+    Activity, Features, Manner, Observation, Publisher, PublisherStatistics, StreamTerms, Witness,
+};
+use rhumb_reckoning::{
+    BodyId, Class, Damping, Integrator, Metres, Rate, Tick, Tolerance, Track, Verbatim,
+};
+
+/// Bodies that are awake, from index nought on.
+const AWAKE: u32 = 10;
+const TICKS: u64 = 300;
+
+fn lying(index: u32, height: f32) -> Verbatim {
+    Verbatim::new(
+        [index as f32, height, 0.0],
+        [0.0, 0.0, 0.0, 1.0],
+        [0.0; 3],
+        [0.0; 3],
+    )
+    .expect("these numbers are finite")
+}
+
+fn publisher(bodies: u32) -> Publisher {
+    let terms = StreamTerms {
+        tolerance: Tolerance::NORMAL,
+        integrator: Integrator {
+            rate: Rate::HZ_60,
+            substeps: NonZeroU32::new(4).expect("four is not zero"),
+        },
+        gravity: Vec3::NEG_Y,
+        features: Features::ALL,
+    };
+    let manner = Manner {
+        radius: Metres::new(0.5),
+        damping: Damping::default(),
+        gravity_scale: 1.0,
+        inertia: None,
+        class: Class::USUAL,
+    };
+    let mut publisher = Publisher::new(StreamId(0), &terms, Tick::ZERO);
+    for index in 0..bodies {
+        let track = Track::resting(Tick::ZERO, lying(index, 0.0));
+        assert!(publisher.place(BodyId::new(index, 0), &manner, track));
+    }
+    publisher
+}
+
+/// A scene of so many bodies, of which some are awake and jolt about now and then: what its publisher did and said.
+fn run(bodies: u32, awake: u32) -> (PublisherStatistics, Vec<Bytes>) {
+    let mut publisher = publisher(bodies);
+    let mut witness = Witness::new(Cadence::EACH_TICK);
+    let mut out = Vec::new();
+    for tick in 1..=TICKS {
+        let seen = |index| Observation {
+            id: BodyId::new(index, 0),
+            motion: lying(index, (tick / 7 % 5) as f32),
+            activity: Activity::Awake,
+        };
+        let observations: Vec<_> = (0..awake).map(seen).collect();
+        witness.observe(Tick::new(tick), &observations);
+        publisher.publish(&witness, 0, &mut out);
+    }
+    (publisher.statistics(), out)
+}
+
+#[test]
+fn ten_thousand_sleepers_are_not_looked_at() {
+    let (statistics, said) = run(10_000, 0);
+    assert_eq!(statistics, PublisherStatistics::default());
+    assert!(said.is_empty());
+}
+
+#[test]
+fn beside_who_is_awake_sleepers_change_neither_the_work_nor_the_words() {
+    let (few, said_of_few) = run(AWAKE, AWAKE);
+    let (many, said_of_many) = run(10_000, AWAKE);
+    assert_eq!(few.looked, u64::from(AWAKE) * TICKS);
+    assert!(few.updates > u64::from(AWAKE));
+    assert_eq!(few, many);
+    assert_eq!(said_of_few, said_of_many);
+}
