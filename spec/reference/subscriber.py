@@ -69,7 +69,7 @@ class Body:
         if inertia and inertia["is"] != "none":
             moments = [f32(part) for part in inertia["moments"]]
             self.inertia = reckoning.Inertia.of(moments, [f32(part) for part in inertia.get("frame", IDENTITY)])
-        self.track, self.before = track, None
+        self.track, self.before, self.older = track, None, []
 
     def moved(self, track, tick, gravity):
         """The motion of one of its tracks at a tick, in the track's own frame (RECKONING 3.1)."""
@@ -104,8 +104,9 @@ def radius_of(shape):
 
 
 def revision(body, origin):
-    """The body's track of an origin, if it is the present one or the one just before (6.2, 6.6)."""
-    tracks = [track for track in (body.track, body.before) if track and track.origin == origin]
+    """The body's track of an origin, if it is still known (6.2, 6.6)."""
+    known = (body.track, body.before, *body.older)
+    tracks = [track for track in known if track and track.origin == origin]
     return tracks[0] if tracks else None
 
 
@@ -475,6 +476,10 @@ class Scene:
             track = self.corrected(body, update, tick)
             if track is None:
                 return "unread"
+        if self.missing:
+            body.older.append(body.before)
+        elif body.older:
+            body.older = []
         body.before, body.track = old, track
         return "heard"
 

@@ -8,6 +8,7 @@ use std::num::NonZeroU32;
 use bytes::Bytes;
 use glam::Vec3;
 use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::session::Asking;
 use rhumb_protocol::stream::{Budget, Manner, StreamStart, Subscriber};
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{BodyId, Integrator, Tick, Tolerance, Track};
@@ -19,10 +20,6 @@ pub(super) enum Change {
     Removed(BodyId),
 }
 
-/// How long a gap may be disorder before it counts as loss.
-const DISORDER: Span = Span::from_millis(4);
-/// The longest wait between two askings for one repair.
-const REPAIR_MOST: Span = Span::from_millis(500);
 /// How often it tells what it lost, where parities gave that back.
 const REPORT: Span = Span::from_millis(500);
 /// How long the stream may be silent before it is asked.
@@ -34,8 +31,7 @@ pub(super) struct Listener {
     pub(super) subscriber: Subscriber,
     /// What notices under way will say, in order.
     pub(super) told: VecDeque<Change>,
-    /// When a missing packet is asked for next, and how long the wait after that is at least.
-    repair: Option<(Instant, Span)>,
+    asking: Asking,
     silence: Instant,
     round_trip: Span,
     /// When it said last what it lost, and how much that was.
@@ -71,7 +67,7 @@ impl Listener {
                 notices: 0,
             }),
             told: VecDeque::new(),
-            repair: None,
+            asking: Asking::default(),
             silence: Instant::ZERO + SILENCE,
             round_trip,
             reported: (Instant::ZERO, 0),
@@ -99,39 +95,33 @@ impl Listener {
 
     fn watch(&mut self, now: Instant) {
         self.silence = now + SILENCE;
-        if self.subscriber.missing() == 0 {
-            self.repair = None;
-        } else if self.repair.is_none() {
-            self.repair = Some((now + DISORDER, DISORDER));
-        }
+        self.asking.watch(now, &self.subscriber);
     }
 
     /// When it asks next if it hears nothing until then.
     pub(super) fn due(&self) -> Instant {
-        let repair = self.repair.map(|(at, _)| at);
-        repair.map_or(self.silence, |at| at.min(self.silence))
+        let lost = self.asking.due();
+        lost.map_or(self.silence, |at| at.min(self.silence))
     }
 
     /// What it asks now, if it is time to.
     pub(super) fn ask(&mut self, now: Instant) -> Option<Bytes> {
-        let (at, lost) = self.reported;
-        let reports = self.repair.is_none() && self.subscriber.lost() > lost && now >= at + REPORT;
-        if now < self.due() && !reports {
+        let (at, told) = self.reported;
+        let whole = self.subscriber.missing() == 0;
+        let reports = whole && self.subscriber.lost() > told && now >= at + REPORT;
+        let silent = self.silence <= now;
+        let patient = Span::from_nanos(self.round_trip.as_nanos() / 4 * 5);
+        let lost: Vec<u64> = self.asking.ask(now, patient).collect();
+        if lost.is_empty() && !reports && !silent {
             return None;
         }
         self.reported = (now, self.subscriber.lost());
-        if let Some((at, wait)) = &mut self.repair
-            && *at <= now
-        {
-            let least = self.round_trip.as_nanos() / 4 * 5;
-            let next = (wait.as_nanos() * 2).max(least).min(REPAIR_MOST.as_nanos());
-            *wait = Span::from_nanos(next);
-            *at = now + *wait;
-        }
-        if self.silence <= now {
+        let echo = if silent {
             self.silence = now + SILENCE;
-        }
-        let echo = self.subscriber.echo();
+            self.subscriber.echo()
+        } else {
+            self.subscriber.echo_for(&lost)
+        };
         Some(Bytes::from(echo.encode(self.subscriber.stream())))
     }
 }

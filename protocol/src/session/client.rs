@@ -75,7 +75,6 @@ pub struct ClientSession {
     awaited: Tick,
     resyncing: bool,
     touch: Patience,
-    repair: Patience,
     /// When it told last what it lost, and how many packets that were.
     reported: (Instant, u64),
     doubt: Patience,
@@ -105,7 +104,6 @@ impl ClientSession {
             awaited: Tick::ZERO,
             resyncing: false,
             touch: Patience::new(Span::ZERO, RESYNC_MOST),
-            repair: Patience::new(DISORDER, REPAIR_MOST),
             reported: (Instant::ZERO, 0),
             doubt: Patience::new(DISORDER, REPAIR_MOST),
             silence: Patience::new(SILENCE, SILENCE_MOST),
@@ -392,7 +390,6 @@ impl ClientSession {
         self.wanted = None;
         self.resyncing = false;
         self.awaited = Tick::ZERO;
-        self.repair.end();
         self.doubt.end();
         self.touch.end();
         self.silence.end();
@@ -440,14 +437,10 @@ impl ClientSession {
         };
         let stream = copy.stream();
         let (settled, awaits) = (stream.is_settled(), stream.complete() < self.awaited);
-        if self.copies.missing() > 0 {
-            self.repair.begin(now);
-        } else {
-            self.repair.end();
-            let (at, lost) = self.reported;
-            if self.copies.lost() != lost && now >= at + REPORT {
-                self.send_echoes(now);
-            }
+        self.copies.watch_missing(now);
+        let (at, lost) = self.reported;
+        if !self.copies.miss() && self.copies.lost() != lost && now >= at + REPORT {
+            self.send_echoes(now);
         }
         if self.copies.doubts() {
             self.doubt.begin(now);
@@ -543,10 +536,12 @@ impl Endpoint for ClientSession {
             return;
         }
         let patient = Span::from_nanos(self.round_trip.as_nanos() * 5 / 4);
-        let lost = self.repair.ask(now, patient);
-        let silent = self.silence.ask(now, patient);
-        if lost || silent {
+        let asked = self.copies.ask(now, patient);
+        if self.silence.ask(now, patient) {
             self.send_echoes(now);
+        } else if !asked.is_empty() {
+            self.reported = (now, self.copies.lost());
+            self.send_states(asked);
         }
         if self.doubt.ask(now, patient) {
             self.send_states(self.copies.questions());
@@ -572,7 +567,7 @@ impl Endpoint for ClientSession {
             return None;
         }
         let timers = [
-            (self.repair.due(), WakeReason::Repair),
+            (self.copies.missing_due(), WakeReason::Repair),
             (self.doubt.due(), WakeReason::Repair),
             (self.touch_due(), WakeReason::Repair),
             (self.silence.due(), WakeReason::Vouch),

@@ -10,6 +10,7 @@ use bytes::Bytes;
 use super::close::CloseCode;
 use super::replica::Replica;
 use crate::message::{Joined, Notice};
+use crate::time::{Instant, Span};
 
 /// The copies of one membership.
 #[derive(Debug, Default)]
@@ -93,15 +94,39 @@ impl Copies {
         }
     }
 
+    /// See [`Self::whole`].
+    fn whole_mut(&mut self) -> impl Iterator<Item = &mut Replica> {
+        let copies = [self.shown.as_mut(), self.next.as_mut()];
+        copies.into_iter().flatten().filter(|copy| copy.is_whole())
+    }
+
     /// Copies that are whole, the shown one first.
     fn whole(&self) -> impl Iterator<Item = &Replica> {
         let copies = [self.shown.as_ref(), self.next.as_ref()];
         copies.into_iter().flatten().filter(|copy| copy.is_whole())
     }
 
-    /// How many packets are missing.
-    pub(crate) fn missing(&self) -> usize {
-        self.whole().map(|copy| copy.stream().missing()).sum()
+    /// Looks at what is missing now.
+    pub(crate) fn watch_missing(&mut self, now: Instant) {
+        for copy in self.whole_mut() {
+            copy.watch_missing(now);
+        }
+    }
+
+    /// Whether packets are missing.
+    pub(crate) fn miss(&self) -> bool {
+        self.whole().any(|copy| copy.stream().missing() > 0)
+    }
+
+    /// When to ask for what is missing.
+    pub(crate) fn missing_due(&self) -> Option<Instant> {
+        self.whole().filter_map(Replica::missing_due).min()
+    }
+
+    /// What to ask the server for now, of each stream that lost something.
+    pub(crate) fn ask(&mut self, now: Instant, patient: Span) -> Vec<Bytes> {
+        let asked = self.whole_mut().filter_map(|copy| copy.ask(now, patient));
+        asked.map(Bytes::from).collect()
     }
 
     /// How many packets did not come by themselves, whether parities gave them back or not.

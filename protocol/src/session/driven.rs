@@ -11,6 +11,7 @@ use bytes::Bytes;
 use glam::Vec3;
 use rhumb_reckoning::{BodyId, Integrator, Motion, Tick, Tolerance, Track};
 
+use super::asking::Asking;
 use super::cadence::Cadence;
 use super::patience::Patience;
 use crate::limits::DRIVEN_MAX;
@@ -41,7 +42,7 @@ pub struct Driven {
     /// The newest tick at which bodies were asked for.
     present: Tick,
     changed: Vec<u32>,
-    repair: Patience,
+    asking: Asking,
     doubt: Patience,
     silence: Patience,
 }
@@ -97,7 +98,7 @@ impl Driven {
             sure_until: driving.tick,
             present: driving.tick,
             changed: Vec::new(),
-            repair: Patience::new(DISORDER, REPAIR_MOST),
+            asking: Asking::default(),
             doubt: Patience::new(DISORDER, REPAIR_MOST),
             silence: Patience::new(DISORDER, SILENCE_MOST),
         }
@@ -217,10 +218,9 @@ impl Driven {
     pub fn ask(&mut self, now: Instant, tick: Tick, out: &mut Vec<Bytes>) {
         let silence = self.subscriber.silent_ticks();
         let overdue = tick > self.cadence.asked(self.vouched(), silence);
-        let missing = self.subscriber.missing() > 0;
+        self.asking.watch(now, &self.subscriber);
         let doubted = self.subscriber.doubt();
         for (patience, wanted) in [
-            (&mut self.repair, missing),
             (&mut self.silence, overdue),
             (&mut self.doubt, doubted.is_some()),
         ] {
@@ -230,11 +230,13 @@ impl Driven {
                 patience.end();
             }
         }
-        let asks =
-            [&mut self.repair, &mut self.silence].map(|patience| patience.ask(now, ASK_AGAIN));
-        if asks.contains(&true) {
-            out.push(Bytes::from(self.subscriber.echo().encode(self.stream())));
-        }
+        let lost: Vec<u64> = self.asking.ask(now, ASK_AGAIN).collect();
+        let echo = if self.silence.ask(now, ASK_AGAIN) {
+            Some(self.subscriber.echo())
+        } else {
+            (!lost.is_empty()).then(|| self.subscriber.echo_for(&lost))
+        };
+        out.extend(echo.map(|echo| Bytes::from(echo.encode(self.stream()))));
         if let Some(doubt) = doubted
             && self.doubt.ask(now, ASK_AGAIN)
         {

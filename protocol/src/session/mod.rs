@@ -1,4 +1,5 @@
 //! The conversation at both ends: who may say what when, and what it means.
+mod asking;
 mod cadence;
 mod client;
 mod close;
@@ -12,6 +13,7 @@ mod pings;
 mod replica;
 mod server;
 
+pub use asking::Asking;
 pub use client::ClientSession;
 pub use close::CloseCode;
 pub use driven::Driven;

@@ -9,17 +9,20 @@ use alloc::vec::Vec;
 use glam::Vec3;
 use rhumb_reckoning::{BodyId, Damping};
 
+use super::asking::Asking;
 use super::close::CloseCode;
 use crate::limits::{SHAPE_BYTES_PER_SCENE_MAX, SHAPES_MAX};
 use crate::message::{Joined, Notice, StreamChoice};
 use crate::scene::{BodyTerms, Joints, Shape, ShapeId};
 use crate::stream::{Manner, Subscriber};
+use crate::time::{Instant, Span};
 
 /// The copy.
 #[derive(Debug)]
 pub struct Replica {
     choice: StreamChoice,
     subscriber: Subscriber,
+    asking: Asking,
     damping: Damping,
     gravity: Vec3,
     shapes: BTreeMap<ShapeId, Shape>,
@@ -39,6 +42,7 @@ impl Replica {
                 StreamChoice::Capped { .. } => Subscriber::limited(&joined.start),
                 StreamChoice::Within(_) | StreamChoice::Full => Subscriber::new(&joined.start),
             },
+            asking: Asking::default(),
             damping: joined.terms.damping,
             gravity: joined.start.gravity,
             shapes: BTreeMap::new(),
@@ -106,6 +110,23 @@ impl Replica {
     #[must_use]
     pub const fn joints(&self) -> &Joints {
         &self.joints
+    }
+
+    /// Looks at what is missing now.
+    pub(crate) fn watch_missing(&mut self, now: Instant) {
+        self.asking.watch(now, &self.subscriber);
+    }
+
+    /// When to ask for what is missing.
+    pub(crate) fn missing_due(&self) -> Option<Instant> {
+        self.asking.due()
+    }
+
+    /// What to ask the server for now, if something is due.
+    pub(crate) fn ask(&mut self, now: Instant, patient: Span) -> Option<Vec<u8>> {
+        let due: Vec<u64> = self.asking.ask(now, patient).collect();
+        let echo = (!due.is_empty()).then(|| self.subscriber.echo_for(&due))?;
+        Some(echo.encode(self.subscriber.stream()))
     }
 
     /// The next body whose track was made right.

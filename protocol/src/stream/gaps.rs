@@ -78,7 +78,7 @@ impl Gaps {
     }
 
     /// The missing numbers, oldest first.
-    pub(crate) fn missing(&self) -> impl Iterator<Item = u64> {
+    pub(crate) fn missing(&self) -> impl Iterator<Item = u64> + Clone {
         self.missing.keys().copied()
     }
 

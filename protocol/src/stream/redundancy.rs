@@ -1,5 +1,8 @@
 //! How much of a stream is said again in parities, by how much of it is lost.
 
+/// From so many bytes on a tick is worth two packets: below, what another head takes is more than half a parity saves.
+const HALVED: usize = 200;
+
 /// A share of a stream's packets that was lost, of a million.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Loss(pub u32);
@@ -63,19 +66,43 @@ impl Redundancy {
         }
     }
 
+    /// Whether a tick that takes so many bytes is said in two packets, and parities after it: these are half as long then,
+    /// and one of three datagrams that is lost is had back before anything is shown of the tick.
+    pub(crate) const fn halves(self, bytes: usize) -> bool {
+        matches!(self, Self::Plain | Self::Thick) && bytes >= HALVED
+    }
+
     /// How many parities go with so many new packets: such that of a hundred times hardly once more is lost than they
     /// give back, and no more than there are packets.
     pub(crate) fn parities(self, packets: u64) -> u64 {
-        let loss = match self {
-            Self::Off => return 0,
+        if self == Self::Off {
+            return 0;
+        }
+        let packets = packets.min(64);
+        (1..packets)
+            .find(|parities| beyond(packets + parities, *parities, self.loss()) < 0.015)
+            .unwrap_or(packets)
+    }
+
+    /// How many parities answer who asked for so many: such that of a hundred times hardly once too few arrive. They are
+    /// rare, and who asks has waited for a round trip.
+    pub(crate) fn answers(self, wanted: usize) -> usize {
+        let most = 3 * wanted;
+        let enough = |said: &usize| {
+            let spare = (said - wanted) as u64;
+            beyond(*said as u64, spare, self.loss()) < 0.01
+        };
+        (wanted..most).find(enough).unwrap_or(most)
+    }
+
+    /// The loss that it is made for.
+    const fn loss(self) -> f64 {
+        match self {
+            Self::Off => 0.0,
             Self::Thin => 0.02,
             Self::Plain => 0.05,
             Self::Thick => 0.1,
-        };
-        let packets = packets.min(64);
-        (1..packets)
-            .find(|parities| beyond(packets + parities, *parities, loss) < 0.015)
-            .unwrap_or(packets)
+        }
     }
 }
 
@@ -114,5 +141,19 @@ mod tests {
         assert_eq!(plain, [1, 1, 1, 2, 3, 4]);
         assert_eq!(Redundancy::Off.parities(10), 0);
         assert_eq!(Redundancy::Thick.parities(1), 1);
+    }
+
+    #[test]
+    fn who_asks_is_answered_so_that_enough_arrive() {
+        let answers = |level: Redundancy| [0, 1, 2, 5].map(|wanted| level.answers(wanted));
+        assert_eq!(answers(Redundancy::Off), [0, 1, 2, 5]);
+        assert_eq!(answers(Redundancy::Plain), [0, 2, 3, 7]);
+        assert_eq!(answers(Redundancy::Thick), [0, 2, 4, 8]);
+    }
+
+    #[test]
+    fn long_ticks_are_halved_where_much_is_lost() {
+        assert!(Redundancy::Plain.halves(HALVED) && !Redundancy::Plain.halves(HALVED - 1));
+        assert!(!Redundancy::Off.halves(1_000) && !Redundancy::Thin.halves(1_000));
     }
 }

@@ -111,17 +111,8 @@ impl Restorer {
         if self.sums.is_empty() {
             return Vec::new();
         }
-        let mut unknown: Vec<u64> = self
-            .sums
-            .iter()
-            .flat_map(|sum| sum.unknown.iter().copied())
-            .collect();
-        unknown.sort_unstable();
-        unknown.dedup();
-        let mut rows: Vec<Row> = (0..self.sums.len())
-            .map(|place| self.row(place, &unknown))
-            .collect();
-        reduce(&mut rows, unknown.len());
+        let unknown = self.unknown();
+        let rows = self.reduced(&unknown);
         rows.iter()
             .filter_map(|row| {
                 let mut of = row
@@ -150,15 +141,27 @@ impl Restorer {
         self.columns.get(number)
     }
 
-    /// How many parities more would give back those of the missing packets below `next` that parities can.
+    /// How many parities more would give back those of these missing packets that lie below `next` and that parities can.
     pub(crate) fn wanted(&self, missing: impl Iterator<Item = u64>, next: u64) -> u8 {
         let oldest = next
             .saturating_sub(u64::from(PARITY_SPAN))
             .max(self.distrusted);
-        let lost = missing
-            .filter(|number| *number >= oldest && self.columns.get(*number).is_none())
-            .count();
-        lost.saturating_sub(self.sums.len()) as u8
+        let of_use = |number: &u64| *number >= oldest && self.columns.get(*number).is_none();
+        let lost: Vec<u64> = missing.filter(of_use).collect();
+        if lost.is_empty() || self.sums.is_empty() {
+            return lost.len() as u8;
+        }
+        // What else the sums hold comes first, so that rows are left that hold none of it.
+        let mut unknown = self.unknown();
+        unknown.retain(|number| lost.binary_search(number).is_err());
+        let others = unknown.len();
+        unknown.extend(&lost);
+        let rows = self.reduced(&unknown);
+        let is_of_lost = |row: &&Row| {
+            let (others, lost) = row.factors.split_at(others);
+            others.iter().all(|factor| *factor == 0) && lost.iter().any(|factor| *factor != 0)
+        };
+        (lost.len() - rows.iter().filter(is_of_lost).count()) as u8
     }
 
     /// What is known of lies below; what lies too far below that is forgotten.
@@ -175,6 +178,23 @@ impl Restorer {
 
     const fn oldest(&self) -> u64 {
         self.end.saturating_sub(PARITY_SPAN as u64)
+    }
+
+    /// The packets that are in any sum, in order of their numbers.
+    fn unknown(&self) -> Vec<u64> {
+        let all = self.sums.iter();
+        let mut unknown: Vec<u64> = all.flat_map(|sum| sum.unknown.iter().copied()).collect();
+        unknown.sort_unstable();
+        unknown.dedup();
+        unknown
+    }
+
+    /// The sums as equations of these packets, each solved for the first that it can be.
+    fn reduced(&self, unknown: &[u64]) -> Vec<Row> {
+        let rows = 0..self.sums.len();
+        let mut rows: Vec<Row> = rows.map(|place| self.row(place, unknown)).collect();
+        reduce(&mut rows, unknown.len());
+        rows
     }
 
     fn row(&self, place: usize, unknown: &[u64]) -> Row {
@@ -362,6 +382,30 @@ mod tests {
             rebuilt
                 .iter()
                 .all(|(number, column)| *column == columns[*number as usize].1)
+        );
+    }
+
+    #[test]
+    fn a_parity_that_another_packet_is_lacking_for_too_saves_none() {
+        let columns: Vec<_> = (0..8_u8).map(|n| (u64::from(n), vec![n + 1; 9])).collect();
+        let mut restorer = Restorer::new(0);
+        for place in [0, 1, 2, 4, 5] {
+            restorer.hear(columns[place].0, &columns[place].1);
+        }
+        // Packet 6 is not known to be lost: nothing behind it was heard.
+        let (last, sums) = parity(0, &columns[..7]);
+        restorer.add(last, sums);
+        assert_eq!(restorer.wanted([3].into_iter(), 6), 1);
+        assert_eq!(restorer.wanted([3, 6].into_iter(), 8), 1);
+        let (last, sums) = parity(1, &columns[..6]);
+        restorer.add(last, sums);
+        let rebuilt = restorer.rebuild();
+        assert_eq!(
+            rebuilt
+                .iter()
+                .map(|(number, _)| *number)
+                .collect::<Vec<_>>(),
+            [3, 6]
         );
     }
 

@@ -5,6 +5,8 @@
 /// What a subscriber heard so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SubscriberStatistics {
+    /// Packets that came by themselves behind ones that were sent later.
+    pub disordered: u64,
     /// Packets of this stream that were read, rebuilt ones too.
     pub packets: u64,
     /// Updates taken in.

@@ -40,6 +40,8 @@ pub struct Subscriber {
     first: u64,
     /// By index, the track before the present one, where nothing was said between the two.
     before: Vec<Option<Track>>,
+    /// The tracks before these, while packets are missing: each with its body's index.
+    older: Vec<(u32, Track)>,
     /// The newest origin of a track before which too little of its body was heard.
     known_from: Tick,
     gaps: Gaps,
@@ -84,6 +86,7 @@ impl Subscriber {
             every: start.every,
             first: start.next,
             before: Vec::new(),
+            older: Vec::new(),
             known_from: Tick::ZERO,
             gaps: Gaps::new(start.next),
             restorer: Restorer::new(start.next),
@@ -140,6 +143,11 @@ impl Subscriber {
     #[must_use]
     pub fn missing(&self) -> usize {
         self.gaps.missing().count()
+    }
+
+    /// The numbers of the packets that are missing, in rising order.
+    pub fn missing_packets(&self) -> impl Iterator<Item = u64> + Clone {
+        self.gaps.missing()
     }
 
     /// Its name.
@@ -428,6 +436,9 @@ impl Subscriber {
 
     fn note_settled(&mut self) {
         self.settled_at = self.complete();
+        if self.gaps.is_settled() {
+            self.older.clear();
+        }
     }
 
     fn remember(&mut self, index: u32, before: Option<Track>) {
@@ -463,10 +474,21 @@ impl Subscriber {
     /// What to tell the server: how far this has heard, and the oldest packets that are missing.
     #[must_use]
     pub fn echo(&self) -> Echo {
-        let parities = self.restorer.wanted(self.gaps.missing(), self.gaps.next());
+        self.echo_of(self.gaps.missing())
+    }
+
+    /// The same, naming only these of the missing packets, in rising order.
+    #[must_use]
+    pub fn echo_for(&self, asked: &[u64]) -> Echo {
+        let missing = self.gaps.missing();
+        self.echo_of(missing.filter(|number| asked.binary_search(number).is_ok()))
+    }
+
+    fn echo_of(&self, missing: impl Iterator<Item = u64> + Clone) -> Echo {
+        let parities = self.restorer.wanted(missing.clone(), self.gaps.next());
         // What was heard is read as soon as what it waits for is there.
         let waits = |number: &u64| parities > 0 && self.restorer.column(*number).is_some();
-        let lost = self.gaps.missing().filter(|number| !waits(number));
+        let lost = missing.filter(|number| !waits(number));
         Echo {
             next: Low16::of(self.gaps.next()),
             gone: Low16::of(self.lost()),

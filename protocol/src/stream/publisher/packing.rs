@@ -20,15 +20,29 @@ impl Publisher {
         out: &mut Vec<Bytes>,
     ) {
         updates.sort_unstable_by_key(|update| update.seat);
-        if let Some(all) = self.write(tick, updates, notices, true)
-            && all.1 == updates.len()
+        let mut halved = false;
+        if let Some((datagram, fitting)) = self.write(tick, updates, notices, true)
+            && fitting == updates.len()
         {
-            self.send(all.0, updates, out);
-            return;
+            halved = updates.len() > 1 && self.parities.halves(datagram.len());
+            if !halved {
+                self.send(datagram, updates, out);
+                return;
+            }
         }
         updates.sort_unstable_by_key(|update| (update.saying.names_carrier(), update.seat));
         let alone = updates.partition_point(|update| !update.saying.names_carrier());
-        let (first, second) = updates.split_at(alone);
+        let cut = if halved {
+            self.middle(updates).min(alone)
+        } else {
+            alone
+        };
+        let (first, second) = updates.split_at_mut(cut);
+        if halved {
+            second.sort_unstable_by_key(|update| update.seat);
+            self.parities.halve();
+        }
+        let (first, second) = (&*first, &*second);
         for (group, last) in [(first, second.is_empty()), (second, true)] {
             let mut rest: &[Update] = group;
             while let Some((datagram, fitting)) = self.write(tick, rest, notices, last) {
@@ -37,6 +51,18 @@ impl Publisher {
                 rest = later;
             }
         }
+    }
+
+    /// How many of the first updates take half of the bits of all.
+    fn middle(&self, updates: &[Update]) -> usize {
+        let bits = updates.iter().map(|update| self.bits_of(update));
+        let half = bits.clone().sum::<u64>() / 2;
+        let mut so_far = 0;
+        let before = |bits: &u64| {
+            so_far += bits;
+            so_far <= half
+        };
+        bits.take_while(before).count().max(1)
     }
 
     /// A packet of as many updates as fit, and how many those are; it ends its tick if all do and `last` is set.

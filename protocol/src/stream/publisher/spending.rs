@@ -238,7 +238,7 @@ impl Publisher {
     }
 
     /// Bits of an update in 256ths, more or less.
-    fn bits_of(&self, update: &Update) -> u64 {
+    pub(super) fn bits_of(&self, update: &Update) -> u64 {
         /// Naming a body by its index, and by its seat.
         const NAMED: u64 = 24 * 256;
         const SEATED: u64 = 4 * 256;

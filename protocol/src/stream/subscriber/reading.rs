@@ -15,6 +15,9 @@ use crate::stream::tracks::{Former, Slot, Unreadable};
 use crate::wire::bytes::Reader;
 use crate::wire::{Malformed, Wire};
 
+/// Tracks that bodies left while packets were missing: what a long gap of a lively scene takes.
+const OLDER_KEPT: usize = 4_096;
+
 impl Subscriber {
     /// Takes in what was overtaken by a newer saying: it is what held until then.
     ///
@@ -44,10 +47,24 @@ impl Subscriber {
         }
     }
 
+    /// While a packet is missing that may name it, the track is kept that a body had before its last one.
+    fn grow_older(&mut self, index: u32) {
+        let before = self.before.get(index as usize).copied().flatten();
+        if self.missing() > 0
+            && self.older.len() < OLDER_KEPT
+            && let Some(before) = before
+        {
+            self.older.push((index, before));
+        }
+    }
+
     /// Takes in what a packet says of a body.
     fn take(&mut self, index: u32, tick: Tick, saying: &Saying) -> Result<(), Unreadable> {
         let before = self.tracks.slot(index).map(|slot| slot.track);
-        let former = Former(&self.before);
+        let former = Former {
+            before: &self.before,
+            older: &self.older,
+        };
         let heard = self.tracks.hear(index, tick, saying, former);
         if heard == Err(Unreadable::Superseded) {
             self.take_overtaken(index, tick, saying);
@@ -60,6 +77,7 @@ impl Subscriber {
         if held && before.is_none_or(|before| before.carrier.is_none()) {
             self.held_indices.push(index);
         }
+        self.grow_older(index);
         self.remember(index, before);
         self.statistics.updates += 1;
         // Who follows a narrow stream learns of the newest track only, where one datagram brings several.
@@ -153,6 +171,7 @@ impl Subscriber {
             }
         }
         self.statistics.packets += 1;
+        self.statistics.disordered += u64::from(number < next);
         self.statistics.missed += number.saturating_sub(next);
         self.newest = self.newest.max(tick);
         self.spoken = self.spoken.max(tick);
@@ -390,10 +409,9 @@ impl Subscriber {
                 .tracks
                 .slot(record.index)
                 .is_some_and(|slot| slot.track.carrier.is_some());
-            let former = Former(&self.before);
             if self
                 .tracks
-                .hear(record.index, origin, &whole, former)
+                .hear(record.index, origin, &whole, Former::default())
                 .is_ok()
             {
                 if record.whole.carrier.is_some() && !was_held {

@@ -40,10 +40,11 @@ impl Subscriber {
 
     fn read_rebuilt(&mut self, number: u64, column: &[u8]) -> Result<(), Malformed> {
         let datagram = packet_of(self.stream, number, column).ok_or(Malformed::OutOfRange)?;
-        let before = self.statistics.packets;
+        let (before, disordered) = (self.statistics.packets, self.statistics.disordered);
         let (ends_tick, reader) = opened(&datagram)?;
         self.read_state(&datagram, StatePacket::decode(ends_tick, reader)?)?;
         self.statistics.rebuilt += self.statistics.packets - before;
+        self.statistics.disordered = disordered;
         Ok(())
     }
 

@@ -157,9 +157,14 @@ fn is_of_age(track: &Track, age: Ticks, tick: Tick) -> bool {
     tick.since(track.origin) == Some(age)
 }
 
-/// By index, the tracks before the present ones: what is heard late may name a carrier's.
+/// Tracks that bodies have left: what is heard late may name a carrier's.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Former<'a>(pub(crate) &'a [Option<Track>]);
+pub(crate) struct Former<'a> {
+    /// By index, those just before the present ones.
+    pub(crate) before: &'a [Option<Track>],
+    /// Those before these, with the indices of their bodies.
+    pub(crate) older: &'a [(u32, Track)],
+}
 
 impl<'a> Former<'a> {
     /// The revision of a body's track that has an age, if that is known.
@@ -167,10 +172,11 @@ impl<'a> Former<'a> {
     where
         'a: 't,
     {
-        let before = || self.0.get(index as usize).and_then(Option::as_ref);
-        let all = core::iter::once(&slot.track).chain(core::iter::once_with(before).flatten());
-        let mut all = all.filter(|track| is_of_age(track, age, tick));
-        all.next()
+        let before = self.before.get(index as usize).and_then(Option::as_ref);
+        let older = self.older.iter().filter(|(of, _)| *of == index);
+        let all = core::iter::once(&slot.track).chain(before);
+        let mut all = all.chain(older.map(|(_, track)| track));
+        all.find(|track| is_of_age(track, age, tick))
     }
 }
 
