@@ -153,6 +153,7 @@ impl Run {
             let terms = StreamTerms {
                 tolerance: *tolerance,
                 integrator: self.terms.integrator,
+                every: self.terms.cadence.every,
                 gravity: self.terms.gravity,
                 features: Features::ALL,
             };

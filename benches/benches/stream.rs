@@ -74,6 +74,7 @@ fn publisher() -> Publisher {
     let terms = StreamTerms {
         tolerance: Tolerance::NORMAL,
         integrator: integrator(),
+        every: Cadence::EACH_TICK.every,
         gravity: GRAVITY,
         features: Features::ALL,
     };

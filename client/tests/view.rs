@@ -49,6 +49,7 @@ impl Pair {
         let terms = StreamTerms {
             tolerance,
             integrator,
+            every: Cadence::EACH_TICK.every,
             gravity: Vec3::ZERO,
             features: Features::ALL,
         };

@@ -53,6 +53,7 @@ impl Stage {
         let terms = StreamTerms {
             tolerance,
             integrator,
+            every: Cadence::EACH_TICK.every,
             gravity,
             features,
         };

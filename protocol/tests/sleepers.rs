@@ -29,6 +29,7 @@ fn lying(index: u32, height: f32) -> Verbatim {
 
 fn publisher(bodies: u32) -> Publisher {
     let terms = StreamTerms {
+        every: Cadence::EACH_TICK.every,
         tolerance: Tolerance::NORMAL,
         integrator: Integrator {
             rate: Rate::HZ_60,

@@ -140,6 +140,7 @@ impl Stage {
         let terms = StreamTerms {
             tolerance,
             integrator: integrator(),
+            every: Cadence::EACH_TICK.every,
             gravity: GRAVITY,
             features: Features::ALL,
         };

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use bytes::Bytes;
 use glam::{Quat, Vec3};
-use rhumb_protocol::packet::{Head, Kind};
+use rhumb_protocol::packet::{Head, Kind, StreamId};
 use rhumb_protocol::scene::Command;
 use rhumb_protocol::session::Driven;
 use rhumb_protocol::stream::SubscriberStatistics;
@@ -85,6 +85,13 @@ impl Drives {
     /// Who drives a body.
     pub(crate) fn driver(&self, id: BodyId) -> Option<Peer> {
         self.drivers.get(&id).copied()
+    }
+
+    /// Whether somebody says on a stream of this name how bodies move.
+    pub(crate) fn has(&self, stream: StreamId) -> bool {
+        self.teams
+            .values()
+            .any(|team| team.driven.stream() == stream)
     }
 
     /// A member drives these bodies from now on, in place of what it drove before.

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use rhumb_protocol::limits::SCENES_MAX;
 use rhumb_protocol::message::{Denial, Grease, ServerMessage};
-use rhumb_protocol::packet::{Doubt, Echo, Head, Kind, StreamId};
+use rhumb_protocol::packet::{Doubt, Echo, Head, Kind};
 use rhumb_protocol::scene::{SceneName, SceneTerms};
 use rhumb_protocol::session::{Request, ServerSession};
 use rhumb_protocol::wire::Wire;
@@ -21,6 +21,7 @@ use crate::hook::Hooks;
 use crate::outbox::Outbox;
 use crate::room::Room;
 use crate::scene::Scene;
+use crate::stream_names::StreamNames;
 
 /// What a connection is about, and whether its client is a member.
 #[derive(Debug)]
@@ -35,7 +36,7 @@ pub struct Host {
     connections: BTreeMap<Peer, Connection>,
     pub(crate) out: Outbox,
     pub(crate) guests: Guests,
-    streams_begun: u32,
+    scenes_begun: u32,
     hooks: Option<Hooks>,
     workers: Workers,
     pub(crate) stopwatch: Box<dyn Fn() -> Instant + Send>,
@@ -49,7 +50,7 @@ impl Host {
             connections: BTreeMap::new(),
             out: Outbox::default(),
             guests: Guests::default(),
-            streams_begun: 0,
+            scenes_begun: 0,
             hooks: None,
             workers: Workers::default(),
             stopwatch: Box::new(stopwatch),
@@ -105,9 +106,8 @@ impl Host {
                 self.out.say(peer, &answer);
             }
             Request::Join(choice) => {
-                let stream = self.new_stream();
                 let joined = match self.rooms.get_mut(&name) {
-                    Some(room) => room.join(now, peer, choice, stream, &mut self.out),
+                    Some(room) => room.join(now, peer, choice, &mut self.out),
                     None => Err(Denial::NoSuchScene),
                 };
                 match joined {
@@ -117,15 +117,13 @@ impl Host {
             }
             Request::Delete => self.delete(peer, &name),
             Request::Follow(choice) => {
-                let stream = self.new_stream();
                 if let Some(room) = self.rooms.get_mut(&name) {
-                    room.follow(peer, choice, stream);
+                    room.follow(peer, choice);
                 }
             }
             Request::Drive(drive) => {
-                let stream = self.new_stream();
                 if let Some(room) = self.rooms.get_mut(&name) {
-                    room.drive(peer, stream, drive, &mut self.out);
+                    room.drive(peer, drive, &mut self.out);
                 }
             }
             request => self.handle_scene_request(now, peer, &name, request),
@@ -188,13 +186,6 @@ impl Host {
         }
     }
 
-    /// A name for a stream, should one begin. Names come again after four thousand million.
-    const fn new_stream(&mut self) -> StreamId {
-        let stream = StreamId(self.streams_begun);
-        self.streams_begun = self.streams_begun.wrapping_add(1);
-        stream
-    }
-
     pub(crate) fn create(&mut self, name: &SceneName, terms: SceneTerms) -> Result<(), Denial> {
         if self.rooms.contains_key(name) {
             return Err(Denial::SceneExists);
@@ -206,7 +197,9 @@ impl Host {
         if let Some(hook) = self.hooks.as_mut().and_then(|hooks| hooks.of(name, &terms)) {
             scene.attach(hook);
         }
-        self.rooms.insert(name.clone(), Room::new(scene));
+        let names = StreamNames::of_scene(self.scenes_begun);
+        self.scenes_begun = self.scenes_begun.wrapping_add(1);
+        self.rooms.insert(name.clone(), Room::new(scene, names));
         tracing::info!(scene = %name, "scene created");
         Ok(())
     }
@@ -331,10 +324,8 @@ impl Endpoint for Host {
             return;
         };
         let name = connection.scene.as_ref();
-        let stream = StreamId(self.streams_begun);
         if let Some(room) = name.and_then(|name| self.rooms.get_mut(name)) {
-            self.streams_begun = self.streams_begun.wrapping_add(1);
-            room.hear_of_link(now, peer, report, stream, &mut self.out);
+            room.hear_of_link(now, peer, report, &mut self.out);
         }
     }
 

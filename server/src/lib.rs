@@ -20,6 +20,7 @@ mod room;
 mod scene;
 mod serve;
 mod snapshot;
+mod stream_names;
 mod streams;
 mod thin_link;
 mod times;

@@ -29,11 +29,8 @@ pub(crate) struct Member {
 pub(crate) enum Want {
     /// That of its stream, again.
     Again,
-    /// That of another stream, which has this name if it must be begun.
-    Other {
-        choice: StreamChoice,
-        new_stream: StreamId,
-    },
+    /// That of another stream.
+    Other(StreamChoice),
 }
 
 /// What acts in the order in which it was said: a command said after an advance acts after its steps.
@@ -46,12 +43,8 @@ pub(crate) enum Wish {
     Advance {
         to: Tick,
     },
-    Drive {
-        /// The name of the stream on which it will say how they move.
-        stream: StreamId,
-        drive: Drive,
-    },
-    /// A packet of that stream.
+    Drive(Drive),
+    /// A packet of the stream on which it says how its bodies move.
     Upstream(Vec<u8>),
 }
 

@@ -29,6 +29,7 @@ use crate::outbox::Outbox;
 use crate::placing;
 use crate::scene::Scene;
 use crate::snapshot::snapshot;
+use crate::stream_names::StreamNames;
 use crate::streams::{Moment, Source, Stream, Streams};
 use crate::times::{Marks, Times};
 
@@ -40,6 +41,7 @@ pub(crate) struct Room {
     scene: Scene,
     members: BTreeMap<Peer, Member>,
     streams: Streams,
+    names: StreamNames,
     grants: Grants,
     drives: Drives,
     notices: u64,
@@ -61,13 +63,15 @@ pub(crate) struct Room {
 const CATCH_UP_STEPS: u64 = 5;
 
 impl Room {
-    pub(crate) fn new(scene: Scene) -> Self {
+    /// `names`: what its streams will be called.
+    pub(crate) fn new(scene: Scene, names: StreamNames) -> Self {
         let target = scene.tick();
         let streams = Streams::new(scene.terms().cadence);
         Self {
             scene,
             members: BTreeMap::new(),
             streams,
+            names,
             grants: Grants::default(),
             drives: Drives::default(),
             notices: 0,
@@ -108,7 +112,6 @@ impl Room {
         now: Instant,
         peer: Peer,
         choice: StreamChoice,
-        new_stream: StreamId,
         out: &mut Outbox,
     ) -> Result<(), Denial> {
         if self.faulted {
@@ -119,7 +122,7 @@ impl Room {
         }
         let stream = match self.streams.follow(choice)? {
             Some(stream) => stream,
-            None => self.begin_stream(choice, new_stream),
+            None => self.begin_stream(choice),
         };
         if let Err(denial) = self.grant(peer, GRANT) {
             self.streams.unfollow(stream);
@@ -135,7 +138,15 @@ impl Room {
         Ok(())
     }
 
-    fn begin_stream(&mut self, choice: StreamChoice, id: StreamId) -> StreamId {
+    /// A name for a stream that begins now.
+    fn new_stream(&mut self) -> StreamId {
+        let (streams, drives) = (&self.streams, &self.drives);
+        self.names
+            .next(|name| streams.get(name).is_some() || drives.has(name))
+    }
+
+    fn begin_stream(&mut self, choice: StreamChoice) -> StreamId {
+        let id = self.new_stream();
         let source = Source::new(choice, id, &self.scene);
         let stream = self.streams.begin(choice, source);
         for (id, manner, track, motion) in placing::everything(&self.scene) {
@@ -265,7 +276,7 @@ impl Room {
                 Some(denial) => out.say(peer, &ServerMessage::Denied(denial)),
                 None => self.target = self.target.max(to),
             },
-            Wish::Drive { stream, drive } => self.grant_drive(peer, stream, &drive, out),
+            Wish::Drive(drive) => self.grant_drive(peer, &drive, out),
             Wish::Upstream(packet) => self.hear_driver(peer, &packet, out),
         }
     }

@@ -34,6 +34,7 @@ impl Source {
                 let terms = StreamTerms {
                     tolerance,
                     integrator: scene.terms().integrator,
+                    every: scene.terms().cadence.every,
                     gravity: scene.gravity(),
                     features: Features::ALL,
                 };

@@ -20,7 +20,7 @@ COARSENESS_LIMIT = 12
 SETTLED_AGE, COARSENESS, LENGTH = 7, 384, 388  # contexts
 GOLOMB_MAX = 3 << 30
 ALPHABET_BITS, ESCAPE = 12, 17
-SEATING, SETTLED, WHOLE, HELD = 14, 13, 12, 11
+END, SEATING, SETTLED, WHOLE, HELD = 15, 14, 13, 12, 11
 WORD = 1 << 32
 
 
@@ -258,23 +258,25 @@ class Tongue:
         self.begun, self.row = 1, {0: 1, 1: 2}.get(form, 3)
 
     def write(self, gap, update, to):
-        self.model.write(self.begun, gap, to)
         modes = TABLES["modes"][self.row]
         if "whole" in update:
             write_code(modes, WHOLE, to)
+            self.model.write(self.begun, gap, to)
             to.bits(update["body"], INDEX_BITS)
             write_whole(update["whole"], to)
             return self.went_on(WHOLE)
+        moved = "linear" in update
+        settled = "negated" in update
+        form = SETTLED if settled else FORMS.index((update["course"], update.get("law"), moved))
         if update["body"] is not None:
             write_code(modes, SEATING, to)
+        write_code(modes, form, to)
+        self.model.write(self.begun, gap, to)
+        if update["body"] is not None:
             to.bits(update["body"], INDEX_BITS)
-        if "negated" in update:
-            write_code(modes, SETTLED, to)
+        if settled:
             self.write_settled(update, to)
             return self.went_on(SETTLED)
-        moved = "linear" in update
-        form = FORMS.index((update["course"], update.get("law"), moved))
-        write_code(modes, form, to)
         kind = kind_of(update["course"], moved)
         self.model.write(2 + kind, update["age"] - 1, to)
         self.write_carrier(update, to)
@@ -337,14 +339,22 @@ class Tongue:
         if update["carrier_age"] is not None:
             self.model.write(6, update["carrier_age"], to)
 
+    def end(self, to):
+        write_code(TABLES["modes"][self.row], END, to)
+
     def read(self, frm):
-        gap = self.model.read(self.begun, frm)
+        """The gap and what is said, or None at the end."""
         modes = TABLES["modes"][self.row]
         form, update = read_code(modes, frm), {"body": None}
-        if form == SEATING:
-            update["body"] = frm.bits(INDEX_BITS)
+        if form == END:
+            return None
+        seating = form == SEATING
+        if seating:
             form = read_code(modes, frm)
-            refuse_if(form in (SEATING, WHOLE), "NotCanonical")
+            refuse_if(form in (SEATING, WHOLE, END), "NotCanonical")
+        gap = self.model.read(self.begun, frm)
+        if seating:
+            update["body"] = frm.bits(INDEX_BITS)
         if form == WHOLE:
             update["body"] = frm.bits(INDEX_BITS)
             update["whole"] = read_whole(frm)
@@ -546,6 +556,7 @@ def varint(value):
 
 
 IN_ARREARS = (11, 12)
+LARGE = 15
 
 
 def eighths(code):
@@ -558,19 +569,34 @@ def excess_of(factor):
     return 255 if factor is None else next(code for code in range(1, 255) if eighths(code) == factor)
 
 
+def read_head(frm):
+    """Kind and stream [5.8]."""
+    first = frm.u8()
+    kind, stream = first & 15, first >> 4
+    refuse_if(kind > 9 and kind not in IN_ARREARS, "UnknownCode")
+    if stream == LARGE:
+        stream += frm.varint(WORD - 1)
+        refuse_if(stream >= WORD, "OutOfRange")
+    return kind, stream
+
+
+def head_of(kind, stream):
+    small = min(stream, LARGE)
+    return bytes([kind | small << 4]) + (varint(stream - LARGE) if small == LARGE else b"")
+
+
 def decoded(datagram):
     frm = Bytes(datagram)
-    kind = frm.u8()
-    refuse_if(kind > 9 and kind not in IN_ARREARS, "UnknownCode")
-    said = {"stream": frm.varint(WORD - 1), "kind": kind}
+    kind, stream = read_head(frm)
+    said = {"stream": stream, "kind": kind}
     if kind in IN_ARREARS:
         said["excess_eighths"] = eighths(frm.u8())
     if kind in (0, 1, 11):
         said |= {name: frm.low16() for name in ("number", "tick", "notices")}
-        count = frm.varint(UPDATES_MAX)
         coder, tongue, seat, said["updates"] = RangeReader(frm.rest()), Tongue(), 0, []
-        for _ in range(count):
-            gap, update = tongue.read(coder)
+        while (read := tongue.read(coder)) is not None:
+            refuse_if(len(said["updates"]) == UPDATES_MAX, "TooLong")
+            gap, update = read
             seat += gap
             refuse_if(seat >= INDICES, "OutOfRange")
             said["updates"].append({"seat": seat} | update)
@@ -642,7 +668,7 @@ def encoded(said):
         return b"".join(said[name].to_bytes(2, "little") for name in names)
 
     kind = said["kind"]
-    head = bytes([kind]) + varint(said["stream"])
+    head = head_of(kind, said["stream"])
     if kind in IN_ARREARS:
         head += bytes([excess_of(said["excess_eighths"])])
     if kind in (0, 1, 11):
@@ -650,7 +676,8 @@ def encoded(said):
         for update in said["updates"]:
             tongue.write(update["seat"] - seat, update, coder)
             seat = update["seat"] + 1
-        return head + low16s("number", "tick", "notices") + varint(len(said["updates"])) + coder.finish()
+        tongue.end(coder)
+        return head + low16s("number", "tick", "notices") + coder.finish()
     if kind in (2, 12):
         return head + low16s("next", "tick", "notices")
     if kind == 3:
@@ -703,8 +730,9 @@ def parity(row, packets):
     sums, covered = bytearray(COLUMN_MAX), 0
     for number, datagram in packets:
         frm = Bytes(datagram)
-        column = bytes([frm.u8()])
-        stream, _ = frm.varint(WORD - 1), frm.low16()
+        kind, stream = read_head(frm)
+        column = bytes([kind])
+        frm.low16()
         covered |= 1 << last - number
         multiple = factor(row, number)
         for place, byte in enumerate(column + frm.rest()):

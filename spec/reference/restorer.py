@@ -3,7 +3,7 @@
 Knows numbers and bytes, not what they say. A column is a list of bytes; the shorter ones end in zeros.
 """
 
-from packets import Bytes, factor, times, varint
+from packets import Bytes, factor, head_of, read_head, times
 
 SPAN, KEPT = 32, 16
 
@@ -22,15 +22,14 @@ def plus_multiple(sums, multiple, column):
 def column_of(datagram):
     """The kind, and all behind the number."""
     frm = Bytes(datagram)
-    kind = frm.raw(1)
-    frm.varint((1 << 32) - 1)
+    kind, _ = read_head(frm)
     frm.raw(2)
-    return kind + frm.rest()
+    return bytes([kind]) + frm.rest()
 
 
 def datagram_of(column, stream, number):
     column = column.rstrip(b"\0")
-    return column[:1] + varint(stream) + (number & 0xFFFF).to_bytes(2, "little") + column[1:]
+    return head_of(column[0], stream) + (number & 0xFFFF).to_bytes(2, "little") + column[1:]
 
 
 class Restorer:

@@ -103,13 +103,6 @@ def radius_of(shape):
     return reckoning.bounding_radius(shape["is"], [f32(shape["half height"]), f32(shape["radius"])])
 
 
-def revision(body, origin):
-    """The body's track of an origin, if it is still known (6.2, 6.6)."""
-    known = (body.track, body.before, *body.older)
-    tracks = [track for track in known if track and track.origin == origin]
-    return tracks[0] if tracks else None
-
-
 # 5.7 Low 16 bits
 
 
@@ -483,10 +476,21 @@ class Scene:
         body.before, body.track = old, track
         return "heard"
 
+    def age(self, track, tick):
+        """How old a track is (5.6), or None if it is of a later tick."""
+        every = self.terms["every"]
+        return tick // every - track.origin // every if track.origin <= tick else None
+
+    def revision(self, body, tick, age):
+        """The body's track of an age, if it is still known (6.2, 6.6)."""
+        known = (body.track, body.before, *body.older)
+        tracks = [track for track in known if track and self.age(track, tick) == age]
+        return tracks[0] if tracks else None
+
     def corrected(self, body, update, tick):
         """The track that a correction gives, or None where it cannot be read."""
-        old, age = body.track, update["age"]
-        if tick - age != old.origin:
+        old = body.track
+        if self.age(old, tick) != update["age"]:
             return None
         own, law, carrier = self.own(body, old, tick), old.law, old.carrier
         if "negated" in update:
@@ -497,19 +501,19 @@ class Scene:
             if (old.carrier is None) != (update["carrier_age"] is None):
                 return None
             if old.carrier is not None:
-                named = held_by and revision(held_by, tick - update["carrier_age"])
+                named = held_by and self.revision(held_by, tick, update["carrier_age"])
                 if named is None:
                     return None
                 own = reckoning.carried(self.own(held_by, named, tick), own)
         elif update["course"] == "held":
             by = self.bodies[update["carrier"]]
-            named = revision(by, tick - update["carrier_age"])
+            named = self.revision(by, tick, update["carrier_age"])
             if by is body or named is None or named.carrier is not None or old.carrier is not None:
                 return None
             own = reckoning.seen_from(self.own(by, named, tick), own)
             law, carrier = "rest", (by.index, by.generation)
         said = [tuple(update[name]) if name in update else None for name in packets.TRIPLES]
-        over = reckoning.astray(old.law, age, body.flow.dt)
+        over = reckoning.astray(old.law, tick - old.origin, body.flow.dt)
         anchor = reckoning.Residual(*said, update.get("coarseness", 0)).onto(own, over, body.grid)
         if law == "rest":
             anchor = replace(anchor, linear=(0, 0, 0), angular=(0, 0, 0))

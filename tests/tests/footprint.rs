@@ -143,6 +143,7 @@ impl Scene {
         let terms = StreamTerms {
             tolerance,
             integrator: integrator(),
+            every: Cadence::EACH_TICK.every,
             gravity: GRAVITY,
             features: Features::ALL,
         };

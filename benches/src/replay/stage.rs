@@ -142,6 +142,7 @@ fn publisher(start: &Start, terms: &ReplayTerms) -> Publisher {
     let stream = StreamTerms {
         tolerance: start.tolerance,
         integrator: start.integrator,
+        every: start.every,
         gravity: start.gravity,
         features: terms.features,
     };

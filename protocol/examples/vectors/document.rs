@@ -189,7 +189,7 @@ fn update(update: &Update) -> String {
                 } => format!(
                     "\"course\": \"world\", \"law\": {}, \"carrier_age\": {}",
                     law(predictor),
-                    maybe(carrier_age.map(rhumb_reckoning::Ticks::count))
+                    maybe(carrier_age.map(rhumb_protocol::packet::Age::count))
                 ),
                 Course::Held {
                     carrier,

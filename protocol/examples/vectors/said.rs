@@ -2,8 +2,8 @@
 
 use rhumb_protocol::limits::INDICES_MAX;
 use rhumb_protocol::packet::{
-    Course, Echo, Excess, Low16, Parity, RepairRecord, RepairWriter, Saying, StateWriter, StreamId,
-    TrackSaying, Update, Vouch,
+    Age, Course, Echo, Excess, Low16, Parity, RepairRecord, RepairWriter, Saying, StateWriter,
+    StreamId, TrackSaying, Update, Vouch,
 };
 use rhumb_reckoning::{
     Anchor, BodyId, HORIZON, POSITION_LIMIT, Predictor, RESIDUAL_LIMIT, Residual, Settling,
@@ -51,7 +51,7 @@ pub(crate) const fn residual(course: Course, position: [i32; 3], turn: [i32; 3])
     };
     Saying::Residual {
         course,
-        age: Ticks::new(9),
+        age: Age::new(9),
         residual,
     }
 }
@@ -88,11 +88,11 @@ const fn aged(saying: Saying, age: u32) -> Saying {
             course, residual, ..
         } => Saying::Residual {
             course,
-            age: Ticks::new(age),
+            age: Age::new(age),
             residual,
         },
         Saying::Settled { settling, .. } => Saying::Settled {
-            age: Ticks::new(age),
+            age: Age::new(age),
             settling,
         },
         whole @ Saying::Whole(_) => whole,
@@ -102,7 +102,7 @@ const fn aged(saying: Saying, age: u32) -> Saying {
 /// Rest to the bit, of a track of nine ticks ago.
 const fn settled(position: [i32; 3], others: [i32; 3], largest: i32) -> Saying {
     Saying::Settled {
-        age: Ticks::new(9),
+        age: Age::new(9),
         settling: Settling {
             negated: largest > 0,
             position,
@@ -116,7 +116,7 @@ const fn world(predictor: Predictor, carrier_age: Option<u32>) -> Course {
     Course::World {
         predictor,
         carrier_age: match carrier_age {
-            Some(age) => Some(Ticks::new(age)),
+            Some(age) => Some(Age::new(age)),
             None => None,
         },
     }
@@ -125,7 +125,7 @@ const fn world(predictor: Predictor, carrier_age: Option<u32>) -> Course {
 const fn held(carrier: u32, age: u32) -> Course {
     Course::Held {
         carrier,
-        carrier_age: Ticks::new(age),
+        carrier_age: Age::new(age),
     }
 }
 
@@ -232,7 +232,7 @@ fn limits(cases: &mut Vec<Case>) {
     for age in [1, 2, 3, 5, 11, 31, HORIZON.count(), 1 << 30] {
         let saying = aged(residual(Course::Same, [0, 3, -1], [1, 0, 0]), age);
         cases.push((
-            format!("a track of {age} ticks ago"),
+            format!("a track of age {age}"),
             packet(&[seated(0, saying)]),
         ));
     }
@@ -295,7 +295,7 @@ fn carriers(cases: &mut Vec<Case>) {
         ] {
             let saying = residual(course, [1, 0, 0], [0, 0, -1]);
             cases.push((
-                format!("a carrier's track of {age} ticks ago"),
+                format!("a carrier's track of age {age}"),
                 packet(&[seated(2, saying)]),
             ));
         }
@@ -424,7 +424,7 @@ pub(crate) fn covered() -> Vec<Covered> {
     let mut chance = Chance::new(11);
     let mut packets = Vec::new();
     for number in 69_990_u64..70_010 {
-        let age = Ticks::new(1 + chance.below(9));
+        let age = Age::new(1 + chance.below(9));
         let residual = Residual::default();
         let said = Saying::Residual {
             course: Course::Same,

@@ -3,10 +3,12 @@
 //! Nothing here is normative, and nothing changes the coder. Costs are in 1/256 bits. A correction costs what its form,
 //! its place and its velocities do, each by itself, so that who tries many need not count the same numbers again.
 
-use rhumb_reckoning::{Residual, Ticks, VelocityResidual};
+use rhumb_reckoning::{Residual, VelocityResidual};
 
+use super::age::Age;
 use super::model::symbol_cost;
-use super::saying::{Course, INDEX_BITS, Mode, Saying, Tongue, each_number, length, settled};
+use super::saying::{Course, INDEX_BITS, Mode, Saying, Tongue, each_number};
+use super::steps::{length, settled};
 use super::tables::{MODES, contexts};
 use super::walk::{numbers_of_place, numbers_of_velocity};
 
@@ -44,7 +46,7 @@ impl Tongue {
     }
 
     /// Of a correction, what says its form, its age and its carrier.
-    pub(crate) fn cost_of_form(&self, course: &Course, age: Ticks, moved: bool) -> u32 {
+    pub(crate) fn cost_of_form(&self, course: &Course, age: Age, moved: bool) -> u32 {
         let mode = Mode::of_course(course, moved);
         let context = contexts::age(mode.kind());
         self.cost_of_mode(mode)
@@ -56,7 +58,7 @@ impl Tongue {
     pub(crate) fn cost_of_place(
         &self,
         course: &Course,
-        age: Ticks,
+        age: Age,
         moved: bool,
         residual: &Residual,
     ) -> u32 {
@@ -72,7 +74,7 @@ impl Tongue {
     pub(crate) fn cost_of_velocity(
         &self,
         course: &Course,
-        age: Ticks,
+        age: Age,
         velocity: &VelocityResidual,
     ) -> u32 {
         let kind = Mode::of_course(course, true).kind();
@@ -90,7 +92,7 @@ impl Tongue {
     }
 
     fn cost_of_carrier(&self, course: &Course) -> u32 {
-        let age = |age: Ticks| self.model.cost(contexts::CARRIER_AGE, age.count());
+        let age = |age: Age| self.model.cost(contexts::CARRIER_AGE, age.count());
         match *course {
             Course::Same => 0,
             Course::World { carrier_age, .. } => BIT + carrier_age.map_or(0, age),

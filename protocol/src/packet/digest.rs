@@ -164,7 +164,7 @@ mod tests {
         };
         let bytes = digest.encode(StreamId(5));
         let expected = [
-            7, 5, 0x70, 0x11, 0x2c, 1, 12, 0, 0, 0x80, 0x80, 0x40, 1, 8, 7, 6, 5, 4, 3, 2, 1,
+            0x57, 0x70, 0x11, 0x2c, 1, 12, 0, 0, 0x80, 0x80, 0x40, 1, 8, 7, 6, 5, 4, 3, 2, 1,
         ];
         assert_eq!(bytes, expected);
     }

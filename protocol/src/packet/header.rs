@@ -5,9 +5,14 @@ use core::fmt;
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-/// Names one stream of one server process; told to a member when it joins.
+/// Names one stream of one scene; told to a member when it joins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct StreamId(pub u32);
+
+impl StreamId {
+    /// The names that take no byte of a datagram.
+    pub const SMALL: core::ops::Range<u32> = 0..15;
+}
 
 impl fmt::Display for StreamId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -110,7 +115,7 @@ impl Kind {
     ];
 }
 
-/// The first bytes of a datagram: its kind and its stream.
+/// The first byte of a datagram, or more of a stream with a large name: its kind and its stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Head {
     /// What it is.
@@ -125,22 +130,36 @@ impl Wire for Head {
             .into_iter()
             .find(|(_, kind)| *kind == self.kind)
             .expect("every kind has a code");
-        to.u8(code);
-        self.stream.encode(to);
+        let StreamId(stream) = self.stream;
+        let small = stream.min(LARGE);
+        to.u8(code | (small as u8) << KIND_BITS);
+        if small == LARGE {
+            to.varint(u64::from(stream - LARGE));
+        }
     }
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
-        let code = from.u8()?;
+        let first = from.u8()?;
+        let (code, small) = (first & ((1 << KIND_BITS) - 1), first >> KIND_BITS);
         let (_, kind) = Kind::CODES
             .into_iter()
             .find(|(known, _)| *known == code)
             .ok_or(Malformed::UnknownCode)?;
-        Ok(Self {
-            kind,
-            stream: StreamId::decode(from)?,
-        })
+        let mut stream = u32::from(small);
+        if stream == LARGE {
+            stream = stream
+                .checked_add(from.varint32()?)
+                .ok_or(Malformed::OutOfRange)?;
+        }
+        let stream = StreamId(stream);
+        Ok(Self { kind, stream })
     }
 }
+
+/// Low bits of a datagram's first byte that are its kind.
+const KIND_BITS: u32 = 4;
+/// Streams below this one are named in the rest of that byte.
+const LARGE: u32 = StreamId::SMALL.end;
 
 #[cfg(test)]
 mod tests {
@@ -148,6 +167,19 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
+        #[test]
+        fn a_head_comes_back(code in 0..Kind::CODES.len(), stream in prop_oneof![0_u32..20, any::<u32>()]) {
+            let (_, kind) = Kind::CODES[code];
+            let stream = StreamId(stream);
+            let mut to = Writer::new();
+            Head { kind, stream }.encode(&mut to);
+            let bytes = to.into_bytes();
+            prop_assert_eq!(bytes.len() == 1, StreamId::SMALL.contains(&stream.0));
+            let mut from = Reader::new(&bytes);
+            prop_assert_eq!(Head::decode(&mut from), Ok(Head { kind, stream }));
+            prop_assert_eq!(from.finish(), Ok(()));
+        }
+
         #[test]
         fn low_bits_grow_back_near_where_they_were_cut(count in 0_u64..1 << 40, off in -32_000_i64..32_000) {
             let near = count.saturating_add_signed(off);

@@ -1,6 +1,7 @@
 //! The state datagrams: what each kind holds, bit by bit (PROTOCOL 5).
 //!
 //! Codec only: what a datagram means for a stream is decided in `stream`.
+mod age;
 mod cost;
 mod digest;
 mod echo;
@@ -14,12 +15,14 @@ mod parity;
 mod repair;
 mod saying;
 mod state;
+mod steps;
 mod tables;
 mod tally;
 mod walk;
 mod whole;
 mod zigzag;
 
+pub use age::Age;
 pub use digest::{Digest, Doubt, Ranges};
 pub use echo::Echo;
 pub use excess::Excess;

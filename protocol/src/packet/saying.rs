@@ -3,9 +3,11 @@
 //! Numbers are said by the range coder, as likely as the packet so far makes them. Nothing here looks at a track, so
 //! that a packet can be read to its end by who lacks some of them (PROTOCOL 5.6).
 
-use rhumb_reckoning::{Predictor, Residual, Settling, Ticks, VelocityResidual};
+use rhumb_reckoning::{Predictor, Residual, Settling, VelocityResidual};
 
+use super::age::Age;
 use super::model::Model;
+use super::steps::{SETTLED_STEPS, length, settled, settled_step};
 use super::tables::{MODES, contexts};
 use super::walk::{Walk, numbers};
 use super::whole::TrackSaying;
@@ -21,15 +23,15 @@ pub enum Saying {
     Residual {
         /// How the body goes on.
         course: Course,
-        /// Ticks since the origin of the track that this builds on: names its revision.
-        age: Ticks,
+        /// Of the track that this builds on: names its revision.
+        age: Age,
         /// The correction, in the frame that the body goes on in.
         residual: Residual,
     },
     /// Rest, to the engine's own bits; readable only by who has the last track.
     Settled {
-        /// Ticks since the origin of the track that this builds on: names its revision.
-        age: Ticks,
+        /// Of the track that this builds on: names its revision.
+        age: Age,
         /// What the pose differs by from the predicted one.
         settling: Settling,
     },
@@ -64,15 +66,15 @@ pub enum Course {
     World {
         /// The law.
         predictor: Predictor,
-        /// If another body held it so far: ticks since the origin of that body's track.
-        carrier_age: Option<Ticks>,
+        /// If another body held it so far: of that body's track.
+        carrier_age: Option<Age>,
     },
     /// Held by another body.
     Held {
         /// Its index; it is held by none itself.
         carrier: u32,
-        /// Ticks since the origin of that body's track.
-        carrier_age: Ticks,
+        /// Of that body's track.
+        carrier_age: Age,
     },
 }
 
@@ -189,13 +191,16 @@ impl Tongue {
         saying: &Saying,
         to: &mut RangeWriter,
     ) {
-        self.model.write(contexts::gap(self.begun), gap, to);
         let mode = Mode::of(saying);
-        if let Some(body) = body.filter(|_| mode != Mode::Whole) {
+        let seated = body.filter(|_| mode != Mode::Whole);
+        if seated.is_some() {
             self.write_code(SEATING, to);
-            to.raw(body, INDEX_BITS);
         }
         self.write_code(mode.code(), to);
+        self.model.write(contexts::gap(self.begun), gap, to);
+        if let Some(body) = seated {
+            to.raw(body, INDEX_BITS);
+        }
         match saying {
             Saying::Whole(whole) => {
                 to.raw(body.expect("a whole track names its body"), INDEX_BITS);
@@ -234,6 +239,11 @@ impl Tongue {
             }
         }
         self.went_on(mode);
+    }
+
+    /// Says that this was all.
+    pub(crate) fn end(&self, to: &mut RangeWriter) {
+        self.write_code(END, to);
     }
 
     fn write_code(&self, code: usize, to: &mut RangeWriter) {
@@ -277,7 +287,7 @@ impl Tongue {
         }
     }
 
-    /// Reads an update: the gap, the body if it is named, then what is said of it.
+    /// Reads an update: the gap, the body if it is named, then what is said of it; `None` at the end of all.
     ///
     /// # Errors
     ///
@@ -285,13 +295,19 @@ impl Tongue {
     pub(crate) fn read(
         &mut self,
         from: &mut RangeReader<'_>,
-    ) -> Result<(u32, Option<u32>, Saying), Malformed> {
-        let gap = self.model.read(contexts::gap(self.begun), from)?;
+    ) -> Result<Option<(u32, Option<u32>, Saying)>, Malformed> {
         let mut code = self.read_code(from)?;
-        let mut body = None;
-        if code == SEATING {
-            body = Some(from.raw(INDEX_BITS)?);
+        if code == END {
+            return Ok(None);
+        }
+        let seated = code == SEATING;
+        if seated {
             code = self.read_code(from)?;
+        }
+        let gap = self.model.read(contexts::gap(self.begun), from)?;
+        let mut body = None;
+        if seated {
+            body = Some(from.raw(INDEX_BITS)?);
         }
         let mode = *Mode::ALL.get(code).ok_or(Malformed::NotCanonical)?;
         let saying = if mode == Mode::Whole {
@@ -316,7 +332,7 @@ impl Tongue {
             }
         };
         self.went_on(mode);
-        Ok((gap, body, saying))
+        Ok(Some((gap, body, saying)))
     }
 
     fn read_course(&mut self, mode: Mode, from: &mut RangeReader<'_>) -> Result<Course, Malformed> {
@@ -356,12 +372,12 @@ impl Tongue {
         }
     }
 
-    fn read_age(&mut self, context: usize, from: &mut RangeReader<'_>) -> Result<Ticks, Malformed> {
+    fn read_age(&mut self, context: usize, from: &mut RangeReader<'_>) -> Result<Age, Malformed> {
         let age = self.model.read(context, from)?;
         if age >= AGE_MAX {
             return Err(Malformed::OutOfRange);
         }
-        Ok(Ticks::new(age + 1))
+        Ok(Age::new(age + 1))
     }
 
     fn read_settling(&mut self, from: &mut RangeReader<'_>) -> Result<Settling, Malformed> {
@@ -382,18 +398,18 @@ impl Tongue {
         Ok(settling)
     }
 
-    fn read_carrier_age(&mut self, from: &mut RangeReader<'_>) -> Result<Ticks, Malformed> {
+    fn read_carrier_age(&mut self, from: &mut RangeReader<'_>) -> Result<Age, Malformed> {
         let age = self.model.read(contexts::CARRIER_AGE, from)?;
         if age > AGE_MAX {
             return Err(Malformed::OutOfRange);
         }
-        Ok(Ticks::new(age))
+        Ok(Age::new(age))
     }
 
     fn read_residual(
         &mut self,
         kind: usize,
-        age: Ticks,
+        age: Age,
         from: &mut RangeReader<'_>,
     ) -> Result<Residual, Malformed> {
         let mut residual = Residual::default();
@@ -421,6 +437,11 @@ impl Tongue {
     fn went_on(&mut self, mode: Mode) {
         self.begun = true;
         self.last = contexts::after(mode.code());
+    }
+
+    /// What is to be counted of the end of all updates.
+    pub(super) fn note_end(&self, tally: &mut impl Counted) {
+        tally.code(self.last, END);
     }
 
     /// What is to be counted of an update when tables are fitted: the row and the code of its form, and its numbers with
@@ -490,45 +511,14 @@ pub(super) fn each_number(saying: &Saying, mut say: impl FnMut(usize, u32)) {
 pub(super) const INDEX_BITS: u32 = INDICES_MAX.ilog2();
 /// A body that moves or holds others is spoken of at least this often, or said to rest.
 const AGE_MAX: u32 = 1 << 30;
-/// Steps of a settling: three of position, three of the smaller parts of a quaternion, one of its greatest.
-const SETTLED_STEPS: usize = 7;
-/// What lengths the first steps of position and of rotation are measured against, and the last: about those of a
-/// body of half a metre at 5 cm.
-const LENGTHS: [u32; 3] = [14, 19, 1];
-
-/// The steps of a settling in the order in which they are said, each with its context and with the length that its own
-/// is measured against: that of the step before, or a fixed one.
-pub(super) fn settled(settling: &Settling) -> [(usize, i32, u32); SETTLED_STEPS] {
-    let ([x, y, z], [a, b, c]) = (settling.position, settling.others);
-    let [first, turned, last] = LENGTHS;
-    [
-        (contexts::settled(0), x, first),
-        (contexts::settled(1), y, length(x)),
-        (contexts::settled(1), z, length(y)),
-        (contexts::settled(2), a, turned),
-        (contexts::settled(3), b, length(a)),
-        (contexts::settled(3), c, length(b)),
-        (contexts::settled(4), settling.largest, last),
-    ]
-}
-
-/// Bits of a step, its sign aside.
-pub(super) const fn length(step: i32) -> u32 {
-    32 - step.unsigned_abs().leading_zeros()
-}
-
-const fn settled_step(settling: &mut Settling, place: usize) -> &mut i32 {
-    match place {
-        0..3 => &mut settling.position[place],
-        3..6 => &mut settling.others[place - 3],
-        _ => &mut settling.largest,
-    }
-}
-
 /// How many forms there are.
 pub(super) const MODE_COUNT: usize = 14;
 /// The code, behind those of the forms, that says that a body takes a seat; the form follows.
 const SEATING: usize = MODE_COUNT;
+/// The code that says that there are no more updates.
+const END: usize = SEATING + 1;
+/// All codes.
+pub(super) const CODE_COUNT: usize = END + 1;
 
 #[cfg(test)]
 pub(crate) mod tests;

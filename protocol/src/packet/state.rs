@@ -4,6 +4,7 @@ use alloc::vec::Vec;
 
 use super::excess::Excess;
 use super::header::{Head, Kind, Low16, StreamId};
+use super::parity::{COLUMN_BYTES_MAX, COLUMN_HEAD_BYTES};
 use super::saying::{Saying, Tongue};
 use super::whole::TrackSaying;
 use crate::limits::{DATAGRAM_BYTES_MAX, INDICES_MAX, UPDATES_PER_PACKET_MAX};
@@ -36,8 +37,12 @@ pub struct StateWriter {
     notices: Low16,
 }
 
-/// Bytes before the updates: kind, stream, excess, number, tick, notices and count.
-const HEAD_BYTES_MAX: usize = 1 + 5 + 1 + 2 + 2 + 2 + 2;
+/// Bytes before the updates: kind, stream, excess, number, tick and notices.
+const HEAD_BYTES_MAX: usize = 1 + 5 + 1 + 2 + 2 + 2;
+/// Bytes of updates, so that every packet has a column for parities.
+const UPDATES_BYTES_MAX: usize = COLUMN_BYTES_MAX - COLUMN_HEAD_BYTES;
+/// More than the end of the updates takes.
+const END_BYTES_MAX: usize = 2;
 /// More than the widest gap and the naming of a body take.
 const GAP_BYTES_MAX: usize = 12;
 /// More than any update takes: fifteen numbers of at most 88 bits each, a form and two names, and an eighth.
@@ -69,7 +74,7 @@ impl StateWriter {
             .seat
             .checked_sub(self.next_seat)
             .expect("updates come in rising order of seat");
-        let room = (DATAGRAM_BYTES_MAX - HEAD_BYTES_MAX).saturating_sub(self.words.byte_len_most());
+        let room = (UPDATES_BYTES_MAX - END_BYTES_MAX).saturating_sub(self.words.byte_len_most());
         let full = usize::from(self.count) == UPDATES_PER_PACKET_MAX;
         if full || room < UPDATE_BYTES_MAX && self.bytes_most(&update.saying) > room {
             return false;
@@ -111,7 +116,8 @@ impl StateWriter {
         self.finish_as(Kind::StateInArrears, Some(excess))
     }
 
-    fn finish_as(self, kind: Kind, excess: Option<Excess>) -> Vec<u8> {
+    fn finish_as(mut self, kind: Kind, excess: Option<Excess>) -> Vec<u8> {
+        self.tongue.end(&mut self.words);
         let mut head = Writer::new();
         Head {
             kind,
@@ -124,7 +130,6 @@ impl StateWriter {
         self.number.encode(&mut head);
         self.tick.encode(&mut head);
         self.notices.encode(&mut head);
-        head.varint(u64::from(self.count));
         head.raw(&self.words.into_bytes());
         head.into_bytes()
     }
@@ -143,7 +148,6 @@ pub struct StatePacket<'a> {
     pub ends_tick: bool,
     /// By what factor tracks exceed their tolerances, of a packet that says so.
     pub excess: Excess,
-    count: u64,
     words: RangeReader<'a>,
 }
 
@@ -157,14 +161,12 @@ impl<'a> StatePacket<'a> {
         let number = Low16::decode(&mut from)?;
         let tick = Low16::decode(&mut from)?;
         let notices = Low16::decode(&mut from)?;
-        let count = from.varint_to(UPDATES_PER_PACKET_MAX as u64)?;
         Ok(Self {
             number,
             tick,
             notices,
             ends_tick,
             excess: Excess::NONE,
-            count,
             words: RangeReader::new(from.rest()),
         })
     }
@@ -189,8 +191,10 @@ impl<'a> StatePacket<'a> {
         out.clear();
         let mut tongue = Tongue::default();
         let mut next_seat = 0_u32;
-        for _ in 0..self.count {
-            let (gap, body, saying) = tongue.read(&mut self.words)?;
+        while let Some((gap, body, saying)) = tongue.read(&mut self.words)? {
+            if out.len() == UPDATES_PER_PACKET_MAX {
+                return Err(Malformed::TooLong);
+            }
             let seat = next_seat.checked_add(gap).ok_or(Malformed::OutOfRange)?;
             if seat >= INDICES_MAX {
                 return Err(Malformed::OutOfRange);
@@ -264,8 +268,9 @@ impl Vouch {
     }
 }
 
-// A packet has room for the longest update.
-const _: () = assert!(DATAGRAM_BYTES_MAX - HEAD_BYTES_MAX > TrackSaying::BITS_MAX / 8 + 32);
+// A packet has room for the longest update, and a datagram for the packet.
+const _: () = assert!(UPDATES_BYTES_MAX > TrackSaying::BITS_MAX / 8 + 32 + END_BYTES_MAX);
+const _: () = assert!(HEAD_BYTES_MAX + UPDATES_BYTES_MAX <= DATAGRAM_BYTES_MAX);
 
 #[cfg(test)]
 mod tests {
@@ -320,7 +325,7 @@ mod tests {
         #[test]
         fn a_truncation_is_refused_or_says_something_else_in_its_one_form(updates in updates()) {
             let bytes = datagram(&updates);
-            for cut in 2..bytes.len() {
+            for cut in 1..bytes.len() {
                 if let Ok(other) = decode(&bytes[..cut]) {
                     prop_assert_ne!(&other, &updates);
                     prop_assert_eq!(datagram(&other), &bytes[..cut]);
@@ -366,11 +371,16 @@ mod tests {
                 }
             };
             assert_eq!(read(&bytes), Ok(excess));
-            for cut in 2..bytes.len() {
+            let head = if kind == Kind::StateInArrears {
+                8
+            } else {
+                bytes.len()
+            };
+            for cut in 1..head {
                 assert_eq!(read(&bytes[..cut]), Err(Malformed::Truncated));
             }
             let mut within = bytes;
-            within[2] = 0;
+            within[1] = 0;
             assert_eq!(read(&within), Err(Malformed::NotCanonical));
         }
     }

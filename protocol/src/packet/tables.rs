@@ -2,7 +2,7 @@
 //!
 //! Normative (PROTOCOL 5.4). Fitted to recorded motion, of a foreign engine's too; see ARCHITECTURE.md, "tables".
 
-use super::saying::MODE_COUNT;
+use super::saying::CODE_COUNT;
 
 /// Symbols of a number's alphabet, the escape included.
 pub(super) const SYMBOLS: usize = 18;
@@ -280,13 +280,13 @@ pub(super) const SHAPES: [[u16; SYMBOLS + 1]; GROUPS * CLASSES] = [
     [0, 1502, 1912, 2124, 2280, 2447, 2566, 2684, 2777, 2824, 2912, 2958, 3001, 3065, 3117, 3178, 3227, 3274, 4096],
 ];
 
-/// By the form of the update before, where the parts of each form begin, and of the taking of a seat.
+/// By the form of the update before, where the parts of each form begin, of the taking of a seat, and of the end.
 #[rustfmt::skip]
-pub(super) const MODES: [[u16; MODE_COUNT + 2]; 4] = [
-    [0, 2676, 3738, 3777, 3807, 3841, 3866, 3884, 3886, 3890, 3892, 3894, 3908, 3910, 3927, 4096],
-    [0, 3265, 3686, 3754, 3806, 3867, 3896, 3930, 3931, 3933, 3934, 3935, 3983, 3984, 4000, 4096],
-    [0, 1963, 3390, 3458, 3478, 3557, 3570, 3629, 3631, 3636, 3637, 3638, 3643, 3644, 3651, 4096],
-    [0, 2268, 2682, 2968, 3052, 3215, 3258, 3348, 3350, 3358, 3359, 3360, 3400, 3401, 3666, 4096],
+pub(super) const MODES: [[u16; CODE_COUNT + 1]; 4] = [
+    [0, 2674, 3735, 3774, 3804, 3838, 3863, 3881, 3883, 3887, 3889, 3891, 3905, 3907, 3924, 4093, 4096],
+    [0, 3001, 3388, 3451, 3499, 3555, 3582, 3613, 3614, 3616, 3617, 3618, 3662, 3663, 3678, 3766, 4096],
+    [0, 1804, 3116, 3179, 3197, 3270, 3282, 3336, 3338, 3343, 3344, 3345, 3350, 3351, 3357, 3766, 4096],
+    [0, 2084, 2465, 2728, 2805, 2955, 2995, 3078, 3080, 3087, 3088, 3089, 3126, 3127, 3371, 3766, 4096],
 ];
 
 /// The tables as the specification prints them.
@@ -298,7 +298,7 @@ pub struct Tables {
     /// For each group of contexts and class of expectation, where the parts of each symbol begin, and their end.
     pub shapes: &'static [[u16; SYMBOLS + 1]],
     /// For each form of the update before, where the parts of each code begin, and their end.
-    pub modes: &'static [[u16; MODE_COUNT + 2]],
+    pub modes: &'static [[u16; CODE_COUNT + 1]],
 }
 
 impl Tables {

@@ -5,14 +5,14 @@
 
 use alloc::vec::Vec;
 
-use super::saying::{Counted, MODE_COUNT, Tongue};
+use super::saying::{CODE_COUNT, Counted, Tongue};
 use super::state::Update;
 use super::tables::{CLASSES, CONTEXTS, GROUPS, SYMBOLS, contexts};
 
 /// What was said in one packet.
 #[derive(Clone, Debug, Default)]
 pub struct Tally {
-    /// Row and code of each form, and of each taking of a seat.
+    /// Row and code of each form, of each taking of a seat, and of the end.
     pub codes: Vec<[usize; 2]>,
     /// Context and value of each number, in order.
     pub numbers: Vec<(usize, u32)>,
@@ -20,7 +20,7 @@ pub struct Tally {
 
 impl Tally {
     /// Rows of forms, and codes in each.
-    pub const CODES: [usize; 2] = [4, MODE_COUNT + 1];
+    pub const CODES: [usize; 2] = [4, CODE_COUNT];
     /// How many contexts there are, groups of them, classes in each group, and symbols of an alphabet.
     pub const NUMBERS: [usize; 4] = [CONTEXTS, GROUPS, CLASSES, SYMBOLS];
 
@@ -33,6 +33,7 @@ impl Tally {
             tongue.note(gap, named, &update.saying, &mut tally);
             next = update.seat + 1;
         }
+        tongue.note_end(&mut tally);
         tally
     }
 

@@ -2,17 +2,13 @@
 //!
 //! One walk for who writes, who reads and who counts the cost.
 
-use rhumb_reckoning::{Residual, Ticks, VelocityResidual};
+use rhumb_reckoning::{Residual, VelocityResidual};
 
+use super::age::Age;
 use super::tables::contexts;
 
 /// Walks over the numbers of a residual in the order in which they are said, with the context of each.
-pub(super) fn numbers(
-    kind: usize,
-    age: Ticks,
-    residual: &Residual,
-    mut say: impl FnMut(usize, i32),
-) {
+pub(super) fn numbers(kind: usize, age: Age, residual: &Residual, mut say: impl FnMut(usize, i32)) {
     let mut residual = *residual;
     let mut walk = Walk::new(kind, age);
     while let Some(context) = walk.context() {
@@ -25,7 +21,7 @@ pub(super) fn numbers(
 /// The same over its numbers of position and of turn alone.
 pub(super) fn numbers_of_place(
     kind: usize,
-    age: Ticks,
+    age: Age,
     residual: &Residual,
     mut say: impl FnMut(usize, u32),
 ) {
@@ -43,7 +39,7 @@ pub(super) fn numbers_of_place(
 /// The same over the numbers of its velocities alone.
 pub(super) fn numbers_of_velocity(
     kind: usize,
-    age: Ticks,
+    age: Age,
     velocity: &VelocityResidual,
     mut say: impl FnMut(usize, u32),
 ) {
@@ -73,7 +69,7 @@ pub(super) struct Walk {
 }
 
 impl Walk {
-    pub(super) const fn new(kind: usize, age: Ticks) -> Self {
+    pub(super) const fn new(kind: usize, age: Age) -> Self {
         Self {
             kind,
             age: contexts::age_class(age.count()),

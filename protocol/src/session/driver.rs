@@ -90,6 +90,7 @@ impl Driver {
         let terms = StreamTerms {
             tolerance,
             integrator,
+            every: scene::Cadence::EACH_TICK.every,
             gravity: Vec3::ZERO,
             features: FEATURES,
         };

@@ -14,7 +14,7 @@ use rhumb_reckoning::{
 
 use super::features::Features;
 use super::tracks::{Slot, Tracks};
-use crate::packet::{Course, Saying, Tongue};
+use crate::packet::{Age, Course, Saying, Tongue};
 use trial::{Best, Trial};
 
 /// What is known of a body that is to be spoken of.
@@ -144,9 +144,11 @@ struct Way<'a> {
 impl Chooser<'_> {
     /// The best saying among those that keep the promise, or `None` when no correction does.
     pub(crate) fn choose(&self, subject: &Subject<'_>) -> Option<Choice> {
-        let age = subject.tick.since(subject.slot.track.origin)?;
-        let aged = age > HORIZON && subject.slot.track.predictor != Predictor::Rest;
-        if age == Ticks::ZERO || aged || !self.features.residuals {
+        let track = &subject.slot.track;
+        let ticks = subject.tick.since(track.origin)?;
+        let aged = ticks > HORIZON && track.predictor != Predictor::Rest;
+        let age = self.tracks.age(track, subject.tick)?;
+        if age == Age::new(0) || aged || !self.features.residuals {
             return None;
         }
         let grid = self.tracks.grid(subject.slot);
@@ -155,6 +157,7 @@ impl Chooser<'_> {
             subject,
             grid: &grid,
             age,
+            over: track.predictor.astray(ticks, self.tracks.integrator().rate),
             allowance: self.allowance(subject),
         };
         let ways = self.ways(subject);
@@ -193,7 +196,7 @@ impl Chooser<'_> {
             self.features.ballistic && self.tracks.gravity(slot, subject.tick) != DVec3::ZERO;
         let now = &slot.track;
         let carrier = self.tracks.carrier(now);
-        let carrier_age = carrier.and_then(|(_, slot)| subject.tick.since(slot.track.origin));
+        let carrier_age = carrier.and_then(|(_, slot)| self.tracks.age(&slot.track, subject.tick));
         // A body whose carrier is gone can only be said anew.
         if now.carrier.is_some() && carrier.is_none() {
             return [None; WAYS];
@@ -249,7 +252,7 @@ impl Chooser<'_> {
         {
             Course::Held {
                 carrier: holder.index,
-                carrier_age: subject.tick.since(holder.slot.track.origin)?,
+                carrier_age: self.tracks.age(&holder.slot.track, subject.tick)?,
             }
         } else {
             return None;

@@ -12,6 +12,7 @@ mod surveying;
 use alloc::boxed::Box;
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
+use core::num::NonZeroU32;
 
 use bytes::Bytes;
 use glam::Vec3;
@@ -28,7 +29,7 @@ use super::parities::Parities;
 use super::seats::Usher;
 use super::tracks::{Manner, Slot, Tracks};
 use super::witness::{HINDSIGHT_MAX, Witness};
-use crate::packet::{Excess, Low16, Saying, StreamId, Tongue, TrackSaying, Update, Vouch};
+use crate::packet::{Age, Excess, Low16, Saying, StreamId, Tongue, TrackSaying, Update, Vouch};
 use spending::Spending;
 use surveying::Survey;
 
@@ -54,6 +55,8 @@ pub struct StreamTerms {
     pub tolerance: Tolerance,
     /// How the scene steps.
     pub integrator: Integrator,
+    /// The multiples of this number are the ticks that it is said of.
+    pub every: NonZeroU32,
     /// What pulls now, m/s².
     pub gravity: Vec3,
     /// What its publisher may use.
@@ -102,7 +105,12 @@ impl Publisher {
     pub fn new(stream: StreamId, terms: &StreamTerms, tick: Tick) -> Self {
         Self {
             stream,
-            tracks: Tracks::new(terms.tolerance, terms.integrator, terms.gravity),
+            tracks: Tracks::new(
+                terms.tolerance,
+                terms.integrator,
+                terms.every,
+                terms.gravity,
+            ),
             features: terms.features,
             history: History::default(),
             parities: Parities::default(),
@@ -305,12 +313,13 @@ impl Publisher {
 
     /// What says that a body rests where the engine has it, to the bit.
     fn settle(&self, tick: Tick, slot: &Slot, observation: &Observation) -> Saying {
-        let age = tick
-            .since(slot.track.origin)
-            .filter(|age| *age > Ticks::ZERO);
+        let since = tick.since(slot.track.origin);
+        let fresh = since.is_some_and(|since| since <= HORIZON);
+        let age = self.tracks.age(&slot.track, tick);
+        let age = age.filter(|age| *age > Age::new(0));
         let free = slot.track.carrier.is_none() && self.features.residuals;
         let still = slot.track.predictor == Predictor::Rest;
-        let settling = age.filter(|age| free && (still || *age <= HORIZON));
+        let settling = age.filter(|_| free && (still || fresh));
         let settling = settling.and_then(|age| {
             let predicted = self.tracks.believed(slot, tick);
             let settling = Settling::of(&observation.motion, &predicted.pose())?;

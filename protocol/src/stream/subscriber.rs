@@ -81,7 +81,12 @@ impl Subscriber {
     pub fn new(start: &StreamStart) -> Self {
         Self {
             stream: start.stream,
-            tracks: Tracks::new(start.tolerance, start.integrator, start.gravity),
+            tracks: Tracks::new(
+                start.tolerance,
+                start.integrator,
+                start.every,
+                start.gravity,
+            ),
             start: start.tick,
             every: start.every,
             first: start.next,

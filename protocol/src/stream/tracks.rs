@@ -7,6 +7,7 @@ mod hearing;
 use alloc::vec::Vec;
 use core::cell::Cell;
 use core::fmt;
+use core::num::NonZeroU32;
 
 use glam::{DVec3, Vec3};
 use rhumb_reckoning::{
@@ -19,6 +20,7 @@ use super::agreement::Agreement;
 use super::field::Field;
 use super::natures::{Nature, Natures};
 use crate::limits::{DAMPINGS_MAX, INDICES_MAX};
+use crate::packet::Age;
 use crate::scene::{BodyKind, BodyTerms, Shape};
 
 pub(crate) use hearing::{Former, Unreadable};
@@ -119,6 +121,8 @@ impl Slot {
 pub(crate) struct Tracks {
     tolerance: Tolerance,
     integrator: Integrator,
+    /// It is said of the multiples of this number.
+    every: NonZeroU32,
     field: Field,
     flows: Vec<(Damping, FlowTable)>,
     natures: Natures,
@@ -127,10 +131,16 @@ pub(crate) struct Tracks {
 }
 
 impl Tracks {
-    pub(crate) fn new(tolerance: Tolerance, integrator: Integrator, gravity: Vec3) -> Self {
+    pub(crate) fn new(
+        tolerance: Tolerance,
+        integrator: Integrator,
+        every: NonZeroU32,
+        gravity: Vec3,
+    ) -> Self {
         Self {
             tolerance,
             integrator,
+            every,
             field: Field::new(gravity),
             flows: Vec::new(),
             natures: Natures::default(),
@@ -145,6 +155,11 @@ impl Tracks {
 
     pub(crate) const fn integrator(&self) -> Integrator {
         self.integrator
+    }
+
+    /// How old a track is at a tick; `None` if its origin is later.
+    pub(crate) fn age(&self, track: &Track, tick: Tick) -> Option<Age> {
+        Age::of(track.origin, tick, self.every)
     }
 
     /// Puts a body into the table; one that had its index is gone.

@@ -2,7 +2,6 @@
 
 use rhumb_protocol::Peer;
 use rhumb_protocol::message::{Drive, DriveError, Driving, ServerMessage};
-use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::{BodyKind, Command, CommandError, Pace};
 use rhumb_protocol::session::Driven;
 use rhumb_reckoning::BodyId;
@@ -15,8 +14,8 @@ use crate::placing;
 
 impl Room {
     /// A member wants to drive bodies in place of those that it drove before.
-    pub(crate) fn drive(&mut self, peer: Peer, stream: StreamId, drive: Drive, out: &mut Outbox) {
-        self.wish(peer, Wish::Drive { stream, drive }, out);
+    pub(crate) fn drive(&mut self, peer: Peer, drive: Drive, out: &mut Outbox) {
+        self.wish(peer, Wish::Drive(drive), out);
     }
 
     /// A member says on the control stream how its bodies move: before the steps that it asks for behind it.
@@ -41,16 +40,10 @@ impl Room {
         }
     }
 
-    pub(super) fn grant_drive(
-        &mut self,
-        peer: Peer,
-        stream: StreamId,
-        drive: &Drive,
-        out: &mut Outbox,
-    ) {
+    pub(super) fn grant_drive(&mut self, peer: Peer, drive: &Drive, out: &mut Outbox) {
         // Who is told where a body begins must have heard that there is one.
         self.tell_notices(out);
-        let answer = match self.begin_drive(peer, stream, drive) {
+        let answer = match self.begin_drive(peer, drive) {
             Ok(driving) => ServerMessage::Driving(driving),
             Err(error) => {
                 tracing::debug!(peer = peer.0, %error, "may not drive");
@@ -60,12 +53,7 @@ impl Room {
         out.say(peer, &answer);
     }
 
-    fn begin_drive(
-        &mut self,
-        peer: Peer,
-        stream: StreamId,
-        drive: &Drive,
-    ) -> Result<Driving, DriveError> {
+    fn begin_drive(&mut self, peer: Peer, drive: &Drive) -> Result<Driving, DriveError> {
         if self.faulted {
             return Err(DriveError::SceneFaulted);
         }
@@ -76,6 +64,7 @@ impl Room {
             let motion = now.ok_or(DriveError::UnknownBody(*id))?.motion;
             bodies.push((*id, motion));
         }
+        let stream = self.new_stream();
         let driving = Driving {
             stream,
             tick: self.scene.tick(),

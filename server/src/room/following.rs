@@ -20,9 +20,9 @@ impl Room {
     }
 
     /// A member wants another stream; of what it wants at once the last counts.
-    pub(crate) fn follow(&mut self, peer: Peer, choice: StreamChoice, new_stream: StreamId) {
+    pub(crate) fn follow(&mut self, peer: Peer, choice: StreamChoice) {
         if let Some(member) = self.members.get_mut(&peer) {
-            member.wants = Some(Want::Other { choice, new_stream });
+            member.wants = Some(Want::Other(choice));
         }
     }
 
@@ -52,7 +52,6 @@ impl Room {
         now: Instant,
         peer: Peer,
         report: &LinkReport,
-        new_stream: StreamId,
         out: &mut Outbox,
     ) {
         if self.faulted || self.terms().pace == Pace::Lockstep {
@@ -74,7 +73,7 @@ impl Room {
             Verdict::Finer(to) => (to, MoveCause::Eased),
         };
         self.tell_notices(out);
-        if let Err(denial) = self.change_stream(peer, to, new_stream) {
+        if let Err(denial) = self.change_stream(peer, to) {
             // Tried again with the next report.
             tracing::debug!(peer = peer.0, ?denial, "a member is not moved");
             return;
@@ -104,13 +103,13 @@ impl Room {
 
     /// Gives a member the snapshot that it wants.
     pub(super) fn grant_want(&mut self, peer: Peer, want: Want) -> Result<(), Denial> {
-        let Want::Other { choice, new_stream } = want else {
+        let Want::Other(choice) = want else {
             return Ok(());
         };
         if self.faulted {
             return Err(Denial::SceneFaulted);
         }
-        self.change_stream(peer, choice, new_stream)?;
+        self.change_stream(peer, choice)?;
         if let Some(member) = self.members.get_mut(&peer) {
             member.link.choose(choice);
         }
@@ -118,12 +117,7 @@ impl Room {
     }
 
     /// Has a member follow another stream, begun if nobody follows it yet.
-    fn change_stream(
-        &mut self,
-        peer: Peer,
-        choice: StreamChoice,
-        new_stream: StreamId,
-    ) -> Result<(), Denial> {
+    fn change_stream(&mut self, peer: Peer, choice: StreamChoice) -> Result<(), Denial> {
         let Some(member) = self.members.get(&peer) else {
             return Ok(());
         };
@@ -137,7 +131,7 @@ impl Room {
             Some(leaving) => leaving,
             None => match self.streams.follow(choice)? {
                 Some(stream) => stream,
-                None => self.begin_stream(choice, new_stream),
+                None => self.begin_stream(choice),
             },
         };
         let member = self.members.get_mut(&peer);

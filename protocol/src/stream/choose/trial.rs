@@ -5,12 +5,12 @@
 
 use glam::DVec3;
 use rhumb_reckoning::{
-    Anchor, Grid, Motion, Predictor, RESIDUAL_LIMIT, Residual, Snapped, Ticks, Track,
+    Anchor, Grid, Motion, Predictor, RESIDUAL_LIMIT, Residual, Seconds, Snapped, Track,
     VelocityResidual, carried,
 };
 
 use super::{Allowance, Choice, Chooser, Holder, NEAREST, OVERHEAD, Subject, Way, apart, share};
-use crate::packet::{Course, Saying};
+use crate::packet::{Age, Course, Saying};
 
 /// Steps by which corrections are made sparser: a part of the last step below this share is left out.
 const SPARSE: f64 = 0.7;
@@ -28,7 +28,9 @@ pub(super) struct Trial<'t> {
     pub(super) subject: &'t Subject<'t>,
     pub(super) grid: &'t Grid,
     /// Of the track that is corrected.
-    pub(super) age: Ticks,
+    pub(super) age: Age,
+    /// In what time its prediction went astray.
+    pub(super) over: Seconds,
     pub(super) allowance: Allowance,
 }
 
@@ -114,9 +116,7 @@ impl Trial<'_> {
         rounding: [f64; 2],
     ) -> Option<Place> {
         let (grid, chooser) = (self.grid, self.chooser);
-        let rate = chooser.tracks.integrator().rate;
-        let over = self.subject.slot.track.predictor.astray(self.age, rate);
-        let implied = residual.onto_snapped(&footing.predicted, &footing.snapped, over, grid);
+        let implied = residual.onto_snapped(&footing.predicted, &footing.snapped, self.over, grid);
         let still = implied.stilled().motion(grid);
         let most = if rounding == NEAREST {
             1.0

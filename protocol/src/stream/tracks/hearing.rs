@@ -1,12 +1,12 @@
 //! What a saying makes of a track: at both ends the same.
 
 use rhumb_reckoning::{
-    Anchor, BodyId, Grid, Motion, Predictor, Residual, Seconds, Settling, Snapped, Tick, Ticks,
+    Anchor, BodyId, Grid, HORIZON, Motion, Predictor, Residual, Seconds, Settling, Snapped, Tick,
     Track, carried, seen_from,
 };
 
 use super::{Slot, Tracks};
-use crate::packet::{Course, Saying};
+use crate::packet::{Age, Course, Saying};
 
 /// Why a saying could not be taken in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,15 +27,16 @@ impl Tracks {
         &self,
         index: u32,
         course: &Course,
-        age: Ticks,
+        age: Age,
         tick: Tick,
         former: Former<'_>,
     ) -> Result<Footing, Unreadable> {
         let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
         let track = &slot.track;
-        if !is_of_age(track, age, tick) {
+        if !self.is_of_age(track, age, tick) {
             return Err(Unreadable::OtherRevision);
         }
+        let over = tick.since(track.origin).unwrap_or(HORIZON);
         let free = track.carrier.is_none();
         let (predictor, carrier, (predicted, snapped)) = match *course {
             Course::Same => (track.predictor, track.carrier, self.predicted(slot, tick)),
@@ -46,7 +47,7 @@ impl Tracks {
                 let believed = match (self.carrier(track), carrier_age) {
                     (None, None) if free => self.predicted(slot, tick),
                     (Some((index, holder)), Some(age)) => {
-                        let revision = former.of_age(index, holder, age, tick);
+                        let revision = self.of_age(former, (index, holder), age, tick);
                         let revision = revision.ok_or(Unreadable::OtherRevision)?;
                         let motion = self.framed(slot, track, tick);
                         let held = carried(&self.framed(holder, revision, tick), &motion.pose());
@@ -61,7 +62,7 @@ impl Tracks {
                 carrier_age,
             } => {
                 let holder = self.slot(carrier).ok_or(Unreadable::NoBody)?;
-                let revision = former.of_age(carrier, holder, carrier_age, tick);
+                let revision = self.of_age(former, (carrier, holder), carrier_age, tick);
                 let revision = revision.ok_or(Unreadable::OtherRevision)?;
                 let free = revision.carrier.is_none() && track.carrier.is_none();
                 if carrier == index || !free {
@@ -78,13 +79,33 @@ impl Tracks {
             carrier,
             predicted,
             snapped,
-            over: track.predictor.astray(age, self.integrator.rate),
+            over: track.predictor.astray(over, self.integrator.rate),
         })
     }
 
     /// What a body's own track says of a tick, and the grid point nearest to it.
     fn predicted(&self, slot: &Slot, tick: Tick) -> (Motion, Snapped) {
         self.snapped(slot, self.framed(slot, &slot.track, tick))
+    }
+
+    /// Whether a track has this age, as a saying names it.
+    fn is_of_age(&self, track: &Track, age: Age, tick: Tick) -> bool {
+        self.age(track, tick) == Some(age)
+    }
+
+    /// The revision of a body's track that has an age, if that is known.
+    fn of_age<'t>(
+        &self,
+        former: Former<'t>,
+        (index, slot): (u32, &'t Slot),
+        age: Age,
+        tick: Tick,
+    ) -> Option<&'t Track> {
+        let before = former.before.get(index as usize).and_then(Option::as_ref);
+        let older = former.older.iter().filter(|(of, _)| *of == index);
+        let all = core::iter::once(&slot.track).chain(before);
+        let mut all = all.chain(older.map(|(_, track)| track));
+        all.find(|track| self.is_of_age(track, age, tick))
     }
 
     /// A motion of a body, and the grid point nearest to it.
@@ -119,12 +140,12 @@ impl Tracks {
         &self,
         index: u32,
         tick: Tick,
-        age: Ticks,
+        age: Age,
         settling: &Settling,
     ) -> Result<Track, Unreadable> {
         let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
         let free = slot.track.carrier.is_none();
-        if !free || !is_of_age(&slot.track, age, tick) {
+        if !free || !self.is_of_age(&slot.track, age, tick) {
             return Err(Unreadable::OtherRevision);
         }
         let predicted = self.framed(slot, &slot.track, tick);
@@ -152,11 +173,6 @@ impl Tracks {
     }
 }
 
-/// Whether a track has this age, as a saying names it.
-fn is_of_age(track: &Track, age: Ticks, tick: Tick) -> bool {
-    tick.since(track.origin) == Some(age)
-}
-
 /// Tracks that bodies have left: what is heard late may name a carrier's.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Former<'a> {
@@ -164,20 +180,6 @@ pub(crate) struct Former<'a> {
     pub(crate) before: &'a [Option<Track>],
     /// Those before these, with the indices of their bodies.
     pub(crate) older: &'a [(u32, Track)],
-}
-
-impl<'a> Former<'a> {
-    /// The revision of a body's track that has an age, if that is known.
-    fn of_age<'t>(self, index: u32, slot: &'t Slot, age: Ticks, tick: Tick) -> Option<&'t Track>
-    where
-        'a: 't,
-    {
-        let before = self.before.get(index as usize).and_then(Option::as_ref);
-        let older = self.older.iter().filter(|(of, _)| *of == index);
-        let all = core::iter::once(&slot.track).chain(before);
-        let mut all = all.chain(older.map(|(_, track)| track));
-        all.find(|track| is_of_age(track, age, tick))
-    }
 }
 
 /// What a correction is added to.
