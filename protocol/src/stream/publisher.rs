@@ -4,6 +4,7 @@
 //! is within the tolerance of its track, grid error included.
 
 mod holding;
+mod islands;
 mod packing;
 mod repairing;
 mod spending;

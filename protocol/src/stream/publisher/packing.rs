@@ -8,10 +8,15 @@ use rhumb_reckoning::Tick;
 use super::Publisher;
 use crate::packet::{Excess, StateWriter, Update};
 
+/// Bytes at which a packet is taken to be full where one more island would come; what updates take is not known to the
+/// byte before they are said.
+const FILLED: u64 = 1_040;
+
 impl Publisher {
     /// Cuts the updates of one tick into datagrams.
     ///
-    /// What builds on another body's track comes after that body, in the same packet or a later one.
+    /// Bodies that touch stay in one packet where they fit one, so that they are all moved or none. What builds on another
+    /// body's track comes after that body, in the same packet or a later one.
     pub(super) fn pack(
         &mut self,
         tick: Tick,
@@ -20,30 +25,65 @@ impl Publisher {
         out: &mut Vec<Bytes>,
     ) {
         updates.sort_unstable_by_key(|update| update.seat);
-        let mut halved = false;
         if let Some((datagram, fitting)) = self.write(tick, updates, notices, true)
             && fitting == updates.len()
         {
-            halved = updates.len() > 1 && self.parities.halves(datagram.len());
-            if !halved {
+            if updates.len() > 1 && self.parities.halves(datagram.len()) {
+                self.pack_halves(tick, updates, notices, out);
+            } else {
                 self.send(datagram, updates, out);
-                return;
             }
+            return;
         }
-        updates.sort_unstable_by_key(|update| (update.saying.names_carrier(), update.seat));
+        let islands = self.sort_by_island(tick, updates);
+        let (mut rest, mut islands) = (updates, islands.as_slice());
+        while !islands.is_empty() {
+            let (count, fitting) = self.fitting(rest, islands);
+            let (now, later) = rest.split_at_mut(fitting);
+            islands = &islands[count..];
+            self.pack_islands(tick, now, notices, islands.is_empty(), out);
+            rest = later;
+        }
+    }
+
+    /// How many islands fit a packet, one at least, and how many updates those have.
+    fn fitting(&self, updates: &[Update], islands: &[usize]) -> (usize, usize) {
+        let (mut count, mut fitting, mut bits) = (0, 0, 0);
+        for size in islands {
+            let island = &updates[fitting..fitting + size];
+            bits += island
+                .iter()
+                .map(|update| self.bits_of(update))
+                .sum::<u64>();
+            if count > 0 && bits > FILLED * 8 * 256 {
+                break;
+            }
+            count += 1;
+            fitting += size;
+        }
+        (count, fitting)
+    }
+
+    /// Says some islands in one packet, or in as many as it takes.
+    fn pack_islands(
+        &mut self,
+        tick: Tick,
+        updates: &mut [Update],
+        notices: u64,
+        last: bool,
+        out: &mut Vec<Bytes>,
+    ) {
+        updates.sort_unstable_by_key(|update| update.seat);
+        if let Some((datagram, fitting)) = self.write(tick, updates, notices, last)
+            && fitting == updates.len()
+        {
+            self.send(datagram, updates, out);
+            return;
+        }
+        updates.sort_by_key(|update| (update.saying.names_carrier(), update.seat));
         let alone = updates.partition_point(|update| !update.saying.names_carrier());
-        let cut = if halved {
-            self.middle(updates).min(alone)
-        } else {
-            alone
-        };
-        let (first, second) = updates.split_at_mut(cut);
-        if halved {
-            second.sort_unstable_by_key(|update| update.seat);
-            self.parities.halve();
-        }
-        let (first, second) = (&*first, &*second);
-        for (group, last) in [(first, second.is_empty()), (second, true)] {
+        let (first, second) = updates.split_at(alone);
+        for (group, last) in [(first, last && second.is_empty()), (second, last)] {
             let mut rest: &[Update] = group;
             while let Some((datagram, fitting)) = self.write(tick, rest, notices, last) {
                 let (said, later) = rest.split_at(fitting);
@@ -51,6 +91,44 @@ impl Publisher {
                 rest = later;
             }
         }
+    }
+
+    /// Says in two packets what would fit one.
+    fn pack_halves(
+        &mut self,
+        tick: Tick,
+        updates: &mut [Update],
+        notices: u64,
+        out: &mut Vec<Bytes>,
+    ) {
+        self.parities.halve();
+        let cut = self.middle_of_islands(tick, updates).unwrap_or_else(|| {
+            updates.sort_unstable_by_key(|update| (update.saying.names_carrier(), update.seat));
+            let alone = updates.partition_point(|update| !update.saying.names_carrier());
+            self.middle(updates).min(alone)
+        });
+        let (first, second) = updates.split_at_mut(cut);
+        self.pack_islands(tick, first, notices, second.is_empty(), out);
+        self.pack_islands(tick, second, notices, true, out);
+    }
+
+    /// How many of the first updates are the islands that take about half of the bits of all, if any do.
+    fn middle_of_islands(&self, tick: Tick, updates: &mut [Update]) -> Option<usize> {
+        let islands = self.sort_by_island(tick, updates);
+        let bits =
+            |updates: &[Update]| -> u64 { updates.iter().map(|update| self.bits_of(update)).sum() };
+        let half = bits(updates) / 2;
+        let (mut cut, mut so_far) = (0, 0);
+        let mut best = None;
+        for size in islands {
+            so_far += bits(&updates[cut..cut + size]);
+            cut += size;
+            let off = so_far.abs_diff(half);
+            if off <= half / 2 && best.is_none_or(|(least, _)| off < least) {
+                best = Some((off, cut));
+            }
+        }
+        best.map(|(_, cut)| cut)
     }
 
     /// How many of the first updates take half of the bits of all.

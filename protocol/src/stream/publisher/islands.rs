@@ -1,0 +1,152 @@
+//! Which of the bodies that are spoken of at a tick touch, so that their updates arrive together or not at all.
+//!
+//! The publisher's own affair, and asked for only where a tick takes several packets. Bodies touch here when the balls
+//! around them do: contacts and joints of any engine lie within that. Bodies that touch only by way of one that nothing
+//! is said of are not joined.
+
+use alloc::vec::Vec;
+
+use rhumb_reckoning::Tick;
+
+use super::Publisher;
+use crate::packet::Update;
+
+/// Beyond so many updates nobody is kept together: a tick that says so much of all bodies is a pit's, whose bodies all
+/// touch.
+const TOGETHER_MOST: usize = 2_000;
+/// Balls touch when they would if they were so much larger.
+const REACH: f64 = 1.1;
+
+/// A body that is spoken of, by its place among the updates.
+#[derive(Clone, Copy, Debug)]
+struct Ball {
+    place: usize,
+    centre: [f64; 3],
+    radius: f64,
+}
+
+/// Which places are of one island, as far as is known: each points at a lower one of its own, or at itself.
+#[derive(Debug)]
+struct Union(Vec<usize>);
+
+impl Union {
+    fn root(&mut self, mut place: usize) -> usize {
+        while self.0[place] != place {
+            self.0[place] = self.0[self.0[place]];
+            place = self.0[place];
+        }
+        place
+    }
+
+    fn join(&mut self, one: usize, other: usize) {
+        let (one, other) = (self.root(one), self.root(other));
+        self.0[one.max(other)] = one.min(other);
+    }
+}
+
+/// Joins balls that touch.
+fn join_touching(mut balls: Vec<Ball>, union: &mut Union) {
+    let least = |ball: &Ball| ball.centre[0] - ball.radius;
+    balls.sort_by(|a, b| least(a).total_cmp(&least(b)));
+    for (at, one) in balls.iter().enumerate() {
+        let end = one.centre[0] + one.radius;
+        for other in balls[at + 1..]
+            .iter()
+            .take_while(|other| least(other) <= end)
+        {
+            let far2: f64 = (0..3)
+                .map(|i| (one.centre[i] - other.centre[i]) * (one.centre[i] - other.centre[i]))
+                .sum();
+            let reach = one.radius + other.radius;
+            if far2 <= reach * reach {
+                union.join(one.place, other.place);
+            }
+        }
+    }
+}
+
+impl Publisher {
+    /// Sorts the updates of a tick by islands, the seats of each rising but for what names a carrier, which comes last in
+    /// its island; returns how many updates each has.
+    pub(super) fn sort_by_island(&self, tick: Tick, updates: &mut [Update]) -> Vec<usize> {
+        updates.sort_unstable_by_key(|update| update.seat);
+        let seats = self.usher.seats();
+        let index = |update: &Update| update.body.or_else(|| seats.body(update.seat));
+        let mut union = Union((0..updates.len()).collect());
+        if updates.len() <= TOGETHER_MOST {
+            let mut balls = Vec::with_capacity(updates.len());
+            for (place, update) in updates.iter().enumerate() {
+                let Some(slot) = index(update).and_then(|index| self.tracks.slot(index)) else {
+                    continue;
+                };
+                balls.push(Ball {
+                    place,
+                    centre: self.tracks.believed(slot, tick).pose().position.to_array(),
+                    radius: self.tracks.radius(slot).metres() * REACH,
+                });
+            }
+            join_touching(balls, &mut union);
+        }
+        self.join_held(updates, &mut union);
+        let mut sorted: Vec<(usize, Update)> = updates
+            .iter()
+            .enumerate()
+            .map(|(place, update)| (union.root(place), *update))
+            .collect();
+        sorted
+            .sort_by_key(|(island, update)| (*island, update.saying.names_carrier(), update.seat));
+        let mut sizes = Vec::new();
+        for island in sorted.chunk_by(|a, b| a.0 == b.0) {
+            sizes.push(island.len());
+        }
+        for (place, (_, update)) in updates.iter_mut().zip(sorted) {
+            *place = update;
+        }
+        sizes
+    }
+
+    /// Joins what builds on another body's track to that body, if it is spoken of too: the one cannot be read without the
+    /// other.
+    fn join_held(&self, updates: &[Update], union: &mut Union) {
+        let seats = self.usher.seats();
+        let of_now = self.namings.iter().rev();
+        for naming in of_now.take_while(|naming| naming.number == u64::MAX) {
+            let place = |index: u32| {
+                let seat = seats.of(index)?;
+                updates
+                    .binary_search_by_key(&seat, |update| update.seat)
+                    .ok()
+            };
+            if let (Some(held), Some(holder)) = (place(naming.body), place(naming.carrier)) {
+                union.join(held, holder);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn islands(balls: &[([f64; 3], f64)]) -> Vec<usize> {
+        let mut union = Union((0..balls.len()).collect());
+        let ball = |(place, (centre, radius)): (usize, &([f64; 3], f64))| Ball {
+            place,
+            centre: *centre,
+            radius: *radius,
+        };
+        join_touching(balls.iter().enumerate().map(ball).collect(), &mut union);
+        (0..balls.len()).map(|place| union.root(place)).collect()
+    }
+
+    #[test]
+    fn balls_that_touch_are_one_island_however_they_do() {
+        let row = |x: f64| ([x, 0.0, 0.0], 0.5);
+        assert_eq!(islands(&[row(3.0), row(0.0), row(1.0), row(2.0)]), [0; 4]);
+        let apart = [row(0.0), ([0.0, 1.1, 0.0], 0.5), row(0.9)];
+        assert_eq!(islands(&apart), [0, 1, 0]);
+        let bridged = [row(0.0), row(9.0), ([4.5, 3.0, 0.0], 6.0)];
+        assert_eq!(islands(&bridged), [0; 3]);
+        assert_eq!(islands(&[]), [0; 0]);
+    }
+}

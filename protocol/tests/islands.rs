@@ -1,0 +1,178 @@
+//! Bodies that touch arrive together: of a tick of several packets, some of which are lost, a stack moves as one.
+//!
+//! Stacks that are shaken without end, whose bodies' seats are shuffled among each other. It is proved by the listener's
+//! tracks after each tick: those of one stack are all of that tick or none.
+
+use bytes::Bytes;
+use glam::Vec3;
+use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::scene::Cadence;
+use rhumb_protocol::stream::{
+    Activity, Features, Manner, Observation, Publisher, StreamStart, StreamTerms, Subscriber,
+    Witness,
+};
+use rhumb_reckoning::{
+    Anchor, BodyId, Class, Damping, Integrator, Metres, Predictor, Rate, Tick, Tolerance, Track,
+    Verbatim,
+};
+
+const STREAM: StreamId = StreamId(3);
+const STACKS: u32 = 60;
+const HEIGHT: u32 = 8;
+const RADIUS: f64 = 0.5;
+
+/// Bodies of one level follow one another, so that those of one stack do not.
+const fn body(stack: u32, level: u32) -> BodyId {
+    BodyId::new(level * STACKS + stack, 0)
+}
+
+/// Where a body of a stack is at a tick: shaken by some hands' breadths.
+fn motion(stack: u32, level: u32, tick: u64) -> Verbatim {
+    let shaken = |axis: u64| {
+        let seed = (u64::from(stack) << 40 | u64::from(level) << 32 | axis << 30 | tick) + 1;
+        let mixed = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        ((mixed >> 40) as f32 / (1 << 24) as f32 - 0.5) * 0.4
+    };
+    let at = Vec3::new(
+        (stack % 8) as f32 * 4.0 + shaken(0),
+        level as f32 * 0.5 + shaken(1),
+        (stack / 8) as f32 * 4.0 + shaken(2),
+    );
+    Verbatim::new(at.to_array(), [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).expect("it is finite")
+}
+
+struct Stage {
+    publisher: Publisher,
+    witness: Witness,
+    tick: u64,
+    start: StreamStart,
+    manner: Manner,
+}
+
+impl Stage {
+    fn new() -> Self {
+        let tolerance = Tolerance::from_metres(Metres::new(0.01)).expect("a centimetre");
+        let integrator = Integrator {
+            rate: Rate::HZ_60,
+            substeps: std::num::NonZeroU32::MIN,
+        };
+        let every = Cadence::EACH_TICK.every;
+        let terms = StreamTerms {
+            tolerance,
+            integrator,
+            every,
+            gravity: Vec3::ZERO,
+            features: Features::ALL,
+        };
+        let mut stage = Self {
+            publisher: Publisher::new(STREAM, &terms, Tick::ZERO),
+            witness: Witness::new(Cadence::EACH_TICK),
+            tick: 0,
+            start: StreamStart {
+                stream: STREAM,
+                tolerance,
+                integrator,
+                every,
+                gravity: Vec3::ZERO,
+                tick: Tick::ZERO,
+                next: 0,
+                notices: 0,
+            },
+            manner: Manner {
+                radius: Metres::new(RADIUS),
+                damping: Damping::default(),
+                gravity_scale: 1.0,
+                inertia: None,
+                class: Class::default(),
+            },
+        };
+        for (id, track) in firsts() {
+            assert!(stage.publisher.place(id, &stage.manner, track));
+        }
+        stage
+    }
+
+    fn listener(&self) -> Subscriber {
+        let mut subscriber = Subscriber::new(&self.start);
+        for (id, track) in firsts() {
+            assert!(subscriber.place(id, &self.manner, track));
+        }
+        subscriber.handle_snapshot_end();
+        subscriber
+    }
+
+    fn say(&mut self) -> Vec<Bytes> {
+        self.tick += 1;
+        let all = (0..HEIGHT).flat_map(|level| (0..STACKS).map(move |stack| (stack, level)));
+        let seen: Vec<_> = all
+            .map(|(stack, level)| Observation {
+                id: body(stack, level),
+                motion: motion(stack, level, self.tick),
+                activity: Activity::Awake,
+            })
+            .collect();
+        self.witness.observe(Tick::new(self.tick), &seen);
+        let mut packets = Vec::new();
+        self.publisher.publish(&self.witness, 0, &mut packets);
+        packets
+    }
+}
+
+/// Every body's first track.
+fn firsts() -> impl Iterator<Item = (BodyId, Track)> {
+    let all = (0..HEIGHT).flat_map(|level| (0..STACKS).map(move |stack| (stack, level)));
+    all.map(|(stack, level)| {
+        let anchor = Anchor::Verbatim(motion(stack, level, 0));
+        let track = Track {
+            origin: Tick::ZERO,
+            predictor: Predictor::Uniform,
+            anchor,
+            carrier: None,
+        };
+        (body(stack, level), track)
+    })
+}
+
+/// Of how many bodies of a stack a listener heard at a tick.
+fn heard(listener: &Subscriber, stack: u32, tick: u64) -> usize {
+    let of_tick = |level: &u32| {
+        let track = listener.track(body(stack, *level));
+        track.is_some_and(|track| track.origin == Tick::new(tick))
+    };
+    (0..HEIGHT).filter(of_tick).count()
+}
+
+#[test]
+fn a_stack_is_moved_as_one_whatever_packet_is_lost() {
+    let mut stage = Stage::new();
+    let packets = stage.say();
+    assert!(packets.len() > 3, "{} packets", packets.len());
+    let mut missed = 0;
+    for lost in 0..packets.len() {
+        let mut listener = stage.listener();
+        for (_, packet) in (0..).zip(&packets).filter(|(place, _)| *place != lost) {
+            listener.handle_datagram(packet);
+        }
+        for stack in 0..STACKS {
+            let heard = heard(&listener, stack, stage.tick);
+            assert!(heard == 0 || heard == HEIGHT as usize, "{heard} of {stack}");
+            missed += usize::from(heard == 0);
+        }
+    }
+    assert_eq!(missed, STACKS as usize, "each is in one packet");
+}
+
+#[test]
+fn all_arrives_where_nothing_is_lost() {
+    let mut stage = Stage::new();
+    let mut listener = stage.listener();
+    for _ in 0..5 {
+        for packet in stage.say() {
+            listener.handle_datagram(&packet);
+        }
+        assert!(listener.is_settled());
+        for (id, track) in stage.publisher.tracks() {
+            assert_eq!(listener.track(id).copied(), Some(track));
+        }
+    }
+}
