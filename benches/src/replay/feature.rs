@@ -16,6 +16,8 @@ pub enum Feature {
     Derived,
     /// Leaving out of corrections what the tolerance does not need.
     Sparse,
+    /// Putting bodies that leave their laws ever faster ahead of where they are.
+    Leading,
     /// Saying motions as corrections.
     Residuals,
     /// Not speaking of what is within tolerance.
@@ -26,12 +28,13 @@ pub enum Feature {
 
 impl Feature {
     /// Every one, in the order of the list.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Ballistic,
         Self::Tumbling,
         Self::Held,
         Self::Derived,
         Self::Sparse,
+        Self::Leading,
         Self::Residuals,
         Self::Gate,
         Self::Redundancy,
@@ -46,6 +49,7 @@ impl Feature {
             Self::Held => "held",
             Self::Derived => "derived",
             Self::Sparse => "sparse",
+            Self::Leading => "leading",
             Self::Residuals => "residuals",
             Self::Gate => "gate",
             Self::Redundancy => "redundancy",
@@ -77,6 +81,7 @@ impl Feature {
             Self::Held => &mut features.held,
             Self::Derived => &mut features.derived,
             Self::Sparse => &mut features.sparse,
+            Self::Leading => &mut features.leading,
             Self::Residuals => &mut features.residuals,
             Self::Gate => &mut features.gate,
             Self::Redundancy => &mut features.redundancy,

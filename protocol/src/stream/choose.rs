@@ -4,6 +4,7 @@
 //! with fewer bytes. How long a saying holds is judged by what the same law would have made of the last two ticks, or,
 //! with hindsight, by what the body did.
 
+mod leading;
 mod trial;
 
 use glam::DVec3;
@@ -56,8 +57,6 @@ pub(crate) struct Holder<'a> {
 const WAYS: usize = 4;
 /// Places that a still body is put on: where it is, and the middle of its way in one, two, four and six ticks.
 const AIMS: usize = 5;
-/// No aim beside the truth.
-const AT_TRUTH: [DVec3; 2] = [DVec3::ZERO; 2];
 /// Steps are rounded to the nearest.
 const NEAREST: [f64; 2] = [0.5; 2];
 /// What the ticks of a track's whole life add to the expected error of the next, as a share of the tolerance …
@@ -141,6 +140,23 @@ struct Way<'a> {
     stray: Stray,
 }
 
+/// Where to put a body beside where it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Aim {
+    /// Metres, and a rotation vector in radians.
+    pose: [DVec3; 2],
+    /// What it is to be faster by, m/s.
+    linear: DVec3,
+}
+
+impl Aim {
+    /// Nothing beside the truth.
+    const AT_TRUTH: Self = Self {
+        pose: [DVec3::ZERO; 2],
+        linear: DVec3::ZERO,
+    };
+}
+
 impl Chooser<'_> {
     /// The best saying among those that keep the promise, or `None` when no correction does.
     pub(crate) fn choose(&self, subject: &Subject<'_>) -> Option<Choice> {
@@ -171,13 +187,22 @@ impl Chooser<'_> {
                 Some(_) => case.footing(&way.predicted, &way.truth),
             };
             for aim in self.aims(subject, way).into_iter().flatten() {
-                let mut place = if way.holder.is_some() || aim != AT_TRUTH {
+                let mut place = if way.holder.is_some() || aim != Aim::AT_TRUTH {
                     case.place(way, &footing, aim, NEAREST)
                 } else {
                     *nearest.get_or_insert_with(|| case.place(way, &footing, aim, NEAREST))
                 };
                 if let Some(place) = &mut place {
                     case.try_all(way, (&footing, aim), place, &mut best);
+                }
+            }
+        }
+        if self.features.leading {
+            let way = best?.way;
+            for aim in self.leads(subject, way).into_iter().flatten() {
+                let footing = case.footing(&way.predicted, &way.truth);
+                if let Some(mut place) = case.place(way, &footing, aim, NEAREST) {
+                    case.try_all(way, (&footing, aim), &mut place, &mut best);
                 }
             }
         }
@@ -319,9 +344,9 @@ impl Chooser<'_> {
     }
 
     /// Where to aim beside the truth: with hindsight, a still body is put in the middle of what it will do.
-    fn aims(&self, subject: &Subject<'_>, way: &Way<'_>) -> [Option<[DVec3; 2]>; AIMS] {
+    fn aims(&self, subject: &Subject<'_>, way: &Way<'_>) -> [Option<Aim>; AIMS] {
         let mut aims = [None; AIMS];
-        aims[0] = Some(AT_TRUTH);
+        aims[0] = Some(Aim::AT_TRUTH);
         if way.predictor != Predictor::Rest {
             return aims;
         }
@@ -343,7 +368,10 @@ impl Chooser<'_> {
             let share = allowance.share(p.length() * 0.5, q.length() * 0.5);
             let scale = 0.5 * (LEAD_MOST / share).min(1.0);
             (p, q) = (p * scale, q * scale);
-            aims[place] = Some([p, q]);
+            aims[place] = Some(Aim {
+                pose: [p, q],
+                ..Aim::AT_TRUTH
+            });
         }
         aims
     }

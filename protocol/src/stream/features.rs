@@ -13,6 +13,8 @@ pub struct Features {
     pub derived: bool,
     /// Corrections leave out what the tolerance does not need.
     pub sparse: bool,
+    /// Bodies that leave their laws ever faster are put ahead of where they are.
+    pub leading: bool,
     /// Motions are said as corrections of what was predicted.
     pub residuals: bool,
     /// What is still within tolerance is not spoken of.
@@ -29,6 +31,7 @@ impl Features {
         held: true,
         derived: true,
         sparse: true,
+        leading: true,
         residuals: true,
         gate: true,
         redundancy: true,

@@ -9,7 +9,9 @@ use rhumb_reckoning::{
     VelocityResidual, carried,
 };
 
-use super::{Allowance, Choice, Chooser, Holder, NEAREST, OVERHEAD, Subject, Way, apart, share};
+use super::{
+    Aim, Allowance, Choice, Chooser, Holder, NEAREST, OVERHEAD, Subject, Way, apart, share,
+};
 use crate::packet::{Age, Course, Saying};
 
 /// Steps by which corrections are made sparser: a part of the last step below this share is left out.
@@ -71,10 +73,10 @@ pub(super) struct Footing {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Best<'w, 's> {
     candidate: Candidate,
-    way: &'w Way<'s>,
+    pub(super) way: &'w Way<'s>,
     footing: Footing,
     place: Place,
-    aim: [DVec3; 2],
+    aim: Aim,
     said: Option<u32>,
 }
 
@@ -92,18 +94,18 @@ impl Trial<'_> {
         &self,
         way: &Way<'_>,
         footing: &Footing,
-        aim: [DVec3; 2],
+        aim: Aim,
         rounding: [f64; 2],
     ) -> Option<Place> {
         let residual = self.residual(footing, aim, rounding)?;
-        self.place_at(way, footing, residual, rounding)
+        self.place_at(way, (footing, aim), residual, rounding)
     }
 
-    fn residual(&self, footing: &Footing, aim: [DVec3; 2], rounding: [f64; 2]) -> Option<Residual> {
+    fn residual(&self, footing: &Footing, aim: Aim, rounding: [f64; 2]) -> Option<Residual> {
         let (grid, [position, turn]) = (self.grid, footing.wanted);
         Some(Residual {
-            position: rounded(position + aim[0] / grid.position(), rounding[0])?,
-            turn: rounded(turn + aim[1] / grid.turn(), rounding[1])?,
+            position: rounded(position + aim.pose[0] / grid.position(), rounding[0])?,
+            turn: rounded(turn + aim.pose[1] / grid.turn(), rounding[1])?,
             velocity: None,
         })
     }
@@ -111,7 +113,7 @@ impl Trial<'_> {
     fn place_at(
         &self,
         way: &Way<'_>,
-        footing: &Footing,
+        (footing, aim): (&Footing, Aim),
         residual: Residual,
         rounding: [f64; 2],
     ) -> Option<Place> {
@@ -126,10 +128,12 @@ impl Trial<'_> {
         if !residual.is_within_limits() || self.exact_share(way, &still) > most {
             return None;
         }
+        let mut wanted = way.truth.twist();
+        wanted.linear += aim.linear;
         Some(Place {
             residual,
             implied,
-            lacking: VelocityResidual::finest(&way.truth.twist(), &implied, grid),
+            lacking: VelocityResidual::finest(&wanted, &implied, grid),
             still,
             off: apart(&still.pose(), &way.truth.pose()),
             costs: [None; 4],
@@ -140,7 +144,7 @@ impl Trial<'_> {
     pub(super) fn try_all<'w, 's>(
         &self,
         way: &'w Way<'s>,
-        (footing, aim): (&Footing, [DVec3; 2]),
+        (footing, aim): (&Footing, Aim),
         place: &mut Place,
         best: &mut Option<Best<'w, 's>>,
     ) {
@@ -256,7 +260,7 @@ impl Trial<'_> {
             if let Some(free) = tried.iter_mut().find(|tried| tried.is_none()) {
                 *free = Some(residual);
             }
-            let Some(mut place) = self.place_at(way, &footing, residual, rounding) else {
+            let Some(mut place) = self.place_at(way, (&footing, aim), residual, rounding) else {
                 continue;
             };
             if let Some(candidate) = self.try_one(way, &mut place, said)
