@@ -191,7 +191,7 @@ fn an_unknown_notice_changes_nothing_and_counts() {
     assert_eq!(events(&mut session), []);
     // A vouch that says one notice is read at once, one that says two is held.
     let vouched = |session: &ClientSession| session.replica().unwrap().stream().vouched();
-    let vouch = |tick, notices| [2, 4, 0, 0, tick, 0, notices, 0];
+    let vouch = |tick, notices| [0x42, 0, 0, tick, 0, notices, 0];
     session.handle_datagram(Instant::from_nanos(10), PEER, &vouch(3, 1));
     assert_eq!(vouched(&session), Tick::new(3));
     session.handle_datagram(Instant::from_nanos(11), PEER, &vouch(5, 2));

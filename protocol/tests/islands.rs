@@ -1,4 +1,4 @@
-//! Bodies that touch arrive together: of a tick of several packets, some of which are lost, a stack moves as one.
+//! Bodies that touch arrive together: a stack moves as one, whatever is lost
 //!
 //! Stacks that are shaken without end, whose bodies' seats are shuffled among each other. It is proved by the listener's
 //! tracks after each tick: those of one stack are all of that tick or none.

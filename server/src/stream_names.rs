@@ -1,4 +1,4 @@
-//! What the streams of a scene are called: by names that take no byte of a datagram, none of them again soon.
+//! What the streams of a scene are called: short names, none again soon.
 //!
 //! Late datagrams of a stream that ended must not be taken for those of another.
 

@@ -1,4 +1,6 @@
-//! Which of the bodies that are spoken of at a tick touch, so that their updates arrive together or not at all.
+//! Which of the bodies that are spoken of at a tick touch.
+//!
+//! Their updates go together, so that they arrive all or none.
 //!
 //! The publisher's own affair, and asked for only where a tick takes several packets. Bodies touch here when the balls
 //! around them do: contacts and joints of any engine lie within that. Bodies that touch only by way of one that nothing
