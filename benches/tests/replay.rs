@@ -27,15 +27,22 @@ fn replayed(recording: &Recording, link: &str, every: u32) -> Run {
 
 fn within(recording: &Recording, link: &str, every: u32, budget: Option<Budget>) -> Run {
     let terms = ReplayTerms {
+        budget,
+        ..terms(link, every)
+    };
+    run(recording, &terms, &mut |_| {}).expect("it comes to its end")
+}
+
+fn terms(link: &str, every: u32) -> ReplayTerms {
+    ReplayTerms {
         tolerance: Tolerance::from_metres(Metres::new(0.02)).expect("within bounds"),
         link: link.parse().expect("these are terms of a link"),
         every: NonZeroU32::new(every).expect("not zero"),
         seed: 3,
         hindsight: Ticks::ZERO,
-        budget,
+        budget: None,
         features: Features::ALL,
-    };
-    run(recording, &terms, &mut |_| {}).expect("it comes to its end")
+    }
 }
 
 fn experiment(recording: &Recording, run: Run) -> Experiment {
@@ -72,6 +79,38 @@ fn without_loss_every_published_tick_is_within_the_tolerance() {
         assert!(moving.surface_error_m.max > 0.0 && moving.surface_error_m.max <= 0.02);
         assert_eq!(figures.recovery, None);
     }
+}
+
+#[test]
+fn with_hindsight_every_published_tick_is_within_the_tolerance_for_fewer_bytes() {
+    let recording = recording();
+    let replayed = |every, hindsight, features| {
+        let terms = ReplayTerms {
+            hindsight: Ticks::new(hindsight),
+            features,
+            ..terms("", every)
+        };
+        let run = run(&recording, &terms, &mut |_| {}).expect("it comes to its end");
+        assert_eq!(run.breaches, [], "every {every}, {hindsight} ticks later");
+        let bytes = run.passed.iter().map(|passed| passed.bytes.len());
+        bytes.sum::<usize>()
+    };
+    for every in [1, 2] {
+        let at_once = replayed(every, 0, Features::ALL);
+        for hindsight in 1..=6 {
+            let later = replayed(every, hindsight, Features::ALL);
+            assert!(
+                later < at_once,
+                "{later} of {at_once}, {hindsight} ticks later"
+            );
+        }
+    }
+    let blind = Features {
+        foresight: false,
+        ..Features::ALL
+    };
+    let [chosen, guessed] = [Features::ALL, blind].map(|features| replayed(1, 6, features));
+    assert!(chosen < guessed, "{chosen} of {guessed}");
 }
 
 #[test]

@@ -18,6 +18,8 @@ pub enum Feature {
     Sparse,
     /// Putting bodies that leave their laws ever faster ahead of where they are.
     Leading,
+    /// Choosing corrections by what hindsight knows.
+    Foresight,
     /// Saying motions as corrections.
     Residuals,
     /// Not speaking of what is within tolerance.
@@ -28,13 +30,14 @@ pub enum Feature {
 
 impl Feature {
     /// Every one, in the order of the list.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Ballistic,
         Self::Tumbling,
         Self::Held,
         Self::Derived,
         Self::Sparse,
         Self::Leading,
+        Self::Foresight,
         Self::Residuals,
         Self::Gate,
         Self::Redundancy,
@@ -50,6 +53,7 @@ impl Feature {
             Self::Derived => "derived",
             Self::Sparse => "sparse",
             Self::Leading => "leading",
+            Self::Foresight => "foresight",
             Self::Residuals => "residuals",
             Self::Gate => "gate",
             Self::Redundancy => "redundancy",
@@ -82,6 +86,7 @@ impl Feature {
             Self::Derived => &mut features.derived,
             Self::Sparse => &mut features.sparse,
             Self::Leading => &mut features.leading,
+            Self::Foresight => &mut features.foresight,
             Self::Residuals => &mut features.residuals,
             Self::Gate => &mut features.gate,
             Self::Redundancy => &mut features.redundancy,

@@ -34,6 +34,8 @@ pub(crate) struct Subject<'a> {
     pub(crate) past: [Option<Motion>; 2],
     /// What it will do, as far as hindsight knows.
     pub(crate) ahead: &'a [Motion],
+    /// Whether it is known that nothing is seen of it after that.
+    pub(crate) ends: bool,
     /// What could hold it.
     pub(crate) holder: Option<Holder<'a>>,
 }
@@ -64,7 +66,7 @@ const DOUBT_OF_A_LIFE: f64 = 0.1;
 /// … and each tick, at least and at most.
 const DOUBT: [f64; 2] = [0.001, 0.05];
 /// What an update costs beside its saying: its place in the packet, in 1/256 bits.
-const OVERHEAD: u32 = 4 * 256;
+pub(super) const OVERHEAD: u32 = 4 * 256;
 /// The ticks at which an expected error is looked at.
 const LOOKS: [f64; 15] = [
     1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 96.0, 128.0, 192.0,
@@ -86,7 +88,8 @@ pub(crate) struct Chooser<'a> {
     /// What a packet expects at its beginning.
     pub(crate) tongue: &'a Tongue,
     pub(crate) features: Features,
-    /// Factor on the tolerances by which lives are judged: one, unless a budget does not suffice.
+    /// Factor on the tolerances by which lives are judged: more than one where a budget does not suffice, less for
+    /// bodies that hold others.
     pub(crate) slack: f64,
 }
 
@@ -130,13 +133,13 @@ impl Stray {
 
 /// A course, and what it has to bring together.
 #[derive(Clone, Copy, Debug)]
-struct Way<'a> {
-    course: Course,
-    predictor: Predictor,
-    holder: Option<Holder<'a>>,
+pub(super) struct Way<'a> {
+    pub(super) course: Course,
+    pub(super) predictor: Predictor,
+    pub(super) holder: Option<Holder<'a>>,
     /// Where the body is, and where it was predicted, in the frame of the course.
-    truth: Motion,
-    predicted: Motion,
+    pub(super) truth: Motion,
+    pub(super) predicted: Motion,
     stray: Stray,
 }
 
@@ -214,7 +217,7 @@ impl Chooser<'_> {
     }
 
     /// The courses that a body may take.
-    fn ways<'s>(&self, subject: &Subject<'s>) -> [Option<Way<'s>>; WAYS] {
+    pub(super) fn ways<'s>(&self, subject: &Subject<'s>) -> [Option<Way<'s>>; WAYS] {
         let slot = subject.slot;
         let tumbles = slot.tumbles() && self.features.tumbling;
         let falls =
@@ -376,8 +379,25 @@ impl Chooser<'_> {
         aims
     }
 
+    /// How much of the tolerance the beginning of a track uses, as a listener would measure it.
+    pub(super) fn exact_share(&self, subject: &Subject<'_>, way: &Way<'_>, begun: &Pose) -> f64 {
+        let world = match way.holder {
+            None => *begun,
+            Some(Holder { slot, .. }) => {
+                let by = self.tracks.framed(slot, &slot.track, subject.tick);
+                carried(&by, begun).pose()
+            }
+        };
+        share(
+            &subject.truth.pose(),
+            &world,
+            self.tracks.tolerance_of(subject.slot),
+            self.tracks.radius(subject.slot),
+        )
+    }
+
     /// What may be expected of a body.
-    fn allowance(&self, subject: &Subject<'_>) -> Allowance {
+    pub(super) fn allowance(&self, subject: &Subject<'_>) -> Allowance {
         let tolerance = self.tracks.tolerance_of(subject.slot);
         Allowance::of(tolerance, self.tracks.radius(subject.slot)).loosened(self.slack)
     }
@@ -440,7 +460,7 @@ impl Chooser<'_> {
 
 /// What each tick adds to the expected error of a body, as a share of the tolerance: less of one whose last track held for
 /// long, as of what flies freely.
-fn doubt(subject: &Subject<'_>) -> f64 {
+pub(super) fn doubt(subject: &Subject<'_>) -> f64 {
     let age = subject.tick.since(subject.slot.track.origin);
     let [least, most] = DOUBT;
     (DOUBT_OF_A_LIFE / f64::from(age.unwrap_or_default().count())).clamp(least, most)
@@ -448,7 +468,7 @@ fn doubt(subject: &Subject<'_>) -> f64 {
 
 /// What a tolerance allows a body, to reckon expected errors by.
 #[derive(Clone, Copy, Debug)]
-struct Allowance {
+pub(super) struct Allowance {
     position: f64,
     turn: f64,
     /// Whether both share one bound.
@@ -456,7 +476,7 @@ struct Allowance {
 }
 
 impl Allowance {
-    fn of(tolerance: Tolerance, radius: Metres) -> Self {
+    pub(super) fn of(tolerance: Tolerance, radius: Metres) -> Self {
         match tolerance {
             Tolerance::Surface(length) => {
                 let length = length.metres().metres();
@@ -484,7 +504,7 @@ impl Allowance {
     }
 
     /// Of an error in metres and one in radians.
-    fn share(&self, position: f64, turn: f64) -> f64 {
+    pub(super) fn share(&self, position: f64, turn: f64) -> f64 {
         let (position, turn) = (position / self.position, turn / self.turn);
         if self.shared {
             position + turn
@@ -500,7 +520,7 @@ pub(crate) fn share(truth: &Pose, believed: &Pose, tolerance: Tolerance, radius:
 }
 
 /// How far one pose is from another, metres, and turned from it, as a rotation vector in radians.
-fn apart(to: &Pose, from: &Pose) -> [DVec3; 2] {
+pub(super) fn apart(to: &Pose, from: &Pose) -> [DVec3; 2] {
     let turn = to.rotation * from.rotation.conjugate();
     let sign = if turn.w < 0.0 { -2.0 } else { 2.0 };
     // Twice the sine of half the angle: near enough to the angle for what is within tolerance.

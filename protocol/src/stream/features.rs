@@ -15,6 +15,8 @@ pub struct Features {
     pub sparse: bool,
     /// Bodies that leave their laws ever faster are put ahead of where they are.
     pub leading: bool,
+    /// What hindsight knows decides which corrections are said.
+    pub foresight: bool,
     /// Motions are said as corrections of what was predicted.
     pub residuals: bool,
     /// What is still within tolerance is not spoken of.
@@ -32,6 +34,7 @@ impl Features {
         derived: true,
         sparse: true,
         leading: true,
+        foresight: true,
         residuals: true,
         gate: true,
         redundancy: true,

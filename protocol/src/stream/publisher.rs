@@ -353,7 +353,8 @@ impl Publisher {
             tolerance,
             self.tracks.radius(slot),
         );
-        if !expired && used <= 1.0 {
+        let closeness = self.closeness(witness, observation.id.index());
+        if !expired && used <= closeness {
             return None;
         }
         let sight = |id: BodyId| Sight::of(witness, id, tick);
@@ -366,7 +367,7 @@ impl Publisher {
             tracks: &self.tracks,
             tongue: &self.tongue,
             features: self.features,
-            slack: self.slack,
+            slack: self.slack * closeness,
         };
         let subject = Subject {
             index: observation.id.index(),
@@ -376,6 +377,7 @@ impl Publisher {
             believed,
             past: seen.past,
             ahead: seen.ahead(),
+            ends: seen.ends,
             holder: held_by.as_ref().and_then(|(other, seen)| {
                 Some(Holder {
                     index: other.id.index(),
@@ -386,11 +388,11 @@ impl Publisher {
                 })
             }),
         };
-        let choice = chooser.choose(&subject);
-        Some(choice.map_or_else(
-            || self.anew(tick, slot, observation, &truth),
-            |choice| (choice.saying, choice.track),
-        ))
+        let chosen = chooser.foresee(&subject).or_else(|| {
+            let choice = chooser.choose(&subject)?;
+            Some((choice.saying, choice.track))
+        });
+        Some(chosen.unwrap_or_else(|| self.anew(tick, slot, observation, &truth)))
     }
 
     /// A motion said alone: on the grid, or to the bit where the grid is too coarse for the promise (a body of a
@@ -451,6 +453,8 @@ struct Sight {
     /// As many as `known`.
     ahead: [Motion; HINDSIGHT_MAX.count() as usize],
     known: usize,
+    /// Whether nothing is seen of it after that, as far as that is known.
+    ends: bool,
 }
 
 impl Sight {
@@ -462,9 +466,12 @@ impl Sight {
             past,
             ahead: [Motion::IDENTITY; HINDSIGHT_MAX.count() as usize],
             known: 0,
+            ends: false,
         };
         for (ticks, place) in (1..).zip(&mut sight.ahead) {
-            let Some(seen) = motion(tick + Ticks::new(ticks)) else {
+            let then = tick + Ticks::new(ticks);
+            let Some(seen) = motion(then) else {
+                sight.ends = witness.at(then).is_some();
                 break;
             };
             *place = seen;

@@ -157,6 +157,11 @@ impl Tracks {
         self.integrator
     }
 
+    /// Ticks from one that is spoken of to the next.
+    pub(crate) const fn every(&self) -> NonZeroU32 {
+        self.every
+    }
+
     /// How old a track is at a tick; `None` if its origin is later.
     pub(crate) fn age(&self, track: &Track, tick: Tick) -> Option<Age> {
         Age::of(track.origin, tick, self.every)

@@ -81,6 +81,11 @@ impl Witness {
         seen.then_some(tick)
     }
 
+    /// How many ticks later each is spoken of.
+    pub(super) const fn hindsight(&self) -> Ticks {
+        self.cadence.hindsight
+    }
+
     /// What was seen at a tick.
     #[must_use]
     pub fn at(&self, tick: Tick) -> Option<&[Observation]> {

@@ -6,12 +6,10 @@
 use glam::DVec3;
 use rhumb_reckoning::{
     Anchor, Grid, Motion, Predictor, RESIDUAL_LIMIT, Residual, Seconds, Snapped, Track,
-    VelocityResidual, carried,
+    VelocityResidual,
 };
 
-use super::{
-    Aim, Allowance, Choice, Chooser, Holder, NEAREST, OVERHEAD, Subject, Way, apart, share,
-};
+use super::{Aim, Allowance, Choice, Chooser, NEAREST, OVERHEAD, Subject, Way, apart};
 use crate::packet::{Age, Course, Saying};
 
 /// Steps by which corrections are made sparser: a part of the last step below this share is left out.
@@ -125,7 +123,9 @@ impl Trial<'_> {
         } else {
             SPARSE_SHARE * chooser.slack
         };
-        if !residual.is_within_limits() || self.exact_share(way, &still) > most {
+        if !residual.is_within_limits()
+            || chooser.exact_share(self.subject, way, &still.pose()) > most
+        {
             return None;
         }
         let mut wanted = way.truth.twist();
@@ -180,24 +180,6 @@ impl Trial<'_> {
                 least = note(candidate, place, Some(coarseness));
             }
         }
-    }
-
-    /// How much of the tolerance a place uses, as a listener would measure it.
-    fn exact_share(&self, way: &Way<'_>, still: &Motion) -> f64 {
-        let (tracks, subject) = (self.chooser.tracks, self.subject);
-        let world = match way.holder {
-            None => *still,
-            Some(Holder { slot, .. }) => {
-                let by = tracks.framed(slot, &slot.track, subject.tick);
-                carried(&by, &still.pose())
-            }
-        };
-        share(
-            &subject.truth.pose(),
-            &world.pose(),
-            tracks.tolerance_of(subject.slot),
-            tracks.radius(subject.slot),
-        )
     }
 
     /// One correction; velocities are not said, or in steps that are doubled so often.

@@ -1,10 +1,11 @@
 //! Which body could hold another, and how many each holds.
 
 use glam::Vec3;
-use rhumb_reckoning::BodyId;
+use rhumb_reckoning::{BodyId, Ticks};
 
 use super::Publisher;
 use crate::stream::observation::Observation;
+use crate::stream::witness::Witness;
 
 /// Bodies that others may be held by, at one tick: the largest that move.
 pub(super) const HOLDERS_MAX: usize = 16;
@@ -12,8 +13,20 @@ pub(super) const HOLDERS_MAX: usize = 16;
 pub(super) const HOLDER_RATIO: f64 = 1.2;
 /// A body is held within this many radii of its holder.
 const HOLDER_REACH: f64 = 3.0;
+/// With hindsight, who holds others is followed within this share of its tolerance: all that it holds is off with it.
+const HOLDER_CLOSENESS: f64 = 0.5;
 
 impl Publisher {
+    /// Within what share of its tolerance a body is followed.
+    pub(super) fn closeness(&self, witness: &Witness, index: u32) -> f64 {
+        let foreseen = self.features.foresight && witness.hindsight() > Ticks::ZERO;
+        if foreseen && self.holds(index) {
+            HOLDER_CLOSENESS
+        } else {
+            1.0
+        }
+    }
+
     /// The place of the body that could hold another: the one that does, or the nearest within reach.
     pub(super) fn holder_of(
         &self,

@@ -114,7 +114,7 @@ impl Tracks {
     }
 
     /// The track that a saying at `tick` gives a body.
-    fn said(
+    pub(crate) fn said(
         &self,
         index: u32,
         tick: Tick,
