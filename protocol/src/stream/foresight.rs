@@ -23,7 +23,7 @@ const ROUNDS: usize = 8;
 const ROUNDS_AFTER: usize = 1;
 /// Velocities are said by lines through so many known ticks, in steps that are doubled so often.
 const LINES: [usize; 3] = [2, 4, 6];
-const COARSENESSES: [u32; 7] = [9, 8, 7, 6, 5, 4, 3];
+const COARSENESSES: [u32; 10] = [9, 8, 7, 6, 5, 4, 3, 2, 1, 0];
 /// What comes after all that is weighed is taken to cost so much, in 1/256 bits, for so many ticks: without it, what
 /// costs little for a tick would always win.
 const AFTERWARDS: (f64, f64) = (15.0 * 256.0, 2.5);
@@ -214,13 +214,15 @@ impl Chooser<'_> {
                 break;
             }
             let (residual, faster) = outlook.line(line);
-            for coarseness in COARSENESSES {
-                let residual = Residual {
-                    velocity: Some(outlook.velocity(faster, coarseness)),
-                    ..residual
-                };
-                let price = scales.price(&residual);
-                list.note(Word { residual, price });
+            for faster in faster {
+                for coarseness in COARSENESSES {
+                    let residual = Residual {
+                        velocity: Some(outlook.velocity(faster, coarseness)),
+                        ..residual
+                    };
+                    let price = scales.price(&residual);
+                    list.note(Word { residual, price });
+                }
             }
         }
         list

@@ -144,9 +144,9 @@ impl Outlook {
         self.rounded(sums.map(|sum| sum / weight))
     }
 
-    /// The pose that a straight line through the ticks up to one begins at, and the velocities that then bring the body
-    /// nearest to them beyond those that are implied, m/s and rad/s.
-    pub(super) fn line(&self, last: usize) -> (Residual, [DVec3; 2]) {
+    /// The pose that a straight line through the ticks up to one begins at, and velocities beyond those that are implied,
+    /// m/s and rad/s: those that then bring the body nearest to those ticks, and those of the line, which serve for longer.
+    pub(super) fn line(&self, last: usize) -> (Residual, [[DVec3; 2]; 2]) {
         let known = || self.off.errors.iter().enumerate().take(last + 1);
         let (mut times, mut squares) = (0.0, 0.0);
         let (mut sums, mut moments) = ([DVec3::ZERO; 2], [DVec3::ZERO; 2]);
@@ -164,9 +164,9 @@ impl Outlook {
             vector(residual.turn, self.grid.turn()),
         ];
         let rate = self.over_s.map_or(0.0, |over| 1.0 / over);
-        // Through what is said, and not through where the line began.
-        let faster = [0, 1].map(|i| (moments[i] - said[i] * times) / squares - said[i] * rate);
-        (residual, faster)
+        let nearest = [0, 1].map(|i| (moments[i] - said[i] * times) / squares - said[i] * rate);
+        let along = [0, 1].map(|i| (moments[i] - begins[i] * times) / squares - said[i] * rate);
+        (residual, [nearest, along])
     }
 
     /// Velocities in steps of this coarseness.
@@ -277,13 +277,21 @@ mod tests {
         let (residual, faster) = outlook.line(6);
         let steps = (0.028 / outlook.grid.position() + 0.5).floor() as i32;
         assert_eq!(residual.position, [steps, 0, 0]);
-        let velocity = Some(outlook.velocity(faster, 3));
-        let off = outlook.after(&Residual {
-            velocity,
-            ..residual
+        let [nearest, along] = faster.map(|faster| {
+            let velocity = Some(outlook.velocity(faster, 0));
+            let off = outlook.after(&Residual {
+                velocity,
+                ..residual
+            });
+            let worst = off.errors.iter().map(|[error, _]| error.length());
+            (worst.fold(0.0, f64::max), off.rate[0].length())
         });
-        let worst = off.errors.iter().map(|[error, _]| error.length());
-        assert!(worst.fold(0.0, f64::max) < 0.02, "{off:?}");
+        assert!(nearest.0 < 0.02 && along.0 < 0.02, "{nearest:?} {along:?}");
+        // Who goes along the line is as far off as at first.
+        assert!(
+            along.1 < 1e-4 && along.1 < nearest.1,
+            "{nearest:?} {along:?}"
+        );
     }
 
     proptest! {
@@ -309,7 +317,7 @@ mod tests {
             prop_assert!(!life.ticks.is_nan());
             let (residual, faster) = outlook.line(2);
             prop_assert!(residual.is_within_limits());
-            prop_assert_eq!(outlook.velocity(faster, 9).coarseness, 9);
+            prop_assert_eq!(outlook.velocity(faster[0], 9).coarseness, 9);
         }
     }
 }
