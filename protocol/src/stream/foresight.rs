@@ -5,7 +5,7 @@
 //! all choosing it is not normative.
 
 use glam::DVec3;
-use rhumb_reckoning::{HORIZON, Pose, Predictor, Residual, Ticks, Track, seen_from};
+use rhumb_reckoning::{Pose, Predictor, Residual, Ticks, Track, seen_from};
 
 use super::choose::{Chooser, Holder, OVERHEAD, Subject, Way, apart, doubt, share};
 use super::outlook::{Life, Off, Outlook, SPAN};
@@ -27,6 +27,8 @@ const COARSENESSES: [u32; 10] = [9, 8, 7, 6, 5, 4, 3, 2, 1, 0];
 /// What comes after all that is weighed is taken to cost so much, in 1/256 bits, for so many ticks: without it, what
 /// costs little for a tick would always win.
 const AFTERWARDS: (f64, f64) = (15.0 * 256.0, 2.5);
+/// Whose track held for so many ticks flies: hindsight ends before it strays, and its last ticks tell more.
+const FLIGHT: Ticks = Ticks::new(12);
 /// A holder is believed while it uses less of its tolerance than this: beyond, it is spoken of soon.
 const HOLDER_SHARE: f64 = 0.6;
 
@@ -167,10 +169,10 @@ impl Chooser<'_> {
     pub(crate) fn foresee(&self, subject: &Subject<'_>) -> Option<(Saying, Track)> {
         let track = &subject.slot.track;
         let ticks = subject.tick.since(track.origin)?;
-        let aged = ticks > HORIZON && track.predictor != Predictor::Rest;
+        let flies = ticks >= FLIGHT && track.predictor != Predictor::Rest;
         let age = self.tracks.age(track, subject.tick)?;
         let blind = subject.ahead.is_empty() || !self.features.foresight;
-        if age == Age::new(0) || aged || blind || !self.features.residuals {
+        if age == Age::new(0) || flies || blind || !self.features.residuals {
             return None;
         }
         let mut best: Option<(f64, Saying, Track)> = None;
