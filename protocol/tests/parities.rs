@@ -5,6 +5,7 @@
 
 use bytes::Bytes;
 use glam::Vec3;
+use rhumb_protocol::limits::PARITIES_KEPT;
 use rhumb_protocol::packet::{Head, Kind, Low16, Parity, StreamId};
 use rhumb_protocol::scene::Cadence;
 use rhumb_protocol::stream::{
@@ -172,6 +173,21 @@ fn a_lost_packet_is_had_back_from_the_next_parity_and_what_builds_on_it_is_read(
         (stage.subscriber.lost(), stage.subscriber.complete()),
         (1, Tick::new(stage.tick))
     );
+}
+
+#[test]
+fn who_lost_more_packets_than_it_keeps_parities_is_given_repairs() {
+    let mut stage = Stage::new(Features::ALL);
+    for _ in 0..10 {
+        stage.pass(Redundancy::Off);
+    }
+    for _ in 0..=PARITIES_KEPT {
+        stage.say(Redundancy::Off);
+    }
+    stage.pass(Redundancy::Off);
+    assert_eq!(stage.subscriber.missing(), PARITIES_KEPT + 1);
+    assert_eq!(stage.ask(), [Kind::Repair; PARITIES_KEPT + 1]);
+    assert!(stage.agrees());
 }
 
 #[test]

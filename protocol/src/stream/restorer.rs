@@ -141,13 +141,17 @@ impl Restorer {
         self.columns.get(number)
     }
 
-    /// How many parities more would give back those of these missing packets that lie below `next` and that parities can.
+    /// How many parities more would give back those of these missing packets that lie below `next` and that parities can;
+    /// none if those are more than the parities that are kept, which then never suffice.
     pub(crate) fn wanted(&self, missing: impl Iterator<Item = u64>, next: u64) -> u8 {
         let oldest = next
             .saturating_sub(u64::from(PARITY_SPAN))
             .max(self.distrusted);
         let of_use = |number: &u64| *number >= oldest && self.columns.get(*number).is_none();
         let lost: Vec<u64> = missing.filter(of_use).collect();
+        if lost.len() > PARITIES_KEPT {
+            return 0;
+        }
         if lost.is_empty() || self.sums.is_empty() {
             return lost.len() as u8;
         }
