@@ -4,7 +4,8 @@
 //! rude ones: arbitrary bytes, real conversations with bytes turned, cut, copied and disordered, and messages at the
 //! wrong time. Well-formed commands with wrong numbers are the affair of `refusals`.
 //!
-//! Caught so far: `Reserve` of no index at all took a range that others could have had.
+//! Caught so far: `Reserve` of no index at all took a range that others could have had; a session that had said goodbye
+//! went on to say what it missed.
 
 use proptest::prelude::*;
 use rhumb_protocol::limits::{
@@ -208,6 +209,39 @@ proptest! {
     }
 
     #[test]
+    fn who_has_said_goodbye_answers_nothing(lost: u64) {
+        let (_, heard) = RECORDED.with(Clone::clone);
+        let mut session = ClientSession::new("recorded".parse().expect("a scene's name"));
+        let (now, later) = (Instant::ZERO, Instant::ZERO + Span::from_millis(900));
+        session.handle_opened(now, Peer(0));
+        let mut datagrams = 0_u32;
+        let mut rest = Vec::new();
+        for said in heard {
+            match said {
+                // The last word is that its membership is over.
+                Said::Control(bytes) if bytes[1] != LEFT => session.handle_control(now, Peer(0), &bytes),
+                Said::Control(_) => {}
+                Said::State(bytes) => {
+                    datagrams += 1;
+                    if lost >> (datagrams % 64) & 1 == 0 {
+                        session.handle_datagram(now, Peer(0), &bytes);
+                    } else {
+                        rest.push(bytes);
+                    }
+                }
+            }
+        }
+        session.close(CloseCode::DONE);
+        while session.poll_event().is_some() {}
+        while session.poll_transmit().is_some() {}
+        for bytes in rest {
+            session.handle_datagram(later, Peer(0), &bytes);
+            prop_assert_eq!(session.poll_transmit(), None);
+            prop_assert_eq!(session.poll_event(), None);
+        }
+    }
+
+    #[test]
     fn a_damaged_conversation_never_makes_a_client_panic_or_grow(seed: u64) {
         let (_, heard) = RECORDED.with(Clone::clone);
         let mut dice = Dice::new(seed);
@@ -240,6 +274,9 @@ proptest! {
         }
     }
 }
+
+/// The type of the message that ends a membership (PROTOCOL 4.3).
+const LEFT: u8 = 5;
 
 thread_local! {
     /// Recorded once for each thread of tests.

@@ -508,6 +508,9 @@ impl Endpoint for ClientSession {
     }
 
     fn handle_datagram(&mut self, now: Instant, _from: Peer, bytes: &[u8]) {
+        if self.state == State::Ended {
+            return;
+        }
         if self.hear_of_upstream(now, bytes) {
             return;
         }
