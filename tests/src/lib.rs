@@ -4,6 +4,7 @@
 #![forbid(unsafe_code)]
 
 mod avatar;
+pub mod fuzzing;
 pub mod grammar;
 mod plugin;
 mod process;

@@ -1,0 +1,42 @@
+//! Unpacks the kept inputs of a fuzzer into files, or keeps those of a folder
+
+use std::path::PathBuf;
+
+use clap::{Parser, Subcommand};
+use rhumb_tests::fuzzing::inputs::{pack, unpack};
+use rhumb_tests::fuzzing::{TARGETS, Target};
+
+#[derive(Parser)]
+struct Options {
+    #[command(subcommand)]
+    wish: Wish,
+}
+
+#[derive(Subcommand)]
+enum Wish {
+    /// Writes what is kept, and what the golden vectors give, into a folder.
+    Unpack { target: String, folder: PathBuf },
+    /// Keeps the shortest inputs of a folder, up to so many bytes, and what is known of findings.
+    Pack {
+        target: String,
+        folder: PathBuf,
+        bytes: usize,
+    },
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let find = |name: &str| -> Result<&'static Target, String> {
+        let found = TARGETS.iter().find(|target| target.name == name);
+        found.ok_or_else(|| format!("there is no target {name}"))
+    };
+    let count = match Options::parse().wish {
+        Wish::Unpack { target, folder } => unpack(find(&target)?, &folder)?,
+        Wish::Pack {
+            target,
+            folder,
+            bytes,
+        } => pack(find(&target)?, &folder, bytes)?,
+    };
+    eprintln!("{count} inputs");
+    Ok(())
+}

@@ -1,0 +1,268 @@
+//! The paper's protocol: messages of any bytes, and who says any of them.
+//!
+//! Promises: however the bytes are cut, the same is read; what is read is written again as it was, but for what the
+//! protocol does not fix; whatever a client says, its scene goes on and says finite states.
+
+use glam::{Quat, Vec3};
+use rhumb_app::{
+    AddJoint, ApplyForce, ApplyTorque, AttachShape, ConvexMesh, CreateDynamicActor,
+    CreateStaticActor, DetachShape, Framed, Frames, Grip, HEADER_BYTES, Heights, Id, Kind, Logon,
+    Malformed, Message, Motion, Place, SetWorld, Surface, Surfacing, TriangleMesh,
+};
+use rhumb_protocol::Instant;
+use rhumb_server::Host;
+
+use super::script::Script;
+use crate::PluginTalk;
+
+/// Acts of one script, so that it ends soon.
+const ACTS_MAX: usize = 80;
+
+/// Any bytes; the first says how the rest is cut.
+pub fn app_messages(data: &[u8]) {
+    let Some((cut, stream)) = data.split_first() else {
+        return;
+    };
+    let whole = read(stream, stream.len().max(1));
+    let pieces = read(stream, usize::from(*cut).max(1));
+    // Two numbers that are none are not equal, but are written alike.
+    assert_eq!(format!("{whole:?}"), format!("{pieces:?}"));
+    for framed in &whole.0 {
+        let mut written = Vec::new();
+        framed.message.encode(framed.index, &mut written);
+        let again = Message::from_datagram(&written).expect("what was just written");
+        assert_eq!(format!("{again:?}"), format!("{:?}", framed.message));
+    }
+    check_body(stream);
+    let _ = Message::from_datagram(stream);
+}
+
+/// The body of a message whose type the first two bytes say: one that reads is written alike.
+fn check_body(bytes: &[u8]) {
+    let Some((code, body)) = bytes.split_first_chunk::<2>() else {
+        return;
+    };
+    let place = usize::from(u16::from_be_bytes(*code));
+    let kind = Kind::ALL[place % Kind::ALL.len()];
+    if let Ok(message) = Message::decode(kind, body) {
+        let mut written = Vec::new();
+        message.encode(0, &mut written);
+        // Of a long text the beginning is said.
+        if !matches!(message, Message::Error(_)) {
+            assert_eq!(&written[HEADER_BYTES..], body, "{message:?}");
+        }
+    }
+}
+
+fn read(stream: &[u8], piece: usize) -> (Vec<Framed>, Option<Malformed>) {
+    let (mut frames, mut all) = (Frames::default(), Vec::new());
+    for bytes in stream.chunks(piece) {
+        frames.push(bytes);
+        loop {
+            match frames.next_message() {
+                Ok(Some(framed)) => all.push(framed),
+                Ok(None) => break,
+                Err(malformed) => return (all, Some(malformed)),
+            }
+        }
+    }
+    (all, None)
+}
+
+/// A script of messages, of frames, and of bytes.
+pub fn app_scene(data: &[u8]) {
+    let mut script = Script::new(data);
+    let mut host = Host::new(|| Instant::ZERO);
+    let mut logon = Vec::new();
+    Message::Logon(Logon::new(7, "words")).encode(0, &mut logon);
+    let mut talk = PluginTalk::begin(&mut host, 1, &logon);
+    talk.say(&mut host, &logon);
+    say(&mut host, &mut talk, &world(&mut script));
+    let mut frames = 0;
+    for _ in 0..ACTS_MAX {
+        if !script.goes_on() || talk.closed {
+            break;
+        }
+        match script.below(16) {
+            0..4 => {
+                let seconds = script.one_of(&[0.089, 0.0167, 0.5]);
+                say(&mut host, &mut talk, &Message::AdvanceTime((7, seconds)));
+                frames += 1;
+            }
+            4 if script.below(4) == 0 => talk.say(&mut host, script.bytes(60)),
+            _ => {
+                let word = word(&mut script);
+                say(&mut host, &mut talk, &word);
+            }
+        }
+    }
+    for state in talk.last_states().values() {
+        let finite = state.position.is_finite() && state.linear.is_finite();
+        let is_state = finite && state.angular.is_finite() && state.rotation.is_normalized();
+        assert!(is_state, "{state:?}");
+    }
+    if talk.closed {
+        return;
+    }
+    assert_eq!(talk.heard(Kind::TimeAdvanced), frames, "the scene went on");
+    say(&mut host, &mut talk, &Message::Logoff(7));
+    assert!(host.scenes().count() == 0 || !talk.closed);
+}
+
+fn say(host: &mut Host, talk: &mut PluginTalk, message: &Message) {
+    let mut bytes = Vec::new();
+    message.encode(0, &mut bytes);
+    talk.say(host, &bytes);
+}
+
+fn id(script: &mut Script<'_>) -> Id {
+    Id {
+        simulation: 7,
+        object: script.below(6) as u32,
+    }
+}
+
+fn world(script: &mut Script<'_>) -> Message {
+    let height = script.number(5.0);
+    Message::SetWorld(SetWorld {
+        plane: id(script),
+        gravity: script.vector(20.0),
+        static_friction: 0.5,
+        kinetic_friction: 0.5,
+        restitution: 0.0,
+        margin: 0.0,
+        height,
+        normal: if script.any() {
+            Vec3::Z
+        } else {
+            script.vector(1.0)
+        },
+    })
+}
+
+fn surface(script: &mut Script<'_>) -> Surface {
+    Surface {
+        density: script.number(2e3),
+        static_friction: script.number(1.0),
+        kinetic_friction: script.number(1.0),
+        restitution: script.number(1.0),
+    }
+}
+
+fn grip(script: &mut Script<'_>) -> Grip {
+    Grip {
+        actor: id(script),
+        rotation: script.rotation(),
+        anchor: script.vector(1.0),
+    }
+}
+
+fn motion(script: &mut Script<'_>) -> Motion {
+    Motion {
+        actor: id(script),
+        position: script.vector(5.0),
+        rotation: script.rotation(),
+        gravity_modifier: script.number(2.0),
+        linear: script.vector(30.0),
+        angular: script.vector(20.0),
+    }
+}
+
+fn shape(script: &mut Script<'_>) -> Message {
+    let shape = id(script);
+    match script.below(8) {
+        0 => Message::AddSphere((shape, script.vector(1.0), script.number(1.0).abs())),
+        1 => Message::AddCapsule((shape, script.number(1.0).abs(), script.number(3.0).abs())),
+        2 => Message::AddBox((shape, script.vector(2.0).abs())),
+        3 => {
+            let points = points(script);
+            Message::AddConvexMesh(ConvexMesh { shape, points })
+        }
+        4 => {
+            let points = points(script);
+            let mut corner = || script.below(points.len() + 2) as u32;
+            let triangles = (0..6).map(|_| [corner(), corner(), corner()]).collect();
+            Message::AddTriangleMesh(TriangleMesh {
+                shape,
+                points,
+                triangles,
+            })
+        }
+        5 => Message::AddHeightField(Heights {
+            shape,
+            rows: 3,
+            columns: 3,
+            row_spacing: script.number(2.0).abs(),
+            column_spacing: script.number(2.0).abs(),
+            heights: (0..9).map(|_| script.number(2.0)).collect(),
+        }),
+        6 => Message::AddPlane((shape, script.number(1.0), script.vector(1.0))),
+        _ => Message::RemoveShape(shape),
+    }
+}
+
+fn points(script: &mut Script<'_>) -> Vec<Vec3> {
+    (0..script.below(12)).map(|_| script.vector(2.0)).collect()
+}
+
+fn word(script: &mut Script<'_>) -> Message {
+    let actor = id(script);
+    match script.below(24) {
+        0..4 => shape(script),
+        4 => Message::CreateStaticActor(CreateStaticActor {
+            actor,
+            position: script.vector(5.0),
+            rotation: script.rotation(),
+            flags: script.any(),
+        }),
+        5..8 => Message::CreateDynamicActor(CreateDynamicActor {
+            motion: motion(script),
+            flags: script.any(),
+        }),
+        8 => Message::RemoveActor(actor),
+        9..12 => Message::AttachShape(AttachShape {
+            actor,
+            shape: id(script),
+            surface: surface(script),
+            rotation: script.rotation(),
+            position: script.vector(1.0),
+        }),
+        12 => Message::DetachShape(DetachShape {
+            actor,
+            shape: id(script),
+        }),
+        13 => Message::UpdateShapeMaterial(Surfacing {
+            actor,
+            shape: id(script),
+            surface: surface(script),
+        }),
+        14 => Message::AddJoint(AddJoint {
+            joint: actor,
+            first: grip(script),
+            second: grip(script),
+            linear_lower: script.vector(1.0),
+            linear_upper: script.vector(1.0),
+            angular_lower: script.vector(1.0),
+            angular_upper: script.vector(1.0),
+        }),
+        15 => Message::RemoveJoint(actor),
+        16 => Message::SetDynamicActor(motion(script)),
+        17 => Message::UpdateLinearVelocity((actor, script.vector(50.0))),
+        18 => Message::UpdateGravityModifier((actor, script.number(1.0))),
+        19 => Message::ApplyForce(ApplyForce {
+            actor,
+            force: script.vector(1e5),
+        }),
+        20 => Message::ApplyTorque(ApplyTorque {
+            actor,
+            torque: script.vector(1e4),
+        }),
+        21 => Message::SetStaticActor(Place {
+            actor,
+            position: script.vector(5.0),
+            rotation: script.rotation(),
+        }),
+        22 => Message::UpdateActorOrientation((actor, Quat::from_rotation_x(script.sane(3.0)))),
+        _ => Message::GetMass(actor),
+    }
+}

@@ -1,0 +1,199 @@
+//! A client's session that hears recorded words, disturbed, and any others.
+//!
+//! Promises: nothing panics; the session says what the protocol has, and not without end; after its end it says nothing;
+//! its copy stays within the limits.
+
+use std::sync::LazyLock;
+
+use rhumb_protocol::limits::{HISTORY_PACKETS, INDICES_MAX};
+use rhumb_protocol::message::{ClientMessage, Frames, Moves, StreamChoice};
+use rhumb_protocol::session::{ClientSession, CloseCode};
+use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
+use rhumb_reckoning::{Tick, Tolerance};
+use serde_json::Value;
+
+use super::commands::command;
+use super::inputs::{vectors, with_bytes};
+use super::packets::written_again;
+use super::sayings::verbatim;
+use super::script::Script;
+use super::subscriber::assert_is_within_limits;
+use crate::vectors::streams::greeted;
+
+/// One thing that a member heard.
+enum Heard {
+    Control(Vec<u8>),
+    Datagram(Vec<u8>),
+}
+
+/// What the members of the golden streams heard.
+static STREAMS: LazyLock<Vec<Vec<Heard>>> = LazyLock::new(|| {
+    let file = vectors("streams.json");
+    let streams = file["streams"].as_array().into_iter().flatten();
+    streams.map(heard).collect()
+});
+
+/// Every message of a server in the golden vectors.
+static MESSAGES: LazyLock<Vec<Vec<u8>>> =
+    LazyLock::new(|| with_bytes(&vectors("control.json")["server says"]));
+
+fn heard(stream: &Value) -> Vec<Heard> {
+    let events = stream["events"].as_array().into_iter().flatten();
+    let heard = events.filter_map(|event| {
+        let bytes = || crate::grammar::unhex(event[1].as_str().unwrap_or_default());
+        match event[0].as_str() {
+            Some("control") => Some(Heard::Control(bytes())),
+            Some("datagram") => Some(Heard::Datagram(bytes())),
+            _ => None,
+        }
+    });
+    heard.collect()
+}
+
+/// The host, as the session names it.
+const HOST: Peer = Peer(0);
+/// What a session says at most to one thing that it heard, or at one moment.
+const ANSWERS_MAX: usize = 8;
+
+struct Client {
+    session: ClientSession,
+    now: Instant,
+    frames: Frames,
+    ended: bool,
+}
+
+/// A script of what is heard, and of what the application wants.
+pub fn client_session(data: &[u8]) {
+    let mut script = Script::new(data);
+    let mut client = Client {
+        session: greeted(),
+        now: Instant::ZERO,
+        frames: Frames::new(),
+        ended: false,
+    };
+    client.drain();
+    let stream = script.below(STREAMS.len());
+    let mut rest = STREAMS[stream].iter();
+    while script.goes_on() {
+        match script.below(12) {
+            0..4 => {
+                for heard in rest.by_ref().take(1 + script.below(30)) {
+                    client.hear(heard);
+                }
+            }
+            4 => drop(rest.nth(script.below(3))),
+            5 | 6 => {
+                if let Some(heard) = rest.as_slice().first() {
+                    client.hear(&turned(heard, &mut script));
+                }
+            }
+            7 => {
+                let place = script.below(MESSAGES.len());
+                client.hear(&turned(
+                    &Heard::Control(MESSAGES[place].clone()),
+                    &mut script,
+                ));
+            }
+            8 => client.hear(&Heard::Control(script.bytes(60).to_vec())),
+            9 => client.hear(&Heard::Datagram(script.bytes(60).to_vec())),
+            10 => client.wait(script.any()),
+            _ => client.want(&mut script),
+        }
+    }
+}
+
+/// The same, with a bit turned or not.
+fn turned(heard: &Heard, script: &mut Script<'_>) -> Heard {
+    let mut turn = |bytes: &[u8]| {
+        let mut bytes = bytes.to_vec();
+        let bit = script.any::<u16>() as usize;
+        if let Some(byte) = bytes.get_mut(bit / 8) {
+            *byte ^= 1 << (bit % 8);
+        }
+        bytes
+    };
+    match heard {
+        Heard::Control(bytes) => Heard::Control(turn(bytes)),
+        Heard::Datagram(bytes) => Heard::Datagram(turn(bytes)),
+    }
+}
+
+impl Client {
+    fn hear(&mut self, heard: &Heard) {
+        match heard {
+            Heard::Control(bytes) => self.session.handle_control(self.now, HOST, bytes),
+            Heard::Datagram(bytes) => self.session.handle_datagram(self.now, HOST, bytes),
+        }
+        self.drain();
+    }
+
+    fn wait(&mut self, milliseconds: u8) {
+        self.now = self.now + Span::from_millis(u64::from(milliseconds) * 4);
+        self.session.handle_timeout(self.now);
+        self.drain();
+    }
+
+    /// The application may want anything at any time; what cannot be is its mistake.
+    fn want(&mut self, script: &mut Script<'_>) {
+        let session = &mut self.session;
+        let choice = script.one_of(&[
+            StreamChoice::Full,
+            StreamChoice::Within(Tolerance::EXACT),
+            StreamChoice::Within(Tolerance::NORMAL),
+        ]);
+        let bodies: Vec<_> = session.replica().map_or_else(Vec::new, |replica| {
+            replica.bodies().map(|terms| terms.id).take(3).collect()
+        });
+        let _ = match script.below(11) {
+            0 => session.join(choice),
+            1 => session.follow(choice),
+            2 => session.leave(),
+            3 => session.reserve(script.any()),
+            4 => session.command(command(script, &bodies)).map(drop),
+            5 => session.advance(self.now, Tick::new(script.any::<u32>().into())),
+            6 => session.inspect(),
+            7 => session.drive(Tolerance::NORMAL, &bodies),
+            8 => {
+                let motions = bodies.iter().map(|id| (*id, verbatim(script)));
+                let motions: Vec<_> = motions.collect();
+                let tick = Tick::new(script.any::<u16>().into());
+                session.publish(tick, &motions).map(drop)
+            }
+            9 => session.allow(Moves::Never),
+            _ => {
+                if script.any() {
+                    session.close(CloseCode::DONE);
+                } else {
+                    session.handle_ended(self.now, HOST, Ending::Broken);
+                }
+                Ok(())
+            }
+        };
+        self.drain();
+    }
+
+    /// What it says is of the protocol; what it believes is within limits.
+    fn drain(&mut self) {
+        while self.session.poll_event().is_some() {}
+        let mut said = 0;
+        while let Some(transmit) = self.session.poll_transmit() {
+            said += 1;
+            assert!(!self.ended, "{transmit:?} after the end");
+            match transmit {
+                Transmit::Control { bytes, .. } => self.frames.push(&bytes),
+                Transmit::State { bytes, .. } => assert_eq!(written_again(&bytes), Ok(())),
+                Transmit::Close { .. } => self.ended = true,
+            }
+        }
+        assert!(said <= ANSWERS_MAX, "{said} answers to one thing");
+        while let Some(framed) = self.frames.next_frame().expect("a session says messages") {
+            ClientMessage::decode(&framed).expect("a session says what is known");
+        }
+        let Some(stream) = self.session.replica().map(|replica| replica.stream()) else {
+            return;
+        };
+        assert!(stream.missing() <= HISTORY_PACKETS);
+        assert!(stream.index_end() <= INDICES_MAX as usize);
+        assert_is_within_limits(stream, stream.index_end().min(20) as u32);
+    }
+}

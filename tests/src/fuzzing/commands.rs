@@ -1,0 +1,252 @@
+//! Commands of a script, about few things, so that they contradict another.
+
+use glam::Vec3;
+use rhumb_protocol::limits::{ANGULAR_MAX, COORDINATE_MAX, FORCE_MAX, GRAVITY_MAX, LINEAR_MAX};
+use rhumb_protocol::scene::{
+    BodyKind, BodyTerms, Command, Compound, Heights, Hull, Joint, JointFrame, JointId, JointKind,
+    JointLimits, Material, Mesh, Part, Shape, ShapeId,
+};
+use rhumb_reckoning::{BodyId, Class, Damping, Verbatim};
+
+use super::script::Script;
+
+/// Shapes and joints have numbers below it.
+const THINGS: usize = 5;
+
+/// Any command about one of these bodies.
+pub(super) fn command(script: &mut Script<'_>, bodies: &[BodyId]) -> Command {
+    let id = if bodies.is_empty() {
+        BodyId::new(0, 0)
+    } else {
+        script.one_of(bodies)
+    };
+    match script.below(16) {
+        0 | 1 => Command::AddShape {
+            id: shape_id(script),
+            shape: shape(script),
+        },
+        2 => Command::RemoveShape {
+            id: shape_id(script),
+        },
+        3..6 => Command::AddBody {
+            terms: terms(script, id),
+            motion: motion(script),
+        },
+        6 => Command::RemoveBody { id },
+        7 => Command::SetPose {
+            id,
+            position: place(script, COORDINATE_MAX),
+            rotation: script.rotation(),
+        },
+        8 => Command::SetVelocity {
+            id,
+            linear: script.vector(LINEAR_MAX),
+            angular: script.vector(ANGULAR_MAX),
+        },
+        9 => Command::Force {
+            id,
+            force: strength(script),
+        },
+        10 => Command::Torque {
+            id,
+            torque: strength(script),
+        },
+        11 => Command::Impulse {
+            id,
+            impulse: strength(script),
+        },
+        12 => Command::TorqueImpulse {
+            id,
+            impulse: strength(script),
+        },
+        13 => Command::SetGravity {
+            gravity: script.vector(GRAVITY_MAX),
+        },
+        14 => Command::AddJoint {
+            id: joint_id(script),
+            joint: joint(script, id, bodies),
+        },
+        _ => Command::RemoveJoint {
+            id: joint_id(script),
+        },
+    }
+}
+
+fn shape_id(script: &mut Script<'_>) -> ShapeId {
+    ShapeId(script.below(THINGS) as u32)
+}
+
+fn joint_id(script: &mut Script<'_>) -> JointId {
+    JointId(script.below(THINGS) as u32)
+}
+
+/// Near the others, mostly.
+fn place(script: &mut Script<'_>, most: f32) -> Vec3 {
+    if script.below(6) == 0 {
+        script.vector(most)
+    } else {
+        script.sane_vector(4.0)
+    }
+}
+
+/// From a push to the limit.
+fn strength(script: &mut Script<'_>) -> Vec3 {
+    let most = script.one_of(&[10.0, 1e4, FORCE_MAX]);
+    script.vector(most)
+}
+
+fn motion(script: &mut Script<'_>) -> Verbatim {
+    let position = place(script, COORDINATE_MAX).to_array();
+    let rotation = script.rotation().to_array();
+    let (linear, angular) = (script.vector(50.0), script.vector(30.0));
+    let motion = Verbatim::new(position, rotation, linear.to_array(), angular.to_array());
+    motion.unwrap_or_else(|_| {
+        Verbatim::new([0.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3])
+            .expect("nothing moves at the origin")
+    })
+}
+
+fn terms(script: &mut Script<'_>, id: BodyId) -> BodyTerms {
+    let kind = script.one_of(&[
+        BodyKind::Dynamic,
+        BodyKind::Dynamic,
+        BodyKind::Static,
+        BodyKind::Kinematic,
+    ]);
+    let plain = BodyTerms::plain(id, kind, shape_id(script));
+    if script.any() {
+        return plain;
+    }
+    BodyTerms {
+        material: script.any::<bool>().then(|| Material {
+            friction: script.number(1.0).abs(),
+            restitution: script.number(1.0).abs(),
+            density: script.number(2e3).abs(),
+        }),
+        damping: script.any::<bool>().then(|| Damping {
+            linear: script.number(2.0).abs(),
+            angular: script.number(2.0).abs(),
+        }),
+        gravity_scale: script.number(2.0),
+        gyroscopic: script.any(),
+        class: Class::new(script.below(7) as i8 - 3).expect("there are seven classes"),
+        turns: script.any(),
+        ..plain
+    }
+}
+
+/// A length, mostly one that a body may have.
+fn length(script: &mut Script<'_>) -> f32 {
+    match script.below(8) {
+        0 => script.number(1e4),
+        1 => 1e-3,
+        2 => 1e4,
+        _ => script.sane(2.0).abs() + 0.01,
+    }
+}
+
+/// Any shape; of those that do not check their points, one that is wrong too.
+fn shape(script: &mut Script<'_>) -> Shape {
+    match script.below(9) {
+        8 => {
+            let parts = (0..script.below(4)).map(|_| Part {
+                position: script.vector(2.0),
+                rotation: script.rotation(),
+                shape: simple(script),
+            });
+            let parts: Vec<_> = parts.collect();
+            Compound::new(parts).map_or_else(|_| ball(script), Shape::Compound)
+        }
+        _ => simple(script),
+    }
+}
+
+fn ball(script: &mut Script<'_>) -> Shape {
+    Shape::Ball {
+        radius: length(script),
+    }
+}
+
+fn simple(script: &mut Script<'_>) -> Shape {
+    match script.below(8) {
+        0 | 1 => ball(script),
+        2 => Shape::Cuboid {
+            half_extents: Vec3::new(length(script), length(script), length(script)),
+        },
+        3 => Shape::Capsule {
+            half_height: length(script),
+            radius: length(script),
+        },
+        4 => Shape::Cylinder {
+            half_height: length(script),
+            radius: length(script),
+        },
+        5 => {
+            let points = points(script, 4, 12);
+            Hull::new(&points).map_or_else(|_| ball(script), Shape::Hull)
+        }
+        6 => {
+            let points = points(script, 3, 10);
+            let corner = |script: &mut Script<'_>| script.below(points.len() + 1) as u32;
+            let count = 1 + script.below(10);
+            let triangles = (0..count).map(|_| [corner(script), corner(script), corner(script)]);
+            let triangles: Vec<_> = triangles.collect();
+            Mesh::new(&points, &triangles).map_or_else(|_| ball(script), Shape::Mesh)
+        }
+        _ => {
+            let (rows, columns) = (2 + script.below(3), 2 + script.below(3));
+            let heights = (0..rows * columns).map(|_| script.number(3.0));
+            let heights: Vec<_> = heights.collect();
+            let (across, along) = (length(script), length(script));
+            Heights::new(rows as u32, across, along, &heights)
+                .map_or_else(|_| ball(script), Shape::Heights)
+        }
+    }
+}
+
+/// Points, some of which may lie in one place, on a line, or in a plane.
+fn points(script: &mut Script<'_>, least: usize, more: usize) -> Vec<Vec3> {
+    let count = least + script.below(more);
+    let flat = script.one_of(&[Vec3::ONE, Vec3::ONE, Vec3::new(1.0, 1.0, 1e-4), Vec3::X]);
+    let most = script.one_of(&[2.0, 2.0, 0.01, 5e3]);
+    let point = |script: &mut Script<'_>| match script.below(6) {
+        0 => Vec3::ZERO,
+        1 => script.vector(most) * flat,
+        _ => script.sane_vector(most) * flat,
+    };
+    (0..count).map(|_| point(script)).collect()
+}
+
+fn joint(script: &mut Script<'_>, first: BodyId, bodies: &[BodyId]) -> Joint {
+    let second = if bodies.is_empty() {
+        first
+    } else {
+        script.one_of(bodies)
+    };
+    let frame = |script: &mut Script<'_>| JointFrame {
+        anchor: script.vector(2.0),
+        rotation: script.rotation(),
+    };
+    let limits = |script: &mut Script<'_>| {
+        let (one, other) = (script.number(1.0), script.number(1.0));
+        JointLimits {
+            least: one.min(other),
+            most: one.max(other),
+        }
+    };
+    let limited = script.any::<bool>();
+    let kind = match script.below(4) {
+        0 => JointKind::Fixed,
+        1 => {
+            JointKind::Spherical(limited.then(|| [limits(script), limits(script), limits(script)]))
+        }
+        2 => JointKind::Revolute(limited.then(|| limits(script))),
+        _ => JointKind::Prismatic(limited.then(|| limits(script))),
+    };
+    Joint {
+        kind,
+        bodies: [first, second],
+        frames: [frame(script), frame(script)],
+        collide: script.any(),
+    }
+}

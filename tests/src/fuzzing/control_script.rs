@@ -1,0 +1,245 @@
+//! A host with a live scene, and guests that say anything at all.
+//!
+//! Promises: who says what is not of the protocol is closed with its code, and nobody else is; a refused command leaves
+//! the scene's digest, tick and bodies as they were; an accepted one does what it does to a scene stepped beside; and a
+//! polite guest's copy is within its tolerance all the while.
+
+use std::sync::LazyLock;
+
+use rhumb_protocol::Span;
+use rhumb_protocol::message::{ClientMessage, Extensions, StreamChoice};
+use rhumb_protocol::packet::{Echo, Low16, StreamId};
+use rhumb_protocol::scene::{Command, CommandError, Pace};
+use rhumb_protocol::session::CloseCode;
+use rhumb_reckoning::{BodyId, Divergence, Tick, Tolerance};
+use rhumb_server::Scene;
+
+use super::commands::command;
+use super::inputs::{vectors, with_bytes};
+use super::scene_commands::scene_terms;
+use super::script::Script;
+use super::subscriber::assert_is_within_limits;
+use crate::{Rude, Table};
+
+/// Acts of one script, so that it ends soon.
+const ACTS_MAX: usize = 60;
+const NAME: &str = "room";
+const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
+
+/// Every message of a client in the golden vectors.
+static MESSAGES: LazyLock<Vec<Vec<u8>>> =
+    LazyLock::new(|| with_bytes(&vectors("control.json")["client says"]));
+
+/// Types of messages by which any member may end a scene, change it and let it step.
+const SPARED: [u8; 3] = [5, 7, 8];
+
+struct Stage {
+    table: Table,
+    polite: rhumb_protocol::Peer,
+    rude: Rude,
+    bodies: Vec<BodyId>,
+    truth: Scene,
+}
+
+/// A script of commands, of steps, and of bytes.
+pub fn control_script(data: &[u8]) {
+    let mut script = Script::new(data);
+    let mut stage = Stage::new();
+    let mut stranger = stage.table.seat_rude();
+    for _ in 0..ACTS_MAX {
+        if !script.goes_on() {
+            break;
+        }
+        match script.below(10) {
+            0..5 => {
+                let command = command(&mut script, &stage.bodies);
+                stage.command(command);
+            }
+            5 | 6 => stage.advance(),
+            7 => {
+                if stage.table.closed(stranger).is_some() {
+                    stranger = stage.table.seat_rude();
+                }
+                let bytes = strange_bytes(&mut script);
+                stage.table.control(stranger, &bytes);
+                assert_code(stage.table.closed(stranger));
+            }
+            8 => {
+                let datagram = datagram(&mut script);
+                stage.table.datagram(stage.rude.peer, &datagram);
+            }
+            _ => stage
+                .table
+                .pass(Span::from_millis(script.any::<u8>().into())),
+        }
+        stage.check();
+    }
+    stage.advance();
+    stage.check();
+}
+
+/// Any bytes, a greeting before them or not; or any message there is, with a bit turned or not.
+fn strange_bytes(script: &mut Script<'_>) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    if script.any() {
+        let hello = ClientMessage::Hello {
+            versions: vec![1],
+            scene: NAME.parse().expect("a good name"),
+            extensions: Extensions::NONE,
+        };
+        hello.encode(&mut bytes);
+    }
+    let front = bytes.len();
+    if script.any() {
+        let place = script.below(MESSAGES.len());
+        bytes.extend_from_slice(&MESSAGES[place]);
+    } else {
+        bytes.extend_from_slice(script.bytes(60));
+    }
+    let bit = script.any::<u16>() as usize;
+    if let Some(byte) = bytes[front..].get_mut(bit / 8) {
+        *byte ^= 1 << (bit % 8);
+    }
+    for byte in &mut bytes[front..] {
+        if SPARED.contains(byte) {
+            *byte = 0xff;
+        }
+    }
+    bytes
+}
+
+fn assert_code(code: Option<CloseCode>) {
+    let known = [
+        CloseCode::MALFORMED,
+        CloseCode::VIOLATION,
+        CloseCode::VERSION,
+        CloseCode::LIMIT,
+        CloseCode::EXTENSION,
+    ];
+    assert!(code.is_none_or(|code| known.contains(&code)), "{code:?}");
+}
+
+/// An echo that is not true, or any bytes.
+fn datagram(script: &mut Script<'_>) -> Vec<u8> {
+    if script.any() {
+        return script.bytes(60).to_vec();
+    }
+    let lost = (0..script.below(5)).map(|_| Low16(script.any()));
+    let lost: Vec<_> = lost.collect();
+    let echo = Echo {
+        next: Low16(script.any()),
+        gone: Low16(script.any()),
+        parities: script.below(33) as u8,
+        lost,
+    };
+    echo.encode(StreamId(script.below(4) as u32))
+}
+
+impl Stage {
+    fn new() -> Self {
+        let mut table = Table::default();
+        let polite = table.seat(NAME);
+        let terms = scene_terms(Pace::Lockstep);
+        let session = table.guest(polite);
+        session.create(terms).expect("it is welcome");
+        session.join(NORMAL).expect("it is in the lobby");
+        table.settle();
+        let rude = Rude::enter(&mut table, NAME);
+        let granted = |place| rude.granted.id(place).expect("a member has indices");
+        let mut bodies: Vec<_> = (0..5).map(granted).collect();
+        // One that comes again, and one of nobody's.
+        let again = bodies[0];
+        bodies.push(BodyId::new(again.index(), again.generation() + 1));
+        bodies.push(BodyId::new(1 << 19, 0));
+        Self {
+            table,
+            polite,
+            rude,
+            bodies,
+            truth: Scene::new(terms).expect("good terms"),
+        }
+    }
+
+    /// Both scenes are asked.
+    fn command(&mut self, command: Command) {
+        let before = self.rude.inspect(&mut self.table);
+        // What cannot be said at all breaks the conversation, and is the affair of messages.
+        if command.check().is_err() && !is_said(&command) {
+            return;
+        }
+        let answer = self.rude.command(&mut self.table, command.clone());
+        let after = self.rude.inspect(&mut self.table);
+        if answer.is_err() {
+            assert_eq!(after, before, "{command:?} was refused by {answer:?}");
+        }
+        let is_own = |id: BodyId| self.rude.granted.contains(id);
+        if let Command::AddBody { terms, .. } = &command
+            && !is_own(terms.id)
+        {
+            assert!(answer.is_err(), "{command:?} is of nobody's");
+            return;
+        }
+        let beside = self.truth.apply(&command);
+        let fault = Err(CommandError::SceneFaulted);
+        assert!(answer != fault && beside != fault, "{command:?}");
+        assert_eq!(answer, beside, "{command:?}");
+    }
+
+    fn advance(&mut self) {
+        let tick = self
+            .truth
+            .step()
+            .expect("what was accepted is stepped")
+            .tick;
+        let now = self.table.now();
+        let session = self.table.guest(self.polite);
+        session.advance(now, tick).expect("it is a member");
+        self.table.settle();
+        let told = self.rude.inspect(&mut self.table);
+        let bodies = self.truth.body_count() as u32;
+        let expected = (self.truth.digest().value(), tick.value(), bodies);
+        assert_eq!(told, expected, "another truth than beside");
+        let session = self.table.guest(self.polite);
+        let stream = session.replica().expect("it is a member").stream();
+        let all_there = self
+            .truth
+            .bodies()
+            .all(|terms| stream.track(terms.id).is_some());
+        assert!(all_there, "a body is missing in the copy");
+    }
+
+    fn check(&mut self) {
+        assert_eq!(self.table.closed(self.polite), None);
+        assert_eq!(self.table.closed(self.rude.peer), None);
+        let tick: Tick = self.truth.tick();
+        let session = self.table.guest(self.polite);
+        while session.poll_event().is_some() {}
+        let stream = session.replica().expect("it is a member").stream();
+        assert_eq!(stream.complete(), tick);
+        assert_is_within_limits(stream, stream.index_end().min(6_000) as u32);
+        let mut all = Vec::new();
+        self.truth.observe_all(&mut all);
+        for seen in all {
+            let terms = *self.truth.body(seen.id).expect("what is seen is there");
+            // Who came since the last step is told of with the next.
+            let Some(believed) = stream.believed(terms.id, tick) else {
+                continue;
+            };
+            let radius = self.truth.bounding_radius(terms.id).expect("a shape");
+            let apart = Divergence::between(&seen.motion.motion().pose(), &believed.pose());
+            let tolerance = Tolerance::NORMAL.of_class(terms.class);
+            let share = tolerance.share(&apart, radius);
+            assert!(share <= 1.0, "{} is off by {share} tolerances", terms.id);
+        }
+    }
+}
+
+/// Whether a command that is wrong can be said and is answered.
+fn is_said(command: &Command) -> bool {
+    use rhumb_protocol::wire::Wire as _;
+    use rhumb_protocol::wire::bytes::{Reader, Writer};
+    let mut to = Writer::new();
+    command.encode(&mut to);
+    let bytes = to.into_bytes();
+    Command::decode(&mut Reader::new(&bytes)).is_ok()
+}

@@ -1,0 +1,145 @@
+//! The inputs of each fuzzer that are kept, and those of the golden vectors.
+//!
+//! `fuzz/corpus/NAME.hex` has an input a line, in hexadecimal digits; a line that begins with `#` says something of the
+//! next. Seeds are made of `spec/vectors` whenever they are wanted, so that they follow the wire.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+
+use super::Target;
+use crate::grammar::{hex, unhex};
+
+/// A file of golden vectors.
+///
+/// # Panics
+///
+/// When it is not there, or no JSON.
+#[must_use]
+pub fn vectors(name: &str) -> Value {
+    let path = root().join("spec/vectors").join(name);
+    let text = std::fs::read_to_string(path).expect("the specification lies beside the crates");
+    serde_json::from_str(&text).expect("vectors are JSON")
+}
+
+/// The bytes of each of these cases.
+#[must_use]
+pub fn with_bytes(cases: &Value) -> Vec<Vec<u8>> {
+    let cases = cases.as_array().into_iter().flatten();
+    let bytes = cases.filter_map(|case| case["bytes"].as_str());
+    bytes.map(unhex).collect()
+}
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+fn path(target: &Target) -> PathBuf {
+    root()
+        .join("fuzz/corpus")
+        .join(format!("{}.hex", target.name))
+}
+
+/// Inputs that are kept.
+///
+/// # Panics
+///
+/// When there is no such file.
+#[must_use]
+pub fn kept(target: &Target) -> Vec<Vec<u8>> {
+    let text = std::fs::read_to_string(path(target)).expect("each fuzzer has inputs that are kept");
+    let inputs = text.lines().filter(|line| !line.starts_with('#'));
+    inputs.map(unhex).collect()
+}
+
+/// Inputs that the golden vectors give a target: those whose bytes it reads.
+#[must_use]
+pub fn seeds(target: &Target) -> Vec<Vec<u8>> {
+    let control = |sections: [&str; 2]| {
+        let control = vectors("control.json");
+        let cases = sections
+            .into_iter()
+            .flat_map(|name| with_bytes(&control[name]));
+        behind(&[255], cases)
+    };
+    match target.name {
+        "client_messages" => control(["client says", "refused of a client"]),
+        "server_messages" => control(["server says", "refused of a server"]),
+        "state_packets" => behind(&[0], datagrams()),
+        "side_packets" => behind(&[1], datagrams()),
+        _ => Vec::new(),
+    }
+}
+
+fn datagrams() -> impl Iterator<Item = Vec<u8>> {
+    let packets = vectors("packets.json");
+    let sections = ["said", "refused"];
+    let cases = sections
+        .into_iter()
+        .flat_map(move |name| with_bytes(&packets[name]));
+    cases.collect::<Vec<_>>().into_iter()
+}
+
+fn behind(front: &[u8], cases: impl Iterator<Item = Vec<u8>>) -> Vec<Vec<u8>> {
+    cases.map(|bytes| [front, &bytes].concat()).collect()
+}
+
+/// Writes the kept inputs and the seeds of a target into a folder, a file each, as a fuzzer reads them.
+///
+/// # Errors
+///
+/// When a file is not written.
+pub fn unpack(target: &Target, folder: &Path) -> std::io::Result<usize> {
+    std::fs::create_dir_all(folder)?;
+    let mut inputs = kept(target);
+    inputs.extend(seeds(target));
+    for (number, input) in inputs.iter().enumerate() {
+        std::fs::write(folder.join(format!("{number:05}")), input)?;
+    }
+    Ok(inputs.len())
+}
+
+/// Keeps the inputs of a folder, in place of those that are kept, up to so many bytes in all: the shortest. What is said
+/// of findings stays, and so do they.
+///
+/// # Errors
+///
+/// When a file is not read or written.
+pub fn pack(target: &Target, folder: &Path, bytes_max: usize) -> std::io::Result<usize> {
+    let known = std::fs::read_to_string(path(target)).unwrap_or_default();
+    let mut lines = findings(&known);
+    let mut inputs = Vec::new();
+    for entry in std::fs::read_dir(folder)? {
+        inputs.push(std::fs::read(entry?.path())?);
+    }
+    inputs.sort_by(|a, b| (a.len(), a).cmp(&(b.len(), b)));
+    let seeds = seeds(target);
+    let mut bytes = 0;
+    for input in inputs {
+        bytes += input.len();
+        let line = hex(&input);
+        if bytes > bytes_max {
+            break;
+        }
+        if !input.is_empty() && !seeds.contains(&input) && !lines.contains(&line) {
+            lines.push(line);
+        }
+    }
+    let count = lines.iter().filter(|line| !line.starts_with('#')).count();
+    std::fs::write(path(target), lines.join("\n") + "\n")?;
+    Ok(count)
+}
+
+/// The lines about findings, each with its input.
+fn findings(text: &str) -> Vec<String> {
+    let mut kept = Vec::new();
+    let mut said = false;
+    for line in text.lines() {
+        let says = line.starts_with('#');
+        if says || said {
+            kept.push(line.to_owned());
+        }
+        said = says;
+    }
+    kept
+}

@@ -1,0 +1,56 @@
+//! What the fuzzers run, and the inputs that are kept of them.
+//!
+//! Each target takes any bytes and panics where a promise is broken. The fuzzers of `fuzz/` call the same functions as the
+//! test that replays what is kept, so that nothing here needs another compiler than the rest.
+
+mod app;
+mod client_session;
+mod commands;
+mod control_messages;
+mod control_script;
+mod driven_stream;
+pub mod inputs;
+mod link;
+mod packets;
+mod parities;
+mod reckoning;
+mod recordings;
+mod sayings;
+mod scene_commands;
+mod script;
+mod source;
+mod subscriber;
+
+pub use app::{app_messages, app_scene};
+pub use client_session::client_session;
+pub use control_messages::{client_messages, server_messages};
+pub use control_script::control_script;
+pub use driven_stream::driven_stream;
+pub use link::link;
+pub use packets::{side_packets, state_packets};
+pub use parities::parities;
+pub use reckoning::{gate, lattice};
+pub use recordings::recordings;
+pub use scene_commands::scene_commands;
+pub use subscriber::subscriber;
+
+/// Something that is fuzzed.
+#[derive(Clone, Copy, Debug)]
+pub struct Target {
+    /// What it is called, here and in `fuzz/`.
+    pub name: &'static str,
+    /// Takes an input.
+    pub run: fn(&[u8]),
+}
+
+macro_rules! targets {
+    ($($name:ident)*) => {
+        /// All of them, in order of name.
+        pub const TARGETS: &[Target] = &[$(Target { name: stringify!($name), run: $name }),*];
+    };
+}
+
+targets! {
+    app_messages app_scene client_messages client_session control_script driven_stream gate lattice
+    link parities recordings scene_commands server_messages side_packets state_packets subscriber
+}

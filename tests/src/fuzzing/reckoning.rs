@@ -1,0 +1,267 @@
+//! Reckoning: shortcuts against the exact, grids against what is put on them.
+//!
+//! Promises: what the gate lets pass the exact judgement allows, and four predictions side by side are one by one's, to the
+//! bit; a grid's point is its own nearest, within half a step of what it stands for; a settling says any pose to the bit;
+//! all that follows is finite.
+
+use std::num::NonZeroU32;
+
+use glam::{DQuat, DVec3};
+use rhumb_reckoning::{
+    Anchor, Case, Conditions, Cursor, Damping, Divergence, FINE_STEPS, FlowTable, Gate, Grid,
+    HORIZON, Inertia, Integrator, LengthBound, Metres, Motion, POSITION_LIMIT, Predictor, Quartet,
+    RESIDUAL_LIMIT, Radians, Rate, Residual, Seconds, Settling, Snapped, TURN_LIMIT, Tick, Ticks,
+    Tolerance, Track, VELOCITY_LIMIT, Verbatim,
+};
+
+use super::sayings::{snapped, verbatim};
+use super::script::Script;
+use super::subscriber::assert_is_motion;
+
+/// Any length, or a length and an angle.
+fn tolerance(script: &mut Script<'_>) -> Tolerance {
+    let length = Metres::new(f64::from(script.sane(0.2).abs()));
+    let turn = Radians::new(f64::from(script.sane(3.0).abs()));
+    let length = if script.below(8) == 0 {
+        Metres::new(f64::from(script.number(1.0)))
+    } else {
+        length
+    };
+    let tolerance = if script.any() {
+        LengthBound::from_metres(length).map(Tolerance::Surface)
+    } else {
+        Tolerance::parts(length, turn)
+    };
+    tolerance.unwrap_or(Tolerance::NORMAL)
+}
+
+fn radius(script: &mut Script<'_>) -> Metres {
+    let metres = match script.below(4) {
+        0 => script.sane(200.0).abs(),
+        1 => 1e-3,
+        _ => script.sane(2.0).abs(),
+    };
+    Metres::new(f64::from(metres.max(1e-3)))
+}
+
+fn flow(script: &mut Script<'_>) -> (Integrator, FlowTable) {
+    let rates = [
+        Rate::HZ_60,
+        Rate::new(10, 1).expect("a rate"),
+        Rate::new(1_000, 1).expect("a rate"),
+    ];
+    let integrator = Integrator {
+        rate: script.one_of(&rates),
+        substeps: NonZeroU32::new(1 + script.below(8) as u32).expect("more than zero"),
+    };
+    let damping = Damping {
+        linear: script.one_of(&[0.0, 0.5, 100.0]),
+        angular: script.one_of(&[0.0, 0.1, 1e3]),
+    };
+    let mut flow = FlowTable::new(integrator, damping);
+    flow.extend_to(HORIZON);
+    (integrator, flow)
+}
+
+fn track(script: &mut Script<'_>) -> Track {
+    let predictor = script.one_of(&Predictor::ALL);
+    let anchor = if script.any() {
+        Anchor::Snapped(snapped(script))
+    } else {
+        Anchor::Verbatim(verbatim(script))
+    };
+    Track {
+        origin: Tick::new(5),
+        predictor,
+        anchor,
+        carrier: None,
+    }
+}
+
+/// Four tracks, and truths beside them: the gate and the exact judgement, the quartet and the exact prediction.
+pub fn gate(data: &[u8]) {
+    let mut script = Script::new(data);
+    let tolerance = tolerance(&mut script);
+    let (integrator, flow) = flow(&mut script);
+    let gravity = script.sane_vector(1e3).as_dvec3();
+    let inertia = Inertia::new([1.0, 2.0, 2.5], [0.0, 0.0, 0.0, 1.0]).expect("an inertia");
+    let radius = radius(&mut script);
+    let grid = Grid::new(tolerance, radius);
+    let mut gate = Gate::new(tolerance, integrator);
+    let mut quartet = Quartet::default();
+    let (mut doubtful, mut shares, mut predicted) = (Vec::new(), Vec::new(), Vec::new());
+    for place in 0..4 {
+        let track = track(&mut script);
+        let tumbles = script.below(8) == 0;
+        let conditions = Conditions {
+            gravity: if track.predictor.falls() {
+                gravity
+            } else {
+                DVec3::ZERO
+            },
+            flow: &flow,
+            inertia: tumbles.then_some(&inertia),
+        };
+        let ages = [script.below(20), script.below(1_100)];
+        let tick = track.origin + Ticks::new(script.one_of(&ages) as u32);
+        let believed = track.at(tick, &grid, &conditions);
+        assert_is_motion(&believed);
+        let mut cursor = Cursor::default();
+        let by_cursor = track.at_with(tick, &grid, &conditions, &mut cursor);
+        assert_eq!(bits(&by_cursor), bits(&believed), "a cursor changes no bit");
+        if quartet.take(place, &track, tick, &grid, &conditions) {
+            predicted.push((place, believed));
+        }
+        let truth = beside(&mut script, &believed, tolerance.reach(radius));
+        let apart = Divergence::between(&truth.motion().pose(), &believed.pose());
+        let case = Case {
+            truth: &truth,
+            track: &track,
+            tick,
+            grid: &grid,
+            radius,
+            conditions: &conditions,
+        };
+        gate.look(place, &case, &mut doubtful);
+        shares.push(tolerance.share(&apart, radius));
+    }
+    gate.finish(&mut doubtful);
+    for (place, share) in shares.into_iter().enumerate() {
+        let passed = !doubtful.contains(&(place as u32));
+        assert!(!passed || share <= 1.0, "{place} passed with {share}");
+    }
+    let mut rest = predicted.into_iter();
+    quartet.predict(|place, motion| {
+        let (expected, exact) = rest.next().expect("no more than were taken");
+        assert_eq!((place, bits(&motion)), (expected, bits(&exact)));
+    });
+    assert_eq!(rest.next(), None, "one was forgotten");
+}
+
+/// Truth within about what a tolerance allows of a belief, and to f32.
+fn beside(script: &mut Script<'_>, believed: &Motion, reach: Metres) -> Verbatim {
+    let pose = believed.pose();
+    let scale = script.one_of(&[0.1, 0.9, 1.0, 1.1]);
+    let off = script.sane_vector(1.0).as_dvec3() * reach.metres() * scale;
+    let turn = DQuat::from_scaled_axis(script.sane_vector(0.1).as_dvec3() * scale);
+    let position = (pose.position + off).as_vec3().to_array();
+    let turned = if script.any() {
+        turn * pose.rotation
+    } else {
+        pose.rotation
+    };
+    let length = script.one_of(&[1.0, 1.0, 0.9995, 1.0005]);
+    let rotation = turned.as_quat().to_array().map(|part| part * length);
+    Verbatim::new(position, rotation, [0.0; 3], [0.0; 3]).unwrap_or_else(|_| verbatim(script))
+}
+
+fn bits(motion: &Motion) -> Vec<u64> {
+    let (pose, twist) = (motion.pose(), motion.twist());
+    let vectors = [pose.position, twist.linear, twist.angular];
+    let numbers = vectors.iter().flat_map(|vector| vector.to_array());
+    numbers
+        .chain(pose.rotation.to_array())
+        .map(f64::to_bits)
+        .collect()
+}
+
+/// A motion on a grid, a correction of it, and a settling.
+pub fn lattice(data: &[u8]) {
+    let mut script = Script::new(data);
+    let tolerance = tolerance(&mut script);
+    let grid = Grid::new(tolerance, radius(&mut script));
+    let motion = verbatim(&mut script).motion();
+    let on_grid = Snapped::of(&motion, &grid);
+    assert!(on_grid.is_within_limits());
+    check_snapped(&motion, &on_grid, &grid);
+    // Whatever is on a grid stays where it is.
+    let said = snapped(&mut script);
+    let again = Snapped::of(&said.motion(&grid), &grid);
+    assert_eq!(
+        (again.position, again.linear, again.angular),
+        (said.position, said.linear, said.angular)
+    );
+    assert_eq!(
+        again.motion(&grid).pose().rotation,
+        said.motion(&grid).pose().rotation
+    );
+    check_residual(&mut script, &motion, &said.motion(&grid), &grid);
+    check_settling(&verbatim(&mut script), &motion);
+}
+
+fn check_snapped(motion: &Motion, snapped: &Snapped, grid: &Grid) {
+    let value = snapped.motion(grid);
+    assert_is_motion(&value);
+    let near = |is: DVec3, was: DVec3, step: f64, limit: i32| {
+        let limit = f64::from(limit) * step;
+        for (is, was) in is.to_array().into_iter().zip(was.to_array()) {
+            let off = (is - was.clamp(-limit, limit)).abs();
+            let slack = was.abs().min(limit) * 1e-12;
+            assert!(off <= step / 2.0 + slack, "{was} became {is} at {step}");
+        }
+    };
+    let (pose, twist) = (motion.pose(), motion.twist());
+    near(
+        value.pose().position,
+        pose.position,
+        grid.fine(),
+        POSITION_LIMIT,
+    );
+    near(
+        value.twist().linear,
+        twist.linear,
+        grid.linear(),
+        VELOCITY_LIMIT,
+    );
+    near(
+        value.twist().angular,
+        twist.angular,
+        grid.angular(),
+        VELOCITY_LIMIT,
+    );
+    let turned = value.pose().rotation.dot(pose.rotation).abs();
+    assert!(turned > 1.0 - 1e-9, "the rotation is another: {turned}");
+}
+
+/// A correction of a prediction, as a decoder may meet it, is on the grid, where it says.
+fn check_residual(script: &mut Script<'_>, motion: &Motion, predicted: &Motion, grid: &Grid) {
+    let wanted = Residual::wanted(&motion.pose(), &predicted.pose(), grid);
+    let steps = |wanted: DVec3, limit: i32| {
+        let limit = f64::from(limit);
+        wanted
+            .to_array()
+            .map(|steps| steps.round().clamp(-limit, limit) as i32)
+    };
+    let residual = Residual {
+        position: steps(wanted[0], RESIDUAL_LIMIT),
+        turn: steps(wanted[1], TURN_LIMIT),
+        velocity: None,
+    };
+    assert!(residual.is_within_limits());
+    let over = Seconds::new(f64::from(1 + script.below(1_023) as u32) / 60.0);
+    let corrected = residual.onto(predicted, over, grid);
+    assert!(corrected.is_within_limits());
+    assert_is_motion(&corrected.motion(grid));
+    let from = Snapped::of(predicted, grid);
+    for axis in 0..3 {
+        let expected = from.position[axis].saturating_add(residual.position[axis] * FINE_STEPS);
+        let expected = expected.clamp(-POSITION_LIMIT, POSITION_LIMIT);
+        assert_eq!(corrected.position[axis], expected);
+    }
+    let coarseness = script.below(13) as u32;
+    let velocity = Residual::of_velocity(&motion.twist(), &corrected, grid, coarseness);
+    let residual = Residual {
+        velocity: Some(velocity),
+        ..residual
+    };
+    assert!(residual.is_within_limits());
+    assert!(residual.onto(predicted, over, grid).is_within_limits());
+}
+
+/// What can be said as a settling of any prediction is had back to the bit.
+fn check_settling(truth: &Verbatim, predicted: &Motion) {
+    if let Some(settling) = Settling::of(truth, &predicted.pose()) {
+        let back = settling.onto(&predicted.pose());
+        assert_eq!(back, Ok(truth.stilled()));
+    }
+}

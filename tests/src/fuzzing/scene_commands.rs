@@ -1,0 +1,127 @@
+//! A scene that gets any commands, and steps.
+//!
+//! Promises: a command is written and read as it is; a refused one changes nothing; whatever was accepted, the engine
+//! steps, and every body is where a body may be; the same script gives the same truth.
+
+use std::num::NonZeroU32;
+
+use rhumb_protocol::scene::{Cadence, Command, Material, Pace, SceneTerms, SleepTerms};
+use rhumb_protocol::wire::Wire;
+use rhumb_protocol::wire::bytes::{Reader, Writer};
+use rhumb_reckoning::{BodyId, Damping, Integrator, Rate};
+use rhumb_server::Scene;
+
+use super::commands::command;
+use super::script::Script;
+use super::subscriber::assert_is_motion;
+
+/// Commands and steps of one script, so that it ends soon.
+const ACTS_MAX: usize = 60;
+/// Bodies have indices below it.
+const BODIES: u32 = 6;
+
+/// A script of commands and steps.
+pub fn scene_commands(data: &[u8]) {
+    let once = played(&mut Script::new(data));
+    let again = played(&mut Script::new(data));
+    assert_eq!(once, again, "one script, one truth");
+}
+
+/// Terms of a scene in which bodies fall asleep soon.
+pub(super) fn scene_terms(pace: Pace) -> SceneTerms {
+    SceneTerms {
+        integrator: Integrator {
+            rate: Rate::HZ_60,
+            substeps: const { NonZeroU32::new(4).expect("four is not zero") },
+        },
+        gravity: glam::Vec3::new(0.0, -9.8, 0.0),
+        pace,
+        material: Material {
+            friction: 0.5,
+            restitution: 0.2,
+            density: 1_000.0,
+        },
+        damping: Damping::default(),
+        sleep: Some(SleepTerms {
+            speed: 0.5,
+            seconds: 0.1,
+        }),
+        cadence: Cadence::EACH_TICK,
+    }
+}
+
+/// The digest of what comes of a script.
+fn played(script: &mut Script<'_>) -> u64 {
+    let mut bodies: Vec<_> = (0..BODIES).map(|index| BodyId::new(index, 0)).collect();
+    bodies.extend([BodyId::new(0, 1), BodyId::new(1, 1)]);
+    let mut scene = Scene::new(scene_terms(Pace::Lockstep)).expect("good terms");
+    for _ in 0..ACTS_MAX {
+        if !script.goes_on() {
+            break;
+        }
+        if script.below(4) == 0 {
+            step(&mut scene);
+            continue;
+        }
+        let command = command(script, &bodies);
+        assert_read_as_written(&command);
+        let before = state(&scene);
+        if let Err(error) = scene.apply(&command) {
+            assert_eq!(state(&scene), before, "{command:?} was refused: {error}");
+        }
+    }
+    for _ in 0..5 {
+        step(&mut scene);
+    }
+    scene.digest().value()
+}
+
+fn step(scene: &mut Scene) {
+    scene.step().expect("what was accepted can be stepped");
+    let ids = scene.bodies().map(|terms| terms.id);
+    for id in ids.collect::<Vec<_>>() {
+        let seen = scene.observation(id).expect("a body is somewhere");
+        assert_is_motion(&seen.motion.motion());
+    }
+}
+
+/// All that a refused command might have changed.
+fn state(scene: &Scene) -> impl PartialEq + std::fmt::Debug + use<> {
+    let mut all = Vec::new();
+    scene.observe_all(&mut all);
+    let bodies: Vec<_> = scene.bodies().copied().collect();
+    let shapes: Vec<_> = scene
+        .shapes()
+        .map(|(id, shape)| (id, shape.clone()))
+        .collect();
+    let joints: Vec<_> = scene
+        .joints()
+        .iter()
+        .map(|(id, joint)| (id, *joint))
+        .collect();
+    (
+        scene.digest().value(),
+        scene.gravity(),
+        all,
+        bodies,
+        shapes,
+        joints,
+    )
+}
+
+/// One that is wrong is not always read, but never read as another.
+pub(super) fn assert_read_as_written(command: &Command) {
+    let mut to = Writer::new();
+    command.encode(&mut to);
+    let bytes = to.into_bytes();
+    let mut reader = Reader::new(&bytes);
+    let read = Command::decode(&mut reader);
+    if command.check().is_ok() {
+        assert_eq!(read.as_ref(), Ok(command));
+    }
+    if let Ok(read) = read {
+        let mut to = Writer::new();
+        read.encode(&mut to);
+        assert_eq!(to.into_bytes(), bytes);
+    }
+}

@@ -1,0 +1,86 @@
+//! A fuzzer's bytes as a script: choices and numbers, one after the other.
+//!
+//! Never fails: where the bytes end, all choices are the first and all numbers zero.
+
+use arbitrary::{Arbitrary, Unstructured};
+use glam::{Quat, Vec3};
+
+/// What is left of the bytes.
+pub(super) struct Script<'a>(Unstructured<'a>);
+
+impl<'a> Script<'a> {
+    pub(super) fn new(data: &'a [u8]) -> Self {
+        Self(Unstructured::new(data))
+    }
+
+    /// Whether anything is left.
+    pub(super) fn goes_on(&self) -> bool {
+        !self.0.is_empty()
+    }
+
+    /// Any value.
+    pub(super) fn any<T: Arbitrary<'a> + Default>(&mut self) -> T {
+        self.0.arbitrary().unwrap_or_default()
+    }
+
+    /// A number below `most`, which is not zero.
+    pub(super) fn below(&mut self, most: usize) -> usize {
+        self.0.int_in_range(0..=most - 1).unwrap_or(0)
+    }
+
+    /// One of these, of which there is at least one.
+    pub(super) fn one_of<T: Copy>(&mut self, all: &[T]) -> T {
+        all[self.below(all.len())]
+    }
+
+    /// So many bytes at most.
+    pub(super) fn bytes(&mut self, most: usize) -> &'a [u8] {
+        let length = self.below(most + 1).min(self.0.len());
+        self.0.bytes(length).unwrap_or_default()
+    }
+
+    /// All that is left.
+    pub(super) fn rest(self) -> &'a [u8] {
+        self.0.take_rest()
+    }
+
+    /// A number of this size at most.
+    pub(super) fn sane(&mut self, most: f32) -> f32 {
+        f32::from(self.any::<i16>()) / 32_768.0 * most
+    }
+
+    /// A number around this size, or none that anybody should be given.
+    pub(super) fn number(&mut self, most: f32) -> f32 {
+        match self.below(12) {
+            0 => f32::from_bits(self.any()),
+            1 => most,
+            2 => most * 1.001,
+            3 => self.one_of(&[f32::NAN, f32::INFINITY, 0.0, -0.0, f32::MIN_POSITIVE, 1e-30]),
+            _ => self.sane(most),
+        }
+    }
+
+    /// A vector of such numbers.
+    pub(super) fn vector(&mut self, most: f32) -> Vec3 {
+        Vec3::new(self.number(most), self.number(most), self.number(most))
+    }
+
+    /// A vector of sane numbers.
+    pub(super) fn sane_vector(&mut self, most: f32) -> Vec3 {
+        Vec3::new(self.sane(most), self.sane(most), self.sane(most))
+    }
+
+    /// A rotation, nearly always.
+    pub(super) fn rotation(&mut self) -> Quat {
+        match self.below(8) {
+            0 => Quat::from_xyzw(
+                self.number(1.0),
+                self.number(1.0),
+                self.number(1.0),
+                self.number(1.0),
+            ),
+            1..4 => Quat::IDENTITY,
+            _ => Quat::from_scaled_axis(self.sane_vector(4.0)),
+        }
+    }
+}

@@ -1,0 +1,219 @@
+//! A listener that hears any datagrams and any news of its stream.
+//!
+//! Promises: nothing panics; memory stays within the limits; whatever is believed is a motion within the limits of what
+//! can be said; what the listener says is of the protocol.
+
+use rhumb_protocol::limits::{HISTORY_PACKETS, INDICES_MAX, LOST_NAMED_MAX};
+use rhumb_protocol::packet::{
+    Digest, FullPacket, FullRecord, Low16, Parity, Ranges, RepairRecord, RepairWriter, StateWriter,
+    Vouch,
+};
+use rhumb_protocol::stream::Subscriber;
+use rhumb_reckoning::{Anchor, BodyId, Motion, Tick, Ticks, Tolerance};
+
+use super::packets::written_again;
+use super::sayings::{updates, verbatim, whole};
+use super::script::Script;
+use super::source::{BODIES, News, STREAM, Source};
+
+/// What somebody says of a stream who knows about where it stands.
+pub(super) struct Voice {
+    pub(super) number: u64,
+    pub(super) tick: u64,
+    pub(super) notices: u64,
+}
+
+impl Voice {
+    /// A number near another.
+    fn near(script: &mut Script<'_>, number: u64) -> u64 {
+        match script.below(8) {
+            0 => script.any(),
+            1 => number.saturating_sub(script.below(40) as u64),
+            2 => number + script.below(40) as u64,
+            _ => number,
+        }
+    }
+
+    /// Any datagram of the stream, well formed or not.
+    pub(super) fn datagram(&mut self, script: &mut Script<'_>, bodies: usize) -> Vec<u8> {
+        let number = Self::near(script, self.number);
+        let tick = Self::near(script, self.tick + 1);
+        let notices = Self::near(script, self.notices);
+        let (next, low_tick, low_notices) =
+            (Low16::of(number), Low16::of(tick), Low16::of(notices));
+        match script.below(8) {
+            0..3 => {
+                let mut writer = StateWriter::new(STREAM, number, tick, notices);
+                for update in updates(script, bodies) {
+                    if !writer.push(&update) {
+                        break;
+                    }
+                }
+                (self.number, self.tick) = (self.number + 1, self.tick + 1);
+                writer.finish(script.any())
+            }
+            3 => {
+                self.tick += 1;
+                let vouch = Vouch {
+                    next,
+                    tick: low_tick,
+                    notices: low_notices,
+                };
+                vouch.encode(STREAM)
+            }
+            4 => {
+                let mut writer = RepairWriter::default();
+                let count = script.below(4) as u32;
+                for index in 0..count {
+                    writer.push(&RepairRecord {
+                        index: index * 2,
+                        seat: script.any::<bool>().then(|| script.below(12) as u32),
+                        age: Ticks::new(script.below(40) as u32),
+                        whole: whole(script),
+                    });
+                }
+                writer.finish(STREAM, number, tick, notices).remove(0)
+            }
+            5 => Digest {
+                next,
+                tick: low_tick,
+                notices: low_notices,
+                ranges: Ranges {
+                    first: script.below(10) as u32,
+                    stride: 1 + script.any::<u32>() % INDICES_MAX,
+                },
+                sums: (0..script.below(4)).map(|_| script.any()).collect(),
+            }
+            .encode(STREAM),
+            6 => {
+                let mut sums = script.bytes(60).to_vec();
+                sums.push(1);
+                let parity = Parity {
+                    last: next,
+                    covered: script.any::<u32>() >> 1,
+                    row: script.any::<u8>() & 127,
+                    sums,
+                };
+                parity.encode(STREAM)
+            }
+            _ => self.raw(script, tick),
+        }
+    }
+
+    /// A full packet, or any bytes behind a head of this stream.
+    fn raw(&mut self, script: &mut Script<'_>, tick: u64) -> Vec<u8> {
+        if script.any() {
+            let records = (0..script.below(3) as u32).map(|index| FullRecord {
+                index: index * 3,
+                motion: verbatim(script),
+            });
+            let packet = FullPacket {
+                records: records.collect(),
+                number: Low16::of(self.number),
+                tick: Low16::of(tick),
+                notices: Low16::of(self.notices),
+                ends_tick: script.any(),
+            };
+            return packet.encode(STREAM);
+        }
+        let mut datagram = vec![script.below(14) as u8, STREAM.0 as u8];
+        datagram.extend_from_slice(script.bytes(80));
+        datagram
+    }
+}
+
+/// A script of datagrams and news.
+pub fn subscriber(data: &[u8]) {
+    let mut script = Script::new(data);
+    let tolerance = script.one_of(&[Tolerance::NORMAL, Tolerance::EXACT, Tolerance::COARSE]);
+    let mut source = Source::new(tolerance, None);
+    let start = source.start();
+    let limited = script.any::<bool>();
+    let mut subscriber = if limited {
+        Subscriber::limited(&start)
+    } else {
+        Subscriber::new(&start)
+    };
+    let mut voice = Voice {
+        number: 0,
+        tick: 0,
+        notices: 0,
+    };
+    for index in 0..BODIES / 2 {
+        let news = source.add(index, script.sane_vector(50.0));
+        tell(news, &mut subscriber, &mut voice);
+    }
+    while script.goes_on() {
+        match script.below(12) {
+            0 => {
+                let news = source.add(script.below(BODIES), script.sane_vector(50.0));
+                tell(news, &mut subscriber, &mut voice);
+            }
+            1 => {
+                let news = source.remove(script.below(BODIES));
+                tell(news, &mut subscriber, &mut voice);
+            }
+            2 => {
+                let (since, gravity) = (script.below(200) as u64, script.sane_vector(1e3));
+                let news = News::Gravity(Tick::new(since), gravity);
+                tell(Some(news), &mut subscriber, &mut voice);
+            }
+            3 => subscriber.handle_snapshot_end(),
+            _ => {
+                let datagram = voice.datagram(&mut script, 10);
+                subscriber.handle_datagram(&datagram);
+            }
+        }
+        check(&mut subscriber);
+    }
+}
+
+fn tell(news: Option<News>, subscriber: &mut Subscriber, voice: &mut Voice) {
+    if let Some(news) = news {
+        news.tell(subscriber);
+        voice.notices += 1;
+    }
+}
+
+fn check(subscriber: &mut Subscriber) {
+    assert!(subscriber.missing() <= HISTORY_PACKETS);
+    assert!(subscriber.index_end() <= BODIES, "a packet makes no bodies");
+    let echo = subscriber.echo();
+    assert!(echo.lost.len() <= LOST_NAMED_MAX);
+    assert_eq!(written_again(&echo.encode(STREAM)), Ok(()));
+    if let Some(doubt) = subscriber.doubt() {
+        assert_eq!(written_again(&doubt.encode(STREAM)), Ok(()));
+    }
+    let mut changed = Vec::new();
+    subscriber.drain_changed(&mut changed);
+    let ends = changed.iter().all(|index| *index < BODIES as u32);
+    assert!(ends, "{changed:?}");
+    while subscriber.poll_amended().is_some() {}
+    assert_is_within_limits(subscriber, BODIES as u32);
+}
+
+/// That all that is believed of bodies of these indices is a motion within the limits.
+pub(super) fn assert_is_within_limits(stream: &Subscriber, end: u32) {
+    let ids = (0..end).filter_map(|index| stream.body(index));
+    for id in ids.collect::<Vec<BodyId>>() {
+        let track = stream.track(id).expect("what is there has a track");
+        if let Anchor::Snapped(snapped) = &track.anchor {
+            assert!(snapped.is_within_limits(), "{id}: {snapped:?}");
+        }
+        for later in [0, 1, 60] {
+            let tick = stream.vouched() + Ticks::new(later);
+            let believed = stream.believed(id, tick).expect("what has a track");
+            assert_is_motion(&believed);
+        }
+    }
+}
+
+/// That a motion is one: finite, and turned by a rotation.
+pub(super) fn assert_is_motion(motion: &Motion) {
+    let (pose, twist) = (motion.pose(), motion.twist());
+    assert!(pose.position.is_finite(), "{motion:?}");
+    let unit = (pose.rotation.length() - 1.0).abs() < 1e-9;
+    assert!(unit, "{motion:?}");
+    let finite = twist.linear.is_finite() && twist.angular.is_finite();
+    assert!(finite, "{motion:?}");
+}

@@ -1,0 +1,78 @@
+//! What fuzzers found and kept holds with a stable compiler too
+//!
+//! Proved by replaying every kept input and every golden vector to its target, and some noise besides. `FUZZ_INPUT=FILE
+//! FUZZ_TARGET=NAME` replays one file, as a fuzzer leaves it.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use rhumb_tests::fuzzing::inputs::{kept, seeds};
+use rhumb_tests::fuzzing::{TARGETS, Target};
+use rhumb_tests::{Dice, seed};
+
+/// Noise for each target: enough to reach its first branches, and no hunt.
+const NOISE: usize = 60;
+
+fn replay(target: &Target, inputs: &[Vec<u8>], what: &str) {
+    for (number, input) in inputs.iter().enumerate() {
+        let shown = format!("{what} {number} of {}", target.name);
+        let input = input.clone();
+        let run = target.run;
+        let held = std::panic::catch_unwind(move || run(&input));
+        assert!(held.is_ok(), "{shown} breaks a promise");
+    }
+}
+
+fn target(name: &str) -> &'static Target {
+    let found = TARGETS.iter().find(|target| target.name == name);
+    found.unwrap_or_else(|| panic!("there is no {name}"))
+}
+
+macro_rules! replays {
+    ($($name:ident)*) => {
+        $(
+            #[test]
+            fn $name() {
+                let target = target(stringify!($name));
+                replay(target, &kept(target), "kept input");
+                replay(target, &seeds(target), "golden vector");
+                let mut dice = Dice::new(seed(1));
+                let noise = |_| {
+                    let length = dice.below(400);
+                    (0..length).map(|_| dice.below(256) as u8).collect()
+                };
+                let noise: Vec<Vec<u8>> = (0..NOISE).map(noise).collect();
+                replay(target, &noise, "noise");
+            }
+        )*
+
+        #[test]
+        fn every_target_is_replayed_and_fuzzed() {
+            let replayed = BTreeSet::from([$(stringify!($name)),*]);
+            let known: BTreeSet<_> = TARGETS.iter().map(|target| target.name).collect();
+            assert_eq!(replayed, known);
+            let fuzz = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz");
+            let manifest = std::fs::read_to_string(fuzz.join("Cargo.toml")).expect("it lies there");
+            for name in known {
+                let file = format!("fuzz_targets/{name}.rs");
+                assert!(fuzz.join(&file).is_file(), "{file}");
+                assert!(manifest.contains(&format!("path = \"{file}\"")), "{file}");
+            }
+        }
+    };
+}
+
+replays! {
+    app_messages app_scene client_messages client_session control_script driven_stream gate lattice
+    link parities recordings scene_commands server_messages side_packets state_packets subscriber
+}
+
+#[test]
+fn one_input_of_the_environment() {
+    let variable = |name| std::env::var(name).ok();
+    let Some((name, path)) = variable("FUZZ_TARGET").zip(variable("FUZZ_INPUT")) else {
+        return;
+    };
+    let input = std::fs::read(&path).expect("a file");
+    (target(&name).run)(&input);
+}
