@@ -43,7 +43,8 @@ pub struct Manner {
 impl Manner {
     /// Of a body with these terms, this shape and this inertia, in a scene whose bodies are damped like this.
     ///
-    /// A body that no engine moves keeps the velocity it is given: nothing damps it and nothing pulls at it.
+    /// A body that no engine moves keeps the velocity it is given: nothing damps it and nothing pulls at it. One that cannot
+    /// tumble has no inertia, whatever its engine says: listeners are not told of it.
     #[must_use]
     pub fn of(
         terms: &BodyTerms,
@@ -58,7 +59,7 @@ impl Manner {
                 radius,
                 damping: terms.damping.unwrap_or(damping),
                 gravity_scale: terms.gravity_scale,
-                inertia: inertia.filter(|_| terms.gyroscopic),
+                inertia: inertia.filter(|_| terms.can_tumble()),
                 class,
             },
             BodyKind::Static | BodyKind::Kinematic => Self {
@@ -460,10 +461,28 @@ pub(crate) fn grow_to<T>(table: &mut Vec<T>, len: usize, fill: impl FnMut() -> T
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::ShapeId;
 
     #[test]
     fn a_place_in_the_table_stays_small() {
         assert!(size_of::<Option<Slot>>() <= 96, "{}", size_of::<Slot>());
+    }
+
+    #[test]
+    fn what_listeners_are_not_told_of_is_not_predicted_with() {
+        let id = BodyId::new(0, 0);
+        let plain = BodyTerms::plain(id, BodyKind::Dynamic, ShapeId(0));
+        let shape = Shape::Ball { radius: 0.5 };
+        let inertia = Inertia::new([1.0, 2.0, 2.5], [0.0, 0.0, 0.0, 1.0]).unwrap();
+        for (gyroscopic, turns) in [(true, true), (true, false), (false, true), (false, false)] {
+            let terms = BodyTerms {
+                gyroscopic,
+                turns,
+                ..plain
+            };
+            let manner = Manner::of(&terms, &shape, Damping::default(), Some(inertia));
+            assert_eq!(manner.inertia.is_some(), terms.can_tumble());
+        }
     }
 
     #[test]
