@@ -107,10 +107,21 @@ def decoded(side, kind, body):
     if row is None:
         refuse_if(kind < OPTIONAL, "UnknownCode")
         return None
-    frm = Bytes(body)
+    frm = Body(body)
     said = {"is": row["name"]} | read_fields(row["fields"], frm)
     frm.finish()
+    # A command is refused for such a motion alone, so that all else of it must be right (2.6-9).
+    for motion in frm.motions:
+        check_motion(motion)
     return said
+
+
+class Body(Bytes):
+    """The bytes of a message, with the motions that were read of it."""
+
+    def __init__(self, data):
+        super().__init__(data)
+        self.motions = []
 
 
 def read(name, frm, field):
@@ -125,6 +136,8 @@ def read(name, frm, field):
         return read_primitive(kind["is"], kind, frm)
     else:
         said = read_coded(name, kind, frm, field)
+    if name == "motion":
+        frm.motions.append(said)
     RULES.get(name, lambda said: None)(said)
     return said
 
@@ -300,7 +313,6 @@ RULES = {
     "id range": check_range,
     "inertia": check_inertia,
     "joint": check_joint,
-    "motion": check_motion,
     "notice": check_notice,
     "said track": check_said_track,
 }

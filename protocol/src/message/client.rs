@@ -178,7 +178,14 @@ impl ClientMessage {
                 0 => return Err(Malformed::OutOfRange),
                 count => Self::Reserve { count },
             },
-            kind::COMMAND => Self::Command(Command::decode(&mut from)?),
+            kind::COMMAND => match Command::decode(&mut from) {
+                // Such a command is refused alone, so that all else of it must be right.
+                Err(Malformed::Motion(invalid)) => {
+                    from.finish()?;
+                    return Err(Malformed::Motion(invalid));
+                }
+                command => Self::Command(command?),
+            },
             kind::ADVANCE => Self::Advance {
                 to: Tick::new(from.count()?),
             },

@@ -18,6 +18,9 @@ use super::sayings::{snapped, verbatim};
 use super::script::Script;
 use super::subscriber::assert_is_motion;
 
+/// Ten thousand times as far as a body may be, metres.
+const FAR: f64 = 1e9;
+
 /// Any length, or a length and an angle.
 fn tolerance(script: &mut Script<'_>) -> Tolerance {
     let length = Metres::new(f64::from(script.sane(0.2).abs()));
@@ -123,7 +126,13 @@ pub fn gate(data: &[u8]) {
             conditions: &conditions,
         };
         gate.look(place, &case, &mut doubtful);
-        shares.push(tolerance.share(&apart, radius));
+        // No body is so far away; there f64 itself is too coarse for both to round alike.
+        let is_near = believed.pose().position.abs().max_element() < FAR;
+        shares.push(if is_near {
+            tolerance.share(&apart, radius)
+        } else {
+            0.0
+        });
     }
     gate.finish(&mut doubtful);
     for (place, share) in shares.into_iter().enumerate() {
