@@ -191,6 +191,10 @@ impl ClientSession {
     /// As [`Self::leave`].
     pub fn advance(&mut self, now: Instant, to: Tick) -> Result<(), Misuse> {
         self.as_member(&ClientMessage::Advance { to })?;
+        if !self.awaits() {
+            // Until now it waited as one does who asked for nothing.
+            self.silence.end();
+        }
         self.awaited = self.awaited.max(to);
         self.silence.begin(now);
         Ok(())
@@ -269,6 +273,12 @@ impl ClientSession {
     /// The next thing that the application should know.
     pub fn poll_event(&mut self) -> Option<Event> {
         self.events.pop_front()
+    }
+
+    /// Whether a tick that was asked for is not there yet.
+    fn awaits(&self) -> bool {
+        let complete = self.copies.shown().map(|copy| copy.stream().complete());
+        complete.is_some_and(|complete| complete < self.awaited)
     }
 
     fn must_be(&self, state: State) -> Result<(), Misuse> {
@@ -435,8 +445,7 @@ impl ClientSession {
         let Some(copy) = self.copies.shown() else {
             return;
         };
-        let stream = copy.stream();
-        let (settled, awaits) = (stream.is_settled(), stream.complete() < self.awaited);
+        let (settled, awaits) = (copy.stream().is_settled(), self.awaits());
         self.copies.watch_missing(now);
         let (at, lost) = self.reported;
         if !self.copies.miss() && self.copies.lost() != lost && now >= at + REPORT {

@@ -1,0 +1,99 @@
+//! When a member asks for what it does not hear.
+//!
+//! A session alone, told by hand what a server would say. Caught so far: who had heard nothing for a while asked for a lost
+//! answer to its advance after three seconds only, as if it had asked for nothing.
+
+use std::num::NonZeroU32;
+
+use glam::Vec3;
+use rhumb_protocol::message::{Extensions, Joined, ServerMessage, StreamChoice, Welcome};
+use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::scene::{Cadence, IdRange, Material, Pace, SceneTerms};
+use rhumb_protocol::session::ClientSession;
+use rhumb_protocol::stream::StreamStart;
+use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit, WakeReason};
+use rhumb_reckoning::{Damping, Integrator, Rate, Tick, Tolerance};
+
+const PEER: Peer = Peer(0);
+
+const TERMS: SceneTerms = SceneTerms {
+    integrator: Integrator {
+        rate: Rate::HZ_60,
+        substeps: NonZeroU32::MIN,
+    },
+    gravity: Vec3::NEG_Y,
+    pace: Pace::Lockstep,
+    material: Material {
+        friction: 0.5,
+        restitution: 0.0,
+        density: 1_000.0,
+    },
+    damping: Damping {
+        linear: 0.0,
+        angular: 0.0,
+    },
+    sleep: None,
+    cadence: Cadence::EACH_TICK,
+};
+
+/// A member of a scene without bodies, at its beginning.
+fn member(now: Instant) -> ClientSession {
+    let mut session = ClientSession::new("pit".parse().expect("a name"));
+    session.handle_opened(now, PEER);
+    let choice = StreamChoice::Within(Tolerance::NORMAL);
+    let start = StreamStart {
+        stream: StreamId(4),
+        tolerance: choice.tolerance(),
+        integrator: TERMS.integrator,
+        every: NonZeroU32::MIN,
+        gravity: TERMS.gravity,
+        tick: Tick::ZERO,
+        next: 0,
+        notices: 0,
+    };
+    let welcome = ServerMessage::Welcome(Welcome {
+        version: 1,
+        scene: Some(TERMS),
+        extensions: Extensions::NONE,
+    });
+    let joined = ServerMessage::Joined(Joined {
+        choice,
+        terms: TERMS,
+        start,
+        granted: IdRange::EMPTY,
+        extensions: Extensions::NONE,
+    });
+    let mut bytes = Vec::new();
+    welcome.encode(&mut bytes);
+    session.handle_control(now, PEER, &bytes);
+    session.join(choice).expect("who is welcomed may join");
+    bytes.clear();
+    joined.encode(&mut bytes);
+    ServerMessage::SnapshotEnd.encode(&mut bytes);
+    session.handle_control(now, PEER, &bytes);
+    while session.poll_transmit().is_some() {}
+    session
+}
+
+/// PROTOCOL 6.7-2: 100 ms after it asked for a tick.
+#[test]
+fn a_lost_answer_to_an_advance_is_asked_for_after_a_tenth_of_a_second() {
+    let mut session = member(Instant::ZERO);
+    let asked = Instant::ZERO + Span::from_millis(1_500);
+    session.handle_timeout(asked);
+    session.advance(asked, Tick::new(1)).expect("a member may");
+    while session.poll_transmit().is_some() {}
+    let mut now = asked;
+    loop {
+        let wake = session.poll_timeout().expect("it waits for a tick");
+        now = now.max(wake.at);
+        session.handle_timeout(now);
+        let sent: Vec<_> = std::iter::from_fn(|| session.poll_transmit()).collect();
+        if wake.reason == WakeReason::Vouch {
+            assert_eq!(now, asked + Span::from_millis(100));
+            let is_state = |sent: &Transmit| matches!(sent, Transmit::State { .. });
+            assert!(sent.iter().any(is_state), "{sent:?}");
+            return;
+        }
+    }
+}
