@@ -5,6 +5,7 @@
 #![forbid(unsafe_code)]
 
 mod app;
+mod bare;
 mod clock;
 mod gauge;
 mod piece;
@@ -14,6 +15,7 @@ mod relay;
 mod socket;
 
 pub use app::{AppBindError, AppEndpoint, AppListen, AppTransmit};
+pub use bare::{BareEnd, BareError, BareLine, BareServer, BareTerms, Seen};
 pub use clock::Clock;
 pub use pretend::{
     Arena, Direction, Lane, Link, LinkCounts, LinkTerms, Rest, Share, Tally, TermsError,

@@ -101,7 +101,7 @@ impl Certificate {
         self.fingerprint
     }
 
-    pub(super) fn tls(&self) -> Arc<rustls::ServerConfig> {
+    pub(crate) fn tls(&self) -> Arc<rustls::ServerConfig> {
         Arc::clone(&self.tls)
     }
 

@@ -35,5 +35,7 @@ pub use server::{BindError, QuicServer, ServerOptions};
 pub use statistics::{ServerStatistics, WireStatistics};
 pub use stop::Stop;
 pub use trust::Trust;
+pub(crate) use trust::client_tls;
+pub(crate) use tuning::ALPN;
 pub use tuning::DATAGRAM_BYTES_MIN;
 pub use watch::ServerWatch;

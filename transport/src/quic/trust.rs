@@ -81,6 +81,15 @@ pub(super) fn tls(trust: &Trust) -> Result<(Arc<rustls::ClientConfig>, Verdict),
     Ok((Arc::new(tls), verdict))
 }
 
+/// The client's TLS side alone.
+///
+/// # Errors
+///
+/// The file of roots cannot be used.
+pub(crate) fn client_tls(trust: &Trust) -> Result<Arc<rustls::ClientConfig>, CertificateError> {
+    tls(trust).map(|(tls, _)| tls)
+}
+
 fn roots(
     file: &Path,
     provider: &Arc<CryptoProvider>,

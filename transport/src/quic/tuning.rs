@@ -12,7 +12,7 @@ use quinn::{ClientConfig, IdleTimeout, ServerConfig, TransportConfig, VarInt, ru
 use crate::piece::PIECE_COST_BYTES;
 
 /// The application protocol, as TLS names it.
-pub(super) const ALPN: &[u8] = b"rhumb/1";
+pub(crate) const ALPN: &[u8] = b"rhumb/1";
 
 /// Bytes of a state datagram that each connection carries from its first moment.
 ///
