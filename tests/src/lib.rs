@@ -5,6 +5,7 @@
 
 mod avatar;
 pub mod fuzzing;
+pub mod conformance;
 pub mod grammar;
 mod plugin;
 mod process;

@@ -1,0 +1,259 @@
+//! The command line of `rhumb-conformance`.
+//!
+//! Verdicts that are not good go to standard output as they come, the summary last. Exit code 0: all is good; 1: something
+//! is not; 2: nothing could be tried.
+
+use std::io::Write;
+use std::net::{SocketAddr, ToSocketAddrs};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use clap::{Args, Parser, Subcommand};
+use rhumb_transport::{Fingerprint, LinkTerms, Trust};
+
+use super::case::{Case, Feature, Profile, Side};
+use super::coverage;
+use super::report::{self, Report};
+use super::run;
+use super::suite::{self, Selection};
+use super::trial::{Conditions, Subject};
+
+/// Tries implementations of Rhumb over the real wire.
+#[derive(Debug, Parser)]
+#[command(name = "rhumb-conformance", version, about)]
+pub struct Arguments {
+    #[command(subcommand)]
+    task: Task,
+}
+
+#[derive(Debug, Subcommand)]
+enum Task {
+    /// Tries a server, as clients that behave badly.
+    Server(ServerTask),
+    /// Tries a server by the cases of level L5 alone.
+    Security(ServerTask),
+    /// Tries a client, as a server that behaves badly.
+    Client(ClientTask),
+    /// Says which requirements no case tries, and why.
+    Coverage,
+}
+
+#[derive(Debug, Args)]
+struct ServerTask {
+    /// Host and port of the server.
+    #[arg(long)]
+    target: String,
+    /// SHA-256 of the server's certificate, as 64 hexadecimal digits.
+    #[arg(long, conflicts_with = "roots", required_unless_present_any = ["roots", "list"])]
+    fingerprint: Option<Fingerprint>,
+    /// PEM file with the roots that vouch for the server.
+    #[arg(long)]
+    roots: Option<PathBuf>,
+    #[command(flatten)]
+    common: Common,
+}
+
+#[derive(Debug, Args)]
+struct ClientTask {
+    /// Where to listen; port 0: each case elsewhere.
+    #[arg(long, default_value = "127.0.0.1:0")]
+    listen: SocketAddr,
+    /// The command that starts the client.
+    #[arg(long)]
+    exec: String,
+    #[command(flatten)]
+    common: Common,
+}
+
+#[derive(Debug, Args)]
+struct Common {
+    /// Only shows which cases would be tried.
+    #[arg(long)]
+    list: bool,
+    /// Only these cases: the beginning of an id, or words of a name, `*` for anything.
+    #[arg(long, value_name = "PATTERN")]
+    case: Vec<String>,
+    /// What should be counts as what must be.
+    #[arg(long)]
+    strict: bool,
+    /// Of all chance.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Seconds that an answer may take.
+    #[arg(long, default_value_t = 2.0)]
+    timeout: f64,
+    /// What lies between the ends, as `rtt=100ms,loss=5%`.
+    #[arg(long, default_value = "")]
+    link: LinkTerms,
+    /// How much is wanted.
+    #[arg(long, value_enum, default_value = "core")]
+    profile: Profile,
+    /// What the peer says that it has not: it must then refuse it.
+    #[arg(long, value_enum, value_delimiter = ',')]
+    without: Vec<Feature>,
+    /// Cases that run at a time.
+    #[arg(long, default_value_t = 8)]
+    side_by_side: usize,
+    /// Where to write a report as JSON.
+    #[arg(long)]
+    json: Option<PathBuf>,
+    /// Where to write a report as JUnit XML.
+    #[arg(long)]
+    junit: Option<PathBuf>,
+    /// Where to write a report as a page.
+    #[arg(long)]
+    html: Option<PathBuf>,
+}
+
+/// Why nothing was tried, or a report not written.
+type Trouble = Box<dyn std::error::Error>;
+
+/// Does what the arguments say.
+#[must_use]
+pub fn main(arguments: Arguments) -> ExitCode {
+    let done = match arguments.task {
+        Task::Server(task) => task.run(&[]),
+        Task::Security(task) => task.run(&["L5"]),
+        Task::Client(task) => task.run(),
+        Task::Coverage => show_coverage(),
+    };
+    match done {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(trouble) => {
+            // Nowhere is left to say that this failed.
+            let _ = writeln!(std::io::stderr(), "error: {trouble}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+impl ServerTask {
+    fn run(mut self, only: &[&str]) -> Result<bool, Trouble> {
+        if !only.is_empty() && self.common.case.is_empty() {
+            self.common.case = only.iter().map(|&one| one.to_owned()).collect();
+        }
+        let cases = suite::cases(Side::Server);
+        if self.common.list {
+            return self.common.list(&cases);
+        }
+        let mut found = self.target.to_socket_addrs()?;
+        let target = found.next().ok_or("the target has no address")?;
+        let name = self
+            .target
+            .rsplit_once(':')
+            .map_or("localhost", |(host, _)| host);
+        let name = name.trim_matches(['[', ']']).to_owned();
+        let trust = match (self.fingerprint, self.roots.clone()) {
+            (Some(fingerprint), _) => Trust::Fingerprint(fingerprint),
+            (None, Some(roots)) => Trust::Roots(roots),
+            (None, None) => return Err("a server is known by --fingerprint or --roots".into()),
+        };
+        let subject = Subject::Server {
+            target,
+            name,
+            trust,
+        };
+        self.common.run(self.target.clone(), subject, cases)
+    }
+}
+
+impl ClientTask {
+    fn run(self) -> Result<bool, Trouble> {
+        let cases = suite::cases(Side::Client);
+        if self.common.list {
+            return self.common.list(&cases);
+        }
+        let exec = self.exec.clone();
+        let subject = Subject::Client {
+            listen: self.listen,
+            exec: self.exec,
+        };
+        self.common.run(exec, subject, cases)
+    }
+}
+
+impl Common {
+    fn selection(&self) -> Selection {
+        Selection {
+            patterns: self.case.clone(),
+            profile: self.profile,
+            without: self.without.clone(),
+        }
+    }
+
+    fn list(&self, cases: &[Case]) -> Result<bool, Trouble> {
+        let selection = self.selection();
+        let mut out = std::io::stdout().lock();
+        for case in cases.iter().filter(|case| selection.wants(case)) {
+            writeln!(out, "{case:?}")?;
+        }
+        Ok(true)
+    }
+
+    fn run(self, name: String, subject: Subject, cases: Vec<Case>) -> Result<bool, Trouble> {
+        let conditions = Conditions {
+            subject,
+            timeout: Duration::try_from_secs_f64(self.timeout)?,
+            seed: self.seed,
+            link: self.link,
+            without: self.without.clone(),
+        };
+        let selection = self.selection();
+        let mut out = std::io::stdout();
+        let results = run::run(cases, &selection, &conditions, self.side_by_side, &mut out);
+        if results.is_empty() {
+            return Err("no case is meant".into());
+        }
+        let report = Report {
+            subject: name,
+            seed: self.seed,
+            strict: self.strict,
+            results,
+            coverage: coverage::coverage(),
+        };
+        self.write(&report)?;
+        writeln!(out, "{}", report.summary())?;
+        Ok(report.passed())
+    }
+
+    fn write(&self, report: &Report) -> Result<(), Trouble> {
+        if let Some(path) = &self.json {
+            std::fs::write(path, report::json(report))?;
+        }
+        if let Some(path) = &self.junit {
+            std::fs::write(path, report::junit(report)?)?;
+        }
+        if let Some(path) = &self.html {
+            std::fs::write(path, report::html(report))?;
+        }
+        Ok(())
+    }
+}
+
+fn show_coverage() -> Result<bool, Trouble> {
+    let mut out = std::io::stdout().lock();
+    let coverage = coverage::coverage();
+    for one in &coverage {
+        let cases = match (&one.reason, one.cases.len()) {
+            (Some(reason), 0) => format!("no case: {reason}"),
+            (None, 0) => "NO CASE, NO REASON".to_owned(),
+            (_, count) => format!("{count} cases"),
+        };
+        writeln!(
+            out,
+            "{:18} {:6} {cases}",
+            one.requirement.to_string(),
+            one.requirement.level.to_string()
+        )?;
+    }
+    let holes = coverage::holes();
+    writeln!(
+        out,
+        "{} requirements, {} holes",
+        coverage.len(),
+        holes.len()
+    )?;
+    Ok(holes.is_empty())
+}

@@ -1,0 +1,121 @@
+//! Which requirements no case tries, and why.
+//!
+//! Reasons stand in `tests/data/uncovered.json`, by document and requirement. A test holds that each requirement has a case
+//! or a reason and not both, and that nothing is cited that is not there.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use serde_json::Value;
+
+use super::case::Side;
+use super::suite;
+use crate::requirements::{Document, Requirement};
+
+/// One requirement, with the cases that try it.
+#[derive(Clone, Debug)]
+pub struct Covered {
+    /// The requirement.
+    pub requirement: Requirement,
+    /// Ids of its cases.
+    pub cases: Vec<String>,
+    /// Why it has none, if somebody said so.
+    pub reason: Option<String>,
+}
+
+/// Every requirement of the documents.
+///
+/// # Panics
+///
+/// When the table of reasons is not there, or no JSON.
+#[must_use]
+pub fn coverage() -> Vec<Covered> {
+    let mut cases: BTreeMap<(Document, String), Vec<String>> = BTreeMap::new();
+    for side in [Side::Server, Side::Client, Side::Decoder] {
+        for case in suite::cases(side) {
+            for cited in &case.cites {
+                cases
+                    .entry(cited.clone())
+                    .or_default()
+                    .push(case.id.clone());
+            }
+        }
+    }
+    let mut reasons = reasons();
+    let requirements = Document::ALL.into_iter().flat_map(Document::requirements);
+    let covered = requirements.map(|requirement| {
+        let key = (requirement.document, requirement.id.clone());
+        Covered {
+            cases: cases.get(&key).cloned().unwrap_or_default(),
+            reason: reasons.remove(&key),
+            requirement,
+        }
+    });
+    covered.collect()
+}
+
+/// The reasons that are given, by requirement.
+///
+/// # Panics
+///
+/// When the table is not there, or no JSON.
+#[must_use]
+pub fn reasons() -> BTreeMap<(Document, String), String> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/uncovered.json");
+    let text = std::fs::read_to_string(path).expect("the table lies beside this file");
+    let table: Value = serde_json::from_str(&text).expect("the table is JSON");
+    let mut reasons = BTreeMap::new();
+    for document in Document::ALL {
+        let rows = table[document.name()].as_object().into_iter().flatten();
+        for (ids, reason) in rows {
+            for id in ids.split(", ") {
+                let reason = reason.as_str().unwrap_or_default().to_owned();
+                reasons.insert((document, id.to_owned()), reason);
+            }
+        }
+    }
+    reasons
+}
+
+/// What is wrong with how requirements and cases belong together; empty when nothing is.
+#[must_use]
+pub fn holes() -> Vec<String> {
+    let coverage = coverage();
+    let known: BTreeSet<_> = coverage
+        .iter()
+        .map(|one| (one.requirement.document, one.requirement.id.clone()))
+        .collect();
+    let mut holes = Vec::new();
+    for one in &coverage {
+        let has_reason = one.reason.as_ref().is_some_and(|reason| !reason.is_empty());
+        let name = &one.requirement;
+        match (one.cases.is_empty(), has_reason) {
+            (true, false) => {
+                holes.push(format!("{name} has neither case nor reason: {}", name.text));
+            }
+            (false, true) => holes.push(format!("{name} has a reason and yet {:?}", one.cases)),
+            _ => {}
+        }
+    }
+    for (document, id) in reasons().into_keys() {
+        if !known.contains(&(document, id.clone())) {
+            holes.push(format!(
+                "{} {id} has a reason and is not there",
+                document.name()
+            ));
+        }
+    }
+    for side in [Side::Server, Side::Client, Side::Decoder] {
+        for case in suite::cases(side) {
+            for cited in &case.cites {
+                if !known.contains(cited) {
+                    holes.push(format!("{case:?} cites {} {}", cited.0.name(), cited.1));
+                }
+            }
+            if case.cites.is_empty() {
+                holes.push(format!("{case:?} cites nothing"));
+            }
+        }
+    }
+    holes
+}

@@ -1,0 +1,11 @@
+//! The suite's own ends of connections, mannerly only where a case wants so.
+
+mod follower;
+mod guest;
+mod host;
+mod promise;
+
+pub use follower::{Fate, Follower};
+pub use guest::Guest;
+pub use host::Host;
+pub use promise::compare;

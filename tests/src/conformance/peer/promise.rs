@@ -1,0 +1,55 @@
+//! The promise: each body of a copy is within its tolerance of the truth.
+//!
+//! The truth is what the same server says by its full stream, to the bit.
+
+use rhumb_protocol::session::Replica;
+use rhumb_reckoning::{Divergence, Tick};
+
+use crate::conformance::outcome::Stop;
+
+/// The greatest share of its tolerance that any body of a copy uses at a tick.
+///
+/// # Errors
+///
+/// [`Stop::Fail`] when the two do not hold the same bodies.
+fn worst_share(copy: &Replica, truth: &Replica, tick: Tick) -> Result<f64, Stop> {
+    let mut worst = 0.0_f64;
+    let mut bodies = 0;
+    for terms in truth.bodies() {
+        let id = terms.id;
+        let missing = || Stop::Fail(format!("{id} is in the full stream alone at {tick}"));
+        let there = truth.stream().believed(id, tick).ok_or_else(missing)?;
+        let here = copy.stream().believed(id, tick).ok_or_else(missing)?;
+        let radius = truth
+            .shape(terms.shape)
+            .ok_or_else(missing)?
+            .bounding_radius();
+        let tolerance = copy.stream().tolerance_of(id).ok_or_else(missing)?;
+        let apart = Divergence::between(&there.pose(), &here.pose());
+        worst = worst.max(tolerance.share(&apart, radius));
+        bodies += 1;
+    }
+    if bodies == copy.bodies().count() {
+        Ok(worst)
+    } else {
+        Stop::fail(format!(
+            "the copy holds other bodies than the full stream at {tick}"
+        ))
+    }
+}
+
+/// Fails unless every body of a copy is within a factor of its tolerance at a tick.
+///
+/// # Errors
+///
+/// [`Stop::Fail`] otherwise.
+pub fn compare(copy: &Replica, truth: &Replica, tick: Tick, factor: f64) -> Result<f64, Stop> {
+    let worst = worst_share(copy, truth, tick)?;
+    if worst <= factor {
+        Ok(worst)
+    } else {
+        Stop::fail(format!(
+            "at {tick} a body is {worst:.3} times its tolerance from the truth; promised is {factor}"
+        ))
+    }
+}

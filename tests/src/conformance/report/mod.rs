@@ -1,0 +1,75 @@
+//! What came of all cases, in the forms that people and machines read.
+
+mod html;
+mod json;
+mod junit;
+mod style;
+
+use std::collections::BTreeMap;
+
+use super::coverage::Covered;
+use super::outcome::Verdict;
+use super::run::Result;
+
+pub use html::html;
+pub use json::json;
+pub use junit::junit;
+
+/// A run of the suite.
+#[derive(Debug)]
+pub struct Report {
+    /// Who was tried: an address or a command.
+    pub subject: String,
+    /// Of all chance.
+    pub seed: u64,
+    /// Whether what should be counts as what must be.
+    pub strict: bool,
+    /// What came of each case.
+    pub results: Vec<Result>,
+    /// Each requirement, with the cases that try it.
+    pub coverage: Vec<Covered>,
+}
+
+impl Report {
+    /// How many cases went how.
+    #[must_use]
+    pub fn counts(&self) -> BTreeMap<Verdict, usize> {
+        let mut counts = BTreeMap::new();
+        for result in &self.results {
+            *counts.entry(result.outcome.verdict).or_default() += 1;
+        }
+        counts
+    }
+
+    /// Cases of which something is wrong.
+    pub fn bad(&self) -> impl Iterator<Item = &Result> {
+        let bad = |result: &&Result| !result.outcome.is_good(self.strict);
+        self.results.iter().filter(bad)
+    }
+
+    /// Whether the peer passed.
+    #[must_use]
+    pub fn passed(&self) -> bool {
+        self.bad().next().is_none()
+    }
+
+    /// One line: how many cases, and how they went.
+    #[must_use]
+    pub fn summary(&self) -> String {
+        let counts = self.counts();
+        let counts = counts
+            .iter()
+            .map(|(verdict, count)| format!("{count} {}", verdict.word()));
+        let counts: Vec<_> = counts.collect();
+        let closing = self
+            .results
+            .iter()
+            .filter(|one| !one.outcome.closing.is_good());
+        format!(
+            "{} cases: {}; {} closed otherwise than they must",
+            self.results.len(),
+            counts.join(", "),
+            closing.count()
+        )
+    }
+}

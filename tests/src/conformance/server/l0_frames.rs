@@ -1,0 +1,95 @@
+//! L0.1: how messages are framed.
+
+use rhumb_protocol::limits::MESSAGE_BYTES_MAX;
+use rhumb_protocol::message::{ClientMessage, ServerMessage, frame};
+use rhumb_protocol::session::CloseCode;
+
+use super::scenery::lockstep;
+use crate::conformance::case::Case;
+use crate::conformance::outcome::{Play, ensure};
+use crate::conformance::trial::Trial;
+
+pub(super) fn cases() -> Vec<Case> {
+    let refused = |id: &str, name: &str, cites: &str, bytes: Vec<u8>| {
+        Case::server(id, name).cites(cites).play(move |trial| {
+            let mut guest = trial.guest()?;
+            guest.hello()?;
+            guest.utter(&bytes);
+            guest.must_be_closed(CloseCode::MALFORMED)
+        })
+    };
+    vec![
+        Case::server("L0.1.1", "messages are read however their bytes are cut")
+            .cites("PROTOCOL 4.1-1, 1.2-1")
+            .play(cut_anywhere),
+        Case::server(
+            "L0.1.2",
+            "a message of an unknown type from 0x80 on is skipped",
+        )
+        .cites("PROTOCOL 4.1-2, 3.5-11, 3.5-1")
+        .play(optional_types),
+        refused(
+            "L0.1.3",
+            "a message without a type is malformed",
+            "PROTOCOL 4.1-1, 2.5-1, 2.5-3",
+            vec![0],
+        ),
+        refused(
+            "L0.1.4",
+            "a length in a longer form is malformed",
+            "PROTOCOL 4.1-1, 2.2-3",
+            vec![0x81, 0, 4],
+        ),
+        refused(
+            "L0.1.5",
+            "a length beyond the longest message is malformed",
+            "PROTOCOL 4.1-1; PROTOCOL 2.5-1",
+            vec![0x82, 0x80, 1, 0xee],
+        ),
+        refused(
+            "L0.1.6",
+            "a length of more than ten bytes is malformed",
+            "PROTOCOL 2.2-2",
+            vec![0xff; 11],
+        ),
+        refused(
+            "L0.1.7",
+            "a message of an unknown type below 0x80 is malformed",
+            "PROTOCOL 4.1-3, 3.5-11",
+            vec![1, 0x7f],
+        ),
+    ]
+}
+
+fn cut_anywhere(trial: &mut Trial<'_>) -> Play {
+    let mut guest = trial.guest()?;
+    guest.hello()?;
+    let mut bytes = Vec::new();
+    ClientMessage::Create(lockstep()).encode(&mut bytes);
+    for byte in bytes {
+        guest.utter(&[byte]);
+    }
+    guest.await_message("answer to create", |message| {
+        matches!(message, ServerMessage::Created).then_some(())
+    })
+}
+
+fn optional_types(trial: &mut Trial<'_>) -> Play {
+    let mut guest = trial.guest()?;
+    let mut bytes = Vec::new();
+    // Before the hello, and of every length that a message may have.
+    frame(0x8a, &[], &mut bytes);
+    guest.utter(&bytes);
+    guest.hello()?;
+    let mut bytes = Vec::new();
+    for kind in 0x80..=0xff {
+        frame(kind, &[kind; 3], &mut bytes);
+    }
+    frame(0xfa, &[0; MESSAGE_BYTES_MAX], &mut bytes);
+    guest.utter(&bytes);
+    let heard = guest.barrier()?;
+    ensure(
+        heard.is_empty(),
+        format!("nothing comes of it, not {heard:?}"),
+    )
+}

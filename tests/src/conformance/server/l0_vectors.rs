@@ -1,0 +1,261 @@
+//! L0.11 to L0.14: the golden vectors of clients, played on the wire.
+//!
+//! Each vector is a case, named by its key. A server may find another fault first where a message has two: what such a
+//! message names may not exist either, which is no less true.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::sync::Arc;
+
+use rhumb_protocol::message::{Denial, ServerMessage, StreamChoice};
+use rhumb_protocol::scene::CommandError;
+use rhumb_protocol::session::CloseCode;
+use serde_json::Value;
+
+use super::scenery::lockstep;
+use crate::conformance::case::Case;
+use crate::conformance::outcome::{Play, Stop, ensure};
+use crate::conformance::peer::Guest;
+use crate::conformance::trial::Trial;
+use crate::grammar::unhex;
+
+/// One vector.
+#[derive(Clone, Debug)]
+struct Vector {
+    name: String,
+    bytes: Vec<u8>,
+    kind: u8,
+    /// The number that is wrong in it, as `NotFinite 3`.
+    error: Option<String>,
+    /// Lengths of its body at which it is whole too.
+    cuts: Vec<usize>,
+}
+
+pub(super) fn cases() -> Vec<Case> {
+    let vectors = vectors();
+    let refused = vectors.refused.iter().map(|vector| {
+        let vector = vector.clone();
+        let name = format!("refused: {}", vector.name);
+        Case::server("L0.11", &name)
+            .keyed(&vector.bytes)
+            .cites(&format!("PROTOCOL 2.5-1, 2.5-3, {}", clause(&vector)))
+            .play(move |trial| {
+                let mut guest = in_its_state(trial, vector.kind)?;
+                guest.utter(&vector.bytes);
+                guest.must_be_closed(CloseCode::MALFORMED)
+            })
+    });
+    let said = vectors.said.iter().map(|vector| {
+        let vector = vector.clone();
+        let (group, name) = match &vector.error {
+            Some(_) => ("L0.13", format!("refused for a number: {}", vector.name)),
+            None => ("L0.12", format!("understood: {}", vector.name)),
+        };
+        Case::server(group, &name)
+            .keyed(&vector.bytes)
+            .cites(&format!("PROTOCOL 2.5-2, {}", clause(&vector)))
+            .play(move |trial| understood(trial, &vector))
+    });
+    let mut cases: Vec<_> = refused.chain(said).collect();
+    cases.extend(truncations(&vectors.said));
+    cases
+}
+
+/// Each kind of message, cut at every length.
+fn truncations(said: &[Vector]) -> impl Iterator<Item = Case> {
+    let mut kinds: Vec<u8> = said.iter().map(|vector| vector.kind).collect();
+    kinds.sort_unstable();
+    kinds.dedup();
+    let said = Arc::new(said.to_vec());
+    kinds
+        .into_iter()
+        .filter(|kind| *kind < 0x80)
+        .map(move |kind| {
+            let said = Arc::clone(&said);
+            let name = format!(
+                "a message of type {kind}, cut at each length or with a byte behind, is malformed"
+            );
+            Case::server(&format!("L0.14.{kind}"), &name)
+                .cites("PROTOCOL 2.5-1, 4.1-4")
+                .play(move |trial| cut(trial, &said, kind))
+        })
+}
+
+fn cut(trial: &mut Trial<'_>, said: &[Vector], kind: u8) -> Play {
+    let short = |vector: &&Vector| vector.kind == kind && vector.bytes.len() < 60;
+    // The first of them are the plain ones; each takes a connection for every cut.
+    for vector in said.iter().filter(short).take(2) {
+        let (start, body) = body_of(&vector.bytes);
+        let longer = [&vector.bytes[start..], &[0]].concat();
+        for end in (0..=longer.len()).filter(|end| *end != body) {
+            if vector.cuts.contains(&end) {
+                continue;
+            }
+            trial.note(format!("{}, {end} bytes of {body}", vector.name));
+            let mut guest = in_its_state(trial, kind)?;
+            let mut bytes = Vec::new();
+            rhumb_protocol::message::frame(kind, &longer[..end], &mut bytes);
+            guest.utter(&bytes);
+            guest.must_be_closed(CloseCode::MALFORMED)?;
+            if let Some(end) = &guest.ended
+                && *end != rhumb_transport::BareEnd::Closed(CloseCode::MALFORMED.0.into())
+            {
+                return Ok(());
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Where the body of a framed message begins, and how long it is.
+fn body_of(bytes: &[u8]) -> (usize, usize) {
+    let length = bytes
+        .iter()
+        .position(|byte| byte & 0x80 == 0)
+        .unwrap_or_default()
+        + 1;
+    (length + 1, bytes.len() - length - 1)
+}
+
+/// A guest that may say a message of this type.
+fn in_its_state(trial: &mut Trial<'_>, kind: u8) -> Result<Guest, Stop> {
+    let mut guest = trial.guest()?;
+    match kind {
+        HELLO => {}
+        CREATE => drop(guest.hello()?),
+        _ => {
+            guest.enter(lockstep(), StreamChoice::Full)?;
+        }
+    }
+    Ok(guest)
+}
+
+fn understood(trial: &mut Trial<'_>, vector: &Vector) -> Play {
+    let mut guest = match vector.kind {
+        JOIN => {
+            let mut guest = trial.guest()?;
+            guest.hello()?;
+            guest.create(lockstep())?;
+            guest
+        }
+        kind => in_its_state(trial, kind)?,
+    };
+    guest.utter(&vector.bytes);
+    match vector.kind {
+        HELLO => greeted(&mut guest),
+        COMMAND => commanded(&mut guest, vector),
+        CREATE => {
+            let answer = guest.await_message("answer", |message| match message {
+                ServerMessage::Created => Some(None),
+                ServerMessage::Denied(Denial::Terms(invalid)) => Some(Some(format!("{invalid:?}"))),
+                ServerMessage::Denied(other) => Some(Some(format!("{other:?}"))),
+                _ => None,
+            })?;
+            match (&vector.error, answer) {
+                (None, None) => Ok(()),
+                (Some(error), Some(denial)) if *error == denial => Ok(()),
+                (error, answer) => Stop::fail(format!("answered by {answer:?}; must be {error:?}")),
+            }
+        }
+        _ => guest.barrier().map(drop),
+    }
+}
+
+/// A hello of what may be said: welcomed, or refused for a reason of its own.
+fn greeted(guest: &mut Guest) -> Play {
+    let first = guest.next_message()?;
+    match (first, &guest.ended) {
+        (Some(ServerMessage::Welcome(welcome)), _) => ensure(welcome.version == 1, "version 1"),
+        (None, Some(rhumb_transport::BareEnd::Closed(3 | 5))) => Ok(()),
+        other => Stop::fail(format!("answered by {other:?}")),
+    }
+}
+
+fn commanded(guest: &mut Guest, vector: &Vector) -> Play {
+    let outcome = guest.outcome_of(0)?;
+    let Some(error) = &vector.error else {
+        return Ok(());
+    };
+    match outcome {
+        Ok(_) => Stop::fail(format!("it is applied; it must be refused by {error}")),
+        Err(
+            CommandError::UnknownBody(_)
+            | CommandError::UnknownShape(_)
+            | CommandError::UnknownJoint(_)
+            | CommandError::NotGranted(_),
+        ) => Ok(()),
+        Err(CommandError::UnknownCommand) if error == "UnknownCommand" => Ok(()),
+        Err(CommandError::Invalid(invalid)) if format!("{invalid:?}") == *error => Ok(()),
+        Err(other) => Stop::fail(format!("refused by {other:?}; must be {error}")),
+    }
+}
+
+const HELLO: u8 = 1;
+const CREATE: u8 = 2;
+const JOIN: u8 = 3;
+const COMMAND: u8 = 7;
+
+/// The clause's requirement that a type of message stands under.
+fn clause(vector: &Vector) -> &'static str {
+    match vector.kind {
+        HELLO => "3.5-3",
+        CREATE => "3.3-1",
+        JOIN | 12 => "4.2-1",
+        COMMAND => "4.4-7",
+        14 => "4.11-1",
+        _ => "4.1-4",
+    }
+}
+
+struct Vectors {
+    said: Vec<Vector>,
+    refused: Vec<Vector>,
+}
+
+/// The vectors of what clients say.
+fn vectors() -> Vectors {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/vectors/control.json");
+    let text = std::fs::read_to_string(path).expect("the vectors lie beside this package");
+    let table: Value = serde_json::from_str(&text).expect("the vectors are JSON");
+    let of = |section: &str| {
+        let lines = table[section].as_array().expect("a section is a list");
+        // Some good messages differ in one number only, so that a change of that makes the same bytes of both.
+        let mut seen = BTreeSet::new();
+        let vectors = lines.iter().map(vector);
+        vectors
+            .filter(|vector| seen.insert(vector.bytes.clone()))
+            .collect()
+    };
+    Vectors {
+        said: of("client says"),
+        refused: of("refused of a client"),
+    }
+}
+
+fn vector(line: &Value) -> Vector {
+    let bytes = unhex(line["bytes"].as_str().unwrap_or_default());
+    let (start, _) = body_of(&bytes);
+    let cuts = line["cuts"].as_array().into_iter().flatten();
+    Vector {
+        name: line["name"].as_str().unwrap_or_default().to_owned(),
+        kind: bytes[start - 1],
+        error: line["error"]["is"].as_str().map(|word| {
+            let quantity = line["error"]["quantity"].as_u64();
+            named(word, quantity)
+        }),
+        cuts: cuts
+            .filter_map(Value::as_u64)
+            .map(|cut| cut as usize)
+            .collect(),
+        bytes,
+    }
+}
+
+/// An error of a vector, as this house writes it.
+fn named(word: &str, quantity: Option<u64>) -> String {
+    let quantity = quantity.and_then(|code| u8::try_from(code).ok());
+    match quantity.and_then(rhumb_protocol::scene::Quantity::from_code) {
+        Some(quantity) => format!("{word}({quantity:?})"),
+        None => word.to_owned(),
+    }
+}

@@ -1,0 +1,104 @@
+//! L1.1: how conversations begin.
+
+use rhumb_protocol::message::{ClientMessage, Extension, Extensions, ServerMessage, StreamChoice};
+use rhumb_protocol::session::CloseCode;
+
+use super::scenery::lockstep;
+use crate::conformance::case::Case;
+use crate::conformance::outcome::{Play, ensure};
+use crate::conformance::peer::Guest;
+use crate::conformance::trial::Trial;
+
+pub(super) fn cases() -> Vec<Case> {
+    vec![
+        Case::server(
+            "L1.1.1",
+            "a hello is answered by a welcome in a version that was offered",
+        )
+        .cites("PROTOCOL 3.1-4, 3.1-6")
+        .play(|trial| {
+            let welcome = trial.guest()?.hello()?;
+            ensure(welcome.version == 1, "version 1 was offered")?;
+            ensure(welcome.scene.is_none(), "nobody has created the scene")
+        }),
+        Case::server(
+            "L1.1.2",
+            "who offers only versions of the future is closed with code 3",
+        )
+        .cites("PROTOCOL 3.1-7, 3.5-10")
+        .play(|trial| {
+            let mut guest = trial.guest()?;
+            offer(&mut guest, &[0x7777, 2], Extensions::NONE);
+            guest.must_be_closed(CloseCode::VERSION)
+        }),
+        Case::server(
+            "L1.1.3",
+            "who offers only a greased version is closed with code 3",
+        )
+        .cites("PROTOCOL 3.5-9, 3.5-7")
+        .play(|trial| {
+            let mut guest = trial.guest()?;
+            offer(&mut guest, &[0x0a0a, 0xfafa], Extensions::NONE);
+            guest.must_be_closed(CloseCode::VERSION)
+        }),
+        Case::server(
+            "L1.1.4",
+            "a critical extension that is not known closes with code 5",
+        )
+        .cites("PROTOCOL 3.5-12, 3.5-4")
+        .play(|trial| {
+            let mut guest = trial.guest()?;
+            offer(&mut guest, &[1], extension(62));
+            guest.must_be_closed(CloseCode::EXTENSION)
+        }),
+        Case::server(
+            "L1.1.5",
+            "an optional extension that is not known is skipped",
+        )
+        .cites("PROTOCOL 3.5-12, 3.5-2, 3.5-7")
+        .play(|trial| {
+            let mut guest = trial.guest()?;
+            offer(&mut guest, &[1], extension(27));
+            welcomed(&mut guest)
+        }),
+        Case::server(
+            "L1.1.6",
+            "what a member says before it is one closes with code 2",
+        )
+        .cites("PROTOCOL 3.2-1")
+        .play(too_early),
+    ]
+}
+
+fn offer(guest: &mut Guest, versions: &[u16], extensions: Extensions) {
+    let scene = guest.scene.clone();
+    guest.say(&ClientMessage::Hello {
+        versions: versions.to_vec(),
+        scene,
+        extensions,
+    });
+}
+
+fn extension(id: u32) -> Extensions {
+    let mut extensions = Extensions::NONE;
+    let value = vec![1, 2, 3];
+    assert!(
+        extensions.insert(Extension { id, value }),
+        "one short value fits"
+    );
+    extensions
+}
+
+fn welcomed(guest: &mut Guest) -> Play {
+    guest.await_message("welcome", |message| {
+        matches!(message, ServerMessage::Welcome(_)).then_some(())
+    })
+}
+
+fn too_early(trial: &mut Trial<'_>) -> Play {
+    let mut guest = trial.guest()?;
+    guest.hello()?;
+    guest.create(lockstep())?;
+    guest.say(&ClientMessage::Follow(StreamChoice::Full));
+    guest.must_be_closed(CloseCode::VIOLATION)
+}

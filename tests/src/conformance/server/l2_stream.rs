@@ -1,0 +1,90 @@
+//! L2.1: what a stream brings in the end, whatever its lane loses.
+
+use glam::Vec3;
+use rhumb_protocol::message::StreamChoice;
+use rhumb_reckoning::Tick;
+
+use super::scenery::{NORMAL, ball, ball_shape, body, floor, floor_shape, lockstep};
+use crate::conformance::case::{Case, Feature};
+use crate::conformance::outcome::{Play, Stop, ensure};
+use crate::conformance::peer::{Fate, Follower};
+use crate::conformance::trial::Trial;
+
+pub(super) fn cases() -> Vec<Case> {
+    let case = |id: &str, name: &str, cites: &str| {
+        Case::server(id, name)
+            .cites(cites)
+            .needs(&[Feature::Lockstep])
+    };
+    vec![
+        case(
+            "L2.1.1",
+            "an advance is answered by a stream that is complete at its tick",
+            "PROTOCOL 4.9-1, 4.9-2, 6.4-1",
+        )
+        .play(|trial| {
+            let mut follower = scene(trial, NORMAL)?;
+            follower.advance(Tick::new(10))?;
+            let copy = follower.replica()?.stream();
+            ensure(
+                copy.vouched() == Tick::new(10),
+                "nothing beyond what was asked for",
+            )
+        }),
+        case(
+            "L2.1.2",
+            "of a lane that loses every third datagram all is repaired",
+            "PROTOCOL 6.7-3, 6.7-8, 6.4-3",
+        )
+        .play(|trial| {
+            let mut follower = scene(trial, NORMAL)?;
+            let mut count = 0_u32;
+            follower.sift(move |_| {
+                count += 1;
+                if count.is_multiple_of(3) {
+                    Fate::Lost
+                } else {
+                    Fate::Comes
+                }
+            });
+            for tick in 1..=60 {
+                follower.advance(Tick::new(tick))?;
+            }
+            undoubted(&follower)
+        }),
+        case(
+            "L2.1.3",
+            "datagrams that come twice or late change nothing",
+            "PROTOCOL 6.6-4, 6.6-3",
+        )
+        .play(|trial| {
+            let mut follower = scene(trial, NORMAL)?;
+            let mut dice = trial.dice();
+            follower.sift(move |_| [Fate::Twice, Fate::Late, Fate::Comes][dice.below(3)]);
+            for tick in 1..=60 {
+                follower.advance(Tick::new(tick))?;
+            }
+            undoubted(&follower)
+        }),
+    ]
+}
+
+/// A member of a scene with a ball above a floor.
+fn scene(trial: &mut Trial<'_>, choice: StreamChoice) -> Result<Follower, Stop> {
+    let mut follower = trial.follower()?;
+    follower.create(lockstep())?;
+    let granted = follower.join(choice)?;
+    follower.must(ball_shape())?;
+    follower.must(floor_shape())?;
+    follower.must(floor(body(granted, 0)?))?;
+    follower.must(ball(body(granted, 1)?, Vec3::new(0.0, 3.0, 0.0), Vec3::X))?;
+    Ok(follower)
+}
+
+/// That the copy is settled, and no sum was another.
+fn undoubted(follower: &Follower) -> Play {
+    let stream = follower.replica()?.stream();
+    ensure(stream.is_settled(), "nothing is missing in the end")?;
+    let heard = stream.statistics();
+    ensure(heard.mismatches == 0, "every sum is the copy's own")
+}

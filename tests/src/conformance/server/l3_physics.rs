@@ -1,0 +1,130 @@
+//! L3.1: what bodies do, whichever engine moves them.
+//!
+//! Tolerances are those of an engine that steps by the scene's ticks, and no more.
+
+use glam::{DVec3, Vec3};
+use rhumb_protocol::message::StreamChoice;
+use rhumb_reckoning::{BodyId, Motion, Tick};
+
+use super::scenery::{
+    EXACT, G, RADIUS, ball, ball_shape, body, floor, floor_shape, lockstep, weightless,
+};
+use crate::conformance::case::{Case, Feature};
+use crate::conformance::outcome::{Play, Stop, ensure};
+use crate::conformance::peer::Follower;
+use crate::conformance::trial::Trial;
+
+/// Ticks of a second.
+const SECOND: u64 = 60;
+/// Seconds of a tick.
+const TICK: f64 = 1.0 / 60.0;
+
+pub(super) fn cases() -> Vec<Case> {
+    let case = |id: &str, name: &str, cites: &str| {
+        Case::server(id, name)
+            .cites(cites)
+            .needs(&[Feature::Lockstep])
+    };
+    vec![
+        case(
+            "L3.1.1",
+            "a ball falls as gravity has it",
+            "PROTOCOL 2.6-4, 4.4-6",
+        )
+        .play(falls),
+        case(
+            "L3.1.2",
+            "a ball that nothing pulls goes on as it went",
+            "PROTOCOL 2.6-4",
+        )
+        .play(coasts),
+        case(
+            "L3.1.3",
+            "a ball that falls on a floor comes to rest on it",
+            "PROTOCOL 2.6-3, 6.3-9",
+        )
+        .play(rests),
+    ]
+}
+
+fn alone(
+    trial: &mut Trial<'_>,
+    gravity: bool,
+    choice: StreamChoice,
+) -> Result<(Follower, BodyId), Stop> {
+    let mut follower = trial.follower()?;
+    let terms = lockstep();
+    follower.create(if gravity { terms } else { weightless(terms) })?;
+    let granted = follower.join(choice)?;
+    follower.must(ball_shape())?;
+    Ok((follower, body(granted, 0)?))
+}
+
+/// Where a body is and how it moves at the newest tick.
+fn now(follower: &Follower, id: BodyId) -> Result<Motion, Stop> {
+    let stream = follower.replica()?.stream();
+    let gone = || Stop::Fail(format!("{id} is not there"));
+    stream.believed(id, stream.complete()).ok_or_else(gone)
+}
+
+fn falls(trial: &mut Trial<'_>) -> Play {
+    let (mut follower, id) = alone(trial, true, StreamChoice::Full)?;
+    follower.must(ball(id, Vec3::new(0.0, 100.0, 0.0), Vec3::ZERO))?;
+    follower.advance(Tick::new(SECOND))?;
+    let motion = now(&follower, id)?;
+    let fallen = 100.0 - motion.pose().position.y;
+    let g = f64::from(G);
+    // Whether velocity or place is stepped first is an engine's own matter: half a tick's way each.
+    ensure(
+        (fallen - g / 2.0).abs() <= g * TICK,
+        format!("it falls g/2 in a second, not {fallen}"),
+    )?;
+    let speed = motion.twist().linear.y;
+    ensure(
+        (speed + g).abs() <= g * TICK,
+        format!("it falls by g then, not {speed}"),
+    )?;
+    let aside = motion.pose().position.x.abs() + motion.pose().position.z.abs();
+    ensure(aside <= 1e-6, "it falls straight down")
+}
+
+fn coasts(trial: &mut Trial<'_>) -> Play {
+    let (mut follower, id) = alone(trial, false, StreamChoice::Full)?;
+    follower.must(ball(id, Vec3::ZERO, Vec3::new(3.0, -2.0, 1.0)))?;
+    follower.advance(Tick::new(SECOND))?;
+    let motion = now(&follower, id)?;
+    let way = DVec3::new(3.0, -2.0, 1.0);
+    let off = (motion.pose().position - way).length();
+    ensure(off <= 1e-3, format!("it is where it went, not {off} m off"))?;
+    let slower = (motion.twist().linear - way).length();
+    ensure(
+        slower <= 1e-4,
+        format!("it goes on as it went, not {slower} m/s off"),
+    )
+}
+
+fn rests(trial: &mut Trial<'_>) -> Play {
+    let (mut follower, id) = alone(trial, true, EXACT)?;
+    let under = body(follower.granted, 1)?;
+    follower.must(floor_shape())?;
+    follower.must(floor(under))?;
+    follower.must(ball(id, Vec3::new(0.0, 1.5, 0.0), Vec3::ZERO))?;
+    for second in 1..=8 {
+        follower.advance(Tick::new(second * SECOND))?;
+    }
+    let height = now(&follower, id)?.pose().position.y;
+    let off = (height - f64::from(RADIUS)).abs();
+    // A centimetre is what engines let bodies sink in, or hold them off.
+    ensure(
+        off <= 0.01,
+        format!("it lies on the floor, not {off} m off"),
+    )?;
+    let floor = now(&follower, under)?.pose().position.y;
+    ensure(floor == -1.0, "a static body does not move")?;
+    let track = follower.replica()?.stream().track(id);
+    let rest = track.is_some_and(rhumb_reckoning::Track::is_verbatim_rest);
+    ensure(
+        rest,
+        "after seconds it sleeps, and its track is a verbatim rest",
+    )
+}

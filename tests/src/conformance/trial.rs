@@ -1,0 +1,295 @@
+//! One case being tried: what it tries, what it may use, and what was seen.
+//!
+//! Lives on one thread. Scenes that its guests created are deleted when it is over.
+
+use std::cell::RefCell;
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+use std::rc::Rc;
+use std::time::Duration;
+
+use rhumb_protocol::scene::SceneName;
+use rhumb_transport::{BareLine, BareTerms, LinkTerms, Trust, UdpRelay};
+
+use super::case::{Case, Feature};
+use super::outcome::{Closing, Outcome, Stop, Verdict};
+use super::peer::{Follower, Guest, Host};
+use crate::seed::Dice;
+
+/// Who is tried, and how patiently.
+#[derive(Clone, Debug)]
+pub struct Conditions {
+    /// The peer.
+    pub subject: Subject,
+    /// How long anything may take that has no time of its own.
+    pub timeout: Duration,
+    /// Of all chance.
+    pub seed: u64,
+    /// What lies between the ends, if not nothing.
+    pub link: LinkTerms,
+    /// What the peer says that it has not.
+    pub without: Vec<Feature>,
+}
+
+/// Who is tried.
+#[derive(Clone, Debug)]
+pub enum Subject {
+    /// A server that listens somewhere.
+    Server {
+        /// Where.
+        target: std::net::SocketAddr,
+        /// The name that its certificate bears.
+        name: String,
+        /// What makes it the right one.
+        trust: Trust,
+    },
+    /// A client, which is started anew for each case.
+    Client {
+        /// Where the suite listens; port 0 is another port for each case.
+        listen: std::net::SocketAddr,
+        /// The command.
+        exec: String,
+    },
+    /// Who reads bytes: a command, or else this house.
+    Decoder {
+        /// The command.
+        exec: Option<String>,
+        /// Where the vectors are.
+        vectors: PathBuf,
+    },
+}
+
+/// What was said and heard, in order.
+#[derive(Clone, Debug, Default)]
+pub struct Log(Rc<RefCell<Vec<String>>>);
+
+/// One case being tried.
+#[derive(Debug)]
+pub struct Trial<'a> {
+    /// Who is tried, and how.
+    pub conditions: &'a Conditions,
+    case: &'a Case,
+    log: Log,
+    closing: Rc<RefCell<Closing>>,
+    scenes: Rc<RefCell<BTreeSet<SceneName>>>,
+    named: u32,
+    lines: u64,
+}
+
+impl<'a> Trial<'a> {
+    /// Tries a case.
+    #[must_use]
+    pub fn run(conditions: &'a Conditions, case: &'a Case) -> Outcome {
+        let clock = rhumb_transport::Clock::start();
+        let mut trial = Self {
+            conditions,
+            case,
+            log: Log::default(),
+            closing: Rc::new(RefCell::new(Closing::NotJudged)),
+            scenes: Rc::default(),
+            named: 0,
+            lines: 0,
+        };
+        let play = case.run(&mut trial);
+        let took = Duration::from_nanos(clock.now().as_nanos());
+        trial.clear();
+        let closing = trial.closing.borrow().clone();
+        let (verdict, why) = match &play {
+            Ok(()) => (Verdict::Pass, String::new()),
+            Err(stop) => (stop.verdict(), stop.why().to_owned()),
+        };
+        let good = play.is_ok() && closing.is_good();
+        let trace = if good { Vec::new() } else { trial.log.take() };
+        Outcome {
+            verdict,
+            why,
+            closing,
+            took,
+            trace,
+        }
+    }
+
+    /// The case's own chance.
+    #[must_use]
+    pub fn dice(&self) -> Dice {
+        let id = self.case.id.bytes();
+        let fold = |seed: u64, byte: u8| seed.wrapping_mul(0x100_0000_01b3) ^ u64::from(byte);
+        Dice::new(id.fold(self.conditions.seed, fold))
+    }
+
+    /// Notes something for who reads the trace.
+    pub fn note(&self, line: impl Into<String>) {
+        self.log.note(line);
+    }
+
+    /// How long anything may take that has no time of its own.
+    #[must_use]
+    pub const fn timeout(&self) -> Duration {
+        self.conditions.timeout
+    }
+
+    /// The name of a scene that nobody else uses.
+    ///
+    /// # Panics
+    ///
+    /// Never: what it is made of may stand in a name.
+    #[must_use]
+    pub fn scene(&mut self) -> SceneName {
+        self.named += 1;
+        let (seed, id, number) = (self.conditions.seed, &self.case.id, self.named);
+        let process = std::process::id();
+        format!("conformance/{process:x}-{seed:x}/{id}/{number}")
+            .parse()
+            .expect("letters, digits and what may stand between")
+    }
+
+    /// A connection with an open control stream, about a new scene. Nothing was said yet.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Fail`] when there is none to be had.
+    pub fn guest(&mut self) -> Result<Guest, Stop> {
+        let scene = self.scene();
+        self.guest_of(&scene)
+    }
+
+    /// The same about a scene of this name.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::guest`].
+    pub fn guest_of(&mut self, scene: &SceneName) -> Result<Guest, Stop> {
+        let guest = self.bare_guest(scene, &BareTerms::default())?;
+        guest.line.open_control();
+        Ok(guest)
+    }
+
+    /// The same by other terms, and without a control stream.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::guest`].
+    pub fn bare_guest(&mut self, scene: &SceneName, terms: &BareTerms) -> Result<Guest, Stop> {
+        let (line, relay) = self.connect(terms)?;
+        Ok(Guest::new(
+            line,
+            relay,
+            scene.clone(),
+            self.timeout(),
+            self.log.clone(),
+            Rc::clone(&self.closing),
+            Rc::clone(&self.scenes),
+        ))
+    }
+
+    /// A member-to-be that keeps a copy as a session does.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::guest`].
+    pub fn follower(&mut self) -> Result<Follower, Stop> {
+        let scene = self.scene();
+        self.follower_of(&scene)
+    }
+
+    /// The same about a scene of this name.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::guest`].
+    pub fn follower_of(&mut self, scene: &SceneName) -> Result<Follower, Stop> {
+        Ok(Follower::new(self.guest_of(scene)?))
+    }
+
+    /// A server of bytes, and the client under test connected to it.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Inconclusive`] when it cannot be started; [`Stop::Unsupported`] when the client says so.
+    pub fn host(&mut self) -> Result<Host, Stop> {
+        Host::start(
+            self.conditions,
+            self.case,
+            self.log.clone(),
+            Rc::clone(&self.closing),
+        )
+    }
+
+    fn connect(&mut self, terms: &BareTerms) -> Result<(BareLine, Option<UdpRelay>), Stop> {
+        let Subject::Server {
+            target,
+            ref name,
+            ref trust,
+        } = self.conditions.subject
+        else {
+            return Err(Stop::Inconclusive("this case is for a server".into()));
+        };
+        self.lines += 1;
+        let link = self.conditions.link;
+        let relay = if link == LinkTerms::PERFECT {
+            None
+        } else {
+            let anywhere = match target {
+                std::net::SocketAddr::V4(_) => "127.0.0.1:0",
+                std::net::SocketAddr::V6(_) => "[::1]:0",
+            };
+            let anywhere = anywhere.parse().expect("an address");
+            let seed = self.conditions.seed.wrapping_add(self.lines);
+            let relay = UdpRelay::start(anywhere, target, link, seed);
+            Some(relay.map_err(|error| Stop::Inconclusive(error.to_string()))?)
+        };
+        let address = relay.as_ref().map_or(target, UdpRelay::local_addr);
+        let patience = self.timeout() * 2;
+        let line = BareLine::connect(address, name, trust, terms, patience);
+        let line = line.map_err(|error| Stop::Fail(format!("no connection: {error}")))?;
+        Ok((line, relay))
+    }
+
+    /// Connects by these terms, whatever comes of it.
+    ///
+    /// # Errors
+    ///
+    /// How it ended.
+    pub fn knock(&mut self, terms: &BareTerms) -> Result<(BareLine, Option<UdpRelay>), Stop> {
+        self.connect(terms)
+    }
+
+    /// Deletes what scenes are left.
+    fn clear(&mut self) {
+        let left: Vec<_> = self.scenes.borrow().iter().cloned().collect();
+        for scene in left {
+            let deleted = self.guest_of(&scene).and_then(|mut guest| {
+                guest.hello()?;
+                guest.delete()
+            });
+            if let Err(stop) = deleted {
+                self.log
+                    .note(format!("{scene} is not deleted: {}", stop.why()));
+            }
+        }
+    }
+}
+
+impl Log {
+    /// Lines kept: enough to see what led to a failure.
+    const LINES_MAX: usize = 400;
+
+    /// Notes a line, in place of the oldest once there are many.
+    pub fn note(&self, line: impl Into<String>) {
+        let mut lines = self.0.borrow_mut();
+        if lines.len() >= Self::LINES_MAX {
+            lines.remove(0);
+        }
+        let mut line = line.into();
+        if line.len() > 400 {
+            let end = (0..=400).rev().find(|end| line.is_char_boundary(*end));
+            line.truncate(end.unwrap_or_default());
+            line.push('…');
+        }
+        lines.push(line);
+    }
+
+    fn take(&self) -> Vec<String> {
+        self.0.take()
+    }
+}
