@@ -153,9 +153,15 @@ impl Host {
             }
             return;
         };
+        // Answers come in the order of what they answer; what was commanded before is answered when it is settled.
+        if matches!(
+            request,
+            Request::Leave | Request::Reserve(_) | Request::Ping(_) | Request::Inspect
+        ) {
+            room.settle(out);
+        }
         match request {
             Request::Leave => {
-                room.settle(out);
                 room.leave(peer);
                 out.say(peer, &ServerMessage::Left);
                 if let Some(connection) = self.connections.get_mut(&peer) {

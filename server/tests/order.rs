@@ -168,3 +168,42 @@ fn what_waits_behind_an_advance_goes_with_its_member() {
     // The first command of the second membership; the one before it went with the first.
     assert_eq!(applied, [(0, 3)]);
 }
+
+/// PROTOCOL 4.2-2. Caught: what a command came to was told behind the answers to what was said after it.
+#[test]
+fn answers_come_in_the_order_of_what_they_answer() {
+    let said = conversation(&joined([
+        shape(0),
+        ClientMessage::Ping {
+            sent: Instant::from_nanos(7),
+        },
+        shape(1),
+        ClientMessage::Reserve { count: 1 },
+        shape(2),
+        ClientMessage::Inspect,
+        shape(3),
+        ClientMessage::Leave,
+    ]));
+    let words: Vec<_> = said
+        .iter()
+        .filter_map(|message| match message {
+            ServerMessage::Applied { through, .. } => Some(format!("applied {through}")),
+            ServerMessage::Pong { .. } => Some("pong".to_owned()),
+            ServerMessage::Reserved(_) => Some("reserved".to_owned()),
+            ServerMessage::Inspection(_) => Some("inspection".to_owned()),
+            ServerMessage::Left => Some("left".to_owned()),
+            _ => None,
+        })
+        .collect();
+    let expected = [
+        "applied 0",
+        "pong",
+        "applied 1",
+        "reserved",
+        "applied 2",
+        "inspection",
+        "applied 3",
+        "left",
+    ];
+    assert_eq!(words, expected);
+}
