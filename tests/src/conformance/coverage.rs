@@ -1,7 +1,7 @@
 //! Which requirements no case tries, and why.
 //!
 //! Reasons stand in `tests/data/uncovered.json`, by document and requirement. A test holds that each requirement has a case
-//! or a reason and not both, and that nothing is cited that is not there.
+//! or a reason, and that nothing is cited that is not there.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -89,12 +89,8 @@ pub fn holes() -> Vec<String> {
     for one in &coverage {
         let has_reason = one.reason.as_ref().is_some_and(|reason| !reason.is_empty());
         let name = &one.requirement;
-        match (one.cases.is_empty(), has_reason) {
-            (true, false) => {
-                holes.push(format!("{name} has neither case nor reason: {}", name.text));
-            }
-            (false, true) => holes.push(format!("{name} has a reason and yet {:?}", one.cases)),
-            _ => {}
+        if one.cases.is_empty() && !has_reason {
+            holes.push(format!("{name} has neither case nor reason: {}", name.text));
         }
     }
     for (document, id) in reasons().into_keys() {

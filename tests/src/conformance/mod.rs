@@ -51,5 +51,5 @@ pub mod trial;
 pub use case::{Case, Feature, Side};
 pub use cli::{Arguments, main};
 pub use outcome::{Closing, Outcome, Play, Stop, Verdict, ensure};
-pub use peer::{Fate, Follower, Guest, Host, compare};
+pub use peer::{Fate, Follower, Guest, Host, compare, compare_recorded};
 pub use trial::Trial;

@@ -4,6 +4,7 @@
 
 use std::cell::RefCell;
 use std::collections::BTreeSet;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::rc::Rc;
 use std::time::Duration;
@@ -90,7 +91,8 @@ impl<'a> Trial<'a> {
             named: 0,
             lines: 0,
         };
-        let play = case.run(&mut trial);
+        let played = catch_unwind(AssertUnwindSafe(|| case.run(&mut trial)));
+        let play = played.unwrap_or_else(|_| Err(Stop::Inconclusive("the suite erred".into())));
         let took = Duration::from_nanos(clock.now().as_nanos());
         trial.clear();
         let closing = trial.closing.borrow().clone();

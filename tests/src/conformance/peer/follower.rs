@@ -4,7 +4,7 @@
 //! against what a subscriber may conclude from it.
 
 use std::cell::RefCell;
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fmt;
 use std::rc::Rc;
 use std::time::Duration;
@@ -14,7 +14,7 @@ use rhumb_protocol::message::{StreamChoice, Welcome};
 use rhumb_protocol::scene::{Command, CommandError, IdRange, SceneName, SceneTerms};
 use rhumb_protocol::session::{ClientSession, Event, Misuse, Replica};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
-use rhumb_reckoning::Tick;
+use rhumb_reckoning::{BodyId, Pose, Tick};
 use rhumb_transport::{BareEnd, BareLine, Clock, Seen, UdpRelay};
 
 use super::guest::{Guest, Parts};
@@ -49,6 +49,8 @@ pub struct Follower {
     pub scene: SceneName,
     /// Datagrams that came, whatever became of them.
     pub arrived: u64,
+    /// Where every body was at each tick that the copy was complete for, if that is recorded.
+    pub seen: Option<BTreeMap<Tick, BTreeMap<BodyId, Pose>>>,
     line: BareLine,
     clock: Clock,
     sieve: Sieve,
@@ -80,6 +82,7 @@ impl Follower {
             granted: IdRange::EMPTY,
             scene,
             arrived: 0,
+            seen: None,
             line,
             clock,
             sieve: Box::new(|_| Fate::Comes),
@@ -91,8 +94,10 @@ impl Follower {
         }
     }
 
-    /// What becomes of the datagrams that come from now on.
+    /// What becomes of the datagrams that come from now on. Where some are lost, answers to what is asked for them may be
+    /// lost too, several times: so everything may take longer.
     pub fn sift(&mut self, sieve: impl FnMut(&[u8]) -> Fate + 'static) {
+        self.timeout *= 4;
         self.sieve = Box::new(sieve);
     }
 
@@ -201,6 +206,27 @@ impl Follower {
     pub fn advance(&mut self, to: Tick) -> Play {
         self.ask_for(to)?;
         self.complete(to)
+    }
+
+    /// Records from now on where bodies are at each tick that the copy is complete for.
+    pub fn record(&mut self) {
+        self.seen = Some(BTreeMap::new());
+    }
+
+    fn note_seen(&mut self) {
+        let (Some(seen), Some(copy)) = (&mut self.seen, self.session.replica()) else {
+            return;
+        };
+        let stream = copy.stream();
+        let tick = stream.complete();
+        if seen.contains_key(&tick) || !stream.is_settled() {
+            return;
+        }
+        let poses = copy.bodies().filter_map(|terms| {
+            let believed = stream.believed(terms.id, tick)?;
+            Some((terms.id, believed.pose()))
+        });
+        seen.insert(tick, poses.collect());
     }
 
     /// Waits until the copy is complete at a tick.
@@ -321,6 +347,7 @@ impl Follower {
             }
         }
         self.session.handle_timeout(self.clock.now());
+        self.note_seen();
         self.flush();
     }
 

@@ -95,6 +95,17 @@ impl Guest {
         }
     }
 
+    /// Says messages in one piece.
+    pub fn say_together(&mut self, messages: &[ClientMessage]) {
+        let mut bytes = Vec::new();
+        for message in messages {
+            self.log.note(format!("> {message:?}"));
+            message.encode(&mut bytes);
+            self.commands += u64::from(matches!(message, ClientMessage::Command(_)));
+        }
+        self.line.say(bytes);
+    }
+
     /// Sends a datagram.
     ///
     /// # Errors

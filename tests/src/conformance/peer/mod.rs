@@ -8,4 +8,4 @@ mod promise;
 pub use follower::{Fate, Follower};
 pub use guest::Guest;
 pub use host::Host;
-pub use promise::compare;
+pub use promise::{compare, compare_recorded};

@@ -2,9 +2,11 @@
 //!
 //! The truth is what the same server says by its full stream, to the bit.
 
+use rhumb_protocol::scene::Shape;
 use rhumb_protocol::session::Replica;
 use rhumb_reckoning::{Divergence, Tick};
 
+use super::follower::Follower;
 use crate::conformance::outcome::Stop;
 
 /// The greatest share of its tolerance that any body of a copy uses at a tick.
@@ -52,4 +54,41 @@ pub fn compare(copy: &Replica, truth: &Replica, tick: Tick, factor: f64) -> Resu
             "at {tick} a body is {worst:.3} times its tolerance from the truth; promised is {factor}"
         ))
     }
+}
+
+/// Compares what two members recorded, at every tick that both have; returns how many these are.
+///
+/// # Errors
+///
+/// [`Stop::Fail`] when a body is beyond its tolerance at one of them.
+pub fn compare_recorded(copy: &Follower, truth: &Follower) -> Result<usize, Stop> {
+    let (here, there) = (copy.replica()?, truth.replica()?);
+    let none = || Stop::Inconclusive("nothing was recorded".into());
+    let (copied, true_ones) = (
+        copy.seen.as_ref().ok_or_else(none)?,
+        truth.seen.as_ref().ok_or_else(none)?,
+    );
+    let mut compared = 0;
+    for (tick, poses) in copied {
+        let Some(wanted) = true_ones.get(tick) else {
+            continue;
+        };
+        for (id, pose) in poses {
+            let (Some(truth), Some(terms)) = (wanted.get(id), there.body(*id)) else {
+                continue;
+            };
+            let radius = there.shape(terms.shape).map(Shape::bounding_radius);
+            let (Some(radius), Some(tolerance)) = (radius, here.stream().tolerance_of(*id)) else {
+                continue;
+            };
+            let share = tolerance.share(&Divergence::between(truth, pose), radius);
+            if share > 1.0 {
+                return Stop::fail(format!(
+                    "{id} at {tick} is {share:.3} times its tolerance off"
+                ));
+            }
+        }
+        compared += 1;
+    }
+    Ok(compared)
 }

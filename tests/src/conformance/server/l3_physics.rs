@@ -15,9 +15,9 @@ use crate::conformance::peer::Follower;
 use crate::conformance::trial::Trial;
 
 /// Ticks of a second.
-const SECOND: u64 = 60;
+pub(super) const SECOND: u64 = 60;
 /// Seconds of a tick.
-const TICK: f64 = 1.0 / 60.0;
+pub(super) const TICK: f64 = 1.0 / 60.0;
 
 pub(super) fn cases() -> Vec<Case> {
     let case = |id: &str, name: &str, cites: &str| {
@@ -47,7 +47,8 @@ pub(super) fn cases() -> Vec<Case> {
     ]
 }
 
-fn alone(
+/// A member of a scene of its own that knows the ball's shape, and the body that it may add first.
+pub(super) fn alone(
     trial: &mut Trial<'_>,
     gravity: bool,
     choice: StreamChoice,
@@ -61,7 +62,7 @@ fn alone(
 }
 
 /// Where a body is and how it moves at the newest tick.
-fn now(follower: &Follower, id: BodyId) -> Result<Motion, Stop> {
+pub(super) fn now(follower: &Follower, id: BodyId) -> Result<Motion, Stop> {
     let stream = follower.replica()?.stream();
     let gone = || Stop::Fail(format!("{id} is not there"));
     stream.believed(id, stream.complete()).ok_or_else(gone)

@@ -1,100 +1,275 @@
 //! L4.1: bodies are within their tolerances, as the full stream has them.
+//!
+//! The same scene is followed by two streams, one of them the full one; at every tick that the copy is complete for, every
+//! body of it is compared. Scenes are this house's scripts, which name no engine.
+
+use std::num::NonZeroU32;
 
 use rhumb_protocol::message::StreamChoice;
-use rhumb_reckoning::{Tick, Tolerance};
-use rhumb_sims::by_name;
+use rhumb_protocol::scene::{Cadence, Command, IdRange, Pace, SceneTerms};
+use rhumb_reckoning::{BodyId, Class, LengthBound, Metres, Radians, Tick, Ticks, Tolerance};
+use rhumb_sims::{Script, by_name};
 
-use super::scenery::{NORMAL, lockstep};
+use super::scenery::{EXACT, NORMAL};
 use crate::conformance::case::{Case, Feature};
-use crate::conformance::outcome::{Play, Stop};
+use crate::conformance::outcome::{Play, Stop, ensure};
 use crate::conformance::peer::{Fate, Follower, compare};
 use crate::conformance::trial::Trial;
 
+/// One scene, and how it is followed.
+#[derive(Clone, Copy, Debug)]
+struct Way {
+    script: &'static str,
+    bodies: u32,
+    choice: StreamChoice,
+    ticks: u64,
+    /// One datagram in so many is lost, one comes twice, one late; none at zero.
+    spoilt: usize,
+    /// Each so-manyeth tick is spoken of, and what hindsight there is.
+    cadence: (u32, u32),
+    /// How many ticks are asked for ahead.
+    depth: u64,
+    /// Whether bodies are of classes.
+    classes: bool,
+}
+
+impl Way {
+    const fn of(script: &'static str, bodies: u32, choice: StreamChoice) -> Self {
+        Self {
+            script,
+            bodies,
+            choice,
+            ticks: 180,
+            spoilt: 0,
+            cadence: (1, 0),
+            depth: 1,
+            classes: false,
+        }
+    }
+}
+
 pub(super) fn cases() -> Vec<Case> {
-    let case = |id: &str, name: &str| {
-        Case::server(id, name)
-            .cites("PROTOCOL 6.3-7, 6.3-10, 6.1-2, 6.10-1")
+    let promise = "PROTOCOL 6.3-7, 6.3-10, 6.1-2, 6.1-4, 6.10-1, 6.8-2, 6.8-4";
+    let mut number = 0;
+    let mut case = |name: String, cites: &str, way: Way| {
+        number += 1;
+        Case::server(&format!("L4.1.{number}"), &name)
+            .cites(promise)
+            .cites(cites)
             .needs(&[Feature::Lockstep])
+            .play(move |trial| follow(trial, way))
     };
+    let mut cases = Vec::new();
+    for (script, bodies, cites) in [
+        ("ball-pit", 20, "PROTOCOL 6.2-1, 6.2-4"),
+        ("cubes", 12, "PROTOCOL 6.2-6"),
+        ("ragdolls", 4, "PROTOCOL 2.6-7"),
+        ("stack", 10, "PROTOCOL 6.3-9"),
+        ("dominoes", 12, "PROTOCOL 6.3-9"),
+        ("tumbler", 12, "PROTOCOL 6.2-3"),
+        ("rain", 12, "PROTOCOL 6.13-2, 6.3-5"),
+        ("free-fall", 12, "PROTOCOL 6.9-1"),
+        ("asteroids", 8, "PROTOCOL 2.6-6, 4.6-3"),
+        ("zoo", 12, "PROTOCOL 6.1-5, 6.2-3"),
+    ] {
+        for (word, choice) in [("five centimetres", NORMAL), ("five millimetres", EXACT)] {
+            let name = format!("{script}: every body is within {word} at every tick");
+            cases.push(case(name, cites, Way::of(script, bodies, choice)));
+        }
+    }
+    let (pit, zoo) = (Way::of("ball-pit", 20, NORMAL), Way::of("zoo", 12, EXACT));
+    for (name, cites, way) in spoilt(pit, zoo).into_iter().chain(otherwise(pit, zoo)) {
+        cases.push(case(name.to_owned(), cites, way));
+    }
+    cases
+}
+
+/// Ways over lanes that lose, repeat and disorder.
+fn spoilt(pit: Way, zoo: Way) -> Vec<(&'static str, &'static str, Way)> {
     vec![
-        case(
-            "L4.1.1",
-            "balls in a pit are within five centimetres at every tick",
-        )
-        .play(|trial| follow(trial, "ball-pit", 20, NORMAL, 0)),
-        case(
-            "L4.1.2",
-            "balls in a pit are within half a millimetre at every tick",
-        )
-        .play(|trial| {
-            follow(
-                trial,
-                "ball-pit",
-                20,
-                StreamChoice::Within(Tolerance::EXACT),
-                0,
-            )
-        }),
-        case(
-            "L4.1.3",
-            "what a copy is vouched for holds on a lane that loses one in five",
-        )
-        .play(|trial| follow(trial, "ball-pit", 20, NORMAL, 5)),
+        (
+            "a pit on a bad lane: what is vouched for holds",
+            "PROTOCOL 6.7-3, 6.6-14, 6.6-15, 6.8-5, 6.7-8",
+            Way { spoilt: 6, ..pit },
+        ),
+        (
+            "a zoo on a bad lane: what is vouched for holds",
+            "PROTOCOL 6.7-3, 6.13-7, 6.13-12, 6.6-8",
+            Way { spoilt: 5, ..zoo },
+        ),
+        (
+            "a tumbler on a bad lane: what is held by another is right too",
+            "PROTOCOL 6.7-3, 6.8-4",
+            Way {
+                spoilt: 6,
+                ..Way::of("tumbler", 12, EXACT)
+            },
+        ),
+        (
+            "a zoo that speaks of each other tick, on a bad lane",
+            "PROTOCOL 6.3-1",
+            Way {
+                cadence: (2, 0),
+                depth: 2,
+                spoilt: 6,
+                ..zoo
+            },
+        ),
     ]
 }
 
-/// Follows a script by two streams, one of them the full one, and compares at every tick; `lost`: one datagram in so many.
-fn follow(
-    trial: &mut Trial<'_>,
-    script: &str,
-    bodies: u32,
-    choice: StreamChoice,
-    lost: usize,
-) -> Play {
+/// Ways that are asked for, or choose, otherwise.
+fn otherwise(pit: Way, zoo: Way) -> Vec<(&'static str, &'static str, Way)> {
+    let parts = Tolerance::parts(Metres::new(0.01), Radians::new(0.002)).expect("within range");
+    let coarse = LengthBound::from_micrometres(200_000).expect("within range");
+    vec![
+        (
+            "a pit in parts: positions and turns are within bounds of their own",
+            "PROTOCOL 4.2-1",
+            Way {
+                choice: StreamChoice::Within(parts),
+                ..pit
+            },
+        ),
+        (
+            "a pit within twenty centimetres",
+            "PROTOCOL 4.2-1",
+            Way {
+                choice: StreamChoice::Within(Tolerance::Surface(coarse)),
+                ..pit
+            },
+        ),
+        (
+            "a pit with classes: each body within its own tolerance",
+            "PROTOCOL 2.6-12",
+            Way {
+                classes: true,
+                ..pit
+            },
+        ),
+        (
+            "a zoo with classes: each body within its own tolerance",
+            "PROTOCOL 2.6-12",
+            Way {
+                classes: true,
+                ..zoo
+            },
+        ),
+        (
+            "a pit that is asked for ten ticks ahead",
+            "PROTOCOL 4.9-1, 6.3-12",
+            Way { depth: 10, ..pit },
+        ),
+        (
+            "a pit that speaks of each third tick",
+            "PROTOCOL 6.3-1, 6.3-2, 4.9-6",
+            Way {
+                cadence: (3, 0),
+                depth: 3,
+                ..pit
+            },
+        ),
+    ]
+}
+
+/// Follows a script by two streams, one of them the full one, and compares at every tick that is spoken of.
+fn follow(trial: &mut Trial<'_>, way: Way) -> Play {
     let scene = trial.scene();
-    let unknown = || Stop::Inconclusive(format!("no script {script}"));
-    let mut script = by_name(script, bodies, trial.conditions.seed).ok_or_else(unknown)?;
+    let unknown = || Stop::Inconclusive(format!("no script {}", way.script));
+    let mut script = by_name(way.script, way.bodies, trial.conditions.seed).ok_or_else(unknown)?;
     let mut leader = trial.follower_of(&scene)?;
-    leader.create(rhumb_protocol::scene::SceneTerms {
-        pace: lockstep().pace,
-        cadence: lockstep().cadence,
+    let (every, hindsight) = way.cadence;
+    let terms = SceneTerms {
+        pace: Pace::Lockstep,
+        cadence: Cadence {
+            every: NonZeroU32::new(every).unwrap_or(NonZeroU32::MIN),
+            hindsight: Ticks::new(hindsight),
+        },
         ..script.terms()
-    })?;
-    leader.join(choice)?;
+    };
+    leader.create(terms)?;
+    leader.join(way.choice)?;
     let mut truth = trial.follower_of(&scene)?;
     truth.greet()?;
     truth.join(StreamChoice::Full)?;
-    if lost > 0 {
-        let mut dice = trial.dice();
-        leader.sift(move |_| {
-            if dice.below(lost) == 0 {
-                Fate::Lost
-            } else {
-                Fate::Comes
-            }
-        });
+    spoil(trial, &mut leader, way.spoilt);
+    let mut worst = 0.0_f64;
+    let mut judged = 0;
+    for tick in 0..way.ticks {
+        command(&mut leader, script.as_mut(), Tick::new(tick), way.classes)?;
+        let to = Tick::new(tick + 1);
+        if (tick + 1) % way.depth == 0 {
+            leader.advance(to)?;
+        } else {
+            leader.ask_for(to)?;
+        }
+        if terms.cadence.speaks_of(to) && (tick + 1) % way.depth == 0 {
+            truth.complete(to)?;
+            worst = worst.max(compare(leader.replica()?, truth.replica()?, to, 1.0)?);
+            judged += 1;
+        }
     }
-    for tick in 0..TICKS {
-        step(&mut leader, script.as_mut(), Tick::new(tick))?;
-        truth.complete(Tick::new(tick + 1))?;
-        compare(
-            leader.replica()?,
-            truth.replica()?,
-            Tick::new(tick + 1),
-            1.0,
-        )?;
+    trial.note(format!(
+        "{judged} ticks; at worst {worst:.3} of the tolerance"
+    ));
+    let heard = leader.replica()?.stream().statistics();
+    ensure(
+        heard.mismatches == 0,
+        "every sum over tracks is the copy's own",
+    )
+}
+
+fn spoil(trial: &Trial<'_>, follower: &mut Follower, one_in: usize) {
+    if one_in == 0 {
+        return;
+    }
+    let mut dice = trial.dice();
+    follower.sift(move |_| match dice.below(one_in) {
+        0 => Fate::Lost,
+        1 if dice.below(2) == 0 => Fate::Twice,
+        1 => Fate::Late,
+        _ => Fate::Comes,
+    });
+}
+
+/// The script's commands of a tick, with bodies named as they were granted.
+fn command(leader: &mut Follower, script: &mut dyn Script, tick: Tick, classes: bool) -> Play {
+    let mut commands = Vec::new();
+    script.commands(tick, &mut commands);
+    for mut command in commands {
+        rename(&mut command, leader.granted)?;
+        if classes && let Command::AddBody { terms, .. } = &mut command {
+            let step = (terms.id.index() % 7) as i8 - 3;
+            terms.class = Class::new(step).unwrap_or(Class::USUAL);
+        }
+        leader.wish(|session| session.command(command))?;
     }
     Ok(())
 }
 
-const TICKS: u64 = 240;
-
-/// The script's commands of a tick, and the step behind them.
-fn step(leader: &mut Follower, script: &mut dyn rhumb_sims::Script, tick: Tick) -> Play {
-    let mut commands = Vec::new();
-    script.commands(tick, &mut commands);
-    for command in commands {
-        leader.wish(|session| session.command(command))?;
+/// Names the bodies of a command by their places in what was granted: scripts count them from zero.
+fn rename(command: &mut Command, granted: IdRange) -> Play {
+    let named = |id: &mut BodyId| -> Play {
+        let first = granted.id(0).map_or(0, BodyId::generation);
+        if id.index() >= granted.count() {
+            return Err(Stop::Inconclusive("the script has too many bodies".into()));
+        }
+        *id = BodyId::new(granted.first() + id.index(), first + id.generation());
+        Ok(())
+    };
+    match command {
+        Command::AddBody { terms, .. } => named(&mut terms.id),
+        Command::RemoveBody { id }
+        | Command::SetPose { id, .. }
+        | Command::SetVelocity { id, .. }
+        | Command::Force { id, .. }
+        | Command::Torque { id, .. }
+        | Command::Impulse { id, .. }
+        | Command::TorqueImpulse { id, .. } => named(id),
+        Command::AddJoint { joint, .. } => joint.bodies.iter_mut().try_for_each(named),
+        Command::AddShape { .. }
+        | Command::RemoveShape { .. }
+        | Command::SetGravity { .. }
+        | Command::RemoveJoint { .. } => Ok(()),
     }
-    leader.advance(tick.next())
 }

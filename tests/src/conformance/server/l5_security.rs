@@ -1,63 +1,269 @@
-//! L5.1: what nobody may do to others, and what malformed datagrams come to.
+//! L5.1: what nobody may do to others, however it tries.
+//!
+//! In each case somebody behaves well beside who does not: what the one is promised holds all the while.
 
 use glam::Vec3;
-use rhumb_protocol::message::StreamChoice;
+use rhumb_protocol::Instant;
+use rhumb_protocol::message::{ClientMessage, ServerMessage, StreamChoice};
+use rhumb_protocol::packet::{Doubt, Echo, Low16, Ranges, StreamId};
 use rhumb_protocol::scene::{Command, CommandError};
-use rhumb_reckoning::Tick;
+use rhumb_protocol::session::CloseCode;
+use rhumb_reckoning::{BodyId, Tick};
 
 use super::scenery::{NORMAL, ball, ball_shape, body, lockstep};
+use super::{Row, table};
 use crate::conformance::case::{Case, Feature};
 use crate::conformance::outcome::{Play, Stop, ensure};
+use crate::conformance::peer::{Follower, Guest};
 use crate::conformance::trial::Trial;
 
+/// Too many control bytes wait for who does not read them.
+const CONTROL_OVERFLOW: u64 = 0x102;
+
+/// What each case of the group promises, cites and does.
+const CASES: &[Row] = &[
+    (
+        1,
+        "datagrams of chance are dropped, and nothing comes of them",
+        "PROTOCOL 2.5-4, 5.8-4, 3.5-16",
+        |trial| beside(trial, noise),
+    ),
+    (
+        2,
+        "a body of an index that was not granted is refused",
+        "PROTOCOL 4.4-2, 4.6-8",
+        not_granted,
+    ),
+    (
+        3,
+        "a body of another scene is not there",
+        "PROTOCOL 3.1-3, 4.4-7",
+        other_scene,
+    ),
+    (
+        4,
+        "datagrams of greased kinds are dropped",
+        "PROTOCOL 3.5-16, 3.5-7",
+        |trial| beside(trial, greased),
+    ),
+    (
+        5,
+        "echoes that name all that was never sent cost others nothing",
+        "PROTOCOL 6.7-7, 5.13-1",
+        |trial| beside(trial, echoes),
+    ),
+    (
+        6,
+        "doubts without end cost others nothing",
+        "PROTOCOL 6.12-7",
+        |trial| beside(trial, doubts),
+    ),
+    (
+        7,
+        "pings without end are answered, each by its number",
+        "PROTOCOL 4.2-2",
+        |trial| beside(trial, pings),
+    ),
+    (
+        9,
+        "bytes of chance on the control stream end one connection, and no other",
+        "PROTOCOL 2.5-3",
+        |trial| beside(trial, chance),
+    ),
+    (
+        10,
+        "snapshots without end are told as often as they can be told together",
+        "PROTOCOL 4.8-9",
+        |trial| beside(trial, snapshots),
+    ),
+    (
+        11,
+        "commands beyond what may wait for a tick close with code 4",
+        "PROTOCOL 7-1, 7-2",
+        waiting,
+    ),
+    (
+        12,
+        "who says nothing but hello, again and again, costs others nothing",
+        "PROTOCOL 1.4-4, 3.4-1",
+        |trial| {
+            beside(trial, |trial, _| {
+                for _ in 0..60 {
+                    let mut guest = trial.guest()?;
+                    guest.hello()?;
+                    guest.line.close(0);
+                }
+                Ok(())
+            })
+        },
+    ),
+    (
+        13,
+        "a scene's name is not told to who does not say it",
+        "PROTOCOL 3.1-3, 4.7-1",
+        |trial| {
+            let mut guest = trial.guest()?;
+            guest.hello()?;
+            guest.create(lockstep())?;
+            let mut other = trial.guest()?;
+            let welcome = other.hello()?;
+            ensure(welcome.scene.is_none(), "its scene is not there")?;
+            other.say(&ClientMessage::Join(NORMAL));
+            let heard = other.barrier()?;
+            ensure(
+                matches!(heard[..], [ServerMessage::Denied(_)]),
+                format!("denied, not {heard:?}"),
+            )
+        },
+    ),
+];
+
+/// Those that wait for a clock of the server's.
+const SLOW: &[Row] = &[(
+    8,
+    "who does not read is closed before it costs others",
+    "PROTOCOL 7-2",
+    deaf,
+)];
+
 pub(super) fn cases() -> Vec<Case> {
-    vec![
-        Case::server(
-            "L5.1.1",
-            "datagrams of chance are dropped, and nothing comes of them",
-        )
-        .cites("PROTOCOL 2.5-4, 5.8-4, 3.5-16")
-        .needs(&[Feature::Lockstep])
-        .play(noise),
-        Case::server(
-            "L5.1.2",
-            "a body of an index that was not granted is refused",
-        )
-        .cites("PROTOCOL 4.4-2, 4.6-8")
-        .needs(&[Feature::Lockstep])
-        .play(not_granted),
-        Case::server("L5.1.3", "a body of another scene is not there")
-            .cites("PROTOCOL 3.1-3, 4.4-7")
-            .needs(&[Feature::Lockstep])
-            .play(other_scene),
-    ]
+    let cases = table("L5.1", &[Feature::Lockstep], CASES);
+    cases
+        .chain(table("L5.1", &[Feature::Lockstep], SLOW).map(Case::slow))
+        .collect()
 }
 
-fn noise(trial: &mut Trial<'_>) -> Play {
-    let mut follower = trial.follower()?;
-    follower.create(lockstep())?;
-    let granted = follower.join(NORMAL)?;
-    follower.must(ball_shape())?;
-    follower.must(ball(body(granted, 0)?, Vec3::ZERO, Vec3::X))?;
-    let mut guest = trial.guest_of(&follower.scene.clone())?;
-    guest.hello()?;
-    guest.join(StreamChoice::Full)?;
+/// A scene with somebody who behaves well, while a member of the same scene does something; then it goes on as promised.
+fn beside(trial: &mut Trial<'_>, does: fn(&mut Trial<'_>, &mut Guest) -> Play) -> Play {
+    let mut good = trial.follower()?;
+    good.create(lockstep())?;
+    let granted = good.join(NORMAL)?;
+    good.must(ball_shape())?;
+    good.must(ball(body(granted, 0)?, Vec3::ZERO, Vec3::X))?;
+    let mut rude = trial.guest_of(&good.scene.clone())?;
+    rude.hello()?;
+    rude.join(StreamChoice::Full)?;
+    good.advance(Tick::new(10))?;
+    does(trial, &mut rude)?;
+    goes_on(&mut good, 10)
+}
+
+fn goes_on(good: &mut Follower, from: u64) -> Play {
+    for tick in from + 1..=from + 20 {
+        good.advance(Tick::new(tick))?;
+    }
+    let id = body(good.granted, 0)?;
+    good.must(Command::Impulse {
+        id,
+        impulse: Vec3::Y,
+    })?;
+    let heard = good.replica()?.stream().statistics();
+    ensure(
+        heard.mismatches == 0 && heard.malformed == 0,
+        "its copy is right",
+    )
+}
+
+fn noise(trial: &mut Trial<'_>, rude: &mut Guest) -> Play {
     let mut dice = trial.dice();
     for _ in 0..500 {
-        let length = dice.below(200);
+        let length = dice.below(1_150);
         let bytes: Vec<u8> = (0..length).map(|_| dice.below(256) as u8).collect();
-        guest.throw(&bytes)?;
+        rude.throw(&bytes)?;
     }
-    guest.barrier()?;
-    follower.advance(Tick::new(30))?;
-    guest.barrier().map(drop)
+    rude.barrier().map(drop)
+}
+
+fn greased(_: &mut Trial<'_>, rude: &mut Guest) -> Play {
+    for kind in 0..=0xff_u8 {
+        rude.throw(&[kind])?;
+        rude.throw(&[kind, 0, 1, 2, 3])?;
+    }
+    rude.throw(&[])?;
+    rude.barrier().map(drop)
+}
+
+/// The stream that a member follows.
+fn stream(rude: &mut Guest) -> Result<StreamId, Stop> {
+    rude.say(&ClientMessage::Resync);
+    Ok(rude.snapshot()?.0.start.stream)
+}
+
+fn echoes(_: &mut Trial<'_>, rude: &mut Guest) -> Play {
+    let stream = stream(rude)?;
+    for number in 0..400_u64 {
+        let echo = Echo {
+            next: Low16::of(number * 97),
+            gone: Low16::of(number),
+            parities: (number % 33) as u8,
+            lost: (0..64).map(|lost| Low16::of(number * 64 + lost)).collect(),
+        };
+        rude.throw(&echo.encode(stream))?;
+    }
+    rude.barrier().map(drop)
+}
+
+fn doubts(_: &mut Trial<'_>, rude: &mut Guest) -> Play {
+    let stream = stream(rude)?;
+    for number in 0..400_u32 {
+        let range = Ranges {
+            first: number * 2_000,
+            stride: 1 + number,
+        };
+        rude.throw(&Doubt { range }.encode(stream))?;
+    }
+    rude.barrier().map(drop)
+}
+
+fn pings(_: &mut Trial<'_>, rude: &mut Guest) -> Play {
+    let pings: Vec<_> = (0..5_000)
+        .map(|number| ClientMessage::Ping {
+            sent: Instant::from_nanos(number),
+        })
+        .collect();
+    rude.say_together(&pings);
+    let mut next = 0;
+    while next < 5_000 {
+        next = rude.await_message("pong", |message| match message {
+            ServerMessage::Pong { sent, .. } => Some(sent.as_nanos() + 1),
+            _ => None,
+        })?;
+    }
+    Ok(())
+}
+
+fn chance(trial: &mut Trial<'_>, _: &mut Guest) -> Play {
+    let mut dice = trial.dice();
+    for _ in 0..40 {
+        let mut guest = trial.guest()?;
+        let bytes: Vec<u8> = (0..1 + dice.below(300))
+            .map(|_| dice.below(256) as u8)
+            .collect();
+        guest.utter(&bytes);
+        // What chance says may be the beginning of a message; then nothing comes of it.
+        guest.line.finish();
+    }
+    Ok(())
+}
+
+fn snapshots(_: &mut Trial<'_>, rude: &mut Guest) -> Play {
+    rude.say_together(&vec![ClientMessage::Resync; 500]);
+    let heard = rude.barrier()?;
+    let told = heard
+        .iter()
+        .filter(|message| matches!(message, ServerMessage::Joined(_)));
+    let told = told.count();
+    ensure(
+        (1..=100).contains(&told),
+        format!("some of five hundred, not {told}"),
+    )
 }
 
 fn not_granted(trial: &mut Trial<'_>) -> Play {
     let mut guest = trial.guest()?;
     guest.enter(lockstep(), StreamChoice::Full)?;
     guest.must(ball_shape())?;
-    let beyond = rhumb_reckoning::BodyId::new(1_000_000, 0);
+    let beyond = BodyId::new(1_000_000, 0);
     match guest.command(ball(beyond, Vec3::ZERO, Vec3::ZERO))? {
         Err(CommandError::NotGranted(id)) => ensure(id == beyond, "the error names it"),
         other => Stop::fail(format!("{other:?}; must be refused by NotGranted")),
@@ -77,4 +283,60 @@ fn other_scene(trial: &mut Trial<'_>) -> Play {
         came => return Stop::fail(format!("{came:?}; must be refused by UnknownBody")),
     }
     one.must(Command::RemoveBody { id }).map(drop)
+}
+
+/// A member that asks for snapshots of a large scene and reads none of them.
+fn deaf(trial: &mut Trial<'_>) -> Play {
+    let mut good = trial.follower()?;
+    good.create(lockstep())?;
+    let granted = good.join(NORMAL)?;
+    good.must(ball_shape())?;
+    for place in 0..2_000 {
+        let at = Vec3::new((place % 50) as f32 * 3.0, 0.0, (place / 50) as f32 * 3.0);
+        let id = body(granted, place)?;
+        good.wish(|session| session.command(ball(id, at, Vec3::ZERO)))?;
+    }
+    good.advance(Tick::new(1))?;
+    let mut rude = trial.guest_of(&good.scene.clone())?;
+    rude.hello()?;
+    rude.line.read_control(false);
+    rude.say(&ClientMessage::Join(StreamChoice::Full));
+    let mut tick = 1;
+    // Each snapshot takes some 100 kB; what may wait is a few MB more than what QUIC has under way.
+    for _ in 0..400 {
+        rude.say(&ClientMessage::Resync);
+        tick += 1;
+        good.advance(Tick::new(tick))?;
+        while let Some(seen) = rude.line.hear(std::time::Duration::ZERO) {
+            if let rhumb_transport::Seen::Ended(end) = seen {
+                let overflow = rhumb_transport::BareEnd::Closed(CONTROL_OVERFLOW);
+                ensure(
+                    end == overflow,
+                    format!("code {CONTROL_OVERFLOW:#x}, not {end}"),
+                )?;
+                return goes_on(&mut good, tick);
+            }
+        }
+    }
+    Stop::fail("it may wait for tens of megabytes")
+}
+
+/// Commands behind an advance that is not there yet.
+fn waiting(trial: &mut Trial<'_>) -> Play {
+    let mut guest = trial.guest()?;
+    guest.enter(lockstep(), NORMAL)?;
+    let command = ClientMessage::Command(Command::SetGravity {
+        gravity: Vec3::ZERO,
+    });
+    let most = rhumb_protocol::limits::WISHES_WAITING_MAX;
+    let mut together = vec![ClientMessage::Advance {
+        to: Tick::new(rhumb_protocol::limits::ADVANCE_TICKS_MAX),
+    }];
+    together.resize(most + 500, command);
+    guest.say_together(&together);
+    // A server that steps meanwhile lets none of them wait so long; one that does not may close.
+    match guest.barrier() {
+        Ok(_) => Ok(()),
+        Err(_) => guest.must_be_closed(CloseCode::LIMIT),
+    }
 }

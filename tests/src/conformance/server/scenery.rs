@@ -24,7 +24,7 @@ pub(super) const RADIUS: f32 = 0.5;
 /// A stream within five centimetres.
 pub(super) const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 
-/// A stream within half a millimetre.
+/// A stream within five millimetres.
 pub(super) const EXACT: StreamChoice = StreamChoice::Within(Tolerance::EXACT);
 
 /// A scene at sixty ticks a second that steps when members say so.

@@ -1,0 +1,167 @@
+//! L0.2: long messages, which come in pieces.
+
+use glam::Vec3;
+use rhumb_protocol::limits::{LONG_MESSAGE_BYTES_MAX, MESSAGE_BYTES_MAX};
+use rhumb_protocol::message::{ClientMessage, StreamChoice};
+use rhumb_protocol::scene::{Command, Heights, Mesh, Shape, ShapeId};
+use rhumb_protocol::session::CloseCode;
+
+use super::scenery::lockstep;
+use crate::conformance::case::{Case, Feature};
+use crate::conformance::outcome::{Play, Stop, ensure};
+use crate::conformance::peer::Guest;
+use crate::conformance::trial::Trial;
+
+pub(super) fn cases() -> Vec<Case> {
+    let refused = |id: &str, name: &str, cites: &str, bytes: fn() -> Vec<u8>| {
+        Case::server(id, name).cites(cites).play(move |trial| {
+            let mut guest = member(trial)?;
+            guest.utter(&bytes());
+            guest.must_be_closed(CloseCode::MALFORMED)
+        })
+    };
+    let full = [7; MESSAGE_BYTES_MAX];
+    vec![
+        Case::server(
+            "L0.2.1",
+            "ground of a hundred thousand heights comes in pieces",
+        )
+        .cites("PROTOCOL 4.1-5, 4.1-7, 2.6-15, 2.6-14")
+        .needs(&[Feature::Sheets])
+        .play(|trial| long(trial, &heights()?)),
+        Case::server("L0.2.2", "a mesh of many triangles comes in pieces")
+            .cites("PROTOCOL 4.1-5, 2.6-16")
+            .needs(&[Feature::Sheets])
+            .play(|trial| long(trial, &mesh()?)),
+        refused(
+            "L0.2.3",
+            "a piece that is short is malformed",
+            "PROTOCOL 4.1-8",
+            || framed(0, &[1, 2, 3]),
+        ),
+        refused(
+            "L0.2.4",
+            "a piece before an empty rest is malformed",
+            "PROTOCOL 4.1-8, 4.1-5",
+            || [framed(0, &[7; MESSAGE_BYTES_MAX]), framed(9, &[])].concat(),
+        ),
+        refused(
+            "L0.2.5",
+            "another message between a piece and its rest is malformed",
+            "PROTOCOL 4.1-6",
+            || [framed(0, &[7; MESSAGE_BYTES_MAX]), framed(10, &[1])].concat(),
+        ),
+        Case::server(
+            "L0.2.6",
+            "pieces of more bytes than a long message may have are malformed",
+        )
+        .cites("PROTOCOL 4.1-7")
+        .play(move |trial| {
+            let mut guest = member(trial)?;
+            for _ in 0..=LONG_MESSAGE_BYTES_MAX / MESSAGE_BYTES_MAX {
+                guest.line.say(framed(0, &full));
+            }
+            guest.must_be_closed(CloseCode::MALFORMED)
+        }),
+        Case::server(
+            "L0.2.7",
+            "an unknown optional message of many pieces is skipped",
+        )
+        .cites("PROTOCOL 4.1-2, 4.1-5")
+        .play(move |trial| {
+            let mut guest = member(trial)?;
+            let pieces = [framed(0, &full), framed(0, &full), framed(0x9a, &[1])];
+            guest.line.say(pieces.concat());
+            let heard = guest.barrier()?;
+            ensure(
+                heard.is_empty(),
+                format!("nothing comes of it, not {heard:?}"),
+            )
+        }),
+    ]
+}
+
+fn member(trial: &mut Trial<'_>) -> Result<Guest, Stop> {
+    let mut guest = trial.guest()?;
+    guest.enter(lockstep(), StreamChoice::Full)?;
+    Ok(guest)
+}
+
+/// One message as it is framed by itself.
+fn framed(kind: u8, body: &[u8]) -> Vec<u8> {
+    let mut length = body.len() + 1;
+    let mut bytes = Vec::new();
+    while length >= 0x80 {
+        bytes.push(length as u8 | 0x80);
+        length >>= 7;
+    }
+    bytes.push(length as u8);
+    bytes.push(kind);
+    bytes.extend_from_slice(body);
+    bytes
+}
+
+/// Says a command in pieces, and hears of it as everybody does.
+fn long(trial: &mut Trial<'_>, shape: &Shape) -> Play {
+    let mut guest = member(trial)?;
+    let command = Command::AddShape {
+        id: ShapeId(3),
+        shape: shape.clone(),
+    };
+    let mut bytes = Vec::new();
+    ClientMessage::Command(command).encode(&mut bytes);
+    ensure(
+        bytes.len() > 2 * MESSAGE_BYTES_MAX,
+        "it takes several pieces",
+    )?;
+    for part in bytes.chunks(5_000) {
+        guest.line.say(part.to_vec());
+    }
+    guest.commands += 1;
+    let applied = guest.outcome_of(0)?;
+    ensure(applied.is_ok(), format!("it is applied, not {applied:?}"))?;
+    let mut late = trial.guest_of(&guest.scene.clone())?;
+    late.hello()?;
+    let (_, notices) = late.join(StreamChoice::Full)?;
+    let is_it = |notice: &rhumb_protocol::message::Notice| matches!(notice, rhumb_protocol::message::Notice::ShapeAdded { shape: told, .. } if told == shape);
+    ensure(
+        notices.iter().any(is_it),
+        "who comes later is told the very shape",
+    )
+}
+
+fn heights() -> Result<Shape, Stop> {
+    let side = 300_u16;
+    let heights: Vec<f32> = (0..u32::from(side) * u32::from(side))
+        .map(|place| (place % 17) as f32 / 16.0)
+        .collect();
+    let heights = Heights::new(u32::from(side), 1.0, 0.5, &heights);
+    heights
+        .map(Shape::Heights)
+        .map_err(|_| Stop::Inconclusive("no heights".into()))
+}
+
+fn mesh() -> Result<Shape, Stop> {
+    let side = 40_u32;
+    let place = |row: u32, column: u32| row * side + column;
+    let points: Vec<Vec3> = (0..side * side)
+        .map(|at| {
+            Vec3::new(
+                (at / side) as f32,
+                ((at * 7) % 5) as f32 / 4.0,
+                (at % side) as f32,
+            )
+        })
+        .collect();
+    let cells = (0..side - 1).flat_map(|row| (0..side - 1).map(move |column| (row, column)));
+    let triangles: Vec<[u32; 3]> = cells
+        .flat_map(|(row, column)| {
+            let (a, b) = (place(row, column), place(row, column + 1));
+            let (c, d) = (place(row + 1, column), place(row + 1, column + 1));
+            [[a, b, c], [b, d, c]]
+        })
+        .collect();
+    Mesh::new(&points, &triangles)
+        .map(Shape::Mesh)
+        .map_err(|_| Stop::Inconclusive("no mesh".into()))
+}

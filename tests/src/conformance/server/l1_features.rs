@@ -1,0 +1,161 @@
+//! L1.6: what a server is said to lack it refuses, and what it has it grants.
+//!
+//! So nobody passes by a claim: who says that it lacks something (`--without`) and grants it has claimed what is not so.
+
+use std::num::NonZeroU32;
+
+use glam::Vec3;
+use rhumb_protocol::message::{ClientMessage, Drive, ServerMessage, StreamChoice};
+use rhumb_protocol::scene::{
+    BodyKind, BodyTerms, Cadence, Command, Compound, Heights, Pace, SceneTerms, Shape, ShapeId,
+};
+use rhumb_protocol::stream::Budget;
+use rhumb_reckoning::{Ticks, Tolerance};
+
+use super::scenery::{BALL, NORMAL, ball_shape, body, lockstep, moving};
+use crate::conformance::case::{Case, Feature};
+use crate::conformance::outcome::{Play, Stop, ensure};
+use crate::conformance::peer::Guest;
+use crate::conformance::trial::Trial;
+
+/// Whether a server grants something, or refuses it in the way that the protocol has for it.
+type Asked = fn(&mut Trial<'_>) -> Result<bool, Stop>;
+
+const FEATURES: [(Feature, &str, Asked); 7] = [
+    (Feature::Lockstep, "a scene that members lead", |trial| {
+        created(trial, lockstep())
+    }),
+    (Feature::FreeRunning, "a scene that runs free", |trial| {
+        created(trial, free())
+    }),
+    (
+        Feature::Cadence,
+        "a scene that is spoken of more rarely, and later",
+        |trial| {
+            let cadence = Cadence {
+                every: NonZeroU32::new(2).unwrap_or(NonZeroU32::MIN),
+                hindsight: Ticks::new(3),
+            };
+            created(trial, SceneTerms { cadence, ..free() })
+        },
+    ),
+    (Feature::Budgets, "a stream within a budget", budget),
+    (Feature::Driving, "driving", driving),
+    (Feature::Sheets, "a shape without an inside", |trial| {
+        let heights = Heights::new(2, 1.0, 1.0, &[0.0; 4]).map(Shape::Heights);
+        made(
+            trial,
+            heights.map_err(|_| Stop::Inconclusive("no heights".into()))?,
+        )
+    }),
+    (Feature::Compounds, "a shape of parts", |trial| {
+        let compound = Compound::new(Vec::new()).map(Shape::Compound);
+        made(
+            trial,
+            compound.map_err(|_| Stop::Inconclusive("no parts".into()))?,
+        )
+    }),
+];
+
+pub(super) fn cases() -> Vec<Case> {
+    let cases = FEATURES.iter().zip(1..).map(|(row, number)| {
+        let (feature, what, asked) = row;
+        let name = format!("{what} is granted by who has it, and refused by who lacks it");
+        Case::server(&format!("L1.6.{number}"), &name)
+            .cites("PROTOCOL 4.7-1, 7-3")
+            .play(move |trial| claimed(trial, *feature, *asked))
+    });
+    cases.collect()
+}
+
+fn claimed(trial: &mut Trial<'_>, feature: Feature, asked: Asked) -> Play {
+    let lacks = trial.conditions.without.contains(&feature);
+    let granted = asked(trial)?;
+    match (lacks, granted) {
+        (true, false) => Err(Stop::Unsupported("it says so, and refuses it".into())),
+        (true, true) => Stop::fail("it is said to lack this, and grants it"),
+        (false, granted) => ensure(granted, "it is not said to lack this, and refuses it"),
+    }
+}
+
+/// A pace that the server has.
+fn any(trial: &Trial<'_>) -> SceneTerms {
+    if trial.conditions.without.contains(&Feature::Lockstep) {
+        free()
+    } else {
+        lockstep()
+    }
+}
+
+fn free() -> SceneTerms {
+    SceneTerms {
+        pace: Pace::FreeRunning,
+        ..lockstep()
+    }
+}
+
+/// Whether the next answer is this one, and no denial; either way the conversation goes on.
+fn granted(guest: &mut Guest, yes: fn(&ServerMessage) -> bool) -> Result<bool, Stop> {
+    let answer = guest.await_message("answer", |message| match message {
+        ServerMessage::Denied(_) | ServerMessage::NotDriving(_) => Some(false),
+        other => yes(&other).then_some(true),
+    })?;
+    guest.barrier()?;
+    Ok(answer)
+}
+
+fn created(trial: &mut Trial<'_>, terms: SceneTerms) -> Result<bool, Stop> {
+    let mut guest = trial.guest()?;
+    guest.hello()?;
+    guest.say(&ClientMessage::Create(terms));
+    let created = granted(&mut guest, |message| {
+        matches!(message, ServerMessage::Created)
+    })?;
+    let mut other = trial.guest_of(&guest.scene.clone())?;
+    let exists = other.hello()?.scene.is_some();
+    ensure(
+        exists == created,
+        "the scene is there if it was created, and only then",
+    )?;
+    Ok(created)
+}
+
+fn budget(trial: &mut Trial<'_>) -> Result<bool, Stop> {
+    let none = || Stop::Inconclusive("no budget".into());
+    let mut guest = trial.guest()?;
+    guest.hello()?;
+    guest.create(any(trial))?;
+    guest.say(&ClientMessage::Join(StreamChoice::Capped {
+        tolerance: Tolerance::NORMAL,
+        budget: Budget::per_second(8_000).ok_or_else(none)?,
+    }));
+    granted(&mut guest, |message| {
+        matches!(message, ServerMessage::Joined(_))
+    })
+}
+
+fn driving(trial: &mut Trial<'_>) -> Result<bool, Stop> {
+    let mut guest = trial.guest()?;
+    guest.enter(any(trial), NORMAL)?;
+    guest.must(ball_shape())?;
+    let id = body(guest.granted, 0)?;
+    guest.must(Command::AddBody {
+        terms: BodyTerms::plain(id, BodyKind::Kinematic, BALL),
+        motion: moving(Vec3::ZERO, Vec3::ZERO),
+    })?;
+    guest.say(&ClientMessage::Drive(Drive {
+        tolerance: Tolerance::NORMAL,
+        bodies: vec![id],
+    }));
+    granted(&mut guest, |message| {
+        matches!(message, ServerMessage::Driving(_))
+    })
+}
+
+fn made(trial: &mut Trial<'_>, shape: Shape) -> Result<bool, Stop> {
+    let mut guest = trial.guest()?;
+    guest.enter(any(trial), NORMAL)?;
+    let id = ShapeId(3);
+    let made = guest.command(Command::AddShape { id, shape })?;
+    Ok(made.is_ok())
+}

@@ -1,0 +1,315 @@
+//! L1.5: limits, held at their last good value and refused beyond.
+
+use glam::Vec3;
+use rhumb_protocol::limits::{
+    ADVANCE_TICKS_MAX, GRANT, GRANTED_MAX, MEMBERS_PER_SCENE_MAX, RANGES_PER_MEMBER_MAX,
+    RESERVE_MAX, SCENES_MAX, STREAMS_PER_SCENE_MAX,
+};
+use rhumb_protocol::message::{ClientMessage, Denial, ServerMessage, StreamChoice};
+use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, CommandError, IdRange};
+use rhumb_reckoning::{Damping, LengthBound, Tick, Tolerance};
+
+use super::scenery::{BALL, NORMAL, ball, ball_shape, body, lockstep, moving};
+use crate::conformance::case::{Case, Feature};
+use crate::conformance::outcome::{Play, Stop, ensure};
+use crate::conformance::peer::Guest;
+use crate::conformance::trial::Trial;
+
+pub(super) fn cases() -> Vec<Case> {
+    let case = |id: &str, name: &str, cites: &str| {
+        Case::server(id, name)
+            .cites(cites)
+            .needs(&[Feature::Lockstep])
+    };
+    vec![
+        case(
+            "L1.5.1",
+            "a member is granted GRANT indices that are its own",
+            "PROTOCOL 4.4-2, 2.4-1, 7-1",
+        )
+        .play(granted),
+        case(
+            "L1.5.2",
+            "who reserves is granted as many, and others than before",
+            "PROTOCOL 7-1, 4.4-2",
+        )
+        .play(reserved),
+        case(
+            "L1.5.3",
+            "who holds as many indices as it may is denied more, with 7",
+            "PROTOCOL 7-2, 7-3",
+        )
+        .play(granted_most),
+        case(
+            "L1.5.4",
+            "who holds as many ranges as it may is denied more, with 7",
+            "PROTOCOL 7-1",
+        )
+        .play(ranges_most),
+        case(
+            "L1.5.5",
+            "an advance may lead ADVANCE_TICKS_MAX ticks, and not one more",
+            "PROTOCOL 4.9-3",
+        )
+        .play(advance_most),
+        case(
+            "L1.5.6",
+            "a scene has STREAMS_PER_SCENE_MAX streams, and not one more",
+            "PROTOCOL 7-1, 4.7-1",
+        )
+        .play(streams_most),
+        case(
+            "L1.5.7",
+            "members of one choice have one stream",
+            "PROTOCOL 6.1-1, 5.8-2",
+        )
+        .play(one_stream),
+        case(
+            "L1.5.8",
+            "a scene has MEMBERS_PER_SCENE_MAX members, and not one more",
+            "PROTOCOL 7-1, 4.7-1",
+        )
+        .play(members_most),
+        case(
+            "L1.5.9",
+            "bodies have DAMPINGS_MAX dampings, and not one more",
+            "PROTOCOL 7-1, 4.4-7",
+        )
+        .play(dampings_most),
+        case(
+            "L1.5.10",
+            "a server has at most SCENES_MAX scenes",
+            "PROTOCOL 7-1, 7-2, 4.7-1",
+        )
+        .alone()
+        .play(scenes_most),
+    ]
+}
+
+fn member(trial: &mut Trial<'_>) -> Result<Guest, Stop> {
+    let mut guest = trial.guest()?;
+    guest.enter(lockstep(), NORMAL)?;
+    Ok(guest)
+}
+
+fn granted(trial: &mut Trial<'_>) -> Play {
+    let mut one = member(trial)?;
+    let mut other = trial.guest_of(&one.scene.clone())?;
+    other.hello()?;
+    other.join(NORMAL)?;
+    let (a, b) = (one.granted, other.granted);
+    ensure(
+        a.count() == GRANT && b.count() == GRANT,
+        format!("{GRANT}, not {a:?} and {b:?}"),
+    )?;
+    let apart = a.first() + a.count() <= b.first() || b.first() + b.count() <= a.first();
+    ensure(apart, format!("{a:?} and {b:?} have nothing in common"))?;
+    one.must(ball_shape())?;
+    for place in [0, GRANT - 1] {
+        let at = Vec3::X * place as f32;
+        let id = body(one.granted, place)?;
+        one.must(ball(id, at, Vec3::ZERO))?;
+    }
+    let id = body(b, 0)?;
+    match one.command(ball(id, Vec3::Y * 9.0, Vec3::ZERO))? {
+        Err(CommandError::NotGranted(_)) => Ok(()),
+        other => Stop::fail(format!("an index of another member's: {other:?}")),
+    }
+}
+
+fn reserve(guest: &mut Guest, count: u32) -> Result<Result<IdRange, Denial>, Stop> {
+    guest.say(&ClientMessage::Reserve { count });
+    guest.await_message("answer to reserve", |message| match message {
+        ServerMessage::Reserved(range) => Some(Ok(range)),
+        ServerMessage::Denied(denial) => Some(Err(denial)),
+        _ => None,
+    })
+}
+
+fn reserved(trial: &mut Trial<'_>) -> Play {
+    let mut guest = member(trial)?;
+    let more = match reserve(&mut guest, 10)? {
+        Ok(more) => more,
+        Err(denial) => return Stop::fail(format!("ten indices are denied: {denial}")),
+    };
+    ensure(more.count() == 10, format!("ten, not {more:?}"))?;
+    let first = guest.granted;
+    let apart = more.first() >= first.first() + first.count()
+        || more.first() + more.count() <= first.first();
+    ensure(apart, format!("{more:?} is not in {first:?}"))?;
+    guest.must(ball_shape())?;
+    guest
+        .must(ball(body(more, 9)?, Vec3::ZERO, Vec3::ZERO))
+        .map(drop)
+}
+
+fn granted_most(trial: &mut Trial<'_>) -> Play {
+    let mut guest = member(trial)?;
+    let most = reserve(&mut guest, RESERVE_MAX)?;
+    ensure(
+        most.is_ok() && GRANT + RESERVE_MAX == GRANTED_MAX,
+        format!("{most:?}"),
+    )?;
+    let more = reserve(&mut guest, 1)?;
+    ensure(
+        more == Err(Denial::NoIndicesLeft),
+        format!("one more is denied, not {more:?}"),
+    )?;
+    guest.barrier().map(drop)
+}
+
+fn ranges_most(trial: &mut Trial<'_>) -> Play {
+    let mut guest = member(trial)?;
+    for number in 1..RANGES_PER_MEMBER_MAX {
+        let range = reserve(&mut guest, 1)?;
+        ensure(range.is_ok(), format!("range {number}: {range:?}"))?;
+    }
+    let more = reserve(&mut guest, 1)?;
+    ensure(
+        more == Err(Denial::NoIndicesLeft),
+        format!("one more is denied, not {more:?}"),
+    )
+}
+
+fn advance_most(trial: &mut Trial<'_>) -> Play {
+    let mut guest = member(trial)?;
+    let beyond = Tick::new(ADVANCE_TICKS_MAX + 1);
+    guest.say(&ClientMessage::Advance { to: beyond });
+    let heard = guest.barrier()?;
+    let denied = [ServerMessage::Denied(Denial::TooFarAhead)];
+    ensure(
+        heard == denied,
+        format!("{beyond} is denied, not {heard:?}"),
+    )?;
+    guest.say(&ClientMessage::Advance {
+        to: Tick::new(ADVANCE_TICKS_MAX),
+    });
+    let heard = guest.barrier()?;
+    ensure(
+        heard.is_empty(),
+        format!("{ADVANCE_TICKS_MAX} ticks are not denied, not {heard:?}"),
+    )
+}
+
+/// A tolerance like no other.
+fn within(number: usize) -> StreamChoice {
+    let micrometres = 50_000 + number as u32;
+    let length = LengthBound::from_micrometres(micrometres).expect("within range");
+    StreamChoice::Within(Tolerance::Surface(length))
+}
+
+fn streams_most(trial: &mut Trial<'_>) -> Play {
+    let first = member(trial)?;
+    let mut members = vec![first];
+    let scene = members[0].scene.clone();
+    for number in 1..STREAMS_PER_SCENE_MAX {
+        let mut guest = trial.guest_of(&scene)?;
+        guest.hello()?;
+        guest.join(within(number))?;
+        members.push(guest);
+    }
+    let mut guest = trial.guest_of(&scene)?;
+    guest.hello()?;
+    guest.say(&ClientMessage::Join(within(900)));
+    let heard = guest.barrier()?;
+    let denied = [ServerMessage::Denied(Denial::TooManyStreams)];
+    ensure(
+        heard == denied,
+        format!("one more is denied, not {heard:?}"),
+    )?;
+    guest.join(NORMAL).map(drop)
+}
+
+fn one_stream(trial: &mut Trial<'_>) -> Play {
+    let mut one = trial.guest()?;
+    let first = one.enter(lockstep(), NORMAL)?;
+    let mut other = trial.guest_of(&one.scene.clone())?;
+    other.hello()?;
+    let (same, _) = other.join(NORMAL)?;
+    let mut third = trial.guest_of(&one.scene.clone())?;
+    third.hello()?;
+    let (another, _) = third.join(within(7))?;
+    ensure(
+        same.start.stream == first.start.stream,
+        "those who choose alike hear the same",
+    )?;
+    ensure(
+        another.start.stream != first.start.stream,
+        "another choice is another stream",
+    )
+}
+
+fn members_most(trial: &mut Trial<'_>) -> Play {
+    let first = member(trial)?;
+    let scene = first.scene.clone();
+    let mut members = vec![first];
+    while members.len() < MEMBERS_PER_SCENE_MAX {
+        let mut guest = trial.guest_of(&scene)?;
+        guest.hello()?;
+        guest.join(NORMAL)?;
+        members.push(guest);
+    }
+    let mut guest = trial.guest_of(&scene)?;
+    guest.hello()?;
+    guest.say(&ClientMessage::Join(NORMAL));
+    let heard = guest.barrier()?;
+    let denied = [ServerMessage::Denied(Denial::TooManyMembers)];
+    ensure(
+        heard == denied,
+        format!("one more is denied, not {heard:?}"),
+    )
+}
+
+fn dampings_most(trial: &mut Trial<'_>) -> Play {
+    let mut guest = member(trial)?;
+    guest.must(ball_shape())?;
+    let mut refused = None;
+    for number in 0..=rhumb_protocol::limits::DAMPINGS_MAX as u32 {
+        let mut terms = BodyTerms::plain(body(guest.granted, number)?, BodyKind::Dynamic, BALL);
+        terms.damping = Some(Damping {
+            linear: 1.0 + number as f32 / 128.0,
+            angular: 0.0,
+        });
+        let motion = moving(Vec3::X * (2 * number) as f32, Vec3::ZERO);
+        match guest.command(Command::AddBody { terms, motion })? {
+            Ok(_) => {}
+            Err(error) => {
+                refused = Some((number, error));
+                break;
+            }
+        }
+    }
+    // The scene's own is one of them.
+    let most = rhumb_protocol::limits::DAMPINGS_MAX as u32;
+    match refused {
+        Some((number, CommandError::TooManyDampings)) if number + 1 >= most => Ok(()),
+        other => Stop::fail(format!(
+            "refused by TooManyDampings at {most}, not {other:?}"
+        )),
+    }
+}
+
+fn scenes_most(trial: &mut Trial<'_>) -> Play {
+    let mut guests = Vec::new();
+    for _ in 0..=SCENES_MAX {
+        let mut guest = trial.guest()?;
+        guest.hello()?;
+        guest.say(&ClientMessage::Create(lockstep()));
+        let denied = guest.await_message("answer to create", |message| match message {
+            ServerMessage::Created => Some(None),
+            ServerMessage::Denied(denial) => Some(Some(denial)),
+            _ => None,
+        })?;
+        match denied {
+            None => guests.push(guest),
+            Some(Denial::TooManyScenes) => {
+                for guest in &mut guests {
+                    guest.delete()?;
+                }
+                return guest.create(lockstep());
+            }
+            Some(other) => return Stop::fail(format!("denied: {other}")),
+        }
+    }
+    Stop::fail(format!("it has more than {SCENES_MAX} scenes"))
+}

@@ -1,0 +1,369 @@
+//! L1.4: scenes begin and end, members come and go.
+
+use glam::Vec3;
+use rhumb_protocol::message::{ClientMessage, Denial, Notice, ServerMessage, StreamChoice};
+use rhumb_protocol::scene::{Command, Pace, SceneTerms};
+use rhumb_reckoning::Tick;
+
+use super::scenery::{NORMAL, ball, ball_shape, body, lockstep};
+use super::{Row, table};
+use crate::conformance::case::{Case, Feature};
+use crate::conformance::outcome::{Play, Stop, ensure};
+use crate::conformance::peer::Guest;
+use crate::conformance::trial::Trial;
+
+/// What each case of the group promises, cites and does.
+const CASES: &[Row] = &[
+    (
+        1,
+        "who joins a scene that is not there is denied with 0",
+        "PROTOCOL 4.7-1, 4.2-3",
+        |trial| {
+            let mut guest = trial.guest()?;
+            guest.hello()?;
+            denied(
+                &mut guest,
+                &ClientMessage::Join(NORMAL),
+                Denial::NoSuchScene,
+            )
+        },
+    ),
+    (
+        2,
+        "who deletes a scene that is not there is denied with 0",
+        "PROTOCOL 4.7-1",
+        |trial| {
+            let mut guest = trial.guest()?;
+            guest.hello()?;
+            denied(&mut guest, &ClientMessage::Delete, Denial::NoSuchScene)
+        },
+    ),
+    (
+        3,
+        "a scene that exists is not created again",
+        "PROTOCOL 3.3-1, 4.7-1",
+        |trial| {
+            let mut guest = trial.guest()?;
+            guest.hello()?;
+            guest.create(lockstep())?;
+            denied(
+                &mut guest,
+                &ClientMessage::Create(lockstep()),
+                Denial::SceneExists,
+            )
+        },
+    ),
+    (
+        4,
+        "a welcome tells the terms of a scene that exists",
+        "PROTOCOL 3.1-4",
+        |trial| {
+            let mut guest = trial.guest()?;
+            guest.hello()?;
+            guest.create(lockstep())?;
+            let mut other = trial.guest_of(&guest.scene.clone())?;
+            let told = other.hello()?.scene;
+            ensure(
+                told == Some(lockstep()),
+                format!("its terms, and not {told:?}"),
+            )
+        },
+    ),
+    (
+        5,
+        "who deletes a scene need not be its member, and all members hear it",
+        "PROTOCOL 3.3-1, 3.3-2",
+        deleted,
+    ),
+    (
+        6,
+        "who leaves and joins again begins anew, and finds what it left",
+        "PROTOCOL 3.3-3, 4.4-1",
+        left,
+    ),
+    (
+        7,
+        "answers come in the order of what they answer",
+        "PROTOCOL 4.2-2, 4.2-3",
+        in_order,
+    ),
+    (
+        8,
+        "a name of 64 bytes of all that may stand in one is a scene's",
+        "PROTOCOL 2.3-2",
+        long_name,
+    ),
+    (
+        9,
+        "connections of two scenes hear nothing of each other",
+        "PROTOCOL 3.1-3",
+        two_scenes,
+    ),
+    (
+        12,
+        "a ping comes back with its number and the newest tick",
+        "PROTOCOL 4.9-4",
+        pinged,
+    ),
+    (
+        14,
+        "an inspection tells tick and bodies",
+        "PROTOCOL 4.10-1",
+        inspected,
+    ),
+];
+
+/// Those that need other things.
+const FREE_RUNNING: &[Row] = &[
+    (
+        10,
+        "a scene that runs free stands still while it has no members",
+        "PROTOCOL 3.3-4",
+        stands_still,
+    ),
+    (
+        11,
+        "who advances a scene that runs free is denied with 8",
+        "PROTOCOL 4.2-3",
+        |trial| {
+            let mut guest = trial.guest()?;
+            guest.enter(free(), NORMAL)?;
+            let advance = ClientMessage::Advance { to: Tick::new(5) };
+            denied(&mut guest, &advance, Denial::NotLockstep)
+        },
+    ),
+    (
+        13,
+        "the clock of a scene that runs free goes as its terms say",
+        "PROTOCOL 4.9-5",
+        clock,
+    ),
+];
+
+pub(super) fn cases() -> Vec<Case> {
+    let cases = table("L1.4", &[Feature::Lockstep], CASES);
+    cases
+        .chain(table("L1.4", &[Feature::FreeRunning], FREE_RUNNING))
+        .collect()
+}
+
+fn free() -> SceneTerms {
+    SceneTerms {
+        pace: Pace::FreeRunning,
+        ..lockstep()
+    }
+}
+
+fn denied(guest: &mut Guest, request: &ClientMessage, denial: Denial) -> Play {
+    guest.say(request);
+    let heard = guest.barrier()?;
+    ensure(
+        heard == [ServerMessage::Denied(denial)],
+        format!("it is denied, {denial}, and nothing else; not {heard:?}"),
+    )
+}
+
+fn deleted(trial: &mut Trial<'_>) -> Play {
+    let mut member = trial.guest()?;
+    member.enter(lockstep(), StreamChoice::Full)?;
+    let mut other = trial.guest_of(&member.scene.clone())?;
+    other.hello()?;
+    other.delete()?;
+    member.await_message("word that the scene is deleted", |message| {
+        matches!(message, ServerMessage::Deleted).then_some(())
+    })?;
+    // It is in the lobby again.
+    denied(
+        &mut member,
+        &ClientMessage::Join(NORMAL),
+        Denial::NoSuchScene,
+    )?;
+    member.create(lockstep())
+}
+
+fn left(trial: &mut Trial<'_>) -> Play {
+    let mut guest = trial.guest()?;
+    guest.enter(lockstep(), NORMAL)?;
+    guest.must(ball_shape())?;
+    let id = body(guest.granted, 0)?;
+    guest.must(ball(id, Vec3::ONE, Vec3::ZERO))?;
+    guest.say(&ClientMessage::Leave);
+    guest.await_message("answer to leave", |message| {
+        matches!(message, ServerMessage::Left).then_some(())
+    })?;
+    let (_, notices) = guest.join(NORMAL)?;
+    let is_it =
+        |notice: &Notice| matches!(notice, Notice::BodyPlaced { terms, .. } if terms.id == id);
+    ensure(notices.iter().any(is_it), "its body stays")?;
+    // The first command of a membership is number 0.
+    guest.must(Command::RemoveBody { id }).map(drop)
+}
+
+fn in_order(trial: &mut Trial<'_>) -> Play {
+    let mut guest = trial.guest()?;
+    guest.hello()?;
+    let mut bytes = Vec::new();
+    for message in [
+        ClientMessage::Join(NORMAL),
+        ClientMessage::Create(lockstep()),
+        ClientMessage::Create(lockstep()),
+        ClientMessage::Delete,
+        ClientMessage::Delete,
+    ] {
+        message.encode(&mut bytes);
+    }
+    guest.utter(&bytes);
+    let heard = guest.barrier()?;
+    let wanted = [
+        ServerMessage::Denied(Denial::NoSuchScene),
+        ServerMessage::Created,
+        ServerMessage::Denied(Denial::SceneExists),
+        ServerMessage::Deleted,
+        ServerMessage::Denied(Denial::NoSuchScene),
+    ];
+    ensure(
+        heard == wanted,
+        format!("answers in order, and not {heard:?}"),
+    )
+}
+
+fn long_name(trial: &mut Trial<'_>) -> Play {
+    let own = trial.scene();
+    let mut name = format!("aZ09-_./{own}");
+    while name.len() < 64 {
+        name.push('.');
+    }
+    name.truncate(64);
+    let scene = name
+        .parse()
+        .map_err(|_| Stop::Inconclusive("no name".into()))?;
+    let mut guest = trial.guest_of(&scene)?;
+    guest.enter(lockstep(), NORMAL)?;
+    guest.delete()
+}
+
+fn two_scenes(trial: &mut Trial<'_>) -> Play {
+    let (mut one, mut other) = (trial.guest()?, trial.guest()?);
+    one.enter(lockstep(), StreamChoice::Full)?;
+    other.enter(lockstep(), StreamChoice::Full)?;
+    one.must(ball_shape())?;
+    let id = body(one.granted, 0)?;
+    one.must(ball(id, Vec3::ONE, Vec3::ZERO))?;
+    one.say(&ClientMessage::Advance { to: Tick::new(5) });
+    one.barrier()?;
+    let heard = other.barrier()?;
+    ensure(
+        heard.is_empty(),
+        format!("the other hears nothing, not {heard:?}"),
+    )?;
+    ensure(other.datagrams.is_empty(), "and no datagram")
+}
+
+/// The tick of a pong, and how long before it was reached, in nanoseconds.
+fn pong(guest: &mut Guest, number: u64) -> Result<(Tick, u64), Stop> {
+    let number = rhumb_protocol::Instant::from_nanos(number);
+    guest.say(&ClientMessage::Ping { sent: number });
+    guest.await_message("pong", |message| match message {
+        ServerMessage::Pong {
+            sent,
+            tick,
+            since_tick_ns,
+        } if sent == number => Some((tick, since_tick_ns)),
+        _ => None,
+    })
+}
+
+fn stands_still(trial: &mut Trial<'_>) -> Play {
+    let mut guest = trial.guest()?;
+    guest.enter(free(), NORMAL)?;
+    guest.say(&ClientMessage::Leave);
+    guest.await_message("answer to leave", |message| {
+        matches!(message, ServerMessage::Left).then_some(())
+    })?;
+    let (before, _) = pong(&mut guest, 1)?;
+    // A time in which it would have gone on.
+    let clock = rhumb_transport::Clock::start();
+    while clock.now().as_nanos() < 200_000_000 {
+        guest.barrier()?;
+    }
+    let (after, _) = pong(&mut guest, 2)?;
+    ensure(
+        before == after,
+        format!("it stands at {before}, not at {after}"),
+    )?;
+    let (joined, _) = guest.join(NORMAL)?;
+    ensure(
+        joined.start.tick.value() <= before.value() + 1,
+        "and goes on from there",
+    )
+}
+
+fn pinged(trial: &mut Trial<'_>) -> Play {
+    let mut guest = trial.guest()?;
+    guest.enter(lockstep(), NORMAL)?;
+    for number in [0, 1, u64::MAX] {
+        let (tick, _) = pong(&mut guest, number)?;
+        ensure(tick == Tick::ZERO, "nobody has asked for a tick")?;
+    }
+    guest.say(&ClientMessage::Advance { to: Tick::new(3) });
+    while let Some(_datagram) = guest.next_datagram()? {
+        if pong(&mut guest, 7)?.0 == Tick::new(3) {
+            return Ok(());
+        }
+    }
+    Stop::fail("the pong never tells the tick that was asked for")
+}
+
+fn clock(trial: &mut Trial<'_>) -> Play {
+    let mut guest = trial.guest()?;
+    guest.enter(free(), NORMAL)?;
+    let clock = rhumb_transport::Clock::start();
+    let at = |guest: &mut Guest| -> Result<(f64, f64, f64), Stop> {
+        let sent = clock.now().as_nanos() as f64;
+        let (tick, since) = pong(guest, 1)?;
+        let heard = clock.now().as_nanos() as f64;
+        let scene = tick.value() as f64 / 60.0 + since as f64 / 1e9;
+        Ok((
+            f64::midpoint(sent, heard) / 1e9,
+            scene,
+            (heard - sent) / 1e9,
+        ))
+    };
+    let (begin, begin_scene, first) = at(&mut guest)?;
+    while clock.now().as_nanos() < 700_000_000 {
+        guest.barrier()?;
+    }
+    let (end, end_scene, last) = at(&mut guest)?;
+    let (passed, went) = (end - begin, end_scene - begin_scene);
+    // A server that is late may let time go slower (3.3-5); it may not let it go faster.
+    let slack = 2.0 / 60.0 + first + last;
+    ensure(
+        went <= passed + slack,
+        format!("in {passed:.3} s it goes on by {went:.3} s"),
+    )?;
+    ensure(
+        went >= passed / 2.0 - slack,
+        format!("in {passed:.3} s it goes on by {went:.3} s"),
+    )
+}
+
+fn inspected(trial: &mut Trial<'_>) -> Play {
+    let mut guest = trial.guest()?;
+    guest.enter(lockstep(), NORMAL)?;
+    guest.must(ball_shape())?;
+    for place in 0..3 {
+        let at = Vec3::X * (3 * place) as f32;
+        let id = body(guest.granted, place)?;
+        guest.must(ball(id, at, Vec3::ZERO))?;
+    }
+    guest.say(&ClientMessage::Inspect);
+    let told = guest.await_message("inspection", |message| match message {
+        ServerMessage::Inspection(told) => Some(told),
+        _ => None,
+    })?;
+    ensure(
+        told.bodies == 3 && told.awake <= 3,
+        format!("three bodies, not {}", told.bodies),
+    )?;
+    ensure(told.tick == Tick::ZERO, "no tick was asked for")
+}

@@ -1,0 +1,233 @@
+//! L1.3: the connection under the conversation.
+
+use std::time::Duration;
+
+use rhumb_protocol::limits::DATAGRAM_BYTES_MAX;
+use rhumb_protocol::message::{ClientMessage, ServerMessage, StreamChoice};
+use rhumb_protocol::session::CloseCode;
+use rhumb_transport::{BareEnd, BareTerms, Clock};
+
+use super::scenery::lockstep;
+use super::{Row, table};
+use crate::conformance::case::Case;
+use crate::conformance::outcome::{Play, Stop, ensure, should};
+use crate::conformance::trial::Trial;
+
+/// Close codes of the transport.
+const NO_CONTROL_STREAM: u64 = 0x103;
+const NO_DATAGRAMS: u64 = 0x104;
+
+/// What each case of the group promises, cites and does.
+const CASES: &[Row] = &[
+    (
+        1,
+        "a connection is by the name rhumb/1",
+        "PROTOCOL 1.1-1",
+        |trial| {
+            let (line, _relay) = trial.knock(&BareTerms::default())?;
+            ensure(
+                line.alpn().as_deref() == Some(b"rhumb/1"),
+                "ALPN names rhumb/1",
+            )
+        },
+    ),
+    (
+        2,
+        "who speaks another protocol is not let in",
+        "PROTOCOL 1.1-1",
+        |trial| not_let_in(trial, b"h3"),
+    ),
+    (
+        3,
+        "who speaks a protocol of a later number is not let in",
+        "PROTOCOL 1.1-1",
+        |trial| not_let_in(trial, b"rhumb/2"),
+    ),
+    (
+        4,
+        "a server takes the longest datagrams",
+        "PROTOCOL 1.1-4, 5.8-3",
+        |trial| {
+            let (line, _relay) = trial.knock(&BareTerms::default())?;
+            let most = line.datagram_bytes_max().unwrap_or_default();
+            ensure(
+                most >= DATAGRAM_BYTES_MAX,
+                format!("1150 bytes, and not {most}"),
+            )
+        },
+    ),
+    (
+        5,
+        "who takes no datagrams is closed with code 0x104",
+        "PROTOCOL 1.1-4",
+        |trial| small_datagrams(trial, None),
+    ),
+    (
+        6,
+        "who takes only short datagrams is closed with code 0x104",
+        "PROTOCOL 1.1-4",
+        |trial| small_datagrams(trial, Some(600)),
+    ),
+    (
+        9,
+        "who breaks off the control stream is closed with code 0x103",
+        "PROTOCOL 1.1-2",
+        |trial| {
+            let mut guest = trial.guest()?;
+            guest.hello()?;
+            guest.line.break_off(7);
+            guest.must_be_closed_with(&[NO_CONTROL_STREAM])
+        },
+    ),
+    (
+        10,
+        "another stream of a client's changes nothing",
+        "PROTOCOL 1.1-3, 1.1-2",
+        other_streams,
+    ),
+    (
+        11,
+        "what was said before a close arrives",
+        "PROTOCOL 1.4-4",
+        last_words,
+    ),
+    (
+        12,
+        "a client that closes is gone, whatever code it gives",
+        "PROTOCOL 3.4-1, 3.5-17, 3.3-3",
+        closes,
+    ),
+];
+
+/// Those that wait for a clock of the server's.
+const SLOW: &[Row] = &[
+    (
+        7,
+        "who opens no control stream is given up after five seconds",
+        "PROTOCOL 1.4-3",
+        no_control_stream,
+    ),
+    (
+        8,
+        "who says nothing at all is lost after ten seconds",
+        "PROTOCOL 1.4-1",
+        silent,
+    ),
+];
+
+pub(super) fn cases() -> Vec<Case> {
+    let cases = table("L1.3", &[], CASES);
+    cases
+        .chain(table("L1.3", &[], SLOW).map(Case::slow))
+        .collect()
+}
+
+fn not_let_in(trial: &mut Trial<'_>, alpn: &[u8]) -> Play {
+    let terms = BareTerms {
+        alpn: vec![alpn.to_vec()],
+        ..BareTerms::default()
+    };
+    match trial.knock(&terms) {
+        Ok(_) => Stop::fail("it is let in"),
+        // A TLS alert of the number 120, as QUIC carries it.
+        Err(Stop::Fail(why)) if why.contains("0x178") => Ok(()),
+        Err(other) => Stop::fail(format!(
+            "not refused by no_application_protocol: {}",
+            other.why()
+        )),
+    }
+}
+
+fn small_datagrams(trial: &mut Trial<'_>, datagram_bytes: Option<u16>) -> Play {
+    let scene = trial.scene();
+    let terms = BareTerms {
+        datagram_bytes,
+        ..BareTerms::default()
+    };
+    let mut guest = trial.bare_guest(&scene, &terms)?;
+    guest.line.open_control();
+    guest.must_be_closed_with(&[NO_DATAGRAMS])
+}
+
+fn no_control_stream(trial: &mut Trial<'_>) -> Play {
+    let scene = trial.scene();
+    let mut guest = trial.bare_guest(&scene, &BareTerms::default())?;
+    let clock = Clock::start();
+    while guest.ended.is_none() && clock.now().as_nanos() < 8_000_000_000 {
+        guest.next_message()?;
+    }
+    let seconds = clock.now().as_nanos() as f64 / 1e9;
+    let given_up = guest.ended == Some(BareEnd::Closed(NO_CONTROL_STREAM));
+    should(
+        given_up,
+        format!("given up with code 0x103, not {:?}", guest.ended),
+    )?;
+    should(
+        (4.0..=7.0).contains(&seconds),
+        format!("after 5 s, not {seconds:.1} s"),
+    )
+}
+
+fn silent(trial: &mut Trial<'_>) -> Play {
+    let scene = trial.scene();
+    let terms = BareTerms {
+        idle: Duration::from_secs(60),
+        keep_alive: None,
+        ..BareTerms::default()
+    };
+    let mut guest = trial.bare_guest(&scene, &terms)?;
+    guest.line.open_control();
+    guest.hello()?;
+    let clock = Clock::start();
+    while guest.ended.is_none() && clock.now().as_nanos() < 16_000_000_000 {
+        guest.next_message()?;
+    }
+    let seconds = clock.now().as_nanos() as f64 / 1e9;
+    ensure(
+        guest.ended == Some(BareEnd::TimedOut),
+        format!("it times out, not {:?}", guest.ended),
+    )?;
+    ensure(
+        (9.0..=13.0).contains(&seconds),
+        format!("after 10 s, not {seconds:.1} s"),
+    )
+}
+
+fn other_streams(trial: &mut Trial<'_>) -> Play {
+    let mut guest = trial.guest()?;
+    guest.hello()?;
+    guest.line.open_another(true);
+    guest.line.open_another(false);
+    // Whether it minds is its own matter; what it says on the control stream is not.
+    guest.create(lockstep())?;
+    guest.join(StreamChoice::Full)?;
+    guest.barrier().map(drop)
+}
+
+fn last_words(trial: &mut Trial<'_>) -> Play {
+    let mut guest = trial.guest()?;
+    guest.hello()?;
+    let mut bytes = Vec::new();
+    ClientMessage::Create(lockstep()).encode(&mut bytes);
+    bytes.extend_from_slice(&[1, 0x7d]);
+    guest.utter(&bytes);
+    guest
+        .await_message("answer that was due before the close", |message| {
+            matches!(message, ServerMessage::Created).then_some(())
+        })
+        .or_else(|stop| should(false, stop.why()))?;
+    guest.must_be_closed(CloseCode::MALFORMED)
+}
+
+fn closes(trial: &mut Trial<'_>) -> Play {
+    let mut one = trial.guest()?;
+    one.enter(lockstep(), StreamChoice::Full)?;
+    let scene = one.scene.clone();
+    one.line.close(0x3fff_1234);
+    drop(one);
+    let mut other = trial.guest_of(&scene)?;
+    let welcome = other.hello()?;
+    ensure(welcome.scene.is_some(), "its scene stays")?;
+    other.join(StreamChoice::Full)?;
+    other.barrier().map(drop)
+}

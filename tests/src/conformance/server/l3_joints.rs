@@ -1,0 +1,227 @@
+//! L3.3: joints hold what they are to hold, and leave the rest free.
+
+use glam::{DVec3, Quat, Vec3};
+use rhumb_protocol::message::StreamChoice;
+use rhumb_protocol::scene::{
+    BodyKind, BodyTerms, Command, Joint, JointFrame, JointId, JointKind, JointLimits,
+};
+use rhumb_reckoning::{BodyId, Motion, Tick};
+
+use super::scenery::{BALL, ball, ball_shape, body, lockstep, moving};
+use super::{Row, table};
+use crate::conformance::case::{Case, Feature};
+use crate::conformance::outcome::{Play, Stop, ensure};
+use crate::conformance::peer::Follower;
+use crate::conformance::trial::Trial;
+
+/// What each case of the group promises, cites and does.
+const CASES: &[Row] = &[
+    (
+        1,
+        "a spherical joint keeps a pendulum's length",
+        "PROTOCOL 2.6-7, 2.6-11",
+        |trial| {
+            hangs(trial, JointKind::Spherical(None), |there| {
+                let length = there.pose().position.length();
+                let off = (length - 2.0).abs();
+                ensure(
+                    off <= 0.02,
+                    format!("2 m from where it hangs, not {length}"),
+                )
+            })
+        },
+    ),
+    (
+        2,
+        "a spherical joint lets a pendulum swing",
+        "PROTOCOL 2.6-7, 2.6-11",
+        |trial| {
+            let mut lowest = 0.0_f64;
+            let mut hung = hang(trial, JointKind::Spherical(None))?;
+            for tick in 1..=90 {
+                hung.follower.advance(Tick::new(tick))?;
+                lowest = lowest.min(hung.there()?.pose().position.y);
+            }
+            ensure(
+                lowest <= -1.8,
+                format!("it swings down, and not to {lowest} m only"),
+            )
+        },
+    ),
+    (
+        3,
+        "a fixed joint holds a body up",
+        "PROTOCOL 2.6-7, 2.6-11",
+        |trial| {
+            hangs(trial, JointKind::Fixed, |there| {
+                let off = (there.pose().position - DVec3::X * 2.0).length();
+                ensure(
+                    off <= 0.05,
+                    format!("it stays where it is held, not {off} m off"),
+                )
+            })
+        },
+    ),
+    (
+        4,
+        "a revolute joint turns about its x alone",
+        "PROTOCOL 2.6-7, 2.6-11",
+        |trial| {
+            // About x nothing pulls a body that lies along x: it is held up.
+            hangs(trial, JointKind::Revolute(None), |there| {
+                let off = (there.pose().position - DVec3::X * 2.0).length();
+                ensure(off <= 0.05, format!("it is held up, not {off} m off"))
+            })
+        },
+    ),
+    (
+        5,
+        "a prismatic joint slides along its x alone",
+        "PROTOCOL 2.6-7, 2.6-11",
+        |trial| {
+            let mut hung = hang(trial, JointKind::Prismatic(None))?;
+            let id = hung.body;
+            let (linear, angular) = (Vec3::X, Vec3::ZERO);
+            hung.follower.must(Command::SetVelocity {
+                id,
+                linear,
+                angular,
+            })?;
+            hung.follower.advance(Tick::new(60))?;
+            let place = hung.there()?.pose().position;
+            ensure(
+                (place.x - 3.0).abs() <= 0.05,
+                format!("it slides a metre, and is at {place}"),
+            )?;
+            ensure(
+                place.y.abs() <= 0.05,
+                format!("and is held up, not at {place}"),
+            )
+        },
+    ),
+    (
+        6,
+        "a prismatic joint slides no farther than its limits",
+        "PROTOCOL 2.6-7, 2.6-11",
+        |trial| {
+            let limits = JointLimits {
+                least: -0.25,
+                most: 0.25,
+            };
+            let mut hung = hang(trial, JointKind::Prismatic(Some(limits)))?;
+            let id = hung.body;
+            let (linear, angular) = (Vec3::X * 2.0, Vec3::ZERO);
+            hung.follower.must(Command::SetVelocity {
+                id,
+                linear,
+                angular,
+            })?;
+            hung.follower.advance(Tick::new(60))?;
+            let place = hung.there()?.pose().position;
+            ensure(
+                (1.7..=2.3).contains(&place.x),
+                format!("it stays within 0.25 m, not at {place}"),
+            )
+        },
+    ),
+    (
+        7,
+        "who joins late is told of a joint as it was made",
+        "PROTOCOL 2.6-7, 2.6-11",
+        told,
+    ),
+    (
+        8,
+        "what a joint held is free once it lets go",
+        "PROTOCOL 2.6-7, 2.6-11",
+        |trial| {
+            let mut hung = hang(trial, JointKind::Fixed)?;
+            hung.follower.advance(Tick::new(10))?;
+            hung.follower
+                .must(Command::RemoveJoint { id: JointId(0) })?;
+            hung.follower.advance(Tick::new(70))?;
+            let height = hung.there()?.pose().position.y;
+            ensure(
+                height <= -4.0,
+                format!("it falls, and is not at {height} m"),
+            )
+        },
+    ),
+];
+
+pub(super) fn cases() -> Vec<Case> {
+    table("L3.3", &[Feature::Lockstep], CASES).collect()
+}
+
+/// A ball two metres beside a static one that holds it.
+struct Hung {
+    follower: Follower,
+    body: BodyId,
+    joint: Joint,
+}
+
+impl Hung {
+    fn there(&self) -> Result<Motion, Stop> {
+        let stream = self.follower.replica()?.stream();
+        let gone = || Stop::Fail("the body is not there".into());
+        stream
+            .believed(self.body, stream.complete())
+            .ok_or_else(gone)
+    }
+}
+
+fn hang(trial: &mut Trial<'_>, kind: JointKind) -> Result<Hung, Stop> {
+    let mut follower = trial.follower()?;
+    follower.create(lockstep())?;
+    let granted = follower.join(StreamChoice::Full)?;
+    let (hook, hung) = (body(granted, 0)?, body(granted, 1)?);
+    follower.must(ball_shape())?;
+    follower.must(Command::AddBody {
+        terms: BodyTerms::plain(hook, BodyKind::Static, BALL),
+        motion: moving(Vec3::ZERO, Vec3::ZERO),
+    })?;
+    follower.must(ball(hung, Vec3::X * 2.0, Vec3::ZERO))?;
+    let frame = |anchor| JointFrame {
+        anchor,
+        rotation: Quat::IDENTITY,
+    };
+    let joint = Joint {
+        kind,
+        bodies: [hook, hung],
+        frames: [frame(Vec3::ZERO), frame(Vec3::X * -2.0)],
+        collide: false,
+    };
+    let id = JointId(0);
+    follower.must(Command::AddJoint { id, joint })?;
+    Ok(Hung {
+        follower,
+        body: hung,
+        joint,
+    })
+}
+
+/// Holds something at every tick of two seconds.
+fn hangs(trial: &mut Trial<'_>, kind: JointKind, holds: fn(Motion) -> Play) -> Play {
+    let mut hung = hang(trial, kind)?;
+    for tick in 1..=120 {
+        hung.follower.advance(Tick::new(tick))?;
+        holds(hung.there()?)?;
+    }
+    Ok(())
+}
+
+fn told(trial: &mut Trial<'_>) -> Play {
+    let limits = JointLimits {
+        least: -1.0,
+        most: 0.5,
+    };
+    let hung = hang(trial, JointKind::Revolute(Some(limits)))?;
+    let mut late = trial.guest_of(&hung.follower.scene.clone())?;
+    late.hello()?;
+    let (_, notices) = late.join(StreamChoice::Full)?;
+    let is_it = |notice: &rhumb_protocol::message::Notice| matches!(notice, rhumb_protocol::message::Notice::JointAdded { id: JointId(0), joint } if *joint == hung.joint);
+    ensure(
+        notices.iter().any(is_it),
+        format!("as it was made, and not {notices:?}"),
+    )
+}

@@ -1,0 +1,377 @@
+//! L4.2: scenes by the server's clock, streams that change, and budgets.
+
+use std::num::NonZeroU32;
+use std::time::Duration;
+
+use glam::Vec3;
+use rhumb_protocol::message::StreamChoice;
+use rhumb_protocol::scene::{Cadence, Command, Pace, SceneTerms};
+use rhumb_protocol::session::Event;
+use rhumb_protocol::stream::Budget;
+use rhumb_reckoning::{Tick, Ticks, Tolerance};
+
+use super::scenery::{EXACT, NORMAL, ball, ball_shape, body, floor, floor_shape, lockstep};
+use super::{Row, table};
+use crate::conformance::case::{Case, Feature};
+use crate::conformance::outcome::{Play, Stop, ensure};
+use crate::conformance::peer::{Fate, Follower, compare, compare_recorded};
+use crate::conformance::trial::Trial;
+
+/// What each case of the group promises, cites and does.
+const CASES: &[Row] = &[
+    (
+        1,
+        "a scene that runs free keeps its promise",
+        "PROTOCOL 6.3-7, 3.3-4, 6.8-2",
+        |trial| runs(trial, NORMAL, 0, (1, 0)),
+    ),
+    (
+        2,
+        "a scene that runs free keeps its promise on a bad lane",
+        "PROTOCOL 6.3-7, 6.8-4, 6.15-2",
+        |trial| runs(trial, EXACT, 8, (1, 0)),
+    ),
+];
+
+/// Those that need other things.
+const FREE_RUNNING_CADENCE: &[Row] = &[(
+    3,
+    "a scene that runs free speaks of each other tick, three ticks later",
+    "PROTOCOL 6.3-1, 6.3-3",
+    |trial| runs(trial, NORMAL, 0, (2, 3)),
+)];
+
+/// Those that wait for a clock of the server's.
+const SLOW: &[Row] = &[(
+    4,
+    "a stream that has nothing to say vouches ever more rarely",
+    "PROTOCOL 6.4-2",
+    silence,
+)];
+
+/// Those that need other things.
+const LOCKSTEP: &[Row] = &[
+    (
+        5,
+        "a member that changes its stream keeps its promises all the way",
+        "PROTOCOL 4.8-8, 4.8-10, 4.8-12, 4.8-13",
+        changes,
+    ),
+    (
+        6,
+        "who joins late has the copy of who was there",
+        "PROTOCOL 6.11-1, 6.11-2, 6.11-3, 6.1-2, 6.13-5",
+        late,
+    ),
+    (
+        7,
+        "who asks for a new snapshot has the copy of the others",
+        "PROTOCOL 4.8-5, 6.11-1",
+        resyncs,
+    ),
+    (
+        8,
+        "a scene goes on after a pause as before it",
+        "PROTOCOL 4.9-1, 6.4-1",
+        pause,
+    ),
+    (
+        10,
+        "a change of gravity holds for tracks that are said from then on",
+        "PROTOCOL 6.9-1, 6.9-2, 6.9-3, 6.9-5",
+        gravity,
+    ),
+    (
+        11,
+        "the tracks of two members of one stream are the same to the bit",
+        "PROTOCOL 6.1-2, 6.6-15, 6.12-1, 6.12-2",
+        same,
+    ),
+];
+
+/// Those that need other things.
+const LOCKSTEP_BUDGETS: &[Row] = &[(
+    9,
+    "a stream within a budget says by how much it is off",
+    "PROTOCOL 6.16-1, 6.16-5, 6.16-8, 6.16-10, 5.17-1",
+    budget,
+)];
+
+pub(super) fn cases() -> Vec<Case> {
+    let cases = table("L4.2", &[Feature::FreeRunning], CASES);
+    cases
+        .chain(table(
+            "L4.2",
+            &[Feature::FreeRunning, Feature::Cadence],
+            FREE_RUNNING_CADENCE,
+        ))
+        .chain(table("L4.2", &[Feature::FreeRunning], SLOW).map(Case::slow))
+        .chain(table("L4.2", &[Feature::Lockstep], LOCKSTEP))
+        .chain(table(
+            "L4.2",
+            &[Feature::Lockstep, Feature::Budgets],
+            LOCKSTEP_BUDGETS,
+        ))
+        .collect()
+}
+
+/// Balls that fall onto a floor, a few at a time, from above one another.
+fn balls(follower: &mut Follower, count: u32) -> Play {
+    let granted = follower.granted;
+    follower.must(ball_shape())?;
+    follower.must(floor_shape())?;
+    follower.must(floor(body(granted, 0)?))?;
+    for place in 1..=count {
+        let at = Vec3::new(
+            (place % 4) as f32 * 0.8,
+            1.0 + place as f32,
+            (place % 3) as f32 * 0.7,
+        );
+        follower.must(ball(body(granted, place)?, at, Vec3::ZERO))?;
+    }
+    Ok(())
+}
+
+fn enter(trial: &mut Trial<'_>, terms: SceneTerms, choice: StreamChoice) -> Result<Follower, Stop> {
+    let mut follower = trial.follower()?;
+    follower.create(terms)?;
+    follower.join(choice)?;
+    Ok(follower)
+}
+
+fn beside(trial: &mut Trial<'_>, other: &Follower, choice: StreamChoice) -> Result<Follower, Stop> {
+    let mut follower = trial.follower_of(&other.scene.clone())?;
+    follower.greet()?;
+    follower.join(choice)?;
+    Ok(follower)
+}
+
+fn runs(trial: &mut Trial<'_>, choice: StreamChoice, spoilt: usize, cadence: (u32, u32)) -> Play {
+    let terms = SceneTerms {
+        pace: Pace::FreeRunning,
+        cadence: Cadence {
+            every: NonZeroU32::new(cadence.0).unwrap_or(NonZeroU32::MIN),
+            hindsight: Ticks::new(cadence.1),
+        },
+        ..lockstep()
+    };
+    let mut copy = enter(trial, terms, choice)?;
+    let mut truth = beside(trial, &copy, StreamChoice::Full)?;
+    balls(&mut copy, 8)?;
+    if spoilt > 0 {
+        let mut dice = trial.dice();
+        copy.sift(move |_| {
+            if dice.below(spoilt) == 0 {
+                Fate::Lost
+            } else {
+                Fate::Comes
+            }
+        });
+    }
+    copy.record();
+    truth.record();
+    for _ in 0..60 {
+        copy.turn_for(Duration::from_millis(10));
+        truth.turn_for(Duration::from_millis(10));
+    }
+    let spoken = |follower: &Follower| {
+        let ticks = follower.seen.iter().flatten().map(|(tick, _)| *tick);
+        ticks.skip(1).all(|tick| terms.cadence.speaks_of(tick))
+    };
+    ensure(
+        spoken(&truth),
+        "ticks that are complete are those that are spoken of",
+    )?;
+    let compared = compare_recorded(&copy, &truth)?;
+    ensure(
+        compared >= 10,
+        format!("{compared} ticks could be compared"),
+    )
+}
+
+fn silence(trial: &mut Trial<'_>) -> Play {
+    let terms = SceneTerms {
+        pace: Pace::FreeRunning,
+        gravity: Vec3::ZERO,
+        ..lockstep()
+    };
+    let mut follower = enter(trial, terms, NORMAL)?;
+    follower.turn_for(Duration::from_secs(3));
+    let before = follower.arrived;
+    follower.turn_for(Duration::from_secs(6));
+    let came = follower.arrived - before;
+    // Each 150 ticks: two or three in six seconds, and an answer or two to what was asked meanwhile.
+    ensure(
+        (1..=8).contains(&came),
+        format!("{came} datagrams in six seconds of silence"),
+    )
+}
+
+fn changes(trial: &mut Trial<'_>) -> Play {
+    let mut copy = enter(trial, lockstep(), NORMAL)?;
+    let mut truth = beside(trial, &copy, StreamChoice::Full)?;
+    balls(&mut copy, 8)?;
+    let mut tick = 0;
+    for choice in [EXACT, StreamChoice::Full, NORMAL] {
+        copy.wish(|session| session.follow(choice))?;
+        let mut waited = 0;
+        // What comes before its snapshot is lost to the new copy, and repaired while the scene goes on.
+        while waited < 20 || (waited < 2_000 && copy.replica()?.choice() != choice) {
+            (tick, waited) = (tick + 1, waited + 1);
+            copy.advance(Tick::new(tick))?;
+            truth.complete(Tick::new(tick))?;
+            compare(copy.replica()?, truth.replica()?, Tick::new(tick), 1.0)?;
+        }
+        let now = copy.replica()?.choice();
+        ensure(now == choice, format!("it follows {choice:?}, not {now:?}"))?;
+    }
+    Ok(())
+}
+
+/// That two copies of one stream are the same at a tick, to the bit.
+fn alike(one: &Follower, other: &Follower, tick: Tick) -> Play {
+    let (one, other) = (one.replica()?, other.replica()?);
+    let sums = (one.stream().agreement(), other.stream().agreement());
+    ensure(
+        sums.0 == sums.1,
+        format!("their sums at {tick} are {sums:x?}"),
+    )?;
+    for terms in one.bodies() {
+        let id = terms.id;
+        let believed = one.stream().believed(id, tick);
+        ensure(
+            believed == other.stream().believed(id, tick),
+            format!("{id} at {tick}"),
+        )?;
+    }
+    ensure(
+        one.bodies().count() == other.bodies().count(),
+        "they hold the same bodies",
+    )
+}
+
+fn late(trial: &mut Trial<'_>) -> Play {
+    let mut first = enter(trial, lockstep(), EXACT)?;
+    balls(&mut first, 10)?;
+    let mut others: Vec<Follower> = Vec::new();
+    for tick in 1..=60 {
+        let tick = Tick::new(tick);
+        if tick.value().is_multiple_of(20) {
+            others.push(beside(trial, &first, EXACT)?);
+        }
+        first.advance(tick)?;
+        for other in &mut others {
+            other.complete(tick)?;
+            alike(&first, other, tick)?;
+        }
+    }
+    Ok(())
+}
+
+fn resyncs(trial: &mut Trial<'_>) -> Play {
+    let mut first = enter(trial, lockstep(), EXACT)?;
+    balls(&mut first, 10)?;
+    first.advance(Tick::new(30))?;
+    let mut other = beside(trial, &first, EXACT)?;
+    // It hears nothing for a while, so that only a snapshot helps or a hundred repairs.
+    other.sift(|_| Fate::Lost);
+    first.advance(Tick::new(90))?;
+    other.sift(|_| Fate::Comes);
+    first.advance(Tick::new(91))?;
+    other.advance(Tick::new(91))?;
+    alike(&first, &other, Tick::new(91))
+}
+
+fn pause(trial: &mut Trial<'_>) -> Play {
+    let mut follower = enter(trial, lockstep(), EXACT)?;
+    balls(&mut follower, 4)?;
+    follower.advance(Tick::new(20))?;
+    let before = follower.arrived;
+    follower.turn_for(Duration::from_millis(300));
+    ensure(
+        follower.arrived == before,
+        "nothing comes while nobody asks",
+    )?;
+    let tick = follower.replica()?.stream().complete();
+    ensure(tick == Tick::new(20), "and the scene stands")?;
+    for tick in 21..=40 {
+        follower.advance(Tick::new(tick))?;
+    }
+    Ok(())
+}
+
+fn budget(trial: &mut Trial<'_>) -> Play {
+    let choice = StreamChoice::Capped {
+        tolerance: Tolerance::EXACT,
+        budget: Budget::new(1_000, 1_150).ok_or_else(|| Stop::Inconclusive("no budget".into()))?,
+    };
+    let mut copy = enter(trial, lockstep(), choice)?;
+    let mut truth = beside(trial, &copy, StreamChoice::Full)?;
+    balls(&mut copy, 20)?;
+    let mut exceeded = 0;
+    for tick in 1..=180 {
+        let tick = Tick::new(tick);
+        copy.advance(tick)?;
+        truth.complete(tick)?;
+        let factor = copy.replica()?.stream().excess_at(tick);
+        let factor = factor.ok_or_else(|| Stop::Fail(format!("nothing is stated of {tick}")))?;
+        exceeded += u32::from(factor > 1.0);
+        compare(copy.replica()?, truth.replica()?, tick, factor)?;
+    }
+    ensure(
+        exceeded > 0,
+        "a thousand bytes a second do not suffice for twenty balls",
+    )
+}
+
+fn gravity(trial: &mut Trial<'_>) -> Play {
+    let mut copy = enter(trial, lockstep(), NORMAL)?;
+    let mut truth = beside(trial, &copy, StreamChoice::Full)?;
+    balls(&mut copy, 6)?;
+    let mut late = None;
+    for tick in 1..=120_u64 {
+        let at = Tick::new(tick);
+        if tick.is_multiple_of(30) {
+            let way = [Vec3::X, Vec3::Y, Vec3::NEG_Y][(tick / 30 % 3) as usize];
+            copy.must(Command::SetGravity { gravity: way * 4.0 })?;
+            copy.must(Command::SetGravity { gravity: way * 8.0 })?;
+        }
+        copy.advance(at)?;
+        truth.complete(at)?;
+        compare(copy.replica()?, truth.replica()?, at, 1.0)?;
+        if tick == 65 {
+            late = Some(beside(trial, &copy, NORMAL)?);
+        }
+        if let Some(late) = &mut late {
+            late.complete(at)?;
+            alike(&copy, late, at)?;
+        }
+    }
+    Ok(())
+}
+
+fn same(trial: &mut Trial<'_>) -> Play {
+    let mut one = enter(trial, lockstep(), EXACT)?;
+    let mut other = beside(trial, &one, EXACT)?;
+    balls(&mut one, 10)?;
+    let mut dice = trial.dice();
+    other.sift(move |_| {
+        if dice.below(5) == 0 {
+            Fate::Lost
+        } else {
+            Fate::Comes
+        }
+    });
+    for tick in 1..=90 {
+        let tick = Tick::new(tick);
+        one.advance(tick)?;
+        // Who asks for a tick too misses it soon; who does not waits for seconds (6.7-2).
+        other.advance(tick)?;
+        alike(&one, &other, tick)?;
+    }
+    let told = other
+        .events
+        .iter()
+        .any(|event| matches!(event, Event::Amended(_)));
+    ensure(!told, "no track had to be made right")
+}
