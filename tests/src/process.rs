@@ -64,6 +64,16 @@ impl Programme {
         self.serve_with(listen, &[])
     }
 
+    /// The same without a log: nobody reads what a server says while it runs, and it waits once a pipe is full.
+    ///
+    /// # Panics
+    ///
+    /// As [`Self::serve`].
+    #[must_use]
+    pub fn serve_without_log(self, listen: &str) -> ServerProcess {
+        self.serve_logging(listen, "off", &[])
+    }
+
     /// The same for clients of the paper's protocol too, on a free port of loopback, with more arguments.
     ///
     /// # Panics
@@ -76,7 +86,11 @@ impl Programme {
     }
 
     fn serve_with(self, listen: &str, more: &[&str]) -> ServerProcess {
-        let plain = ["--listen", listen, "--log", "info"];
+        self.serve_logging(listen, "info", more)
+    }
+
+    fn serve_logging(self, listen: &str, log: &str, more: &[&str]) -> ServerProcess {
+        let plain = ["--listen", listen, "--log", log];
         let mut child = self.spawn(&[&plain, more].concat());
         let mut out = BufReader::new(child.stdout.take().expect("standard output is piped"));
         let mut lines = Vec::new();

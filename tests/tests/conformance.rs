@@ -1,0 +1,100 @@
+//! The suite against this house's server: all cases, and all requirements.
+//!
+//! Proved by a server process, as an operator runs it, and all cases of servers over loopback. The suite is tested by
+//! servers that are wrong, elsewhere. Caught so far: answers to what was said behind a command came before the command's
+//! own; a member whose advance was lost asked for it after three seconds.
+
+use std::time::Duration;
+
+use rhumb_tests::conformance::case::Profile;
+use rhumb_tests::conformance::report::{Report, html, json, junit};
+use rhumb_tests::conformance::suite::{Selection, cases};
+use rhumb_tests::conformance::trial::{Conditions, Subject};
+use rhumb_tests::conformance::{Side, coverage, run};
+use rhumb_tests::{Programme, ServerProcess};
+use rhumb_transport::{LinkTerms, Trust};
+
+const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
+
+/// What the cases are tried by: so patiently that a busy machine fails none.
+fn conditions(server: &ServerProcess, link: LinkTerms) -> Conditions {
+    Conditions {
+        subject: Subject::Server {
+            target: server.address,
+            name: "localhost".into(),
+            trust: Trust::Fingerprint(server.fingerprint),
+        },
+        timeout: Duration::from_secs(10),
+        seed: 1,
+        link,
+        without: Vec::new(),
+    }
+}
+
+fn tried(patterns: &[&str], link: LinkTerms) -> Report {
+    let server = SERVER.serve_without_log("127.0.0.1:0");
+    let selection = Selection {
+        patterns: patterns.iter().map(|&pattern| pattern.to_owned()).collect(),
+        profile: Profile::Core,
+        without: Vec::new(),
+    };
+    let conditions = conditions(&server, link);
+    let mut progress = Vec::new();
+    let results = run::run(
+        cases(Side::Server),
+        &selection,
+        &conditions,
+        8,
+        &mut progress,
+    );
+    let report = Report {
+        subject: server.address.to_string(),
+        seed: conditions.seed,
+        strict: true,
+        results,
+        coverage: coverage::coverage(),
+    };
+    let traces = report.bad().flat_map(|result| &result.outcome.trace);
+    let traces: Vec<_> = traces.take(200).cloned().collect();
+    let progress = String::from_utf8_lossy(&progress);
+    assert!(report.passed(), "{progress}\n{}", traces.join("\n"));
+    report
+}
+
+#[test]
+fn the_server_of_this_house_passes_every_case() {
+    let report = tried(&[], LinkTerms::PERFECT);
+    assert!(report.results.len() >= 200, "{}", report.summary());
+    // What a report says of a run, in each of its forms.
+    let value: serde_json::Value = serde_json::from_str(&json(&report)).expect("JSON");
+    assert_eq!(value["passed"], true);
+    assert_eq!(
+        value["cases"].as_array().map(Vec::len),
+        Some(report.results.len())
+    );
+    let xml = junit(&report).expect("memory can be written to");
+    assert_eq!(xml.matches("<testcase ").count(), report.results.len());
+    assert!(!xml.contains("<failure"));
+    let page = html(&report);
+    assert!(report.results.iter().all(|one| page.contains(&one.case.id)));
+}
+
+#[test]
+fn the_server_of_this_house_passes_behind_a_bad_link() {
+    let link = "rtt=20ms,loss=3%,reorder=2%,dup=1%"
+        .parse()
+        .expect("terms of a link");
+    let report = tried(&["L1.1", "L1.4", "L2.1", "L3.1", "L4.1.1"], link);
+    assert!(report.results.len() >= 20, "{}", report.summary());
+}
+
+#[test]
+fn every_requirement_has_a_case_or_a_reason() {
+    let holes = coverage::holes();
+    assert!(
+        holes.is_empty(),
+        "{} holes\n{}",
+        holes.len(),
+        holes.join("\n")
+    );
+}
