@@ -151,7 +151,7 @@ class Log:
             for index, body in sorted(scene.bodies.items())
             if not body.track.is_verbatim_rest()
         }
-        line = {"tick": tick, "sum": f"{scene.sum():016x}", "moving": moving}
+        line = {"is": "tick", "tick": tick, "sum": f"{scene.sum():016x}", "moving": moving}
         self.file.write(json.dumps(line) + "\n")
 
 

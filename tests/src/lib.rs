@@ -4,8 +4,8 @@
 #![forbid(unsafe_code)]
 
 mod avatar;
-pub mod fuzzing;
 pub mod conformance;
+pub mod fuzzing;
 pub mod grammar;
 mod plugin;
 mod process;
@@ -14,6 +14,7 @@ mod rude;
 mod seed;
 mod stage;
 mod table;
+pub mod testee;
 mod truth;
 pub mod vectors;
 mod walk;

@@ -11,10 +11,11 @@ use std::time::Duration;
 
 use clap::Parser;
 use rhumb_protocol::message::StreamChoice;
-use rhumb_protocol::session::{ClientSession, Event, Replica};
+use rhumb_protocol::session::{ClientSession, Event};
 use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
-use rhumb_reckoning::{LengthBound, Motion, Tick, Tolerance};
+use rhumb_reckoning::{LengthBound, Tick, Tolerance};
 use rhumb_sims::{Script, by_name};
+use rhumb_tests::testee::copy_line;
 use rhumb_transport::{ClientOptions, Clock, Fingerprint, QuicClient, Received, Trust};
 
 /// Leads a scene and writes what its copy holds.
@@ -125,7 +126,7 @@ impl Leader {
             return Ok(());
         }
         self.written = Some(tick);
-        writeln!(self.out, "{}", line(replica, tick))
+        writeln!(self.out, "{}", copy_line(replica, tick))
     }
 
     /// Waits for what `seen` makes of an event.
@@ -169,47 +170,6 @@ impl Leader {
         while self.session.poll_event().is_some() {}
         Ok(())
     }
-}
-
-/// What a copy holds: the sum over its tracks, and what it believes of each body that does not rest to the bit.
-fn line(replica: &Replica, tick: Tick) -> String {
-    let stream = replica.stream();
-    let moving = replica.bodies().filter_map(|terms| {
-        let track = stream.track(terms.id)?;
-        let motion = stream.believed(terms.id, tick)?;
-        let id = terms.id;
-        let text = || {
-            format!(
-                "\"{}:{}\":\"{}\"",
-                id.index(),
-                id.generation(),
-                bits(&motion)
-            )
-        };
-        (!track.is_verbatim_rest()).then(text)
-    });
-    let moving: Vec<_> = moving.collect();
-    let (tick, sum) = (tick.value(), stream.agreement());
-    format!(
-        "{{\"tick\":{tick},\"sum\":\"{sum:016x}\",\"moving\":{{{}}}}}",
-        moving.join(",")
-    )
-}
-
-/// The thirteen doubles of a motion.
-fn bits(motion: &Motion) -> String {
-    let (pose, twist) = (motion.pose(), motion.twist());
-    let parts: [&[f64]; 4] = [
-        &pose.position.to_array(),
-        &pose.rotation.to_array(),
-        &twist.linear.to_array(),
-        &twist.angular.to_array(),
-    ];
-    let numbers = parts.concat();
-    numbers
-        .iter()
-        .map(|number| format!("{:016x}", number.to_bits()))
-        .collect()
 }
 
 /// Tells whoever started this.

@@ -14,7 +14,7 @@ use rhumb_transport::{BareLine, BareTerms, LinkTerms, Trust, UdpRelay};
 
 use super::case::{Case, Feature};
 use super::outcome::{Closing, Outcome, Stop, Verdict};
-use super::peer::{Follower, Guest, Host};
+use super::peer::{Feed, Follower, Guest, Host, Setting};
 use crate::seed::Dice;
 
 /// Who is tried, and how patiently.
@@ -109,6 +109,12 @@ impl<'a> Trial<'a> {
             took,
             trace,
         }
+    }
+
+    /// The case's id.
+    #[must_use]
+    pub fn id(&self) -> &str {
+        &self.case.id
     }
 
     /// The case's own chance.
@@ -209,12 +215,32 @@ impl<'a> Trial<'a> {
     ///
     /// [`Stop::Inconclusive`] when it cannot be started; [`Stop::Unsupported`] when the client says so.
     pub fn host(&mut self) -> Result<Host, Stop> {
+        self.host_of("follow 10000")
+    }
+
+    /// The same with a client that is to do this once it is welcomed; the words are those of `docs/implementing.md`.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::host`].
+    pub fn host_of(&mut self, wish: &str) -> Result<Host, Stop> {
         Host::start(
             self.conditions,
             self.case,
+            wish,
             self.log.clone(),
             Rc::clone(&self.closing),
         )
+    }
+
+    /// A real server in this process, a script in its scene, and the client under test before it.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::host`].
+    pub fn feed(&mut self, setting: Setting) -> Result<Feed, Stop> {
+        let host = self.host_of(&setting.wish)?;
+        Feed::begin(host, &format!("conformance/{}", self.case.id), &setting)
     }
 
     fn connect(&mut self, terms: &BareTerms) -> Result<(BareLine, Option<UdpRelay>), Stop> {

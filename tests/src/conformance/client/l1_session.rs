@@ -1,54 +1,371 @@
-//! L1.51: how clients begin, and what makes them end.
+//! L1.51: how clients begin, and what they bear or refuse on the way in.
 
-use rhumb_protocol::message::{ClientMessage, Extensions, ServerMessage, Welcome};
+use std::time::Duration;
+
+use rhumb_protocol::message::{
+    ClientMessage, Denial, Extension, Extensions, Joined, ServerMessage, Welcome,
+};
 use rhumb_protocol::session::CloseCode;
+use rhumb_reckoning::Predictor;
 
+use super::hand;
 use crate::conformance::case::Case;
-use crate::conformance::outcome::{Play, Stop, ensure};
+use crate::conformance::outcome::{Play, Stop, ensure, should};
+use crate::conformance::peer::Host;
 use crate::conformance::trial::Trial;
 
 pub(super) fn cases() -> Vec<Case> {
+    let mut cases = beginnings();
+    cases.extend(welcomes());
+    cases.extend(ends());
+    cases
+}
+
+fn beginnings() -> Vec<Case> {
     vec![
         Case::client("L1.51.1", "a client says hello first, and offers version 1")
-            .cites("PROTOCOL 3.1-1, 3.1-2")
+            .cites("PROTOCOL 1.1-1, 1.3-1, 3.1-1, 3.1-2, 4.1-1")
             .play(hello),
         Case::client(
+            "L1.51.4",
+            "a client opens one stream, both ways, and no other",
+        )
+        .cites("PROTOCOL 1.1-2, 1.1-3")
+        .play(|trial| {
+            let mut host = trial.host()?;
+            hand::let_in(&mut host)?;
+            hand::must_go_on(&mut host, hand::NEXT + 1, hand::TICK + 1, hand::NOTICES)?;
+            ensure(host.opened == [true], "it opened one stream, both ways")
+        }),
+        Case::client("L1.51.5", "a client takes datagrams of 1150 bytes")
+            .cites("PROTOCOL 1.1-4, 5.8-3")
+            .play(|trial| {
+                let mut host = trial.host()?;
+                host.await_message("hello", Some)?;
+                let most = host.line.datagram_bytes_max();
+                ensure(
+                    most >= Some(1150),
+                    format!("it takes 1150, and not {most:?}"),
+                )
+            }),
+        Case::client(
+            "L1.51.6",
+            "a client waits for the welcome before it says more",
+        )
+        .cites("PROTOCOL 3.2-2")
+        .play(patient),
+        Case::client(
+            "L1.51.7",
+            "a client offers a greased version, and says a greased extension",
+        )
+        .cites("PROTOCOL 3.5-7, 3.5-8")
+        .play(greases),
+        Case::client(
+            "L1.51.8",
+            "a client says by its exit code that it has not what a case tries",
+        )
+        .cites("PROTOCOL 3.1-3")
+        .play(|trial| {
+            // A made-up wish: who follows all the same would pass what it never did.
+            let exit = match trial.host_of("made-up words of the suite") {
+                Err(Stop::Unsupported(_)) => return Ok(()),
+                Err(other) => return Err(other),
+                Ok(mut host) => host.await_message("hello", Some).map(drop),
+            };
+            match exit {
+                Err(Stop::Unsupported(_)) => Ok(()),
+                _ => Stop::fail("it does something else than it was ordered to"),
+            }
+        }),
+    ]
+}
+
+fn welcomes() -> Vec<Case> {
+    let refused = |id: &str, name: &str, cites: &str, welcome: fn() -> Welcome, code| {
+        Case::client(id, name).cites(cites).play(move |trial| {
+            let mut host = trial.host()?;
+            host.await_message("hello", Some)?;
+            host.say(&ServerMessage::Welcome(welcome()));
+            host.must_be_closed(code)
+        })
+    };
+    let mut cases = vec![
+        refused(
             "L1.51.2",
             "a client that is welcomed in a version that it did not offer closes",
+            "PROTOCOL 3.1-5, 3.5-10",
+            || of_version(7),
+            CloseCode::VERSION,
+        ),
+        refused(
+            "L1.51.9",
+            "a client that is welcomed in a version from the future closes",
+            "PROTOCOL 3.1-5, 3.5-10",
+            || of_version(2),
+            CloseCode::VERSION,
+        ),
+        refused(
+            "L1.51.10",
+            "a welcome with a critical extension that nobody knows ends the connection",
+            "PROTOCOL 3.5-1, 3.5-4, 3.5-12",
+            || Welcome {
+                extensions: extension(28),
+                ..hand::welcome()
+            },
+            CloseCode::EXTENSION,
+        ),
+        refused(
+            "L1.51.11",
+            "a welcome with terms outside the limits ends the connection",
+            "PROTOCOL 4.3-2, 7-1",
+            || {
+                let mut terms = hand::terms();
+                terms.gravity.y = -2_000.0;
+                Welcome {
+                    scene: Some(terms),
+                    ..hand::welcome()
+                }
+            },
+            CloseCode::VIOLATION,
+        ),
+    ];
+    cases.push(
+        Case::client(
+            "L1.51.12",
+            "a greased version is not taken though it was offered",
         )
-        .cites("PROTOCOL 3.1-5")
-        .play(other_version),
+        .cites("PROTOCOL 3.5-9")
+        .play(greased_version),
+    );
+    cases.push(
+        Case::client(
+            "L1.51.13",
+            "optional extensions and greased messages are skipped",
+        )
+        .cites("PROTOCOL 3.5-1, 3.5-3, 3.5-7, 3.5-11, 3.5-12, 4.1-2")
+        .play(skips),
+    );
+    cases.push(
+        Case::client(
+            "L1.51.14",
+            "a joined with a critical extension ends the connection",
+        )
+        .cites("PROTOCOL 3.5-12")
+        .play(|trial| {
+            let mut host = trial.host()?;
+            hand::wants_in(&mut host)?;
+            host.say(&ServerMessage::Joined(Joined {
+                extensions: extension(1_000),
+                ..hand::joined()
+            }));
+            host.must_be_closed(CloseCode::EXTENSION)
+        }),
+    );
+    cases.push(
+        Case::client(
+            "L1.51.15",
+            "a joined with terms outside the limits ends the connection",
+        )
+        .cites("PROTOCOL 4.3-2")
+        .play(|trial| {
+            let mut host = trial.host()?;
+            hand::wants_in(&mut host)?;
+            let mut joined = hand::joined();
+            joined.terms.integrator.substeps =
+                core::num::NonZeroU32::new(17).expect("it is not zero");
+            host.say(&ServerMessage::Joined(joined));
+            host.must_be_closed(CloseCode::VIOLATION)
+        }),
+    );
+    cases.push(
+        Case::client("L1.51.16", "a second welcome ends the connection")
+            .cites("PROTOCOL 3.1-4")
+            .play(|trial| {
+                let mut host = trial.host()?;
+                hand::wants_in(&mut host)?;
+                host.say(&ServerMessage::Welcome(hand::welcome()));
+                host.must_be_closed(CloseCode::VIOLATION)
+            }),
+    );
+    cases.push(
+        Case::client("L1.51.17", "control bytes may be cut anywhere")
+            .cites("PROTOCOL 4.1-1, 4.8-1, 4.8-4")
+            .play(byte_by_byte),
+    );
+    cases
+}
+
+fn ends() -> Vec<Case> {
+    let mut cases = vec![
         Case::client(
             "L1.51.3",
             "a client ends the connection at a message of an unknown type below 0x80",
         )
-        .cites("PROTOCOL 4.1-3, 2.5-3")
+        .cites("PROTOCOL 4.1-3, 2.5-3, 3.5-11")
         .play(|trial| {
             let mut host = trial.host()?;
             host.await_message("hello", Some)?;
             host.utter(&[1, 0x7d]);
             host.must_be_closed(CloseCode::MALFORMED)
         }),
-    ]
+        Case::client("L1.51.18", "a denied join leaves the connection as it was")
+            .cites("PROTOCOL 4.7-1, 3.5-15")
+            .play(|trial| {
+                let mut host = trial.host()?;
+                hand::wants_in(&mut host)?;
+                host.say(&ServerMessage::Denied(Denial::NoSuchScene));
+                host.listen(Duration::from_millis(200))?;
+                ensure(
+                    host.ended.is_none() || host.ended_as(0),
+                    "it does not break",
+                )
+            }),
+    ];
+    for (place, code) in [0_u32, 256, 257, 9_999, u32::MAX >> 2]
+        .into_iter()
+        .enumerate()
+    {
+        let id = format!("L1.51.{}", 30 + place);
+        let name = format!("a connection that the server closes with {code} is an ordinary end");
+        cases.push(
+            Case::client(&id, &name)
+                .cites("PROTOCOL 3.4-1, 3.5-17")
+                .play(move |trial| {
+                    let mut host = trial.host()?;
+                    hand::let_in(&mut host)?;
+                    host.line.close(code);
+                    host.must_exit()
+                }),
+        );
+    }
+    cases
+}
+
+fn of_version(version: u16) -> Welcome {
+    Welcome {
+        version,
+        ..hand::welcome()
+    }
+}
+
+fn extension(id: u32) -> Extensions {
+    let mut extensions = Extensions::NONE;
+    let value = vec![1, 2, 3];
+    assert!(extensions.insert(Extension { id, value }));
+    extensions
 }
 
 fn hello(trial: &mut Trial<'_>) -> Play {
     let mut host = trial.host()?;
     match host.await_message("hello", Some)? {
-        ClientMessage::Hello { versions, .. } => {
-            ensure(versions.contains(&1), "it offers version 1")
+        ClientMessage::Hello {
+            versions, scene, ..
+        } => {
+            let wanted = format!("conformance/{}", trial.id());
+            ensure(versions.contains(&1), "it offers version 1")?;
+            ensure(
+                scene.as_str() == wanted,
+                format!("it is about {wanted}, and not {}", scene.as_str()),
+            )
         }
         other => Stop::fail(format!("it begins with {other:?}")),
     }
 }
 
-fn other_version(trial: &mut Trial<'_>) -> Play {
+fn patient(trial: &mut Trial<'_>) -> Play {
     let mut host = trial.host()?;
     host.await_message("hello", Some)?;
-    host.say(&ServerMessage::Welcome(Welcome {
-        version: 7,
-        scene: None,
-        extensions: Extensions::NONE,
-    }));
+    let early = host.listen(Duration::from_millis(250))?;
+    ensure(
+        early.is_empty(),
+        format!("it says nothing before the welcome, and not {early:?}"),
+    )?;
+    host.say(&ServerMessage::Welcome(hand::welcome()));
+    host.await_message("join", |message| {
+        matches!(message, ClientMessage::Join(_)).then_some(())
+    })
+}
+
+fn greases(trial: &mut Trial<'_>) -> Play {
+    let mut host = trial.host()?;
+    let hello = host.await_message("hello", Some)?;
+    let ClientMessage::Hello {
+        versions,
+        extensions,
+        ..
+    } = hello
+    else {
+        return Stop::fail("it does not begin with a hello");
+    };
+    let greased = |version: &u16| version & 0x0f0f == 0x0a0a && version >> 8 == version & 0xff;
+    should(
+        versions.iter().any(greased),
+        format!("it offers a greased version among {versions:?}"),
+    )?;
+    let greased = |id: u32| id >= 27 && (id - 27).is_multiple_of(62);
+    should(
+        extensions.iter().any(|one| greased(one.id)),
+        "it says a greased extension",
+    )
+}
+
+fn greased_version(trial: &mut Trial<'_>) -> Play {
+    let mut host = trial.host()?;
+    let ClientMessage::Hello { versions, .. } = host.await_message("hello", Some)? else {
+        return Stop::fail("it does not begin with a hello");
+    };
+    let greased = versions.into_iter().find(|version| *version != 1);
+    host.say(&ServerMessage::Welcome(of_version(
+        greased.unwrap_or(0x0a0a),
+    )));
     host.must_be_closed(CloseCode::VERSION)
+}
+
+/// What the document lets a server say wherever it likes.
+fn skips(trial: &mut Trial<'_>) -> Play {
+    let mut host = trial.host()?;
+    host.await_message("hello", Some)?;
+    host.utter(&[1, 0x8a]);
+    host.say(&ServerMessage::Welcome(Welcome {
+        extensions: extension(27),
+        ..hand::welcome()
+    }));
+    host.utter(&[4, 0xfa, 0x00, 0x01, 0x02]);
+    host.utter(&[2, 0x80, 0x01]);
+    host.await_message("join", |message| {
+        matches!(message, ClientMessage::Join(_)).then_some(())
+    })?;
+    host.utter(&[3, 0x9a, 0xff, 0xff]);
+    host.say(&ServerMessage::Joined(Joined {
+        extensions: extension(27 + 62),
+        ..hand::joined()
+    }));
+    host.say(&ServerMessage::Notice(hand::shape()));
+    host.utter(&[2, 0xc3, 0]);
+    host.say(&ServerMessage::Notice(hand::ball(
+        hand::BALL,
+        Predictor::Ballistic,
+    )));
+    host.say(&ServerMessage::SnapshotEnd);
+    host.utter(&[1, 0xff]);
+    goes_on(&mut host)
+}
+
+fn byte_by_byte(trial: &mut Trial<'_>) -> Play {
+    let mut host = trial.host()?;
+    hand::wants_in(&mut host)?;
+    let mut bytes = Vec::new();
+    ServerMessage::Joined(hand::joined()).encode(&mut bytes);
+    ServerMessage::Notice(hand::shape()).encode(&mut bytes);
+    ServerMessage::Notice(hand::ball(hand::BALL, Predictor::Ballistic)).encode(&mut bytes);
+    ServerMessage::SnapshotEnd.encode(&mut bytes);
+    for byte in bytes {
+        host.line.say(vec![byte]);
+    }
+    goes_on(&mut host)
+}
+
+fn goes_on(host: &mut Host) -> Play {
+    hand::told(host, "joined")?;
+    hand::must_go_on(host, hand::NEXT + 1, hand::TICK + 1, hand::NOTICES)
 }

@@ -1,10 +1,28 @@
-//! The cases of clients, by level: each is played by a server of bytes.
+//! The cases of clients, by level.
+//!
+//! Each is played by a server of bytes, or by a real one that a case comes between.
 
+mod hand;
+mod l0_vectors;
 mod l1_session;
+mod l1_snapshot;
+mod l2_agreement;
+mod l2_stream;
+mod l4_reckoning;
+mod l5_hostile;
 
 use super::case::Case;
 
 /// All of them.
 pub(super) fn cases() -> Vec<Case> {
-    [l1_session::cases()].into_iter().flatten().collect()
+    let groups = [
+        l0_vectors::cases(),
+        l1_session::cases(),
+        l1_snapshot::cases(),
+        l2_stream::cases(),
+        l2_agreement::cases(),
+        l4_reckoning::cases(),
+        l5_hostile::cases(),
+    ];
+    groups.into_iter().flatten().collect()
 }

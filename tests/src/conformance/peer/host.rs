@@ -1,8 +1,8 @@
 //! A server made of bytes, and the client under test started against it.
 //!
 //! What the client is started with, and the lines that it writes, are described in `docs/implementing.md`: in short, its
-//! environment has `RHUMB_ADDR`, `RHUMB_FINGERPRINT`, `RHUMB_SCENE`, `RHUMB_CASE`, `RHUMB_SEED`, and it writes a JSON object a
-//! line. Exit code 127 says *unsupported*.
+//! environment has `RHUMB_ADDR`, `RHUMB_FINGERPRINT`, `RHUMB_SCENE`, `RHUMB_WISH`, `RHUMB_CASE`, `RHUMB_SEED`, and it writes a
+//! JSON object a line. Exit code 127 says *unsupported*.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -18,6 +18,7 @@ use rhumb_protocol::message::{ClientMessage, Frames, ServerMessage};
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Instant, Span};
 use rhumb_transport::{BareEnd, BareLine, BareServer, BareTerms, Certificate, Clock, Seen};
+use serde_json::Value;
 
 use crate::conformance::case::Case;
 use crate::conformance::outcome::{Closing, Play, Stop};
@@ -36,6 +37,12 @@ pub struct Host {
     pub datagrams: VecDeque<Bytes>,
     /// How the connection ended, if it did.
     pub ended: Option<BareEnd>,
+    /// Bytes of the control stream heard and not taken yet, for who reads them as bytes.
+    pub uttered: VecDeque<Bytes>,
+    /// Streams that the client opened, and whether both may speak on each.
+    pub opened: Vec<bool>,
+    /// Types of messages that nobody need know, as they came.
+    pub greased: Vec<u8>,
     frames: Frames,
     heard: VecDeque<ClientMessage>,
     client: Running,
@@ -58,6 +65,7 @@ impl Host {
     pub(in crate::conformance) fn start(
         conditions: &Conditions,
         case: &Case,
+        wish: &str,
         log: Log,
         closing: Rc<RefCell<Closing>>,
     ) -> Result<Self, Stop> {
@@ -69,7 +77,7 @@ impl Host {
         let certificate = certificate.map_err(|error| inconclusive(&error))?;
         let server = BareServer::listen(listen, &certificate, &BareTerms::default());
         let server = server.map_err(|error| inconclusive(&error))?;
-        let mut client = Running::start(exec, &server, conditions, case)
+        let mut client = Running::start(exec, &server, conditions, case, wish)
             .map_err(|error| inconclusive(&error))?;
         let line = match server.accept(conditions.timeout * 5) {
             Some(line) => line.map_err(|error| Stop::Fail(format!("no connection: {error}")))?,
@@ -79,6 +87,9 @@ impl Host {
             line,
             datagrams: VecDeque::new(),
             ended: None,
+            uttered: VecDeque::new(),
+            opened: Vec::new(),
+            greased: Vec::new(),
             frames: Frames::new(),
             heard: VecDeque::new(),
             client,
@@ -121,12 +132,25 @@ impl Host {
         }
     }
 
-    fn patience(&self) -> Instant {
+    /// The longest that anything may take that has no time of its own, from now on.
+    pub(super) fn patience(&self) -> Instant {
         let ns = u64::try_from(self.timeout.as_nanos()).unwrap_or(u64::MAX);
         self.clock.now() + Span::from_nanos(ns)
     }
 
-    fn take_in(&mut self, until: Instant) -> Result<bool, Stop> {
+    /// What time it is.
+    #[must_use]
+    pub fn now(&self) -> Instant {
+        self.clock.now()
+    }
+
+    /// Notes something for who reads the trace.
+    pub(super) fn note(&self, line: impl Into<String>) {
+        self.log.note(line);
+    }
+
+    /// Takes in one thing that was seen, waiting for it until a moment; `false` when nothing was, or the connection is over.
+    pub(super) fn take_in(&mut self, until: Instant) -> Result<bool, Stop> {
         if self.ended.is_some() {
             return Ok(false);
         }
@@ -142,6 +166,7 @@ impl Host {
                 self.ended = Some(end);
             }
             Some(Seen::Opened { both_ways }) => {
+                self.opened.push(both_ways);
                 self.log.note(format!("< a stream, both ways: {both_ways}"));
             }
             Some(Seen::ControlFinished | Seen::ControlReset(_)) => {
@@ -152,12 +177,15 @@ impl Host {
     }
 
     fn read(&mut self, bytes: &[u8]) -> Play {
+        self.uttered.push_back(Bytes::copy_from_slice(bytes));
         self.frames.push(bytes);
         let malformed = |why| Stop::Fail(format!("the client says what is malformed: {why:?}"));
         while let Some(framed) = self.frames.next_frame().map_err(malformed)? {
             if let Some(message) = ClientMessage::decode(&framed).map_err(malformed)? {
                 self.log.note(format!("< {message:?}"));
                 self.heard.push_back(message);
+            } else {
+                self.greased.push(framed.kind);
             }
         }
         Ok(())
@@ -189,12 +217,102 @@ impl Host {
         }
     }
 
-    /// The next line that the client wrote, if one comes in time.
-    #[must_use]
-    pub fn line_written(&mut self) -> Option<String> {
+    /// All that the client says until it is silent for so long.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Fail`] when it says what is malformed.
+    pub fn listen(&mut self, silence: Duration) -> Result<Vec<ClientMessage>, Stop> {
+        let ns = u64::try_from(silence.as_nanos()).unwrap_or(u64::MAX);
+        loop {
+            let until = self.clock.now() + Span::from_nanos(ns);
+            if !self.take_in(until)? {
+                return Ok(self.heard.drain(..).collect());
+            }
+        }
+    }
+
+    /// The next datagram that the client sends, if one comes in time.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Fail`] when it says what is malformed.
+    pub fn next_datagram(&mut self) -> Result<Option<Bytes>, Stop> {
+        let until = self.patience();
+        while self.datagrams.is_empty() && self.take_in(until)? {}
+        Ok(self.datagrams.pop_front())
+    }
+
+    /// The lines that the client wrote since they were taken last.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Fail`] when one is no JSON object.
+    pub fn lines_written(&mut self) -> Result<Vec<Value>, Stop> {
+        let lines: Vec<_> = self.client.lines.try_iter().collect();
+        lines
+            .into_iter()
+            .map(|line| self.read_line(&line))
+            .collect()
+    }
+
+    /// The next line that the client writes, if one comes in time.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Fail`] when it is no JSON object.
+    pub fn next_line(&mut self) -> Result<Option<Value>, Stop> {
         let line = self.client.lines.recv_timeout(self.timeout).ok();
-        self.log.note(format!("< line {line:?}"));
-        line
+        line.map(|line| self.read_line(&line)).transpose()
+    }
+
+    fn read_line(&self, line: &str) -> Result<Value, Stop> {
+        self.log.note(format!("< line {line}"));
+        let value: Value = serde_json::from_str(line)
+            .map_err(|error| Stop::Fail(format!("the client tells what is no JSON: {error}")))?;
+        if value["is"].is_string() {
+            Ok(value)
+        } else {
+            Stop::fail("the client tells what has no `is`")
+        }
+    }
+
+    /// Why nothing more comes of it, if its process has ended and says that it has not what a case tries.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Unsupported`] then.
+    pub fn must_be_supported(&mut self) -> Play {
+        if self.client.has_given_up() {
+            return Err(Stop::Unsupported("the client's exit code says so".into()));
+        }
+        Ok(())
+    }
+
+    /// Whether the client closed with this code.
+    #[must_use]
+    pub fn ended_as(&self, code: u64) -> bool {
+        self.ended == Some(BareEnd::Closed(code))
+    }
+
+    /// That the client's process ends by itself.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Fail`] when it goes on.
+    pub fn must_exit(&mut self) -> Play {
+        let until = self.patience();
+        while self.clock.now() < until {
+            if self.client.has_ended() {
+                return Ok(());
+            }
+            let next = self.clock.now() + Span::from_millis(5);
+            if !self.take_in(next)? && self.ended.is_some() {
+                // Nothing more is seen on the line: what it tells is awaited in its place.
+                let _ = self.client.lines.recv_timeout(Duration::from_millis(5));
+            }
+        }
+        Stop::fail("the client's process goes on after the end of its connection")
     }
 
     /// That the client ends the connection; another code than this is noted as the closing verdict.
@@ -229,12 +347,14 @@ impl Running {
         server: &BareServer,
         conditions: &Conditions,
         case: &Case,
+        wish: &str,
     ) -> std::io::Result<Self> {
         let mut child = Command::new("sh")
             .args(["-c", &format!("exec {exec}")])
             .env("RHUMB_ADDR", server.address().to_string())
             .env("RHUMB_FINGERPRINT", server.fingerprint().to_string())
             .env("RHUMB_SCENE", format!("conformance/{}", case.id))
+            .env("RHUMB_WISH", wish)
             .env("RHUMB_CASE", &case.id)
             .env("RHUMB_SEED", conditions.seed.to_string())
             .stdin(Stdio::null())
@@ -252,6 +372,10 @@ impl Running {
     fn has_given_up(&mut self) -> bool {
         let ended = self.child.try_wait().ok().flatten();
         ended.and_then(|status| status.code()) == Some(UNSUPPORTED)
+    }
+
+    fn has_ended(&mut self) -> bool {
+        self.child.try_wait().ok().flatten().is_some()
     }
 
     fn why_not(&mut self) -> Stop {

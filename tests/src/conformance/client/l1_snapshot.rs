@@ -1,0 +1,480 @@
+//! L1.52: snapshots and notices, and what of them a client does not let pass.
+
+use std::time::Duration;
+
+use glam::{Quat, Vec3};
+use rhumb_protocol::message::{Joined, Notice, RemovalCause, ServerMessage};
+use rhumb_protocol::scene::{
+    BodyKind, BodyTerms, Command, Joint, JointFrame, JointId, JointKind, Mesh, Shape, ShapeId,
+};
+use rhumb_protocol::session::CloseCode;
+use rhumb_reckoning::{BodyId, Predictor, Verbatim};
+
+use super::hand;
+use crate::conformance::case::Case;
+use crate::conformance::outcome::{Play, Stop, ensure};
+use crate::conformance::peer::{Setting, Word};
+use crate::conformance::trial::Trial;
+
+pub(super) fn cases() -> Vec<Case> {
+    let mut cases = contradictions();
+    cases.extend(malformed());
+    cases.extend(pieces());
+    cases.extend(counts());
+    cases
+}
+
+/// Notices that contradict what was said before.
+fn contradictions() -> Vec<Case> {
+    type Said = fn() -> Vec<Notice>;
+    let of: [(&str, Said, CloseCode); 9] = [
+        (
+            "a body whose shape is not there",
+            || vec![of_shape(BodyId::new(9, 0), ShapeId(7))],
+            CloseCode::VIOLATION,
+        ),
+        (
+            "the removal of a body that is not there",
+            || {
+                vec![Notice::BodyRemoved {
+                    id: BodyId::new(9, 0),
+                    cause: RemovalCause::Command,
+                }]
+            },
+            CloseCode::VIOLATION,
+        ),
+        (
+            "the removal of an earlier body of an index",
+            || {
+                vec![Notice::BodyRemoved {
+                    id: BodyId::new(3, 1),
+                    cause: RemovalCause::LeftWorld,
+                }]
+            },
+            CloseCode::VIOLATION,
+        ),
+        (
+            "the removal of a body twice",
+            || {
+                let removed = Notice::BodyRemoved {
+                    id: hand::BALL,
+                    cause: RemovalCause::Command,
+                };
+                vec![removed.clone(), removed]
+            },
+            CloseCode::VIOLATION,
+        ),
+        (
+            "the removal of a shape that is not there",
+            || vec![Notice::ShapeRemoved { id: ShapeId(7) }],
+            CloseCode::VIOLATION,
+        ),
+        (
+            "a joint of a body that is not there",
+            || vec![joint(JointId(1), BodyId::new(9, 0))],
+            CloseCode::VIOLATION,
+        ),
+        (
+            "a joint that is there already",
+            || {
+                let second = hand::ball(BodyId::new(4, 0), Predictor::Rest);
+                vec![
+                    second,
+                    joint(JointId(1), BodyId::new(4, 0)),
+                    joint(JointId(1), BodyId::new(4, 0)),
+                ]
+            },
+            CloseCode::VIOLATION,
+        ),
+        (
+            "the removal of a joint that is not there",
+            || vec![Notice::JointRemoved { id: JointId(1) }],
+            CloseCode::VIOLATION,
+        ),
+        (
+            "more shapes than a scene may have",
+            || {
+                let shape = Shape::Ball { radius: 1.0 };
+                let ids = (0..8_192).map(ShapeId);
+                let shapes = ids.map(|id| Notice::ShapeAdded {
+                    id,
+                    shape: shape.clone(),
+                });
+                shapes
+                    .chain([Notice::ShapeAdded {
+                        id: ShapeId(0),
+                        shape: shape.clone(),
+                    }])
+                    .collect()
+            },
+            CloseCode::LIMIT,
+        ),
+    ];
+    let mut cases = Vec::new();
+    for (place, (what, said, code)) in of.into_iter().enumerate() {
+        let id = format!("L1.52.{}", place + 1);
+        let name = format!("{what} ends the connection");
+        let case = Case::client(&id, &name).cites("PROTOCOL 4.6-7, 7-1");
+        cases.push(case.play(move |trial| {
+            let mut host = trial.host()?;
+            hand::let_in(&mut host)?;
+            said()
+                .into_iter()
+                .for_each(|notice| host.say(&ServerMessage::Notice(notice)));
+            host.must_be_closed(code)
+        }));
+    }
+    cases
+}
+
+fn of_shape(id: BodyId, shape: ShapeId) -> Notice {
+    match hand::ball(id, Predictor::Rest) {
+        Notice::BodyPlaced {
+            inertia,
+            track,
+            seat,
+            ..
+        } => Notice::BodyPlaced {
+            terms: BodyTerms::plain(id, BodyKind::Dynamic, shape),
+            inertia,
+            track,
+            seat,
+        },
+        other => other,
+    }
+}
+
+fn joint(id: JointId, other: BodyId) -> Notice {
+    let joint = Joint {
+        kind: JointKind::Fixed,
+        bodies: [hand::BALL, other],
+        frames: [JointFrame::at(Vec3::ZERO); 2],
+        collide: false,
+    };
+    Notice::JointAdded { id, joint }
+}
+
+/// Numbers that no scene has.
+fn malformed() -> Vec<Case> {
+    type Said = fn() -> Vec<u8>;
+    let of: [(&str, &str, Said); 7] = [
+        ("a gravity of NaN in joined", "4.3-1", || {
+            let mut joined = hand::joined();
+            joined.start.gravity.x = f32::NAN;
+            bytes_of(&ServerMessage::Joined(joined))
+        }),
+        ("an infinite gravity in joined", "4.3-1", || {
+            let mut joined = hand::joined();
+            joined.start.gravity.z = f32::INFINITY;
+            bytes_of(&ServerMessage::Joined(joined))
+        }),
+        ("a change to a gravity of NaN", "4.3-1", || {
+            let since = rhumb_reckoning::Tick::new(hand::TICK + 1);
+            let gravity = Vec3::new(0.0, f32::NAN, 0.0);
+            bytes_of(&ServerMessage::Notice(Notice::GravityChanged {
+                since,
+                gravity,
+            }))
+        }),
+        ("a ball of no size", "4.6-1", || {
+            let shape = Shape::Ball { radius: 0.0 };
+            bytes_of(&ServerMessage::Notice(Notice::ShapeAdded {
+                id: ShapeId(4),
+                shape,
+            }))
+        }),
+        ("a ball of NaN", "4.6-1", || {
+            let shape = Shape::Ball { radius: f32::NAN };
+            bytes_of(&ServerMessage::Notice(Notice::ShapeAdded {
+                id: ShapeId(4),
+                shape,
+            }))
+        }),
+        ("a position of NaN", "2.6-9", || patched(NOT_A_NUMBER)),
+        ("an infinite position", "2.6-9", || {
+            patched(f32::INFINITY.to_le_bytes())
+        }),
+    ];
+    let mut cases = Vec::new();
+    for (place, (what, clause, said)) in of.into_iter().enumerate() {
+        let id = format!("L1.52.{}", place + 20);
+        let name = format!("{what} is malformed");
+        let cites = format!("PROTOCOL 2.5-3, {clause}; RECKONING 1.6-1");
+        cases.push(Case::client(&id, &name).cites(&cites).play(move |trial| {
+            let mut host = trial.host()?;
+            hand::let_in(&mut host)?;
+            host.utter(&said());
+            host.must_be_closed(CloseCode::MALFORMED)
+        }));
+    }
+    cases
+}
+
+const NOT_A_NUMBER: [u8; 4] = f32::NAN.to_le_bytes();
+
+/// A ball whose position has other bytes for its y.
+fn patched(number: [u8; 4]) -> Vec<u8> {
+    let mut bytes = bytes_of(&ServerMessage::Notice(hand::ball(
+        BodyId::new(4, 0),
+        Predictor::Ballistic,
+    )));
+    let ten = 10.0_f32.to_le_bytes();
+    let at = bytes.windows(4).position(|four| four == ten);
+    if let Some(at) = at {
+        bytes[at..at + 4].copy_from_slice(&number);
+    }
+    bytes
+}
+
+fn bytes_of(message: &ServerMessage) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    message.encode(&mut bytes);
+    bytes
+}
+
+/// Long messages.
+fn pieces() -> Vec<Case> {
+    vec![
+        Case::client("L1.52.40", "a shape that comes in pieces is understood")
+            .cites("PROTOCOL 4.1-5, 4.1-7, 4.8-1")
+            .play(|trial| {
+                let mut host = trial.host()?;
+                hand::wants_in(&mut host)?;
+                let mesh = Notice::ShapeAdded {
+                    id: ShapeId(2),
+                    shape: mesh(2_000)?,
+                };
+                hand::snapshot(
+                    &mut host,
+                    &[
+                        mesh,
+                        hand::shape(),
+                        hand::ball(hand::BALL, Predictor::Ballistic),
+                    ],
+                );
+                hand::told(&mut host, "joined")?;
+                hand::must_go_on(&mut host, hand::NEXT + 1, hand::TICK + 1, hand::NOTICES)
+            }),
+        refused_pieces(
+            "L1.52.41",
+            "a piece of another length is malformed",
+            "4.1-8",
+            || {
+                let mut bytes = Vec::new();
+                let body = vec![0; 100];
+                bytes.extend([101, 0]);
+                bytes.extend(body);
+                bytes
+            },
+        ),
+        refused_pieces(
+            "L1.52.42",
+            "a piece before an empty rest is malformed",
+            "4.1-8",
+            || {
+                let mut bytes = piece();
+                bytes.extend([1, 11]);
+                bytes
+            },
+        ),
+        refused_pieces("L1.52.43", "a length of zero is malformed", "4.1-1", || {
+            vec![0]
+        }),
+        refused_pieces(
+            "L1.52.44",
+            "a message that is too long is malformed",
+            "4.1-1",
+            || vec![0x82, 0x80, 0x01, 11],
+        ),
+        refused_pieces(
+            "L1.52.45",
+            "pieces beyond the longest message are malformed",
+            "4.1-7",
+            || {
+                let mut bytes: Vec<_> = (0..129).flat_map(|_| piece()).collect();
+                bytes.extend([2, 11, 0]);
+                bytes
+            },
+        ),
+    ]
+}
+
+fn refused_pieces(id: &str, name: &str, clause: &str, said: fn() -> Vec<u8>) -> Case {
+    let case = Case::client(id, name).cites(&format!("PROTOCOL 2.5-3, {clause}"));
+    case.play(move |trial| {
+        let mut host = trial.host()?;
+        hand::let_in(&mut host)?;
+        host.line.say(said());
+        host.must_be_closed(CloseCode::MALFORMED)
+    })
+}
+
+/// A piece of the length that pieces have.
+fn piece() -> Vec<u8> {
+    let mut bytes = vec![0x81, 0x80, 0x01, 0];
+    bytes.resize(4 + 16_384, 0);
+    bytes
+}
+
+/// A sheet of so many points.
+fn mesh(points: u16) -> Result<Shape, Stop> {
+    let place = |point: u16| {
+        let along = f32::from(point);
+        Vec3::new(along * 0.01, (along * 0.1).sin(), f32::from(point % 7))
+    };
+    let places: Vec<_> = (0..points).map(place).collect();
+    let triangles: Vec<_> = (2..u32::from(points))
+        .map(|point| [point - 2, point - 1, point])
+        .collect();
+    let mesh = Mesh::new(&places, &triangles);
+    let errs = |why| Stop::Inconclusive(format!("the suite errs: {why:?}"));
+    mesh.map(Shape::Mesh).map_err(errs)
+}
+
+/// What joins control stream and datagrams.
+fn counts() -> Vec<Case> {
+    vec![
+        Case::client(
+            "L1.52.60",
+            "a datagram that counts more notices than were heard waits for them",
+        )
+        .cites("PROTOCOL 1.2-1, 4.6-5, 4.6-6, 6.5-2, 6.1-3")
+        .play(waits_for_notices),
+        Case::client(
+            "L1.52.66",
+            "a tick is not complete before the notices that its packet counts",
+        )
+        .cites("PROTOCOL 4.6-6, 6.5-2")
+        .play(|trial| {
+            let mut host = trial.host()?;
+            hand::let_in(&mut host)?;
+            hand::vouch(&mut host, hand::NEXT, hand::TICK + 1, hand::NOTICES + 1)?;
+            host.listen(Duration::from_millis(150))?;
+            let early = host.lines_written()?;
+            let early = early.iter().any(|told| told["tick"] == hand::TICK + 1);
+            ensure(!early, "it waits for the notice")?;
+            host.utter(&[2, 11, 0x8a]);
+            hand::told_tick(&mut host, hand::TICK + 1).map(drop)
+        }),
+        Case::client(
+            "L1.52.61",
+            "an optional notice that nobody knows changes nothing, and counts",
+        )
+        .cites("PROTOCOL 3.5-14, 4.6-5, 4.6-6")
+        .play(unknown_notices),
+        Case::client("L1.52.62", "notices of the snapshot do not count")
+            .cites("PROTOCOL 4.8-3, 4.6-5")
+            .play(|trial| {
+                let mut host = trial.host()?;
+                hand::let_in(&mut host)?;
+                hand::vouch(&mut host, hand::NEXT, hand::TICK + 1, hand::NOTICES)?;
+                hand::told_tick(&mut host, hand::TICK + 1).map(drop)
+            }),
+        Case::client(
+            "L1.52.63",
+            "datagrams that come before the end of the snapshot are held",
+        )
+        .cites("PROTOCOL 6.5-2, 6.11-3")
+        .play(before_the_end),
+        Case::client(
+            "L1.52.64",
+            "bodies come, go and come again in the middle of a stream",
+        )
+        .cites("PROTOCOL 2.4-1, 2.4-2, 6.1-3, 6.3-5, 6.13-5, 4.6-2")
+        .play(comings_and_goings),
+        Case::client(
+            "L1.52.65",
+            "a scene that is deleted ends the membership, not the connection",
+        )
+        .cites("PROTOCOL 3.3-2, 3.5-15")
+        .play(|trial| {
+            let mut host = trial.host()?;
+            hand::let_in(&mut host)?;
+            host.say(&ServerMessage::Deleted);
+            hand::vouch(&mut host, hand::NEXT + 1, hand::TICK + 1, hand::NOTICES)?;
+            host.listen(Duration::from_millis(150))?;
+            ensure(
+                host.ended.is_none() || host.ended_as(0),
+                "it does not break",
+            )
+        }),
+    ]
+}
+
+/// The control stream is a while behind: what is said of a body comes before the body.
+fn waits_for_notices(trial: &mut Trial<'_>) -> Play {
+    let mut feed = trial.feed(Setting::of("ball-pit", 40).after(5))?;
+    feed.enter()?;
+    let mut kept = Vec::new();
+    feed.tamper(move |word| match word {
+        Word::State(_) => vec![word],
+        Word::Control(bytes) => {
+            kept.extend(bytes);
+            if kept.len() < 1_500 {
+                return Vec::new();
+            }
+            vec![Word::Control(std::mem::take(&mut kept))]
+        }
+    });
+    feed.step(40)?;
+    // What was kept last comes with the next notice.
+    feed.flush_control()?;
+    feed.must_follow()
+}
+
+fn unknown_notices(trial: &mut Trial<'_>) -> Play {
+    let mut host = trial.host()?;
+    hand::let_in(&mut host)?;
+    hand::vouch(&mut host, hand::NEXT, hand::TICK + 2, hand::NOTICES)?;
+    hand::told_tick(&mut host, hand::TICK + 2)?;
+    host.utter(&[4, 11, 0x8a, 1, 2]);
+    host.utter(&[2, 11, 0xfe]);
+    hand::vouch(&mut host, hand::NEXT, hand::TICK + 3, hand::NOTICES + 2)?;
+    hand::told_tick(&mut host, hand::TICK + 3).map(drop)
+}
+
+fn before_the_end(trial: &mut Trial<'_>) -> Play {
+    let mut host = trial.host()?;
+    hand::wants_in(&mut host)?;
+    host.say(&ServerMessage::Joined(Joined { ..hand::joined() }));
+    host.say(&ServerMessage::Notice(hand::shape()));
+    hand::vouch(&mut host, hand::NEXT, hand::TICK + 1, hand::NOTICES)?;
+    host.listen(Duration::from_millis(50))?;
+    host.say(&ServerMessage::Notice(hand::ball(
+        hand::BALL,
+        Predictor::Ballistic,
+    )));
+    host.say(&ServerMessage::SnapshotEnd);
+    hand::told_tick(&mut host, hand::TICK + 1).map(drop)
+}
+
+fn comings_and_goings(trial: &mut Trial<'_>) -> Play {
+    let mut feed = trial.feed(Setting::of("ball-pit", 6).after(30))?;
+    feed.enter()?;
+    let first = feed
+        .mirror()?
+        .bodies()
+        .filter(|body| body.kind == BodyKind::Dynamic)
+        .map(|body| body.id)
+        .next();
+    let Some(first) = first else {
+        return Err(Stop::Inconclusive("the pit is empty".into()));
+    };
+    let shape = feed.mirror()?.body(first).map(|terms| terms.shape);
+    feed.command(Command::RemoveBody { id: first })?;
+    feed.step(5)?;
+    let again = BodyId::new(first.index(), first.generation() + 1);
+    let motion = Verbatim::new(
+        [0.0, 6.0, 0.0],
+        Quat::IDENTITY.to_array(),
+        [1.0, 0.0, 0.0],
+        [0.0; 3],
+    );
+    let motion = motion.map_err(|_| Stop::Inconclusive("the suite errs".into()))?;
+    feed.command(Command::AddBody {
+        terms: BodyTerms::plain(again, BodyKind::Dynamic, shape.unwrap_or(ShapeId(0))),
+        motion,
+    })?;
+    feed.step(20)?;
+    feed.must_follow()
+}

@@ -1,0 +1,397 @@
+//! L2.52: sums and doubts, parities, and streams that change.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::time::Duration;
+
+use rhumb_protocol::message::{
+    ClientMessage, Frames, MoveCause, Notice, ServerMessage, StreamChoice, frame,
+};
+use rhumb_protocol::packet::{Echo, Head, Low16, Parity, StreamId};
+use rhumb_protocol::wire::Wire;
+use rhumb_protocol::wire::bytes::Reader;
+use rhumb_reckoning::{Anchor, LengthBound, Tolerance, Track};
+
+use super::l2_stream::{busy, is_packet, kind};
+use crate::conformance::case::Case;
+use crate::conformance::outcome::{Play, Stop, ensure, should};
+use crate::conformance::peer::{Feed, Setting, Word};
+use crate::conformance::trial::Trial;
+
+pub(super) fn cases() -> Vec<Case> {
+    vec![
+        Case::client(
+            "L2.52.1",
+            "a copy that is other than the stream is doubted, and made right",
+        )
+        .cites("PROTOCOL 5.14-1, 5.14-2, 5.15-1, 6.12-1, 6.12-2, 6.12-5, 6.12-6, 6.12-8")
+        .play(doubts),
+        Case::client("L2.52.2", "a copy that is as the stream is not doubted")
+            .cites("PROTOCOL 6.12-4, 6.12-5")
+            .play(trusts),
+        Case::client("L2.52.3", "a digest vouches for its tick")
+            .cites("PROTOCOL 6.12-4, 6.4-4")
+            .play(digests_vouch),
+        Case::client(
+            "L2.52.10",
+            "a lost packet is rebuilt from a parity, without a repair",
+        )
+        .cites("PROTOCOL 5.16-1, 5.16-2, 5.16-3, 5.16-4, 6.15-3, 6.15-4, 6.15-5")
+        .play(rebuilds),
+        Case::client(
+            "L2.52.11",
+            "two lost packets are rebuilt from parities of two rows",
+        )
+        .cites("PROTOCOL 5.16-3, 6.15-3, 6.15-4")
+        .play(rebuilds_two),
+        Case::client(
+            "L2.52.12",
+            "a parity that is wrong does no harm: what was lost is repaired",
+        )
+        .cites("PROTOCOL 6.15-6, 6.15-9")
+        .play(wrong_parity),
+        Case::client(
+            "L2.52.13",
+            "parities of what cannot be heard, and of nothing, are dropped",
+        )
+        .cites("PROTOCOL 6.15-2, 6.15-7")
+        .play(useless_parities),
+        Case::client("L2.52.14", "what came back by parities is told as gone")
+            .cites("PROTOCOL 5.13-1, 6.15-5, 6.15-13")
+            .play(tells_of_loss),
+        Case::client(
+            "L2.52.20",
+            "a client that changes its stream follows the new one to the bit",
+        )
+        .cites("PROTOCOL 4.8-8, 4.8-10, 4.8-12, 4.8-14")
+        .play(changes),
+        Case::client(
+            "L2.52.21",
+            "a client that is moved follows the new stream, and says so",
+        )
+        .cites("PROTOCOL 4.12-5, 4.8-12")
+        .play(|trial| moved(trial, MoveCause::Eased)),
+        Case::client(
+            "L2.52.22",
+            "a client that is moved off a stream that goes on no more follows the new one",
+        )
+        .cites("PROTOCOL 4.12-5, 4.12-6")
+        .play(|trial| moved(trial, MoveCause::Thin)),
+        Case::client("L2.52.23", "a full stream is followed to the bit")
+            .cites("PROTOCOL 5.12-1, 6.10-1, 6.10-3, 6.10-4; RECKONING 1.6-1")
+            .play(|trial| {
+                let mut feed = trial.feed(Setting::of("ball-pit", 30).wishing("follow full"))?;
+                feed.enter()?;
+                let mut count = 0;
+                feed.sift(move |bytes| {
+                    count += 1;
+                    if count % 6 == 5 { vec![] } else { vec![bytes] }
+                });
+                feed.step(60)?;
+                feed.mend();
+                feed.step(2)?;
+                feed.must_follow()
+            }),
+        Case::client(
+            "L2.52.24",
+            "a stream within a budget is followed to the bit",
+        )
+        .cites("PROTOCOL 5.17-1, 5.17-2, 6.16-8, 6.16-9")
+        .play(|trial| {
+            let wish = "follow 1000 budget 2000";
+            let mut feed = trial.feed(Setting::of("ball-pit", 60).wishing(wish))?;
+            feed.enter()?;
+            let mut count = 0;
+            feed.sift(move |bytes| {
+                count += 1;
+                if count % 9 == 8 { vec![] } else { vec![bytes] }
+            });
+            feed.step(90)?;
+            feed.mend();
+            feed.step(2)?;
+            feed.must_follow()
+        }),
+    ]
+}
+
+/// Ticks in a second, and one.
+const SECOND: u64 = 61;
+
+/// The client is told of one body that it is a metre higher than it is.
+fn lie_of_one(feed: &mut Feed) -> Rc<RefCell<bool>> {
+    let mut frames = Frames::new();
+    let done = Rc::new(RefCell::new(false));
+    let lied = Rc::clone(&done);
+    feed.tamper(move |word| {
+        let Word::Control(bytes) = word else {
+            return vec![word];
+        };
+        frames.push(&bytes);
+        let mut said = Vec::new();
+        while let Ok(Some(framed)) = frames.next_frame() {
+            let message = ServerMessage::decode(&framed);
+            match message {
+                Ok(Some(ServerMessage::Notice(Notice::BodyPlaced {
+                    terms,
+                    inertia,
+                    track,
+                    seat,
+                }))) if !*lied.borrow() && matches!(track.anchor, Anchor::Snapped(_)) => {
+                    *lied.borrow_mut() = true;
+                    let track = match track.anchor {
+                        Anchor::Verbatim(_) => track,
+                        Anchor::Snapped(mut snapped) => {
+                            snapped.position[1] += 100;
+                            Track {
+                                anchor: Anchor::Snapped(snapped),
+                                ..track
+                            }
+                        }
+                    };
+                    let notice = Notice::BodyPlaced {
+                        terms,
+                        inertia,
+                        track,
+                        seat,
+                    };
+                    ServerMessage::Notice(notice).encode(&mut said);
+                }
+                _ => frame(framed.kind, &framed.body, &mut said),
+            }
+        }
+        vec![Word::Control(said)]
+    });
+    done
+}
+
+fn doubts(trial: &mut Trial<'_>) -> Play {
+    let mut feed = trial.feed(busy())?;
+    let lied = lie_of_one(&mut feed);
+    feed.enter_unjudged()?;
+    feed.mend();
+    // A sum is due once it is a second old.
+    for _ in 0..3 {
+        feed.step_unjudged(SECOND)?;
+        feed.run(Duration::from_millis(60))?;
+    }
+    if !*lied.borrow() {
+        return Err(Stop::Inconclusive("there was nothing to lie of".into()));
+    }
+    should(feed.kinds.contains(&kind::DOUBT), "it doubts")?;
+    feed.must_end_alike()
+}
+
+fn trusts(trial: &mut Trial<'_>) -> Play {
+    let mut feed = trial.feed(Setting::of("ball-pit", 20).after(60))?;
+    feed.enter()?;
+    feed.step(2 * SECOND)?;
+    feed.must_follow()?;
+    ensure(
+        !feed.kinds.contains(&kind::DOUBT),
+        "nothing is to be doubted",
+    )
+}
+
+fn digests_vouch(trial: &mut Trial<'_>) -> Play {
+    let mut feed = trial.feed(busy())?;
+    feed.enter()?;
+    let digests = Rc::new(RefCell::new(0));
+    let counted = Rc::clone(&digests);
+    feed.sift(move |bytes| {
+        *counted.borrow_mut() += u32::from(bytes[0] == kind::DIGEST);
+        vec![bytes]
+    });
+    feed.step(2 * SECOND)?;
+    feed.must_follow()?;
+    if *digests.borrow() == 0 {
+        return Err(Stop::Inconclusive("the suite said no digest".into()));
+    }
+    Ok(())
+}
+
+/// Packets since the last parity, with their numbers, as a case says parities of.
+#[derive(Debug, Default)]
+struct Said {
+    number: u64,
+    packets: Vec<(u64, Vec<u8>)>,
+}
+
+/// Loses the first of some packets in a row and says parities of them in their place; no repair comes.
+fn with_parities(feed: &mut Feed, lost: usize, spoil: fn(&mut Parity)) -> Result<(), Stop> {
+    let stream = feed.mirror()?.stream().stream();
+    let next = feed.next_number();
+    let mut said = Said {
+        number: next,
+        packets: Vec::new(),
+    };
+    feed.sift(move |bytes| {
+        if bytes[0] == kind::REPAIR || bytes[0] == kind::PARITY {
+            return vec![];
+        }
+        if !is_packet(&bytes) {
+            return vec![bytes];
+        }
+        let number = said.number;
+        said.number += 1;
+        let place = said.packets.len();
+        // A packet without updates has no column: it is never covered.
+        if Parity::of(0, &[(number, &bytes)]).is_none() {
+            return vec![bytes];
+        }
+        said.packets.push((number, bytes.clone()));
+        let mut words = if place < lost { vec![] } else { vec![bytes] };
+        if said.packets.len() == 6 {
+            let covered: Vec<_> = said
+                .packets
+                .iter()
+                .map(|(number, bytes)| (*number, &bytes[..]))
+                .collect();
+            for row in 0..lost {
+                let parity = Parity::of(7 + row as u8, &covered);
+                words.extend(parity.map(|mut parity| {
+                    spoil(&mut parity);
+                    parity.encode(stream)
+                }));
+            }
+            said.packets.clear();
+        }
+        words
+    });
+    Ok(())
+}
+
+fn rebuilds(trial: &mut Trial<'_>) -> Play {
+    parities(trial, 1)
+}
+
+fn rebuilds_two(trial: &mut Trial<'_>) -> Play {
+    parities(trial, 2)
+}
+
+fn parities(trial: &mut Trial<'_>, lost: usize) -> Play {
+    let mut feed = trial.feed(busy())?;
+    feed.enter()?;
+    with_parities(&mut feed, lost, |_| {})?;
+    feed.step_until_parity(60)?;
+    // No repair came: what is complete was rebuilt.
+    feed.must_follow()
+}
+
+fn wrong_parity(trial: &mut Trial<'_>) -> Play {
+    let mut feed = trial.feed(busy())?;
+    feed.enter()?;
+    with_parities(&mut feed, 1, |parity| {
+        // The kind of the packet: what is rebuilt is none.
+        if let Some(first) = parity.sums.first_mut() {
+            *first ^= 0x40;
+        }
+    })?;
+    feed.step(30)?;
+    feed.mend();
+    feed.step(3)?;
+    feed.run(Duration::from_millis(300))?;
+    feed.must_follow()
+}
+
+fn useless_parities(trial: &mut Trial<'_>) -> Play {
+    let mut feed = trial.feed(Setting::of("ball-pit", 30))?;
+    feed.enter()?;
+    let stream = feed.mirror()?.stream().stream();
+    let next = feed.next_number();
+    let far = Parity {
+        last: Low16::of(next + 5_000),
+        covered: 0x7fff_ffff,
+        row: 3,
+        sums: vec![1, 2, 3],
+    };
+    let long_ago = Parity {
+        last: Low16::of(next.saturating_sub(40)),
+        ..far.clone()
+    };
+    let empty = Parity {
+        last: Low16::of(next),
+        covered: 0,
+        row: 0,
+        sums: Vec::new(),
+    };
+    for parity in [&far, &long_ago, &empty] {
+        feed.host.throw(&parity.encode(stream))?;
+    }
+    feed.step(40)?;
+    feed.must_follow()
+}
+
+fn tells_of_loss(trial: &mut Trial<'_>) -> Play {
+    let mut feed = trial.feed(busy())?;
+    feed.enter()?;
+    with_parities(&mut feed, 1, |_| {})?;
+    feed.step_until_parity(60)?;
+    feed.run(Duration::from_millis(700))?;
+    let gone = feed
+        .echoes
+        .iter()
+        .map(|(_, echo): &(_, Echo)| echo.gone.0)
+        .max();
+    should(
+        gone >= Some(1),
+        format!("it tells of what is gone, and not {gone:?}"),
+    )?;
+    feed.must_follow()
+}
+
+fn changes(trial: &mut Trial<'_>) -> Play {
+    let setting = Setting::of("ball-pit", 30).wishing("follow 10000 change 50000");
+    let mut feed = trial.feed(setting)?;
+    feed.change_mirror_to(within(50_000)?);
+    feed.enter()?;
+    feed.follow_unjudged(20)?;
+    let following = feed.told.iter().any(|told| told["is"] == "following");
+    ensure(following, "it comes to follow the new stream")?;
+    feed.must_end_alike()
+}
+
+fn within(micrometres: u32) -> Result<StreamChoice, Stop> {
+    let length = LengthBound::from_micrometres(micrometres);
+    let errs = |_| Stop::Inconclusive("the suite errs".into());
+    length
+        .map(|length| StreamChoice::Within(Tolerance::Surface(length)))
+        .map_err(errs)
+}
+
+/// The server follows a wish that the client has not said, and calls it a move.
+fn moved(trial: &mut Trial<'_>, cause: MoveCause) -> Play {
+    let mut feed = trial.feed(Setting::of("ball-pit", 30))?;
+    feed.enter()?;
+    feed.step(10)?;
+    feed.must_follow()?;
+    let to = within(50_000)?;
+    let old = feed.mirror()?.stream().stream();
+    let mut first = true;
+    feed.tamper(move |word| match word {
+        Word::Control(bytes) if std::mem::take(&mut first) => {
+            let mut said = Vec::new();
+            ServerMessage::Moved { to, cause }.encode(&mut said);
+            said.extend(bytes);
+            vec![Word::Control(said)]
+        }
+        // What the link did not carry is said no more.
+        Word::State(bytes) if cause == MoveCause::Thin && is_of(&bytes, old) => vec![],
+        word => vec![word],
+    });
+    feed.change_mirror_to(to);
+    let mut bytes = Vec::new();
+    ClientMessage::Follow(to).encode(&mut bytes);
+    feed.speak_for_client(&bytes)?;
+    feed.follow_unjudged(20)?;
+    feed.must_end_alike()?;
+    let followed = feed
+        .said
+        .iter()
+        .any(|message| matches!(message, ClientMessage::Followed(stream) if *stream != old));
+    ensure(followed, "it says that it follows the new stream")
+}
+
+fn is_of(datagram: &[u8], stream: StreamId) -> bool {
+    let mut reader = Reader::new(datagram);
+    Head::decode(&mut reader).is_ok_and(|head| head.stream == stream)
+}

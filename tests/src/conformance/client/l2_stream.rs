@@ -1,0 +1,574 @@
+//! L2.51: streams over bad links: gaps, echoes, repairs, what is known meanwhile.
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::rc::Rc;
+use std::time::Duration;
+
+use rhumb_protocol::message::{ClientMessage, ServerMessage};
+use rhumb_protocol::packet::{Head, Low16, Saying, StatePacket};
+use rhumb_protocol::wire::Wire;
+use rhumb_protocol::wire::bytes::Reader;
+use rhumb_protocol::{Instant, Span};
+use rhumb_reckoning::{Predictor, Tick};
+
+use super::hand;
+use crate::conformance::case::Case;
+use crate::conformance::outcome::{Play, Stop, ensure, should};
+use crate::conformance::peer::{Feed, Host, Setting};
+use crate::conformance::trial::Trial;
+use crate::seed::Dice;
+
+pub(super) fn cases() -> Vec<Case> {
+    let mut cases = links();
+    cases.extend(askings());
+    cases.extend(knowings());
+    cases
+}
+
+/// Kinds of datagrams, as their first byte says.
+pub(super) mod kind {
+    pub(crate) const STATE: u8 = 0;
+    pub(crate) const STATE_END: u8 = 1;
+    pub(crate) const REPAIR: u8 = 3;
+    pub(crate) const DIGEST: u8 = 7;
+    pub(crate) const DOUBT: u8 = 8;
+    pub(crate) const PARITY: u8 = 9;
+}
+
+/// Whether it is a packet with a number.
+pub(super) fn is_packet(datagram: &[u8]) -> bool {
+    matches!(datagram[0], kind::STATE | kind::STATE_END | 4 | 5 | 11)
+}
+
+/// A drum in which much goes on at each tick.
+pub(super) fn busy() -> Setting {
+    Setting::of("tumbler", 20).after(60)
+}
+
+/// Loses so many packets, and whatever would make them good; returns the tick of the first.
+fn lose(feed: &mut Feed, packets: usize) -> Result<u64, Stop> {
+    let lost = Rc::new(RefCell::new(Vec::new()));
+    let ticks = Rc::clone(&lost);
+    feed.sift(move |bytes| {
+        let mut ticks = ticks.borrow_mut();
+        if is_packet(&bytes) && ticks.len() < packets {
+            ticks.extend(tick_of(&bytes));
+            return vec![];
+        }
+        if matches!(bytes[0], kind::REPAIR | kind::PARITY) {
+            vec![]
+        } else {
+            vec![bytes]
+        }
+    });
+    for _ in 0..60 {
+        if lost.borrow().len() == packets {
+            break;
+        }
+        feed.step(1)?;
+    }
+    let first = lost.borrow().first().copied();
+    first.ok_or_else(|| Stop::Inconclusive("nothing was said".into()))
+}
+
+type Sieve = Box<dyn FnMut(Vec<u8>) -> Vec<Vec<u8>>>;
+
+/// What links do to datagrams.
+fn links() -> Vec<Case> {
+    type Made = fn(Dice) -> Sieve;
+    let of: [(&str, &str, Made); 8] = [
+        (
+            "each fifth packet is lost",
+            "6.6-2, 6.6-5, 6.7-1, 6.7-8, 6.6-15",
+            |_| {
+                let mut count = 0;
+                Box::new(move |bytes| {
+                    count += usize::from(is_packet(&bytes));
+                    if is_packet(&bytes) && count % 5 == 0 {
+                        vec![]
+                    } else {
+                        vec![bytes]
+                    }
+                })
+            },
+        ),
+        (
+            "three in ten datagrams are lost",
+            "6.7-1, 6.7-8, 6.6-6, 6.6-7, 6.6-8, 6.6-9, 6.13-6, 6.13-7, 6.13-11",
+            |mut dice| {
+                Box::new(move |bytes| {
+                    if dice.below(10) < 3 {
+                        vec![]
+                    } else {
+                        vec![bytes]
+                    }
+                })
+            },
+        ),
+        (
+            "datagrams are lost eight in a row",
+            "6.6-2, 6.7-1, 6.7-8",
+            |_| {
+                let mut count = 0;
+                Box::new(move |bytes| {
+                    count += 1;
+                    if count % 24 < 8 { vec![] } else { vec![bytes] }
+                })
+            },
+        ),
+        ("each datagram comes twice", "6.6-4", |_| {
+            Box::new(|bytes| vec![bytes.clone(), bytes])
+        }),
+        (
+            "datagrams come in pairs, the later one first",
+            "6.6-2, 6.6-3, 6.6-11",
+            |_| {
+                let mut kept: Option<Vec<u8>> = None;
+                Box::new(move |bytes| match kept.take() {
+                    Some(before) => vec![bytes, before],
+                    None => {
+                        kept = Some(bytes);
+                        vec![]
+                    }
+                })
+            },
+        ),
+        (
+            "datagrams come five late, and again",
+            "6.6-3, 6.6-4, 6.6-12, 6.2-2",
+            |_| {
+                let mut late: VecDeque<Vec<u8>> = VecDeque::new();
+                Box::new(move |bytes| {
+                    late.push_back(bytes.clone());
+                    let mut said = if late.len() % 2 == 0 {
+                        vec![bytes]
+                    } else {
+                        vec![]
+                    };
+                    if late.len() > 5 {
+                        said.extend(late.pop_front());
+                    }
+                    said
+                })
+            },
+        ),
+        (
+            "only what repairs say comes of each third tick",
+            "6.7-3, 6.7-8, 6.2-8, 5.11-1",
+            |_| {
+                let mut count = 0;
+                Box::new(move |bytes| {
+                    count += usize::from(is_packet(&bytes));
+                    let lost =
+                        bytes[0] == kind::PARITY || bytes[0] != kind::REPAIR && count % 3 == 1;
+                    if lost { vec![] } else { vec![bytes] }
+                })
+            },
+        ),
+        ("each second repair is lost too", "6.7-1, 6.7-8", |_| {
+            let (mut packets, mut repairs) = (0, 0);
+            Box::new(move |bytes| {
+                packets += usize::from(is_packet(&bytes));
+                repairs += usize::from(bytes[0] == kind::REPAIR);
+                let lost = if bytes[0] == kind::REPAIR {
+                    repairs % 2 == 1
+                } else {
+                    is_packet(&bytes) && packets % 4 == 0
+                };
+                if lost { vec![] } else { vec![bytes] }
+            })
+        }),
+    ];
+    let mut cases = Vec::new();
+    for (place, (what, cites, made)) in of.into_iter().enumerate() {
+        let id = format!("L2.51.{}", place + 1);
+        let name = format!("a client holds what the stream says to the bit though {what}");
+        let cites = format!("PROTOCOL 6.1-2, 6.5-1, {cites}");
+        cases.push(Case::client(&id, &name).cites(&cites).play(move |trial| {
+            let sieve = made(trial.dice());
+            over(trial, sieve)
+        }));
+    }
+    cases
+}
+
+/// A pit over a link that is bad for a while, then good.
+fn over(trial: &mut Trial<'_>, sieve: Sieve) -> Play {
+    let mut feed = trial.feed(busy())?;
+    feed.enter()?;
+    feed.sift(sieve);
+    feed.step(60)?;
+    feed.mend();
+    feed.step(3)?;
+    feed.must_follow()
+}
+
+fn askings() -> Vec<Case> {
+    vec![
+        Case::client(
+            "L2.51.20",
+            "a lost packet is asked for by its number, and soon",
+        )
+        .cites("PROTOCOL 5.7-1, 5.13-1, 6.6-1, 6.6-5, 6.7-1")
+        .play(asks_for_it),
+        Case::client(
+            "L2.51.21",
+            "what is not repaired is asked for again and again, each half second at least",
+        )
+        .cites("PROTOCOL 6.7-1")
+        .play(asks_again),
+        Case::client(
+            "L2.51.22",
+            "no more than 64 packets are asked for at once, the oldest first",
+        )
+        .cites("PROTOCOL 5.13-1, 7-1")
+        .play(asks_for_many),
+        Case::client(
+            "L2.51.23",
+            "numbers are told from their low 16 bits across the turn",
+        )
+        .cites("PROTOCOL 5.7-1")
+        .play(across_the_turn),
+        Case::client(
+            "L2.51.24",
+            "what is lost beyond all memory is not asked for: the scene is said anew",
+        )
+        .cites("PROTOCOL 4.8-5, 6.7-9, 6.7-10, 6.8-6")
+        .play(loses_touch),
+        Case::client(
+            "L2.51.25",
+            "a tick too far ahead is no tick to follow to: the scene is said anew",
+        )
+        .cites("PROTOCOL 6.7-9, 6.7-10")
+        .play(jumps),
+        Case::client(
+            "L2.51.26",
+            "a tick that was asked for and does not come is asked after",
+        )
+        .cites("PROTOCOL 4.9-2, 6.7-2")
+        .play(misses_the_answer),
+        Case::client(
+            "L2.51.27",
+            "a client that asks for each tick gets each, to the bit",
+        )
+        .cites("PROTOCOL 4.9-1, 4.9-2, 6.4-1, 6.4-4")
+        .play(|trial| {
+            let setting = Setting::of("ball-pit", 20).wishing("follow 10000 advance 60");
+            let mut feed = trial.feed(setting)?;
+            feed.enter()?;
+            feed.until("sixty ticks", |feed| {
+                feed.mirror()
+                    .is_ok_and(|copy| copy.stream().complete().value() >= 60)
+            })?;
+            feed.must_follow()?;
+            let told = feed.ticks_told();
+            ensure(
+                told >= 40,
+                format!("it tells of each tick, and not of {told} of 40"),
+            )
+        }),
+    ]
+}
+
+fn asks_for_it(trial: &mut Trial<'_>) -> Play {
+    let mut host = trial.host()?;
+    hand::let_in(&mut host)?;
+    hand::vouch(&mut host, hand::NEXT + 3, hand::TICK + 1, hand::NOTICES)?;
+    let echo = hand::echo(&mut host)?;
+    let lost: Vec<_> = (hand::NEXT..hand::NEXT + 3).map(Low16::of).collect();
+    ensure(
+        echo.lost == lost,
+        format!("it asks for {lost:?}, and not for {:?}", echo.lost),
+    )?;
+    ensure(
+        echo.next == Low16::of(hand::NEXT + 3),
+        "`next` is one more than the newest",
+    )?;
+    ensure(
+        echo.gone == Low16::of(3),
+        format!("three are gone, and not {}", echo.gone.0),
+    )
+}
+
+/// Half a second, and what a busy machine adds.
+const OFTEN_ENOUGH: Span = Span::from_millis(900);
+
+fn asks_again(trial: &mut Trial<'_>) -> Play {
+    let mut feed = trial.feed(busy())?;
+    feed.enter()?;
+    lose(&mut feed, 2)?;
+    feed.step(6)?;
+    let begin = feed.host.now();
+    feed.run(Duration::from_millis(2_600))?;
+    let times: Vec<Instant> = (feed.echoes.iter().map(|(at, _)| *at))
+        .filter(|at| *at >= begin)
+        .collect();
+    let asked = format!("it asks on, and not {} times in 2.6 s", times.len());
+    ensure(!times.is_empty(), "it asks for what it misses")?;
+    should(times.len() >= 4, asked)?;
+    let longest = times.windows(2).map(|pair| pair[1].since(pair[0])).max();
+    should(
+        longest <= Some(OFTEN_ENOUGH),
+        format!("it asks each half second, and not after {longest:?}"),
+    )?;
+    feed.mend();
+    feed.step(2)?;
+    feed.must_follow()
+}
+
+fn asks_for_many(trial: &mut Trial<'_>) -> Play {
+    let mut host = trial.host()?;
+    hand::let_in(&mut host)?;
+    hand::vouch(&mut host, hand::NEXT + 500, hand::TICK + 1, hand::NOTICES)?;
+    let echo = hand::echo(&mut host)?;
+    let oldest: Vec<_> = (hand::NEXT..hand::NEXT + 64).map(Low16::of).collect();
+    ensure(
+        echo.lost == oldest,
+        format!("it asks for the 64 oldest, and not for {:?}", echo.lost),
+    )
+}
+
+fn across_the_turn(trial: &mut Trial<'_>) -> Play {
+    let mut host = trial.host()?;
+    hand::wants_in(&mut host)?;
+    let mut joined = hand::joined();
+    joined.start.next = 0x1_fffe;
+    joined.start.tick = Tick::new(0x2_ffff);
+    joined.start.notices = 0xffff;
+    host.say(&ServerMessage::Joined(joined));
+    host.say(&ServerMessage::Notice(hand::shape()));
+    host.say(&ServerMessage::Notice(hand::ball(
+        hand::BALL,
+        Predictor::Rest,
+    )));
+    host.say(&ServerMessage::SnapshotEnd);
+    hand::told(&mut host, "joined")?;
+    hand::vouch(&mut host, 0x1_fffe, 0x3_0004, 0xffff)?;
+    loop {
+        let told = hand::told(&mut host, "tick")?;
+        if told["tick"] == 0x3_0004 {
+            break;
+        }
+        ensure(
+            told["tick"] == 0x2_ffff,
+            format!("the tick is 196612, and not {}", told["tick"]),
+        )?;
+    }
+    host.utter(&[2, 11, 0x8a]);
+    hand::vouch(&mut host, 0x2_0002, 0x3_0005, 0x1_0000)?;
+    let echo = hand::echo(&mut host)?;
+    let lost: Vec<_> = (0x1_fffe..0x2_0002).map(Low16::of).collect();
+    ensure(
+        echo.lost == lost,
+        format!("it misses {lost:?}, and not {:?}", echo.lost),
+    )
+}
+
+fn resyncs(host: &mut Host) -> Play {
+    host.await_message("resync", |message| {
+        matches!(message, ClientMessage::Resync).then_some(())
+    })
+}
+
+fn loses_touch(trial: &mut Trial<'_>) -> Play {
+    let mut host = trial.host()?;
+    hand::let_in(&mut host)?;
+    hand::vouch(&mut host, hand::NEXT + 1_025, hand::TICK + 1, hand::NOTICES)?;
+    resyncs(&mut host)?;
+    let mut joined = hand::joined();
+    joined.start.next = hand::NEXT + 1_025;
+    joined.start.tick = Tick::new(hand::TICK + 1);
+    host.say(&ServerMessage::Joined(joined));
+    host.say(&ServerMessage::Notice(hand::shape()));
+    host.say(&ServerMessage::Notice(hand::ball(
+        hand::BALL,
+        Predictor::Ballistic,
+    )));
+    host.say(&ServerMessage::SnapshotEnd);
+    hand::vouch(&mut host, hand::NEXT + 1_025, hand::TICK + 2, hand::NOTICES)?;
+    loop {
+        let told = hand::told(&mut host, "tick")?["tick"].as_u64();
+        if told == Some(hand::TICK + 2) {
+            return Ok(());
+        }
+        ensure(
+            told == Some(hand::TICK) || told == Some(hand::TICK + 1),
+            "it tells of no other tick",
+        )?;
+    }
+}
+
+fn jumps(trial: &mut Trial<'_>) -> Play {
+    let mut host = trial.host()?;
+    hand::let_in(&mut host)?;
+    hand::vouch(&mut host, hand::NEXT, hand::TICK + 3_601, hand::NOTICES)?;
+    resyncs(&mut host)
+}
+
+fn misses_the_answer(trial: &mut Trial<'_>) -> Play {
+    let setting = Setting::of("ball-pit", 20).wishing("follow 10000 advance 60");
+    let mut feed = trial.feed(setting)?;
+    let mut count = 0;
+    feed.sift(move |bytes| {
+        count += 1;
+        if count % 10 == 9 { vec![] } else { vec![bytes] }
+    });
+    feed.enter()?;
+    feed.until_for(Duration::from_secs(8), "sixty ticks", |feed| {
+        feed.mirror()
+            .is_ok_and(|copy| copy.stream().complete().value() >= 60)
+    })?;
+    feed.mend();
+    feed.step(2)?;
+    feed.must_follow()
+}
+
+/// What a client may say of its copy, and what not.
+fn knowings() -> Vec<Case> {
+    vec![
+        Case::client(
+            "L2.51.40",
+            "no tick is complete while a packet before it is missing",
+        )
+        .cites("PROTOCOL 6.6-14, 6.8-1, 6.8-2, 6.8-5")
+        .play(|trial| no_promise_over_a_gap(trial, 1)),
+        Case::client("L2.51.41", "a stale packet changes nothing")
+            .cites("PROTOCOL 6.2-2, 6.6-4")
+            .play(stale_packets),
+        Case::client(
+            "L2.51.42",
+            "a rest that was lost is repaired like any other word",
+        )
+        .cites("PROTOCOL 5.6-11, 6.3-9, 6.7-3; RECKONING 4.7-1")
+        .play(rests),
+        Case::client(
+            "L2.51.43",
+            "a correction of a revision that is not there waits, and harms nothing",
+        )
+        .cites("PROTOCOL 6.2-1, 6.2-2, 6.6-6, 6.6-9")
+        .play(|trial| no_promise_over_a_gap(trial, 4)),
+        Case::client(
+            "L2.51.44",
+            "datagrams beyond those that may be held do no lasting harm",
+        )
+        .cites("PROTOCOL 6.5-2, 7-1")
+        .play(too_many_held),
+    ]
+}
+
+fn no_promise_over_a_gap(trial: &mut Trial<'_>, packets: usize) -> Play {
+    let mut feed = trial.feed(busy())?;
+    feed.enter()?;
+    feed.step(3)?;
+    feed.must_follow()?;
+    let before = feed.told.len();
+    let gap = lose(&mut feed, packets)?;
+    feed.step(25)?;
+    for told in &feed.told[before..] {
+        let tick = told["tick"].as_u64().unwrap_or_default();
+        ensure(
+            tick < gap,
+            format!("{tick} is not complete: a packet of {gap} is missing"),
+        )?;
+    }
+    feed.mend();
+    feed.step(2)?;
+    feed.must_follow()
+}
+
+/// The low bits of a packet's tick, which are all of it here.
+fn tick_of(bytes: &[u8]) -> Option<u64> {
+    let mut reader = Reader::new(bytes);
+    Head::decode(&mut reader).ok()?;
+    reader.u16().ok()?;
+    reader.u16().ok().map(u64::from)
+}
+
+/// Each packet again a while later, whole or with the number of one that is missing.
+fn stale_packets(trial: &mut Trial<'_>) -> Play {
+    let mut feed = trial.feed(Setting::of("ball-pit", 30).wishing("follow full"))?;
+    let mut old: VecDeque<Vec<u8>> = VecDeque::new();
+    feed.enter()?;
+    let mut count = 0;
+    feed.sift(move |bytes| {
+        count += 1;
+        if is_packet(&bytes) {
+            old.push_back(bytes.clone());
+        }
+        // One in seven comes only when six others have.
+        let mut said = if is_packet(&bytes) && count % 7 == 3 {
+            vec![]
+        } else {
+            vec![bytes]
+        };
+        if old.len() > 6 {
+            said.extend(old.pop_front());
+        }
+        said
+    });
+    feed.step(60)?;
+    feed.mend();
+    feed.step(2)?;
+    feed.must_follow()
+}
+
+/// Packets by which bodies are put to rest are lost.
+fn rests(trial: &mut Trial<'_>) -> Play {
+    let mut feed = trial.feed(Setting::of("dominoes", 12).after(2))?;
+    feed.enter()?;
+    let lost = Rc::new(RefCell::new(0));
+    let counted = Rc::clone(&lost);
+    feed.sift(move |bytes| {
+        if says_rest(&bytes) && *counted.borrow() % 3 < 2 {
+            *counted.borrow_mut() += 1;
+            return vec![];
+        }
+        vec![bytes]
+    });
+    for _ in 0..12 {
+        feed.step_fast(40)?;
+        if *lost.borrow() > 2 {
+            break;
+        }
+    }
+    feed.mend();
+    feed.step(3)?;
+    feed.must_follow()?;
+    if *lost.borrow() == 0 {
+        return Err(Stop::Inconclusive("nothing came to rest".into()));
+    }
+    Ok(())
+}
+
+/// Whether a packet puts a body to a verbatim rest.
+fn says_rest(bytes: &[u8]) -> bool {
+    let mut reader = Reader::new(bytes);
+    let mut updates = Vec::new();
+    matches!(bytes[0], kind::STATE | kind::STATE_END)
+        && Head::decode(&mut reader).is_ok()
+        && StatePacket::decode(true, reader)
+            .and_then(|packet| packet.updates(&mut updates))
+            .is_ok()
+        && updates
+            .iter()
+            .any(|update| matches!(update.saying, Saying::Settled { .. }))
+}
+
+fn too_many_held(trial: &mut Trial<'_>) -> Play {
+    let mut host = trial.host()?;
+    hand::let_in(&mut host)?;
+    for tick in 1..=600 {
+        hand::vouch(&mut host, hand::NEXT, hand::TICK + tick, hand::NOTICES + 1)?;
+        if tick % 50 == 0 {
+            host.listen(Duration::from_millis(5))?;
+        }
+    }
+    host.utter(&[2, 11, 0x8a]);
+    hand::must_go_on(
+        &mut host,
+        hand::NEXT + 1,
+        hand::TICK + 700,
+        hand::NOTICES + 1,
+    )
+}

@@ -1,0 +1,44 @@
+//! L4.51: what a client predicts, bit for bit, in live scenes of each kind.
+//!
+//! The golden streams are played to decoders (L4.81): on a wire lanes have no order between them, which they rely on.
+
+use crate::conformance::case::Case;
+use crate::conformance::outcome::ensure;
+use crate::conformance::peer::Setting;
+
+pub(super) fn cases() -> Vec<Case> {
+    scenes()
+}
+
+/// Scripts, and what of RECKONING each has much of.
+const SCENES: [(&str, u32, &str); 8] = [
+    ("ball-pit", 40, "RECKONING 1.3-1, 2.1-1, 3.4-1, 4.4-1"),
+    ("asteroids-plain", 16, "RECKONING 3.1-1, 3.3-1"),
+    ("asteroids", 16, "RECKONING 2.6-1, 3.7-1"),
+    ("free-fall", 8, "RECKONING 2.2-1, 2.4-1, 3.4-1"),
+    ("dominoes", 16, "RECKONING 4.4-1, 4.6-1, 4.7-1"),
+    ("ragdolls", 3, "RECKONING 4.4-1, 4.5-1"),
+    ("tumbler", 24, "RECKONING 3.8-1"),
+    ("zoo", 20, "RECKONING 1.6-1, 4.1-1, 4.2-1"),
+];
+
+fn scenes() -> Vec<Case> {
+    let of = |(place, (script, bodies, cites)): (usize, (&'static str, u32, &str))| {
+        let name = format!("a client predicts {script} to the bit at every tick");
+        let cites = format!("PROTOCOL 6.1-2, 6.1-4, 6.2-4, 6.2-6; {cites}");
+        Case::client(&format!("L4.51.{}", place + 1), &name)
+            .cites(&cites)
+            .play(move |trial| {
+                let mut feed = trial.feed(Setting::of(script, bodies))?;
+                feed.enter()?;
+                feed.step(80)?;
+                feed.must_follow()?;
+                let told = feed.ticks_told();
+                ensure(
+                    told >= 20,
+                    format!("it tells of ticks as they come, and not of {told} in eighty"),
+                )
+            })
+    };
+    SCENES.into_iter().enumerate().map(of).collect()
+}

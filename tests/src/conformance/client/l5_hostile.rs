@@ -1,0 +1,278 @@
+//! L5.51: servers that mean harm, and clients that show nothing that cannot be.
+
+use std::time::Duration;
+
+use rhumb_protocol::Instant;
+use rhumb_protocol::message::{Notice, ServerMessage};
+use rhumb_protocol::packet::Saying;
+use rhumb_protocol::packet::{FullPacket, FullRecord, Low16, StateWriter, TrackSaying, Update};
+use rhumb_protocol::session::CloseCode;
+use rhumb_reckoning::{Anchor, BodyId, Predictor, Tick, Verbatim};
+
+use super::hand;
+use crate::conformance::case::Case;
+use crate::conformance::outcome::{Play, ensure};
+use crate::conformance::peer::Setting;
+use crate::conformance::trial::Trial;
+
+pub(super) fn cases() -> Vec<Case> {
+    let mut cases = vec![
+        Case::client(
+            "L5.51.1",
+            "random bytes on the control stream end the connection, and nothing else",
+        )
+        .cites("PROTOCOL 2.5-1, 2.5-3")
+        .play(|trial| {
+            let mut host = trial.host()?;
+            hand::let_in(&mut host)?;
+            let mut dice = trial.dice();
+            // A message of a known type, of nothing that any field could be.
+            let mut bytes = vec![0xff, 0x7f, 3];
+            bytes.extend((0..16_400).map(|_| 0x80 | dice.below(128) as u8));
+            host.line.say(bytes);
+            host.must_be_closed(CloseCode::MALFORMED)?;
+            host.must_exit()
+        }),
+        Case::client(
+            "L5.51.2",
+            "a flood of datagrams that are none leaves the copy as it was",
+        )
+        .cites("PROTOCOL 2.5-4, 6.5-1")
+        .play(flood),
+        Case::client("L5.51.3", "no motion that is not a number is shown")
+            .cites("PROTOCOL 5.5-4, 5.12-2; RECKONING 1.6-1")
+            .play(not_a_number),
+        Case::client(
+            "L5.51.4",
+            "a rotation that is not of unit length is not taken",
+        )
+        .cites("PROTOCOL 5.12-2; RECKONING 1.6-1")
+        .play(not_of_unit_length),
+        Case::client("L5.51.5", "what is predicted far ahead stays finite")
+            .cites("RECKONING 1.6-1, 3.1-1")
+            .play(far_ahead),
+        Case::client(
+            "L5.51.6",
+            "a clock that makes no sense changes nothing of the copy",
+        )
+        .cites("PROTOCOL 4.9-5")
+        .play(|trial| {
+            let mut host = trial.host()?;
+            hand::let_in(&mut host)?;
+            for (sent, tick) in [(0, 0), (u64::MAX, 1 << 48), (1 << 60, 3)] {
+                host.say(&ServerMessage::Pong {
+                    sent: Instant::from_nanos(sent),
+                    tick: Tick::new(tick),
+                    since_tick_ns: u64::MAX,
+                });
+            }
+            hand::must_go_on(&mut host, hand::NEXT + 1, hand::TICK + 1, hand::NOTICES)
+        }),
+        Case::client("L5.51.7", "answers that nobody asked for do no harm")
+            .cites("PROTOCOL 4.2-2, 4.2-3")
+            .play(|trial| {
+                let mut host = trial.host()?;
+                hand::let_in(&mut host)?;
+                host.say(&ServerMessage::Applied {
+                    through: 1 << 40,
+                    tick: Tick::new(3),
+                });
+                host.say(&ServerMessage::Created);
+                hand::must_go_on(&mut host, hand::NEXT + 1, hand::TICK + 1, hand::NOTICES)
+            }),
+        Case::client("L5.51.8", "a faulted scene is shown as it stands")
+            .cites("PROTOCOL 3.3-6, 6.3-6")
+            .play(|trial| {
+                let mut host = trial.host()?;
+                hand::let_in(&mut host)?;
+                let tick = Tick::new(hand::TICK + 1);
+                host.say(&ServerMessage::Notice(Notice::SceneFaulted { tick }));
+                hand::must_go_on(&mut host, hand::NEXT + 1, hand::TICK + 1, hand::NOTICES + 1)
+            }),
+    ];
+    for (place, (what, written)) in greatest().into_iter().enumerate() {
+        let id = format!("L5.51.{}", 20 + place);
+        let name = format!("{what} at the edge of the range is taken as it is");
+        cases.push(
+            Case::client(&id, &name)
+                .cites("PROTOCOL 5.5-2, 7-1; RECKONING 1.6-1")
+                .play(move |trial| {
+                    let mut host = trial.host()?;
+                    hand::let_in(&mut host)?;
+                    host.throw(&written)?;
+                    let told = hand::told_tick(&mut host, hand::TICK + 1)?;
+                    ensure(is_finite(&told), "each number is finite")
+                }),
+        );
+    }
+    cases
+}
+
+/// Whole tracks with numbers as great as the wire lets through.
+fn greatest() -> Vec<(&'static str, Vec<u8>)> {
+    let verbatim = |position: f32, linear: f32, angular: f32| {
+        let motion = Verbatim::new(
+            [position, -position, 0.0],
+            [0.0, 0.0, 0.0, 1.0],
+            [linear; 3],
+            [angular; 3],
+        );
+        motion.map(whole).unwrap_or_default()
+    };
+    vec![
+        ("a position", verbatim(1.0e5, 0.0, 0.0)),
+        ("a speed", verbatim(0.0, 1.0e3, 0.0)),
+        ("a spin", verbatim(0.0, 0.0, 100.0)),
+        ("everything", verbatim(-1.0e5, -1.0e3, -100.0)),
+    ]
+}
+
+/// A packet that says the ball's whole track.
+fn whole(motion: Verbatim) -> Vec<u8> {
+    let mut writer = StateWriter::new(hand::STREAM, hand::NEXT, hand::TICK + 1, hand::NOTICES);
+    let saying = TrackSaying {
+        predictor: Predictor::Ballistic,
+        anchor: Anchor::Verbatim(motion),
+        carrier: None,
+    };
+    let fits = writer.push(&Update {
+        seat: 0,
+        body: Some(hand::BALL.index()),
+        saying: Saying::Whole(saying),
+    });
+    if fits {
+        writer.finish(true)
+    } else {
+        Vec::new()
+    }
+}
+
+/// Whether each double of each motion is finite.
+fn is_finite(told: &serde_json::Value) -> bool {
+    let motions = told["moving"].as_object().into_iter().flatten();
+    motions
+        .filter_map(|(_, motion)| motion.as_str())
+        .all(|motion| {
+            motion.as_bytes().chunks(16).all(|digits| {
+                let digits = std::str::from_utf8(digits).unwrap_or_default();
+                u64::from_str_radix(digits, 16).is_ok_and(|bits| f64::from_bits(bits).is_finite())
+            })
+        })
+}
+
+fn flood(trial: &mut Trial<'_>) -> Play {
+    let mut feed = trial.feed(Setting::of("ball-pit", 12))?;
+    feed.enter()?;
+    let mut dice = trial.dice();
+    for round in 0..20 {
+        for _ in 0..100 {
+            let length = 1 + dice.below(200);
+            let mut bytes: Vec<_> = (0..length).map(|_| dice.below(256) as u8).collect();
+            // Of a kind that is none.
+            bytes[0] |= 0x40;
+            feed.host.throw(&bytes)?;
+        }
+        if round % 5 == 0 {
+            feed.step(2)?;
+        }
+    }
+    feed.step(10)?;
+    feed.must_follow()
+}
+
+/// A full packet of one record whose y is another number.
+fn full(number: u64, tick: u64, y: [u8; 4], w: [u8; 4]) -> Vec<u8> {
+    let five = 5.5_f32;
+    let motion = Verbatim::new([1.0, five, 2.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
+    let records = motion.map(|motion| FullRecord {
+        index: hand::BALL.index(),
+        motion,
+    });
+    let packet = FullPacket {
+        number: Low16::of(number),
+        tick: Low16::of(tick),
+        notices: Low16::of(hand::NOTICES),
+        ends_tick: true,
+        records: records.into_iter().collect(),
+    };
+    let mut bytes = packet.encode(hand::STREAM);
+    for (before, after) in [(five.to_le_bytes(), y), (1.0_f32.to_le_bytes(), w)] {
+        // The last: the rotation's w is 1, and so is the first part of the position.
+        if let Some(at) = bytes.windows(4).rposition(|four| four == before) {
+            bytes[at..at + 4].copy_from_slice(&after);
+        }
+    }
+    bytes
+}
+
+/// Neither is a motion; the packet is dropped whole, and is missing when the next one comes.
+fn dropped_whole(trial: &mut Trial<'_>, y: [u8; 4], w: [u8; 4]) -> Play {
+    let mut host = trial.host_of("follow full")?;
+    hand::wants_in(&mut host)?;
+    let mut joined = hand::joined();
+    joined.choice = rhumb_protocol::message::StreamChoice::Full;
+    host.say(&ServerMessage::Joined(joined));
+    host.say(&ServerMessage::Notice(hand::shape()));
+    host.say(&ServerMessage::Notice(hand::ball(
+        hand::BALL,
+        Predictor::Uniform,
+    )));
+    host.say(&ServerMessage::SnapshotEnd);
+    hand::told(&mut host, "joined")?;
+    host.throw(&full(hand::NEXT, hand::TICK + 1, y, w))?;
+    hand::must_go_on(&mut host, hand::NEXT + 1, hand::TICK + 2, hand::NOTICES)?;
+    for told in host.lines_written()? {
+        ensure(is_finite(&told), "each number that it shows is finite")?;
+        let tick = told["tick"].as_u64().unwrap_or_default();
+        ensure(
+            tick <= hand::TICK,
+            format!("it believes nothing of it, and not tick {tick}"),
+        )?;
+    }
+    Ok(())
+}
+
+fn not_a_number(trial: &mut Trial<'_>) -> Play {
+    let one = 1.0_f32.to_le_bytes();
+    for y in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        dropped_whole(trial, y.to_le_bytes(), one)?;
+    }
+    Ok(())
+}
+
+fn not_of_unit_length(trial: &mut Trial<'_>) -> Play {
+    let y = 5.5_f32.to_le_bytes();
+    for w in [0.0_f32, 0.5, 2.0, f32::NAN] {
+        dropped_whole(trial, y, w.to_le_bytes())?;
+    }
+    Ok(())
+}
+
+fn far_ahead(trial: &mut Trial<'_>) -> Play {
+    let mut host = trial.host()?;
+    hand::wants_in(&mut host)?;
+    let laws = [Predictor::Uniform, Predictor::Ballistic, Predictor::Thrown];
+    let mut notices = vec![hand::shape()];
+    let balls = laws
+        .into_iter()
+        .zip(3..)
+        .map(|(law, index)| hand::ball(BodyId::new(index, 0), law));
+    notices.extend(balls);
+    hand::snapshot(&mut host, &notices);
+    hand::told(&mut host, "joined")?;
+    for tick in [1, 2, 60, 1_022] {
+        hand::vouch(&mut host, hand::NEXT, hand::TICK + tick, hand::NOTICES)?;
+        let told = hand::told_tick(&mut host, hand::TICK + tick)?;
+        ensure(
+            is_finite(&told),
+            format!("each number is finite {tick} ticks on"),
+        )?;
+        let count = told["moving"].as_object().map_or(0, serde_json::Map::len);
+        ensure(
+            count == laws.len(),
+            format!("it tells of {} bodies, and not of {count}", laws.len()),
+        )?;
+    }
+    host.listen(Duration::from_millis(20))?;
+    ensure(host.ended.is_none(), "it goes on")
+}

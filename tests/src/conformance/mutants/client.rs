@@ -1,0 +1,340 @@
+//! Clients that break one promise each.
+
+use std::collections::VecDeque;
+
+use rhumb_protocol::message::{Frames, frame};
+use rhumb_protocol::packet::{
+    Age, Echo, FullPacket, Head, Kind, Low16, Saying, StatePacket, StateWriter, Update,
+};
+use rhumb_protocol::session::ClientSession;
+use rhumb_protocol::wire::Wire;
+use rhumb_protocol::wire::bytes::{Reader, Writer};
+use rhumb_reckoning::Tick;
+
+use crate::testee::Habit;
+
+/// The promise that is broken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum ClientMutant {
+    /// Takes whatever version it is welcomed in.
+    AnyVersion,
+    /// Lets a critical message pass that nobody knows.
+    CriticalPasses,
+    /// Ends the connection at an optional message that nobody knows.
+    OptionalRefused,
+    /// Closes with the next code.
+    WrongCode,
+    /// Never asks for what is lost.
+    NeverEchoes,
+    /// Asks for the packet behind the one that is lost.
+    OffByOne,
+    /// Hears no repair.
+    RepairIgnored,
+    /// Takes an old packet of a full stream for one of the newest tick.
+    StaleTaken,
+    /// Takes a correction whatever revision it is of.
+    RevisionIgnored,
+    /// Hears no rest.
+    RestLost,
+    /// Never doubts.
+    NeverDoubts,
+    /// Sums parities wrongly.
+    ParityWrong,
+    /// Reads datagrams whatever notices they count.
+    NoticesIgnored,
+    /// Takes what is no number for zero.
+    NanTaken,
+    /// Follows however far a stream jumps.
+    NeverResyncs,
+    /// Predicts the last bit wrongly.
+    LastBitWrong,
+    /// Tells of a tick as complete whatever is missing.
+    PromisesTooMuch,
+    /// Stays where it was when it has caught up with another stream.
+    NeverFollowed,
+    /// Says two hellos.
+    SpeaksTooSoon,
+    /// Asks no more once its answer is lost.
+    Greedy,
+}
+
+impl ClientMutant {
+    /// How it does so.
+    #[must_use]
+    pub fn habit(self) -> Box<dyn Habit> {
+        Box::new(Mutant {
+            mutant: self,
+            frames: Frames::new(),
+            said: Frames::new(),
+            recent: VecDeque::new(),
+            begun: false,
+        })
+    }
+}
+
+struct Mutant {
+    mutant: ClientMutant,
+    frames: Frames,
+    said: Frames,
+    recent: VecDeque<Vec<u8>>,
+    begun: bool,
+}
+
+impl Mutant {
+    /// A message that is heard, as it is taken; none when it is passed over.
+    fn take(&self, kind: u8, body: Vec<u8>) -> Option<(u8, Vec<u8>)> {
+        let known = 1..=16;
+        match self.mutant {
+            ClientMutant::AnyVersion if kind == 1 => {
+                let mut body = body;
+                body[..2].copy_from_slice(&1_u16.to_le_bytes());
+                Some((kind, body))
+            }
+            ClientMutant::CriticalPasses if kind < 0x80 && !known.contains(&kind) && kind != 0 => {
+                None
+            }
+            ClientMutant::OptionalRefused if kind >= 0x80 => Some((0x7f, body)),
+            _ => Some((kind, body)),
+        }
+    }
+}
+
+impl Habit for Mutant {
+    fn hear_control(&mut self, bytes: &[u8]) -> Vec<u8> {
+        let touches = matches!(
+            self.mutant,
+            ClientMutant::AnyVersion | ClientMutant::CriticalPasses | ClientMutant::OptionalRefused
+        );
+        if !touches {
+            return bytes.to_vec();
+        }
+        self.frames.push(bytes);
+        let mut heard = Vec::new();
+        while let Ok(Some(framed)) = self.frames.next_frame() {
+            if let Some((kind, body)) = self.take(framed.kind, framed.body) {
+                frame(kind, &body, &mut heard);
+            }
+        }
+        heard
+    }
+
+    fn hear_datagram(&mut self, session: &ClientSession, bytes: &[u8]) -> Vec<Vec<u8>> {
+        let first = bytes.first().copied().unwrap_or_default();
+        match self.mutant {
+            ClientMutant::RepairIgnored if first == 3 => Vec::new(),
+            ClientMutant::StaleTaken => {
+                let mut heard = vec![bytes.to_vec()];
+                if matches!(first, 4 | 5) {
+                    self.recent.push_back(bytes.to_vec());
+                    if self.recent.len() > 3 {
+                        heard.extend(self.recent.pop_front().and_then(|old| renewed(&old, bytes)));
+                    }
+                }
+                heard
+            }
+            ClientMutant::RevisionIgnored => {
+                vec![rebuilt_on(session, bytes).unwrap_or_else(|| bytes.to_vec())]
+            }
+            ClientMutant::RestLost => vec![without_rests(bytes).unwrap_or_else(|| bytes.to_vec())],
+            ClientMutant::ParityWrong if first == 9 => {
+                let mut wrong = bytes.to_vec();
+                if let Some(last) = wrong.last_mut() {
+                    *last ^= 0x11;
+                }
+                vec![wrong]
+            }
+            ClientMutant::NoticesIgnored => vec![without_notices(bytes)],
+            ClientMutant::NanTaken if matches!(first, 4 | 5) => vec![without_nans(bytes)],
+            _ => vec![bytes.to_vec()],
+        }
+    }
+
+    fn say_datagram(&mut self, bytes: &[u8]) -> Option<Vec<u8>> {
+        let mut reader = Reader::new(bytes);
+        let kind = Head::decode(&mut reader)
+            .ok()
+            .map(|head| (head.kind, head.stream));
+        match (self.mutant, kind) {
+            (ClientMutant::NeverEchoes, Some((Kind::Echo, _)))
+            | (ClientMutant::NeverDoubts, Some((Kind::Doubt, _))) => None,
+            (ClientMutant::OffByOne, Some((Kind::Echo, stream))) => {
+                let mut echo = Echo::decode(reader).ok()?;
+                echo.lost
+                    .iter_mut()
+                    .for_each(|lost| lost.0 = lost.0.wrapping_add(1));
+                Some(echo.encode(stream))
+            }
+            (ClientMutant::Greedy, Some((Kind::Echo, stream))) => {
+                let mut echo = Echo::decode(reader).ok()?;
+                echo.lost.truncate(1);
+                Some(echo.encode(stream))
+            }
+            _ => Some(bytes.to_vec()),
+        }
+    }
+
+    fn say_control(&mut self, bytes: &[u8]) -> Vec<u8> {
+        let left_out = match self.mutant {
+            ClientMutant::NeverResyncs => 9,
+            ClientMutant::NeverFollowed => 13,
+            ClientMutant::SpeaksTooSoon if !std::mem::replace(&mut self.begun, true) => {
+                // It joins in the same breath.
+                let mut said = bytes.to_vec();
+                frame(3, &[0, 0xd0, 0x86, 3], &mut said);
+                return said;
+            }
+            _ => return bytes.to_vec(),
+        };
+        self.said.push(bytes);
+        let mut said = Vec::new();
+        while let Ok(Some(framed)) = self.said.next_frame() {
+            if framed.kind != left_out {
+                frame(framed.kind, &framed.body, &mut said);
+            }
+        }
+        said
+    }
+
+    fn close(&mut self, code: u32) -> Option<u32> {
+        Some(match self.mutant {
+            ClientMutant::WrongCode => code + 1,
+            _ => code,
+        })
+    }
+
+    fn tell(&mut self, session: &ClientSession, line: String) -> Vec<String> {
+        let _ = session;
+        if self.mutant != ClientMutant::LastBitWrong {
+            return vec![line];
+        }
+        let wrong = line
+            .char_indices()
+            .rev()
+            .find(|(_, c)| c.is_ascii_hexdigit());
+        let Some((at, digit)) =
+            wrong.filter(|_| line.contains("\":\"") && line.contains("\"moving\":{\""))
+        else {
+            return vec![line];
+        };
+        let other = if digit == '0' { "1" } else { "0" };
+        let mut line = line;
+        line.replace_range(at..=at, other);
+        vec![line]
+    }
+
+    fn tells_unsettled(&self) -> bool {
+        self.mutant == ClientMutant::PromisesTooMuch
+    }
+}
+
+/// The records of an old full packet, as those of a later one that is said behind another.
+fn renewed(old: &[u8], new: &[u8]) -> Option<Vec<u8>> {
+    let read = |bytes| {
+        let mut reader = Reader::new(bytes);
+        let head = Head::decode(&mut reader).ok()?;
+        Some((head, FullPacket::decode(true, reader).ok()?))
+    };
+    let ((_, old), (head, new)) = (read(old)?, read(new)?);
+    // Its own number was heard; the next one is not, and is dropped as a copy when it comes.
+    let packet = FullPacket {
+        number: Low16(new.number.0.wrapping_add(1)),
+        tick: Low16(new.tick.0.wrapping_add(1)),
+        ..old
+    };
+    Some(packet.encode(head.stream))
+}
+
+/// The updates of a packet with its head, if it is one of a reckoned stream.
+fn updates_of(bytes: &[u8]) -> Option<(Head, StatePacket<'_>, Vec<Update>)> {
+    let mut reader = Reader::new(bytes);
+    let head = Head::decode(&mut reader).ok()?;
+    let ends = match head.kind {
+        Kind::State => false,
+        Kind::StateEnd => true,
+        _ => return None,
+    };
+    let packet = StatePacket::decode(ends, reader).ok()?;
+    let mut updates = Vec::new();
+    packet.clone().updates(&mut updates).ok()?;
+    Some((head, packet, updates))
+}
+
+fn written(head: Head, packet: &StatePacket<'_>, updates: &[Update]) -> Option<Vec<u8>> {
+    let [number, tick, notices] =
+        [packet.number, packet.tick, packet.notices].map(|low| u64::from(low.0));
+    let mut writer = StateWriter::new(head.stream, number, tick, notices);
+    for update in updates {
+        if !writer.push(update) {
+            return None;
+        }
+    }
+    Some(writer.finish(packet.ends_tick))
+}
+
+/// The same packet, with each correction's age as the track that is there has it.
+fn rebuilt_on(session: &ClientSession, bytes: &[u8]) -> Option<Vec<u8>> {
+    let copy = session.replica()?.stream();
+    let every = session.terms()?.cadence.every;
+    let (head, packet, mut updates) = updates_of(bytes)?;
+    let tick = Tick::new(packet.tick.expand(copy.vouched().value()));
+    let seated: Vec<_> = updates.iter().filter_map(|update| update.body).collect();
+    for update in &mut updates {
+        // Who names its body is known; of others only a session knows who sits where.
+        let index = update
+            .body
+            .or_else(|| (!seated.contains(&update.seat)).then_some(update.seat))?;
+        let origin = copy
+            .body(index)
+            .and_then(|id| copy.track(id))
+            .map(|track| track.origin);
+        if let (Saying::Residual { age, .. } | Saying::Settled { age, .. }, Some(origin)) =
+            (&mut update.saying, origin)
+            && tick > origin
+        {
+            *age = Age::of(origin, tick, every)?;
+        }
+    }
+    written(head, &packet, &updates)
+}
+
+/// The same packet without bodies that come to rest.
+fn without_rests(bytes: &[u8]) -> Option<Vec<u8>> {
+    let (head, packet, mut updates) = updates_of(bytes)?;
+    updates.retain(|update| !matches!(update.saying, Saying::Settled { .. }));
+    written(head, &packet, &updates)
+}
+
+/// The same datagram with a count of notices of zero: as many as there were long ago.
+fn without_notices(bytes: &[u8]) -> Vec<u8> {
+    let mut reader = Reader::new(bytes);
+    let mut bytes = bytes.to_vec();
+    let Ok(head) = Head::decode(&mut reader) else {
+        return bytes;
+    };
+    let mut start = Writer::new();
+    head.encode(&mut start);
+    let at = start.into_bytes().len() + 4;
+    if matches!(
+        head.kind,
+        Kind::State | Kind::StateEnd | Kind::Vouch | Kind::Repair
+    ) && bytes.len() >= at + 2
+    {
+        let fewer = u16::from_le_bytes([bytes[at], bytes[at + 1]]).saturating_sub(200);
+        bytes[at..at + 2].copy_from_slice(&fewer.to_le_bytes());
+    }
+    bytes
+}
+
+/// The same full packet with zero in place of what is no number.
+fn without_nans(bytes: &[u8]) -> Vec<u8> {
+    let mut bytes = bytes.to_vec();
+    let records = bytes.len() / 56 * 56;
+    let start = bytes.len() - records;
+    for number in bytes[start..].chunks_exact_mut(4) {
+        let value = f32::from_le_bytes([number[0], number[1], number[2], number[3]]);
+        if !value.is_finite() {
+            number.copy_from_slice(&[0; 4]);
+        }
+    }
+    bytes
+}

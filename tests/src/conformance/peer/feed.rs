@@ -1,0 +1,691 @@
+//! A real server in this process, and a case between it and the client.
+//!
+//! A session of this house, to which nothing is done, is a member of the same stream: what it holds is what the client must
+//! hold. Each state that it was in is kept by its tick, so that what the client tells can be compared bit for bit.
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::fmt;
+use std::time::Duration;
+
+use rhumb_protocol::message::{ClientMessage, Frames, StreamChoice};
+use rhumb_protocol::packet::{Echo, Head, Kind};
+use rhumb_protocol::scene::{Command, Pace, SceneTerms};
+use rhumb_protocol::session::{ClientSession, Event, Replica};
+use rhumb_protocol::wire::Wire;
+use rhumb_protocol::wire::bytes::Reader;
+use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
+use rhumb_reckoning::Tick;
+use rhumb_server::Host as Server;
+use rhumb_sims::{Script, by_name};
+use rhumb_transport::BareEnd;
+use serde_json::Value;
+
+use super::host::Host;
+use crate::conformance::outcome::{Play, Stop};
+use crate::grammar::hex;
+use crate::testee::{Wish, moving};
+
+/// What the scene is, and what the client is to do in it.
+#[derive(Clone, Debug)]
+pub struct Setting {
+    /// Which script runs.
+    pub script: &'static str,
+    /// Bodies of it.
+    pub bodies: u32,
+    /// Ticks before the client may join.
+    pub before: u64,
+    /// Lockstep, or free.
+    pub pace: Pace,
+    /// What the client does.
+    pub wish: String,
+}
+
+impl Setting {
+    /// A client that follows this script, from its twentieth tick on, in lockstep.
+    #[must_use]
+    pub fn of(script: &'static str, bodies: u32) -> Self {
+        Self {
+            script,
+            bodies,
+            before: 20,
+            pace: Pace::Lockstep,
+            wish: "follow 10000".to_owned(),
+        }
+    }
+
+    /// The same with another wish.
+    #[must_use]
+    pub fn wishing(self, wish: &str) -> Self {
+        let wish = wish.to_owned();
+        Self { wish, ..self }
+    }
+
+    /// The same from another tick on.
+    #[must_use]
+    pub const fn after(mut self, before: u64) -> Self {
+        self.before = before;
+        self
+    }
+}
+
+/// Something that is said to the client.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Word {
+    /// Bytes of the control stream.
+    Control(Vec<u8>),
+    /// A datagram.
+    State(Vec<u8>),
+}
+
+type Tamper = Box<dyn FnMut(Word) -> Vec<Word>>;
+
+/// A real server, and the client under test.
+pub struct Feed {
+    /// The connection with the client.
+    pub host: Host,
+    /// What the client said by echoes, and when.
+    pub echoes: Vec<(Instant, Echo)>,
+    /// Kinds of all datagrams that the client said.
+    pub kinds: Vec<u8>,
+    /// What the client told.
+    pub told: Vec<Value>,
+    server: Server,
+    mirror: ClientSession,
+    script: Box<dyn Script>,
+    scripted: Tick,
+    terms: SceneTerms,
+    tamper: Tamper,
+    held: BTreeMap<u64, BTreeSet<(String, String)>>,
+    events: Vec<Event>,
+    judged: usize,
+    /// Kinds of the last datagrams that were sent.
+    sent: VecDeque<u8>,
+    /// One more than the number of the newest packet of the mirror's stream.
+    next: u64,
+    /// Messages that the client said.
+    pub said: Vec<ClientMessage>,
+    frames: Frames,
+}
+
+const MIRROR: Peer = Peer(0);
+const CLIENT: Peer = Peer(1);
+const SERVER: Peer = Peer(0);
+
+impl Feed {
+    pub(in crate::conformance) fn begin(
+        host: Host,
+        scene: &str,
+        setting: &Setting,
+    ) -> Result<Self, Stop> {
+        let errs = |what: &str| Stop::Inconclusive(format!("the suite errs: {what}"));
+        let script = by_name(setting.script, setting.bodies, 1).ok_or_else(|| errs("no script"))?;
+        let wish = Wish::read(&setting.wish).ok_or_else(|| errs("no wish"))?;
+        let name = scene.parse().map_err(|_| errs("no name"))?;
+        let terms = SceneTerms {
+            pace: setting.pace,
+            ..script.terms()
+        };
+        let mut feed = Self {
+            host,
+            echoes: Vec::new(),
+            kinds: Vec::new(),
+            told: Vec::new(),
+            server: Server::new(|| Instant::ZERO),
+            mirror: ClientSession::new(name),
+            script,
+            scripted: Tick::ZERO,
+            terms,
+            tamper: Box::new(|word| vec![word]),
+            held: BTreeMap::new(),
+            events: Vec::new(),
+            judged: 0,
+            sent: VecDeque::new(),
+            next: 0,
+            said: Vec::new(),
+            frames: Frames::new(),
+        };
+        feed.server.handle_opened(feed.now(), MIRROR);
+        feed.mirror.handle_opened(feed.now(), SERVER);
+        feed.exchange()?;
+        feed.wish(|mirror, _| mirror.create(terms))?;
+        feed.wish(|mirror, _| mirror.join(wish.choice()))?;
+        if setting.pace == Pace::Lockstep {
+            for _ in 0..setting.before {
+                feed.step_alone()?;
+            }
+        }
+        feed.server.handle_opened(feed.now(), CLIENT);
+        Ok(feed)
+    }
+
+    /// The moment at the server.
+    fn now(&self) -> Instant {
+        self.host.now()
+    }
+
+    /// What the client hears in place of each word from now on.
+    pub fn tamper(&mut self, tamper: impl FnMut(Word) -> Vec<Word> + 'static) {
+        self.tamper = Box::new(tamper);
+    }
+
+    /// What the client hears in place of each datagram from now on.
+    pub fn sift(&mut self, mut sieve: impl FnMut(Vec<u8>) -> Vec<Vec<u8>> + 'static) {
+        self.tamper(move |word| match word {
+            Word::State(bytes) => sieve(bytes).into_iter().map(Word::State).collect(),
+            control @ Word::Control(_) => vec![control],
+        });
+    }
+
+    /// The client hears all again, as it is said.
+    pub fn mend(&mut self) {
+        self.tamper(|word| vec![word]);
+    }
+
+    /// Has the server say something on the control stream, so that a tamper that keeps it back lets go of it: the answers to
+    /// many pings that the client did not say.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::step`].
+    pub fn flush_control(&mut self) -> Play {
+        for sent in 0..400 {
+            let mut bytes = Vec::new();
+            let sent = Instant::from_nanos(sent);
+            ClientMessage::Ping { sent }.encode(&mut bytes);
+            self.speak_for_client(&bytes)?;
+        }
+        Ok(())
+    }
+
+    /// The copy to which nothing was done.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Inconclusive`] when there is none.
+    pub fn mirror(&self) -> Result<&Replica, Stop> {
+        let none = || Stop::Inconclusive("the suite has no copy".into());
+        self.mirror.replica().ok_or_else(none)
+    }
+
+    /// Does something with the session of this house.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Inconclusive`] when it does not allow it.
+    pub fn wish<T, E: fmt::Display>(
+        &mut self,
+        wish: impl FnOnce(&mut ClientSession, Instant) -> Result<T, E>,
+    ) -> Play {
+        let now = self.now();
+        let done = wish(&mut self.mirror, now);
+        done.map_err(|error| Stop::Inconclusive(format!("the suite errs: {error}")))?;
+        self.exchange()
+    }
+
+    /// Commands in the scene.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::wish`].
+    pub fn command(&mut self, command: Command) -> Play {
+        self.wish(|mirror, _| mirror.command(command))
+    }
+
+    /// Says to the server what the client did not: a message of its own.
+    pub fn speak_for_client(&mut self, bytes: &[u8]) -> Play {
+        let now = self.now();
+        self.server.handle_control(now, CLIENT, bytes);
+        self.exchange()
+    }
+
+    /// Waits until the client has become a member.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Fail`] when it does not.
+    pub fn enter(&mut self) -> Play {
+        let is = |told: &Value| told["is"] == "joined";
+        self.until("copy of the client's", |feed| feed.told.iter().any(is))
+    }
+
+    /// The script's commands and a tick, without the client.
+    fn step_alone(&mut self) -> Play {
+        let mut commands = Vec::new();
+        self.script.commands(self.scripted, &mut commands);
+        self.scripted = self.scripted.next();
+        for command in commands {
+            self.command(command)?;
+        }
+        let to = self.mirror()?.stream().vouched().next();
+        self.wish(|mirror, now| mirror.advance(now, to))?;
+        if self.mirror()?.stream().complete() >= to {
+            Ok(())
+        } else {
+            Err(Stop::Inconclusive(format!("no tick {to} without a wire")))
+        }
+    }
+
+    /// So many ticks, a few milliseconds each.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Fail`] when the client says what is malformed, or tells what is not so.
+    pub fn step(&mut self, ticks: u64) -> Play {
+        for _ in 0..ticks {
+            self.step_alone()?;
+            self.run(Duration::from_millis(2))?;
+        }
+        Ok(())
+    }
+
+    /// So many ticks with hardly any time between them.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::step`].
+    pub fn step_fast(&mut self, ticks: u64) -> Play {
+        for _ in 0..ticks {
+            self.step_alone()?;
+        }
+        self.run(Duration::from_millis(20))
+    }
+
+    /// Goes on for so long.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::step`].
+    pub fn run(&mut self, time: Duration) -> Play {
+        let end = self.host.now() + span(time);
+        while self.host.now() < end && self.host.ended.is_none() {
+            self.turn(end)?;
+        }
+        Ok(())
+    }
+
+    /// Goes on until something is so.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Fail`] when it does not become so in time.
+    pub fn until(&mut self, what: &str, is: impl FnMut(&mut Self) -> bool) -> Play {
+        self.until_for(Duration::ZERO, what, is)
+    }
+
+    /// The same with more patience than anything else is given.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::until`].
+    pub fn until_for(
+        &mut self,
+        longer: Duration,
+        what: &str,
+        mut is: impl FnMut(&mut Self) -> bool,
+    ) -> Play {
+        let end = self.host.patience() + span(longer);
+        while !is(self) {
+            if self.host.now() >= end || self.host.ended.is_some() {
+                self.host.must_be_supported()?;
+                return Stop::fail(format!("no {what}: {:?}", self.host.ended));
+            }
+            let soon = self.host.now() + Span::from_millis(5);
+            self.turn(soon.min(end))?;
+        }
+        Ok(())
+    }
+
+    /// As [`Self::enter`], whatever the client's copy is.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::enter`].
+    pub fn enter_unjudged(&mut self) -> Play {
+        self.enter()?;
+        self.judged = self.told.len();
+        Ok(())
+    }
+
+    /// So many ticks, whatever the client tells of them.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::step`].
+    pub fn step_unjudged(&mut self, ticks: u64) -> Play {
+        self.step(ticks)?;
+        self.judged = self.told.len();
+        Ok(())
+    }
+
+    /// Ticks until session and client both have come to the new stream, and some more.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::step`].
+    pub fn follow_unjudged(&mut self, ticks: u64) -> Play {
+        for _ in 0..ticks {
+            self.step_unjudged(1)?;
+            self.run(Duration::from_millis(5))?;
+        }
+        Ok(())
+    }
+
+    /// That the client's copy comes to be as ours at the last tick, whatever it was before.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Fail`] when it does not in time.
+    pub fn must_end_alike(&mut self) -> Play {
+        let mut tries = 0;
+        self.until("copy that ends as the stream has it", |feed| {
+            tries += 1;
+            let Ok(copy) = feed.mirror() else {
+                return false;
+            };
+            let tick = copy.stream().complete();
+            let sum = format!("{:016x}", copy.stream().agreement());
+            let moving = format!("{{{}}}", moving(copy, tick));
+            let last = feed.told.iter().rev().find(|told| told["is"] == "tick");
+            let alike = last.is_some_and(|told| {
+                told["tick"] == tick.value()
+                    && told["sum"] == sum.as_str()
+                    && as_text(&told["moving"]) == moving
+            });
+            alike || (tries % 10 == 0 && feed.step_unjudged(2).is_err())
+        })
+    }
+
+    /// The session of this house follows another stream, as the client is to.
+    pub fn change_mirror_to(&mut self, choice: StreamChoice) {
+        self.held.clear();
+        // It may already be about to.
+        let _ = self.wish(|mirror, _| mirror.follow(choice));
+    }
+
+    /// The number of the next packet that the stream will say.
+    #[must_use]
+    pub fn next_number(&self) -> u64 {
+        self.next
+    }
+
+    /// Ticks until a parity was the last that was said, so that nothing is missing behind it.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::step`].
+    pub fn step_until_parity(&mut self, ticks: u64) -> Play {
+        self.step(ticks)?;
+        for _ in 0..60 {
+            if self.sent.back() == Some(&9) {
+                break;
+            }
+            self.step(1)?;
+        }
+        Ok(())
+    }
+
+    /// That the client's copy comes to be as ours: the same tick, sum and motions, to the bit.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Fail`] when it does not in time, or was ever otherwise than the stream at a tick that it told of.
+    pub fn must_follow(&mut self) -> Play {
+        let tick = self.mirror()?.stream().complete().value();
+        let what = format!("copy at {tick} as the stream has it");
+        self.until(&what, |feed| {
+            feed.told
+                .iter()
+                .rev()
+                .any(|told| told["is"] == "tick" && told["tick"] == tick)
+        })?;
+        self.judge()
+    }
+
+    /// How many ticks the client told of.
+    #[must_use]
+    pub fn ticks_told(&self) -> usize {
+        self.told.iter().filter(|told| told["is"] == "tick").count()
+    }
+
+    /// Holds what the client told against the stream.
+    fn judge(&mut self) -> Play {
+        for told in &self.told[self.judged..] {
+            if told["is"] != "tick" {
+                continue;
+            }
+            let tick = told["tick"].as_u64().unwrap_or(u64::MAX);
+            let Some(states) = self.held.get(&tick) else {
+                return Stop::fail(format!(
+                    "the client tells of {tick} as complete, which the stream never was"
+                ));
+            };
+            let sum = told["sum"].as_str().unwrap_or_default().to_owned();
+            let known = as_text(&told["moving"]);
+            if states.contains(&(sum.clone(), known.clone())) || self.is_same_in_full(told, states)
+            {
+                continue;
+            }
+            let ours = states
+                .first()
+                .map(|(sum, moving)| format!("{sum} {moving}"));
+            return Stop::fail(format!(
+                "at {tick} the client holds {sum} {known}; the stream said {ours:?}"
+            ));
+        }
+        self.judged = self.told.len();
+        Ok(())
+    }
+
+    /// Of a full stream, which has no sums and says anew of bodies that rest: whether each body of both moves alike.
+    fn is_same_in_full(&self, told: &Value, states: &BTreeSet<(String, String)>) -> bool {
+        if self.choice().ok() != Some(StreamChoice::Full) {
+            return false;
+        }
+        let told = told["moving"].as_object();
+        states.iter().any(|(_, moving)| {
+            let ours: Value = serde_json::from_str(moving).unwrap_or_default();
+            let (told, ours) = (told.into_iter().flatten(), ours.as_object());
+            let mut both = told.filter_map(|(name, motion)| Some((motion, ours?.get(name)?)));
+            both.all(|(motion, ours)| motion == ours)
+        })
+    }
+
+    /// What happened to the session of this house.
+    pub fn events(&mut self) -> Vec<Event> {
+        std::mem::take(&mut self.events)
+    }
+
+    /// Takes in what comes from the client until a moment, one thing at most.
+    fn turn(&mut self, until: Instant) -> Play {
+        let wakes = [self.server.poll_timeout(), self.mirror.poll_timeout()];
+        let next = wakes.into_iter().flatten().map(|wake| wake.at).min();
+        let soon = next.map_or(until, |next| {
+            let wait = next.since(self.now());
+            (self.host.now() + wait).min(until)
+        });
+        self.host.take_in(soon)?;
+        while let Some(bytes) = self.host.uttered.pop_front() {
+            let now = self.now();
+            self.server.handle_control(now, CLIENT, &bytes);
+            self.frames.push(&bytes);
+            while let Ok(Some(framed)) = self.frames.next_frame() {
+                self.said
+                    .extend(ClientMessage::decode(&framed).ok().flatten());
+            }
+        }
+        while let Some(bytes) = self.host.datagrams.pop_front() {
+            self.hear_datagram(&bytes);
+        }
+        if let Some(end) = &self.host.ended {
+            let ending = match end {
+                BareEnd::Closed(code) => Ending::Closed(u32::try_from(*code).unwrap_or(u32::MAX)),
+                _ => Ending::Broken,
+            };
+            let now = self.now();
+            self.server.handle_ended(now, CLIENT, ending);
+        }
+        let lines = self.host.lines_written()?;
+        self.told.extend(lines);
+        self.exchange()
+    }
+
+    fn hear_datagram(&mut self, bytes: &[u8]) {
+        let mut reader = Reader::new(bytes);
+        self.kinds.extend(bytes.first());
+        if let Ok(head) = Head::decode(&mut reader)
+            && head.kind == Kind::Echo
+            && let Ok(echo) = Echo::decode(reader)
+        {
+            self.echoes.push((self.host.now(), echo));
+        }
+        let now = self.now();
+        self.server.handle_datagram(now, CLIENT, bytes);
+    }
+
+    /// Lets server and mirror speak until neither has anything to say; the client hears what the case lets it hear.
+    fn exchange(&mut self) -> Play {
+        loop {
+            let mut said = false;
+            while let Some(transmit) = self.mirror.poll_transmit() {
+                said = true;
+                let now = self.now();
+                match transmit {
+                    Transmit::Control { bytes, .. } => {
+                        self.server.handle_control(now, MIRROR, &bytes);
+                    }
+                    Transmit::State { bytes, .. } => {
+                        self.server.handle_datagram(now, MIRROR, &bytes);
+                    }
+                    Transmit::Close { code, .. } => {
+                        return Err(Stop::Inconclusive(format!("the suite closes with {code}")));
+                    }
+                }
+            }
+            while let Some(transmit) = self.server.poll_transmit() {
+                said = true;
+                self.pass_on(transmit)?;
+            }
+            while let Some(event) = self.mirror.poll_event() {
+                self.events.push(event);
+            }
+            if !said && !self.wake() {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Lets who waits for this moment go on; `false` when nobody does.
+    fn wake(&mut self) -> bool {
+        let now = self.now();
+        let due =
+            |endpoint: &dyn Endpoint| endpoint.poll_timeout().is_some_and(|wake| wake.at <= now);
+        let (server, mirror) = (due(&self.server), due(&self.mirror));
+        if server {
+            self.server.handle_timeout(now);
+        }
+        if mirror {
+            self.mirror.handle_timeout(now);
+        }
+        server || mirror
+    }
+
+    fn pass_on(&mut self, transmit: Transmit) -> Play {
+        let now = self.now();
+        match transmit {
+            Transmit::Control { to: MIRROR, bytes } => {
+                self.mirror.handle_control(now, SERVER, &bytes);
+                self.keep();
+            }
+            Transmit::State { to: MIRROR, bytes } => {
+                if matches!(bytes.first(), Some(0 | 1 | 4 | 5 | 11)) {
+                    self.next += 1;
+                }
+                self.mirror.handle_datagram(now, SERVER, &bytes);
+                self.keep();
+            }
+            Transmit::Control { bytes, .. } => self.send(Word::Control(bytes.to_vec())),
+            Transmit::State { bytes, .. } => self.send(Word::State(bytes.to_vec())),
+            Transmit::Close { to, code } => {
+                if to == MIRROR {
+                    return Err(Stop::Inconclusive(format!(
+                        "the suite's server closes with {code}"
+                    )));
+                }
+                return Stop::fail(format!("the client breaks the protocol: {code}"));
+            }
+        }
+        Ok(())
+    }
+
+    fn send(&mut self, word: Word) {
+        for word in (self.tamper)(word) {
+            match word {
+                Word::Control(bytes) => {
+                    self.host.note(format!("> {}", hex(&bytes)));
+                    self.host.line.say(bytes);
+                }
+                Word::State(bytes) => {
+                    self.sent.extend(bytes.first());
+                    if self.sent.len() > 8 {
+                        self.sent.pop_front();
+                    }
+                    self.host.note(format!("> datagram {}", hex(&bytes)));
+                    // What QUIC cannot send now is lost, as any datagram may be.
+                    let _ = self.host.line.datagram(bytes);
+                }
+            }
+        }
+    }
+
+    /// Keeps what the stream is at its complete tick.
+    fn keep(&mut self) {
+        if let Some(copy) = self.mirror.replica() {
+            let tick = copy.stream().complete();
+            let sum = format!("{:016x}", copy.stream().agreement());
+            let state = (sum, format!("{{{}}}", moving(copy, tick)));
+            self.held.entry(tick.value()).or_default().insert(state);
+        }
+    }
+
+    /// The terms of the scene.
+    #[must_use]
+    pub const fn terms(&self) -> SceneTerms {
+        self.terms
+    }
+
+    /// Which stream is followed.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::mirror`].
+    pub fn choice(&self) -> Result<StreamChoice, Stop> {
+        self.mirror().map(Replica::choice)
+    }
+}
+
+/// What moves, as we write it: by index, without spaces.
+fn as_text(moving: &Value) -> String {
+    let number = |part: Option<&str>| part.and_then(|part| part.parse::<u32>().ok());
+    let mut rows: Vec<_> = moving.as_object().into_iter().flatten().collect();
+    rows.sort_by_key(|(name, _)| {
+        let mut parts = name.split(':');
+        (number(parts.next()), number(parts.next()))
+    });
+    let rows: Vec<_> = rows
+        .into_iter()
+        .map(|(name, motion)| format!("\"{name}\":{motion}"))
+        .collect();
+    format!("{{{}}}", rows.join(","))
+}
+
+impl fmt::Debug for Feed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Feed")
+            .field("host", &self.host)
+            .finish_non_exhaustive()
+    }
+}
+
+fn span(time: Duration) -> Span {
+    Span::from_nanos(u64::try_from(time.as_nanos()).unwrap_or(u64::MAX))
+}

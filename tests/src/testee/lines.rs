@@ -1,0 +1,46 @@
+//! What a copy holds, as text.
+//!
+//! The sum over its tracks, and each body that does not rest, to the bit.
+
+use rhumb_protocol::session::Replica;
+use rhumb_reckoning::{Motion, Tick};
+
+/// A copy at a tick, as a line of JSON.
+#[must_use]
+pub fn copy_line(copy: &Replica, tick: Tick) -> String {
+    let (moving, sum) = (moving(copy, tick), copy.stream().agreement());
+    let tick = tick.value();
+    format!("{{\"is\":\"tick\",\"tick\":{tick},\"sum\":\"{sum:016x}\",\"moving\":{{{moving}}}}}")
+}
+
+/// Each body that does not rest, with its motion at a tick.
+#[must_use]
+pub fn moving(copy: &Replica, tick: Tick) -> String {
+    let stream = copy.stream();
+    let moving = copy.bodies().filter_map(|terms| {
+        let track = stream.track(terms.id)?;
+        let motion = stream.believed(terms.id, tick)?;
+        let (index, generation) = (terms.id.index(), terms.id.generation());
+        let text = || format!("\"{index}:{generation}\":\"{}\"", bits(&motion));
+        (!track.is_verbatim_rest()).then(text)
+    });
+    let moving: Vec<_> = moving.collect();
+    moving.join(",")
+}
+
+/// The thirteen doubles of a motion.
+#[must_use]
+pub fn bits(motion: &Motion) -> String {
+    let (pose, twist) = (motion.pose(), motion.twist());
+    let parts: [&[f64]; 4] = [
+        &pose.position.to_array(),
+        &pose.rotation.to_array(),
+        &twist.linear.to_array(),
+        &twist.angular.to_array(),
+    ];
+    let numbers = parts.concat();
+    numbers
+        .iter()
+        .map(|number| format!("{:016x}", number.to_bits()))
+        .collect()
+}

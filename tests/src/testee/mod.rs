@@ -1,0 +1,275 @@
+//! A client under test: follows a scene and tells, line by line, what it holds.
+//!
+//! It is started as `docs/implementing.md` says: told by its environment where to go and what to wish. It judges nothing.
+//! What it hears, says and tells passes by a [`Habit`]; the honest one leaves all as it is, those of `conformance/mutants`
+//! do not.
+
+mod lines;
+mod wish;
+
+use std::io::{self, Write};
+use std::time::Duration;
+
+use rhumb_protocol::message::StreamChoice;
+use rhumb_protocol::session::{ClientSession, Event};
+use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
+use rhumb_reckoning::{LengthBound, Tick, Tolerance};
+use rhumb_transport::{ClientOptions, Clock, QuicClient, Received, Trust};
+
+pub use lines::{bits, copy_line, moving};
+pub use wish::{Orders, Wish};
+
+/// What a client does to all that passes through it; each part is honest unless it is written otherwise.
+pub trait Habit {
+    /// What it takes bytes of the control stream for.
+    fn hear_control(&mut self, bytes: &[u8]) -> Vec<u8> {
+        bytes.to_vec()
+    }
+
+    /// What it takes a datagram for.
+    fn hear_datagram(&mut self, session: &ClientSession, bytes: &[u8]) -> Vec<Vec<u8>> {
+        let _ = session;
+        vec![bytes.to_vec()]
+    }
+
+    /// What it says in place of a datagram.
+    fn say_datagram(&mut self, bytes: &[u8]) -> Option<Vec<u8>> {
+        Some(bytes.to_vec())
+    }
+
+    /// What it says in place of bytes of the control stream.
+    fn say_control(&mut self, bytes: &[u8]) -> Vec<u8> {
+        bytes.to_vec()
+    }
+
+    /// The code that it closes with, if it does.
+    fn close(&mut self, code: u32) -> Option<u32> {
+        Some(code)
+    }
+
+    /// What it tells of its copy.
+    fn tell(&mut self, session: &ClientSession, line: String) -> Vec<String> {
+        let _ = session;
+        vec![line]
+    }
+
+    /// Whether it tells of a copy that is not settled.
+    fn tells_unsettled(&self) -> bool {
+        false
+    }
+}
+
+/// Who leaves all as it is.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Honest;
+
+impl Habit for Honest {}
+
+const SERVER: Peer = Peer(0);
+/// How long the server may be silent while nothing is awaited of it: longer than any case lasts.
+const TURN: Span = Span::from_millis(1_000);
+
+struct Testee<'a> {
+    session: ClientSession,
+    connection: QuicClient,
+    clock: Clock,
+    habit: &'a mut dyn Habit,
+    wish: Wish,
+    told: Option<Tick>,
+    over: bool,
+}
+
+/// Does as it was ordered until the connection ends.
+///
+/// # Errors
+///
+/// When there is no connection, or nobody reads what is told.
+pub fn run(orders: &Orders, habit: &mut dyn Habit) -> io::Result<()> {
+    let options = ClientOptions::new(orders.server, Trust::Fingerprint(orders.fingerprint));
+    let connection = QuicClient::connect(options, Duration::from_secs(10))
+        .map_err(|error| io::Error::other(error.to_string()))?;
+    let clock = Clock::start();
+    let mut session = ClientSession::new(orders.scene.clone());
+    session.handle_opened(clock.now(), SERVER);
+    let mut testee = Testee {
+        session,
+        connection,
+        clock,
+        habit,
+        wish: orders.wish,
+        told: None,
+        over: false,
+    };
+    while !testee.over {
+        testee.turn()?;
+    }
+    // The close frame leaves with the connection.
+    drop(testee);
+    Ok(())
+}
+
+impl Testee<'_> {
+    fn turn(&mut self) -> io::Result<()> {
+        self.go_on()?;
+        let end = self.clock.now() + TURN;
+        let wake = self
+            .session
+            .poll_timeout()
+            .map_or(end, |wake| wake.at.min(end));
+        if let Some(received) = self.connection.recv(self.clock.until(wake)) {
+            self.take_in(received)?;
+        }
+        self.session.handle_timeout(self.clock.now());
+        self.go_on()
+    }
+
+    fn take_in(&mut self, received: Received) -> io::Result<()> {
+        let now = self.clock.now();
+        match received {
+            Received::Control(bytes) => {
+                let bytes = self.habit.hear_control(&bytes);
+                self.session.handle_control(now, SERVER, &bytes);
+                self.tell_copy()
+            }
+            Received::State(bytes) => {
+                for bytes in self.habit.hear_datagram(&self.session, &bytes) {
+                    self.session.handle_datagram(now, SERVER, &bytes);
+                    self.tell_copy()?;
+                }
+                Ok(())
+            }
+            Received::Ended(ending) => {
+                self.session.handle_ended(now, SERVER, ending);
+                Ok(())
+            }
+        }
+    }
+
+    /// Says what is to be said, and does what follows from what happened.
+    fn go_on(&mut self) -> io::Result<()> {
+        loop {
+            while let Some(transmit) = self.session.poll_transmit() {
+                self.send(transmit);
+            }
+            let Some(event) = self.session.poll_event() else {
+                return Ok(());
+            };
+            self.heed(&event)?;
+        }
+    }
+
+    fn send(&mut self, transmit: Transmit) {
+        match transmit {
+            Transmit::Control { bytes, .. } => {
+                let bytes = self.habit.say_control(&bytes);
+                self.connection.send_control(bytes.into());
+            }
+            Transmit::State { bytes, .. } => {
+                if let Some(bytes) = self.habit.say_datagram(&bytes) {
+                    self.connection.send_state(bytes.into());
+                }
+            }
+            Transmit::Close { code, .. } => {
+                if let Some(code) = self.habit.close(code) {
+                    self.connection.close(code);
+                }
+            }
+        }
+    }
+
+    fn heed(&mut self, event: &Event) -> io::Result<()> {
+        let now = self.clock.now();
+        match event {
+            Event::Welcomed(_) => self.wishes(|session, wish| session.join(wish.choice())),
+            Event::Joined(_) => {
+                tell("{\"is\":\"joined\"}")?;
+                self.tell_copy()?;
+                match self.wish {
+                    Wish::Advance { .. } => self.ask_on(now),
+                    Wish::Change { to, .. } => self.wishes(|session, _| session.follow(within(to))),
+                    Wish::Follow { .. } | Wish::Full | Wish::Capped { .. } => {}
+                }
+            }
+            Event::Following(_) => {
+                tell("{\"is\":\"following\"}")?;
+                self.told = None;
+                self.tell_copy()?;
+            }
+            Event::Amended(id) => {
+                let (index, generation) = (id.index(), id.generation());
+                tell(&format!(
+                    "{{\"is\":\"amended\",\"body\":\"{index}:{generation}\"}}"
+                ))?;
+            }
+            Event::Deleted => tell("{\"is\":\"deleted\"}")?,
+            Event::SceneFaulted(_) => tell("{\"is\":\"faulted\"}")?,
+            Event::Ended(ending) => {
+                let code = match ending {
+                    Ending::Closed(code) => code.to_string(),
+                    Ending::TimedOut | Ending::Broken => "null".to_owned(),
+                };
+                tell(&format!("{{\"is\":\"ended\",\"code\":{code}}}"))?;
+                self.over = true;
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Does what is wished; what the session does not allow now is left.
+    fn wishes<T, E>(&mut self, wish: impl FnOnce(&mut ClientSession, Wish) -> Result<T, E>) {
+        // The server may have ended what this is about; then there is nothing to wish.
+        let _ = wish(&mut self.session, self.wish);
+    }
+
+    /// In lockstep: asks for the next tick.
+    fn ask_on(&mut self, now: Instant) {
+        let Wish::Advance { ticks, .. } = self.wish else {
+            return;
+        };
+        let complete = self
+            .session
+            .replica()
+            .map(|copy| copy.stream().complete().value());
+        if let Some(next) = complete.map(|tick| tick + 1).filter(|next| *next <= ticks) {
+            self.wishes(|session, _| session.advance(now, Tick::new(next)));
+        }
+    }
+
+    /// Tells of a tick that has become complete.
+    fn tell_copy(&mut self) -> io::Result<()> {
+        let Some(copy) = self.session.replica() else {
+            return Ok(());
+        };
+        let anyway = self.habit.tells_unsettled();
+        let tick = if anyway {
+            copy.stream().vouched()
+        } else {
+            copy.stream().complete()
+        };
+        if self.told == Some(tick) || !(anyway || copy.stream().is_settled()) {
+            return Ok(());
+        }
+        self.told = Some(tick);
+        for line in self.habit.tell(&self.session, copy_line(copy, tick)) {
+            tell(&line)?;
+        }
+        self.ask_on(self.clock.now());
+        Ok(())
+    }
+}
+
+/// A stream within so many micrometres.
+fn within(micrometres: u32) -> StreamChoice {
+    let length = LengthBound::from_micrometres(micrometres);
+    StreamChoice::Within(Tolerance::Surface(
+        length.expect("orders are checked when they are read"),
+    ))
+}
+
+/// Writes a line at once.
+fn tell(line: &str) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    writeln!(out, "{line}")?;
+    out.flush()
+}

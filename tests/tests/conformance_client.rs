@@ -1,0 +1,109 @@
+//! The Rust client passes every case; who breaks a promise on purpose fails one.
+//!
+//! So the suite itself is tried: a case that no mutant fails may be one that nobody can. Mutants are those of
+//! `conformance/mutants`; each is played against the case that is for it, and against no other.
+
+use std::time::Duration;
+
+use rhumb_tests::conformance::mutants::ClientMutant;
+use rhumb_tests::conformance::run::run;
+use rhumb_tests::conformance::suite::{self, Selection};
+use rhumb_tests::conformance::trial::{Conditions, Subject};
+use rhumb_tests::conformance::{Side, Verdict};
+use rhumb_transport::LinkTerms;
+
+const TESTEE: &str = env!("CARGO_BIN_EXE_rhumb-testee");
+
+/// Each mutant with the case that is for it.
+const CAUGHT: [(ClientMutant, &str, &str); 20] = [
+    (ClientMutant::AnyVersion, "any-version", "L1.51.2"),
+    (ClientMutant::CriticalPasses, "critical-passes", "L1.51.3"),
+    (
+        ClientMutant::OptionalRefused,
+        "optional-refused",
+        "L1.51.13",
+    ),
+    (ClientMutant::WrongCode, "wrong-code", "L1.51.3"),
+    (ClientMutant::NeverEchoes, "never-echoes", "L2.51.20"),
+    (ClientMutant::OffByOne, "off-by-one", "L2.51.20"),
+    (ClientMutant::Greedy, "greedy", "L2.51.22"),
+    (ClientMutant::RepairIgnored, "repair-ignored", "L2.51.7"),
+    (ClientMutant::StaleTaken, "stale-taken", "L2.51.41"),
+    (ClientMutant::RevisionIgnored, "revision-ignored", "L2.51.2"),
+    (ClientMutant::RestLost, "rest-lost", "L4.51.5"),
+    (ClientMutant::NeverDoubts, "never-doubts", "L2.52.1"),
+    (ClientMutant::ParityWrong, "parity-wrong", "L2.52.10"),
+    (ClientMutant::NoticesIgnored, "notices-ignored", "L1.52.66"),
+    (ClientMutant::NanTaken, "nan-taken", "L5.51.3"),
+    (ClientMutant::NeverResyncs, "never-resyncs", "L2.51.24"),
+    (ClientMutant::LastBitWrong, "last-bit-wrong", "L4.51.1"),
+    (
+        ClientMutant::PromisesTooMuch,
+        "promises-too-much",
+        "L2.51.40",
+    ),
+    (ClientMutant::NeverFollowed, "never-followed", "L2.52.21"),
+    (ClientMutant::SpeaksTooSoon, "speaks-too-soon", "L1.51.6"),
+];
+
+fn conditions(exec: String) -> Conditions {
+    Conditions {
+        subject: Subject::Client {
+            listen: "127.0.0.1:0".parse().expect("loopback"),
+            exec,
+        },
+        // A machine that does much else is slow, not wrong.
+        timeout: Duration::from_secs(20),
+        seed: 1,
+        link: LinkTerms::PERFECT,
+        without: Vec::new(),
+    }
+}
+
+#[test]
+fn the_rust_client_passes_every_case() {
+    let (cases, selection) = (suite::cases(Side::Client), Selection::default());
+    let results = run(
+        cases,
+        &selection,
+        &conditions(TESTEE.to_owned()),
+        4,
+        &mut std::io::sink(),
+    );
+    assert!(results.len() >= 150, "{} cases", results.len());
+    for result in results {
+        // What should be is tried too, but not by a clock: a busy machine is late.
+        let slow = result.outcome.verdict == Verdict::Lax && result.case.id == "L2.51.21";
+        assert!(
+            slow || (result.outcome.verdict == Verdict::Pass && result.outcome.closing.is_good()),
+            "{:?}: {:?}",
+            result.case,
+            result.outcome
+        );
+    }
+}
+
+#[test]
+fn each_client_that_breaks_a_promise_is_caught_by_its_case() {
+    for (mutant, name, id) in CAUGHT {
+        let exec = format!("{TESTEE} --mutant {name}");
+        let mut conditions = conditions(exec);
+        conditions.timeout = Duration::from_secs(3);
+        let selection = Selection {
+            patterns: vec![id.to_owned()],
+            ..Selection::default()
+        };
+        let results = run(
+            suite::cases(Side::Client),
+            &selection,
+            &conditions,
+            1,
+            &mut std::io::sink(),
+        );
+        let result = results.first().expect("the case is there");
+        assert_eq!(results.len(), 1, "{id} is one case");
+        let caught = matches!(result.outcome.verdict, Verdict::Fail | Verdict::Lax)
+            || !result.outcome.closing.is_good();
+        assert!(caught, "{mutant:?} passes {id}: {:?}", result.outcome);
+    }
+}
