@@ -17,6 +17,7 @@ use super::coverage;
 use super::report::{self, Report};
 use super::run;
 use super::suite::{self, Selection};
+use super::trace;
 use super::trial::{Conditions, Subject};
 
 /// Tries implementations of Rhumb over the real wire.
@@ -35,6 +36,10 @@ enum Task {
     Security(ServerTask),
     /// Tries a client, as a server that behaves badly.
     Client(ClientTask),
+    /// Tries who reads bytes by the golden vectors.
+    Vectors(VectorsTask),
+    /// Judges a recorded run by the promise.
+    Trace(TraceTask),
     /// Says which requirements no case tries, and why.
     Coverage,
 }
@@ -62,6 +67,23 @@ struct ClientTask {
     /// The command that starts the client.
     #[arg(long)]
     exec: String,
+    #[command(flatten)]
+    common: Common,
+}
+
+#[derive(Debug, Args)]
+struct VectorsTask {
+    /// The command that starts the decoder; without one this house's own is tried.
+    #[arg(long)]
+    exec: Option<String>,
+    #[command(flatten)]
+    common: Common,
+}
+
+#[derive(Debug, Args)]
+struct TraceTask {
+    /// A trace of `rhumb-bench`.
+    file: PathBuf,
     #[command(flatten)]
     common: Common,
 }
@@ -116,6 +138,8 @@ pub fn main(arguments: Arguments) -> ExitCode {
         Task::Server(task) => task.run(&[]),
         Task::Security(task) => task.run(&["L5"]),
         Task::Client(task) => task.run(),
+        Task::Vectors(task) => task.run(),
+        Task::Trace(task) => task.run(),
         Task::Coverage => show_coverage(),
     };
     match done {
@@ -174,6 +198,31 @@ impl ClientTask {
     }
 }
 
+impl VectorsTask {
+    fn run(self) -> Result<bool, Trouble> {
+        let cases = suite::cases(Side::Decoder);
+        if self.common.list {
+            return self.common.list(&cases);
+        }
+        let name = self.exec.clone().unwrap_or_else(|| "this house".into());
+        let exec = self.exec;
+        self.common.run(name, Subject::Decoder { exec }, cases)
+    }
+}
+
+impl TraceTask {
+    fn run(self) -> Result<bool, Trouble> {
+        let results = trace::judge(&self.file)?;
+        let mut out = std::io::stdout();
+        for result in &results {
+            let (word, why) = (result.outcome.verdict.word(), &result.outcome.why);
+            writeln!(out, "{word:12} {:?} {why}", result.case)?;
+        }
+        self.common
+            .conclude(self.file.display().to_string(), results)
+    }
+}
+
 impl Common {
     fn selection(&self) -> Selection {
         Selection {
@@ -206,15 +255,20 @@ impl Common {
         if results.is_empty() {
             return Err("no case is meant".into());
         }
+        self.conclude(name, results)
+    }
+
+    /// Writes the reports, and says whether all is good.
+    fn conclude(&self, subject: String, results: Vec<run::Result>) -> Result<bool, Trouble> {
         let report = Report {
-            subject: name,
+            subject,
             seed: self.seed,
             strict: self.strict,
             results,
             coverage: coverage::coverage(),
         };
         self.write(&report)?;
-        writeln!(out, "{}", report.summary())?;
+        writeln!(std::io::stdout(), "{}", report.summary())?;
         Ok(report.passed())
     }
 

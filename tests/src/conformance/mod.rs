@@ -40,6 +40,7 @@ pub mod case;
 pub mod cli;
 mod client;
 pub mod coverage;
+mod decoder;
 pub mod mutants;
 pub mod outcome;
 mod peer;
@@ -47,10 +48,13 @@ pub mod report;
 pub mod run;
 mod server;
 pub mod suite;
+pub mod trace;
 pub mod trial;
 
 pub use case::{Case, Feature, Side};
 pub use cli::{Arguments, main};
 pub use outcome::{Closing, Outcome, Play, Stop, Verdict, ensure};
-pub use peer::{Fate, Feed, Follower, Guest, Host, Setting, Word, compare, compare_recorded};
+pub use peer::{
+    Decoder, Fate, Feed, Follower, Guest, Host, Setting, Word, compare, compare_recorded,
+};
 pub use trial::Trial;

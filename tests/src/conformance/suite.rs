@@ -3,7 +3,7 @@
 //! Invariant, held by a test: no id stands twice.
 
 use super::case::{Case, Feature, Profile, Side};
-use super::{client, server};
+use super::{client, decoder, server};
 
 /// Which cases are wanted.
 #[derive(Clone, Debug, Default)]
@@ -22,7 +22,7 @@ pub fn cases(side: Side) -> Vec<Case> {
     let mut cases = match side {
         Side::Server => server::cases(),
         Side::Client => client::cases(),
-        Side::Decoder => Vec::new(),
+        Side::Decoder => decoder::cases(),
     };
     cases.sort_by_key(|case| order(&case.id));
     cases

@@ -5,7 +5,6 @@
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::PathBuf;
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -14,7 +13,7 @@ use rhumb_transport::{BareLine, BareTerms, LinkTerms, Trust, UdpRelay};
 
 use super::case::{Case, Feature};
 use super::outcome::{Closing, Outcome, Stop, Verdict};
-use super::peer::{Feed, Follower, Guest, Host, Setting};
+use super::peer::{Decoder, Feed, Follower, Guest, Host, Setting};
 use crate::seed::Dice;
 
 /// Who is tried, and how patiently.
@@ -55,8 +54,6 @@ pub enum Subject {
     Decoder {
         /// The command.
         exec: Option<String>,
-        /// Where the vectors are.
-        vectors: PathBuf,
     },
 }
 
@@ -241,6 +238,18 @@ impl<'a> Trial<'a> {
     pub fn feed(&mut self, setting: Setting) -> Result<Feed, Stop> {
         let host = self.host_of(&setting.wish)?;
         Feed::begin(host, &format!("conformance/{}", self.case.id), &setting)
+    }
+
+    /// Who reads bytes.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Inconclusive`] when it cannot be started.
+    pub fn decoder(&mut self) -> Result<Decoder, Stop> {
+        let Subject::Decoder { ref exec } = self.conditions.subject else {
+            return Err(Stop::Inconclusive("this case is for a decoder".into()));
+        };
+        Decoder::start(exec.as_deref(), self.timeout() * 10)
     }
 
     fn connect(&mut self, terms: &BareTerms) -> Result<(BareLine, Option<UdpRelay>), Stop> {

@@ -154,10 +154,10 @@ fn lines<'a>(
             }
             Outcome::Skipped => line["skipped"] = Value::Bool(true),
             Outcome::UnknownCommand => line["error"] = json!({"is": "UnknownCommand"}),
-            Outcome::NoMotion(quantity) => line["error"] = error(Invalid::NotFinite(quantity)),
+            Outcome::NoMotion(quantity) => line["error"] = error_json(Invalid::NotFinite(quantity)),
             Outcome::Said(invalid) => {
                 if let Some(invalid) = invalid {
-                    line["error"] = error(invalid);
+                    line["error"] = error_json(invalid);
                 }
             }
         }
@@ -193,7 +193,9 @@ fn word(why: Malformed) -> String {
     }
 }
 
-fn error(invalid: Invalid) -> Value {
+/// The error that answers a message with such a number.
+#[must_use]
+pub fn error_json(invalid: Invalid) -> Value {
     match invalid {
         Invalid::NotFinite(quantity) => json!({"is": "NotFinite", "quantity": quantity.code()}),
         Invalid::OutOfRange(quantity) => json!({"is": "OutOfRange", "quantity": quantity.code()}),

@@ -1,0 +1,246 @@
+//! L0.81 to L4.81: the golden vectors, played to who reads bytes.
+//!
+//! A case is all vectors of one kind: a process that answers them is started once for each.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use serde_json::{Value, json};
+
+use super::case::Case;
+use super::outcome::{Play, Stop};
+use super::peer::Decoder;
+use super::trial::Trial;
+
+/// All of them.
+pub(super) fn cases() -> Vec<Case> {
+    let (control, packets, streams) = (
+        vectors("control.json"),
+        vectors("packets.json"),
+        vectors("streams.json"),
+    );
+    let mut cases = Vec::new();
+    for side in ["client", "server"] {
+        let said = grouped(&control[&format!("{side} says")], |line| {
+            word(&line["means"]["is"])
+        });
+        for (kind, lines) in said {
+            let name = format!("{kind}, as a {side} says it, is read as it is meant");
+            cases.push(family(
+                "L0.81",
+                &name,
+                "PROTOCOL 2.5-1, 2.5-2, 4.1-4",
+                lines,
+                move |decoder, line| message(decoder, side, line),
+            ));
+        }
+        let refused = grouped(&control[&format!("refused of a {side}")], |line| {
+            word(&line["refusal"])
+        });
+        for (why, lines) in refused {
+            let name = format!("what a {side} must not say is refused: {why}");
+            cases.push(family("L0.82", &name, "PROTOCOL 2.5-1", lines, {
+                move |decoder, line| {
+                    let answer = decoder.ask(&json!({"message": side, "bytes": line["bytes"]}))?;
+                    must(answer.get("refused").is_some(), line, &answer)
+                }
+            }));
+        }
+    }
+    let frames = lines_of(&control["frames"]);
+    cases.push(family(
+        "L0.83",
+        "messages are framed",
+        "PROTOCOL 4.1-1, 4.1-5, 4.1-6, 4.1-8",
+        frames,
+        framed,
+    ));
+    for (kind, lines) in grouped(&packets["said"], |line| word(&line["means"]["kind"])) {
+        let name = format!("datagrams of kind {kind} are read as they are meant");
+        cases.push(family(
+            "L0.84",
+            &name,
+            "PROTOCOL 2.5-2, 5.8-1",
+            lines,
+            packet,
+        ));
+    }
+    for (why, lines) in grouped(&packets["refused"], |line| word(&line["refusal"])) {
+        let name = format!("datagrams that are none are refused: {why}");
+        cases.push(family(
+            "L0.85",
+            &name,
+            "PROTOCOL 2.5-1, 2.5-4",
+            lines,
+            |decoder, line| {
+                let answer = decoder.ask(&json!({"packet": line["bytes"]}))?;
+                must(answer.get("refused").is_some(), line, &answer)
+            },
+        ));
+    }
+    let parities = lines_of(&packets["parities"]);
+    cases.push(family(
+        "L0.86",
+        "parities are summed",
+        "PROTOCOL 5.16-2, 5.16-3, 5.16-4",
+        parities,
+        parity,
+    ));
+    for stream in lines_of(&streams["streams"]) {
+        let name = format!(
+            "who hears {} knows what its member knew",
+            word(&stream["name"])
+        );
+        cases.push(family(
+            "L4.81",
+            &name,
+            "PROTOCOL 6.1-2, 6.2-1, 6.2-2, 6.2-3, 6.6-15, 6.8-2, 6.13-6, 6.13-7, 6.13-11",
+            vec![stream],
+            known,
+        ));
+    }
+    cases
+}
+
+/// A case of all these vectors.
+fn family(
+    group: &str,
+    name: &str,
+    cites: &str,
+    lines: Vec<Value>,
+    play: impl Fn(&mut Decoder, &Value) -> Play + Send + Sync + 'static,
+) -> Case {
+    let lines = Arc::new(lines);
+    Case::decoder(group, name)
+        .keyed(name.as_bytes())
+        .cites(cites)
+        .play(move |trial: &mut Trial<'_>| {
+            let mut decoder = trial.decoder()?;
+            for line in lines.iter() {
+                trial.note(format!("{} {}", word(&line["name"]), word(&line["bytes"])));
+                play(&mut decoder, line)?;
+            }
+            Ok(())
+        })
+}
+
+fn message(decoder: &mut Decoder, side: &str, line: &Value) -> Play {
+    let answer = decoder.ask(&json!({"message": side, "bytes": line["bytes"]}))?;
+    if line.get("skipped").is_some() {
+        return must(answer.get("skipped").is_some(), line, &answer);
+    }
+    if let Some(error) = line.get("error") {
+        let told = answer.get("error");
+        // Who knows only that a number is wrong may say so by a null.
+        return must(
+            told.is_some_and(|told| told.is_null() || told == error),
+            line,
+            &answer,
+        );
+    }
+    must(answer["means"] == line["means"], line, &answer)
+}
+
+fn framed(decoder: &mut Decoder, line: &Value) -> Play {
+    let answer = decoder.ask(&json!({"frames": line["bytes"]}))?;
+    let refused = line.get("refusal").is_some();
+    must(
+        answer["refused"] == refused && answer["messages"] == line["messages"],
+        line,
+        &answer,
+    )
+}
+
+fn packet(decoder: &mut Decoder, line: &Value) -> Play {
+    let answer = decoder.ask(&json!({"packet": line["bytes"]}))?;
+    let right = if decoder.tells() {
+        answer["means"] == line["means"]
+    } else {
+        answer["said"] == true
+    };
+    must(right, line, &answer)
+}
+
+fn parity(decoder: &mut Decoder, line: &Value) -> Play {
+    let bytes = crate::grammar::unhex(&word(&line["parity"]));
+    let mut reader = rhumb_protocol::wire::bytes::Reader::new(&bytes);
+    let read = |_| Stop::Inconclusive("a vector is no parity".into());
+    let head: rhumb_protocol::packet::Head =
+        rhumb_protocol::wire::Wire::decode(&mut reader).map_err(read)?;
+    let said = rhumb_protocol::packet::Parity::decode(reader).map_err(read)?;
+    let question = json!({"packets": line["packets"], "row": said.row, "stream": head.stream.0});
+    let answer = decoder.ask(&question)?;
+    must(answer["bytes"] == line["parity"], line, &answer)
+}
+
+fn known(decoder: &mut Decoder, line: &Value) -> Play {
+    let answer = decoder.ask(&json!({"stream": line["events"]}))?;
+    let told = answer["known"].as_array().cloned().unwrap_or_default();
+    let events = line["events"].as_array().into_iter().flatten();
+    let wanted: Vec<_> = events
+        .filter(|event| event[0] == "known")
+        .map(|event| event[1].clone())
+        .collect();
+    if told.len() != wanted.len() {
+        return Stop::fail(format!(
+            "it tells {} times what it knows, not {}",
+            told.len(),
+            wanted.len()
+        ));
+    }
+    for (place, (told, mut wanted)) in told.into_iter().zip(wanted).enumerate() {
+        // What is shown of a body that is in doubt is nobody's promise (6.8).
+        if wanted["settled"] != true
+            && told.get("poses").is_none()
+            && let Some(wanted) = wanted.as_object_mut()
+        {
+            wanted.remove("poses");
+        }
+        if told != wanted {
+            return Stop::fail(format!(
+                "at the {place}th time it knows {told}, and should {wanted}"
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn must(right: bool, line: &Value, answer: &Value) -> Play {
+    if right {
+        return Ok(());
+    }
+    let (name, bytes) = (word(&line["name"]), word(&line["bytes"]));
+    let mut wanted = line["means"].to_string();
+    wanted.truncate(200);
+    Stop::fail(format!(
+        "{name}, {bytes}: answered by {answer}; means {wanted}"
+    ))
+}
+
+fn grouped(lines: &Value, key: impl Fn(&Value) -> String) -> BTreeMap<String, Vec<Value>> {
+    let mut groups: BTreeMap<_, Vec<_>> = BTreeMap::new();
+    for line in lines.as_array().into_iter().flatten() {
+        groups.entry(key(line)).or_default().push(line.clone());
+    }
+    groups
+}
+
+fn lines_of(lines: &Value) -> Vec<Value> {
+    lines.as_array().cloned().unwrap_or_default()
+}
+
+/// A text as it is, anything else as JSON.
+fn word(value: &Value) -> String {
+    value
+        .as_str()
+        .map_or_else(|| value.to_string(), str::to_owned)
+}
+
+/// A file of the vectors.
+fn vectors(file: &str) -> Value {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/vectors");
+    let text = std::fs::read_to_string(folder.join(file));
+    let text = text.expect("the vectors lie beside this package");
+    serde_json::from_str(&text).expect("the vectors are JSON")
+}

@@ -1,0 +1,225 @@
+//! Who reads bytes: a process that answers line by line, or this house itself.
+//!
+//! A question and its answer are a JSON object a line; what they say stands in `docs/implementing.md`.
+
+use std::io::{BufRead, BufReader, Write};
+use std::process::{Child, ChildStdin, Command, Stdio};
+use std::sync::mpsc::{self, Receiver};
+use std::thread;
+use std::time::Duration;
+
+use rhumb_protocol::message::Frames;
+use rhumb_protocol::packet::{
+    Digest, Doubt, Echo, FullPacket, Head, Kind, Parity, Repair, StatePacket, Vouch,
+};
+use rhumb_protocol::wire::bytes::Reader;
+use rhumb_protocol::wire::{Malformed, Wire};
+use serde_json::{Value, json};
+
+use crate::conformance::outcome::Stop;
+use crate::grammar::{Grammar, hex, unhex};
+use crate::vectors::{Outcome, Side, error_json, streams};
+
+/// Who reads bytes.
+pub enum Decoder {
+    /// A process.
+    Process {
+        /// The process, which is ended with this.
+        child: Child,
+        /// Where questions go.
+        questions: ChildStdin,
+        /// Its answers.
+        answers: Receiver<String>,
+        /// How long one may take.
+        patience: Duration,
+    },
+    /// This house.
+    House(Box<Grammar>),
+}
+
+impl Decoder {
+    pub(in crate::conformance) fn start(
+        exec: Option<&str>,
+        patience: Duration,
+    ) -> Result<Self, Stop> {
+        let Some(exec) = exec else {
+            return Ok(Self::House(Box::new(Grammar::load())));
+        };
+        let cannot = |what: &str| Stop::Inconclusive(format!("the decoder cannot be run: {what}"));
+        let mut child = Command::new("sh")
+            .args(["-c", &format!("exec {exec}")])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .map_err(|error| cannot(&error.to_string()))?;
+        let questions = child.stdin.take().ok_or_else(|| cannot("no input"))?;
+        let out = child.stdout.take().ok_or_else(|| cannot("no output"))?;
+        let (written, answers) = mpsc::channel();
+        thread::spawn(move || {
+            for line in BufReader::new(out).lines().map_while(Result::ok) {
+                if written.send(line).is_err() {
+                    return;
+                }
+            }
+        });
+        Ok(Self::Process {
+            child,
+            questions,
+            answers,
+            patience,
+        })
+    }
+
+    /// What it answers.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Fail`] when it does not in time, or not by a JSON object; [`Stop::Unsupported`] when it says that it cannot.
+    pub fn ask(&mut self, question: &Value) -> Result<Value, Stop> {
+        let answer = match self {
+            Self::House(grammar) => answer(grammar, question),
+            Self::Process {
+                questions,
+                answers,
+                patience,
+                ..
+            } => {
+                let lost = |why: String| Stop::Fail(format!("no answer to {question}: {why}"));
+                writeln!(questions, "{question}").map_err(|error| lost(error.to_string()))?;
+                let line = answers
+                    .recv_timeout(*patience)
+                    .map_err(|error| lost(error.to_string()))?;
+                serde_json::from_str(&line).map_err(|error| lost(error.to_string()))?
+            }
+        };
+        if answer.get("unsupported").is_some() {
+            return Err(Stop::Unsupported("the decoder says so".into()));
+        }
+        Ok(answer)
+    }
+
+    /// Whether what it reads has to be told in full.
+    #[must_use]
+    pub const fn tells(&self) -> bool {
+        matches!(self, Self::Process { .. })
+    }
+}
+
+impl Drop for Decoder {
+    fn drop(&mut self) {
+        if let Self::Process { child, .. } = self {
+            // One that has ended already needs no ending.
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+/// What this house makes of it. Of packets it says only that they are some: what they mean is held by their own vectors.
+fn answer(grammar: &Grammar, question: &Value) -> Value {
+    if let Some(side) = question["message"].as_str() {
+        let side = if side == "client" {
+            Side::Client
+        } else {
+            Side::Server
+        };
+        return message(grammar, side, &bytes_of(&question["bytes"]));
+    }
+    if question.get("frames").is_some() {
+        return frames(&bytes_of(&question["frames"]));
+    }
+    if question.get("packet").is_some() {
+        return match packet(&bytes_of(&question["packet"])) {
+            Ok(()) => json!({"said": true}),
+            Err(why) => json!({"refused": format!("{why:?}")}),
+        };
+    }
+    if let Some(packets) = question["packets"].as_array() {
+        let packets: Vec<_> = packets
+            .iter()
+            .map(|row| (row[0].as_u64().unwrap_or_default(), bytes_of(&row[1])))
+            .collect();
+        let packets: Vec<_> = packets.iter().map(|(n, bytes)| (*n, &bytes[..])).collect();
+        let row = question["row"].as_u64().unwrap_or_default() as u8;
+        let stream = rhumb_protocol::packet::StreamId(
+            question["stream"].as_u64().unwrap_or_default() as u32,
+        );
+        let parity = Parity::of(row, &packets).map(|parity| hex(&parity.encode(stream)));
+        return json!({"bytes": parity});
+    }
+    let events = question["stream"].as_array().cloned().unwrap_or_default();
+    let known = streams::replayed(&events).into_iter();
+    json!({"known": known.map(|(_, _, known)| known).collect::<Vec<_>>()})
+}
+
+fn bytes_of(value: &Value) -> Vec<u8> {
+    value.as_str().map(unhex).unwrap_or_default()
+}
+
+fn message(grammar: &Grammar, side: Side, bytes: &[u8]) -> Value {
+    let mut frames = Frames::new();
+    frames.push(bytes);
+    let Ok(Some(framed)) = frames.next_frame() else {
+        return json!({"refused": "no message"});
+    };
+    let mut said = match side.outcome(framed.kind, &framed.body) {
+        Outcome::Skipped => return json!({"skipped": true}),
+        Outcome::Refused(why) => return json!({"refused": format!("{why:?}")}),
+        Outcome::UnknownCommand => return json!({"error": {"is": "UnknownCommand"}}),
+        Outcome::NoMotion(quantity) => {
+            let error = rhumb_protocol::scene::Invalid::NotFinite(quantity);
+            return json!({"error": error_json(error)});
+        }
+        Outcome::Said(None) => json!({}),
+        Outcome::Said(Some(invalid)) => json!({"error": error_json(invalid)}),
+    };
+    let typed = [&[framed.kind], &framed.body[..]].concat();
+    if let Ok((means, _)) = grammar.read(side.type_name(), &typed) {
+        said["means"] = means;
+    }
+    said
+}
+
+fn frames(bytes: &[u8]) -> Value {
+    let mut frames = Frames::new();
+    frames.push(bytes);
+    let mut messages = Vec::new();
+    loop {
+        match frames.next_frame() {
+            Ok(Some(framed)) => {
+                messages.push(json!({"type": framed.kind, "body": hex(&framed.body)}));
+            }
+            Ok(None) => return json!({"messages": messages, "refused": false}),
+            Err(_) => return json!({"messages": messages, "refused": true}),
+        }
+    }
+}
+
+fn packet(bytes: &[u8]) -> Result<(), Malformed> {
+    let mut from = Reader::new(bytes);
+    let head = Head::decode(&mut from)?;
+    let mut updates = Vec::new();
+    match head.kind {
+        Kind::State | Kind::StateEnd => StatePacket::decode(true, from)?.updates(&mut updates),
+        Kind::StateInArrears => StatePacket::decode_in_arrears(from)?.updates(&mut updates),
+        Kind::Vouch => Vouch::decode(from).map(drop),
+        Kind::VouchInArrears => Vouch::decode_in_arrears(from).map(drop),
+        Kind::Repair => Repair::decode(from).map(drop),
+        Kind::Full | Kind::FullEnd => FullPacket::decode(true, from).map(drop),
+        Kind::Echo => Echo::decode(from).map(drop),
+        Kind::Digest => Digest::decode(from).map(drop),
+        Kind::Doubt => Doubt::decode(from).map(drop),
+        Kind::Parity => Parity::decode(from).map(drop),
+    }
+}
+
+impl std::fmt::Debug for Decoder {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(if self.tells() {
+            "a process"
+        } else {
+            "this house"
+        })
+    }
+}

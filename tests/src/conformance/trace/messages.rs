@@ -1,0 +1,136 @@
+//! What a trace of `rhumb-bench` says: those of its messages that a verdict needs.
+//!
+//! Fields are numbered as in `benches/proto/rhumb.proto`; others are passed over.
+
+/// The engine's bodies at a tick.
+#[derive(Clone, PartialEq, prost::Message)]
+pub(super) struct States {
+    #[prost(uint64, tag = "1")]
+    pub(super) tick: u64,
+    #[prost(uint32, repeated, tag = "2")]
+    pub(super) index: Vec<u32>,
+    #[prost(uint32, repeated, tag = "3")]
+    pub(super) generation: Vec<u32>,
+    #[prost(float, repeated, tag = "4")]
+    pub(super) px: Vec<f32>,
+    #[prost(float, repeated, tag = "5")]
+    pub(super) py: Vec<f32>,
+    #[prost(float, repeated, tag = "6")]
+    pub(super) pz: Vec<f32>,
+    #[prost(float, repeated, tag = "7")]
+    pub(super) qx: Vec<f32>,
+    #[prost(float, repeated, tag = "8")]
+    pub(super) qy: Vec<f32>,
+    #[prost(float, repeated, tag = "9")]
+    pub(super) qz: Vec<f32>,
+    #[prost(float, repeated, tag = "10")]
+    pub(super) qw: Vec<f32>,
+    #[prost(bool, repeated, tag = "17")]
+    pub(super) awake: Vec<bool>,
+    #[prost(message, repeated, tag = "18")]
+    pub(super) placed: Vec<Placement>,
+    #[prost(uint32, repeated, tag = "19")]
+    pub(super) removed_index: Vec<u32>,
+    #[prost(uint32, repeated, tag = "20")]
+    pub(super) removed_generation: Vec<u32>,
+}
+
+/// A body that came.
+#[derive(Clone, PartialEq, prost::Message)]
+pub(super) struct Placement {
+    #[prost(uint32, tag = "1")]
+    pub(super) index: u32,
+    #[prost(uint32, tag = "2")]
+    pub(super) generation: u32,
+    #[prost(int32, tag = "3")]
+    pub(super) kind: i32,
+    #[prost(double, tag = "6")]
+    pub(super) bounding_radius_m: f64,
+    #[prost(float, repeated, tag = "7")]
+    pub(super) motion: Vec<f32>,
+    #[prost(sint32, tag = "9")]
+    pub(super) class: i32,
+}
+
+/// What a copy showed at a frame: what differs from the frame before.
+#[derive(Clone, PartialEq, prost::Message)]
+pub(super) struct Poses {
+    #[prost(uint64, tag = "1")]
+    pub(super) tick: u64,
+    #[prost(uint32, tag = "2")]
+    pub(super) frame: u32,
+    #[prost(uint32, repeated, tag = "3")]
+    pub(super) index: Vec<u32>,
+    #[prost(uint32, repeated, tag = "4")]
+    pub(super) generation: Vec<u32>,
+    #[prost(float, repeated, tag = "5")]
+    pub(super) px: Vec<f32>,
+    #[prost(float, repeated, tag = "6")]
+    pub(super) py: Vec<f32>,
+    #[prost(float, repeated, tag = "7")]
+    pub(super) pz: Vec<f32>,
+    #[prost(float, repeated, tag = "8")]
+    pub(super) qx: Vec<f32>,
+    #[prost(float, repeated, tag = "9")]
+    pub(super) qy: Vec<f32>,
+    #[prost(float, repeated, tag = "10")]
+    pub(super) qz: Vec<f32>,
+    #[prost(float, repeated, tag = "11")]
+    pub(super) qw: Vec<f32>,
+    #[prost(uint32, repeated, tag = "13")]
+    pub(super) gone_index: Vec<u32>,
+    #[prost(uint32, repeated, tag = "14")]
+    pub(super) gone_generation: Vec<u32>,
+}
+
+/// A frame.
+#[derive(Clone, PartialEq, prost::Message)]
+pub(super) struct TickStats {
+    #[prost(uint64, tag = "1")]
+    pub(super) tick: u64,
+    #[prost(uint32, tag = "2")]
+    pub(super) frame: u32,
+    #[prost(uint64, tag = "10")]
+    pub(super) body_ticks: u64,
+}
+
+/// A body that was farther off than its tolerance, and why.
+#[derive(Clone, PartialEq, prost::Message)]
+pub(super) struct Breach {
+    #[prost(uint64, tag = "1")]
+    pub(super) tick: u64,
+    #[prost(uint32, tag = "2")]
+    pub(super) index: u32,
+    #[prost(uint32, tag = "3")]
+    pub(super) generation: u32,
+    #[prost(int32, tag = "6")]
+    pub(super) cause: i32,
+}
+
+/// Columns of a pose: position, then rotation.
+pub(super) type Columns<'a> = [&'a [f32]; 7];
+
+impl States {
+    pub(super) fn columns(&self) -> Columns<'_> {
+        [
+            &self.px, &self.py, &self.pz, &self.qx, &self.qy, &self.qz, &self.qw,
+        ]
+    }
+}
+
+impl Poses {
+    pub(super) fn columns(&self) -> Columns<'_> {
+        [
+            &self.px, &self.py, &self.pz, &self.qx, &self.qy, &self.qz, &self.qw,
+        ]
+    }
+}
+
+/// A pose of these columns, if all of them have one.
+pub(super) fn pose(columns: &Columns<'_>, place: usize) -> Option<[f32; 7]> {
+    let mut pose = [0.0; 7];
+    for (part, column) in pose.iter_mut().zip(columns) {
+        *part = *column.get(place)?;
+    }
+    Some(pose)
+}

@@ -1,0 +1,122 @@
+//! Judges a recorded run by the promise, without the one who recorded it.
+//!
+//! A trace is a file of `rhumb-bench`: the engine's states at every tick, and what each client's copy showed. Errors are
+//! computed anew from both. A body that is off must be told of as a breach, and by a cause that the network or a budget is;
+//! a body that has slept for a second must be shown where it lies, unless its stream is still in want of something.
+
+mod judge;
+mod messages;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use mcap::{MessageStream, Summary};
+use prost::Message as _;
+
+use super::case::Case;
+use super::outcome::{Closing, Outcome, Stop, Verdict};
+use super::run::Result as Tried;
+use judge::{Run, Truth};
+use messages::{Breach, Poses, States, TickStats};
+
+/// What a run was, by the names of its record.
+type Terms = BTreeMap<String, String>;
+
+/// What a file holds of one load.
+#[derive(Default)]
+struct Load {
+    states: Vec<States>,
+    runs: BTreeMap<String, Run>,
+}
+
+/// A verdict for each run of a trace.
+///
+/// # Errors
+///
+/// What is wrong with the file.
+pub fn judge(path: &Path) -> Result<Vec<Tried>, Box<dyn std::error::Error>> {
+    let bytes = std::fs::read(path)?;
+    let mut loads = runs_of(&bytes)?;
+    for message in MessageStream::new(&bytes)? {
+        let message = message?;
+        let mut parts = message.channel.topic.trim_start_matches('/').split('/');
+        let (Some(load), Some(name), Some(what)) = (parts.next(), parts.next(), parts.next())
+        else {
+            continue;
+        };
+        let Some(load) = loads.get_mut(load) else {
+            continue;
+        };
+        if (name, what) == ("truth", "state") {
+            load.states.push(States::decode(&*message.data)?);
+            continue;
+        }
+        let Some(run) = load.runs.get_mut(name) else {
+            continue;
+        };
+        match what {
+            "stats" => run.add_frame(&TickStats::decode(&*message.data)?),
+            "seen" => run.add_poses(Poses::decode(&*message.data)?),
+            "breaches" => run.add_breach(&Breach::decode(&*message.data)?),
+            _ => {}
+        }
+    }
+    let mut tried = Vec::new();
+    for (prefix, load) in loads {
+        let mut truth = Truth::default();
+        let mut runs = load.runs;
+        for states in &load.states {
+            truth.step(states);
+            for run in runs.values_mut() {
+                run.follow(&truth, states.tick);
+            }
+        }
+        tried.extend(
+            runs.into_iter()
+                .map(|(name, run)| verdict(&prefix, &name, &run, &truth)),
+        );
+    }
+    Ok(tried)
+}
+
+/// The runs that have a copy, by load and name.
+fn runs_of(bytes: &[u8]) -> Result<BTreeMap<String, Load>, Box<dyn std::error::Error>> {
+    let summary = Summary::read(bytes)?.ok_or("the trace has no summary: it was not finished")?;
+    let mut loads: BTreeMap<String, Load> = BTreeMap::new();
+    for index in &summary.metadata_indexes {
+        if !index.name.starts_with("rhumb.run.") {
+            continue;
+        }
+        let metadata = mcap::read::metadata(bytes, index)?;
+        let terms: Terms = metadata.metadata;
+        let said = |name: &str| terms.get(name).cloned().unwrap_or_default();
+        if said("mode") == "integrated" {
+            continue;
+        }
+        let load = loads.entry(said("load")).or_default();
+        load.runs.insert(said("name"), Run::of(&terms));
+    }
+    if loads.is_empty() {
+        return Err("the trace has no run of a client".into());
+    }
+    Ok(loads)
+}
+
+/// A run as a case that was tried.
+fn verdict(load: &str, name: &str, run: &Run, truth: &Truth) -> Tried {
+    let case =
+        Case::decoder(&format!("trace.{load}.{name}"), &run.name()).cites("PROTOCOL 6.3-7, 6.3-9");
+    let play = run.judge(truth);
+    let (verdict, why) = match &play {
+        Ok(()) => (Verdict::Pass, String::new()),
+        Err(stop) => (stop.verdict(), Stop::why(stop).to_owned()),
+    };
+    let outcome = Outcome {
+        verdict,
+        why,
+        closing: Closing::NotJudged,
+        took: std::time::Duration::ZERO,
+        trace: Vec::new(),
+    };
+    Tried { case, outcome }
+}
