@@ -23,7 +23,7 @@ import packets
 import subscriber
 
 FIRST_ECHO, LAST_ECHO, SILENCE = 0.025, 0.5, 3.0
-DONE, MALFORMED, VERSION, EXTENSION = 0, 1, 3, 5
+DONE, MALFORMED, VIOLATION, VERSION, EXTENSION = 0, 1, 2, 3, 5
 
 
 class Ended(Exception):
@@ -38,7 +38,7 @@ class Member(QuicConnectionProtocol):
         self.frames, self.scene, self.ended = messages.Frames(), None, None
         self.heard, self.answers = asyncio.Event(), asyncio.Queue()
         self.on_state = lambda scene: None
-        self.control, self.is_moved = None, False
+        self.control, self.is_moved, self.is_welcomed, self.is_resyncing = None, False, False, False
         self.asked_at, self.patience, self.heard_at = 0.0, FIRST_ECHO, 0.0
 
     # What comes
@@ -70,8 +70,16 @@ class Member(QuicConnectionProtocol):
     def hear(self, said):
         if said["is"] in ("Welcome", "Joined") and any(one["id"] % 2 == 0 for one in said["extensions"]):
             self.end(EXTENSION)
+            return
+        if said["is"] in ("Welcome", "Joined"):
+            self.check_opening(said)
+        if said["is"] == "Welcome":
+            if self.is_welcomed:
+                raise subscriber.Violation(VIOLATION)
+            self.is_welcomed = True
+            self.answers.put_nowait(said)
         elif said["is"] == "Joined":
-            self.scene = subscriber.Scene(said)
+            self.scene, self.is_resyncing = subscriber.Scene(said), False
         elif said["is"] == "Moved":
             # The stream that comes next is another one (4.12); it is shown as soon as it is whole.
             self.is_moved = True
@@ -86,6 +94,14 @@ class Member(QuicConnectionProtocol):
                     self.is_moved = False
                 self.on_state(self.scene)
             self.answers.put_nowait(said)
+
+    def check_opening(self, said):
+        """4.3-2: terms outside section 7 end the connection."""
+        if "terms" in said:
+            try:
+                messages.check_terms(said["terms"])
+            except messages.Refused as why:
+                raise subscriber.Violation(VIOLATION) from why
 
     # What goes
 
@@ -114,6 +130,12 @@ class Member(QuicConnectionProtocol):
             await asyncio.sleep(0.005)
             now, scene = self._loop.time(), self.scene
             if scene is None or not scene.whole:
+                continue
+            if scene.lost_touch:
+                # 6.7-10: once, and no more of this copy.
+                if not self.is_resyncing:
+                    self.is_resyncing = True
+                    self.say({"is": "Resync"})
                 continue
             if not scene.missing:
                 self.patience = FIRST_ECHO

@@ -230,6 +230,7 @@ class Scene:
             self.must(body and body.generation == said["id"]["generation"])
             self.leave(body.index)
             del self.bodies[body.index]
+            self.part(said["id"])
         elif name == "GravityChanged":
             pull = [f32(part) for part in said["gravity"]]
             if not self.whole and not self.snapshot_gravity:
@@ -237,10 +238,13 @@ class Scene:
             self.gravities = [old for old in self.gravities if old[0] < said["tick"]] + [(said["tick"], pull)]
         elif name == "JointAdded":
             self.must(said["id"] not in self.joints)
+            for id_ in (said["joint"]["first"], said["joint"]["second"]):
+                body = self.bodies.get(id_["index"])
+                self.must(body and body.generation == id_["generation"])
             self.joints[said["id"]] = said["joint"]
         elif name == "JointRemoved":
-            # Those that went with a body are not told apart here.
-            self.joints.pop(said["id"], None)
+            self.must(said["id"] in self.joints)
+            del self.joints[said["id"]]
         if self.whole:
             self.notices += 1
             self.release()
@@ -249,10 +253,18 @@ class Scene:
         if not good:
             raise Violation(2)
 
+    def part(self, id_):
+        """4.6-2: with a body its joints are gone too."""
+        joints = self.joints.items()
+        self.joints = {name: joint for name, joint in joints if id_ not in (joint["first"], joint["second"])}
+
     def place(self, said):
         self.must(said["terms"]["shape"] in self.shapes)
         body = Body(said["terms"], said.get("inertia"), track_of_notice(said["track"]), self)
         self.leave(body.index)
+        before = self.bodies.get(body.index)
+        if before:
+            self.part({"index": before.index, "generation": before.generation})
         self.bodies[body.index] = body
         if said["seat"]:
             self.sit(said["seat"] - 1, body.index, 0)
@@ -410,12 +422,12 @@ class Scene:
     def rebuild(self):
         while (found := self.restorer.rebuilt()) is not None:
             number, data = found
-            self.restorer.keep(number, data)
             try:
                 said = packets.decoded(data)
             except packets.Malformed:
                 self.restorer.was_wrong(self.next)
                 return
+            self.restorer.keep(number, data)
             said["data"] = data
             if expanded(said["notices"], self.notices) > self.notices:
                 self.held.append(said)
