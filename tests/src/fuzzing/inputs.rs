@@ -67,8 +67,15 @@ pub fn seeds(target: &Target) -> Vec<Vec<u8>> {
         "server_messages" => control(["server says", "refused of a server"]),
         "state_packets" => behind(&[0], datagrams()),
         "side_packets" => behind(&[1], datagrams()),
+        "recordings" => behind(&[3], std::iter::once(trace())),
         _ => Vec::new(),
     }
+}
+
+/// A trace of ours: `rhumb-bench evaluate --scene free-fall --bodies 1 --seconds 0.1 --modes integrated`.
+fn trace() -> Vec<u8> {
+    let path = root().join("tests/data/traces/free_fall.mcap");
+    std::fs::read(path).expect("a trace lies beside the crates")
 }
 
 fn datagrams() -> impl Iterator<Item = Vec<u8>> {
