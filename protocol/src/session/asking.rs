@@ -1,4 +1,4 @@
-//! Which lost packets to ask for now: each by itself, and again at spans that grow.
+//! Which lost packets to ask for now: each by itself, ever more rarely.
 //!
 //! One packet's waiting never delays another's. Keeps no more than it is told is missing.
 
@@ -52,8 +52,10 @@ impl Asking {
         self.open.values().filter_map(Patience::due).min()
     }
 
-    /// Takes the packets that are to be asked for now, in rising order. The wait for their answer is `patient` at least.
+    /// Takes the packets that are to be asked for now, in rising order. The wait for their answer is `patient` at least,
+    /// and never none, also where no round trip was measured yet.
     pub fn ask(&mut self, now: Instant, patient: Span) -> impl Iterator<Item = u64> {
+        let patient = patient.max(DISORDER);
         let open = self.open.iter_mut();
         open.filter_map(move |(number, patience)| patience.ask(now, patient).then_some(*number))
     }
@@ -66,6 +68,17 @@ mod tests {
 
     fn at(ms: u64) -> Instant {
         Instant::ZERO + Span::from_millis(ms)
+    }
+
+    #[test]
+    fn no_packet_is_asked_for_again_at_once_where_no_time_passes_on_the_way() {
+        let mut asking = Asking::default();
+        for now in [at(0), at(4), at(12)] {
+            asking.wait_for(now, Span::ZERO, [3].into_iter());
+            assert_eq!(asking.ask(now, Span::ZERO).collect::<Vec<_>>(), [3]);
+            assert!(asking.ask(now, Span::ZERO).next().is_none());
+        }
+        assert_eq!(asking.due(), Some(at(28)));
     }
 
     #[test]
