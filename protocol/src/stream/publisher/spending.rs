@@ -43,8 +43,10 @@ pub(super) struct Spending {
     purse: Purse,
     /// Bodies that were due and have not had a word since, by index.
     waiting: BTreeMap<u32, Waiting>,
-    /// The greatest share that any track used at the ticks since the last packet.
+    /// The greatest share that any track used at the ticks since the last packet, or at those that it spoke of.
     worst: f64,
+    /// A packet was said, so that the next tick begins anew.
+    told: bool,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -83,10 +85,12 @@ impl Publisher {
             purse: Purse::new(budget, self.tracks.integrator().rate),
             waiting: BTreeMap::new(),
             worst: 1.0,
+            told: false,
         }));
     }
 
-    /// By what factor tracks exceed their tolerances at most, at the ticks since the last packet.
+    /// By what factor tracks exceed their tolerances at most, at the ticks since the last packet; if that was said at this
+    /// tick, at those that it spoke of: a vouch behind it may be heard without it.
     #[must_use]
     pub fn excess(&self) -> Excess {
         let spending = self.spending.as_ref();
@@ -110,6 +114,9 @@ impl Publisher {
         out: &mut Vec<Bytes>,
     ) {
         let tick = self.tick;
+        if core::mem::take(&mut spending.told) {
+            spending.worst = 1.0;
+        }
         self.usher.sweep(tick);
         spending.purse.earn(tick.since(before).unwrap_or_default());
         let observations = witness.at(tick).unwrap_or_default();
@@ -129,7 +136,7 @@ impl Publisher {
             spending
                 .purse
                 .spend(out[begun..].iter().map(Bytes::len).sum());
-            spending.worst = 1.0;
+            spending.told = true;
         }
     }
 
