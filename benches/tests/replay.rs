@@ -99,8 +99,14 @@ fn with_hindsight_every_published_tick_is_within_the_tolerance_for_fewer_bytes()
         let at_once = replayed(every, 0, Features::ALL);
         for hindsight in 1..=6 {
             let later = replayed(every, hindsight, Features::ALL);
+            // These balls fly: from three ticks and less nobody can tell a flight from a push.
+            let most = if hindsight < 4 {
+                at_once * 11 / 10
+            } else {
+                at_once
+            };
             assert!(
-                later < at_once,
+                later < most,
                 "{later} of {at_once}, {hindsight} ticks later"
             );
         }

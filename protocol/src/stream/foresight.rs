@@ -1,4 +1,4 @@
-//! Which correction serves longest per bit, where it is known what a body does next.
+//! Which correction serves longest per bit, where the future is known.
 //!
 //! Only publishers with hindsight come here. Every correction near those that fit the known ticks is weighed by what it
 //! costs, how long it holds and, where it breaks within what is known, by the best correction that then follows. Like
@@ -21,7 +21,8 @@ const FITS_AFTER: [usize; 4] = [0, 1, 3, 5];
 /// … and go step by step to better ones, so many times at most.
 const ROUNDS: usize = 8;
 const ROUNDS_AFTER: usize = 1;
-/// Velocities are said by lines through so many known ticks, in steps that are doubled so often.
+/// Velocities are said by lines through so many known ticks, and only where one more shows where they lead; in steps that
+/// are doubled so often.
 const LINES: [usize; 3] = [2, 4, 6];
 const COARSENESSES: [u32; 10] = [9, 8, 7, 6, 5, 4, 3, 2, 1, 0];
 /// What comes after all that is weighed is taken to cost so much, in 1/256 bits, for so many ticks: without it, what
@@ -212,7 +213,7 @@ impl Chooser<'_> {
             }
         }
         for line in LINES {
-            if !moves || line > outlook.known {
+            if !moves || line >= outlook.known {
                 break;
             }
             let (residual, faster) = outlook.line(line);
