@@ -1,4 +1,4 @@
-//! `rhumb-bench scene`: what a script places, as JSON, for engines that are not linked here.
+//! `rhumb-bench scene`: what a script places, as JSON, for other engines.
 //!
 //! Bodies and where they begin, with the terms that they share; no joints, no forces, and nothing that a controller does. A
 //! script that needs those is refused by name, since another engine would run another scene.

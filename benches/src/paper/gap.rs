@@ -1,4 +1,4 @@
-//! `rhumb-bench paper gap`: where the client of the published experiment loses its time.
+//! `rhumb-bench paper gap`: where the published client loses its time.
 //!
 //! The paper's protocol over one pit, by a client that loses nothing but what the protocol costs, by clients that lose one
 //! thing each, and by one that loses all; beside them the engine in the caller's thread, and what packing and silence

@@ -1,4 +1,4 @@
-//! How far off a body will be after a correction, where it is known what it does next.
+//! How far off a body will be after a correction, where the future is known.
 //!
 //! Nothing is predicted here: a correction moves what was predicted by so many steps, and by more each tick where it
 //! implies velocities, so that one prediction for each tick does for all corrections. That is near enough to choose by,
