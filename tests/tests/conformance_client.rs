@@ -1,4 +1,4 @@
-//! The Rust client passes every case; who breaks a promise on purpose fails one.
+//! The Rust client passes every case; who breaks a promise fails one.
 //!
 //! So the suite itself is tried: a case that no mutant fails may be one that nobody can. Mutants are those of
 //! `conformance/mutants`; each is played against the case that is for it, and against no other.

@@ -59,6 +59,9 @@ pub enum Turn {
     Alone,
 }
 
+/// A case of a group as it stands in a table: its number, its promise, what it cites, and how it is tried.
+pub(super) type Row = (u32, &'static str, &'static str, fn(&mut Trial<'_>) -> Play);
+
 type Played = Box<dyn Fn(&mut Trial<'_>) -> Play + Send + Sync>;
 
 /// One case.

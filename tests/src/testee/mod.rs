@@ -1,4 +1,4 @@
-//! A client under test: follows a scene and tells, line by line, what it holds.
+//! A client under test: follows a scene and tells what it holds, line by line.
 //!
 //! It is started as `docs/implementing.md` says: told by its environment where to go and what to wish. It judges nothing.
 //! What it hears, says and tells passes by a [`Habit`]; the honest one leaves all as it is, those of `conformance/mutants`

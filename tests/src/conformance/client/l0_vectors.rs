@@ -1,4 +1,4 @@
-//! L0.51 to L0.53: golden vectors of servers and of streams, played on the wire.
+//! L0.51 to L0.53: golden vectors, played to a client on the wire.
 //!
 //! Of the many messages that must be refused some of each kind and reason are played; decoders are tried with all of them.
 
@@ -6,68 +6,73 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use rhumb_protocol::message::Frames;
-use rhumb_protocol::packet::{
-    FullPacket, Head, Kind, Parity, Repair, StatePacket, StreamId, Vouch,
-};
+use rhumb_protocol::packet::{Doubt, Echo, Low16, Ranges, StreamId, Vouch};
 use rhumb_protocol::session::CloseCode;
-use rhumb_protocol::wire::Wire;
-use rhumb_protocol::wire::bytes::{Reader, Writer};
+use rhumb_protocol::wire::bytes::Writer;
 use serde_json::Value;
 
-use super::hand;
-use crate::conformance::case::Case;
-use crate::conformance::outcome::Play;
-use crate::conformance::peer::Setting;
+use super::{hand, table};
+use crate::conformance::case::{Case, Row};
+use crate::conformance::outcome::{Play, ensure};
+use crate::conformance::peer::{Setting, datagram};
 use crate::conformance::trial::Trial;
 use crate::grammar::unhex;
 
 pub(super) fn cases() -> Vec<Case> {
     let mut cases = refused();
-    cases.push(
-        Case::client(
-            "L0.52.1",
-            "messages that nobody need know are skipped, as the vectors have them",
-        )
-        .cites("PROTOCOL 3.5-11, 4.1-2")
-        .play(skipped),
-    );
-    cases.push(
-        Case::client("L0.53.1", "each malformed datagram of the vectors is dropped, and nothing of it believed")
-            .cites("PROTOCOL 2.5-1, 2.5-4, 5.1-2, 5.2-2, 5.3-4, 5.3-5, 5.4-4, 5.4-5, 5.6-3, 5.6-7, 5.6-9, 5.17-3, 6.5-1")
-            .play(|trial| thrown(trial, &datagrams("refused"))),
-    );
-    cases.push(
-        Case::client(
-            "L0.53.2",
-            "datagrams of another stream, or of the other end's kind, are dropped",
-        )
-        .cites("PROTOCOL 5.8-1, 5.8-4, 6.5-3")
-        .play(strangers),
-    );
-    cases.push(
-        Case::client("L0.53.3", "datagrams of an unknown kind are dropped")
-            .cites("PROTOCOL 3.5-7, 3.5-16")
-            .play(|trial| {
-                let unknown = (10..=255_u8).filter(|kind| !(11..=12).contains(kind));
-                let datagrams: Vec<_> = unknown.map(|kind| vec![kind, 0, 1, 2, 3, 4]).collect();
-                thrown(trial, &datagrams)
-            }),
-    );
-    cases.push(
-        Case::client(
-            "L0.53.4",
-            "datagrams with bits flipped, cut short or with bytes behind do no harm",
-        )
-        .cites("PROTOCOL 2.5-1, 2.5-4, 5.1-2, 5.3-4")
-        .play(damaged),
-    );
+    cases.extend(table("L0.52", SKIPPED));
+    cases.extend(table("L0.53", DATAGRAMS));
     cases
 }
+
+const SKIPPED: &[Row] = &[(
+    1,
+    "messages that nobody need know are skipped, as the vectors have them",
+    "PROTOCOL 3.5-11, 4.1-2",
+    skipped,
+)];
+
+const DATAGRAMS: &[Row] = &[
+    (
+        1,
+        "each malformed datagram of the vectors is dropped, and nothing of it believed",
+        "PROTOCOL 2.5-1, 2.5-4, 5.1-2, 5.2-2, 5.3-4, 5.3-5, 5.4-4, 5.4-5, 5.6-3, 5.6-7, 5.6-9, 5.6-16, 5.8-5, 5.17-3, 6.5-1",
+        |trial| thrown(trial, &datagrams("refused")),
+    ),
+    (
+        2,
+        "datagrams of another stream, or of the other end's kind, are dropped",
+        "PROTOCOL 5.8-1, 5.8-4, 6.5-3",
+        strangers,
+    ),
+    (
+        3,
+        "datagrams of an unknown kind are dropped",
+        "PROTOCOL 3.5-7, 3.5-16",
+        |trial| {
+            let of = |kind: u8| (0..16).map(move |stream| vec![stream << 4 | kind, 0, 1, 2, 3, 4]);
+            let unknown: Vec<_> = datagram::NO_KINDS.into_iter().flat_map(of).collect();
+            thrown(trial, &unknown)
+        },
+    ),
+    (
+        4,
+        "datagrams with bits flipped, cut short or with bytes behind do no harm",
+        "PROTOCOL 2.5-1, 2.5-4, 5.1-2, 5.3-4",
+        damaged,
+    ),
+    (
+        5,
+        "a stream id of 33 bits is not that of its low 32",
+        "PROTOCOL 2.5-4, 5.8-5",
+        of_a_stream_too_far,
+    ),
+];
 
 /// Messages that are malformed, some of each kind and reason.
 fn refused() -> Vec<Case> {
     let table = vectors("control.json");
-    let mut found: BTreeMap<(u8, String), Vec<(String, Vec<u8>)>> = BTreeMap::new();
+    let mut found: BTreeMap<_, Vec<(String, Vec<u8>)>> = BTreeMap::new();
     for line in table["refused of a server"]
         .as_array()
         .into_iter()
@@ -121,7 +126,7 @@ fn thrown(trial: &mut Trial<'_>, datagrams: &[Vec<u8>]) -> Play {
     feed.enter()?;
     let stream = feed.mirror()?.stream().stream();
     for (place, datagram) in datagrams.iter().enumerate() {
-        let datagram = of_stream(datagram, stream);
+        let datagram = datagram::of_stream(datagram, stream);
         if datagram.len() <= 1150 {
             feed.host.throw(&datagram)?;
         }
@@ -133,40 +138,49 @@ fn thrown(trial: &mut Trial<'_>, datagrams: &[Vec<u8>]) -> Play {
     feed.must_follow()
 }
 
-/// The same datagram of another stream, if so much of it can be read.
-fn of_stream(datagram: &[u8], stream: StreamId) -> Vec<u8> {
-    let mut reader = Reader::new(datagram);
-    let Ok(head) = Head::decode(&mut reader) else {
-        return datagram.to_vec();
+/// A vouch for a tick in the name of a stream that is 2³² more than the one that is followed.
+fn of_a_stream_too_far(trial: &mut Trial<'_>) -> Play {
+    let mut host = trial.host()?;
+    hand::let_in(&mut host)?;
+    let vouch = Vouch {
+        next: Low16::of(hand::NEXT),
+        tick: Low16::of(hand::TICK + 1),
+        notices: Low16::of(hand::NOTICES),
     };
-    let mut to = Writer::new();
-    Head { stream, ..head }.encode(&mut to);
-    let mut bytes = to.into_bytes();
-    bytes.extend_from_slice(reader.rest());
-    bytes
+    let mut bytes = vouch.encode(StreamId(15));
+    let (head, more) = (bytes.remove(0), u64::from(hand::STREAM.0) + (1 << 32) - 15);
+    let mut far = Writer::new();
+    far.u8(head);
+    far.varint(more);
+    far.raw(&bytes[1..]);
+    host.throw(&far.into_bytes())?;
+    hand::must_go_on(&mut host, hand::NEXT + 1, hand::TICK + 2, hand::NOTICES)?;
+    let told = host.lines_written()?;
+    let believed = told.iter().any(|told| told["tick"] == hand::TICK + 1);
+    ensure(!believed, "nothing of it is believed")
 }
 
 fn strangers(trial: &mut Trial<'_>) -> Play {
     let mut feed = trial.feed(Setting::of("ball-pit", 12))?;
     feed.enter()?;
     let other = StreamId(feed.mirror()?.stream().stream().0 ^ 0x55);
-    for datagram in datagrams("said") {
-        feed.host.throw(&of_stream(&datagram, other))?;
+    for said in datagrams("said") {
+        feed.host.throw(&datagram::of_stream(&said, other))?;
     }
     let own = feed.mirror()?.stream().stream();
     // Echoes and doubts are what listeners say.
-    for kind in [6_u8, 8] {
-        let mut bytes = vec![kind];
-        let mut to = Writer::new();
-        own.encode(&mut to);
-        bytes.extend(to.into_bytes());
-        bytes.extend_from_slice(if kind == 6 {
-            &[1, 0, 0, 0, 0, 0]
-        } else {
-            &[0, 1]
-        });
-        feed.host.throw(&bytes)?;
-    }
+    let echo = Echo {
+        next: Low16(1),
+        gone: Low16(0),
+        parities: 0,
+        lost: Vec::new(),
+    };
+    let range = Ranges {
+        first: 0,
+        stride: 1,
+    };
+    feed.host.throw(&echo.encode(own))?;
+    feed.host.throw(&Doubt { range }.encode(own))?;
     feed.step(20)?;
     feed.must_follow()
 }
@@ -186,32 +200,13 @@ fn damaged(trial: &mut Trial<'_>) -> Play {
         said.push(bytes[..dice.below(bytes.len())].to_vec());
         said.push([&bytes[..], &[0]].concat());
         // Of some it cannot be seen that they are not what was sent: those are QUIC's to keep away.
-        said.retain(|bytes| is_malformed(bytes));
+        said.retain(|bytes| datagram::read(bytes).is_err());
         said.push(bytes);
         said
     });
     feed.enter()?;
     feed.step(60)?;
     feed.must_follow()
-}
-
-/// Whether no reader takes it for a datagram of any stream.
-fn is_malformed(bytes: &[u8]) -> bool {
-    let mut from = Reader::new(bytes);
-    let Ok(head) = Head::decode(&mut from) else {
-        return true;
-    };
-    let mut updates = Vec::new();
-    match head.kind {
-        Kind::State | Kind::StateEnd => StatePacket::decode(true, from)
-            .and_then(|packet| packet.updates(&mut updates))
-            .is_err(),
-        Kind::Vouch => Vouch::decode(from).is_err(),
-        Kind::Repair => Repair::decode(from).is_err(),
-        Kind::Full | Kind::FullEnd => FullPacket::decode(true, from).is_err(),
-        Kind::Parity => Parity::decode(from).is_err(),
-        _ => false,
-    }
 }
 
 fn datagrams(section: &str) -> Vec<Vec<u8>> {

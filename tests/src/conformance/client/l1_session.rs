@@ -8,64 +8,71 @@ use rhumb_protocol::message::{
 use rhumb_protocol::session::CloseCode;
 use rhumb_reckoning::Predictor;
 
-use super::hand;
-use crate::conformance::case::Case;
+use super::{hand, table};
+use crate::conformance::case::{Case, Row};
 use crate::conformance::outcome::{Play, Stop, ensure, should};
 use crate::conformance::peer::Host;
 use crate::conformance::trial::Trial;
 
 pub(super) fn cases() -> Vec<Case> {
-    let mut cases = beginnings();
-    cases.extend(welcomes());
-    cases.extend(ends());
+    let mut cases = table("L1.51", BEGINNINGS);
+    cases.extend(WELCOMES_REFUSED.map(refused));
+    cases.extend(table("L1.51", WELCOMES));
+    cases.extend(table("L1.51", ENDS));
+    cases.extend(codes());
     cases
 }
 
-fn beginnings() -> Vec<Case> {
-    vec![
-        Case::client("L1.51.1", "a client says hello first, and offers version 1")
-            .cites("PROTOCOL 1.1-1, 1.3-1, 3.1-1, 3.1-2, 4.1-1")
-            .play(hello),
-        Case::client(
-            "L1.51.4",
-            "a client opens one stream, both ways, and no other",
-        )
-        .cites("PROTOCOL 1.1-2, 1.1-3")
-        .play(|trial| {
+/// What a client says of itself.
+const BEGINNINGS: &[Row] = &[
+    (
+        1,
+        "a client says hello first, and offers version 1",
+        "PROTOCOL 1.1-1, 1.3-1, 3.1-1, 3.1-2, 4.1-1",
+        hello,
+    ),
+    (
+        4,
+        "a client opens one stream, both ways, and no other",
+        "PROTOCOL 1.1-2, 1.1-3",
+        |trial| {
             let mut host = trial.host()?;
             hand::let_in(&mut host)?;
             hand::must_go_on(&mut host, hand::NEXT + 1, hand::TICK + 1, hand::NOTICES)?;
             ensure(host.opened == [true], "it opened one stream, both ways")
-        }),
-        Case::client("L1.51.5", "a client takes datagrams of 1150 bytes")
-            .cites("PROTOCOL 1.1-4, 5.8-3")
-            .play(|trial| {
-                let mut host = trial.host()?;
-                host.await_message("hello", Some)?;
-                let most = host.line.datagram_bytes_max();
-                ensure(
-                    most >= Some(1150),
-                    format!("it takes 1150, and not {most:?}"),
-                )
-            }),
-        Case::client(
-            "L1.51.6",
-            "a client waits for the welcome before it says more",
-        )
-        .cites("PROTOCOL 3.2-2")
-        .play(patient),
-        Case::client(
-            "L1.51.7",
-            "a client offers a greased version, and says a greased extension",
-        )
-        .cites("PROTOCOL 3.5-7, 3.5-8")
-        .play(greases),
-        Case::client(
-            "L1.51.8",
-            "a client says by its exit code that it has not what a case tries",
-        )
-        .cites("PROTOCOL 3.1-3")
-        .play(|trial| {
+        },
+    ),
+    (
+        5,
+        "a client takes datagrams of 1150 bytes",
+        "PROTOCOL 1.1-4, 5.8-3",
+        |trial| {
+            let mut host = trial.host()?;
+            host.await_message("hello", Some)?;
+            let most = host.line.datagram_bytes_max();
+            ensure(
+                most >= Some(1150),
+                format!("it takes 1150, and not {most:?}"),
+            )
+        },
+    ),
+    (
+        6,
+        "a client waits for the welcome before it says more",
+        "PROTOCOL 3.2-2",
+        patient,
+    ),
+    (
+        7,
+        "a client offers a greased version, and says a greased extension",
+        "PROTOCOL 3.5-7, 3.5-8",
+        greases,
+    ),
+    (
+        8,
+        "a client says by its exit code that it has not what a case tries",
+        "PROTOCOL 3.1-3",
+        |trial| {
             // A made-up wish: who follows all the same would pass what it never did.
             let exit = match trial.host_of("made-up words of the suite") {
                 Err(Stop::Unsupported(_)) => return Ok(()),
@@ -76,82 +83,84 @@ fn beginnings() -> Vec<Case> {
                 Err(Stop::Unsupported(_)) => Ok(()),
                 _ => Stop::fail("it does something else than it was ordered to"),
             }
-        }),
-    ]
-}
+        },
+    ),
+];
 
-fn welcomes() -> Vec<Case> {
-    let refused = |id: &str, name: &str, cites: &str, welcome: fn() -> Welcome, code| {
-        Case::client(id, name).cites(cites).play(move |trial| {
+/// A case of a welcome that ends the connection: number, promise, what it cites, the welcome, and the code.
+type Refused = (u32, &'static str, &'static str, fn() -> Welcome, CloseCode);
+
+const WELCOMES_REFUSED: [Refused; 4] = [
+    (
+        2,
+        "a client that is welcomed in a version that it did not offer closes",
+        "PROTOCOL 3.1-5, 3.5-10",
+        || of_version(7),
+        CloseCode::VERSION,
+    ),
+    (
+        9,
+        "a client that is welcomed in a version from the future closes",
+        "PROTOCOL 3.1-5, 3.5-10",
+        || of_version(2),
+        CloseCode::VERSION,
+    ),
+    (
+        10,
+        "a welcome with a critical extension that nobody knows ends the connection",
+        "PROTOCOL 3.5-1, 3.5-4, 3.5-12",
+        || Welcome {
+            extensions: extension(28),
+            ..hand::welcome()
+        },
+        CloseCode::EXTENSION,
+    ),
+    (
+        11,
+        "a welcome with terms outside the limits ends the connection",
+        "PROTOCOL 4.3-2, 7-1",
+        || {
+            let mut terms = hand::terms();
+            terms.gravity.y = -2_000.0;
+            Welcome {
+                scene: Some(terms),
+                ..hand::welcome()
+            }
+        },
+        CloseCode::VIOLATION,
+    ),
+];
+
+fn refused((number, name, cites, welcome, code): Refused) -> Case {
+    Case::client(&format!("L1.51.{number}"), name)
+        .cites(cites)
+        .play(move |trial| {
             let mut host = trial.host()?;
             host.await_message("hello", Some)?;
             host.say(&ServerMessage::Welcome(welcome()));
             host.must_be_closed(code)
         })
-    };
-    let mut cases = vec![
-        refused(
-            "L1.51.2",
-            "a client that is welcomed in a version that it did not offer closes",
-            "PROTOCOL 3.1-5, 3.5-10",
-            || of_version(7),
-            CloseCode::VERSION,
-        ),
-        refused(
-            "L1.51.9",
-            "a client that is welcomed in a version from the future closes",
-            "PROTOCOL 3.1-5, 3.5-10",
-            || of_version(2),
-            CloseCode::VERSION,
-        ),
-        refused(
-            "L1.51.10",
-            "a welcome with a critical extension that nobody knows ends the connection",
-            "PROTOCOL 3.5-1, 3.5-4, 3.5-12",
-            || Welcome {
-                extensions: extension(28),
-                ..hand::welcome()
-            },
-            CloseCode::EXTENSION,
-        ),
-        refused(
-            "L1.51.11",
-            "a welcome with terms outside the limits ends the connection",
-            "PROTOCOL 4.3-2, 7-1",
-            || {
-                let mut terms = hand::terms();
-                terms.gravity.y = -2_000.0;
-                Welcome {
-                    scene: Some(terms),
-                    ..hand::welcome()
-                }
-            },
-            CloseCode::VIOLATION,
-        ),
-    ];
-    cases.push(
-        Case::client(
-            "L1.51.12",
-            "a greased version is not taken though it was offered",
-        )
-        .cites("PROTOCOL 3.5-9")
-        .play(greased_version),
-    );
-    cases.push(
-        Case::client(
-            "L1.51.13",
-            "optional extensions and greased messages are skipped",
-        )
-        .cites("PROTOCOL 3.5-1, 3.5-3, 3.5-7, 3.5-11, 3.5-12, 4.1-2")
-        .play(skips),
-    );
-    cases.push(
-        Case::client(
-            "L1.51.14",
-            "a joined with a critical extension ends the connection",
-        )
-        .cites("PROTOCOL 3.5-12")
-        .play(|trial| {
+}
+
+/// What comes with a welcome, and behind it.
+const WELCOMES: &[Row] = &[
+    (
+        12,
+        "a greased version is not taken though it was offered",
+        "PROTOCOL 3.5-9",
+        greased_version,
+    ),
+    (
+        13,
+        "optional extensions and greased messages are skipped",
+        "PROTOCOL 3.5-1, 3.5-3, 3.5-7, 3.5-11, 3.5-12, 4.1-2",
+        skips,
+    ),
+    (
+        14,
+        "a joined with a critical extension ends the connection",
+        "PROTOCOL 3.5-12",
+        |trial| {
             let mut host = trial.host()?;
             hand::wants_in(&mut host)?;
             host.say(&ServerMessage::Joined(Joined {
@@ -159,15 +168,13 @@ fn welcomes() -> Vec<Case> {
                 ..hand::joined()
             }));
             host.must_be_closed(CloseCode::EXTENSION)
-        }),
-    );
-    cases.push(
-        Case::client(
-            "L1.51.15",
-            "a joined with terms outside the limits ends the connection",
-        )
-        .cites("PROTOCOL 4.3-2")
-        .play(|trial| {
+        },
+    ),
+    (
+        15,
+        "a joined with terms outside the limits ends the connection",
+        "PROTOCOL 4.3-2",
+        |trial| {
             let mut host = trial.host()?;
             hand::wants_in(&mut host)?;
             let mut joined = hand::joined();
@@ -175,52 +182,60 @@ fn welcomes() -> Vec<Case> {
                 core::num::NonZeroU32::new(17).expect("it is not zero");
             host.say(&ServerMessage::Joined(joined));
             host.must_be_closed(CloseCode::VIOLATION)
-        }),
-    );
-    cases.push(
-        Case::client("L1.51.16", "a second welcome ends the connection")
-            .cites("PROTOCOL 3.1-4")
-            .play(|trial| {
-                let mut host = trial.host()?;
-                hand::wants_in(&mut host)?;
-                host.say(&ServerMessage::Welcome(hand::welcome()));
-                host.must_be_closed(CloseCode::VIOLATION)
-            }),
-    );
-    cases.push(
-        Case::client("L1.51.17", "control bytes may be cut anywhere")
-            .cites("PROTOCOL 4.1-1, 4.8-1, 4.8-4")
-            .play(byte_by_byte),
-    );
-    cases
-}
+        },
+    ),
+    (
+        16,
+        "a second welcome ends the connection",
+        "PROTOCOL 3.1-4",
+        |trial| {
+            let mut host = trial.host()?;
+            hand::wants_in(&mut host)?;
+            host.say(&ServerMessage::Welcome(hand::welcome()));
+            host.must_be_closed(CloseCode::VIOLATION)
+        },
+    ),
+    (
+        17,
+        "control bytes may be cut anywhere",
+        "PROTOCOL 4.1-1, 4.8-1, 4.8-4",
+        byte_by_byte,
+    ),
+];
 
-fn ends() -> Vec<Case> {
-    let mut cases = vec![
-        Case::client(
-            "L1.51.3",
-            "a client ends the connection at a message of an unknown type below 0x80",
-        )
-        .cites("PROTOCOL 4.1-3, 2.5-3, 3.5-11")
-        .play(|trial| {
+/// What ends a connection, and what does not.
+const ENDS: &[Row] = &[
+    (
+        3,
+        "a client ends the connection at a message of an unknown type below 0x80",
+        "PROTOCOL 4.1-3, 2.5-3, 3.5-11",
+        |trial| {
             let mut host = trial.host()?;
             host.await_message("hello", Some)?;
             host.utter(&[1, 0x7d]);
             host.must_be_closed(CloseCode::MALFORMED)
-        }),
-        Case::client("L1.51.18", "a denied join leaves the connection as it was")
-            .cites("PROTOCOL 4.7-1, 3.5-15")
-            .play(|trial| {
-                let mut host = trial.host()?;
-                hand::wants_in(&mut host)?;
-                host.say(&ServerMessage::Denied(Denial::NoSuchScene));
-                host.listen(Duration::from_millis(200))?;
-                ensure(
-                    host.ended.is_none() || host.ended_as(0),
-                    "it does not break",
-                )
-            }),
-    ];
+        },
+    ),
+    (
+        18,
+        "a denied join leaves the connection as it was",
+        "PROTOCOL 4.7-1, 3.5-15",
+        |trial| {
+            let mut host = trial.host()?;
+            hand::wants_in(&mut host)?;
+            host.say(&ServerMessage::Denied(Denial::NoSuchScene));
+            host.listen(Duration::from_millis(200))?;
+            ensure(
+                host.ended.is_none() || host.ended_as(0),
+                "it does not break",
+            )
+        },
+    ),
+];
+
+/// Codes that a server may close with.
+fn codes() -> Vec<Case> {
+    let mut cases = Vec::new();
     for (place, code) in [0_u32, 256, 257, 9_999, u32::MAX >> 2]
         .into_iter()
         .enumerate()

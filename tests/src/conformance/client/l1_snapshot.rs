@@ -10,8 +10,8 @@ use rhumb_protocol::scene::{
 use rhumb_protocol::session::CloseCode;
 use rhumb_reckoning::{BodyId, Predictor, Verbatim};
 
-use super::hand;
-use crate::conformance::case::Case;
+use super::{hand, table};
+use crate::conformance::case::{Case, Row};
 use crate::conformance::outcome::{Play, Stop, ensure};
 use crate::conformance::peer::{Setting, Word};
 use crate::conformance::trial::Trial;
@@ -20,80 +20,59 @@ pub(super) fn cases() -> Vec<Case> {
     let mut cases = contradictions();
     cases.extend(malformed());
     cases.extend(pieces());
-    cases.extend(counts());
+    cases.extend(table("L1.52", COUNTS));
     cases
 }
 
+/// Notices.
+type Said = fn() -> Vec<Notice>;
+
 /// Notices that contradict what was said before.
+const CONTRADICTIONS: [(&str, Said); 8] = [
+    ("a body whose shape is not there", || {
+        vec![of_shape(BodyId::new(9, 0), ShapeId(7))]
+    }),
+    ("the removal of a body that is not there", || {
+        vec![Notice::BodyRemoved {
+            id: BodyId::new(9, 0),
+            cause: RemovalCause::Command,
+        }]
+    }),
+    ("the removal of an earlier body of an index", || {
+        vec![Notice::BodyRemoved {
+            id: BodyId::new(3, 1),
+            cause: RemovalCause::LeftWorld,
+        }]
+    }),
+    ("the removal of a body twice", || {
+        let removed = Notice::BodyRemoved {
+            id: hand::BALL,
+            cause: RemovalCause::Command,
+        };
+        vec![removed.clone(), removed]
+    }),
+    ("the removal of a shape that is not there", || {
+        vec![Notice::ShapeRemoved { id: ShapeId(7) }]
+    }),
+    ("a joint of a body that is not there", || {
+        vec![joint(JointId(1), BodyId::new(9, 0))]
+    }),
+    ("a joint that is there already", || {
+        let second = hand::ball(BodyId::new(4, 0), Predictor::Rest);
+        vec![
+            second,
+            joint(JointId(1), BodyId::new(4, 0)),
+            joint(JointId(1), BodyId::new(4, 0)),
+        ]
+    }),
+    ("the removal of a joint that is not there", || {
+        vec![Notice::JointRemoved { id: JointId(1) }]
+    }),
+];
+
 fn contradictions() -> Vec<Case> {
-    type Said = fn() -> Vec<Notice>;
-    let of: [(&str, Said, CloseCode); 8] = [
-        (
-            "a body whose shape is not there",
-            || vec![of_shape(BodyId::new(9, 0), ShapeId(7))],
-            CloseCode::VIOLATION,
-        ),
-        (
-            "the removal of a body that is not there",
-            || {
-                vec![Notice::BodyRemoved {
-                    id: BodyId::new(9, 0),
-                    cause: RemovalCause::Command,
-                }]
-            },
-            CloseCode::VIOLATION,
-        ),
-        (
-            "the removal of an earlier body of an index",
-            || {
-                vec![Notice::BodyRemoved {
-                    id: BodyId::new(3, 1),
-                    cause: RemovalCause::LeftWorld,
-                }]
-            },
-            CloseCode::VIOLATION,
-        ),
-        (
-            "the removal of a body twice",
-            || {
-                let removed = Notice::BodyRemoved {
-                    id: hand::BALL,
-                    cause: RemovalCause::Command,
-                };
-                vec![removed.clone(), removed]
-            },
-            CloseCode::VIOLATION,
-        ),
-        (
-            "the removal of a shape that is not there",
-            || vec![Notice::ShapeRemoved { id: ShapeId(7) }],
-            CloseCode::VIOLATION,
-        ),
-        (
-            "a joint of a body that is not there",
-            || vec![joint(JointId(1), BodyId::new(9, 0))],
-            CloseCode::VIOLATION,
-        ),
-        (
-            "a joint that is there already",
-            || {
-                let second = hand::ball(BodyId::new(4, 0), Predictor::Rest);
-                vec![
-                    second,
-                    joint(JointId(1), BodyId::new(4, 0)),
-                    joint(JointId(1), BodyId::new(4, 0)),
-                ]
-            },
-            CloseCode::VIOLATION,
-        ),
-        (
-            "the removal of a joint that is not there",
-            || vec![Notice::JointRemoved { id: JointId(1) }],
-            CloseCode::VIOLATION,
-        ),
-    ];
     let mut cases = Vec::new();
-    for (place, (what, said, code)) in of.into_iter().enumerate() {
+    for (place, (what, said)) in CONTRADICTIONS.into_iter().enumerate() {
         let id = format!("L1.52.{}", place + 1);
         let name = format!("{what} ends the connection");
         let case = Case::client(&id, &name).cites("PROTOCOL 4.6-7, 7-1");
@@ -103,7 +82,7 @@ fn contradictions() -> Vec<Case> {
             said()
                 .into_iter()
                 .for_each(|notice| host.say(&ServerMessage::Notice(notice)));
-            host.must_be_closed(code)
+            host.must_be_closed(CloseCode::VIOLATION)
         }));
     }
     cases
@@ -314,20 +293,18 @@ fn mesh(points: u16) -> Result<Shape, Stop> {
 }
 
 /// What joins control stream and datagrams.
-fn counts() -> Vec<Case> {
-    vec![
-        Case::client(
-            "L1.52.60",
-            "a datagram that counts more notices than were heard waits for them",
-        )
-        .cites("PROTOCOL 1.2-1, 4.6-5, 4.6-6, 6.5-2, 6.1-3")
-        .play(waits_for_notices),
-        Case::client(
-            "L1.52.66",
-            "a tick is not complete before the notices that its packet counts",
-        )
-        .cites("PROTOCOL 4.6-6, 6.5-2")
-        .play(|trial| {
+const COUNTS: &[Row] = &[
+    (
+        60,
+        "a datagram that counts more notices than were heard waits for them",
+        "PROTOCOL 1.2-1, 4.6-5, 4.6-6, 6.5-2, 6.1-3",
+        waits_for_notices,
+    ),
+    (
+        66,
+        "a tick is not complete before the notices that its packet counts",
+        "PROTOCOL 4.6-6, 6.5-2",
+        |trial| {
             let mut host = trial.host()?;
             hand::let_in(&mut host)?;
             hand::vouch(&mut host, hand::NEXT, hand::TICK + 1, hand::NOTICES + 1)?;
@@ -337,39 +314,42 @@ fn counts() -> Vec<Case> {
             ensure(!early, "it waits for the notice")?;
             host.utter(&[2, 11, 0x8a]);
             hand::told_tick(&mut host, hand::TICK + 1).map(drop)
-        }),
-        Case::client(
-            "L1.52.61",
-            "an optional notice that nobody knows changes nothing, and counts",
-        )
-        .cites("PROTOCOL 3.5-14, 4.6-5, 4.6-6")
-        .play(unknown_notices),
-        Case::client("L1.52.62", "notices of the snapshot do not count")
-            .cites("PROTOCOL 4.8-3, 4.6-5")
-            .play(|trial| {
-                let mut host = trial.host()?;
-                hand::let_in(&mut host)?;
-                hand::vouch(&mut host, hand::NEXT, hand::TICK + 1, hand::NOTICES)?;
-                hand::told_tick(&mut host, hand::TICK + 1).map(drop)
-            }),
-        Case::client(
-            "L1.52.63",
-            "datagrams that come before the end of the snapshot are held",
-        )
-        .cites("PROTOCOL 6.5-2, 6.11-3")
-        .play(before_the_end),
-        Case::client(
-            "L1.52.64",
-            "bodies come, go and come again in the middle of a stream",
-        )
-        .cites("PROTOCOL 2.4-1, 2.4-2, 6.1-3, 6.3-5, 6.13-5, 4.6-2")
-        .play(comings_and_goings),
-        Case::client(
-            "L1.52.65",
-            "a scene that is deleted ends the membership, not the connection",
-        )
-        .cites("PROTOCOL 3.3-2, 3.5-15")
-        .play(|trial| {
+        },
+    ),
+    (
+        61,
+        "an optional notice that nobody knows changes nothing, and counts",
+        "PROTOCOL 3.5-14, 4.6-5, 4.6-6",
+        unknown_notices,
+    ),
+    (
+        62,
+        "notices of the snapshot do not count",
+        "PROTOCOL 4.8-3, 4.6-5",
+        |trial| {
+            let mut host = trial.host()?;
+            hand::let_in(&mut host)?;
+            hand::vouch(&mut host, hand::NEXT, hand::TICK + 1, hand::NOTICES)?;
+            hand::told_tick(&mut host, hand::TICK + 1).map(drop)
+        },
+    ),
+    (
+        63,
+        "datagrams that come before the end of the snapshot are held",
+        "PROTOCOL 6.5-2, 6.11-3",
+        before_the_end,
+    ),
+    (
+        64,
+        "bodies come, go and come again in the middle of a stream",
+        "PROTOCOL 2.4-1, 2.4-2, 6.1-3, 6.3-5, 6.13-5, 4.6-2",
+        comings_and_goings,
+    ),
+    (
+        65,
+        "a scene that is deleted ends the membership, not the connection",
+        "PROTOCOL 3.3-2, 3.5-15",
+        |trial| {
             let mut host = trial.host()?;
             hand::let_in(&mut host)?;
             host.say(&ServerMessage::Deleted);
@@ -379,9 +359,9 @@ fn counts() -> Vec<Case> {
                 host.ended.is_none() || host.ended_as(0),
                 "it does not break",
             )
-        }),
-    ]
-}
+        },
+    ),
+];
 
 /// The control stream is a while behind: what is said of a body comes before the body.
 fn waits_for_notices(trial: &mut Trial<'_>) -> Play {

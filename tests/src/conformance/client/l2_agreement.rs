@@ -7,97 +7,111 @@ use std::time::Duration;
 use rhumb_protocol::message::{
     ClientMessage, Frames, MoveCause, Notice, ServerMessage, StreamChoice, frame,
 };
-use rhumb_protocol::packet::{Echo, Head, Low16, Parity, StreamId};
-use rhumb_protocol::wire::Wire;
-use rhumb_protocol::wire::bytes::Reader;
+use rhumb_protocol::packet::{Echo, Kind, Low16, Parity};
 use rhumb_reckoning::{Anchor, LengthBound, Tolerance, Track};
 
-use super::l2_stream::{busy, is_packet, kind};
-use crate::conformance::case::Case;
+use super::l2_stream::busy;
+use super::table;
+use crate::conformance::case::{Case, Row};
 use crate::conformance::outcome::{Play, Stop, ensure, should};
-use crate::conformance::peer::{Feed, Setting, Word};
+use crate::conformance::peer::{Feed, Setting, Word, datagram};
 use crate::conformance::trial::Trial;
 
 pub(super) fn cases() -> Vec<Case> {
-    vec![
-        Case::client(
-            "L2.52.1",
-            "a copy that is other than the stream is doubted, and made right",
-        )
-        .cites("PROTOCOL 5.14-1, 5.14-2, 5.15-1, 6.12-1, 6.12-2, 6.12-5, 6.12-6, 6.12-8")
-        .play(doubts),
-        Case::client("L2.52.2", "a copy that is as the stream is not doubted")
-            .cites("PROTOCOL 6.12-4, 6.12-5")
-            .play(trusts),
-        Case::client("L2.52.3", "a digest vouches for its tick")
-            .cites("PROTOCOL 6.12-4, 6.4-4")
-            .play(digests_vouch),
-        Case::client(
-            "L2.52.10",
-            "a lost packet is rebuilt from a parity, without a repair",
-        )
-        .cites("PROTOCOL 5.16-1, 5.16-2, 5.16-3, 5.16-4, 6.15-3, 6.15-4, 6.15-5")
-        .play(rebuilds),
-        Case::client(
-            "L2.52.11",
-            "two lost packets are rebuilt from parities of two rows",
-        )
-        .cites("PROTOCOL 5.16-3, 6.15-3, 6.15-4")
-        .play(rebuilds_two),
-        Case::client(
-            "L2.52.12",
-            "a parity that is wrong does no harm: what was lost is repaired",
-        )
-        .cites("PROTOCOL 6.15-6, 6.15-9")
-        .play(wrong_parity),
-        Case::client(
-            "L2.52.13",
-            "parities of what cannot be heard, and of nothing, are dropped",
-        )
-        .cites("PROTOCOL 6.15-2, 6.15-7")
-        .play(useless_parities),
-        Case::client("L2.52.14", "what came back by parities is told as gone")
-            .cites("PROTOCOL 5.13-1, 6.15-5, 6.15-13")
-            .play(tells_of_loss),
-        Case::client(
-            "L2.52.20",
-            "a client that changes its stream follows the new one to the bit",
-        )
-        .cites("PROTOCOL 4.8-8, 4.8-10, 4.8-12, 4.8-14")
-        .play(changes),
-        Case::client(
-            "L2.52.21",
-            "a client that is moved follows the new stream, and says so",
-        )
-        .cites("PROTOCOL 4.12-5, 4.8-12")
-        .play(|trial| moved(trial, MoveCause::Eased)),
-        Case::client(
-            "L2.52.22",
-            "a client that is moved off a stream that goes on no more follows the new one",
-        )
-        .cites("PROTOCOL 4.12-5, 4.12-6")
-        .play(|trial| moved(trial, MoveCause::Thin)),
-        Case::client("L2.52.23", "a full stream is followed to the bit")
-            .cites("PROTOCOL 5.12-1, 6.10-1, 6.10-3, 6.10-4; RECKONING 1.6-1")
-            .play(|trial| {
-                let mut feed = trial.feed(Setting::of("ball-pit", 30).wishing("follow full"))?;
-                feed.enter()?;
-                let mut count = 0;
-                feed.sift(move |bytes| {
-                    count += 1;
-                    if count % 6 == 5 { vec![] } else { vec![bytes] }
-                });
-                feed.step(60)?;
-                feed.mend();
-                feed.step(2)?;
-                feed.must_follow()
-            }),
-        Case::client(
-            "L2.52.24",
-            "a stream within a budget is followed to the bit",
-        )
-        .cites("PROTOCOL 5.17-1, 5.17-2, 6.16-8, 6.16-9")
-        .play(|trial| {
+    table("L2.52", CASES)
+}
+
+/// What each case of the group promises, cites and does.
+const CASES: &[Row] = &[
+    (
+        1,
+        "a copy that is other than the stream is doubted, and made right",
+        "PROTOCOL 5.14-1, 5.14-2, 5.15-1, 6.12-1, 6.12-2, 6.12-5, 6.12-6, 6.12-8",
+        doubts,
+    ),
+    (
+        2,
+        "a copy that is as the stream is not doubted",
+        "PROTOCOL 6.12-4, 6.12-5",
+        trusts,
+    ),
+    (
+        3,
+        "a digest vouches for its tick",
+        "PROTOCOL 6.12-4, 6.4-4",
+        digests_vouch,
+    ),
+    (
+        10,
+        "a lost packet is rebuilt from a parity, without a repair",
+        "PROTOCOL 5.16-1, 5.16-2, 5.16-3, 5.16-4, 6.15-3, 6.15-4, 6.15-5",
+        rebuilds,
+    ),
+    (
+        11,
+        "two lost packets are rebuilt from parities of two rows",
+        "PROTOCOL 5.16-3, 6.15-3, 6.15-4",
+        rebuilds_two,
+    ),
+    (
+        12,
+        "a parity that is wrong does no harm: what was lost is repaired",
+        "PROTOCOL 6.15-6, 6.15-9",
+        wrong_parity,
+    ),
+    (
+        13,
+        "parities of what cannot be heard, and of nothing, are dropped",
+        "PROTOCOL 6.15-2, 6.15-7",
+        useless_parities,
+    ),
+    (
+        14,
+        "what came back by parities is told as gone",
+        "PROTOCOL 5.13-1, 6.15-5, 6.15-13",
+        tells_of_loss,
+    ),
+    (
+        20,
+        "a client that changes its stream follows the new one to the bit",
+        "PROTOCOL 4.8-8, 4.8-10, 4.8-12, 4.8-14",
+        changes,
+    ),
+    (
+        21,
+        "a client that is moved follows the new stream, and says so",
+        "PROTOCOL 4.12-5, 4.8-12",
+        |trial| moved(trial, MoveCause::Eased),
+    ),
+    (
+        22,
+        "a client that is moved off a stream that goes on no more follows the new one",
+        "PROTOCOL 4.12-5, 4.12-6",
+        |trial| moved(trial, MoveCause::Thin),
+    ),
+    (
+        23,
+        "a full stream is followed to the bit",
+        "PROTOCOL 5.12-1, 6.10-1, 6.10-3, 6.10-4; RECKONING 1.6-1",
+        |trial| {
+            let mut feed = trial.feed(Setting::of("ball-pit", 30).wishing("follow full"))?;
+            feed.enter()?;
+            let mut count = 0;
+            feed.sift(move |bytes| {
+                count += 1;
+                if count % 6 == 5 { vec![] } else { vec![bytes] }
+            });
+            feed.step(60)?;
+            feed.mend();
+            feed.step(2)?;
+            feed.must_follow()
+        },
+    ),
+    (
+        24,
+        "a stream within a budget is followed to the bit",
+        "PROTOCOL 5.17-1, 5.17-2, 6.16-8, 6.16-9",
+        |trial| {
             let wish = "follow 1000 budget 2000";
             let mut feed = trial.feed(Setting::of("ball-pit", 60).wishing(wish))?;
             feed.enter()?;
@@ -110,9 +124,9 @@ pub(super) fn cases() -> Vec<Case> {
             feed.mend();
             feed.step(2)?;
             feed.must_follow()
-        }),
-    ]
-}
+        },
+    ),
+];
 
 /// Ticks in a second, and one.
 const SECOND: u64 = 61;
@@ -177,7 +191,7 @@ fn doubts(trial: &mut Trial<'_>) -> Play {
     if !*lied.borrow() {
         return Err(Stop::Inconclusive("there was nothing to lie of".into()));
     }
-    should(feed.kinds.contains(&kind::DOUBT), "it doubts")?;
+    should(feed.kinds.contains(&Kind::Doubt), "it doubts")?;
     feed.must_end_alike()
 }
 
@@ -187,7 +201,7 @@ fn trusts(trial: &mut Trial<'_>) -> Play {
     feed.step(2 * SECOND)?;
     feed.must_follow()?;
     ensure(
-        !feed.kinds.contains(&kind::DOUBT),
+        !feed.kinds.contains(&Kind::Doubt),
         "nothing is to be doubted",
     )
 }
@@ -198,7 +212,7 @@ fn digests_vouch(trial: &mut Trial<'_>) -> Play {
     let digests = Rc::new(RefCell::new(0));
     let counted = Rc::clone(&digests);
     feed.sift(move |bytes| {
-        *counted.borrow_mut() += u32::from(bytes[0] == kind::DIGEST);
+        *counted.borrow_mut() += u32::from(datagram::kind(&bytes) == Some(Kind::Digest));
         vec![bytes]
     });
     feed.step(2 * SECOND)?;
@@ -225,10 +239,10 @@ fn with_parities(feed: &mut Feed, lost: usize, spoil: fn(&mut Parity)) -> Result
         packets: Vec::new(),
     };
     feed.sift(move |bytes| {
-        if bytes[0] == kind::REPAIR || bytes[0] == kind::PARITY {
+        if matches!(datagram::kind(&bytes), Some(Kind::Repair | Kind::Parity)) {
             return vec![];
         }
-        if !is_packet(&bytes) {
+        if !datagram::is_packet(&bytes) {
             return vec![bytes];
         }
         let number = said.number;
@@ -375,7 +389,12 @@ fn moved(trial: &mut Trial<'_>, cause: MoveCause) -> Play {
             vec![Word::Control(said)]
         }
         // What the link did not carry is said no more.
-        Word::State(bytes) if cause == MoveCause::Thin && is_of(&bytes, old) => vec![],
+        Word::State(bytes)
+            if cause == MoveCause::Thin
+                && datagram::head(&bytes).is_some_and(|head| head.stream == old) =>
+        {
+            vec![]
+        }
         word => vec![word],
     });
     feed.change_mirror_to(to);
@@ -389,9 +408,4 @@ fn moved(trial: &mut Trial<'_>, cause: MoveCause) -> Play {
         .iter()
         .any(|message| matches!(message, ClientMessage::Followed(stream) if *stream != old));
     ensure(followed, "it says that it follows the new stream")
-}
-
-fn is_of(datagram: &[u8], stream: StreamId) -> bool {
-    let mut reader = Reader::new(datagram);
-    Head::decode(&mut reader).is_ok_and(|head| head.stream == stream)
 }

@@ -1,259 +1,85 @@
-//! L2.51: streams over bad links: gaps, echoes, repairs, what is known meanwhile.
+//! L2.51: gaps: what is asked for, and what is known meanwhile.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::rc::Rc;
 use std::time::Duration;
 
+use rhumb_protocol::limits::PARITIES_KEPT;
 use rhumb_protocol::message::{ClientMessage, ServerMessage};
-use rhumb_protocol::packet::{Head, Low16, Saying, StatePacket};
+use rhumb_protocol::packet::{Head, Kind, Low16, Saying, StatePacket};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{Predictor, Tick};
 
-use super::hand;
-use crate::conformance::case::Case;
+use super::{hand, table};
+use crate::conformance::case::{Case, Row};
 use crate::conformance::outcome::{Play, Stop, ensure, should};
-use crate::conformance::peer::{Feed, Host, Setting};
+use crate::conformance::peer::{Feed, Host, Setting, datagram};
 use crate::conformance::trial::Trial;
-use crate::seed::Dice;
 
 pub(super) fn cases() -> Vec<Case> {
-    let mut cases = links();
-    cases.extend(askings());
-    cases.extend(knowings());
+    let mut cases = table("L2.51", ASKINGS);
+    cases.extend(table("L2.51", KNOWINGS));
     cases
 }
 
-/// Kinds of datagrams, as their first byte says.
-pub(super) mod kind {
-    pub(crate) const STATE: u8 = 0;
-    pub(crate) const STATE_END: u8 = 1;
-    pub(crate) const REPAIR: u8 = 3;
-    pub(crate) const DIGEST: u8 = 7;
-    pub(crate) const DOUBT: u8 = 8;
-    pub(crate) const PARITY: u8 = 9;
-}
-
-/// Whether it is a packet with a number.
-pub(super) fn is_packet(datagram: &[u8]) -> bool {
-    matches!(datagram[0], kind::STATE | kind::STATE_END | 4 | 5 | 11)
-}
-
-/// A drum in which much goes on at each tick.
-pub(super) fn busy() -> Setting {
-    Setting::of("tumbler", 20).after(60)
-}
-
-/// Loses so many packets, and whatever would make them good; returns the tick of the first.
-fn lose(feed: &mut Feed, packets: usize) -> Result<u64, Stop> {
-    let lost = Rc::new(RefCell::new(Vec::new()));
-    let ticks = Rc::clone(&lost);
-    feed.sift(move |bytes| {
-        let mut ticks = ticks.borrow_mut();
-        if is_packet(&bytes) && ticks.len() < packets {
-            ticks.extend(tick_of(&bytes));
-            return vec![];
-        }
-        if matches!(bytes[0], kind::REPAIR | kind::PARITY) {
-            vec![]
-        } else {
-            vec![bytes]
-        }
-    });
-    for _ in 0..60 {
-        if lost.borrow().len() == packets {
-            break;
-        }
-        feed.step(1)?;
-    }
-    let first = lost.borrow().first().copied();
-    first.ok_or_else(|| Stop::Inconclusive("nothing was said".into()))
-}
-
-type Sieve = Box<dyn FnMut(Vec<u8>) -> Vec<Vec<u8>>>;
-
-/// What links do to datagrams.
-fn links() -> Vec<Case> {
-    type Made = fn(Dice) -> Sieve;
-    let of: [(&str, &str, Made); 8] = [
-        (
-            "each fifth packet is lost",
-            "6.6-2, 6.6-5, 6.7-1, 6.7-8, 6.6-15",
-            |_| {
-                let mut count = 0;
-                Box::new(move |bytes| {
-                    count += usize::from(is_packet(&bytes));
-                    if is_packet(&bytes) && count % 5 == 0 {
-                        vec![]
-                    } else {
-                        vec![bytes]
-                    }
-                })
-            },
-        ),
-        (
-            "three in ten datagrams are lost",
-            "6.7-1, 6.7-8, 6.6-6, 6.6-7, 6.6-8, 6.6-9, 6.13-6, 6.13-7, 6.13-11",
-            |mut dice| {
-                Box::new(move |bytes| {
-                    if dice.below(10) < 3 {
-                        vec![]
-                    } else {
-                        vec![bytes]
-                    }
-                })
-            },
-        ),
-        (
-            "datagrams are lost eight in a row",
-            "6.6-2, 6.7-1, 6.7-8",
-            |_| {
-                let mut count = 0;
-                Box::new(move |bytes| {
-                    count += 1;
-                    if count % 24 < 8 { vec![] } else { vec![bytes] }
-                })
-            },
-        ),
-        ("each datagram comes twice", "6.6-4", |_| {
-            Box::new(|bytes| vec![bytes.clone(), bytes])
-        }),
-        (
-            "datagrams come in pairs, the later one first",
-            "6.6-2, 6.6-3, 6.6-11",
-            |_| {
-                let mut kept: Option<Vec<u8>> = None;
-                Box::new(move |bytes| match kept.take() {
-                    Some(before) => vec![bytes, before],
-                    None => {
-                        kept = Some(bytes);
-                        vec![]
-                    }
-                })
-            },
-        ),
-        (
-            "datagrams come five late, and again",
-            "6.6-3, 6.6-4, 6.6-12, 6.2-2",
-            |_| {
-                let mut late: VecDeque<Vec<u8>> = VecDeque::new();
-                Box::new(move |bytes| {
-                    late.push_back(bytes.clone());
-                    let mut said = if late.len() % 2 == 0 {
-                        vec![bytes]
-                    } else {
-                        vec![]
-                    };
-                    if late.len() > 5 {
-                        said.extend(late.pop_front());
-                    }
-                    said
-                })
-            },
-        ),
-        (
-            "only what repairs say comes of each third tick",
-            "6.7-3, 6.7-8, 6.2-8, 5.11-1",
-            |_| {
-                let mut count = 0;
-                Box::new(move |bytes| {
-                    count += usize::from(is_packet(&bytes));
-                    let lost =
-                        bytes[0] == kind::PARITY || bytes[0] != kind::REPAIR && count % 3 == 1;
-                    if lost { vec![] } else { vec![bytes] }
-                })
-            },
-        ),
-        ("each second repair is lost too", "6.7-1, 6.7-8", |_| {
-            let (mut packets, mut repairs) = (0, 0);
-            Box::new(move |bytes| {
-                packets += usize::from(is_packet(&bytes));
-                repairs += usize::from(bytes[0] == kind::REPAIR);
-                let lost = if bytes[0] == kind::REPAIR {
-                    repairs % 2 == 1
-                } else {
-                    is_packet(&bytes) && packets % 4 == 0
-                };
-                if lost { vec![] } else { vec![bytes] }
-            })
-        }),
-    ];
-    let mut cases = Vec::new();
-    for (place, (what, cites, made)) in of.into_iter().enumerate() {
-        let id = format!("L2.51.{}", place + 1);
-        let name = format!("a client holds what the stream says to the bit though {what}");
-        let cites = format!("PROTOCOL 6.1-2, 6.5-1, {cites}");
-        cases.push(Case::client(&id, &name).cites(&cites).play(move |trial| {
-            let sieve = made(trial.dice());
-            over(trial, sieve)
-        }));
-    }
-    cases
-}
-
-/// A pit over a link that is bad for a while, then good.
-fn over(trial: &mut Trial<'_>, sieve: Sieve) -> Play {
-    let mut feed = trial.feed(busy())?;
-    feed.enter()?;
-    feed.sift(sieve);
-    feed.step(60)?;
-    feed.mend();
-    feed.step(3)?;
-    feed.must_follow()
-}
-
-fn askings() -> Vec<Case> {
-    vec![
-        Case::client(
-            "L2.51.20",
-            "a lost packet is asked for by its number, and soon",
-        )
-        .cites("PROTOCOL 5.7-1, 5.13-1, 6.6-1, 6.6-5, 6.7-1")
-        .play(asks_for_it),
-        Case::client(
-            "L2.51.21",
-            "what is not repaired is asked for again and again, each half second at least",
-        )
-        .cites("PROTOCOL 6.7-1")
-        .play(asks_again),
-        Case::client(
-            "L2.51.22",
-            "no more than 64 packets are asked for at once, the oldest first",
-        )
-        .cites("PROTOCOL 5.13-1, 7-1")
-        .play(asks_for_many),
-        Case::client(
-            "L2.51.23",
-            "numbers are told from their low 16 bits across the turn",
-        )
-        .cites("PROTOCOL 5.7-1")
-        .play(across_the_turn),
-        Case::client(
-            "L2.51.24",
-            "what is lost beyond all memory is not asked for: the scene is said anew",
-        )
-        .cites("PROTOCOL 4.8-5, 6.7-9, 6.7-10, 6.8-6")
-        .play(loses_touch),
-        Case::client(
-            "L2.51.25",
-            "a tick too far ahead is no tick to follow to: the scene is said anew",
-        )
-        .cites("PROTOCOL 6.7-9, 6.7-10")
-        .play(jumps),
-        Case::client(
-            "L2.51.26",
-            "a tick that was asked for and does not come is asked after",
-        )
-        .cites("PROTOCOL 4.9-2, 6.7-2")
-        .play(misses_the_answer),
-        Case::client(
-            "L2.51.27",
-            "a client that asks for each tick gets each, to the bit",
-        )
-        .cites("PROTOCOL 4.9-1, 4.9-2, 6.4-1, 6.4-4")
-        .play(|trial| {
+/// What a client asks for, and when.
+const ASKINGS: &[Row] = &[
+    (
+        20,
+        "a lost packet is asked for by its number, and soon",
+        "PROTOCOL 5.7-1, 5.13-1, 6.6-1, 6.6-5, 6.7-1",
+        asks_for_it,
+    ),
+    (
+        21,
+        "what is not repaired is asked for again and again, each half second at least",
+        "PROTOCOL 6.7-1",
+        asks_again,
+    ),
+    (
+        22,
+        "no more than 64 packets are asked for at once, the oldest first",
+        "PROTOCOL 5.13-1, 7-1",
+        asks_for_many,
+    ),
+    (
+        23,
+        "numbers are told from their low 16 bits across the turn",
+        "PROTOCOL 5.7-1",
+        across_the_turn,
+    ),
+    (
+        24,
+        "what is lost beyond all memory is not asked for: the scene is said anew",
+        "PROTOCOL 4.8-5, 6.7-9, 6.7-10, 6.8-6",
+        loses_touch,
+    ),
+    (
+        25,
+        "a tick too far ahead is no tick to follow to: the scene is said anew",
+        "PROTOCOL 6.7-9, 6.7-10",
+        jumps,
+    ),
+    (
+        28,
+        "who lacks more packets than it could rebuild wants repairs, and no parities",
+        "PROTOCOL 5.13-1, 6.15-14, 7-1",
+        wants_no_parities,
+    ),
+    (
+        26,
+        "a tick that was asked for and does not come is asked after",
+        "PROTOCOL 4.9-2, 6.7-2",
+        misses_the_answer,
+    ),
+    (
+        27,
+        "a client that asks for each tick gets each, to the bit",
+        "PROTOCOL 4.9-1, 4.9-2, 6.4-1, 6.4-4",
+        |trial| {
             let setting = Setting::of("ball-pit", 20).wishing("follow 10000 advance 60");
             let mut feed = trial.feed(setting)?;
             feed.enter()?;
@@ -267,8 +93,74 @@ fn askings() -> Vec<Case> {
                 told >= 40,
                 format!("it tells of each tick, and not of {told} of 40"),
             )
-        }),
-    ]
+        },
+    ),
+];
+
+/// What a client may say of its copy, and what not.
+const KNOWINGS: &[Row] = &[
+    (
+        40,
+        "no tick is complete while a packet before it is missing",
+        "PROTOCOL 6.6-14, 6.8-1, 6.8-2, 6.8-5",
+        |trial| no_promise_over_a_gap(trial, 1),
+    ),
+    (
+        41,
+        "a stale packet changes nothing",
+        "PROTOCOL 6.2-2, 6.6-4",
+        stale_packets,
+    ),
+    (
+        42,
+        "a rest that was lost is repaired like any other word",
+        "PROTOCOL 5.6-11, 6.3-9, 6.7-3; RECKONING 4.7-1",
+        rests,
+    ),
+    (
+        43,
+        "a correction of a revision that is not there waits, and harms nothing",
+        "PROTOCOL 6.2-1, 6.2-2, 6.6-6, 6.6-9",
+        |trial| no_promise_over_a_gap(trial, 4),
+    ),
+    (
+        44,
+        "datagrams beyond those that may be held do no lasting harm",
+        "PROTOCOL 6.5-2, 7-1",
+        too_many_held,
+    ),
+];
+
+/// A drum in which much goes on at each tick.
+pub(super) fn busy() -> Setting {
+    Setting::of("tumbler", 20).after(60)
+}
+
+/// Loses so many packets, and whatever would make them good; returns the tick of the first.
+fn lose(feed: &mut Feed, packets: usize) -> Result<u64, Stop> {
+    let lost = Rc::new(RefCell::new(Vec::new()));
+    let ticks = Rc::clone(&lost);
+    feed.sift(move |bytes| {
+        let mut ticks = ticks.borrow_mut();
+        if datagram::is_packet(&bytes) && ticks.len() < packets {
+            // The low bits are all of it here.
+            ticks.extend(datagram::tick_of(&bytes).map(u64::from));
+            return vec![];
+        }
+        if matches!(datagram::kind(&bytes), Some(Kind::Repair | Kind::Parity)) {
+            vec![]
+        } else {
+            vec![bytes]
+        }
+    });
+    for _ in 0..60 {
+        if lost.borrow().len() == packets {
+            break;
+        }
+        feed.step(1)?;
+    }
+    let first = lost.borrow().first().copied();
+    first.ok_or_else(|| Stop::Inconclusive("nothing was said".into()))
 }
 
 fn asks_for_it(trial: &mut Trial<'_>) -> Play {
@@ -326,6 +218,25 @@ fn asks_for_many(trial: &mut Trial<'_>) -> Play {
     ensure(
         echo.lost == oldest,
         format!("it asks for the 64 oldest, and not for {:?}", echo.lost),
+    )
+}
+
+/// A listener that lacks less may want parities or not: nothing is lost by not understanding them (6.15-2).
+fn wants_no_parities(trial: &mut Trial<'_>) -> Play {
+    let lacking = PARITIES_KEPT as u64 + 1;
+    let mut host = trial.host()?;
+    hand::let_in(&mut host)?;
+    let next = hand::NEXT + lacking;
+    hand::vouch(&mut host, next, hand::TICK + 1, hand::NOTICES)?;
+    let echo = hand::echo(&mut host)?;
+    ensure(
+        echo.parities == 0,
+        format!("it wants repairs, and not {} parities", echo.parities),
+    )?;
+    let lost: Vec<_> = (hand::NEXT..next).map(Low16::of).collect();
+    ensure(
+        echo.lost == lost,
+        format!("it names all that it lacks, and not {:?}", echo.lost),
     )
 }
 
@@ -417,39 +328,6 @@ fn misses_the_answer(trial: &mut Trial<'_>) -> Play {
     feed.must_follow()
 }
 
-/// What a client may say of its copy, and what not.
-fn knowings() -> Vec<Case> {
-    vec![
-        Case::client(
-            "L2.51.40",
-            "no tick is complete while a packet before it is missing",
-        )
-        .cites("PROTOCOL 6.6-14, 6.8-1, 6.8-2, 6.8-5")
-        .play(|trial| no_promise_over_a_gap(trial, 1)),
-        Case::client("L2.51.41", "a stale packet changes nothing")
-            .cites("PROTOCOL 6.2-2, 6.6-4")
-            .play(stale_packets),
-        Case::client(
-            "L2.51.42",
-            "a rest that was lost is repaired like any other word",
-        )
-        .cites("PROTOCOL 5.6-11, 6.3-9, 6.7-3; RECKONING 4.7-1")
-        .play(rests),
-        Case::client(
-            "L2.51.43",
-            "a correction of a revision that is not there waits, and harms nothing",
-        )
-        .cites("PROTOCOL 6.2-1, 6.2-2, 6.6-6, 6.6-9")
-        .play(|trial| no_promise_over_a_gap(trial, 4)),
-        Case::client(
-            "L2.51.44",
-            "datagrams beyond those that may be held do no lasting harm",
-        )
-        .cites("PROTOCOL 6.5-2, 7-1")
-        .play(too_many_held),
-    ]
-}
-
 fn no_promise_over_a_gap(trial: &mut Trial<'_>, packets: usize) -> Play {
     let mut feed = trial.feed(busy())?;
     feed.enter()?;
@@ -470,14 +348,6 @@ fn no_promise_over_a_gap(trial: &mut Trial<'_>, packets: usize) -> Play {
     feed.must_follow()
 }
 
-/// The low bits of a packet's tick, which are all of it here.
-fn tick_of(bytes: &[u8]) -> Option<u64> {
-    let mut reader = Reader::new(bytes);
-    Head::decode(&mut reader).ok()?;
-    reader.u16().ok()?;
-    reader.u16().ok().map(u64::from)
-}
-
 /// Each packet again a while later, whole or with the number of one that is missing.
 fn stale_packets(trial: &mut Trial<'_>) -> Play {
     let mut feed = trial.feed(Setting::of("ball-pit", 30).wishing("follow full"))?;
@@ -486,11 +356,11 @@ fn stale_packets(trial: &mut Trial<'_>) -> Play {
     let mut count = 0;
     feed.sift(move |bytes| {
         count += 1;
-        if is_packet(&bytes) {
+        if datagram::is_packet(&bytes) {
             old.push_back(bytes.clone());
         }
         // One in seven comes only when six others have.
-        let mut said = if is_packet(&bytes) && count % 7 == 3 {
+        let mut said = if datagram::is_packet(&bytes) && count % 7 == 3 {
             vec![]
         } else {
             vec![bytes]
@@ -538,8 +408,7 @@ fn rests(trial: &mut Trial<'_>) -> Play {
 fn says_rest(bytes: &[u8]) -> bool {
     let mut reader = Reader::new(bytes);
     let mut updates = Vec::new();
-    matches!(bytes[0], kind::STATE | kind::STATE_END)
-        && Head::decode(&mut reader).is_ok()
+    Head::decode(&mut reader).is_ok_and(|head| matches!(head.kind, Kind::State | Kind::StateEnd))
         && StatePacket::decode(true, reader)
             .and_then(|packet| packet.updates(&mut updates))
             .is_ok()

@@ -2,12 +2,29 @@
 //!
 //! The golden streams are played to decoders (L4.81): on a wire lanes have no order between them, which they rely on.
 
+use core::num::NonZeroU32;
+
+use super::table;
 use crate::conformance::case::Case;
-use crate::conformance::outcome::ensure;
+use crate::conformance::outcome::{Play, ensure};
 use crate::conformance::peer::Setting;
+use crate::conformance::trial::Trial;
+
+/// A cadence of three.
+const EACH_THIRD: NonZeroU32 = NonZeroU32::new(3).expect("three is not zero");
 
 pub(super) fn cases() -> Vec<Case> {
-    scenes()
+    let mut cases = scenes();
+    cases.extend(table(
+        "L4.51",
+        &[(
+            20,
+            "a client follows a scene that speaks of each third tick, to the bit",
+            "PROTOCOL 5.6-15, 6.2-1, 6.3-1, 6.4-4",
+            each_third_tick,
+        )],
+    ));
+    cases
 }
 
 /// Scripts, and what of RECKONING each has much of.
@@ -41,4 +58,18 @@ fn scenes() -> Vec<Case> {
             })
     };
     SCENES.into_iter().enumerate().map(of).collect()
+}
+
+/// Corrections name revisions by ages, and ages count only ticks that are spoken of.
+fn each_third_tick(trial: &mut Trial<'_>) -> Play {
+    let setting = Setting::of("tumbler", 20).each(EACH_THIRD);
+    let mut feed = trial.feed(setting)?;
+    feed.enter()?;
+    feed.step(60)?;
+    feed.must_follow()?;
+    let told = feed.ticks_told();
+    ensure(
+        told >= 15,
+        format!("it tells of ticks as they come, and not of {told} in sixty"),
+    )
 }

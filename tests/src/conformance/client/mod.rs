@@ -7,11 +7,22 @@ mod l0_vectors;
 mod l1_session;
 mod l1_snapshot;
 mod l2_agreement;
+mod l2_links;
 mod l2_stream;
 mod l4_reckoning;
 mod l5_hostile;
 
-use super::case::Case;
+use super::case::{Case, Row};
+
+/// The cases of a group.
+fn table(group: &str, rows: &[Row]) -> Vec<Case> {
+    let case = |(number, name, cites, play): &Row| {
+        Case::client(&format!("{group}.{number}"), name)
+            .cites(cites)
+            .play(*play)
+    };
+    rows.iter().map(case).collect()
+}
 
 /// All of them.
 pub(super) fn cases() -> Vec<Case> {
@@ -19,6 +30,7 @@ pub(super) fn cases() -> Vec<Case> {
         l0_vectors::cases(),
         l1_session::cases(),
         l1_snapshot::cases(),
+        l2_links::cases(),
         l2_stream::cases(),
         l2_agreement::cases(),
         l4_reckoning::cases(),

@@ -22,85 +22,82 @@ pub(super) fn cases() -> Vec<Case> {
     );
     let mut cases = Vec::new();
     for side in ["client", "server"] {
-        let said = grouped(&control[&format!("{side} says")], |line| {
-            word(&line["means"]["is"])
-        });
-        for (kind, lines) in said {
-            let name = format!("{kind}, as a {side} says it, is read as it is meant");
-            cases.push(family(
-                "L0.81",
-                &name,
-                "PROTOCOL 2.5-1, 2.5-2, 4.1-4",
-                lines,
-                move |decoder, line| message(decoder, side, line),
-            ));
-        }
-        let refused = grouped(&control[&format!("refused of a {side}")], |line| {
-            word(&line["refusal"])
-        });
-        for (why, lines) in refused {
-            let name = format!("what a {side} must not say is refused: {why}");
-            cases.push(family("L0.82", &name, "PROTOCOL 2.5-1", lines, {
-                move |decoder, line| {
-                    let answer = decoder.ask(&json!({"message": side, "bytes": line["bytes"]}))?;
-                    must(answer.get("refused").is_some(), line, &answer)
-                }
-            }));
-        }
+        cases.extend(messages(side, &control));
     }
-    let frames = lines_of(&control["frames"]);
     cases.push(family(
         "L0.83",
         "messages are framed",
         "PROTOCOL 4.1-1, 4.1-5, 4.1-6, 4.1-8",
-        frames,
+        lines_of(&control["frames"]),
         framed,
     ));
-    for (kind, lines) in grouped(&packets["said"], |line| word(&line["means"]["kind"])) {
-        let name = format!("datagrams of kind {kind} are read as they are meant");
-        cases.push(family(
-            "L0.84",
-            &name,
-            "PROTOCOL 2.5-2, 5.8-1",
-            lines,
-            packet,
-        ));
-    }
-    for (why, lines) in grouped(&packets["refused"], |line| word(&line["refusal"])) {
-        let name = format!("datagrams that are none are refused: {why}");
-        cases.push(family(
-            "L0.85",
-            &name,
-            "PROTOCOL 2.5-1, 2.5-4",
-            lines,
-            |decoder, line| {
-                let answer = decoder.ask(&json!({"packet": line["bytes"]}))?;
-                must(answer.get("refused").is_some(), line, &answer)
-            },
-        ));
-    }
-    let parities = lines_of(&packets["parities"]);
+    cases.extend(datagrams(&packets));
     cases.push(family(
         "L0.86",
         "parities are summed",
         "PROTOCOL 5.16-2, 5.16-3, 5.16-4",
-        parities,
+        lines_of(&packets["parities"]),
         parity,
     ));
-    for stream in lines_of(&streams["streams"]) {
-        let name = format!(
-            "who hears {} knows what its member knew",
-            word(&stream["name"])
-        );
-        cases.push(family(
-            "L4.81",
-            &name,
-            "PROTOCOL 6.1-2, 6.2-1, 6.2-2, 6.2-3, 6.6-15, 6.8-2, 6.13-6, 6.13-7, 6.13-11",
-            vec![stream],
-            known,
-        ));
-    }
+    cases.extend(lines_of(&streams["streams"]).into_iter().map(heard));
     cases
+}
+
+/// What a side says, and must not say.
+fn messages(side: &'static str, control: &Value) -> Vec<Case> {
+    let said = grouped(&control[&format!("{side} says")], |line| {
+        word(&line["means"]["is"])
+    });
+    let said = said.into_iter().map(|(kind, lines)| {
+        let name = format!("{kind}, as a {side} says it, is read as it is meant");
+        let cites = "PROTOCOL 2.5-1, 2.5-2, 4.1-4";
+        family("L0.81", &name, cites, lines, move |decoder, line| {
+            message(decoder, side, line)
+        })
+    });
+    let refused = grouped(&control[&format!("refused of a {side}")], |line| {
+        word(&line["refusal"])
+    });
+    let refused = refused.into_iter().map(|(why, lines)| {
+        let name = format!("what a {side} must not say is refused: {why}");
+        let cites = "PROTOCOL 2.5-1";
+        family("L0.82", &name, cites, lines, move |decoder, line| {
+            let answer = decoder.ask(&json!({"message": side, "bytes": line["bytes"]}))?;
+            must(answer.get("refused").is_some(), line, &answer)
+        })
+    });
+    said.chain(refused).collect()
+}
+
+/// Datagrams, and what is none.
+fn datagrams(packets: &Value) -> Vec<Case> {
+    let said = grouped(&packets["said"], |line| word(&line["means"]["kind"]));
+    let said = said.into_iter().map(|(kind, lines)| {
+        let name = format!("datagrams of kind {kind} are read as they are meant");
+        let cites = "PROTOCOL 2.5-2, 5.6-16, 5.8-1";
+        family("L0.84", &name, cites, lines, packet)
+    });
+    let refused = grouped(&packets["refused"], |line| word(&line["refusal"]));
+    let refused = refused.into_iter().map(|(why, lines)| {
+        let name = format!("datagrams that are none are refused: {why}");
+        let cites = "PROTOCOL 2.5-1, 2.5-4, 5.8-5";
+        family("L0.85", &name, cites, lines, |decoder, line| {
+            let answer = decoder.ask(&json!({"packet": line["bytes"]}))?;
+            must(answer.get("refused").is_some(), line, &answer)
+        })
+    });
+    said.chain(refused).collect()
+}
+
+/// A stream, as one of its members heard it.
+fn heard(stream: Value) -> Case {
+    let name = format!(
+        "who hears {} knows what its member knew",
+        word(&stream["name"])
+    );
+    let cites =
+        "PROTOCOL 5.6-15, 6.1-2, 6.2-1, 6.2-2, 6.2-3, 6.6-15, 6.8-2, 6.13-6, 6.13-7, 6.13-11";
+    family("L4.81", &name, cites, vec![stream], known)
 }
 
 /// A case of all these vectors.

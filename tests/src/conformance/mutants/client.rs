@@ -11,6 +11,7 @@ use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_reckoning::Tick;
 
+use crate::conformance::peer::datagram;
 use crate::testee::Habit;
 
 /// The promise that is broken.
@@ -119,12 +120,13 @@ impl Habit for Mutant {
     }
 
     fn hear_datagram(&mut self, session: &ClientSession, bytes: &[u8]) -> Vec<Vec<u8>> {
-        let first = bytes.first().copied().unwrap_or_default();
+        let kind = datagram::kind(bytes);
+        let is_full = matches!(kind, Some(Kind::Full | Kind::FullEnd));
         match self.mutant {
-            ClientMutant::RepairIgnored if first == 3 => Vec::new(),
+            ClientMutant::RepairIgnored if kind == Some(Kind::Repair) => Vec::new(),
             ClientMutant::StaleTaken => {
                 let mut heard = vec![bytes.to_vec()];
-                if matches!(first, 4 | 5) {
+                if is_full {
                     self.recent.push_back(bytes.to_vec());
                     if self.recent.len() > 3 {
                         heard.extend(self.recent.pop_front().and_then(|old| renewed(&old, bytes)));
@@ -136,7 +138,7 @@ impl Habit for Mutant {
                 vec![rebuilt_on(session, bytes).unwrap_or_else(|| bytes.to_vec())]
             }
             ClientMutant::RestLost => vec![without_rests(bytes).unwrap_or_else(|| bytes.to_vec())],
-            ClientMutant::ParityWrong if first == 9 => {
+            ClientMutant::ParityWrong if kind == Some(Kind::Parity) => {
                 let mut wrong = bytes.to_vec();
                 if let Some(last) = wrong.last_mut() {
                     *last ^= 0x11;
@@ -144,7 +146,7 @@ impl Habit for Mutant {
                 vec![wrong]
             }
             ClientMutant::NoticesIgnored => vec![without_notices(bytes)],
-            ClientMutant::NanTaken if matches!(first, 4 | 5) => vec![without_nans(bytes)],
+            ClientMutant::NanTaken if is_full => vec![without_nans(bytes)],
             _ => vec![bytes.to_vec()],
         }
     }

@@ -9,13 +9,10 @@ use std::thread;
 use std::time::Duration;
 
 use rhumb_protocol::message::Frames;
-use rhumb_protocol::packet::{
-    Digest, Doubt, Echo, FullPacket, Head, Kind, Parity, Repair, StatePacket, Vouch,
-};
-use rhumb_protocol::wire::bytes::Reader;
-use rhumb_protocol::wire::{Malformed, Wire};
+use rhumb_protocol::packet::Parity;
 use serde_json::{Value, json};
 
+use super::datagram;
 use crate::conformance::outcome::Stop;
 use crate::grammar::{Grammar, hex, unhex};
 use crate::vectors::{Outcome, Side, error_json, streams};
@@ -130,7 +127,7 @@ fn answer(grammar: &Grammar, question: &Value) -> Value {
         return frames(&bytes_of(&question["frames"]));
     }
     if question.get("packet").is_some() {
-        return match packet(&bytes_of(&question["packet"])) {
+        return match datagram::read(&bytes_of(&question["packet"])) {
             Ok(()) => json!({"said": true}),
             Err(why) => json!({"refused": format!("{why:?}")}),
         };
@@ -193,24 +190,6 @@ fn frames(bytes: &[u8]) -> Value {
             Ok(None) => return json!({"messages": messages, "refused": false}),
             Err(_) => return json!({"messages": messages, "refused": true}),
         }
-    }
-}
-
-fn packet(bytes: &[u8]) -> Result<(), Malformed> {
-    let mut from = Reader::new(bytes);
-    let head = Head::decode(&mut from)?;
-    let mut updates = Vec::new();
-    match head.kind {
-        Kind::State | Kind::StateEnd => StatePacket::decode(true, from)?.updates(&mut updates),
-        Kind::StateInArrears => StatePacket::decode_in_arrears(from)?.updates(&mut updates),
-        Kind::Vouch => Vouch::decode(from).map(drop),
-        Kind::VouchInArrears => Vouch::decode_in_arrears(from).map(drop),
-        Kind::Repair => Repair::decode(from).map(drop),
-        Kind::Full | Kind::FullEnd => FullPacket::decode(true, from).map(drop),
-        Kind::Echo => Echo::decode(from).map(drop),
-        Kind::Digest => Digest::decode(from).map(drop),
-        Kind::Doubt => Doubt::decode(from).map(drop),
-        Kind::Parity => Parity::decode(from).map(drop),
     }
 }
 

@@ -1,72 +1,32 @@
 //! A real server in this process, and a case between it and the client.
 //!
 //! A session of this house, to which nothing is done, is a member of the same stream: what it holds is what the client must
-//! hold. Each state that it was in is kept by its tick, so that what the client tells can be compared bit for bit.
+//! hold, bit for bit.
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::VecDeque;
 use std::fmt;
 use std::time::Duration;
 
 use rhumb_protocol::message::{ClientMessage, Frames, StreamChoice};
 use rhumb_protocol::packet::{Echo, Head, Kind};
-use rhumb_protocol::scene::{Command, Pace, SceneTerms};
+use rhumb_protocol::scene::{Cadence, Command, Pace, SceneTerms};
 use rhumb_protocol::session::{ClientSession, Event, Replica};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
-use rhumb_reckoning::Tick;
+use rhumb_reckoning::{Tick, Ticks};
 use rhumb_server::Host as Server;
 use rhumb_sims::{Script, by_name};
 use rhumb_transport::BareEnd;
 use serde_json::Value;
 
+use super::datagram;
 use super::host::Host;
+use super::memory::{Memory, is_alike};
+use super::setting::Setting;
 use crate::conformance::outcome::{Play, Stop};
 use crate::grammar::hex;
-use crate::testee::{Wish, moving};
-
-/// What the scene is, and what the client is to do in it.
-#[derive(Clone, Debug)]
-pub struct Setting {
-    /// Which script runs.
-    pub script: &'static str,
-    /// Bodies of it.
-    pub bodies: u32,
-    /// Ticks before the client may join.
-    pub before: u64,
-    /// Lockstep, or free.
-    pub pace: Pace,
-    /// What the client does.
-    pub wish: String,
-}
-
-impl Setting {
-    /// A client that follows this script, from its twentieth tick on, in lockstep.
-    #[must_use]
-    pub fn of(script: &'static str, bodies: u32) -> Self {
-        Self {
-            script,
-            bodies,
-            before: 20,
-            pace: Pace::Lockstep,
-            wish: "follow 10000".to_owned(),
-        }
-    }
-
-    /// The same with another wish.
-    #[must_use]
-    pub fn wishing(self, wish: &str) -> Self {
-        let wish = wish.to_owned();
-        Self { wish, ..self }
-    }
-
-    /// The same from another tick on.
-    #[must_use]
-    pub const fn after(mut self, before: u64) -> Self {
-        self.before = before;
-        self
-    }
-}
+use crate::testee::Wish;
 
 /// Something that is said to the client.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -86,7 +46,7 @@ pub struct Feed {
     /// What the client said by echoes, and when.
     pub echoes: Vec<(Instant, Echo)>,
     /// Kinds of all datagrams that the client said.
-    pub kinds: Vec<u8>,
+    pub kinds: Vec<Kind>,
     /// What the client told.
     pub told: Vec<Value>,
     server: Server,
@@ -95,11 +55,10 @@ pub struct Feed {
     scripted: Tick,
     terms: SceneTerms,
     tamper: Tamper,
-    held: BTreeMap<u64, BTreeSet<(String, String)>>,
+    memory: Memory,
     events: Vec<Event>,
-    judged: usize,
     /// Kinds of the last datagrams that were sent.
-    sent: VecDeque<u8>,
+    sent: VecDeque<Kind>,
     /// One more than the number of the newest packet of the mirror's stream.
     next: u64,
     /// Messages that the client said.
@@ -123,6 +82,10 @@ impl Feed {
         let name = scene.parse().map_err(|_| errs("no name"))?;
         let terms = SceneTerms {
             pace: setting.pace,
+            cadence: Cadence {
+                every: setting.every,
+                ..Cadence::EACH_TICK
+            },
             ..script.terms()
         };
         let mut feed = Self {
@@ -136,9 +99,8 @@ impl Feed {
             scripted: Tick::ZERO,
             terms,
             tamper: Box::new(|word| vec![word]),
-            held: BTreeMap::new(),
+            memory: Memory::default(),
             events: Vec::new(),
-            judged: 0,
             sent: VecDeque::new(),
             next: 0,
             said: Vec::new(),
@@ -248,7 +210,7 @@ impl Feed {
         self.until("copy of the client's", |feed| feed.told.iter().any(is))
     }
 
-    /// The script's commands and a tick, without the client.
+    /// The script's commands and the next tick that is spoken of, without the client.
     fn step_alone(&mut self) -> Play {
         let mut commands = Vec::new();
         self.script.commands(self.scripted, &mut commands);
@@ -256,7 +218,8 @@ impl Feed {
         for command in commands {
             self.command(command)?;
         }
-        let to = self.mirror()?.stream().vouched().next();
+        let every = Ticks::new(self.terms.cadence.every.get());
+        let to = self.mirror()?.stream().vouched() + every;
         self.wish(|mirror, now| mirror.advance(now, to))?;
         if self.mirror()?.stream().complete() >= to {
             Ok(())
@@ -342,7 +305,7 @@ impl Feed {
     /// As [`Self::enter`].
     pub fn enter_unjudged(&mut self) -> Play {
         self.enter()?;
-        self.judged = self.told.len();
+        self.memory.pass_over(&self.told);
         Ok(())
     }
 
@@ -353,7 +316,7 @@ impl Feed {
     /// As [`Self::step`].
     pub fn step_unjudged(&mut self, ticks: u64) -> Play {
         self.step(ticks)?;
-        self.judged = self.told.len();
+        self.memory.pass_over(&self.told);
         Ok(())
     }
 
@@ -382,22 +345,14 @@ impl Feed {
             let Ok(copy) = feed.mirror() else {
                 return false;
             };
-            let tick = copy.stream().complete();
-            let sum = format!("{:016x}", copy.stream().agreement());
-            let moving = format!("{{{}}}", moving(copy, tick));
-            let last = feed.told.iter().rev().find(|told| told["is"] == "tick");
-            let alike = last.is_some_and(|told| {
-                told["tick"] == tick.value()
-                    && told["sum"] == sum.as_str()
-                    && as_text(&told["moving"]) == moving
-            });
+            let alike = is_alike(copy, &feed.told);
             alike || (tries % 10 == 0 && feed.step_unjudged(2).is_err())
         })
     }
 
     /// The session of this house follows another stream, as the client is to.
     pub fn change_mirror_to(&mut self, choice: StreamChoice) {
-        self.held.clear();
+        self.memory.forget();
         // It may already be about to.
         let _ = self.wish(|mirror, _| mirror.follow(choice));
     }
@@ -416,7 +371,7 @@ impl Feed {
     pub fn step_until_parity(&mut self, ticks: u64) -> Play {
         self.step(ticks)?;
         for _ in 0..60 {
-            if self.sent.back() == Some(&9) {
+            if self.sent.back() == Some(&Kind::Parity) {
                 break;
             }
             self.step(1)?;
@@ -449,45 +404,8 @@ impl Feed {
 
     /// Holds what the client told against the stream.
     fn judge(&mut self) -> Play {
-        for told in &self.told[self.judged..] {
-            if told["is"] != "tick" {
-                continue;
-            }
-            let tick = told["tick"].as_u64().unwrap_or(u64::MAX);
-            let Some(states) = self.held.get(&tick) else {
-                return Stop::fail(format!(
-                    "the client tells of {tick} as complete, which the stream never was"
-                ));
-            };
-            let sum = told["sum"].as_str().unwrap_or_default().to_owned();
-            let known = as_text(&told["moving"]);
-            if states.contains(&(sum.clone(), known.clone())) || self.is_same_in_full(told, states)
-            {
-                continue;
-            }
-            let ours = states
-                .first()
-                .map(|(sum, moving)| format!("{sum} {moving}"));
-            return Stop::fail(format!(
-                "at {tick} the client holds {sum} {known}; the stream said {ours:?}"
-            ));
-        }
-        self.judged = self.told.len();
-        Ok(())
-    }
-
-    /// Of a full stream, which has no sums and says anew of bodies that rest: whether each body of both moves alike.
-    fn is_same_in_full(&self, told: &Value, states: &BTreeSet<(String, String)>) -> bool {
-        if self.choice().ok() != Some(StreamChoice::Full) {
-            return false;
-        }
-        let told = told["moving"].as_object();
-        states.iter().any(|(_, moving)| {
-            let ours: Value = serde_json::from_str(moving).unwrap_or_default();
-            let (told, ours) = (told.into_iter().flatten(), ours.as_object());
-            let mut both = told.filter_map(|(name, motion)| Some((motion, ours?.get(name)?)));
-            both.all(|(motion, ours)| motion == ours)
-        })
+        let choice = self.choice().ok();
+        self.memory.judge(&self.told, choice)
     }
 
     /// What happened to the session of this house.
@@ -531,12 +449,13 @@ impl Feed {
 
     fn hear_datagram(&mut self, bytes: &[u8]) {
         let mut reader = Reader::new(bytes);
-        self.kinds.extend(bytes.first());
-        if let Ok(head) = Head::decode(&mut reader)
-            && head.kind == Kind::Echo
-            && let Ok(echo) = Echo::decode(reader)
-        {
-            self.echoes.push((self.host.now(), echo));
+        if let Ok(head) = Head::decode(&mut reader) {
+            self.kinds.push(head.kind);
+            if head.kind == Kind::Echo
+                && let Ok(echo) = Echo::decode(reader)
+            {
+                self.echoes.push((self.host.now(), echo));
+            }
         }
         let now = self.now();
         self.server.handle_datagram(now, CLIENT, bytes);
@@ -597,7 +516,7 @@ impl Feed {
                 self.keep();
             }
             Transmit::State { to: MIRROR, bytes } => {
-                if matches!(bytes.first(), Some(0 | 1 | 4 | 5 | 11)) {
+                if datagram::is_packet(&bytes) {
                     self.next += 1;
                 }
                 self.mirror.handle_datagram(now, SERVER, &bytes);
@@ -625,7 +544,7 @@ impl Feed {
                     self.host.line.say(bytes);
                 }
                 Word::State(bytes) => {
-                    self.sent.extend(bytes.first());
+                    self.sent.extend(datagram::kind(&bytes));
                     if self.sent.len() > 8 {
                         self.sent.pop_front();
                     }
@@ -637,13 +556,9 @@ impl Feed {
         }
     }
 
-    /// Keeps what the stream is at its complete tick.
     fn keep(&mut self) {
         if let Some(copy) = self.mirror.replica() {
-            let tick = copy.stream().complete();
-            let sum = format!("{:016x}", copy.stream().agreement());
-            let state = (sum, format!("{{{}}}", moving(copy, tick)));
-            self.held.entry(tick.value()).or_default().insert(state);
+            self.memory.keep(copy);
         }
     }
 
@@ -661,21 +576,6 @@ impl Feed {
     pub fn choice(&self) -> Result<StreamChoice, Stop> {
         self.mirror().map(Replica::choice)
     }
-}
-
-/// What moves, as we write it: by index, without spaces.
-fn as_text(moving: &Value) -> String {
-    let number = |part: Option<&str>| part.and_then(|part| part.parse::<u32>().ok());
-    let mut rows: Vec<_> = moving.as_object().into_iter().flatten().collect();
-    rows.sort_by_key(|(name, _)| {
-        let mut parts = name.split(':');
-        (number(parts.next()), number(parts.next()))
-    });
-    let rows: Vec<_> = rows
-        .into_iter()
-        .map(|(name, motion)| format!("\"{name}\":{motion}"))
-        .collect();
-    format!("{{{}}}", rows.join(","))
 }
 
 impl fmt::Debug for Feed {

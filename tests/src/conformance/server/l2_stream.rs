@@ -1,12 +1,12 @@
 //! L2.1: what a stream brings in the end, whatever its lane loses.
 
 use glam::Vec3;
-use rhumb_protocol::message::StreamChoice;
+use rhumb_protocol::message::{ClientMessage, ServerMessage, StreamChoice};
 use rhumb_reckoning::Tick;
 
 use super::scenery::{NORMAL, ball, ball_shape, body, floor, floor_shape, lockstep};
 use crate::conformance::case::{Case, Feature};
-use crate::conformance::outcome::{Play, Stop, ensure};
+use crate::conformance::outcome::{Play, Stop, ensure, should};
 use crate::conformance::peer::{Fate, Follower};
 use crate::conformance::trial::Trial;
 
@@ -66,7 +66,33 @@ pub(super) fn cases() -> Vec<Case> {
             }
             undoubted(&follower)
         }),
+        case(
+            "L2.1.4",
+            "a stream that begins where one has ended has another id",
+            "PROTOCOL 5.8-2, 5.8-6, 6.5-3",
+        )
+        .play(begins_anew),
     ]
+}
+
+/// Datagrams of the stream before may still be on their way.
+fn begins_anew(trial: &mut Trial<'_>) -> Play {
+    let mut guest = trial.guest()?;
+    let mut before = guest.enter(lockstep(), NORMAL)?.start.stream;
+    for _ in 0..8 {
+        guest.say(&ClientMessage::Leave);
+        guest.await_message("left", |message| {
+            matches!(message, ServerMessage::Left).then_some(())
+        })?;
+        let (joined, _) = guest.join(NORMAL)?;
+        let stream = joined.start.stream;
+        should(
+            stream != before,
+            format!("it has another id, and not {stream} again"),
+        )?;
+        before = stream;
+    }
+    Ok(())
 }
 
 /// A member of a scene with a ball above a floor.

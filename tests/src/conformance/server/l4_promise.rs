@@ -162,7 +162,7 @@ fn otherwise(pit: Way, zoo: Way) -> Vec<(&'static str, &'static str, Way)> {
         ),
         (
             "a pit that speaks of each third tick",
-            "PROTOCOL 6.3-1, 6.3-2, 4.9-6",
+            "PROTOCOL 5.6-15, 6.3-1, 6.3-2, 4.9-6",
             Way {
                 cadence: (3, 0),
                 depth: 3,

@@ -7,17 +7,15 @@ use std::path::Path;
 
 use glam::Vec3;
 use rhumb_protocol::message::{ClientMessage, Drive, Notice, ServerMessage};
-use rhumb_protocol::packet::{Echo, Head, Kind, Low16, StreamId};
+use rhumb_protocol::packet::{Echo, Kind, Low16, StreamId};
 use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, Pace, SceneTerms};
-use rhumb_protocol::wire::Wire;
-use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_reckoning::{Anchor, BodyId, Tolerance, Verbatim};
 use serde_json::Value;
 
 use super::scenery::{BALL, NORMAL, ball_shape, body, lockstep, moving};
 use crate::conformance::case::{Case, Feature};
 use crate::conformance::outcome::{Play, Stop, ensure};
-use crate::conformance::peer::Guest;
+use crate::conformance::peer::{Guest, datagram};
 use crate::conformance::trial::Trial;
 use crate::grammar::unhex;
 
@@ -51,7 +49,7 @@ fn dropped(trial: &mut Trial<'_>, bytes: &[u8]) -> Play {
     let id = body(guest.granted, 0)?;
     let upstream = drive(&mut guest, id)?;
     for stream in [joined.start.stream, upstream] {
-        guest.throw(&renamed(bytes, stream))?;
+        guest.throw(&datagram::of_stream(bytes, stream))?;
         guest.throw(bytes)?;
     }
     // A vouch is the answer to an echo that is well said; so those before it were read.
@@ -65,10 +63,9 @@ fn dropped(trial: &mut Trial<'_>, bytes: &[u8]) -> Play {
     loop {
         let datagram = guest.next_datagram()?;
         let datagram = datagram.ok_or_else(|| Stop::Fail("an echo is not answered".into()))?;
-        let head = Head::decode(&mut Reader::new(&datagram));
-        match head.map(|head| head.kind) {
-            Ok(Kind::Repair | Kind::Parity) => return Stop::fail("it is answered"),
-            Ok(Kind::Vouch) => break,
+        match datagram::kind(&datagram) {
+            Some(Kind::Repair | Kind::Parity) => return Stop::fail("it is answered"),
+            Some(Kind::Vouch) => break,
             _ => {}
         }
     }
@@ -102,22 +99,6 @@ fn drive(guest: &mut Guest, id: BodyId) -> Result<StreamId, Stop> {
         ServerMessage::NotDriving(error) => Some(Stop::fail(format!("{error}"))),
         _ => None,
     })?
-}
-
-/// A datagram with another stream's id, where it is long enough to have one.
-fn renamed(bytes: &[u8], stream: StreamId) -> Vec<u8> {
-    let Some((kind, rest)) = bytes.split_first() else {
-        return Vec::new();
-    };
-    let length = rest
-        .iter()
-        .position(|byte| byte & 0x80 == 0)
-        .map_or(rest.len(), |end| end + 1);
-    let mut writer = Writer::new();
-    writer.u8(*kind);
-    stream.encode(&mut writer);
-    writer.raw(&rest[length..]);
-    writer.into_bytes()
 }
 
 /// Where the bodies are, by a snapshot.

@@ -22,12 +22,7 @@ mod l5_datagrams;
 mod l5_security;
 mod scenery;
 
-use super::case::{Case, Feature};
-use super::outcome::Play;
-use super::trial::Trial;
-
-/// A case of a group: its number, its promise, what it cites, and how it is tried.
-type Row = (u32, &'static str, &'static str, fn(&mut Trial<'_>) -> Play);
+use super::case::{Case, Feature, Row};
 
 /// The cases of a group that need the same of a server.
 fn table(group: &str, needs: &[Feature], rows: &[Row]) -> impl Iterator<Item = Case> + use<> {

@@ -1,4 +1,4 @@
-//! What a trace of `rhumb-bench` says: those of its messages that a verdict needs.
+//! What a trace of `rhumb-bench` says, as far as a verdict needs it.
 //!
 //! Fields are numbered as in `benches/proto/rhumb.proto`; others are passed over.
 

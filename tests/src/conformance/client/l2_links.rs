@@ -1,0 +1,168 @@
+//! L2.51: what links do to datagrams, and a copy is right all the same.
+
+use std::collections::VecDeque;
+
+use rhumb_protocol::packet::Kind;
+
+use super::l2_stream::busy;
+use crate::conformance::case::Case;
+use crate::conformance::outcome::Play;
+use crate::conformance::peer::datagram::{is_packet, kind};
+use crate::conformance::trial::Trial;
+use crate::seed::Dice;
+
+/// What comes in place of a datagram.
+type Sieve = Box<dyn FnMut(Vec<u8>) -> Vec<Vec<u8>>>;
+
+/// Number, what the link does, requirements of PROTOCOL, and how.
+type Link = (u32, &'static str, &'static str, fn(Dice) -> Sieve);
+
+const LINKS: [Link; 8] = [
+    (
+        1,
+        "each fifth packet is lost",
+        "6.6-2, 6.6-5, 6.7-1, 6.7-8, 6.6-15",
+        each_fifth_lost,
+    ),
+    (
+        2,
+        "three in ten datagrams are lost",
+        "6.7-1, 6.7-8, 6.6-6, 6.6-7, 6.6-8, 6.6-9, 6.13-6, 6.13-7, 6.13-11",
+        three_in_ten_lost,
+    ),
+    (
+        3,
+        "datagrams are lost eight in a row",
+        "6.6-2, 6.7-1, 6.7-8",
+        eight_in_a_row_lost,
+    ),
+    (4, "each datagram comes twice", "6.6-4", |_| {
+        Box::new(|bytes| vec![bytes.clone(), bytes])
+    }),
+    (
+        5,
+        "datagrams come in pairs, the later one first",
+        "6.6-2, 6.6-3, 6.6-11",
+        in_pairs,
+    ),
+    (
+        6,
+        "datagrams come five late, and again",
+        "6.6-3, 6.6-4, 6.6-12, 6.2-2",
+        late_and_again,
+    ),
+    (
+        7,
+        "only what repairs say comes of each third tick",
+        "6.7-3, 6.7-8, 6.2-8, 5.11-1",
+        each_third_repaired,
+    ),
+    (
+        8,
+        "each second repair is lost too",
+        "6.7-1, 6.7-8",
+        repairs_lost_too,
+    ),
+];
+
+pub(super) fn cases() -> Vec<Case> {
+    let case = |(number, what, cites, made): Link| {
+        let name = format!("a client holds what the stream says to the bit though {what}");
+        Case::client(&format!("L2.51.{number}"), &name)
+            .cites(&format!("PROTOCOL 6.1-2, 6.5-1, {cites}"))
+            .play(move |trial| {
+                let sieve = made(trial.dice());
+                over(trial, sieve)
+            })
+    };
+    LINKS.into_iter().map(case).collect()
+}
+
+/// A drum over a link that is bad for a while, then good.
+fn over(trial: &mut Trial<'_>, sieve: Sieve) -> Play {
+    let mut feed = trial.feed(busy())?;
+    feed.enter()?;
+    feed.sift(sieve);
+    feed.step(60)?;
+    feed.mend();
+    feed.step(3)?;
+    feed.must_follow()
+}
+
+/// Loses each datagram that is to be lost.
+fn losing(mut is_lost: impl FnMut(&[u8]) -> bool + 'static) -> Sieve {
+    Box::new(move |bytes| if is_lost(&bytes) { vec![] } else { vec![bytes] })
+}
+
+fn each_fifth_lost(_: Dice) -> Sieve {
+    let mut count = 0;
+    losing(move |bytes| {
+        count += usize::from(is_packet(bytes));
+        is_packet(bytes) && count % 5 == 0
+    })
+}
+
+fn three_in_ten_lost(mut dice: Dice) -> Sieve {
+    losing(move |_| dice.below(10) < 3)
+}
+
+fn eight_in_a_row_lost(_: Dice) -> Sieve {
+    let mut count = 0;
+    losing(move |_| {
+        count += 1;
+        count % 24 < 8
+    })
+}
+
+fn in_pairs(_: Dice) -> Sieve {
+    let mut kept: Option<Vec<u8>> = None;
+    Box::new(move |bytes| match kept.take() {
+        Some(before) => vec![bytes, before],
+        None => {
+            kept = Some(bytes);
+            vec![]
+        }
+    })
+}
+
+fn late_and_again(_: Dice) -> Sieve {
+    let mut late: VecDeque<Vec<u8>> = VecDeque::new();
+    Box::new(move |bytes| {
+        late.push_back(bytes.clone());
+        let mut said = if late.len().is_multiple_of(2) {
+            vec![bytes]
+        } else {
+            vec![]
+        };
+        if late.len() > 5 {
+            said.extend(late.pop_front());
+        }
+        said
+    })
+}
+
+fn each_third_repaired(_: Dice) -> Sieve {
+    let mut count = 0;
+    losing(move |bytes| {
+        count += usize::from(is_packet(bytes));
+        match kind(bytes) {
+            Some(Kind::Parity) => true,
+            Some(Kind::Repair) => false,
+            _ => count % 3 == 1,
+        }
+    })
+}
+
+fn repairs_lost_too(_: Dice) -> Sieve {
+    let (mut packets, mut repairs) = (0, 0);
+    losing(move |bytes| {
+        let is_repair = kind(bytes) == Some(Kind::Repair);
+        packets += usize::from(is_packet(bytes));
+        repairs += usize::from(is_repair);
+        if is_repair {
+            repairs % 2 == 1
+        } else {
+            is_packet(bytes) && packets % 4 == 0
+        }
+    })
+}

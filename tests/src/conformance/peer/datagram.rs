@@ -1,0 +1,113 @@
+//! What a datagram is, as far as a case must know to lose or to spoil it.
+//!
+//! Kind and stream are told by its head (PROTOCOL 5.8); what it says is read only to see that it says something.
+
+use rhumb_protocol::packet::{
+    Digest, Doubt, Echo, FullPacket, Head, Kind, Parity, Repair, StatePacket, StreamId, Vouch,
+};
+use rhumb_protocol::wire::bytes::{Reader, Writer};
+use rhumb_protocol::wire::{Malformed, Wire};
+
+/// The kinds that no datagram has.
+pub(crate) const NO_KINDS: [u8; 4] = [10, 13, 14, 15];
+
+/// What it is, if it is something.
+pub(crate) fn kind(datagram: &[u8]) -> Option<Kind> {
+    head(datagram).map(|head| head.kind)
+}
+
+/// What it begins with, if it is something.
+pub(crate) fn head(datagram: &[u8]) -> Option<Head> {
+    Head::decode(&mut Reader::new(datagram)).ok()
+}
+
+/// Whether it is a packet with a number.
+pub(crate) fn is_packet(datagram: &[u8]) -> bool {
+    let packets = [
+        Kind::State,
+        Kind::StateEnd,
+        Kind::Full,
+        Kind::FullEnd,
+        Kind::StateInArrears,
+    ];
+    kind(datagram).is_some_and(|kind| packets.contains(&kind))
+}
+
+/// The low bits of a packet's tick.
+pub(crate) fn tick_of(packet: &[u8]) -> Option<u16> {
+    let mut reader = Reader::new(packet);
+    let head = Head::decode(&mut reader).ok()?;
+    if head.kind == Kind::StateInArrears {
+        reader.u8().ok()?;
+    }
+    reader.u16().ok()?;
+    reader.u16().ok()
+}
+
+/// The same datagram, whatever it is, in the name of another stream; one whose stream cannot be read stays as it is.
+pub(crate) fn of_stream(datagram: &[u8], stream: StreamId) -> Vec<u8> {
+    let mut reader = Reader::new(datagram);
+    let is_read = match reader.u8().map(|first| first >> 4) {
+        Ok(15) => reader
+            .varint32()
+            .is_ok_and(|more| more.checked_add(15).is_some()),
+        other => other.is_ok(),
+    };
+    if !is_read {
+        return datagram.to_vec();
+    }
+    let kind = Kind::State;
+    let mut to = Writer::new();
+    Head { kind, stream }.encode(&mut to);
+    let mut bytes = to.into_bytes();
+    bytes[0] |= datagram[0] & 0x0f;
+    bytes.extend_from_slice(reader.rest());
+    bytes
+}
+
+/// Whether a datagram is one of some stream.
+///
+/// # Errors
+///
+/// What is wrong with it.
+pub(crate) fn read(datagram: &[u8]) -> Result<(), Malformed> {
+    let mut from = Reader::new(datagram);
+    let head = Head::decode(&mut from)?;
+    let mut updates = Vec::new();
+    match head.kind {
+        Kind::State | Kind::StateEnd => StatePacket::decode(true, from)?.updates(&mut updates),
+        Kind::StateInArrears => StatePacket::decode_in_arrears(from)?.updates(&mut updates),
+        Kind::Vouch => Vouch::decode(from).map(drop),
+        Kind::VouchInArrears => Vouch::decode_in_arrears(from).map(drop),
+        Kind::Repair => Repair::decode(from).map(drop),
+        Kind::Full | Kind::FullEnd => FullPacket::decode(true, from).map(drop),
+        Kind::Echo => Echo::decode(from).map(drop),
+        Kind::Digest => Digest::decode(from).map(drop),
+        Kind::Doubt => Doubt::decode(from).map(drop),
+        Kind::Parity => Parity::decode(from).map(drop),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_datagram_of_another_stream_says_the_same() {
+        for (said, stream, named) in [
+            ("58ffff3f01", 3, "38ffff3f01"),
+            ("f80201", 3, "3801"),
+            ("f88080010102", 20, "f8050102"),
+            ("1a01", 4, "4a01"),
+            ("f8ff", 4, "f8ff"),
+            ("f8f1ffffff0f01", 4, "f8f1ffffff0f01"),
+            ("", 4, ""),
+        ] {
+            let bytes = crate::grammar::unhex(said);
+            assert_eq!(
+                crate::grammar::hex(&of_stream(&bytes, StreamId(stream))),
+                named
+            );
+        }
+    }
+}
