@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 
 use rhumb_protocol::limits::{HISTORY_PACKETS, INDICES_MAX};
 use rhumb_protocol::message::{ClientMessage, Frames, Moves, StreamChoice};
-use rhumb_protocol::session::{ClientSession, CloseCode};
+use rhumb_protocol::session::{ClientSession, CloseCode, Replica};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{Tick, Tolerance};
 use serde_json::Value;
@@ -189,7 +189,7 @@ impl Client {
         while let Some(framed) = self.frames.next_frame().expect("a session says messages") {
             ClientMessage::decode(&framed).expect("a session says what is known");
         }
-        let Some(stream) = self.session.replica().map(|replica| replica.stream()) else {
+        let Some(stream) = self.session.replica().map(Replica::stream) else {
             return;
         };
         assert!(stream.missing() <= HISTORY_PACKETS);

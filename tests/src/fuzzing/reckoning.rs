@@ -167,7 +167,7 @@ fn beside(script: &mut Script<'_>, believed: &Motion, reach: Metres) -> Verbatim
 fn bits(motion: &Motion) -> Vec<u64> {
     let (pose, twist) = (motion.pose(), motion.twist());
     let vectors = [pose.position, twist.linear, twist.angular];
-    let numbers = vectors.iter().flat_map(|vector| vector.to_array());
+    let numbers = vectors.iter().flat_map(DVec3::to_array);
     numbers
         .chain(pose.rotation.to_array())
         .map(f64::to_bits)
