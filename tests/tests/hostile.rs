@@ -153,6 +153,7 @@ fn assert_protocol_code(code: Option<CloseCode>) {
         CloseCode::VIOLATION,
         CloseCode::VERSION,
         CloseCode::LIMIT,
+        CloseCode::EXTENSION,
     ];
     assert!(code.is_none_or(|code| known.contains(&code)), "{code:?}");
 }
