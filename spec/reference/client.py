@@ -23,6 +23,7 @@ import packets
 import subscriber
 
 FIRST_ECHO, LAST_ECHO, SILENCE = 0.025, 0.5, 3.0
+FIRST_AWAITED, LAST_AWAITED, DOUBT = 0.1, 2.0, 0.03
 DONE, MALFORMED, VIOLATION, VERSION, EXTENSION = 0, 1, 2, 3, 5
 
 
@@ -38,8 +39,11 @@ class Member(QuicConnectionProtocol):
         self.frames, self.scene, self.ended = messages.Frames(), None, None
         self.heard, self.answers = asyncio.Event(), asyncio.Queue()
         self.on_state = lambda scene: None
-        self.control, self.is_moved, self.is_welcomed, self.is_resyncing = None, False, False, False
+        self.on_change = lambda scene: None
+        self.control, self.coming, self.is_welcomed, self.is_resyncing = None, None, False, False
         self.asked_at, self.patience, self.heard_at = 0.0, FIRST_ECHO, 0.0
+        self.awaited, self.awaited_at, self.awaited_for = 0, 0.0, FIRST_AWAITED
+        self.asked_coming_at, self.doubted_at = 0.0, 0.0
 
     # What comes
 
@@ -48,9 +52,9 @@ class Member(QuicConnectionProtocol):
         if isinstance(event, StreamDataReceived):
             self.hear_control(event.data)
         elif isinstance(event, DatagramFrameReceived):
-            if self.scene:
-                self.scene.hear_datagram(event.data)
-                self.on_state(self.scene)
+            for scene in filter(None, (self.scene, self.coming)):
+                scene.hear_datagram(event.data)
+            self.go_on()
         elif isinstance(event, ConnectionTerminated):
             self.ended = event.error_code
             self.answers.put_nowait({"is": "Ended", "code": event.error_code})
@@ -79,21 +83,32 @@ class Member(QuicConnectionProtocol):
             self.is_welcomed = True
             self.answers.put_nowait(said)
         elif said["is"] == "Joined":
-            self.scene, self.is_resyncing = subscriber.Scene(said), False
-        elif said["is"] == "Moved":
-            # The stream that comes next is another one (4.12); it is shown as soon as it is whole.
-            self.is_moved = True
+            # Another stream of the scene, asked for or not (4.8, 4.12), comes beside the one that is held.
+            if self.scene is None or self.is_resyncing:
+                self.scene, self.coming, self.is_resyncing = subscriber.Scene(said), None, False
+            else:
+                self.coming = subscriber.Scene(said)
         elif said["is"] == "Notice":
-            self.scene.hear_notice(said["notice"])
-            self.on_state(self.scene)
+            # A snapshot is of the stream that comes; what is said after it counts for both.
+            scenes = [self.coming] if self.coming and not self.coming.whole else [self.scene, self.coming]
+            for scene in filter(None, scenes):
+                scene.hear_notice(said["notice"])
+            self.go_on()
         else:
             if said["is"] == "SnapshotEnd":
-                self.scene.end_snapshot()
-                if self.is_moved:
-                    self.say({"is": "Followed", "stream": self.scene.stream})
-                    self.is_moved = False
-                self.on_state(self.scene)
+                (self.coming or self.scene).end_snapshot()
+                self.go_on()
             self.answers.put_nowait(said)
+
+    def go_on(self):
+        """Says what follows from what was heard."""
+        coming = self.coming
+        if coming and coming.whole and (coming.complete() >= self.scene.complete() or self.scene.lost_touch):
+            # 4.8-12
+            self.scene, self.coming = coming, None
+            self.say({"is": "Followed", "stream": coming.stream})
+            self.on_change(coming)
+        self.on_state(self.scene)
 
     def check_opening(self, said):
         """4.3-2: terms outside section 7 end the connection."""
@@ -111,6 +126,14 @@ class Member(QuicConnectionProtocol):
         self._quic.send_stream_data(self.control, messages.encoded("client", said))
         self.transmit()
 
+    def send(self, said):
+        self._quic.send_datagram_frame(packets.encoded(said))
+        self.transmit()
+
+    def advance(self, tick):
+        self.awaited, self.awaited_at, self.awaited_for = tick, self._loop.time(), FIRST_AWAITED
+        self.say({"is": "Advance", "tick": tick})
+
     def end(self, code):
         self._quic.close(error_code=code)
         self.transmit()
@@ -125,7 +148,7 @@ class Member(QuicConnectionProtocol):
                 raise Ended(said)
 
     async def repair(self):
-        """6.7: echoes for what is missing, and for a stream that is silent."""
+        """6.7, 6.12: echoes for what is missing, and for a stream that is silent; doubts, until they are answered."""
         while self.ended is None:
             await asyncio.sleep(0.005)
             now, scene = self._loop.time(), self.scene
@@ -141,9 +164,17 @@ class Member(QuicConnectionProtocol):
                 self.patience = FIRST_ECHO
             silent = now - max(self.heard_at, self.asked_at) > SILENCE
             if silent or (scene.missing and now - self.asked_at > self.patience):
-                self._quic.send_datagram_frame(packets.encoded(scene.echo()))
-                self.transmit()
+                self.send(scene.echo())
                 self.asked_at, self.patience = now, min(2 * self.patience, LAST_ECHO)
+            elif scene.complete() < self.awaited and now - self.awaited_at > self.awaited_for:
+                self.send(scene.echo())
+                self.awaited_at, self.awaited_for = now, min(2 * self.awaited_for, LAST_AWAITED)
+            if scene.doubted and now - self.doubted_at > DOUBT:
+                self.send(scene.doubt())
+                self.doubted_at = now
+            if self.coming and self.coming.whole and self.coming.missing and now - self.asked_coming_at > LAST_ECHO:
+                self.send(self.coming.echo())
+                self.asked_coming_at = now
 
     # 1.3
 

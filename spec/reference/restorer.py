@@ -28,7 +28,8 @@ def column_of(datagram):
 
 
 def datagram_of(column, stream, number):
-    column = column.rstrip(b"\0")
+    # Sums of nothing give a column of nothing: no datagram, as its reader will say.
+    column = column.rstrip(b"\0") or b"\0"
     return head_of(column[0], stream) + (number & 0xFFFF).to_bytes(2, "little") + column[1:]
 
 

@@ -169,6 +169,7 @@ class Scene:
         self.unreadable = {}  # packets of which something was unread
         self.restorer = Restorer(self.stream)
         self.lost_touch, self.disagreements, self.granted = False, 0, joined["granted"]
+        self.doubted, self.amended = None, []  # doubted indices: first, how many
 
     def flow(self, damping):
         terms = self.terms
@@ -555,6 +556,7 @@ class Scene:
         lost = expanded(said["lost"], self.next)
         self.newest = max(self.newest, tick)
         if lost >= self.next:
+            self.hear_amends(said, lost, tick)
             return
         for record in said["records"]:
             self.hear_record(record, tick)
@@ -585,6 +587,25 @@ class Scene:
 
     # 6.12 Agreement
 
+    def hear_amends(self, said, lost, tick):
+        """6.12-8: the track of a body that is doubted, in place of its own; of a packet that was not heard, nor sent."""
+        for record in said["records"]:
+            index, body = record["index"], self.bodies.get(record["index"])
+            if body is None or lost != self.next or self.doubted != (index, 1):
+                continue
+            self.leave(index)
+            if record["seat"] is not None:
+                self.sit(record["seat"], index, tick)
+            body.track, body.before, body.older = track_of_whole(tick - record["age"], record["whole"]), None, []
+            self.known_from = max(self.known_from, body.track.origin)
+            self.doubted = None
+            self.amended.append((index, body.generation))
+
+    def doubt(self):
+        """5.15: what to say while something is doubted."""
+        first, stride = self.doubted
+        return {"stream": self.stream, "kind": 8, "first": first, "stride": stride}
+
     def sum(self, first=0, end=1 << 20):
         return sum(digest(body) for body in self.bodies.values() if first <= body.index < end) & MASK
 
@@ -594,7 +615,13 @@ class Scene:
             return
         for place, expected in enumerate(said["sums"]):
             first = said["first"] + place * said["stride"]
-            self.disagreements += self.sum(first, first + said["stride"]) != int(expected, 16)
+            if self.sum(first, first + said["stride"]) != int(expected, 16):
+                self.disagreements += 1
+                self.doubted = (first, said["stride"])
+                return
+        end = said["first"] + len(said["sums"]) * said["stride"]
+        if self.doubted and said["first"] <= self.doubted[0] and sum(self.doubted) <= end:
+            self.doubted = None
 
     # What is known
 

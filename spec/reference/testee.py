@@ -9,6 +9,7 @@ import json
 import os
 import ssl
 import sys
+from dataclasses import dataclass
 
 from aioquic.asyncio.client import connect
 from aioquic.quic.configuration import QuicConfiguration
@@ -18,25 +19,48 @@ import client
 UNSUPPORTED = 127
 
 
-def choice_of(wish):
-    """The stream that is wished for; None where the wish means nothing here."""
-    words = wish.split(" ")
-    if words[0] != "follow" or len(words) not in (2, 4):
-        return None
-    if words[1] == "full":
-        return {"is": "full"} if len(words) == 2 else None
-    within = {"is": "within a surface tolerance", "micrometres": int(words[1])}
-    # No ticks are asked for here, and no stream is changed.
-    return within if len(words) == 2 else None
+@dataclass
+class Wish:
+    choice: dict  # the stream that it joins
+    ticks: int = 0  # up to which it asks for each
+    change: dict = None  # the stream that it follows then
+
+
+def within(micrometres):
+    return {"is": "within a surface tolerance", "micrometres": int(micrometres)}
+
+
+def read(wish):
+    """None where the wish means nothing here."""
+    match wish.split(" "):
+        case ["follow", "full"]:
+            return Wish({"is": "full"})
+        case ["follow", micrometres]:
+            return Wish(within(micrometres))
+        case ["follow", micrometres, "budget", rate]:
+            budget = {"is": "within a budget", "bytes a second": int(rate), "bytes at once": 4000}
+            return Wish(budget | {"choice": within(micrometres)})
+        case ["follow", micrometres, "advance", ticks]:
+            return Wish(within(micrometres), ticks=int(ticks))
+        case ["follow", micrometres, "change", other]:
+            return Wish(within(micrometres), change=within(other))
+    return None
 
 
 class Told:
-    """Tells of each tick at which the copy is complete."""
+    """Tells of each tick at which the copy is complete, and asks for the next if that is wished."""
 
-    def __init__(self):
+    def __init__(self, member, ticks):
+        self.member, self.ticks, self.last = member, ticks, None
+
+    def change(self, scene):
+        tell({"is": "following"})
         self.last = None
 
     def note(self, scene):
+        for index, generation in scene.amended:
+            tell({"is": "amended", "body": f"{index}:{generation}"})
+        scene.amended = []
         tick = scene.complete()
         if not scene.whole or not scene.is_settled() or tick == self.last:
             return
@@ -47,19 +71,22 @@ class Told:
             if not body.track.is_verbatim_rest()
         }
         tell({"is": "tick", "tick": tick, "sum": f"{scene.sum():016x}", "moving": moving})
+        if tick < self.ticks:
+            self.member.advance(tick + 1)
 
 
 def tell(line):
     print(json.dumps(line), flush=True)
 
 
-async def follow(choice):
+async def follow(wish):
     host, port = os.environ["RHUMB_ADDR"].rsplit(":", 1)
     configuration = QuicConfiguration(is_client=True, alpn_protocols=["rhumb/1"], verify_mode=ssl.CERT_NONE)
     configuration.max_datagram_frame_size, configuration.idle_timeout = 65536, 10.0
     async with connect(host.strip("[]"), int(port), configuration=configuration, create_protocol=client.Member) as member:
         member.must_be(os.environ["RHUMB_FINGERPRINT"].lower())
-        member.on_state = Told().note
+        told = Told(member, wish.ticks)
+        member.on_state, member.on_change = told.note, told.change
         greased = [{"id": 27, "value": "00"}]
         hello = {"is": "Hello", "magic": 0x424D4852, "versions": [0x4A4A, 1], "scene": os.environ["RHUMB_SCENE"]}
         member.say(hello | {"extensions": greased})
@@ -68,9 +95,11 @@ async def follow(choice):
             if welcome["version"] != 1:
                 member.end(client.VERSION)
             else:
-                member.say({"is": "Join", "choice": choice})
+                member.say({"is": "Join", "choice": wish.choice})
                 await member.answer("SnapshotEnd")
                 tell({"is": "joined"})
+                if wish.change:
+                    member.say({"is": "Follow", "choice": wish.change})
                 await member.repair()
         except (client.Ended, asyncio.TimeoutError):
             pass
@@ -78,10 +107,10 @@ async def follow(choice):
 
 
 def main():
-    choice = choice_of(os.environ["RHUMB_WISH"])
-    if choice is None:
+    wish = read(os.environ["RHUMB_WISH"])
+    if wish is None:
         return UNSUPPORTED
-    asyncio.run(follow(choice))
+    asyncio.run(follow(wish))
     return 0
 
 
