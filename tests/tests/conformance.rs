@@ -1,16 +1,17 @@
 //! The suite against this house's server: all cases, and all requirements.
 //!
-//! Proved by a server process, as an operator runs it, and all cases of servers over loopback. The suite is tested by
-//! servers that are wrong, elsewhere. Caught so far: answers to what was said behind a command came before the command's
+//! Proved by a server process, as an operator runs it, and all cases of servers over loopback. The suite itself is tried by
+//! servers that are wrong, each against the case that is for it. Caught so far: answers to what was said behind a command came before the command's
 //! own; a member whose advance was lost asked for it after three seconds.
 
 use std::time::Duration;
 
 use rhumb_tests::conformance::case::Profile;
+use rhumb_tests::conformance::mutants::ServerMutant;
 use rhumb_tests::conformance::report::{Report, html, json, junit};
 use rhumb_tests::conformance::suite::{Selection, cases};
 use rhumb_tests::conformance::trial::{Conditions, Subject};
-use rhumb_tests::conformance::{Side, coverage, run};
+use rhumb_tests::conformance::{Side, Verdict, coverage, run};
 use rhumb_tests::{Programme, ServerProcess};
 use rhumb_transport::{LinkTerms, Trust};
 
@@ -86,6 +87,60 @@ fn the_server_of_this_house_passes_behind_a_bad_link() {
         .expect("terms of a link");
     let report = tried(&["L1.1", "L1.4", "L2.1", "L3.1", "L4.1.1"], link);
     assert!(report.results.len() >= 20, "{}", report.summary());
+}
+
+/// Each mutant with the case that is for it, by its number or words of its name.
+const CAUGHT: [(ServerMutant, &str); 18] = [
+    (ServerMutant::AnyVersion, "L1.1.3"),
+    (ServerMutant::WrongCode, "L0.1.7"),
+    (ServerMutant::CriticalPasses, "L0.1.7"),
+    (ServerMutant::OptionalRefused, "L0.1.2"),
+    (ServerMutant::CommandRefused, "L3.2.32"),
+    (ServerMutant::NanTaken, "SetGravity: command.gravity NaN"),
+    (ServerMutant::RepairIgnored, "L2.2.5"),
+    (ServerMutant::OffByOne, "L2.2.3"),
+    (ServerMutant::NeverVouches, "L2.2.2"),
+    (ServerMutant::RestLost, "L4.1.9"),
+    (ServerMutant::ToleranceIgnored, "L4.1.1"),
+    (ServerMutant::SumsWrong, "L4.1.3"),
+    (ServerMutant::ParityWrong, "L2.2.8"),
+    (ServerMutant::StepsTooFar, "L2.1.1"),
+    (ServerMutant::GravityUntold, "L3.4.11"),
+    (ServerMutant::RefusalsUntold, "L3.2.1"),
+    (ServerMutant::JointsUntold, "L3.3.7"),
+    (ServerMutant::PongWrong, "L1.4.12"),
+];
+
+#[test]
+fn each_server_that_breaks_a_promise_is_caught_by_its_case() {
+    let mut passed = Vec::new();
+    for (mutant, pattern) in CAUGHT {
+        let serving = mutant.serve();
+        let conditions = Conditions {
+            subject: Subject::Server {
+                target: serving.address,
+                name: "localhost".into(),
+                trust: Trust::Fingerprint(serving.fingerprint),
+            },
+            timeout: Duration::from_secs(2),
+            seed: 1,
+            link: LinkTerms::PERFECT,
+            without: Vec::new(),
+        };
+        let selection = Selection {
+            patterns: vec![pattern.to_owned()],
+            ..Selection::default()
+        };
+        let sink = &mut std::io::sink();
+        let results = run::run(cases(Side::Server), &selection, &conditions, 1, sink);
+        assert_eq!(results.len(), 1, "{pattern} is one case");
+        let outcome = &results[0].outcome;
+        let caught = outcome.verdict == Verdict::Fail || !outcome.closing.is_good();
+        if !caught {
+            passed.push(format!("{mutant:?} passes {pattern}: {outcome:?}"));
+        }
+    }
+    assert!(passed.is_empty(), "{passed:#?}");
 }
 
 #[test]

@@ -3,14 +3,13 @@
 use std::collections::VecDeque;
 
 use rhumb_protocol::message::{Frames, frame};
-use rhumb_protocol::packet::{
-    Age, Echo, FullPacket, Head, Kind, Low16, Saying, StatePacket, StateWriter, Update,
-};
+use rhumb_protocol::packet::{Age, Echo, FullPacket, Head, Kind, Low16, Saying};
 use rhumb_protocol::session::ClientSession;
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_reckoning::Tick;
 
+use super::packets::{updates_of, without_rests, written};
 use crate::conformance::peer::datagram;
 use crate::testee::Habit;
 
@@ -246,33 +245,6 @@ fn renewed(old: &[u8], new: &[u8]) -> Option<Vec<u8>> {
     Some(packet.encode(head.stream))
 }
 
-/// The updates of a packet with its head, if it is one of a reckoned stream.
-fn updates_of(bytes: &[u8]) -> Option<(Head, StatePacket<'_>, Vec<Update>)> {
-    let mut reader = Reader::new(bytes);
-    let head = Head::decode(&mut reader).ok()?;
-    let ends = match head.kind {
-        Kind::State => false,
-        Kind::StateEnd => true,
-        _ => return None,
-    };
-    let packet = StatePacket::decode(ends, reader).ok()?;
-    let mut updates = Vec::new();
-    packet.clone().updates(&mut updates).ok()?;
-    Some((head, packet, updates))
-}
-
-fn written(head: Head, packet: &StatePacket<'_>, updates: &[Update]) -> Option<Vec<u8>> {
-    let [number, tick, notices] =
-        [packet.number, packet.tick, packet.notices].map(|low| u64::from(low.0));
-    let mut writer = StateWriter::new(head.stream, number, tick, notices);
-    for update in updates {
-        if !writer.push(update) {
-            return None;
-        }
-    }
-    Some(writer.finish(packet.ends_tick))
-}
-
 /// The same packet, with each correction's age as the track that is there has it.
 fn rebuilt_on(session: &ClientSession, bytes: &[u8]) -> Option<Vec<u8>> {
     let copy = session.replica()?.stream();
@@ -296,13 +268,6 @@ fn rebuilt_on(session: &ClientSession, bytes: &[u8]) -> Option<Vec<u8>> {
             *age = Age::of(origin, tick, every)?;
         }
     }
-    written(head, &packet, &updates)
-}
-
-/// The same packet without bodies that come to rest.
-fn without_rests(bytes: &[u8]) -> Option<Vec<u8>> {
-    let (head, packet, mut updates) = updates_of(bytes)?;
-    updates.retain(|update| !matches!(update.saying, Saying::Settled { .. }));
     written(head, &packet, &updates)
 }
 

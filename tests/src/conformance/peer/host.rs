@@ -28,6 +28,9 @@ use crate::grammar::hex;
 /// What a client says by its exit code that it does not have what a case tries.
 const UNSUPPORTED: i32 = 127;
 
+/// How often it is looked whether a client that does not connect has ended.
+const LOOK: Duration = Duration::from_millis(50);
+
 /// A server made of bytes, and the client under test.
 #[derive(Debug)]
 pub struct Host {
@@ -79,10 +82,7 @@ impl Host {
         let server = server.map_err(|error| inconclusive(&error))?;
         let mut client = Running::start(exec, &server, conditions, case, wish)
             .map_err(|error| inconclusive(&error))?;
-        let line = match server.accept(conditions.timeout * 5) {
-            Some(line) => line.map_err(|error| Stop::Fail(format!("no connection: {error}")))?,
-            None => return Err(client.why_not()),
-        };
+        let line = client.connected(&server, conditions.timeout * 5)?;
         Ok(Self {
             line,
             datagrams: VecDeque::new(),
@@ -378,12 +378,23 @@ impl Running {
         self.child.try_wait().ok().flatten().is_some()
     }
 
-    fn why_not(&mut self) -> Stop {
-        if self.has_given_up() {
-            Stop::Unsupported("the client's exit code says so".into())
-        } else {
-            Stop::Inconclusive("the client did not connect".into())
+    /// Its connection, once it has one.
+    fn connected(&mut self, server: &BareServer, patience: Duration) -> Result<BareLine, Stop> {
+        let clock = Clock::start();
+        let end = Instant::ZERO
+            + Span::from_nanos(u64::try_from(patience.as_nanos()).unwrap_or(u64::MAX));
+        while clock.now() < end {
+            if let Some(line) = server.accept(LOOK) {
+                return line.map_err(|error| Stop::Fail(format!("no connection: {error}")));
+            }
+            if self.has_given_up() {
+                return Err(Stop::Unsupported("the client's exit code says so".into()));
+            }
+            if self.has_ended() {
+                break;
+            }
         }
+        Err(Stop::Inconclusive("the client did not connect".into()))
     }
 }
 

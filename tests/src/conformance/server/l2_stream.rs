@@ -22,15 +22,7 @@ pub(super) fn cases() -> Vec<Case> {
             "an advance is answered by a stream that is complete at its tick",
             "PROTOCOL 4.9-1, 4.9-2, 6.4-1",
         )
-        .play(|trial| {
-            let mut follower = scene(trial, NORMAL)?;
-            follower.advance(Tick::new(10))?;
-            let copy = follower.replica()?.stream();
-            ensure(
-                copy.vouched() == Tick::new(10),
-                "nothing beyond what was asked for",
-            )
-        }),
+        .play(no_farther),
         case(
             "L2.1.2",
             "of a lane that loses every third datagram all is repaired",
@@ -73,6 +65,26 @@ pub(super) fn cases() -> Vec<Case> {
         )
         .play(begins_anew),
     ]
+}
+
+/// To the tick that was asked for, and no farther.
+fn no_farther(trial: &mut Trial<'_>) -> Play {
+    let mut follower = scene(trial, NORMAL)?;
+    follower.advance(Tick::new(10))?;
+    let vouched = follower.replica()?.stream().vouched();
+    ensure(
+        vouched == Tick::new(10),
+        "nothing beyond what was asked for",
+    )?;
+    // What it stepped to shows to who joins then.
+    let mut late = trial.guest_of(&follower.scene)?;
+    late.hello()?;
+    let (joined, _) = late.join(StreamChoice::Full)?;
+    let tick = joined.start.tick;
+    ensure(
+        tick == Tick::new(10),
+        format!("it stands at 10, and not at {tick}"),
+    )
 }
 
 /// Datagrams of the stream before may still be on their way.

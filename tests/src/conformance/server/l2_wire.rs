@@ -163,18 +163,24 @@ impl Talk {
 
     /// Numbers of state packets up to a tick.
     fn numbers_to(&mut self, tick: u64) -> Result<Vec<u64>, Stop> {
+        let packets = self.packets_to(tick)?;
+        Ok(packets.into_iter().map(|(number, _)| number).collect())
+    }
+
+    /// State packets up to a tick, by number.
+    fn packets_to(&mut self, tick: u64) -> Result<Vec<(u64, Vec<u8>)>, Stop> {
         let mut expected = self.joined.start.next;
-        let mut numbers = Vec::new();
+        let mut packets = Vec::new();
         for to in 1..=tick {
             self.stir()?;
             for (kind, bytes) in self.step(to)? {
                 if let Some(packet) = state(kind, &bytes)? {
                     expected = packet.number.expand(expected);
-                    numbers.push(expected);
+                    packets.push((expected, bytes));
                 }
             }
         }
-        Ok(numbers)
+        Ok(packets)
     }
 }
 
@@ -314,8 +320,8 @@ fn never_sent(trial: &mut Trial<'_>) -> Play {
 
 fn parities(trial: &mut Trial<'_>) -> Play {
     let mut talk = Talk::begin(trial, EXACT, 8)?;
-    let numbers = talk.numbers_to(20)?;
-    let [.., first, second, third] = numbers[..] else {
+    let packets = talk.packets_to(20)?;
+    let [.., (first, _), (second, _), (third, _)] = packets[..] else {
         return Stop::fail("bodies that are pushed are spoken of");
     };
     let lost = [first, second];
@@ -325,7 +331,11 @@ fn parities(trial: &mut Trial<'_>) -> Play {
         let (kind, bytes) = talk.next()?;
         match kind {
             Kind::Parity => {
-                read(&bytes, Parity::decode)?;
+                let parity = read(&bytes, Parity::decode)?;
+                ensure(
+                    sums_of(&parity, &packets, third) == Some(parity.sums),
+                    "its sums are those of what was said",
+                )?;
                 covered += 1;
                 if covered == lost.len() {
                     return Ok(());
@@ -336,6 +346,18 @@ fn parities(trial: &mut Trial<'_>) -> Play {
             _ => {}
         }
     }
+}
+
+/// The sums that a parity must have; none where it covers what was not said.
+fn sums_of(parity: &Parity, packets: &[(u64, Vec<u8>)], newest: u64) -> Option<Vec<u8>> {
+    let said = |number| packets.iter().find(|(other, _)| *other == number);
+    let covered: Option<Vec<_>> = parity
+        .numbers(parity.last.expand(newest))
+        .map(|number| said(number).map(|(number, bytes)| (*number, &bytes[..])))
+        .collect();
+    let mut covered = covered?;
+    covered.reverse();
+    Parity::of(parity.row, &covered).map(|parity| parity.sums)
 }
 
 fn doubted(trial: &mut Trial<'_>) -> Play {

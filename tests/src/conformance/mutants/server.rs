@@ -1,0 +1,336 @@
+//! Servers that break one promise each.
+
+use std::collections::BTreeMap;
+use std::net::SocketAddr;
+use std::thread::{self, JoinHandle};
+
+use bytes::Bytes;
+use rhumb_protocol::message::{ClientMessage, Framed, Frames, Notice, ServerMessage, frame};
+use rhumb_protocol::packet::{Digest, Head, Kind, Parity, StateWriter};
+use rhumb_protocol::wire::Wire;
+use rhumb_protocol::wire::bytes::Reader;
+use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake};
+use rhumb_server::Host;
+use rhumb_transport::{Certificate, Fingerprint, QuicServer, ServerOptions, Stop};
+
+use super::packets::{updates_of, without_rests, written};
+use crate::conformance::peer::datagram;
+
+/// The promise that is broken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ServerMutant {
+    /// Takes whatever version it is offered.
+    AnyVersion,
+    /// Closes with the next code.
+    WrongCode,
+    /// Lets a critical message pass that nobody knows.
+    CriticalPasses,
+    /// Ends the connection at an optional message that nobody knows.
+    OptionalRefused,
+    /// Ends the connection at a command of the future.
+    CommandRefused,
+    /// Takes what is no number for zero.
+    NanTaken,
+    /// Repairs nothing.
+    RepairIgnored,
+    /// Numbers packets from one too many on.
+    OffByOne,
+    /// Never says that nothing was to be said.
+    NeverVouches,
+    /// Says no rest.
+    RestLost,
+    /// Says nothing of who has left the tolerance.
+    ToleranceIgnored,
+    /// Sums tracks wrongly.
+    SumsWrong,
+    /// Sums parities wrongly.
+    ParityWrong,
+    /// Steps once more than it was asked to.
+    StepsTooFar,
+    /// Tells nobody of another gravity.
+    GravityUntold,
+    /// Tells nobody that a command was refused.
+    RefusalsUntold,
+    /// Tells who joins late of no joint.
+    JointsUntold,
+    /// Answers a ping by another number.
+    PongWrong,
+}
+
+impl ServerMutant {
+    /// Serves on a free port of loopback.
+    ///
+    /// # Panics
+    ///
+    /// When the machine lets nobody listen.
+    #[must_use]
+    pub fn serve(self) -> Serving {
+        let certificate = Certificate::development(["localhost", "127.0.0.1"]);
+        let server = QuicServer::bind(ServerOptions {
+            listen: SocketAddr::from(([127, 0, 0, 1], 0)),
+            certificate: certificate.expect("a certificate can be made"),
+        });
+        let server = server.expect("loopback can be listened on");
+        let (address, fingerprint) = (server.local_addr(), server.fingerprint());
+        let stop = Stop::new();
+        let asked = stop.clone();
+        let thread = thread::spawn(move || {
+            let mut endpoint = Mutant {
+                mutant: self,
+                host: Host::new(|| Instant::ZERO),
+                lines: BTreeMap::new(),
+            };
+            // A server that breaks is no mutant: then its case cannot be tried, which its test sees.
+            let _ = server.run(&mut endpoint, &asked);
+        });
+        Serving {
+            address,
+            fingerprint,
+            stop,
+            thread: Some(thread),
+        }
+    }
+}
+
+/// A mutant that serves until this is dropped.
+#[derive(Debug)]
+pub struct Serving {
+    /// Where it is.
+    pub address: SocketAddr,
+    /// What to pin.
+    pub fingerprint: Fingerprint,
+    stop: Stop,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Drop for Serving {
+    fn drop(&mut self) {
+        self.stop.stop();
+        if let Some(thread) = self.thread.take() {
+            // Whether it panicked is for its case to see.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// A good server, and what stands before its ears and mouth.
+struct Mutant {
+    mutant: ServerMutant,
+    host: Host,
+    lines: BTreeMap<Peer, Line>,
+}
+
+/// A connection.
+#[derive(Default)]
+struct Line {
+    heard: Frames,
+    said: Frames,
+    is_in_snapshot: bool,
+}
+
+impl Endpoint for Mutant {
+    fn handle_opened(&mut self, now: Instant, peer: Peer) {
+        self.lines.insert(peer, Line::default());
+        self.host.handle_opened(now, peer);
+    }
+
+    fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        let Some(line) = self.lines.get_mut(&from) else {
+            return;
+        };
+        line.heard.push(bytes);
+        let mut heard = Vec::new();
+        loop {
+            match line.heard.next_frame() {
+                Ok(Some(framed)) => heard.extend(heard_as(self.mutant, framed)),
+                Ok(None) => break,
+                Err(_) => {
+                    heard.extend_from_slice(bytes);
+                    break;
+                }
+            }
+        }
+        self.host.handle_control(now, from, &heard);
+    }
+
+    fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        self.host.handle_datagram(now, from, bytes);
+    }
+
+    fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
+        self.lines.remove(&peer);
+        self.host.handle_ended(now, peer, ending);
+    }
+
+    fn handle_timeout(&mut self, now: Instant) {
+        self.host.handle_timeout(now);
+    }
+
+    fn poll_transmit(&mut self) -> Option<Transmit> {
+        loop {
+            let said = match self.host.poll_transmit()? {
+                Transmit::Control { to, bytes } => {
+                    let line = self.lines.get_mut(&to)?;
+                    let bytes = line.said_as(self.mutant, &bytes).into();
+                    Some(Transmit::Control { to, bytes })
+                }
+                Transmit::State { to, bytes } => sent_as(self.mutant, &bytes).map(|bytes| {
+                    let bytes = bytes.into();
+                    Transmit::State { to, bytes }
+                }),
+                Transmit::Close { to, code } => {
+                    let code = code + u32::from(self.mutant == ServerMutant::WrongCode);
+                    Some(Transmit::Close { to, code })
+                }
+            };
+            if said.is_some() {
+                return said;
+            }
+        }
+    }
+
+    fn poll_timeout(&self) -> Option<Wake> {
+        self.host.poll_timeout()
+    }
+}
+
+/// What it takes a message for.
+fn heard_as(mutant: ServerMutant, framed: Framed) -> Vec<u8> {
+    let Framed { kind, mut body } = framed;
+    let known = 0..=16;
+    let mut heard = Vec::new();
+    let message = |kind, body: &[u8]| {
+        let body = body.to_vec();
+        ClientMessage::decode(&Framed { kind, body }).ok().flatten()
+    };
+    match mutant {
+        ServerMutant::CriticalPasses if kind < 0x80 && !known.contains(&kind) => return heard,
+        ServerMutant::OptionalRefused if kind >= 0x80 => frame(0x7f, &body, &mut heard),
+        ServerMutant::CommandRefused if kind == COMMAND && body.first() >= Some(&0x80) => {
+            frame(0x7f, &body, &mut heard);
+        }
+        ServerMutant::NanTaken if kind == COMMAND => {
+            let nan = f32::NAN.to_le_bytes();
+            while let Some(at) = body.windows(4).position(|four| four == nan) {
+                body[at..at + 4].fill(0);
+            }
+            frame(kind, &body, &mut heard);
+        }
+        ServerMutant::AnyVersion | ServerMutant::StepsTooFar => match message(kind, &body) {
+            Some(ClientMessage::Hello {
+                scene, extensions, ..
+            }) if mutant == ServerMutant::AnyVersion => {
+                let versions = vec![1];
+                let hello = ClientMessage::Hello {
+                    versions,
+                    scene,
+                    extensions,
+                };
+                hello.encode(&mut heard);
+            }
+            Some(ClientMessage::Advance { to }) if mutant == ServerMutant::StepsTooFar => {
+                ClientMessage::Advance { to: to.next() }.encode(&mut heard);
+            }
+            _ => frame(kind, &body, &mut heard),
+        },
+        _ => frame(kind, &body, &mut heard),
+    }
+    heard
+}
+
+const COMMAND: u8 = 7;
+
+impl Line {
+    /// What it says in place of bytes of the control stream.
+    fn said_as(&mut self, mutant: ServerMutant, bytes: &Bytes) -> Vec<u8> {
+        self.said.push(bytes);
+        let mut said = Vec::new();
+        while let Ok(Some(framed)) = self.said.next_frame() {
+            let message = ServerMessage::decode(&framed).ok().flatten();
+            match &message {
+                Some(ServerMessage::Joined(_)) => self.is_in_snapshot = true,
+                Some(ServerMessage::SnapshotEnd) => self.is_in_snapshot = false,
+                _ => {}
+            }
+            match (mutant, message) {
+                (ServerMutant::RefusalsUntold, Some(ServerMessage::Refused { .. })) => {}
+                (
+                    ServerMutant::JointsUntold,
+                    Some(ServerMessage::Notice(Notice::JointAdded { .. })),
+                ) if self.is_in_snapshot => {}
+                (
+                    ServerMutant::GravityUntold,
+                    Some(ServerMessage::Notice(Notice::GravityChanged { .. })),
+                ) => {
+                    // A notice that nobody knows, so that the count of notices stays.
+                    frame(framed.kind, &[0x8a], &mut said);
+                }
+                (
+                    ServerMutant::PongWrong,
+                    Some(ServerMessage::Pong {
+                        sent,
+                        tick,
+                        since_tick_ns,
+                    }),
+                ) => {
+                    let sent = sent + Span::from_nanos(1);
+                    let pong = ServerMessage::Pong {
+                        sent,
+                        tick,
+                        since_tick_ns,
+                    };
+                    pong.encode(&mut said);
+                }
+                _ => frame(framed.kind, &framed.body, &mut said),
+            }
+        }
+        said
+    }
+}
+
+/// What it sends in place of a datagram.
+fn sent_as(mutant: ServerMutant, bytes: &[u8]) -> Option<Vec<u8>> {
+    let kind = datagram::kind(bytes);
+    let otherwise = match (mutant, kind) {
+        (ServerMutant::RepairIgnored, Some(Kind::Repair))
+        | (ServerMutant::NeverVouches, Some(Kind::Vouch)) => return None,
+        (ServerMutant::RestLost, _) => without_rests(bytes),
+        (ServerMutant::ToleranceIgnored, _) => without_updates(bytes),
+        (ServerMutant::OffByOne, _) => numbered_higher(bytes),
+        (ServerMutant::SumsWrong, Some(Kind::Digest)) => other_sums(bytes),
+        (ServerMutant::ParityWrong, Some(Kind::Parity)) => other_parity(bytes),
+        _ => None,
+    };
+    Some(otherwise.unwrap_or_else(|| bytes.to_vec()))
+}
+
+/// A packet that says nothing of anybody.
+fn without_updates(bytes: &[u8]) -> Option<Vec<u8>> {
+    let (head, packet, _) = updates_of(bytes)?;
+    written(head, &packet, &[])
+}
+
+fn numbered_higher(bytes: &[u8]) -> Option<Vec<u8>> {
+    let (head, packet, updates) = updates_of(bytes)?;
+    let [number, tick, notices] =
+        [packet.number, packet.tick, packet.notices].map(|low| u64::from(low.0));
+    let mut writer = StateWriter::new(head.stream, number + 1, tick, notices);
+    let fits = updates.iter().all(|update| writer.push(update));
+    fits.then(|| writer.finish(packet.ends_tick))
+}
+
+fn other_sums(bytes: &[u8]) -> Option<Vec<u8>> {
+    let mut reader = Reader::new(bytes);
+    let head = Head::decode(&mut reader).ok()?;
+    let mut digest = Digest::decode(reader).ok()?;
+    digest.sums.iter_mut().for_each(|sum| *sum ^= 1);
+    Some(digest.encode(head.stream))
+}
+
+fn other_parity(bytes: &[u8]) -> Option<Vec<u8>> {
+    let mut reader = Reader::new(bytes);
+    let head = Head::decode(&mut reader).ok()?;
+    let mut parity = Parity::decode(reader).ok()?;
+    *parity.sums.first_mut()? ^= 0x11;
+    Some(parity.encode(head.stream))
+}
