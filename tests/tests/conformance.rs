@@ -53,6 +53,7 @@ fn tried(patterns: &[&str], link: LinkTerms) -> Report {
         seed: conditions.seed,
         strict: true,
         results,
+        pairs: Vec::new(),
         coverage: coverage::coverage(),
     };
     let traces = report.bad().flat_map(|result| &result.outcome.trace);

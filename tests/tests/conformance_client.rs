@@ -5,6 +5,8 @@
 
 use std::time::Duration;
 
+use rhumb_tests::Programme;
+use rhumb_tests::conformance::matrix;
 use rhumb_tests::conformance::mutants::ClientMutant;
 use rhumb_tests::conformance::run::run;
 use rhumb_tests::conformance::suite::{self, Selection};
@@ -12,6 +14,7 @@ use rhumb_tests::conformance::trial::{Conditions, Subject};
 use rhumb_tests::conformance::{Side, Verdict};
 use rhumb_transport::LinkTerms;
 
+const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
 const TESTEE: &str = env!("CARGO_BIN_EXE_rhumb-testee");
 
 /// Each mutant with the case that is for it.
@@ -81,6 +84,29 @@ fn the_rust_client_passes_every_case() {
             result.outcome
         );
     }
+}
+
+#[test]
+fn the_rust_client_follows_what_the_server_of_this_house_says() {
+    let server = SERVER.serve_without_log("127.0.0.1:0");
+    let (address, pin) = (server.address, server.fingerprint);
+    let servers = [format!("rust={address},{pin}").parse().expect("a server")];
+    let honest = format!("rust={TESTEE}").parse().expect("a client");
+    let wrong = format!("wrong={TESTEE} --mutant last-bit-wrong");
+    let clients = [honest, wrong.parse().expect("a client")];
+    let (pairs, results) = matrix::run(
+        &servers,
+        &clients,
+        &Selection::default(),
+        &conditions(String::new()),
+        4,
+        &mut std::io::sink(),
+    );
+    let [honest, wrong] = &pairs[..] else {
+        panic!("two pairs: {pairs:?}");
+    };
+    assert!(honest.is_good() && honest.tried >= 8, "{results:#?}");
+    assert!(wrong.passed == 0, "who is wrong passes: {pairs:?}");
 }
 
 #[test]

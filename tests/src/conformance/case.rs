@@ -17,6 +17,8 @@ pub enum Side {
     Client,
     /// Who reads bytes, without a wire.
     Decoder,
+    /// A client with a server.
+    Pair,
 }
 
 /// What a server may leave out, if it says so.
@@ -100,6 +102,12 @@ impl Case {
     #[must_use]
     pub fn decoder(id: &str, name: &str) -> Self {
         Self::of(Side::Decoder, id, name)
+    }
+
+    /// A case of a client with a server.
+    #[must_use]
+    pub fn pair(id: &str, name: &str) -> Self {
+        Self::of(Side::Pair, id, name)
     }
 
     fn of(side: Side, id: &str, name: &str) -> Self {
@@ -223,6 +231,9 @@ impl fmt::Debug for Case {
 }
 
 impl Side {
+    /// All.
+    pub const ALL: [Self; 4] = [Self::Server, Self::Client, Self::Decoder, Self::Pair];
+
     /// The word for it.
     #[must_use]
     pub const fn word(self) -> &'static str {
@@ -230,6 +241,7 @@ impl Side {
             Self::Server => "server",
             Self::Client => "client",
             Self::Decoder => "decoder",
+            Self::Pair => "pair",
         }
     }
 }

@@ -14,6 +14,7 @@ use rhumb_transport::{Fingerprint, LinkTerms, Trust};
 
 use super::case::{Case, Feature, Profile, Side};
 use super::coverage;
+use super::matrix::{self, NamedClient, NamedServer, Pairing};
 use super::report::{self, Report};
 use super::run;
 use super::suite::{self, Selection};
@@ -38,6 +39,8 @@ enum Task {
     Client(ClientTask),
     /// Tries who reads bytes by the golden vectors.
     Vectors(VectorsTask),
+    /// Tries each of some clients with each of some servers.
+    Matrix(MatrixTask),
     /// Judges a recorded run by the promise.
     Trace(TraceTask),
     /// Says which requirements no case tries, and why.
@@ -76,6 +79,26 @@ struct VectorsTask {
     /// The command that starts the decoder; without one this house's own is tried.
     #[arg(long)]
     exec: Option<String>,
+    #[command(flatten)]
+    common: Common,
+}
+
+#[derive(Debug, Args)]
+struct MatrixTask {
+    /// A server that listens; as often as there are some.
+    #[arg(
+        long = "server",
+        value_name = "NAME=HOST:PORT,FINGERPRINT",
+        required_unless_present = "list"
+    )]
+    servers: Vec<NamedServer>,
+    /// The command that starts a client, as for `client`; as often as there are some.
+    #[arg(
+        long = "client",
+        value_name = "NAME=COMMAND",
+        required_unless_present = "list"
+    )]
+    clients: Vec<NamedClient>,
     #[command(flatten)]
     common: Common,
 }
@@ -139,6 +162,7 @@ pub fn main(arguments: Arguments) -> ExitCode {
         Task::Security(task) => task.run(&["L5"]),
         Task::Client(task) => task.run(),
         Task::Vectors(task) => task.run(),
+        Task::Matrix(task) => task.run(),
         Task::Trace(task) => task.run(),
         Task::Coverage => show_coverage(),
     };
@@ -210,6 +234,29 @@ impl VectorsTask {
     }
 }
 
+impl MatrixTask {
+    fn run(self) -> Result<bool, Trouble> {
+        if self.common.list {
+            return self.common.list(&suite::cases(Side::Pair));
+        }
+        // Whom is said for each pair.
+        let conditions = self.common.conditions(Subject::Decoder { exec: None })?;
+        let (pairs, results) = matrix::run(
+            &self.servers,
+            &self.clients,
+            &self.common.selection(),
+            &conditions,
+            self.common.side_by_side,
+            &mut std::io::stdout(),
+        );
+        if results.is_empty() {
+            return Err("no case is meant".into());
+        }
+        write!(std::io::stdout(), "{}", matrix::table(&pairs))?;
+        self.common.conclude("pairs".into(), results, pairs)
+    }
+}
+
 impl TraceTask {
     fn run(self) -> Result<bool, Trouble> {
         let results = trace::judge(&self.file)?;
@@ -219,7 +266,7 @@ impl TraceTask {
             writeln!(out, "{word:12} {:?} {why}", result.case)?;
         }
         self.common
-            .conclude(self.file.display().to_string(), results)
+            .conclude(self.file.display().to_string(), results, Vec::new())
     }
 }
 
@@ -241,30 +288,40 @@ impl Common {
         Ok(true)
     }
 
-    fn run(self, name: String, subject: Subject, cases: Vec<Case>) -> Result<bool, Trouble> {
-        let conditions = Conditions {
+    fn conditions(&self, subject: Subject) -> Result<Conditions, Trouble> {
+        Ok(Conditions {
             subject,
             timeout: Duration::try_from_secs_f64(self.timeout)?,
             seed: self.seed,
             link: self.link,
             without: self.without.clone(),
-        };
+        })
+    }
+
+    fn run(self, name: String, subject: Subject, cases: Vec<Case>) -> Result<bool, Trouble> {
+        let conditions = self.conditions(subject)?;
         let selection = self.selection();
         let mut out = std::io::stdout();
         let results = run::run(cases, &selection, &conditions, self.side_by_side, &mut out);
         if results.is_empty() {
             return Err("no case is meant".into());
         }
-        self.conclude(name, results)
+        self.conclude(name, results, Vec::new())
     }
 
     /// Writes the reports, and says whether all is good.
-    fn conclude(&self, subject: String, results: Vec<run::Result>) -> Result<bool, Trouble> {
+    fn conclude(
+        &self,
+        subject: String,
+        results: Vec<run::Result>,
+        pairs: Vec<Pairing>,
+    ) -> Result<bool, Trouble> {
         let report = Report {
             subject,
             seed: self.seed,
             strict: self.strict,
             results,
+            pairs,
             coverage: coverage::coverage(),
         };
         self.write(&report)?;

@@ -31,7 +31,7 @@ pub struct Covered {
 #[must_use]
 pub fn coverage() -> Vec<Covered> {
     let mut cases: BTreeMap<(Document, String), Vec<String>> = BTreeMap::new();
-    for side in [Side::Server, Side::Client, Side::Decoder] {
+    for side in Side::ALL {
         for case in suite::cases(side) {
             for cited in &case.cites {
                 cases
@@ -101,7 +101,7 @@ pub fn holes() -> Vec<String> {
             ));
         }
     }
-    for side in [Side::Server, Side::Client, Side::Decoder] {
+    for side in Side::ALL {
         for case in suite::cases(side) {
             for cited in &case.cites {
                 if !known.contains(cited) {

@@ -20,7 +20,7 @@
 //! ```
 //!
 //! - The **id** is level, group and number; it never changes and is not used again. Groups of servers are numbered from 1,
-//!   those of clients from 51, those of decoders from 81. A family made from vectors has the vector's key as its last part
+//!   those of clients from 51, those of pairs from 71, those of decoders from 81. A family made from vectors has the vector's key as its last part
 //!   ([`Case::keyed`]).
 //! - The **name** is the promise. `cites` names the requirements that it tries; `coverage` compares them with the documents.
 //! - `play` is given a [`Trial`], and says how it went by its [`Play`]: `Ok(())`, or the first [`Stop`]: *fail* (the peer broke a
@@ -41,8 +41,10 @@ pub mod cli;
 mod client;
 pub mod coverage;
 mod decoder;
+pub mod matrix;
 pub mod mutants;
 pub mod outcome;
+mod pair;
 mod peer;
 pub mod report;
 pub mod run;
@@ -55,6 +57,6 @@ pub use case::{Case, Feature, Side};
 pub use cli::{Arguments, main};
 pub use outcome::{Closing, Outcome, Play, Stop, Verdict, ensure};
 pub use peer::{
-    Decoder, Fate, Feed, Follower, Guest, Host, Setting, Word, compare, compare_recorded,
+    Couple, Decoder, Fate, Feed, Follower, Guest, Host, Setting, Word, compare, compare_recorded,
 };
 pub use trial::Trial;

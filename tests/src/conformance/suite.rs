@@ -3,7 +3,7 @@
 //! Invariant, held by a test: no id stands twice.
 
 use super::case::{Case, Feature, Profile, Side};
-use super::{client, decoder, server};
+use super::{client, decoder, pair, server};
 
 /// Which cases are wanted.
 #[derive(Clone, Debug, Default)]
@@ -23,6 +23,7 @@ pub fn cases(side: Side) -> Vec<Case> {
         Side::Server => server::cases(),
         Side::Client => client::cases(),
         Side::Decoder => decoder::cases(),
+        Side::Pair => pair::cases(),
     };
     cases.sort_by_key(|case| order(&case.id));
     cases
@@ -64,7 +65,7 @@ mod tests {
     #[test]
     fn no_id_stands_twice() {
         let mut ids = BTreeSet::new();
-        for side in [Side::Server, Side::Client, Side::Decoder] {
+        for side in Side::ALL {
             for case in cases(side) {
                 assert!(ids.insert(case.id.clone()), "{case:?}: another has its id");
             }

@@ -31,6 +31,33 @@ pub struct Conditions {
     pub without: Vec<Feature>,
 }
 
+impl Conditions {
+    /// What lies before a target, if something does; the so many-th of its case.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Inconclusive`] when the machine does not let it.
+    pub(super) fn relay(
+        &self,
+        target: std::net::SocketAddr,
+        number: u64,
+    ) -> Result<Option<UdpRelay>, Stop> {
+        if self.link == LinkTerms::PERFECT {
+            return Ok(None);
+        }
+        let anywhere = match target {
+            std::net::SocketAddr::V4(_) => "127.0.0.1:0",
+            std::net::SocketAddr::V6(_) => "[::1]:0",
+        };
+        let anywhere = anywhere.parse().expect("an address");
+        let seed = self.seed.wrapping_add(number);
+        let relay = UdpRelay::start(anywhere, target, self.link, seed);
+        relay
+            .map(Some)
+            .map_err(|error| Stop::Inconclusive(error.to_string()))
+    }
+}
+
 /// Who is tried.
 #[derive(Clone, Debug)]
 pub enum Subject {
@@ -54,6 +81,17 @@ pub enum Subject {
     Decoder {
         /// The command.
         exec: Option<String>,
+    },
+    /// A client, which is started anew for each case, with a server that listens somewhere.
+    Pair {
+        /// Where.
+        target: std::net::SocketAddr,
+        /// The name that its certificate bears.
+        name: String,
+        /// What makes it the right one.
+        trust: Trust,
+        /// The client's command.
+        exec: String,
     },
 }
 
@@ -252,34 +290,52 @@ impl<'a> Trial<'a> {
         Decoder::start(exec.as_deref(), self.timeout() * 10)
     }
 
+    /// Where the client under test finds the server under test: behind the link, if there is one.
+    pub(super) fn behind_the_link(
+        &mut self,
+    ) -> Result<(std::net::SocketAddr, Option<UdpRelay>), Stop> {
+        let (target, _, _) = self.server()?;
+        let relay = self.relay(target)?;
+        let address = relay.as_ref().map_or(target, UdpRelay::local_addr);
+        Ok((address, relay))
+    }
+
+    /// The server under test.
+    fn server(&self) -> Result<(std::net::SocketAddr, &'a str, &'a Trust), Stop> {
+        match &self.conditions.subject {
+            Subject::Server {
+                target,
+                name,
+                trust,
+            }
+            | Subject::Pair {
+                target,
+                name,
+                trust,
+                ..
+            } => Ok((*target, name, trust)),
+            _ => Err(Stop::Inconclusive("this case is for a server".into())),
+        }
+    }
+
     fn connect(&mut self, terms: &BareTerms) -> Result<(BareLine, Option<UdpRelay>), Stop> {
-        let Subject::Server {
-            target,
-            ref name,
-            ref trust,
-        } = self.conditions.subject
-        else {
-            return Err(Stop::Inconclusive("this case is for a server".into()));
-        };
-        self.lines += 1;
-        let link = self.conditions.link;
-        let relay = if link == LinkTerms::PERFECT {
-            None
-        } else {
-            let anywhere = match target {
-                std::net::SocketAddr::V4(_) => "127.0.0.1:0",
-                std::net::SocketAddr::V6(_) => "[::1]:0",
-            };
-            let anywhere = anywhere.parse().expect("an address");
-            let seed = self.conditions.seed.wrapping_add(self.lines);
-            let relay = UdpRelay::start(anywhere, target, link, seed);
-            Some(relay.map_err(|error| Stop::Inconclusive(error.to_string()))?)
+        let (target, name, trust) = self.server()?;
+        // The suite's own member of a scene of a pair is spared the link.
+        let relay = match self.conditions.subject {
+            Subject::Pair { .. } => None,
+            _ => self.relay(target)?,
         };
         let address = relay.as_ref().map_or(target, UdpRelay::local_addr);
         let patience = self.timeout() * 2;
         let line = BareLine::connect(address, name, trust, terms, patience);
         let line = line.map_err(|error| Stop::Fail(format!("no connection: {error}")))?;
         Ok((line, relay))
+    }
+
+    /// What lies between the ends, if something does.
+    fn relay(&mut self, target: std::net::SocketAddr) -> Result<Option<UdpRelay>, Stop> {
+        self.lines += 1;
+        self.conditions.relay(target, self.lines)
     }
 
     /// Connects by these terms, whatever comes of it.

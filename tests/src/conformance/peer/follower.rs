@@ -309,9 +309,15 @@ impl Follower {
 
     /// Goes on for so long.
     pub fn turn_for(&mut self, time: Duration) {
+        self.turn_for_and_look(time, |_| {});
+    }
+
+    /// Goes on for so long, and shows the copy after each thing that comes.
+    pub fn turn_for_and_look(&mut self, time: Duration, mut look: impl FnMut(&Replica)) {
         let end = self.clock.now() + span(time);
         while self.clock.now() < end {
             self.turn(end);
+            self.copy().into_iter().for_each(&mut look);
         }
     }
 

@@ -1,35 +1,26 @@
 //! A server made of bytes, and the client under test started against it.
 //!
-//! What the client is started with, and the lines that it writes, are described in `docs/implementing.md`: in short, its
-//! environment has `RHUMB_ADDR`, `RHUMB_FINGERPRINT`, `RHUMB_SCENE`, `RHUMB_WISH`, `RHUMB_CASE`, `RHUMB_SEED`, and it writes a
-//! JSON object a line. Exit code 127 says *unsupported*.
+//! What is said to it are bytes; what it must do with them is the case's matter.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
-use std::io::{BufRead, BufReader};
-use std::process::{Child, ChildStdout, Command, Stdio};
 use std::rc::Rc;
-use std::sync::mpsc::{self, Receiver};
-use std::thread;
 use std::time::Duration;
 
 use bytes::Bytes;
 use rhumb_protocol::message::{ClientMessage, Frames, ServerMessage};
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Instant, Span};
-use rhumb_transport::{BareEnd, BareLine, BareServer, BareTerms, Certificate, Clock, Seen};
+use rhumb_transport::{
+    BareEnd, BareLine, BareServer, BareTerms, Certificate, Clock, Seen, UdpRelay,
+};
 use serde_json::Value;
 
+use super::running::{Orders, Running, told};
 use crate::conformance::case::Case;
 use crate::conformance::outcome::{Closing, Play, Stop};
 use crate::conformance::trial::{Conditions, Log, Subject};
 use crate::grammar::hex;
-
-/// What a client says by its exit code that it does not have what a case tries.
-const UNSUPPORTED: i32 = 127;
-
-/// How often it is looked whether a client that does not connect has ended.
-const LOOK: Duration = Duration::from_millis(50);
 
 /// A server made of bytes, and the client under test.
 #[derive(Debug)]
@@ -51,17 +42,11 @@ pub struct Host {
     client: Running,
     /// Kept for its thread, on which the line lives.
     _server: BareServer,
+    _relay: Option<UdpRelay>,
     timeout: Duration,
     clock: Clock,
     log: Log,
     closing: Rc<RefCell<Closing>>,
-}
-
-/// The client's process, killed when dropped.
-#[derive(Debug)]
-struct Running {
-    child: Child,
-    lines: Receiver<String>,
 }
 
 impl Host {
@@ -80,8 +65,18 @@ impl Host {
         let certificate = certificate.map_err(|error| inconclusive(&error))?;
         let server = BareServer::listen(listen, &certificate, &BareTerms::default());
         let server = server.map_err(|error| inconclusive(&error))?;
-        let mut client = Running::start(exec, &server, conditions, case, wish)
-            .map_err(|error| inconclusive(&error))?;
+        let relay = conditions.relay(server.address(), 0)?;
+        let orders = Orders {
+            server: relay
+                .as_ref()
+                .map_or_else(|| server.address(), UdpRelay::local_addr),
+            fingerprint: server.fingerprint(),
+            scene: format!("conformance/{}", case.id),
+            wish,
+            case: &case.id,
+            seed: conditions.seed,
+        };
+        let mut client = Running::start(exec, &orders).map_err(|error| inconclusive(&error))?;
         let line = client.connected(&server, conditions.timeout * 5)?;
         Ok(Self {
             line,
@@ -94,6 +89,7 @@ impl Host {
             heard: VecDeque::new(),
             client,
             _server: server,
+            _relay: relay,
             timeout: conditions.timeout,
             clock: Clock::start(),
             log,
@@ -268,13 +264,7 @@ impl Host {
 
     fn read_line(&self, line: &str) -> Result<Value, Stop> {
         self.log.note(format!("< line {line}"));
-        let value: Value = serde_json::from_str(line)
-            .map_err(|error| Stop::Fail(format!("the client tells what is no JSON: {error}")))?;
-        if value["is"].is_string() {
-            Ok(value)
-        } else {
-            Stop::fail("the client tells what has no `is`")
-        }
+        told(line)
     }
 
     /// Why nothing more comes of it, if its process has ended and says that it has not what a case tries.
@@ -338,78 +328,5 @@ impl Host {
         };
         *self.closing.borrow_mut() = closing;
         play
-    }
-}
-
-impl Running {
-    fn start(
-        exec: &str,
-        server: &BareServer,
-        conditions: &Conditions,
-        case: &Case,
-        wish: &str,
-    ) -> std::io::Result<Self> {
-        let mut child = Command::new("sh")
-            .args(["-c", &format!("exec {exec}")])
-            .env("RHUMB_ADDR", server.address().to_string())
-            .env("RHUMB_FINGERPRINT", server.fingerprint().to_string())
-            .env("RHUMB_SCENE", format!("conformance/{}", case.id))
-            .env("RHUMB_WISH", wish)
-            .env("RHUMB_CASE", &case.id)
-            .env("RHUMB_SEED", conditions.seed.to_string())
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()?;
-        let (written, lines) = mpsc::channel();
-        if let Some(out) = child.stdout.take() {
-            thread::Builder::new().spawn(move || read_lines(out, &written))?;
-        }
-        Ok(Self { child, lines })
-    }
-
-    /// Whether it ended and said that it has not what was asked for.
-    fn has_given_up(&mut self) -> bool {
-        let ended = self.child.try_wait().ok().flatten();
-        ended.and_then(|status| status.code()) == Some(UNSUPPORTED)
-    }
-
-    fn has_ended(&mut self) -> bool {
-        self.child.try_wait().ok().flatten().is_some()
-    }
-
-    /// Its connection, once it has one.
-    fn connected(&mut self, server: &BareServer, patience: Duration) -> Result<BareLine, Stop> {
-        let clock = Clock::start();
-        let end = Instant::ZERO
-            + Span::from_nanos(u64::try_from(patience.as_nanos()).unwrap_or(u64::MAX));
-        while clock.now() < end {
-            if let Some(line) = server.accept(LOOK) {
-                return line.map_err(|error| Stop::Fail(format!("no connection: {error}")));
-            }
-            if self.has_given_up() {
-                return Err(Stop::Unsupported("the client's exit code says so".into()));
-            }
-            if self.has_ended() {
-                break;
-            }
-        }
-        Err(Stop::Inconclusive("the client did not connect".into()))
-    }
-}
-
-fn read_lines(out: ChildStdout, written: &mpsc::Sender<String>) {
-    for line in BufReader::new(out).lines().map_while(Result::ok) {
-        if written.send(line).is_err() {
-            return;
-        }
-    }
-}
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        // One that has ended already needs no ending.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
     }
 }

@@ -1,5 +1,6 @@
 //! The suite's own ends of connections, mannerly only where a case wants so.
 
+mod couple;
 pub(super) mod datagram;
 mod decoder;
 mod feed;
@@ -8,8 +9,10 @@ mod guest;
 mod host;
 mod memory;
 mod promise;
+mod running;
 mod setting;
 
+pub use couple::Couple;
 pub use decoder::Decoder;
 pub use feed::{Feed, Word};
 pub use follower::{Fate, Follower};

@@ -8,6 +8,7 @@ use quick_xml::escape::escape;
 use super::Report;
 use super::json::cites;
 use super::style::STYLE;
+use crate::conformance::matrix::{Pairing, clients_of, rows};
 use crate::conformance::run::Result;
 
 /// The text of a report as a page.
@@ -29,6 +30,7 @@ pub fn html(report: &Report) -> String {
         report.seed,
         if report.strict { ", strict" } else { "" },
     );
+    pairs(&mut page, &report.pairs);
     failures(&mut page, report);
     page.push_str("<h2>Cases</h2>\n<table>\n");
     page.push_str("<tr><th>id</th><th>promise</th><th>verdict</th><th>closing</th><th>requirements</th></tr>\n");
@@ -48,6 +50,27 @@ pub(crate) fn head(title: &str) -> String {
         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
         <title>{title}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
     )
+}
+
+/// A row for each server, a column for each client.
+fn pairs(page: &mut String, pairs: &[Pairing]) {
+    if pairs.is_empty() {
+        return;
+    }
+    page.push_str("<h2>Clients with servers</h2>\n<table>\n<tr><th></th>");
+    for client in clients_of(pairs) {
+        let _ = write!(page, "<th>{}</th>", escape(client));
+    }
+    page.push_str("</tr>\n");
+    for (server, row) in rows(pairs) {
+        let _ = write!(page, "<tr><th>{}</th>", escape(server));
+        for pair in row {
+            let word = if pair.is_good() { "pass" } else { "fail" };
+            let _ = write!(page, "<td class=\"{word}\">{pair}</td>");
+        }
+        page.push_str("</tr>\n");
+    }
+    page.push_str("</table>\n");
 }
 
 fn row(page: &mut String, Result { case, outcome }: &Result) {

@@ -8,6 +8,7 @@ mod style;
 use std::collections::BTreeMap;
 
 use super::coverage::Covered;
+use super::matrix::Pairing;
 use super::outcome::Verdict;
 use super::run::Result;
 
@@ -26,6 +27,8 @@ pub struct Report {
     pub strict: bool,
     /// What came of each case.
     pub results: Vec<Result>,
+    /// What came of each client with each server, where some were tried.
+    pub pairs: Vec<Pairing>,
     /// Each requirement, with the cases that try it.
     pub coverage: Vec<Covered>,
 }

@@ -1,0 +1,238 @@
+//! Each client with each server: who is tried, and what came of it.
+//!
+//! Servers listen already; a client is started anew for each case.
+
+use std::fmt;
+use std::io::Write;
+use std::net::{SocketAddr, ToSocketAddrs};
+use std::str::FromStr;
+
+use rhumb_transport::{Fingerprint, Trust};
+
+use super::case::{Case, Side};
+use super::outcome::Verdict;
+use super::run::{self, Result};
+use super::suite::{self, Selection};
+use super::trial::{Conditions, Subject};
+
+/// A server by a name of its own: `NAME=HOST:PORT,FINGERPRINT`.
+#[derive(Clone, Debug)]
+pub struct NamedServer {
+    name: String,
+    target: SocketAddr,
+    host: String,
+    fingerprint: Fingerprint,
+}
+
+/// A client by a name of its own: `NAME=COMMAND`.
+#[derive(Clone, Debug)]
+pub struct NamedClient {
+    name: String,
+    exec: String,
+}
+
+/// What came of one client with one server.
+#[derive(Clone, Debug)]
+pub struct Pairing {
+    /// The server's name.
+    pub server: String,
+    /// The client's name.
+    pub client: String,
+    /// How many cases were tried.
+    pub tried: usize,
+    /// How many of these passed.
+    pub passed: usize,
+    /// Of how many the client says that it has not what they try.
+    pub unsupported: usize,
+}
+
+/// Tries each client with each server. `conditions` say how; whom is said by the pair.
+pub fn run(
+    servers: &[NamedServer],
+    clients: &[NamedClient],
+    selection: &Selection,
+    conditions: &Conditions,
+    side_by_side: usize,
+    progress: &mut (dyn Write + Send),
+) -> (Vec<Pairing>, Vec<Result>) {
+    let (mut pairs, mut all) = (Vec::new(), Vec::new());
+    for server in servers {
+        for client in clients {
+            let conditions = Conditions {
+                subject: Subject::Pair {
+                    target: server.target,
+                    name: server.host.clone(),
+                    trust: Trust::Fingerprint(server.fingerprint),
+                    exec: client.exec.clone(),
+                },
+                ..conditions.clone()
+            };
+            let cases = cases(&server.name, &client.name);
+            let results = run::run(cases, selection, &conditions, side_by_side, progress);
+            let count = |verdict| {
+                let outcomes = results.iter().map(|result| &result.outcome);
+                outcomes
+                    .filter(|outcome| outcome.verdict == verdict && outcome.closing.is_good())
+                    .count()
+            };
+            pairs.push(Pairing {
+                server: server.name.clone(),
+                client: client.name.clone(),
+                tried: results.len(),
+                passed: count(Verdict::Pass),
+                unsupported: count(Verdict::Unsupported),
+            });
+            all.extend(results);
+        }
+    }
+    (pairs, all)
+}
+
+/// The cases of pairs, each with the two names behind its id.
+fn cases(server: &str, client: &str) -> Vec<Case> {
+    let mut cases = suite::cases(Side::Pair);
+    for case in &mut cases {
+        case.id = format!("{}.{server}.{client}", case.id);
+        case.name = format!("{} ({client} with {server})", case.name);
+    }
+    cases
+}
+
+/// The table as text: a row for each server, a column for each client.
+#[must_use]
+pub fn table(pairs: &[Pairing]) -> String {
+    let clients = clients_of(pairs);
+    let widths = pairs.iter().flat_map(|pair| {
+        let cell = pair.to_string().len();
+        [pair.server.len(), pair.client.len(), cell]
+    });
+    let width = widths.max().unwrap_or_default();
+    let row = |first: &str, cells: Vec<String>| {
+        let cells: String = cells
+            .iter()
+            .map(|cell| format!("  {cell:>width$}"))
+            .collect();
+        format!("{first:width$}{cells}\n")
+    };
+    let names = clients.iter().map(ToString::to_string).collect();
+    let mut table = row("", names);
+    for (server, cells) in rows(pairs) {
+        table += &row(server, cells.into_iter().map(ToString::to_string).collect());
+    }
+    table
+}
+
+/// The clients' names, in order.
+pub(super) fn clients_of(pairs: &[Pairing]) -> Vec<&str> {
+    let first = pairs.first().map(|pair| &pair.server);
+    let of_first = pairs.iter().filter(|pair| Some(&pair.server) == first);
+    of_first.map(|pair| pair.client.as_str()).collect()
+}
+
+/// What came of each server with all clients.
+pub(super) fn rows(pairs: &[Pairing]) -> Vec<(&str, Vec<&Pairing>)> {
+    let rows = pairs.chunk_by(|one, other| one.server == other.server);
+    rows.map(|row| (row[0].server.as_str(), row.iter().collect()))
+        .collect()
+}
+
+impl Pairing {
+    /// Whether nothing went as it must not.
+    #[must_use]
+    pub const fn is_good(&self) -> bool {
+        self.passed + self.unsupported == self.tried
+    }
+}
+
+impl fmt::Display for Pairing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}/{}", self.passed, self.tried)?;
+        match self.unsupported {
+            0 => Ok(()),
+            lacking => write!(f, ", {lacking} unsupported"),
+        }
+    }
+}
+
+/// A name that may stand in a case's id.
+fn named(text: &str) -> std::result::Result<(String, &str), String> {
+    let (name, rest) = text.split_once('=').ok_or("no NAME= before it")?;
+    let is_name = !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '-');
+    if is_name {
+        Ok((name.to_owned(), rest))
+    } else {
+        Err(format!("{name:?} is no name: letters, digits and - are"))
+    }
+}
+
+impl FromStr for NamedServer {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let (name, rest) = named(text)?;
+        let (place, fingerprint) = rest.rsplit_once(',').ok_or("no fingerprint behind it")?;
+        let mut found = (place.to_socket_addrs()).map_err(|error| format!("{place}: {error}"))?;
+        let host = place.rsplit_once(':').map_or(place, |(host, _)| host);
+        Ok(Self {
+            name,
+            target: found.next().ok_or("the server has no address")?,
+            host: host.trim_matches(['[', ']']).to_owned(),
+            fingerprint: fingerprint
+                .parse()
+                .map_err(|error| format!("{fingerprint}: {error}"))?,
+        })
+    }
+}
+
+impl FromStr for NamedClient {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let (name, exec) = named(text)?;
+        let exec = exec.to_owned();
+        Ok(Self { name, exec })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn servers_and_clients_are_named() {
+        let pin = "ab".repeat(32);
+        let server: NamedServer = format!("one=127.0.0.1:4433,{pin}")
+            .parse()
+            .expect("it is one");
+        assert_eq!((server.name.as_str(), server.target.port()), ("one", 4433));
+        let client: NamedClient = "two=run it --with=this".parse().expect("it is one");
+        assert_eq!(
+            (client.name.as_str(), client.exec.as_str()),
+            ("two", "run it --with=this")
+        );
+        for wrong in [
+            "127.0.0.1:4433",
+            "a.b=127.0.0.1:1,00",
+            "one=127.0.0.1:4433",
+            "=x",
+        ] {
+            assert!(wrong.parse::<NamedServer>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn the_table_has_a_row_for_each_server() {
+        let pair = |server: &str, client: &str, passed| Pairing {
+            server: server.to_owned(),
+            client: client.to_owned(),
+            tried: 8,
+            passed,
+            unsupported: 0,
+        };
+        let pairs = [pair("rust", "rust", 8), pair("rust", "python", 7)];
+        assert_eq!(
+            table(&pairs),
+            "          rust  python\nrust       8/8     7/8\n"
+        );
+    }
+}

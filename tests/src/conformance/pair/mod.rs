@@ -1,0 +1,121 @@
+//! L4.71: a client follows a scene of a server, whoever wrote either.
+//!
+//! Each client is tried with each server. What fails here and not with the suite's own ends is where the two read the
+//! documents differently.
+
+use rhumb_protocol::message::StreamChoice;
+use rhumb_reckoning::{LengthBound, Tolerance};
+
+use super::case::{Case, Row};
+use super::outcome::{Play, Stop, ensure};
+use super::peer::{Couple, Setting};
+use super::trial::Trial;
+
+/// All of them.
+pub(super) fn cases() -> Vec<Case> {
+    let case = |(number, name, cites, play): &Row| {
+        Case::pair(&format!("L4.71.{number}"), name)
+            .cites(cites)
+            .play(*play)
+    };
+    CASES.iter().map(case).collect()
+}
+
+/// What each case of the group promises, cites and does.
+const CASES: &[Row] = &[
+    (
+        1,
+        "a pit is followed to the bit",
+        "PROTOCOL 6.1-2, 6.3-10, 6.11-1; RECKONING 3.4-1",
+        |trial| followed(trial, Setting::of("ball-pit", 30)),
+    ),
+    (
+        2,
+        "what tumbles is followed to the bit",
+        "PROTOCOL 6.1-2, 2.6-6; RECKONING 2.6-1, 3.7-1",
+        |trial| followed(trial, Setting::of("asteroids", 12)),
+    ),
+    (
+        3,
+        "what joints hold is followed to the bit",
+        "PROTOCOL 6.1-2, 4.8-1; RECKONING 4.4-1",
+        |trial| followed(trial, Setting::of("ragdolls", 3)),
+    ),
+    (
+        4,
+        "what comes to rest is followed to the bit",
+        "PROTOCOL 6.1-2, 6.3-9; RECKONING 4.7-1",
+        |trial| followed(trial, Setting::of("dominoes", 12)),
+    ),
+    (
+        5,
+        "a full stream is followed to the bit",
+        "PROTOCOL 5.12-1, 6.10-1, 6.10-3",
+        |trial| followed(trial, Setting::of("ball-pit", 20).wishing("follow full")),
+    ),
+    (
+        6,
+        "a stream within a budget is followed to the bit",
+        "PROTOCOL 5.17-1, 6.16-1",
+        |trial| {
+            let wish = "follow 1000 budget 2000";
+            followed(trial, Setting::of("ball-pit", 40).wishing(wish))
+        },
+    ),
+    (
+        7,
+        "a client that asks for ticks gets them, to the bit",
+        "PROTOCOL 4.9-1, 4.9-2, 6.4-1",
+        asked_for,
+    ),
+    (
+        8,
+        "a client that changes its stream follows the other one to the bit",
+        "PROTOCOL 4.8-8, 4.8-10, 4.8-12",
+        changed,
+    ),
+];
+
+/// Ticks for which a client follows.
+const TICKS: u64 = 120;
+
+fn followed(trial: &mut Trial<'_>, setting: Setting) -> Play {
+    let mut couple = Couple::begin(trial, &setting, None)?;
+    for _ in 0..TICKS {
+        couple.step()?;
+    }
+    couple.must_follow()
+}
+
+fn asked_for(trial: &mut Trial<'_>) -> Play {
+    let last = 60;
+    let wish = format!("follow 10000 advance {last}");
+    let mut couple = Couple::begin(trial, &Setting::of("ball-pit", 20).wishing(&wish), None)?;
+    couple.until("sixty ticks", |couple| couple.newest() >= last)?;
+    couple.must_follow()?;
+    ensure(
+        couple.newest() == last,
+        "no tick but those that it asked for",
+    )
+}
+
+fn changed(trial: &mut Trial<'_>) -> Play {
+    let length = LengthBound::from_micrometres(50_000);
+    let length = length.map_err(|_| Stop::Inconclusive("the suite errs".into()))?;
+    let choice = StreamChoice::Within(Tolerance::Surface(length));
+    let setting = Setting::of("ball-pit", 20).wishing("follow 10000 change 50000");
+    let mut couple = Couple::begin(trial, &setting, Some(choice))?;
+    for _ in 0..TICKS {
+        couple.step()?;
+        if couple.has_told("following") {
+            break;
+        }
+        couple.pass_over();
+    }
+    couple.until("other stream", |couple| couple.has_told("following"))?;
+    couple.pass_over();
+    for _ in 0..TICKS {
+        couple.step()?;
+    }
+    couple.must_follow()
+}

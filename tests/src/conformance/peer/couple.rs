@@ -1,0 +1,196 @@
+//! A client under test in a scene of a server under test.
+//!
+//! A session of this house leads the scene and is a member of the stream that the client follows: what it holds of it is
+//! what the client must hold, bit for bit.
+
+use std::time::Duration;
+
+use rhumb_protocol::Span;
+use rhumb_protocol::message::StreamChoice;
+use rhumb_protocol::scene::{Pace, SceneTerms};
+use rhumb_reckoning::Tick;
+use rhumb_sims::{Script, by_name};
+use rhumb_transport::{Trust, UdpRelay};
+use serde_json::Value;
+
+use super::follower::Follower;
+use super::memory::Memory;
+use super::running::{Orders, Running, told};
+use super::setting::Setting;
+use crate::conformance::outcome::{Play, Stop};
+use crate::conformance::trial::{Subject, Trial};
+use crate::testee::Wish;
+
+/// A leader, and the client under test.
+pub struct Couple {
+    /// What the client told.
+    pub told: Vec<Value>,
+    leader: Follower,
+    client: Running,
+    script: Box<dyn Script>,
+    scripted: Tick,
+    choice: StreamChoice,
+    memory: Memory,
+    timeout: Duration,
+    /// Kept for its thread.
+    _relay: Option<UdpRelay>,
+}
+
+impl Couple {
+    /// The scene stands at the setting's tick, and the client has joined it.
+    pub(in crate::conformance) fn begin(
+        trial: &mut Trial<'_>,
+        setting: &Setting,
+        choice: Option<StreamChoice>,
+    ) -> Result<Self, Stop> {
+        let errs = |what: &str| Stop::Inconclusive(format!("the suite errs: {what}"));
+        let wish = Wish::read(&setting.wish).ok_or_else(|| errs("no wish"))?;
+        let script = by_name(setting.script, setting.bodies, 1).ok_or_else(|| errs("no script"))?;
+        let choice = choice.unwrap_or_else(|| wish.choice());
+        let mut leader = trial.follower()?;
+        leader.create(SceneTerms {
+            pace: Pace::Lockstep,
+            ..script.terms()
+        })?;
+        leader.join(choice)?;
+        let (server, relay) = trial.behind_the_link()?;
+        let Subject::Pair { trust, exec, .. } = &trial.conditions.subject else {
+            return Err(errs("no pair"));
+        };
+        let Trust::Fingerprint(fingerprint) = *trust else {
+            return Err(errs("no fingerprint"));
+        };
+        let orders = Orders {
+            server,
+            fingerprint,
+            scene: leader.scene.to_string(),
+            wish: &setting.wish,
+            case: trial.id(),
+            seed: trial.conditions.seed,
+        };
+        let cannot = |error: std::io::Error| Stop::Inconclusive(error.to_string());
+        let mut couple = Self {
+            told: Vec::new(),
+            client: Running::start(exec, &orders).map_err(cannot)?,
+            leader,
+            script,
+            scripted: Tick::ZERO,
+            choice,
+            memory: Memory::default(),
+            timeout: trial.timeout(),
+            _relay: relay,
+        };
+        for _ in 0..setting.before {
+            couple.step()?;
+        }
+        couple.until("copy of the client's", |couple| couple.has_told("joined"))?;
+        Ok(couple)
+    }
+
+    /// Whether the client told so.
+    #[must_use]
+    pub fn has_told(&self, is: &str) -> bool {
+        self.told.iter().any(|told| told["is"] == is)
+    }
+
+    /// The newest tick that the client told of.
+    #[must_use]
+    pub fn newest(&self) -> u64 {
+        let ticks = self.told.iter().filter_map(|told| told["tick"].as_u64());
+        ticks.max().unwrap_or_default()
+    }
+
+    /// The script's commands and the next tick.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Fail`] when it does not come.
+    pub fn step(&mut self) -> Play {
+        self.command()?;
+        let to = self.leader.replica()?.stream().vouched().next();
+        self.leader.ask_for(to)?;
+        let memory = &mut self.memory;
+        self.leader
+            .turn_until("tick that was asked for", |leader| {
+                let Some(copy) = leader.copy() else {
+                    return false;
+                };
+                memory.keep(copy);
+                copy.stream().complete() >= to
+            })?;
+        self.hear()
+    }
+
+    /// The script's commands of the next tick, whoever asks for it.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Inconclusive`] when the leader is no member.
+    pub fn command(&mut self) -> Play {
+        let mut commands = Vec::new();
+        self.script.commands(self.scripted, &mut commands);
+        self.scripted = self.scripted.next();
+        for command in commands {
+            self.leader.wish(|session| session.command(command))?;
+        }
+        Ok(())
+    }
+
+    /// Goes on until something is so.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Fail`] when it does not become so in time; [`Stop::Unsupported`] when the client says that it has not this.
+    pub fn until(&mut self, what: &str, is: impl Fn(&Self) -> bool) -> Play {
+        // A client is started, and may have to be patient itself.
+        let nanos = u64::try_from(self.timeout.as_nanos() * 5).unwrap_or(u64::MAX);
+        let clock = rhumb_transport::Clock::start();
+        let end = clock.now() + Span::from_nanos(nanos);
+        while !is(self) {
+            if self.client.has_given_up() {
+                return Err(Stop::Unsupported("the client's exit code says so".into()));
+            }
+            if clock.now() >= end || self.client.has_ended() {
+                return Stop::fail(format!("no {what}"));
+            }
+            let memory = &mut self.memory;
+            let look = |copy: &_| memory.keep(copy);
+            self.leader
+                .turn_for_and_look(Duration::from_millis(5), look);
+            self.hear()?;
+        }
+        Ok(())
+    }
+
+    fn hear(&mut self) -> Play {
+        for line in self.client.lines.try_iter() {
+            self.told.push(told(&line)?);
+        }
+        Ok(())
+    }
+
+    /// Whatever the client told so far is of another stream than the leader's.
+    pub fn pass_over(&mut self) {
+        self.memory.pass_over(&self.told);
+    }
+
+    /// That the client comes to the leader's tick, and never told what was not so.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Fail`] otherwise.
+    pub fn must_follow(&mut self) -> Play {
+        let tick = self.leader.replica()?.stream().complete().value();
+        let what = format!("copy of the client's at {tick}");
+        self.until(&what, |couple| couple.newest() >= tick)?;
+        self.memory.judge(&self.told, Some(self.choice))
+    }
+}
+
+impl std::fmt::Debug for Couple {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Couple")
+            .field("leader", &self.leader)
+            .finish_non_exhaustive()
+    }
+}

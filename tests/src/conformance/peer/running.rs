@@ -1,0 +1,128 @@
+//! The client under test, as a process.
+//!
+//! What it is started with, and the lines that it writes, are described in `docs/implementing.md`: in short, its environment
+//! has `RHUMB_ADDR`, `RHUMB_FINGERPRINT`, `RHUMB_SCENE`, `RHUMB_WISH`, `RHUMB_CASE`, `RHUMB_SEED`, and it writes a JSON
+//! object a line. Exit code 127 says *unsupported*.
+
+use std::io::{BufRead, BufReader};
+use std::net::SocketAddr;
+use std::process::{Child, ChildStdout, Command, Stdio};
+use std::sync::mpsc::{self, Receiver};
+use std::thread;
+use std::time::Duration;
+
+use rhumb_protocol::{Instant, Span};
+use rhumb_transport::{BareLine, BareServer, Clock, Fingerprint};
+use serde_json::Value;
+
+use crate::conformance::outcome::Stop;
+
+/// What a client says by its exit code that it does not have what a case tries.
+const UNSUPPORTED: i32 = 127;
+/// How often it is looked whether a client that does not connect has ended.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// What a client is started with.
+#[derive(Debug)]
+pub(super) struct Orders<'a> {
+    pub(super) server: SocketAddr,
+    pub(super) fingerprint: Fingerprint,
+    pub(super) scene: String,
+    pub(super) wish: &'a str,
+    pub(super) case: &'a str,
+    pub(super) seed: u64,
+}
+
+/// The client's process, killed when dropped.
+#[derive(Debug)]
+pub(super) struct Running {
+    child: Child,
+    /// The lines that it writes.
+    pub(super) lines: Receiver<String>,
+}
+
+impl Running {
+    pub(super) fn start(exec: &str, orders: &Orders<'_>) -> std::io::Result<Self> {
+        let mut child = Command::new("sh")
+            .args(["-c", &format!("exec {exec}")])
+            .env("RHUMB_ADDR", orders.server.to_string())
+            .env("RHUMB_FINGERPRINT", orders.fingerprint.to_string())
+            .env("RHUMB_SCENE", &orders.scene)
+            .env("RHUMB_WISH", orders.wish)
+            .env("RHUMB_CASE", orders.case)
+            .env("RHUMB_SEED", orders.seed.to_string())
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()?;
+        let (written, lines) = mpsc::channel();
+        if let Some(out) = child.stdout.take() {
+            thread::Builder::new().spawn(move || read_lines(out, &written))?;
+        }
+        Ok(Self { child, lines })
+    }
+
+    /// Whether it ended and said that it has not what was asked for.
+    pub(super) fn has_given_up(&mut self) -> bool {
+        let ended = self.child.try_wait().ok().flatten();
+        ended.and_then(|status| status.code()) == Some(UNSUPPORTED)
+    }
+
+    pub(super) fn has_ended(&mut self) -> bool {
+        self.child.try_wait().ok().flatten().is_some()
+    }
+
+    /// Its connection, once it has one.
+    pub(super) fn connected(
+        &mut self,
+        server: &BareServer,
+        patience: Duration,
+    ) -> Result<BareLine, Stop> {
+        let clock = Clock::start();
+        let patience = Span::from_nanos(u64::try_from(patience.as_nanos()).unwrap_or(u64::MAX));
+        let end = Instant::ZERO + patience;
+        while clock.now() < end {
+            if let Some(line) = server.accept(LOOK) {
+                return line.map_err(|error| Stop::Fail(format!("no connection: {error}")));
+            }
+            if self.has_given_up() {
+                return Err(Stop::Unsupported("the client's exit code says so".into()));
+            }
+            if self.has_ended() {
+                break;
+            }
+        }
+        Err(Stop::Inconclusive("the client did not connect".into()))
+    }
+}
+
+fn read_lines(out: ChildStdout, written: &mpsc::Sender<String>) {
+    for line in BufReader::new(out).lines().map_while(Result::ok) {
+        if written.send(line).is_err() {
+            return;
+        }
+    }
+}
+
+/// A line that a client wrote.
+///
+/// # Errors
+///
+/// [`Stop::Fail`] when it tells nothing.
+pub(super) fn told(line: &str) -> Result<Value, Stop> {
+    let value: Value = serde_json::from_str(line)
+        .map_err(|error| Stop::Fail(format!("the client tells what is no JSON: {error}")))?;
+    if value["is"].is_string() {
+        Ok(value)
+    } else {
+        Stop::fail("the client tells what has no `is`")
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // One that has ended already needs no ending.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
