@@ -9,7 +9,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use rhumb_protocol::scene::SceneName;
-use rhumb_transport::{BareLine, BareTerms, LinkTerms, Trust, UdpRelay};
+use rhumb_transport::{BareLine, BareTerms, Fingerprint, LinkTerms, Trust, UdpRelay};
 
 use super::case::{Case, Feature};
 use super::outcome::{Closing, Outcome, Stop, Verdict};
@@ -259,10 +259,20 @@ impl<'a> Trial<'a> {
     ///
     /// As [`Self::host`].
     pub fn host_of(&mut self, wish: &str) -> Result<Host, Stop> {
+        self.host_pinned(wish, None)
+    }
+
+    /// The same with a client that was told this fingerprint, whatever the server's is.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::host`]; [`Stop::Fail`] when the client lets no connection stand.
+    pub fn host_pinned(&mut self, wish: &str, pinned: Option<Fingerprint>) -> Result<Host, Stop> {
         Host::start(
             self.conditions,
             self.case,
             wish,
+            pinned,
             self.log.clone(),
             Rc::clone(&self.closing),
         )

@@ -7,6 +7,7 @@ use rhumb_protocol::message::{
 };
 use rhumb_protocol::session::CloseCode;
 use rhumb_reckoning::Predictor;
+use rhumb_transport::Certificate;
 
 use super::{hand, table};
 use crate::conformance::case::{Case, Row};
@@ -67,6 +68,12 @@ const BEGINNINGS: &[Row] = &[
         "a client offers a greased version, and says a greased extension",
         "PROTOCOL 3.5-7, 3.5-8",
         greases,
+    ),
+    (
+        19,
+        "a client says nothing to who is another server than it was told of",
+        "PROTOCOL 1.3-1",
+        another_server,
     ),
     (
         8,
@@ -268,6 +275,24 @@ fn extension(id: u32) -> Extensions {
     let value = vec![1, 2, 3];
     assert!(extensions.insert(Extension { id, value }));
     extensions
+}
+
+/// The certificate is one of the suite's own; the client was told another.
+fn another_server(trial: &mut Trial<'_>) -> Play {
+    let other = Certificate::development(["localhost"]);
+    let other = other.map_err(|error| Stop::Inconclusive(error.to_string()))?;
+    match trial.host_pinned("follow 10000", Some(other.fingerprint())) {
+        // Whether it lets a connection stand or looks behind the handshake is its own affair.
+        Err(Stop::Fail(_) | Stop::Inconclusive(_)) => Ok(()),
+        Err(other) => Err(other),
+        Ok(mut host) => {
+            let said = host.listen(Duration::from_millis(300))?;
+            ensure(
+                said.is_empty(),
+                format!("it says nothing to another server, and not {said:?}"),
+            )
+        }
+    }
 }
 
 fn hello(trial: &mut Trial<'_>) -> Play {

@@ -12,7 +12,7 @@ use rhumb_protocol::message::{ClientMessage, Frames, ServerMessage};
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Instant, Span};
 use rhumb_transport::{
-    BareEnd, BareLine, BareServer, BareTerms, Certificate, Clock, Seen, UdpRelay,
+    BareEnd, BareLine, BareServer, BareTerms, Certificate, Clock, Fingerprint, Seen, UdpRelay,
 };
 use serde_json::Value;
 
@@ -54,6 +54,7 @@ impl Host {
         conditions: &Conditions,
         case: &Case,
         wish: &str,
+        pinned: Option<Fingerprint>,
         log: Log,
         closing: Rc<RefCell<Closing>>,
     ) -> Result<Self, Stop> {
@@ -66,11 +67,12 @@ impl Host {
         let server = BareServer::listen(listen, &certificate, &BareTerms::default());
         let server = server.map_err(|error| inconclusive(&error))?;
         let relay = conditions.relay(server.address(), 0)?;
+        let pinned = pinned.unwrap_or_else(|| server.fingerprint());
         let orders = Orders {
             server: relay
                 .as_ref()
                 .map_or_else(|| server.address(), UdpRelay::local_addr),
-            fingerprint: server.fingerprint(),
+            fingerprint: pinned,
             scene: format!("conformance/{}", case.id),
             wish,
             case: &case.id,
