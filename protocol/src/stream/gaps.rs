@@ -135,6 +135,10 @@ impl Gaps {
     ///
     /// `of_the_same`: the missing packet spoke of the same bodies, so that its repair may serve.
     pub(crate) fn could_not_read(&mut self, number: u64, tick: Tick, of_the_same: bool) {
+        // What is asked for already need not wait too.
+        if self.missing.contains_key(&number) {
+            return;
+        }
         let waits = self.missing.range(..number).next().is_some();
         let unread = self.unread.entry(number).or_insert(Unread {
             tick,
@@ -273,6 +277,18 @@ mod tests {
         gaps.repaired(0, repair(5, 1), 0);
         assert_eq!(gaps.missing().collect::<Vec<_>>(), [2]);
         gaps.repaired(2, repair(9, 1), 0);
+        assert!(gaps.is_settled());
+    }
+
+    #[test]
+    fn what_is_asked_for_is_not_asked_for_again_once_it_was_repaired() {
+        let mut gaps = Gaps::new(0);
+        assert_eq!(gaps.arrive(1, tick(2)), Arrival::Fresh);
+        gaps.could_not_read(1, tick(2), false);
+        assert_eq!(gaps.missing().collect::<Vec<_>>(), [0, 1]);
+        gaps.could_not_read(1, tick(2), true);
+        gaps.repaired(1, repair(2, 1), 0);
+        assert_eq!(gaps.arrive(0, tick(1)), Arrival::Fresh);
         assert!(gaps.is_settled());
     }
 
