@@ -11,13 +11,18 @@ use core::fmt;
 pub struct BodyId {
     index: u32,
     generation: u16,
+    spare: Spare,
 }
 
 impl BodyId {
     /// The `generation`-th body to use `index`.
     #[must_use]
     pub const fn new(index: u32, generation: u16) -> Self {
-        Self { index, generation }
+        Self {
+            index,
+            generation,
+            spare: Spare::Nothing,
+        }
     }
 
     /// Place in dense arrays.
@@ -31,6 +36,14 @@ impl BodyId {
     pub const fn generation(self) -> u16 {
         self.generation
     }
+}
+
+/// A byte with one value, so that an `Option` or an `enum` around its type needs no room of its own.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub(crate) enum Spare {
+    #[default]
+    Nothing,
 }
 
 impl fmt::Display for BodyId {
