@@ -151,6 +151,19 @@ impl FlowTable {
         ticks.min(Ticks::new(self.rows.len() as u32 - 1))
     }
 
+    /// What a pull that ends after some ticks does in `elapsed`: its share of the way, s², and of the velocity, s.
+    #[inline]
+    pub(crate) fn ended(&self, elapsed: Ticks, ends: Ticks) -> (f64, f64) {
+        let pulled = self.within(elapsed).min(ends);
+        let (last, _) = self.row(pulled);
+        let coasted = Ticks::new(self.within(elapsed).count() - pulled.count());
+        let (coast, _) = self.row(coasted);
+        (
+            last.fall + last.fall_velocity * coast.reach,
+            last.fall_velocity * coast.velocity,
+        )
+    }
+
     /// The row for `ticks`; the last one computed when `ticks` lies beyond it.
     #[inline]
     pub(crate) fn row(&self, ticks: Ticks) -> (&Flow, &FlowTerms) {
@@ -204,6 +217,23 @@ mod tests {
         let (flow, terms) = table.row(Ticks::new(300));
         // 40 rad/s for five seconds; the cut series is worth less than a thousandth of a radian.
         assert!((flow.half_angle(40.0, terms) - half).abs() < 1e-3);
+    }
+
+    #[test]
+    fn who_is_pulled_for_a_while_coasts_from_then_on() {
+        let table = table(0.3, 0.0);
+        let (h, keep, g) = (1.0 / 240.0, 1.0 / (1.0 + 0.3_f32 as f64 / 60.0), -9.8);
+        let (mut p, mut v) = (0.0, 0.0);
+        for tick in 1..=200 {
+            for _ in 0..4 {
+                v += if tick <= 64 { g * h } else { 0.0 };
+                p += v * h;
+            }
+            v *= keep;
+            let (fall, fall_velocity) = table.ended(Ticks::new(tick), Ticks::new(64));
+            assert!((fall * g - p).abs() < 1e-9, "{tick}");
+            assert!((fall_velocity * g - v).abs() < 1e-9, "{tick}");
+        }
     }
 
     #[test]

@@ -84,11 +84,10 @@ impl Gate {
             return doubtful.push(place);
         }
         let (row, _) = case.conditions.flow.row(elapsed);
-        let pull = case.conditions.gravity.to_array();
-        let fall = if track.predictor.falls() {
-            row.fall
-        } else {
-            0.0
+        let pull = track.predictor.pull(elapsed, case.conditions);
+        let (pull, fall) = match pull {
+            Some(pull) => (pull.acceleration.to_array(), pull.fall),
+            None => ([0.0; 3], 0.0),
         };
         let lane = self.waiting.len;
         let quartet = &mut self.waiting;
@@ -390,6 +389,7 @@ mod tests {
     use crate::lattice::Snapped;
     use crate::motion::{Motion, Pose, Twist};
     use crate::predictor::Predictor;
+    use crate::push::Push;
     use crate::tick::{Rate, Ticks};
     use crate::units::Radians;
 
@@ -504,11 +504,12 @@ mod tests {
         ]
     }
 
-    const LAWS: [Predictor; 4] = [
+    const LAWS: [Predictor; 5] = [
         Predictor::Rest,
         Predictor::Uniform,
         Predictor::Ballistic,
         Predictor::Thrown,
+        Predictor::Pushed(Push::SAMPLE),
     ];
 
     proptest! {

@@ -31,6 +31,7 @@ mod lattice;
 mod motion;
 mod packed;
 mod predictor;
+mod push;
 mod quartet;
 mod settling;
 mod tick;
@@ -54,6 +55,7 @@ pub use lattice::{
 pub use motion::{InvalidMotion, Motion, Pose, Twist, UNIT_LENGTH_SLACK};
 pub use packed::PackedRotation;
 pub use predictor::{Conditions, Predictor, REST_ASTRAY};
+pub use push::{DOUBLINGS_LIMIT, PUSH_LIMIT, PUSH_TICKS, Push};
 pub use quartet::Quartet;
 pub use settling::Settling;
 pub use tick::{Rate, Tick, Ticks};

@@ -9,6 +9,7 @@ use crate::exact::{add3, length3, normalised, product, scale3, turn_about};
 use crate::flow::{Flow, FlowTable, FlowTerms};
 use crate::inertia::Inertia;
 use crate::motion::{Motion, Pose, Twist};
+use crate::push::{PUSH_TICKS, Push};
 use crate::tick::{Rate, Ticks};
 use crate::tumble::{Cursor, Spin, Tumble};
 use crate::units::Seconds;
@@ -30,6 +31,18 @@ pub enum Predictor {
     Tumbling,
     /// It falls with the scene's gravity and tumbles, less the body's damping.
     Thrown,
+    /// A constant acceleration takes gravity's place for some ticks, and it tumbles, less the body's damping.
+    Pushed(Push),
+}
+
+/// What pulls at a body by a law, and what that does up to a tick.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Pull {
+    /// m/s², world frame.
+    pub(crate) acceleration: DVec3,
+    /// Its share of the way, s², and of the velocity, s.
+    pub(crate) fall: f64,
+    pub(crate) fall_velocity: f64,
 }
 
 /// What a law must know of a body beside its motion.
@@ -51,16 +64,24 @@ impl Conditions<'_> {
         let (row, _) = self.flow.row(elapsed);
         scale3(self.gravity, row.fall)
     }
+
+    /// The acceleration that brings one velocity to another in a tick: m/s². The table has the row of one tick.
+    #[must_use]
+    pub fn acceleration(&self, before: DVec3, after: DVec3) -> DVec3 {
+        let (row, _) = self.flow.row(Ticks::new(1));
+        (after - before * row.velocity) / row.fall_velocity
+    }
 }
 
 impl Predictor {
-    /// Every law, in the order of the list.
-    pub const ALL: [Self; 5] = [
+    /// Every law, in the order of the list; the last with one push of many.
+    pub const ALL: [Self; 6] = [
         Self::Rest,
         Self::Uniform,
         Self::Ballistic,
         Self::Tumbling,
         Self::Thrown,
+        Self::Pushed(Push::SAMPLE),
     ];
 
     /// The motion `elapsed` ticks after `start`.
@@ -97,7 +118,40 @@ impl Predictor {
     /// Whether moments of inertia enter it.
     #[must_use]
     pub const fn tumbles(self) -> bool {
-        matches!(self, Self::Tumbling | Self::Thrown)
+        matches!(self, Self::Tumbling | Self::Thrown | Self::Pushed(_))
+    }
+
+    /// The push that it goes by.
+    #[must_use]
+    pub const fn push(self) -> Option<Push> {
+        match self {
+            Self::Pushed(push) => Some(push),
+            _ => None,
+        }
+    }
+
+    /// What pulls at a body `elapsed` ticks after it was said, if anything does.
+    #[inline]
+    pub(crate) fn pull(self, elapsed: Ticks, conditions: &Conditions<'_>) -> Option<Pull> {
+        match self {
+            Self::Rest | Self::Uniform | Self::Tumbling => None,
+            Self::Ballistic | Self::Thrown => {
+                let (row, _) = conditions.flow.row(elapsed);
+                Some(Pull {
+                    acceleration: conditions.gravity,
+                    fall: row.fall,
+                    fall_velocity: row.fall_velocity,
+                })
+            }
+            Self::Pushed(push) => {
+                let (fall, fall_velocity) = conditions.flow.ended(elapsed, PUSH_TICKS);
+                Some(Pull {
+                    acceleration: push.acceleration(),
+                    fall,
+                    fall_velocity,
+                })
+            }
+        }
     }
 
     /// In what time a prediction by this law, `age` ticks old, went astray (RECKONING 4.4).
@@ -130,9 +184,9 @@ impl Predictor {
             add3(position, scale3(linear, row.reach)),
             scale3(linear, row.velocity),
         );
-        if self.falls() {
-            position = add3(position, scale3(conditions.gravity, row.fall));
-            linear = add3(linear, scale3(conditions.gravity, row.fall_velocity));
+        if let Some(pull) = self.pull(elapsed, conditions) {
+            position = add3(position, scale3(pull.acceleration, pull.fall));
+            linear = add3(linear, scale3(pull.acceleration, pull.fall_velocity));
         }
         let turns = || elapsed > Ticks::ZERO && length3(angular) > 0.0;
         let (rotation, angular) = match conditions.inertia {

@@ -10,7 +10,7 @@ use crate::exact::{ANGLE_LIMIT, COSINE, HALF_PI_HIGH, HALF_PI_LOW, SINE, TWO_OVE
 use crate::flow::FlowTerms;
 use crate::lattice::Grid;
 use crate::motion::{Motion, Pose, Twist};
-use crate::predictor::{Conditions, Predictor};
+use crate::predictor::{Conditions, Predictor, Pull};
 use crate::tick::Tick;
 use crate::track::{Anchor, Track};
 
@@ -27,6 +27,7 @@ pub struct Quartet {
     rotation: [[f64; LANES]; 4],
     linear: [[f64; LANES]; 3],
     angular: [[f64; LANES]; 3],
+    /// What pulls at it, gravity or a push.
     gravity: [[f64; LANES]; 3],
     /// See [`Flow`](crate::flow::Flow): `reach`, `velocity`, `fall`, `fall_velocity`, `spin`, and `turns`.
     row: [[f64; LANES]; 8],
@@ -58,12 +59,12 @@ impl Quartet {
         set3(&mut self.linear, lane, twist.linear);
         set3(&mut self.angular, lane, twist.angular);
         // What does not fall is added a zero that changes no number, not even the sign of another zero.
-        let gravity = if track.predictor.falls() {
-            conditions.gravity
-        } else {
-            DVec3::splat(-0.0)
-        };
-        set3(&mut self.gravity, lane, gravity);
+        let pull = track.predictor.pull(elapsed, conditions).unwrap_or(Pull {
+            acceleration: DVec3::splat(-0.0),
+            fall: row.fall,
+            fall_velocity: row.fall_velocity,
+        });
+        set3(&mut self.gravity, lane, pull.acceleration);
         let DQuat { x, y, z, w } = pose.rotation;
         self.rotation[0][lane] = x;
         self.rotation[1][lane] = y;
@@ -73,8 +74,8 @@ impl Quartet {
         let coefficients = [
             row.reach,
             row.velocity,
-            row.fall,
-            row.fall_velocity,
+            pull.fall,
+            pull.fall_velocity,
             row.spin,
             s1,
             s3,

@@ -32,6 +32,11 @@ def singles(texts):
     return [struct.unpack(">f", bytes.fromhex(text))[0] for text in texts]
 
 
+def push_of(case):
+    """The push of a case whose law is pushed."""
+    return case.get("push") and r.Push.of(case["push"], case["doublings"])
+
+
 class Checks:
     """One method a section; each yields what is expected and what was computed."""
 
@@ -64,7 +69,7 @@ class Checks:
     def predictions(self, case):
         start = r.verbatim_motion(singles(self.vectors["starts"][case["start"]]["verbatim"]))
         flow, gravity = self.flows_of[case["integrator"]], self.gravities_of[case["gravity"]]
-        end = r.predicted(case["law"], start, case["elapsed"], gravity, flow)
+        end = r.predicted(case["law"], start, case["elapsed"], gravity, flow, push=push_of(case))
         yield case["end"], bits64(end.numbers())
 
     def inertias(self, case):
@@ -76,7 +81,7 @@ class Checks:
         flow, gravity = self.flows_of[case["integrator"]], self.gravities_of[case["gravity"]]
         said = self.vectors["inertias"][case["inertia"]]
         inertia = r.Inertia.of(singles(said["moments"]), singles(said["frame"]))
-        end = r.predicted(case["law"], start, case["elapsed"], gravity, flow, inertia)
+        end = r.predicted(case["law"], start, case["elapsed"], gravity, flow, inertia, push_of(case))
         yield case["end"], bits64(end.numbers())
 
     def radii(self, case):
@@ -120,7 +125,7 @@ class Checks:
         yield case["means"], bits64(anchor.motion(grid).numbers())
         flow, gravity = self.flows_of[case["integrator"]], self.gravities_of[case["gravity"]]
         elapsed = r.elapsed_ticks(case["tick"], case["origin"])
-        end = r.predicted(case["law"], anchor.motion(grid), elapsed, gravity, flow)
+        end = r.predicted(case["law"], anchor.motion(grid), elapsed, gravity, flow, push=push_of(case))
         yield case["end"], bits64(end.numbers())
 
     def holdings(self, case):

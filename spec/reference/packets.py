@@ -17,10 +17,10 @@ UPDATES_MAX, RECORDS_MAX, LOST_MAX, PARTS_MAX, SUMS_MAX = 400, 9200, 64, 64, 128
 SPAN, ROWS, COLUMN_MAX = 32, 128, 1136
 POSITION_LIMIT, VELOCITY_LIMIT, RESIDUAL_LIMIT, TURN_LIMIT = 1 << 30, 1 << 24, 1 << 26, 1 << 10
 COARSENESS_LIMIT = 12
-SETTLED_AGE, COARSENESS, LENGTH = 7, 384, 388  # contexts
+SETTLED_AGE, COARSENESS, LENGTH, DOUBLINGS, PUSH = 7, 384, 388, 393, 394  # contexts
 GOLOMB_MAX = 3 << 30
 ALPHABET_BITS, ESCAPE = 12, 17
-END, SEATING, SETTLED, WHOLE, HELD = 15, 14, 13, 12, 11
+END, SEATING, SETTLED, WHOLE, HELD = 17, 16, 13, 12, 11
 WORD = 1 << 32
 
 
@@ -141,6 +141,8 @@ def ilog2(number):
 
 
 def group(context):
+    if context >= PUSH:
+        return 3
     return 1 if 8 <= context < 128 else 2 if 128 <= context < 344 else 3 if 344 <= context < COARSENESS else 0
 
 
@@ -226,6 +228,7 @@ class Walk:
 
 TRIPLES = ("position", "turn", "linear", "angular")
 LIMITS = (RESIDUAL_LIMIT, TURN_LIMIT, VELOCITY_LIMIT, VELOCITY_LIMIT)
+PUSHED = 5  # the law
 # By form: the course, the law, and whether velocities are said.
 FORMS = [
     ("same", None, False),
@@ -233,7 +236,15 @@ FORMS = [
     ("world", 0, False),
     *[("world", law, moved) for law in (1, 2, 3, 4) for moved in (False, True)],
     ("held", None, False),
+    None,  # a whole track
+    None,  # settled
+    ("world", PUSHED, False),
+    ("world", PUSHED, True),
 ]
+
+
+def push_context(part, total):
+    return PUSH + (1 + follows(part, total) if part else 0)
 
 
 def coarseness_context(kind, age):
@@ -280,6 +291,8 @@ class Tongue:
         kind = kind_of(update["course"], moved)
         self.model.write(2 + kind, update["age"] - 1, to)
         self.write_carrier(update, to)
+        if update.get("law") == PUSHED:
+            self.write_push(update["push"], to)
         if moved:
             self.model.write(coarseness_context(kind, update["age"]), update["coarseness"], to)
         walk = Walk(kind, update["age"])
@@ -290,6 +303,25 @@ class Tongue:
                     to.bits(int(number < 0), 1)
                 walk.step(abs(number))
         self.went_on(form)
+
+    def write_push(self, push, to):
+        self.model.write(DOUBLINGS, push["doublings"], to)
+        total = 0
+        for part, number in enumerate(push["steps"]):
+            self.model.write(push_context(part, total), abs(number), to)
+            if number:
+                to.bits(int(number < 0), 1)
+            total += abs(number)
+
+    def read_push(self, frm):
+        push, total = {"doublings": self.model.read(DOUBLINGS, frm), "steps": []}, 0
+        for part in range(3):
+            size = self.model.read(push_context(part, total), frm)
+            refuse_if(size > reckoning.PUSH_LIMIT, "OutOfRange")
+            push["steps"].append(-size if size and frm.bits(1) else size)
+            total += size
+        refuse_if(push["doublings"] > reckoning.DOUBLINGS_LIMIT, "OutOfRange")
+        return push
 
     def write_settled(self, update, to):
         self.model.write(SETTLED_AGE, update["age"] - 1, to)
@@ -373,6 +405,8 @@ class Tongue:
         if course == "world":
             update["law"] = law
             update["carrier_age"] = self.read_carrier_age(frm) if frm.bits(1) else None
+            if law == PUSHED:
+                update["push"] = self.read_push(frm)
         elif course == "held":
             if self.carrier is None or not frm.bits(1):
                 carrier = frm.bits(INDEX_BITS)
@@ -471,6 +505,9 @@ def write_whole(whole, to):
     if whole["carrier"] is not None:
         to.bits(whole["carrier"][0], INDEX_BITS)
         to.bits(whole["carrier"][1], 16)
+    if whole["law"] == PUSHED:
+        to.bits(whole["push"]["doublings"], 4)
+        write_signed(whole["push"]["steps"], 6, to)
     to.bits(int("verbatim" in whole), 1)
     if "verbatim" in whole:
         for part in whole["verbatim"][: 13 if whole["law"] else 7]:
@@ -487,9 +524,12 @@ def write_whole(whole, to):
 
 def read_whole(frm):
     law = frm.bits(3)
-    refuse_if(law > 4, "UnknownCode")
+    refuse_if(law > PUSHED, "UnknownCode")
     carrier = [frm.bits(INDEX_BITS), frm.bits(16)] if frm.bits(1) else None
     whole = {"law": law, "carrier": carrier}
+    if law == PUSHED:
+        push = whole["push"] = {"doublings": frm.bits(4), "steps": read_signed(6, frm)}
+        refuse_if(reckoning.Push.of(push["steps"], push["doublings"]) is None, "OutOfRange")
     if frm.bits(1):
         parts = [frm.bits(32) for _ in range(13 if law else 7)]
         parts += [0] * (13 - len(parts))

@@ -17,7 +17,7 @@ def double(bits):
     return struct.unpack(">d", bytes.fromhex(bits))[0]
 
 
-# Constants [1.4, 1.6, 2.2, 2.6, 3.2, 4.2, 4.3]
+# Constants [1.4, 1.6, 2.2, 2.6, 3.2, 3.9, 4.2, 4.3]
 
 TWO_OVER_PI = double("3fe45f306dc9c883")
 HALF_PI_HIGH = double("3ff921fb54400000")
@@ -49,6 +49,8 @@ COARSEST_ANGULAR = double("4010000000000000")
 
 FINE_STEPS = 16
 REST_ASTRAY = 3
+PUSH_STEP = double("3f70000000000000")
+PUSH_TICKS, PUSH_LIMIT, DOUBLINGS_LIMIT = 64, 1023, 12
 
 POSITION_LIMIT = 1073741824
 RESIDUAL_LIMIT = 67108864
@@ -261,8 +263,32 @@ def elapsed_ticks(tick, origin):
     return 0 if tick < origin else min(tick - origin, HORIZON)
 
 
-def predicted(law, start, elapsed, gravity, flow, inertia=None):
-    """The motion by a law, `elapsed` ticks after `start`."""
+@dataclass
+class Push:
+    """A constant acceleration [3.9]."""
+
+    steps: tuple
+    doublings: int
+
+    @staticmethod
+    def of(steps, doublings):
+        """None where it is refused."""
+        within = all(abs(part) <= PUSH_LIMIT for part in steps) and 0 <= doublings <= DOUBLINGS_LIMIT
+        return Push(tuple(steps), doublings) if within else None
+
+    def acceleration(self):
+        return scaled(self.steps, 2.0 ** self.doublings * PUSH_STEP)
+
+
+def pushed(elapsed, flow):
+    """What a push does: its share of the way and of the velocity [3.9]."""
+    lasts = min(elapsed, PUSH_TICKS)
+    fall, coast = flow.row(lasts), flow.row(elapsed - lasts)
+    return fall.fall + fall.fall_velocity * coast.reach, fall.fall_velocity * coast.velocity
+
+
+def predicted(law, start, elapsed, gravity, flow, inertia=None, push=None):
+    """The motion by a law, with its push if that is pushed, `elapsed` ticks after `start`."""
     if law == "rest":
         return Motion(start.position, start.rotation, (0.0,) * 3, (0.0,) * 3)
     elapsed = min(elapsed, HORIZON)
@@ -272,7 +298,11 @@ def predicted(law, start, elapsed, gravity, flow, inertia=None):
     if law in ("ballistic", "thrown"):
         position = plus(position, scaled(gravity, row.fall))
         linear = plus(linear, scaled(gravity, row.fall_velocity))
-    tumbles = law in ("tumbling", "thrown") and inertia is not None
+    if law == "pushed":
+        fall, fall_velocity = pushed(elapsed, flow)
+        position = plus(position, scaled(push.acceleration(), fall))
+        linear = plus(linear, scaled(push.acceleration(), fall_velocity))
+    tumbles = law in ("tumbling", "thrown", "pushed") and inertia is not None
     if tumbles and elapsed != 0 and length3(start.angular) != 0.0:
         rotation, angular = tumbled(start, elapsed, flow, inertia)
     else:

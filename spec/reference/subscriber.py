@@ -11,7 +11,7 @@ import reckoning
 from messages import LIMITS, f32, motion_of
 from restorer import Restorer
 
-LAWS = ("rest", "uniform", "ballistic", "tumbling", "thrown")
+LAWS = ("rest", "uniform", "ballistic", "tumbling", "thrown", "pushed")
 HISTORY, JUMP, HELD = LIMITS["HISTORY_PACKETS"], LIMITS["TICK_JUMP_MAX"], LIMITS["PACKETS_HELD_MAX"]
 IDENTITY = ["00000000", "00000000", "00000000", "3f800000"]
 
@@ -29,6 +29,7 @@ class Track:
     law: str
     anchor: object  # reckoning.Snapped, or a list of thirteen f32s as digits
     carrier: tuple = None  # index, generation
+    push: reckoning.Push = None  # of the law that is pushed
 
     def is_verbatim_rest(self):
         return self.law == "rest" and isinstance(self.anchor, list)
@@ -42,7 +43,12 @@ def track_of_whole(origin, whole):
     else:
         rotation = (whole["largest"], tuple(whole["others"]))
         anchor = reckoning.Snapped(tuple(whole["position"]), rotation, tuple(whole["linear"]), tuple(whole["angular"]))
-    return Track(origin, law, anchor, tuple(carrier) if carrier else None)
+    return Track(origin, law, anchor, tuple(carrier) if carrier else None, push_of(whole))
+
+
+def push_of(said):
+    """That of a whole track or an update."""
+    return reckoning.Push.of(said["push"]["steps"], said["push"]["doublings"]) if "push" in said else None
 
 
 def track_of_notice(said):
@@ -79,7 +85,7 @@ class Body:
             start = track.anchor.motion(self.grid)
         elapsed = reckoning.elapsed_ticks(tick, track.origin)
         pull = reckoning.gravity_of(gravity, self.scale)
-        return reckoning.predicted(track.law, start, elapsed, pull, self.flow, self.inertia)
+        return reckoning.predicted(track.law, start, elapsed, pull, self.flow, self.inertia, track.push)
 
 
 def radius_of(shape):
@@ -144,6 +150,9 @@ def digest(body):
         u, v, w = track.anchor.linear
         p, q, r = track.anchor.angular
         words = [2 * law, pair(x, y), pair(z, largest), pair(a, b), pair(c, u), pair(v, w), pair(p, q), pair(r, 0)]
+    if track.push:
+        x, y, z = track.push.steps
+        words += [pair(x, y), pair(z, track.push.doublings)]
     for word in words:
         h = mix(h, word)
     return h
@@ -505,12 +514,12 @@ class Scene:
         old = body.track
         if self.age(old, tick) != update["age"]:
             return None
-        own, law, carrier = self.own(body, old, tick), old.law, old.carrier
+        own, law, carrier, push = self.own(body, old, tick), old.law, old.carrier, old.push
         if "negated" in update:
             return None if old.carrier else self.settled(own, update, tick)
         if update["course"] == "world":
             held_by = self.carrier(old)
-            law, carrier = LAWS[update["law"]], None
+            law, carrier, push = LAWS[update["law"]], None, push_of(update)
             if (old.carrier is None) != (update["carrier_age"] is None):
                 return None
             if old.carrier is not None:
@@ -524,13 +533,13 @@ class Scene:
             if by is body or named is None or named.carrier is not None or old.carrier is not None:
                 return None
             own = reckoning.seen_from(self.own(by, named, tick), own)
-            law, carrier = "rest", (by.index, by.generation)
+            law, carrier, push = "rest", (by.index, by.generation), None
         said = [tuple(update[name]) if name in update else None for name in packets.TRIPLES]
         over = reckoning.astray(old.law, tick - old.origin, body.flow.dt)
         anchor = reckoning.Residual(*said, update.get("coarseness", 0)).onto(own, over, body.grid)
         if law == "rest":
             anchor = replace(anchor, linear=(0, 0, 0), angular=(0, 0, 0))
-        return Track(tick, law, anchor, carrier)
+        return Track(tick, law, anchor, carrier, push)
 
     def settled(self, own, update, tick):
         """RECKONING 4.7"""

@@ -4,7 +4,8 @@
 
 import { readFile } from "node:fs/promises";
 
-const LAWS = ["rest", "uniform", "ballistic", "tumbling", "thrown"];
+const LAWS = ["rest", "uniform", "ballistic", "tumbling", "thrown", "pushed"];
+const NO_PUSH = { push: [0, 0, 0], doublings: 0 };
 const NO_INERTIA = { moments: Array(3).fill("00000000"), frame: Array(4).fill("00000000") };
 
 const view = new DataView(new ArrayBuffer(8));
@@ -26,6 +27,7 @@ function bits(number) {
 
 function givenNumbers(vectors, testCase) {
   const { ticks, seconds, substeps, damping } = vectors.integrators[testCase.integrator];
+  const { push, doublings } = testCase.push ? testCase : NO_PUSH;
   const { moments, frame } = vectors.inertias[testCase.inertia] ?? NO_INERTIA;
   return [
     ...vectors.starts[testCase.start].verbatim.map(single),
@@ -36,6 +38,8 @@ function givenNumbers(vectors, testCase) {
     ...damping.map(single),
     ...moments.map(single),
     ...frame.map(single),
+    ...push,
+    doublings,
   ];
 }
 

@@ -16,8 +16,8 @@ pub enum Feature {
     Derived,
     /// Leaving out of corrections what the tolerance does not need.
     Sparse,
-    /// Putting bodies that leave their laws ever faster ahead of where they are.
-    Leading,
+    /// Predicting that what is pushed steadily goes on being pushed.
+    Pushed,
     /// Choosing corrections by what hindsight knows.
     Foresight,
     /// Saying motions as corrections.
@@ -36,7 +36,7 @@ impl Feature {
         Self::Held,
         Self::Derived,
         Self::Sparse,
-        Self::Leading,
+        Self::Pushed,
         Self::Foresight,
         Self::Residuals,
         Self::Gate,
@@ -52,7 +52,7 @@ impl Feature {
             Self::Held => "held",
             Self::Derived => "derived",
             Self::Sparse => "sparse",
-            Self::Leading => "leading",
+            Self::Pushed => "pushed",
             Self::Foresight => "foresight",
             Self::Residuals => "residuals",
             Self::Gate => "gate",
@@ -85,7 +85,7 @@ impl Feature {
             Self::Held => &mut features.held,
             Self::Derived => &mut features.derived,
             Self::Sparse => &mut features.sparse,
-            Self::Leading => &mut features.leading,
+            Self::Pushed => &mut features.pushed,
             Self::Foresight => &mut features.foresight,
             Self::Residuals => &mut features.residuals,
             Self::Gate => &mut features.gate,

@@ -187,7 +187,7 @@ fn update(update: &Update) -> String {
                     predictor,
                     carrier_age,
                 } => format!(
-                    "\"course\": \"world\", \"law\": {}, \"carrier_age\": {}",
+                    "\"course\": \"world\", {}, \"carrier_age\": {}",
                     law(predictor),
                     maybe(carrier_age.map(rhumb_protocol::packet::Age::count))
                 ),
@@ -270,19 +270,27 @@ fn whole(track: &TrackSaying) -> String {
         }
     };
     format!(
-        "{{\"law\": {}, \"carrier\": {}, {motion}}}",
+        "{{{}, \"carrier\": {}, {motion}}}",
         law(track.predictor),
         maybe(carrier)
     )
 }
 
-/// The code of a law.
-const fn law(predictor: Predictor) -> u8 {
-    match predictor {
+/// The code of a law, and its push if it has one.
+fn law(predictor: Predictor) -> String {
+    let code = match predictor {
         Predictor::Rest => 0,
         Predictor::Uniform => 1,
         Predictor::Ballistic => 2,
         Predictor::Tumbling => 3,
         Predictor::Thrown => 4,
-    }
+        Predictor::Pushed(push) => {
+            return format!(
+                "\"law\": 5, \"push\": {{\"doublings\": {}, \"steps\": {}}}",
+                push.doublings(),
+                list(&push.steps())
+            );
+        }
+    };
+    format!("\"law\": {code}")
 }

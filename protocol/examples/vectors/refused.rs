@@ -4,7 +4,9 @@ use rhumb_protocol::limits::INDICES_MAX;
 use rhumb_protocol::packet::{
     Forge, Low16, RepairRecord, RepairWriter, StreamId, Tables, Update, Vouch,
 };
-use rhumb_reckoning::{BodyId, RESIDUAL_LIMIT, TURN_LIMIT, Ticks, VELOCITY_LIMIT};
+use rhumb_reckoning::{
+    BodyId, DOUBLINGS_LIMIT, PUSH_LIMIT, RESIDUAL_LIMIT, TURN_LIMIT, Ticks, VELOCITY_LIMIT,
+};
 
 use crate::chance::Chance;
 use crate::document::{Case, meaning};
@@ -21,6 +23,8 @@ const VELOCITY: usize = TURN + 216;
 const COARSENESS: usize = VELOCITY + 40;
 const LENGTH: usize = COARSENESS + 4;
 const SETTLED_AGE: usize = 7;
+const DOUBLINGS: usize = LENGTH + 5;
+const PUSH: usize = DOUBLINGS + 1;
 
 /// Codes of forms.
 const SAME: usize = 0;
@@ -29,8 +33,9 @@ const REST: usize = 2;
 const HELD: usize = 11;
 const WHOLE: usize = 12;
 const SETTLED: usize = 13;
-const SEATING: usize = 14;
-const END: usize = 15;
+const PUSHED: usize = 14;
+const SEATING: usize = 16;
+const END: usize = 17;
 const INDEX_BITS: u32 = 20;
 
 /// All of them.
@@ -195,6 +200,7 @@ fn numbers(cases: &mut Vec<Case>) {
     velocities(cases);
     endless_numbers(cases);
     settlings(cases);
+    pushes(cases);
 }
 
 /// Velocities and their coarseness.
@@ -231,6 +237,40 @@ fn velocities(cases: &mut Vec<Case>) {
     }
     let coarse = still(still(moved(13), VELOCITY), VELOCITY + 5);
     case("steps doubled too often", coarse);
+}
+
+/// Pushes, in updates and in whole tracks.
+fn pushes(cases: &mut Vec<Case>) {
+    let mut case = |name: &str, forge: Forge| {
+        cases.push((name.to_owned(), state(&forge.into_bytes())));
+    };
+    let said = |doublings| {
+        let forge = begun(PUSHED).number(AGE + 2, 0).raw(0, 1);
+        forge.number(DOUBLINGS, doublings)
+    };
+    case(
+        "a push beyond its limit",
+        said(0).number(PUSH, PUSH_LIMIT as u32 + 1).raw(1, 8),
+    );
+    let often = said(u32::from(DOUBLINGS_LIMIT) + 1).number(PUSH, 0);
+    let often = often.number(PUSH + 1, 0).number(PUSH + 1, 0);
+    case("a push of steps doubled too often", often.raw(1, 8));
+    let whole = || begun(WHOLE).raw(3, INDEX_BITS).raw(5, 3).raw(0, 1);
+    let none = |forge: Forge| forge.raw(0, 1).raw(0, 6);
+    case(
+        "a whole track pushed by steps doubled too often",
+        none(none(none(whole().raw(13, 4)))).raw(0xff, 8),
+    );
+    // 2048, signed 1024, is 64 less than 2^11 + 2^6.
+    let beyond = whole().raw(0, 4).raw(0x1f, 5).raw(0, 1).raw(64, 11);
+    case(
+        "a whole track pushed beyond the limit",
+        none(none(beyond)).raw(0xff, 8),
+    );
+    case(
+        "a law without a meaning",
+        begun(WHOLE).raw(3, INDEX_BITS).raw(6, 3).raw(0xff, 8),
+    );
 }
 
 fn settlings(cases: &mut Vec<Case>) {

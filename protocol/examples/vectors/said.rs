@@ -6,8 +6,9 @@ use rhumb_protocol::packet::{
     StreamId, TrackSaying, Update, Vouch,
 };
 use rhumb_reckoning::{
-    Anchor, BodyId, HORIZON, POSITION_LIMIT, Predictor, RESIDUAL_LIMIT, Residual, Settling,
-    Snapped, TURN_LIMIT, Ticks, VELOCITY_LIMIT, VelocityResidual, Verbatim,
+    Anchor, BodyId, DOUBLINGS_LIMIT, HORIZON, POSITION_LIMIT, PUSH_LIMIT, Predictor, Push,
+    RESIDUAL_LIMIT, Residual, Settling, Snapped, TURN_LIMIT, Ticks, VELOCITY_LIMIT,
+    VelocityResidual, Verbatim,
 };
 
 use crate::chance::Chance;
@@ -21,6 +22,7 @@ pub(crate) fn cases() -> Vec<Case> {
     forms(&mut cases);
     limits(&mut cases);
     carriers(&mut cases);
+    pushes(&mut cases);
     wholes(&mut cases);
     by_chance(&mut cases);
     others(&mut cases);
@@ -309,6 +311,30 @@ fn carriers(cases: &mut Vec<Case>) {
         "carriers named and named again".to_owned(),
         packet(&updates),
     ));
+}
+
+fn pushes(cases: &mut Vec<Case>) {
+    let most = PUSH_LIMIT;
+    let all = [
+        ([0, 0, 0], 0),
+        ([1, -1, 0], 3),
+        ([16, 17, -18], 5),
+        ([-300, 0, 7], 4),
+        ([most, -most, most], DOUBLINGS_LIMIT),
+    ];
+    let sayings = all.map(|(steps, doublings)| {
+        let push = Push::new(steps, doublings).expect("it is within the limits");
+        residual(world(Predictor::Pushed(push), None), [1, 0, 0], [0; 3])
+    });
+    for (saying, (steps, _)) in sayings.into_iter().zip(all) {
+        let name = format!("a push of {steps:?} steps");
+        cases.push((name, packet(&[seated(0, saying)])));
+    }
+    let updates: Vec<_> = (0..)
+        .zip(sayings)
+        .map(|(seat, s)| seated(seat, s))
+        .collect();
+    cases.push(("pushes one after another".to_owned(), packet(&updates)));
 }
 
 /// Tracks of every law and kind of anchor.

@@ -224,11 +224,11 @@ impl Wire for Track {
     fn encode(&self, to: &mut Writer) {
         to.varint(self.origin.value());
         match &self.anchor {
-            Anchor::Verbatim(verbatim) => {
+            Anchor::Verbatim(verbatim) if self.predictor.push().is_none() => {
                 to.u8(law_code(self.predictor) as u8 | VERBATIM);
                 verbatim.encode(to);
             }
-            Anchor::Snapped(_) => {
+            _ => {
                 to.u8(0);
                 let mut bits = BitWriter::default();
                 TrackSaying::of(self).encode(&mut bits);
@@ -265,7 +265,7 @@ fn decode_snapped(origin: Tick, first: u8, from: &mut Reader<'_>) -> Result<Trac
     let mut bits = BitReader::new(bytes);
     let saying = TrackSaying::decode(&mut bits)?;
     bits.finish()?;
-    if matches!(saying.anchor, Anchor::Verbatim(_)) {
+    if matches!(saying.anchor, Anchor::Verbatim(_)) && saying.predictor.push().is_none() {
         return Err(Malformed::NotCanonical);
     }
     Ok(saying.track(origin))

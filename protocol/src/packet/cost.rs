@@ -45,7 +45,7 @@ impl Tongue {
         cost
     }
 
-    /// Of a correction, what says its form, its age and its carrier.
+    /// Of a correction, what says its form, its age, its carrier and its push.
     pub(crate) fn cost_of_form(&self, course: &Course, age: Age, moved: bool) -> u32 {
         let mode = Mode::of_course(course, moved);
         let context = contexts::age(mode.kind());
@@ -95,7 +95,10 @@ impl Tongue {
         let age = |age: Age| self.model.cost(contexts::CARRIER_AGE, age.count());
         match *course {
             Course::Same => 0,
-            Course::World { carrier_age, .. } => BIT + carrier_age.map_or(0, age),
+            Course::World { carrier_age, .. } => {
+                let push = course.push().map_or(0, |push| self.cost_of_push(&push));
+                BIT + carrier_age.map_or(0, age) + push
+            }
             Course::Held {
                 carrier,
                 carrier_age,

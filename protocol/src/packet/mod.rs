@@ -12,6 +12,7 @@ mod galois;
 mod header;
 mod model;
 mod parity;
+mod push;
 mod repair;
 mod saying;
 mod state;

@@ -3,14 +3,15 @@
 //! Numbers are said by the range coder, as likely as the packet so far makes them. Nothing here looks at a track, so
 //! that a packet can be read to its end by who lacks some of them (PROTOCOL 5.6).
 
-use rhumb_reckoning::{Predictor, Residual, Settling, VelocityResidual};
+use rhumb_reckoning::{Predictor, Push, Residual, Settling, VelocityResidual};
 
 use super::age::Age;
 use super::model::Model;
+use super::push::numbers_of_push;
 use super::steps::{SETTLED_STEPS, length, settled, settled_step};
 use super::tables::{MODES, contexts};
 use super::walk::{Walk, numbers};
-use super::whole::TrackSaying;
+use super::whole::{PUSHED, TrackSaying, law_code, law_of};
 use super::zigzag::{unzigzag, zigzag};
 use crate::limits::INDICES_MAX;
 use crate::wire::Malformed;
@@ -78,13 +79,23 @@ pub enum Course {
     },
 }
 
+impl Course {
+    /// The push that is said with it.
+    pub(super) const fn push(&self) -> Option<Push> {
+        match self {
+            Self::World { predictor, .. } => predictor.push(),
+            _ => None,
+        }
+    }
+}
+
 /// The forms of an update: what its first symbol says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Mode {
     /// [`Course::Same`], with velocities or without.
     Same { moved: bool },
-    /// [`Course::World`], likewise.
-    World { predictor: Predictor, moved: bool },
+    /// [`Course::World`] by the law of this code, likewise.
+    World { law: u32, moved: bool },
     /// [`Course::Held`].
     Held,
     /// [`Saying::Whole`].
@@ -97,7 +108,8 @@ impl Mode {
     /// In the order of their codes.
     const ALL: [Self; MODE_COUNT] = {
         const fn world(predictor: Predictor, moved: bool) -> Mode {
-            Mode::World { predictor, moved }
+            let law = law_code(predictor);
+            Mode::World { law, moved }
         }
         [
             Self::Same { moved: false },
@@ -114,6 +126,14 @@ impl Mode {
             Self::Held,
             Self::Whole,
             Self::Settled,
+            Self::World {
+                law: PUSHED,
+                moved: false,
+            },
+            Self::World {
+                law: PUSHED,
+                moved: true,
+            },
         ]
     };
 
@@ -132,20 +152,19 @@ impl Mode {
         match *course {
             Course::Same => Self::Same { moved },
             Course::Held { .. } => Self::Held,
-            Course::World { predictor, .. } => Self::World { predictor, moved },
+            Course::World { predictor, .. } => Self::World {
+                law: law_code(predictor),
+                moved,
+            },
         }
     }
 
     pub(super) const fn code(self) -> usize {
         match self {
             Self::Same { moved } => moved as usize,
-            Self::World { predictor, moved } => match predictor {
-                Predictor::Rest => 2,
-                Predictor::Uniform => 3 + moved as usize,
-                Predictor::Ballistic => 5 + moved as usize,
-                Predictor::Tumbling => 7 + moved as usize,
-                Predictor::Thrown => 9 + moved as usize,
-            },
+            Self::World { law: 0, .. } => 2,
+            Self::World { law: PUSHED, moved } => 14 + moved as usize,
+            Self::World { law, moved } => 1 + 2 * law as usize + moved as usize,
             Self::Held => 11,
             Self::Whole => 12,
             Self::Settled => 13,
@@ -226,6 +245,9 @@ impl Tongue {
                 let kind = mode.kind();
                 self.model.write(contexts::age(kind), age.count() - 1, to);
                 self.write_carrier(course, to);
+                if let Some(push) = course.push() {
+                    self.write_push(&push, to);
+                }
                 if let Some(velocity) = &residual.velocity {
                     let context = contexts::coarseness(kind, age.count());
                     self.model.write(context, velocity.coarseness, to);
@@ -338,12 +360,16 @@ impl Tongue {
     fn read_course(&mut self, mode: Mode, from: &mut RangeReader<'_>) -> Result<Course, Malformed> {
         match mode {
             Mode::Same { .. } | Mode::Whole | Mode::Settled => Ok(Course::Same),
-            Mode::World { predictor, .. } => {
+            Mode::World { law, .. } => {
                 let held = from.bit()?;
                 let carrier_age = if held {
                     Some(self.read_carrier_age(from)?)
                 } else {
                     None
+                };
+                let predictor = match law {
+                    PUSHED => Predictor::Pushed(self.read_push(from)?),
+                    _ => law_of(law)?,
                 };
                 Ok(Course::World {
                     predictor,
@@ -497,6 +523,11 @@ pub(super) fn each_number(saying: &Saying, mut say: impl FnMut(usize, u32)) {
             {
                 say(contexts::CARRIER_AGE, carrier_age.count());
             }
+            if let Some(push) = course.push() {
+                numbers_of_push(&push, |context, number| {
+                    say(context, number.unsigned_abs());
+                });
+            }
             if let Some(velocity) = &residual.velocity {
                 say(contexts::coarseness(kind, age.count()), velocity.coarseness);
             }
@@ -512,7 +543,7 @@ pub(super) const INDEX_BITS: u32 = INDICES_MAX.ilog2();
 /// A body that moves or holds others is spoken of at least this often, or said to rest.
 const AGE_MAX: u32 = 1 << 30;
 /// How many forms there are.
-pub(super) const MODE_COUNT: usize = 14;
+pub(super) const MODE_COUNT: usize = 16;
 /// The code, behind those of the forms, that says that a body takes a seat; the form follows.
 const SEATING: usize = MODE_COUNT;
 /// The code that says that there are no more updates.

@@ -280,7 +280,8 @@ mod tests {
 
     fn updates() -> impl Strategy<Value = Vec<Update>> {
         let body = proptest::option::of(0..INDICES_MAX);
-        proptest::collection::btree_map(0..INDICES_MAX, (body, saying()), 0..12).prop_map(|map| {
+        // So few that what a packet cut short says fits one too.
+        proptest::collection::btree_map(0..INDICES_MAX, (body, saying()), 0..8).prop_map(|map| {
             map.into_iter()
                 .map(|(seat, (body, saying))| {
                     let whole = matches!(saying, Saying::Whole(_));

@@ -2,7 +2,9 @@
 //!
 //! Notices, snapshots and repairs say tracks so, and packets what cannot be said as a correction (PROTOCOL 5.5).
 
-use rhumb_reckoning::{Anchor, BodyId, PackedRotation, Predictor, Snapped, Tick, Track, Verbatim};
+use rhumb_reckoning::{
+    Anchor, BodyId, PackedRotation, Predictor, Push, Snapped, Tick, Track, Verbatim,
+};
 
 use crate::limits::INDICES_MAX;
 use crate::wire::Malformed;
@@ -11,6 +13,9 @@ use crate::wire::bits::{PutBits, TakeBits, golomb_len};
 /// Orders of the Golomb codes of numbers that are as large as the world.
 const POSITION_ORDER: u32 = 14;
 const VELOCITY_ORDER: u32 = 6;
+
+const PUSH_ORDER: u32 = 6;
+const DOUBLINGS_BITS: u32 = 4;
 
 /// Bits of a body's index and of its generation.
 const INDEX_BITS: u32 = INDICES_MAX.ilog2();
@@ -60,6 +65,9 @@ impl TrackSaying {
         if self.carrier.is_some() {
             bits += INDEX_BITS + GENERATION_BITS;
         }
+        if let Some(push) = self.predictor.push() {
+            bits += DOUBLINGS_BITS + signed3_len(push.steps().map(i32::from), PUSH_ORDER);
+        }
         bits += match &self.anchor {
             Anchor::Verbatim(_) if moving => 13 * 32,
             Anchor::Verbatim(_) => 7 * 32,
@@ -75,13 +83,17 @@ impl TrackSaying {
         bits as usize
     }
 
-    /// Appends the law, the form and the motion.
+    /// Appends the law, the carrier or the push, and the motion.
     pub fn encode(&self, to: &mut impl PutBits) {
         to.bits(law_code(self.predictor), LAW_BITS);
         to.flag(self.carrier.is_some());
         if let Some(carrier) = self.carrier {
             to.bits(carrier.index(), INDEX_BITS);
             to.bits(u32::from(carrier.generation()), GENERATION_BITS);
+        }
+        if let Some(push) = self.predictor.push() {
+            to.bits(u32::from(push.doublings()), DOUBLINGS_BITS);
+            encode3(push.steps().map(i32::from), PUSH_ORDER, to);
         }
         to.flag(matches!(self.anchor, Anchor::Verbatim(_)));
         let moving = self.predictor != Predictor::Rest;
@@ -104,18 +116,22 @@ impl TrackSaying {
         }
     }
 
-    /// Takes the law, the form and the motion.
+    /// Takes the law, the carrier or the push, and the motion.
     ///
     /// # Errors
     ///
     /// [`Malformed`] for what is no motion within the limits.
     pub fn decode(from: &mut impl TakeBits) -> Result<Self, Malformed> {
-        let predictor = law_of(from.bits(LAW_BITS)?)?;
+        let law = from.bits(LAW_BITS)?;
         let carrier = if from.flag()? {
             let index = from.bits(INDEX_BITS)?;
             Some(BodyId::new(index, from.bits(GENERATION_BITS)? as u16))
         } else {
             None
+        };
+        let predictor = match law {
+            PUSHED => Predictor::Pushed(decode_push(from)?),
+            _ => law_of(law)?,
         };
         let moving = predictor != Predictor::Rest;
         let anchor = if from.flag()? {
@@ -146,10 +162,14 @@ pub(crate) const fn law_code(predictor: Predictor) -> u32 {
         Predictor::Ballistic => 2,
         Predictor::Tumbling => 3,
         Predictor::Thrown => 4,
+        Predictor::Pushed(_) => PUSHED,
     }
 }
 
-/// The law of a code.
+/// The code of the law that is said with a push.
+pub(crate) const PUSHED: u32 = 5;
+
+/// The law of a code, but for [`PUSHED`]: that one is more than its code.
 pub(crate) const fn law_of(code: u32) -> Result<Predictor, Malformed> {
     match code {
         0 => Ok(Predictor::Rest),
@@ -176,6 +196,15 @@ fn decode_snapped(moving: bool, from: &mut impl TakeBits) -> Result<Snapped, Mal
         return Err(Malformed::OutOfRange);
     }
     Ok(snapped)
+}
+
+fn decode_push(from: &mut impl TakeBits) -> Result<Push, Malformed> {
+    let doublings = from.bits(DOUBLINGS_BITS)? as u8;
+    let mut steps = [0; 3];
+    for (steps, said) in steps.iter_mut().zip(decode3(PUSH_ORDER, from)?) {
+        *steps = i16::try_from(said).map_err(|_| Malformed::OutOfRange)?;
+    }
+    Push::new(steps, doublings).ok_or(Malformed::OutOfRange)
 }
 
 fn decode_verbatim(moving: bool, from: &mut impl TakeBits) -> Result<Verbatim, Malformed> {

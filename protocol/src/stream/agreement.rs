@@ -6,6 +6,7 @@
 use rhumb_reckoning::{Anchor, Track};
 
 use super::tracks::Slot;
+use crate::packet::law_code;
 
 /// The sum over the tracks of some bodies, modulo 2⁶⁴; it does not depend on their order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -60,14 +61,14 @@ fn digest(index: u32, slot: &Slot) -> u64 {
     }
     match anchor {
         Anchor::Verbatim(motion) => {
-            sum = mix(sum, 2 * predictor as u64 + 1);
+            sum = mix(sum, 2 * u64::from(law_code(predictor)) + 1);
             for parts in motion.parts().chunks(2) {
                 let bits = |place: usize| parts.get(place).map_or(0, |part| part.to_bits() as i32);
                 sum = mix(sum, pair(bits(0), bits(1)));
             }
         }
         Anchor::Snapped(motion) => {
-            sum = mix(sum, 2 * predictor as u64);
+            sum = mix(sum, 2 * u64::from(law_code(predictor)));
             let [x, y, z] = motion.position;
             let (largest, [a, b, c]) = motion.rotation.parts();
             let [u, v, w] = motion.linear;
@@ -84,6 +85,10 @@ fn digest(index: u32, slot: &Slot) -> u64 {
                 sum = mix(sum, word);
             }
         }
+    }
+    if let Some(push) = predictor.push() {
+        let [x, y, z] = push.steps().map(i32::from);
+        sum = mix(mix(sum, pair(x, y)), pair(z, i32::from(push.doublings())));
     }
     sum
 }

@@ -4,7 +4,7 @@
 //! with fewer bytes. How long a saying holds is judged by what the same law would have made of the last two ticks, or,
 //! with hindsight, by what the body did.
 
-mod leading;
+mod pushing;
 mod trial;
 
 use glam::DVec3;
@@ -16,6 +16,7 @@ use rhumb_reckoning::{
 use super::features::Features;
 use super::tracks::{Slot, Tracks};
 use crate::packet::{Age, Course, Saying, Tongue};
+use pushing::PUSHES;
 use trial::{Best, Trial};
 
 /// What is known of a body that is to be spoken of.
@@ -55,8 +56,8 @@ pub(crate) struct Holder<'a> {
     pub(crate) ahead: &'a [Motion],
 }
 
-/// Courses that are tried: rest, a law that falls, one that does not, and being held.
-const WAYS: usize = 4;
+/// Courses that are tried: rest, a law that falls, one that does not, being held, and being pushed.
+const WAYS: usize = 4 + PUSHES;
 /// Places that a still body is put on: where it is, and the middle of its way in one, two, four and six ticks.
 const AIMS: usize = 5;
 /// Steps are rounded to the nearest.
@@ -71,6 +72,8 @@ pub(super) const OVERHEAD: u32 = 4 * 256;
 const LOOKS: [f64; 15] = [
     1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 96.0, 128.0, 192.0,
 ];
+/// How many ticks more a push is expected to last.
+const PUSH_LASTS: f64 = 16.0;
 /// How far a still body is put ahead of its course, as a share of the tolerance.
 const LEAD_MOST: f64 = 0.5;
 
@@ -141,6 +144,8 @@ pub(super) struct Way<'a> {
     pub(super) truth: Motion,
     pub(super) predicted: Motion,
     stray: Stray,
+    /// For how many ticks it may go on at most, beyond those that are known.
+    pub(super) lasts: f64,
 }
 
 /// Where to put a body beside where it is.
@@ -148,15 +153,12 @@ pub(super) struct Way<'a> {
 struct Aim {
     /// Metres, and a rotation vector in radians.
     pose: [DVec3; 2],
-    /// What it is to be faster by, m/s.
-    linear: DVec3,
 }
 
 impl Aim {
     /// Nothing beside the truth.
     const AT_TRUTH: Self = Self {
         pose: [DVec3::ZERO; 2],
-        linear: DVec3::ZERO,
     };
 }
 
@@ -200,15 +202,6 @@ impl Chooser<'_> {
                 }
             }
         }
-        if self.features.leading {
-            let way = best?.way;
-            for aim in self.leads(subject, way).into_iter().flatten() {
-                let footing = case.footing(&way.predicted, &way.truth);
-                if let Some(mut place) = case.place(way, &footing, aim, NEAREST) {
-                    case.try_all(way, (&footing, aim), &mut place, &mut best);
-                }
-            }
-        }
         let mut best = best?;
         if self.features.sparse {
             case.make_sparser(&mut best);
@@ -244,6 +237,7 @@ impl Chooser<'_> {
             truth: subject.truth,
             predicted,
             stray,
+            lasts: f64::INFINITY,
         };
         let (floating, falling) = if tumbles {
             (Predictor::Tumbling, Predictor::Thrown)
@@ -252,12 +246,21 @@ impl Chooser<'_> {
         };
         let [drift, fall] = self.strays(subject, floating);
         let holder = subject.holder.filter(|_| self.features.held);
-        [
-            Some(way(Predictor::Rest, self.stray_of_rest(subject))),
-            Some(way(floating, drift)),
-            falls.then(|| way(falling, fall)),
-            holder.and_then(|holder| self.held(subject, holder, &predicted)),
-        ]
+        let mut ways = [None; WAYS];
+        ways[0] = Some(way(Predictor::Rest, self.stray_of_rest(subject)));
+        ways[1] = Some(way(floating, drift));
+        ways[2] = falls.then(|| way(falling, fall));
+        ways[3] = holder.and_then(|holder| self.held(subject, holder, &predicted));
+        let pushes = self.pushes(subject).map(|law| {
+            let law = law?;
+            let [stray, _] = self.strays(subject, law);
+            Some(Way {
+                lasts: PUSH_LASTS,
+                ..way(law, stray)
+            })
+        });
+        ways[4..].copy_from_slice(&pushes);
+        ways
     }
 
     /// The course of being held by another body.
@@ -306,6 +309,7 @@ impl Chooser<'_> {
             truth: seen_from(&believed.pose(), &subject.truth.pose()),
             predicted,
             stray: Stray::still(one, two),
+            lasts: f64::INFINITY,
         })
     }
 
@@ -371,10 +375,7 @@ impl Chooser<'_> {
             let share = allowance.share(p.length() * 0.5, q.length() * 0.5);
             let scale = 0.5 * (LEAD_MOST / share).min(1.0);
             (p, q) = (p * scale, q * scale);
-            aims[place] = Some(Aim {
-                pose: [p, q],
-                ..Aim::AT_TRUTH
-            });
+            aims[place] = Some(Aim { pose: [p, q] });
         }
         aims
     }
@@ -454,7 +455,7 @@ impl Chooser<'_> {
             }
             (at, before) = (look, share);
         }
-        f64::max(at, held) + 1.0
+        f64::max(at.min(way.lasts), held) + 1.0
     }
 }
 

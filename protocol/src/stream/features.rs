@@ -13,8 +13,8 @@ pub struct Features {
     pub derived: bool,
     /// Corrections leave out what the tolerance does not need.
     pub sparse: bool,
-    /// Bodies that leave their laws ever faster are put ahead of where they are.
-    pub leading: bool,
+    /// Bodies that something pushes steadily are predicted to be pushed on.
+    pub pushed: bool,
     /// What hindsight knows decides which corrections are said.
     pub foresight: bool,
     /// Motions are said as corrections of what was predicted.
@@ -33,7 +33,7 @@ impl Features {
         held: true,
         derived: true,
         sparse: true,
-        leading: true,
+        pushed: true,
         foresight: true,
         residuals: true,
         gate: true,

@@ -269,6 +269,7 @@ impl Chooser<'_> {
             step_s: rate.step().seconds(),
             over_s: moves.then(|| slot.track.predictor.astray(age, rate).seconds()),
             allowance: self.allowance(subject),
+            lasts: way.lasts,
             doubt: doubt(subject),
         }
     }

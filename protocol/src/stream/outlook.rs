@@ -43,6 +43,8 @@ pub(super) struct Outlook {
     /// For one who moves: the time by which a correction is a velocity, s.
     pub(super) over_s: Option<f64>,
     pub(super) allowance: Allowance,
+    /// For how many ticks beyond those known it may hold at most.
+    pub(super) lasts: f64,
     /// What each tick beyond those known adds to the expected error, as a share of the tolerance.
     pub(super) doubt: f64,
 }
@@ -101,7 +103,7 @@ impl Outlook {
         let ticks = match breach {
             Some(breach) => breach as f64,
             None if self.ends => known.len() as f64,
-            None => known.len() as f64 + self.beyond(off),
+            None => known.len() as f64 + self.beyond(off).min(self.lasts),
         };
         Life { ticks, breach }
     }
@@ -229,6 +231,7 @@ mod tests {
             step_s: STEP_S,
             over_s,
             allowance: Allowance::of(tolerance, radius),
+            lasts: f64::INFINITY,
             doubt: 0.01,
         }
     }

@@ -387,6 +387,13 @@ impl Tracks {
         })
     }
 
+    /// The acceleration that brings a body from one velocity to another in a tick, m/s².
+    pub(crate) fn acceleration(&self, slot: &Slot, before: DVec3, after: DVec3) -> DVec3 {
+        self.with_conditions(slot, Predictor::Uniform, Tick::ZERO, |conditions| {
+            conditions.acceleration(before, after)
+        })
+    }
+
     fn with_conditions<T>(
         &self,
         slot: &Slot,

@@ -9,12 +9,12 @@ use std::num::NonZeroU32;
 use glam::{DQuat, DVec3};
 use rhumb_reckoning::{
     Anchor, Case, Conditions, Cursor, Damping, Divergence, FINE_STEPS, FlowTable, Gate, Grid,
-    HORIZON, Inertia, Integrator, LengthBound, Metres, Motion, POSITION_LIMIT, Predictor, Quartet,
+    HORIZON, Inertia, Integrator, LengthBound, Metres, Motion, POSITION_LIMIT, Quartet,
     RESIDUAL_LIMIT, Radians, Rate, Residual, Seconds, Settling, Snapped, TURN_LIMIT, Tick, Ticks,
     Tolerance, Track, VELOCITY_LIMIT, Verbatim,
 };
 
-use super::sayings::{snapped, verbatim};
+use super::sayings::{law, snapped, verbatim};
 use super::script::Script;
 use super::subscriber::assert_is_motion;
 
@@ -67,7 +67,7 @@ fn flow(script: &mut Script<'_>) -> (Integrator, FlowTable) {
 }
 
 fn track(script: &mut Script<'_>) -> Track {
-    let predictor = script.one_of(&Predictor::ALL);
+    let predictor = law(script);
     let anchor = if script.any() {
         Anchor::Snapped(snapped(script))
     } else {

@@ -3,8 +3,9 @@
 use rhumb_protocol::limits::INDICES_MAX;
 use rhumb_protocol::packet::{Age, Course, Saying, TrackSaying, Update};
 use rhumb_reckoning::{
-    Anchor, BodyId, COARSENESS_LIMIT, HORIZON, PackedRotation, Predictor, RESIDUAL_LIMIT, Residual,
-    Settling, Snapped, TURN_LIMIT, VELOCITY_LIMIT, VelocityResidual, Verbatim,
+    Anchor, BodyId, COARSENESS_LIMIT, DOUBLINGS_LIMIT, HORIZON, PUSH_LIMIT, PackedRotation,
+    Predictor, Push, RESIDUAL_LIMIT, Residual, Settling, Snapped, TURN_LIMIT, VELOCITY_LIMIT,
+    VelocityResidual, Verbatim,
 };
 
 use super::script::Script;
@@ -51,9 +52,22 @@ pub(super) fn snapped(script: &mut Script<'_>) -> Snapped {
     }
 }
 
+/// A law, with any push.
+pub(super) fn law(script: &mut Script<'_>) -> Predictor {
+    match script.one_of(&Predictor::ALL) {
+        Predictor::Pushed(_) => {
+            let [x, y, z] = steps(script, i32::from(PUSH_LIMIT));
+            let doublings = script.below(usize::from(DOUBLINGS_LIMIT) + 1) as u8;
+            let push = Push::new([x as i16, y as i16, z as i16], doublings);
+            Predictor::Pushed(push.expect("it is within the limits"))
+        }
+        law => law,
+    }
+}
+
 /// A whole track.
 pub(super) fn whole(script: &mut Script<'_>) -> TrackSaying {
-    let predictor = script.one_of(&Predictor::ALL);
+    let predictor = law(script);
     let exact = script.any::<bool>();
     let moving = predictor != Predictor::Rest;
     let anchor = match (exact, moving) {
@@ -89,7 +103,7 @@ fn course(script: &mut Script<'_>) -> Course {
             carrier_age: age(script, 2_000),
         },
         world => Course::World {
-            predictor: script.one_of(&Predictor::ALL),
+            predictor: law(script),
             carrier_age: (world == 4).then(|| age(script, 2_000)),
         },
     }

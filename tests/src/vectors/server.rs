@@ -2,7 +2,7 @@
 
 use rhumb_protocol::packet::TrackSaying;
 use rhumb_protocol::wire::bits::BitWriter;
-use rhumb_reckoning::{Anchor, BodyId, PackedRotation, Predictor, Snapped};
+use rhumb_reckoning::{Anchor, BodyId, PackedRotation, Predictor, Push, Snapped};
 
 use super::Case;
 use super::pieces::{
@@ -308,6 +308,7 @@ fn tracks(cases: &mut Cases) {
         ("ballistic", in_bits(Predictor::Ballistic, None)),
         ("tumbling", in_bits(Predictor::Tumbling, None)),
         ("thrown", in_bits(Predictor::Thrown, None)),
+        ("pushed", in_bits(Predictor::Pushed(Push::SAMPLE), None)),
     ] {
         let name = format!("BodyPlaced, snapped, {word}");
         cases.say(11, name, &[&[2], &plain, &v(6), &[0], &track, &v(0)]);

@@ -8,19 +8,20 @@ use core::sync::atomic::{AtomicU64, Ordering};
 
 use glam::DVec3;
 use rhumb_reckoning::{
-    Conditions, Damping, FlowTable, HORIZON, Inertia, Integrator, Motion, Predictor, Rate, Ticks,
-    Verbatim,
+    Conditions, Damping, FlowTable, HORIZON, Inertia, Integrator, Motion, Predictor, Push, Rate,
+    Ticks, Verbatim,
 };
 
 /// What a prediction is made from: see [`given`] for the order.
-static GIVEN: [AtomicU64; 28] = [const { AtomicU64::new(0) }; 28];
+static GIVEN: [AtomicU64; 32] = [const { AtomicU64::new(0) }; 32];
 /// Position, rotation, linear and angular velocity.
 static RESULT: [AtomicU64; 13] = [const { AtomicU64::new(0) }; 13];
 
 /// Sets one number that the next prediction is made from; an index out of range is passed over.
 ///
 /// 0 to 12: the verbatim motion. 13 to 15: gravity. 16: ticks, 17: seconds, 18: substeps, 19: linear damping,
-/// 20: angular damping. 21 to 23: moments of inertia, all zero where none are known. 24 to 27: their frame.
+/// 20: angular damping. 21 to 23: moments of inertia, all zero where none are known. 24 to 27: their frame. 28 to 30: steps of a push, 31: how often
+/// they are doubled.
 #[unsafe(no_mangle)]
 pub extern "C" fn give(index: u32, value: f64) {
     if let Some(slot) = GIVEN.get(index as usize) {
@@ -28,7 +29,7 @@ pub extern "C" fn give(index: u32, value: f64) {
     }
 }
 
-/// Predicts by law 0 (rest), 1 (uniform), 2 (ballistic), 3 (tumbling) or 4 (thrown); 1 if there is a result, 0 if the given was refused.
+/// Predicts by law 0 (rest), 1 (uniform), 2 (ballistic), 3 (tumbling), 4 (thrown) or 5 (pushed); 1 if there is a result, 0 if the given was refused.
 #[unsafe(no_mangle)]
 pub extern "C" fn predict(law: u32, elapsed: u32) -> u32 {
     let end = prediction(law, elapsed);
@@ -54,7 +55,13 @@ fn given(index: usize) -> f64 {
 }
 
 fn prediction(law: u32, elapsed: u32) -> Option<Motion> {
-    let law = Predictor::ALL.get(law as usize)?;
+    let law = match Predictor::ALL.get(law as usize)? {
+        Predictor::Pushed(_) => {
+            let steps = [28, 29, 30].map(|index| given(index) as i16);
+            Predictor::Pushed(Push::new(steps, given(31) as u8)?)
+        }
+        law => *law,
+    };
     // The caller widened f32s, so that narrowing them is exact.
     let single = |index: usize| given(index) as f32;
     let three = |first: usize| [single(first), single(first + 1), single(first + 2)];

@@ -96,7 +96,7 @@ impl Trial<'_> {
         rounding: [f64; 2],
     ) -> Option<Place> {
         let residual = self.residual(footing, aim, rounding)?;
-        self.place_at(way, (footing, aim), residual, rounding)
+        self.place_at(way, footing, residual, rounding)
     }
 
     fn residual(&self, footing: &Footing, aim: Aim, rounding: [f64; 2]) -> Option<Residual> {
@@ -111,7 +111,7 @@ impl Trial<'_> {
     fn place_at(
         &self,
         way: &Way<'_>,
-        (footing, aim): (&Footing, Aim),
+        footing: &Footing,
         residual: Residual,
         rounding: [f64; 2],
     ) -> Option<Place> {
@@ -128,12 +128,10 @@ impl Trial<'_> {
         {
             return None;
         }
-        let mut wanted = way.truth.twist();
-        wanted.linear += aim.linear;
         Some(Place {
             residual,
             implied,
-            lacking: VelocityResidual::finest(&wanted, &implied, grid),
+            lacking: VelocityResidual::finest(&way.truth.twist(), &implied, grid),
             still,
             off: apart(&still.pose(), &way.truth.pose()),
             costs: [None; 4],
@@ -242,7 +240,7 @@ impl Trial<'_> {
             if let Some(free) = tried.iter_mut().find(|tried| tried.is_none()) {
                 *free = Some(residual);
             }
-            let Some(mut place) = self.place_at(way, (&footing, aim), residual, rounding) else {
+            let Some(mut place) = self.place_at(way, &footing, residual, rounding) else {
                 continue;
             };
             if let Some(candidate) = self.try_one(way, &mut place, said)

@@ -4,8 +4,8 @@ use core::num::NonZeroU32;
 
 use glam::DVec3;
 use rhumb_reckoning::{
-    Conditions, Damping, FlowTable, HORIZON, Integrator, Pose, Predictor, Rate, Ticks, Twist,
-    Verbatim,
+    Conditions, DOUBLINGS_LIMIT, Damping, FlowTable, HORIZON, Integrator, PUSH_LIMIT, Pose,
+    Predictor, Push, Rate, Ticks, Twist, Verbatim,
 };
 
 use super::chance::{motion, thirteen};
@@ -198,6 +198,43 @@ pub(super) fn law_name(law: Predictor) -> &'static str {
         Predictor::Ballistic => "ballistic",
         Predictor::Tumbling => "tumbling",
         Predictor::Thrown => "thrown",
+        Predictor::Pushed(_) => "pushed",
+    }
+}
+
+/// A law, and its push if it has one.
+pub(super) fn lawful(case: Case, law: Predictor) -> Case {
+    let case = case.text("law", law_name(law));
+    match law.push() {
+        Some(push) => case
+            .integers("push", &push.steps().map(i32::from))
+            .integer("doublings", push.doublings()),
+        None => case,
+    }
+}
+
+/// Pushes of every size.
+pub(super) fn pushes() -> Vec<Push> {
+    let all = [
+        ([40, -7, 0], 3),
+        ([0, 0, 0], 0),
+        ([-1, 1, 1], 0),
+        ([PUSH_LIMIT, -PUSH_LIMIT, 512], DOUBLINGS_LIMIT),
+        ([3, -1_000, 77], 5),
+    ];
+    let push = |(steps, doublings)| Push::new(steps, doublings).expect("it is within the limits");
+    all.map(push).to_vec()
+}
+
+/// Every start by every push: on its way, just before it ends and after.
+fn pushed(add: &mut impl FnMut(Predictor, usize, usize, usize, u32), starts: usize) {
+    for start in 0..starts {
+        for (place, push) in pushes().into_iter().enumerate() {
+            let all = [0, 1, 2, 63, 64, 65, 66, 200, 1_023, 1_024];
+            let elapsed = all[(start * 3 + place) % all.len()];
+            let table = (start + 2 * place) % INTEGRATORS.len();
+            add(Predictor::Pushed(push), table, start, place, elapsed);
+        }
     }
 }
 
@@ -216,8 +253,7 @@ pub(super) fn predictions() -> Vec<Case> {
             },
         );
         cases.push(
-            Case::new()
-                .text("law", law_name(law))
+            lawful(Case::new(), law)
                 .integer("integrator", table as i64)
                 .integer("start", start as i64)
                 .integer("gravity", pull as i64)
@@ -250,6 +286,7 @@ pub(super) fn predictions() -> Vec<Case> {
             add(law, place as usize % 7, start, place as usize % 6, elapsed);
         }
     }
+    pushed(&mut add, starts.len());
     // Half angles just within the limit and just beyond it.
     add(Predictor::Uniform, 9, 13, 0, 1_023);
     add(Predictor::Uniform, 9, 14, 0, 1_023);

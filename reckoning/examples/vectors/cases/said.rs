@@ -7,7 +7,7 @@ use rhumb_reckoning::{
 };
 
 use super::chance::{Chance, motion, thirteen};
-use super::flight::{GRAVITIES, gravity, law_name, tables};
+use super::flight::{GRAVITIES, gravity, lawful, pushes, tables};
 use crate::document::Case;
 
 /// Ball, cuboid, capsule, cylinder: formulas of RECKONING 4.5, repeated here because shapes live a floor above.
@@ -192,7 +192,11 @@ pub(super) fn tracks(chance: &mut Chance) -> Vec<Case> {
         let pull = index % 6;
         let grid = grid(grid_index);
         let anchor = Snapped::of(&chance.motion(), &grid);
-        let law = [Predictor::Ballistic, Predictor::Uniform, Predictor::Rest][index % 3];
+        let laws = [Predictor::Ballistic, Predictor::Uniform, Predictor::Rest];
+        let law = match index % 4 {
+            3 => Predictor::Pushed(pushes()[index % 5]),
+            _ => laws[index % 3],
+        };
         let track = Track {
             origin: Tick::new(origin),
             predictor: law,
@@ -209,8 +213,7 @@ pub(super) fn tracks(chance: &mut Chance) -> Vec<Case> {
                 inertia: None,
             },
         );
-        let case = Case::new()
-            .text("law", law_name(law))
+        let case = lawful(Case::new(), law)
             .integer("integrator", table as i64)
             .integer("grid", grid_index as i64)
             .integer("gravity", pull as i64)

@@ -3,7 +3,7 @@
 use rhumb_reckoning::{Conditions, Inertia, Predictor, Ticks, Verbatim};
 
 use super::chance::thirteen;
-use super::flight::{GRAVITIES, given_starts, gravity, law_name, tables, verbatim};
+use super::flight::{GRAVITIES, given_starts, gravity, lawful, pushes, tables, verbatim};
 use crate::document::Case;
 
 /// Moments, and the quaternion principal axes → body.
@@ -67,7 +67,12 @@ pub(super) fn tumblings() -> Vec<Case> {
                 other => (other * other * 17) as u32 % 350,
             };
             let (table, pull) = (number * 7 % tables.len(), number % GRAVITIES.len());
-            let law = [Predictor::Tumbling, Predictor::Thrown][number % 2];
+            let push = pushes()[number % pushes().len()];
+            let laws = [Predictor::Tumbling, Predictor::Thrown];
+            let law = match number % 5 {
+                4 => Predictor::Pushed(push),
+                other => laws[other % 2],
+            };
             let conditions = Conditions {
                 gravity: gravity(GRAVITIES[pull]),
                 flow: &tables[table],
@@ -75,8 +80,7 @@ pub(super) fn tumblings() -> Vec<Case> {
             };
             let end = law.predict(&motion.motion(), Ticks::new(elapsed), &conditions);
             cases.push(
-                Case::new()
-                    .text("law", law_name(law))
+                lawful(Case::new(), law)
                     .integer("integrator", table as i64)
                     .integer("start", start as i64)
                     .integer("gravity", pull as i64)

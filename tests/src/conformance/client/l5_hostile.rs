@@ -7,7 +7,7 @@ use rhumb_protocol::message::{Notice, ServerMessage};
 use rhumb_protocol::packet::Saying;
 use rhumb_protocol::packet::{FullPacket, FullRecord, Low16, StateWriter, TrackSaying, Update};
 use rhumb_protocol::session::CloseCode;
-use rhumb_reckoning::{Anchor, BodyId, Predictor, Tick, Verbatim};
+use rhumb_reckoning::{Anchor, BodyId, Predictor, Push, Tick, Verbatim};
 
 use super::{hand, table};
 use crate::conformance::case::{Case, Row};
@@ -74,7 +74,7 @@ const CASES: &[Row] = &[
     (
         5,
         "what is predicted far ahead stays finite",
-        "RECKONING 1.6-1, 3.1-1",
+        "RECKONING 1.6-1, 3.1-1, 3.9-2",
         far_ahead,
     ),
     (
@@ -265,7 +265,12 @@ fn not_of_unit_length(trial: &mut Trial<'_>) -> Play {
 fn far_ahead(trial: &mut Trial<'_>) -> Play {
     let mut host = trial.host()?;
     hand::wants_in(&mut host)?;
-    let laws = [Predictor::Uniform, Predictor::Ballistic, Predictor::Thrown];
+    let laws = [
+        Predictor::Uniform,
+        Predictor::Ballistic,
+        Predictor::Thrown,
+        Predictor::Pushed(Push::SAMPLE),
+    ];
     let mut notices = vec![hand::shape()];
     let balls = laws
         .into_iter()

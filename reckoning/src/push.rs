@@ -1,0 +1,142 @@
+//! A constant acceleration that was said of a body.
+//!
+//! What causes it is not known here: a thruster, a brake, a spring. Its numbers are exact in f64, so that it needs no grid
+//! (RECKONING 3.9).
+
+use glam::DVec3;
+
+use crate::body::Spare;
+use crate::tick::Ticks;
+
+/// No push lasts longer in a prediction: a listener that hears nothing more lets the body coast from then on.
+pub const PUSH_TICKS: Ticks = Ticks::new(64);
+/// Largest number of steps in each direction.
+pub const PUSH_LIMIT: i16 = 1_023;
+/// Steps are doubled so many times at most.
+pub const DOUBLINGS_LIMIT: u8 = 12;
+/// The finest step, m/s².
+const STEP: f64 = 1.0 / 256.0;
+
+/// An acceleration in the world frame, all that pulls at the body included.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Push {
+    steps: [i16; 3],
+    doublings: u8,
+    // Laws take no more room with a push than without.
+    spare: Spare,
+}
+
+impl Push {
+    /// One of many, for who goes through all laws.
+    pub const SAMPLE: Self = Self {
+        steps: [40, -7, 0],
+        doublings: 3,
+        spare: Spare::Nothing,
+    };
+
+    /// So many steps, each doubled so many times; `None` beyond the limits.
+    #[must_use]
+    pub fn new(steps: [i16; 3], doublings: u8) -> Option<Self> {
+        let within = steps
+            .iter()
+            .all(|steps| (-PUSH_LIMIT..=PUSH_LIMIT).contains(steps));
+        (within && doublings <= DOUBLINGS_LIMIT).then_some(Self {
+            steps,
+            doublings,
+            spare: Spare::Nothing,
+        })
+    }
+
+    /// The push nearest to an acceleration in m/s², in the coarsest steps of which its greatest part takes at least so many;
+    /// `None` beyond the limits.
+    ///
+    /// Only the sender computes it, so that it need not be exact.
+    #[must_use]
+    pub fn nearest(acceleration: DVec3, fineness: f64) -> Option<Self> {
+        let coarsest = acceleration.abs().max_element() / fineness;
+        let finer = |doublings: &u8| step(*doublings) <= coarsest;
+        let doublings = (0..=DOUBLINGS_LIMIT).rev().find(finer).unwrap_or(0);
+        let limit = f64::from(PUSH_LIMIT);
+        let mut steps = [0; 3];
+        for (steps, part) in steps.iter_mut().zip(acceleration.to_array()) {
+            let whole = libm::round(part / step(doublings));
+            // NaN is within no range.
+            if !(-limit..=limit).contains(&whole) {
+                return None;
+            }
+            *steps = whole as i16;
+        }
+        Self::new(steps, doublings)
+    }
+
+    /// Steps in each direction.
+    #[must_use]
+    pub const fn steps(&self) -> [i16; 3] {
+        self.steps
+    }
+
+    /// How many times the steps are doubled.
+    #[must_use]
+    pub const fn doublings(&self) -> u8 {
+        self.doublings
+    }
+
+    /// World frame, m/s².
+    #[must_use]
+    pub fn acceleration(&self) -> DVec3 {
+        let step = step(self.doublings);
+        let [x, y, z] = self.steps;
+        DVec3::new(
+            f64::from(x) * step,
+            f64::from(y) * step,
+            f64::from(z) * step,
+        )
+    }
+}
+
+/// m/s²; a power of two, so that every product with it is exact.
+fn step(doublings: u8) -> f64 {
+    f64::from(1_u32 << doublings) * STEP
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn what_was_said_is_nearest_to_itself(
+            steps in proptest::array::uniform3(-PUSH_LIMIT..=PUSH_LIMIT), doublings in 0..=DOUBLINGS_LIMIT,
+        ) {
+            let push = Push::new(steps, doublings).unwrap();
+            let greatest = steps.map(i16::abs).into_iter().max().unwrap();
+            prop_assume!(greatest > 0);
+            prop_assert_eq!(Push::nearest(push.acceleration(), f64::from(greatest)), Some(push));
+        }
+
+        #[test]
+        fn a_push_is_off_by_half_a_step_at_most(
+            x in 1.0..100.0_f64, y in -100.0..100.0_f64, fineness in 8.0..200.0_f64,
+        ) {
+            let wanted = DVec3::new(x, y, 0.0);
+            let push = Push::nearest(wanted, fineness).unwrap();
+            let off = push.acceleration() - wanted;
+            let step = step(push.doublings());
+            prop_assert!(off.abs().max_element() <= step * 0.5);
+            prop_assert!(step * fineness <= x.max(y.abs()) || push.doublings() == 0);
+        }
+    }
+
+    #[test]
+    fn what_is_beyond_the_limits_is_no_push() {
+        let most = PUSH_LIMIT;
+        assert!(Push::new([most, -most, 0], DOUBLINGS_LIMIT).is_some());
+        assert!(Push::new([most + 1, 0, 0], 0).is_none());
+        assert!(Push::new([0, -most - 1, 0], 0).is_none());
+        assert!(Push::new([0; 3], DOUBLINGS_LIMIT + 1).is_none());
+        assert!(Push::nearest(DVec3::X * 5.0, 4_096.0).is_none());
+        assert!(Push::nearest(DVec3::X * 1e9, 16.0).is_none());
+        assert!(Push::nearest(DVec3::NAN, 16.0).is_none());
+    }
+}
