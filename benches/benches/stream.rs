@@ -1,7 +1,9 @@
 //! What one body costs on its way from truth to view: nanoseconds, by stage.
 //!
 //! Ten thousand bodies that fly, each struck every so often, at the 5 cm tier. Reported per pass over all of them:
-//! `predict` and `view` look at every body; `encode` judges every body and says about a tenth; `decode` hears that tenth.
+//! `predict` and `view` look at every body; `encode` judges every body and says about a tenth; `decode` hears that tenth,
+//! whose bodies had no seats before. `decode in the midst` hears twenty ticks of a run in which each body is turned back
+//! three times a second.
 
 use std::hint::black_box;
 use std::num::NonZeroU32;
@@ -113,6 +115,57 @@ fn observations() -> Vec<Observation> {
         .collect()
 }
 
+/// Ticks of a run that are heard before the clock runs, and while it does.
+const HEARD: [u64; 2] = [60, 20];
+/// Of so many bodies one is struck in each tick of a run.
+const STRUCK: u64 = 20;
+
+/// One body's state in a run: to and fro, turned back each time that it is struck.
+fn struck_state(index: u32, tick: u64) -> Verbatim {
+    let phase = tick + u64::from(index) % STRUCK;
+    let seconds = (phase % STRUCK) as f32 / 60.0;
+    let back = (phase / STRUCK) % 2 == 1;
+    let (speed, from) = if back {
+        (-3.0, STRUCK as f32 / 20.0)
+    } else {
+        (3.0, 0.0)
+    };
+    let place = index as f32;
+    Verbatim::new(
+        [place % 100.0 + from + speed * seconds, place / 100.0, 0.0],
+        [0.0, 0.0, 0.0, 1.0],
+        [speed, 0.0, 0.0],
+        [0.0; 3],
+    )
+    .expect("these numbers are finite")
+}
+
+/// A listener in the midst of a run, and the datagrams of the ticks that follow.
+fn midst() -> (Subscriber, Vec<Bytes>) {
+    let (mut publisher, mut subscriber) = (publisher(), subscriber());
+    let mut witness = Witness::new(Cadence::EACH_TICK);
+    let mut following = Vec::new();
+    for tick in 1..=HEARD[0] + HEARD[1] {
+        let seen = |index| Observation {
+            id: BodyId::new(index, 0),
+            motion: struck_state(index, tick),
+            activity: Activity::Awake,
+        };
+        witness.observe(Tick::new(tick), &(0..BODIES).map(seen).collect::<Vec<_>>());
+        let mut said = Vec::new();
+        publisher.publish(&witness, 0, &mut said);
+        if tick > HEARD[0] {
+            following.extend(said);
+            continue;
+        }
+        for datagram in &said {
+            subscriber.handle_datagram(datagram);
+        }
+        subscriber.forget_before(Tick::new(tick));
+    }
+    (subscriber, following)
+}
+
 fn stages(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("10,000 bodies");
     let observations = observations();
@@ -163,6 +216,24 @@ fn stages(criterion: &mut Criterion) {
             subscriber,
             |subscriber| {
                 for datagram in &datagrams {
+                    subscriber.handle_datagram(datagram);
+                }
+            },
+            criterion::BatchSize::LargeInput,
+        );
+    });
+    let (listener, following) = midst();
+    let mut heard = listener.clone();
+    for datagram in &following {
+        heard.handle_datagram(datagram);
+    }
+    let updates = heard.statistics().updates - listener.statistics().updates;
+    group.throughput(Throughput::Elements(updates));
+    group.bench_function("decode in the midst", |bencher| {
+        bencher.iter_batched_ref(
+            || listener.clone(),
+            |subscriber| {
+                for datagram in &following {
                     subscriber.handle_datagram(datagram);
                 }
             },

@@ -136,6 +136,8 @@ impl View {
             }
         }
         self.show_moving(&moving[..waiting], stream, glass);
+        // Shown time never goes back.
+        stream.forget_before(glass.at.tick);
         self.time = Some(glass.at);
         self.looked = glass.now;
     }
@@ -154,6 +156,7 @@ impl View {
         self.linear.reserve_exact(coming);
         self.angular.reserve_exact(coming);
         self.resting.reserve_exact(coming);
+        self.changed.reserve_exact(self.ids.len() + coming);
         if glass.smooth {
             self.corrections.resize(self.ids.len(), Correction::NONE);
         } else {
@@ -245,13 +248,22 @@ impl View {
 
     /// Notes whether a body lies still; shows it if it does so to the bit, or is not there. `false`: it must be computed.
     fn show_still(&mut self, place: usize, stream: &Subscriber, glass: &Glass) -> bool {
-        let Some(track) = stream.track(self.ids[place]) else {
+        let id = self.ids[place];
+        match stream.is_resting(id) {
+            None => return true,
+            Some(false) => {
+                self.resting[place] = false;
+                return false;
+            }
+            Some(true) => {}
+        }
+        let Some(track) = stream.track(id) else {
             return true;
         };
         // A view that lies behind the stream does not show a rest before it began.
         let begun = track.origin <= glass.at.tick;
         let gliding = glass.smooth && !self.corrections[place].is_over(glass.now);
-        let still = track.is_resting() && begun && !gliding;
+        let still = begun && !gliding;
         self.resting[place] = still;
         match &track.anchor {
             // The engine's own bits, not what arithmetic makes of them.

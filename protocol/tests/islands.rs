@@ -172,7 +172,7 @@ fn all_arrives_where_nothing_is_lost() {
         }
         assert!(listener.is_settled());
         for (id, track) in stage.publisher.tracks() {
-            assert_eq!(listener.track(id).copied(), Some(track));
+            assert_eq!(listener.track(id), Some(track));
         }
     }
 }

@@ -150,7 +150,7 @@ impl Stage {
             && self
                 .publisher
                 .tracks()
-                .all(|(id, track)| self.subscriber.track(id) == Some(&track))
+                .all(|(id, track)| self.subscriber.track(id) == Some(track))
     }
 }
 
@@ -254,7 +254,7 @@ fn a_wrong_parity_is_not_believed_and_repairs_are_asked_for() {
     stage.say(Redundancy::Off);
     stage.pass(Redundancy::Off);
     let before: Vec<_> = (0..BODIES)
-        .map(|body| stage.subscriber.track(BodyId::new(body, 0)).copied())
+        .map(|body| stage.subscriber.track(BodyId::new(body, 0)))
         .collect();
     let lie = Parity {
         last: Low16(5),
@@ -264,7 +264,7 @@ fn a_wrong_parity_is_not_believed_and_repairs_are_asked_for() {
     };
     stage.subscriber.handle_datagram(&lie.encode(STREAM));
     let after: Vec<_> = (0..BODIES)
-        .map(|body| stage.subscriber.track(BodyId::new(body, 0)).copied())
+        .map(|body| stage.subscriber.track(BodyId::new(body, 0)))
         .collect();
     assert_eq!(before, after);
     assert_eq!(stage.subscriber.statistics().malformed, 1);

@@ -144,7 +144,7 @@ impl Stage {
             self.listener.handle_datagram(packet);
         }
         let present = self.witness.present()?;
-        let track = *self.listener.track(BODY)?;
+        let track = self.listener.track(BODY)?;
         let believed = self.listener.believed(BODY, present)?.pose().position;
         let truth = self.past[present.value() as usize].position.as_vec3();
         Some((track, believed.distance(truth.as_dvec3())))

@@ -291,7 +291,7 @@ impl Stage {
             };
             if current {
                 let copy = self.subscriber.track(id);
-                prop_assert_eq!(copy, Some(&track), "{} at {}", id, vouched);
+                prop_assert_eq!(copy, Some(track), "{} at {}", id, vouched);
             }
             let truth = self.past[vouched.value() as usize][id.index() as usize];
             let believed = self
@@ -382,7 +382,7 @@ proptest! {
         let heard = stage.subscriber.statistics();
         prop_assert_eq!((heard.mismatches, heard.amended, heard.malformed), (1, 1, 0));
         prop_assert_eq!(stage.subscriber.agreement(), stage.publisher.agreement());
-        prop_assert_eq!(stage.subscriber.track(id).copied(), stage.publisher.tracks().find(|(of, _)| *of == id).map(|(_, track)| track));
+        prop_assert_eq!(stage.subscriber.track(id), stage.publisher.tracks().find(|(of, _)| *of == id).map(|(_, track)| track));
     }
 
     #[test]

@@ -9,12 +9,13 @@ use core::f32::consts::FRAC_1_PI;
 
 use wide::f32x4;
 
+use crate::dense::DenseTrack;
 use crate::flow::{HORIZON, Integrator};
 use crate::lattice::Grid;
 use crate::predictor::Conditions;
 use crate::tick::Tick;
 use crate::tolerance::Tolerance;
-use crate::track::{Anchor, Track, Verbatim};
+use crate::track::{Anchor, Verbatim};
 use crate::units::Metres;
 
 /// What is to be told of one body.
@@ -23,14 +24,14 @@ pub struct Case<'a> {
     /// What it does.
     pub truth: &'a Verbatim,
     /// What was said of it.
-    pub track: &'a Track,
+    pub track: &'a DenseTrack,
     /// When.
     pub tick: Tick,
     /// Of its stream and radius.
     pub grid: &'a Grid,
     /// Of the least ball around its centre of mass that holds it.
     pub radius: Metres,
-    /// As [`Track::at`] takes them.
+    /// As [`Track::at`](crate::Track::at) takes them.
     pub conditions: &'a Conditions<'a>,
 }
 
@@ -61,12 +62,12 @@ impl Gate {
     /// Looks at a track, and adds its place to `doubtful` unless it surely holds: at once, or with one of the next calls.
     pub fn look(&mut self, place: u32, case: &Case<'_>, doubtful: &mut Vec<u32>) {
         let track = case.track;
-        let elapsed = case.tick.since(track.origin);
-        let (Some(elapsed), None) = (elapsed, track.carrier) else {
+        let elapsed = case.tick.since(track.origin());
+        let (Some(elapsed), None) = (elapsed, track.carrier()) else {
             return doubtful.push(place);
         };
         let truth = case.truth.parts();
-        let start = Start::of(track, case.grid);
+        let start = Start::of(&track.anchor(), case.grid);
         let diameter = self.bounds.diameter(case.radius);
         if track.is_resting() {
             let apart = |i: usize| (f64::from(truth[i]) - start.position[i]) as f32;
@@ -79,12 +80,12 @@ impl Gate {
             }
             return;
         }
-        let tumbles = track.predictor.tumbles() && case.conditions.inertia.is_some();
+        let tumbles = track.predictor().tumbles() && case.conditions.inertia.is_some();
         if tumbles || elapsed > HORIZON {
             return doubtful.push(place);
         }
         let (row, _) = case.conditions.flow.row(elapsed);
-        let pull = track.predictor.pull(elapsed, case.conditions);
+        let pull = track.predictor().pull(elapsed, case.conditions);
         let (pull, fall) = match pull {
             Some(pull) => (pull.acceleration.to_array(), pull.fall),
             None => ([0.0; 3], 0.0),
@@ -222,8 +223,9 @@ struct Start {
 const OTHERS: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
 
 impl Start {
-    fn of(track: &Track, grid: &Grid) -> Self {
-        match &track.anchor {
+    #[inline(always)]
+    fn of(anchor: &Anchor, grid: &Grid) -> Self {
+        match anchor {
             Anchor::Verbatim(verbatim) => {
                 let p = verbatim.parts();
                 Self {
@@ -391,6 +393,7 @@ mod tests {
     use crate::predictor::Predictor;
     use crate::push::Push;
     use crate::tick::{Rate, Ticks};
+    use crate::track::Track;
     use crate::units::Radians;
 
     const INTEGRATOR: Integrator = Integrator {
@@ -481,7 +484,7 @@ mod tests {
         let apart = Divergence::between(&truth.motion().pose(), &believed);
         let case = Case {
             truth: &truth,
-            track,
+            track: &DenseTrack::new(track),
             tick,
             grid: &grid,
             radius,
@@ -564,16 +567,18 @@ mod tests {
             },
         );
         let anchor = Anchor::Verbatim(verbatim(&start.unwrap(), 1.0));
-        let track = |origin, predictor, carrier| Track {
-            origin: Tick::new(origin),
+        let grid = Grid::new(Tolerance::NORMAL, Metres::new(0.5));
+        let track = |predictor, anchor, carrier| Track {
+            origin: Tick::new(5),
             predictor,
             anchor,
             carrier,
         };
         let held_by = Some(crate::body::BodyId::new(3, 0));
+        let held = Anchor::Snapped(Snapped::of(&Motion::IDENTITY, &grid));
         for track in [
-            track(5, Predictor::Uniform, None),
-            track(5, Predictor::Rest, held_by),
+            track(Predictor::Uniform, anchor, None),
+            track(Predictor::Rest, held, held_by),
         ] {
             let none = [DVec3::ZERO; 2];
             let asked = ask(

@@ -313,7 +313,9 @@ impl Residual {
     /// `over`: the time in which the prediction went astray, by which the correction is a velocity; more than nothing.
     #[must_use]
     pub fn onto(&self, predicted: &Motion, over: Seconds, grid: &Grid) -> Snapped {
-        self.onto_snapped(predicted, &Snapped::of(predicted, grid), over, grid)
+        let position = snap3(predicted.pose().position, grid.fine, POSITION_LIMIT);
+        let rotation = || PackedRotation::of(predicted.pose().rotation);
+        self.onto_place(predicted, (position, rotation), over, grid)
     }
 
     /// The same, where the grid point nearest to what was predicted is known already.
@@ -325,10 +327,20 @@ impl Residual {
         over: Seconds,
         grid: &Grid,
     ) -> Snapped {
+        self.onto_place(predicted, (from.position, || from.rotation), over, grid)
+    }
+
+    fn onto_place(
+        &self,
+        predicted: &Motion,
+        (position, rotation): ([i32; 3], impl FnOnce() -> PackedRotation),
+        over: Seconds,
+        grid: &Grid,
+    ) -> Snapped {
         let (pose, twist) = (predicted.pose(), predicted.twist());
         let turned = value3(self.turn, grid.turn);
         let rotation = if self.turn == [0; 3] {
-            from.rotation
+            rotation()
         } else {
             PackedRotation::of(normalised(product(turn_by(turned), pose.rotation)))
         };
@@ -342,7 +354,7 @@ impl Residual {
         let fine = |steps: i32| steps.saturating_mul(FINE_STEPS);
         let fine = [fine(x), fine(y), fine(z)];
         let implied = Snapped {
-            position: plus(from.position, fine, POSITION_LIMIT),
+            position: plus(position, fine, POSITION_LIMIT),
             rotation,
             linear: snap3(linear, grid.linear, VELOCITY_LIMIT),
             angular: snap3(angular, grid.angular, VELOCITY_LIMIT),

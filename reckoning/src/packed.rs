@@ -87,6 +87,18 @@ impl PackedRotation {
         }
     }
 
+    /// As it lies here.
+    #[inline]
+    pub(crate) const fn words(self) -> [u32; 2] {
+        self.words
+    }
+
+    /// Of the words of one that was checked when it was made.
+    #[inline]
+    pub(crate) const fn from_words(words: [u32; 2]) -> Self {
+        Self { words }
+    }
+
     /// Checks what came from elsewhere: `None` unless it is the one way to say its rotation.
     #[must_use]
     pub fn from_parts(largest: u8, others: [i32; 3]) -> Option<Self> {

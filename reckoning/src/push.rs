@@ -81,6 +81,22 @@ impl Push {
         self.doublings
     }
 
+    /// Its numbers, in two words.
+    pub(crate) const fn words(self) -> [u32; 2] {
+        let [x, y, z] = self.steps;
+        let [x, y, z] = [x as u16 as u32, y as u16 as u32, z as u16 as u32];
+        [x | y << 16, z | (self.doublings as u32) << 16]
+    }
+
+    /// The push of these words, which were [`Self::words`] of one.
+    pub(crate) const fn from_words([low, high]: [u32; 2]) -> Self {
+        Self {
+            steps: [low as i16, (low >> 16) as i16, high as i16],
+            doublings: (high >> 16) as u8,
+            spare: Spare::Nothing,
+        }
+    }
+
     /// World frame, m/s².
     #[must_use]
     pub fn acceleration(&self) -> DVec3 {

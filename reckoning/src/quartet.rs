@@ -1,18 +1,19 @@
 //! Four predictions side by side, to the bits of one by one.
 //!
-//! For bodies that keep their axis of spin, which is most of them. Each lane does what [`Track::at`] does, operation by
+//! For bodies that keep their axis of spin, which is most of them. Each lane does what [`Track::at`](crate::Track::at) does, operation by
 //! operation; where that branches, both ways are computed and one is kept.
 
 use glam::{DQuat, DVec3};
 use wide::f64x4;
 
+use crate::dense::DenseTrack;
 use crate::exact::{ANGLE_LIMIT, COSINE, HALF_PI_HIGH, HALF_PI_LOW, SINE, TWO_OVER_PI};
 use crate::flow::FlowTerms;
 use crate::lattice::Grid;
 use crate::motion::{Motion, Pose, Twist};
 use crate::predictor::{Conditions, Predictor, Pull};
 use crate::tick::Tick;
-use crate::track::{Anchor, Track};
+use crate::track::{Anchor, elapsed};
 
 /// Bodies side by side.
 const LANES: usize = 4;
@@ -37,29 +38,29 @@ pub struct Quartet {
 impl Quartet {
     /// Takes a body in under a key, and returns `true`, if it can be predicted here and there is room: see [`Self::is_full`].
     ///
-    /// The arguments are those of [`Track::at`]; all bodies of a quartet are of scenes that step alike.
+    /// The arguments are those of [`Track::at`](crate::Track::at); all bodies of a quartet are of scenes that step alike.
     #[must_use]
     pub fn take(
         &mut self,
         key: u32,
-        track: &Track,
+        track: &DenseTrack,
         tick: Tick,
         grid: &Grid,
         conditions: &Conditions<'_>,
     ) -> bool {
-        let tumbles = track.predictor.tumbles() && conditions.inertia.is_some();
-        if tumbles || track.predictor == Predictor::Rest || self.is_full() {
+        let tumbles = track.predictor().tumbles() && conditions.inertia.is_some();
+        if tumbles || track.predictor() == Predictor::Rest || self.is_full() {
             return false;
         }
-        let elapsed = conditions.flow.within(track.elapsed(tick));
+        let elapsed = conditions.flow.within(elapsed(track.origin(), tick));
         let (row, terms) = conditions.flow.row(elapsed);
         let lane = self.len;
-        let (pose, twist) = start(&track.anchor, grid);
+        let (pose, twist) = start(&track.anchor(), grid);
         set3(&mut self.position, lane, pose.position);
         set3(&mut self.linear, lane, twist.linear);
         set3(&mut self.angular, lane, twist.angular);
         // What does not fall is added a zero that changes no number, not even the sign of another zero.
-        let pull = track.predictor.pull(elapsed, conditions).unwrap_or(Pull {
+        let pull = track.predictor().pull(elapsed, conditions).unwrap_or(Pull {
             acceleration: DVec3::splat(-0.0),
             fall: row.fall,
             fall_velocity: row.fall_velocity,
@@ -164,6 +165,7 @@ impl Quartet {
 }
 
 /// The motion that was said, its rotation not normalised yet.
+#[inline(always)]
 fn start(anchor: &Anchor, grid: &Grid) -> (Pose, Twist) {
     match anchor {
         Anchor::Verbatim(verbatim) => verbatim.raw(),
@@ -265,7 +267,7 @@ mod tests {
     use crate::lattice::Snapped;
     use crate::tick::{Rate, Ticks};
     use crate::tolerance::Tolerance;
-    use crate::track::Verbatim;
+    use crate::track::{Track, Verbatim};
     use crate::units::Metres;
 
     fn vector(limit: f64) -> impl Strategy<Value = DVec3> {
@@ -291,7 +293,7 @@ mod tests {
                     let motion =
                         Motion::new(Pose { position, rotation }, Twist { linear, angular });
                     let motion = motion.unwrap();
-                    let anchor = if snapped {
+                    let anchor = if snapped || predictor.push().is_some() {
                         Anchor::Snapped(Snapped::of(&motion, &grid()))
                     } else {
                         let wide = rotation.as_quat().to_array().map(|part| part * length);
@@ -339,7 +341,7 @@ mod tests {
             let mut expected = Vec::new();
             for (key, (track, tick)) in (10..).zip(&tracks) {
                 let tick = Tick::new(*tick);
-                prop_assert!(quartet.take(key, track, tick, &grid(), &conditions));
+                prop_assert!(quartet.take(key, &DenseTrack::new(track), tick, &grid(), &conditions));
                 expected.push((key, bits(&track.at(tick, &grid(), &conditions))));
             }
             prop_assert_eq!(quartet.is_full(), tracks.len() == 4);
@@ -372,6 +374,7 @@ mod tests {
                 carrier: None,
             };
             let tick = Tick::ZERO + Ticks::new(1);
+            let track = DenseTrack::new(&track);
             assert!(!Quartet::default().take(0, &track, tick, &grid(), &conditions));
         }
     }

@@ -6,6 +6,7 @@
 use glam::{DQuat, DVec3};
 
 use crate::body::BodyId;
+use crate::exact::normalised;
 use crate::flow::HORIZON;
 use crate::lattice::{Grid, Snapped};
 use crate::motion::{InvalidMotion, Motion, Pose, Twist};
@@ -90,6 +91,18 @@ impl Verbatim {
         parts
     }
 
+    /// Every bit, in the order of [`Self::new`].
+    #[inline]
+    pub(crate) const fn bits(&self) -> [u32; 13] {
+        self.bits
+    }
+
+    /// Of the bits of one that was checked when it was made.
+    #[inline]
+    pub(crate) const fn from_bits(bits: [u32; 13]) -> Self {
+        Self { bits }
+    }
+
     /// Position as the engine has it, metres.
     #[must_use]
     pub fn position(&self) -> [f32; 3] {
@@ -130,7 +143,9 @@ impl Verbatim {
     #[must_use]
     pub fn motion(&self) -> Motion {
         let (pose, twist) = self.raw();
-        Motion::new(pose, twist).expect("a verbatim motion was checked when it was made")
+        // It was checked when it was made.
+        let rotation = normalised(pose.rotation);
+        Motion::from_checked(Pose { rotation, ..pose }, twist)
     }
 }
 
@@ -186,11 +201,7 @@ impl Track {
     /// Ticks from the origin (RECKONING 3.2).
     #[inline]
     pub(crate) fn elapsed(&self, tick: Tick) -> Ticks {
-        match tick.since(self.origin) {
-            Some(ticks) => ticks.min(HORIZON),
-            None if tick > self.origin => HORIZON,
-            None => Ticks::ZERO,
-        }
+        elapsed(self.origin, tick)
     }
 
     /// Whether the body was said to lie still in the world.
@@ -203,6 +214,16 @@ impl Track {
     #[must_use]
     pub fn is_verbatim_rest(&self) -> bool {
         self.is_resting() && matches!(self.anchor, Anchor::Verbatim(_))
+    }
+}
+
+/// Ticks from an origin to a tick, at most those of the horizon.
+#[inline]
+pub(crate) fn elapsed(origin: Tick, tick: Tick) -> Ticks {
+    match tick.since(origin) {
+        Some(ticks) => ticks.min(HORIZON),
+        None if tick > origin => HORIZON,
+        None => Ticks::ZERO,
     }
 }
 

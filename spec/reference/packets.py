@@ -546,6 +546,7 @@ def read_whole(frm):
         for name, limit in (("position", POSITION_LIMIT), ("linear", VELOCITY_LIMIT), ("angular", VELOCITY_LIMIT)):
             refuse_if(any(abs(number) > limit for number in whole[name]), "OutOfRange")
     refuse_if(carrier is not None and (law or "verbatim" in whole), "OutOfRange")
+    refuse_if(law == PUSHED and "verbatim" in whole, "OutOfRange")
     return whole
 
 

@@ -273,7 +273,7 @@ fn hearing_and_viewing_a_tick_allocates_nothing() {
 }
 
 #[test]
-fn a_body_takes_105_bytes_of_each_stream_at_a_server_and_162_with_what_ticks_need() {
+fn a_body_takes_76_bytes_of_each_stream_at_a_server_and_128_at_most_with_what_ticks_need() {
     let mut witness = Witness::new(Cadence::EACH_TICK);
     let (mut publisher, _, placed) = count(|| Scene::Struck.publisher(Tolerance::NORMAL));
     let mut seen = 0;
@@ -289,12 +289,12 @@ fn a_body_takes_105_bytes_of_each_stream_at_a_server_and_162_with_what_ticks_nee
     let said = grown - seen;
     assert!(publisher.statistics().updates >= u64::from(BODIES));
     let each = (placed + said) / i64::from(BODIES);
-    assert!(placed / i64::from(BODIES) <= 105, "{placed}");
-    assert!(each <= 162, "{each}: {placed} and {said}");
+    assert!(placed / i64::from(BODIES) <= 76, "{placed}");
+    assert!(each <= 128, "{each}: {placed} and {said}");
 }
 
 #[test]
-fn a_body_takes_no_more_than_304_bytes_at_a_client() {
+fn a_body_takes_no_more_than_192_bytes_at_a_client() {
     let said = Scene::Struck.said(2 * STRUCK, Tolerance::NORMAL);
     let (mut subscriber, _, placed) = count(|| Scene::Struck.subscriber(Tolerance::NORMAL));
     let mut view = View::default();
@@ -308,5 +308,5 @@ fn a_body_takes_no_more_than_304_bytes_at_a_client() {
         }
     });
     let each = (placed + viewed + heard) / i64::from(BODIES);
-    assert!(each <= 304, "{each}: {placed}, {viewed} and {heard}");
+    assert!(each <= 192, "{each}: {placed}, {viewed} and {heard}");
 }

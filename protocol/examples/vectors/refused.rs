@@ -267,6 +267,12 @@ fn pushes(cases: &mut Vec<Case>) {
         "a whole track pushed beyond the limit",
         none(none(beyond)).raw(0xff, 8),
     );
+    let unturned = [0, 0, 0, 0, 0, 0, 1.0_f32.to_bits(), 0, 0, 0, 0, 0, 0];
+    let exact = none(none(none(whole().raw(0, 4)))).raw(1, 1);
+    let exact = unturned.into_iter().fold(exact, |forge, part| {
+        forge.raw(part & 0xffff, 16).raw(part >> 16, 16)
+    });
+    case("a track pushed to the bit", exact.code(1, END));
     case(
         "a law without a meaning",
         begun(WHOLE).raw(3, INDEX_BITS).raw(6, 3).raw(0xff, 8),

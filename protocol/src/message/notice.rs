@@ -265,7 +265,7 @@ fn decode_snapped(origin: Tick, first: u8, from: &mut Reader<'_>) -> Result<Trac
     let mut bits = BitReader::new(bytes);
     let saying = TrackSaying::decode(&mut bits)?;
     bits.finish()?;
-    if matches!(saying.anchor, Anchor::Verbatim(_)) && saying.predictor.push().is_none() {
+    if matches!(saying.anchor, Anchor::Verbatim(_)) {
         return Err(Malformed::NotCanonical);
     }
     Ok(saying.track(origin))

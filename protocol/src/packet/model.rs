@@ -5,7 +5,7 @@
 
 use super::tables::{CLASSES, CONTEXTS, EXPECTED, SHAPES, SYMBOLS, contexts};
 use crate::wire::Malformed;
-use crate::wire::range::{RangeReader, RangeWriter, TOTAL_BITS, symbol_at};
+use crate::wire::range::{RangeReader, RangeWriter, TOTAL_BITS};
 
 /// The last symbol of each alphabet: the number is at least this, and the rest of it follows.
 const ESCAPE: u32 = SYMBOLS as u32 - 1;
@@ -49,7 +49,7 @@ impl Model {
         let quarter = (((sixteenths >> raw) << 2) >> octave) & 3;
         Alphabet {
             raw,
-            shape: contexts::group(context) * CLASSES + (octave * 4 + quarter) as usize,
+            shape: usize::from(FIRST_SHAPES[context]) + (octave * 4 + quarter) as usize,
         }
     }
 
@@ -57,8 +57,8 @@ impl Model {
         let seen = number.min(LEARNT_MOST) * ONE;
         let expected = &mut self.expected[context];
         // Towards what was seen by an eighth of the difference, rounded down; both stay below 2²⁰.
-        let step = (i64::from(seen) - i64::from(*expected)) >> LEARNING_SHIFT;
-        *expected = (i64::from(*expected) + step) as u32;
+        let step = (seen as i32 - *expected as i32) >> LEARNING_SHIFT;
+        *expected = expected.wrapping_add_signed(step);
     }
 
     /// Says a number.
@@ -83,11 +83,7 @@ impl Model {
         from: &mut RangeReader<'_>,
     ) -> Result<u32, Malformed> {
         let Alphabet { raw, shape } = self.alphabet(context);
-        let starts = &SHAPES[shape];
-        let symbol = symbol_at(starts, from.part(TOTAL_BITS)?);
-        let size = starts[symbol + 1] - starts[symbol];
-        from.symbol(u32::from(starts[symbol]), u32::from(size), TOTAL_BITS);
-        let mut high = symbol as u32;
+        let mut high = from.symbol(&SHAPES[shape])? as u32;
         if high == ESCAPE {
             high = high
                 .checked_add(read_rest(from)?)
@@ -114,6 +110,18 @@ impl Model {
         cost
     }
 }
+
+/// The first alphabet of each context's group.
+static FIRST_SHAPES: [u8; CONTEXTS] = {
+    let mut first = [0; CONTEXTS];
+    let mut context = 0;
+    while context < CONTEXTS {
+        // There are fewer alphabets than 256.
+        first[context] = (contexts::group(context) * CLASSES) as u8;
+        context += 1;
+    }
+    first
+};
 
 /// What a symbol of this frequency costs, in 1/256 bits; the logarithm is a broken line, which is near enough to choose by.
 pub(crate) const fn symbol_cost(size: u32) -> u32 {
@@ -162,6 +170,7 @@ fn read_rest(from: &mut RangeReader<'_>) -> Result<u32, Malformed> {
 
 // The greatest expectation that can be learnt still leaves raw bits for a 32-bit number.
 const _: () = assert!(LEARNT_MOST * ONE < 1 << 20);
+const _: () = assert!(SHAPES.len() <= 256);
 
 #[cfg(test)]
 mod tests {

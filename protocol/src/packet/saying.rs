@@ -10,12 +10,12 @@ use super::model::Model;
 use super::push::numbers_of_push;
 use super::steps::{SETTLED_STEPS, length, settled, settled_step};
 use super::tables::{MODES, contexts};
-use super::walk::{Walk, numbers};
+use super::walk::{each, numbers};
 use super::whole::{PUSHED, TrackSaying, law_code, law_of};
 use super::zigzag::{unzigzag, zigzag};
 use crate::limits::INDICES_MAX;
 use crate::wire::Malformed;
-use crate::wire::range::{RangeReader, RangeWriter, TOTAL_BITS, symbol_at};
+use crate::wire::range::{RangeReader, RangeWriter, TOTAL_BITS};
 
 /// What an update says of a body, at the tick of its packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -275,11 +275,7 @@ impl Tongue {
     }
 
     fn read_code(&self, from: &mut RangeReader<'_>) -> Result<usize, Malformed> {
-        let starts = &MODES[self.last];
-        let code = symbol_at(starts, from.part(TOTAL_BITS)?);
-        let size = starts[code + 1] - starts[code];
-        from.symbol(u32::from(starts[code]), u32::from(size), TOTAL_BITS);
-        Ok(code)
+        from.symbol(&MODES[self.last])
     }
 
     fn write_carrier(&mut self, course: &Course, to: &mut RangeWriter) {
@@ -446,14 +442,13 @@ impl Tongue {
                 ..VelocityResidual::default()
             });
         }
-        let mut walk = Walk::new(kind, age);
-        while let Some(context) = walk.context() {
+        each(kind, age, &mut residual, |context, number| {
             let size = self.model.read(context, from)?;
-            let size = i32::try_from(size).map_err(|_| Malformed::OutOfRange)?;
+            let signed = i32::try_from(size).map_err(|_| Malformed::OutOfRange)?;
             let negative = size != 0 && from.bit()?;
-            *walk.place(&mut residual) = if negative { -size } else { size };
-            walk.step(size.unsigned_abs());
-        }
+            *number = if negative { -signed } else { signed };
+            Ok(size)
+        })?;
         if !residual.is_within_limits() {
             return Err(Malformed::OutOfRange);
         }

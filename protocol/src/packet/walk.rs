@@ -2,6 +2,8 @@
 //!
 //! One walk for who writes, who reads and who counts the cost.
 
+use core::convert::Infallible;
+
 use rhumb_reckoning::{Residual, VelocityResidual};
 
 use super::age::Age;
@@ -10,12 +12,10 @@ use super::tables::contexts;
 /// Walks over the numbers of a residual in the order in which they are said, with the context of each.
 pub(super) fn numbers(kind: usize, age: Age, residual: &Residual, mut say: impl FnMut(usize, i32)) {
     let mut residual = *residual;
-    let mut walk = Walk::new(kind, age);
-    while let Some(context) = walk.context() {
-        let number = *walk.place(&mut residual);
-        say(context, number);
-        walk.step(number.unsigned_abs());
-    }
+    let Ok(()) = each(kind, age, &mut residual, |context, number| {
+        say(context, *number);
+        said(*number)
+    });
 }
 
 /// The same over its numbers of position and of turn alone.
@@ -25,15 +25,16 @@ pub(super) fn numbers_of_place(
     residual: &Residual,
     mut say: impl FnMut(usize, u32),
 ) {
-    let mut walk = Walk::new(kind, age);
-    for part in residual.position.iter().chain(&residual.turn) {
-        let Some(context) = walk.context() else {
-            return;
-        };
-        let size = part.unsigned_abs();
-        say(context, size);
-        walk.step(size);
-    }
+    let mut residual = *residual;
+    let Ok(()) = each_of_place(
+        kind,
+        age,
+        &mut residual,
+        &mut |context, number: &mut i32| {
+            say(context, number.unsigned_abs());
+            said(*number)
+        },
+    );
 }
 
 /// The same over the numbers of its velocities alone.
@@ -43,86 +44,81 @@ pub(super) fn numbers_of_velocity(
     velocity: &VelocityResidual,
     mut say: impl FnMut(usize, u32),
 ) {
-    let mut walk = Walk {
-        next: 6,
-        ..Walk::new(kind, age)
-    };
-    for part in velocity.linear.iter().chain(&velocity.angular) {
-        let Some(context) = walk.context() else {
-            return;
-        };
-        let size = part.unsigned_abs();
-        say(context, size);
-        walk.step(size);
-    }
+    let mut velocity = *velocity;
+    let Ok(()) = each_of_velocity(
+        kind,
+        age,
+        &mut velocity,
+        &mut |context, number: &mut i32| {
+            say(context, number.unsigned_abs());
+            said(*number)
+        },
+    );
 }
 
-/// A place among the numbers of a residual: position, turn, linear and angular velocity, three each.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Walk {
+const fn said(number: i32) -> Result<u32, Infallible> {
+    Ok(number.unsigned_abs())
+}
+
+/// Visits every number of a residual with its context: position and turn, and linear and angular velocity if it has any.
+///
+/// `visit` says or sets the number and returns its size, which decides on the contexts of what follows.
+#[inline]
+pub(super) fn each<E>(
     kind: usize,
-    age: usize,
-    next: usize,
-    /// Sum of the sizes so far in this triple, and the largest of the first triple.
-    sum: u32,
-    largest: u32,
+    age: Age,
+    residual: &mut Residual,
+    mut visit: impl FnMut(usize, &mut i32) -> Result<u32, E>,
+) -> Result<(), E> {
+    each_of_place(kind, age, residual, &mut visit)?;
+    match &mut residual.velocity {
+        Some(velocity) => each_of_velocity(kind, age, velocity, &mut visit),
+        None => Ok(()),
+    }
 }
 
-impl Walk {
-    pub(super) const fn new(kind: usize, age: Age) -> Self {
-        Self {
-            kind,
-            age: contexts::age_class(age.count()),
-            next: 0,
-            sum: 0,
-            largest: 0,
-        }
-    }
+#[inline]
+fn each_of_place<E>(
+    kind: usize,
+    age: Age,
+    residual: &mut Residual,
+    visit: &mut impl FnMut(usize, &mut i32) -> Result<u32, E>,
+) -> Result<(), E> {
+    let age = contexts::age_class(age.count());
+    let position = |part, sum| contexts::position(kind, age, part, sum);
+    let largest = triple(&mut residual.position, position, visit)?;
+    let turn = |part, sum| contexts::turn(kind, age, part, sum, largest);
+    triple(&mut residual.turn, turn, visit)?;
+    Ok(())
+}
 
-    pub(super) const fn context(&self) -> Option<usize> {
-        let (triple, part) = (self.next / 3, self.next % 3);
-        match triple {
-            0 => Some(contexts::position(self.kind, self.age, part, self.sum)),
-            1 => Some(contexts::turn(
-                self.kind,
-                self.age,
-                part,
-                self.sum,
-                self.largest,
-            )),
-            2 | 3 if self.kind % 2 == 1 => Some(contexts::velocity(
-                self.kind, self.age, triple, part, self.sum,
-            )),
-            _ => None,
-        }
-    }
+#[inline]
+fn each_of_velocity<E>(
+    kind: usize,
+    age: Age,
+    velocity: &mut VelocityResidual,
+    visit: &mut impl FnMut(usize, &mut i32) -> Result<u32, E>,
+) -> Result<(), E> {
+    let age = contexts::age_class(age.count());
+    let linear = |part, sum| contexts::velocity(kind, age, 2, part, sum);
+    triple(&mut velocity.linear, linear, visit)?;
+    let angular = |part, sum| contexts::velocity(kind, age, 3, part, sum);
+    triple(&mut velocity.angular, angular, visit)?;
+    Ok(())
+}
 
-    /// Where the number at this place lies.
-    pub(super) fn place<'a>(&self, residual: &'a mut Residual) -> &'a mut i32 {
-        let part = self.next % 3;
-        match self.next / 3 {
-            0 => &mut residual.position[part],
-            1 => &mut residual.turn[part],
-            triple => {
-                let velocity = residual.velocity.get_or_insert_default();
-                if triple == 2 {
-                    &mut velocity.linear[part]
-                } else {
-                    &mut velocity.angular[part]
-                }
-            }
-        }
+/// Visits three numbers, whose contexts follow from their place and from the sum of the sizes before; returns the largest size.
+#[inline]
+fn triple<E>(
+    numbers: &mut [i32; 3],
+    context: impl Fn(usize, u32) -> usize,
+    visit: &mut impl FnMut(usize, &mut i32) -> Result<u32, E>,
+) -> Result<u32, E> {
+    let (mut sum, mut largest) = (0_u32, 0);
+    for (part, number) in numbers.iter_mut().enumerate() {
+        let size = visit(context(part, sum), number)?;
+        sum = sum.saturating_add(size);
+        largest = largest.max(size);
     }
-
-    pub(super) fn step(&mut self, size: u32) {
-        if self.next < 3 {
-            self.largest = self.largest.max(size);
-        }
-        self.next += 1;
-        self.sum = if self.next.is_multiple_of(3) {
-            0
-        } else {
-            self.sum.saturating_add(size)
-        };
-    }
+    Ok(largest)
 }

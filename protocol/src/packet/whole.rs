@@ -140,7 +140,8 @@ impl TrackSaying {
             Anchor::Snapped(decode_snapped(moving, from)?)
         };
         let held_still = !moving && matches!(anchor, Anchor::Snapped(_));
-        if carrier.is_some() && !held_still {
+        let exactly_pushed = predictor.push().is_some() && matches!(anchor, Anchor::Verbatim(_));
+        if exactly_pushed || carrier.is_some() && !held_still {
             return Err(Malformed::OutOfRange);
         }
         Ok(Self {
@@ -312,8 +313,13 @@ pub(crate) mod tests {
 
     pub(crate) fn whole() -> impl Strategy<Value = TrackSaying> {
         let law = prop::sample::select(&Predictor::ALL[..]);
+        let said_alone = law
+            .clone()
+            .prop_filter("what is pushed lies on its grid", |law| {
+                law.push().is_none()
+            });
         prop_oneof![
-            (law.clone(), snapped()).prop_map(|(predictor, snapped)| TrackSaying {
+            (law, snapped()).prop_map(|(predictor, snapped)| TrackSaying {
                 predictor,
                 anchor: Anchor::Snapped(if predictor == Predictor::Rest {
                     snapped.stilled()
@@ -322,7 +328,7 @@ pub(crate) mod tests {
                 }),
                 carrier: None,
             }),
-            (law, verbatim()).prop_map(|(predictor, verbatim)| TrackSaying {
+            (said_alone, verbatim()).prop_map(|(predictor, verbatim)| TrackSaying {
                 predictor,
                 anchor: Anchor::Verbatim(if predictor == Predictor::Rest {
                     verbatim.stilled()

@@ -181,7 +181,7 @@ impl Driven {
         for index in self.changed.drain(..) {
             let track = self.subscriber.track(BodyId::new(index, 0));
             if let Some((course, track)) = self.courses.get_mut(index as usize).zip(track) {
-                course.take(*track);
+                course.take(track);
                 oldest = Some(oldest.map_or(track.origin, |oldest: Tick| oldest.min(track.origin)));
             }
         }

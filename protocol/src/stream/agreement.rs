@@ -3,9 +3,8 @@
 //! Kept up to date at the cost of what changes. Does not say which track differs: sums over ranges of indices do, when they
 //! are compared one after another (PROTOCOL 6.12).
 
-use rhumb_reckoning::{Anchor, Track};
+use rhumb_reckoning::{Anchor, BodyId, Track};
 
-use super::tracks::Slot;
 use crate::packet::law_code;
 
 /// The sum over the tracks of some bodies, modulo 2⁶⁴; it does not depend on their order.
@@ -19,13 +18,13 @@ impl Agreement {
     }
 
     /// A body's track is among them from now on.
-    pub(crate) fn add(&mut self, index: u32, slot: &Slot) {
-        self.0 = self.0.wrapping_add(digest(index, slot));
+    pub(crate) fn add(&mut self, id: BodyId, track: &Track) {
+        self.0 = self.0.wrapping_add(digest(id, track));
     }
 
     /// It is no longer.
-    pub(crate) fn take(&mut self, index: u32, slot: &Slot) {
-        self.0 = self.0.wrapping_sub(digest(index, slot));
+    pub(crate) fn take(&mut self, id: BodyId, track: &Track) {
+        self.0 = self.0.wrapping_sub(digest(id, track));
     }
 }
 
@@ -45,21 +44,20 @@ const fn pair(low: i32, high: i32) -> u64 {
 }
 
 /// Of one body: its name and all that its track says.
-fn digest(index: u32, slot: &Slot) -> u64 {
-    let id = slot.id(index);
+fn digest(id: BodyId, track: &Track) -> u64 {
     let Track {
         origin,
         predictor,
-        ref anchor,
+        anchor,
         carrier,
-    } = slot.track;
-    let mut sum = mix(FACTOR, pair(index as i32, i32::from(id.generation())));
+    } = *track;
+    let mut sum = mix(FACTOR, pair(id.index() as i32, i32::from(id.generation())));
     sum = mix(sum, origin.value());
     if let Some(carrier) = carrier {
         let (index, generation) = (carrier.index(), carrier.generation());
         sum = mix(sum, pair(index as i32, i32::from(generation)));
     }
-    match anchor {
+    match &anchor {
         Anchor::Verbatim(motion) => {
             sum = mix(sum, 2 * u64::from(law_code(predictor)) + 1);
             for parts in motion.parts().chunks(2) {

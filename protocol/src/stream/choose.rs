@@ -165,7 +165,7 @@ impl Aim {
 impl Chooser<'_> {
     /// The best saying among those that keep the promise, or `None` when no correction does.
     pub(crate) fn choose(&self, subject: &Subject<'_>) -> Option<Choice> {
-        let track = &subject.slot.track;
+        let track = &subject.slot.track();
         let ticks = subject.tick.since(track.origin)?;
         let aged = ticks > HORIZON && track.predictor != Predictor::Rest;
         let age = self.tracks.age(track, subject.tick)?;
@@ -215,9 +215,10 @@ impl Chooser<'_> {
         let tumbles = slot.tumbles() && self.features.tumbling;
         let falls =
             self.features.ballistic && self.tracks.gravity(slot, subject.tick) != DVec3::ZERO;
-        let now = &slot.track;
+        let now = &slot.track();
         let carrier = self.tracks.carrier(now);
-        let carrier_age = carrier.and_then(|(_, slot)| self.tracks.age(&slot.track, subject.tick));
+        let carrier_age =
+            carrier.and_then(|(_, slot)| self.tracks.age(&slot.track(), subject.tick));
         // A body whose carrier is gone can only be said anew.
         if now.carrier.is_some() && carrier.is_none() {
             return [None; WAYS];
@@ -270,26 +271,28 @@ impl Chooser<'_> {
         holder: Holder<'s>,
         predicted: &Motion,
     ) -> Option<Way<'s>> {
-        let track = &subject.slot.track;
+        let track = &subject.slot.track();
+        let holding = holder.slot.track();
         let believed = self
             .tracks
-            .framed(holder.slot, &holder.slot.track, subject.tick);
+            .framed((holder.index, holder.slot), &holding, subject.tick);
         let held_already = track.carrier == Some(holder.slot.id(holder.index));
         let course = if held_already {
             Course::Same
         } else if track.carrier.is_none()
-            && holder.slot.track.carrier.is_none()
+            && holding.carrier.is_none()
             && holder.index != subject.index
         {
             Course::Held {
                 carrier: holder.index,
-                carrier_age: self.tracks.age(&holder.slot.track, subject.tick)?,
+                carrier_age: self.tracks.age(&holding, subject.tick)?,
             }
         } else {
             return None;
         };
         let predicted = if held_already {
-            self.tracks.framed(subject.slot, track, subject.tick)
+            self.tracks
+                .framed((subject.index, subject.slot), track, subject.tick)
         } else {
             seen_from(&believed.pose(), &predicted.pose())
         };
@@ -384,8 +387,9 @@ impl Chooser<'_> {
     pub(super) fn exact_share(&self, subject: &Subject<'_>, way: &Way<'_>, begun: &Pose) -> f64 {
         let world = match way.holder {
             None => *begun,
-            Some(Holder { slot, .. }) => {
-                let by = self.tracks.framed(slot, &slot.track, subject.tick);
+            Some(Holder { index, slot, .. }) => {
+                let track = slot.track();
+                let by = self.tracks.framed((index, slot), &track, subject.tick);
                 carried(&by, begun).pose()
             }
         };
@@ -462,7 +466,7 @@ impl Chooser<'_> {
 /// What each tick adds to the expected error of a body, as a share of the tolerance: less of one whose last track held for
 /// long, as of what flies freely.
 pub(super) fn doubt(subject: &Subject<'_>) -> f64 {
-    let age = subject.tick.since(subject.slot.track.origin);
+    let age = subject.tick.since(subject.slot.origin());
     let [least, most] = DOUBT;
     (DOUBT_OF_A_LIFE / f64::from(age.unwrap_or_default().count())).clamp(least, most)
 }

@@ -50,8 +50,8 @@ impl Publisher {
         let mut writer = RepairWriter::default();
         let slot = self.table().slot(index);
         if let Some(slot) = slot {
-            let age = self.tick().since(slot.track.origin).unwrap_or_default();
-            let whole = TrackSaying::of(&slot.track);
+            let age = self.tick().since(slot.origin()).unwrap_or_default();
+            let whole = TrackSaying::of(&slot.track());
             writer.push(&RepairRecord {
                 index,
                 seat: None,

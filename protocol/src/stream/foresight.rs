@@ -168,7 +168,7 @@ impl Scales<'_> {
 impl Chooser<'_> {
     /// The best correction of a body of which it is known what it does next; `None` where none was found.
     pub(crate) fn foresee(&self, subject: &Subject<'_>) -> Option<(Saying, Track)> {
-        let track = &subject.slot.track;
+        let track = &subject.slot.track();
         let ticks = subject.tick.since(track.origin)?;
         let flies = ticks >= FLIGHT && track.predictor != Predictor::Rest;
         let age = self.tracks.age(track, subject.tick)?;
@@ -267,7 +267,7 @@ impl Chooser<'_> {
             ends: subject.ends && known == subject.ahead.len(),
             grid: self.tracks.grid(slot),
             step_s: rate.step().seconds(),
-            over_s: moves.then(|| slot.track.predictor.astray(age, rate).seconds()),
+            over_s: moves.then(|| slot.predictor().astray(age, rate).seconds()),
             allowance: self.allowance(subject),
             lasts: way.lasts,
             doubt: doubt(subject),
@@ -277,10 +277,10 @@ impl Chooser<'_> {
     /// Where a holder will be believed to be, or is when it is spoken of before.
     fn where_held(&self, subject: &Subject<'_>, holder: &Holder<'_>, ticks: Ticks) -> Option<Pose> {
         let truth = holder.ahead.get(ticks.count() as usize - 1)?.pose();
-        let track = &holder.slot.track;
+        let track = &holder.slot.track();
         let believed = self
             .tracks
-            .framed(holder.slot, track, subject.tick + ticks)
+            .framed((holder.index, holder.slot), track, subject.tick + ticks)
             .pose();
         let tolerance = self.tracks.tolerance_of(holder.slot);
         let used = share(

@@ -1,5 +1,6 @@
 //! The state stream: said once, followed by many.
 mod agreement;
+mod before;
 mod bound;
 mod budget;
 mod choose;
@@ -19,6 +20,7 @@ mod parities;
 mod publisher;
 mod redundancy;
 mod restorer;
+mod room;
 mod seats;
 mod start;
 mod statements;

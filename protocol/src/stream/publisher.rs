@@ -27,6 +27,7 @@ use super::features::Features;
 use super::history::History;
 use super::observation::{Activity, Observation};
 use super::parities::Parities;
+use super::room::push;
 use super::seats::Usher;
 use super::tracks::{Manner, Slot, Tracks};
 use super::witness::{HINDSIGHT_MAX, Witness};
@@ -157,10 +158,7 @@ impl Publisher {
 
     /// A body has left the scene. What it held is said anew at the next tick.
     pub fn remove(&mut self, id: BodyId) {
-        let held_by = self
-            .tracks
-            .slot(id.index())
-            .and_then(|slot| slot.track.carrier);
+        let held_by = self.tracks.slot(id.index()).and_then(Slot::carrier);
         if self.tracks.remove(id) {
             self.usher.leave(id.index());
             self.shift_burden(held_by, None);
@@ -181,7 +179,7 @@ impl Publisher {
     pub fn tracks(&self) -> impl Iterator<Item = (BodyId, Track)> {
         self.tracks
             .iter()
-            .map(|(index, slot)| (slot.id(index), slot.track))
+            .map(|(index, slot)| (slot.id(index), slot.track()))
     }
 
     /// The seat of a body, if it has one: what a late listener must be told too.
@@ -227,13 +225,18 @@ impl Publisher {
         let mut survey = self.survey.take().expect("no look is going on");
         self.survey(tick, observations, &mut survey);
         // What may hold others is spoken of first, so that what it holds is judged by where it is said to be.
+        let mut say = |update: Option<Update>| {
+            if let Some(update) = update {
+                push(&mut updates, update);
+            }
+        };
         for place in &survey.holders {
-            updates.extend(self.judge(witness, tick, &observations[*place], None));
+            say(self.judge(witness, tick, &observations[*place], None));
         }
         self.survey_burdened(observations, &mut survey);
         for place in &survey.burdened {
             let observation = &observations[*place as usize];
-            updates.extend(self.judge(witness, tick, observation, None));
+            say(self.judge(witness, tick, observation, None));
         }
         for place in &survey.doubtful {
             if survey.is_before(*place) {
@@ -241,7 +244,7 @@ impl Publisher {
             }
             let observation = &observations[*place as usize];
             let holder = self.holder_of(observation, &survey.holders, observations);
-            updates.extend(self.judge(witness, tick, observation, holder));
+            say(self.judge(witness, tick, observation, holder));
         }
         self.survey = Some(survey);
         self.say(tick, &mut updates, notices, out);
@@ -261,7 +264,7 @@ impl Publisher {
     fn seen_slot(&self, observation: &Observation) -> Option<&Slot> {
         let slot = self.tracks.slot(observation.id.index())?;
         let there = slot.id(observation.id.index()) == observation.id;
-        (there && slot.track.origin <= self.tick).then_some(slot)
+        (there && slot.origin() <= self.tick).then_some(slot)
     }
 
     /// Compares one body with its track; when the track no longer holds, replaces it and returns what says so.
@@ -277,8 +280,7 @@ impl Publisher {
         let (saying, track) = match observation.activity {
             Activity::Asleep => {
                 let resting = Track::resting(tick, observation.motion);
-                let unchanged =
-                    slot.track.is_verbatim_rest() && slot.track.anchor == resting.anchor;
+                let unchanged = slot.is_verbatim_rest() && slot.dense().anchor() == resting.anchor;
                 if unchanged {
                     return None;
                 }
@@ -286,7 +288,7 @@ impl Publisher {
             }
             Activity::Awake => self.correct(witness, tick, slot, observation, holder)?,
         };
-        let before = slot.track.carrier;
+        let before = slot.carrier();
         self.tracks.set_track(index, track);
         if saying.names_carrier()
             && let Some(carrier) = track.carrier.or(before)
@@ -314,15 +316,17 @@ impl Publisher {
 
     /// What says that a body rests where the engine has it, to the bit.
     fn settle(&self, tick: Tick, slot: &Slot, observation: &Observation) -> Saying {
-        let since = tick.since(slot.track.origin);
+        let index = observation.id.index();
+        let track = slot.track();
+        let since = tick.since(track.origin);
         let fresh = since.is_some_and(|since| since <= HORIZON);
-        let age = self.tracks.age(&slot.track, tick);
+        let age = self.tracks.age(&track, tick);
         let age = age.filter(|age| *age > Age::new(0));
-        let free = slot.track.carrier.is_none() && self.features.residuals;
-        let still = slot.track.predictor == Predictor::Rest;
+        let free = track.carrier.is_none() && self.features.residuals;
+        let still = track.predictor == Predictor::Rest;
         let settling = age.filter(|_| free && (still || fresh));
         let settling = settling.and_then(|age| {
-            let predicted = self.tracks.believed(slot, tick);
+            let predicted = self.tracks.believed((index, slot), tick);
             let settling = Settling::of(&observation.motion, &predicted.pose())?;
             Some(Saying::Settled { age, settling })
         });
@@ -341,11 +345,12 @@ impl Publisher {
         holder: Option<usize>,
     ) -> Option<(Saying, Track)> {
         let truth = observation.motion.motion();
-        let believed = self.tracks.believed(slot, tick);
+        let track = slot.track();
+        let believed = self.tracks.believed((observation.id.index(), slot), tick);
         let tolerance = self.tracks.tolerance_of(slot);
-        let age = tick.since(slot.track.origin)?;
-        let moves = slot.track.predictor != Predictor::Rest;
-        let orphaned = slot.track.carrier.is_some() && self.tracks.carrier(&slot.track).is_none();
+        let age = tick.since(track.origin)?;
+        let moves = track.predictor != Predictor::Rest;
+        let orphaned = track.carrier.is_some() && self.tracks.carrier(&track).is_none();
         let expired = (age >= HORIZON && moves) || orphaned || !self.features.gate;
         let used = share(
             &truth.pose(),

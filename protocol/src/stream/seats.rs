@@ -1,6 +1,6 @@
 //! Which body sits where: small numbers for those that are much spoken of.
 //!
-//! Both ends hold this type. The publisher decides, and says each seating; a listener that missed one finds the seat
+//! Both ends keep seatings. The publisher decides, and says each seating; a listener that missed one finds the seat
 //! empty or its body's track of another age, and never takes one body for another (PROTOCOL 6.13).
 
 use alloc::collections::BinaryHeap;
@@ -10,59 +10,22 @@ use core::num::NonZeroU32;
 
 use rhumb_reckoning::Tick;
 
-use super::tracks::grow_to;
+use super::room::grow_to;
 
-/// One seat.
-#[derive(Clone, Copy, Debug)]
-struct Seat {
-    /// One more than the body's index.
-    body: Option<NonZeroU32>,
-    /// The low bits of the tick at which it was last spoken of.
-    spoken: u32,
-    /// When this was said, in two words: a tick in one would make room for nothing beside it.
-    since: [u32; 2],
-}
-
-impl Seat {
-    const EMPTY: Self = Self {
-        body: None,
-        spoken: 0,
-        since: [0; 2],
-    };
-
-    const fn since(&self) -> Tick {
-        let [low, high] = self.since;
-        Tick::new(low as u64 | (high as u64) << 32)
-    }
-
-    fn body(&self) -> Option<u32> {
-        Some(self.body?.get() - 1)
-    }
-
-    /// For how many ticks the body was not spoken of.
-    const fn silent(&self, tick: Tick) -> u32 {
-        (tick.value() as u32).wrapping_sub(self.spoken)
-    }
-}
-
-/// Bodies by seat and seats by body.
+/// Who sits where, and of each seat something more.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Seats {
-    seats: Vec<Seat>,
+pub(crate) struct Seating<T> {
+    /// By seat, one more than the index of its body.
+    seats: Vec<(Option<NonZeroU32>, T)>,
     /// By index, one more than the seat; 0 for none.
     of_body: Vec<u32>,
 }
 
-impl Seats {
+impl<T: Clone + Default> Seating<T> {
     /// The body in a seat.
     pub(crate) fn body(&self, seat: u32) -> Option<u32> {
-        self.seats.get(seat as usize)?.body()
-    }
-
-    /// The body that sat in a seat at a tick, if nobody took it later.
-    pub(crate) fn body_at(&self, seat: u32, tick: Tick) -> Option<u32> {
-        let seat = self.seats.get(seat as usize)?;
-        seat.body().filter(|_| seat.since() <= tick)
+        let (body, _) = self.seats.get(seat as usize)?;
+        Some((*body)?.get() - 1)
     }
 
     /// The seat of a body.
@@ -70,23 +33,16 @@ impl Seats {
         self.of_body.get(body as usize)?.checked_sub(1)
     }
 
-    /// A body takes a seat; who sat there stands. What was said later of either stays.
-    pub(crate) fn take(&mut self, seat: u32, body: u32, tick: Tick) {
-        self.reach(seat, body);
+    /// A body takes a seat; who sat there stands.
+    fn put(&mut self, seat: u32, body: u32, more: T) {
         let place = seat as usize;
-        let since = |seat: u32| self.seats[seat as usize].since();
-        if since(seat) > tick || self.of(body).is_some_and(|other| since(other) > tick) {
-            return;
-        }
+        grow_to(&mut self.seats, place + 1, || (None, T::default()));
+        grow_to(&mut self.of_body, body as usize + 1, || 0);
         self.leave(body);
-        if let Some(before) = self.seats[place].body() {
+        if let Some(before) = self.body(seat) {
             self.of_body[before as usize] = 0;
         }
-        self.seats[place] = Seat {
-            body: NonZeroU32::new(body + 1),
-            spoken: tick.value() as u32,
-            since: [tick.value() as u32, (tick.value() >> 32) as u32],
-        };
+        self.seats[place] = (NonZeroU32::new(body + 1), more);
         self.of_body[body as usize] = seat + 1;
     }
 
@@ -94,35 +50,70 @@ impl Seats {
     pub(crate) fn leave(&mut self, body: u32) -> Option<u32> {
         let seat = self.of(body)?;
         self.of_body[body as usize] = 0;
-        self.seats[seat as usize].body = None;
+        self.seats[seat as usize].0 = None;
         Some(seat)
+    }
+}
+
+/// A tick in two words: in one it would make room for nothing beside it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Since([u32; 2]);
+
+impl Since {
+    const fn of(tick: Tick) -> Self {
+        Self([tick.value() as u32, (tick.value() >> 32) as u32])
+    }
+
+    const fn tick(self) -> Tick {
+        let Self([low, high]) = self;
+        Tick::new(low as u64 | (high as u64) << 32)
+    }
+}
+
+/// The seats as a listener knows them: with when each was said.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Seats(Seating<Since>);
+
+impl Seats {
+    /// The body that sat in a seat at a tick, if nobody took it later.
+    pub(crate) fn body_at(&self, seat: u32, tick: Tick) -> Option<u32> {
+        self.0.body(seat).filter(|_| self.since(seat) <= tick)
+    }
+
+    /// A body takes a seat; who sat there stands. What was said later of either stays.
+    pub(crate) fn take(&mut self, seat: u32, body: u32, tick: Tick) {
+        let later = |seat: u32| self.since(seat) > tick;
+        if !later(seat) && !self.0.of(body).is_some_and(later) {
+            self.0.put(seat, body, Since::of(tick));
+        }
+    }
+
+    /// A body leaves its seat, if it has one.
+    pub(crate) fn leave(&mut self, body: u32) {
+        self.0.leave(body);
     }
 
     /// A body had no seat at a tick; one that it took later stays.
     pub(crate) fn leave_by(&mut self, body: u32, tick: Tick) {
-        let seat = self.of(body).and_then(|seat| self.seats.get(seat as usize));
-        if seat.is_some_and(|seat| seat.since() <= tick) {
-            self.leave(body);
+        if let Some(seat) = self.0.of(body)
+            && self.since(seat) <= tick
+        {
+            self.0.leave(body);
         }
     }
 
-    /// Notes that the body of a seat was spoken of.
-    pub(crate) fn speak(&mut self, seat: u32, tick: Tick) {
-        if let Some(seat) = self.seats.get_mut(seat as usize) {
-            seat.spoken = tick.value() as u32;
-        }
-    }
-
-    fn reach(&mut self, seat: u32, body: u32) {
-        grow_to(&mut self.seats, seat as usize + 1, || Seat::EMPTY);
-        grow_to(&mut self.of_body, body as usize + 1, || 0);
+    /// When a seat was taken last.
+    fn since(&self, seat: u32) -> Tick {
+        let seat = self.0.seats.get(seat as usize);
+        seat.map_or(Tick::ZERO, |(_, since)| since.tick())
     }
 }
 
 /// Gives seats out: the lowest that is free.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Usher {
-    seats: Seats,
+    /// With the low bits of the tick at which its body was last spoken of.
+    seats: Seating<u32>,
     free: BinaryHeap<Reverse<u32>>,
     /// Left since the last sweep: not given out before the next, so that no two bodies sit there in one tick.
     left: Vec<u32>,
@@ -136,14 +127,14 @@ const SILENT_TICKS: u64 = 60;
 
 impl Usher {
     /// The seats as they are.
-    pub(crate) const fn seats(&self) -> &Seats {
+    pub(crate) const fn seats(&self) -> &Seating<u32> {
         &self.seats
     }
 
     /// The seat of a body that is spoken of, and whether it takes it now.
     pub(crate) fn seat(&mut self, body: u32, tick: Tick) -> (u32, bool) {
         if let Some(seat) = self.seats.of(body) {
-            self.seats.speak(seat, tick);
+            self.seats.seats[seat as usize].1 = tick.value() as u32;
             return (seat, false);
         }
         let seat = self.free.pop().map_or_else(
@@ -153,7 +144,7 @@ impl Usher {
             },
             |Reverse(seat)| seat,
         );
-        self.seats.take(seat, body, tick);
+        self.seats.put(seat, body, tick.value() as u32);
         (seat, true)
     }
 
@@ -175,9 +166,10 @@ impl Usher {
 
     fn leave_the_silent(&mut self, tick: Tick) {
         for seat in 0..self.end {
-            let seat = &self.seats.seats[seat as usize];
-            if let Some(body) = seat.body()
-                && u64::from(seat.silent(tick)) >= SILENT_TICKS
+            let (_, spoken) = self.seats.seats[seat as usize];
+            let silent = (tick.value() as u32).wrapping_sub(spoken);
+            if let Some(body) = self.seats.body(seat)
+                && u64::from(silent) >= SILENT_TICKS
             {
                 self.leave(body);
             }
@@ -212,12 +204,12 @@ mod tests {
         seats.take(4, 9, Tick::new(10));
         seats.take(4, 7, Tick::new(8));
         assert_eq!(
-            (seats.body(4), seats.of(9), seats.of(7)),
+            (seats.0.body(4), seats.0.of(9), seats.0.of(7)),
             (Some(9), Some(4), None)
         );
         seats.take(2, 9, Tick::new(11));
-        assert_eq!((seats.body(4), seats.body(2)), (None, Some(9)));
+        assert_eq!((seats.0.body(4), seats.0.body(2)), (None, Some(9)));
         seats.take(2, 7, Tick::new(12));
-        assert_eq!((seats.of(9), seats.of(7)), (None, Some(2)));
+        assert_eq!((seats.0.of(9), seats.0.of(7)), (None, Some(2)));
     }
 }

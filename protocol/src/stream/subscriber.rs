@@ -12,17 +12,19 @@ use alloc::vec::Vec;
 use core::num::NonZeroU32;
 
 use glam::Vec3;
-use rhumb_reckoning::{BodyId, Metres, Motion, Tick, Tolerance, Track, carried};
+use rhumb_reckoning::{BodyId, DenseTrack, Metres, Motion, Tick, Tolerance, Track, carried};
 
+use super::before::Before;
 use super::bound::Bound;
 use super::doubt::Doubts;
 use super::gaps::Gaps;
 use super::restorer::Restorer;
+use super::room::{grow_to, push};
 use super::seats::Seats;
 use super::start::StreamStart;
 use super::statements::Statements;
 use super::statistics::SubscriberStatistics;
-use super::tracks::{Manner, Tracks, grow_to};
+use super::tracks::{Manner, Slot, Tracks};
 use crate::limits::INDICES_MAX;
 use crate::packet::{Doubt, Echo, Head, Low16, StreamId, Update};
 use crate::wire::Wire;
@@ -38,10 +40,10 @@ pub struct Subscriber {
     every: NonZeroU32,
     /// The number of the first packet.
     first: u64,
-    /// By index, the track before the present one, where nothing was said between the two.
-    before: Vec<Option<Track>>,
+    /// The tracks before the present ones, where nothing was said between the two.
+    before: Before,
     /// The tracks before these, while packets are missing: each with its body's index.
-    older: Vec<(u32, Track)>,
+    older: Vec<(u32, DenseTrack)>,
     /// The newest origin of a track before which too little of its body was heard.
     known_from: Tick,
     gaps: Gaps,
@@ -90,7 +92,7 @@ impl Subscriber {
             start: start.tick,
             every: start.every,
             first: start.next,
-            before: Vec::new(),
+            before: Before::default(),
             older: Vec::new(),
             known_from: Tick::ZERO,
             gaps: Gaps::new(start.next),
@@ -234,9 +236,16 @@ impl Subscriber {
 
     /// A body's track.
     #[must_use]
-    pub fn track(&self, id: BodyId) -> Option<&Track> {
+    pub fn track(&self, id: BodyId) -> Option<Track> {
         let slot = self.tracks.slot(id.index())?;
-        (slot.id(id.index()) == id).then_some(&slot.track)
+        (slot.id(id.index()) == id).then(|| slot.track())
+    }
+
+    /// Whether a body was said to lie still in the world: see [`Track::is_resting`].
+    #[must_use]
+    pub fn is_resting(&self, id: BodyId) -> Option<bool> {
+        let slot = self.tracks.slot(id.index())?;
+        (slot.id(id.index()) == id).then(|| slot.dense().is_resting())
     }
 
     /// What is believed of a body at a tick: by its track, or before that one's origin by the track before.
@@ -246,17 +255,16 @@ impl Subscriber {
         if slot.id(id.index()) != id {
             return None;
         }
-        let track = self
-            .track_at(id.index(), &slot.track, tick)
-            .unwrap_or(&slot.track);
-        let motion = self.tracks.framed(slot, track, tick);
-        let Some((index, carrier)) = self.tracks.carrier(track) else {
+        let present = slot.track();
+        let track = self.track_at(id.index(), &present, tick);
+        let track = track.unwrap_or(present);
+        let motion = self.tracks.framed((id.index(), slot), &track, tick);
+        let Some((index, carrier)) = self.tracks.carrier(&track) else {
             return Some(motion);
         };
-        let held_by = self
-            .track_at(index, &carrier.track, tick)
-            .unwrap_or(&carrier.track);
-        let by = self.tracks.framed(carrier, held_by, tick);
+        let present = carrier.track();
+        let held_by = self.track_at(index, &present, tick).unwrap_or(present);
+        let by = self.tracks.framed((index, carrier), &held_by, tick);
         Some(carried(&by, &motion.pose()))
     }
 
@@ -267,11 +275,11 @@ impl Subscriber {
     }
 
     /// Which of a body's last two tracks held at a tick, as far as is known.
-    fn track_at<'a>(&'a self, index: u32, track: &'a Track, tick: Tick) -> Option<&'a Track> {
+    fn track_at(&self, index: u32, track: &Track, tick: Tick) -> Option<Track> {
         if track.origin <= tick {
-            return Some(track);
+            return Some(*track);
         }
-        let before = self.before.get(index as usize)?.as_ref();
+        let before = self.before.get(index);
         before.filter(|before| before.origin <= tick)
     }
 
@@ -291,16 +299,16 @@ impl Subscriber {
         let doubted = self.gaps.doubted_before();
         let in_doubt = |track: &Track| doubted.is_some_and(|before| track.origin < before);
         let sure = |index: u32, track: &Track| {
-            let held = self.track_at(index, track, tick).copied();
+            let held = self.track_at(index, track, tick);
             held.filter(|held| !in_doubt(held))
         };
-        let known = sure(id.index(), track).is_some_and(|then| match then.carrier {
+        let known = sure(id.index(), &track).is_some_and(|then| match then.carrier {
             None => true,
             // What is held is known as well as its holder.
             Some(_) => self
                 .tracks
                 .carrier(&then)
-                .is_some_and(|(index, carrier)| sure(index, &carrier.track).is_some()),
+                .is_some_and(|(index, carrier)| sure(index, &carrier.track()).is_some()),
         });
         if tick > self.vouched || !self.is_spoken_of(tick) || self.lost_touch || !known {
             return Some(Bound::Unknown { since });
@@ -332,7 +340,12 @@ impl Subscriber {
         for index in &self.changed {
             self.marked[*index as usize] = false;
         }
-        out.append(&mut self.changed);
+        if out.is_empty() {
+            // What was asked for last has the room that the next changes need.
+            core::mem::swap(out, &mut self.changed);
+        } else {
+            out.append(&mut self.changed);
+        }
     }
 
     /// Counts an index as changed.
@@ -340,7 +353,7 @@ impl Subscriber {
         let place = index as usize;
         grow_to(&mut self.marked, place + 1, || false);
         if !core::mem::replace(&mut self.marked[place], true) {
-            self.changed.push(index);
+            push(&mut self.changed, index);
         }
     }
 
@@ -348,8 +361,7 @@ impl Subscriber {
     fn touch_held(&mut self) {
         let mut held = core::mem::take(&mut self.held_indices);
         held.retain(|index| {
-            let track = self.tracks.slot(*index).map(|slot| slot.track);
-            let Some(carrier) = track.and_then(|track| track.carrier) else {
+            let Some(carrier) = self.tracks.slot(*index).and_then(Slot::carrier) else {
                 return false;
             };
             let moved = self.marked.get(carrier.index() as usize);
@@ -378,7 +390,7 @@ impl Subscriber {
                 self.held_indices.push(id.index());
             }
             self.touch(id.index());
-            self.remember(id.index(), None);
+            self.before.forget(id.index());
         }
         placed
     }
@@ -446,10 +458,13 @@ impl Subscriber {
         }
     }
 
-    fn remember(&mut self, index: u32, before: Option<Track>) {
-        let index = index as usize;
-        grow_to(&mut self.before, index + 1, || None);
-        self.before[index] = before;
+    /// Nobody asks any more what was believed at a tick before this one: tracks that bodies left by then, as far as
+    /// everything was heard, are kept no longer. A [`bound`](Self::bound_at) at such a tick may be unknown from now on.
+    pub fn forget_before(&mut self, tick: Tick) {
+        let end = tick.min(self.settled_at);
+        let tracks = &self.tracks;
+        self.before
+            .retain(|index| tracks.slot(index).is_some_and(|slot| slot.origin() > end));
     }
 
     /// What the publisher is to be asked, because a sum over tracks is another here.

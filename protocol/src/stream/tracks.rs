@@ -2,28 +2,30 @@
 //!
 //! One belief, two homes: both ends hold this type and change it by the same calls, so that they stay equal to the bit.
 
+mod cursors;
 mod hearing;
+mod slot;
 
 use alloc::vec::Vec;
-use core::cell::Cell;
-use core::fmt;
 use core::num::NonZeroU32;
 
 use glam::{DVec3, Vec3};
 use rhumb_reckoning::{
-    BodyId, Case, Class, Conditions, Cursor, Damping, FlowTable, Gate, Grid, HORIZON, Inertia,
-    Integrator, Metres, Motion, Predictor, Quartet, Tick, Ticks, Tolerance, Track, Verbatim,
-    carried,
+    BodyId, Case, Class, Conditions, Damping, FlowTable, Gate, Grid, HORIZON, Inertia, Integrator,
+    Metres, Motion, Predictor, Quartet, Tick, Ticks, Tolerance, Track, Verbatim, carried,
 };
 
 use super::agreement::Agreement;
 use super::field::Field;
 use super::natures::{Nature, Natures};
+use super::room::grow_to;
 use crate::limits::{DAMPINGS_MAX, INDICES_MAX};
 use crate::packet::Age;
 use crate::scene::{BodyKind, BodyTerms, Shape};
 
+use cursors::Cursors;
 pub(crate) use hearing::{Former, Unreadable};
+pub(crate) use slot::Slot;
 
 /// What a predictor needs to know of a body, told once with it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,50 +75,6 @@ impl Manner {
     }
 }
 
-/// One body's place in the table.
-pub(crate) struct Slot {
-    pub(crate) track: Track,
-    /// How far its tumbling was computed.
-    cursor: Cell<Cursor>,
-    /// Its kind, of those of the table.
-    nature: u32,
-    generation: u16,
-    tumbles: bool,
-}
-
-impl Clone for Slot {
-    fn clone(&self) -> Self {
-        Self {
-            track: self.track,
-            // A cursor changes what an answer costs, never its bits.
-            cursor: Cell::default(),
-            nature: self.nature,
-            generation: self.generation,
-            tumbles: self.tumbles,
-        }
-    }
-}
-
-impl fmt::Debug for Slot {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Slot")
-            .field("track", &self.track)
-            .field("generation", &self.generation)
-            .finish_non_exhaustive()
-    }
-}
-
-impl Slot {
-    pub(crate) const fn id(&self, index: u32) -> BodyId {
-        BodyId::new(index, self.generation)
-    }
-
-    /// Whether it turns otherwise than at a constant spin when it is free.
-    pub(crate) const fn tumbles(&self) -> bool {
-        self.tumbles
-    }
-}
-
 /// The tracks of one stream's bodies, by index.
 #[derive(Clone, Debug)]
 pub(crate) struct Tracks {
@@ -128,6 +86,8 @@ pub(crate) struct Tracks {
     flows: Vec<(Damping, FlowTable)>,
     natures: Natures,
     slots: Vec<Option<Slot>>,
+    /// How far tumblings were computed, by index, as far as any body tumbles.
+    cursors: Cursors,
     agreement: Agreement,
 }
 
@@ -146,6 +106,7 @@ impl Tracks {
             flows: Vec::new(),
             natures: Natures::default(),
             slots: Vec::new(),
+            cursors: Cursors::default(),
             agreement: Agreement::default(),
         }
     }
@@ -189,14 +150,11 @@ impl Tracks {
             class: manner.class,
             grid: Grid::new(self.tolerance.of_class(manner.class), manner.radius),
         });
-        let slot = Slot {
-            track,
-            cursor: Cell::default(),
-            nature,
-            generation: id.generation(),
-            tumbles: manner.inertia.is_some(),
-        };
-        self.agreement.add(id.index(), &slot);
+        let slot = Slot::new(id, &track, nature, manner.inertia.is_some());
+        if manner.inertia.is_some() {
+            self.cursors.reach(id.index());
+        }
+        self.agreement.add(id, &track);
         if let Some(gone) = self.slots[index].replace(slot) {
             self.let_go(id.index(), &gone);
         }
@@ -205,7 +163,7 @@ impl Tracks {
 
     /// A body is no longer in its place.
     fn let_go(&mut self, index: u32, gone: &Slot) {
-        self.agreement.take(index, gone);
+        self.agreement.take(gone.id(index), &gone.track());
         self.natures.leave(gone.nature);
     }
 
@@ -230,9 +188,7 @@ impl Tracks {
         let Some(place) = self.slots.get_mut(id.index() as usize) else {
             return false;
         };
-        let found = place
-            .as_ref()
-            .is_some_and(|slot| slot.generation == id.generation());
+        let found = place.as_ref().is_some_and(|slot| slot.id(id.index()) == id);
         if let Some(gone) = place.take_if(|_| found) {
             self.let_go(id.index(), &gone);
         }
@@ -257,9 +213,10 @@ impl Tracks {
         let Some(Some(slot)) = self.slots.get_mut(index as usize) else {
             return false;
         };
-        self.agreement.take(index, slot);
-        slot.track = track;
-        self.agreement.add(index, slot);
+        let id = slot.id(index);
+        self.agreement.take(id, &slot.track());
+        slot.set_track(&track);
+        self.agreement.add(id, &track);
         true
     }
 
@@ -274,7 +231,7 @@ impl Tracks {
         let end = range.end.min(self.slots.len());
         for index in range.start.min(end)..end {
             if let Some(slot) = &self.slots[index] {
-                sum.add(index as u32, slot);
+                sum.add(slot.id(index as u32), &slot.track());
             }
         }
         sum
@@ -315,11 +272,12 @@ impl Tracks {
     }
 
     /// What is believed of a body in the world at a tick.
-    pub(crate) fn believed(&self, slot: &Slot, tick: Tick) -> Motion {
-        let motion = self.framed(slot, &slot.track, tick);
-        match self.carrier(&slot.track) {
-            Some((_, carrier)) => {
-                let carrier = self.framed(carrier, &carrier.track, tick);
+    pub(crate) fn believed(&self, body: (u32, &Slot), tick: Tick) -> Motion {
+        let track = body.1.track();
+        let motion = self.framed(body, &track, tick);
+        match self.carrier(&track) {
+            Some((index, carrier)) => {
+                let carrier = self.framed((index, carrier), &carrier.track(), tick);
                 carried(&carrier, &motion.pose())
             }
             None => motion,
@@ -330,19 +288,19 @@ impl Tracks {
     pub(crate) fn carrier(&self, track: &Track) -> Option<(u32, &Slot)> {
         let id = track.carrier?;
         let slot = self.slot(id.index())?;
-        (slot.generation == id.generation()).then_some((id.index(), slot))
+        (slot.id(id.index()) == id).then_some((id.index(), slot))
     }
 
     /// What a track of a body, this one or one that it had, says of a tick in its own frame.
-    pub(crate) fn framed(&self, slot: &Slot, track: &Track, tick: Tick) -> Motion {
+    pub(crate) fn framed(&self, (index, slot): (u32, &Slot), track: &Track, tick: Tick) -> Motion {
         self.with_conditions(slot, track.predictor, track.origin, |conditions| {
+            let grid = &self.natures.get(slot.nature).grid;
             if !track.predictor.tumbles() {
-                return track.at(tick, &self.grid(slot), conditions);
+                return track.at(tick, grid, conditions);
             }
-            let mut cursor = slot.cursor.take();
-            let motion = track.at_with(tick, &self.grid(slot), conditions, &mut cursor);
-            slot.cursor.set(cursor);
-            motion
+            self.cursors.with(index, |cursor| {
+                track.at_with(tick, grid, conditions, cursor)
+            })
         })
     }
 
@@ -424,13 +382,13 @@ impl Tracks {
         gate: &mut Gate,
         doubtful: &mut Vec<u32>,
     ) {
-        let track = &slot.track;
         let (place, truth) = seen;
         // A gate is of one tolerance.
         if self.natures.get(slot.nature).class != Class::USUAL {
             return doubtful.push(place);
         }
-        self.with_conditions(slot, track.predictor, track.origin, |conditions| {
+        let track = slot.dense();
+        self.with_conditions(slot, track.predictor(), track.origin(), |conditions| {
             let case = Case {
                 truth,
                 track,
@@ -446,22 +404,11 @@ impl Tracks {
     /// Has a quartet predict a body's own track, if it takes such tracks.
     #[must_use]
     pub(crate) fn take(&self, quartet: &mut Quartet, key: u32, slot: &Slot, tick: Tick) -> bool {
-        let track = &slot.track;
+        let track = slot.dense();
         let grid = &self.natures.get(slot.nature).grid;
-        self.with_conditions(slot, track.predictor, track.origin, |conditions| {
+        self.with_conditions(slot, track.predictor(), track.origin(), |conditions| {
             quartet.take(key, track, tick, grid, conditions)
         })
-    }
-}
-
-/// Makes a table at least so long. Its room grows by a thirty-second, so that it is little more than what is in it.
-pub(crate) fn grow_to<T>(table: &mut Vec<T>, len: usize, fill: impl FnMut() -> T) {
-    if len > table.capacity() {
-        let room = len.max(table.len() + table.len() / 32);
-        table.reserve_exact(room - table.len());
-    }
-    if len > table.len() {
-        table.resize_with(len, fill);
     }
 }
 
@@ -469,11 +416,6 @@ pub(crate) fn grow_to<T>(table: &mut Vec<T>, len: usize, fill: impl FnMut() -> T
 mod tests {
     use super::*;
     use crate::scene::ShapeId;
-
-    #[test]
-    fn a_place_in_the_table_stays_small() {
-        assert!(size_of::<Option<Slot>>() <= 96, "{}", size_of::<Slot>());
-    }
 
     #[test]
     fn what_listeners_are_not_told_of_is_not_predicted_with() {
@@ -489,16 +431,6 @@ mod tests {
             };
             let manner = Manner::of(&terms, &shape, Damping::default(), Some(inertia));
             assert_eq!(manner.inertia.is_some(), terms.can_tumble());
-        }
-    }
-
-    #[test]
-    fn a_table_has_little_more_room_than_it_needs() {
-        let mut table = Vec::new();
-        for len in 1..5_000 {
-            grow_to(&mut table, len, || 0_u8);
-            assert_eq!(table.len(), len);
-            assert!(table.capacity() <= len + len / 32 + 1);
         }
     }
 }

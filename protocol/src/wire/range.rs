@@ -132,7 +132,7 @@ fn shortest_tail(low: i64, range: u32) -> i64 {
 /// The symbol that covers a part, of an alphabet whose symbols begin at `starts`: the last that does not begin after it.
 ///
 /// Counted over all of them: a loop that ended at the symbol would cost a mispredicted branch each time.
-pub(crate) fn symbol_at<const N: usize>(starts: &[u16; N], part: u32) -> usize {
+fn symbol_at<const N: usize>(starts: &[u16; N], part: u32) -> usize {
     // Both below 2¹³, so that lanes may compare them as signed.
     let part = part as i16;
     let begun = starts[1..N - 1]
@@ -147,8 +147,6 @@ pub(crate) struct RangeReader<'a> {
     bytes: &'a [u8],
     /// How many were taken, those beyond the end included: zeros stand there.
     taken: usize,
-    /// The last four bytes that were taken.
-    window: u32,
     /// What was read, from the low end of the range on.
     offset: u32,
     range: u32,
@@ -158,47 +156,65 @@ impl<'a> RangeReader<'a> {
     pub(crate) fn new(bytes: &'a [u8]) -> Self {
         let mut reader = Self {
             bytes,
-            taken: 0,
-            window: 0,
+            taken: 4,
             offset: 0,
             range: u32::MAX,
         };
-        for _ in 0..4 {
-            reader.take();
-        }
+        reader.offset = reader.four_at(0);
         reader
     }
 
-    fn take(&mut self) {
-        let byte = self.bytes.get(self.taken).copied().unwrap_or_default();
-        self.taken += 1;
-        self.window = (self.window << 8) | u32::from(byte);
-        self.offset = (self.offset << 8) | u32::from(byte);
+    /// The four bytes from a place on, zeros beyond the end.
+    #[inline]
+    fn four_at(&self, place: usize) -> u32 {
+        match self.bytes.get(place..).and_then(<[u8]>::first_chunk) {
+            Some(four) => u32::from_be_bytes(*four),
+            None => self.last_at(place),
+        }
     }
 
-    /// Which of 2^`bits` parts comes next; [`Self::symbol`] then says which symbol that was.
-    pub(crate) fn part(&self, bits: u32) -> Result<u32, Malformed> {
-        let part = self.offset / (self.range >> bits);
+    /// The same where the end comes sooner.
+    #[cold]
+    fn last_at(&self, place: usize) -> u32 {
+        let byte = |place: usize| self.bytes.get(place).copied().unwrap_or_default();
+        u32::from_be_bytes([0, 1, 2, 3].map(|more| byte(place + more)))
+    }
+
+    /// The next of the symbols whose parts begin at `starts`.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed::NotCanonical`] for what no symbol is put into.
+    #[inline]
+    pub(crate) fn symbol<const N: usize>(&mut self, starts: &[u16; N]) -> Result<usize, Malformed> {
+        let unit = self.range >> TOTAL_BITS;
+        let part = self.offset / unit;
         // Division leaves a rest at the upper end that nothing is ever put into.
-        if part >> bits != 0 {
+        if part >> TOTAL_BITS != 0 {
             return Err(Malformed::NotCanonical);
         }
-        Ok(part)
-    }
-
-    /// Takes the symbol that covers these parts, the one of [`Self::part`] among them.
-    pub(crate) fn symbol(&mut self, start: u32, size: u32, bits: u32) {
-        let part = self.range >> bits;
-        self.offset -= part * start;
-        self.range = part * size;
+        let symbol = symbol_at(starts, part);
+        let (start, end) = (u32::from(starts[symbol]), u32::from(starts[symbol + 1]));
+        self.offset -= unit * start;
+        self.range = unit * (end - start);
         self.fill();
+        Ok(symbol)
     }
 
+    /// Takes as many bytes as bring the range up to [`RANGE_LEAST`] again.
+    ///
+    /// All at once: a loop would cost a mispredicted branch more now and then.
+    #[inline]
     fn fill(&mut self) {
-        while self.range < RANGE_LEAST {
-            self.range <<= 8;
-            self.take();
+        if self.range >= RANGE_LEAST {
+            return;
         }
+        let bytes = self.range.leading_zeros() / 8;
+        let next = self.four_at(self.taken);
+        let both = (u64::from(self.offset) << 32 | u64::from(next)) << (8 * bytes);
+        self.offset = (both >> 32) as u32;
+        self.range <<= 8 * bytes;
+        self.taken += bytes as usize;
     }
 
     /// The next `count` raw bits; `count` is at most 32.
@@ -222,7 +238,7 @@ impl<'a> RangeReader<'a> {
     pub(crate) fn bit(&mut self) -> Result<bool, Malformed> {
         let part = self.range >> 1;
         let set = self.offset >= part;
-        let offset = if set { self.offset - part } else { self.offset };
+        let offset = self.offset - part * u32::from(set);
         if offset >= part {
             return Err(Malformed::NotCanonical);
         }
@@ -232,8 +248,14 @@ impl<'a> RangeReader<'a> {
     }
 
     fn step(&mut self, bits: u32) -> Result<u32, Malformed> {
-        let value = self.part(bits)?;
-        self.symbol(value, 1, bits);
+        let unit = self.range >> bits;
+        let value = self.offset / unit;
+        if value >> bits != 0 {
+            return Err(Malformed::NotCanonical);
+        }
+        self.offset -= unit * value;
+        self.range = unit;
+        self.fill();
         Ok(value)
     }
 
@@ -249,9 +271,10 @@ impl<'a> RangeReader<'a> {
         if self.offset >= self.range {
             return Err(Malformed::NotCanonical);
         }
-        let low = i64::from(self.window) - i64::from(self.offset);
+        let window = i64::from(self.four_at(self.taken - 4));
+        let low = window - i64::from(self.offset);
         let ends_in_zero = self.bytes.last() == Some(&0);
-        if ends_in_zero || shortest_tail(low, self.range) != i64::from(self.window) {
+        if ends_in_zero || shortest_tail(low, self.range) != window {
             return Err(Malformed::NotCanonical);
         }
         Ok(())
@@ -270,7 +293,7 @@ mod tests {
         Raw(u32, u32),
     }
 
-    const STARTS: [u32; 6] = [0, 3_000, 3_900, 4_094, 4_095, 4_096];
+    const STARTS: [u16; 6] = [0, 3_000, 3_900, 4_094, 4_095, 4_096];
 
     fn said() -> impl Strategy<Value = Said> {
         prop_oneof![
@@ -292,7 +315,8 @@ mod tests {
         for said in all {
             match *said {
                 Said::Symbol(s) => {
-                    writer.symbol(STARTS[s], STARTS[s + 1] - STARTS[s], TOTAL_BITS);
+                    let (start, end) = (u32::from(STARTS[s]), u32::from(STARTS[s + 1]));
+                    writer.symbol(start, end - start, TOTAL_BITS);
                 }
                 Said::Raw(value, count) => writer.raw(value, count),
             }
@@ -306,12 +330,7 @@ mod tests {
         let mut all = Vec::new();
         for said in like {
             all.push(match *said {
-                Said::Symbol(_) => {
-                    let part = reader.part(TOTAL_BITS)?;
-                    let s = STARTS.iter().rposition(|start| *start <= part).unwrap();
-                    reader.symbol(STARTS[s], STARTS[s + 1] - STARTS[s], TOTAL_BITS);
-                    Said::Symbol(s)
-                }
+                Said::Symbol(_) => Said::Symbol(reader.symbol(&STARTS)?),
                 Said::Raw(_, count) => Said::Raw(reader.raw(count)?, count),
             });
         }

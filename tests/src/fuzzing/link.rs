@@ -230,7 +230,7 @@ impl Link {
                 continue;
             };
             if current {
-                assert_eq!(subscriber.track(id), Some(&track), "{id} at {vouched}");
+                assert_eq!(subscriber.track(id), Some(track), "{id} at {vouched}");
             }
             // A body that came after that tick has no truth there.
             let Some(truth) = self.source.truth(id, vouched) else {

@@ -149,7 +149,7 @@ impl Twins {
         }
         assert_eq!(self.lossy.agreement(), self.whole.agreement());
         for (id, track) in self.source.publisher.tracks() {
-            assert_eq!(self.lossy.track(id), Some(&track));
+            assert_eq!(self.lossy.track(id), Some(track));
         }
     }
 }

@@ -8,8 +8,8 @@ use std::num::NonZeroU32;
 
 use glam::{DQuat, DVec3};
 use rhumb_reckoning::{
-    Anchor, Case, Conditions, Cursor, Damping, Divergence, FINE_STEPS, FlowTable, Gate, Grid,
-    HORIZON, Inertia, Integrator, LengthBound, Metres, Motion, POSITION_LIMIT, Quartet,
+    Anchor, Case, Conditions, Cursor, Damping, DenseTrack, Divergence, FINE_STEPS, FlowTable, Gate,
+    Grid, HORIZON, Inertia, Integrator, LengthBound, Metres, Motion, POSITION_LIMIT, Quartet,
     RESIDUAL_LIMIT, Radians, Rate, Residual, Seconds, Settling, Snapped, TURN_LIMIT, Tick, Ticks,
     Tolerance, Track, VELOCITY_LIMIT, Verbatim,
 };
@@ -68,7 +68,7 @@ fn flow(script: &mut Script<'_>) -> (Integrator, FlowTable) {
 
 fn track(script: &mut Script<'_>) -> Track {
     let predictor = law(script);
-    let anchor = if script.any() {
+    let anchor = if script.any() || predictor.push().is_some() {
         Anchor::Snapped(snapped(script))
     } else {
         Anchor::Verbatim(verbatim(script))
@@ -112,14 +112,14 @@ pub fn gate(data: &[u8]) {
         let mut cursor = Cursor::default();
         let by_cursor = track.at_with(tick, &grid, &conditions, &mut cursor);
         assert_eq!(bits(&by_cursor), bits(&believed), "a cursor changes no bit");
-        if quartet.take(place, &track, tick, &grid, &conditions) {
+        if quartet.take(place, &DenseTrack::new(&track), tick, &grid, &conditions) {
             predicted.push((place, believed));
         }
         let truth = beside(&mut script, &believed, tolerance.reach(radius));
         let apart = Divergence::between(&truth.motion().pose(), &believed.pose());
         let case = Case {
             truth: &truth,
-            track: &track,
+            track: &DenseTrack::new(&track),
             tick,
             grid: &grid,
             radius,

@@ -68,7 +68,7 @@ pub(super) fn law(script: &mut Script<'_>) -> Predictor {
 /// A whole track.
 pub(super) fn whole(script: &mut Script<'_>) -> TrackSaying {
     let predictor = law(script);
-    let exact = script.any::<bool>();
+    let exact = script.any::<bool>() && predictor.push().is_none();
     let moving = predictor != Predictor::Rest;
     let anchor = match (exact, moving) {
         (true, true) => Anchor::Verbatim(verbatim(script)),

@@ -26,8 +26,8 @@ impl Chooser<'_> {
         if !self.features.pushed || !spins {
             return laws;
         }
-        let now = &subject.slot.track.predictor;
-        laws[0] = now.push().map(|_| *now);
+        let now = subject.slot.dense().predictor();
+        laws[0] = now.push().map(|_| now);
         let Some(push) = self.push(subject) else {
             return laws;
         };

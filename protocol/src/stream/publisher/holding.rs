@@ -37,7 +37,7 @@ impl Publisher {
         let slot = self.tracks.slot(observation.id.index())?;
         let position = |place: &usize| Vec3::from_array(observations[*place].motion.position());
         let here = Vec3::from_array(observation.motion.position());
-        if let Some(carrier) = slot.track.carrier {
+        if let Some(carrier) = slot.carrier() {
             return holders
                 .iter()
                 .copied()

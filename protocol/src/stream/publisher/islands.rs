@@ -78,12 +78,20 @@ impl Publisher {
         if updates.len() <= TOGETHER_MOST {
             let mut balls = Vec::with_capacity(updates.len());
             for (place, update) in updates.iter().enumerate() {
-                let Some(slot) = index(update).and_then(|index| self.tracks.slot(index)) else {
+                let Some(index) = index(update) else {
+                    continue;
+                };
+                let Some(slot) = self.tracks.slot(index) else {
                     continue;
                 };
                 balls.push(Ball {
                     place,
-                    centre: self.tracks.believed(slot, tick).pose().position.to_array(),
+                    centre: self
+                        .tracks
+                        .believed((index, slot), tick)
+                        .pose()
+                        .position
+                        .to_array(),
                     radius: self.tracks.radius(slot).metres() * REACH,
                 });
             }

@@ -52,8 +52,8 @@ impl Publisher {
             let Some(slot) = self.tracks.slot(index) else {
                 continue;
             };
-            let age = self.tick.since(slot.track.origin).unwrap_or_default();
-            let whole = TrackSaying::of(&slot.track);
+            let age = self.tick.since(slot.origin()).unwrap_or_default();
+            let whole = TrackSaying::of(&slot.track());
             writer.push(&RepairRecord {
                 index,
                 seat: self.usher.seats().of(index),

@@ -181,7 +181,7 @@ impl Publisher {
 
     /// The share of its tolerance that a track uses, and whether it cannot wait; `None` while it needs no word.
     fn is_due(&self, slot: &Slot, tick: Tick, seen: &Observation) -> Option<(f64, bool)> {
-        let believed = self.tracks.believed(slot, tick);
+        let believed = self.tracks.believed((seen.id.index(), slot), tick);
         let tolerance = self.tracks.tolerance_of(slot);
         let truth = seen.motion.motion();
         let used = share(
@@ -190,13 +190,13 @@ impl Publisher {
             tolerance,
             self.tracks.radius(slot),
         );
-        let age = tick.since(slot.track.origin)?;
-        let moves = slot.track.predictor != Predictor::Rest;
+        let age = tick.since(slot.origin())?;
+        let moves = slot.predictor() != Predictor::Rest;
         let urgent = age >= HORIZON && moves;
         let told = match seen.activity {
             Activity::Asleep => {
                 let resting = Track::resting(tick, seen.motion);
-                slot.track.is_verbatim_rest() && slot.track.anchor == resting.anchor
+                slot.is_verbatim_rest() && slot.dense().anchor() == resting.anchor
             }
             Activity::Awake => used <= 1.0 && self.features.gate,
         };

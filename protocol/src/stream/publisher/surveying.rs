@@ -66,7 +66,7 @@ impl Publisher {
             };
             let radius = self.tracks.radius(slot).metres();
             least = least.min(radius);
-            if self.features.held && slot.track.carrier.is_none() {
+            if self.features.held && slot.carrier().is_none() {
                 survey.consider(radius, place);
             }
             let place = place as u32;

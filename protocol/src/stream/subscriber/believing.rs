@@ -18,11 +18,10 @@ impl Subscriber {
             let Some(slot) = self.tracks.slot(id.index()) else {
                 continue;
             };
-            let track = &slot.track;
-            let of_now = slot.id(id.index()) == *id && track.origin <= tick;
+            let of_now = slot.id(id.index()) == *id && slot.origin() <= tick;
             // What is carried, or older than its track, is looked up by itself.
-            if of_now && track.carrier.is_none() && self.tracks.take(&mut quartet, *key, slot, tick)
-            {
+            let free = slot.carrier().is_none();
+            if of_now && free && self.tracks.take(&mut quartet, *key, slot, tick) {
                 if quartet.is_full() {
                     quartet.predict(&mut out);
                 }

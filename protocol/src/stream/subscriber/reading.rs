@@ -2,7 +2,7 @@
 //!
 //! Everything is decoded before anything is believed; what cannot be read is counted, never guessed.
 
-use rhumb_reckoning::{Predictor, Tick};
+use rhumb_reckoning::{DenseTrack, Predictor, Tick};
 
 use super::Subscriber;
 use crate::limits::{PACKETS_HELD_MAX, TICK_JUMP_MAX};
@@ -24,45 +24,44 @@ impl Subscriber {
     /// Of a narrow stream more than two tracks of a body may be in use: what held between them is not known any more.
     fn take_overtaken(&mut self, index: u32, tick: Tick, saying: &Saying) {
         if self.narrow.is_some() {
-            return self.forget_before(index);
+            return self.lose_before(index);
         }
-        let Some(Some(before)) = self.before.get(index as usize) else {
+        let Some(before) = self.before.origin(index) else {
             return;
         };
-        let present = self.tracks.slot(index).map(|slot| slot.track.origin);
-        if before.origin >= tick || present.is_none_or(|origin| origin <= tick) {
+        let present = self.tracks.slot(index).map(Slot::origin);
+        if before >= tick || present.is_none_or(|origin| origin <= tick) {
             return;
         }
         match saying {
-            Saying::Whole(whole) => self.remember(index, Some(whole.track(tick))),
-            Saying::Residual { .. } | Saying::Settled { .. } => self.forget_before(index),
+            Saying::Whole(whole) => self.before.keep(index, DenseTrack::new(&whole.track(tick))),
+            Saying::Residual { .. } | Saying::Settled { .. } => self.lose_before(index),
         }
     }
 
     /// Of what a body did before its present track, too little was heard.
-    pub(super) fn forget_before(&mut self, index: u32) {
-        if let Some(origin) = self.tracks.slot(index).map(|slot| slot.track.origin) {
-            self.remember(index, None);
+    pub(super) fn lose_before(&mut self, index: u32) {
+        if let Some(origin) = self.tracks.slot(index).map(Slot::origin) {
+            self.before.forget(index);
             self.known_from = self.known_from.max(origin);
         }
     }
 
     /// While a packet is missing that may name it, the track is kept that a body had before its last one.
     fn grow_older(&mut self, index: u32) {
-        let before = self.before.get(index as usize).copied().flatten();
         if self.missing() > 0
             && self.older.len() < OLDER_KEPT
-            && let Some(before) = before
+            && let Some(before) = self.before.get(index)
         {
-            self.older.push((index, before));
+            self.older.push((index, DenseTrack::new(&before)));
         }
     }
 
     /// Takes in what a packet says of a body.
     fn take(&mut self, index: u32, tick: Tick, saying: &Saying) -> Result<(), Unreadable> {
-        let before = self.tracks.slot(index).map(|slot| slot.track);
+        let before = self.tracks.slot(index).map(|slot| *slot.dense());
         let former = Former {
-            before: &self.before,
+            before: Some(&self.before),
             older: &self.older,
         };
         let heard = self.tracks.hear(index, tick, saying, former);
@@ -70,20 +69,20 @@ impl Subscriber {
             self.take_overtaken(index, tick, saying);
         }
         heard?;
-        let held = self
-            .tracks
-            .slot(index)
-            .is_some_and(|slot| slot.track.carrier.is_some());
-        if held && before.is_none_or(|before| before.carrier.is_none()) {
+        let carrier = self.tracks.slot(index).and_then(Slot::carrier);
+        if carrier.is_some() && before.is_none_or(|before| before.carrier().is_none()) {
             self.held_indices.push(index);
         }
         self.grow_older(index);
-        self.remember(index, before);
+        match before {
+            Some(before) => self.before.keep(index, before),
+            None => self.before.forget(index),
+        }
         self.statistics.updates += 1;
         // Who follows a narrow stream learns of the newest track only, where one datagram brings several.
         let again = self.marked.get(index as usize).copied().unwrap_or_default();
         if self.narrow.is_some() && again {
-            self.forget_before(index);
+            self.lose_before(index);
         }
         self.touch(index);
         Ok(())
@@ -273,7 +272,7 @@ impl Subscriber {
             return;
         };
         let taken = self.take(index, tick, &update.saying);
-        let rests = |slot: &Slot| slot.track.origin == tick && slot.track.is_verbatim_rest();
+        let rests = |slot: &Slot| slot.origin() == tick && slot.is_verbatim_rest();
         if self.tracks.slot(index).is_some_and(rests) {
             self.seats.leave(index);
         }
@@ -370,7 +369,7 @@ impl Subscriber {
             let origin = as_of.before(record.age).ok_or(Malformed::OutOfRange)?;
             if self.tracks.set_track(index, record.whole.track(origin)) {
                 self.seats.leave(index);
-                self.forget_before(index);
+                self.lose_before(index);
                 self.touch(index);
                 self.statistics.amended += 1;
                 self.amended.extend(self.body(index));
@@ -405,21 +404,18 @@ impl Subscriber {
                 Some(seat) => self.seats.take(seat, record.index, as_of),
                 None => self.seats.leave_by(record.index, as_of),
             }
-            let was_held = self
-                .tracks
-                .slot(record.index)
-                .is_some_and(|slot| slot.track.carrier.is_some());
+            let holder = self.tracks.slot(record.index).and_then(Slot::carrier);
             if self
                 .tracks
                 .hear(record.index, origin, &whole, Former::default())
                 .is_ok()
             {
-                if record.whole.carrier.is_some() && !was_held {
+                if record.whole.carrier.is_some() && holder.is_none() {
                     self.held_indices.push(record.index);
                 }
                 self.touch(record.index);
             }
-            self.forget_before(record.index);
+            self.lose_before(record.index);
         }
         let of = RepairOf {
             as_of,

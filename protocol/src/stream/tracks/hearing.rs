@@ -1,12 +1,13 @@
 //! What a saying makes of a track: at both ends the same.
 
 use rhumb_reckoning::{
-    Anchor, BodyId, Grid, HORIZON, Motion, Predictor, Residual, Seconds, Settling, Snapped, Tick,
-    Track, carried, seen_from,
+    Anchor, BodyId, DenseTrack, Grid, HORIZON, Motion, Predictor, Residual, Seconds, Settling,
+    Tick, Track, carried, seen_from,
 };
 
 use super::{Slot, Tracks};
 use crate::packet::{Age, Course, Saying};
+use crate::stream::before::Before;
 
 /// Why a saying could not be taken in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,26 +33,30 @@ impl Tracks {
         former: Former<'_>,
     ) -> Result<Footing, Unreadable> {
         let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
-        let track = &slot.track;
+        let track = &slot.track();
         if !self.is_of_age(track, age, tick) {
             return Err(Unreadable::OtherRevision);
         }
         let over = tick.since(track.origin).unwrap_or(HORIZON);
         let free = track.carrier.is_none();
-        let (predictor, carrier, (predicted, snapped)) = match *course {
-            Course::Same => (track.predictor, track.carrier, self.predicted(slot, tick)),
+        let (predictor, carrier, predicted) = match *course {
+            Course::Same => (
+                track.predictor,
+                track.carrier,
+                self.framed((index, slot), track, tick),
+            ),
             Course::World {
                 predictor,
                 carrier_age,
             } => {
                 let believed = match (self.carrier(track), carrier_age) {
-                    (None, None) if free => self.predicted(slot, tick),
-                    (Some((index, holder)), Some(age)) => {
-                        let revision = self.of_age(former, (index, holder), age, tick);
+                    (None, None) if free => self.framed((index, slot), track, tick),
+                    (Some(holder), Some(age)) => {
+                        let revision = self.of_age(former, holder, age, tick);
                         let revision = revision.ok_or(Unreadable::OtherRevision)?;
-                        let motion = self.framed(slot, track, tick);
-                        let held = carried(&self.framed(holder, revision, tick), &motion.pose());
-                        self.snapped(slot, held)
+                        let motion = self.framed((index, slot), track, tick);
+                        let holder = self.framed(holder, &revision, tick);
+                        carried(&holder, &motion.pose())
                     }
                     _ => return Err(Unreadable::OtherRevision),
                 };
@@ -68,9 +73,9 @@ impl Tracks {
                 if carrier == index || !free {
                     return Err(Unreadable::OtherRevision);
                 }
-                let holds = self.framed(holder, revision, tick);
-                let seen = seen_from(&holds.pose(), &self.believed(slot, tick).pose());
-                let seen = self.snapped(slot, seen);
+                let holds = self.framed((carrier, holder), &revision, tick);
+                let believed = self.believed((index, slot), tick);
+                let seen = seen_from(&holds.pose(), &believed.pose());
                 (Predictor::Rest, Some(holder.id(carrier)), seen)
             }
         };
@@ -78,14 +83,8 @@ impl Tracks {
             predictor,
             carrier,
             predicted,
-            snapped,
             over: track.predictor.astray(over, self.integrator.rate),
         })
-    }
-
-    /// What a body's own track says of a tick, and the grid point nearest to it.
-    fn predicted(&self, slot: &Slot, tick: Tick) -> (Motion, Snapped) {
-        self.snapped(slot, self.framed(slot, &slot.track, tick))
     }
 
     /// Whether a track has this age, as a saying names it.
@@ -94,23 +93,18 @@ impl Tracks {
     }
 
     /// The revision of a body's track that has an age, if that is known.
-    fn of_age<'t>(
+    fn of_age(
         &self,
-        former: Former<'t>,
-        (index, slot): (u32, &'t Slot),
+        former: Former<'_>,
+        (index, slot): (u32, &Slot),
         age: Age,
         tick: Tick,
-    ) -> Option<&'t Track> {
-        let before = former.before.get(index as usize).and_then(Option::as_ref);
+    ) -> Option<Track> {
+        let before = former.before.and_then(|before| before.get(index));
         let older = former.older.iter().filter(|(of, _)| *of == index);
-        let all = core::iter::once(&slot.track).chain(before);
-        let mut all = all.chain(older.map(|(_, track)| track));
+        let all = core::iter::once(slot.track()).chain(before);
+        let mut all = all.chain(older.map(|(_, track)| track.track()));
         all.find(|track| self.is_of_age(track, age, tick))
-    }
-
-    /// A motion of a body, and the grid point nearest to it.
-    fn snapped(&self, slot: &Slot, motion: Motion) -> (Motion, Snapped) {
-        (motion, Snapped::of(&motion, &self.grid(slot)))
     }
 
     /// The track that a saying at `tick` gives a body.
@@ -144,11 +138,12 @@ impl Tracks {
         settling: &Settling,
     ) -> Result<Track, Unreadable> {
         let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
-        let free = slot.track.carrier.is_none();
-        if !free || !self.is_of_age(&slot.track, age, tick) {
+        let track = slot.track();
+        let free = track.carrier.is_none();
+        if !free || !self.is_of_age(&track, age, tick) {
             return Err(Unreadable::OtherRevision);
         }
-        let predicted = self.framed(slot, &slot.track, tick);
+        let predicted = self.framed((index, slot), &track, tick);
         settling
             .onto(&predicted.pose())
             .map(|verbatim| Track::resting(tick, verbatim))
@@ -164,7 +159,7 @@ impl Tracks {
         former: Former<'_>,
     ) -> Result<(), Unreadable> {
         let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
-        if tick <= slot.track.origin {
+        if tick <= slot.origin() {
             return Err(Unreadable::Superseded);
         }
         let track = self.said(index, tick, saying, former)?;
@@ -176,10 +171,10 @@ impl Tracks {
 /// Tracks that bodies have left: what is heard late may name a carrier's.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Former<'a> {
-    /// By index, those just before the present ones.
-    pub(crate) before: &'a [Option<Track>],
+    /// Those just before the present ones.
+    pub(crate) before: Option<&'a Before>,
     /// Those before these, with the indices of their bodies.
-    pub(crate) older: &'a [(u32, Track)],
+    pub(crate) older: &'a [(u32, DenseTrack)],
 }
 
 /// What a correction is added to.
@@ -189,16 +184,15 @@ struct Footing {
     predictor: Predictor,
     /// In whose frame.
     carrier: Option<BodyId>,
-    /// What was predicted of it there, and the grid point nearest to that.
+    /// What was predicted of it there.
     predicted: Motion,
-    snapped: Snapped,
     /// In what time that went astray (RECKONING 4.4).
     over: Seconds,
 }
 
 impl Footing {
     fn track(&self, tick: Tick, residual: &Residual, grid: &Grid) -> Track {
-        let snapped = residual.onto_snapped(&self.predicted, &self.snapped, self.over, grid);
+        let snapped = residual.onto(&self.predicted, self.over, grid);
         let resting = self.predictor == Predictor::Rest;
         Track {
             origin: tick,

@@ -14,8 +14,8 @@ use rhumb_protocol::stream::StreamStart;
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_reckoning::{
-    Anchor, BodyId, Damping, Integrator, LengthBound, Predictor, Rate, Tick, Tolerance, Track,
-    Verbatim,
+    Anchor, BodyId, Damping, Integrator, LengthBound, PackedRotation, Predictor, Rate, Snapped,
+    Tick, Tolerance, Track, Verbatim,
 };
 
 use crate::conformance::outcome::{Play, Stop};
@@ -102,14 +102,24 @@ pub(super) fn ball(id: BodyId, predictor: Predictor) -> Notice {
     let linear = if moves { [1.0, 2.0, -3.0] } else { [0.0; 3] };
     let angular = if moves { [0.5, 0.0, 1.0] } else { [0.0; 3] };
     let place = [id.index() as f32, 10.0, 0.0];
-    let anchor = Verbatim::new(place, [0.0, 0.0, 0.0, 1.0], linear, angular);
+    let verbatim = Verbatim::new(place, [0.0, 0.0, 0.0, 1.0], linear, angular);
+    let on_its_grid = Snapped {
+        position: [id.index() as i32, 10, 0],
+        rotation: PackedRotation::from_parts(3, [0; 3]).expect("no turn is a rotation"),
+        linear: [1, 2, -3],
+        angular: [5, 0, 10],
+    };
+    let anchor = match predictor.push() {
+        Some(_) => Anchor::Snapped(on_its_grid),
+        None => Anchor::Verbatim(verbatim.expect("it is finite")),
+    };
     Notice::BodyPlaced {
         terms: BodyTerms::plain(id, BodyKind::Dynamic, SHAPE),
         inertia: None,
         track: Track {
             origin: Tick::new(TICK - 1),
             predictor,
-            anchor: Anchor::Verbatim(anchor.expect("it is finite")),
+            anchor,
             carrier: None,
         },
         seat: None,

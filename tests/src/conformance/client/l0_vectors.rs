@@ -36,7 +36,7 @@ const DATAGRAMS: &[Row] = &[
     (
         1,
         "each malformed datagram of the vectors is dropped, and nothing of it believed",
-        "PROTOCOL 2.5-1, 2.5-4, 5.1-2, 5.2-2, 5.3-4, 5.3-5, 5.4-4, 5.4-5, 5.5-6, 5.6-3, 5.6-7, 5.6-9, 5.6-16, 5.6-18, 5.8-5, 5.17-3, 6.5-1",
+        "PROTOCOL 2.5-1, 2.5-4, 5.1-2, 5.2-2, 5.3-4, 5.3-5, 5.4-4, 5.4-5, 5.5-6, 5.5-7, 5.6-3, 5.6-7, 5.6-9, 5.6-16, 5.6-18, 5.8-5, 5.17-3, 6.5-1",
         |trial| thrown(trial, &datagrams("refused")),
     ),
     (

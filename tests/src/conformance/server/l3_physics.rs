@@ -123,7 +123,7 @@ fn rests(trial: &mut Trial<'_>) -> Play {
     let floor = now(&follower, under)?.pose().position.y;
     ensure(floor == -1.0, "a static body does not move")?;
     let track = follower.replica()?.stream().track(id);
-    let rest = track.is_some_and(rhumb_reckoning::Track::is_verbatim_rest);
+    let rest = track.is_some_and(|track| track.is_verbatim_rest());
     ensure(
         rest,
         "after seconds it sleeps, and its track is a verbatim rest",
