@@ -1,4 +1,4 @@
-//! What one more member of a stream costs its server: processor time for each datagram sent
+//! What one more member of a stream costs its server, datagram by datagram
 //!
 //! A real server over QUIC on loopback says one datagram sixty times a second to each of its members; its bytes are made
 //! once and shared. Standard error gets a table: what the thread of the host and that of the sockets took for a datagram,
