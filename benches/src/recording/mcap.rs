@@ -5,6 +5,8 @@
 
 use std::collections::BTreeMap;
 
+use ::mcap::McapResult;
+use ::mcap::sans_io::{LinearReaderOptions, MessageReadEvent, MessageReader};
 use rhumb_reckoning::Tick;
 use rhumb_server::Digest;
 
@@ -59,7 +61,7 @@ fn truth(bytes: &[u8], load: &str) -> Result<Truth, RecordingError> {
     let mut truth = Truth::default();
     let mut digest = Digest::START;
     let mut due = Tick::ZERO;
-    for message in ::mcap::MessageStream::new(bytes)? {
+    for message in Messages::of(bytes) {
         let message = message?;
         if message.channel.topic != topic {
             continue;
@@ -82,4 +84,98 @@ fn truth(bytes: &[u8], load: &str) -> Result<Truth, RecordingError> {
         return Err(RecordingError::NoTruth);
     }
     Ok(truth)
+}
+
+/// No record of a trace is longer. A damaged file may say any length, and gets no memory for it.
+const RECORD_BYTES_MAX: usize = 64 << 20;
+
+/// The messages of a file, in order.
+struct Messages<'a> {
+    reader: MessageReader,
+    rest: &'a [u8],
+}
+
+impl<'a> Messages<'a> {
+    fn of(bytes: &'a [u8]) -> Self {
+        let options = LinearReaderOptions::default().with_record_length_limit(RECORD_BYTES_MAX);
+        Self {
+            reader: MessageReader::new_with_options(options),
+            rest: bytes,
+        }
+    }
+}
+
+impl Iterator for Messages<'_> {
+    type Item = McapResult<::mcap::Message<'static>>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            match self.reader.next_event()? {
+                Ok(MessageReadEvent::ReadRequest(wanted)) => {
+                    let (read, rest) = self.rest.split_at(wanted.min(self.rest.len()));
+                    self.reader.insert(read.len()).copy_from_slice(read);
+                    self.reader.notify_read(read.len());
+                    self.rest = rest;
+                }
+                Ok(MessageReadEvent::Message(message)) => return Some(Ok(message)),
+                Err(error) => return Some(Err(error)),
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::io::Cursor;
+
+    use ::mcap::records::op;
+    use ::mcap::{MessageStream, Summary, WriteOptions};
+
+    use super::*;
+
+    /// The same trace, unpacked, so that a test can spoil what lies in its chunks.
+    fn unpacked() -> Vec<u8> {
+        let path = concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../tests/data/traces/free_fall.mcap"
+        );
+        let packed = fs::read(path).expect("a trace lies beside the crates");
+        let options = WriteOptions::new().compression(None);
+        let mut writer = options
+            .create(Cursor::new(Vec::new()))
+            .expect("memory takes all");
+        for message in MessageStream::new(&packed).expect("it is a trace") {
+            writer
+                .write(&message.expect("it is whole"))
+                .expect("memory takes all");
+        }
+        let summary = Summary::read(&packed)
+            .expect("it is whole")
+            .expect("it has a summary");
+        for index in &summary.metadata_indexes {
+            let record = ::mcap::read::metadata(&packed, index).expect("it is whole");
+            writer.write_metadata(&record).expect("memory takes all");
+        }
+        writer.finish().expect("memory takes all");
+        writer.into_inner().into_inner()
+    }
+
+    #[test]
+    fn a_record_that_says_it_is_longer_than_any_is_refused_without_memory_for_it() {
+        let whole = unpacked();
+        assert!(read(&whole).is_ok());
+        // Magic; the header's code, length and body; the chunk's code and length, and 40 bytes before its first record.
+        let header = u64::from_le_bytes(whole[9..17].try_into().expect("eight bytes"));
+        let at = 8 + 9 + header as usize + 9 + 40;
+        assert_eq!(whole[at], op::SCHEMA);
+        for length in [u64::MAX, 1 << 62, (RECORD_BYTES_MAX as u64) + 1] {
+            let mut spoiled = whole.clone();
+            spoiled[at + 1..at + 9].copy_from_slice(&length.to_le_bytes());
+            assert!(
+                matches!(read(&spoiled), Err(RecordingError::Mcap(_))),
+                "{length}"
+            );
+        }
+    }
 }
