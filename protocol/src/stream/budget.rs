@@ -92,11 +92,6 @@ impl Purse {
         self.left = self.left.saturating_sub(bytes as i64 * BILLION);
     }
 
-    /// What is left, as a share of what may be said at once.
-    pub(crate) fn share_left(&self) -> f64 {
-        self.left.max(0) as f64 / self.most as f64
-    }
-
     /// Whole bytes that are left.
     pub(crate) fn left(&self) -> u64 {
         (self.left.max(0) / BILLION) as u64

@@ -30,11 +30,11 @@ const WORTH_A_PACKET: u64 = 96;
 const HEAD: u64 = 12;
 /// More bytes than any update takes.
 const LONGEST_WORD: usize = TrackSaying::BITS_MAX / 8 + 32;
-/// While less than this share of the purse is left, all tolerances are loosened, by so much each tick.
-const SHORT: (f64, f64) = (0.3, 1.04);
-/// While more than this share is left, they are tightened again.
-const AMPLE: (f64, f64) = (0.6, 0.98);
-/// Tolerances are loosened this much at most.
+/// Words may leave so much of what the worst of those who wait exceed their tolerances by …
+const LOOSE: f64 = 0.25;
+/// … which is followed by so much of the way each tick …
+const FOLLOW: f64 = 0.2;
+/// … up to this.
 const SLACK_MOST: f64 = 1_000.0;
 
 /// A budget in use.
@@ -124,7 +124,6 @@ impl Publisher {
         let due = self.due(&mut spending, tick, observations);
         let mut updates = core::mem::take(&mut self.updates);
         updates.clear();
-        self.adjust(&spending.purse);
         self.speak(&mut spending, witness, due, &mut updates);
 
         let begun = out.len();
@@ -140,15 +139,11 @@ impl Publisher {
         }
     }
 
-    /// Loosens tolerances while the purse runs short: fewer words that serve longer are worth more than late ones.
-    fn adjust(&mut self, purse: &Purse) {
-        let left = purse.share_left();
-        let factor = match left {
-            left if left < SHORT.0 => SHORT.1,
-            left if left > AMPLE.0 => AMPLE.1,
-            _ => 1.0,
-        };
-        self.slack = (self.slack * factor).clamp(1.0, SLACK_MOST);
+    /// Loosens tolerances while bodies wait, by a share of how far off the worst of them is: what cannot be said as often
+    /// as it should is better said so that it serves longer.
+    fn loosen(&mut self, worst_withheld: f64) {
+        let wanted = 1.0 + (worst_withheld - 1.0).max(0.0) * LOOSE;
+        self.slack += (wanted.min(SLACK_MOST) - self.slack) * FOLLOW;
     }
 
     /// Who should have a word: whose track is off, and who waits.
@@ -218,10 +213,10 @@ impl Publisher {
         let mut waiting = BTreeMap::new();
         let mut worst = 1.0;
         // Where all of them may speak, they do so in the order of a stream without a budget.
-        let all = (due.len() * LONGEST_WORD) as u64 <= allowed && self.slack <= 1.0;
+        let all = (due.len() * LONGEST_WORD) as u64 <= allowed;
+        let mut withheld: f64 = 1.0;
         for due in if all { due } else { in_turn(due, tick) } {
-            let waits = !all && due.weight(tick) <= self.slack;
-            if due.urgent || !waits && spent < allowed * 8 * 256 {
+            if due.urgent || all || spent < allowed * 8 * 256 {
                 let update = self.judge(witness, tick, &due.seen, None);
                 spent += update.as_ref().map_or(0, |update| self.bits_of(update));
                 updates.extend(update);
@@ -239,7 +234,9 @@ impl Publisher {
             waiting.insert(due.seen.id.index(), mine);
             self.statistics.withheld += u64::from(due.share > 1.0);
             worst = worse(worst, due.share);
+            withheld = withheld.max(due.share);
         }
+        self.loosen(withheld);
         spending.waiting = waiting;
         spending.worst = worse(spending.worst, worst);
     }
