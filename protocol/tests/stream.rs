@@ -392,9 +392,10 @@ proptest! {
             stage.step();
             stage.check()?;
         }
-        // The losses stop: within a few echoes all is known again.
+        // The losses stop: within a dozen echoes all is known again. What was lost in a row and builds on one another is made
+        // good one after the other, which took five echoes of one stream in a hundred at the worst losses.
         stage.loss = 0.0;
-        for _ in 0..20 {
+        for _ in 0..60 {
             stage.step();
         }
         prop_assert!(stage.subscriber.is_settled());

@@ -224,11 +224,11 @@ impl Wire for Track {
     fn encode(&self, to: &mut Writer) {
         to.varint(self.origin.value());
         match &self.anchor {
-            Anchor::Verbatim(verbatim) if self.predictor.push().is_none() => {
+            Anchor::Verbatim(verbatim) => {
                 to.u8(law_code(self.predictor) as u8 | VERBATIM);
                 verbatim.encode(to);
             }
-            _ => {
+            Anchor::Snapped(_) => {
                 to.u8(0);
                 let mut bits = BitWriter::default();
                 TrackSaying::of(self).encode(&mut bits);

@@ -142,16 +142,18 @@ impl Restorer {
     }
 
     /// How many parities more would give back those of these missing packets that lie below `next` and that parities can;
-    /// none if those are more than the parities that are kept, which then never suffice.
+    /// none if more packets than parities that are kept are not here, which then never suffice: what was repaired is known,
+    /// and its bytes are in the parities all the same.
     pub(crate) fn wanted(&self, missing: impl Iterator<Item = u64>, next: u64) -> u8 {
         let oldest = next
             .saturating_sub(u64::from(PARITY_SPAN))
             .max(self.distrusted);
-        let of_use = |number: &u64| *number >= oldest && self.columns.get(*number).is_none();
-        let lost: Vec<u64> = missing.filter(of_use).collect();
-        if lost.len() > PARITIES_KEPT {
+        let is_lacking = |number: &u64| self.columns.get(*number).is_none();
+        if (oldest..next).filter(is_lacking).count() > PARITIES_KEPT {
             return 0;
         }
+        let of_use = |number: &u64| *number >= oldest && is_lacking(number);
+        let lost: Vec<u64> = missing.filter(of_use).collect();
         if lost.is_empty() || self.sums.is_empty() {
             return lost.len() as u8;
         }
@@ -298,6 +300,18 @@ mod tests {
         let mut column = column.to_vec();
         column.resize(bytes.max(column.len()), 0);
         column
+    }
+
+    #[test]
+    fn who_lacks_more_than_parities_give_back_asks_for_none() {
+        let lacking = |heard: u64| {
+            let mut restorer = Restorer::new(0);
+            (0..heard).for_each(|number| restorer.hear(number, &[1]));
+            // All but the last were repaired since.
+            restorer.wanted(core::iter::once(31), 32)
+        };
+        assert_eq!(lacking(32 - PARITIES_KEPT as u64), 1);
+        assert_eq!(lacking(31 - PARITIES_KEPT as u64), 0);
     }
 
     proptest! {
