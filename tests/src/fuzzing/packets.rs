@@ -8,7 +8,7 @@ use rhumb_protocol::packet::{
     Digest, Doubt, Echo, Forge, FullPacket, Head, Kind, Low16, Parity, Repair, RepairRecord,
     RepairWriter, StatePacket, StateWriter, StreamId, Update, Vouch,
 };
-use rhumb_protocol::wire::bytes::Reader;
+use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::Ticks;
 
@@ -16,6 +16,29 @@ use super::sayings::{updates, whole};
 use super::script::Script;
 
 const STREAM: StreamId = StreamId(3);
+
+/// Whatever a datagram may be.
+pub(super) const KINDS: [Kind; 12] = [
+    Kind::State,
+    Kind::StateEnd,
+    Kind::Vouch,
+    Kind::Repair,
+    Kind::Full,
+    Kind::FullEnd,
+    Kind::Echo,
+    Kind::Digest,
+    Kind::Doubt,
+    Kind::Parity,
+    Kind::StateInArrears,
+    Kind::VouchInArrears,
+];
+
+/// The head of a datagram, of which the rest is still to be said.
+pub(super) fn begun(kind: Kind, stream: StreamId) -> Vec<u8> {
+    let mut to = Writer::new();
+    Head { kind, stream }.encode(&mut to);
+    to.into_bytes()
+}
 
 /// Packets of updates: any bytes, whatever can be said with a bit turned, and numbers without meaning.
 pub fn state_packets(data: &[u8]) {
@@ -72,10 +95,9 @@ fn said(script: &mut Script<'_>) -> Vec<u8> {
 /// Numbers in contexts of the range coder, as no publisher says them.
 fn forged(script: &mut Script<'_>) -> Vec<u8> {
     let mut forge = Forge::default();
-    let count = script.below(6) as u8;
     while script.goes_on() {
         forge = match script.below(4) {
-            0 => forge.code(0, script.below(15)),
+            0 => forge.code(script.below(2), script.below(18)),
             1 => {
                 let bits = 1 + script.below(31) as u32;
                 forge.raw(script.any::<u32>() & ((1 << bits) - 1), bits)
@@ -88,7 +110,8 @@ fn forged(script: &mut Script<'_>) -> Vec<u8> {
             }
         };
     }
-    let mut datagram = vec![1, STREAM.0 as u8, 0, 0, 0, 0, 0, 0, count];
+    let mut datagram = begun(Kind::StateEnd, STREAM);
+    datagram.extend_from_slice(&[0; 6]);
     datagram.extend(forge.into_bytes());
     datagram
 }

@@ -11,7 +11,7 @@ use rhumb_protocol::packet::{
 use rhumb_protocol::stream::Subscriber;
 use rhumb_reckoning::{Anchor, BodyId, Motion, Tick, Ticks, Tolerance};
 
-use super::packets::written_again;
+use super::packets::{KINDS, begun, written_again};
 use super::sayings::{updates, verbatim, whole};
 use super::script::Script;
 use super::source::{BODIES, News, STREAM, Source};
@@ -116,7 +116,7 @@ impl Voice {
             };
             return packet.encode(STREAM);
         }
-        let mut datagram = vec![script.below(14) as u8, STREAM.0 as u8];
+        let mut datagram = begun(script.one_of(&KINDS), STREAM);
         datagram.extend_from_slice(script.bytes(80));
         datagram
     }
