@@ -5,8 +5,8 @@
 
 use std::collections::BTreeMap;
 
-use ::mcap::McapResult;
 use ::mcap::sans_io::{LinearReaderOptions, MessageReadEvent, MessageReader};
+use ::mcap::{McapError, McapResult};
 use rhumb_reckoning::Tick;
 use rhumb_server::Digest;
 
@@ -49,6 +49,10 @@ fn metadata(bytes: &[u8]) -> Result<BTreeMap<String, BTreeMap<String, String>>, 
     let summary = ::mcap::Summary::read(bytes)?.ok_or(RecordingError::NotARecording)?;
     let mut records = BTreeMap::new();
     for index in &summary.metadata_indexes {
+        let end = index.offset.checked_add(index.length);
+        if end.is_none_or(|end| end > bytes.len() as u64) {
+            return Err(McapError::BadIndex.into());
+        }
         let record = ::mcap::read::metadata(bytes, index)?;
         records.insert(record.name, record.metadata);
     }
@@ -159,6 +163,21 @@ mod tests {
         }
         writer.finish().expect("memory takes all");
         writer.into_inner().into_inner()
+    }
+
+    #[test]
+    fn metadata_that_lies_outside_of_its_file_is_refused() {
+        let whole = unpacked();
+        let begins = |bytes: &[u8]| bytes[0] == op::METADATA_INDEX && bytes[8] == 0;
+        let at = whole.windows(9).rposition(begins).expect("it has metadata");
+        for place in [at + 9, at + 17] {
+            let mut spoiled = whole.clone();
+            spoiled[place..place + 8].copy_from_slice(&[0xff; 8]);
+            assert!(
+                matches!(read(&spoiled), Err(RecordingError::Mcap(_))),
+                "{place}"
+            );
+        }
     }
 
     #[test]
