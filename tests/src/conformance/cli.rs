@@ -50,8 +50,8 @@ enum Task {
 #[derive(Debug, Args)]
 struct ServerTask {
     /// Host and port of the server.
-    #[arg(long)]
-    target: String,
+    #[arg(long, required_unless_present = "list")]
+    target: Option<String>,
     /// SHA-256 of the server's certificate, as 64 hexadecimal digits.
     #[arg(long, conflicts_with = "roots", required_unless_present_any = ["roots", "list"])]
     fingerprint: Option<Fingerprint>,
@@ -68,8 +68,8 @@ struct ClientTask {
     #[arg(long, default_value = "127.0.0.1:0")]
     listen: SocketAddr,
     /// The command that starts the client.
-    #[arg(long)]
-    exec: String,
+    #[arg(long, required_unless_present = "list")]
+    exec: Option<String>,
     #[command(flatten)]
     common: Common,
 }
@@ -186,12 +186,10 @@ impl ServerTask {
         if self.common.list {
             return self.common.list(&cases);
         }
-        let mut found = self.target.to_socket_addrs()?;
-        let target = found.next().ok_or("the target has no address")?;
-        let name = self
-            .target
-            .rsplit_once(':')
-            .map_or("localhost", |(host, _)| host);
+        let given = self.target.clone().unwrap_or_default();
+        let target = given.to_socket_addrs()?.next();
+        let target = target.ok_or("the target has no address")?;
+        let name = given.rsplit_once(':').map_or("localhost", |(host, _)| host);
         let name = name.trim_matches(['[', ']']).to_owned();
         let trust = match (self.fingerprint, self.roots.clone()) {
             (Some(fingerprint), _) => Trust::Fingerprint(fingerprint),
@@ -203,7 +201,7 @@ impl ServerTask {
             name,
             trust,
         };
-        self.common.run(self.target.clone(), subject, cases)
+        self.common.run(given, subject, cases)
     }
 }
 
@@ -213,10 +211,10 @@ impl ClientTask {
         if self.common.list {
             return self.common.list(&cases);
         }
-        let exec = self.exec.clone();
+        let exec = self.exec.unwrap_or_default();
         let subject = Subject::Client {
             listen: self.listen,
-            exec: self.exec,
+            exec: exec.clone(),
         };
         self.common.run(exec, subject, cases)
     }

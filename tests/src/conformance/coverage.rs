@@ -92,6 +92,9 @@ pub fn holes() -> Vec<String> {
         if one.cases.is_empty() && !has_reason {
             holes.push(format!("{name} has neither case nor reason: {}", name.text));
         }
+        if !one.cases.is_empty() && has_reason {
+            holes.push(format!("{name} has a case, and a reason why it has none"));
+        }
     }
     for (document, id) in reasons().into_keys() {
         if !known.contains(&(document, id.clone())) {
