@@ -579,11 +579,10 @@ mod tests {
             anchor,
             carrier,
         };
-        let held_by = Some(crate::body::BodyId::new(3, 0));
         let held = Anchor::Snapped(Snapped::of(&Motion::IDENTITY, &grid));
         for track in [
             track(Predictor::Uniform, anchor, None),
-            track(Predictor::Rest, held, held_by),
+            track(Predictor::Rest, held, Some(crate::body::BodyId::new(3, 0))),
         ] {
             let none = [DVec3::ZERO; 2];
             let asked = ask(
