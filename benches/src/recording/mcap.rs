@@ -168,9 +168,12 @@ mod tests {
     #[test]
     fn metadata_that_lies_outside_of_its_file_is_refused() {
         let whole = unpacked();
-        let begins = |bytes: &[u8]| bytes[0] == op::METADATA_INDEX && bytes[8] == 0;
-        let at = whole.windows(9).rposition(begins).expect("it has metadata");
-        for place in [at + 9, at + 17] {
+        let summary = Summary::read(&whole).expect("it is whole");
+        let index = &summary.expect("it has a summary").metadata_indexes[0];
+        let said = [index.offset.to_le_bytes(), index.length.to_le_bytes()].concat();
+        let at = whole.windows(16).position(|bytes| bytes == said);
+        let at = at.expect("the summary says where metadata lies");
+        for place in [at, at + 8] {
             let mut spoiled = whole.clone();
             spoiled[place..place + 8].copy_from_slice(&[0xff; 8]);
             assert!(
