@@ -6,7 +6,7 @@
 use std::io::Write;
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
-use std::process::ExitCode;
+use std::process::{Command, ExitCode};
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
@@ -212,11 +212,24 @@ impl ClientTask {
             return self.common.list(&cases);
         }
         let exec = self.exec.unwrap_or_default();
+        is_there(&exec)?;
         let subject = Subject::Client {
             listen: self.listen,
             exec: exec.clone(),
         };
         self.common.run(exec, subject, cases)
+    }
+}
+
+/// Whether the shell finds what a command starts: it ends with the status that says *unsupported* where it does not.
+fn is_there(command: &str) -> Result<(), Trouble> {
+    let programme = command.split_whitespace().next().unwrap_or_default();
+    let found = Command::new("sh")
+        .args(["-c", "command -v \"$0\" >/dev/null", programme])
+        .status()?;
+    match found.success() {
+        true => Ok(()),
+        false => Err(format!("{programme:?} is no command that is there, as --exec has it").into()),
     }
 }
 
