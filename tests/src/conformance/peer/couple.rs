@@ -100,6 +100,12 @@ impl Couple {
         ticks.max().unwrap_or_default()
     }
 
+    /// The tick for which the leader's copy is complete.
+    fn complete(&self) -> Result<u64, Stop> {
+        let copy = self.leader.replica()?;
+        Ok(copy.stream().complete().value())
+    }
+
     /// The script's commands and the next tick.
     ///
     /// # Errors
@@ -180,9 +186,15 @@ impl Couple {
     ///
     /// [`Stop::Fail`] otherwise.
     pub fn must_follow(&mut self) -> Play {
-        let tick = self.leader.replica()?.stream().complete().value();
+        let tick = self.complete()?;
         let what = format!("copy of the client's at {tick}");
         self.until(&what, |couple| couple.newest() >= tick)?;
+        // Who asked for ticks itself may have told of one that the leader is still to hear of.
+        let newest = self.newest();
+        let what = format!("tick {newest} of which the client tells");
+        self.until(&what, |couple| {
+            couple.complete().is_ok_and(|complete| complete >= newest)
+        })?;
         self.memory.judge(&self.told, Some(self.choice))
     }
 }
