@@ -121,6 +121,11 @@ impl View {
         for index in &touched {
             self.follow_body(*index, stream, glass);
         }
+        // A first look touches all bodies; hardly one after it does.
+        let room = (self.ids.len() / 16).max(2 * touched.len());
+        if touched.capacity() > 2 * room {
+            touched.shrink_to(room);
+        }
         self.touched = touched;
         let mut moving = [(0, BodyId::new(0, 0)); TOGETHER];
         let mut waiting = 0;

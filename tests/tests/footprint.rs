@@ -294,7 +294,7 @@ fn a_body_takes_76_bytes_of_each_stream_at_a_server_and_128_at_most_with_what_ti
 }
 
 #[test]
-fn a_body_takes_no_more_than_195_bytes_at_a_client() {
+fn a_body_takes_no_more_than_192_bytes_at_a_client() {
     let said = Scene::Struck.said(2 * STRUCK, Tolerance::NORMAL);
     let (mut subscriber, _, placed) = count(|| Scene::Struck.subscriber(Tolerance::NORMAL));
     let mut view = View::default();
@@ -308,5 +308,5 @@ fn a_body_takes_no_more_than_195_bytes_at_a_client() {
         }
     });
     let each = (placed + viewed + heard) / i64::from(BODIES);
-    assert!(each <= 195, "{each}: {placed}, {viewed} and {heard}");
+    assert!(each <= 192, "{each}: {placed}, {viewed} and {heard}");
 }
