@@ -42,6 +42,9 @@ pub fn read(name: &str, packed: &[u8]) -> Result<Recording, RecordingError> {
         return Err(RecordingError::NotARecording);
     }
     let (bodies, frames) = (reader.u32()?, reader.u32()?);
+    if frames == 0 {
+        return Err(RecordingError::NoTruth);
+    }
     let step_s = reader.f32()?;
     let gravity = Vec3::from_array(reader.f32s()?);
     let integrator = Integrator {
