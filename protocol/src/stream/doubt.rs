@@ -10,7 +10,7 @@ use rhumb_reckoning::BodyId;
 
 use super::publisher::Publisher;
 use super::tracks::Tracks;
-use crate::limits::DIGEST_RANGES_MAX;
+use crate::limits::{DIGEST_RANGES_MAX, INDICES_MAX};
 use crate::packet::{Digest, Doubt, Low16, Ranges, RepairRecord, RepairWriter, TrackSaying};
 
 /// What a publisher answers to a doubt.
@@ -134,7 +134,10 @@ impl Doubts {
             };
             own.value() != **sum
         };
-        let found = said.sums.iter().enumerate().find(differs);
+        // A range behind all indices has no bodies, and no doubt can name it.
+        let may_be = |(place, _): &(usize, &u64)| range(*place).start < INDICES_MAX as usize;
+        let mut sums = said.sums.iter().enumerate().take_while(may_be);
+        let found = sums.find(differs);
         let searching = said.ranges == Ranges::ALL && self.range.is_some();
         if found.is_some() && searching {
             return true;
@@ -144,5 +147,38 @@ impl Doubts {
             stride: said.ranges.stride,
         });
         found.is_some()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alloc::vec;
+    use core::num::NonZeroU32;
+    use glam::Vec3;
+    use rhumb_reckoning::{Integrator, Rate, Tolerance};
+
+    #[test]
+    fn no_range_behind_all_indices_is_doubted() {
+        let integrator = Integrator {
+            rate: Rate::HZ_60,
+            substeps: NonZeroU32::MIN,
+        };
+        let tracks = Tracks::new(Tolerance::NORMAL, integrator, NonZeroU32::MIN, Vec3::ZERO);
+        let digest = |sums| Digest {
+            next: Low16(0),
+            tick: Low16(0),
+            notices: Low16(0),
+            ranges: Ranges {
+                first: 1,
+                stride: INDICES_MAX - 1,
+            },
+            sums,
+        };
+        let mut doubts = Doubts::default();
+        assert!(!doubts.compare(&tracks, &digest(vec![0, 1])));
+        assert_eq!(doubts.doubt(), None);
+        assert!(doubts.compare(&tracks, &digest(vec![1, 1])));
+        assert_eq!(doubts.doubt().map(|doubt| doubt.range.first), Some(1));
     }
 }
