@@ -142,8 +142,10 @@ impl Restorer {
     }
 
     /// How many parities more would give back those of these missing packets that lie below `next` and that parities can;
-    /// none if more packets than parities that are kept are not here, which then never suffice: what was repaired is known,
-    /// and its bytes are in the parities all the same.
+    /// none where repairs do with less.
+    ///
+    /// A parity that is asked for covers what was said since the oldest of them. What was repaired since is known, and its
+    /// bytes are in there all the same: then more parities are needed than packets were lost, if they can be kept at all.
     pub(crate) fn wanted(&self, missing: impl Iterator<Item = u64>, next: u64) -> u8 {
         let oldest = next
             .saturating_sub(u64::from(PARITY_SPAN))
@@ -154,20 +156,25 @@ impl Restorer {
         }
         let of_use = |number: &u64| *number >= oldest && is_lacking(number);
         let lost: Vec<u64> = missing.filter(of_use).collect();
-        if lost.is_empty() || self.sums.is_empty() {
-            return lost.len() as u8;
-        }
+        let Some(first) = lost.first() else {
+            return 0;
+        };
+        let covered: Vec<u64> = (*first..next).filter(is_lacking).collect();
         // What else the sums hold comes first, so that rows are left that hold none of it.
         let mut unknown = self.unknown();
-        unknown.retain(|number| lost.binary_search(number).is_err());
+        unknown.retain(|number| covered.binary_search(number).is_err());
         let others = unknown.len();
-        unknown.extend(&lost);
+        unknown.extend(&covered);
         let rows = self.reduced(&unknown);
-        let is_of_lost = |row: &&Row| {
-            let (others, lost) = row.factors.split_at(others);
-            others.iter().all(|factor| *factor == 0) && lost.iter().any(|factor| *factor != 0)
+        let is_of_covered = |row: &&Row| {
+            let (others, covered) = row.factors.split_at(others);
+            others.iter().all(|factor| *factor == 0) && covered.iter().any(|factor| *factor != 0)
         };
-        (lost.len() - rows.iter().filter(is_of_lost).count()) as u8
+        let wanted = covered.len() - rows.iter().filter(is_of_covered).count();
+        if wanted > lost.len() {
+            return 0;
+        }
+        wanted as u8
     }
 
     /// What is known of lies below; what lies too far below that is forgotten.
@@ -314,6 +321,23 @@ mod tests {
         assert_eq!(lacking(31 - PARITIES_KEPT as u64), 0);
     }
 
+    #[test]
+    fn who_had_repairs_since_what_is_lost_asks_for_another() {
+        let mut restorer = Restorer::new(0);
+        let columns: Vec<_> = (0..9).map(|number| (number, vec![number as u8])).collect();
+        let heard = [0, 1, 3, 4, 6, 7, 8];
+        heard
+            .iter()
+            .for_each(|number| restorer.hear(*number, &[*number as u8]));
+        // Packet 5 was repaired before 2 was known to be lost.
+        assert_eq!(restorer.wanted([2].into_iter(), 9), 0);
+        assert_eq!(restorer.wanted([5].into_iter(), 9), 1);
+        assert_eq!(restorer.wanted([2, 5].into_iter(), 9), 2);
+        let (last, of_both) = parity(0, &columns[2..]);
+        restorer.add(last, of_both);
+        assert_eq!(restorer.wanted([2].into_iter(), 9), 1);
+    }
+
     proptest! {
         #[test]
         fn as_many_packets_come_back_as_there_are_parities(
@@ -414,7 +438,7 @@ mod tests {
         let (last, sums) = parity(0, &columns[..7]);
         restorer.add(last, sums);
         assert_eq!(restorer.wanted([3].into_iter(), 6), 1);
-        assert_eq!(restorer.wanted([3, 6].into_iter(), 8), 1);
+        assert_eq!(restorer.wanted([3, 6].into_iter(), 7), 1);
         let (last, sums) = parity(1, &columns[..6]);
         restorer.add(last, sums);
         let rebuilt = restorer.rebuild();
