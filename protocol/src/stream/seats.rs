@@ -46,6 +46,16 @@ impl<T: Clone + Default> Seating<T> {
         self.of_body[body as usize] = seat + 1;
     }
 
+    /// Who sits there stands, and nobody takes the seat.
+    fn empty(&mut self, seat: u32, more: T) {
+        let place = seat as usize;
+        grow_to(&mut self.seats, place + 1, || (None, T::default()));
+        if let Some(before) = self.body(seat) {
+            self.of_body[before as usize] = 0;
+        }
+        self.seats[place] = (None, more);
+    }
+
     /// A body leaves its seat, if it has one; returns which.
     pub(crate) fn leave(&mut self, body: u32) -> Option<u32> {
         let seat = self.of(body)?;
@@ -81,9 +91,18 @@ impl Seats {
     }
 
     /// A body takes a seat; who sat there stands. What was said later of either stays.
-    pub(crate) fn take(&mut self, seat: u32, body: u32, tick: Tick) {
+    ///
+    /// `gone_on`: the body was heard of since, or is not there any more. Then who sits there is not known, unless it is this
+    /// body still: where it sits now was said with what was heard later.
+    pub(crate) fn take(&mut self, seat: u32, body: u32, tick: Tick, gone_on: bool) {
         let later = |seat: u32| self.since(seat) > tick;
-        if !later(seat) && !self.0.of(body).is_some_and(later) {
+        let sits_there = self.0.of(body) == Some(seat);
+        if later(seat) || (gone_on && sits_there) {
+            return;
+        }
+        if gone_on || self.0.of(body).is_some_and(later) {
+            self.0.empty(seat, Since::of(tick));
+        } else {
             self.0.put(seat, body, Since::of(tick));
         }
     }
@@ -201,15 +220,30 @@ mod tests {
     #[test]
     fn what_was_said_later_stays() {
         let mut seats = Seats::default();
-        seats.take(4, 9, Tick::new(10));
-        seats.take(4, 7, Tick::new(8));
+        seats.take(4, 9, Tick::new(10), false);
+        seats.take(4, 7, Tick::new(8), false);
         assert_eq!(
             (seats.0.body(4), seats.0.of(9), seats.0.of(7)),
             (Some(9), Some(4), None)
         );
-        seats.take(2, 9, Tick::new(11));
+        seats.take(2, 9, Tick::new(11), false);
         assert_eq!((seats.0.body(4), seats.0.body(2)), (None, Some(9)));
-        seats.take(2, 7, Tick::new(12));
+        seats.take(2, 7, Tick::new(12), false);
         assert_eq!((seats.0.of(9), seats.0.of(7)), (None, Some(2)));
+        seats.take(5, 7, Tick::new(11), false);
+        assert_eq!((seats.0.body(5), seats.0.of(7)), (None, Some(2)));
+    }
+
+    #[test]
+    fn who_was_heard_of_since_takes_no_seat_of_before() {
+        let mut seats = Seats::default();
+        seats.take(4, 9, Tick::new(10), false);
+        seats.take(4, 7, Tick::new(12), true);
+        assert_eq!((seats.0.body(4), seats.0.of(9)), (None, None));
+        seats.take(4, 9, Tick::new(11), false);
+        assert_eq!(seats.0.of(9), None);
+        seats.take(4, 9, Tick::new(13), false);
+        seats.take(4, 9, Tick::new(14), true);
+        assert_eq!(seats.body_at(4, Tick::new(13)), Some(9));
     }
 }

@@ -398,7 +398,7 @@ impl Subscriber {
     /// A body has a seat already, as a late listener is told.
     pub fn seat(&mut self, id: BodyId, seat: u32) {
         if id.index() < INDICES_MAX && seat < INDICES_MAX {
-            self.seats.take(seat, id.index(), self.newest);
+            self.seats.take(seat, id.index(), self.newest, false);
         }
     }
 

@@ -260,9 +260,16 @@ impl Subscriber {
         }
     }
 
+    /// Whether a body was heard of after a tick, or is not there any more.
+    fn has_gone_on(&self, index: u32, tick: Tick) -> bool {
+        let slot = self.tracks.slot(index);
+        slot.is_none_or(|slot| slot.origin() > tick)
+    }
+
     fn hear(&mut self, number: u64, tick: Tick, update: &Update) {
         if let Some(body) = update.body {
-            self.seats.take(update.seat, body, tick);
+            let gone_on = self.has_gone_on(body, tick);
+            self.seats.take(update.seat, body, tick, gone_on);
         }
         // Who sits there now may not be who was meant then.
         let seated = self.seats.body_at(update.seat, tick);
@@ -400,8 +407,9 @@ impl Subscriber {
             };
             let whole = Saying::Whole(record.whole);
             // A seat that was missed must not make one body's next update another's.
+            let gone_on = self.has_gone_on(record.index, as_of);
             match record.seat {
-                Some(seat) => self.seats.take(seat, record.index, as_of),
+                Some(seat) => self.seats.take(seat, record.index, as_of, gone_on),
                 None => self.seats.leave_by(record.index, as_of),
             }
             let holder = self.tracks.slot(record.index).and_then(Slot::carrier);
