@@ -5,6 +5,7 @@
 
 mod avatar;
 pub mod conformance;
+mod fnv;
 pub mod fuzzing;
 pub mod grammar;
 mod plugin;

@@ -11,6 +11,7 @@ use rhumb_protocol::session::{ClientSession, Event, Replica};
 use rhumb_protocol::stream::Bound;
 use rhumb_reckoning::{BodyId, Metres, Pose, Tick, Tolerance};
 
+use crate::fnv::Fnv;
 use crate::truth::Truth;
 
 /// That a body was within a distance of this pose at a tick.
@@ -216,12 +217,11 @@ pub fn assert_same_copy(one: &Replica, other: &Replica) {
 /// generation and the bits of position and rotation in f32. `so_far`: of the ticks before, or zero.
 #[must_use]
 pub fn copy_digest(so_far: u64, replica: &Replica) -> u64 {
-    let mut digest = if so_far == 0 { FNV_OFFSET } else { so_far };
-    let mut fold = |word: u32| {
-        for byte in word.to_le_bytes() {
-            digest = (digest ^ u64::from(byte)).wrapping_mul(FNV_PRIME);
-        }
+    let mut digest = match so_far {
+        0 => Fnv::START,
+        _ => Fnv::from(so_far),
     };
+    let mut fold = |word: u32| digest.fold(&word.to_le_bytes());
     let tick = replica.stream().complete();
     fold(tick.value() as u32);
     for terms in replica.bodies() {
@@ -236,10 +236,5 @@ pub fn copy_digest(so_far: u64, replica: &Replica) -> u64 {
             fold(part.to_bits());
         }
     }
-    digest
+    digest.value()
 }
-
-/// Source: Fowler, Noll and Vo, the 64-bit constants.
-const FNV_OFFSET: u64 = 0xcbf2_9ce4_8422_2325;
-/// See [`FNV_OFFSET`].
-const FNV_PRIME: u64 = 0x0000_0100_0000_01b3;

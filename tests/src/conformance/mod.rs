@@ -52,6 +52,7 @@ mod server;
 pub mod suite;
 pub mod trace;
 pub mod trial;
+pub mod truths;
 
 pub use case::{Case, Feature, Side};
 pub use cli::{Arguments, main};

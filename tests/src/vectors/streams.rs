@@ -15,6 +15,7 @@ use rhumb_reckoning::{BodyId, Class, Metres, Radians, Tick, Ticks, Tolerance, Ve
 use rhumb_sims::by_name;
 use serde_json::{Value, json};
 
+use crate::fnv::Fnv;
 use crate::grammar::{hex, unhex};
 use crate::seed::Dice;
 use crate::table::{Fate, Said, Sieve, Table};
@@ -131,30 +132,13 @@ pub fn known(replica: &Replica) -> Value {
 /// FNV-1a over the bits of each body's believed motion at the vouched tick, in order of index.
 fn poses(replica: &Replica) -> u64 {
     let stream = replica.stream();
-    let mut digest = 0xcbf2_9ce4_8422_2325_u64;
+    let mut digest = Fnv::START;
     for terms in replica.bodies() {
-        let motion = stream.believed(terms.id, stream.vouched());
-        for number in numbers(motion.as_ref()) {
-            for byte in number.to_le_bytes() {
-                digest = (digest ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
-            }
+        if let Some(motion) = stream.believed(terms.id, stream.vouched()) {
+            digest.fold_motion(&motion);
         }
     }
-    digest
-}
-
-/// The thirteen numbers of a motion; none of a body that is not believed.
-fn numbers(motion: Option<&rhumb_reckoning::Motion>) -> Vec<f64> {
-    motion.map_or(Vec::new(), |motion| {
-        let (pose, twist) = (motion.pose(), motion.twist());
-        let parts: [&[f64]; 4] = [
-            &pose.position.to_array(),
-            &pose.rotation.to_array(),
-            &twist.linear.to_array(),
-            &twist.angular.to_array(),
-        ];
-        parts.concat()
-    })
+    digest.value()
 }
 
 fn heard(said: &Said) -> Value {

@@ -5,11 +5,14 @@ use std::net::SocketAddr;
 use std::thread::{self, JoinHandle};
 
 use bytes::Bytes;
+use rhumb_protocol::limits::FRICTION_MAX;
 use rhumb_protocol::message::{ClientMessage, Framed, Frames, Notice, ServerMessage, frame};
-use rhumb_protocol::packet::{Digest, Head, Kind, Parity, StateWriter};
+use rhumb_protocol::packet::{Digest, FullPacket, Head, Kind, Parity, StateWriter};
+use rhumb_protocol::scene::SceneTerms;
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake};
+use rhumb_reckoning::Verbatim;
 use rhumb_server::Host;
 use rhumb_transport::{Certificate, Fingerprint, QuicServer, ServerOptions, Stop};
 
@@ -55,6 +58,10 @@ pub enum ServerMutant {
     JointsUntold,
     /// Answers a ping by another number.
     PongWrong,
+    /// Steps with a scene's friction one number above what was asked for: as another engine, near by and not the same.
+    FrictionOff,
+    /// Says one bit of each speed otherwise on full streams.
+    SpeedsOff,
 }
 
 impl ServerMutant {
@@ -216,6 +223,12 @@ fn heard_as(mutant: ServerMutant, framed: Framed) -> Vec<u8> {
             }
             frame(kind, &body, &mut heard);
         }
+        ServerMutant::FrictionOff => match message(kind, &body) {
+            Some(ClientMessage::Create(terms)) => {
+                ClientMessage::Create(with_friction(terms, f32::next_up)).encode(&mut heard);
+            }
+            _ => frame(kind, &body, &mut heard),
+        },
         ServerMutant::AnyVersion | ServerMutant::StepsTooFar => match message(kind, &body) {
             Some(ClientMessage::Hello {
                 scene, extensions, ..
@@ -239,6 +252,15 @@ fn heard_as(mutant: ServerMutant, framed: Framed) -> Vec<u8> {
 }
 
 const COMMAND: u8 = 7;
+
+/// Terms with the next friction above or below; at the ends of its range with their own.
+fn with_friction(mut terms: SceneTerms, next: fn(f32) -> f32) -> SceneTerms {
+    let friction = terms.material.friction;
+    if friction > 0.0 && friction < FRICTION_MAX {
+        terms.material.friction = next(friction);
+    }
+    terms
+}
 
 impl Line {
     /// What it says in place of bytes of the control stream.
@@ -281,6 +303,13 @@ impl Line {
                     };
                     pong.encode(&mut said);
                 }
+                (ServerMutant::FrictionOff, Some(ServerMessage::Welcome(mut welcome))) => {
+                    let terms = welcome
+                        .scene
+                        .map(|terms| with_friction(terms, f32::next_down));
+                    welcome.scene = terms;
+                    ServerMessage::Welcome(welcome).encode(&mut said);
+                }
                 _ => frame(framed.kind, &framed.body, &mut said),
             }
         }
@@ -297,6 +326,9 @@ fn sent_as(mutant: ServerMutant, bytes: &[u8]) -> Option<Vec<u8>> {
         (ServerMutant::RestLost, _) => without_rests(bytes),
         (ServerMutant::ToleranceIgnored, _) => without_updates(bytes),
         (ServerMutant::OffByOne, _) => numbered_higher(bytes),
+        (ServerMutant::SpeedsOff, Some(kind @ (Kind::Full | Kind::FullEnd))) => {
+            other_speeds(bytes, kind)
+        }
         (ServerMutant::SumsWrong, Some(Kind::Digest)) => other_sums(bytes),
         (ServerMutant::ParityWrong, Some(Kind::Parity)) => other_parity(bytes),
         _ => None,
@@ -317,6 +349,20 @@ fn numbered_higher(bytes: &[u8]) -> Option<Vec<u8>> {
     let mut writer = StateWriter::new(head.stream, number + 1, tick, notices);
     let fits = updates.iter().all(|update| writer.push(update));
     fits.then(|| writer.finish(packet.ends_tick))
+}
+
+fn other_speeds(bytes: &[u8], kind: Kind) -> Option<Vec<u8>> {
+    let mut reader = Reader::new(bytes);
+    let head = Head::decode(&mut reader).ok()?;
+    let mut packet = FullPacket::decode(kind == Kind::FullEnd, reader).ok()?;
+    for record in &mut packet.records {
+        let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = record.motion.parts();
+        // Who does not move is left: even the least speed would show in who sleeps.
+        let vy = if vy == 0.0 { vy } else { vy.next_up() };
+        let (place, turn) = ([px, py, pz], [x, y, z, w]);
+        record.motion = Verbatim::new(place, turn, [vx, vy, vz], [wx, wy, wz]).ok()?;
+    }
+    Some(packet.encode(head.stream))
 }
 
 fn other_sums(bytes: &[u8]) -> Option<Vec<u8>> {

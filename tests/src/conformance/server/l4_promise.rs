@@ -248,7 +248,7 @@ fn command(leader: &mut Follower, script: &mut dyn Script, tick: Tick, classes: 
 }
 
 /// Names the bodies of a command by their places in what was granted: scripts count them from zero.
-fn rename(command: &mut Command, granted: IdRange) -> Play {
+pub(super) fn rename(command: &mut Command, granted: IdRange) -> Play {
     let named = |id: &mut BodyId| -> Play {
         let first = granted.id(0).map_or(0, BodyId::generation);
         if id.index() >= granted.count() {

@@ -16,6 +16,7 @@ mod l3_driving;
 mod l3_joints;
 mod l3_motion;
 mod l3_physics;
+mod l4_exact;
 mod l4_free;
 mod l4_promise;
 mod l5_datagrams;
@@ -56,6 +57,7 @@ pub(super) fn cases() -> Vec<Case> {
         l3_physics::cases(),
         l4_promise::cases(),
         l4_free::cases(),
+        l4_exact::cases(),
         l5_security::cases(),
         l5_datagrams::cases(),
     ]

@@ -1,0 +1,191 @@
+//! L4.3: bodies move to the bit as in the engine of this house.
+//!
+//! Asked of servers that have that engine alone, by the profile `bit-exact`. The full stream carries an engine's own
+//! numbers, so that nothing that is said of a stream's tolerance matters here.
+
+use rhumb_protocol::message::StreamChoice;
+use rhumb_protocol::scene::{BodyKind, BodyTerms};
+use rhumb_reckoning::{Tick, Ticks};
+use rhumb_sims::Script;
+
+use super::l4_promise::rename;
+use super::scenery::NORMAL;
+use crate::conformance::case::{Case, Feature};
+use crate::conformance::outcome::{Play, Stop, ensure};
+use crate::conformance::peer::Follower;
+use crate::conformance::trial::Trial;
+use crate::conformance::truths::{Bodies, GROUND, PIT, Subject, TICKS, digest};
+
+pub(super) fn cases() -> Vec<Case> {
+    let case = |number: usize, name: &str, cites: &str| {
+        Case::server(&format!("L4.3.{number}"), name)
+            .cites(cites)
+            .needs(&[Feature::Lockstep])
+            .bit_exact()
+    };
+    let each = Subject::ALL
+        .into_iter()
+        .enumerate()
+        .map(|(place, subject)| {
+            let name = format!("{}: every body moves as recorded, to the bit", subject.name);
+            case(place + 1, &name, "PROTOCOL 6.10-1, 6.10-3")
+                .play(move |trial| moves(trial, subject))
+        });
+    let others = [
+        case(
+            31,
+            "balls that are asked for ten ticks ahead move as recorded, to the bit",
+            "PROTOCOL 4.9-1",
+        )
+        .play(moves_ahead),
+        case(
+            32,
+            "who joins in the midst of a run is told of it as recorded, to the bit",
+            "PROTOCOL 6.10-3, 6.11-1",
+        )
+        .play(joins_late),
+        case(
+            33,
+            "who sleeps lies as recorded, to the bit, on a stream within a tolerance too",
+            "PROTOCOL 6.3-9",
+        )
+        .play(sleeps),
+    ];
+    each.chain(others).collect()
+}
+
+/// A member of a scene of a script, which leads it.
+struct Lead {
+    follower: Follower,
+    subject: Subject,
+    script: Box<dyn Script>,
+    tick: Tick,
+}
+
+impl Lead {
+    fn begin(trial: &mut Trial<'_>, subject: Subject, choice: StreamChoice) -> Result<Self, Stop> {
+        let script = subject.script();
+        let mut follower = trial.follower()?;
+        follower.create(script.terms())?;
+        follower.join(choice)?;
+        Ok(Self {
+            follower,
+            subject,
+            script,
+            tick: Tick::ZERO,
+        })
+    }
+
+    /// Gives the commands of the newest tick.
+    fn command(&mut self) -> Play {
+        let mut commands = Vec::new();
+        self.script.commands(self.tick, &mut commands);
+        for mut command in commands {
+            rename(&mut command, self.follower.granted)?;
+            self.follower.wish(|session| session.command(command))?;
+        }
+        Ok(())
+    }
+
+    /// Goes on to a tick, one by one.
+    fn go(&mut self, to: Tick) -> Play {
+        while self.tick < to {
+            self.command()?;
+            self.tick = self.tick.next();
+            self.follower.advance(self.tick)?;
+        }
+        Ok(())
+    }
+}
+
+/// Fails unless every body of a copy that can move moves as it is recorded of the tick.
+fn judge(copy: &Follower, subject: Subject, first: u32, tick: Tick) -> Play {
+    let unrecorded = || Stop::Inconclusive(format!("{tick} of {} is not recorded", subject.name));
+    let recorded = subject.recorded(tick).ok_or_else(unrecorded)?;
+    let replica = copy.replica()?;
+    let stream = replica.stream();
+    let can_move = |terms: &&BodyTerms| terms.kind != BodyKind::Static;
+    let here = replica.bodies().filter(can_move).filter_map(|terms| {
+        let motion = stream.believed(terms.id, tick)?;
+        Some((terms.id.index().checked_sub(first)?, digest(&motion)))
+    });
+    let here: Bodies = here.collect();
+    ensure(
+        here.keys().eq(recorded.keys()),
+        format!("there are {} bodies at {tick}", recorded.len()),
+    )?;
+    let otherwise = here.iter().filter(|(place, is)| recorded[*place] != **is);
+    let otherwise: Vec<_> = otherwise.map(|(place, _)| *place).collect();
+    ensure(
+        otherwise.is_empty(),
+        format!("at {tick} each body is as recorded, to the bit; otherwise are {otherwise:?}"),
+    )
+}
+
+fn moves(trial: &mut Trial<'_>, subject: Subject) -> Play {
+    let mut lead = Lead::begin(trial, subject, StreamChoice::Full)?;
+    for tick in TICKS.map(Tick::new) {
+        lead.go(tick)?;
+        judge(&lead.follower, subject, lead.follower.granted.first(), tick)?;
+    }
+    Ok(())
+}
+
+fn moves_ahead(trial: &mut Trial<'_>) -> Play {
+    // All that is commanded of it is commanded before its first step.
+    let mut lead = Lead::begin(trial, GROUND, StreamChoice::Full)?;
+    lead.command()?;
+    let first = lead.follower.granted.first();
+    let recorded = TICKS.into_iter().filter(|tick| tick % 10 == 0);
+    for tick in recorded.map(Tick::new) {
+        while lead.tick < tick {
+            lead.tick = lead.tick + Ticks::new(10);
+            lead.follower.ask_for(lead.tick)?;
+        }
+        lead.follower.complete(tick)?;
+        judge(&lead.follower, GROUND, first, tick)?;
+    }
+    Ok(())
+}
+
+fn joins_late(trial: &mut Trial<'_>) -> Play {
+    let mut lead = Lead::begin(trial, PIT, NORMAL)?;
+    let (joins, later) = (Tick::new(60), Tick::new(120));
+    lead.go(joins)?;
+    let scene = lead.follower.scene.clone();
+    let mut late = trial.follower_of(&scene)?;
+    late.greet()?;
+    late.join(StreamChoice::Full)?;
+    let first = lead.follower.granted.first();
+    judge(&late, PIT, first, joins)?;
+    lead.go(later)?;
+    late.complete(later)?;
+    judge(&late, PIT, first, later)
+}
+
+fn sleeps(trial: &mut Trial<'_>) -> Play {
+    let mut lead = Lead::begin(trial, GROUND, NORMAL)?;
+    let tick = Tick::new(TICKS[TICKS.len() - 1]);
+    lead.go(tick)?;
+    let first = lead.follower.granted.first();
+    let recorded = lead.subject.recorded(tick).unwrap_or_default();
+    let replica = lead.follower.replica()?;
+    let stream = replica.stream();
+    let mut asleep = 0;
+    for terms in replica.bodies() {
+        let (id, place) = (terms.id, terms.id.index().wrapping_sub(first));
+        let rests = stream
+            .track(id)
+            .is_some_and(|track| track.is_verbatim_rest());
+        if terms.kind == BodyKind::Static || !rests {
+            continue;
+        }
+        let is = stream.believed(id, tick).map(|motion| digest(&motion));
+        ensure(
+            is == recorded.get(&place).copied(),
+            format!("the body at place {place} sleeps at {tick} where it is recorded"),
+        )?;
+        asleep += 1;
+    }
+    ensure(asleep > 0, "some balls sleep by then")
+}

@@ -1,0 +1,261 @@
+//! What bodies of some scenes do in the engine of this house, to the bit.
+//!
+//! Of each body that can move, at chosen ticks, `tests/data/truths.json` has the digest of its motion, by its place in what its member was
+//! granted. It is computed in this process, without a wire, so that a server and what it says are held against the engine
+//! alone. `cargo run -p rhumb-tests --example truths -- --write` writes it; a test holds that it is what is computed.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::Path;
+
+use glam::{Quat, Vec3};
+use rhumb_protocol::scene::{
+    BodyKind, BodyTerms, Command, Material, SceneTerms, Shape, ShapeId, SleepTerms,
+};
+use rhumb_reckoning::{BodyId, Damping, Motion, Tick, Verbatim};
+use rhumb_server::Scene;
+use rhumb_sims::{FreeFall, Script, by_name};
+use serde_json::{Value, json};
+
+use crate::fnv::Fnv;
+
+/// Digests of the bodies of a scene at a tick, by their places.
+pub type Bodies = BTreeMap<u32, u64>;
+
+/// A scene whose truth is recorded.
+#[derive(Clone, Copy, Debug)]
+pub struct Subject {
+    /// Of its script.
+    pub name: &'static str,
+    /// How many the script is asked for.
+    bodies: u32,
+}
+
+/// The ticks at which motions are recorded: what one step does, what errors of a bit have become after seconds.
+pub const TICKS: [u64; 6] = [1, 2, 10, 60, 120, 240];
+
+/// Balls that fall on a floor: the least that a server must have.
+pub const GROUND: Subject = Subject::of("balls on ground", 9);
+/// A pit of balls.
+pub const PIT: Subject = Subject::of("ball-pit", 30);
+
+/// Of all chance in scripts.
+const SEED: u64 = 1;
+
+impl Subject {
+    /// All.
+    pub const ALL: [Self; 10] = [
+        GROUND,
+        PIT,
+        Self::of("stack", 10),
+        Self::of("cubes", 12),
+        Self::of("ragdolls", 4),
+        Self::of("dominoes", 12),
+        Self::of("asteroids", 8),
+        Self::of("asteroids-plain", 8),
+        Self::of("rain", 12),
+        Self::of("zoo", 12),
+    ];
+
+    const fn of(name: &'static str, bodies: u32) -> Self {
+        Self { name, bodies }
+    }
+
+    /// The commands of the scene.
+    ///
+    /// # Panics
+    ///
+    /// Never: the names are those of scripts.
+    #[must_use]
+    pub fn script(&self) -> Box<dyn Script> {
+        if self.name == GROUND.name {
+            return Box::new(Ground { balls: self.bodies });
+        }
+        by_name(self.name, self.bodies, SEED).expect("the names are those of scripts")
+    }
+
+    /// What each body that can move does at the chosen ticks, by the engine of this build.
+    fn computed(&self) -> BTreeMap<u64, Bodies> {
+        let mut script = self.script();
+        let mut scene = Scene::new(script.terms()).expect("a script's terms are good");
+        let mut commands = Vec::new();
+        // As it was put, until the engine says otherwise.
+        let mut motions = BTreeMap::new();
+        let mut ticks = BTreeMap::new();
+        for tick in 1..=TICKS[TICKS.len() - 1] {
+            commands.clear();
+            script.commands(scene.tick(), &mut commands);
+            for command in &commands {
+                scene.apply(command).expect("a script is obeyed");
+                if let Command::AddBody { terms, motion } = command {
+                    motions.insert(terms.id, *motion);
+                }
+            }
+            scene.step().expect("the engine steps what scripts build");
+            for observation in scene.observations() {
+                motions.insert(observation.id, observation.motion);
+            }
+            if TICKS.contains(&tick) {
+                let can_move = |terms: &&BodyTerms| terms.kind != BodyKind::Static;
+                let bodies = scene.bodies().filter(can_move);
+                let bodies = bodies.map(|terms| {
+                    let motion = motions[&terms.id].motion();
+                    (terms.id.index(), digest(&motion))
+                });
+                ticks.insert(tick, bodies.collect());
+            }
+        }
+        ticks
+    }
+
+    /// What each body did when it was recorded; `None` of a tick that was not.
+    #[must_use]
+    pub fn recorded(&self, tick: Tick) -> Option<Bodies> {
+        let recorded: Value = serde_json::from_str(RECORDED).ok()?;
+        let bodies = recorded["scenes"][self.name][tick.value().to_string()].as_str()?;
+        let body = |text: &str| {
+            let (place, digest) = text.split_once(':')?;
+            Some((place.parse().ok()?, u64::from_str_radix(digest, 16).ok()?))
+        };
+        bodies.split(' ').map(body).collect()
+    }
+}
+
+const RECORDED: &str = include_str!("../../data/truths.json");
+
+/// A motion as the record has it.
+#[must_use]
+pub fn digest(motion: &Motion) -> u64 {
+    let mut digest = Fnv::START;
+    digest.fold_motion(motion);
+    digest.value()
+}
+
+/// The record, as the engine of this build makes it.
+///
+/// # Panics
+///
+/// When the engine does not step what scripts build.
+#[must_use]
+pub fn truths() -> String {
+    let mut scenes = BTreeMap::new();
+    for subject in Subject::ALL {
+        let ticks = subject.computed().into_iter().map(|(tick, bodies)| {
+            let mut text = String::new();
+            for (place, digest) in bodies {
+                let space = if text.is_empty() { "" } else { " " };
+                write!(text, "{space}{place}:{digest:016x}").expect("memory can be written to");
+            }
+            (tick.to_string(), Value::String(text))
+        });
+        scenes.insert(subject.name, Value::Object(ticks.collect()));
+    }
+    let record = json!({ "engine": engine(), "scenes": scenes });
+    let mut text = serde_json::to_string_pretty(&record).expect("it is JSON");
+    text.push('\n');
+    text
+}
+
+/// The engine's name and version, by the lock file of the workspace.
+fn engine() -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../Cargo.lock");
+    let lock = std::fs::read_to_string(path).expect("the lock file lies above the crates");
+    let mut lines = lock
+        .lines()
+        .skip_while(|line| *line != "name = \"rapier3d\"");
+    let version = lines.nth(1).and_then(|line| line.split('"').nth(1));
+    format!("rapier3d {}", version.expect("the engine is locked"))
+}
+
+/// Balls that fall askew on a floor, roll, touch and come to rest; all of the scene's own material.
+#[derive(Clone, Copy, Debug)]
+struct Ground {
+    balls: u32,
+}
+
+impl Script for Ground {
+    fn name(&self) -> &'static str {
+        GROUND.name
+    }
+
+    fn terms(&self) -> SceneTerms {
+        SceneTerms {
+            material: Material {
+                friction: 0.5,
+                restitution: 0.25,
+                density: 1_000.0,
+            },
+            damping: Damping {
+                linear: 1.0,
+                angular: 4.0,
+            },
+            sleep: Some(SleepTerms {
+                speed: 0.2,
+                seconds: 0.5,
+            }),
+            ..FreeFall::new(0, SEED).terms()
+        }
+    }
+
+    fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {
+        if tick != Tick::ZERO {
+            return;
+        }
+        let (ball, floor) = (ShapeId(0), ShapeId(1));
+        let half_extents = Vec3::new(20.0, 1.0, 20.0);
+        let shapes = [
+            (ball, Shape::Ball { radius: 0.5 }),
+            (floor, Shape::Cuboid { half_extents }),
+        ];
+        out.extend(shapes.map(|(id, shape)| Command::AddShape { id, shape }));
+        let mut add = |index, kind, shape, place: Vec3, linear: Vec3| {
+            let id = BodyId::new(index, 0);
+            let turn = Quat::IDENTITY.to_array();
+            let motion = Verbatim::new(place.to_array(), turn, linear.to_array(), [0.0; 3]);
+            out.push(Command::AddBody {
+                terms: BodyTerms::plain(id, kind, shape),
+                motion: motion.expect("balls are placed at finite poses"),
+            });
+        };
+        let below = Vec3::new(0.0, -1.0, 0.0);
+        add(0, BodyKind::Static, floor, below, Vec3::ZERO);
+        for number in 1..=self.balls {
+            let (column, row) = ((number % 3) as f32, (number / 3) as f32);
+            let place = Vec3::new(1.1 * column, 0.6 + 0.3 * row, 1.3 * row);
+            let linear = Vec3::new(1.0 - column, -0.5, 0.7 - 0.4 * row);
+            add(number, BodyKind::Dynamic, ball, place, linear);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_record_is_what_the_engine_does() {
+        let computed = truths();
+        for (number, (is, was)) in computed.lines().zip(RECORDED.lines()).enumerate() {
+            assert_eq!(is, was, "line {} of tests/data/truths.json", number + 1);
+        }
+        assert_eq!(computed.len(), RECORDED.len());
+    }
+
+    #[test]
+    fn each_scene_is_recorded_at_each_tick_and_moves_between_them() {
+        for subject in Subject::ALL {
+            let recorded = |tick: u64| {
+                let bodies = subject.recorded(Tick::new(tick));
+                bodies.unwrap_or_else(|| panic!("{subject:?} at {tick}"))
+            };
+            // Later on some scenes are at rest.
+            for (before, after) in [(1, 2), (2, 10), (10, 60)] {
+                let (before, after) = (recorded(before), recorded(after));
+                assert_ne!(before, after, "{subject:?}");
+            }
+            assert!(recorded(120).len() >= 8 && recorded(240).len() >= 8);
+            assert!(recorded(60).len() >= 8, "{subject:?}");
+        }
+        assert_eq!(GROUND.recorded(Tick::new(3)), None);
+    }
+}
