@@ -18,7 +18,7 @@ const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
 const TESTEE: &str = env!("CARGO_BIN_EXE_rhumb-testee");
 
 /// Each mutant with the case that is for it.
-const CAUGHT: [(ClientMutant, &str, &str); 20] = [
+const CAUGHT: [(ClientMutant, &str, &str); 22] = [
     (ClientMutant::AnyVersion, "any-version", "L1.51.2"),
     (ClientMutant::CriticalPasses, "critical-passes", "L1.51.3"),
     (
@@ -47,6 +47,12 @@ const CAUGHT: [(ClientMutant, &str, &str); 20] = [
     ),
     (ClientMutant::NeverFollowed, "never-followed", "L2.52.21"),
     (ClientMutant::SpeaksTooSoon, "speaks-too-soon", "L1.51.6"),
+    (ClientMutant::StraysAway, "strays-away", "L3.51.1"),
+    (
+        ClientMutant::NeverDrivesAgain,
+        "never-drives-again",
+        "L3.51.3",
+    ),
 ];
 
 fn conditions(exec: String) -> Conditions {

@@ -4,6 +4,7 @@
 //! What it hears, says and tells passes by a [`Habit`]; the honest one leaves all as it is, those of `conformance/mutants`
 //! do not.
 
+mod course;
 mod lines;
 mod wish;
 
@@ -11,11 +12,13 @@ use std::io::{self, Write};
 use std::time::Duration;
 
 use rhumb_protocol::message::StreamChoice;
+use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, IdRange, ShapeId};
 use rhumb_protocol::session::{ClientSession, Event};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
-use rhumb_reckoning::{LengthBound, Tick, Tolerance};
+use rhumb_reckoning::{BodyId, LengthBound, Tick, Tolerance};
 use rhumb_transport::{ClientOptions, Clock, QuicClient, Received, Trust};
 
+pub use course::{COURSE_TICKS, course};
 pub use lines::{bits, copy_line, moving};
 pub use wish::{Orders, Wish};
 
@@ -76,6 +79,8 @@ struct Testee<'a> {
     habit: &'a mut dyn Habit,
     wish: Wish,
     told: Option<Tick>,
+    /// The body that it drives, or wants to.
+    driven: Option<BodyId>,
     over: bool,
 }
 
@@ -98,6 +103,7 @@ pub fn run(orders: &Orders, habit: &mut dyn Habit) -> io::Result<()> {
         habit,
         wish: orders.wish,
         told: None,
+        driven: None,
         over: false,
     };
     while !testee.over {
@@ -181,15 +187,17 @@ impl Testee<'_> {
         let now = self.clock.now();
         match event {
             Event::Welcomed(_) => self.wishes(|session, wish| session.join(wish.choice())),
-            Event::Joined(_) => {
+            Event::Joined(granted) => {
                 tell("{\"is\":\"joined\"}")?;
                 self.tell_copy()?;
                 match self.wish {
                     Wish::Advance { .. } => self.ask_on(now),
                     Wish::Change { to, .. } => self.wishes(|session, _| session.follow(within(to))),
+                    Wish::Drive { within } => self.begin_to_drive(*granted, within),
                     Wish::Follow { .. } | Wish::Full | Wish::Capped { .. } => {}
                 }
             }
+            Event::Driving(_) => self.drive_on(now),
             Event::Following(_) => {
                 tell("{\"is\":\"following\"}")?;
                 self.told = None;
@@ -236,6 +244,35 @@ impl Testee<'_> {
         }
     }
 
+    /// Adds a body where its course is at the scene's tick, and asks to drive it.
+    fn begin_to_drive(&mut self, granted: IdRange, micrometres: u32) {
+        let (Some(id), Some(copy)) = (granted.id(0), self.session.replica()) else {
+            return;
+        };
+        let command = Command::AddBody {
+            terms: BodyTerms::plain(id, BodyKind::Kinematic, ShapeId(0)),
+            motion: course(copy.stream().complete()).stilled(),
+        };
+        self.driven = Some(id);
+        self.wishes(|session, _| session.command(command));
+        self.wishes(|session, _| session.drive(surface(micrometres), &[id]));
+    }
+
+    /// Says where its body is at the next tick, and asks for it; nothing before it may.
+    fn drive_on(&mut self, now: Instant) {
+        let (Some(id), Some(copy)) = (self.driven, self.session.replica()) else {
+            return;
+        };
+        let next = copy.stream().complete().next();
+        if next > Tick::new(COURSE_TICKS) {
+            return;
+        }
+        let said = self.session.publish(next, &[(id, course(next))]);
+        if said == Ok(true) {
+            self.wishes(|session, _| session.advance(now, next));
+        }
+    }
+
     /// Tells of a tick that has become complete.
     fn tell_copy(&mut self) -> io::Result<()> {
         let Some(copy) = self.session.replica() else {
@@ -254,17 +291,21 @@ impl Testee<'_> {
         for line in self.habit.tell(&self.session, copy_line(copy, tick)) {
             tell(&line)?;
         }
-        self.ask_on(self.clock.now());
+        let now = self.clock.now();
+        self.ask_on(now);
+        self.drive_on(now);
         Ok(())
     }
 }
 
 /// A stream within so many micrometres.
 fn within(micrometres: u32) -> StreamChoice {
+    StreamChoice::Within(surface(micrometres))
+}
+
+fn surface(micrometres: u32) -> Tolerance {
     let length = LengthBound::from_micrometres(micrometres);
-    StreamChoice::Within(Tolerance::Surface(
-        length.expect("orders are checked when they are read"),
-    ))
+    Tolerance::Surface(length.expect("orders are checked when they are read"))
 }
 
 /// Writes a line at once.

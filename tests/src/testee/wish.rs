@@ -42,6 +42,11 @@ pub enum Wish {
         /// The one afterwards.
         to: u32,
     },
+    /// To follow its full stream, and drive a body of its own along a course.
+    Drive {
+        /// The surface tolerance of what it drives.
+        within: u32,
+    },
 }
 
 /// All that it is told.
@@ -72,6 +77,9 @@ impl Wish {
         };
         Some(match words[..] {
             ["follow", "full"] => Self::Full,
+            ["drive", within] => Self::Drive {
+                within: bound(within)?,
+            },
             ["follow", within] => Self::Follow {
                 within: bound(within)?,
             },
@@ -103,7 +111,7 @@ impl Wish {
             Tolerance::Surface(length)
         };
         match self {
-            Self::Full => StreamChoice::Full,
+            Self::Full | Self::Drive { .. } => StreamChoice::Full,
             Self::Capped { within, rate } => StreamChoice::Capped {
                 tolerance: surface(within),
                 budget: Budget::new(rate, BURST).expect("the suite asks for what may be"),

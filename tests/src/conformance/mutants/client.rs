@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use rhumb_protocol::message::{Frames, frame};
+use rhumb_protocol::message::{ClientMessage, Framed, Frames, ServerMessage, frame};
 use rhumb_protocol::packet::{Age, Echo, FullPacket, Head, Kind, Low16, Saying};
 use rhumb_protocol::session::ClientSession;
 use rhumb_protocol::wire::Wire;
@@ -56,6 +56,10 @@ pub enum ClientMutant {
     SpeaksTooSoon,
     /// Asks no more once its answer is lost.
     Greedy,
+    /// Drives, and says the server only each fourth packet of it.
+    StraysAway,
+    /// Does not hear that the server has lost touch with what it drives.
+    NeverDrivesAgain,
 }
 
 impl ClientMutant {
@@ -68,6 +72,7 @@ impl ClientMutant {
             said: Frames::new(),
             recent: VecDeque::new(),
             begun: false,
+            packets: 0,
         })
     }
 }
@@ -78,6 +83,7 @@ struct Mutant {
     said: Frames,
     recent: VecDeque<Vec<u8>>,
     begun: bool,
+    packets: u64,
 }
 
 impl Mutant {
@@ -94,8 +100,31 @@ impl Mutant {
                 None
             }
             ClientMutant::OptionalRefused if kind >= 0x80 => Some((0x7f, body)),
+            ClientMutant::NeverDrivesAgain => {
+                let framed = Framed { kind, body };
+                let message = ServerMessage::decode(&framed).ok().flatten();
+                let lost = matches!(message, Some(ServerMessage::NotDriving(_)));
+                (!lost).then_some((framed.kind, framed.body))
+            }
             _ => Some((kind, body)),
         }
+    }
+
+    /// What it says, but for three of four packets of its upstream.
+    fn say_each_fourth(&mut self, bytes: &[u8]) -> Vec<u8> {
+        self.said.push(bytes);
+        let mut said = Vec::new();
+        while let Ok(Some(framed)) = self.said.next_frame() {
+            let message = ClientMessage::decode(&framed).ok().flatten();
+            if matches!(message, Some(ClientMessage::Upstream(_))) {
+                self.packets += 1;
+                if self.packets % 4 != 1 {
+                    continue;
+                }
+            }
+            frame(framed.kind, &framed.body, &mut said);
+        }
+        said
     }
 }
 
@@ -103,7 +132,10 @@ impl Habit for Mutant {
     fn hear_control(&mut self, bytes: &[u8]) -> Vec<u8> {
         let touches = matches!(
             self.mutant,
-            ClientMutant::AnyVersion | ClientMutant::CriticalPasses | ClientMutant::OptionalRefused
+            ClientMutant::AnyVersion
+                | ClientMutant::CriticalPasses
+                | ClientMutant::OptionalRefused
+                | ClientMutant::NeverDrivesAgain
         );
         if !touches {
             return bytes.to_vec();
@@ -175,6 +207,9 @@ impl Habit for Mutant {
     }
 
     fn say_control(&mut self, bytes: &[u8]) -> Vec<u8> {
+        if self.mutant == ClientMutant::StraysAway {
+            return self.say_each_fourth(bytes);
+        }
         let left_out = match self.mutant {
             ClientMutant::NeverResyncs => 9,
             ClientMutant::NeverFollowed => 13,

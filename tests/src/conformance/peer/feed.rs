@@ -49,7 +49,7 @@ pub struct Feed {
     pub kinds: Vec<Kind>,
     /// What the client told.
     pub told: Vec<Value>,
-    server: Server,
+    pub(in crate::conformance) server: Server,
     mirror: ClientSession,
     script: Box<dyn Script>,
     scripted: Tick,
