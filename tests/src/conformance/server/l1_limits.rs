@@ -1,9 +1,11 @@
 //! L1.5: limits, held at their last good value and refused beyond.
+//!
+//! A server may refuse earlier than it must, if it says so (PROTOCOL 7-2, 7-3): then the denial is all that is asked for.
 
 use glam::Vec3;
 use rhumb_protocol::limits::{
-    ADVANCE_TICKS_MAX, GRANT, GRANTED_MAX, MEMBERS_PER_SCENE_MAX, RANGES_PER_MEMBER_MAX,
-    RESERVE_MAX, SCENES_MAX, STREAMS_PER_SCENE_MAX,
+    ADVANCE_TICKS_MAX, DAMPINGS_MAX, GRANT, GRANTED_MAX, MEMBERS_PER_SCENE_MAX,
+    RANGES_PER_MEMBER_MAX, RESERVE_MAX, SCENES_MAX, STREAMS_PER_SCENE_MAX,
 };
 use rhumb_protocol::message::{ClientMessage, Denial, ServerMessage, StreamChoice};
 use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, CommandError, IdRange};
@@ -36,14 +38,14 @@ pub(super) fn cases() -> Vec<Case> {
         .play(reserved),
         case(
             "L1.5.3",
-            "who holds as many indices as it may is denied more, with 7",
+            "who holds as many indices as it may is denied more, with 7, and before if at all",
             "PROTOCOL 7-2, 7-3",
         )
         .play(granted_most),
         case(
             "L1.5.4",
-            "who holds as many ranges as it may is denied more, with 7",
-            "PROTOCOL 7-1",
+            "who holds as many ranges as it may is denied more, with 7, and before if at all",
+            "PROTOCOL 7-1, 7-2, 7-3",
         )
         .play(ranges_most),
         case(
@@ -54,8 +56,8 @@ pub(super) fn cases() -> Vec<Case> {
         .play(advance_most),
         case(
             "L1.5.6",
-            "a scene has STREAMS_PER_SCENE_MAX streams, and not one more",
-            "PROTOCOL 7-1, 4.7-1",
+            "a scene has at most STREAMS_PER_SCENE_MAX streams, and denies one more with its code",
+            "PROTOCOL 7-1, 7-2, 7-3, 4.7-1",
         )
         .play(streams_most),
         case(
@@ -66,14 +68,14 @@ pub(super) fn cases() -> Vec<Case> {
         .play(one_stream),
         case(
             "L1.5.8",
-            "a scene has MEMBERS_PER_SCENE_MAX members, and not one more",
-            "PROTOCOL 7-1, 4.7-1",
+            "a scene has at most MEMBERS_PER_SCENE_MAX members, and denies one more with its code",
+            "PROTOCOL 7-1, 7-2, 7-3, 4.7-1",
         )
         .play(members_most),
         case(
             "L1.5.9",
-            "bodies have DAMPINGS_MAX dampings, and not one more",
-            "PROTOCOL 7-1, 4.4-7",
+            "bodies have at most DAMPINGS_MAX dampings, and one more is refused by its name",
+            "PROTOCOL 7-1, 7-2, 7-3, 4.4-7",
         )
         .play(dampings_most),
         case(
@@ -145,30 +147,44 @@ fn reserved(trial: &mut Trial<'_>) -> Play {
 
 fn granted_most(trial: &mut Trial<'_>) -> Play {
     let mut guest = member(trial)?;
-    let most = reserve(&mut guest, RESERVE_MAX)?;
-    ensure(
-        most.is_ok() && GRANT + RESERVE_MAX == GRANTED_MAX,
-        format!("{most:?}"),
-    )?;
-    let more = reserve(&mut guest, 1)?;
-    ensure(
-        more == Err(Denial::NoIndicesLeft),
-        format!("one more is denied, not {more:?}"),
-    )?;
+    if reserve_or_be_denied(&mut guest, RESERVE_MAX)? {
+        ensure(
+            !reserve_or_be_denied(&mut guest, 1)?,
+            format!("who holds {GRANTED_MAX} is denied one more"),
+        )?;
+    }
     guest.barrier().map(drop)
 }
 
 fn ranges_most(trial: &mut Trial<'_>) -> Play {
     let mut guest = member(trial)?;
-    for number in 1..RANGES_PER_MEMBER_MAX {
-        let range = reserve(&mut guest, 1)?;
-        ensure(range.is_ok(), format!("range {number}: {range:?}"))?;
+    // The range of its joining is the first.
+    for _ in 1..RANGES_PER_MEMBER_MAX {
+        if !reserve_or_be_denied(&mut guest, 1)? {
+            return guest.barrier().map(drop);
+        }
     }
-    let more = reserve(&mut guest, 1)?;
     ensure(
-        more == Err(Denial::NoIndicesLeft),
-        format!("one more is denied, not {more:?}"),
+        !reserve_or_be_denied(&mut guest, 1)?,
+        format!("who holds {RANGES_PER_MEMBER_MAX} ranges is denied one more"),
     )
+}
+
+/// Whether so many are granted; if not, then by the denial that is for it.
+fn reserve_or_be_denied(guest: &mut Guest, count: u32) -> Result<bool, Stop> {
+    match reserve(guest, count)? {
+        Ok(range) => {
+            ensure(range.count() == count, format!("{count}, not {range:?}"))?;
+            Ok(true)
+        }
+        Err(denial) => {
+            ensure(
+                denial == Denial::NoIndicesLeft,
+                format!("indices are denied with 7, not: {denial}"),
+            )?;
+            Ok(false)
+        }
+    }
 }
 
 fn advance_most(trial: &mut Trial<'_>) -> Play {
@@ -199,25 +215,48 @@ fn within(number: usize) -> StreamChoice {
 }
 
 fn streams_most(trial: &mut Trial<'_>) -> Play {
-    let first = member(trial)?;
-    let mut members = vec![first];
+    let mut members = vec![member(trial)?];
     let scene = members[0].scene.clone();
-    for number in 1..STREAMS_PER_SCENE_MAX {
+    let mut denied = false;
+    while !denied {
         let mut guest = trial.guest_of(&scene)?;
         guest.hello()?;
-        guest.join(within(number))?;
+        denied = !join_or_be_denied(&mut guest, within(members.len()), Denial::TooManyStreams)?;
+        if denied {
+            // Of a stream that is there already nothing is too many.
+            guest.join(NORMAL)?;
+        }
         members.push(guest);
+        ensure(
+            denied || members.len() <= STREAMS_PER_SCENE_MAX,
+            format!("no scene has more than {STREAMS_PER_SCENE_MAX} streams"),
+        )?;
     }
-    let mut guest = trial.guest_of(&scene)?;
-    guest.hello()?;
-    guest.say(&ClientMessage::Join(within(900)));
+    Ok(())
+}
+
+/// Whether it is let in; if not, then by this denial.
+fn join_or_be_denied(
+    guest: &mut Guest,
+    choice: StreamChoice,
+    wanted: Denial,
+) -> Result<bool, Stop> {
+    guest.say(&ClientMessage::Join(choice));
     let heard = guest.barrier()?;
-    let denied = [ServerMessage::Denied(Denial::TooManyStreams)];
+    let denials = heard.iter().find_map(|message| match message {
+        ServerMessage::Denied(denial) => Some(*denial),
+        _ => None,
+    });
     ensure(
-        heard == denied,
-        format!("one more is denied, not {heard:?}"),
+        denials.is_none_or(|denial| denial == wanted),
+        format!("one more is denied with {wanted:?}, not {heard:?}"),
     )?;
-    guest.join(NORMAL).map(drop)
+    let joined = |message: &ServerMessage| matches!(message, ServerMessage::Joined(_));
+    ensure(
+        denials.is_some() || heard.iter().any(joined),
+        format!("a wish to join is answered, not by {heard:?}"),
+    )?;
+    Ok(denials.is_none())
 }
 
 fn one_stream(trial: &mut Trial<'_>) -> Play {
@@ -240,31 +279,27 @@ fn one_stream(trial: &mut Trial<'_>) -> Play {
 }
 
 fn members_most(trial: &mut Trial<'_>) -> Play {
-    let first = member(trial)?;
-    let scene = first.scene.clone();
-    let mut members = vec![first];
-    while members.len() < MEMBERS_PER_SCENE_MAX {
+    let mut members = vec![member(trial)?];
+    let scene = members[0].scene.clone();
+    loop {
         let mut guest = trial.guest_of(&scene)?;
         guest.hello()?;
-        guest.join(NORMAL)?;
+        if !join_or_be_denied(&mut guest, NORMAL, Denial::TooManyMembers)? {
+            return Ok(());
+        }
         members.push(guest);
+        ensure(
+            members.len() <= MEMBERS_PER_SCENE_MAX,
+            format!("no scene has more than {MEMBERS_PER_SCENE_MAX} members"),
+        )?;
     }
-    let mut guest = trial.guest_of(&scene)?;
-    guest.hello()?;
-    guest.say(&ClientMessage::Join(NORMAL));
-    let heard = guest.barrier()?;
-    let denied = [ServerMessage::Denied(Denial::TooManyMembers)];
-    ensure(
-        heard == denied,
-        format!("one more is denied, not {heard:?}"),
-    )
 }
 
 fn dampings_most(trial: &mut Trial<'_>) -> Play {
     let mut guest = member(trial)?;
     guest.must(ball_shape())?;
     let mut refused = None;
-    for number in 0..=rhumb_protocol::limits::DAMPINGS_MAX as u32 {
+    for number in 0..=DAMPINGS_MAX as u32 {
         let mut terms = BodyTerms::plain(body(guest.granted, number)?, BodyKind::Dynamic, BALL);
         terms.damping = Some(Damping {
             linear: 1.0 + number as f32 / 128.0,
@@ -274,17 +309,15 @@ fn dampings_most(trial: &mut Trial<'_>) -> Play {
         match guest.command(Command::AddBody { terms, motion })? {
             Ok(_) => {}
             Err(error) => {
-                refused = Some((number, error));
+                refused = Some(error);
                 break;
             }
         }
     }
-    // The scene's own is one of them.
-    let most = rhumb_protocol::limits::DAMPINGS_MAX as u32;
     match refused {
-        Some((number, CommandError::TooManyDampings)) if number + 1 >= most => Ok(()),
+        Some(CommandError::TooManyDampings) => Ok(()),
         other => Stop::fail(format!(
-            "refused by TooManyDampings at {most}, not {other:?}"
+            "one beyond {DAMPINGS_MAX} is refused by TooManyDampings, not {other:?}"
         )),
     }
 }
