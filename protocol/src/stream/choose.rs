@@ -75,7 +75,7 @@ const LOOKS: [f64; 15] = [
 /// How many ticks more a push is expected to last.
 const PUSH_LASTS: f64 = 16.0;
 /// How far a still body is put ahead of its course, as a share of the tolerance.
-const LEAD_MOST: f64 = 0.5;
+const AIM_MOST: f64 = 0.5;
 
 /// A saying that keeps the promise, the track it leads to, and what it is worth.
 #[derive(Clone, Copy, Debug)]
@@ -376,7 +376,7 @@ impl Chooser<'_> {
                 }
             };
             let share = allowance.share(p.length() * 0.5, q.length() * 0.5);
-            let scale = 0.5 * (LEAD_MOST / share).min(1.0);
+            let scale = 0.5 * (AIM_MOST / share).min(1.0);
             (p, q) = (p * scale, q * scale);
             aims[place] = Some(Aim { pose: [p, q] });
         }

@@ -324,7 +324,7 @@ impl Common {
     fn conclude(
         &self,
         subject: String,
-        results: Vec<run::Result>,
+        results: Vec<run::Tried>,
         pairs: Vec<Pairing>,
     ) -> Result<bool, Trouble> {
         let report = Report {

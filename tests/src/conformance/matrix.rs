@@ -11,7 +11,7 @@ use rhumb_transport::{Fingerprint, Trust};
 
 use super::case::{Case, Side};
 use super::outcome::Verdict;
-use super::run::{self, Result};
+use super::run::{self, Tried};
 use super::suite::{self, Selection};
 use super::trial::{Conditions, Subject};
 
@@ -54,7 +54,7 @@ pub fn run(
     conditions: &Conditions,
     side_by_side: usize,
     progress: &mut (dyn Write + Send),
-) -> (Vec<Pairing>, Vec<Result>) {
+) -> (Vec<Pairing>, Vec<Tried>) {
     let (mut pairs, mut all) = (Vec::new(), Vec::new());
     for server in servers {
         for client in clients {
@@ -155,7 +155,7 @@ impl fmt::Display for Pairing {
 }
 
 /// A name that may stand in a case's id.
-fn named(text: &str) -> std::result::Result<(String, &str), String> {
+fn named(text: &str) -> Result<(String, &str), String> {
     let (name, rest) = text.split_once('=').ok_or("no NAME= before it")?;
     let is_name = !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '-');
     if is_name {
@@ -168,7 +168,7 @@ fn named(text: &str) -> std::result::Result<(String, &str), String> {
 impl FromStr for NamedServer {
     type Err = String;
 
-    fn from_str(text: &str) -> std::result::Result<Self, String> {
+    fn from_str(text: &str) -> Result<Self, String> {
         let (name, rest) = named(text)?;
         let (place, fingerprint) = rest.rsplit_once(',').ok_or("no fingerprint behind it")?;
         let mut found = (place.to_socket_addrs()).map_err(|error| format!("{place}: {error}"))?;
@@ -187,7 +187,7 @@ impl FromStr for NamedServer {
 impl FromStr for NamedClient {
     type Err = String;
 
-    fn from_str(text: &str) -> std::result::Result<Self, String> {
+    fn from_str(text: &str) -> Result<Self, String> {
         let (name, exec) = named(text)?;
         let exec = exec.to_owned();
         Ok(Self { name, exec })

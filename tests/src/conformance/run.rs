@@ -15,7 +15,7 @@ use super::trial::{Conditions, Trial};
 
 /// A case with what came of it.
 #[derive(Debug)]
-pub struct Result {
+pub struct Tried {
     /// The case.
     pub case: Case,
     /// What came of it.
@@ -30,7 +30,7 @@ pub fn run(
     conditions: &Conditions,
     side_by_side: usize,
     progress: &mut (dyn Write + Send),
-) -> Vec<Result> {
+) -> Vec<Tried> {
     let mut wanted: Vec<_> = cases
         .into_iter()
         .filter(|case| selection.wants(case))
@@ -74,7 +74,7 @@ pub fn run(
             why: "it was not tried to its end".into(),
             ..unsupported("")
         });
-        Result { case, outcome }
+        Tried { case, outcome }
     });
     results.collect()
 }

@@ -50,10 +50,9 @@ pub trait Habit {
         Some(code)
     }
 
-    /// What it tells of its copy.
-    fn tell(&mut self, session: &ClientSession, line: String) -> Vec<String> {
-        let _ = session;
-        vec![line]
+    /// What it writes in place of a line about its copy.
+    fn write_line(&mut self, line: String) -> String {
+        line
     }
 
     /// Whether it tells of a copy that is not settled.
@@ -69,7 +68,7 @@ pub struct Honest;
 impl Habit for Honest {}
 
 const SERVER: Peer = Peer(0);
-/// How long the server may be silent while nothing is awaited of it: longer than any case lasts.
+/// The longest that a turn waits for something to come; then the next one begins.
 const TURN: Span = Span::from_millis(1_000);
 
 struct Testee<'a> {
@@ -288,9 +287,7 @@ impl Testee<'_> {
             return Ok(());
         }
         self.told = Some(tick);
-        for line in self.habit.tell(&self.session, copy_line(copy, tick)) {
-            tell(&line)?;
-        }
+        tell(&self.habit.write_line(copy_line(copy, tick)))?;
         let now = self.clock.now();
         self.ask_on(now);
         self.drive_on(now);

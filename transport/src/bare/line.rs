@@ -58,7 +58,7 @@ enum Op {
     Break(u64),
 }
 
-/// One connection, until it has ended or this is dropped.
+/// One connection, on which its holder says what it likes; it ends when either end closes it, or when this is dropped.
 #[derive(Debug)]
 pub struct BareLine {
     connection: Connection,

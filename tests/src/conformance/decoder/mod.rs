@@ -208,8 +208,7 @@ fn must(right: bool, line: &Value, answer: &Value) -> Play {
         return Ok(());
     }
     let (name, bytes) = (word(&line["name"]), word(&line["bytes"]));
-    let mut wanted = line["means"].to_string();
-    wanted.truncate(200);
+    let wanted: String = line["means"].to_string().chars().take(200).collect();
     Stop::fail(format!(
         "{name}, {bytes}: answered by {answer}; means {wanted}"
     ))
@@ -240,4 +239,18 @@ fn vectors(file: &str) -> Value {
     let text = std::fs::read_to_string(folder.join(file));
     let text = text.expect("the vectors lie beside this package");
     serde_json::from_str(&text).expect("the vectors are JSON")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_shown_of_a_vector_is_cut_between_letters() {
+        let line = json!({"name": "long", "bytes": "", "means": "ä".repeat(300)});
+        let Err(Stop::Fail(why)) = must(false, &line, &json!({})) else {
+            panic!("it is not right");
+        };
+        assert_eq!(why.matches('ä').count(), 199, "behind a quotation mark");
+    }
 }

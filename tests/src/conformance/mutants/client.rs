@@ -52,10 +52,10 @@ pub enum ClientMutant {
     PromisesTooMuch,
     /// Stays where it was when it has caught up with another stream.
     NeverFollowed,
-    /// Says two hellos.
+    /// Wishes to join in the same breath as its hello, before it is welcomed.
     SpeaksTooSoon,
-    /// Asks no more once its answer is lost.
-    Greedy,
+    /// Asks for one packet of all that are lost.
+    AsksForOne,
     /// Drives, and says the server only each fourth packet of it.
     StraysAway,
     /// Does not hear that the server has lost touch with what it drives.
@@ -197,7 +197,7 @@ impl Habit for Mutant {
                     .for_each(|lost| lost.0 = lost.0.wrapping_add(1));
                 Some(echo.encode(stream))
             }
-            (ClientMutant::Greedy, Some((Kind::Echo, stream))) => {
+            (ClientMutant::AsksForOne, Some((Kind::Echo, stream))) => {
                 let mut echo = Echo::decode(reader).ok()?;
                 echo.lost.truncate(1);
                 Some(echo.encode(stream))
@@ -238,10 +238,9 @@ impl Habit for Mutant {
         })
     }
 
-    fn tell(&mut self, session: &ClientSession, line: String) -> Vec<String> {
-        let _ = session;
+    fn write_line(&mut self, line: String) -> String {
         if self.mutant != ClientMutant::LastBitWrong {
-            return vec![line];
+            return line;
         }
         let wrong = line
             .char_indices()
@@ -250,12 +249,12 @@ impl Habit for Mutant {
         let Some((at, digit)) =
             wrong.filter(|_| line.contains("\":\"") && line.contains("\"moving\":{\""))
         else {
-            return vec![line];
+            return line;
         };
         let other = if digit == '0' { "1" } else { "0" };
         let mut line = line;
         line.replace_range(at..=at, other);
-        vec![line]
+        line
     }
 
     fn tells_unsettled(&self) -> bool {
@@ -306,7 +305,7 @@ fn rebuilt_on(session: &ClientSession, bytes: &[u8]) -> Option<Vec<u8>> {
     written(head, &packet, &updates)
 }
 
-/// The same datagram with a count of notices of zero: as many as there were long ago.
+/// The same datagram with a count of notices that is 200 less, or zero: one that was reached long ago.
 fn without_notices(bytes: &[u8]) -> Vec<u8> {
     let mut reader = Reader::new(bytes);
     let mut bytes = bytes.to_vec();

@@ -9,7 +9,7 @@ use super::Report;
 use super::json::cites;
 use super::style::STYLE;
 use crate::conformance::matrix::{Pairing, clients_of, rows};
-use crate::conformance::run::Result;
+use crate::conformance::run::Tried;
 
 /// The text of a report as a page.
 #[must_use]
@@ -73,7 +73,7 @@ fn pairs(page: &mut String, pairs: &[Pairing]) {
     page.push_str("</table>\n");
 }
 
-fn row(page: &mut String, Result { case, outcome }: &Result) {
+fn row(page: &mut String, Tried { case, outcome }: &Tried) {
     let _ = writeln!(
         page,
         "<tr><td><code>{}</code></td><td>{}</td><td class=\"{}\">{}</td><td class=\"{}\">{}</td><td class=\"soft\">{}</td></tr>",
@@ -92,7 +92,7 @@ fn failures(page: &mut String, report: &Report) {
     let texts: BTreeMap<_, _> = (report.coverage.iter())
         .map(|one| (one.requirement.to_string(), one.requirement.text.clone()))
         .collect();
-    for Result { case, outcome } in report.bad() {
+    for Tried { case, outcome } in report.bad() {
         let _ = writeln!(
             page,
             "<h2 class=\"fail\">{} {}</h2>\n<p>{}: {} {}</p>",

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::Report;
 use crate::conformance::case::Case;
 use crate::conformance::coverage::Covered;
-use crate::conformance::run::Result;
+use crate::conformance::run::Tried;
 
 /// The text of a report as JSON.
 #[must_use]
@@ -25,7 +25,7 @@ pub fn json(report: &Report) -> String {
     format!("{report:#}\n")
 }
 
-fn result(Result { case, outcome }: &Result) -> Value {
+fn result(Tried { case, outcome }: &Tried) -> Value {
     let mut line = json!({
         "id": case.id,
         "name": case.name,

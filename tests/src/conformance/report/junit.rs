@@ -7,7 +7,7 @@ use quick_xml::events::{BytesDecl, BytesText, Event};
 
 use super::Report;
 use crate::conformance::outcome::Verdict;
-use crate::conformance::run::Result;
+use crate::conformance::run::Tried;
 
 /// The text of a report as JUnit XML.
 ///
@@ -43,8 +43,8 @@ pub fn junit(report: &Report) -> io::Result<String> {
     Ok(text)
 }
 
-fn case(writer: &mut Writer<Vec<u8>>, result: &Result, strict: bool) -> io::Result<()> {
-    let Result { case, outcome } = result;
+fn case(writer: &mut Writer<Vec<u8>>, result: &Tried, strict: bool) -> io::Result<()> {
+    let Tried { case, outcome } = result;
     let group = case.id.rsplit_once('.').map_or("", |(group, _)| group);
     let name = format!("{} {}", case.id, case.name);
     let seconds = format!("{:.3}", outcome.took.as_secs_f64());

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use super::coverage::Covered;
 use super::matrix::Pairing;
 use super::outcome::Verdict;
-use super::run::Result;
+use super::run::Tried;
 
 pub use html::html;
 pub use json::json;
@@ -26,7 +26,7 @@ pub struct Report {
     /// Whether what should be counts as what must be.
     pub strict: bool,
     /// What came of each case.
-    pub results: Vec<Result>,
+    pub results: Vec<Tried>,
     /// What came of each client with each server, where some were tried.
     pub pairs: Vec<Pairing>,
     /// Each requirement, with the cases that try it.
@@ -45,8 +45,8 @@ impl Report {
     }
 
     /// Cases of which something is wrong.
-    pub fn bad(&self) -> impl Iterator<Item = &Result> {
-        let bad = |result: &&Result| !result.outcome.is_good(self.strict);
+    pub fn bad(&self) -> impl Iterator<Item = &Tried> {
+        let bad = |result: &&Tried| !result.outcome.is_good(self.strict);
         self.results.iter().filter(bad)
     }
 

@@ -15,7 +15,7 @@ use prost::Message as _;
 
 use super::case::Case;
 use super::outcome::{Closing, Outcome, Stop, Verdict};
-use super::run::Result as Tried;
+use super::run::Tried;
 use judge::{Run, Truth};
 use messages::{Breach, Poses, States, TickStats};
 
