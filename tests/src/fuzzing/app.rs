@@ -1,7 +1,8 @@
 //! The paper's protocol: messages of any bytes, and who says any of them.
 //!
 //! Promises: however the bytes are cut, the same is read; what is read is written again as it was, but for what the
-//! protocol does not fix; whatever a client says, its scene goes on and says finite states.
+//! protocol does not fix; whatever a client says, its scene goes on, says finite states, and ends with
+//! its client.
 
 use glam::{Quat, Vec3};
 use rhumb_app::{
@@ -78,7 +79,8 @@ pub fn app_scene(data: &[u8]) {
     let mut talk = PluginTalk::begin(&mut host, 1, &logon);
     talk.say(&mut host, &logon);
     say(&mut host, &mut talk, &world(&mut script));
-    let mut frames = 0;
+    // Bytes that are said bare may begin a message, of which what comes next is then a part.
+    let (mut frames, mut bare) = (0, false);
     for _ in 0..ACTS_MAX {
         if !script.goes_on() || talk.closed {
             break;
@@ -89,7 +91,10 @@ pub fn app_scene(data: &[u8]) {
                 say(&mut host, &mut talk, &Message::AdvanceTime((7, seconds)));
                 frames += 1;
             }
-            4 if script.below(4) == 0 => talk.say(&mut host, script.bytes(60)),
+            4 if script.below(4) == 0 => {
+                bare = true;
+                talk.say(&mut host, script.bytes(60));
+            }
             _ => {
                 let word = word(&mut script);
                 say(&mut host, &mut talk, &word);
@@ -101,12 +106,13 @@ pub fn app_scene(data: &[u8]) {
         let is_state = finite && state.angular.is_finite() && state.rotation.is_normalized();
         assert!(is_state, "{state:?}");
     }
-    if talk.closed {
-        return;
+    if !talk.closed {
+        assert_eq!(talk.heard(Kind::TimeAdvanced), frames, "the scene went on");
+        say(&mut host, &mut talk, &Message::Logoff(7));
+        assert!(talk.closed || bare, "who logs off is let go");
     }
-    assert_eq!(talk.heard(Kind::TimeAdvanced), frames, "the scene went on");
-    say(&mut host, &mut talk, &Message::Logoff(7));
-    assert!(host.scenes().count() == 0 || !talk.closed);
+    let left = host.scenes().count();
+    assert!(left == 0 || !talk.closed, "a scene ends with its client");
 }
 
 fn say(host: &mut Host, talk: &mut PluginTalk, message: &Message) {

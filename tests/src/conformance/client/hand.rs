@@ -126,6 +126,11 @@ pub(super) fn ball(id: BodyId, predictor: Predictor) -> Notice {
     }
 }
 
+/// What a client calls a body in what it tells.
+pub(super) fn name(id: BodyId) -> String {
+    format!("{}:{}", id.index(), id.generation())
+}
+
 /// Hears its hello and welcomes it.
 pub(super) fn welcomed(host: &mut Host) -> Play {
     host.await_message("hello", |message| {

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use rhumb_protocol::Instant;
+use rhumb_protocol::limits::{ANGULAR_MAX, COORDINATE_MAX, LINEAR_MAX};
 use rhumb_protocol::message::{Notice, ServerMessage};
 use rhumb_protocol::packet::Saying;
 use rhumb_protocol::packet::{FullPacket, FullRecord, Low16, StateWriter, TrackSaying, Update};
@@ -17,7 +18,7 @@ use crate::conformance::trial::Trial;
 
 pub(super) fn cases() -> Vec<Case> {
     let mut cases = table("L5.51", CASES);
-    for (place, (what, written)) in greatest().into_iter().enumerate() {
+    for (place, (what, motion)) in greatest().into_iter().enumerate() {
         let id = format!("L5.51.{}", 20 + place);
         let name = format!("{what} at the edge of the range is taken as it is");
         cases.push(
@@ -26,9 +27,14 @@ pub(super) fn cases() -> Vec<Case> {
                 .play(move |trial| {
                     let mut host = trial.host()?;
                     hand::let_in(&mut host)?;
-                    host.throw(&written)?;
+                    host.throw(&whole(motion))?;
                     let told = hand::told_tick(&mut host, hand::TICK + 1)?;
-                    ensure(is_finite(&told), "each number is finite")
+                    let (name, wanted) = (hand::name(hand::BALL), digits(motion));
+                    let shown = &told["moving"][&name];
+                    ensure(
+                        *shown == wanted,
+                        format!("it shows {wanted} as it was said, and not {shown}"),
+                    )
                 }),
         );
     }
@@ -123,22 +129,22 @@ const CASES: &[Row] = &[
     ),
 ];
 
-/// Whole tracks with numbers as great as the wire lets through.
-fn greatest() -> Vec<(&'static str, Vec<u8>)> {
+/// Motions with numbers as great as any command may say.
+fn greatest() -> Vec<(&'static str, Verbatim)> {
     let verbatim = |position: f32, linear: f32, angular: f32| {
-        let motion = Verbatim::new(
-            [position, -position, 0.0],
-            [0.0, 0.0, 0.0, 1.0],
-            [linear; 3],
-            [angular; 3],
-        );
-        motion.map(whole).unwrap_or_default()
+        // No minus zero: a prediction adds to what was said, and may make a plus of it.
+        let position = [position, 0.0 - position, 0.0];
+        let no_turn = [0.0, 0.0, 0.0, 1.0];
+        Verbatim::new(position, no_turn, [linear; 3], [angular; 3]).expect("its numbers are finite")
     };
     vec![
-        ("a position", verbatim(1.0e5, 0.0, 0.0)),
-        ("a speed", verbatim(0.0, 1.0e3, 0.0)),
-        ("a spin", verbatim(0.0, 0.0, 100.0)),
-        ("everything", verbatim(-1.0e5, -1.0e3, -100.0)),
+        ("a position", verbatim(COORDINATE_MAX, 0.0, 0.0)),
+        ("a speed", verbatim(0.0, LINEAR_MAX, 0.0)),
+        ("a spin", verbatim(0.0, 0.0, ANGULAR_MAX)),
+        (
+            "everything",
+            verbatim(-COORDINATE_MAX, -LINEAR_MAX, -ANGULAR_MAX),
+        ),
     ]
 }
 
@@ -155,11 +161,15 @@ fn whole(motion: Verbatim) -> Vec<u8> {
         body: Some(hand::BALL.index()),
         saying: Saying::Whole(saying),
     });
-    if fits {
-        writer.finish(true)
-    } else {
-        Vec::new()
-    }
+    assert!(fits, "a packet has room for one body");
+    writer.finish(true)
+}
+
+/// A motion whose rotation is of unit length, as a client tells of it: its numbers widened.
+fn digits(motion: Verbatim) -> String {
+    let widened = motion.parts().map(f64::from);
+    let digits = widened.map(|number| format!("{:016x}", number.to_bits()));
+    digits.concat()
 }
 
 /// Whether each double of each motion is finite.

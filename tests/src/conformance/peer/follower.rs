@@ -10,7 +10,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use bytes::Bytes;
-use rhumb_protocol::message::{StreamChoice, Welcome};
+use rhumb_protocol::message::{ClientMessage, Frames, StreamChoice, Welcome};
 use rhumb_protocol::scene::{Command, CommandError, IdRange, SceneName, SceneTerms};
 use rhumb_protocol::session::{ClientSession, Event, Misuse, Replica};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
@@ -49,12 +49,15 @@ pub struct Follower {
     pub scene: SceneName,
     /// Datagrams that came, whatever became of them.
     pub arrived: u64,
+    /// How often it asked for a new snapshot.
+    pub resyncs: u64,
     /// Where every body was at each tick that the copy was complete for, if that is recorded.
     pub seen: Option<BTreeMap<Tick, BTreeMap<BodyId, Pose>>>,
     line: BareLine,
     clock: Clock,
     sieve: Sieve,
     late: Vec<Bytes>,
+    said: Frames,
     timeout: Duration,
     log: Log,
     scenes: Rc<RefCell<BTreeSet<SceneName>>>,
@@ -82,6 +85,8 @@ impl Follower {
             granted: IdRange::EMPTY,
             scene,
             arrived: 0,
+            resyncs: 0,
+            said: Frames::new(),
             seen: None,
             line,
             clock,
@@ -383,6 +388,11 @@ impl Follower {
             match transmit {
                 Transmit::Control { bytes, .. } => {
                     self.log.note(format!("> {}", hex(&bytes)));
+                    self.said.push(&bytes);
+                    while let Ok(Some(framed)) = self.said.next_frame() {
+                        let said = ClientMessage::decode(&framed);
+                        self.resyncs += u64::from(said == Ok(Some(ClientMessage::Resync)));
+                    }
                     self.line.say(bytes);
                 }
                 Transmit::State { bytes, .. } => {

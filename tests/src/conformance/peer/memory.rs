@@ -9,10 +9,18 @@ use rhumb_protocol::session::Replica;
 use serde_json::Value;
 
 use crate::conformance::outcome::{Play, Stop};
-use crate::testee::moving;
+use crate::testee::{bits, moving};
 
-/// A sum over all tracks, and what moves, both as they are written.
-type State = (String, String);
+/// What a copy is at a tick.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct State {
+    /// The sum over all tracks, as it is written.
+    sum: String,
+    /// What moves, as it is written.
+    moving: String,
+    /// The motion of each body of a full stream, also of those that rest; of others nothing.
+    all: BTreeMap<String, String>,
+}
 
 /// What a stream was at each tick.
 #[derive(Debug, Default)]
@@ -55,12 +63,13 @@ impl Memory {
             };
             let (sum, known) = told_state(told);
             let in_full = choice == Some(StreamChoice::Full) && is_same_in_full(told, states);
-            if in_full || states.contains(&(sum.clone(), known.clone())) {
+            let is_same = |state: &State| state.sum == sum && state.moving == known;
+            if in_full || states.iter().any(is_same) {
                 continue;
             }
             let ours = states
                 .first()
-                .map(|(sum, moving)| format!("{sum} {moving}"));
+                .map(|state| format!("{} {}", state.sum, state.moving));
             return Stop::fail(format!(
                 "at {tick} the client holds {sum} {known}; the stream said {ours:?}"
             ));
@@ -74,29 +83,53 @@ impl Memory {
 pub(super) fn is_alike(copy: &Replica, told: &[Value]) -> bool {
     let tick = copy.stream().complete().value();
     let last = told.iter().rev().find(|told| told["is"] == "tick");
-    last.is_some_and(|told| told["tick"] == tick && told_state(told) == state_of(copy))
+    let ours = state_of(copy);
+    last.is_some_and(|told| told["tick"] == tick && told_state(told) == (ours.sum, ours.moving))
 }
 
 fn state_of(copy: &Replica) -> State {
-    let tick = copy.stream().complete();
-    let sum = format!("{:016x}", copy.stream().agreement());
-    (sum, format!("{{{}}}", moving(copy, tick)))
+    let stream = copy.stream();
+    let tick = stream.complete();
+    let in_full = copy.choice() == StreamChoice::Full;
+    let all = copy.bodies().filter_map(|terms| {
+        let (index, generation) = (terms.id.index(), terms.id.generation());
+        let motion = stream.believed(terms.id, tick).filter(|_| in_full)?;
+        Some((format!("{index}:{generation}"), bits(&motion)))
+    });
+    State {
+        sum: format!("{:016x}", stream.agreement()),
+        moving: format!("{{{}}}", moving(copy, tick)),
+        all: all.collect(),
+    }
 }
 
-fn told_state(told: &Value) -> State {
+/// The sum and what moves, as we write them.
+fn told_state(told: &Value) -> (String, String) {
     let sum = told["sum"].as_str().unwrap_or_default().to_owned();
     (sum, as_text(&told["moving"]))
 }
 
-/// Of a full stream, which has no sums and says anew of bodies that rest: whether each body of both moves alike.
+/// Of a full stream, which has no sums and says anew of bodies that rest: whether each body that is told of is where it is,
+/// and none is left out that moves.
 fn is_same_in_full(told: &Value, states: &BTreeSet<State>) -> bool {
-    let told = told["moving"].as_object();
-    states.iter().any(|(_, moving)| {
-        let ours: Value = serde_json::from_str(moving).unwrap_or_default();
-        let (told, ours) = (told.into_iter().flatten(), ours.as_object());
-        let mut both = told.filter_map(|(name, motion)| Some((motion, ours?.get(name)?)));
-        both.all(|(motion, ours)| motion == ours)
+    let Some(told) = told["moving"].as_object() else {
+        return false;
+    };
+    states.iter().any(|state| {
+        let is_ours = |(name, motion): (&String, &Value)| {
+            let ours = state.all.get(name);
+            ours.is_some_and(|ours| motion == ours)
+        };
+        let is_told = |(name, motion): (&String, &String)| told.contains_key(name) || lies(motion);
+        told.iter().all(is_ours) && state.all.iter().all(is_told)
     })
+}
+
+/// Whether both velocities of a motion are zero.
+fn lies(motion: &str) -> bool {
+    let velocities = motion.get(7 * 16..).unwrap_or_default().as_bytes();
+    let is_zero = |number: &[u8]| matches!(number, [b'0' | b'8', rest @ ..] if rest.iter().all(|digit| *digit == b'0'));
+    velocities.chunks(16).all(is_zero)
 }
 
 /// What moves, as we write it: by index, without spaces.
@@ -112,4 +145,46 @@ fn as_text(moving: &Value) -> String {
         .map(|(name, motion)| format!("\"{name}\":{motion}"))
         .collect();
     format!("{{{}}}", rows.join(","))
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn motion(speed: f64) -> String {
+        let numbers = [
+            1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0, speed, 0.0, 0.0, 0.0, -0.0, 0.0,
+        ];
+        let digits = numbers.map(|number: f64| format!("{:016x}", number.to_bits()));
+        digits.concat()
+    }
+
+    fn states() -> BTreeSet<State> {
+        let all =
+            [("1:0", 0.5), ("2:0", 0.0)].map(|(name, speed)| (name.to_owned(), motion(speed)));
+        BTreeSet::from([State {
+            sum: String::new(),
+            moving: String::new(),
+            all: all.into_iter().collect(),
+        }])
+    }
+
+    #[test]
+    fn of_a_full_stream_each_body_that_moves_must_be_told_of_as_it_is() {
+        let same = |moving: Value| is_same_in_full(&json!({"moving": moving}), &states());
+        assert!(same(json!({"1:0": motion(0.5), "2:0": motion(0.0)})));
+        assert!(same(json!({"1:0": motion(0.5)})), "the other one lies");
+        assert!(
+            !same(json!({"2:0": motion(0.0)})),
+            "one that moves is left out"
+        );
+        assert!(!same(json!({"1:0": motion(0.25)})), "it moves otherwise");
+        assert!(
+            !same(json!({"1:0": motion(0.5), "3:0": motion(0.0)})),
+            "nobody knows it"
+        );
+        assert!(!same(json!({})) && !same(Value::Null), "nothing is told");
+    }
 }

@@ -4,6 +4,7 @@ use std::num::NonZeroU32;
 use std::time::Duration;
 
 use glam::Vec3;
+use rhumb_protocol::limits::TICK_JUMP_MAX;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{Cadence, Command, Pace, SceneTerms};
 use rhumb_protocol::session::Event;
@@ -14,7 +15,7 @@ use super::scenery::{EXACT, NORMAL, ball, ball_shape, body, floor, floor_shape, 
 use super::{Row, table};
 use crate::conformance::case::{Case, Feature};
 use crate::conformance::outcome::{Play, Stop, ensure};
-use crate::conformance::peer::{Fate, Follower, compare, compare_recorded};
+use crate::conformance::peer::{Fate, Follower, compare, compare_recorded, datagram};
 use crate::conformance::trial::Trial;
 
 /// What each case of the group promises, cites and does.
@@ -273,13 +274,24 @@ fn resyncs(trial: &mut Trial<'_>) -> Play {
     balls(&mut first, 10)?;
     first.advance(Tick::new(30))?;
     let mut other = beside(trial, &first, EXACT)?;
-    // It hears nothing for a while, so that only a snapshot helps or a hundred repairs.
-    other.sift(|_| Fate::Lost);
-    first.advance(Tick::new(90))?;
-    other.sift(|_| Fate::Comes);
-    first.advance(Tick::new(91))?;
-    other.advance(Tick::new(91))?;
-    alike(&first, &other, Tick::new(91))
+    // It hears nothing for so long that it has lost touch, and only a snapshot helps.
+    let last = 30 + TICK_JUMP_MAX + 400;
+    other.sift(move |bytes| match datagram::tick_of(bytes) {
+        // The low bits are all of it here.
+        Some(tick) if u64::from(tick) > last => Fate::Comes,
+        _ => Fate::Lost,
+    });
+    for tick in (30..=last + 1).step_by(200).chain([last + 1]) {
+        first.advance(Tick::new(tick))?;
+    }
+    let tick = Tick::new(last + 1);
+    other.complete(tick)?;
+    if other.resyncs == 0 {
+        return Err(Stop::Inconclusive(
+            "the suite did not ask for a snapshot".into(),
+        ));
+    }
+    alike(&first, &other, tick)
 }
 
 fn pause(trial: &mut Trial<'_>) -> Play {

@@ -78,7 +78,7 @@ const CASES: &[Row] = &[
     ),
     (
         11,
-        "commands beyond what may wait for a tick close with code 4",
+        "commands beyond what may wait for a tick are applied all the same, or close with code 4",
         "PROTOCOL 7-1, 7-2",
         waiting,
     ),
@@ -335,8 +335,9 @@ fn waiting(trial: &mut Trial<'_>) -> Play {
     together.resize(most + 500, command);
     guest.say_together(&together);
     // A server that steps meanwhile lets none of them wait so long; one that does not may close.
-    match guest.barrier() {
-        Ok(_) => Ok(()),
+    match guest.outcome_of(guest.commands - 1) {
+        Ok(Ok(_)) => guest.barrier().map(drop),
+        Ok(Err(error)) => Stop::fail(format!("a change of gravity is refused: {error}")),
         Err(_) => guest.must_be_closed(CloseCode::LIMIT),
     }
 }

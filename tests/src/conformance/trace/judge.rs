@@ -117,15 +117,26 @@ pub(super) struct Run {
 }
 
 impl Run {
-    pub(super) fn of(terms: &Terms) -> Self {
+    /// A run by its record.
+    ///
+    /// # Errors
+    ///
+    /// Which number of the record is missing or is none.
+    pub(super) fn of(terms: &Terms) -> Result<Self, String> {
         let said = |name: &str| terms.get(name).cloned().unwrap_or_default();
-        Self {
+        let mismatches = terms.get("mismatches").map(String::as_str);
+        let tolerance_m = terms.get("tolerance_m").map(|text| {
+            let number = text.parse();
+            number.map_err(|_| format!("its tolerance_m is no number: {text:?}"))
+        });
+        Ok(Self {
             scene: said("scene"),
             mode: said("mode"),
             link: said("link"),
-            tolerance_m: terms.get("tolerance_m").and_then(|text| text.parse().ok()),
+            tolerance_m: tolerance_m.transpose()?,
             has_budget: terms.contains_key("budget_bytes_per_second"),
-            mismatches: said("mismatches").parse().unwrap_or_default(),
+            mismatches: (mismatches.and_then(|text| text.parse().ok()))
+                .ok_or_else(|| format!("its mismatches are no count: {mismatches:?}"))?,
             frames: BTreeMap::new(),
             seen: BTreeMap::new(),
             breaches: BTreeMap::new(),
@@ -135,7 +146,7 @@ impl Run {
             untold: Vec::new(),
             unexplained: BTreeSet::new(),
             off_asleep: Vec::new(),
-        }
+        })
     }
 
     pub(super) fn name(&self) -> String {
@@ -279,4 +290,32 @@ fn surface_error_m(real: &Pose, shown: &Pose, radius_m: f64) -> f64 {
     let between = turned.conjugate() * also;
     let half_sine = DVec3::new(between.x, between.y, between.z).length();
     one.distance(other) + 2.0 * radius_m * half_sine.min(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(pairs: &[(&str, &str)]) -> Result<Run, String> {
+        let pairs = pairs.iter();
+        let terms = pairs.map(|(name, text)| ((*name).to_owned(), (*text).to_owned()));
+        Run::of(&terms.collect())
+    }
+
+    #[test]
+    fn a_record_without_its_numbers_is_no_run() {
+        let run = read(&[("mismatches", "3"), ("tolerance_m", "0.05")]).expect("a record");
+        assert_eq!((run.mismatches, run.tolerance_m), (3, Some(0.05)));
+        assert!(
+            read(&[("mismatches", "0")]).is_ok(),
+            "not each has a tolerance"
+        );
+        for wrong in [
+            &[][..],
+            &[("mismatches", "some")],
+            &[("mismatches", "0"), ("tolerance_m", "wide")],
+        ] {
+            assert!(read(wrong).is_err(), "{wrong:?}");
+        }
+    }
 }

@@ -94,7 +94,8 @@ fn runs_of(bytes: &[u8]) -> Result<BTreeMap<String, Load>, Box<dyn std::error::E
             continue;
         }
         let load = loads.entry(said("load")).or_default();
-        load.runs.insert(said("name"), Run::of(&terms));
+        let run = Run::of(&terms).map_err(|why| format!("run {:?}: {why}", said("name")))?;
+        load.runs.insert(said("name"), run);
     }
     if loads.is_empty() {
         return Err("the trace has no run of a client".into());
