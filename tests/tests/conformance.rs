@@ -6,14 +6,15 @@
 
 use std::time::Duration;
 
-use rhumb_tests::conformance::case::Profile;
+use rhumb_tests::conformance::case::{Feature, Profile};
 use rhumb_tests::conformance::mutants::ServerMutant;
-use rhumb_tests::conformance::report::{Report, html, json, junit};
+use rhumb_tests::conformance::report::{Report, Terms, html, json, junit};
 use rhumb_tests::conformance::suite::{Selection, cases};
 use rhumb_tests::conformance::trial::{Conditions, Subject};
 use rhumb_tests::conformance::{Side, Verdict, coverage, run};
 use rhumb_tests::{Programme, ServerProcess};
 use rhumb_transport::{LinkTerms, Trust};
+use serde_json::{Value, json as value_of};
 
 const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
 
@@ -50,7 +51,13 @@ fn tried(patterns: &[&str], link: LinkTerms) -> Report {
     );
     let report = Report {
         subject: server.address.to_string(),
-        seed: conditions.seed,
+        terms: Some(Terms {
+            seed: conditions.seed,
+            timeout_s: conditions.timeout.as_secs_f64(),
+            link,
+            profile: Profile::Core,
+            without: vec![Feature::Driving],
+        }),
         strict: true,
         results,
         pairs: Vec::new(),
@@ -68,7 +75,7 @@ fn the_server_of_this_house_passes_every_case() {
     let report = tried(&[], LinkTerms::PERFECT);
     assert!(report.results.len() >= 200, "{}", report.summary());
     // What a report says of a run, in each of its forms.
-    let value: serde_json::Value = serde_json::from_str(&json(&report)).expect("JSON");
+    let value: Value = serde_json::from_str(&json(&report)).expect("JSON");
     assert_eq!(value["passed"], true);
     assert_eq!(
         value["cases"].as_array().map(Vec::len),
@@ -77,7 +84,20 @@ fn the_server_of_this_house_passes_every_case() {
     let xml = junit(&report).expect("memory can be written to");
     assert_eq!(xml.matches("<testcase ").count(), report.results.len());
     assert!(!xml.contains("<failure"));
+    let told = ["seed", "timeout_s", "link", "profile", "without"].map(|name| &value[name]);
+    let (link, lacking) = (Value::from(""), value_of!(["driving"]));
+    assert_eq!(
+        told,
+        [
+            &value_of!(1),
+            &value_of!(10.0),
+            &link,
+            &value_of!("core"),
+            &lacking
+        ]
+    );
     let page = html(&report);
+    assert!(page.contains("seed 1, timeout 10 s, without driving, strict"));
     assert!(report.results.iter().all(|one| page.contains(&one.case.id)));
 }
 

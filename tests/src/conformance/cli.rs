@@ -3,19 +3,21 @@
 //! Verdicts that are not good go to standard output as they come, the summary last. Exit code 0: all is good; 1: something
 //! is not; 2: nothing could be tried.
 
+use std::fmt;
 use std::io::Write;
 use std::net::{SocketAddr, ToSocketAddrs};
-use std::path::PathBuf;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
-use rhumb_transport::{Fingerprint, LinkTerms, Trust};
+use rhumb_transport::{BareLine, BareTerms, Fingerprint, LinkTerms, Trust};
 
 use super::case::{Case, Feature, Profile, Side};
 use super::coverage;
 use super::matrix::{self, NamedClient, NamedServer, Pairing};
-use super::report::{self, Report};
+use super::report::{self, Report, Terms};
 use super::run;
 use super::suite::{self, Selection};
 use super::trace;
@@ -108,7 +110,7 @@ struct TraceTask {
     /// A trace of `rhumb-bench`.
     file: PathBuf,
     #[command(flatten)]
-    common: Common,
+    reports: Reports,
 }
 
 #[derive(Debug, Args)]
@@ -126,8 +128,8 @@ struct Common {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Seconds that an answer may take.
-    #[arg(long, default_value_t = 2.0)]
-    timeout: f64,
+    #[arg(long, default_value = "2", value_parser = seconds)]
+    timeout: Duration,
     /// What lies between the ends, as `rtt=100ms,loss=5%`.
     #[arg(long, default_value = "")]
     link: LinkTerms,
@@ -138,8 +140,14 @@ struct Common {
     #[arg(long, value_enum, value_delimiter = ',')]
     without: Vec<Feature>,
     /// Cases that run at a time.
-    #[arg(long, default_value_t = 8)]
-    side_by_side: usize,
+    #[arg(long, default_value = "8")]
+    side_by_side: NonZeroUsize,
+    #[command(flatten)]
+    reports: Reports,
+}
+
+#[derive(Debug, Args)]
+struct Reports {
     /// Where to write a report as JSON.
     #[arg(long)]
     json: Option<PathBuf>,
@@ -149,6 +157,16 @@ struct Common {
     /// Where to write a report as a page.
     #[arg(long)]
     html: Option<PathBuf>,
+}
+
+/// A time that is not none.
+fn seconds(text: &str) -> Result<Duration, String> {
+    let number: f64 = text.parse().map_err(|_| "no number".to_owned())?;
+    let time = Duration::try_from_secs_f64(number).map_err(|error| error.to_string())?;
+    if time.is_zero() {
+        return Err("nothing answers in no time".into());
+    }
+    Ok(time)
 }
 
 /// Why nothing was tried, or a report not written.
@@ -212,7 +230,7 @@ impl ClientTask {
             return self.common.list(&cases);
         }
         let exec = self.exec.unwrap_or_default();
-        is_there(&exec)?;
+        must_be_there(&exec)?;
         let subject = Subject::Client {
             listen: self.listen,
             exec: exec.clone(),
@@ -222,14 +240,14 @@ impl ClientTask {
 }
 
 /// Whether the shell finds what a command starts: it ends with the status that says *unsupported* where it does not.
-fn is_there(command: &str) -> Result<(), Trouble> {
+fn must_be_there(command: &str) -> Result<(), Trouble> {
     let programme = command.split_whitespace().next().unwrap_or_default();
     let found = Command::new("sh")
         .args(["-c", "command -v \"$0\" >/dev/null", programme])
         .status()?;
     match found.success() {
         true => Ok(()),
-        false => Err(format!("{programme:?} is no command that is there, as --exec has it").into()),
+        false => Err(format!("{programme:?} is no command that is there").into()),
     }
 }
 
@@ -239,6 +257,7 @@ impl VectorsTask {
         if self.common.list {
             return self.common.list(&cases);
         }
+        self.exec.as_deref().map_or(Ok(()), must_be_there)?;
         let name = self.exec.clone().unwrap_or_else(|| "this house".into());
         let exec = self.exec;
         self.common.run(name, Subject::Decoder { exec }, cases)
@@ -250,19 +269,32 @@ impl MatrixTask {
         if self.common.list {
             return self.common.list(&suite::cases(Side::Pair));
         }
+        self.common.reports.must_have_folders()?;
+        for server in &self.servers {
+            let trust = Trust::Fingerprint(server.fingerprint);
+            let common = &self.common;
+            common.must_listen(&server.name, server.target, &server.host, &trust)?;
+        }
+        for client in &self.clients {
+            must_be_there(&client.exec)?;
+        }
+        let mut cases = Vec::new();
+        for server in &self.servers {
+            for client in &self.clients {
+                cases.extend(matrix::cases(&server.name, &client.name));
+            }
+        }
+        self.common.must_mean(&cases)?;
         // Whom is said for each pair.
-        let conditions = self.common.conditions(Subject::Decoder { exec: None })?;
+        let conditions = self.common.conditions(Subject::Decoder { exec: None });
         let (pairs, results) = matrix::run(
             &self.servers,
             &self.clients,
             &self.common.selection(),
             &conditions,
-            self.common.side_by_side,
+            self.common.side_by_side.get(),
             &mut std::io::stdout(),
         );
-        if results.is_empty() {
-            return Err("no case is meant".into());
-        }
         write!(std::io::stdout(), "{}", matrix::table(&pairs))?;
         self.common.conclude("pairs".into(), results, pairs)
     }
@@ -270,14 +302,22 @@ impl MatrixTask {
 
 impl TraceTask {
     fn run(self) -> Result<bool, Trouble> {
-        let results = trace::judge(&self.file)?;
+        self.reports.must_have_folders()?;
+        let results = trace::judge(&self.file);
+        let results = results.map_err(|error| named(&self.file, &error))?;
         let mut out = std::io::stdout();
         for result in &results {
             let (word, why) = (result.outcome.verdict.word(), &result.outcome.why);
             writeln!(out, "{word:12} {:?} {why}", result.case)?;
         }
-        self.common
-            .conclude(self.file.display().to_string(), results, Vec::new())
+        self.reports.conclude(&Report {
+            subject: self.file.display().to_string(),
+            terms: None,
+            strict: false,
+            results,
+            pairs: Vec::new(),
+            coverage: coverage::coverage(),
+        })
     }
 }
 
@@ -290,7 +330,37 @@ impl Common {
         }
     }
 
+    /// That each pattern means a case, and that some are wanted.
+    fn must_mean(&self, cases: &[Case]) -> Result<(), Trouble> {
+        for pattern in &self.case {
+            if !cases.iter().any(|case| case.is_meant_by(pattern)) {
+                return Err(format!("no case is meant by --case {pattern:?}").into());
+            }
+        }
+        let selection = self.selection();
+        if !cases.iter().any(|case| selection.wants(case)) {
+            return Err("no case that is meant is of this --profile".into());
+        }
+        Ok(())
+    }
+
+    /// That a server is there, and is the one that was meant: else each case would wait for it and fail.
+    fn must_listen(
+        &self,
+        said: &str,
+        target: SocketAddr,
+        name: &str,
+        trust: &Trust,
+    ) -> Result<(), Trouble> {
+        let terms = BareTerms::default();
+        let line = BareLine::connect(target, name, trust, &terms, self.timeout * 2);
+        let line = line.map_err(|error| format!("the server {said} cannot be tried: {error}"))?;
+        line.close(0);
+        Ok(())
+    }
+
     fn list(&self, cases: &[Case]) -> Result<bool, Trouble> {
+        self.must_mean(cases)?;
         let selection = self.selection();
         let mut out = std::io::stdout().lock();
         for case in cases.iter().filter(|case| selection.wants(case)) {
@@ -299,24 +369,40 @@ impl Common {
         Ok(true)
     }
 
-    fn conditions(&self, subject: Subject) -> Result<Conditions, Trouble> {
-        Ok(Conditions {
+    fn conditions(&self, subject: Subject) -> Conditions {
+        Conditions {
             subject,
-            timeout: Duration::try_from_secs_f64(self.timeout)?,
+            timeout: self.timeout,
             seed: self.seed,
             link: self.link,
             without: self.without.clone(),
-        })
+        }
+    }
+
+    fn terms(&self) -> Terms {
+        Terms {
+            seed: self.seed,
+            timeout_s: self.timeout.as_secs_f64(),
+            link: self.link,
+            profile: self.profile,
+            without: self.without.clone(),
+        }
     }
 
     fn run(self, name: String, subject: Subject, cases: Vec<Case>) -> Result<bool, Trouble> {
-        let conditions = self.conditions(subject)?;
-        let selection = self.selection();
-        let mut out = std::io::stdout();
-        let results = run::run(cases, &selection, &conditions, self.side_by_side, &mut out);
-        if results.is_empty() {
-            return Err("no case is meant".into());
+        self.must_mean(&cases)?;
+        self.reports.must_have_folders()?;
+        if let Subject::Server {
+            target,
+            name: host,
+            trust,
+        } = &subject
+        {
+            self.must_listen(&name, *target, host, trust)?;
         }
+        let (conditions, selection) = (self.conditions(subject), self.selection());
+        let (at_a_time, mut out) = (self.side_by_side.get(), std::io::stdout());
+        let results = run::run(cases, &selection, &conditions, at_a_time, &mut out);
         self.conclude(name, results, Vec::new())
     }
 
@@ -327,31 +413,52 @@ impl Common {
         results: Vec<run::Tried>,
         pairs: Vec<Pairing>,
     ) -> Result<bool, Trouble> {
-        let report = Report {
+        self.reports.conclude(&Report {
             subject,
-            seed: self.seed,
+            terms: Some(self.terms()),
             strict: self.strict,
             results,
             pairs,
             coverage: coverage::coverage(),
-        };
-        self.write(&report)?;
-        writeln!(std::io::stdout(), "{}", report.summary())?;
-        Ok(report.passed())
+        })
     }
+}
 
-    fn write(&self, report: &Report) -> Result<(), Trouble> {
-        if let Some(path) = &self.json {
-            std::fs::write(path, report::json(report))?;
-        }
-        if let Some(path) = &self.junit {
-            std::fs::write(path, report::junit(report)?)?;
-        }
-        if let Some(path) = &self.html {
-            std::fs::write(path, report::html(report))?;
+impl Reports {
+    /// That what is to be written can be, before anything is tried for it.
+    fn must_have_folders(&self) -> Result<(), Trouble> {
+        for path in [&self.json, &self.junit, &self.html].into_iter().flatten() {
+            let folder = path.parent().filter(|folder| *folder != Path::new(""));
+            if folder.is_some_and(|folder| !folder.is_dir()) {
+                return Err(named(path, &"its folder is not there"));
+            }
         }
         Ok(())
     }
+
+    /// Writes the reports, and says whether all is good.
+    fn conclude(&self, report: &Report) -> Result<bool, Trouble> {
+        if let Some(path) = &self.json {
+            write(path, &report::json(report))?;
+        }
+        if let Some(path) = &self.junit {
+            write(path, &report::junit(report)?)?;
+        }
+        if let Some(path) = &self.html {
+            write(path, &report::html(report))?;
+        }
+        writeln!(std::io::stdout(), "{}", report.summary())?;
+        Ok(report.passed())
+    }
+}
+
+fn write(path: &Path, text: &str) -> Result<(), Trouble> {
+    std::fs::write(path, text).map_err(|error| named(path, &error))
+}
+
+/// What is wrong with a file, with its name.
+fn named(path: &Path, error: &dyn fmt::Display) -> Trouble {
+    format!("{}: {error}", path.display()).into()
 }
 
 fn show_coverage() -> Result<bool, Trouble> {

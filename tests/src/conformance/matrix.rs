@@ -18,17 +18,17 @@ use super::trial::{Conditions, Subject};
 /// A server by a name of its own: `NAME=HOST:PORT,FINGERPRINT`.
 #[derive(Clone, Debug)]
 pub struct NamedServer {
-    name: String,
-    target: SocketAddr,
-    host: String,
-    fingerprint: Fingerprint,
+    pub(super) name: String,
+    pub(super) target: SocketAddr,
+    pub(super) host: String,
+    pub(super) fingerprint: Fingerprint,
 }
 
 /// A client by a name of its own: `NAME=COMMAND`.
 #[derive(Clone, Debug)]
 pub struct NamedClient {
-    name: String,
-    exec: String,
+    pub(super) name: String,
+    pub(super) exec: String,
 }
 
 /// What came of one client with one server.
@@ -89,7 +89,7 @@ pub fn run(
 }
 
 /// The cases of pairs, each with the two names behind its id.
-fn cases(server: &str, client: &str) -> Vec<Case> {
+pub(super) fn cases(server: &str, client: &str) -> Vec<Case> {
     let mut cases = suite::cases(Side::Pair);
     for case in &mut cases {
         case.id = format!("{}.{server}.{client}", case.id);

@@ -165,6 +165,11 @@ impl<'a> Trial<'a> {
         self.log.note(line);
     }
 
+    /// What was said and heard.
+    pub(super) fn log(&self) -> Log {
+        self.log.clone()
+    }
+
     /// How long anything may take that has no time of its own.
     #[must_use]
     pub const fn timeout(&self) -> Duration {
@@ -297,7 +302,7 @@ impl<'a> Trial<'a> {
         let Subject::Decoder { ref exec } = self.conditions.subject else {
             return Err(Stop::Inconclusive("this case is for a decoder".into()));
         };
-        Decoder::start(exec.as_deref(), self.timeout() * 10)
+        Decoder::start(exec.as_deref(), self.timeout() * 10, self.log.clone())
     }
 
     /// Where the client under test finds the server under test: behind the link, if there is one.

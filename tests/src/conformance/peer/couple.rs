@@ -71,7 +71,7 @@ impl Couple {
         let cannot = |error: std::io::Error| Stop::Inconclusive(error.to_string());
         let mut couple = Self {
             told: Vec::new(),
-            client: Running::start(exec, &orders).map_err(cannot)?,
+            client: Running::start(exec, &orders, trial.log()).map_err(cannot)?,
             leader,
             script,
             scripted: Tick::ZERO,

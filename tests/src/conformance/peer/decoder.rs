@@ -12,8 +12,10 @@ use rhumb_protocol::message::Frames;
 use rhumb_protocol::packet::Parity;
 use serde_json::{Value, json};
 
+use super::complaints::Complaints;
 use super::datagram;
 use crate::conformance::outcome::Stop;
+use crate::conformance::trial::Log;
 use crate::grammar::{Grammar, hex, unhex};
 use crate::vectors::{Outcome, Side, error_json, streams};
 
@@ -29,6 +31,10 @@ pub enum Decoder {
         answers: Receiver<String>,
         /// How long one may take.
         patience: Duration,
+        /// What it writes beside them.
+        complaints: Option<Complaints>,
+        /// Where that is noted at its end.
+        log: Log,
     },
     /// This house.
     House(Box<Grammar>),
@@ -38,6 +44,7 @@ impl Decoder {
     pub(in crate::conformance) fn start(
         exec: Option<&str>,
         patience: Duration,
+        log: Log,
     ) -> Result<Self, Stop> {
         let Some(exec) = exec else {
             return Ok(Self::House(Box::new(Grammar::load())));
@@ -47,11 +54,12 @@ impl Decoder {
             .args(["-c", &format!("exec {exec}")])
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
-            .stderr(Stdio::null())
+            .stderr(Stdio::piped())
             .spawn()
             .map_err(|error| cannot(&error.to_string()))?;
         let questions = child.stdin.take().ok_or_else(|| cannot("no input"))?;
         let out = child.stdout.take().ok_or_else(|| cannot("no output"))?;
+        let complaints = child.stderr.take().map(Complaints::of);
         let (written, answers) = mpsc::channel();
         thread::spawn(move || {
             for line in BufReader::new(out).lines().map_while(Result::ok) {
@@ -65,6 +73,8 @@ impl Decoder {
             questions,
             answers,
             patience,
+            complaints,
+            log,
         })
     }
 
@@ -105,10 +115,18 @@ impl Decoder {
 
 impl Drop for Decoder {
     fn drop(&mut self) {
-        if let Self::Process { child, .. } = self {
+        if let Self::Process {
+            child,
+            complaints,
+            log,
+            ..
+        } = self
+        {
             // One that has ended already needs no ending.
             let _ = child.kill();
             let _ = child.wait();
+            let complaints = complaints.iter().flat_map(Complaints::last);
+            complaints.for_each(|line| log.note(line));
         }
     }
 }

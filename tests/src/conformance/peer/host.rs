@@ -78,7 +78,8 @@ impl Host {
             case: &case.id,
             seed: conditions.seed,
         };
-        let mut client = Running::start(exec, &orders).map_err(|error| inconclusive(&error))?;
+        let mut client =
+            Running::start(exec, &orders, log.clone()).map_err(|error| inconclusive(&error))?;
         let line = client.connected(&server, conditions.timeout * 5)?;
         Ok(Self {
             line,

@@ -1,5 +1,6 @@
 //! The suite's own ends of connections, mannerly only where a case wants so.
 
+mod complaints;
 mod couple;
 pub(super) mod datagram;
 mod decoder;

@@ -15,7 +15,9 @@ use rhumb_protocol::{Instant, Span};
 use rhumb_transport::{BareLine, BareServer, Clock, Fingerprint};
 use serde_json::Value;
 
+use super::complaints::Complaints;
 use crate::conformance::outcome::Stop;
+use crate::conformance::trial::Log;
 
 /// What a client says by its exit code that it does not have what a case tries.
 const UNSUPPORTED: i32 = 127;
@@ -33,16 +35,18 @@ pub(super) struct Orders<'a> {
     pub(super) seed: u64,
 }
 
-/// The client's process, killed when dropped.
+/// The client's process, killed when dropped; what it complained of is noted then.
 #[derive(Debug)]
 pub(super) struct Running {
     child: Child,
     /// The lines that it writes.
     pub(super) lines: Receiver<String>,
+    complaints: Option<Complaints>,
+    log: Log,
 }
 
 impl Running {
-    pub(super) fn start(exec: &str, orders: &Orders<'_>) -> std::io::Result<Self> {
+    pub(super) fn start(exec: &str, orders: &Orders<'_>, log: Log) -> std::io::Result<Self> {
         let mut child = Command::new("sh")
             .args(["-c", &format!("exec {exec}")])
             .env("RHUMB_ADDR", orders.server.to_string())
@@ -53,13 +57,19 @@ impl Running {
             .env("RHUMB_SEED", orders.seed.to_string())
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
-            .stderr(Stdio::null())
+            .stderr(Stdio::piped())
             .spawn()?;
         let (written, lines) = mpsc::channel();
         if let Some(out) = child.stdout.take() {
             thread::Builder::new().spawn(move || read_lines(out, &written))?;
         }
-        Ok(Self { child, lines })
+        let complaints = child.stderr.take().map(Complaints::of);
+        Ok(Self {
+            child,
+            lines,
+            complaints,
+            log,
+        })
     }
 
     /// Whether it ended and said that it has not what was asked for.
@@ -124,5 +134,7 @@ impl Drop for Running {
         // One that has ended already needs no ending.
         let _ = self.child.kill();
         let _ = self.child.wait();
+        let complaints = self.complaints.iter().flat_map(Complaints::last);
+        complaints.for_each(|line| self.log.note(line));
     }
 }

@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 use super::Report;
 use crate::conformance::case::Case;
 use crate::conformance::coverage::Covered;
+use crate::conformance::matrix::Pairing;
 use crate::conformance::run::Tried;
 
 /// The text of a report as JSON.
@@ -12,17 +13,38 @@ use crate::conformance::run::Tried;
 pub fn json(report: &Report) -> String {
     let results: Vec<_> = report.results.iter().map(result).collect();
     let coverage: Vec<_> = report.coverage.iter().map(covered).collect();
-    let report = json!({
+    let pairs: Vec<_> = report.pairs.iter().map(pair).collect();
+    let mut page = json!({
         "format": "rhumb conformance 1",
         "subject": report.subject,
-        "seed": report.seed,
         "strict": report.strict,
         "passed": report.passed(),
         "summary": report.summary(),
         "cases": results,
         "coverage": coverage,
     });
-    format!("{report:#}\n")
+    if let Some(terms) = &report.terms {
+        page["seed"] = Value::from(terms.seed);
+        page["timeout_s"] = Value::from(terms.timeout_s);
+        page["link"] = Value::from(terms.link.to_string());
+        page["profile"] = Value::from(terms.profile());
+        page["without"] = Value::from(terms.lacking());
+    }
+    if !pairs.is_empty() {
+        page["pairs"] = Value::from(pairs);
+    }
+    format!("{page:#}\n")
+}
+
+/// A client with a server.
+fn pair(pair: &Pairing) -> Value {
+    json!({
+        "server": pair.server,
+        "client": pair.client,
+        "tried": pair.tried,
+        "passed": pair.passed,
+        "unsupported": pair.unsupported,
+    })
 }
 
 fn result(Tried { case, outcome }: &Tried) -> Value {

@@ -4,6 +4,7 @@ mod html;
 mod json;
 mod junit;
 mod style;
+mod terms;
 
 use std::collections::BTreeMap;
 
@@ -15,14 +16,15 @@ use super::run::Tried;
 pub use html::html;
 pub use json::json;
 pub use junit::junit;
+pub use terms::Terms;
 
 /// A run of the suite.
 #[derive(Debug)]
 pub struct Report {
     /// Who was tried: an address or a command.
     pub subject: String,
-    /// Of all chance.
-    pub seed: u64,
+    /// How they were tried; not said of what was recorded before.
+    pub terms: Option<Terms>,
     /// Whether what should be counts as what must be.
     pub strict: bool,
     /// What came of each case.

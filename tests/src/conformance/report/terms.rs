@@ -1,0 +1,61 @@
+//! How patiently, over what and for how much a run of the suite tried.
+//!
+//! Said with each report, in the words of the command line: so that a run can be repeated.
+
+use std::fmt;
+
+use clap::ValueEnum;
+use rhumb_transport::LinkTerms;
+
+use crate::conformance::case::{Feature, Profile};
+
+/// How a run tried.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Terms {
+    /// Of all chance.
+    pub seed: u64,
+    /// Seconds that an answer may take.
+    pub timeout_s: f64,
+    /// What lies between the ends.
+    pub link: LinkTerms,
+    /// How much is wanted.
+    pub profile: Profile,
+    /// What the peer says that it has not.
+    pub without: Vec<Feature>,
+}
+
+impl Terms {
+    /// The word of the command line for its profile.
+    #[must_use]
+    pub fn profile(&self) -> String {
+        word(&self.profile)
+    }
+
+    /// The words of the command line for what the peer has not.
+    #[must_use]
+    pub fn lacking(&self) -> Vec<String> {
+        self.without.iter().map(word).collect()
+    }
+}
+
+impl fmt::Display for Terms {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "seed {}, timeout {} s", self.seed, self.timeout_s)?;
+        if self.link != LinkTerms::PERFECT {
+            write!(f, ", link {}", self.link)?;
+        }
+        if self.profile != Profile::Core {
+            write!(f, ", profile {}", self.profile())?;
+        }
+        if !self.without.is_empty() {
+            write!(f, ", without {}", self.lacking().join(" and "))?;
+        }
+        Ok(())
+    }
+}
+
+/// The word of the command line for it.
+fn word(value: &impl ValueEnum) -> String {
+    let possible = value.to_possible_value();
+    possible.map_or_else(String::new, |value| value.get_name().to_owned())
+}

@@ -1,0 +1,109 @@
+//! The command line of the suite: what cannot be tried is told before a case.
+//!
+//! Proved by the binary as one runs it. Exit code 2 says that nothing was tried.
+
+use std::path::PathBuf;
+use std::process::{Command, Output};
+use std::{env, fs};
+
+use rhumb_tests::Programme;
+use serde_json::Value;
+
+const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
+/// Where nobody listens: the port of a discard service that no machine has any more.
+const NOBODY: &str = "127.0.0.1:9";
+
+fn conformance(arguments: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_rhumb-conformance"));
+    command.args(arguments).output().expect("it runs")
+}
+
+/// That these arguments are refused before anything is tried, by a text with these words.
+#[track_caller]
+fn refused(arguments: &[&str], words: &[&str]) {
+    let output = conformance(arguments);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
+    assert!(output.stdout.is_empty(), "{arguments:?} tries something");
+    for word in words {
+        assert!(said.contains(word), "{arguments:?}: no {word:?} in {said}");
+    }
+}
+
+fn file(name: &str, bytes: &[u8]) -> PathBuf {
+    let path = env::temp_dir().join(format!("rhumb-cli-{}-{name}", std::process::id()));
+    fs::write(&path, bytes).expect("a folder for what is passing");
+    path
+}
+
+#[test]
+fn a_number_that_lets_nothing_happen_is_refused() {
+    refused(&["vectors", "--timeout", "0"], &["--timeout", "no time"]);
+    refused(&["vectors", "--timeout=-1"], &["--timeout"]);
+    refused(&["vectors", "--side-by-side", "0"], &["--side-by-side"]);
+}
+
+#[test]
+fn a_pattern_that_means_no_case_is_named() {
+    let patterns = ["vectors", "--case", "L0.84", "--case", "NOSUCH"];
+    refused(&patterns, &["--case \"NOSUCH\""]);
+    refused(&["client", "--list", "--case", "L9"], &["--case \"L9\""]);
+}
+
+#[test]
+fn a_server_that_is_not_there_is_one_error() {
+    let pin = "00".repeat(32);
+    let matrix = format!("one={NOBODY},{pin}");
+    let target = [
+        "--target",
+        NOBODY,
+        "--fingerprint",
+        &pin,
+        "--timeout",
+        "0.5",
+    ];
+    refused(&[&["server"], &target[..]].concat(), &[NOBODY]);
+    let matrix = ["matrix", "--server", &matrix, "--client", "one=true"];
+    refused(&[&matrix[..], &["--timeout", "0.5"]].concat(), &["one"]);
+}
+
+#[test]
+fn a_server_with_another_certificate_is_one_error() {
+    let server = SERVER.serve_without_log("127.0.0.1:0");
+    let (target, pin) = (server.address.to_string(), "00".repeat(32));
+    let arguments = ["server", "--target", &target, "--fingerprint", &pin];
+    refused(&arguments, &[&target, "cannot be tried"]);
+}
+
+#[test]
+fn a_trace_that_is_none_is_named() {
+    let (empty, noise) = (file("empty.mcap", b""), file("noise.mcap", &[0x5a; 400]));
+    for path in [&empty, &noise, &PathBuf::from("nosuch.mcap")] {
+        let name = path.display().to_string();
+        refused(&["trace", &name], &[&name]);
+    }
+    fs::remove_file(empty).expect("it is there");
+    fs::remove_file(noise).expect("it is there");
+}
+
+#[test]
+fn a_report_without_a_folder_is_refused_before_anything_is_tried() {
+    for option in ["--html", "--json", "--junit"] {
+        refused(&["vectors", option, "nosuch/report"], &["nosuch/report"]);
+    }
+}
+
+#[test]
+fn what_a_client_complains_of_is_told_with_the_case_that_fails() {
+    let report = file("report.json", b"");
+    let path = report.display().to_string();
+    let exec = "sh -c 'echo it has no legs >&2'";
+    let arguments = ["client", "--exec", exec, "--case", "L1.51.2", "--json"];
+    let output = conformance(&[&arguments[..], &[&path, "--timeout", "0.5"]].concat());
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    let text = fs::read_to_string(&report).expect("it was written");
+    let value: Value = serde_json::from_str(&text).expect("JSON");
+    let trace = value["cases"][0]["trace"].to_string();
+    assert!(trace.contains("stderr: it has no legs"), "{value}");
+    fs::remove_file(report).expect("it is there");
+}
