@@ -434,10 +434,29 @@ def check_truth(report, truth, record, runs):
         report.same("digest of the states", f"{truth.digest.state:016x}", record["truth_hash"])
 
 
-def main(trace, summary):
-    with open(summary, encoding="utf-8") as file:
+def must_read(reads, path):
+    """What is read from a file; ends with its name where nothing can be."""
+    try:
+        return reads(path)
+    except OSError as cause:
+        sys.exit(f"error: {path}: {cause.strerror}")
+    except Exception as cause:  # The libraries raise what they like about bytes that are no trace.
+        sys.exit(f"error: {path} cannot be read: {type(cause).__name__}: {cause}")
+
+
+def read_figures(path):
+    with open(path, encoding="utf-8") as file:
         figures = json.load(file)
-    records, topics = read(trace)
+    for name in ("command", "machine", "seed", "runs"):
+        figures[name]
+    return figures
+
+
+def main(trace, summary):
+    figures = must_read(read_figures, summary)
+    records, topics = must_read(read, trace)
+    if "rhumb.experiment" not in records:
+        sys.exit(f"error: {trace} has no record of an experiment")
     report, experiment = Report(), records["rhumb.experiment"]
     report.where = "experiment"
     for name in ("command", "machine"):

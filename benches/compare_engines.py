@@ -30,6 +30,18 @@ class Impossible(Exception):
     """Something that this comparison cannot do, in words for whoever asked for it."""
 
 
+def read(path):
+    """A scene as `rhumb-bench scene` writes it."""
+    try:
+        scene = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as cause:
+        raise Impossible(f"{path} is no scene: {cause}") from None
+    bodies = scene.get("bodies") if isinstance(scene, dict) else None
+    if not isinstance(bodies, list) or not all(isinstance(body, dict) for body in bodies):
+        raise Impossible(f"{path} is no scene: it has no bodies")
+    return scene
+
+
 def volume(shape):
     """Of a ball or a cuboid, m³."""
     if "ball" in shape:
@@ -289,7 +301,7 @@ def main():
     if asked.frames < 1:
         parser.error("--frames must be at least 1")
     try:
-        scene = json.loads(asked.scene.read_text())
+        scene = read(asked.scene)
         if any(body["tick"] > 0 for body in scene["bodies"]):
             raise Impossible("only scenes whose bodies are all there at the first tick are compared: write fewer ticks")
         rows = []
@@ -304,7 +316,7 @@ def main():
         table(rows)
         if asked.out:
             asked.out.write_text(json.dumps({"scene": str(asked.scene), "rows": rows}, indent=2) + "\n")
-    except (Impossible, OSError, json.JSONDecodeError, KeyError) as cause:
+    except (Impossible, OSError, KeyError) as cause:
         said = f"{asked.scene} has no {cause}" if isinstance(cause, KeyError) else cause
         print(f"error: {said}", file=sys.stderr)
         return 1

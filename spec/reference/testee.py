@@ -107,10 +107,19 @@ async def follow(wish):
 
 
 def main():
-    wish = read(os.environ["RHUMB_WISH"])
+    missing = [name for name in ("RHUMB_ADDR", "RHUMB_FINGERPRINT", "RHUMB_SCENE", "RHUMB_WISH") if name not in os.environ]
+    if missing:
+        sys.exit(f"error: not told {', '.join(missing)}: rhumb-conformance starts this")
+    try:
+        wish = read(os.environ["RHUMB_WISH"])
+    except ValueError:
+        wish = None
     if wish is None:
         return UNSUPPORTED
-    asyncio.run(follow(wish))
+    try:
+        asyncio.run(follow(wish))
+    except (OSError, ValueError) as cause:
+        sys.exit(f"error: {os.environ['RHUMB_ADDR']}: {str(cause) or 'no connection'}")
     return 0
 
 
