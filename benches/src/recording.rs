@@ -46,15 +46,19 @@ impl Recording {
     pub fn read(path: &Path) -> Result<Self, RecordingError> {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let bytes = std::fs::read(path).map_err(|cause| RecordingError::read(path, cause))?;
-        if let Some(name) = name.strip_suffix(".rhtrace.zst") {
+        let recording = if let Some(name) = name.strip_suffix(".rhtrace.zst") {
             rhtrace::read(name, &bytes)
         } else if name.ends_with(".mcap") {
             mcap::read(&bytes)
         } else {
-            Err(RecordingError::UnknownForm {
+            return Err(RecordingError::UnknownForm {
                 path: path.to_owned(),
-            })
-        }
+            });
+        };
+        recording.map_err(|cause| RecordingError::File {
+            path: path.to_owned(),
+            cause: Box::new(cause),
+        })
     }
 
     /// What a predictor needs to know of a body.
@@ -75,5 +79,33 @@ impl Recording {
     #[must_use]
     pub fn ticks(&self) -> u32 {
         self.truth.ticks.len() as u32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_that_is_no_recording_is_named() {
+        let folder = std::env::temp_dir().join(format!("rhumb-recording-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a folder for what is passing");
+        for name in [
+            "empty.mcap",
+            "empty.rhtrace.zst",
+            "empty.txt",
+            "nosuch.mcap",
+        ] {
+            let path = folder.join(name);
+            if !name.starts_with("nosuch") {
+                std::fs::write(&path, b"").expect("it is our own folder");
+            }
+            let Err(error) = Recording::read(&path) else {
+                panic!("{name} is nothing to replay");
+            };
+            let (said, named) = (error.to_string(), path.display().to_string());
+            assert!(said.contains(&named), "{said}");
+        }
+        std::fs::remove_dir_all(folder).expect("it is our own folder");
     }
 }

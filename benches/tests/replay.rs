@@ -9,11 +9,11 @@ use std::num::NonZeroU32;
 
 use rhumb_bench::record::{Cause, Experiment, Load, Run};
 use rhumb_bench::recording::{Recording, RecordingError, rhtrace};
-use rhumb_bench::replay::{ReplayTerms, run};
+use rhumb_bench::replay::{ReplayError, ReplayTerms, run};
 use rhumb_bench::summary::{RunFigures, Summary};
 use rhumb_bench::trace::{TraceOptions, write};
 use rhumb_protocol::stream::{Budget, Features};
-use rhumb_reckoning::{Metres, Ticks, Tolerance};
+use rhumb_reckoning::{Metres, Tick, Ticks, Tolerance};
 
 use bounce::{FRAMES, packed, unpacked};
 
@@ -204,6 +204,14 @@ fn one_seed_gives_one_replay() {
 }
 
 #[test]
+fn a_replay_that_would_say_nothing_is_refused() {
+    let recording = recording();
+    let refused = run(&recording, &terms("", recording.ticks() + 1), &mut |_| {});
+    let last = Tick::new(u64::from(recording.ticks()));
+    assert_eq!(refused.err(), Some(ReplayError::TooSeldom(last)));
+}
+
+#[test]
 fn a_trace_of_ours_without_a_scene_is_refused_by_name() {
     let recording = recording();
     let run = replayed(&recording, "", 1);
@@ -211,7 +219,13 @@ fn a_trace_of_ours_without_a_scene_is_refused_by_name() {
     let options = TraceOptions::default();
     write(&path, &experiment(&recording, run), &options, &mut |_| {}).expect("it is written");
     match Recording::read(&path) {
-        Err(RecordingError::UnknownScene { name }) => assert_eq!(name, "bounce"),
+        Err(RecordingError::File { path: named, cause }) => {
+            assert_eq!(named, path);
+            let RecordingError::UnknownScene { name } = *cause else {
+                panic!("it is refused for another reason: {cause}");
+            };
+            assert_eq!(name, "bounce");
+        }
         other => panic!("a scene that is none was taken: {other:?}"),
     }
 }

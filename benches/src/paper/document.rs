@@ -123,6 +123,9 @@ fn fill(
         filled.figures.extend(made.figure);
         rest = after;
     }
+    if filled.text.is_empty() {
+        return Err(wrong(format!("no block is opened in it, by {OPENS:?}")));
+    }
     filled.text.push_str(rest);
     Ok(filled)
 }
@@ -298,6 +301,7 @@ mod tests {
                 "names no block and file",
             ),
             ("<!-- paper: one a.json\n", "does not end on its line"),
+            ("# A page\n\nand no block\n", "no block is opened in it"),
             (
                 "<!-- paper: one a.json -->\n<!-- paper: two a.json -->\n<!-- /paper -->",
                 "the block one is not closed",

@@ -18,6 +18,13 @@ pub enum RecordingError {
         /// Why.
         cause: io::Error,
     },
+    /// The file is none that can be replayed.
+    File {
+        /// Which.
+        path: PathBuf,
+        /// Why not.
+        cause: Box<Self>,
+    },
     /// The file's ending is neither `.mcap` nor `.rhtrace.zst`.
     UnknownForm {
         /// Which.
@@ -79,6 +86,7 @@ impl fmt::Display for RecordingError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Read { path, cause } => write!(f, "cannot read {}: {cause}", path.display()),
+            Self::File { path, cause } => write!(f, "{}: {cause}", path.display()),
             Self::UnknownForm { path } => write!(
                 f,
                 "{} ends neither in .mcap nor in .rhtrace.zst",

@@ -73,6 +73,8 @@ pub enum ReplayError {
     Limits(Tick),
     /// So much was lost that a member would have to take a new snapshot, which a replay has none of.
     LostTouch(Tick),
+    /// It is spoken of more seldom than once in the whole recording.
+    TooSeldom(Tick),
     /// The stream did not vouch for the last tick within ten seconds after it.
     NoEnd,
 }
@@ -84,6 +86,9 @@ impl fmt::Display for ReplayError {
                 write!(f, "a stream cannot have the recording's bodies at {tick}")
             }
             Self::LostTouch(tick) => write!(f, "so much was lost by {tick} that no repair helps"),
+            Self::TooSeldom(last) => {
+                write!(f, "nothing would be said: the recording ends at {last}")
+            }
             Self::NoEnd => f.write_str("the last tick was not heard of within ten seconds"),
         }
     }
@@ -119,6 +124,10 @@ pub fn run(
     terms: &ReplayTerms,
     progress: &mut dyn FnMut(Tick),
 ) -> Result<Run, ReplayError> {
+    if terms.every.get() > recording.ticks() {
+        let last = u64::from(recording.ticks());
+        return Err(ReplayError::TooSeldom(Tick::new(last)));
+    }
     let mut stage = Stage::new(recording, terms);
     stage.come_and_go(Tick::ZERO)?;
     stage.listener.subscriber.handle_snapshot_end();
