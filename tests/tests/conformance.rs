@@ -140,7 +140,7 @@ fn tried_mutant(
     patterns: &[&str],
     profile: Profile,
     side_by_side: usize,
-) -> Vec<run::Result> {
+) -> Vec<run::Tried> {
     let serving = mutant.serve();
     let conditions = Conditions {
         subject: Subject::Server {
