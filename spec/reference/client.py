@@ -130,6 +130,10 @@ class Member(QuicConnectionProtocol):
         self._quic.send_datagram_frame(packets.encoded(said))
         self.transmit()
 
+    def say_upstream(self, said):
+        """6.14-8: in a lockstep scene, a packet in order."""
+        self.say({"is": "Upstream", "packet": packets.encoded(said).hex()})
+
     def advance(self, tick):
         self.awaited, self.awaited_at, self.awaited_for = tick, self._loop.time(), FIRST_AWAITED
         self.say({"is": "Advance", "tick": tick})

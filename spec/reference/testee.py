@@ -15,6 +15,7 @@ from aioquic.asyncio.client import connect
 from aioquic.quic.configuration import QuicConfiguration
 
 import client
+import driver
 
 UNSUPPORTED = 127
 
@@ -24,6 +25,7 @@ class Wish:
     choice: dict  # the stream that it joins
     ticks: int = 0  # up to which it asks for each
     change: dict = None  # the stream that it follows then
+    drives: int = None  # within how many micrometres
 
 
 def within(micrometres):
@@ -44,6 +46,8 @@ def read(wish):
             return Wish(within(micrometres), ticks=int(ticks))
         case ["follow", micrometres, "change", other]:
             return Wish(within(micrometres), change=within(other))
+        case ["drive", micrometres]:
+            return Wish({"is": "full"}, drives=int(micrometres))
     return None
 
 
@@ -51,7 +55,7 @@ class Told:
     """Tells of each tick at which the copy is complete, and asks for the next if that is wished."""
 
     def __init__(self, member, ticks):
-        self.member, self.ticks, self.last = member, ticks, None
+        self.member, self.ticks, self.last, self.driver = member, ticks, None, None
 
     def change(self, scene):
         tell({"is": "following"})
@@ -73,6 +77,8 @@ class Told:
         tell({"is": "tick", "tick": tick, "sum": f"{scene.sum():016x}", "moving": moving})
         if tick < self.ticks:
             self.member.advance(tick + 1)
+        if self.driver:
+            self.driver.go_on(tick)
 
 
 def tell(line):
@@ -100,6 +106,10 @@ async def follow(wish):
                 tell({"is": "joined"})
                 if wish.change:
                     member.say({"is": "Follow", "choice": wish.change})
+                if wish.drives:
+                    told.driver = driver.Driver(member, wish.drives)
+                    told.driver.begin()
+                    heeding = asyncio.ensure_future(told.driver.heed())
                 await member.repair()
         except (client.Ended, asyncio.TimeoutError):
             pass
