@@ -1,16 +1,16 @@
 //! The golden vectors of packets and the tables are what the code has.
 //!
-//! After a change that is meant, write both with `cargo run -p rhumb-protocol --example vectors -- --write`.
+//! After a change that is meant, write both with `cargo run -p rhumb-protocol --example packet_vectors -- --write`.
 
-#[path = "../examples/vectors/chance.rs"]
+#[path = "../examples/packet_vectors/chance.rs"]
 mod chance;
-#[path = "../examples/vectors/document.rs"]
+#[path = "../examples/packet_vectors/document.rs"]
 mod document;
-#[path = "../examples/vectors/plain.rs"]
+#[path = "../examples/packet_vectors/plain.rs"]
 mod plain;
-#[path = "../examples/vectors/refused.rs"]
+#[path = "../examples/packet_vectors/refused.rs"]
 mod refused;
-#[path = "../examples/vectors/said.rs"]
+#[path = "../examples/packet_vectors/said.rs"]
 mod said;
 
 use std::path::Path;

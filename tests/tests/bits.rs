@@ -3,8 +3,6 @@
 //! Datagrams of streams are flipped at the very moment at which they were heard: each flipped one is given to a copy of
 //! the subscriber that had heard all before it. What it then believes is looked at for now and for a second later.
 
-use std::path::Path;
-
 use rhumb_protocol::message::Frames;
 use rhumb_protocol::packet::{
     Digest, Doubt, Echo, FullPacket, Head, Kind, Parity, Repair, StatePacket, Vouch,
@@ -15,14 +13,8 @@ use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::{Anchor, BodyId, Motion, Ticks};
 use rhumb_tests::grammar::unhex;
-use rhumb_tests::vectors::{Outcome, Side, streams};
+use rhumb_tests::vectors::{Outcome, Side, golden, streams};
 use serde_json::Value;
-
-fn vectors(name: &str) -> Value {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/vectors");
-    let text = std::fs::read_to_string(path.join(name)).expect("the vectors are there");
-    serde_json::from_str(&text).expect("vectors are JSON")
-}
 
 fn list(value: &Value) -> &[Value] {
     value.as_array().expect("a list")
@@ -66,7 +58,7 @@ fn read(bytes: &[u8]) -> Result<(), Malformed> {
 
 #[test]
 fn a_flipped_bit_of_a_datagram_never_panics() {
-    let packets = vectors("packets.json");
+    let packets = golden("packets.json");
     let (mut refused, mut read_otherwise) = (0_u32, 0_u32);
     for case in list(&packets["said"]) {
         for flipped in flips(&bytes_of(case)) {
@@ -82,7 +74,7 @@ fn a_flipped_bit_of_a_datagram_never_panics() {
 
 #[test]
 fn a_flipped_bit_of_a_message_never_panics() {
-    let control = vectors("control.json");
+    let control = golden("control.json");
     let mut read_otherwise = 0_u32;
     for (side, section) in [(Side::Client, "client says"), (Side::Server, "server says")] {
         for case in list(&control[section]) {
@@ -159,7 +151,7 @@ fn flip_for(session: &ClientSession, datagram: &[u8], what: &str) -> u32 {
 #[test]
 fn a_flipped_bit_of_a_stream_never_yields_a_pose_outside_the_limits() {
     let mut changed = 0;
-    for stream in list(&vectors("streams.json")["streams"]) {
+    for stream in list(&golden("streams.json")["streams"]) {
         let mut session = streams::greeted();
         for (place, event) in list(&stream["events"]).iter().enumerate() {
             if event[0] == "datagram" {
@@ -178,7 +170,7 @@ fn a_flipped_bit_of_a_stream_never_yields_a_pose_outside_the_limits() {
 
 #[test]
 fn what_a_flip_makes_malformed_changes_nothing() {
-    for stream in list(&vectors("streams.json")["streams"]) {
+    for stream in list(&golden("streams.json")["streams"]) {
         let mut session = streams::greeted();
         for event in list(&stream["events"]) {
             if event[0] == "datagram" {

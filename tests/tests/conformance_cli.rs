@@ -51,6 +51,12 @@ fn a_pattern_that_means_no_case_is_named() {
 }
 
 #[test]
+fn what_means_nothing_to_a_decoder_is_refused() {
+    refused(&["vectors", "--link", "loss=5%"], &["--link"]);
+    refused(&["vectors", "--without", "driving"], &["--without"]);
+}
+
+#[test]
 fn a_server_that_is_not_there_is_one_error() {
     let pin = "00".repeat(32);
     let matrix = format!("one={NOBODY},{pin}");

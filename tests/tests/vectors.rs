@@ -1,6 +1,6 @@
 //! Vectors, tables and examples of the control stream are what the codec has.
 //!
-//! After a change that is meant, write the vectors with `cargo run -p rhumb-tests --example vectors -- --write`.
+//! After a change that is meant, write the vectors with `cargo run -p rhumb-tests --example control_vectors -- --write`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -14,13 +14,13 @@ use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::wire::{OPTIONAL, Wire};
 use rhumb_tests::grammar::{Grammar, unhex};
 use rhumb_tests::requirements::Document;
-use rhumb_tests::vectors::{Outcome, Side, control, streams};
+use rhumb_tests::vectors::{Outcome, Side, control, folder, golden, streams};
 use serde_json::Value;
 
 #[test]
 fn the_golden_vectors_are_what_the_codec_says_and_refuses() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/vectors/control.json");
-    let golden = std::fs::read_to_string(path).expect("the specification lies beside the crates");
+    let golden = std::fs::read_to_string(folder().join("control.json"));
+    let golden = golden.expect("the specification lies beside the crates");
     let computed = control();
     for (number, (is, was)) in computed.lines().zip(golden.lines()).enumerate() {
         assert_eq!(is, was, "line {}", number + 1);
@@ -30,9 +30,7 @@ fn the_golden_vectors_are_what_the_codec_says_and_refuses() {
 
 #[test]
 fn a_session_that_hears_a_golden_stream_knows_what_its_member_knew() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/vectors/streams.json");
-    let golden = std::fs::read_to_string(path).expect("the specification lies beside the crates");
-    let golden: Value = serde_json::from_str(&golden).expect("vectors are JSON");
+    let golden = golden("streams.json");
     for stream in golden["streams"].as_array().expect("streams are listed") {
         let events = stream["events"].as_array().expect("events are listed");
         let states = streams::replayed(events);

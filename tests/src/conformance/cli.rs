@@ -257,6 +257,9 @@ impl VectorsTask {
         if self.common.list {
             return self.common.list(&cases);
         }
+        if self.common.link != LinkTerms::PERFECT || !self.common.without.is_empty() {
+            return Err("--link and --without are of peers: bytes are read without them".into());
+        }
         self.exec.as_deref().map_or(Ok(()), must_be_there)?;
         let name = self.exec.clone().unwrap_or_else(|| "this house".into());
         let exec = self.exec;

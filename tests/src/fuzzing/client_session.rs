@@ -13,11 +13,12 @@ use rhumb_reckoning::{Tick, Tolerance};
 use serde_json::Value;
 
 use super::commands::command;
-use super::inputs::{vectors, with_bytes};
+use super::inputs::with_bytes;
 use super::packets::written_again;
 use super::sayings::verbatim;
 use super::script::Script;
 use super::subscriber::assert_is_within_limits;
+use crate::vectors::golden;
 use crate::vectors::streams::greeted;
 
 /// One thing that a member heard.
@@ -28,14 +29,14 @@ enum Heard {
 
 /// What the members of the golden streams heard.
 static STREAMS: LazyLock<Vec<Vec<Heard>>> = LazyLock::new(|| {
-    let file = vectors("streams.json");
+    let file = golden("streams.json");
     let streams = file["streams"].as_array().into_iter().flatten();
     streams.map(heard).collect()
 });
 
 /// Every message of a server in the golden vectors.
 static MESSAGES: LazyLock<Vec<Vec<u8>>> =
-    LazyLock::new(|| with_bytes(&vectors("control.json")["server says"]));
+    LazyLock::new(|| with_bytes(&golden("control.json")["server says"]));
 
 fn heard(stream: &Value) -> Vec<Heard> {
     let events = stream["events"].as_array().into_iter().flatten();

@@ -15,10 +15,11 @@ use rhumb_reckoning::{BodyId, Divergence, Tick, Tolerance};
 use rhumb_server::Scene;
 
 use super::commands::command;
-use super::inputs::{vectors, with_bytes};
+use super::inputs::with_bytes;
 use super::scene_commands::scene_terms;
 use super::script::Script;
 use super::subscriber::assert_is_within_limits;
+use crate::vectors::golden;
 use crate::{Rude, Table};
 
 /// Acts of one script, so that it ends soon.
@@ -28,7 +29,7 @@ const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 
 /// Every message of a client in the golden vectors.
 static MESSAGES: LazyLock<Vec<Vec<u8>>> =
-    LazyLock::new(|| with_bytes(&vectors("control.json")["client says"]));
+    LazyLock::new(|| with_bytes(&golden("control.json")["client says"]));
 
 /// Types of messages by which any member may end a scene, change it and let it step.
 const SPARED: [u8; 3] = [5, 7, 8];

@@ -9,18 +9,7 @@ use serde_json::Value;
 
 use super::Target;
 use crate::grammar::{hex, unhex};
-
-/// A file of golden vectors.
-///
-/// # Panics
-///
-/// When it is not there, or no JSON.
-#[must_use]
-pub fn vectors(name: &str) -> Value {
-    let path = root().join("spec/vectors").join(name);
-    let text = std::fs::read_to_string(path).expect("the specification lies beside the crates");
-    serde_json::from_str(&text).expect("vectors are JSON")
-}
+use crate::vectors::golden;
 
 /// The bytes of each of these cases.
 #[must_use]
@@ -56,7 +45,7 @@ pub fn kept(target: &Target) -> Vec<Vec<u8>> {
 #[must_use]
 pub fn seeds(target: &Target) -> Vec<Vec<u8>> {
     let control = |sections: [&str; 2]| {
-        let control = vectors("control.json");
+        let control = golden("control.json");
         let cases = sections
             .into_iter()
             .flat_map(|name| with_bytes(&control[name]));
@@ -79,7 +68,7 @@ fn trace() -> Vec<u8> {
 }
 
 fn datagrams() -> impl Iterator<Item = Vec<u8>> {
-    let packets = vectors("packets.json");
+    let packets = golden("packets.json");
     let sections = ["said", "refused"];
     let cases = sections
         .into_iter()

@@ -1,7 +1,7 @@
 //! The golden vectors of the control stream.
 //!
 //! Messages are put together by hand from the document and read by the codec and by the table; what both make of them is
-//! written down. `cargo run -p rhumb-tests --example vectors -- --write` writes `spec/vectors/control.json`.
+//! written down. `cargo run -p rhumb-tests --example control_vectors -- --write` writes `spec/vectors/control.json`.
 
 mod change;
 mod client;
@@ -9,12 +9,32 @@ mod pieces;
 mod server;
 pub mod streams;
 
+use std::path::{Path, PathBuf};
+
 use rhumb_protocol::message::{ClientMessage, Framed, ServerMessage, frame};
 use rhumb_protocol::scene::{Command, Invalid, Quantity};
 use rhumb_protocol::wire::Malformed;
 use serde_json::{Value, json};
 
 use crate::grammar::{Grammar, hex};
+
+/// Where golden vectors lie.
+#[must_use]
+pub fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/vectors")
+}
+
+/// A file of golden vectors.
+///
+/// # Panics
+///
+/// When it is not there, or no JSON.
+#[must_use]
+pub fn golden(file: &str) -> Value {
+    let text = std::fs::read_to_string(folder().join(file));
+    let text = text.expect("the specification lies beside the crates");
+    serde_json::from_str(&text).expect("vectors are JSON")
+}
 
 /// Who says a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! Golden streams: what a member heard over a bad link, and what it then knew.
 //!
-//! Recorded from a real host by `cargo run -p rhumb-tests --example vectors -- --write`, and held by replaying what was
+//! Recorded from a real host by `cargo run -p rhumb-tests --example control_vectors -- --write`, and held by replaying what was
 //! heard to a session: so an engine that moves bodies otherwise does not change what is golden here, but the wire does.
 
 use bytes::Bytes;

@@ -10,10 +10,10 @@ use rhumb_tests::requirements::{Document, is_name, parts, unnamed};
 
 use crate::house::{File, files, report, root};
 
-/// The map's paths with their purposes.
-fn listed() -> BTreeMap<String, String> {
+/// The map's rows: a path and its purpose.
+fn rows() -> Vec<(String, String)> {
     let text = fs::read_to_string(root().join("ARCHITECTURE.md")).expect("the house has a map");
-    let mut listed = BTreeMap::new();
+    let mut rows = Vec::new();
     let begin = text.find("## Code map").expect("the map has its heading");
     for line in text[begin..].lines() {
         let Some((path, rest)) = line.strip_prefix("| `").and_then(|row| row.split_once('`'))
@@ -21,9 +21,14 @@ fn listed() -> BTreeMap<String, String> {
             continue;
         };
         let purpose = rest.trim_matches([' ', '|']).to_owned();
-        listed.insert(path.to_owned(), purpose);
+        rows.push((path.to_owned(), purpose));
     }
-    listed
+    rows
+}
+
+/// The map's paths with their purposes.
+fn listed() -> BTreeMap<String, String> {
+    rows().into_iter().collect()
 }
 
 /// Whether a file must be in the map: sources, documents of the specification, scripts.
@@ -37,8 +42,11 @@ fn is_mapped(file: &File) -> bool {
 
 #[test]
 fn every_path_of_the_map_exists_and_has_a_purpose() {
-    let mut violations = Vec::new();
-    for (path, purpose) in listed() {
+    let (mut violations, mut seen) = (Vec::new(), BTreeSet::new());
+    for (path, purpose) in rows() {
+        if !seen.insert(path.clone()) {
+            violations.push(format!("{path}: has two rows"));
+        }
         if !root().join(&path).is_file() {
             violations.push(format!("{path}: there is no such file"));
         }

@@ -3,7 +3,6 @@
 //! Of the many messages that must be refused some of each kind and reason are played; decoders are tried with all of them.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
 use rhumb_protocol::message::Frames;
 use rhumb_protocol::packet::{Doubt, Echo, Low16, Ranges, StreamId, Vouch};
@@ -17,6 +16,7 @@ use crate::conformance::outcome::{Play, ensure};
 use crate::conformance::peer::{Setting, datagram};
 use crate::conformance::trial::Trial;
 use crate::grammar::unhex;
+use crate::vectors::golden;
 
 pub(super) fn cases() -> Vec<Case> {
     let mut cases = refused();
@@ -71,7 +71,7 @@ const DATAGRAMS: &[Row] = &[
 
 /// Messages that are malformed, some of each kind and reason.
 fn refused() -> Vec<Case> {
-    let table = vectors("control.json");
+    let table = golden("control.json");
     let mut found: BTreeMap<_, Vec<(String, Vec<u8>)>> = BTreeMap::new();
     for line in table["refused of a server"]
         .as_array()
@@ -112,7 +112,7 @@ const OF_EACH: usize = 2;
 fn skipped(trial: &mut Trial<'_>) -> Play {
     let mut host = trial.host()?;
     hand::let_in(&mut host)?;
-    let table = vectors("control.json");
+    let table = golden("control.json");
     let lines = table["server says"].as_array().into_iter().flatten();
     for line in lines.filter(|line| line.get("skipped").is_some()) {
         host.utter(&read(line).1);
@@ -210,7 +210,7 @@ fn damaged(trial: &mut Trial<'_>) -> Play {
 }
 
 fn datagrams(section: &str) -> Vec<Vec<u8>> {
-    let table = vectors("packets.json");
+    let table = golden("packets.json");
     let lines = table[section].as_array().into_iter().flatten();
     lines
         .map(|line| read(line).1)
@@ -221,12 +221,4 @@ fn datagrams(section: &str) -> Vec<Vec<u8>> {
 fn read(line: &Value) -> (String, Vec<u8>) {
     let text = |name: &str| line[name].as_str().unwrap_or_default();
     (text("name").to_owned(), unhex(text("bytes")))
-}
-
-/// A file of the vectors.
-pub(super) fn vectors(file: &str) -> Value {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/vectors");
-    let text = std::fs::read_to_string(folder.join(file));
-    let text = text.expect("the vectors lie beside this package");
-    serde_json::from_str(&text).expect("the vectors are JSON")
 }

@@ -3,7 +3,6 @@
 //! A case is all vectors of one kind: a process that answers them is started once for each.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 use std::sync::Arc;
 
 use serde_json::{Value, json};
@@ -12,13 +11,14 @@ use super::case::Case;
 use super::outcome::{Play, Stop};
 use super::peer::Decoder;
 use super::trial::Trial;
+use crate::vectors::golden;
 
 /// All of them.
 pub(super) fn cases() -> Vec<Case> {
     let (control, packets, streams) = (
-        vectors("control.json"),
-        vectors("packets.json"),
-        vectors("streams.json"),
+        golden("control.json"),
+        golden("packets.json"),
+        golden("streams.json"),
     );
     let mut cases = Vec::new();
     for side in ["client", "server"] {
@@ -231,14 +231,6 @@ fn word(value: &Value) -> String {
     value
         .as_str()
         .map_or_else(|| value.to_string(), str::to_owned)
-}
-
-/// A file of the vectors.
-fn vectors(file: &str) -> Value {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/vectors");
-    let text = std::fs::read_to_string(folder.join(file));
-    let text = text.expect("the vectors lie beside this package");
-    serde_json::from_str(&text).expect("the vectors are JSON")
 }
 
 #[cfg(test)]

@@ -4,7 +4,6 @@
 //! message names may not exist either, which is no less true.
 
 use std::collections::BTreeSet;
-use std::path::Path;
 use std::sync::Arc;
 
 use rhumb_protocol::message::{Denial, ServerMessage, StreamChoice};
@@ -18,6 +17,7 @@ use crate::conformance::outcome::{Play, Stop, ensure};
 use crate::conformance::peer::Guest;
 use crate::conformance::trial::Trial;
 use crate::grammar::unhex;
+use crate::vectors::golden;
 
 /// One vector.
 #[derive(Clone, Debug)]
@@ -214,9 +214,7 @@ struct Vectors {
 
 /// The vectors of what clients say.
 fn vectors() -> Vectors {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/vectors/control.json");
-    let text = std::fs::read_to_string(path).expect("the vectors lie beside this package");
-    let table: Value = serde_json::from_str(&text).expect("the vectors are JSON");
+    let table = golden("control.json");
     let of = |section: &str| {
         let lines = table[section].as_array().expect("a section is a list");
         // Some good messages differ in one number only, so that a change of that makes the same bytes of both.

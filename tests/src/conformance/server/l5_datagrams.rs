@@ -3,14 +3,11 @@
 //! What a source says is thrown at an upstream, what a listener says at the stream. Neither moves a body, is answered, or
 //! ends a connection.
 
-use std::path::Path;
-
 use glam::Vec3;
 use rhumb_protocol::message::{ClientMessage, Drive, Notice, ServerMessage};
 use rhumb_protocol::packet::{Echo, Kind, Low16, StreamId};
 use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, Pace, SceneTerms};
 use rhumb_reckoning::{Anchor, BodyId, Tolerance, Verbatim};
-use serde_json::Value;
 
 use super::scenery::{BALL, NORMAL, ball_shape, body, lockstep, moving};
 use crate::conformance::case::{Case, Feature};
@@ -18,11 +15,10 @@ use crate::conformance::outcome::{Play, Stop, ensure};
 use crate::conformance::peer::{Guest, datagram};
 use crate::conformance::trial::Trial;
 use crate::grammar::unhex;
+use crate::vectors::golden;
 
 pub(super) fn cases() -> Vec<Case> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/vectors/packets.json");
-    let text = std::fs::read_to_string(path).expect("the vectors lie beside this package");
-    let table: Value = serde_json::from_str(&text).expect("the vectors are JSON");
+    let table = golden("packets.json");
     let refused = table["refused"].as_array().expect("a section is a list");
     let mut seen = std::collections::BTreeSet::new();
     let cases = refused.iter().filter_map(|line| {

@@ -1,13 +1,12 @@
 //! Prints golden vectors of messages and streams; `--write` writes them.
 
 use std::io::Write;
-use std::path::Path;
 
-use rhumb_tests::vectors::{control, streams};
+use rhumb_tests::vectors::{control, folder, streams};
 
 fn main() -> std::io::Result<()> {
     let write = std::env::args().any(|argument| argument == "--write");
-    let vectors = Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/vectors");
+    let vectors = folder();
     for (name, text) in [
         ("control.json", control()),
         ("streams.json", streams::streams()),
