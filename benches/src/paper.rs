@@ -3,6 +3,7 @@
 //! The experiment itself, where remote wins, what hardware gives, and the page that tells it all from what was measured.
 
 mod analysis;
+mod beside;
 mod crossover;
 mod document;
 mod duty;

@@ -3,7 +3,6 @@
 //! All modes step one scene. For each amount of other work each mode has a block of frames by itself, in turn, so that what
 //! a caller does while its server steps is that work and nothing else; the first frame of a block is not counted.
 
-use std::hint::spin_loop;
 use std::num::NonZeroU32;
 use std::path::PathBuf;
 
@@ -18,6 +17,7 @@ use rhumb_transport::Clock;
 use serde::{Deserialize, Serialize};
 
 use super::PaperError;
+use super::beside::work;
 use super::crossover::{Crossover, Pair, crossover};
 use super::experiment::{Places, tolerance};
 use super::pit::{FRAMES_PER_SECOND, in_frames};
@@ -311,14 +311,6 @@ fn block(
         void: false,
     };
     Ok((point, after))
-}
-
-/// What a simulator does beside physics: work for so long, by the clock.
-fn work(clock: &Clock, span: Span) {
-    let end = clock.now() + span;
-    while clock.now() < end {
-        spin_loop();
-    }
 }
 
 /// All crossovers: over other work at each load, and over loads with each amount of other work.

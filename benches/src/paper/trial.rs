@@ -1,15 +1,15 @@
 //! One trial: all modes in turn, frame by frame, while the pit fills.
 //!
-//! A mode whose caller goes on while its server steps asks first. Then the integrated engine takes its frame in this
-//! thread, which is the other work of that caller, and a pause follows, in which that server ends; the others come after
-//! and have their core to themselves.
+//! One mode works at a time: cores of one processor share caches and memory, and what steps beside another is slowed by it.
+//! A mode whose caller goes on while its server steps comes last. Its caller then has other work, for as long as the
+//! integrated frame took, and a pause follows, in which that server ends.
 
-use std::time::Duration;
-
+use rhumb_protocol::Span;
 use rhumb_protocol::scene::Command;
 use rhumb_transport::Clock;
 
 use super::PaperError;
+use super::beside::{pause, work};
 use super::outcome::{LoadOutcome, ModeOutcome, Trial};
 use super::pit::{FRAMES_PER_SECOND, Pit};
 use super::quota::Weakness;
@@ -46,8 +46,8 @@ struct Runner {
     before: Account,
 }
 
-/// Of the integrated frame, what the pause after it takes, so that a server that steps meanwhile comes to its end.
-const PAUSE_SHARE: f64 = 0.2;
+/// What part of the integrated frame the pause after a caller's other work takes, so that its server comes to its end.
+const PAUSE_PART: u64 = 2;
 
 /// Runs a trial; `progress` is told each frame that is done.
 pub(super) fn run(
@@ -91,7 +91,7 @@ pub(super) fn run(
                 commands.clear();
                 pit.commands(number, &mut commands);
             }
-            one_frame(&mut runners, &commands)?;
+            one_frame(&clock, &mut runners, &commands)?;
             progress(Progress {
                 load: *load,
                 caller: &caller,
@@ -129,32 +129,28 @@ fn begin(
             before,
         });
     }
-    runners.sort_by_key(|runner| (!runner.mode.is_ahead(), runner.mode != Mode::Integrated));
+    runners.sort_by_key(|runner| (runner.mode.is_ahead(), runner.mode != Mode::Integrated));
     Ok(runners)
 }
 
-fn one_frame(runners: &mut [Runner], commands: &[Command]) -> Result<(), PaperError> {
-    let anyone_ahead = runners.iter().any(|runner| runner.mode.is_ahead());
+fn one_frame(
+    clock: &Clock,
+    runners: &mut [Runner],
+    commands: &[Command],
+) -> Result<(), PaperError> {
+    let mut integrated_ns = 0;
     for runner in runners {
         let took = runner.player.frame(commands)?;
-        runner.took.push(took);
-        if anyone_ahead && runner.mode == Mode::Integrated {
-            pause(Duration::from_nanos(
-                (took.wall_ns as f64 * PAUSE_SHARE) as u64,
-            ));
+        if runner.mode == Mode::Integrated {
+            integrated_ns = took.wall_ns;
         }
+        if runner.mode.is_ahead() {
+            work(clock, Span::from_nanos(integrated_ns));
+            pause(clock, Span::from_nanos(integrated_ns / PAUSE_PART));
+        }
+        runner.took.push(took);
     }
     Ok(())
-}
-
-/// Leaves both cores to the servers for a while.
-fn pause(span: Duration) {
-    let clock = Clock::start();
-    let end = clock.now() + rhumb_protocol::Span::from_nanos(span.as_nanos() as u64);
-    // A parked thread may be woken early.
-    while clock.now() < end {
-        std::thread::park_timeout(clock.until(end));
-    }
 }
 
 /// What each mode did since the last load, in the order of the settings.
