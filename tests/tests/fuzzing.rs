@@ -1,4 +1,4 @@
-//! What fuzzers found and kept holds with a stable compiler too
+//! What fuzzers found and kept holds with a stable compiler too.
 //!
 //! Proved by replaying every kept input and every golden vector to its target, and some noise besides. `FUZZ_INPUT=FILE
 //! FUZZ_TARGET=NAME` replays one file, as a fuzzer leaves it.
@@ -57,6 +57,7 @@ macro_rules! replays {
                 let file = format!("fuzz_targets/{name}.rs");
                 assert!(fuzz.join(&file).is_file(), "{file}");
                 assert!(manifest.contains(&format!("path = \"{file}\"")), "{file}");
+                assert!(!kept(target(name)).is_empty(), "nothing is kept of {name}");
             }
         }
     };
