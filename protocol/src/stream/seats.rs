@@ -80,6 +80,15 @@ impl Since {
     }
 }
 
+/// What is known of a body that is said to sit somewhere.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Sitter {
+    /// Nothing that is newer.
+    AsSaid,
+    /// It was heard of since, or is not there any more.
+    GoneOn,
+}
+
 /// The seats as a listener knows them: with when each was said.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Seats(Seating<Since>);
@@ -92,11 +101,11 @@ impl Seats {
 
     /// A body takes a seat; who sat there stands. What was said later of either stays.
     ///
-    /// `gone_on`: the body was heard of since, or is not there any more. Then who sits there is not known, unless it is this
-    /// body still: where it sits now was said with what was heard later.
-    pub(crate) fn take(&mut self, seat: u32, body: u32, tick: Tick, gone_on: bool) {
+    /// Who has gone on since takes none: where it sits now was said with what was heard later. Then who sits there is not
+    /// known, unless it is this body still.
+    pub(crate) fn take(&mut self, seat: u32, body: u32, tick: Tick, sitter: Sitter) {
         let later = |seat: u32| self.since(seat) > tick;
-        let sits_there = self.0.of(body) == Some(seat);
+        let (gone_on, sits_there) = (sitter == Sitter::GoneOn, self.0.of(body) == Some(seat));
         if later(seat) || (gone_on && sits_there) {
             return;
         }
@@ -220,30 +229,30 @@ mod tests {
     #[test]
     fn what_was_said_later_stays() {
         let mut seats = Seats::default();
-        seats.take(4, 9, Tick::new(10), false);
-        seats.take(4, 7, Tick::new(8), false);
+        seats.take(4, 9, Tick::new(10), Sitter::AsSaid);
+        seats.take(4, 7, Tick::new(8), Sitter::AsSaid);
         assert_eq!(
             (seats.0.body(4), seats.0.of(9), seats.0.of(7)),
             (Some(9), Some(4), None)
         );
-        seats.take(2, 9, Tick::new(11), false);
+        seats.take(2, 9, Tick::new(11), Sitter::AsSaid);
         assert_eq!((seats.0.body(4), seats.0.body(2)), (None, Some(9)));
-        seats.take(2, 7, Tick::new(12), false);
+        seats.take(2, 7, Tick::new(12), Sitter::AsSaid);
         assert_eq!((seats.0.of(9), seats.0.of(7)), (None, Some(2)));
-        seats.take(5, 7, Tick::new(11), false);
+        seats.take(5, 7, Tick::new(11), Sitter::AsSaid);
         assert_eq!((seats.0.body(5), seats.0.of(7)), (None, Some(2)));
     }
 
     #[test]
     fn who_was_heard_of_since_takes_no_seat_of_before() {
         let mut seats = Seats::default();
-        seats.take(4, 9, Tick::new(10), false);
-        seats.take(4, 7, Tick::new(12), true);
+        seats.take(4, 9, Tick::new(10), Sitter::AsSaid);
+        seats.take(4, 7, Tick::new(12), Sitter::GoneOn);
         assert_eq!((seats.0.body(4), seats.0.of(9)), (None, None));
-        seats.take(4, 9, Tick::new(11), false);
+        seats.take(4, 9, Tick::new(11), Sitter::AsSaid);
         assert_eq!(seats.0.of(9), None);
-        seats.take(4, 9, Tick::new(13), false);
-        seats.take(4, 9, Tick::new(14), true);
+        seats.take(4, 9, Tick::new(13), Sitter::AsSaid);
+        seats.take(4, 9, Tick::new(14), Sitter::GoneOn);
         assert_eq!(seats.body_at(4, Tick::new(13)), Some(9));
     }
 }

@@ -20,7 +20,7 @@ use super::doubt::Doubts;
 use super::gaps::Gaps;
 use super::restorer::Restorer;
 use super::room::{grow_to, push};
-use super::seats::Seats;
+use super::seats::{Seats, Sitter};
 use super::start::StreamStart;
 use super::statements::Statements;
 use super::statistics::SubscriberStatistics;
@@ -398,7 +398,8 @@ impl Subscriber {
     /// A body has a seat already, as a late listener is told.
     pub fn seat(&mut self, id: BodyId, seat: u32) {
         if id.index() < INDICES_MAX && seat < INDICES_MAX {
-            self.seats.take(seat, id.index(), self.newest, false);
+            self.seats
+                .take(seat, id.index(), self.newest, Sitter::AsSaid);
         }
     }
 

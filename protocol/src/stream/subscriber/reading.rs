@@ -11,6 +11,7 @@ use crate::packet::{
     StatePacket, TrackSaying, Update, Vouch,
 };
 use crate::stream::gaps::{Arrival, RepairOf};
+use crate::stream::seats::Sitter;
 use crate::stream::tracks::{Former, Slot, Unreadable};
 use crate::wire::bytes::Reader;
 use crate::wire::{Malformed, Wire};
@@ -260,16 +261,18 @@ impl Subscriber {
         }
     }
 
-    /// Whether a body was heard of after a tick, or is not there any more.
-    fn has_gone_on(&self, index: u32, tick: Tick) -> bool {
-        let slot = self.tracks.slot(index);
-        slot.is_none_or(|slot| slot.origin() > tick)
+    /// A body, as it was said to sit somewhere at a tick.
+    fn sitter(&self, index: u32, tick: Tick) -> Sitter {
+        match self.tracks.slot(index) {
+            Some(slot) if slot.origin() <= tick => Sitter::AsSaid,
+            _ => Sitter::GoneOn,
+        }
     }
 
     fn hear(&mut self, number: u64, tick: Tick, update: &Update) {
         if let Some(body) = update.body {
-            let gone_on = self.has_gone_on(body, tick);
-            self.seats.take(update.seat, body, tick, gone_on);
+            let sitter = self.sitter(body, tick);
+            self.seats.take(update.seat, body, tick, sitter);
         }
         // Who sits there now may not be who was meant then.
         let seated = self.seats.body_at(update.seat, tick);
@@ -407,9 +410,9 @@ impl Subscriber {
             };
             let whole = Saying::Whole(record.whole);
             // A seat that was missed must not make one body's next update another's.
-            let gone_on = self.has_gone_on(record.index, as_of);
+            let sitter = self.sitter(record.index, as_of);
             match record.seat {
-                Some(seat) => self.seats.take(seat, record.index, as_of, gone_on),
+                Some(seat) => self.seats.take(seat, record.index, as_of, sitter),
                 None => self.seats.leave_by(record.index, as_of),
             }
             let holder = self.tracks.slot(record.index).and_then(Slot::carrier);
