@@ -305,7 +305,8 @@ class Scene:
         self.seats[seat], self.seat_of[index] = (index, tick), seat
 
     def since(self, seat):
-        return self.seats[seat][1] if seat in self.seats else -1
+        """The tick at which a seat was taken last; that of a beginning if it never was."""
+        return self.seats[seat][1] if seat in self.seats else 0
 
     # 6.5 Reading
 
@@ -606,11 +607,9 @@ class Scene:
         """6.12-8: the track of a body that is doubted, in place of its own; of a packet that was not heard, nor sent."""
         for record in said["records"]:
             index, body = record["index"], self.bodies.get(record["index"])
-            if body is None or lost != self.next or self.doubted != (index, 1):
+            if body is None or lost < self.next or self.doubted != (index, 1):
                 continue
             self.leave(index)
-            if record["seat"] is not None:
-                self.sit(record["seat"], index, tick)
             body.track, body.before, body.older = track_of_whole(tick - record["age"], record["whole"]), None, []
             self.known_from = max(self.known_from, body.track.origin)
             self.doubted = None

@@ -6,7 +6,7 @@
 
 use std::time::Duration;
 
-use rhumb_tests::conformance::case::{Feature, Profile};
+use rhumb_tests::conformance::case::Profile;
 use rhumb_tests::conformance::mutants::ServerMutant;
 use rhumb_tests::conformance::report::{Report, Terms, html, json, junit};
 use rhumb_tests::conformance::suite::{Selection, cases};
@@ -55,8 +55,8 @@ fn tried(patterns: &[&str], link: LinkTerms) -> Report {
             seed: conditions.seed,
             timeout_s: conditions.timeout.as_secs_f64(),
             link,
-            profile: Profile::Core,
-            without: vec![Feature::Driving],
+            profile: selection.profile,
+            without: selection.without.clone(),
         }),
         strict: true,
         results,
@@ -84,20 +84,17 @@ fn the_server_of_this_house_passes_every_case() {
     let xml = junit(&report).expect("memory can be written to");
     assert_eq!(xml.matches("<testcase ").count(), report.results.len());
     assert!(!xml.contains("<failure"));
-    let told = ["seed", "timeout_s", "link", "profile", "without"].map(|name| &value[name]);
-    let (link, lacking) = (Value::from(""), value_of!(["driving"]));
-    assert_eq!(
-        told,
-        [
-            &value_of!(1),
-            &value_of!(10.0),
-            &link,
-            &value_of!("core"),
-            &lacking
-        ]
-    );
+    let told = ["seed", "timeout_s", "link", "profile", "without"].map(|name| value[name].clone());
+    let terms = [
+        value_of!(1),
+        value_of!(10.0),
+        value_of!(""),
+        value_of!("bit-exact"),
+        value_of!([]),
+    ];
+    assert_eq!(told, terms);
     let page = html(&report);
-    assert!(page.contains("seed 1, timeout 10 s, without driving, strict"));
+    assert!(page.contains("seed 1, timeout 10 s, profile bit-exact, strict"));
     assert!(report.results.iter().all(|one| page.contains(&one.case.id)));
 }
 

@@ -54,6 +54,10 @@ fn a_pattern_that_means_no_case_is_named() {
 fn what_means_nothing_to_a_decoder_is_refused() {
     refused(&["vectors", "--link", "loss=5%"], &["--link"]);
     refused(&["vectors", "--without", "driving"], &["--without"]);
+    let bits = ["client", "--exec", "true", "--profile", "bit-exact"];
+    refused(&bits, &["--profile"]);
+    let fixed = ["client", "--exec", "true", "--listen", "127.0.0.1:4999"];
+    refused(&fixed, &["--side-by-side 1"]);
 }
 
 #[test]
@@ -97,6 +101,23 @@ fn a_report_without_a_folder_is_refused_before_anything_is_tried() {
     for option in ["--html", "--json", "--junit"] {
         refused(&["vectors", option, "nosuch/report"], &["nosuch/report"]);
     }
+}
+
+#[test]
+fn a_client_that_has_nothing_does_not_pass() {
+    for case in ["L2.51", "L4.51.1"] {
+        let output = conformance(&["client", "--exec", "sh -c 'exit 127'", "--case", case]);
+        assert_eq!(output.status.code(), Some(1), "{output:?}");
+        let said = String::from_utf8_lossy(&output.stdout);
+        assert!(said.contains("does not even follow"), "{said}");
+    }
+}
+
+#[test]
+fn a_decoder_that_has_nothing_does_not_pass() {
+    let exec = "sh -c 'while read line; do echo \"{\\\"unsupported\\\":true}\"; done'";
+    let output = conformance(&["vectors", "--exec", exec, "--case", "L0.81"]);
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
 }
 
 #[test]

@@ -18,7 +18,7 @@ const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
 const TESTEE: &str = env!("CARGO_BIN_EXE_rhumb-testee");
 
 /// Each mutant with the case that is for it.
-const CAUGHT: [(ClientMutant, &str, &str); 22] = [
+const CAUGHT: [(ClientMutant, &str, &str); 24] = [
     (ClientMutant::AnyVersion, "any-version", "L1.51.2"),
     (ClientMutant::CriticalPasses, "critical-passes", "L1.51.3"),
     (
@@ -30,6 +30,7 @@ const CAUGHT: [(ClientMutant, &str, &str); 22] = [
     (ClientMutant::NeverEchoes, "never-echoes", "L2.51.20"),
     (ClientMutant::OffByOne, "off-by-one", "L2.51.20"),
     (ClientMutant::AsksForOne, "asks-for-one", "L2.51.22"),
+    (ClientMutant::LateIsAll, "late-is-all", "L2.51.45"),
     (ClientMutant::RepairIgnored, "repair-ignored", "L2.51.7"),
     (ClientMutant::StaleTaken, "stale-taken", "L2.51.41"),
     (ClientMutant::RevisionIgnored, "revision-ignored", "L2.51.2"),
@@ -48,6 +49,7 @@ const CAUGHT: [(ClientMutant, &str, &str); 22] = [
     (ClientMutant::NeverFollowed, "never-followed", "L2.52.21"),
     (ClientMutant::SpeaksTooSoon, "speaks-too-soon", "L1.51.6"),
     (ClientMutant::StraysAway, "strays-away", "L3.51.1"),
+    (ClientMutant::VouchesOnce, "vouches-once", "L3.51.2"),
     (
         ClientMutant::NeverDrivesAgain,
         "never-drives-again",

@@ -3,6 +3,7 @@
 //! Verdicts that are not good go to standard output as they come, the summary last. Exit code 0: all is good; 1: something
 //! is not; 2: nothing could be tried.
 
+use std::collections::BTreeSet;
 use std::fmt;
 use std::io::Write;
 use std::net::{SocketAddr, ToSocketAddrs};
@@ -176,8 +177,8 @@ type Trouble = Box<dyn std::error::Error>;
 #[must_use]
 pub fn main(arguments: Arguments) -> ExitCode {
     let done = match arguments.task {
-        Task::Server(task) => task.run(&[]),
-        Task::Security(task) => task.run(&["L5"]),
+        Task::Server(task) => task.run(""),
+        Task::Security(task) => task.run("L5"),
         Task::Client(task) => task.run(),
         Task::Vectors(task) => task.run(),
         Task::Matrix(task) => task.run(),
@@ -196,11 +197,10 @@ pub fn main(arguments: Arguments) -> ExitCode {
 }
 
 impl ServerTask {
-    fn run(mut self, only: &[&str]) -> Result<bool, Trouble> {
-        if !only.is_empty() && self.common.case.is_empty() {
-            self.common.case = only.iter().map(|&one| one.to_owned()).collect();
-        }
-        let cases = suite::cases(Side::Server);
+    /// `level`: the beginning of the ids that are tried.
+    fn run(self, level: &str) -> Result<bool, Trouble> {
+        let mut cases = suite::cases(Side::Server);
+        cases.retain(|case| case.id.starts_with(level));
         if self.common.list {
             return self.common.list(&cases);
         }
@@ -225,9 +225,15 @@ impl ServerTask {
 
 impl ClientTask {
     fn run(self) -> Result<bool, Trouble> {
+        self.common.must_be_core()?;
         let cases = suite::cases(Side::Client);
         if self.common.list {
             return self.common.list(&cases);
+        }
+        if self.listen.port() != 0 && self.common.side_by_side.get() > 1 {
+            return Err(
+                "--listen with a port is for --side-by-side 1: each case listens there".into(),
+            );
         }
         let exec = self.exec.unwrap_or_default();
         must_be_there(&exec)?;
@@ -242,6 +248,10 @@ impl ClientTask {
 /// Whether the shell finds what a command starts: it ends with the status that says *unsupported* where it does not.
 fn must_be_there(command: &str) -> Result<(), Trouble> {
     let programme = command.split_whitespace().next().unwrap_or_default();
+    if programme.contains(['\'', '"', '\\', '~', '$', '`']) {
+        // What the shell makes of it only the shell knows.
+        return Ok(());
+    }
     let found = Command::new("sh")
         .args(["-c", "command -v \"$0\" >/dev/null", programme])
         .status()?;
@@ -251,8 +261,20 @@ fn must_be_there(command: &str) -> Result<(), Trouble> {
     }
 }
 
+/// That no name is said twice: a pair is known by two.
+fn must_differ<'a>(names: impl Iterator<Item = &'a str>) -> Result<(), Trouble> {
+    let mut seen = BTreeSet::new();
+    for name in names {
+        if !seen.insert(name) {
+            return Err(format!("two are called {name}").into());
+        }
+    }
+    Ok(())
+}
+
 impl VectorsTask {
     fn run(self) -> Result<bool, Trouble> {
+        self.common.must_be_core()?;
         let cases = suite::cases(Side::Decoder);
         if self.common.list {
             return self.common.list(&cases);
@@ -269,10 +291,13 @@ impl VectorsTask {
 
 impl MatrixTask {
     fn run(self) -> Result<bool, Trouble> {
+        self.common.must_be_core()?;
         if self.common.list {
             return self.common.list(&suite::cases(Side::Pair));
         }
         self.common.reports.must_have_folders()?;
+        must_differ(self.servers.iter().map(|server| server.name.as_str()))?;
+        must_differ(self.clients.iter().map(|client| client.name.as_str()))?;
         for server in &self.servers {
             let trust = Trust::Fingerprint(server.fingerprint);
             let common = &self.common;
@@ -325,6 +350,14 @@ impl TraceTask {
 }
 
 impl Common {
+    /// That no profile is asked for where there is but one: of what moves bodies a server alone is asked.
+    fn must_be_core(&self) -> Result<(), Trouble> {
+        match self.profile {
+            Profile::Core => Ok(()),
+            _ => Err("--profile is of servers".into()),
+        }
+    }
+
     fn selection(&self) -> Selection {
         Selection {
             patterns: self.case.clone(),

@@ -8,6 +8,7 @@ mod l1_session;
 mod l1_snapshot;
 mod l2_agreement;
 mod l2_links;
+mod l2_seats;
 mod l2_stream;
 mod l3_driving;
 mod l4_reckoning;
@@ -33,6 +34,7 @@ pub(super) fn cases() -> Vec<Case> {
         l1_snapshot::cases(),
         l2_links::cases(),
         l2_stream::cases(),
+        l2_seats::cases(),
         l2_agreement::cases(),
         l3_driving::cases(),
         l4_reckoning::cases(),

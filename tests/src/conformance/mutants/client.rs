@@ -1,9 +1,9 @@
 //! Clients that break one promise each.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 
 use rhumb_protocol::message::{ClientMessage, Framed, Frames, ServerMessage, frame};
-use rhumb_protocol::packet::{Age, Echo, FullPacket, Head, Kind, Low16, Saying};
+use rhumb_protocol::packet::{Age, Echo, FullPacket, Head, Kind, Low16, RepairWriter, Saying};
 use rhumb_protocol::session::ClientSession;
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::{Reader, Writer};
@@ -54,10 +54,14 @@ pub enum ClientMutant {
     NeverFollowed,
     /// Wishes to join in the same breath as its hello, before it is welcomed.
     SpeaksTooSoon,
+    /// Takes what waits for a packet for known as soon as one comes late.
+    LateIsAll,
     /// Asks for one packet of all that are lost.
     AsksForOne,
     /// Drives, and says the server only each fourth packet of it.
     StraysAway,
+    /// Vouches for the first silence of what it drives, and for none later.
+    VouchesOnce,
     /// Does not hear that the server has lost touch with what it drives.
     NeverDrivesAgain,
 }
@@ -71,6 +75,7 @@ impl ClientMutant {
             frames: Frames::new(),
             said: Frames::new(),
             recent: VecDeque::new(),
+            heard: BTreeSet::new(),
             begun: false,
             packets: 0,
         })
@@ -82,6 +87,8 @@ struct Mutant {
     frames: Frames,
     said: Frames,
     recent: VecDeque<Vec<u8>>,
+    /// Numbers of packets, as their low bits.
+    heard: BTreeSet<u16>,
     begun: bool,
     packets: u64,
 }
@@ -110,15 +117,37 @@ impl Mutant {
         }
     }
 
-    /// What it says, but for three of four packets of its upstream.
-    fn say_each_fourth(&mut self, bytes: &[u8]) -> Vec<u8> {
+    /// What it hears, and repairs that say nothing of what was heard before and waits.
+    fn with_all_known(&mut self, session: &ClientSession, bytes: &[u8]) -> Vec<Vec<u8>> {
+        let mut heard = vec![bytes.to_vec()];
+        let (Some((head, packet, _)), Some(copy)) = (updates_of(bytes), session.replica()) else {
+            return heard;
+        };
+        let (tick, notices) = (copy.stream().vouched().value(), packet.notices.0);
+        for number in self.heard.range(packet.number.0..) {
+            let repair = RepairWriter::default();
+            let number = u64::from(*number);
+            heard.extend(repair.finish(head.stream, number, tick, notices.into()));
+        }
+        self.heard.insert(packet.number.0);
+        heard
+    }
+
+    /// What it says, but for packets of its upstream that it holds back: three of four, or all vouches but the first.
+    fn say_less_upstream(&mut self, bytes: &[u8]) -> Vec<u8> {
         self.said.push(bytes);
         let mut said = Vec::new();
         while let Ok(Some(framed)) = self.said.next_frame() {
             let message = ClientMessage::decode(&framed).ok().flatten();
-            if matches!(message, Some(ClientMessage::Upstream(_))) {
-                self.packets += 1;
-                if self.packets % 4 != 1 {
+            if let Some(ClientMessage::Upstream(packet)) = message {
+                let counts = self.mutant == ClientMutant::StraysAway
+                    || datagram::kind(&packet) == Some(Kind::Vouch);
+                self.packets += u64::from(counts);
+                let passes = match self.mutant {
+                    ClientMutant::StraysAway => self.packets % 4 == 1,
+                    _ => !counts || self.packets == 1,
+                };
+                if !passes {
                     continue;
                 }
             }
@@ -155,6 +184,7 @@ impl Habit for Mutant {
         let is_full = matches!(kind, Some(Kind::Full | Kind::FullEnd));
         match self.mutant {
             ClientMutant::RepairIgnored if kind == Some(Kind::Repair) => Vec::new(),
+            ClientMutant::LateIsAll => self.with_all_known(session, bytes),
             ClientMutant::StaleTaken => {
                 let mut heard = vec![bytes.to_vec()];
                 if is_full {
@@ -207,8 +237,11 @@ impl Habit for Mutant {
     }
 
     fn say_control(&mut self, bytes: &[u8]) -> Vec<u8> {
-        if self.mutant == ClientMutant::StraysAway {
-            return self.say_each_fourth(bytes);
+        if matches!(
+            self.mutant,
+            ClientMutant::StraysAway | ClientMutant::VouchesOnce
+        ) {
+            return self.say_less_upstream(bytes);
         }
         let left_out = match self.mutant {
             ClientMutant::NeverResyncs => 9,

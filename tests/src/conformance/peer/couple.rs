@@ -153,8 +153,8 @@ impl Couple {
         let clock = rhumb_transport::Clock::start();
         let end = clock.now() + Span::from_nanos(nanos);
         while !is(self) {
-            if self.client.has_given_up() {
-                return Err(Stop::Unsupported("the client's exit code says so".into()));
+            if let Some(stop) = self.client.gave_up() {
+                return Err(stop);
             }
             if clock.now() >= end || self.client.has_ended() {
                 return Stop::fail(format!("no {what}"));

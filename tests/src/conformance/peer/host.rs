@@ -208,9 +208,7 @@ impl Host {
                 }
             }
             if !self.take_in(until)? && self.heard.is_empty() {
-                if self.client.has_given_up() {
-                    return Err(Stop::Unsupported("the client's exit code says so".into()));
-                }
+                self.must_be_supported()?;
                 return Stop::fail(format!("no {what}: {:?}", self.ended));
             }
         }
@@ -274,12 +272,9 @@ impl Host {
     ///
     /// # Errors
     ///
-    /// [`Stop::Unsupported`] then.
+    /// [`Stop::Unsupported`] then; [`Stop::Fail`] if it is what every client has.
     pub fn must_be_supported(&mut self) -> Play {
-        if self.client.has_given_up() {
-            return Err(Stop::Unsupported("the client's exit code says so".into()));
-        }
-        Ok(())
+        self.client.gave_up().map_or(Ok(()), Err)
     }
 
     /// Whether the client closed with this code.

@@ -18,6 +18,7 @@ use serde_json::Value;
 use super::complaints::Complaints;
 use crate::conformance::outcome::Stop;
 use crate::conformance::trial::Log;
+use crate::testee::Wish;
 
 /// What a client says by its exit code that it does not have what a case tries.
 const UNSUPPORTED: i32 = 127;
@@ -43,6 +44,8 @@ pub(super) struct Running {
     pub(super) lines: Receiver<String>,
     complaints: Option<Complaints>,
     log: Log,
+    /// Whether it was ordered to do no more than every client does.
+    is_plain: bool,
 }
 
 impl Running {
@@ -69,13 +72,23 @@ impl Running {
             lines,
             complaints,
             log,
+            is_plain: matches!(Wish::read(orders.wish), Some(Wish::Follow { .. })),
         })
     }
 
-    /// Whether it ended and said that it has not what was asked for.
-    pub(super) fn has_given_up(&mut self) -> bool {
+    /// What comes of it, if it ended and said that it has not what was asked for.
+    ///
+    /// It may lack much, but who does not even follow is no client; a command that is not there ends with that status too.
+    pub(super) fn gave_up(&mut self) -> Option<Stop> {
         let ended = self.child.try_wait().ok().flatten();
-        ended.and_then(|status| status.code()) == Some(UNSUPPORTED)
+        let says_so = ended.and_then(|status| status.code()) == Some(UNSUPPORTED);
+        says_so.then(|| {
+            if self.is_plain {
+                Stop::Fail("its exit code says that it does not even follow".into())
+            } else {
+                Stop::Unsupported("the client's exit code says so".into())
+            }
+        })
     }
 
     pub(super) fn has_ended(&mut self) -> bool {
@@ -95,8 +108,8 @@ impl Running {
             if let Some(line) = server.accept(LOOK) {
                 return line.map_err(|error| Stop::Fail(format!("no connection: {error}")));
             }
-            if self.has_given_up() {
-                return Err(Stop::Unsupported("the client's exit code says so".into()));
+            if let Some(stop) = self.gave_up() {
+                return Err(stop);
             }
             if self.has_ended() {
                 break;

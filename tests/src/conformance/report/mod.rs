@@ -52,10 +52,13 @@ impl Report {
         self.results.iter().filter(bad)
     }
 
-    /// Whether the peer passed.
+    /// Whether the peer passed. Who says of all that it has not it passed nothing, unless that was said beforehand.
     #[must_use]
     pub fn passed(&self) -> bool {
-        self.bad().next().is_none()
+        let lacks = |result: &Tried| result.outcome.verdict == Verdict::Unsupported;
+        let was_said = |terms: &Terms| !terms.without.is_empty();
+        let nothing = self.results.iter().all(lacks) && !self.terms.as_ref().is_some_and(was_said);
+        self.bad().next().is_none() && !nothing
     }
 
     /// One line: how many cases, and how they went.

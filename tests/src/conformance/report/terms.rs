@@ -59,3 +59,30 @@ fn word(value: &impl ValueEnum) -> String {
     let possible = value.to_possible_value();
     possible.map_or_else(String::new, |value| value.get_name().to_owned())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_usual_is_not_said() {
+        let usual = Terms {
+            seed: 3,
+            timeout_s: 2.0,
+            link: LinkTerms::PERFECT,
+            profile: Profile::Core,
+            without: Vec::new(),
+        };
+        assert_eq!(usual.to_string(), "seed 3, timeout 2 s");
+        let other = Terms {
+            link: "loss=5%".parse().expect("terms of a link"),
+            profile: Profile::BitExact,
+            without: vec![Feature::Driving],
+            ..usual
+        };
+        assert_eq!(
+            other.to_string(),
+            "seed 3, timeout 2 s, link loss=5%, profile bit-exact, without driving"
+        );
+    }
+}
