@@ -100,6 +100,7 @@ fn a_trace_that_is_none_is_named() {
 fn a_report_without_a_folder_is_refused_before_anything_is_tried() {
     for option in ["--html", "--json", "--junit"] {
         refused(&["vectors", option, "nosuch/report"], &["nosuch/report"]);
+        refused(&["vectors", option, "."], &[".: it is a folder"]);
     }
 }
 
@@ -118,6 +119,8 @@ fn a_decoder_that_has_nothing_does_not_pass() {
     let exec = "sh -c 'while read line; do echo \"{\\\"unsupported\\\":true}\"; done'";
     let output = conformance(&["vectors", "--exec", exec, "--case", "L0.81"]);
     assert_eq!(output.status.code(), Some(1), "{output:?}");
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(said.contains("nothing passed"), "{said}");
 }
 
 #[test]

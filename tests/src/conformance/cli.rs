@@ -468,12 +468,17 @@ impl Reports {
             if folder.is_some_and(|folder| !folder.is_dir()) {
                 return Err(named(path, &"its folder is not there"));
             }
+            if path.is_dir() {
+                return Err(named(path, &"it is a folder, and no place for a report"));
+            }
         }
         Ok(())
     }
 
-    /// Writes the reports, and says whether all is good.
+    /// Says how it went, writes the reports, and says whether all is good.
     fn conclude(&self, report: &Report) -> Result<bool, Trouble> {
+        // First: what cannot be written must not cost what was found.
+        writeln!(std::io::stdout(), "{}", report.summary())?;
         if let Some(path) = &self.json {
             write(path, &report::json(report))?;
         }
@@ -483,7 +488,6 @@ impl Reports {
         if let Some(path) = &self.html {
             write(path, &report::html(report))?;
         }
-        writeln!(std::io::stdout(), "{}", report.summary())?;
         Ok(report.passed())
     }
 }

@@ -55,10 +55,14 @@ impl Report {
     /// Whether the peer passed. Who says of all that it has not it passed nothing, unless that was said beforehand.
     #[must_use]
     pub fn passed(&self) -> bool {
+        self.bad().next().is_none() && !self.is_vacuous()
+    }
+
+    /// Whether all that was tried is unsupported, and nobody had said so.
+    fn is_vacuous(&self) -> bool {
         let lacks = |result: &Tried| result.outcome.verdict == Verdict::Unsupported;
         let was_said = |terms: &Terms| !terms.without.is_empty();
-        let nothing = self.results.iter().all(lacks) && !self.terms.as_ref().is_some_and(was_said);
-        self.bad().next().is_none() && !nothing
+        self.results.iter().all(lacks) && !self.terms.as_ref().is_some_and(was_said)
     }
 
     /// One line: how many cases, and how they went.
@@ -73,8 +77,13 @@ impl Report {
             .results
             .iter()
             .filter(|one| !one.outcome.closing.is_good());
+        let vacuous = if self.is_vacuous() {
+            "; nothing passed, and no --without had said so"
+        } else {
+            ""
+        };
         format!(
-            "{} cases: {}; {} closed otherwise than they must",
+            "{} cases: {}; {} closed otherwise than they must{vacuous}",
             self.results.len(),
             counts.join(", "),
             closing.count()
