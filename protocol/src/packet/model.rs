@@ -21,49 +21,65 @@ const OCTAVES: u32 = CLASSES as u32 / 4;
 /// What one packet expects of its numbers, by context.
 #[derive(Clone, Debug)]
 pub(crate) struct Model {
-    expected: [u32; CONTEXTS],
+    contexts: [Context; CONTEXTS],
 }
 
 impl Default for Model {
     fn default() -> Self {
         Self {
-            expected: EXPECTED.map(u32::from),
+            contexts: BEGINNING,
         }
     }
+}
+
+/// What one context expects, and the alphabet that follows from it: numbers are priced far more often than they are said.
+#[derive(Clone, Copy, Debug)]
+struct Context {
+    expected: u32,
+    alphabet: Alphabet,
 }
 
 /// The alphabet by which a number is said: how many low bits go raw, and the shape of the rest.
 #[derive(Clone, Copy, Debug)]
 struct Alphabet {
-    raw: u32,
-    shape: usize,
+    raw: u8,
+    shape: u8,
 }
 
-impl Model {
+impl Alphabet {
     /// Expectations fall into classes of a quarter of an octave.
-    fn alphabet(&self, context: usize) -> Alphabet {
-        let sixteenths = (self.expected[context] / (ONE / 16)) + 1;
+    const fn of(expected: u32, first_shape: u8) -> Self {
+        let sixteenths = (expected / (ONE / 16)) + 1;
         let octave = sixteenths.ilog2();
         let raw = (octave + 1).saturating_sub(OCTAVES);
         let octave = octave - raw;
         let quarter = (((sixteenths >> raw) << 2) >> octave) & 3;
-        Alphabet {
-            raw,
-            shape: usize::from(FIRST_SHAPES[context]) + (octave * 4 + quarter) as usize,
+        Self {
+            // There are fewer octaves and fewer alphabets than 256.
+            raw: raw as u8,
+            shape: first_shape + (octave * 4 + quarter) as u8,
         }
     }
 
+    /// Low bits that go raw, and the place of the shape.
+    const fn parts(self) -> (u32, usize) {
+        (self.raw as u32, self.shape as usize)
+    }
+}
+
+impl Model {
     fn learn(&mut self, context: usize, number: u32) {
         let seen = number.min(LEARNT_MOST) * ONE;
-        let expected = &mut self.expected[context];
+        let Context { expected, alphabet } = &mut self.contexts[context];
         // Towards what was seen by an eighth of the difference, rounded down; both stay below 2²⁰.
         let step = (seen as i32 - *expected as i32) >> LEARNING_SHIFT;
         *expected = expected.wrapping_add_signed(step);
+        *alphabet = Alphabet::of(*expected, FIRST_SHAPES[context]);
     }
 
     /// Says a number.
     pub(crate) fn write(&mut self, context: usize, number: u32, to: &mut RangeWriter) {
-        let Alphabet { raw, shape } = self.alphabet(context);
+        let (raw, shape) = self.contexts[context].alphabet.parts();
         let high = number >> raw;
         let symbol = high.min(ESCAPE) as usize;
         let starts = &SHAPES[shape];
@@ -82,7 +98,7 @@ impl Model {
         context: usize,
         from: &mut RangeReader<'_>,
     ) -> Result<u32, Malformed> {
-        let Alphabet { raw, shape } = self.alphabet(context);
+        let (raw, shape) = self.contexts[context].alphabet.parts();
         let mut high = from.symbol(&SHAPES[shape])? as u32;
         if high == ESCAPE {
             high = high
@@ -99,8 +115,9 @@ impl Model {
     }
 
     /// What a number would cost now, in 1/256 bits.
+    #[inline]
     pub(crate) fn cost(&self, context: usize, number: u32) -> u32 {
-        let Alphabet { raw, shape } = self.alphabet(context);
+        let (raw, shape) = self.contexts[context].alphabet.parts();
         let high = number >> raw;
         let symbol = high.min(ESCAPE) as usize;
         let mut cost = u32::from(COSTS[shape][symbol]) + raw * 256;
@@ -112,7 +129,7 @@ impl Model {
 }
 
 /// The first alphabet of each context's group.
-static FIRST_SHAPES: [u8; CONTEXTS] = {
+const FIRST_SHAPES: [u8; CONTEXTS] = {
     let mut first = [0; CONTEXTS];
     let mut context = 0;
     while context < CONTEXTS {
@@ -121,6 +138,25 @@ static FIRST_SHAPES: [u8; CONTEXTS] = {
         context += 1;
     }
     first
+};
+
+/// What each context expects when a packet begins.
+static BEGINNING: [Context; CONTEXTS] = {
+    let nothing = Context {
+        expected: 0,
+        alphabet: Alphabet::of(0, 0),
+    };
+    let mut beginning = [nothing; CONTEXTS];
+    let mut context = 0;
+    while context < CONTEXTS {
+        let expected = EXPECTED[context] as u32;
+        beginning[context] = Context {
+            expected,
+            alphabet: Alphabet::of(expected, FIRST_SHAPES[context]),
+        };
+        context += 1;
+    }
+    beginning
 };
 
 /// What a symbol of this frequency costs, in 1/256 bits; the logarithm is a broken line, which is near enough to choose by.

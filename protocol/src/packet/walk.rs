@@ -19,17 +19,18 @@ pub(super) fn numbers(kind: usize, age: Age, residual: &Residual, mut say: impl 
 }
 
 /// The same over its numbers of position and of turn alone.
+#[inline]
 pub(super) fn numbers_of_place(
     kind: usize,
     age: Age,
     residual: &Residual,
     mut say: impl FnMut(usize, u32),
 ) {
-    let mut residual = *residual;
+    let (mut position, mut turn) = (residual.position, residual.turn);
     let Ok(()) = each_of_place(
         kind,
         age,
-        &mut residual,
+        [&mut position, &mut turn],
         &mut |context, number: &mut i32| {
             say(context, number.unsigned_abs());
             said(*number)
@@ -38,17 +39,18 @@ pub(super) fn numbers_of_place(
 }
 
 /// The same over the numbers of its velocities alone.
+#[inline]
 pub(super) fn numbers_of_velocity(
     kind: usize,
     age: Age,
     velocity: &VelocityResidual,
     mut say: impl FnMut(usize, u32),
 ) {
-    let mut velocity = *velocity;
+    let (mut linear, mut angular) = (velocity.linear, velocity.angular);
     let Ok(()) = each_of_velocity(
         kind,
         age,
-        &mut velocity,
+        [&mut linear, &mut angular],
         &mut |context, number: &mut i32| {
             say(context, number.unsigned_abs());
             said(*number)
@@ -70,9 +72,13 @@ pub(super) fn each<E>(
     residual: &mut Residual,
     mut visit: impl FnMut(usize, &mut i32) -> Result<u32, E>,
 ) -> Result<(), E> {
-    each_of_place(kind, age, residual, &mut visit)?;
+    let place = [&mut residual.position, &mut residual.turn];
+    each_of_place(kind, age, place, &mut visit)?;
     match &mut residual.velocity {
-        Some(velocity) => each_of_velocity(kind, age, velocity, &mut visit),
+        Some(velocity) => {
+            let parts = [&mut velocity.linear, &mut velocity.angular];
+            each_of_velocity(kind, age, parts, &mut visit)
+        }
         None => Ok(()),
     }
 }
@@ -81,14 +87,14 @@ pub(super) fn each<E>(
 fn each_of_place<E>(
     kind: usize,
     age: Age,
-    residual: &mut Residual,
+    [position, turn]: [&mut [i32; 3]; 2],
     visit: &mut impl FnMut(usize, &mut i32) -> Result<u32, E>,
 ) -> Result<(), E> {
     let age = contexts::age_class(age.count());
-    let position = |part, sum| contexts::position(kind, age, part, sum);
-    let largest = triple(&mut residual.position, position, visit)?;
-    let turn = |part, sum| contexts::turn(kind, age, part, sum, largest);
-    triple(&mut residual.turn, turn, visit)?;
+    let in_position = |part, sum| contexts::position(kind, age, part, sum);
+    let largest = triple(position, in_position, visit)?;
+    let in_turn = |part, sum| contexts::turn(kind, age, part, sum, largest);
+    triple(turn, in_turn, visit)?;
     Ok(())
 }
 
@@ -96,14 +102,14 @@ fn each_of_place<E>(
 fn each_of_velocity<E>(
     kind: usize,
     age: Age,
-    velocity: &mut VelocityResidual,
+    [linear, angular]: [&mut [i32; 3]; 2],
     visit: &mut impl FnMut(usize, &mut i32) -> Result<u32, E>,
 ) -> Result<(), E> {
     let age = contexts::age_class(age.count());
-    let linear = |part, sum| contexts::velocity(kind, age, 2, part, sum);
-    triple(&mut velocity.linear, linear, visit)?;
-    let angular = |part, sum| contexts::velocity(kind, age, 3, part, sum);
-    triple(&mut velocity.angular, angular, visit)?;
+    let in_linear = |part, sum| contexts::velocity(kind, age, 2, part, sum);
+    triple(linear, in_linear, visit)?;
+    let in_angular = |part, sum| contexts::velocity(kind, age, 3, part, sum);
+    triple(angular, in_angular, visit)?;
     Ok(())
 }
 
