@@ -277,7 +277,9 @@ impl VelocityResidual {
         }
     }
 
-    fn is_within_limits(&self) -> bool {
+    /// Whether every part lies within its limit, as all that is decoded must.
+    #[must_use]
+    pub fn is_within_limits(&self) -> bool {
         let limit = VELOCITY_LIMIT >> self.coarseness.min(COARSENESS_LIMIT);
         self.coarseness <= COARSENESS_LIMIT
             && within(self.linear, limit)

@@ -58,11 +58,11 @@ pub struct Conditions<'a> {
 }
 
 impl Conditions<'_> {
-    /// How far a body that falls is from one that does not, after so many ticks: metres.
+    /// How far a body that a pull of 1 m/s² acts on is from one that nothing pulls at, after so many ticks: metres.
     #[must_use]
-    pub fn fallen(&self, elapsed: Ticks) -> DVec3 {
+    pub fn fall(&self, elapsed: Ticks) -> f64 {
         let (row, _) = self.flow.row(elapsed);
-        scale3(self.gravity, row.fall)
+        row.fall
     }
 
     /// The acceleration that brings one velocity to another in a tick: m/s². The table has the row of one tick.

@@ -168,7 +168,7 @@ impl Scales<'_> {
 impl Chooser<'_> {
     /// The best correction of a body of which it is known what it does next; `None` where none was found.
     pub(crate) fn foresee(&self, subject: &Subject<'_>) -> Option<(Saying, Track)> {
-        let track = &subject.slot.track();
+        let track = subject.track;
         let ticks = subject.tick.since(track.origin)?;
         let flies = ticks >= FLIGHT && track.predictor != Predictor::Rest;
         let age = self.tracks.age(track, subject.tick)?;
@@ -177,7 +177,8 @@ impl Chooser<'_> {
             return None;
         }
         let mut best: Option<(f64, Saying, Track)> = None;
-        let ways = self.ways(subject);
+        let frames = self.frames(subject);
+        let ways = self.ways(subject, &frames);
         for way in ways.iter().flatten() {
             let scales = Scales {
                 tongue: self.tongue,
@@ -237,22 +238,22 @@ impl Chooser<'_> {
         let rate = self.tracks.integrator().rate;
         let moves = way.predictor != Predictor::Rest;
         let mut errors = [[DVec3::ZERO; 2]; SPAN];
-        errors[0] = apart(&way.truth.pose(), &way.predicted.pose());
+        errors[0] = apart(&way.frame.truth.pose(), &way.frame.predicted.pose());
         let mut known = 0;
         for (place, then) in (1..SPAN).zip(subject.ahead) {
             let ticks = Ticks::new(place as u32);
-            let truth = match way.holder {
+            let truth = match way.frame.holder {
                 None => *then,
-                Some(holder) => match self.where_held(subject, &holder, ticks) {
+                Some(holder) => match self.where_held(subject, holder, ticks) {
                     Some(by) => seen_from(&by, &then.pose()),
                     None => break,
                 },
             };
             let expected = if moves {
-                let (law, start) = (way.predictor, &way.predicted);
+                let (law, start) = (way.predictor, &way.frame.predicted);
                 self.tracks.foreseen(slot, law, start, subject.tick, ticks)
             } else {
-                way.predicted
+                way.frame.predicted
             };
             errors[place] = apart(&truth.pose(), &expected.pose());
             known = place;
@@ -265,9 +266,9 @@ impl Chooser<'_> {
             },
             known,
             ends: subject.ends && known == subject.ahead.len(),
-            grid: self.tracks.grid(slot),
+            grid: *self.tracks.grid(slot),
             step_s: rate.step().seconds(),
-            over_s: moves.then(|| slot.predictor().astray(age, rate).seconds()),
+            over_s: moves.then(|| subject.track.predictor.astray(age, rate).seconds()),
             allowance: self.allowance(subject),
             lasts: way.lasts,
             doubt: doubt(subject),
@@ -312,8 +313,8 @@ impl Chooser<'_> {
         let (index, tick) = (subject.index, subject.tick);
         let said = self.tracks.said(index, tick, &saying, Former::default());
         let track = said.ok()?;
-        let begun = track.start(&self.tracks.grid(subject.slot));
-        let used = self.exact_share(subject, way, &begun.pose());
+        let begun = track.start(self.tracks.grid(subject.slot));
+        let used = self.exact_share(subject, way.frame, &begun.pose());
         (used <= self.slack.max(1.0)).then_some((saying, track))
     }
 }

@@ -362,11 +362,10 @@ impl Publisher {
         if !expired && used <= closeness {
             return None;
         }
-        let sight = |id: BodyId| Sight::of(witness, id, tick);
-        let seen = sight(observation.id);
+        let seen = Sight::of(witness, observation.id, tick);
         let held_by = holder.and_then(|place| {
             let other = witness.at(tick)?.get(place)?;
-            Some((other, sight(other.id)))
+            Some((other, Sight::of(witness, other.id, tick)))
         });
         let chooser = Chooser {
             tracks: &self.tracks,
@@ -377,12 +376,13 @@ impl Publisher {
         let subject = Subject {
             index: observation.id.index(),
             slot,
+            track: &track,
             tick,
             truth,
             believed,
             past: seen.past,
             ahead: seen.ahead(),
-            ends: seen.ends,
+            ends: seen.ends(),
             holder: held_by.as_ref().and_then(|(other, seen)| {
                 Some(Holder {
                     index: other.id.index(),
@@ -417,8 +417,8 @@ impl Publisher {
             (false, true) => Predictor::Tumbling,
             (false, false) => Predictor::Uniform,
         };
-        let snapped = Snapped::of(truth, &grid);
-        let said = snapped.motion(&grid);
+        let snapped = Snapped::of(truth, grid);
+        let said = snapped.motion(grid);
         let used = share(
             &truth.pose(),
             &said.pose(),
@@ -455,8 +455,14 @@ impl Publisher {
 /// What was seen of a body around a tick.
 struct Sight {
     past: [Option<Motion>; 2],
+    /// None without hindsight.
+    ahead: Option<Ahead>,
+}
+
+/// What a body will do, as far as hindsight knows.
+struct Ahead {
     /// As many as `known`.
-    ahead: [Motion; HINDSIGHT_MAX.count() as usize],
+    motions: [Motion; HINDSIGHT_MAX.count() as usize],
     known: usize,
     /// Whether nothing is seen of it after that, as far as that is known.
     ends: bool,
@@ -466,26 +472,40 @@ impl Sight {
     fn of(witness: &Witness, id: BodyId, tick: Tick) -> Self {
         let motion = |tick: Tick| witness.of(id, tick).map(|seen| seen.motion.motion());
         let before = |ticks| tick.before(Ticks::new(ticks)).and_then(motion);
-        let past = [before(1), before(2)];
-        let mut sight = Self {
-            past,
-            ahead: [Motion::IDENTITY; HINDSIGHT_MAX.count() as usize],
-            known: 0,
-            ends: false,
-        };
-        for (ticks, place) in (1..).zip(&mut sight.ahead) {
-            let then = tick + Ticks::new(ticks);
-            let Some(seen) = motion(then) else {
-                sight.ends = witness.at(then).is_some();
-                break;
-            };
-            *place = seen;
-            sight.known += 1;
+        let foresees = witness.hindsight() > Ticks::ZERO;
+        Self {
+            past: [before(1), before(2)],
+            ahead: foresees.then(|| Ahead::of(witness, id, tick)),
         }
-        sight
     }
 
     fn ahead(&self) -> &[Motion] {
-        &self.ahead[..self.known]
+        self.ahead
+            .as_ref()
+            .map_or(&[], |ahead| &ahead.motions[..ahead.known])
+    }
+
+    fn ends(&self) -> bool {
+        self.ahead.as_ref().is_some_and(|ahead| ahead.ends)
+    }
+}
+
+impl Ahead {
+    fn of(witness: &Witness, id: BodyId, tick: Tick) -> Self {
+        let mut ahead = Self {
+            motions: [Motion::IDENTITY; HINDSIGHT_MAX.count() as usize],
+            known: 0,
+            ends: false,
+        };
+        for (ticks, place) in (1..).zip(&mut ahead.motions) {
+            let then = tick + Ticks::new(ticks);
+            let Some(seen) = witness.of(id, then) else {
+                ahead.ends = witness.at(then).is_some();
+                break;
+            };
+            *place = seen.motion.motion();
+            ahead.known += 1;
+        }
+        ahead
     }
 }

@@ -260,8 +260,8 @@ impl Tracks {
         self.natures.get(slot.nature).radius
     }
 
-    pub(crate) fn grid(&self, slot: &Slot) -> Grid {
-        self.natures.get(slot.nature).grid
+    pub(crate) fn grid(&self, slot: &Slot) -> &Grid {
+        &self.natures.get(slot.nature).grid
     }
 
     /// What pulls at a body by a law said at `origin`, m/s² (RECKONING 2.5).
@@ -307,7 +307,7 @@ impl Tracks {
     /// The same without regard to what was computed before, for tracks that may never be said.
     pub(crate) fn framed_fresh(&self, slot: &Slot, track: &Track, tick: Tick) -> Motion {
         self.with_conditions(slot, track.predictor, track.origin, |conditions| {
-            track.at(tick, &self.grid(slot), conditions)
+            track.at(tick, self.grid(slot), conditions)
         })
     }
 
@@ -325,23 +325,18 @@ impl Tracks {
         })
     }
 
-    /// What a law that does not fall would make of a motion of some ticks ago, and by how much it would fall under what
-    /// pulls at a tick if it did.
+    /// What a law that does not fall makes of a motion in some ticks; and what share of a pull would be added to the way
+    /// if there were one, s².
     pub(crate) fn continued(
         &self,
         slot: &Slot,
         predictor: Predictor,
         start: &Motion,
-        tick: Tick,
         ticks: Ticks,
-    ) -> (Motion, DVec3) {
-        self.with_conditions(slot, predictor, tick, |conditions| {
-            let fall = Conditions {
-                gravity: self.gravity(slot, tick),
-                ..*conditions
-            };
+    ) -> (Motion, f64) {
+        self.with_conditions(slot, predictor, Tick::ZERO, |conditions| {
             let motion = predictor.predict(start, ticks, conditions);
-            (motion, fall.fallen(ticks))
+            (motion, conditions.fall(ticks))
         })
     }
 

@@ -4,7 +4,7 @@
 //! with hindsight the next one, has the same. How long it will last nobody knows.
 
 use glam::DVec3;
-use rhumb_reckoning::{Motion, Predictor, Push};
+use rhumb_reckoning::{Motion, Push};
 
 use super::{Chooser, Subject};
 
@@ -19,22 +19,21 @@ const WORTH: [f64; 2] = [32.0, 1.0];
 const FINENESS: [f64; PUSHES - 1] = [16.0, 64.0];
 
 impl Chooser<'_> {
-    /// Laws by which a body may go on that is pushed; what its track has first.
-    pub(super) fn pushes(&self, subject: &Subject<'_>) -> [Option<Predictor>; PUSHES] {
-        let mut laws = [None; PUSHES];
+    /// Pushes by which a body may go on; what its track has first.
+    pub(super) fn pushes(&self, subject: &Subject<'_>) -> [Option<Push>; PUSHES] {
+        let mut pushes = [None; PUSHES];
         let spins = self.features.tumbling || !subject.slot.tumbles();
         if !self.features.pushed || !spins {
-            return laws;
+            return pushes;
         }
-        let now = subject.slot.dense().predictor();
-        laws[0] = now.push().map(|_| now);
-        let Some(push) = self.push(subject) else {
-            return laws;
+        pushes[0] = subject.track.predictor.push();
+        let Some(seen) = self.push(subject) else {
+            return pushes;
         };
-        for (law, fineness) in laws[1..].iter_mut().zip(FINENESS) {
-            *law = Push::nearest(push, fineness).map(Predictor::Pushed);
+        for (push, fineness) in pushes[1..].iter_mut().zip(FINENESS) {
+            *push = Push::nearest(seen, fineness);
         }
-        laws
+        pushes
     }
 
     /// The acceleration of a body that is pushed steadily, and enough to be spoken of: m/s².

@@ -5,11 +5,13 @@
 
 use glam::DVec3;
 use rhumb_reckoning::{
-    Anchor, Grid, Motion, Predictor, RESIDUAL_LIMIT, Residual, Seconds, Snapped, Track,
+    Anchor, Grid, Motion, Predictor, RESIDUAL_LIMIT, Residual, Seconds, Snapped, Ticks, Track,
     VelocityResidual,
 };
 
-use super::{Aim, Allowance, Choice, Chooser, NEAREST, OVERHEAD, Subject, Way, apart};
+use super::{
+    Aim, Allowance, Choice, Chooser, Frame, NEAREST, OVERHEAD, Subject, Way, apart, doubt,
+};
 use crate::packet::{Age, Course, Saying};
 
 /// Steps by which corrections are made sparser: a part of the last step below this share is left out.
@@ -28,10 +30,14 @@ pub(super) struct Trial<'t> {
     pub(super) subject: &'t Subject<'t>,
     pub(super) grid: &'t Grid,
     /// Of the track that is corrected.
-    pub(super) age: Age,
+    age: Age,
     /// In what time its prediction went astray.
-    pub(super) over: Seconds,
+    over: Seconds,
     pub(super) allowance: Allowance,
+    /// What each tick adds to the expected error, as a share of the tolerance.
+    pub(super) doubt: f64,
+    /// Seconds in a tick.
+    pub(super) step_s: f64,
 }
 
 /// Where a correction puts a body, whatever its law.
@@ -44,7 +50,7 @@ pub(super) struct Place {
     lacking: VelocityResidual,
     /// Where that is, without velocities, and how far from the truth.
     still: Motion,
-    off: [DVec3; 2],
+    pub(super) off: [DVec3; 2],
     /// What position and turn cost, by whether the course stays and whether velocities are said.
     costs: [Option<u32>; 4],
 }
@@ -59,9 +65,9 @@ pub(super) struct Candidate {
 
 /// What a correction begins from, in the frame of its course.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Footing {
-    predicted: Motion,
-    /// The grid point nearest to that.
+pub(super) struct Footing<'f> {
+    frame: &'f Frame<'f>,
+    /// The grid point nearest to what was predicted.
     snapped: Snapped,
     /// How far the truth is from it, in steps of position and of turn.
     wanted: [DVec3; 2],
@@ -69,37 +75,59 @@ pub(super) struct Footing {
 
 /// The best so far, and how it came about.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Best<'w, 's> {
+pub(super) struct Best<'w> {
     candidate: Candidate,
-    pub(super) way: &'w Way<'s>,
-    footing: Footing,
+    way: &'w Way<'w>,
+    footing: &'w Footing<'w>,
     place: Place,
     aim: Aim,
     said: Option<u32>,
 }
 
+impl<'t> Trial<'t> {
+    /// Of a body whose track is so old.
+    pub(super) fn new(
+        chooser: &'t Chooser<'t>,
+        subject: &'t Subject<'t>,
+        age: Age,
+        ticks: Ticks,
+    ) -> Self {
+        let rate = chooser.tracks.integrator().rate;
+        Self {
+            chooser,
+            subject,
+            grid: chooser.tracks.grid(subject.slot),
+            age,
+            over: subject.track.predictor.astray(ticks, rate),
+            allowance: chooser.allowance(subject),
+            doubt: doubt(subject),
+            step_s: rate.step().seconds(),
+        }
+    }
+}
+
 impl Trial<'_> {
-    pub(super) fn footing(&self, predicted: &Motion, truth: &Motion) -> Footing {
+    pub(super) fn footing<'f>(&self, frame: &'f Frame<'f>) -> Footing<'f> {
+        let predicted = &frame.predicted;
         Footing {
-            predicted: *predicted,
+            frame,
             snapped: Snapped::of(predicted, self.grid),
-            wanted: Residual::wanted(&truth.pose(), &predicted.pose(), self.grid),
+            wanted: Residual::wanted(&frame.truth.pose(), &predicted.pose(), self.grid),
         }
     }
 
-    /// Where a way puts the body, if that keeps the promise.
+    /// Where a correction puts the body, if that keeps the promise.
     pub(super) fn place(
         &self,
-        way: &Way<'_>,
-        footing: &Footing,
+        footing: &Footing<'_>,
         aim: Aim,
         rounding: [f64; 2],
     ) -> Option<Place> {
         let residual = self.residual(footing, aim, rounding)?;
-        self.place_at(way, footing, residual, rounding)
+        self.place_at(footing, residual, rounding)
     }
 
-    fn residual(&self, footing: &Footing, aim: Aim, rounding: [f64; 2]) -> Option<Residual> {
+    fn residual(&self, footing: &Footing<'_>, aim: Aim, rounding: [f64; 2]) -> Option<Residual> {
         let (grid, [position, turn]) = (self.grid, footing.wanted);
         Some(Residual {
             position: rounded(position + aim.pose[0] / grid.position(), rounding[0])?,
@@ -110,13 +138,12 @@ impl Trial<'_> {
 
     fn place_at(
         &self,
-        way: &Way<'_>,
-        footing: &Footing,
+        footing: &Footing<'_>,
         residual: Residual,
         rounding: [f64; 2],
     ) -> Option<Place> {
-        let (grid, chooser) = (self.grid, self.chooser);
-        let implied = residual.onto_snapped(&footing.predicted, &footing.snapped, self.over, grid);
+        let (grid, chooser, frame) = (self.grid, self.chooser, footing.frame);
+        let implied = residual.onto_snapped(&frame.predicted, &footing.snapped, self.over, grid);
         let still = implied.stilled().motion(grid);
         let most = if rounding == NEAREST {
             1.0
@@ -124,40 +151,44 @@ impl Trial<'_> {
             SPARSE_SHARE * chooser.slack
         };
         if !residual.is_within_limits()
-            || chooser.exact_share(self.subject, way, &still.pose()) > most
+            || chooser.exact_share(self.subject, frame, &still.pose()) > most
         {
             return None;
         }
         Some(Place {
             residual,
             implied,
-            lacking: VelocityResidual::finest(&way.truth.twist(), &implied, grid),
+            lacking: VelocityResidual::finest(&frame.truth.twist(), &implied, grid),
             still,
-            off: apart(&still.pose(), &way.truth.pose()),
+            off: apart(&still.pose(), &frame.truth.pose()),
             costs: [None; 4],
         })
     }
 
     /// Tries a place without velocities, and with them for as long as they may pay.
-    pub(super) fn try_all<'w, 's>(
+    pub(super) fn try_all<'w>(
         &self,
-        way: &'w Way<'s>,
-        (footing, aim): (&Footing, Aim),
+        way: &'w Way<'w>,
+        (footing, aim): (&'w Footing<'w>, Aim),
         place: &mut Place,
-        best: &mut Option<Best<'w, 's>>,
+        best: &mut Option<Best<'w>>,
     ) {
         let mut note = |candidate: Candidate, place: &Place, said| {
-            if best.is_none_or(|best| candidate.price < best.candidate.price) {
+            if best
+                .as_ref()
+                .is_none_or(|best| candidate.price < best.candidate.price)
+            {
                 *best = Some(Best {
                     candidate,
                     way,
-                    footing: *footing,
+                    footing,
                     place: *place,
                     aim,
                     said,
                 });
             }
-            best.map_or(f64::INFINITY, |best| best.candidate.price)
+            best.as_ref()
+                .map_or(f64::INFINITY, |best| best.candidate.price)
         };
         let mut least = f64::INFINITY;
         if let Some(candidate) = self.try_one(way, place, None) {
@@ -189,11 +220,8 @@ impl Trial<'_> {
         }
         let speaks = moves && (said.is_some() || !chooser.features.derived);
         let velocity = speaks.then(|| place.lacking.coarser(said.unwrap_or(PLAIN)));
-        let residual = Residual {
-            velocity,
-            ..place.residual
-        };
-        if !residual.is_within_limits() {
+        // Of a place that was found position and turn are.
+        if velocity.is_some_and(|velocity| !velocity.is_within_limits()) {
             return None;
         }
         let life = self.life(way, place, velocity.as_ref());
@@ -202,12 +230,6 @@ impl Trial<'_> {
             velocity,
             price: price(cost, life),
         })
-    }
-
-    fn life(&self, way: &Way<'_>, place: &Place, velocity: Option<&VelocityResidual>) -> f64 {
-        let begun = place.begun(way, velocity, self.grid);
-        self.chooser
-            .life(self.subject, way, &begun, place.off, self.allowance)
     }
 
     /// What a correction costs, in 1/256 bits.
@@ -225,12 +247,12 @@ impl Trial<'_> {
     }
 
     /// Leaves steps out where that pays.
-    pub(super) fn make_sparser(&self, best: &mut Best<'_, '_>) {
+    pub(super) fn make_sparser(&self, best: &mut Best<'_>) {
         let sparse = SPARSE * self.chooser.slack;
         let (way, footing, aim, said) = (best.way, best.footing, best.aim, best.said);
         let mut tried = [Some(best.place.residual), None, None];
         for rounding in [[sparse; 2], [sparse, 0.5], [0.5, sparse]] {
-            let Some(residual) = self.residual(&footing, aim, rounding) else {
+            let Some(residual) = self.residual(footing, aim, rounding) else {
                 continue;
             };
             // What was tried already is no better now.
@@ -240,7 +262,7 @@ impl Trial<'_> {
             if let Some(free) = tried.iter_mut().find(|tried| tried.is_none()) {
                 *free = Some(residual);
             }
-            let Some(mut place) = self.place_at(way, &footing, residual, rounding) else {
+            let Some(mut place) = self.place_at(footing, residual, rounding) else {
                 continue;
             };
             if let Some(candidate) = self.try_one(way, &mut place, said)
@@ -254,7 +276,12 @@ impl Trial<'_> {
 
 impl Place {
     /// The motion that a track begins with.
-    fn begun(&self, way: &Way<'_>, velocity: Option<&VelocityResidual>, grid: &Grid) -> Motion {
+    pub(super) fn begun(
+        &self,
+        way: &Way<'_>,
+        velocity: Option<&VelocityResidual>,
+        grid: &Grid,
+    ) -> Motion {
         match way.predictor {
             Predictor::Rest => self.still,
             _ => self.still.moving(self.snapped(velocity).twist(grid)),
@@ -266,7 +293,7 @@ impl Place {
     }
 }
 
-impl Best<'_, '_> {
+impl Best<'_> {
     /// As it is said, and believed from then on.
     pub(super) fn choice(&self, trial: &Trial<'_>) -> Choice {
         let Self {
@@ -290,7 +317,7 @@ impl Best<'_, '_> {
                 origin: trial.subject.tick,
                 predictor: way.predictor,
                 anchor: Anchor::Snapped(if rests { snapped.stilled() } else { snapped }),
-                carrier: way.holder.map(|holder| holder.slot.id(holder.index)),
+                carrier: way.frame.holder.map(|holder| holder.slot.id(holder.index)),
             },
         }
     }

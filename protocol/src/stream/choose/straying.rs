@@ -1,0 +1,114 @@
+//! How a body strays from a law, judged by its last two ticks.
+//!
+//! Laws that move a body differ by what pulls at it alone, and turn it alike: what none pulls is reckoned once for all.
+
+use glam::DVec3;
+use rhumb_reckoning::{Motion, Predictor, Ticks, Twist};
+
+use super::{Chooser, Subject, apart};
+
+/// How a body strays from a law, by ticks: α·h + β·h², of position (m) and of turn (rad).
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Stray {
+    pub(super) linear: [DVec3; 2],
+    pub(super) angular: [DVec3; 2],
+}
+
+impl Stray {
+    /// From how far it strayed in one tick and in two.
+    fn moving(one: [DVec3; 2], two: [DVec3; 2]) -> Self {
+        let fit = |f1: DVec3, f2: DVec3| {
+            let square = (f2 - f1 * 2.0) * 0.5;
+            [f1 - square, square]
+        };
+        Self {
+            linear: fit(one[0], two[0]),
+            angular: fit(one[1], two[1]),
+        }
+    }
+
+    /// Of a body that is said to be still, from how far it moved in its last tick and in its last two.
+    pub(super) fn still(one: [DVec3; 2], two: [DVec3; 2]) -> Self {
+        let fit = |f1: DVec3, f2: DVec3| {
+            let square = (f1 * 2.0 - f2) * 0.5;
+            [f1 + square, square]
+        };
+        Self {
+            linear: fit(one[0], two[0]),
+            angular: fit(one[1], two[1]),
+        }
+    }
+}
+
+/// Where a body would be now that nothing pulled at in its last tick, and in its last two; none where it was not seen then.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Drift {
+    now: DVec3,
+    ways: [Option<Drifted>; 2],
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Drifted {
+    position: DVec3,
+    /// How far it is turned from there, rad.
+    turned: DVec3,
+    /// The share of what pulls, s².
+    fall: f64,
+}
+
+impl Drift {
+    /// How the last two ticks strayed from a law by which this pulls at the body, m/s².
+    pub(super) fn stray(&self, pull: Option<DVec3>) -> Stray {
+        let strayed = |drifted: &Drifted| {
+            let expected = match pull {
+                None => drifted.position,
+                Some(pull) => drifted.position + pull * drifted.fall,
+            };
+            [self.now - expected, drifted.turned]
+        };
+        match &self.ways {
+            [Some(one), Some(two)] => Stray::moving(strayed(one), strayed(two)),
+            [Some(one), None] => {
+                let one = strayed(one);
+                Stray::moving(one, one.map(|by| by * 4.0))
+            }
+            [None, _] => Stray::default(),
+        }
+    }
+}
+
+impl Chooser<'_> {
+    /// How far a body moved in its last two ticks.
+    pub(super) fn stray_of_rest(&self, subject: &Subject<'_>) -> Stray {
+        let now = &subject.truth;
+        let Twist { linear, angular } = now.twist();
+        let step = self.tracks.integrator().rate.step().seconds();
+        let steady = |ticks: f64| [linear * (ticks * step), angular * (ticks * step)];
+        let moved = |past: &Option<Motion>, ticks: f64| match past {
+            Some(past) => apart(&now.pose(), &past.pose()),
+            None => steady(ticks),
+        };
+        let [one, two] = &subject.past;
+        Stray::still(moved(one, 1.0), moved(two, 2.0))
+    }
+
+    /// How the last two ticks would have been without a pull, by a law that does not fall.
+    pub(super) fn drift(&self, subject: &Subject<'_>, predictor: Predictor) -> Drift {
+        let now = subject.truth.pose();
+        let drifted = |i: usize| {
+            let (start, ticks) = (subject.past[i].as_ref()?, Ticks::new(i as u32 + 1));
+            let slot = subject.slot;
+            let (expected, fall) = self.tracks.continued(slot, predictor, start, ticks);
+            let [_, turned] = apart(&now, &expected.pose());
+            Some(Drifted {
+                position: expected.pose().position,
+                turned,
+                fall,
+            })
+        };
+        Drift {
+            now: now.position,
+            ways: [drifted(0), drifted(1)],
+        }
+    }
+}

@@ -1,0 +1,185 @@
+//! The courses that a body may take.
+//!
+//! In the world, or held by another body. Which of them serves best is not decided here.
+
+use glam::DVec3;
+use rhumb_reckoning::{Motion, Predictor, seen_from};
+
+use super::pushing::PUSHES;
+use super::straying::Stray;
+use super::{Chooser, Holder, Subject, apart};
+use crate::packet::Course;
+
+/// Courses that are tried: rest, a law that falls, one that does not, being held, and being pushed.
+const WAYS: usize = 4 + PUSHES;
+/// How many ticks more a push is expected to last.
+const PUSH_LASTS: f64 = 16.0;
+
+/// What courses in one frame have to bring together.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Frame<'a> {
+    /// Whose frame it is; none for the world.
+    pub(crate) holder: Option<&'a Holder<'a>>,
+    /// Where the body is, and where it was predicted.
+    pub(crate) truth: Motion,
+    pub(crate) predicted: Motion,
+}
+
+/// The frames of a body's courses.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Frames<'a> {
+    pub(super) free: Frame<'a>,
+    pub(super) held: Option<Held<'a>>,
+}
+
+/// How a body may be held.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Held<'a> {
+    pub(super) frame: Frame<'a>,
+    course: Course,
+    stray: Stray,
+}
+
+/// A course, and what is expected of it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Way<'a> {
+    pub(crate) course: Course,
+    pub(crate) predictor: Predictor,
+    pub(crate) frame: &'a Frame<'a>,
+    pub(super) stray: Stray,
+    /// For how many ticks it may go on at most, beyond those that are known.
+    pub(crate) lasts: f64,
+}
+
+impl Way<'_> {
+    /// Whether another body holds the body.
+    pub(super) const fn is_held(&self) -> bool {
+        self.frame.holder.is_some()
+    }
+}
+
+impl Chooser<'_> {
+    /// The frames of the courses that a body may take.
+    pub(crate) fn frames<'s>(&self, subject: &'s Subject<'_>) -> Frames<'s> {
+        let holder = subject.holder.as_ref().filter(|_| self.features.held);
+        Frames {
+            free: Frame {
+                holder: None,
+                truth: subject.truth,
+                predicted: subject.believed,
+            },
+            held: holder.and_then(|holder| self.held(subject, holder)),
+        }
+    }
+
+    /// The courses that a body may take.
+    pub(crate) fn ways<'f>(
+        &self,
+        subject: &Subject<'_>,
+        frames: &'f Frames<'_>,
+    ) -> [Option<Way<'f>>; WAYS] {
+        let mut ways = [const { None }; WAYS];
+        let now = subject.track;
+        let carrier = self.tracks.carrier(now);
+        let carrier_age =
+            carrier.and_then(|(_, slot)| self.tracks.age(&slot.track(), subject.tick));
+        // A body whose carrier is gone can only be said anew.
+        if now.carrier.is_some() && carrier.is_none() {
+            return ways;
+        }
+        let way = |predictor, stray, lasts| Way {
+            course: if now.carrier.is_none() && now.predictor == predictor {
+                Course::Same
+            } else {
+                Course::World {
+                    predictor,
+                    carrier_age,
+                }
+            },
+            predictor,
+            frame: &frames.free,
+            stray,
+            lasts,
+        };
+        let (floating, falling) = if subject.slot.tumbles() && self.features.tumbling {
+            (Predictor::Tumbling, Predictor::Thrown)
+        } else {
+            (Predictor::Uniform, Predictor::Ballistic)
+        };
+        let drift = self.drift(subject, floating);
+        let gravity = self.tracks.gravity(subject.slot, subject.tick);
+        let [rest, float, fall, held, pushed @ ..] = &mut ways;
+        *rest = Some(way(
+            Predictor::Rest,
+            self.stray_of_rest(subject),
+            f64::INFINITY,
+        ));
+        *float = Some(way(floating, drift.stray(None), f64::INFINITY));
+        if self.features.ballistic && gravity != DVec3::ZERO {
+            *fall = Some(way(falling, drift.stray(Some(gravity)), f64::INFINITY));
+        }
+        if let Some(by) = &frames.held {
+            *held = Some(Way {
+                course: by.course,
+                predictor: Predictor::Rest,
+                frame: &by.frame,
+                stray: by.stray,
+                lasts: f64::INFINITY,
+            });
+        }
+        for (pushed, push) in pushed.iter_mut().zip(self.pushes(subject)) {
+            *pushed = push.map(|push| {
+                let stray = drift.stray(Some(push.acceleration()));
+                way(Predictor::Pushed(push), stray, PUSH_LASTS)
+            });
+        }
+        ways
+    }
+
+    /// The course of being held by another body.
+    fn held<'s>(&self, subject: &Subject<'_>, holder: &'s Holder<'s>) -> Option<Held<'s>> {
+        let track = subject.track;
+        let holding = holder.slot.track();
+        let believed = self
+            .tracks
+            .framed((holder.index, holder.slot), &holding, subject.tick);
+        let held_already = track.carrier == Some(holder.slot.id(holder.index));
+        let course = if held_already {
+            Course::Same
+        } else if track.carrier.is_none()
+            && holding.carrier.is_none()
+            && holder.index != subject.index
+        {
+            Course::Held {
+                carrier: holder.index,
+                carrier_age: self.tracks.age(&holding, subject.tick)?,
+            }
+        } else {
+            return None;
+        };
+        let predicted = if held_already {
+            self.tracks
+                .framed((subject.index, subject.slot), track, subject.tick)
+        } else {
+            seen_from(&believed.pose(), &subject.believed.pose())
+        };
+        let seen =
+            |of: Option<Motion>, by: Option<Motion>| Some(seen_from(&by?.pose(), &of?.pose()));
+        let now = seen_from(&holder.truth.pose(), &subject.truth.pose());
+        let [one, two] = [0, 1].map(|i| {
+            seen(subject.past[i], holder.past[i]).map(|then| apart(&now.pose(), &then.pose()))
+        });
+        // Of a body that was not seen before nothing says that it is held.
+        let one = one?;
+        let two = two.unwrap_or([one[0] * 2.0, one[1] * 2.0]);
+        Some(Held {
+            course,
+            frame: Frame {
+                holder: Some(holder),
+                truth: seen_from(&believed.pose(), &subject.truth.pose()),
+                predicted,
+            },
+            stray: Stray::still(one, two),
+        })
+    }
+}
