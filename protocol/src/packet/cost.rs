@@ -1,12 +1,13 @@
-//! What a saying would cost, as a packet's coder stands: for who chooses.
+//! What a saying would cost: for who chooses, or must know that it fits.
 //!
 //! Nothing here is normative, and nothing changes the coder. Costs are in 1/256 bits. A correction costs what its form,
 //! its place and its velocities do, each by itself, so that who tries many need not count the same numbers again.
 
-use rhumb_reckoning::{Residual, VelocityResidual};
+use rhumb_reckoning::{Push, Residual, VelocityResidual};
 
 use super::age::Age;
-use super::model::symbol_cost;
+use super::model::{opening_cost, symbol_cost};
+use super::push::numbers_of_push;
 use super::saying::{Course, INDEX_BITS, Mode, Saying, Tongue, each_number};
 use super::steps::{length, settled};
 use super::tables::{MODES, contexts};
@@ -15,9 +16,23 @@ use super::walk::{numbers_of_place, numbers_of_velocity};
 /// A whole bit.
 const BIT: u32 = 256;
 
-impl Tongue {
+/// A packet of which nothing is said yet: who chooses does not know what will be said before.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Opening;
+
+/// By what expectations costs are reckoned.
+pub(crate) trait Pricing {
+    /// What a number costs in a context.
+    fn cost_of_number(&self, context: usize, number: u32) -> u32;
+
+    /// Which expectation of an update's form holds.
+    fn row(&self) -> usize;
+
+    /// The body that the last held one is held by.
+    fn carrier(&self) -> Option<u32>;
+
     /// What saying this next would cost, its gap aside.
-    pub(crate) fn cost(&self, saying: &Saying) -> u32 {
+    fn cost(&self, saying: &Saying) -> u32 {
         let bits = match saying {
             Saying::Residual {
                 course,
@@ -38,61 +53,45 @@ impl Tongue {
                 1 + lengths.iter().sum::<u32>()
             }
         };
-        let mut cost = bits * BIT + self.cost_of_mode(Mode::of(saying));
+        let mut cost = bits * BIT + cost_of_mode(self.row(), Mode::of(saying));
         each_number(saying, |context, number| {
-            cost += self.model.cost(context, number);
+            cost += self.cost_of_number(context, number);
         });
         cost
     }
 
     /// Of a correction, what says its form, its age, its carrier and its push.
-    pub(crate) fn cost_of_form(&self, course: &Course, age: Age, moved: bool) -> u32 {
+    fn cost_of_form(&self, course: &Course, age: Age, moved: bool) -> u32 {
         let mode = Mode::of_course(course, moved);
         let context = contexts::age(mode.kind());
-        self.cost_of_mode(mode)
-            + self.model.cost(context, age.count() - 1)
+        cost_of_mode(self.row(), mode)
+            + self.cost_of_number(context, age.count() - 1)
             + self.cost_of_carrier(course)
     }
 
     /// Of a correction of this form, what says position and turn.
-    pub(crate) fn cost_of_place(
-        &self,
-        course: &Course,
-        age: Age,
-        moved: bool,
-        residual: &Residual,
-    ) -> u32 {
+    fn cost_of_place(&self, course: &Course, age: Age, moved: bool, residual: &Residual) -> u32 {
         let mut cost = 0;
         let kind = Mode::of_course(course, moved).kind();
         numbers_of_place(kind, age, residual, |context, size| {
-            cost += self.model.cost(context, size) + sign(size);
+            cost += self.cost_of_number(context, size) + sign(size);
         });
         cost
     }
 
     /// Of a correction of this course, what says velocities.
-    pub(crate) fn cost_of_velocity(
-        &self,
-        course: &Course,
-        age: Age,
-        velocity: &VelocityResidual,
-    ) -> u32 {
+    fn cost_of_velocity(&self, course: &Course, age: Age, velocity: &VelocityResidual) -> u32 {
         let kind = Mode::of_course(course, true).kind();
         let coarseness = contexts::coarseness(kind, age.count());
-        let mut cost = self.model.cost(coarseness, velocity.coarseness);
+        let mut cost = self.cost_of_number(coarseness, velocity.coarseness);
         numbers_of_velocity(kind, age, velocity, |context, size| {
-            cost += self.model.cost(context, size) + sign(size);
+            cost += self.cost_of_number(context, size) + sign(size);
         });
         cost
     }
 
-    fn cost_of_mode(&self, mode: Mode) -> u32 {
-        let (starts, code) = (&MODES[self.last], mode.code());
-        symbol_cost(u32::from(starts[code + 1] - starts[code]))
-    }
-
     fn cost_of_carrier(&self, course: &Course) -> u32 {
-        let age = |age: Age| self.model.cost(contexts::CARRIER_AGE, age.count());
+        let age = |age: Age| self.cost_of_number(contexts::CARRIER_AGE, age.count());
         match *course {
             Course::Same => 0,
             Course::World { carrier_age, .. } => {
@@ -103,12 +102,57 @@ impl Tongue {
                 carrier,
                 carrier_age,
             } => {
-                let again = self.carrier == Some(carrier);
+                let again = self.carrier() == Some(carrier);
                 let named = if again { 1 } else { INDEX_BITS };
                 named * BIT + age(carrier_age)
             }
         }
     }
+
+    /// What saying a push would cost.
+    fn cost_of_push(&self, push: &Push) -> u32 {
+        let mut cost = 0;
+        numbers_of_push(push, |context, number| {
+            let signed = number != 0 && context != contexts::DOUBLINGS;
+            cost += self.cost_of_number(context, number.unsigned_abs()) + u32::from(signed) * BIT;
+        });
+        cost
+    }
+}
+
+impl Pricing for Opening {
+    #[inline]
+    fn cost_of_number(&self, context: usize, number: u32) -> u32 {
+        opening_cost(context, number)
+    }
+
+    fn row(&self) -> usize {
+        0
+    }
+
+    fn carrier(&self) -> Option<u32> {
+        None
+    }
+}
+
+impl Pricing for Tongue {
+    #[inline]
+    fn cost_of_number(&self, context: usize, number: u32) -> u32 {
+        self.model.cost(context, number)
+    }
+
+    fn row(&self) -> usize {
+        self.last
+    }
+
+    fn carrier(&self) -> Option<u32> {
+        self.carrier
+    }
+}
+
+fn cost_of_mode(row: usize, mode: Mode) -> u32 {
+    let (starts, code) = (&MODES[row], mode.code());
+    symbol_cost(u32::from(starts[code + 1] - starts[code]))
 }
 
 /// What is nothing has no sign.

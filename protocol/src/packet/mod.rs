@@ -24,6 +24,7 @@ mod whole;
 mod zigzag;
 
 pub use age::Age;
+pub(crate) use cost::{Opening, Pricing};
 pub use digest::{Digest, Doubt, Ranges};
 pub use echo::Echo;
 pub use excess::Excess;
@@ -35,7 +36,6 @@ pub use header::{Head, Kind, Low16, StreamId};
 pub use parity::Parity;
 pub(crate) use parity::{column_into, column_of, packet_of};
 pub use repair::{Repair, RepairRecord, RepairWriter};
-pub(crate) use saying::Tongue;
 pub use saying::{Course, Saying};
 pub use state::{StatePacket, StateWriter, Update, Vouch};
 #[doc(hidden)]

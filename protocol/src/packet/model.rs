@@ -61,6 +61,18 @@ impl Alphabet {
         }
     }
 
+    /// What a number would cost, in 1/256 bits.
+    const fn cost(self, number: u32) -> u32 {
+        let (raw, shape) = self.parts();
+        let high = number >> raw;
+        let symbol = if high < ESCAPE { high } else { ESCAPE };
+        let cost = COSTS[shape][symbol as usize] as u32 + raw * 256;
+        if high < ESCAPE {
+            return cost;
+        }
+        cost + (2 * (high - ESCAPE + 1).ilog2() + 1) * 256
+    }
+
     /// Low bits that go raw, and the place of the shape.
     const fn parts(self) -> (u32, usize) {
         (self.raw as u32, self.shape as usize)
@@ -117,16 +129,37 @@ impl Model {
     /// What a number would cost now, in 1/256 bits.
     #[inline]
     pub(crate) fn cost(&self, context: usize, number: u32) -> u32 {
-        let (raw, shape) = self.contexts[context].alphabet.parts();
-        let high = number >> raw;
-        let symbol = high.min(ESCAPE) as usize;
-        let mut cost = u32::from(COSTS[shape][symbol]) + raw * 256;
-        if high >= ESCAPE {
-            cost += (2 * (high - ESCAPE + 1).ilog2() + 1) * 256;
-        }
-        cost
+        self.contexts[context].alphabet.cost(number)
     }
 }
+
+/// What a number would cost at the beginning of a packet, in 1/256 bits.
+#[inline]
+pub(crate) fn opening_cost(context: usize, number: u32) -> u32 {
+    match OPENING_COSTS[context].get(number as usize) {
+        Some(cost) => u32::from(*cost),
+        None => BEGINNING[context].alphabet.cost(number),
+    }
+}
+
+/// Numbers whose costs at the beginning are known.
+const KNOWN: usize = 16;
+
+/// What each small number costs at the beginning of a packet, by context.
+static OPENING_COSTS: [[u16; KNOWN]; CONTEXTS] = {
+    let mut costs = [[0; KNOWN]; CONTEXTS];
+    let mut context = 0;
+    while context < CONTEXTS {
+        let mut number = 0;
+        while number < KNOWN {
+            // At most twelve bits of a symbol, and as many raw ones as an expectation below 2²⁰ has.
+            costs[context][number] = BEGINNING[context].alphabet.cost(number as u32) as u16;
+            number += 1;
+        }
+        context += 1;
+    }
+    costs
+};
 
 /// The first alphabet of each context's group.
 const FIRST_SHAPES: [u8; CONTEXTS] = {

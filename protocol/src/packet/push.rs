@@ -40,16 +40,6 @@ impl Tongue {
         }
         Push::new(steps, doublings as u8).ok_or(Malformed::OutOfRange)
     }
-
-    /// What saying it next would cost, in 1/256 bits.
-    pub(super) fn cost_of_push(&self, push: &Push) -> u32 {
-        let mut cost = 0;
-        numbers_of_push(push, |context, number| {
-            let signed = number != 0 && context != contexts::DOUBLINGS;
-            cost += self.model.cost(context, number.unsigned_abs()) + u32::from(signed) * 256;
-        });
-        cost
-    }
 }
 
 /// Walks over its numbers in the order in which they are said, with the context of each; the first has no sign.

@@ -2,6 +2,7 @@
 
 use alloc::vec::Vec;
 
+use super::cost::Pricing;
 use super::excess::Excess;
 use super::header::{Head, Kind, Low16, StreamId};
 use super::parity::{COLUMN_BYTES_MAX, COLUMN_HEAD_BYTES};

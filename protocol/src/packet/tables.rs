@@ -55,15 +55,8 @@ pub(super) mod contexts {
 
     /// Of the second and third number of a triple, by what came before them.
     const fn follows(part: usize, sum: u32) -> usize {
-        if sum == 0 {
-            0
-        } else if sum <= part as u32 {
-            1
-        } else if sum <= 3 * part as u32 {
-            2
-        } else {
-            3
-        }
+        let part = part as u32;
+        (sum > 0) as usize + (sum > part) as usize + (sum > 3 * part) as usize
     }
 
     /// A part of a position.

@@ -7,6 +7,7 @@
 mod allowance;
 mod lasting;
 mod pushing;
+mod shares;
 mod straying;
 mod trial;
 mod ways;
@@ -19,7 +20,7 @@ use rhumb_reckoning::{
 
 use super::features::Features;
 use super::tracks::{Slot, Tracks};
-use crate::packet::{Age, Saying, Tongue};
+use crate::packet::{Age, Saying};
 pub(super) use allowance::Allowance;
 pub(super) use lasting::doubt;
 use trial::{Best, Trial};
@@ -64,9 +65,8 @@ pub(crate) struct Holder<'a> {
 }
 
 /// Places that a still body is put on: where it is, and the middle of its way in one, two, four and six ticks.
-const AIMS: usize = 5;
-/// Steps are rounded to the nearest.
-const NEAREST: [f64; 2] = [0.5; 2];
+const AIMS: usize = AHEAD.len() + 1;
+const AHEAD: [usize; 4] = [1, 2, 4, 6];
 /// What an update costs beside its saying: its place in the packet, in 1/256 bits.
 pub(super) const OVERHEAD: u32 = 4 * 256;
 /// How far a still body is put ahead of its course, as a share of the tolerance.
@@ -83,8 +83,6 @@ pub(crate) struct Choice {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Chooser<'a> {
     pub(crate) tracks: &'a Tracks,
-    /// What a packet expects at its beginning.
-    pub(crate) tongue: &'a Tongue,
     pub(crate) features: Features,
     /// Factor on the tolerances by which lives are judged: more than one where a budget does not suffice, less for
     /// bodies that hold others.
@@ -123,59 +121,59 @@ impl Chooser<'_> {
         let held = frames.held.as_ref().map(|held| trial.footing(&held.frame));
         let mut nearest = None;
         let mut best: Option<Best<'_>> = None;
-        for way in ways.iter().flatten() {
+        for (number, way) in ways.iter() {
             let footing = match &held {
                 Some(held) if way.is_held() => held,
                 _ => &free,
             };
-            for aim in self.aims(subject, way).into_iter().flatten() {
+            let aims = (0..AIMS).map_while(|aim| self.aim(subject, &way, aim));
+            for aim in aims {
+                let origin = (number, footing, aim);
                 if way.is_held() || aim != Aim::AT_TRUTH {
-                    if let Some(mut place) = trial.place(footing, aim, NEAREST) {
-                        trial.try_all(way, (footing, aim), &mut place, &mut best);
+                    if let Some(mut place) = trial.place(footing, aim) {
+                        trial.try_all(&way, origin, &mut place, &mut best);
                     }
                     continue;
                 }
-                let place = nearest.get_or_insert_with(|| trial.place(footing, aim, NEAREST));
+                let place = nearest.get_or_insert_with(|| trial.place(footing, aim));
                 if let Some(place) = place {
-                    trial.try_all(way, (footing, aim), place, &mut best);
+                    trial.try_all(&way, origin, place, &mut best);
                 }
             }
         }
         let mut best = best?;
+        let way = ways.way(best.way)?;
         if self.features.sparse {
-            trial.make_sparser(&mut best);
+            trial.make_sparser(&way, &mut best);
         }
-        Some(best.choice(&trial))
+        Some(best.choice(&way, &trial))
     }
 
-    /// Where to aim beside the truth: with hindsight, a still body is put in the middle of what it will do.
-    fn aims(&self, subject: &Subject<'_>, way: &Way<'_>) -> [Option<Aim>; AIMS] {
-        let mut aims = [None; AIMS];
-        aims[0] = Some(Aim::AT_TRUTH);
-        if way.predictor != Predictor::Rest || subject.ahead.is_empty() {
-            return aims;
+    /// Where to aim: at the truth first; with hindsight, a still body may be put in the middle of what it will do.
+    fn aim(&self, subject: &Subject<'_>, way: &Way<'_>, aim: usize) -> Option<Aim> {
+        let Some(middle) = aim.checked_sub(1) else {
+            return Some(Aim::AT_TRUTH);
+        };
+        if way.predictor != Predictor::Rest {
+            return None;
         }
-        let allowance = self.allowance(subject);
-        for (place, ticks) in (1..).zip([1_usize, 2, 4, 6]) {
-            let Some(then) = subject.ahead.get(ticks - 1) else {
-                break;
-            };
-            let [mut p, mut q] = match way.frame.holder {
-                None => apart(&then.pose(), &subject.truth.pose()),
-                Some(holder) => {
-                    let Some(by) = holder.ahead.get(ticks - 1) else {
-                        break;
-                    };
-                    let now = seen_from(&holder.truth.pose(), &subject.truth.pose());
-                    apart(&seen_from(&by.pose(), &then.pose()).pose(), &now.pose())
-                }
-            };
-            let share = allowance.share(p.length() * 0.5, q.length() * 0.5);
-            let scale = 0.5 * (AIM_MOST / share).min(1.0);
-            (p, q) = (p * scale, q * scale);
-            aims[place] = Some(Aim { pose: [p, q] });
-        }
-        aims
+        let ticks = AHEAD[middle];
+        let then = subject.ahead.get(ticks - 1)?;
+        let [p, q] = match way.frame.holder {
+            None => apart(&then.pose(), &subject.truth.pose()),
+            Some(holder) => {
+                let by = holder.ahead.get(ticks - 1)?;
+                let now = seen_from(&holder.truth.pose(), &subject.truth.pose());
+                apart(&seen_from(&by.pose(), &then.pose()).pose(), &now.pose())
+            }
+        };
+        let share = self
+            .allowance(subject)
+            .share(p.length() * 0.5, q.length() * 0.5);
+        let scale = 0.5 * (AIM_MOST / share).min(1.0);
+        Some(Aim {
+            pose: [p * scale, q * scale],
+        })
     }
 
     /// How much of the tolerance the beginning of a track uses, as a listener would measure it.

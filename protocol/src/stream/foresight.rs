@@ -10,7 +10,7 @@ use rhumb_reckoning::{Pose, Predictor, Residual, Ticks, Track, seen_from};
 use super::choose::{Chooser, Holder, OVERHEAD, Subject, Way, apart, doubt, share};
 use super::outlook::{Life, Off, Outlook, SPAN};
 use super::tracks::Former;
-use crate::packet::{Age, Course, Saying, Tongue};
+use crate::packet::{Age, Course, Opening, Pricing, Saying};
 
 /// Corrections that are weighed with what follows them, for each course.
 const SHORTLIST: usize = 6;
@@ -62,8 +62,7 @@ impl Shortlist {
 
 /// Weighs the corrections of one body by one course.
 #[derive(Clone, Copy, Debug)]
-struct Scales<'a> {
-    tongue: &'a Tongue,
+struct Scales {
     outlook: Outlook,
     course: Course,
     age: Age,
@@ -73,7 +72,7 @@ struct Scales<'a> {
     before: (f64, f64),
 }
 
-impl Scales<'_> {
+impl Scales {
     fn price(&self, residual: &Residual) -> f64 {
         let off = self.outlook.after(residual);
         let life = self.outlook.life(&off);
@@ -94,7 +93,7 @@ impl Scales<'_> {
             age: self.age,
             residual: *residual,
         };
-        f64::from(self.tongue.cost(&saying) + OVERHEAD)
+        f64::from(Opening.cost(&saying) + OVERHEAD)
     }
 
     /// Goes from a correction to better ones next to it; `note` is told of all that are met.
@@ -179,10 +178,9 @@ impl Chooser<'_> {
         let mut best: Option<(f64, Saying, Track)> = None;
         let frames = self.frames(subject);
         let ways = self.ways(subject, &frames);
-        for way in ways.iter().flatten() {
+        for (_, way) in ways.iter() {
             let scales = Scales {
-                tongue: self.tongue,
-                outlook: self.outlook(subject, way, ticks),
+                outlook: self.outlook(subject, &way, ticks),
                 course: way.course,
                 age,
                 every: self.tracks.every().get(),
@@ -191,7 +189,7 @@ impl Chooser<'_> {
             for word in self.shortlist(&scales).words.iter().flatten() {
                 let price = scales.worth_with_next(&word.residual);
                 if best.is_none_or(|(least, ..)| price < least)
-                    && let Some((saying, track)) = self.kept(subject, way, age, word.residual)
+                    && let Some((saying, track)) = self.kept(subject, &way, age, word.residual)
                 {
                     best = Some((price, saying, track));
                 }
@@ -201,7 +199,7 @@ impl Chooser<'_> {
     }
 
     /// The corrections that are worth weighing with what follows them.
-    fn shortlist(&self, scales: &Scales<'_>) -> Shortlist {
+    fn shortlist(&self, scales: &Scales) -> Shortlist {
         let mut list = Shortlist::default();
         let outlook = &scales.outlook;
         let moves = outlook.over_s.is_some();

@@ -31,7 +31,7 @@ use super::room::push;
 use super::seats::Usher;
 use super::tracks::{Manner, Slot, Tracks};
 use super::witness::{HINDSIGHT_MAX, Witness};
-use crate::packet::{Age, Excess, Low16, Saying, StreamId, Tongue, TrackSaying, Update, Vouch};
+use crate::packet::{Age, Excess, Low16, Saying, StreamId, TrackSaying, Update, Vouch};
 use spending::Spending;
 use surveying::Survey;
 
@@ -83,8 +83,6 @@ pub struct Publisher {
     leaving: Vec<u32>,
     /// What the look at a tick found; none while it is made use of.
     survey: Option<Box<Survey>>,
-    /// What a packet expects at its beginning.
-    tongue: Tongue,
     /// What it may take, if that is limited, and who waits.
     spending: Option<Box<Spending>>,
     /// Factor on all tolerances that a budget asks for at present; one without.
@@ -123,7 +121,6 @@ impl Publisher {
             updates: Vec::new(),
             leaving: Vec::new(),
             survey: Some(Box::new(Survey::new(terms.tolerance, terms.integrator))),
-            tongue: Tongue::default(),
             spending: None,
             slack: 1.0,
             statistics: PublisherStatistics::default(),
@@ -369,7 +366,6 @@ impl Publisher {
         });
         let chooser = Chooser {
             tracks: &self.tracks,
-            tongue: &self.tongue,
             features: self.features,
             slack: self.slack * closeness,
         };

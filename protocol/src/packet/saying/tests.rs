@@ -1,6 +1,7 @@
 //! Sayings come back as they were said, at about their cost
 
 use super::*;
+use crate::packet::cost::Pricing;
 use crate::packet::whole::tests::{steps, whole};
 use alloc::vec::Vec;
 use proptest::prelude::*;

@@ -1,13 +1,11 @@
 //! For how many ticks a track that begins so will hold.
 //!
-//! By what the body does next, as far as hindsight knows, and beyond by how it strayed from the law in its last ticks,
-//! looked at four moments at a time. Nobody's promise rests on it.
+//! By what the body does next, as far as hindsight knows, and beyond by how it strayed from the law in its last ticks.
+//! Nobody's promise rests on it.
 
-use glam::DVec3;
 use rhumb_reckoning::{Motion, Predictor, Ticks, VelocityResidual, carried};
-use wide::f64x4;
 
-use super::straying::Stray;
+use super::shares::Shares;
 use super::trial::{Place, Trial};
 use super::{Subject, Way, share};
 
@@ -15,13 +13,13 @@ use super::{Subject, Way, share};
 const DOUBT_OF_A_LIFE: f64 = 0.1;
 /// … and each tick, at least and at most.
 const DOUBT: [f64; 2] = [0.001, 0.05];
-/// The ticks at which an expected error is looked at; the last one twice, to fill its four.
-const LOOKS: [[f64; 4]; 4] = [
-    [1.0, 2.0, 3.0, 4.0],
-    [6.0, 8.0, 12.0, 16.0],
-    [24.0, 32.0, 48.0, 64.0],
-    [96.0, 128.0, 192.0, 192.0],
+/// The ticks at which an expected error is looked at.
+const LOOKS: [f64; 15] = [
+    1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 96.0, 128.0, 192.0,
 ];
+
+/// What is reckoned before it is put on the grid is off by less than this share of the tolerance.
+pub(super) const ROUGHLY: f64 = 0.05;
 
 /// What each tick adds to the expected error of a body, as a share of the tolerance: less of one whose last track held for
 /// long, as of what flies freely.
@@ -39,27 +37,61 @@ enum Known {
     Breaks(f64),
 }
 
+/// How a body is expected to stray on a course: α·h + β·h² after h ticks.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Prospect {
+    /// Of a track that begins without velocities.
+    still: Shares,
+    square: Shares,
+    /// For how many ticks the course may go on at most.
+    lasts: f64,
+}
+
 impl Trial<'_> {
+    pub(super) fn prospect(&self, way: &Way<'_>) -> Prospect {
+        let ([linear, linear_square], [angular, angular_square]) =
+            (way.stray.linear, way.stray.angular);
+        let mut still = Shares::of([linear, angular], self.worth.still);
+        if way.predictor != Predictor::Rest {
+            // What strays is measured against one that begins at the true ones.
+            let twist = way.frame.truth.twist();
+            still = still + Shares::of([twist.linear, twist.angular], self.worth.moving);
+        }
+        Prospect {
+            still,
+            square: Shares::of([linear_square, angular_square], self.worth.still),
+            lasts: way.lasts,
+        }
+    }
+
     /// For how many ticks a track holds that begins at a place with these velocities beyond the implied ones.
     pub(super) fn life(
         &self,
         way: &Way<'_>,
+        prospect: &Prospect,
         place: &Place,
         velocity: Option<&VelocityResidual>,
     ) -> f64 {
-        let begun = place.begun(way, velocity, self.grid);
-        let known = match self.known(way, &begun) {
-            Known::Breaks(ticks) => return ticks,
-            Known::Whole(ticks) => ticks,
+        let known = match self.subject.ahead {
+            [] => 0.0,
+            _ => match self.known(way, &place.begun(way, velocity, self.grid)) {
+                Known::Breaks(ticks) => return ticks,
+                Known::Whole(ticks) => ticks,
+            },
         };
-        let mut stray = way.stray;
+        let mut rate = prospect.still;
         if way.predictor != Predictor::Rest {
-            let (truth, said) = (way.frame.truth.twist(), begun.twist());
-            stray.linear[0] += (truth.linear - said.linear) * self.step_s;
-            stray.angular[0] += (truth.angular - said.angular) * self.step_s;
+            rate = rate - place.implies;
+            if let Some(velocity) = velocity {
+                let VelocityResidual {
+                    linear, angular, ..
+                } = *velocity;
+                let doubled = f64::from(1_u32 << (velocity.coarseness & 31));
+                rate = rate - Shares::of_steps(linear, angular, self.worth.velocities) * doubled;
+            }
         }
-        let at = self.beyond(&stray, place.off);
-        f64::max(at.min(way.lasts), known) + 1.0
+        let at = self.beyond(&rate, &prospect.square, &place.off, 1.0);
+        f64::max(at.min(prospect.lasts), known) + 1.0
     }
 
     /// How a track suits what hindsight knows.
@@ -89,45 +121,30 @@ impl Trial<'_> {
         Known::Whole(held)
     }
 
-    /// The tick at which a body that begins so far off and strays so is expected to be off by its tolerance.
-    fn beyond(&self, stray: &Stray, off: [DVec3; 2]) -> f64 {
-        let (mut at, mut before) = (0.0, self.allowance.share(off[0].length(), off[1].length()));
-        for looks in LOOKS {
-            let shares = self.shares(stray, off, looks);
-            let over = shares.simd_gt(f64x4::ONE).to_bitmask();
-            let shares = shares.to_array();
-            if over == 0 {
-                (at, before) = (looks[3], shares[3]);
-                continue;
+    /// The tick at which a body that begins so far off and strays so is expected to be off by so much of its tolerance.
+    fn beyond(&self, rate: &Shares, square: &Shares, off: &Shares, most: f64) -> f64 {
+        let (mut at, mut before) = (0.0, self.worth.both(off));
+        for look in LOOKS {
+            let strayed = *rate * look + *square * (look * look) - *off;
+            let share = self.worth.both(&strayed) + self.doubt * look;
+            if share > most {
+                let part = ((most - before) / (share - before)).clamp(0.0, 1.0);
+                return at + part * (look - at);
             }
-            let lane = over.trailing_zeros() as usize & 3;
-            if lane > 0 {
-                (at, before) = (looks[lane - 1], shares[lane - 1]);
-            }
-            let part = ((1.0 - before) / (shares[lane] - before)).clamp(0.0, 1.0);
-            return at + part * (looks[lane] - at);
+            (at, before) = (look, share);
         }
         at
     }
 
-    /// The shares of the tolerance that are expected to be used at four ticks.
-    fn shares(&self, stray: &Stray, off: [DVec3; 2], looks: [f64; 4]) -> f64x4 {
-        let ticks = f64x4::from(looks);
-        let squares = ticks * ticks;
-        let far = |[rate, square]: [DVec3; 2], off: DVec3| {
-            let part = |rate: f64, square: f64, off: f64| ticks * rate + squares * square - off;
-            let x = part(rate.x, square.x, off.x);
-            let y = part(rate.y, square.y, off.y);
-            let z = part(rate.z, square.z, off.z);
-            (x * x + y * y + z * z).sqrt()
-        };
-        let position = far(stray.linear, off[0]) / self.allowance.position;
-        let turn = far(stray.angular, off[1]) / self.allowance.turn;
-        let share = if self.allowance.shared {
-            position + turn
-        } else {
-            position.max(turn)
-        };
-        share + ticks * self.doubt
+    /// For how many ticks a track holds at most, more or less, that begins so far off with these velocities.
+    pub(super) fn at_most(
+        &self,
+        prospect: &Prospect,
+        off: &Shares,
+        implies: Option<Shares>,
+    ) -> f64 {
+        let rate = implies.map_or(prospect.still, |implies| prospect.still - implies);
+        let at = self.beyond(&rate, &prospect.square, off, 1.0 + ROUGHLY);
+        at.min(prospect.lasts) + 1.0
     }
 }

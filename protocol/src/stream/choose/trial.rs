@@ -9,11 +9,13 @@ use rhumb_reckoning::{
     VelocityResidual,
 };
 
-use super::{
-    Aim, Allowance, Choice, Chooser, Frame, NEAREST, OVERHEAD, Subject, Way, apart, doubt,
-};
-use crate::packet::{Age, Course, Saying};
+use super::lasting::{Prospect, ROUGHLY};
+use super::shares::{Shares, Worth};
+use super::{Aim, Choice, Chooser, Frame, OVERHEAD, Subject, Way, apart, doubt};
+use crate::packet::{Age, Course, Opening, Pricing, Saying};
 
+/// Steps are rounded to the nearest.
+const NEAREST: [f64; 2] = [0.5; 2];
 /// Steps by which corrections are made sparser: a part of the last step below this share is left out.
 const SPARSE: f64 = 0.7;
 /// A sparser correction may use this much of the tolerance.
@@ -33,11 +35,9 @@ pub(super) struct Trial<'t> {
     age: Age,
     /// In what time its prediction went astray.
     over: Seconds,
-    pub(super) allowance: Allowance,
-    /// What each tick adds to the expected error, as a share of the tolerance.
+    /// What errors are worth of its tolerance, and what each tick adds to the expected one.
+    pub(super) worth: Worth,
     pub(super) doubt: f64,
-    /// Seconds in a tick.
-    pub(super) step_s: f64,
 }
 
 /// Where a correction puts a body, whatever its law.
@@ -50,7 +50,9 @@ pub(super) struct Place {
     lacking: VelocityResidual,
     /// Where that is, without velocities, and how far from the truth.
     still: Motion,
-    pub(super) off: [DVec3; 2],
+    pub(super) off: Shares,
+    /// The implied velocities, tick by tick.
+    pub(super) implies: Shares,
     /// What position and turn cost, by whether the course stays and whether velocities are said.
     costs: [Option<u32>; 4],
 }
@@ -77,11 +79,21 @@ pub(super) struct Footing<'f> {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Best<'w> {
     candidate: Candidate,
-    way: &'w Way<'w>,
+    /// The number of its course.
+    pub(super) way: usize,
     footing: &'w Footing<'w>,
     place: Place,
     aim: Aim,
     said: Option<u32>,
+    outset: Outset,
+}
+
+/// What all corrections of one course have in common.
+#[derive(Clone, Copy, Debug)]
+struct Outset {
+    /// What its form costs without velocities, and with them, in 1/256 bits.
+    forms: [u32; 2],
+    prospect: Prospect,
 }
 
 impl<'t> Trial<'t> {
@@ -93,15 +105,15 @@ impl<'t> Trial<'t> {
         ticks: Ticks,
     ) -> Self {
         let rate = chooser.tracks.integrator().rate;
+        let grid = chooser.tracks.grid(subject.slot);
         Self {
             chooser,
             subject,
-            grid: chooser.tracks.grid(subject.slot),
+            grid,
             age,
             over: subject.track.predictor.astray(ticks, rate),
-            allowance: chooser.allowance(subject),
+            worth: Worth::of(&chooser.allowance(subject), grid, rate.step().seconds()),
             doubt: doubt(subject),
-            step_s: rate.step().seconds(),
         }
     }
 }
@@ -116,40 +128,29 @@ impl Trial<'_> {
         }
     }
 
-    /// Where a correction puts the body, if that keeps the promise.
-    pub(super) fn place(
-        &self,
-        footing: &Footing<'_>,
-        aim: Aim,
-        rounding: [f64; 2],
-    ) -> Option<Place> {
-        let residual = self.residual(footing, aim, rounding)?;
-        self.place_at(footing, residual, rounding)
+    /// Where a correction puts the body that comes nearest to an aim, if that keeps the promise.
+    pub(super) fn place(&self, footing: &Footing<'_>, aim: Aim) -> Option<Place> {
+        let residual = residual(self.wanted(footing, aim), NEAREST)?;
+        self.place_at(footing, residual, 1.0)
     }
 
-    fn residual(&self, footing: &Footing<'_>, aim: Aim, rounding: [f64; 2]) -> Option<Residual> {
-        let (grid, [position, turn]) = (self.grid, footing.wanted);
-        Some(Residual {
-            position: rounded(position + aim.pose[0] / grid.position(), rounding[0])?,
-            turn: rounded(turn + aim.pose[1] / grid.turn(), rounding[1])?,
-            velocity: None,
-        })
+    /// How far an aim is from what was predicted, in steps of position and of turn.
+    fn wanted(&self, footing: &Footing<'_>, aim: Aim) -> [DVec3; 2] {
+        let [position, turn] = footing.wanted;
+        if aim == Aim::AT_TRUTH {
+            return [position, turn];
+        }
+        [
+            position + aim.pose[0] / self.grid.position(),
+            turn + aim.pose[1] / self.grid.turn(),
+        ]
     }
 
-    fn place_at(
-        &self,
-        footing: &Footing<'_>,
-        residual: Residual,
-        rounding: [f64; 2],
-    ) -> Option<Place> {
+    /// The same of a given correction, if it uses at most this share of the tolerance.
+    fn place_at(&self, footing: &Footing<'_>, residual: Residual, most: f64) -> Option<Place> {
         let (grid, chooser, frame) = (self.grid, self.chooser, footing.frame);
         let implied = residual.onto_snapped(&frame.predicted, &footing.snapped, self.over, grid);
         let still = implied.stilled().motion(grid);
-        let most = if rounding == NEAREST {
-            1.0
-        } else {
-            SPARSE_SHARE * chooser.slack
-        };
         if !residual.is_within_limits()
             || chooser.exact_share(self.subject, frame, &still.pose()) > most
         {
@@ -160,7 +161,8 @@ impl Trial<'_> {
             implied,
             lacking: VelocityResidual::finest(&frame.truth.twist(), &implied, grid),
             still,
-            off: apart(&still.pose(), &frame.truth.pose()),
+            off: Shares::of(apart(&still.pose(), &frame.truth.pose()), self.worth.still),
+            implies: Shares::of_steps(implied.linear, implied.angular, self.worth.velocities),
             costs: [None; 4],
         })
     }
@@ -168,109 +170,175 @@ impl Trial<'_> {
     /// Tries a place without velocities, and with them for as long as they may pay.
     pub(super) fn try_all<'w>(
         &self,
-        way: &'w Way<'w>,
-        (footing, aim): (&'w Footing<'w>, Aim),
+        way: &Way<'_>,
+        (number, footing, aim): (usize, &'w Footing<'w>, Aim),
         place: &mut Place,
         best: &mut Option<Best<'w>>,
     ) {
-        let mut note = |candidate: Candidate, place: &Place, said| {
-            if best
-                .as_ref()
-                .is_none_or(|best| candidate.price < best.candidate.price)
-            {
-                *best = Some(Best {
-                    candidate,
-                    way,
-                    footing,
-                    place: *place,
-                    aim,
-                    said,
-                });
-            }
-            best.as_ref()
-                .map_or(f64::INFINITY, |best| best.candidate.price)
+        let outset = Outset {
+            forms: self.forms(way),
+            prospect: self.prospect(way),
         };
+        let mut note = |candidate: Candidate, place: &Place, said| {
+            let least = best
+                .as_ref()
+                .map_or(f64::INFINITY, |best| best.candidate.price);
+            let better = best.is_none() || candidate.price < least;
+            if !better {
+                return least;
+            }
+            *best = Some(Best {
+                candidate,
+                way: number,
+                footing,
+                place: *place,
+                aim,
+                said,
+                outset,
+            });
+            candidate.price
+        };
+        let moves = way.predictor != Predictor::Rest;
         let mut least = f64::INFINITY;
-        if let Some(candidate) = self.try_one(way, place, None) {
+        if let Some(candidate) = self.try_one(way, &outset, place, None) {
             least = note(candidate, place, None);
         }
-        if way.predictor == Predictor::Rest {
+        if !moves {
             return;
         }
         // Nothing lasts longer than what goes on at the true velocities, and finer steps cost more.
-        let longest = self.life(way, place, Some(&place.lacking));
+        let longest = self.life(way, &outset.prospect, place, Some(&place.lacking));
         for coarseness in SAID {
             let velocity = place.lacking.coarser(coarseness);
-            let cost = self.cost(way, place, Some(&velocity));
+            let cost = self.cost(way, &outset.forms, place, Some(&velocity));
             if price(cost, longest) >= least {
                 return;
             }
-            if let Some(candidate) = self.try_one(way, place, Some(coarseness)) {
+            if velocity.is_within_limits() {
+                let life = self.life(way, &outset.prospect, place, Some(&velocity));
+                let candidate = Candidate {
+                    velocity: Some(velocity),
+                    price: price(cost, life),
+                };
                 least = note(candidate, place, Some(coarseness));
             }
         }
     }
 
     /// One correction; velocities are not said, or in steps that are doubled so often.
-    fn try_one(&self, way: &Way<'_>, place: &mut Place, said: Option<u32>) -> Option<Candidate> {
-        let chooser = self.chooser;
+    fn try_one(
+        &self,
+        way: &Way<'_>,
+        outset: &Outset,
+        place: &mut Place,
+        said: Option<u32>,
+    ) -> Option<Candidate> {
         let moves = way.predictor != Predictor::Rest;
-        if !moves && said.is_some() {
-            return None;
-        }
-        let speaks = moves && (said.is_some() || !chooser.features.derived);
+        let speaks = moves && (said.is_some() || !self.chooser.features.derived);
         let velocity = speaks.then(|| place.lacking.coarser(said.unwrap_or(PLAIN)));
         // Of a place that was found position and turn are.
         if velocity.is_some_and(|velocity| !velocity.is_within_limits()) {
             return None;
         }
-        let life = self.life(way, place, velocity.as_ref());
-        let cost = self.cost(way, place, velocity.as_ref());
+        let life = self.life(way, &outset.prospect, place, velocity.as_ref());
+        let cost = self.cost(way, &outset.forms, place, velocity.as_ref());
         Some(Candidate {
             velocity,
             price: price(cost, life),
         })
     }
 
+    /// What the form of a correction of this course costs without velocities, and with them, in 1/256 bits.
+    fn forms(&self, way: &Way<'_>) -> [u32; 2] {
+        let form = |moved| Opening.cost_of_form(&way.course, self.age, moved);
+        let still = form(false);
+        match way.predictor {
+            Predictor::Rest => [still; 2],
+            _ => [still, form(true)],
+        }
+    }
+
     /// What a correction costs, in 1/256 bits.
-    fn cost(&self, way: &Way<'_>, place: &mut Place, velocity: Option<&VelocityResidual>) -> u32 {
-        let (tongue, moved) = (self.chooser.tongue, velocity.is_some());
+    fn cost(
+        &self,
+        way: &Way<'_>,
+        forms: &[u32; 2],
+        place: &mut Place,
+        velocity: Option<&VelocityResidual>,
+    ) -> u32 {
+        let moved = velocity.is_some();
         let stays = way.course == Course::Same;
         let known = &mut place.costs[usize::from(stays) * 2 + usize::from(moved)];
         let of_place = *known.get_or_insert_with(|| {
-            tongue.cost_of_place(&way.course, self.age, moved, &place.residual)
+            Opening.cost_of_place(&way.course, self.age, moved, &place.residual)
         });
         let of_velocity = velocity.map_or(0, |velocity| {
-            tongue.cost_of_velocity(&way.course, self.age, velocity)
+            Opening.cost_of_velocity(&way.course, self.age, velocity)
         });
-        tongue.cost_of_form(&way.course, self.age, moved) + of_place + of_velocity
+        forms[usize::from(moved)] + of_place + of_velocity
     }
 
     /// Leaves steps out where that pays.
-    pub(super) fn make_sparser(&self, best: &mut Best<'_>) {
-        let sparse = SPARSE * self.chooser.slack;
-        let (way, footing, aim, said) = (best.way, best.footing, best.aim, best.said);
-        let mut tried = [Some(best.place.residual), None, None];
-        for rounding in [[sparse; 2], [sparse, 0.5], [0.5, sparse]] {
-            let Some(residual) = self.residual(footing, aim, rounding) else {
+    pub(super) fn make_sparser(&self, way: &Way<'_>, best: &mut Best<'_>) {
+        let slack = self.chooser.slack;
+        let (sparse, most) = (SPARSE * slack, SPARSE_SHARE * slack);
+        let wanted = self.wanted(best.footing, best.aim);
+        // What was tried already is no better now.
+        let mut tried = [best.place.residual; 3];
+        for (count, rounding) in (1..).zip([[sparse; 2], [sparse, 0.5], [0.5, sparse]]) {
+            let Some(residual) = residual(wanted, rounding) else {
                 continue;
             };
-            // What was tried already is no better now.
-            if tried.contains(&Some(residual)) {
+            let known = |other: &Residual| {
+                other.position == residual.position && other.turn == residual.turn
+            };
+            if tried.iter().any(known) {
                 continue;
             }
-            if let Some(free) = tried.iter_mut().find(|tried| tried.is_none()) {
-                *free = Some(residual);
+            if let Some(free) = tried.get_mut(count) {
+                *free = residual;
             }
-            let Some(mut place) = self.place_at(footing, residual, rounding) else {
+            if self.surely_loses(way, best, &residual, most) {
+                continue;
+            }
+            let Some(mut place) = self.place_at(best.footing, residual, most) else {
                 continue;
             };
-            if let Some(candidate) = self.try_one(way, &mut place, said)
+            let candidate = self.try_one(way, &best.outset, &mut place, best.said);
+            if let Some(candidate) = candidate
                 && candidate.price < best.candidate.price
             {
                 (best.candidate, best.place) = (candidate, place);
             }
         }
+    }
+
+    /// Whether a correction clearly takes more than this share of the tolerance, or lasts for too short a time for what it
+    /// costs: then it need not be put on the grid.
+    fn surely_loses(&self, way: &Way<'_>, best: &Best<'_>, residual: &Residual, most: f64) -> bool {
+        let Footing { frame, wanted, .. } = best.footing;
+        let [position, turn] =
+            [residual.position, residual.turn].map(|steps| DVec3::from_array(steps.map(f64::from)));
+        let off = Shares::of([position - wanted[0], turn - wanted[1]], self.worth.steps);
+        if self.worth.both(&off) * self.chooser.slack > most + ROUGHLY {
+            return true;
+        }
+        // How long a track holds that begins otherwise is not known so roughly.
+        if !self.subject.ahead.is_empty() || best.candidate.velocity.is_some() {
+            return false;
+        }
+        let moves = way.predictor != Predictor::Rest;
+        let implies = moves.then(|| {
+            let twist = frame.predicted.twist();
+            let rate = 1.0 / self.over.seconds();
+            let linear = twist.linear + position * (self.grid.position() * rate);
+            let angular = twist.angular + turn * (self.grid.turn() * rate);
+            Shares::of([linear, angular], self.worth.moving)
+        });
+        let cost =
+            best.outset.forms[0] + Opening.cost_of_place(&way.course, self.age, false, residual);
+        let life = self.at_most(&best.outset.prospect, &off, implies);
+        price(cost, life) >= best.candidate.price
     }
 }
 
@@ -295,10 +363,9 @@ impl Place {
 
 impl Best<'_> {
     /// As it is said, and believed from then on.
-    pub(super) fn choice(&self, trial: &Trial<'_>) -> Choice {
+    pub(super) fn choice(&self, way: &Way<'_>, trial: &Trial<'_>) -> Choice {
         let Self {
             candidate: Candidate { velocity, .. },
-            way,
             place,
             ..
         } = self;
@@ -328,13 +395,23 @@ fn price(cost: u32, life: f64) -> f64 {
     f64::from(cost + OVERHEAD) / life
 }
 
+/// Position and turn in whole steps.
+fn residual([position, turn]: [DVec3; 2], [of_position, of_turn]: [f64; 2]) -> Option<Residual> {
+    Some(Residual {
+        position: rounded(position, of_position)?,
+        turn: rounded(turn, of_turn)?,
+        velocity: None,
+    })
+}
+
 /// To whole steps: up from this share of a step on, towards zero below; `None` beyond what an update may hold.
 fn rounded(steps: DVec3, share: f64) -> Option<[i32; 3]> {
-    let limit = f64::from(RESIDUAL_LIMIT);
     let round = |x: f64| {
-        let whole = libm::copysign(libm::floor(x.abs() + (1.0 - share)), x);
-        // Written so that NaN fails too.
-        (whole.abs() <= limit).then_some(whole as i32)
+        let whole = x.abs() + (1.0 - share);
+        // Written so that NaN is not within either; what is cut off is a fraction, and nothing of what is too large.
+        let within = whole < f64::from(RESIDUAL_LIMIT) + 1.0;
+        let whole = whole as i32;
+        within.then_some(if x < 0.0 { -whole } else { whole })
     };
     Some([round(steps.x)?, round(steps.y)?, round(steps.z)?])
 }

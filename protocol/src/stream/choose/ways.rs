@@ -3,12 +3,12 @@
 //! In the world, or held by another body. Which of them serves best is not decided here.
 
 use glam::DVec3;
-use rhumb_reckoning::{Motion, Predictor, seen_from};
+use rhumb_reckoning::{Motion, Predictor, Push, seen_from};
 
 use super::pushing::PUSHES;
-use super::straying::Stray;
+use super::straying::{Drift, Stray};
 use super::{Chooser, Holder, Subject, apart};
-use crate::packet::Course;
+use crate::packet::{Age, Course};
 
 /// Courses that are tried: rest, a law that falls, one that does not, being held, and being pushed.
 const WAYS: usize = 4 + PUSHES;
@@ -51,6 +51,81 @@ pub(crate) struct Way<'a> {
     pub(crate) lasts: f64,
 }
 
+/// The courses that a body may take, each made when it is asked for.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ways<'f> {
+    chooser: &'f Chooser<'f>,
+    subject: &'f Subject<'f>,
+    frames: &'f Frames<'f>,
+    /// Of the body that holds it now.
+    carrier_age: Option<Age>,
+    /// A body whose carrier is gone can only be said anew.
+    orphaned: bool,
+    floating: Predictor,
+    falling: Predictor,
+    drift: Drift,
+    /// What it may fall by, m/s².
+    gravity: Option<DVec3>,
+    pushes: [Option<Push>; PUSHES],
+}
+
+impl<'f> Ways<'f> {
+    /// All there are, with their numbers.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (usize, Way<'f>)> {
+        let all = if self.orphaned { 0 } else { WAYS };
+        (0..all).filter_map(|number| Some((number, self.way(number)?)))
+    }
+
+    /// One of them, if there is such a one.
+    #[inline]
+    pub(crate) fn way(&self, number: usize) -> Option<Way<'f>> {
+        let (drift, endless) = (&self.drift, f64::INFINITY);
+        let way = match number {
+            0 => {
+                let stray = self.chooser.stray_of_rest(self.subject);
+                self.free(Predictor::Rest, stray, endless)
+            }
+            1 => self.free(self.floating, drift.stray(None), endless),
+            2 => self.free(self.falling, drift.stray(Some(self.gravity?)), endless),
+            3 => {
+                let held = self.frames.held.as_ref()?;
+                Way {
+                    course: held.course,
+                    predictor: Predictor::Rest,
+                    frame: &held.frame,
+                    stray: held.stray,
+                    lasts: endless,
+                }
+            }
+            _ => {
+                let push = (*self.pushes.get(number - 4)?)?;
+                let stray = drift.stray(Some(push.acceleration()));
+                self.free(Predictor::Pushed(push), stray, PUSH_LASTS)
+            }
+        };
+        Some(way)
+    }
+
+    /// A course in the world.
+    fn free(&self, predictor: Predictor, stray: Stray, lasts: f64) -> Way<'f> {
+        let now = self.subject.track;
+        Way {
+            course: if now.carrier.is_none() && now.predictor == predictor {
+                Course::Same
+            } else {
+                Course::World {
+                    predictor,
+                    carrier_age: self.carrier_age,
+                }
+            },
+            predictor,
+            frame: &self.frames.free,
+            stray,
+            lasts,
+        }
+    }
+}
+
 impl Way<'_> {
     /// Whether another body holds the body.
     pub(super) const fn is_held(&self) -> bool {
@@ -73,67 +148,30 @@ impl Chooser<'_> {
     }
 
     /// The courses that a body may take.
-    pub(crate) fn ways<'f>(
-        &self,
-        subject: &Subject<'_>,
-        frames: &'f Frames<'_>,
-    ) -> [Option<Way<'f>>; WAYS] {
-        let mut ways = [const { None }; WAYS];
+    pub(crate) fn ways<'f>(&'f self, subject: &'f Subject<'_>, frames: &'f Frames<'_>) -> Ways<'f> {
         let now = subject.track;
         let carrier = self.tracks.carrier(now);
         let carrier_age =
             carrier.and_then(|(_, slot)| self.tracks.age(&slot.track(), subject.tick));
-        // A body whose carrier is gone can only be said anew.
-        if now.carrier.is_some() && carrier.is_none() {
-            return ways;
-        }
-        let way = |predictor, stray, lasts| Way {
-            course: if now.carrier.is_none() && now.predictor == predictor {
-                Course::Same
-            } else {
-                Course::World {
-                    predictor,
-                    carrier_age,
-                }
-            },
-            predictor,
-            frame: &frames.free,
-            stray,
-            lasts,
-        };
-        let (floating, falling) = if subject.slot.tumbles() && self.features.tumbling {
+        let tumbles = subject.slot.tumbles() && self.features.tumbling;
+        let (floating, falling) = if tumbles {
             (Predictor::Tumbling, Predictor::Thrown)
         } else {
             (Predictor::Uniform, Predictor::Ballistic)
         };
-        let drift = self.drift(subject, floating);
         let gravity = self.tracks.gravity(subject.slot, subject.tick);
-        let [rest, float, fall, held, pushed @ ..] = &mut ways;
-        *rest = Some(way(
-            Predictor::Rest,
-            self.stray_of_rest(subject),
-            f64::INFINITY,
-        ));
-        *float = Some(way(floating, drift.stray(None), f64::INFINITY));
-        if self.features.ballistic && gravity != DVec3::ZERO {
-            *fall = Some(way(falling, drift.stray(Some(gravity)), f64::INFINITY));
+        Ways {
+            chooser: self,
+            subject,
+            frames,
+            carrier_age,
+            orphaned: now.carrier.is_some() && carrier.is_none(),
+            floating,
+            falling,
+            drift: self.drift(subject, floating),
+            gravity: Some(gravity).filter(|by| self.features.ballistic && *by != DVec3::ZERO),
+            pushes: self.pushes(subject),
         }
-        if let Some(by) = &frames.held {
-            *held = Some(Way {
-                course: by.course,
-                predictor: Predictor::Rest,
-                frame: &by.frame,
-                stray: by.stray,
-                lasts: f64::INFINITY,
-            });
-        }
-        for (pushed, push) in pushed.iter_mut().zip(self.pushes(subject)) {
-            *pushed = push.map(|push| {
-                let stray = drift.stray(Some(push.acceleration()));
-                way(Predictor::Pushed(push), stray, PUSH_LASTS)
-            });
-        }
-        ways
     }
 
     /// The course of being held by another body.

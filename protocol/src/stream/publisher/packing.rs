@@ -38,7 +38,7 @@ impl Publisher {
         let islands = self.sort_by_island(tick, updates);
         let (mut rest, mut islands) = (updates, islands.as_slice());
         while !islands.is_empty() {
-            let (count, fitting) = self.fitting(rest, islands);
+            let (count, fitting) = Self::fitting(rest, islands);
             let (now, later) = rest.split_at_mut(fitting);
             islands = &islands[count..];
             self.pack_islands(tick, now, notices, islands.is_empty(), out);
@@ -47,14 +47,11 @@ impl Publisher {
     }
 
     /// How many islands fit a packet, one at least, and how many updates those have.
-    fn fitting(&self, updates: &[Update], islands: &[usize]) -> (usize, usize) {
+    fn fitting(updates: &[Update], islands: &[usize]) -> (usize, usize) {
         let (mut count, mut fitting, mut bits) = (0, 0, 0);
         for size in islands {
             let island = &updates[fitting..fitting + size];
-            bits += island
-                .iter()
-                .map(|update| self.bits_of(update))
-                .sum::<u64>();
+            bits += island.iter().map(Self::bits_of).sum::<u64>();
             if count > 0 && bits > FILLED * 8 * 256 {
                 break;
             }
@@ -105,7 +102,7 @@ impl Publisher {
         let cut = self.middle_of_islands(tick, updates).unwrap_or_else(|| {
             updates.sort_unstable_by_key(|update| (update.saying.names_carrier(), update.seat));
             let alone = updates.partition_point(|update| !update.saying.names_carrier());
-            self.middle(updates).min(alone)
+            Self::middle(updates).min(alone)
         });
         let (first, second) = updates.split_at_mut(cut);
         self.pack_islands(tick, first, notices, second.is_empty(), out);
@@ -115,8 +112,7 @@ impl Publisher {
     /// How many of the first updates are the islands that take about half of the bits of all, if any do.
     fn middle_of_islands(&self, tick: Tick, updates: &mut [Update]) -> Option<usize> {
         let islands = self.sort_by_island(tick, updates);
-        let bits =
-            |updates: &[Update]| -> u64 { updates.iter().map(|update| self.bits_of(update)).sum() };
+        let bits = |updates: &[Update]| -> u64 { updates.iter().map(Self::bits_of).sum() };
         let half = bits(updates) / 2;
         let (mut cut, mut so_far) = (0, 0);
         let mut best = None;
@@ -132,8 +128,8 @@ impl Publisher {
     }
 
     /// How many of the first updates take half of the bits of all.
-    fn middle(&self, updates: &[Update]) -> usize {
-        let bits = updates.iter().map(|update| self.bits_of(update));
+    fn middle(updates: &[Update]) -> usize {
+        let bits = updates.iter().map(Self::bits_of);
         let half = bits.clone().sum::<u64>() / 2;
         let mut so_far = 0;
         let before = |bits: &u64| {

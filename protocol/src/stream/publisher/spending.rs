@@ -11,7 +11,7 @@ use bytes::Bytes;
 use rhumb_reckoning::{HORIZON, Predictor, Tick, Track};
 
 use super::Publisher;
-use crate::packet::{Excess, TrackSaying, Update};
+use crate::packet::{Excess, Opening, Pricing, TrackSaying, Update};
 use crate::stream::budget::{Budget, Purse};
 use crate::stream::choose::share;
 use crate::stream::observation::{Activity, Observation};
@@ -222,7 +222,7 @@ impl Publisher {
         for due in if all { due } else { in_turn(due, tick) } {
             if due.urgent || all || spent < allowed * 8 * 256 {
                 let update = self.judge(witness, tick, &due.seen, None);
-                spent += update.as_ref().map_or(0, |update| self.bits_of(update));
+                spent += update.as_ref().map_or(0, Self::bits_of);
                 updates.extend(update);
                 // Loosened words may leave more than the tolerance.
                 let left = self.seen_slot(&due.seen);
@@ -246,12 +246,12 @@ impl Publisher {
     }
 
     /// Bits of an update in 256ths, more or less.
-    pub(super) fn bits_of(&self, update: &Update) -> u64 {
+    pub(super) fn bits_of(update: &Update) -> u64 {
         /// Naming a body by its index, and by its seat.
         const NAMED: u64 = 24 * 256;
         const SEATED: u64 = 4 * 256;
         let name = if update.body.is_some() { NAMED } else { SEATED };
-        u64::from(self.tongue.cost(&update.saying)) + name
+        u64::from(Opening.cost(&update.saying)) + name
     }
 }
 

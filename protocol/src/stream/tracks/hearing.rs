@@ -126,7 +126,7 @@ impl Tracks {
         };
         let footing = self.footing(index, course, age, tick, former)?;
         let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
-        Ok(footing.track(tick, residual, &self.grid(slot)))
+        Ok(footing.track(tick, residual, self.grid(slot)))
     }
 
     /// The track of a body that comes to rest.
