@@ -21,6 +21,14 @@ pub(crate) fn floor(x: f64) -> f64 {
     if cut > x { cut - 1.0 } else { cut }
 }
 
+/// The greatest whole number that is not above `x`, within ±2³¹; NaN gives zero.
+#[inline]
+pub(crate) fn floor_to_i32(x: f64) -> i32 {
+    // The cast saturates, and what is cut off is a fraction only.
+    let cut = x as i32;
+    cut.saturating_sub(i32::from(f64::from(cut) > x))
+}
+
 /// From 2⁵² on every double is whole.
 const WHOLE: f64 = 4_503_599_627_370_496.0;
 
@@ -187,6 +195,14 @@ mod tests {
         fn a_turn_is_of_unit_length(x in -10.0_f64..10.0, y in -10.0_f64..10.0, z in -10.0_f64..10.0) {
             let q = turn_by(DVec3::new(x, y, z));
             prop_assert!((length4(q) - 1.0).abs() < 1e-13);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_whole_number_is_the_floor_within_its_range(x in prop_oneof![-3.0_f64..3.0, -3e9_f64..3e9, any::<f64>()]) {
+            let floor = libm::floor(x).clamp(-2_147_483_648.0, 2_147_483_647.0);
+            prop_assert_eq!(floor_to_i32(x), floor as i32);
         }
     }
 

@@ -6,7 +6,7 @@
 
 use glam::{DQuat, DVec3};
 
-use crate::exact::{add3, floor, normalised, product, scale3, turn_by};
+use crate::exact::{add3, floor_to_i32, normalised, product, scale3, turn_by};
 use crate::motion::{Motion, Pose, Twist};
 use crate::packed::PackedRotation;
 use crate::tolerance::Tolerance;
@@ -113,9 +113,7 @@ impl Grid {
 
 /// The nearest grid point, halves upward, saturating at `limit`.
 fn snap(value: f64, step: f64, limit: i32) -> i32 {
-    let limit = f64::from(limit);
-    // In range after the clamp, so the cast is exact.
-    floor(value / step + 0.5).clamp(-limit, limit) as i32
+    floor_to_i32(value / step + 0.5).clamp(-limit, limit)
 }
 
 fn snap3(value: DVec3, step: f64, limit: i32) -> [i32; 3] {
@@ -153,11 +151,17 @@ impl Snapped {
     pub fn of(motion: &Motion, grid: &Grid) -> Self {
         let (pose, twist) = (motion.pose(), motion.twist());
         Self {
-            position: snap3(pose.position, grid.fine, POSITION_LIMIT),
+            position: Self::position_of(&pose, grid),
             rotation: PackedRotation::of(pose.rotation),
             linear: snap3(twist.linear, grid.linear, VELOCITY_LIMIT),
             angular: snap3(twist.angular, grid.angular, VELOCITY_LIMIT),
         }
+    }
+
+    /// The grid point nearest to a position.
+    #[must_use]
+    pub fn position_of(pose: &Pose, grid: &Grid) -> [i32; 3] {
+        snap3(pose.position, grid.fine, POSITION_LIMIT)
     }
 
     /// The motion that these steps mean.
@@ -315,7 +319,7 @@ impl Residual {
     /// `over`: the time in which the prediction went astray, by which the correction is a velocity; more than nothing.
     #[must_use]
     pub fn onto(&self, predicted: &Motion, over: Seconds, grid: &Grid) -> Snapped {
-        let position = snap3(predicted.pose().position, grid.fine, POSITION_LIMIT);
+        let position = Snapped::position_of(&predicted.pose(), grid);
         let rotation = || PackedRotation::of(predicted.pose().rotation);
         self.onto_place(predicted, (position, rotation), over, grid)
     }
@@ -325,11 +329,11 @@ impl Residual {
     pub fn onto_snapped(
         &self,
         predicted: &Motion,
-        from: &Snapped,
+        (position, rotation): ([i32; 3], PackedRotation),
         over: Seconds,
         grid: &Grid,
     ) -> Snapped {
-        self.onto_place(predicted, (from.position, || from.rotation), over, grid)
+        self.onto_place(predicted, (position, || rotation), over, grid)
     }
 
     fn onto_place(
@@ -341,7 +345,8 @@ impl Residual {
     ) -> Snapped {
         let (pose, twist) = (predicted.pose(), predicted.twist());
         let turned = value3(self.turn, grid.turn);
-        let rotation = if self.turn == [0; 3] {
+        let [p, q, r] = self.turn;
+        let rotation = if p | q | r == 0 {
             rotation()
         } else {
             PackedRotation::of(normalised(product(turn_by(turned), pose.rotation)))

@@ -4,7 +4,7 @@
 
 use glam::DQuat;
 
-use crate::exact::{floor, normalised, sqrt};
+use crate::exact::{floor_to_i32, normalised, sqrt};
 
 /// A rotation as its three smaller components in steps of 2⁻¹⁹ and the place of the largest, which is positive.
 ///
@@ -57,8 +57,8 @@ impl PackedRotation {
     }
 
     fn nearest(rotation: DQuat) -> Self {
-        let most = f64::from(1 << 20);
-        let part = |part: f64| floor(part * PACKED_STEPS + 0.5).clamp(-most, most) as i32;
+        let most = 1 << 20;
+        let part = |part: f64| floor_to_i32(part * PACKED_STEPS + 0.5).clamp(-most, most);
         let steps = [
             part(rotation.x),
             part(rotation.y),

@@ -213,6 +213,7 @@ impl Tolerance {
     ///
     /// Not negative. The one judgement of publishers and of whoever checks them (RECKONING 5.1).
     #[must_use]
+    #[inline]
     pub fn share(&self, apart: &Divergence, radius: Metres) -> f64 {
         match self {
             Self::Surface(length) => {

@@ -20,6 +20,47 @@ const BIT: u32 = 256;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Opening;
 
+/// What position and turn of a correction cost at the beginning of a packet, whatever its form.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PlaceCost {
+    /// In which context each number is said by the first kind of form, and its size.
+    numbers: [(u16, u32); 6],
+    signs: u32,
+}
+
+impl PlaceCost {
+    pub(crate) fn of(age: Age, residual: &Residual) -> Self {
+        let mut place = Self {
+            numbers: [(0, 0); 6],
+            signs: 0,
+        };
+        let mut free = place.numbers.iter_mut();
+        numbers_of_place(0, age, residual, |context, size| {
+            if let Some(number) = free.next() {
+                // There are fewer contexts than 2¹⁶.
+                *number = (context as u16, size);
+            }
+            place.signs += sign(size);
+        });
+        place
+    }
+
+    /// By a form of this course, with velocities or without.
+    #[inline]
+    pub(crate) fn by(&self, course: &Course, moved: bool) -> u32 {
+        let kind = Mode::of_course(course, moved).kind();
+        let (position, turn) = self.numbers.split_at(3);
+        let cost = |numbers: &[(u16, u32)], behind: usize| -> u32 {
+            let of =
+                |(context, size): &(u16, u32)| opening_cost(usize::from(*context) + behind, *size);
+            numbers.iter().map(of).sum()
+        };
+        self.signs
+            + cost(position, kind * contexts::KIND_OF_POSITION)
+            + cost(turn, kind * contexts::KIND_OF_TURN)
+    }
+}
+
 /// By what expectations costs are reckoned.
 pub(crate) trait Pricing {
     /// What a number costs in a context.

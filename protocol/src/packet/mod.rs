@@ -24,7 +24,7 @@ mod whole;
 mod zigzag;
 
 pub use age::Age;
-pub(crate) use cost::{Opening, Pricing};
+pub(crate) use cost::{Opening, PlaceCost, Pricing};
 pub use digest::{Digest, Doubt, Ranges};
 pub use echo::Echo;
 pub use excess::Excess;

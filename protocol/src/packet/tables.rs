@@ -59,10 +59,14 @@ pub(super) mod contexts {
         (sum > 0) as usize + (sum > part) as usize + (sum > 3 * part) as usize
     }
 
+    /// How far the contexts of a position, and of a turn, of one kind of form lie behind those of the kind before.
+    pub(crate) const KIND_OF_POSITION: usize = 6 * 5;
+    pub(crate) const KIND_OF_TURN: usize = 6 * 9;
+
     /// A part of a position.
     pub(crate) const fn position(kind: usize, age: usize, part: usize, sum: u32) -> usize {
         let slot = if part == 0 { 0 } else { 1 + follows(part, sum) };
-        POSITION + (kind * 6 + age) * 5 + slot
+        POSITION + kind * KIND_OF_POSITION + age * 5 + slot
     }
 
     /// A part of a turn; `largest` is that of the position before.
@@ -82,7 +86,7 @@ pub(super) mod contexts {
         } else {
             8
         };
-        TURN + (kind * 6 + age) * 9 + slot
+        TURN + kind * KIND_OF_TURN + age * 9 + slot
     }
 
     /// A part of a linear (triple 2) or angular (triple 3) velocity, of a form that says velocities.

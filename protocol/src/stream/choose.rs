@@ -89,18 +89,13 @@ pub(crate) struct Chooser<'a> {
     pub(crate) slack: f64,
 }
 
-/// Where to put a body beside where it is.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Aim {
-    /// Metres, and a rotation vector in radians.
-    pose: [DVec3; 2],
-}
-
-impl Aim {
-    /// Nothing beside the truth.
-    const AT_TRUTH: Self = Self {
-        pose: [DVec3::ZERO; 2],
-    };
+/// Where to put a body.
+#[derive(Clone, Copy, Debug)]
+enum Aim {
+    /// Where it is.
+    Truth,
+    /// So far from there: metres, and a rotation vector in radians.
+    Beside([DVec3; 2]),
 }
 
 impl Chooser<'_> {
@@ -119,40 +114,47 @@ impl Chooser<'_> {
         // Free bodies are put on the same place whatever their law.
         let free = trial.footing(&frames.free);
         let held = frames.held.as_ref().map(|held| trial.footing(&held.frame));
-        let mut nearest = None;
-        let mut best: Option<Best<'_>> = None;
+        let footing = |way: &Way<'_>| match &held {
+            Some(held) if way.is_held() => held,
+            _ => &free,
+        };
+        let mut nearest = [None; 2];
+        let mut best: Option<Best> = None;
         for (number, way) in ways.iter() {
-            let footing = match &held {
-                Some(held) if way.is_held() => held,
-                _ => &free,
-            };
+            let (of, footing) = (usize::from(way.is_held()), footing(&way));
             let aims = (0..AIMS).map_while(|aim| self.aim(subject, &way, aim));
             for aim in aims {
-                let origin = (number, footing, aim);
-                if way.is_held() || aim != Aim::AT_TRUTH {
-                    if let Some(mut place) = trial.place(footing, aim) {
-                        trial.try_all(&way, origin, &mut place, &mut best);
-                    }
-                    continue;
-                }
-                let place = nearest.get_or_insert_with(|| trial.place(footing, aim));
+                let place = if let Aim::Truth = aim {
+                    let nearest = &mut nearest[of];
+                    nearest.get_or_insert_with(|| trial.place(footing, aim))
+                } else {
+                    &mut trial.place(footing, aim)
+                };
                 if let Some(place) = place {
-                    trial.try_all(&way, origin, place, &mut best);
+                    trial.try_all((number, &way), aim, place, &mut best);
                 }
             }
         }
         let mut best = best?;
         let way = ways.way(best.way)?;
+        let (of, footing) = (usize::from(way.is_held()), footing(&way));
+        let nearest = &mut nearest[of];
+        let place = if let Aim::Truth = best.aim {
+            nearest.as_mut()
+        } else {
+            Some(nearest.insert(trial.place(footing, best.aim)))
+        };
+        let place = place?.as_mut()?;
         if self.features.sparse {
-            trial.make_sparser(&way, &mut best);
+            trial.make_sparser(&way, footing, place, &mut best);
         }
-        Some(best.choice(&way, &trial))
+        Some(best.choice(&way, place, &trial))
     }
 
     /// Where to aim: at the truth first; with hindsight, a still body may be put in the middle of what it will do.
     fn aim(&self, subject: &Subject<'_>, way: &Way<'_>, aim: usize) -> Option<Aim> {
         let Some(middle) = aim.checked_sub(1) else {
-            return Some(Aim::AT_TRUTH);
+            return Some(Aim::Truth);
         };
         if way.predictor != Predictor::Rest {
             return None;
@@ -171,9 +173,7 @@ impl Chooser<'_> {
             .allowance(subject)
             .share(p.length() * 0.5, q.length() * 0.5);
         let scale = 0.5 * (AIM_MOST / share).min(1.0);
-        Some(Aim {
-            pose: [p * scale, q * scale],
-        })
+        Some(Aim::Beside([p * scale, q * scale]))
     }
 
     /// How much of the tolerance the beginning of a track uses, as a listener would measure it.

@@ -6,7 +6,7 @@
 use alloc::collections::BTreeMap;
 use alloc::vec::Vec;
 
-use rhumb_reckoning::{Class, Grid, Inertia, Metres};
+use rhumb_reckoning::{Class, Grid, Inertia, Metres, Tolerance};
 
 /// One kind of body in one stream.
 #[derive(Clone, Debug)]
@@ -17,6 +17,8 @@ pub(super) struct Nature {
     /// Which of the tables of dampings.
     pub(super) flow: u16,
     pub(super) class: Class,
+    /// The stream's, by the class.
+    pub(super) tolerance: Tolerance,
     pub(super) grid: Grid,
 }
 
@@ -95,7 +97,6 @@ impl Natures {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rhumb_reckoning::Tolerance;
 
     fn nature(radius: f64, inertia: Option<Inertia>) -> Nature {
         let radius = Metres::new(radius);
@@ -105,6 +106,7 @@ mod tests {
             inertia,
             flow: 0,
             class: Class::USUAL,
+            tolerance: Tolerance::NORMAL,
             grid: Grid::new(Tolerance::NORMAL, radius),
         }
     }

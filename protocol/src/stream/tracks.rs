@@ -142,13 +142,15 @@ impl Tracks {
         };
         let index = id.index() as usize;
         grow_to(&mut self.slots, index + 1, || None);
+        let tolerance = self.tolerance.of_class(manner.class);
         let nature = self.natures.join(Nature {
             radius: manner.radius,
             gravity_scale: manner.gravity_scale,
             inertia: manner.inertia,
             flow,
             class: manner.class,
-            grid: Grid::new(self.tolerance.of_class(manner.class), manner.radius),
+            tolerance,
+            grid: Grid::new(tolerance, manner.radius),
         });
         let slot = Slot::new(id, &track, nature, manner.inertia.is_some());
         if manner.inertia.is_some() {
@@ -252,7 +254,7 @@ impl Tracks {
 
     /// How far off the copy of a body may be: the stream's tolerance, by the body's class.
     pub(crate) fn tolerance_of(&self, slot: &Slot) -> Tolerance {
-        self.tolerance.of_class(self.natures.get(slot.nature).class)
+        self.natures.get(slot.nature).tolerance
     }
 
     /// Of the least ball around a body's centre of mass that holds it.

@@ -122,6 +122,7 @@ impl Trial<'_> {
     }
 
     /// The tick at which a body that begins so far off and strays so is expected to be off by so much of its tolerance.
+    #[inline]
     fn beyond(&self, rate: &Shares, square: &Shares, off: &Shares, most: f64) -> f64 {
         let (mut at, mut before) = (0.0, self.worth.both(off));
         for look in LOOKS {

@@ -16,6 +16,7 @@ pub(super) struct Shares([f64x2; 3]);
 
 impl Shares {
     /// Of so many metres and radians, of so many m/s and rad/s, or of so many steps of a grid, each worth so much.
+    #[inline]
     pub(super) fn of([linear, angular]: [DVec3; 2], unit: f64x2) -> Self {
         Self([
             f64x2::new([linear.x, angular.x]) * unit,
@@ -25,6 +26,7 @@ impl Shares {
     }
 
     /// Of whole steps.
+    #[inline]
     pub(super) fn of_steps([a, b, c]: [i32; 3], [p, q, r]: [i32; 3], unit: f64x2) -> Self {
         let pair =
             |linear: i32, angular: i32| f64x2::new([f64::from(linear), f64::from(angular)]) * unit;
@@ -32,6 +34,7 @@ impl Shares {
     }
 
     /// How long they are, of position and of turn.
+    #[inline]
     fn lengths(&self) -> [f64; 2] {
         let [x, y, z] = self.0;
         (x * x + y * y + z * z).sqrt().to_array()
@@ -41,6 +44,7 @@ impl Shares {
 impl Add for Shares {
     type Output = Self;
 
+    #[inline]
     fn add(self, other: Self) -> Self {
         let ([a, b, c], [x, y, z]) = (self.0, other.0);
         Self([a + x, b + y, c + z])
@@ -50,6 +54,7 @@ impl Add for Shares {
 impl Sub for Shares {
     type Output = Self;
 
+    #[inline]
     fn sub(self, other: Self) -> Self {
         let ([a, b, c], [x, y, z]) = (self.0, other.0);
         Self([a - x, b - y, c - z])
@@ -59,6 +64,7 @@ impl Sub for Shares {
 impl Mul<f64> for Shares {
     type Output = Self;
 
+    #[inline]
     fn mul(self, factor: f64) -> Self {
         let ([a, b, c], factor) = (self.0, f64x2::splat(factor));
         Self([a * factor, b * factor, c * factor])
@@ -79,6 +85,7 @@ pub(super) struct Worth {
 }
 
 impl Worth {
+    #[inline]
     pub(super) fn of(allowance: &Allowance, grid: &Grid, step_s: f64) -> Self {
         let still = f64x2::new([1.0 / allowance.position, 1.0 / allowance.turn]);
         let moving = still * f64x2::splat(step_s);

@@ -5,14 +5,14 @@
 
 use glam::DVec3;
 use rhumb_reckoning::{
-    Anchor, Grid, Motion, Predictor, RESIDUAL_LIMIT, Residual, Seconds, Snapped, Ticks, Track,
-    VelocityResidual,
+    Anchor, Grid, Motion, PackedRotation, Predictor, RESIDUAL_LIMIT, Residual, Seconds, Snapped,
+    Ticks, Track, VelocityResidual,
 };
 
 use super::lasting::{Prospect, ROUGHLY};
 use super::shares::{Shares, Worth};
 use super::{Aim, Choice, Chooser, Frame, OVERHEAD, Subject, Way, apart, doubt};
-use crate::packet::{Age, Course, Opening, Pricing, Saying};
+use crate::packet::{Age, Opening, PlaceCost, Pricing, Saying};
 
 /// Steps are rounded to the nearest.
 const NEAREST: [f64; 2] = [0.5; 2];
@@ -53,8 +53,8 @@ pub(super) struct Place {
     pub(super) off: Shares,
     /// The implied velocities, tick by tick.
     pub(super) implies: Shares,
-    /// What position and turn cost, by whether the course stays and whether velocities are said.
-    costs: [Option<u32>; 4],
+    /// What position and turn cost.
+    cost: PlaceCost,
 }
 
 /// A correction that keeps the promise.
@@ -69,21 +69,20 @@ pub(super) struct Candidate {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Footing<'f> {
     frame: &'f Frame<'f>,
-    /// The grid point nearest to what was predicted.
-    snapped: Snapped,
+    /// The grid point nearest to where it was predicted.
+    position: [i32; 3],
+    rotation: PackedRotation,
     /// How far the truth is from it, in steps of position and of turn.
     wanted: [DVec3; 2],
 }
 
 /// The best so far, and how it came about.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Best<'w> {
+pub(super) struct Best {
     candidate: Candidate,
     /// The number of its course.
     pub(super) way: usize,
-    footing: &'w Footing<'w>,
-    place: Place,
-    aim: Aim,
+    pub(super) aim: Aim,
     said: Option<u32>,
     outset: Outset,
 }
@@ -123,7 +122,8 @@ impl Trial<'_> {
         let predicted = &frame.predicted;
         Footing {
             frame,
-            snapped: Snapped::of(predicted, self.grid),
+            position: Snapped::position_of(&predicted.pose(), self.grid),
+            rotation: PackedRotation::of(predicted.pose().rotation),
             wanted: Residual::wanted(&frame.truth.pose(), &predicted.pose(), self.grid),
         }
     }
@@ -137,19 +137,20 @@ impl Trial<'_> {
     /// How far an aim is from what was predicted, in steps of position and of turn.
     fn wanted(&self, footing: &Footing<'_>, aim: Aim) -> [DVec3; 2] {
         let [position, turn] = footing.wanted;
-        if aim == Aim::AT_TRUTH {
-            return [position, turn];
+        match aim {
+            Aim::Truth => [position, turn],
+            Aim::Beside([metres, radians]) => [
+                position + metres / self.grid.position(),
+                turn + radians / self.grid.turn(),
+            ],
         }
-        [
-            position + aim.pose[0] / self.grid.position(),
-            turn + aim.pose[1] / self.grid.turn(),
-        ]
     }
 
     /// The same of a given correction, if it uses at most this share of the tolerance.
     fn place_at(&self, footing: &Footing<'_>, residual: Residual, most: f64) -> Option<Place> {
         let (grid, chooser, frame) = (self.grid, self.chooser, footing.frame);
-        let implied = residual.onto_snapped(&frame.predicted, &footing.snapped, self.over, grid);
+        let from = (footing.position, footing.rotation);
+        let implied = residual.onto_snapped(&frame.predicted, from, self.over, grid);
         let still = implied.stilled().motion(grid);
         if !residual.is_within_limits()
             || chooser.exact_share(self.subject, frame, &still.pose()) > most
@@ -163,23 +164,23 @@ impl Trial<'_> {
             still,
             off: Shares::of(apart(&still.pose(), &frame.truth.pose()), self.worth.still),
             implies: Shares::of_steps(implied.linear, implied.angular, self.worth.velocities),
-            costs: [None; 4],
+            cost: PlaceCost::of(self.age, &residual),
         })
     }
 
     /// Tries a place without velocities, and with them for as long as they may pay.
-    pub(super) fn try_all<'w>(
+    pub(super) fn try_all(
         &self,
-        way: &Way<'_>,
-        (number, footing, aim): (usize, &'w Footing<'w>, Aim),
-        place: &mut Place,
-        best: &mut Option<Best<'w>>,
+        (number, way): (usize, &Way<'_>),
+        aim: Aim,
+        place: &Place,
+        best: &mut Option<Best>,
     ) {
         let outset = Outset {
             forms: self.forms(way),
             prospect: self.prospect(way),
         };
-        let mut note = |candidate: Candidate, place: &Place, said| {
+        let mut note = |candidate: Candidate, said| {
             let least = best
                 .as_ref()
                 .map_or(f64::INFINITY, |best| best.candidate.price);
@@ -190,8 +191,6 @@ impl Trial<'_> {
             *best = Some(Best {
                 candidate,
                 way: number,
-                footing,
-                place: *place,
                 aim,
                 said,
                 outset,
@@ -201,7 +200,7 @@ impl Trial<'_> {
         let moves = way.predictor != Predictor::Rest;
         let mut least = f64::INFINITY;
         if let Some(candidate) = self.try_one(way, &outset, place, None) {
-            least = note(candidate, place, None);
+            least = note(candidate, None);
         }
         if !moves {
             return;
@@ -220,7 +219,7 @@ impl Trial<'_> {
                     velocity: Some(velocity),
                     price: price(cost, life),
                 };
-                least = note(candidate, place, Some(coarseness));
+                least = note(candidate, Some(coarseness));
             }
         }
     }
@@ -230,7 +229,7 @@ impl Trial<'_> {
         &self,
         way: &Way<'_>,
         outset: &Outset,
-        place: &mut Place,
+        place: &Place,
         said: Option<u32>,
     ) -> Option<Candidate> {
         let moves = way.predictor != Predictor::Rest;
@@ -263,64 +262,67 @@ impl Trial<'_> {
         &self,
         way: &Way<'_>,
         forms: &[u32; 2],
-        place: &mut Place,
+        place: &Place,
         velocity: Option<&VelocityResidual>,
     ) -> u32 {
         let moved = velocity.is_some();
-        let stays = way.course == Course::Same;
-        let known = &mut place.costs[usize::from(stays) * 2 + usize::from(moved)];
-        let of_place = *known.get_or_insert_with(|| {
-            Opening.cost_of_place(&way.course, self.age, moved, &place.residual)
-        });
         let of_velocity = velocity.map_or(0, |velocity| {
             Opening.cost_of_velocity(&way.course, self.age, velocity)
         });
-        forms[usize::from(moved)] + of_place + of_velocity
+        forms[usize::from(moved)] + place.cost.by(&way.course, moved) + of_velocity
     }
 
-    /// Leaves steps out where that pays.
-    pub(super) fn make_sparser(&self, way: &Way<'_>, best: &mut Best<'_>) {
+    /// Leaves steps of the best correction out where that pays.
+    pub(super) fn make_sparser(
+        &self,
+        way: &Way<'_>,
+        footing: &Footing<'_>,
+        place: &mut Place,
+        best: &mut Best,
+    ) {
         let slack = self.chooser.slack;
         let (sparse, most) = (SPARSE * slack, SPARSE_SHARE * slack);
-        let wanted = self.wanted(best.footing, best.aim);
+        let wanted = self.wanted(footing, best.aim);
         // What was tried already is no better now.
-        let mut tried = [best.place.residual; 3];
+        let mut tried = [place.residual; 3];
         for (count, rounding) in (1..).zip([[sparse; 2], [sparse, 0.5], [0.5, sparse]]) {
             let Some(residual) = residual(wanted, rounding) else {
                 continue;
             };
-            let known = |other: &Residual| {
-                other.position == residual.position && other.turn == residual.turn
-            };
-            if tried.iter().any(known) {
+            if tried.iter().any(|other| is_same_place(other, &residual)) {
                 continue;
             }
             if let Some(free) = tried.get_mut(count) {
                 *free = residual;
             }
-            if self.surely_loses(way, best, &residual, most) {
+            if self.surely_loses(way, footing, best, &residual) {
                 continue;
             }
-            let Some(mut place) = self.place_at(best.footing, residual, most) else {
+            let Some(sparser) = self.place_at(footing, residual, most) else {
                 continue;
             };
-            let candidate = self.try_one(way, &best.outset, &mut place, best.said);
+            let candidate = self.try_one(way, &best.outset, &sparser, best.said);
             if let Some(candidate) = candidate
                 && candidate.price < best.candidate.price
             {
-                (best.candidate, best.place) = (candidate, place);
+                (best.candidate, *place) = (candidate, sparser);
             }
         }
     }
 
-    /// Whether a correction clearly takes more than this share of the tolerance, or lasts for too short a time for what it
-    /// costs: then it need not be put on the grid.
-    fn surely_loses(&self, way: &Way<'_>, best: &Best<'_>, residual: &Residual, most: f64) -> bool {
-        let Footing { frame, wanted, .. } = best.footing;
-        let [position, turn] =
-            [residual.position, residual.turn].map(|steps| DVec3::from_array(steps.map(f64::from)));
+    /// Whether a sparser correction clearly takes too much of the tolerance, or lasts for too short a time for what it costs:
+    /// then it need not be put on the grid.
+    fn surely_loses(
+        &self,
+        way: &Way<'_>,
+        footing: &Footing<'_>,
+        best: &Best,
+        residual: &Residual,
+    ) -> bool {
+        let Footing { frame, wanted, .. } = footing;
+        let (position, turn) = (whole(residual.position), whole(residual.turn));
         let off = Shares::of([position - wanted[0], turn - wanted[1]], self.worth.steps);
-        if self.worth.both(&off) * self.chooser.slack > most + ROUGHLY {
+        if self.worth.both(&off) > SPARSE_SHARE + ROUGHLY {
             return true;
         }
         // How long a track holds that begins otherwise is not known so roughly.
@@ -335,8 +337,7 @@ impl Trial<'_> {
             let angular = twist.angular + turn * (self.grid.turn() * rate);
             Shares::of([linear, angular], self.worth.moving)
         });
-        let cost =
-            best.outset.forms[0] + Opening.cost_of_place(&way.course, self.age, false, residual);
+        let cost = best.outset.forms[0] + PlaceCost::of(self.age, residual).by(&way.course, false);
         let life = self.at_most(&best.outset.prospect, &off, implies);
         price(cost, life) >= best.candidate.price
     }
@@ -361,14 +362,10 @@ impl Place {
     }
 }
 
-impl Best<'_> {
+impl Best {
     /// As it is said, and believed from then on.
-    pub(super) fn choice(&self, way: &Way<'_>, trial: &Trial<'_>) -> Choice {
-        let Self {
-            candidate: Candidate { velocity, .. },
-            place,
-            ..
-        } = self;
+    pub(super) fn choice(&self, way: &Way<'_>, place: &Place, trial: &Trial<'_>) -> Choice {
+        let Candidate { velocity, .. } = &self.candidate;
         let snapped = place.snapped(velocity.as_ref());
         let rests = way.predictor == Predictor::Rest;
         Choice {
@@ -402,6 +399,15 @@ fn residual([position, turn]: [DVec3; 2], [of_position, of_turn]: [f64; 2]) -> O
         turn: rounded(turn, of_turn)?,
         velocity: None,
     })
+}
+
+fn is_same_place(one: &Residual, other: &Residual) -> bool {
+    let same = |[a, b, c]: [i32; 3], [x, y, z]: [i32; 3]| a == x && b == y && c == z;
+    same(one.position, other.position) && same(one.turn, other.turn)
+}
+
+fn whole([x, y, z]: [i32; 3]) -> DVec3 {
+    DVec3::new(f64::from(x), f64::from(y), f64::from(z))
 }
 
 /// To whole steps: up from this share of a step on, towards zero below; `None` beyond what an update may hold.
