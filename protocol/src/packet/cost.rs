@@ -23,7 +23,7 @@ pub(crate) struct Opening;
 /// What position and turn of a correction cost at the beginning of a packet, whatever its form.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlaceCost {
-    /// In which context each number is said by the first kind of form, and its size.
+    /// In which context each number is said by the first kind of form, and its size; position, then turn.
     numbers: [(u16, u32); 6],
     signs: u32,
 }
@@ -49,15 +49,15 @@ impl PlaceCost {
     #[inline]
     pub(crate) fn by(&self, course: &Course, moved: bool) -> u32 {
         let kind = Mode::of_course(course, moved).kind();
-        let (position, turn) = self.numbers.split_at(3);
-        let cost = |numbers: &[(u16, u32)], behind: usize| -> u32 {
-            let of =
-                |(context, size): &(u16, u32)| opening_cost(usize::from(*context) + behind, *size);
-            numbers.iter().map(of).sum()
+        let [x, y, z, a, b, c] = self.numbers;
+        let position = kind * contexts::KIND_OF_POSITION;
+        let turn = kind * contexts::KIND_OF_TURN;
+        let of = |(context, size): (u16, u32), behind: usize| {
+            opening_cost(usize::from(context) + behind, size)
         };
-        self.signs
-            + cost(position, kind * contexts::KIND_OF_POSITION)
-            + cost(turn, kind * contexts::KIND_OF_TURN)
+        let positions = of(x, position) + of(y, position) + of(z, position);
+        let turns = of(a, turn) + of(b, turn) + of(c, turn);
+        self.signs + positions + turns
     }
 }
 
@@ -102,6 +102,7 @@ pub(crate) trait Pricing {
     }
 
     /// Of a correction, what says its form, its age, its carrier and its push.
+    #[inline]
     fn cost_of_form(&self, course: &Course, age: Age, moved: bool) -> u32 {
         let mode = Mode::of_course(course, moved);
         let context = contexts::age(mode.kind());

@@ -138,8 +138,14 @@ impl Model {
 pub(crate) fn opening_cost(context: usize, number: u32) -> u32 {
     match OPENING_COSTS[context].get(number as usize) {
         Some(cost) => u32::from(*cost),
-        None => BEGINNING[context].alphabet.cost(number),
+        None => opening_cost_of_many(context, number),
     }
+}
+
+/// The same of a number that is seldom so large.
+#[cold]
+fn opening_cost_of_many(context: usize, number: u32) -> u32 {
+    BEGINNING[context].alphabet.cost(number)
 }
 
 /// Numbers whose costs at the beginning are known.

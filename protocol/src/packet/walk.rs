@@ -10,6 +10,7 @@ use super::age::Age;
 use super::tables::contexts;
 
 /// Walks over the numbers of a residual in the order in which they are said, with the context of each.
+#[inline]
 pub(super) fn numbers(kind: usize, age: Age, residual: &Residual, mut say: impl FnMut(usize, i32)) {
     let mut residual = *residual;
     let Ok(()) = each(kind, age, &mut residual, |context, number| {

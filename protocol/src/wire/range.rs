@@ -49,6 +49,7 @@ impl RangeWriter {
     /// # Panics
     ///
     /// When it covers nothing.
+    #[inline]
     pub(crate) fn symbol(&mut self, start: u32, size: u32, bits: u32) {
         assert!(size > 0, "what has no probability cannot be said");
         let part = self.range >> bits;
@@ -66,6 +67,7 @@ impl RangeWriter {
     }
 
     /// The low `count` bits of `value`, each as likely as not; `count` is at most 32.
+    #[inline]
     pub(crate) fn raw(&mut self, value: u32, count: u32) {
         let low_count = count.min(RAW_BITS_STEP);
         if count > RAW_BITS_STEP {

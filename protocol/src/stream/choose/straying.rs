@@ -58,6 +58,7 @@ struct Drifted {
 
 impl Drift {
     /// How the last two ticks strayed from a law by which this pulls at the body, m/s².
+    #[inline]
     pub(super) fn stray(&self, pull: Option<DVec3>) -> Stray {
         let strayed = |drifted: &Drifted| {
             let expected = match pull {

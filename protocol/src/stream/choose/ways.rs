@@ -107,6 +107,7 @@ impl<'f> Ways<'f> {
     }
 
     /// A course in the world.
+    #[inline]
     fn free(&self, predictor: Predictor, stray: Stray, lasts: f64) -> Way<'f> {
         let now = self.subject.track;
         Way {

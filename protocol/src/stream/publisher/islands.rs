@@ -11,6 +11,7 @@ use alloc::vec::Vec;
 use rhumb_reckoning::Tick;
 
 use super::Publisher;
+use super::packing::sort_by_seat;
 use crate::packet::Update;
 
 /// Beyond so many updates nobody is kept together: a tick that says so much of all bodies is a pit's, whose bodies all
@@ -29,20 +30,33 @@ struct Ball {
 
 /// Which places are of one island, as far as is known: each points at a lower one of its own, or at itself.
 #[derive(Debug)]
-struct Union(Vec<usize>);
+struct Union {
+    places: Vec<usize>,
+    /// Whether any were joined.
+    joined: bool,
+}
 
 impl Union {
+    /// Each an island of its own.
+    fn of(places: usize) -> Self {
+        Self {
+            places: (0..places).collect(),
+            joined: false,
+        }
+    }
+
     fn root(&mut self, mut place: usize) -> usize {
-        while self.0[place] != place {
-            self.0[place] = self.0[self.0[place]];
-            place = self.0[place];
+        while self.places[place] != place {
+            self.places[place] = self.places[self.places[place]];
+            place = self.places[place];
         }
         place
     }
 
     fn join(&mut self, one: usize, other: usize) {
         let (one, other) = (self.root(one), self.root(other));
-        self.0[one.max(other)] = one.min(other);
+        self.places[one.max(other)] = one.min(other);
+        self.joined = true;
     }
 }
 
@@ -71,10 +85,10 @@ impl Publisher {
     /// Sorts the updates of a tick by islands, the seats of each rising but for what names a carrier, which comes last in
     /// its island; returns how many updates each has.
     pub(super) fn sort_by_island(&self, tick: Tick, updates: &mut [Update]) -> Vec<usize> {
-        updates.sort_unstable_by_key(|update| update.seat);
+        sort_by_seat(updates);
         let seats = self.usher.seats();
         let index = |update: &Update| update.body.or_else(|| seats.body(update.seat));
-        let mut union = Union((0..updates.len()).collect());
+        let mut union = Union::of(updates.len());
         if updates.len() <= TOGETHER_MOST {
             let mut balls = Vec::with_capacity(updates.len());
             for (place, update) in updates.iter().enumerate() {
@@ -98,20 +112,19 @@ impl Publisher {
             join_touching(balls, &mut union);
         }
         self.join_held(updates, &mut union);
-        let mut sorted: Vec<(usize, Update)> = updates
+        if !union.joined {
+            return alloc::vec![1; updates.len()];
+        }
+        // Updates are large: what they are sorted by is not.
+        let mut order: Vec<(usize, bool, usize)> = updates
             .iter()
             .enumerate()
-            .map(|(place, update)| (union.root(place), *update))
+            .map(|(place, update)| (union.root(place), update.saying.names_carrier(), place))
             .collect();
-        sorted
-            .sort_by_key(|(island, update)| (*island, update.saying.names_carrier(), update.seat));
-        let mut sizes = Vec::new();
-        for island in sorted.chunk_by(|a, b| a.0 == b.0) {
-            sizes.push(island.len());
-        }
-        for (place, (_, update)) in updates.iter_mut().zip(sorted) {
-            *place = update;
-        }
+        order.sort_unstable();
+        let sizes = order.chunk_by(|a, b| a.0 == b.0).map(<[_]>::len).collect();
+        let sorted: Vec<Update> = order.iter().map(|(.., place)| updates[*place]).collect();
+        updates.copy_from_slice(&sorted);
         sizes
     }
 
@@ -139,7 +152,7 @@ mod tests {
     use super::*;
 
     fn islands(balls: &[([f64; 3], f64)]) -> Vec<usize> {
-        let mut union = Union((0..balls.len()).collect());
+        let mut union = Union::of(balls.len());
         let ball = |(place, (centre, radius)): (usize, &([f64; 3], f64))| Ball {
             place,
             centre: *centre,

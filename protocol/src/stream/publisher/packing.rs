@@ -8,6 +8,10 @@ use rhumb_reckoning::Tick;
 use super::Publisher;
 use crate::packet::{Excess, StateWriter, Update};
 
+/// Fewer updates than this mostly fit a packet: these are written to see if they do.
+const MANY: usize = 64;
+/// Updates that take so much more than a packet would are not tried in one.
+const SURELY_FILLED: u64 = FILLED * 3 / 2;
 /// Bytes at which a packet is taken to be full where one more island would come; what updates take is not known to the
 /// byte before they are said.
 const FILLED: u64 = 1_040;
@@ -24,8 +28,9 @@ impl Publisher {
         notices: u64,
         out: &mut Vec<Bytes>,
     ) {
-        updates.sort_unstable_by_key(|update| update.seat);
-        if let Some((datagram, fitting)) = self.write(tick, updates, notices, true)
+        sort_by_seat(updates);
+        if !surely_fill_more(updates)
+            && let Some((datagram, fitting)) = self.write(tick, updates, notices, true)
             && fitting == updates.len()
         {
             if updates.len() > 1 && self.parities.halves(datagram.len()) {
@@ -70,7 +75,7 @@ impl Publisher {
         last: bool,
         out: &mut Vec<Bytes>,
     ) {
-        updates.sort_unstable_by_key(|update| update.seat);
+        sort_by_seat(updates);
         if let Some((datagram, fitting)) = self.write(tick, updates, notices, last)
             && fitting == updates.len()
         {
@@ -179,4 +184,22 @@ impl Publisher {
         self.statistics.bytes += datagram.len() as u64;
         out.push(Bytes::from(datagram));
     }
+}
+
+/// Sorts updates by the seats of their bodies.
+pub(super) fn sort_by_seat(updates: &mut [Update]) {
+    if !updates.is_sorted_by_key(|update| update.seat) {
+        // Updates are large: each is moved once.
+        updates.sort_by_cached_key(|update| update.seat);
+    }
+}
+
+/// Whether updates clearly take more than one packet.
+fn surely_fill_more(updates: &[Update]) -> bool {
+    let mut bits = 0;
+    let fills = |update: &Update| {
+        bits += Publisher::bits_of(update);
+        bits > SURELY_FILLED * 8 * 256
+    };
+    updates.len() >= MANY && updates.iter().any(fills)
 }
