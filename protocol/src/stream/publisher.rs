@@ -7,6 +7,7 @@ mod holding;
 mod islands;
 mod packing;
 mod repairing;
+mod sight;
 mod spending;
 mod surveying;
 
@@ -18,8 +19,8 @@ use core::num::NonZeroU32;
 use bytes::Bytes;
 use glam::Vec3;
 use rhumb_reckoning::{
-    Anchor, BodyId, HORIZON, Integrator, Motion, Predictor, Settling, Snapped, Tick, Ticks,
-    Tolerance, Track,
+    Anchor, BodyId, HORIZON, Integrator, Motion, Predictor, Settling, Snapped, Tick, Tolerance,
+    Track,
 };
 
 use super::choose::{Chooser, Holder, Subject, share};
@@ -30,8 +31,9 @@ use super::parities::Parities;
 use super::room::push;
 use super::seats::Usher;
 use super::tracks::{Manner, Slot, Tracks};
-use super::witness::{HINDSIGHT_MAX, Witness};
+use super::witness::Witness;
 use crate::packet::{Age, Excess, Low16, Saying, StreamId, TrackSaying, Update, Vouch};
+use sight::Sight;
 use spending::Spending;
 use surveying::Survey;
 
@@ -228,20 +230,22 @@ impl Publisher {
             }
         };
         for place in &survey.holders {
-            say(self.judge(witness, tick, &observations[*place], None));
+            say(self.judge(witness, tick, (*place, &observations[*place]), None));
         }
         self.survey_burdened(observations, &mut survey);
         for place in &survey.burdened {
-            let observation = &observations[*place as usize];
-            say(self.judge(witness, tick, observation, None));
+            let place = *place as usize;
+            let seen = (place, &observations[place]);
+            say(self.judge(witness, tick, seen, None));
         }
         for place in &survey.doubtful {
             if survey.is_before(*place) {
                 continue;
             }
-            let observation = &observations[*place as usize];
-            let holder = self.holder_of(observation, &survey.holders, observations);
-            say(self.judge(witness, tick, observation, holder));
+            let place = *place as usize;
+            let seen = (place, &observations[place]);
+            let holder = self.holder_of(seen.1, &survey.holders, observations);
+            say(self.judge(witness, tick, seen, holder));
         }
         self.survey = Some(survey);
         self.say(tick, &mut updates, notices, out);
@@ -265,13 +269,16 @@ impl Publisher {
     }
 
     /// Compares one body with its track; when the track no longer holds, replaces it and returns what says so.
+    ///
+    /// `seen`: what was seen of it, and its place about there among those that were seen.
     fn judge(
         &mut self,
         witness: &Witness,
         tick: Tick,
-        observation: &Observation,
+        seen: (usize, &Observation),
         holder: Option<usize>,
     ) -> Option<Update> {
+        let (_, observation) = seen;
         let index = observation.id.index();
         let slot = self.seen_slot(observation)?;
         let (saying, track) = match observation.activity {
@@ -283,7 +290,7 @@ impl Publisher {
                 }
                 (self.settle(tick, slot, observation), resting)
             }
-            Activity::Awake => self.correct(witness, tick, slot, observation, holder)?,
+            Activity::Awake => self.correct(witness, tick, slot, seen, holder)?,
         };
         let before = slot.carrier();
         self.tracks.set_track(index, track);
@@ -338,7 +345,7 @@ impl Publisher {
         witness: &Witness,
         tick: Tick,
         slot: &Slot,
-        observation: &Observation,
+        (place, observation): (usize, &Observation),
         holder: Option<usize>,
     ) -> Option<(Saying, Track)> {
         let truth = observation.motion.motion();
@@ -359,10 +366,10 @@ impl Publisher {
         if !expired && used <= closeness {
             return None;
         }
-        let seen = Sight::of(witness, observation.id, tick);
+        let seen = Sight::of(witness, observation.id, tick, place);
         let held_by = holder.and_then(|place| {
             let other = witness.at(tick)?.get(place)?;
-            Some((other, Sight::of(witness, other.id, tick)))
+            Some((other, Sight::of(witness, other.id, tick, place)))
         });
         let chooser = Chooser {
             tracks: &self.tracks,
@@ -445,63 +452,5 @@ impl Publisher {
             Excess::NONE => vouch.encode(self.stream),
             excess => vouch.encode_in_arrears(self.stream, excess),
         })
-    }
-}
-
-/// What was seen of a body around a tick.
-struct Sight {
-    past: [Option<Motion>; 2],
-    /// None without hindsight.
-    ahead: Option<Ahead>,
-}
-
-/// What a body will do, as far as hindsight knows.
-struct Ahead {
-    /// As many as `known`.
-    motions: [Motion; HINDSIGHT_MAX.count() as usize],
-    known: usize,
-    /// Whether nothing is seen of it after that, as far as that is known.
-    ends: bool,
-}
-
-impl Sight {
-    fn of(witness: &Witness, id: BodyId, tick: Tick) -> Self {
-        let motion = |tick: Tick| witness.of(id, tick).map(|seen| seen.motion.motion());
-        let before = |ticks| tick.before(Ticks::new(ticks)).and_then(motion);
-        let foresees = witness.hindsight() > Ticks::ZERO;
-        Self {
-            past: [before(1), before(2)],
-            ahead: foresees.then(|| Ahead::of(witness, id, tick)),
-        }
-    }
-
-    fn ahead(&self) -> &[Motion] {
-        self.ahead
-            .as_ref()
-            .map_or(&[], |ahead| &ahead.motions[..ahead.known])
-    }
-
-    fn ends(&self) -> bool {
-        self.ahead.as_ref().is_some_and(|ahead| ahead.ends)
-    }
-}
-
-impl Ahead {
-    fn of(witness: &Witness, id: BodyId, tick: Tick) -> Self {
-        let mut ahead = Self {
-            motions: [Motion::IDENTITY; HINDSIGHT_MAX.count() as usize],
-            known: 0,
-            ends: false,
-        };
-        for (ticks, place) in (1..).zip(&mut ahead.motions) {
-            let then = tick + Ticks::new(ticks);
-            let Some(seen) = witness.of(id, then) else {
-                ahead.ends = witness.at(then).is_some();
-                break;
-            };
-            *place = seen.motion.motion();
-            ahead.known += 1;
-        }
-        ahead
     }
 }

@@ -380,8 +380,9 @@ impl Tracks {
         doubtful: &mut Vec<u32>,
     ) {
         let (place, truth) = seen;
+        let nature = self.natures.get(slot.nature);
         // A gate is of one tolerance.
-        if self.natures.get(slot.nature).class != Class::USUAL {
+        if nature.class != Class::USUAL {
             return doubtful.push(place);
         }
         let track = slot.dense();
@@ -390,8 +391,8 @@ impl Tracks {
                 truth,
                 track,
                 tick,
-                grid: &self.natures.get(slot.nature).grid,
-                radius: self.radius(slot),
+                grid: &nature.grid,
+                radius: nature.radius,
                 conditions,
             };
             gate.look(place, &case, doubtful);

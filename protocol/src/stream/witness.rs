@@ -100,16 +100,40 @@ impl Witness {
         let seen = self.at(tick)?;
         // Where all bodies move, each stands as far from the first as their indices are apart.
         let first = seen.first()?.id.index();
-        let likely = id.index().checked_sub(first);
-        let likely = likely.and_then(|place| seen.get(place as usize));
-        if let Some(observation) = likely.filter(|observation| observation.id == id) {
-            return Some(observation);
-        }
-        let place = seen
-            .binary_search_by_key(&id.index(), |observation| observation.id.index())
-            .ok()?;
+        self.near(id, tick, id.index().saturating_sub(first) as usize)
+    }
+
+    /// The same, of a body that stands about there among those that were seen.
+    pub(super) fn near(&self, id: BodyId, tick: Tick, place: usize) -> Option<&Observation> {
+        let seen = self.at(tick)?;
+        let place = find(seen, id.index(), place)?;
         Some(&seen[place]).filter(|observation| observation.id == id)
     }
+}
+
+/// The place of a body, looked for from another on, in ever wider steps.
+fn find(seen: &[Observation], index: u32, from: usize) -> Option<usize> {
+    let index_at = |place: usize| seen[place].id.index();
+    let from = from.min(seen.len().checked_sub(1)?);
+    if index_at(from) == index {
+        return Some(from);
+    }
+    let mut step = 1;
+    let (low, high) = if index_at(from) < index {
+        let mut low = from + 1;
+        while low + step < seen.len() && index_at(low + step) < index {
+            (low, step) = (low + step, step * 2);
+        }
+        (low, seen.len().min(low + step + 1))
+    } else {
+        let mut high = from;
+        while high > step && index_at(high - step) > index {
+            (high, step) = (high - step, step * 2);
+        }
+        (high.saturating_sub(step), high)
+    };
+    let found = seen[low..high].binary_search_by_key(&index, |observation| observation.id.index());
+    Some(low + found.ok()?)
 }
 
 #[cfg(test)]
@@ -146,6 +170,22 @@ mod tests {
         assert_eq!(witness.of(id, Tick::new(5)), None);
         assert_eq!(witness.of(BodyId::new(3, 1), Tick::new(8)), None);
         assert_eq!(witness.at(Tick::new(11)), None);
+    }
+
+    #[test]
+    fn a_body_is_found_from_wherever_it_is_looked_for() {
+        for step in [1, 3] {
+            let all: Vec<_> = (0..40).map(|place| seen(5 + place * step, 0.0)).collect();
+            for count in [0, 1, 2, 7, 40] {
+                let all = &all[..count];
+                for index in 0..130 {
+                    let expected = all.iter().position(|seen| seen.id.index() == index);
+                    for from in 0..45 {
+                        assert_eq!(find(all, index, from), expected, "{index} from {from}");
+                    }
+                }
+            }
+        }
     }
 
     #[test]

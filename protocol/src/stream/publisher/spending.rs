@@ -221,7 +221,7 @@ impl Publisher {
         let mut withheld: f64 = 1.0;
         for due in if all { due } else { in_turn(due, tick) } {
             if due.urgent || all || spent < allowed * 8 * 256 {
-                let update = self.judge(witness, tick, &due.seen, None);
+                let update = self.judge(witness, tick, (0, &due.seen), None);
                 spent += update.as_ref().map_or(0, Self::bits_of);
                 updates.extend(update);
                 // Loosened words may leave more than the tolerance.

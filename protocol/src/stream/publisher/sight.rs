@@ -1,0 +1,72 @@
+//! What was seen of a body around a tick that is spoken of.
+//!
+//! Motions only, widened once for all who ask; what they are good for is not known here.
+
+use rhumb_reckoning::{BodyId, Motion, Tick, Ticks};
+
+use crate::stream::witness::{HINDSIGHT_MAX, Witness};
+
+/// What was seen of a body around a tick.
+pub(super) struct Sight {
+    /// What it did one and two ticks before.
+    pub(super) past: [Option<Motion>; 2],
+    /// None without hindsight.
+    ahead: Option<Ahead>,
+}
+
+/// What a body will do, as far as hindsight knows.
+struct Ahead {
+    /// As many as `known`.
+    motions: [Motion; HINDSIGHT_MAX.count() as usize],
+    known: usize,
+    /// Whether nothing is seen of it after that, as far as that is known.
+    ends: bool,
+}
+
+impl Sight {
+    /// Of a body that stands about there among those that were seen.
+    pub(super) fn of(witness: &Witness, id: BodyId, tick: Tick, place: usize) -> Self {
+        let motion = |tick: Tick| {
+            let seen = witness.near(id, tick, place);
+            seen.map(|seen| seen.motion.motion())
+        };
+        let before = |ticks| tick.before(Ticks::new(ticks)).and_then(motion);
+        let foresees = witness.hindsight() > Ticks::ZERO;
+        Self {
+            past: [before(1), before(2)],
+            ahead: foresees.then(|| Ahead::of(witness, id, tick, place)),
+        }
+    }
+
+    /// What it will do.
+    pub(super) fn ahead(&self) -> &[Motion] {
+        self.ahead
+            .as_ref()
+            .map_or(&[], |ahead| &ahead.motions[..ahead.known])
+    }
+
+    /// Whether it is known that nothing is seen of it after that.
+    pub(super) fn ends(&self) -> bool {
+        self.ahead.as_ref().is_some_and(|ahead| ahead.ends)
+    }
+}
+
+impl Ahead {
+    fn of(witness: &Witness, id: BodyId, tick: Tick, place: usize) -> Self {
+        let mut ahead = Self {
+            motions: [Motion::IDENTITY; HINDSIGHT_MAX.count() as usize],
+            known: 0,
+            ends: false,
+        };
+        for (ticks, motion) in (1..).zip(&mut ahead.motions) {
+            let then = tick + Ticks::new(ticks);
+            let Some(seen) = witness.near(id, then, place) else {
+                ahead.ends = witness.at(then).is_some();
+                break;
+            };
+            *motion = seen.motion.motion();
+            ahead.known += 1;
+        }
+        ahead
+    }
+}
