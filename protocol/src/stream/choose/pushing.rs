@@ -39,7 +39,7 @@ impl Chooser<'_> {
     /// The acceleration of a body that is pushed steadily, and enough to be spoken of: m/s².
     fn push(&self, subject: &Subject<'_>) -> Option<DVec3> {
         let between = |before: &Motion, after: &Motion| {
-            let [before, after] = [before, after].map(|motion| motion.twist().linear);
+            let (before, after) = (before.twist().linear, after.twist().linear);
             self.tracks.acceleration(subject.slot, before, after)
         };
         let now = &subject.truth;
