@@ -12,17 +12,15 @@ use std::process::ExitCode;
 use std::str::FromStr;
 
 use clap::Args;
-use rhumb_protocol::packet::{Head, Kind, StatePacket, Tables, Tally};
-use rhumb_protocol::stream::{Features, HINDSIGHT_MAX};
-use rhumb_protocol::wire::Wire;
-use rhumb_protocol::wire::bytes::Reader;
+use rhumb_protocol::packet::{Tables, Tally};
+use rhumb_protocol::stream::HINDSIGHT_MAX;
 use rhumb_reckoning::{Metres, Radians, Ticks, Tolerance};
 use rhumb_transport::LinkTerms;
 
 use crate::output;
-use crate::record::{Passed, Way};
+use crate::record::Way;
 use crate::recording::Recording;
-use crate::replay::{Failure, ReplayTerms, ended, run};
+use crate::replay::{Failure, Means, ReplayTerms, ended, run, tally};
 
 /// Which recordings to fit to, and where the tables are.
 #[derive(Clone, Debug, Args)]
@@ -84,7 +82,7 @@ impl FromStr for Load {
                 every: NonZeroU32::new(every as u32).ok_or("every is at least 1")?,
                 seed: 1,
                 hindsight: Ticks::new(hindsight as u32),
-                features: Features::ALL,
+                means: Means::ALL,
             },
             weight,
         })
@@ -103,7 +101,14 @@ fn fit_all(arguments: &FitTo) -> Result<(), Failure> {
         let bar = output::progress_bar(u64::from(recording.ticks()), recording.name.clone());
         let run = run(&recording, &load.terms, &mut |_| bar.inc(1))?;
         bar.finish_and_clear();
-        fit.add(load.weight, run.passed.iter().filter_map(tally).collect());
+        let packets = run
+            .passed
+            .iter()
+            .filter(|passed| passed.way == Way::StateDown);
+        fit.add(
+            load.weight,
+            packets.filter_map(|passed| tally(&passed.bytes)).collect(),
+        );
     }
     let [before, after] = fit.run();
     let told = format!("{before:.4} bits a number became {after:.4}\n");
@@ -125,22 +130,6 @@ fn fit_all(arguments: &FitTo) -> Result<(), Failure> {
 
 fn unwritten(path: &std::path::Path, why: &std::io::Error) -> Failure {
     Failure::Terms(format!("{}: {why}", path.display()))
-}
-
-/// What is counted of a datagram, if it is one of updates.
-fn tally(passed: &Passed) -> Option<Tally> {
-    let mut reader = Reader::new(&passed.bytes);
-    let head = Head::decode(&mut reader)
-        .ok()
-        .filter(|_| passed.way == Way::StateDown)?;
-    let ends_tick = head.kind == Kind::StateEnd;
-    if !ends_tick && head.kind != Kind::State {
-        return None;
-    }
-    let packet = StatePacket::decode(ends_tick, reader).ok()?;
-    let mut updates = Vec::new();
-    packet.updates(&mut updates).ok()?;
-    Some(Tally::of(&updates))
 }
 
 const CONTEXTS: usize = Tally::NUMBERS[0];

@@ -184,6 +184,22 @@ pub struct Passed {
     pub way: Way,
     /// What, below QUIC.
     pub bytes: Bytes,
+    /// For how many bytes it counts: for its own, unless what another code would take is counted.
+    pub counted: u64,
+}
+
+impl Passed {
+    /// What counts for what it is.
+    #[must_use]
+    pub fn new(frame: u32, way: Way, bytes: Bytes) -> Self {
+        let counted = bytes.len() as u64;
+        Self {
+            frame,
+            way,
+            bytes,
+            counted,
+        }
+    }
 }
 
 /// One frame of the caller.

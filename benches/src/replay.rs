@@ -7,6 +7,7 @@ mod failure;
 mod feature;
 mod judge;
 mod listener;
+mod plain;
 mod source;
 mod stage;
 mod sweep;
@@ -23,7 +24,8 @@ use crate::record::{Experiment, Load, Run};
 use crate::recording::Recording;
 
 pub(crate) use failure::{Failure, ended};
-pub use feature::Feature;
+pub use feature::{Feature, Means};
+pub(crate) use plain::tally;
 pub(crate) use source::budget;
 pub use source::{Manner, Promise, Source};
 pub(crate) use stage::first_track;
@@ -37,7 +39,7 @@ pub struct Replay {
     source: Source,
     #[command(flatten)]
     manner: Manner,
-    /// Switch these means of the publisher off.
+    /// Switch these means off.
     #[arg(long, value_delimiter = ',')]
     without: Vec<Feature>,
     /// Say nothing twice: the same as `--without redundancy`.
@@ -146,7 +148,7 @@ fn settings(arguments: &Replay) -> Result<Vec<ReplayTerms>, Failure> {
     if arguments.no_redundancy {
         without.push(Feature::Redundancy);
     }
-    let features = Feature::all_but(&without);
-    let terms = manners.iter().map(|manner| manner.terms(features));
+    let means = Feature::all_but(&without);
+    let terms = manners.iter().map(|manner| manner.terms(means));
     terms.collect::<Result<_, _>>().map_err(Failure::Terms)
 }

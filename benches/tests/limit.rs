@@ -10,9 +10,9 @@ use glam::{DQuat, DVec3, Vec3};
 use rhumb_bench::limit::Limit;
 use rhumb_bench::record::{Placed, Truth};
 use rhumb_bench::recording::{Recording, rhtrace};
-use rhumb_bench::replay::{ReplayTerms, run};
+use rhumb_bench::replay::{Means, ReplayTerms, run};
 use rhumb_protocol::scene::{BodyKind, BodyTerms, Shape, ShapeId};
-use rhumb_protocol::stream::{Activity, Features, Observation};
+use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{
     BodyId, Damping, Integrator, Metres, Rate, Tick, Ticks, Tolerance, Verbatim,
 };
@@ -121,7 +121,7 @@ fn a_limit_is_within_its_tolerance_and_below_a_publisher() {
             seed: 1,
             hindsight: Ticks::ZERO,
             budget: None,
-            features: Features::ALL,
+            means: Means::ALL,
         };
         let run = run(&recording, &terms, &mut |_| {}).expect("it ends");
         let updates: u64 = run.frames.iter().map(|frame| frame.updates).sum();

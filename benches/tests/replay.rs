@@ -9,10 +9,10 @@ use std::num::NonZeroU32;
 
 use rhumb_bench::record::{Cause, Experiment, Load, Run};
 use rhumb_bench::recording::{Recording, RecordingError, rhtrace};
-use rhumb_bench::replay::{ReplayError, ReplayTerms, run};
+use rhumb_bench::replay::{Feature, Means, ReplayError, ReplayTerms, run};
 use rhumb_bench::summary::{RunFigures, Summary};
 use rhumb_bench::trace::{TraceOptions, write};
-use rhumb_protocol::stream::{Budget, Features};
+use rhumb_protocol::stream::Budget;
 use rhumb_reckoning::{Metres, Tick, Ticks, Tolerance};
 
 use bounce::{FRAMES, packed, unpacked};
@@ -41,7 +41,7 @@ fn terms(link: &str, every: u32) -> ReplayTerms {
         seed: 3,
         hindsight: Ticks::ZERO,
         budget: None,
-        features: Features::ALL,
+        means: Means::ALL,
     }
 }
 
@@ -84,10 +84,10 @@ fn without_loss_every_published_tick_is_within_the_tolerance() {
 #[test]
 fn with_hindsight_every_published_tick_is_within_the_tolerance_for_fewer_bytes() {
     let recording = recording();
-    let replayed = |every, hindsight, features| {
+    let replayed = |every, hindsight, means| {
         let terms = ReplayTerms {
             hindsight: Ticks::new(hindsight),
-            features,
+            means,
             ..terms("", every)
         };
         let run = run(&recording, &terms, &mut |_| {}).expect("it comes to its end");
@@ -96,9 +96,9 @@ fn with_hindsight_every_published_tick_is_within_the_tolerance_for_fewer_bytes()
         bytes.sum::<usize>()
     };
     for every in [1, 2] {
-        let at_once = replayed(every, 0, Features::ALL);
+        let at_once = replayed(every, 0, Means::ALL);
         for hindsight in 1..=6 {
-            let later = replayed(every, hindsight, Features::ALL);
+            let later = replayed(every, hindsight, Means::ALL);
             // These balls fly: from three ticks and less nobody can tell a flight from a push.
             let most = if hindsight < 4 {
                 at_once * 11 / 10
@@ -111,11 +111,8 @@ fn with_hindsight_every_published_tick_is_within_the_tolerance_for_fewer_bytes()
             );
         }
     }
-    let blind = Features {
-        foresight: false,
-        ..Features::ALL
-    };
-    let [chosen, guessed] = [Features::ALL, blind].map(|features| replayed(1, 6, features));
+    let blind = Feature::all_but(&[Feature::Foresight]);
+    let [chosen, guessed] = [Means::ALL, blind].map(|means| replayed(1, 6, means));
     assert!(chosen < guessed, "{chosen} of {guessed}");
 }
 

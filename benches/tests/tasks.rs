@@ -61,7 +61,7 @@ fn an_ablation_has_a_row_for_each_means_beside_all_on() {
         .iter()
         .map(|run| run["replayed"]["without"].as_array().map_or(0, Vec::len))
         .collect();
-    assert_eq!(without, [0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 10]);
+    assert_eq!(without, [0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 14]);
     assert_eq!(done.number(0, "of_all_on"), 1.0);
     let bytes = |run| done.number(run, "payload_bytes_down");
     for run in 0..without.len() {
@@ -70,18 +70,27 @@ fn an_ablation_has_a_row_for_each_means_beside_all_on() {
     }
     let lacks = |run: &Value, name| run["replayed"]["without"] == serde_json::json!([name]);
     let without = |name| done.runs().iter().position(|run| lacks(run, name));
-    let [residuals, gate] =
-        ["residuals", "gate"].map(|name| without(name).expect("each means is switched off once"));
+    let [residuals, gate, packing, coder] = ["residuals", "gate", "packing", "coder"]
+        .map(|name| without(name).expect("each means is switched off once"));
     // Whole motions cost more than corrections, and speaking always more than speaking when it matters.
     assert!(bytes(residuals) > bytes(0) && bytes(gate) > bytes(0));
     assert!(done.number(gate, "updates") > done.number(0, "updates"));
+    // Singly said, each update has a datagram; another code says the same in the same datagrams.
+    assert!(done.number(packing, "datagrams_down") >= done.number(packing, "updates"));
+    assert!(bytes(packing) > bytes(0) && bytes(coder) > bytes(0));
+    for same in ["updates", "datagrams_down"] {
+        assert_eq!(done.number(coder, same), done.number(0, same));
+    }
+    for run in 0..done.runs().len() {
+        assert_eq!(done.runs()[run]["over_tolerance"]["count"], 0);
+    }
     for word in ["without gate", "without any of these"] {
         assert!(
             done.said.contains(word) && done.page.contains(word),
             "{word}"
         );
     }
-    assert!(done.page.contains("no switch"));
+    assert!(done.page.contains("Exp-Golomb"));
 }
 
 #[test]

@@ -290,12 +290,11 @@ impl Remote {
         self.updates = statistics.stream.updates;
         let number = self.frames.len() as u32;
         let taken = std::mem::take(&mut *self.tape());
-        self.passed
-            .extend(taken.into_iter().map(|(way, bytes)| Passed {
-                frame: number,
-                way,
-                bytes,
-            }));
+        self.passed.extend(
+            taken
+                .into_iter()
+                .map(|(way, bytes)| Passed::new(number, way, bytes)),
+        );
         self.frames.push(frame);
     }
 

@@ -1,15 +1,15 @@
-//! `rhumb-bench ablate`: what each means of a publisher is worth.
+//! `rhumb-bench ablate`: what each means of a stream is worth.
 //!
-//! Replays it with everything on, with each means switched off in turn, and with all of them off. Switches nothing that
-//! the publisher has no switch for: packing, rest, grids and the range coder are on in every row.
+//! Replays it with everything on, with each means switched off in turn, and with all of them off. The range coder is the
+//! wire's own and cannot be switched off: what its numbers would take in plain codes is counted. Grids follow from
+//! tolerances, and what sleeps is told at rest, in every row.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
-use rhumb_protocol::stream::Features;
 
-use super::{Failure, Feature, Keep, Manner, Source, ended, experiment, promised, run_all};
+use super::{Failure, Feature, Keep, Manner, Means, Source, ended, experiment, promised, run_all};
 use crate::limit::set_beside_limits;
 use crate::output;
 
@@ -35,7 +35,7 @@ pub fn ablate(arguments: &Ablate) -> ExitCode {
 
 fn ablate_all(arguments: &Ablate) -> Result<(), Failure> {
     output::make_folder(&arguments.out)?;
-    let terms = rows().map(|features| arguments.manner.terms(features));
+    let terms = rows().map(|means| arguments.manner.terms(means));
     let all = terms
         .collect::<Result<Vec<_>, _>>()
         .map_err(Failure::Terms)?;
@@ -50,11 +50,11 @@ fn ablate_all(arguments: &Ablate) -> Result<(), Failure> {
 }
 
 /// Everything, everything but one, nothing.
-fn rows() -> impl Iterator<Item = Features> {
+fn rows() -> impl Iterator<Item = Means> {
     let singly = Feature::ALL
         .into_iter()
         .map(|feature| Feature::all_but(&[feature]));
-    std::iter::once(Features::ALL)
+    std::iter::once(Means::ALL)
         .chain(singly)
         .chain([Feature::all_but(&Feature::ALL)])
 }

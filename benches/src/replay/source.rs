@@ -7,10 +7,11 @@ use std::path::PathBuf;
 
 use clap::Args;
 use rhumb_protocol::limits::{BUDGET_MAX, BUDGET_MIN};
-use rhumb_protocol::stream::{Budget, Features, HINDSIGHT_MAX};
+use rhumb_protocol::stream::{Budget, HINDSIGHT_MAX};
 use rhumb_reckoning::{Damping, Metres, Radians, Ticks, Tolerance};
 use rhumb_transport::LinkTerms;
 
+use super::feature::Means;
 use super::stage::ReplayTerms;
 use crate::recording::{Recording, RecordingError};
 
@@ -106,7 +107,7 @@ impl Manner {
     }
 
     /// The terms of a replay with these means.
-    pub(crate) fn terms(&self, features: Features) -> Result<ReplayTerms, String> {
+    pub(crate) fn terms(&self, means: Means) -> Result<ReplayTerms, String> {
         Ok(ReplayTerms {
             tolerance: self.promise.tolerance()?,
             link: self.link,
@@ -114,7 +115,7 @@ impl Manner {
             seed: self.seed,
             hindsight: Ticks::new(self.hindsight),
             budget: self.budget,
-            features,
+            means,
         })
     }
 }

@@ -11,18 +11,17 @@ use bytes::Bytes;
 use rhumb_protocol::message::{Notice, ServerMessage};
 use rhumb_protocol::packet::{Echo, Head, Kind, StreamId};
 use rhumb_protocol::scene::{BodyKind, Cadence};
-use rhumb_protocol::stream::{
-    Activity, Budget, Features, Losses, Manner, Publisher, StreamTerms, Witness,
-};
+use rhumb_protocol::stream::{Activity, Budget, Losses, Manner, Publisher, StreamTerms, Witness};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{Anchor, BodyId, Metres, Predictor, Rate, Tick, Ticks, Tolerance, Track};
 use rhumb_transport::{Clock, Lane, Link, LinkTerms};
 
-use super::feature::Feature;
+use super::feature::{Feature, Means};
 use super::judge::Judge;
 use super::listener::{Change, Listener, Start};
+use super::plain::plain_len;
 use crate::record::{Frame, JoinCost, Mode, Passed, Placed, Replayed, Run, RunTerms, Way};
 use crate::recording::Recording;
 
@@ -39,8 +38,8 @@ pub struct ReplayTerms {
     pub seed: u64,
     /// How far the publisher looks back before it speaks.
     pub hindsight: Ticks,
-    /// What the publisher may use.
-    pub features: Features,
+    /// What is used.
+    pub means: Means,
     /// What its packets may take, if that is limited.
     pub budget: Option<Budget>,
 }
@@ -59,7 +58,7 @@ impl ReplayTerms {
             turn_rad: parts.map(|(_, turn)| turn),
             every: self.every.get(),
             hindsight_ticks: self.hindsight.count(),
-            without: Feature::without(&self.features)
+            without: Feature::without(&self.means)
                 .map(|feature| feature.name().to_owned())
                 .collect(),
         }
@@ -153,7 +152,7 @@ fn publisher(start: &Start, terms: &ReplayTerms) -> Publisher {
         integrator: start.integrator,
         every: start.every,
         gravity: start.gravity,
-        features: terms.features,
+        features: terms.means.publisher,
     };
     let mut publisher = Publisher::new(start.stream, &stream, Tick::ZERO);
     if let Some(budget) = terms.budget {
@@ -350,22 +349,25 @@ impl<'a> Stage<'a> {
     }
 
     fn send_down(&mut self, now: Instant, bytes: Bytes, lane: Lane) {
-        self.sent.wire_bytes_down += bytes.len() as u64 + QUIC_BYTES;
+        let counted = if self.terms.means.coder || lane == Lane::Control {
+            bytes.len() as u64
+        } else {
+            plain_len(&bytes)
+        };
+        self.sent.wire_bytes_down += counted + QUIC_BYTES;
         self.sent.wire_datagrams_down += 1;
         let way = match lane {
             Lane::Control => Way::ControlDown,
             Lane::State => Way::StateDown,
         };
-        self.keep(way, &bytes);
+        self.keep(way, &bytes, counted);
         self.down.push(now, bytes, lane);
     }
 
-    fn keep(&mut self, way: Way, bytes: &Bytes) {
-        self.passed.push(Passed {
-            frame: self.frames.len() as u32,
-            way,
-            bytes: bytes.clone(),
-        });
+    fn keep(&mut self, way: Way, bytes: &Bytes, counted: u64) {
+        let frame = self.frames.len() as u32;
+        let passed = Passed::new(frame, way, bytes.clone());
+        self.passed.push(Passed { counted, ..passed });
     }
 
     /// Everything that the links and the listener do up to a moment.
@@ -397,9 +399,10 @@ impl<'a> Stage<'a> {
         self.recover(now);
         self.judge();
         if let Some(echo) = self.listener.ask(now) {
-            self.sent.wire_bytes_up += echo.len() as u64 + QUIC_BYTES;
+            let counted = echo.len() as u64;
+            self.sent.wire_bytes_up += counted + QUIC_BYTES;
             self.sent.wire_datagrams_up += 1;
-            self.keep(Way::StateUp, &echo);
+            self.keep(Way::StateUp, &echo, counted);
             self.up.push(now, echo, Lane::State);
         }
         while let Some((_, bytes)) = self.up.pop(now) {

@@ -203,8 +203,9 @@ fn limits_of_replays(runs: &[RunFigures]) -> Vec<String> {
     let mut said = Vec::new();
     if runs.iter().any(|run| run.of_all_on.is_some()) {
         said.push(
-            "Each row switches off what it names and nothing else. What the publisher has no switch for is on in every \
-             row: packing, rest, the grids and the range coder. Means that serve each other hide each other: what two of \
+            "Each row switches off what it names and nothing else. Grids follow from tolerances, and what sleeps is \
+             told at rest, in every row. The coder is the wire's own: what its numbers would take in plain codes (forms in \
+             five bits, numbers in Exp-Golomb codes) is counted. Means that serve each other hide each other: what two of \
              them are worth together may be more than the sum of their rows."
                 .to_owned(),
         );

@@ -96,7 +96,7 @@ fn first_seconds(run: &Run) -> Option<FirstSeconds> {
     let payload = run.passed.iter().filter(within).filter(down);
     (frames > 0).then(|| FirstSeconds {
         seconds: frames as f64 * step_s,
-        payload_bytes_down: payload.map(|passed| passed.bytes.len() as u64).sum(),
+        payload_bytes_down: payload.map(|passed| passed.counted).sum(),
         bytes_down: run.frames[..frames].iter().map(bytes_down).sum(),
     })
 }
@@ -183,7 +183,7 @@ fn add_wire(figures: &mut RunFigures, run: &Run) {
     let sum = |of: fn(&Frame) -> u64| run.frames.iter().map(of).sum::<u64>();
     let payload = |ways: &[Way]| -> u64 {
         let counted = run.passed.iter().filter(|p| ways.contains(&p.way));
-        counted.map(|p| p.bytes.len() as u64).sum()
+        counted.map(|p| p.counted).sum()
     };
     let bytes_down = sum(bytes_down);
     let payload_down = payload(&[Way::StateDown, Way::ControlDown]);

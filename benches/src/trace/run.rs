@@ -145,7 +145,7 @@ impl<'a> RunTopics<'a> {
         {
             self.passed += 1;
             if matches!(passed.way, Way::StateDown | Way::ControlDown) {
-                down += passed.bytes.len() as u64;
+                down += passed.counted;
             }
             for (way, topic) in &mut self.wire {
                 if *way == passed.way {

@@ -179,11 +179,7 @@ fn naive() -> Run {
     };
     let mut run = run(Mode::Naive, (1..=4).map(frame).collect());
     run.passed = (0..4)
-        .map(|frame| Passed {
-            frame,
-            way: Way::StateDown,
-            bytes: Bytes::from(vec![frame as u8; 900]),
-        })
+        .map(|frame| Passed::new(frame, Way::StateDown, Bytes::from(vec![frame as u8; 900])))
         .collect();
     run
 }
@@ -214,11 +210,8 @@ fn rhumb() -> Run {
         }
     };
     let mut run = run(Mode::Rhumb, (1..=4).map(frame).collect());
-    let passed = |frame, way, length: usize| Passed {
-        frame,
-        way,
-        bytes: Bytes::from(vec![0xa5; length]),
-    };
+    let passed =
+        |frame, way, length: usize| Passed::new(frame, way, Bytes::from(vec![0xa5; length]));
     run.passed = vec![
         passed(0, Way::StateDown, 100),
         passed(0, Way::ControlDown, 30),

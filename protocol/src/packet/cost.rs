@@ -6,11 +6,11 @@
 use rhumb_reckoning::{Push, Residual, VelocityResidual};
 
 use super::age::Age;
-use super::model::{opening_cost, symbol_cost};
+use super::model::{code_cost, opening_cost};
 use super::push::numbers_of_push;
 use super::saying::{Course, INDEX_BITS, Mode, Saying, Tongue, each_number};
 use super::steps::{length, settled};
-use super::tables::{MODES, contexts};
+use super::tables::contexts;
 use super::walk::{numbers_of_place, numbers_of_velocity};
 
 /// A whole bit.
@@ -193,8 +193,7 @@ impl Pricing for Tongue {
 }
 
 fn cost_of_mode(row: usize, mode: Mode) -> u32 {
-    let (starts, code) = (&MODES[row], mode.code());
-    symbol_cost(u32::from(starts[code + 1] - starts[code]))
+    code_cost(row, mode.code())
 }
 
 /// What is nothing has no sign.

@@ -3,7 +3,7 @@
 //! Every packet begins with the same expectations and learns from its own numbers alone, so that a lost packet derails
 //! no other (PROTOCOL 5.4). Writer and reader hold one of these each and change it by the same calls.
 
-use super::tables::{CLASSES, CONTEXTS, EXPECTED, SHAPES, SYMBOLS, contexts};
+use super::tables::{CLASSES, CONTEXTS, EXPECTED, MODES, SHAPES, SYMBOLS, contexts};
 use crate::wire::Malformed;
 use crate::wire::range::{RangeReader, RangeWriter, TOTAL_BITS};
 
@@ -80,7 +80,7 @@ impl Alphabet {
 }
 
 impl Model {
-    fn learn(&mut self, context: usize, number: u32) {
+    pub(super) fn learn(&mut self, context: usize, number: u32) {
         let seen = number.min(LEARNT_MOST) * ONE;
         let Context { expected, alphabet } = &mut self.contexts[context];
         // Towards what was seen by an eighth of the difference, rounded down; both stay below 2²⁰.
@@ -203,6 +203,12 @@ pub(crate) const fn symbol_cost(size: u32) -> u32 {
     let whole = size.ilog2();
     let fraction = (size << 8 >> whole) - 256;
     (TOTAL_BITS - whole) * 256 - fraction
+}
+
+/// What a form costs by the expectation of this row, in 1/256 bits.
+pub(super) fn code_cost(row: usize, code: usize) -> u32 {
+    let starts = &MODES[row];
+    symbol_cost(u32::from(starts[code + 1] - starts[code]))
 }
 
 /// What each symbol of each alphabet costs, in 1/256 bits.

@@ -5,6 +5,7 @@
 
 use alloc::vec::Vec;
 
+use super::model::{Model, code_cost};
 use super::saying::{CODE_COUNT, Counted, Tongue};
 use super::state::Update;
 use super::tables::{CLASSES, CONTEXTS, GROUPS, SYMBOLS, contexts};
@@ -35,6 +36,20 @@ impl Tally {
         }
         tongue.note_end(&mut tally);
         tally
+    }
+
+    /// What all of it takes by a packet's coder, in 1/256 bits.
+    #[must_use]
+    pub fn coded(&self) -> u64 {
+        let mut model = Model::default();
+        let codes = self.codes.iter().map(|&[row, code]| code_cost(row, code));
+        let codes: u64 = codes.map(u64::from).sum();
+        let numbers = self.numbers.iter().map(|&(context, number)| {
+            let cost = model.cost(context, number);
+            model.learn(context, number);
+            u64::from(cost)
+        });
+        codes + numbers.sum::<u64>()
     }
 
     /// The group of a context: those of one group share their alphabets.

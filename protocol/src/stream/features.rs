@@ -3,6 +3,8 @@
 /// Switches of a publisher's choices. They change what is said, never how it is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Features {
+    /// What lies still while it is awake is predicted to go on lying.
+    pub resting: bool,
     /// Bodies that fall are predicted to fall.
     pub ballistic: bool,
     /// Bodies of unequal moments are predicted to tumble.
@@ -13,6 +15,8 @@ pub struct Features {
     pub derived: bool,
     /// Corrections leave out what the tolerance does not need.
     pub sparse: bool,
+    /// Velocities are said in coarser steps than the finest where that serves.
+    pub coarse: bool,
     /// Bodies that something pushes steadily are predicted to be pushed on.
     pub pushed: bool,
     /// What hindsight knows decides which corrections are said.
@@ -21,6 +25,8 @@ pub struct Features {
     pub residuals: bool,
     /// What is still within tolerance is not spoken of.
     pub gate: bool,
+    /// A packet says more than one body.
+    pub packing: bool,
     /// What is lost can be had back from parities.
     pub redundancy: bool,
 }
@@ -28,17 +34,28 @@ pub struct Features {
 impl Features {
     /// Everything.
     pub const ALL: Self = Self {
+        resting: true,
         ballistic: true,
         tumbling: true,
         held: true,
         derived: true,
         sparse: true,
+        coarse: true,
         pushed: true,
         foresight: true,
         residuals: true,
         gate: true,
+        packing: true,
         redundancy: true,
     };
+
+    /// How often steps of velocities may be doubled, of what could be tried.
+    pub(super) fn steps<const N: usize>(&self, doubled: [u32; N]) -> impl Iterator<Item = u32> {
+        let coarse = self.coarse;
+        doubled
+            .into_iter()
+            .filter(move |times| coarse || *times == 0)
+    }
 }
 
 impl Default for Features {

@@ -217,7 +217,7 @@ impl Chooser<'_> {
             }
             let (residual, faster) = outlook.line(line);
             for faster in faster {
-                for coarseness in COARSENESSES {
+                for coarseness in self.features.steps(COARSENESSES) {
                     let residual = Residual {
                         velocity: Some(outlook.velocity(faster, coarseness)),
                         ..residual

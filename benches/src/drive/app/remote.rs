@@ -249,12 +249,11 @@ impl AppRemote {
         frame.wire_datagrams_down = down.packets;
         frame.wire_bytes_up = up.bytes;
         frame.wire_datagrams_up = up.packets;
-        self.passed
-            .extend(taken.into_iter().map(|(way, bytes)| Passed {
-                frame: number,
-                way,
-                bytes,
-            }));
+        self.passed.extend(
+            taken
+                .into_iter()
+                .map(|(way, bytes)| Passed::new(number, way, bytes)),
+        );
         self.frames.push(frame);
     }
 

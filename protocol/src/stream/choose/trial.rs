@@ -207,7 +207,7 @@ impl Trial<'_> {
         }
         // Nothing lasts longer than what goes on at the true velocities, and finer steps cost more.
         let longest = self.life(way, &outset.prospect, place, Some(&place.lacking));
-        for coarseness in SAID {
+        for coarseness in self.chooser.features.steps(SAID) {
             let velocity = place.lacking.coarser(coarseness);
             let cost = self.cost(way, &outset.forms, place, Some(&velocity));
             if price(cost, longest) >= least {
@@ -233,8 +233,10 @@ impl Trial<'_> {
         said: Option<u32>,
     ) -> Option<Candidate> {
         let moves = way.predictor != Predictor::Rest;
-        let speaks = moves && (said.is_some() || !self.chooser.features.derived);
-        let velocity = speaks.then(|| place.lacking.coarser(said.unwrap_or(PLAIN)));
+        let features = &self.chooser.features;
+        let plain = if features.coarse { PLAIN } else { 0 };
+        let speaks = moves && (said.is_some() || !features.derived);
+        let velocity = speaks.then(|| place.lacking.coarser(said.unwrap_or(plain)));
         // Of a place that was found position and turn are.
         if velocity.is_some_and(|velocity| !velocity.is_within_limits()) {
             return None;

@@ -82,6 +82,9 @@ impl<'f> Ways<'f> {
         let (drift, endless) = (&self.drift, f64::INFINITY);
         let way = match number {
             0 => {
+                if !self.chooser.features.resting {
+                    return None;
+                }
                 let stray = self.chooser.stray_of_rest(self.subject);
                 self.free(Predictor::Rest, stray, endless)
             }

@@ -28,6 +28,9 @@ impl Publisher {
         notices: u64,
         out: &mut Vec<Bytes>,
     ) {
+        if !self.features.packing {
+            return self.pack_singly(tick, updates, notices, out);
+        }
         sort_by_seat(updates);
         if !surely_fill_more(updates)
             && let Some((datagram, fitting)) = self.write(tick, updates, notices, true)
@@ -92,6 +95,26 @@ impl Publisher {
                 self.send(datagram, said, out);
                 rest = later;
             }
+        }
+    }
+
+    /// Says each update in a packet of its own.
+    fn pack_singly(
+        &mut self,
+        tick: Tick,
+        updates: &mut [Update],
+        notices: u64,
+        out: &mut Vec<Bytes>,
+    ) {
+        updates.sort_unstable_by_key(|update| (update.saying.names_carrier(), update.seat));
+        let mut rest: &[Update] = updates;
+        while let Some((now, later)) = rest.split_first() {
+            if let Some((datagram, _)) =
+                self.write(tick, core::slice::from_ref(now), notices, later.is_empty())
+            {
+                self.send(datagram, core::slice::from_ref(now), out);
+            }
+            rest = later;
         }
     }
 
