@@ -84,15 +84,16 @@ impl Redundancy {
             .unwrap_or(packets)
     }
 
-    /// How many parities answer who asked for so many: such that of a hundred times hardly once too few arrive. They are
-    /// rare, and who asks has waited for a round trip.
-    pub(crate) fn answers(self, wanted: usize) -> usize {
-        let most = 3 * wanted;
+    /// How many parities answer who wants so many, some of which may be under way: such that of a hundred times hardly
+    /// once too few arrive. They are rare, and who asks has waited for a round trip.
+    pub(crate) fn answers(self, wanted: usize, under_way: usize) -> usize {
+        let least = wanted.saturating_sub(under_way);
+        let most = (3 * wanted).saturating_sub(under_way);
         let enough = |said: &usize| {
-            let spare = (said - wanted) as u64;
-            beyond(*said as u64, spare, self.loss()) < 0.01
+            let all = said + under_way;
+            beyond(all as u64, (all - wanted) as u64, self.loss()) < 0.01
         };
-        (wanted..most).find(enough).unwrap_or(most)
+        (least..most).find(enough).unwrap_or(most)
     }
 
     /// The loss that it is made for.
@@ -145,10 +146,13 @@ mod tests {
 
     #[test]
     fn who_asks_is_answered_so_that_enough_arrive() {
-        let answers = |level: Redundancy| [0, 1, 2, 5].map(|wanted| level.answers(wanted));
+        let answers = |level: Redundancy| [0, 1, 2, 5].map(|wanted| level.answers(wanted, 0));
         assert_eq!(answers(Redundancy::Off), [0, 1, 2, 5]);
         assert_eq!(answers(Redundancy::Plain), [0, 2, 3, 7]);
         assert_eq!(answers(Redundancy::Thick), [0, 2, 4, 8]);
+        // What is under way may be lost, too.
+        let beside = |under_way| Redundancy::Plain.answers(2, under_way);
+        assert_eq!([0, 1, 2, 3, 4].map(beside), [3, 2, 1, 0, 0]);
     }
 
     #[test]
