@@ -174,6 +174,7 @@ class Scene:
         self.vouched = self.newest = self.settled_at = joined["tick"]
         self.known_from = 0
         self.seats, self.seat_of = {}, {}  # seat: (index, since); index: seat
+        self.sat = []  # (since, seat, index or None), while something is missing or unread
         self.missing, self.unread, self.parts, self.held, self.gone = {}, {}, {}, [], 0
         self.unreadable = {}  # packets of which something was unread
         self.restorer = Restorer(self.stream)
@@ -238,7 +239,7 @@ class Scene:
         elif name == "BodyRemoved":
             body = self.bodies.get(said["id"]["index"])
             self.must(body and body.generation == said["id"]["generation"])
-            self.leave(body.index)
+            self.dismiss(body.index)
             del self.bodies[body.index]
             self.part(said["id"])
         elif name == "GravityChanged":
@@ -271,7 +272,7 @@ class Scene:
     def place(self, said):
         self.must(said["terms"]["shape"] in self.shapes)
         body = Body(said["terms"], said.get("inertia"), track_of_notice(said["track"]), self)
-        self.leave(body.index)
+        self.dismiss(body.index)
         before = self.bodies.get(body.index)
         if before:
             self.part({"index": before.index, "generation": before.generation})
@@ -290,17 +291,49 @@ class Scene:
         if seat is not None:
             self.seats[seat] = (None, self.seats[seat][1])
 
+    def dismiss(self, index):
+        """6.13-14."""
+        self.leave(index)
+        self.sat = [change for change in self.sat if change[2] != index]
+
+    def note(self, seat, index, since):
+        """6.13-13."""
+        if self.missing or self.unread:
+            self.sat.append((since, seat, index))
+
+    def note_sitter(self, seat):
+        index, since = self.seats.get(seat, (None, 0))
+        if index is not None:
+            self.note(seat, index, since)
+
+    def sitter_at(self, seat, tick):
+        """Who sits in a seat at a tick, or sat there; None if nobody is known."""
+        index, since = self.seats.get(seat, (None, 0))
+        if index is not None and since <= tick:
+            return index
+        by_then = [change for change in self.sat if change[0] <= tick]
+        here = [change for change in reversed(by_then) if change[1] == seat]
+        if not here:
+            return None
+        since, _, index = max(here, key=lambda change: change[0])
+        went = any(who == index and begun > since for begun, _, who in by_then)
+        return None if went else index
+
     def sit(self, seat, index, tick):
         """6.13-7. A seat of which it is known that nobody is known to sit there has None for its body."""
         body, there = self.bodies.get(index), self.seat_of.get(index)
         gone_on = body is None or body.track.origin > tick
+        self.note(seat, index, tick)
         if self.since(seat) > tick or (gone_on and there == seat):
             return
+        self.note_sitter(seat)
         if seat in self.seats:
             self.seat_of.pop(self.seats[seat][0], None)
         if gone_on or (there is not None and self.since(there) > tick):
             self.seats[seat] = (None, tick)
             return
+        if there is not None:
+            self.note_sitter(there)
         self.leave(index)
         self.seats[seat], self.seat_of[index] = (index, tick), seat
 
@@ -342,6 +375,8 @@ class Scene:
         self.settle()
 
     def settle(self):
+        if not (self.missing or self.unread):
+            self.sat = []
         if self.is_settled() and self.known_from <= self.vouched:
             self.settled_at = self.vouched
 
@@ -466,6 +501,8 @@ class Scene:
         for index in [index for index, body in self.bodies.items() if index in self.seat_of]:
             track = self.bodies[index].track
             if track.is_verbatim_rest() and track.origin == tick:
+                self.note_sitter(self.seat_of[index])
+                self.note(self.seat_of[index], None, tick + 1)
                 self.leave(index)
         waits = "unread" in outcomes and any(other < number for other in self.missing)
         if "seatless" in outcomes or "unread" in outcomes and not waits:
@@ -479,10 +516,9 @@ class Scene:
         """"heard", "unread", or "seatless"."""
         index = update["body"]
         if index is None:
-            sitter = self.seats.get(update["seat"])
-            if sitter is None or sitter[0] is None or sitter[1] > tick:
+            index = self.sitter_at(update["seat"], tick)
+            if index is None:
                 return "seatless"
-            index = sitter[0]
         body = self.bodies.get(index)
         if update["body"] is not None:
             self.sit(update["seat"], index, tick)
@@ -595,6 +631,8 @@ class Scene:
         if record["seat"] is not None:
             self.sit(record["seat"], index, tick)
         elif index in self.seat_of and self.seats[self.seat_of[index]][1] <= tick:
+            self.note_sitter(self.seat_of[index])
+            self.note(self.seat_of[index], None, tick)
             self.leave(index)
         track = track_of_whole(tick - record["age"], record["whole"])
         if body is not None and track.origin > body.track.origin:
@@ -609,7 +647,7 @@ class Scene:
             index, body = record["index"], self.bodies.get(record["index"])
             if body is None or lost < self.next or self.doubted != (index, 1):
                 continue
-            self.leave(index)
+            self.dismiss(index)
             body.track, body.before, body.older = track_of_whole(tick - record["age"], record["whole"]), None, []
             self.known_from = max(self.known_from, body.track.origin)
             self.doubted = None

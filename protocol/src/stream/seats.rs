@@ -89,14 +89,61 @@ pub(crate) enum Sitter {
     GoneOn,
 }
 
+/// From this tick on a body sat in a seat, or nobody that is known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Change {
+    seat: u32,
+    body: Option<u32>,
+    since: Tick,
+}
+
+/// Changes that are kept: what a long gap of a lively scene takes.
+const CHANGES_KEPT: usize = 8_192;
+
 /// The seats as a listener knows them: with when each was said.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Seats(Seating<Since>);
+pub(crate) struct Seats {
+    now: Seating<Since>,
+    /// Who sat where while packets are missing that may name them so, in no order.
+    changes: Vec<Change>,
+    /// Whether one is.
+    remembers: bool,
+}
 
 impl Seats {
-    /// The body that sat in a seat at a tick, if nobody took it later.
+    /// The body that sat in a seat at a tick, if that is known.
     pub(crate) fn body_at(&self, seat: u32, tick: Tick) -> Option<u32> {
-        self.0.body(seat).filter(|_| self.since(seat) <= tick)
+        if let Some(body) = self.now.body(seat)
+            && self.since(seat) <= tick
+        {
+            return Some(body);
+        }
+        let by_then = || self.changes.iter().filter(|change| change.since <= tick);
+        let here = by_then().filter(|change| change.seat == seat);
+        let last = here.max_by_key(|change| change.since)?;
+        let went = |other: &Change| other.body == last.body && other.since > last.since;
+        last.body.filter(|_| !by_then().any(went))
+    }
+
+    /// Who sat where is remembered for as long as something is missing.
+    pub(crate) fn remember(&mut self, missing: bool) {
+        self.remembers = missing;
+        if !missing {
+            self.changes.clear();
+        }
+    }
+
+    fn note(&mut self, seat: u32, body: Option<u32>, since: Tick) {
+        if self.remembers && self.changes.len() < CHANGES_KEPT {
+            self.changes.push(Change { seat, body, since });
+        }
+    }
+
+    /// Who sits in a seat will do so no longer.
+    fn note_sitter(&mut self, seat: u32) {
+        if let Some(body) = self.now.body(seat) {
+            self.note(seat, Some(body), self.since(seat));
+        }
     }
 
     /// A body takes a seat; who sat there stands. What was said later of either stays.
@@ -105,34 +152,52 @@ impl Seats {
     /// known, unless it is this body still.
     pub(crate) fn take(&mut self, seat: u32, body: u32, tick: Tick, sitter: Sitter) {
         let later = |seat: u32| self.since(seat) > tick;
-        let (gone_on, sits_there) = (sitter == Sitter::GoneOn, self.0.of(body) == Some(seat));
-        if later(seat) || (gone_on && sits_there) {
+        let (gone_on, had) = (sitter == Sitter::GoneOn, self.now.of(body));
+        let (taken, moved) = (later(seat), had.is_some_and(later));
+        self.note(seat, Some(body), tick);
+        if taken || (gone_on && had == Some(seat)) {
             return;
         }
-        if gone_on || self.0.of(body).is_some_and(later) {
-            self.0.empty(seat, Since::of(tick));
+        self.note_sitter(seat);
+        if gone_on || moved {
+            self.now.empty(seat, Since::of(tick));
         } else {
-            self.0.put(seat, body, Since::of(tick));
+            if let Some(had) = had {
+                self.note_sitter(had);
+            }
+            self.now.put(seat, body, Since::of(tick));
         }
     }
 
-    /// A body leaves its seat, if it has one.
-    pub(crate) fn leave(&mut self, body: u32) {
-        self.0.leave(body);
+    /// A body leaves its seat after this tick, if it has one.
+    pub(crate) fn leave(&mut self, body: u32, tick: Tick) {
+        if let Some(seat) = self.now.of(body) {
+            self.note_sitter(seat);
+            self.note(seat, None, tick.next());
+            self.now.leave(body);
+        }
+    }
+
+    /// A body is another one now, or another one than was believed: where it sat is not known.
+    pub(crate) fn dismiss(&mut self, body: u32) {
+        self.now.leave(body);
+        self.changes.retain(|change| change.body != Some(body));
     }
 
     /// A body had no seat at a tick; one that it took later stays.
     pub(crate) fn leave_by(&mut self, body: u32, tick: Tick) {
-        if let Some(seat) = self.0.of(body)
+        if let Some(seat) = self.now.of(body)
             && self.since(seat) <= tick
         {
-            self.0.leave(body);
+            self.note_sitter(seat);
+            self.note(seat, None, tick);
+            self.now.leave(body);
         }
     }
 
     /// When a seat was taken last.
     fn since(&self, seat: u32) -> Tick {
-        let seat = self.0.seats.get(seat as usize);
+        let seat = self.now.seats.get(seat as usize);
         seat.map_or(Tick::ZERO, |(_, since)| since.tick())
     }
 }
@@ -232,15 +297,53 @@ mod tests {
         seats.take(4, 9, Tick::new(10), Sitter::AsSaid);
         seats.take(4, 7, Tick::new(8), Sitter::AsSaid);
         assert_eq!(
-            (seats.0.body(4), seats.0.of(9), seats.0.of(7)),
+            (seats.now.body(4), seats.now.of(9), seats.now.of(7)),
             (Some(9), Some(4), None)
         );
         seats.take(2, 9, Tick::new(11), Sitter::AsSaid);
-        assert_eq!((seats.0.body(4), seats.0.body(2)), (None, Some(9)));
+        assert_eq!((seats.now.body(4), seats.now.body(2)), (None, Some(9)));
         seats.take(2, 7, Tick::new(12), Sitter::AsSaid);
-        assert_eq!((seats.0.of(9), seats.0.of(7)), (None, Some(2)));
+        assert_eq!((seats.now.of(9), seats.now.of(7)), (None, Some(2)));
         seats.take(5, 7, Tick::new(11), Sitter::AsSaid);
-        assert_eq!((seats.0.body(5), seats.0.of(7)), (None, Some(2)));
+        assert_eq!((seats.now.body(5), seats.now.of(7)), (None, Some(2)));
+    }
+
+    /// Seats that remember, in which body 9 sat in seat 4 from tick 10 on and came to rest at tick 12.
+    fn left_at_twelve() -> Seats {
+        let mut seats = Seats::default();
+        seats.remember(true);
+        seats.take(4, 9, Tick::new(10), Sitter::AsSaid);
+        seats.leave(9, Tick::new(12));
+        seats
+    }
+
+    #[test]
+    fn who_left_while_something_is_missing_is_known_to_have_sat_there() {
+        let mut seats = left_at_twelve();
+        let sitters = |seats: &Seats, seat| {
+            [9, 10, 12, 13, 15].map(|tick| seats.body_at(seat, Tick::new(tick)))
+        };
+        assert_eq!(sitters(&seats, 4), [None, Some(9), Some(9), None, None]);
+        seats.take(4, 7, Tick::new(15), Sitter::AsSaid);
+        assert_eq!(sitters(&seats, 4), [None, Some(9), Some(9), None, Some(7)]);
+        // Heard late: another one took it between the two.
+        seats.take(4, 6, Tick::new(13), Sitter::GoneOn);
+        assert_eq!(
+            sitters(&seats, 4),
+            [None, Some(9), Some(9), Some(6), Some(7)]
+        );
+        // Heard later still: body 9 had gone elsewhere before.
+        seats.take(5, 9, Tick::new(11), Sitter::AsSaid);
+        assert_eq!(sitters(&seats, 4), [None, Some(9), None, Some(6), Some(7)]);
+        seats.remember(false);
+        assert_eq!(sitters(&seats, 4), [None, None, None, None, Some(7)]);
+    }
+
+    #[test]
+    fn of_who_was_removed_nothing_is_remembered() {
+        let mut seats = left_at_twelve();
+        seats.dismiss(9);
+        assert_eq!(seats.body_at(4, Tick::new(11)), None);
     }
 
     #[test]
@@ -248,9 +351,9 @@ mod tests {
         let mut seats = Seats::default();
         seats.take(4, 9, Tick::new(10), Sitter::AsSaid);
         seats.take(4, 7, Tick::new(12), Sitter::GoneOn);
-        assert_eq!((seats.0.body(4), seats.0.of(9)), (None, None));
+        assert_eq!((seats.now.body(4), seats.now.of(9)), (None, None));
         seats.take(4, 9, Tick::new(11), Sitter::AsSaid);
-        assert_eq!(seats.0.of(9), None);
+        assert_eq!(seats.now.of(9), None);
         seats.take(4, 9, Tick::new(13), Sitter::AsSaid);
         seats.take(4, 9, Tick::new(14), Sitter::GoneOn);
         assert_eq!(seats.body_at(4, Tick::new(13)), Some(9));

@@ -385,7 +385,7 @@ impl Subscriber {
     pub fn place(&mut self, id: BodyId, manner: &Manner, track: Track) -> bool {
         let placed = self.tracks.place(id, manner, track);
         if placed {
-            self.seats.leave(id.index());
+            self.seats.dismiss(id.index());
             if track.carrier.is_some() {
                 self.held_indices.push(id.index());
             }
@@ -409,7 +409,7 @@ impl Subscriber {
         self.touch(id.index());
         let removed = self.tracks.remove(id);
         if removed {
-            self.seats.leave(id.index());
+            self.seats.dismiss(id.index());
         }
         removed
     }
@@ -454,7 +454,9 @@ impl Subscriber {
 
     fn note_settled(&mut self) {
         self.settled_at = self.complete();
-        if self.gaps.is_settled() {
+        let settled = self.gaps.is_settled();
+        self.seats.remember(!settled);
+        if settled {
             self.older.clear();
         }
     }

@@ -206,6 +206,7 @@ impl Subscriber {
                 statements.packet(number, tick, excess);
             }
             self.keep(number, datagram);
+            self.seats.remember(!self.gaps.is_settled());
             self.hear_all(number, tick, &updates);
             if number < newest {
                 self.read_again_after(number, &mut updates);
@@ -284,7 +285,7 @@ impl Subscriber {
         let taken = self.take(index, tick, &update.saying);
         let rests = |slot: &Slot| slot.origin() == tick && slot.is_verbatim_rest();
         if self.tracks.slot(index).is_some_and(rests) {
-            self.seats.leave(index);
+            self.seats.leave(index, tick);
         }
         match taken {
             Ok(()) => {}
@@ -378,7 +379,7 @@ impl Subscriber {
         for record in repair.records.iter().filter(|record| record.index == index) {
             let origin = as_of.before(record.age).ok_or(Malformed::OutOfRange)?;
             if self.tracks.set_track(index, record.whole.track(origin)) {
-                self.seats.leave(index);
+                self.seats.dismiss(index);
                 self.lose_before(index);
                 self.touch(index);
                 self.statistics.amended += 1;
