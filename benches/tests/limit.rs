@@ -91,6 +91,19 @@ fn what_is_thrown_is_said_once() {
 }
 
 #[test]
+fn what_is_pushed_steadily_is_said_once_for_as_long_as_a_push_lasts() {
+    let push = DVec3::new(0.75, 0.0, -0.375);
+    let recording = recording(Vec3::ZERO, |time| {
+        (push * (time * (time + 1.0 / 60.0) / 2.0), DQuat::IDENTITY)
+    });
+    let limit = limit(&recording, 0.01);
+    let cut = &limit.fewest_updates;
+    // 300 ticks, and a little longer than 64 before it strays.
+    assert!((3..=4).contains(&cut.updates), "{limit}");
+    assert_eq!(cut.by_law["pushed"], cut.updates);
+}
+
+#[test]
 fn a_body_that_shakes_within_twice_the_tolerance_lies_still() {
     let recording = recording(Vec3::ZERO, |time| {
         let shaken = DVec3::X * (0.0095 * (1.0 - (time * 40.0).cos()));

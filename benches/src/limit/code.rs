@@ -34,6 +34,7 @@ enum Place {
     Named { silent: u32, still: bool },
     Law { last: Law },
     OtherHolder,
+    OtherPush { last: Law },
     Implied { laws: [Law; 2] },
     Zero(Number),
     Sign(Number),
@@ -50,6 +51,7 @@ enum Kind {
     Turn,
     Linear,
     Angular,
+    Push,
 }
 
 /// How often each alternative was taken.
@@ -103,6 +105,13 @@ impl Learnt {
         bits.laws += self.choose(Place::Law { last }, next as usize, Law::ALL.len());
         if next == Law::Held {
             bits.laws += self.decide(Place::OtherHolder, update.changes_holder);
+        }
+        if next == Law::Pushed {
+            bits.laws += self.decide(Place::OtherPush { last }, update.push.is_some());
+        }
+        if let Some(push) = update.push {
+            bits.laws += self.numbers(laws, Kind::Push, push.steps().map(i32::from));
+            bits.laws += self.number((laws, Kind::Push, 3), i32::from(push.doublings()));
         }
         let residual = &update.residual;
         bits.poses += self.numbers(laws, Kind::Position, residual.position);
@@ -167,6 +176,7 @@ mod tests {
             body,
             laws: [Law::Rest; 2],
             changes_holder: false,
+            push: None,
             residual: Residual {
                 position: [x, 0, 0],
                 ..Residual::default()

@@ -7,7 +7,7 @@ use std::num::NonZeroU32;
 use glam::DVec3;
 use rhumb_reckoning::{
     Conditions, Cursor, Divergence, FlowTable, HORIZON, Integrator, Metres, Motion, Pose,
-    Predictor, Rate, Ticks, Tolerance, Twist, carried, seen_from,
+    Predictor, Push, Rate, Ticks, Tolerance, Twist, carried, seen_from,
 };
 
 use super::path::Path;
@@ -20,11 +20,18 @@ pub(super) enum Law {
     Held,
     Uniform,
     Ballistic,
+    Pushed,
 }
 
 impl Law {
     /// Cheapest first: where two hold equally long, the first is taken.
-    pub(super) const ALL: [Self; 4] = [Self::Rest, Self::Held, Self::Uniform, Self::Ballistic];
+    pub(super) const ALL: [Self; 5] = [
+        Self::Rest,
+        Self::Held,
+        Self::Uniform,
+        Self::Ballistic,
+        Self::Pushed,
+    ];
 
     pub(super) const fn name(self) -> &'static str {
         match self {
@@ -32,22 +39,26 @@ impl Law {
             Self::Held => "held",
             Self::Uniform => "uniform",
             Self::Ballistic => "ballistic",
+            Self::Pushed => "pushed",
         }
     }
 
-    /// As it is for a body that tumbles, or does not.
-    pub(super) const fn predictor(self, tumbles: bool) -> Predictor {
+    /// As it is for a body that tumbles, or does not, and is pushed so, if it is.
+    const fn predictor(self, tumbles: bool, push: Option<Push>) -> Predictor {
+        if let Some(push) = push {
+            return Predictor::Pushed(push);
+        }
         match self {
             Self::Rest | Self::Held => Predictor::Rest,
-            Self::Uniform if tumbles => Predictor::Tumbling,
-            Self::Uniform => Predictor::Uniform,
+            Self::Uniform | Self::Pushed if tumbles => Predictor::Tumbling,
+            Self::Uniform | Self::Pushed => Predictor::Uniform,
             Self::Ballistic if tumbles => Predictor::Thrown,
             Self::Ballistic => Predictor::Ballistic,
         }
     }
 
     pub(super) const fn moves(self) -> bool {
-        matches!(self, Self::Uniform | Self::Ballistic)
+        matches!(self, Self::Uniform | Self::Ballistic | Self::Pushed)
     }
 }
 
@@ -75,14 +86,18 @@ pub(super) struct Saying {
     pub(super) motion: Motion,
     /// Place of the holder.
     pub(super) holder: Option<usize>,
+    /// What pushes it, by that law and no other.
+    pub(super) push: Option<Push>,
 }
 
-/// What motions of one kind of damping become, by ticks: `p = p₀ + reach·v₀ + fall·g`, and the angle for each rad/s.
+/// What motions of one kind of damping become, by ticks: `p = p₀ + reach·v₀ + fall·g`, or `p₀ + reach·v₀ + pushed·a` for a push of
+/// the acceleration a, and the angle for each rad/s.
 #[derive(Clone, Debug)]
 pub(super) struct Basis {
     pub(super) flow: FlowTable,
     pub(super) reach: Vec<f64>,
     pub(super) fall: Vec<f64>,
+    pub(super) pushed: Vec<f64>,
     pub(super) turn: Vec<f64>,
 }
 
@@ -107,13 +122,19 @@ impl Basis {
             flow: &flow,
             inertia: None,
         };
-        let after =
-            |ticks: u32| Predictor::Ballistic.predict(&start, Ticks::new(ticks), &conditions);
-        let ends: Vec<_> = (0..=HORIZON.count()).map(after).collect();
+        let after = |law: Predictor| {
+            let ticks = 0..=HORIZON.count();
+            let ends = ticks.map(|ticks| law.predict(&start, Ticks::new(ticks), &conditions));
+            ends.collect::<Vec<_>>()
+        };
+        let ends = after(Predictor::Ballistic);
         let position = |end: &Motion| end.pose().position;
+        let by = Push::SAMPLE.acceleration().y;
+        let pushed = after(Predictor::Pushed(Push::SAMPLE));
         Self {
             reach: ends.iter().map(|end| position(end).x).collect(),
             fall: ends.iter().map(|end| position(end).y).collect(),
+            pushed: pushed.iter().map(|end| position(end).y / by).collect(),
             turn: ends
                 .iter()
                 .map(|end| 2.0 * end.pose().rotation.z.asin() / SLOW)
@@ -161,9 +182,11 @@ impl Course<'_> {
         Some(seen_from(&by.pose(), &truth.pose()))
     }
 
-    /// How a law goes on for this body.
-    pub(super) const fn predictor(&self, law: Law) -> Predictor {
-        law.predictor(self.path.inertia.is_some())
+    /// How a saying goes on for this body.
+    pub(super) const fn predictor(&self, saying: &Saying) -> Predictor {
+        saying
+            .law
+            .predictor(self.path.inertia.is_some(), saying.push)
     }
 
     /// What a saying makes of a frame, in its own frame of reference.
@@ -174,7 +197,7 @@ impl Course<'_> {
             inertia: self.path.inertia.as_ref(),
         };
         let ticks = self.ticks(saying.frame, frame);
-        let law = self.predictor(saying.law);
+        let law = self.predictor(saying);
         law.predict_with(&saying.motion, ticks, &conditions, cursor)
     }
 

@@ -5,7 +5,7 @@
 //! motion there is may be missed; none is called better than it is.
 
 use glam::{DMat3, DQuat, DVec3};
-use rhumb_reckoning::{Cursor, Divergence, Motion, Pose, Twist};
+use rhumb_reckoning::{Cursor, Divergence, Motion, Pose, Push, Twist};
 
 use super::course::{Course, Law, Saying};
 
@@ -13,6 +13,8 @@ use super::course::{Course, Law, Saying};
 const ROUNDS: u32 = 10;
 /// Beyond so many times the tolerance after the first rounds nothing is to be hoped for.
 const HOPELESS: f64 = 4.0;
+/// The greatest part of a push is said in so many steps at least.
+const PUSH_FINENESS: f64 = 64.0;
 /// Unknowns of a turn: where it begins and how fast it is.
 const UNKNOWNS: usize = 6;
 
@@ -48,21 +50,26 @@ pub(super) fn fit(
     };
     let mut best: Option<(f64, Saying)> = None;
     for round in 0..ROUNDS {
-        (pose.position, twist.linear) = place(course, law, &aims);
+        let push = match law {
+            Law::Pushed => Some(push(course, &aims)?),
+            _ => None,
+        };
+        (pose.position, twist.linear) = place(course, law, push, &aims);
         let steps = if round == 0 { 2 } else { 1 };
         for _ in 0..steps {
-            follow(course, law, from, (pose, twist), &mut aims)?;
+            follow(course, (law, push), from, (pose, twist), &mut aims)?;
             let [by, faster] = turn(course, law, &aims, twist.angular);
             pose.rotation = (DQuat::from_scaled_axis(by) * pose.rotation).normalize();
             twist.angular += faster;
         }
-        let motion = follow(course, law, from, (pose, twist), &mut aims)?;
+        let motion = follow(course, (law, push), from, (pose, twist), &mut aims)?;
         let worst = weigh(course, &mut aims);
         let saying = Saying {
             law,
             frame: from,
             motion,
             holder,
+            push,
         };
         if best.is_none_or(|(least, _)| worst < least) {
             best = Some((worst, saying));
@@ -110,10 +117,41 @@ fn mean_spin(course: &Course<'_>, aims: &[Aim]) -> DVec3 {
     }
 }
 
+/// The steady push that explains best what the body does, rounded as it is said; none if nothing tells of one, or it is beyond
+/// what can be said.
+fn push(course: &Course<'_>, aims: &[Aim]) -> Option<Push> {
+    let mut matrix = [[0.0; 4]; 3];
+    let mut sums = [DVec3::ZERO; 3];
+    for aim in aims {
+        let (reach, pushed) = (
+            course.basis.reach[aim.ticks],
+            course.basis.pushed[aim.ticks],
+        );
+        let columns = [1.0, reach, pushed];
+        for (row, (sum, left)) in matrix.iter_mut().zip(sums.iter_mut().zip(columns)) {
+            for (cell, right) in row.iter_mut().zip(columns) {
+                *cell += aim.weight * left * right;
+            }
+            *sum += aim.truth.position * (aim.weight * left);
+        }
+    }
+    let along = |part: fn(&DVec3) -> f64| {
+        let mut rows = matrix;
+        for (row, sum) in rows.iter_mut().zip(&sums) {
+            row[3] = part(sum);
+        }
+        solved(rows)[2]
+    };
+    let acceleration = DVec3::new(along(|sum| sum.x), along(|sum| sum.y), along(|sum| sum.z));
+    Push::nearest(acceleration, PUSH_FINENESS).filter(|push| push.steps() != [0; 3])
+}
+
 /// The best position and velocity under the weights.
-fn place(course: &Course<'_>, law: Law, aims: &[Aim]) -> (DVec3, DVec3) {
+fn place(course: &Course<'_>, law: Law, push: Option<Push>, aims: &[Aim]) -> (DVec3, DVec3) {
+    let acceleration = push.map_or(DVec3::ZERO, |push| push.acceleration());
     let pull = |aim: &Aim| match law {
         Law::Ballistic => course.path.gravity * course.basis.fall[aim.ticks],
+        Law::Pushed => acceleration * course.basis.pushed[aim.ticks],
         _ => DVec3::ZERO,
     };
     let (mut one, mut reach, mut reach2) = (0.0, 0.0, 0.0);
@@ -187,11 +225,11 @@ fn left_jacobian(turn: DVec3) -> DMat3 {
     DMat3::IDENTITY * sine + along * (1.0 - sine) + cross * ((1.0 - angle.cos()) / angle)
 }
 
-/// Gauss' elimination; unknowns that nothing tells of stay zero.
-fn solved(mut rows: [[f64; UNKNOWNS + 1]; UNKNOWNS]) -> [f64; UNKNOWNS] {
-    let scale = (0..UNKNOWNS).map(|i| rows[i][i]).fold(0.0, f64::max);
-    let mut told = [false; UNKNOWNS];
-    for pivot in 0..UNKNOWNS {
+/// Gauss' elimination, of `N` unknowns with what they amount to behind them; unknowns that nothing tells of stay zero.
+fn solved<const N: usize, const WIDTH: usize>(mut rows: [[f64; WIDTH]; N]) -> [f64; N] {
+    let scale = (0..N).map(|i| rows[i][i]).fold(0.0, f64::max);
+    let mut told = [false; N];
+    for pivot in 0..N {
         let least = 1e-12 * scale;
         if rows[pivot][pivot] <= least {
             continue;
@@ -209,7 +247,7 @@ fn solved(mut rows: [[f64; UNKNOWNS + 1]; UNKNOWNS]) -> [f64; UNKNOWNS] {
     }
     std::array::from_fn(|i| {
         if told[i] {
-            rows[i][UNKNOWNS] / rows[i][i]
+            rows[i][N] / rows[i][i]
         } else {
             0.0
         }
@@ -219,7 +257,7 @@ fn solved(mut rows: [[f64; UNKNOWNS + 1]; UNKNOWNS]) -> [f64; UNKNOWNS] {
 /// Puts the fitted poses where the normative prediction has them; returns the motion itself, none if it is none.
 fn follow(
     course: &Course<'_>,
-    law: Law,
+    (law, push): (Law, Option<Push>),
     from: usize,
     (pose, twist): (Pose, Twist),
     aims: &mut [Aim],
@@ -230,6 +268,7 @@ fn follow(
         frame: from,
         motion,
         holder: None,
+        push,
     };
     let mut cursor = Cursor::default();
     for aim in aims {

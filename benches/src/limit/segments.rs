@@ -4,12 +4,16 @@
 //! other cut of the way has fewer segments, since what holds over a stretch holds over each part of it. A cut for few
 //! bits takes the segment that costs least for the time that it holds, which is no more than a good guess.
 
-use rhumb_reckoning::{Cursor, Grid, Motion, Predictor, Residual, Snapped, carried, seen_from};
+use rhumb_reckoning::{
+    Cursor, Grid, Motion, Predictor, Push, Residual, Snapped, carried, seen_from,
+};
 
 use super::course::{Course, Law, Saying};
 use super::fit::fit;
 use super::path::Path;
 
+/// Frames by which a push is found at first.
+const PUSH_SEEN: usize = 4;
 /// A body is held within this many radii of its holder, and the holder is larger by the factor below, as publishers
 /// have it.
 const HOLDER_REACH: f64 = 3.0;
@@ -28,6 +32,8 @@ pub(super) struct Update {
     pub(super) laws: [Law; 2],
     /// Whether the body is held by another than before.
     pub(super) changes_holder: bool,
+    /// What pushes it, if that is another push than before.
+    pub(super) push: Option<Push>,
     /// Position and turn in grid steps, and velocities where those implied would not hold as long.
     pub(super) residual: Residual,
 }
@@ -97,12 +103,13 @@ fn price(candidate: &Candidate, least: Least) -> f64 {
     let frames = (candidate.until - candidate.saying.frame) as f64;
     match least {
         Least::Updates | Least::UpdatesOnGrid => 1.0 / frames,
-        Least::Bits => guess(&candidate.update.residual) / frames,
+        Least::Bits => guess(&candidate.update) / frames,
     }
 }
 
 /// What an update may take: enough to choose by; what it takes is reckoned when all are known.
-fn guess(residual: &Residual) -> f64 {
+fn guess(update: &Update) -> f64 {
+    let residual = &update.residual;
     let number = |value: &i32| match value.unsigned_abs() {
         0 => 0.7,
         size => 2.5 + 2.0 * f64::from(size).log2(),
@@ -111,7 +118,10 @@ fn guess(residual: &Residual) -> f64 {
     let velocity = residual
         .velocity
         .map_or(0.0, |by| three(&by.linear) + three(&by.angular));
-    NAMING_BITS + three(&residual.position) + three(&residual.turn) + velocity
+    let push = update
+        .push
+        .map_or(0.0, |push| three(&push.steps().map(i32::from)));
+    NAMING_BITS + three(&residual.position) + three(&residual.turn) + velocity + push
 }
 
 /// Which body, and which law.
@@ -129,6 +139,7 @@ fn known(path: &Path, grid: &Grid) -> Saying {
         frame: path.first,
         motion: path.known.start(grid),
         holder: None,
+        push: None,
     }
 }
 
@@ -201,7 +212,7 @@ fn said(
 ) -> Snapped {
     let predicted = in_frame_of(course, last, next);
     let age = course.ticks(last.frame, next.frame);
-    let over = course.predictor(last.law).astray(age, course.rate);
+    let over = course.predictor(last).astray(age, course.rate);
     let snapped = residual.onto(&predicted, over, grid);
     if next.law.moves() {
         snapped
@@ -245,8 +256,13 @@ fn longest_by(
             motion.stilled()
         },
         holder,
+        push: None,
     };
-    let mut best = realised(start);
+    let begun = match law {
+        Law::Pushed => fit(course, law, holder, frame, (frame + PUSH_SEEN).min(end))?,
+        _ => start,
+    };
+    let mut best = realised(begun);
     let attempt = |to: usize, best: &mut (Saying, usize)| {
         let fitted = fit(course, law, holder, frame, to);
         let until = fitted.map(realised);
@@ -307,6 +323,7 @@ fn candidates(
             body,
             laws: [last.law, next.law],
             changes_holder: next.holder.is_some() && last.holder != next.holder,
+            push: next.push.filter(|push| last.push != Some(*push)),
             residual,
         },
     };
