@@ -220,8 +220,10 @@ impl Snapped {
     }
 }
 
-fn within(steps: [i32; 3], limit: i32) -> bool {
-    steps.iter().all(|s| (-limit..=limit).contains(s))
+/// Without a branch between the three: nearly all are.
+fn within([x, y, z]: [i32; 3], limit: i32) -> bool {
+    let largest = x.unsigned_abs().max(y.unsigned_abs()).max(z.unsigned_abs());
+    largest <= limit.unsigned_abs()
 }
 
 /// What a motion differs by from a predicted one, in grid steps (RECKONING 4.4).

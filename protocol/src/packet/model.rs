@@ -3,8 +3,10 @@
 //! Every packet begins with the same expectations and learns from its own numbers alone, so that a lost packet derails
 //! no other (PROTOCOL 5.4). Writer and reader hold one of these each and change it by the same calls.
 
-use super::tables::{CLASSES, CONTEXTS, EXPECTED, MODES, SHAPES, SYMBOLS, contexts};
+use super::tables::contexts::{self, Three};
+use super::tables::{CLASSES, CONTEXTS, EXPECTED, GROUPS, MODES, SHAPES, SYMBOLS};
 use crate::wire::Malformed;
+use crate::wire::alphabet::Alphabet;
 use crate::wire::range::{RangeReader, RangeWriter, TOTAL_BITS};
 
 /// The last symbol of each alphabet: the number is at least this, and the rest of it follows.
@@ -21,49 +23,34 @@ const OCTAVES: u32 = CLASSES as u32 / 4;
 /// What one packet expects of its numbers, by context.
 #[derive(Clone, Debug)]
 pub(crate) struct Model {
-    contexts: [Context; CONTEXTS],
+    expected: [u32; CONTEXTS],
 }
 
 impl Default for Model {
     fn default() -> Self {
         Self {
-            contexts: BEGINNING,
+            expected: EXPECTED.map(u32::from),
         }
     }
 }
 
-/// What one context expects, and the alphabet that follows from it: numbers are priced far more often than they are said.
+/// By which alphabet a number is said: how many low bits go raw, and the shape of the rest.
 #[derive(Clone, Copy, Debug)]
-struct Context {
-    expected: u32,
-    alphabet: Alphabet,
+struct Wording {
+    raw: u32,
+    shape: usize,
 }
 
-/// The alphabet by which a number is said: how many low bits go raw, and the shape of the rest.
-#[derive(Clone, Copy, Debug)]
-struct Alphabet {
-    raw: u8,
-    shape: u8,
-}
-
-impl Alphabet {
-    /// Expectations fall into classes of a quarter of an octave.
-    const fn of(expected: u32, first_shape: u8) -> Self {
-        let sixteenths = (expected / (ONE / 16)) + 1;
-        let octave = sixteenths.ilog2();
-        let raw = (octave + 1).saturating_sub(OCTAVES);
-        let octave = octave - raw;
-        let quarter = (((sixteenths >> raw) << 2) >> octave) & 3;
-        Self {
-            // There are fewer octaves and fewer alphabets than 256.
-            raw: raw as u8,
-            shape: first_shape + (octave * 4 + quarter) as u8,
-        }
+impl Wording {
+    const fn of(context: usize, expected: u32) -> Self {
+        let (raw, class) = class_of(expected);
+        let shape = FIRST_SHAPES[context] as usize + class;
+        Self { raw, shape }
     }
 
     /// What a number would cost, in 1/256 bits.
     const fn cost(self, number: u32) -> u32 {
-        let (raw, shape) = self.parts();
+        let Self { raw, shape } = self;
         let high = number >> raw;
         let symbol = if high < ESCAPE { high } else { ESCAPE };
         let cost = COSTS[shape][symbol as usize] as u32 + raw * 256;
@@ -72,26 +59,21 @@ impl Alphabet {
         }
         cost + (2 * (high - ESCAPE + 1).ilog2() + 1) * 256
     }
-
-    /// Low bits that go raw, and the place of the shape.
-    const fn parts(self) -> (u32, usize) {
-        (self.raw as u32, self.shape as usize)
-    }
 }
 
 impl Model {
+    #[inline]
+    fn wording(&self, context: usize) -> Wording {
+        Wording::of(context, self.expected[context])
+    }
+
     pub(super) fn learn(&mut self, context: usize, number: u32) {
-        let seen = number.min(LEARNT_MOST) * ONE;
-        let Context { expected, alphabet } = &mut self.contexts[context];
-        // Towards what was seen by an eighth of the difference, rounded down; both stay below 2²⁰.
-        let step = (seen as i32 - *expected as i32) >> LEARNING_SHIFT;
-        *expected = expected.wrapping_add_signed(step);
-        *alphabet = Alphabet::of(*expected, FIRST_SHAPES[context]);
+        self.expected[context] = learnt(self.expected[context], number);
     }
 
     /// Says a number.
     pub(crate) fn write(&mut self, context: usize, number: u32, to: &mut RangeWriter) {
-        let (raw, shape) = self.contexts[context].alphabet.parts();
+        let Wording { raw, shape } = self.wording(context);
         let high = number >> raw;
         let symbol = high.min(ESCAPE) as usize;
         let starts = &SHAPES[shape];
@@ -110,27 +92,122 @@ impl Model {
         context: usize,
         from: &mut RangeReader<'_>,
     ) -> Result<u32, Malformed> {
-        let (raw, shape) = self.contexts[context].alphabet.parts();
-        let mut high = from.symbol(&SHAPES[shape])? as u32;
-        if high == ESCAPE {
-            high = high
-                .checked_add(read_rest(from)?)
-                .ok_or(Malformed::OutOfRange)?;
-        }
-        if high.leading_zeros() < raw {
-            return Err(Malformed::OutOfRange);
-        }
-        let low = if raw > 0 { from.raw(raw)? } else { 0 };
-        let number = (high << raw) | low;
+        let Wording { raw, shape } = self.wording(context);
+        let symbol = from.symbol(&ALPHABETS[shape / CLASSES][shape % CLASSES])? as u32;
+        let number = if symbol == ESCAPE || raw > 0 {
+            read_large(symbol, raw, from)?
+        } else {
+            symbol
+        };
         self.learn(context, number);
         Ok(number)
+    }
+
+    /// Reads three numbers that are said in a row, each with its sign.
+    pub(crate) fn read_three(
+        &mut self,
+        contexts: Three,
+        from: &mut RangeReader<'_>,
+    ) -> Result<[i32; 3], Malformed> {
+        let alphabets = &ALPHABETS[contexts.group()];
+        // One of its own, so that it lies in no memory from number to number.
+        let mut here = from.clone();
+        let x = self.read_signed(contexts.context(0, 0), alphabets, &mut here)?;
+        let sum = u64::from(x.unsigned_abs());
+        let y = self.read_signed(contexts.context(1, sum), alphabets, &mut here)?;
+        let sum = sum + u64::from(y.unsigned_abs());
+        let z = self.read_signed(contexts.context(2, sum), alphabets, &mut here)?;
+        *from = here;
+        Ok([x, y, z])
+    }
+
+    /// Reads a number with its sign, in a context of the group that has these alphabets.
+    #[inline(always)]
+    fn read_signed(
+        &mut self,
+        context: usize,
+        alphabets: &[Alphabet; CLASSES],
+        from: &mut RangeReader<'_>,
+    ) -> Result<i32, Malformed> {
+        let expected = self.expected[context];
+        let Some(class) = CLOSE.get((expected / (ONE / 16)) as usize) else {
+            let number;
+            (number, *from) = self.read_large_signed(context, from.clone())?;
+            return Ok(number);
+        };
+        let symbol = from.symbol_unfilled(&alphabets[usize::from(*class)])? as u32;
+        if symbol == ESCAPE {
+            let number;
+            (number, *from) = self.read_escaped_signed(context, from.clone())?;
+            return Ok(number);
+        }
+        let negative = from.fill_with_bit(symbol > 0)?;
+        self.expected[context] = learnt(expected, symbol);
+        let (number, sign) = (symbol as i32, -i32::from(negative));
+        Ok((number ^ sign) - sign)
+    }
+
+    /// The same where low bits go raw, with the reader behind it: one that is lent would lie in memory.
+    #[inline(never)]
+    fn read_large_signed<'a>(
+        &mut self,
+        context: usize,
+        mut from: RangeReader<'a>,
+    ) -> Result<(i32, RangeReader<'a>), Malformed> {
+        let size = self.read(context, &mut from)?;
+        with_sign(size, from)
+    }
+
+    /// The same of one whose symbol is read, and says that more follows.
+    #[inline(never)]
+    fn read_escaped_signed<'a>(
+        &mut self,
+        context: usize,
+        mut from: RangeReader<'a>,
+    ) -> Result<(i32, RangeReader<'a>), Malformed> {
+        from.fill();
+        let size = read_large(ESCAPE, 0, &mut from)?;
+        self.learn(context, size);
+        with_sign(size, from)
     }
 
     /// What a number would cost now, in 1/256 bits.
     #[inline]
     pub(crate) fn cost(&self, context: usize, number: u32) -> u32 {
-        self.contexts[context].alphabet.cost(number)
+        self.wording(context).cost(number)
     }
+}
+
+/// What is expected after a number: towards what was seen by an eighth of the difference, rounded down.
+#[inline]
+fn learnt(expected: u32, number: u32) -> u32 {
+    let seen = number.min(LEARNT_MOST) * ONE;
+    // Both stay below 2²⁰.
+    let step = (seen as i32 - expected as i32) >> LEARNING_SHIFT;
+    expected.wrapping_add_signed(step)
+}
+
+/// By the sixteenths of an expectation the class of its alphabet, as long as nothing goes raw.
+static CLOSE: [u8; (1 << OCTAVES) - 1] = {
+    let mut classes = [0; (1 << OCTAVES) - 1];
+    let mut sixteenths = 0;
+    while sixteenths < classes.len() {
+        let (_, class) = class_of(sixteenths as u32 * (ONE / 16));
+        // There are fewer classes than 256.
+        classes[sixteenths] = class as u8;
+        sixteenths += 1;
+    }
+    classes
+};
+
+/// How many bits go raw where this is expected, and the class of the alphabet for the rest: of a quarter of an octave.
+const fn class_of(expected: u32) -> (u32, usize) {
+    let sixteenths = (expected / (ONE / 16)) + 1;
+    let octave = sixteenths.ilog2();
+    // The two bits behind the first, whatever goes raw.
+    let quarter = ((sixteenths << 2) >> octave) & 3;
+    let raw = (octave + 1).saturating_sub(OCTAVES);
+    (raw, ((octave - raw) * 4 + quarter) as usize)
 }
 
 /// What a number would cost at the beginning of a packet, in 1/256 bits.
@@ -145,7 +222,7 @@ pub(crate) fn opening_cost(context: usize, number: u32) -> u32 {
 /// The same of a number that is seldom so large.
 #[cold]
 fn opening_cost_of_many(context: usize, number: u32) -> u32 {
-    BEGINNING[context].alphabet.cost(number)
+    Wording::of(context, u32::from(EXPECTED[context])).cost(number)
 }
 
 /// Numbers whose costs at the beginning are known.
@@ -156,10 +233,11 @@ static OPENING_COSTS: [[u16; KNOWN]; CONTEXTS] = {
     let mut costs = [[0; KNOWN]; CONTEXTS];
     let mut context = 0;
     while context < CONTEXTS {
+        let wording = Wording::of(context, EXPECTED[context] as u32);
         let mut number = 0;
         while number < KNOWN {
             // At most twelve bits of a symbol, and as many raw ones as an expectation below 2²⁰ has.
-            costs[context][number] = BEGINNING[context].alphabet.cost(number as u32) as u16;
+            costs[context][number] = wording.cost(number as u32) as u16;
             number += 1;
         }
         context += 1;
@@ -179,23 +257,16 @@ const FIRST_SHAPES: [u8; CONTEXTS] = {
     first
 };
 
-/// What each context expects when a packet begins.
-static BEGINNING: [Context; CONTEXTS] = {
-    let nothing = Context {
-        expected: 0,
-        alphabet: Alphabet::of(0, 0),
-    };
-    let mut beginning = [nothing; CONTEXTS];
-    let mut context = 0;
-    while context < CONTEXTS {
-        let expected = EXPECTED[context] as u32;
-        beginning[context] = Context {
-            expected,
-            alphabet: Alphabet::of(expected, FIRST_SHAPES[context]),
-        };
-        context += 1;
+/// The alphabets of [`SHAPES`] as they are read: by group and class.
+static ALPHABETS: [[Alphabet; CLASSES]; GROUPS] = {
+    const FIRST: Alphabet = Alphabet::new(&SHAPES[0]);
+    let mut alphabets = [const { [const { FIRST }; CLASSES] }; GROUPS];
+    let mut shape = 1;
+    while shape < SHAPES.len() {
+        alphabets[shape / CLASSES][shape % CLASSES] = Alphabet::new(&SHAPES[shape]);
+        shape += 1;
     }
-    beginning
+    alphabets
 };
 
 /// What a symbol of this frequency costs, in 1/256 bits; the logarithm is a broken line, which is near enough to choose by.
@@ -236,6 +307,28 @@ fn write_rest(rest: u32, to: &mut RangeWriter) {
     }
     to.raw(0, 1);
     to.raw(rest + 1 - (1 << width), width);
+}
+
+/// Of a size that was read, the number: its sign follows, unless it is nothing.
+fn with_sign(size: u32, mut from: RangeReader<'_>) -> Result<(i32, RangeReader<'_>), Malformed> {
+    let number = i32::try_from(size).map_err(|_| Malformed::OutOfRange)?;
+    let negative = from.fill_with_bit(size > 0)?;
+    Ok((if negative { -number } else { number }, from))
+}
+
+/// What follows the symbol of a number that has more to say: what an escaped one is larger by, and raw bits.
+fn read_large(symbol: u32, raw: u32, from: &mut RangeReader<'_>) -> Result<u32, Malformed> {
+    let mut high = symbol;
+    if high == ESCAPE {
+        high = high
+            .checked_add(read_rest(from)?)
+            .ok_or(Malformed::OutOfRange)?;
+    }
+    if high.leading_zeros() < raw {
+        return Err(Malformed::OutOfRange);
+    }
+    let low = if raw > 0 { from.raw(raw)? } else { 0 };
+    Ok((high << raw) | low)
 }
 
 fn read_rest(from: &mut RangeReader<'_>) -> Result<u32, Malformed> {

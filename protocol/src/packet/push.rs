@@ -21,9 +21,9 @@ impl Tongue {
 
     pub(super) fn read_push(&mut self, from: &mut RangeReader<'_>) -> Result<Push, Malformed> {
         let doublings = self.model.read(contexts::DOUBLINGS, from)?;
-        let (mut steps, mut sum) = ([0; 3], 0);
+        let (mut steps, mut sum) = ([0; 3], 0_u64);
         for (part, steps) in steps.iter_mut().enumerate() {
-            let size = self.model.read(contexts::push(part, sum), from)?;
+            let size = self.model.read(contexts::push().context(part, sum), from)?;
             if size > PUSH_LIMIT as u32 {
                 return Err(Malformed::OutOfRange);
             }
@@ -33,7 +33,7 @@ impl Tongue {
             } else {
                 size as i16
             };
-            sum += size;
+            sum += u64::from(size);
         }
         if doublings > u32::from(DOUBLINGS_LIMIT) {
             return Err(Malformed::OutOfRange);
@@ -45,9 +45,9 @@ impl Tongue {
 /// Walks over its numbers in the order in which they are said, with the context of each; the first has no sign.
 pub(super) fn numbers_of_push(push: &Push, mut say: impl FnMut(usize, i32)) {
     say(contexts::DOUBLINGS, i32::from(push.doublings()));
-    let mut sum = 0;
+    let mut sum = 0_u64;
     for (part, steps) in push.steps().into_iter().enumerate() {
-        say(contexts::push(part, sum), i32::from(steps));
-        sum += u32::from(steps.unsigned_abs());
+        say(contexts::push().context(part, sum), i32::from(steps));
+        sum += u64::from(steps.unsigned_abs());
     }
 }

@@ -10,11 +10,12 @@ use super::model::Model;
 use super::push::numbers_of_push;
 use super::steps::{SETTLED_STEPS, length, settled, settled_step};
 use super::tables::{MODES, contexts};
-use super::walk::{each, numbers};
+use super::walk::numbers;
 use super::whole::{PUSHED, TrackSaying, law_code, law_of};
 use super::zigzag::{unzigzag, zigzag};
 use crate::limits::INDICES_MAX;
 use crate::wire::Malformed;
+use crate::wire::alphabet::Alphabet;
 use crate::wire::range::{RangeReader, RangeWriter, TOTAL_BITS};
 
 /// What an update says of a body, at the tick of its packet.
@@ -275,7 +276,7 @@ impl Tongue {
     }
 
     fn read_code(&self, from: &mut RangeReader<'_>) -> Result<usize, Malformed> {
-        from.symbol(&MODES[self.last])
+        from.symbol(&FORMS[self.last])
     }
 
     fn write_carrier(&mut self, course: &Course, to: &mut RangeWriter) {
@@ -442,13 +443,15 @@ impl Tongue {
                 ..VelocityResidual::default()
             });
         }
-        each(kind, age, &mut residual, |context, number| {
-            let size = self.model.read(context, from)?;
-            let signed = i32::try_from(size).map_err(|_| Malformed::OutOfRange)?;
-            let negative = size != 0 && from.bit()?;
-            *number = if negative { -signed } else { signed };
-            Ok(size)
-        })?;
+        let (model, age) = (&mut self.model, contexts::age_class(age.count()));
+        residual.position = model.read_three(contexts::position(kind, age), from)?;
+        let [x, y, z] = residual.position;
+        let largest = x.unsigned_abs().max(y.unsigned_abs()).max(z.unsigned_abs());
+        residual.turn = model.read_three(contexts::turn(kind, age, largest), from)?;
+        if let Some(velocity) = &mut residual.velocity {
+            velocity.linear = model.read_three(contexts::velocity(kind, age, 2), from)?;
+            velocity.angular = model.read_three(contexts::velocity(kind, age, 3), from)?;
+        }
         if !residual.is_within_limits() {
             return Err(Malformed::OutOfRange);
         }
@@ -532,6 +535,14 @@ pub(super) fn each_number(saying: &Saying, mut say: impl FnMut(usize, u32)) {
         }
     }
 }
+
+/// The alphabets of [`MODES`] as they are read.
+static FORMS: [Alphabet; MODES.len()] = [
+    Alphabet::new(&MODES[0]),
+    Alphabet::new(&MODES[1]),
+    Alphabet::new(&MODES[2]),
+    Alphabet::new(&MODES[3]),
+];
 
 /// Bits of a body's index.
 pub(super) const INDEX_BITS: u32 = INDICES_MAX.ilog2();

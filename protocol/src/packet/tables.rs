@@ -53,53 +53,66 @@ pub(super) mod contexts {
         }
     }
 
-    /// Of the second and third number of a triple, by what came before them.
-    const fn follows(part: usize, sum: u32) -> usize {
-        let part = part as u32;
-        (sum > 0) as usize + (sum > part) as usize + (sum > 3 * part) as usize
+    /// The contexts of three numbers that are said in a row.
+    #[derive(Clone, Copy, Debug)]
+    pub(crate) struct Three {
+        first: usize,
+        /// Of the four of the second and third, by what came before them, the one after nothing.
+        others: usize,
+    }
+
+    impl Three {
+        /// Of a number, by its place and by the sum of the sizes before it.
+        #[inline]
+        pub(crate) const fn context(self, part: usize, sum: u64) -> usize {
+            if part == 0 {
+                return self.first;
+            }
+            let part = part as u64;
+            self.others + (sum > 0) as usize + (sum > part) as usize + (sum > 3 * part) as usize
+        }
+    }
+
+    impl Three {
+        /// All three are of one group.
+        pub(crate) const fn group(self) -> usize {
+            group(self.others)
+        }
+    }
+
+    /// The first of its own, then those of the others.
+    const fn three(first: usize) -> Three {
+        let others = first + 1;
+        Three { first, others }
     }
 
     /// How far the contexts of a position, and of a turn, of one kind of form lie behind those of the kind before.
     pub(crate) const KIND_OF_POSITION: usize = 6 * 5;
     pub(crate) const KIND_OF_TURN: usize = 6 * 9;
 
-    /// A part of a position.
-    pub(crate) const fn position(kind: usize, age: usize, part: usize, sum: u32) -> usize {
-        let slot = if part == 0 { 0 } else { 1 + follows(part, sum) };
-        POSITION + kind * KIND_OF_POSITION + age * 5 + slot
+    /// Of a position.
+    pub(crate) const fn position(kind: usize, age: usize) -> Three {
+        three(POSITION + kind * KIND_OF_POSITION + age * 5)
     }
 
-    /// A part of a turn; `largest` is that of the position before.
-    pub(crate) const fn turn(
-        kind: usize,
-        age: usize,
-        part: usize,
-        sum: u32,
-        largest: u32,
-    ) -> usize {
-        let slot = if part > 0 {
-            follows(part, sum)
-        } else if largest == 0 {
+    /// Of a turn; `largest` is that of the position before.
+    pub(crate) const fn turn(kind: usize, age: usize, largest: u32) -> Three {
+        let others = TURN + kind * KIND_OF_TURN + age * 9;
+        let slot = if largest == 0 {
             4
         } else if largest < 8 {
             5 + largest.ilog2() as usize
         } else {
             8
         };
-        TURN + kind * KIND_OF_TURN + age * 9 + slot
+        let first = others + slot;
+        Three { first, others }
     }
 
-    /// A part of a linear (triple 2) or angular (triple 3) velocity, of a form that says velocities.
-    pub(crate) const fn velocity(
-        kind: usize,
-        age: usize,
-        triple: usize,
-        part: usize,
-        sum: u32,
-    ) -> usize {
-        let slot = if part == 0 { 0 } else { 1 + follows(part, sum) };
+    /// Of a linear (triple 2) or angular (triple 3) velocity, of a form that says velocities.
+    pub(crate) const fn velocity(kind: usize, age: usize, triple: usize) -> Three {
         let late = (age >= 2) as usize;
-        VELOCITY + (((kind / 2) * 2 + late) * 2 + (triple - 2)) * 5 + slot
+        three(VELOCITY + (((kind / 2) * 2 + late) * 2 + (triple - 2)) * 5)
     }
 
     /// The length of a step of a settling, by where it stands.
@@ -107,10 +120,9 @@ pub(super) mod contexts {
         SETTLED + part
     }
 
-    /// A part of a push.
-    pub(crate) const fn push(part: usize, sum: u32) -> usize {
-        let slot = if part == 0 { 0 } else { 1 + follows(part, sum) };
-        PUSH + slot
+    /// Of a push.
+    pub(crate) const fn push() -> Three {
+        three(PUSH)
     }
 
     /// Counts, positions, turns, velocities.

@@ -1,4 +1,5 @@
 //! Bytes and bits: the only place where numbers become either.
+pub(crate) mod alphabet;
 pub mod bits;
 pub mod bytes;
 mod malformed;

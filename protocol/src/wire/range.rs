@@ -6,6 +6,7 @@
 use alloc::vec::Vec;
 
 use super::Malformed;
+use super::alphabet::Alphabet;
 use super::bits::{PutBits, TakeBits};
 
 /// Frequencies of one alphabet add up to two to this power.
@@ -131,24 +132,12 @@ fn shortest_tail(low: i64, range: u32) -> i64 {
     low
 }
 
-/// The symbol that covers a part, of an alphabet whose symbols begin at `starts`: the last that does not begin after it.
-///
-/// Counted over all of them: a loop that ended at the symbol would cost a mispredicted branch each time.
-fn symbol_at<const N: usize>(starts: &[u16; N], part: u32) -> usize {
-    // Both below 2¹³, so that lanes may compare them as signed.
-    let part = part as i16;
-    let begun = starts[1..N - 1]
-        .iter()
-        .map(|start| i16::from(*start as i16 <= part));
-    begun.sum::<i16>() as usize
-}
-
 /// Takes symbols apart.
 #[derive(Clone, Debug)]
 pub(crate) struct RangeReader<'a> {
     bytes: &'a [u8],
     /// How many were taken, those beyond the end included: zeros stand there.
-    taken: usize,
+    taken: u32,
     /// What was read, from the low end of the range on.
     offset: u32,
     range: u32,
@@ -162,61 +151,89 @@ impl<'a> RangeReader<'a> {
             offset: 0,
             range: u32::MAX,
         };
-        reader.offset = reader.four_at(0);
+        reader.offset = four_at(bytes, 0);
         reader
     }
 
-    /// The four bytes from a place on, zeros beyond the end.
-    #[inline]
-    fn four_at(&self, place: usize) -> u32 {
-        match self.bytes.get(place..).and_then(<[u8]>::first_chunk) {
-            Some(four) => u32::from_be_bytes(*four),
-            None => self.last_at(place),
-        }
-    }
-
-    /// The same where the end comes sooner.
-    #[cold]
-    fn last_at(&self, place: usize) -> u32 {
-        let byte = |place: usize| self.bytes.get(place).copied().unwrap_or_default();
-        u32::from_be_bytes([0, 1, 2, 3].map(|more| byte(place + more)))
-    }
-
-    /// The next of the symbols whose parts begin at `starts`.
+    /// The next symbol.
     ///
     /// # Errors
     ///
     /// [`Malformed::NotCanonical`] for what no symbol is put into.
-    #[inline]
-    pub(crate) fn symbol<const N: usize>(&mut self, starts: &[u16; N]) -> Result<usize, Malformed> {
+    #[inline(always)]
+    pub(crate) fn symbol(&mut self, of: &Alphabet) -> Result<usize, Malformed> {
+        let symbol = self.symbol_unfilled(of)?;
+        self.fill();
+        Ok(symbol)
+    }
+
+    /// The same, to be followed by [`Self::fill`] or [`Self::fill_with_bit`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::symbol`].
+    #[inline(always)]
+    pub(crate) fn symbol_unfilled(&mut self, of: &Alphabet) -> Result<usize, Malformed> {
         let unit = self.range >> TOTAL_BITS;
         let part = self.offset / unit;
         // Division leaves a rest at the upper end that nothing is ever put into.
         if part >> TOTAL_BITS != 0 {
             return Err(Malformed::NotCanonical);
         }
-        let symbol = symbol_at(starts, part);
-        let (start, end) = (u32::from(starts[symbol]), u32::from(starts[symbol + 1]));
-        self.offset -= unit * start;
-        self.range = unit * (end - start);
-        self.fill();
-        Ok(symbol)
+        let covering = of.at(part);
+        self.offset -= unit * covering.start;
+        self.range = unit * covering.size;
+        Ok(covering.symbol)
     }
 
     /// Takes as many bytes as bring the range up to [`RANGE_LEAST`] again.
     ///
-    /// All at once: a loop would cost a mispredicted branch more now and then.
-    #[inline]
-    fn fill(&mut self) {
-        if self.range >= RANGE_LEAST {
-            return;
+    /// Without a branch on how many: that is chance.
+    #[inline(always)]
+    pub(crate) fn fill(&mut self) {
+        let (window, range) = (self.window(), u64::from(self.range) << 32);
+        self.widen(window, range);
+    }
+
+    /// The same, and then a raw bit if there is one here; unset where there is none.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::symbol`].
+    #[inline(always)]
+    pub(crate) fn fill_with_bit(&mut self, there: bool) -> Result<bool, Malformed> {
+        let (window, range) = (self.window(), u64::from(self.range) << 32);
+        // Of a range that takes bytes the half is whole, behind them; of another it is rounded down.
+        let rounded = u64::from(self.range >= RANGE_LEAST) << 31;
+        // Without a branch on whether there is a bit: nothing is halved for none.
+        let part = if there {
+            (range >> 1) & !rounded
+        } else {
+            range
+        };
+        let set = window >= part;
+        let window = window - if set { part } else { 0 };
+        if window >= part {
+            return Err(Malformed::NotCanonical);
         }
-        let bytes = self.range.leading_zeros() / 8;
-        let next = self.four_at(self.taken);
-        let both = (u64::from(self.offset) << 32 | u64::from(next)) << (8 * bytes);
-        self.offset = (both >> 32) as u32;
-        self.range <<= 8 * bytes;
-        self.taken += bytes as usize;
+        self.widen(window, part);
+        Ok(set)
+    }
+
+    /// The offset, and behind it the bytes that come next.
+    #[inline(always)]
+    fn window(&self) -> u64 {
+        u64::from(self.offset) << 32 | u64::from(four_at(self.bytes, self.taken))
+    }
+
+    /// Goes on with a window and a range, each with 32 bits behind it, as soon as these are wide enough.
+    #[inline(always)]
+    fn widen(&mut self, window: u64, range: u64) {
+        // Whole bytes of it, none of a range that is wide enough.
+        let bits = range.leading_zeros() & 56;
+        self.offset = ((window << bits) >> 32) as u32;
+        self.range = ((range << bits) >> 32) as u32;
+        self.taken += bits / 8;
     }
 
     /// The next `count` raw bits; `count` is at most 32.
@@ -237,16 +254,13 @@ impl<'a> RangeReader<'a> {
     }
 
     /// The next of two that are as likely as each other: a raw bit.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::symbol`].
+    #[inline]
     pub(crate) fn bit(&mut self) -> Result<bool, Malformed> {
-        let part = self.range >> 1;
-        let set = self.offset >= part;
-        let offset = self.offset - part * u32::from(set);
-        if offset >= part {
-            return Err(Malformed::NotCanonical);
-        }
-        (self.offset, self.range) = (offset, part);
-        self.fill();
-        Ok(set)
+        self.fill_with_bit(true)
     }
 
     fn step(&mut self, bits: u32) -> Result<u32, Malformed> {
@@ -267,13 +281,13 @@ impl<'a> RangeReader<'a> {
     ///
     /// [`Malformed::Trailing`] for more bytes than that, [`Malformed::NotCanonical`] for others.
     pub(crate) fn finish(&self) -> Result<(), Malformed> {
-        if self.bytes.len() > self.taken {
+        if self.bytes.len() > self.taken as usize {
             return Err(Malformed::Trailing);
         }
         if self.offset >= self.range {
             return Err(Malformed::NotCanonical);
         }
-        let window = i64::from(self.four_at(self.taken - 4));
+        let window = i64::from(four_at(self.bytes, self.taken - 4));
         let low = window - i64::from(self.offset);
         let ends_in_zero = self.bytes.last() == Some(&0);
         if ends_in_zero || shortest_tail(low, self.range) != window {
@@ -281,6 +295,28 @@ impl<'a> RangeReader<'a> {
         }
         Ok(())
     }
+}
+
+/// The four bytes from a place on, zeros beyond the end.
+#[inline(always)]
+fn four_at(bytes: &[u8], place: u32) -> u32 {
+    let place = place as usize;
+    match bytes.get(place..place + 4).and_then(<[u8]>::first_chunk) {
+        Some(four) => u32::from_be_bytes(*four),
+        None => last_at(bytes, place),
+    }
+}
+
+/// The same where the end comes sooner.
+#[cold]
+fn last_at(bytes: &[u8], place: usize) -> u32 {
+    let byte = |place: usize| bytes.get(place).copied().unwrap_or_default();
+    u32::from_be_bytes([
+        byte(place),
+        byte(place + 1),
+        byte(place + 2),
+        byte(place + 3),
+    ])
 }
 
 #[cfg(test)]
@@ -296,6 +332,7 @@ mod tests {
     }
 
     const STARTS: [u16; 6] = [0, 3_000, 3_900, 4_094, 4_095, 4_096];
+    static ALPHABET: Alphabet = Alphabet::new(&STARTS);
 
     fn said() -> impl Strategy<Value = Said> {
         prop_oneof![
@@ -332,7 +369,7 @@ mod tests {
         let mut all = Vec::new();
         for said in like {
             all.push(match *said {
-                Said::Symbol(_) => Said::Symbol(reader.symbol(&STARTS)?),
+                Said::Symbol(_) => Said::Symbol(reader.symbol(&ALPHABET)?),
                 Said::Raw(_, count) => Said::Raw(reader.raw(count)?, count),
             });
         }
@@ -374,6 +411,100 @@ mod tests {
             let bytes = written(&alloc::vec![Said::Symbol(0); count]);
             // -log2(3000/4096) is 0.45 bits.
             prop_assert!(bytes.len() <= count * 45 / 800 + 2);
+        }
+    }
+
+    /// A reader that does what PROTOCOL 5.3 says and nothing else.
+    struct Plain<'a> {
+        bytes: &'a [u8],
+        taken: usize,
+        offset: u32,
+        range: u32,
+    }
+
+    impl Plain<'_> {
+        fn byte(&mut self) -> u32 {
+            self.taken += 1;
+            u32::from(self.bytes.get(self.taken - 1).copied().unwrap_or(0))
+        }
+
+        fn symbol(&mut self, starts: &[u32], bits: u32) -> Option<usize> {
+            let part = self.range >> bits;
+            let place = self.offset / part;
+            if place >> bits != 0 {
+                return None;
+            }
+            let symbol = starts.iter().rposition(|start| *start <= place)?;
+            self.offset -= part * starts[symbol];
+            self.range = part * (starts[symbol + 1] - starts[symbol]);
+            while self.range < RANGE_LEAST {
+                self.range <<= 8;
+                self.offset = self.offset << 8 | self.byte();
+            }
+            Some(symbol)
+        }
+    }
+
+    /// What is read of bytes, one after the other.
+    #[derive(Clone, Copy, Debug)]
+    enum Step {
+        Symbol,
+        SymbolAndBit { unless: usize },
+        Bit,
+        Raw(u32),
+    }
+
+    fn step() -> impl Strategy<Value = Step> {
+        prop_oneof![
+            Just(Step::Symbol),
+            (0_usize..5).prop_map(|unless| Step::SymbolAndBit { unless }),
+            Just(Step::Bit),
+            (1_u32..=RAW_BITS_STEP).prop_map(Step::Raw),
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn any_bytes_are_read_or_refused_as_by_the_plainest_reader(
+            bytes in proptest::collection::vec(any::<u8>(), 0..60), steps in proptest::collection::vec(step(), 0..200),
+        ) {
+            let starts = STARTS.map(u32::from);
+            let mut plain = Plain { bytes: &bytes, taken: 0, offset: 0, range: u32::MAX };
+            for _ in 0..4 {
+                plain.offset = plain.offset << 8 | plain.byte();
+            }
+            let mut reader = RangeReader::new(&bytes);
+            for step in steps {
+                let bit = [0, 1, 2];
+                let (expected, read) = match step {
+                    Step::Symbol => (plain.symbol(&starts, TOTAL_BITS), reader.symbol(&ALPHABET)),
+                    Step::Bit => (plain.symbol(&bit, 1), reader.bit().map(usize::from)),
+                    Step::Raw(count) => {
+                        let all: Vec<u32> = (0..=1 << count).collect();
+                        (plain.symbol(&all, count), reader.raw(count).map(|value| value as usize))
+                    }
+                    Step::SymbolAndBit { unless } => {
+                        let symbol = plain.symbol(&starts, TOTAL_BITS);
+                        let set = symbol.and_then(|symbol| {
+                            if symbol == unless { Some(0) } else { plain.symbol(&bit, 1) }
+                        });
+                        let both = symbol.zip(set).map(|(symbol, set)| symbol * 2 + set);
+                        let read = reader.symbol_unfilled(&ALPHABET).and_then(|symbol| {
+                            let set = reader.fill_with_bit(symbol != unless)?;
+                            Ok(symbol * 2 + usize::from(set))
+                        });
+                        (both, read)
+                    }
+                };
+                prop_assert_eq!(read.ok(), expected);
+                if expected.is_none() {
+                    break;
+                }
+                prop_assert_eq!(
+                    (reader.offset, reader.range, reader.taken as usize),
+                    (plain.offset, plain.range, plain.taken)
+                );
+            }
         }
     }
 

@@ -1,0 +1,125 @@
+//! An alphabet as readers look things up in it: which symbol covers a part.
+//!
+//! Says nothing that the starts of the symbols do not say; made of them when this is compiled.
+
+use super::range::TOTAL_BITS;
+
+/// Where the parts of each symbol begin, and which symbol covers the first of each stretch of parts.
+#[derive(Clone, Debug)]
+pub(crate) struct Alphabet {
+    /// Behind the last symbol stands the end of all parts, over and over.
+    starts: [u16; STARTS],
+    near: [u8; STRETCHES],
+}
+
+/// A symbol and the parts that it covers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Covering {
+    pub(crate) symbol: usize,
+    /// The first part.
+    pub(crate) start: u32,
+    /// How many parts.
+    pub(crate) size: u32,
+}
+
+/// More than the symbols of any alphabet.
+const SYMBOLS_LEAST: usize = 32;
+/// With two behind each.
+const STARTS: usize = SYMBOLS_LEAST + 2;
+/// Parts of a stretch, as a power of two: so few that hardly one has more than two symbols.
+const STRETCH_BITS: u32 = 6;
+const STRETCHES: usize = 1 << (TOTAL_BITS - STRETCH_BITS);
+
+impl Alphabet {
+    /// Of symbols that begin at these parts, the end of all behind them.
+    pub(crate) const fn new<const N: usize>(of: &[u16; N]) -> Self {
+        assert!(N <= SYMBOLS_LEAST && of[0] == 0 && of[N - 1] == 1 << TOTAL_BITS);
+        let mut starts = [1 << TOTAL_BITS; STARTS];
+        let mut place = 0;
+        while place < N {
+            starts[place] = of[place];
+            place += 1;
+        }
+        let mut near = [0; STRETCHES];
+        let (mut stretch, mut symbol) = (0, 0);
+        while stretch < STRETCHES {
+            while starts[symbol as usize + 1] as usize <= stretch << STRETCH_BITS {
+                symbol += 1;
+            }
+            near[stretch] = symbol;
+            stretch += 1;
+        }
+        Self { starts, near }
+    }
+
+    /// The symbol that covers a part, one of 2^[`TOTAL_BITS`].
+    #[inline(always)]
+    pub(crate) fn at(&self, part: u32) -> Covering {
+        let stretch = (part >> STRETCH_BITS) as usize % STRETCHES;
+        let symbol = usize::from(self.near[stretch]) % SYMBOLS_LEAST;
+        let start = |more: usize| u32::from(self.starts[symbol + more]);
+        let (first, second, third) = (start(0), start(1), start(2));
+        if third <= part {
+            return self.beyond(symbol, part);
+        }
+        // Which of the two it is can hardly be foreseen, so nothing is to branch on it.
+        let past = u32::from(second <= part);
+        let one = past.wrapping_neg();
+        let start = first ^ ((first ^ second) & one);
+        let end = second ^ ((second ^ third) & one);
+        Covering {
+            symbol: symbol + past as usize,
+            start,
+            size: end - start,
+        }
+    }
+
+    /// The same where a stretch has more symbols than two.
+    fn beyond(&self, mut symbol: usize, part: u32) -> Covering {
+        let start = |symbol: usize| u32::from(self.starts[symbol]);
+        while start(symbol + 1) <= part {
+            symbol += 1;
+        }
+        Covering {
+            symbol,
+            start: start(symbol),
+            size: start(symbol + 1) - start(symbol),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_part_is_covered_by_the_last_symbol_that_does_not_begin_after_it() {
+        let dense = [
+            0, 1, 2, 3, 4, 60, 70, 71, 72, 128, 4_000, 4_094, 4_095, 4_096,
+        ];
+        for alphabet in [
+            &dense[..],
+            &[0, 4_096],
+            &[0, 4_095, 4_096],
+            &[0, 64, 128, 4_096],
+        ] {
+            let mut starts = [4_096; SYMBOLS_LEAST];
+            starts[..alphabet.len()].copy_from_slice(alphabet);
+            let fast = Alphabet::new(&starts);
+            for part in 0..1 << TOTAL_BITS {
+                let symbol = alphabet.iter().rposition(|start| u32::from(*start) <= part);
+                let symbol = symbol.unwrap();
+                let [start, end] = [symbol, symbol + 1].map(|place| u32::from(alphabet[place]));
+                let size = end - start;
+                assert_eq!(
+                    fast.at(part),
+                    Covering {
+                        symbol,
+                        start,
+                        size
+                    }
+                );
+            }
+        }
+    }
+}
