@@ -222,8 +222,9 @@ impl Snapped {
 
 /// Without a branch between the three: nearly all are.
 fn within([x, y, z]: [i32; 3], limit: i32) -> bool {
-    let largest = x.unsigned_abs().max(y.unsigned_abs()).max(z.unsigned_abs());
-    largest <= limit.unsigned_abs()
+    // Limits are at most 2³⁰: what lies beyond one does not wrap back to within.
+    let one = |steps: i32| steps.wrapping_add(limit) as u32 <= 2 * limit as u32;
+    one(x) & one(y) & one(z)
 }
 
 /// What a motion differs by from a predicted one, in grid steps (RECKONING 4.4).

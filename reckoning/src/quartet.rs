@@ -36,6 +36,9 @@ pub struct Quartet {
 }
 
 impl Quartet {
+    /// How many bodies it takes.
+    pub const LANES: usize = LANES;
+
     /// Takes a body in under a key, and returns `true`, if it can be predicted here and there is room: see [`Self::is_full`].
     ///
     /// The arguments are those of [`Track::at`](crate::Track::at); all bodies of a quartet are of scenes that step alike.

@@ -24,7 +24,7 @@ use crate::packet::Age;
 use crate::scene::{BodyKind, BodyTerms, Shape};
 
 use cursors::Cursors;
-pub(crate) use hearing::{Former, Unreadable};
+pub(crate) use hearing::{Abreast, Former, Unreadable};
 pub(crate) use slot::Slot;
 
 /// What a predictor needs to know of a body, told once with it.

@@ -2,7 +2,7 @@
 //!
 //! Everything is decoded before anything is believed; what cannot be read is counted, never guessed.
 
-use rhumb_reckoning::{DenseTrack, Predictor, Tick};
+use rhumb_reckoning::{DenseTrack, Predictor, Quartet, Tick};
 
 use super::Subscriber;
 use crate::limits::{PACKETS_HELD_MAX, TICK_JUMP_MAX};
@@ -12,7 +12,7 @@ use crate::packet::{
 };
 use crate::stream::gaps::{Arrival, RepairOf};
 use crate::stream::seats::Sitter;
-use crate::stream::tracks::{Former, Slot, Unreadable};
+use crate::stream::tracks::{Abreast, Former, Slot, Unreadable};
 use crate::wire::bytes::Reader;
 use crate::wire::{Malformed, Wire};
 
@@ -74,6 +74,12 @@ impl Subscriber {
         if carrier.is_some() && before.is_none_or(|before| before.carrier().is_none()) {
             self.held_indices.push(index);
         }
+        self.note_heard(index, before);
+        Ok(())
+    }
+
+    /// A body has another track than it had before.
+    fn note_heard(&mut self, index: u32, before: Option<DenseTrack>) {
         self.grow_older(index);
         match before {
             Some(before) => self.before.keep(index, before),
@@ -86,7 +92,6 @@ impl Subscriber {
             self.lose_before(index);
         }
         self.touch(index);
-        Ok(())
     }
 
     pub(super) fn read(&mut self, datagram: &[u8]) {
@@ -220,12 +225,37 @@ impl Subscriber {
     /// Takes in all that a packet says.
     pub(super) fn hear_all(&mut self, number: u64, tick: Tick, updates: &[Update]) {
         // What is held is read by where its holder is said to be in the same packet.
-        for framed in [false, true] {
-            for update in updates {
-                if update.saying.names_carrier() == framed {
-                    self.hear(number, tick, update);
-                }
+        let mut abreast = Abreast::default();
+        let mut framed = false;
+        for update in updates {
+            if update.saying.names_carrier() {
+                framed = true;
+            } else {
+                self.hear(number, tick, update, &mut abreast);
             }
+        }
+        self.hear_abreast(tick, &mut abreast);
+        if !framed {
+            return;
+        }
+        for update in updates {
+            if update.saying.names_carrier() {
+                self.hear(number, tick, update, &mut abreast);
+            }
+        }
+    }
+
+    /// Takes in what waits to be reckoned side by side.
+    fn hear_abreast(&mut self, tick: Tick, abreast: &mut Abreast<'_>) {
+        let mut heard = [None; Quartet::LANES];
+        let mut places = heard.iter_mut();
+        self.tracks.hear_abreast(abreast, tick, |index, before| {
+            if let Some(place) = places.next() {
+                *place = Some((index, before));
+            }
+        });
+        for (index, before) in heard.into_iter().flatten() {
+            self.note_heard(index, Some(before));
         }
     }
 
@@ -270,8 +300,12 @@ impl Subscriber {
         }
     }
 
-    fn hear(&mut self, number: u64, tick: Tick, update: &Update) {
+    /// Takes in what is said of one body, at once or with the next ones.
+    fn hear<'a>(&mut self, number: u64, tick: Tick, update: &'a Update, abreast: &mut Abreast<'a>) {
         if let Some(body) = update.body {
+            if abreast.has(body) {
+                self.hear_abreast(tick, abreast);
+            }
             let sitter = self.sitter(body, tick);
             self.seats.take(update.seat, body, tick, sitter);
         }
@@ -282,6 +316,18 @@ impl Subscriber {
             self.gaps.could_not_read(number, tick, false);
             return;
         };
+        if abreast.has(index) {
+            self.hear_abreast(tick, abreast);
+        }
+        if self
+            .tracks
+            .await_abreast(abreast, index, tick, &update.saying)
+        {
+            if abreast.is_full() {
+                self.hear_abreast(tick, abreast);
+            }
+            return;
+        }
         let taken = self.take(index, tick, &update.saying);
         let rests = |slot: &Slot| slot.origin() == tick && slot.is_verbatim_rest();
         if self.tracks.slot(index).is_some_and(rests) {

@@ -1,8 +1,8 @@
 //! What a saying makes of a track: at both ends the same.
 
 use rhumb_reckoning::{
-    Anchor, BodyId, DenseTrack, Grid, HORIZON, Motion, Predictor, Residual, Seconds, Settling,
-    Tick, Track, carried, seen_from,
+    Anchor, BodyId, DenseTrack, Grid, HORIZON, Motion, Predictor, Quartet, Residual, Seconds,
+    Settling, Tick, Track, carried, seen_from,
 };
 
 use super::{Slot, Tracks};
@@ -165,6 +165,112 @@ impl Tracks {
         let track = self.said(index, tick, saying, former)?;
         self.set_track(index, track);
         Ok(())
+    }
+}
+
+/// Corrections of bodies that nothing holds, whose predictions are reckoned side by side.
+#[derive(Debug, Default)]
+pub(crate) struct Abreast<'a> {
+    quartet: Quartet,
+    /// As the quartet keys them, those behind its bodies of no meaning.
+    waiting: [Waiting<'a>; Quartet::LANES],
+    len: usize,
+}
+
+/// A correction that waits for what was predicted.
+#[derive(Clone, Copy, Debug, Default)]
+struct Waiting<'a> {
+    index: u32,
+    correction: Option<(Predictor, Seconds, &'a Residual)>,
+}
+
+impl<'a> Abreast<'a> {
+    /// Whether a body waits here.
+    pub(crate) fn has(&self, index: u32) -> bool {
+        let waiting = &self.waiting[..self.len];
+        waiting.iter().any(|waiting| waiting.index == index)
+    }
+
+    /// Whether [`Tracks::hear_abreast`] is due.
+    pub(crate) const fn is_full(&self) -> bool {
+        self.quartet.is_full()
+    }
+}
+
+impl Tracks {
+    /// Takes in what was said of a body at a tick, once all of `abreast` is heard; `false`, and no change, for what is to be
+    /// heard by itself. One `abreast` is of one tick, and of each body once.
+    #[must_use]
+    pub(crate) fn await_abreast<'a>(
+        &self,
+        abreast: &mut Abreast<'a>,
+        index: u32,
+        tick: Tick,
+        saying: &'a Saying,
+    ) -> bool {
+        let Saying::Residual {
+            course,
+            age,
+            residual,
+        } = saying
+        else {
+            return false;
+        };
+        let Some(slot) = self.slot(index) else {
+            return false;
+        };
+        let (origin, was) = (slot.origin(), slot.predictor());
+        let of_age = Age::of(origin, tick, self.every) == Some(*age);
+        let predictor = match *course {
+            Course::Same => was,
+            Course::World {
+                predictor,
+                carrier_age: None,
+            } => predictor,
+            _ => return false,
+        };
+        let free = slot.carrier().is_none();
+        if tick <= origin || !of_age || !free {
+            return false;
+        }
+        let key = abreast.len as u32;
+        if !self.take(&mut abreast.quartet, key, slot, tick) {
+            return false;
+        }
+        let over = tick.since(origin).unwrap_or(HORIZON);
+        let over = was.astray(over, self.integrator.rate);
+        let correction = Some((predictor, over, residual));
+        abreast.waiting[abreast.len] = Waiting { index, correction };
+        abreast.len += 1;
+        true
+    }
+
+    /// Gives bodies the tracks that their corrections make; hands out which had which before.
+    pub(crate) fn hear_abreast(
+        &mut self,
+        abreast: &mut Abreast<'_>,
+        tick: Tick,
+        mut out: impl FnMut(u32, DenseTrack),
+    ) {
+        let (quartet, waiting) = (&mut abreast.quartet, &abreast.waiting);
+        quartet.predict(|key, predicted| {
+            let Waiting { index, correction } = waiting[key as usize];
+            let (Some((predictor, over, residual)), Some(slot)) = (correction, self.slot(index))
+            else {
+                return;
+            };
+            let before = *slot.dense();
+            let footing = Footing {
+                predictor,
+                carrier: None,
+                predicted,
+                over,
+            };
+            let track = footing.track(tick, residual, &self.natures.get(slot.nature).grid);
+            self.set_track(index, track);
+            out(index, before);
+        });
+        abreast.len = 0;
     }
 }
 
