@@ -116,6 +116,14 @@ fn snap(value: f64, step: f64, limit: i32) -> i32 {
     floor_to_i32(value / step + 0.5).clamp(-limit, limit)
 }
 
+/// A whole number as one, saturating at `limit`.
+#[inline(always)]
+pub(crate) fn whole(value: f64, limit: i32) -> i32 {
+    let limit = f64::from(limit);
+    // In range after the clamp, so the cast is exact.
+    value.clamp(-limit, limit) as i32
+}
+
 fn snap3(value: DVec3, step: f64, limit: i32) -> [i32; 3] {
     [
         snap(value.x, step, limit),
@@ -360,14 +368,22 @@ impl Residual {
             scale3(value3(self.position, grid.position), rate),
         );
         let angular = add3(twist.angular, scale3(turned, rate));
+        self.onto_implied(Snapped {
+            position,
+            rotation,
+            linear: snap3(linear, grid.linear, VELOCITY_LIMIT),
+            angular: snap3(angular, grid.angular, VELOCITY_LIMIT),
+        })
+    }
+
+    /// The same, where all but the position is what the correction has made of it, and the velocities are those implied.
+    pub(crate) fn onto_implied(&self, from: Snapped) -> Snapped {
         let [x, y, z] = self.position;
         let fine = |steps: i32| steps.saturating_mul(FINE_STEPS);
         let fine = [fine(x), fine(y), fine(z)];
         let implied = Snapped {
-            position: plus(position, fine, POSITION_LIMIT),
-            rotation,
-            linear: snap3(linear, grid.linear, VELOCITY_LIMIT),
-            angular: snap3(angular, grid.angular, VELOCITY_LIMIT),
+            position: plus(from.position, fine, POSITION_LIMIT),
+            ..from
         };
         match &self.velocity {
             Some(velocity) => implied.hastened(velocity),

@@ -58,7 +58,7 @@ pub use motion::{InvalidMotion, Motion, Pose, Twist, UNIT_LENGTH_SLACK};
 pub use packed::PackedRotation;
 pub use predictor::{Conditions, Predictor, REST_ASTRAY};
 pub use push::{DOUBLINGS_LIMIT, PUSH_LIMIT, PUSH_TICKS, Push};
-pub use quartet::Quartet;
+pub use quartet::{Correcting, Quartet};
 pub use settling::Settling;
 pub use tick::{Rate, Tick, Ticks};
 pub use tolerance::{InvalidTolerance, LengthBound, Tolerance, TurnBound};

@@ -18,7 +18,7 @@ pub struct PackedRotation {
 }
 
 /// Steps in one.
-const PACKED_STEPS: f64 = 524_288.0;
+pub(crate) const PACKED_STEPS: f64 = 524_288.0;
 /// By the place of the greatest component, those of the others.
 const OTHERS: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
 
@@ -31,7 +31,18 @@ impl PackedRotation {
     /// The grid point of a unit quaternion (RECKONING 4.3).
     #[must_use]
     pub fn of(rotation: DQuat) -> Self {
-        let mut packed = Self::nearest(rotation);
+        Self::nearest(rotation).stable()
+    }
+
+    /// The same of the components in whole steps, as near as they come.
+    pub(crate) fn of_whole(steps: [f64; 4]) -> Self {
+        // The cast saturates, far beyond what any component takes.
+        Self::of_steps(steps.map(|part| part as i32)).stable()
+    }
+
+    /// What it is packed as again and again.
+    fn stable(self) -> Self {
+        let mut packed = self;
         // Where two components tie, rounding may make the other one the largest; the second pass is then stable.
         for _ in 0..3 {
             if packed.is_surely_stable() {
@@ -57,14 +68,18 @@ impl PackedRotation {
     }
 
     fn nearest(rotation: DQuat) -> Self {
-        let most = 1 << 20;
-        let part = |part: f64| floor_to_i32(part * PACKED_STEPS + 0.5).clamp(-most, most);
-        let steps = [
+        let part = |part: f64| floor_to_i32(part * PACKED_STEPS + 0.5);
+        Self::of_steps([
             part(rotation.x),
             part(rotation.y),
             part(rotation.z),
             part(rotation.w),
-        ];
+        ])
+    }
+
+    fn of_steps(steps: [i32; 4]) -> Self {
+        let most = 1 << 20;
+        let steps = steps.map(|part| part.clamp(-most, most));
         let mut largest = 0;
         for i in 1..4 {
             if steps[i].abs() > steps[largest].abs() {

@@ -3,6 +3,8 @@
 //! For bodies that keep their axis of spin, which is most of them. Each lane does what [`Track::at`](crate::Track::at) does, operation by
 //! operation; where that branches, both ways are computed and one is kept.
 
+mod correcting;
+
 use glam::{DQuat, DVec3};
 use wide::f64x4;
 
@@ -14,6 +16,8 @@ use crate::motion::{Motion, Pose, Twist};
 use crate::predictor::{Conditions, Predictor, Pull};
 use crate::tick::Tick;
 use crate::track::{Anchor, elapsed};
+
+pub use correcting::Correcting;
 
 /// Bodies side by side.
 const LANES: usize = 4;
@@ -33,6 +37,14 @@ pub struct Quartet {
     /// See [`Flow`](crate::flow::Flow): `reach`, `velocity`, `fall`, `fall_velocity`, `spin`, and `turns`.
     row: [[f64; LANES]; 8],
     terms: Option<FlowTerms>,
+}
+
+/// Motions side by side.
+struct Predicted {
+    position: [f64x4; 3],
+    rotation: [f64x4; 4],
+    linear: [f64x4; 3],
+    angular: [f64x4; 3],
 }
 
 impl Quartet {
@@ -105,15 +117,15 @@ impl Quartet {
         let Some(terms) = self.terms.take() else {
             return;
         };
-        let position = lanes3(&self.position);
-        let (linear, gravity) = (lanes3(&self.linear), lanes3(&self.gravity));
-        let [reach, velocity, fall, fall_velocity] = first4(&self.row);
-        let went = |i: usize| (position[i] + linear[i] * reach) + gravity[i] * fall;
-        let goes = |i: usize| linear[i] * velocity + gravity[i] * fall_velocity;
-        let (rotation, angular) = self.spun(&terms);
-        let position = arrays([went(0), went(1), went(2)]);
-        let linear = arrays([goes(0), goes(1), goes(2)]);
-        let [x, y, z, w] = &rotation;
+        let Predicted {
+            position,
+            rotation,
+            linear,
+            angular,
+        } = self.predicted(&terms);
+        let (position, linear, angular) = (arrays(position), arrays(linear), arrays(angular));
+        let [x, y, z, w] = rotation;
+        let [x, y, z, w] = [x.to_array(), y.to_array(), z.to_array(), w.to_array()];
         for lane in 0..self.len {
             let pose = Pose {
                 position: at3(&position, lane),
@@ -128,8 +140,25 @@ impl Quartet {
         self.len = 0;
     }
 
+    /// All that it took, and what else lies in its lanes.
+    #[inline]
+    fn predicted(&self, terms: &FlowTerms) -> Predicted {
+        let position = lanes3(&self.position);
+        let (linear, gravity) = (lanes3(&self.linear), lanes3(&self.gravity));
+        let [reach, velocity, fall, fall_velocity] = first4(&self.row);
+        let went = |i: usize| (position[i] + linear[i] * reach) + gravity[i] * fall;
+        let goes = |i: usize| linear[i] * velocity + gravity[i] * fall_velocity;
+        let (rotation, angular) = self.spun(terms);
+        Predicted {
+            position: [went(0), went(1), went(2)],
+            rotation,
+            linear: [goes(0), goes(1), goes(2)],
+            angular,
+        }
+    }
+
     /// Rotations and spins (RECKONING 3.6).
-    fn spun(&self, terms: &FlowTerms) -> ([[f64; LANES]; 4], [[f64; LANES]; 3]) {
+    fn spun(&self, terms: &FlowTerms) -> ([f64x4; 4], [f64x4; 3]) {
         let [x, y, z] = lanes3(&self.angular);
         let speed = (x * x + y * y + z * z).sqrt();
         let [_, _, _, _, spin, s1, s3, s5] = &self.row;
@@ -138,32 +167,19 @@ impl Quartet {
         let u2 = u * u;
         let series = s1 - u2 * (s3 / 3.0 - u2 * (s5 / 5.0));
         let half_angle = (u * terms.substeps) * series;
-        let [qx, qy, qz, qw] = [
+        let said = normalised([
             lanes(&self.rotation[0]),
             lanes(&self.rotation[1]),
             lanes(&self.rotation[2]),
             lanes(&self.rotation[3]),
-        ];
-        let [qx, qy, qz, qw] = normalised([qx, qy, qz, qw]);
+        ]);
         let (sine, cosine) = sin_cos(half_angle);
         let k = sine / speed;
-        let (ax, ay, az, aw) = (x * k, y * k, z * k, cosine);
-        let turned = normalised([
-            aw * qx + ax * qw + ay * qz - az * qy,
-            aw * qy - ax * qz + ay * qw + az * qx,
-            aw * qz + ax * qy - ay * qx + az * qw,
-            aw * qw - ax * qx - ay * qy - az * qz,
-        ]);
+        let turned = normalised(product([x * k, y * k, z * k, cosine], said));
         let still = half_angle.simd_eq(f64x4::splat(0.0));
-        let kept = |turned: f64x4, said: f64x4| choose(still, said, turned).to_array();
-        let rotation = [
-            kept(turned[0], qx),
-            kept(turned[1], qy),
-            kept(turned[2], qz),
-            kept(turned[3], qw),
-        ];
-        let angular = arrays([x * spin, y * spin, z * spin]);
-        (rotation, angular)
+        let kept = |place: usize| choose(still, said[place], turned[place]);
+        let rotation = [kept(0), kept(1), kept(2), kept(3)];
+        (rotation, [x * spin, y * spin, z * spin])
     }
 }
 
@@ -211,6 +227,17 @@ fn first4(row: &[[f64; LANES]; 8]) -> [f64x4; 4] {
 fn normalised([x, y, z, w]: [f64x4; 4]) -> [f64x4; 4] {
     let n = (x * x + y * y + z * z + w * w).sqrt();
     [x / n, y / n, z / n, w / n]
+}
+
+/// As [`exact::product`](crate::exact::product).
+fn product(a: [f64x4; 4], b: [f64x4; 4]) -> [f64x4; 4] {
+    let ([ax, ay, az, aw], [bx, by, bz, bw]) = (a, b);
+    [
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    ]
 }
 
 /// Added and taken away again, this rounds a number below 2⁵¹ to a whole one.
@@ -267,11 +294,11 @@ mod tests {
 
     use super::*;
     use crate::flow::{Damping, FlowTable, HORIZON, Integrator};
-    use crate::lattice::Snapped;
+    use crate::lattice::{RESIDUAL_LIMIT, Residual, Snapped, TURN_LIMIT, VelocityResidual};
     use crate::tick::{Rate, Ticks};
     use crate::tolerance::Tolerance;
     use crate::track::{Track, Verbatim};
-    use crate::units::Metres;
+    use crate::units::{Metres, Seconds};
 
     fn vector(limit: f64) -> impl Strategy<Value = DVec3> {
         (-limit..limit, -limit..limit, -limit..limit).prop_map(|(x, y, z)| DVec3::new(x, y, z))
@@ -351,6 +378,56 @@ mod tests {
             let mut predicted = Vec::new();
             quartet.predict(|key, motion| predicted.push((key, bits(&motion))));
             prop_assert_eq!(predicted, expected);
+            quartet.predict(|_, _| unreachable!("it is empty"));
+        }
+    }
+
+    fn residual() -> impl Strategy<Value = Residual> {
+        let steps = |most: i32| proptest::array::uniform3(-most..=most);
+        let some = move |most: i32| prop_oneof![Just([0; 3]), steps(most), steps(3)];
+        let velocity =
+            (0..=3_u32, steps(400), steps(400)).prop_map(|(coarseness, linear, angular)| {
+                VelocityResidual {
+                    coarseness,
+                    linear,
+                    angular,
+                }
+            });
+        let velocity = proptest::option::of(velocity);
+        (some(RESIDUAL_LIMIT), some(TURN_LIMIT), velocity).prop_map(|(position, turn, velocity)| {
+            Residual {
+                position,
+                turn,
+                velocity,
+            }
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn four_corrected_side_by_side_are_the_steps_of_one_by_one(
+            all in proptest::collection::vec(
+                (track(), 0_u64..1_400, residual(), 1_u32..1_100, prop_oneof![Just(0.5), 1e-3..1e3, Just(1e250)]), 1..=4,
+            ),
+        ) {
+            let integrator = Integrator { rate: Rate::HZ_60, substeps: NonZeroU32::new(4).unwrap() };
+            let mut flow = FlowTable::new(integrator, Damping { linear: 0.1, angular: 0.2 });
+            flow.extend_to(HORIZON);
+            let gravity = DVec3::new(0.1, -9.8, 0.0);
+            let conditions = Conditions { gravity, flow: &flow, inertia: None };
+            let (mut quartet, mut corrections, mut expected) = (Quartet::default(), Vec::new(), Vec::new());
+            let grids: Vec<Grid> = all.iter()
+                .map(|(.., radius)| Grid::new(Tolerance::NORMAL, Metres::new(*radius)))
+                .collect();
+            for (key, ((track, tick, residual, ticks, _), grid)) in (10..).zip(all.iter().zip(&grids)) {
+                let (tick, over) = (Tick::new(*tick), Seconds::new(f64::from(*ticks) / 60.0));
+                prop_assert!(quartet.take(key, &DenseTrack::new(track), tick, grid, &conditions));
+                corrections.push(Some(Correcting { residual, over, grid }));
+                expected.push((key, residual.onto(&track.at(tick, grid, &conditions), over, grid)));
+            }
+            let mut corrected = Vec::new();
+            quartet.correct(corrections, |key, snapped| corrected.push((key, snapped)));
+            prop_assert_eq!(corrected, expected);
             quartet.predict(|_, _| unreachable!("it is empty"));
         }
     }

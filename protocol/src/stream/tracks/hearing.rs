@@ -1,8 +1,8 @@
 //! What a saying makes of a track: at both ends the same.
 
 use rhumb_reckoning::{
-    Anchor, BodyId, DenseTrack, Grid, HORIZON, Motion, Predictor, Quartet, Residual, Seconds,
-    Settling, Tick, Track, carried, seen_from,
+    Anchor, BodyId, Correcting, DenseTrack, Grid, HORIZON, Motion, Predictor, Quartet, Residual,
+    Seconds, Settling, Snapped, Tick, Track, carried, seen_from,
 };
 
 use super::{Slot, Tracks};
@@ -252,25 +252,35 @@ impl Tracks {
         tick: Tick,
         mut out: impl FnMut(u32, DenseTrack),
     ) {
-        let (quartet, waiting) = (&mut abreast.quartet, &abreast.waiting);
-        quartet.predict(|key, predicted| {
-            let Waiting { index, correction } = waiting[key as usize];
-            let (Some((predictor, over, residual)), Some(slot)) = (correction, self.slot(index))
-            else {
-                return;
-            };
-            let before = *slot.dense();
-            let footing = Footing {
-                predictor,
-                carrier: None,
-                predicted,
+        let Abreast {
+            quartet,
+            waiting,
+            len,
+        } = abreast;
+        let corrections = waiting[..*len].iter().map(|waiting| {
+            let (_, over, residual) = waiting.correction?;
+            let slot = self.slot(waiting.index)?;
+            let grid = &self.natures.get(slot.nature).grid;
+            Some(Correcting {
+                residual,
                 over,
-            };
-            let track = footing.track(tick, residual, &self.natures.get(slot.nature).grid);
-            self.set_track(index, track);
-            out(index, before);
+                grid,
+            })
         });
-        abreast.len = 0;
+        let mut corrected = [None; Quartet::LANES];
+        quartet.correct(corrections, |key, snapped| {
+            corrected[key as usize] = Some(snapped);
+        });
+        for (waiting, corrected) in waiting[..*len].iter().zip(corrected) {
+            let (Some(snapped), Some((predictor, ..))) = (corrected, waiting.correction) else {
+                continue;
+            };
+            if let Some(before) = self.slot(waiting.index).map(|slot| *slot.dense()) {
+                self.set_track(waiting.index, on_grid(tick, predictor, None, snapped));
+                out(waiting.index, before);
+            }
+        }
+        *len = 0;
     }
 }
 
@@ -299,12 +309,17 @@ struct Footing {
 impl Footing {
     fn track(&self, tick: Tick, residual: &Residual, grid: &Grid) -> Track {
         let snapped = residual.onto(&self.predicted, self.over, grid);
-        let resting = self.predictor == Predictor::Rest;
-        Track {
-            origin: tick,
-            predictor: self.predictor,
-            anchor: Anchor::Snapped(if resting { snapped.stilled() } else { snapped }),
-            carrier: self.carrier,
-        }
+        on_grid(tick, self.predictor, self.carrier, snapped)
+    }
+}
+
+/// The track of a body that goes on so from a motion on its grid.
+fn on_grid(tick: Tick, predictor: Predictor, carrier: Option<BodyId>, snapped: Snapped) -> Track {
+    let resting = predictor == Predictor::Rest;
+    Track {
+        origin: tick,
+        predictor,
+        anchor: Anchor::Snapped(if resting { snapped.stilled() } else { snapped }),
+        carrier,
     }
 }
