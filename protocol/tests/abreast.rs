@@ -1,4 +1,4 @@
-//! Corrections that a packet brings are taken in side by side as they are one by one
+//! What a packet corrects is taken in side by side as it is one by one
 //!
 //! One listener hears them in one packet, the other each in a packet of its own. What a packet says twice of a body, as no
 //! publisher does, is heard once: the first of it.

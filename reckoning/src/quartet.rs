@@ -69,7 +69,8 @@ impl Quartet {
         }
         let elapsed = conditions.flow.within(elapsed(track.origin(), tick));
         let (row, terms) = conditions.flow.row(elapsed);
-        let lane = self.len;
+        // Below that already, which nobody sees at the stores below.
+        let lane = self.len % LANES;
         let (pose, twist) = start(&track.anchor(), grid);
         set3(&mut self.position, lane, pose.position);
         set3(&mut self.linear, lane, twist.linear);
@@ -126,7 +127,7 @@ impl Quartet {
         let (position, linear, angular) = (arrays(position), arrays(linear), arrays(angular));
         let [x, y, z, w] = rotation;
         let [x, y, z, w] = [x.to_array(), y.to_array(), z.to_array(), w.to_array()];
-        for lane in 0..self.len {
+        for lane in 0..self.len.min(LANES) {
             let pose = Pose {
                 position: at3(&position, lane),
                 rotation: DQuat::from_xyzw(x[lane], y[lane], z[lane], w[lane]),

@@ -4,7 +4,9 @@
 
 use wide::f64x4;
 
-use super::{LANES, Quartet, arrays, choose, floor, lanes, lanes3, normalised, product, sin_cos};
+use super::{
+    LANES, Predicted, Quartet, arrays, choose, floor, lanes, lanes3, normalised, product, sin_cos,
+};
 use crate::lattice::{Grid, POSITION_LIMIT, Residual, Snapped, VELOCITY_LIMIT, whole};
 use crate::packed::{PACKED_STEPS, PackedRotation};
 use crate::units::Seconds;
@@ -20,6 +22,24 @@ pub struct Correcting<'a> {
     pub grid: &'a Grid,
 }
 
+/// Corrections by quantity, and in that by lane.
+struct Laid<'a> {
+    said: [Option<&'a Residual>; LANES],
+    apart: [[f64; LANES]; 3],
+    turns: [[f64; LANES]; 3],
+    /// Of the grids: `position`, `fine`, `turn`, `linear`, `angular`.
+    steps: [[f64; LANES]; 5],
+    over: [f64; LANES],
+}
+
+/// Whole steps by quantity, and in that by lane.
+struct Whole {
+    position: [[f64; LANES]; 3],
+    rotation: [[f64; LANES]; 4],
+    linear: [[f64; LANES]; 3],
+    angular: [[f64; LANES]; 3],
+}
+
 impl Quartet {
     /// Predicts all that it took, hands out what corrections make of them, and is empty.
     ///
@@ -32,95 +52,94 @@ impl Quartet {
         let Some(terms) = self.terms.take() else {
             return;
         };
-        let mut said: [Option<&Residual>; LANES] = [None; LANES];
-        // By quantity, and by lane.
-        let (mut apart, mut turns) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
-        let (mut steps, mut over) = ([[1.0; LANES]; 5], [1.0; LANES]);
-        for (lane, correction) in corrections.into_iter().take(self.len).enumerate() {
+        let laid = Laid::of(corrections.into_iter().take(self.len));
+        let whole = laid.onto(&self.predicted(&terms));
+        for (lane, residual) in laid.said.into_iter().enumerate() {
+            if let Some(residual) = residual {
+                out(self.keys[lane], residual.onto_implied(whole.at(lane)));
+            }
+        }
+        self.len = 0;
+    }
+}
+
+impl<'a> Laid<'a> {
+    #[inline]
+    fn of(corrections: impl Iterator<Item = Option<Correcting<'a>>>) -> Self {
+        let mut laid = Self {
+            said: [None; LANES],
+            apart: [[0.0; LANES]; 3],
+            turns: [[0.0; LANES]; 3],
+            steps: [[1.0; LANES]; 5],
+            over: [1.0; LANES],
+        };
+        for (lane, correction) in corrections.take(LANES).enumerate() {
             let Some(Correcting {
                 residual,
-                over: time,
+                over,
                 grid,
             }) = correction
             else {
                 continue;
             };
             for axis in 0..3 {
-                apart[axis][lane] = f64::from(residual.position[axis]);
-                turns[axis][lane] = f64::from(residual.turn[axis]);
+                laid.apart[axis][lane] = f64::from(residual.position[axis]);
+                laid.turns[axis][lane] = f64::from(residual.turn[axis]);
             }
-            let of_grid = [
-                grid.position(),
-                grid.fine(),
-                grid.turn(),
-                grid.linear(),
-                grid.angular(),
-            ];
-            for (steps, step) in steps.iter_mut().zip(of_grid) {
-                steps[lane] = step;
-            }
-            over[lane] = time.seconds();
-            said[lane] = Some(residual);
+            laid.steps[0][lane] = grid.position();
+            laid.steps[1][lane] = grid.fine();
+            laid.steps[2][lane] = grid.turn();
+            laid.steps[3][lane] = grid.linear();
+            laid.steps[4][lane] = grid.angular();
+            laid.over[lane] = over.seconds();
+            laid.said[lane] = Some(residual);
         }
-        let predicted = self.predicted(&terms);
-        let [position, fine, turn, linear, angular] = [
-            lanes(&steps[0]),
-            lanes(&steps[1]),
-            lanes(&steps[2]),
-            lanes(&steps[3]),
-            lanes(&steps[4]),
-        ];
-        let rate = f64x4::splat(1.0) / lanes(&over);
-        let [x, y, z] = lanes3(&turns);
-        let turned = [x * turn, y * turn, z * turn];
-        let rotation = if turns == [[0.0; LANES]; 3] {
+        laid
+    }
+
+    /// What they make of predictions, but that positions are those predicted.
+    #[inline]
+    fn onto(&self, predicted: &Predicted) -> Whole {
+        let step = |quantity: usize| lanes(&self.steps[quantity]);
+        let rate = f64x4::splat(1.0) / lanes(&self.over);
+        let times = |[x, y, z]: [f64x4; 3], by: f64x4| [x * by, y * by, z * by];
+        let turned = times(lanes3(&self.turns), step(2));
+        let [x, y, z, w] = if self.turns == [[0.0; LANES]; 3] {
             predicted.rotation
         } else {
             turned_by(turned, predicted.rotation)
         };
-        let [x, y, z] = lanes3(&apart);
-        let moved = [
-            (x * position) * rate,
-            (y * position) * rate,
-            (z * position) * rate,
-        ];
-        let [x, y, z] = turned;
-        let spun = [x * rate, y * rate, z * rate];
+        let moved = times(times(lanes3(&self.apart), step(0)), rate);
+        let spun = times(turned, rate);
         let on = |value: f64x4, step: f64x4| floor(value / step + 0.5);
-        let three = |value: [f64x4; 3], by: [f64x4; 3], step: f64x4| {
-            let one = |axis: usize| on(value[axis] + by[axis], step);
-            arrays([one(0), one(1), one(2)])
+        let three = |[x, y, z]: [f64x4; 3], [u, v, w]: [f64x4; 3], step: f64x4| {
+            arrays([on(x + u, step), on(y + v, step), on(z + w, step)])
         };
-        let [x, y, z] = predicted.position;
-        let position = arrays([on(x, fine), on(y, fine), on(z, fine)]);
-        let linear = three(predicted.linear, moved, linear);
-        let angular = three(predicted.angular, spun, angular);
+        let [px, py, pz] = predicted.position;
         let part = |part: f64x4| floor(part * PACKED_STEPS + 0.5).to_array();
-        let rotation = [
-            part(rotation[0]),
-            part(rotation[1]),
-            part(rotation[2]),
-            part(rotation[3]),
-        ];
-        for (lane, residual) in said.into_iter().enumerate() {
-            let Some(residual) = residual else { continue };
-            let at = |of: &[[f64; LANES]; 3], limit: i32| {
-                [
-                    whole(of[0][lane], limit),
-                    whole(of[1][lane], limit),
-                    whole(of[2][lane], limit),
-                ]
-            };
-            let [x, y, z, w] = &rotation;
-            let from = Snapped {
-                position: at(&position, POSITION_LIMIT),
-                rotation: PackedRotation::of_whole([x[lane], y[lane], z[lane], w[lane]]),
-                linear: at(&linear, VELOCITY_LIMIT),
-                angular: at(&angular, VELOCITY_LIMIT),
-            };
-            out(self.keys[lane], residual.onto_implied(from));
+        Whole {
+            position: arrays([on(px, step(1)), on(py, step(1)), on(pz, step(1))]),
+            rotation: [part(x), part(y), part(z), part(w)],
+            linear: three(predicted.linear, moved, step(3)),
+            angular: three(predicted.angular, spun, step(4)),
         }
-        self.len = 0;
+    }
+}
+
+impl Whole {
+    #[inline]
+    fn at(&self, lane: usize) -> Snapped {
+        let three = |[x, y, z]: &[[f64; LANES]; 3], limit: i32| {
+            let one = |steps: &[f64; LANES]| whole(steps[lane], limit);
+            [one(x), one(y), one(z)]
+        };
+        let [x, y, z, w] = &self.rotation;
+        Snapped {
+            position: three(&self.position, POSITION_LIMIT),
+            rotation: PackedRotation::of_whole([x[lane], y[lane], z[lane], w[lane]]),
+            linear: three(&self.linear, VELOCITY_LIMIT),
+            angular: three(&self.angular, VELOCITY_LIMIT),
+        }
     }
 }
 
