@@ -174,6 +174,7 @@ class Scene:
         self.vouched = self.newest = self.settled_at = joined["tick"]
         self.known_from = 0
         self.seats, self.seat_of = {}, {}  # seat: (index, since); index: seat
+        self.repaired = 0  # the newest tick of a repair
         self.sat = []  # (since, seat, index or None), while something is missing or unread
         self.missing, self.unread, self.parts, self.held, self.gone = {}, {}, {}, [], 0
         self.unreadable = {}  # packets of which something was unread
@@ -306,11 +307,13 @@ class Scene:
         if index is not None:
             self.note(seat, index, since)
 
-    def sitter_at(self, seat, tick):
+    def sitter_at(self, seat, number, tick):
         """Who sits in a seat at a tick, or sat there; None if nobody is known."""
         index, since = self.seats.get(seat, (None, 0))
         if index is not None and since <= tick:
             return index
+        if tick < self.repaired or any(other < number for other in self.missing):
+            return None
         by_then = [change for change in self.sat if change[0] <= tick]
         here = [change for change in reversed(by_then) if change[1] == seat]
         if not here:
@@ -496,8 +499,8 @@ class Scene:
             if update.get("course") == "held" or update.get("carrier_age") is not None:
                 later.append(update)
             else:
-                outcomes.append(self.hear_update(update, tick))
-        outcomes += [self.hear_update(update, tick) for update in later]
+                outcomes.append(self.hear_update(update, number, tick))
+        outcomes += [self.hear_update(update, number, tick) for update in later]
         for index in [index for index, body in self.bodies.items() if index in self.seat_of]:
             track = self.bodies[index].track
             if track.is_verbatim_rest() and track.origin == tick:
@@ -512,11 +515,11 @@ class Scene:
         if "seatless" in outcomes or "unread" in outcomes:
             self.unreadable[number] = said
 
-    def hear_update(self, update, tick):
+    def hear_update(self, update, number, tick):
         """"heard", "unread", or "seatless"."""
         index = update["body"]
         if index is None:
-            index = self.sitter_at(update["seat"], tick)
+            index = self.sitter_at(update["seat"], number, tick)
             if index is None:
                 return "seatless"
         body = self.bodies.get(index)
@@ -612,6 +615,7 @@ class Scene:
         if lost >= self.next:
             self.hear_amends(said, lost, tick)
             return
+        self.repaired = max(self.repaired, tick)
         for record in said["records"]:
             self.hear_record(record, tick)
         if lost not in self.missing:

@@ -82,6 +82,11 @@ impl Gaps {
         self.missing.keys().copied()
     }
 
+    /// Whether a packet before this one is missing.
+    pub(crate) fn lacks_before(&self, number: u64) -> bool {
+        self.missing.range(..number).next().is_some()
+    }
+
     /// A body whose track is at least this new is known for sure; `None` when every body is.
     pub(crate) fn doubted_before(&self) -> Option<Tick> {
         let missing = self.missing.values().map(|missing| missing.before);

@@ -108,15 +108,21 @@ pub(crate) struct Seats {
     changes: Vec<Change>,
     /// Whether one is.
     remembers: bool,
+    /// The newest tick of which a repair told: who sat where before it may have been said in what it stands for.
+    repaired: Tick,
 }
 
 impl Seats {
-    /// The body that sat in a seat at a tick, if that is known.
-    pub(crate) fn body_at(&self, seat: u32, tick: Tick) -> Option<u32> {
-        if let Some(body) = self.now.body(seat)
-            && self.since(seat) <= tick
-        {
-            return Some(body);
+    /// The body that sits in a seat since a tick or earlier, if that is known.
+    pub(crate) fn body_since(&self, seat: u32, tick: Tick) -> Option<u32> {
+        self.now.body(seat).filter(|_| self.since(seat) <= tick)
+    }
+
+    /// The body that sat in a seat at a tick and does no more, if that is known. It is not while anything is missing that was
+    /// said before that tick.
+    pub(crate) fn body_then(&self, seat: u32, tick: Tick) -> Option<u32> {
+        if tick < self.repaired {
+            return None;
         }
         let by_then = || self.changes.iter().filter(|change| change.since <= tick);
         let here = by_then().filter(|change| change.seat == seat);
@@ -131,6 +137,11 @@ impl Seats {
         if !missing {
             self.changes.clear();
         }
+    }
+
+    /// Something was made good by what its bodies do at this tick.
+    pub(crate) fn repair(&mut self, as_of: Tick) {
+        self.repaired = self.repaired.max(as_of);
     }
 
     fn note(&mut self, seat: u32, body: Option<u32>, since: Tick) {
@@ -321,7 +332,11 @@ mod tests {
     fn who_left_while_something_is_missing_is_known_to_have_sat_there() {
         let mut seats = left_at_twelve();
         let sitters = |seats: &Seats, seat| {
-            [9, 10, 12, 13, 15].map(|tick| seats.body_at(seat, Tick::new(tick)))
+            [9, 10, 12, 13, 15].map(|tick| {
+                let tick = Tick::new(tick);
+                let now = seats.body_since(seat, tick);
+                now.or_else(|| seats.body_then(seat, tick))
+            })
         };
         assert_eq!(sitters(&seats, 4), [None, Some(9), Some(9), None, None]);
         seats.take(4, 7, Tick::new(15), Sitter::AsSaid);
@@ -335,6 +350,8 @@ mod tests {
         // Heard later still: body 9 had gone elsewhere before.
         seats.take(5, 9, Tick::new(11), Sitter::AsSaid);
         assert_eq!(sitters(&seats, 4), [None, Some(9), None, Some(6), Some(7)]);
+        seats.repair(Tick::new(13));
+        assert_eq!(sitters(&seats, 4), [None, None, None, Some(6), Some(7)]);
         seats.remember(false);
         assert_eq!(sitters(&seats, 4), [None, None, None, None, Some(7)]);
     }
@@ -343,7 +360,7 @@ mod tests {
     fn of_who_was_removed_nothing_is_remembered() {
         let mut seats = left_at_twelve();
         seats.dismiss(9);
-        assert_eq!(seats.body_at(4, Tick::new(11)), None);
+        assert_eq!(seats.body_then(4, Tick::new(11)), None);
     }
 
     #[test]
@@ -356,6 +373,6 @@ mod tests {
         assert_eq!(seats.now.of(9), None);
         seats.take(4, 9, Tick::new(13), Sitter::AsSaid);
         seats.take(4, 9, Tick::new(14), Sitter::GoneOn);
-        assert_eq!(seats.body_at(4, Tick::new(13)), Some(9));
+        assert_eq!(seats.body_since(4, Tick::new(13)), Some(9));
     }
 }

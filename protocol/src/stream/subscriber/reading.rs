@@ -310,8 +310,12 @@ impl Subscriber {
             self.seats.take(update.seat, body, tick, sitter);
         }
         // Who sits there now may not be who was meant then.
-        let seated = self.seats.body_at(update.seat, tick);
-        let Some(index) = update.body.or(seated) else {
+        let sits = || self.seats.body_since(update.seat, tick);
+        let sat = || {
+            let lacks = self.gaps.lacks_before(number);
+            self.seats.body_then(update.seat, tick).filter(|_| !lacks)
+        };
+        let Some(index) = update.body.or_else(sits).or_else(sat) else {
             self.statistics.unread += 1;
             self.gaps.could_not_read(number, tick, false);
             return;
@@ -451,6 +455,7 @@ impl Subscriber {
             return self.amend(as_of, repair);
         }
         self.statistics.repairs += 1;
+        self.seats.repair(as_of);
         for record in &repair.records {
             let Some(origin) = as_of.before(record.age) else {
                 return Err(Malformed::OutOfRange);
