@@ -4,16 +4,15 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 use std::thread;
 use std::time::Duration;
 
 use bytes::Bytes;
+use quinn::SendDatagramError;
 use rhumb_protocol::{Endpoint, Peer, Span, Transmit};
 
 use super::code::TransportCode;
-use super::hand_over::{Giver, State};
 use super::input::{Input, Line};
 use super::tuning::{CLOSE_LEAVES, DATAGRAM_SEND_BYTES};
 use super::watch::ServerWatch;
@@ -36,7 +35,6 @@ pub(super) struct Host {
     lines: BTreeMap<Peer, Standing>,
     /// Datagrams of the drain in progress: they leave after its control bytes, so that both can share a packet.
     states: Vec<(Peer, Bytes)>,
-    giver: Giver,
     watch: ServerWatch,
     door: Option<AppDoor>,
 }
@@ -68,18 +66,12 @@ enum Flow {
 const INPUTS_PER_TURN: usize = 256;
 
 impl Host {
-    pub(super) fn new(
-        inputs: Receiver<Input>,
-        giver: Giver,
-        watch: ServerWatch,
-        door: Option<AppDoor>,
-    ) -> Self {
+    pub(super) fn new(inputs: Receiver<Input>, watch: ServerWatch, door: Option<AppDoor>) -> Self {
         Self {
             clock: Clock::start(),
             inputs,
             lines: BTreeMap::new(),
             states: Vec::new(),
-            giver,
             watch,
             door,
         }
@@ -216,9 +208,7 @@ impl Host {
                 Transmit::Control { to, bytes } => self.send_control(to, bytes),
                 Transmit::State { to, bytes } => self.states.push((to, bytes)),
                 Transmit::Close { to, code } => {
-                    // What is said before its end is not to come behind it.
-                    let states = self.states();
-                    self.giver.give_now(states);
+                    self.send_states();
                     if let Some(standing) = open(&mut self.lines, to) {
                         standing.line.control.close(&standing.line.closing, code);
                         standing.talk = Talk::Closing;
@@ -226,8 +216,7 @@ impl Host {
                 }
             }
         }
-        let states = self.states();
-        self.giver.give(states);
+        self.send_states();
     }
 
     fn send_control(&mut self, to: Peer, bytes: Bytes) {
@@ -242,20 +231,21 @@ impl Host {
         }
     }
 
-    /// The datagrams of the drain so far, of those who are still spoken to.
-    fn states(&mut self) -> Vec<State> {
-        let (lines, states) = (&mut self.lines, &mut self.states);
-        let line = |(peer, bytes): (Peer, Bytes)| {
-            let standing = open(lines, peer)?;
-            standing.handed_bytes += bytes.len() as u64;
-            let connection = Arc::clone(&standing.line.connection);
-            Some(State {
-                peer,
-                connection,
-                bytes,
-            })
-        };
-        states.drain(..).filter_map(line).collect()
+    fn send_states(&mut self) {
+        for (to, bytes) in self.states.drain(..) {
+            let Some(standing) = open(&mut self.lines, to) else {
+                continue;
+            };
+            let bytes_len = bytes.len();
+            standing.handed_bytes += bytes_len as u64;
+            match standing.line.connection.send_datagram(bytes) {
+                Ok(()) | Err(SendDatagramError::ConnectionLost(_)) => {}
+                Err(cause) => {
+                    self.watch.count(|counters| &counters.state_oversized);
+                    tracing::warn!(peer = to.0, bytes_len, %cause, "state datagram not sent");
+                }
+            }
+        }
     }
 
     fn talks(&mut self, peer: Peer) -> bool {

@@ -34,7 +34,7 @@ pub(crate) enum Input {
 /// How the host thread speaks to one connection.
 #[derive(Debug)]
 pub(crate) struct Line {
-    pub(super) connection: Arc<Connection>,
+    pub(super) connection: Connection,
     pub(super) control: ControlSender,
     pub(super) closing: Arc<Closing>,
 }

@@ -12,7 +12,6 @@ mod connect_error;
 mod connection_id;
 mod control_queue;
 mod fingerprint;
-mod hand_over;
 mod host;
 mod inbox;
 mod input;

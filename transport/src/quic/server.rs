@@ -17,7 +17,6 @@ use tokio::sync::oneshot;
 use super::certificate::Certificate;
 use super::connection_id::Short;
 use super::fingerprint::Fingerprint;
-use super::hand_over::{Giver, hand_over};
 use super::host::{Host, ServeError};
 use super::input::Input;
 use super::server_io;
@@ -44,7 +43,6 @@ pub struct QuicServer {
     fingerprint: Fingerprint,
     inputs: mpsc::Receiver<Input>,
     wake: mpsc::Sender<Input>,
-    giver: Giver,
     watch: ServerWatch,
     door: Option<AppDoor>,
     io: IoThread,
@@ -104,14 +102,13 @@ impl QuicServer {
         let (wake, inputs) = mpsc::channel();
         let (end, ended) = oneshot::channel();
         let watch = ServerWatch::default();
-        let (giver, taker) = hand_over(&watch);
         let thread = thread::Builder::new()
             .name("rhumb-server-io".into())
             .spawn({
                 let (host, watch) = (wake.clone(), watch.clone());
                 move || {
                     let _last_word = LastWord(host.clone());
-                    runtime.block_on(server_io::accept(endpoint, host, taker, watch, ended));
+                    runtime.block_on(server_io::accept(endpoint, host, watch, ended));
                 }
             })
             .map_err(BindError::Thread)?;
@@ -120,7 +117,6 @@ impl QuicServer {
             fingerprint: certificate.fingerprint(),
             inputs,
             wake,
-            giver,
             watch,
             door: None,
             io: IoThread {
@@ -201,7 +197,7 @@ impl QuicServer {
         let wake = self.wake.clone();
         // A server that is gone needs no waking.
         stop.on_stop(move || drop(wake.send(Input::Stop)));
-        let mut host = Host::new(self.inputs, self.giver, self.watch.clone(), self.door);
+        let mut host = Host::new(self.inputs, self.watch.clone(), self.door);
         let outcome = host.run(endpoint, app);
         host.close_all();
         drop(self.io);

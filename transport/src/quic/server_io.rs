@@ -15,7 +15,6 @@ use tokio::time::{sleep, timeout};
 use super::closing::Closing;
 use super::code::TransportCode;
 use super::control_queue::{ControlWriter, control_queue};
-use super::hand_over::Taker;
 use super::input::{Input, Line};
 use super::tuning::{
     CONNECTIONS_MAX, CONTROL_IN_FLIGHT_BYTES, DATAGRAM_BYTES_MIN, HANDSHAKES_UNPROVEN_MAX, SETUP,
@@ -28,11 +27,9 @@ use crate::piece::Allowance;
 pub(super) async fn accept(
     endpoint: Endpoint,
     host: Sender<Input>,
-    taker: Taker,
     watch: ServerWatch,
     mut ended: oneshot::Receiver<()>,
 ) {
-    tokio::spawn(taker.run());
     let handshakes = Arc::new(AtomicUsize::new(0));
     let mut peers = 0;
     loop {
@@ -106,7 +103,7 @@ async fn serve(connection: Connection, peer: Peer, host: Sender<Input>, watch: S
     watch.opened(peer, connection.clone());
     let (control, writer) = control_queue();
     let line = Line {
-        connection: Arc::new(connection.clone()),
+        connection: connection.clone(),
         control,
         closing: Arc::clone(&closing),
     };
