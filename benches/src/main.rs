@@ -26,7 +26,7 @@ enum Task {
     Evaluate(Evaluate),
     /// Publish and follow a recorded trace; write the same.
     Replay(Replay),
-    /// Replay a recorded trace with each means of the publisher switched off in turn.
+    /// Replay a recorded trace with each means of the stream switched off in turn.
     Ablate(Ablate),
     /// How few updates and bits a recorded trace would have needed, had the future been known.
     Limit(LimitOf),

@@ -96,7 +96,7 @@ pub struct RunFigures {
     pub mismatches: Option<u64>,
     /// Of a replay: of the bodies that the recording has a record of at the tick, against that record.
     pub moving: Option<Moving>,
-    /// Of an ablation: payload bytes down over those with every means of the publisher on.
+    /// Of an ablation: payload bytes down over those with every means of the stream on.
     pub of_all_on: Option<f64>,
     /// What was found to do for the same promise, had the future been known; `null` if that was not sought.
     pub limit: Option<Least>,

@@ -135,6 +135,8 @@ pub const PARITY_SPAN: u32 = 32;
 pub const PARITY_ROWS: u8 = 128;
 /// Parities that a subscriber keeps until it heard enough of them.
 pub const PARITIES_KEPT: usize = 16;
+/// Changes of who sits where that a subscriber remembers while something is missing.
+pub const SEATINGS_KEPT: usize = 1_024;
 /// Packets that a subscriber holds back while notices are on their way.
 pub const PACKETS_HELD_MAX: usize = 512;
 /// Sums that one digest holds.

@@ -13,6 +13,7 @@ from restorer import Restorer
 
 LAWS = ("rest", "uniform", "ballistic", "tumbling", "thrown", "pushed")
 HISTORY, JUMP, HELD = LIMITS["HISTORY_PACKETS"], LIMITS["TICK_JUMP_MAX"], LIMITS["PACKETS_HELD_MAX"]
+SEATINGS = LIMITS["SEATINGS_KEPT"]
 IDENTITY = ["00000000", "00000000", "00000000", "3f800000"]
 
 
@@ -174,6 +175,7 @@ class Scene:
         self.vouched = self.newest = self.settled_at = joined["tick"]
         self.known_from = 0
         self.seats, self.seat_of = {}, {}  # seat: (index, since); index: seat
+        self.remembers = False
         self.repaired = 0  # the newest tick of a repair
         self.sat = []  # (since, seat, index or None), while something is missing or unread
         self.missing, self.unread, self.parts, self.held, self.gone = {}, {}, {}, [], 0
@@ -295,11 +297,12 @@ class Scene:
     def dismiss(self, index):
         """6.13-14."""
         self.leave(index)
-        self.sat = [change for change in self.sat if change[2] != index]
+        self.sat = [(since, seat, None if who == index else who) for since, seat, who in self.sat]
 
     def note(self, seat, index, since):
         """6.13-13."""
-        if self.missing or self.unread:
+        self.remembers = self.remembers or bool(self.missing or self.unread)
+        if self.remembers:
             self.sat.append((since, seat, index))
 
     def note_sitter(self, seat):
@@ -312,7 +315,7 @@ class Scene:
         index, since = self.seats.get(seat, (None, 0))
         if index is not None and since <= tick:
             return index
-        if tick < self.repaired or any(other < number for other in self.missing):
+        if tick < self.repaired or len(self.sat) > SEATINGS or any(other < number for other in self.missing):
             return None
         by_then = [change for change in self.sat if change[0] <= tick]
         here = [change for change in reversed(by_then) if change[1] == seat]
@@ -378,7 +381,8 @@ class Scene:
         self.settle()
 
     def settle(self):
-        if not (self.missing or self.unread):
+        self.remembers = bool(self.missing or self.unread)
+        if not self.remembers:
             self.sat = []
         if self.is_settled() and self.known_from <= self.vouched:
             self.settled_at = self.vouched

@@ -227,6 +227,7 @@ fn left_jacobian(turn: DVec3) -> DMat3 {
 
 /// Gauss' elimination, of `N` unknowns with what they amount to behind them; unknowns that nothing tells of stay zero.
 fn solved<const N: usize, const WIDTH: usize>(mut rows: [[f64; WIDTH]; N]) -> [f64; N] {
+    const { assert!(WIDTH == N + 1) };
     let scale = (0..N).map(|i| rows[i][i]).fold(0.0, f64::max);
     let mut told = [false; N];
     for pivot in 0..N {

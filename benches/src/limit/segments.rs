@@ -118,9 +118,9 @@ fn guess(update: &Update) -> f64 {
     let velocity = residual
         .velocity
         .map_or(0.0, |by| three(&by.linear) + three(&by.angular));
-    let push = update
-        .push
-        .map_or(0.0, |push| three(&push.steps().map(i32::from)));
+    let push = update.push.map_or(0.0, |push| {
+        three(&push.steps().map(i32::from)) + number(&i32::from(push.doublings()))
+    });
     NAMING_BITS + three(&residual.position) + three(&residual.turn) + velocity + push
 }
 

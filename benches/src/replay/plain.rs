@@ -1,7 +1,7 @@
 //! What packets would take without their range coder.
 //!
 //! The coder is the wire's own, so that nothing can be sent without it; it can only be counted what plain codes would
-//! take.
+//! take. Parities, and what a budget allows, are those of the coded packets.
 
 use rhumb_protocol::packet::{Head, Kind, StatePacket, Tally};
 use rhumb_protocol::wire::Wire;
@@ -14,11 +14,13 @@ const FORM_BITS: u64 = Tally::CODES[1].next_power_of_two().ilog2() as u64;
 pub(crate) fn tally(datagram: &[u8]) -> Option<Tally> {
     let mut reader = Reader::new(datagram);
     let head = Head::decode(&mut reader).ok()?;
-    let ends_tick = head.kind == Kind::StateEnd;
-    if !ends_tick && head.kind != Kind::State {
-        return None;
-    }
-    let packet = StatePacket::decode(ends_tick, reader).ok()?;
+    let packet = match head.kind {
+        Kind::State => StatePacket::decode(false, reader),
+        Kind::StateEnd => StatePacket::decode(true, reader),
+        Kind::StateInArrears => StatePacket::decode_in_arrears(reader),
+        _ => return None,
+    };
+    let packet = packet.ok()?;
     let mut updates = Vec::new();
     packet.updates(&mut updates).ok()?;
     Some(Tally::of(&updates))

@@ -125,7 +125,7 @@ pub(super) fn compare_with_naive(runs: &mut [RunFigures]) {
     }
 }
 
-/// Where means of the publisher were switched off, what that made of the bytes.
+/// Where means of the stream were switched off, what that made of the bytes.
 pub(super) fn compare_with_all_on(runs: &mut [RunFigures]) {
     let switched = |run: &RunFigures| run.replayed.as_ref().map(|of| of.without.len());
     let all_on = runs.iter().find(|run| switched(run) == Some(0));

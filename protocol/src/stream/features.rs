@@ -25,7 +25,7 @@ pub struct Features {
     pub residuals: bool,
     /// What is still within tolerance is not spoken of.
     pub gate: bool,
-    /// A packet says more than one body.
+    /// A packet says more than one body. Without it a tick may take more packets than are remembered: to be measured without loss.
     pub packing: bool,
     /// What is lost can be had back from parities.
     pub redundancy: bool,

@@ -1,7 +1,8 @@
 //! Which body sits where: small numbers for those that are much spoken of.
 //!
 //! Both ends keep seatings. The publisher decides, and says each seating; a listener that missed one finds the seat
-//! empty or its body's track of another age, and never takes one body for another (PROTOCOL 6.13).
+//! empty or its body's track of another age, and never takes one body for another (PROTOCOL 6.13). While something is
+//! missing it remembers who sat where, within a bound beyond which it knows of nobody.
 
 use alloc::collections::BinaryHeap;
 use alloc::vec::Vec;
@@ -11,6 +12,7 @@ use core::num::NonZeroU32;
 use rhumb_reckoning::Tick;
 
 use super::room::grow_to;
+use crate::limits::SEATINGS_KEPT;
 
 /// Who sits where, and of each seat something more.
 #[derive(Clone, Debug, Default)]
@@ -97,17 +99,15 @@ struct Change {
     since: Tick,
 }
 
-/// Changes that are kept: what a long gap of a lively scene takes.
-const CHANGES_KEPT: usize = 8_192;
-
 /// The seats as a listener knows them: with when each was said.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Seats {
     now: Seating<Since>,
-    /// Who sat where while packets are missing that may name them so, in no order.
+    /// Who sat where while packets are missing that may name them so, as it was heard: of one tick the last counts.
     changes: Vec<Change>,
-    /// Whether one is.
     remembers: bool,
+    /// More was heard than is kept, so that nothing is known of before.
+    overflowed: bool,
     /// The newest tick of which a repair told: who sat where before it may have been said in what it stands for.
     repaired: Tick,
 }
@@ -121,7 +121,7 @@ impl Seats {
     /// The body that sat in a seat at a tick and does no more, if that is known. It is not while anything is missing that was
     /// said before that tick.
     pub(crate) fn body_then(&self, seat: u32, tick: Tick) -> Option<u32> {
-        if tick < self.repaired {
+        if tick < self.repaired || self.overflowed {
             return None;
         }
         let by_then = || self.changes.iter().filter(|change| change.since <= tick);
@@ -131,12 +131,15 @@ impl Seats {
         last.body.filter(|_| !by_then().any(went))
     }
 
-    /// Who sat where is remembered for as long as something is missing.
-    pub(crate) fn remember(&mut self, missing: bool) {
-        self.remembers = missing;
-        if !missing {
-            self.changes.clear();
-        }
+    /// Something is missing: who sits where is remembered from now on.
+    pub(crate) const fn remember(&mut self) {
+        self.remembers = true;
+    }
+
+    /// Nothing is missing any more.
+    pub(crate) fn forget(&mut self) {
+        self.changes.clear();
+        (self.remembers, self.overflowed) = (false, false);
     }
 
     /// Something was made good by what its bodies do at this tick.
@@ -145,8 +148,13 @@ impl Seats {
     }
 
     fn note(&mut self, seat: u32, body: Option<u32>, since: Tick) {
-        if self.remembers && self.changes.len() < CHANGES_KEPT {
+        if !self.remembers {
+            return;
+        }
+        if self.changes.len() < SEATINGS_KEPT {
             self.changes.push(Change { seat, body, since });
+        } else {
+            self.overflowed = true;
         }
     }
 
@@ -192,7 +200,9 @@ impl Seats {
     /// A body is another one now, or another one than was believed: where it sat is not known.
     pub(crate) fn dismiss(&mut self, body: u32) {
         self.now.leave(body);
-        self.changes.retain(|change| change.body != Some(body));
+        for change in &mut self.changes {
+            change.body = change.body.filter(|other| *other != body);
+        }
     }
 
     /// A body had no seat at a tick; one that it took later stays.
@@ -322,7 +332,7 @@ mod tests {
     /// Seats that remember, in which body 9 sat in seat 4 from tick 10 on and came to rest at tick 12.
     fn left_at_twelve() -> Seats {
         let mut seats = Seats::default();
-        seats.remember(true);
+        seats.remember();
         seats.take(4, 9, Tick::new(10), Sitter::AsSaid);
         seats.leave(9, Tick::new(12));
         seats
@@ -352,15 +362,31 @@ mod tests {
         assert_eq!(sitters(&seats, 4), [None, Some(9), None, Some(6), Some(7)]);
         seats.repair(Tick::new(13));
         assert_eq!(sitters(&seats, 4), [None, None, None, Some(6), Some(7)]);
-        seats.remember(false);
+        seats.forget();
         assert_eq!(sitters(&seats, 4), [None, None, None, None, Some(7)]);
     }
 
     #[test]
-    fn of_who_was_removed_nothing_is_remembered() {
+    fn where_one_sat_who_was_removed_nobody_is_known_nor_who_sat_there_before() {
         let mut seats = left_at_twelve();
+        seats.take(4, 7, Tick::new(8), Sitter::AsSaid);
         seats.dismiss(9);
+        let then = [8, 9, 10, 11].map(|tick| seats.body_then(4, Tick::new(tick)));
+        assert_eq!(then, [Some(7), Some(7), None, None]);
+    }
+
+    #[test]
+    fn who_would_have_to_remember_too_much_knows_nobody() {
+        let mut seats = left_at_twelve();
+        for body in 0..SEATINGS_KEPT as u32 {
+            seats.take(5, 100 + body, Tick::new(20), Sitter::AsSaid);
+        }
         assert_eq!(seats.body_then(4, Tick::new(11)), None);
+        seats.forget();
+        assert_eq!(
+            seats.body_since(5, Tick::new(20)),
+            Some(99 + SEATINGS_KEPT as u32)
+        );
     }
 
     #[test]

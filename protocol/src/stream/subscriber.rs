@@ -454,10 +454,9 @@ impl Subscriber {
 
     fn note_settled(&mut self) {
         self.settled_at = self.complete();
-        let settled = self.gaps.is_settled();
-        self.seats.remember(!settled);
-        if settled {
+        if self.gaps.is_settled() {
             self.older.clear();
+            self.seats.forget();
         }
     }
 

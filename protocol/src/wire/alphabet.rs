@@ -22,10 +22,10 @@ pub(crate) struct Covering {
     pub(crate) size: u32,
 }
 
-/// More than the symbols of any alphabet.
-const SYMBOLS_LEAST: usize = 32;
+/// No alphabet has more, its end among them.
+const SYMBOLS_MOST: usize = 32;
 /// With two behind each.
-const STARTS: usize = SYMBOLS_LEAST + 2;
+const STARTS: usize = SYMBOLS_MOST + 2;
 /// Parts of a stretch, as a power of two: so few that hardly one has more than two symbols.
 const STRETCH_BITS: u32 = 6;
 const STRETCHES: usize = 1 << (TOTAL_BITS - STRETCH_BITS);
@@ -33,7 +33,7 @@ const STRETCHES: usize = 1 << (TOTAL_BITS - STRETCH_BITS);
 impl Alphabet {
     /// Of symbols that begin at these parts, the end of all behind them.
     pub(crate) const fn new<const N: usize>(of: &[u16; N]) -> Self {
-        assert!(N <= SYMBOLS_LEAST && of[0] == 0 && of[N - 1] == 1 << TOTAL_BITS);
+        assert!(N <= SYMBOLS_MOST && of[0] == 0 && of[N - 1] == 1 << TOTAL_BITS);
         let mut starts = [1 << TOTAL_BITS; STARTS];
         let mut place = 0;
         while place < N {
@@ -56,7 +56,7 @@ impl Alphabet {
     #[inline(always)]
     pub(crate) fn at(&self, part: u32) -> Covering {
         let stretch = (part >> STRETCH_BITS) as usize % STRETCHES;
-        let symbol = usize::from(self.near[stretch]) % SYMBOLS_LEAST;
+        let symbol = usize::from(self.near[stretch]) % SYMBOLS_MOST;
         let start = |more: usize| u32::from(self.starts[symbol + more]);
         let (first, second, third) = (start(0), start(1), start(2));
         if third <= part {
@@ -103,7 +103,7 @@ mod tests {
             &[0, 4_095, 4_096],
             &[0, 64, 128, 4_096],
         ] {
-            let mut starts = [4_096; SYMBOLS_LEAST];
+            let mut starts = [4_096; SYMBOLS_MOST];
             starts[..alphabet.len()].copy_from_slice(alphabet);
             let fast = Alphabet::new(&starts);
             for part in 0..1 << TOTAL_BITS {

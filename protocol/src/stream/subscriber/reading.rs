@@ -98,6 +98,14 @@ impl Subscriber {
         if self.try_read(datagram).is_err() {
             self.statistics.malformed += 1;
         }
+        self.remember_seats();
+    }
+
+    /// While something is missing it is remembered who sits where.
+    fn remember_seats(&mut self) {
+        if !self.gaps.is_settled() {
+            self.seats.remember();
+        }
     }
 
     fn try_read(&mut self, datagram: &[u8]) -> Result<(), Malformed> {
@@ -211,7 +219,7 @@ impl Subscriber {
                 statements.packet(number, tick, excess);
             }
             self.keep(number, datagram);
-            self.seats.remember(!self.gaps.is_settled());
+            self.remember_seats();
             self.hear_all(number, tick, &updates);
             if number < newest {
                 self.read_again_after(number, &mut updates);
@@ -312,8 +320,8 @@ impl Subscriber {
         // Who sits there now may not be who was meant then.
         let sits = || self.seats.body_since(update.seat, tick);
         let sat = || {
-            let lacks = self.gaps.lacks_before(number);
-            self.seats.body_then(update.seat, tick).filter(|_| !lacks)
+            let whole = !self.gaps.lacks_before(number);
+            whole.then(|| self.seats.body_then(update.seat, tick))?
         };
         let Some(index) = update.body.or_else(sits).or_else(sat) else {
             self.statistics.unread += 1;
