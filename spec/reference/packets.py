@@ -5,6 +5,7 @@ For reading beside the document, not for speed. A datagram is a dict as the vect
 
 import json
 import struct
+from functools import cache
 from pathlib import Path
 
 import reckoning
@@ -760,9 +761,18 @@ def times(a, b):
     return product
 
 
+@cache
+def multiples(factor):
+    """Those of each byte."""
+    return bytes(times(factor, byte) for byte in range(256))
+
+
+def inverse(byte):
+    return multiples(byte).index(1)
+
+
 def factor(row, number):
-    difference = (ROWS + row) ^ (number % ROWS)
-    return next(inverse for inverse in range(256) if times(difference, inverse) == 1)
+    return inverse((ROWS + row) ^ (number % ROWS))
 
 
 def parity(row, packets):

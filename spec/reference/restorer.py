@@ -3,20 +3,16 @@
 Knows numbers and bytes, not what they say. A column is a list of bytes; the shorter ones end in zeros.
 """
 
-from packets import Bytes, factor, head_of, read_head, times
+from packets import Bytes, factor, head_of, inverse, multiples, read_head, times
 
 SPAN, KEPT = 32, 16
-
-
-def inverse(byte):
-    return next(other for other in range(256) if times(byte, other) == 1)
 
 
 def plus_multiple(sums, multiple, column):
     """sums + multiple * column, for each byte."""
     longer = max(len(sums), len(column))
     sums, column = sums + bytes(longer - len(sums)), column + bytes(longer - len(column))
-    return bytes(a ^ times(multiple, b) for a, b in zip(sums, column))
+    return bytes(a ^ b for a, b in zip(sums, column.translate(multiples(multiple))))
 
 
 def column_of(datagram):
@@ -37,18 +33,23 @@ class Restorer:
     """What a listener keeps so that parities give it lost packets back."""
 
     def __init__(self, stream):
-        self.stream, self.columns, self.parities, self.unwanted_below = stream, {}, [], 0
+        self.stream, self.columns, self.parities, self.unwanted_below, self.oldest = stream, {}, [], 0, 0
 
     def keep(self, number, datagram):
         self.columns[number] = column_of(datagram)
-        newest = max(self.columns)
-        self.columns = {number: column for number, column in self.columns.items() if number > newest - SPAN}
+        self.advance(number)
+
+    def advance(self, newest):
+        """6.15-3: what is older than the last SPAN numbers goes."""
+        self.oldest = max(self.oldest, newest + 1 - SPAN)
+        self.columns = {number: column for number, column in self.columns.items() if number >= self.oldest}
 
     def hear(self, last, covered, row, sums, next_number):
         """A parity; `covered` are the bits below the last number."""
         numbers = [last] + [last - 1 - bit for bit in range(SPAN - 1) if covered >> bit & 1]
         if last >= next_number + SPAN or min(numbers) < 0 or last < self.unwanted_below:
             return
+        self.advance(last)
         self.parities.append(({number: factor(row, number) for number in numbers}, sums))
 
     def was_wrong(self, next_number):
@@ -58,7 +59,7 @@ class Restorer:
     def rebuilt(self):
         """A packet that the parities give back, as number and datagram, or None."""
         rows = [self.without_known(*parity) for parity in self.parities]
-        rows = [row for row in rows if row[0]]
+        rows = [row for row in rows if row[0] and min(row[0]) >= self.oldest]
         self.parities = rows[-KEPT:]
         for row in eliminated(self.parities):
             if len(row[0]) == 1:
