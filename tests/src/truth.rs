@@ -4,6 +4,7 @@
 //! once, in order and where it said, has the same digest to the bit.
 
 use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 
 use rhumb_protocol::scene::{Command, SceneTerms};
 use rhumb_reckoning::{BodyId, Divergence, Metres, Pose, Tick, Verbatim};
@@ -31,6 +32,14 @@ pub struct Truth {
 struct Course {
     radius: Metres,
     poses: Vec<(Tick, Option<Verbatim>)>,
+}
+
+impl Course {
+    fn pose(&self, tick: Tick) -> Option<Pose> {
+        let after = self.poses.partition_point(|(since, _)| *since <= tick);
+        let (_, pose) = self.poses[..after].last()?;
+        pose.map(|verbatim| verbatim.motion().pose())
+    }
 }
 
 impl Truth {
@@ -116,10 +125,7 @@ impl Truth {
     /// Where a body was after a tick; `None` before it came and after it went.
     #[must_use]
     pub fn pose(&self, id: BodyId, tick: Tick) -> Option<Pose> {
-        let poses = &self.bodies.get(&id)?.poses;
-        let after = poses.partition_point(|(since, _)| *since <= tick);
-        let (_, pose) = poses[..after].last()?;
-        pose.map(|verbatim| verbatim.motion().pose())
+        self.bodies.get(&id)?.pose(tick)
     }
 
     /// How far a body, of this bounding radius, was from where it is believed to have been; `None` where it was not at
@@ -131,12 +137,18 @@ impl Truth {
         Some((Divergence::between(&pose, believed), radius))
     }
 
-    /// How many bodies there were after a tick.
+    /// How many bodies there may have been after a tick and before the next: commands take some away and add some between.
     #[must_use]
-    pub fn count(&self, tick: Tick) -> usize {
-        self.bodies
-            .keys()
-            .filter(|id| self.pose(**id, tick).is_some())
-            .count()
+    pub fn counts(&self, tick: Tick) -> RangeInclusive<usize> {
+        let is_there = |course: &&Course| course.pose(tick).is_some();
+        let stays = |course: &&Course| {
+            let added_now = course
+                .poses
+                .first()
+                .is_some_and(|(since, _)| *since == tick);
+            !added_now && is_there(course) && course.pose(tick.next()).is_some()
+        };
+        let courses = || self.bodies.values();
+        courses().filter(stays).count()..=courses().filter(is_there).count()
     }
 }
