@@ -156,7 +156,12 @@ impl Gaps {
     /// Takes a packet that was heard, and of which something could not be read that no repair so far covers, as one that
     /// is heard only now; `false` if there is nothing more to read in it.
     pub(crate) fn read_again(&mut self, number: u64) -> bool {
-        self.missing.remove(&number).is_some()
+        let is_missing = self.missing.contains_key(&number);
+        if is_missing {
+            // What waited for it is to be read again too: no repair speaks of this one's bodies.
+            self.made_good(number, Tick::ZERO);
+        }
+        is_missing
     }
 
     /// A part of a repair arrived. Parts of different repairs do not add up: they are cut in different places.
@@ -294,6 +299,20 @@ mod tests {
         gaps.could_not_read(1, tick(2), true);
         gaps.repaired(1, repair(2, 1), 0);
         assert_eq!(gaps.arrive(0, tick(1)), Arrival::Fresh);
+        assert!(gaps.is_settled());
+    }
+
+    #[test]
+    fn what_waits_for_a_packet_that_is_read_again_is_read_again_after_it() {
+        let mut gaps = Gaps::new(0);
+        assert_eq!(gaps.arrive(1, tick(2)), Arrival::Fresh);
+        gaps.could_not_read(1, tick(2), false);
+        assert_eq!(gaps.arrive(2, tick(2)), Arrival::Fresh);
+        gaps.could_not_read(2, tick(2), true);
+        gaps.repaired(0, repair(2, 1), 0);
+        assert!(gaps.read_again(1));
+        assert_eq!(gaps.missing().collect::<Vec<_>>(), [2]);
+        assert!(gaps.read_again(2));
         assert!(gaps.is_settled());
     }
 
