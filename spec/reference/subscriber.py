@@ -178,6 +178,7 @@ class Scene:
         self.remembers = False
         self.repaired = 0  # the newest tick of a repair
         self.sat = []  # (since, seat, index or None), while something is missing or unread
+        self.sat_last = {}  # of these the last of (since, seat)
         self.missing, self.unread, self.parts, self.held, self.gone = {}, {}, {}, [], 0
         self.unreadable = {}  # packets of which something was unread
         self.restorer = Restorer(self.stream)
@@ -298,12 +299,14 @@ class Scene:
         """6.13-14."""
         self.leave(index)
         self.sat = [(since, seat, None if who == index else who) for since, seat, who in self.sat]
+        self.sat_last = {(since, seat): who for since, seat, who in self.sat}
 
     def note(self, seat, index, since):
-        """6.13-13."""
+        """6.13-13, each once (6.13-15)."""
         self.remembers = self.remembers or bool(self.missing or self.unread)
-        if self.remembers:
+        if self.remembers and self.sat_last.get((since, seat), "nothing") != index:
             self.sat.append((since, seat, index))
+            self.sat_last[since, seat] = index
 
     def note_sitter(self, seat):
         index, since = self.seats.get(seat, (None, 0))
@@ -383,7 +386,7 @@ class Scene:
     def settle(self):
         self.remembers = bool(self.missing or self.unread)
         if not self.remembers:
-            self.sat = []
+            self.sat, self.sat_last = [], {}
         if self.is_settled() and self.known_from <= self.vouched:
             self.settled_at = self.vouched
 
@@ -465,10 +468,11 @@ class Scene:
             self.unread = {}
 
     def read_again_after(self, number):
-        """What could not be read, and whose bytes are there still, in order."""
-        for other in sorted(self.missing):
-            if other > number and other in self.unreadable and other in self.restorer.columns:
+        """What could not be read, and whose bytes are there still, in order, each as one that comes late."""
+        for other in range(number + 1, self.next):
+            if other in self.missing and other in self.unreadable and other in self.restorer.columns:
                 tick = self.missing.pop(other)
+                self.made_good(other, None)
                 self.hear_state(self.unreadable.pop(other), other, tick)
 
     # 6.15 Redundancy

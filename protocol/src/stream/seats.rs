@@ -151,6 +151,11 @@ impl Seats {
         if !self.remembers {
             return;
         }
+        let mut newest_first = self.changes.iter().rev();
+        let last = newest_first.find(|change| change.seat == seat && change.since == since);
+        if last.is_some_and(|change| change.body == body) {
+            return;
+        }
         if self.changes.len() < SEATINGS_KEPT {
             self.changes.push(Change { seat, body, since });
         } else {
