@@ -43,6 +43,7 @@ class Member(QuicConnectionProtocol):
         self.control, self.coming, self.is_welcomed, self.is_resyncing = None, None, False, False
         self.asked_at, self.patience, self.heard_at = 0.0, FIRST_ECHO, 0.0
         self.awaited, self.awaited_at, self.awaited_for = 0, 0.0, FIRST_AWAITED
+        self.timed, self.took = None, (0.0, 0.0)  # a tick and when it was asked for; what the last two took
         self.asked_coming_at, self.doubted_at = 0.0, 0.0
 
     # What comes
@@ -103,6 +104,8 @@ class Member(QuicConnectionProtocol):
     def go_on(self):
         """Says what follows from what was heard."""
         coming = self.coming
+        if self.timed and self.timed[0] <= self.scene.complete():
+            self.took, self.timed = (self._loop.time() - self.timed[1], self.took[0]), None
         if coming and coming.whole and (coming.complete() >= self.scene.complete() or self.scene.lost_touch):
             # 4.8-12
             self.scene, self.coming = coming, None
@@ -135,7 +138,9 @@ class Member(QuicConnectionProtocol):
         self.say({"is": "Upstream", "packet": packets.encoded(said).hex()})
 
     def advance(self, tick):
-        self.awaited, self.awaited_at, self.awaited_for = tick, self._loop.time(), FIRST_AWAITED
+        self.awaited, self.awaited_at = tick, self._loop.time()
+        self.awaited_for = min(max(FIRST_AWAITED, 2 * min(self.took)), LAST_AWAITED)
+        self.timed = self.timed or (tick, self.awaited_at)
         self.say({"is": "Advance", "tick": tick})
 
     def end(self, code):

@@ -3,6 +3,7 @@
 //! Does not wait and does not display. Poll order: feed `handle_*`, then drain `poll_event` and `poll_transmit`, then ask
 //! `poll_timeout`. After an `Ended` event nothing more happens.
 
+mod answers;
 mod clock;
 mod driving;
 mod greeting;
@@ -13,6 +14,7 @@ use alloc::vec::Vec;
 use bytes::Bytes;
 use rhumb_reckoning::Tick;
 
+use self::answers::Answers;
 use super::close::CloseCode;
 use super::copies::{Copies, Told};
 use super::event::Event;
@@ -50,7 +52,7 @@ const REPAIR_MOST: Span = Span::from_millis(500);
 const RESYNC_AGAIN: Span = Span::from_millis(1_000);
 /// See [`RESYNC_AGAIN`].
 const RESYNC_MOST: Span = Span::from_millis(16_000);
-/// How long an advance may be unanswered before it is asked for.
+/// How long an advance may be unanswered before it is asked after, where the last ones did not take longer.
 const SILENCE: Span = Span::from_millis(100);
 /// How long beyond [`SILENCE`] any stream may be silent before it is asked: its last packet may be the lost one. One
 /// that runs freely vouches each two and a half seconds at least.
@@ -73,6 +75,7 @@ pub struct ClientSession {
     wheel: Wheel,
     commands: u64,
     awaited: Tick,
+    answers: Answers,
     resyncing: bool,
     touch: Patience,
     /// When it told last what it lost, and how many packets that were.
@@ -102,6 +105,7 @@ impl ClientSession {
             wheel: Wheel::new(),
             commands: 0,
             awaited: Tick::ZERO,
+            answers: Answers::new(),
             resyncing: false,
             touch: Patience::new(Span::ZERO, RESYNC_MOST),
             reported: (Instant::ZERO, 0),
@@ -196,7 +200,8 @@ impl ClientSession {
             self.silence.end();
         }
         self.awaited = self.awaited.max(to);
-        self.silence.begin(now);
+        self.answers.ask(now, to);
+        self.silence.begin(now + self.step());
         Ok(())
     }
 
@@ -279,6 +284,12 @@ impl ClientSession {
     fn awaits(&self) -> bool {
         let complete = self.copies.shown().map(|copy| copy.stream().complete());
         complete.is_some_and(|complete| complete < self.awaited)
+    }
+
+    /// How long beyond [`SILENCE`] a tick that was asked for may take, by what the last ones took.
+    fn step(&self) -> Span {
+        let patience = self.answers.patience(SILENCE_MOST);
+        Span::from_nanos(patience.as_nanos().saturating_sub(SILENCE.as_nanos()))
     }
 
     fn must_be(&self, state: State) -> Result<(), Misuse> {
@@ -400,6 +411,7 @@ impl ClientSession {
         self.wanted = None;
         self.resyncing = false;
         self.awaited = Tick::ZERO;
+        self.answers = Answers::new();
         self.doubt.end();
         self.touch.end();
         self.silence.end();
@@ -445,6 +457,7 @@ impl ClientSession {
         let Some(copy) = self.copies.shown() else {
             return;
         };
+        self.answers.hear(now, copy.stream().complete());
         let (settled, awaits) = (copy.stream().is_settled(), self.awaits());
         self.copies.watch_missing(now);
         let (at, lost) = self.reported;
@@ -468,7 +481,7 @@ impl ClientSession {
         }
         self.silence.end();
         if awaits {
-            self.silence.begin(now);
+            self.silence.begin(now + self.step());
         } else {
             self.silence.begin(now + SILENCE_UNASKED);
         }
