@@ -1,8 +1,8 @@
 //! Which saying will serve a body best: for how long, and for how many bits.
 //!
 //! Only the publisher chooses, so that nothing here is normative: any choice keeps the promise, a good one keeps it
-//! with fewer bytes. How long a saying holds is judged by what the same law would have made of the last two ticks, or,
-//! with hindsight, by what the body did.
+//! with fewer bytes. How long a saying holds is judged by what the same law would have made of what the body did last, or,
+//! with hindsight, by what it did then.
 
 mod allowance;
 mod lasting;
@@ -14,12 +14,13 @@ mod ways;
 
 use glam::DVec3;
 use rhumb_reckoning::{
-    Divergence, HORIZON, Metres, Motion, Pose, Predictor, Tick, Tolerance, Track, carried,
+    Divergence, HORIZON, Metres, Motion, Pose, Predictor, Tick, Ticks, Tolerance, Track, carried,
     seen_from,
 };
 
 use super::features::Features;
 use super::tracks::{Slot, Tracks};
+use super::witness::stride;
 use crate::packet::{Age, Saying};
 pub(super) use allowance::Allowance;
 pub(super) use lasting::doubt;
@@ -39,7 +40,8 @@ pub(crate) struct Subject<'a> {
     /// What it does then, and what is believed of it.
     pub(crate) truth: Motion,
     pub(crate) believed: Motion,
-    /// What it did one and two ticks before.
+    /// What it did one and two ticks before, and one and two strides (see [`stride`]).
+    pub(crate) last: [Option<Motion>; 2],
     pub(crate) past: [Option<Motion>; 2],
     /// What it will do, as far as hindsight knows.
     pub(crate) ahead: &'a [Motion],
@@ -58,7 +60,7 @@ pub(crate) struct Holder<'a> {
     pub(crate) slot: &'a Slot,
     /// What it does at the tick that is spoken of.
     pub(crate) truth: Motion,
-    /// What it did one and two ticks before.
+    /// What it did one and two strides before.
     pub(crate) past: [Option<Motion>; 2],
     /// What it will do.
     pub(crate) ahead: &'a [Motion],
@@ -197,6 +199,11 @@ impl Chooser<'_> {
                 share(&truth, &carried(&by, begun).pose(), tolerance, radius)
             }
         }
+    }
+
+    /// Ticks between two looks at what a body did.
+    pub(super) fn stride(&self) -> Ticks {
+        stride(self.tracks.every())
     }
 
     /// What may be expected of a body.

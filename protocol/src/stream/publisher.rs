@@ -383,6 +383,7 @@ impl Publisher {
             tick,
             truth,
             believed,
+            last: seen.last,
             past: seen.past,
             ahead: seen.ahead(),
             ends: seen.ends(),

@@ -1,10 +1,11 @@
 //! What was seen of a scene in its last ticks: what its streams share.
 //!
-//! One per scene, whoever publishes from it. Invariant: ticks follow one another without a gap; what breaks that begins
-//! anew.
+//! One per scene, whoever publishes from it. Invariant: ticks are seen one after another without a gap; what breaks that
+//! begins anew. Those that nobody will look at any more are forgotten.
 
 use alloc::collections::{BTreeMap, VecDeque};
 use alloc::vec::Vec;
+use core::num::NonZeroU32;
 
 use rhumb_reckoning::{BodyId, Tick, Ticks};
 
@@ -14,14 +15,26 @@ use crate::scene::Cadence;
 
 /// The most ticks that a publisher may look back before it speaks.
 pub const HINDSIGHT_MAX: Ticks = Ticks::new(HINDSIGHT_TICKS_MAX);
-/// Ticks before the one that is spoken of, from which a body's course is judged.
-const PAST: usize = 2;
+/// Ticks between two looks at what a body did before a tick that is spoken of, where each so-manyeth is: half of these, so that
+/// what happens between two such ticks is seen, and what happened last counts most.
+pub(super) const fn stride(every: NonZeroU32) -> Ticks {
+    let half = every.get() / 2;
+    Ticks::new(if half > 1 { half } else { 1 })
+}
+
+/// What was seen after a tick.
+#[derive(Debug)]
+struct Seen {
+    tick: Tick,
+    /// In order of index.
+    bodies: Vec<Observation>,
+}
 
 /// The observations of the last ticks.
 #[derive(Debug)]
 pub struct Witness {
-    /// Oldest first; each in order of index.
-    ticks: VecDeque<Vec<Observation>>,
+    /// Oldest first.
+    ticks: VecDeque<Seen>,
     newest: Tick,
     cadence: Cadence,
     /// By index, bodies that fell asleep at ticks that are passed over: the next one that is spoken of has them too.
@@ -50,12 +63,7 @@ impl Witness {
             self.ticks.clear();
         }
         self.newest = tick;
-        let kept = PAST + 1 + self.cadence.hindsight.count() as usize;
-        let mut seen = if self.ticks.len() >= kept {
-            self.ticks.pop_front().unwrap_or_default()
-        } else {
-            Vec::new()
-        };
+        let mut seen = self.forget();
         seen.clear();
         seen.extend_from_slice(observations);
         if !self.cadence.speaks_of(tick) {
@@ -69,7 +77,26 @@ impl Witness {
             seen.extend(core::mem::take(&mut self.passed_over).into_values());
             seen.sort_unstable_by_key(|seen| seen.id.index());
         }
-        self.ticks.push_back(seen);
+        self.ticks.push_back(Seen { tick, bodies: seen });
+    }
+
+    /// Forgets what nobody will look at any more; room for what is seen next.
+    fn forget(&mut self) -> Vec<Observation> {
+        let cadence = self.cadence;
+        let present = self.newest.before(cadence.hindsight).unwrap_or_default();
+        let stride = self.stride().count();
+        let looks = [1, 2, stride, 2 * stride].map(Ticks::new);
+        let is_spoken_of_yet = |tick| tick >= present && cadence.speaks_of(tick);
+        let is_past = |tick: Tick| looks.iter().any(|ticks| is_spoken_of_yet(tick + *ticks));
+        let mut room = Vec::new();
+        self.ticks.retain_mut(|seen| {
+            let is_kept = seen.tick >= present || is_past(seen.tick);
+            if !is_kept {
+                room = core::mem::take(&mut seen.bodies);
+            }
+            is_kept
+        });
+        room
     }
 
     /// The tick that is spoken of now: as far back as hindsight says. `None` while too little was seen, and at the ticks
@@ -86,12 +113,17 @@ impl Witness {
         self.cadence.hindsight
     }
 
+    /// See [`stride`].
+    pub(super) const fn stride(&self) -> Ticks {
+        stride(self.cadence.every)
+    }
+
     /// What was seen at a tick.
     #[must_use]
     pub fn at(&self, tick: Tick) -> Option<&[Observation]> {
-        let age = self.newest.since(tick)?.count() as usize;
-        let place = self.ticks.len().checked_sub(age + 1)?;
-        self.ticks.get(place).map(Vec::as_slice)
+        let mut newest_first = self.ticks.iter().rev();
+        let seen = newest_first.find(|seen| seen.tick == tick)?;
+        Some(&seen.bodies)
     }
 
     /// What was seen of a body at a tick.
@@ -138,8 +170,6 @@ fn find(seen: &[Observation], index: u32, from: usize) -> Option<usize> {
 
 #[cfg(test)]
 mod tests {
-    use core::num::NonZeroU32;
-
     use super::*;
     use rhumb_reckoning::Verbatim;
 
@@ -170,6 +200,31 @@ mod tests {
         assert_eq!(witness.of(id, Tick::new(5)), None);
         assert_eq!(witness.of(BodyId::new(3, 1), Tick::new(8)), None);
         assert_eq!(witness.at(Tick::new(11)), None);
+    }
+
+    #[test]
+    fn before_a_tick_that_is_spoken_of_the_last_two_are_seen_and_two_looks_back() {
+        let cases = [(1, 0, 3), (2, 0, 3), (5, 0, 4), (6, 0, 5), (6, 4, 10)];
+        for (every, hindsight, most) in cases {
+            let every = NonZeroU32::new(every).unwrap();
+            let hindsight = Ticks::new(hindsight);
+            let mut witness = Witness::new(Cadence { every, hindsight });
+            for tick in 1..=60 {
+                witness.observe(Tick::new(tick), &[seen(3, tick as f32)]);
+                assert!(witness.ticks.len() <= most, "each {every}th: {most}");
+                let Some(present) = witness.present().filter(|present| present.value() > 12) else {
+                    continue;
+                };
+                let stride = witness.stride().count();
+                for ago in [0, 1, 2, stride, 2 * stride] {
+                    let then = present.before(Ticks::new(ago)).unwrap();
+                    let [body] = witness.at(then).unwrap() else {
+                        panic!("one body is seen");
+                    };
+                    assert_eq!(body.motion.position()[0], then.value() as f32);
+                }
+            }
+        }
     }
 
     #[test]

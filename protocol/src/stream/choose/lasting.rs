@@ -1,7 +1,7 @@
 //! For how many ticks a track that begins so will hold.
 //!
-//! By what the body does next, as far as hindsight knows, and beyond by how it strayed from the law in its last ticks.
-//! Nobody's promise rests on it.
+//! By what the body does next, as far as hindsight knows, and beyond by how it strayed from the law lately. What it does between
+//! two ticks that are spoken of nobody sees. Nobody's promise rests on it.
 
 use rhumb_reckoning::{Motion, Predictor, Ticks, VelocityResidual, carried};
 
@@ -91,14 +91,18 @@ impl Trial<'_> {
             }
         }
         let at = self.beyond(&rate, &prospect.square, &place.off, 1.0);
-        f64::max(at.min(prospect.lasts), known) + 1.0
+        f64::max(at.min(prospect.lasts), known) + self.unseen()
     }
 
     /// How a track suits what hindsight knows.
     fn known(&self, way: &Way<'_>, begun: &Motion) -> Known {
         let (subject, tracks) = (self.subject, self.chooser.tracks);
+        let every = tracks.every().get();
         let mut held = 0.0;
-        for (then, ticks) in subject.ahead.iter().zip(1..) {
+        let spoken_of = (1..)
+            .zip(subject.ahead)
+            .filter(|(ticks, _)| ticks % every == 0);
+        for (ticks, then) in spoken_of {
             let (slot, ticks_on) = (subject.slot, Ticks::new(ticks));
             let mut motion = tracks.foreseen(slot, way.predictor, begun, subject.tick, ticks_on);
             if let Some(holder) = way.frame.holder
@@ -114,9 +118,10 @@ impl Trial<'_> {
             );
             let share = share / self.chooser.slack;
             if share > 1.0 {
-                return Known::Breaks(held + 1.0 - (share - 1.0).min(1.0) * 0.5);
+                let half = (share - 1.0).min(1.0) * 0.5;
+                return Known::Breaks(held + f64::from(every) * (1.0 - half));
             }
-            held += 1.0;
+            held = f64::from(ticks);
         }
         Known::Whole(held)
     }
@@ -146,6 +151,11 @@ impl Trial<'_> {
     ) -> f64 {
         let rate = implies.map_or(prospect.still, |implies| prospect.still - implies);
         let at = self.beyond(&rate, &prospect.square, off, 1.0 + ROUGHLY);
-        at.min(prospect.lasts) + 1.0
+        at.min(prospect.lasts) + self.unseen()
+    }
+
+    /// How much longer a track stands once it does not hold any more: until the next tick that is spoken of, or a tick.
+    fn unseen(&self) -> f64 {
+        f64::from((self.chooser.tracks.every().get() - 1).max(1))
     }
 }

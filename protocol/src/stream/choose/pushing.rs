@@ -43,7 +43,7 @@ impl Chooser<'_> {
             self.tracks.acceleration(subject.slot, before, after)
         };
         let now = &subject.truth;
-        let (push, neighbour) = match (subject.ahead, subject.past) {
+        let (push, neighbour) = match (subject.ahead, subject.last) {
             ([next, last, ..], _) => (between(now, next), between(next, last)),
             (_, [Some(one), Some(two)]) => (between(&one, now), between(&two, &one)),
             _ => return None,

@@ -1,4 +1,4 @@
-//! How a body strays from a law, judged by its last two ticks.
+//! How a body strays from a law, judged by what it did in its last two strides.
 //!
 //! Laws that move a body differ by what pulls at it alone, and turn it alike: what none pulls is reckoned once for all.
 
@@ -15,7 +15,7 @@ pub(super) struct Stray {
 }
 
 impl Stray {
-    /// From how far it strayed in one tick and in two.
+    /// By strides, from how far it strayed in one and in two.
     fn moving(one: [DVec3; 2], two: [DVec3; 2]) -> Self {
         let fit = |f1: DVec3, f2: DVec3| {
             let square = (f2 - f1 * 2.0) * 0.5;
@@ -27,7 +27,7 @@ impl Stray {
         }
     }
 
-    /// Of a body that is said to be still, from how far it moved in its last tick and in its last two.
+    /// By strides, of a body that is said to be still, from how far it moved in its last one and in its last two.
     pub(super) fn still(one: [DVec3; 2], two: [DVec3; 2]) -> Self {
         let fit = |f1: DVec3, f2: DVec3| {
             let square = (f1 * 2.0 - f2) * 0.5;
@@ -38,12 +38,23 @@ impl Stray {
             angular: fit(one[1], two[1]),
         }
     }
+
+    /// By ticks what is by strides.
+    pub(super) fn by_ticks(self, stride: Ticks) -> Self {
+        let ticks = f64::from(stride.count());
+        let by_ticks = |[rate, square]: [DVec3; 2]| [rate / ticks, square / (ticks * ticks)];
+        Self {
+            linear: by_ticks(self.linear),
+            angular: by_ticks(self.angular),
+        }
+    }
 }
 
-/// Where a body would be now that nothing pulled at in its last tick, and in its last two; none where it was not seen then.
+/// Where a body would be now that nothing pulled at in its last stride, and in its last two; none where it was not seen then.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Drift {
     now: DVec3,
+    stride: Ticks,
     ways: [Option<Drifted>; 2],
 }
 
@@ -57,7 +68,7 @@ struct Drifted {
 }
 
 impl Drift {
-    /// How the last two ticks strayed from a law by which this pulls at the body, m/s².
+    /// How the last two strides strayed from a law by which this pulls at the body, m/s².
     #[inline]
     pub(super) fn stray(&self, pull: Option<DVec3>) -> Stray {
         let strayed = |drifted: &Drifted| {
@@ -67,19 +78,20 @@ impl Drift {
             };
             [self.now - expected, drifted.turned]
         };
-        match &self.ways {
+        let by_strides = match &self.ways {
             [Some(one), Some(two)] => Stray::moving(strayed(one), strayed(two)),
             [Some(one), None] => {
                 let one = strayed(one);
                 Stray::moving(one, one.map(|by| by * 4.0))
             }
-            [None, _] => Stray::default(),
-        }
+            [None, _] => return Stray::default(),
+        };
+        by_strides.by_ticks(self.stride)
     }
 }
 
 impl Chooser<'_> {
-    /// How far a body moved in its last two ticks.
+    /// How far a body moved in its last two strides.
     pub(super) fn stray_of_rest(&self, subject: &Subject<'_>) -> Stray {
         let now = &subject.truth;
         let Twist { linear, angular } = now.twist();
@@ -89,16 +101,17 @@ impl Chooser<'_> {
             Some(past) => apart(&now.pose(), &past.pose()),
             None => steady(ticks),
         };
-        let [one, two] = &subject.past;
-        Stray::still(moved(one, 1.0), moved(two, 2.0))
+        let ([one, two], stride) = (&subject.past, self.stride());
+        let ticks = f64::from(stride.count());
+        Stray::still(moved(one, ticks), moved(two, 2.0 * ticks)).by_ticks(stride)
     }
 
-    /// How the last two ticks would have been without a pull, by a law that does not fall.
+    /// How the last two strides would have been without a pull, by a law that does not fall.
     pub(super) fn drift(&self, subject: &Subject<'_>, predictor: Predictor) -> Drift {
-        let now = subject.truth.pose();
+        let (now, stride) = (subject.truth.pose(), self.stride());
         let drifted = |i: usize| {
-            let (start, ticks) = (subject.past[i].as_ref()?, Ticks::new(i as u32 + 1));
-            let slot = subject.slot;
+            let (start, strides) = (subject.past[i].as_ref()?, i as u32 + 1);
+            let (slot, ticks) = (subject.slot, Ticks::new(strides * stride.count()));
             let (expected, fall) = self.tracks.continued(slot, predictor, start, ticks);
             let [_, turned] = apart(&now, &expected.pose());
             Some(Drifted {
@@ -109,6 +122,7 @@ impl Chooser<'_> {
         };
         Drift {
             now: now.position,
+            stride,
             ways: [drifted(0), drifted(1)],
         }
     }

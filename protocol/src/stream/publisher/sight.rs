@@ -8,7 +8,8 @@ use crate::stream::witness::{HINDSIGHT_MAX, Witness};
 
 /// What was seen of a body around a tick.
 pub(super) struct Sight {
-    /// What it did one and two ticks before.
+    /// What it did one and two ticks before, and one and two strides.
+    pub(super) last: [Option<Motion>; 2],
     pub(super) past: [Option<Motion>; 2],
     /// None without hindsight.
     ahead: Option<Ahead>,
@@ -31,9 +32,15 @@ impl Sight {
             seen.map(|seen| seen.motion.motion())
         };
         let before = |ticks| tick.before(Ticks::new(ticks)).and_then(motion);
+        let (last, stride) = ([before(1), before(2)], witness.stride().count());
         let foresees = witness.hindsight() > Ticks::ZERO;
         Self {
-            past: [before(1), before(2)],
+            last,
+            past: if stride == 1 {
+                last
+            } else {
+                [before(stride), before(2 * stride)]
+            },
             ahead: foresees.then(|| Ahead::of(witness, id, tick, place)),
         }
     }
