@@ -4,6 +4,7 @@
 //! repair; see the client's session. Invariant: while the stream is settled, every track equals the publisher's.
 
 mod believing;
+mod hearing;
 mod reading;
 mod rebuilding;
 

@@ -1,4 +1,4 @@
-//! How a body strays from a law, judged by what it did in its last two strides.
+//! How a body strays from a law, judged by its last two strides.
 //!
 //! Laws that move a body differ by what pulls at it alone, and turn it alike: what none pulls is reckoned once for all.
 
