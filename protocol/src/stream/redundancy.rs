@@ -3,6 +3,9 @@
 /// From so many bytes on a tick is worth two packets: below, what another head takes is more than half a parity saves.
 const HALVED: usize = 200;
 
+/// The loss that is reckoned with where something was lost, however little is: of every hundredth answer.
+const ANSWERED: f64 = 0.01;
+
 /// A share of a stream's packets that was lost, of a million.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Loss(pub u32);
@@ -89,9 +92,10 @@ impl Redundancy {
     pub(crate) fn answers(self, wanted: usize, under_way: usize) -> usize {
         let least = wanted.saturating_sub(under_way);
         let most = (3 * wanted).saturating_sub(under_way);
+        let loss = self.loss().max(ANSWERED);
         let enough = |said: &usize| {
             let all = said + under_way;
-            beyond(all as u64, (all - wanted) as u64, self.loss()) < 0.01
+            beyond(all as u64, (all - wanted) as u64, loss) < 0.01
         };
         (least..most).find(enough).unwrap_or(most)
     }
@@ -147,7 +151,7 @@ mod tests {
     #[test]
     fn who_asks_is_answered_so_that_enough_arrive() {
         let answers = |level: Redundancy| [0, 1, 2, 5].map(|wanted| level.answers(wanted, 0));
-        assert_eq!(answers(Redundancy::Off), [0, 1, 2, 5]);
+        assert_eq!(answers(Redundancy::Off), [0, 2, 3, 6]);
         assert_eq!(answers(Redundancy::Plain), [0, 2, 3, 7]);
         assert_eq!(answers(Redundancy::Thick), [0, 2, 4, 8]);
         // What is under way may be lost, too.
