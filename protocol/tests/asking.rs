@@ -7,7 +7,7 @@ use std::num::NonZeroU32;
 
 use glam::Vec3;
 use rhumb_protocol::message::{Extensions, Joined, ServerMessage, StreamChoice, Welcome};
-use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::packet::{Low16, StreamId, Vouch};
 use rhumb_protocol::scene::{Cadence, IdRange, Material, Pace, SceneTerms};
 use rhumb_protocol::session::ClientSession;
 use rhumb_protocol::stream::StreamStart;
@@ -75,6 +75,22 @@ fn member(now: Instant) -> ClientSession {
     session
 }
 
+/// When the session asks next whether something was lost, and nothing is heard meanwhile.
+fn asks(session: &mut ClientSession, from: Instant) -> Instant {
+    let mut now = from;
+    loop {
+        let wake = session.poll_timeout().expect("it waits for a tick");
+        now = now.max(wake.at);
+        session.handle_timeout(now);
+        let sent: Vec<_> = std::iter::from_fn(|| session.poll_transmit()).collect();
+        if wake.reason == WakeReason::Vouch {
+            let is_state = |sent: &Transmit| matches!(sent, Transmit::State { .. });
+            assert!(sent.iter().any(is_state), "{sent:?}");
+            return now;
+        }
+    }
+}
+
 /// PROTOCOL 6.7-2: 100 ms after it asked for a tick.
 #[test]
 fn a_lost_answer_to_an_advance_is_asked_for_after_a_tenth_of_a_second() {
@@ -83,17 +99,31 @@ fn a_lost_answer_to_an_advance_is_asked_for_after_a_tenth_of_a_second() {
     session.handle_timeout(asked);
     session.advance(asked, Tick::new(1)).expect("a member may");
     while session.poll_transmit().is_some() {}
-    let mut now = asked;
-    loop {
-        let wake = session.poll_timeout().expect("it waits for a tick");
-        now = now.max(wake.at);
-        session.handle_timeout(now);
-        let sent: Vec<_> = std::iter::from_fn(|| session.poll_transmit()).collect();
-        if wake.reason == WakeReason::Vouch {
-            assert_eq!(now, asked + Span::from_millis(100));
-            let is_state = |sent: &Transmit| matches!(sent, Transmit::State { .. });
-            assert!(sent.iter().any(is_state), "{sent:?}");
-            return;
-        }
+    assert_eq!(asks(&mut session, asked), asked + Span::from_millis(100));
+}
+
+/// PROTOCOL 6.7-2: twice what the quicker of the last two took, and doubling from there.
+#[test]
+fn who_was_answered_late_twice_waits_for_twice_as_long() {
+    let mut session = member(Instant::ZERO);
+    let mut now = Instant::ZERO;
+    for (tick, millis) in [(1, 90), (2, 200), (3, 160)] {
+        session.advance(now, Tick::new(tick)).expect("a member may");
+        now = now + Span::from_millis(millis);
+        let vouch = Vouch {
+            next: Low16(0),
+            tick: Low16(tick as u16),
+            notices: Low16(0),
+        };
+        session.handle_datagram(now, PEER, &vouch.encode(StreamId(4)));
+        let copy = session.replica().expect("it is a member");
+        assert_eq!(copy.stream().complete(), Tick::new(tick));
+    }
+    while session.poll_transmit().is_some() {}
+    session.advance(now, Tick::new(4)).expect("a member may");
+    for millis in [320, 640, 1_280, 2_000, 2_000] {
+        let due = now + Span::from_millis(millis);
+        now = asks(&mut session, now);
+        assert_eq!(now, due);
     }
 }

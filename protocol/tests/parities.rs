@@ -217,7 +217,8 @@ fn what_is_lost_now_and_then_is_had_back_from_a_parity_that_was_asked_for() {
     stage.say(Redundancy::Off);
     stage.pass(Redundancy::Off);
     assert_eq!(stage.subscriber.echo().parities, 2);
-    assert_eq!(stage.ask(), [Kind::Parity; 2]);
+    // One of them may be lost.
+    assert_eq!(stage.ask(), [Kind::Parity; 3]);
     assert!(stage.agrees());
 }
 

@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 use bytes::Bytes;
 use glam::{DQuat, DVec3, Vec3};
 use proptest::prelude::*;
-use rhumb_protocol::packet::{Head, Kind, StreamId};
+use rhumb_protocol::packet::{Head, Kind, Parity, StreamId};
 use rhumb_protocol::scene::Cadence;
 use rhumb_protocol::stream::{
     Activity, Bound, Features, Manner, Observation, Publisher, Reassurance, Redundancy,
@@ -278,6 +278,26 @@ impl Stage {
         self.send(&vouch);
     }
 
+    /// One packet, of these bodies, which are put elsewhere; it is not sent.
+    fn say_of(&mut self, moved: impl Iterator<Item = usize>, notices: u64) -> Bytes {
+        self.tick += 1;
+        let mut observations = Vec::new();
+        for index in moved {
+            self.puppets[index].position += DVec3::X;
+            observations.push(Observation {
+                id: BodyId::new(index as u32, 0),
+                motion: self.puppets[index].verbatim(),
+                activity: Activity::Awake,
+            });
+        }
+        let mut datagrams = Vec::new();
+        self.witness.observe(Tick::new(self.tick), &observations);
+        self.publisher
+            .publish(&self.witness, notices, &mut datagrams);
+        assert_eq!(datagrams.len(), 1, "a packet");
+        datagrams.remove(0)
+    }
+
     fn check(&mut self) -> Result<(), TestCaseError> {
         let vouched = self.subscriber.vouched();
         let current = vouched == Tick::new(self.tick);
@@ -316,6 +336,38 @@ impl Stage {
         );
         Ok(())
     }
+}
+
+/// What is rebuilt speaks of a body that nobody has heard of yet, and a late packet comes between.
+#[test]
+fn what_is_rebuilt_before_its_notice_is_read_after_it() {
+    let mut stage = Stage::new(1, Tolerance::NORMAL, 0.0);
+    let first = stage.say_of(0..3, 0);
+    let late = stage.say_of(0..3, 0);
+    let (id, manner) = (BodyId::new(BODIES, 0), manner(0));
+    let newcomer = Puppet::new(&mut stage.dice);
+    let track = Track {
+        origin: Tick::new(stage.tick),
+        predictor: Predictor::Rest,
+        anchor: Anchor::Verbatim(newcomer.verbatim()),
+        carrier: None,
+    };
+    stage.puppets.push(newcomer);
+    assert!(stage.publisher.place(id, &manner, track));
+    let lost = stage.say_of(2..BODIES as usize + 1, 1);
+    let parity = Parity::of(3, &[(0, &first), (2, &lost)]).expect("both have columns");
+    let subscriber = &mut stage.subscriber;
+    subscriber.handle_datagram(&first);
+    subscriber.handle_datagram(&parity.encode(subscriber.stream()));
+    subscriber.handle_datagram(&late);
+    assert!(!subscriber.is_settled());
+    assert!(subscriber.place(id, &manner, track));
+    subscriber.handle_notice();
+    assert!(subscriber.is_settled());
+    assert_eq!(subscriber.complete(), Tick::new(stage.tick));
+    let track = |of| stage.publisher.tracks().find(|(other, _)| *other == of);
+    assert_eq!(subscriber.track(id), track(id).map(|(_, track)| track));
+    assert_eq!(subscriber.agreement(), stage.publisher.agreement());
 }
 
 fn tolerance() -> impl Strategy<Value = Tolerance> {

@@ -472,6 +472,7 @@ class Scene:
         for other in range(number + 1, self.next):
             if other in self.missing and other in self.unreadable and other in self.restorer.columns:
                 tick = self.missing.pop(other)
+                self.parts.pop(other, None)
                 self.made_good(other, None)
                 self.hear_state(self.unreadable.pop(other), other, tick)
 

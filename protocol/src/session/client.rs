@@ -184,7 +184,7 @@ impl ClientSession {
         }
         self.awaited = self.awaited.max(to);
         self.answers.ask(now, to);
-        self.silence.begin(now + self.step());
+        self.await_tick(now);
         Ok(())
     }
 

@@ -29,7 +29,13 @@ impl Patience {
 
     /// Begins to wait, unless it waits already.
     pub(crate) fn begin(&mut self, now: Instant) {
+        self.begin_for(now, Span::ZERO);
+    }
+
+    /// The same, and waits for so long at least: what follows is longer, too.
+    pub(crate) fn begin_for(&mut self, now: Instant, span: Span) {
         if self.due.is_none() {
+            self.span = self.span.max(span);
             self.due = Some(now + self.span);
         }
     }
@@ -55,6 +61,22 @@ impl Patience {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn who_begins_with_more_patience_doubles_that() {
+        let mut patience = Patience::new(Span::from_millis(5), Span::from_millis(70));
+        let mut now = Instant::ZERO;
+        patience.begin_for(now, Span::from_millis(20));
+        for millis in [20, 40, 70] {
+            let due = patience.due().unwrap();
+            assert_eq!(due, now + Span::from_millis(millis));
+            now = due;
+            assert!(patience.ask(now, Span::ZERO));
+        }
+        patience.end();
+        patience.begin_for(now, Span::from_millis(1));
+        assert_eq!(patience.due(), Some(now + Span::from_millis(5)));
+    }
 
     #[test]
     fn a_question_is_asked_ever_more_rarely_until_it_is_answered() {

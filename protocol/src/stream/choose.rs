@@ -2,7 +2,7 @@
 //!
 //! Only the publisher chooses, so that nothing here is normative: any choice keeps the promise, a good one keeps it
 //! with fewer bytes. How long a saying holds is judged by what the same law would have made of what the body did last, or,
-//! with hindsight, by what it did then.
+//! with hindsight, by what it will do.
 
 mod allowance;
 mod lasting;
@@ -20,7 +20,6 @@ use rhumb_reckoning::{
 
 use super::features::Features;
 use super::tracks::{Slot, Tracks};
-use super::witness::stride;
 use crate::packet::{Age, Saying};
 pub(super) use allowance::Allowance;
 pub(super) use lasting::doubt;
@@ -40,9 +39,12 @@ pub(crate) struct Subject<'a> {
     /// What it does then, and what is believed of it.
     pub(crate) truth: Motion,
     pub(crate) believed: Motion,
-    /// What it did one and two ticks before, and one and two strides (see [`stride`]).
+    /// What it did one and two ticks before.
     pub(crate) last: [Option<Motion>; 2],
+    /// What it did one and two strides before.
     pub(crate) past: [Option<Motion>; 2],
+    /// Ticks between two looks at what it did.
+    pub(crate) stride: Ticks,
     /// What it will do, as far as hindsight knows.
     pub(crate) ahead: &'a [Motion],
     /// Whether it is known that nothing is seen of it after that.
@@ -60,7 +62,7 @@ pub(crate) struct Holder<'a> {
     pub(crate) slot: &'a Slot,
     /// What it does at the tick that is spoken of.
     pub(crate) truth: Motion,
-    /// What it did one and two strides before.
+    /// What it did one and two strides of the held body before.
     pub(crate) past: [Option<Motion>; 2],
     /// What it will do.
     pub(crate) ahead: &'a [Motion],
@@ -199,11 +201,6 @@ impl Chooser<'_> {
                 share(&truth, &carried(&by, begun).pose(), tolerance, radius)
             }
         }
-    }
-
-    /// Ticks between two looks at what a body did.
-    pub(super) fn stride(&self) -> Ticks {
-        stride(self.tracks.every())
     }
 
     /// What may be expected of a body.

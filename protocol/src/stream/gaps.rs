@@ -164,22 +164,25 @@ impl Gaps {
         is_missing
     }
 
-    /// A part of a repair arrived. Parts of different repairs do not add up: they are cut in different places.
-    pub(crate) fn repaired(&mut self, number: u64, repair: RepairOf, part: u8) {
+    /// A part of a repair arrived; whether the packet is made good by it. Parts of different repairs do not add up: they are
+    /// cut in different places.
+    pub(crate) fn repaired(&mut self, number: u64, repair: RepairOf, part: u8) -> bool {
         let Some(missing) = self.missing.get_mut(&number) else {
-            return;
+            return false;
         };
         let before = match missing.heard {
-            Some((newer, _)) if newer > repair => return,
+            Some((newer, _)) if newer > repair => return false,
             Some((same, parts)) if same == repair => parts,
             _ => 0,
         };
         let heard = before | 1 << (part % 64);
         missing.heard = Some((repair, heard));
         let all = u64::MAX >> (64 - repair.parts.clamp(1, 64));
-        if heard & all == all {
+        let is_whole = heard & all == all;
+        if is_whole {
             self.made_good(number, repair.as_of);
         }
+        is_whole
     }
 
     fn made_good(&mut self, number: u64, as_of: Tick) {
@@ -245,10 +248,10 @@ mod tests {
     fn a_repair_counts_when_all_its_parts_were_heard() {
         let mut gaps = Gaps::new(0);
         assert!(gaps.announce(1, tick(5)));
-        gaps.repaired(0, repair(6, 2), 1);
-        gaps.repaired(0, repair(6, 2), 1);
+        assert!(!gaps.repaired(0, repair(6, 2), 1));
+        assert!(!gaps.repaired(0, repair(6, 2), 1));
         assert!(!gaps.is_settled());
-        gaps.repaired(0, repair(6, 2), 0);
+        assert!(gaps.repaired(0, repair(6, 2), 0));
         assert!(gaps.is_settled());
     }
 

@@ -334,8 +334,10 @@ mod tests {
                     .is_empty()
             );
         }
-        assert_eq!(out.len(), 3);
-        assert!(out.iter().all(|datagram| *datagram == out[0]));
+        // Each time the same two: one of them may be lost.
+        assert_eq!(out.len(), 6);
+        assert!(out.chunks(2).all(|said| said == &out[..2]));
+        assert_ne!(out[0], out[1]);
         assert_eq!(covered(&out[0]), (2..10).collect::<Vec<_>>());
     }
 
@@ -350,12 +352,12 @@ mod tests {
             parities.answer(STREAM, [3, 99].into_iter(), (100, 1), &mut out),
             [3]
         );
-        assert_eq!(out.len(), 1);
+        assert_eq!(out.len(), 2);
         assert_eq!(
             parities.answer(STREAM, [3, 99].into_iter(), (100, 0), &mut out),
             [3, 99]
         );
-        assert_eq!(out.len(), 1);
+        assert_eq!(out.len(), 2);
         assert_eq!(parities.columns.len(), PARITY_SPAN as usize);
     }
 
@@ -369,7 +371,7 @@ mod tests {
                 parities.answer(STREAM, [lost].into_iter(), (10, 1), &mut said);
             }
         }
-        assert_eq!(said.len(), 100);
+        assert_eq!(said.len(), 200);
         for datagram in &said {
             let given = said.iter().filter(|other| *other == datagram).count();
             assert!(given <= ASKERS_MAX as usize, "{given}");

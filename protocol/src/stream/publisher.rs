@@ -376,6 +376,7 @@ impl Publisher {
             features: self.features,
             slack: self.slack * closeness,
         };
+        let stride = seen.stride;
         let subject = Subject {
             index: observation.id.index(),
             slot,
@@ -385,6 +386,7 @@ impl Publisher {
             believed,
             last: seen.last,
             past: seen.past,
+            stride,
             ahead: seen.ahead(),
             ends: seen.ends(),
             holder: held_by.as_ref().and_then(|(other, seen)| {
@@ -392,7 +394,11 @@ impl Publisher {
                     index: other.id.index(),
                     slot: self.tracks.slot(other.id.index())?,
                     truth: other.motion.motion(),
-                    past: seen.past,
+                    past: if seen.stride == stride {
+                        seen.past
+                    } else {
+                        [None; 2]
+                    },
                     ahead: seen.ahead(),
                 })
             }),

@@ -148,9 +148,10 @@ impl Seats {
     }
 
     fn note(&mut self, seat: u32, body: Option<u32>, since: Tick) {
-        if !self.remembers {
+        if !self.remembers || self.overflowed {
             return;
         }
+        // What was noted last of its seat and tick is not noted again (PROTOCOL 6.13-15).
         let mut newest_first = self.changes.iter().rev();
         let last = newest_first.find(|change| change.seat == seat && change.since == since);
         if last.is_some_and(|change| change.body == body) {
@@ -332,6 +333,19 @@ mod tests {
         assert_eq!((seats.now.of(9), seats.now.of(7)), (None, Some(2)));
         seats.take(5, 7, Tick::new(11), Sitter::AsSaid);
         assert_eq!((seats.now.body(5), seats.now.of(7)), (None, Some(2)));
+    }
+
+    #[test]
+    fn what_is_said_again_takes_no_room() {
+        let mut seats = left_at_twelve();
+        for _ in 0..=SEATINGS_KEPT {
+            seats.take(4, 9, Tick::new(10), Sitter::GoneOn);
+        }
+        assert_eq!(seats.body_then(4, Tick::new(11)), Some(9));
+        for since in 0..=SEATINGS_KEPT as u64 {
+            seats.take(5, 8, Tick::new(since), Sitter::GoneOn);
+        }
+        assert_eq!(seats.body_then(4, Tick::new(11)), None);
     }
 
     /// Seats that remember, in which body 9 sat in seat 4 from tick 10 on and came to rest at tick 12.

@@ -3,7 +3,7 @@
 //! One per scene, whoever publishes from it. Invariant: ticks are seen one after another without a gap; what breaks that
 //! begins anew. Those that nobody will look at any more are forgotten.
 
-use alloc::collections::{BTreeMap, VecDeque};
+use alloc::collections::BTreeMap;
 use alloc::vec::Vec;
 use core::num::NonZeroU32;
 
@@ -15,8 +15,8 @@ use crate::scene::Cadence;
 
 /// The most ticks that a publisher may look back before it speaks.
 pub const HINDSIGHT_MAX: Ticks = Ticks::new(HINDSIGHT_TICKS_MAX);
-/// Ticks between two looks at what a body did before a tick that is spoken of, where each so-manyeth is: half of these, so that
-/// what happens between two such ticks is seen, and what happened last counts most.
+/// Ticks between two looks at what a body did before a tick that is spoken of, where each so-manyeth is: half of these or a
+/// little less, so that what happens between two such ticks is seen, and what happened last counts most.
 pub(super) const fn stride(every: NonZeroU32) -> Ticks {
     let half = every.get() / 2;
     Ticks::new(if half > 1 { half } else { 1 })
@@ -34,7 +34,9 @@ struct Seen {
 #[derive(Debug)]
 pub struct Witness {
     /// Oldest first.
-    ticks: VecDeque<Seen>,
+    ticks: Vec<Seen>,
+    /// Room of those that were forgotten.
+    room: Vec<Vec<Observation>>,
     newest: Tick,
     cadence: Cadence,
     /// By index, bodies that fell asleep at ticks that are passed over: the next one that is spoken of has them too.
@@ -47,7 +49,8 @@ impl Witness {
     pub fn new(cadence: Cadence) -> Self {
         let hindsight = cadence.hindsight.min(HINDSIGHT_MAX);
         Self {
-            ticks: VecDeque::new(),
+            ticks: Vec::new(),
+            room: Vec::new(),
             newest: Tick::ZERO,
             cadence: Cadence {
                 hindsight,
@@ -63,7 +66,8 @@ impl Witness {
             self.ticks.clear();
         }
         self.newest = tick;
-        let mut seen = self.forget();
+        self.forget();
+        let mut seen = self.room.pop().unwrap_or_default();
         seen.clear();
         seen.extend_from_slice(observations);
         if !self.cadence.speaks_of(tick) {
@@ -77,26 +81,25 @@ impl Witness {
             seen.extend(core::mem::take(&mut self.passed_over).into_values());
             seen.sort_unstable_by_key(|seen| seen.id.index());
         }
-        self.ticks.push_back(Seen { tick, bodies: seen });
+        self.ticks.push(Seen { tick, bodies: seen });
     }
 
-    /// Forgets what nobody will look at any more; room for what is seen next.
-    fn forget(&mut self) -> Vec<Observation> {
+    /// Forgets what nobody will look at any more.
+    fn forget(&mut self) {
         let cadence = self.cadence;
         let present = self.newest.before(cadence.hindsight).unwrap_or_default();
         let stride = self.stride().count();
         let looks = [1, 2, stride, 2 * stride].map(Ticks::new);
         let is_spoken_of_yet = |tick| tick >= present && cadence.speaks_of(tick);
         let is_past = |tick: Tick| looks.iter().any(|ticks| is_spoken_of_yet(tick + *ticks));
-        let mut room = Vec::new();
+        let room = &mut self.room;
         self.ticks.retain_mut(|seen| {
             let is_kept = seen.tick >= present || is_past(seen.tick);
             if !is_kept {
-                room = core::mem::take(&mut seen.bodies);
+                room.push(core::mem::take(&mut seen.bodies));
             }
             is_kept
         });
-        room
     }
 
     /// The tick that is spoken of now: as far back as hindsight says. `None` while too little was seen, and at the ticks
@@ -204,7 +207,17 @@ mod tests {
 
     #[test]
     fn before_a_tick_that_is_spoken_of_the_last_two_are_seen_and_two_looks_back() {
-        let cases = [(1, 0, 3), (2, 0, 3), (5, 0, 4), (6, 0, 5), (6, 4, 10)];
+        let cases = [
+            (1, 0, 3),
+            (2, 0, 3),
+            (3, 0, 3),
+            (5, 0, 4),
+            (6, 0, 5),
+            (1, 6, 9),
+            (4, 6, 10),
+            (5, 6, 10),
+            (6, 4, 10),
+        ];
         for (every, hindsight, most) in cases {
             let every = NonZeroU32::new(every).unwrap();
             let hindsight = Ticks::new(hindsight);

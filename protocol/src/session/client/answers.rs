@@ -5,7 +5,7 @@ use rhumb_reckoning::Tick;
 use crate::time::{Instant, Span};
 
 /// How long the last ticks took, so that a step that takes long is not asked after as if it were lost.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Answers {
     /// The tick that is timed, and when it was asked for.
     asked: Option<(Tick, Instant)>,
@@ -33,7 +33,8 @@ impl Answers {
         }
     }
 
-    /// What the next may take before it is asked after: twice what the last took, and never more than `most`.
+    /// What the next may take before it is asked after: twice what the quicker of the last two took, and never more than
+    /// `most`.
     pub(super) fn patience(&self, most: Span) -> Span {
         let [last, before] = self.took;
         Span::from_nanos(last.min(before).as_nanos() * 2).min(most)

@@ -16,7 +16,7 @@ pub(super) const REPAIR_MOST: Span = Span::from_millis(500);
 const RESYNC_AGAIN: Span = Span::from_millis(1_000);
 /// See [`RESYNC_AGAIN`].
 pub(super) const RESYNC_MOST: Span = Span::from_millis(16_000);
-/// How long an advance may be unanswered before it is asked after, where the last ones did not take longer.
+/// How long an advance may be unanswered before it is asked after, where twice what the last ones took is not longer.
 pub(super) const SILENCE: Span = Span::from_millis(100);
 /// How long beyond [`SILENCE`] any stream may be silent before it is asked: its last packet may be the lost one. One
 /// that runs freely vouches each two and a half seconds at least.
@@ -31,10 +31,10 @@ impl ClientSession {
         complete.is_some_and(|complete| complete < self.awaited)
     }
 
-    /// How long beyond [`SILENCE`] a tick that was asked for may take, by what the last ones took.
-    pub(super) fn step(&self) -> Span {
+    /// Waits for a tick that was asked for, as long as the last ones let expect.
+    pub(super) fn await_tick(&mut self, now: Instant) {
         let patience = self.answers.patience(SILENCE_MOST);
-        Span::from_nanos(patience.as_nanos().saturating_sub(SILENCE.as_nanos()))
+        self.silence.begin_for(now, patience);
     }
 
     fn send_echoes(&mut self, now: Instant) {
@@ -78,7 +78,7 @@ impl ClientSession {
         }
         self.silence.end();
         if awaits {
-            self.silence.begin(now + self.step());
+            self.await_tick(now);
         } else {
             self.silence.begin(now + SILENCE_UNASKED);
         }

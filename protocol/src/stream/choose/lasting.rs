@@ -154,7 +154,8 @@ impl Trial<'_> {
         at.min(prospect.lasts) + self.unseen()
     }
 
-    /// How much longer a track stands once it does not hold any more: until the next tick that is spoken of, or a tick.
+    /// How much longer a track stands once it does not hold any more: until the next tick that is spoken of, or a tick. Twice
+    /// as much served the ball pit at every sixth tick a hundredth better, and asteroids at every other one worse.
     fn unseen(&self) -> f64 {
         f64::from((self.chooser.tracks.every().get() - 1).max(1))
     }

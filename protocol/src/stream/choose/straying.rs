@@ -101,14 +101,14 @@ impl Chooser<'_> {
             Some(past) => apart(&now.pose(), &past.pose()),
             None => steady(ticks),
         };
-        let ([one, two], stride) = (&subject.past, self.stride());
+        let ([one, two], stride) = (&subject.past, subject.stride);
         let ticks = f64::from(stride.count());
         Stray::still(moved(one, ticks), moved(two, 2.0 * ticks)).by_ticks(stride)
     }
 
     /// How the last two strides would have been without a pull, by a law that does not fall.
     pub(super) fn drift(&self, subject: &Subject<'_>, predictor: Predictor) -> Drift {
-        let (now, stride) = (subject.truth.pose(), self.stride());
+        let (now, stride) = (subject.truth.pose(), subject.stride);
         let drifted = |i: usize| {
             let (start, strides) = (subject.past[i].as_ref()?, i as u32 + 1);
             let (slot, ticks) = (subject.slot, Ticks::new(strides * stride.count()));

@@ -221,7 +221,7 @@ impl Chooser<'_> {
                 truth: seen_from(&believed.pose(), &subject.truth.pose()),
                 predicted,
             },
-            stray: Stray::still(one, two).by_ticks(self.stride()),
+            stray: Stray::still(one, two).by_ticks(subject.stride),
         })
     }
 }

@@ -8,9 +8,11 @@ use crate::stream::witness::{HINDSIGHT_MAX, Witness};
 
 /// What was seen of a body around a tick.
 pub(super) struct Sight {
-    /// What it did one and two ticks before, and one and two strides.
+    /// What it did one and two ticks before.
     pub(super) last: [Option<Motion>; 2],
+    /// What it did one and two strides before: ticks where it was not seen so long ago.
     pub(super) past: [Option<Motion>; 2],
+    pub(super) stride: Ticks,
     /// None without hindsight.
     ahead: Option<Ahead>,
 }
@@ -32,15 +34,17 @@ impl Sight {
             seen.map(|seen| seen.motion.motion())
         };
         let before = |ticks| tick.before(Ticks::new(ticks)).and_then(motion);
-        let (last, stride) = ([before(1), before(2)], witness.stride().count());
+        let last = [before(1), before(2)];
+        let stride = witness.stride().count();
+        let (past, stride) = match (stride > 1).then(|| before(stride)).flatten() {
+            None => (last, 1),
+            seen => ([seen, before(2 * stride)], stride),
+        };
         let foresees = witness.hindsight() > Ticks::ZERO;
         Self {
             last,
-            past: if stride == 1 {
-                last
-            } else {
-                [before(stride), before(2 * stride)]
-            },
+            past,
+            stride: Ticks::new(stride),
             ahead: foresees.then(|| Ahead::of(witness, id, tick, place)),
         }
     }

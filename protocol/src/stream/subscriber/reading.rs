@@ -322,10 +322,11 @@ impl Subscriber {
             notices: repair.notices.expand(self.notices),
             parts: repair.parts,
         };
-        self.gaps.repaired(lost, of, repair.part);
-        let mut updates = core::mem::take(&mut self.updates);
-        self.read_again_after(lost, &mut updates);
-        self.updates = updates;
+        if self.gaps.repaired(lost, of, repair.part) {
+            let mut updates = core::mem::take(&mut self.updates);
+            self.read_again_after(lost, &mut updates);
+            self.updates = updates;
+        }
         self.touch_held();
         Ok(())
     }
