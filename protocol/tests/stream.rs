@@ -526,4 +526,32 @@ fn a_body_at_rest_to_the_bit_costs_nothing_more() {
             .unwrap();
         assert_eq!(track.anchor, Anchor::Verbatim(puppet.verbatim().stilled()));
     }
+    // Woken, shifted and asleep again: within tolerance nobody is told of it, beyond it everybody.
+    for (tick, shift, is_said) in [(3, 0.001, false), (4, 1.0, true), (5, 0.001, false)] {
+        let shifted = asleep.iter().map(|observation| {
+            let mut puppet = stage.puppets[observation.id.index() as usize];
+            puppet.position += DVec3::X * shift;
+            Observation {
+                motion: puppet.verbatim(),
+                ..*observation
+            }
+        });
+        let shifted: Vec<_> = shifted.collect();
+        stage.witness.observe(Tick::new(tick), &shifted);
+        stage.publisher.publish(&stage.witness, 0, &mut datagrams);
+        assert_eq!(!datagrams.is_empty(), is_said, "by {shift} m");
+        for datagram in datagrams.drain(..) {
+            stage.subscriber.handle_datagram(&datagram);
+        }
+        if !is_said {
+            continue;
+        }
+        for observation in &shifted {
+            let track = stage.subscriber.track(observation.id).unwrap();
+            assert_eq!(track.anchor, Anchor::Verbatim(observation.motion.stilled()));
+        }
+        for puppet in &mut stage.puppets {
+            puppet.position += DVec3::X * shift;
+        }
+    }
 }

@@ -283,11 +283,11 @@ impl Publisher {
         let slot = self.seen_slot(observation)?;
         let (saying, track) = match observation.activity {
             Activity::Asleep => {
-                let resting = Track::resting(tick, observation.motion);
-                let unchanged = slot.is_verbatim_rest() && slot.dense().anchor() == resting.anchor;
-                if unchanged {
+                // Who was woken and lies within tolerance of where it lay never came out of rest for who watches.
+                if slot.is_verbatim_rest() && self.lies(witness, tick, slot, observation) {
                     return None;
                 }
+                let resting = Track::resting(tick, observation.motion);
                 (self.settle(tick, slot, observation), resting)
             }
             Activity::Awake => self.correct(witness, tick, slot, seen, holder)?,
@@ -316,6 +316,18 @@ impl Publisher {
             body: named.then_some(index),
             saying,
         })
+    }
+
+    /// Whether a body is within tolerance of where it is said to lie.
+    fn lies(&self, witness: &Witness, tick: Tick, slot: &Slot, observation: &Observation) -> bool {
+        let index = observation.id.index();
+        let used = share(
+            &observation.motion.motion().pose(),
+            &self.tracks.believed((index, slot), tick).pose(),
+            self.tracks.tolerance_of(slot),
+            self.tracks.radius(slot),
+        );
+        used <= self.closeness(witness, index)
     }
 
     /// What says that a body rests where the engine has it, to the bit.

@@ -8,7 +8,7 @@ use alloc::collections::BTreeMap;
 use alloc::vec::Vec;
 
 use bytes::Bytes;
-use rhumb_reckoning::{HORIZON, Predictor, Tick, Track};
+use rhumb_reckoning::{HORIZON, Predictor, Tick};
 
 use super::Publisher;
 use crate::packet::{Excess, Opening, Pricing, TrackSaying, Update};
@@ -190,10 +190,7 @@ impl Publisher {
         let moves = slot.predictor() != Predictor::Rest;
         let urgent = age >= HORIZON && moves;
         let told = match seen.activity {
-            Activity::Asleep => {
-                let resting = Track::resting(tick, seen.motion);
-                slot.is_verbatim_rest() && slot.dense().anchor() == resting.anchor
-            }
+            Activity::Asleep => slot.is_verbatim_rest() && used <= 1.0,
             Activity::Awake => used <= 1.0 && self.features.gate,
         };
         (urgent || !told).then_some((used, urgent))
