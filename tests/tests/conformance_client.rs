@@ -33,7 +33,7 @@ const CAUGHT: [(ClientMutant, &str, &str); 24] = [
     (ClientMutant::LateIsAll, "late-is-all", "L2.51.45"),
     (ClientMutant::RepairIgnored, "repair-ignored", "L2.51.7"),
     (ClientMutant::StaleTaken, "stale-taken", "L2.51.41"),
-    (ClientMutant::RevisionIgnored, "revision-ignored", "L2.51.2"),
+    (ClientMutant::RevisionIgnored, "revision-ignored", "L2.51.1"),
     (ClientMutant::RestLost, "rest-lost", "L4.51.5"),
     (ClientMutant::NeverDoubts, "never-doubts", "L2.52.1"),
     (ClientMutant::ParityWrong, "parity-wrong", "L2.52.10"),
