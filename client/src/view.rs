@@ -78,7 +78,8 @@ impl View {
     }
 
     /// Whether each body was said to lie still: its pose stays as it is until the body is spoken of again. One that the
-    /// engine has put to sleep lies where the engine left it, to the bit.
+    /// engine has put to sleep lies where the engine left it, to the bit, or, if it was woken since and sleeps again, within
+    /// tolerance of there.
     #[must_use]
     pub fn resting(&self) -> &[bool] {
         &self.resting

@@ -46,7 +46,7 @@ impl Feed {
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when it does not in time.
+    /// [`Stop::Fail`](crate::conformance::outcome::Stop::Fail) when it does not in time.
     pub fn must_end_alike(&mut self) -> Play {
         let mut tries = 0;
         self.until("copy that ends as the stream has it", |feed| {
