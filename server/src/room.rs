@@ -452,7 +452,7 @@ impl Room {
         self.tell_notices(out);
         for (peer, member) in &self.members {
             for stream in member.streams() {
-                for packet in self.streams.packets(stream) {
+                for packet in self.streams.packets(stream, *peer) {
                     out.datagram(*peer, packet.clone());
                 }
             }

@@ -63,8 +63,9 @@ pub(crate) struct Stream {
     pub(crate) amended: u64,
     /// Whether bodies wait for a word, for want of budget.
     in_arrears: bool,
-    /// The datagrams of the last tick.
+    /// The datagrams of the last tick, and the parities behind them.
     packets: Vec<Bytes>,
+    parities: Vec<Bytes>,
     /// What its members lose.
     losses: Losses,
     /// What makes good lost packets, as asked for since the last tick: encoded once for all who lost the same.
@@ -201,6 +202,7 @@ impl Stream {
     /// Says what must be said now, if a tick is spoken of. A silent stream vouches ever more rarely, within bounds.
     fn publish(&mut self, at: &Moment<'_>, witness: &Witness) {
         self.packets.clear();
+        self.parities.clear();
         self.repairs.clear();
         let before = self.tick();
         match &mut self.source {
@@ -218,7 +220,7 @@ impl Stream {
         self.vouch_or_sum_up(at);
         let redundancy = self.losses.redundancy(self.followers, self.next_number());
         if let Source::Reckoned(publisher) = &mut self.source {
-            publisher.say_parities(redundancy, &mut self.packets);
+            publisher.say_parities(redundancy, &mut self.parities);
         }
     }
 
@@ -327,9 +329,14 @@ impl Streams {
         self.streams.iter_mut().find(|stream| stream.id() == id)
     }
 
-    /// The datagrams of a stream's last tick.
-    pub(crate) fn packets(&self, id: StreamId) -> &[Bytes] {
-        self.get(id).map_or(&[], |stream| &stream.packets)
+    /// The datagrams of a stream's last tick that a member is sent: parities only if it loses packets, whoever else does.
+    pub(crate) fn packets(&self, id: StreamId, peer: Peer) -> impl Iterator<Item = &Bytes> {
+        let stream = self.get(id);
+        let packets = stream.map_or(&[][..], |stream| &stream.packets);
+        let parities = stream
+            .filter(|stream| stream.losses.loses(peer.0, stream.next_number()))
+            .map_or(&[][..], |stream| &stream.parities);
+        packets.iter().chain(parities)
     }
 
     /// The stream of a choice, if somebody follows it.
@@ -365,6 +372,7 @@ impl Streams {
             amended: 0,
             in_arrears: false,
             packets: Vec::new(),
+            parities: Vec::new(),
             losses: Losses::default(),
             repairs: BTreeMap::new(),
         });

@@ -403,6 +403,39 @@ fn what_went_while_touch_was_lost_counts_as_changed() {
 }
 
 #[test]
+fn parities_go_to_who_loses_packets_and_to_nobody_else() {
+    let mut stage = Stage::new(
+        script("ball-pit"),
+        Pace::FreeRunning,
+        NORMAL,
+        LinkTerms::PERFECT,
+        1,
+    );
+    let loses = stage.enter(NORMAL);
+    let other = stage.enter(NORMAL);
+    stage.drive(Span::from_millis(300));
+    let lossy = links("rtt=40ms,loss=10%");
+    stage.arena.set_terms_of(loses, Direction::Down, lossy);
+    stage.drive(Span::from_millis(6_000));
+    let heard = |stage: &Stage, index: usize| stage.copy(index).stream().statistics();
+    let (lossy, clean) = (heard(&stage, loses), heard(&stage, other));
+    assert!(lossy.parities > 100 && lossy.rebuilt > 0, "{lossy:?}");
+    assert_eq!((clean.parities, clean.missed), (0, 0));
+    // Whoever begins to lose is helped as well.
+    let lossy = links("rtt=40ms,loss=10%");
+    stage.arena.set_terms_of(other, Direction::Down, lossy);
+    stage.drive(Span::from_millis(4_000));
+    assert!(heard(&stage, other).parities > 50);
+    stage.arena.set_terms(LinkTerms::PERFECT);
+    stage.run(SETTLES_WITHIN);
+    let truth = stage.truth();
+    for index in [loses, other] {
+        assert!(stage.copy(index).stream().is_settled());
+        stage.witnesses[index].judge(&truth, "a member that lost packets");
+    }
+}
+
+#[test]
 fn a_packet_that_is_forgotten_is_not_asked_for_for_ever() {
     let mut stage = Stage::new(
         script("zoo"),

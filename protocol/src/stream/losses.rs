@@ -63,6 +63,13 @@ impl Losses {
         }
     }
 
+    /// Whether a listener of a stream whose next packet is number `next` lost any of its last packets.
+    #[must_use]
+    pub fn loses(&self, listener: u64, next: u64) -> bool {
+        let account = self.accounts.get(&listener);
+        account.is_some_and(|account| account.loss(next) > Loss(0))
+    }
+
     /// How much redundancy a stream with so many listeners is worth, whose next packet is number `next`.
     pub fn redundancy(&mut self, listeners: usize, next: u64) -> Redundancy {
         // Who says nothing loses nothing.
@@ -198,6 +205,18 @@ mod tests {
             losses.hear(1, &echo(60, 4), 60);
             assert_eq!(losses.redundancy(listeners, 60), worth, "{listeners}");
         }
+    }
+
+    #[test]
+    fn who_lost_nothing_lately_does_not_lose() {
+        let mut losses = Losses::default();
+        losses.hear(1, &echo(60, 0), 60);
+        losses.hear(2, &echo(60, 1), 60);
+        assert!(!losses.loses(1, 60) && losses.loses(2, 60) && !losses.loses(3, 60));
+        for next in (100..1_000).step_by(100) {
+            losses.hear(2, &echo(next, 1), next);
+        }
+        assert!(!losses.loses(2, 900));
     }
 
     #[test]
