@@ -1,7 +1,7 @@
 //! Where a scene's host time goes, stage by stage.
 
-use rhumb_protocol::Instant;
 use rhumb_protocol::message::StageTimes;
+use rhumb_protocol::{Instant, Span};
 
 /// Steps over which the median and the 99th percentile are taken.
 const RECENT: usize = 4_096;
@@ -38,6 +38,11 @@ impl Times {
             self.recent[self.next] = step;
         }
         self.next = (self.next + 1) % RECENT;
+    }
+
+    /// Who leads the scene was told of it, beside the streams.
+    pub(crate) fn add_telling(&mut self, took: Span) {
+        self.publish_total += took.as_nanos();
     }
 
     pub(crate) fn summary(&self) -> StageTimes {

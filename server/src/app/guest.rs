@@ -193,7 +193,9 @@ impl Guest {
         for (actor, refusal) in realised.refused {
             self.refuse(actor, refusal);
         }
+        let begun = clock();
         self.tell(lead.room, options);
+        lead.room.note_telling(clock().since(begun));
         Ok(())
     }
 

@@ -3,9 +3,9 @@
 //! It is no member: it names its bodies itself, hears no stream, and alone says when the scene steps and ends. Members
 //! may watch, push and add; they hear of everything by the same notices and packets as in any scene.
 
-use rhumb_protocol::Peer;
 use rhumb_protocol::limits::BODIES_MAX;
 use rhumb_protocol::scene::{Command, CommandError, IdRange};
+use rhumb_protocol::{Peer, Span};
 
 use super::{Room, Stopwatch};
 use crate::outbox::Outbox;
@@ -44,6 +44,11 @@ impl Room {
             self.target = self.target.next();
             self.tick(clock, out);
         }
+    }
+
+    /// To tell its leader of a frame took so long: what publishing is to members.
+    pub(crate) fn note_telling(&mut self, took: Span) {
+        self.times.add_telling(took);
     }
 
     /// What is in it.
