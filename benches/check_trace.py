@@ -261,7 +261,7 @@ def worst_second(frames, rate, step_s, ticks):
 
 def first_seconds(run, frames, down):
     """What came down in the first frames."""
-    step_s = float(run.terms["step_s"])
+    step_s = float(run.terms["step_s"]) * int(run.terms.get("every") or 1)
     count = min(math.floor(FIRST_S / step_s + 0.5), len(frames))
     if count == 0:
         return None

@@ -176,6 +176,8 @@ enum EvaluateError {
     Output(OutputError),
     /// The engines of two modes did not do the same, so that nothing can be compared.
     Void { bodies: u32, mode: Mode },
+    /// A cadence was asked for, and no mode has one.
+    Cadence,
 }
 
 impl fmt::Display for EvaluateError {
@@ -184,6 +186,9 @@ impl fmt::Display for EvaluateError {
             Self::Drive(cause) => cause.fmt(f),
             Self::Cores(cause) => write!(f, "{cause}; try --no-pin"),
             Self::Output(cause) => cause.fmt(f),
+            Self::Cadence => f.write_str(
+                "--every and --hindsight are of free-running modes: ask for one by --modes, such as rhumb-free,naive-free",
+            ),
             Self::Void { bodies, mode } => write!(
                 f,
                 "the runs with {bodies} bodies are void: the truth of {mode} differs from that of the other modes"
@@ -217,6 +222,10 @@ pub fn evaluate(arguments: &Evaluate) -> ExitCode {
 }
 
 fn run(arguments: &Evaluate) -> Result<(), EvaluateError> {
+    let has_cadence = arguments.every.get() > 1 || arguments.hindsight > 0;
+    if has_cadence && !arguments.modes.iter().any(|name| name.mode().is_free()) {
+        return Err(EvaluateError::Cadence);
+    }
     output::make_folder(&arguments.out)?;
     // Asked before this process keeps to one of them.
     let machine = machine::describe();

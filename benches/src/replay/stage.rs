@@ -187,6 +187,8 @@ struct Stage<'a> {
     removed: usize,
     notices: u64,
     silent: u32,
+    /// When the sum over all tracks was said last, and which.
+    summed_up: (Tick, u64),
     losses: Losses,
     echoed: Option<Instant>,
     lost: Vec<Lost>,
@@ -227,6 +229,7 @@ impl<'a> Stage<'a> {
             removed: 0,
             notices: 0,
             silent: 0,
+            summed_up: (Tick::ZERO, 0),
             losses: Losses::default(),
             echoed: None,
             lost: Vec::new(),
@@ -306,7 +309,9 @@ impl<'a> Stage<'a> {
         if packets.is_empty() {
             self.silent += 1;
             if self.vouches() {
-                let vouch = self.publisher.vouch(self.notices);
+                // A digest vouches too.
+                let digest = self.due_digest(true);
+                let vouch = digest.unwrap_or_else(|| self.publisher.vouch(self.notices));
                 self.send_down(now, vouch, Lane::State);
             }
         } else {
@@ -315,6 +320,9 @@ impl<'a> Stage<'a> {
                 self.send_down(now, packet, Lane::State);
             }
             self.note_lost(now, tick, losses);
+            if let Some(digest) = self.due_digest(false) {
+                self.send_down(now, digest, Lane::State);
+            }
         }
         let redundancy = self.losses.redundancy(1, self.publisher.next_number());
         let mut parities = Vec::new();
@@ -322,6 +330,22 @@ impl<'a> Stage<'a> {
         for parity in parities {
             self.send_down(now, parity, Lane::State);
         }
+    }
+
+    /// What says the sum over all tracks, as a server says it: each second, if it is another.
+    fn due_digest(&mut self, silent: bool) -> Option<Bytes> {
+        let publisher = &self.publisher;
+        let (last, sum) = self.summed_up;
+        let age = publisher.tick().since(last)?;
+        let rate = self.recording.integrator.rate;
+        let second = Ticks::new((rate.ticks() / rate.seconds()).max(1));
+        // A digest states nothing of a budget's arrears: silence is vouched for by what does.
+        let states_nothing = silent && self.terms.budget.is_some();
+        if age < second || publisher.agreement() == sum || states_nothing {
+            return None;
+        }
+        self.summed_up = (publisher.tick(), publisher.agreement());
+        Some(publisher.digest(self.notices))
     }
 
     /// Notes of which bodies nothing arrives that was just said, if more was lost than before.

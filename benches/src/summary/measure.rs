@@ -86,9 +86,15 @@ pub(super) fn figures(run: &Run, truth_digest: u64) -> RunFigures {
 /// Simulated seconds that are told apart.
 const FIRST_S: f64 = 5.0;
 
+/// Simulated seconds between two frames: of a replay there is one for each tick that is spoken of.
+fn frame_s(run: &Run) -> f64 {
+    let every = run.terms.replayed.as_ref().map_or(1, |terms| terms.every);
+    run.terms.step_s * f64::from(every)
+}
+
 /// What came down in the first frames.
 fn first_seconds(run: &Run) -> Option<FirstSeconds> {
-    let step_s = run.terms.step_s;
+    let step_s = frame_s(run);
     let wanted = (FIRST_S / step_s).round() as usize;
     let frames = wanted.min(run.frames.len());
     let within = |passed: &&Passed| (passed.frame as usize) < frames;
