@@ -48,6 +48,8 @@ pub(crate) struct Account {
     pub(crate) awake: u32,
     pub(crate) stages: Stages,
     pub(crate) traffic: Traffic,
+    /// Of a client of the paper's protocol: frames whose end it did not hear.
+    pub(crate) ends_lost: u64,
 }
 
 /// Where the time of whoever steps went, nanoseconds.

@@ -61,6 +61,9 @@ pub(super) struct ModeOutcome {
     pub(super) datagrams_down: u64,
     /// Motions said.
     pub(super) updates: u64,
+    /// Of a client of the paper's protocol: frames whose end it did not hear.
+    #[serde(default)]
+    pub(super) ends_lost: u64,
     /// Digest of all that its engine did so far.
     pub(super) truth: String,
     /// Whether its engine did not do what the integrated one did: then nothing of this counts.

@@ -214,6 +214,7 @@ pub(super) fn outcome(mode: Mode, took: &[Took], before: &Account, after: &Accou
         bytes_up: since(|account| account.traffic.bytes_up),
         datagrams_down: since(|account| account.traffic.datagrams_down),
         updates: since(|account| account.traffic.updates),
+        ends_lost: since(|account| account.ends_lost),
         truth: format!("{:016x}", after.truth),
         void: false,
     }

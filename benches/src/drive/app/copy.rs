@@ -22,6 +22,8 @@ pub(super) struct Copy {
     pub(super) ready: bool,
     /// Frames that were told to be over.
     pub(super) over: u64,
+    /// Frames that were given up: their ends were lost, or came too late.
+    pub(super) lost: u64,
 }
 
 impl Copy {

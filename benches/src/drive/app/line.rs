@@ -18,6 +18,8 @@ use super::wire::Wire;
 pub(super) struct Sockets {
     pub(super) tcp: TcpStream,
     pub(super) udp: UdpSocket,
+    /// Whether a burst may overflow the buffer of `udp`, so that the end of a frame may be lost.
+    pub(super) may_lose: bool,
 }
 
 /// A connection that its caller reads.
@@ -51,30 +53,32 @@ impl Sockets {
     /// Connects both, and sends the logon by datagram as the published client does, before that on TCP.
     pub(super) fn open(server: SocketAddr, losses: Losses) -> io::Result<Self> {
         let udp = UdpSocket::bind("127.0.0.1:0")?;
-        set_buffer(&udp, losses)?;
+        let may_lose = set_buffer(&udp, losses)?;
         udp.connect(server)?;
         let tcp = TcpStream::connect(server)?;
-        Ok(Self { tcp, udp })
+        Ok(Self { tcp, udp, may_lose })
     }
 }
 
-/// Gives a socket the buffer of the published client, or a large one.
+/// Gives a socket the buffer of the published client, or a large one; tells whether a burst may overflow it.
 #[cfg(target_os = "linux")]
-fn set_buffer(udp: &UdpSocket, losses: Losses) -> io::Result<()> {
-    use rustix::net::sockopt::{set_socket_recv_buffer_size, set_socket_recv_buffer_size_force};
+fn set_buffer(udp: &UdpSocket, losses: Losses) -> io::Result<bool> {
+    use rustix::net::sockopt::{
+        set_socket_recv_buffer_size, set_socket_recv_buffer_size_force, socket_recv_buffer_size,
+    };
     if losses.buffer {
         set_socket_recv_buffer_size(udp, DEFAULT_BUFFER_BYTES)?;
     } else if set_socket_recv_buffer_size_force(udp, BUFFER_BYTES).is_err() {
         // Without the right to it, as much as anybody may have.
         set_socket_recv_buffer_size(udp, BUFFER_BYTES)?;
     }
-    Ok(())
+    Ok(socket_recv_buffer_size(udp)? < BUFFER_BYTES)
 }
 
 /// Elsewhere a socket keeps the buffer that it has, which is another: nothing can be said of this loss there.
 #[cfg(not(target_os = "linux"))]
-fn set_buffer(_: &UdpSocket, _: Losses) -> io::Result<()> {
-    Ok(())
+fn set_buffer(_: &UdpSocket, _: Losses) -> io::Result<bool> {
+    Ok(true)
 }
 
 impl Direct {
@@ -111,27 +115,56 @@ impl Direct {
         self.sockets.tcp.write_all(bytes)
     }
 
-    /// Reads until a frame more is over, or its end is lost; then takes in what TCP has.
+    /// Takes in what came too late: behind the end of a frame that was given up.
+    pub(super) fn catch_up(&mut self, copy: &mut Copy, wire: &mut Wire) -> io::Result<()> {
+        if !self.sockets.may_lose {
+            return Ok(());
+        }
+        self.sockets.udp.set_nonblocking(true)?;
+        let heard = loop {
+            match self.hear_one(copy, wire) {
+                Ok(()) => {}
+                Err(cause) if is_nothing_yet(&cause) => break Ok(()),
+                Err(cause) => break Err(cause),
+            }
+        };
+        self.sockets.udp.set_nonblocking(false)?;
+        heard
+    }
+
+    /// Reads until a frame more is over; then takes in what TCP has. Where a burst may overflow the socket's buffer,
+    /// silence behind a frame's first word ends it, too.
+    ///
+    /// Errors when a server says nothing of a frame for [`STEP`].
     pub(super) fn hear(&mut self, copy: &mut Copy, wire: &mut Wire) -> io::Result<()> {
         let before = copy.over;
         // A server that steps is silent, however long it takes: an end is lost only behind what came before it.
         self.sockets.udp.set_read_timeout(Some(STEP))?;
         let mut silent = true;
         while copy.over == before {
-            match self.sockets.udp.recv(&mut self.buffer) {
-                Ok(count) => {
-                    let datagram = &self.buffer[..count];
-                    if std::mem::take(&mut silent) {
-                        self.sockets.udp.set_read_timeout(Some(LOST))?;
-                    }
-                    wire.datagram_down(datagram);
-                    hear_datagram(datagram, copy)?;
+            match self.hear_one(copy, wire) {
+                Ok(()) if self.sockets.may_lose && std::mem::take(&mut silent) => {
+                    self.sockets.udp.set_read_timeout(Some(LOST))?;
                 }
-                Err(cause) if is_nothing_yet(&cause) => break,
+                Ok(()) => {}
+                // Of a process that was stopped for a while.
+                Err(cause) if cause.kind() == io::ErrorKind::Interrupted => {}
+                Err(cause) if is_nothing_yet(&cause) && !silent => {
+                    copy.lost += 1;
+                    break;
+                }
+                Err(cause) if is_nothing_yet(&cause) => return Err(io::ErrorKind::TimedOut.into()),
                 Err(cause) => return Err(cause),
             }
         }
         self.hear_tcp(copy, wire)
+    }
+
+    fn hear_one(&mut self, copy: &mut Copy, wire: &mut Wire) -> io::Result<()> {
+        let count = self.sockets.udp.recv(&mut self.buffer)?;
+        let datagram = &self.buffer[..count];
+        wire.datagram_down(datagram);
+        hear_datagram(datagram, copy)
     }
 
     pub(super) fn hear_tcp(&mut self, copy: &mut Copy, wire: &mut Wire) -> io::Result<()> {
@@ -185,4 +218,99 @@ pub(super) fn is_nothing_yet(cause: &io::Error) -> bool {
         cause.kind(),
         io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut | io::ErrorKind::Interrupted
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use std::net::TcpListener;
+    use std::sync::mpsc;
+
+    use glam::{Quat, Vec3};
+    use rhumb_app::{Id, Motion};
+
+    use super::super::words::SIMULATION;
+    use super::*;
+    use crate::drive::remote::Keep;
+
+    const BODIES: u32 = 20;
+
+    /// A server's end of both sockets, and a client's.
+    fn ends(losses: Losses, may_lose: bool) -> (UdpSocket, TcpStream, Direct) {
+        let tcp = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = tcp.local_addr().unwrap();
+        let udp = UdpSocket::bind(address).unwrap();
+        let mut sockets = Sockets::open(address, losses).unwrap();
+        sockets.may_lose = may_lose;
+        udp.connect(sockets.udp.local_addr().unwrap()).unwrap();
+        let (server, _) = tcp.accept().unwrap();
+        (udp, server, Direct::new(sockets, losses).unwrap())
+    }
+
+    fn say(udp: &UdpSocket, message: &Message) {
+        let mut bytes = Vec::new();
+        message.encode(0, &mut bytes);
+        udp.send(&bytes).unwrap();
+    }
+
+    /// The states of some bodies; their end by itself.
+    fn say_states(udp: &UdpSocket, objects: std::ops::Range<u32>) {
+        for object in objects {
+            let actor = Id {
+                simulation: SIMULATION,
+                object,
+            };
+            let still = Motion {
+                actor,
+                position: Vec3::ZERO,
+                rotation: Quat::IDENTITY,
+                linear: Vec3::ZERO,
+                angular: Vec3::ZERO,
+                gravity_modifier: 1.0,
+            };
+            say(udp, &Message::SetDynamicActor(still));
+        }
+    }
+
+    #[test]
+    fn a_server_that_stalls_in_a_frame_is_waited_for() {
+        let (udp, _tcp, mut direct) = ends(Losses::SOUND, false);
+        let (asks, asked) = mpsc::channel();
+        let server = thread::spawn(move || {
+            for () in asked {
+                say_states(&udp, 0..BODIES / 2);
+                thread::sleep(LOST + LOST / 2);
+                say_states(&udp, BODIES / 2..BODIES);
+                say(&udp, &Message::TimeAdvanced(SIMULATION));
+            }
+        });
+        let (mut copy, mut wire) = (Copy::new(false), Wire::new(Keep::Costs));
+        for frame in 1..=3 {
+            asks.send(()).unwrap();
+            direct.catch_up(&mut copy, &mut wire).unwrap();
+            direct.hear(&mut copy, &mut wire).unwrap();
+            assert_eq!((copy.over, copy.lost), (frame, 0));
+            assert_eq!(copy.states, frame * u64::from(BODIES));
+        }
+        drop(asks);
+        server.join().unwrap();
+    }
+
+    #[test]
+    fn an_end_that_comes_too_late_is_not_taken_for_that_of_the_next_frame() {
+        let (udp, _tcp, mut direct) = ends(Losses::SOUND, true);
+        let (mut copy, mut wire) = (Copy::new(false), Wire::new(Keep::Costs));
+        say_states(&udp, 0..BODIES);
+        direct.hear(&mut copy, &mut wire).unwrap();
+        assert_eq!((copy.over, copy.lost), (0, 1));
+        // The end comes after all, before the next frame is asked for.
+        say(&udp, &Message::TimeAdvanced(SIMULATION));
+        while copy.over == 0 {
+            direct.catch_up(&mut copy, &mut wire).unwrap();
+        }
+        say_states(&udp, 0..BODIES);
+        say(&udp, &Message::TimeAdvanced(SIMULATION));
+        direct.hear(&mut copy, &mut wire).unwrap();
+        assert_eq!((copy.over, copy.lost), (2, 1));
+        assert_eq!(copy.states, 2 * u64::from(BODIES));
+    }
 }

@@ -43,6 +43,8 @@ struct Shared {
     copy: Mutex<Taken>,
     /// A frame is over, or the connection is.
     news: Condvar,
+    /// Whether the end of a frame may be lost.
+    may_lose: bool,
 }
 
 /// What was heard and is not taken in yet.
@@ -83,6 +85,7 @@ impl Polled {
                 over: None,
             }),
             news: Condvar::new(),
+            may_lose: sockets.may_lose,
         });
         let udp = sockets.udp.try_clone()?;
         udp.set_read_timeout(Some(LOOK))?;
@@ -118,6 +121,8 @@ impl Polled {
     }
 
     /// Waits until a frame more than `before` is over, or its end is lost.
+    ///
+    /// Errors when a server says nothing of a frame for [`STEP`].
     pub(super) fn hear(&self, before: u64) -> io::Result<()> {
         let mut taken = lock(&self.shared.copy);
         while taken.copy.over <= before && taken.over.is_none() {
@@ -125,10 +130,16 @@ impl Polled {
             taken = waited.unwrap_or_else(PoisonError::into_inner).0;
             if waited_out(&taken, before) {
                 drop(taken);
-                if self.shared.is_quiet() {
-                    return Ok(());
-                }
+                let silence = self.shared.silence();
                 taken = lock(&self.shared.copy);
+                match silence {
+                    Some(Silence::EndLost) => {
+                        taken.copy.lost += 1;
+                        return Ok(());
+                    }
+                    Some(Silence::Gone) => return Err(io::ErrorKind::TimedOut.into()),
+                    None => {}
+                }
             }
         }
         match taken.over {
@@ -164,17 +175,32 @@ const fn waited_out(taken: &Taken, before: u64) -> bool {
     taken.copy.over <= before && taken.over.is_none()
 }
 
+/// What a long silence is taken for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Silence {
+    /// The frame is over, and the word for that was lost.
+    EndLost,
+    /// The server is.
+    Gone,
+}
+
 impl Shared {
-    /// Whether all that was to be said has left, and all that came is taken in, and that was long ago.
-    fn is_quiet(&self) -> bool {
+    /// What it means that all that was to be said has left, all that came is taken in, and that was long ago; `None` while
+    /// that is not so.
+    fn silence(&self) -> Option<Silence> {
         if !lock(&self.out).is_empty() {
-            return false;
+            return None;
         }
         let heard = lock(&self.heard);
         let idle = heard.tcp.is_empty() && heard.udp.is_empty() && !heard.taking;
         // A server that steps is silent, however long it takes: an end is lost only behind what came before it.
-        let silence = if heard.answered { LOST } else { STEP };
-        idle && heard.last.is_some_and(|last| last.elapsed() >= silence)
+        let (most, meaning) = if heard.answered && self.may_lose {
+            (LOST, Silence::EndLost)
+        } else {
+            (STEP, Silence::Gone)
+        };
+        let long = heard.last.is_some_and(|last| last.elapsed() >= most);
+        (idle && long).then_some(meaning)
     }
 
     fn is_over(&self) -> bool {

@@ -262,6 +262,11 @@ impl AppRemote {
         self.frames.pop()
     }
 
+    /// Frames so far whose end was not heard.
+    pub(in crate::drive) fn ends_lost(&mut self) -> u64 {
+        self.line.with(|copy, _| copy.lost)
+    }
+
     /// Ticks that have passed.
     pub(in crate::drive) const fn ticks(&self) -> u64 {
         self.ticks
@@ -363,6 +368,7 @@ impl Line {
         match self {
             Self::Direct(own) => {
                 let Own { line, copy, wire } = &mut **own;
+                line.catch_up(copy, wire)?;
                 line.send(&messages, wire)?;
                 line.hear(copy, wire)
             }

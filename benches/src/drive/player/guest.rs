@@ -53,7 +53,7 @@ impl Player for Guest {
     }
 
     fn account(&mut self) -> Result<Account, DriveError> {
-        let traffic = self.traffic;
+        let (traffic, ends_lost) = (self.traffic, self.remote.ends_lost());
         // Its scene begins with its first frame.
         if self.remote.ticks() == 0 {
             return Ok(Account {
@@ -68,6 +68,7 @@ impl Player for Guest {
             awake: inspection.awake,
             stages: Stages::of(&inspection.times),
             traffic,
+            ends_lost,
         })
     }
 }

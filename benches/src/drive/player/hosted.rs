@@ -87,6 +87,7 @@ impl Player for Hosted {
             awake: inspection.awake,
             stages: Stages::of(&inspection.times),
             traffic: self.traffic,
+            ends_lost: 0,
         })
     }
 }

@@ -123,6 +123,7 @@ impl Player for Local {
             awake: self.scene.awake_count() as u32,
             stages: self.stages,
             traffic: Traffic::default(),
+            ends_lost: 0,
         })
     }
 }
