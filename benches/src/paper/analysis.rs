@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::outcome::{ModeOutcome, Trial};
 use super::settings::Settings;
-use super::statistics::{Comparison, Sample};
+use super::statistics::{Comparison, Paired, Sample};
 use crate::record::Mode;
 
 /// Below so many frames a second a load degrades (MDL: the minimum degradation load).
@@ -66,6 +66,10 @@ pub(super) struct Against {
     pub(super) sim_fps: Comparison,
     /// Of milliseconds per frame.
     pub(super) phys_ft_ms: Comparison,
+    /// The same, trial by trial: both step the same scene frame by frame in turn.
+    pub(super) paired: Option<Paired>,
+    /// The mode's engine against the integrated one, trial by trial: they make the same steps, on other cores.
+    pub(super) engine: Option<Paired>,
 }
 
 /// The least load at which a mode's mean is below nine frames a second.
@@ -132,25 +136,42 @@ fn of_load(settings: &Settings, load: u32, trials: &[Trial]) -> LoadAnalysis {
     }
 }
 
+/// An outcome, and the number of its trial.
+type Numbered<'t> = (u32, &'t ModeOutcome);
+
 /// The outcomes of a mode at a load that count.
-fn sound<'t>(trials: &'t [Trial], load: u32, mode: &str) -> Vec<&'t ModeOutcome> {
-    let loads = trials.iter().flat_map(|trial| &trial.loads);
-    let modes = loads
-        .filter(|found| found.load == load)
-        .flat_map(|found| &found.modes);
-    modes
-        .filter(|found| found.mode == mode && !found.void)
+fn sound<'t>(trials: &'t [Trial], load: u32, mode: &str) -> Vec<Numbered<'t>> {
+    let all = trials.iter().flat_map(|trial| {
+        let loads = trial.loads.iter().filter(|found| found.load == load);
+        let modes = loads.flat_map(|found| &found.modes);
+        modes.map(|found| (trial.number, found))
+    });
+    all.filter(|(_, found)| found.mode == mode && !found.void)
         .collect()
+}
+
+/// What two modes have of the same trials.
+fn paired(
+    of: fn(&ModeOutcome) -> f64,
+    outcomes: &[Numbered<'_>],
+    integrated: &[Numbered<'_>],
+) -> Option<Paired> {
+    let pair = |(number, own): &Numbered<'_>| {
+        let (_, beside) = integrated.iter().find(|(other, _)| other == number)?;
+        Some((of(own), of(beside)))
+    };
+    let pairs: Vec<(f64, f64)> = outcomes.iter().filter_map(pair).collect();
+    Paired::of(&pairs)
 }
 
 fn of_mode(
     settings: &Settings,
     mode: &str,
-    outcomes: &[&ModeOutcome],
-    integrated: &[&ModeOutcome],
+    outcomes: &[Numbered<'_>],
+    integrated: &[Numbered<'_>],
 ) -> Option<ModeAnalysis> {
-    let values = |of: fn(&ModeOutcome) -> f64, all: &[&ModeOutcome]| -> Vec<f64> {
-        all.iter().map(|outcome| of(outcome)).collect()
+    let values = |of: fn(&ModeOutcome) -> f64, all: &[Numbered<'_>]| -> Vec<f64> {
+        all.iter().map(|(_, outcome)| of(outcome)).collect()
     };
     let sample = |of: fn(&ModeOutcome) -> f64| Sample::of(&values(of, outcomes));
     let compare = |of: fn(&ModeOutcome) -> f64| {
@@ -163,14 +184,15 @@ fn of_mode(
     let fps = |outcome: &ModeOutcome| outcome.sim_fps;
     let frame = |outcome: &ModeOutcome| outcome.phys_ft_ms;
     let against = compare(fps).zip(compare(frame));
-    let work: Option<Vec<f64>> = outcomes.iter().map(|outcome| outcome.work_ms).collect();
+    let step = |outcome: &ModeOutcome| outcome.step_ms;
+    let work: Option<Vec<f64>> = outcomes.iter().map(|(_, found)| found.work_ms).collect();
     Some(ModeAnalysis {
         mode: mode.to_owned(),
         sim_fps: sample(fps)?,
         sustained_fps: sample(|outcome| outcome.sustained_fps)?,
         phys_ft_ms: sample(frame)?,
         work_ms: work.and_then(|work| Sample::of(&work)),
-        step_ms: sample(|outcome| outcome.step_ms)?,
+        step_ms: sample(step)?,
         beside_ms: sample(|outcome| outcome.observe_ms + outcome.publish_ms)?,
         bytes_down: sample(|outcome| outcome.bytes_down as f64 / f64::from(outcome.frames.max(1)))?,
         awake: sample(|outcome| f64::from(outcome.awake))?,
@@ -178,6 +200,8 @@ fn of_mode(
             |(sim_fps, phys_ft_ms)| Against {
                 sim_fps,
                 phys_ft_ms,
+                paired: paired(frame, outcomes, integrated),
+                engine: paired(step, outcomes, integrated),
             },
         ),
     })
@@ -264,6 +288,10 @@ pub(super) mod tests {
         assert_eq!((naive.sim_fps.count, naive.sim_fps.mean), (2, 7.5));
         let against = naive.against_integrated.unwrap();
         assert!((against.sim_fps.difference + 1.5).abs() < 1e-12);
+        // Frames of 1/8 and 1/7 s beside 1/9.2 and 1/8.8 s: √(9.2/8 · 8.8/7).
+        let paired = against.paired.unwrap();
+        assert_eq!(paired.pairs, 2);
+        assert!((paired.ratio - (1.15_f64 * 8.8 / 7.0).sqrt()).abs() < 1e-12);
         assert_eq!(
             analysis.mode(500, "integrated").unwrap().against_integrated,
             None

@@ -8,16 +8,21 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use serde::Deserialize;
 
 use super::PaperError;
+use super::analysis::Analysis;
 use super::experiment::PaperResults;
 use super::figures::{self, Figure};
 use super::gap::{self, GapResults};
 use super::hardware::{self, HardwareResults};
+use super::outcome::Trial;
 use super::remote::{self, RemoteResults};
+use super::settings::Settings;
 use super::store::parse;
 use super::{findings, tables};
 use crate::output;
+use crate::summary::{Summary, Table, markdown, ratios};
 
 /// Which page.
 #[derive(Clone, Debug, Args)]
@@ -141,15 +146,39 @@ fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, PaperErro
     parse(path, read(path)?.as_bytes())
 }
 
+/// What an experiment found, computed from its trials by this program: a file may be of one that knew other statistics.
+fn read_experiment(path: &Path) -> Result<PaperResults, PaperError> {
+    let Kept {
+        command,
+        settings,
+        trials,
+    } = read_json(path)?;
+    Ok(PaperResults {
+        command,
+        analysis: Analysis::of(&settings, &trials),
+        settings,
+        trials,
+    })
+}
+
+/// Of `paper.json` what was measured.
+#[derive(Debug, Deserialize)]
+struct Kept {
+    command: String,
+    settings: Settings,
+    trials: Vec<Trial>,
+}
+
 /// A block by its name.
 fn make_block(page: &Path, folder: &Path, block: &str, file: &str) -> Result<Block, PaperError> {
     let path = folder.join(file);
     let text = match block.split_once('-') {
+        Some(("runs", what)) => of_runs(&read_json(&path)?, what),
         Some(("remote", what)) => of_remote(&read_json(&path)?, what),
         Some(("gap", what)) => of_gap(&read_json(&path)?, what),
         Some(("hardware", what)) => of_hardware(&read_json(&path)?, what),
         _ => {
-            let results: PaperResults = read_json(&path)?;
+            let results = read_experiment(&path)?;
             match block.strip_prefix("figure-") {
                 Some(name) => return of_figure(page, block, figure(&results, name)),
                 None => of_paper(&results, block),
@@ -184,11 +213,23 @@ fn of_paper(results: &PaperResults, block: &str) -> Option<String> {
         "degradation" => tables::degradation(results),
         "tests-sim-fps" => tables::tests_fps(results),
         "tests-phys-ft" => tables::tests_frame(results),
+        "paired" => tables::paired(results),
+        "aims" => tables::aims(results),
         "stages" => tables::stages(results),
         "traffic" => tables::traffic(results),
         _ => return None,
     };
     Some(table.to_markdown())
+}
+
+/// Of the `summary.json` of any other task.
+fn of_runs(summary: &Summary, what: &str) -> Option<String> {
+    match what {
+        "command" => Some(format!("    {}", summary.command)),
+        "table" => Some(Table::new(summary).to_markdown()),
+        "ratios" => Some(markdown(&ratios(&summary.runs))),
+        _ => None,
+    }
 }
 
 fn of_remote(results: &RemoteResults, what: &str) -> Option<String> {
@@ -203,6 +244,7 @@ fn of_remote(results: &RemoteResults, what: &str) -> Option<String> {
             results.frames
         )),
         "crossings" => Some(remote::crossings_table(results).to_markdown()),
+        "aims" => Some(remote::aims_table(results).to_markdown()),
         "points" => Some(remote::points_table(results).to_markdown()),
         _ => None,
     }

@@ -2,6 +2,7 @@
 //!
 //! What has ended is kept at once, and computed anew after each trial: an interruption costs the trial that runs.
 
+use std::io::{self, Write as _};
 use std::num::NonZeroU32;
 use std::path::PathBuf;
 
@@ -180,12 +181,17 @@ pub(super) fn run(arguments: &ExperimentArguments) -> Result<(), PaperError> {
     let bar = output::progress_bar(length, String::new());
     bar.set_style(output::share_style());
     for number in &missing {
+        let mut stage = None;
         let trial = trial::run(&settings, *number, &staging, &mut |progress| {
-            bar.set_message(format!(
-                "trial {number} of {trials}, {} balls",
-                progress.load
-            ));
+            let here = format!("trial {number} of {trials}, {} balls", progress.load);
             bar.inc(u64::from(progress.load));
+            // Without a terminal there is no bar: a line for each stage.
+            if bar.is_hidden() && stage.replace(progress.load) != Some(progress.load) {
+                let done = 100 * bar.position() / length.max(1);
+                // Nowhere is left to say that standard error is closed.
+                let _ = writeln!(io::stderr(), "{here}: {done} % of all is done");
+            }
+            bar.set_message(here);
         })?;
         store.keep(&trial)?;
         let said = format!(

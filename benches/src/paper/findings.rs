@@ -2,6 +2,7 @@
 
 use super::analysis::{ALPHA, ModeAnalysis};
 use super::experiment::PaperResults;
+use super::statistics::rejected;
 use super::tables;
 use crate::record::Mode;
 use crate::summary::number;
@@ -29,6 +30,11 @@ pub(super) fn sentences(results: &PaperResults) -> Vec<String> {
         .iter()
         .filter(|mode| *mode != Mode::Integrated.name());
     said.extend(others.filter_map(|mode| of_mode(results, mode)));
+    if results.trials.len() > 1 {
+        said.push(format!(
+            "Sure: by paired t-tests of the trials' ratios, α = {ALPHA} for all loads of a mode together (Holm)."
+        ));
+    }
     said.extend(tables::void(results));
     said
 }
@@ -47,38 +53,59 @@ fn of_mode(results: &PaperResults, mode: &str) -> Option<String> {
         .collect();
     let ratios: Vec<f64> = found
         .iter()
-        .filter_map(|(_, own)| Some(own.against_integrated?.phys_ft_ms.ratio))
+        .filter_map(|(_, own)| Some(own.against_integrated?.paired?.ratio))
         .collect();
     let (best, worst) = (
         ratios.iter().copied().reduce(f64::min)?,
         ratios.iter().copied().reduce(f64::max)?,
     );
-    let slower: Vec<String> = found
+    let tests: Vec<(u32, f64, f64)> = found
         .iter()
-        .filter(|(_, own)| {
-            own.against_integrated.is_some_and(|against| {
-                let fps = against.sim_fps;
-                fps.difference < 0.0 && fps.z.is_some_and(|test| test.p < ALPHA)
-            })
+        .filter_map(|(load, own)| {
+            let paired = own.against_integrated?.paired?;
+            Some((*load, paired.ratio, paired.test?.p))
         })
-        .map(|(load, _)| load.to_string())
         .collect();
+    let p: Vec<f64> = tests.iter().map(|(.., p)| *p).collect();
+    let sure = rejected(&p, ALPHA);
+    let those = |longer: bool| {
+        let sure = tests.iter().zip(&sure).filter(|(_, sure)| **sure);
+        let these = sure.filter(|((_, ratio, _), _)| (*ratio > 1.0) == longer);
+        let loads: Vec<u32> = these.map(|((load, ..), _)| *load).collect();
+        said_of(&loads, found.len())
+    };
     let range = if reaches {
         format!("from {FROM} balls on")
     } else {
         "at these loads".to_owned()
     };
-    let spoken = if slower.is_empty() {
-        "nowhere is its SimFPS lower than integrated by the Z-test".to_owned()
+    let spoken = if tests.is_empty() {
+        String::new()
     } else {
         format!(
-            "its SimFPS is lower than integrated by the Z-test at {} balls",
-            slower.join(", ")
+            "; surely longer {}, surely shorter {}",
+            those(true),
+            those(false)
         )
     };
     Some(format!(
-        "{mode}: a frame takes {} to {} times the integrated one {range}; {spoken}.",
+        "{mode}: a frame takes {} to {} times the integrated one {range}{spoken}.",
         number(Some(best)),
         number(Some(worst)),
     ))
+}
+
+/// At which loads, of so many.
+fn said_of(loads: &[u32], of: usize) -> String {
+    /// More are counted.
+    const NAMED: usize = 5;
+    match loads {
+        [] => "nowhere".to_owned(),
+        _ if loads.len() == of => "everywhere".to_owned(),
+        _ if loads.len() > NAMED => format!("at {} of {of} loads", loads.len()),
+        _ => {
+            let names: Vec<String> = loads.iter().map(u32::to_string).collect();
+            format!("at {}", names.join(", "))
+        }
+    }
 }

@@ -1,7 +1,10 @@
 //! `rhumb-bench paper remote`: from where on remote beats integrated.
 //!
 //! All modes step one scene. For each amount of other work each mode has a block of frames by itself, in turn, so that what
-//! a caller does while its server steps is that work and nothing else; the first frame of a block is not counted.
+//! a caller does while its server steps is that work and nothing else. As many frames as any mode runs ahead come first and
+//! are not counted: calls that fill what runs ahead wait for nothing.
+
+mod tables;
 
 use std::num::NonZeroU32;
 use std::path::PathBuf;
@@ -23,13 +26,12 @@ use super::experiment::{Places, tolerance};
 use super::pit::{FRAMES_PER_SECOND, in_frames};
 use super::report::page;
 use super::settings::Settings;
-use super::table::Table;
 use crate::drive::player::{self, Account, Billing, Player};
 use crate::drive::{Housing, Losses};
 use crate::machine;
 use crate::output;
 use crate::record::Mode;
-use crate::summary::number;
+pub(super) use tables::{aims_table, crossings_table, points_table};
 
 /// Loads, other work and depths, and where the results go.
 #[derive(Clone, Debug, Args)]
@@ -118,6 +120,13 @@ pub(super) struct Point {
     pub(super) uncapped_fps: f64,
     /// Whether its engine did not do what the integrated one did.
     pub(super) void: bool,
+}
+
+impl Point {
+    /// What the server does beside stepping, as a share of that.
+    fn beside(&self) -> f64 {
+        (self.observe_ms + self.publish_ms) / self.step_ms
+    }
 }
 
 /// From where on a depth beats the integrated engine in SimFPS.
@@ -251,11 +260,16 @@ fn run_load(
     } else {
         &arguments.other_work_ms
     };
+    let deepest = arguments.depths.iter().copied().max().unwrap_or_default();
     let mut points = Vec::new();
     for other_work_ms in works {
+        let frames = BlockFrames {
+            uncounted: deepest.max(1),
+            counted: arguments.frames.get(),
+        };
         let mut truth = None;
         for runner in &mut runners {
-            let (mut point, account) = block(runner, *other_work_ms, arguments.frames)?;
+            let (mut point, account) = block(runner, *other_work_ms, frames)?;
             let own = (account.tick, account.truth);
             point.void = *truth.get_or_insert(own) != own;
             (point.load, point.awake_percent) = (load, awake_percent);
@@ -265,21 +279,38 @@ fn run_load(
     Ok(points)
 }
 
+/// How many frames a block has.
+#[derive(Clone, Copy, Debug)]
+struct BlockFrames {
+    /// They fill what runs ahead, and warm caches that another mode had.
+    uncounted: u32,
+    counted: u32,
+}
+
 /// Some frames of one mode, one after the other.
 fn block(
     runner: &mut Runner,
     other_work_ms: u32,
-    frames: NonZeroU32,
+    frames: BlockFrames,
 ) -> Result<(Point, Account), PaperError> {
     let clock = Clock::start();
     let other_work = Span::from_millis(u64::from(other_work_ms));
-    let before = runner.player.account()?;
-    // Fills what runs ahead, and warms caches that another mode had.
-    runner.player.frame(&[])?;
-    work(&clock, other_work);
+    let mut before = runner.player.account()?;
+    for _ in 0..frames.uncounted {
+        runner.player.frame(&[])?;
+        work(&clock, other_work);
+    }
+    // To ask how a server stands that is ahead would wait for it, and empty what was filled.
+    let ahead = runner.depth.is_some_and(|depth| depth > 0);
+    let stepped = if ahead {
+        frames.uncounted + frames.counted
+    } else {
+        before = runner.player.account()?;
+        frames.counted
+    };
     let (mut frame_ns, mut lasted_s) = (0, 0.0);
     let (mut call_ns, mut work_ns) = (0, Some(0));
-    for _ in 0..frames.get() {
+    for _ in 0..frames.counted {
         let begun = clock.now();
         let took = runner.player.frame(&[])?;
         work(&clock, other_work);
@@ -290,10 +321,10 @@ fn block(
         work_ns = work_ns.zip(took.work_ns).map(|(sum, own)| sum + own);
     }
     let after = runner.player.account()?;
-    let count = f64::from(frames.get());
+    let count = f64::from(frames.counted);
     let each = |nanoseconds: u64| nanoseconds as f64 / 1e6 / count;
-    // The first frame steps too.
-    let stage = |of: fn(&Account) -> u64| (of(&after) - of(&before)) as f64 / 1e6 / (count + 1.0);
+    let stage =
+        |of: fn(&Account) -> u64| (of(&after) - of(&before)) as f64 / 1e6 / f64::from(stepped);
     let point = Point {
         load: 0,
         awake_percent: 0,
@@ -399,111 +430,6 @@ fn write(arguments: &RemoteArguments, results: &RemoteResults) -> Result<(), Pap
         &out.join("remote.html"),
         html.as_bytes(),
     )?)
-}
-
-/// The crossovers, a row each.
-pub(super) fn crossings_table(results: &RemoteResults) -> Table {
-    let mut table = Table::new(
-        "From where on remote beats integrated",
-        [
-            "depth",
-            "on the move, %",
-            "sought over",
-            "in SimFPS",
-            "uncapped",
-        ],
-    );
-    for found in &results.crossings {
-        let over = match (found.load, found.other_work_ms) {
-            (Some(load), _) => format!("other work, at {load} bodies"),
-            (_, Some(work)) => format!("bodies, at {work} ms of other work"),
-            _ => String::new(),
-        };
-        let unit = if found.load.is_some() { "ms" } else { "bodies" };
-        let cell = |crossover: Option<Crossover>| match crossover {
-            None => "nowhere".to_owned(),
-            Some(found) => {
-                let from = if found.from_the_first {
-                    "from the first, "
-                } else {
-                    "from "
-                };
-                let to = found
-                    .to
-                    .map_or_else(String::new, |to| format!(" to {}", number(Some(to))));
-                format!("{from}{}{to} {unit}", number(Some(found.from)))
-            }
-        };
-        table.rows.push(vec![
-            found.depth.to_string(),
-            found.awake_percent.to_string(),
-            over,
-            cell(found.capped),
-            cell(found.uncapped),
-        ]);
-    }
-    table.note = "Between measured points by straight lines. Where both reach 11.33 frames a second neither beats the \
-                  other. Nowhere: within what was measured."
-        .to_owned();
-    table
-}
-
-/// The points, a row each.
-pub(super) fn points_table(results: &RemoteResults) -> Table {
-    let columns = [
-        "bodies",
-        "on the move, %",
-        "awake",
-        "other work, ms",
-        "depth",
-        "SimFPS",
-        "uncapped",
-        "frame, ms",
-        "call, ms",
-        "caller's own work, ms",
-        "caller waits, ms",
-        "engine, ms",
-        "observe, ms",
-        "publish, ms",
-        "beside of engine",
-    ];
-    let mut table = Table::new("Frames, and where their time goes", columns);
-    for point in &results.points {
-        let depth = point
-            .depth
-            .map_or_else(|| "integrated".to_owned(), |depth| depth.to_string());
-        let beside = (point.observe_ms + point.publish_ms) / point.step_ms;
-        let mut row = vec![
-            point.load.to_string(),
-            point.awake_percent.to_string(),
-            point.awake.to_string(),
-            point.other_work_ms.to_string(),
-            if point.void {
-                format!("{depth}, void")
-            } else {
-                depth
-            },
-        ];
-        let waits = point.work_ms.map(|work| (point.call_ms - work).max(0.0));
-        let values = [
-            Some(point.sim_fps),
-            Some(point.uncapped_fps),
-            Some(point.frame_ms),
-            Some(point.call_ms),
-            point.work_ms,
-            waits,
-            Some(point.step_ms),
-            Some(point.observe_ms),
-            Some(point.publish_ms),
-            Some(beside),
-        ];
-        row.extend(values.map(number));
-        table.rows.push(row);
-    }
-    table.note =
-        "Void: the engine did not do what the integrated one did; left out of the crossovers."
-            .to_owned();
-    table
 }
 
 #[cfg(test)]

@@ -12,10 +12,12 @@ use crate::report::{STYLE, escape};
 /// All tables, in order.
 fn all_tables(results: &PaperResults) -> Vec<Table> {
     vec![
+        tables::aims(results),
         tables::sim_fps(results),
         tables::phys_ft(results),
         tables::degradation(results),
         tables::sustained(results),
+        tables::paired(results),
         tables::tests_frame(results),
         tables::tests_fps(results),
         tables::stages(results),

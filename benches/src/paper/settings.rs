@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use git_version::git_version;
 use serde::{Deserialize, Serialize};
 
 /// All that a trial's outcome may depend on but its number.
@@ -27,7 +28,7 @@ pub(super) struct Settings {
     pub(super) cores: String,
     /// Threads that an engine steps on.
     pub(super) threads: u32,
-    /// Release or debug, and the version.
+    /// Release or debug, the version, and the commit.
     pub(super) build: String,
     /// Processor, cores, system.
     pub(super) machine: String,
@@ -51,7 +52,7 @@ impl fmt::Display for Difference {
 }
 
 impl Settings {
-    /// How this program was built.
+    /// How this program was built, and from which commit where that is known.
     #[must_use]
     pub(super) fn this_build() -> String {
         let kind = if cfg!(debug_assertions) {
@@ -59,7 +60,11 @@ impl Settings {
         } else {
             "release"
         };
-        format!("{kind}, {}", env!("CARGO_PKG_VERSION"))
+        let commit = git_version!(
+            args = ["--always", "--abbrev=12", "--dirty", "--exclude=*"],
+            fallback = "of no repository"
+        );
+        format!("{kind}, {} {commit}", env!("CARGO_PKG_VERSION"))
     }
 
     /// Seed of a trial, counted from 1.

@@ -14,7 +14,7 @@ pub struct Table<'a> {
 }
 
 impl<'a> Table<'a> {
-    pub(super) const fn new(summary: &'a Summary) -> Self {
+    pub(crate) const fn new(summary: &'a Summary) -> Self {
         Self { summary }
     }
 
@@ -22,13 +22,9 @@ impl<'a> Table<'a> {
     #[must_use]
     pub fn to_markdown(&self) -> String {
         let columns = columns(&self.summary.runs);
-        let mut text = format!("| {} |\n|---", titles(&columns).join(" | "));
-        text.push_str(&"|---:".repeat(columns.len() - 1));
-        text.push_str("|\n");
-        for cells in self.rows(&columns) {
-            text.push_str(&format!("| {} |\n", cells.join(" | ")));
-        }
-        text
+        let mut rows = vec![titles(&columns)];
+        rows.extend(self.rows(&columns));
+        markdown(&rows)
     }
 
     fn rows(&self, columns: &[Column]) -> Vec<Vec<String>> {
@@ -84,6 +80,17 @@ impl fmt::Display for Table<'_> {
         rows.extend(self.rows(&columns));
         f.write_str(&aligned(&rows))
     }
+}
+
+/// Titles, and a row for each run, as a table in Markdown.
+pub(crate) fn markdown(rows: &[Vec<String>]) -> String {
+    let line = |row: &Vec<String>| format!("| {} |\n", row.join(" | "));
+    let Some((titles, rows)) = rows.split_first() else {
+        return String::new();
+    };
+    let numbers = "|---:".repeat(titles.len().saturating_sub(1));
+    let rows: String = rows.iter().map(line).collect();
+    format!("{}|---{numbers}|\n{rows}", line(titles))
 }
 
 /// Rows of cells below each other: the first column from the left, the others from the right.
