@@ -19,6 +19,7 @@ import argparse
 import json
 import math
 import pathlib
+import shlex
 import statistics
 import subprocess
 import sys
@@ -315,7 +316,8 @@ def main():
             raise Impossible("nothing was asked for: see --help")
         table(rows)
         if asked.out:
-            asked.out.write_text(json.dumps({"scene": str(asked.scene), "rows": rows}, indent=2) + "\n")
+            said = {"command": shlex.join(["python3", *sys.argv]), "scene": str(asked.scene), "rows": rows}
+            asked.out.write_text(json.dumps(said, indent=2) + "\n")
     except (Impossible, OSError, KeyError) as cause:
         said = f"{asked.scene} has no {cause}" if isinstance(cause, KeyError) else cause
         print(f"error: {said}", file=sys.stderr)

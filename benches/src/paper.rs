@@ -7,6 +7,7 @@ mod beside;
 mod crossover;
 mod document;
 mod duty;
+mod engines;
 mod error;
 mod experiment;
 mod figures;

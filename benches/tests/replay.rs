@@ -244,6 +244,12 @@ fn bytes_that_are_no_recording_are_refused() {
     let mut other = whole.clone();
     other[0] = b'X';
     assert!(matches!(read(&other), Err(RecordingError::NotARecording)));
+    let mut endless = whole.clone();
+    endless[12..16].copy_from_slice(&u32::MAX.to_le_bytes());
+    assert!(matches!(
+        read(&endless),
+        Err(RecordingError::Frames { frames: u32::MAX })
+    ));
     let mut still = whole;
     still[16..20].copy_from_slice(&0.0_f32.to_le_bytes());
     assert!(matches!(read(&still), Err(RecordingError::Step { .. })));

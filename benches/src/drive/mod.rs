@@ -18,6 +18,7 @@ pub use process::{Housing, ProcessError, ServerProcess};
 pub use side_by_side::{Cores, Plan, run_side_by_side};
 
 use std::fmt;
+use std::time::Duration;
 
 use rhumb_client::{ClientError, OpenError};
 use rhumb_protocol::scene::{CommandError, Invalid};
@@ -26,6 +27,10 @@ use rhumb_server::{HookError, NoWorkers, SceneFault};
 use rhumb_transport::RelayError;
 
 use crate::record::Mode;
+
+/// How long a server may say nothing, an impaired link included: an engine may take more than half a minute for the first frame of
+/// a hundred thousand bodies. Who ends says so.
+const PATIENCE: Duration = Duration::from_secs(300);
 
 /// Why a run did not come to its end.
 #[derive(Debug)]

@@ -17,7 +17,7 @@ use rhumb_transport::{Clock, LinkTerms, UdpRelay};
 
 use super::compare::{Errors, RecentTruth, compare};
 use super::control::Played;
-use super::{DriveError, Housing, ServerProcess};
+use super::{DriveError, Housing, PATIENCE, ServerProcess};
 use crate::record::{Breach, Cause, Frame, JoinCost, Passed, Seen, Way};
 
 /// How a remote mode is set up.
@@ -97,9 +97,6 @@ struct Shown {
     /// Each body's pose, and why it would be off if it were, by index.
     bodies: BTreeMap<BodyId, (Vec3, Quat, Standing)>,
 }
-
-/// How long the bench waits for a server, an impaired link included.
-const PATIENCE: Duration = Duration::from_secs(30);
 
 /// The scene's name on the bench's own servers.
 pub(super) fn scene_name() -> SceneName {

@@ -1,6 +1,6 @@
 //! `rhumb-bench paper page`: puts what was measured into a page.
 //!
-//! `<!-- paper: BLOCK FILE -->` opens a block, `<!-- /paper -->` closes it; FILE lies beside the page. What stands between
+//! `<!-- paper: BLOCK FILE -->` opens a block, `<!-- /paper -->` closes it; FILE, or a folder of runs, lies beside the page. What stands between
 //! is replaced, everything else is left as it is. Nothing of a block is typed, so that a check can tell whether it is stale.
 
 use std::collections::BTreeMap;
@@ -12,6 +12,7 @@ use serde::Deserialize;
 
 use super::PaperError;
 use super::analysis::Analysis;
+use super::engines::{self, Engines};
 use super::experiment::PaperResults;
 use super::figures::{self, Figure};
 use super::gap::{self, GapResults};
@@ -173,8 +174,9 @@ struct Kept {
 fn make_block(page: &Path, folder: &Path, block: &str, file: &str) -> Result<Block, PaperError> {
     let path = folder.join(file);
     let text = match block.split_once('-') {
-        Some(("runs", what)) => of_runs(&read_json(&path)?, what),
+        Some(("runs", what)) => of_runs(&read_runs(&path)?, what),
         Some(("remote", what)) => of_remote(&read_json(&path)?, what),
+        Some(("engines", what)) => of_engines(&read_json(&path)?, what),
         Some(("gap", what)) => of_gap(&read_json(&path)?, what),
         Some(("hardware", what)) => of_hardware(&read_json(&path)?, what),
         _ => {
@@ -222,6 +224,31 @@ fn of_paper(results: &PaperResults, block: &str) -> Option<String> {
     Some(table.to_markdown())
 }
 
+/// The runs of a `summary.json`, or of all that lie in a folder, in the order of their names.
+fn read_runs(path: &Path) -> Result<Summary, PaperError> {
+    if !path.is_dir() {
+        return read_json(path);
+    }
+    let failed = |cause| PaperError::Read {
+        path: path.to_owned(),
+        cause,
+    };
+    let mut files = Vec::new();
+    for entry in fs::read_dir(path).map_err(failed)? {
+        files.push(entry.map_err(failed)?.path());
+    }
+    files.sort();
+    let mut all: Option<Summary> = None;
+    for file in &files {
+        let mut one: Summary = read_json(file)?;
+        match &mut all {
+            Some(all) => all.runs.append(&mut one.runs),
+            None => all = Some(one),
+        }
+    }
+    all.ok_or_else(|| failed(std::io::ErrorKind::NotFound.into()))
+}
+
 /// Of the `summary.json` of any other task.
 fn of_runs(summary: &Summary, what: &str) -> Option<String> {
     match what {
@@ -246,6 +273,14 @@ fn of_remote(results: &RemoteResults, what: &str) -> Option<String> {
         "crossings" => Some(remote::crossings_table(results).to_markdown()),
         "aims" => Some(remote::aims_table(results).to_markdown()),
         "points" => Some(remote::points_table(results).to_markdown()),
+        _ => None,
+    }
+}
+
+fn of_engines(engines: &Engines, what: &str) -> Option<String> {
+    match what {
+        "command" => Some(format!("    {}", engines.command)),
+        "table" => Some(engines::table(engines).to_markdown()),
         _ => None,
     }
 }

@@ -36,6 +36,11 @@ pub enum RecordingError {
     NotARecording,
     /// It ends too soon, or goes on behind its end.
     Length,
+    /// More frames than are read.
+    Frames {
+        /// How many it claims to have.
+        frames: u32,
+    },
     /// Its step is no whole number of ticks in so many seconds, from 1 to 1000 a second.
     Step {
         /// Seconds.
@@ -95,6 +100,10 @@ impl fmt::Display for RecordingError {
             Self::Unpack(cause) => write!(f, "the recording cannot be unpacked: {cause}"),
             Self::NotARecording => f.write_str("this is not a recording"),
             Self::Length => f.write_str("the recording ends too soon or too late"),
+            Self::Frames { frames } => write!(
+                f,
+                "the recording claims {frames} frames, more than two days of them"
+            ),
             Self::Step { step_s } => {
                 write!(f, "{step_s} s is no step of a whole rate from 1 to 1000 Hz")
             }

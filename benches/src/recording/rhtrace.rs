@@ -23,6 +23,8 @@ pub const MAGIC: [u8; 8] = *b"RHTRACE1";
 
 /// Unpacked, a recording is no longer than this: two gigabytes.
 const BYTES_MAX: u64 = 2 << 30;
+/// Two days at 60 frames a second. A frame in which nothing moves takes two bytes, and packed next to none.
+const FRAMES_MAX: u32 = 10_368_000;
 
 /// Reads a packed recording.
 ///
@@ -44,6 +46,9 @@ pub fn read(name: &str, packed: &[u8]) -> Result<Recording, RecordingError> {
     let (bodies, frames) = (reader.u32()?, reader.u32()?);
     if frames == 0 {
         return Err(RecordingError::NoTruth);
+    }
+    if frames > FRAMES_MAX {
+        return Err(RecordingError::Frames { frames });
     }
     let step_s = reader.f32()?;
     let gravity = Vec3::from_array(reader.f32s()?);

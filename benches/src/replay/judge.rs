@@ -173,7 +173,7 @@ fn cause(copy: &Subscriber, id: BodyId, tick: Tick, share: f64) -> Cause {
     match copy.bound_at(id, tick) {
         Some(Bound::Within(_)) if owned => Cause::Budget,
         Some(Bound::Within(_)) | None => Cause::Fault,
-        Some(Bound::Unknown { .. }) if copy.statistics().missed > 0 => Cause::Loss,
+        Some(Bound::Unknown { .. }) if copy.missing() > 0 => Cause::Loss,
         Some(Bound::Unknown { .. }) => Cause::Late,
     }
 }

@@ -40,6 +40,10 @@ pub(crate) fn columns(runs: &[RunFigures]) -> Vec<Column> {
     let any = |has: fn(&RunFigures) -> bool| runs.iter().any(has);
     if any(|run| run.replayed.is_none()) || runs.is_empty() {
         let mut columns = EVALUATED.to_vec();
+        let first = runs.first().map(|run| &run.scene);
+        if runs.iter().any(|run| Some(&run.scene) != first) {
+            columns.insert(0, SCENE);
+        }
         if any(|run| run.of_limit.is_some()) {
             columns.extend(OF_LIMIT);
         }
@@ -63,6 +67,8 @@ pub(crate) fn columns(runs: &[RunFigures]) -> Vec<Column> {
     }
     columns
 }
+
+const SCENE: Column = column("scene", "scene", "", |run, _| run.scene.clone());
 
 const EVALUATED: [Column; 13] = [
     column("mode", "mode", "", |run, _| match run.void {

@@ -12,6 +12,7 @@ use rhumb_app::{Frames, Message};
 use super::copy::Copy;
 use super::losses::Losses;
 use super::wire::Wire;
+use crate::drive::PATIENCE;
 
 /// The sockets, once connected.
 #[derive(Debug)]
@@ -37,8 +38,6 @@ const BUFFER_BYTES: usize = 16 << 20;
 /// The system's default on Linux, which the published client leaves alone; the kernel doubles what it is told.
 #[cfg(target_os = "linux")]
 const DEFAULT_BUFFER_BYTES: usize = 212_992 / 2;
-/// A server that says nothing of a frame for so long is gone.
-pub(super) const STEP: Duration = Duration::from_secs(30);
 /// Silence behind the first word of a frame after which its end counts as lost: the published simulator begins its next frame then, 11.33 times
 /// a second.
 pub(super) const LOST: Duration = Duration::from_nanos(88_261_253);
@@ -135,11 +134,11 @@ impl Direct {
     /// Reads until a frame more is over; then takes in what TCP has. Where a burst may overflow the socket's buffer,
     /// silence behind a frame's first word ends it, too.
     ///
-    /// Errors when a server says nothing of a frame for [`STEP`].
+    /// Errors when a server says nothing of a frame for [`PATIENCE`].
     pub(super) fn hear(&mut self, copy: &mut Copy, wire: &mut Wire) -> io::Result<()> {
         let before = copy.over;
         // A server that steps is silent, however long it takes: an end is lost only behind what came before it.
-        self.sockets.udp.set_read_timeout(Some(STEP))?;
+        self.sockets.udp.set_read_timeout(Some(PATIENCE))?;
         let mut silent = true;
         while copy.over == before {
             match self.hear_one(copy, wire) {

@@ -14,11 +14,11 @@ use rhumb_app::{Frames, Message};
 
 use super::copy::Copy;
 use super::line::{
-    LOST, MESSAGES_PER_POLL, PUMP, READ_BYTES, STEP, Sockets, hear_datagram, is_nothing_yet,
-    next_message,
+    LOST, MESSAGES_PER_POLL, PUMP, READ_BYTES, Sockets, hear_datagram, is_nothing_yet, next_message,
 };
 use super::losses::Losses;
 use super::wire::Wire;
+use crate::drive::PATIENCE;
 
 /// Between two turns of the thread that takes in what was heard.
 const MESSENGER: Duration = Duration::from_millis(10);
@@ -122,7 +122,7 @@ impl Polled {
 
     /// Waits until a frame more than `before` is over, or its end is lost.
     ///
-    /// Errors when a server says nothing of a frame for [`STEP`].
+    /// Errors when a server says nothing of a frame for [`PATIENCE`].
     pub(super) fn hear(&self, before: u64) -> io::Result<()> {
         let mut taken = lock(&self.shared.copy);
         while taken.copy.over <= before && taken.over.is_none() {
@@ -197,7 +197,7 @@ impl Shared {
         let (most, meaning) = if heard.answered && self.may_lose {
             (LOST, Silence::EndLost)
         } else {
-            (STEP, Silence::Gone)
+            (PATIENCE, Silence::Gone)
         };
         let long = heard.last.is_some_and(|last| last.elapsed() >= most);
         (idle && long).then_some(meaning)

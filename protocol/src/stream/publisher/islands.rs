@@ -60,12 +60,29 @@ impl Union {
     }
 }
 
+/// The axis along which balls lie farthest apart: in a wall few overlap along it, and all across.
+fn longest_axis(balls: &[Ball]) -> usize {
+    let extent = |axis: usize| {
+        let along = balls.iter().map(|ball| ball.centre[axis]);
+        along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
+    };
+    let (mut longest, mut most) = (0, extent(0));
+    for axis in 1..3 {
+        let here = extent(axis);
+        if here > most {
+            (longest, most) = (axis, here);
+        }
+    }
+    longest
+}
+
 /// Joins balls that touch.
 fn join_touching(mut balls: Vec<Ball>, union: &mut Union) {
-    let least = |ball: &Ball| ball.centre[0] - ball.radius;
+    let axis = longest_axis(&balls);
+    let least = |ball: &Ball| ball.centre[axis] - ball.radius;
     balls.sort_by(|a, b| least(a).total_cmp(&least(b)));
     for (at, one) in balls.iter().enumerate() {
-        let end = one.centre[0] + one.radius;
+        let end = one.centre[axis] + one.radius;
         for other in balls[at + 1..]
             .iter()
             .take_while(|other| least(other) <= end)
@@ -171,5 +188,15 @@ mod tests {
         let bridged = [row(0.0), row(9.0), ([4.5, 3.0, 0.0], 6.0)];
         assert_eq!(islands(&bridged), [0; 3]);
         assert_eq!(islands(&[]), [0; 0]);
+        // Of walls across each axis.
+        for axis in 0..3 {
+            let ball = |along: f64| {
+                let mut centre = [0.0; 3];
+                centre[axis] = along;
+                (centre, 0.5)
+            };
+            let wall = [ball(30.0), ball(0.0), ball(0.9), ball(30.8)];
+            assert_eq!(islands(&wall), [0, 1, 1, 0], "{axis}");
+        }
     }
 }

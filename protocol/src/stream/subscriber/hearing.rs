@@ -41,7 +41,7 @@ impl Subscriber {
 
     /// While a packet is missing that may name it, the track is kept that a body had before its last one.
     fn grow_older(&mut self, index: u32) {
-        if self.missing() > 0
+        if self.missing_packets().next().is_some()
             && self.older.len() < OLDER_KEPT
             && let Some(before) = self.before.get(index)
         {

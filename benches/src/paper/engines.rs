@@ -1,0 +1,81 @@
+//! Other engines beside ours, as `benches/compare_engines.py` measured them: a table for the page.
+
+use serde::Deserialize;
+
+use super::table::Table;
+use crate::summary::number;
+
+/// What the script wrote with `--out`.
+#[derive(Debug, Deserialize)]
+pub(super) struct Engines {
+    /// How it was called.
+    pub(super) command: String,
+    rows: Vec<Row>,
+}
+
+/// One engine. Times are milliseconds.
+#[derive(Debug, Deserialize)]
+struct Row {
+    /// Which, and where it steps: `bullet, tcp:localhost:6667`.
+    engine: String,
+    frame_ms_p50: f64,
+    frame_ms_p99: f64,
+    /// Both ways, headers included; none of an engine in process.
+    bytes_per_frame: Option<f64>,
+}
+
+impl Row {
+    fn family(&self) -> &str {
+        self.engine.split(',').next().unwrap_or_default()
+    }
+}
+
+/// A row for each engine, beside the same engine in process.
+pub(super) fn table(engines: &Engines) -> Table {
+    let columns = [
+        "engine",
+        "frame p50, ms",
+        "p99, ms",
+        "of its first row",
+        "bytes a frame",
+    ];
+    let mut table = Table::new("Other engines on the same scene", columns);
+    for row in &engines.rows {
+        let first = engines
+            .rows
+            .iter()
+            .find(|other| other.family() == row.family());
+        let values = [
+            Some(row.frame_ms_p50),
+            Some(row.frame_ms_p99),
+            first.map(|first| row.frame_ms_p50 / first.frame_ms_p50),
+            row.bytes_per_frame,
+        ];
+        let mut cells = vec![row.engine.clone()];
+        cells.extend(values.map(number));
+        table.rows.push(cells);
+    }
+    table.note =
+        "Piles differ between engines, so that times are of like work, not of the same.".to_owned();
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_remote_engine_stands_beside_itself_in_process() {
+        let text = r#"{"command": "c", "rows": [
+            {"engine": "bullet, direct", "frame_ms_p50": 2.0, "frame_ms_p99": 3.0, "bytes_per_frame": null},
+            {"engine": "ours, a", "frame_ms_p50": 1.0, "frame_ms_p99": 1.5, "bytes_per_frame": null},
+            {"engine": "bullet, tcp:h:1", "frame_ms_p50": 5.0, "frame_ms_p99": 9.0, "bytes_per_frame": 1234.0}]}"#;
+        let engines: Engines = serde_json::from_str(text).unwrap();
+        let rows = table(&engines).rows;
+        assert_eq!(rows[1], ["ours, a", "1.00", "1.50", "1.00", "–"]);
+        assert_eq!(
+            rows[2],
+            ["bullet, tcp:h:1", "5.00", "9.00", "2.50", "1,234"]
+        );
+    }
+}
