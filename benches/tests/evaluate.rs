@@ -51,6 +51,21 @@ fn a_pipelined_run_has_its_last_tick_too() {
 }
 
 #[test]
+fn a_free_running_scene_may_have_more_bodies_than_a_first_grant() {
+    let more = [
+        "--modes",
+        "rhumb-free",
+        "--scene",
+        "rest-10k",
+        "--bodies",
+        "4200",
+    ];
+    let runs = runs("many", &more);
+    assert_eq!(runs.len(), 1);
+    assert_eq!(runs[0]["over_tolerance"]["by_cause"]["fault"], 0);
+}
+
+#[test]
 fn free_running_has_a_naive_run_of_the_same_server_beside_it() {
     let modes = ["--modes", "rhumb-free,naive-free", "--bodies", "30"];
     let runs = runs("free", &modes);

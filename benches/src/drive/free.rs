@@ -171,12 +171,18 @@ pub fn run_free(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<Load, Dri
         link: &LinkTerms::PERFECT,
         ..setup(Mode::NaiveFree, &*script)
     };
+    let mut commands = Vec::new();
+    script.commands(Tick::ZERO, &mut commands);
     let process = ServerProcess::start(&clean.housing, clean.beside.as_ref())?;
     let mut copies = Vec::new();
     for mode in plan.modes.iter().filter(|mode| mode.is_free()) {
+        let mut remote = Remote::join(&process, &setup(*mode, &*script))?;
+        if copies.is_empty() {
+            remote.reserve(&commands)?;
+        }
         copies.push(Copy {
             mode: *mode,
-            remote: Remote::join(&process, &setup(*mode, &*script))?,
+            remote,
             tolerance: (*mode == Mode::RhumbFree).then_some(plan.tolerance),
         });
     }
@@ -187,7 +193,7 @@ pub fn run_free(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<Load, Dri
         truth: Truth::default(),
         copies,
     };
-    stage.prepare(&mut *script)?;
+    stage.prepare(&commands)?;
     let step = Span::from_nanos(clean.terms.integrator.rate.step_ns());
     let clock = Clock::start();
     let mut due = clock.now();
@@ -212,14 +218,12 @@ struct Stage {
 
 impl Stage {
     /// The commands before the first frame; what was so far counts as joining.
-    fn prepare(&mut self, script: &mut dyn Script) -> Result<(), DriveError> {
-        let mut commands = Vec::new();
-        script.commands(Tick::ZERO, &mut commands);
-        for command in &commands {
+    fn prepare(&mut self, commands: &[Command]) -> Result<(), DriveError> {
+        for command in commands {
             self.cast.note(command, Tick::ZERO, &mut self.truth);
         }
         if let Some((first, others)) = self.copies.split_first_mut() {
-            first.remote.prepare(&commands)?;
+            first.remote.prepare(commands)?;
             for copy in others {
                 copy.remote.begin()?;
             }

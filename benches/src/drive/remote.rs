@@ -53,6 +53,8 @@ pub(super) struct Remote {
     client: Client,
     depth: Depth,
     bodies: u32,
+    /// Body indices beyond those of the first grant.
+    reserved: u32,
     keep: Keep,
     tape: Tape,
     clock: Clock,
@@ -144,6 +146,7 @@ impl Remote {
             client,
             depth: setup.depth,
             bodies: setup.bodies,
+            reserved: 0,
             keep: setup.keep,
             tape,
             clock: Clock::start(),
@@ -161,6 +164,19 @@ impl Remote {
 
     /// Gives the commands before the first step, waits until they are applied, and counts all that as joining.
     pub(super) fn prepare(&mut self, commands: &[Command]) -> Result<(), DriveError> {
+        self.reserve(commands)?;
+        let mut last = None;
+        for command in commands {
+            last = Some(self.client.command(command.clone())?);
+        }
+        if let Some(last) = last {
+            self.await_applied(last)?;
+        }
+        self.begin()
+    }
+
+    /// Has as many body indices in a row as a script needs. Whoever joins before that has those that follow the first ones.
+    pub(super) fn reserve(&mut self, commands: &[Command]) -> Result<(), DriveError> {
         let needed = commands
             .iter()
             .filter(|command| matches!(command, Command::AddBody { .. }))
@@ -170,20 +186,15 @@ impl Remote {
         if granted.first() != 0 || granted.generation() != 0 {
             return Err(DriveError::NotGranted);
         }
-        if granted.count() < needed {
-            let more = self.client.reserve(needed - granted.count())?;
-            if more.first() != granted.count() {
+        let has = granted.count() + self.reserved;
+        if has < needed {
+            let more = self.client.reserve(needed - has)?;
+            if more.first() != has {
                 return Err(DriveError::NotGranted);
             }
+            self.reserved += more.count();
         }
-        let mut last = None;
-        for command in commands {
-            last = Some(self.client.command(command.clone())?);
-        }
-        if let Some(last) = last {
-            self.await_applied(last)?;
-        }
-        self.begin()
+        Ok(())
     }
 
     /// Counts all that was so far as joining.
