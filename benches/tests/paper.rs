@@ -258,9 +258,47 @@ fn a_weak_caller_is_told_as_what_it_is_and_machines_merge() {
     assert_eq!(merged["machines"][1]["rows"][1]["outcome"]["void"], false);
 }
 
+/// All files below a folder.
+fn files(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).expect("a folder");
+    let paths = entries.map(|entry| entry.expect("an entry").path());
+    let below = |path: PathBuf| match path.is_dir() {
+        true => files(&path),
+        false => vec![path],
+    };
+    paths.flat_map(below).collect()
+}
+
 #[test]
-fn the_page_of_results_says_what_its_files_say() {
-    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/results/README.md");
+fn no_run_that_is_kept_is_void_or_has_a_fault() {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/results/data/stream");
+    let mut compared = 0;
+    for path in files(&data) {
+        for run in json(&path)["runs"].as_array().expect("runs") {
+            let what = path.display();
+            assert_eq!(run["void"], false, "{what}");
+            if run["mode"] == "integrated" {
+                continue;
+            }
+            compared += 1;
+            assert_eq!(run["mismatches"], 0, "{what}");
+            let causes = &run["over_tolerance"]["by_cause"];
+            assert_eq!(causes["fault"], 0, "{what}");
+            if run["link"].is_null() {
+                // Whoever follows a clock may show a tick before it is heard of.
+                assert_eq!(run["over_tolerance"]["count"], causes["late"], "{what}");
+                assert_eq!(causes["loss"], 0, "{what}");
+                let free = run["mode"].as_str().is_some_and(|mode| mode.ends_with("-free"));
+                assert!(free || causes["late"] == 0, "{what}");
+            }
+        }
+    }
+    assert!(compared > 50, "{compared} runs");
+}
+
+#[test]
+fn the_pages_of_results_say_what_their_files_say() {
+    let results = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/results");
     let check = |page: &Path| {
         Command::new(env!("CARGO_BIN_EXE_rhumb-bench"))
             .args(["paper", "page", "--check"])
@@ -268,18 +306,21 @@ fn the_page_of_results_says_what_its_files_say() {
             .output()
             .expect("the bench starts")
     };
-    let said = check(&page);
-    assert!(
-        said.status.success(),
-        "{}",
-        String::from_utf8_lossy(&said.stderr)
-    );
+    for page in ["README.md", "stream.md"] {
+        let said = check(&results.join(page));
+        let why = String::from_utf8_lossy(&said.stderr);
+        assert!(said.status.success(), "{page}: {why}");
+    }
+    let page = results.join("README.md");
     // And it would be noticed if it did not.
     let text = fs::read_to_string(&page).expect("the page is there");
     let copy = folder("page");
     fs::create_dir_all(copy.join("data")).expect("the folder can be made");
     for entry in fs::read_dir(page.parent().expect("a folder").join("data")).expect("data") {
         let from = entry.expect("a file").path();
+        if from.is_dir() {
+            continue;
+        }
         let name = from.file_name().expect("a name").to_owned();
         fs::copy(&from, copy.join("data").join(name)).expect("it can be copied");
     }
