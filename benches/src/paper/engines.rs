@@ -1,4 +1,4 @@
-//! Other engines beside ours, as `benches/compare_engines.py` measured them: a table for the page.
+//! Other engines beside ours: what `compare_engines.py` measured, as a table.
 
 use serde::Deserialize;
 
