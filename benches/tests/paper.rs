@@ -288,7 +288,9 @@ fn no_run_that_is_kept_is_void_or_has_a_fault() {
                 // Whoever follows a clock may show a tick before it is heard of.
                 assert_eq!(run["over_tolerance"]["count"], causes["late"], "{what}");
                 assert_eq!(causes["loss"], 0, "{what}");
-                let free = run["mode"].as_str().is_some_and(|mode| mode.ends_with("-free"));
+                let free = run["mode"]
+                    .as_str()
+                    .is_some_and(|mode| mode.ends_with("-free"));
                 assert!(free || causes["late"] == 0, "{what}");
             }
         }
