@@ -29,7 +29,7 @@ use rhumb_transport::RelayError;
 use crate::record::Mode;
 
 /// How long a server may say nothing, an impaired link included: an engine may take more than half a minute for the first frame of
-/// a hundred thousand bodies. Who ends says so.
+/// a hundred thousand bodies. A server that ends is noticed at once, by its connection.
 const PATIENCE: Duration = Duration::from_secs(300);
 
 /// Why a run did not come to its end.

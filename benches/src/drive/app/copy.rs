@@ -24,6 +24,17 @@ pub(super) struct Copy {
     pub(super) over: u64,
     /// Frames that were given up: their ends were lost, or came too late.
     pub(super) lost: u64,
+    /// Ends of frames that were given up and may come yet.
+    owed: u64,
+}
+
+/// The end of a frame that is waited for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Awaited {
+    /// Frames that were over before.
+    over: u64,
+    /// States that were heard before.
+    states: u64,
 }
 
 impl Copy {
@@ -33,6 +44,34 @@ impl Copy {
             heard_of: lists.then(Vec::new),
             ..Self::default()
         }
+    }
+
+    /// Whether a buffer that holds so many datagrams may overflow by a state of each body and the frame's end.
+    pub(super) fn may_lose(&self, room: usize) -> bool {
+        self.poses.len() + 2 > room
+    }
+
+    /// Begins to wait for the end of a frame that was just asked for.
+    pub(super) fn await_end(&self) -> Awaited {
+        Awaited {
+            over: self.over,
+            states: self.states,
+        }
+    }
+
+    /// Whether it has come. An end that is heard before any state while one is owed is that of a frame that was given up.
+    pub(super) fn has_ended(&mut self, awaited: &mut Awaited) -> bool {
+        if self.over > awaited.over && self.states == awaited.states && self.owed > 0 {
+            self.owed -= 1;
+            awaited.over += 1;
+        }
+        self.over > awaited.over
+    }
+
+    /// Waits no longer.
+    pub(super) fn give_up(&mut self) {
+        self.lost += 1;
+        self.owed += 1;
     }
 
     /// A body is created where its simulator says.

@@ -19,8 +19,10 @@ use crate::drive::PATIENCE;
 pub(super) struct Sockets {
     pub(super) tcp: TcpStream,
     pub(super) udp: UdpSocket,
-    /// Whether a burst may overflow the buffer of `udp`, so that the end of a frame may be lost.
-    pub(super) may_lose: bool,
+    /// How many datagrams of a state the buffer of `udp` holds.
+    pub(super) room: usize,
+    /// See [`LOST`].
+    pub(super) patience: Duration,
 }
 
 /// A connection that its caller reads.
@@ -41,6 +43,8 @@ const DEFAULT_BUFFER_BYTES: usize = 212_992 / 2;
 /// Silence behind the first word of a frame after which its end counts as lost: the published simulator begins its next frame then, 11.33 times
 /// a second.
 pub(super) const LOST: Duration = Duration::from_nanos(88_261_253);
+/// What the system takes of a socket's buffer for the datagram of a state: 277 fit into the default one.
+const KEPT_BYTES: usize = 768;
 /// Messages that leave in one turn of the published client's pump.
 pub(super) const MESSAGES_PER_POLL: usize = 50;
 /// Between two turns of its pump.
@@ -52,16 +56,21 @@ impl Sockets {
     /// Connects both, and sends the logon by datagram as the published client does, before that on TCP.
     pub(super) fn open(server: SocketAddr, losses: Losses) -> io::Result<Self> {
         let udp = UdpSocket::bind("127.0.0.1:0")?;
-        let may_lose = set_buffer(&udp, losses)?;
+        let room = set_buffer(&udp, losses)? / KEPT_BYTES;
         udp.connect(server)?;
         let tcp = TcpStream::connect(server)?;
-        Ok(Self { tcp, udp, may_lose })
+        Ok(Self {
+            tcp,
+            udp,
+            room,
+            patience: LOST,
+        })
     }
 }
 
-/// Gives a socket the buffer of the published client, or a large one; tells whether a burst may overflow it.
+/// Gives a socket the buffer of the published client, or a large one; tells how large it is, bytes.
 #[cfg(target_os = "linux")]
-fn set_buffer(udp: &UdpSocket, losses: Losses) -> io::Result<bool> {
+fn set_buffer(udp: &UdpSocket, losses: Losses) -> io::Result<usize> {
     use rustix::net::sockopt::{
         set_socket_recv_buffer_size, set_socket_recv_buffer_size_force, socket_recv_buffer_size,
     };
@@ -71,13 +80,13 @@ fn set_buffer(udp: &UdpSocket, losses: Losses) -> io::Result<bool> {
         // Without the right to it, as much as anybody may have.
         set_socket_recv_buffer_size(udp, BUFFER_BYTES)?;
     }
-    Ok(socket_recv_buffer_size(udp)? < BUFFER_BYTES)
+    Ok(socket_recv_buffer_size(udp)?)
 }
 
 /// Elsewhere a socket keeps the buffer that it has, which is another: nothing can be said of this loss there.
 #[cfg(not(target_os = "linux"))]
-fn set_buffer(_: &UdpSocket, _: Losses) -> io::Result<bool> {
-    Ok(true)
+fn set_buffer(_: &UdpSocket, _: Losses) -> io::Result<usize> {
+    Ok(0)
 }
 
 impl Direct {
@@ -116,7 +125,7 @@ impl Direct {
 
     /// Takes in what came too late: behind the end of a frame that was given up.
     pub(super) fn catch_up(&mut self, copy: &mut Copy, wire: &mut Wire) -> io::Result<()> {
-        if !self.sockets.may_lose {
+        if !copy.may_lose(self.sockets.room) {
             return Ok(());
         }
         self.sockets.udp.set_nonblocking(true)?;
@@ -136,20 +145,22 @@ impl Direct {
     ///
     /// Errors when a server says nothing of a frame for [`PATIENCE`].
     pub(super) fn hear(&mut self, copy: &mut Copy, wire: &mut Wire) -> io::Result<()> {
-        let before = copy.over;
+        let mut awaited = copy.await_end();
+        let may_lose = copy.may_lose(self.sockets.room);
         // A server that steps is silent, however long it takes: an end is lost only behind what came before it.
         self.sockets.udp.set_read_timeout(Some(PATIENCE))?;
         let mut silent = true;
-        while copy.over == before {
+        while !copy.has_ended(&mut awaited) {
             match self.hear_one(copy, wire) {
-                Ok(()) if self.sockets.may_lose && std::mem::take(&mut silent) => {
-                    self.sockets.udp.set_read_timeout(Some(LOST))?;
+                Ok(()) if may_lose && std::mem::take(&mut silent) => {
+                    let patience = self.sockets.patience;
+                    self.sockets.udp.set_read_timeout(Some(patience))?;
                 }
                 Ok(()) => {}
                 // Of a process that was stopped for a while.
                 Err(cause) if cause.kind() == io::ErrorKind::Interrupted => {}
                 Err(cause) if is_nothing_yet(&cause) && !silent => {
-                    copy.lost += 1;
+                    copy.give_up();
                     break;
                 }
                 Err(cause) if is_nothing_yet(&cause) => return Err(io::ErrorKind::TimedOut.into()),
@@ -232,14 +243,16 @@ mod tests {
     use crate::drive::remote::Keep;
 
     const BODIES: u32 = 20;
+    /// Silence after which these ends count as lost.
+    const SHORT: Duration = Duration::from_millis(10);
 
     /// A server's end of both sockets, and a client's.
-    fn ends(losses: Losses, may_lose: bool) -> (UdpSocket, TcpStream, Direct) {
+    fn ends(losses: Losses, room: usize) -> (UdpSocket, TcpStream, Direct) {
         let tcp = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = tcp.local_addr().unwrap();
         let udp = UdpSocket::bind(address).unwrap();
         let mut sockets = Sockets::open(address, losses).unwrap();
-        sockets.may_lose = may_lose;
+        (sockets.room, sockets.patience) = (room, SHORT);
         udp.connect(sockets.udp.local_addr().unwrap()).unwrap();
         let (server, _) = tcp.accept().unwrap();
         (udp, server, Direct::new(sockets, losses).unwrap())
@@ -272,12 +285,12 @@ mod tests {
 
     #[test]
     fn a_server_that_stalls_in_a_frame_is_waited_for() {
-        let (udp, _tcp, mut direct) = ends(Losses::SOUND, false);
+        let (udp, _tcp, mut direct) = ends(Losses::SOUND, usize::MAX);
         let (asks, asked) = mpsc::channel();
         let server = thread::spawn(move || {
             for () in asked {
                 say_states(&udp, 0..BODIES / 2);
-                thread::sleep(LOST + LOST / 2);
+                thread::sleep(2 * SHORT);
                 say_states(&udp, BODIES / 2..BODIES);
                 say(&udp, &Message::TimeAdvanced(SIMULATION));
             }
@@ -296,16 +309,13 @@ mod tests {
 
     #[test]
     fn an_end_that_comes_too_late_is_not_taken_for_that_of_the_next_frame() {
-        let (udp, _tcp, mut direct) = ends(Losses::SOUND, true);
+        let (udp, _tcp, mut direct) = ends(Losses::SOUND, 0);
         let (mut copy, mut wire) = (Copy::new(false), Wire::new(Keep::Costs));
         say_states(&udp, 0..BODIES);
         direct.hear(&mut copy, &mut wire).unwrap();
         assert_eq!((copy.over, copy.lost), (0, 1));
-        // The end comes after all, before the next frame is asked for.
+        // Its end comes with the next frame, which says states before its own.
         say(&udp, &Message::TimeAdvanced(SIMULATION));
-        while copy.over == 0 {
-            direct.catch_up(&mut copy, &mut wire).unwrap();
-        }
         say_states(&udp, 0..BODIES);
         say(&udp, &Message::TimeAdvanced(SIMULATION));
         direct.hear(&mut copy, &mut wire).unwrap();

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use rhumb_app::{Frames, Message};
 
-use super::copy::Copy;
+use super::copy::{Awaited, Copy};
 use super::line::{
     LOST, MESSAGES_PER_POLL, PUMP, READ_BYTES, Sockets, hear_datagram, is_nothing_yet, next_message,
 };
@@ -43,8 +43,8 @@ struct Shared {
     copy: Mutex<Taken>,
     /// A frame is over, or the connection is.
     news: Condvar,
-    /// Whether the end of a frame may be lost.
-    may_lose: bool,
+    /// How many datagrams of a state the socket's buffer holds.
+    room: usize,
 }
 
 /// What was heard and is not taken in yet.
@@ -85,7 +85,7 @@ impl Polled {
                 over: None,
             }),
             news: Condvar::new(),
-            may_lose: sockets.may_lose,
+            room: sockets.room,
         });
         let udp = sockets.udp.try_clone()?;
         udp.set_read_timeout(Some(LOOK))?;
@@ -120,21 +120,22 @@ impl Polled {
         self.udp.send(bytes).map(drop)
     }
 
-    /// Waits until a frame more than `before` is over, or its end is lost.
+    /// Waits until an awaited frame is over, or its end is lost.
     ///
     /// Errors when a server says nothing of a frame for [`PATIENCE`].
-    pub(super) fn hear(&self, before: u64) -> io::Result<()> {
+    pub(super) fn hear(&self, mut awaited: Awaited) -> io::Result<()> {
         let mut taken = lock(&self.shared.copy);
-        while taken.copy.over <= before && taken.over.is_none() {
+        while !taken.copy.has_ended(&mut awaited) && taken.over.is_none() {
             let waited = self.shared.news.wait_timeout(taken, MESSENGER);
             taken = waited.unwrap_or_else(PoisonError::into_inner).0;
-            if waited_out(&taken, before) {
+            if !taken.copy.has_ended(&mut awaited) && taken.over.is_none() {
+                let may_lose = taken.copy.may_lose(self.shared.room);
                 drop(taken);
-                let silence = self.shared.silence();
+                let silence = self.shared.silence(may_lose);
                 taken = lock(&self.shared.copy);
                 match silence {
                     Some(Silence::EndLost) => {
-                        taken.copy.lost += 1;
+                        taken.copy.give_up();
                         return Ok(());
                     }
                     Some(Silence::Gone) => return Err(io::ErrorKind::TimedOut.into()),
@@ -170,11 +171,6 @@ fn spawn(
     })
 }
 
-/// Whether a frame is not over yet, and the connection is not either.
-const fn waited_out(taken: &Taken, before: u64) -> bool {
-    taken.copy.over <= before && taken.over.is_none()
-}
-
 /// What a long silence is taken for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Silence {
@@ -187,14 +183,14 @@ enum Silence {
 impl Shared {
     /// What it means that all that was to be said has left, all that came is taken in, and that was long ago; `None` while
     /// that is not so.
-    fn silence(&self) -> Option<Silence> {
+    fn silence(&self, may_lose: bool) -> Option<Silence> {
         if !lock(&self.out).is_empty() {
             return None;
         }
         let heard = lock(&self.heard);
         let idle = heard.tcp.is_empty() && heard.udp.is_empty() && !heard.taking;
         // A server that steps is silent, however long it takes: an end is lost only behind what came before it.
-        let (most, meaning) = if heard.answered && self.may_lose {
+        let (most, meaning) = if heard.answered && may_lose {
             (LOST, Silence::EndLost)
         } else {
             (PATIENCE, Silence::Gone)

@@ -373,9 +373,9 @@ impl Line {
                 line.hear(copy, wire)
             }
             Self::Polled(line) => {
-                let before = line.with(|copy, _| copy.over);
+                let awaited = line.with(|copy, _| copy.await_end());
                 line.send(messages);
-                line.hear(before)
+                line.hear(awaited)
             }
         }
     }
