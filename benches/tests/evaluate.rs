@@ -66,6 +66,23 @@ fn a_free_running_scene_may_have_more_bodies_than_a_first_grant() {
 }
 
 #[test]
+fn a_cadence_that_no_mode_has_is_refused() {
+    for flag in [["--every", "2"], ["--hindsight", "3"]] {
+        let run = Command::new(env!("CARGO_BIN_EXE_rhumb-bench"))
+            .args(["evaluate", "--modes", "rhumb", "--no-pin"])
+            .args(flag)
+            .output()
+            .expect("the bench starts");
+        assert!(!run.status.success());
+        let said = String::from_utf8_lossy(&run.stderr).into_owned();
+        assert!(
+            said.contains("--every and --hindsight are of free-running modes"),
+            "{said}"
+        );
+    }
+}
+
+#[test]
 fn free_running_has_a_naive_run_of_the_same_server_beside_it() {
     let modes = ["--modes", "rhumb-free,naive-free", "--bodies", "30"];
     let runs = runs("free", &modes);

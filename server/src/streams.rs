@@ -63,8 +63,9 @@ pub(crate) struct Stream {
     pub(crate) amended: u64,
     /// Whether bodies wait for a word, for want of budget.
     in_arrears: bool,
-    /// The datagrams of the last tick, and the parities behind them.
+    /// The datagrams of the last tick.
     packets: Vec<Bytes>,
+    /// The parities behind them.
     parities: Vec<Bytes>,
     /// What its members lose.
     losses: Losses,

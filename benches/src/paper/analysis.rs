@@ -136,11 +136,8 @@ fn of_load(settings: &Settings, load: u32, trials: &[Trial]) -> LoadAnalysis {
     }
 }
 
-/// An outcome, and the number of its trial.
-type Numbered<'t> = (u32, &'t ModeOutcome);
-
-/// The outcomes of a mode at a load that count.
-fn sound<'t>(trials: &'t [Trial], load: u32, mode: &str) -> Vec<Numbered<'t>> {
+/// The outcomes of a mode at a load that count, each with the number of its trial.
+fn sound<'t>(trials: &'t [Trial], load: u32, mode: &str) -> Vec<(u32, &'t ModeOutcome)> {
     let all = trials.iter().flat_map(|trial| {
         let loads = trial.loads.iter().filter(|found| found.load == load);
         let modes = loads.flat_map(|found| &found.modes);
@@ -153,10 +150,10 @@ fn sound<'t>(trials: &'t [Trial], load: u32, mode: &str) -> Vec<Numbered<'t>> {
 /// What two modes have of the same trials.
 fn paired(
     of: fn(&ModeOutcome) -> f64,
-    outcomes: &[Numbered<'_>],
-    integrated: &[Numbered<'_>],
+    outcomes: &[(u32, &ModeOutcome)],
+    integrated: &[(u32, &ModeOutcome)],
 ) -> Option<Paired> {
-    let pair = |(number, own): &Numbered<'_>| {
+    let pair = |(number, own): &(u32, &ModeOutcome)| {
         let (_, beside) = integrated.iter().find(|(other, _)| other == number)?;
         Some((of(own), of(beside)))
     };
@@ -167,10 +164,10 @@ fn paired(
 fn of_mode(
     settings: &Settings,
     mode: &str,
-    outcomes: &[Numbered<'_>],
-    integrated: &[Numbered<'_>],
+    outcomes: &[(u32, &ModeOutcome)],
+    integrated: &[(u32, &ModeOutcome)],
 ) -> Option<ModeAnalysis> {
-    let values = |of: fn(&ModeOutcome) -> f64, all: &[Numbered<'_>]| -> Vec<f64> {
+    let values = |of: fn(&ModeOutcome) -> f64, all: &[(u32, &ModeOutcome)]| -> Vec<f64> {
         all.iter().map(|(_, outcome)| of(outcome)).collect()
     };
     let sample = |of: fn(&ModeOutcome) -> f64| Sample::of(&values(of, outcomes));

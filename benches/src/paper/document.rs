@@ -217,6 +217,7 @@ fn of_paper(results: &PaperResults, block: &str) -> Option<String> {
         "tests-phys-ft" => tables::tests_frame(results),
         "paired" => tables::paired(results),
         "aims" => tables::aims(results),
+        "aims-of-bytes" => tables::aims_of_bytes(results),
         "stages" => tables::stages(results),
         "traffic" => tables::traffic(results),
         _ => return None,

@@ -18,6 +18,7 @@ pub(super) struct Engines {
 struct Row {
     /// Which, and where it steps: `bullet, tcp:localhost:6667`.
     engine: String,
+    frame_ms_mean: f64,
     frame_ms_p50: f64,
     frame_ms_p99: f64,
     /// Both ways, headers included; none of an engine in process.
@@ -34,9 +35,10 @@ impl Row {
 pub(super) fn table(engines: &Engines) -> Table {
     let columns = [
         "engine",
-        "frame p50, ms",
+        "frame, ms",
+        "p50, ms",
         "p99, ms",
-        "of its first row",
+        "mean, of its first row",
         "bytes a frame",
     ];
     let mut table = Table::new("Other engines on the same scene", columns);
@@ -46,9 +48,10 @@ pub(super) fn table(engines: &Engines) -> Table {
             .iter()
             .find(|other| other.family() == row.family());
         let values = [
+            Some(row.frame_ms_mean),
             Some(row.frame_ms_p50),
             Some(row.frame_ms_p99),
-            first.map(|first| row.frame_ms_p50 / first.frame_ms_p50),
+            first.map(|first| row.frame_ms_mean / first.frame_ms_mean),
             row.bytes_per_frame,
         ];
         let mut cells = vec![row.engine.clone()];
@@ -67,15 +70,15 @@ mod tests {
     #[test]
     fn a_remote_engine_stands_beside_itself_in_process() {
         let text = r#"{"command": "c", "rows": [
-            {"engine": "bullet, direct", "frame_ms_p50": 2.0, "frame_ms_p99": 3.0, "bytes_per_frame": null},
-            {"engine": "ours, a", "frame_ms_p50": 1.0, "frame_ms_p99": 1.5, "bytes_per_frame": null},
-            {"engine": "bullet, tcp:h:1", "frame_ms_p50": 5.0, "frame_ms_p99": 9.0, "bytes_per_frame": 1234.0}]}"#;
+            {"engine": "bullet, direct", "frame_ms_mean": 2.0, "frame_ms_p50": 2.0, "frame_ms_p99": 3.0, "bytes_per_frame": null},
+            {"engine": "ours, a", "frame_ms_mean": 1.0, "frame_ms_p50": 1.0, "frame_ms_p99": 1.5, "bytes_per_frame": null},
+            {"engine": "bullet, tcp:h:1", "frame_ms_mean": 6.0, "frame_ms_p50": 5.0, "frame_ms_p99": 9.0, "bytes_per_frame": 1234.0}]}"#;
         let engines: Engines = serde_json::from_str(text).unwrap();
         let rows = table(&engines).rows;
-        assert_eq!(rows[1], ["ours, a", "1.00", "1.50", "1.00", "–"]);
+        assert_eq!(rows[1], ["ours, a", "1.00", "1.00", "1.50", "1.00", "–"]);
         assert_eq!(
             rows[2],
-            ["bullet, tcp:h:1", "5.00", "9.00", "2.50", "1,234"]
+            ["bullet, tcp:h:1", "6.00", "5.00", "9.00", "3.00", "1,234"]
         );
     }
 }

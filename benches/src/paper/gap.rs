@@ -59,7 +59,7 @@ pub(super) struct GapResults {
     pub(super) command: String,
     /// Processor, cores, system.
     pub(super) machine: String,
-    /// Release or debug, and the version.
+    /// Release or debug, the version, and the commit.
     pub(super) build: String,
     /// Where the caller and the servers ran.
     pub(super) cores: String,

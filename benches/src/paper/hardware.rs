@@ -89,7 +89,7 @@ pub(super) struct MachineResults {
     pub(super) command: String,
     /// Processor, cores, system.
     pub(super) machine: String,
-    /// Release or debug, and the version.
+    /// Release or debug, the version, and the commit.
     pub(super) build: String,
     pub(super) rows: Vec<Row>,
 }

@@ -75,7 +75,7 @@ pub(super) struct RemoteResults {
     pub(super) command: String,
     /// Processor, cores, system.
     pub(super) machine: String,
-    /// Release or debug, and the version.
+    /// Release or debug, the version, and the commit.
     pub(super) build: String,
     /// Where the caller and the servers ran.
     pub(super) cores: String,
@@ -417,7 +417,11 @@ fn pairs(points: &[&Point], depth: u32, by_work: bool, of: fn(&Point) -> f64) ->
 fn write(arguments: &RemoteArguments, results: &RemoteResults) -> Result<(), PaperError> {
     let out = &arguments.out;
     output::write_json(&out.join("remote.json"), results)?;
-    let tables = [crossings_table(results), points_table(results)];
+    let tables = [
+        aims_table(results),
+        crossings_table(results),
+        points_table(results),
+    ];
     let mut text = format!("# Where remote wins\n\n`{}`\n", results.command);
     let mut body = format!("<pre>{}</pre>\n", crate::report::escape(&results.command));
     for table in tables {

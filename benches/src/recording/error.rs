@@ -102,7 +102,7 @@ impl fmt::Display for RecordingError {
             Self::Length => f.write_str("the recording ends too soon or too late"),
             Self::Frames { frames } => write!(
                 f,
-                "the recording claims {frames} frames, more than two days of them"
+                "the recording claims {frames} frames, more than are read"
             ),
             Self::Step { step_s } => {
                 write!(f, "{step_s} s is no step of a whole rate from 1 to 1000 Hz")

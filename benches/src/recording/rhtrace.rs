@@ -23,7 +23,7 @@ pub const MAGIC: [u8; 8] = *b"RHTRACE1";
 
 /// Unpacked, a recording is no longer than this: two gigabytes.
 const BYTES_MAX: u64 = 2 << 30;
-/// Two days at 60 frames a second. A frame in which nothing moves takes two bytes, and packed next to none.
+/// So many frames are read: two days at 60 a second. One in which nothing moves takes two bytes, and packed next to none.
 const FRAMES_MAX: u32 = 10_368_000;
 
 /// Reads a packed recording.

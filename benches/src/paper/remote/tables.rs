@@ -60,7 +60,10 @@ pub(in crate::paper) fn aims_table(results: &RemoteResults) -> Table {
     const AWAKE_PERCENT: u32 = 5;
     let mut table = Table::new("What was aimed at", ["aim", "found", "where", "met"]);
     let there = results.points.iter().filter(|point| {
-        point.depth.is_some() && point.load == LOAD && point.awake_percent == AWAKE_PERCENT
+        !point.void
+            && point.depth.is_some()
+            && point.load == LOAD
+            && point.awake_percent == AWAKE_PERCENT
     });
     let beside = there.map(|point| (point.other_work_ms, point.depth, point.beside()));
     let Some((work, depth, worst)) = beside.max_by(|one, other| one.2.total_cmp(&other.2)) else {
