@@ -74,6 +74,7 @@ fn one_input_of_the_environment() {
     let Some((name, path)) = variable("FUZZ_TARGET").zip(variable("FUZZ_INPUT")) else {
         return;
     };
-    let input = std::fs::read(&path).expect("a file");
+    let input = std::fs::read(&path);
+    let input = input.unwrap_or_else(|cause| panic!("{path}: {cause}: give its whole path"));
     (target(&name).run)(&input);
 }
