@@ -32,7 +32,7 @@ pub(super) fn sentences(results: &PaperResults) -> Vec<String> {
     said.extend(others.filter_map(|mode| of_mode(results, mode)));
     if results.trials.len() > 1 {
         said.push(format!(
-            "Sure: by paired t-tests of the trials' ratios, α = {ALPHA} for all loads of a mode together (Holm)."
+            "Sure: by paired t-tests of the trials' ratios, α = {ALPHA} for all these loads of a mode together (Holm)."
         ));
     }
     said.extend(tables::void(results));

@@ -1,14 +1,16 @@
 //! The experiment's tables, with the paper's own figures beside.
 
+mod aims;
 mod lines;
 
-use super::analysis::{ALPHA, DEGRADED_FPS, Degradation, LoadAnalysis, ModeAnalysis};
+use super::analysis::{ALPHA, DEGRADED_FPS, Degradation, ModeAnalysis};
 use super::experiment::PaperResults;
 use super::published;
 use super::statistics::{Comparison, Interval, Sample, Test};
 use super::table::Table;
 use crate::record::Mode;
 use crate::summary::number;
+pub(super) use aims::{aims, aims_of_bytes};
 pub(super) use lines::{analysis_csv, trials_csv};
 
 /// For what there is not.
@@ -267,97 +269,6 @@ pub(super) fn paired(results: &PaperResults) -> Table {
                   Engine: the same steps in the server and in the caller's process, which has other caches; where it is not \
                   1, the ratio of frames is off by as much, and the last column is without that."
         .to_owned();
-    table
-}
-
-/// What was aimed at, and what was found.
-pub(super) fn aims(results: &PaperResults) -> Table {
-    let mut table = Table::new("What was aimed at", ["aim", "found", "where", "met"]);
-    let modes = |mode: Mode, from: u32| {
-        let loads = results
-            .analysis
-            .loads
-            .iter()
-            .filter(move |load| load.load >= from);
-        let own = move |load: &LoadAnalysis| {
-            let own = load.modes.iter().find(|found| found.mode == mode.name())?;
-            Some((load.load, own.clone()))
-        };
-        loads.filter_map(own)
-    };
-    for (mode, from, most) in [
-        (Mode::Rhumb, 1_000, 1.10),
-        (Mode::RhumbPipelined, 2_000, 0.05),
-    ] {
-        let ratios = modes(mode, from)
-            .filter_map(|(load, own)| Some((load, own.against_integrated?.paired?.ratio)));
-        let aim = format!(
-            "{} frame at most {most} × integrated from {from} balls on",
-            mode.name()
-        );
-        table.rows.extend(worst_row(aim, ratios, most));
-    }
-    // Of an integrated engine that steps more slowly than the server's this is the harder one.
-    let beside =
-        modes(Mode::Rhumb, 1_000).map(|(load, own)| (load, own.phys_ft_ms.mean / own.step_ms.mean));
-    let aim = "rhumb frame at most 1.1 × its own engine's steps from 1000 balls on".to_owned();
-    table.rows.extend(worst_row(aim, beside, 1.10));
-    let mdl = |mode: Mode| {
-        let all = &results.analysis.degradation;
-        Some(all.iter().find(|found| found.mode == mode.name())?.mdl)
-    };
-    if let Some((own, integrated)) = mdl(Mode::Rhumb).zip(mdl(Mode::Integrated)) {
-        let said = |mdl: Option<u32>| mdl.map_or_else(|| "none".to_owned(), |mdl| mdl.to_string());
-        let later = own.is_none_or(|own| integrated.is_some_and(|integrated| own >= integrated));
-        table.rows.push(vec![
-            "rhumb degrades at no fewer balls than integrated".to_owned(),
-            said(own),
-            format!("integrated: {}", said(integrated)),
-            yes(later),
-        ]);
-    }
-    table
-}
-
-/// A row for the worst of some ratios, each of a load; `None` of nothing.
-fn worst_row(
-    aim: String,
-    ratios: impl Iterator<Item = (u32, f64)>,
-    most: f64,
-) -> Option<Vec<String>> {
-    let (load, ratio) = ratios.max_by(|one, other| one.1.total_cmp(&other.1))?;
-    Some(vec![
-        aim,
-        number(Some(ratio)),
-        format!("worst, at {load} balls"),
-        yes(ratio <= most),
-    ])
-}
-
-fn yes(met: bool) -> String {
-    if met { "yes" } else { "no" }.to_owned()
-}
-
-/// What was aimed at in bytes, and what was found: it is meant for stages of 30 s, since in shorter ones more must be said.
-pub(super) fn aims_of_bytes(results: &PaperResults) -> Table {
-    /// Times the bytes of rhumb.
-    const LEAST: f64 = 600.0;
-    let mut table = Table::new("What was aimed at", ["aim", "found", "where", "met"]);
-    let total = |mode: Mode| {
-        let bytes = results.analysis.loads.iter().map(|load| {
-            let own = load.modes.iter().find(|found| found.mode == mode.name())?;
-            Some(own.bytes_down.mean)
-        });
-        bytes.sum::<Option<f64>>()
-    };
-    if let Some((theirs, own)) = total(Mode::AppAll).zip(total(Mode::Rhumb)) {
-        table.rows.push(vec![
-            format!("app-all takes at least {LEAST} × the bytes of rhumb"),
-            number(Some(theirs / own)),
-            "whole experiment".to_owned(),
-            yes(theirs / own >= LEAST),
-        ]);
-    }
     table
 }
 
