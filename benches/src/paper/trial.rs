@@ -1,8 +1,8 @@
 //! One trial: all modes in turn, frame by frame, while the pit fills.
 //!
 //! One mode works at a time: cores of one processor share caches and memory, and what steps beside another is slowed by it.
-//! A mode whose caller goes on while its server steps comes last. Its caller then has other work, for as long as the
-//! integrated frame took, and a pause follows, in which that server ends.
+//! They take turns at being first. A mode whose caller goes on while its server steps comes last. Its caller then has other
+//! work, for as long as the integrated frame took, and a pause follows, in which that server ends.
 
 use rhumb_protocol::Span;
 use rhumb_protocol::scene::Command;
@@ -138,6 +138,10 @@ fn one_frame(
     runners: &mut [Runner],
     commands: &[Command],
 ) -> Result<(), PaperError> {
+    // Nobody is always first, after whatever left the core idle or its caches cold.
+    let waiting = runners.iter().filter(|runner| !runner.mode.is_ahead());
+    let waiting = waiting.count();
+    runners[..waiting].rotate_left(1);
     let mut integrated_ns = 0;
     for runner in runners {
         let took = runner.player.frame(commands)?;
