@@ -18,7 +18,9 @@ Standard output has a table, `--out` the figures as JSON. Ends with 1 and a sent
 import argparse
 import json
 import math
+import os
 import pathlib
+import platform
 import shlex
 import statistics
 import subprocess
@@ -259,6 +261,17 @@ def beside_ours(bench, scene, frames):
     return rows
 
 
+def machine():
+    """Processor, cores, system."""
+    try:
+        lines = pathlib.Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        lines = []
+    named = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    name = named[0] if named else platform.processor() or "unknown"
+    return f"{name}, {os.cpu_count()} cores, {platform.system().lower()}"
+
+
 def table(rows):
     """As aligned text; each row beside the same engine in process."""
     base = {}
@@ -316,7 +329,13 @@ def main():
             raise Impossible("nothing was asked for: see --help")
         table(rows)
         if asked.out:
-            said = {"command": shlex.join(["python3", *sys.argv]), "scene": str(asked.scene), "rows": rows}
+            said = {
+                "command": shlex.join(["python3", *sys.argv]),
+                "machine": machine(),
+                "scene": scene["scene"],
+                "bodies": sum(body["dynamic"] for body in scene["bodies"]),
+                "rows": rows,
+            }
             asked.out.write_text(json.dumps(said, indent=2) + "\n")
     except (Impossible, OSError, KeyError) as cause:
         said = f"{asked.scene} has no {cause}" if isinstance(cause, KeyError) else cause

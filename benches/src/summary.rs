@@ -17,7 +17,7 @@ use crate::record::{Experiment, Least, Replayed};
 pub(crate) use columns::{Column, columns};
 pub(crate) use measure::second_by_second;
 pub use table::Table;
-pub(crate) use table::{aligned, markdown, number, ratios};
+pub(crate) use table::{aligned, later, markdown, number, ratios};
 
 /// Bytes that IPv4 and UDP add to each datagram.
 pub const DATAGRAM_HEADER_BYTES: u64 = 28;

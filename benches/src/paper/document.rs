@@ -23,7 +23,7 @@ use super::settings::Settings;
 use super::store::parse;
 use super::{findings, tables};
 use crate::output;
-use crate::summary::{Summary, Table, markdown, ratios};
+use crate::summary::{Summary, Table, later, markdown, ratios};
 
 /// Which page.
 #[derive(Clone, Debug, Args)]
@@ -256,6 +256,7 @@ fn of_runs(summary: &Summary, what: &str) -> Option<String> {
         "command" => Some(format!("    {}", summary.command)),
         "table" => Some(Table::new(summary).to_markdown()),
         "ratios" => Some(markdown(&ratios(&summary.runs))),
+        "later" => Some(markdown(&later(&summary.runs))),
         _ => None,
     }
 }
@@ -280,7 +281,10 @@ fn of_remote(results: &RemoteResults, what: &str) -> Option<String> {
 
 fn of_engines(engines: &Engines, what: &str) -> Option<String> {
     match what {
-        "command" => Some(format!("    {}", engines.command)),
+        "command" => Some(format!(
+            "    {}\n\nOn {}; {} with {} bodies.",
+            engines.command, engines.machine, engines.scene, engines.bodies
+        )),
         "table" => Some(engines::table(engines).to_markdown()),
         _ => None,
     }
@@ -299,6 +303,7 @@ fn of_gap(results: &GapResults, what: &str) -> Option<String> {
         )),
         "table" => Some(gap::table(results).to_markdown()),
         "shares" => Some(gap::shares_table(results).to_markdown()),
+        "published" => Some(gap::published_table(results).to_markdown()),
         _ => None,
     }
 }

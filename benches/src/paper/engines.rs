@@ -10,6 +10,12 @@ use crate::summary::number;
 pub(super) struct Engines {
     /// How it was called.
     pub(super) command: String,
+    /// Processor, cores, system.
+    pub(super) machine: String,
+    /// Of which scene.
+    pub(super) scene: String,
+    /// How many of its bodies can move.
+    pub(super) bodies: u32,
     rows: Vec<Row>,
 }
 
@@ -69,7 +75,7 @@ mod tests {
 
     #[test]
     fn a_remote_engine_stands_beside_itself_in_process() {
-        let text = r#"{"command": "c", "rows": [
+        let text = r#"{"command": "c", "machine": "m", "scene": "ball-pit", "bodies": 500, "rows": [
             {"engine": "bullet, direct", "frame_ms_mean": 2.0, "frame_ms_p50": 2.0, "frame_ms_p99": 3.0, "bytes_per_frame": null},
             {"engine": "ours, a", "frame_ms_mean": 1.0, "frame_ms_p50": 1.0, "frame_ms_p99": 1.5, "bytes_per_frame": null},
             {"engine": "bullet, tcp:h:1", "frame_ms_mean": 6.0, "frame_ms_p50": 5.0, "frame_ms_p99": 9.0, "bytes_per_frame": 1234.0}]}"#;

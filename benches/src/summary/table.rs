@@ -66,6 +66,31 @@ pub(crate) fn ratios(runs: &[RunFigures]) -> Vec<Vec<String>> {
     rows
 }
 
+/// What came down in a second behind the first ones, in which a scene comes to rest: titles, then a row for each run.
+pub(crate) fn later(runs: &[RunFigures]) -> Vec<Vec<String>> {
+    let titles = ["mode", "bodies", "payload, B/s", "with headers, B/s"];
+    let mut rows = vec![titles.map(str::to_owned).to_vec()];
+    for run in runs {
+        let (Some(first), Some(payload_kbps)) = (run.first_seconds, run.payload_kbps_down) else {
+            continue;
+        };
+        let (Some(payload), Some(bytes)) = (run.payload_bytes_down, run.bytes_down) else {
+            continue;
+        };
+        // Both are of the whole run.
+        let all_s = payload as f64 * 8.0 / (payload_kbps * 1e3);
+        let left_s = all_s - first.seconds;
+        let each = |all: u64, first: u64| (left_s > 0.0).then(|| (all - first) as f64 / left_s);
+        rows.push(vec![
+            run.mode.clone(),
+            run.bodies.to_string(),
+            number(each(payload, first.payload_bytes_down)),
+            number(each(bytes, first.bytes_down)),
+        ]);
+    }
+    rows
+}
+
 fn titles(columns: &[Column]) -> Vec<String> {
     columns
         .iter()

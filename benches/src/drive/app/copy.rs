@@ -7,7 +7,8 @@ use glam::{Quat, Vec3};
 use rhumb_app::Message;
 use rhumb_reckoning::BodyId;
 
-use super::words::{SIMULATION, body_of};
+use super::losses::Losses;
+use super::words::{SIMULATION, body_of, object_of};
 
 /// The poses that were heard last.
 #[derive(Debug, Default)]
@@ -15,33 +16,35 @@ pub(super) struct Copy {
     poses: BTreeMap<u32, (BodyId, Vec3, Quat)>,
     /// Everyone who was ever heard of, again and again, if the client keeps such a list.
     heard_of: Option<Vec<u32>>,
+    /// Entries that this list is to have before the first state is heard.
+    listed: usize,
     /// Actors whose pose changed since this was last emptied.
     pub(super) changed: Vec<BodyId>,
     pub(super) states: u64,
     /// Whether the server has taken it in.
     pub(super) ready: bool,
-    /// Frames that were told to be over.
+    /// Frames that were told to be over, before they were given up.
     pub(super) over: u64,
     /// Frames that were given up: their ends were lost, or came too late.
     pub(super) lost: u64,
     /// Ends of frames that were given up and may come yet.
     owed: u64,
+    /// States that had been heard when the present frame was asked for.
+    begun: u64,
+    /// Whether an end was heard since then that was taken for an owed one.
+    paid: bool,
 }
 
-/// The end of a frame that is waited for.
+/// The end of a frame that is waited for: frames that were over before.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Awaited {
-    /// Frames that were over before.
-    over: u64,
-    /// States that were heard before.
-    states: u64,
-}
+pub(super) struct Awaited(u64);
 
 impl Copy {
-    /// `lists`: whether it keeps the list that is never emptied.
-    pub(super) fn new(lists: bool) -> Self {
+    /// Keeps the list that is never emptied if it is among the losses.
+    pub(super) fn new(losses: Losses) -> Self {
         Self {
-            heard_of: lists.then(Vec::new),
+            heard_of: losses.list.then(Vec::new),
+            listed: losses.listed as usize,
             ..Self::default()
         }
     }
@@ -51,27 +54,38 @@ impl Copy {
         self.poses.len() + 2 > room
     }
 
-    /// Begins to wait for the end of a frame that was just asked for.
-    pub(super) fn await_end(&self) -> Awaited {
-        Awaited {
-            over: self.over,
-            states: self.states,
-        }
+    /// Begins to wait for the end of a frame that is asked for.
+    pub(super) fn await_end(&mut self) -> Awaited {
+        (self.begun, self.paid) = (self.states, false);
+        Awaited(self.over)
     }
 
-    /// Whether it has come. An end that is heard before any state while one is owed is that of a frame that was given up.
-    pub(super) fn has_ended(&mut self, awaited: &mut Awaited) -> bool {
-        if self.over > awaited.over && self.states == awaited.states && self.owed > 0 {
-            self.owed -= 1;
-            awaited.over += 1;
-        }
-        self.over > awaited.over
+    /// Whether it has come.
+    pub(super) fn has_ended(&self, Awaited(before): Awaited) -> bool {
+        self.over > before
     }
 
-    /// Waits no longer.
+    /// Waits no longer. Where an end came, and silence behind it, that was this frame's own: the owed one was lost.
     pub(super) fn give_up(&mut self) {
-        self.lost += 1;
-        self.owed += 1;
+        if std::mem::take(&mut self.paid) {
+            self.owed = 0;
+            self.over += 1;
+        } else {
+            self.lost += 1;
+            self.owed += 1;
+        }
+    }
+
+    /// An end that is heard before any state while one is owed is that of a frame that was given up. Datagrams keep their
+    /// order here: behind a frame's own end none that is owed can come.
+    fn hear_end(&mut self) {
+        if self.owed > 0 && self.states == self.begun {
+            self.owed -= 1;
+            self.paid = true;
+        } else {
+            self.over += 1;
+            self.owed = 0;
+        }
     }
 
     /// A body is created where its simulator says.
@@ -97,6 +111,10 @@ impl Copy {
                 self.states += 1;
                 let object = state.actor.object;
                 if let Some(list) = &mut self.heard_of {
+                    if list.len() < self.listed {
+                        let known = self.poses.keys().map(|index| object_of(*index));
+                        list.extend(known.cycle().take(self.listed));
+                    }
                     let entries = list.iter().filter(|other| **other == object).count();
                     black_box(entries);
                     list.push(object);
@@ -108,7 +126,7 @@ impl Copy {
                 }
             }
             Message::TimeAdvanced(SIMULATION) => {
-                self.over += 1;
+                self.hear_end();
                 if let Some(list) = &self.heard_of {
                     for object in list.clone() {
                         black_box(body_of(object).and_then(|index| self.poses.get(&index)));

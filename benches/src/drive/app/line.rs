@@ -145,12 +145,12 @@ impl Direct {
     ///
     /// Errors when a server says nothing of a frame for [`PATIENCE`].
     pub(super) fn hear(&mut self, copy: &mut Copy, wire: &mut Wire) -> io::Result<()> {
-        let mut awaited = copy.await_end();
+        let awaited = copy.await_end();
         let may_lose = copy.may_lose(self.sockets.room);
         // A server that steps is silent, however long it takes: an end is lost only behind what came before it.
         self.sockets.udp.set_read_timeout(Some(PATIENCE))?;
         let mut silent = true;
-        while !copy.has_ended(&mut awaited) {
+        while !copy.has_ended(awaited) {
             match self.hear_one(copy, wire) {
                 Ok(()) if may_lose && std::mem::take(&mut silent) => {
                     let patience = self.sockets.patience;
@@ -295,7 +295,7 @@ mod tests {
                 say(&udp, &Message::TimeAdvanced(SIMULATION));
             }
         });
-        let (mut copy, mut wire) = (Copy::new(false), Wire::new(Keep::Costs));
+        let (mut copy, mut wire) = (Copy::new(Losses::SOUND), Wire::new(Keep::Costs));
         for frame in 1..=3 {
             asks.send(()).unwrap();
             direct.catch_up(&mut copy, &mut wire).unwrap();
@@ -310,7 +310,7 @@ mod tests {
     #[test]
     fn an_end_that_comes_too_late_is_not_taken_for_that_of_the_next_frame() {
         let (udp, _tcp, mut direct) = ends(Losses::SOUND, 0);
-        let (mut copy, mut wire) = (Copy::new(false), Wire::new(Keep::Costs));
+        let (mut copy, mut wire) = (Copy::new(Losses::SOUND), Wire::new(Keep::Costs));
         say_states(&udp, 0..BODIES);
         direct.hear(&mut copy, &mut wire).unwrap();
         assert_eq!((copy.over, copy.lost), (0, 1));
@@ -319,7 +319,22 @@ mod tests {
         say_states(&udp, 0..BODIES);
         say(&udp, &Message::TimeAdvanced(SIMULATION));
         direct.hear(&mut copy, &mut wire).unwrap();
-        assert_eq!((copy.over, copy.lost), (2, 1));
+        assert_eq!((copy.over, copy.lost), (1, 1));
         assert_eq!(copy.states, 2 * u64::from(BODIES));
+    }
+
+    #[test]
+    fn an_end_that_never_comes_is_owed_until_the_next_and_no_longer() {
+        let (udp, _tcp, mut direct) = ends(Losses::SOUND, 0);
+        let (mut copy, mut wire) = (Copy::new(Losses::SOUND), Wire::new(Keep::Costs));
+        say_states(&udp, 0..BODIES);
+        direct.hear(&mut copy, &mut wire).unwrap();
+        assert_eq!((copy.over, copy.lost), (0, 1));
+        // From now on all sleep: nothing tells this frame's end from the one that was lost but silence behind it.
+        for frame in 1..=3 {
+            say(&udp, &Message::TimeAdvanced(SIMULATION));
+            direct.hear(&mut copy, &mut wire).unwrap();
+            assert_eq!((copy.over, copy.lost), (frame, 1));
+        }
     }
 }

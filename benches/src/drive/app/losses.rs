@@ -31,6 +31,8 @@ pub struct Losses {
     pub list: bool,
     /// See [`Loss::Buffer`].
     pub buffer: bool,
+    /// Entries that the list has from the beginning on, as if the client had heard so many states before.
+    pub listed: u32,
 }
 
 impl Losses {
@@ -40,6 +42,7 @@ impl Losses {
         cap: false,
         list: false,
         buffer: false,
+        listed: 0,
     };
 
     /// The client that was published.
@@ -48,6 +51,7 @@ impl Losses {
         cap: true,
         list: true,
         buffer: true,
+        listed: 0,
     };
 
     /// A sound client with these alone.
@@ -58,7 +62,14 @@ impl Losses {
             cap: losses.contains(&Loss::Cap),
             list: losses.contains(&Loss::List),
             buffer: losses.contains(&Loss::Buffer),
+            listed: 0,
         }
+    }
+
+    /// The same, with a list that has so many entries from the beginning on.
+    #[must_use]
+    pub const fn with_listed(self, listed: u32) -> Self {
+        Self { listed, ..self }
     }
 }
 
@@ -77,7 +88,7 @@ impl fmt::Display for Losses {
             .collect();
         match names.as_slice() {
             [] => f.write_str("sound"),
-            _ if *self == Self::AS_PUBLISHED => f.write_str("as published"),
+            _ if self.with_listed(0) == Self::AS_PUBLISHED => f.write_str("as published"),
             names => write!(f, "sound but for {}", names.join(", ")),
         }
     }

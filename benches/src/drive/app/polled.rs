@@ -123,12 +123,12 @@ impl Polled {
     /// Waits until an awaited frame is over, or its end is lost.
     ///
     /// Errors when a server says nothing of a frame for [`PATIENCE`].
-    pub(super) fn hear(&self, mut awaited: Awaited) -> io::Result<()> {
+    pub(super) fn hear(&self, awaited: Awaited) -> io::Result<()> {
         let mut taken = lock(&self.shared.copy);
-        while !taken.copy.has_ended(&mut awaited) && taken.over.is_none() {
+        while !taken.copy.has_ended(awaited) && taken.over.is_none() {
             let waited = self.shared.news.wait_timeout(taken, MESSENGER);
             taken = waited.unwrap_or_else(PoisonError::into_inner).0;
-            if !taken.copy.has_ended(&mut awaited) && taken.over.is_none() {
+            if !taken.copy.has_ended(awaited) && taken.over.is_none() {
                 let may_lose = taken.copy.may_lose(self.shared.room);
                 drop(taken);
                 let silence = self.shared.silence(may_lose);

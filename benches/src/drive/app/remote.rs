@@ -316,7 +316,7 @@ impl AppRemote {
 fn connect(process: &ServerProcess, losses: Losses, keep: Keep) -> io::Result<Line> {
     let server = process.app.ok_or(io::ErrorKind::AddrNotAvailable)?;
     let sockets = Sockets::open(server, losses)?;
-    let copy = Copy::new(losses.list);
+    let copy = Copy::new(losses);
     Ok(if losses.poll {
         Line::Polled(Polled::start(sockets, losses, copy, Wire::new(keep))?)
     } else {

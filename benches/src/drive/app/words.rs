@@ -63,6 +63,11 @@ pub(super) const fn body_of(object: u32) -> Option<u32> {
     object.checked_sub(FIRST_OBJECT)
 }
 
+/// The object that the body of an index is.
+pub(super) const fn object_of(index: u32) -> u32 {
+    index + FIRST_OBJECT
+}
+
 const fn id(object: u32) -> Id {
     Id {
         simulation: SIMULATION,
@@ -108,7 +113,7 @@ impl Words {
 
     /// Adds what says a command.
     pub(super) fn say(&mut self, command: &Command, out: &mut Vec<Message>) -> Result<(), Unsaid> {
-        let object = |index: u32| id(index + FIRST_OBJECT);
+        let object = |index: u32| id(object_of(index));
         match *command {
             Command::AddShape { id, ref shape } => {
                 self.shapes.insert(id, shape.clone());
