@@ -52,7 +52,10 @@ impl fmt::Display for PaperError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Drive(cause) => cause.fmt(f),
-            Self::Cores(cause) => write!(f, "{cause}; try --no-pin"),
+            Self::Cores(cause) => write!(
+                f,
+                "{cause}; a task that has --no-pin leaves them to the system by it"
+            ),
             Self::Output(cause) => cause.fmt(f),
             Self::Read { path, cause } => write!(f, "cannot read {}: {cause}", path.display()),
             Self::NotOurs { path, cause } => write!(
@@ -74,9 +77,9 @@ impl fmt::Display for PaperError {
             Self::Page { path, why } => write!(f, "{}: {why}", path.display()),
             Self::Stale { path, blocks } => write!(
                 f,
-                "{} does not say what its files say: {}; `rhumb-bench paper page` mends it",
-                path.display(),
-                blocks.join(", ")
+                "{path} does not say what its files say: {}; `rhumb-bench paper page {path}` mends it",
+                blocks.join(", "),
+                path = path.display(),
             ),
             Self::Quota { why } => write!(f, "the caller cannot be made weak: {why}"),
         }

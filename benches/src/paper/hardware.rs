@@ -29,8 +29,8 @@ use crate::summary::number;
 /// Threads, pinning and quotas, and where the results go.
 #[derive(Clone, Debug, Args)]
 pub(super) struct HardwareArguments {
-    /// How many balls.
-    #[arg(long, value_delimiter = ',', default_values_t = [500, 2000], value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    /// How many balls; 500,2000 unless said, 100 with --fast.
+    #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=100_000))]
     loads: Vec<u32>,
     /// Threads that the engine steps on, such as 1,2,all; all of these unless said, where the feature `parallel` is built in.
     #[arg(long, value_delimiter = ',')]
@@ -38,9 +38,9 @@ pub(super) struct HardwareArguments {
     /// Hundredths of one processor that the caller gets; 100 leaves it alone.
     #[arg(long, value_delimiter = ',', default_values_t = [100, 25], value_parser = clap::value_parser!(u32).range(10..=100))]
     caller_percent: Vec<u32>,
-    /// Frames of each row.
-    #[arg(long, default_value = "60")]
-    frames: NonZeroU32,
+    /// Frames of each row; 60 unless said, 20 with --fast.
+    #[arg(long)]
+    frames: Option<NonZeroU32>,
     /// How far off a copied body may be, metres.
     #[arg(long, default_value_t = 0.05, allow_negative_numbers = true)]
     tolerance: f64,
@@ -119,16 +119,17 @@ pub(super) fn run(arguments: &HardwareArguments) -> Result<(), PaperError> {
     for count in &threads {
         Workers::new(Some(*count)).map_err(DriveError::Workers)?;
     }
-    let loads = if arguments.fast {
-        &[100][..]
+    let (loads, frames): (&[u32], u32) = if arguments.fast {
+        (&[100], 20)
+    } else {
+        (&[500, 2_000], 60)
+    };
+    let loads = if arguments.loads.is_empty() {
+        loads
     } else {
         &arguments.loads
     };
-    let frames = if arguments.fast {
-        20
-    } else {
-        arguments.frames.get()
-    };
+    let frames = arguments.frames.map_or(frames, NonZeroU32::get);
     let mut rows = Vec::new();
     let combinations = loads.len() * threads.len() * 2 * arguments.caller_percent.len();
     let bar = output::progress_bar(combinations as u64, machine.clone());

@@ -64,7 +64,12 @@ impl Settings {
             args = ["--always", "--abbrev=12", "--dirty", "--exclude=*"],
             fallback = "of no repository"
         );
-        format!("{kind}, {} {commit}", env!("CARGO_PKG_VERSION"))
+        let with = if cfg!(feature = "parallel") {
+            ", with parallel"
+        } else {
+            ""
+        };
+        format!("{kind}, {} {commit}{with}", env!("CARGO_PKG_VERSION"))
     }
 
     /// Seed of a trial, counted from 1.
