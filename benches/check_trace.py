@@ -300,7 +300,7 @@ def check_replay(report, terms, figures):
     report.same("replayed", terms["mode"] == "replay", told is not None)
     if told is None:
         return
-    for name in ("every", "hindsight_ticks"):
+    for name in ("every", "hindsight_ticks", "link_seed"):
         report.same(f"replayed.{name}", int(terms[name]), told[name])
     for name in ("position_m", "turn_rad"):
         ours = float(terms[name]) if name in terms else None

@@ -46,7 +46,7 @@ pub struct LimitOf {
     #[arg(long, default_value = "1")]
     every: NonZeroU32,
     /// Folder for limit.json; made if it is not there.
-    #[arg(long, default_value = "results")]
+    #[arg(long, default_value = "results/limit")]
     out: PathBuf,
 }
 

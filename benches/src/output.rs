@@ -98,13 +98,18 @@ pub(crate) fn share_style() -> ProgressStyle {
     style.unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
+/// Where a task leaves its trace.
+pub(crate) fn trace_of(out: &Path) -> PathBuf {
+    out.join("trace.mcap")
+}
+
 fn write_trace(
     out: &Path,
     experiment: &Experiment,
     options: &TraceOptions,
 ) -> Result<(), OutputError> {
     let bar = progress_bar(0, "trace".to_owned());
-    let path = out.join("trace.mcap");
+    let path = trace_of(out);
     let written = trace::write(&path, experiment, options, &mut |progress| {
         bar.set_length(progress.of);
         bar.set_position(progress.done);

@@ -248,7 +248,7 @@ pub struct RunTerms {
     pub budget_bytes_per_second: Option<u32>,
     /// The link between the processes, as on the command line.
     pub link: String,
-    /// Seed of the script.
+    /// Seed of the script; of the link where a foreign recording was replayed.
     pub seed: u64,
     /// Simulated seconds of one tick.
     pub step_s: f64,
@@ -271,6 +271,8 @@ pub struct Replayed {
     pub every: u32,
     /// Ticks that the publisher looked back before it spoke of one.
     pub hindsight_ticks: u32,
+    /// Seed of the pretended link.
+    pub link_seed: u64,
     /// Means of the publisher that were switched off, as on the command line.
     pub without: Vec<String>,
 }

@@ -25,6 +25,8 @@ use crate::record::{Placed, Truth};
 pub struct Recording {
     /// What it is called: a scene, or the file without its ending.
     pub name: String,
+    /// What its scene's script was asked for; none of a foreign recording.
+    pub played: Option<Played>,
     /// Every body and every tick.
     pub truth: Truth,
     /// How the engine stepped.
@@ -35,6 +37,15 @@ pub struct Recording {
     pub damping: Damping,
     /// How those bodies resist being turned that tumble when they are free, as far as it is known.
     pub inertias: BTreeMap<BodyId, Inertia>,
+}
+
+/// What makes a script the same again, beside its name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Played {
+    /// How many bodies it was asked for.
+    pub bodies: u32,
+    /// Its seed.
+    pub seed: u64,
 }
 
 impl Recording {
@@ -67,9 +78,12 @@ impl Recording {
         Manner::of(&placed.terms, &placed.shape, self.damping, inertia)
     }
 
-    /// Bodies that the engine moved.
+    /// How many bodies its script was asked for; of a foreign recording, how many its engine moved.
     #[must_use]
     pub fn bodies(&self) -> u32 {
+        if let Some(played) = self.played {
+            return played.bodies;
+        }
         let placed = self.truth.placed.iter();
         let dynamic = placed.filter(|placed| placed.terms.kind == BodyKind::Dynamic);
         dynamic.count() as u32

@@ -45,7 +45,7 @@ pub struct Replay {
     /// Say nothing twice: the same as `--without redundancy`.
     #[arg(long)]
     no_redundancy: bool,
-    /// Replay once for each value, such as tolerance=0.005,0.01,0.02 or loss=0%,1%,5%; others: turn, every, budget
+    /// Replay once for each value, such as tolerance=0.005,0.01,0.02 or loss=0%,1%,5%; others: turn, every, seed, budget
     /// (none or bytes a second), and the names of a link.
     #[arg(long, conflicts_with = "matrix")]
     sweep: Option<Sweep>,
@@ -53,7 +53,7 @@ pub struct Replay {
     #[arg(long)]
     matrix: bool,
     /// Folder for summary.json, report.html, trace.mcap and its layout; made if it is not there.
-    #[arg(long, default_value = "results")]
+    #[arg(long, default_value = "results/replay")]
     out: PathBuf,
     /// Write no trace.
     #[arg(long)]
@@ -71,6 +71,9 @@ pub fn replay(arguments: &Replay) -> ExitCode {
 fn replay_all(arguments: &Replay) -> Result<(), Failure> {
     output::make_folder(&arguments.out)?;
     let all = settings(arguments)?;
+    if !arguments.no_trace {
+        arguments.source.spare(&arguments.out)?;
+    }
     let recording = arguments.source.read()?;
     let keep = if arguments.no_trace {
         Keep::Figures

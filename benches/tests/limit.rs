@@ -50,6 +50,7 @@ fn recording(gravity: Vec3, pose: impl Fn(f64) -> (DVec3, DQuat)) -> Recording {
     };
     Recording {
         name: "one".to_owned(),
+        played: None,
         truth: Truth {
             placed: vec![placed],
             removed: Vec::new(),

@@ -3,7 +3,7 @@
 #[path = "support/bounce.rs"]
 mod bounce;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::Value;
@@ -171,26 +171,49 @@ fn a_replay_is_set_beside_the_limit_of_its_recording() {
 #[test]
 fn a_replay_of_our_own_trace_says_what_the_server_said() {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("task-own");
-    let bench = |arguments: &[&str]| {
-        let run = Command::new(env!("CARGO_BIN_EXE_rhumb-bench"))
+    let run = |arguments: &[&str], out: &Path| {
+        Command::new(env!("CARGO_BIN_EXE_rhumb-bench"))
             .args(arguments)
             .arg("--out")
-            .arg(&folder)
+            .arg(out)
             .output()
-            .expect("the bench starts");
+            .expect("the bench starts")
+    };
+    let bench = |arguments: &[&str], out: &Path| {
+        let run = run(arguments, out);
         let error = String::from_utf8_lossy(&run.stderr);
         assert!(run.status.success(), "{error}");
-        let text = std::fs::read(folder.join("summary.json")).expect("it was written");
+        let text = std::fs::read(out.join("summary.json")).expect("it was written");
         serde_json::from_slice::<Value>(&text).expect("JSON")
     };
     let scene = ["evaluate", "--scene", "asteroids", "--bodies", "40"];
-    let how = ["--seconds", "2", "--modes", "rhumb", "--no-pin"];
-    let live = bench(&[&scene[..], &how[..]].concat());
-    let trace = folder.join("trace.mcap");
-    let trace = trace.to_str().expect("a path of letters");
-    let again = bench(&["replay", trace, "--tolerance", "0.05", "--no-trace"]);
+    let how = [
+        "--seconds",
+        "2",
+        "--modes",
+        "rhumb",
+        "--no-pin",
+        "--seed",
+        "7",
+    ];
+    let live = bench(&[&scene[..], &how[..]].concat(), &folder);
     let of = |summary: &Value| summary["runs"][0]["updates"].clone();
-    // Tumbling and all: what the bodies' inertia is follows from the script.
     assert!(of(&live).as_u64().is_some_and(|updates| updates > 0));
-    assert_eq!(of(&live), of(&again));
+    // Tumbling and all: what the bodies' inertia is follows from the script, which the trace of a replay names, too.
+    let mut within = folder;
+    for _ in 0..2 {
+        let trace = within.join("trace.mcap");
+        let replay = [
+            "replay",
+            trace.to_str().expect("a path of letters"),
+            "--tolerance",
+            "0.05",
+        ];
+        let before = std::fs::read(&trace).expect("it was written");
+        let over = run(&replay, &within);
+        assert!(String::from_utf8_lossy(&over.stderr).contains("--out"));
+        assert_eq!(std::fs::read(&trace).ok(), Some(before), "it would be lost");
+        within = within.join("again");
+        assert_eq!(of(&live), of(&bench(&replay, &within)));
+    }
 }

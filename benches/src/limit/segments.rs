@@ -17,7 +17,7 @@ const PUSH_SEEN: usize = 4;
 /// A body is held within this many radii of its holder, and the holder is larger by the factor below, as publishers
 /// have it.
 const HOLDER_REACH: f64 = 3.0;
-/// Velocities are said in steps of half the tolerance a second.
+/// Velocities are said in steps of half the tolerance a second, where no finer ones are sought.
 const COARSENESS: u32 = 3;
 /// See above.
 pub(super) const HOLDER_RATIO: f64 = 1.2;
@@ -168,17 +168,16 @@ fn on_grid(course: &Course<'_>, grid: &Grid, last: &Saying, fitted: &Saying) -> 
     let (residual, implied) = implied(course, grid, last, fitted);
     let mut all = vec![implied];
     if fitted.law.moves() {
-        let velocity = Some(Residual::of_velocity(
-            &fitted.motion.twist(),
-            &implied,
-            grid,
-            COARSENESS,
-        ));
-        let residual = Residual {
-            velocity,
-            ..residual
-        };
-        all.push(said(course, grid, last, fitted, &residual));
+        // The finest steps that can be said, and those that most words have: what is nearer does not always hold longer.
+        for coarseness in [0, COARSENESS] {
+            let twist = fitted.motion.twist();
+            let velocity = Residual::of_velocity(&twist, &implied, grid, coarseness);
+            let residual = Residual {
+                velocity: Some(velocity),
+                ..residual
+            };
+            all.push(said(course, grid, last, fitted, &residual));
+        }
     }
     let held = all.into_iter().map(|snapped| {
         let motion = snapped.motion(grid);

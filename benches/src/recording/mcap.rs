@@ -10,7 +10,7 @@ use ::mcap::{McapError, McapResult};
 use rhumb_reckoning::Tick;
 use rhumb_server::Digest;
 
-use super::{Recording, RecordingError};
+use super::{Played, Recording, RecordingError};
 use crate::record::Truth;
 use crate::trace::read_states;
 
@@ -41,7 +41,10 @@ pub fn read(bytes: &[u8]) -> Result<Recording, RecordingError> {
         return Err(unknown());
     };
     let mut script = rhumb_sims::by_name(&name, bodies, seed).ok_or_else(unknown)?;
-    Ok(Recording::of_play(&mut *script, truth(bytes, load)?))
+    Ok(Recording {
+        played: Some(Played { bodies, seed }),
+        ..Recording::of_play(&mut *script, truth(bytes, load)?)
+    })
 }
 
 /// Metadata records by name.

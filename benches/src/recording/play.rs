@@ -20,6 +20,7 @@ impl Recording {
         let terms = script.terms();
         Self {
             name: script.name().to_owned(),
+            played: None,
             inertias: inertias(script, truth.ticks.len() as u64),
             truth,
             integrator: terms.integrator,

@@ -80,6 +80,7 @@ pub fn read(name: &str, packed: &[u8]) -> Result<Recording, RecordingError> {
     truth.digest = digest.value();
     Ok(Recording {
         name: name.to_owned(),
+        played: None,
         truth,
         integrator,
         gravity,

@@ -21,7 +21,7 @@ pub struct Ablate {
     #[command(flatten)]
     manner: Manner,
     /// Folder for summary.json and report.html; made if it is not there.
-    #[arg(long, default_value = "results")]
+    #[arg(long, default_value = "results/ablate")]
     out: PathBuf,
     /// Do not compare with how little would have done, had the future been known.
     #[arg(long)]

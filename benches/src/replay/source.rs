@@ -3,7 +3,7 @@
 //! Which recording, and under which terms it is published and followed.
 
 use std::num::NonZeroU32;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use rhumb_protocol::limits::{BUDGET_MAX, BUDGET_MIN};
@@ -11,8 +11,10 @@ use rhumb_protocol::stream::{Budget, HINDSIGHT_MAX};
 use rhumb_reckoning::{Damping, Metres, Radians, Ticks, Tolerance};
 use rhumb_transport::LinkTerms;
 
+use super::failure::Failure;
 use super::feature::Means;
 use super::stage::ReplayTerms;
+use crate::output;
 use crate::recording::{Recording, RecordingError};
 
 /// Which recording, and how its engine stepped.
@@ -29,6 +31,19 @@ pub struct Source {
 }
 
 impl Source {
+    /// Refuses a folder whose `trace.mcap` is the recording: what is written there would take its place.
+    pub(super) fn spare(&self, out: &Path) -> Result<(), Failure> {
+        let real = |path: &Path| path.canonicalize().ok();
+        let own = real(&self.trace);
+        if own.is_some() && own == real(&output::trace_of(out)) {
+            return Err(Failure::Terms(format!(
+                "the trace of this replay would take the place of {}: name another folder by --out, or say --no-trace",
+                self.trace.display()
+            )));
+        }
+        Ok(())
+    }
+
     pub(crate) fn read(&self) -> Result<Recording, RecordingError> {
         let mut recording = Recording::read(&self.trace)?;
         recording.damping = self.damping.unwrap_or(recording.damping);

@@ -58,6 +58,7 @@ impl ReplayTerms {
             turn_rad: parts.map(|(_, turn)| turn),
             every: self.every.get(),
             hindsight_ticks: self.hindsight.count(),
+            link_seed: self.seed,
             without: Feature::without(&self.means)
                 .map(|feature| feature.name().to_owned())
                 .collect(),
@@ -538,7 +539,9 @@ impl<'a> Stage<'a> {
                 } else {
                     link.to_string()
                 },
-                seed: self.terms.seed,
+                seed: recording
+                    .played
+                    .map_or(self.terms.seed, |played| played.seed),
                 step_s: rate.step().seconds(),
                 ticks: recording.ticks(),
                 replayed: Some(self.terms.replayed()),

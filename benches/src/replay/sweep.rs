@@ -43,6 +43,7 @@ fn change(base: &Manner, name: &str, value: &str) -> Result<Manner, String> {
         "tolerance" => manner.promise.tolerance = value.parse().map_err(|_| wrong())?,
         "turn" => manner.promise.turn = Some(value.parse().map_err(|_| wrong())?),
         "every" => manner.every = value.parse().map_err(|_| wrong())?,
+        "seed" => manner.seed = value.parse().map_err(|_| wrong())?,
         "budget" if value == "none" => manner.budget = None,
         "budget" => {
             let read = super::source::budget(value);
@@ -110,6 +111,9 @@ mod tests {
             .into_iter()
             .map(|manner| manner.budget);
         assert!(budgets.eq([None, rhumb_protocol::stream::Budget::per_second(4_000)]));
+        let sweep: Sweep = "seed=1,12".parse().unwrap();
+        let seeds = sweep.over(&base()).unwrap().into_iter();
+        assert!(seeds.map(|manner| manner.seed).eq([1, 12]));
         assert_eq!(matrix(&base()).unwrap().len(), 28);
     }
 
@@ -117,7 +121,13 @@ mod tests {
     fn what_is_no_setting_is_refused() {
         assert!("tolerance".parse::<Sweep>().is_err());
         assert!("tolerance=1,".parse::<Sweep>().is_err());
-        for wrong in ["tolerance=x", "every=0", "budget=9", "colour=red"] {
+        for wrong in [
+            "tolerance=x",
+            "every=0",
+            "seed=-1",
+            "budget=9",
+            "colour=red",
+        ] {
             let sweep: Sweep = wrong.parse().unwrap();
             assert!(sweep.over(&base()).is_err(), "{wrong}");
         }

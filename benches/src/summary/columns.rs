@@ -53,6 +53,10 @@ pub(crate) fn columns(runs: &[RunFigures]) -> Vec<Column> {
     if any(|run| run.link.is_some()) {
         columns.extend(LINK);
     }
+    let seed = |run: &RunFigures| run.replayed.as_ref().map(|of| of.link_seed);
+    if runs.iter().any(|run| seed(run) != seed(&runs[0])) {
+        columns.push(SEED);
+    }
     columns.extend(RATES);
     if any(|run| run.of_all_on.is_some()) {
         columns.extend(ABLATED);
@@ -130,6 +134,11 @@ const LINK: [Column; 3] = [
     }),
 ];
 
+const SEED: Column = column("seed", "seed", "of the link", |run, _| {
+    let seed = run.replayed.as_ref().map(|of| of.link_seed);
+    seed.map_or_else(dash, |seed| seed.to_string())
+});
+
 const RATES: [Column; 2] = [
     column("payload kbit/s", "payload", "kbit/s", |run, _| {
         number(run.payload_kbps_down)
@@ -169,9 +178,12 @@ const OF_LIMIT: [Column; 3] = [
     }),
 ];
 
-const ERRORS: [Column; 4] = [
+const ERRORS: [Column; 5] = [
     column("p50 mm", "error p50", "mm, moving", |run, _| {
         number(run.moving.map(|moving| 1e3 * moving.surface_error_m.p50))
+    }),
+    column("p95 mm", "error p95", "mm, moving", |run, _| {
+        number(run.moving.map(|moving| 1e3 * moving.surface_error_m.p95))
     }),
     column("p99 mm", "error p99", "mm, moving", |run, _| {
         number(run.moving.map(|moving| 1e3 * moving.surface_error_m.p99))
@@ -184,7 +196,11 @@ const ERRORS: [Column; 4] = [
     }),
 ];
 
-const RECOVERY: [Column; 2] = [
+const RECOVERY: [Column; 3] = [
+    column("lost", "lost", "ticks", |run, _| {
+        run.recovery
+            .map_or_else(dash, |recovery| recovery.losses.to_string())
+    }),
     column("rec p50 ms", "recovery p50", "ms", |run, _| {
         number(run.recovery.map(|recovery| recovery.p50_ms))
     }),

@@ -86,6 +86,7 @@ fn of_replay(replayed: &Replayed) -> BTreeMap<String, String> {
     let mut record = named([
         ("every", replayed.every.to_string()),
         ("hindsight_ticks", replayed.hindsight_ticks.to_string()),
+        ("link_seed", replayed.link_seed.to_string()),
         ("without", replayed.without.join(" ")),
     ]);
     let parts = [
