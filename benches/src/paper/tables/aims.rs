@@ -1,7 +1,7 @@
 //! What was aimed at, and whether it was reached.
 
 use super::{NONE, interval};
-use crate::paper::analysis::{LoadAnalysis, ModeAnalysis};
+use crate::paper::analysis::{Degradation, LoadAnalysis, ModeAnalysis};
 use crate::paper::experiment::PaperResults;
 use crate::paper::statistics::Interval;
 use crate::paper::table::Table;
@@ -45,11 +45,11 @@ pub(in crate::paper) fn aims(results: &PaperResults) -> Table {
         .extend(beside.and_then(|all| of_worst(aim, &all, 1.10)));
     table
         .rows
-        .extend(of_degradation(results, Mode::Rhumb, |found| found.0));
+        .extend(of_degradation(results, Mode::Rhumb, |found| found.mdl));
     table
         .rows
         .extend(of_degradation(results, Mode::RhumbPipelined, |found| {
-            found.1
+            found.sustained_mdl
         }));
     table.note = "Met: at every load, by the interval where there is one, and by what was found where the interval \
                   holds both. Found: at the worst load."
@@ -112,12 +112,12 @@ fn of_worst(aim: String, ratios: &[Ratio], most: f64) -> Option<Vec<String>> {
 fn of_degradation(
     results: &PaperResults,
     mode: Mode,
-    by: fn((Option<u32>, Option<u32>)) -> Option<u32>,
+    by: fn(&Degradation) -> Option<u32>,
 ) -> Option<Vec<String>> {
     let of = |mode: Mode| {
         let mut all = results.analysis.degradation.iter();
         let found = all.find(|found| found.mode == mode.name())?;
-        Some(by((found.mdl, found.sustained_mdl)))
+        Some(by(found))
     };
     let (own, integrated) = (of(mode)?, of(Mode::Integrated)?);
     let said = |mdl: Option<u32>| mdl.map_or_else(|| "nowhere".to_owned(), |mdl| mdl.to_string());
