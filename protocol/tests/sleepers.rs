@@ -71,6 +71,55 @@ fn run(bodies: u32, awake: u32) -> (PublisherStatistics, Vec<Bytes>) {
     (publisher.statistics(), out)
 }
 
+/// So many boxes hop, each by itself, until the last tick, at which all are told to lie still.
+fn put_to_bed(publisher: &mut Publisher, witness: &mut Witness, bodies: u32, ticks: u64) {
+    for tick in 1..=ticks {
+        let seen = |index| Observation {
+            id: BodyId::new(index, 0),
+            motion: lying(index, ((tick + u64::from(index)) % 5) as f32),
+            activity: if tick < ticks {
+                Activity::Awake
+            } else {
+                Activity::Asleep
+            },
+        };
+        let observations: Vec<_> = (0..bodies).map(seen).collect();
+        witness.observe(Tick::new(tick), &observations);
+        publisher.publish(witness, 0, &mut Vec::new());
+    }
+}
+
+#[test]
+fn seats_that_sleepers_have_left_are_not_looked_at() {
+    let bodies = 10_000;
+    let mut publisher = publisher(bodies);
+    let mut witness = Witness::new(Cadence::EACH_TICK);
+    put_to_bed(&mut publisher, &mut witness, bodies, 10);
+    let awake = |tick: u64| -> Vec<_> {
+        let seen = |index| Observation {
+            id: BodyId::new(index, 0),
+            motion: lying(index, (tick / 7 % 5) as f32),
+            activity: Activity::Awake,
+        };
+        // Who sat farthest from the first seat, so that nothing is gained by there being an end to them.
+        (bodies - AWAKE..bodies).map(seen).collect()
+    };
+    let mut before = publisher.statistics();
+    for tick in 11..=10 + TICKS {
+        witness.observe(Tick::new(tick), &awake(tick));
+        publisher.publish(&witness, 0, &mut Vec::new());
+        if tick == 130 {
+            before = publisher.statistics();
+        }
+    }
+    let after = publisher.statistics();
+    assert!(after.updates > before.updates + u64::from(AWAKE));
+    let looks = (TICKS - 120) / 60 + 1;
+    // Those next to them are looked at, too.
+    let (looked, most) = (after.seats - before.seats, 100 * looks);
+    assert!(looked > 0 && looked <= most, "{looked} of {most}");
+}
+
 #[test]
 fn ten_thousand_sleepers_are_not_looked_at() {
     let (statistics, said) = run(10_000, 0);

@@ -125,7 +125,7 @@ impl Room {
             None => self.begin_stream(choice),
         };
         if let Err(denial) = self.grant(peer, GRANT) {
-            self.streams.unfollow(stream);
+            self.streams.unfollow(stream, peer);
             return Err(denial);
         }
         self.tell_notices(out);
@@ -168,6 +168,9 @@ impl Room {
             Some(range) => range,
             None => return,
         };
+        if let Some(member) = self.members.get(&peer) {
+            self.streams.tell_anew(member.stream(), peer);
+        }
         let Some(stream) = self.stream_of(peer) else {
             return;
         };
@@ -204,7 +207,7 @@ impl Room {
         self.drives.end(peer);
         if let Some(member) = self.members.remove(&peer) {
             for stream in member.streams() {
-                self.streams.unfollow(stream);
+                self.streams.unfollow(stream, peer);
             }
             self.grants.retire(peer);
         }
@@ -237,7 +240,15 @@ impl Room {
         self.wish(peer, Wish::Advance { to }, out);
     }
 
+    /// A member says what it says only once it has the scene.
+    fn note_word(&mut self, peer: Peer) {
+        if let Some(member) = self.members.get_mut(&peer) {
+            member.link.heard();
+        }
+    }
+
     fn wish(&mut self, peer: Peer, wish: Wish, out: &mut Outbox) {
+        self.note_word(peer);
         let owed = self.terms().pace == Pace::Lockstep && self.scene.tick() < self.target;
         if !owed || self.faulted {
             return self.grant_wish(peer, wish, out);
@@ -478,7 +489,8 @@ impl Room {
         self.tell_notices(out);
     }
 
-    pub(crate) fn pong(&self, now: Instant, peer: Peer, sent: Instant, out: &mut Outbox) {
+    pub(crate) fn pong(&mut self, now: Instant, peer: Peer, sent: Instant, out: &mut Outbox) {
+        self.note_word(peer);
         let pong = ServerMessage::Pong {
             sent,
             tick: self.scene.tick(),

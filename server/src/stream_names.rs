@@ -1,6 +1,7 @@
 //! What the streams of a scene are called: short names, none again soon.
 //!
-//! Late datagrams of a stream that ended must not be taken for those of another.
+//! Late datagrams of a stream that ended must not be taken for those of another. Invariant: a name that was free again
+//! is given only after [`REST`] other streams were named, however few names are free; long names take the rest.
 
 use rhumb_protocol::packet::StreamId;
 
@@ -9,7 +10,14 @@ use rhumb_protocol::packet::StreamId;
 pub(crate) struct StreamNames {
     small: u32,
     large: u32,
+    /// How many streams were named.
+    given: u64,
+    /// Of each small name, how many streams had been named when it was last known to be taken; none if it never was.
+    taken: [Option<u64>; StreamId::SMALL.end as usize],
 }
+
+/// So many other streams are named before a small name that is free again comes again.
+const REST: u64 = 8;
 
 impl StreamNames {
     /// Those of the so many-th scene of a server: one that follows upon another under its name goes on elsewhere.
@@ -17,16 +25,26 @@ impl StreamNames {
         Self {
             small: number % StreamId::SMALL.end,
             large: StreamId::SMALL.end,
+            given: 0,
+            taken: [None; StreamId::SMALL.end as usize],
         }
     }
 
-    /// A name for a stream that begins now: not one of those that are said.
+    /// A name for a stream that begins now: not one of those that are said, or were until lately.
     pub(crate) fn next(&mut self, is_taken: impl Fn(StreamId) -> bool) -> StreamId {
+        for (name, taken) in StreamId::SMALL.zip(&mut self.taken) {
+            if is_taken(StreamId(name)) {
+                *taken = Some(self.given);
+            }
+        }
+        self.given += 1;
         for _ in StreamId::SMALL {
-            let name = StreamId(self.small);
-            self.small = (self.small + 1) % StreamId::SMALL.end;
-            if !is_taken(name) {
-                return name;
+            let name = self.small;
+            self.small = (name + 1) % StreamId::SMALL.end;
+            let taken = &mut self.taken[name as usize];
+            if taken.is_none_or(|taken| self.given - taken > REST) {
+                *taken = Some(self.given);
+                return StreamId(name);
             }
         }
         let name = StreamId(self.large);
@@ -49,5 +67,30 @@ mod tests {
         assert_eq!(given, expected);
         assert_eq!(names.next(|name| name.0 < 15), StreamId(15));
         assert_eq!(names.next(|name| name.0 < 15), StreamId(16));
+    }
+
+    #[test]
+    fn a_name_that_is_free_again_rests_though_no_other_small_one_is_free() {
+        let mut names = StreamNames::of_scene(0);
+        for name in 0..14 {
+            assert_eq!(names.next(|taken| taken.0 < name), StreamId(name));
+        }
+        // One changes its tier, again and again, while all others stay as they are.
+        let mut last = StreamId(13);
+        let mut given = Vec::new();
+        for _ in 0..30 {
+            let present = last;
+            last = names.next(|name| name.0 < 13 || name == present);
+            given.push(last);
+        }
+        for (place, name) in given.iter().enumerate() {
+            let until = (place + 1 + REST as usize).min(given.len());
+            let soon = &given[place + 1..until];
+            assert!(!soon.contains(name), "{name} at {place} of {given:?}");
+        }
+        let small = given
+            .iter()
+            .filter(|name| StreamId::SMALL.contains(&name.0));
+        assert!(small.count() >= 4, "they come again: {given:?}");
     }
 }

@@ -61,8 +61,8 @@ pub(crate) struct Stream {
     digest: (Tick, u64),
     /// Tracks that a member had otherwise.
     pub(crate) amended: u64,
-    /// Whether bodies wait for a word, for want of budget.
-    in_arrears: bool,
+    /// Whether bodies wait for a word, for want of budget, and when that was told of last.
+    in_arrears: (bool, Option<Tick>),
     /// The datagrams of the last tick.
     packets: Vec<Bytes>,
     /// The parities behind them.
@@ -166,11 +166,14 @@ impl Stream {
     /// know of.
     pub(crate) fn answer(&mut self, peer: Peer, echo: &Echo, notices: u64) -> Vec<Bytes> {
         let next = self.next_number();
+        // What was said unasked so far went to who was known to lose packets then.
+        let sent_from = self.losses.loses_from(peer.0);
         self.losses.hear(peer.0, echo, next);
         let mut datagrams = Vec::new();
         let lost: BTreeSet<u64> = match &mut self.source {
             Source::Reckoned(publisher) => {
-                publisher.answer(echo, &mut datagrams).into_iter().collect()
+                let lost = publisher.answer_one(echo, sent_from, &mut datagrams);
+                lost.into_iter().collect()
             }
             Source::Full(_) => echo.lost.iter().map(|lost| lost.expand(next)).collect(),
         };
@@ -217,7 +220,7 @@ impl Stream {
         if self.tick() == before {
             return;
         }
-        self.tell_of_arrears();
+        self.tell_of_arrears(at.second);
         self.vouch_or_sum_up(at);
         let redundancy = self.losses.redundancy(self.followers, self.next_number());
         if let Source::Reckoned(publisher) = &mut self.source {
@@ -243,24 +246,32 @@ impl Stream {
         }
     }
 
-    /// Logs when a budget begins not to suffice, and when it suffices again.
-    fn tell_of_arrears(&mut self) {
+    /// Logs when a budget does not suffice, and who is worst off for it, and when it suffices again: a line a second at most.
+    fn tell_of_arrears(&mut self, second: Ticks) {
         let Source::Reckoned(publisher) = &self.source else {
             return;
         };
-        let (waiting, withheld) = (publisher.waiting(), publisher.statistics().withheld);
-        let stream = publisher.stream();
-        if waiting > 0 && !self.in_arrears {
-            tracing::info!(%stream, waiting, cause = "budget", "bodies wait for a word");
-        } else if waiting == 0 && self.in_arrears {
-            tracing::info!(%stream, withheld, "the budget suffices again");
+        let (stream, tick) = (publisher.stream(), publisher.tick());
+        let (waiting, (waited, told)) = (publisher.waiting(), self.in_arrears);
+        let since_told = told.and_then(|told| tick.since(told));
+        let quiet = since_told.is_some_and(|ticks| ticks < second);
+        if quiet || (waiting == 0 && !waited) {
+            return;
         }
-        self.in_arrears = waiting > 0;
+        self.in_arrears = (waiting > 0, Some(tick));
+        let Some(worst) = publisher.worst_waiting() else {
+            let withheld = publisher.statistics().withheld;
+            tracing::info!(%stream, withheld, "the budget suffices again");
+            return;
+        };
+        let ticks = tick.since(worst.since).unwrap_or_default().count();
+        let (body, share) = (worst.body, worst.share);
+        tracing::info!(%stream, waiting, %body, share, ticks, cause = "budget", "bodies wait for a word");
     }
 
     /// What says the sum over all tracks, if that is another than the one said last, and that is a second ago.
     fn due_digest(&mut self, at: &Moment<'_>) -> Option<Bytes> {
-        let Source::Reckoned(publisher) = &self.source else {
+        let Source::Reckoned(publisher) = &mut self.source else {
             return None;
         };
         let (last, sum) = self.digest;
@@ -271,7 +282,9 @@ impl Stream {
             return None;
         }
         self.digest = (publisher.tick(), publisher.agreement());
-        Some(publisher.digest(at.notices))
+        let digest = publisher.digest(at.notices);
+        publisher.pay(digest.len());
+        Some(digest)
     }
 
     /// Answers a member whose sum over some tracks is another.
@@ -335,7 +348,7 @@ impl Streams {
         let stream = self.get(id);
         let packets = stream.map_or(&[][..], |stream| &stream.packets);
         let parities = stream
-            .filter(|stream| stream.losses.loses(peer.0, stream.next_number()))
+            .filter(|stream| stream.losses.loses(peer.0))
             .map_or(&[][..], |stream| &stream.parities);
         packets.iter().chain(parities)
     }
@@ -371,7 +384,7 @@ impl Streams {
             silent: 0,
             digest: (Tick::ZERO, 0),
             amended: 0,
-            in_arrears: false,
+            in_arrears: (false, None),
             packets: Vec::new(),
             parities: Vec::new(),
             losses: Losses::default(),
@@ -380,12 +393,18 @@ impl Streams {
         self.streams.last_mut().expect("one was just added")
     }
 
-    /// One follower less; a stream that nobody follows ends.
-    pub(crate) fn unfollow(&mut self, id: StreamId) {
-        for stream in &mut self.streams {
-            if stream.id() == id {
-                stream.followers -= 1;
-            }
+    /// A member is told a stream from a snapshot on: what it lost before it counts no more.
+    pub(crate) fn tell_anew(&mut self, id: StreamId, peer: Peer) {
+        if let Some(stream) = self.get_mut(id) {
+            stream.losses.forget(peer.0);
+        }
+    }
+
+    /// A member follows a stream no more; one that nobody follows ends.
+    pub(crate) fn unfollow(&mut self, id: StreamId, peer: Peer) {
+        if let Some(stream) = self.get_mut(id) {
+            stream.followers -= 1;
+            stream.losses.forget(peer.0);
         }
         self.streams.retain(|stream| stream.followers > 0);
     }
@@ -415,5 +434,151 @@ impl Streams {
         for stream in &mut self.streams {
             stream.publish(at, &self.witness);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rhumb_protocol::packet::{Head, Kind};
+    use rhumb_protocol::stream::{Activity, Budget};
+    use rhumb_protocol::wire::Wire;
+    use rhumb_protocol::wire::bytes::Reader;
+    use rhumb_reckoning::{Class, Damping, Integrator, Metres, Rate};
+    use std::io::{self, Write};
+    use std::num::NonZeroU32;
+    use std::sync::{Arc, Mutex};
+
+    const BODIES: u32 = 50;
+    const STREAM: StreamId = StreamId(1);
+    const SECOND: u64 = 60;
+    const BURST: u32 = 1_150;
+
+    /// Where a body is at a tick: somewhere else each time.
+    fn motion(body: u32, tick: u64) -> Verbatim {
+        let far = |axis: u64| {
+            let seed = (tick << 16) + (u64::from(body) << 4) + axis + 1;
+            let mixed = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            ((mixed >> 40) as f32 / (1 << 24) as f32 - 0.5) * 10.0
+        };
+        let at = [far(0), far(1), far(2)];
+        Verbatim::new(at, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).expect("it is finite")
+    }
+
+    /// One stream with a budget, of bodies that never rest.
+    fn capped(bytes_per_second: u32) -> Streams {
+        let budget = Budget::new(bytes_per_second, BURST).expect("within the limits");
+        let tolerance = Tolerance::NORMAL;
+        let terms = StreamTerms {
+            tolerance,
+            integrator: Integrator {
+                rate: Rate::HZ_60,
+                substeps: NonZeroU32::MIN,
+            },
+            every: Cadence::EACH_TICK.every,
+            gravity: Vec3::ZERO,
+            features: Features::ALL,
+        };
+        let mut publisher = Publisher::new(STREAM, &terms, Tick::ZERO);
+        publisher.limit(budget);
+        let mut streams = Streams::new(Cadence::EACH_TICK);
+        let choice = StreamChoice::Capped { tolerance, budget };
+        streams.begin(choice, Source::Reckoned(Box::new(publisher)));
+        for body in 0..BODIES {
+            let manner = Manner {
+                radius: Metres::new(0.5),
+                damping: Damping::default(),
+                gravity_scale: 1.0,
+                inertia: None,
+                class: Class::default(),
+            };
+            let begun = motion(body, 0);
+            let track = Track::resting(Tick::ZERO, begun);
+            streams.place(BodyId::new(body, 0), &manner, track, begun);
+        }
+        streams
+    }
+
+    /// Has a tick published.
+    fn publish(streams: &mut Streams, tick: u64) {
+        let seen = |body| Observation {
+            id: BodyId::new(body, 0),
+            motion: motion(body, tick),
+            activity: Activity::Awake,
+        };
+        let observations: Vec<_> = (0..BODIES).map(seen).collect();
+        streams.publish(&Moment {
+            tick: Tick::new(tick),
+            observations: &observations,
+            notices: 0,
+            vouch_within: 150,
+            second: Ticks::new(SECOND as u32),
+        });
+    }
+
+    /// What is logged, as text.
+    #[derive(Clone, Default)]
+    struct Log(Arc<Mutex<Vec<u8>>>);
+
+    impl Write for Log {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            self.0.lock().expect("nobody panics").write(bytes)
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn who_is_worst_off_for_want_of_budget_is_logged_once_a_second() {
+        let log = Log::default();
+        let writer = log.clone();
+        let subscriber = tracing_subscriber::fmt()
+            .with_ansi(false)
+            .with_writer(move || writer.clone())
+            .finish();
+        tracing::subscriber::with_default(subscriber, || {
+            let mut streams = capped(600);
+            for tick in 1..=5 * SECOND {
+                publish(&mut streams, tick);
+            }
+        });
+        let text = String::from_utf8(log.0.lock().expect("nobody panics").clone());
+        let text = text.expect("a log is text");
+        let lines: Vec<_> = text
+            .lines()
+            .filter(|line| line.contains("wait for a word"))
+            .collect();
+        assert!((4..=5).contains(&lines.len()), "{text}");
+        for line in &lines {
+            for field in ["waiting=", "body=", "share=", "ticks=", "cause=\"budget\""] {
+                assert!(line.contains(field), "{line}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_budget_pays_for_the_sums_that_are_said() {
+        let (rate, seconds) = (600, 20);
+        let mut streams = capped(rate);
+        let (mut bytes, mut sums) = (0, 0);
+        for tick in 1..=seconds * SECOND {
+            publish(&mut streams, tick);
+            for packet in streams.packets(STREAM, Peer(0)) {
+                let head = Head::decode(&mut Reader::new(packet)).expect("a head");
+                let vouches = matches!(head.kind, Kind::Vouch | Kind::VouchInArrears);
+                bytes += if vouches { 0 } else { packet.len() };
+                sums += u64::from(head.kind == Kind::Digest);
+            }
+        }
+        assert!(sums >= seconds - 2, "{sums}");
+        // A word and a sum may overdraw.
+        let most = BURST as usize + (seconds as usize) * rate as usize + 100;
+        assert!(bytes <= most, "{bytes} of {most}");
+        assert!(
+            bytes + 200 > most,
+            "a tight budget is used: {bytes} of {most}"
+        );
     }
 }

@@ -1,27 +1,32 @@
 //! Whether a member's link carries its stream, and which tier it should have
 //!
-//! Decides from measured reports alone; reads no clock and moves nobody itself. Invariant: a move is never undone before
-//! a pause that doubles each time the undoing did not last, so that a link between two tiers does not make a member flap.
+//! Decides from measured reports alone; reads no clock and moves nobody itself. Invariants: a move is never undone before
+//! a pause that doubles each time the undoing did not last, so that a link between two tiers does not make a member flap;
+//! and no link is judged by a snapshot on its way.
+
+mod settling;
+mod way;
 
 use rhumb_protocol::message::{Moves, StreamChoice};
-use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::packet::{Low16, StreamId};
 use rhumb_protocol::{Instant, LinkReport, Span};
 use rhumb_reckoning::{LengthBound, Tolerance};
+
+pub(crate) use self::settling::Awaited;
+use self::settling::Settling;
+use self::way::Way;
 
 /// What a member asked for, what its link did lately, and where it was moved for that.
 #[derive(Debug)]
 pub(crate) struct ThinLink {
     chosen: StreamChoice,
     moves: Moves,
-    /// The least round trip, which grows slowly so that another path is not taken for a full queue for ever.
-    least_ns: Option<u64>,
-    /// Since when what is sent comes late, and since when it comes in time.
+    way: Way,
+    settling: Settling,
+    /// Since when what is handed over is stuck, since when it comes late for whatever cause, and since when in time.
+    stuck_since: Option<Instant>,
     late_since: Option<Instant>,
     good_since: Option<Instant>,
-    /// The stream of a move that the member has not caught up with yet.
-    pending: Option<StreamId>,
-    /// When it was moved last, or joined.
-    settled_at: Option<Instant>,
     /// When a finer tier was tried again last.
     tried_at: Option<Instant>,
     /// For how long a link must do well before the finer tier is tried.
@@ -38,20 +43,20 @@ const TIERS: [Tolerance; 4] = [
 
 /// What comes later than this is late: a quarter of a second beside the way itself.
 const LATE: Span = Span::from_millis(250);
-/// For so long it must be late before the link counts as thin.
-const LATE_FOR: Span = Span::from_millis(500);
+/// What comes so late is stuck, wherever it waits.
+const STUCK: Span = Span::from_millis(1_000);
+/// For so long it must wait here beyond [`LATE`], or be stuck, before the link counts as thin.
+const STUCK_FOR: Span = Span::from_millis(500);
+/// For so long it must be late where hardly anything waits here: by then a longer way is known for one.
+const LATE_FOR: Span = Span::from_millis(5_000);
 /// What comes within this is in time.
 const GOOD: Span = Span::from_millis(80);
-/// A link is not judged for so long after a move or a joining: the snapshot fills it.
-const GRACE: Span = Span::from_millis(2_000);
 /// The first pause before a finer tier is tried again, and the longest.
 const HOLD: Span = Span::from_millis(5_000);
 /// See [`HOLD`].
 const HOLD_MOST: Span = Span::from_millis(160_000);
 /// A trial that is given up within this failed.
 const TRIAL: Span = Span::from_millis(20_000);
-/// The least rate that a queue is taken to drain at, bytes a second.
-const RATE_LEAST: u64 = 1_000;
 
 /// Which way to go.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,21 +74,22 @@ impl ThinLink {
         Self {
             chosen,
             moves: Moves::UpTo(coarsest),
-            least_ns: None,
+            way: Way::new(),
+            settling: Settling::until(Awaited::Word),
+            stuck_since: None,
             late_since: None,
             good_since: None,
-            pending: None,
-            settled_at: None,
             tried_at: None,
             hold: HOLD,
         }
     }
 
-    /// The member chose its stream itself.
-    pub(crate) fn choose(&mut self, chosen: StreamChoice) {
+    /// The member chose its stream itself, and is told its snapshot.
+    pub(crate) fn choose(&mut self, chosen: StreamChoice, awaited: Awaited) {
         *self = Self {
             moves: self.moves,
-            least_ns: self.least_ns,
+            way: self.way,
+            settling: Settling::until(awaited),
             ..Self::new(chosen)
         };
     }
@@ -93,18 +99,26 @@ impl ThinLink {
         self.moves = moves;
     }
 
-    /// The member has caught up with a stream.
-    pub(crate) fn caught_up(&mut self, with: StreamId) {
-        if self.pending == Some(with) {
-            self.pending = None;
-            self.settled_at = None;
-        }
+    /// The member said something, whatever it was.
+    pub(crate) fn heard(&mut self) {
+        self.settling.hear(Awaited::Word);
     }
 
-    /// A verdict was followed: the member is on its way to this stream.
-    pub(crate) fn moved(&mut self, now: Instant, verdict: Verdict, stream: StreamId) {
-        self.pending = Some(stream);
-        (self.late_since, self.good_since) = (None, None);
+    /// The member tells of a stream how far it heard, and how many packets of it did not come so far.
+    pub(crate) fn heard_echo(&mut self, of: StreamId, gone: Low16) {
+        self.settling.hear(Awaited::Echo(of));
+        self.way.hear_gone(gone);
+    }
+
+    /// The member has caught up with a stream.
+    pub(crate) fn caught_up(&mut self, with: StreamId) {
+        self.settling.hear(Awaited::Followed(with));
+    }
+
+    /// A verdict was followed: the member is on its way to another stream.
+    pub(crate) fn moved(&mut self, now: Instant, verdict: Verdict, awaited: Awaited) {
+        self.settling = Settling::until(awaited);
+        (self.stuck_since, self.late_since, self.good_since) = (None, None, None);
         match verdict {
             Verdict::Finer(_) => self.tried_at = Some(now),
             Verdict::Coarser(_) => {
@@ -123,42 +137,23 @@ impl ThinLink {
         report: &LinkReport,
         present: StreamChoice,
     ) -> Option<Verdict> {
-        let late = self.lateness(report);
-        let settled_at = *self.settled_at.get_or_insert(now);
-        if self.pending.is_some() || now.since(settled_at) < GRACE {
+        let waits = wait(report);
+        let longer = self.way.longer(now, report.round_trip, waits);
+        let late = Span::from_nanos(waits.as_nanos().saturating_add(longer.as_nanos()));
+        let settled = self.settling.is_over(now, report.waiting_bytes, waits);
+        if !settled {
             return None;
         }
-        if late > LATE {
-            self.good_since = None;
-            let since = *self.late_since.get_or_insert(now);
-            if now.since(since) < LATE_FOR {
-                return None;
-            }
-            return self.coarser(present).map(Verdict::Coarser);
+        let stuck_for = lasts(&mut self.stuck_since, now, waits > LATE || late > STUCK);
+        let late_for = lasts(&mut self.late_since, now, late > LATE);
+        let good_for = lasts(&mut self.good_since, now, late <= GOOD);
+        if stuck_for >= Some(STUCK_FOR) || late_for >= Some(LATE_FOR) {
+            self.coarser(present).map(Verdict::Coarser)
+        } else if good_for >= Some(self.hold) {
+            self.finer(present).map(Verdict::Finer)
+        } else {
+            None
         }
-        self.late_since = None;
-        if late > GOOD {
-            self.good_since = None;
-            return None;
-        }
-        let since = *self.good_since.get_or_insert(now);
-        if now.since(since) < self.hold {
-            return None;
-        }
-        self.finer(present).map(Verdict::Finer)
-    }
-
-    /// How late what is handed over now would come, beside the way itself.
-    fn lateness(&mut self, report: &LinkReport) -> Span {
-        let round_trip = report.round_trip.as_nanos();
-        let least = self.least_ns.get_or_insert(round_trip);
-        *least = round_trip.min(*least + round_trip.saturating_sub(*least) / 512);
-        let over = u128::from(report.over.as_nanos().max(1));
-        let rate = u128::from(report.sent_bytes) * 1_000_000_000 / over;
-        let rate = rate.max(u128::from(RATE_LEAST));
-        let waits = u128::from(report.waiting_bytes) * 1_000_000_000 / rate;
-        let waits = u64::try_from(waits).unwrap_or(u64::MAX);
-        Span::from_nanos(waits.saturating_add(round_trip - *least))
     }
 
     /// The next coarser tier than a stream's, if the member may be moved there.
@@ -195,6 +190,24 @@ const fn length(choice: StreamChoice) -> Option<LengthBound> {
     }
 }
 
+/// For how long something has held, if it holds now.
+fn lasts(since: &mut Option<Instant>, now: Instant, holds: bool) -> Option<Span> {
+    *since = holds.then(|| since.unwrap_or(now));
+    since.map(|since| now.since(since))
+}
+
+/// The least rate that a queue is taken to drain at, bytes a second.
+const RATE_LEAST: u64 = 1_000;
+
+/// How long what is handed over now waits here.
+fn wait(report: &LinkReport) -> Span {
+    let over = u128::from(report.over.as_nanos().max(1));
+    let rate = u128::from(report.sent_bytes) * 1_000_000_000 / over;
+    let rate = rate.max(u128::from(RATE_LEAST));
+    let waits = u128::from(report.waiting_bytes) * 1_000_000_000 / rate;
+    Span::from_nanos(u64::try_from(waits).unwrap_or(u64::MAX))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -211,16 +224,21 @@ mod tests {
         present: StreamChoice,
         now: Instant,
         queue: u64,
+        /// Milliseconds.
+        round_trip: u64,
         moves: Vec<StreamChoice>,
     }
 
     impl Pretended {
         fn new(chosen: StreamChoice) -> Self {
+            let mut link = ThinLink::new(chosen);
+            link.heard();
             Self {
-                link: ThinLink::new(chosen),
+                link,
                 present: chosen,
                 now: Instant::ZERO,
                 queue: 0,
+                round_trip: 50,
                 moves: Vec::new(),
             }
         }
@@ -233,25 +251,29 @@ mod tests {
 
         fn run(&mut self, seconds: u64, rate: u64) {
             for _ in 0..seconds * 1_000 / PAUSE {
-                self.now = self.now + Span::from_millis(PAUSE);
-                self.queue += Self::demand(self.present) * PAUSE / 1_000;
-                let sent = self.queue.min(rate * PAUSE / 1_000);
-                self.queue -= sent;
-                let report = LinkReport {
-                    waiting_bytes: self.queue,
-                    sent_bytes: sent,
-                    over: Span::from_millis(PAUSE),
-                    round_trip: Span::from_millis(50),
-                };
-                if let Some(verdict) = self.link.judge(self.now, &report, self.present) {
-                    let (Verdict::Coarser(to) | Verdict::Finer(to)) = verdict;
-                    let stream = StreamId(self.moves.len() as u32);
-                    self.link.moved(self.now, verdict, stream);
-                    self.link.caught_up(stream);
-                    self.queue = 0;
-                    self.present = to;
-                    self.moves.push(to);
-                }
+                self.step(rate);
+            }
+        }
+
+        fn step(&mut self, rate: u64) {
+            self.now = self.now + Span::from_millis(PAUSE);
+            self.queue += Self::demand(self.present) * PAUSE / 1_000;
+            let sent = self.queue.min(rate * PAUSE / 1_000);
+            self.queue -= sent;
+            let report = LinkReport {
+                waiting_bytes: self.queue,
+                sent_bytes: sent,
+                over: Span::from_millis(PAUSE),
+                round_trip: Span::from_millis(self.round_trip),
+            };
+            if let Some(verdict) = self.link.judge(self.now, &report, self.present) {
+                let (Verdict::Coarser(to) | Verdict::Finer(to)) = verdict;
+                let stream = StreamId(self.moves.len() as u32);
+                self.link.moved(self.now, verdict, Awaited::Echo(stream));
+                self.link.caught_up(stream);
+                self.queue = 0;
+                self.present = to;
+                self.moves.push(to);
             }
         }
     }
@@ -314,8 +336,103 @@ mod tests {
         for choice in [StreamChoice::Full, capped] {
             let mut member = Pretended::new(choice);
             assert_eq!(member.link.coarser(choice), None);
-            member.link.choose(choice);
+            member.link.choose(choice, Awaited::Echo(StreamId(1)));
             assert_eq!(member.link.finer(choice), None);
         }
+    }
+
+    #[test]
+    fn no_link_is_judged_by_a_snapshot_on_its_way_nor_by_what_waits_behind_it() {
+        let (of, exact) = (StreamId(3), tier(Tolerance::EXACT));
+        let begin = |awaited: Awaited| {
+            let mut member = Pretended::new(exact);
+            match awaited {
+                Awaited::Word => member.link = ThinLink::new(exact),
+                _ => member.link.choose(exact, awaited),
+            }
+            // A snapshot that takes 20 s.
+            member.queue = 2_000_000;
+            member.run(20, 120_000);
+            assert_eq!(member.moves, [], "{awaited:?}");
+            member
+        };
+        for awaited in [Awaited::Word, Awaited::Echo(of), Awaited::Followed(of)] {
+            let mut member = begin(awaited);
+            member.link.caught_up(of);
+            // The stream takes two thirds of what passes: 1.2 MB wait behind the snapshot.
+            member.run(5, 120_000);
+            assert_eq!(member.moves, [], "{awaited:?}");
+            member.queue = 0;
+            member.run(20, 100_000);
+            assert_eq!(member.moves, [], "{awaited:?}");
+            member.run(20, 5_000);
+            assert!(!member.moves.is_empty(), "{awaited:?}: judged from then on");
+        }
+    }
+
+    #[test]
+    fn a_stream_that_holds_up_the_very_snapshot_is_left_soon() {
+        let (of, exact) = (StreamId(3), tier(Tolerance::EXACT));
+        for awaited in [Awaited::Word, Awaited::Echo(of), Awaited::Followed(of)] {
+            let mut member = Pretended::new(exact);
+            member.link.choose(exact, awaited);
+            member.queue = 100_000;
+            member.run(4, 70_000);
+            assert_eq!(member.moves, [tier(Tolerance::FINE)], "{awaited:?}");
+        }
+    }
+
+    #[test]
+    fn who_never_says_that_it_has_the_snapshot_is_judged_in_the_end() {
+        let fine = tier(Tolerance::FINE);
+        let mut member = Pretended::new(tier(Tolerance::EXACT));
+        member.present = fine;
+        let verdict = Verdict::Coarser(fine);
+        member
+            .link
+            .moved(member.now, verdict, Awaited::Followed(StreamId(3)));
+        member.link.heard();
+        member.link.heard_echo(StreamId(3), Low16(0));
+        member.run(60, 200_000);
+        assert_eq!(member.moves, [], "an echo may be of the copy before");
+        member.run(20, 200_000);
+        assert_eq!(member.moves, [tier(Tolerance::EXACT)]);
+    }
+
+    #[test]
+    fn a_longer_way_is_not_a_thin_link() {
+        let mut member = Pretended::new(tier(Tolerance::FINE));
+        member.run(10, 50_000);
+        member.round_trip = 350;
+        member.run(120, 50_000);
+        assert_eq!(member.moves, []);
+        // Nor if it is seen little by little, as a smoothed round trip shows it.
+        for _ in 0..100 {
+            member.round_trip += (650 - member.round_trip) / 8;
+            member.step(50_000);
+        }
+        member.run(60, 50_000);
+        assert_eq!(member.moves, []);
+    }
+
+    #[test]
+    fn what_waits_on_the_way_is_a_thin_link_though_nothing_waits_here() {
+        // A queue that grows by a fifth of a second in each.
+        let mut member = Pretended::new(tier(Tolerance::FINE));
+        member.run(10, 50_000);
+        while member.moves.is_empty() {
+            member.round_trip += 200;
+            member.run(1, 50_000);
+            assert!(member.round_trip < 2_000);
+        }
+        // One that is full after a second and a half, and loses what does not fit.
+        let mut member = Pretended::new(tier(Tolerance::FINE));
+        member.run(10, 50_000);
+        for second in 0..10 {
+            member.round_trip = (member.round_trip + 200).min(350);
+            member.link.heard_echo(StreamId(0), Low16(second));
+            member.run(1, 50_000);
+        }
+        assert_eq!(member.moves, [tier(Tolerance::NORMAL)]);
     }
 }

@@ -624,11 +624,11 @@ class Scene:
         if lost >= self.next:
             self.hear_amends(said, lost, tick)
             return
+        if lost not in self.missing:
+            return
         self.repaired = max(self.repaired, tick)
         for record in said["records"]:
             self.hear_record(record, tick)
-        if lost not in self.missing:
-            return
         name = (tick, said["notices"], said["parts"])
         heard = self.parts.get(lost, (name, set()))
         parts = heard[1] if heard[0] == name else set()

@@ -2,11 +2,19 @@
 //!
 //! Proved as in `pretend_network`: each bound that a member gives is held against the truth, at every look.
 
+use std::num::NonZeroU32;
+
+use glam::{EulerRot, Quat, Vec3};
 use rhumb_protocol::Span;
 use rhumb_protocol::message::{Inspection, StreamChoice};
-use rhumb_protocol::scene::Pace;
-use rhumb_protocol::stream::{Bound, Budget};
-use rhumb_reckoning::Tolerance;
+use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::scene::{Cadence, Pace};
+use rhumb_protocol::stream::{
+    Activity, Bound, Budget, Features, Manner, Observation, Publisher, StreamTerms, Witness,
+};
+use rhumb_reckoning::{
+    BodyId, Class, Damping, Integrator, Metres, Rate, Tick, Tolerance, Track, Verbatim,
+};
 use rhumb_sims::by_name;
 use rhumb_tests::{COMMANDER, Stage, seed};
 use rhumb_transport::{Direction, Lane};
@@ -117,6 +125,138 @@ fn who_waits_has_a_word_in_the_end() {
     }
     let truth = stage.truth();
     stage.witnesses[COMMANDER].judge(&truth, "who waited");
+}
+
+/// Bodies that are somewhere else at each tick, too large to be said but in long words; and one, behind them, that goes a
+/// little way every second.
+const WILD: u32 = 8;
+const SECOND: u64 = 60;
+
+fn motion(body: u32, tick: u64) -> Verbatim {
+    let mixed = |part: u64| {
+        let seed = (tick << 16) + (u64::from(body) << 4) + part + 1;
+        let mixed = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        (mixed >> 40) as f32 / (1 << 24) as f32 - 0.5
+    };
+    let mut at = [body as f32 * 2_000.0, 0.0, 0.0];
+    let mut turned = Quat::IDENTITY;
+    let mut linear = [0.0; 3];
+    if body == WILD {
+        at[0] += (tick / SECOND) as f32 * 0.07;
+    } else {
+        at = [0, 1, 2].map(|axis| mixed(axis) * 1e5);
+        turned = Quat::from_euler(EulerRot::XYZ, mixed(3) * 6.0, mixed(4), mixed(5));
+        linear = [6, 7, 8].map(|axis| mixed(axis) * 1e3);
+    }
+    Verbatim::new(at, turned.to_array(), linear, [0.0; 3]).expect("it is finite")
+}
+
+/// A stream of these bodies at its source, held to a budget.
+struct Restless {
+    publisher: Publisher,
+    witness: Witness,
+    tick: u64,
+}
+
+impl Restless {
+    fn new(budget: Budget) -> Self {
+        let terms = StreamTerms {
+            tolerance: Tolerance::NORMAL,
+            integrator: Integrator {
+                rate: Rate::HZ_60,
+                substeps: NonZeroU32::MIN,
+            },
+            every: Cadence::EACH_TICK.every,
+            gravity: Vec3::ZERO,
+            features: Features::ALL,
+        };
+        let mut publisher = Publisher::new(StreamId(0), &terms, Tick::ZERO);
+        for body in 0..=WILD {
+            let manner = Manner {
+                radius: Metres::new(if body == WILD { 0.5 } else { 5_000.0 }),
+                damping: Damping::default(),
+                gravity_scale: 1.0,
+                inertia: None,
+                class: Class::default(),
+            };
+            let track = Track::resting(Tick::ZERO, motion(body, 0));
+            assert!(publisher.place(BodyId::new(body, 0), &manner, track));
+        }
+        publisher.limit(budget);
+        Self {
+            publisher,
+            witness: Witness::new(Cadence::EACH_TICK),
+            tick: 0,
+        }
+    }
+
+    /// A tick; returns the bytes of its packets.
+    fn step(&mut self) -> usize {
+        self.tick += 1;
+        let seen = |body| Observation {
+            id: BodyId::new(body, 0),
+            motion: motion(body, self.tick),
+            activity: Activity::Awake,
+        };
+        let seen: Vec<_> = (0..=WILD).map(seen).collect();
+        self.witness.observe(Tick::new(self.tick), &seen);
+        let mut said = Vec::new();
+        self.publisher.publish(&self.witness, 0, &mut said);
+        said.iter().map(|packet| packet.len()).sum()
+    }
+}
+
+#[test]
+fn who_waits_has_a_word_however_far_others_are_off_and_though_they_never_rest() {
+    let mut stage = Restless::new(Budget::new(600, 1_150).expect("within the limits"));
+    let id = BodyId::new(WILD, 0);
+    let told = |stage: &Restless| {
+        let mut tracks = stage.publisher.tracks();
+        let found = tracks.find(|(of, _)| *of == id);
+        found.expect("it is there").1.origin.value()
+    };
+    let mut longest = 0;
+    while stage.tick < 60 * SECOND {
+        stage.step();
+        // It went a little way at the beginning of each second.
+        let off_since = (told(&stage) / SECOND + 1) * SECOND;
+        longest = longest.max(stage.tick.saturating_sub(off_since));
+    }
+    assert!(stage.publisher.statistics().withheld > 1_000);
+    assert!(longest < 5 * SECOND, "{longest} ticks without a word");
+}
+
+#[test]
+fn who_is_worst_off_is_known_by_name_and_since_when() {
+    let mut stage = Restless::new(Budget::new(600, 1_150).expect("within the limits"));
+    let mut waited = 0;
+    for _ in 0..10 * SECOND {
+        stage.step();
+        let Some(worst) = stage.publisher.worst_waiting() else {
+            assert_eq!(stage.publisher.waiting(), 0);
+            continue;
+        };
+        let wild = worst.body.index() < WILD && worst.share > 100.0;
+        assert!(wild || stage.publisher.waiting() == 1, "{worst:?}");
+        waited = waited.max(stage.tick - worst.since.value());
+    }
+    assert!(waited > 10, "{waited}");
+}
+
+#[test]
+fn what_is_said_beside_the_packets_is_paid_for() {
+    let budget = Budget::new(600, 1_150).expect("within the limits");
+    let said = |beside: usize| -> usize {
+        let mut stage = Restless::new(budget);
+        let second = |stage: &mut Restless| -> usize {
+            stage.publisher.pay(beside);
+            (0..SECOND).map(|_| stage.step()).sum()
+        };
+        (0..20).map(|_| second(&mut stage)).sum()
+    };
+    let (alone, beside) = (said(0), said(100));
+    assert!(alone > 20 * 500, "{alone}");
+    assert!(alone - beside > 20 * 90, "{beside} of {alone}");
 }
 
 #[test]

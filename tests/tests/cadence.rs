@@ -145,9 +145,10 @@ fn hindsight_costs_fewer_bytes_and_so_does_publishing_more_rarely() {
     let (rarer, ..) = cost(cadence(2, 0));
     let (both, ..) = cost(cadence(2, 6));
     println!("bytes: {at_once} at once, {later} with hindsight, {rarer} rarer, {both} both");
-    assert!(later * 100 < at_once * 97, "{later} of {at_once}");
-    assert!(rarer < at_once, "{rarer} of {at_once}");
-    assert!(both < rarer, "{both} of {rarer}");
+    // An eighth, a fifth and a twelfth, with room.
+    assert!(later * 100 < at_once * 90, "{later} of {at_once}");
+    assert!(rarer * 100 < at_once * 85, "{rarer} of {at_once}");
+    assert!(both * 100 < rarer * 95, "{both} of {rarer}");
 }
 
 #[test]

@@ -43,6 +43,10 @@ fn lockstep(scene: &str, choice: StreamChoice) -> Stage {
     Stage::new(script(scene), Pace::Lockstep, choice, LinkTerms::PERFECT, 1)
 }
 
+fn free_running(scene: &str, links: LinkTerms) -> Stage {
+    Stage::new(script(scene), Pace::FreeRunning, NORMAL, links, 1)
+}
+
 /// 1 cm for the centre of a body and 2 mrad for its rotation.
 fn parts() -> StreamChoice {
     let bounds = Tolerance::parts(Metres::new(0.01), Radians::new(0.002));
@@ -342,13 +346,7 @@ fn deafen(stage: &mut Stage, member: usize, direction: Direction) {
 
 #[test]
 fn who_lost_touch_for_long_is_told_the_whole_scene_again() {
-    let mut stage = Stage::new(
-        script("zoo"),
-        Pace::FreeRunning,
-        NORMAL,
-        LinkTerms::PERFECT,
-        1,
-    );
+    let mut stage = free_running("zoo", LinkTerms::PERFECT);
     let lost = stage.enter(StreamChoice::Full);
     let early = stage.enter(StreamChoice::Full);
     stage.drive(Span::from_millis(500));
@@ -373,13 +371,7 @@ fn who_lost_touch_for_long_is_told_the_whole_scene_again() {
 
 #[test]
 fn what_went_while_touch_was_lost_counts_as_changed() {
-    let mut stage = Stage::new(
-        script("ball-pit"),
-        Pace::FreeRunning,
-        NORMAL,
-        LinkTerms::PERFECT,
-        1,
-    );
+    let mut stage = free_running("ball-pit", LinkTerms::PERFECT);
     let lost = stage.enter(StreamChoice::Full);
     stage.drive(Span::from_millis(100));
     let mut changed = Vec::new();
@@ -404,13 +396,7 @@ fn what_went_while_touch_was_lost_counts_as_changed() {
 
 #[test]
 fn parities_go_to_who_loses_packets_and_to_nobody_else() {
-    let mut stage = Stage::new(
-        script("ball-pit"),
-        Pace::FreeRunning,
-        NORMAL,
-        LinkTerms::PERFECT,
-        1,
-    );
+    let mut stage = free_running("ball-pit", LinkTerms::PERFECT);
     let loses = stage.enter(NORMAL);
     let other = stage.enter(NORMAL);
     stage.drive(Span::from_millis(300));
@@ -435,15 +421,67 @@ fn parities_go_to_who_loses_packets_and_to_nobody_else() {
     }
 }
 
+/// One tick of a member's stream is lost; its link is as these terms say afterwards.
+fn lose_a_tick(stage: &mut Stage, member: usize, terms: LinkTerms) {
+    deafen(stage, member, Direction::Down);
+    stage.drive(TICK);
+    stage.arena.set_terms_of(member, Direction::Down, terms);
+}
+
+#[test]
+fn who_begins_to_lose_is_answered_at_once_whatever_others_are_sent() {
+    let far = links("rtt=400ms");
+    let mut stage = free_running("tumbler", far);
+    let loses = stage.enter(EXACT);
+    let other = stage.enter(EXACT);
+    stage.drive(Span::from_millis(2_000));
+    let lossy = links("rtt=400ms,loss=10%");
+    stage.arena.set_terms_of(loses, Direction::Down, lossy);
+    stage.drive(Span::from_millis(5_000));
+    let heard = |stage: &Stage, index: usize| stage.copy(index).stream().statistics();
+    assert!(heard(&stage, loses).parities > 50);
+    assert_eq!(heard(&stage, other).parities, 0);
+    // Until it is a packet that is lost.
+    while stage.copy(other).stream().missing() == 0 {
+        lose_a_tick(&mut stage, other, far);
+        stage.drive(Span::from_millis(250));
+    }
+    // There and back again, and some ticks.
+    stage.drive(Span::from_millis(400 + 50));
+    assert_eq!(stage.copy(other).stream().missing(), 0);
+    assert!(heard(&stage, other).rebuilt > 0);
+}
+
+#[test]
+fn what_was_lost_by_who_left_costs_others_nothing() {
+    let near = links("rtt=40ms");
+    let mut stage = free_running("tumbler", near);
+    let loses = stage.enter(NORMAL);
+    let other = stage.enter(NORMAL);
+    stage.drive(Span::from_millis(1_000));
+    let lossy = links("rtt=40ms,loss=10%");
+    stage.arena.set_terms_of(loses, Direction::Down, lossy);
+    stage.drive(Span::from_millis(1_000));
+    lose_a_tick(&mut stage, other, near);
+    let heard = |stage: &Stage, index: usize| stage.copy(index).stream().statistics();
+    // So many packets that the one that it lost is worth nothing any more, and so few that it is not forgotten.
+    let lost_at = heard(&stage, other).packets;
+    while heard(&stage, other).packets < lost_at + 300 {
+        stage.drive(TICK);
+    }
+    stage.arena.client_mut(loses).leave().unwrap();
+    stage.run(Span::from_millis(100));
+    let before = heard(&stage, other);
+    assert!(before.parities > 50, "{before:?}");
+    while heard(&stage, other).packets < lost_at + 400 {
+        stage.drive(TICK);
+    }
+    assert_eq!(heard(&stage, other).parities, before.parities);
+}
+
 #[test]
 fn a_packet_that_is_forgotten_is_not_asked_for_for_ever() {
-    let mut stage = Stage::new(
-        script("zoo"),
-        Pace::FreeRunning,
-        NORMAL,
-        LinkTerms::PERFECT,
-        1,
-    );
+    let mut stage = free_running("zoo", LinkTerms::PERFECT);
     let lost = stage.enter(StreamChoice::Full);
     stage.drive(Span::from_millis(300));
     // One tick is lost on the way down, and no asking gets through until it is forgotten; all else is heard.

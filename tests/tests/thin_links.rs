@@ -234,3 +234,99 @@ fn one_choice_of_the_member_undoes_all_moves() {
         "what it chose is what it has"
     );
 }
+
+#[test]
+fn whoever_is_moved_can_choose_at_any_time() {
+    let seed = seed(42);
+    let (mut stage, member) = stage(seed);
+    let bits = rate(&mut stage, member) * 5;
+    let thin = format!("delay=20ms,loss=5%,rate={bits}bit,queue=20kB");
+    narrow(&mut stage, member, &thin);
+    let normal = StreamChoice::Within(Tolerance::NORMAL);
+    for choice in [COARSE, EXACT, normal, EXACT, EXACT, normal] {
+        let asked = stage.arena.client_mut(member).follow(choice);
+        assert_eq!(asked, Ok(()), "seed {seed}");
+        let moves = stage.witnesses[member].moved.len();
+        let mut steps = 0;
+        while steps < 200 && stage.witnesses[member].moved.len() == moves {
+            stage.drive(Span::from_millis(50));
+            steps += 1;
+        }
+    }
+    assert!(stage.witnesses[member].moved.len() >= 2, "seed {seed}");
+    narrow(&mut stage, member, "delay=20ms");
+    let asked = stage.arena.client_mut(member).follow(normal);
+    assert_eq!(asked, Ok(()), "seed {seed}");
+    // What waits on the link passes first.
+    stage.drive(Span::from_millis(20_000));
+    assert_eq!(stage.copy(member).choice(), normal, "seed {seed}");
+    assert_eq!(stage.witnesses[member].denied, [], "seed {seed}");
+    let truth = stage.truth();
+    stage.witnesses[member].judge(&truth, &format!("who was moved and chose, seed {seed}"));
+}
+
+/// Many bodies that never move: a large snapshot, and next to nothing to say after it.
+struct Crowd;
+
+impl Script for Crowd {
+    fn name(&self) -> &'static str {
+        "crowd"
+    }
+
+    fn terms(&self) -> SceneTerms {
+        Restless::new().terms
+    }
+
+    fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {
+        if tick != Tick::ZERO {
+            return;
+        }
+        let shape = Shape::Ball { radius: 0.5 };
+        out.push(Command::AddShape {
+            id: ShapeId(0),
+            shape,
+        });
+        out.extend((0..4_000).map(|index| {
+            Command::AddBody {
+                terms: BodyTerms::plain(BodyId::new(index, 0), BodyKind::Static, ShapeId(0)),
+                motion: Verbatim::new(
+                    [index as f32 * 2.0, 0.0, 0.0],
+                    [0.0, 0.0, 0.0, 1.0],
+                    [0.0; 3],
+                    [0.0; 3],
+                )
+                .expect("a place is finite"),
+            }
+        }));
+    }
+}
+
+#[test]
+fn no_link_is_thin_for_a_snapshot_that_takes_long() {
+    let links: LinkTerms = "rtt=40ms".parse().expect("these are terms of a link");
+    let mut stage = Stage::new(Box::new(Crowd), Pace::FreeRunning, COARSE, links, 1);
+    stage.drive(Span::from_millis(1_000));
+    let member = stage.connect();
+    narrow(&mut stage, member, "delay=20ms,rate=150kbit,queue=2MB");
+    let asked = stage.arena.now();
+    stage.join(member, EXACT);
+    let took = stage.arena.now().since(asked);
+    assert!(took > Span::from_millis(4_000), "it took {took}");
+    stage.drive(Span::from_millis(20_000));
+    assert_eq!(stage.witnesses[member].moved, [], "while it joined");
+    let fine = StreamChoice::Within(Tolerance::FINE);
+    let asked = stage.arena.client_mut(member).follow(fine);
+    assert_eq!(asked, Ok(()));
+    stage.drive(Span::from_millis(20_000));
+    assert_eq!(stage.witnesses[member].moved, [], "while it changed");
+    assert_eq!(stage.copy(member).choice(), fine);
+}
+
+#[test]
+fn a_longer_way_moves_nobody() {
+    let (mut stage, member) = stage(1);
+    narrow(&mut stage, member, "delay=320ms");
+    stage.drive(Span::from_millis(30_000));
+    assert_eq!(stage.witnesses[member].moved, []);
+    assert_eq!(stage.copy(member).choice(), EXACT);
+}

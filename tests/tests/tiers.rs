@@ -3,14 +3,18 @@
 //! Proved as in `pretend_network`: what a member claims is held against the truth, whichever stream it has it from.
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::Span;
-use rhumb_protocol::message::{Denial, StreamChoice};
-use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, Pace};
-use rhumb_protocol::session::Misuse;
-use rhumb_protocol::stream::Manner;
+use rhumb_protocol::message::{
+    ClientMessage, Denial, Extensions, Frames, Joined, MoveCause, ServerMessage, StreamChoice,
+    VERSIONS, Welcome,
+};
+use rhumb_protocol::packet::{Low16, StreamId, Vouch};
+use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, IdRange, Pace};
+use rhumb_protocol::session::{ClientSession, Event};
+use rhumb_protocol::stream::{Manner, StreamStart};
+use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{BodyId, Tick, Tolerance, Track, Verbatim};
 use rhumb_sims::by_name;
-use rhumb_tests::{COMMANDER, Stage, assert_same_copy, seed};
+use rhumb_tests::{COMMANDER, Stage, TICK, assert_same_copy, seed};
 use rhumb_transport::LinkTerms;
 
 const EXACT: StreamChoice = StreamChoice::Within(Tolerance::EXACT);
@@ -30,11 +34,9 @@ fn a_member_changes_its_tier_in_lockstep_and_misses_no_tick() {
     let other = stage.enter(NORMAL);
     let choices = [EXACT, COARSE, FINE, StreamChoice::Full, NORMAL];
     for (place, choice) in choices.into_iter().enumerate() {
+        // What is asked for already is not asked for twice.
         stage.arena.client_mut(other).follow(choice).unwrap();
-        assert_eq!(
-            stage.arena.client_mut(other).follow(choice),
-            Err(Misuse::NotNow)
-        );
+        stage.arena.client_mut(other).follow(choice).unwrap();
         for _ in 0..40 {
             let tick = stage.tick();
             assert_eq!(stage.copy(other).stream().complete(), tick, "to {choice:?}");
@@ -58,16 +60,22 @@ fn no_claim_breaks_and_no_tick_is_taken_back_while_streams_are_changed_over_bad_
         let mut stage = stage(Pace::FreeRunning, links, seed);
         let other = stage.enter(NORMAL);
         let mut complete = Tick::ZERO;
-        // Not the full one: at such loss it is never complete, and what is shown waits for that.
-        let choices = [COARSE, EXACT, NORMAL, FINE, FINE, NORMAL];
-        for turn in 0..24 {
-            // Some are asked for before the last one is answered: those are not sent.
-            let asked = stage
-                .arena
-                .client_mut(other)
-                .follow(choices[turn % choices.len()]);
-            assert!(matches!(asked, Ok(()) | Err(Misuse::NotNow)), "{what}");
-            stage.drive(Span::from_millis(300));
+        // At such loss the full one is hardly ever complete: what is shown waits for the next choice then.
+        let choices = [
+            COARSE,
+            EXACT,
+            NORMAL,
+            StreamChoice::Full,
+            FINE,
+            FINE,
+            NORMAL,
+        ];
+        for turn in 0..28 {
+            // Some are wanted before the last one is answered, and most before it is shown.
+            let choice = choices[turn % choices.len()];
+            let asked = stage.arena.client_mut(other).follow(choice);
+            assert_eq!(asked, Ok(()), "{what}");
+            stage.drive(Span::from_millis([100, 300, 900][turn % 3]));
             let now = stage.copy(other).stream().complete();
             assert!(now >= complete, "{what}: back from {complete} to {now}");
             complete = now;
@@ -89,6 +97,30 @@ fn no_claim_breaks_and_no_tick_is_taken_back_while_streams_are_changed_over_bad_
         stage.witnesses[other].judge(&truth, &what);
         stage.witnesses[COMMANDER].judge(&truth, &what);
     }
+}
+
+#[test]
+fn whatever_is_not_complete_yet_another_stream_can_be_chosen_and_is_followed() {
+    let seed = seed(23);
+    let mut stage = stage(Pace::FreeRunning, "rtt=60ms,loss=20%,burst=8", seed);
+    let other = stage.enter(NORMAL);
+    let follow = |stage: &mut Stage, choice| {
+        let asked = stage.arena.client_mut(other).follow(choice);
+        assert_eq!(asked, Ok(()), "seed {seed}");
+    };
+    follow(&mut stage, StreamChoice::Full);
+    stage.drive(Span::from_millis(3_000));
+    // A member that changes its mind at every tick is not told a stream each time, and the last one counts.
+    for turn in 0..30 {
+        follow(&mut stage, [EXACT, COARSE, StreamChoice::Full][turn % 3]);
+        stage.drive(TICK);
+    }
+    follow(&mut stage, FINE);
+    stage.drive(Span::from_millis(10_000));
+    assert_eq!(stage.copy(other).choice(), FINE, "seed {seed}");
+    let followed = &stage.witnesses[other].following;
+    assert_eq!(followed.last(), Some(&FINE), "seed {seed}");
+    assert_eq!(stage.witnesses[other].denied, [], "seed {seed}");
 }
 
 /// Gives a member's copy of a body a track that nobody said; returns the body.
@@ -251,4 +283,152 @@ fn each_tier_is_encoded_once_whoever_listens() {
     assert!(alone.iter().all(|(updates, ..)| *updates > 0));
     assert!(alone[0].0 > alone[3].0, "a finer tier says more: {alone:?}");
     assert_eq!(said(6), alone);
+}
+
+/// A member's session that is told by hand what a server says.
+struct Told {
+    session: ClientSession,
+    heard: Frames,
+}
+
+impl Told {
+    const SERVER: Peer = Peer(0);
+
+    /// A member that follows a stream.
+    fn member(choice: StreamChoice, stream: u32, tick: u64) -> Self {
+        let session = ClientSession::new("told".parse().expect("a short word is a scene's name"));
+        let heard = Frames::new();
+        let mut told = Self { session, heard };
+        told.session.handle_opened(Instant::ZERO, Self::SERVER);
+        let welcome = Welcome {
+            version: VERSIONS[0],
+            scene: None,
+            extensions: Extensions::NONE,
+        };
+        told.tell(&[ServerMessage::Welcome(welcome)]);
+        told.session.join(choice).expect("it is welcome");
+        told.tell_snapshot(choice, stream, tick);
+        while told.session.poll_event().is_some() {}
+        told.said();
+        told
+    }
+
+    fn tell(&mut self, messages: &[ServerMessage]) {
+        let mut bytes = Vec::new();
+        for message in messages {
+            message.encode(&mut bytes);
+        }
+        let now = Instant::ZERO;
+        self.session.handle_control(now, Self::SERVER, &bytes);
+    }
+
+    /// The whole of an empty scene at a tick.
+    fn tell_snapshot(&mut self, choice: StreamChoice, stream: u32, tick: u64) {
+        let terms = by_name("zoo", 1, 1)
+            .expect("the scene is known by name")
+            .terms();
+        let start = StreamStart {
+            stream: StreamId(stream),
+            tolerance: choice.tolerance(),
+            integrator: terms.integrator,
+            every: terms.cadence.every,
+            gravity: terms.gravity,
+            tick: Tick::new(tick),
+            next: 0,
+            notices: 0,
+        };
+        let joined = Joined {
+            choice,
+            terms,
+            start,
+            granted: IdRange::EMPTY,
+            extensions: Extensions::NONE,
+        };
+        self.tell(&[ServerMessage::Joined(joined), ServerMessage::SnapshotEnd]);
+    }
+
+    /// What it said since the last look, of streams.
+    fn said(&mut self) -> Vec<ClientMessage> {
+        while let Some(transmit) = self.session.poll_transmit() {
+            if let Transmit::Control { bytes, .. } = transmit {
+                self.heard.push(&bytes);
+            }
+        }
+        let mut said = Vec::new();
+        while let Some(framed) = self.heard.next_frame().expect("a session says messages") {
+            let message = ClientMessage::decode(&framed).expect("a session says what is known");
+            said.extend(message.filter(|message| {
+                matches!(
+                    message,
+                    ClientMessage::Follow(_) | ClientMessage::Followed(_)
+                )
+            }));
+        }
+        said
+    }
+
+    fn shown(&self) -> StreamChoice {
+        self.session
+            .replica()
+            .expect("a member has a copy")
+            .choice()
+    }
+}
+
+#[test]
+fn who_is_moved_before_its_choice_is_shown_can_choose_again_and_is_told_what_it_follows() {
+    let mut told = Told::member(FINE, 0, 10);
+    let (follow, followed) = (ClientMessage::Follow, |stream| {
+        ClientMessage::Followed(StreamId(stream))
+    });
+    told.session.follow(EXACT).unwrap();
+    assert_eq!(told.said(), [follow(EXACT)]);
+    // As long as it is not as far as what is shown, it is not shown.
+    told.tell_snapshot(EXACT, 1, 5);
+    let (to, cause) = (FINE, MoveCause::Thin);
+    told.tell(&[ServerMessage::Moved { to, cause }]);
+    told.tell_snapshot(FINE, 2, 6);
+    assert_eq!((told.shown(), told.said()), (FINE, vec![]));
+    assert_eq!(told.session.poll_event(), Some(Event::Moved { to, cause }));
+    told.session.follow(EXACT).unwrap();
+    assert_eq!(told.said(), [follow(EXACT)]);
+    // One that comes meanwhile is left out, and of two that are wanted meanwhile the first.
+    told.session.follow(COARSE).unwrap();
+    told.session.follow(NORMAL).unwrap();
+    assert_eq!(told.said(), []);
+    told.tell_snapshot(EXACT, 3, 8);
+    assert_eq!(told.said(), [follow(NORMAL)]);
+    told.tell_snapshot(NORMAL, 4, 11);
+    assert_eq!((told.shown(), told.said()), (NORMAL, vec![followed(4)]));
+    assert_eq!(told.session.poll_event(), Some(Event::Following(NORMAL)));
+    // A move to what it follows already is told as any.
+    let (to, cause) = (NORMAL, MoveCause::Eased);
+    told.tell(&[ServerMessage::Moved { to, cause }]);
+    told.tell_snapshot(NORMAL, 5, 12);
+    assert_eq!(told.said(), [followed(5)]);
+    assert_eq!(told.session.poll_event(), Some(Event::Moved { to, cause }));
+    assert_eq!(told.session.poll_event(), Some(Event::Following(NORMAL)));
+}
+
+#[test]
+fn who_asks_for_another_stream_keeps_the_copy_that_the_server_still_says() {
+    let mut told = Told::member(FINE, 0, 10);
+    told.session.follow(EXACT).unwrap();
+    told.tell_snapshot(EXACT, 1, 5);
+    told.session.follow(NORMAL).unwrap();
+    told.said();
+    // The one between could be shown now, but ended with the question.
+    let vouch = Vouch {
+        next: Low16(0),
+        tick: Low16(20),
+        notices: Low16(0),
+    };
+    let datagram = vouch.encode(StreamId(1));
+    told.session
+        .handle_datagram(Instant::ZERO, Told::SERVER, &datagram);
+    assert_eq!((told.shown(), told.said()), (FINE, vec![]));
+    // When it is denied, the one between goes on.
+    told.tell(&[ServerMessage::Denied(Denial::TooManyStreams)]);
+    let followed = ClientMessage::Followed(StreamId(1));
+    assert_eq!((told.shown(), told.said()), (EXACT, vec![followed]));
 }

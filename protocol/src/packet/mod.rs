@@ -35,6 +35,7 @@ pub(crate) use galois::{add_times, inverse, times};
 pub use header::{Head, Kind, Low16, StreamId};
 pub use parity::Parity;
 pub(crate) use parity::{column_into, column_of, packet_of};
+pub(crate) use repair::REPAIR_RECORDS;
 pub use repair::{Repair, RepairRecord, RepairWriter};
 pub use saying::{Course, Saying};
 pub use state::{StatePacket, StateWriter, Update, Vouch};

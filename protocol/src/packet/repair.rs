@@ -9,7 +9,7 @@ use rhumb_reckoning::Ticks;
 
 use super::header::{Head, Kind, Low16, StreamId};
 use super::whole::TrackSaying;
-use crate::limits::{DATAGRAM_BYTES_MAX, INDICES_MAX, REPAIR_PARTS_MAX, UPDATES_PER_PACKET_MAX};
+use crate::limits::{DATAGRAM_BYTES_MAX, INDICES_MAX, REPAIR_PARTS_MAX};
 use crate::wire::bits::{BitReader, BitWriter, PutBits, TakeBits, golomb_len};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
@@ -169,9 +169,10 @@ impl RepairWriter {
     }
 }
 
-// A lost packet holds at most so many bodies that their whole tracks fit the parts.
+/// So many records fit the parts of one repair, whatever they say.
+pub(crate) const REPAIR_RECORDS: usize = 720;
 const _: () = assert!(
-    UPDATES_PER_PACKET_MAX * (TrackSaying::BITS_MAX + 100)
+    REPAIR_RECORDS * (TrackSaying::BITS_MAX + 100)
         <= REPAIR_PARTS_MAX as usize
             * (DATAGRAM_BYTES_MAX - HEAD_BYTES_MAX - TrackSaying::BITS_MAX / 8)
             * 8

@@ -4,6 +4,7 @@
 //! `poll_timeout`. After an `Ended` event nothing more happens.
 
 mod answers;
+mod choosing;
 mod clock;
 mod driving;
 mod greeting;
@@ -16,6 +17,7 @@ use bytes::Bytes;
 use rhumb_reckoning::Tick;
 
 use self::answers::Answers;
+use self::choosing::Choosing;
 use self::watching::{DISORDER, REPAIR_MOST, RESYNC_MOST, SILENCE, SILENCE_MOST};
 use super::close::CloseCode;
 use super::copies::{Copies, Told};
@@ -52,8 +54,7 @@ pub struct ClientSession {
     terms: Option<SceneTerms>,
     frames: Frames,
     copies: Copies,
-    /// The stream that was asked for in place of the present one.
-    wanted: Option<StreamChoice>,
+    choosing: Choosing,
     granted: IdRange,
     wheel: Wheel,
     commands: u64,
@@ -83,7 +84,7 @@ impl ClientSession {
             terms: None,
             frames: Frames::new(),
             copies: Copies::new(),
-            wanted: None,
+            choosing: Choosing::new(),
             granted: IdRange::EMPTY,
             wheel: Wheel::new(),
             commands: 0,
@@ -189,17 +190,17 @@ impl ClientSession {
     }
 
     /// Follows another stream; answered by `Following` or `Denied`, and until then the copy is by the present one. That may
-    /// take as long as the other one is not complete, which a full stream over a bad link may never be.
+    /// take as long as the other one is not complete, which a full stream over a bad link may never be: then one that is
+    /// chosen meanwhile takes its place, and only the last is followed. `Moved` tells where the server puts another in its
+    /// place because the link does not carry it; that, too, may be answered by another choice.
     ///
     /// # Errors
     ///
-    /// As [`Self::leave`], and while an earlier change is not answered.
+    /// As [`Self::leave`].
     pub fn follow(&mut self, choice: StreamChoice) -> Result<(), Misuse> {
-        if self.wanted.is_some() {
-            return Err(Misuse::NotNow);
-        }
-        self.as_member(&ClientMessage::Follow(choice))?;
-        self.wanted = Some(choice);
+        self.must_be(State::Member)?;
+        self.choosing.want(choice);
+        self.ask_for_stream();
         Ok(())
     }
 
@@ -303,7 +304,8 @@ impl ClientSession {
             ServerMessage::Denied(denial) => {
                 // Only what stands in the way of a stream denies one.
                 if matches!(denial, Denial::TooManyStreams | Denial::SceneFaulted) {
-                    self.wanted = None;
+                    self.choosing.hear_denied();
+                    self.ask_for_stream();
                 }
                 self.events.push_back(Event::Denied(denial));
             }
@@ -324,7 +326,10 @@ impl ClientSession {
             }
             ServerMessage::Driving(driving) => self.hear_driving(&driving),
             ServerMessage::NotDriving(error) => self.hear_not_driving(error),
-            ServerMessage::Moved { to, cause } => self.events.push_back(Event::Moved { to, cause }),
+            ServerMessage::Moved { to, cause } => {
+                self.choosing.hear_moved(to);
+                self.events.push_back(Event::Moved { to, cause });
+            }
         }
         Ok(())
     }
@@ -340,6 +345,8 @@ impl ClientSession {
         self.terms = Some(joined.terms);
         self.granted = joined.granted;
         self.copies.begin(joined);
+        self.choosing.hear_joined(joined.choice);
+        self.ask_for_stream();
         Ok(())
     }
 
@@ -353,12 +360,28 @@ impl ClientSession {
             self.events.push_back(Event::Joined(self.granted));
         }
         self.resyncing = false;
+        self.ask_for_stream();
         self.watch(now);
         Ok(())
     }
 
-    /// Takes the copy that was filled for the present one, if it is time.
+    /// Asks for the stream that is wanted, unless an answer, or a snapshot that could be taken for one, is to come.
+    fn ask_for_stream(&mut self) {
+        if !self.resyncing
+            && let Some(choice) = self.choosing.ask()
+        {
+            self.say(&ClientMessage::Follow(choice));
+        }
+    }
+
+    /// Takes the copy that was filled for the present one, if it is time. Who asks for another stream leaves out the one
+    /// between: the server says that no more.
     fn change_copies(&mut self) {
+        let shown = self.copies.shown();
+        let goes_on = shown.is_some_and(|copy| !copy.stream().has_lost_touch());
+        if self.choosing.is_asking() && goes_on {
+            return;
+        }
         let Some(before) = self.copies.catch_up() else {
             return;
         };
@@ -366,10 +389,7 @@ impl ClientSession {
             return;
         };
         let (choice, stream) = (copy.choice(), copy.stream().stream());
-        if self.wanted == Some(choice) {
-            self.wanted = None;
-        }
-        if before.choice() != choice {
+        if self.choosing.take_news() || before.choice() != choice {
             self.events.push_back(Event::Following(choice));
         }
         self.say(&ClientMessage::Followed(stream));
@@ -379,7 +399,7 @@ impl ClientSession {
         self.state = State::Lobby;
         self.copies = Copies::new();
         self.wheel = Wheel::new();
-        self.wanted = None;
+        self.choosing = Choosing::new();
         self.resyncing = false;
         self.awaited = Tick::ZERO;
         self.answers = Answers::new();

@@ -22,7 +22,7 @@ pub enum Event {
     Created,
     /// The copy is whole; these body indices are the application's to give out.
     Joined(IdRange),
-    /// The copy is by another stream from now on.
+    /// The copy is by the stream that was chosen, or that the server moved the member to, from now on.
     Following(StreamChoice),
     /// The server is moving the member to this stream for its link's sake; `Following` tells when the copy is by it.
     Moved {

@@ -153,10 +153,209 @@ impl Doubts {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::packet::StreamId;
+    use crate::scene::Cadence;
+    use crate::stream::features::Features;
+    use crate::stream::observation::{Activity, Observation};
+    use crate::stream::publisher::StreamTerms;
+    use crate::stream::start::StreamStart;
+    use crate::stream::subscriber::Subscriber;
+    use crate::stream::tracks::Manner;
+    use crate::stream::witness::Witness;
     use alloc::vec;
     use core::num::NonZeroU32;
     use glam::Vec3;
-    use rhumb_reckoning::{Integrator, Rate, Tolerance};
+    use rhumb_reckoning::{
+        Anchor, Class, Damping, Integrator, Metres, Predictor, Rate, Tick, Tolerance, Track,
+        Verbatim,
+    };
+
+    /// The first carries all others but the last, which hops about by itself.
+    const BODIES: u32 = 6;
+    const LONER: u32 = BODIES - 1;
+
+    /// Where a body is at a tick.
+    fn motion(body: u32, tick: u64) -> Verbatim {
+        let course = if body == LONER { 7 } else { 1 };
+        let jolt = |axis: u64| {
+            let mixed = ((tick << 8) + axis + course).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            ((mixed >> 40) as f32 / (1 << 24) as f32 - 0.5) * 3.0
+        };
+        let at = [body as f32, jolt(0), jolt(1)];
+        Verbatim::new(at, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).expect("a jolt is finite")
+    }
+
+    fn manner(body: u32) -> Manner {
+        Manner {
+            radius: Metres::new(if body == 0 { 5.0 } else { 0.5 }),
+            damping: Damping::default(),
+            gravity_scale: 1.0,
+            inertia: None,
+            class: Class::default(),
+        }
+    }
+
+    struct Ends {
+        publisher: Publisher,
+        subscriber: Subscriber,
+        witness: Witness,
+        tick: u64,
+    }
+
+    impl Ends {
+        /// Both, after so many ticks of which everything was heard.
+        fn after(ticks: u64) -> Self {
+            let integrator = Integrator {
+                rate: Rate::HZ_60,
+                substeps: NonZeroU32::MIN,
+            };
+            let (stream, tolerance, every) =
+                (StreamId(3), Tolerance::NORMAL, Cadence::EACH_TICK.every);
+            let terms = StreamTerms {
+                tolerance,
+                integrator,
+                every,
+                gravity: Vec3::ZERO,
+                features: Features::ALL,
+            };
+            let start = StreamStart {
+                stream,
+                tolerance,
+                integrator,
+                every,
+                gravity: Vec3::ZERO,
+                tick: Tick::ZERO,
+                next: 0,
+                notices: 0,
+            };
+            let mut ends = Self {
+                publisher: Publisher::new(stream, &terms, Tick::ZERO),
+                subscriber: Subscriber::new(&start),
+                witness: Witness::new(Cadence::EACH_TICK),
+                tick: 0,
+            };
+            for body in 0..BODIES {
+                let (id, manner) = (BodyId::new(body, 0), manner(body));
+                let track = Track {
+                    origin: Tick::ZERO,
+                    predictor: Predictor::Uniform,
+                    anchor: Anchor::Verbatim(motion(body, 0)),
+                    carrier: None,
+                };
+                assert!(ends.publisher.place(id, &manner, track));
+                assert!(ends.subscriber.place(id, &manner, track));
+            }
+            ends.subscriber.handle_snapshot_end();
+            for _ in 0..ticks {
+                ends.pass();
+            }
+            ends
+        }
+
+        /// A tick of which everything is heard.
+        fn pass(&mut self) {
+            self.tick += 1;
+            let seen = |body| Observation {
+                id: BodyId::new(body, 0),
+                motion: motion(body, self.tick),
+                activity: Activity::Awake,
+            };
+            let seen: Vec<_> = (0..BODIES).map(seen).collect();
+            self.witness.observe(Tick::new(self.tick), &seen);
+            let mut said = Vec::new();
+            self.publisher.publish(&self.witness, 0, &mut said);
+            assert!(!said.is_empty());
+            self.hear(&said);
+        }
+
+        fn hear(&mut self, said: &[Bytes]) {
+            for datagram in said {
+                self.subscriber.handle_datagram(datagram);
+            }
+        }
+
+        fn track(&self, id: BodyId) -> Track {
+            let mut tracks = self.publisher.tracks();
+            let found = tracks.find(|(other, _)| *other == id);
+            found.expect("it is there").1
+        }
+
+        /// A body is believed to be elsewhere, by a track as old as its own, and in the seat that it has.
+        fn mislead(&mut self, id: BodyId) {
+            let track = Track {
+                predictor: Predictor::Uniform,
+                anchor: Anchor::Verbatim(motion(id.index(), 1_000)),
+                carrier: None,
+                ..self.track(id)
+            };
+            let manner = manner(id.index());
+            assert!(self.subscriber.place(id, &manner, track));
+            if let Some(seat) = self.publisher.seat(id) {
+                self.subscriber.seat(id, seat);
+            }
+        }
+
+        /// What makes the one wrong track right, said by now.
+        fn amendment(&mut self) -> Vec<Bytes> {
+            let digest = self.publisher.digest(0);
+            self.hear(&[digest]);
+            loop {
+                let doubt = self.subscriber.doubt().expect("a track is another");
+                match self.publisher.reassure(doubt, 0) {
+                    Reassurance::Sums(sums) => self.hear(&[sums]),
+                    Reassurance::Amendment(_, datagrams) => return datagrams,
+                }
+            }
+        }
+
+        fn agree(&self) -> bool {
+            self.subscriber.is_settled()
+                && self.subscriber.agreement() == self.publisher.agreement()
+        }
+    }
+
+    #[test]
+    fn an_amendment_that_comes_after_the_packet_of_its_number_means_nothing() {
+        let mut ends = Ends::after(20);
+        let id = BodyId::new(LONER, 0);
+        ends.mislead(id);
+        let late = ends.amendment();
+        ends.pass();
+        let (before, complete) = (ends.subscriber.track(id), ends.subscriber.complete());
+        ends.hear(&late);
+        assert_eq!(ends.subscriber.track(id), before);
+        assert_eq!(ends.subscriber.complete(), complete);
+        assert_eq!(ends.subscriber.statistics().repairs, 0);
+        // Its seat is still known, so that it is heard of by that.
+        ends.pass();
+        assert_eq!(ends.subscriber.statistics().unread, 0);
+        assert!(ends.subscriber.is_settled() && !ends.agree());
+        let amendment = ends.amendment();
+        ends.hear(&amendment);
+        assert!(ends.agree());
+    }
+
+    #[test]
+    fn what_an_amendment_has_held_changes_with_its_holder() {
+        let mut ends = Ends::after(20);
+        let held = ends
+            .publisher
+            .tracks()
+            .find(|(_, track)| track.carrier.is_some());
+        let (id, _) = held.expect("some are carried");
+        ends.mislead(id);
+        ends.pass();
+        let amendment = ends.amendment();
+        ends.hear(&amendment);
+        assert!(ends.agree());
+        let mut changed = Vec::new();
+        ends.subscriber.drain_changed(&mut changed);
+        ends.pass();
+        assert_ne!(ends.track(id).origin, Tick::new(ends.tick));
+        changed.clear();
+        ends.subscriber.drain_changed(&mut changed);
+        assert!(changed.contains(&id.index()), "{changed:?}");
+    }
 
     #[test]
     fn no_range_behind_all_indices_is_doubted() {

@@ -154,7 +154,8 @@ impl FullPublisher {
                 ends_tick: place + 1 == packets,
                 records: chunk.to_vec(),
             };
-            self.history.record(chunk.iter().map(|record| record.index));
+            let bodies = chunk.iter().map(|record| record.index);
+            self.history.record(tick, bodies);
             let datagram = packet.encode(self.stream);
             self.statistics.updates += chunk.len() as u64;
             self.statistics.packets += 1;

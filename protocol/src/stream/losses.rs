@@ -3,10 +3,11 @@
 //! Counts of packets only: how long anything took is not known here, so that a slow link is never taken for a lossy one.
 
 use alloc::collections::BTreeMap;
+use alloc::collections::btree_map::Entry;
 use alloc::vec::Vec;
 
 use super::redundancy::{Loss, Redundancy};
-use crate::packet::{Echo, Low16};
+use crate::packet::Echo;
 
 /// A loss is that of the last packets: of one to two such windows.
 const WINDOW: u64 = 256;
@@ -27,6 +28,8 @@ struct Account {
     /// A later point, at which it will begin when it has become old enough.
     middle: Point,
     newest: Point,
+    /// While it loses packets: the number of the stream's next packet when it was first known to.
+    loses_from: Option<u64>,
 }
 
 /// A moment of a stream at a listener.
@@ -52,22 +55,34 @@ impl Losses {
         if sent > next {
             return;
         }
-        if let Some(account) = self.accounts.get_mut(&listener) {
-            account.hear(sent, echo.gone);
-        } else if self.accounts.len() < ACCOUNTS_MAX {
-            // Of what it lost long ago nothing follows: what it still lacks it lost just now.
-            let lost = u64::from(echo.gone.0);
-            let just_now = lost.min(echo.lost.len() as u64);
-            self.accounts
-                .insert(listener, Account::begin(Point { sent, lost }, just_now));
-        }
+        let full = self.accounts.len() >= ACCOUNTS_MAX;
+        let account = match self.accounts.entry(listener) {
+            Entry::Occupied(known) => {
+                let account = known.into_mut();
+                account.hear(sent, echo);
+                account
+            }
+            Entry::Vacant(_) if full => return,
+            Entry::Vacant(place) => place.insert(Account::of(sent, echo)),
+        };
+        account.note_loss(next);
     }
 
-    /// Whether a listener of a stream whose next packet is number `next` lost any of its last packets.
+    /// A listener hears the stream no more, or anew: of what it lost so far nothing follows.
+    pub fn forget(&mut self, listener: u64) {
+        self.accounts.remove(&listener);
+    }
+
+    /// Whether a listener lost any of its last packets.
     #[must_use]
-    pub fn loses(&self, listener: u64, next: u64) -> bool {
-        let account = self.accounts.get(&listener);
-        account.is_some_and(|account| account.loss(next) > Loss(0))
+    pub fn loses(&self, listener: u64) -> bool {
+        self.loses_from(listener).is_some()
+    }
+
+    /// Of a listener that lost any of its last packets, the number of the stream's next packet when that was first known.
+    #[must_use]
+    pub fn loses_from(&self, listener: u64) -> Option<u64> {
+        self.accounts.get(&listener)?.loses_from
     }
 
     /// How much redundancy a stream with so many listeners is worth, whose next packet is number `next`.
@@ -92,6 +107,14 @@ impl Losses {
 }
 
 impl Account {
+    /// Of a listener that was not heard before, or begins anew.
+    fn of(sent: u64, echo: &Echo) -> Self {
+        // Of what it lost long ago nothing follows: what it still lacks it lost just now.
+        let lost = u64::from(echo.gone.0);
+        let just_now = lost.min(echo.lost.len() as u64);
+        Self::begin(Point { sent, lost }, just_now)
+    }
+
     /// After a silence, in which nothing was lost but what is told of now.
     const fn begin(newest: Point, lost: u64) -> Self {
         let since = Point {
@@ -102,20 +125,29 @@ impl Account {
             since,
             middle: since,
             newest,
+            loses_from: None,
         }
     }
 
-    fn hear(&mut self, sent: u64, gone: Low16) {
+    fn hear(&mut self, sent: u64, echo: &Echo) {
         let before = self.newest;
-        let lost = gone.expand(before.lost);
+        let lost = echo.gone.expand(before.lost);
         let span = sent.saturating_sub(before.sent);
         let more = lost.saturating_sub(before.lost);
         if sent < before.sent || more > span {
             return;
         }
         let newest = Point { sent, lost };
-        if span >= WINDOW {
-            *self = Self::begin(newest, more);
+        // Less is gone than when counting began: the listener counts anew.
+        let begun = lost < self.since.lost;
+        if begun || span >= WINDOW {
+            let anew = if begun {
+                Self::of(sent, echo)
+            } else {
+                Self::begin(newest, more)
+            };
+            let loses_from = self.loses_from;
+            *self = Self { loses_from, ..anew };
             return;
         }
         self.newest = newest;
@@ -123,6 +155,12 @@ impl Account {
             self.since = self.middle;
             self.middle = newest;
         }
+    }
+
+    /// Notes whether any of the last packets were lost, now that the stream's next one is number `next`.
+    fn note_loss(&mut self, next: u64) {
+        let loses = self.newest.lost > self.since.lost;
+        self.loses_from = loses.then(|| self.loses_from.unwrap_or(next));
     }
 
     /// The share that was lost since counting began.
@@ -140,6 +178,7 @@ impl Account {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::packet::Low16;
 
     /// What a listener makes of a stream that loses each packet of which `is_lost` is true, if it tells every 30 packets
     /// what it lost since; by packet.
@@ -212,11 +251,41 @@ mod tests {
         let mut losses = Losses::default();
         losses.hear(1, &echo(60, 0), 60);
         losses.hear(2, &echo(60, 1), 60);
-        assert!(!losses.loses(1, 60) && losses.loses(2, 60) && !losses.loses(3, 60));
+        assert!(!losses.loses(1) && losses.loses(2) && !losses.loses(3));
+        assert_eq!(losses.loses_from(2), Some(60));
         for next in (100..1_000).step_by(100) {
             losses.hear(2, &echo(next, 1), next);
         }
-        assert!(!losses.loses(2, 900));
+        assert!(!losses.loses(2));
+    }
+
+    #[test]
+    fn who_is_forgotten_or_counts_anew_is_taken_for_a_newcomer() {
+        let newcomer = {
+            let mut losses = Losses::default();
+            losses.hear(1, &echo(1_000, 4), 1_000);
+            losses.redundancy(1, 1_000)
+        };
+        assert_eq!(newcomer, Redundancy::Thin);
+        let before = || {
+            let mut losses = Losses::default();
+            for next in (100..=900).step_by(50) {
+                losses.hear(1, &echo(next, next / 5), next);
+            }
+            assert!(losses.redundancy(1, 900) > Redundancy::Plain);
+            losses
+        };
+        // It was told the scene again, and has lost four packets since: of these it tells at once.
+        let mut losses = before();
+        losses.hear(1, &echo(1_000, 4), 1_000);
+        assert!(losses.loses(1));
+        assert!(losses.redundancy(1, 1_000) >= newcomer);
+        let mut losses = before();
+        losses.forget(1);
+        assert!(!losses.loses(1));
+        assert_eq!(losses.redundancy(1, 900), Redundancy::Off);
+        losses.hear(1, &echo(1_000, 4), 1_000);
+        assert_eq!(losses.redundancy(1, 1_000), newcomer);
     }
 
     #[test]

@@ -36,7 +36,7 @@ pub use features::Features;
 pub use full::FullPublisher;
 pub use losses::Losses;
 pub use observation::{Activity, Observation};
-pub use publisher::{Publisher, PublisherStatistics, StreamTerms};
+pub use publisher::{InArrears, Publisher, PublisherStatistics, StreamTerms};
 pub use redundancy::{Loss, Redundancy};
 pub use start::StreamStart;
 pub use statistics::SubscriberStatistics;

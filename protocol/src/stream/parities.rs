@@ -38,6 +38,17 @@ struct Asked {
     last: Vec<u64>,
 }
 
+/// Who asks for what it lost, as far as its source knows it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Asker {
+    /// It has heard of packets below this number.
+    pub(crate) heard: u64,
+    /// Parities that it wants.
+    pub(crate) wanted: usize,
+    /// It was sent the parities that nobody asked for, of those that were said when packets beyond this number had been.
+    pub(crate) sent_from: u64,
+}
+
 /// A parity that was asked for is given so often at most, so that nobody is given the same for ever.
 const ASKERS_MAX: u32 = 4;
 
@@ -136,25 +147,27 @@ impl Parities {
         self.halved = true;
     }
 
-    /// What to say to who lost some packets and wants so many parities, beside those that are under way to it: it has
-    /// heard of packets below `heard`. Appends to `out`, and returns which of the lost packets must be repaired.
+    /// What to say to who lost some packets and wants parities, beside those that are under way to it. Appends to `out`,
+    /// and returns which of the lost packets must be repaired.
     pub(crate) fn answer(
         &mut self,
         stream: StreamId,
         lost: impl Iterator<Item = u64>,
-        (heard, wanted): (u64, usize),
+        asker: Asker,
         out: &mut Vec<Bytes>,
     ) -> Vec<u64> {
+        let Asker { heard, wanted, .. } = asker;
         let (recent, old): (Vec<u64>, Vec<u64>) =
             lost.partition(|number| wanted > 0 && !self.column(*number).is_empty());
         if recent.is_empty() {
             return old;
         }
         let of_use = |said: &Said| said.numbers.iter().any(|number| recent.contains(number));
+        let unheard = heard.max(asker.sent_from);
         let under_way = self
             .said
             .iter()
-            .filter(|said| said.end > heard && of_use(said));
+            .filter(|said| said.end > unheard && of_use(said));
         let wanted = wanted.min(recent.len());
         let mut wanted = self.redundancy.answers(wanted, under_way.count());
         // One serves all who lost what it covers, but for who had it and asks again.
@@ -234,6 +247,15 @@ mod tests {
         packet.extend_from_slice(&(number as u16).to_le_bytes());
         packet.resize(bytes, 7);
         packet
+    }
+
+    /// Who has heard of packets below a number, and wants so many parities beside all that were said since.
+    const fn asker(heard: u64, wanted: usize) -> Asker {
+        Asker {
+            heard,
+            wanted,
+            sent_from: 0,
+        }
     }
 
     fn covered(datagram: &[u8]) -> Vec<u64> {
@@ -316,11 +338,29 @@ mod tests {
         let (mut parities, _) = ten(Redundancy::Plain);
         let mut out = Vec::new();
         // The parities of packets 7 and 9 are under way to who has heard of packets below 6.
-        let old = parities.answer(STREAM, [3, 4, 5].into_iter(), (6, 3), &mut out);
+        let old = parities.answer(STREAM, [3, 4, 5].into_iter(), asker(6, 3), &mut out);
         assert!(old.is_empty());
         let said: Vec<_> = out.iter().map(|datagram| covered(datagram)).collect();
         // One would do if none were lost; with two, one time of seventy too few would arrive.
         assert_eq!(said, [[3, 4, 5], [3, 4, 5], [3, 4, 5]]);
+    }
+
+    #[test]
+    fn what_others_were_sent_is_not_under_way_to_who_was_not() {
+        let (parities, _) = ten(Redundancy::Plain);
+        // Parities of packets 7 and 9 were said since; this many are said to who was sent none, one, and both of them.
+        for (sent_from, answers) in [(u64::MAX, 2), (10, 2), (8, 1), (6, 0), (0, 0)] {
+            let mut out = Vec::new();
+            let asker = Asker {
+                sent_from,
+                ..asker(6, 1)
+            };
+            let old = parities
+                .clone()
+                .answer(STREAM, [5].into_iter(), asker, &mut out);
+            assert!(old.is_empty());
+            assert_eq!(out.len(), answers, "{sent_from}");
+        }
     }
 
     #[test]
@@ -330,7 +370,7 @@ mod tests {
         for lost in [2, 3, 5] {
             assert!(
                 parities
-                    .answer(STREAM, [lost].into_iter(), (10, 1), &mut out)
+                    .answer(STREAM, [lost].into_iter(), asker(10, 1), &mut out)
                     .is_empty()
             );
         }
@@ -349,12 +389,12 @@ mod tests {
         }
         let mut out = Vec::new();
         assert_eq!(
-            parities.answer(STREAM, [3, 99].into_iter(), (100, 1), &mut out),
+            parities.answer(STREAM, [3, 99].into_iter(), asker(100, 1), &mut out),
             [3]
         );
         assert_eq!(out.len(), 2);
         assert_eq!(
-            parities.answer(STREAM, [3, 99].into_iter(), (100, 0), &mut out),
+            parities.answer(STREAM, [3, 99].into_iter(), asker(100, 0), &mut out),
             [3, 99]
         );
         assert_eq!(out.len(), 2);
@@ -368,7 +408,7 @@ mod tests {
         for _ in 0..50 {
             // Two listeners in turn, and no tick between.
             for lost in [3, 4] {
-                parities.answer(STREAM, [lost].into_iter(), (10, 1), &mut said);
+                parities.answer(STREAM, [lost].into_iter(), asker(10, 1), &mut said);
             }
         }
         assert_eq!(said.len(), 200);

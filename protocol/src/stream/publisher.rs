@@ -34,6 +34,7 @@ use super::tracks::{Manner, Slot, Tracks};
 use super::witness::Witness;
 use crate::packet::{Age, Excess, Low16, Saying, StreamId, TrackSaying, Update, Vouch};
 use sight::Sight;
+pub use spending::InArrears;
 use spending::Spending;
 use surveying::Survey;
 
@@ -48,6 +49,8 @@ pub struct PublisherStatistics {
     pub bytes: u64,
     /// Observations that were held against tracks: a body that sleeps on is not among them.
     pub looked: u64,
+    /// Seats that were looked at, for bodies that were silent for long: those where somebody sits, and some next to them.
+    pub seats: u64,
     /// Bodies that were not told of though they were off, for want of budget, each counted at every tick.
     pub withheld: u64,
 }
@@ -220,7 +223,7 @@ impl Publisher {
         let observations = witness.at(tick).unwrap_or_default();
         let mut updates = core::mem::take(&mut self.updates);
         updates.clear();
-        self.usher.sweep(tick);
+        self.statistics.seats += self.usher.sweep(tick);
         let mut survey = self.survey.take().expect("no look is going on");
         self.survey(tick, observations, &mut survey);
         // What may hold others is spoken of first, so that what it holds is judged by where it is said to be.
@@ -419,6 +422,7 @@ impl Publisher {
             let choice = chooser.choose(&subject)?;
             Some((choice.saying, choice.track))
         });
+        let chosen = chosen.filter(|(saying, _)| self.may_say(saying));
         Some(chosen.unwrap_or_else(|| self.anew(tick, slot, observation, &truth)))
     }
 

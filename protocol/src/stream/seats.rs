@@ -4,7 +4,7 @@
 //! empty or its body's track of another age, and never takes one body for another (PROTOCOL 6.13). While something is
 //! missing it remembers who sat where, within a bound beyond which it knows of nobody.
 
-use alloc::collections::BinaryHeap;
+use alloc::collections::{BTreeSet, BinaryHeap};
 use alloc::vec::Vec;
 use core::cmp::Reverse;
 use core::num::NonZeroU32;
@@ -230,6 +230,8 @@ impl Seats {
 }
 
 /// Gives seats out: the lowest that is free.
+///
+/// Seats that were left cost nothing, however many were taken once: it is looked where somebody sits.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Usher {
     /// With the low bits of the tick at which its body was last spoken of.
@@ -239,11 +241,15 @@ pub(crate) struct Usher {
     left: Vec<u32>,
     /// Seats from here on were never taken.
     end: u32,
+    /// Where it is looked for who is silent: blocks of seats in which somebody sits, or sat at the last look.
+    blocks: BTreeSet<u32>,
     swept: Tick,
 }
 
 /// Who was silent for so many ticks loses its seat when others need one.
 const SILENT_TICKS: u64 = 60;
+/// Seats are looked at by so many: a list of them takes little room beside them.
+const BLOCK: u32 = 64;
 
 impl Usher {
     /// The seats as they are.
@@ -264,6 +270,7 @@ impl Usher {
             },
             |Reverse(seat)| seat,
         );
+        self.blocks.insert(seat / BLOCK);
         self.seats.put(seat, body, tick.value() as u32);
         (seat, true)
     }
@@ -275,25 +282,40 @@ impl Usher {
         }
     }
 
-    /// Frees the seats of those who were silent for long; to be called once a tick, before anybody speaks.
-    pub(crate) fn sweep(&mut self, tick: Tick) {
+    /// Frees the seats of those who were silent for long; to be called once a tick, before anybody speaks. Returns how many
+    /// seats it looked at.
+    pub(crate) fn sweep(&mut self, tick: Tick) -> u64 {
+        let mut looked = 0;
         if tick.value() >= self.swept.value() + SILENT_TICKS {
             self.swept = tick;
-            self.leave_the_silent(tick);
+            looked = self.leave_the_silent(tick);
         }
         self.free.extend(self.left.drain(..).map(Reverse));
+        looked
     }
 
-    fn leave_the_silent(&mut self, tick: Tick) {
-        for seat in 0..self.end {
-            let (_, spoken) = self.seats.seats[seat as usize];
-            let silent = (tick.value() as u32).wrapping_sub(spoken);
-            if let Some(body) = self.seats.body(seat)
-                && u64::from(silent) >= SILENT_TICKS
-            {
-                self.leave(body);
+    fn leave_the_silent(&mut self, tick: Tick) -> u64 {
+        let mut looked = 0;
+        let mut blocks = core::mem::take(&mut self.blocks);
+        blocks.retain(|block| {
+            let mut taken = false;
+            for seat in block * BLOCK..self.end.min((block + 1) * BLOCK) {
+                looked += 1;
+                let (_, spoken) = self.seats.seats[seat as usize];
+                let silent = (tick.value() as u32).wrapping_sub(spoken);
+                let Some(body) = self.seats.body(seat) else {
+                    continue;
+                };
+                if u64::from(silent) >= SILENT_TICKS {
+                    self.leave(body);
+                } else {
+                    taken = true;
+                }
             }
-        }
+            taken
+        });
+        self.blocks = blocks;
+        looked
     }
 }
 

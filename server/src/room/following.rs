@@ -8,7 +8,7 @@ use rhumb_protocol::{Instant, LinkReport, Peer};
 use super::Room;
 use crate::member::Want;
 use crate::outbox::Outbox;
-use crate::thin_link::Verdict;
+use crate::thin_link::{Awaited, Verdict};
 
 impl Room {
     /// A member lost touch with its stream and needs the whole scene again; it is told when the piece is read, and once
@@ -33,7 +33,7 @@ impl Room {
         };
         member.link.caught_up(with);
         if let Some(former) = member.caught_up(with) {
-            self.streams.unfollow(former);
+            self.streams.unfollow(former, peer);
         }
     }
 
@@ -73,12 +73,15 @@ impl Room {
             Verdict::Finer(to) => (to, MoveCause::Eased),
         };
         self.tell_notices(out);
-        if let Err(denial) = self.change_stream(peer, to) {
-            // Tried again with the next report.
-            tracing::debug!(peer = peer.0, ?denial, "a member is not moved");
-            return;
-        }
-        self.note_move(now, peer, verdict);
+        let awaited = match self.change_stream(peer, to) {
+            Ok(awaited) => awaited,
+            Err(denial) => {
+                // Tried again with the next report.
+                tracing::debug!(peer = peer.0, ?denial, "a member is not moved");
+                return;
+            }
+        };
+        self.note_move(now, peer, verdict, awaited);
         let tolerance = to.tolerance();
         tracing::info!(peer = peer.0, %tolerance, ?cause, "a member is moved for its link's sake");
         out.say(peer, &ServerMessage::Moved { to, cause });
@@ -86,18 +89,18 @@ impl Room {
     }
 
     /// A member is on its way to another stream. A thin link is spared the one that it leaves.
-    fn note_move(&mut self, now: Instant, peer: Peer, verdict: Verdict) {
+    fn note_move(&mut self, now: Instant, peer: Peer, verdict: Verdict, awaited: Awaited) {
         let Some(member) = self.members.get_mut(&peer) else {
             return;
         };
         let stream = member.stream();
-        member.link.moved(now, verdict, stream);
+        member.link.moved(now, verdict, awaited);
         let spared = match verdict {
             Verdict::Coarser(_) => member.caught_up(stream),
             Verdict::Finer(_) => None,
         };
         if let Some(spared) = spared {
-            self.streams.unfollow(spared);
+            self.streams.unfollow(spared, peer);
         }
     }
 
@@ -109,25 +112,27 @@ impl Room {
         if self.faulted {
             return Err(Denial::SceneFaulted);
         }
-        self.change_stream(peer, choice)?;
+        let awaited = self.change_stream(peer, choice)?;
         if let Some(member) = self.members.get_mut(&peer) {
-            member.link.choose(choice);
+            member.link.choose(choice, awaited);
         }
         Ok(())
     }
 
-    /// Has a member follow another stream, begun if nobody follows it yet.
-    fn change_stream(&mut self, peer: Peer, choice: StreamChoice) -> Result<(), Denial> {
+    /// Has a member follow another stream, begun if nobody follows it yet; returns what will show that it has the snapshot
+    /// of that.
+    fn change_stream(&mut self, peer: Peer, choice: StreamChoice) -> Result<Awaited, Denial> {
         let Some(member) = self.members.get(&peer) else {
-            return Ok(());
+            return Ok(Awaited::Word);
         };
         let (present, heard) = (member.stream(), member.streams());
         let wanted = self.streams.of_choice(choice);
         if wanted == Some(present) {
-            return Ok(());
+            return Ok(Awaited::Followed(present));
         }
         // One that it is leaving counts it already.
-        let stream = match heard.into_iter().find(|heard| Some(*heard) == wanted) {
+        let leaving = heard.into_iter().find(|heard| Some(*heard) == wanted);
+        let stream = match leaving {
             Some(leaving) => leaving,
             None => match self.streams.follow(choice)? {
                 Some(stream) => stream,
@@ -136,9 +141,12 @@ impl Room {
         };
         let member = self.members.get_mut(&peer);
         if let Some(gone) = member.and_then(|member| member.change(stream)) {
-            self.streams.unfollow(gone);
+            self.streams.unfollow(gone, peer);
         }
-        Ok(())
+        Ok(match leaving {
+            Some(leaving) => Awaited::Followed(leaving),
+            None => Awaited::Echo(stream),
+        })
     }
 
     /// A member says how far it heard: repairs what it lost and vouches for what it could not know of.
@@ -153,8 +161,13 @@ impl Room {
         echo: &Echo,
         out: &mut Outbox,
     ) {
-        let member = self.members.get_mut(&peer);
-        if !member.is_some_and(|member| member.answers_echo(stream, now)) {
+        let Some(member) = self.members.get_mut(&peer) else {
+            return;
+        };
+        if stream == member.stream() {
+            member.link.heard_echo(stream, echo.gone);
+        }
+        if !member.answers_echo(stream, now) {
             return;
         }
         let Some(stream) = self.streams.get_mut(stream) else {

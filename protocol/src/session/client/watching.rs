@@ -42,10 +42,15 @@ impl ClientSession {
         self.send_states(self.copies.echoes());
     }
 
+    /// Whether a snapshot was asked for that has not come: that of the stream again, or that of another one.
+    const fn awaits_snapshot(&self) -> bool {
+        self.resyncing || self.choosing.is_asking()
+    }
+
     /// When to ask for the whole scene again.
     pub(super) fn touch_due(&self) -> Option<Instant> {
         let due = self.touch.due()?;
-        (self.copies.have_lost_touch() && !self.resyncing).then_some(due)
+        (self.copies.have_lost_touch() && !self.awaits_snapshot()).then_some(due)
     }
 
     /// Looks at the stream after anything was heard: is something missing, or something awaited?
@@ -72,7 +77,7 @@ impl ClientSession {
         } else if settled {
             self.touch.end();
         }
-        if lost_touch && !self.resyncing && self.touch.ask(now, RESYNC_AGAIN) {
+        if lost_touch && !self.awaits_snapshot() && self.touch.ask(now, RESYNC_AGAIN) {
             self.resyncing = true;
             self.say(&ClientMessage::Resync);
         }

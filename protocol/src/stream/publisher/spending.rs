@@ -8,7 +8,7 @@ use alloc::collections::BTreeMap;
 use alloc::vec::Vec;
 
 use bytes::Bytes;
-use rhumb_reckoning::{HORIZON, Predictor, Tick};
+use rhumb_reckoning::{BodyId, HORIZON, Predictor, Tick};
 
 use super::Publisher;
 use crate::packet::{Excess, Opening, Pricing, TrackSaying, Update};
@@ -48,11 +48,25 @@ pub(super) struct Spending {
     worst: f64,
     /// A packet was said, so that the next tick begins anew.
     told: bool,
+    turns: Turns,
+}
+
+/// A body that waits for a word.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InArrears {
+    /// Which one.
+    pub body: BodyId,
+    /// How much of its tolerance its track uses: more than one where it is off.
+    pub share: f64,
+    /// Since when it waits.
+    pub since: Tick,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Waiting {
     since: Tick,
+    /// The share of its tolerance that its track used when it was passed over last.
+    share: f64,
     /// What was seen of it last, and when.
     seen: Observation,
     seen_at: Tick,
@@ -66,6 +80,38 @@ struct Due {
     since: Tick,
     /// Its track is too old to be corrected any later.
     urgent: bool,
+}
+
+/// To whom a word goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Turn {
+    Worst,
+    Eldest,
+}
+
+/// Whose turn it is, counted from tick to tick: also where a tick pays for a word or two, who waited longest has some.
+#[derive(Clone, Copy, Debug, Default)]
+struct Turns {
+    /// Words since the last one that went to who waited longest, as far as they matter.
+    since_eldest: usize,
+}
+
+impl Turns {
+    const fn next(self) -> Turn {
+        if self.since_eldest < TURNS - 1 {
+            Turn::Worst
+        } else {
+            Turn::Eldest
+        }
+    }
+
+    /// A word was given.
+    fn pass(&mut self, turn: Turn) {
+        self.since_eldest = match turn {
+            Turn::Worst => (self.since_eldest + 1).min(TURNS - 1),
+            Turn::Eldest => 0,
+        };
+    }
 }
 
 impl Due {
@@ -87,6 +133,7 @@ impl Publisher {
             waiting: BTreeMap::new(),
             worst: 1.0,
             told: false,
+            turns: Turns::default(),
         }));
     }
 
@@ -105,6 +152,25 @@ impl Publisher {
         spending.map_or(0, |spending| spending.waiting.len())
     }
 
+    /// Of the bodies that wait for a word, the one that is farthest off for its tolerance.
+    #[must_use]
+    pub fn worst_waiting(&self) -> Option<InArrears> {
+        let waiting = self.spending.as_ref()?.waiting.values();
+        let worst = waiting.max_by(|a, b| a.share.total_cmp(&b.share))?;
+        Some(InArrears {
+            body: worst.seen.id,
+            share: worst.share,
+            since: worst.since,
+        })
+    }
+
+    /// Takes from the budget what was said beside the packets and is to be paid for too.
+    pub fn pay(&mut self, bytes: usize) {
+        if let Some(spending) = &mut self.spending {
+            spending.purse.spend(bytes);
+        }
+    }
+
     /// Says what the budget allows of what is due at a tick; `before`: the tick that was spoken of before.
     pub(super) fn publish_within(
         &mut self,
@@ -118,7 +184,7 @@ impl Publisher {
         if core::mem::take(&mut spending.told) {
             spending.worst = 1.0;
         }
-        self.usher.sweep(tick);
+        self.statistics.seats += self.usher.sweep(tick);
         spending.purse.earn(tick.since(before).unwrap_or_default());
         let observations = witness.at(tick).unwrap_or_default();
         self.statistics.looked += observations.len() as u64;
@@ -216,11 +282,17 @@ impl Publisher {
             self.slack = 1.0;
         }
         let mut withheld: f64 = 1.0;
-        for due in if all { due } else { in_turn(due, tick) } {
+        let order = if all {
+            due.into_iter().map(|due| (Turn::Worst, due)).collect()
+        } else {
+            in_turn(due, tick, spending.turns)
+        };
+        for (turn, due) in order {
             if due.urgent || all || spent < allowed * 8 * 256 {
                 let update = self.judge(witness, tick, (0, &due.seen), None);
                 spent += update.as_ref().map_or(0, Self::bits_of);
                 updates.extend(update);
+                spending.turns.pass(turn);
                 // Loosened words may leave more than the tolerance.
                 let left = self.seen_slot(&due.seen);
                 let left = left.and_then(|slot| self.is_due(slot, tick, &due.seen));
@@ -229,6 +301,7 @@ impl Publisher {
             }
             let mine = Waiting {
                 since: due.since,
+                share: due.share,
                 seen: due.seen,
                 seen_at: tick,
             };
@@ -263,8 +336,8 @@ fn worse(one: f64, other: f64) -> f64 {
     }
 }
 
-/// The urgent first, then the worst; each few words one to who waited longest.
-fn in_turn(mut due: Vec<Due>, tick: Tick) -> Vec<Due> {
+/// The urgent first, then the worst; each few words one to who waited longest, counted from the last tick on.
+fn in_turn(mut due: Vec<Due>, tick: Tick, mut turns: Turns) -> Vec<(Turn, Due)> {
     due.sort_by(|a, b| {
         let by_weight = b.weight(tick).total_cmp(&a.weight(tick));
         b.urgent.cmp(&a.urgent).then(by_weight)
@@ -276,14 +349,15 @@ fn in_turn(mut due: Vec<Due>, tick: Tick) -> Vec<Due> {
     let (mut worst, mut eldest) = (0..due.len(), eldest.into_iter());
     while order.len() < due.len() {
         let is_free = |place: &usize| !taken[*place];
-        let place = if order.len() % TURNS == TURNS - 1 {
-            eldest.find(is_free)
-        } else {
-            worst.find(is_free)
+        let turn = turns.next();
+        let place = match turn {
+            Turn::Eldest => eldest.find(is_free),
+            Turn::Worst => worst.find(is_free),
         };
         let Some(place) = place else { break };
         taken[place] = true;
-        order.push(due[place]);
+        turns.pass(turn);
+        order.push((turn, due[place]));
     }
     order
 }

@@ -1,6 +1,6 @@
 //! How a subscriber takes in what is said of bodies, and whom it means.
 
-use rhumb_reckoning::{DenseTrack, Quartet, Tick};
+use rhumb_reckoning::{BodyId, DenseTrack, Quartet, Tick};
 
 use super::Subscriber;
 use crate::packet::{Saying, Update};
@@ -66,12 +66,17 @@ impl Subscriber {
             self.take_overtaken(index, tick, saying);
         }
         heard?;
-        let carrier = self.tracks.slot(index).and_then(Slot::carrier);
-        if carrier.is_some() && before.is_none_or(|before| before.carrier().is_none()) {
-            self.held_indices.push(index);
-        }
+        self.note_held(index, before.and_then(|before| before.carrier()));
         self.note_heard(index, before);
         Ok(())
+    }
+
+    /// Notes a body that another holds now, if none did before.
+    pub(super) fn note_held(&mut self, index: u32, before: Option<BodyId>) {
+        let carrier = self.tracks.slot(index).and_then(Slot::carrier);
+        if carrier.is_some() && before.is_none() {
+            self.held_indices.push(index);
+        }
     }
 
     /// A body has another track than it had before.

@@ -265,8 +265,11 @@ impl Subscriber {
         };
         for record in repair.records.iter().filter(|record| record.index == index) {
             let origin = as_of.before(record.age).ok_or(Malformed::OutOfRange)?;
+            let holder = self.tracks.slot(index).and_then(Slot::carrier);
             if self.tracks.set_track(index, record.whole.track(origin)) {
+                self.note_held(index, holder);
                 self.seats.dismiss(index);
+                self.older.retain(|(of, _)| *of != index);
                 self.lose_before(index);
                 self.touch(index);
                 self.statistics.amended += 1;
@@ -289,8 +292,17 @@ impl Subscriber {
         }
         let lost = repair.lost.expand(self.gaps.next());
         if lost >= self.gaps.next() {
-            return self.amend(as_of, repair);
+            self.amend(as_of, repair)?;
+        } else if self.gaps.lacks(lost) {
+            self.make_good(lost, as_of, repair)?;
         }
+        self.touch_held();
+        Ok(())
+    }
+
+    /// Takes in a repair of a packet that is missing. One of a packet that was heard says nothing that is not known, or is
+    /// the answer to a doubt, which came too late.
+    fn make_good(&mut self, lost: u64, as_of: Tick, repair: &Repair) -> Result<(), Malformed> {
         self.statistics.repairs += 1;
         self.seats.repair(as_of);
         for record in &repair.records {
@@ -310,9 +322,7 @@ impl Subscriber {
                 .hear(record.index, origin, &whole, Former::default())
                 .is_ok()
             {
-                if record.whole.carrier.is_some() && holder.is_none() {
-                    self.held_indices.push(record.index);
-                }
+                self.note_held(record.index, holder);
                 self.touch(record.index);
             }
             self.lose_before(record.index);
@@ -327,7 +337,6 @@ impl Subscriber {
             self.read_again_after(lost, &mut updates);
             self.updates = updates;
         }
-        self.touch_held();
         Ok(())
     }
 }
