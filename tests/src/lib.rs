@@ -22,7 +22,7 @@ mod walk;
 mod witness;
 
 pub use avatar::Avatars;
-pub use plugin::{PluginTalk, Recording, hear};
+pub use plugin::{PluginTalk, Recording, falling, hear};
 pub use process::{Ended, Programme, ServerProcess};
 pub use rude::Rude;
 pub use seed::{Dice, seed};

@@ -4,9 +4,13 @@
 //! a copy of its first message. `PluginTalk` plays them to a host without sockets and keeps what comes back, message by
 //! message, after checking that none of it would hurt the plug-in.
 
+use std::collections::BTreeMap;
 use std::net::SocketAddr;
 
-use rhumb_app::{Frames, Kind, Message};
+use glam::{Quat, Vec3};
+use rhumb_app::{
+    AttachShape, CreateDynamicActor, Frames, Id, Kind, Logon, Message, Motion, SetWorld, Surface,
+};
 use rhumb_protocol::{Instant, Peer};
 use rhumb_server::Host;
 use rhumb_transport::{AppEndpoint, AppTransmit};
@@ -83,8 +87,16 @@ pub struct PluginTalk {
     pub lasting: Vec<Message>,
     /// What came by datagram.
     pub passing: Vec<Message>,
+    /// Every state in the order in which it came, on either way, each with the frame that it came in; the first is 1.
+    pub states: Vec<(usize, Motion)>,
+    /// Bytes that wait on its TCP, as the host is told before it hears something.
+    pub waiting_bytes: usize,
+    /// Bytes that came on TCP.
+    pub stream_bytes: usize,
     /// Whether the host closed the connection.
     pub closed: bool,
+    /// One more than frames are over.
+    frame: usize,
     frames: Frames,
 }
 
@@ -104,6 +116,10 @@ impl PluginTalk {
             from: udp,
             lasting: Vec::new(),
             passing: Vec::new(),
+            states: Vec::new(),
+            waiting_bytes: 0,
+            stream_bytes: 0,
+            frame: 1,
             closed: false,
             frames: Frames::default(),
         }
@@ -111,6 +127,7 @@ impl PluginTalk {
 
     /// Says bytes, and hears what the host answers to anybody.
     pub fn say(&mut self, host: &mut Host, bytes: &[u8]) {
+        host.handle_app_waiting(Instant::ZERO, self.peer, self.waiting_bytes);
         host.handle_app_bytes(Instant::ZERO, self.peer, bytes);
         let mut others = [];
         hear(host, self, &mut others);
@@ -121,16 +138,21 @@ impl PluginTalk {
         host.handle_app_ended(Instant::ZERO, self.peer);
     }
 
-    /// The last state of each actor, from either transport, in order of hearing within each.
+    /// The last state of each actor, whichever way it came.
     #[must_use]
-    pub fn last_states(&self) -> std::collections::BTreeMap<u32, rhumb_app::Motion> {
-        let mut last = std::collections::BTreeMap::new();
-        for message in self.passing.iter().chain(&self.lasting) {
-            if let Message::SetDynamicActor(motion) = message {
-                last.insert(motion.actor.object, *motion);
-            }
-        }
-        last
+    pub fn last_states(&self) -> BTreeMap<u32, Motion> {
+        let states = self.states.iter();
+        states
+            .map(|(_, state)| (state.actor.object, *state))
+            .collect()
+    }
+
+    /// The states of one actor, by the frames that they came in; the last of each.
+    #[must_use]
+    pub fn track(&self, object: u32) -> BTreeMap<usize, Motion> {
+        let states = self.states.iter();
+        let its = states.filter(|(_, state)| state.actor.object == object);
+        its.copied().collect()
     }
 
     /// How often it heard something.
@@ -144,8 +166,10 @@ impl PluginTalk {
         match transmit {
             AppTransmit::Bytes { bytes, .. } => {
                 assert!(bytes.len() <= PIECE_BYTES_MAX, "a read may cut it");
+                self.stream_bytes += bytes.len();
                 self.frames.push(bytes);
                 while let Some(framed) = self.frames.next_message().expect("messages") {
+                    self.note(&framed.message);
                     self.lasting.push(framed.message);
                 }
                 let whole = self.frames.next_message();
@@ -157,9 +181,18 @@ impl PluginTalk {
                 let index = u32::from_be_bytes(bytes[4..8].try_into().expect("four bytes"));
                 message.encode(index, &mut again);
                 assert_eq!(&again[..], &bytes[..], "one message in a datagram");
+                self.note(&message);
                 self.passing.push(message);
             }
             AppTransmit::Close { .. } => self.closed = true,
+        }
+    }
+
+    fn note(&mut self, message: &Message) {
+        match message {
+            Message::SetDynamicActor(state) => self.states.push((self.frame, *state)),
+            Message::TimeAdvanced(_) => self.frame += 1,
+            _ => {}
         }
     }
 }
@@ -184,4 +217,54 @@ pub fn hear(host: &mut Host, first: &mut PluginTalk, others: &mut [&mut PluginTa
             .unwrap_or_else(|| panic!("{transmit:?} is for nobody"))
             .take(&transmit);
     }
+}
+
+/// What a client says that has so many balls fall for ever, none of which touches another; its frames are still to come.
+#[must_use]
+pub fn falling(simulation: u32, balls: u32) -> Vec<u8> {
+    let id = |object| Id { simulation, object };
+    let mut bytes = Vec::new();
+    let mut say = |message: &Message| message.encode(0, &mut bytes);
+    say(&Message::Logon(Logon::new(simulation, "falling")));
+    say(&Message::SetWorld(SetWorld {
+        plane: id(0),
+        gravity: Vec3::new(0.0, 0.0, -10.0),
+        static_friction: 0.5,
+        kinetic_friction: 0.5,
+        restitution: 0.0,
+        margin: 0.0,
+        // So deep that there is none.
+        height: -1e5,
+        normal: Vec3::Z,
+    }));
+    say(&Message::AddSphere((id(100), Vec3::ZERO, 0.5)));
+    for ball in 0..balls {
+        let actor = id(1_000 + ball);
+        let place = Vec3::new((ball % 32) as f32, (ball / 32) as f32, 0.0);
+        let motion = Motion {
+            actor,
+            position: place * 3.0,
+            rotation: Quat::IDENTITY,
+            gravity_modifier: 1.0,
+            linear: Vec3::ZERO,
+            angular: Vec3::ZERO,
+        };
+        say(&Message::CreateDynamicActor(CreateDynamicActor {
+            motion,
+            flags: 0,
+        }));
+        say(&Message::AttachShape(AttachShape {
+            actor,
+            shape: id(100),
+            surface: Surface {
+                density: 1_000.0,
+                static_friction: 0.5,
+                kinetic_friction: 0.5,
+                restitution: 0.0,
+            },
+            rotation: Quat::IDENTITY,
+            position: Vec3::ZERO,
+        }));
+    }
+    bytes
 }

@@ -3,6 +3,7 @@
 //! Proved by writing recordings of the plug-in to the sockets of the server's own command line, as fast as they are taken,
 //! and by a native client that watches the scene that they lead. Waiting is a read with its patience, never a sleep.
 
+use std::collections::BTreeSet;
 use std::io::{Read, Write};
 use std::net::{TcpStream, UdpSocket};
 use std::time::Duration;
@@ -10,7 +11,7 @@ use std::time::Duration;
 use rhumb_app::{Frames, Kind, Message};
 use rhumb_client::scene::Shape;
 use rhumb_client::{Client, ClientError, Entry, Options, Trust};
-use rhumb_tests::{Programme, Recording, ServerProcess};
+use rhumb_tests::{Programme, Recording, ServerProcess, falling};
 
 const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
 const ANYWHERE: &str = "127.0.0.1:0";
@@ -33,9 +34,14 @@ const LOOPBACK: &str = "loopback works";
 
 impl Plugin {
     fn connect(server: &ServerProcess, recording: &Recording) -> Self {
+        Self::connect_saying(server, recording.datagram())
+    }
+
+    /// Connects, and says something by datagram.
+    fn connect_saying(server: &ServerProcess, datagram: &[u8]) -> Self {
         let app = server.app.expect("it listens for such clients");
         let udp = UdpSocket::bind(ANYWHERE).expect(LOOPBACK);
-        udp.send_to(recording.datagram(), app).expect(LOOPBACK);
+        udp.send_to(datagram, app).expect(LOOPBACK);
         udp.set_read_timeout(Some(PATIENCE)).expect(LOOPBACK);
         let tcp = TcpStream::connect(app).expect(LOOPBACK);
         tcp.set_read_timeout(Some(PATIENCE)).expect(LOOPBACK);
@@ -146,4 +152,50 @@ fn noise_ends_its_own_connection_with_a_reason() {
     let log = server.wait().log;
     assert!(log.contains("version 18245 is not spoken here"), "{log}");
     assert!(log.contains("the first message was no logon"), "{log}");
+}
+
+/// What one frame says of its length, for a simulation.
+fn frame(simulation: u32) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    Message::AdvanceTime((simulation, 0.089)).encode(0, &mut bytes);
+    bytes
+}
+
+#[test]
+fn a_client_whose_datagram_is_lost_is_told_of_a_thousand_bodies_for_as_long_as_it_likes() {
+    const BODIES: u32 = 1_000;
+    // Many times more than the four megabytes that may wait for a client, if all were said of all of them.
+    const FRAMES: usize = 150;
+    let server = SERVER.serve_app(ANYWHERE, &[]);
+    let mut plugin = Plugin::connect_saying(&server, b"no logon");
+    plugin.say(&falling(7, BODIES));
+    // Another client's frames tell when the first one's were read: so each comes in a read of its own, as it does from a
+    // plug-in, but faster.
+    let mut beside = Plugin::connect_saying(&server, b"no logon");
+    beside.say(&falling(8, 0));
+    for _ in 0..FRAMES {
+        plugin.say(&frame(7));
+        beside.say(&frame(8));
+        beside.hear(Some(1));
+    }
+    let over = |heard: &[Message]| {
+        let over = heard.iter().filter(|m| m.kind() == Kind::TimeAdvanced);
+        over.count()
+    };
+    assert_eq!(over(&plugin.hear(Some(FRAMES))), FRAMES, "it was closed");
+    // Once it has heard all, everybody is spoken of within two frames.
+    let mut told = BTreeSet::new();
+    for _ in 0..2 {
+        plugin.say(&frame(7));
+        let heard = plugin.hear(Some(1));
+        assert_eq!(over(&heard), 1, "it was closed");
+        told.extend(heard.iter().filter_map(|message| match message {
+            Message::SetDynamicActor(state) => Some(state.actor.object),
+            _ => None,
+        }));
+    }
+    assert_eq!(told.len(), BODIES as usize);
+    server.signal("TERM");
+    let log = server.wait().log;
+    assert!(!log.contains("reads too slowly"), "{log}");
 }

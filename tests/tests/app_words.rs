@@ -21,8 +21,13 @@ const fn id(object: u32) -> Id {
 }
 
 fn say(host: &mut Host, talk: &mut PluginTalk, message: &Message) {
+    say_as(host, talk, 0, message);
+}
+
+/// Says a message under an index.
+fn say_as(host: &mut Host, talk: &mut PluginTalk, index: u32, message: &Message) {
     let mut bytes = Vec::new();
-    message.encode(0, &mut bytes);
+    message.encode(index, &mut bytes);
     talk.say(host, &bytes);
 }
 
@@ -139,6 +144,31 @@ fn joints_hold_actors_together_and_to_the_world() {
     let first = talk.last_states()[&10].position;
     assert!(first.z < 19.0, "what nothing holds falls: {first}");
     assert_eq!(talk.heard(Kind::Error), 0);
+}
+
+#[test]
+fn what_fails_only_at_a_frame_is_laid_to_the_last_message_about_it() {
+    let (mut host, mut talk) = logged_on();
+    ball(&mut host, &mut talk, 10, Vec3::new(0.0, 0.0, 20.0));
+    let to_itself = joint(1, grip(10, Vec3::ZERO), grip(10, Vec3::X), Vec3::ZERO);
+    say_as(&mut host, &mut talk, 41, &to_itself);
+    // Where an actor may be, but not its middle.
+    ball(&mut host, &mut talk, 11, Vec3::new(1e5, 0.0, 0.0));
+    let off_its_middle = Message::AttachShape(AttachShape {
+        actor: id(11),
+        shape: id(11),
+        surface: STONE,
+        rotation: Quat::IDENTITY,
+        position: Vec3::new(10.0, 0.0, 0.0),
+    });
+    say_as(&mut host, &mut talk, 42, &off_its_middle);
+    say_as(&mut host, &mut talk, 43, &FRAME);
+    let blamed = talk.lasting.iter().filter_map(|message| match message {
+        Message::Error(fault) => Some(fault.index),
+        _ => None,
+    });
+    assert_eq!(blamed.collect::<Vec<_>>(), [42, 41]);
+    assert_eq!(talk.heard(Kind::TimeAdvanced), 1);
 }
 
 /// Words about few things.

@@ -8,7 +8,7 @@ use core::num::NonZeroU32;
 
 use bytes::Bytes;
 use glam::Vec3;
-use rhumb_app::{Fault, Framed, Id, Message, Session};
+use rhumb_app::{Fault, Framed, HEADER_BYTES, Id, Message, Session};
 use rhumb_protocol::Peer;
 use rhumb_protocol::scene::{Cadence, IdRange, Pace as ScenePace, SceneName, SceneTerms};
 use rhumb_reckoning::{Damping, Integrator};
@@ -18,8 +18,8 @@ use super::ledger::{Answer, Ledger, MATERIAL, Push};
 use super::mail::Mail;
 use super::options::{AppOptions, TimeAdvanced};
 use super::pace::Pace;
-use super::refusal::Refusal;
-use super::telling::{Telling, Told};
+use super::refusal::{Refusal, Refused};
+use super::telling::{Manner, Telling, Told, Way};
 use crate::outbox::Outbox;
 use crate::room::{Room, Stopwatch};
 
@@ -28,7 +28,7 @@ use crate::room::{Room, Stopwatch};
 pub(super) struct Guest {
     pub(super) session: Session,
     pub(super) address: IpAddr,
-    pub(super) simulation: Option<u32>,
+    pub(super) standing: Standing,
     /// Where its states go; on TCP while it is not known.
     pub(super) states_to: Option<SocketAddr>,
     /// Its scene, once there was a frame.
@@ -40,12 +40,26 @@ pub(super) struct Guest {
     refusals: u32,
 }
 
+/// Where a client stands with its host.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Standing {
+    /// It has not logged on.
+    Silent,
+    /// It has, under this number, which no other has.
+    Leads(u32),
+    /// It was sent away, or went: it is not heard any more, and has no scene.
+    Parted,
+}
+
 /// What a client has of its scene.
 #[derive(Debug)]
 pub(super) struct Scene {
     pub(super) name: SceneName,
-    range: IdRange,
-    pace: Pace,
+    /// Whose it is.
+    pub(super) simulation: u32,
+    /// The indices that its bodies may have.
+    pub(super) range: IdRange,
+    pub(super) pace: Pace,
 }
 
 /// What a client's word asks of the host.
@@ -61,6 +75,8 @@ pub(super) enum Asked {
 
 /// Refusals that are told and logged between two frames; more are of no use to anybody.
 const REFUSALS_MAX: u32 = 16;
+/// Bytes of a state.
+const STATE_BYTES: usize = HEADER_BYTES + 64;
 /// As bodies of the paper's engine have it by default.
 const DAMPING: Damping = Damping {
     linear: 0.0,
@@ -73,7 +89,7 @@ impl Guest {
         Self {
             session: Session::default(),
             address,
-            simulation: None,
+            standing: Standing::Silent,
             states_to: None,
             scene: None,
             ledger: Ledger::default(),
@@ -91,36 +107,48 @@ impl Guest {
             Message::AdvanceTime((_, seconds)) => return Asked::Frame(seconds),
             _ => {}
         }
-        match self.ledger.hear(&framed.message) {
+        match self.ledger.hear(framed) {
             Ok(Answer::Nothing) => {}
             Ok(Answer::Mass(mass)) => {
                 if let Message::GetMass(id) = framed.message {
                     self.say_mass(id.object, mass);
                 }
             }
-            Err(refusal) => self.refuse(framed.index, refusal),
+            Err(refusal) => self.refuse(Refused::at_once(framed.index, refusal)),
         }
         Asked::Nothing
     }
 
-    fn id(&self, object: u32) -> Id {
-        let simulation = self.simulation.unwrap_or_default();
-        Id { simulation, object }
+    /// The number under which it has logged on, while it leads something.
+    pub(super) const fn simulation(&self) -> Option<u32> {
+        match self.standing {
+            Standing::Leads(simulation) => Some(simulation),
+            Standing::Silent | Standing::Parted => None,
+        }
     }
 
-    fn say_mass(&mut self, actor: u32, mass: f32) {
-        let message = Message::UpdateMass((self.id(actor), mass));
-        self.mail.lasting(&message);
+    fn say_mass(&mut self, object: u32, mass: f32) {
+        // Who has not logged on has asked nothing.
+        let Some(simulation) = self.simulation() else {
+            return;
+        };
+        let actor = Id { simulation, object };
+        self.mail.lasting(&Message::UpdateMass((actor, mass)));
     }
 
     /// A message was not done: its sender is told, which the published plug-in passes over, and so is the log.
-    pub(super) fn refuse(&mut self, index: u32, refusal: Refusal) {
+    pub(super) fn refuse(&mut self, refused: Refused) {
         self.refusals += 1;
         if self.refusals > REFUSALS_MAX {
             return;
         }
-        let simulation = self.simulation;
-        tracing::warn!(simulation, index, %refusal, "a message of an app client was not done");
+        let simulation = self.simulation();
+        let Refused {
+            index,
+            actor,
+            refusal,
+        } = refused;
+        tracing::warn!(simulation, index, actor, %refusal, "a message of an app client was not done");
         let text = refusal.to_string();
         self.mail.lasting(&Message::Error(Fault { index, text }));
     }
@@ -143,11 +171,6 @@ impl Guest {
         Ok((terms, pace))
     }
 
-    /// It leads a scene from now on.
-    pub(super) fn begin(&mut self, name: SceneName, range: IdRange, pace: Pace) {
-        self.scene = Some(Scene { name, range, pace });
-    }
-
     /// A frame: what was said is done, time passes, and what came of it is said.
     pub(super) fn frame(
         &mut self,
@@ -157,6 +180,7 @@ impl Guest {
     ) -> Result<(), Refusal> {
         let scene = self.scene.as_mut().ok_or(Refusal::Time)?;
         let owed = scene.pace.ticks(seconds).ok_or(Refusal::Time)?;
+        let simulation = scene.simulation;
         let FrameAt {
             leader,
             room,
@@ -190,26 +214,28 @@ impl Guest {
         for (actor, mass) in realised.masses {
             self.say_mass(actor, mass);
         }
-        for (actor, refusal) in realised.refused {
-            self.refuse(actor, refusal);
+        for refused in realised.refused {
+            self.refuse(refused);
         }
         let begun = clock();
-        self.tell(lead.room, options);
+        self.tell(simulation, lead.room, options);
         lead.room.note_telling(clock().since(begun));
         Ok(())
     }
 
     /// Says states, contacts, and that the frame is over.
-    fn tell(&mut self, room: &Room, options: &AppOptions) {
-        let simulation = self.simulation.unwrap_or_default();
+    fn tell(&mut self, simulation: u32, room: &Room, options: &AppOptions) {
+        let manner = Manner {
+            states: options.states,
+            way: match self.states_to {
+                Some(_) => Way::Datagrams,
+                None => Way::Stream,
+            },
+            room: self.mail.room() / STATE_BYTES,
+        };
         let mut told = Told::default();
-        self.telling.tell(
-            simulation,
-            options.states,
-            &self.ledger,
-            room.scene(),
-            &mut told,
-        );
+        self.telling
+            .tell(simulation, &manner, &self.ledger, room.scene(), &mut told);
         let over = Message::TimeAdvanced(simulation);
         for message in &told.passing {
             self.mail
@@ -218,10 +244,13 @@ impl Guest {
         for message in &told.lasting {
             self.mail.lasting(message);
         }
-        match options.time_advanced {
-            TimeAdvanced::Tcp => self.mail.lasting(&over),
-            TimeAdvanced::Udp => self.mail.passing(&over, self.states_to, options.datagrams),
-            TimeAdvanced::Never => {}
+        match (options.time_advanced, manner.way) {
+            (TimeAdvanced::Never, _) => {}
+            (TimeAdvanced::Udp, Way::Datagrams) => {
+                self.mail.passing(&over, self.states_to, options.datagrams);
+            }
+            // Where states fill what there is, nothing but this says that time goes on.
+            (TimeAdvanced::Tcp, _) | (TimeAdvanced::Udp, Way::Stream) => self.mail.lasting(&over),
         }
         self.mail.flush(self.states_to);
     }

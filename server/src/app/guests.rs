@@ -12,9 +12,9 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Instant, Peer};
 use rhumb_transport::{AppEndpoint, AppTransmit};
 
-use super::guest::{Asked, FrameAt, Guest};
+use super::guest::{Asked, FrameAt, Guest, Scene, Standing};
 use super::options::AppOptions;
-use super::refusal::Refusal;
+use super::refusal::{Refusal, Refused};
 use crate::host::Host;
 
 /// The clients of one host.
@@ -69,7 +69,7 @@ impl Guests {
     }
 
     fn is_taken(&self, simulation: u32, by_other_than: Peer) -> bool {
-        let leads = |guest: &Guest| guest.simulation == Some(simulation);
+        let leads = |guest: &Guest| guest.simulation() == Some(simulation);
         let mut guests = self.guests.iter();
         guests.any(|(peer, guest)| *peer != by_other_than && leads(guest))
     }
@@ -109,7 +109,7 @@ impl Host {
         let ip = self.guests.guests.get(&peer).map(|guest| guest.address);
         let states_to = ip.and_then(|ip| self.guests.claim_stray(simulation, ip));
         if let Some(guest) = self.guests.guests.get_mut(&peer) {
-            guest.simulation = Some(simulation);
+            guest.standing = Standing::Leads(simulation);
             guest.states_to = states_to;
             guest.mail.lasting(&Message::LogonReady(simulation));
             tracing::info!(peer = peer.0, simulation, "an app client logged on");
@@ -134,7 +134,7 @@ impl Host {
                 // The next frame may be of another length.
                 Refusal::Time => {
                     if let Some(guest) = self.guests.guests.get_mut(&peer) {
-                        guest.refuse(index, refusal);
+                        guest.refuse(Refused::at_once(index, refusal));
                     }
                     Ok(())
                 }
@@ -156,7 +156,7 @@ impl Host {
             ticks_left,
         };
         if let Err(refusal) = guest.frame(seconds, at, &self.guests.options) {
-            guest.refuse(index, refusal);
+            guest.refuse(Refused::at_once(index, refusal));
         }
         let name = guest.scene.as_ref().map(|scene| &scene.name);
         let room = name.and_then(|name| self.rooms.get(name));
@@ -170,8 +170,11 @@ impl Host {
         let Some(guest) = self.guests.guests.get(&peer) else {
             return Ok(());
         };
+        // Only who has logged on has frames.
+        let Some(simulation) = guest.simulation() else {
+            return Ok(());
+        };
         let (terms, pace) = guest.terms(seconds)?;
-        let simulation = guest.simulation.unwrap_or_default();
         let name: SceneName = format!("app/{simulation}")
             .parse()
             .expect("a number names a scene");
@@ -180,17 +183,22 @@ impl Host {
         let range = room.and_then(|room| room.lead(peer));
         let range = range.ok_or(Refusal::TooMany)?;
         if let Some(guest) = self.guests.guests.get_mut(&peer) {
-            guest.begin(name, range, pace);
+            guest.scene = Some(Scene {
+                name,
+                simulation,
+                range,
+                pace,
+            });
         }
         Ok(())
     }
 
-    /// A client is gone, and its scene with it.
+    /// A client is gone or sent away, and its scene with it.
     fn dismiss(&mut self, peer: Peer) {
         let Some(guest) = self.guests.guests.get_mut(&peer) else {
             return;
         };
-        guest.simulation = None;
+        guest.standing = Standing::Parted;
         if let Some(scene) = guest.scene.take() {
             self.end_scene(&scene.name);
         }
@@ -202,10 +210,21 @@ impl AppEndpoint for Host {
         self.guests.guests.insert(peer, Guest::new(from.ip()));
     }
 
-    fn handle_app_bytes(&mut self, _now: Instant, from: Peer, bytes: &[u8]) {
-        if let Some(guest) = self.guests.guests.get_mut(&from) {
-            guest.session.handle_bytes(bytes);
+    fn handle_app_waiting(&mut self, _now: Instant, peer: Peer, bytes: usize) {
+        if let Some(guest) = self.guests.guests.get_mut(&peer) {
+            guest.mail.note_line(bytes);
         }
+    }
+
+    fn handle_app_bytes(&mut self, _now: Instant, from: Peer, bytes: &[u8]) {
+        let Some(guest) = self.guests.guests.get_mut(&from) else {
+            return;
+        };
+        // Until its connection is closed, who was sent away may go on talking.
+        if guest.standing == Standing::Parted {
+            return;
+        }
+        guest.session.handle_bytes(bytes);
         if let Err(parting) = self.hear_guest(from) {
             tracing::warn!(peer = from.0, %parting, "closing the connection of an app client");
             self.dismiss(from);
@@ -220,7 +239,7 @@ impl AppEndpoint for Host {
         };
         // Whose states go somewhere already keeps them, whoever else names its simulation.
         let waits = |guest: &&mut Guest| {
-            guest.simulation == Some(logon.simulation)
+            guest.simulation() == Some(logon.simulation)
                 && guest.address == from.ip()
                 && guest.states_to.is_none()
         };

@@ -4,10 +4,10 @@
 //! and materials come in ten messages becomes a body once. What the published plug-in gets wrong is lived with here: names
 //! that nobody defined, shapes that go while they are in use or come twice, words about actors that are gone.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use glam::{Quat, Vec3};
-use rhumb_app::{AddJoint, AttachShape, Message, Motion, SetWorld, Surface};
+use rhumb_app::{AddJoint, AttachShape, Framed, Message, Motion, SetWorld, Surface};
 use rhumb_protocol::limits::{
     ANGULAR_MAX, BODIES_MAX, COORDINATE_MAX, GRAVITY_MAX, GRAVITY_SCALE_MAX, JOINTS_MAX,
     LINEAR_MAX, PARTS_BYTES_MAX, PARTS_MAX,
@@ -32,9 +32,12 @@ pub(super) struct Ledger {
     pub(super) joints: BTreeMap<u32, Held>,
     /// The number in the scene of the joint that was held last.
     pub(super) last_joint: u32,
-    /// Actors that were touched since the last frame, in the order in which they were.
+    /// Actors that were touched since the last frame, in the order in which they were first.
     touched: Vec<u32>,
-    touched_once: BTreeSet<u32>,
+    /// The index of the message that touched each of them last.
+    touched_by: BTreeMap<u32, u32>,
+    /// The index of the message that is heard.
+    hearing: u32,
     /// Names in the scene of bodies that are to go.
     pub(super) doomed: Vec<super::actor::Body>,
     pub(super) loosened: Vec<JointId>,
@@ -51,6 +54,8 @@ pub(super) struct Ledger {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Held {
     pub(super) told: AddJoint,
+    /// The index of the message that told it.
+    pub(super) index: u32,
     pub(super) name: Option<JointId>,
 }
 
@@ -92,8 +97,9 @@ impl Ledger {
     /// # Errors
     ///
     /// [`Refusal`] says why nothing of it was done. What is said of things that are not there is passed over.
-    pub(super) fn hear(&mut self, message: &Message) -> Result<Answer, Refusal> {
-        match message {
+    pub(super) fn hear(&mut self, framed: &Framed) -> Result<Answer, Refusal> {
+        self.hearing = framed.index;
+        match &framed.message {
             Message::SetWorld(world) => self.set_world(world)?,
             Message::CreateStaticActor(told) => {
                 let actor = Actor::new(BodyKind::Static, told.position, told.rotation);
@@ -269,15 +275,19 @@ impl Ledger {
     }
 
     fn touch(&mut self, name: u32) {
-        if self.touched_once.insert(name) {
+        if self.touched_by.insert(name, self.hearing).is_none() {
             self.touched.push(name);
         }
     }
 
-    /// Actors to look at, in the order in which they were touched; none after.
-    pub(super) fn take_touched(&mut self) -> Vec<u32> {
-        self.touched_once.clear();
-        std::mem::take(&mut self.touched)
+    /// Actors to look at, in the order in which they were touched, each with the index of the message that was about it last;
+    /// none after.
+    pub(super) fn take_touched(&mut self) -> Vec<(u32, u32)> {
+        let by = std::mem::take(&mut self.touched_by);
+        let touched = std::mem::take(&mut self.touched).into_iter();
+        touched
+            .filter_map(|name| Some((name, *by.get(&name)?)))
+            .collect()
     }
 
     fn wish_position(&mut self, name: u32, position: Vec3) -> Result<(), Refusal> {
@@ -371,6 +381,7 @@ impl Ledger {
         self.unjoin(name);
         let held = Held {
             told: *told,
+            index: self.hearing,
             name: None,
         };
         self.joints.insert(name, held);

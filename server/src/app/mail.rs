@@ -20,6 +20,8 @@ pub(super) struct Mail {
     piece: Vec<u8>,
     pieces: VecDeque<Bytes>,
     pieces_bytes: usize,
+    /// Bytes that were handed on and have not left yet, as was heard last.
+    line_bytes: usize,
     datagram: Vec<u8>,
     datagrams: VecDeque<(SocketAddr, Bytes)>,
 }
@@ -28,7 +30,8 @@ pub(super) struct Mail {
 const PIECE_BYTES_MAX: usize = 1_400;
 /// Bytes of a packed datagram: what fits a packet of an Ethernet.
 const DATAGRAM_BYTES_MAX: usize = 1_472;
-/// Bytes that may wait for TCP beyond which states that could have gone by datagram are dropped: newer ones will come.
+/// Bytes that wait for TCP, here and on the line, beyond which nothing is added that newer words supersede: a seventh of a
+/// second at the pace of a line.
 const PASSING_WAIT_MAX: usize = 64 << 10;
 
 impl Mail {
@@ -36,6 +39,17 @@ impl Mail {
         let index = u32::from(self.counter) << 16;
         self.counter = self.counter.wrapping_add(1);
         index
+    }
+
+    /// So many bytes that were handed on have not left yet.
+    pub(super) const fn note_line(&mut self, bytes: usize) {
+        self.line_bytes = bytes;
+    }
+
+    /// Bytes that TCP still takes of what newer words supersede.
+    pub(super) fn room(&self) -> usize {
+        let waiting = self.line_bytes + self.pieces_bytes + self.piece.len();
+        PASSING_WAIT_MAX.saturating_sub(waiting)
     }
 
     /// To be delivered, in order.
@@ -58,7 +72,7 @@ impl Mail {
         datagrams: Datagrams,
     ) {
         let Some(to) = to else {
-            if self.pieces_bytes < PASSING_WAIT_MAX {
+            if self.room() > 0 {
                 self.lasting(message);
             }
             return;
@@ -168,5 +182,21 @@ mod tests {
         let (pieces, datagrams) = drain(&mut mail);
         assert!(pieces.iter().sum::<usize>() < PASSING_WAIT_MAX + 2 * PIECE_BYTES_MAX);
         assert!(datagrams.is_empty());
+    }
+
+    #[test]
+    fn what_waits_on_the_line_counts_and_holds_back_only_what_passes() {
+        let mut mail = Mail::default();
+        mail.note_line(PASSING_WAIT_MAX);
+        assert_eq!(mail.room(), 0);
+        mail.passing(&Message::TimeAdvanced(7), None, Datagrams::Single);
+        assert_eq!(drain(&mut mail), (vec![], vec![]));
+        mail.lasting(&Message::TimeAdvanced(7));
+        assert_eq!(drain(&mut mail), (vec![28], vec![]));
+        mail.note_line(PASSING_WAIT_MAX - 1);
+        for _ in 0..2 {
+            mail.passing(&Message::TimeAdvanced(7), None, Datagrams::Single);
+        }
+        assert_eq!(drain(&mut mail), (vec![28], vec![]));
     }
 }

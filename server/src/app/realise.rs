@@ -13,18 +13,18 @@ use super::actor::{Actor, Body, Wish};
 use super::form::{Form, Frame, form};
 use super::joint;
 use super::lead::Lead;
-use super::ledger::{Ledger, MATERIAL};
+use super::ledger::{Held, Ledger, MATERIAL};
 use super::lifting::lift;
 use super::names::Names;
-use super::refusal::Refusal;
+use super::refusal::{Refusal, Refused};
 
 /// What came of it that the client should hear.
 #[derive(Debug, Default)]
 pub(super) struct Realised {
     /// Masses that are others than were told, kg, by actor.
     pub(super) masses: Vec<(u32, f32)>,
-    /// What could not be done, by actor.
-    pub(super) refused: Vec<(u32, Refusal)>,
+    /// What could not be done.
+    pub(super) refused: Vec<Refused>,
 }
 
 /// Where an actor is, and how it moves.
@@ -49,13 +49,14 @@ impl Ledger {
             self.names.give_back(body.id);
         }
         let mut grounds = Vec::new();
-        for name in self.take_touched() {
+        for (name, index) in self.take_touched() {
             let Some(mut actor) = self.actors.remove(&name) else {
                 continue;
             };
             let before = actor.body.map(|body| body.id);
             if let Err(refusal) = self.realise_actor(name, &mut actor, lead, &mut realised) {
-                realised.refused.push((name, refusal));
+                let refused = Refused::at_frame(index, name, refusal);
+                realised.refused.push(refused);
             }
             let ground = actor.body.map(|body| body.id);
             let is_new = ground != before && actor.kind == BodyKind::Static;
@@ -191,11 +192,11 @@ impl Ledger {
             .map(|(name, _)| *name)
             .collect();
         for name in waiting {
-            let Some(told) = self.joints.get(&name).map(|held| held.told) else {
+            let Some(Held { told, index, .. }) = self.joints.get(&name).copied() else {
                 continue;
             };
             if !self.actors.contains_key(&told.second.actor.object) {
-                self.realise_world(lead, realised);
+                self.realise_world(index, lead, realised);
             }
             let joined = self.free_joint(lead).and_then(|id| {
                 self.hold(&told, id, lead)?;
@@ -212,7 +213,8 @@ impl Ledger {
                 Err(Refusal::JointTo(_)) => {}
                 Err(refusal) => {
                     self.joints.remove(&name);
-                    realised.refused.push((told.first.actor.object, refusal));
+                    let refused = Refused::at_frame(index, told.first.actor.object, refusal);
+                    realised.refused.push(refused);
                 }
             }
         }
@@ -226,14 +228,16 @@ impl Ledger {
         free.ok_or(Refusal::TooMany)
     }
 
-    /// Has something in the scene that stands for the world, which joints may hold.
-    fn realise_world(&mut self, lead: &mut Lead<'_>, realised: &mut Realised) {
+    /// Has something in the scene that stands for the world, which joints may hold; `index`: of the message of such a joint.
+    fn realise_world(&mut self, index: u32, lead: &mut Lead<'_>, realised: &mut Realised) {
         let stands = Actor::new(BodyKind::Static, Vec3::ZERO, Quat::IDENTITY);
         let mut world = self.actors.remove(&WORLD).unwrap_or(stands);
         if world.body.is_none()
             && let Err(refusal) = self.realise_actor(WORLD, &mut world, lead, realised)
         {
-            realised.refused.push((WORLD, refusal));
+            realised
+                .refused
+                .push(Refused::at_frame(index, WORLD, refusal));
         }
         self.actors.insert(WORLD, world);
     }

@@ -30,6 +30,37 @@ pub(super) enum Refusal {
     NoScene(Denial),
 }
 
+/// What was not done, and what it was about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Refused {
+    /// The index of its message; of what fails only at a frame, of the last message that was about it.
+    pub(super) index: u32,
+    /// The actor, where a frame failed at one.
+    pub(super) actor: Option<u32>,
+    /// Why.
+    pub(super) refusal: Refusal,
+}
+
+impl Refused {
+    /// A message, when it was heard.
+    pub(super) const fn at_once(index: u32, refusal: Refusal) -> Self {
+        Self {
+            index,
+            actor: None,
+            refusal,
+        }
+    }
+
+    /// What became of an actor, at a frame.
+    pub(super) const fn at_frame(index: u32, actor: u32, refusal: Refusal) -> Self {
+        Self {
+            index,
+            actor: Some(actor),
+            refusal,
+        }
+    }
+}
+
 impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -3,6 +3,9 @@
 //! The published plug-in's cost grows with the square of the states that it hears, what is lost last stays lost for ever,
 //! and what comes on two transports has no order. So an actor is spoken of while it is elsewhere than was said last; where
 //! it has come to rest it is said again on TCP, some frames later, when every datagram about it has been read or lost.
+//!
+//! A client that datagrams do not reach hears all on TCP, as far as there is room: who is left out has its turn before who
+//! was told, and has it also when it lies still meanwhile, so that nothing that is true is left unsaid for good.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -30,6 +33,10 @@ pub(super) struct Telling {
     /// Actors that were looked at in this frame.
     looked: BTreeSet<u32>,
     contacts: Vec<Contact>,
+    /// Actors for whose states there was no room.
+    left_out: BTreeSet<u32>,
+    /// The actor from which on states were left out last.
+    turn: u32,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -43,10 +50,30 @@ struct Said {
 /// What is to be sent after a frame.
 #[derive(Debug, Default)]
 pub(super) struct Told {
-    /// On UDP, in order.
+    /// By datagram where those reach the client, in order.
     pub(super) passing: Vec<Message>,
     /// On TCP, in order.
     pub(super) lasting: Vec<Message>,
+}
+
+/// How a client is told.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Manner {
+    /// Of which actors.
+    pub(super) states: States,
+    /// How it is told what passes.
+    pub(super) way: Way,
+    /// How many more states TCP takes.
+    pub(super) room: usize,
+}
+
+/// How a client is told what passes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Way {
+    /// By datagram.
+    Datagrams,
+    /// On TCP: nobody knows where its datagrams should go.
+    Stream,
 }
 
 /// How far an actor may be from where it was said to be without a word: metres, and half the sine of half the angle.
@@ -100,76 +127,160 @@ impl Telling {
     pub(super) fn tell(
         &mut self,
         simulation: u32,
-        states: States,
+        manner: &Manner,
         ledger: &Ledger,
         scene: &Scene,
         told: &mut Told,
     ) {
         self.frame += 1;
         let id = |object| Id { simulation, object };
-        match states {
+        let mut states: Vec<Motion> = Vec::new();
+        match manner.states {
             States::All => {
-                for (name, actor) in &ledger.actors {
-                    told.passing.extend(state(id(*name), actor, scene));
-                }
+                let all = ledger.actors.iter();
+                states.extend(all.filter_map(|(name, actor)| state(id(*name), actor, scene)));
             }
             States::Active => {
                 for observation in scene.observations() {
                     let Some((name, actor)) = ledger.actor_of(observation.id) else {
                         continue;
                     };
-                    let message = state_of(id(name), actor, observation);
+                    let state = state_of(id(name), actor, observation);
                     if observation.activity == Activity::Asleep {
-                        told.lasting.extend(message);
+                        told.lasting.extend(state.map(Message::SetDynamicActor));
                     } else {
-                        told.passing.extend(message);
+                        states.extend(state);
                     }
                 }
             }
-            States::Changed => self.tell_changed(simulation, ledger, scene, told),
+            States::Changed => self.find_changed(simulation, ledger, scene, &mut states),
         }
-        self.tell_contacts(simulation, ledger, told);
+        // What begins to touch is said once: it is not left out for what is said again and again.
+        let contacts = self.find_contacts(simulation, ledger);
+        let room = match manner.way {
+            Way::Datagrams => usize::MAX,
+            Way::Stream => manner.room.saturating_sub(contacts.len()),
+        };
+        self.recall(simulation, ledger, scene, &mut states);
+        self.leave_out(&mut states, room);
+        if manner.states == States::Changed {
+            self.note_said(&states);
+            let room = match manner.way {
+                Way::Datagrams => manner.room,
+                Way::Stream => room - states.len(),
+            };
+            self.settle(simulation, room, ledger, scene, told);
+        }
+        let states = states.into_iter().map(Message::SetDynamicActor);
+        told.passing.extend(states.chain(contacts));
     }
 
-    fn tell_changed(&mut self, simulation: u32, ledger: &Ledger, scene: &Scene, told: &mut Told) {
-        let id = |object| Id { simulation, object };
+    /// States of actors that are elsewhere than was said last.
+    fn find_changed(
+        &self,
+        simulation: u32,
+        ledger: &Ledger,
+        scene: &Scene,
+        states: &mut Vec<Motion>,
+    ) {
         for observation in scene.observations() {
-            let Some((name, actor)) = ledger.actor_of(observation.id) else {
+            let Some((object, actor)) = ledger.actor_of(observation.id) else {
                 continue;
             };
-            let state = state_of(id(name), actor, observation);
-            let Some(Message::SetDynamicActor(motion)) = state else {
+            let Some(motion) = state_of(Id { simulation, object }, actor, observation) else {
                 continue;
             };
-            if self
-                .said
-                .get(&name)
-                .is_some_and(|said| said.still_holds(&motion))
-            {
-                continue;
+            let said = self.said.get(&object);
+            if said.is_none_or(|said| !said.still_holds(&motion)) {
+                states.push(motion);
             }
+        }
+    }
+
+    /// Adds those who were left out and are not among the states: who lies still by now was not found.
+    fn recall(
+        &mut self,
+        simulation: u32,
+        ledger: &Ledger,
+        scene: &Scene,
+        states: &mut Vec<Motion>,
+    ) {
+        let mut left_out = std::mem::take(&mut self.left_out);
+        if left_out.is_empty() {
+            return;
+        }
+        for motion in states.iter() {
+            left_out.remove(&motion.actor.object);
+        }
+        for object in left_out {
+            if let Some(actor) = ledger.actors.get(&object) {
+                states.extend(state(Id { simulation, object }, actor, scene));
+            }
+        }
+    }
+
+    /// Leaves as many states as there is room for: in turn, by the names of the actors.
+    fn leave_out(&mut self, states: &mut Vec<Motion>, room: usize) {
+        if states.len() <= room {
+            return;
+        }
+        let turn = self.turn;
+        states.sort_unstable_by_key(|motion| motion.actor.object);
+        let first = states.partition_point(|motion| motion.actor.object < turn);
+        states.rotate_left(first);
+        let left_out = states.split_off(room);
+        self.turn = left_out.first().map_or(turn, |next| next.actor.object);
+        let names = left_out.iter().map(|motion| motion.actor.object);
+        self.left_out.extend(names);
+    }
+
+    /// These are said now.
+    fn note_said(&mut self, states: &[Motion]) {
+        let settles = Some(self.frame + SETTLED_FRAMES);
+        for motion in states {
             let said = Said {
                 position: motion.position,
                 rotation: motion.rotation,
-                settles: Some(self.frame + SETTLED_FRAMES),
+                settles,
             };
-            self.said.insert(name, said);
-            told.passing.push(Message::SetDynamicActor(motion));
+            self.said.insert(motion.actor.object, said);
         }
+    }
+
+    /// Says again what has come to rest, as far as there is room: what waited longest first. Forgets who is gone.
+    fn settle(
+        &mut self,
+        simulation: u32,
+        room: usize,
+        ledger: &Ledger,
+        scene: &Scene,
+        told: &mut Told,
+    ) {
         let frame = self.frame;
-        self.said.retain(|name, said| {
-            let Some(actor) = ledger.actors.get(name) else {
-                return false;
-            };
-            if said.settles.take_if(|due| *due <= frame).is_some() {
-                told.lasting.extend(state(id(*name), actor, scene));
-            }
-            true
+        let mut due: Vec<(u64, u32)> = Vec::new();
+        self.said.retain(|object, said| {
+            let settles = said.settles.filter(|settles| *settles <= frame);
+            due.extend(settles.map(|settles| (settles, *object)));
+            ledger.actors.contains_key(object)
         });
+        if due.len() > room {
+            due.sort_unstable();
+            due.truncate(room);
+        }
+        for (_, object) in due {
+            if let Some(said) = self.said.get_mut(&object) {
+                said.settles = None;
+            }
+            if let Some(actor) = ledger.actors.get(&object) {
+                let state = state(Id { simulation, object }, actor, scene);
+                told.lasting.extend(state.map(Message::SetDynamicActor));
+            }
+        }
     }
 
     /// Pairs that began to touch, and each frame those of actors that cannot walk without it.
-    fn tell_contacts(&mut self, simulation: u32, ledger: &Ledger, told: &mut Told) {
+    fn find_contacts(&mut self, simulation: u32, ledger: &Ledger) -> Vec<Message> {
+        let mut found = Vec::new();
         let id = |object| Id { simulation, object };
         let upright = |name: &u32| ledger.actors.get(name).is_some_and(|a| a.upright);
         let touches = std::mem::take(&mut self.touches);
@@ -177,7 +288,7 @@ impl Telling {
             if self.touching.contains(pair) && !upright(&pair.0) && !upright(&pair.1) {
                 continue;
             }
-            told.passing.push(Message::ActorsCollided(ActorsCollided {
+            found.push(Message::ActorsCollided(ActorsCollided {
                 colliding: id(pair.0),
                 collided: id(pair.1),
                 point: contact.point,
@@ -190,6 +301,7 @@ impl Telling {
         self.touching
             .retain(|(first, second)| !looked.contains(first) && !looked.contains(second));
         self.touching.extend(touches.keys().copied());
+        found
     }
 }
 
@@ -201,25 +313,74 @@ impl Said {
 }
 
 /// The state of an actor that moves; none of one that left the world.
-fn state(id: Id, actor: &Actor, scene: &Scene) -> Option<Message> {
+fn state(id: Id, actor: &Actor, scene: &Scene) -> Option<Motion> {
     let body = actor.body?;
     let seen = scene.observation(body.id)?;
     state_of(id, actor, &seen)
 }
 
 /// The state of an actor that moves, by what was seen of its body.
-fn state_of(id: Id, actor: &Actor, seen: &Observation) -> Option<Message> {
+fn state_of(id: Id, actor: &Actor, seen: &Observation) -> Option<Motion> {
     let body = actor.body.filter(|_| actor.kind == BodyKind::Dynamic)?;
     let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = seen.motion.parts();
     let (position, rotation) = body
         .frame
         .actor_of(Vec3::new(px, py, pz), Quat::from_xyzw(x, y, z, w));
-    Some(Message::SetDynamicActor(Motion {
+    Some(Motion {
         actor: id,
         position,
         rotation,
         gravity_modifier: body.gravity,
         linear: Vec3::new(vx, vy, vz),
         angular: Vec3::new(wx, wy, wz),
-    }))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn motion(object: u32) -> Motion {
+        Motion {
+            actor: Id {
+                simulation: 7,
+                object,
+            },
+            position: Vec3::ZERO,
+            rotation: Quat::IDENTITY,
+            gravity_modifier: 1.0,
+            linear: Vec3::ZERO,
+            angular: Vec3::ZERO,
+        }
+    }
+
+    #[test]
+    fn everybody_has_a_turn_before_anybody_has_another() {
+        let mut telling = Telling::default();
+        let mut told = Vec::new();
+        for _ in 0..5 {
+            // As bodies lie in a scene, and not as they are named.
+            let mut states: Vec<Motion> = (0..25).rev().map(|n| motion(n * 1_000)).collect();
+            telling.leave_out(&mut states, 10);
+            assert_eq!((states.len(), telling.left_out.len()), (10, 15));
+            telling.left_out.clear();
+            told.extend(states.iter().map(|motion| motion.actor.object));
+        }
+        let (first, second) = told.split_at(25);
+        let once: BTreeSet<_> = first.iter().collect();
+        assert_eq!(once.len(), 25, "{first:?}");
+        assert_eq!(first, second);
+    }
+
+    #[test]
+    fn nobody_is_left_out_where_there_is_room_and_everybody_where_there_is_none() {
+        let mut telling = Telling::default();
+        let mut states: Vec<Motion> = [3, 1, 2].map(motion).to_vec();
+        telling.leave_out(&mut states, 3);
+        assert_eq!(states, [3, 1, 2].map(motion));
+        assert!(telling.left_out.is_empty());
+        telling.leave_out(&mut states, 0);
+        assert!(states.is_empty());
+        assert_eq!(telling.left_out.len(), 3);
+    }
 }

@@ -4,17 +4,18 @@ use core::fmt;
 use core::net::SocketAddr;
 use std::collections::BTreeMap;
 use std::io;
+use std::sync::Arc;
 use std::sync::mpsc::Sender;
 use std::thread::{self, JoinHandle};
 
-use bytes::Bytes;
 use rhumb_protocol::{Instant, Peer};
 use tokio::net::{TcpListener, UdpSocket};
-use tokio::sync::{mpsc, oneshot};
+use tokio::sync::oneshot;
 
 use super::endpoint::{AppEndpoint, AppTransmit};
 use super::io::{Sockets, carry};
 use super::line::{AppInput, AppLine};
+use super::post::Post;
 use crate::quic::Input;
 use crate::socket;
 
@@ -23,7 +24,7 @@ use crate::socket;
 pub struct AppListen {
     /// The address of both TCP and UDP; port 0 picks one that is free for both.
     pub address: SocketAddr,
-    /// Datagrams in about a millisecond; none: as fast as they come.
+    /// Datagrams to one address in about a millisecond; none: as fast as they come.
     pub datagrams_per_ms: Option<u32>,
 }
 
@@ -46,7 +47,7 @@ pub enum AppBindError {
 pub(crate) struct AppDoor {
     address: SocketAddr,
     lines: BTreeMap<Peer, AppLine>,
-    datagrams: mpsc::Sender<(SocketAddr, Bytes)>,
+    post: Arc<Post>,
     end: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -57,8 +58,6 @@ pub(crate) struct AppHooks<E> {
     poll: fn(&mut E) -> Option<AppTransmit>,
 }
 
-/// Datagrams that wait for the sockets; beyond them they are dropped: a frame of ten thousand bodies, and more.
-const DATAGRAMS_WAITING_MAX: usize = 1 << 16;
 /// Ports to try when any will do, but for both kinds.
 const PORTS_TRIED: usize = 16;
 
@@ -73,21 +72,21 @@ impl AppDoor {
             bind_both(address).map_err(wrong)?
         };
         let address = tcp.local_addr().map_err(wrong)?;
-        let (datagrams, waiting) = mpsc::channel(DATAGRAMS_WAITING_MAX);
+        let post = Arc::new(Post::new(listen.datagrams_per_ms));
         let (end, ended) = oneshot::channel();
         let sockets = Sockets {
             tcp,
             udp,
-            datagrams_per_ms: listen.datagrams_per_ms,
+            post: Arc::clone(&post),
         };
         let thread = thread::Builder::new()
             .name("rhumb-app-io".into())
-            .spawn(move || runtime.block_on(carry(sockets, host, waiting, ended)))
+            .spawn(move || runtime.block_on(carry(sockets, host, ended)))
             .map_err(AppBindError::Thread)?;
         Ok(Self {
             address,
             lines: BTreeMap::new(),
-            datagrams,
+            post,
             end: Some(end),
             thread: Some(thread),
         })
@@ -107,11 +106,7 @@ impl AppDoor {
                     self.lines.remove(&to);
                 }
             }
-            AppTransmit::Datagram { to, bytes } => {
-                if self.datagrams.try_send((to, bytes)).is_err() {
-                    tracing::debug!(%to, "a datagram was dropped: too many wait");
-                }
-            }
+            AppTransmit::Datagram { to, bytes } => self.post.send(to, bytes),
             AppTransmit::Close { to } => drop(self.lines.remove(&to)),
         }
     }
@@ -196,7 +191,8 @@ fn handle<E: AppEndpoint>(endpoint: &mut E, now: Instant, input: AppInput, door:
             endpoint.handle_app_opened(now, peer, from);
         }
         AppInput::Bytes { peer, piece } => {
-            if door.lines.contains_key(&peer) {
+            if let Some(line) = door.lines.get(&peer) {
+                endpoint.handle_app_waiting(now, peer, line.waiting_bytes());
                 endpoint.handle_app_bytes(now, peer, &piece.bytes);
             }
         }

@@ -12,6 +12,10 @@ pub trait AppEndpoint: Endpoint {
     /// A connection stands.
     fn handle_app_opened(&mut self, now: Instant, peer: Peer, from: SocketAddr);
 
+    /// So many bytes for a connection have not left yet, as far as they were polled. Told before its own bytes are handled,
+    /// so that what newer words supersede need not be said to who cannot keep up.
+    fn handle_app_waiting(&mut self, now: Instant, peer: Peer, bytes: usize);
+
     /// The next bytes of a connection, cut anywhere.
     fn handle_app_bytes(&mut self, now: Instant, from: Peer, bytes: &[u8]);
 

@@ -8,16 +8,16 @@ use std::sync::Arc;
 use std::sync::mpsc::Sender;
 use std::time::Duration;
 
-use bytes::Bytes;
 use rhumb_protocol::Peer;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::tcp::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::net::{TcpListener, TcpStream, UdpSocket};
-use tokio::sync::{Semaphore, mpsc, oneshot};
+use tokio::sync::{Semaphore, oneshot};
 use tokio::time::{sleep, timeout};
 
 use super::line::{AppInput, AppLineEnd, line};
 use super::pace;
+use super::post::Post;
 use crate::piece::Allowance;
 use crate::quic::Input;
 
@@ -45,23 +45,14 @@ const BY_APP: u64 = 1 << 63;
 pub(super) struct Sockets {
     pub(super) tcp: TcpListener,
     pub(super) udp: UdpSocket,
-    /// Datagrams in about a millisecond; none: as fast as they come.
-    pub(super) datagrams_per_ms: Option<u32>,
+    /// Datagrams on their way out.
+    pub(super) post: Arc<Post>,
 }
 
 /// Carries until the end is asked for.
-pub(super) async fn carry(
-    sockets: Sockets,
-    host: Sender<Input>,
-    datagrams: mpsc::Receiver<(SocketAddr, Bytes)>,
-    mut ended: oneshot::Receiver<()>,
-) {
+pub(super) async fn carry(sockets: Sockets, host: Sender<Input>, mut ended: oneshot::Receiver<()>) {
     let udp = Arc::new(sockets.udp);
-    let talk = tokio::spawn(send_datagrams(
-        Arc::clone(&udp),
-        datagrams,
-        sockets.datagrams_per_ms,
-    ));
+    let talk = tokio::spawn(send_datagrams(Arc::clone(&udp), sockets.post));
     let listen = tokio::spawn(hear_datagrams(udp, host.clone()));
     let room = Arc::new(Semaphore::new(CONNECTIONS_MAX));
     let mut peers = BY_APP;
@@ -160,16 +151,9 @@ async fn say(mut write: OwnedWriteHalf, mut line: AppLineEnd) -> Why {
     "the server closed it"
 }
 
-async fn send_datagrams(
-    udp: Arc<UdpSocket>,
-    mut datagrams: mpsc::Receiver<(SocketAddr, Bytes)>,
-    per_millisecond: Option<u32>,
-) {
-    let mut pace = pace::of_datagrams(per_millisecond);
-    while let Some((to, bytes)) = datagrams.recv().await {
-        if let Some(pace) = &mut pace {
-            pace.spend(1).await;
-        }
+async fn send_datagrams(udp: Arc<UdpSocket>, post: Arc<Post>) {
+    loop {
+        let (to, bytes) = post.next().await;
         if let Err(cause) = udp.send_to(&bytes, to).await {
             tracing::debug!(%to, %cause, "a datagram was not sent");
         }

@@ -78,6 +78,11 @@ impl AppLine {
         let _ = self.queue.send(bytes);
         Ok(())
     }
+
+    /// What was sent and has not left, each piece with what it costs.
+    pub(crate) fn waiting_bytes(&self) -> usize {
+        self.waiting_bytes.load(Ordering::Relaxed)
+    }
 }
 
 impl AppLineEnd {

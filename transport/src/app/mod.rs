@@ -5,8 +5,10 @@
 mod door;
 mod endpoint;
 mod io;
+mod lanes;
 mod line;
 mod pace;
+mod post;
 
 pub use door::{AppBindError, AppListen};
 pub(crate) use door::{AppDoor, AppHooks};

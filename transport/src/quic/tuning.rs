@@ -14,16 +14,17 @@ use crate::piece::PIECE_COST_BYTES;
 /// The application protocol, as TLS names it.
 pub(crate) const ALPN: &[u8] = b"rhumb/1";
 
-/// Bytes of a state datagram that each connection carries from its first moment.
+/// Bytes of a state datagram that each connection carries from its first moment (PROTOCOL 1.1-4).
 ///
 /// Derived: a UDP payload of 1,200, less 38 for QUIC (flags 1, connection id 8 at most, packet number 4, tag 16, frame header 9).
+/// Payload: the `max_datagram_frame_size` of a peer counts the frame header too, and must be 9 more.
 pub const DATAGRAM_BYTES_MIN: usize = 1_162;
 
 /// Silence after which a connection counts as lost.
 const IDLE_MS: VarInt = VarInt::from_u32(10_000);
 
-/// The client breaks silence after this long; three chances before `IDLE_MS`, and none is taken while a quiet scene is
-/// vouched for each two and a half seconds.
+/// The client breaks silence after this long (PROTOCOL 1.4-2); three chances before `IDLE_MS`, and none is taken while a
+/// quiet scene is vouched for each two and a half seconds.
 const KEEP_ALIVE: Duration = Duration::from_secs(3);
 
 /// A handshake, and then the opening of the control stream, may each take this long.
