@@ -7,12 +7,14 @@ use std::num::NonZeroU32;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use glam::{Quat, Vec3};
+use rhumb_client::glam::{Quat, Vec3};
 use rhumb_client::scene::{
     BodyKind, BodyTerms, Cadence, Command, Material, Pace, SceneTerms, Shape, ShapeId,
 };
-use rhumb_client::{BodyId, Client, Entry, Happening, Options, Tolerance, Trust, Verbatim};
-use rhumb_reckoning::{Damping, Integrator, Rate};
+use rhumb_client::{
+    BodyId, Client, Damping, Entry, Happening, Integrator, Options, Rate, Tolerance, Trust,
+    Verbatim,
+};
 
 const FLOOR: ShapeId = ShapeId(0);
 const PERSON: ShapeId = ShapeId(1);

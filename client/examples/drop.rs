@@ -5,12 +5,13 @@
 use std::num::NonZeroU32;
 use std::process::ExitCode;
 
-use glam::Vec3;
+use rhumb_client::glam::Vec3;
 use rhumb_client::scene::{
     BodyKind, BodyTerms, Cadence, Command, Material, Pace, SceneTerms, Shape, ShapeId,
 };
-use rhumb_client::{Client, Depth, Entry, Options, Trust};
-use rhumb_reckoning::{BodyId, Damping, Integrator, Rate, Verbatim};
+use rhumb_client::{
+    BodyId, Client, Damping, Depth, Entry, Integrator, Options, Rate, Trust, Verbatim,
+};
 
 const FLOOR: ShapeId = ShapeId(0);
 const BALL: ShapeId = ShapeId(1);

@@ -1,6 +1,7 @@
 //! A member of one scene, from a plain frame loop.
 //!
-//! Every call says how long it may wait; none waits longer. What it cannot have in time can be asked for again.
+//! Every call says how long it may wait: not at all, or no longer than its patience for an answer. Only opening awaits
+//! several, after the system has resolved a name. What it cannot have in time can be asked for again.
 
 mod driving;
 
@@ -56,6 +57,9 @@ pub struct Client {
 
 impl Client {
     /// Connects and comes into the scene.
+    ///
+    /// Resolves the server's name first, for as long as the system takes to. Then waits no longer than the patience of the
+    /// options for each of up to four answers: connection, welcome, creation, snapshot.
     ///
     /// # Errors
     ///
@@ -190,11 +194,11 @@ impl Client {
     }
 
     /// Asks for another stream, and does not wait: [`Happening::Following`] tells when the copy is by it. Until then it is
-    /// by the present one, and no tick is missed between the two.
+    /// by the present one, and no tick is missed between the two. A choice that is made meanwhile takes its place.
     ///
     /// # Errors
     ///
-    /// [`ClientError::Misuse`] while an earlier change is not answered.
+    /// [`ClientError::Ended`] when the connection is over.
     pub fn change_stream(&mut self, choice: StreamChoice) -> Result<(), ClientError> {
         self.must_stand()?;
         self.pump.session.follow(choice)?;
@@ -406,7 +410,8 @@ impl Client {
         Ok(())
     }
 
-    /// Leaves; what was commanded before is delivered first. Dropping a client does the same.
+    /// Leaves; what was commanded before is delivered first, for little more than half a second at most. Dropping a client
+    /// does the same.
     pub fn close(mut self) {
         self.say_goodbye();
     }

@@ -31,7 +31,7 @@ pub struct Options {
     pub entry: Entry,
     /// What to follow.
     pub stream: StreamChoice,
-    /// How long a call may wait for the server.
+    /// How long a call may wait for an answer of the server; `Client::open` for each of several.
     pub patience: Duration,
     /// Free running only: how many ticks the view stays behind what the stream can speak of, which is the server's clock less
     /// the scene's hindsight. Zero lets prediction carry all of the way.

@@ -2,10 +2,10 @@
 //!
 //! The scene is the paper's. What the paper leaves open is ours, and is this:
 //!
-//! - **Walls.** The wire has no meshes, so a wall of radius R is a ring of upright cuboids whose inner faces touch the
-//!   circle of radius R from outside: ⌈10·√R⌉ of them, so that their edges stand at most 5 cm off the circle, each 5 m
-//!   high and 0.5 m thick, long enough to meet its neighbours at the *outer* edge; inside they overlap, so that there is
-//!   no gap.
+//! - **Walls.** A wall of radius R is a ring of upright cuboids, solid where a mesh would be a sheet, whose inner faces
+//!   touch the circle of radius R from outside: ⌈10·√R⌉ of them, so that their edges stand at most 5 cm off the circle,
+//!   each 5 m high and 0.5 m thick, long enough to meet its neighbours at the *outer* edge; inside they overlap, so that
+//!   there is no gap.
 //! - **Floor.** A cuboid of 220 × 10 × 220 m with its top at y = 0, so thick that nothing tunnels through it.
 //! - **Spawner.** All balls of a cycle appear at its first tick, at rest, in a cube of lattice places 1.1 m apart, each
 //!   off by up to 4 cm along each axis: 1.02 m between centres at least, so that none overlap. The cube's middle is 15 m
