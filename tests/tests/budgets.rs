@@ -4,6 +4,7 @@
 
 use std::num::NonZeroU32;
 
+use bytes::Bytes;
 use glam::{EulerRot, Quat, Vec3};
 use rhumb_protocol::Span;
 use rhumb_protocol::message::{Inspection, StreamChoice};
@@ -202,7 +203,7 @@ impl Restless {
         self.witness.observe(Tick::new(self.tick), &seen);
         let mut said = Vec::new();
         self.publisher.publish(&self.witness, 0, &mut said);
-        said.iter().map(|packet| packet.len()).sum()
+        said.iter().map(Bytes::len).sum()
     }
 }
 
