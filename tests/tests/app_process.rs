@@ -165,7 +165,7 @@ fn frame(simulation: u32) -> Vec<u8> {
 fn a_client_whose_datagram_is_lost_is_told_of_a_thousand_bodies_for_as_long_as_it_likes() {
     const BODIES: u32 = 1_000;
     // Many times more than the four megabytes that may wait for a client, if all were said of all of them.
-    const FRAMES: usize = 150;
+    const FRAMES: usize = 250;
     let server = SERVER.serve_app(ANYWHERE, &[]);
     let mut plugin = Plugin::connect_saying(&server, b"no logon");
     plugin.say(&falling(7, BODIES));

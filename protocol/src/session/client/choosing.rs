@@ -1,4 +1,4 @@
-//! Which stream a member asks for: one question at a time, and then the newest wish.
+//! Which stream a member asks for: one at a time, and then the newest wish
 //!
 //! Says nothing itself. Invariants: nothing is asked while a question is not answered (PROTOCOL 4.8-14), and whatever the
 //! server does, a wish is taken, so that nobody is ever kept from another stream.
