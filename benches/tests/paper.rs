@@ -169,13 +169,15 @@ fn each_loss_of_the_published_client_has_a_row_whose_truth_is_one() {
         let row = rows.iter().find(|row| row["client"] == client);
         &row.expect("a row of that name")["outcome"]
     };
-    assert_eq!(rows.len(), 10);
+    assert_eq!(rows.len(), 11);
     assert!(rows.iter().all(|row| row["outcome"]["void"] == false));
     // All bodies are told of in each frame, a datagram each; one more ends it, and one acknowledges the advance.
     for client in ["sound", "list", "as published"] {
         assert_eq!(of(client)["updates"], 8 * 40, "{client}");
         assert_eq!(of(client)["datagrams_down"], 8 * 42, "{client}");
     }
+    // Its list began as long as the experiment's, and three frames of it are enough.
+    assert_eq!(of("as published, its list as long")["updates"], 3 * 40);
     assert_eq!(of("sound, packed")["updates"], 8 * 40);
     assert!(of("sound, packed")["datagrams_down"].as_u64() < Some(8 * 10));
     assert!(of("rhumb")["updates"].as_u64() < Some(8 * 40));
