@@ -622,9 +622,9 @@ class Scene:
         lost = expanded(said["lost"], self.next)
         self.newest = max(self.newest, tick)
         if lost >= self.next:
-            self.hear_amends(said, lost, tick)
+            self.hear_amends(said, tick)
             return
-        if lost not in self.missing:
+        if lost not in self.missing or self.may_amend(said):
             return
         self.repaired = max(self.repaired, tick)
         for record in said["records"]:
@@ -654,11 +654,17 @@ class Scene:
 
     # 6.12 Agreement
 
-    def hear_amends(self, said, lost, tick):
-        """6.12-8: the track of a body that is doubted, in place of its own; of a packet that was not heard, nor sent."""
+    def may_amend(self, said):
+        """6.12-8: whether it may be what answers a doubt, and came too late."""
+        index, stride = self.doubted or (None, 0)
+        alone = all(record["index"] == index and record["seat"] is None for record in said["records"])
+        return stride == 1 and said["parts"] == 1 and alone
+
+    def hear_amends(self, said, tick):
+        """6.12-8: the track of a body that is doubted, in place of its own; of a packet that was not sent."""
         for record in said["records"]:
             index, body = record["index"], self.bodies.get(record["index"])
-            if body is None or lost < self.next or self.doubted != (index, 1):
+            if body is None or self.doubted != (index, 1):
                 continue
             self.dismiss(index)
             body.track, body.before, body.older = track_of_whole(tick - record["age"], record["whole"]), None, []

@@ -254,6 +254,12 @@ mod tests {
 
         /// A tick of which everything is heard.
         fn pass(&mut self) {
+            let said = self.say();
+            self.hear(&said);
+        }
+
+        /// A tick.
+        fn say(&mut self) -> Vec<Bytes> {
             self.tick += 1;
             let seen = |body| Observation {
                 id: BodyId::new(body, 0),
@@ -265,7 +271,7 @@ mod tests {
             let mut said = Vec::new();
             self.publisher.publish(&self.witness, 0, &mut said);
             assert!(!said.is_empty());
-            self.hear(&said);
+            said
         }
 
         fn hear(&mut self, said: &[Bytes]) {
@@ -332,6 +338,32 @@ mod tests {
         assert!(ends.subscriber.is_settled() && !ends.agree());
         let amendment = ends.amendment();
         ends.hear(&amendment);
+        assert!(ends.agree());
+    }
+
+    #[test]
+    fn an_amendment_does_not_make_good_the_packet_of_its_number() {
+        let mut ends = Ends::after(20);
+        ends.mislead(BodyId::new(LONER, 0));
+        let late = ends.amendment();
+        ends.say();
+        ends.pass();
+        let missing: Vec<u64> = ends.subscriber.missing_packets().collect();
+        assert!(!missing.is_empty());
+        ends.hear(&late);
+        assert!(
+            ends.subscriber
+                .missing_packets()
+                .eq(missing.iter().copied())
+        );
+        assert_eq!(ends.subscriber.statistics().amended, 0);
+        let amendment = ends.amendment();
+        ends.hear(&amendment);
+        assert_eq!(ends.subscriber.statistics().amended, 1);
+        for number in missing {
+            let repair = ends.publisher.repair(number, 0);
+            ends.hear(&repair.expect("it is remembered"));
+        }
         assert!(ends.agree());
     }
 

@@ -154,8 +154,7 @@ impl FullPublisher {
                 ends_tick: place + 1 == packets,
                 records: chunk.to_vec(),
             };
-            let bodies = chunk.iter().map(|record| record.index);
-            self.history.record(tick, bodies);
+            self.history.record(chunk.iter().map(|record| record.index));
             let datagram = packet.encode(self.stream);
             self.statistics.updates += chunk.len() as u64;
             self.statistics.packets += 1;

@@ -3,16 +3,14 @@
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
 
-use rhumb_reckoning::Tick;
-
 use crate::limits::HISTORY_PACKETS;
 
 /// Numbers packets, and remembers the bodies of the last of them.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct History {
     next: u64,
-    /// The ticks and the bodies of the packets before `next`, oldest first.
-    packets: VecDeque<(Tick, Vec<u32>)>,
+    /// The bodies of the packets before `next`, oldest first.
+    packets: VecDeque<Vec<u32>>,
 }
 
 impl History {
@@ -21,35 +19,24 @@ impl History {
         self.next
     }
 
-    /// Remembers the next packet's tick and bodies, which come in rising order.
-    pub(crate) fn record(&mut self, tick: Tick, bodies: impl Iterator<Item = u32>) {
-        let (_, mut entry) = if self.packets.len() == HISTORY_PACKETS {
+    /// Remembers the next packet's bodies, which come in rising order.
+    pub(crate) fn record(&mut self, bodies: impl Iterator<Item = u32>) {
+        let mut entry = if self.packets.len() == HISTORY_PACKETS {
             self.packets.pop_front().unwrap_or_default()
         } else {
-            (tick, Vec::new())
+            Vec::new()
         };
         entry.clear();
         entry.extend(bodies);
-        self.packets.push_back((tick, entry));
+        self.packets.push_back(entry);
         self.next += 1;
     }
 
     /// The bodies of a packet, or `None` when it was never sent or is forgotten.
     pub(crate) fn bodies(&self, number: u64) -> Option<&[u32]> {
-        let (_, bodies) = self.packet(number)?;
-        Some(bodies)
-    }
-
-    /// The tick of a packet, or `None` likewise.
-    pub(crate) fn tick(&self, number: u64) -> Option<Tick> {
-        let (tick, _) = self.packet(number)?;
-        Some(*tick)
-    }
-
-    fn packet(&self, number: u64) -> Option<&(Tick, Vec<u32>)> {
         let age = self.next.checked_sub(number)?;
         let place = (self.packets.len() as u64).checked_sub(age)?;
-        self.packets.get(place as usize)
+        self.packets.get(place as usize).map(Vec::as_slice)
     }
 }
 
@@ -63,13 +50,11 @@ mod tests {
         let sent = HISTORY_PACKETS as u64 + 10;
         for number in 0..sent {
             assert_eq!(history.next(), number);
-            history.record(Tick::new(number / 2), [number as u32].into_iter());
+            history.record([number as u32].into_iter());
         }
         assert_eq!(history.bodies(9), None);
         assert_eq!(history.bodies(10), Some(&[10][..]));
         assert_eq!(history.bodies(sent - 1), Some(&[sent as u32 - 1][..]));
         assert_eq!(history.bodies(sent), None);
-        assert_eq!(history.tick(9), None);
-        assert_eq!(history.tick(11), Some(Tick::new(5)));
     }
 }

@@ -12,7 +12,6 @@ mod spending;
 mod surveying;
 
 use alloc::boxed::Box;
-use alloc::collections::VecDeque;
 use alloc::vec::Vec;
 use core::num::NonZeroU32;
 
@@ -33,6 +32,7 @@ use super::seats::Usher;
 use super::tracks::{Manner, Slot, Tracks};
 use super::witness::Witness;
 use crate::packet::{Age, Excess, Low16, Saying, StreamId, TrackSaying, Update, Vouch};
+use repairing::Namings;
 use sight::Sight;
 pub use spending::InArrears;
 use spending::Spending;
@@ -82,7 +82,7 @@ pub struct Publisher {
     usher: Usher,
     /// Who holds others, and how many, in order of index.
     burdens: Vec<(u32, u32)>,
-    namings: VecDeque<Naming>,
+    namings: Namings,
     updates: Vec<Update>,
     /// Who came to rest at this tick: packets still name them by their seats.
     leaving: Vec<u32>,
@@ -93,15 +93,6 @@ pub struct Publisher {
     /// Factor on all tolerances that a budget asks for at present; one without.
     slack: f64,
     statistics: PublisherStatistics,
-}
-
-/// What was said of a body could only be read by who had the track of its carrier.
-#[derive(Clone, Copy, Debug)]
-struct Naming {
-    /// The last packet of that tick.
-    number: u64,
-    body: u32,
-    carrier: u32,
 }
 
 impl Publisher {
@@ -122,7 +113,7 @@ impl Publisher {
             tick,
             usher: Usher::default(),
             burdens: Vec::new(),
-            namings: VecDeque::new(),
+            namings: Namings::default(),
             updates: Vec::new(),
             leaving: Vec::new(),
             survey: Some(Box::new(Survey::new(terms.tolerance, terms.integrator))),
@@ -261,7 +252,7 @@ impl Publisher {
         for index in self.leaving.drain(..) {
             self.usher.leave(index);
         }
-        self.number_namings();
+        self.namings.end_tick(self.history.next());
     }
 
     /// The slot of a body that was seen at the present tick: not of one that came later, or has the index of one that went.
@@ -297,15 +288,7 @@ impl Publisher {
         };
         let before = slot.carrier();
         self.tracks.set_track(index, track);
-        if saying.names_carrier()
-            && let Some(carrier) = track.carrier.or(before)
-        {
-            self.namings.push_back(Naming {
-                number: u64::MAX,
-                body: index,
-                carrier: carrier.index(),
-            });
-        }
+        let saying = self.readable(index, before, saying, &track);
         if before != track.carrier {
             self.shift_burden(before, track.carrier);
         }
@@ -422,7 +405,6 @@ impl Publisher {
             let choice = chooser.choose(&subject)?;
             Some((choice.saying, choice.track))
         });
-        let chosen = chosen.filter(|(saying, _)| self.may_say(saying));
         Some(chosen.unwrap_or_else(|| self.anew(tick, slot, observation, &truth)))
     }
 

@@ -149,15 +149,14 @@ impl Publisher {
     /// other.
     fn join_held(&self, updates: &[Update], union: &mut Union) {
         let seats = self.usher.seats();
-        let of_now = self.namings.iter().rev();
-        for naming in of_now.take_while(|naming| naming.number == u64::MAX) {
+        for (carrier, body) in self.namings.of_now() {
             let place = |index: u32| {
                 let seat = seats.of(index)?;
                 updates
                     .binary_search_by_key(&seat, |update| update.seat)
                     .ok()
             };
-            if let (Some(held), Some(holder)) = (place(naming.body), place(naming.carrier)) {
+            if let (Some(held), Some(holder)) = (place(body), place(carrier)) {
                 union.join(held, holder);
             }
         }

@@ -201,7 +201,7 @@ impl Publisher {
         if self.features.redundancy {
             self.parities.record(self.history.next(), &datagram);
         }
-        self.history.record(self.tick, bodies.into_iter());
+        self.history.record(bodies.into_iter());
         self.statistics.updates += said.len() as u64;
         self.statistics.packets += 1;
         self.statistics.bytes += datagram.len() as u64;

@@ -1,9 +1,11 @@
 //! What makes good a lost packet: what its bodies do now
 
+use alloc::collections::BTreeMap;
+use alloc::collections::btree_map::Entry;
 use alloc::vec::Vec;
 
 use bytes::Bytes;
-use rhumb_reckoning::Tick;
+use rhumb_reckoning::{BodyId, Track};
 
 use super::Publisher;
 use crate::limits::{HISTORY_PACKETS, UPDATES_PER_PACKET_MAX};
@@ -11,9 +13,57 @@ use crate::packet::{Echo, REPAIR_RECORDS, RepairRecord, RepairWriter, Saying, Tr
 use crate::stream::parities::Asker;
 use crate::stream::redundancy::Redundancy;
 
-/// Updates of one tick that name a carrier's revision, at most: what needs a packet of that tick to be read fits its
-/// repair beside the bodies of that packet.
-pub(super) const NAMINGS_MAX: usize = REPAIR_RECORDS - UPDATES_PER_PACKET_MAX;
+/// Bodies that named carriers in the packets that can be repaired, at most, one counted for each carrier: what could not
+/// be read without a lost packet fits its repair beside the bodies of that packet.
+const NAMINGS_MAX: usize = REPAIR_RECORDS - UPDATES_PER_PACKET_MAX;
+
+/// Of which bodies it was said lately what could only be read by who had the track of their carrier.
+#[derive(Debug, Default)]
+pub(super) struct Namings {
+    /// By carrier and body, in which tick that was so last: the number of the last packet of it.
+    last: BTreeMap<(u32, u32), u64>,
+    /// Those of the present tick, which have no number yet: carriers and bodies.
+    of_now: Vec<(u32, u32)>,
+}
+
+impl Namings {
+    /// A body names a carrier at the present tick; `false` if there is no room for that.
+    fn note(&mut self, carrier: u32, body: u32) -> bool {
+        let full = self.last.len() >= NAMINGS_MAX;
+        match self.last.entry((carrier, body)) {
+            Entry::Occupied(mut known) => {
+                known.insert(u64::MAX);
+            }
+            Entry::Vacant(_) if full => return false,
+            Entry::Vacant(place) => {
+                place.insert(u64::MAX);
+            }
+        }
+        self.of_now.push((carrier, body));
+        true
+    }
+
+    /// Carriers and bodies of the present tick, the last first.
+    pub(super) fn of_now(&self) -> impl Iterator<Item = (u32, u32)> {
+        self.of_now.iter().rev().copied()
+    }
+
+    /// Bodies that named a carrier in a packet of this number, or a later one.
+    fn since(&self, number: u64, carrier: u32) -> impl Iterator<Item = u32> {
+        let of_it = self.last.range((carrier, 0)..=(carrier, u32::MAX));
+        let since = of_it.filter(move |(_, last)| **last >= number);
+        since.map(|((_, body), _)| *body)
+    }
+
+    /// What was named in this tick was so in its last packet at the latest; what no repair is asked of any more goes.
+    pub(super) fn end_tick(&mut self, next: u64) {
+        for naming in self.of_now.drain(..) {
+            self.last.insert(naming, next.saturating_sub(1));
+        }
+        self.last
+            .retain(|_, last| *last + HISTORY_PACKETS as u64 >= next);
+    }
+}
 
 impl Publisher {
     /// Says the parities that are due after a tick that was spoken of, silent or not, and appends them to `out`.
@@ -53,79 +103,53 @@ impl Publisher {
     }
 
     /// The datagrams that say what the bodies of a lost packet do now, or `None` when it is too old to be known.
-    ///
-    /// Where so many others named these as carriers since that one repair would be long, it is as of the packet's own
-    /// tick, and says nothing of what was spoken of since: what a listener could not read of that, it asks for by its
-    /// own packets (PROTOCOL 6.6-8, 6.7-5).
     #[must_use]
     pub fn repair(&self, number: u64, notices: u64) -> Option<Vec<Bytes>> {
-        let bodies = self.bodies_to_repair(number)?;
-        let as_of = if bodies.len() > UPDATES_PER_PACKET_MAX {
-            self.history.tick(number)?
-        } else {
-            self.tick
-        };
-        Some(self.repair_as_of(as_of, &bodies, number, notices))
+        let mut writer = RepairWriter::default();
+        for index in self.bodies_to_repair(number)? {
+            let Some(slot) = self.tracks.slot(index) else {
+                continue;
+            };
+            let age = self.tick.since(slot.origin()).unwrap_or_default();
+            let whole = TrackSaying::of(&slot.track());
+            writer.push(&RepairRecord {
+                index,
+                seat: self.usher.seats().of(index),
+                age,
+                whole,
+            });
+        }
+        let datagrams = writer.finish(self.stream, number, self.tick.value(), notices);
+        Some(datagrams.into_iter().map(Bytes::from).collect())
     }
 
-    /// The bodies of a lost packet, and those that could not be read without it, in order of index.
+    /// The bodies of a lost packet, and those that could not be read without it, in order of index: no more than fit.
     fn bodies_to_repair(&self, number: u64) -> Option<Vec<u32>> {
-        let mut bodies = self.history.bodies(number)?.to_vec();
-        // Who lacks a carrier could not read what named it since.
-        let lost = bodies.len();
-        for naming in self.namings.iter().filter(|naming| naming.number >= number) {
-            if bodies[..lost].binary_search(&naming.carrier).is_ok() {
-                bodies.push(naming.body);
-            }
+        let lost = self.history.bodies(number)?;
+        let mut bodies = lost.to_vec();
+        for carrier in lost {
+            bodies.extend(self.namings.since(number, *carrier));
         }
         bodies.sort_unstable();
         bodies.dedup();
         Some(bodies)
     }
 
-    /// Says the tracks that bodies had at a tick and have still.
-    fn repair_as_of(&self, tick: Tick, bodies: &[u32], number: u64, notices: u64) -> Vec<Bytes> {
-        let mut writer = RepairWriter::default();
-        for index in bodies {
-            let Some(slot) = self.tracks.slot(*index) else {
-                continue;
-            };
-            let Some(age) = tick.since(slot.origin()) else {
-                continue;
-            };
-            writer.push(&RepairRecord {
-                index: *index,
-                seat: self.usher.seats().of(*index),
-                age,
-                whole: TrackSaying::of(&slot.track()),
-            });
-        }
-        let datagrams = writer.finish(self.stream, number, tick.value(), notices);
-        datagrams.into_iter().map(Bytes::from).collect()
-    }
-
-    /// Whether a repair would have room for what one update more of the present tick says.
-    pub(super) fn may_say(&self, saying: &Saying) -> bool {
-        // Those of the present tick have no number yet, and are the last.
-        let mut newest_first = self.namings.iter().rev();
-        let last = newest_first.nth(NAMINGS_MAX - 1);
-        let named_fewer = last.is_none_or(|naming| naming.number != u64::MAX);
-        named_fewer || !saying.names_carrier()
-    }
-
-    /// What was named in this tick was so in its last packet at the latest; what no repair is asked of any more goes.
-    pub(super) fn number_namings(&mut self) {
-        let next = self.history.next();
-        for naming in self.namings.iter_mut().rev() {
-            if naming.number != u64::MAX {
-                break;
+    /// Notes if what is said of a body can be read only by who has its carrier's track. Where one more of these would not
+    /// fit a repair, the same track is said whole.
+    pub(super) fn readable(
+        &mut self,
+        index: u32,
+        before: Option<BodyId>,
+        saying: Saying,
+        track: &Track,
+    ) -> Saying {
+        let carrier = track.carrier.or(before);
+        match carrier.filter(|_| saying.names_carrier()) {
+            Some(carrier) if !self.namings.note(carrier.index(), index) => {
+                Saying::Whole(TrackSaying::of(track))
             }
-            naming.number = next.saturating_sub(1);
-        }
-        while let Some(oldest) = self.namings.front()
-            && oldest.number + (HISTORY_PACKETS as u64) < next
-        {
-            self.namings.pop_front();
+            _ => saying,
         }
     }
 }
@@ -133,7 +157,8 @@ impl Publisher {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::packet::{Head, Repair, StreamId};
+    use crate::limits::REPAIR_PARTS_MAX;
+    use crate::packet::StreamId;
     use crate::scene::Cadence;
     use crate::stream::features::Features;
     use crate::stream::observation::{Activity, Observation};
@@ -142,16 +167,13 @@ mod tests {
     use crate::stream::subscriber::Subscriber;
     use crate::stream::tracks::Manner;
     use crate::stream::witness::Witness;
-    use crate::wire::Wire;
-    use crate::wire::bytes::Reader;
     use core::num::NonZeroU32;
     use glam::Vec3;
     use rhumb_reckoning::{
-        Anchor, BodyId, Class, Damping, Integrator, Metres, Predictor, Rate, Tolerance, Track,
-        Verbatim,
+        Anchor, Class, Damping, Integrator, Metres, Predictor, Rate, Tick, Tolerance, Verbatim,
     };
 
-    /// More than fit the repairs of two packets; the first is the one that carries the others.
+    /// More than fit the repair of a packet; the first is the one that carries the others.
     const BODIES: u32 = 1_500;
 
     /// Where a body is at a tick: all are jolted alike.
@@ -220,23 +242,8 @@ mod tests {
         witness.observe(Tick::new(tick), &seen);
         let mut said = Vec::new();
         publisher.publish(witness, 0, &mut said);
-        assert!(publisher.namings_of(tick) <= NAMINGS_MAX);
+        assert!(publisher.namings.last.len() <= NAMINGS_MAX);
         said
-    }
-
-    impl Publisher {
-        /// How many updates of the newest tick, which is this one, named carriers.
-        fn namings_of(&self, tick: u64) -> usize {
-            let number = |tick| self.history.tick(tick).map(Tick::value);
-            let of_it = |naming: &&super::super::Naming| number(naming.number) == Some(tick);
-            self.namings.iter().filter(of_it).count()
-        }
-    }
-
-    fn tick_of(repair: &Bytes) -> u16 {
-        let mut reader = Reader::new(repair);
-        Head::decode(&mut reader).expect("a repair has a head");
-        Repair::decode(reader).expect("it is a repair").tick.0
     }
 
     #[test]
@@ -257,22 +264,19 @@ mod tests {
                 .map(|bodies| bodies.len())
         };
         let most = subscriber.missing_packets().filter_map(needed).max();
-        assert!(most > Some(REPAIR_RECORDS), "{most:?}");
-        let (mut rounds, mut earlier) = (0, 0);
-        while !subscriber.is_settled() {
-            rounds += 1;
-            assert!(rounds < 10, "{} are missing", subscriber.missing());
-            let missing: Vec<u64> = subscriber.missing_packets().collect();
-            for number in missing {
-                let repair = publisher.repair(number, 0).expect("it is remembered");
-                assert!(repair.len() <= usize::from(crate::limits::REPAIR_PARTS_MAX));
-                earlier += usize::from(u64::from(tick_of(&repair[0])) < publisher.tick.value());
-                repair
-                    .iter()
-                    .for_each(|part| subscriber.handle_datagram(part));
-            }
+        assert!(
+            most > Some(NAMINGS_MAX) && most <= Some(REPAIR_RECORDS),
+            "{most:?}"
+        );
+        let missing: Vec<u64> = subscriber.missing_packets().collect();
+        for number in missing {
+            let repair = publisher.repair(number, 0).expect("it is remembered");
+            assert!(repair.len() <= usize::from(REPAIR_PARTS_MAX));
+            repair
+                .iter()
+                .for_each(|part| subscriber.handle_datagram(part));
         }
-        assert!(earlier > 0);
+        assert!(subscriber.is_settled());
         assert_eq!(subscriber.statistics().malformed, 0);
         assert_eq!(subscriber.agreement(), publisher.agreement());
     }

@@ -258,6 +258,14 @@ impl Subscriber {
         Ok(())
     }
 
+    /// Whether a repair may be the answer to the doubt about one body. Of a packet that is known to have been sent it came
+    /// too late, and makes nothing good; what is a repair after all comes again when nothing is doubted any more.
+    fn may_amend(&self, repair: &Repair) -> bool {
+        let doubted = self.doubts.index();
+        let of_it = |record: &RepairRecord| Some(record.index) == doubted && record.seat.is_none();
+        doubted.is_some() && repair.parts == 1 && repair.records.iter().all(of_it)
+    }
+
     /// Takes the publisher's track of the body that is doubted, whatever is believed here.
     fn amend(&mut self, as_of: Tick, repair: &Repair) -> Result<(), Malformed> {
         let Some(index) = self.doubts.index() else {
@@ -293,7 +301,7 @@ impl Subscriber {
         let lost = repair.lost.expand(self.gaps.next());
         if lost >= self.gaps.next() {
             self.amend(as_of, repair)?;
-        } else if self.gaps.lacks(lost) {
+        } else if self.gaps.lacks(lost) && !self.may_amend(repair) {
             self.make_good(lost, as_of, repair)?;
         }
         self.touch_held();
