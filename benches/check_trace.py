@@ -294,6 +294,14 @@ def check_ratios(report, figures, runs):
     report.same("less_than_naive.with_headers_first", first("bytes_down"), told["with_headers_first"])
 
 
+def check_following(report, terms, figures):
+    """How a free-running scene was published and followed."""
+    told = figures["followed"]
+    report.same("followed", terms["mode"].endswith("-free"), told is not None)
+    for name in told or {}:
+        report.same(f"followed.{name}", int(terms[name]), told[name])
+
+
 def check_replay(report, terms, figures):
     """How a replay was asked for."""
     told = figures["replayed"]
@@ -407,6 +415,7 @@ def check_run(report, run, figures, header):
     report.same("budget_bytes_per_second", None if budget is None else int(budget), figures["budget_bytes_per_second"])
     report.same("truth_hash", terms["truth_hash"], figures["truth_hash"])
     report.same("frames", int(terms["frames"]), len(run.stats))
+    check_following(report, terms, figures)
     check_replay(report, terms, figures)
     report.check(run.next == len(run.stats), "some frames show a tick that the engine never reached")
     if run.stats and terms["mode"] != "replay":

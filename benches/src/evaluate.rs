@@ -65,6 +65,10 @@ pub struct Evaluate {
     /// Free running: ticks that the publisher looks back before it speaks of one; the copy is as much later.
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=i64::from(HINDSIGHT_MAX.count())))]
     hindsight: u32,
+    /// Free running: ticks that the copy is shown later than it can be spoken of; without any, some are shown a moment before
+    /// they are heard of.
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=DELAY_TICKS_MAX))]
+    delay: u32,
     /// Bytes a second that the packets of a reckoned stream may take; without one they take what the promise needs.
     #[arg(long, value_name = "BYTES/S", value_parser = crate::replay::budget)]
     budget: Option<Budget>,
@@ -146,6 +150,9 @@ impl fmt::Display for ModeName {
     }
 }
 
+/// The longest delay: what hindsight may take, as much again, and more.
+const DELAY_TICKS_MAX: i64 = 60;
+
 /// Longest run that is kept in memory: an hour.
 const SECONDS_MAX: f64 = 3_600.0;
 
@@ -187,7 +194,7 @@ impl fmt::Display for EvaluateError {
             Self::Cores(cause) => write!(f, "{cause}; try --no-pin"),
             Self::Output(cause) => cause.fmt(f),
             Self::Cadence => f.write_str(
-                "--every and --hindsight are of free-running modes: ask for one by --modes, such as rhumb-free,naive-free",
+                "--every, --hindsight and --delay are of free-running modes: ask for one by --modes, such as rhumb-free,naive-free",
             ),
             Self::Void { bodies, mode } => write!(
                 f,
@@ -222,7 +229,7 @@ pub fn evaluate(arguments: &Evaluate) -> ExitCode {
 }
 
 fn run(arguments: &Evaluate) -> Result<(), EvaluateError> {
-    let has_cadence = arguments.every.get() > 1 || arguments.hindsight > 0;
+    let has_cadence = arguments.every.get() > 1 || arguments.hindsight > 0 || arguments.delay > 0;
     if has_cadence && !arguments.modes.iter().any(|name| name.mode().is_free()) {
         return Err(EvaluateError::Cadence);
     }
@@ -333,6 +340,7 @@ fn run_load(arguments: &Evaluate, bodies: u32, cores: Cores) -> Result<Vec<Load>
             every: arguments.every,
             hindsight: Ticks::new(arguments.hindsight),
         },
+        delay: Ticks::new(arguments.delay),
         cores,
     };
     let mut loads = Vec::new();

@@ -254,10 +254,23 @@ pub struct RunTerms {
     pub step_s: f64,
     /// How many ticks were run.
     pub ticks: u32,
+    /// Of a free-running mode: how it was published and followed.
+    pub followed: Option<Followed>,
     /// Of a replay: what only a replay is asked for.
     pub replayed: Option<Replayed>,
     /// What was found to do for the same promise, had the future been known; none if that was not sought.
     pub limit: Option<Least>,
+}
+
+/// How a free-running scene was published and followed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Followed {
+    /// Published every so many ticks.
+    pub every: u32,
+    /// Ticks that the publisher looked back before it spoke of one.
+    pub hindsight_ticks: u32,
+    /// Ticks that the copy was shown later than it could be spoken of.
+    pub delay_ticks: u32,
 }
 
 /// What only a replay is asked for.

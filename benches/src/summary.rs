@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::record::{Experiment, Least, Replayed};
+use crate::record::{Experiment, Followed, Least, Replayed};
 
 pub(crate) use columns::{Column, columns};
 pub(crate) use measure::second_by_second;
@@ -58,6 +58,8 @@ pub struct RunFigures {
     pub link: Option<String>,
     /// Ticks that were run.
     pub ticks: u32,
+    /// Of a free-running mode: how it was published and followed.
+    pub followed: Option<Followed>,
     /// Of a replay: what only a replay is asked for.
     pub replayed: Option<Replayed>,
     /// Digest of what the engine did: 16 hexadecimal digits, equal for every mode of a load or the load is void.

@@ -67,7 +67,7 @@ fn a_free_running_scene_may_have_more_bodies_than_a_first_grant() {
 
 #[test]
 fn a_cadence_that_no_mode_has_is_refused() {
-    for flag in [["--every", "2"], ["--hindsight", "3"]] {
+    for flag in [["--every", "2"], ["--hindsight", "3"], ["--delay", "1"]] {
         let run = Command::new(env!("CARGO_BIN_EXE_rhumb-bench"))
             .args(["evaluate", "--modes", "rhumb", "--no-pin"])
             .args(flag)
@@ -76,7 +76,7 @@ fn a_cadence_that_no_mode_has_is_refused() {
         assert!(!run.status.success());
         let said = String::from_utf8_lossy(&run.stderr).into_owned();
         assert!(
-            said.contains("--every and --hindsight are of free-running modes"),
+            said.contains("--every, --hindsight and --delay are of free-running modes"),
             "{said}"
         );
     }
@@ -96,6 +96,22 @@ fn free_running_has_a_naive_run_of_the_same_server_beside_it() {
         assert_eq!(run["over_tolerance"]["by_cause"]["fault"], 0);
         assert_eq!(run["mismatches"], 0);
     }
+}
+
+#[test]
+fn what_is_shown_a_moment_later_is_heard_of_by_then() {
+    let how = [
+        "--modes",
+        "rhumb-free",
+        "--bodies",
+        "30",
+        "--hindsight",
+        "3",
+    ];
+    let runs = runs("later", &[&how[..], &["--delay", "12"]].concat());
+    let followed = serde_json::json!({"every": 1, "hindsight_ticks": 3, "delay_ticks": 12});
+    assert_eq!(runs[0]["followed"], followed);
+    assert_eq!(runs[0]["over_tolerance"]["by_cause"]["late"], 0);
 }
 
 #[test]

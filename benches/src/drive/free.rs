@@ -12,7 +12,7 @@ use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Instant, Span};
-use rhumb_reckoning::{BodyId, Metres, Tick, Tolerance, Verbatim};
+use rhumb_reckoning::{BodyId, Metres, Tick, Ticks, Tolerance, Verbatim};
 use rhumb_sims::Script;
 use rhumb_transport::{Clock, LinkTerms};
 
@@ -169,6 +169,7 @@ pub fn run_free(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<Load, Dri
     };
     let clean = Setup {
         link: &LinkTerms::PERFECT,
+        delay: Ticks::ZERO,
         ..setup(Mode::NaiveFree, &*script)
     };
     let mut commands = Vec::new();

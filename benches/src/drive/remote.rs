@@ -12,7 +12,7 @@ use rhumb_client::{
 use rhumb_protocol::scene::{Command, SceneName, SceneTerms};
 use rhumb_protocol::session::Replica;
 use rhumb_protocol::stream::Subscriber;
-use rhumb_reckoning::{BodyId, Tick, Tolerance};
+use rhumb_reckoning::{BodyId, Tick, Ticks, Tolerance};
 use rhumb_transport::{Clock, LinkTerms, UdpRelay};
 
 use super::compare::{Errors, RecentTruth, compare};
@@ -25,6 +25,8 @@ use crate::record::{Breach, Cause, Frame, JoinCost, Passed, Seen, Way};
 pub(super) struct Setup<'a> {
     pub(super) stream: StreamChoice,
     pub(super) depth: Depth,
+    /// Free running only: how many ticks later than it can be spoken of the copy is shown.
+    pub(super) delay: Ticks,
     pub(super) terms: SceneTerms,
     /// Whose controller acts at the server, if it has one.
     pub(super) beside: Option<Played>,
@@ -136,6 +138,7 @@ impl Remote {
         );
         options.stream = setup.stream;
         options.patience = PATIENCE;
+        options.delay_ticks = f64::from(setup.delay.count());
         (options.whole_ticks, options.smooth) = (true, false);
         let mut client = Client::open(options)?;
         let tape = Tape::default();

@@ -6,7 +6,7 @@
 use rhumb_client::{Depth, StreamChoice};
 use rhumb_protocol::scene::{Cadence, Command};
 use rhumb_protocol::stream::Budget;
-use rhumb_reckoning::{Metres, Tick, Tolerance};
+use rhumb_reckoning::{Metres, Tick, Ticks, Tolerance};
 use rhumb_sims::Script;
 use rhumb_transport::LinkTerms;
 
@@ -17,7 +17,7 @@ use super::integrated::Integrated;
 use super::remote::{Keep, Remote, Setup};
 use super::{DriveError, Housing};
 use crate::quantile::of_nanoseconds;
-use crate::record::{Frame, JoinCost, Load, Mode, Run, RunTerms};
+use crate::record::{Followed, Frame, JoinCost, Load, Mode, Run, RunTerms};
 
 /// Which cores the caller and the servers run on, where there are two.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -49,6 +49,8 @@ pub struct Plan {
     pub losses: Losses,
     /// When the free-running scene is published.
     pub cadence: Cadence,
+    /// How much later than it can be spoken of it is shown.
+    pub delay: Ticks,
     /// Where they run.
     pub cores: Cores,
 }
@@ -92,6 +94,11 @@ impl Plan {
             seed: self.seed,
             step_s,
             ticks: self.ticks,
+            followed: mode.is_free().then(|| Followed {
+                every: self.cadence.every.get(),
+                hindsight_ticks: self.cadence.hindsight.count(),
+                delay_ticks: self.delay.count(),
+            }),
             replayed: None,
             limit: None,
         }
@@ -139,6 +146,11 @@ impl Plan {
                     },
                     None => StreamChoice::Within(self.tolerance),
                 },
+            },
+            delay: if mode.is_free() {
+                self.delay
+            } else {
+                Ticks::ZERO
             },
             depth: match mode {
                 Mode::RhumbPipelined => Depth::PIPELINED,

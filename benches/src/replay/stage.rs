@@ -544,6 +544,7 @@ impl<'a> Stage<'a> {
                     .map_or(self.terms.seed, |played| played.seed),
                 step_s: rate.step().seconds(),
                 ticks: recording.ticks(),
+                followed: None,
                 replayed: Some(self.terms.replayed()),
                 limit: None,
             },

@@ -76,8 +76,8 @@ const SCENE: Column = column("scene", "scene", "", |run, _| run.scene.clone());
 
 const EVALUATED: [Column; 13] = [
     column("mode", "mode", "", |run, _| match run.void {
-        true => format!("{} (void)", run.mode),
-        false => run.mode.clone(),
+        true => format!("{} (void)", name(run)),
+        false => name(run),
     }),
     column("bodies", "bodies", "", |run, _| run.bodies.to_string()),
     column("kbit/s", "kbit/s down", "mean", |run, _| {
@@ -234,6 +234,28 @@ fn over(run: &RunFigures) -> String {
     }
 }
 
+/// The mode, and how its scene was published and followed where that was not at once.
+fn name(run: &RunFigures) -> String {
+    let mut text = run.mode.clone();
+    if let Some(of) = run.followed {
+        cadence(of.every, of.hindsight_ticks, &mut text);
+        if of.delay_ticks > 0 {
+            text.push_str(&format!(", shown {} ticks later still", of.delay_ticks));
+        }
+    }
+    text
+}
+
+/// How often, and how late, it is spoken of each tick.
+fn cadence(every: u32, hindsight_ticks: u32, text: &mut String) {
+    if every > 1 {
+        text.push_str(&format!(", each {every} ticks"));
+    }
+    if hindsight_ticks > 0 {
+        text.push_str(&format!(", {hindsight_ticks} ticks later"));
+    }
+}
+
 /// What a replay was asked for beside its link.
 fn setting(run: &RunFigures) -> String {
     let Some(of) = &run.replayed else {
@@ -246,12 +268,7 @@ fn setting(run: &RunFigures) -> String {
     if let Some(turn_rad) = of.turn_rad {
         text.push_str(&format!(", {}°", number(Some(turn_rad.to_degrees()))));
     }
-    if of.every > 1 {
-        text.push_str(&format!(", each {} ticks", of.every));
-    }
-    if of.hindsight_ticks > 0 {
-        text.push_str(&format!(", {} ticks later", of.hindsight_ticks));
-    }
+    cadence(of.every, of.hindsight_ticks, &mut text);
     if let Some(budget) = run.budget_bytes_per_second {
         text.push_str(&format!(", {budget} B/s"));
     }

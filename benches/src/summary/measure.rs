@@ -33,6 +33,7 @@ pub(super) fn figures(run: &Run, truth_digest: u64) -> RunFigures {
         budget_bytes_per_second: terms.budget_bytes_per_second,
         link: None,
         ticks: terms.ticks,
+        followed: terms.followed,
         replayed: terms.replayed.clone(),
         truth_hash: format!("{:016x}", run.truth_digest),
         void: run.truth_digest != truth_digest,

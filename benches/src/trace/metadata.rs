@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::record::{Experiment, Load, Replayed, Run};
+use crate::record::{Experiment, Followed, Load, Replayed, Run};
 use crate::summary::DATAGRAM_HEADER_BYTES;
 
 /// Name and content of the record of the whole experiment.
@@ -75,10 +75,22 @@ pub(super) fn of_run(
     if let Some(budget) = terms.budget_bytes_per_second {
         record.insert("budget_bytes_per_second".to_owned(), budget.to_string());
     }
+    if let Some(followed) = &terms.followed {
+        record.extend(of_following(followed));
+    }
     if let Some(replayed) = &terms.replayed {
         record.extend(of_replay(replayed));
     }
     (format!("rhumb.run.{prefix}.{name}"), record)
+}
+
+/// How a free-running scene was published and followed.
+fn of_following(followed: &Followed) -> BTreeMap<String, String> {
+    named([
+        ("every", followed.every.to_string()),
+        ("hindsight_ticks", followed.hindsight_ticks.to_string()),
+        ("delay_ticks", followed.delay_ticks.to_string()),
+    ])
 }
 
 /// What only a replay is asked for.

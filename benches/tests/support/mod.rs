@@ -102,6 +102,7 @@ fn terms(mode: Mode) -> RunTerms {
         seed: 7,
         step_s: STEP_S,
         ticks: TICKS,
+        followed: None,
         replayed: None,
         limit: None,
     }

@@ -2,6 +2,7 @@
 
 use rhumb_client::{Depth, StreamChoice};
 use rhumb_protocol::scene::Command;
+use rhumb_reckoning::Ticks;
 use rhumb_transport::LinkTerms;
 
 use super::processor::work_ns;
@@ -47,6 +48,7 @@ fn begin(
     let remote = Remote::start(&Setup {
         stream,
         depth,
+        delay: Ticks::ZERO,
         terms: billing.terms,
         beside: None,
         housing: billing.housing.clone(),
