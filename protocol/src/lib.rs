@@ -7,10 +7,12 @@
 extern crate alloc;
 
 mod endpoint;
+mod kinds;
 pub mod limits;
 mod link;
 pub mod message;
 pub mod packet;
+mod room;
 pub mod scene;
 pub mod session;
 pub mod stream;

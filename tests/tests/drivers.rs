@@ -154,7 +154,7 @@ fn a_body_that_is_removed_is_driven_no_longer_and_its_index_may_come_again() {
     );
     let drive = walk.statistics().expect("one is left");
     assert_eq!((drive.bodies, drive.heard.mismatches), (1, 0));
-    let terms = *walk.stage.copy(COMMANDER).body(stays).expect("it is there");
+    let terms = walk.stage.copy(COMMANDER).body(stays).expect("it is there");
     let again = BodyId::new(gone.index(), 1);
     let terms = rhumb_protocol::scene::BodyTerms { id: again, ..terms };
     let motion = Avatars::walk(0, Tick::ZERO).stilled();
@@ -248,7 +248,7 @@ fn each_of_two_drivers_moves_its_own_and_sees_the_others() {
     let guest = walk.stage.enter(NORMAL);
     let granted = walk.stage.witnesses[guest].granted.expect("it is a member");
     let id = granted.id(0).expect("it was granted some");
-    let mut terms = *walk
+    let mut terms = walk
         .stage
         .copy(guest)
         .body(Avatars::id(0))

@@ -10,16 +10,20 @@ use std::num::NonZeroU32;
 use bytes::Bytes;
 use glam::Vec3;
 use rhumb_client::{DisplayTime, Glass, View};
+use rhumb_protocol::message::{Notice, StreamChoice};
 use rhumb_protocol::packet::StreamId;
-use rhumb_protocol::scene::Cadence;
+use rhumb_protocol::scene::{BodyKind, BodyTerms, Cadence, SceneTerms, Shape, ShapeId};
 use rhumb_protocol::stream::{
     Activity, Features, Manner, Observation, Publisher, StreamStart, StreamTerms, Subscriber,
     Witness,
 };
+use rhumb_protocol::{Endpoint, Instant};
 use rhumb_reckoning::{
     Anchor, BodyId, Class, Damping, Integrator, Metres, Predictor, Rate, Seconds, Tick, Tolerance,
     Track, Verbatim,
 };
+use rhumb_sims::by_name;
+use rhumb_tests::Told;
 
 /// The system's allocator, and what was asked of it.
 struct Counting;
@@ -137,6 +141,35 @@ impl Scene {
             };
             (BodyId::new(index, 0), manner, track)
         })
+    }
+
+    fn terms(self) -> SceneTerms {
+        SceneTerms {
+            integrator: integrator(),
+            gravity: GRAVITY,
+            damping: Damping::default(),
+            ..by_name("free-fall", 1, 1)
+                .expect("the scene is known by name")
+                .terms()
+        }
+    }
+
+    /// What a member is told of the bodies when it comes in.
+    fn notices(self) -> Vec<Notice> {
+        let ball = ShapeId(0);
+        let shape = Shape::Ball { radius: 0.5 };
+        let mut notices = vec![Notice::ShapeAdded { id: ball, shape }];
+        let placed = self.bodies().map(|(id, _, track)| Notice::BodyPlaced {
+            terms: BodyTerms {
+                gravity_scale: 0.0,
+                ..BodyTerms::plain(id, BodyKind::Dynamic, ball)
+            },
+            inertia: None,
+            track,
+            seat: None,
+        });
+        notices.extend(placed);
+        notices
     }
 
     fn publisher(self, tolerance: Tolerance) -> Publisher {
@@ -296,17 +329,26 @@ fn a_body_takes_76_bytes_of_each_stream_at_a_server_and_128_at_most_with_what_ti
 #[test]
 fn a_body_takes_no_more_than_192_bytes_at_a_client() {
     let said = Scene::Struck.said(2 * STRUCK, Tolerance::NORMAL);
-    let (mut subscriber, _, placed) = count(|| Scene::Struck.subscriber(Tolerance::NORMAL));
+    let told = Scene::Struck.notices();
+    let terms = Scene::Struck.terms();
+    let choice = StreamChoice::Within(Tolerance::NORMAL);
+    let mut member = Told::welcomed(choice);
+    let ((), _, placed) =
+        count(|| member.tell_snapshot(&terms, choice, (STREAM, Tick::ZERO), &told));
     let mut view = View::default();
-    let ((), _, viewed) = count(|| look(&mut view, &mut subscriber, 0));
+    let session = &mut member.session;
     let ((), _, heard) = count(|| {
         for (tick, datagrams) in (1..).zip(&said) {
             for datagram in datagrams {
-                subscriber.handle_datagram(datagram);
+                session.handle_datagram(Instant::ZERO, Told::SERVER, datagram);
             }
-            look(&mut view, &mut subscriber, tick);
+            let copy = session.replica_mut().expect("a member has a copy");
+            look(&mut view, copy.stream_mut(), tick);
         }
     });
-    let each = (placed + viewed + heard) / i64::from(BODIES);
-    assert!(each <= 192, "{each}: {placed}, {viewed} and {heard}");
+    let copy = session.replica().expect("a member has a copy");
+    assert_eq!(copy.bodies().count(), BODIES as usize);
+    assert!(copy.stream().statistics().updates >= u64::from(BODIES));
+    let each = (placed + heard) / i64::from(BODIES);
+    assert!(each <= 192, "{each}: {placed} and {heard}");
 }

@@ -3,18 +3,15 @@
 //! Proved as in `pretend_network`: what a member claims is held against the truth, whichever stream it has it from.
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::message::{
-    ClientMessage, Denial, Extensions, Frames, Joined, MoveCause, ServerMessage, StreamChoice,
-    VERSIONS, Welcome,
-};
+use rhumb_protocol::message::{ClientMessage, Denial, MoveCause, ServerMessage, StreamChoice};
 use rhumb_protocol::packet::{Low16, StreamId, Vouch};
-use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, IdRange, Pace};
-use rhumb_protocol::session::{ClientSession, Event};
-use rhumb_protocol::stream::{Manner, StreamStart};
-use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
+use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, Pace};
+use rhumb_protocol::session::Event;
+use rhumb_protocol::stream::Manner;
+use rhumb_protocol::{Endpoint, Instant, Span};
 use rhumb_reckoning::{BodyId, Tick, Tolerance, Track, Verbatim};
 use rhumb_sims::by_name;
-use rhumb_tests::{COMMANDER, Stage, TICK, assert_same_copy, seed};
+use rhumb_tests::{COMMANDER, Stage, TICK, Told, assert_same_copy, seed};
 use rhumb_transport::LinkTerms;
 
 const EXACT: StreamChoice = StreamChoice::Within(Tolerance::EXACT);
@@ -126,8 +123,8 @@ fn whatever_is_not_complete_yet_another_stream_can_be_chosen_and_is_followed() {
 /// Gives a member's copy of a body a track that nobody said; returns the body.
 fn spoil(stage: &mut Stage, member: usize) -> BodyId {
     let copy = stage.copy(member);
-    let moving = |terms: &&BodyTerms| terms.kind == BodyKind::Dynamic;
-    let terms = *copy
+    let moving = |terms: &BodyTerms| terms.kind == BodyKind::Dynamic;
+    let terms = copy
         .bodies()
         .filter(moving)
         .last()
@@ -186,7 +183,7 @@ fn a_stream_that_begins_when_bodies_were_just_put_elsewhere_tells_where_they_wer
     let other = stage.enter(NORMAL);
     stage.tick();
     for choice in [COARSE, EXACT, StreamChoice::Full, FINE] {
-        let dynamic = |terms: &&BodyTerms| terms.kind == BodyKind::Dynamic;
+        let dynamic = |terms: &BodyTerms| terms.kind == BodyKind::Dynamic;
         let bodies = stage.copy(other).bodies().filter(dynamic);
         let ids: Vec<BodyId> = bodies.skip(3).take(4).map(|terms| terms.id).collect();
         let elsewhere = |id: BodyId| Command::SetPose {
@@ -285,138 +282,82 @@ fn each_tier_is_encoded_once_whoever_listens() {
     assert_eq!(said(6), alone);
 }
 
-/// A member's session that is told by hand what a server says.
-struct Told {
-    session: ClientSession,
-    heard: Frames,
+/// A member that follows a stream of an empty scene at a tick.
+fn told(choice: StreamChoice, stream: u32, tick: u64) -> Told {
+    let mut told = Told::welcomed(choice);
+    tell_snapshot(&mut told, choice, stream, tick);
+    while told.session.poll_event().is_some() {}
+    said(&mut told);
+    told
 }
 
-impl Told {
-    const SERVER: Peer = Peer(0);
+/// The whole of an empty scene at a tick.
+fn tell_snapshot(told: &mut Told, choice: StreamChoice, stream: u32, tick: u64) {
+    let terms = by_name("zoo", 1, 1)
+        .expect("the scene is known by name")
+        .terms();
+    told.tell_snapshot(&terms, choice, (StreamId(stream), Tick::new(tick)), &[]);
+}
 
-    /// A member that follows a stream.
-    fn member(choice: StreamChoice, stream: u32, tick: u64) -> Self {
-        let session = ClientSession::new("told".parse().expect("a short word is a scene's name"));
-        let heard = Frames::new();
-        let mut told = Self { session, heard };
-        told.session.handle_opened(Instant::ZERO, Self::SERVER);
-        let welcome = Welcome {
-            version: VERSIONS[0],
-            scene: None,
-            extensions: Extensions::NONE,
-        };
-        told.tell(&[ServerMessage::Welcome(welcome)]);
-        told.session.join(choice).expect("it is welcome");
-        told.tell_snapshot(choice, stream, tick);
-        while told.session.poll_event().is_some() {}
-        told.said();
-        told
-    }
+/// What it said since the last look, of streams.
+fn said(told: &mut Told) -> Vec<ClientMessage> {
+    let mut said = told.said();
+    said.retain(|message| {
+        matches!(
+            message,
+            ClientMessage::Follow(_) | ClientMessage::Followed(_)
+        )
+    });
+    said
+}
 
-    fn tell(&mut self, messages: &[ServerMessage]) {
-        let mut bytes = Vec::new();
-        for message in messages {
-            message.encode(&mut bytes);
-        }
-        let now = Instant::ZERO;
-        self.session.handle_control(now, Self::SERVER, &bytes);
-    }
-
-    /// The whole of an empty scene at a tick.
-    fn tell_snapshot(&mut self, choice: StreamChoice, stream: u32, tick: u64) {
-        let terms = by_name("zoo", 1, 1)
-            .expect("the scene is known by name")
-            .terms();
-        let start = StreamStart {
-            stream: StreamId(stream),
-            tolerance: choice.tolerance(),
-            integrator: terms.integrator,
-            every: terms.cadence.every,
-            gravity: terms.gravity,
-            tick: Tick::new(tick),
-            next: 0,
-            notices: 0,
-        };
-        let joined = Joined {
-            choice,
-            terms,
-            start,
-            granted: IdRange::EMPTY,
-            extensions: Extensions::NONE,
-        };
-        self.tell(&[ServerMessage::Joined(joined), ServerMessage::SnapshotEnd]);
-    }
-
-    /// What it said since the last look, of streams.
-    fn said(&mut self) -> Vec<ClientMessage> {
-        while let Some(transmit) = self.session.poll_transmit() {
-            if let Transmit::Control { bytes, .. } = transmit {
-                self.heard.push(&bytes);
-            }
-        }
-        let mut said = Vec::new();
-        while let Some(framed) = self.heard.next_frame().expect("a session says messages") {
-            let message = ClientMessage::decode(&framed).expect("a session says what is known");
-            said.extend(message.filter(|message| {
-                matches!(
-                    message,
-                    ClientMessage::Follow(_) | ClientMessage::Followed(_)
-                )
-            }));
-        }
-        said
-    }
-
-    fn shown(&self) -> StreamChoice {
-        self.session
-            .replica()
-            .expect("a member has a copy")
-            .choice()
-    }
+fn shown(told: &Told) -> StreamChoice {
+    let copy = told.session.replica();
+    copy.expect("a member has a copy").choice()
 }
 
 #[test]
 fn who_is_moved_before_its_choice_is_shown_can_choose_again_and_is_told_what_it_follows() {
-    let mut told = Told::member(FINE, 0, 10);
+    let mut told = told(FINE, 0, 10);
     let (follow, followed) = (ClientMessage::Follow, |stream| {
         ClientMessage::Followed(StreamId(stream))
     });
     told.session.follow(EXACT).unwrap();
-    assert_eq!(told.said(), [follow(EXACT)]);
+    assert_eq!(said(&mut told), [follow(EXACT)]);
     // As long as it is not as far as what is shown, it is not shown.
-    told.tell_snapshot(EXACT, 1, 5);
+    tell_snapshot(&mut told, EXACT, 1, 5);
     let (to, cause) = (FINE, MoveCause::Thin);
     told.tell(&[ServerMessage::Moved { to, cause }]);
-    told.tell_snapshot(FINE, 2, 6);
-    assert_eq!((told.shown(), told.said()), (FINE, vec![]));
+    tell_snapshot(&mut told, FINE, 2, 6);
+    assert_eq!((shown(&told), said(&mut told)), (FINE, vec![]));
     assert_eq!(told.session.poll_event(), Some(Event::Moved { to, cause }));
     told.session.follow(EXACT).unwrap();
-    assert_eq!(told.said(), [follow(EXACT)]);
+    assert_eq!(said(&mut told), [follow(EXACT)]);
     // One that comes meanwhile is left out, and of two that are wanted meanwhile the first.
     told.session.follow(COARSE).unwrap();
     told.session.follow(NORMAL).unwrap();
-    assert_eq!(told.said(), []);
-    told.tell_snapshot(EXACT, 3, 8);
-    assert_eq!(told.said(), [follow(NORMAL)]);
-    told.tell_snapshot(NORMAL, 4, 11);
-    assert_eq!((told.shown(), told.said()), (NORMAL, vec![followed(4)]));
+    assert_eq!(said(&mut told), []);
+    tell_snapshot(&mut told, EXACT, 3, 8);
+    assert_eq!(said(&mut told), [follow(NORMAL)]);
+    tell_snapshot(&mut told, NORMAL, 4, 11);
+    assert_eq!((shown(&told), said(&mut told)), (NORMAL, vec![followed(4)]));
     assert_eq!(told.session.poll_event(), Some(Event::Following(NORMAL)));
     // A move to what it follows already is told as any.
     let (to, cause) = (NORMAL, MoveCause::Eased);
     told.tell(&[ServerMessage::Moved { to, cause }]);
-    told.tell_snapshot(NORMAL, 5, 12);
-    assert_eq!(told.said(), [followed(5)]);
+    tell_snapshot(&mut told, NORMAL, 5, 12);
+    assert_eq!(said(&mut told), [followed(5)]);
     assert_eq!(told.session.poll_event(), Some(Event::Moved { to, cause }));
     assert_eq!(told.session.poll_event(), Some(Event::Following(NORMAL)));
 }
 
 #[test]
 fn who_asks_for_another_stream_keeps_the_copy_that_the_server_still_says() {
-    let mut told = Told::member(FINE, 0, 10);
+    let mut told = told(FINE, 0, 10);
     told.session.follow(EXACT).unwrap();
-    told.tell_snapshot(EXACT, 1, 5);
+    tell_snapshot(&mut told, EXACT, 1, 5);
     told.session.follow(NORMAL).unwrap();
-    told.said();
+    said(&mut told);
     // The one between could be shown now, but ended with the question.
     let vouch = Vouch {
         next: Low16(0),
@@ -426,9 +367,9 @@ fn who_asks_for_another_stream_keeps_the_copy_that_the_server_still_says() {
     let datagram = vouch.encode(StreamId(1));
     told.session
         .handle_datagram(Instant::ZERO, Told::SERVER, &datagram);
-    assert_eq!((told.shown(), told.said()), (FINE, vec![]));
+    assert_eq!((shown(&told), said(&mut told)), (FINE, vec![]));
     // When it is denied, the one between goes on.
     told.tell(&[ServerMessage::Denied(Denial::TooManyStreams)]);
     let followed = ClientMessage::Followed(StreamId(1));
-    assert_eq!((told.shown(), told.said()), (EXACT, vec![followed]));
+    assert_eq!((shown(&told), said(&mut told)), (EXACT, vec![followed]));
 }

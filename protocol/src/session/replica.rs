@@ -7,15 +7,18 @@ use alloc::collections::BTreeMap;
 use alloc::vec::Vec;
 
 use glam::Vec3;
-use rhumb_reckoning::{BodyId, Damping};
+use rhumb_reckoning::{BodyId, Damping, Inertia, Track};
 
 use super::asking::Asking;
 use super::close::CloseCode;
+use crate::kinds::{Kind, Kinds};
 use crate::limits::{SHAPE_BYTES_PER_SCENE_MAX, SHAPES_MAX};
 use crate::message::{Joined, Notice, StreamChoice};
 use crate::scene::{BodyTerms, Joints, Shape, ShapeId};
 use crate::stream::{Manner, Subscriber};
 use crate::time::{Instant, Span};
+use crate::wire::Wire;
+use crate::wire::bytes::Writer;
 
 /// The copy.
 #[derive(Debug)]
@@ -27,7 +30,8 @@ pub struct Replica {
     gravity: Vec3,
     shapes: BTreeMap<ShapeId, Shape>,
     shape_bytes: usize,
-    bodies: Vec<Option<BodyTerms>>,
+    /// What its bodies are, each kind kept once: its numbers are the labels of the stream's bodies.
+    kinds: Kinds<BodyTerms>,
     joints: Joints,
     whole: bool,
 }
@@ -47,7 +51,7 @@ impl Replica {
             gravity: joined.start.gravity,
             shapes: BTreeMap::new(),
             shape_bytes: 0,
-            bodies: Vec::new(),
+            kinds: Kinds::default(),
             joints: Joints::default(),
             whole: false,
         }
@@ -90,9 +94,10 @@ impl Replica {
 
     /// What a body is.
     #[must_use]
-    pub fn body(&self, id: BodyId) -> Option<&BodyTerms> {
-        let terms = self.bodies.get(id.index() as usize)?.as_ref()?;
-        (terms.id == id).then_some(terms)
+    pub fn body(&self, id: BodyId) -> Option<BodyTerms> {
+        let kind = self.subscriber.label(id)?;
+        let terms = *self.kinds.get(kind);
+        Some(BodyTerms { id, ..terms })
     }
 
     /// A shape.
@@ -102,8 +107,10 @@ impl Replica {
     }
 
     /// All bodies in order of index.
-    pub fn bodies(&self) -> impl Iterator<Item = &BodyTerms> {
-        self.bodies.iter().flatten()
+    pub fn bodies(&self) -> impl Iterator<Item = BodyTerms> {
+        let indices = 0..self.subscriber.index_end() as u32;
+        let ids = indices.filter_map(|index| self.subscriber.body(index));
+        ids.filter_map(|id| self.body(id))
     }
 
     /// What holds bodies together.
@@ -174,28 +181,13 @@ impl Replica {
                 track,
                 seat,
             } => {
-                let shape = self.shapes.get(&terms.shape).ok_or(CloseCode::VIOLATION)?;
-                let manner = Manner::of(terms, shape, self.damping, *inertia);
-                if !self.subscriber.place(terms.id, &manner, *track) {
-                    return Err(CloseCode::LIMIT);
-                }
+                self.place(terms, *inertia, *track)?;
                 if let Some(seat) = seat {
                     self.subscriber.seat(terms.id, *seat);
                 }
-                let index = terms.id.index() as usize;
-                if index >= self.bodies.len() {
-                    self.bodies.resize(index + 1, None);
-                }
-                if let Some(before) = self.bodies[index].replace(*terms) {
-                    self.joints.remove_body(before.id);
-                }
             }
             Notice::BodyRemoved { id, .. } => {
-                if !self.subscriber.remove(*id) {
-                    return Err(CloseCode::VIOLATION);
-                }
-                self.bodies[id.index() as usize] = None;
-                self.joints.remove_body(*id);
+                self.remove(*id)?;
             }
             Notice::GravityChanged { since, gravity } => {
                 self.gravity = *gravity;
@@ -216,5 +208,61 @@ impl Replica {
             self.subscriber.handle_notice();
         }
         Ok(())
+    }
+
+    fn place(
+        &mut self,
+        terms: &BodyTerms,
+        inertia: Option<Inertia>,
+        track: Track,
+    ) -> Result<(), CloseCode> {
+        let shape = self.shapes.get(&terms.shape).ok_or(CloseCode::VIOLATION)?;
+        let manner = Manner::of(terms, shape, self.damping, inertia);
+        let before = self.subscriber.body(terms.id.index());
+        let kind_before = before.and_then(|id| self.subscriber.label(id));
+        let kind = self.kinds.join(nameless(terms));
+        let stream = &mut self.subscriber;
+        if !stream.place_labelled(terms.id, &manner, track, Some(kind)) {
+            self.kinds.leave(kind);
+            return Err(CloseCode::LIMIT);
+        }
+        if let Some(id) = before {
+            self.joints.remove_body(id);
+        }
+        if let Some(kind) = kind_before {
+            self.kinds.leave(kind);
+        }
+        Ok(())
+    }
+
+    fn remove(&mut self, id: BodyId) -> Result<(), CloseCode> {
+        let kind = self.subscriber.label(id);
+        if !self.subscriber.remove(id) {
+            return Err(CloseCode::VIOLATION);
+        }
+        if let Some(kind) = kind {
+            self.kinds.leave(kind);
+        }
+        self.joints.remove_body(id);
+        Ok(())
+    }
+}
+
+/// What many bodies can have in common.
+fn nameless(terms: &BodyTerms) -> BodyTerms {
+    BodyTerms {
+        id: BodyId::new(0, 0),
+        ..*terms
+    }
+}
+
+impl Kind for BodyTerms {
+    type Key = Vec<u8>;
+
+    /// What is said of it: one value has one encoding.
+    fn key(&self) -> Vec<u8> {
+        let mut bytes = Writer::new();
+        self.encode(&mut bytes);
+        bytes.into_bytes()
     }
 }

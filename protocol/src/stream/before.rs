@@ -7,7 +7,7 @@ use alloc::vec::Vec;
 
 use rhumb_reckoning::{DenseTrack, Tick, Track};
 
-use super::room::{grow_to, push};
+use crate::room::{grow_to, push};
 
 /// By body, the track before the present one, where nothing was said between the two.
 #[derive(Clone, Debug, Default)]

@@ -20,7 +20,6 @@ mod parities;
 mod publisher;
 mod redundancy;
 mod restorer;
-mod room;
 mod seats;
 mod start;
 mod statements;

@@ -27,11 +27,11 @@ use super::features::Features;
 use super::history::History;
 use super::observation::{Activity, Observation};
 use super::parities::Parities;
-use super::room::push;
 use super::seats::Usher;
 use super::tracks::{Manner, Slot, Tracks};
 use super::witness::Witness;
 use crate::packet::{Age, Excess, Low16, Saying, StreamId, TrackSaying, Update, Vouch};
+use crate::room::push;
 use repairing::Namings;
 use sight::Sight;
 pub use spending::InArrears;
@@ -146,7 +146,7 @@ impl Publisher {
     /// Returns `false` when the table has no room, which the scene's own limits prevent.
     #[must_use]
     pub fn place(&mut self, id: BodyId, manner: &Manner, track: Track) -> bool {
-        self.tracks.place(id, manner, track)
+        self.tracks.place(id, manner, track, None)
     }
 
     /// A body has left the scene. What it held is said anew at the next tick.

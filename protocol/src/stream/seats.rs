@@ -11,8 +11,8 @@ use core::num::NonZeroU32;
 
 use rhumb_reckoning::Tick;
 
-use super::room::grow_to;
 use crate::limits::SEATINGS_KEPT;
+use crate::room::grow_to;
 
 /// Who sits where, and of each seat something more.
 #[derive(Clone, Debug, Default)]

@@ -20,7 +20,6 @@ use super::bound::Bound;
 use super::doubt::Doubts;
 use super::gaps::Gaps;
 use super::restorer::Restorer;
-use super::room::{grow_to, push};
 use super::seats::{Seats, Sitter};
 use super::start::StreamStart;
 use super::statements::Statements;
@@ -28,6 +27,7 @@ use super::statistics::SubscriberStatistics;
 use super::tracks::{Manner, Slot, Tracks};
 use crate::limits::INDICES_MAX;
 use crate::packet::{Doubt, Echo, Head, Low16, StreamId, Update};
+use crate::room::{grow_to, push};
 use crate::wire::Wire;
 use crate::wire::bytes::Reader;
 
@@ -235,6 +235,14 @@ impl Subscriber {
         self.tracks.slot(index).map(|slot| slot.id(index))
     }
 
+    /// The label that a body was placed with.
+    pub(crate) fn label(&self, id: BodyId) -> Option<u32> {
+        let slot = self.tracks.slot(id.index())?;
+        self.tracks
+            .label(slot)
+            .filter(|_| slot.id(id.index()) == id)
+    }
+
     /// A body's track.
     #[must_use]
     pub fn track(&self, id: BodyId) -> Option<Track> {
@@ -384,7 +392,19 @@ impl Subscriber {
     /// A notice placed a body; `false` when that breaks a limit.
     #[must_use]
     pub fn place(&mut self, id: BodyId, manner: &Manner, track: Track) -> bool {
-        let placed = self.tracks.place(id, manner, track);
+        self.place_labelled(id, manner, track, self.label(id))
+    }
+
+    /// The same with a label, a number of the caller's own that many bodies may share; the other keeps it.
+    #[must_use]
+    pub(crate) fn place_labelled(
+        &mut self,
+        id: BodyId,
+        manner: &Manner,
+        track: Track,
+        label: Option<u32>,
+    ) -> bool {
+        let placed = self.tracks.place(id, manner, track, label);
         if placed {
             self.seats.dismiss(id.index());
             if track.carrier.is_some() {

@@ -18,9 +18,9 @@ use rhumb_reckoning::{
 use super::agreement::Agreement;
 use super::field::Field;
 use super::natures::{Nature, Natures};
-use super::room::grow_to;
 use crate::limits::{DAMPINGS_MAX, INDICES_MAX};
 use crate::packet::Age;
+use crate::room::grow_to;
 use crate::scene::{BodyKind, BodyTerms, Shape};
 
 use cursors::Cursors;
@@ -131,9 +131,15 @@ impl Tracks {
 
     /// Puts a body into the table; one that had its index is gone.
     ///
-    /// Returns `false`, and changes nothing, when there are too many bodies or dampings.
+    /// `label`: see [`Self::label`]. Returns `false`, and changes nothing, when there are too many bodies or dampings.
     #[must_use]
-    pub(crate) fn place(&mut self, id: BodyId, manner: &Manner, track: Track) -> bool {
+    pub(crate) fn place(
+        &mut self,
+        id: BodyId,
+        manner: &Manner,
+        track: Track,
+        label: Option<u32>,
+    ) -> bool {
         if id.index() >= INDICES_MAX {
             return false;
         }
@@ -149,6 +155,7 @@ impl Tracks {
             inertia: manner.inertia,
             flow,
             class: manner.class,
+            label,
             tolerance,
             grid: Grid::new(tolerance, manner.radius),
         });
@@ -161,6 +168,11 @@ impl Tracks {
             self.let_go(id.index(), &gone);
         }
         true
+    }
+
+    /// A number that was given with the body; it costs nothing where many have the same.
+    pub(crate) fn label(&self, slot: &Slot) -> Option<u32> {
+        self.natures.get(slot.nature).label
     }
 
     /// A body is no longer in its place.

@@ -150,7 +150,7 @@ impl ClientSession {
         let manner = |id: BodyId| {
             let body = copy?.body(id)?;
             let shape = copy?.shape(body.shape)?;
-            Some(Manner::of(body, shape, terms.damping, None))
+            Some(Manner::of(&body, shape, terms.damping, None))
         };
         let driver = Driver::new(driving, wished.tolerance, terms.integrator, manner);
         let bodies: Vec<BodyId> = driver.bodies().collect();

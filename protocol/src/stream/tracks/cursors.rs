@@ -8,7 +8,7 @@ use core::fmt;
 
 use rhumb_reckoning::Cursor;
 
-use crate::stream::room::grow_to;
+use crate::room::grow_to;
 
 /// By index, as far as any body tumbles.
 #[derive(Default)]

@@ -104,7 +104,7 @@ fn judge(copy: &Follower, subject: Subject, first: u32, tick: Tick) -> Play {
     let recorded = subject.recorded(tick).ok_or_else(unrecorded)?;
     let replica = copy.replica()?;
     let stream = replica.stream();
-    let can_move = |terms: &&BodyTerms| terms.kind != BodyKind::Static;
+    let can_move = |terms: &BodyTerms| terms.kind != BodyKind::Static;
     let here = replica.bodies().filter(can_move).filter_map(|terms| {
         let motion = stream.believed(terms.id, tick)?;
         Some((terms.id.index().checked_sub(first)?, digest(&motion)))
