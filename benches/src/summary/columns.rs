@@ -240,7 +240,7 @@ fn name(run: &RunFigures) -> String {
     if let Some(of) = run.followed {
         cadence(of.every, of.hindsight_ticks, &mut text);
         if of.delay_ticks > 0 {
-            text.push_str(&format!(", shown {} ticks later still", of.delay_ticks));
+            text.push_str(&format!(", shown with a delay of {}", of.delay_ticks));
         }
     }
     text
