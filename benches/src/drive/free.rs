@@ -64,6 +64,8 @@ impl Cast {
 #[derive(Debug, Default)]
 struct Witness {
     states: BTreeMap<u32, Verbatim>,
+    /// What the tick that is being heard of changed so far: it may come in several pieces.
+    changed: BTreeMap<u32, Observation>,
     tick: u64,
     recent: RecentTruth,
 }
@@ -79,7 +81,6 @@ impl Witness {
         truth: &mut Truth,
         known: &mut dyn FnMut(&RecentTruth),
     ) {
-        let mut changed: BTreeMap<u32, Observation> = BTreeMap::new();
         for datagram in passed.iter().filter(|passed| passed.way == Way::StateDown) {
             let mut reader = Reader::new(&datagram.bytes);
             let ends_tick = match Head::decode(&mut reader) {
@@ -105,30 +106,25 @@ impl Witness {
                         motion: record.motion,
                         activity: Activity::Awake,
                     };
-                    changed.insert(record.index, observation);
+                    self.changed.insert(record.index, observation);
                 }
             }
             if ends_tick {
                 self.tick = packet.tick.expand(self.tick);
-                self.end_tick(&mut changed, cast, truth);
+                self.end_tick(cast, truth);
                 known(&self.recent);
             }
         }
     }
 
-    fn end_tick(
-        &mut self,
-        changed: &mut BTreeMap<u32, Observation>,
-        cast: &Cast,
-        truth: &mut Truth,
-    ) {
+    fn end_tick(&mut self, cast: &Cast, truth: &mut Truth) {
         let rows = self.tick as usize;
         truth.ticks.resize(rows.max(truth.ticks.len()), Vec::new());
         if let Some(row) = rows
             .checked_sub(1)
             .and_then(|place| truth.ticks.get_mut(place))
         {
-            row.extend(std::mem::take(changed).into_values());
+            row.extend(std::mem::take(&mut self.changed).into_values());
         }
         let known = cast.bodies.values().map(|(terms, shape)| {
             let motion = *self.states.get(&terms.id.index())?;
@@ -322,4 +318,50 @@ const CATCH_UP_MS: u32 = 5_000;
 
 fn until(clock: &Clock, due: Instant) -> Duration {
     Duration::from_nanos(due.since(clock.now()).as_nanos())
+}
+
+#[cfg(test)]
+mod tests {
+    use rhumb_protocol::packet::{FullRecord, Low16, StreamId};
+    use rhumb_protocol::scene::BodyKind;
+
+    use super::*;
+
+    fn motion(x: f32) -> Verbatim {
+        Verbatim::new([x, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3])
+            .expect("these numbers are finite")
+    }
+
+    fn packet(tick: u64, body: u32, ends_tick: bool) -> Passed {
+        let packet = FullPacket {
+            number: Low16::of(tick),
+            tick: Low16::of(tick),
+            notices: Low16::of(0),
+            ends_tick,
+            records: vec![FullRecord {
+                index: body,
+                motion: motion(tick as f32),
+            }],
+        };
+        let datagram = packet.encode(StreamId(0));
+        Passed::new(0, Way::StateDown, datagram.into())
+    }
+
+    /// Caught: what was heard of a tick before its end was missing in the truth if the look fell between.
+    #[test]
+    fn a_tick_that_is_heard_of_in_pieces_is_whole() {
+        let (mut witness, mut cast, mut truth) =
+            (Witness::default(), Cast::default(), Truth::default());
+        let shape = Shape::Ball { radius: 0.5 };
+        for body in 0..2 {
+            let id = BodyId::new(body, 0);
+            let terms = BodyTerms::plain(id, BodyKind::Dynamic, ShapeId(0));
+            cast.bodies.insert(body, (terms, shape.clone()));
+        }
+        for piece in [packet(1, 0, false), packet(1, 1, true)] {
+            witness.hear(&[piece], &cast, &mut truth, &mut |_| ());
+        }
+        let places = truth.ticks[0].iter().map(|seen| seen.id.index());
+        assert_eq!(places.collect::<Vec<_>>(), [0, 1]);
+    }
 }
