@@ -11,6 +11,7 @@ mod plain;
 mod source;
 mod stage;
 mod sweep;
+mod terms;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -29,8 +30,9 @@ pub(crate) use plain::tally;
 pub(crate) use source::budget;
 pub use source::{Manner, Promise, Source};
 pub(crate) use stage::first_track;
-pub use stage::{ReplayError, ReplayTerms, run};
+pub use stage::{ReplayError, run};
 pub use sweep::Sweep;
+pub use terms::ReplayTerms;
 
 /// Which recording to replay, how, and where to write what came of it.
 #[derive(Clone, Debug, Args)]

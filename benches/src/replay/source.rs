@@ -13,7 +13,7 @@ use rhumb_transport::LinkTerms;
 
 use super::failure::Failure;
 use super::feature::Means;
-use super::stage::ReplayTerms;
+use super::terms::ReplayTerms;
 use crate::output;
 use crate::recording::{Recording, RecordingError};
 

@@ -5,66 +5,24 @@
 //! at the beginning are known at both ends and cost nothing.
 
 use std::fmt;
-use std::num::NonZeroU32;
 
 use bytes::Bytes;
 use rhumb_protocol::message::{Notice, ServerMessage};
 use rhumb_protocol::packet::{Echo, Head, Kind, StreamId};
 use rhumb_protocol::scene::{BodyKind, Cadence};
-use rhumb_protocol::stream::{Activity, Budget, Losses, Manner, Publisher, StreamTerms, Witness};
+use rhumb_protocol::stream::{Activity, Losses, Manner, Publisher, StreamTerms, Witness};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Instant, Span};
-use rhumb_reckoning::{Anchor, BodyId, Metres, Predictor, Rate, Tick, Ticks, Tolerance, Track};
-use rhumb_transport::{Clock, Lane, Link, LinkTerms};
+use rhumb_reckoning::{Anchor, BodyId, Predictor, Rate, Tick, Ticks, Track};
+use rhumb_transport::{Clock, Lane, Link};
 
-use super::feature::{Feature, Means};
 use super::judge::Judge;
 use super::listener::{Change, Listener, Start};
 use super::plain::plain_len;
-use crate::record::{Frame, JoinCost, Mode, Passed, Placed, Replayed, Run, RunTerms, Way};
+use super::terms::ReplayTerms;
+use crate::record::{Frame, JoinCost, Passed, Placed, Run, Way};
 use crate::recording::Recording;
-
-/// How a recording is replayed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ReplayTerms {
-    /// What is promised.
-    pub tolerance: Tolerance,
-    /// Both ways.
-    pub link: LinkTerms,
-    /// Published every so many ticks.
-    pub every: NonZeroU32,
-    /// Of the link.
-    pub seed: u64,
-    /// How far the publisher looks back before it speaks.
-    pub hindsight: Ticks,
-    /// What is used.
-    pub means: Means,
-    /// What its packets may take, if that is limited.
-    pub budget: Option<Budget>,
-}
-
-impl ReplayTerms {
-    /// As a summary tells of them.
-    fn replayed(&self) -> Replayed {
-        let parts = match self.tolerance {
-            Tolerance::Parts { position, turn } => {
-                Some((position.metres().metres(), turn.radians().radians()))
-            }
-            Tolerance::Surface(_) => None,
-        };
-        Replayed {
-            position_m: parts.map(|(position, _)| position),
-            turn_rad: parts.map(|(_, turn)| turn),
-            every: self.every.get(),
-            hindsight_ticks: self.hindsight.count(),
-            link_seed: self.seed,
-            without: Feature::without(&self.means)
-                .map(|feature| feature.name().to_owned())
-                .collect(),
-        }
-    }
-}
 
 /// Why a replay did not come to its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -522,33 +480,9 @@ impl<'a> Stage<'a> {
     }
 
     fn into_run(self) -> Run {
-        let recording = self.recording;
-        let rate = recording.integrator.rate;
-        let tolerance = self.terms.tolerance.length();
-        let link = self.terms.link;
         Run {
-            terms: RunTerms {
-                scene: recording.name.clone(),
-                bodies: recording.bodies(),
-                mode: Mode::Replay,
-                depth: 0,
-                tolerance_m: tolerance.map(Metres::metres),
-                budget_bytes_per_second: self.terms.budget.map(Budget::bytes_per_second),
-                link: if link == LinkTerms::PERFECT {
-                    String::new()
-                } else {
-                    link.to_string()
-                },
-                seed: recording
-                    .played
-                    .map_or(self.terms.seed, |played| played.seed),
-                step_s: rate.step().seconds(),
-                ticks: recording.ticks(),
-                followed: None,
-                replayed: Some(self.terms.replayed()),
-                limit: None,
-            },
-            truth_digest: recording.truth.digest,
+            terms: self.terms.run_terms(self.recording),
+            truth_digest: self.recording.truth.digest,
             frames: self.frames,
             passed: self.passed,
             join: JoinCost::default(),
