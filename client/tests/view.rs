@@ -10,12 +10,10 @@ use rhumb_client::{DisplayTime, Glass, View};
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::Cadence;
 use rhumb_protocol::stream::{
-    Activity, Features, Manner, Observation, Publisher, StreamStart, StreamTerms, Subscriber,
-    Witness,
+    Activity, Features, Manner, Observation, Publisher, StreamTerms, Subscriber, Witness,
 };
 use rhumb_reckoning::{
-    Anchor, BodyId, Class, Damping, Integrator, Metres, Predictor, Rate, Seconds, Tick, Tolerance,
-    Track, Verbatim,
+    Anchor, BodyId, Integrator, Metres, Predictor, Rate, Seconds, Tick, Tolerance, Track, Verbatim,
 };
 
 const STREAM: StreamId = StreamId(0);
@@ -54,23 +52,8 @@ impl Pair {
             features: Features::ALL,
         };
         let mut publisher = Publisher::new(STREAM, &terms, Tick::ZERO);
-        let mut subscriber = Subscriber::new(&StreamStart {
-            stream: STREAM,
-            tolerance,
-            integrator,
-            every: Cadence::EACH_TICK.every,
-            gravity: Vec3::ZERO,
-            tick: Tick::ZERO,
-            next: 0,
-            notices: 0,
-        });
-        let manner = Manner {
-            radius: Metres::new(0.5),
-            damping: Damping::default(),
-            gravity_scale: 1.0,
-            inertia: None,
-            class: Class::USUAL,
-        };
+        let mut subscriber = Subscriber::new(&terms.start(STREAM, Tick::ZERO));
+        let manner = Manner::plain(Metres::new(0.5));
         for id in [BALL, OTHER] {
             let track = Track {
                 origin: Tick::ZERO,

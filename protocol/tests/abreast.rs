@@ -9,8 +9,7 @@ use rhumb_protocol::packet::{Age, Course, Saying, StateWriter, StreamId, Update}
 use rhumb_protocol::scene::Cadence;
 use rhumb_protocol::stream::{Manner, StreamStart, Subscriber};
 use rhumb_reckoning::{
-    Anchor, BodyId, Class, Damping, Integrator, Metres, Predictor, Rate, Residual, Tick, Tolerance,
-    Track, Verbatim,
+    Anchor, BodyId, Integrator, Metres, Predictor, Rate, Residual, Tick, Tolerance, Track, Verbatim,
 };
 
 const BODIES: u32 = 9;
@@ -55,13 +54,7 @@ fn listener() -> Subscriber {
         notices: 0,
     });
     for index in 0..BODIES {
-        let manner = Manner {
-            radius: Metres::new(0.5),
-            damping: Damping::default(),
-            gravity_scale: 1.0,
-            inertia: None,
-            class: Class::USUAL,
-        };
+        let manner = Manner::plain(Metres::new(0.5));
         assert!(subscriber.place(BodyId::new(index, 0), &manner, track(index)));
     }
     subscriber.handle_snapshot_end();

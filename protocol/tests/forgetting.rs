@@ -9,12 +9,10 @@ use proptest::prelude::*;
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::Cadence;
 use rhumb_protocol::stream::{
-    Activity, Features, Manner, Observation, Publisher, StreamStart, StreamTerms, Subscriber,
-    Witness,
+    Activity, Features, Manner, Observation, Publisher, StreamTerms, Subscriber, Witness,
 };
 use rhumb_reckoning::{
-    Anchor, BodyId, Class, Damping, Integrator, Metres, Predictor, Rate, Tick, Tolerance, Track,
-    Verbatim,
+    Anchor, BodyId, Integrator, Metres, Predictor, Rate, Tick, Tolerance, Track, Verbatim,
 };
 
 const BODIES: u32 = 10;
@@ -51,24 +49,9 @@ fn ends() -> (Publisher, Subscriber) {
         features: Features::ALL,
     };
     let mut publisher = Publisher::new(stream, &terms, Tick::ZERO);
-    let mut subscriber = Subscriber::new(&StreamStart {
-        stream,
-        tolerance,
-        integrator,
-        every,
-        gravity,
-        tick: Tick::ZERO,
-        next: 0,
-        notices: 0,
-    });
+    let mut subscriber = Subscriber::new(&terms.start(stream, Tick::ZERO));
     for body in 0..BODIES {
-        let manner = Manner {
-            radius: Metres::new(if body == 0 { 4.0 } else { 0.5 }),
-            damping: Damping::default(),
-            gravity_scale: 1.0,
-            inertia: None,
-            class: Class::default(),
-        };
+        let manner = Manner::plain(Metres::new(if body == 0 { 4.0 } else { 0.5 }));
         let track = Track {
             origin: Tick::ZERO,
             predictor: Predictor::Ballistic,

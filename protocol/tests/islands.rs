@@ -12,8 +12,7 @@ use rhumb_protocol::stream::{
     Witness,
 };
 use rhumb_reckoning::{
-    Anchor, BodyId, Class, Damping, Integrator, Metres, Predictor, Rate, Tick, Tolerance, Track,
-    Verbatim,
+    Anchor, BodyId, Integrator, Metres, Predictor, Rate, Tick, Tolerance, Track, Verbatim,
 };
 
 const STREAM: StreamId = StreamId(3);
@@ -68,23 +67,8 @@ impl Stage {
             publisher: Publisher::new(STREAM, &terms, Tick::ZERO),
             witness: Witness::new(Cadence::EACH_TICK),
             tick: 0,
-            start: StreamStart {
-                stream: STREAM,
-                tolerance,
-                integrator,
-                every,
-                gravity: Vec3::ZERO,
-                tick: Tick::ZERO,
-                next: 0,
-                notices: 0,
-            },
-            manner: Manner {
-                radius: Metres::new(RADIUS),
-                damping: Damping::default(),
-                gravity_scale: 1.0,
-                inertia: None,
-                class: Class::default(),
-            },
+            start: terms.start(STREAM, Tick::ZERO),
+            manner: Manner::plain(Metres::new(RADIUS)),
         };
         for (id, track) in firsts() {
             assert!(stage.publisher.place(id, &stage.manner, track));

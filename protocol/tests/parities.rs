@@ -9,14 +9,13 @@ use rhumb_protocol::limits::PARITIES_KEPT;
 use rhumb_protocol::packet::{Head, Kind, Low16, Parity, StreamId};
 use rhumb_protocol::scene::Cadence;
 use rhumb_protocol::stream::{
-    Activity, Features, Manner, Observation, Publisher, Redundancy, StreamStart, StreamTerms,
-    Subscriber, Witness,
+    Activity, Features, Manner, Observation, Publisher, Redundancy, StreamTerms, Subscriber,
+    Witness,
 };
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_reckoning::{
-    Anchor, BodyId, Class, Damping, Integrator, Metres, Predictor, Rate, Tick, Tolerance, Track,
-    Verbatim,
+    Anchor, BodyId, Integrator, Metres, Predictor, Rate, Tick, Tolerance, Track, Verbatim,
 };
 
 const STREAM: StreamId = StreamId(3);
@@ -59,23 +58,8 @@ impl Stage {
             features,
         };
         let mut publisher = Publisher::new(STREAM, &terms, Tick::ZERO);
-        let mut subscriber = Subscriber::new(&StreamStart {
-            stream: STREAM,
-            tolerance,
-            integrator,
-            every: Cadence::EACH_TICK.every,
-            gravity,
-            tick: Tick::ZERO,
-            next: 0,
-            notices: 0,
-        });
-        let manner = Manner {
-            radius: Metres::new(0.5),
-            damping: Damping::default(),
-            gravity_scale: 1.0,
-            inertia: None,
-            class: Class::default(),
-        };
+        let mut subscriber = Subscriber::new(&terms.start(STREAM, Tick::ZERO));
+        let manner = Manner::plain(Metres::new(0.5));
         for body in 0..BODIES {
             let track = Track {
                 origin: Tick::ZERO,

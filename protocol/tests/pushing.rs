@@ -10,12 +10,10 @@ use proptest::prelude::*;
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::Cadence;
 use rhumb_protocol::stream::{
-    Activity, Features, Manner, Observation, Publisher, StreamStart, StreamTerms, Subscriber,
-    Witness,
+    Activity, Features, Manner, Observation, Publisher, StreamTerms, Subscriber, Witness,
 };
 use rhumb_reckoning::{
-    Anchor, BodyId, Class, Damping, Integrator, Metres, Predictor, Rate, Tick, Ticks, Tolerance,
-    Track, Verbatim,
+    Anchor, BodyId, Integrator, Metres, Predictor, Rate, Tick, Ticks, Tolerance, Track, Verbatim,
 };
 
 const STREAM: StreamId = StreamId(3);
@@ -87,23 +85,8 @@ impl Stage {
             gravity: Vec3::ZERO,
             features,
         };
-        let start = StreamStart {
-            stream: STREAM,
-            tolerance,
-            integrator: INTEGRATOR,
-            every: cadence.every,
-            gravity: Vec3::ZERO,
-            tick: Tick::ZERO,
-            next: 0,
-            notices: 0,
-        };
-        let manner = Manner {
-            radius: Metres::new(0.5),
-            damping: Damping::default(),
-            gravity_scale: 1.0,
-            inertia: None,
-            class: Class::default(),
-        };
+        let start = terms.start(STREAM, Tick::ZERO);
+        let manner = Manner::plain(Metres::new(0.5));
         let flight = Flight {
             position: DVec3::ZERO,
             linear: FIRST,

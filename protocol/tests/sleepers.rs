@@ -9,9 +9,7 @@ use rhumb_protocol::scene::Cadence;
 use rhumb_protocol::stream::{
     Activity, Features, Manner, Observation, Publisher, PublisherStatistics, StreamTerms, Witness,
 };
-use rhumb_reckoning::{
-    BodyId, Class, Damping, Integrator, Metres, Rate, Tick, Tolerance, Track, Verbatim,
-};
+use rhumb_reckoning::{BodyId, Integrator, Metres, Rate, Tick, Tolerance, Track, Verbatim};
 
 /// Bodies that are awake, from index nought on.
 const AWAKE: u32 = 10;
@@ -38,13 +36,7 @@ fn publisher(bodies: u32) -> Publisher {
         gravity: Vec3::NEG_Y,
         features: Features::ALL,
     };
-    let manner = Manner {
-        radius: Metres::new(0.5),
-        damping: Damping::default(),
-        gravity_scale: 1.0,
-        inertia: None,
-        class: Class::USUAL,
-    };
+    let manner = Manner::plain(Metres::new(0.5));
     let mut publisher = Publisher::new(StreamId(0), &terms, Tick::ZERO);
     for index in 0..bodies {
         let track = Track::resting(Tick::ZERO, lying(index, 0.0));

@@ -12,7 +12,7 @@ use rhumb_protocol::packet::{Head, Kind, Parity, StreamId};
 use rhumb_protocol::scene::Cadence;
 use rhumb_protocol::stream::{
     Activity, Bound, Features, Manner, Observation, Publisher, Reassurance, Redundancy,
-    StreamStart, StreamTerms, Subscriber, Witness,
+    StreamTerms, Subscriber, Witness,
 };
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
@@ -145,16 +145,7 @@ impl Stage {
             features: Features::ALL,
         };
         let mut publisher = Publisher::new(stream, &terms, Tick::ZERO);
-        let mut subscriber = Subscriber::new(&StreamStart {
-            stream,
-            tolerance,
-            integrator: integrator(),
-            every: Cadence::EACH_TICK.every,
-            gravity: GRAVITY,
-            tick: Tick::ZERO,
-            next: 0,
-            notices: 0,
-        });
+        let mut subscriber = Subscriber::new(&terms.start(stream, Tick::ZERO));
         for (index, puppet) in puppets.iter().enumerate() {
             let (id, manner) = (BodyId::new(index as u32, 0), manner(index));
             let track = Track {

@@ -444,7 +444,7 @@ mod tests {
     use rhumb_protocol::stream::{Activity, Budget};
     use rhumb_protocol::wire::Wire;
     use rhumb_protocol::wire::bytes::Reader;
-    use rhumb_reckoning::{Class, Damping, Integrator, Metres, Rate};
+    use rhumb_reckoning::{Integrator, Metres, Rate};
     use std::io::{self, Write};
     use std::num::NonZeroU32;
     use std::sync::{Arc, Mutex};
@@ -485,13 +485,7 @@ mod tests {
         let choice = StreamChoice::Capped { tolerance, budget };
         streams.begin(choice, Source::Reckoned(Box::new(publisher)));
         for body in 0..BODIES {
-            let manner = Manner {
-                radius: Metres::new(0.5),
-                damping: Damping::default(),
-                gravity_scale: 1.0,
-                inertia: None,
-                class: Class::default(),
-            };
+            let manner = Manner::plain(Metres::new(0.5));
             let begun = motion(body, 0);
             let track = Track::resting(Tick::ZERO, begun);
             streams.place(BodyId::new(body, 0), &manner, track, begun);

@@ -13,9 +13,7 @@ use rhumb_protocol::scene::{Cadence, Pace};
 use rhumb_protocol::stream::{
     Activity, Bound, Budget, Features, Manner, Observation, Publisher, StreamTerms, Witness,
 };
-use rhumb_reckoning::{
-    BodyId, Class, Damping, Integrator, Metres, Rate, Tick, Tolerance, Track, Verbatim,
-};
+use rhumb_reckoning::{BodyId, Integrator, Metres, Rate, Tick, Tolerance, Track, Verbatim};
 use rhumb_sims::by_name;
 use rhumb_tests::{COMMANDER, Stage, seed};
 use rhumb_transport::{Direction, Lane};
@@ -173,13 +171,7 @@ impl Restless {
         };
         let mut publisher = Publisher::new(StreamId(0), &terms, Tick::ZERO);
         for body in 0..=WILD {
-            let manner = Manner {
-                radius: Metres::new(if body == WILD { 0.5 } else { 5_000.0 }),
-                damping: Damping::default(),
-                gravity_scale: 1.0,
-                inertia: None,
-                class: Class::default(),
-            };
+            let manner = Manner::plain(Metres::new(if body == WILD { 0.5 } else { 5_000.0 }));
             let track = Track::resting(Tick::ZERO, motion(body, 0));
             assert!(publisher.place(BodyId::new(body, 0), &manner, track));
         }

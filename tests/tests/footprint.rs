@@ -14,8 +14,7 @@ use rhumb_protocol::message::{Notice, StreamChoice};
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::{BodyKind, BodyTerms, Cadence, SceneTerms, Shape, ShapeId};
 use rhumb_protocol::stream::{
-    Activity, Features, Manner, Observation, Publisher, StreamStart, StreamTerms, Subscriber,
-    Witness,
+    Activity, Features, Manner, Observation, Publisher, StreamTerms, Subscriber, Witness,
 };
 use rhumb_protocol::{Endpoint, Instant};
 use rhumb_reckoning::{
@@ -76,6 +75,16 @@ const GRAVITY: Vec3 = Vec3::new(0.0, -9.806_65, 0.0);
 const PER_PACKET: u64 = 10;
 /// Of so many bodies one is struck in each tick.
 const STRUCK: u64 = 20;
+
+fn terms(tolerance: Tolerance) -> StreamTerms {
+    StreamTerms {
+        tolerance,
+        integrator: integrator(),
+        every: Cadence::EACH_TICK.every,
+        gravity: GRAVITY,
+        features: Features::ALL,
+    }
+}
 
 fn integrator() -> Integrator {
     Integrator {
@@ -173,14 +182,7 @@ impl Scene {
     }
 
     fn publisher(self, tolerance: Tolerance) -> Publisher {
-        let terms = StreamTerms {
-            tolerance,
-            integrator: integrator(),
-            every: Cadence::EACH_TICK.every,
-            gravity: GRAVITY,
-            features: Features::ALL,
-        };
-        let mut publisher = Publisher::new(STREAM, &terms, Tick::ZERO);
+        let mut publisher = Publisher::new(STREAM, &terms(tolerance), Tick::ZERO);
         for (id, manner, track) in self.bodies() {
             assert!(publisher.place(id, &manner, track));
         }
@@ -188,16 +190,7 @@ impl Scene {
     }
 
     fn subscriber(self, tolerance: Tolerance) -> Subscriber {
-        let mut subscriber = Subscriber::new(&StreamStart {
-            stream: STREAM,
-            tolerance,
-            integrator: integrator(),
-            every: Cadence::EACH_TICK.every,
-            gravity: GRAVITY,
-            tick: Tick::ZERO,
-            next: 0,
-            notices: 0,
-        });
+        let mut subscriber = Subscriber::new(&terms(tolerance).start(STREAM, Tick::ZERO));
         for (id, manner, track) in self.bodies() {
             assert!(subscriber.place(id, &manner, track));
         }

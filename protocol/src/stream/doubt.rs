@@ -158,7 +158,6 @@ mod tests {
     use crate::stream::features::Features;
     use crate::stream::observation::{Activity, Observation};
     use crate::stream::publisher::StreamTerms;
-    use crate::stream::start::StreamStart;
     use crate::stream::subscriber::Subscriber;
     use crate::stream::tracks::Manner;
     use crate::stream::witness::Witness;
@@ -166,8 +165,7 @@ mod tests {
     use core::num::NonZeroU32;
     use glam::Vec3;
     use rhumb_reckoning::{
-        Anchor, Class, Damping, Integrator, Metres, Predictor, Rate, Tick, Tolerance, Track,
-        Verbatim,
+        Anchor, Integrator, Metres, Predictor, Rate, Tick, Tolerance, Track, Verbatim,
     };
 
     /// The first carries all others but the last, which hops about by itself.
@@ -186,13 +184,7 @@ mod tests {
     }
 
     fn manner(body: u32) -> Manner {
-        Manner {
-            radius: Metres::new(if body == 0 { 5.0 } else { 0.5 }),
-            damping: Damping::default(),
-            gravity_scale: 1.0,
-            inertia: None,
-            class: Class::default(),
-        }
+        Manner::plain(Metres::new(if body == 0 { 5.0 } else { 0.5 }))
     }
 
     struct Ends {
@@ -218,16 +210,7 @@ mod tests {
                 gravity: Vec3::ZERO,
                 features: Features::ALL,
             };
-            let start = StreamStart {
-                stream,
-                tolerance,
-                integrator,
-                every,
-                gravity: Vec3::ZERO,
-                tick: Tick::ZERO,
-                next: 0,
-                notices: 0,
-            };
+            let start = terms.start(stream, Tick::ZERO);
             let mut ends = Self {
                 publisher: Publisher::new(stream, &terms, Tick::ZERO),
                 subscriber: Subscriber::new(&start),

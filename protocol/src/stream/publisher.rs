@@ -28,6 +28,7 @@ use super::history::History;
 use super::observation::{Activity, Observation};
 use super::parities::Parities;
 use super::seats::Usher;
+use super::start::StreamStart;
 use super::tracks::{Manner, Slot, Tracks};
 use super::witness::Witness;
 use crate::packet::{Age, Excess, Low16, Saying, StreamId, TrackSaying, Update, Vouch};
@@ -68,6 +69,23 @@ pub struct StreamTerms {
     pub gravity: Vec3,
     /// What its publisher may use.
     pub features: Features,
+}
+
+impl StreamTerms {
+    /// Where a subscriber begins that hears the stream from the beginning, which is at this tick.
+    #[must_use]
+    pub const fn start(&self, stream: StreamId, tick: Tick) -> StreamStart {
+        StreamStart {
+            stream,
+            tolerance: self.tolerance,
+            integrator: self.integrator,
+            every: self.every,
+            gravity: self.gravity,
+            tick,
+            next: 0,
+            notices: 0,
+        }
+    }
 }
 
 /// One reckoned stream at its source.

@@ -43,6 +43,18 @@ pub struct Manner {
 }
 
 impl Manner {
+    /// Of a body that nothing sets apart: undamped, pulled in full, equally hard to turn about each axis, of the usual class.
+    #[must_use]
+    pub fn plain(radius: Metres) -> Self {
+        Self {
+            radius,
+            damping: Damping::default(),
+            gravity_scale: 1.0,
+            inertia: None,
+            class: Class::USUAL,
+        }
+    }
+
     /// Of a body with these terms, this shape and this inertia, in a scene whose bodies are damped like this.
     ///
     /// A body that no engine moves keeps the velocity it is given: nothing damps it and nothing pulls at it. One that cannot

@@ -163,15 +163,12 @@ mod tests {
     use crate::stream::features::Features;
     use crate::stream::observation::{Activity, Observation};
     use crate::stream::publisher::StreamTerms;
-    use crate::stream::start::StreamStart;
     use crate::stream::subscriber::Subscriber;
     use crate::stream::tracks::Manner;
     use crate::stream::witness::Witness;
     use core::num::NonZeroU32;
     use glam::Vec3;
-    use rhumb_reckoning::{
-        Anchor, Class, Damping, Integrator, Metres, Predictor, Rate, Tick, Tolerance, Verbatim,
-    };
+    use rhumb_reckoning::{Anchor, Integrator, Metres, Predictor, Rate, Tick, Tolerance, Verbatim};
 
     /// More than fit the repair of a packet; the first is the one that carries the others.
     const BODIES: u32 = 1_500;
@@ -201,24 +198,9 @@ mod tests {
             features: Features::ALL,
         };
         let mut publisher = Publisher::new(stream, &terms, Tick::ZERO);
-        let mut subscriber = Subscriber::new(&StreamStart {
-            stream,
-            tolerance,
-            integrator,
-            every,
-            gravity: Vec3::ZERO,
-            tick: Tick::ZERO,
-            next: 0,
-            notices: 0,
-        });
+        let mut subscriber = Subscriber::new(&terms.start(stream, Tick::ZERO));
         for body in 0..BODIES {
-            let manner = Manner {
-                radius: Metres::new(if body == 0 { 50.0 } else { 0.5 }),
-                damping: Damping::default(),
-                gravity_scale: 1.0,
-                inertia: None,
-                class: Class::default(),
-            };
+            let manner = Manner::plain(Metres::new(if body == 0 { 50.0 } else { 0.5 }));
             let track = Track {
                 origin: Tick::ZERO,
                 predictor: Predictor::Uniform,
