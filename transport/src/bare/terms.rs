@@ -47,7 +47,7 @@ impl Default for BareTerms {
             alpn: vec![crate::quic::ALPN.to_vec()],
             datagram_bytes: Some(u16::MAX),
             idle: Duration::from_secs(10),
-            keep_alive: Some(Duration::from_secs(2)),
+            keep_alive: Some(Duration::from_secs(3)),
             streams: 16,
             window_bytes: 1 << 20,
         }
