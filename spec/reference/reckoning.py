@@ -416,10 +416,15 @@ class Grid:
         return Grid(
             position=position,
             fine=position / FINE_STEPS,
-            turn=min((length * TURN_SHARE) / radius, COARSEST_TURN),
+            turn=min(over(length * TURN_SHARE, radius), COARSEST_TURN),
             linear=linear,
-            angular=min(linear / radius, COARSEST_ANGULAR),
+            angular=min(over(linear, radius), COARSEST_ANGULAR),
         )
+
+
+def over(length, radius):
+    """A quotient as IEEE 754 has it: infinite for a body that is a point."""
+    return length / radius if radius else math.inf
 
 
 def bounding_radius(shape, extents):
