@@ -99,7 +99,8 @@ fn fit_all(arguments: &FitTo) -> Result<(), Failure> {
     for load in &arguments.loads {
         let recording = Recording::read(&load.path)?;
         let bar = output::progress_bar(u64::from(recording.ticks()), recording.name.clone());
-        let run = run(&recording, &load.terms, &mut |_| bar.inc(1))?;
+        let run = run(&recording, &load.terms, &mut |_| bar.inc(1))
+            .map_err(|error| Failure::Replay(1, error))?;
         bar.finish_and_clear();
         let packets = run
             .passed

@@ -363,4 +363,15 @@ pub struct Load {
     pub truth: Truth,
     /// What each mode made of it.
     pub runs: Vec<Run>,
+    /// Replays of it that did not come to their end.
+    pub unended: Vec<Unended>,
+}
+
+/// A replay that did not come to its end: nothing else is kept of it.
+#[derive(Clone, Debug)]
+pub struct Unended {
+    /// How it was asked for.
+    pub terms: RunTerms,
+    /// Why, in words.
+    pub cause: String,
 }

@@ -13,7 +13,7 @@ mod stage;
 mod sweep;
 mod terms;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Args;
@@ -21,7 +21,7 @@ use clap::Args;
 use crate::limit::{Promised, set_beside_limits};
 use crate::machine;
 use crate::output;
-use crate::record::{Experiment, Load, Run};
+use crate::record::{Experiment, Load, Run, Unended};
 use crate::recording::Recording;
 
 pub(crate) use failure::{Failure, ended};
@@ -82,15 +82,12 @@ fn replay_all(arguments: &Replay) -> Result<(), Failure> {
     } else {
         Keep::Everything
     };
-    let mut runs = run_all(&recording, &all, keep)?;
+    let mut replays = run_all(&recording, &all, keep)?;
     if !arguments.no_limit {
-        set_beside_limits(&recording, promised(&all, &mut runs));
+        set_beside_limits(&recording, replays.promised());
     }
-    let bodies = recording.bodies();
-    let experiment = experiment(recording, arguments.manner.seed(), runs);
-    let drawn = (!arguments.no_trace).then_some(bodies);
-    output::write_all(&arguments.out, &experiment, drawn)?;
-    Ok(())
+    let drawn = (!arguments.no_trace).then_some(recording.bodies());
+    replays.write(recording, arguments.manner.seed(), &arguments.out, drawn)
 }
 
 /// What is kept of each replay.
@@ -102,42 +99,78 @@ enum Keep {
     Figures,
 }
 
-/// Replays under each terms in turn.
-fn run_all(recording: &Recording, all: &[ReplayTerms], keep: Keep) -> Result<Vec<Run>, Failure> {
-    let mut runs = Vec::new();
+/// What became of each replay of one recording.
+#[derive(Debug, Default)]
+struct Replays {
+    /// Those that came to their end, in order, with their terms.
+    ended: Vec<(ReplayTerms, Run)>,
+    /// The others.
+    unended: Vec<Unended>,
+}
+
+/// Replays under each terms in turn. One that does not end takes none of the others with it; but one must end.
+fn run_all(recording: &Recording, all: &[ReplayTerms], keep: Keep) -> Result<Replays, Failure> {
+    let mut replays = Replays::default();
+    let mut first_error = None;
     for (number, terms) in all.iter().enumerate() {
         let what = format!("replay {} of {}", number + 1, all.len());
         let bar = output::progress_bar(u64::from(recording.ticks()), what);
-        let mut run = run(recording, terms, &mut |_| bar.inc(1))?;
-        if keep == Keep::Figures {
-            for frame in &mut run.frames {
-                (frame.seen, frame.gone) = (Vec::new(), Vec::new());
+        match run(recording, terms, &mut |_| bar.inc(1)) {
+            Ok(mut run) => {
+                if keep == Keep::Figures {
+                    for frame in &mut run.frames {
+                        (frame.seen, frame.gone) = (Vec::new(), Vec::new());
+                    }
+                }
+                replays.ended.push((*terms, run));
+            }
+            Err(error) => {
+                first_error.get_or_insert(error);
+                replays.unended.push(Unended {
+                    terms: terms.run_terms(recording),
+                    cause: error.to_string(),
+                });
             }
         }
-        runs.push(run);
         bar.finish_and_clear();
     }
-    Ok(runs)
+    match first_error {
+        Some(error) if replays.ended.is_empty() => Err(Failure::Replay(all.len(), error)),
+        _ => Ok(replays),
+    }
 }
 
-/// The replays with what each promised.
-fn promised<'a>(
-    all: &[ReplayTerms],
-    runs: &'a mut [Run],
-) -> impl Iterator<Item = (&'a mut Run, Option<Promised>)> {
-    let promised = all.iter().map(|terms| Some((terms.tolerance, terms.every)));
-    runs.iter_mut().zip(promised)
-}
+impl Replays {
+    /// Those that ended, with what each promised.
+    fn promised(&mut self) -> impl Iterator<Item = (&mut Run, Option<Promised>)> {
+        let ended = self.ended.iter_mut();
+        ended.map(|(terms, run)| (run, Some((terms.tolerance, terms.every))))
+    }
 
-fn experiment(recording: Recording, seed: u64, runs: Vec<Run>) -> Experiment {
-    Experiment {
-        command: output::command_line(),
-        seed,
-        machine: machine::describe(),
-        loads: vec![Load {
-            truth: recording.truth,
-            runs,
-        }],
+    /// Says and writes all there is, a trace if it tells up to how many bodies are drawn; an error if not all ended.
+    fn write(
+        self,
+        recording: Recording,
+        seed: u64,
+        out: &Path,
+        drawn: Option<u32>,
+    ) -> Result<(), Failure> {
+        let (unended, all) = (self.unended.len(), self.ended.len() + self.unended.len());
+        let experiment = Experiment {
+            command: output::command_line(),
+            seed,
+            machine: machine::describe(),
+            loads: vec![Load {
+                truth: recording.truth,
+                runs: self.ended.into_iter().map(|(_, run)| run).collect(),
+                unended: self.unended,
+            }],
+        };
+        output::write_all(out, &experiment, drawn)?;
+        match unended {
+            0 => Ok(()),
+            _ => Err(Failure::Unended(unended, all)),
+        }
     }
 }
 

@@ -85,6 +85,13 @@ fn opening(experiment: &Experiment, summary: &Summary) -> String {
             );
         }
     }
+    for replay in &summary.unended {
+        let _ = writeln!(
+            text,
+            "<p class=\"warn\">Did not end: {}</p>",
+            escape(&replay.to_string())
+        );
+    }
     text
 }
 

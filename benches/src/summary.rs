@@ -9,11 +9,13 @@ mod measure;
 mod table;
 
 use std::collections::BTreeMap;
+use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::record::{Experiment, Followed, Least, Replayed};
+use crate::record::{Experiment, Followed, Least, Replayed, Unended};
 
+use columns::setting;
 pub(crate) use columns::{Column, columns};
 pub(crate) use measure::second_by_second;
 pub use table::Table;
@@ -36,6 +38,22 @@ pub struct Summary {
     pub machine: String,
     /// Every mode's run of every load, in the order of the record.
     pub runs: Vec<RunFigures>,
+    /// Replays that did not come to their end, of which there are no figures; left out where there are none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub unended: Vec<UnendedReplay>,
+}
+
+/// A replay that did not come to its end.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct UnendedReplay {
+    /// How it was asked for, as tables name it.
+    pub setting: String,
+    /// The link that was pretended; `null` without one.
+    pub link: Option<String>,
+    /// Seed of that link.
+    pub link_seed: u64,
+    /// Why, in words.
+    pub cause: String,
 }
 
 /// One mode's run of one scene at one load.
@@ -245,11 +263,13 @@ impl Summary {
         let mut runs: Vec<_> = runs.collect();
         measure::compare_with_naive(&mut runs);
         measure::compare_with_all_on(&mut runs);
+        let unended = experiment.loads.iter().flat_map(|load| &load.unended);
         Self {
             command: experiment.command.clone(),
             seed: experiment.seed,
             machine: experiment.machine.clone(),
             runs,
+            unended: unended.map(UnendedReplay::of).collect(),
         }
     }
 
@@ -282,6 +302,31 @@ impl Summary {
     #[must_use]
     pub const fn table(&self) -> Table<'_> {
         Table::new(self)
+    }
+}
+
+impl UnendedReplay {
+    fn of(unended: &Unended) -> Self {
+        let terms = &unended.terms;
+        let replayed = terms.replayed.as_ref();
+        let setting =
+            replayed.map(|of| setting(of, terms.tolerance_m, terms.budget_bytes_per_second));
+        Self {
+            setting: setting.unwrap_or_else(|| terms.mode.name().to_owned()),
+            link: (!terms.link.is_empty()).then(|| terms.link.clone()),
+            link_seed: replayed.map_or(terms.seed, |of| of.link_seed),
+            cause: unended.cause.clone(),
+        }
+    }
+}
+
+impl fmt::Display for UnendedReplay {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.setting)?;
+        if let Some(link) = &self.link {
+            write!(f, ", {link}, seed {}", self.link_seed)?;
+        }
+        write!(f, ": {}", self.cause)
     }
 }
 

@@ -53,6 +53,7 @@ fn experiment(recording: &Recording, run: Run) -> Experiment {
         loads: vec![Load {
             truth: recording.truth.clone(),
             runs: vec![run],
+            unended: Vec::new(),
         }],
     }
 }

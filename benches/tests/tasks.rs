@@ -11,6 +11,9 @@ use serde_json::Value;
 /// What a task said and wrote.
 struct Done {
     said: String,
+    /// On standard error.
+    complained: String,
+    succeeded: bool,
     summary: Value,
     limit: Value,
     page: String,
@@ -30,6 +33,12 @@ impl Done {
 }
 
 fn task(name: &str, arguments: &[&str]) -> Done {
+    let done = tried(name, arguments);
+    assert!(done.succeeded, "{}", done.complained);
+    done
+}
+
+fn tried(name: &str, arguments: &[&str]) -> Done {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("task-{name}"));
     std::fs::create_dir_all(&folder).expect("a folder");
     let trace = folder.join("bounce.rhtrace.zst");
@@ -42,11 +51,11 @@ fn task(name: &str, arguments: &[&str]) -> Done {
         .arg(&folder)
         .output()
         .expect("the bench starts");
-    let error = String::from_utf8_lossy(&run.stderr);
-    assert!(run.status.success(), "{error}");
     let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap_or_default();
     Done {
         said: String::from_utf8(run.stdout).expect("text"),
+        complained: String::from_utf8(run.stderr).expect("text"),
+        succeeded: run.status.success(),
         summary: serde_json::from_str(&read("summary.json")).unwrap_or_default(),
         limit: serde_json::from_str(&read("limit.json")).unwrap_or_default(),
         page: read("report.html"),
@@ -105,6 +114,34 @@ fn a_sweep_of_tolerances_draws_the_frontier() {
         assert!(figures[0].contains(label), "{label}");
     }
     assert!(figures[0].matches("<circle").count() == 9);
+}
+
+#[test]
+fn a_replay_that_does_not_end_takes_no_other_with_it() {
+    let done = tried("unended", &["replay", "--sweep", "every=1,60000"]);
+    assert!(!done.succeeded);
+    assert!(done.complained.contains("1 of 2 replays did not end"));
+    assert_eq!(done.runs().len(), 1);
+    assert!(done.number(0, "payload_bytes_down") > 0.0);
+    let unended = done.summary["unended"].as_array().expect("one is named");
+    assert_eq!(unended.len(), 1);
+    assert!(
+        unended[0]["setting"]
+            .as_str()
+            .is_some_and(|text| text.contains("each 60000 ticks"))
+    );
+    let line = "each 60000 ticks: nothing would be said";
+    assert!(
+        done.said.contains(line) && done.page.contains(line),
+        "{}",
+        done.said
+    );
+    let done = tried("none-ended", &["replay", "--sweep", "every=60000,60001"]);
+    assert!(!done.succeeded && done.summary.is_null());
+    assert!(
+        done.complained
+            .contains("none of 2 replays ended; the first: nothing would be said")
+    );
 }
 
 #[test]

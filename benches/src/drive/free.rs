@@ -309,6 +309,7 @@ impl Stage {
         Ok(Load {
             truth: self.truth,
             runs,
+            unended: Vec::new(),
         })
     }
 }

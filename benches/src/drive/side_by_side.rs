@@ -364,5 +364,6 @@ fn finish(
     Ok(Load {
         truth: integrated.truth,
         runs,
+        unended: Vec::new(),
     })
 }

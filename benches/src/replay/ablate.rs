@@ -9,7 +9,7 @@ use std::process::ExitCode;
 
 use clap::Args;
 
-use super::{Failure, Feature, Keep, Manner, Means, Source, ended, experiment, promised, run_all};
+use super::{Failure, Feature, Keep, Manner, Means, Source, ended, run_all};
 use crate::limit::set_beside_limits;
 use crate::output;
 
@@ -40,13 +40,11 @@ fn ablate_all(arguments: &Ablate) -> Result<(), Failure> {
         .collect::<Result<Vec<_>, _>>()
         .map_err(Failure::Terms)?;
     let recording = arguments.source.read()?;
-    let mut runs = run_all(&recording, &all, Keep::Figures)?;
+    let mut replays = run_all(&recording, &all, Keep::Figures)?;
     if !arguments.no_limit {
-        set_beside_limits(&recording, promised(&all, &mut runs));
+        set_beside_limits(&recording, replays.promised());
     }
-    let experiment = experiment(recording, arguments.manner.seed(), runs);
-    output::write_all(&arguments.out, &experiment, None)?;
-    Ok(())
+    replays.write(recording, arguments.manner.seed(), &arguments.out, None)
 }
 
 /// Everything, everything but one, nothing.

@@ -13,8 +13,10 @@ use crate::recording::RecordingError;
 pub(crate) enum Failure {
     /// The recording cannot be read.
     Recording(RecordingError),
-    /// A replay did not end.
-    Replay(ReplayError),
+    /// None of so many replays ended; why the first did not.
+    Replay(usize, ReplayError),
+    /// So many of so many replays did not end; of all others everything is written.
+    Unended(usize, usize),
     /// Something cannot be written.
     Output(OutputError),
     /// What was asked for is not possible, in words.
@@ -37,7 +39,14 @@ impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Recording(cause) => cause.fmt(f),
-            Self::Replay(cause) => cause.fmt(f),
+            Self::Replay(1, cause) => cause.fmt(f),
+            Self::Replay(all, cause) => {
+                write!(f, "none of {all} replays ended; the first: {cause}")
+            }
+            Self::Unended(unended, all) => write!(
+                f,
+                "{unended} of {all} replays did not end, as the table says; of the others everything is written"
+            ),
             Self::Output(cause) => cause.fmt(f),
             Self::Terms(cause) => f.write_str(cause),
         }
@@ -47,12 +56,6 @@ impl fmt::Display for Failure {
 impl From<RecordingError> for Failure {
     fn from(cause: RecordingError) -> Self {
         Self::Recording(cause)
-    }
-}
-
-impl From<ReplayError> for Failure {
-    fn from(cause: ReplayError) -> Self {
-        Self::Replay(cause)
     }
 }
 

@@ -304,7 +304,9 @@ impl<'a> Stage<'a> {
             return None;
         }
         self.summed_up = (publisher.tick(), publisher.agreement());
-        Some(publisher.digest(self.notices))
+        let digest = publisher.digest(self.notices);
+        self.publisher.pay(digest.len());
+        Some(digest)
     }
 
     /// Notes of which bodies nothing arrives that was just said, if more was lost than before.

@@ -7,6 +7,7 @@ use rhumb_transport::LinkTerms;
 
 use super::RunFigures;
 use super::table::{dash, number};
+use crate::record::Replayed;
 
 /// A column.
 #[derive(Clone, Copy)]
@@ -117,7 +118,9 @@ const EVALUATED: [Column; 13] = [
 ];
 
 const SETTING: Column = column("replay", "replay", "tolerance and means", |run, _| {
-    setting(run)
+    let of = run.replayed.as_ref();
+    let named = of.map(|of| setting(of, run.tolerance_m, run.budget_bytes_per_second));
+    named.unwrap_or_else(|| run.mode.clone())
 });
 
 const LINK: [Column; 3] = [
@@ -257,11 +260,8 @@ fn cadence(every: u32, hindsight_ticks: u32, text: &mut String) {
 }
 
 /// What a replay was asked for beside its link.
-fn setting(run: &RunFigures) -> String {
-    let Some(of) = &run.replayed else {
-        return run.mode.clone();
-    };
-    let metres = run.tolerance_m.or(of.position_m);
+pub(super) fn setting(of: &Replayed, tolerance_m: Option<f64>, budget: Option<u32>) -> String {
+    let metres = tolerance_m.or(of.position_m);
     let mut text = metres.map_or_else(dash, |metres| {
         format!("{} mm", (metres * 1e9).round() / 1e6)
     });
@@ -269,7 +269,7 @@ fn setting(run: &RunFigures) -> String {
         text.push_str(&format!(", {}°", number(Some(turn_rad.to_degrees()))));
     }
     cadence(of.every, of.hindsight_ticks, &mut text);
-    if let Some(budget) = run.budget_bytes_per_second {
+    if let Some(budget) = budget {
         text.push_str(&format!(", {budget} B/s"));
     }
     if !of.without.is_empty() {

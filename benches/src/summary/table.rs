@@ -7,7 +7,7 @@ use std::fmt;
 use super::columns::{Column, columns};
 use super::{RunFigures, Summary};
 
-/// Shown by `Display`; one line per run under one line of titles.
+/// Shown by `Display`; one line per run under one line of titles, then one per replay that did not come to its end.
 #[derive(Clone, Copy, Debug)]
 pub struct Table<'a> {
     summary: &'a Summary,
@@ -24,7 +24,13 @@ impl<'a> Table<'a> {
         let columns = columns(&self.summary.runs);
         let mut rows = vec![titles(&columns)];
         rows.extend(self.rows(&columns));
-        markdown(&rows)
+        let mut text = markdown(&rows);
+        let mut before = "\n";
+        for replay in &self.summary.unended {
+            text.push_str(&format!("{before}- Did not end: {replay}\n"));
+            before = "";
+        }
+        text
     }
 
     fn rows(&self, columns: &[Column]) -> Vec<Vec<String>> {
@@ -103,7 +109,9 @@ impl fmt::Display for Table<'_> {
         let columns = columns(&self.summary.runs);
         let mut rows = vec![titles(&columns)];
         rows.extend(self.rows(&columns));
-        f.write_str(&aligned(&rows))
+        f.write_str(&aligned(&rows))?;
+        let mut unended = self.summary.unended.iter();
+        unended.try_for_each(|replay| writeln!(f, "did not end: {replay}"))
     }
 }
 

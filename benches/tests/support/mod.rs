@@ -246,6 +246,7 @@ pub(crate) fn experiment() -> Experiment {
         loads: vec![Load {
             truth: truth(),
             runs: vec![integrated(), naive(), rhumb()],
+            unended: Vec::new(),
         }],
     }
 }
