@@ -4,6 +4,7 @@
 //! every one of them again ([`trace`]) and the page that draws them ([`report`]).
 #![forbid(unsafe_code)]
 
+pub mod cost;
 pub mod drive;
 pub mod evaluate;
 pub mod fit;

@@ -1,6 +1,8 @@
-//! What machine this is, in a line that a reader can compare with another.
+//! What machine and what build this is, in lines to compare with others
 
 use std::thread::available_parallelism;
+
+use git_version::git_version;
 
 /// Processor, cores that this process may use, and system.
 #[must_use]
@@ -13,6 +15,26 @@ pub(crate) fn describe() -> String {
 #[must_use]
 pub(crate) fn cores() -> usize {
     available_parallelism().map_or(1, usize::from)
+}
+
+/// How this program was built, and from which commit where that is known.
+#[must_use]
+pub(crate) fn build() -> String {
+    let kind = if cfg!(debug_assertions) {
+        "debug"
+    } else {
+        "release"
+    };
+    let commit = git_version!(
+        args = ["--always", "--abbrev=12", "--dirty", "--exclude=*"],
+        fallback = "of no repository"
+    );
+    let with = if cfg!(feature = "parallel") {
+        ", with parallel"
+    } else {
+        ""
+    };
+    format!("{kind}, {} {commit}{with}", env!("CARGO_PKG_VERSION"))
 }
 
 /// The processor's own name, where the system tells it.

@@ -3,6 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use rhumb_bench::cost::{CostOf, cost};
 use rhumb_bench::drive::{Serve, serve};
 use rhumb_bench::evaluate::{Evaluate, evaluate};
 use rhumb_bench::fit::{FitTo, fit};
@@ -30,6 +31,8 @@ enum Task {
     Ablate(Ablate),
     /// How few updates and bits a recorded trace would have needed, had the future been known.
     Limit(LimitOf),
+    /// What publishing, hearing and one more member take of a processor.
+    Cost(CostOf),
     /// Fit the tables of the packets' coder to recorded traces.
     Fit(FitTo),
     /// Run the paper's experiment: SimFPS and PhysFT by load, with its tests; or one of the tasks beside it.
@@ -47,6 +50,7 @@ fn main() -> ExitCode {
         Task::Replay(arguments) => replay(&arguments),
         Task::Ablate(arguments) => ablate(&arguments),
         Task::Limit(arguments) => limit(&arguments),
+        Task::Cost(arguments) => cost(&arguments),
         Task::Fit(arguments) => fit(&arguments),
         Task::Paper(arguments) => paper(&arguments),
         Task::Scene(arguments) => scene(&arguments),

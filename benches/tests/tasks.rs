@@ -1,4 +1,4 @@
-//! The tasks on a recording write what they say.
+//! The tasks on a recording, and that of costs, write what they say.
 
 #[path = "support/bounce.rs"]
 mod bounce;
@@ -252,5 +252,65 @@ fn a_replay_of_our_own_trace_says_what_the_server_said() {
         assert_eq!(std::fs::read(&trace).ok(), Some(before), "it would be lost");
         within = within.join("again");
         assert_eq!(of(&live), of(&bench(&replay, &within)));
+    }
+}
+
+#[test]
+fn costs_are_measured_at_every_stage() {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("task-cost");
+    let run = Command::new(env!("CARGO_BIN_EXE_rhumb-bench"))
+        .args([
+            "cost",
+            "--bodies",
+            "200",
+            "--repeats",
+            "2",
+            "--members",
+            "1,2",
+        ])
+        .args(["--member-seconds", "1", "--out"])
+        .arg(&folder)
+        .output()
+        .expect("the bench starts");
+    assert!(
+        run.status.success(),
+        "{}",
+        String::from_utf8_lossy(&run.stderr)
+    );
+    let text = std::fs::read_to_string(folder.join("cost.json")).expect("it was written");
+    let costs: Value = serde_json::from_str(&text).expect("it is JSON");
+    let rows = |name: &str| costs[name].as_array().expect("a list").clone();
+    let took = |row: &Value, name: &str| row[name].as_f64().expect("a number");
+    // Three scenes, each as one stream and as four, whose finer tiers say more.
+    let publishing = rows("publishing");
+    assert_eq!(publishing.len(), 6);
+    for pair in publishing.chunks(2) {
+        assert_eq!(
+            (&pair[0]["streams"], &pair[1]["streams"]),
+            (&1.into(), &4.into())
+        );
+        assert!(took(&pair[0], "step_ms") > 0.0 && took(&pair[0], "publish_ms") > 0.0);
+        assert!(took(&pair[1], "updates_per_tick") >= took(&pair[0], "updates_per_tick"));
+    }
+    assert_eq!(publishing[0]["awake"], 200);
+    assert!(took(&publishing[2], "updates_per_tick") > 0.0);
+    let sleepers: Vec<_> = rows("sleeping")
+        .iter()
+        .map(|row| row["bodies"].clone())
+        .collect();
+    assert_eq!(sleepers, [2, 20, 200]);
+    for name in ["first_ns", "update_ns", "view_ms"] {
+        assert!(took(&costs["hearing"], name) > 0.0, "{name}");
+    }
+    let members = rows("members");
+    assert_eq!(members.len(), if cfg!(target_os = "linux") { 4 } else { 0 });
+    assert!(
+        members
+            .iter()
+            .all(|row| took(row, "sockets_us") > 0.0 && took(row, "least_us") > 0.0)
+    );
+    let said = String::from_utf8(run.stdout).expect("text");
+    for word in ["flight", "burst", "settled", "aimed at", "written to"] {
+        assert!(said.contains(word), "{word}");
     }
 }

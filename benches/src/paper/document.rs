@@ -22,6 +22,7 @@ use super::remote::{self, RemoteResults};
 use super::settings::Settings;
 use super::store::parse;
 use super::{findings, tables};
+use crate::cost::Costs;
 use crate::output;
 use crate::summary::{Summary, Table, later, markdown, ratios};
 
@@ -174,6 +175,7 @@ struct Kept {
 fn make_block(page: &Path, folder: &Path, block: &str, file: &str) -> Result<Block, PaperError> {
     let path = folder.join(file);
     let text = match block.split_once('-') {
+        Some(("cost", what)) => read_json::<Costs>(&path)?.block(what),
         Some(("runs", what)) => of_runs(&read_runs(&path)?, what),
         Some(("remote", what)) => of_remote(&read_json(&path)?, what),
         Some(("engines", what)) => of_engines(&read_json(&path)?, what),
@@ -243,7 +245,10 @@ fn read_runs(path: &Path) -> Result<Summary, PaperError> {
     for file in &files {
         let mut one: Summary = read_json(file)?;
         match &mut all {
-            Some(all) => all.runs.append(&mut one.runs),
+            Some(all) => {
+                all.runs.append(&mut one.runs);
+                all.unended.append(&mut one.unended);
+            }
             None => all = Some(one),
         }
     }

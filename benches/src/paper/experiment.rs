@@ -249,7 +249,7 @@ fn settings(
         seed: arguments.seed,
         cores: places.describe(),
         threads: arguments.threads.get(),
-        build: Settings::this_build(),
+        build: machine::build(),
         machine,
     }
 }

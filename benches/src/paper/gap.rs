@@ -19,7 +19,6 @@ use super::outcome::ModeOutcome;
 use super::pit::Pit;
 use super::published;
 use super::report::page;
-use super::settings::Settings;
 use super::table::Table;
 use super::trial::outcome;
 use crate::drive::player::{self, Billing, Took};
@@ -162,7 +161,7 @@ pub(super) fn run(arguments: &GapArguments) -> Result<(), PaperError> {
     let mut results = GapResults {
         command: output::command_line(),
         machine,
-        build: Settings::this_build(),
+        build: machine::build(),
         cores: places.describe(),
         seed: arguments.seed,
         frames,

@@ -159,7 +159,7 @@ pub(super) fn run(arguments: &HardwareArguments) -> Result<(), PaperError> {
         machines: vec![MachineResults {
             command: output::command_line(),
             machine,
-            build: Settings::this_build(),
+            build: machine::build(),
             rows,
         }],
     };
@@ -214,7 +214,7 @@ fn settings(
         seed: arguments.seed,
         cores: places.describe(),
         threads: threads.get(),
-        build: Settings::this_build(),
+        build: machine::build(),
         machine: machine::describe(),
     }
 }

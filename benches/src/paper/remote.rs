@@ -25,7 +25,6 @@ use super::crossover::{Crossover, Pair, crossover};
 use super::experiment::{Places, tolerance};
 use super::pit::{FRAMES_PER_SECOND, in_frames};
 use super::report::page;
-use super::settings::Settings;
 use crate::drive::player::{self, Account, Billing, Player};
 use crate::drive::{Housing, Losses};
 use crate::machine;
@@ -175,7 +174,7 @@ pub(super) fn run(arguments: &RemoteArguments) -> Result<(), PaperError> {
     let mut results = RemoteResults {
         command: output::command_line(),
         machine,
-        build: Settings::this_build(),
+        build: machine::build(),
         cores: places.describe(),
         seed: arguments.seed,
         frames: arguments.frames.get(),

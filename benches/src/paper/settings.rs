@@ -2,7 +2,6 @@
 
 use std::fmt;
 
-use git_version::git_version;
 use serde::{Deserialize, Serialize};
 
 /// All that a trial's outcome may depend on but its number.
@@ -52,26 +51,6 @@ impl fmt::Display for Difference {
 }
 
 impl Settings {
-    /// How this program was built, and from which commit where that is known.
-    #[must_use]
-    pub(super) fn this_build() -> String {
-        let kind = if cfg!(debug_assertions) {
-            "debug"
-        } else {
-            "release"
-        };
-        let commit = git_version!(
-            args = ["--always", "--abbrev=12", "--dirty", "--exclude=*"],
-            fallback = "of no repository"
-        );
-        let with = if cfg!(feature = "parallel") {
-            ", with parallel"
-        } else {
-            ""
-        };
-        format!("{kind}, {} {commit}{with}", env!("CARGO_PKG_VERSION"))
-    }
-
     /// Seed of a trial, counted from 1.
     #[must_use]
     pub(super) const fn seed_of(&self, trial: u32) -> u64 {

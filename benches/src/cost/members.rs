@@ -1,0 +1,318 @@
+//! What one more member of a stream costs its server, datagram by datagram
+//!
+//! A real server over QUIC on loopback says one datagram sixty times a second to each of its members; its bytes are made
+//! once and shared. Counted is what the thread of the host and that of the sockets took for a datagram, and what each took
+//! for one more, against fewer members. Beside it stands what the least takes that any protocol would have to do there:
+//! seal it, send it to who sleeps until it comes, and hear and open an acknowledgement of every second one. Only Linux
+//! tells the time of a thread.
+
+use std::collections::VecDeque;
+use std::fs;
+use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
+use std::num::NonZeroUsize;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread;
+use std::time::{Duration, Instant as HostInstant};
+
+use bytes::Bytes;
+use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake, WakeReason};
+use rhumb_transport::{
+    Certificate, ClientOptions, LinkTerms, QuicClient, QuicServer, ServerOptions, Stop, Trust,
+    UdpRelay,
+};
+use ring::aead::{AES_256_GCM, Aad, LessSafeKey, Nonce, UnboundKey};
+use serde::{Deserialize, Serialize};
+
+/// Of the datagram that all members hear: a tick of recorded cubes takes about as many.
+const DATAGRAM_BYTES: usize = 200;
+const PERIOD: Span = Span::from_nanos(1_000_000_000 / 60);
+/// What the congestion control needs to find out that a link is good.
+const WARM_UP: Duration = Duration::from_millis(1_500);
+
+/// Of an acknowledgement as QUIC has it.
+const ACKNOWLEDGEMENT_BYTES: usize = 36;
+/// A round trip to members that are not next door.
+const FAR: Span = Span::from_nanos(50_000_000);
+
+/// The names of the server's threads, as the system knows them.
+const HOST: &str = "members-host";
+const IO: &str = "rhumb-server-io";
+/// That of a thread that does the least.
+const LEAST: &str = "members-least";
+
+/// Says the same to all of its members.
+struct Choir {
+    members: Vec<Peer>,
+    said: Bytes,
+    next: Instant,
+    waiting: VecDeque<Peer>,
+    sent: Arc<AtomicU64>,
+}
+
+impl Endpoint for Choir {
+    fn handle_opened(&mut self, now: Instant, peer: Peer) {
+        self.members.push(peer);
+        self.next = self.next.max(now);
+    }
+
+    fn handle_control(&mut self, _: Instant, _: Peer, _: &[u8]) {}
+
+    fn handle_datagram(&mut self, _: Instant, _: Peer, _: &[u8]) {}
+
+    fn handle_ended(&mut self, _: Instant, peer: Peer, _: Ending) {
+        self.members.retain(|member| *member != peer);
+    }
+
+    fn handle_timeout(&mut self, _: Instant) {
+        self.next = self.next + PERIOD;
+        self.waiting.extend(&self.members);
+    }
+
+    fn poll_transmit(&mut self) -> Option<Transmit> {
+        let to = self.waiting.pop_front()?;
+        self.sent.fetch_add(1, Ordering::Relaxed);
+        let bytes = self.said.clone();
+        Some(Transmit::State { to, bytes })
+    }
+
+    fn poll_timeout(&self) -> Option<Wake> {
+        let some = !self.members.is_empty();
+        some.then_some(Wake {
+            at: self.next,
+            reason: WakeReason::Tick,
+        })
+    }
+}
+
+/// What a run took: nanoseconds of both threads, and datagrams.
+struct Cost {
+    host_ns: u64,
+    io_ns: u64,
+    datagrams: u64,
+}
+
+impl Cost {
+    const fn all_ns(&self) -> f64 {
+        (self.host_ns + self.io_ns) as f64
+    }
+}
+
+/// Of so many members, each a round trip away if any is given, for so long.
+fn measure(members: usize, away: Option<Span>, long: Duration) -> Result<Cost, String> {
+    let wrong = |what: &dyn std::fmt::Display| format!("a stream's members: {what}");
+    let certificate = Certificate::development(["localhost"]).map_err(|error| wrong(&error))?;
+    let listen = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
+    let options = ServerOptions {
+        listen,
+        certificate,
+    };
+    let server = QuicServer::bind(options).map_err(|error| wrong(&error))?;
+    let trust = Trust::Fingerprint(server.fingerprint());
+    let address = server.local_addr();
+    let (stop, sent) = (Stop::new(), Arc::new(AtomicU64::new(0)));
+    let mut choir = Choir {
+        members: Vec::new(),
+        said: Bytes::from(vec![0x5a; DATAGRAM_BYTES]),
+        next: Instant::ZERO,
+        waiting: VecDeque::new(),
+        sent: Arc::clone(&sent),
+    };
+    let until = stop.clone();
+    let host = thread::Builder::new().name(HOST.into());
+    let host = host.spawn(move || server.run(&mut choir, &until));
+    let host = host.map_err(|error| wrong(&error))?;
+    let heard = listen_for(members, address, &trust, away).and_then(|listening| {
+        thread::sleep(WARM_UP);
+        let now = || {
+            Some((
+                thread_ns(HOST)?,
+                thread_ns(IO)?,
+                sent.load(Ordering::Relaxed),
+            ))
+        };
+        let before = now();
+        thread::sleep(long);
+        let between = before.zip(now());
+        drop(listening);
+        between.ok_or_else(|| "the system does not tell what its threads took".to_owned())
+    });
+    stop.stop();
+    let ended = host.join();
+    let (before, after) = heard.map_err(|error| wrong(&error))?;
+    match ended {
+        Ok(Ok(_)) => Ok(Cost {
+            host_ns: after.0 - before.0,
+            io_ns: after.1 - before.1,
+            datagrams: after.2 - before.2,
+        }),
+        Ok(Err(error)) => Err(wrong(&error)),
+        Err(_) => Err(wrong(&"the server's thread panicked")),
+    }
+}
+
+/// Members that hear, and the relay that puts them a round trip away.
+type Listening = (Vec<QuicClient>, Option<UdpRelay>);
+
+fn listen_for(
+    members: usize,
+    server: SocketAddr,
+    trust: &Trust,
+    away: Option<Span>,
+) -> Result<Listening, String> {
+    let relay = away.map(|away| {
+        let front = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
+        UdpRelay::start(front, server, LinkTerms::round_trip(away), 1)
+    });
+    let relay = relay.transpose().map_err(|error| error.to_string())?;
+    let address = relay.as_ref().map_or(server, UdpRelay::local_addr);
+    let connect = |_| {
+        let options = ClientOptions::new(address, trust.clone());
+        QuicClient::connect(options, Duration::from_secs(5)).map_err(|error| error.to_string())
+    };
+    let clients: Result<_, _> = (0..members).map(connect).collect();
+    Ok((clients?, relay))
+}
+
+/// How long the thread of a name was on a processor, in nanoseconds; none where the system does not tell.
+fn thread_ns(name: &str) -> Option<u64> {
+    let tasks = fs::read_dir("/proc/self/task").ok()?;
+    let of_name = tasks.flatten().find(|task| {
+        fs::read_to_string(task.path().join("comm")).is_ok_and(|comm| comm.trim() == name)
+    });
+    let times = fs::read_to_string(of_name?.path().join("schedstat")).ok()?;
+    times.split_whitespace().next()?.parse().ok()
+}
+
+/// Whether the system tells what a thread took.
+pub(super) fn can_be_measured() -> bool {
+    let told = thread::Builder::new().name(LEAST.into());
+    let told = told.spawn(|| thread_ns(LEAST));
+    told.ok()
+        .and_then(|thread| thread.join().ok())
+        .flatten()
+        .is_some()
+}
+
+/// What the least takes for a datagram, in nanoseconds: it is sealed and sent to who sleeps until it comes, and of every
+/// second one an acknowledgement is heard and opened.
+fn least_ns(members: usize, long: Duration) -> std::io::Result<f64> {
+    let here = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))?;
+    let to = here.local_addr()?;
+    let mut listeners = Vec::new();
+    for _ in 0..members {
+        let there = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))?;
+        there.connect(to)?;
+        let address = there.local_addr()?;
+        let thread = thread::spawn(move || {
+            let (mut heard, mut count) = ([0; 2 * DATAGRAM_BYTES], 0_u32);
+            // A datagram of nothing is the last.
+            while there.recv(&mut heard).is_ok_and(|bytes| bytes > 0) {
+                count += 1;
+                if count.is_multiple_of(2) {
+                    drop(there.send(&heard[..ACKNOWLEDGEMENT_BYTES]));
+                }
+            }
+        });
+        listeners.push((address, thread));
+    }
+    let addresses: Vec<_> = listeners.iter().map(|(address, _)| *address).collect();
+    let sender = thread::Builder::new().name(LEAST.into());
+    let took = sender
+        .spawn(move || say_the_least(&here, &addresses, long))?
+        .join();
+    for (_, listener) in listeners {
+        listener
+            .join()
+            .map_err(|_| std::io::Error::other("a listener panicked"))?;
+    }
+    took.map_err(|_| std::io::Error::other("the sender panicked"))?
+}
+
+fn say_the_least(here: &UdpSocket, to: &[SocketAddr], long: Duration) -> std::io::Result<f64> {
+    here.set_nonblocking(true)?;
+    let told = || thread_ns(LEAST).ok_or(std::io::ErrorKind::Unsupported);
+    let key = UnboundKey::new(&AES_256_GCM, &[7; 32]).expect("it has so many bytes");
+    let (key, period) = (
+        LessSafeKey::new(key),
+        Duration::from_nanos(PERIOD.as_nanos()),
+    );
+    let nonce = || Nonce::assume_unique_for_key([1; 12]);
+    let (before, began) = (told()?, HostInstant::now());
+    let (mut next, mut said) = (began, 0_u32);
+    while began.elapsed() < long {
+        for address in to {
+            let mut datagram = Vec::with_capacity(DATAGRAM_BYTES + 16);
+            datagram.resize(DATAGRAM_BYTES, 0x5a);
+            let sealed = key.seal_in_place_append_tag(nonce(), Aad::empty(), &mut datagram);
+            sealed.expect("so many bytes can be sealed");
+            drop(here.send_to(&datagram, address));
+            said += 1;
+        }
+        next += period;
+        thread::sleep(next.saturating_duration_since(HostInstant::now()));
+        let mut heard = [0; 2 * DATAGRAM_BYTES];
+        while let Ok((bytes, _)) = here.recv_from(&mut heard) {
+            // It is none of this key's, which takes as long to find out.
+            drop(key.open_in_place(nonce(), Aad::empty(), &mut heard[..bytes]));
+        }
+    }
+    let took = told()? - before;
+    for address in to {
+        drop(here.send_to(&[], address));
+    }
+    Ok(took as f64 / f64::from(said.max(1)))
+}
+
+/// What a member's datagram costs; microseconds of a processor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Members {
+    /// How many listen.
+    pub members: usize,
+    /// How far away they are, a round trip in milliseconds.
+    pub round_trip_ms: f64,
+    /// The thread of the host, for a datagram.
+    pub host_us: f64,
+    /// The thread of the sockets: QUIC and the system.
+    pub sockets_us: f64,
+    /// Both, for a datagram more than with the fewer members before; none of the first.
+    pub one_more_us: Option<f64>,
+    /// The least that any protocol would take.
+    pub least_us: f64,
+}
+
+/// So many members each, fewest first, next door and far away.
+///
+/// # Errors
+///
+/// What the system refuses, in words.
+pub(super) fn members(
+    counts: &[NonZeroUsize],
+    long: Duration,
+    progress: &mut dyn FnMut(),
+) -> Result<Vec<Members>, String> {
+    let mut all = Vec::new();
+    for away in [None, Some(FAR)] {
+        let mut before: Option<Cost> = None;
+        for count in counts {
+            let cost = measure(count.get(), away, long)?;
+            let least_ns = least_ns(count.get(), long).map_err(|error| error.to_string())?;
+            progress();
+            let each = |ns: u64| ns as f64 / cost.datagrams.max(1) as f64 / 1e3;
+            let more = before.filter(|less| less.datagrams < cost.datagrams);
+            all.push(Members {
+                members: count.get(),
+                round_trip_ms: away.map_or(0.0, |away| away.as_nanos() as f64 / 1e6),
+                host_us: each(cost.host_ns),
+                sockets_us: each(cost.io_ns),
+                one_more_us: more.map(|less| {
+                    let datagrams = (cost.datagrams - less.datagrams) as f64;
+                    (cost.all_ns() - less.all_ns()) / datagrams / 1e3
+                }),
+                least_us: least_ns / 1e3,
+            });
+            before = Some(cost);
+        }
+    }
+    Ok(all)
+}

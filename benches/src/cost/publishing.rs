@@ -1,0 +1,390 @@
+//! What publishing many awake bodies costs, as a share of the step
+//!
+//! The real engine steps each scene once; its observations are then published again and again, as one stream of 5 cm and
+//! as four of 5 mm, 2 cm, 5 cm and 20 cm. Three scenes: balls in free flight; the ball pit while its balls burst apart,
+//! the worst case; the same when it has settled but for rolling and jitter. A scene looks at what moved within its step;
+//! here every body is looked at once more, so that observing can be told apart, and is counted rather too high.
+
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+use bytes::Bytes;
+use glam::Quat;
+use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::scene::{
+    BodyKind, BodyTerms, Cadence, Command, Material, Pace, SceneTerms, Shape, ShapeId,
+};
+use rhumb_protocol::stream::{
+    Activity, Features, Manner, Observation, Publisher, StreamTerms, Witness,
+};
+use rhumb_reckoning::{
+    Anchor, BodyId, Damping, Metres, Predictor, Tick, Tolerance, Track, Verbatim,
+};
+use rhumb_server::Scene;
+use rhumb_sims::{BallPit, Script};
+use serde::{Deserialize, Serialize};
+
+use super::median;
+
+/// Ticks that are published before the clock runs, so that tracks are what they are in the middle of a run.
+const WARM_UP: usize = 30;
+/// Ticks that are measured.
+const MEASURED: usize = 30;
+/// Ticks in which all sleep, measured at once.
+const SILENT: u32 = 1_000;
+
+/// The tiers of one stream, and of four.
+const TIERS: [&[Tolerance]; 2] = [
+    &[Tolerance::NORMAL],
+    &[
+        Tolerance::EXACT,
+        Tolerance::FINE,
+        Tolerance::NORMAL,
+        Tolerance::COARSE,
+    ],
+];
+
+/// Balls that fly apart from each other and touch nothing.
+struct Flight {
+    bodies: u32,
+}
+
+impl Script for Flight {
+    fn name(&self) -> &'static str {
+        "flight"
+    }
+
+    fn terms(&self) -> SceneTerms {
+        SceneTerms {
+            material: Material {
+                friction: 0.5,
+                restitution: 0.0,
+                density: 1_000.0,
+            },
+            pace: Pace::Lockstep,
+            sleep: None,
+            cadence: Cadence::EACH_TICK,
+            damping: Damping::default(),
+            ..BallPit::paper(1).terms()
+        }
+    }
+
+    fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {
+        if tick != Tick::ZERO {
+            return;
+        }
+        out.push(Command::AddShape {
+            id: ShapeId(0),
+            shape: Shape::Ball { radius: 0.5 },
+        });
+        for index in 0..self.bodies {
+            let (x, z) = ((index % 100) as f32, (index / 100) as f32);
+            // Spins and speeds of many sizes, by irrational steps.
+            let part = |step: f32| (index as f32 * step).fract() - 0.5;
+            let motion = Verbatim::new(
+                [x * 3.0, 100.0, z * 3.0],
+                Quat::IDENTITY.to_array(),
+                [part(0.618_034), 20.0 * part(0.414_214), part(0.732_051)],
+                [
+                    8.0 * part(0.236_068),
+                    8.0 * part(0.302_776),
+                    part(0.162_278),
+                ],
+            )
+            .expect("these numbers are finite");
+            let terms = BodyTerms::plain(BodyId::new(index, 0), BodyKind::Dynamic, ShapeId(0));
+            out.push(Command::AddBody { terms, motion });
+        }
+    }
+}
+
+/// A run of the engine: what it saw, and how long its steps took.
+struct Run {
+    terms: SceneTerms,
+    bodies: Vec<(BodyId, Manner, Track)>,
+    first: Tick,
+    ticks: Vec<Vec<Observation>>,
+    step: Duration,
+    observe: Duration,
+}
+
+impl Run {
+    /// Steps a scene up to its first tick, and then what is warmed up and measured.
+    fn record(play: &Play, bodies: u32, progress: &mut dyn FnMut()) -> Result<Self, String> {
+        let mut script = (play.script)(bodies);
+        let terms = script.terms();
+        let wrong = |what: &dyn std::fmt::Display| format!("scene {}: {what}", play.name);
+        let mut scene = Scene::new(terms).map_err(|refusal| wrong(&refusal))?;
+        let mut commands = Vec::new();
+        let mut advance = |scene: &mut Scene| {
+            commands.clear();
+            script.commands(scene.tick(), &mut commands);
+            for command in &commands {
+                scene.apply(command).map_err(|refusal| wrong(&refusal))?;
+            }
+            let begun = Instant::now();
+            scene.step().map_err(|error| wrong(&error))?;
+            progress();
+            Ok::<_, String>(begun.elapsed())
+        };
+        let first = Tick::new(play.first);
+        while scene.tick() < first {
+            advance(&mut scene)?;
+        }
+        let mut all = Vec::new();
+        scene.observe_all(&mut all);
+        let bodies = all.iter().filter_map(|seen| placed(&scene, seen)).collect();
+        let (mut ticks, mut step, mut observe) = (Vec::new(), Duration::ZERO, Duration::ZERO);
+        for place in 0..WARM_UP + MEASURED {
+            let took = advance(&mut scene)?;
+            if place >= WARM_UP {
+                all.clear();
+                let begun = Instant::now();
+                scene.observe_all(&mut all);
+                observe += begun.elapsed();
+                step += took;
+            }
+            ticks.push(scene.observations().to_vec());
+        }
+        Ok(Self {
+            terms,
+            bodies,
+            first,
+            ticks,
+            step: step / MEASURED as u32,
+            observe: observe / MEASURED as u32,
+        })
+    }
+
+    fn publishers(&self, tiers: &[Tolerance]) -> Vec<Publisher> {
+        let publisher = |(number, tolerance): (usize, &Tolerance)| {
+            let terms = stream(&self.terms, *tolerance);
+            let mut publisher = Publisher::new(StreamId(number as u32), &terms, self.first);
+            for (id, manner, track) in &self.bodies {
+                assert!(publisher.place(*id, manner, *track));
+            }
+            publisher
+        };
+        tiers.iter().enumerate().map(publisher).collect()
+    }
+
+    /// Publishes the run once.
+    fn publish(&self, tiers: &[Tolerance]) -> Cost {
+        let mut publishers = self.publishers(tiers);
+        let mut witness = Witness::new(self.terms.cadence);
+        let mut out: Vec<Bytes> = Vec::new();
+        let (mut took, mut before) = (Duration::ZERO, 0);
+        let updates = |publishers: &[Publisher]| {
+            let each = publishers.iter().map(|one| one.statistics().updates);
+            each.sum::<u64>()
+        };
+        let mut tick = self.first;
+        for (place, observations) in self.ticks.iter().enumerate() {
+            if place == WARM_UP {
+                (took, before) = (Duration::ZERO, updates(&publishers));
+            }
+            tick = tick.next();
+            let begun = Instant::now();
+            witness.observe(tick, observations);
+            for publisher in &mut publishers {
+                publisher.publish(&witness, 0, &mut out);
+            }
+            took += begun.elapsed();
+            black_box(&out);
+            out.clear();
+        }
+        Cost {
+            publish: took / MEASURED as u32,
+            updates: updates(&publishers) - before,
+        }
+    }
+
+    fn awake(&self) -> usize {
+        let awake = |seen: &&Observation| seen.activity == Activity::Awake;
+        self.ticks
+            .last()
+            .map_or(0, |seen| seen.iter().filter(awake).count())
+    }
+}
+
+/// What a tick cost.
+#[derive(Clone, Copy)]
+struct Cost {
+    /// Witness and publishers.
+    publish: Duration,
+    updates: u64,
+}
+
+/// A stream of a scene.
+fn stream(terms: &SceneTerms, tolerance: Tolerance) -> StreamTerms {
+    StreamTerms {
+        tolerance,
+        integrator: terms.integrator,
+        every: terms.cadence.every,
+        gravity: terms.gravity,
+        features: Features::ALL,
+    }
+}
+
+/// A body as a stream is told of it.
+fn placed(scene: &Scene, seen: &Observation) -> Option<(BodyId, Manner, Track)> {
+    let id = seen.id;
+    let (terms, shape) = (scene.body(id)?, scene.shape_of(id)?);
+    let manner = Manner::of(terms, shape, scene.terms().damping, scene.inertia(id));
+    let moves = terms.kind == BodyKind::Dynamic;
+    let track = Track {
+        origin: scene.tick(),
+        predictor: if moves {
+            Predictor::Ballistic
+        } else {
+            Predictor::Rest
+        },
+        anchor: Anchor::Verbatim(if moves {
+            seen.motion
+        } else {
+            seen.motion.stilled()
+        }),
+        carrier: None,
+    };
+    Some((id, manner, track))
+}
+
+/// A scene, and from which tick on it is warmed up and measured.
+struct Play {
+    name: &'static str,
+    script: fn(u32) -> Box<dyn Script>,
+    first: u64,
+}
+
+const PLAYS: [Play; 3] = [
+    Play {
+        name: "flight",
+        script: |bodies| Box::new(Flight { bodies }),
+        first: 10,
+    },
+    Play {
+        name: "burst",
+        script: |bodies| Box::new(BallPit::new(bodies, 1, 1)),
+        first: 60,
+    },
+    Play {
+        name: "settled",
+        script: |bodies| Box::new(BallPit::new(bodies, 1, 1)),
+        first: 1_200,
+    },
+];
+
+/// What publishing a scene costs in a tick.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Publishing {
+    /// Which scene, at which stage.
+    pub scene: String,
+    /// How many streams, of a tier each.
+    pub streams: usize,
+    /// Bodies that are awake in the last tick.
+    pub awake: usize,
+    /// The engine's step, on average; milliseconds.
+    pub step_ms: f64,
+    /// Looking at every body, on average; milliseconds.
+    pub observe_ms: f64,
+    /// Choosing and encoding for all streams, on average; milliseconds.
+    pub publish_ms: f64,
+    /// Both over the step.
+    pub of_step: f64,
+    /// Said in a tick, over all streams.
+    pub updates_per_tick: f64,
+}
+
+/// What publishing costs where nothing moves.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Sleeping {
+    /// Bodies of the stream, all asleep.
+    pub bodies: u32,
+    /// A tick of one stream, microseconds.
+    pub publish_us: f64,
+}
+
+/// How often progress is told of when so many repeats are measured.
+pub(super) fn steps(repeats: u32) -> u64 {
+    let ticks = PLAYS
+        .iter()
+        .map(|play| play.first + (WARM_UP + MEASURED) as u64);
+    ticks.sum::<u64>() + PLAYS.len() as u64 * TIERS.len() as u64 * u64::from(repeats)
+}
+
+/// Each scene, as one stream and as four.
+///
+/// # Errors
+///
+/// What the engine or its scene refuses, in words.
+pub(super) fn publishing(
+    bodies: u32,
+    repeats: u32,
+    progress: &mut dyn FnMut(),
+) -> Result<Vec<Publishing>, String> {
+    let mut all = Vec::new();
+    for play in &PLAYS {
+        let run = Run::record(play, bodies, progress)?;
+        for tiers in TIERS {
+            let measured = (0..repeats).map(|_| {
+                let cost = run.publish(tiers);
+                progress();
+                cost
+            });
+            let costs: Vec<Cost> = measured.collect();
+            let ms = |time: Duration| time.as_secs_f64() * 1e3;
+            let publish_ms = ms(median(costs.iter().map(|cost| cost.publish)));
+            let observe_ms = ms(run.observe);
+            let step_ms = ms(run.step);
+            // The same words each time.
+            let updates = costs.first().map_or(0, |cost| cost.updates);
+            all.push(Publishing {
+                scene: play.name.to_owned(),
+                streams: tiers.len(),
+                awake: run.awake(),
+                step_ms,
+                publish_ms,
+                observe_ms,
+                of_step: (observe_ms + publish_ms) / step_ms,
+                updates_per_tick: updates as f64 / MEASURED as f64,
+            });
+        }
+    }
+    Ok(all)
+}
+
+/// A stream of so many sleepers.
+pub(super) fn sleeping(bodies: u32, repeats: u32) -> Sleeping {
+    let terms = Flight { bodies }.terms();
+    let mut publisher = Publisher::new(StreamId(0), &stream(&terms, Tolerance::NORMAL), Tick::ZERO);
+    for index in 0..bodies {
+        let motion = Verbatim::new(
+            [index as f32, 0.0, 0.0],
+            Quat::IDENTITY.to_array(),
+            [0.0; 3],
+            [0.0; 3],
+        );
+        let motion = motion.expect("these numbers are finite");
+        let track = Track::resting(Tick::ZERO, motion);
+        let manner = Manner::plain(Metres::new(0.5));
+        assert!(publisher.place(BodyId::new(index, 0), &manner, track));
+    }
+    let mut witness = Witness::new(Cadence::EACH_TICK);
+    let mut out = Vec::new();
+    let mut tick = Tick::ZERO;
+    let mut silence = || {
+        let begun = Instant::now();
+        for _ in 0..SILENT {
+            tick = tick.next();
+            witness.observe(tick, &[]);
+            publisher.publish(&witness, 0, &mut out);
+        }
+        begun.elapsed()
+    };
+    silence();
+    let took = median((0..repeats).map(|_| silence()));
+    Sleeping {
+        bodies,
+        publish_us: took.as_secs_f64() * 1e6 / f64::from(SILENT),
+    }
+}
