@@ -299,7 +299,7 @@ pub(super) fn table(results: &GapResults) -> Table {
         cells.push(found.ends_lost.to_string());
         table.rows.push(cells);
     }
-    table.note = "All clients but the last rows' say and hear the paper's protocol; poll, cap, list and buffer lose that one \
+    table.note = "All clients but the integrated engine's and the last rows' say and hear the paper's protocol; poll, cap, list and buffer lose that one \
                   thing each. Each row ran by itself, and its engine at its own moment: what a client takes is beyond the \
                   engine. Ends lost: frames whose end was lost in the buffer, so that they lasted 1/11.33 s more. Void: the \
                   engine did not do what the integrated one did."
