@@ -299,10 +299,10 @@ pub(super) fn table(results: &GapResults) -> Table {
         cells.push(found.ends_lost.to_string());
         table.rows.push(cells);
     }
-    table.note = "All clients but the integrated engine's and the last rows' say and hear the paper's protocol; poll, cap, list and buffer lose that one \
-                  thing each. Each row ran by itself, and its engine at its own moment: what a client takes is beyond the \
-                  engine. Ends lost: frames whose end was lost in the buffer, so that they lasted 1/11.33 s more. Void: the \
-                  engine did not do what the integrated one did."
+    table.note = "All clients but the integrated engine's and the last rows' say and hear the paper's protocol; poll, cap, \
+                  list and buffer lose that one thing each. Each row ran by itself, and its engine at its own moment: what a \
+                  client takes is beyond the engine. Ends lost: frames whose end was lost in the buffer, so that they lasted \
+                  1/11.33 s more. Void: the engine did not do what the integrated one did."
         .to_owned();
     table
 }
@@ -358,7 +358,11 @@ pub(super) fn shares_table(results: &GapResults) -> Table {
 pub(super) fn published_table(results: &GapResults) -> Table {
     let columns = [
         "balls",
+        "the paper's, times integrated",
         "the paper's gap, ms",
+        "protocol alone, % of it",
+        "poll, %",
+        "buffer, %",
         "published client here, ms",
         "of the gap, %",
         "entries of its list",
@@ -366,6 +370,7 @@ pub(super) fn published_table(results: &GapResults) -> Table {
         "of the gap, %",
         "placing, spread over a stage, ms",
         "of the gap, %",
+        "not explained, %",
     ];
     let mut table = Table::new("Beside the paper's own gap", columns);
     let mut loads: Vec<u32> = results.rows.iter().map(|row| row.load).collect();
@@ -382,23 +387,36 @@ pub(super) fn published_table(results: &GapResults) -> Table {
         let capped = placing("cap")
             .zip(placing(SOUND))
             .map(|(cap, sound)| cap - sound);
-        let mut cells = vec![load.to_string(), number(Some(gap))];
-        let mut beside = |found: Option<f64>| {
-            cells.push(number(found));
-            cells.push(number(found.map(|found| 100.0 * found / gap)));
-        };
-        beside(beyond(AS_PUBLISHED));
-        beside(beyond(AS_LONG));
-        beside(capped);
-        cells.insert(4, published::listed(load).to_string());
-        table.rows.push(cells);
+        let of_gap = |found: Option<f64>| found.map(|found| 100.0 * found / gap);
+        let parts = Parts::of(results, load).map(|parts| parts.each);
+        let part = |place: usize| number(of_gap(parts.map(|each| each[place])));
+        let long = beyond(AS_LONG);
+        let explained = of_gap(long.zip(capped).map(|(long, placing)| long + placing));
+        table.rows.push(vec![
+            load.to_string(),
+            number(Some(distributed / integrated)),
+            number(Some(gap)),
+            part(Parts::PROTOCOL),
+            part(Parts::POLL),
+            part(Parts::BUFFER),
+            number(beyond(AS_PUBLISHED)),
+            number(of_gap(beyond(AS_PUBLISHED))),
+            published::listed(load).to_string(),
+            number(long),
+            number(of_gap(long)),
+            number(capped),
+            number(of_gap(capped)),
+            number(explained.map(|explained| 100.0 - explained)),
+        ]);
     }
-    table.note = "Gap: what the paper's distributed frame takes beyond its integrated one. Beyond the engine's steps, here: \
-                  measured. Entries: inferred, from the experiment's stages and the third of all states that the \
+    table.note = "Gap: what the paper's distributed frame takes beyond its integrated one. Protocol alone, poll and buffer: what \
+                  a sound client takes beyond the engine's steps here, and what each loss by itself adds to it; measured. \
+                  Entries: inferred, from the experiment's stages and the third of all states that the \
                   published plug-in took in when that was measured with 1,000 bodies; frames with as many: measured, three \
-                  of them. Placing: what fifty messages in 30 ms add to the placing of 500 balls, three messages each, if a \
+                  of them, all losses together. Placing: what fifty messages in 30 ms add to the placing of 500 balls, three messages each, if a \
                   caller waited for it and it is spread over the stage's frames; inferred from the time until all were \
-                  placed. A region of the published simulator says five times as many messages for a ball."
+                  placed. A region of the published simulator says five times as many messages for a ball. Not explained: by a list \
+                  as long and placing."
         .to_owned();
     table
 }
@@ -411,6 +429,13 @@ struct Parts {
 }
 
 impl Parts {
+    /// Places in `each`.
+    const PROTOCOL: usize = 0;
+    /// See above.
+    const POLL: usize = 1;
+    /// See above.
+    const BUFFER: usize = 4;
+
     /// `None` where a row is missing or void.
     fn of(results: &GapResults, load: u32) -> Option<Self> {
         let beyond = |client| sound_row(results, load, client).map(beyond_ms);
@@ -495,7 +520,8 @@ mod tests {
         results.rows.push(long);
         // 170 frames of 500 balls before, 170 of 1,000 so far, 34 % of them; 2 s more for 1,000 balls, spread over 340 frames.
         let expected = [
-            "1000", "654", "100", "15.3", "115600", "327", "50.0", "2.94", "0.450",
+            "1000", "808", "654", "1.53", "4.59", "-0.765", "100", "15.3", "115600", "327", "50.0",
+            "2.94", "0.450", "49.5",
         ];
         assert_eq!(
             published_table(&results).rows,
