@@ -440,7 +440,7 @@ impl Streams {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rhumb_protocol::packet::{Head, Kind};
+    use rhumb_protocol::packet::{Head, Kind, Low16};
     use rhumb_protocol::stream::{Activity, Budget};
     use rhumb_protocol::wire::Wire;
     use rhumb_protocol::wire::bytes::Reader;
@@ -574,5 +574,24 @@ mod tests {
             bytes + 200 > most,
             "a tight budget is used: {bytes} of {most}"
         );
+    }
+
+    #[test]
+    fn what_two_members_lost_is_encoded_once_for_both() {
+        let mut streams = capped(100_000);
+        publish(&mut streams, 1);
+        let stream = &mut streams.streams[0];
+        let next = stream.next_number();
+        let echo = Echo {
+            next: Low16::of(next),
+            gone: Low16::of(1),
+            parities: 0,
+            lost: vec![Low16::of(next - 1)],
+        };
+        let [one, other] = [1, 2].map(|member| stream.answer(Peer(member), &echo, 0));
+        assert!(one.len() > 1, "a repair, and a vouch behind it");
+        for (one, other) in one[..one.len() - 1].iter().zip(&other) {
+            assert_eq!(one.as_ptr(), other.as_ptr(), "the same bytes, not a copy");
+        }
     }
 }

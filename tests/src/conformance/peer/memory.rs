@@ -62,7 +62,12 @@ impl Memory {
                 ));
             };
             let (sum, known) = told_state(told);
-            let in_full = choice == Some(StreamChoice::Full) && is_same_in_full(told, states);
+            let is_new = |name: &str| {
+                let mut later = self.held.range(tick + 1..).flat_map(|(_, states)| states);
+                later.any(|state| state.all.contains_key(name))
+            };
+            let in_full =
+                choice == Some(StreamChoice::Full) && is_same_in_full(told, states, &is_new);
             let is_same = |state: &State| state.sum == sum && state.moving == known;
             if in_full || states.iter().any(is_same) {
                 continue;
@@ -110,15 +115,16 @@ fn told_state(told: &Value) -> (String, String) {
 }
 
 /// Of a full stream, which has no sums and says anew of bodies that rest: whether each body that is told of is where it is,
-/// and none is left out that moves.
-fn is_same_in_full(told: &Value, states: &BTreeSet<State>) -> bool {
+/// and none is left out that moves. One that is new was placed behind the tick: whoever heard of it before the next tick tells
+/// of it, and whoever heard of that first does not.
+fn is_same_in_full(told: &Value, states: &BTreeSet<State>, is_new: &dyn Fn(&str) -> bool) -> bool {
     let Some(told) = told["moving"].as_object() else {
         return false;
     };
     states.iter().any(|state| {
         let is_ours = |(name, motion): (&String, &Value)| {
             let ours = state.all.get(name);
-            ours.is_some_and(|ours| motion == ours)
+            ours.map_or_else(|| is_new(name), |ours| motion == ours)
         };
         let is_told = |(name, motion): (&String, &String)| told.contains_key(name) || lies(motion);
         told.iter().all(is_ours) && state.all.iter().all(is_told)
@@ -173,7 +179,8 @@ mod tests {
 
     #[test]
     fn of_a_full_stream_each_body_that_moves_must_be_told_of_as_it_is() {
-        let same = |moving: Value| is_same_in_full(&json!({"moving": moving}), &states());
+        let is_new = |name: &str| name == "4:0";
+        let same = |moving: Value| is_same_in_full(&json!({"moving": moving}), &states(), &is_new);
         assert!(same(json!({"1:0": motion(0.5), "2:0": motion(0.0)})));
         assert!(same(json!({"1:0": motion(0.5)})), "the other one lies");
         assert!(
@@ -186,5 +193,7 @@ mod tests {
             "nobody knows it"
         );
         assert!(!same(json!({})) && !same(Value::Null), "nothing is told");
+        let with_new = json!({"1:0": motion(0.5), "4:0": motion(0.0)});
+        assert!(same(with_new), "placed behind this tick");
     }
 }
