@@ -39,10 +39,11 @@ const fn column(
 /// The columns that fit these runs; the first names the run.
 pub(crate) fn columns(runs: &[RunFigures]) -> Vec<Column> {
     let any = |has: fn(&RunFigures) -> bool| runs.iter().any(has);
+    let first = runs.first().map(|run| &run.scene);
+    let differ = runs.iter().any(|run| Some(&run.scene) != first);
     if any(|run| run.replayed.is_none()) || runs.is_empty() {
         let mut columns = EVALUATED.to_vec();
-        let first = runs.first().map(|run| &run.scene);
-        if runs.iter().any(|run| Some(&run.scene) != first) {
+        if differ {
             columns.insert(0, SCENE);
         }
         if any(|run| run.of_limit.is_some()) {
@@ -51,6 +52,9 @@ pub(crate) fn columns(runs: &[RunFigures]) -> Vec<Column> {
         return columns;
     }
     let mut columns = vec![SETTING];
+    if differ {
+        columns.insert(0, SCENE);
+    }
     if any(|run| run.link.is_some()) {
         columns.extend(LINK);
     }
