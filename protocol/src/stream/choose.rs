@@ -124,7 +124,10 @@ impl Chooser<'_> {
         };
         let mut nearest = [None; 2];
         let mut best: Option<Best> = None;
-        for (number, way) in ways.iter() {
+        for number in ways.numbers() {
+            let Some(way) = ways.way(number) else {
+                continue;
+            };
             let (of, footing) = (usize::from(way.is_held()), footing(&way));
             let aims = (0..AIMS).map_while(|aim| self.aim(subject, &way, aim));
             for aim in aims {

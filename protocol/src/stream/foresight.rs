@@ -178,7 +178,7 @@ impl Chooser<'_> {
         let mut best: Option<(f64, Saying, Track)> = None;
         let frames = self.frames(subject);
         let ways = self.ways(subject, &frames);
-        for (_, way) in ways.iter() {
+        for way in ways.numbers().filter_map(|number| ways.way(number)) {
             let scales = Scales {
                 outlook: self.outlook(subject, &way, ticks),
                 course: way.course,

@@ -33,6 +33,7 @@ use super::tracks::{Manner, Slot, Tracks};
 use super::witness::Witness;
 use crate::packet::{Age, Excess, Low16, Saying, StreamId, TrackSaying, Update, Vouch};
 use crate::room::push;
+use holding::Large;
 use repairing::Namings;
 use sight::Sight;
 pub use spending::InArrears;
@@ -241,7 +242,7 @@ impl Publisher {
                 push(&mut updates, update);
             }
         };
-        for place in &survey.holders {
+        for Large { place, .. } in &survey.holders {
             say(self.judge(witness, tick, (*place, &observations[*place]), None));
         }
         self.survey_burdened(observations, &mut survey);

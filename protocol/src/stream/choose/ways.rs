@@ -2,6 +2,8 @@
 //!
 //! In the world, or held by another body. Which of them serves best is not decided here.
 
+use core::ops::Range;
+
 use glam::DVec3;
 use rhumb_reckoning::{Motion, Predictor, Push, seen_from};
 
@@ -70,10 +72,9 @@ pub(crate) struct Ways<'f> {
 }
 
 impl<'f> Ways<'f> {
-    /// All there are, with their numbers.
-    pub(crate) fn iter(&self) -> impl Iterator<Item = (usize, Way<'f>)> {
-        let all = if self.orphaned { 0 } else { WAYS };
-        (0..all).filter_map(|number| Some((number, self.way(number)?)))
+    /// The numbers that there may be courses of.
+    pub(crate) const fn numbers(&self) -> Range<usize> {
+        0..if self.orphaned { 0 } else { WAYS }
     }
 
     /// One of them, if there is such a one.

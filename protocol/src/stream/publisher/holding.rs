@@ -13,6 +13,16 @@ pub(super) const HOLDERS_MAX: usize = 16;
 pub(super) const HOLDER_RATIO: f64 = 1.2;
 /// A body is held within this many radii of its holder.
 const HOLDER_REACH: f64 = 3.0;
+/// A body that could hold others, at one tick.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Large {
+    /// Its place among those that were seen.
+    pub(super) place: usize,
+    pub(super) position: Vec3,
+    /// Metres.
+    pub(super) radius: f64,
+}
+
 /// With hindsight, who holds others is followed within this share of its tolerance: all that it holds is off with it.
 const HOLDER_CLOSENESS: f64 = 0.5;
 
@@ -31,37 +41,24 @@ impl Publisher {
     pub(super) fn holder_of(
         &self,
         observation: &Observation,
-        holders: &[usize],
+        holders: &[Large],
         observations: &[Observation],
     ) -> Option<usize> {
         let slot = self.tracks.slot(observation.id.index())?;
-        let position = |place: &usize| Vec3::from_array(observations[*place].motion.position());
-        let here = Vec3::from_array(observation.motion.position());
         if let Some(carrier) = slot.carrier() {
-            return holders
-                .iter()
-                .copied()
-                .find(|place| observations[*place].id == carrier);
+            let holds = |holder: &&Large| observations[holder.place].id == carrier;
+            return holders.iter().find(holds).map(|holder| holder.place);
         }
-        let radius_of = |place: &usize| {
-            let index = observations[*place].id.index();
-            self.tracks
-                .slot(index)
-                .map_or(0.0, |slot| self.tracks.radius(slot).metres())
+        let least = self.tracks.radius(slot).metres() * HOLDER_RATIO;
+        let here = Vec3::from_array(observation.motion.position());
+        let reaches = |holder: &&Large| {
+            let far = f64::from(holder.position.distance(here));
+            holder.radius >= least && far <= holder.radius * HOLDER_REACH
         };
-        holders
-            .iter()
-            .copied()
-            .filter(|place| {
-                let radius = radius_of(place);
-                let far = f64::from(position(place).distance(here));
-                radius >= self.tracks.radius(slot).metres() * HOLDER_RATIO
-                    && far <= radius * HOLDER_REACH
-            })
-            .min_by(|a, b| {
-                let far = |place: &usize| position(place).distance_squared(here);
-                far(a).total_cmp(&far(b))
-            })
+        let far = |holder: &Large| holder.position.distance_squared(here);
+        let near = holders.iter().filter(reaches);
+        near.min_by(|a, b| far(a).total_cmp(&far(b)))
+            .map(|holder| holder.place)
     }
 
     /// Whether a body holds another.

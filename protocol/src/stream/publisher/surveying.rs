@@ -4,10 +4,11 @@
 
 use alloc::vec::Vec;
 
+use glam::Vec3;
 use rhumb_reckoning::{Gate, Integrator, Tick, Tolerance};
 
 use super::Publisher;
-use super::holding::{HOLDER_RATIO, HOLDERS_MAX};
+use super::holding::{HOLDER_RATIO, HOLDERS_MAX, Large};
 use crate::stream::observation::{Activity, Observation};
 
 /// What a look at the observations of a tick found; places among them. It keeps its room from tick to tick.
@@ -17,8 +18,8 @@ pub(super) struct Survey {
     /// Bodies whose tracks may not hold, in order.
     pub(super) doubtful: Vec<u32>,
     /// Bodies that could hold others, the largest first.
-    pub(super) holders: Vec<usize>,
-    /// Doubtful bodies that hold others and are not among those.
+    pub(super) holders: Vec<Large>,
+    /// Doubtful bodies that hold others and are not among those, in order.
     pub(super) burdened: Vec<u32>,
     /// The largest so far, with their radii.
     largest: Vec<(f64, usize)>,
@@ -37,7 +38,8 @@ impl Survey {
 
     /// Whether a body is spoken of before those that could be held.
     pub(super) fn is_before(&self, place: u32) -> bool {
-        self.holders.contains(&(place as usize)) || self.burdened.contains(&place)
+        let holds = |holder: &Large| holder.place == place as usize;
+        self.holders.iter().any(holds) || self.burdened.binary_search(&place).is_ok()
     }
 
     /// Keeps the largest bodies that move and are not held.
@@ -83,7 +85,11 @@ impl Publisher {
         survey.doubtful.sort_unstable();
         let large = |(radius, _): &&(f64, usize)| *radius >= least * HOLDER_RATIO;
         let largest = survey.largest.iter().take_while(large);
-        survey.holders.extend(largest.map(|(_, place)| place));
+        survey.holders.extend(largest.map(|(radius, place)| Large {
+            place: *place,
+            position: Vec3::from_array(observations[*place].motion.position()),
+            radius: *radius,
+        }));
     }
 
     /// Notes who of the doubtful holds others, and is not among those who could.
@@ -91,7 +97,8 @@ impl Publisher {
         let (holders, doubtful) = (&survey.holders, &survey.doubtful);
         let burdened = |place: &u32| {
             let place = *place as usize;
-            self.holds(observations[place].id.index()) && !holders.contains(&place)
+            let holds = |holder: &Large| holder.place == place;
+            self.holds(observations[place].id.index()) && !holders.iter().any(holds)
         };
         survey.burdened.clear();
         survey
