@@ -52,7 +52,6 @@ pub(crate) struct Room {
     waiting: VecDeque<(Peer, Wish)>,
     next_step: Option<Instant>,
     last_step: Instant,
-    observations: Vec<Observation>,
     times: Times,
     faulted: bool,
     /// Whether a client of another protocol says when it steps and ends.
@@ -80,7 +79,6 @@ impl Room {
             waiting: VecDeque::new(),
             next_step: None,
             last_step: Instant::ZERO,
-            observations: Vec::new(),
             times: Times::default(),
             faulted: false,
             led: false,
@@ -450,12 +448,10 @@ impl Room {
             self.drives.remove(id);
             self.give(Notice::BodyRemoved { id, cause });
         }
-        self.observations.clear();
-        self.scene.observe(&mut self.observations);
+        self.streams
+            .observe(self.scene.tick(), self.scene.observations());
         let observed = clock();
         self.streams.publish(&Moment {
-            tick: self.scene.tick(),
-            observations: &self.observations,
             notices: self.notices,
             vouch_within: self.vouch_within(),
             second: self.second(),

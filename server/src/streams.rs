@@ -204,7 +204,7 @@ impl Stream {
     }
 
     /// Says what must be said now, if a tick is spoken of. A silent stream vouches ever more rarely, within bounds.
-    fn publish(&mut self, at: &Moment<'_>, witness: &Witness) {
+    fn publish(&mut self, at: &Moment, witness: &Witness) {
         self.packets.clear();
         self.parities.clear();
         self.repairs.clear();
@@ -229,7 +229,7 @@ impl Stream {
     }
 
     /// What goes with the packets of a tick, or in place of them.
-    fn vouch_or_sum_up(&mut self, at: &Moment<'_>) {
+    fn vouch_or_sum_up(&mut self, at: &Moment) {
         if !self.packets.is_empty() {
             self.silent = 0;
             let digest = self.due_digest(at);
@@ -270,7 +270,7 @@ impl Stream {
     }
 
     /// What says the sum over all tracks, if that is another than the one said last, and that is a second ago.
-    fn due_digest(&mut self, at: &Moment<'_>) -> Option<Bytes> {
+    fn due_digest(&mut self, at: &Moment) -> Option<Bytes> {
         let Source::Reckoned(publisher) = &mut self.source else {
             return None;
         };
@@ -304,11 +304,9 @@ impl Stream {
     }
 }
 
-/// A tick as a stream sees it.
+/// The circumstances of what is said of a tick.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Moment<'a> {
-    pub(crate) tick: Tick,
-    pub(crate) observations: &'a [Observation],
+pub(crate) struct Moment {
     /// Notices given up to this tick.
     pub(crate) notices: u64,
     /// A silent stream vouches at least once in so many ticks that are spoken of: one where somebody waits for this very
@@ -429,8 +427,13 @@ impl Streams {
         }
     }
 
-    pub(crate) fn publish(&mut self, at: &Moment<'_>) {
-        self.witness.observe(at.tick, at.observations);
+    /// Keeps what was seen after a tick, as far as somebody will look at it.
+    pub(crate) fn observe(&mut self, tick: Tick, observations: &[Observation]) {
+        self.witness.observe(tick, observations);
+    }
+
+    /// Says what must be said of a tick that was observed.
+    pub(crate) fn publish(&mut self, at: &Moment) {
         for stream in &mut self.streams {
             stream.publish(at, &self.witness);
         }
@@ -501,9 +504,8 @@ mod tests {
             activity: Activity::Awake,
         };
         let observations: Vec<_> = (0..BODIES).map(seen).collect();
+        streams.observe(Tick::new(tick), &observations);
         streams.publish(&Moment {
-            tick: Tick::new(tick),
-            observations: &observations,
             notices: 0,
             vouch_within: 150,
             second: Ticks::new(SECOND as u32),

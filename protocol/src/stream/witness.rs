@@ -67,14 +67,21 @@ impl Witness {
         }
         self.newest = tick;
         self.forget();
+        let speaks = self.cadence.speaks_of(tick);
+        if !speaks {
+            let asleep = observations
+                .iter()
+                .filter(|seen| seen.activity == Activity::Asleep);
+            let asleep = asleep.map(|seen| (seen.id.index(), *seen));
+            self.passed_over.extend(asleep);
+            if !self.looks()(tick) {
+                return;
+            }
+        }
         let mut seen = self.room.pop().unwrap_or_default();
         seen.clear();
         seen.extend_from_slice(observations);
-        if !self.cadence.speaks_of(tick) {
-            let asleep = seen.iter().filter(|seen| seen.activity == Activity::Asleep);
-            let asleep = asleep.map(|seen| (seen.id.index(), *seen));
-            self.passed_over.extend(asleep);
-        } else if !self.passed_over.is_empty() {
+        if speaks && !self.passed_over.is_empty() {
             for seen in observations {
                 self.passed_over.remove(&seen.id.index());
             }
@@ -86,20 +93,25 @@ impl Witness {
 
     /// Forgets what nobody will look at any more.
     fn forget(&mut self) {
-        let cadence = self.cadence;
-        let present = self.newest.before(cadence.hindsight).unwrap_or_default();
-        let stride = self.stride().count();
-        let looks = [1, 2, stride, 2 * stride].map(Ticks::new);
-        let is_spoken_of_yet = |tick| tick >= present && cadence.speaks_of(tick);
-        let is_past = |tick: Tick| looks.iter().any(|ticks| is_spoken_of_yet(tick + *ticks));
-        let room = &mut self.room;
+        let (is_looked_at, room) = (self.looks(), &mut self.room);
         self.ticks.retain_mut(|seen| {
-            let is_kept = seen.tick >= present || is_past(seen.tick);
+            let is_kept = is_looked_at(seen.tick);
             if !is_kept {
                 room.push(core::mem::take(&mut seen.bodies));
             }
             is_kept
         });
+    }
+
+    /// Tells at which ticks somebody may look, now or later: at those that are spoken of yet, at some before each, and at all
+    /// that hindsight knows of.
+    fn looks(&self) -> impl Fn(Tick) -> bool + use<> {
+        let cadence = self.cadence;
+        let present = self.newest.before(cadence.hindsight).unwrap_or_default();
+        let stride = self.stride().count();
+        let looks = [0, 1, 2, stride, 2 * stride].map(Ticks::new);
+        let is_spoken_of_yet = move |tick| tick >= present && cadence.speaks_of(tick);
+        move |tick| tick > present || looks.iter().any(|ticks| is_spoken_of_yet(tick + *ticks))
     }
 
     /// The tick that is spoken of now: as far back as hindsight says. `None` while too little was seen, and at the ticks
@@ -237,6 +249,18 @@ mod tests {
                     assert_eq!(body.motion.position()[0], then.value() as f32);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn what_nobody_will_look_at_is_not_kept_at_all() {
+        let every = NonZeroU32::new(6).unwrap();
+        let hindsight = Ticks::ZERO;
+        let mut witness = Witness::new(Cadence { every, hindsight });
+        for tick in 1..=60 {
+            witness.observe(Tick::new(tick), &[seen(3, tick as f32)]);
+            let is_kept = witness.at(Tick::new(tick)).is_some();
+            assert_eq!(is_kept, [0, 3, 4, 5].contains(&(tick % 6)), "{tick}");
         }
     }
 
