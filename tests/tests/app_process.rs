@@ -3,14 +3,15 @@
 //! Proved by writing recordings of the plug-in to the sockets of the server's own command line, as fast as they are taken,
 //! and by a native client that watches the scene that they lead. Waiting is a read with its patience, never a sleep.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Read, Write};
 use std::net::{TcpStream, UdpSocket};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use rhumb_app::{Frames, Kind, Message};
+use glam::Vec3;
+use rhumb_app::{Frames, Kind, Logon, Message};
 use rhumb_client::scene::Shape;
-use rhumb_client::{Client, ClientError, Entry, Options, Trust};
+use rhumb_client::{Client, ClientError, Depth, Entry, Options, Tick, Trust};
 use rhumb_tests::{Programme, Recording, ServerProcess, falling};
 
 const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
@@ -100,18 +101,45 @@ fn a_session_of_the_plug_in_is_driven_to_its_end() {
     assert!(told, "{}", ended.log);
 }
 
+/// Where each actor was said to be last.
+type Told = BTreeMap<u32, Vec3>;
+
+/// Says pieces as the plug-in does, frame by frame, and notes what it is told.
+fn say_in_frames(plugin: &mut Plugin, pieces: &[&[u8]], messages: &[Message], told: &mut Told) {
+    for (piece, message) in pieces.iter().zip(messages) {
+        plugin.say(piece);
+        if message.kind() != Kind::AdvanceTime {
+            continue;
+        }
+        for heard in plugin.hear(Some(1)) {
+            if let Message::SetDynamicActor(state) = heard {
+                told.insert(state.actor.object, state.position);
+            }
+        }
+    }
+}
+
 #[test]
 fn a_native_client_watches_what_the_plug_in_leads() {
     let server = SERVER.serve_app(ANYWHERE, &[]);
     let recording = Recording::unpack(BALLS);
-    let mut plugin = Plugin::connect(&server, &recording);
+    // Without its datagram all is said on TCP, in one order.
+    let mut plugin = Plugin::connect_saying(&server, b"no logon");
     let pieces: Vec<&[u8]> = recording.pieces().collect();
-    let is_frame = |message: &Message| message.kind() == Kind::AdvanceTime;
-    let mut frames = (0..pieces.len()).filter(|place| is_frame(&recording.messages[*place]));
-    let middle = frames.nth(FRAMES_SEEN - 1).expect("a session is longer") + 1;
-    let (first, second) = pieces.split_at(middle);
-    plugin.say(&first.concat());
-    plugin.hear(Some(FRAMES_SEEN));
+    let is_frame = |place: &usize| recording.messages[*place].kind() == Kind::AdvanceTime;
+    let frames: Vec<usize> = (0..pieces.len()).filter(is_frame).collect();
+    let mut told = Told::new();
+    let mut said = 0;
+    let mut say_up_to = |plugin: &mut Plugin, end: usize, told: &mut Told| {
+        say_in_frames(
+            plugin,
+            &pieces[said..end],
+            &recording.messages[said..end],
+            told,
+        );
+        said = end;
+    };
+    say_up_to(&mut plugin, frames[FRAMES_SEEN - 1] + 1, &mut told);
     let trust = Trust::Fingerprint(server.fingerprint);
     let scene = "app/7".parse().unwrap();
     let options = Options::new(server.address.to_string(), trust, scene, Entry::Join);
@@ -125,14 +153,55 @@ fn a_native_client_watches_what_the_plug_in_leads() {
     assert_eq!(shapes.iter().filter(is_ground).count(), 1);
     let is_ball = |shape: &&Shape| matches!(shape, Shape::Ball { .. });
     assert_eq!(shapes.iter().filter(is_ball).count(), 40);
-    plugin.say(&second.concat());
-    plugin.hear(None);
+    // Both are told of the same bodies, each in its own way: what they show is as near as they were promised.
+    let step = Tick::new(client.statistics().complete.value() / FRAMES_SEEN as u64);
+    for frame in FRAMES_SEEN + 1..frames.len() {
+        say_up_to(&mut plugin, frames[frame - 1] + 1, &mut told);
+        let tick = Tick::new(step.value() * frame as u64);
+        while client.statistics().complete < tick {
+            client.idle(Duration::from_millis(5)).unwrap();
+        }
+        assert_eq!(client.wait(Depth::LOCKSTEP).unwrap(), tick);
+        for (actor, position) in &told {
+            let shown = client.view().positions().iter();
+            let off = shown.map(|other| other.distance(*position));
+            let off = off.fold(f32::INFINITY, f32::min);
+            assert!(off <= 0.052, "{actor} is shown {off} m off at {tick}");
+        }
+    }
+    assert_eq!(told.len(), 40);
+    say_up_to(&mut plugin, pieces.len(), &mut told);
     let ended = loop {
         if let Err(error) = client.idle(PATIENCE) {
             break error;
         }
     };
     assert!(matches!(ended, ClientError::SceneDeleted), "{ended}");
+}
+
+#[test]
+fn states_leave_no_faster_than_the_operator_lets_them() {
+    const BODIES: u32 = 100;
+    let server = SERVER.serve_app(ANYWHERE, &["--app-pace", "1"]);
+    let mut logon = Vec::new();
+    Message::Logon(Logon::new(7, "falling")).encode(0, &mut logon);
+    let mut plugin = Plugin::connect_saying(&server, &logon);
+    plugin.say(&falling(7, BODIES));
+    // Before the first can have left: whatever holds up who reads makes it longer.
+    let begun = Instant::now();
+    plugin.say(&frame(7));
+    let mut datagram = [0; 2_048];
+    let mut told = BTreeSet::new();
+    while told.len() < BODIES as usize {
+        let (bytes, _) = plugin.udp.recv_from(&mut datagram).unwrap();
+        match Message::from_datagram(&datagram[..bytes]).unwrap() {
+            Message::SetDynamicActor(state) => told.insert(state.actor.object),
+            other => panic!("{other:?} is no state"),
+        };
+    }
+    let took = begun.elapsed();
+    let least = Duration::from_millis(u64::from(BODIES) - 1);
+    assert!(took >= least, "all had left after {took:?}");
 }
 
 #[test]

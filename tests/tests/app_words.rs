@@ -1,7 +1,7 @@
 //! Whatever a client of the paper's protocol says, its scene stays sound
 //!
 //! Proved by random words about few things, with numbers that are sane, absurd or none, so that they contradict each other
-//! in every way; and by joints whose outcome is known.
+//! in every way; and by shapes, contacts and joints whose outcome is known.
 
 use glam::{Quat, Vec3};
 use rhumb_app::{
@@ -102,6 +102,138 @@ const fn grip(object: u32, anchor: Vec3) -> Grip {
         actor: id(object),
         rotation: Quat::IDENTITY,
         anchor,
+    }
+}
+
+/// A static actor of a shape that was told under the same number.
+fn stand(host: &mut Host, talk: &mut PluginTalk, object: u32, position: Vec3) {
+    for message in [
+        Message::CreateStaticActor(CreateStaticActor {
+            actor: id(object),
+            position,
+            rotation: Quat::IDENTITY,
+            flags: 0,
+        }),
+        Message::AttachShape(AttachShape {
+            actor: id(object),
+            shape: id(object),
+            surface: STONE,
+            rotation: Quat::IDENTITY,
+            position: Vec3::ZERO,
+        }),
+    ] {
+        say(host, talk, &message);
+    }
+}
+
+/// The corners of a box between two of them.
+fn corners(least: Vec3, most: Vec3) -> Vec<Vec3> {
+    let corner = |bits: u32| {
+        let part = |axis: usize| [least, most][(bits >> axis & 1) as usize][axis];
+        Vec3::new(part(0), part(1), part(2))
+    };
+    (0..8).map(corner).collect()
+}
+
+fn frames(host: &mut Host, talk: &mut PluginTalk, count: usize) {
+    for _ in 0..count {
+        say(host, talk, &FRAME);
+    }
+}
+
+#[test]
+fn what_falls_comes_to_rest_on_a_mesh_and_on_a_hull() {
+    let (mut host, mut talk) = logged_on();
+    // A sheet of four metres whose actor is 3 m up, and a block of points whose top is 2 m above its actor.
+    let sheet = TriangleMesh {
+        shape: id(20),
+        points: vec![
+            Vec3::new(-2.0, -2.0, 0.0),
+            Vec3::new(2.0, -2.0, 0.0),
+            Vec3::new(2.0, 2.0, 0.0),
+            Vec3::new(-2.0, 2.0, 0.0),
+        ],
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+    };
+    say(&mut host, &mut talk, &Message::AddTriangleMesh(sheet));
+    stand(&mut host, &mut talk, 20, Vec3::new(0.0, 0.0, 3.0));
+    let block = ConvexMesh {
+        shape: id(21),
+        points: corners(Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 2.0)),
+    };
+    say(&mut host, &mut talk, &Message::AddConvexMesh(block));
+    stand(&mut host, &mut talk, 21, Vec3::new(10.0, 0.0, -1.0));
+    ball(&mut host, &mut talk, 10, Vec3::new(0.5, 0.25, 5.0));
+    ball(&mut host, &mut talk, 11, Vec3::new(10.2, 0.0, 3.0));
+    // Points off their origin fall, too: a cube of a metre whose corner is where its actor is.
+    let cube = ConvexMesh {
+        shape: id(12),
+        points: corners(Vec3::ZERO, Vec3::ONE),
+    };
+    say(&mut host, &mut talk, &Message::AddConvexMesh(cube));
+    let motion = Motion {
+        actor: id(12),
+        position: Vec3::new(-1.5, -1.5, 3.5),
+        rotation: Quat::IDENTITY,
+        gravity_modifier: 1.0,
+        linear: Vec3::ZERO,
+        angular: Vec3::ZERO,
+    };
+    for message in [
+        Message::CreateDynamicActor(CreateDynamicActor { motion, flags: 0 }),
+        Message::AttachShape(AttachShape {
+            actor: id(12),
+            shape: id(12),
+            surface: STONE,
+            rotation: Quat::IDENTITY,
+            position: Vec3::ZERO,
+        }),
+    ] {
+        say(&mut host, &mut talk, &message);
+    }
+    frames(&mut host, &mut talk, 30);
+    assert_eq!(talk.heard(Kind::Error), 0, "{:?}", talk.lasting);
+    let last = talk.last_states();
+    for (actor, expected) in [
+        (10, Vec3::new(0.5, 0.25, 3.5)),
+        (11, Vec3::new(10.2, 0.0, 1.5)),
+        (12, Vec3::new(-1.5, -1.5, 3.0)),
+    ] {
+        let off = last[&actor].position.distance(expected);
+        assert!(
+            off < 0.03,
+            "{actor}: {:?}, and not {expected}",
+            last[&actor]
+        );
+    }
+}
+
+#[test]
+fn two_prims_that_meet_are_told_of_once_each_time() {
+    let (mut host, mut talk) = logged_on();
+    let block = Message::AddBox((id(20), Vec3::new(4.0, 4.0, 2.0)));
+    say(&mut host, &mut talk, &block);
+    stand(&mut host, &mut talk, 20, Vec3::ZERO);
+    let above = Vec3::new(0.0, 0.0, 3.0);
+    ball(&mut host, &mut talk, 10, above);
+    for times in 1..=2 {
+        frames(&mut host, &mut talk, 20);
+        let all = talk.passing.iter().chain(&talk.lasting);
+        let told: Vec<_> = all
+            .filter_map(|message| match message {
+                Message::ActorsCollided(contact) => Some(*contact),
+                _ => None,
+            })
+            .collect();
+        assert_eq!(told.len(), times, "{told:?}");
+        let contact = told[times - 1];
+        assert_eq!((contact.colliding, contact.collided), (id(10), id(20)));
+        assert!(contact.normal.z > 0.99, "{contact:?}");
+        assert!(contact.point.distance(Vec3::Z) < 0.1, "{contact:?}");
+        assert!(contact.separation.abs() < 0.1, "{contact:?}");
+        // Up again, and down.
+        let up = Message::UpdateActorPosition((id(10), above));
+        say(&mut host, &mut talk, &up);
     }
 }
 
