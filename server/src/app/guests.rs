@@ -271,3 +271,109 @@ impl AppEndpoint for Host {
         Some(AppTransmit::Close { to })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::{Quat, Vec3};
+    use rhumb_app::Logon;
+    use rhumb_protocol::message::RemovalCause;
+    use rhumb_protocol::scene::{Joint, JointId, Shape, ShapeId};
+    use rhumb_protocol::stream::Observation;
+    use rhumb_reckoning::{BodyId, Inertia, Twist};
+
+    use super::*;
+    use crate::engine::{Contact, Engine, EngineFault, Newcomer, Push, Unfit};
+    use crate::room::Room;
+    use crate::scene::Scene as World;
+    use crate::stream_names::StreamNames;
+
+    /// An engine that fails in its first step.
+    struct Failing;
+
+    impl Engine for Failing {
+        fn add_shape(&mut self, _: ShapeId, _: &Shape) -> Result<(), Unfit> {
+            Ok(())
+        }
+
+        fn remove_shape(&mut self, _: ShapeId) {}
+        fn add_joint(&mut self, _: JointId, _: &Joint) {}
+        fn remove_joint(&mut self, _: JointId) {}
+        fn add(&mut self, _: &Newcomer) {}
+        fn remove(&mut self, _: BodyId) {}
+        fn set_pose(&mut self, _: BodyId, _: Vec3, _: Quat) {}
+        fn set_velocity(&mut self, _: BodyId, _: Twist) {}
+        fn push(&mut self, _: BodyId, _: Push) {}
+        fn set_gravity(&mut self, _: Vec3) {}
+
+        fn step(&mut self, _: &mut Vec<(BodyId, RemovalCause)>) -> Result<(), EngineFault> {
+            Err(EngineFault::Panicked)
+        }
+
+        fn observe(&self, _: &mut Vec<Observation>) {}
+
+        fn observe_one(&self, _: BodyId) -> Option<Observation> {
+            None
+        }
+
+        fn inertia(&self, _: BodyId) -> Option<Inertia> {
+            None
+        }
+
+        fn contacts(&self, _: BodyId, _: &mut Vec<Contact>) {}
+
+        fn awake_count(&self) -> usize {
+            0
+        }
+
+        fn fault(&self) -> Option<EngineFault> {
+            None
+        }
+    }
+
+    const NOW: Instant = Instant::ZERO;
+    const FRAME: Message = Message::AdvanceTime((7, 0.089));
+
+    fn say(host: &mut Host, peer: Peer, message: &Message) {
+        let mut bytes = Vec::new();
+        message.encode(0, &mut bytes);
+        host.handle_app_bytes(NOW, peer, &bytes);
+    }
+
+    /// Connects somebody who logs on and has a frame.
+    fn begin(host: &mut Host, peer: Peer) {
+        let from = SocketAddr::from(([127, 0, 0, 1], 40_000));
+        host.handle_app_opened(NOW, peer, from);
+        say(host, peer, &Message::Logon(Logon::new(7, "x")));
+        say(host, peer, &FRAME);
+    }
+
+    /// Who is sent away, of all that a host has to say.
+    fn sent_away(host: &mut Host) -> Vec<Peer> {
+        let said = core::iter::from_fn(|| host.poll_app());
+        let away = said.filter_map(|transmit| match transmit {
+            AppTransmit::Close { to } => Some(to),
+            _ => None,
+        });
+        away.collect()
+    }
+
+    #[test]
+    fn who_leads_a_scene_whose_engine_fails_is_sent_away_and_may_come_again() {
+        let mut host = Host::new(|| NOW);
+        let [first, second] = [1, 2].map(Peer);
+        begin(&mut host, first);
+        assert_eq!(sent_away(&mut host), []);
+        let (_, room) = host.rooms.iter_mut().next().expect("its scene");
+        let broken = World::with_engine(*room.terms(), Box::new(Failing)).expect("same terms");
+        *room = Room::new(broken, StreamNames::of_scene(0));
+        assert!(room.lead(first).is_some());
+        say(&mut host, first, &FRAME);
+        assert_eq!(sent_away(&mut host), [first]);
+        assert_eq!(host.scenes().count(), 0);
+        // Its connection is still closing when it comes again.
+        begin(&mut host, second);
+        say(&mut host, second, &FRAME);
+        assert_eq!(sent_away(&mut host), []);
+        assert_eq!(host.scenes().count(), 1);
+    }
+}
