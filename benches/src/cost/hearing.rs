@@ -21,6 +21,7 @@ use rhumb_reckoning::{
 };
 use serde::{Deserialize, Serialize};
 
+use super::least::Least;
 use super::median;
 
 const GRAVITY: Vec3 = Vec3::new(0.0, -9.806_65, 0.0);
@@ -195,6 +196,7 @@ impl Audience {
         }
         Self::of(subscriber, following)
     }
+
     /// Hears everything.
     pub fn hear(&self, listener: &mut Subscriber) {
         for datagram in &self.datagrams {
@@ -267,14 +269,21 @@ pub struct Hearing {
     pub update_ns: f64,
     /// A view of all bodies, milliseconds.
     pub view_ms: f64,
+    /// Predicting and correcting a body, and nothing else, nanoseconds.
+    pub correcting_ns: f64,
+    /// Predicting all bodies, and nothing else, milliseconds.
+    pub predicting_ms: f64,
 }
 
 /// The median of so many repeats.
 pub(super) fn hearing(bodies: u32, repeats: u32) -> Hearing {
+    let (least, often) = (Least::of(bodies), repeats * SHOWN as u32);
     Hearing {
         bodies,
         first_ns: Audience::new(bodies).measure(repeats),
         update_ns: Audience::in_the_midst(bodies).measure(repeats),
         view_ms: Show::new(bodies).measure(repeats).as_secs_f64() * 1e3,
+        correcting_ns: least.correcting(often).as_nanos() as f64 / f64::from(bodies),
+        predicting_ms: least.predicting(often).as_secs_f64() * 1e3,
     }
 }
