@@ -17,7 +17,8 @@ use rhumb_protocol::stream::{
     Activity, Features, Manner, Observation, Publisher, StreamTerms, Subscriber, Witness,
 };
 use rhumb_reckoning::{
-    Anchor, BodyId, Integrator, Metres, Predictor, Rate, Seconds, Tick, Tolerance, Track, Verbatim,
+    Anchor, BodyId, Grid, Integrator, Metres, Predictor, Rate, Seconds, Snapped, Tick, Tolerance,
+    Track, Verbatim,
 };
 use serde::{Deserialize, Serialize};
 
@@ -277,13 +278,21 @@ pub struct Hearing {
 
 /// The median of so many repeats.
 pub(super) fn hearing(bodies: u32, repeats: u32) -> Hearing {
-    let (least, often) = (Least::of(bodies), repeats * SHOWN as u32);
+    let grid = Grid::new(Tolerance::NORMAL, Metres::new(0.5));
+    let often = repeats * SHOWN as u32;
+    let least =
+        |track: &dyn Fn(u32) -> Track| Least::of((0..bodies).map(track), terms().integrator, grid);
+    // What was said in the midst of a run lies on the grid, and what a snapshot said does not.
+    let said = |index| Track {
+        anchor: Anchor::Snapped(Snapped::of(&struck_state(index, 0).motion(), &grid)),
+        ..track(index)
+    };
     Hearing {
         bodies,
         first_ns: Audience::new(bodies).measure(repeats),
         update_ns: Audience::in_the_midst(bodies).measure(repeats),
         view_ms: Show::new(bodies).measure(repeats).as_secs_f64() * 1e3,
-        correcting_ns: least.correcting(often).as_nanos() as f64 / f64::from(bodies),
-        predicting_ms: least.predicting(often).as_secs_f64() * 1e3,
+        correcting_ns: least(&said).correcting(often),
+        predicting_ms: least(&track).predicting(often).as_secs_f64() * 1e3,
     }
 }

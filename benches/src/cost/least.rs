@@ -4,14 +4,12 @@
 //! kept or shown meanwhile, so that no hearing and no view of such bodies can take less.
 
 use std::hint::black_box;
-use std::num::NonZeroU32;
 use std::time::{Duration, Instant};
 
 use glam::DVec3;
 use rhumb_reckoning::{
-    Anchor, Conditions, Correcting, Damping, DenseTrack, FlowTable, Grid, HORIZON, Integrator,
-    Metres, Predictor, Quartet, Rate, Residual, Seconds, Snapped, Tick, Tolerance, Track,
-    VelocityResidual, Verbatim,
+    Conditions, Correcting, Damping, DenseTrack, FlowTable, Grid, HORIZON, Integrator, Quartet,
+    Residual, Seconds, Tick, Track, VelocityResidual,
 };
 
 use super::median;
@@ -19,7 +17,7 @@ use super::median;
 /// How old the tracks are.
 const AGE: Tick = Tick::new(20);
 
-/// Bodies that fly and spin, as many as there are tracks.
+/// Tracks of bodies that nothing pulls at.
 pub(super) struct Least {
     tracks: Vec<DenseTrack>,
     flow: FlowTable,
@@ -27,38 +25,22 @@ pub(super) struct Least {
 }
 
 impl Least {
-    pub(super) fn of(bodies: u32) -> Self {
-        let integrator = Integrator {
-            rate: Rate::HZ_60,
-            substeps: NonZeroU32::new(4).expect("four is not zero"),
-        };
+    /// Of tracks at the grid of the stream that is heard.
+    pub(super) fn of(
+        tracks: impl Iterator<Item = Track>,
+        integrator: Integrator,
+        grid: Grid,
+    ) -> Self {
         let mut flow = FlowTable::new(integrator, Damping::default());
         flow.extend_to(HORIZON);
-        let grid = Grid::new(Tolerance::NORMAL, Metres::new(0.5));
-        let track = |index: u32| {
-            let place = index as f32;
-            let begun = Verbatim::new(
-                [place % 100.0, place / 100.0, 0.0],
-                [0.0, 0.0, 0.0, 1.0],
-                [3.0, 0.0, 0.0],
-                [0.0, 1.0, 0.0],
-            );
-            let begun = begun.expect("these numbers are finite").motion();
-            DenseTrack::new(&Track {
-                origin: Tick::ZERO,
-                predictor: Predictor::Ballistic,
-                anchor: Anchor::Snapped(Snapped::of(&begun, &grid)),
-                carrier: None,
-            })
-        };
         Self {
-            tracks: (0..bodies).map(track).collect(),
+            tracks: tracks.map(|track| DenseTrack::new(&track)).collect(),
             flow,
             grid,
         }
     }
 
-    /// All of them predicted: the median of so many repeats.
+    /// All of them predicted. Like the others the median of so many repeats.
     pub(super) fn predicting(&self, repeats: u32) -> Duration {
         self.measure(repeats, |quartet| {
             quartet.predict(|_, motion| {
@@ -67,8 +49,8 @@ impl Least {
         })
     }
 
-    /// All of them predicted and corrected, their velocities too.
-    pub(super) fn correcting(&self, repeats: u32) -> Duration {
+    /// One of them predicted and corrected, its velocities too, nanoseconds.
+    pub(super) fn correcting(&self, repeats: u32) -> f64 {
         let residual = Residual {
             position: [2, -1, 1],
             turn: [1, 0, -1],
@@ -83,11 +65,12 @@ impl Least {
             over: Seconds::new(1.0 / 3.0),
             grid: &self.grid,
         };
-        self.measure(repeats, |quartet| {
+        let took = self.measure(repeats, |quartet| {
             quartet.correct([Some(said); Quartet::LANES], |_, snapped| {
                 black_box(snapped);
             });
-        })
+        });
+        took.as_nanos() as f64 / self.tracks.len().max(1) as f64
     }
 
     fn measure(&self, repeats: u32, mut each: impl FnMut(&mut Quartet)) -> Duration {
