@@ -38,6 +38,7 @@
 #![forbid(unsafe_code)]
 
 mod app;
+mod arrears;
 pub mod cli;
 mod digest;
 mod drives;

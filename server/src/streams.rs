@@ -16,6 +16,7 @@ use rhumb_protocol::stream::{
 };
 use rhumb_reckoning::{BodyId, Tick, Ticks, Tolerance, Track, Verbatim};
 
+use crate::arrears::Arrears;
 use crate::scene::Scene;
 
 /// One stream at its source.
@@ -61,8 +62,7 @@ pub(crate) struct Stream {
     digest: (Tick, u64),
     /// Tracks that a member had otherwise.
     pub(crate) amended: u64,
-    /// Whether bodies wait for a word, for want of budget, and when that was told of last.
-    in_arrears: (bool, Option<Tick>),
+    arrears: Arrears,
     /// The datagrams of the last tick.
     packets: Vec<Bytes>,
     /// The parities behind them.
@@ -220,7 +220,9 @@ impl Stream {
         if self.tick() == before {
             return;
         }
-        self.tell_of_arrears(at.second);
+        if let Source::Reckoned(publisher) = &self.source {
+            self.arrears.tell(publisher, at.second);
+        }
         self.vouch_or_sum_up(at);
         let redundancy = self.losses.redundancy(self.followers, self.next_number());
         if let Source::Reckoned(publisher) = &mut self.source {
@@ -244,29 +246,6 @@ impl Stream {
             self.packets
                 .push(digest.unwrap_or_else(|| self.vouch(at.notices)));
         }
-    }
-
-    /// Logs when a budget does not suffice, and who is worst off for it, and when it suffices again: a line a second at most.
-    fn tell_of_arrears(&mut self, second: Ticks) {
-        let Source::Reckoned(publisher) = &self.source else {
-            return;
-        };
-        let (stream, tick) = (publisher.stream(), publisher.tick());
-        let (waiting, (waited, told)) = (publisher.waiting(), self.in_arrears);
-        let since_told = told.and_then(|told| tick.since(told));
-        let quiet = since_told.is_some_and(|ticks| ticks < second);
-        if quiet || (waiting == 0 && !waited) {
-            return;
-        }
-        self.in_arrears = (waiting > 0, Some(tick));
-        let Some(worst) = publisher.worst_waiting() else {
-            let withheld = publisher.statistics().withheld;
-            tracing::info!(%stream, withheld, "the budget suffices again");
-            return;
-        };
-        let ticks = tick.since(worst.since).unwrap_or_default().count();
-        let (body, share) = (worst.body, worst.share);
-        tracing::info!(%stream, waiting, %body, share, ticks, cause = "budget", "bodies wait for a word");
     }
 
     /// What says the sum over all tracks, if that is another than the one said last, and that is a second ago.
@@ -382,7 +361,7 @@ impl Streams {
             silent: 0,
             digest: (Tick::ZERO, 0),
             amended: 0,
-            in_arrears: (false, None),
+            arrears: Arrears::default(),
             packets: Vec::new(),
             parities: Vec::new(),
             losses: Losses::default(),
@@ -526,29 +505,51 @@ mod tests {
         }
     }
 
-    #[test]
-    fn who_is_worst_off_for_want_of_budget_is_logged_once_a_second() {
+    /// What is logged at a level while a stream with little budget is published for so many seconds; and that stream.
+    fn logged(level: tracing::Level, seconds: u64) -> (String, Streams) {
         let log = Log::default();
         let writer = log.clone();
         let subscriber = tracing_subscriber::fmt()
             .with_ansi(false)
+            .with_max_level(level)
             .with_writer(move || writer.clone())
             .finish();
+        let mut streams = capped(600);
         tracing::subscriber::with_default(subscriber, || {
-            let mut streams = capped(600);
-            for tick in 1..=5 * SECOND {
+            for tick in 1..=seconds * SECOND {
                 publish(&mut streams, tick);
             }
         });
         let text = String::from_utf8(log.0.lock().expect("nobody panics").clone());
-        let text = text.expect("a log is text");
-        let lines: Vec<_> = text
-            .lines()
-            .filter(|line| line.contains("wait for a word"))
-            .collect();
+        (text.expect("a log is text"), streams)
+    }
+
+    #[test]
+    fn who_is_worst_off_for_want_of_budget_is_logged_once_a_second() {
+        let (text, _) = logged(tracing::Level::INFO, 5);
+        let lines: Vec<_> = text.lines().collect();
         assert!((4..=5).contains(&lines.len()), "{text}");
         for line in &lines {
-            for field in ["waiting=", "body=", "share=", "ticks=", "cause=\"budget\""] {
+            let fields = ["waiting=", "body=", "share=", "ticks=", "cause=\"budget\""];
+            for field in fields {
+                assert!(line.contains(field), "{line}");
+            }
+        }
+    }
+
+    #[test]
+    fn whoever_is_off_for_want_of_budget_is_logged_where_every_trace_is_asked_for() {
+        let (text, streams) = logged(tracing::Level::TRACE, 1);
+        let lines = text.lines().filter(|line| line.contains("a body is off"));
+        let lines: Vec<_> = lines.collect();
+        let Source::Reckoned(publisher) = &streams.streams[0].source else {
+            panic!("it has a budget");
+        };
+        let withheld = publisher.statistics().withheld;
+        assert!(withheld > 0 && lines.len() as u64 == withheld, "{withheld}");
+        for line in &lines {
+            let fields = ["tick=", "body=", "share=", "ticks=", "cause=\"budget\""];
+            for field in fields {
                 assert!(line.contains(field), "{line}");
             }
         }

@@ -13,6 +13,9 @@ pub(super) const HOLDERS_MAX: usize = 16;
 pub(super) const HOLDER_RATIO: f64 = 1.2;
 /// A body is held within this many radii of its holder.
 const HOLDER_REACH: f64 = 3.0;
+/// With hindsight, who holds others is followed within this share of its tolerance: all that it holds is off with it.
+const HOLDER_CLOSENESS: f64 = 0.5;
+
 /// A body that could hold others, at one tick.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Large {
@@ -22,9 +25,6 @@ pub(super) struct Large {
     /// Metres.
     pub(super) radius: f64,
 }
-
-/// With hindsight, who holds others is followed within this share of its tolerance: all that it holds is off with it.
-const HOLDER_CLOSENESS: f64 = 0.5;
 
 impl Publisher {
     /// Within what share of its tolerance a body is followed.

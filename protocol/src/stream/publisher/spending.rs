@@ -152,16 +152,22 @@ impl Publisher {
         spending.map_or(0, |spending| spending.waiting.len())
     }
 
-    /// Of the bodies that wait for a word, the one that is farthest off for its tolerance.
+    /// Bodies that wait for a word, in order of index.
+    pub fn in_arrears(&self) -> impl Iterator<Item = InArrears> {
+        let spending = self.spending.as_ref().into_iter();
+        let waiting = spending.flat_map(|spending| spending.waiting.values());
+        waiting.map(|waiting| InArrears {
+            body: waiting.seen.id,
+            share: waiting.share,
+            since: waiting.since,
+        })
+    }
+
+    /// The one of them that is farthest off for its tolerance.
     #[must_use]
     pub fn worst_waiting(&self) -> Option<InArrears> {
-        let waiting = self.spending.as_ref()?.waiting.values();
-        let worst = waiting.max_by(|a, b| a.share.total_cmp(&b.share))?;
-        Some(InArrears {
-            body: worst.seen.id,
-            share: worst.share,
-            since: worst.since,
-        })
+        let waiting = self.in_arrears();
+        waiting.max_by(|a, b| a.share.total_cmp(&b.share))
     }
 
     /// Takes from the budget what was said beside the packets and is to be paid for too.
