@@ -84,7 +84,7 @@ mod tests {
             let text = format!("Model: \t\t {model}\nIRQ:   \t\t 1\n");
             std::fs::write(of.join("information"), text).expect("the folder is ours");
         }
-        std::fs::create_dir(folder.join("empty")).expect("the folder is ours");
+        std::fs::create_dir_all(folder.join("empty")).expect("the folder is ours");
         assert_eq!(accelerators(&folder), ["A", "NVIDIA H100 PCIe"]);
         assert!(accelerators(&folder.join("none")).is_empty());
         std::fs::remove_dir_all(&folder).expect("the folder is ours");
