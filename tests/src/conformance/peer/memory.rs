@@ -18,7 +18,7 @@ struct State {
     sum: String,
     /// What moves, as it is written.
     moving: String,
-    /// The motion of each body of a full stream, also of those that rest; of others nothing.
+    /// The motion of each body, also of those that rest.
     all: BTreeMap<String, String>,
 }
 
@@ -62,14 +62,19 @@ impl Memory {
                 ));
             };
             let (sum, known) = told_state(told);
-            let is_new = |name: &str| {
-                let mut later = self.held.range(tick + 1..).flat_map(|(_, states)| states);
-                later.any(|state| state.all.contains_key(name))
+            let later = || self.held.range(tick..).flat_map(|(_, states)| states);
+            let is_known = |name: &str| later().any(|state| state.all.contains_key(name));
+            // A full stream has no sums, and the sum of a copy counts whoever was placed behind the tick.
+            let counts_others = |state: &State| {
+                let is_new = |name: &String| !state.all.contains_key(name);
+                choice == Some(StreamChoice::Full)
+                    || later().any(|later| later.all.keys().any(is_new))
             };
-            let in_full =
-                choice == Some(StreamChoice::Full) && is_same_in_full(told, states, &is_new);
-            let is_same = |state: &State| state.sum == sum && state.moving == known;
-            if in_full || states.iter().any(is_same) {
+            let is_same = |state: &State| {
+                let is_alike = state.sum == sum && state.moving == known;
+                is_alike || counts_others(state) && is_same_body_by_body(told, state, &is_known)
+            };
+            if states.iter().any(is_same) {
                 continue;
             }
             let ours = states
@@ -95,10 +100,9 @@ pub(super) fn is_alike(copy: &Replica, told: &[Value]) -> bool {
 fn state_of(copy: &Replica) -> State {
     let stream = copy.stream();
     let tick = stream.complete();
-    let in_full = copy.choice() == StreamChoice::Full;
     let all = copy.bodies().filter_map(|terms| {
         let (index, generation) = (terms.id.index(), terms.id.generation());
-        let motion = stream.believed(terms.id, tick).filter(|_| in_full)?;
+        let motion = stream.believed(terms.id, tick)?;
         Some((format!("{index}:{generation}"), bits(&motion)))
     });
     State {
@@ -114,21 +118,18 @@ fn told_state(told: &Value) -> (String, String) {
     (sum, as_text(&told["moving"]))
 }
 
-/// Of a full stream, which has no sums and says anew of bodies that rest: whether each body that is told of is where it is,
-/// and none is left out that moves. One that is new was placed behind the tick: whoever heard of it before the next tick tells
-/// of it, and whoever heard of that first does not.
-fn is_same_in_full(told: &Value, states: &BTreeSet<State>, is_new: &dyn Fn(&str) -> bool) -> bool {
+/// Whether each body that is told of is where it is, and none is left out that moves, whatever the sum. One that is new was
+/// placed behind the tick: whoever heard of it before the next tick tells of it, and whoever heard of that first does not.
+fn is_same_body_by_body(told: &Value, state: &State, is_new: &dyn Fn(&str) -> bool) -> bool {
     let Some(told) = told["moving"].as_object() else {
         return false;
     };
-    states.iter().any(|state| {
-        let is_ours = |(name, motion): (&String, &Value)| {
-            let ours = state.all.get(name);
-            ours.map_or_else(|| is_new(name), |ours| motion == ours)
-        };
-        let is_told = |(name, motion): (&String, &String)| told.contains_key(name) || lies(motion);
-        told.iter().all(is_ours) && state.all.iter().all(is_told)
-    })
+    let is_ours = |(name, motion): (&String, &Value)| {
+        let ours = state.all.get(name);
+        ours.map_or_else(|| is_new(name), |ours| motion == ours)
+    };
+    let is_told = |(name, motion): (&String, &String)| told.contains_key(name) || lies(motion);
+    told.iter().all(is_ours) && state.all.iter().all(is_told)
 }
 
 /// Whether both velocities of a motion are zero.
@@ -167,20 +168,24 @@ mod tests {
         digits.concat()
     }
 
-    fn states() -> BTreeSet<State> {
-        let all =
-            [("1:0", 0.5), ("2:0", 0.0)].map(|(name, speed)| (name.to_owned(), motion(speed)));
-        BTreeSet::from([State {
-            sum: String::new(),
-            moving: String::new(),
-            all: all.into_iter().collect(),
-        }])
+    /// A stream at a tick, and who is there and moves so fast.
+    fn state(sum: &str, bodies: &[(&str, f64)]) -> State {
+        let all = bodies.iter();
+        State {
+            sum: sum.to_owned(),
+            moving: "{}".to_owned(),
+            all: all
+                .map(|(name, speed)| ((*name).to_owned(), motion(*speed)))
+                .collect(),
+        }
     }
 
     #[test]
     fn of_a_full_stream_each_body_that_moves_must_be_told_of_as_it_is() {
         let is_new = |name: &str| name == "4:0";
-        let same = |moving: Value| is_same_in_full(&json!({"moving": moving}), &states(), &is_new);
+        let state = state("", &[("1:0", 0.5), ("2:0", 0.0)]);
+        let same =
+            |moving: Value| is_same_body_by_body(&json!({"moving": moving}), &state, &is_new);
         assert!(same(json!({"1:0": motion(0.5), "2:0": motion(0.0)})));
         assert!(same(json!({"1:0": motion(0.5)})), "the other one lies");
         assert!(
@@ -195,5 +200,25 @@ mod tests {
         assert!(!same(json!({})) && !same(Value::Null), "nothing is told");
         let with_new = json!({"1:0": motion(0.5), "4:0": motion(0.0)});
         assert!(same(with_new), "placed behind this tick");
+    }
+
+    #[test]
+    fn a_sum_may_count_who_was_placed_behind_its_tick_and_nobody_else() {
+        let (few, many) = (state("a", &[]), state("b", &[("1:0", 0.0)]));
+        let held = BTreeMap::from([
+            (0, BTreeSet::from([few])),
+            (1, BTreeSet::from([many.clone()])),
+            (2, BTreeSet::from([many])),
+        ]);
+        let judged = |tick: u64, moving: Value| {
+            let told = json!({"is": "tick", "tick": tick, "sum": "c", "moving": moving});
+            let held = held.clone();
+            Memory { held, judged: 0 }.judge(&[told], None)
+        };
+        assert!(judged(0, json!({})).is_ok(), "some were placed by then");
+        let stranger = json!({"2:0": motion(0.0)});
+        assert!(judged(0, stranger).is_err(), "nobody knows it");
+        assert!(judged(1, json!({})).is_err(), "all were there");
+        assert!(judged(3, json!({})).is_err(), "no such tick");
     }
 }
