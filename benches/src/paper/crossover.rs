@@ -1,6 +1,6 @@
 //! From where on one curve lies above another.
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 /// Two values at one place.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,8 +13,8 @@ pub(super) struct Pair {
     pub(super) other: f64,
 }
 
-/// Where the other first beats the own, and where it does so no more.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// A stretch on which the other beats the own.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(super) struct Crossover {
     /// Between the last pair before and the first that beats, in proportion to the differences.
     pub(super) from: f64,
@@ -24,23 +24,36 @@ pub(super) struct Crossover {
     pub(super) to: Option<f64>,
 }
 
-/// The crossover of pairs in ascending order of place; `None` if no pair beats. Equal values beat nothing.
-pub(super) fn crossover(pairs: &[Pair]) -> Option<Crossover> {
+/// The stretches on which the other beats, of pairs in ascending order of place. Equal values beat nothing.
+pub(super) fn crossovers(pairs: &[Pair]) -> Vec<Crossover> {
     let beats = |pair: &Pair| pair.other > pair.own;
-    let first = pairs.iter().position(beats)?;
-    let end = pairs[first..].iter().position(|pair| !beats(pair));
     let between = |one: &Pair, two: &Pair| {
         let (before, after) = (one.other - one.own, two.other - two.own);
         one.at + (two.at - one.at) * before / (before - after)
     };
-    Some(Crossover {
-        from: match first.checked_sub(1) {
-            Some(before) => between(&pairs[before], &pairs[first]),
-            None => pairs[first].at,
-        },
-        from_the_first: first == 0,
-        to: end.map(|end| between(&pairs[first + end - 1], &pairs[first + end])),
-    })
+    let (mut found, mut before): (Vec<Crossover>, Option<&Pair>) = (Vec::new(), None);
+    for pair in pairs {
+        match before.filter(|before| beats(before) != beats(pair)) {
+            Some(before) if beats(pair) => found.push(Crossover {
+                from: between(before, pair),
+                from_the_first: false,
+                to: None,
+            }),
+            Some(before) => {
+                if let Some(open) = found.last_mut() {
+                    open.to = Some(between(before, pair));
+                }
+            }
+            None if before.is_none() && beats(pair) => found.push(Crossover {
+                from: pair.at,
+                from_the_first: true,
+                to: None,
+            }),
+            None => {}
+        }
+        before = Some(pair);
+    }
+    found
 }
 
 #[cfg(test)]
@@ -59,7 +72,7 @@ mod tests {
     #[test]
     fn a_crossover_lies_where_straight_lines_cross() {
         // Differences −2 at 10 and +6 at 50: zero a quarter of the way on.
-        let found = crossover(&pairs(&[
+        let found = crossovers(&pairs(&[
             (10.0, 5.0, 3.0),
             (50.0, 4.0, 10.0),
             (100.0, 1.0, 9.0),
@@ -69,33 +82,37 @@ mod tests {
             from_the_first: false,
             to: None,
         };
-        assert_eq!(found, Some(expected));
+        assert_eq!(found, [expected]);
     }
 
     #[test]
     fn what_never_beats_has_no_crossover_and_equals_beat_nothing() {
-        assert_eq!(
-            crossover(&pairs(&[(0.0, 5.0, 3.0), (50.0, 4.0, 4.0)])),
-            None
-        );
-        assert_eq!(crossover(&[]), None);
+        assert_eq!(crossovers(&pairs(&[(0.0, 5.0, 3.0), (50.0, 4.0, 4.0)])), []);
+        assert_eq!(crossovers(&[]), []);
         // From a tie on it is the tie's place.
-        let found = crossover(&pairs(&[(0.0, 4.0, 4.0), (50.0, 4.0, 5.0)])).unwrap();
-        assert_eq!((found.from, found.from_the_first), (0.0, false));
+        let found = crossovers(&pairs(&[(0.0, 4.0, 4.0), (50.0, 4.0, 5.0)]));
+        assert_eq!((found[0].from, found[0].from_the_first), (0.0, false));
     }
 
     #[test]
-    fn what_beats_from_the_first_says_so_and_may_end() {
-        let found = crossover(&pairs(&[
+    fn what_beats_from_the_first_says_so_and_may_end_and_beat_again() {
+        let found = crossovers(&pairs(&[
             (5.0, 1.0, 2.0),
             (10.0, 2.0, 3.0),
             (20.0, 3.0, 2.0),
+            (30.0, 3.0, 2.0),
+            (40.0, 3.0, 6.0),
         ]));
-        let expected = Crossover {
+        let first = Crossover {
             from: 5.0,
             from_the_first: true,
             to: Some(15.0),
         };
-        assert_eq!(found, Some(expected));
+        let again = Crossover {
+            from: 32.5,
+            from_the_first: false,
+            to: None,
+        };
+        assert_eq!(found, [first, again]);
     }
 }

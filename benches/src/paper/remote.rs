@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 
 use super::PaperError;
 use super::beside::work;
-use super::crossover::{Crossover, Pair, crossover};
+use super::crossover::{Crossover, Pair, crossovers};
 use super::experiment::{Places, tolerance};
 use super::pit::{FRAMES_PER_SECOND, in_frames};
 use super::report::page;
@@ -84,8 +84,6 @@ pub(super) struct RemoteResults {
     pub(super) frames: u32,
     /// Load by load.
     pub(super) points: Vec<Point>,
-    /// Computed from the points.
-    pub(super) crossings: Vec<Crossing>,
 }
 
 /// One mode with so many bodies and so much other work. Times are milliseconds a frame.
@@ -126,10 +124,16 @@ impl Point {
     fn beside(&self) -> f64 {
         (self.observe_ms + self.publish_ms) / self.step_ms
     }
+
+    /// The frame of the integrated engine that stood beside, had its steps taken what this one's took, in milliseconds.
+    fn frame_of(&self, integrated: &Self) -> f64 {
+        let beside_steps = integrated.frame_ms - integrated.step_ms;
+        self.step_ms + beside_steps
+    }
 }
 
-/// From where on a depth beats the integrated engine in SimFPS.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// From where on a depth beats the integrated engine in frames per second.
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct Crossing {
     /// Frames ahead.
     pub(super) depth: u32,
@@ -139,10 +143,12 @@ pub(super) struct Crossing {
     pub(super) load: Option<u32>,
     /// With how much other work, if it is over loads that it was sought.
     pub(super) other_work_ms: Option<u32>,
-    /// Of frames that last 1/11.33 s at least; none if nowhere.
-    pub(super) capped: Option<Crossover>,
+    /// Of frames that last 1/11.33 s at least.
+    pub(super) capped: Vec<Crossover>,
     /// Of frames as fast as they can be.
-    pub(super) uncapped: Option<Crossover>,
+    pub(super) uncapped: Vec<Crossover>,
+    /// Of those, were the engine's steps as long in the caller's thread as at the server.
+    pub(super) engines_alike: Vec<Crossover>,
 }
 
 /// Frames in which balls come to fall and boxes to sleep, before anything is measured: a second.
@@ -179,7 +185,6 @@ pub(super) fn run(arguments: &RemoteArguments) -> Result<(), PaperError> {
         seed: arguments.seed,
         frames: arguments.frames.get(),
         points: Vec::new(),
-        crossings: Vec::new(),
     };
     let cost: u64 = loads.iter().copied().map(u64::from).sum();
     let shares: u64 = arguments
@@ -194,7 +199,6 @@ pub(super) fn run(arguments: &RemoteArguments) -> Result<(), PaperError> {
             bar.set_message(format!("{load} bodies, {awake_percent} % on the move"));
             let points = run_load(arguments, &places, *load, *awake_percent)?;
             results.points.extend(points);
-            results.crossings = crossings(&results.points);
             write(arguments, &results)?;
             bar.inc(u64::from(*load) * (u64::from(*awake_percent) + 1));
         }
@@ -363,17 +367,20 @@ fn crossings(points: &[Point]) -> Vec<Crossing> {
                         && load.is_none_or(|load| point.load == load)
                         && other_work_ms.is_none_or(|work| point.other_work_ms == work)
                 };
-                let sorted = |of: fn(&Point) -> f64| {
+                let sorted = |of: fn(&Point, &Point) -> (f64, f64)| {
                     let all: Vec<&Point> = sound.iter().filter(there).copied().collect();
-                    crossover(&pairs(&all, *depth, load.is_some(), of))
+                    crossovers(&pairs(&all, *depth, load.is_some(), of))
                 };
                 Crossing {
                     depth: *depth,
                     awake_percent,
                     load,
                     other_work_ms,
-                    capped: sorted(|point| point.sim_fps),
-                    uncapped: sorted(|point| point.uncapped_fps),
+                    capped: sorted(|own, other| (own.sim_fps, other.sim_fps)),
+                    uncapped: sorted(|own, other| (own.uncapped_fps, other.uncapped_fps)),
+                    engines_alike: sorted(|own, other| {
+                        (1e3 / other.frame_of(own), other.uncapped_fps)
+                    }),
                 }
             };
             found.extend(loads.iter().map(|load| along(Some(*load), None)));
@@ -384,7 +391,12 @@ fn crossings(points: &[Point]) -> Vec<Crossing> {
 }
 
 /// The pairs of the integrated engine and a depth, by other work or by load.
-fn pairs(points: &[&Point], depth: u32, by_work: bool, of: fn(&Point) -> f64) -> Vec<Pair> {
+fn pairs(
+    points: &[&Point],
+    depth: u32,
+    by_work: bool,
+    of: fn(&Point, &Point) -> (f64, f64),
+) -> Vec<Pair> {
     let place = |point: &Point| {
         if by_work {
             point.other_work_ms
@@ -396,16 +408,12 @@ fn pairs(points: &[&Point], depth: u32, by_work: bool, of: fn(&Point) -> f64) ->
         .iter()
         .filter(|point| point.depth == Some(depth))
         .filter_map(|other| {
-            let beside = |own: &&&Point| {
-                own.depth.is_none()
-                    && own.load == other.load
-                    && own.other_work_ms == other.other_work_ms
-            };
-            let own = points.iter().find(beside)?;
+            let all = points.iter().copied();
+            let (own, beats) = of(integrated(all, other)?, other);
             Some(Pair {
                 at: f64::from(place(other)),
-                own: of(own),
-                other: of(other),
+                own,
+                other: beats,
             })
         })
         .collect();
@@ -413,9 +421,34 @@ fn pairs(points: &[&Point], depth: u32, by_work: bool, of: fn(&Point) -> f64) ->
     pairs
 }
 
+/// The integrated engine's point beside another.
+fn integrated<'a>(
+    mut points: impl Iterator<Item = &'a Point>,
+    beside: &Point,
+) -> Option<&'a Point> {
+    points.find(|point| {
+        point.depth.is_none()
+            && point.awake_percent == beside.awake_percent
+            && point.load == beside.load
+            && point.other_work_ms == beside.other_work_ms
+    })
+}
+
+/// What was measured, and what it comes to.
+#[derive(Serialize)]
+struct Written<'a> {
+    #[serde(flatten)]
+    results: &'a RemoteResults,
+    crossings: Vec<Crossing>,
+}
+
 fn write(arguments: &RemoteArguments, results: &RemoteResults) -> Result<(), PaperError> {
     let out = &arguments.out;
-    output::write_json(&out.join("remote.json"), results)?;
+    let written = Written {
+        results,
+        crossings: crossings(&results.points),
+    };
+    output::write_json(&out.join("remote.json"), &written)?;
     let tables = [
         aims_table(results),
         crossings_table(results),
@@ -480,13 +513,29 @@ mod tests {
         };
         let at_thousand = of(Some(1_000), None);
         // Uncapped −2 at 0 and +2 at 100. Capped the first is a tie, from which on remote wins.
-        assert_eq!(at_thousand.uncapped.unwrap().from, 50.0);
-        assert_eq!(at_thousand.capped.unwrap().from, 0.0);
-        assert_eq!(of(None, Some(0)).capped, None);
-        let busy = of(None, Some(100)).capped.unwrap();
+        assert_eq!(at_thousand.uncapped[0].from, 50.0);
+        assert_eq!(at_thousand.capped[0].from, 0.0);
+        assert_eq!(of(None, Some(0)).capped, []);
+        let busy = of(None, Some(100)).capped[0];
         assert!(busy.from_the_first && busy.from == 1_000.0 && busy.to.is_none());
         let mut void = points;
         void[3].void = true;
-        assert_eq!(crossings(&void)[0].uncapped, None);
+        assert_eq!(crossings(&void)[0].uncapped, []);
+    }
+
+    #[test]
+    fn an_engine_that_was_slower_in_the_callers_thread_decides_nothing_where_engines_are_alike() {
+        let own = Point {
+            step_ms: 49.0,
+            ..point(1_000, 0, None, 20.0)
+        };
+        let other = Point {
+            step_ms: 39.0,
+            ..point(1_000, 0, Some(0), 24.0)
+        };
+        assert_eq!(other.frame_of(&own), 40.0);
+        let found = crossings(&[own, other]);
+        assert!(found[0].uncapped[0].from_the_first, "it has more frames");
+        assert_eq!(found[0].engines_alike, [], "41.7 ms for 40");
     }
 }

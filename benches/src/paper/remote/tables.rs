@@ -1,6 +1,6 @@
 //! The tables of where remote wins.
 
-use super::RemoteResults;
+use super::{RemoteResults, crossings, integrated};
 use crate::paper::crossover::Crossover;
 use crate::paper::table::Table;
 use crate::summary::number;
@@ -15,41 +15,52 @@ pub(in crate::paper) fn crossings_table(results: &RemoteResults) -> Table {
             "sought over",
             "in SimFPS",
             "uncapped",
+            "uncapped, engines alike",
         ],
     );
-    for found in &results.crossings {
+    for found in crossings(&results.points) {
         let over = match (found.load, found.other_work_ms) {
             (Some(load), _) => format!("other work, at {load} bodies"),
             (_, Some(work)) => format!("bodies, at {work} ms of other work"),
             _ => String::new(),
         };
         let unit = if found.load.is_some() { "ms" } else { "bodies" };
-        let cell = |crossover: Option<Crossover>| match crossover {
-            None => "nowhere".to_owned(),
-            Some(found) => {
-                let from = if found.from_the_first {
-                    "from the first, "
-                } else {
-                    "from "
-                };
-                let to = found
-                    .to
-                    .map_or_else(String::new, |to| format!(" to {}", number(Some(to))));
-                format!("{from}{}{to} {unit}", number(Some(found.from)))
+        let cell = |stretches: &[Crossover]| {
+            let stretches = stretches.iter().map(|stretch| stretch_text(*stretch, unit));
+            let stretches: Vec<_> = stretches.collect();
+            match &stretches[..] {
+                [] => "nowhere".to_owned(),
+                some => some.join("; "),
             }
         };
         table.rows.push(vec![
             found.depth.to_string(),
             found.awake_percent.to_string(),
             over,
-            cell(found.capped),
-            cell(found.uncapped),
+            cell(&found.capped),
+            cell(&found.uncapped),
+            cell(&found.engines_alike),
         ]);
     }
-    table.note = "Between measured points by straight lines. Where both reach 11.33 frames a second neither beats the \
-                  other. Nowhere: within what was measured."
+    table.note = "Between measured points by straight lines; to no end, if none is said. From the first: at the least that was \
+                  measured already, and perhaps before. Where both reach 11.33 frames a second neither beats the \
+                  other. Nowhere: within what was measured. Engines alike: beside an integrated engine whose steps take \
+                  what they took at the server, so that what one machine did to the one or the other decides nothing."
         .to_owned();
     table
+}
+
+/// On which stretch remote beats.
+fn stretch_text(stretch: Crossover, unit: &str) -> String {
+    let from = number(Some(stretch.from));
+    let from = match stretch.from_the_first {
+        true => format!("from the first, {from}"),
+        false => format!("from {from}"),
+    };
+    match stretch.to {
+        None => format!("{from} {unit}"),
+        Some(to) => format!("{from} to {} {unit}", number(Some(to))),
+    }
 }
 
 /// What was aimed at, and what was found.
@@ -97,6 +108,7 @@ pub(in crate::paper) fn points_table(results: &RemoteResults) -> Table {
         "observe, ms",
         "publish, ms",
         "beside of engine",
+        "frame, engines alike",
     ];
     let mut table = Table::new("Frames, and where their time goes", columns);
     for point in &results.points {
@@ -126,12 +138,16 @@ pub(in crate::paper) fn points_table(results: &RemoteResults) -> Table {
             Some(point.observe_ms),
             Some(point.publish_ms),
             Some(point.beside()),
+            integrated(results.points.iter(), point)
+                .filter(|own| !own.void && !point.void)
+                .map(|own| point.frame_ms / point.frame_of(own)),
         ];
         row.extend(values.map(number));
         table.rows.push(row);
     }
     table.note = "Of a caller that is ahead, engine, observe and publish are averages over the frames before those that are \
-                  counted, too. Void: the engine did not do what the integrated one did; left out of the crossovers."
+                  counted, too. Frame, engines alike: of what it would take beside an integrated engine with the same steps. \
+                  Void: the engine did not do what the integrated one did; left out of the crossovers."
         .to_owned();
     table
 }
