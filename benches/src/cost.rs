@@ -221,9 +221,11 @@ impl Costs {
             "sockets us",
             "one more us",
             "aimed at",
-            "least us",
+            "its least us",
+            "least of all us",
         ])];
-        for of in &self.members {
+        for (place, of) in self.members.iter().enumerate() {
+            let before = place.checked_sub(1).map(|before| &self.members[before]);
             rows.push(vec![
                 of.members.to_string(),
                 of.round_trip_ms.to_string(),
@@ -231,6 +233,7 @@ impl Costs {
                 number(Some(of.sockets_us)),
                 number(of.one_more_us),
                 "3".to_owned(),
+                number(before.and_then(|before| of.least_of_one_more_us(before))),
                 number(Some(of.least_us)),
             ]);
         }

@@ -277,8 +277,18 @@ pub struct Members {
     pub sockets_us: f64,
     /// Both, for a datagram more than with the fewer members before; none of the first.
     pub one_more_us: Option<f64>,
-    /// The least that any protocol would take.
+    /// The least that any protocol would take, for a datagram on average.
     pub least_us: f64,
+}
+
+impl Members {
+    /// The least for a datagram more than with fewer members; none if they are not fewer, or as far away.
+    pub(super) fn least_of_one_more_us(&self, fewer: &Self) -> Option<f64> {
+        let more = self.members.checked_sub(fewer.members)?;
+        let alike = more > 0 && self.round_trip_ms == fewer.round_trip_ms;
+        let all = |of: &Self| of.members as f64 * of.least_us;
+        alike.then(|| (all(self) - all(fewer)) / more as f64)
+    }
 }
 
 /// So many members each, fewest first, next door and far away.
