@@ -1,7 +1,11 @@
 //! `rhumb-bench evaluate` with real servers has one truth in all modes.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::process::Command;
+
+use rhumb_bench::recording::Recording;
+use rhumb_protocol::stream::Activity;
 
 /// Runs a scene and returns the runs of its summary.
 fn runs(name: &str, arguments: &[&str]) -> Vec<serde_json::Value> {
@@ -95,6 +99,32 @@ fn free_running_has_a_naive_run_of_the_same_server_beside_it() {
         assert!(unjudged < 15, "{unjudged} of 30 frames");
         assert_eq!(run["over_tolerance"]["by_cause"]["fault"], 0);
         assert_eq!(run["mismatches"], 0);
+    }
+}
+
+#[test]
+fn what_fell_asleep_in_a_free_running_scene_is_asleep_in_its_trace() {
+    let out = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("evaluate-asleep");
+    let modes = ["evaluate", "--modes", "rhumb-free", "--seconds", "2"];
+    let scene = ["--scene", "rest-10k", "--bodies", "20"];
+    let run = Command::new(env!("CARGO_BIN_EXE_rhumb-bench"))
+        .args([&modes[..], &scene[..]].concat())
+        .args(["--no-pin", "--no-limit", "--out"])
+        .arg(&out)
+        .output()
+        .expect("the bench starts");
+    let said = String::from_utf8_lossy(&run.stderr);
+    assert!(run.status.success(), "{said}");
+    let recording = Recording::read(&out.join("trace.mcap")).expect("it is a recording");
+    let mut last = BTreeMap::new();
+    for (tick, row) in recording.truth.ticks.iter().enumerate() {
+        last.extend(row.iter().map(|seen| (seen.id, (tick, seen.activity))));
+    }
+    assert_eq!(last.len(), 20);
+    for (id, (tick, activity)) in last {
+        // Of who lies nobody tells again.
+        let ended = tick + 30 < recording.truth.ticks.len();
+        assert_eq!((ended, activity), (true, Activity::Asleep), "{id:?}");
     }
 }
 

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use rhumb_protocol::packet::{FullPacket, Head, Kind};
-use rhumb_protocol::scene::{BodyTerms, Command, Pace, Shape, ShapeId};
+use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, Pace, Shape, ShapeId};
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
@@ -104,7 +104,7 @@ impl Witness {
                     let observation = Observation {
                         id: terms.id,
                         motion: record.motion,
-                        activity: Activity::Awake,
+                        activity: activity(terms, &record.motion),
                     };
                     self.changed.insert(record.index, observation);
                 }
@@ -131,6 +131,15 @@ impl Witness {
             Some(known(terms.id, motion, shape.bounding_radius(), terms))
         });
         self.recent.push(Tick::new(self.tick), known);
+    }
+}
+
+/// A full stream does not say who sleeps; but an engine stills what it puts to sleep, and what it moves is hardly ever still
+/// to the bit before.
+fn activity(terms: &BodyTerms, motion: &Verbatim) -> Activity {
+    match terms.kind {
+        BodyKind::Dynamic if *motion == motion.stilled() => Activity::Asleep,
+        _ => Activity::Awake,
     }
 }
 
