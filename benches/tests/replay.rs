@@ -83,6 +83,24 @@ fn without_loss_every_published_tick_is_within_the_tolerance() {
 }
 
 #[test]
+fn who_has_no_record_any_more_lies_though_he_was_recorded_awake() {
+    let mut bytes = unpacked();
+    // A head of 32 bytes, a box each; then for each frame a count, and records that end with a flag.
+    let record = 2 + 13 * 4 + 1;
+    let frames = 32 + bounce::BODIES as usize * 16;
+    let frame = 2 + bounce::BODIES as usize * record;
+    let last = frames + (FRAMES as usize - 20) * frame;
+    for body in 1..=bounce::BODIES as usize {
+        let flag = &mut bytes[last + 2 + body * record - 1];
+        assert_eq!(std::mem::replace(flag, 1), 0, "it fell asleep");
+    }
+    let packed = zstd::encode_all(&*bytes, 1).expect("memory takes all");
+    let recording = rhtrace::read("awake", &packed).expect("this is a recording");
+    let run = replayed(&recording, "", 1);
+    assert_eq!(run.breaches, []);
+}
+
+#[test]
 fn with_hindsight_every_published_tick_is_within_the_tolerance_for_fewer_bytes() {
     let recording = recording();
     let replayed = |every, hindsight, means| {

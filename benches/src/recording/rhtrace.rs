@@ -3,7 +3,7 @@
 //! Little-endian, packed by zstd as a whole: the magic; u32 bodies, u32 frames; f32 seconds a frame, three f32 of
 //! gravity; for each body four f32, half extents and bounding radius; for each frame a u16 count and so many records.
 //! A record is a u16 body, thirteen f32 (position, quaternion x y z w, linear and angular velocity) and a u8 whose bit 0
-//! says that the body is awake. A body without a record has not changed. Frame 0 has a record of every body: where it
+//! says that the body is awake. A body without a record has not changed, and so sleeps, whatever that says. Frame 0 has a record of every body: where it
 //! begins. Damping is not told and taken as zero, with one substep.
 
 use std::collections::BTreeMap;
@@ -72,7 +72,7 @@ pub fn read(name: &str, packed: &[u8]) -> Result<Recording, RecordingError> {
     if !reader.rest.is_empty() {
         return Err(RecordingError::Length);
     }
-    wake_what_moves_on(&mut truth.ticks);
+    take_records_for_motion(&mut truth);
     let mut digest = Digest::START;
     for (row, tick) in truth.ticks.iter().zip(1..) {
         digest.fold_tick(Tick::new(tick), row);
@@ -89,16 +89,27 @@ pub fn read(name: &str, packed: &[u8]) -> Result<Recording, RecordingError> {
     })
 }
 
-/// A body that has a record in the next frame too has moved there, whatever its flag says: no rest is to be said of it.
-fn wake_what_moves_on(ticks: &mut [Vec<Observation>]) {
-    for next in 1..ticks.len() {
-        let (before, after) = ticks.split_at_mut(next);
-        for observation in &mut before[next - 1] {
-            let index = observation.id.index();
-            let again = after[0].binary_search_by_key(&index, |later| later.id.index());
-            if again.is_ok() {
-                observation.activity = Activity::Awake;
+/// A body that has a record in the next frame too has moved there, and one that has none has not changed, whatever their flags
+/// say: of the first no rest is to be said, and of the other nothing else.
+fn take_records_for_motion(truth: &mut Truth) {
+    let is_in = |row: &[Observation], of: &Observation| {
+        let found = row.binary_search_by_key(&of.id.index(), |seen| seen.id.index());
+        found.is_ok()
+    };
+    if let Some(first) = truth.ticks.first() {
+        for placed in &mut truth.placed {
+            if !is_in(first, &placed.observation) {
+                placed.observation.activity = Activity::Asleep;
             }
+        }
+    }
+    for next in 1..truth.ticks.len() {
+        let (before, after) = truth.ticks.split_at_mut(next);
+        for observation in &mut before[next - 1] {
+            observation.activity = match is_in(&after[0], observation) {
+                true => Activity::Awake,
+                false => Activity::Asleep,
+            };
         }
     }
 }

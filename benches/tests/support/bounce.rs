@@ -4,7 +4,7 @@
 
 use rhumb_bench::recording::rhtrace;
 
-const BODIES: u32 = 12;
+pub(crate) const BODIES: u32 = 12;
 pub(crate) const FRAMES: u32 = 240;
 const GRAVITY: f32 = -20.0;
 
