@@ -76,17 +76,32 @@ pub(in crate::paper) fn aims_table(results: &RemoteResults) -> Table {
             && point.load == LOAD
             && point.awake_percent == AWAKE_PERCENT
     });
-    let beside = there.map(|point| (point.other_work_ms, point.depth, point.beside()));
-    let Some((work, depth, worst)) = beside.max_by(|one, other| one.2.total_cmp(&other.2)) else {
+    let there: Vec<_> = there.collect();
+    let worst = there
+        .iter()
+        .max_by(|one, other| one.beside().total_cmp(&other.beside()));
+    let Some(worst) = worst else {
         return table;
     };
-    let depth = depth.unwrap_or_default();
-    table.rows.push(vec![
-        format!("{LOAD} bodies, {AWAKE_PERCENT} % on the move: observe and publish at most {MOST} of the engine's step"),
-        number(Some(worst)),
-        format!("worst, at {work} ms of other work, depth {depth}"),
-        if worst <= MOST { "yes" } else { "no" }.to_owned(),
-    ]);
+    let mean = there.iter().map(|point| point.beside()).sum::<f64>() / there.len() as f64;
+    let (work, depth) = (worst.other_work_ms, worst.depth.unwrap_or_default());
+    let aim = format!(
+        "{LOAD} bodies, {AWAKE_PERCENT} % on the move: observe and publish at most {MOST} of the engine's step"
+    );
+    for (found, place) in [
+        (mean, format!("on average of {} points", there.len())),
+        (
+            worst.beside(),
+            format!("worst, at {work} ms of other work, depth {depth}"),
+        ),
+    ] {
+        table.rows.push(vec![
+            aim.clone(),
+            number(Some(found)),
+            place,
+            if found <= MOST { "yes" } else { "no" }.to_owned(),
+        ]);
+    }
     table
 }
 
