@@ -31,13 +31,13 @@ class Report:
     """Counts what holds, and prints what does not."""
 
     def __init__(self):
-        self.passed = 0
+        self.captured = 0
         self.failed = 0
         self.where = ""
 
     def check(self, holds, what):
         if holds:
-            self.passed += 1
+            self.captured += 1
         else:
             self.failed += 1
             print(f"FAILED {self.where}: {what}")
@@ -90,7 +90,7 @@ class Truth:
     """The engine's bodies, stepped forward by rhumb.States."""
 
     def __init__(self):
-        self.pose, self.terms, self.began, self.removed = {}, {}, {}, {}
+        self.pose, self.config, self.began, self.removed = {}, {}, {}, {}
         self.coming, self.leaving = [], []
         self.digest, self.ticks, self.order = Digest(), 0, True
         self.observed = set()
@@ -109,7 +109,7 @@ class Truth:
             self.leaving.append(body)
         for placed in states.placed:
             body = (placed.index, placed.generation)
-            self.terms[body] = (states.tick, placed.kind, placed.bounding_radius_m, scale(placed))
+            self.config[body] = (states.tick, placed.kind, placed.bounding_radius_m, scale(placed))
             self.began[body] = tuple(placed.motion[:7])
             self.coming.append(body)
         if states.tick == 0:
@@ -143,14 +143,14 @@ class Truth:
 
 def scale(placed):
     """How much wider than its run's a body's tolerance is."""
-    return 2.0 ** getattr(placed, "class")
+    return 2.0 ** placed.tolerance_scale
 
 
 class Run:
     """One mode's run: its counts by frame, its copy, and the errors of that copy."""
 
-    def __init__(self, terms):
-        self.terms = terms
+    def __init__(self, config):
+        self.config = config
         self.stats, self.seen = {}, {}
         self.payload, self.state_bytes = Counter(), 0
         self.breaches = {}
@@ -159,9 +159,9 @@ class Run:
         self.error_max_wrong = 0
 
     def add_packet(self, packet):
-        if packet.way in (STATE_DOWN, CONTROL_DOWN):
+        if packet.direction in (STATE_DOWN, CONTROL_DOWN):
             self.payload[packet.frame] += len(packet.data)
-        if packet.way == STATE_DOWN:
+        if packet.direction == STATE_DOWN:
             self.state_bytes += len(packet.data)
 
     def follow(self, truth, tick):
@@ -185,10 +185,10 @@ class Run:
             self.copy[body] = pose
 
     def judge(self, truth, frame):
-        tolerance = self.terms.get("tolerance_m")
+        tolerance = self.config.get("tolerance_m")
         errors = []
         for body, real in truth.pose.items():
-            _, kind, radius, scale = truth.terms[body]
+            _, kind, radius, scale = truth.config[body]
             if kind == STATIC:
                 continue
             # Until it is mentioned, a body is where it was placed.
@@ -221,11 +221,11 @@ def read(path):
 def gather(records, topics, load):
     """The runs of a load with their messages."""
     runs = []
-    for name, terms in records.items():
-        if not name.startswith("rhumb.run.") or terms["load"] != load:
+    for name, config in records.items():
+        if not name.startswith("rhumb.run.") or config["load"] != load:
             continue
-        run = Run(terms)
-        base = f"/{load}/{terms['name']}"
+        run = Run(config)
+        base = f"/{load}/{config['name']}"
         run.stats = {stats.frame: stats for _, stats in topics[f"{base}/stats"]}
         run.seen = {poses.frame: poses for _, poses in topics[f"{base}/seen"]}
         run.breaches = {(b.tick, b.index, b.generation): b for _, b in topics[f"{base}/breaches"]}
@@ -233,7 +233,7 @@ def gather(records, topics, load):
             for _, packet in topics[f"{base}/wire/{way}"]:
                 run.add_packet(packet)
         runs.append(run)
-    return sorted(runs, key=lambda run: int(run.terms["place"]))
+    return sorted(runs, key=lambda run: int(run.config["place"]))
 
 
 def replay(topics, load, runs):
@@ -261,7 +261,7 @@ def worst_second(frames, rate, step_s, ticks):
 
 def first_seconds(run, frames, down):
     """What came down in the first frames."""
-    step_s = float(run.terms["step_s"]) * int(run.terms.get("every") or 1)
+    step_s = float(run.config["step_s"]) * int(run.config.get("publish_interval") or 1)
     count = min(math.floor(FIRST_S / step_s + 0.5), len(frames))
     if count == 0:
         return None
@@ -294,36 +294,36 @@ def check_ratios(report, figures, runs):
     report.same("less_than_naive.with_headers_first", first("bytes_down"), told["with_headers_first"])
 
 
-def check_following(report, terms, figures):
+def check_following(report, config, figures):
     """How a free-running scene was published and followed."""
-    told = figures["followed"]
-    report.same("followed", terms["mode"].endswith("-free"), told is not None)
+    told = figures["subscription"]
+    report.same("subscription", config["mode"].endswith("-free"), told is not None)
     for name in told or {}:
-        report.same(f"followed.{name}", int(terms[name]), told[name])
+        report.same(f"followed.{name}", int(config[name]), told[name])
 
 
-def check_replay(report, terms, figures):
+def check_replay(report, config, figures):
     """How a replay was asked for."""
     told = figures["replayed"]
-    report.same("replayed", terms["mode"] == "replay", told is not None)
+    report.same("replayed", config["mode"] == "replay", told is not None)
     if told is None:
         return
-    for name in ("every", "hindsight_ticks", "link_seed"):
-        report.same(f"replayed.{name}", int(terms[name]), told[name])
+    for name in ("publish_interval", "lookahead_ticks", "link_seed"):
+        report.same(f"replayed.{name}", int(config[name]), told[name])
     for name in ("position_m", "turn_rad"):
-        ours = float(terms[name]) if name in terms else None
+        ours = float(config[name]) if name in config else None
         report.same(f"replayed.{name}", ours, told[name])
-    report.same("replayed.without", terms["without"], " ".join(told["without"]))
+    report.same("replayed.without", config["without"], " ".join(told["without"]))
 
 
 def check_costs(report, run, figures, header):
     """Bytes, datagrams, rates and updates."""
-    terms, frames = run.terms, [run.stats[i] for i in range(len(run.stats))]
-    seconds = int(terms["ticks"]) * float(terms["step_s"])
+    config, frames = run.config, [run.stats[i] for i in range(len(run.stats))]
+    seconds = int(config["ticks"]) * float(config["step_s"])
     down = lambda frame: frame.wire_bytes_down + header * frame.wire_datagrams_down
     bytes_down = sum(map(down, frames))
     payload, updates = sum(run.payload.values()), sum(frame.updates for frame in frames)
-    worst = worst_second(frames, down, float(terms["step_s"]), int(terms["ticks"]))
+    worst = worst_second(frames, down, float(config["step_s"]), int(config["ticks"]))
     report.same("bytes_down", bytes_down, figures["bytes_down"])
     up = sum(frame.wire_bytes_up + header * frame.wire_datagrams_up for frame in frames)
     report.same("bytes_up", up, figures["bytes_up"])
@@ -344,12 +344,12 @@ def check_costs(report, run, figures, header):
     report.same("payload of the stats", told + last, payload)
     join = {}
     for way in ("down", "up"):
-        datagrams = int(terms[f"join_wire_datagrams_{way}"])
+        datagrams = int(config[f"join_wire_datagrams_{way}"])
         join[f"datagrams_{way}"] = datagrams
-        join[f"bytes_{way}"] = int(terms[f"join_wire_bytes_{way}"]) + header * datagrams
+        join[f"bytes_{way}"] = int(config[f"join_wire_bytes_{way}"]) + header * datagrams
     report.same("join", join, figures["join"])
-    steps = int(terms["step_ns_total"])
-    share = int(terms["publish_ns_total"]) / steps if steps else None
+    steps = int(config["step_ns_total"])
+    share = int(config["publish_ns_total"]) / steps if steps else None
     report.same("publish_share", share, figures["publish_share"])
 
 
@@ -365,7 +365,7 @@ def check_fidelity(report, run, figures):
             report.same(f"surface_error_m.{name}", rank(errors, percent), theirs, absolute=1e-6)
     else:
         report.same("surface_error_m", None, figures["surface_error_m"])
-    if run.terms["mode"] == "replay" and run.moving:
+    if run.config["mode"] == "replay" and run.moving:
         moving, ours = figures["moving"], sorted(run.moving)
         report.same("moving.body_ticks", len(ours), moving["body_ticks"])
         for name, percent in (("p50", 50), ("p95", 95), ("p99", 99), ("max", 100)):
@@ -381,8 +381,8 @@ def check_fidelity(report, run, figures):
         report.same(f"over_tolerance.by_cause.{cause}", causes[cause], over["by_cause"].get(cause))
     # Either may round a body at the very edge to the other side.
     untold = run.over.keys() - run.breaches.keys()
-    excess = max((run.over[key] for key in untold), default=0.0)
-    report.check(excess < 1e-6, f"{len(untold)} breaches are not told of")
+    error_scale = max((run.over[key] for key in untold), default=0.0)
+    report.check(error_scale < 1e-6, f"{len(untold)} breaches are not told of")
     wrong = [b for key, b in run.breaches.items() if b.error_m <= b.tolerance_m]
     report.check(not wrong, f"{len(wrong)} breaches are none")
     invented = [b for key, b in run.breaches.items() if key not in run.over and b.error_m > b.tolerance_m + EXACT_M + 1e-6]
@@ -391,7 +391,7 @@ def check_fidelity(report, run, figures):
 
 def check_times(report, run, figures):
     """Frame and step times."""
-    terms = run.terms
+    config = run.config
     times = sorted(frame.frame_ns for frame in run.stats.values())
     mean = sum(times) / len(times)
     report.same("frame_ms.p50", rank(times, 50) / 1e6, figures["frame_ms"]["p50"])
@@ -399,33 +399,33 @@ def check_times(report, run, figures):
     report.same("frame_ms.mean", mean / 1e6, figures["frame_ms"]["mean"])
     report.same("sim_fps", min(1e9 / mean, SIM_FPS_MAX), figures["sim_fps"])
     for name in ("p50", "p99"):
-        report.same(f"step_ms.{name}", int(terms[f"step_ns_{name}"]) / 1e6, figures["step_ms"][name])
+        report.same(f"step_ms.{name}", int(config[f"step_ns_{name}"]) / 1e6, figures["step_ms"][name])
 
 
 def check_run(report, run, figures, header):
     """Every figure of one run."""
-    terms = run.terms
+    config = run.config
     for name in ("scene", "mode"):
-        report.same(name, terms[name], figures[name])
+        report.same(name, config[name], figures[name])
     for name in ("bodies", "depth", "ticks"):
-        report.same(name, int(terms[name]), figures[name])
-    tolerance = terms.get("tolerance_m")
+        report.same(name, int(config[name]), figures[name])
+    tolerance = config.get("tolerance_m")
     report.same("tolerance_m", None if tolerance is None else float(tolerance), figures["tolerance_m"])
-    budget = terms.get("budget_bytes_per_second")
+    budget = config.get("budget_bytes_per_second")
     report.same("budget_bytes_per_second", None if budget is None else int(budget), figures["budget_bytes_per_second"])
-    report.same("truth_hash", terms["truth_hash"], figures["truth_hash"])
-    report.same("frames", int(terms["frames"]), len(run.stats))
-    check_following(report, terms, figures)
-    check_replay(report, terms, figures)
+    report.same("truth_hash", config["truth_hash"], figures["truth_hash"])
+    report.same("frames", int(config["frames"]), len(run.stats))
+    check_following(report, config, figures)
+    check_replay(report, config, figures)
     report.check(run.next == len(run.stats), "some frames show a tick that the engine never reached")
-    if run.stats and terms["mode"] != "replay":
+    if run.stats and config["mode"] != "replay":
         check_times(report, run, figures)
-    if terms["mode"] == "integrated":
+    if config["mode"] == "integrated":
         for name in ("bytes_down", "bytes_up", "updates", "surface_error_m", "over_tolerance", "mismatches", "join", "link"):
             report.same(name, None, figures[name])
         return
-    report.same("link", terms["link"] or None, figures["link"])
-    report.same("mismatches", int(terms["mismatches"]), figures["mismatches"])
+    report.same("link", config["link"] or None, figures["link"])
+    report.same("mismatches", int(config["mismatches"]), figures["mismatches"])
     check_costs(report, run, figures, header)
     check_fidelity(report, run, figures)
 
@@ -434,12 +434,12 @@ def check_truth(report, truth, record, runs):
     """That the engine's states are all there, and are those of every run."""
     report.check(truth.order, "a tick of the engine is missing")
     report.same("ticks of the engine", truth.ticks - 1, int(record["ticks"]))
-    report.same("bodies placed", len(truth.terms), int(record["placed"]))
+    report.same("bodies placed", len(truth.config), int(record["placed"]))
     report.same("bodies removed", len(truth.removed), int(record["removed"]))
     for run in runs:
-        report.same(f"truth of {run.terms['name']}", run.terms["truth_hash"], record["truth_hash"])
+        report.same(f"truth of {run.config['name']}", run.config["truth_hash"], record["truth_hash"])
     # What a free-running scene did was heard from its full stream, which does not say who fell asleep.
-    if any(not run.terms["mode"].endswith("-free") for run in runs):
+    if any(not run.config["mode"].endswith("-free") for run in runs):
         report.same("digest of the states", f"{truth.digest.state:016x}", record["truth_hash"])
 
 
@@ -479,11 +479,11 @@ def main(trace, summary):
         if runs:
             check_truth(report, truth, records[f"rhumb.truth.{load}"], runs)
         for run in runs:
-            report.where = f"{load} {run.terms['name']}"
-            own = figures["runs"][int(run.terms["place"])]
+            report.where = f"{load} {run.config['name']}"
+            own = figures["runs"][int(run.config["place"])]
             check_run(report, run, own, header)
             check_ratios(report, own, figures["runs"])
-            void = run.terms["truth_hash"] != records[f"rhumb.truth.{load}"]["truth_hash"]
+            void = run.config["truth_hash"] != records[f"rhumb.truth.{load}"]["truth_hash"]
             report.same("void", void, own["void"])
         count += len(runs)
     report.where = "experiment"

@@ -7,7 +7,7 @@
         --rhumb target/release/rhumb-bench
 
 A frame is one step of the scene's length and the pose of every body that moves, asked for as each engine's interface has it.
-Bullet comes from the `pybullet` wheel, PhysX 5 from the `sapien` wheel; both are installed by whoever wants to compare. A
+Bullet comes from the `pybullet` upstream_state, PhysX 5 from the `sapien` upstream_state; both are installed by whoever wants to compare. A
 remote Bullet server is started by them too, and named here: `shared-memory`, `tcp:HOST:PORT` or `udp:HOST:PORT`. Its bytes
 are what the network interface counted, headers included and each way by itself: on a machine that is otherwise idle. Piles
 differ between engines, so that their times are of like work, not of the same.
@@ -226,7 +226,7 @@ def of_engine(start, frames, interface):
         row = measure(engine, frames, interface)
         engine.end()
     except Exception as cause:
-        # The wheel's own error has no base but Exception.
+        # The upstream_state's own error has no base but Exception.
         if type(cause).__module__ == "pybullet":
             raise Impossible(f"Bullet: {cause}") from cause
         raise

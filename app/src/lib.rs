@@ -26,8 +26,8 @@ pub use kind::Kind;
 pub use malformed::Malformed;
 pub use message::{
     ActorsCollided, AddJoint, ApplyForce, ApplyTorque, AttachShape, Byte, CreateDynamicActor,
-    CreateStaticActor, DetachShape, Fault, Grip, Logon, Message, Motion, Place, SetWorld,
+    CreateStaticActor, DetachShape, ErrorReport, Grip, Logon, Message, Motion, Place, SetWorld,
     Surfacing,
 };
-pub use session::{Break, Session};
+pub use session::{Session, SessionError};
 pub use shapes::{ConvexMesh, Heights, TriangleMesh};

@@ -209,7 +209,7 @@ fields! {
 
 /// Something was wrong with a message.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Fault {
+pub struct ErrorReport {
     /// The message's index, as it came.
     pub index: u32,
     /// What was wrong. Of more than 256 bytes the first are said.
@@ -245,7 +245,7 @@ impl Logon {
     }
 }
 
-impl Field for Fault {
+impl Field for ErrorReport {
     fn put(&self, to: &mut Vec<u8>) {
         self.index.put(to);
         let mut end = self.text.len().min(TEXT_BYTES_MAX);
@@ -323,7 +323,7 @@ impl<A: Field, B: Field, C: Field> Field for (A, B, C) {
 
 messages! {
     /// Something was wrong with a message.
-    Error(Fault),
+    Error(ErrorReport),
     /// A client is there.
     Logon(Logon),
     /// It is taken in: its simulation.

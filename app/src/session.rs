@@ -11,12 +11,12 @@ use crate::message::Message;
 
 /// Where a conversation stands.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum State {
+enum SessionState {
     /// Nothing was said.
     #[default]
     Silent,
     /// Logged on.
-    Talking,
+    Active,
     /// Logged off, or broken.
     Over,
 }
@@ -25,12 +25,12 @@ enum State {
 #[derive(Debug, Default)]
 pub struct Session {
     frames: Frames,
-    state: State,
+    state: SessionState,
 }
 
 /// Why a connection cannot go on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Break {
+pub enum SessionError {
     /// Its bytes are no messages.
     Malformed(Malformed),
     /// It said something before it logged on.
@@ -41,7 +41,7 @@ pub enum Break {
     ServersWord,
 }
 
-impl fmt::Display for Break {
+impl fmt::Display for SessionError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Malformed(malformed) => malformed.fmt(f),
@@ -52,12 +52,12 @@ impl fmt::Display for Break {
     }
 }
 
-impl core::error::Error for Break {}
+impl core::error::Error for SessionError {}
 
 impl Session {
     /// The next bytes of the connection, cut anywhere.
     pub fn handle_bytes(&mut self, bytes: &[u8]) {
-        if self.state != State::Over {
+        if self.state != SessionState::Over {
             self.frames.push(bytes);
         }
     }
@@ -66,12 +66,12 @@ impl Session {
     ///
     /// # Errors
     ///
-    /// [`Break`] when the connection cannot go on; then nothing more is heard of it.
-    pub fn poll_message(&mut self) -> Result<Option<Framed>, Break> {
-        if self.state == State::Over {
+    /// [`SessionError`] when the connection cannot go on; then nothing more is heard of it.
+    pub fn poll_message(&mut self) -> Result<Option<Framed>, SessionError> {
+        if self.state == SessionState::Over {
             return Ok(None);
         }
-        let next = self.frames.next_message().map_err(Break::Malformed);
+        let next = self.frames.next_message().map_err(SessionError::Malformed);
         let checked = next.and_then(|framed| match framed {
             Some(framed) => self.admit(&framed.message).map(|()| Some(framed)),
             None => Ok(None),
@@ -82,11 +82,11 @@ impl Session {
         checked
     }
 
-    fn admit(&mut self, message: &Message) -> Result<(), Break> {
+    fn admit(&mut self, message: &Message) -> Result<(), SessionError> {
         match (self.state, message) {
-            (State::Silent, Message::Logon(_)) => self.state = State::Talking,
-            (State::Silent, _) => return Err(Break::NotLoggedOn),
-            (_, Message::Logon(_)) => return Err(Break::LoggedOnTwice),
+            (SessionState::Silent, Message::Logon(_)) => self.state = SessionState::Active,
+            (SessionState::Silent, _) => return Err(SessionError::NotLoggedOn),
+            (_, Message::Logon(_)) => return Err(SessionError::LoggedOnTwice),
             (
                 _,
                 Message::Error(_)
@@ -94,7 +94,7 @@ impl Session {
                 | Message::TimeAdvanced(_)
                 | Message::UpdateMass(_)
                 | Message::ActorsCollided(_),
-            ) => return Err(Break::ServersWord),
+            ) => return Err(SessionError::ServersWord),
             (_, Message::Logoff(_)) => self.end(),
             _ => {}
         }
@@ -102,7 +102,7 @@ impl Session {
     }
 
     fn end(&mut self) {
-        self.state = State::Over;
+        self.state = SessionState::Over;
         self.frames = Frames::default();
     }
 }

@@ -5,7 +5,8 @@
 use glam::Vec3;
 use proptest::prelude::*;
 use rhumb_app::{
-    ConvexMesh, Fault, Framed, Frames, Heights, Id, Kind, Malformed, Message, TriangleMesh, limits,
+    ConvexMesh, ErrorReport, Framed, Frames, Heights, Id, Kind, Malformed, Message, TriangleMesh,
+    limits,
 };
 
 /// Bytes of the body of each type whose length is fixed.
@@ -46,8 +47,8 @@ fn message() -> impl Strategy<Value = Message> {
         .prop_filter_map("of fixed length", |(kind, noise)| {
             Message::decode(kind, &noise[..fixed(kind)?]).ok()
         });
-    let text =
-        (any::<u32>(), ".{0,80}").prop_map(|(index, text)| Message::Error(Fault { index, text }));
+    let text = (any::<u32>(), ".{0,80}")
+        .prop_map(|(index, text)| Message::Error(ErrorReport { index, text }));
     let hull = (id(), points())
         .prop_map(|(shape, points)| Message::AddConvexMesh(ConvexMesh { shape, points }));
     let triangles = prop::collection::vec(any::<[u32; 3]>(), 0..20);

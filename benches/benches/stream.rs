@@ -2,12 +2,14 @@
 //!
 //! Ten thousand bodies that fly, each struck every so often, at the 5 cm tier (`rhumb_bench::cost::hearing`). Reported per
 //! pass over all of them: `predict` and `view` look at every body; `encode` judges every body and says about a tenth;
-//! `decode` hears that tenth, whose bodies had no seats before; `decode in the midst` hears twenty ticks of a run.
+//! `decode` hears that tenth, whose bodies had no aliases before; `decode in the midst` hears twenty ticks of a run.
 
 use std::hint::black_box;
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
-use rhumb_bench::cost::hearing::{Audience, Show, first_tick, publisher, subscriber};
+use rhumb_bench::cost::decoding::{
+    DecodeLoad, RenderLoad, first_observations, publisher, subscriber,
+};
 use rhumb_reckoning::{BodyId, Tick};
 
 const BODIES: u32 = 10_000;
@@ -19,36 +21,36 @@ fn stages(criterion: &mut Criterion) {
         let subscriber = subscriber(BODIES);
         bencher.iter(|| {
             for index in 0..BODIES {
-                black_box(subscriber.believed(BodyId::new(index, 0), Tick::new(30)));
+                black_box(subscriber.predicted_motion(BodyId::new(index, 0), Tick::new(30)));
             }
         });
     });
     group.bench_function("encode", |bencher| {
-        let witness = first_tick(BODIES);
+        let observation_history = first_observations(BODIES);
         bencher.iter_batched_ref(
             || publisher(BODIES),
             |publisher| {
                 let mut out = Vec::new();
-                publisher.publish(&witness, 0, &mut out);
+                publisher.publish(&observation_history, 0, &mut out);
                 out
             },
             BatchSize::LargeInput,
         );
     });
     group.bench_function("view", |bencher| {
-        let mut show = Show::new(BODIES);
+        let mut show = RenderLoad::new(BODIES);
         bencher.iter(|| show.refresh());
     });
-    let audiences = [
-        ("decode", Audience::new(BODIES)),
-        ("decode in the midst", Audience::in_the_midst(BODIES)),
+    let loads = [
+        ("decode", DecodeLoad::new(BODIES)),
+        ("decode in the midst", DecodeLoad::in_mid_run(BODIES)),
     ];
-    for (name, audience) in audiences {
-        group.throughput(Throughput::Elements(audience.updates));
+    for (name, load) in loads {
+        group.throughput(Throughput::Elements(load.updates));
         group.bench_function(name, |bencher| {
             bencher.iter_batched_ref(
-                || audience.listener.clone(),
-                |listener| audience.hear(listener),
+                || load.subscriber.clone(),
+                |subscriber| load.decode(subscriber),
                 BatchSize::LargeInput,
             );
         });

@@ -4,8 +4,8 @@
 //! the members run in the calling thread, one after the other; each figure is the median of its repeats, beside what was
 //! aimed at.
 
-pub mod hearing;
-mod least;
+pub mod decoding;
+mod floor;
 mod members;
 mod publishing;
 
@@ -23,13 +23,13 @@ use crate::quantile;
 use crate::replay::{Failure, ended};
 use crate::summary::{aligned, markdown, number};
 
-pub use hearing::Hearing;
+pub use decoding::Decoding;
 pub use members::Members;
 pub use publishing::{Publishing, Sleeping};
 
 /// How many bodies and members, how often, and where to write what it took.
 #[derive(Clone, Debug, Args)]
-pub struct CostOf {
+pub struct CostArguments {
     /// Bodies that are published, heard and shown.
     #[arg(long, default_value = "10000", value_parser = clap::value_parser!(u32).range(100..=50_000))]
     bodies: u32,
@@ -64,17 +64,17 @@ pub struct Costs {
     /// Streams of more and more sleepers.
     pub sleeping: Vec<Sleeping>,
     /// Hearing and showing.
-    pub hearing: Hearing,
+    pub decoding: Decoding,
     /// One more member; empty where it was not measured or the system does not tell.
     pub members: Vec<Members>,
 }
 
 /// Measures. Exit code 0 when everything was measured and written, 1 otherwise.
-pub fn cost(arguments: &CostOf) -> ExitCode {
+pub fn cost(arguments: &CostArguments) -> ExitCode {
     ended(cost_all(arguments))
 }
 
-fn cost_all(arguments: &CostOf) -> Result<(), Failure> {
+fn cost_all(arguments: &CostArguments) -> Result<(), Failure> {
     output::make_folder(&arguments.out)?;
     let costs = Costs::measure(arguments).map_err(Failure::Terms)?;
     output::write_json(&arguments.out.join("cost.json"), &costs)?;
@@ -84,17 +84,17 @@ fn cost_all(arguments: &CostOf) -> Result<(), Failure> {
             costs.publishing_rows(),
         ),
         ("a tick in which all sleep", costs.sleeping_rows()),
-        ("hearing and showing", costs.hearing_rows()),
+        ("decoding and rendering", costs.decoding_rows()),
         (
             "a member's datagram, microseconds of a processor",
             costs.member_rows(),
         ),
     ] {
         if rows.len() > 1 {
-            output::say(&format!("\n{title}\n{}", aligned(&rows)))?;
+            output::print_text(&format!("\n{title}\n{}", aligned(&rows)))?;
         }
     }
-    output::say(&format!("\nwritten to {}\n", arguments.out.display()))?;
+    output::print_text(&format!("\nwritten to {}\n", arguments.out.display()))?;
     Ok(())
 }
 
@@ -105,7 +105,7 @@ fn median(values: impl Iterator<Item = Duration>) -> Duration {
 }
 
 impl Costs {
-    fn measure(arguments: &CostOf) -> Result<Self, String> {
+    fn measure(arguments: &CostArguments) -> Result<Self, String> {
         let (bodies, repeats) = (arguments.bodies, arguments.repeats.get());
         let counts = match arguments.no_members || !members::can_be_measured() {
             true => &[][..],
@@ -125,7 +125,7 @@ impl Costs {
             sleeping: sleepers
                 .map(|bodies| publishing::sleeping(bodies, repeats))
                 .to_vec(),
-            hearing: hearing::hearing(bodies, repeats),
+            decoding: decoding::decoding(bodies, repeats),
             members: members::members(counts, long, &mut progress)?,
         };
         bar.finish_and_clear();
@@ -143,7 +143,7 @@ impl Costs {
             }
             "publishing" => self.publishing_rows(),
             "sleeping" => self.sleeping_rows(),
-            "hearing" => self.hearing_rows(),
+            "decoding" => self.decoding_rows(),
             "members" => self.member_rows(),
             _ => return None,
         };
@@ -192,11 +192,11 @@ impl Costs {
         rows
     }
 
-    fn hearing_rows(&self) -> Vec<Vec<String>> {
-        let of = &self.hearing;
-        let row = |what: String, found: f64, aim: &str, least: f64| {
-            let [found, least] = [found, least].map(|figure| number(Some(figure)));
-            vec![what, found, aim.to_owned(), least]
+    fn decoding_rows(&self) -> Vec<Vec<String>> {
+        let of = &self.decoding;
+        let row = |what: String, found: f64, aim: &str, floor: f64| {
+            let [found, floor] = [found, floor].map(|figure| number(Some(figure)));
+            vec![what, found, aim.to_owned(), floor]
         };
         let first = "a body's first update, ns".to_owned();
         let view = format!("a view of {} moving bodies, ms", of.bodies);
@@ -229,12 +229,12 @@ impl Costs {
             rows.push(vec![
                 of.members.to_string(),
                 of.round_trip_ms.to_string(),
-                number(Some(of.host_us)),
+                number(Some(of.server_loop_us)),
                 number(Some(of.sockets_us)),
                 number(of.one_more_us),
                 "3".to_owned(),
-                number(before.and_then(|before| of.least_of_one_more_us(before))),
-                number(Some(of.least_us)),
+                number(before.and_then(|before| of.floor_of_one_more_us(before))),
+                number(Some(of.floor_us)),
             ]);
         }
         rows

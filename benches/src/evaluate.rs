@@ -10,14 +10,14 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
-use rhumb_protocol::scene::Cadence;
-use rhumb_protocol::stream::{Budget, HINDSIGHT_MAX};
+use rhumb_protocol::scene::PublishSchedule;
+use rhumb_protocol::stream::{Budget, LOOKAHEAD_MAX};
 use rhumb_reckoning::{Metres, Ticks, Tolerance};
 use rhumb_server::{RunError, run_on_cores, usable_cores};
 use rhumb_sims::Script;
-use rhumb_transport::LinkTerms;
+use rhumb_transport::LinkConfig;
 
-use crate::drive::{Cores, DriveError, Loss, Losses, Plan, run_free, run_side_by_side};
+use crate::drive::{Cores, Defect, Defects, DriveError, Plan, run_free, run_side_by_side};
 use crate::limit::set_beside_limits;
 use crate::machine;
 use crate::output::{self, OutputError};
@@ -47,24 +47,24 @@ pub struct Evaluate {
         long,
         value_enum,
         default_value = "sound",
-        conflicts_with = "app_losses"
+        conflicts_with = "app_defects"
     )]
     app_client: AppClient,
     /// The client of the paper's protocol: a sound one that loses these alone.
     #[arg(long, value_enum, value_delimiter = ',')]
-    app_losses: Vec<Loss>,
-    /// Seed of the script and of the pretended link.
+    app_defects: Vec<Defect>,
+    /// Seed of the script and of the simulated link.
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// The link between the processes, such as rtt=100ms,loss=5%,jitter=10ms.
-    #[arg(long, default_value_t = LinkTerms::PERFECT)]
-    link: LinkTerms,
+    #[arg(long, default_value_t = LinkConfig::PERFECT)]
+    link: LinkConfig,
     /// Free running: publish every so many ticks.
     #[arg(long, default_value = "1")]
-    every: NonZeroU32,
+    publish_interval: NonZeroU32,
     /// Free running: ticks that the publisher looks back before it speaks of one; the copy is as much later.
-    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=i64::from(HINDSIGHT_MAX.count())))]
-    hindsight: u32,
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=i64::from(LOOKAHEAD_MAX.count())))]
+    lookahead: u32,
     /// Free running: ticks that the copy is shown later than it can be spoken of; without any, some are shown a moment before
     /// they are heard of.
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=DELAY_TICKS_MAX))]
@@ -96,11 +96,11 @@ enum AppClient {
 }
 
 impl Evaluate {
-    fn losses(&self) -> Losses {
+    fn defects(&self) -> Defects {
         match self.app_client {
-            _ if !self.app_losses.is_empty() => Losses::only(&self.app_losses),
-            AppClient::Sound => Losses::SOUND,
-            AppClient::AsPublished => Losses::AS_PUBLISHED,
+            _ if !self.app_defects.is_empty() => Defects::only(&self.app_defects),
+            AppClient::Sound => Defects::SOUND,
+            AppClient::AsPublished => Defects::AS_PUBLISHED,
         }
     }
 }
@@ -150,7 +150,7 @@ impl fmt::Display for ModeName {
     }
 }
 
-/// The longest delay: what hindsight may take, as much again, and more.
+/// The longest delay: what lookahead may take, as much again, and more.
 const DELAY_TICKS_MAX: i64 = 60;
 
 /// Longest run that is kept in memory: an hour.
@@ -183,8 +183,8 @@ enum EvaluateError {
     Output(OutputError),
     /// The engines of two modes did not do the same, so that nothing can be compared.
     Void { bodies: u32, mode: Mode },
-    /// A cadence was asked for, and no mode has one.
-    Cadence,
+    /// A publish_schedule was asked for, and no mode has one.
+    PublishSchedule,
 }
 
 impl fmt::Display for EvaluateError {
@@ -193,8 +193,8 @@ impl fmt::Display for EvaluateError {
             Self::Drive(cause) => cause.fmt(f),
             Self::Cores(cause) => write!(f, "{cause}; try --no-pin"),
             Self::Output(cause) => cause.fmt(f),
-            Self::Cadence => f.write_str(
-                "--every, --hindsight and --delay are of free-running modes: ask for one by --modes, such as rhumb-free,naive-free",
+            Self::PublishSchedule => f.write_str(
+                "--publish-interval, --lookahead and --delay are of free-running modes: ask for one by --modes, such as rhumb-free,naive-free",
             ),
             Self::Void { bodies, mode } => write!(
                 f,
@@ -229,9 +229,10 @@ pub fn evaluate(arguments: &Evaluate) -> ExitCode {
 }
 
 fn run(arguments: &Evaluate) -> Result<(), EvaluateError> {
-    let has_cadence = arguments.every.get() > 1 || arguments.hindsight > 0 || arguments.delay > 0;
-    if has_cadence && !arguments.modes.iter().any(|name| name.mode().is_free()) {
-        return Err(EvaluateError::Cadence);
+    let has_publish_interval =
+        arguments.publish_interval.get() > 1 || arguments.lookahead > 0 || arguments.delay > 0;
+    if has_publish_interval && !arguments.modes.iter().any(|name| name.mode().is_free()) {
+        return Err(EvaluateError::PublishSchedule);
     }
     output::make_folder(&arguments.out)?;
     // Asked before this process keeps to one of them.
@@ -294,8 +295,8 @@ fn script(arguments: &Evaluate, bodies: u32) -> Result<Box<dyn Script>, DriveErr
 
 /// How many ticks of the scene come nearest to the seconds that were asked for, one at least.
 fn ticks(arguments: &Evaluate, bodies: u32) -> Result<u32, EvaluateError> {
-    let terms = script(arguments, bodies)?.terms();
-    let step_s = terms.integrator.rate.step().seconds();
+    let config = script(arguments, bodies)?.config();
+    let step_s = config.integrator.rate.step().seconds();
     Ok((arguments.seconds / step_s).round().max(1.0) as u32)
 }
 
@@ -308,11 +309,13 @@ fn set_beside_limit(
     let mut script = script(arguments, bodies)?;
     let recording = Recording::of_play(&mut *script, mem::take(&mut load.truth));
     let promised = |run: &Run| {
-        let every = match run.terms.mode.is_free() {
-            true => arguments.every,
+        let publish_interval = match run.config.mode.is_free() {
+            true => arguments.publish_interval,
             false => NonZeroU32::MIN,
         };
-        run.terms.tolerance_m.map(|_| (arguments.tolerance, every))
+        run.config
+            .tolerance_m
+            .map(|_| (arguments.tolerance, publish_interval))
     };
     let runs = load.runs.iter_mut().map(|run| {
         let promised = promised(run);
@@ -335,10 +338,10 @@ fn run_load(arguments: &Evaluate, bodies: u32, cores: Cores) -> Result<Vec<Load>
         budget: arguments.budget,
         link: arguments.link,
         modes: modes.clone(),
-        losses: arguments.losses(),
-        cadence: Cadence {
-            every: arguments.every,
-            hindsight: Ticks::new(arguments.hindsight),
+        defects: arguments.defects(),
+        publish_schedule: PublishSchedule {
+            publish_interval: arguments.publish_interval,
+            lookahead: Ticks::new(arguments.lookahead),
         },
         delay: Ticks::new(arguments.delay),
         cores,
@@ -364,10 +367,10 @@ fn run_load(arguments: &Evaluate, bodies: u32, cores: Cores) -> Result<Vec<Load>
 fn check_truth(experiment: &Experiment) -> Result<(), EvaluateError> {
     for load in &experiment.loads {
         for run in &load.runs {
-            if run.truth_digest != load.truth.digest {
+            if run.truth_checksum != load.truth.digest {
                 return Err(EvaluateError::Void {
-                    bodies: run.terms.bodies,
-                    mode: run.terms.mode,
+                    bodies: run.config.bodies,
+                    mode: run.config.mode,
                 });
             }
         }

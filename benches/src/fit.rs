@@ -12,23 +12,23 @@ use std::process::ExitCode;
 use std::str::FromStr;
 
 use clap::Args;
-use rhumb_protocol::packet::{Tables, Tally};
-use rhumb_protocol::stream::HINDSIGHT_MAX;
+use rhumb_protocol::packet::{SymbolCounts, Tables};
+use rhumb_protocol::stream::LOOKAHEAD_MAX;
 use rhumb_reckoning::{Metres, Radians, Ticks, Tolerance};
-use rhumb_transport::LinkTerms;
+use rhumb_transport::LinkConfig;
 
 use crate::output;
-use crate::record::Way;
+use crate::record::PacketDirection;
 use crate::recording::Recording;
-use crate::replay::{Failure, Means, ReplayTerms, ended, run, tally};
+use crate::replay::{EnabledFeatures, Failure, ReplayConfig, ended, run, tally};
 
 /// Which recordings to fit to, and where the tables are.
 #[derive(Clone, Debug, Args)]
-pub struct FitTo {
-    /// Recordings and how they are published, such as cubes.rhtrace.zst,tolerance=0.01,hindsight=6,weight=2; others:
+pub struct FitArguments {
+    /// Recordings and how they are published, such as cubes.rhtrace.zst,tolerance=0.01,lookahead=6,weight=2; others:
     /// turn (degrees), every.
     #[arg(required = true)]
-    loads: Vec<Load>,
+    loads: Vec<FitLoad>,
     /// The source file whose tables are replaced; without it they are printed.
     #[arg(long)]
     into: Option<PathBuf>,
@@ -36,19 +36,19 @@ pub struct FitTo {
 
 /// A recording, how it is published, and how much it counts.
 #[derive(Clone, Debug, PartialEq)]
-struct Load {
+struct FitLoad {
     path: PathBuf,
-    terms: ReplayTerms,
+    config: ReplayConfig,
     weight: f64,
 }
 
-impl FromStr for Load {
+impl FromStr for FitLoad {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
         let mut parts = text.split(',');
         let path = PathBuf::from(parts.next().unwrap_or_default());
-        let (mut tolerance, mut turn, mut every, mut hindsight, mut weight) =
+        let (mut tolerance, mut turn, mut publish_interval, mut lookahead, mut weight) =
             (0.01, None, 1.0, 0.0, 1.0);
         for part in parts {
             let (name, value) = part
@@ -58,8 +58,8 @@ impl FromStr for Load {
             match name {
                 "tolerance" => tolerance = value,
                 "turn" => turn = Some(value),
-                "every" => every = value,
-                "hindsight" => hindsight = value,
+                "publish-interval" => publish_interval = value,
+                "lookahead" => lookahead = value,
                 "weight" => weight = value,
                 _ => return Err(format!("{name} is no setting of a load")),
             }
@@ -69,20 +69,21 @@ impl FromStr for Load {
             None => Tolerance::from_metres(length),
             Some(degrees) => Tolerance::parts(length, Radians::new(degrees.to_radians())),
         };
-        let looks = hindsight >= 0.0 && hindsight <= f64::from(HINDSIGHT_MAX.count());
+        let looks = lookahead >= 0.0 && lookahead <= f64::from(LOOKAHEAD_MAX.count());
         if !(looks && weight > 0.0 && f64::is_finite(weight)) {
-            return Err(format!("{text}: hindsight or weight is out of range"));
+            return Err(format!("{text}: lookahead or weight is out of range"));
         }
         Ok(Self {
             path,
-            terms: ReplayTerms {
+            config: ReplayConfig {
                 budget: None,
                 tolerance: tolerance.map_err(|wrong| wrong.to_string())?,
-                link: LinkTerms::PERFECT,
-                every: NonZeroU32::new(every as u32).ok_or("every is at least 1")?,
+                link: LinkConfig::PERFECT,
+                publish_interval: NonZeroU32::new(publish_interval as u32)
+                    .ok_or("publish-interval is at least 1")?,
                 seed: 1,
-                hindsight: Ticks::new(hindsight as u32),
-                means: Means::ALL,
+                lookahead: Ticks::new(lookahead as u32),
+                features: EnabledFeatures::ALL,
             },
             weight,
         })
@@ -90,25 +91,27 @@ impl FromStr for Load {
 }
 
 /// Fits tables. Exit code 0 when they were fitted and written, 1 otherwise.
-pub fn fit(arguments: &FitTo) -> ExitCode {
+pub fn fit(arguments: &FitArguments) -> ExitCode {
     ended(fit_all(arguments))
 }
 
-fn fit_all(arguments: &FitTo) -> Result<(), Failure> {
+fn fit_all(arguments: &FitArguments) -> Result<(), Failure> {
     let mut fit = Fit::new();
     for load in &arguments.loads {
         let recording = Recording::read(&load.path)?;
         let bar = output::progress_bar(u64::from(recording.ticks()), recording.name.clone());
-        let run = run(&recording, &load.terms, &mut |_| bar.inc(1))
+        let run = run(&recording, &load.config, &mut |_| bar.inc(1))
             .map_err(|error| Failure::Replay(1, error))?;
         bar.finish_and_clear();
         let packets = run
-            .passed
+            .captured
             .iter()
-            .filter(|passed| passed.way == Way::StateDown);
+            .filter(|captured| captured.direction == PacketDirection::StateDown);
         fit.add(
             load.weight,
-            packets.filter_map(|passed| tally(&passed.bytes)).collect(),
+            packets
+                .filter_map(|captured| tally(&captured.bytes))
+                .collect(),
         );
     }
     let [before, after] = fit.run();
@@ -133,10 +136,10 @@ fn unwritten(path: &std::path::Path, why: &std::io::Error) -> Failure {
     Failure::Terms(format!("{}: {why}", path.display()))
 }
 
-const CONTEXTS: usize = Tally::NUMBERS[0];
-const GROUPS: usize = Tally::NUMBERS[1];
-const CLASSES: usize = Tally::NUMBERS[2];
-const SYMBOLS: usize = Tally::NUMBERS[3];
+const CONTEXTS: usize = SymbolCounts::NUMBERS[0];
+const GROUPS: usize = SymbolCounts::NUMBERS[1];
+const CLASSES: usize = SymbolCounts::NUMBERS[2];
+const SYMBOLS: usize = SymbolCounts::NUMBERS[3];
 /// Parts of an alphabet.
 const PARTS: f64 = 4_096.0;
 /// Turns of fitting; later ones change next to nothing.
@@ -151,7 +154,7 @@ const LOYALTY: f64 = 1.0;
 /// What was said in the packets of several loads, each with its weight.
 #[derive(Debug, Default)]
 struct Fit {
-    packets: Vec<(f64, Tally)>,
+    packets: Vec<(f64, SymbolCounts)>,
     expected: Vec<u32>,
     shapes: Vec<Vec<f64>>,
     modes: Vec<Vec<f64>>,
@@ -184,7 +187,7 @@ impl Fit {
     }
 
     /// Adds the packets of one load; loads count alike but for their weight.
-    fn add(&mut self, weight: f64, packets: Vec<Tally>) {
+    fn add(&mut self, weight: f64, packets: Vec<SymbolCounts>) {
         let numbers: usize = packets.iter().map(|packet| packet.numbers.len()).sum();
         let each = weight * 1e6 / numbers.max(1) as f64;
         self.packets
@@ -220,7 +223,7 @@ impl Fit {
         let (raw, class) = class(expected);
         let high = number >> raw;
         let symbol = (high as usize).min(SYMBOLS - 1);
-        let size = self.costs[Tally::group(context) * CLASSES + class][symbol];
+        let size = self.costs[SymbolCounts::group(context) * CLASSES + class][symbol];
         let mut bits = size + f64::from(raw);
         if symbol == SYMBOLS - 1 {
             bits += f64::from(2 * (high - symbol as u32 + 1).ilog2() + 1);
@@ -235,7 +238,7 @@ impl Fit {
             for &(context, number) in &packet.numbers {
                 let (raw, class) = class(expected[context]);
                 let symbol = ((number >> raw) as usize).min(SYMBOLS - 1);
-                counts[Tally::group(context) * CLASSES + class][symbol] += weight;
+                counts[SymbolCounts::group(context) * CLASSES + class][symbol] += weight;
                 learn(&mut expected[context], number);
             }
         }
@@ -292,7 +295,7 @@ impl Fit {
     }
 
     fn fit_modes(&mut self) {
-        let [rows, codes] = Tally::CODES;
+        let [rows, codes] = SymbolCounts::CODES;
         let mut counts = vec![vec![20.0; codes]; rows];
         for (weight, packet) in &self.packets {
             for &[row, code] in &packet.codes {
@@ -395,16 +398,16 @@ mod tests {
     use super::*;
 
     /// A packet whose positions are all this.
-    fn packet(number: u32) -> Tally {
-        let context = (0..CONTEXTS).find(|context| Tally::group(*context) == 1);
-        Tally {
+    fn packet(number: u32) -> SymbolCounts {
+        let context = (0..CONTEXTS).find(|context| SymbolCounts::group(*context) == 1);
+        SymbolCounts {
             codes: vec![[1, 0]; 4],
             numbers: vec![(context.unwrap(), number); 4],
         }
     }
 
     #[test]
-    fn what_is_said_often_becomes_cheap() {
+    fn a_frequent_symbol_becomes_cheap() {
         let mut fit = Fit::new();
         fit.add(1.0, vec![packet(3); 500]);
         let [before, after] = fit.run();
@@ -428,21 +431,21 @@ mod tests {
 
     #[test]
     fn loads_are_read_and_wrong_ones_refused() {
-        let load: Load = "a.mcap,tolerance=0.02,every=2,hindsight=6,weight=2"
+        let load: FitLoad = "a.mcap,tolerance=0.02,publish-interval=2,lookahead=6,weight=2"
             .parse()
             .unwrap();
         assert_eq!(
-            (load.terms.every.get(), load.terms.hindsight),
+            (load.config.publish_interval.get(), load.config.lookahead),
             (2, Ticks::new(6))
         );
         for wrong in [
-            "a,every=0",
+            "a,publish-interval=0",
             "a,colour=1",
             "a,weight=0",
-            "a,hindsight=7",
+            "a,lookahead=7",
             "a,turn",
         ] {
-            assert!(wrong.parse::<Load>().is_err(), "{wrong}");
+            assert!(wrong.parse::<FitLoad>().is_err(), "{wrong}");
         }
     }
 }

@@ -1,14 +1,14 @@
 //! `rhumb-bench limit`: how few updates and bits might have done.
 //!
-//! Had the future been known. For each body of a recording, greedily, the longest segments by any law of the closed
+//! Had the future been known. For each body of a recording, greedily, the longest segments by any predictor of the closed
 //! list, each verified by the normative prediction; then what an ideal coder would have taken for them. It is found, not
 //! proved: a better fit may make a segment longer, so that the true least is lower still. On the other side a publisher
-//! has more to do: it does not know the future, and says packets, repairs and exact rests. One cut is of motions as they
+//! has more to do: it does not know the future, and says packets, refreshes and exact rests. One cut is of motions as they
 //! were fitted, one of such as the protocol can say: the difference is the price of its grid.
 
 mod beside;
 mod code;
-mod course;
+mod context;
 mod fit;
 mod path;
 mod segments;
@@ -26,25 +26,25 @@ use serde::{Deserialize, Serialize};
 use crate::output;
 use crate::quantile::WithZeros;
 use crate::recording::Recording;
-use crate::replay::{Failure, Promise, Source, ended};
-use crate::summary::{Errors, aligned, number};
+use crate::replay::{Failure, RecordingSource, ToleranceOptions, ended};
+use crate::summary::{ErrorQuantiles, aligned, number};
 
 pub(crate) use beside::{Promised, set_beside_limits};
 use code::Bits;
-use course::{Basis, Course, Holder, Law};
+use context::{Basis, ParentPath, PredictorKind, SegmentContext};
 use path::{Path, Paths};
-use segments::{HOLDER_RATIO, Least, Way, cut};
+use segments::{Objective, PARENT_RATIO, Segmentation, cut};
 
 /// Which recording, what is promised, and where to write what came of it.
 #[derive(Clone, Debug, Args)]
-pub struct LimitOf {
+pub struct LimitArguments {
     #[command(flatten)]
-    source: Source,
+    source: RecordingSource,
     #[command(flatten)]
-    promise: Promise,
+    tolerance_options: ToleranceOptions,
     /// Judge every so many ticks of the recording, as if no others were published.
     #[arg(long, default_value = "1")]
-    every: NonZeroU32,
+    publish_interval: NonZeroU32,
     /// Folder for limit.json; made if it is not there.
     #[arg(long, default_value = "results/limit")]
     out: PathBuf,
@@ -60,7 +60,7 @@ pub struct Limit {
     /// Ticks of the recording.
     pub ticks: u32,
     /// Judged every so many ticks.
-    pub every: u32,
+    pub publish_interval: u32,
     /// What is promised, metres; of the centre alone where turns have a bound of their own.
     pub tolerance_m: f64,
     /// That bound, radians.
@@ -80,25 +80,25 @@ pub struct Cut {
     pub updates: u64,
     /// The same for each simulated second.
     pub updates_per_second: f64,
-    /// By the law that is said.
-    pub by_law: BTreeMap<String, u64>,
+    /// By the predictor that is said.
+    pub by_predictor: BTreeMap<String, u64>,
     /// Of an ideal coder, 1,000 bit/s of simulated time.
     pub kbps: f64,
     /// Of it, for each update.
     pub bits_per_update: f64,
     /// What it would take for each part.
-    pub parts_kbps: Parts,
+    pub parts_kbps: PartRates,
     /// Of bodies that are elsewhere than a frame before, at those frames; never above the tolerance.
-    pub surface_error_m: Option<Errors>,
+    pub surface_error_m: Option<ErrorQuantiles>,
 }
 
 /// The parts of a cut, 1,000 bit/s.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Parts {
+pub struct PartRates {
     /// Which bodies are spoken of.
-    pub naming: f64,
-    /// By which law they go on.
-    pub laws: f64,
+    pub body_ids: f64,
+    /// By which predictor they go on.
+    pub predictors: f64,
     /// Positions and turns.
     pub poses: f64,
     /// Velocities.
@@ -106,15 +106,18 @@ pub struct Parts {
 }
 
 /// Computes a limit. Exit code 0 when it was computed and written, 1 otherwise.
-pub fn limit(arguments: &LimitOf) -> ExitCode {
+pub fn limit(arguments: &LimitArguments) -> ExitCode {
     ended(limit_all(arguments))
 }
 
-fn limit_all(arguments: &LimitOf) -> Result<(), Failure> {
+fn limit_all(arguments: &LimitArguments) -> Result<(), Failure> {
     output::make_folder(&arguments.out)?;
-    let tolerance = arguments.promise.tolerance().map_err(Failure::Terms)?;
+    let tolerance = arguments
+        .tolerance_options
+        .tolerance()
+        .map_err(Failure::Terms)?;
     let recording = arguments.source.read()?;
-    let limit = Limit::of(&recording, tolerance, arguments.every);
+    let limit = Limit::of(&recording, tolerance, arguments.publish_interval);
     output::write_limit(&arguments.out, &limit)?;
     Ok(())
 }
@@ -122,15 +125,15 @@ fn limit_all(arguments: &LimitOf) -> Result<(), Failure> {
 impl Limit {
     /// Of a recording, under a tolerance that holds at every so many ticks.
     #[must_use]
-    pub fn of(recording: &Recording, tolerance: Tolerance, every: NonZeroU32) -> Self {
-        let paths = Paths::new(recording, every);
+    pub fn of(recording: &Recording, tolerance: Tolerance, publish_interval: NonZeroU32) -> Self {
+        let paths = Paths::new(recording, publish_interval);
         let bar = output::progress_bar(3 * paths.len() as u64, "limit".to_owned());
-        let of = |least| {
-            let search = Search::new(recording, tolerance, every, least);
+        let of = |objective| {
+            let search = Search::new(recording, tolerance, publish_interval, objective);
             search.cut_all(&paths, &mut || bar.inc(1))
         };
-        let (fewest_updates, fewest_bits) = (of(Least::Updates), of(Least::Bits));
-        let fewest_updates_on_grid = of(Least::UpdatesOnGrid);
+        let (fewest_updates, fewest_bits) = (of(Objective::Updates), of(Objective::Bits));
+        let fewest_updates_on_grid = of(Objective::UpdatesOnGrid);
         bar.finish_and_clear();
         let (tolerance_m, turn_rad) = match tolerance {
             Tolerance::Surface(length) => (length.metres().metres(), None),
@@ -142,7 +145,7 @@ impl Limit {
             scene: recording.name.clone(),
             bodies: paths.len() as u32,
             ticks: recording.ticks(),
-            every: every.get(),
+            publish_interval: publish_interval.get(),
             tolerance_m,
             turn_rad,
             fewest_updates_on_grid,
@@ -182,16 +185,16 @@ impl fmt::Display for Limit {
             rows.push(std::iter::once(name.to_owned()).chain(cells).collect());
         };
         row("updates a second", &|cut| Some(cut.updates_per_second));
-        for law in Law::ALL {
-            row(&format!("  {}, %", law.name()), &|cut| {
-                let count = *cut.by_law.get(law.name())?;
+        for predictor in PredictorKind::ALL {
+            row(&format!("  {}, %", predictor.name()), &|cut| {
+                let count = *cut.by_predictor.get(predictor.name())?;
                 Some(100.0 * count as f64 / cut.updates.max(1) as f64)
             });
         }
         row("bits an update", &|cut| Some(cut.bits_per_update));
         row("kbit/s", &|cut| Some(cut.kbps));
-        row("  which bodies", &|cut| Some(cut.parts_kbps.naming));
-        row("  which laws", &|cut| Some(cut.parts_kbps.laws));
+        row("  which bodies", &|cut| Some(cut.parts_kbps.body_ids));
+        row("  which predictors", &|cut| Some(cut.parts_kbps.predictors));
         row("  poses", &|cut| Some(cut.parts_kbps.poses));
         row("  velocities", &|cut| Some(cut.parts_kbps.velocities));
         row("error p50, mm", &|cut| Some(1e3 * cut.surface_error_m?.p50));
@@ -202,26 +205,26 @@ impl fmt::Display for Limit {
 }
 
 /// A body's turn to be cut.
-struct Turn {
+struct SearchOrder {
     body: usize,
     holds: bool,
 }
 
 /// Most bodies that others may be held by, as publishers have it.
-const HOLDERS_MAX: usize = 16;
+const PARENTS_MAX: usize = 16;
 
 /// All bodies, the largest first if they are larger than the smallest by enough to hold it.
-fn holders_first(paths: &Paths<'_>) -> Vec<Turn> {
+fn parents_first(paths: &Paths<'_>) -> Vec<SearchOrder> {
     let mut order: Vec<_> = (0..paths.len()).collect();
     order.sort_by(|a, b| paths.radius(*b).total_cmp(&paths.radius(*a)));
-    let least = order.last().map_or(0.0, |last| paths.radius(*last));
+    let smallest = order.last().map_or(0.0, |last| paths.radius(*last));
     let holds = |place: usize, body: usize| {
-        place < HOLDERS_MAX && paths.radius(body) >= least * HOLDER_RATIO
+        place < PARENTS_MAX && paths.radius(body) >= smallest * PARENT_RATIO
     };
     order
         .into_iter()
         .enumerate()
-        .map(|(place, body)| Turn {
+        .map(|(place, body)| SearchOrder {
             body,
             holds: holds(place, body),
         })
@@ -232,115 +235,119 @@ fn holders_first(paths: &Paths<'_>) -> Vec<Turn> {
 struct Search<'a> {
     recording: &'a Recording,
     tolerance: Tolerance,
-    every: NonZeroU32,
-    least: Least,
+    publish_interval: NonZeroU32,
+    objective: Objective,
     /// By the bits of both dampings.
     bases: BTreeMap<[u32; 2], Basis>,
-    holders: Vec<Holder>,
+    parents: Vec<ParentPath>,
 }
 
 impl<'a> Search<'a> {
     fn new(
         recording: &'a Recording,
         tolerance: Tolerance,
-        every: NonZeroU32,
-        least: Least,
+        publish_interval: NonZeroU32,
+        objective: Objective,
     ) -> Self {
         Self {
             recording,
             tolerance,
-            every,
-            least,
+            publish_interval,
+            objective,
             bases: BTreeMap::new(),
-            holders: Vec::new(),
+            parents: Vec::new(),
         }
     }
 
     /// Cuts every body's way; `done` is called after each.
     fn cut_all(mut self, paths: &Paths<'_>, done: &mut dyn FnMut()) -> Cut {
         let mut found = Found::default();
-        // What may hold others is cut first: what it holds is judged by where it is believed to be.
-        for place in holders_first(paths) {
+        // What may hold others is cut first: what it holds is judged by where it is predicted_motion to be.
+        for place in parents_first(paths) {
             if let Some(path) = paths.get(place.body) {
-                let way = self.cut(&path, found.present.len());
-                found.take(&path, &way);
+                let segmentation = self.cut(&path, found.present.len());
+                found.take(&path, &segmentation);
                 if place.holds {
-                    self.holders.push(Holder {
+                    self.parents.push(ParentPath {
                         radius: path.radius,
                         first: path.first,
-                        believed: way.believed,
+                        predicted_in_world: segmentation.predicted_in_world,
                     });
                 }
             }
             done();
         }
-        found.figures(self.recording, self.every)
+        found.figures(self.recording, self.publish_interval)
     }
 
-    fn cut(&mut self, path: &Path, body: usize) -> Way {
+    fn cut(&mut self, path: &Path, body: usize) -> Segmentation {
         let damping = [path.damping.linear, path.damping.angular].map(f32::to_bits);
         let integrator = self.recording.integrator;
         let basis = self
             .bases
             .entry(damping)
             .or_insert_with(|| Basis::new(integrator, path));
-        let course = Course {
+        let context = SegmentContext {
             path,
             basis,
-            holders: &self.holders,
-            tolerance: self.tolerance.of_class(path.class),
+            parents: &self.parents,
+            tolerance: self.tolerance.scaled(path.tolerance_scale),
             rate: integrator.rate,
-            every: self.every,
+            publish_interval: self.publish_interval,
         };
-        cut(&course, body, self.least)
+        cut(&context, body, self.objective)
     }
 }
 
 /// What was found so far.
 #[derive(Debug, Default)]
 struct Found {
-    updates: Vec<segments::Update>,
-    present: Vec<(usize, usize, Law)>,
+    updates: Vec<segments::SegmentUpdate>,
+    present: Vec<(usize, usize, PredictorKind)>,
     errors: WithZeros,
 }
 
 impl Found {
-    fn take(&mut self, path: &Path, way: &Way) {
-        let law = match path.known.predictor {
-            rhumb_reckoning::Predictor::Rest => Law::Rest,
-            _ => Law::Ballistic,
+    fn take(&mut self, path: &Path, segmentation: &Segmentation) {
+        let predictor = match path.known.predictor {
+            rhumb_reckoning::Predictor::Rest => PredictorKind::Rest,
+            _ => PredictorKind::Ballistic,
         };
-        self.present.push((path.first, path.end(), law));
-        self.updates.extend(&way.updates);
-        self.errors.extend(&way.errors_m, 0);
+        self.present.push((path.first, path.end(), predictor));
+        self.updates.extend(&segmentation.updates);
+        self.errors.extend(&segmentation.errors_m, 0);
     }
 
-    fn figures(mut self, recording: &Recording, every: NonZeroU32) -> Cut {
+    fn figures(mut self, recording: &Recording, publish_interval: NonZeroU32) -> Cut {
         self.updates
             .sort_by_key(|update| (update.frame, update.body));
-        let frames = recording.ticks() / every.get() + 1;
+        let frames = recording.ticks() / publish_interval.get() + 1;
         let bits: Bits = code::bits(&self.updates, &self.present, frames as usize);
         let step_s = recording.integrator.rate.step().seconds();
         let simulated_s = (f64::from(recording.ticks()) * step_s).max(step_s);
         let kbps = |bits: f64| bits / 1e3 / simulated_s;
         let updates = self.updates.len() as u64;
-        let mut by_law: BTreeMap<String, u64> = Law::ALL.map(|law| (law.name().into(), 0)).into();
+        let mut by_predictor: BTreeMap<String, u64> = PredictorKind::ALL
+            .map(|predictor| (predictor.name().into(), 0))
+            .into();
         for update in &self.updates {
-            *by_law.entry(update.laws[1].name().into()).or_default() += 1;
+            *by_predictor
+                .entry(update.predictors[1].name().into())
+                .or_default() += 1;
         }
         Cut {
             updates,
             updates_per_second: updates as f64 / simulated_s,
-            by_law,
+            by_predictor,
             kbps: kbps(bits.sum()),
             bits_per_update: bits.sum() / updates.max(1) as f64,
-            parts_kbps: Parts {
-                naming: kbps(bits.naming),
-                laws: kbps(bits.laws),
+            parts_kbps: PartRates {
+                body_ids: kbps(bits.body_ids),
+                predictors: kbps(bits.predictors),
                 poses: kbps(bits.poses),
                 velocities: kbps(bits.velocities),
             },
-            surface_error_m: Errors::of(&mut self.errors),
+            surface_error_m: ErrorQuantiles::of(&mut self.errors),
         }
     }
 }

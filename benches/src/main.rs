@@ -3,15 +3,15 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use rhumb_bench::cost::{CostOf, cost};
+use rhumb_bench::cost::{CostArguments, cost};
 use rhumb_bench::drive::{Serve, serve};
 use rhumb_bench::evaluate::{Evaluate, evaluate};
-use rhumb_bench::fit::{FitTo, fit};
-use rhumb_bench::limit::{LimitOf, limit};
+use rhumb_bench::fit::{FitArguments, fit};
+use rhumb_bench::limit::{LimitArguments, limit};
 use rhumb_bench::paper::{Paper, paper};
 use rhumb_bench::replay::ablate::{Ablate, ablate};
 use rhumb_bench::replay::{Replay, replay};
-use rhumb_bench::scene_file::{SceneOf, scene};
+use rhumb_bench::scene_file::{SceneArguments, scene};
 
 /// Measures Rhumb.
 #[derive(Debug, Parser)]
@@ -30,15 +30,15 @@ enum Task {
     /// Replay a recorded trace with each means of the stream switched off in turn.
     Ablate(Ablate),
     /// How few updates and bits a recorded trace would have needed, had the future been known.
-    Limit(LimitOf),
+    Limit(LimitArguments),
     /// What publishing, hearing and one more member take of a processor.
-    Cost(CostOf),
+    Cost(CostArguments),
     /// Fit the tables of the packets' coder to recorded traces.
-    Fit(FitTo),
+    Fit(FitArguments),
     /// Run the paper's experiment: SimFPS and PhysFT by load, with its tests; or one of the tasks beside it.
     Paper(Box<Paper>),
     /// Write what a scene places as JSON, for engines that are not linked here.
-    Scene(SceneOf),
+    Scene(SceneArguments),
     /// Be a server: how the other tasks start theirs.
     #[command(hide = true)]
     Serve(Serve),

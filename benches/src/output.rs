@@ -56,8 +56,8 @@ pub(crate) fn write_all(
     drawn: Option<u32>,
 ) -> Result<(), OutputError> {
     let summary = write_figures(out, experiment)?;
-    say(&summary.table().to_string())?;
-    say(&summary.ratios())?;
+    print_text(&summary.table().to_string())?;
+    print_text(&summary.ratios())?;
     if let Some(scene_bodies_max) = drawn {
         let options = TraceOptions {
             scene_bodies_max,
@@ -65,7 +65,7 @@ pub(crate) fn write_all(
         };
         write_trace(out, experiment, &options)?;
     }
-    say(&format!("\nwritten to {}\n", out.display()))
+    print_text(&format!("\nwritten to {}\n", out.display()))
 }
 
 /// Writes summary and report of what was measured so far.
@@ -80,8 +80,8 @@ pub(crate) fn write_figures(out: &Path, experiment: &Experiment) -> Result<Summa
 /// Says a limit and writes `limit.json`.
 pub(crate) fn write_limit(out: &Path, limit: &Limit) -> Result<(), OutputError> {
     write_file(&out.join("limit.json"), limit.to_json().as_bytes())?;
-    say(&limit.to_string())?;
-    say(&format!("\nwritten to {}\n", out.display()))
+    print_text(&limit.to_string())?;
+    print_text(&format!("\nwritten to {}\n", out.display()))
 }
 
 /// On standard error, and only if that is a terminal.
@@ -146,7 +146,7 @@ pub(crate) fn write_file(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
     })
 }
 
-pub(crate) fn say(text: &str) -> Result<(), OutputError> {
+pub(crate) fn print_text(text: &str) -> Result<(), OutputError> {
     let mut out = io::stdout().lock();
     let said = out.write_all(text.as_bytes()).and_then(|()| out.flush());
     said.map_err(|cause| OutputError::Write {

@@ -6,7 +6,7 @@ use std::fmt;
 
 use bytes::Bytes;
 use rhumb_protocol::Span;
-use rhumb_protocol::scene::{BodyTerms, Shape};
+use rhumb_protocol::scene::{BodyDesc, Shape};
 use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, Tick};
 use serde::{Deserialize, Serialize};
@@ -32,7 +32,7 @@ pub enum Mode {
     AppActive,
     /// Every body's state, as many in a datagram as fit.
     AppPacked,
-    /// The reckoned stream of a recorded scene, over a pretended link in simulated time.
+    /// The reckoned stream of a recorded scene, over a simulated link in simulated time.
     Replay,
 }
 
@@ -98,7 +98,7 @@ pub struct Placed {
     /// Before the step that follows this tick.
     pub tick: Tick,
     /// What it is.
-    pub terms: BodyTerms,
+    pub config: BodyDesc,
     /// Its shape.
     pub shape: Shape,
     /// Where it was placed.
@@ -107,7 +107,7 @@ pub struct Placed {
 
 /// A pose that a client's copy took on.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Seen {
+pub struct CopiedPose {
     /// Whose.
     pub id: BodyId,
     /// Metres.
@@ -123,7 +123,7 @@ pub struct Seen {
 pub enum Cause {
     /// A datagram was lost and not yet made good.
     Loss,
-    /// The view shows a tick that the stream has not vouched for yet, or that lies before what it was last told.
+    /// The view shows a tick that the stream has not watermark_tick for yet, or that lies before what it was last told.
     Late,
     /// The stream's budget did not suffice, and it said so.
     Budget,
@@ -164,7 +164,7 @@ pub struct Breach {
 
 /// Which way a datagram or a piece of control stream went, as the client saw it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Way {
+pub enum PacketDirection {
     /// State datagram from the server.
     StateDown,
     /// State datagram to the server.
@@ -177,25 +177,25 @@ pub enum Way {
 
 /// Something that crossed the wire.
 #[derive(Clone, Debug)]
-pub struct Passed {
+pub struct CapturedPacket {
     /// The frame (counted from 0) in which the client saw it pass.
     pub frame: u32,
     /// Which way.
-    pub way: Way,
+    pub direction: PacketDirection,
     /// What, below QUIC.
     pub bytes: Bytes,
     /// For how many bytes it counts: for its own, unless what another code would take is counted.
     pub counted: u64,
 }
 
-impl Passed {
+impl CapturedPacket {
     /// What counts for what it is.
     #[must_use]
-    pub fn new(frame: u32, way: Way, bytes: Bytes) -> Self {
+    pub fn new(frame: u32, direction: PacketDirection, bytes: Bytes) -> Self {
         let counted = bytes.len() as u64;
         Self {
             frame,
-            way,
+            direction,
             bytes,
             counted,
         }
@@ -220,7 +220,7 @@ pub struct Frame {
     /// Updates taken in since the frame before.
     pub updates: u64,
     /// Poses that changed in the copy since the frame before.
-    pub seen: Vec<Seen>,
+    pub seen: Vec<CopiedPose>,
     /// Bodies taken out of the copy since the frame before.
     pub gone: Vec<BodyId>,
     /// Surface error of every body that is neither static nor at rest to the bit in both truth and copy, metres, sorted.
@@ -233,7 +233,7 @@ pub struct Frame {
 
 /// How a run was asked for.
 #[derive(Clone, Debug)]
-pub struct RunTerms {
+pub struct RunConfig {
     /// Name of the script.
     pub scene: String,
     /// What its load was asked to be.
@@ -255,20 +255,20 @@ pub struct RunTerms {
     /// How many ticks were run.
     pub ticks: u32,
     /// Of a free-running mode: how it was published and followed.
-    pub followed: Option<Followed>,
+    pub subscription: Option<SubscriptionSettings>,
     /// Of a replay: what only a replay is asked for.
     pub replayed: Option<Replayed>,
     /// What was found to do for the same promise, had the future been known; none if that was not sought.
-    pub limit: Option<Least>,
+    pub limit: Option<LimitRates>,
 }
 
 /// How a free-running scene was published and followed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Followed {
+pub struct SubscriptionSettings {
     /// Published every so many ticks.
-    pub every: u32,
+    pub publish_interval: u32,
     /// Ticks that the publisher looked back before it spoke of one.
-    pub hindsight_ticks: u32,
+    pub lookahead_ticks: u32,
     /// Ticks that the copy was shown later than it could be spoken of.
     pub delay_ticks: u32,
 }
@@ -281,10 +281,10 @@ pub struct Replayed {
     /// How far it may be turned then, radians.
     pub turn_rad: Option<f64>,
     /// Published every so many ticks.
-    pub every: u32,
+    pub publish_interval: u32,
     /// Ticks that the publisher looked back before it spoke of one.
-    pub hindsight_ticks: u32,
-    /// Seed of the pretended link.
+    pub lookahead_ticks: u32,
+    /// Seed of the simulated link.
     pub link_seed: u64,
     /// Means of the publisher that were switched off, as on the command line.
     pub without: Vec<String>,
@@ -292,7 +292,7 @@ pub struct Replayed {
 
 /// How little was found to do.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Least {
+pub struct LimitRates {
     /// Updates for each simulated second.
     pub updates_per_second: f64,
     /// The same where motions are rounded to the protocol's grid.
@@ -305,13 +305,13 @@ pub struct Least {
 #[derive(Clone, Debug)]
 pub struct Run {
     /// How it was asked for.
-    pub terms: RunTerms,
+    pub config: RunConfig,
     /// Digest of the truth as its own engine had it.
-    pub truth_digest: u64,
+    pub truth_checksum: u64,
     /// Frame by frame, the joining (frame 0's predecessors) left out.
     pub frames: Vec<Frame>,
     /// Everything that crossed the wire; empty for `integrated`.
-    pub passed: Vec<Passed>,
+    pub captured: Vec<CapturedPacket>,
     /// UDP payload bytes and datagrams, both ways, of connecting and joining, before the first frame.
     pub join: JoinCost,
     /// Every body-tick over tolerance.
@@ -364,14 +364,14 @@ pub struct Load {
     /// What each mode made of it.
     pub runs: Vec<Run>,
     /// Replays of it that did not come to their end.
-    pub unended: Vec<Unended>,
+    pub unfinished: Vec<Unfinished>,
 }
 
 /// A replay that did not come to its end: nothing else is kept of it.
 #[derive(Clone, Debug)]
-pub struct Unended {
+pub struct Unfinished {
     /// How it was asked for.
-    pub terms: RunTerms,
+    pub config: RunConfig,
     /// Why, in words.
     pub cause: String,
 }

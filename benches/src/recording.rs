@@ -13,7 +13,7 @@ use std::path::Path;
 
 use glam::Vec3;
 use rhumb_protocol::scene::BodyKind;
-use rhumb_protocol::stream::Manner;
+use rhumb_protocol::stream::PredictionParameters;
 use rhumb_reckoning::{BodyId, Damping, Inertia, Integrator};
 
 pub use error::RecordingError;
@@ -26,7 +26,7 @@ pub struct Recording {
     /// What it is called: a scene, or the file without its ending.
     pub name: String,
     /// What its scene's script was asked for; none of a foreign recording.
-    pub played: Option<Played>,
+    pub played: Option<ScriptOrigin>,
     /// Every body and every tick.
     pub truth: Truth,
     /// How the engine stepped.
@@ -41,7 +41,7 @@ pub struct Recording {
 
 /// What makes a script the same again, beside its name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Played {
+pub struct ScriptOrigin {
     /// How many bodies it was asked for.
     pub bodies: u32,
     /// Its seed.
@@ -73,9 +73,9 @@ impl Recording {
     }
 
     /// What a predictor needs to know of a body.
-    pub(crate) fn manner(&self, placed: &Placed) -> Manner {
-        let inertia = self.inertias.get(&placed.terms.id).copied();
-        Manner::of(&placed.terms, &placed.shape, self.damping, inertia)
+    pub(crate) fn parameters(&self, placed: &Placed) -> PredictionParameters {
+        let inertia = self.inertias.get(&placed.config.id).copied();
+        PredictionParameters::of(&placed.config, &placed.shape, self.damping, inertia)
     }
 
     /// How many bodies its script was asked for; of a foreign recording, how many its engine moved.
@@ -85,7 +85,7 @@ impl Recording {
             return played.bodies;
         }
         let placed = self.truth.placed.iter();
-        let dynamic = placed.filter(|placed| placed.terms.kind == BodyKind::Dynamic);
+        let dynamic = placed.filter(|placed| placed.config.kind == BodyKind::Dynamic);
         dynamic.count() as u32
     }
 

@@ -3,15 +3,15 @@
 //! Nothing is stepped and no socket is opened: time is simulated, and one seed gives one result, to the bit.
 
 pub mod ablate;
+mod client;
+mod config;
 mod failure;
 mod feature;
 mod judge;
-mod listener;
 mod plain;
+mod session;
 mod source;
-mod stage;
 mod sweep;
-mod terms;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -21,33 +21,33 @@ use clap::Args;
 use crate::limit::{Promised, set_beside_limits};
 use crate::machine;
 use crate::output;
-use crate::record::{Experiment, Load, Run, Unended};
+use crate::record::{Experiment, Load, Run, Unfinished};
 use crate::recording::Recording;
 
+pub use config::ReplayConfig;
 pub(crate) use failure::{Failure, ended};
-pub use feature::{Feature, Means};
+pub use feature::{EnabledFeatures, Feature};
 pub(crate) use plain::tally;
+pub(crate) use session::first_track;
+pub use session::{ReplayError, run};
 pub(crate) use source::budget;
-pub use source::{Manner, Promise, Source};
-pub(crate) use stage::first_track;
-pub use stage::{ReplayError, run};
+pub use source::{RecordingSource, ReplayOptions, ToleranceOptions};
 pub use sweep::Sweep;
-pub use terms::ReplayTerms;
 
 /// Which recording to replay, how, and where to write what came of it.
 #[derive(Clone, Debug, Args)]
 pub struct Replay {
     #[command(flatten)]
-    source: Source,
+    source: RecordingSource,
     #[command(flatten)]
-    manner: Manner,
+    options: ReplayOptions,
     /// Switch these means off.
     #[arg(long, value_delimiter = ',')]
     without: Vec<Feature>,
-    /// Say nothing twice: the same as `--without redundancy`.
+    /// Say nothing twice: the same as `--without fec`.
     #[arg(long)]
-    no_redundancy: bool,
-    /// Replay once for each value, such as tolerance=0.005,0.01,0.02 or loss=0%,1%,5%; others: turn, every, seed, budget
+    no_fec: bool,
+    /// Replay once for each value, such as tolerance=0.005,0.01,0.02 or loss=0%,1%,5%; others: turn, publish-interval, seed, budget
     /// (none or bytes a second), and the names of a link.
     #[arg(long, conflicts_with = "matrix")]
     sweep: Option<Sweep>,
@@ -74,25 +74,25 @@ fn replay_all(arguments: &Replay) -> Result<(), Failure> {
     output::make_folder(&arguments.out)?;
     let all = settings(arguments)?;
     if !arguments.no_trace {
-        arguments.source.spare(&arguments.out)?;
+        arguments.source.refuse_overwriting(&arguments.out)?;
     }
     let recording = arguments.source.read()?;
     let keep = if arguments.no_trace {
-        Keep::Figures
+        ReplayRetention::Figures
     } else {
-        Keep::Everything
+        ReplayRetention::Everything
     };
     let mut replays = run_all(&recording, &all, keep)?;
     if !arguments.no_limit {
         set_beside_limits(&recording, replays.promised());
     }
     let drawn = (!arguments.no_trace).then_some(recording.bodies());
-    replays.write(recording, arguments.manner.seed(), &arguments.out, drawn)
+    replays.write(recording, arguments.options.seed(), &arguments.out, drawn)
 }
 
 /// What is kept of each replay.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Keep {
+enum ReplayRetention {
     /// What a trace holds.
     Everything,
     /// What the figures need: no poses.
@@ -102,32 +102,36 @@ enum Keep {
 /// What became of each replay of one recording.
 #[derive(Debug, Default)]
 struct Replays {
-    /// Those that came to their end, in order, with their terms.
-    ended: Vec<(ReplayTerms, Run)>,
+    /// Those that came to their end, in order, with their config.
+    ended: Vec<(ReplayConfig, Run)>,
     /// The others.
-    unended: Vec<Unended>,
+    unfinished: Vec<Unfinished>,
 }
 
-/// Replays under each terms in turn. One that does not end takes none of the others with it; but one must end.
-fn run_all(recording: &Recording, all: &[ReplayTerms], keep: Keep) -> Result<Replays, Failure> {
+/// Replays under each config in turn. One that does not end takes none of the others with it; but one must end.
+fn run_all(
+    recording: &Recording,
+    all: &[ReplayConfig],
+    keep: ReplayRetention,
+) -> Result<Replays, Failure> {
     let mut replays = Replays::default();
     let mut first_error = None;
-    for (number, terms) in all.iter().enumerate() {
+    for (number, config) in all.iter().enumerate() {
         let what = format!("replay {} of {}", number + 1, all.len());
         let bar = output::progress_bar(u64::from(recording.ticks()), what);
-        match run(recording, terms, &mut |_| bar.inc(1)) {
+        match run(recording, config, &mut |_| bar.inc(1)) {
             Ok(mut run) => {
-                if keep == Keep::Figures {
+                if keep == ReplayRetention::Figures {
                     for frame in &mut run.frames {
                         (frame.seen, frame.gone) = (Vec::new(), Vec::new());
                     }
                 }
-                replays.ended.push((*terms, run));
+                replays.ended.push((*config, run));
             }
             Err(error) => {
                 first_error.get_or_insert(error);
-                replays.unended.push(Unended {
-                    terms: terms.run_terms(recording),
+                replays.unfinished.push(Unfinished {
+                    config: config.run_config(recording),
                     cause: error.to_string(),
                 });
             }
@@ -144,7 +148,7 @@ impl Replays {
     /// Those that ended, with what each promised.
     fn promised(&mut self) -> impl Iterator<Item = (&mut Run, Option<Promised>)> {
         let ended = self.ended.iter_mut();
-        ended.map(|(terms, run)| (run, Some((terms.tolerance, terms.every))))
+        ended.map(|(config, run)| (run, Some((config.tolerance, config.publish_interval))))
     }
 
     /// Says and writes all there is, a trace if it tells up to how many bodies are drawn; an error if not all ended.
@@ -155,7 +159,10 @@ impl Replays {
         out: &Path,
         drawn: Option<u32>,
     ) -> Result<(), Failure> {
-        let (unended, all) = (self.unended.len(), self.ended.len() + self.unended.len());
+        let (unfinished, all) = (
+            self.unfinished.len(),
+            self.ended.len() + self.unfinished.len(),
+        );
         let experiment = Experiment {
             command: output::command_line(),
             seed,
@@ -163,30 +170,30 @@ impl Replays {
             loads: vec![Load {
                 truth: recording.truth,
                 runs: self.ended.into_iter().map(|(_, run)| run).collect(),
-                unended: self.unended,
+                unfinished: self.unfinished,
             }],
         };
         output::write_all(out, &experiment, drawn)?;
-        match unended {
+        match unfinished {
             0 => Ok(()),
-            _ => Err(Failure::Unended(unended, all)),
+            _ => Err(Failure::Unfinished(unfinished, all)),
         }
     }
 }
 
 /// Each way in which the recording is to be replayed.
-fn settings(arguments: &Replay) -> Result<Vec<ReplayTerms>, Failure> {
-    let base = arguments.manner;
-    let manners = match &arguments.sweep {
+fn settings(arguments: &Replay) -> Result<Vec<ReplayConfig>, Failure> {
+    let base = arguments.options;
+    let all_options = match &arguments.sweep {
         Some(sweep) => sweep.over(&base).map_err(Failure::Terms)?,
         None if arguments.matrix => sweep::matrix(&base).map_err(Failure::Terms)?,
         None => vec![base],
     };
     let mut without = arguments.without.clone();
-    if arguments.no_redundancy {
-        without.push(Feature::Redundancy);
+    if arguments.no_fec {
+        without.push(Feature::Fec);
     }
-    let means = Feature::all_but(&without);
-    let terms = manners.iter().map(|manner| manner.terms(means));
-    terms.collect::<Result<_, _>>().map_err(Failure::Terms)
+    let features = Feature::all_but(&without);
+    let config = all_options.iter().map(|options| options.config(features));
+    config.collect::<Result<_, _>>().map_err(Failure::Terms)
 }

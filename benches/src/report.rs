@@ -76,16 +76,16 @@ fn opening(experiment: &Experiment, summary: &Summary) -> String {
         let differs = load
             .runs
             .iter()
-            .find(|run| run.truth_digest != load.truth.digest);
+            .find(|run| run.truth_checksum != load.truth.digest);
         if let Some(run) = differs {
             let _ = writeln!(
                 text,
                 "<p class=\"warn\">The runs with {} bodies are void: the engine of {} did not do what the others did.</p>",
-                run.terms.bodies, run.terms.mode
+                run.config.bodies, run.config.mode
             );
         }
     }
-    for replay in &summary.unended {
+    for replay in &summary.unfinished {
         let _ = writeln!(
             text,
             "<p class=\"warn\">Did not end: {}</p>",
@@ -131,7 +131,7 @@ fn all_figures(experiment: &Experiment, summary: &Summary) -> String {
     }
     let bodies = |runs: &[&RunFigures]| runs.first().map_or(0, |run| run.bodies);
     let what = |load: &Load, runs: &[&RunFigures]| {
-        let is_free = load.runs.iter().any(|run| run.terms.mode.is_free());
+        let is_free = load.runs.iter().any(|run| run.config.mode.is_free());
         let how = if is_free { ", free running" } else { "" };
         format!("{} bodies{how}", bodies(runs))
     };
@@ -191,7 +191,7 @@ for each datagram, QUIC's encryption, acknowledgements and heartbeats included, 
 <dt>error</dt><dd>the distance that no point of the body exceeds: |Δp| + 2 r sin(Δθ/2), r its bounding radius; taken at
 every frame for every body that can move, against the engine at the same tick</dd>
 <dt>over tolerance</dt><dd>body-ticks farther off than promised, by cause: a lost datagram, a tick that the stream had not
-yet vouched for, or a fault, which must never be</dd>
+yet watermark_tick for, or a fault, which must never be</dd>
 <dt>moving</dt><dd>of a replay: bodies that the recording has a record of at the tick; a body without one has not
 moved</dd>
 <dt>recovery</dt><dd>of a replay: from the sending of a packet that was lost until all of its bodies were known again, as of

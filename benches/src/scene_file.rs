@@ -1,6 +1,6 @@
 //! `rhumb-bench scene`: what a script places, as JSON, for other engines.
 //!
-//! Bodies and where they begin, with the terms that they share; no joints, no forces, and nothing that a controller does. A
+//! Bodies and where they begin, with the config that they share; no joints, no forces, and nothing that a controller does. A
 //! script that needs those is refused by name, since another engine would run another scene.
 
 use std::fmt;
@@ -17,7 +17,7 @@ use crate::output::{self, OutputError};
 
 /// Which scene, and where to write it.
 #[derive(Clone, Debug, Args)]
-pub struct SceneOf {
+pub struct SceneArguments {
     /// Which script.
     #[arg(default_value = "ball-pit", value_parser = clap::builder::PossibleValuesParser::new(rhumb_sims::NAMES))]
     scene: String,
@@ -48,17 +48,17 @@ struct SceneFile {
     density: f32,
     linear_damping: f32,
     angular_damping: f32,
-    bodies: Vec<Placed>,
+    bodies: Vec<SceneFileBody>,
 }
 
 /// A body and where it begins.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-struct Placed {
+struct SceneFileBody {
     /// Before the step that follows this tick.
     tick: u64,
     /// Whether the engine moves it; what is not moved stands still.
     dynamic: bool,
-    shape: Solid,
+    shape: SceneFileShape,
     position: [f32; 3],
     rotation: [f32; 4],
     linear: [f32; 3],
@@ -68,7 +68,7 @@ struct Placed {
 /// What such a body may look like.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
-enum Solid {
+enum SceneFileShape {
     Ball { radius: f32 },
     Cuboid { half_extents: [f32; 3] },
     Capsule { half_height: f32, radius: f32 },
@@ -97,7 +97,7 @@ impl fmt::Display for SceneError {
 }
 
 /// Writes a scene. Exit code 0 when it was written, 1 otherwise.
-pub fn scene(arguments: &SceneOf) -> ExitCode {
+pub fn scene(arguments: &SceneArguments) -> ExitCode {
     match write(arguments) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
@@ -108,7 +108,7 @@ pub fn scene(arguments: &SceneOf) -> ExitCode {
     }
 }
 
-fn write(arguments: &SceneOf) -> Result<(), SceneError> {
+fn write(arguments: &SceneArguments) -> Result<(), SceneError> {
     let file = SceneFile::of(arguments)?;
     let folder = arguments.out.parent().unwrap_or(&arguments.out);
     output::make_folder(folder).map_err(SceneError::Output)?;
@@ -118,11 +118,11 @@ fn write(arguments: &SceneOf) -> Result<(), SceneError> {
         file.bodies.len(),
         arguments.out.display()
     );
-    output::say(&said).map_err(SceneError::Output)
+    output::print_text(&said).map_err(SceneError::Output)
 }
 
 impl SceneFile {
-    fn of(arguments: &SceneOf) -> Result<Self, SceneError> {
+    fn of(arguments: &SceneArguments) -> Result<Self, SceneError> {
         let more = |what| SceneError::More {
             scene: arguments.scene.clone(),
             what,
@@ -132,7 +132,7 @@ impl SceneFile {
         if script.controller().is_some() {
             return Err(more("a controller"));
         }
-        let terms = script.terms();
+        let config = script.config();
         let (mut shapes, mut bodies) = (Vec::new(), Vec::new());
         let mut commands = Vec::new();
         for tick in 0..=u64::from(arguments.ticks) {
@@ -140,20 +140,22 @@ impl SceneFile {
             script.commands(Tick::new(tick), &mut commands);
             for command in &commands {
                 match command {
-                    Command::AddShape { id, shape } => shapes.push((*id, Solid::of(shape))),
-                    Command::AddBody { terms, motion } => {
-                        if terms.material.is_some() || terms.damping.is_some() {
+                    Command::AddShape { id, shape } => {
+                        shapes.push((*id, SceneFileShape::of(shape)))
+                    }
+                    Command::AddBody { config, motion } => {
+                        if config.material.is_some() || config.damping.is_some() {
                             return Err(more("bodies with a surface or a damping of their own"));
                         }
-                        let dynamic = match terms.kind {
+                        let dynamic = match config.kind {
                             BodyKind::Dynamic => true,
                             BodyKind::Static => false,
                             BodyKind::Kinematic => return Err(more("kinematic bodies")),
                         };
-                        let shape = shapes.iter().rev().find(|(id, _)| *id == terms.shape);
+                        let shape = shapes.iter().rev().find(|(id, _)| *id == config.shape);
                         let shape = shape.and_then(|(_, solid)| solid.clone());
                         let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = motion.parts();
-                        bodies.push(Placed {
+                        bodies.push(SceneFileBody {
                             tick,
                             dynamic,
                             shape: shape.ok_or_else(|| more("ground, meshes or compounds"))?,
@@ -170,19 +172,19 @@ impl SceneFile {
         Ok(Self {
             scene: arguments.scene.clone(),
             seed: arguments.seed,
-            gravity: terms.gravity.to_array(),
-            step_s: terms.integrator.rate.step().seconds(),
-            friction: terms.material.friction,
-            restitution: terms.material.restitution,
-            density: terms.material.density,
-            linear_damping: terms.damping.linear,
-            angular_damping: terms.damping.angular,
+            gravity: config.gravity.to_array(),
+            step_s: config.integrator.rate.step().seconds(),
+            friction: config.material.friction,
+            restitution: config.material.restitution,
+            density: config.material.density,
+            linear_damping: config.damping.linear,
+            angular_damping: config.damping.angular,
             bodies,
         })
     }
 }
 
-impl Solid {
+impl SceneFileShape {
     fn of(shape: &Shape) -> Option<Self> {
         Some(match shape {
             Shape::Ball { radius } => Self::Ball { radius: *radius },
@@ -216,7 +218,7 @@ mod tests {
     use super::*;
 
     fn of(scene: &str) -> Result<SceneFile, SceneError> {
-        SceneFile::of(&SceneOf {
+        SceneFile::of(&SceneArguments {
             scene: scene.to_owned(),
             bodies: 20,
             ticks: 10,
@@ -232,7 +234,7 @@ mod tests {
         assert!(
             balls
                 .clone()
-                .all(|ball| ball.shape == Solid::Ball { radius: 0.5 })
+                .all(|ball| ball.shape == SceneFileShape::Ball { radius: 0.5 })
         );
         assert_eq!(balls.count(), 20);
         assert!(pit.bodies.len() > 100);

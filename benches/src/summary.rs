@@ -13,12 +13,12 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::record::{Experiment, Followed, Least, Replayed, Unended};
+use crate::record::{Experiment, LimitRates, Replayed, SubscriptionSettings, Unfinished};
 
 use columns::setting;
 pub(crate) use columns::{Column, columns};
 pub(crate) use measure::second_by_second;
-pub use table::Table;
+pub use table::SummaryTable;
 pub(crate) use table::{aligned, later, markdown, number, ratios};
 
 /// Bytes that IPv4 and UDP add to each datagram.
@@ -40,15 +40,15 @@ pub struct Summary {
     pub runs: Vec<RunFigures>,
     /// Replays that did not come to their end, of which there are no figures; left out where there are none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub unended: Vec<UnendedReplay>,
+    pub unfinished: Vec<UnfinishedReplay>,
 }
 
 /// A replay that did not come to its end.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct UnendedReplay {
+pub struct UnfinishedReplay {
     /// How it was asked for, as tables name it.
     pub setting: String,
-    /// The link that was pretended; `null` without one.
+    /// The link that was simulated; `null` without one.
     pub link: Option<String>,
     /// Seed of that link.
     pub link_seed: u64,
@@ -72,12 +72,12 @@ pub struct RunFigures {
     pub tolerance_m: Option<f64>,
     /// Bytes a second that the stream's packets could take; `null` without a budget.
     pub budget_bytes_per_second: Option<u32>,
-    /// The link that was pretended between the processes; `null` without one.
+    /// The link that was simulated between the processes; `null` without one.
     pub link: Option<String>,
     /// Ticks that were run.
     pub ticks: u32,
     /// Of a free-running mode: how it was published and followed.
-    pub followed: Option<Followed>,
+    pub subscription: Option<SubscriptionSettings>,
     /// Of a replay: what only a replay is asked for.
     pub replayed: Option<Replayed>,
     /// Digest of what the engine did: 16 hexadecimal digits, equal for every mode of a load or the load is void.
@@ -107,7 +107,7 @@ pub struct RunFigures {
     /// Bits of state datagrams down, as handed to QUIC, for each update.
     pub bits_per_update: Option<f64>,
     /// Of every body that can move, at every frame, against the engine at the same tick.
-    pub surface_error_m: Option<Errors>,
+    pub surface_error_m: Option<ErrorQuantiles>,
     /// Frames without any error because no body was there, or because the truth of their tick never came to be known.
     pub unjudged_frames: Option<u64>,
     /// Body-ticks farther off than promised.
@@ -119,7 +119,7 @@ pub struct RunFigures {
     /// Of an ablation: payload bytes down over those with every means of the stream on.
     pub of_all_on: Option<f64>,
     /// What was found to do for the same promise, had the future been known; `null` if that was not sought.
-    pub limit: Option<Least>,
+    pub limit: Option<LimitRates>,
     /// Updates and payload bits over the fewest that were found to do.
     pub of_limit: Option<OfLimit>,
     /// Of a replay: how long lost packets were missed; `null` if none was lost.
@@ -138,7 +138,7 @@ pub struct RunFigures {
 
 /// Distances that no point of a body exceeds, metres: |Δp| + 2 r sin(Δθ/2), r the bounding radius.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Errors {
+pub struct ErrorQuantiles {
     /// Median.
     pub p50: f64,
     /// 95th percentile.
@@ -166,7 +166,7 @@ pub struct Moving {
     /// Records of bodies, which are counted here and nowhere else.
     pub body_ticks: u64,
     /// Of them.
-    pub surface_error_m: Errors,
+    pub surface_error_m: ErrorQuantiles,
     /// Body-ticks farther off than promised, of any body, divided by `body_ticks`.
     pub over_tolerance_share: f64,
 }
@@ -263,13 +263,13 @@ impl Summary {
         let mut runs: Vec<_> = runs.collect();
         measure::compare_with_naive(&mut runs);
         measure::compare_with_all_on(&mut runs);
-        let unended = experiment.loads.iter().flat_map(|load| &load.unended);
+        let unfinished = experiment.loads.iter().flat_map(|load| &load.unfinished);
         Self {
             command: experiment.command.clone(),
             seed: experiment.seed,
             machine: experiment.machine.clone(),
             runs,
-            unended: unended.map(UnendedReplay::of).collect(),
+            unfinished: unfinished.map(UnfinishedReplay::of).collect(),
         }
     }
 
@@ -300,27 +300,27 @@ impl Summary {
 
     /// As a table for a terminal.
     #[must_use]
-    pub const fn table(&self) -> Table<'_> {
-        Table::new(self)
+    pub const fn table(&self) -> SummaryTable<'_> {
+        SummaryTable::new(self)
     }
 }
 
-impl UnendedReplay {
-    fn of(unended: &Unended) -> Self {
-        let terms = &unended.terms;
-        let replayed = terms.replayed.as_ref();
+impl UnfinishedReplay {
+    fn of(unfinished: &Unfinished) -> Self {
+        let config = &unfinished.config;
+        let replayed = config.replayed.as_ref();
         let setting =
-            replayed.map(|of| setting(of, terms.tolerance_m, terms.budget_bytes_per_second));
+            replayed.map(|of| setting(of, config.tolerance_m, config.budget_bytes_per_second));
         Self {
-            setting: setting.unwrap_or_else(|| terms.mode.name().to_owned()),
-            link: (!terms.link.is_empty()).then(|| terms.link.clone()),
-            link_seed: replayed.map_or(terms.seed, |of| of.link_seed),
-            cause: unended.cause.clone(),
+            setting: setting.unwrap_or_else(|| config.mode.name().to_owned()),
+            link: (!config.link.is_empty()).then(|| config.link.clone()),
+            link_seed: replayed.map_or(config.seed, |of| of.link_seed),
+            cause: unfinished.cause.clone(),
         }
     }
 }
 
-impl fmt::Display for UnendedReplay {
+impl fmt::Display for UnfinishedReplay {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.setting)?;
         if let Some(link) = &self.link {

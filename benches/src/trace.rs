@@ -68,7 +68,7 @@ impl TraceOptions {
     fn draws(&self, load: &Load) -> bool {
         load.runs
             .first()
-            .is_some_and(|run| run.terms.bodies <= self.scene_bodies_max)
+            .is_some_and(|run| run.config.bodies <= self.scene_bodies_max)
     }
 }
 

@@ -20,8 +20,8 @@ fn runs(name: &str, arguments: &[&str]) -> Vec<serde_json::Value> {
         .arg(&out)
         .output()
         .expect("the bench starts");
-    let said = String::from_utf8_lossy(&run.stderr);
-    assert!(run.status.success(), "{name}: {said}");
+    let printed = String::from_utf8_lossy(&run.stderr);
+    assert!(run.status.success(), "{name}: {printed}");
     let summary = std::fs::read(out.join("summary.json")).expect("it was written");
     let summary: serde_json::Value = serde_json::from_slice(&summary).expect("it is JSON");
     summary["runs"].as_array().expect("there are runs").clone()
@@ -70,18 +70,23 @@ fn a_free_running_scene_may_have_more_bodies_than_a_first_grant() {
 }
 
 #[test]
-fn a_cadence_that_no_mode_has_is_refused() {
-    for flag in [["--every", "2"], ["--hindsight", "3"], ["--delay", "1"]] {
+fn a_publish_interval_that_no_mode_has_is_refused() {
+    for flag in [
+        ["--publish-interval", "2"],
+        ["--lookahead", "3"],
+        ["--delay", "1"],
+    ] {
         let run = Command::new(env!("CARGO_BIN_EXE_rhumb-bench"))
             .args(["evaluate", "--modes", "rhumb", "--no-pin"])
             .args(flag)
             .output()
             .expect("the bench starts");
         assert!(!run.status.success());
-        let said = String::from_utf8_lossy(&run.stderr).into_owned();
+        let printed = String::from_utf8_lossy(&run.stderr).into_owned();
         assert!(
-            said.contains("--every, --hindsight and --delay are of free-running modes"),
-            "{said}"
+            printed
+                .contains("--publish-interval, --lookahead and --delay are of free-running modes"),
+            "{printed}"
         );
     }
 }
@@ -113,8 +118,8 @@ fn what_fell_asleep_in_a_free_running_scene_is_asleep_in_its_trace() {
         .arg(&out)
         .output()
         .expect("the bench starts");
-    let said = String::from_utf8_lossy(&run.stderr);
-    assert!(run.status.success(), "{said}");
+    let printed = String::from_utf8_lossy(&run.stderr);
+    assert!(run.status.success(), "{printed}");
     let recording = Recording::read(&out.join("trace.mcap")).expect("it is a recording");
     let mut last = BTreeMap::new();
     for (tick, row) in recording.truth.ticks.iter().enumerate() {
@@ -129,23 +134,24 @@ fn what_fell_asleep_in_a_free_running_scene_is_asleep_in_its_trace() {
 }
 
 #[test]
-fn what_is_shown_a_moment_later_is_heard_of_by_then() {
+fn a_delayed_view_shows_received_ticks_only() {
     let how = [
         "--modes",
         "rhumb-free",
         "--bodies",
         "30",
-        "--hindsight",
+        "--lookahead",
         "3",
     ];
     let runs = runs("later", &[&how[..], &["--delay", "12"]].concat());
-    let followed = serde_json::json!({"every": 1, "hindsight_ticks": 3, "delay_ticks": 12});
-    assert_eq!(runs[0]["followed"], followed);
+    let subscription =
+        serde_json::json!({"publish_interval": 1, "lookahead_ticks": 3, "delay_ticks": 12});
+    assert_eq!(runs[0]["subscription"], subscription);
     assert_eq!(runs[0]["over_tolerance"]["by_cause"]["late"], 0);
 }
 
 #[test]
-fn what_a_budget_withholds_is_counted_as_its_doing_and_nothing_else_breaks() {
+fn breaches_of_a_budget_are_counted_as_budget_and_no_others_occur() {
     let modes = [
         "--modes",
         "naive,rhumb",
@@ -172,7 +178,7 @@ fn what_a_budget_withholds_is_counted_as_its_doing_and_nothing_else_breaks() {
 }
 
 #[test]
-fn the_papers_protocol_has_the_same_truth_and_says_every_body_in_a_datagram_of_its_own() {
+fn the_papers_protocol_has_the_same_truth_and_sends_every_body_in_its_own_datagram() {
     let modes = "integrated,app-all,app-active,app-packed";
     let runs = runs("app", &["--modes", modes, "--bodies", "30"]);
     for run in &runs {
@@ -196,7 +202,7 @@ fn the_papers_protocol_has_the_same_truth_and_says_every_body_in_a_datagram_of_i
 fn each_loss_of_the_published_client_can_be_had_alone() {
     for losses in ["poll", "cap", "list", "buffer"] {
         let client = ["--modes", "integrated,app-all", "--bodies", "10"];
-        let runs = runs(losses, &[&client[..], &["--app-losses", losses]].concat());
+        let runs = runs(losses, &[&client[..], &["--app-defects", losses]].concat());
         assert_eq!(runs[1]["void"], false);
         assert_eq!(runs[1]["updates"], 300, "{losses}");
         let link = runs[1]["link"].to_string();
@@ -205,14 +211,17 @@ fn each_loss_of_the_published_client_can_be_had_alone() {
 }
 
 #[test]
-fn what_the_papers_protocol_cannot_say_is_refused_by_name() {
+fn commands_the_papers_protocol_lacks_are_refused_by_name() {
     let run = Command::new(env!("CARGO_BIN_EXE_rhumb-bench"))
         .args(["evaluate", "--scene", "ragdolls", "--modes", "app-all"])
         .args(["--seconds", "0.5", "--no-trace", "--no-pin", "--out"])
         .arg(PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("evaluate-unsaid"))
         .output()
         .expect("the bench starts");
-    let said = String::from_utf8_lossy(&run.stderr);
+    let printed = String::from_utf8_lossy(&run.stderr);
     assert!(!run.status.success());
-    assert!(said.contains("the paper's protocol cannot say"), "{said}");
+    assert!(
+        printed.contains("the paper's protocol cannot say"),
+        "{printed}"
+    );
 }

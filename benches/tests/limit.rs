@@ -10,11 +10,11 @@ use glam::{DQuat, DVec3, Vec3};
 use rhumb_bench::limit::Limit;
 use rhumb_bench::record::{Placed, Truth};
 use rhumb_bench::recording::{Recording, rhtrace};
-use rhumb_bench::replay::{Means, ReplayTerms, run};
-use rhumb_protocol::scene::{BodyKind, BodyTerms, Shape, ShapeId};
+use rhumb_bench::replay::{EnabledFeatures, ReplayConfig, run};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Shape, ShapeId};
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{
-    BodyId, Damping, Integrator, Metres, Rate, Tick, Ticks, Tolerance, Verbatim,
+    BodyId, BodyState, Damping, Integrator, Metres, Rate, Tick, Ticks, Tolerance,
 };
 
 const TICKS: u64 = 300;
@@ -35,7 +35,7 @@ fn recording(gravity: Vec3, pose: impl Fn(f64) -> (DVec3, DQuat)) -> Recording {
         let (p, q) = (position.as_vec3().to_array(), rotation.as_quat().to_array());
         Observation {
             id,
-            motion: Verbatim::new(p, q, [0.0; 3], [0.0; 3]).expect("finite"),
+            motion: BodyState::new(p, q, [0.0; 3], [0.0; 3]).expect("finite"),
             activity: Activity::Awake,
         }
     };
@@ -44,7 +44,7 @@ fn recording(gravity: Vec3, pose: impl Fn(f64) -> (DVec3, DQuat)) -> Recording {
     };
     let placed = Placed {
         tick: Tick::ZERO,
-        terms: BodyTerms::plain(id, BodyKind::Dynamic, ShapeId(0)),
+        config: BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0)),
         shape,
         observation: at(0),
     };
@@ -68,18 +68,18 @@ fn recording(gravity: Vec3, pose: impl Fn(f64) -> (DVec3, DQuat)) -> Recording {
 }
 
 #[test]
-fn what_goes_straight_and_spins_is_said_once() {
+fn a_straight_spinning_flight_needs_one_update() {
     let recording = recording(Vec3::ZERO, |time| {
         let turned = DQuat::from_scaled_axis(DVec3::new(1.0, -2.0, 0.5) * time);
         (DVec3::new(1.5, -0.5, 0.25) * time, turned)
     });
     let limit = limit(&recording, 0.01);
     assert_eq!(limit.fewest_updates.updates, 1, "{limit}");
-    assert_eq!(limit.fewest_updates.by_law["uniform"], 1);
+    assert_eq!(limit.fewest_updates.by_predictor["uniform"], 1);
 }
 
 #[test]
-fn what_is_thrown_is_said_once() {
+fn a_ballistic_body_needs_one_update() {
     let gravity = Vec3::new(0.0, 0.0, -9.8);
     let recording = recording(gravity, |time| {
         let fallen =
@@ -88,11 +88,11 @@ fn what_is_thrown_is_said_once() {
     });
     let limit = limit(&recording, 0.01);
     assert_eq!(limit.fewest_updates.updates, 1, "{limit}");
-    assert_eq!(limit.fewest_updates.by_law["ballistic"], 1);
+    assert_eq!(limit.fewest_updates.by_predictor["ballistic"], 1);
 }
 
 #[test]
-fn what_is_pushed_steadily_is_said_once_for_as_long_as_a_push_lasts() {
+fn a_constant_acceleration_needs_one_update_while_it_lasts() {
     let push = DVec3::new(0.75, 0.0, -0.375);
     let recording = recording(Vec3::ZERO, |time| {
         (push * (time * (time + 1.0 / 60.0) / 2.0), DQuat::IDENTITY)
@@ -101,7 +101,7 @@ fn what_is_pushed_steadily_is_said_once_for_as_long_as_a_push_lasts() {
     let cut = &limit.fewest_updates;
     // 300 ticks, and a little longer than 64 before it strays.
     assert!((3..=4).contains(&cut.updates), "{limit}");
-    assert_eq!(cut.by_law["pushed"], cut.updates);
+    assert_eq!(cut.by_predictor["constant-acceleration"], cut.updates);
 }
 
 #[test]
@@ -113,7 +113,7 @@ fn a_body_that_shakes_within_twice_the_tolerance_lies_still() {
     // It lies in the middle of where it shakes, which is not where it began.
     let still = limit(&recording, 0.01);
     assert_eq!(still.fewest_updates.updates, 1, "{still}");
-    assert_eq!(still.fewest_updates.by_law["rest"], 1);
+    assert_eq!(still.fewest_updates.by_predictor["rest"], 1);
     assert!(limit(&recording, 0.002).fewest_updates.updates > 20);
 }
 
@@ -128,16 +128,16 @@ fn a_limit_is_within_its_tolerance_and_below_a_publisher() {
             let errors = cut.surface_error_m.expect("boxes move");
             assert!(errors.max <= metres + 1e-9, "{limit}");
         }
-        let terms = ReplayTerms {
+        let config = ReplayConfig {
             tolerance: tolerance(metres),
-            link: rhumb_transport::LinkTerms::PERFECT,
-            every: NonZeroU32::MIN,
+            link: rhumb_transport::LinkConfig::PERFECT,
+            publish_interval: NonZeroU32::MIN,
             seed: 1,
-            hindsight: Ticks::ZERO,
+            lookahead: Ticks::ZERO,
             budget: None,
-            means: Means::ALL,
+            features: EnabledFeatures::ALL,
         };
-        let run = run(&recording, &terms, &mut |_| {}).expect("it ends");
+        let run = run(&recording, &config, &mut |_| {}).expect("it ends");
         let updates: u64 = run.frames.iter().map(|frame| frame.updates).sum();
         assert!(
             limit.fewest_updates.updates < updates,

@@ -28,8 +28,8 @@ fn run(task: &[&str], out: &Path) -> Output {
 
 fn succeeds(task: &[&str], out: &Path) -> String {
     let output = run(task, out);
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{task:?}: {said}");
+    let printed = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{task:?}: {printed}");
     String::from_utf8_lossy(&output.stdout).into_owned()
 }
 
@@ -61,17 +61,20 @@ fn an_interrupted_experiment_goes_on_where_it_was() {
         .stdout(Stdio::piped())
         .spawn()
         .expect("the bench starts");
-    let mut said = String::new();
+    let mut printed = String::new();
     let mut lines = BufReader::new(first.stdout.take().expect("it is piped"));
-    lines.read_line(&mut said).expect("it says something");
-    assert!(said.starts_with("trial 1 of 3, seed 1: "), "{said}");
+    lines.read_line(&mut printed).expect("it says something");
+    assert!(printed.starts_with("trial 1 of 3, seed 1: "), "{printed}");
     first.kill().expect("it runs or has ended");
     first.wait().expect("it was started");
     let kept = out.join("trials/0001.json");
     let before = fs::read(&kept).expect("a trial is kept as it ends");
 
-    let said = succeeds(&task, &out);
-    assert!(said.contains(" of 3 trials have ended before"), "{said}");
+    let printed = succeeds(&task, &out);
+    assert!(
+        printed.contains(" of 3 trials have ended before"),
+        "{printed}"
+    );
     assert_eq!(before, fs::read(&kept).expect("it is still there"));
     let results = json(&out.join("paper.json"));
     let trials = results["trials"].as_array().expect("there are trials");
@@ -111,10 +114,10 @@ fn an_interrupted_experiment_goes_on_where_it_was() {
     // A trial more is welcome, another seed is not.
     let more = [&SMALL[..], &["4"]].concat();
     assert!(succeeds(&more, &out).contains("3 of 4 trials have ended before"));
-    let said = fails(&[&task[..], &["--seed", "7"]].concat(), &out);
+    let printed = fails(&[&task[..], &["--seed", "7"]].concat(), &out);
     assert!(
-        said.contains("another experiment (seed: 1 and 7)"),
-        "{said}"
+        printed.contains("another experiment (seed: 1 and 7)"),
+        "{printed}"
     );
 }
 
@@ -149,23 +152,26 @@ fn what_cannot_be_asked_for_is_refused_by_name() {
         ),
         (&["merge", "nowhere.json"], "cannot read nowhere.json"),
     ] {
-        let said = fails(task, &out);
-        assert!(said.contains(why), "{task:?}: {said}");
+        let printed = fails(task, &out);
+        assert!(printed.contains(why), "{task:?}: {printed}");
     }
     if !cfg!(feature = "parallel") {
-        let said = fails(&["--threads", "2"], &out);
-        assert!(said.contains("without the feature \"parallel\""), "{said}");
+        let printed = fails(&["--threads", "2"], &out);
+        assert!(
+            printed.contains("without the feature \"parallel\""),
+            "{printed}"
+        );
     }
 }
 
 #[test]
 fn each_loss_of_the_published_client_has_a_row_whose_truth_is_one() {
     let out = folder("gap");
-    let said = succeeds(
+    let printed = succeeds(
         &["gap", "--no-pin", "--loads", "40", "--frames", "14"],
         &out,
     );
-    assert!(said.contains("protocol alone"), "{said}");
+    assert!(printed.contains("protocol alone"), "{printed}");
     let results = json(&out.join("gap.json"));
     let rows = results["rows"].as_array().expect("rows");
     let of = |client: &str| {
@@ -203,10 +209,10 @@ fn crossovers_come_from_points_whose_truth_is_one() {
         "--frames",
         "2",
     ];
-    let said = succeeds(&task, &out);
+    let printed = succeeds(&task, &out);
     assert!(
-        said.contains("From where on remote beats integrated"),
-        "{said}"
+        printed.contains("From where on remote beats integrated"),
+        "{printed}"
     );
     let results = json(&out.join("remote.json"));
     let points = results["points"].as_array().expect("points");
@@ -223,7 +229,7 @@ fn crossovers_come_from_points_whose_truth_is_one() {
 }
 
 #[test]
-fn a_weak_caller_is_told_as_what_it_is_and_machines_merge() {
+fn a_weak_caller_is_described_and_machines_merge() {
     let out = folder("hardware");
     let task = [
         "hardware",
@@ -254,8 +260,8 @@ fn a_weak_caller_is_told_as_what_it_is_and_machines_merge() {
     elsewhere["machines"][0]["rows"][0]["outcome"]["truth"] = "0".into();
     fs::write(&other, elsewhere.to_string()).expect("the folder is there");
     let merged = folder("merged");
-    let said = succeeds(&["merge", &file, &other.display().to_string()], &merged);
-    assert!(said.contains("another machine"), "{said}");
+    let printed = succeeds(&["merge", &file, &other.display().to_string()], &merged);
+    assert!(printed.contains("another machine"), "{printed}");
     let merged = json(&merged.join("hardware.json"));
     assert_eq!(merged["machines"].as_array().expect("machines").len(), 2);
     // The first machine's truth counts: a row that says otherwise is void.
@@ -314,9 +320,9 @@ fn the_pages_of_results_say_what_their_files_say() {
             .expect("the bench starts")
     };
     for page in ["README.md", "stream.md"] {
-        let said = check(&results.join(page));
-        let why = String::from_utf8_lossy(&said.stderr);
-        assert!(said.status.success(), "{page}: {why}");
+        let printed = check(&results.join(page));
+        let why = String::from_utf8_lossy(&printed.stderr);
+        assert!(printed.status.success(), "{page}: {why}");
     }
     let page = results.join("README.md");
     // And it would be noticed if it did not.
@@ -333,8 +339,8 @@ fn the_pages_of_results_say_what_their_files_say() {
     }
     let stale = copy.join("README.md");
     fs::write(&stale, text.replacen("| 500 |", "| 501 |", 1)).expect("it can be written");
-    let said = check(&stale);
-    assert!(!said.status.success());
-    let said = String::from_utf8_lossy(&said.stderr).into_owned();
-    assert!(said.contains("sim-fps"), "{said}");
+    let printed = check(&stale);
+    assert!(!printed.status.success());
+    let printed = String::from_utf8_lossy(&printed.stderr).into_owned();
+    assert!(printed.contains("sim-fps"), "{printed}");
 }

@@ -9,7 +9,7 @@ use std::num::NonZeroU32;
 
 use rhumb_bench::record::{Cause, Experiment, Load, Run};
 use rhumb_bench::recording::{Recording, RecordingError, rhtrace};
-use rhumb_bench::replay::{Feature, Means, ReplayError, ReplayTerms, run};
+use rhumb_bench::replay::{EnabledFeatures, Feature, ReplayConfig, ReplayError, run};
 use rhumb_bench::summary::{RunFigures, Summary};
 use rhumb_bench::trace::{TraceOptions, write};
 use rhumb_protocol::stream::Budget;
@@ -21,27 +21,27 @@ fn recording() -> Recording {
     rhtrace::read("bounce", &packed()).expect("this is a recording")
 }
 
-fn replayed(recording: &Recording, link: &str, every: u32) -> Run {
-    within(recording, link, every, None)
+fn replayed(recording: &Recording, link: &str, publish_interval: u32) -> Run {
+    within(recording, link, publish_interval, None)
 }
 
-fn within(recording: &Recording, link: &str, every: u32, budget: Option<Budget>) -> Run {
-    let terms = ReplayTerms {
+fn within(recording: &Recording, link: &str, publish_interval: u32, budget: Option<Budget>) -> Run {
+    let config = ReplayConfig {
         budget,
-        ..terms(link, every)
+        ..config(link, publish_interval)
     };
-    run(recording, &terms, &mut |_| {}).expect("it comes to its end")
+    run(recording, &config, &mut |_| {}).expect("it comes to its end")
 }
 
-fn terms(link: &str, every: u32) -> ReplayTerms {
-    ReplayTerms {
+fn config(link: &str, publish_interval: u32) -> ReplayConfig {
+    ReplayConfig {
         tolerance: Tolerance::from_metres(Metres::new(0.02)).expect("within bounds"),
-        link: link.parse().expect("these are terms of a link"),
-        every: NonZeroU32::new(every).expect("not zero"),
+        link: link.parse().expect("these are config of a link"),
+        publish_interval: NonZeroU32::new(publish_interval).expect("not zero"),
         seed: 3,
-        hindsight: Ticks::ZERO,
+        lookahead: Ticks::ZERO,
         budget: None,
-        means: Means::ALL,
+        features: EnabledFeatures::ALL,
     }
 }
 
@@ -53,7 +53,7 @@ fn experiment(recording: &Recording, run: Run) -> Experiment {
         loads: vec![Load {
             truth: recording.truth.clone(),
             runs: vec![run],
-            unended: Vec::new(),
+            unfinished: Vec::new(),
         }],
     }
 }
@@ -66,15 +66,19 @@ fn figures(recording: &Recording, run: &Run) -> RunFigures {
 #[test]
 fn without_loss_every_published_tick_is_within_the_tolerance() {
     let recording = recording();
-    for (link, every) in [
+    for (link, publish_interval) in [
         ("", 1),
         ("rtt=300ms", 1),
         ("rtt=50ms,jitter=30ms", 1),
         ("", 3),
     ] {
-        let run = replayed(&recording, link, every);
-        assert_eq!(run.breaches, [], "{link} every {every}");
-        assert_eq!(run.frames.len() as u32, (FRAMES - 1) / every, "{link}");
+        let run = replayed(&recording, link, publish_interval);
+        assert_eq!(run.breaches, [], "{link} every {publish_interval}");
+        assert_eq!(
+            run.frames.len() as u32,
+            (FRAMES - 1) / publish_interval,
+            "{link}"
+        );
         let figures = figures(&recording, &run);
         let moving = figures.moving.expect("boxes move");
         assert!(moving.surface_error_m.max > 0.0 && moving.surface_error_m.max <= 0.02);
@@ -83,7 +87,7 @@ fn without_loss_every_published_tick_is_within_the_tolerance() {
 }
 
 #[test]
-fn who_has_no_record_any_more_lies_though_he_was_recorded_awake() {
+fn a_body_without_further_records_rests_though_recorded_awake() {
     let mut bytes = unpacked();
     // A head of 32 bytes, a box each; then for each frame a count, and records that end with a flag.
     let record = 2 + 13 * 4 + 1;
@@ -101,42 +105,46 @@ fn who_has_no_record_any_more_lies_though_he_was_recorded_awake() {
 }
 
 #[test]
-fn with_hindsight_every_published_tick_is_within_the_tolerance_for_fewer_bytes() {
+fn with_lookahead_every_published_tick_is_within_the_tolerance_for_fewer_bytes() {
     let recording = recording();
-    let replayed = |every, hindsight, means| {
-        let terms = ReplayTerms {
-            hindsight: Ticks::new(hindsight),
-            means,
-            ..terms("", every)
+    let replayed = |publish_interval, lookahead, features| {
+        let config = ReplayConfig {
+            lookahead: Ticks::new(lookahead),
+            features,
+            ..config("", publish_interval)
         };
-        let run = run(&recording, &terms, &mut |_| {}).expect("it comes to its end");
-        assert_eq!(run.breaches, [], "every {every}, {hindsight} ticks later");
-        let bytes = run.passed.iter().map(|passed| passed.bytes.len());
+        let run = run(&recording, &config, &mut |_| {}).expect("it comes to its end");
+        assert_eq!(
+            run.breaches,
+            [],
+            "every {publish_interval}, {lookahead} ticks later"
+        );
+        let bytes = run.captured.iter().map(|captured| captured.bytes.len());
         bytes.sum::<usize>()
     };
-    for every in [1, 2] {
-        let at_once = replayed(every, 0, Means::ALL);
-        for hindsight in 1..=6 {
-            let later = replayed(every, hindsight, Means::ALL);
+    for publish_interval in [1, 2] {
+        let at_once = replayed(publish_interval, 0, EnabledFeatures::ALL);
+        for lookahead in 1..=6 {
+            let later = replayed(publish_interval, lookahead, EnabledFeatures::ALL);
             // These balls fly: from three ticks and less nobody can tell a flight from a push.
-            let most = if hindsight < 4 {
+            let most = if lookahead < 4 {
                 at_once * 11 / 10
             } else {
                 at_once
             };
             assert!(
                 later < most,
-                "{later} of {at_once}, {hindsight} ticks later"
+                "{later} of {at_once}, {lookahead} ticks later"
             );
         }
     }
-    let blind = Feature::all_but(&[Feature::Foresight]);
-    let [chosen, guessed] = [Means::ALL, blind].map(|means| replayed(1, 6, means));
+    let blind = Feature::all_but(&[Feature::ModeDecision]);
+    let [chosen, guessed] = [EnabledFeatures::ALL, blind].map(|features| replayed(1, 6, features));
     assert!(chosen < guessed, "{chosen} of {guessed}");
 }
 
 #[test]
-fn a_budget_is_kept_and_what_it_withholds_is_told_of() {
+fn a_budget_is_kept_and_over_budget_bodies_are_reported() {
     let recording = recording();
     let seconds = f64::from(recording.ticks()) * recording.integrator.rate.step().seconds();
     let free = replayed(&recording, "", 1);
@@ -154,7 +162,7 @@ fn a_budget_is_kept_and_what_it_withholds_is_told_of() {
             .iter()
             .all(|breach| breach.cause == Cause::Budget);
         assert!(by_choice, "{link}");
-        // A burst, what time earned, an update too much, and vouches, which are rare.
+        // A burst, what time earned, an update too much, and watermarks, which are rare.
         let most = 1_150.0 + 400.0 * seconds + 64.0 + 40.0 * 12.0;
         assert!(
             (payload(&run) as f64) < most,
@@ -165,8 +173,8 @@ fn a_budget_is_kept_and_what_it_withholds_is_told_of() {
     }
 }
 
-/// A frame may close before or after a vouch for the silence around it: so many bytes with headers.
-const TWO_VOUCHES: u64 = 128;
+/// A frame may close before or after a watermark for the silence around it: so many bytes with headers.
+const TWO_WATERMARKS: u64 = 128;
 
 #[test]
 fn traffic_never_rises_because_latency_rose() {
@@ -175,7 +183,7 @@ fn traffic_never_rises_because_latency_rose() {
         let bytes = |link: &str| {
             let run = within(&recording, link, 1, budget);
             let figures = figures(&recording, &run);
-            // The last vouches are asked for until the copy is complete, which takes a way longer.
+            // The last watermarks are asked for until the copy is complete, which takes a way longer.
             let last = run.frames.len() - 1;
             let sent = run.frames[..last]
                 .iter()
@@ -187,7 +195,7 @@ fn traffic_never_rises_because_latency_rose() {
         for far in ["rtt=50ms", "rtt=300ms", "rtt=300ms,jitter=40ms"] {
             let far = bytes(far);
             assert!(
-                far.0 <= near.0 + TWO_VOUCHES && far.1 == near.1,
+                far.0 <= near.0 + TWO_WATERMARKS && far.1 == near.1,
                 "{budget:?}: {far:?} of {near:?}"
             );
         }
@@ -206,25 +214,25 @@ fn what_is_off_under_loss_is_off_by_loss_and_is_made_good() {
     let recovery = figures(&recording, &run)
         .recovery
         .expect("something is lost");
-    // No repair is known before it was asked for and came.
+    // No refresh is known before it was asked for and came.
     assert!(recovery.losses > 0 && recovery.p50_ms > 0.0);
 }
 
 #[test]
 fn one_seed_gives_one_replay() {
     let recording = recording();
-    let bytes = |run: Run| -> Vec<_> { run.passed.into_iter().map(|p| p.bytes).collect() };
+    let bytes = |run: Run| -> Vec<_> { run.captured.into_iter().map(|p| p.bytes).collect() };
     let link = "rtt=80ms,loss=5%,jitter=9ms";
     let once = bytes(replayed(&recording, link, 1));
     assert_eq!(once, bytes(replayed(&recording, link, 1)));
 }
 
 #[test]
-fn a_replay_that_would_say_nothing_is_refused() {
+fn a_replay_without_any_update_is_refused() {
     let recording = recording();
-    let refused = run(&recording, &terms("", recording.ticks() + 1), &mut |_| {});
+    let refused = run(&recording, &config("", recording.ticks() + 1), &mut |_| {});
     let last = Tick::new(u64::from(recording.ticks()));
-    assert_eq!(refused.err(), Some(ReplayError::TooSeldom(last)));
+    assert_eq!(refused.err(), Some(ReplayError::IntervalTooLong(last)));
 }
 
 #[test]

@@ -76,7 +76,7 @@ fn elements_are_closed_in_the_order_they_were_opened() {
 #[test]
 fn a_run_whose_truth_differs_is_called_void() {
     let mut experiment = experiment();
-    experiment.loads[0].runs[2].truth_digest += 1;
+    experiment.loads[0].runs[2].truth_checksum += 1;
     let page = report::html(&experiment, &Summary::of(&experiment));
     assert!(page.contains("are void") && page.contains("rhumb"));
 }

@@ -48,7 +48,7 @@ fn the_worst_second_is_the_worst_window_of_a_second() {
     let mut experiment = experiment();
     let run = &mut experiment.loads[0].runs[1];
     let frame = run.frames[0].clone();
-    run.terms.ticks = 30;
+    run.config.ticks = 30;
     run.frames = (1..=30)
         .map(|tick| {
             let mut frame = frame.clone();
@@ -172,7 +172,7 @@ fn nothing_measured_is_no_figure_and_no_panic() {
     let mut experiment = experiment();
     for run in &mut experiment.loads[0].runs {
         run.frames.clear();
-        run.passed.clear();
+        run.captured.clear();
         run.breaches.clear();
         run.step_ns_total = 0;
     }
@@ -184,14 +184,14 @@ fn nothing_measured_is_no_figure_and_no_panic() {
 }
 
 #[test]
-fn less_than_naive_is_told_of_all_and_of_the_first_seconds() {
+fn less_than_naive_covers_the_whole_run_and_the_first_seconds() {
     let mut experiment = experiment();
     // Ten seconds of a tenth each: five of them are busy.
     for run in &mut experiment.loads[0].runs[1..] {
         let frame = run.frames[0].clone();
         let busy = |number: u64| u64::from(number <= 50);
-        let naive = run.terms.mode == Mode::Naive;
-        run.terms.ticks = 100;
+        let naive = run.config.mode == Mode::Naive;
+        run.config.ticks = 100;
         run.frames = (1..=100)
             .map(|number| {
                 let mut frame = frame.clone();
@@ -221,7 +221,7 @@ fn less_than_naive_is_told_of_all_and_of_the_first_seconds() {
 #[test]
 fn a_run_whose_truth_differs_is_void_in_summary_and_table() {
     let mut experiment = experiment();
-    experiment.loads[0].runs[2].truth_digest += 1;
+    experiment.loads[0].runs[2].truth_checksum += 1;
     let summary = Summary::of(&experiment);
     let void: Vec<_> = summary.runs.iter().map(|run| run.void).collect();
     assert_eq!(void, [false, false, true]);

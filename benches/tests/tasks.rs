@@ -10,7 +10,7 @@ use serde_json::Value;
 
 /// What a task said and wrote.
 struct Done {
-    said: String,
+    printed: String,
     /// On standard error.
     complained: String,
     succeeded: bool,
@@ -53,7 +53,7 @@ fn tried(name: &str, arguments: &[&str]) -> Done {
         .expect("the bench starts");
     let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap_or_default();
     Done {
-        said: String::from_utf8(run.stdout).expect("text"),
+        printed: String::from_utf8(run.stdout).expect("text"),
         complained: String::from_utf8(run.stderr).expect("text"),
         succeeded: run.status.success(),
         summary: serde_json::from_str(&read("summary.json")).unwrap_or_default(),
@@ -63,7 +63,7 @@ fn tried(name: &str, arguments: &[&str]) -> Done {
 }
 
 #[test]
-fn an_ablation_has_a_row_for_each_means_beside_all_on() {
+fn an_ablation_has_a_row_for_each_feature_beside_all_on() {
     let done = task("ablate", &["ablate", "--tolerance", "0.02"]);
     let without: Vec<_> = done
         .runs()
@@ -79,11 +79,11 @@ fn an_ablation_has_a_row_for_each_means_beside_all_on() {
     }
     let lacks = |run: &Value, name| run["replayed"]["without"] == serde_json::json!([name]);
     let without = |name| done.runs().iter().position(|run| lacks(run, name));
-    let [residuals, gate, packing, coder] = ["residuals", "gate", "packing", "coder"]
+    let [residuals, prefilter, packing, coder] = ["residuals", "prefilter", "packing", "coder"]
         .map(|name| without(name).expect("each means is switched off once"));
     // Whole motions cost more than corrections, and speaking always more than speaking when it matters.
-    assert!(bytes(residuals) > bytes(0) && bytes(gate) > bytes(0));
-    assert!(done.number(gate, "updates") > done.number(0, "updates"));
+    assert!(bytes(residuals) > bytes(0) && bytes(prefilter) > bytes(0));
+    assert!(done.number(prefilter, "updates") > done.number(0, "updates"));
     // Singly said, each update has a datagram; another code says the same in the same datagrams.
     assert!(done.number(packing, "datagrams_down") >= done.number(packing, "updates"));
     assert!(bytes(packing) > bytes(0) && bytes(coder) > bytes(0));
@@ -93,9 +93,9 @@ fn an_ablation_has_a_row_for_each_means_beside_all_on() {
     for run in 0..done.runs().len() {
         assert_eq!(done.runs()[run]["over_tolerance"]["count"], 0);
     }
-    for word in ["without gate", "without any of these"] {
+    for word in ["without prefilter", "without any of these"] {
         assert!(
-            done.said.contains(word) && done.page.contains(word),
+            done.printed.contains(word) && done.page.contains(word),
             "{word}"
         );
     }
@@ -118,25 +118,31 @@ fn a_sweep_of_tolerances_draws_the_frontier() {
 
 #[test]
 fn a_replay_that_does_not_end_takes_no_other_with_it() {
-    let done = tried("unended", &["replay", "--sweep", "every=1,60000"]);
+    let done = tried(
+        "unfinished",
+        &["replay", "--sweep", "publish-interval=1,60000"],
+    );
     assert!(!done.succeeded);
     assert!(done.complained.contains("1 of 2 replays did not end"));
     assert_eq!(done.runs().len(), 1);
     assert!(done.number(0, "payload_bytes_down") > 0.0);
-    let unended = done.summary["unended"].as_array().expect("one is named");
-    assert_eq!(unended.len(), 1);
+    let unfinished = done.summary["unfinished"].as_array().expect("one is named");
+    assert_eq!(unfinished.len(), 1);
     assert!(
-        unended[0]["setting"]
+        unfinished[0]["setting"]
             .as_str()
             .is_some_and(|text| text.contains("each 60000 ticks"))
     );
     let line = "each 60000 ticks: nothing would be said";
     assert!(
-        done.said.contains(line) && done.page.contains(line),
+        done.printed.contains(line) && done.page.contains(line),
         "{}",
-        done.said
+        done.printed
     );
-    let done = tried("none-ended", &["replay", "--sweep", "every=60000,60001"]);
+    let done = tried(
+        "none-ended",
+        &["replay", "--sweep", "publish-interval=60000,60001"],
+    );
     assert!(!done.succeeded && done.summary.is_null());
     assert!(
         done.complained
@@ -179,20 +185,20 @@ fn a_matrix_has_every_loss_even_and_in_bursts_at_every_round_trip() {
         "rec p99 ms",
     ];
     assert!(
-        titles.iter().all(|title| done.said.contains(title)),
+        titles.iter().all(|title| done.printed.contains(title)),
         "{}",
-        done.said
+        done.printed
     );
     assert!(done.page.contains("recovery p99"));
 }
 
 #[test]
 fn a_replay_is_set_beside_the_limit_of_its_recording() {
-    let terms = ["--tolerance", "0.02", "--every", "2"];
-    let limit = task("limit", &[&["limit"], &terms[..]].concat());
+    let config = ["--tolerance", "0.02", "--publish-interval", "2"];
+    let limit = task("limit", &[&["limit"], &config[..]].concat());
     let done = task(
         "of-limit",
-        &[&["replay", "--no-trace"], &terms[..]].concat(),
+        &[&["replay", "--no-trace"], &config[..]].concat(),
     );
     let (updates, bits) = (&limit.limit["fewest_updates"], &limit.limit["fewest_bits"]);
     let rate = updates["updates_per_second"].as_f64().expect("a rate");
@@ -201,12 +207,12 @@ fn a_replay_is_set_beside_the_limit_of_its_recording() {
     let expected = done.number(0, "payload_kbps_down") / kbps;
     assert!((of["bits"].as_f64().expect("a ratio") - expected).abs() < 1e-9);
     assert!(of["updates"].as_f64().is_some_and(|ratio| ratio > 1.0));
-    assert!(rate > 0.0 && limit.said.contains("fewest bits"));
-    assert!(done.said.contains("bits/limit") && done.page.contains("updates of limit"));
+    assert!(rate > 0.0 && limit.printed.contains("fewest bits"));
+    assert!(done.printed.contains("bits/limit") && done.page.contains("updates of limit"));
 }
 
 #[test]
-fn a_replay_of_our_own_trace_says_what_the_server_said() {
+fn a_replay_of_our_own_trace_publishes_what_the_server_published() {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("task-own");
     let run = |arguments: &[&str], out: &Path| {
         Command::new(env!("CARGO_BIN_EXE_rhumb-bench"))
@@ -236,7 +242,7 @@ fn a_replay_of_our_own_trace_says_what_the_server_said() {
     let live = bench(&[&scene[..], &how[..]].concat(), &folder);
     let of = |summary: &Value| summary["runs"][0]["updates"].clone();
     assert!(of(&live).as_u64().is_some_and(|updates| updates > 0));
-    // Tumbling and all: what the bodies' inertia is follows from the script, which the trace of a replay names, too.
+    // TorqueFree and all: what the bodies' inertia is follows from the script, which the trace of a replay names, too.
     let mut within = folder;
     for _ in 0..2 {
         let trace = within.join("trace.mcap");
@@ -300,17 +306,17 @@ fn costs_are_measured_at_every_stage() {
         .collect();
     assert_eq!(sleepers, [2, 20, 200]);
     for name in ["first_ns", "update_ns", "view_ms"] {
-        assert!(took(&costs["hearing"], name) > 0.0, "{name}");
+        assert!(took(&costs["decoding"], name) > 0.0, "{name}");
     }
     let members = rows("members");
     assert_eq!(members.len(), if cfg!(target_os = "linux") { 4 } else { 0 });
     assert!(
         members
             .iter()
-            .all(|row| took(row, "sockets_us") > 0.0 && took(row, "least_us") > 0.0)
+            .all(|row| took(row, "sockets_us") > 0.0 && took(row, "floor_us") > 0.0)
     );
-    let said = String::from_utf8(run.stdout).expect("text");
-    for word in ["flight", "burst", "settled", "aimed at", "written to"] {
-        assert!(said.contains(word), "{word}");
+    let printed = String::from_utf8(run.stdout).expect("text");
+    for word in ["flight", "burst", "converged", "aimed at", "written to"] {
+        assert!(printed.contains(word), "{word}");
     }
 }

@@ -123,7 +123,7 @@ fn all_topics_lie_on_one_time_axis() {
 }
 
 #[test]
-fn the_records_say_what_was_run() {
+fn the_metadata_describes_the_run() {
     let records = metadata(&written("metadata"));
     let names: Vec<_> = records.keys().map(String::as_str).collect();
     let runs = [
@@ -220,7 +220,7 @@ fn the_last_message_of_each_topic_is_the_whole_scene() {
 }
 
 #[test]
-fn who_lies_still_is_drawn_at_rest() {
+fn a_body_that_lies_still_is_drawn_at_rest() {
     let topics = messages(&written("rest"));
     for copy in ["truth", "naive", "rhumb"] {
         let (time, data) = topics[&format!("/n3/{copy}/resting")]
@@ -242,7 +242,7 @@ fn a_scene_where_all_lie_still_moves_nothing() {
     experiment.loads[0]
         .truth
         .placed
-        .retain(|placed| placed.terms.id.index() == 2);
+        .retain(|placed| placed.config.id.index() == 2);
     experiment.loads[0].runs.truncate(1);
     let path = folder("still").join("trace.mcap");
     trace::write(&path, &experiment, &FINE, &mut |_| {}).expect("there is room");
@@ -253,7 +253,7 @@ fn a_scene_where_all_lie_still_moves_nothing() {
 }
 
 #[test]
-fn errors_are_told_by_colour() {
+fn errors_are_shown_by_colour() {
     let topics = messages(&written("colour"));
     let colour = |tick: usize| {
         let (_, data) = &topics["/n3/rhumb/moving"][tick - 1];
@@ -314,7 +314,7 @@ fn a_folder_that_is_not_there_is_named() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_full_disk_is_said_and_leaves_nothing_behind() {
+fn a_full_disk_is_reported_and_leaves_nothing_behind() {
     let path = folder("full").join("trace.mcap");
     let partial = path.with_extension("mcap.partial");
     std::os::unix::fs::symlink("/dev/full", &partial).expect("a link can be made");
@@ -337,7 +337,7 @@ fn the_layout_shows_the_topics_of_the_smallest_load() {
     let mut experiment = experiment();
     let mut larger = experiment.loads[0].clone();
     for run in &mut larger.runs {
-        run.terms.bodies = 500;
+        run.config.bodies = 500;
     }
     experiment.loads.insert(0, larger);
     let layout: serde_json::Value =

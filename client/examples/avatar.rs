@@ -9,11 +9,11 @@ use std::time::Duration;
 
 use rhumb_client::glam::{Quat, Vec3};
 use rhumb_client::scene::{
-    BodyKind, BodyTerms, Cadence, Command, Material, Pace, SceneTerms, Shape, ShapeId,
+    BodyDesc, BodyKind, Command, Material, PublishSchedule, SceneConfig, Shape, ShapeId, Stepping,
 };
 use rhumb_client::{
-    BodyId, Client, Damping, Entry, Happening, Integrator, Options, Rate, Tolerance, Trust,
-    Verbatim,
+    BodyId, BodyState, Client, ClientEvent, Damping, Integrator, JoinMode, Options, Rate,
+    Tolerance, Trust,
 };
 
 const FLOOR: ShapeId = ShapeId(0);
@@ -25,14 +25,14 @@ const FRAME: Duration = Duration::from_millis(11);
 const RADIUS: f32 = 2.0;
 const ROUND_SECONDS: f32 = 10.0;
 
-fn terms() -> SceneTerms {
-    SceneTerms {
+fn config() -> SceneConfig {
+    SceneConfig {
         integrator: Integrator {
             rate: Rate::HZ_60,
             substeps: NonZeroU32::new(4).expect("four is not zero"),
         },
         gravity: Vec3::new(0.0, -9.806_65, 0.0),
-        pace: Pace::FreeRunning,
+        stepping: Stepping::FreeRunning,
         material: Material {
             friction: 0.5,
             restitution: 0.0,
@@ -43,16 +43,16 @@ fn terms() -> SceneTerms {
             angular: 0.05,
         },
         sleep: None,
-        cadence: Cadence::EACH_TICK,
+        publish_schedule: PublishSchedule::EACH_TICK,
     }
 }
 
 /// Where the avatar is so many seconds after it set out, and how it moves.
-fn walk(seconds: f32) -> Verbatim {
+fn walk(seconds: f32) -> BodyState {
     let (sin, cos) = (seconds * TAU / ROUND_SECONDS).sin_cos();
     let speed = RADIUS * TAU / ROUND_SECONDS;
     let turn = Quat::from_rotation_y(-seconds * TAU / ROUND_SECONDS);
-    Verbatim::new(
+    BodyState::new(
         [RADIUS * cos, 0.9, RADIUS * sin],
         turn.to_array(),
         [-speed * sin, 0.0, speed * cos],
@@ -80,11 +80,11 @@ fn furnish(client: &mut Client) -> Result<BodyId, Box<dyn std::error::Error>> {
     let mut places = (0..granted.count()).filter_map(|place| granted.id(place));
     let mut add = |client: &mut Client, kind, shape, motion| {
         let id = places.next().ok_or("the server granted too few indices")?;
-        let terms = BodyTerms::plain(id, kind, shape);
-        client.command(Command::AddBody { terms, motion })?;
+        let config = BodyDesc::plain(id, kind, shape);
+        client.command(Command::AddBody { config, motion })?;
         Ok::<BodyId, Box<dyn std::error::Error>>(id)
     };
-    let at = |x, y, z| Verbatim::new([x, y, z], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
+    let at = |x, y, z| BodyState::new([x, y, z], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
     add(client, BodyKind::Static, FLOOR, at(0.0, -0.5, 0.0)?)?;
     for (x, z) in [(0.0, RADIUS), (-RADIUS, 0.0), (0.0, -RADIUS)] {
         add(client, BodyKind::Dynamic, BOX, at(x, 0.2, z)?)?;
@@ -107,29 +107,29 @@ fn run() -> Result<(), Box<dyn std::error::Error>> {
         .nth(1)
         .ok_or("the server's fingerprint is missing")?;
     let trust = Trust::Fingerprint(fingerprint.parse()?);
-    let entry = Entry::Create(terms());
+    let join_mode = JoinMode::Create(config());
     let mut client = Client::open(Options::new(
         "127.0.0.1:4433",
         trust,
         "avatar".parse()?,
-        entry,
+        join_mode,
     ))?;
     let avatar = furnish(&mut client)?;
-    client.drive(&[avatar], Tolerance::FINE)?;
+    client.take_authority(&[avatar], Tolerance::FINE)?;
 
     let mut report = String::new();
     let frames = (ROUND_SECONDS / FRAME.as_secs_f32()) as u32;
     for frame in 0..frames {
         let seconds = frame as f32 * FRAME.as_secs_f32();
         client.publish(&[(avatar, walk(seconds))])?;
-        client.follow()?;
+        client.poll()?;
         let view = client.view();
         for place in view.changed().filter(|place| view.ids()[*place] != avatar) {
             let (id, at) = (view.ids()[place], view.positions()[place]);
             report += &format!("{id} is pushed to {at}\n");
         }
-        while let Some(happening) = client.poll_happening() {
-            if let Happening::NotDriving(error) = happening {
+        while let Some(client_event) = client.poll_event() {
+            if let ClientEvent::AuthorityDenied(error) = client_event {
                 return Err(error.into());
             }
         }

@@ -7,23 +7,23 @@ use std::process::ExitCode;
 
 use rhumb_client::glam::Vec3;
 use rhumb_client::scene::{
-    BodyKind, BodyTerms, Cadence, Command, Material, Pace, SceneTerms, Shape, ShapeId,
+    BodyDesc, BodyKind, Command, Material, PublishSchedule, SceneConfig, Shape, ShapeId, Stepping,
 };
 use rhumb_client::{
-    BodyId, Client, Damping, Depth, Entry, Integrator, Options, Rate, Trust, Verbatim,
+    BodyId, BodyState, Client, Damping, Integrator, JoinMode, Options, PipelineDepth, Rate, Trust,
 };
 
 const FLOOR: ShapeId = ShapeId(0);
 const BALL: ShapeId = ShapeId(1);
 
-fn terms() -> SceneTerms {
-    SceneTerms {
+fn config() -> SceneConfig {
+    SceneConfig {
         integrator: Integrator {
             rate: Rate::HZ_60,
             substeps: NonZeroU32::new(4).expect("four is not zero"),
         },
         gravity: Vec3::new(0.0, -9.806_65, 0.0),
-        pace: Pace::Lockstep,
+        stepping: Stepping::Lockstep,
         material: Material {
             friction: 0.5,
             restitution: 0.0,
@@ -34,7 +34,7 @@ fn terms() -> SceneTerms {
             angular: 0.05,
         },
         sleep: None,
-        cadence: Cadence::EACH_TICK,
+        publish_schedule: PublishSchedule::EACH_TICK,
     }
 }
 
@@ -45,9 +45,9 @@ fn add(
     shape: ShapeId,
     height: f32,
 ) -> Result<(), Box<dyn std::error::Error>> {
-    let motion = Verbatim::new([0.0, height, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3])?;
-    let terms = BodyTerms::plain(id, kind, shape);
-    client.command(Command::AddBody { terms, motion })?;
+    let motion = BodyState::new([0.0, height, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3])?;
+    let config = BodyDesc::plain(id, kind, shape);
+    client.command(Command::AddBody { config, motion })?;
     Ok(())
 }
 
@@ -66,12 +66,12 @@ fn run() -> Result<(), Box<dyn std::error::Error>> {
         .nth(1)
         .ok_or("the server's fingerprint is missing")?;
     let trust = Trust::Fingerprint(fingerprint.parse()?);
-    let entry = Entry::Create(terms());
+    let join_mode = JoinMode::Create(config());
     let mut client = Client::open(Options::new(
         "127.0.0.1:4433",
         trust,
         "drop".parse()?,
-        entry,
+        join_mode,
     ))?;
 
     let half_extents = Vec3::new(10.0, 0.5, 10.0);
@@ -89,7 +89,7 @@ fn run() -> Result<(), Box<dyn std::error::Error>> {
 
     let mut report = String::new();
     for _ in 0..300 {
-        let tick = client.advance(Depth::LOCKSTEP)?;
+        let tick = client.advance(PipelineDepth::LOCKSTEP)?;
         let view = client.view();
         if tick.value().is_multiple_of(30)
             && let Some(place) = view.place(ball)

@@ -3,34 +3,34 @@
 //! Every call says how long it may wait: not at all, or no longer than its patience for an answer. Only opening awaits
 //! several, after the system has resolved a name. What it cannot have in time can be asked for again.
 
-mod driving;
+mod authority;
 
 use std::collections::VecDeque;
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::time::Duration;
 
 use rhumb_protocol::limits::SILENCE_MS_MAX;
-use rhumb_protocol::message::{Denial, Inspection, Moves, StreamChoice};
-use rhumb_protocol::scene::{Command, IdRange, SceneTerms};
+use rhumb_protocol::message::{Denial, Inspection, StreamChoice, TierPolicy};
+use rhumb_protocol::scene::{Command, IdRange, SceneConfig};
 use rhumb_protocol::session::{ClientSession, CloseCode, Event, Replica};
-use rhumb_protocol::stream::{Bound, Subscriber};
+use rhumb_protocol::stream::{ErrorBound, Subscriber};
 use rhumb_protocol::{Ending, Instant, Span};
 use rhumb_reckoning::{BodyId, Seconds, Tick, Ticks, Tolerance};
 use rhumb_transport::{ClientOptions, QuicClient};
 
-use crate::clock::{DisplayTime, SceneClock};
-use crate::depth::Depth;
+use crate::client_event::{ClientEvent, Statistics};
+use crate::clock::{RenderTime, SceneClock};
 use crate::error::{ClientError, OpenError};
-use crate::happening::{Happening, Statistics};
-use crate::options::{Entry, Options};
-use crate::pump::{Pump, Way};
-use crate::view::{Glass, View};
+use crate::options::{JoinMode, Options};
+use crate::pipeline_depth::PipelineDepth;
+use crate::pump::{Pump, TapChannel};
+use crate::view::{RenderParams, View};
 
-/// Beyond the tick that should be vouched for by now a free-running view predicts at most this far, then holds: half a
+/// Beyond the tick that should be watermark_tick for by now a free-running view predicts at most this far, then holds: half a
 /// second.
 const PREDICT_SECONDS: f64 = 0.5;
-/// Happenings that are kept for a caller who does not ask; the oldest go first.
-const HAPPENINGS_KEPT: usize = 65_536;
+/// ClientEvents that are kept for a caller who does not ask; the oldest go first.
+const EVENTS_KEPT: usize = 65_536;
 
 /// A member of one scene.
 pub struct Client {
@@ -38,16 +38,16 @@ pub struct Client {
     patience: Duration,
     view: View,
     granted: IdRange,
-    terms: SceneTerms,
+    config: SceneConfig,
     clock: SceneClock,
     /// The same for what is driven, which the view's delay does not hold back.
-    drive_clock: SceneClock,
+    upstream_clock: SceneClock,
     delay_ticks: f64,
     lead_ticks: f64,
     whole_ticks: bool,
     smooth: bool,
     requested: Tick,
-    happenings: VecDeque<Happening>,
+    client_events: VecDeque<ClientEvent>,
     inspected: Option<Inspection>,
     denied: Option<Denial>,
     deleted: bool,
@@ -88,13 +88,13 @@ impl Client {
             },
         )?
         .map_err(denied)?;
-        let create = match options.entry {
-            Entry::Create(terms) => Some(terms),
-            Entry::CreateOrJoin(terms) if welcome.scene.is_none() => Some(terms),
-            Entry::CreateOrJoin(_) | Entry::Join => None,
+        let create = match options.join_mode {
+            JoinMode::Create(config) => Some(config),
+            JoinMode::CreateOrJoin(config) if welcome.scene.is_none() => Some(config),
+            JoinMode::CreateOrJoin(_) | JoinMode::Join => None,
         };
-        if let Some(terms) = create {
-            pump.session.create(terms).map_err(ClientError::from)?;
+        if let Some(config) = create {
+            pump.session.create(config).map_err(ClientError::from)?;
             let created =
                 await_event(&mut pump, options.patience, "answer", |event| match event {
                     Event::Created => Some(Ok(())),
@@ -103,7 +103,8 @@ impl Client {
                 })?;
             match created {
                 // Somebody else was faster; that is as good.
-                Err(Denial::SceneExists) if matches!(options.entry, Entry::CreateOrJoin(_)) => {}
+                Err(Denial::SceneExists)
+                    if matches!(options.join_mode, JoinMode::CreateOrJoin(_)) => {}
                 other => other.map_err(denied)?,
             }
         }
@@ -120,35 +121,35 @@ impl Client {
     }
 
     fn joined(pump: Pump, options: &Options, granted: IdRange) -> Self {
-        let terms = *pump
+        let config = *pump
             .session
-            .terms()
-            .expect("a member knows its scene's terms");
-        let vouched = pump
+            .config()
+            .expect("a member knows its scene's config");
+        let watermark_tick = pump
             .session
             .replica()
-            .map_or(Tick::ZERO, |replica| replica.stream().vouched());
+            .map_or(Tick::ZERO, |replica| replica.stream().watermark_tick());
         let mut client = Self {
             pump,
             patience: options.patience,
             view: View::default(),
             granted,
-            terms,
-            clock: SceneClock::new(terms.integrator.rate),
-            drive_clock: SceneClock::new(terms.integrator.rate),
+            config,
+            clock: SceneClock::new(config.integrator.rate),
+            upstream_clock: SceneClock::new(config.integrator.rate),
             delay_ticks: options.delay_ticks,
             lead_ticks: options.lead_ticks,
             whole_ticks: options.whole_ticks,
             smooth: options.smooth,
-            requested: vouched,
-            happenings: VecDeque::new(),
+            requested: watermark_tick,
+            client_events: VecDeque::new(),
             inspected: None,
             denied: None,
             deleted: false,
             faulted: None,
             ended: None,
         };
-        client.refresh(DisplayTime::at(vouched), false);
+        client.refresh(RenderTime::at(watermark_tick), false);
         client
     }
 
@@ -160,8 +161,8 @@ impl Client {
 
     /// What the scene was created with.
     #[must_use]
-    pub const fn terms(&self) -> &SceneTerms {
-        &self.terms
+    pub const fn config(&self) -> &SceneConfig {
+        &self.config
     }
 
     /// The bodies as they were when the view was last computed.
@@ -193,47 +194,47 @@ impl Client {
         }
     }
 
-    /// Asks for another stream, and does not wait: [`Happening::Following`] tells when the copy is by it. Until then it is
+    /// Asks for another stream, and does not wait: [`ClientEvent::SubscriptionChanged`] tells when the copy is by it. Until then it is
     /// by the present one, and no tick is missed between the two. A choice that is made meanwhile takes its place.
     ///
     /// # Errors
     ///
     /// [`ClientError::Ended`] when the connection is over.
     pub fn change_stream(&mut self, choice: StreamChoice) -> Result<(), ClientError> {
-        self.must_stand()?;
-        self.pump.session.follow(choice)?;
+        self.check_open()?;
+        self.pump.session.subscribe(choice)?;
         self.pump.flush();
         Ok(())
     }
 
     /// Says where the server may move this client when its link is thin: to coarse (20 cm) unless this says otherwise.
-    /// [`Happening::Moved`] tells when it does, and [`Self::tolerance`] what holds.
+    /// [`ClientEvent::TierChanged`] tells when it does, and [`Self::tolerance`] what holds.
     ///
     /// # Errors
     ///
     /// [`ClientError::Ended`] when the connection is over.
-    pub fn allow_moves(&mut self, moves: Moves) -> Result<(), ClientError> {
-        self.must_stand()?;
-        self.pump.session.allow(moves)?;
+    pub fn set_tier_policy(&mut self, tier_policy: TierPolicy) -> Result<(), ClientError> {
+        self.check_open()?;
+        self.pump.session.set_tier_policy(tier_policy)?;
         self.pump.flush();
         Ok(())
     }
 
-    /// How far off the copy of a body may be, at the newest tick that the stream vouched for.
+    /// How far off the copy of a body may be, at the newest tick that the stream watermark_tick for.
     #[must_use]
-    pub fn bound(&self, id: BodyId) -> Option<Bound> {
+    pub fn bound(&self, id: BodyId) -> Option<ErrorBound> {
         self.replica()?.stream().bound(id)
     }
 
     /// How far off the copy of a body may be at a tick, such as the one that the view shows.
     #[must_use]
-    pub fn bound_at(&self, id: BodyId, tick: Tick) -> Option<Bound> {
+    pub fn bound_at(&self, id: BodyId, tick: Tick) -> Option<ErrorBound> {
         self.replica()?.stream().bound_at(id, tick)
     }
 
     /// The next thing that happened.
-    pub fn poll_happening(&mut self) -> Option<Happening> {
-        self.happenings.pop_front()
+    pub fn poll_event(&mut self) -> Option<ClientEvent> {
+        self.client_events.pop_front()
     }
 
     /// Wishes something before the next tick; returns the number that its answer will name. Does not wait.
@@ -242,7 +243,7 @@ impl Client {
     ///
     /// [`ClientError::Misuse`] for a number that no engine should be given; nothing is sent then.
     pub fn command(&mut self, command: Command) -> Result<u64, ClientError> {
-        self.must_stand()?;
+        self.check_open()?;
         Ok(self.pump.session.command(command)?)
     }
 
@@ -252,16 +253,16 @@ impl Client {
     ///
     /// [`ClientError::Denied`] when there are none left.
     pub fn reserve(&mut self, count: u32) -> Result<IdRange, ClientError> {
-        self.must_stand()?;
+        self.check_open()?;
         self.pump.session.reserve(count)?;
         self.denied = None;
         let deadline = self.deadline();
         loop {
             if let Some(place) = self
-                .happenings
+                .client_events
                 .iter()
-                .position(|h| matches!(h, Happening::Reserved(_)))
-                && let Some(Happening::Reserved(range)) = self.happenings.remove(place)
+                .position(|h| matches!(h, ClientEvent::Reserved(_)))
+                && let Some(ClientEvent::Reserved(range)) = self.client_events.remove(place)
             {
                 return Ok(range);
             }
@@ -280,12 +281,12 @@ impl Client {
     ///
     /// # Errors
     ///
-    /// [`ClientError::Patience`] when the tick's stream was not complete in time; [`Self::wait`] goes on waiting.
+    /// [`ClientError::Timeout`] when the tick's stream was not complete in time; [`Self::wait`] goes on waiting.
     /// [`ClientError::Denied`] when the scene is not led by members, or the tick lies too far ahead.
-    pub fn advance(&mut self, depth: Depth) -> Result<Tick, ClientError> {
-        self.must_stand()?;
+    pub fn advance(&mut self, depth: PipelineDepth) -> Result<Tick, ClientError> {
+        self.check_open()?;
         self.denied = None;
-        self.requested = self.terms.cadence.next_spoken(self.requested);
+        self.requested = self.config.publish_schedule.next_published(self.requested);
         let now = self.pump.now();
         self.pump.session.advance(now, self.requested)?;
         self.pump.flush();
@@ -297,10 +298,10 @@ impl Client {
     /// # Errors
     ///
     /// As [`Self::advance`].
-    pub fn wait(&mut self, depth: Depth) -> Result<Tick, ClientError> {
+    pub fn wait(&mut self, depth: PipelineDepth) -> Result<Tick, ClientError> {
         let wanted = self
             .requested
-            .before(self.spoken_ticks(depth))
+            .before(self.published_ticks(depth))
             .unwrap_or_default();
         let deadline = self.deadline();
         self.pump.turn(Instant::ZERO);
@@ -313,7 +314,7 @@ impl Client {
             self.turn(deadline, "complete tick")?;
         }
         let tick = self.complete();
-        self.refresh(DisplayTime::at(tick), false);
+        self.refresh(RenderTime::at(tick), false);
         Ok(tick)
     }
 
@@ -322,25 +323,25 @@ impl Client {
     /// # Errors
     ///
     /// [`ClientError::Ended`] when the connection is over.
-    pub fn follow(&mut self) -> Result<DisplayTime, ClientError> {
-        self.must_stand()?;
+    pub fn poll(&mut self) -> Result<RenderTime, ClientError> {
+        self.check_open()?;
         self.pump.turn(Instant::ZERO);
         self.take_events();
-        self.must_stand()?;
+        self.check_open()?;
         let now = self.pump.now();
-        let step = self.terms.integrator.rate.step().seconds();
+        let step = self.config.integrator.rate.step().seconds();
         let stream = self.replica().map(Replica::stream);
-        let known = stream.map_or(0.0, |stream| stream.vouched().value() as f64);
+        let known = stream.map_or(0.0, |stream| stream.watermark_tick().value() as f64);
         let silent = stream.map_or(0.0, |stream| stream.silent_ticks() as f64);
-        // The next vouch is due when the silence has doubled, or has gone on for as long as any may, and at a tick that is
+        // The next watermark is due when the silence has doubled, or has gone on for as long as any may, and at a tick that is
         // spoken of.
         let due = silent.min(f64::from(SILENCE_MS_MAX) / (1e3 * step));
-        let cadence = self.terms.cadence;
-        let due = due.max(f64::from(cadence.every.get()));
+        let publish_schedule = self.config.publish_schedule;
+        let due = due.max(f64::from(publish_schedule.publish_interval.get()));
         let limit = known + due + PREDICT_SECONDS / step;
         let shown = self.clock.show(now, self.delay_ticks(), known, limit);
         let at = if self.whole_ticks {
-            DisplayTime::at(shown.tick)
+            RenderTime::at(shown.tick)
         } else {
             shown
         };
@@ -352,7 +353,7 @@ impl Client {
     /// scene is spoken of late.
     #[must_use]
     pub fn delay_ticks(&self) -> f64 {
-        self.delay_ticks + f64::from(self.terms.cadence.hindsight.count())
+        self.delay_ticks + f64::from(self.config.publish_schedule.lookahead.count())
     }
 
     /// Takes in what arrives until `patience` is over, without showing it.
@@ -365,7 +366,7 @@ impl Client {
         while self.pump.now() < deadline {
             self.pump.turn(deadline);
             self.take_events();
-            self.must_stand()?;
+            self.check_open()?;
         }
         Ok(())
     }
@@ -374,9 +375,9 @@ impl Client {
     ///
     /// # Errors
     ///
-    /// [`ClientError::Patience`] when there is none in time.
+    /// [`ClientError::Timeout`] when there is none in time.
     pub fn inspect(&mut self) -> Result<Inspection, ClientError> {
-        self.must_stand()?;
+        self.check_open()?;
         self.inspected = None;
         self.pump.session.inspect()?;
         let deadline = self.deadline();
@@ -394,7 +395,7 @@ impl Client {
     ///
     /// [`ClientError::Denied`] when there is no such scene any more.
     pub fn delete(&mut self) -> Result<(), ClientError> {
-        self.must_stand()?;
+        self.check_open()?;
         self.pump.session.delete()?;
         self.denied = None;
         let deadline = self.deadline();
@@ -413,10 +414,10 @@ impl Client {
     /// Leaves; what was commanded before is delivered first, for little more than half a second at most. Dropping a client
     /// does the same.
     pub fn close(mut self) {
-        self.say_goodbye();
+        self.close_connection();
     }
 
-    fn say_goodbye(&mut self) {
+    fn close_connection(&mut self) {
         if self.ended.is_none() {
             self.pump.session.close(CloseCode::DONE);
             self.pump.flush();
@@ -432,7 +433,7 @@ impl Client {
             wire: self.pump.connection.statistics(),
             stream: stream.map(Subscriber::statistics).unwrap_or_default(),
             driven: self.pump.session.upstream().unwrap_or_default(),
-            vouched: stream.map(Subscriber::vouched).unwrap_or_default(),
+            watermark_tick: stream.map(Subscriber::watermark_tick).unwrap_or_default(),
             complete: self.complete(),
             behind_ticks: server
                 .zip(self.view.time())
@@ -441,7 +442,7 @@ impl Client {
     }
 
     /// Hands every piece of the control stream and every datagram to `tap` as it passes, for recording.
-    pub fn record(&mut self, tap: impl FnMut(Way, &[u8]) + Send + 'static) {
+    pub fn record(&mut self, tap: impl FnMut(TapChannel, &[u8]) + Send + 'static) {
         self.pump.tap(Box::new(tap));
     }
 
@@ -451,8 +452,12 @@ impl Client {
     }
 
     /// The ticks from one that is spoken of to the one so many later.
-    fn spoken_ticks(&self, depth: Depth) -> Ticks {
-        Ticks::new(depth.ticks().saturating_mul(self.terms.cadence.every.get()))
+    fn published_ticks(&self, depth: PipelineDepth) -> Ticks {
+        Ticks::new(
+            depth
+                .ticks()
+                .saturating_mul(self.config.publish_schedule.publish_interval.get()),
+        )
     }
 
     fn deadline(&self) -> Instant {
@@ -465,14 +470,14 @@ impl Client {
     fn turn(&mut self, deadline: Instant, awaited: &'static str) -> Result<(), ClientError> {
         if self.pump.now() >= deadline {
             let patience = self.patience;
-            return Err(ClientError::Patience { awaited, patience });
+            return Err(ClientError::Timeout { awaited, patience });
         }
         self.pump.turn(deadline);
         self.take_events();
-        self.must_stand()
+        self.check_open()
     }
 
-    fn must_stand(&self) -> Result<(), ClientError> {
+    fn check_open(&self) -> Result<(), ClientError> {
         if let Some(ending) = self.ended {
             return Err(ClientError::Ended(ending));
         }
@@ -487,30 +492,30 @@ impl Client {
 
     fn take_events(&mut self) {
         while let Some(event) = self.pump.session.poll_event() {
-            let happening = match event {
-                Event::Applied { through, tick } => Happening::Applied { through, tick },
-                Event::Refused { number, error } => Happening::Refused { number, error },
-                Event::BodyPlaced(id) => Happening::BodyPlaced(id),
-                Event::BodyRemoved { id, cause } => Happening::BodyRemoved { id, cause },
-                Event::Amended(id) => Happening::Amended(id),
-                Event::Reserved(range) => Happening::Reserved(range),
-                Event::Following(choice) => Happening::Following(choice),
-                Event::Moved { to, cause } => Happening::Moved { to, cause },
-                Event::Driving(bodies) => Happening::Driving(bodies),
-                Event::NotDriving(error) => Happening::NotDriving(error),
+            let client_event = match event {
+                Event::Applied { through, tick } => ClientEvent::Applied { through, tick },
+                Event::Refused { number, error } => ClientEvent::Refused { number, error },
+                Event::BodyPlaced(id) => ClientEvent::BodyPlaced(id),
+                Event::BodyRemoved { id, cause } => ClientEvent::BodyRemoved { id, cause },
+                Event::Amended(id) => ClientEvent::Amended(id),
+                Event::Reserved(range) => ClientEvent::Reserved(range),
+                Event::SubscriptionChanged(choice) => ClientEvent::SubscriptionChanged(choice),
+                Event::TierChanged { to, cause } => ClientEvent::TierChanged { to, cause },
+                Event::AuthorityGrant(bodies) => ClientEvent::AuthorityGrant(bodies),
+                Event::AuthorityDenied(error) => ClientEvent::AuthorityDenied(error),
                 Event::Denied(denial) => {
                     self.denied = Some(denial);
-                    Happening::Denied(denial)
+                    ClientEvent::Denied(denial)
                 }
                 other => {
                     self.take_state(&other);
                     continue;
                 }
             };
-            if self.happenings.len() == HAPPENINGS_KEPT {
-                self.happenings.pop_front();
+            if self.client_events.len() == EVENTS_KEPT {
+                self.client_events.pop_front();
             }
-            self.happenings.push_back(happening);
+            self.client_events.push_back(client_event);
         }
     }
 
@@ -525,7 +530,7 @@ impl Client {
                 round_trip,
             } => {
                 self.clock.sample(at, tick, since_tick, round_trip);
-                self.drive_clock.sample(at, tick, since_tick, round_trip);
+                self.upstream_clock.sample(at, tick, since_tick, round_trip);
             }
             Event::SceneFaulted(tick) => self.faulted = Some(tick),
             Event::Deleted => self.deleted = true,
@@ -534,19 +539,19 @@ impl Client {
         }
     }
 
-    fn refresh(&mut self, at: DisplayTime, smooth: bool) {
+    fn refresh(&mut self, at: RenderTime, smooth: bool) {
         let now = Seconds::new(self.pump.now().as_nanos() as f64 / 1e9);
         let Some(replica) = self.pump.session.replica_mut() else {
             return;
         };
-        let glass = Glass { at, now, smooth };
-        self.view.refresh(replica.stream_mut(), &glass);
+        let render_params = RenderParams { at, now, smooth };
+        self.view.refresh(replica.stream_mut(), &render_params);
     }
 }
 
 impl Drop for Client {
     fn drop(&mut self) {
-        self.say_goodbye();
+        self.close_connection();
     }
 }
 
@@ -569,7 +574,7 @@ fn await_event<T>(
             }
         }
         if pump.now() >= deadline {
-            return Err(ClientError::Patience { awaited, patience });
+            return Err(ClientError::Timeout { awaited, patience });
         }
     }
 }

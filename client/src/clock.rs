@@ -8,14 +8,14 @@ use rhumb_reckoning::{Rate, Tick};
 
 /// A moment of the scene between two ticks.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DisplayTime {
+pub struct RenderTime {
     /// The tick at or before it.
     pub tick: Tick,
     /// How far it lies towards the next, in [0, 1).
     pub fraction: f64,
 }
 
-impl DisplayTime {
+impl RenderTime {
     /// A tick itself.
     #[must_use]
     pub const fn at(tick: Tick) -> Self {
@@ -75,7 +75,7 @@ impl SceneClock {
                 let trusted =
                     round_trip.as_nanos() as f64 <= best.as_nanos() as f64 * ROUND_TRIP_SLACK;
                 let weight = if trusted { 0.25 } else { 0.05 };
-                // The best round trip is forgotten slowly, so that a path that became longer is believed in the end.
+                // The best round trip is forgotten slowly, so that a path that became longer is predicted_motion in the end.
                 let remembered = Span::from_nanos(best.as_nanos() + best.as_nanos() / 8);
                 (
                     known + (origin - known) * weight,
@@ -93,7 +93,7 @@ impl SceneClock {
 
     /// The moment to show now: `delay` ticks behind the server, never beyond `limit`, and `known` while the server's clock
     /// was not seen yet.
-    pub(crate) fn show(&mut self, now: Instant, delay: f64, known: f64, limit: f64) -> DisplayTime {
+    pub(crate) fn show(&mut self, now: Instant, delay: f64, known: f64, limit: f64) -> RenderTime {
         let wanted = self.server(now).map_or(known, |server| server - delay);
         let wanted = wanted.min(limit);
         let shown = match self.shown {
@@ -112,7 +112,7 @@ impl SceneClock {
             None => wanted,
         };
         self.shown = Some((now, shown));
-        DisplayTime::from_ticks(shown)
+        RenderTime::from_ticks(shown)
     }
 }
 
@@ -136,13 +136,13 @@ mod tests {
     }
 
     #[test]
-    fn the_server_goes_on_between_samples() {
+    fn server_time_advances_between_samples() {
         let ticks = clock().server(seconds(2.0)).unwrap();
         assert!((ticks - 720.0).abs() < 1e-6);
     }
 
     #[test]
-    fn shown_time_never_goes_back_nor_runs_away() {
+    fn render_time_never_goes_back_nor_runs_away() {
         let mut clock = clock();
         let mut last = clock.show(seconds(0.0), 0.0, 0.0, 1e9).ticks();
         for frame in 1..200 {
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_shown_beyond_the_limit() {
+    fn nothing_is_rendered_beyond_the_limit() {
         let mut clock = clock();
         assert!(clock.show(seconds(0.0), 0.0, 0.0, 590.0).ticks() <= 590.0);
         assert!(clock.show(seconds(1.0), 0.0, 0.0, 590.0).ticks() <= 590.0);

@@ -42,7 +42,7 @@ pub enum ClientError {
     /// The connection is over.
     Ended(Ending),
     /// The server did not answer within the patience. The call may be repeated; nothing is lost.
-    Patience {
+    Timeout {
         /// What was awaited.
         awaited: &'static str,
         /// For how long.
@@ -87,7 +87,7 @@ impl fmt::Display for ClientError {
             }
             Self::Ended(Ending::TimedOut) => f.write_str("the server was not heard any more"),
             Self::Ended(Ending::Broken) => f.write_str("the connection broke"),
-            Self::Patience { awaited, patience } => {
+            Self::Timeout { awaited, patience } => {
                 write!(f, "the server gave no {awaited} within {patience:?}")
             }
             Self::Denied(denial) => denial.fmt(f),

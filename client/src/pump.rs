@@ -1,4 +1,4 @@
-//! Moves bytes between a connection and its session, on the caller's thread.
+//! TierPolicy bytes between a connection and its session, on the caller's thread.
 //!
 //! Decides nothing: it feeds, drains, and waits no longer than it is told.
 
@@ -18,11 +18,11 @@ pub(crate) struct Pump {
 }
 
 /// What passes between session and connection, for those who record it.
-pub(crate) type Tap = Box<dyn FnMut(Way, &[u8]) + Send>;
+pub(crate) type Tap = Box<dyn FnMut(TapChannel, &[u8]) + Send>;
 
-/// Which way something passes between a client and its server.
+/// Which channel something passes between a client and its server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Way {
+pub enum TapChannel {
     /// Bytes of the control stream from the server.
     ControlDown,
     /// Bytes of the control stream to the server.
@@ -65,11 +65,11 @@ impl Pump {
         while let Some(transmit) = self.session.poll_transmit() {
             match transmit {
                 Transmit::Control { bytes, .. } => {
-                    self.note(Way::ControlUp, &bytes);
+                    self.note(TapChannel::ControlUp, &bytes);
                     self.connection.send_control(bytes);
                 }
                 Transmit::State { bytes, .. } => {
-                    self.note(Way::StateUp, &bytes);
+                    self.note(TapChannel::StateUp, &bytes);
                     self.connection.send_state(bytes);
                 }
                 Transmit::Close { code, .. } => self.connection.close(code),
@@ -107,20 +107,20 @@ impl Pump {
         let now = self.clock.now();
         match received {
             Received::Control(bytes) => {
-                self.note(Way::ControlDown, &bytes);
+                self.note(TapChannel::ControlDown, &bytes);
                 self.session.handle_control(now, SERVER, &bytes);
             }
             Received::State(bytes) => {
-                self.note(Way::StateDown, &bytes);
+                self.note(TapChannel::StateDown, &bytes);
                 self.session.handle_datagram(now, SERVER, &bytes);
             }
             Received::Ended(ending) => self.session.handle_ended(now, SERVER, ending),
         }
     }
 
-    fn note(&mut self, way: Way, bytes: &[u8]) {
+    fn note(&mut self, channel: TapChannel, bytes: &[u8]) {
         if let Some(tap) = &mut self.tap {
-            tap(way, bytes);
+            tap(channel, bytes);
         }
     }
 }

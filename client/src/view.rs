@@ -9,7 +9,7 @@ use glam::{DQuat, DVec3, Quat, Vec3};
 use rhumb_protocol::stream::Subscriber;
 use rhumb_reckoning::{Anchor, BodyId, Correction, Motion, Pose, Seconds, Ticks, Twist};
 
-use crate::clock::DisplayTime;
+use crate::clock::RenderTime;
 
 /// What a simulator reads each frame.
 #[derive(Debug, Default)]
@@ -27,19 +27,19 @@ pub struct View {
     changed: Vec<u32>,
     removed: Vec<BodyId>,
     touched: Vec<u32>,
-    time: Option<DisplayTime>,
+    time: Option<RenderTime>,
     /// The caller's time of the last look.
     looked: Seconds,
 }
 
 /// Moving bodies that are asked for together.
-const TOGETHER: usize = 64;
+const LANES: usize = 64;
 
 /// How a view is computed.
 #[derive(Clone, Copy, Debug)]
-pub struct Glass {
+pub struct RenderParams {
     /// The moment to show.
-    pub at: DisplayTime,
+    pub at: RenderTime,
     /// The caller's own time, for glides.
     pub now: Seconds,
     /// Whether to glide.
@@ -105,12 +105,12 @@ impl View {
 
     /// The moment that it shows; none before the first.
     #[must_use]
-    pub const fn time(&self) -> Option<DisplayTime> {
+    pub const fn time(&self) -> Option<RenderTime> {
         self.time
     }
 
     /// Computes the view of another moment. A [`Client`](crate::Client) does it in each frame.
-    pub fn refresh(&mut self, stream: &mut Subscriber, glass: &Glass) {
+    pub fn refresh(&mut self, stream: &mut Subscriber, render_params: &RenderParams) {
         self.changed.clear();
         self.removed.clear();
         let mut touched = std::mem::take(&mut self.touched);
@@ -118,9 +118,9 @@ impl View {
         stream.drain_changed(&mut touched);
         touched.sort_unstable();
         touched.dedup();
-        self.make_room(&touched, glass);
+        self.make_room(&touched, render_params);
         for index in &touched {
-            self.follow_body(*index, stream, glass);
+            self.follow_body(*index, stream, render_params);
         }
         // A first look touches all bodies; hardly one after it does.
         let room = (self.ids.len() / 16).max(2 * touched.len());
@@ -128,28 +128,29 @@ impl View {
             touched.shrink_to(room);
         }
         self.touched = touched;
-        let mut moving = [(0, BodyId::new(0, 0)); TOGETHER];
+        let mut moving = [(0, BodyId::new(0, 0)); LANES];
         let mut waiting = 0;
         for place in 0..self.ids.len() {
-            let gliding = glass.smooth && !self.corrections[place].is_over(glass.now);
-            if (!self.resting[place] || gliding) && !self.show_still(place, stream, glass) {
+            let gliding =
+                render_params.smooth && !self.corrections[place].is_over(render_params.now);
+            if (!self.resting[place] || gliding) && !self.show_still(place, stream, render_params) {
                 moving[waiting] = (place as u32, self.ids[place]);
                 waiting += 1;
             }
-            if waiting == TOGETHER {
-                self.show_moving(&moving, stream, glass);
+            if waiting == LANES {
+                self.show_moving(&moving, stream, render_params);
                 waiting = 0;
             }
         }
-        self.show_moving(&moving[..waiting], stream, glass);
+        self.show_moving(&moving[..waiting], stream, render_params);
         // Shown time never goes back.
-        stream.forget_before(glass.at.tick);
-        self.time = Some(glass.at);
-        self.looked = glass.now;
+        stream.forget_before(render_params.at.tick);
+        self.time = Some(render_params.at);
+        self.looked = render_params.now;
     }
 
     /// Sees to it that the tables have room for what comes, and little more.
-    fn make_room(&mut self, touched: &[u32], glass: &Glass) {
+    fn make_room(&mut self, touched: &[u32], render_params: &RenderParams) {
         let unknown = |index: &&u32| self.place_of(**index).is_none();
         let coming = touched.iter().filter(unknown).count();
         if let Some(last) = touched.last() {
@@ -163,7 +164,7 @@ impl View {
         self.angular.reserve_exact(coming);
         self.resting.reserve_exact(coming);
         self.changed.reserve_exact(self.ids.len() + coming);
-        if glass.smooth {
+        if render_params.smooth {
             self.corrections.resize(self.ids.len(), Correction::NONE);
         } else {
             self.corrections = Vec::new();
@@ -171,16 +172,21 @@ impl View {
     }
 
     /// Shows bodies that move, several side by side.
-    fn show_moving(&mut self, moving: &[(u32, BodyId)], stream: &Subscriber, glass: &Glass) {
-        if glass.at.fraction == 0.0 {
-            stream.believe_each(moving, glass.at.tick, |place, believed| {
-                self.show(place as usize, &believed, glass);
+    fn show_moving(
+        &mut self,
+        moving: &[(u32, BodyId)],
+        stream: &Subscriber,
+        render_params: &RenderParams,
+    ) {
+        if render_params.at.fraction == 0.0 {
+            stream.predict_each(moving, render_params.at.tick, |place, predicted| {
+                self.show(place as usize, &predicted, render_params);
             });
             return;
         }
         for (place, id) in moving {
-            if let Some(believed) = believed(stream, *id, glass.at) {
-                self.show(*place as usize, &believed, glass);
+            if let Some(predicted) = predicted(stream, *id, render_params.at) {
+                self.show(*place as usize, &predicted, render_params);
             }
         }
     }
@@ -191,31 +197,32 @@ impl View {
     }
 
     /// A body came, went or was spoken of.
-    fn follow_body(&mut self, index: u32, stream: &Subscriber, glass: &Glass) {
+    fn follow_body(&mut self, index: u32, stream: &Subscriber, render_params: &RenderParams) {
         let Some(id) = stream.body(index) else {
             self.take_out(index);
             return;
         };
         match self.place_of(index) {
             Some(place) if self.ids[place] == id => {
-                if glass.smooth
-                    && let Some(believed) = believed(stream, id, glass.at)
+                if render_params.smooth
+                    && let Some(predicted) = predicted(stream, id, render_params.at)
                 {
-                    let shown = self.carried_on(place, glass.now);
-                    self.corrections[place] = Correction::between(glass.now, &shown, &believed);
+                    let shown = self.carried_on(place, render_params.now);
+                    self.corrections[place] =
+                        Correction::between(render_params.now, &shown, &predicted);
                 }
                 // Shown below if it moves; if it has come to rest, this is the last time.
                 self.resting[place] = false;
             }
             Some(_) => {
                 self.take_out(index);
-                self.put_in(id, glass);
+                self.put_in(id, render_params);
             }
-            None => self.put_in(id, glass),
+            None => self.put_in(id, render_params),
         }
     }
 
-    fn put_in(&mut self, id: BodyId, glass: &Glass) {
+    fn put_in(&mut self, id: BodyId, render_params: &RenderParams) {
         let index = id.index() as usize;
         if index >= self.places.len() {
             self.places.resize(index + 1, None);
@@ -228,7 +235,7 @@ impl View {
         self.linear.push(Vec3::ZERO);
         self.angular.push(Vec3::ZERO);
         self.resting.push(false);
-        if glass.smooth {
+        if render_params.smooth {
             self.corrections.push(Correction::NONE);
         }
     }
@@ -253,7 +260,12 @@ impl View {
     }
 
     /// Notes whether a body lies still; shows it if it does so to the bit, or is not there. `false`: it must be computed.
-    fn show_still(&mut self, place: usize, stream: &Subscriber, glass: &Glass) -> bool {
+    fn show_still(
+        &mut self,
+        place: usize,
+        stream: &Subscriber,
+        render_params: &RenderParams,
+    ) -> bool {
         let id = self.ids[place];
         match stream.is_resting(id) {
             None => return true,
@@ -267,29 +279,29 @@ impl View {
             return true;
         };
         // A view that lies behind the stream does not show a rest before it began.
-        let begun = track.origin <= glass.at.tick;
-        let gliding = glass.smooth && !self.corrections[place].is_over(glass.now);
+        let begun = track.origin <= render_params.at.tick;
+        let gliding = render_params.smooth && !self.corrections[place].is_over(render_params.now);
         let still = begun && !gliding;
         self.resting[place] = still;
         match &track.anchor {
             // The engine's own bits, not what arithmetic makes of them.
-            Anchor::Verbatim(verbatim) if still => {
+            Anchor::Exact(body_state) if still => {
                 self.linear[place] = Vec3::ZERO;
                 self.angular[place] = Vec3::ZERO;
-                let position = Vec3::from_array(verbatim.position());
-                self.put(place, position, Quat::from_array(verbatim.rotation()));
+                let position = Vec3::from_array(body_state.position());
+                self.put(place, position, Quat::from_array(body_state.rotation()));
                 true
             }
             _ => false,
         }
     }
 
-    /// Shows a body that is believed to move so.
-    fn show(&mut self, place: usize, believed: &Motion, glass: &Glass) {
-        let glide = glass
+    /// Shows a body that is predicted to move so.
+    fn show(&mut self, place: usize, predicted: &Motion, render_params: &RenderParams) {
+        let glide = render_params
             .smooth
-            .then(|| self.corrections[place].applied(glass.now, believed));
-        let motion = glide.as_ref().unwrap_or(believed);
+            .then(|| self.corrections[place].applied(render_params.now, predicted));
+        let motion = glide.as_ref().unwrap_or(predicted);
         self.linear[place] = motion.twist().linear.as_vec3();
         self.angular[place] = motion.twist().angular.as_vec3();
         let pose = motion.pose();
@@ -323,13 +335,13 @@ impl View {
     }
 }
 
-/// What is believed between two ticks: for display, halfway is halfway.
-fn believed(stream: &Subscriber, id: BodyId, at: DisplayTime) -> Option<Motion> {
-    let first = stream.believed(id, at.tick)?;
+/// What is predicted between two ticks: for display, halfway is halfway.
+fn predicted(stream: &Subscriber, id: BodyId, at: RenderTime) -> Option<Motion> {
+    let first = stream.predicted_motion(id, at.tick)?;
     if at.fraction == 0.0 {
         return Some(first);
     }
-    let second = stream.believed(id, at.tick + Ticks::new(1))?;
+    let second = stream.predicted_motion(id, at.tick + Ticks::new(1))?;
     let (a, b) = (first.pose(), second.pose());
     let pose = Pose {
         position: DVec3::lerp(a.position, b.position, at.fraction),

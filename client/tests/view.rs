@@ -6,14 +6,15 @@ use std::num::NonZeroU32;
 
 use bytes::Bytes;
 use glam::Vec3;
-use rhumb_client::{DisplayTime, Glass, View};
+use rhumb_client::{RenderParams, RenderTime, View};
 use rhumb_protocol::packet::StreamId;
-use rhumb_protocol::scene::Cadence;
+use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
-    Activity, Features, Manner, Observation, Publisher, StreamTerms, Subscriber, Witness,
+    Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
+    StreamTerms, Subscriber,
 };
 use rhumb_reckoning::{
-    Anchor, BodyId, Integrator, Metres, Predictor, Rate, Seconds, Tick, Tolerance, Track, Verbatim,
+    Anchor, BodyId, BodyState, Integrator, Metres, Predictor, Rate, Seconds, Tick, Tolerance, Track,
 };
 
 const STREAM: StreamId = StreamId(0);
@@ -21,14 +22,14 @@ const BALL: BodyId = BodyId::new(3, 0);
 const OTHER: BodyId = BodyId::new(7, 0);
 
 struct Pair {
-    witness: Witness,
+    observation_history: ObservationHistory,
     publisher: Publisher,
     subscriber: Subscriber,
     view: View,
 }
 
-fn moving(x: f32, speed: f32) -> Verbatim {
-    Verbatim::new(
+fn moving(x: f32, speed: f32) -> BodyState {
+    BodyState::new(
         [x, 0.1, 0.0],
         [0.0, 0.0, 0.0, 1.0],
         [speed, 0.0, 0.0],
@@ -44,54 +45,56 @@ impl Pair {
             substeps: NonZeroU32::new(4).expect("four is not zero"),
         };
         let tolerance = Tolerance::NORMAL;
-        let terms = StreamTerms {
+        let config = StreamTerms {
             tolerance,
             integrator,
-            every: Cadence::EACH_TICK.every,
+            publish_interval: PublishSchedule::EACH_TICK.publish_interval,
             gravity: Vec3::ZERO,
             features: Features::ALL,
         };
-        let mut publisher = Publisher::new(STREAM, &terms, Tick::ZERO);
-        let mut subscriber = Subscriber::new(&terms.start(STREAM, Tick::ZERO));
-        let manner = Manner::plain(Metres::new(0.5));
+        let mut publisher = Publisher::new(STREAM, &config, Tick::ZERO);
+        let mut subscriber = Subscriber::new(&config.start(STREAM, Tick::ZERO));
+        let parameters = PredictionParameters::plain(Metres::new(0.5));
         for id in [BALL, OTHER] {
             let track = Track {
                 origin: Tick::ZERO,
                 predictor: Predictor::Uniform,
-                anchor: Anchor::Verbatim(moving(0.0, 6.0)),
-                carrier: None,
+                anchor: Anchor::Exact(moving(0.0, 6.0)),
+                parent: None,
             };
-            assert!(publisher.place(id, &manner, track));
-            assert!(subscriber.place(id, &manner, track));
+            assert!(publisher.place(id, &parameters, track));
+            assert!(subscriber.place(id, &parameters, track));
         }
         subscriber.handle_snapshot_end();
         Self {
-            witness: Witness::new(Cadence::EACH_TICK),
+            observation_history: ObservationHistory::new(PublishSchedule::EACH_TICK),
             publisher,
             subscriber,
             view: View::default(),
         }
     }
 
-    fn say(&mut self, tick: u64, motion: Verbatim, activity: Activity) {
+    fn say(&mut self, tick: u64, motion: BodyState, activity: Activity) {
         let observation = Observation {
             id: BALL,
             motion,
             activity,
         };
         let mut out: Vec<Bytes> = Vec::new();
-        self.witness.observe(Tick::new(tick), &[observation]);
-        self.publisher.publish(&self.witness, 0, &mut out);
+        self.observation_history
+            .observe(Tick::new(tick), &[observation]);
+        self.publisher
+            .publish(&self.observation_history, 0, &mut out);
         for datagram in out {
             self.subscriber.handle_datagram(&datagram);
         }
     }
 
     fn look(&mut self, tick: u64) -> (Vec3, bool) {
-        let at = DisplayTime::at(Tick::new(tick));
+        let at = RenderTime::at(Tick::new(tick));
         let (now, smooth) = (Seconds::new(0.0), false);
         self.view
-            .refresh(&mut self.subscriber, &Glass { at, now, smooth });
+            .refresh(&mut self.subscriber, &RenderParams { at, now, smooth });
         let place = self.view.place(BALL).expect("the ball is in the view");
         (self.view.positions()[place], self.view.resting()[place])
     }
@@ -140,10 +143,10 @@ fn a_body_that_went_leaves_the_others_in_place() {
     let mut pair = Pair::new();
     pair.look(1);
     assert!(pair.subscriber.remove(BALL));
-    let at = DisplayTime::at(Tick::new(2));
+    let at = RenderTime::at(Tick::new(2));
     let (now, smooth) = (Seconds::new(0.0), false);
     pair.view
-        .refresh(&mut pair.subscriber, &Glass { at, now, smooth });
+        .refresh(&mut pair.subscriber, &RenderParams { at, now, smooth });
     assert_eq!(pair.view.removed(), [BALL]);
     assert_eq!(pair.view.place(BALL), None);
     assert_eq!(pair.view.ids(), [OTHER]);
@@ -153,11 +156,11 @@ fn a_body_that_went_leaves_the_others_in_place() {
 #[test]
 fn a_glide_takes_up_what_belief_jumped_by_and_not_the_body_s_own_way() {
     let look = |pair: &mut Pair, tick: u64| {
-        let at = DisplayTime::at(Tick::new(tick));
+        let at = RenderTime::at(Tick::new(tick));
         let now = Seconds::new(tick as f64 / 60.0);
         let smooth = true;
         pair.view
-            .refresh(&mut pair.subscriber, &Glass { at, now, smooth });
+            .refresh(&mut pair.subscriber, &RenderParams { at, now, smooth });
         let place = pair.view.place(BALL).expect("the ball is in the view");
         pair.view.positions()[place].x
     };
@@ -172,15 +175,15 @@ fn a_glide_takes_up_what_belief_jumped_by_and_not_the_body_s_own_way() {
             }
             if tick % pause == 0 {
                 let shown = look(&mut pair, tick);
-                let way = 6.0 * pause as f32 / 60.0;
+                let channel = 6.0 * pause as f32 / 60.0;
                 assert!(
-                    (shown - last - way).abs() < 0.075,
+                    (shown - last - channel).abs() < 0.075,
                     "{pause}, {tick}: {}",
                     shown - last
                 );
                 if tick == 12 {
                     assert!(
-                        (shown - last - way).abs() < 0.01,
+                        (shown - last - channel).abs() < 0.01,
                         "the glide begins where it was shown"
                     );
                 }

@@ -63,10 +63,10 @@ pub struct Wake {
 pub enum WakeReason {
     /// The next tick of a free-running scene is due.
     Tick,
-    /// A silent stream must be vouched for.
-    Vouch,
+    /// A silent stream must be watermark_tick for.
+    Watermark,
     /// Lost packets must be asked for, again.
-    Repair,
+    Refresh,
     /// The peer's clock must be asked again.
     Ping,
 }

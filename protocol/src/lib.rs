@@ -6,13 +6,13 @@
 
 extern crate alloc;
 
+mod capacity;
 mod endpoint;
-mod kinds;
+mod interner;
 pub mod limits;
 mod link;
 pub mod message;
 pub mod packet;
-mod room;
 pub mod scene;
 pub mod session;
 pub mod stream;

@@ -43,12 +43,12 @@ pub const MEMBERS_PER_SCENE_MAX: usize = 64;
 /// Different dampings of one scene's bodies, each of which needs a table at both ends.
 pub const DAMPINGS_MAX: usize = 64;
 /// Kinematic bodies that one member drives.
-pub const DRIVEN_MAX: usize = 256;
-/// Milliseconds of silence after which the driver of bodies vouches first: loss is then found in time to be repaired, and
-/// a body that is spoken of a few times a second costs a vouch or two for each time.
-pub const DRIVE_VOUCH_MS: u32 = 67;
-/// Milliseconds for which a driven body goes on beyond the tick at which its driver should have vouched again.
-pub const DRIVE_GRACE_MS: u32 = 1_000;
+pub const AUTHORITY_BODIES_MAX: usize = 256;
+/// Milliseconds of silence after which the driver of bodies watermarks first: loss is then found in time to be refreshed, and
+/// a body that is spoken of a few times a second costs a watermark or two for each time.
+pub const UPSTREAM_WATERMARK_MS: u32 = 67;
+/// Milliseconds for which a driven body goes on beyond the tick at which its driver should have watermark_tick again.
+pub const UPSTREAM_GRACE_MS: u32 = 1_000;
 /// Body indices that a member is granted when it joins.
 pub const GRANT: u32 = 4_096;
 /// Body indices that one `Reserve` may ask for.
@@ -57,7 +57,7 @@ pub const RESERVE_MAX: u32 = BODIES_MAX;
 pub const GRANTED_MAX: u32 = GRANT + RESERVE_MAX;
 
 /// Commands and advances that wait behind an advance which the scene has not reached yet.
-pub const WISHES_WAITING_MAX: usize = 65_536;
+pub const PENDING_COMMANDS_MAX: usize = 65_536;
 /// Ranges of indices that one member may hold.
 pub const RANGES_PER_MEMBER_MAX: usize = 64;
 /// Ticks that an `Advance` may lead ahead of the scene.
@@ -118,31 +118,31 @@ pub const STEP_SECONDS_MAX: u32 = 1;
 /// Seconds from one published tick to the next, where it is not the next tick.
 pub const PUBLISH_SECONDS_MAX: u32 = 1;
 /// Ticks that a publisher may look back before it speaks.
-pub const HINDSIGHT_TICKS_MAX: u32 = 6;
+pub const LOOKAHEAD_TICKS_MAX: u32 = 6;
 
-/// Largest tick, packet number and count of notices: nine thousand years at 1,000 a second.
+/// Largest tick, packet number and count of scene_events: nine thousand years at 1,000 a second.
 pub const COUNT_MAX: u64 = 1 << 48;
 
-/// Packets of a stream whose bodies the publisher remembers, so that it can repair them.
+/// Packets of a stream whose bodies the publisher remembers, so that it can refresh them.
 pub const HISTORY_PACKETS: usize = 1_024;
-/// Lost packets that one `Echo` may name.
+/// Lost packets that one `LossReport` may name.
 pub const LOST_NAMED_MAX: usize = 64;
-/// Parts of one repair.
-pub const REPAIR_PARTS_MAX: u8 = 64;
-/// A parity covers packets of so many numbers in a row at most, and so many packets are kept for it at either end.
-pub const PARITY_SPAN: u32 = 32;
-/// Parities of different factors: half of the elements of the field in which they are summed.
-pub const PARITY_ROWS: u8 = 128;
-/// Parities that a subscriber keeps until it heard enough of them.
-pub const PARITIES_KEPT: usize = 16;
+/// Parts of one refresh.
+pub const REFRESH_PARTS_MAX: u8 = 64;
+/// A repair_symbol covers packets of so many numbers in a row at most, and so many packets are kept for it at either end.
+pub const FEC_SPAN: u32 = 32;
+/// FecEncoder of different factors: half of the elements of the field in which they are summed.
+pub const FEC_ROWS: u8 = 128;
+/// FecEncoder that a subscriber keeps until it heard enough of them.
+pub const REPAIR_SYMBOLS_KEPT: usize = 16;
 /// Changes of who sits where that a subscriber remembers while something is missing.
-pub const SEATINGS_KEPT: usize = 1_024;
-/// Packets that a subscriber holds back while notices are on their way.
+pub const ALIAS_CHANGES_KEPT: usize = 1_024;
+/// Packets that a subscriber holds back while scene_events are on their way.
 pub const PACKETS_HELD_MAX: usize = 512;
-/// Sums that one digest holds.
-pub const DIGEST_RANGES_MAX: usize = 128;
-/// Milliseconds within which a stream that runs freely vouches, however long it has been silent: QUIC answers each vouch,
-/// and both together must stay below 60 bytes a second, all headers counted (measured: 126 bytes a vouch).
+/// Sums that one checksums holds.
+pub const CHECKSUM_RANGES_MAX: usize = 128;
+/// Milliseconds within which a stream that runs freely watermarks, however long it has been silent: QUIC answers each watermark,
+/// and both together must stay below 60 bytes a second, all headers counted (measured: 126 bytes a watermark).
 pub const SILENCE_MS_MAX: u32 = 2_500;
 /// Ticks that a packet may lie ahead of the newest heard, a minute at 60 Hz; beyond, the stream is begun anew.
 pub const TICK_JUMP_MAX: u64 = 3_600;
@@ -162,6 +162,6 @@ const _: () = assert!(PARTS_BYTES_MAX + PARTS_MAX * 64 < LONG_MESSAGE_BYTES_MAX)
 // A 16-bit packet number is told apart from the same number a turn earlier as long as it is remembered.
 const _: () = assert!(HISTORY_PACKETS < 1 << 15);
 const _: () = assert!(TICK_JUMP_MAX < 1 << 15);
-// No two packets of a parity have the same factor, and what it covers fits its bits.
-const _: () = assert!(PARITY_SPAN <= PARITY_ROWS as u32 && PARITY_SPAN <= 32);
-const _: () = assert!(DIGEST_RANGES_MAX * 8 + 32 < DATAGRAM_BYTES_MAX);
+// No two packets of a repair_symbol have the same factor, and what it covers fits its bits.
+const _: () = assert!(FEC_SPAN <= FEC_ROWS as u32 && FEC_SPAN <= 32);
+const _: () = assert!(CHECKSUM_RANGES_MAX * 8 + 32 < DATAGRAM_BYTES_MAX);

@@ -1,6 +1,6 @@
 //! How a connection's link does, as its driver sees it.
 //!
-//! Measured by whoever owns the sockets, or by the pretend network; what follows from it is the endpoint's matter.
+//! Measured by whoever owns the sockets, or by the simulated network; what follows from it is the endpoint's matter.
 
 use crate::time::Span;
 

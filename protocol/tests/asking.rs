@@ -7,8 +7,8 @@ use std::num::NonZeroU32;
 
 use glam::Vec3;
 use rhumb_protocol::message::{Extensions, Joined, ServerMessage, StreamChoice, Welcome};
-use rhumb_protocol::packet::{Low16, StreamId, Vouch};
-use rhumb_protocol::scene::{Cadence, IdRange, Material, Pace, SceneTerms};
+use rhumb_protocol::packet::{Low16, StreamId, Watermark};
+use rhumb_protocol::scene::{IdRange, Material, PublishSchedule, SceneConfig, Stepping};
 use rhumb_protocol::session::ClientSession;
 use rhumb_protocol::stream::StreamStart;
 use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit, WakeReason};
@@ -16,13 +16,13 @@ use rhumb_reckoning::{Damping, Integrator, Rate, Tick, Tolerance};
 
 const PEER: Peer = Peer(0);
 
-const TERMS: SceneTerms = SceneTerms {
+const TERMS: SceneConfig = SceneConfig {
     integrator: Integrator {
         rate: Rate::HZ_60,
         substeps: NonZeroU32::MIN,
     },
     gravity: Vec3::NEG_Y,
-    pace: Pace::Lockstep,
+    stepping: Stepping::Lockstep,
     material: Material {
         friction: 0.5,
         restitution: 0.0,
@@ -33,7 +33,7 @@ const TERMS: SceneTerms = SceneTerms {
         angular: 0.0,
     },
     sleep: None,
-    cadence: Cadence::EACH_TICK,
+    publish_schedule: PublishSchedule::EACH_TICK,
 };
 
 /// A member of a scene without bodies, at its beginning.
@@ -45,11 +45,11 @@ fn member(now: Instant) -> ClientSession {
         stream: StreamId(4),
         tolerance: choice.tolerance(),
         integrator: TERMS.integrator,
-        every: NonZeroU32::MIN,
+        publish_interval: NonZeroU32::MIN,
         gravity: TERMS.gravity,
         tick: Tick::ZERO,
         next: 0,
-        notices: 0,
+        scene_events: 0,
     };
     let welcome = ServerMessage::Welcome(Welcome {
         version: 1,
@@ -58,7 +58,7 @@ fn member(now: Instant) -> ClientSession {
     });
     let joined = ServerMessage::Joined(Joined {
         choice,
-        terms: TERMS,
+        config: TERMS,
         start,
         granted: IdRange::EMPTY,
         extensions: Extensions::NONE,
@@ -83,7 +83,7 @@ fn asks(session: &mut ClientSession, from: Instant) -> Instant {
         now = now.max(wake.at);
         session.handle_timeout(now);
         let sent: Vec<_> = std::iter::from_fn(|| session.poll_transmit()).collect();
-        if wake.reason == WakeReason::Vouch {
+        if wake.reason == WakeReason::Watermark {
             let is_state = |sent: &Transmit| matches!(sent, Transmit::State { .. });
             assert!(sent.iter().any(is_state), "{sent:?}");
             return now;
@@ -104,18 +104,18 @@ fn a_lost_answer_to_an_advance_is_asked_for_after_a_tenth_of_a_second() {
 
 /// PROTOCOL 6.7-2: twice what the quicker of the last two took, and doubling from there.
 #[test]
-fn who_was_answered_late_twice_waits_for_twice_as_long() {
+fn retry_timer_follows_the_response_time() {
     let mut session = member(Instant::ZERO);
     let mut now = Instant::ZERO;
     for (tick, millis) in [(1, 90), (2, 200), (3, 160)] {
         session.advance(now, Tick::new(tick)).expect("a member may");
         now = now + Span::from_millis(millis);
-        let vouch = Vouch {
+        let watermark = Watermark {
             next: Low16(0),
             tick: Low16(tick as u16),
-            notices: Low16(0),
+            scene_events: Low16(0),
         };
-        session.handle_datagram(now, PEER, &vouch.encode(StreamId(4)));
+        session.handle_datagram(now, PEER, &watermark.encode(StreamId(4)));
         let copy = session.replica().expect("it is a member");
         assert_eq!(copy.stream().complete(), Tick::new(tick));
     }

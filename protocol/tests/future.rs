@@ -7,11 +7,13 @@ use std::num::NonZeroU32;
 use glam::Vec3;
 use rhumb_protocol::limits::GRANT;
 use rhumb_protocol::message::{
-    ClientMessage, Denial, Extension, Extensions, Frames, Joined, Notice, ServerMessage,
+    ClientMessage, Denial, Extension, Extensions, Frames, Joined, SceneEvent, ServerMessage,
     StreamChoice, VERSIONS, Welcome, frame, is_no_version,
 };
 use rhumb_protocol::packet::StreamId;
-use rhumb_protocol::scene::{Cadence, CommandError, IdRange, Material, Pace, SceneTerms};
+use rhumb_protocol::scene::{
+    CommandError, IdRange, Material, PublishSchedule, SceneConfig, Stepping,
+};
 use rhumb_protocol::session::{ClientSession, CloseCode, Event};
 use rhumb_protocol::stream::StreamStart;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Transmit};
@@ -19,14 +21,14 @@ use rhumb_reckoning::{Damping, Integrator, Rate, Tick, Tolerance};
 
 const PEER: Peer = Peer(0);
 
-fn terms() -> SceneTerms {
-    SceneTerms {
+fn config() -> SceneConfig {
+    SceneConfig {
         integrator: Integrator {
             rate: Rate::HZ_60,
             substeps: NonZeroU32::MIN,
         },
         gravity: Vec3::NEG_Y,
-        pace: Pace::Lockstep,
+        stepping: Stepping::Lockstep,
         material: Material {
             friction: 0.5,
             restitution: 0.0,
@@ -34,7 +36,7 @@ fn terms() -> SceneTerms {
         },
         damping: Damping::default(),
         sleep: None,
-        cadence: Cadence::EACH_TICK,
+        publish_schedule: PublishSchedule::EACH_TICK,
     }
 }
 
@@ -48,7 +50,7 @@ fn extensions(id: u32) -> Extensions {
 fn welcome(version: u16, extensions: Extensions) -> ServerMessage {
     ServerMessage::Welcome(Welcome {
         version,
-        scene: Some(terms()),
+        scene: Some(config()),
         extensions,
     })
 }
@@ -58,16 +60,16 @@ fn joined(extensions: Extensions) -> ServerMessage {
     let start = StreamStart {
         stream: StreamId(4),
         tolerance: choice.tolerance(),
-        integrator: terms().integrator,
-        every: terms().cadence.every,
+        integrator: config().integrator,
+        publish_interval: config().publish_schedule.publish_interval,
         gravity: Vec3::NEG_Y,
         tick: Tick::ZERO,
         next: 0,
-        notices: 0,
+        scene_events: 0,
     };
     ServerMessage::Joined(Joined {
         choice,
-        terms: terms(),
+        config: config(),
         start,
         granted: IdRange::EMPTY,
         extensions,
@@ -92,7 +94,7 @@ fn opened(at: u64) -> ClientSession {
     session
 }
 
-/// A session that is a member with a whole, empty copy.
+/// A session that is a member with a keyframe, empty copy.
 fn member() -> ClientSession {
     let mut session = opened(0);
     hears(&mut session, &[welcome(1, Extensions::NONE)]);
@@ -133,7 +135,7 @@ fn a_hello_offers_what_is_spoken_among_what_means_nothing() {
         else {
             panic!("a conversation begins with a hello");
         };
-        assert!(extensions.iter().count() == 1 && !extensions.ask_too_much());
+        assert!(extensions.iter().count() == 1 && !extensions.has_unknown_critical());
         let place = versions.iter().position(|one| is_no_version(*one));
         places[place.expect("one means nothing")] += 1;
         assert!(versions.contains(&VERSIONS[0]));
@@ -181,21 +183,22 @@ fn an_extension_that_may_be_skipped_is_told_and_one_that_must_be_known_ends_it()
 }
 
 #[test]
-fn an_unknown_notice_changes_nothing_and_counts() {
+fn an_unknown_scene_event_changes_nothing_and_counts() {
     let mut session = member();
-    let unknown = Notice::Unknown {
+    let unknown = SceneEvent::Unknown {
         code: 0xff,
         fields: vec![9; 40],
     };
-    hears(&mut session, &[ServerMessage::Notice(unknown)]);
+    hears(&mut session, &[ServerMessage::SceneEvent(unknown)]);
     assert_eq!(events(&mut session), []);
-    // A vouch that says one notice is read at once, one that says two is held.
-    let vouched = |session: &ClientSession| session.replica().unwrap().stream().vouched();
-    let vouch = |tick, notices| [0x42, 0, 0, tick, 0, notices, 0];
-    session.handle_datagram(Instant::from_nanos(10), PEER, &vouch(3, 1));
-    assert_eq!(vouched(&session), Tick::new(3));
-    session.handle_datagram(Instant::from_nanos(11), PEER, &vouch(5, 2));
-    assert_eq!(vouched(&session), Tick::new(3));
+    // A watermark that says one scene_event is read at once, one that says two is held.
+    let watermark_tick =
+        |session: &ClientSession| session.replica().unwrap().stream().watermark_tick();
+    let watermark = |tick, scene_events| [0x42, 0, 0, tick, 0, scene_events, 0];
+    session.handle_datagram(Instant::from_nanos(10), PEER, &watermark(3, 1));
+    assert_eq!(watermark_tick(&session), Tick::new(3));
+    session.handle_datagram(Instant::from_nanos(11), PEER, &watermark(5, 2));
+    assert_eq!(watermark_tick(&session), Tick::new(3));
 }
 
 #[test]
@@ -229,7 +232,7 @@ fn a_datagram_of_an_unknown_kind_is_dropped() {
         session.handle_datagram(Instant::from_nanos(10), PEER, &[head, 1, 2, 3, 4, 5, 6]);
     }
     let stream = session.replica().unwrap().stream();
-    assert!(stream.is_settled() && stream.vouched() == Tick::ZERO);
+    assert!(stream.is_converged() && stream.watermark_tick() == Tick::ZERO);
     assert_eq!(events(&mut session), []);
 }
 

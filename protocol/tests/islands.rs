@@ -1,18 +1,18 @@
 //! Bodies that touch arrive together: a stack moves as one, whatever is lost
 //!
-//! Stacks that are shaken without end, whose bodies' seats are shuffled among each other. It is proved by the listener's
+//! Stacks that are shaken without end, whose bodies' aliases are shuffled among each other. It is proved by the listener's
 //! tracks after each tick: those of one stack are all of that tick or none.
 
 use bytes::Bytes;
 use glam::Vec3;
 use rhumb_protocol::packet::StreamId;
-use rhumb_protocol::scene::Cadence;
+use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
-    Activity, Features, Manner, Observation, Publisher, StreamStart, StreamTerms, Subscriber,
-    Witness,
+    Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
+    StreamStart, StreamTerms, Subscriber,
 };
 use rhumb_reckoning::{
-    Anchor, BodyId, Integrator, Metres, Predictor, Rate, Tick, Tolerance, Track, Verbatim,
+    Anchor, BodyId, BodyState, Integrator, Metres, Predictor, Rate, Tick, Tolerance, Track,
 };
 
 const STREAM: StreamId = StreamId(3);
@@ -26,7 +26,7 @@ const fn body(stack: u32, level: u32) -> BodyId {
 }
 
 /// Where a body of a stack is at a tick: shaken by some hands' breadths.
-fn motion(stack: u32, level: u32, tick: u64) -> Verbatim {
+fn motion(stack: u32, level: u32, tick: u64) -> BodyState {
     let shaken = |axis: u64| {
         let seed = (u64::from(stack) << 40 | u64::from(level) << 32 | axis << 30 | tick) + 1;
         let mixed = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
@@ -37,49 +37,49 @@ fn motion(stack: u32, level: u32, tick: u64) -> Verbatim {
         level as f32 * 0.5 + shaken(1),
         (stack / 8) as f32 * 4.0 + shaken(2),
     );
-    Verbatim::new(at.to_array(), [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).expect("it is finite")
+    BodyState::new(at.to_array(), [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).expect("it is finite")
 }
 
-struct Stage {
+struct StackLink {
     publisher: Publisher,
-    witness: Witness,
+    observation_history: ObservationHistory,
     tick: u64,
     start: StreamStart,
-    manner: Manner,
+    parameters: PredictionParameters,
 }
 
-impl Stage {
+impl StackLink {
     fn new() -> Self {
         let tolerance = Tolerance::from_metres(Metres::new(0.01)).expect("a centimetre");
         let integrator = Integrator {
             rate: Rate::HZ_60,
             substeps: std::num::NonZeroU32::MIN,
         };
-        let every = Cadence::EACH_TICK.every;
-        let terms = StreamTerms {
+        let publish_interval = PublishSchedule::EACH_TICK.publish_interval;
+        let config = StreamTerms {
             tolerance,
             integrator,
-            every,
+            publish_interval,
             gravity: Vec3::ZERO,
             features: Features::ALL,
         };
-        let mut stage = Self {
-            publisher: Publisher::new(STREAM, &terms, Tick::ZERO),
-            witness: Witness::new(Cadence::EACH_TICK),
+        let mut link = Self {
+            publisher: Publisher::new(STREAM, &config, Tick::ZERO),
+            observation_history: ObservationHistory::new(PublishSchedule::EACH_TICK),
             tick: 0,
-            start: terms.start(STREAM, Tick::ZERO),
-            manner: Manner::plain(Metres::new(RADIUS)),
+            start: config.start(STREAM, Tick::ZERO),
+            parameters: PredictionParameters::plain(Metres::new(RADIUS)),
         };
         for (id, track) in firsts() {
-            assert!(stage.publisher.place(id, &stage.manner, track));
+            assert!(link.publisher.place(id, &link.parameters, track));
         }
-        stage
+        link
     }
 
     fn listener(&self) -> Subscriber {
         let mut subscriber = Subscriber::new(&self.start);
         for (id, track) in firsts() {
-            assert!(subscriber.place(id, &self.manner, track));
+            assert!(subscriber.place(id, &self.parameters, track));
         }
         subscriber.handle_snapshot_end();
         subscriber
@@ -95,9 +95,11 @@ impl Stage {
                 activity: Activity::Awake,
             })
             .collect();
-        self.witness.observe(Tick::new(self.tick), &seen);
+        self.observation_history
+            .observe(Tick::new(self.tick), &seen);
         let mut packets = Vec::new();
-        self.publisher.publish(&self.witness, 0, &mut packets);
+        self.publisher
+            .publish(&self.observation_history, 0, &mut packets);
         packets
     }
 }
@@ -106,12 +108,12 @@ impl Stage {
 fn firsts() -> impl Iterator<Item = (BodyId, Track)> {
     let all = (0..HEIGHT).flat_map(|level| (0..STACKS).map(move |stack| (stack, level)));
     all.map(|(stack, level)| {
-        let anchor = Anchor::Verbatim(motion(stack, level, 0));
+        let anchor = Anchor::Exact(motion(stack, level, 0));
         let track = Track {
             origin: Tick::ZERO,
             predictor: Predictor::Uniform,
             anchor,
-            carrier: None,
+            parent: None,
         };
         (body(stack, level), track)
     })
@@ -128,17 +130,17 @@ fn heard(listener: &Subscriber, stack: u32, tick: u64) -> usize {
 
 #[test]
 fn a_stack_is_moved_as_one_whatever_packet_is_lost() {
-    let mut stage = Stage::new();
-    let packets = stage.say();
+    let mut link = StackLink::new();
+    let packets = link.say();
     assert!(packets.len() > 3, "{} packets", packets.len());
     let mut missed = 0;
     for lost in 0..packets.len() {
-        let mut listener = stage.listener();
+        let mut listener = link.listener();
         for (_, packet) in (0..).zip(&packets).filter(|(place, _)| *place != lost) {
             listener.handle_datagram(packet);
         }
         for stack in 0..STACKS {
-            let heard = heard(&listener, stack, stage.tick);
+            let heard = heard(&listener, stack, link.tick);
             assert!(heard == 0 || heard == HEIGHT as usize, "{heard} of {stack}");
             missed += usize::from(heard == 0);
         }
@@ -148,14 +150,14 @@ fn a_stack_is_moved_as_one_whatever_packet_is_lost() {
 
 #[test]
 fn all_arrives_where_nothing_is_lost() {
-    let mut stage = Stage::new();
-    let mut listener = stage.listener();
+    let mut link = StackLink::new();
+    let mut listener = link.listener();
     for _ in 0..5 {
-        for packet in stage.say() {
+        for packet in link.say() {
             listener.handle_datagram(&packet);
         }
-        assert!(listener.is_settled());
-        for (id, track) in stage.publisher.tracks() {
+        assert!(listener.is_converged());
+        for (id, track) in link.publisher.tracks() {
             assert_eq!(listener.track(id), Some(track));
         }
     }

@@ -5,18 +5,19 @@ use core::num::NonZeroU32;
 use bytes::Bytes;
 use glam::Vec3;
 use rhumb_protocol::packet::StreamId;
-use rhumb_protocol::scene::Cadence;
+use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
-    Activity, Features, Manner, Observation, Publisher, PublisherStatistics, StreamTerms, Witness,
+    Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
+    PublisherStatistics, StreamTerms,
 };
-use rhumb_reckoning::{BodyId, Integrator, Metres, Rate, Tick, Tolerance, Track, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState, Integrator, Metres, Rate, Tick, Tolerance, Track};
 
 /// Bodies that are awake, from index nought on.
 const AWAKE: u32 = 10;
 const TICKS: u64 = 300;
 
-fn lying(index: u32, height: f32) -> Verbatim {
-    Verbatim::new(
+fn lying(index: u32, height: f32) -> BodyState {
+    BodyState::new(
         [index as f32, height, 0.0],
         [0.0, 0.0, 0.0, 1.0],
         [0.0; 3],
@@ -26,8 +27,8 @@ fn lying(index: u32, height: f32) -> Verbatim {
 }
 
 fn publisher(bodies: u32) -> Publisher {
-    let terms = StreamTerms {
-        every: Cadence::EACH_TICK.every,
+    let config = StreamTerms {
+        publish_interval: PublishSchedule::EACH_TICK.publish_interval,
         tolerance: Tolerance::NORMAL,
         integrator: Integrator {
             rate: Rate::HZ_60,
@@ -36,11 +37,11 @@ fn publisher(bodies: u32) -> Publisher {
         gravity: Vec3::NEG_Y,
         features: Features::ALL,
     };
-    let manner = Manner::plain(Metres::new(0.5));
-    let mut publisher = Publisher::new(StreamId(0), &terms, Tick::ZERO);
+    let parameters = PredictionParameters::plain(Metres::new(0.5));
+    let mut publisher = Publisher::new(StreamId(0), &config, Tick::ZERO);
     for index in 0..bodies {
         let track = Track::resting(Tick::ZERO, lying(index, 0.0));
-        assert!(publisher.place(BodyId::new(index, 0), &manner, track));
+        assert!(publisher.place(BodyId::new(index, 0), &parameters, track));
     }
     publisher
 }
@@ -48,7 +49,7 @@ fn publisher(bodies: u32) -> Publisher {
 /// A scene of so many bodies, of which some are awake and jolt about now and then: what its publisher did and said.
 fn run(bodies: u32, awake: u32) -> (PublisherStatistics, Vec<Bytes>) {
     let mut publisher = publisher(bodies);
-    let mut witness = Witness::new(Cadence::EACH_TICK);
+    let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
     let mut out = Vec::new();
     for tick in 1..=TICKS {
         let seen = |index| Observation {
@@ -57,14 +58,19 @@ fn run(bodies: u32, awake: u32) -> (PublisherStatistics, Vec<Bytes>) {
             activity: Activity::Awake,
         };
         let observations: Vec<_> = (0..awake).map(seen).collect();
-        witness.observe(Tick::new(tick), &observations);
-        publisher.publish(&witness, 0, &mut out);
+        observation_history.observe(Tick::new(tick), &observations);
+        publisher.publish(&observation_history, 0, &mut out);
     }
     (publisher.statistics(), out)
 }
 
 /// So many boxes hop, each by itself, until the last tick, at which all are told to lie still.
-fn put_to_bed(publisher: &mut Publisher, witness: &mut Witness, bodies: u32, ticks: u64) {
+fn put_to_sleep(
+    publisher: &mut Publisher,
+    observation_history: &mut ObservationHistory,
+    bodies: u32,
+    ticks: u64,
+) {
     for tick in 1..=ticks {
         let seen = |index| Observation {
             id: BodyId::new(index, 0),
@@ -76,30 +82,30 @@ fn put_to_bed(publisher: &mut Publisher, witness: &mut Witness, bodies: u32, tic
             },
         };
         let observations: Vec<_> = (0..bodies).map(seen).collect();
-        witness.observe(Tick::new(tick), &observations);
-        publisher.publish(witness, 0, &mut Vec::new());
+        observation_history.observe(Tick::new(tick), &observations);
+        publisher.publish(observation_history, 0, &mut Vec::new());
     }
 }
 
 #[test]
-fn seats_that_sleepers_have_left_are_not_looked_at() {
+fn aliases_that_sleepers_have_left_are_not_looked_at() {
     let bodies = 10_000;
     let mut publisher = publisher(bodies);
-    let mut witness = Witness::new(Cadence::EACH_TICK);
-    put_to_bed(&mut publisher, &mut witness, bodies, 10);
+    let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
+    put_to_sleep(&mut publisher, &mut observation_history, bodies, 10);
     let awake = |tick: u64| -> Vec<_> {
         let seen = |index| Observation {
             id: BodyId::new(index, 0),
             motion: lying(index, (tick / 7 % 5) as f32),
             activity: Activity::Awake,
         };
-        // Who sat farthest from the first seat, so that nothing is gained by there being an end to them.
+        // Who sat farthest from the first alias, so that nothing is gained by there being an end to them.
         (bodies - AWAKE..bodies).map(seen).collect()
     };
     let mut before = publisher.statistics();
     for tick in 11..=10 + TICKS {
-        witness.observe(Tick::new(tick), &awake(tick));
-        publisher.publish(&witness, 0, &mut Vec::new());
+        observation_history.observe(Tick::new(tick), &awake(tick));
+        publisher.publish(&observation_history, 0, &mut Vec::new());
         if tick == 130 {
             before = publisher.statistics();
         }
@@ -108,7 +114,7 @@ fn seats_that_sleepers_have_left_are_not_looked_at() {
     assert!(after.updates > before.updates + u64::from(AWAKE));
     let looks = (TICKS - 120) / 60 + 1;
     // Those next to them are looked at, too.
-    let (looked, most) = (after.seats - before.seats, 100 * looks);
+    let (looked, most) = (after.aliases - before.aliases, 100 * looks);
     assert!(looked > 0 && looked <= most, "{looked} of {most}");
 }
 
@@ -120,7 +126,7 @@ fn ten_thousand_sleepers_are_not_looked_at() {
 }
 
 #[test]
-fn beside_who_is_awake_sleepers_change_neither_the_work_nor_the_words() {
+fn sleepers_cost_neither_work_nor_bytes() {
     let (few, said_of_few) = run(AWAKE, AWAKE);
     let (many, said_of_many) = run(10_000, AWAKE);
     assert_eq!(few.looked, u64::from(AWAKE) * TICKS);

@@ -2,16 +2,16 @@
 //!
 //! After a change that is meant, write both with `cargo run -p rhumb-protocol --example packet_vectors -- --write`.
 
-#[path = "../examples/packet_vectors/chance.rs"]
-mod chance;
+#[path = "../examples/packet_vectors/accepted.rs"]
+mod accepted;
 #[path = "../examples/packet_vectors/document.rs"]
 mod document;
 #[path = "../examples/packet_vectors/plain.rs"]
 mod plain;
 #[path = "../examples/packet_vectors/refused.rs"]
 mod refused;
-#[path = "../examples/packet_vectors/said.rs"]
-mod said;
+#[path = "../examples/packet_vectors/rng.rs"]
+mod rng;
 
 use std::path::Path;
 
@@ -33,7 +33,7 @@ fn the_tables_are_those_of_the_code() {
 
 #[test]
 fn the_golden_vectors_are_what_the_code_says_and_refuses() {
-    let (said, refused) = (said::cases(), refused::cases());
-    let text = document::vectors(&said, &refused, &said::covered());
+    let (accepted, refused) = (accepted::cases(), refused::cases());
+    let text = document::vectors(&accepted, &refused, &accepted::covered());
     same_as_in_spec("vectors/packets.json", &text);
 }

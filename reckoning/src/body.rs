@@ -1,6 +1,6 @@
 //! The name of a body in a scene.
 //!
-//! Says nothing of what the body is; see the protocol's `BodyTerms`.
+//! Says nothing of what the body is; see the protocol's `BodyDesc`.
 
 use core::fmt;
 

@@ -1,4 +1,4 @@
-//! The repair of a displayed body: a jump in belief shown as a short glide.
+//! The refresh of a displayed body: a jump in prediction shown as a short glide.
 //!
 //! For display only, never normative. A correction is a function of time: it is the whole jump at its start, nothing
 //! after [`Correction::SPAN`], and its velocity is the derivative of what it shows.
@@ -31,14 +31,14 @@ impl Correction {
         turn: DVec3::ZERO,
     };
 
-    /// The correction by which `shown` goes over into `believed` from `now` on, without a jump in place or velocity.
+    /// The correction by which `shown` goes over into `predicted_motion` from `now` on, without a jump in place or velocity.
     #[must_use]
-    pub fn between(now: Seconds, shown: &Motion, believed: &Motion) -> Self {
-        let offset = shown.pose().position - believed.pose().position;
+    pub fn between(now: Seconds, shown: &Motion, predicted_motion: &Motion) -> Self {
+        let offset = shown.pose().position - predicted_motion.pose().position;
         if offset.length() > Self::TELEPORT.metres() {
             return Self::NONE;
         }
-        let quotient = shown.pose().rotation * believed.pose().rotation.conjugate();
+        let quotient = shown.pose().rotation * predicted_motion.pose().rotation.conjugate();
         let quotient = if quotient.w < 0.0 {
             -quotient
         } else {
@@ -47,27 +47,27 @@ impl Correction {
         Self {
             start: now,
             offset,
-            offset_velocity: shown.twist().linear - believed.twist().linear,
+            offset_velocity: shown.twist().linear - predicted_motion.twist().linear,
             turn: quotient.to_scaled_axis(),
         }
     }
 
-    /// The motion to show at a moment at which `believed` is believed.
+    /// The motion to show at a moment at which `predicted_motion` is predicted_motion.
     #[must_use]
-    pub fn applied(&self, now: Seconds, believed: &Motion) -> Motion {
+    pub fn applied(&self, now: Seconds, predicted_motion: &Motion) -> Motion {
         let span = Self::SPAN.seconds();
         let s = (now.seconds() - self.start.seconds()) / span;
         // Written so that NaN counts as over.
         let under_way = (0.0..1.0).contains(&s);
         if !under_way {
-            return *believed;
+            return *predicted_motion;
         }
         // Cubic Hermite from (offset, velocity) to (0, 0); `h` weighs the offset, `k` the velocity times the span.
         let h = (1.0 + 2.0 * s) * (1.0 - s) * (1.0 - s);
         let k = s * (1.0 - s) * (1.0 - s);
         let dh = 6.0 * s * (s - 1.0) / span;
         let dk = (1.0 - s) * (1.0 - 3.0 * s);
-        let (pose, twist) = (believed.pose(), believed.twist());
+        let (pose, twist) = (predicted_motion.pose(), predicted_motion.twist());
         let shown = Pose {
             position: pose.position + self.offset * h + self.offset_velocity * (k * span),
             rotation: (DQuat::from_scaled_axis(self.turn * h) * pose.rotation).normalize(),
@@ -76,7 +76,7 @@ impl Correction {
             linear: twist.linear + self.offset * dh + self.offset_velocity * dk,
             angular: twist.angular + self.turn * dh,
         };
-        Motion::new(shown, moving).unwrap_or(*believed)
+        Motion::new(shown, moving).unwrap_or(*predicted_motion)
     }
 
     /// Whether nothing is left to take off.
@@ -102,25 +102,25 @@ mod tests {
 
     proptest! {
         #[test]
-        fn it_starts_where_the_body_was_shown(shown in motion(), believed in motion()) {
+        fn it_starts_where_the_body_was_shown(shown in motion(), predicted_motion in motion()) {
             let now = Seconds::new(7.0);
-            let first = Correction::between(now, &shown, &believed).applied(now, &believed);
+            let first = Correction::between(now, &shown, &predicted_motion).applied(now, &predicted_motion);
             prop_assert!((first.pose().position - shown.pose().position).length() < 1e-9);
             prop_assert!((first.twist().linear - shown.twist().linear).length() < 1e-9);
             prop_assert!(first.pose().rotation.angle_between(shown.pose().rotation) < 1e-6);
         }
 
         #[test]
-        fn it_is_over_after_its_span(shown in motion(), believed in motion()) {
-            let correction = Correction::between(Seconds::new(7.0), &shown, &believed);
+        fn it_is_over_after_its_span(shown in motion(), predicted_motion in motion()) {
+            let correction = Correction::between(Seconds::new(7.0), &shown, &predicted_motion);
             let late = Seconds::new(7.0 + Correction::SPAN.seconds() + 1e-9);
-            prop_assert_eq!(correction.applied(late, &believed), believed);
+            prop_assert_eq!(correction.applied(late, &predicted_motion), predicted_motion);
             prop_assert!(correction.is_over(Seconds::new(8.0)));
         }
 
         #[test]
-        fn its_velocity_is_the_derivative_of_what_it_shows(shown in motion(), believed in motion(), s in 0.01_f64..0.09) {
-            let still = believed.stilled();
+        fn its_velocity_is_the_derivative_of_what_it_shows(shown in motion(), predicted_motion in motion(), s in 0.01_f64..0.09) {
+            let still = predicted_motion.stilled();
             let correction = Correction::between(Seconds::new(0.0), &shown, &still);
             let step = 1e-6;
             let before = correction.applied(Seconds::new(s - step), &still).pose().position;

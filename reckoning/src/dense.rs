@@ -3,13 +3,13 @@
 //! Nothing is rounded: what is unpacked is what was packed. Invariant: the bytes were made of a track, so that what they
 //! hold was checked.
 
+use crate::acceleration::ConstantAcceleration;
 use crate::body::BodyId;
-use crate::lattice::Snapped;
 use crate::packed::PackedRotation;
 use crate::predictor::Predictor;
-use crate::push::Push;
+use crate::quantiser::QuantisedState;
 use crate::tick::Tick;
-use crate::track::{Anchor, Track, Verbatim};
+use crate::track::{Anchor, BodyState, Track};
 
 /// A [`Track`] in 61 bytes, where that takes 80.
 ///
@@ -17,46 +17,47 @@ use crate::track::{Anchor, Track, Verbatim};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C, packed)]
 pub struct DenseTrack {
-    /// The thirteen numbers of a verbatim motion; or the eleven of one on its grid, and behind them its carrier's index and
+    /// The thirteen numbers of a body_state motion; or the eleven of one on its grid, and behind them its parent's index and
     /// generation, or its push.
     words: [u32; 13],
     origin: Tick,
-    /// The law, and the flags below.
+    /// The predictor, and the flags below.
     form: u8,
 }
 
-/// The bits of a law.
-const LAW: u8 = 7;
-/// The law of what rests.
+/// The bits of a predictor.
+const PREDICTOR: u8 = 7;
+/// The predictor of what rests.
 const REST: u8 = 0;
 /// It is said to the bit.
-const VERBATIM: u8 = 8;
-/// It has a carrier.
-const CARRIED: u8 = 16;
+const EXACT: u8 = 8;
+/// It has a parent.
+const ATTACHED: u8 = 16;
 
 impl DenseTrack {
     /// Packs a track.
     ///
     /// # Panics
     ///
-    /// When it is held or pushed and said to the bit, or both held and pushed: what is held rests on its grid, what is pushed
+    /// When it is attached or accelerated and said to the bit, or both attached and accelerated: what is attached rests on its grid, what is accelerated
     /// moves on its own (PROTOCOL 5.5), and so do all that are decoded.
     #[must_use]
     pub fn new(track: &Track) -> Self {
-        let law = law(track.predictor);
-        let (words, form) = match (&track.anchor, track.carrier, track.predictor.push()) {
-            (Anchor::Verbatim(verbatim), carrier, push) => {
-                assert!(carrier.is_none(), "what is held lies on its grid");
-                assert!(push.is_none(), "what is pushed lies on its grid");
-                (verbatim.bits(), law | VERBATIM)
+        let predictor = predictor_form(track.predictor);
+        let (words, form) = match (&track.anchor, track.parent, track.predictor.acceleration()) {
+            (Anchor::Exact(body_state), parent, push) => {
+                assert!(parent.is_none(), "what is attached lies on its grid");
+                assert!(push.is_none(), "what is accelerated lies on its grid");
+                (body_state.bits(), predictor | EXACT)
             }
-            (Anchor::Snapped(snapped), None, push) => {
-                (on_grid(snapped, push.map_or([0; 2], Push::words)), law)
-            }
-            (Anchor::Snapped(snapped), Some(carrier), push) => {
-                assert!(push.is_none(), "what is held rests");
-                let carrier = [carrier.index(), u32::from(carrier.generation())];
-                (on_grid(snapped, carrier), law | CARRIED)
+            (Anchor::Quantised(quantised), None, push) => (
+                on_grid(quantised, push.map_or([0; 2], ConstantAcceleration::words)),
+                predictor,
+            ),
+            (Anchor::Quantised(quantised), Some(parent), push) => {
+                assert!(push.is_none(), "what is attached rests");
+                let parent = [parent.index(), u32::from(parent.generation())];
+                (on_grid(quantised, parent), predictor | ATTACHED)
             }
         };
         Self {
@@ -74,7 +75,7 @@ impl DenseTrack {
             origin: self.origin(),
             predictor: self.predictor(),
             anchor: self.anchor(),
-            carrier: self.carrier(),
+            parent: self.parent(),
         }
     }
 
@@ -89,13 +90,16 @@ impl DenseTrack {
     #[must_use]
     #[inline]
     pub const fn predictor(&self) -> Predictor {
-        match self.form & LAW {
+        match self.form & PREDICTOR {
             REST => Predictor::Rest,
             1 => Predictor::Uniform,
             2 => Predictor::Ballistic,
-            3 => Predictor::Tumbling,
-            4 => Predictor::Thrown,
-            _ => Predictor::Pushed(Push::from_words([self.words[11], self.words[12]])),
+            3 => Predictor::TorqueFree,
+            4 => Predictor::BallisticTorqueFree,
+            _ => Predictor::Accelerated(ConstantAcceleration::from_words([
+                self.words[11],
+                self.words[12],
+            ])),
         }
     }
 
@@ -103,12 +107,12 @@ impl DenseTrack {
     #[must_use]
     #[inline(always)]
     pub fn anchor(&self) -> Anchor {
-        if self.form & VERBATIM != 0 {
-            return Anchor::Verbatim(Verbatim::from_bits(self.words));
+        if self.form & EXACT != 0 {
+            return Anchor::Exact(BodyState::from_bits(self.words));
         }
         let number = |place: usize| self.words[place] as i32;
         let numbers = |place: usize| [number(place), number(place + 1), number(place + 2)];
-        Anchor::Snapped(Snapped {
+        Anchor::Quantised(QuantisedState {
             position: numbers(0),
             rotation: PackedRotation::from_words([self.words[3], self.words[4]]),
             linear: numbers(5),
@@ -116,11 +120,11 @@ impl DenseTrack {
         })
     }
 
-    /// See [`Track::carrier`].
+    /// See [`Track::parent`].
     #[must_use]
     #[inline]
-    pub const fn carrier(&self) -> Option<BodyId> {
-        if self.form & CARRIED == 0 {
+    pub const fn parent(&self) -> Option<BodyId> {
+        if self.form & ATTACHED == 0 {
             return None;
         }
         Some(BodyId::new(self.words[11], self.words[12] as u16))
@@ -130,33 +134,33 @@ impl DenseTrack {
     #[must_use]
     #[inline]
     pub const fn is_resting(&self) -> bool {
-        self.form & !VERBATIM == REST
+        self.form & !EXACT == REST
     }
 
-    /// See [`Track::is_verbatim_rest`].
+    /// See [`Track::is_exact_rest`].
     #[must_use]
     #[inline]
-    pub const fn is_verbatim_rest(&self) -> bool {
-        self.form == VERBATIM | REST
+    pub const fn is_exact_rest(&self) -> bool {
+        self.form == EXACT | REST
     }
 }
 
-const fn law(predictor: Predictor) -> u8 {
+const fn predictor_form(predictor: Predictor) -> u8 {
     match predictor {
         Predictor::Rest => REST,
         Predictor::Uniform => 1,
         Predictor::Ballistic => 2,
-        Predictor::Tumbling => 3,
-        Predictor::Thrown => 4,
-        Predictor::Pushed(_) => 5,
+        Predictor::TorqueFree => 3,
+        Predictor::BallisticTorqueFree => 4,
+        Predictor::Accelerated(_) => 5,
     }
 }
 
 /// The words of a motion on its grid, and of what stands behind it.
-fn on_grid(snapped: &Snapped, [index, generation]: [u32; 2]) -> [u32; 13] {
-    let [x, y, z] = snapped.position;
-    let [low, high] = snapped.rotation.words();
-    let ([u, v, w], [p, q, r]) = (snapped.linear, snapped.angular);
+fn on_grid(quantised: &QuantisedState, [index, generation]: [u32; 2]) -> [u32; 13] {
+    let [x, y, z] = quantised.position;
+    let [low, high] = quantised.rotation.words();
+    let ([u, v, w], [p, q, r]) = (quantised.linear, quantised.angular);
     [
         x as u32, y as u32, z as u32, low, high, u as u32, v as u32, w as u32, p as u32, q as u32,
         r as u32, index, generation,
@@ -166,8 +170,8 @@ fn on_grid(snapped: &Snapped, [index, generation]: [u32; 2]) -> [u32; 13] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lattice::{POSITION_LIMIT, VELOCITY_LIMIT};
-    use crate::push::{DOUBLINGS_LIMIT, PUSH_LIMIT};
+    use crate::acceleration::{ACCELERATION_EXPONENT_MAX, ACCELERATION_LIMIT};
+    use crate::quantiser::{POSITION_LIMIT, VELOCITY_LIMIT};
     use glam::DQuat;
     use proptest::prelude::*;
 
@@ -175,11 +179,11 @@ mod tests {
         proptest::array::uniform3(-limit..=limit)
     }
 
-    fn snapped() -> impl Strategy<Value = Snapped> {
+    fn quantised() -> impl Strategy<Value = QuantisedState> {
         let turn = proptest::array::uniform3(-3.0_f64..3.0);
         let velocity = || steps(VELOCITY_LIMIT);
         (steps(POSITION_LIMIT), turn, velocity(), velocity()).prop_map(
-            |(position, turn, linear, angular)| Snapped {
+            |(position, turn, linear, angular)| QuantisedState {
                 position,
                 rotation: PackedRotation::of(DQuat::from_scaled_axis(turn.into())),
                 linear,
@@ -188,36 +192,43 @@ mod tests {
         )
     }
 
-    fn verbatim() -> impl Strategy<Value = Verbatim> {
+    fn body_state() -> impl Strategy<Value = BodyState> {
         let parts = || proptest::array::uniform3(-1e6_f32..1e6);
         (parts(), 0_usize..4, any::<bool>(), parts(), parts()).prop_map(
             |(position, place, negative, linear, angular)| {
                 let mut rotation = [0.0; 4];
                 rotation[place] = if negative { -1.0 } else { 1.0 };
-                Verbatim::new(position, rotation, linear, angular).unwrap()
+                BodyState::new(position, rotation, linear, angular).unwrap()
             },
         )
     }
 
-    /// A law that goes with its anchor and carrier.
+    /// A predictor that goes with its anchor and parent.
     fn track() -> impl Strategy<Value = Track> {
-        let carrier = (any::<u32>(), any::<u16>()).prop_map(|(i, g)| BodyId::new(i, g));
+        let parent = (any::<u32>(), any::<u16>()).prop_map(|(i, g)| BodyId::new(i, g));
         let free = || prop::sample::select(&Predictor::ALL[..]);
-        let parts = proptest::array::uniform3(-PUSH_LIMIT..=PUSH_LIMIT);
-        let push = (parts, 0..=DOUBLINGS_LIMIT)
-            .prop_map(|(steps, doublings)| Predictor::Pushed(Push::new(steps, doublings).unwrap()));
-        let unpushed = free().prop_filter("it is said to the bit", |law| law.push().is_none());
-        let framed = || snapped().prop_map(Anchor::Snapped);
+        let parts = proptest::array::uniform3(-ACCELERATION_LIMIT..=ACCELERATION_LIMIT);
+        let push = (parts, 0..=ACCELERATION_EXPONENT_MAX).prop_map(|(steps, exponent)| {
+            Predictor::Accelerated(ConstantAcceleration::new(steps, exponent).unwrap())
+        });
+        let unaccelerated = free().prop_filter("it is said to the bit", |predictor| {
+            predictor.acceleration().is_none()
+        });
+        let framed = || quantised().prop_map(Anchor::Quantised);
         let parts = prop_oneof![
             (prop_oneof![free(), push], framed(), Just(None)),
-            (Just(Predictor::Rest), framed(), carrier.prop_map(Some)),
-            (unpushed, verbatim().prop_map(Anchor::Verbatim), Just(None)),
+            (Just(Predictor::Rest), framed(), parent.prop_map(Some)),
+            (
+                unaccelerated,
+                body_state().prop_map(Anchor::Exact),
+                Just(None)
+            ),
         ];
-        (any::<u64>(), parts).prop_map(|(origin, (predictor, anchor, carrier))| Track {
+        (any::<u64>(), parts).prop_map(|(origin, (predictor, anchor, parent))| Track {
             origin: Tick::new(origin),
             predictor,
             anchor,
-            carrier,
+            parent,
         })
     }
 
@@ -227,7 +238,7 @@ mod tests {
             let dense = DenseTrack::new(&track);
             prop_assert_eq!(dense.track(), track);
             prop_assert_eq!(dense.is_resting(), track.is_resting());
-            prop_assert_eq!(dense.is_verbatim_rest(), track.is_verbatim_rest());
+            prop_assert_eq!(dense.is_exact_rest(), track.is_exact_rest());
         }
     }
 

@@ -1,4 +1,4 @@
-//! How far truth lies from belief.
+//! How far truth lies from prediction.
 //!
 //! Arithmetic on two poses of one body at one tick. Whether the distance matters is not decided here: see `tolerance`.
 
@@ -19,12 +19,12 @@ pub struct Divergence {
 }
 
 impl Divergence {
-    /// Between what is and what is believed.
+    /// Between what is and what is predicted_motion.
     #[must_use]
-    pub fn between(truth: &Pose, belief: &Pose) -> Self {
-        let apart = length3(truth.position - belief.position);
+    pub fn between(truth: &Pose, prediction: &Pose) -> Self {
+        let apart = length3(truth.position - prediction.position);
         // q and -q are one rotation, and the vector part of their quotient has one length.
-        let turn = product(truth.rotation, conjugate(belief.rotation));
+        let turn = product(truth.rotation, conjugate(prediction.rotation));
         let half_chord = sqrt(turn.x * turn.x + turn.y * turn.y + turn.z * turn.z).min(1.0);
         Self {
             position: Metres::new(apart),

@@ -2,7 +2,7 @@
 //!
 //! The engine integrates semi-implicitly in substeps, damps once a tick, and turns by a normalised linear step; a
 //! predictor that does otherwise drifts (RECKONING 2). The coefficients depend on the scene and on a body's damping,
-//! not on its motion, so that a row of the table serves every body. Horizons are bounded by [`HORIZON`].
+//! not on its motion, so that a row of the table serves every body. Horizons are bounded by [`TRACK_AGE_MAX`].
 
 use alloc::vec::Vec;
 use core::num::NonZeroU32;
@@ -10,7 +10,7 @@ use core::num::NonZeroU32;
 use crate::tick::{Rate, Ticks};
 
 /// No track is older than this: a moving body is said again before, so that tables and ages stay small.
-pub const HORIZON: Ticks = Ticks::new(1_023);
+pub const TRACK_AGE_MAX: Ticks = Ticks::new(1_023);
 
 /// Pi/4, to the nearest double.
 const QUARTER_PI: f64 = f64::from_bits(0x3FE9_21FB_5444_2D18);
@@ -35,7 +35,7 @@ pub struct Damping {
 
 /// Coefficients after n ticks, from v₀, g and |ω₀| (RECKONING 2.3).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Flow {
+pub(crate) struct StepCoefficients {
     /// v = `velocity`·v₀ + `fall_velocity`·g.
     pub(crate) velocity: f64,
     /// p = p₀ + `reach`·v₀ + `fall`·g, seconds.
@@ -50,7 +50,7 @@ pub(crate) struct Flow {
     pub(crate) turns: [f64; 3],
 }
 
-impl Flow {
+impl StepCoefficients {
     const START: Self = Self {
         velocity: 1.0,
         reach: 0.0,
@@ -61,16 +61,16 @@ impl Flow {
     };
 
     /// One tick later.
-    fn stepped(&self, terms: &FlowTerms) -> Self {
+    fn stepped(&self, config: &StepConstants) -> Self {
         let spin2 = self.spin * self.spin;
         let spin3 = spin2 * self.spin;
         let spin5 = spin3 * spin2;
         Self {
-            velocity: self.velocity * terms.linear_keep,
-            reach: self.reach + terms.dt * self.velocity,
-            fall_velocity: (self.fall_velocity + terms.dt) * terms.linear_keep,
-            fall: (self.fall + terms.dt * self.fall_velocity) + terms.fall_in_tick,
-            spin: self.spin * terms.angular_keep,
+            velocity: self.velocity * config.linear_keep,
+            reach: self.reach + config.dt * self.velocity,
+            fall_velocity: (self.fall_velocity + config.dt) * config.linear_keep,
+            fall: (self.fall + config.dt * self.fall_velocity) + config.fall_in_tick,
+            spin: self.spin * config.angular_keep,
             turns: [
                 self.turns[0] + self.spin,
                 self.turns[1] + spin3,
@@ -82,17 +82,17 @@ impl Flow {
     /// Half the angle turned so far by a body whose initial spin is `speed` rad/s (RECKONING 2.4).
     ///
     /// Each substep turns by twice the arctangent of `u`; its series is cut after the fifth power.
-    pub(crate) fn half_angle(&self, speed: f64, terms: &FlowTerms) -> f64 {
-        let u = speed * terms.half_substep;
+    pub(crate) fn half_angle(&self, speed: f64, config: &StepConstants) -> f64 {
+        let u = speed * config.half_substep;
         let u2 = u * u;
         let series = self.turns[0] - u2 * (self.turns[1] / 3.0 - u2 * (self.turns[2] / 5.0));
-        (terms.substeps * u) * series
+        (config.substeps * u) * series
     }
 }
 
 /// What the rows of one table have in common.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct FlowTerms {
+pub(crate) struct StepConstants {
     dt: f64,
     pub(crate) substeps: f64,
     pub(crate) substep_count: u32,
@@ -100,7 +100,7 @@ pub(crate) struct FlowTerms {
     pub(crate) substep: f64,
     pub(crate) half_substep: f64,
     /// The engine lets no body turn by more than an eighth of a turn a tick, rad/s.
-    pub(crate) spin_most: f64,
+    pub(crate) spin_max: f64,
     linear_keep: f64,
     pub(crate) angular_keep: f64,
     fall_in_tick: f64,
@@ -108,40 +108,40 @@ pub(crate) struct FlowTerms {
 
 /// The rows from no tick at all to as many as were asked for, for one integrator and one damping.
 #[derive(Clone, Debug)]
-pub struct FlowTable {
-    terms: FlowTerms,
-    rows: Vec<Flow>,
+pub struct StepCoefficientTable {
+    config: StepConstants,
+    rows: Vec<StepCoefficients>,
 }
 
-impl FlowTable {
+impl StepCoefficientTable {
     /// A table for bodies of this damping; rows are computed when first asked for.
     #[must_use]
     pub fn new(integrator: Integrator, damping: Damping) -> Self {
         let dt = integrator.rate.step().seconds();
         let substeps = f64::from(integrator.substeps.get());
-        let terms = FlowTerms {
+        let config = StepConstants {
             dt,
             substeps,
             substep_count: integrator.substeps.get(),
             substep: dt / substeps,
             half_substep: (dt / substeps) * 0.5,
-            spin_most: QUARTER_PI / dt,
+            spin_max: QUARTER_PI / dt,
             linear_keep: 1.0 / (1.0 + dt * f64::from(damping.linear)),
             angular_keep: 1.0 / (1.0 + dt * f64::from(damping.angular)),
             fall_in_tick: (dt * dt) * ((substeps + 1.0) / (2.0 * substeps)),
         };
         Self {
-            terms,
-            rows: alloc::vec![Flow::START],
+            config,
+            rows: alloc::vec![StepCoefficients::START],
         }
     }
 
-    /// Computes the rows up to `ticks`, or up to [`HORIZON`] if that is less.
+    /// Computes the rows up to `ticks`, or up to [`TRACK_AGE_MAX`] if that is less.
     pub fn extend_to(&mut self, ticks: Ticks) {
-        let wanted = ticks.min(HORIZON).count() as usize;
+        let wanted = ticks.min(TRACK_AGE_MAX).count() as usize;
         while self.rows.len() <= wanted {
             let last = self.rows[self.rows.len() - 1];
-            self.rows.push(last.stepped(&self.terms));
+            self.rows.push(last.stepped(&self.config));
         }
     }
 
@@ -166,8 +166,11 @@ impl FlowTable {
 
     /// The row for `ticks`; the last one computed when `ticks` lies beyond it.
     #[inline]
-    pub(crate) fn row(&self, ticks: Ticks) -> (&Flow, &FlowTerms) {
-        (&self.rows[self.within(ticks).count() as usize], &self.terms)
+    pub(crate) fn row(&self, ticks: Ticks) -> (&StepCoefficients, &StepConstants) {
+        (
+            &self.rows[self.within(ticks).count() as usize],
+            &self.config,
+        )
     }
 }
 
@@ -175,13 +178,13 @@ impl FlowTable {
 mod tests {
     use super::*;
 
-    fn table(linear: f32, angular: f32) -> FlowTable {
+    fn table(linear: f32, angular: f32) -> StepCoefficientTable {
         let integrator = Integrator {
             rate: Rate::HZ_60,
             substeps: NonZeroU32::new(4).unwrap(),
         };
-        let mut table = FlowTable::new(integrator, Damping { linear, angular });
-        table.extend_to(HORIZON);
+        let mut table = StepCoefficientTable::new(integrator, Damping { linear, angular });
+        table.extend_to(TRACK_AGE_MAX);
         table
     }
 
@@ -214,13 +217,13 @@ mod tests {
             }
             spin *= keep;
         }
-        let (flow, terms) = table.row(Ticks::new(300));
+        let (flow, config) = table.row(Ticks::new(300));
         // 40 rad/s for five seconds; the cut series is worth less than a thousandth of a radian.
-        assert!((flow.half_angle(40.0, terms) - half).abs() < 1e-3);
+        assert!((flow.half_angle(40.0, config) - half).abs() < 1e-3);
     }
 
     #[test]
-    fn who_is_pulled_for_a_while_coasts_from_then_on() {
+    fn acceleration_ends_after_its_ticks() {
         let table = table(0.3, 0.0);
         let (h, keep, g) = (1.0 / 240.0, 1.0 / (1.0 + 0.3_f32 as f64 / 60.0), -9.8);
         let (mut p, mut v) = (0.0, 0.0);
@@ -239,6 +242,9 @@ mod tests {
     #[test]
     fn beyond_the_horizon_the_last_row_stands() {
         let table = table(0.0, 0.0);
-        assert_eq!(table.row(HORIZON).0, table.row(Ticks::new(1_000_000)).0);
+        assert_eq!(
+            table.row(TRACK_AGE_MAX).0,
+            table.row(Ticks::new(1_000_000)).0
+        );
     }
 }

@@ -1,7 +1,7 @@
 //! How a body resists being turned: principal moments, and their axes.
 //!
-//! Told once with a body, in the engine's own precision. How a body tumbles by it is decided in `tumble`. Invariant:
-//! moments are normal f32 above zero whose ratios are bounded, and the frame is of unit length, so that no tumbling
+//! Told once with a body, in the engine's own precision. How a body is_torque_free by it is decided in `torque_free_rotation`. Invariant:
+//! moments are normal f32 above zero whose ratios are bounded, and the frame is of unit length, so that no torque_free
 //! leads to an infinity (RECKONING 2.6).
 
 use core::fmt;
@@ -61,7 +61,7 @@ impl Inertia {
         self.frame
     }
 
-    /// Whether all moments are equal up to rounding: such a body does not tumble, and its inertia is not told.
+    /// Whether all moments are equal up to rounding: such a body does not torque_free_rotation, and its inertia is not told.
     #[must_use]
     pub fn is_isotropic(&self) -> bool {
         let (least, greatest) = self.extremes();
@@ -116,7 +116,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_no_body_has_is_refused() {
+    fn invalid_inertia_is_refused() {
         let own = Inertia::OWN_AXES;
         for wrong in [0.0, -1.0, f32::NAN, f32::INFINITY, f32::MIN_POSITIVE / 2.0] {
             let refused = Inertia::new([1.0, wrong, 1.0], own);

@@ -1,4 +1,4 @@
-//! The nouns of remote rigid-body physics, and belief: laws, error, repair.
+//! The nouns of remote rigid-body physics, and prediction: predictors, error, refresh.
 //!
 //! No bytes, no packets, no clock, no socket, no engine. What a publisher and a subscriber must compute alike is
 //! written in `exact` and used from there.
@@ -12,56 +12,58 @@
 //! | gravity, acceleration | metre per second squared | world |
 //! | time | tick, a step of the scene's fixed length | the scene's own |
 //!
-//! What another body holds is said in that body's frame in place of the world's: see [`Track`] and [`carried`].
+//! What another body holds is said in that body's frame in place of the world's: see [`Track`] and [`attached_motion`].
 #![no_std]
 #![forbid(unsafe_code)]
 
 extern crate alloc;
 
+mod acceleration;
+mod attached;
 mod body;
-mod class;
 mod correction;
 mod dense;
 mod divergence;
 mod exact;
 mod flow;
-mod gate;
-mod held;
 mod inertia;
-mod lattice;
 mod motion;
 mod packed;
+mod prediction_x4;
 mod predictor;
-mod push;
-mod quartet;
-mod settling;
+mod prefilter;
+mod quantiser;
+mod rest_correction;
 mod tick;
 mod tolerance;
+mod tolerance_scale;
+mod torque_free_rotation;
 mod track;
-mod tumble;
 mod units;
 
+pub use acceleration::{
+    ACCELERATION_EXPONENT_MAX, ACCELERATION_LIMIT, ACCELERATION_TICKS, ConstantAcceleration,
+};
+pub use attached::{attached_motion, relative_to};
 pub use body::BodyId;
-pub use class::Class;
 pub use correction::Correction;
 pub use dense::DenseTrack;
 pub use divergence::Divergence;
-pub use flow::{Damping, FlowTable, HORIZON, Integrator};
-pub use gate::{Case, Gate};
-pub use held::{carried, seen_from};
+pub use flow::{Damping, Integrator, StepCoefficientTable, TRACK_AGE_MAX};
 pub use inertia::{Inertia, InvalidInertia};
-pub use lattice::{
-    COARSENESS_LIMIT, FINE_STEPS, Grid, POSITION_LIMIT, RESIDUAL_LIMIT, Residual, Snapped,
-    TURN_LIMIT, VELOCITY_LIMIT, VelocityResidual,
-};
 pub use motion::{InvalidMotion, Motion, Pose, Twist, UNIT_LENGTH_SLACK};
 pub use packed::PackedRotation;
-pub use predictor::{Conditions, Predictor, REST_ASTRAY};
-pub use push::{DOUBLINGS_LIMIT, PUSH_LIMIT, PUSH_TICKS, Push};
-pub use quartet::{Correcting, Quartet};
-pub use settling::Settling;
+pub use prediction_x4::{LaneCorrection, PredictionX4};
+pub use predictor::{Conditions, Predictor, REST_DIVERGENCE_TICKS};
+pub use prefilter::{ErrorPrefilter, PrefilterInput};
+pub use quantiser::{
+    FINE_STEPS, Grid, POSITION_LIMIT, QuantisedState, RESIDUAL_LIMIT, Residual, TURN_LIMIT,
+    VELOCITY_EXPONENT_MAX, VELOCITY_LIMIT, VelocityResidual,
+};
+pub use rest_correction::RestCorrection;
 pub use tick::{Rate, Tick, Ticks};
 pub use tolerance::{InvalidTolerance, LengthBound, Tolerance, TurnBound};
-pub use track::{Anchor, Track, Verbatim};
-pub use tumble::Cursor;
+pub use tolerance_scale::ToleranceScale;
+pub use torque_free_rotation::RotationCursor;
+pub use track::{Anchor, BodyState, Track};
 pub use units::{Metres, MetresPerSecond, Radians, Seconds};

@@ -169,7 +169,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_surely_stable_is_packed_as_itself(
+        fn stable_rotations_pack_to_themselves(
             largest in 0_u8..4,
             others in proptest::array::uniform3(prop_oneof![-400_000_i32..=400_000, 302_000..303_000, 370_000..371_000]),
         ) {

@@ -1,22 +1,22 @@
-//! The closed list of laws that say how a body goes on.
+//! The closed list of predictors that say how a body goes on.
 //!
 //! Every listener must get the same bits from the same motion, so that the arithmetic is normative (RECKONING 3).
-//! Which law serves a body best is not decided here: that is the publisher's choice.
+//! Which predictor serves a body best is not decided here: that is the publisher's choice.
 
 use glam::DVec3;
 
+use crate::acceleration::{ACCELERATION_TICKS, ConstantAcceleration};
 use crate::exact::{add3, length3, normalised, product, scale3, turn_about};
-use crate::flow::{Flow, FlowTable, FlowTerms};
+use crate::flow::{StepCoefficientTable, StepCoefficients, StepConstants};
 use crate::inertia::Inertia;
 use crate::motion::{Motion, Pose, Twist};
-use crate::push::{PUSH_TICKS, Push};
 use crate::tick::{Rate, Ticks};
-use crate::tumble::{Cursor, Spin, Tumble};
+use crate::torque_free_rotation::{RotationCursor, RotationState, TorqueFreeRotation};
 use crate::units::Seconds;
 
-/// A body that was still went astray in no more ticks than this, however long it lay: it is spoken of soon after it was
+/// A body that was still went divergence_time in no more ticks than this, however long it lay: it is spoken of soon after it was
 /// set in motion.
-pub const REST_ASTRAY: Ticks = Ticks::new(3);
+pub const REST_DIVERGENCE_TICKS: Ticks = Ticks::new(3);
 
 /// How a body goes on from its last known motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -27,15 +27,15 @@ pub enum Predictor {
     Uniform,
     /// It falls with the scene's gravity and keeps its spin, less the body's damping.
     Ballistic,
-    /// It keeps its velocity and tumbles as its moments of inertia have it, less the body's damping.
-    Tumbling,
-    /// It falls with the scene's gravity and tumbles, less the body's damping.
-    Thrown,
-    /// A constant acceleration takes gravity's place for some ticks, and it tumbles, less the body's damping.
-    Pushed(Push),
+    /// It keeps its velocity and is_torque_free as its moments of inertia have it, less the body's damping.
+    TorqueFree,
+    /// It falls with the scene's gravity and is_torque_free, less the body's damping.
+    BallisticTorqueFree,
+    /// A constant acceleration takes gravity's place for some ticks, and it is_torque_free, less the body's damping.
+    Accelerated(ConstantAcceleration),
 }
 
-/// What pulls at a body by a law, and what that does up to a tick.
+/// What pulls at a body by a predictor, and what that does up to a tick.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pull {
     /// m/s², world frame.
@@ -45,15 +45,15 @@ pub(crate) struct Pull {
     pub(crate) fall_velocity: f64,
 }
 
-/// What a law must know of a body beside its motion.
+/// What a predictor must know of a body beside its motion.
 #[derive(Clone, Copy, Debug)]
 pub struct Conditions<'a> {
     /// What pulls at it, m/s², world frame.
     pub gravity: DVec3,
     /// The table of its damping, computed at least to the ticks that are asked for: beyond its last row a body holds
     /// the motion of that row.
-    pub flow: &'a FlowTable,
-    /// How it resists being turned; a body of which none is known keeps its spin where another would tumble.
+    pub flow: &'a StepCoefficientTable,
+    /// How it resists being turned; a body of which none is known keeps its spin where another would torque_free_rotation.
     pub inertia: Option<&'a Inertia>,
 }
 
@@ -74,22 +74,22 @@ impl Conditions<'_> {
 }
 
 impl Predictor {
-    /// Every law, in the order of the list; the last with one push of many.
+    /// Every predictor, in the order of the list; the last with one push of many.
     pub const ALL: [Self; 6] = [
         Self::Rest,
         Self::Uniform,
         Self::Ballistic,
-        Self::Tumbling,
-        Self::Thrown,
-        Self::Pushed(Push::SAMPLE),
+        Self::TorqueFree,
+        Self::BallisticTorqueFree,
+        Self::Accelerated(ConstantAcceleration::SAMPLE),
     ];
 
     /// The motion `elapsed` ticks after `start`.
     ///
-    /// A tumbling law takes as many steps as ticks have elapsed: who asks tick by tick keeps a [`Cursor`] instead.
+    /// A torque_free predictor takes as many steps as ticks have elapsed: who asks tick by tick keeps a [`RotationCursor`] instead.
     #[must_use]
     pub fn predict(self, start: &Motion, elapsed: Ticks, conditions: &Conditions<'_>) -> Motion {
-        self.carry(start, elapsed, conditions, Tumble::after)
+        self.carry(start, elapsed, conditions, TorqueFreeRotation::after)
     }
 
     /// The same bits; what the cursor has computed is not computed again.
@@ -99,33 +99,36 @@ impl Predictor {
         start: &Motion,
         elapsed: Ticks,
         conditions: &Conditions<'_>,
-        cursor: &mut Cursor,
+        cursor: &mut RotationCursor,
     ) -> Motion {
         self.carry(
             start,
             elapsed,
             conditions,
-            |spin, elapsed, inertia, terms| cursor.after(spin, elapsed, inertia, terms),
+            |spin, elapsed, inertia, config| cursor.after(spin, elapsed, inertia, config),
         )
     }
 
     /// Whether gravity enters it.
     #[must_use]
     pub const fn falls(self) -> bool {
-        matches!(self, Self::Ballistic | Self::Thrown)
+        matches!(self, Self::Ballistic | Self::BallisticTorqueFree)
     }
 
     /// Whether moments of inertia enter it.
     #[must_use]
-    pub const fn tumbles(self) -> bool {
-        matches!(self, Self::Tumbling | Self::Thrown | Self::Pushed(_))
+    pub const fn is_torque_free(self) -> bool {
+        matches!(
+            self,
+            Self::TorqueFree | Self::BallisticTorqueFree | Self::Accelerated(_)
+        )
     }
 
     /// The push that it goes by.
     #[must_use]
-    pub const fn push(self) -> Option<Push> {
+    pub const fn acceleration(self) -> Option<ConstantAcceleration> {
         match self {
-            Self::Pushed(push) => Some(push),
+            Self::Accelerated(push) => Some(push),
             _ => None,
         }
     }
@@ -134,8 +137,8 @@ impl Predictor {
     #[inline]
     pub(crate) fn pull(self, elapsed: Ticks, conditions: &Conditions<'_>) -> Option<Pull> {
         match self {
-            Self::Rest | Self::Uniform | Self::Tumbling => None,
-            Self::Ballistic | Self::Thrown => {
+            Self::Rest | Self::Uniform | Self::TorqueFree => None,
+            Self::Ballistic | Self::BallisticTorqueFree => {
                 let (row, _) = conditions.flow.row(elapsed);
                 Some(Pull {
                     acceleration: conditions.gravity,
@@ -143,8 +146,8 @@ impl Predictor {
                     fall_velocity: row.fall_velocity,
                 })
             }
-            Self::Pushed(push) => {
-                let (fall, fall_velocity) = conditions.flow.ended(elapsed, PUSH_TICKS);
+            Self::Accelerated(push) => {
+                let (fall, fall_velocity) = conditions.flow.ended(elapsed, ACCELERATION_TICKS);
                 Some(Pull {
                     acceleration: push.acceleration(),
                     fall,
@@ -154,13 +157,13 @@ impl Predictor {
         }
     }
 
-    /// In what time a prediction by this law, `age` ticks old, went astray (RECKONING 4.4).
+    /// In what time a prediction by this predictor, `age` ticks old, went divergence_time (RECKONING 4.4).
     ///
     /// More than nothing: a prediction that is no tick old counts as one of one tick.
     #[must_use]
-    pub fn astray(self, age: Ticks, rate: Rate) -> Seconds {
+    pub fn divergence_time(self, age: Ticks, rate: Rate) -> Seconds {
         let ticks = match self {
-            Self::Rest => age.min(REST_ASTRAY),
+            Self::Rest => age.min(REST_DIVERGENCE_TICKS),
             _ => age,
         };
         Seconds::new(f64::from(ticks.count().max(1)) * rate.step().seconds())
@@ -171,13 +174,18 @@ impl Predictor {
         start: &Motion,
         elapsed: Ticks,
         conditions: &Conditions<'_>,
-        tumble: impl FnOnce(Spin, Ticks, &Inertia, &FlowTerms) -> Spin,
+        torque_free_rotation: impl FnOnce(
+            RotationState,
+            Ticks,
+            &Inertia,
+            &StepConstants,
+        ) -> RotationState,
     ) -> Motion {
         if self == Self::Rest {
             return start.stilled();
         }
         let elapsed = conditions.flow.within(elapsed);
-        let (row, terms) = conditions.flow.row(elapsed);
+        let (row, config) = conditions.flow.row(elapsed);
         let Pose { position, rotation } = start.pose();
         let Twist { linear, angular } = start.twist();
         let (mut position, mut linear) = (
@@ -190,19 +198,23 @@ impl Predictor {
         }
         let turns = || elapsed > Ticks::ZERO && length3(angular) > 0.0;
         let (rotation, angular) = match conditions.inertia {
-            Some(inertia) if self.tumbles() && turns() => {
-                tumble((rotation, angular), elapsed, inertia, terms)
+            Some(inertia) if self.is_torque_free() && turns() => {
+                torque_free_rotation((rotation, angular), elapsed, inertia, config)
             }
-            _ => spun((rotation, angular), row, terms),
+            _ => spun((rotation, angular), row, config),
         };
         Motion::from_checked(Pose { position, rotation }, Twist { linear, angular })
     }
 }
 
 /// What keeps its axis of spin (RECKONING 3.6).
-fn spun((rotation, angular): Spin, row: &Flow, terms: &FlowTerms) -> Spin {
+fn spun(
+    (rotation, angular): RotationState,
+    row: &StepCoefficients,
+    config: &StepConstants,
+) -> RotationState {
     let speed = length3(angular);
-    let half_angle = row.half_angle(speed, terms);
+    let half_angle = row.half_angle(speed, config);
     // Without spin or time the said rotation stands to the bit; normalising it again could move its last one.
     let rotation = if half_angle == 0.0 {
         rotation
@@ -215,19 +227,19 @@ fn spun((rotation, angular): Spin, row: &Flow, terms: &FlowTerms) -> Spin {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::flow::{Damping, HORIZON, Integrator};
+    use crate::flow::{Damping, Integrator, TRACK_AGE_MAX};
     use crate::tick::Rate;
     use core::num::NonZeroU32;
     use glam::DQuat;
     use proptest::prelude::*;
 
-    fn table() -> FlowTable {
+    fn table() -> StepCoefficientTable {
         let integrator = Integrator {
             rate: Rate::HZ_60,
             substeps: NonZeroU32::new(4).unwrap(),
         };
-        let mut table = FlowTable::new(integrator, Damping::default());
-        table.extend_to(HORIZON);
+        let mut table = StepCoefficientTable::new(integrator, Damping::default());
+        table.extend_to(TRACK_AGE_MAX);
         table
     }
 
@@ -236,7 +248,10 @@ mod tests {
     }
 
     /// Of a slab under gravity.
-    fn thrown<'a>(flow: &'a FlowTable, slab: &'a Inertia) -> Conditions<'a> {
+    fn ballistic_torque_free<'a>(
+        flow: &'a StepCoefficientTable,
+        slab: &'a Inertia,
+    ) -> Conditions<'a> {
         Conditions {
             gravity: DVec3::new(0.0, -9.8, 0.0),
             flow,
@@ -249,36 +264,37 @@ mod tests {
     }
 
     #[test]
-    fn what_lay_still_went_astray_of_late_and_what_moved_all_along() {
+    fn divergence_time_is_short_for_rest_and_full_age_otherwise() {
         let rate = Rate::new(50, 1).unwrap();
-        let after = |law: Predictor, age| law.astray(Ticks::new(age), rate).seconds();
+        let after =
+            |predictor: Predictor, age| predictor.divergence_time(Ticks::new(age), rate).seconds();
         for (age, still, moving) in [(0, 1.0, 1.0), (1, 1.0, 1.0), (3, 3.0, 3.0), (90, 3.0, 90.0)] {
             assert_eq!(after(Predictor::Rest, age), still * 0.02);
-            assert_eq!(after(Predictor::Thrown, age), moving * 0.02);
+            assert_eq!(after(Predictor::BallisticTorqueFree, age), moving * 0.02);
         }
     }
 
     proptest! {
         #[test]
-        fn no_prediction_is_ever_not_finite(
+        fn predictions_are_finite(
             position in vector(1e5), linear in vector(1e3), angular in vector(1e3), elapsed in 0_u32..5_000,
         ) {
             let pose = Pose { position, rotation: DQuat::IDENTITY };
             let start = Motion::new(pose, Twist { linear, angular }).unwrap();
-            for law in Predictor::ALL {
-                let end = law.predict(&start, Ticks::new(elapsed), &thrown(&table(), &slab()));
+            for predictor in Predictor::ALL {
+                let end = predictor.predict(&start, Ticks::new(elapsed), &ballistic_torque_free(&table(), &slab()));
                 prop_assert!(Motion::new(end.pose(), end.twist()).is_ok());
             }
         }
 
         #[test]
-        fn nothing_has_moved_after_no_time(position in vector(1e5), linear in vector(1e3), angular in vector(1e3)) {
+        fn prediction_after_zero_ticks_is_the_start(position in vector(1e5), linear in vector(1e3), angular in vector(1e3)) {
             let rotation = DQuat::from_scaled_axis(angular);
             let start = Motion::new(Pose { position, rotation }, Twist { linear, angular }).unwrap();
-            for law in &Predictor::ALL[1..] {
-                prop_assert_eq!(law.predict(&start, Ticks::ZERO, &thrown(&table(), &slab())), start);
+            for predictor in &Predictor::ALL[1..] {
+                prop_assert_eq!(predictor.predict(&start, Ticks::ZERO, &ballistic_torque_free(&table(), &slab())), start);
             }
-            let rest = Predictor::Rest.predict(&start, Ticks::ZERO, &thrown(&table(), &slab()));
+            let rest = Predictor::Rest.predict(&start, Ticks::ZERO, &ballistic_torque_free(&table(), &slab()));
             prop_assert_eq!(rest, start.stilled());
         }
     }

@@ -1,14 +1,14 @@
 //! How far off a copy may be.
 //!
 //! One promise per stream (a tier): a length for any point of a body, or a length and an angle apart from each other.
-//! How it becomes grids is decided in `lattice`. All bounds are whole numbers, so that the wire says them exactly.
+//! How it becomes grids is decided in `quantiser`. All bounds are whole numbers, so that the wire says them exactly.
 
 use core::f64::consts::FRAC_PI_2;
 use core::fmt;
 use core::str::FromStr;
 
-use crate::class::Class;
 use crate::divergence::Divergence;
+use crate::tolerance_scale::ToleranceScale;
 use crate::units::{Metres, Radians};
 
 /// The promise of a stream.
@@ -182,19 +182,19 @@ impl Tolerance {
         })
     }
 
-    /// What this tolerance of a stream is for a body of a class: each bound by that power of two, rounded down, and kept
+    /// What this tolerance of a stream is for a body of a tolerance_scale: each bound by that power of two, rounded down, and kept
     /// within what a tolerance may be (RECKONING 4.1).
     #[must_use]
-    pub fn of_class(self, class: Class) -> Self {
+    pub fn scaled(self, tolerance_scale: ToleranceScale) -> Self {
         let length = |bound: LengthBound| LengthBound {
-            micrometres: class.scale(
+            micrometres: tolerance_scale.scale(
                 bound.micrometres,
                 LengthBound::LEAST.micrometres,
                 LengthBound::MOST.micrometres,
             ),
         };
         let angle = |bound: TurnBound| TurnBound {
-            microradians: class.scale(
+            microradians: tolerance_scale.scale(
                 bound.microradians,
                 TurnBound::LEAST.microradians,
                 TurnBound::ANY.microradians,
@@ -360,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_within_a_tolerance_is_within_its_reach() {
+    fn share_at_most_one_is_within_reach() {
         let radius = Metres::new(2.0);
         assert_eq!(Tolerance::FINE.reach(radius), Metres::new(0.02));
         let parts = Tolerance::parts(Metres::new(0.01), Radians::new(0.002)).unwrap();

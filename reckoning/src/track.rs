@@ -1,59 +1,59 @@
 //! The motion that was last said of a body: what every listener predicts from.
 //!
-//! One type is the publisher's belief and the subscriber's. It holds what was said, as integers or as the very bits of
+//! One type is the publisher's prediction and the subscriber's. It holds what was said, as integers or as the very bits of
 //! the engine, so that two tracks are equal exactly when every prediction from them is (RECKONING 3.1).
 
 use glam::{DQuat, DVec3};
 
 use crate::body::BodyId;
 use crate::exact::normalised;
-use crate::flow::HORIZON;
-use crate::lattice::{Grid, Snapped};
+use crate::flow::TRACK_AGE_MAX;
 use crate::motion::{InvalidMotion, Motion, Pose, Twist};
 use crate::predictor::{Conditions, Predictor};
+use crate::quantiser::{Grid, QuantisedState};
 use crate::tick::{Tick, Ticks};
-use crate::tumble::Cursor;
+use crate::torque_free_rotation::RotationCursor;
 
-/// A said motion, the tick at which it held, and the law by which it goes on.
+/// A said motion, the tick at which it attached, and the predictor by which it goes on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Track {
-    /// When the motion held. It grows with each update of a body, so that it also names the track's revision.
+    /// When the motion attached. It grows with each update of a body, so that it also names the track's revision.
     pub origin: Tick,
     /// How it goes on.
     pub predictor: Predictor,
     /// The motion.
     pub anchor: Anchor,
     /// The body in whose frame the motion is, and which carries this one along; none for the world.
-    pub carrier: Option<BodyId>,
+    pub parent: Option<BodyId>,
 }
 
 /// A motion as it was said.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Anchor {
     /// On the stream's grid.
-    Snapped(Snapped),
+    Quantised(QuantisedState),
     /// To the last bit of the engine's f32 state.
-    Verbatim(Verbatim),
+    Exact(BodyState),
 }
 
 impl Anchor {
     /// The motion on its grid, if it was said so.
     #[must_use]
-    pub const fn snapped(&self) -> Option<Snapped> {
+    pub const fn quantised(&self) -> Option<QuantisedState> {
         match self {
-            Self::Snapped(snapped) => Some(*snapped),
-            Self::Verbatim(_) => None,
+            Self::Quantised(quantised) => Some(*quantised),
+            Self::Exact(_) => None,
         }
     }
 }
 
 /// A motion in the engine's own precision, kept as bits so that it can be compared and hashed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Verbatim {
+pub struct BodyState {
     bits: [u32; 13],
 }
 
-impl Verbatim {
+impl BodyState {
     /// Position, quaternion (x, y, z, w), linear and angular velocity.
     ///
     /// # Errors
@@ -74,10 +74,10 @@ impl Verbatim {
         for (slot, part) in bits.iter_mut().zip(parts) {
             *slot = part.to_bits();
         }
-        let verbatim = Self { bits };
-        let (pose, twist) = verbatim.raw();
+        let body_state = Self { bits };
+        let (pose, twist) = body_state.raw();
         Motion::new(pose, twist)?;
-        Ok(verbatim)
+        Ok(body_state)
     }
 
     /// The thirteen numbers in the order of [`Self::new`].
@@ -152,12 +152,12 @@ impl Verbatim {
 impl Track {
     /// A body that lies where the engine left it, to the bit.
     #[must_use]
-    pub fn resting(origin: Tick, verbatim: Verbatim) -> Self {
+    pub fn resting(origin: Tick, body_state: BodyState) -> Self {
         Self {
             origin,
             predictor: Predictor::Rest,
-            anchor: Anchor::Verbatim(verbatim.stilled()),
-            carrier: None,
+            anchor: Anchor::Exact(body_state.stilled()),
+            parent: None,
         }
     }
 
@@ -165,18 +165,18 @@ impl Track {
     #[must_use]
     pub fn start(&self, grid: &Grid) -> Motion {
         match &self.anchor {
-            Anchor::Snapped(snapped) => snapped.motion(grid),
-            Anchor::Verbatim(verbatim) => verbatim.motion(),
+            Anchor::Quantised(quantised) => quantised.motion(grid),
+            Anchor::Exact(body_state) => body_state.motion(),
         }
     }
 
-    /// The believed motion at a tick, in the frame that it was said in: the carrier's if there is one.
+    /// The predicted_motion motion at a tick, in the frame that it was said in: the parent's if there is one.
     ///
-    /// Before the origin it is that of the origin, beyond the horizon that of the horizon. A carrier's own motion is
-    /// added by [`carried`](crate::carried).
+    /// Before the origin it is that of the origin, beyond the horizon that of the horizon. A parent's own motion is
+    /// added by [`attached_motion`](crate::attached_motion).
     ///
-    /// The gravity of `conditions` is what pulls at this body by a law said at this track's origin; their flow is
-    /// computed to [`HORIZON`], or at least to the tick asked for.
+    /// The gravity of `conditions` is what pulls at this body by a predictor said at this track's origin; their flow is
+    /// computed to [`TRACK_AGE_MAX`], or at least to the tick asked for.
     #[must_use]
     pub fn at(&self, tick: Tick, grid: &Grid, conditions: &Conditions<'_>) -> Motion {
         let start = self.start(grid);
@@ -191,7 +191,7 @@ impl Track {
         tick: Tick,
         grid: &Grid,
         conditions: &Conditions<'_>,
-        cursor: &mut Cursor,
+        cursor: &mut RotationCursor,
     ) -> Motion {
         let start = self.start(grid);
         self.predictor
@@ -207,13 +207,13 @@ impl Track {
     /// Whether the body was said to lie still in the world.
     #[must_use]
     pub fn is_resting(&self) -> bool {
-        self.predictor == Predictor::Rest && self.carrier.is_none()
+        self.predictor == Predictor::Rest && self.parent.is_none()
     }
 
     /// Whether the copy equals the engine's state to the bit.
     #[must_use]
-    pub fn is_verbatim_rest(&self) -> bool {
-        self.is_resting() && matches!(self.anchor, Anchor::Verbatim(_))
+    pub fn is_exact_rest(&self) -> bool {
+        self.is_resting() && matches!(self.anchor, Anchor::Exact(_))
     }
 }
 
@@ -221,8 +221,8 @@ impl Track {
 #[inline]
 pub(crate) fn elapsed(origin: Tick, tick: Tick) -> Ticks {
     match tick.since(origin) {
-        Some(ticks) => ticks.min(HORIZON),
-        None if tick > origin => HORIZON,
+        Some(ticks) => ticks.min(TRACK_AGE_MAX),
+        None if tick > origin => TRACK_AGE_MAX,
         None => Ticks::ZERO,
     }
 }
@@ -232,20 +232,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_verbatim_motion_keeps_every_bit() {
-        let verbatim =
-            Verbatim::new([0.1, -0.0, 3e-40], [0.0, 0.0, 0.0, 1.0], [1.0; 3], [2.0; 3]).unwrap();
-        assert_eq!(verbatim.parts()[1].to_bits(), (-0.0_f32).to_bits());
-        assert_eq!(verbatim.motion().pose().position.x, f64::from(0.1_f32));
-        assert_eq!(verbatim.stilled().parts()[7..], [0.0; 6]);
+    fn a_body_state_motion_keeps_every_bit() {
+        let body_state =
+            BodyState::new([0.1, -0.0, 3e-40], [0.0, 0.0, 0.0, 1.0], [1.0; 3], [2.0; 3]).unwrap();
+        assert_eq!(body_state.parts()[1].to_bits(), (-0.0_f32).to_bits());
+        assert_eq!(body_state.motion().pose().position.x, f64::from(0.1_f32));
+        assert_eq!(body_state.stilled().parts()[7..], [0.0; 6]);
     }
 
     #[test]
-    fn what_is_not_finite_is_refused() {
+    fn non_finite_states_are_refused() {
         let identity = [0.0, 0.0, 0.0, 1.0];
-        let wrong = Verbatim::new([f32::NAN, 0.0, 0.0], identity, [0.0; 3], [0.0; 3]);
+        let wrong = BodyState::new([f32::NAN, 0.0, 0.0], identity, [0.0; 3], [0.0; 3]);
         assert_eq!(wrong, Err(InvalidMotion::Position));
-        let wrong = Verbatim::new([0.0; 3], [0.0; 4], [0.0; 3], [0.0; 3]);
+        let wrong = BodyState::new([0.0; 3], [0.0; 4], [0.0; 3], [0.0; 3]);
         assert_eq!(wrong, Err(InvalidMotion::Rotation));
     }
 

@@ -7,15 +7,15 @@ use core::num::NonZeroU32;
 use glam::{DQuat, DVec3};
 use proptest::prelude::*;
 use rhumb_reckoning::{
-    COARSENESS_LIMIT, Conditions, Cursor, Damping, Divergence, FlowTable, Grid, HORIZON, Inertia,
-    Integrator, Metres, Motion, POSITION_LIMIT, PackedRotation, Pose, Predictor, RESIDUAL_LIMIT,
-    Rate, Residual, Snapped, TURN_LIMIT, Ticks, Tolerance, VELOCITY_LIMIT, VelocityResidual,
-    Verbatim, carried, seen_from,
+    BodyState, Conditions, Damping, Divergence, Grid, Inertia, Integrator, Metres, Motion,
+    POSITION_LIMIT, PackedRotation, Pose, Predictor, QuantisedState, RESIDUAL_LIMIT, Rate,
+    Residual, RotationCursor, StepCoefficientTable, TRACK_AGE_MAX, TURN_LIMIT, Ticks, Tolerance,
+    VELOCITY_EXPONENT_MAX, VELOCITY_LIMIT, VelocityResidual, attached_motion, relative_to,
 };
 
-/// The laws that take a formula whatever the substeps, and those that take every substep.
+/// The predictors that take a formula whatever the substeps, and those that take every substep.
 const FORMULAS: [Predictor; 3] = [Predictor::Rest, Predictor::Uniform, Predictor::Ballistic];
-const ITERATIONS: [Predictor; 2] = [Predictor::Tumbling, Predictor::Thrown];
+const ITERATIONS: [Predictor; 2] = [Predictor::TorqueFree, Predictor::BallisticTorqueFree];
 
 fn single() -> impl Strategy<Value = f32> {
     use proptest::num::f32::{NEGATIVE, NORMAL, POSITIVE, SUBNORMAL, ZERO};
@@ -49,11 +49,11 @@ fn near_tie() -> impl Strategy<Value = DQuat> {
         })
 }
 
-fn table() -> impl Strategy<Value = FlowTable> {
+fn table() -> impl Strategy<Value = StepCoefficientTable> {
     table_of(u32::MAX)
 }
 
-fn table_of(substeps_most: u32) -> impl Strategy<Value = FlowTable> {
+fn table_of(substeps_most: u32) -> impl Strategy<Value = StepCoefficientTable> {
     let damping = (0.0..=f32::MAX, 0.0..=f32::MAX);
     (1..=u32::MAX, 1..=u32::MAX, 1..=substeps_most, damping).prop_map(
         |(ticks, seconds, substeps, (linear, angular))| {
@@ -61,8 +61,8 @@ fn table_of(substeps_most: u32) -> impl Strategy<Value = FlowTable> {
                 rate: Rate::new(ticks, seconds).expect("not zero"),
                 substeps: NonZeroU32::new(substeps).expect("not zero"),
             };
-            let mut table = FlowTable::new(integrator, Damping { linear, angular });
-            table.extend_to(HORIZON);
+            let mut table = StepCoefficientTable::new(integrator, Damping { linear, angular });
+            table.extend_to(TRACK_AGE_MAX);
             table
         },
     )
@@ -80,10 +80,10 @@ fn steps(limit: i32) -> impl Strategy<Value = [i32; 3]> {
     proptest::array::uniform3(one)
 }
 
-fn snapped() -> impl Strategy<Value = Snapped> {
+fn quantised() -> impl Strategy<Value = QuantisedState> {
     let velocities = (steps(VELOCITY_LIMIT), steps(VELOCITY_LIMIT));
     (steps(POSITION_LIMIT), rotation(), velocities).prop_map(
-        |(position, rotation, (linear, angular))| Snapped {
+        |(position, rotation, (linear, angular))| QuantisedState {
             position,
             rotation: PackedRotation::of(rotation),
             linear,
@@ -93,10 +93,10 @@ fn snapped() -> impl Strategy<Value = Snapped> {
 }
 
 fn residual() -> impl Strategy<Value = Residual> {
-    let velocities = (0..=COARSENESS_LIMIT).prop_flat_map(|coarseness| {
-        let limit = VELOCITY_LIMIT >> coarseness;
+    let velocities = (0..=VELOCITY_EXPONENT_MAX).prop_flat_map(|velocity_exponent| {
+        let limit = VELOCITY_LIMIT >> velocity_exponent;
         (steps(limit), steps(limit)).prop_map(move |(linear, angular)| VelocityResidual {
-            coarseness,
+            velocity_exponent,
             linear,
             angular,
         })
@@ -140,72 +140,72 @@ fn is_a_motion(motion: &Motion) -> bool {
 
 proptest! {
     #[test]
-    fn a_prediction_from_any_verbatim_motion_is_a_motion(
+    fn a_prediction_from_any_body_state_motion_is_a_motion(
         position in singles(), turned in rotation(), linear in singles(), angular in singles(),
         table in table(), pull in pull(), elapsed in 0_u32..1_100,
     ) {
         let rotation = turned.to_array().map(|part| part as f32);
-        let start = Verbatim::new(position, rotation, linear, angular).unwrap().motion();
+        let start = BodyState::new(position, rotation, linear, angular).unwrap().motion();
         let conditions = Conditions { gravity: pull, flow: &table, inertia: None };
-        for law in FORMULAS {
-            let end = law.predict(&start, Ticks::new(elapsed), &conditions);
+        for predictor in FORMULAS {
+            let end = predictor.predict(&start, Ticks::new(elapsed), &conditions);
             prop_assert!(is_a_motion(&end), "{end:?}");
         }
     }
 
     #[test]
-    fn a_prediction_from_any_snapped_motion_is_a_motion_and_can_be_said(
-        anchor in snapped(), residual in residual(), rate in rate(), grid in grid(), table in table(), pull in pull(),
+    fn a_prediction_from_any_quantised_motion_is_a_motion_and_can_be_said(
+        anchor in quantised(), residual in residual(), rate in rate(), grid in grid(), table in table(), pull in pull(),
         elapsed in 0_u32..1_100,
     ) {
         let conditions = Conditions { gravity: pull, flow: &table, inertia: None };
-        for law in FORMULAS {
-            let end = law.predict(&anchor.motion(&grid), Ticks::new(elapsed), &conditions);
+        for predictor in FORMULAS {
+            let end = predictor.predict(&anchor.motion(&grid), Ticks::new(elapsed), &conditions);
             prop_assert!(is_a_motion(&end), "{end:?}");
-            let over = law.astray(Ticks::new(elapsed), rate);
-            for said in [Snapped::of(&end, &grid), residual.onto(&end, over, &grid)] {
+            let over = predictor.divergence_time(Ticks::new(elapsed), rate);
+            for said in [QuantisedState::of(&end, &grid), residual.onto(&end, over, &grid)] {
                 prop_assert!(said.is_within_limits());
                 prop_assert!(is_a_motion(&said.motion(&grid)));
-                prop_assert_eq!(Snapped::of(&said.motion(&grid), &grid), said);
+                prop_assert_eq!(QuantisedState::of(&said.motion(&grid), &grid), said);
             }
         }
     }
 
     #[test]
-    fn what_any_motion_holds_is_a_motion_and_can_be_said(
+    fn attached_motion_is_valid_and_encodable(
         positions in [singles(), singles()], turned in [rotation(), rotation()], linear in singles(), angular in singles(),
         grid in grid(),
     ) {
-        let [carrier, body] = [0, 1].map(|i: usize| {
+        let [parent, body] = [0, 1].map(|i: usize| {
             let rotation = turned[i].to_array().map(|part| part as f32);
-            Verbatim::new(positions[i], rotation, linear, angular).unwrap().motion()
+            BodyState::new(positions[i], rotation, linear, angular).unwrap().motion()
         });
-        let seen = seen_from(&carrier.pose(), &body.pose());
-        let said = Snapped::of(&seen, &grid);
+        let seen = relative_to(&parent.pose(), &body.pose());
+        let said = QuantisedState::of(&seen, &grid);
         prop_assert!(said.is_within_limits());
-        for held in [seen, said.motion(&grid)] {
-            prop_assert!(is_a_motion(&held), "{held:?}");
-            let again = carried(&carrier, &held.pose());
+        for attached in [seen, said.motion(&grid)] {
+            prop_assert!(is_a_motion(&attached), "{attached:?}");
+            let again = attached_motion(&parent, &attached.pose());
             prop_assert!(is_a_motion(&again), "{again:?}");
         }
     }
 
     #[test]
-    fn a_tumbling_from_any_motion_is_a_motion_whoever_keeps_a_cursor(
-        turned in rotation(), linear in singles(), angular in singles(), snapped in snapped(), grid in grid(),
+    fn torque_free_prediction_is_valid_with_any_cursor(
+        turned in rotation(), linear in singles(), angular in singles(), quantised in quantised(), grid in grid(),
         table in table_of(16), inertia in inertia(), pull in pull(),
         ticks in proptest::collection::vec(0_u32..1_100, 1..5),
     ) {
         let rotation = turned.to_array().map(|part| part as f32);
-        let verbatim = Verbatim::new([0.0; 3], rotation, linear, angular).unwrap().motion();
+        let body_state = BodyState::new([0.0; 3], rotation, linear, angular).unwrap().motion();
         let conditions = Conditions { gravity: pull, flow: &table, inertia: Some(&inertia) };
-        let mut cursor = Cursor::default();
-        for start in [verbatim, snapped.motion(&grid)] {
+        let mut cursor = RotationCursor::default();
+        for start in [body_state, quantised.motion(&grid)] {
             for elapsed in ticks.iter().copied().map(Ticks::new) {
-                for law in ITERATIONS {
-                    let end = law.predict(&start, elapsed, &conditions);
+                for predictor in ITERATIONS {
+                    let end = predictor.predict(&start, elapsed, &conditions);
                     prop_assert!(is_a_motion(&end), "{end:?}");
-                    let kept = law.predict_with(&start, elapsed, &conditions, &mut cursor);
+                    let kept = predictor.predict_with(&start, elapsed, &conditions, &mut cursor);
                     prop_assert_eq!(format!("{end:?}"), format!("{kept:?}"));
                 }
             }
@@ -224,7 +224,7 @@ proptest! {
     }
 
     #[test]
-    fn what_is_taken_back_means_a_rotation(largest in 0_u8..4, others in steps(PackedRotation::LIMIT)) {
+    fn decoded_parts_are_a_rotation(largest in 0_u8..4, others in steps(PackedRotation::LIMIT)) {
         if let Some(packed) = PackedRotation::from_parts(largest, others) {
             prop_assert_eq!(PackedRotation::of(packed.value()), packed);
             prop_assert!((packed.value().length() - 1.0).abs() < 1e-15);
@@ -236,7 +236,7 @@ proptest! {
         turned in rotation(), linear in singles(), angular in singles(), elapsed in 0_u32..1_100, table in table(),
     ) {
         let rotation = turned.to_array().map(|part| part as f32);
-        let start = |linear, angular| Verbatim::new([0.0; 3], rotation, linear, angular).unwrap().motion();
+        let start = |linear, angular| BodyState::new([0.0; 3], rotation, linear, angular).unwrap().motion();
         let conditions = Conditions { gravity: DVec3::ZERO, flow: &table, inertia: None };
         let end = |start: Motion| Predictor::Uniform.predict(&start, Ticks::new(elapsed), &conditions);
         let there = end(start(linear, angular));

@@ -11,8 +11,8 @@ mod document;
 use std::path::Path;
 
 use rhumb_reckoning::{
-    FINE_STEPS, Grid, HORIZON, Inertia, Metres, POSITION_LIMIT, PackedRotation, RESIDUAL_LIMIT,
-    REST_ASTRAY, TURN_LIMIT, Tolerance, UNIT_LENGTH_SLACK, VELOCITY_LIMIT,
+    FINE_STEPS, Grid, Inertia, Metres, POSITION_LIMIT, PackedRotation, RESIDUAL_LIMIT,
+    REST_DIVERGENCE_TICKS, TRACK_AGE_MAX, TURN_LIMIT, Tolerance, UNIT_LENGTH_SLACK, VELOCITY_LIMIT,
 };
 
 fn spec(name: &str) -> String {
@@ -53,8 +53,11 @@ fn the_document_states_the_constants_of_the_code() {
         assert!(text.contains(&row), "RECKONING.md lacks {row}");
     }
     let limits = [
-        ("horizon", HORIZON.count() as i32),
-        ("ticks astray from rest", REST_ASTRAY.count() as i32),
+        ("horizon", TRACK_AGE_MAX.count() as i32),
+        (
+            "ticks divergence_time from rest",
+            REST_DIVERGENCE_TICKS.count() as i32,
+        ),
         ("fine steps in a step", FINE_STEPS),
         ("position limit", POSITION_LIMIT),
         ("residual limit", RESIDUAL_LIMIT),

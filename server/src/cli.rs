@@ -50,7 +50,7 @@ pub struct Arguments {
     app_states: Told,
     /// Datagrams that such clients are sent in about a millisecond; 0: as fast as they come.
     #[arg(long, default_value_t = 64, requires = "app_listen")]
-    app_pace: u32,
+    app_datagram_rate: u32,
     /// As many states in a datagram as fit, for measurements: the plug-in reads only the first.
     #[arg(long, requires = "app_listen")]
     app_packed: bool,
@@ -82,7 +82,7 @@ impl Arguments {
     fn app(&self) -> (Option<AppListen>, AppOptions) {
         let listen = self.app_listen.map(|address| AppListen {
             address,
-            datagrams_per_ms: (self.app_pace > 0).then_some(self.app_pace),
+            datagrams_per_ms: (self.app_datagram_rate > 0).then_some(self.app_datagram_rate),
         });
         let options = AppOptions {
             time_advanced: match self.app_time_advanced {

@@ -1,6 +1,6 @@
 //! A number that stands for everything that was ever observed in a scene.
 //!
-//! Two runs are the same to the bit when their digests are equal; nobody can forge one, since nobody is trusted with it:
+//! Two runs are the same to the bit when their checksum_packets are equal; nobody can test_encoder one, since nobody is trusted with it:
 //! it is a comparison, not a signature. It depends on the observations alone, so that a trace of them gives it again,
 //! and on integers alone, so that every platform and language does.
 
@@ -69,12 +69,12 @@ impl fmt::Display for Digest {
 
 #[cfg(test)]
 mod tests {
-    use rhumb_reckoning::{BodyId, Verbatim};
+    use rhumb_reckoning::{BodyId, BodyState};
 
     use super::*;
 
     fn observation(x: f32) -> Observation {
-        let motion = Verbatim::new([x, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
+        let motion = BodyState::new([x, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
         Observation {
             id: BodyId::new(7, 1),
             motion: motion.unwrap(),

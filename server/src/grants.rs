@@ -1,6 +1,6 @@
 //! Which member may name bodies with which indices.
 //!
-//! Ranges of members who left are given out again once no body lives in them.
+//! IndexRanges of members who left are given out again once no body lives in them.
 
 use std::collections::BTreeMap;
 
@@ -18,7 +18,7 @@ pub(crate) struct Grants {
 }
 
 /// What the scene knows of a range: `None` while a body lives in it, otherwise the least generation not yet used.
-pub(crate) type Vacancy<'a> = dyn Fn(&IdRange) -> Option<u16> + 'a;
+pub(crate) type IsVacant<'a> = dyn Fn(&IdRange) -> Option<u16> + 'a;
 
 impl Grants {
     /// Gives a member `count` indices, or `None` when no run of so many is left or it holds too many runs already.
@@ -26,7 +26,7 @@ impl Grants {
         &mut self,
         peer: Peer,
         count: u32,
-        vacancy: &Vacancy<'_>,
+        vacancy: &IsVacant<'_>,
     ) -> Option<IdRange> {
         let held = self.held.get(&peer).map_or(&[][..], Vec::as_slice);
         let indices: u32 = held.iter().map(IdRange::count).sum();
@@ -38,7 +38,7 @@ impl Grants {
         Some(range)
     }
 
-    fn reuse(&mut self, count: u32, vacancy: &Vacancy<'_>) -> Option<IdRange> {
+    fn reuse(&mut self, count: u32, vacancy: &IsVacant<'_>) -> Option<IdRange> {
         let (place, generation) = self.retired.iter().enumerate().find_map(|(place, range)| {
             let generation = (range.count() >= count).then(|| vacancy(range))??;
             Some((place, generation))
@@ -61,10 +61,11 @@ impl Grants {
     }
 
     /// Which member may name bodies of this index.
-    pub(crate) fn holder(&self, id: BodyId) -> Option<Peer> {
+    pub(crate) fn parent_candidate(&self, id: BodyId) -> Option<Peer> {
         let mut held = self.held.iter();
-        let holder = held.find(|(_, ranges)| ranges.iter().any(|range| range.contains(id)));
-        holder.map(|(peer, _)| *peer)
+        let parent_candidate =
+            held.find(|(_, ranges)| ranges.iter().any(|range| range.contains(id)));
+        parent_candidate.map(|(peer, _)| *peer)
     }
 
     /// The range that a member was given first.
@@ -95,9 +96,9 @@ mod tests {
         assert!(grants.allows(first, BodyId::new(9, 0)));
         assert!(!grants.allows(first, BodyId::new(10, 0)));
         assert!(!grants.allows(second, BodyId::new(0, 0)));
-        assert_eq!(grants.holder(BodyId::new(9, 4)), Some(first));
+        assert_eq!(grants.parent_candidate(BodyId::new(9, 4)), Some(first));
         grants.retire(first);
-        assert_eq!(grants.holder(BodyId::new(9, 4)), None);
+        assert_eq!(grants.parent_candidate(BodyId::new(9, 4)), None);
         assert!(!grants.allows(first, BodyId::new(0, 0)));
         let other = grants.grant(second, 10, &|_| None).unwrap();
         assert_eq!(other.first(), 10);

@@ -1,11 +1,11 @@
 //! What acts on a scene beside its engine, before each step.
 //!
 //! For whoever embeds a server: thrusters, drivers, players of a script. A hook moves bodies and nothing else; what a
-//! scene consists of is its members' matter, who hear of it by notices.
+//! scene consists of is its members' matter, who hear of it by scene_events.
 
 use core::fmt;
 
-use rhumb_protocol::scene::{Command, CommandError, SceneName, SceneTerms};
+use rhumb_protocol::scene::{Command, CommandError, SceneConfig, SceneName};
 
 use crate::scene::Scene;
 
@@ -40,18 +40,20 @@ impl fmt::Debug for Hook {
 pub struct Hooks(Box<dyn Give>);
 
 /// What gives hooks.
-trait Give: FnMut(&SceneName, &SceneTerms) -> Option<Hook> + Send {}
+trait Give: FnMut(&SceneName, &SceneConfig) -> Option<Hook> + Send {}
 
-impl<F: FnMut(&SceneName, &SceneTerms) -> Option<Hook> + Send> Give for F {}
+impl<F: FnMut(&SceneName, &SceneConfig) -> Option<Hook> + Send> Give for F {}
 
 impl Hooks {
     /// Asked once for each scene that is created.
-    pub fn new(make: impl FnMut(&SceneName, &SceneTerms) -> Option<Hook> + Send + 'static) -> Self {
+    pub fn new(
+        make: impl FnMut(&SceneName, &SceneConfig) -> Option<Hook> + Send + 'static,
+    ) -> Self {
         Self(Box::new(make))
     }
 
-    pub(crate) fn of(&mut self, name: &SceneName, terms: &SceneTerms) -> Option<Hook> {
-        (self.0)(name, terms)
+    pub(crate) fn of(&mut self, name: &SceneName, config: &SceneConfig) -> Option<Hook> {
+        (self.0)(name, config)
     }
 }
 

@@ -22,7 +22,7 @@
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let mut server = Server::bind("127.0.0.1:4433".parse()?, &Identity::Development)?;
-//! server.attach(Hooks::new(|name, _terms| {
+//! server.attach(Hooks::new(|name, _config| {
 //!     let windy = name.as_str().starts_with("windy/");
 //!     windy.then(|| Hook::new(blow))
 //! }));
@@ -38,45 +38,45 @@
 #![forbid(unsafe_code)]
 
 mod app;
-mod arrears;
+mod authority_table;
+mod body_placement;
 pub mod cli;
 mod digest;
-mod drives;
 pub mod engine;
 mod grants;
 mod hook;
-mod host;
 mod member;
 mod outbox;
-mod placing;
+mod over_budget;
 mod registry;
-mod room;
 mod scene;
+mod scene_runner;
 mod serve;
+mod server_loop;
 mod snapshot;
 mod stream_names;
 mod streams;
-mod thin_link;
+mod tier_controller;
 mod times;
 
 pub use app::{AppOptions, Datagrams, States, TimeAdvanced};
+pub use authority_table::UpstreamStatistics;
 pub use digest::Digest;
-pub use drives::DriveStatistics;
-pub use engine::{NoWorkers, Workers};
+pub use engine::{Workers, WorkersError};
 pub use glam;
 pub use hook::{Hook, HookError, Hooks};
-pub use host::Host;
 pub use rhumb_protocol::message::RemovalCause;
 pub use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, CommandError, IdRange, Invalid, Joints, SceneName, SceneTerms,
+    BodyDesc, BodyKind, Command, CommandError, IdRange, Invalid, Joints, SceneConfig, SceneName,
     Shape, ShapeId,
 };
 pub use rhumb_protocol::stream::{Activity, Observation, SubscriberStatistics};
 pub use rhumb_protocol::{Instant, Peer};
-pub use rhumb_reckoning::{BodyId, Inertia, Metres, Tick, Tolerance, Verbatim};
+pub use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Tolerance};
 pub use rhumb_transport::{
     AppBindError, AppListen, BindError, CertificateError, Fingerprint, ServeError,
     ServerStatistics, Stop,
 };
 pub use scene::{Scene, SceneFault, Stepped};
 pub use serve::{Identity, RunError, Server, run_on_cores, usable_cores};
+pub use server_loop::ServerLoop;

@@ -2,31 +2,31 @@
 //!
 //! The streams that it hears, and what it waits for. Follows streams by name only; who begins and ends them is the room's matter.
 
-use rhumb_protocol::message::{Drive, StreamChoice};
+use rhumb_protocol::message::{StreamChoice, TakeAuthority};
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::{Command, CommandError};
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::Tick;
 
-use crate::thin_link::ThinLink;
+use crate::tier_controller::TierController;
 
 /// A client that takes part.
 #[derive(Debug)]
 pub(crate) struct Member {
-    following: Following,
+    subscription: Subscription,
     /// The stream before, until the member has caught up with the present one.
-    former: Option<Following>,
+    previous: Option<Subscription>,
     /// Number of its last command that was looked at, and is not answered yet.
     pub(crate) unanswered: Option<u64>,
     /// The snapshot that it is to hear when all that it said at once was looked at; the last one counts.
-    pub(crate) wants: Option<Want>,
+    pub(crate) snapshot_request: Option<SnapshotRequest>,
     /// Whether its link carries its stream.
-    pub(crate) link: ThinLink,
+    pub(crate) link: TierController,
 }
 
 /// Which snapshot a member waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Want {
+pub(crate) enum SnapshotRequest {
     /// That of its stream, again.
     Again,
     /// That of another stream.
@@ -35,7 +35,7 @@ pub(crate) enum Want {
 
 /// What acts in the order in which it was said: a command said after an advance acts after its steps.
 #[derive(Clone, Debug)]
-pub(crate) enum Wish {
+pub(crate) enum PendingCommand {
     Command {
         number: u64,
         command: Result<Command, CommandError>,
@@ -43,22 +43,22 @@ pub(crate) enum Wish {
     Advance {
         to: Tick,
     },
-    Drive(Drive),
+    TakeAuthority(TakeAuthority),
     /// A packet of the stream on which it says how its bodies move.
     Upstream(Vec<u8>),
 }
 
 /// A stream that a member hears.
 #[derive(Clone, Copy, Debug)]
-struct Following {
+struct Subscription {
     stream: StreamId,
-    /// When the last echo of it was answered.
+    /// When the last loss_report of it was answered.
     echoed: Option<Instant>,
-    /// When the last doubt about it was answered.
+    /// When the last mismatch about it was answered.
     doubted: Option<Instant>,
 }
 
-impl Following {
+impl Subscription {
     const fn new(stream: StreamId) -> Self {
         Self {
             stream,
@@ -68,12 +68,12 @@ impl Following {
     }
 }
 
-/// The least time between two echoes of a stream by a member that are answered: half of what a member's patience begins
+/// The least time between two loss_reports of a stream by a member that are answered: half of what a member's patience begins
 /// with.
-const ECHO_PAUSE: Span = Span::from_millis(2);
+const LOSS_REPORT_INTERVAL: Span = Span::from_millis(2);
 
-/// The least time between two doubts about a stream by a member that are answered: each may cost a sum over all tracks.
-const DOUBT_PAUSE: Span = Span::from_millis(20);
+/// The least time between two mismatches about a stream by a member that are answered: each may cost a sum over all tracks.
+const MISMATCH_INTERVAL: Span = Span::from_millis(20);
 
 /// Whether a pause since the last time is over; if so, this is the last time.
 fn is_due(last: &mut Option<Instant>, now: Instant, pause: Span) -> bool {
@@ -88,36 +88,38 @@ impl Member {
     /// Who has just joined and follows a stream.
     pub(crate) const fn new(stream: StreamId, choice: StreamChoice) -> Self {
         Self {
-            following: Following::new(stream),
-            former: None,
+            subscription: Subscription::new(stream),
+            previous: None,
             unanswered: None,
-            wants: None,
-            link: ThinLink::new(choice),
+            snapshot_request: None,
+            link: TierController::new(choice),
         }
     }
 
     /// The stream that it follows.
     pub(crate) const fn stream(&self) -> StreamId {
-        self.following.stream
+        self.subscription.stream
     }
 
     /// All streams whose datagrams it gets, each once.
     pub(crate) fn streams(&self) -> impl Iterator<Item = StreamId> + use<> {
-        let former = self.former.map(|former| former.stream);
-        [Some(self.following.stream), former].into_iter().flatten()
+        let previous = self.previous.map(|previous| previous.stream);
+        [Some(self.subscription.stream), previous]
+            .into_iter()
+            .flatten()
     }
 
     /// Changes to a stream that it does not follow, but may be leaving; returns the one that it hears no more, if there is
     /// one. It goes on hearing the one that it has a whole copy of.
     pub(crate) fn change(&mut self, to: StreamId) -> Option<StreamId> {
-        let before = std::mem::replace(&mut self.following, Following::new(to));
-        match self.former {
+        let before = std::mem::replace(&mut self.subscription, Subscription::new(to));
+        match self.previous {
             None => {
-                self.former = Some(before);
+                self.previous = Some(before);
                 None
             }
-            Some(former) => {
-                self.former = (former.stream != to).then_some(former);
+            Some(previous) => {
+                self.previous = (previous.stream != to).then_some(previous);
                 Some(before.stream)
             }
         }
@@ -125,28 +127,33 @@ impl Member {
 
     /// It has caught up with a stream; returns the one that it needs no more, if there is one.
     pub(crate) fn caught_up(&mut self, with: StreamId) -> Option<StreamId> {
-        if with != self.following.stream {
+        if with != self.subscription.stream {
             return None;
         }
-        self.former.take().map(|former| former.stream)
+        self.previous.take().map(|previous| previous.stream)
     }
 
-    /// Whether an echo of a stream is to be answered now; if so, the next one is not for a while.
-    pub(crate) fn answers_echo(&mut self, of: StreamId, now: Instant) -> bool {
-        let heard = self.heard(of);
-        heard.is_some_and(|heard| is_due(&mut heard.echoed, now, ECHO_PAUSE))
+    /// Whether an loss_report of a stream is to be answered now; if so, the next one is not for a while.
+    pub(crate) fn answers_loss_report(&mut self, of: StreamId, now: Instant) -> bool {
+        let subscribed = self.subscribed(of);
+        subscribed
+            .is_some_and(|subscribed| is_due(&mut subscribed.echoed, now, LOSS_REPORT_INTERVAL))
     }
 
-    /// Whether a doubt about a stream is to be answered now; if so, the next one is not for a while.
-    pub(crate) fn answers_doubt(&mut self, of: StreamId, now: Instant) -> bool {
-        let heard = self.heard(of);
-        heard.is_some_and(|heard| is_due(&mut heard.doubted, now, DOUBT_PAUSE))
+    /// Whether a mismatch about a stream is to be answered now; if so, the next one is not for a while.
+    pub(crate) fn answers_mismatch(&mut self, of: StreamId, now: Instant) -> bool {
+        let subscribed = self.subscribed(of);
+        subscribed.is_some_and(|subscribed| is_due(&mut subscribed.doubted, now, MISMATCH_INTERVAL))
     }
 
-    fn heard(&mut self, stream: StreamId) -> Option<&mut Following> {
-        let former = self.former.as_mut();
-        let heard = [Some(&mut self.following), former].into_iter().flatten();
-        heard.into_iter().find(|heard| heard.stream == stream)
+    fn subscribed(&mut self, stream: StreamId) -> Option<&mut Subscription> {
+        let previous = self.previous.as_mut();
+        let subscribed = [Some(&mut self.subscription), previous]
+            .into_iter()
+            .flatten();
+        subscribed
+            .into_iter()
+            .find(|subscribed| subscribed.stream == stream)
     }
 }
 
@@ -158,44 +165,44 @@ mod tests {
     const B: StreamId = StreamId(2);
     const C: StreamId = StreamId(3);
 
-    fn heard(member: &Member) -> Vec<StreamId> {
+    fn subscribed(member: &Member) -> Vec<StreamId> {
         member.streams().collect()
     }
 
     #[test]
-    fn the_former_stream_is_heard_until_the_new_one_is_caught_up_with() {
+    fn the_former_stream_stays_until_the_new_one_has_caught_up() {
         let mut member = Member::new(A, StreamChoice::Full);
         assert_eq!(member.change(B), None);
-        assert_eq!(heard(&member), [B, A]);
+        assert_eq!(subscribed(&member), [B, A]);
         assert_eq!(member.caught_up(A), None);
         assert_eq!(member.caught_up(B), Some(A));
-        assert_eq!(heard(&member), [B]);
+        assert_eq!(subscribed(&member), [B]);
     }
 
     #[test]
-    fn who_changes_twice_keeps_what_it_has_a_copy_of() {
+    fn a_second_change_keeps_the_complete_replica_s_stream() {
         let mut member = Member::new(A, StreamChoice::Full);
         assert_eq!(member.change(B), None);
         assert_eq!(member.change(C), Some(B));
-        assert_eq!(heard(&member), [C, A]);
+        assert_eq!(subscribed(&member), [C, A]);
         assert_eq!(member.caught_up(C), Some(A));
     }
 
     #[test]
-    fn who_changes_back_hears_one_stream_once() {
+    fn changing_back_subscribes_once() {
         let mut member = Member::new(A, StreamChoice::Full);
         assert_eq!(member.change(B), None);
         assert_eq!(member.change(A), Some(B));
-        assert_eq!(heard(&member), [A]);
+        assert_eq!(subscribed(&member), [A]);
     }
 
     #[test]
-    fn echoes_of_each_stream_have_a_pause_of_their_own() {
+    fn loss_reports_are_rate_limited_per_stream() {
         let mut member = Member::new(A, StreamChoice::Full);
         member.change(B);
         let now = Instant::from_nanos(7);
-        assert!(member.answers_echo(A, now) && member.answers_echo(B, now));
-        assert!(!member.answers_echo(A, now) && !member.answers_echo(C, now));
-        assert!(member.answers_echo(A, now + ECHO_PAUSE));
+        assert!(member.answers_loss_report(A, now) && member.answers_loss_report(B, now));
+        assert!(!member.answers_loss_report(A, now) && !member.answers_loss_report(C, now));
+        assert!(member.answers_loss_report(A, now + LOSS_REPORT_INTERVAL));
     }
 }

@@ -13,7 +13,7 @@ use rhumb_protocol::{Peer, Transmit};
 #[derive(Debug, Default)]
 pub(crate) struct Outbox {
     sessions: BTreeMap<Peer, ServerSession>,
-    /// Connections whose sessions may have something to say.
+    /// Connections whose sessions may have something to send.
     talking: BTreeSet<Peer>,
     ready: VecDeque<Transmit>,
 }
@@ -28,22 +28,22 @@ impl Outbox {
         self.talking.remove(&peer);
     }
 
-    /// A connection's session, which may have something to say afterwards.
+    /// A connection's session, which may have something to send afterwards.
     pub(crate) fn session(&mut self, peer: Peer) -> Option<&mut ServerSession> {
         self.talking.insert(peer);
         self.sessions.get_mut(&peer)
     }
 
-    pub(crate) fn say(&mut self, to: Peer, message: &ServerMessage) {
+    pub(crate) fn send(&mut self, to: Peer, message: &ServerMessage) {
         if let Some(session) = self.session(to) {
-            session.say(message);
+            session.send(message);
         }
     }
 
     /// Says messages that were encoded once for many.
-    pub(crate) fn say_encoded(&mut self, to: Peer, messages: &Bytes) {
+    pub(crate) fn send_encoded(&mut self, to: Peer, messages: &Bytes) {
         if let Some(session) = self.session(to) {
-            session.say_encoded(messages);
+            session.send_encoded(messages);
         }
     }
 

@@ -9,17 +9,17 @@ use rhumb_protocol::limits::{
     BODIES_MAX, DAMPINGS_MAX, INDICES_MAX, JOINTS_MAX, SHAPE_BYTES_PER_SCENE_MAX, SHAPES_MAX,
 };
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, CommandError, IdRange, Joint, JointId, Joints, Shape, ShapeId,
+    BodyDesc, BodyKind, CommandError, IdRange, Joint, JointId, Joints, Shape, ShapeId,
 };
 use rhumb_reckoning::{BodyId, Damping};
 
 /// The shapes, bodies and joints of one scene.
 #[derive(Debug, Default)]
 pub(crate) struct Registry {
-    shapes: BTreeMap<ShapeId, KnownShape>,
+    shapes: BTreeMap<ShapeId, ShapeEntry>,
     shape_bytes: usize,
     /// By index; `None` where none ever was.
-    bodies: Vec<Option<KnownBody>>,
+    bodies: Vec<Option<BodyEntry>>,
     count: usize,
     joints: Joints,
     /// All that bodies ever had: both ends of a stream keep a table for each.
@@ -27,7 +27,7 @@ pub(crate) struct Registry {
 }
 
 #[derive(Clone, Debug)]
-struct KnownShape {
+struct ShapeEntry {
     shape: Shape,
     /// Bodies that have it.
     users: usize,
@@ -35,8 +35,8 @@ struct KnownShape {
 
 /// The last body of an index.
 #[derive(Clone, Copy, Debug)]
-struct KnownBody {
-    terms: BodyTerms,
+struct BodyEntry {
+    config: BodyDesc,
     lives: bool,
 }
 
@@ -53,7 +53,7 @@ impl Registry {
             return Err(CommandError::TooManyShapeBytes);
         }
         self.shape_bytes = bytes;
-        self.shapes.insert(id, KnownShape { shape, users: 0 });
+        self.shapes.insert(id, ShapeEntry { shape, users: 0 });
         Ok(())
     }
 
@@ -71,22 +71,22 @@ impl Registry {
     /// Takes a body in. `damping`: its own or the scene's.
     pub(crate) fn add_body(
         &mut self,
-        terms: BodyTerms,
+        config: BodyDesc,
         damping: Damping,
     ) -> Result<(), CommandError> {
-        let id = terms.id;
+        let id = config.id;
         if id.index() >= INDICES_MAX {
             return Err(CommandError::NotGranted(id));
         }
         let last = self.bodies.get(id.index() as usize).copied().flatten();
-        if last.is_some_and(|last| last.lives || last.terms.id.generation() >= id.generation()) {
+        if last.is_some_and(|last| last.lives || last.config.id.generation() >= id.generation()) {
             return Err(CommandError::BodyIdTaken(id));
         }
         if self.count >= BODIES_MAX as usize {
             return Err(CommandError::TooManyBodies);
         }
-        // As predictors have it: what no engine moves is not damped, whatever its terms name.
-        let damping = match terms.kind {
+        // As predictors have it: what no engine moves is not damped, whatever its config name.
+        let damping = match config.kind {
             BodyKind::Dynamic => damping,
             BodyKind::Static | BodyKind::Kinematic => Damping::default(),
         };
@@ -94,10 +94,10 @@ impl Registry {
         if new_damping && self.dampings.len() >= DAMPINGS_MAX {
             return Err(CommandError::TooManyDampings);
         }
-        let known = self.shapes.get_mut(&terms.shape);
-        let known = known.ok_or(CommandError::UnknownShape(terms.shape))?;
-        if terms.kind == BodyKind::Dynamic && !known.shape.is_solid() {
-            return Err(CommandError::NoInside(terms.shape));
+        let known = self.shapes.get_mut(&config.shape);
+        let known = known.ok_or(CommandError::UnknownShape(config.shape))?;
+        if config.kind == BodyKind::Dynamic && !known.shape.is_solid() {
+            return Err(CommandError::NoInside(config.shape));
         }
         known.users += 1;
         if new_damping {
@@ -107,7 +107,10 @@ impl Registry {
         if index >= self.bodies.len() {
             self.bodies.resize(index + 1, None);
         }
-        self.bodies[index] = Some(KnownBody { terms, lives: true });
+        self.bodies[index] = Some(BodyEntry {
+            config,
+            lives: true,
+        });
         self.count += 1;
         Ok(())
     }
@@ -151,15 +154,15 @@ impl Registry {
         &self.joints
     }
 
-    pub(crate) fn body(&self, id: BodyId) -> Option<&BodyTerms> {
+    pub(crate) fn body(&self, id: BodyId) -> Option<&BodyDesc> {
         let known = self.bodies.get(id.index() as usize)?.as_ref()?;
-        (known.lives && known.terms.id == id).then_some(&known.terms)
+        (known.lives && known.config.id == id).then_some(&known.config)
     }
 
     /// In the order of ids.
-    pub(crate) fn bodies(&self) -> impl Iterator<Item = &BodyTerms> {
+    pub(crate) fn bodies(&self) -> impl Iterator<Item = &BodyDesc> {
         let known = self.bodies.iter().flatten();
-        known.filter(|known| known.lives).map(|known| &known.terms)
+        known.filter(|known| known.lives).map(|known| &known.config)
     }
 
     pub(crate) const fn body_count(&self) -> usize {
@@ -185,7 +188,7 @@ impl Registry {
             if known.lives {
                 return None;
             }
-            generation = generation.max(known.terms.id.generation().checked_add(1)?);
+            generation = generation.max(known.config.id.generation().checked_add(1)?);
         }
         Some(generation)
     }

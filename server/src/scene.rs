@@ -10,20 +10,20 @@ use std::mem;
 use glam::{DVec3, Vec3};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, CommandError, IdRange, Invalid, JointId, Joints, SceneTerms,
+    BodyDesc, BodyKind, Command, CommandError, IdRange, Invalid, JointId, Joints, SceneConfig,
     Shape, ShapeId,
 };
 use rhumb_protocol::stream::Observation;
-use rhumb_reckoning::{BodyId, Inertia, Metres, Tick, Twist, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Twist};
 
 use crate::digest::Digest;
-use crate::engine::{Contact, Engine, EngineFault, Newcomer, Push, RapierEngine, Workers};
+use crate::engine::{Contact, Engine, EngineFault, NewBody, Push, RapierEngine, Workers};
 use crate::hook::{Hook, HookError};
 use crate::registry::Registry;
 
 /// Bodies under one gravity, stepped together.
 pub struct Scene {
-    terms: SceneTerms,
+    config: SceneConfig,
     gravity: Vec3,
     tick: Tick,
     registry: Registry,
@@ -54,31 +54,31 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// [`Invalid`] names the first of the terms that is wrong.
-    pub fn new(terms: SceneTerms) -> Result<Self, Invalid> {
-        Self::on(terms, &Workers::default())
+    /// [`Invalid`] names the first of the config that is wrong.
+    pub fn new(config: SceneConfig) -> Result<Self, Invalid> {
+        Self::on(config, &Workers::default())
     }
 
     /// An empty scene that Rapier steps on these threads.
     ///
     /// # Errors
     ///
-    /// [`Invalid`] names the first of the terms that is wrong.
-    pub fn on(terms: SceneTerms, workers: &Workers) -> Result<Self, Invalid> {
-        terms.check()?;
-        Self::with_engine(terms, Box::new(RapierEngine::on(&terms, workers)))
+    /// [`Invalid`] names the first of the config that is wrong.
+    pub fn on(config: SceneConfig, workers: &Workers) -> Result<Self, Invalid> {
+        config.check()?;
+        Self::with_engine(config, Box::new(RapierEngine::on(&config, workers)))
     }
 
-    /// An empty scene that another engine steps; the engine is empty too and under the terms' gravity.
+    /// An empty scene that another engine steps; the engine is empty too and under the config' gravity.
     ///
     /// # Errors
     ///
-    /// [`Invalid`] names the first of the terms that is wrong.
-    pub fn with_engine(terms: SceneTerms, engine: Box<dyn Engine>) -> Result<Self, Invalid> {
-        terms.check()?;
+    /// [`Invalid`] names the first of the config that is wrong.
+    pub fn with_engine(config: SceneConfig, engine: Box<dyn Engine>) -> Result<Self, Invalid> {
+        config.check()?;
         Ok(Self {
-            terms,
-            gravity: terms.gravity,
+            config,
+            gravity: config.gravity,
             tick: Tick::ZERO,
             registry: Registry::default(),
             engine,
@@ -107,7 +107,7 @@ impl Scene {
                 self.registry.remove_shape(id)?;
                 self.engine.remove_shape(id);
             }
-            Command::AddBody { terms, motion } => self.add_body(terms, motion)?,
+            Command::AddBody { config, motion } => self.add_body(config, motion)?,
             Command::RemoveBody { id } => {
                 let joints = self.registry.remove_body(id)?;
                 self.let_go(joints);
@@ -235,18 +235,18 @@ impl Scene {
         }
     }
 
-    fn add_body(&mut self, terms: BodyTerms, motion: Verbatim) -> Result<(), CommandError> {
-        let damping = terms.damping.unwrap_or(self.terms.damping);
-        self.registry.add_body(terms, damping)?;
-        self.engine.add(&Newcomer {
-            id: terms.id,
-            kind: terms.kind,
-            shape: terms.shape,
-            material: terms.material.unwrap_or(self.terms.material),
+    fn add_body(&mut self, config: BodyDesc, motion: BodyState) -> Result<(), CommandError> {
+        let damping = config.damping.unwrap_or(self.config.damping);
+        self.registry.add_body(config, damping)?;
+        self.engine.add(&NewBody {
+            id: config.id,
+            kind: config.kind,
+            shape: config.shape,
+            material: config.material.unwrap_or(self.config.material),
             damping,
-            gravity_scale: terms.gravity_scale,
-            gyroscopic: terms.gyroscopic,
-            turns: terms.turns,
+            gravity_scale: config.gravity_scale,
+            gyroscopic: config.gyroscopic,
+            turns: config.turns,
             motion,
         });
         Ok(())
@@ -278,7 +278,7 @@ impl Scene {
         Ok(())
     }
 
-    fn known(&self, id: BodyId) -> Result<&BodyTerms, CommandError> {
+    fn known(&self, id: BodyId) -> Result<&BodyDesc, CommandError> {
         self.body(id).ok_or(CommandError::UnknownBody(id))
     }
 
@@ -298,7 +298,7 @@ impl Scene {
     /// Adds every body as it was after the last step, in the order of ids; static ones as asleep. One that was put
     /// elsewhere since is where it was then, and is observed again after the next step.
     pub fn observe_all(&self, out: &mut Vec<Observation>) {
-        let ids = self.registry.bodies().map(|terms| terms.id);
+        let ids = self.registry.bodies().map(|config| config.id);
         let before = |id: &BodyId| self.displaced.get(id).copied();
         out.extend(ids.filter_map(|id| before(&id).or_else(|| self.engine.observe_one(id))));
     }
@@ -324,8 +324,8 @@ impl Scene {
 
     /// What it was created with.
     #[must_use]
-    pub const fn terms(&self) -> &SceneTerms {
-        &self.terms
+    pub const fn config(&self) -> &SceneConfig {
+        &self.config
     }
 
     /// What pulls now, m/s².
@@ -336,12 +336,12 @@ impl Scene {
 
     /// What a body is.
     #[must_use]
-    pub fn body(&self, id: BodyId) -> Option<&BodyTerms> {
+    pub fn body(&self, id: BodyId) -> Option<&BodyDesc> {
         self.registry.body(id)
     }
 
     /// What every body is, in the order of ids.
-    pub fn bodies(&self) -> impl Iterator<Item = &BodyTerms> {
+    pub fn bodies(&self) -> impl Iterator<Item = &BodyDesc> {
         self.registry.bodies()
     }
 

@@ -13,9 +13,9 @@ use rhumb_transport::{
 };
 
 use crate::app::AppOptions;
-use crate::engine::{NoWorkers, Workers};
+use crate::engine::{Workers, WorkersError};
 use crate::hook::Hooks;
-use crate::host::Host;
+use crate::server_loop::ServerLoop;
 
 /// What the server proves itself with.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -56,7 +56,7 @@ pub enum RunError {
         cause: io::Error,
     },
     /// There are not as many threads to step on.
-    Workers(NoWorkers),
+    Workers(WorkersError),
     /// The sockets' thread was lost.
     Serve(ServeError),
 }
@@ -147,7 +147,7 @@ impl Server {
     /// [`RunError::Serve`] if the sockets' thread is lost.
     pub fn run(self, stop: &Stop) -> Result<ServerStatistics, RunError> {
         let clock = Clock::start();
-        let mut host = Host::new(move || clock.now());
+        let mut host = ServerLoop::new(move || clock.now());
         host.employ(self.workers);
         if let Some(hooks) = self.hooks {
             host.attach(hooks);

@@ -41,7 +41,7 @@ impl Times {
     }
 
     /// Who leads the scene was told of it, beside the streams.
-    pub(crate) fn add_telling(&mut self, took: Span) {
+    pub(crate) fn add_reporting(&mut self, took: Span) {
         self.publish_total += took.as_nanos();
     }
 

@@ -1,4 +1,4 @@
-//! Wishes act in the order of saying: commands after an advance, after it.
+//! Wishes act in the order of payload: commands after an advance, after it.
 //!
 //! Proved on a host without sockets that hears everything in one piece, as it may from a pipelined client.
 
@@ -9,23 +9,23 @@ use rhumb_protocol::message::{
     ClientMessage, Extensions, Frames, ServerMessage, StreamChoice, VERSIONS,
 };
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Cadence, Command, CommandError, Invalid, Material, Pace, Quantity,
-    SceneTerms, Shape, ShapeId,
+    BodyDesc, BodyKind, Command, CommandError, Invalid, Material, PublishSchedule, Quantity,
+    SceneConfig, Shape, ShapeId, Stepping,
 };
 use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
-use rhumb_reckoning::{Damping, Integrator, Rate, Tick, Tolerance, Verbatim};
-use rhumb_server::Host;
+use rhumb_reckoning::{BodyState, Damping, Integrator, Rate, Tick, Tolerance};
+use rhumb_server::ServerLoop;
 
 const CLIENT: Peer = Peer(1);
 
-fn terms() -> SceneTerms {
-    SceneTerms {
+fn config() -> SceneConfig {
+    SceneConfig {
         integrator: Integrator {
             rate: Rate::HZ_60,
             substeps: NonZeroU32::new(4).expect("four is not zero"),
         },
         gravity: Vec3::NEG_Y,
-        pace: Pace::Lockstep,
+        stepping: Stepping::Lockstep,
         material: Material {
             friction: 0.2,
             restitution: 0.0,
@@ -33,7 +33,7 @@ fn terms() -> SceneTerms {
         },
         damping: Damping::default(),
         sleep: None,
-        cadence: Cadence::EACH_TICK,
+        publish_schedule: PublishSchedule::EACH_TICK,
     }
 }
 
@@ -55,7 +55,7 @@ fn conversation(messages: &[ClientMessage]) -> Vec<ServerMessage> {
 
 /// Lets a host hear bytes in one piece and run until nothing is due; returns what it said on the control stream.
 fn heard(bytes: &[u8]) -> Vec<ServerMessage> {
-    let mut host = Host::new(|| Instant::ZERO);
+    let mut host = ServerLoop::new(|| Instant::ZERO);
     let now = Instant::ZERO;
     host.handle_opened(now, CLIENT);
     host.handle_control(now, CLIENT, bytes);
@@ -82,7 +82,7 @@ fn joined(rest: impl IntoIterator<Item = ClientMessage>) -> Vec<ClientMessage> {
             scene: "order".parse().expect("a good name"),
             extensions: Extensions::NONE,
         },
-        ClientMessage::Create(terms()),
+        ClientMessage::Create(config()),
         ClientMessage::Join(StreamChoice::Within(Tolerance::NORMAL)),
     ];
     messages.extend(rest);
@@ -116,13 +116,13 @@ fn a_command_after_an_advance_acts_after_its_steps() {
 #[test]
 fn a_motion_that_is_none_is_refused_and_the_conversation_goes_on() {
     let id = rhumb_reckoning::BodyId::new(0, 0);
-    let motion = Verbatim::new([1.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).unwrap();
-    let terms = BodyTerms::plain(id, BodyKind::Dynamic, ShapeId(0));
+    let motion = BodyState::new([1.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).unwrap();
+    let config = BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0));
     let mut bytes = Vec::new();
     for message in joined([shape(0)]) {
         message.encode(&mut bytes);
     }
-    ClientMessage::Command(Command::AddBody { terms, motion }).encode(&mut bytes);
+    ClientMessage::Command(Command::AddBody { config, motion }).encode(&mut bytes);
     // The position's last coordinate ends the message.
     let end = bytes.len();
     bytes[end - 4..].copy_from_slice(&f32::NAN.to_le_bytes());

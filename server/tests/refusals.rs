@@ -10,22 +10,23 @@ use proptest::prelude::*;
 use rhumb_protocol::limits::{DAMPINGS_MAX, INDICES_MAX, JOINTS_MAX, SHAPES_MAX};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Cadence, Command, CommandError, Hull, IdRange, Invalid, Joint, JointFrame,
-    JointId, JointKind, JointLimits, Material, Pace, Quantity, SceneTerms, Shape, ShapeId,
+    BodyDesc, BodyKind, Command, CommandError, Hull, IdRange, Invalid, Joint, JointFrame, JointId,
+    JointKind, JointLimits, Material, PublishSchedule, Quantity, SceneConfig, Shape, ShapeId,
+    Stepping,
 };
 use rhumb_protocol::stream::Observation;
-use rhumb_reckoning::{BodyId, Damping, Inertia, Integrator, Rate, Tick, Twist, Verbatim};
-use rhumb_server::engine::{Contact, Engine, EngineFault, Newcomer, Push, Unfit};
+use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Integrator, Rate, Tick, Twist};
+use rhumb_server::engine::{Contact, Engine, EngineFault, NewBody, Push, UnusableShape};
 use rhumb_server::{Digest, Scene, SceneFault};
 
-fn terms() -> SceneTerms {
-    SceneTerms {
+fn config() -> SceneConfig {
+    SceneConfig {
         integrator: Integrator {
             rate: Rate::HZ_60,
             substeps: NonZeroU32::new(4).expect("four is not zero"),
         },
         gravity: Vec3::new(0.0, -10.0, 0.0),
-        pace: Pace::Lockstep,
+        stepping: Stepping::Lockstep,
         material: Material {
             friction: 0.5,
             restitution: 0.5,
@@ -33,14 +34,14 @@ fn terms() -> SceneTerms {
         },
         damping: Damping::default(),
         sleep: None,
-        cadence: Cadence::EACH_TICK,
+        publish_schedule: PublishSchedule::EACH_TICK,
     }
 }
 
 const SHAPE: ShapeId = ShapeId(3);
 
 fn with_shape() -> Scene {
-    let mut scene = Scene::new(terms()).expect("the test makes it valid");
+    let mut scene = Scene::new(config()).expect("the test makes it valid");
     let shape = Shape::Ball { radius: 0.5 };
     scene
         .apply(&Command::AddShape { id: SHAPE, shape })
@@ -52,8 +53,8 @@ fn body(index: u32, generation: u16, kind: BodyKind) -> Command {
     let id = BodyId::new(index, generation);
     let identity = [0.0, 0.0, 0.0, 1.0];
     Command::AddBody {
-        terms: BodyTerms::plain(id, kind, SHAPE),
-        motion: Verbatim::new([0.0; 3], identity, [0.0; 3], [0.0; 3])
+        config: BodyDesc::plain(id, kind, SHAPE),
+        motion: BodyState::new([0.0; 3], identity, [0.0; 3], [0.0; 3])
             .expect("the test makes it valid"),
     }
 }
@@ -146,14 +147,14 @@ fn only_dynamic_bodies_are_pushed_and_static_ones_have_no_velocity() {
 fn there_is_an_end_to_different_dampings() {
     let mut scene = with_shape();
     let damped = |index: u32| {
-        let Command::AddBody { mut terms, motion } = body(index, 0, BodyKind::Dynamic) else {
+        let Command::AddBody { mut config, motion } = body(index, 0, BodyKind::Dynamic) else {
             unreachable!()
         };
-        terms.damping = Some(Damping {
+        config.damping = Some(Damping {
             linear: index as f32,
             angular: 0.0,
         });
-        Command::AddBody { terms, motion }
+        Command::AddBody { config, motion }
     };
     let most = DAMPINGS_MAX as u32;
     for index in 0..most {
@@ -196,8 +197,8 @@ fn a_joint_holds_two_bodies_that_live_under_a_free_number() {
 }
 
 #[test]
-fn terms_are_checked() {
-    let mut wrong = terms();
+fn a_scene_config_is_checked() {
+    let mut wrong = config();
     wrong.gravity.x = f32::NAN;
     let answer = Scene::new(wrong).map(|_| ());
     assert_eq!(answer, Err(Invalid::NotFinite(Quantity::Gravity)));
@@ -210,14 +211,14 @@ struct Double {
 }
 
 impl Engine for Double {
-    fn add_shape(&mut self, _: ShapeId, _: &Shape) -> Result<(), Unfit> {
+    fn add_shape(&mut self, _: ShapeId, _: &Shape) -> Result<(), UnusableShape> {
         Ok(())
     }
 
     fn remove_shape(&mut self, _: ShapeId) {}
     fn add_joint(&mut self, _: JointId, _: &Joint) {}
     fn remove_joint(&mut self, _: JointId) {}
-    fn add(&mut self, _: &Newcomer) {}
+    fn add(&mut self, _: &NewBody) {}
     fn remove(&mut self, _: BodyId) {}
     fn set_pose(&mut self, _: BodyId, _: Vec3, _: Quat) {}
     fn set_velocity(&mut self, _: BodyId, _: Twist) {}
@@ -257,7 +258,7 @@ impl Engine for Double {
 fn a_scene_whose_engine_failed_stands_still_and_takes_no_commands() {
     let loses = BodyId::new(0, 0);
     let engine = Box::new(Double { steps: 0, loses });
-    let mut scene = Scene::with_engine(terms(), engine).unwrap();
+    let mut scene = Scene::with_engine(config(), engine).unwrap();
     let shape = Shape::Ball { radius: 0.5 };
     let add = Command::AddShape { id: SHAPE, shape };
     scene.apply(&add).unwrap();
@@ -340,8 +341,8 @@ fn hull() -> impl Strategy<Value = Hull> {
         |(points, sizes, turn)| {
             let (size, flatness, jitter) = sizes;
             let spoiled = |(place, (x, y, z)): (usize, (f32, f32, f32))| {
-                let astray = jitter * (place % 7) as f32;
-                turn * (Vec3::new(x + astray, y * flatness, z - astray) * size)
+                let divergence_time = jitter * (place % 7) as f32;
+                turn * (Vec3::new(x + divergence_time, y * flatness, z - divergence_time) * size)
             };
             let points: Vec<_> = points.into_iter().enumerate().map(spoiled).collect();
             Hull::new(&points).ok()
@@ -371,7 +372,7 @@ fn shape_id() -> impl Strategy<Value = ShapeId> {
     prop_oneof![19 => (0..5_u32).prop_map(ShapeId), 1 => Just(ShapeId(u32::MAX))]
 }
 
-fn body_terms() -> impl Strategy<Value = BodyTerms> {
+fn body_desc() -> impl Strategy<Value = BodyDesc> {
     let kind = prop_oneof![
         1 => Just(BodyKind::Static),
         6 => Just(BodyKind::Dynamic),
@@ -382,23 +383,23 @@ fn body_terms() -> impl Strategy<Value = BodyTerms> {
     let material = prop::option::of(material);
     let scale = number(-1.0, 2.0);
     (id(), kind, shape_id(), material, scale).prop_map(|(id, kind, shape, material, scale)| {
-        let mut terms = BodyTerms::plain(id, kind, shape);
-        terms.material = material.map(|(friction, restitution, density)| Material {
+        let mut config = BodyDesc::plain(id, kind, shape);
+        config.material = material.map(|(friction, restitution, density)| Material {
             friction,
             restitution,
             density,
         });
-        terms.gravity_scale = scale;
-        terms
+        config.gravity_scale = scale;
+        config
     })
 }
 
 /// A body among the others, and the same of a later generation if its index was used.
 fn body_wish() -> impl Strategy<Value = Option<Command>> {
     let place = (vector(2.0), rotation(), vector(20.0), vector(20.0));
-    (body_terms(), place).prop_map(|(terms, (p, q, v, w))| {
-        let made = Verbatim::new(p.to_array(), q.to_array(), v.to_array(), w.to_array());
-        made.ok().map(|motion| Command::AddBody { terms, motion })
+    (body_desc(), place).prop_map(|(config, (p, q, v, w))| {
+        let made = BodyState::new(p.to_array(), q.to_array(), v.to_array(), w.to_array());
+        made.ok().map(|motion| Command::AddBody { config, motion })
     })
 }
 
@@ -476,7 +477,7 @@ fn wish() -> impl Strategy<Value = Option<Command>> {
 #[derive(Debug, PartialEq)]
 struct Seen {
     all: Vec<Observation>,
-    bodies: Vec<BodyTerms>,
+    bodies: Vec<BodyDesc>,
     shapes: Vec<(ShapeId, Shape)>,
     joints: Vec<(JointId, Joint)>,
     gravity: Vec3,

@@ -1,9 +1,9 @@
 //! Each scene does what it is there for: it rests, falls, turns or flies.
 //!
-//! Proved by runs in this process, by what is seen of the bodies; recorded digests are elsewhere.
+//! Proved by runs in this process, by what is seen of the bodies; recorded checksum_packets are elsewhere.
 
 use glam::{DQuat, DVec3, Vec3};
-use rhumb_protocol::scene::{BodyKind, BodyTerms, Command};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command};
 use rhumb_reckoning::BodyId;
 use rhumb_server::{Hook, Scene};
 use rhumb_sims::{Script, by_name, default_bodies};
@@ -17,7 +17,7 @@ struct Played {
 impl Played {
     fn new(name: &str, bodies: u32, seed: u64) -> Self {
         let script = by_name(name, bodies, seed).expect("the test names what there is");
-        let mut scene = Scene::new(script.terms()).expect("scripts have good terms");
+        let mut scene = Scene::new(script.config()).expect("scripts have good config");
         if let Some(mut controller) = script.controller() {
             scene.attach(Hook::new(move |scene: &Scene, out| {
                 let motion = |id| scene.observation(id).map(|seen| seen.motion);
@@ -47,9 +47,9 @@ impl Played {
     }
 
     fn dynamic(&self) -> Vec<BodyId> {
-        let moved = |terms: &&BodyTerms| terms.kind == BodyKind::Dynamic;
+        let moved = |config: &&BodyDesc| config.kind == BodyKind::Dynamic;
         let bodies = self.scene.bodies().filter(moved);
-        bodies.map(|terms| terms.id).collect()
+        bodies.map(|config| config.id).collect()
     }
 
     fn parts(&self, id: BodyId) -> [f32; 13] {

@@ -1,14 +1,14 @@
 //! What a script's scene does is fixed by its name, bodies and seed.
 //!
-//! Proved by runs in this process, held against each other and against recorded digests.
+//! Proved by runs in this process, held against each other and against recorded checksum_packets.
 
-use rhumb_protocol::scene::{BodyKind, BodyTerms};
+use rhumb_protocol::scene::{BodyDesc, BodyKind};
 use rhumb_server::{Digest, Hook, Scene};
 use rhumb_sims::{NAMES, Script, by_name};
 
 /// Runs a script and hands each tick's observations to `check`.
 fn run(script: &mut dyn Script, ticks: u32, mut check: impl FnMut(&Scene)) -> Scene {
-    let mut scene = Scene::new(script.terms()).expect("the test makes it valid");
+    let mut scene = Scene::new(script.config()).expect("the test makes it valid");
     if let Some(mut controller) = script.controller() {
         scene.attach(Hook::new(move |scene: &Scene, out| {
             let motion = |id| scene.observation(id).map(|seen| seen.motion);
@@ -97,7 +97,7 @@ fn what_an_observation_leaves_out_has_not_changed() {
 fn no_ball_leaves_the_pit() {
     let mut script = by_name("ball-pit", 500, 11).unwrap();
     let balls = |scene: &Scene| {
-        let dynamic = |terms: &&BodyTerms| terms.kind == BodyKind::Dynamic;
+        let dynamic = |config: &&BodyDesc| config.kind == BodyKind::Dynamic;
         scene.bodies().filter(dynamic).count()
     };
     let scene = run(script.as_mut(), 1_800, |_| {});

@@ -9,10 +9,10 @@ use glam::{Quat, Vec3};
 use proptest::prelude::*;
 use rhumb_protocol::limits::SHAPE_BYTES_PER_SCENE_MAX;
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Cadence, Command, CommandError, Compound, Heights, Material, Mesh, Pace,
-    Part, SceneTerms, Shape, ShapeId,
+    BodyDesc, BodyKind, Command, CommandError, Compound, Heights, Material, Mesh, Part,
+    PublishSchedule, SceneConfig, Shape, ShapeId, Stepping,
 };
-use rhumb_reckoning::{BodyId, Damping, Integrator, Rate, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Rate};
 use rhumb_server::Scene;
 
 const VALID: &str = "the test makes it valid";
@@ -20,13 +20,13 @@ const GROUND: BodyId = BodyId::new(0, 0);
 const FALLING: BodyId = BodyId::new(1, 0);
 
 fn scene() -> Scene {
-    Scene::new(SceneTerms {
+    Scene::new(SceneConfig {
         integrator: Integrator {
             rate: Rate::HZ_60,
             substeps: NonZeroU32::new(4).expect(VALID),
         },
         gravity: Vec3::new(0.0, -10.0, 0.0),
-        pace: Pace::Lockstep,
+        stepping: Stepping::Lockstep,
         material: Material {
             friction: 0.5,
             restitution: 0.0,
@@ -37,7 +37,7 @@ fn scene() -> Scene {
             angular: 0.5,
         },
         sleep: None,
-        cadence: Cadence::EACH_TICK,
+        publish_schedule: PublishSchedule::EACH_TICK,
     })
     .expect(VALID)
 }
@@ -47,10 +47,10 @@ fn add_shape(scene: &mut Scene, id: u32, shape: Shape) -> Result<(), CommandErro
     scene.apply(&Command::AddShape { id, shape })
 }
 
-fn add(scene: &mut Scene, terms: BodyTerms, at: Vec3) -> Result<(), CommandError> {
+fn add(scene: &mut Scene, config: BodyDesc, at: Vec3) -> Result<(), CommandError> {
     let upright = [0.0, 0.0, 0.0, 1.0];
-    let motion = Verbatim::new(at.to_array(), upright, [0.0; 3], [0.0; 3]).expect(VALID);
-    scene.apply(&Command::AddBody { terms, motion })
+    let motion = BodyState::new(at.to_array(), upright, [0.0; 3], [0.0; 3]).expect(VALID);
+    scene.apply(&Command::AddBody { config, motion })
 }
 
 /// Drops a body on a static one; returns where it is two seconds later, and how it is turned.
@@ -58,16 +58,16 @@ fn drop_on(ground: Shape, falling: Shape, turns: bool, from: Vec3) -> (Vec3, Qua
     let mut scene = scene();
     add_shape(&mut scene, 0, ground).expect(VALID);
     add_shape(&mut scene, 1, falling).expect(VALID);
-    let plain = BodyTerms::plain;
+    let plain = BodyDesc::plain;
     add(
         &mut scene,
         plain(GROUND, BodyKind::Static, ShapeId(0)),
         Vec3::ZERO,
     )
     .expect(VALID);
-    let mut terms = plain(FALLING, BodyKind::Dynamic, ShapeId(1));
-    terms.turns = turns;
-    add(&mut scene, terms, from).expect(VALID);
+    let mut config = plain(FALLING, BodyKind::Dynamic, ShapeId(1));
+    config.turns = turns;
+    add(&mut scene, config, from).expect(VALID);
     for _ in 0..120 {
         scene.step().expect(VALID);
     }
@@ -170,11 +170,11 @@ fn a_dynamic_body_has_no_sheet_and_a_scene_not_too_many_of_them() {
     }]);
     add_shape(&mut scene, 1, Shape::Compound(holed.expect(VALID))).expect(VALID);
     for shape in [ShapeId(0), ShapeId(1)] {
-        let terms = BodyTerms::plain(FALLING, BodyKind::Dynamic, shape);
-        let refused = add(&mut scene, terms, Vec3::ZERO);
+        let config = BodyDesc::plain(FALLING, BodyKind::Dynamic, shape);
+        let refused = add(&mut scene, config, Vec3::ZERO);
         assert_eq!(refused, Err(CommandError::NoInside(shape)));
     }
-    let moved = BodyTerms::plain(FALLING, BodyKind::Kinematic, ShapeId(0));
+    let moved = BodyDesc::plain(FALLING, BodyKind::Kinematic, ShapeId(0));
     assert_eq!(add(&mut scene, moved, Vec3::ZERO), Ok(()));
     let large = || Shape::Heights(Heights::new(500, 1.0, 1.0, &[0.0; 250_000]).expect(VALID));
     let fit = SHAPE_BYTES_PER_SCENE_MAX as u32 / 1_000_200;
@@ -194,7 +194,7 @@ fn contacts_name_the_other_and_point_away_from_it() {
     let mut scene = scene();
     add_shape(&mut scene, 0, terrace()).expect(VALID);
     add_shape(&mut scene, 1, BALL).expect(VALID);
-    let plain = BodyTerms::plain;
+    let plain = BodyDesc::plain;
     add(
         &mut scene,
         plain(GROUND, BodyKind::Static, ShapeId(0)),
@@ -278,11 +278,11 @@ proptest! {
         let mut scene = scene();
         // What the engine can make no solid of is refused, and nothing has changed.
         let made = [(0, ground), (1, falling)].map(|(id, shape)| add_shape(&mut scene, id, shape));
-        let _ = add(&mut scene, BodyTerms::plain(GROUND, kind, ShapeId(0)), Vec3::ZERO);
+        let _ = add(&mut scene, BodyDesc::plain(GROUND, kind, ShapeId(0)), Vec3::ZERO);
         for (number, place) in places.into_iter().enumerate() {
             let id = BodyId::new(number as u32 + 1, 0);
-            let terms = BodyTerms::plain(id, BodyKind::Dynamic, ShapeId(1));
-            let added = add(&mut scene, terms, place * 3.0 + Vec3::Y);
+            let config = BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(1));
+            let added = add(&mut scene, config, place * 3.0 + Vec3::Y);
             let sound = added.is_ok() || matches!(added, Err(CommandError::NoInside(_)));
             prop_assert!(sound || made[1].is_err(), "{added:?}");
         }

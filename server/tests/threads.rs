@@ -5,7 +5,7 @@
 
 use std::num::NonZeroU32;
 
-use rhumb_server::{NoWorkers, Scene, Workers};
+use rhumb_server::{Scene, Workers, WorkersError};
 use rhumb_sims::{BallPit, Script};
 
 fn threads(count: u32) -> Option<NonZeroU32> {
@@ -15,7 +15,7 @@ fn threads(count: u32) -> Option<NonZeroU32> {
 /// What 600 balls do in two seconds.
 fn truth(workers: &Workers) -> u64 {
     let mut script = BallPit::new(600, 1, 5);
-    let mut scene = Scene::on(script.terms(), workers).expect("a script's terms are valid");
+    let mut scene = Scene::on(script.config(), workers).expect("a script's config are valid");
     let mut commands = Vec::new();
     for _ in 0..120 {
         commands.clear();
@@ -40,6 +40,6 @@ fn a_pile_does_the_same_on_any_number_of_threads() {
     } else {
         let asked = NonZeroU32::new(2).unwrap();
         let refused = Workers::new(threads(2)).err();
-        assert_eq!(refused, Some(NoWorkers::OneOnly { asked }));
+        assert_eq!(refused, Some(WorkersError::OneOnly { asked }));
     }
 }

@@ -8,24 +8,24 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::limits::{COORDINATE_MAX, FORCE_MAX};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Cadence, Command, CommandError, Hull, Joint, JointFrame, JointId,
-    JointKind, JointLimits, Material, Pace, SceneTerms, Shape, ShapeId, SleepTerms,
+    BodyDesc, BodyKind, Command, CommandError, Hull, Joint, JointFrame, JointId, JointKind,
+    JointLimits, Material, PublishSchedule, SceneConfig, Shape, ShapeId, SleepConfig, Stepping,
 };
 use rhumb_protocol::stream::{Activity, Observation};
-use rhumb_reckoning::{BodyId, Damping, Integrator, Rate, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Rate};
 use rhumb_server::Scene;
 
 const FLOOR: BodyId = BodyId::new(0, 0);
 const BALL: BodyId = BodyId::new(1, 0);
 
-fn terms() -> SceneTerms {
-    SceneTerms {
+fn config() -> SceneConfig {
+    SceneConfig {
         integrator: Integrator {
             rate: Rate::HZ_60,
             substeps: NonZeroU32::new(4).expect("four is not zero"),
         },
         gravity: Vec3::new(0.0, -10.0, 0.0),
-        pace: Pace::Lockstep,
+        stepping: Stepping::Lockstep,
         material: Material {
             friction: 0.5,
             restitution: 0.0,
@@ -36,12 +36,12 @@ fn terms() -> SceneTerms {
             angular: 0.5,
         },
         sleep: None,
-        cadence: Cadence::EACH_TICK,
+        publish_schedule: PublishSchedule::EACH_TICK,
     }
 }
 
-fn motion(position: Vec3, linear: Vec3) -> Verbatim {
-    Verbatim::new(
+fn motion(position: Vec3, linear: Vec3) -> BodyState {
+    BodyState::new(
         position.to_array(),
         [0.0, 0.0, 0.0, 1.0],
         linear.to_array(),
@@ -50,17 +50,17 @@ fn motion(position: Vec3, linear: Vec3) -> Verbatim {
     .expect("the test makes it valid")
 }
 
-fn add(scene: &mut Scene, id: BodyId, kind: BodyKind, shape: u32, place: Verbatim) {
-    let terms = BodyTerms::plain(id, kind, ShapeId(shape));
+fn add(scene: &mut Scene, id: BodyId, kind: BodyKind, shape: u32, place: BodyState) {
+    let config = BodyDesc::plain(id, kind, ShapeId(shape));
     let motion = place;
     scene
-        .apply(&Command::AddBody { terms, motion })
+        .apply(&Command::AddBody { config, motion })
         .expect("the test makes it valid");
 }
 
 /// Shape 0 is a slab of 20 × 2 × 20 m, shape 1 a ball of radius 0.5 m.
 fn empty() -> Scene {
-    let mut scene = Scene::new(terms()).expect("the test makes it valid");
+    let mut scene = Scene::new(config()).expect("the test makes it valid");
     for (id, shape) in [
         Shape::Cuboid {
             half_extents: Vec3::new(10.0, 1.0, 10.0),
@@ -148,7 +148,7 @@ fn a_body_that_falls_asleep_is_seen_once_more() {
 fn bodies_sleep_when_their_scene_says() {
     let sleeps_after = |sleep| {
         let mut scene =
-            Scene::new(SceneTerms { sleep, ..terms() }).expect("the test makes it valid");
+            Scene::new(SceneConfig { sleep, ..config() }).expect("the test makes it valid");
         scene
             .apply(&Command::SetGravity {
                 gravity: Vec3::ZERO,
@@ -165,11 +165,11 @@ fn bodies_sleep_when_their_scene_says() {
             scene.awake_count() == 0
         })
     };
-    let terms = |speed, seconds| Some(SleepTerms { speed, seconds });
+    let config = |speed, seconds| Some(SleepConfig { speed, seconds });
     assert_eq!(sleeps_after(None), None);
-    assert_eq!(sleeps_after(terms(0.19, 0.1)), None);
-    let soon = sleeps_after(terms(0.21, 0.1)).expect("it is still");
-    let later = sleeps_after(terms(0.21, 1.0)).expect("it is still");
+    assert_eq!(sleeps_after(config(0.19, 0.1)), None);
+    let soon = sleeps_after(config(0.21, 0.1)).expect("it is still");
+    let later = sleeps_after(config(0.21, 1.0)).expect("it is still");
     assert!(
         (6..10).contains(&soon) && (60..64).contains(&later),
         "{soon}, {later}"
@@ -377,13 +377,13 @@ fn a_blow_beyond_measure_costs_no_body() {
     let shape = Shape::Ball { radius: 1e-3 };
     scene.apply(&Command::AddShape { id, shape }).unwrap();
     let mote = BodyId::new(2, 0);
-    let mut terms = BodyTerms::plain(mote, BodyKind::Dynamic, id);
+    let mut config = BodyDesc::plain(mote, BodyKind::Dynamic, id);
     let motion = motion(Vec3::new(0.0, 1.0, 0.0), Vec3::ZERO);
-    terms.material = Some(Material {
+    config.material = Some(Material {
         density: 1e-3,
-        ..scene.terms().material
+        ..scene.config().material
     });
-    scene.apply(&Command::AddBody { terms, motion }).unwrap();
+    scene.apply(&Command::AddBody { config, motion }).unwrap();
     let most = Vec3::new(0.0, -FORCE_MAX, FORCE_MAX);
     let id = mote;
     for command in [
@@ -410,7 +410,7 @@ fn box_hull(half: Vec3) -> Shape {
 #[test]
 fn a_hull_has_its_bodys_origin_for_centre_of_mass_and_its_solids_mass() {
     let half = Vec3::new(0.5, 0.25, 1.0);
-    let thrown = |shape: Shape| {
+    let ballistic_torque_free = |shape: Shape| {
         let mut scene = empty();
         let id = ShapeId(2);
         scene.apply(&Command::AddShape { id, shape }).unwrap();
@@ -428,15 +428,15 @@ fn a_hull_has_its_bodys_origin_for_centre_of_mass_and_its_solids_mass() {
         seen(&mut scene)[0].motion.parts()
     };
     let (hull, cuboid) = (
-        thrown(box_hull(half)),
-        thrown(Shape::Cuboid { half_extents: half }),
+        ballistic_torque_free(box_hull(half)),
+        ballistic_torque_free(Shape::Cuboid { half_extents: half }),
     );
     for (one, other) in hull.into_iter().zip(cuboid) {
         assert!((one - other).abs() < 1e-5, "{hull:?} is not {cuboid:?}");
     }
     // Of a corner off all its neighbours by as much, the origin stays the centre.
     let corner = Hull::new(&[Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z]).unwrap();
-    let pushed = thrown(Shape::Hull(corner));
+    let pushed = ballistic_torque_free(Shape::Hull(corner));
     let speed = 600.0 / 60.0 / (1_000.0 / 6.0);
     assert!((pushed[7] - speed).abs() < 1e-5, "{pushed:?}");
     assert!(pushed[8..10].iter().all(|part| part.abs() < 1e-6));

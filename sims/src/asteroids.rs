@@ -9,12 +9,12 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DVec3, Quat, Vec3};
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, Hull, Material, SceneTerms, Shape, ShapeId,
+    BodyDesc, BodyKind, Command, Hull, Material, SceneConfig, Shape, ShapeId,
 };
-use rhumb_reckoning::{BodyId, Tick, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState, Tick};
 
-use crate::chance::Chance;
 use crate::controller::{Controller, flight};
+use crate::rng::SceneRng;
 use crate::rock::Rock;
 use crate::script::{INTEGRATOR, Script, TERMS, motion, still, surface};
 
@@ -56,8 +56,8 @@ impl Script for Asteroids {
         }
     }
 
-    fn terms(&self) -> SceneTerms {
-        SceneTerms {
+    fn config(&self) -> SceneConfig {
+        SceneConfig {
             gravity: Vec3::ZERO,
             material: surface(FRICTION, 1.0),
             ..TERMS
@@ -71,29 +71,29 @@ impl Script for Asteroids {
         let (id, shape) = (CENTRE_SHAPE, Shape::Ball { radius: CENTRE });
         out.push(Command::AddShape { id, shape });
         out.push(Command::AddBody {
-            terms: BodyTerms::plain(BodyId::new(0, 0), BodyKind::Static, id),
+            config: BodyDesc::plain(BodyId::new(0, 0), BodyKind::Static, id),
             motion: still(Vec3::ZERO),
         });
         let mut known = BTreeSet::new();
-        for (member, index) in self.flock.members.iter().zip(1..) {
-            let rock = &self.flock.rocks[member.rock as usize];
-            let id = ShapeId(1 + member.rock * (SCALE_STEPS + 1) + member.step);
+        for (flock_rock, index) in self.flock.members.iter().zip(1..) {
+            let rock = &self.flock.rocks[flock_rock.rock as usize];
+            let id = ShapeId(1 + flock_rock.rock * (SCALE_STEPS + 1) + flock_rock.step);
             if known.insert(id) {
-                let scale = member.scale() as f32;
+                let scale = flock_rock.scale() as f32;
                 let points: Vec<_> = rock.points.iter().map(|point| *point * scale).collect();
                 let hull = Hull::new(&points).expect("rocks are thick, and within the limits");
                 let shape = Shape::Hull(hull);
                 out.push(Command::AddShape { id, shape });
             }
-            let mut terms = BodyTerms::plain(BodyId::new(index, 0), BodyKind::Dynamic, id);
-            terms.gyroscopic = self.spin == Spin::Gyroscopic;
-            terms.material = Some(Material {
+            let mut config = BodyDesc::plain(BodyId::new(index, 0), BodyKind::Dynamic, id);
+            config.gyroscopic = self.spin == Spin::Gyroscopic;
+            config.material = Some(Material {
                 friction: FRICTION,
                 restitution: 0.0,
                 density: (1.0 / rock.volume) as f32,
             });
-            let motion = member.motion;
-            out.push(Command::AddBody { terms, motion });
+            let motion = flock_rock.motion;
+            out.push(Command::AddBody { config, motion });
         }
     }
 
@@ -102,7 +102,7 @@ impl Script for Asteroids {
         Some(Box::new(Herding {
             bounds: self.flock.bounds,
             drives: members
-                .map(|member| (member.mass(), member.speed))
+                .map(|flock_rock| (flock_rock.mass(), flock_rock.speed))
                 .collect(),
         }))
     }
@@ -120,15 +120,16 @@ impl Controller for Herding {
     fn before_step(
         &mut self,
         _: Tick,
-        motion: &dyn Fn(BodyId) -> Option<Verbatim>,
+        motion: &dyn Fn(BodyId) -> Option<BodyState>,
         out: &mut Vec<Command>,
     ) {
         for ((mass, target), index) in self.drives.iter().zip(1..) {
             let id = BodyId::new(index, 0);
             let Some(motion) = motion(id) else { continue };
             let (position, velocity) = flight(&motion);
-            let wished = self.acceleration(position.as_dvec3(), velocity.as_dvec3(), *target);
-            if let Some(acceleration) = wished {
+            let requested_authority =
+                self.acceleration(position.as_dvec3(), velocity.as_dvec3(), *target);
+            if let Some(acceleration) = requested_authority {
                 let force = (acceleration * *mass).as_vec3();
                 out.push(Command::Force { id, force });
             }
@@ -157,22 +158,22 @@ impl Herding {
 #[derive(Clone, Debug)]
 struct Flock {
     rocks: Vec<Rock>,
-    members: Vec<Member>,
+    members: Vec<FlockRock>,
     /// Metres from the middle.
     bounds: f64,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Member {
+struct FlockRock {
     rock: u32,
     /// Of the scale.
     step: u32,
     /// m/s.
     speed: f64,
-    motion: Verbatim,
+    motion: BodyState,
 }
 
-impl Member {
+impl FlockRock {
     fn scale(&self) -> f64 {
         0.25 + 0.75 * f64::from(self.step) / f64::from(SCALE_STEPS)
     }
@@ -185,12 +186,12 @@ impl Member {
 
 impl Flock {
     fn new(count: u32, seed: u64) -> Self {
-        let mut shaping = Chance::new(ROCKS_SEED);
+        let mut shaping = SceneRng::new(ROCKS_SEED);
         let rocks: Vec<_> = (0..ROCKS).map(|_| rock(&mut shaping)).collect();
         let bounds = (50.0 * libm::cbrt(f64::from(count) / 1_000.0)).max(10.0);
-        let mut chance = Chance::new(seed);
-        let mut room = Room::default();
-        let members = (0..count).map(|_| member(&rocks, bounds, &mut room, &mut chance));
+        let mut rng = SceneRng::new(seed);
+        let mut free_space = FreeSpace::default();
+        let members = (0..count).map(|_| flock_rock(&rocks, bounds, &mut free_space, &mut rng));
         Self {
             members: members.collect(),
             rocks,
@@ -199,53 +200,58 @@ impl Flock {
     }
 }
 
-fn rock(chance: &mut Chance) -> Rock {
-    let between = |chance: &mut Chance, least: f64, most: f64| {
-        least + (most - least) * (f64::from(chance.signed()) * 0.5 + 0.5)
+fn rock(rng: &mut SceneRng) -> Rock {
+    let between = |rng: &mut SceneRng, least: f64, most: f64| {
+        least + (most - least) * (f64::from(rng.signed()) * 0.5 + 0.5)
     };
     let extents = DVec3::new(
-        between(chance, 2.8, 3.7),
-        between(chance, 1.8, 2.8),
-        between(chance, 2.1, 3.0),
+        between(rng, 2.8, 3.7),
+        between(rng, 1.8, 2.8),
+        between(rng, 2.1, 3.0),
     );
-    Rock::new(55 + chance.below(62), extents, chance)
+    Rock::new(55 + rng.below(62), extents, rng)
 }
 
-fn member(rocks: &[Rock], bounds: f64, room: &mut Room, chance: &mut Chance) -> Member {
-    let mut member = Member {
-        rock: chance.below(ROCKS),
-        step: chance.below(SCALE_STEPS + 1),
-        speed: 2.5 + 1.5 * f64::from(chance.signed()),
+fn flock_rock(
+    rocks: &[Rock],
+    bounds: f64,
+    free_space: &mut FreeSpace,
+    rng: &mut SceneRng,
+) -> FlockRock {
+    let mut flock_rock = FlockRock {
+        rock: rng.below(ROCKS),
+        step: rng.below(SCALE_STEPS + 1),
+        speed: 2.5 + 1.5 * f64::from(rng.signed()),
         motion: still(Vec3::ZERO),
     };
-    let position = chance.in_ball().as_dvec3() * bounds;
-    let scale = member.scale();
-    let position = room.take(
+    let position = rng.in_ball().as_dvec3() * bounds;
+    let scale = flock_rock.scale();
+    let position = free_space.take(
         position,
         2.0 * scale,
-        rocks[member.rock as usize].radius * scale,
+        rocks[flock_rock.rock as usize].radius * scale,
     );
     let direction = loop {
-        let drawn = chance.in_ball().as_dvec3();
+        let drawn = rng.in_ball().as_dvec3();
         let length = libm::sqrt(drawn.length_squared());
         if length > 0.1 {
             break drawn / length;
         }
     };
-    let rotation: Quat = chance.rotation();
-    let linear = (direction * member.speed).as_vec3();
-    let angular = (chance.in_ball().as_dvec3() * MOST_SPIN).as_vec3();
-    member.motion = motion(position.as_vec3(), rotation, linear, angular);
-    member
+    let rotation: Quat = rng.rotation();
+    let linear = (direction * flock_rock.speed).as_vec3();
+    let angular = (rng.in_ball().as_dvec3() * MOST_SPIN).as_vec3();
+    flock_rock.motion = motion(position.as_vec3(), rotation, linear, angular);
+    flock_rock
 }
 
 /// Which room is taken: balls, by cells of a grid that is wider than any two reach.
 #[derive(Debug, Default)]
-struct Room {
+struct FreeSpace {
     cells: BTreeMap<[i32; 3], Vec<(DVec3, f64)>>,
 }
 
-impl Room {
+impl FreeSpace {
     const CELL: f64 = 4.0;
 
     fn cell(position: DVec3) -> [i32; 3] {
@@ -290,7 +296,7 @@ impl Room {
 const ROCKS: u32 = 8;
 /// Of the rocks' shapes: the benchmark's own seed.
 const ROCKS_SEED: u64 = 2_323;
-/// Scales between the least and the most.
+/// CorrectionRanker between the least and the most.
 const SCALE_STEPS: u32 = 750;
 const FRICTION: f32 = 0.6;
 /// Radius of the sphere in the middle, metres.
@@ -317,17 +323,18 @@ mod tests {
             assert!((55..=116).contains(&rock.points.len()));
             assert!((1.4..1.95).contains(&rock.radius), "{}", rock.radius);
         }
-        for (place, member) in flock.members.iter().enumerate() {
-            let (position, velocity) = flight(&member.motion);
-            assert!((0.25..=1.0).contains(&member.scale()));
-            assert!((1.0..=4.0).contains(&member.speed));
-            assert!((f64::from(velocity.length()) - member.speed).abs() < 1e-4);
-            let radius =
-                |member: &Member| flock.rocks[member.rock as usize].radius * member.scale();
-            assert!(f64::from(position.length()) > 5.0 + radius(member));
+        for (place, flock_rock) in flock.members.iter().enumerate() {
+            let (position, velocity) = flight(&flock_rock.motion);
+            assert!((0.25..=1.0).contains(&flock_rock.scale()));
+            assert!((1.0..=4.0).contains(&flock_rock.speed));
+            assert!((f64::from(velocity.length()) - flock_rock.speed).abs() < 1e-4);
+            let radius = |flock_rock: &FlockRock| {
+                flock.rocks[flock_rock.rock as usize].radius * flock_rock.scale()
+            };
+            assert!(f64::from(position.length()) > 5.0 + radius(flock_rock));
             for other in &flock.members[..place] {
                 let apart = flight(&other.motion).0.distance(position);
-                assert!(f64::from(apart) > radius(member) + radius(other));
+                assert!(f64::from(apart) > radius(flock_rock) + radius(other));
             }
         }
     }
@@ -338,12 +345,13 @@ mod tests {
             bounds: 30.0,
             drives: Vec::new(),
         };
-        let wished = |x, speed| herding.acceleration(DVec3::X * x, DVec3::Z * speed, 2.0);
-        assert_eq!(wished(31.0, 2.0), Some(DVec3::X * -10.0));
-        assert_eq!(wished(10.0, 2.0), None);
-        assert_eq!(wished(10.0, 1.0), Some(DVec3::Z * 5.0));
-        assert_eq!(wished(10.0, 4.0), Some(DVec3::Z * -5.0));
-        let close = wished(10.0, 1.99).expect("it is too slow");
+        let requested_authority =
+            |x, speed| herding.acceleration(DVec3::X * x, DVec3::Z * speed, 2.0);
+        assert_eq!(requested_authority(31.0, 2.0), Some(DVec3::X * -10.0));
+        assert_eq!(requested_authority(10.0, 2.0), None);
+        assert_eq!(requested_authority(10.0, 1.0), Some(DVec3::Z * 5.0));
+        assert_eq!(requested_authority(10.0, 4.0), Some(DVec3::Z * -5.0));
+        let close = requested_authority(10.0, 1.99).expect("it is too slow");
         assert!((close.z - 0.6).abs() < 1e-9, "{close}");
     }
 }

@@ -7,16 +7,16 @@
 //!   each 5 m high and 0.5 m thick, long enough to meet its neighbours at the *outer* edge; inside they overlap, so that
 //!   there is no gap.
 //! - **Floor.** A cuboid of 220 × 10 × 220 m with its top at y = 0, so thick that nothing tunnels through it.
-//! - **Spawner.** All balls of a cycle appear at its first tick, at rest, in a cube of lattice places 1.1 m apart, each
+//! - **Spawner.** All balls of a cycle appear at its first tick, at rest, in a cube of quantiser places 1.1 m apart, each
 //!   off by up to 4 cm along each axis: 1.02 m between centres at least, so that none overlap. The cube's middle is 15 m
 //!   above the pit's; a cube too large to stay clear of the walls (6 m at its lowest) is raised.
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, SceneTerms, Shape, ShapeId};
-use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, ShapeId};
+use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 
-use crate::chance::Chance;
 use crate::cluster::Cluster;
+use crate::rng::SceneRng;
 use crate::script::{INTEGRATOR, Script, TERMS, motion, still, surface};
 
 /// The paper's evaluation scene.
@@ -24,7 +24,7 @@ use crate::script::{INTEGRATOR, Script, TERMS, motion, still, surface};
 pub struct BallPit {
     balls_per_cycle: u32,
     cycles: u32,
-    chance: Chance,
+    rng: SceneRng,
     /// Next body's index.
     next: u32,
 }
@@ -45,7 +45,7 @@ impl BallPit {
         Self {
             balls_per_cycle,
             cycles,
-            chance: Chance::new(seed),
+            rng: SceneRng::new(seed),
             next: 0,
         }
     }
@@ -123,18 +123,18 @@ impl BallPit {
     }
 
     fn drop_balls(&mut self, out: &mut Vec<Command>) {
-        let mut chance = self.chance.clone();
-        for position in SPAWNER.places(self.balls_per_cycle, &mut chance) {
+        let mut rng = self.rng.clone();
+        for position in SPAWNER.places(self.balls_per_cycle, &mut rng) {
             self.place(BodyKind::Dynamic, BALL, still(position), out);
         }
-        self.chance = chance;
+        self.rng = rng;
     }
 
-    fn place(&mut self, kind: BodyKind, shape: ShapeId, motion: Verbatim, out: &mut Vec<Command>) {
+    fn place(&mut self, kind: BodyKind, shape: ShapeId, motion: BodyState, out: &mut Vec<Command>) {
         let id = BodyId::new(self.next, 0);
         self.next += 1;
         out.push(Command::AddBody {
-            terms: BodyTerms::plain(id, kind, shape),
+            config: BodyDesc::plain(id, kind, shape),
             motion,
         });
     }
@@ -145,8 +145,8 @@ impl Script for BallPit {
         "ball-pit"
     }
 
-    fn terms(&self) -> SceneTerms {
-        SceneTerms {
+    fn config(&self) -> SceneConfig {
+        SceneConfig {
             material: surface(0.2, 1_000.0),
             damping: Damping {
                 linear: 0.0,
@@ -195,7 +195,7 @@ mod tests {
 
     fn balls(commands: &[Command]) -> Vec<Vec3> {
         let place = |command: &Command| match command {
-            Command::AddBody { terms, motion } if terms.shape == BALL => {
+            Command::AddBody { config, motion } if config.shape == BALL => {
                 Some(Vec3::from_array(motion.position()))
             }
             _ => None,

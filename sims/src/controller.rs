@@ -5,7 +5,7 @@
 
 use glam::Vec3;
 use rhumb_protocol::scene::Command;
-use rhumb_reckoning::{BodyId, Tick, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState, Tick};
 
 /// Pushes bodies about without a word over the wire, at the server as in one process.
 pub trait Controller: Send {
@@ -15,13 +15,13 @@ pub trait Controller: Send {
     fn before_step(
         &mut self,
         tick: Tick,
-        motion: &dyn Fn(BodyId) -> Option<Verbatim>,
+        motion: &dyn Fn(BodyId) -> Option<BodyState>,
         out: &mut Vec<Command>,
     );
 }
 
 /// Position and linear velocity of a body, world frame, m and m/s.
-pub(crate) fn flight(motion: &Verbatim) -> (Vec3, Vec3) {
+pub(crate) fn flight(motion: &BodyState) -> (Vec3, Vec3) {
     let parts = motion.parts();
     (
         Vec3::from_slice(&parts[..3]),

@@ -1,18 +1,18 @@
 //! A crowd: balls that tumble in a pen, and boxes asleep around it.
 //!
-//! What share of the bodies is awake is said; how many really are, the engine tells. The balls hang in a cube of lattice
+//! What share of the bodies is awake is said; how many really are, the engine tells. The balls hang in a cube of quantiser
 //! places, ten metres up and more, in a pen half as wide again as the cube, so that they fall, spread and collide for some
 //! seconds. The boxes are put down where they rest, as in `rest`, well away from the pen. Friction 0.2 as in the ball pit, no
 //! bounce, damping 0 and 0.05 1/s.
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::scene::{BodyKind, Command, SceneTerms, Shape};
+use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Shape};
 use rhumb_reckoning::Tick;
 
 use crate::ball_pit::BallPit;
-use crate::cast::Cast;
-use crate::chance::Chance;
+use crate::builder::SceneBuilder;
 use crate::cluster::Cluster;
+use crate::rng::SceneRng;
 use crate::script::{Script, motion, still};
 
 /// Balls on the move, and boxes that sleep.
@@ -20,7 +20,7 @@ use crate::script::{Script, motion, still};
 pub struct Crowd {
     bodies: u32,
     balls: u32,
-    chance: Chance,
+    rng: SceneRng,
 }
 
 impl Crowd {
@@ -31,7 +31,7 @@ impl Crowd {
         Self {
             bodies,
             balls: balls as u32,
-            chance: Chance::new(seed),
+            rng: SceneRng::new(seed),
         }
     }
 
@@ -41,10 +41,10 @@ impl Crowd {
         side.unwrap_or(1) as f32 * BALLS.spacing * 0.75 + 1.0
     }
 
-    fn build_pen(&self, cast: &mut Cast, out: &mut Vec<Command>) {
+    fn build_pen(&self, builder: &mut SceneBuilder, out: &mut Vec<Command>) {
         let half = self.pen();
         let half_extents = Vec3::new(half + 1.0, WALL * 0.5, 0.5);
-        let wall = cast.shape(Shape::Cuboid { half_extents }, out);
+        let wall = builder.shape(Shape::Cuboid { half_extents }, out);
         let quarter = Quat::from_xyzw(
             0.0,
             core::f32::consts::FRAC_1_SQRT_2,
@@ -58,11 +58,11 @@ impl Crowd {
             (-half - 0.5, 0.0, quarter),
         ] {
             let place = motion(Vec3::new(x, WALL * 0.5, z), turn, Vec3::ZERO, Vec3::ZERO);
-            cast.body(BodyKind::Static, wall, place, out);
+            builder.body(BodyKind::Static, wall, place, out);
         }
     }
 
-    /// Places of boxes on a square lattice around the pen, row by row.
+    /// Places of boxes on a square quantiser around the pen, row by row.
     fn sleepers(&self, count: u32) -> impl Iterator<Item = Vec3> {
         let hole = ((self.pen() + 3.0) / APART).ceil() as i32;
         let enough = |half: &i32| {
@@ -84,8 +84,8 @@ impl Script for Crowd {
         "crowd"
     }
 
-    fn terms(&self) -> SceneTerms {
-        BallPit::new(1, 1, 1).terms()
+    fn config(&self) -> SceneConfig {
+        BallPit::new(1, 1, 1).config()
     }
 
     fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {
@@ -96,17 +96,17 @@ impl Script for Crowd {
         let reach = sleepers
             .iter()
             .map(|place| place.x.abs().max(place.z.abs()));
-        let mut cast = Cast::default();
-        cast.floor(reach.fold(self.pen(), f32::max) + 10.0, out);
-        self.build_pen(&mut cast, out);
-        let ball = cast.shape(Shape::Ball { radius: 0.5 }, out);
+        let mut builder = SceneBuilder::default();
+        builder.floor(reach.fold(self.pen(), f32::max) + 10.0, out);
+        self.build_pen(&mut builder, out);
+        let ball = builder.shape(Shape::Ball { radius: 0.5 }, out);
         let half_extents = Vec3::splat(BOX);
-        let cuboid = cast.shape(Shape::Cuboid { half_extents }, out);
-        for place in BALLS.places(self.balls, &mut self.chance) {
-            cast.body(BodyKind::Dynamic, ball, still(place), out);
+        let cuboid = builder.shape(Shape::Cuboid { half_extents }, out);
+        for place in BALLS.places(self.balls, &mut self.rng) {
+            builder.body(BodyKind::Dynamic, ball, still(place), out);
         }
         for place in sleepers {
-            cast.body(BodyKind::Dynamic, cuboid, still(place), out);
+            builder.body(BodyKind::Dynamic, cuboid, still(place), out);
         }
     }
 }
@@ -134,7 +134,7 @@ mod tests {
         let place = |command: &Command| {
             assert_eq!(command.check(), Ok(()));
             match command {
-                Command::AddBody { terms, motion } if terms.kind == BodyKind::Dynamic => {
+                Command::AddBody { config, motion } if config.kind == BodyKind::Dynamic => {
                     Some(Vec3::from_array(motion.position()))
                 }
                 _ => None,

@@ -10,12 +10,12 @@
 //!   it gathers, so that cubes within 1.8 m are drawn along with it and in, by up to 120 m/s².
 
 use glam::{DVec3, Vec3};
-use rhumb_protocol::scene::{BodyKind, Command, SceneTerms, Shape, SleepTerms};
-use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
+use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Shape, SleepConfig};
+use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 
-use crate::cast::Cast;
-use crate::chance::Chance;
+use crate::builder::SceneBuilder;
 use crate::controller::{Controller, flight};
+use crate::rng::SceneRng;
 use crate::script::{Script, TERMS, still, surface};
 
 /// Cubes and a player.
@@ -44,15 +44,15 @@ impl Script for Cubes {
         "cubes"
     }
 
-    fn terms(&self) -> SceneTerms {
-        SceneTerms {
+    fn config(&self) -> SceneConfig {
+        SceneConfig {
             gravity: Vec3::new(0.0, -20.0, 0.0),
             material: surface(1.0, DENSITY),
             damping: Damping {
                 linear: 0.6038,
                 angular: 0.6038,
             },
-            sleep: Some(SleepTerms {
+            sleep: Some(SleepConfig {
                 speed: 0.25,
                 seconds: 0.1,
             }),
@@ -64,17 +64,17 @@ impl Script for Cubes {
         if tick != Tick::ZERO {
             return;
         }
-        let mut cast = Cast::default();
-        cast.floor(200.0, out);
+        let mut builder = SceneBuilder::default();
+        builder.floor(200.0, out);
         let cube = |half| Shape::Cuboid {
             half_extents: Vec3::splat(half),
         };
         let (large, small) = (
-            cast.shape(cube(PLAYER_HALF), out),
-            cast.shape(cube(CUBE_HALF), out),
+            builder.shape(cube(PLAYER_HALF), out),
+            builder.shape(cube(CUBE_HALF), out),
         );
         let above = still(Vec3::new(0.0, 3.0, 0.0));
-        let player = cast.body(BodyKind::Dynamic, large, above, out);
+        let player = builder.body(BodyKind::Dynamic, large, above, out);
         debug_assert_eq!(player, PLAYER, "the player comes after the floor");
         let cubes = self.bodies - 1;
         let side = (1..).find(|side: &u32| side * side >= cubes).unwrap_or(1);
@@ -85,14 +85,14 @@ impl Script for Cubes {
                 (place / side) as f32 - middle,
             );
             let place = still(Vec3::new(x, CUBE_HALF, z));
-            cast.body(BodyKind::Dynamic, small, place, out);
+            builder.body(BodyKind::Dynamic, small, place, out);
         }
     }
 
     fn controller(&self) -> Option<Box<dyn Controller>> {
-        Some(Box::new(Player {
+        Some(Box::new(PlayerController {
             bodies: self.bodies,
-            chance: Chance::new(self.seed),
+            rng: SceneRng::new(self.seed),
             goal: Vec3::ZERO,
         }))
     }
@@ -100,15 +100,15 @@ impl Script for Cubes {
 
 /// What the player does to the cubes around.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Deed {
+enum PlayerAction {
     Roll,
     Push,
     Gather,
 }
 
-impl Deed {
+impl PlayerAction {
     fn at(tick: Tick) -> Self {
-        match tick.value() / DEED_TICKS % 3 {
+        match tick.value() / ACTION_TICKS % 3 {
             0 => Self::Roll,
             1 => Self::Push,
             _ => Self::Gather,
@@ -116,22 +116,22 @@ impl Deed {
     }
 }
 
-/// Drives the player's cube, acts on those around, and holds all to the largest speeds.
-struct Player {
+/// AuthorityTable the player's cube, acts on those around, and holds all to the largest speeds.
+struct PlayerController {
     bodies: u32,
-    chance: Chance,
+    rng: SceneRng,
     goal: Vec3,
 }
 
-impl Controller for Player {
+impl Controller for PlayerController {
     fn before_step(
         &mut self,
         tick: Tick,
-        motion: &dyn Fn(BodyId) -> Option<Verbatim>,
+        motion: &dyn Fn(BodyId) -> Option<BodyState>,
         out: &mut Vec<Command>,
     ) {
         if tick.value().is_multiple_of(GOAL_TICKS) {
-            self.goal = self.chance.vector() * Vec3::new(12.0, 0.0, 12.0);
+            self.goal = self.rng.vector() * Vec3::new(12.0, 0.0, 12.0);
         }
         let Some(player) = motion(PLAYER) else { return };
         let (position, velocity) = flight(&player);
@@ -143,17 +143,17 @@ impl Controller for Player {
                 force: way * (DRIVE / length),
             });
         }
-        let deed = Deed::at(tick);
+        let action = PlayerAction::at(tick);
         for index in 0..self.bodies {
             let id = BodyId::new(PLAYER.index() + index, 0);
             let Some(cube) = motion(id) else { continue };
             out.extend(capped(id, &cube));
-            let wished = if id == PLAYER {
+            let requested_authority = if id == PLAYER {
                 None
             } else {
-                acceleration(deed, &player, &cube)
+                acceleration(action, &player, &cube)
             };
-            if let Some(acceleration) = wished {
+            if let Some(acceleration) = requested_authority {
                 let force = acceleration * CUBE_MASS;
                 out.push(Command::Force { id, force });
             }
@@ -162,33 +162,33 @@ impl Controller for Player {
 }
 
 /// What the player's deed does to a cube, m/s².
-fn acceleration(deed: Deed, player: &Verbatim, cube: &Verbatim) -> Option<Vec3> {
+fn acceleration(action: PlayerAction, player: &BodyState, cube: &BodyState) -> Option<Vec3> {
     let ((position, velocity), (other, its_velocity)) = (flight(player), flight(cube));
     let away = other - position;
     let distance = length(away);
-    match deed {
-        Deed::Push if distance < PUSH_RADIUS && distance > 0.0 => {
+    match action {
+        PlayerAction::Push if distance < PUSH_RADIUS && distance > 0.0 => {
             let share = 1.0 - distance / PUSH_RADIUS;
             Some(away * (PUSH * share / distance))
         }
-        Deed::Gather if distance < GATHER_RADIUS && distance > 0.0 => {
+        PlayerAction::Gather if distance < GATHER_RADIUS && distance > 0.0 => {
             // As if it were a part of the player, drawn in a little: what it lacks of the velocity of that point.
             let spin = Vec3::from_slice(&player.parts()[10..]);
             let carried = velocity + spin.cross(away) - away * (DRAW / distance);
-            let wished = (carried - its_velocity) * GRIP;
-            let size = length(wished);
+            let requested_authority = (carried - its_velocity) * GRIP;
+            let size = length(requested_authority);
             Some(if size > GATHER {
-                wished * (GATHER / size)
+                requested_authority * (GATHER / size)
             } else {
-                wished
+                requested_authority
             })
         }
-        Deed::Roll | Deed::Push | Deed::Gather => None,
+        PlayerAction::Roll | PlayerAction::Push | PlayerAction::Gather => None,
     }
 }
 
 /// Slows down what is faster than may be.
-fn capped(id: BodyId, motion: &Verbatim) -> Option<Command> {
+fn capped(id: BodyId, motion: &BodyState) -> Option<Command> {
     let (_, linear) = flight(motion);
     let angular = Vec3::from_slice(&motion.parts()[10..]);
     let share = |vector: Vec3, most: f32| (most / length(vector)).min(1.0);
@@ -234,7 +234,7 @@ const LINEAR_MOST: f32 = 32.0;
 const ANGULAR_MOST: f32 = 16.0;
 /// Between two goals, and between two deeds.
 const GOAL_TICKS: u64 = 120;
-const DEED_TICKS: u64 = 240;
+const ACTION_TICKS: u64 = 240;
 
 #[cfg(test)]
 mod tests {
@@ -250,13 +250,13 @@ mod tests {
         let near = moving(Vec3::X, Vec3::ZERO);
         let far = moving(Vec3::X * 2.5, Vec3::ZERO);
         assert_eq!(
-            acceleration(Deed::Push, &player, &near),
+            acceleration(PlayerAction::Push, &player, &near),
             Some(Vec3::X * 30.0)
         );
-        let gathered = acceleration(Deed::Gather, &player, &near).expect("it is near");
+        let gathered = acceleration(PlayerAction::Gather, &player, &near).expect("it is near");
         assert_eq!(gathered, Vec3::new(-20.0, 0.0, 20.0));
-        for deed in [Deed::Roll, Deed::Push, Deed::Gather] {
-            assert_eq!(acceleration(deed, &player, &far), None);
+        for action in [PlayerAction::Roll, PlayerAction::Push, PlayerAction::Gather] {
+            assert_eq!(acceleration(action, &player, &far), None);
         }
         let fast = moving(Vec3::ZERO, Vec3::X * 64.0);
         let slowed = capped(PLAYER, &fast);

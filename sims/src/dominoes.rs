@@ -6,18 +6,18 @@
 use core::f64::consts::PI;
 
 use glam::Vec3;
-use rhumb_protocol::scene::{BodyKind, Command, SceneTerms, Shape};
+use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Shape};
 use rhumb_reckoning::{BodyId, Damping, Tick};
 
-use crate::cast::{Cast, about_y};
-use crate::chance::Chance;
+use crate::builder::{SceneBuilder, about_y};
+use crate::rng::SceneRng;
 use crate::script::{Script, TERMS, motion, surface};
 
 /// A ring of stones.
 #[derive(Clone, Debug)]
 pub struct Dominoes {
     stones: u32,
-    chance: Chance,
+    rng: SceneRng,
     first: Option<BodyId>,
 }
 
@@ -30,7 +30,7 @@ impl Dominoes {
     pub fn new(stones: u32, seed: u64) -> Self {
         Self {
             stones: stones.max(1),
-            chance: Chance::new(seed),
+            rng: SceneRng::new(seed),
             first: None,
         }
     }
@@ -39,20 +39,25 @@ impl Dominoes {
         // Places around, some of which stay empty; the ring is never so small that stones touch.
         let places = (self.stones + GAP).max(12);
         let radius = SPACING * f64::from(places) / (2.0 * PI);
-        let mut cast = Cast::default();
-        cast.floor(radius as f32 + 10.0, out);
+        let mut builder = SceneBuilder::default();
+        builder.floor(radius as f32 + 10.0, out);
         let half_extents = Vec3::new(0.1, 0.5, 0.25);
-        let stone = cast.shape(Shape::Cuboid { half_extents }, out);
+        let stone = builder.shape(Shape::Cuboid { half_extents }, out);
         for place in 0..self.stones {
             let angle = 2.0 * PI * f64::from(place) / f64::from(places);
-            let astray = f64::from(self.chance.signed()) * 0.02;
+            let divergence_time = f64::from(self.rng.signed()) * 0.02;
             let position = Vec3::new(
                 (radius * libm::sin(angle)) as f32,
                 half_extents.y,
                 (radius * libm::cos(angle)) as f32,
             );
-            let there = motion(position, about_y(angle + astray), Vec3::ZERO, Vec3::ZERO);
-            let id = cast.body(BodyKind::Dynamic, stone, there, out);
+            let there = motion(
+                position,
+                about_y(angle + divergence_time),
+                Vec3::ZERO,
+                Vec3::ZERO,
+            );
+            let id = builder.body(BodyKind::Dynamic, stone, there, out);
             self.first.get_or_insert(id);
         }
     }
@@ -63,8 +68,8 @@ impl Script for Dominoes {
         "dominoes"
     }
 
-    fn terms(&self) -> SceneTerms {
-        SceneTerms {
+    fn config(&self) -> SceneConfig {
+        SceneConfig {
             material: surface(0.5, 500.0),
             damping: Damping {
                 linear: 0.05,

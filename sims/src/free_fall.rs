@@ -3,21 +3,21 @@
 //! What an integrator does to a free body, and nothing else; for tests of predictors.
 
 use glam::Vec3;
-use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, SceneTerms, Shape, ShapeId};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, ShapeId};
 use rhumb_reckoning::{BodyId, Damping, Tick};
 
-use crate::chance::Chance;
 use crate::cluster::Cluster;
+use crate::rng::SceneRng;
 use crate::script::{Script, TERMS, motion, surface};
 
-/// Bodies thrown upward from places 20 m apart, at most 5 m/s fast and with spins up to 3 rad/s about each axis.
+/// Bodies ballistic_torque_free upward from places 20 m apart, at most 5 m/s fast and with spins up to 3 rad/s about each axis.
 ///
 /// Every second one has a damping of its own, every third a gravity scale of its own. They fly apart so slowly that none
 /// meet in the first four seconds.
 #[derive(Clone, Debug)]
 pub struct FreeFall {
     bodies: u32,
-    chance: Chance,
+    rng: SceneRng,
 }
 
 impl FreeFall {
@@ -26,7 +26,7 @@ impl FreeFall {
     pub fn new(bodies: u32, seed: u64) -> Self {
         Self {
             bodies,
-            chance: Chance::new(seed),
+            rng: SceneRng::new(seed),
         }
     }
 }
@@ -36,8 +36,8 @@ impl Script for FreeFall {
         "free-fall"
     }
 
-    fn terms(&self) -> SceneTerms {
-        SceneTerms {
+    fn config(&self) -> SceneConfig {
+        SceneConfig {
             material: surface(0.5, 1_000.0),
             ..TERMS
         }
@@ -51,23 +51,23 @@ impl Script for FreeFall {
             let id = ShapeId(number);
             out.push(Command::AddShape { id, shape });
         }
-        let mut places = self.chance.clone();
+        let mut places = self.rng.clone();
         for (position, index) in CLUSTER.places(self.bodies, &mut places).zip(0..) {
             let shape = ShapeId(index % SHAPES.len() as u32);
-            let mut terms = BodyTerms::plain(BodyId::new(index, 0), BodyKind::Dynamic, shape);
+            let mut config = BodyDesc::plain(BodyId::new(index, 0), BodyKind::Dynamic, shape);
             if index % 2 == 1 {
-                terms.damping = Some(Damping {
+                config.damping = Some(Damping {
                     linear: 0.1,
                     angular: 0.2,
                 });
             }
             if index % 3 == 1 {
-                terms.gravity_scale = 0.5;
+                config.gravity_scale = 0.5;
             }
-            let linear = self.chance.vector() * 2.5 + Vec3::new(0.0, 2.5, 0.0);
-            let angular = self.chance.vector() * 3.0;
-            let motion = motion(position, self.chance.rotation(), linear, angular);
-            out.push(Command::AddBody { terms, motion });
+            let linear = self.rng.vector() * 2.5 + Vec3::new(0.0, 2.5, 0.0);
+            let angular = self.rng.vector() * 3.0;
+            let motion = motion(position, self.rng.rotation(), linear, angular);
+            out.push(Command::AddBody { config, motion });
         }
     }
 }

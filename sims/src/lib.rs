@@ -6,8 +6,7 @@
 
 mod asteroids;
 mod ball_pit;
-mod cast;
-mod chance;
+mod builder;
 mod cluster;
 mod controller;
 mod crowd;
@@ -17,6 +16,7 @@ mod free_fall;
 mod ragdolls;
 mod rain;
 mod rest;
+mod rng;
 mod rock;
 mod script;
 mod stack;

@@ -8,20 +8,20 @@
 use glam::Vec3;
 use rhumb_protocol::limits::JOINTS_MAX;
 use rhumb_protocol::scene::{
-    BodyKind, Command, Joint, JointFrame, JointId, JointKind, JointLimits, SceneTerms, Shape,
-    ShapeId, SleepTerms,
+    BodyKind, Command, Joint, JointFrame, JointId, JointKind, JointLimits, SceneConfig, Shape,
+    ShapeId, SleepConfig,
 };
 use rhumb_reckoning::{BodyId, Damping, Tick};
 
-use crate::cast::Cast;
-use crate::chance::Chance;
+use crate::builder::SceneBuilder;
+use crate::rng::SceneRng;
 use crate::script::{Script, TERMS, motion, still, surface};
 
 /// Dolls that fall.
 #[derive(Clone, Debug)]
 pub struct Ragdolls {
     dolls: u32,
-    chance: Chance,
+    rng: SceneRng,
     joints: u32,
 }
 
@@ -34,7 +34,7 @@ impl Ragdolls {
     pub fn new(bodies: u32, seed: u64) -> Self {
         Self {
             dolls: (bodies / PARTS_COUNT as u32).clamp(1, DOLLS_MAX),
-            chance: Chance::new(seed),
+            rng: SceneRng::new(seed),
             joints: 0,
         }
     }
@@ -43,18 +43,18 @@ impl Ragdolls {
         &mut self,
         middle: Vec3,
         shapes: &[ShapeId],
-        cast: &mut Cast,
+        builder: &mut SceneBuilder,
         out: &mut Vec<Command>,
     ) {
-        let rotation = self.chance.rotation();
-        let spin = self.chance.vector();
+        let rotation = self.rng.rotation();
+        let spin = self.rng.vector();
         let mut bodies = [BodyId::new(0, 0); PARTS_COUNT];
         for ((body, part), shape) in bodies.iter_mut().zip(&PARTS).zip(shapes) {
             // From the trunk, about which the doll is turned and spins.
             let offset = (part.1 - PARTS[TRUNK].1).as_dvec3();
             let arm = (rotation.as_dquat() * offset).as_vec3();
             let start = motion(middle + arm, rotation, spin.cross(arm), spin);
-            *body = cast.body(BodyKind::Dynamic, *shape, start, out);
+            *body = builder.body(BodyKind::Dynamic, *shape, start, out);
         }
         for (first, second, anchor, kind) in JOINTS {
             let joint = Joint {
@@ -75,14 +75,14 @@ impl Script for Ragdolls {
         "ragdolls"
     }
 
-    fn terms(&self) -> SceneTerms {
-        SceneTerms {
+    fn config(&self) -> SceneConfig {
+        SceneConfig {
             material: surface(0.7, 1_000.0),
             damping: Damping {
                 linear: 0.2,
                 angular: 1.0,
             },
-            sleep: Some(SleepTerms {
+            sleep: Some(SleepConfig {
                 speed: 0.3,
                 seconds: 0.5,
             }),
@@ -94,15 +94,15 @@ impl Script for Ragdolls {
         if tick != Tick::ZERO {
             return;
         }
-        let mut cast = Cast::default();
-        cast.floor(250.0, out);
+        let mut builder = SceneBuilder::default();
+        builder.floor(250.0, out);
         let half_extents = Vec3::splat(0.5);
-        let block = cast.shape(Shape::Cuboid { half_extents }, out);
+        let block = builder.shape(Shape::Cuboid { half_extents }, out);
         let side = (1..)
             .find(|side: &u32| side * side >= self.dolls)
             .unwrap_or(1);
         let middle = (side - 1) as f32 * 0.5;
-        let lattice = |place: u32| {
+        let quantiser = |place: u32| {
             let (x, z) = (
                 (place % side) as f32 - middle,
                 (place / side) as f32 - middle,
@@ -110,17 +110,17 @@ impl Script for Ragdolls {
             Vec3::new(x * SPACING, 0.0, z * SPACING)
         };
         for place in (0..self.dolls).filter(|place| place % 3 == 0) {
-            let there = still(lattice(place) + Vec3::Y * 0.3);
-            cast.body(BodyKind::Static, block, there, out);
+            let there = still(quantiser(place) + Vec3::Y * 0.3);
+            builder.body(BodyKind::Static, block, there, out);
         }
         let shapes: Vec<_> = PARTS
             .into_iter()
-            .map(|(shape, _)| cast.shape(shape, out))
+            .map(|(shape, _)| builder.shape(shape, out))
             .collect();
         for place in 0..self.dolls {
-            let height = 3.5 + self.chance.signed();
-            let middle = lattice(place) + Vec3::Y * height;
-            self.place_doll(middle, &shapes, &mut cast, out);
+            let height = 3.5 + self.rng.signed();
+            let middle = quantiser(place) + Vec3::Y * height;
+            self.place_doll(middle, &shapes, &mut builder, out);
         }
     }
 }

@@ -1,16 +1,16 @@
-//! Projectiles in the air: thrown up, and thrown again as they come down.
+//! Projectiles in the air: ballistic_torque_free up, and ballistic_torque_free again as they come down.
 //!
-//! Each is thrown from a place of its own on a grid of 3 m, at 12–18 m/s upward and up to 2 m/s sideways; as it falls
-//! past the ground, which is not there, its controller puts it back and throws it by the same law with other chance. So
+//! Each is ballistic_torque_free from a place of its own on a grid of 3 m, at 12–18 m/s upward and up to 2 m/s sideways; as it falls
+//! past the ground, which is not there, its controller puts it back and throws it by the same predictor with other chance. So
 //! almost all are in free flight at any time, each by itself. No damping; friction 0.5, no bounce. Nothing rests.
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, SceneTerms, Shape};
-use rhumb_reckoning::{BodyId, Tick, Verbatim};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape};
+use rhumb_reckoning::{BodyId, BodyState, Tick};
 
-use crate::cast::Cast;
-use crate::chance::Chance;
+use crate::builder::SceneBuilder;
 use crate::controller::{Controller, flight};
+use crate::rng::SceneRng;
 use crate::script::{Script, TERMS, motion, surface};
 
 /// Projectiles.
@@ -36,8 +36,8 @@ impl Script for Rain {
         "rain"
     }
 
-    fn terms(&self) -> SceneTerms {
-        SceneTerms {
+    fn config(&self) -> SceneConfig {
+        SceneConfig {
             material: surface(0.5, 1_000.0),
             ..TERMS
         }
@@ -47,25 +47,25 @@ impl Script for Rain {
         if tick != Tick::ZERO {
             return;
         }
-        let mut cast = Cast::default();
-        let shapes = SHAPES.map(|shape| cast.shape(shape, out));
-        let mut chance = Chance::new(self.seed);
+        let mut builder = SceneBuilder::default();
+        let shapes = SHAPES.map(|shape| builder.shape(shape, out));
+        let mut rng = SceneRng::new(self.seed);
         for place in 0..self.projectiles {
             let shape = shapes[place as usize % shapes.len()];
-            let (linear, angular) = throw(&mut chance);
+            let (linear, angular) = throw(&mut rng);
             // Not all at once: each somewhere on its way.
-            let height = 6.0 + 6.0 * chance.signed();
+            let height = 6.0 + 6.0 * rng.signed();
             let position = pad(place, self.projectiles) + Vec3::Y * height;
-            let start = motion(position, chance.rotation(), linear, angular);
-            let terms = |id: BodyId| BodyTerms::plain(id, BodyKind::Dynamic, shape);
-            cast.with(terms, start, out);
+            let start = motion(position, rng.rotation(), linear, angular);
+            let config = |id: BodyId| BodyDesc::plain(id, BodyKind::Dynamic, shape);
+            builder.with(config, start, out);
         }
     }
 
     fn controller(&self) -> Option<Box<dyn Controller>> {
         Some(Box::new(Thrower {
             projectiles: self.projectiles,
-            chance: Chance::new(!self.seed),
+            rng: SceneRng::new(!self.seed),
         }))
     }
 }
@@ -73,14 +73,14 @@ impl Script for Rain {
 /// Throws what came down.
 struct Thrower {
     projectiles: u32,
-    chance: Chance,
+    rng: SceneRng,
 }
 
 impl Controller for Thrower {
     fn before_step(
         &mut self,
         _: Tick,
-        motion: &dyn Fn(BodyId) -> Option<Verbatim>,
+        motion: &dyn Fn(BodyId) -> Option<BodyState>,
         out: &mut Vec<Command>,
     ) {
         for place in 0..self.projectiles {
@@ -89,7 +89,7 @@ impl Controller for Thrower {
                 continue;
             };
             if position.y < 0.0 && velocity.y < 0.0 {
-                let (linear, angular) = throw(&mut self.chance);
+                let (linear, angular) = throw(&mut self.rng);
                 out.push(Command::SetPose {
                     id,
                     position: pad(place, self.projectiles),
@@ -105,7 +105,7 @@ impl Controller for Thrower {
     }
 }
 
-/// Where a projectile is thrown from, one of so many.
+/// Where a projectile is ballistic_torque_free from, one of so many.
 fn pad(place: u32, projectiles: u32) -> Vec3 {
     let side = (1..)
         .find(|side: &u32| side * side >= projectiles)
@@ -118,10 +118,10 @@ fn pad(place: u32, projectiles: u32) -> Vec3 {
     Vec3::new(x * SPACING, 0.0, z * SPACING)
 }
 
-/// How it is thrown, m/s and rad/s.
-fn throw(chance: &mut Chance) -> (Vec3, Vec3) {
-    let linear = Vec3::new(0.0, 15.0, 0.0) + chance.vector() * Vec3::new(2.0, 3.0, 2.0);
-    (linear, chance.vector() * 3.0)
+/// How it is ballistic_torque_free, m/s and rad/s.
+fn throw(rng: &mut SceneRng) -> (Vec3, Vec3) {
+    let linear = Vec3::new(0.0, 15.0, 0.0) + rng.vector() * Vec3::new(2.0, 3.0, 2.0);
+    (linear, rng.vector() * 3.0)
 }
 
 /// Between pads, metres.

@@ -4,18 +4,18 @@
 //! 0.05 and 0.05 1/s; boxes of 0.5 to 1 m, 1.5 m apart.
 
 use glam::Vec3;
-use rhumb_protocol::scene::{BodyKind, Command, SceneTerms, Shape};
+use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Shape};
 use rhumb_reckoning::{Damping, Tick};
 
-use crate::cast::{Cast, about_y};
-use crate::chance::Chance;
+use crate::builder::{SceneBuilder, about_y};
+use crate::rng::SceneRng;
 use crate::script::{Script, TERMS, motion, surface};
 
 /// Boxes at rest.
 #[derive(Clone, Debug)]
 pub struct Rest {
     boxes: u32,
-    chance: Chance,
+    rng: SceneRng,
 }
 
 impl Rest {
@@ -27,7 +27,7 @@ impl Rest {
     pub fn new(boxes: u32, seed: u64) -> Self {
         Self {
             boxes,
-            chance: Chance::new(seed),
+            rng: SceneRng::new(seed),
         }
     }
 }
@@ -37,8 +37,8 @@ impl Script for Rest {
         "rest-10k"
     }
 
-    fn terms(&self) -> SceneTerms {
-        SceneTerms {
+    fn config(&self) -> SceneConfig {
+        SceneConfig {
             material: surface(0.5, 500.0),
             damping: Damping {
                 linear: 0.05,
@@ -56,19 +56,19 @@ impl Script for Rest {
             .find(|side: &u32| side * side >= self.boxes)
             .unwrap_or(1);
         let middle = (side - 1) as f32 * 0.5;
-        let mut cast = Cast::default();
-        cast.floor(middle * SPACING + 10.0, out);
-        let shapes = HALVES.map(|half_extents| cast.shape(Shape::Cuboid { half_extents }, out));
+        let mut builder = SceneBuilder::default();
+        builder.floor(middle * SPACING + 10.0, out);
+        let shapes = HALVES.map(|half_extents| builder.shape(Shape::Cuboid { half_extents }, out));
         for place in 0..self.boxes {
-            let kind = self.chance.below(HALVES.len() as u32) as usize;
+            let kind = self.rng.below(HALVES.len() as u32) as usize;
             let (x, z) = (
                 (place % side) as f32 - middle,
                 (place / side) as f32 - middle,
             );
             let position = Vec3::new(x * SPACING, HALVES[kind].y, z * SPACING);
-            let turn = about_y(f64::from(self.chance.signed()));
+            let turn = about_y(f64::from(self.rng.signed()));
             let place = motion(position, turn, Vec3::ZERO, Vec3::ZERO);
-            cast.body(BodyKind::Dynamic, shapes[kind], place, out);
+            builder.body(BodyKind::Dynamic, shapes[kind], place, out);
         }
     }
 }

@@ -5,7 +5,7 @@
 
 use glam::{DVec3, Vec3};
 
-use crate::chance::Chance;
+use crate::rng::SceneRng;
 
 /// A rock of scale one.
 #[derive(Clone, Debug)]
@@ -20,8 +20,8 @@ pub(crate) struct Rock {
 
 impl Rock {
     /// A rock of so many corners and so long along x, y and z, metres.
-    pub(crate) fn new(corners: u32, extents: DVec3, chance: &mut Chance) -> Self {
-        let mut points: Vec<_> = directions(corners, chance)
+    pub(crate) fn new(corners: u32, extents: DVec3, rng: &mut SceneRng) -> Self {
+        let mut points: Vec<_> = directions(corners, rng)
             .map(|direction| direction / (1.0 + TAPER * direction.dot(DVec3::new(0.6, 0.0, 0.8))))
             .collect();
         let least = points.iter().copied().fold(points[0], DVec3::min);
@@ -50,7 +50,7 @@ const TAPER: f64 = 0.2;
 const SHAKE: f64 = 0.25;
 
 /// Unit vectors on a spiral of equal areas, each shaken.
-fn directions(count: u32, chance: &mut Chance) -> impl Iterator<Item = DVec3> {
+fn directions(count: u32, rng: &mut SceneRng) -> impl Iterator<Item = DVec3> {
     let golden = core::f64::consts::PI * (3.0 - libm::sqrt(5.0));
     let apart = libm::sqrt(4.0 * core::f64::consts::PI / f64::from(count));
     (0..count).map(move |place| {
@@ -58,7 +58,7 @@ fn directions(count: u32, chance: &mut Chance) -> impl Iterator<Item = DVec3> {
         let around = libm::sqrt(1.0 - height * height);
         let angle = golden * f64::from(place);
         let even = DVec3::new(around * libm::cos(angle), height, around * libm::sin(angle));
-        let shaken = even + chance.vector().as_dvec3() * (SHAKE * apart);
+        let shaken = even + rng.vector().as_dvec3() * (SHAKE * apart);
         shaken / libm::sqrt(shaken.length_squared())
     })
 }
@@ -106,7 +106,7 @@ mod tests {
     #[test]
     fn a_rock_of_many_corners_has_nearly_the_volume_of_its_ellipsoid() {
         let extents = DVec3::new(3.0, 2.0, 2.5);
-        let rock = Rock::new(116, extents, &mut Chance::new(5));
+        let rock = Rock::new(116, extents, &mut SceneRng::new(5));
         let ellipsoid = core::f64::consts::PI / 6.0 * extents.element_product();
         assert_eq!(rock.points.len(), 116);
         assert!(

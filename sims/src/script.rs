@@ -5,8 +5,8 @@
 use core::num::NonZeroU32;
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::scene::{Cadence, Command, Material, Pace, SceneTerms};
-use rhumb_reckoning::{Damping, Integrator, Rate, Tick, Verbatim};
+use rhumb_protocol::scene::{Command, Material, PublishSchedule, SceneConfig, Stepping};
+use rhumb_reckoning::{BodyState, Damping, Integrator, Rate, Tick};
 
 use crate::controller::Controller;
 use crate::{
@@ -22,7 +22,7 @@ pub trait Script: Send {
     fn name(&self) -> &'static str;
 
     /// What the scene is created with.
-    fn terms(&self) -> SceneTerms;
+    fn config(&self) -> SceneConfig;
 
     /// Adds the commands that come before the step which leaves `tick`.
     ///
@@ -100,17 +100,17 @@ pub(crate) const INTEGRATOR: Integrator = Integrator {
 pub(crate) const GRAVITY: Vec3 = Vec3::new(0.0, -9.806_65, 0.0);
 
 /// What a scene has unless its script says otherwise: the Earth's gravity, and bodies that nothing damps.
-pub(crate) const TERMS: SceneTerms = SceneTerms {
+pub(crate) const TERMS: SceneConfig = SceneConfig {
     integrator: INTEGRATOR,
     gravity: GRAVITY,
-    pace: Pace::Lockstep,
+    stepping: Stepping::Lockstep,
     material: surface(0.5, 1_000.0),
     damping: Damping {
         linear: 0.0,
         angular: 0.0,
     },
     sleep: None,
-    cadence: Cadence::EACH_TICK,
+    publish_schedule: PublishSchedule::EACH_TICK,
 };
 
 /// A material from which nothing bounces, kg/m³.
@@ -123,8 +123,8 @@ pub(crate) const fn surface(friction: f32, density: f32) -> Material {
 }
 
 /// A motion whose parts the script knows to be finite and of unit length.
-pub(crate) fn motion(position: Vec3, rotation: Quat, linear: Vec3, angular: Vec3) -> Verbatim {
-    Verbatim::new(
+pub(crate) fn motion(position: Vec3, rotation: Quat, linear: Vec3, angular: Vec3) -> BodyState {
+    BodyState::new(
         position.to_array(),
         rotation.to_array(),
         linear.to_array(),
@@ -134,7 +134,7 @@ pub(crate) fn motion(position: Vec3, rotation: Quat, linear: Vec3, angular: Vec3
 }
 
 /// A place without movement.
-pub(crate) fn still(position: Vec3) -> Verbatim {
+pub(crate) fn still(position: Vec3) -> BodyState {
     motion(position, Quat::IDENTITY, Vec3::ZERO, Vec3::ZERO)
 }
 
@@ -151,14 +151,14 @@ mod tests {
             for bodies in [0, 1, usual, 100_000] {
                 let mut script = by_name(name, bodies, 1).expect("a name of the list");
                 assert_eq!(script.name(), name);
-                assert_eq!(script.terms().check(), Ok(()));
+                assert_eq!(script.config().check(), Ok(()));
                 let mut commands = Vec::new();
                 script.commands(Tick::ZERO, &mut commands);
                 for command in &commands {
                     assert_eq!(command.check(), Ok(()), "{name} of {bodies}: {command:?}");
                     let named = match *command {
                         Command::AddShape { id, .. } => id.0 < SHAPES_MAX,
-                        Command::AddBody { terms, .. } => terms.id.index() < INDICES_MAX,
+                        Command::AddBody { config, .. } => config.id.index() < INDICES_MAX,
                         Command::AddJoint { id, .. } => id.0 < JOINTS_MAX,
                         _ => true,
                     };

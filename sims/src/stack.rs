@@ -5,19 +5,19 @@
 //! 0.05 and 3 1/s. All sleep again some ten seconds later.
 
 use glam::Vec3;
-use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, Material, SceneTerms, Shape, ShapeId};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, Material, SceneConfig, Shape, ShapeId};
 use rhumb_reckoning::{Damping, Tick};
 
-use crate::cast::Cast;
-use crate::chance::Chance;
+use crate::builder::SceneBuilder;
+use crate::rng::SceneRng;
 use crate::script::{Script, TERMS, motion, still, surface};
 
 /// Towers and walls.
 #[derive(Clone, Debug)]
 pub struct Stack {
     pairs: u32,
-    chance: Chance,
-    cast: Cast,
+    rng: SceneRng,
+    builder: SceneBuilder,
     ball: ShapeId,
 }
 
@@ -30,42 +30,44 @@ impl Stack {
     pub fn new(bodies: u32, seed: u64) -> Self {
         Self {
             pairs: (bodies / Self::BODIES).clamp(1, PAIRS_MAX),
-            chance: Chance::new(seed),
-            cast: Cast::default(),
+            rng: SceneRng::new(seed),
+            builder: SceneBuilder::default(),
             ball: ShapeId(0),
         }
     }
 
     fn build(&mut self, out: &mut Vec<Command>) {
-        self.cast.floor(60.0 + APART * self.pairs as f32, out);
+        self.builder.floor(60.0 + APART * self.pairs as f32, out);
         let cuboid = |half_extents| Shape::Cuboid { half_extents };
         let (block, brick) = (Vec3::splat(0.5), Vec3::new(0.5, 0.25, 0.25));
-        let block = self.cast.shape(cuboid(block), out);
-        let brick = self.cast.shape(cuboid(brick), out);
-        self.ball = self.cast.shape(Shape::Ball { radius: 0.5 }, out);
+        let block = self.builder.shape(cuboid(block), out);
+        let brick = self.builder.shape(cuboid(brick), out);
+        self.ball = self.builder.shape(Shape::Ball { radius: 0.5 }, out);
         for pair in 0..self.pairs {
             let along = APART * pair as f32;
             for storey in 0..TOWER {
                 // By a hundredth of a metre at most: no two towers are one.
-                let astray = self.chance.vector() * Vec3::new(0.01, 0.0, 0.01);
-                let place = Vec3::new(-8.0, storey as f32 + 0.5, along) + astray;
-                self.cast.body(BodyKind::Dynamic, block, still(place), out);
+                let divergence_time = self.rng.vector() * Vec3::new(0.01, 0.0, 0.01);
+                let place = Vec3::new(-8.0, storey as f32 + 0.5, along) + divergence_time;
+                self.builder
+                    .body(BodyKind::Dynamic, block, still(place), out);
             }
             for place in 0..SIDE * SIDE {
                 let (column, row) = ((place % SIDE) as f32, (place / SIDE) as f32);
                 let place = Vec3::new(column - 4.5, row * 0.5 + 0.25, along);
-                self.cast.body(BodyKind::Dynamic, brick, still(place), out);
+                self.builder
+                    .body(BodyKind::Dynamic, brick, still(place), out);
             }
         }
     }
 
     fn strike(&mut self, out: &mut Vec<Command>) {
         for pair in 0..self.pairs {
-            let off = self.chance.vector() * Vec3::new(1.5, 0.5, 0.0);
+            let off = self.rng.vector() * Vec3::new(1.5, 0.5, 0.0);
             let position = Vec3::new(0.0, 2.5, APART * pair as f32 - 6.0) + off;
             let flight = motion(position, glam::Quat::IDENTITY, STRIKE, Vec3::ZERO);
             let shape = self.ball;
-            let heavy = |id| BodyTerms {
+            let heavy = |id| BodyDesc {
                 material: Some(Material {
                     density: 4_000.0,
                     ..MATERIAL
@@ -74,9 +76,9 @@ impl Stack {
                     linear: 0.05,
                     angular: 3.0,
                 }),
-                ..BodyTerms::plain(id, BodyKind::Dynamic, shape)
+                ..BodyDesc::plain(id, BodyKind::Dynamic, shape)
             };
-            self.cast.with(heavy, flight, out);
+            self.builder.with(heavy, flight, out);
         }
     }
 }
@@ -86,8 +88,8 @@ impl Script for Stack {
         "stack"
     }
 
-    fn terms(&self) -> SceneTerms {
-        SceneTerms {
+    fn config(&self) -> SceneConfig {
+        SceneConfig {
             material: MATERIAL,
             damping: Damping {
                 linear: 0.05,

@@ -7,19 +7,19 @@
 use core::f64::consts::PI;
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::scene::{BodyKind, Command, SceneTerms, Shape};
-use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
+use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Shape};
+use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 
-use crate::cast::{Cast, about_z};
-use crate::chance::Chance;
+use crate::builder::{SceneBuilder, about_z};
 use crate::controller::Controller;
+use crate::rng::SceneRng;
 use crate::script::{INTEGRATOR, Script, TERMS, motion, still, surface};
 
 /// A drum with bodies inside.
 #[derive(Clone, Debug)]
 pub struct Tumbler {
     bodies: u32,
-    chance: Chance,
+    rng: SceneRng,
 }
 
 impl Tumbler {
@@ -33,13 +33,13 @@ impl Tumbler {
     pub fn new(bodies: u32, seed: u64) -> Self {
         Self {
             bodies: bodies.min(Self::BODIES_MAX),
-            chance: Chance::new(seed),
+            rng: SceneRng::new(seed),
         }
     }
 
-    fn fill(&mut self, cast: &mut Cast, out: &mut Vec<Command>) {
-        let shapes = SHAPES.map(|shape| cast.shape(shape, out));
-        // Places of a lattice inside the drum, from below.
+    fn fill(&mut self, builder: &mut SceneBuilder, out: &mut Vec<Command>) {
+        let shapes = SHAPES.map(|shape| builder.shape(shape, out));
+        // Places of a quantiser inside the drum, from below.
         let (across, deep) = (7, 8);
         for place in 0..self.bodies {
             let (x, z, y) = (
@@ -47,14 +47,14 @@ impl Tumbler {
                 place / across % deep,
                 place / (across * deep),
             );
-            let lattice = Vec3::new(
+            let quantiser = Vec3::new(
                 x as f32 - (across - 1) as f32 * 0.5,
                 y as f32 - 3.5,
                 z as f32 - (deep - 1) as f32 * 0.5,
             );
-            let position = lattice * Vec3::new(0.65, 0.55, 0.65) + self.chance.vector() * 0.01;
-            let shape = shapes[self.chance.below(shapes.len() as u32) as usize];
-            cast.body(BodyKind::Dynamic, shape, still(position), out);
+            let position = quantiser * Vec3::new(0.65, 0.55, 0.65) + self.rng.vector() * 0.01;
+            let shape = shapes[self.rng.below(shapes.len() as u32) as usize];
+            builder.body(BodyKind::Dynamic, shape, still(position), out);
         }
     }
 }
@@ -64,8 +64,8 @@ impl Script for Tumbler {
         "tumbler"
     }
 
-    fn terms(&self) -> SceneTerms {
-        SceneTerms {
+    fn config(&self) -> SceneConfig {
+        SceneConfig {
             material: surface(0.8, 500.0),
             damping: Damping {
                 linear: 0.05,
@@ -79,19 +79,19 @@ impl Script for Tumbler {
         if tick != Tick::ZERO {
             return;
         }
-        let mut cast = Cast::default();
+        let mut builder = SceneBuilder::default();
         let half = (RADIUS + THICKNESS) * libm::tan(PI / f64::from(STAVES));
         let half_extents = Vec3::new(half as f32, (THICKNESS * 0.5) as f32, 4.0);
-        let stave = cast.shape(Shape::Cuboid { half_extents }, out);
+        let stave = builder.shape(Shape::Cuboid { half_extents }, out);
         let half_extents = Vec3::new(5.0, 5.0, 0.5);
-        let end = cast.shape(Shape::Cuboid { half_extents }, out);
+        let end = builder.shape(Shape::Cuboid { half_extents }, out);
         for number in 0..STAVES + ENDS.len() as u32 {
             let (position, rotation) = part_at(number, 0.0);
             let there = motion(position, rotation, Vec3::ZERO, Vec3::ZERO);
             let shape = if number < STAVES { stave } else { end };
-            cast.body(BodyKind::Kinematic, shape, there, out);
+            builder.body(BodyKind::Kinematic, shape, there, out);
         }
-        self.fill(&mut cast, out);
+        self.fill(&mut builder, out);
     }
 
     fn controller(&self) -> Option<Box<dyn Controller>> {
@@ -106,7 +106,7 @@ impl Controller for Turning {
     fn before_step(
         &mut self,
         tick: Tick,
-        motion: &dyn Fn(BodyId) -> Option<Verbatim>,
+        motion: &dyn Fn(BodyId) -> Option<BodyState>,
         out: &mut Vec<Command>,
     ) {
         let seconds = tick.next().value() as f64 * INTEGRATOR.rate.step().seconds();

@@ -5,20 +5,20 @@
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, Hull, Joint, JointFrame, JointId, JointKind, JointLimits,
-    Material, SceneTerms, Shape, ShapeId,
+    BodyDesc, BodyKind, Command, Hull, Joint, JointFrame, JointId, JointKind, JointLimits,
+    Material, SceneConfig, Shape, ShapeId,
 };
-use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 
-use crate::chance::Chance;
 use crate::cluster::Cluster;
+use crate::rng::SceneRng;
 use crate::script::{GRAVITY, Script, TERMS, motion, still};
 
 /// Every kind of body, and every command.
 #[derive(Clone, Debug)]
 pub struct Zoo {
     bodies: u32,
-    chance: Chance,
+    rng: SceneRng,
     /// The generations of the bodies that stand alone, whose indices follow those of [`FIRST`].
     generations: Vec<u16>,
     /// Of the pendulum's lower part.
@@ -31,7 +31,7 @@ impl Zoo {
     pub fn new(bodies: u32, seed: u64) -> Self {
         Self {
             bodies: bodies.max(1),
-            chance: Chance::new(seed),
+            rng: SceneRng::new(seed),
             generations: Vec::new(),
             bob: 0,
         }
@@ -45,7 +45,7 @@ impl Zoo {
         for (id, kind, shape, position) in FIXTURES {
             let id = BodyId::new(id, 0);
             out.push(Command::AddBody {
-                terms: BodyTerms::plain(id, kind, ShapeId(shape)),
+                config: BodyDesc::plain(id, kind, ShapeId(shape)),
                 motion: still(position),
             });
         }
@@ -59,10 +59,10 @@ impl Zoo {
             joint: hanging(POST, ARM, JointKind::Revolute(None)),
         });
         self.hang_bob(out);
-        let mut places = self.chance.clone();
+        let mut places = self.rng.clone();
         for (position, place) in CLUSTER.places(self.bodies, &mut places).zip(0..) {
             self.generations.push(0);
-            let motion = motion(position, self.chance.rotation(), Vec3::ZERO, Vec3::ZERO);
+            let motion = motion(position, self.rng.rotation(), Vec3::ZERO, Vec3::ZERO);
             self.add(place, motion, out);
         }
     }
@@ -71,7 +71,7 @@ impl Zoo {
     fn hang_bob(&mut self, out: &mut Vec<Command>) {
         let id = BodyId::new(BOB, self.bob);
         out.push(Command::AddBody {
-            terms: BodyTerms::plain(id, BodyKind::Dynamic, WEDGE),
+            config: BodyDesc::plain(id, BodyKind::Dynamic, WEDGE),
             motion: still(Vec3::new(8.0, 2.5, 8.0)),
         });
         let limits = |most: f32| JointLimits { least: -most, most };
@@ -85,26 +85,26 @@ impl Zoo {
     }
 
     /// Adds the next body of a place.
-    fn add(&mut self, place: u32, motion: Verbatim, out: &mut Vec<Command>) {
-        let shape = MOVING[self.chance.below(MOVING.len() as u32) as usize];
-        let mut terms = BodyTerms::plain(self.id(place), BodyKind::Dynamic, ShapeId(shape));
+    fn add(&mut self, place: u32, motion: BodyState, out: &mut Vec<Command>) {
+        let shape = MOVING[self.rng.below(MOVING.len() as u32) as usize];
+        let mut config = BodyDesc::plain(self.id(place), BodyKind::Dynamic, ShapeId(shape));
         if place % 2 == 1 {
-            terms.material = Some(Material {
+            config.material = Some(Material {
                 friction: 0.9,
                 restitution: 0.5,
                 density: 200.0,
             });
         }
         if place % 3 == 1 {
-            terms.damping = Some(Damping {
+            config.damping = Some(Damping {
                 linear: 0.5,
                 angular: 0.5,
             });
         }
         if place % 5 == 1 {
-            terms.gravity_scale = 0.25;
+            config.gravity_scale = 0.25;
         }
-        out.push(Command::AddBody { terms, motion });
+        out.push(Command::AddBody { config, motion });
     }
 
     fn id(&self, place: u32) -> BodyId {
@@ -112,11 +112,11 @@ impl Zoo {
     }
 
     /// One command, or two that belong together, about one of the dynamic bodies.
-    fn meddle(&mut self, out: &mut Vec<Command>) {
-        let place = self.chance.below(self.bodies);
+    fn change_settings(&mut self, out: &mut Vec<Command>) {
+        let place = self.rng.below(self.bodies);
         let id = self.id(place);
-        let vector = self.chance.vector();
-        match self.chance.below(8) {
+        let vector = self.rng.vector();
+        match self.rng.below(8) {
             0 => out.push(Command::Force {
                 id,
                 force: vector * 20_000.0,
@@ -141,7 +141,7 @@ impl Zoo {
             5 => out.push(Command::SetPose {
                 id,
                 position: Vec3::new(0.0, 8.0, 0.0) + vector * 4.0,
-                rotation: self.chance.rotation(),
+                rotation: self.rng.rotation(),
             }),
             6 => {
                 out.push(Command::RemoveBody { id });
@@ -208,8 +208,8 @@ impl Script for Zoo {
         "zoo"
     }
 
-    fn terms(&self) -> SceneTerms {
-        SceneTerms {
+    fn config(&self) -> SceneConfig {
+        SceneConfig {
             material: Material {
                 friction: 0.5,
                 restitution: 0.1,
@@ -230,7 +230,7 @@ impl Script for Zoo {
         self.routine(tick.value(), out);
         // A second in four is left alone, so that bodies come to rest.
         if tick.value() % 240 < 180 && tick.value() % 6 == 3 {
-            self.meddle(out);
+            self.change_settings(out);
         }
     }
 }

@@ -36,22 +36,22 @@ def outcome(side, kind, body):
             messages.check_command(means)
     except messages.Refused as why:
         return "error", why.error
-    return "said", means
+    return "accepted", means
 
 
 def results(vectors):
     """Each case with what is expected and what came of it."""
     for side in ("client", "server"):
-        for case in vectors[side + " says"]:
-            yield from said(side, case)
-        for case in vectors["refused of a " + side]:
+        for case in vectors[side + " messages"]:
+            yield from msg(side, case)
+        for case in vectors["refused " + side + " messages"]:
             what, _ = outcome(side, *one_frame(bytes.fromhex(case["bytes"])))
             yield case["name"], "malformed", what
     for case in vectors["frames"]:
         yield case["name"], (case["messages"], "refusal" in case), split(bytes.fromhex(case["bytes"]))
 
 
-def said(side, case):
+def msg(side, case):
     data, name = bytes.fromhex(case["bytes"]), case["name"]
     kind, body = one_frame(data)
     what, means = outcome(side, kind, body)
@@ -63,11 +63,11 @@ def said(side, case):
         if means is not None:
             yield name, case["error"], means
     else:
-        yield name, ("said", case["means"]), (what, means)
+        yield name, ("accepted", case["means"]), (what, means)
         yield name + ", written", data.hex(), messages.encoded(side, means).hex()
     longer = body + b"\0"
-    whole = [end for end in range(len(longer) + 1) if end != len(body) and outcome(side, kind, longer[:end])[0] != "malformed"]
-    yield name + ", cut", case["cuts"], whole
+    accepted_lengths = [end for end in range(len(longer) + 1) if end != len(body) and outcome(side, kind, longer[:end])[0] != "malformed"]
+    yield name + ", cut", case["cuts"], accepted_lengths
 
 
 def split(data):

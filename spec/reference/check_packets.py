@@ -1,4 +1,4 @@
-"""Runs packets.py over the golden vectors: both ways for what is said, and the reason of what is refused.
+"""Runs packets.py over the golden vectors: both ways for what is msg, and the reason of what is refused.
 
 Usage: python3 check_packets.py. Prints what failed, then a count; the exit code is 1 if anything did.
 """
@@ -35,16 +35,16 @@ def outcome(datagram):
 
 def results(vectors):
     """Each case with what is expected and what came of it."""
-    for case in vectors["said"]:
+    for case in vectors["accepted"]:
         datagram = bytes.fromhex(case["bytes"])
         yield case["name"], case["means"], outcome(datagram)
         yield case["name"] + ", written", case["bytes"], packets.encoded(case["means"]).hex()
         if len(datagram) <= SHORT:
             yield case["name"] + ", each bit flipped", [], [bit for bit in range(8 * len(datagram)) if not bears(datagram, bit)]
-    for case in vectors["parities"]:
+    for case in vectors["repair_symbols"]:
         covered = [(number, bytes.fromhex(datagram)) for number, datagram in case["packets"]]
-        row = packets.decoded(bytes.fromhex(case["parity"]))["row"]
-        yield "the parity of packets", case["parity"], packets.parity(row, covered).hex()
+        row = packets.decoded(bytes.fromhex(case["repair_symbol"]))["row"]
+        yield "the repair_symbol of packets", case["repair_symbol"], packets.repair_symbol(row, covered).hex()
     for case in vectors["refused"]:
         yield case["name"], case["refusal"], outcome(bytes.fromhex(case["bytes"]))
 

@@ -32,9 +32,9 @@ def singles(texts):
     return [struct.unpack(">f", bytes.fromhex(text))[0] for text in texts]
 
 
-def push_of(case):
-    """The push of a case whose law is pushed."""
-    return case.get("push") and r.Push.of(case["push"], case["doublings"])
+def acceleration_of(case):
+    """The acceleration of a case whose predictor is accelerated."""
+    return case.get("acceleration") and r.Acceleration.of(case["acceleration"], case["exponent"])
 
 
 class Checks:
@@ -62,34 +62,34 @@ class Checks:
         gravity = r.gravity_of(singles(case["scene"]), singles(case["scale"])[0])
         yield case["gravity"], bits64(gravity)
 
-    def starts(self, case):
-        motion = r.verbatim_motion(singles(case["verbatim"]))
+    def initial_states(self, case):
+        motion = r.body_state_motion(singles(case["body_state"]))
         yield case["motion"], motion and bits64(motion.numbers())
 
     def predictions(self, case):
-        start = r.verbatim_motion(singles(self.vectors["starts"][case["start"]]["verbatim"]))
+        initial_state = r.body_state_motion(singles(self.vectors["initial_states"][case["initial_state"]]["body_state"]))
         flow, gravity = self.flows_of[case["integrator"]], self.gravities_of[case["gravity"]]
-        end = r.predicted(case["law"], start, case["elapsed"], gravity, flow, push=push_of(case))
+        end = r.predicted(case["predictor"], initial_state, case["elapsed"], gravity, flow, acceleration=acceleration_of(case))
         yield case["end"], bits64(end.numbers())
 
     def inertias(self, case):
         inertia = r.Inertia.of(singles(case["moments"]), singles(case["frame"]))
         yield case["equal"], inertia and int(inertia.is_equal())
 
-    def tumblings(self, case):
-        start = r.verbatim_motion(singles(self.vectors["starts"][case["start"]]["verbatim"]))
+    def torque_free_rotations(self, case):
+        initial_state = r.body_state_motion(singles(self.vectors["initial_states"][case["initial_state"]]["body_state"]))
         flow, gravity = self.flows_of[case["integrator"]], self.gravities_of[case["gravity"]]
-        said = self.vectors["inertias"][case["inertia"]]
-        inertia = r.Inertia.of(singles(said["moments"]), singles(said["frame"]))
-        end = r.predicted(case["law"], start, case["elapsed"], gravity, flow, inertia, push_of(case))
+        msg = self.vectors["inertias"][case["inertia"]]
+        inertia = r.Inertia.of(singles(msg["moments"]), singles(msg["frame"]))
+        end = r.predicted(case["predictor"], initial_state, case["elapsed"], gravity, flow, inertia, acceleration_of(case))
         yield case["end"], bits64(end.numbers())
 
     def radii(self, case):
         yield case["radius"], bits64([r.bounding_radius(case["shape"], singles(case["extents"]))])
 
-    def classes(self, case):
-        yield case["position"], r.of_class(case["micrometres"], case["class"], 1000, 10000000)
-        yield case["turn"], r.of_class(case["microradians"], case["class"], 100, 3141593)
+    def tolerance_scales(self, case):
+        yield case["position"], r.scaled_tolerance(case["micrometres"], case["tolerance_scale"], 1000, 10000000)
+        yield case["turn"], r.scaled_tolerance(case["microradians"], case["tolerance_scale"], 100, 3141593)
 
     def grids(self, case):
         grid = r.Grid.of(case["micrometres"], doubles(case["radius"])[0], case.get("microradians"))
@@ -105,54 +105,54 @@ class Checks:
         value = bits64(r.unpacked((largest, others))) if r.is_packed(largest, others) else None
         yield case["value"], value
 
-    def snappings(self, case):
+    def quantisations(self, case):
         grid = self.grids_of[case["grid"]]
-        yield from same_snapped(case, r.Snapped.of(r.Motion.of(doubles(case["motion"])), grid), grid)
+        yield from same_quantised(case, r.Quantised.of(r.Motion.of(doubles(case["motion"])), grid), grid)
 
     def residuals(self, case):
         grid = self.grids_of[case["grid"]]
         parts = (case[part + "_residual"] for part in ("position", "turn", "linear", "angular"))
-        residual = r.Residual(*(steps and tuple(steps) for steps in parts), case["coarseness"] or 0)
-        over = r.astray(case["law"], case["age"], self.flows_of[case["integrator"]].dt)
-        yield case["over"], bits64([over])
-        said = residual.onto(r.Motion.of(doubles(case["predicted"])), over, grid)
-        yield from same_snapped(case, said, grid)
+        residual = r.Residual(*(steps and tuple(steps) for steps in parts), case["velocity_exponent"] or 0)
+        over = r.prediction_error(case["predictor"], case["age"], self.flows_of[case["integrator"]].dt)
+        yield case["interval"], bits64([over])
+        msg = residual.onto(r.Motion.of(doubles(case["predicted"])), over, grid)
+        yield from same_quantised(case, msg, grid)
 
     def tracks(self, case):
         grid = self.grids_of[case["grid"]]
         rotation = (case["largest"], tuple(case["others"]))
-        anchor = r.Snapped(case["position"], rotation, case["linear"], case["angular"])
+        anchor = r.Quantised(case["position"], rotation, case["linear"], case["angular"])
         yield case["means"], bits64(anchor.motion(grid).numbers())
         flow, gravity = self.flows_of[case["integrator"]], self.gravities_of[case["gravity"]]
         elapsed = r.elapsed_ticks(case["tick"], case["origin"])
-        end = r.predicted(case["law"], anchor.motion(grid), elapsed, gravity, flow, push=push_of(case))
+        end = r.predicted(case["predictor"], anchor.motion(grid), elapsed, gravity, flow, acceleration=acceleration_of(case))
         yield case["end"], bits64(end.numbers())
 
-    def holdings(self, case):
+    def attachments(self, case):
         grid = self.grids_of[case["grid"]]
-        carrier, body = (r.Motion.of(doubles(case[name])) for name in ("carrier", "body"))
-        seen = r.seen_from(carrier, body)
-        yield case["seen"], bits64(seen.numbers())
-        said = r.Snapped.of(seen, grid)
-        yield from same_snapped(case, said, grid)
-        yield case["carried"], bits64(r.carried(carrier, said.motion(grid)).numbers())
+        parent, body = (r.Motion.of(doubles(case[name])) for name in ("parent", "body"))
+        seen = r.relative_to(parent, body)
+        yield case["relative"], bits64(seen.numbers())
+        msg = r.Quantised.of(seen, grid)
+        yield from same_quantised(case, msg, grid)
+        yield case["attached_motion"], bits64(r.attached_motion(parent, msg.motion(grid)).numbers())
 
-    def settlings(self, case):
+    def rest_corrections(self, case):
         steps = (case[name] for name in ("position_steps", "others_steps"))
         predicted = r.Motion.of(doubles(case["predicted"]))
-        numbers = r.settled(predicted, case["negated"], *steps, case["largest_step"][0])
-        yield case["verbatim"], numbers and bits32(numbers)
+        numbers = r.rest_state(predicted, case["negated"], *steps, case["largest_step"][0])
+        yield case["body_state"], numbers and bits32(numbers)
 
 
-def same_snapped(case, snapped, grid):
-    """A snapped motion, or None where what would say it is refused, and what it means."""
-    if snapped is None or case["means"] is None:
-        yield case["means"], snapped
+def same_quantised(case, quantised, grid):
+    """A quantised motion, or None where what would send_message it is refused, and what it means."""
+    if quantised is None or case["means"] is None:
+        yield case["means"], quantised
         return
     rotation = (case["largest"], tuple(case["others"]))
     expected = (tuple(case["position"]), rotation, tuple(case["linear"]), tuple(case["angular"]))
-    yield expected, (snapped.position, snapped.rotation, snapped.linear, snapped.angular)
-    yield case["means"], bits64(snapped.motion(grid).numbers())
+    yield expected, (quantised.position, quantised.rotation, quantised.linear, quantised.angular)
+    yield case["means"], bits64(quantised.motion(grid).numbers())
 
 
 def constants():

@@ -1,4 +1,4 @@
-"""Runs subscriber.py over the golden streams: after each tick and each loss it must know what the vectors say.
+"""Runs subscriber.py over the golden streams: after each tick and each loss it must know what the vectors send_message.
 
 Usage: python3 check_streams.py. Prints what failed, then a count; the exit code is 1 if anything did.
 """
@@ -19,27 +19,27 @@ class Member:
     def __init__(self):
         self.frames, self.scene = messages.Frames(), None
 
-    def hear_control(self, data):
+    def receive_control(self, data):
         self.frames.push(data)
         while (message := self.frames.next()) is not None:
-            said = messages.decoded("server", *message)
-            if said is not None:
-                self.hear(said)
+            msg = messages.decoded("server", *message)
+            if msg is not None:
+                self.receive(msg)
 
-    def hear(self, said):
-        if said["is"] == "Joined":
-            self.scene = subscriber.Scene(said)
-        elif said["is"] == "Notice":
-            self.scene.hear_notice(said["notice"])
-        elif said["is"] == "SnapshotEnd":
+    def receive(self, msg):
+        if msg["is"] == "Joined":
+            self.scene = subscriber.Scene(msg)
+        elif msg["is"] == "SceneEvent":
+            self.scene.receive_scene_event(msg["event"])
+        elif msg["is"] == "SnapshotEnd":
             self.scene.end_snapshot()
 
 
 def poses(scene):
-    """FNV-1a over the bits of each body's believed motion at the vouched tick, in order of index."""
+    """FNV-1a over the bits of each body's predicted_motion motion at the watermark tick, in order of index."""
     h = 0xCBF29CE484222325
     for index in sorted(scene.bodies):
-        motion = scene.believed(scene.bodies[index], scene.vouched)
+        motion = scene.predicted_motion(scene.bodies[index], scene.watermark)
         for byte in subscriber.bits64(motion.numbers()):
             h = (h ^ byte) * 0x100000001B3 & subscriber.MASK
     return f"{h:016x}"
@@ -47,33 +47,33 @@ def poses(scene):
 
 def known(scene, with_poses):
     state = {
-        "vouched": scene.vouched,
+        "watermark": scene.watermark,
         "complete": scene.complete(),
-        "settled": scene.is_settled(),
+        "converged": scene.is_converged(),
         "next": scene.next & 0xFFFF,
         "missing": len(scene.missing),
-        "sum": f"{scene.sum():016x}",
+        "checksum": f"{scene.sum():016x}",
     }
     if scene.capped:
-        state["excess_eighths"] = scene.excess(scene.vouched)
-    # What is shown of a body that is in doubt is nobody's promise (6.8).
+        state["error_scale_eighths"] = scene.error_scale(scene.watermark)
+    # What is shown of a body that is in checksum_mismatch is nobody's promise (6.8).
     return state | ({"poses": poses(scene)} if with_poses else {})
 
 
 def results(stream):
     """Each state that a stream's member knew, and what this one knows."""
     member = Member()
-    for place, (what, said) in enumerate(stream["events"]):
+    for place, (what, msg) in enumerate(stream["events"]):
         if what == "control":
-            member.hear_control(bytes.fromhex(said))
+            member.receive_control(bytes.fromhex(msg))
         elif what == "datagram" and member.scene:
-            member.scene.hear_datagram(bytes.fromhex(said))
+            member.scene.receive_datagram(bytes.fromhex(msg))
         elif what == "known":
-            want = dict(said)
-            if not want["settled"]:
+            want = dict(msg)
+            if not want["converged"]:
                 del want["poses"]
-            yield f"{stream['name']}, event {place}", want, known(member.scene, want["settled"])
-    yield f"{stream['name']}, sums that differ", 0, member.scene.disagreements
+            yield f"{stream['name']}, event {place}", want, known(member.scene, want["converged"])
+    yield f"{stream['name']}, sums that differ", 0, member.scene.checksum_mismatches
 
 
 def main():

@@ -1,4 +1,4 @@
-"""A client that joins a scene over QUIC and follows it, from PROTOCOL 1 and 3: asks for repair, keeps the connection up.
+"""A client that joins a scene over QUIC and follows it, from PROTOCOL 1 and 3: asks for refresh, keeps the connection up.
 
 Needs `aioquic`. Usage: python3 client.py --server HOST:PORT --fingerprint HEX --scene NAME --micrometres N --out FILE
 [--until TICK]. Says `joined` once its copy is whole, and writes each tick at which the copy is complete, as bits.
@@ -22,8 +22,8 @@ import messages
 import packets
 import subscriber
 
-FIRST_ECHO, LAST_ECHO, SILENCE = 0.025, 0.5, 3.0
-FIRST_AWAITED, LAST_AWAITED, DOUBT = 0.1, 2.0, 0.03
+FIRST_LOSS_REPORT, LAST_LOSS_REPORT, SILENCE = 0.025, 0.5, 3.0
+FIRST_AWAITED, LAST_AWAITED, CHECKSUM_MISMATCH = 0.1, 2.0, 0.03
 DONE, MALFORMED, VIOLATION, VERSION, EXTENSION = 0, 1, 2, 3, 5
 
 
@@ -37,111 +37,111 @@ class Member(QuicConnectionProtocol):
     def __init__(self, *arguments, **named):
         super().__init__(*arguments, **named)
         self.frames, self.scene, self.ended = messages.Frames(), None, None
-        self.heard, self.answers = asyncio.Event(), asyncio.Queue()
+        self.received, self.answers = asyncio.Event(), asyncio.Queue()
         self.on_state = lambda scene: None
         self.on_change = lambda scene: None
         self.control, self.coming, self.is_welcomed, self.is_resyncing = None, None, False, False
-        self.asked_at, self.patience, self.heard_at = 0.0, FIRST_ECHO, 0.0
+        self.asked_at, self.patience, self.heard_at = 0.0, FIRST_LOSS_REPORT, 0.0
         self.awaited, self.awaited_at, self.awaited_for = 0, 0.0, FIRST_AWAITED
         self.timed, self.took = None, (0.0, 0.0)  # a tick and when it was asked for; what the last two took
-        self.asked_coming_at, self.doubted_at = 0.0, 0.0
+        self.asked_coming_at, self.mismatched_at = 0.0, 0.0
 
     # What comes
 
     def quic_event_received(self, event):
         self.heard_at = self._loop.time()
         if isinstance(event, StreamDataReceived):
-            self.hear_control(event.data)
+            self.receive_control(event.data)
         elif isinstance(event, DatagramFrameReceived):
             for scene in filter(None, (self.scene, self.coming)):
-                scene.hear_datagram(event.data)
+                scene.receive_datagram(event.data)
             self.go_on()
         elif isinstance(event, ConnectionTerminated):
             self.ended = event.error_code
             self.answers.put_nowait({"is": "Ended", "code": event.error_code})
 
-    def hear_control(self, data):
+    def receive_control(self, data):
         self.frames.push(data)
         try:
             while (message := self.frames.next()) is not None:
-                said = messages.decoded("server", *message)
-                if said is not None:
-                    self.hear(said)
+                msg = messages.decoded("server", *message)
+                if msg is not None:
+                    self.receive(msg)
         except packets.Malformed:
             self.end(MALFORMED)
         except subscriber.Violation as why:
             self.end(why.args[0])
 
-    def hear(self, said):
-        if said["is"] in ("Welcome", "Joined") and any(one["id"] % 2 == 0 for one in said["extensions"]):
+    def receive(self, msg):
+        if msg["is"] in ("Welcome", "Joined") and any(one["id"] % 2 == 0 for one in msg["extensions"]):
             self.end(EXTENSION)
             return
-        if said["is"] in ("Welcome", "Joined"):
-            self.check_opening(said)
-        if said["is"] == "Welcome":
+        if msg["is"] in ("Welcome", "Joined"):
+            self.check_opening(msg)
+        if msg["is"] == "Welcome":
             if self.is_welcomed:
                 raise subscriber.Violation(VIOLATION)
             self.is_welcomed = True
-            self.answers.put_nowait(said)
-        elif said["is"] == "Joined":
-            # Another stream of the scene, asked for or not (4.8, 4.12), comes beside the one that is held.
+            self.answers.put_nowait(msg)
+        elif msg["is"] == "Joined":
+            # Another stream of the scene, asked for or not (4.8, 4.12), comes beside the one that is pending.
             if self.scene is None or self.is_resyncing:
-                self.scene, self.coming, self.is_resyncing = subscriber.Scene(said), None, False
+                self.scene, self.coming, self.is_resyncing = subscriber.Scene(msg), None, False
             else:
-                self.coming = subscriber.Scene(said)
-        elif said["is"] == "Notice":
-            # A snapshot is of the stream that comes; what is said after it counts for both.
+                self.coming = subscriber.Scene(msg)
+        elif msg["is"] == "SceneEvent":
+            # A snapshot is of the stream that comes; what is msg after it counts for both.
             scenes = [self.coming] if self.coming and not self.coming.whole else [self.scene, self.coming]
             for scene in filter(None, scenes):
-                scene.hear_notice(said["notice"])
+                scene.receive_scene_event(msg["event"])
             self.go_on()
         else:
-            if said["is"] == "SnapshotEnd":
+            if msg["is"] == "SnapshotEnd":
                 (self.coming or self.scene).end_snapshot()
                 self.go_on()
-            self.answers.put_nowait(said)
+            self.answers.put_nowait(msg)
 
     def go_on(self):
-        """Says what follows from what was heard."""
+        """Says what follows from what was received."""
         coming = self.coming
         if self.timed and self.timed[0] <= self.scene.complete():
             self.took, self.timed = (self._loop.time() - self.timed[1], self.took[0]), None
-        if coming and coming.whole and (coming.complete() >= self.scene.complete() or self.scene.lost_touch):
+        if coming and coming.whole and (coming.complete() >= self.scene.complete() or self.scene.lost_sync):
             # 4.8-12
             self.scene, self.coming = coming, None
-            self.say({"is": "Followed", "stream": coming.stream})
+            self.send_message({"is": "Subscribed", "stream": coming.stream})
             self.on_change(coming)
         self.on_state(self.scene)
 
-    def check_opening(self, said):
-        """4.3-2: terms outside section 7 end the connection."""
-        if "terms" in said:
+    def check_opening(self, msg):
+        """4.3-2: config outside section 7 end the connection."""
+        if "config" in msg:
             try:
-                messages.check_terms(said["terms"])
+                messages.check_config(msg["config"])
             except messages.Refused as why:
                 raise subscriber.Violation(VIOLATION) from why
 
     # What goes
 
-    def say(self, said):
+    def send_message(self, msg):
         if self.control is None:
             self.control = self._quic.get_next_available_stream_id()
-        self._quic.send_stream_data(self.control, messages.encoded("client", said))
+        self._quic.send_stream_data(self.control, messages.encoded("client", msg))
         self.transmit()
 
-    def send(self, said):
-        self._quic.send_datagram_frame(packets.encoded(said))
+    def send(self, msg):
+        self._quic.send_datagram_frame(packets.encoded(msg))
         self.transmit()
 
-    def say_upstream(self, said):
+    def send_upstream(self, msg):
         """6.14-8: in a lockstep scene, a packet in order."""
-        self.say({"is": "Upstream", "packet": packets.encoded(said).hex()})
+        self.send_message({"is": "Upstream", "packet": packets.encoded(msg).hex()})
 
     def advance(self, tick):
         self.awaited, self.awaited_at = tick, self._loop.time()
         self.awaited_for = min(max(FIRST_AWAITED, 2 * min(self.took)), LAST_AWAITED)
         self.timed = self.timed or (tick, self.awaited_at)
-        self.say({"is": "Advance", "tick": tick})
+        self.send_message({"is": "Advance", "tick": tick})
 
     def end(self, code):
         self._quic.close(error_code=code)
@@ -150,39 +150,39 @@ class Member(QuicConnectionProtocol):
     async def answer(self, *names):
         """The next message of one of these names."""
         while True:
-            said = await asyncio.wait_for(self.answers.get(), 10)
-            if said["is"] in names:
-                return said
-            if said["is"] in ("Ended", "Denied"):
-                raise Ended(said)
+            msg = await asyncio.wait_for(self.answers.get(), 10)
+            if msg["is"] in names:
+                return msg
+            if msg["is"] in ("Ended", "Denied"):
+                raise Ended(msg)
 
-    async def repair(self):
-        """6.7, 6.12: echoes for what is missing, and for a stream that is silent; doubts, until they are answered."""
+    async def refresh(self):
+        """6.7, 6.12: loss_reports for what is missing, and for a stream that is silent; mismatches, until they are answered."""
         while self.ended is None:
             await asyncio.sleep(0.005)
             now, scene = self._loop.time(), self.scene
             if scene is None or not scene.whole:
                 continue
-            if scene.lost_touch:
+            if scene.lost_sync:
                 # 6.7-10: once, and no more of this copy.
                 if not self.is_resyncing:
                     self.is_resyncing = True
-                    self.say({"is": "Resync"})
+                    self.send_message({"is": "Resync"})
                 continue
             if not scene.missing:
-                self.patience = FIRST_ECHO
+                self.patience = FIRST_LOSS_REPORT
             silent = now - max(self.heard_at, self.asked_at) > SILENCE
             if silent or (scene.missing and now - self.asked_at > self.patience):
-                self.send(scene.echo())
-                self.asked_at, self.patience = now, min(2 * self.patience, LAST_ECHO)
+                self.send(scene.loss_report())
+                self.asked_at, self.patience = now, min(2 * self.patience, LAST_LOSS_REPORT)
             elif scene.complete() < self.awaited and now - self.awaited_at > self.awaited_for:
-                self.send(scene.echo())
+                self.send(scene.loss_report())
                 self.awaited_at, self.awaited_for = now, min(2 * self.awaited_for, LAST_AWAITED)
-            if scene.doubted and now - self.doubted_at > DOUBT:
-                self.send(scene.doubt())
-                self.doubted_at = now
-            if self.coming and self.coming.whole and self.coming.missing and now - self.asked_coming_at > LAST_ECHO:
-                self.send(self.coming.echo())
+            if scene.mismatched_range and now - self.mismatched_at > CHECKSUM_MISMATCH:
+                self.send(scene.checksum_mismatch())
+                self.mismatched_at = now
+            if self.coming and self.coming.whole and self.coming.missing and now - self.asked_coming_at > LAST_LOSS_REPORT:
+                self.send(self.coming.loss_report())
                 self.asked_coming_at = now
 
     # 1.3
@@ -205,19 +205,19 @@ class Log:
 
     def note(self, scene):
         tick = scene.complete()
-        if not scene.is_settled() or tick == self.written:
+        if not scene.is_converged() or tick == self.written:
             return
         self.written = tick
         moving = {
-            f"{index}:{body.generation}": bits(scene.believed(body, tick))
+            f"{index}:{body.generation}": bits(scene.predicted_motion(body, tick))
             for index, body in sorted(scene.bodies.items())
-            if not body.track.is_verbatim_rest()
+            if not body.track.is_exact_rest()
         }
-        line = {"is": "tick", "tick": tick, "sum": f"{scene.sum():016x}", "moving": moving}
+        line = {"is": "tick", "tick": tick, "checksum": f"{scene.sum():016x}", "moving": moving}
         self.file.write(json.dumps(line) + "\n")
 
 
-async def follow(arguments):
+async def subscribe(arguments):
     host, port = arguments.server.rsplit(":", 1)
     configuration = QuicConfiguration(is_client=True, alpn_protocols=["rhumb/1"], verify_mode=ssl.CERT_NONE)
     configuration.max_datagram_frame_size, configuration.idle_timeout = 65536, 10.0
@@ -227,28 +227,28 @@ async def follow(arguments):
         member.on_state = log.note
         # A version that means nothing is offered too, and an extension (3.5).
         greased = [{"id": 27, "value": "00"}]
-        member.say({"is": "Hello", "magic": 0x424D4852, "versions": [0x4A4A, 1], "scene": arguments.scene, "extensions": greased})
+        member.send_message({"is": "Hello", "magic": 0x424D4852, "versions": [0x4A4A, 1], "scene": arguments.scene, "extensions": greased})
         welcome = await member.answer("Welcome")
         if welcome["version"] != 1:
             member.end(VERSION)
             raise Ended(VERSION)
         within = {"is": "within a surface tolerance", "micrometres": arguments.micrometres}
-        member.say({"is": "Join", "choice": within})
+        member.send_message({"is": "Join", "choice": within})
         await member.answer("SnapshotEnd")
         print("joined", flush=True)
-        repairing = asyncio.ensure_future(member.repair())
+        refreshing = asyncio.ensure_future(member.refresh())
         end = asyncio.get_running_loop().time() + arguments.seconds
         while (log.written or 0) < arguments.until:
             if member.ended is not None or asyncio.get_running_loop().time() > end:
                 raise Ended(member.ended if member.ended is not None else "it took too long")
             await asyncio.sleep(0.02)
-        repairing.cancel()
+        refreshing.cancel()
         log.file.close()
-        print(f"followed to tick {log.written}; sums that differ: {member.scene.disagreements}", flush=True)
-        member.say({"is": "Leave"})
+        print(f"followed to tick {log.written}; sums that differ: {member.scene.checksum_mismatches}", flush=True)
+        member.send_message({"is": "Leave"})
         await member.answer("Left")
         member.end(DONE)
-    return 1 if member.scene.disagreements else 0
+    return 1 if member.scene.checksum_mismatches else 0
 
 
 def main():
@@ -257,10 +257,10 @@ def main():
     parser.add_argument("--fingerprint", required=True)
     parser.add_argument("--scene", required=True)
     parser.add_argument("--micrometres", type=int, default=50000)
-    parser.add_argument("--until", type=int, required=True, help="the tick to follow to")
+    parser.add_argument("--until", type=int, required=True, help="the tick to subscribe to")
     parser.add_argument("--seconds", type=float, default=120, help="patience")
     parser.add_argument("--out", required=True)
-    return asyncio.run(follow(parser.parse_args()))
+    return asyncio.run(subscribe(parser.parse_args()))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """What these files make of bytes, line by line: `rhumb-conformance vectors --exec "python3 spec/reference/decoder.py"`.
 
-Reads a JSON object a line from standard input and answers by one; docs/implementing.md has what they say.
+Reads a JSON object a line from standard input and answers by one; docs/implementing.md has what they send_message.
 """
 
 import json
@@ -32,33 +32,33 @@ def packet(data):
         return {"refused": why.args[0]}
 
 
-def parity(question):
+def repair_symbol(question):
     covered = [(number, bytes.fromhex(data)) for number, data in question["packets"]]
-    return {"bytes": packets.parity(question["row"], covered).hex()}
+    return {"bytes": packets.repair_symbol(question["row"], covered).hex()}
 
 
 def stream(events):
-    member, told = check_streams.Member(), []
-    for what, said in events:
+    member, reported = check_streams.Member(), []
+    for what, msg in events:
         if what == "control":
-            member.hear_control(bytes.fromhex(said))
+            member.receive_control(bytes.fromhex(msg))
         elif what == "datagram" and member.scene:
-            member.scene.hear_datagram(bytes.fromhex(said))
+            member.scene.receive_datagram(bytes.fromhex(msg))
         elif what == "known":
-            told.append(check_streams.known(member.scene, said["settled"]))
-    return {"known": told}
+            reported.append(check_streams.known(member.scene, msg["converged"]))
+    return {"known": reported}
 
 
 def answer(question):
     if "message" in question:
         return message(question["message"], bytes.fromhex(question["bytes"]))
     if "frames" in question:
-        said, refused = check_messages.split(bytes.fromhex(question["frames"]))
-        return {"messages": said, "refused": refused}
+        msg, refused = check_messages.split(bytes.fromhex(question["frames"]))
+        return {"messages": msg, "refused": refused}
     if "packet" in question:
         return packet(bytes.fromhex(question["packet"]))
     if "packets" in question:
-        return parity(question)
+        return repair_symbol(question)
     if "stream" in question:
         return stream(question["stream"])
     return {"unsupported": True}

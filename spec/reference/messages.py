@@ -1,7 +1,7 @@
 """The control stream, from PROTOCOL 2 to 4: frames, and messages by the table of spec/tables/protocol.json.
 
 A message is {"is": its name, ...fields by name}; f32s are the eight hexadecimal digits of their bits, bytes are
-hexadecimal digits. What the table cannot say stands below as rules, by the clauses that they come from.
+hexadecimal digits. What the table cannot send_message stands below as rules, by the clauses that they come from.
 """
 
 import json
@@ -10,7 +10,7 @@ import struct
 from pathlib import Path
 
 import reckoning
-from packets import BitReader, Bytes, Malformed, read_whole, refuse_if, varint
+from packets import BitReader, Bytes, Malformed, read_keyframe, refuse_if, varint
 
 TABLE = json.loads((Path(__file__).resolve().parent.parent / "tables" / "protocol.json").read_text(encoding="utf-8"))
 TYPES, LIMITS = TABLE["types"], TABLE["limits"]
@@ -26,7 +26,7 @@ class UnknownCommand(Exception):
 
 
 class Refused(Exception):
-    """A well-formed command, or terms, with a number that no engine should be given (4.5)."""
+    """A well-formed command, or config, with a number that no engine should be given (4.5)."""
 
     def __init__(self, name, quantity):
         super().__init__(name, quantity)
@@ -44,7 +44,7 @@ def bound(value):
 # 4.1 Frames
 
 
-PIECE, PIECE_BYTES, WHOLE_MAX = (bound(TABLE["pieces"][name]) for name in ("type", "bytes", "together"))
+PIECE, PIECE_BYTES, KEYFRAME_MAX = (bound(TABLE["pieces"][name]) for name in ("type", "bytes", "together"))
 
 
 class Frames:
@@ -64,7 +64,7 @@ class Frames:
                 refuse_if(len(body) != PIECE_BYTES, "NotCanonical")
             elif self.pieces:
                 refuse_if(not body, "NotCanonical")
-            refuse_if(self.pieces and len(self.pieces) + len(body) > WHOLE_MAX, "TooLong")
+            refuse_if(self.pieces and len(self.pieces) + len(body) > KEYFRAME_MAX, "TooLong")
             if kind != PIECE:
                 body, self.pieces = self.pieces + body, b""
                 return kind, body
@@ -108,12 +108,12 @@ def decoded(side, kind, body):
         refuse_if(kind < OPTIONAL, "UnknownCode")
         return None
     frm = Body(body)
-    said = {"is": row["name"]} | read_fields(row["fields"], frm)
+    msg = {"is": row["name"]} | read_fields(row["fields"], frm)
     frm.finish()
     # A command is refused for such a motion alone, so that all else of it must be right (2.6-9).
     for motion in frm.motions:
         check_motion(motion)
-    return said
+    return msg
 
 
 class Body(Bytes):
@@ -129,17 +129,17 @@ def read(name, frm, field):
     if kind is None:
         return read_primitive(name, field, frm)
     if "fields" in kind:
-        said = read_fields(kind["fields"], frm)
+        msg = read_fields(kind["fields"], frm)
     elif "times" in kind:
-        said = read_times(kind, frm)
+        msg = read_times(kind, frm)
     elif "is" in kind:
         return read_primitive(kind["is"], kind, frm)
     else:
-        said = read_coded(name, kind, frm, field)
+        msg = read_coded(name, kind, frm, field)
     if name == "motion":
-        frm.motions.append(said)
-    RULES.get(name, lambda said: None)(said)
-    return said
+        frm.motions.append(msg)
+    RULES.get(name, lambda msg: None)(msg)
+    return msg
 
 
 def read_coded(name, kind, frm, field):
@@ -150,43 +150,43 @@ def read_coded(name, kind, frm, field):
         refuse_if(code < kind.get("optional", 256), "UnknownCode")
         if name == "command":
             raise UnknownCommand
-        # An error's reason has nothing behind it; a notice may have anything.
-        return {"is": code, "rest": frm.rest().hex() if name == "notice" else ""}
-    said = {"is": row["name"]} | read_fields(row["fields"], frm)
-    return said
+        # An error's reason has nothing behind it; a scene_event may have anything.
+        return {"is": code, "rest": frm.rest().hex() if name == "event" else ""}
+    msg = {"is": row["name"]} | read_fields(row["fields"], frm)
+    return msg
 
 
 def read_fields(fields, frm):
-    said = {}
+    msg = {}
     for field in fields:
-        if is_there(field, said):
+        if is_there(field, msg):
             name = field["name"]
             if "each" in field:
-                said[name] = read_each(field, said, frm)
+                msg[name] = read_each(field, msg, frm)
             else:
-                said[name] = read(field["type"], frm, field) if "type" in field else read_times(field, frm)
-            if "whole" in field:
-                other, most = field["whole"]
-                refuse_if(said[other] * said[name] > bound(most), "OutOfRange")
-    return said
+                msg[name] = read(field["type"], frm, field) if "type" in field else read_times(field, frm)
+            if "product" in field:
+                other, most = field["product"]
+                refuse_if(msg[other] * msg[name] > bound(most), "OutOfRange")
+    return msg
 
 
-def read_each(field, said, frm):
+def read_each(field, msg, frm):
     """As many of a type as earlier fields make when multiplied."""
     name, *counts = field["each"]
-    count = math.prod(said[other] for other in counts)
+    count = math.prod(msg[other] for other in counts)
     # Each takes a byte at least.
     refuse_if(count > len(frm.data) - frm.at, "Truncated")
     return [read(name, frm, {}) for _ in range(count)]
 
 
-def is_there(field, said):
+def is_there(field, msg):
     if "when" not in field:
         return True
     path, mask, value = field["when"]
     for name in path.split("."):
-        said = said[name]
-    return said & mask == value
+        msg = msg[name]
+    return msg & mask == value
 
 
 def read_times(field, frm):
@@ -259,52 +259,52 @@ def read_text(data):
 # Rules that the table names
 
 
-def motion_of(said):
+def motion_of(msg):
     """The thirteen f32s of a motion, as digits."""
-    return [*said["position"], *said.get("rotation", IDENTITY), *said.get("linear", STILL), *said.get("angular", STILL)]
+    return [*msg["position"], *msg.get("rotation", IDENTITY), *msg.get("linear", STILL), *msg.get("angular", STILL)]
 
 
-def check_motion(said):
-    refuse_if(reckoning.verbatim_motion([f32(part) for part in motion_of(said)]) is None, "NotFinite")
+def check_motion(msg):
+    refuse_if(reckoning.body_state_motion([f32(part) for part in motion_of(msg)]) is None, "NotFinite")
 
 
-def check_range(said):
-    refuse_if(said["first"] + said["count"] > LIMITS["INDICES_MAX"], "OutOfRange")
+def check_range(msg):
+    refuse_if(msg["first"] + msg["count"] > LIMITS["INDICES_MAX"], "OutOfRange")
 
 
-def check_joint(said):
-    refuse_if(said["flags"] & 11 == 8, "UnknownCode")
+def check_joint(msg):
+    refuse_if(msg["flags"] & 11 == 8, "UnknownCode")
 
 
-def check_inertia(said):
-    if said["is"] == "none":
+def check_inertia(msg):
+    if msg["is"] == "none":
         return
-    moments = [f32(part) for part in said["moments"]]
-    frame = [f32(part) for part in said.get("frame", IDENTITY)]
+    moments = [f32(part) for part in msg["moments"]]
+    frame = [f32(part) for part in msg.get("frame", IDENTITY)]
     inertia = reckoning.Inertia.of(moments, frame)
     refuse_if(inertia is None, "OutOfRange")
     refuse_if(inertia.is_equal(), "NotCanonical")
 
 
-def check_said_track(said):
-    if said["is"] == "in bits":
-        bits = BitReader(bytes.fromhex(said["whole"]))
-        whole = read_whole(bits)
+def check_track_payload(msg):
+    if msg["is"] == "packed":
+        bits = BitReader(bytes.fromhex(msg["keyframe"]))
+        whole = read_keyframe(bits)
         bits.finish()
-        refuse_if("verbatim" in whole, "NotCanonical")
-    if said["is"] == "rest":
-        refuse_if(said["anchor"]["present"] & 6, "NotCanonical")
+        refuse_if("body_state" in whole, "NotCanonical")
+    if msg["is"] == "rest":
+        refuse_if(msg["anchor"]["present"] & 6, "NotCanonical")
 
 
-def check_notice(said):
-    """Shapes, terms and joints outside section 7 are malformed in a notice (4.6-1)."""
+def check_scene_event(msg):
+    """Shapes, config and joints outside section 7 are malformed in a scene_event (4.6-1)."""
     try:
-        if said["is"] == "ShapeAdded":
-            check_numbers("shape", said["shape"])
-        elif said["is"] == "BodyPlaced":
-            check_numbers("body terms", said["terms"])
-        elif said["is"] == "JointAdded":
-            check_numbers("joint", said["joint"])
+        if msg["is"] == "ShapeAdded":
+            check_numbers("shape", msg["shape"])
+        elif msg["is"] == "BodyPlaced":
+            check_numbers("body desc", msg["desc"])
+        elif msg["is"] == "JointAdded":
+            check_numbers("joint", msg["joint"])
     except Refused as why:
         raise Malformed("OutOfRange") from why
 
@@ -313,45 +313,45 @@ RULES = {
     "id range": check_range,
     "inertia": check_inertia,
     "joint": check_joint,
-    "notice": check_notice,
-    "said track": check_said_track,
+    "event": check_scene_event,
+    "track payload": check_track_payload,
 }
 
 
 # 4.5 and 7: numbers that no engine should be given
 
 
-def check_command(said):
+def check_command(msg):
     """Raises Refused for the first number that is outside section 7."""
-    if said["is"] in ("Create", "Joined"):
-        check_terms(said["terms"])
-    elif said["is"] == "Command":
-        command = said["command"]
+    if msg["is"] in ("Create", "Joined"):
+        check_config(msg["config"])
+    elif msg["is"] == "Command":
+        command = msg["command"]
         row = next(row for row in TYPES["command"]["codes"] if row["name"] == command["is"])
         check_fields(row["fields"], command)
 
 
-def check_numbers(name, said):
+def check_numbers(name, msg):
     kind = TYPES.get(name)
-    if kind is None or not isinstance(said, dict):
+    if kind is None or not isinstance(msg, dict):
         return
     if name == "joint":
-        return check_whole_joint(said)
+        return check_whole_joint(msg)
     if "codes" in kind:
-        kind = next(row for row in kind["codes"] if row["name"] == said["is"])
-    check_fields(kind["fields"], said)
-    if name == "shape" and said["is"] == "hull":
-        check_thickness([[f32(part) for part in point] for point in said["points"]])
-    elif name == "shape" and said["is"] == "heights":
-        check_size(said)
-    elif name == "shape" and said["is"] == "mesh":
-        check_triangles(said)
+        kind = next(row for row in kind["codes"] if row["name"] == msg["is"])
+    check_fields(kind["fields"], msg)
+    if name == "shape" and msg["is"] == "hull":
+        check_thickness([[f32(part) for part in point] for point in msg["points"]])
+    elif name == "shape" and msg["is"] == "heights":
+        check_size(msg)
+    elif name == "shape" and msg["is"] == "mesh":
+        check_triangles(msg)
 
 
-def check_fields(fields, said):
+def check_fields(fields, msg):
     for field in fields:
-        if field["name"] in said:
-            check_field(field, said[field["name"]])
+        if field["name"] in msg:
+            check_field(field, msg[field["name"]])
 
 
 def check_field(field, value):
@@ -401,13 +401,13 @@ def check_rotation(parts):
 PI = f32("40490fdb")
 
 
-def check_whole_joint(said):
+def check_whole_joint(msg):
     for side in ("first", "second"):
-        for part in said[side + " anchor"]:
+        for part in msg[side + " anchor"]:
             check_scalar(f32(part), -LIMITS["EXTENT_MAX"], LIMITS["EXTENT_MAX"], "anchor of a joint")
-        check_rotation([f32(part) for part in said.get(side + " rotation", IDENTITY)])
-    most = LIMITS["EXTENT_MAX"] if said["flags"] & 3 == 3 else PI
-    for name, limits in said.items():
+        check_rotation([f32(part) for part in msg.get(side + " rotation", IDENTITY)])
+    most = LIMITS["EXTENT_MAX"] if msg["flags"] & 3 == 3 else PI
+    for name, limits in msg.items():
         if name.startswith("limits"):
             least = f32(limits["least"])
             check_scalar(least, -most, most, "limit of a joint")
@@ -450,28 +450,28 @@ def check_thickness(points):
         raise Refused("OutOfRange", "thickness of a hull")
 
 
-def check_terms(terms):
-    ticks, seconds = terms["ticks"], terms["seconds"]
+def check_config(config):
+    ticks, seconds = config["ticks"], config["seconds"]
     if ticks > seconds * LIMITS["RATE_MAX"] or seconds > ticks * LIMITS["STEP_SECONDS_MAX"]:
         raise Refused("OutOfRange", "rate")
-    if terms["substeps"] > LIMITS["SUBSTEPS_MAX"]:
+    if config["substeps"] > LIMITS["SUBSTEPS_MAX"]:
         raise Refused("OutOfRange", "substeps")
-    check_fields(TYPES["scene terms"]["fields"], terms)
-    if terms["every"] > 1 and terms["every"] * seconds > ticks * LIMITS["PUBLISH_SECONDS_MAX"]:
-        raise Refused("OutOfRange", "every")
-    if terms["hindsight"] > LIMITS["HINDSIGHT_TICKS_MAX"]:
-        raise Refused("OutOfRange", "hindsight")
-    if terms["pace"] == 0 and terms["hindsight"]:
-        raise Refused("OutOfRange", "hindsight of a lockstep scene")
+    check_fields(TYPES["scene config"]["fields"], config)
+    if config["publish interval"] > 1 and config["publish interval"] * seconds > ticks * LIMITS["PUBLISH_SECONDS_MAX"]:
+        raise Refused("OutOfRange", "publish interval")
+    if config["lookahead"] > LIMITS["LOOKAHEAD_TICKS_MAX"]:
+        raise Refused("OutOfRange", "lookahead")
+    if config["stepping"] == 0 and config["lookahead"]:
+        raise Refused("OutOfRange", "lookahead of a lockstep scene")
 
 
 # Writing
 
 
-def encoded(side, said):
+def encoded(side, msg):
     """The framed bytes of a message."""
-    row = next(row for row in TYPES[side + " message"]["codes"] if row["name"] == said["is"])
-    return framed(row["code"], write_fields(row["fields"], said))
+    row = next(row for row in TYPES[side + " message"]["codes"] if row["name"] == msg["is"])
+    return framed(row["code"], write_fields(row["fields"], msg))
 
 
 def write(name, value, field):
@@ -490,11 +490,11 @@ def write(name, value, field):
     return bytes([row["code"]]) + write_fields(row["fields"], value)
 
 
-def write_fields(fields, said):
+def write_fields(fields, msg):
     out = b""
     for field in fields:
-        if field["name"] in said:
-            value = said[field["name"]]
+        if field["name"] in msg:
+            value = msg[field["name"]]
             if "each" in field:
                 out += b"".join(write(field["each"][0], one, {}) for one in value)
             else:

@@ -15,13 +15,13 @@ TABLES = json.loads((Path(__file__).resolve().parent.parent / "tables" / "packet
 INDEX_BITS, INDICES = 20, 1 << 20
 AGE_MAX = 1 << 30
 UPDATES_MAX, RECORDS_MAX, LOST_MAX, PARTS_MAX, SUMS_MAX = 400, 9200, 64, 64, 128
-SPAN, ROWS, COLUMN_MAX = 32, 128, 1136
+SPAN, ROWS, SYMBOL_MAX = 32, 128, 1136
 POSITION_LIMIT, VELOCITY_LIMIT, RESIDUAL_LIMIT, TURN_LIMIT = 1 << 30, 1 << 24, 1 << 26, 1 << 10
-COARSENESS_LIMIT = 12
-SETTLED_AGE, COARSENESS, LENGTH, DOUBLINGS, PUSH = 7, 384, 388, 393, 394  # contexts
+VELOCITY_EXPONENT_MAX = 12
+REST_UPDATE_AGE, COARSENESS, LENGTH, ACCELERATION_EXPONENT, ACCELERATION = 7, 384, 388, 393, 394  # contexts
 GOLOMB_MAX = 3 << 30
 ALPHABET_BITS, ESCAPE = 12, 17
-END, SEATING, SETTLED, WHOLE, HELD = 17, 16, 13, 12, 11
+END, ASSIGNMENT, REST_UPDATE, KEYFRAME, PENDING_MAX = 17, 16, 13, 12, 11
 WORD = 1 << 32
 
 
@@ -142,7 +142,7 @@ def ilog2(number):
 
 
 def group(context):
-    if context >= PUSH:
+    if context >= ACCELERATION:
         return 3
     return 1 if 8 <= context < 128 else 2 if 128 <= context < 344 else 3 if 344 <= context < COARSENESS else 0
 
@@ -229,23 +229,23 @@ class Walk:
 
 TRIPLES = ("position", "turn", "linear", "angular")
 LIMITS = (RESIDUAL_LIMIT, TURN_LIMIT, VELOCITY_LIMIT, VELOCITY_LIMIT)
-PUSHED = 5  # the law
-# By form: the course, the law, and whether velocities are said.
+CONSTANT_ACCELERATION = 5  # the predictor
+# By form: the mode, the predictor, and whether velocities are msg.
 FORMS = [
     ("same", None, False),
     ("same", None, True),
     ("world", 0, False),
-    *[("world", law, moved) for law in (1, 2, 3, 4) for moved in (False, True)],
-    ("held", None, False),
-    None,  # a whole track
-    None,  # settled
-    ("world", PUSHED, False),
-    ("world", PUSHED, True),
+    *[("world", predictor, moved) for predictor in (1, 2, 3, 4) for moved in (False, True)],
+    ("attached", None, False),
+    None,  # a keyframe track
+    None,  # is_rest
+    ("world", CONSTANT_ACCELERATION, False),
+    ("world", CONSTANT_ACCELERATION, True),
 ]
 
 
-def push_context(part, total):
-    return PUSH + (1 + follows(part, total) if part else 0)
+def acceleration_context(part, total):
+    return ACCELERATION + (1 + follows(part, total) if part else 0)
 
 
 def coarseness_context(kind, age):
@@ -253,49 +253,49 @@ def coarseness_context(kind, age):
 
 
 def length_context(place, lengths):
-    """Of a step of a settling: its context, and the length that its own is measured against."""
+    """Of a step of a rest_correction: its context, and the length that its own is measured against."""
     part, fixed = ((0, 14), (1, None), (1, None), (2, 19), (3, None), (3, None), (4, 1))[place]
     return LENGTH + part, lengths[place - 1] if fixed is None else fixed
 
 
-def kind_of(course, moved):
-    return 2 * (course != "same") + moved
+def kind_of(mode, moved):
+    return 2 * (mode != "same") + moved
 
 
-class Tongue:
+class UpdateCoder:
     def __init__(self):
-        self.model, self.row, self.begun, self.carrier = Model(), 0, 0, None
+        self.model, self.row, self.begun, self.parent = Model(), 0, 0, None
 
     def went_on(self, form):
         self.begun, self.row = 1, {0: 1, 1: 2}.get(form, 3)
 
     def write(self, gap, update, to):
         modes = TABLES["modes"][self.row]
-        if "whole" in update:
-            write_code(modes, WHOLE, to)
+        if "keyframe" in update:
+            write_code(modes, KEYFRAME, to)
             self.model.write(self.begun, gap, to)
             to.bits(update["body"], INDEX_BITS)
-            write_whole(update["whole"], to)
-            return self.went_on(WHOLE)
+            write_keyframe(update["keyframe"], to)
+            return self.went_on(KEYFRAME)
         moved = "linear" in update
-        settled = "negated" in update
-        form = SETTLED if settled else FORMS.index((update["course"], update.get("law"), moved))
+        is_rest = "negated" in update
+        form = REST_UPDATE if is_rest else FORMS.index((update["mode"], update.get("predictor"), moved))
         if update["body"] is not None:
-            write_code(modes, SEATING, to)
+            write_code(modes, ASSIGNMENT, to)
         write_code(modes, form, to)
         self.model.write(self.begun, gap, to)
         if update["body"] is not None:
             to.bits(update["body"], INDEX_BITS)
-        if settled:
-            self.write_settled(update, to)
-            return self.went_on(SETTLED)
-        kind = kind_of(update["course"], moved)
+        if is_rest:
+            self.write_rest_update(update, to)
+            return self.went_on(REST_UPDATE)
+        kind = kind_of(update["mode"], moved)
         self.model.write(2 + kind, update["age"] - 1, to)
-        self.write_carrier(update, to)
-        if update.get("law") == PUSHED:
-            self.write_push(update["push"], to)
+        self.write_parent(update, to)
+        if update.get("predictor") == CONSTANT_ACCELERATION:
+            self.write_acceleration(update["acceleration"], to)
         if moved:
-            self.model.write(coarseness_context(kind, update["age"]), update["coarseness"], to)
+            self.model.write(coarseness_context(kind, update["age"]), update["velocity_exponent"], to)
         walk = Walk(kind, update["age"])
         for name in TRIPLES[: 4 if moved else 2]:
             for number in update[name]:
@@ -305,27 +305,27 @@ class Tongue:
                 walk.step(abs(number))
         self.went_on(form)
 
-    def write_push(self, push, to):
-        self.model.write(DOUBLINGS, push["doublings"], to)
+    def write_acceleration(self, acceleration, to):
+        self.model.write(ACCELERATION_EXPONENT, acceleration["exponent"], to)
         total = 0
-        for part, number in enumerate(push["steps"]):
-            self.model.write(push_context(part, total), abs(number), to)
+        for part, number in enumerate(acceleration["steps"]):
+            self.model.write(acceleration_context(part, total), abs(number), to)
             if number:
                 to.bits(int(number < 0), 1)
             total += abs(number)
 
-    def read_push(self, frm):
-        push, total = {"doublings": self.model.read(DOUBLINGS, frm), "steps": []}, 0
+    def read_acceleration(self, frm):
+        acceleration, total = {"exponent": self.model.read(ACCELERATION_EXPONENT, frm), "steps": []}, 0
         for part in range(3):
-            size = self.model.read(push_context(part, total), frm)
-            refuse_if(size > reckoning.PUSH_LIMIT, "OutOfRange")
-            push["steps"].append(-size if size and frm.bits(1) else size)
+            size = self.model.read(acceleration_context(part, total), frm)
+            refuse_if(size > reckoning.ACCELERATION_LIMIT, "OutOfRange")
+            acceleration["steps"].append(-size if size and frm.bits(1) else size)
             total += size
-        refuse_if(push["doublings"] > reckoning.DOUBLINGS_LIMIT, "OutOfRange")
-        return push
+        refuse_if(acceleration["exponent"] > reckoning.ACCELERATION_EXPONENT_MAX, "OutOfRange")
+        return acceleration
 
-    def write_settled(self, update, to):
-        self.model.write(SETTLED_AGE, update["age"] - 1, to)
+    def write_rest_update(self, update, to):
+        self.model.write(REST_UPDATE_AGE, update["age"] - 1, to)
         to.bits(update["negated"], 1)
         steps, lengths = update["steps"], [0] * 7
         for place, step in enumerate(steps):
@@ -337,8 +337,8 @@ class Tongue:
                 to.bits(int(step < 0), 1)
                 to.bits(abs(step) & (1 << lengths[place] - 1) - 1, lengths[place] - 1)
 
-    def read_settled(self, update, frm):
-        update["age"] = self.read_age(SETTLED_AGE, frm)
+    def read_rest_update(self, update, frm):
+        update["age"] = self.read_age(REST_UPDATE_AGE, frm)
         update["negated"], update["steps"], lengths = frm.bits(1), [], [0] * 7
         for place in range(7):
             context, expected = length_context(place, lengths)
@@ -357,68 +357,68 @@ class Tongue:
         refuse_if(age > AGE_MAX, "OutOfRange")
         return age
 
-    def write_carrier(self, update, to):
-        if update["course"] == "same":
+    def write_parent(self, update, to):
+        if update["mode"] == "same":
             return
-        if update["course"] == "world":
-            to.bits(int(update["carrier_age"] is not None), 1)
+        if update["mode"] == "world":
+            to.bits(int(update["parent_age"] is not None), 1)
         else:
-            again = self.carrier == update["carrier"]
-            if self.carrier is not None:
+            again = self.parent == update["parent"]
+            if self.parent is not None:
                 to.bits(int(again), 1)
             if not again:
-                to.bits(update["carrier"], INDEX_BITS)
-            self.carrier = update["carrier"]
-        if update["carrier_age"] is not None:
-            self.model.write(6, update["carrier_age"], to)
+                to.bits(update["parent"], INDEX_BITS)
+            self.parent = update["parent"]
+        if update["parent_age"] is not None:
+            self.model.write(6, update["parent_age"], to)
 
     def end(self, to):
         write_code(TABLES["modes"][self.row], END, to)
 
     def read(self, frm):
-        """The gap and what is said, or None at the end."""
+        """The gap and what is msg, or None at the end."""
         modes = TABLES["modes"][self.row]
         form, update = read_code(modes, frm), {"body": None}
         if form == END:
             return None
-        seating = form == SEATING
-        if seating:
+        assignment = form == ASSIGNMENT
+        if assignment:
             form = read_code(modes, frm)
-            refuse_if(form in (SEATING, WHOLE, END), "NotCanonical")
+            refuse_if(form in (ASSIGNMENT, KEYFRAME, END), "NotCanonical")
         gap = self.model.read(self.begun, frm)
-        if seating:
+        if assignment:
             update["body"] = frm.bits(INDEX_BITS)
-        if form == WHOLE:
+        if form == KEYFRAME:
             update["body"] = frm.bits(INDEX_BITS)
-            update["whole"] = read_whole(frm)
-        elif form == SETTLED:
-            self.read_settled(update, frm)
+            update["keyframe"] = read_keyframe(frm)
+        elif form == REST_UPDATE:
+            self.read_rest_update(update, frm)
         else:
             self.read_correction(form, update, frm)
         self.went_on(form)
         return gap, update
 
     def read_correction(self, form, update, frm):
-        course, law, moved = FORMS[form]
-        kind = kind_of(course, moved)
+        mode, predictor, moved = FORMS[form]
+        kind = kind_of(mode, moved)
         age = self.read_age(2 + kind, frm)
-        update |= {"course": course, "age": age}
-        if course == "world":
-            update["law"] = law
-            update["carrier_age"] = self.read_carrier_age(frm) if frm.bits(1) else None
-            if law == PUSHED:
-                update["push"] = self.read_push(frm)
-        elif course == "held":
-            if self.carrier is None or not frm.bits(1):
-                carrier = frm.bits(INDEX_BITS)
-                refuse_if(carrier == self.carrier, "NotCanonical")
-                self.carrier = carrier
-            update["carrier"] = self.carrier
-            update["carrier_age"] = self.read_carrier_age(frm)
+        update |= {"mode": mode, "age": age}
+        if mode == "world":
+            update["predictor"] = predictor
+            update["parent_age"] = self.read_parent_age(frm) if frm.bits(1) else None
+            if predictor == CONSTANT_ACCELERATION:
+                update["acceleration"] = self.read_acceleration(frm)
+        elif mode == "attached":
+            if self.parent is None or not frm.bits(1):
+                parent = frm.bits(INDEX_BITS)
+                refuse_if(parent == self.parent, "NotCanonical")
+                self.parent = parent
+            update["parent"] = self.parent
+            update["parent_age"] = self.read_parent_age(frm)
         limits = LIMITS
         if moved:
-            coarseness = update["coarseness"] = self.model.read(coarseness_context(kind, age), frm)
-            limits = LIMITS[:2] + (VELOCITY_LIMIT >> min(coarseness, COARSENESS_LIMIT),) * 2
+            velocity_exponent = update["velocity_exponent"] = self.model.read(coarseness_context(kind, age), frm)
+            limits = LIMITS[:2] + (VELOCITY_LIMIT >> min(velocity_exponent, VELOCITY_EXPONENT_MAX),) * 2
         walk = Walk(kind, age)
         for name in TRIPLES[: 4 if moved else 2]:
             update[name] = []
@@ -427,11 +427,11 @@ class Tongue:
                 refuse_if(size >= 1 << 31, "OutOfRange")
                 update[name].append(-size if size and frm.bits(1) else size)
                 walk.step(size)
-        refuse_if(moved and coarseness > COARSENESS_LIMIT, "OutOfRange")
+        refuse_if(moved and velocity_exponent > VELOCITY_EXPONENT_MAX, "OutOfRange")
         for name, limit in zip(TRIPLES, limits):
             refuse_if(any(abs(number) > limit for number in update.get(name, ())), "OutOfRange")
 
-    def read_carrier_age(self, frm):
+    def read_parent_age(self, frm):
         age = self.model.read(6, frm)
         refuse_if(age > AGE_MAX, "OutOfRange")
         return age
@@ -500,55 +500,55 @@ def read_signed(order, frm):
 # 5.5 Whole tracks
 
 
-def write_whole(whole, to):
-    to.bits(whole["law"], 3)
-    to.bits(int(whole["carrier"] is not None), 1)
-    if whole["carrier"] is not None:
-        to.bits(whole["carrier"][0], INDEX_BITS)
-        to.bits(whole["carrier"][1], 16)
-    if whole["law"] == PUSHED:
-        to.bits(whole["push"]["doublings"], 4)
-        write_signed(whole["push"]["steps"], 6, to)
-    to.bits(int("verbatim" in whole), 1)
-    if "verbatim" in whole:
-        for part in whole["verbatim"][: 13 if whole["law"] else 7]:
+def write_keyframe(keyframe, to):
+    to.bits(keyframe["predictor"], 3)
+    to.bits(int(keyframe["parent"] is not None), 1)
+    if keyframe["parent"] is not None:
+        to.bits(keyframe["parent"][0], INDEX_BITS)
+        to.bits(keyframe["parent"][1], 16)
+    if keyframe["predictor"] == CONSTANT_ACCELERATION:
+        to.bits(keyframe["acceleration"]["exponent"], 4)
+        write_signed(keyframe["acceleration"]["steps"], 6, to)
+    to.bits(int("body_state" in keyframe), 1)
+    if "body_state" in keyframe:
+        for part in keyframe["body_state"][: 13 if keyframe["predictor"] else 7]:
             to.bits(int(part, 16), 32)
         return
-    write_signed(whole["position"], 14, to)
-    to.bits(whole["largest"], 2)
-    for other in whole["others"]:
+    write_signed(keyframe["position"], 14, to)
+    to.bits(keyframe["largest"], 2)
+    for other in keyframe["others"]:
         to.bits(other + 524288, 20)
-    if whole["law"]:
-        write_signed(whole["linear"], 6, to)
-        write_signed(whole["angular"], 6, to)
+    if keyframe["predictor"]:
+        write_signed(keyframe["linear"], 6, to)
+        write_signed(keyframe["angular"], 6, to)
 
 
-def read_whole(frm):
-    law = frm.bits(3)
-    refuse_if(law > PUSHED, "UnknownCode")
-    carrier = [frm.bits(INDEX_BITS), frm.bits(16)] if frm.bits(1) else None
-    whole = {"law": law, "carrier": carrier}
-    if law == PUSHED:
-        push = whole["push"] = {"doublings": frm.bits(4), "steps": read_signed(6, frm)}
-        refuse_if(reckoning.Push.of(push["steps"], push["doublings"]) is None, "OutOfRange")
+def read_keyframe(frm):
+    predictor = frm.bits(3)
+    refuse_if(predictor > CONSTANT_ACCELERATION, "UnknownCode")
+    parent = [frm.bits(INDEX_BITS), frm.bits(16)] if frm.bits(1) else None
+    keyframe = {"predictor": predictor, "parent": parent}
+    if predictor == CONSTANT_ACCELERATION:
+        acceleration = keyframe["acceleration"] = {"exponent": frm.bits(4), "steps": read_signed(6, frm)}
+        refuse_if(reckoning.Acceleration.of(acceleration["steps"], acceleration["exponent"]) is None, "OutOfRange")
     if frm.bits(1):
-        parts = [frm.bits(32) for _ in range(13 if law else 7)]
+        parts = [frm.bits(32) for _ in range(13 if predictor else 7)]
         parts += [0] * (13 - len(parts))
         motion = [struct.unpack(">f", part.to_bytes(4, "big"))[0] for part in parts]
-        refuse_if(reckoning.verbatim_motion(motion) is None, "NotFinite")
-        whole["verbatim"] = [f"{part:08x}" for part in parts]
+        refuse_if(reckoning.body_state_motion(motion) is None, "NotFinite")
+        keyframe["body_state"] = [f"{part:08x}" for part in parts]
     else:
-        whole["position"] = read_signed(14, frm)
-        whole["largest"] = frm.bits(2)
-        whole["others"] = [frm.bits(20) - 524288 for _ in range(3)]
-        refuse_if(not reckoning.is_packed(whole["largest"], tuple(whole["others"])), "NotCanonical")
-        whole["linear"] = read_signed(6, frm) if law else [0, 0, 0]
-        whole["angular"] = read_signed(6, frm) if law else [0, 0, 0]
+        keyframe["position"] = read_signed(14, frm)
+        keyframe["largest"] = frm.bits(2)
+        keyframe["others"] = [frm.bits(20) - 524288 for _ in range(3)]
+        refuse_if(not reckoning.is_packed(keyframe["largest"], tuple(keyframe["others"])), "NotCanonical")
+        keyframe["linear"] = read_signed(6, frm) if predictor else [0, 0, 0]
+        keyframe["angular"] = read_signed(6, frm) if predictor else [0, 0, 0]
         for name, limit in (("position", POSITION_LIMIT), ("linear", VELOCITY_LIMIT), ("angular", VELOCITY_LIMIT)):
-            refuse_if(any(abs(number) > limit for number in whole[name]), "OutOfRange")
-    refuse_if(carrier is not None and (law or "verbatim" in whole), "OutOfRange")
-    refuse_if(law == PUSHED and "verbatim" in whole, "OutOfRange")
-    return whole
+            refuse_if(any(abs(number) > limit for number in keyframe[name]), "OutOfRange")
+    refuse_if(parent is not None and (predictor or "body_state" in keyframe), "OutOfRange")
+    refuse_if(predictor == CONSTANT_ACCELERATION and "body_state" in keyframe, "OutOfRange")
+    return keyframe
 
 
 # 5.7 to 5.12 Datagrams
@@ -597,17 +597,17 @@ def varint(value):
     return bytes(out + bytes([value]))
 
 
-IN_ARREARS = (11, 12)
+OVER_BUDGET = (11, 12)
 LARGE = 15
 
 
 def eighths(code):
-    """The factor that an excess stands for, in eighths; none if it is not bounded [5.17]."""
+    """The factor that an error_scale stands for, in eighths; none if it is not bounded [5.17]."""
     refuse_if(code == 0, "NotCanonical")
     return None if code == 255 else (8 + code % 8) << code // 8
 
 
-def excess_of(factor):
+def error_scale_of(factor):
     return 255 if factor is None else next(code for code in range(1, 255) if eighths(code) == factor)
 
 
@@ -615,7 +615,7 @@ def read_head(frm):
     """Kind and stream [5.8]."""
     first = frm.u8()
     kind, stream = first & 15, first >> 4
-    refuse_if(kind > 9 and kind not in IN_ARREARS, "UnknownCode")
+    refuse_if(kind > 9 and kind not in OVER_BUDGET, "UnknownCode")
     if stream == LARGE:
         stream += frm.varint(WORD - 1)
         refuse_if(stream >= WORD, "OutOfRange")
@@ -630,124 +630,124 @@ def head_of(kind, stream):
 def decoded(datagram):
     frm = Bytes(datagram)
     kind, stream = read_head(frm)
-    said = {"stream": stream, "kind": kind}
-    if kind in IN_ARREARS:
-        said["excess_eighths"] = eighths(frm.u8())
+    msg = {"stream": stream, "kind": kind}
+    if kind in OVER_BUDGET:
+        msg["error_scale_eighths"] = eighths(frm.u8())
     if kind in (0, 1, 11):
-        said |= {name: frm.low16() for name in ("number", "tick", "notices")}
-        coder, tongue, seat, said["updates"] = RangeReader(frm.rest()), Tongue(), 0, []
-        while (read := tongue.read(coder)) is not None:
-            refuse_if(len(said["updates"]) == UPDATES_MAX, "TooLong")
+        msg |= {name: frm.low16() for name in ("number", "tick", "events")}
+        coder, update_coder, alias, msg["updates"] = RangeReader(frm.rest()), UpdateCoder(), 0, []
+        while (read := update_coder.read(coder)) is not None:
+            refuse_if(len(msg["updates"]) == UPDATES_MAX, "TooLong")
             gap, update = read
-            seat += gap
-            refuse_if(seat >= INDICES, "OutOfRange")
-            said["updates"].append({"seat": seat} | update)
-            seat += 1
+            alias += gap
+            refuse_if(alias >= INDICES, "OutOfRange")
+            msg["updates"].append({"alias": alias} | update)
+            alias += 1
         coder.finish()
     elif kind in (2, 12):
-        said |= {name: frm.low16() for name in ("next", "tick", "notices")}
+        msg |= {name: frm.low16() for name in ("next", "tick", "events")}
         frm.finish()
     elif kind == 3:
-        said |= {name: frm.low16() for name in ("lost", "tick", "notices")}
-        said |= {"part": frm.u8(), "parts": frm.u8()}
-        refuse_if(said["part"] >= said["parts"] or said["parts"] > PARTS_MAX, "OutOfRange")
-        read_records(said, frm)
+        msg |= {name: frm.low16() for name in ("lost", "tick", "events")}
+        msg |= {"part": frm.u8(), "parts": frm.u8()}
+        refuse_if(msg["part"] >= msg["parts"] or msg["parts"] > PARTS_MAX, "OutOfRange")
+        read_records(msg, frm)
     elif kind in (4, 5):
-        said |= {name: frm.low16() for name in ("number", "tick", "notices")}
-        read_full(said, frm)
+        msg |= {name: frm.low16() for name in ("number", "tick", "events")}
+        read_full(msg, frm)
     elif kind == 7:
-        said |= {name: frm.low16() for name in ("next", "tick", "notices")}
-        said |= {"first": frm.varint(INDICES - 1), "stride": frm.varint(INDICES)}
-        refuse_if(said["stride"] == 0, "OutOfRange")
-        said["sums"] = [frm.raw(8)[::-1].hex() for _ in range(frm.varint(SUMS_MAX))]
+        msg |= {name: frm.low16() for name in ("next", "tick", "events")}
+        msg |= {"first": frm.varint(INDICES - 1), "stride": frm.varint(INDICES)}
+        refuse_if(msg["stride"] == 0, "OutOfRange")
+        msg["checksums"] = [frm.raw(8)[::-1].hex() for _ in range(frm.varint(SUMS_MAX))]
         frm.finish()
     elif kind == 8:
-        said |= {"first": frm.varint(INDICES - 1), "stride": frm.varint(INDICES)}
-        refuse_if(said["stride"] == 0, "OutOfRange")
+        msg |= {"first": frm.varint(INDICES - 1), "stride": frm.varint(INDICES)}
+        refuse_if(msg["stride"] == 0, "OutOfRange")
         frm.finish()
     elif kind == 6:
-        said |= {"next": frm.low16(), "gone": frm.low16(), "parities": frm.u8()}
-        refuse_if(said["parities"] > SPAN, "OutOfRange")
+        msg |= {"next": frm.low16(), "abandoned": frm.low16(), "repair_symbols": frm.u8()}
+        refuse_if(msg["repair_symbols"] > SPAN, "OutOfRange")
         count = frm.varint(LOST_MAX, "TooLong")
-        said["lost"] = [frm.low16() for _ in range(count)]
+        msg["lost"] = [frm.low16() for _ in range(count)]
         frm.finish()
     elif kind == 9:
-        said |= {"last": frm.low16(), "covered": frm.varint(WORD - 1), "row": frm.u8()}
-        refuse_if(said["covered"] >= 1 << SPAN - 1 or said["row"] >= ROWS, "OutOfRange")
-        sums = frm.rest()
-        refuse_if(len(sums) > COLUMN_MAX, "TooLong")
-        refuse_if(sums.endswith(b"\0"), "NotCanonical")
-        said["sums"] = sums.hex()
-    return said
+        msg |= {"last": frm.low16(), "covered": frm.varint(WORD - 1), "row": frm.u8()}
+        refuse_if(msg["covered"] >= 1 << SPAN - 1 or msg["row"] >= ROWS, "OutOfRange")
+        symbol = frm.rest()
+        refuse_if(len(symbol) > SYMBOL_MAX, "TooLong")
+        refuse_if(symbol.endswith(b"\0"), "NotCanonical")
+        msg["symbol"] = symbol.hex()
+    return msg
 
 
-def read_full(said, frm):
-    said["records"] = []
+def read_full(msg, frm):
+    msg["records"] = []
     while frm.at < len(frm.data):
         record = {"index": int.from_bytes(frm.raw(4), "little")}
         refuse_if(record["index"] >= INDICES, "OutOfRange")
         record["motion"] = [frm.raw(4)[::-1].hex() for _ in range(13)]
         numbers = [struct.unpack(">f", bytes.fromhex(part))[0] for part in record["motion"]]
-        refuse_if(reckoning.verbatim_motion(numbers) is None, "NotFinite")
-        said["records"].append(record)
+        refuse_if(reckoning.body_state_motion(numbers) is None, "NotFinite")
+        msg["records"].append(record)
 
 
-def read_records(said, frm):
+def read_records(msg, frm):
     count = frm.varint(RECORDS_MAX)
-    bits, index, said["records"] = BitReader(frm.rest()), 0, []
+    bits, index, msg["records"] = BitReader(frm.rest()), 0, []
     for _ in range(count):
         index += read_golomb(3, bits)
-        seat, age = read_golomb(5, bits) - 1, read_golomb(4, bits)
-        refuse_if(index >= INDICES or seat >= INDICES or age > AGE_MAX, "OutOfRange")
-        record = {"index": index, "seat": seat if seat >= 0 else None, "age": age}
-        said["records"].append(record | {"whole": read_whole(bits)})
+        alias, age = read_golomb(5, bits) - 1, read_golomb(4, bits)
+        refuse_if(index >= INDICES or alias >= INDICES or age > AGE_MAX, "OutOfRange")
+        record = {"index": index, "alias": alias if alias >= 0 else None, "age": age}
+        msg["records"].append(record | {"keyframe": read_keyframe(bits)})
         index += 1
     bits.finish()
 
 
-def encoded(said):
+def encoded(msg):
     def low16s(*names):
-        return b"".join(said[name].to_bytes(2, "little") for name in names)
+        return b"".join(msg[name].to_bytes(2, "little") for name in names)
 
-    kind = said["kind"]
-    head = head_of(kind, said["stream"])
-    if kind in IN_ARREARS:
-        head += bytes([excess_of(said["excess_eighths"])])
+    kind = msg["kind"]
+    head = head_of(kind, msg["stream"])
+    if kind in OVER_BUDGET:
+        head += bytes([error_scale_of(msg["error_scale_eighths"])])
     if kind in (0, 1, 11):
-        coder, tongue, seat = RangeWriter(), Tongue(), 0
-        for update in said["updates"]:
-            tongue.write(update["seat"] - seat, update, coder)
-            seat = update["seat"] + 1
-        tongue.end(coder)
-        return head + low16s("number", "tick", "notices") + coder.finish()
+        coder, update_coder, alias = RangeWriter(), UpdateCoder(), 0
+        for update in msg["updates"]:
+            update_coder.write(update["alias"] - alias, update, coder)
+            alias = update["alias"] + 1
+        update_coder.end(coder)
+        return head + low16s("number", "tick", "events") + coder.finish()
     if kind in (2, 12):
-        return head + low16s("next", "tick", "notices")
+        return head + low16s("next", "tick", "events")
     if kind == 3:
         bits, index = BitWriter(), 0
-        for record in said["records"]:
+        for record in msg["records"]:
             write_golomb(record["index"] - index, 3, bits)
-            write_golomb(0 if record["seat"] is None else record["seat"] + 1, 5, bits)
+            write_golomb(0 if record["alias"] is None else record["alias"] + 1, 5, bits)
             write_golomb(record["age"], 4, bits)
-            write_whole(record["whole"], bits)
+            write_keyframe(record["keyframe"], bits)
             index = record["index"] + 1
-        parts = bytes([said["part"], said["parts"]]) + varint(len(said["records"]))
-        return head + low16s("lost", "tick", "notices") + parts + bits.finish()
+        parts = bytes([msg["part"], msg["parts"]]) + varint(len(msg["records"]))
+        return head + low16s("lost", "tick", "events") + parts + bits.finish()
     if kind in (4, 5):
         records = b"".join(
             record["index"].to_bytes(4, "little") + b"".join(bytes.fromhex(part)[::-1] for part in record["motion"])
-            for record in said["records"]
+            for record in msg["records"]
         )
-        return head + low16s("number", "tick", "notices") + records
+        return head + low16s("number", "tick", "events") + records
     if kind in (7, 8):
-        ranges = varint(said["first"]) + varint(said["stride"])
+        ranges = varint(msg["first"]) + varint(msg["stride"])
         if kind == 8:
             return head + ranges
-        sums = b"".join(bytes.fromhex(part)[::-1] for part in said["sums"])
-        return head + low16s("next", "tick", "notices") + ranges + varint(len(said["sums"])) + sums
+        checksums = b"".join(bytes.fromhex(part)[::-1] for part in msg["checksums"])
+        return head + low16s("next", "tick", "events") + ranges + varint(len(msg["checksums"])) + checksums
     if kind == 9:
-        return head + low16s("last") + varint(said["covered"]) + bytes([said["row"]]) + bytes.fromhex(said["sums"])
-    lost = b"".join(number.to_bytes(2, "little") for number in said["lost"])
-    return head + low16s("next", "gone") + bytes([said["parities"]]) + varint(len(said["lost"])) + lost
+        return head + low16s("last") + varint(msg["covered"]) + bytes([msg["row"]]) + bytes.fromhex(msg["symbol"])
+    lost = b"".join(number.to_bytes(2, "little") for number in msg["lost"])
+    return head + low16s("next", "abandoned") + bytes([msg["repair_symbols"]]) + varint(len(msg["lost"])) + lost
 
 
 def times(a, b):
@@ -775,10 +775,10 @@ def factor(row, number):
     return inverse((ROWS + row) ^ (number % ROWS))
 
 
-def parity(row, packets):
-    """The parity of packets, each a number and a datagram, the newest last."""
+def repair_symbol(row, packets):
+    """The repair_symbol of packets, each a number and a datagram, the newest last."""
     last, _ = packets[-1]
-    sums, covered = bytearray(COLUMN_MAX), 0
+    symbol, covered = bytearray(SYMBOL_MAX), 0
     for number, datagram in packets:
         frm = Bytes(datagram)
         kind, stream = read_head(frm)
@@ -787,6 +787,6 @@ def parity(row, packets):
         covered |= 1 << last - number
         multiple = factor(row, number)
         for place, byte in enumerate(column + frm.rest()):
-            sums[place] ^= times(multiple, byte)
-    said = {"kind": 9, "stream": stream, "last": last % 65536, "covered": covered >> 1, "row": row}
-    return encoded(said | {"sums": bytes(sums).rstrip(b"\0").hex()})
+            symbol[place] ^= times(multiple, byte)
+    msg = {"kind": 9, "stream": stream, "last": last % 65536, "covered": covered >> 1, "row": row}
+    return encoded(msg | {"symbol": bytes(symbol).rstrip(b"\0").hex()})

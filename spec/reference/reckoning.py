@@ -39,7 +39,7 @@ QUARTER_PI = double("3fe921fb54442d18")
 RATIO = double("4170000000000000")
 EQUAL = double("3eb0000000000000")
 LEAST_NORMAL = 2.0 ** -126  # of f32
-HORIZON = 1023
+TRACK_AGE_MAX = 1023
 
 POSITION_SHARE = double("3fe2000000000000")
 TURN_SHARE = double("3fe2000000000000")
@@ -48,15 +48,15 @@ COARSEST_TURN = double("3fd0000000000000")
 COARSEST_ANGULAR = double("4010000000000000")
 
 FINE_STEPS = 16
-REST_ASTRAY = 3
-PUSH_STEP = double("3f70000000000000")
-PUSH_TICKS, PUSH_LIMIT, DOUBLINGS_LIMIT = 64, 1023, 12
+REST_PREDICTION_ERROR = 3
+ACCELERATION_STEP = double("3f70000000000000")
+ACCELERATION_TICKS, ACCELERATION_LIMIT, ACCELERATION_EXPONENT_MAX = 64, 1023, 12
 
 POSITION_LIMIT = 1073741824
 RESIDUAL_LIMIT = 67108864
 VELOCITY_LIMIT = 16777216
 TURN_LIMIT = 1024
-COARSENESS_LIMIT = 12
+VELOCITY_EXPONENT_MAX = 12
 PACKED_LIMIT = 370728
 PACKED_STEPS = 524288.0
 
@@ -167,7 +167,7 @@ class Motion:
         return [*self.position, *self.rotation, *self.linear, *self.angular]
 
 
-def verbatim_motion(numbers):
+def body_state_motion(numbers):
     """The motion of thirteen widened f32, or None where it is refused [1.6]."""
     motion = Motion.of(numbers)
     finite = all(math.isfinite(number) for number in numbers)
@@ -200,7 +200,7 @@ class Flow:
         self.dt = float(seconds) / float(ticks)
         self.substeps = float(substeps)
         self.substep = self.dt / self.substeps
-        self.spin_most = QUARTER_PI / self.dt
+        self.spin_max = QUARTER_PI / self.dt
         self.half_substep = (self.dt / self.substeps) * 0.5
         self.linear_keep = 1.0 / (1.0 + self.dt * linear_damping)
         self.angular_keep = 1.0 / (1.0 + self.dt * angular_damping)
@@ -260,51 +260,51 @@ class Inertia:
 # Predictors [3]
 
 def elapsed_ticks(tick, origin):
-    return 0 if tick < origin else min(tick - origin, HORIZON)
+    return 0 if tick < origin else min(tick - origin, TRACK_AGE_MAX)
 
 
 @dataclass
-class Push:
+class Acceleration:
     """A constant acceleration [3.9]."""
 
     steps: tuple
-    doublings: int
+    exponent: int
 
     @staticmethod
-    def of(steps, doublings):
+    def of(steps, exponent):
         """None where it is refused."""
-        within = all(abs(part) <= PUSH_LIMIT for part in steps) and 0 <= doublings <= DOUBLINGS_LIMIT
-        return Push(tuple(steps), doublings) if within else None
+        within = all(abs(part) <= ACCELERATION_LIMIT for part in steps) and 0 <= exponent <= ACCELERATION_EXPONENT_MAX
+        return Acceleration(tuple(steps), exponent) if within else None
 
     def acceleration(self):
-        return scaled(self.steps, 2.0 ** self.doublings * PUSH_STEP)
+        return scaled(self.steps, 2.0 ** self.exponent * ACCELERATION_STEP)
 
 
-def pushed(elapsed, flow):
-    """What a push does: its share of the way and of the velocity [3.9]."""
-    lasts = min(elapsed, PUSH_TICKS)
+def accelerated(elapsed, flow):
+    """What a acceleration does: its share of the way and of the velocity [3.9]."""
+    lasts = min(elapsed, ACCELERATION_TICKS)
     fall, coast = flow.row(lasts), flow.row(elapsed - lasts)
     return fall.fall + fall.fall_velocity * coast.reach, fall.fall_velocity * coast.velocity
 
 
-def predicted(law, start, elapsed, gravity, flow, inertia=None, push=None):
-    """The motion by a law, with its push if that is pushed, `elapsed` ticks after `start`."""
-    if law == "rest":
+def predicted(predictor, start, elapsed, gravity, flow, inertia=None, acceleration=None):
+    """The motion by a predictor, with its acceleration if that is accelerated, `elapsed` ticks after `start`."""
+    if predictor == "rest":
         return Motion(start.position, start.rotation, (0.0,) * 3, (0.0,) * 3)
-    elapsed = min(elapsed, HORIZON)
+    elapsed = min(elapsed, TRACK_AGE_MAX)
     row = flow.row(elapsed)
     position = plus(start.position, scaled(start.linear, row.reach))
     linear = scaled(start.linear, row.velocity)
-    if law in ("ballistic", "thrown"):
+    if predictor in ("ballistic", "ballistic_torque_free"):
         position = plus(position, scaled(gravity, row.fall))
         linear = plus(linear, scaled(gravity, row.fall_velocity))
-    if law == "pushed":
-        fall, fall_velocity = pushed(elapsed, flow)
-        position = plus(position, scaled(push.acceleration(), fall))
-        linear = plus(linear, scaled(push.acceleration(), fall_velocity))
-    tumbles = law in ("tumbling", "thrown", "pushed") and inertia is not None
-    if tumbles and elapsed != 0 and length3(start.angular) != 0.0:
-        rotation, angular = tumbled(start, elapsed, flow, inertia)
+    if predictor == "constant_acceleration":
+        fall, fall_velocity = accelerated(elapsed, flow)
+        position = plus(position, scaled(acceleration.acceleration(), fall))
+        linear = plus(linear, scaled(acceleration.acceleration(), fall_velocity))
+    rotates_freely = predictor in ("torque_free", "ballistic_torque_free", "constant_acceleration") and inertia is not None
+    if rotates_freely and elapsed != 0 and length3(start.angular) != 0.0:
+        rotation, angular = torque_free(start, elapsed, flow, inertia)
     else:
         rotation, angular = spun(start, row, flow), scaled(start.angular, row.spin)
     return Motion(position, rotation, linear, angular)
@@ -319,7 +319,7 @@ def spun(start, row, flow):
     return normalised(product(turn_about(start.angular, speed, half), start.rotation))
 
 
-def tumbled(start, elapsed, flow, inertia):
+def torque_free(start, elapsed, flow, inertia):
     """Rotation and angular velocity after so many ticks [3.7]."""
     m, f = inertia.moments, normalised(inertia.frame)
     e = scaled(((m[2] - m[1]) / m[0], (m[0] - m[2]) / m[1], (m[1] - m[0]) / m[2]), flow.substep)
@@ -343,8 +343,8 @@ def substep(w, axes, m, e, flow):
     if after != 0.0:
         w = scaled(bent, math.sqrt(before / after))
     speed2 = dot3(w, w)
-    if speed2 > flow.spin_most * flow.spin_most:
-        w = scaled(w, flow.spin_most / math.sqrt(speed2))
+    if speed2 > flow.spin_max * flow.spin_max:
+        w = scaled(w, flow.spin_max / math.sqrt(speed2))
     tx, ty, tz = scaled(w, flow.half_substep)
     x, y, z, s = axes
     axes = (
@@ -361,22 +361,22 @@ def momentum2(m, w):
     return dot3(p, p)
 
 
-def carried(carrier, held):
-    """The motion in the world of what a carrier holds, from the motion of the held body's own track [3.8]."""
-    arm = turned(carrier.rotation, held.position)
+def attached_motion(parent, attached):
+    """The motion in the world of what a parent holds, from the motion of the attached body's own track [3.8]."""
+    arm = turned(parent.rotation, attached.position)
     return Motion(
-        position=plus(carrier.position, arm),
-        rotation=normalised(product(carrier.rotation, held.rotation)),
-        linear=plus(carrier.linear, cross3(carrier.angular, arm)),
-        angular=carrier.angular,
+        position=plus(parent.position, arm),
+        rotation=normalised(product(parent.rotation, attached.rotation)),
+        linear=plus(parent.linear, cross3(parent.angular, arm)),
+        angular=parent.angular,
     )
 
 
-def seen_from(carrier, motion):
-    """A motion in the world, seen from a carrier [3.8]."""
-    back = conjugate(carrier.rotation)
+def relative_to(parent, motion):
+    """A motion in the world, seen from a parent [3.8]."""
+    back = conjugate(parent.rotation)
     return Motion(
-        position=turned(back, minus(motion.position, carrier.position)),
+        position=turned(back, minus(motion.position, parent.position)),
         rotation=normalised(product(back, motion.rotation)),
         linear=(0.0,) * 3,
         angular=(0.0,) * 3,
@@ -385,9 +385,9 @@ def seen_from(carrier, motion):
 
 # Grids [4]
 
-def of_class(integer, class_, least, most):
+def scaled_tolerance(integer, tolerance_scale, least, most):
     """An integer of a tolerance for a body of a class [4.1]."""
-    scaled = integer << class_ if class_ >= 0 else integer >> -class_
+    scaled = integer << tolerance_scale if tolerance_scale >= 0 else integer >> -tolerance_scale
     return min(max(scaled, least), most)
 
 
@@ -442,14 +442,14 @@ def clamped(number, limit):
     return max(-limit, min(limit, number))
 
 
-def snap(value, step, limit):
+def quantise(value, step, limit):
     steps = value / step + 0.5
     # Clamped before the floor, which Python takes of finite numbers only; the limit is whole, so that it is the same.
     return math.floor(clamped(steps, float(limit)))
 
 
-def snapped(vector, step, limit):
-    return tuple(snap(x, step, limit) for x in vector)
+def quantised(vector, step, limit):
+    return tuple(quantise(x, step, limit) for x in vector)
 
 
 def nearest(q):
@@ -483,7 +483,7 @@ def unpacked(rotation):
 
 
 def is_packed(largest, others):
-    """Whether parts from elsewhere are the one way to say their rotation."""
+    """Whether parts from elsewhere are the one way to send_message their rotation."""
     if not 0 <= largest < 4 or any(abs(s) > PACKED_LIMIT for s in others):
         return False
     rotation = (largest, tuple(others))
@@ -491,7 +491,7 @@ def is_packed(largest, others):
 
 
 @dataclass
-class Snapped:
+class Quantised:
     """A motion on a grid, in steps [4.6]."""
 
     position: Vector
@@ -501,11 +501,11 @@ class Snapped:
 
     @staticmethod
     def of(motion, grid):
-        return Snapped(
-            position=snapped(motion.position, grid.fine, POSITION_LIMIT),
+        return Quantised(
+            position=quantised(motion.position, grid.fine, POSITION_LIMIT),
             rotation=packed(motion.rotation),
-            linear=snapped(motion.linear, grid.linear, VELOCITY_LIMIT),
-            angular=snapped(motion.angular, grid.angular, VELOCITY_LIMIT),
+            linear=quantised(motion.linear, grid.linear, VELOCITY_LIMIT),
+            angular=quantised(motion.angular, grid.angular, VELOCITY_LIMIT),
         )
 
     def motion(self, grid):
@@ -517,9 +517,9 @@ class Snapped:
         )
 
 
-def astray(law, age, dt):
-    """In what time a prediction by a law went astray, `over` of [4.4]."""
-    return (min(age, REST_ASTRAY) if law == "rest" else age) * dt
+def prediction_error(predictor, age, dt):
+    """In what time a prediction by a predictor went prediction_error, `over` of [4.4]."""
+    return (min(age, REST_PREDICTION_ERROR) if predictor == "rest" else age) * dt
 
 
 @dataclass
@@ -530,7 +530,7 @@ class Residual:
     turn: Vector
     linear: Vector = None
     angular: Vector = None
-    coarseness: int = 0
+    velocity_exponent: int = 0
 
     def is_within_limits(self):
         def within(steps, limit):
@@ -539,16 +539,16 @@ class Residual:
         return (
             within(self.position, RESIDUAL_LIMIT)
             and within(self.turn, TURN_LIMIT)
-            and self.coarseness <= COARSENESS_LIMIT
-            and within(self.linear, VELOCITY_LIMIT >> self.coarseness)
-            and within(self.angular, VELOCITY_LIMIT >> self.coarseness)
+            and self.velocity_exponent <= VELOCITY_EXPONENT_MAX
+            and within(self.linear, VELOCITY_LIMIT >> self.velocity_exponent)
+            and within(self.angular, VELOCITY_LIMIT >> self.velocity_exponent)
         )
 
     def onto(self, prediction, over, grid):
-        """The snapped motion that this residual means on top of a predicted motion, or None where it is refused."""
+        """The quantised motion that this residual means on top of a predicted motion, or None where it is refused."""
         if not self.is_within_limits():
             return None
-        start = Snapped.of(prediction, grid)
+        start = Quantised.of(prediction, grid)
         turn = scaled(self.turn, grid.turn)
         rotation = start.rotation
         if any(self.turn):
@@ -556,12 +556,12 @@ class Residual:
         rate = 1.0 / over
         linear = plus(prediction.linear, scaled(scaled(self.position, grid.position), rate))
         angular = plus(prediction.angular, scaled(turn, rate))
-        more = [scaled(said or (0, 0, 0), 1 << self.coarseness) for said in (self.linear, self.angular)]
-        return Snapped(
+        more = [scaled(msg or (0, 0, 0), 1 << self.velocity_exponent) for msg in (self.linear, self.angular)]
+        return Quantised(
             position=summed(start.position, scaled(self.position, FINE_STEPS), POSITION_LIMIT),
             rotation=rotation,
-            linear=summed(snapped(linear, grid.linear, VELOCITY_LIMIT), more[0], VELOCITY_LIMIT),
-            angular=summed(snapped(angular, grid.angular, VELOCITY_LIMIT), more[1], VELOCITY_LIMIT),
+            linear=summed(quantised(linear, grid.linear, VELOCITY_LIMIT), more[0], VELOCITY_LIMIT),
+            angular=summed(quantised(angular, grid.angular, VELOCITY_LIMIT), more[1], VELOCITY_LIMIT),
         )
 
 
@@ -569,7 +569,7 @@ def summed(a, b, limit):
     return tuple(clamped(steps, limit) for steps in plus(a, b))
 
 
-# Settling [4.7]
+# RestCorrection [4.7]
 
 
 def single(number):
@@ -588,7 +588,7 @@ def stepped(number, by):
     return struct.unpack("<f", struct.pack("<I", rank if rank >= 0 else (rank + (1 << 32)) ^ 0x7FFFFFFF))[0]
 
 
-def settled(prediction, negated, position_steps, others_steps, largest_step):
+def rest_state(prediction, negated, position_steps, others_steps, largest_step):
     """The thirteen widened f32 of a body at rest, or None where they are refused."""
     position = [stepped(number, by) for number, by in zip(prediction.position, position_steps)]
     expected = [-part if negated else part for part in prediction.rotation]
@@ -602,4 +602,4 @@ def settled(prediction, negated, position_steps, others_steps, largest_step):
     size = math.sqrt(rest) if rest > 0.0 else 0.0
     rotation[largest] = stepped(-size if expected[largest] < 0.0 else size, largest_step)
     numbers = [*position, *rotation, *[0.0] * 6]
-    return numbers if verbatim_motion(numbers) else None
+    return numbers if body_state_motion(numbers) else None

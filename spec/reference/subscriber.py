@@ -1,4 +1,4 @@
-"""A member's copy of a scene, from PROTOCOL 6: tracks, gaps, repairs, seats, gravity, notices.
+"""A member's copy of a scene, from PROTOCOL 6: tracks, gaps, refreshes, aliases, gravity, scene_events.
 
 Fed with messages and datagrams; asks for nothing by itself. For reading beside the document, not for speed.
 """
@@ -9,16 +9,16 @@ from dataclasses import dataclass, replace
 import packets
 import reckoning
 from messages import LIMITS, f32, motion_of
-from restorer import Restorer
+from fec_decoder import Decoder
 
-LAWS = ("rest", "uniform", "ballistic", "tumbling", "thrown", "pushed")
-HISTORY, JUMP, HELD = LIMITS["HISTORY_PACKETS"], LIMITS["TICK_JUMP_MAX"], LIMITS["PACKETS_HELD_MAX"]
-SEATINGS = LIMITS["SEATINGS_KEPT"]
+PREDICTORS = ("rest", "uniform", "ballistic", "torque_free", "ballistic_torque_free", "constant_acceleration")
+HISTORY, JUMP, PENDING_MAX = LIMITS["HISTORY_PACKETS"], LIMITS["TICK_JUMP_MAX"], LIMITS["PACKETS_HELD_MAX"]
+ASSIGNMENTS_KEPT = LIMITS["ALIAS_CHANGES_KEPT"]
 IDENTITY = ["00000000", "00000000", "00000000", "3f800000"]
 
 
 class Violation(Exception):
-    """The server contradicts what it said; the argument is the code to close with."""
+    """The server contradicts what it msg; the argument is the code to close with."""
 
 
 # 6.1 Tracks
@@ -27,51 +27,51 @@ class Violation(Exception):
 @dataclass
 class Track:
     origin: int
-    law: str
-    anchor: object  # reckoning.Snapped, or a list of thirteen f32s as digits
-    carrier: tuple = None  # index, generation
-    push: reckoning.Push = None  # of the law that is pushed
+    predictor: str
+    anchor: object  # reckoning.Quantised, or a list of thirteen f32s as digits
+    parent: tuple = None  # index, generation
+    acceleration: reckoning.Acceleration = None  # of the predictor that is accelerated
 
-    def is_verbatim_rest(self):
-        return self.law == "rest" and isinstance(self.anchor, list)
+    def is_exact_rest(self):
+        return self.predictor == "rest" and isinstance(self.anchor, list)
 
 
-def track_of_whole(origin, whole):
+def track_of_keyframe(origin, keyframe):
     """5.5"""
-    law, carrier = LAWS[whole["law"]], whole["carrier"]
-    if "verbatim" in whole:
-        anchor = whole["verbatim"]
+    predictor, parent = PREDICTORS[keyframe["predictor"]], keyframe["parent"]
+    if "body_state" in keyframe:
+        anchor = keyframe["body_state"]
     else:
-        rotation = (whole["largest"], tuple(whole["others"]))
-        anchor = reckoning.Snapped(tuple(whole["position"]), rotation, tuple(whole["linear"]), tuple(whole["angular"]))
-    return Track(origin, law, anchor, tuple(carrier) if carrier else None, push_of(whole))
+        rotation = (keyframe["largest"], tuple(keyframe["others"]))
+        anchor = reckoning.Quantised(tuple(keyframe["position"]), rotation, tuple(keyframe["linear"]), tuple(keyframe["angular"]))
+    return Track(origin, predictor, anchor, tuple(parent) if parent else None, acceleration_of(keyframe))
 
 
-def push_of(said):
-    """That of a whole track or an update."""
-    return reckoning.Push.of(said["push"]["steps"], said["push"]["doublings"]) if "push" in said else None
+def acceleration_of(msg):
+    """That of a keyframe track or an update."""
+    return reckoning.Acceleration.of(msg["acceleration"]["steps"], msg["acceleration"]["exponent"]) if "acceleration" in msg else None
 
 
-def track_of_notice(said):
+def track_of_scene_event(msg):
     """4.6"""
-    if said["said"]["is"] == "in bits":
-        bits = packets.BitReader(bytes.fromhex(said["said"]["whole"]))
-        return track_of_whole(said["origin"], packets.read_whole(bits))
-    return Track(said["origin"], said["said"]["is"], motion_of(said["said"]["anchor"]))
+    if msg["payload"]["is"] == "packed":
+        bits = packets.BitReader(bytes.fromhex(msg["payload"]["keyframe"]))
+        return track_of_keyframe(msg["origin"], packets.read_keyframe(bits))
+    return Track(msg["origin"], msg["payload"]["is"], motion_of(msg["payload"]["anchor"]))
 
 
 class Body:
     """What a body is, and how it moves."""
 
-    def __init__(self, terms, inertia, track, scene):
-        self.index, self.generation = terms["id"]["index"], terms["id"]["generation"]
-        dynamic = terms["flags"] & 3 == 1
-        damping = terms.get("damping", scene.terms["damping"])
+    def __init__(self, config, inertia, track, scene):
+        self.index, self.generation = config["id"]["index"], config["id"]["generation"]
+        dynamic = config["flags"] & 3 == 1
+        damping = config.get("damping", scene.config["damping"])
         still = {"linear": "00000000", "angular": "00000000"}
         self.flow = scene.flow(damping if dynamic else still)
-        self.scale = f32(terms.get("gravity scale", "3f800000")) if dynamic else 0.0
-        self.class_ = terms.get("class", 0)
-        self.grid = scene.grid(radius_of(scene.shapes[terms["shape"]]), self.class_)
+        self.scale = f32(config.get("gravity scale", "3f800000")) if dynamic else 0.0
+        self.tolerance_scale = config.get("tolerance scale", 0)
+        self.grid = scene.grid(radius_of(scene.shapes[config["shape"]]), self.tolerance_scale)
         self.inertia = None
         if inertia and inertia["is"] != "none":
             moments = [f32(part) for part in inertia["moments"]]
@@ -81,12 +81,12 @@ class Body:
     def moved(self, track, tick, gravity):
         """The motion of one of its tracks at a tick, in the track's own frame (RECKONING 3.1)."""
         if isinstance(track.anchor, list):
-            start = reckoning.verbatim_motion([f32(part) for part in track.anchor])
+            start = reckoning.body_state_motion([f32(part) for part in track.anchor])
         else:
             start = track.anchor.motion(self.grid)
         elapsed = reckoning.elapsed_ticks(tick, track.origin)
-        pull = reckoning.gravity_of(gravity, self.scale)
-        return reckoning.predicted(track.law, start, elapsed, pull, self.flow, self.inertia, track.push)
+        gravity_pull = reckoning.gravity_of(gravity, self.scale)
+        return reckoning.predicted(track.predictor, start, elapsed, gravity_pull, self.flow, self.inertia, track.acceleration)
 
 
 def radius_of(shape):
@@ -120,7 +120,7 @@ def expanded(low, expected):
     return count
 
 
-# 6.12 Agreement
+# 6.12 StateChecksum
 
 MASK = (1 << 64) - 1
 F = 0x9E3779B97F4A7C15
@@ -135,25 +135,25 @@ def pair(a, b):
     return (a & 0xFFFFFFFF) | (b & 0xFFFFFFFF) << 32
 
 
-def digest(body):
+def checksums(body):
     track = body.track
     h = mix(F, pair(body.index, body.generation))
     h = mix(h, track.origin)
-    if track.carrier:
-        h = mix(h, pair(*track.carrier))
-    law = LAWS.index(track.law)
+    if track.parent:
+        h = mix(h, pair(*track.parent))
+    predictor = PREDICTORS.index(track.predictor)
     if isinstance(track.anchor, list):
         numbers = [int(part, 16) for part in track.anchor] + [0]
-        words = [2 * law + 1] + [pair(a, b) for a, b in zip(numbers[::2], numbers[1::2])]
+        words = [2 * predictor + 1] + [pair(a, b) for a, b in zip(numbers[::2], numbers[1::2])]
     else:
         x, y, z = track.anchor.position
         largest, (a, b, c) = track.anchor.rotation
         u, v, w = track.anchor.linear
         p, q, r = track.anchor.angular
-        words = [2 * law, pair(x, y), pair(z, largest), pair(a, b), pair(c, u), pair(v, w), pair(p, q), pair(r, 0)]
-    if track.push:
-        x, y, z = track.push.steps
-        words += [pair(x, y), pair(z, track.push.doublings)]
+        words = [2 * predictor, pair(x, y), pair(z, largest), pair(a, b), pair(c, u), pair(v, w), pair(p, q), pair(r, 0)]
+    if track.acceleration:
+        x, y, z = track.acceleration.steps
+        words += [pair(x, y), pair(z, track.acceleration.exponent)]
     for word in words:
         h = mix(h, word)
     return h
@@ -163,58 +163,58 @@ class Scene:
     """What a member knows of its scene, by one stream."""
 
     def __init__(self, joined):
-        self.choice, self.terms, self.stream = joined["choice"], joined["terms"], joined["stream"]
+        self.choice, self.config, self.stream = joined["choice"], joined["config"], joined["stream"]
         # The stream of a choice with a budget is that of the choice in it, but for what it states.
         self.capped = self.choice["is"] == "within a budget"
         self.choice = self.choice["choice"] if self.capped else self.choice
-        self.statements = Statements(joined["next"], joined["tick"])
+        self.statements = ErrorScaleLog(joined["next"], joined["tick"])
         self.flows, self.shapes, self.bodies, self.joints = {}, {}, {}, {}
         self.gravities = [(0, [f32(part) for part in joined["gravity"]])]
         self.snapshot_gravity = False
-        self.whole, self.notices, self.next = False, joined["notices"], joined["next"]
-        self.vouched = self.newest = self.settled_at = joined["tick"]
+        self.has_snapshot, self.scene_events, self.next = False, joined["events"], joined["next"]
+        self.watermark = self.newest = self.converged_at = joined["tick"]
         self.known_from = 0
-        self.seats, self.seat_of = {}, {}  # seat: (index, since); index: seat
+        self.aliases, self.alias_of = {}, {}  # alias: (index, since); index: alias
         self.remembers = False
-        self.repaired = 0  # the newest tick of a repair
-        self.sat = []  # (since, seat, index or None), while something is missing or unread
-        self.sat_last = {}  # of these the last of (since, seat)
-        self.missing, self.unread, self.parts, self.held, self.gone = {}, {}, {}, [], 0
+        self.refreshed_at = 0  # the newest tick of a refresh
+        self.assignments = []  # (since, alias, index or None), while something is missing or unread
+        self.last_assignments = {}  # of these the last of (since, alias)
+        self.missing, self.unread, self.parts, self.pending, self.gone = {}, {}, {}, [], 0
         self.unreadable = {}  # packets of which something was unread
-        self.restorer = Restorer(self.stream)
-        self.lost_touch, self.disagreements, self.granted = False, 0, joined["granted"]
-        self.doubted, self.amended = None, []  # doubted indices: first, how many
+        self.decoder = Decoder(self.stream)
+        self.lost_sync, self.checksum_mismatches, self.granted = False, 0, joined["granted"]
+        self.mismatched_range, self.last_checksum_refresh = None, []  # mismatched_range indices: first, how many
 
     def flow(self, damping):
-        terms = self.terms
+        config = self.config
         key = (damping["linear"], damping["angular"])
         if key not in self.flows:
             dampings = [f32(part) for part in key]
-            self.flows[key] = reckoning.Flow(terms["ticks"], terms["seconds"], terms["substeps"], *dampings)
+            self.flows[key] = reckoning.Flow(config["ticks"], config["seconds"], config["substeps"], *dampings)
         return self.flows[key]
 
-    def grid(self, radius, class_):
+    def grid(self, radius, tolerance_scale):
         choice = self.choice
         # A full stream says nothing on a grid.
-        length = reckoning.of_class(choice.get("micrometres", 1000), class_, 1000, 10000000)
+        length = reckoning.scaled_tolerance(choice.get("micrometres", 1000), tolerance_scale, 1000, 10000000)
         turn = choice.get("microradians")
-        return reckoning.Grid.of(length, radius, turn and reckoning.of_class(turn, class_, 100, 3141593))
+        return reckoning.Grid.of(length, radius, turn and reckoning.scaled_tolerance(turn, tolerance_scale, 100, 3141593))
 
     def gravity(self, origin):
         """6.9"""
-        return [pull for since, pull in self.gravities if since <= origin][-1]
+        return [gravity_pull for since, gravity_pull in self.gravities if since <= origin][-1]
 
     # Belief
 
     def own(self, body, track, tick):
         return body.moved(track, tick, self.gravity(track.origin))
 
-    def carrier(self, track):
+    def parent(self, track):
         """The body that carries a track's, if it is there still."""
-        body = self.bodies.get(track.carrier[0]) if track.carrier else None
-        return body if body and body.generation == track.carrier[1] else None
+        body = self.bodies.get(track.parent[0]) if track.parent else None
+        return body if body and body.generation == track.parent[1] else None
 
-    def believed(self, body, tick):
+    def predicted_motion(self, body, tick):
         """RECKONING 3.8"""
 
         def then(body):
@@ -224,44 +224,44 @@ class Scene:
             return body.track
 
         track = then(body)
-        motion, carrier = self.own(body, track, tick), self.carrier(track)
-        if carrier is None:
+        motion, parent = self.own(body, track, tick), self.parent(track)
+        if parent is None:
             return motion
-        return reckoning.carried(self.own(carrier, then(carrier), tick), motion)
+        return reckoning.attached_motion(self.own(parent, then(parent), tick), motion)
 
-    # 4.6, 4.8 Notices
+    # 4.6, 4.8 SceneEvents
 
-    def hear_notice(self, said):
-        name = said["is"]
+    def receive_scene_event(self, msg):
+        name = msg["is"]
         if name == "ShapeAdded":
-            self.shapes[said["id"]] = said["shape"]
+            self.shapes[msg["id"]] = msg["shape"]
         elif name == "ShapeRemoved":
-            self.must(said["id"] in self.shapes)
-            del self.shapes[said["id"]]
+            self.must(msg["id"] in self.shapes)
+            del self.shapes[msg["id"]]
         elif name == "BodyPlaced":
-            self.place(said)
+            self.place(msg)
         elif name == "BodyRemoved":
-            body = self.bodies.get(said["id"]["index"])
-            self.must(body and body.generation == said["id"]["generation"])
+            body = self.bodies.get(msg["id"]["index"])
+            self.must(body and body.generation == msg["id"]["generation"])
             self.dismiss(body.index)
             del self.bodies[body.index]
-            self.part(said["id"])
+            self.part(msg["id"])
         elif name == "GravityChanged":
-            pull = [f32(part) for part in said["gravity"]]
-            if not self.whole and not self.snapshot_gravity:
+            gravity_pull = [f32(part) for part in msg["gravity"]]
+            if not self.has_snapshot and not self.snapshot_gravity:
                 self.gravities, self.snapshot_gravity = [], True
-            self.gravities = [old for old in self.gravities if old[0] < said["tick"]] + [(said["tick"], pull)]
+            self.gravities = [old for old in self.gravities if old[0] < msg["tick"]] + [(msg["tick"], gravity_pull)]
         elif name == "JointAdded":
-            self.must(said["id"] not in self.joints)
-            for id_ in (said["joint"]["first"], said["joint"]["second"]):
+            self.must(msg["id"] not in self.joints)
+            for id_ in (msg["joint"]["first"], msg["joint"]["second"]):
                 body = self.bodies.get(id_["index"])
                 self.must(body and body.generation == id_["generation"])
-            self.joints[said["id"]] = said["joint"]
+            self.joints[msg["id"]] = msg["joint"]
         elif name == "JointRemoved":
-            self.must(said["id"] in self.joints)
-            del self.joints[said["id"]]
-        if self.whole:
-            self.notices += 1
+            self.must(msg["id"] in self.joints)
+            del self.joints[msg["id"]]
+        if self.has_snapshot:
+            self.scene_events += 1
             self.release()
 
     def must(self, good):
@@ -273,144 +273,144 @@ class Scene:
         joints = self.joints.items()
         self.joints = {name: joint for name, joint in joints if id_ not in (joint["first"], joint["second"])}
 
-    def place(self, said):
-        self.must(said["terms"]["shape"] in self.shapes)
-        body = Body(said["terms"], said.get("inertia"), track_of_notice(said["track"]), self)
+    def place(self, msg):
+        self.must(msg["desc"]["shape"] in self.shapes)
+        body = Body(msg["desc"], msg.get("inertia"), track_of_scene_event(msg["track"]), self)
         self.dismiss(body.index)
         before = self.bodies.get(body.index)
         if before:
             self.part({"index": before.index, "generation": before.generation})
         self.bodies[body.index] = body
-        if said["seat"]:
-            self.sit(said["seat"] - 1, body.index, self.newest)
+        if msg["alias"]:
+            self.assign_alias(msg["alias"] - 1, body.index, self.newest)
 
     def end_snapshot(self):
-        self.whole = True
+        self.has_snapshot = True
         self.release()
 
-    # 6.13 Seats
+    # 6.13 ReceivedAliases
 
     def leave(self, index):
-        seat = self.seat_of.pop(index, None)
-        if seat is not None:
-            self.seats[seat] = (None, self.seats[seat][1])
+        alias = self.alias_of.pop(index, None)
+        if alias is not None:
+            self.aliases[alias] = (None, self.aliases[alias][1])
 
     def dismiss(self, index):
         """6.13-14."""
         self.leave(index)
-        self.sat = [(since, seat, None if who == index else who) for since, seat, who in self.sat]
-        self.sat_last = {(since, seat): who for since, seat, who in self.sat}
+        self.assignments = [(since, alias, None if assigned == index else assigned) for since, alias, assigned in self.assignments]
+        self.last_assignments = {(since, alias): assigned for since, alias, assigned in self.assignments}
 
-    def note(self, seat, index, since):
+    def note(self, alias, index, since):
         """6.13-13, each once (6.13-15)."""
         self.remembers = self.remembers or bool(self.missing or self.unread)
-        if self.remembers and self.sat_last.get((since, seat), "nothing") != index:
-            self.sat.append((since, seat, index))
-            self.sat_last[since, seat] = index
+        if self.remembers and self.last_assignments.get((since, alias), "nothing") != index:
+            self.assignments.append((since, alias, index))
+            self.last_assignments[since, alias] = index
 
-    def note_sitter(self, seat):
-        index, since = self.seats.get(seat, (None, 0))
+    def note_assigned(self, alias):
+        index, since = self.aliases.get(alias, (None, 0))
         if index is not None:
-            self.note(seat, index, since)
+            self.note(alias, index, since)
 
-    def sitter_at(self, seat, number, tick):
-        """Who sits in a seat at a tick, or sat there; None if nobody is known."""
-        index, since = self.seats.get(seat, (None, 0))
+    def body_at(self, alias, number, tick):
+        """Who sits in a alias at a tick, or assignments there; None if nobody is known."""
+        index, since = self.aliases.get(alias, (None, 0))
         if index is not None and since <= tick:
             return index
-        if tick < self.repaired or len(self.sat) > SEATINGS or any(other < number for other in self.missing):
+        if tick < self.refreshed_at or len(self.assignments) > ASSIGNMENTS_KEPT or any(other < number for other in self.missing):
             return None
-        by_then = [change for change in self.sat if change[0] <= tick]
-        here = [change for change in reversed(by_then) if change[1] == seat]
+        by_then = [change for change in self.assignments if change[0] <= tick]
+        here = [change for change in reversed(by_then) if change[1] == alias]
         if not here:
             return None
         since, _, index = max(here, key=lambda change: change[0])
-        went = any(who == index and begun > since for begun, _, who in by_then)
+        went = any(assigned == index and begun > since for begun, _, assigned in by_then)
         return None if went else index
 
-    def sit(self, seat, index, tick):
-        """6.13-7. A seat of which it is known that nobody is known to sit there has None for its body."""
-        body, there = self.bodies.get(index), self.seat_of.get(index)
+    def assign_alias(self, alias, index, tick):
+        """6.13-7. A alias of which it is known that nobody is known to assign_alias there has None for its body."""
+        body, there = self.bodies.get(index), self.alias_of.get(index)
         gone_on = body is None or body.track.origin > tick
-        self.note(seat, index, tick)
-        if self.since(seat) > tick or (gone_on and there == seat):
+        self.note(alias, index, tick)
+        if self.since(alias) > tick or (gone_on and there == alias):
             return
-        self.note_sitter(seat)
-        if seat in self.seats:
-            self.seat_of.pop(self.seats[seat][0], None)
+        self.note_assigned(alias)
+        if alias in self.aliases:
+            self.alias_of.pop(self.aliases[alias][0], None)
         if gone_on or (there is not None and self.since(there) > tick):
-            self.seats[seat] = (None, tick)
+            self.aliases[alias] = (None, tick)
             return
         if there is not None:
-            self.note_sitter(there)
+            self.note_assigned(there)
         self.leave(index)
-        self.seats[seat], self.seat_of[index] = (index, tick), seat
+        self.aliases[alias], self.alias_of[index] = (index, tick), alias
 
-    def since(self, seat):
-        """The tick at which a seat was taken last; that of a beginning if it never was."""
-        return self.seats[seat][1] if seat in self.seats else 0
+    def since(self, alias):
+        """The tick at which a alias was taken last; that of a beginning if it never was."""
+        return self.aliases[alias][1] if alias in self.aliases else 0
 
     # 6.5 Reading
 
-    def hear_datagram(self, data):
+    def receive_datagram(self, data):
         try:
-            said = packets.decoded(data)
+            msg = packets.decoded(data)
         except packets.Malformed:
             return
-        if said["stream"] != self.stream or said["kind"] in (6, 8):
+        if msg["stream"] != self.stream or msg["kind"] in (6, 8):
             return
-        if said["kind"] in packets.IN_ARREARS and not self.capped:
+        if msg["kind"] in packets.OVER_BUDGET and not self.capped:
             return
-        if said["kind"] == 9:
-            self.hear_parity(said)
+        if msg["kind"] == 9:
+            self.receive_repair_symbol(msg)
             return
-        said["data"] = data
-        if not self.whole or expanded(said["notices"], self.notices) > self.notices:
-            if len(self.held) < HELD:
-                self.held.append(said)
+        msg["data"] = data
+        if not self.has_snapshot or expanded(msg["events"], self.scene_events) > self.scene_events:
+            if len(self.pending) < PENDING_MAX:
+                self.pending.append(msg)
             return
-        self.read(said)
+        self.read(msg)
         self.rebuild()
         self.settle()
 
     def release(self):
-        waiting, self.held = self.held, []
-        for said in waiting:
-            if self.whole and expanded(said["notices"], self.notices) <= self.notices:
-                self.read(said)
+        waiting, self.pending = self.pending, []
+        for msg in waiting:
+            if self.has_snapshot and expanded(msg["events"], self.scene_events) <= self.scene_events:
+                self.read(msg)
             else:
-                self.held.append(said)
+                self.pending.append(msg)
         self.rebuild()
         self.settle()
 
     def settle(self):
         self.remembers = bool(self.missing or self.unread)
         if not self.remembers:
-            self.sat, self.sat_last = [], {}
-        if self.is_settled() and self.known_from <= self.vouched:
-            self.settled_at = self.vouched
+            self.assignments, self.last_assignments = [], {}
+        if self.is_converged() and self.known_from <= self.watermark:
+            self.converged_at = self.watermark
 
-    def read(self, said):
-        if self.lost_touch:
+    def read(self, msg):
+        if self.lost_sync:
             return
-        tick = expanded(said["tick"], self.newest)
+        tick = expanded(msg["tick"], self.newest)
         if tick > self.newest + JUMP:
-            self.lost_touch = True
+            self.lost_sync = True
             return
-        kind = said["kind"]
+        kind = msg["kind"]
         if kind in (2, 7, 12):
-            number = expanded(said["next"], self.next)
-            self.hear_vouch(number, tick)
+            number = expanded(msg["next"], self.next)
+            self.receive_watermark(number, tick)
             if kind != 7:
-                self.statements.vouch(number, tick, stated(said))
+                self.statements.watermark(number, tick, stated(msg))
             else:
-                self.compare(said)
+                self.compare(msg)
         elif kind == 3:
-            self.hear_repair(said, tick)
+            self.receive_refresh(msg, tick)
         else:
-            self.hear_packet(said, tick)
+            self.receive_packet(msg, tick)
 
-    # 6.6 Gaps
+    # 6.6 PacketGaps
 
     def miss(self, end, tick):
         for number in range(self.next, min(end, self.next + HISTORY + 1)):
@@ -418,47 +418,47 @@ class Scene:
         self.gone += max(end - self.next, 0)
         self.next = max(self.next, end)
         if self.missing and self.next > min(self.missing) + HISTORY:
-            self.lost_touch = True
+            self.lost_sync = True
 
-    def hear_vouch(self, next_number, tick):
+    def receive_watermark(self, next_number, tick):
         self.miss(next_number, tick)
-        self.newest, self.vouched = max(self.newest, tick), max(self.vouched, tick)
+        self.newest, self.watermark = max(self.newest, tick), max(self.watermark, tick)
 
-    def hear_packet(self, said, tick, rebuilt=False):
-        number = expanded(said["number"], self.next)
+    def receive_packet(self, msg, tick, rebuilt=False):
+        number = expanded(msg["number"], self.next)
         if number < self.next and number not in self.missing:
             return
         late = number < self.next
         if not late:
             self.miss(number, tick)
             self.next = max(self.next, number + 1)
-        if self.lost_touch:
+        if self.lost_sync:
             return
         self.newest = max(self.newest, tick)
         if late:
             del self.missing[number]
             self.parts.pop(number, None)
             self.gone -= not rebuilt
-        every = self.terms["every"]
-        ends = said["kind"] in (1, 5, 11)
-        self.statements.packet(number, tick, stated(said) if ends else None)
+        publish_interval = self.config["publish interval"]
+        ends = msg["kind"] in (1, 5, 11)
+        self.statements.packet(number, tick, stated(msg) if ends else None)
         before = max(tick - 1, 0)
-        self.vouched = max(self.vouched, tick if ends else before - before % every)
-        if said["kind"] in (4, 5):
-            self.hear_full(said, tick)
+        self.watermark = max(self.watermark, tick if ends else before - before % publish_interval)
+        if msg["kind"] in (4, 5):
+            self.receive_full(msg, tick)
         else:
-            if said["kind"] != 11:
+            if msg["kind"] != 11:
                 # Packets in arrears have no column (5.17): none is read again.
-                self.restorer.keep(number, said["data"])
-            self.hear_state(said, number, tick)
+                self.decoder.keep(number, msg["data"])
+            self.receive_state(msg, number, tick)
         if late:
-            self.made_good(number, None)
+            self.refreshed(number, None)
             self.read_again_after(number)
 
-    def made_good(self, number, repaired_at):
-        """A missing packet was heard late (None), or repaired by a repair of a tick."""
+    def refreshed(self, number, refreshed_at):
+        """A missing packet was received late (None), or refreshed_at by a refresh of a tick."""
         for other, tick in sorted(self.unread.items()):
-            if other > number and (repaired_at is None or repaired_at < tick):
+            if other > number and (refreshed_at is None or refreshed_at < tick):
                 del self.unread[other]
                 self.missing[other] = tick
         if self.missing:
@@ -470,95 +470,95 @@ class Scene:
     def read_again_after(self, number):
         """What could not be read, and whose bytes are there still, in order, each as one that comes late."""
         for other in range(number + 1, self.next):
-            if other in self.missing and other in self.unreadable and other in self.restorer.columns:
+            if other in self.missing and other in self.unreadable and other in self.decoder.symbols:
                 tick = self.missing.pop(other)
                 self.parts.pop(other, None)
-                self.made_good(other, None)
-                self.hear_state(self.unreadable.pop(other), other, tick)
+                self.refreshed(other, None)
+                self.receive_state(self.unreadable.pop(other), other, tick)
 
     # 6.15 Redundancy
 
-    def hear_parity(self, said):
-        if self.whole:
-            last = expanded(said["last"], self.next)
-            self.restorer.hear(last, said["covered"], said["row"], bytes.fromhex(said["sums"]), self.next)
+    def receive_repair_symbol(self, msg):
+        if self.has_snapshot:
+            last = expanded(msg["last"], self.next)
+            self.decoder.receive(last, msg["covered"], msg["row"], bytes.fromhex(msg["symbol"]), self.next)
             self.rebuild()
             self.settle()
 
     def rebuild(self):
-        while (found := self.restorer.rebuilt()) is not None:
+        while (found := self.decoder.rebuilt()) is not None:
             number, data = found
             try:
-                said = packets.decoded(data)
+                msg = packets.decoded(data)
             except packets.Malformed:
-                self.restorer.was_wrong(self.next)
+                self.decoder.was_wrong(self.next)
                 return
-            self.restorer.keep(number, data)
-            said["data"] = data
-            if expanded(said["notices"], self.notices) > self.notices:
-                self.held.append(said)
+            self.decoder.keep(number, data)
+            msg["data"] = data
+            if expanded(msg["events"], self.scene_events) > self.scene_events:
+                self.pending.append(msg)
             else:
-                self.hear_packet(said, expanded(said["tick"], self.newest), rebuilt=True)
+                self.receive_packet(msg, expanded(msg["tick"], self.newest), rebuilt=True)
 
     # 6.2 Revisions
 
-    def hear_state(self, said, number, tick):
+    def receive_state(self, msg, number, tick):
         later, outcomes = [], []
-        for update in said["updates"]:
-            if update.get("course") == "held" or update.get("carrier_age") is not None:
+        for update in msg["updates"]:
+            if update.get("mode") == "attached" or update.get("parent_age") is not None:
                 later.append(update)
             else:
-                outcomes.append(self.hear_update(update, number, tick))
-        outcomes += [self.hear_update(update, number, tick) for update in later]
-        for index in [index for index, body in self.bodies.items() if index in self.seat_of]:
+                outcomes.append(self.receive_update(update, number, tick))
+        outcomes += [self.receive_update(update, number, tick) for update in later]
+        for index in [index for index, body in self.bodies.items() if index in self.alias_of]:
             track = self.bodies[index].track
-            if track.is_verbatim_rest() and track.origin == tick:
-                self.note_sitter(self.seat_of[index])
-                self.note(self.seat_of[index], None, tick + 1)
+            if track.is_exact_rest() and track.origin == tick:
+                self.note_assigned(self.alias_of[index])
+                self.note(self.alias_of[index], None, tick + 1)
                 self.leave(index)
-        waits = "unread" in outcomes and any(other < number for other in self.missing)
-        if "seatless" in outcomes or "unread" in outcomes and not waits:
+        waits = "unreadable" in outcomes and any(other < number for other in self.missing)
+        if "without alias" in outcomes or "unreadable" in outcomes and not waits:
             self.missing[number] = tick
         elif waits:
             self.unread[number] = tick
-        if "seatless" in outcomes or "unread" in outcomes:
-            self.unreadable[number] = said
+        if "without alias" in outcomes or "unreadable" in outcomes:
+            self.unreadable[number] = msg
 
-    def hear_update(self, update, number, tick):
-        """"heard", "unread", or "seatless"."""
+    def receive_update(self, update, number, tick):
+        """"received", "unreadable", or "without alias"."""
         index = update["body"]
         if index is None:
-            index = self.sitter_at(update["seat"], number, tick)
+            index = self.body_at(update["alias"], number, tick)
             if index is None:
-                return "seatless"
+                return "without alias"
         body = self.bodies.get(index)
         if update["body"] is not None:
-            self.sit(update["seat"], index, tick)
+            self.assign_alias(update["alias"], index, tick)
         if body is None:
-            return "heard"
-        if "carrier" in update and update["carrier"] not in self.bodies:
-            return "heard"
+            return "received"
+        if "parent" in update and update["parent"] not in self.bodies:
+            return "received"
         old = body.track
         if tick <= old.origin:
             self.known_from = max(self.known_from, old.origin)
-            return "heard"
-        if "whole" in update:
-            track = track_of_whole(tick, update["whole"])
+            return "received"
+        if "keyframe" in update:
+            track = track_of_keyframe(tick, update["keyframe"])
         else:
             track = self.corrected(body, update, tick)
             if track is None:
-                return "unread"
+                return "unreadable"
         if self.missing:
             body.older.append(body.before)
         elif body.older:
             body.older = []
         body.before, body.track = old, track
-        return "heard"
+        return "received"
 
     def age(self, track, tick):
         """How old a track is (5.6), or None if it is of a later tick."""
-        every = self.terms["every"]
-        return tick // every - track.origin // every if track.origin <= tick else None
+        publish_interval = self.config["publish interval"]
+        return tick // publish_interval - track.origin // publish_interval if track.origin <= tick else None
 
     def revision(self, body, tick, age):
         """The body's track of an age, if it is still known (6.2, 6.6)."""
@@ -571,43 +571,43 @@ class Scene:
         old = body.track
         if self.age(old, tick) != update["age"]:
             return None
-        own, law, carrier, push = self.own(body, old, tick), old.law, old.carrier, old.push
+        own, predictor, parent, acceleration = self.own(body, old, tick), old.predictor, old.parent, old.acceleration
         if "negated" in update:
-            return None if old.carrier else self.settled(own, update, tick)
-        if update["course"] == "world":
-            held_by = self.carrier(old)
-            law, carrier, push = LAWS[update["law"]], None, push_of(update)
-            if (old.carrier is None) != (update["carrier_age"] is None):
+            return None if old.parent else self.apply_rest_update(own, update, tick)
+        if update["mode"] == "world":
+            parent_body = self.parent(old)
+            predictor, parent, acceleration = PREDICTORS[update["predictor"]], None, acceleration_of(update)
+            if (old.parent is None) != (update["parent_age"] is None):
                 return None
-            if old.carrier is not None:
-                named = held_by and self.revision(held_by, tick, update["carrier_age"])
+            if old.parent is not None:
+                named = parent_body and self.revision(parent_body, tick, update["parent_age"])
                 if named is None:
                     return None
-                own = reckoning.carried(self.own(held_by, named, tick), own)
-        elif update["course"] == "held":
-            by = self.bodies[update["carrier"]]
-            named = self.revision(by, tick, update["carrier_age"])
-            if by is body or named is None or named.carrier is not None or old.carrier is not None:
+                own = reckoning.attached_motion(self.own(parent_body, named, tick), own)
+        elif update["mode"] == "attached":
+            by = self.bodies[update["parent"]]
+            named = self.revision(by, tick, update["parent_age"])
+            if by is body or named is None or named.parent is not None or old.parent is not None:
                 return None
-            own = reckoning.seen_from(self.own(by, named, tick), own)
-            law, carrier, push = "rest", (by.index, by.generation), None
-        said = [tuple(update[name]) if name in update else None for name in packets.TRIPLES]
-        over = reckoning.astray(old.law, tick - old.origin, body.flow.dt)
-        anchor = reckoning.Residual(*said, update.get("coarseness", 0)).onto(own, over, body.grid)
-        if law == "rest":
+            own = reckoning.relative_to(self.own(by, named, tick), own)
+            predictor, parent, acceleration = "rest", (by.index, by.generation), None
+        msg = [tuple(update[name]) if name in update else None for name in packets.TRIPLES]
+        over = reckoning.prediction_error(old.predictor, tick - old.origin, body.flow.dt)
+        anchor = reckoning.Residual(*msg, update.get("velocity_exponent", 0)).onto(own, over, body.grid)
+        if predictor == "rest":
             anchor = replace(anchor, linear=(0, 0, 0), angular=(0, 0, 0))
-        return Track(tick, law, anchor, carrier, push)
+        return Track(tick, predictor, anchor, parent, acceleration)
 
-    def settled(self, own, update, tick):
+    def apply_rest_update(self, own, update, tick):
         """RECKONING 4.7"""
         steps = update["steps"]
-        numbers = reckoning.settled(own, update["negated"], steps[:3], steps[3:6], steps[6])
+        numbers = reckoning.rest_state(own, update["negated"], steps[:3], steps[3:6], steps[6])
         return numbers and Track(tick, "rest", [struct.pack(">f", number).hex() for number in numbers])
 
     # 6.10 The full stream
 
-    def hear_full(self, said, tick):
-        for record in said["records"]:
+    def receive_full(self, msg, tick):
+        for record in msg["records"]:
             body = self.bodies.get(record["index"])
             if body is None:
                 continue
@@ -616,138 +616,138 @@ class Scene:
                 continue
             body.before, body.track = body.track, Track(tick, "uniform", record["motion"])
 
-    # 6.7 Repair
+    # 6.7 Refresh
 
-    def hear_repair(self, said, tick):
-        lost = expanded(said["lost"], self.next)
+    def receive_refresh(self, msg, tick):
+        lost = expanded(msg["lost"], self.next)
         self.newest = max(self.newest, tick)
         if lost >= self.next:
-            self.hear_amends(said, tick)
+            self.receive_checksum_refresh(msg, tick)
             return
-        if lost not in self.missing or self.may_amend(said):
+        if lost not in self.missing or self.is_checksum_refresh(msg):
             return
-        self.repaired = max(self.repaired, tick)
-        for record in said["records"]:
-            self.hear_record(record, tick)
-        name = (tick, said["notices"], said["parts"])
-        heard = self.parts.get(lost, (name, set()))
-        parts = heard[1] if heard[0] == name else set()
-        parts.add(said["part"])
+        self.refreshed_at = max(self.refreshed_at, tick)
+        for record in msg["records"]:
+            self.receive_record(record, tick)
+        name = (tick, msg["events"], msg["parts"])
+        received = self.parts.get(lost, (name, set()))
+        parts = received[1] if received[0] == name else set()
+        parts.add(msg["part"])
         self.parts[lost] = (name, parts)
-        if len(parts) == said["parts"]:
+        if len(parts) == msg["parts"]:
             del self.missing[lost], self.parts[lost]
-            self.made_good(lost, tick)
+            self.refreshed(lost, tick)
             self.read_again_after(lost)
 
-    def hear_record(self, record, tick):
+    def receive_record(self, record, tick):
         index, body = record["index"], self.bodies.get(record["index"])
-        if record["seat"] is not None:
-            self.sit(record["seat"], index, tick)
-        elif index in self.seat_of and self.seats[self.seat_of[index]][1] <= tick:
-            self.note_sitter(self.seat_of[index])
-            self.note(self.seat_of[index], None, tick)
+        if record["alias"] is not None:
+            self.assign_alias(record["alias"], index, tick)
+        elif index in self.alias_of and self.aliases[self.alias_of[index]][1] <= tick:
+            self.note_assigned(self.alias_of[index])
+            self.note(self.alias_of[index], None, tick)
             self.leave(index)
-        track = track_of_whole(tick - record["age"], record["whole"])
+        track = track_of_keyframe(tick - record["age"], record["keyframe"])
         if body is not None and track.origin > body.track.origin:
             body.track, body.before = track, None
             self.known_from = max(self.known_from, track.origin)
 
-    # 6.12 Agreement
+    # 6.12 StateChecksum
 
-    def may_amend(self, said):
-        """6.12-8: whether it may be what answers a doubt, and came too late."""
-        index, stride = self.doubted or (None, 0)
-        alone = all(record["index"] == index and record["seat"] is None for record in said["records"])
-        return stride == 1 and said["parts"] == 1 and alone
+    def is_checksum_refresh(self, msg):
+        """6.12-8: whether it may be what answers a checksum_mismatch, and came too late."""
+        index, stride = self.mismatched_range or (None, 0)
+        alone = all(record["index"] == index and record["alias"] is None for record in msg["records"])
+        return stride == 1 and msg["parts"] == 1 and alone
 
-    def hear_amends(self, said, tick):
-        """6.12-8: the track of a body that is doubted, in place of its own; of a packet that was not sent."""
-        for record in said["records"]:
+    def receive_checksum_refresh(self, msg, tick):
+        """6.12-8: the track of a body that is mismatched_range, in place of its own; of a packet that was not sent."""
+        for record in msg["records"]:
             index, body = record["index"], self.bodies.get(record["index"])
-            if body is None or self.doubted != (index, 1):
+            if body is None or self.mismatched_range != (index, 1):
                 continue
             self.dismiss(index)
-            body.track, body.before, body.older = track_of_whole(tick - record["age"], record["whole"]), None, []
+            body.track, body.before, body.older = track_of_keyframe(tick - record["age"], record["keyframe"]), None, []
             self.known_from = max(self.known_from, body.track.origin)
-            self.doubted = None
-            self.amended.append((index, body.generation))
+            self.mismatched_range = None
+            self.last_checksum_refresh.append((index, body.generation))
 
-    def doubt(self):
-        """5.15: what to say while something is doubted."""
-        first, stride = self.doubted
+    def checksum_mismatch(self):
+        """5.15: what to send_message while something is mismatched_range."""
+        first, stride = self.mismatched_range
         return {"stream": self.stream, "kind": 8, "first": first, "stride": stride}
 
     def sum(self, first=0, end=1 << 20):
-        return sum(digest(body) for body in self.bodies.values() if first <= body.index < end) & MASK
+        return sum(checksums(body) for body in self.bodies.values() if first <= body.index < end) & MASK
 
-    def compare(self, said):
-        alike = expanded(said["next"], self.next) == self.next
-        if not (self.is_settled() and alike and expanded(said["notices"], self.notices) == self.notices):
+    def compare(self, msg):
+        alike = expanded(msg["next"], self.next) == self.next
+        if not (self.is_converged() and alike and expanded(msg["events"], self.scene_events) == self.scene_events):
             return
-        for place, expected in enumerate(said["sums"]):
-            first = said["first"] + place * said["stride"]
+        for place, expected in enumerate(msg["checksums"]):
+            first = msg["first"] + place * msg["stride"]
             if first >= 1 << 20:
                 break
-            if self.sum(first, first + said["stride"]) != int(expected, 16):
-                self.disagreements += 1
-                self.doubted = (first, said["stride"])
+            if self.sum(first, first + msg["stride"]) != int(expected, 16):
+                self.checksum_mismatches += 1
+                self.mismatched_range = (first, msg["stride"])
                 return
-        end = said["first"] + len(said["sums"]) * said["stride"]
-        if self.doubted and said["first"] <= self.doubted[0] and sum(self.doubted) <= end:
-            self.doubted = None
+        end = msg["first"] + len(msg["checksums"]) * msg["stride"]
+        if self.mismatched_range and msg["first"] <= self.mismatched_range[0] and sum(self.mismatched_range) <= end:
+            self.mismatched_range = None
 
     # What is known
 
-    def is_settled(self):
-        return self.whole and not (self.missing or self.unread or self.held or self.lost_touch)
+    def is_converged(self):
+        return self.has_snapshot and not (self.missing or self.unread or self.pending or self.lost_sync)
 
     def complete(self):
-        if self.is_settled() and self.known_from <= self.vouched:
-            return self.vouched
-        return self.settled_at
+        if self.is_converged() and self.known_from <= self.watermark:
+            return self.watermark
+        return self.converged_at
 
-    def excess(self, tick):
+    def error_scale(self, tick):
         """6.16: by what factor bodies may be off at a tick, in eighths; None where that is not known."""
         return self.statements.at(tick) if self.capped else 8
 
-    def echo(self):
+    def loss_report(self):
         """5.13"""
         lost = [number & 0xFFFF for number in sorted(self.missing)[: LIMITS["LOST_NAMED_MAX"]]]
         head = {"stream": self.stream, "kind": 6, "next": self.next & 0xFFFF}
-        # No parities are asked for: repairs do (6.15).
-        return head | {"gone": self.gone & 0xFFFF, "parities": 0, "lost": lost}
+        # No repair_symbols are asked for: refreshes do (6.15).
+        return head | {"abandoned": self.gone & 0xFFFF, "repair_symbols": 0, "lost": lost}
 
 
-# 6.16 Statements
+# 6.16 ErrorScaleLog
 
 UNBOUNDED = float("inf")
 
 
-def stated(said):
-    """The excess that a packet or a vouch states, in eighths."""
-    eighths = said.get("excess_eighths", 8)
+def stated(msg):
+    """The error_scale that a packet or a watermark states, in eighths."""
+    eighths = msg.get("error_scale_eighths", 8)
     return UNBOUNDED if eighths is None else eighths
 
 
-class Statements:
-    """What a stream with a budget said of how far off its bodies are; factors in eighths."""
+class ErrorScaleLog:
+    """What a stream with a budget msg of how far off its bodies are; factors in eighths."""
 
     def __init__(self, number, snapshot):
-        self.said, self.next, self.since = [], number, snapshot
+        self.msg, self.next, self.since = [], number, snapshot
 
-    def packet(self, number, tick, excess):
-        """`excess`: what it states, if it ends its tick."""
+    def packet(self, number, tick, error_scale):
+        """`error_scale`: what it states, if it ends its tick."""
         since = self.since if number == self.next else tick
-        if excess is not None:
-            self.said.append((since, tick, excess))
+        if error_scale is not None:
+            self.msg.append((since, tick, error_scale))
         if number >= self.next:
-            self.next, self.since = number + 1, tick + 1 if excess is not None else since
+            self.next, self.since = number + 1, tick + 1 if error_scale is not None else since
 
-    def vouch(self, number, tick, excess):
-        self.said.append((self.since if number == self.next else tick, tick, excess))
+    def watermark(self, number, tick, error_scale):
+        self.msg.append((self.since if number == self.next else tick, tick, error_scale))
 
     def at(self, tick):
-        least = min((excess for first, last, excess in self.said if first <= tick <= last), default=UNBOUNDED)
+        least = min((error_scale for first, last, error_scale in self.msg if first <= tick <= last), default=UNBOUNDED)
         return None if least == UNBOUNDED else least
 
 

@@ -9,11 +9,11 @@ use rhumb_tests::fuzzing::{TARGETS, Target};
 #[derive(Parser)]
 struct Options {
     #[command(subcommand)]
-    wish: Wish,
+    action: Action,
 }
 
 #[derive(Subcommand)]
-enum Wish {
+enum Action {
     /// Writes what is kept, and what the golden vectors give, into a folder.
     Unpack { target: String, folder: PathBuf },
     /// Keeps the shortest inputs of a folder, up to so many bytes, and what is known of findings.
@@ -29,9 +29,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let found = TARGETS.iter().find(|target| target.name == name);
         found.ok_or_else(|| format!("there is no target {name}"))
     };
-    let count = match Options::parse().wish {
-        Wish::Unpack { target, folder } => unpack(find(&target)?, &folder)?,
-        Wish::Pack {
+    let count = match Options::parse().action {
+        Action::Unpack { target, folder } => unpack(find(&target)?, &folder)?,
+        Action::Pack {
             target,
             folder,
             bytes,

@@ -6,9 +6,9 @@ use core::num::NonZeroU32;
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Cadence, Command, Material, Pace, SceneTerms, Shape, ShapeId,
+    BodyDesc, BodyKind, Command, Material, PublishSchedule, SceneConfig, Shape, ShapeId, Stepping,
 };
-use rhumb_reckoning::{BodyId, Class, Damping, Integrator, Rate, Tick, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Rate, Tick, ToleranceScale};
 use rhumb_sims::Script;
 
 /// A floor, avatars that nothing moves yet, a box on a small platform, and a body that always turns.
@@ -61,13 +61,13 @@ impl Avatars {
 
     /// Where the platform is before anybody moves it.
     #[must_use]
-    pub fn berth() -> Verbatim {
+    pub fn berth() -> BodyState {
         still(Vec3::new(0.0, 0.5, 20.0))
     }
 
     /// Where an avatar is at a tick, and how it walks: along a circle, with a rest now and then.
     #[must_use]
-    pub fn walk(place: u32, tick: Tick) -> Verbatim {
+    pub fn walk(place: u32, tick: Tick) -> BodyState {
         let shifted = tick.value() + 37 * u64::from(place);
         let round = shifted / (TICKS_WALKING + TICKS_STANDING);
         let within = shifted % (TICKS_WALKING + TICKS_STANDING);
@@ -84,13 +84,13 @@ impl Avatars {
         let linear = [(-speed * sin) as f32, 0.0, (speed * cos) as f32];
         let turn = Quat::from_rotation_y(-angle as f32);
         let angular = [0.0, (-speed / WAY_RADIUS) as f32, 0.0];
-        Verbatim::new(position, turn.to_array(), linear, angular).expect("a walk is finite")
+        BodyState::new(position, turn.to_array(), linear, angular).expect("a walk is finite")
     }
 }
 
-fn still(position: Vec3) -> Verbatim {
+fn still(position: Vec3) -> BodyState {
     let upright = [0.0, 0.0, 0.0, 1.0];
-    Verbatim::new(position.to_array(), upright, [0.0; 3], [0.0; 3]).expect("places are finite")
+    BodyState::new(position.to_array(), upright, [0.0; 3], [0.0; 3]).expect("places are finite")
 }
 
 impl Script for Avatars {
@@ -98,14 +98,14 @@ impl Script for Avatars {
         "avatars"
     }
 
-    fn terms(&self) -> SceneTerms {
-        SceneTerms {
+    fn config(&self) -> SceneConfig {
+        SceneConfig {
             integrator: Integrator {
                 rate: Rate::HZ_60,
                 substeps: NonZeroU32::new(4).expect("four is not zero"),
             },
             gravity: Vec3::new(0.0, -9.8, 0.0),
-            pace: Pace::Lockstep,
+            stepping: Stepping::Lockstep,
             material: Material {
                 friction: 0.8,
                 restitution: 0.0,
@@ -116,7 +116,7 @@ impl Script for Avatars {
                 angular: 0.05,
             },
             sleep: None,
-            cadence: Cadence::EACH_TICK,
+            publish_schedule: PublishSchedule::EACH_TICK,
         }
     }
 
@@ -141,15 +141,15 @@ impl Script for Avatars {
             out.push(Command::AddShape { id, shape });
         }
         let mut add = |index, kind, shape, motion| {
-            let class = match kind {
-                BodyKind::Kinematic => Class::AVATAR,
-                BodyKind::Static | BodyKind::Dynamic => Class::USUAL,
+            let tolerance_scale = match kind {
+                BodyKind::Kinematic => ToleranceScale::AVATAR,
+                BodyKind::Static | BodyKind::Dynamic => ToleranceScale::USUAL,
             };
-            let terms = BodyTerms {
-                class,
-                ..BodyTerms::plain(BodyId::new(index, 0), kind, ShapeId(shape))
+            let config = BodyDesc {
+                tolerance_scale,
+                ..BodyDesc::plain(BodyId::new(index, 0), kind, ShapeId(shape))
             };
-            out.push(Command::AddBody { terms, motion });
+            out.push(Command::AddBody { config, motion });
         };
         add(FLOOR, BodyKind::Static, 0, still(Vec3::new(0.0, -0.5, 0.0)));
         add(

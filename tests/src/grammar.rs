@@ -152,13 +152,13 @@ impl Reading<'_> {
         let codes = definition["codes"].as_array().expect("codes are listed");
         let excepted = field["except"].as_array();
         if excepted.is_some_and(|excepted| excepted.iter().any(|other| *other == code)) {
-            return self.fail("a code that is not said here");
+            return self.fail("a code that is not sent here");
         }
         if let Some(row) = codes.iter().find(|row| row["code"] == code) {
-            let mut said = Map::new();
-            said.insert("is".to_owned(), row["name"].clone());
-            said.extend(self.fields(&row["fields"])?);
-            return Ok(Value::Object(said));
+            let mut sent = Map::new();
+            sent.insert("is".to_owned(), row["name"].clone());
+            sent.extend(self.fields(&row["fields"])?);
+            return Ok(Value::Object(sent));
         }
         let optional = definition["optional"].as_u64();
         if optional.is_some_and(|optional| code >= optional) {
@@ -169,32 +169,32 @@ impl Reading<'_> {
     }
 
     fn fields(&mut self, fields: &Value) -> Result<Map<String, Value>, Unreadable> {
-        let mut said = Map::new();
+        let mut sent = Map::new();
         for field in fields.as_array().expect("fields are listed") {
             let name = field["name"].as_str().expect("a field has a name");
-            if !is_there(field, &said) {
+            if !is_there(field, &sent) {
                 continue;
             }
             self.path.push(name.to_owned());
             let value = match field["type"].as_str() {
                 Some(kind) => self.named(kind, field)?,
-                None if field.get("each").is_some() => self.each(field, &said)?,
+                None if field.get("each").is_some() => self.each(field, &sent)?,
                 None => self.times(field)?,
             };
             if let Some(whole) = field["whole"].as_array() {
                 let most = self.grammar.bound(&whole[1]);
                 let product = value
                     .as_u64()
-                    .zip(said[whole[0].as_str().unwrap_or_default()].as_u64());
+                    .zip(sent[whole[0].as_str().unwrap_or_default()].as_u64());
                 let product = product.and_then(|(one, other)| one.checked_mul(other));
                 if product.is_none() || product > most {
                     return self.fail("a product out of range");
                 }
             }
             self.path.pop();
-            said.insert(name.to_owned(), value);
+            sent.insert(name.to_owned(), value);
         }
-        Ok(said)
+        Ok(sent)
     }
 
     fn times(&mut self, field: &Value) -> Result<Value, Unreadable> {
@@ -208,12 +208,12 @@ impl Reading<'_> {
         self.repeated(kind, count.as_u64().unwrap_or_default())
     }
 
-    /// As many of a type as fields that were said before make when multiplied.
-    fn each(&mut self, field: &Value, said: &Map<String, Value>) -> Result<Value, Unreadable> {
+    /// As many of a type as fields that were sent before make when multiplied.
+    fn each(&mut self, field: &Value, sent: &Map<String, Value>) -> Result<Value, Unreadable> {
         let each = field["each"].as_array().expect("a type and names");
         let mut names = each.iter().map(|name| name.as_str().unwrap_or_default());
         let kind = names.next().expect("what is repeated has a type");
-        let count = names.map(|name| said[name].as_u64().unwrap_or_default());
+        let count = names.map(|name| sent[name].as_u64().unwrap_or_default());
         self.repeated(kind, count.product())
     }
 
@@ -367,13 +367,13 @@ impl Reading<'_> {
     }
 }
 
-/// Whether a field is there, by what was said before it.
-fn is_there(field: &Value, said: &Map<String, Value>) -> bool {
+/// Whether a field is there, by what was sent before it.
+fn is_there(field: &Value, sent: &Map<String, Value>) -> bool {
     let Some(when) = field["when"].as_array() else {
         return true;
     };
     let mut names = when[0].as_str().unwrap_or_default().split('.');
-    let first = names.next().and_then(|name| said.get(name));
+    let first = names.next().and_then(|name| sent.get(name));
     let flags = names.fold(first, |value, name| value?.get(name));
     let flags = flags.and_then(Value::as_u64).unwrap_or_default();
     Some(flags & when[1].as_u64().unwrap_or_default()) == when[2].as_u64()

@@ -1,7 +1,7 @@
 //! OpenSimulator's plug-in as it was recorded, and what a host answers it.
 //!
 //! The recordings in `data/app/` are every byte that the unmodified plug-in wrote on TCP in a session; its one datagram is
-//! a copy of its first message. `PluginTalk` plays them to a host without sockets and keeps what comes back, message by
+//! a copy of its first message. `PluginSession` plays them to a host without sockets and keeps what comes back, message by
 //! message, after checking that none of it would hurt the plug-in.
 
 use std::collections::BTreeMap;
@@ -12,7 +12,7 @@ use rhumb_app::{
     AttachShape, CreateDynamicActor, Frames, Id, Kind, Logon, Message, Motion, SetWorld, Surface,
 };
 use rhumb_protocol::{Instant, Peer};
-use rhumb_server::Host;
+use rhumb_server::ServerLoop;
 use rhumb_transport::{AppEndpoint, AppTransmit};
 
 /// What the plug-in said in one session.
@@ -80,7 +80,7 @@ impl Recording {
 
 /// A session with a host.
 #[derive(Debug)]
-pub struct PluginTalk {
+pub struct PluginSession {
     peer: Peer,
     from: SocketAddr,
     /// What came on TCP.
@@ -103,9 +103,9 @@ pub struct PluginTalk {
 /// What the published plug-in takes in one read, and what fits a segment.
 const PIECE_BYTES_MAX: usize = 1_400;
 
-impl PluginTalk {
+impl PluginSession {
     /// Connects, and logs on by datagram as the plug-in does.
-    pub fn begin(host: &mut Host, number: u16, logon: &[u8]) -> Self {
+    pub fn begin(host: &mut ServerLoop, number: u16, logon: &[u8]) -> Self {
         let from = SocketAddr::from(([127, 0, 0, 1], 40_000 + number));
         let udp = SocketAddr::from(([127, 0, 0, 1], 50_000 + number));
         let peer = Peer(1 << 63 | u64::from(number));
@@ -126,7 +126,7 @@ impl PluginTalk {
     }
 
     /// Says bytes, and hears what the host answers to anybody.
-    pub fn say(&mut self, host: &mut Host, bytes: &[u8]) {
+    pub fn say(&mut self, host: &mut ServerLoop, bytes: &[u8]) {
         host.handle_app_waiting(Instant::ZERO, self.peer, self.waiting_bytes);
         host.handle_app_bytes(Instant::ZERO, self.peer, bytes);
         let mut others = [];
@@ -134,7 +134,7 @@ impl PluginTalk {
     }
 
     /// The connection is gone.
-    pub fn end(&self, host: &mut Host) {
+    pub fn end(&self, host: &mut ServerLoop) {
         host.handle_app_ended(Instant::ZERO, self.peer);
     }
 
@@ -155,9 +155,9 @@ impl PluginTalk {
         its.copied().collect()
     }
 
-    /// How often it heard something.
+    /// How often it received something.
     #[must_use]
-    pub fn heard(&self, kind: Kind) -> usize {
+    pub fn received(&self, kind: Kind) -> usize {
         let all = self.lasting.iter().chain(&self.passing);
         all.filter(|message| message.kind() == kind).count()
     }
@@ -202,9 +202,9 @@ impl PluginTalk {
 /// # Panics
 ///
 /// When it concerns nobody here.
-pub fn hear(host: &mut Host, first: &mut PluginTalk, others: &mut [&mut PluginTalk]) {
+pub fn hear(host: &mut ServerLoop, first: &mut PluginSession, others: &mut [&mut PluginSession]) {
     while let Some(transmit) = host.poll_app() {
-        let concerns = |talk: &PluginTalk| match &transmit {
+        let concerns = |talk: &PluginSession| match &transmit {
             AppTransmit::Bytes { to, .. } | AppTransmit::Close { to } => *to == talk.peer,
             AppTransmit::Datagram { to, .. } => *to == talk.from,
         };

@@ -98,7 +98,7 @@ impl Programme {
         while lines.len() < expected {
             let mut line = String::new();
             let read = out.read_line(&mut line).expect("the server says text");
-            assert!(read > 0, "the server ended after it said {lines:?}");
+            assert!(read > 0, "the server ended after it sent {lines:?}");
             lines.push(line.trim_end().to_owned());
         }
         let after = |start: &str| {

@@ -97,13 +97,13 @@ pub fn requirements(document: Document, text: &str) -> Vec<Requirement> {
         let names = names(&text);
         for (place, (start, end)) in names.iter().enumerate() {
             let until = names.get(place + 1).map_or(text.len(), |(next, _)| *next);
-            let said = text[*end..until].trim().trim_matches('|').trim();
+            let sent = text[*end..until].trim().trim_matches('|').trim();
             found.push(Requirement {
                 document,
                 id: text[start + 1..end - 1].to_owned(),
                 clause: clause.clone(),
-                level: level(said),
-                text: said.to_owned(),
+                level: level(sent),
+                text: sent.to_owned(),
             });
         }
     }
@@ -202,7 +202,7 @@ mod tests {
     use super::*;
 
     const TEXT: &str = "# A\n\nBefore.\n\n### 2.1 Words\n\nNothing yet. [2.1-1] It is so\nand so. [2.1-2] One MAY\n\
-        ask; [2.1-4] one SHOULD.\n\n*Note.* MUST is [not] said.\n\n    code [2.1-9]\n\n\
+        ask; [2.1-4] one SHOULD.\n\n*Note.* MUST is [not] sent.\n\n    code [2.1-9]\n\n\
         | a | [2.1-3] b MUST NOT |\n| c | d [3] |\n1. [2.1-5] an item\n2. another\n";
 
     #[test]

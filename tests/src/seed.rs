@@ -5,8 +5,8 @@
 /// The seed of a run: that of the environment, or else this one. It is printed, and shown when the test fails.
 #[must_use]
 pub fn seed(otherwise: u64) -> u64 {
-    let wished = std::env::var("SEED").ok();
-    let seed = wished
+    let requested_authority = std::env::var("SEED").ok();
+    let seed = requested_authority
         .and_then(|text| text.parse().ok())
         .unwrap_or(otherwise);
     eprintln!("seed {seed}: SEED={seed} replays this run");

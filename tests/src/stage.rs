@@ -1,19 +1,19 @@
-//! A real host and real sessions over pretended links, in virtual time.
+//! A real host and real sessions over simulated links, in virtual time.
 //!
 //! The first member commands by a script; all that members claim is noted every few milliseconds. Nothing is judged
 //! here. The same seed gives the same run, to the bit.
 
 use rhumb_protocol::message::StreamChoice;
-use rhumb_protocol::scene::{Command, Pace, SceneTerms};
+use rhumb_protocol::scene::{Command, SceneConfig, Stepping};
 use rhumb_protocol::session::{ClientSession, Replica};
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::Tick;
-use rhumb_server::Host;
+use rhumb_server::ServerLoop;
 use rhumb_sims::Script;
-use rhumb_transport::{Arena, LinkTerms};
+use rhumb_transport::{LinkConfig, SimNetwork};
 
-use crate::truth::{Record, Truth};
-use crate::witness::Witness;
+use crate::truth::{MemberRecord, SceneTruth};
+use crate::witness::ObservationHistory;
 
 /// The member that creates the scene and commands in it.
 pub const COMMANDER: usize = 0;
@@ -28,10 +28,10 @@ const ANSWER_PATIENCE: Span = Span::from_millis(600_000);
 /// A scene with its members.
 pub struct Stage {
     /// The network; for what the methods here do not do.
-    pub arena: Arena<Host, ClientSession>,
+    pub network: SimNetwork<ServerLoop, ClientSession>,
     /// One account a member.
-    pub witnesses: Vec<Witness>,
-    terms: SceneTerms,
+    pub witnesses: Vec<ObservationHistory>,
+    config: SceneConfig,
     script: Box<dyn Script>,
     scripted: Tick,
     commands: Vec<Command>,
@@ -42,40 +42,40 @@ impl Stage {
     #[must_use]
     pub fn new(
         script: Box<dyn Script>,
-        pace: Pace,
+        stepping: Stepping,
         choice: StreamChoice,
-        links: LinkTerms,
+        links: LinkConfig,
         seed: u64,
     ) -> Self {
-        let terms = SceneTerms {
-            pace,
-            ..script.terms()
+        let config = SceneConfig {
+            stepping,
+            ..script.config()
         };
-        Self::of(script, terms, choice, links, seed)
+        Self::of(script, config, choice, links, seed)
     }
 
-    /// A scene of this script with other terms than its own, created and joined by the commander.
+    /// A scene of this script with other config than its own, created and joined by the commander.
     #[must_use]
     pub fn of(
         script: Box<dyn Script>,
-        terms: SceneTerms,
+        config: SceneConfig,
         choice: StreamChoice,
-        links: LinkTerms,
+        links: LinkConfig,
         seed: u64,
     ) -> Self {
         let mut stage = Self {
-            arena: Arena::new(Host::new(|| Instant::ZERO), links, seed),
+            network: SimNetwork::new(ServerLoop::new(|| Instant::ZERO), links, seed),
             witnesses: Vec::new(),
-            terms,
+            config,
             script,
             scripted: Tick::ZERO,
             commands: Vec::new(),
         };
         let commander = stage.connect();
         stage
-            .arena
+            .network
             .client_mut(commander)
-            .create(terms)
+            .create(config)
             .expect("a client in the lobby may create");
         stage.run_until("the scene", |stage| stage.witnesses[COMMANDER].created > 0);
         stage.join(commander, choice);
@@ -84,22 +84,22 @@ impl Stage {
 
     /// What the scene was created with.
     #[must_use]
-    pub const fn terms(&self) -> SceneTerms {
-        self.terms
+    pub const fn config(&self) -> SceneConfig {
+        self.config
     }
 
     /// Connects a client and waits for its welcome.
     pub fn connect(&mut self) -> usize {
         let name = "stage".parse().expect("a short word is a scene's name");
-        let index = self.arena.connect(ClientSession::new(name));
-        self.witnesses.push(Witness::default());
+        let index = self.network.connect(ClientSession::new(name));
+        self.witnesses.push(ObservationHistory::default());
         self.run_until("a welcome", |stage| stage.witnesses[index].welcomes > 0);
         index
     }
 
     /// Makes a connected client a member.
     pub fn join(&mut self, index: usize, choice: StreamChoice) {
-        self.arena
+        self.network
             .client_mut(index)
             .join(choice)
             .expect("a client in the lobby may join");
@@ -122,7 +122,7 @@ impl Stage {
     /// If it is no member.
     #[must_use]
     pub fn copy(&self, index: usize) -> &Replica {
-        self.arena
+        self.network
             .client(index)
             .replica()
             .expect("a member has a copy")
@@ -136,7 +136,7 @@ impl Stage {
         commands.extend_from_slice(more);
         for command in &commands {
             let number = self
-                .arena
+                .network
                 .client_mut(COMMANDER)
                 .command(command.clone())
                 .expect("scripts command what may be");
@@ -154,8 +154,8 @@ impl Stage {
     /// A member lets the scene step once, and waits until the tick is complete.
     pub fn advance(&mut self, index: usize) -> Tick {
         let wanted = self.copy(index).stream().complete().next();
-        let now = self.arena.now();
-        self.arena
+        let now = self.network.now();
+        self.network
             .client_mut(index)
             .advance(now, wanted)
             .expect("a member may advance");
@@ -167,30 +167,30 @@ impl Stage {
 
     /// Lets time pass, in small pieces, with everybody looking.
     pub fn run(&mut self, span: Span) {
-        let end = self.arena.now() + span;
-        while self.arena.now() < end {
-            let next = (self.arena.now() + LOOK_EVERY).min(end);
-            self.arena.run_until(next);
+        let end = self.network.now() + span;
+        while self.network.now() < end {
+            let next = (self.network.now() + LOOK_EVERY).min(end);
+            self.network.run_until(next);
             self.look();
         }
     }
 
     /// The script at 60 commands' bursts a second, for so long.
-    pub fn drive(&mut self, span: Span) {
-        let end = self.arena.now() + span;
-        while self.arena.now() < end {
+    pub fn take_authority(&mut self, span: Span) {
+        let end = self.network.now() + span;
+        while self.network.now() < end {
             self.command(&[]);
             self.run(TICK);
         }
     }
 
     fn run_until(&mut self, what: &str, done: impl Fn(&Self) -> bool) {
-        let deadline = self.arena.now() + ANSWER_PATIENCE;
-        self.arena.run_until(self.arena.now());
+        let deadline = self.network.now() + ANSWER_PATIENCE;
+        self.network.run_until(self.network.now());
         self.look();
         while !done(self) {
             assert!(
-                self.arena.now() < deadline,
+                self.network.now() < deadline,
                 "no {what} within {ANSWER_PATIENCE}"
             );
             self.run(LOOK_EVERY);
@@ -199,8 +199,8 @@ impl Stage {
 
     /// Lets time pass until something holds, or for so long.
     pub fn run_until_or(&mut self, most: Span, done: impl Fn(&Self) -> bool) {
-        let end = self.arena.now() + most;
-        while self.arena.now() < end && !done(self) {
+        let end = self.network.now() + most;
+        while self.network.now() < end && !done(self) {
             self.run(LOOK_EVERY);
         }
     }
@@ -217,8 +217,8 @@ impl Stage {
 
     fn look(&mut self) {
         for (index, witness) in self.witnesses.iter_mut().enumerate() {
-            witness.listen(self.arena.client_mut(index));
-            witness.look(self.arena.client(index));
+            witness.listen(self.network.client_mut(index));
+            witness.look(self.network.client(index));
         }
     }
 
@@ -227,8 +227,8 @@ impl Stage {
     /// # Panics
     ///
     /// When the server's digest is another: then some command was not applied once, in order, at the tick it named.
-    pub fn truth(&mut self) -> Truth {
-        self.arena
+    pub fn truth(&mut self) -> SceneTruth {
+        self.network
             .client_mut(COMMANDER)
             .inspect()
             .expect("the commander is a member");
@@ -239,29 +239,29 @@ impl Stage {
         // Free running, somebody may be ahead of the answer by now.
         let inspected = self.witnesses[COMMANDER].inspections[before];
         let newest =
-            (0..self.arena.clients()).filter_map(|index| self.arena.client(index).replica());
+            (0..self.network.clients()).filter_map(|index| self.network.client(index).replica());
         let newest = newest
-            .map(|copy| copy.stream().vouched())
+            .map(|copy| copy.stream().watermark_tick())
             .max()
             .unwrap_or_default();
         for (index, witness) in self.witnesses.iter().enumerate() {
-            let copy = self.arena.client(index).replica();
+            let copy = self.network.client(index).replica();
             let mismatches = copy.map_or(0, |copy| copy.stream().statistics().mismatches);
             assert_eq!(
-                (mismatches, &witness.amended[..]),
+                (mismatches, &witness.resynced[..]),
                 (0, &[][..]),
                 "member {index}"
             );
         }
-        assert_eq!(inspected.amended, 0);
+        assert_eq!(inspected.resynced, 0);
         let witness = &self.witnesses[COMMANDER];
         assert_eq!(witness.refused, []);
         assert_eq!(self.unanswered(), 0, "not every command was answered");
-        let record = Record {
+        let record = MemberRecord {
             commands: self.commands.clone(),
             applied: witness.applied.clone(),
         };
-        let truth = Truth::replay(self.terms, &record, newest.max(inspected.tick));
+        let truth = SceneTruth::replay(self.config, &record, newest.max(inspected.tick));
         assert_eq!(
             truth.digest(inspected.tick),
             Some(inspected.truth),

@@ -7,11 +7,11 @@ use std::collections::BTreeMap;
 use bytes::Bytes;
 use rhumb_protocol::session::{ClientSession, CloseCode};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
-use rhumb_server::{Hooks, Host};
+use rhumb_server::{Hooks, ServerLoop};
 
-/// One thing that was said to or by a guest, as it crossed.
+/// One thing that was sent to or by a guest, as it crossed.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Said {
+pub enum Delivered {
     /// Bytes of the control stream.
     Control(Bytes),
     /// A datagram.
@@ -20,7 +20,7 @@ pub enum Said {
 
 /// What becomes of a datagram from the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fate {
+pub enum DeliveryAction {
     /// It arrives.
     Arrives,
     /// It does not.
@@ -32,31 +32,31 @@ pub enum Fate {
 }
 
 /// Says what becomes of each datagram.
-pub struct Sieve(Box<dyn FnMut(&Bytes) -> Fate>);
+pub struct LossFilter(Box<dyn FnMut(&Bytes) -> DeliveryAction>);
 
-impl Sieve {
+impl LossFilter {
     /// What this says.
-    pub fn new(fate: impl FnMut(&Bytes) -> Fate + 'static) -> Self {
+    pub fn new(fate: impl FnMut(&Bytes) -> DeliveryAction + 'static) -> Self {
         Self(Box::new(fate))
     }
 }
 
 /// A host with guests.
 pub struct Table {
-    host: Host,
+    host: ServerLoop,
     now: Instant,
     /// Real sessions by their peer.
     polite: BTreeMap<Peer, ClientSession>,
-    /// What the host said to each peer and has not been taken yet.
-    heard: BTreeMap<Peer, Vec<Said>>,
-    /// What each polite guest said.
-    spoken: BTreeMap<Peer, Vec<Said>>,
+    /// What the host sent to each peer and has not been taken yet.
+    heard: BTreeMap<Peer, Vec<Delivered>>,
+    /// What each polite guest sent.
+    spoken: BTreeMap<Peer, Vec<Delivered>>,
     closed: BTreeMap<Peer, CloseCode>,
     /// What lies between the host and each peer that is not reached by all it says.
-    sieves: BTreeMap<Peer, Sieve>,
+    sieves: BTreeMap<Peer, LossFilter>,
     late: BTreeMap<Peer, Bytes>,
     /// What lies between peers and the host; what is not to arrive is lost.
-    outer_sieves: BTreeMap<Peer, Sieve>,
+    outer_sieves: BTreeMap<Peer, LossFilter>,
     next: u64,
 }
 
@@ -66,7 +66,7 @@ const HOST: Peer = Peer(0);
 impl Default for Table {
     fn default() -> Self {
         Self {
-            host: Host::new(|| Instant::ZERO),
+            host: ServerLoop::new(|| Instant::ZERO),
             now: Instant::ZERO,
             polite: BTreeMap::new(),
             heard: BTreeMap::new(),
@@ -89,9 +89,9 @@ impl Table {
         table
     }
 
-    /// Seats a real session.
-    pub fn seat(&mut self, scene: &str) -> Peer {
-        let peer = self.seat_rude();
+    /// ReceivedAliases a real session.
+    pub fn alias(&mut self, scene: &str) -> Peer {
+        let peer = self.connect_raw_peer();
         let name = scene.parse().expect("tests name scenes well");
         let mut session = ClientSession::new(name);
         session.handle_opened(self.now, HOST);
@@ -101,7 +101,7 @@ impl Table {
     }
 
     /// Opens a connection of which only bytes will be known.
-    pub fn seat_rude(&mut self) -> Peer {
+    pub fn connect_raw_peer(&mut self) -> Peer {
         let peer = Peer(self.next);
         self.next += 1;
         self.host.handle_opened(self.now, peer);
@@ -114,7 +114,7 @@ impl Table {
     ///
     /// If there is none of this name.
     pub fn guest(&mut self, peer: Peer) -> &mut ClientSession {
-        self.polite.get_mut(&peer).expect("a seated guest")
+        self.polite.get_mut(&peer).expect("a aliased guest")
     }
 
     /// The moment it is.
@@ -136,12 +136,12 @@ impl Table {
     }
 
     /// Lets datagrams from the host to a peer come as a sieve has it, from now on.
-    pub fn sift(&mut self, peer: Peer, sieve: Sieve) {
+    pub fn sift(&mut self, peer: Peer, sieve: LossFilter) {
         self.sieves.insert(peer, sieve);
     }
 
     /// Loses datagrams from a polite guest to the host unless a sieve has them arrive, from now on.
-    pub fn sift_spoken(&mut self, peer: Peer, sieve: Sieve) {
+    pub fn sift_spoken(&mut self, peer: Peer, sieve: LossFilter) {
         self.outer_sieves.insert(peer, sieve);
     }
 
@@ -171,13 +171,13 @@ impl Table {
         self.closed.get(&peer).copied()
     }
 
-    /// What the host said to a peer since it was last asked.
-    pub fn take_heard(&mut self, peer: Peer) -> Vec<Said> {
+    /// What the host sent to a peer since it was last asked.
+    pub fn take_heard(&mut self, peer: Peer) -> Vec<Delivered> {
         self.heard.remove(&peer).unwrap_or_default()
     }
 
-    /// What a polite guest said since it was last asked.
-    pub fn take_spoken(&mut self, peer: Peer) -> Vec<Said> {
+    /// What a polite guest sent since it was last asked.
+    pub fn take_spoken(&mut self, peer: Peer) -> Vec<Delivered> {
         self.spoken.remove(&peer).unwrap_or_default()
     }
 
@@ -221,8 +221,8 @@ impl Table {
     }
 
     fn hand_over(&mut self, transmit: Transmit) {
-        let (to, said) = match transmit {
-            Transmit::Control { to, bytes } => (to, Said::Control(bytes)),
+        let (to, sent) = match transmit {
+            Transmit::Control { to, bytes } => (to, Delivered::Control(bytes)),
             Transmit::State { to, bytes } => return self.hand_over_datagram(to, bytes),
             Transmit::Close { to, code } => {
                 self.closed.insert(to, CloseCode(code));
@@ -232,36 +232,36 @@ impl Table {
                 return self.host.handle_ended(self.now, to, Ending::Closed(code));
             }
         };
-        self.arrive(to, said);
+        self.arrive(to, sent);
     }
 
     fn hand_over_datagram(&mut self, to: Peer, bytes: Bytes) {
         let fate = self.sieves.get_mut(&to).map(|sieve| sieve.0(&bytes));
         let late = self.late.remove(&to);
-        match fate.unwrap_or(Fate::Arrives) {
-            Fate::Arrives => self.arrive(to, Said::State(bytes)),
-            Fate::Lost => {}
-            Fate::Twice => {
-                self.arrive(to, Said::State(bytes.clone()));
-                self.arrive(to, Said::State(bytes));
+        match fate.unwrap_or(DeliveryAction::Arrives) {
+            DeliveryAction::Arrives => self.arrive(to, Delivered::State(bytes)),
+            DeliveryAction::Lost => {}
+            DeliveryAction::Twice => {
+                self.arrive(to, Delivered::State(bytes.clone()));
+                self.arrive(to, Delivered::State(bytes));
             }
-            Fate::Late => {
+            DeliveryAction::Late => {
                 self.late.insert(to, bytes);
             }
         }
         if let Some(bytes) = late {
-            self.arrive(to, Said::State(bytes));
+            self.arrive(to, Delivered::State(bytes));
         }
     }
 
-    fn arrive(&mut self, to: Peer, said: Said) {
+    fn arrive(&mut self, to: Peer, sent: Delivered) {
         if let Some(session) = self.polite.get_mut(&to) {
-            match &said {
-                Said::Control(bytes) => session.handle_control(self.now, HOST, bytes),
-                Said::State(bytes) => session.handle_datagram(self.now, HOST, bytes),
+            match &sent {
+                Delivered::Control(bytes) => session.handle_control(self.now, HOST, bytes),
+                Delivered::State(bytes) => session.handle_datagram(self.now, HOST, bytes),
             }
         }
-        self.heard.entry(to).or_default().push(said);
+        self.heard.entry(to).or_default().push(sent);
     }
 
     /// Whether a guest had anything to say.
@@ -273,27 +273,27 @@ impl Table {
             .and_then(ClientSession::poll_transmit)
         {
             spoke = true;
-            let said = match transmit {
+            let sent = match transmit {
                 Transmit::Control { bytes, .. } => {
                     self.host.handle_control(self.now, peer, &bytes);
-                    Said::Control(bytes)
+                    Delivered::Control(bytes)
                 }
                 Transmit::State { bytes, .. } => {
                     let fate = self
                         .outer_sieves
                         .get_mut(&peer)
                         .map(|sieve| sieve.0(&bytes));
-                    if fate.is_none_or(|fate| fate == Fate::Arrives) {
+                    if fate.is_none_or(|fate| fate == DeliveryAction::Arrives) {
                         self.host.handle_datagram(self.now, peer, &bytes);
                     }
-                    Said::State(bytes)
+                    Delivered::State(bytes)
                 }
                 Transmit::Close { code, .. } => {
                     self.host.handle_ended(self.now, peer, Ending::Closed(code));
                     continue;
                 }
             };
-            self.spoken.entry(peer).or_default().push(said);
+            self.spoken.entry(peer).or_default().push(sent);
         }
         spoke
     }

@@ -6,13 +6,13 @@
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
-use rhumb_protocol::scene::{Command, SceneTerms};
-use rhumb_reckoning::{BodyId, Divergence, Metres, Pose, Tick, Verbatim};
+use rhumb_protocol::scene::{Command, SceneConfig};
+use rhumb_reckoning::{BodyId, BodyState, Divergence, Metres, Pose, Tick};
 use rhumb_server::Scene;
 
 /// What one member commanded, and what the server said of it.
 #[derive(Clone, Debug, Default)]
-pub struct Record {
+pub struct MemberRecord {
     /// By number.
     pub commands: Vec<Command>,
     /// Commands up to a number, and the tick before whose step they acted.
@@ -21,38 +21,38 @@ pub struct Record {
 
 /// Where every body was at every tick.
 #[derive(Debug, Default)]
-pub struct Truth {
-    bodies: BTreeMap<BodyId, Course>,
+pub struct SceneTruth {
+    bodies: BTreeMap<BodyId, PoseHistory>,
     /// Of the scene after each tick.
-    digests: Vec<u64>,
+    checksum_packets: Vec<u64>,
 }
 
 /// One body's poses from the ticks on at which they changed; `None` once it is gone.
 #[derive(Debug)]
-struct Course {
+struct PoseHistory {
     radius: Metres,
-    poses: Vec<(Tick, Option<Verbatim>)>,
+    poses: Vec<(Tick, Option<BodyState>)>,
 }
 
-impl Course {
+impl PoseHistory {
     fn pose(&self, tick: Tick) -> Option<Pose> {
         let after = self.poses.partition_point(|(since, _)| *since <= tick);
         let (_, pose) = self.poses[..after].last()?;
-        pose.map(|verbatim| verbatim.motion().pose())
+        pose.map(|body_state| body_state.motion().pose())
     }
 }
 
-impl Truth {
+impl SceneTruth {
     /// Replays a record up to a tick.
     ///
     /// # Panics
     ///
     /// When a command is refused, or the record does not tell of each command once and in order.
     #[must_use]
-    pub fn replay(terms: SceneTerms, record: &Record, until: Tick) -> Self {
-        let mut scene = Scene::new(terms).expect("the terms were those of a scene");
+    pub fn replay(config: SceneConfig, record: &MemberRecord, until: Tick) -> Self {
+        let mut scene = Scene::new(config).expect("the config were those of a scene");
         let mut truth = Self::default();
-        truth.digests.push(scene.digest().value());
+        truth.checksum_packets.push(scene.digest().value());
         let mut applied = record.applied.iter().peekable();
         let mut next = 0;
         loop {
@@ -83,12 +83,12 @@ impl Truth {
             .apply(command)
             .expect("what the server applied can be applied again");
         match *command {
-            Command::AddBody { terms, motion } => {
+            Command::AddBody { config, motion } => {
                 let radius = scene
-                    .bounding_radius(terms.id)
+                    .bounding_radius(config.id)
                     .expect("the body was just added");
                 let poses = vec![(scene.tick(), Some(motion))];
-                self.bodies.insert(terms.id, Course { radius, poses });
+                self.bodies.insert(config.id, PoseHistory { radius, poses });
             }
             Command::RemoveBody { id } => self.note(id, scene.tick().next(), None),
             _ => {}
@@ -105,10 +105,10 @@ impl Truth {
         for observation in scene.observations() {
             self.note(observation.id, stepped.tick, Some(observation.motion));
         }
-        self.digests.push(scene.digest().value());
+        self.checksum_packets.push(scene.digest().value());
     }
 
-    fn note(&mut self, id: BodyId, tick: Tick, pose: Option<Verbatim>) {
+    fn note(&mut self, id: BodyId, tick: Tick, pose: Option<BodyState>) {
         let course = self
             .bodies
             .get_mut(&id)
@@ -119,7 +119,7 @@ impl Truth {
     /// The scene's digest after a tick.
     #[must_use]
     pub fn digest(&self, tick: Tick) -> Option<u64> {
-        self.digests.get(tick.value() as usize).copied()
+        self.checksum_packets.get(tick.value() as usize).copied()
     }
 
     /// Where a body was after a tick; `None` before it came and after it went.
@@ -128,20 +128,25 @@ impl Truth {
         self.bodies.get(&id)?.pose(tick)
     }
 
-    /// How far a body, of this bounding radius, was from where it is believed to have been; `None` where it was not at
+    /// How far a body, of this bounding radius, was from where it is predicted_motion to have been; `None` where it was not at
     /// all.
     #[must_use]
-    pub fn apart(&self, id: BodyId, tick: Tick, believed: &Pose) -> Option<(Divergence, Metres)> {
+    pub fn apart(
+        &self,
+        id: BodyId,
+        tick: Tick,
+        predicted_motion: &Pose,
+    ) -> Option<(Divergence, Metres)> {
         let radius = self.bodies.get(&id)?.radius;
         let pose = self.pose(id, tick)?;
-        Some((Divergence::between(&pose, believed), radius))
+        Some((Divergence::between(&pose, predicted_motion), radius))
     }
 
     /// How many bodies there may have been after a tick and before the next: commands take some away and add some between.
     #[must_use]
     pub fn counts(&self, tick: Tick) -> RangeInclusive<usize> {
-        let is_there = |course: &&Course| course.pose(tick).is_some();
-        let stays = |course: &&Course| {
+        let is_there = |course: &&PoseHistory| course.pose(tick).is_some();
+        let stays = |course: &&PoseHistory| {
             let added_now = course
                 .poses
                 .first()

@@ -1,24 +1,24 @@
 //! Avatars that a member walks about, and where the server has them.
 //!
-//! A member drives them over a pretended link, and one that hears every state of every tick tells where the server had
+//! A member drives them over a simulated link, and one that hears every state of every tick tells where the server had
 //! them. At each tick of which the server knew all in time, they must be within the tolerance of what was said.
 
 use std::collections::VecDeque;
 
-use rhumb_protocol::message::{DriveError, StreamChoice};
-use rhumb_protocol::scene::Pace;
+use rhumb_protocol::message::{AuthorityError, StreamChoice};
+use rhumb_protocol::scene::Stepping;
 use rhumb_protocol::{Peer, Span};
 use rhumb_reckoning::{
-    BodyId, Class, Divergence, Metres, Motion, Tick, Ticks, Tolerance, Verbatim,
+    BodyId, BodyState, Divergence, Metres, Motion, Tick, Ticks, Tolerance, ToleranceScale,
 };
-use rhumb_server::DriveStatistics;
-use rhumb_transport::{Direction, Lane, LinkTerms};
+use rhumb_server::UpstreamStatistics;
+use rhumb_transport::{Direction, Lane, LinkConfig};
 
 use crate::avatar::Avatars;
 use crate::stage::{COMMANDER, Stage, TICK};
 
 const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
-/// How closely the server is to know where bodies are that are driven; avatars, by their class, half as far off.
+/// How closely the server is to know where bodies are that are driven; avatars, by their tolerance_scale, half as far off.
 const CLOSE: Tolerance = Tolerance::FINE;
 /// The bounding radius of an avatar.
 const RADIUS: Metres = Metres::new(0.8);
@@ -34,8 +34,8 @@ pub struct Walk {
     pub watcher: usize,
     lead: u64,
     /// What was said of each tick that the session took.
-    pub said: Vec<(Tick, Vec<(BodyId, Verbatim)>)>,
-    /// Where the server had the avatars, of ticks that are not vouched for yet.
+    pub said: Vec<(Tick, Vec<(BodyId, BodyState)>)>,
+    /// Where the server had the avatars, of ticks that are not watermark_tick for yet.
     seen: VecDeque<(Tick, Vec<Motion>)>,
     noted: Tick,
     /// How many body-ticks were judged.
@@ -50,9 +50,9 @@ impl Walk {
     /// # Panics
     ///
     /// When it may not drive.
-    pub fn new(pace: Pace, avatars: u32, lead: u64, seed: u64) -> Self {
+    pub fn new(stepping: Stepping, avatars: u32, lead: u64, seed: u64) -> Self {
         let script = Box::new(Avatars(avatars));
-        let mut stage = Stage::new(script, pace, NORMAL, LinkTerms::PERFECT, seed);
+        let mut stage = Stage::new(script, stepping, NORMAL, LinkConfig::PERFECT, seed);
         let watcher = stage.enter(StreamChoice::Full);
         stage.command(&[]);
         stage.run(TICK);
@@ -68,7 +68,7 @@ impl Walk {
             worst: 0.0,
         };
         let ids = walk.ids();
-        assert_eq!(walk.drive(&ids), Ok(ids));
+        assert_eq!(walk.take_authority(&ids), Ok(ids));
         walk
     }
 
@@ -81,8 +81,8 @@ impl Walk {
     /// # Errors
     ///
     /// Why it may not.
-    pub fn drive(&mut self, ids: &[BodyId]) -> Result<Vec<BodyId>, DriveError> {
-        drive(&mut self.stage, COMMANDER, ids)
+    pub fn take_authority(&mut self, ids: &[BodyId]) -> Result<Vec<BodyId>, AuthorityError> {
+        take_authority(&mut self.stage, COMMANDER, ids)
     }
 
     /// Terms of the commander's link alone.
@@ -90,10 +90,12 @@ impl Walk {
     /// # Panics
     ///
     /// When they cannot be read.
-    pub fn over(&mut self, terms: &str) {
-        let terms: LinkTerms = terms.parse().expect("the tests write links well");
+    pub fn over(&mut self, config: &str) {
+        let config: LinkConfig = config.parse().expect("the tests write links well");
         for direction in [Direction::Up, Direction::Down] {
-            self.stage.arena.set_terms_of(COMMANDER, direction, terms);
+            self.stage
+                .network
+                .set_config_of(COMMANDER, direction, config);
         }
     }
 
@@ -105,9 +107,9 @@ impl Walk {
 
     /// How the commander's drive is doing.
     #[must_use]
-    pub fn statistics(&self) -> Option<DriveStatistics> {
+    pub fn statistics(&self) -> Option<UpstreamStatistics> {
         let scene = "stage".parse().expect("a scene's name");
-        let mut drives = self.stage.arena.server().drives(&scene);
+        let mut drives = self.stage.network.server().drives(&scene);
         drives.find(|drive| drive.driver == Peer(0))
     }
 
@@ -117,10 +119,10 @@ impl Walk {
     ///
     /// When they are not driven.
     pub fn say(&mut self, tick: Tick) {
-        let motions: Vec<(BodyId, Verbatim)> = (0..self.avatars)
+        let motions: Vec<(BodyId, BodyState)> = (0..self.avatars)
             .map(|place| (Avatars::id(place), Avatars::walk(place, tick)))
             .collect();
-        let session = self.stage.arena.client_mut(COMMANDER);
+        let session = self.stage.network.client_mut(COMMANDER);
         if session
             .publish(tick, &motions)
             .expect("the commander drives")
@@ -148,7 +150,7 @@ impl Walk {
     pub fn at(&self, id: BodyId) -> Motion {
         let stream = self.stage.copy(self.watcher).stream();
         stream
-            .believed(id, stream.complete())
+            .predicted_motion(id, stream.complete())
             .expect("a body of the scene")
     }
 
@@ -163,10 +165,12 @@ impl Walk {
         let Some(drive) = self.statistics() else {
             return;
         };
-        while let Some((tick, motions)) = self.seen.pop_front_if(|(tick, _)| *tick <= drive.vouched)
+        while let Some((tick, motions)) = self
+            .seen
+            .pop_front_if(|(tick, _)| *tick <= drive.watermark_tick)
         {
             let said = self.said.iter().rev().find(|(of, _)| *of == tick);
-            if let Some((_, said)) = said.filter(|_| drive.knew(tick)) {
+            if let Some((_, said)) = said.filter(|_| drive.was_complete_at(tick)) {
                 for ((id, said), had) in said.clone().iter().zip(&motions) {
                     self.hold(*id, tick, said, had);
                 }
@@ -179,9 +183,9 @@ impl Walk {
     /// # Panics
     ///
     /// When they are farther apart than the tolerance.
-    pub fn hold(&mut self, id: BodyId, tick: Tick, said: &Verbatim, had: &Motion) {
+    pub fn hold(&mut self, id: BodyId, tick: Tick, said: &BodyState, had: &Motion) {
         let apart = Divergence::between(&said.motion().pose(), &had.pose());
-        let share = CLOSE.of_class(Class::AVATAR).share(&apart, RADIUS);
+        let share = CLOSE.scaled(ToleranceScale::AVATAR).share(&apart, RADIUS);
         assert!(
             share <= 1.0 + ROUNDING,
             "{id} is off by {share} tolerances at {tick}"
@@ -196,7 +200,7 @@ impl Walk {
         let lanes = [Lane::Control, Lane::State];
         let count = |lane| {
             self.stage
-                .arena
+                .network
                 .counts(COMMANDER, Direction::Up, lane)
                 .pushed
                 .bytes
@@ -214,10 +218,16 @@ impl Walk {
 /// # Panics
 ///
 /// When there is no answer.
-pub fn drive(stage: &mut Stage, member: usize, ids: &[BodyId]) -> Result<Vec<BodyId>, DriveError> {
+pub fn take_authority(
+    stage: &mut Stage,
+    member: usize,
+    ids: &[BodyId],
+) -> Result<Vec<BodyId>, AuthorityError> {
     let answers = stage.witnesses[member].drives.len();
-    let session = stage.arena.client_mut(member);
-    session.drive(CLOSE, ids).expect("a member may ask");
+    let session = stage.network.client_mut(member);
+    session
+        .take_authority(CLOSE, ids)
+        .expect("a member may ask");
     stage.run_until_or(Span::from_millis(60_000), |stage| {
         stage.witnesses[member].drives.len() > answers
     });

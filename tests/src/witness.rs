@@ -1,18 +1,18 @@
-//! What one member heard and believed, to be held against the truth.
+//! What one member heard and predicted_motion, to be held against the truth.
 //!
 //! Reads a session and changes nothing in it but that its events are taken.
 
 use rhumb_protocol::Ending;
 use rhumb_protocol::message::{
-    Denial, DriveError, Inspection, MoveCause, RemovalCause, StreamChoice,
+    AuthorityError, Denial, Inspection, RemovalCause, StreamChoice, TierChangeCause,
 };
 use rhumb_protocol::scene::{BodyKind, CommandError, IdRange};
 use rhumb_protocol::session::{ClientSession, Event, Replica};
-use rhumb_protocol::stream::Bound;
+use rhumb_protocol::stream::ErrorBound;
 use rhumb_reckoning::{BodyId, Metres, Pose, Tick, Tolerance};
 
 use crate::fnv::Fnv;
-use crate::truth::Truth;
+use crate::truth::SceneTruth;
 
 /// That a body was within a distance of this pose at a tick.
 #[derive(Clone, Copy, Debug)]
@@ -28,12 +28,12 @@ pub struct Claim {
     /// What its stream promised for it.
     pub tolerance: Tolerance,
     /// By what factor it said that this may be exceeded.
-    pub excess: f64,
+    pub error_scale: f64,
 }
 
 /// The account of one member.
 #[derive(Debug, Default)]
-pub struct Witness {
+pub struct ObservationHistory {
     /// Of every welcome.
     pub welcomes: usize,
     /// Indices of the last joining; none while it is no member.
@@ -49,11 +49,11 @@ pub struct Witness {
     /// Streams that it changed to.
     pub following: Vec<StreamChoice>,
     /// Where the server moved it, and why.
-    pub moved: Vec<(StreamChoice, MoveCause)>,
+    pub moved: Vec<(StreamChoice, TierChangeCause)>,
     /// What it was given to drive, or why not.
-    pub drives: Vec<Result<Vec<BodyId>, DriveError>>,
+    pub drives: Vec<Result<Vec<BodyId>, AuthorityError>>,
     /// Bodies whose tracks were other than the server's.
-    pub amended: Vec<BodyId>,
+    pub resynced: Vec<BodyId>,
     /// Answers to inspections.
     pub inspections: Vec<Inspection>,
     /// How often the scene was created by it, it left, and the scene was deleted.
@@ -71,7 +71,7 @@ pub struct Witness {
     last_look: Option<(Tick, u64)>,
 }
 
-impl Witness {
+impl ObservationHistory {
     /// Takes the session's events.
     pub fn listen(&mut self, session: &mut ClientSession) {
         while let Some(event) = session.poll_event() {
@@ -79,8 +79,8 @@ impl Witness {
                 Event::Welcomed(_) => self.welcomes += 1,
                 Event::Created => self.created += 1,
                 Event::Joined(granted) => self.granted = Some(granted),
-                Event::Following(choice) => self.following.push(choice),
-                Event::Moved { to, cause } => self.moved.push((to, cause)),
+                Event::SubscriptionChanged(choice) => self.following.push(choice),
+                Event::TierChanged { to, cause } => self.moved.push((to, cause)),
                 Event::Left => (self.granted, self.left) = (None, self.left + 1),
                 Event::Deleted => (self.granted, self.deleted) = (None, self.deleted + 1),
                 Event::Denied(denial) => self.denied.push(denial),
@@ -89,9 +89,9 @@ impl Witness {
                 Event::BodyRemoved { id, cause } => self.removed.push((id, cause)),
                 Event::Inspected(inspection) => self.inspections.push(inspection),
                 Event::Ended(ending) => self.ended = Some(ending),
-                Event::Amended(id) => self.amended.push(id),
-                Event::Driving(bodies) => self.drives.push(Ok(bodies)),
-                Event::NotDriving(error) => self.drives.push(Err(error)),
+                Event::Amended(id) => self.resynced.push(id),
+                Event::AuthorityGrant(bodies) => self.drives.push(Ok(bodies)),
+                Event::AuthorityDenied(error) => self.drives.push(Err(error)),
                 Event::Reserved(_)
                 | Event::BodyPlaced(_)
                 | Event::SceneFaulted(_)
@@ -107,8 +107,8 @@ impl Witness {
         };
         let statistics = replica.stream().statistics();
         let now = (
-            replica.stream().vouched(),
-            statistics.packets + statistics.repairs,
+            replica.stream().watermark_tick(),
+            statistics.packets + statistics.refreshes,
         );
         if self.last_look == Some(now) {
             return;
@@ -126,19 +126,19 @@ impl Witness {
 
     fn claim(&mut self, replica: &Replica, wanted: impl Fn(BodyKind) -> bool) {
         let stream = replica.stream();
-        let tick = stream.vouched();
-        for terms in replica.bodies().filter(|terms| wanted(terms.kind)) {
-            let id = terms.id;
+        let tick = stream.watermark_tick();
+        for config in replica.bodies().filter(|config| wanted(config.kind)) {
+            let id = config.id;
             match stream
                 .bound(id)
                 .expect("a body of the copy has a bound, if only an unknown one")
             {
-                Bound::Unknown { .. } => self.unknown += 1,
-                Bound::Within(within) => {
-                    let believed = stream
-                        .believed(id, tick)
-                        .expect("a body of the copy is believed");
-                    let pose = believed.pose();
+                ErrorBound::Unknown { .. } => self.unknown += 1,
+                ErrorBound::Within(within) => {
+                    let predicted_motion = stream
+                        .predicted_motion(id, tick)
+                        .expect("a body of the copy is predicted_motion");
+                    let pose = predicted_motion.pose();
                     self.claims.push(Claim {
                         id,
                         tick,
@@ -147,7 +147,9 @@ impl Witness {
                         tolerance: stream
                             .tolerance_of(id)
                             .expect("a body of the copy has a tolerance"),
-                        excess: stream.excess_at(tick).expect("a bound knows its factor"),
+                        error_scale: stream
+                            .error_scale_at(tick)
+                            .expect("a bound knows its factor"),
                     });
                 }
             }
@@ -159,7 +161,7 @@ impl Witness {
     /// # Panics
     ///
     /// At the first claim that was not true.
-    pub fn judge(&self, truth: &Truth, who: &str) -> Metres {
+    pub fn judge(&self, truth: &SceneTruth, who: &str) -> Metres {
         let mut worst = Metres::new(0.0);
         for Claim {
             id,
@@ -167,7 +169,7 @@ impl Witness {
             pose,
             within,
             tolerance,
-            excess,
+            error_scale,
         } in &self.claims
         {
             let (apart, radius) = truth.apart(*id, *tick, pose).unwrap_or_else(|| {
@@ -175,7 +177,7 @@ impl Witness {
             });
             let error = apart.surface_error(radius);
             assert!(
-                error <= *within && tolerance.share(&apart, radius) <= *excess,
+                error <= *within && tolerance.share(&apart, radius) <= *error_scale,
                 "{who}: {id} at {tick} is off by {error}, bound {within}, tolerance {tolerance}"
             );
             if error > worst {
@@ -190,24 +192,26 @@ impl Witness {
 ///
 /// # Panics
 ///
-/// At the first body whose terms, track or belief differ.
+/// At the first body whose config, track or belief differ.
 pub fn assert_same_copy(one: &Replica, other: &Replica) {
-    let ids = |replica: &Replica| replica.bodies().map(|terms| terms.id).collect::<Vec<_>>();
+    let ids = |replica: &Replica| replica.bodies().map(|config| config.id).collect::<Vec<_>>();
     assert_eq!(ids(one), ids(other), "the copies hold different bodies");
     assert_eq!(one.gravity(), other.gravity());
     let (one_stream, other_stream) = (one.stream(), other.stream());
-    let tick = one_stream.vouched().max(other_stream.vouched());
-    for terms in one.bodies() {
-        let id = terms.id;
-        assert_eq!(Some(terms), other.body(id));
+    let tick = one_stream
+        .watermark_tick()
+        .max(other_stream.watermark_tick());
+    for config in one.bodies() {
+        let id = config.id;
+        assert_eq!(Some(config), other.body(id));
         assert_eq!(
             one_stream.track(id),
             other_stream.track(id),
             "the tracks of {id} at {tick}"
         );
         assert_eq!(
-            one_stream.believed(id, tick),
-            other_stream.believed(id, tick),
+            one_stream.predicted_motion(id, tick),
+            other_stream.predicted_motion(id, tick),
             "{id} at {tick}"
         );
     }
@@ -224,11 +228,13 @@ pub fn copy_digest(so_far: u64, replica: &Replica) -> u64 {
     let mut fold = |word: u32| digest.fold(&word.to_le_bytes());
     let tick = replica.stream().complete();
     fold(tick.value() as u32);
-    for terms in replica.bodies() {
-        fold(terms.id.index());
-        fold(u32::from(terms.id.generation()));
-        let motion = replica.stream().believed(terms.id, tick);
-        let pose = motion.expect("a body of the copy is believed").pose();
+    for config in replica.bodies() {
+        fold(config.id.index());
+        fold(u32::from(config.id.generation()));
+        let motion = replica.stream().predicted_motion(config.id, tick);
+        let pose = motion
+            .expect("a body of the copy is predicted_motion")
+            .pose();
         for part in pose.position.as_vec3().to_array() {
             fold(part.to_bits());
         }

@@ -1,6 +1,6 @@
 //! The real plug-in's bytes against a host: understood, answered in kind
 //!
-//! Proved by playing recordings of OpenSimulator's unmodified RemotePhysics plug-in (`PluginTalk`) to a host in virtual
+//! Proved by playing recordings of OpenSimulator's unmodified RemotePhysics plug-in (`PluginSession`) to a host in virtual
 //! time: a session each of a region at rest, of a region with a hundred balls and an avatar, of forty balls, of avatars
 //! that walk, fly and are resized, and of everything else that the plug-in can say.
 
@@ -9,8 +9,8 @@ use std::collections::BTreeMap;
 use glam::Vec3;
 use rhumb_app::{Id, Kind, Logon, Message, Motion};
 use rhumb_protocol::Instant;
-use rhumb_server::{AppOptions, Host, States, TimeAdvanced};
-use rhumb_tests::{Dice, PluginTalk, Recording, falling, seed};
+use rhumb_server::{AppOptions, ServerLoop, States, TimeAdvanced};
+use rhumb_tests::{Dice, PluginSession, Recording, falling, seed};
 
 const ZOO: &[u8] = include_bytes!("../data/app/harness_zoo.zst");
 const BALLS: &[u8] = include_bytes!("../data/app/harness_balls.zst");
@@ -18,15 +18,15 @@ const AVATAR: &[u8] = include_bytes!("../data/app/harness_avatar.zst");
 const REGION: &[u8] = include_bytes!("../data/app/region_start.zst");
 const REGION_BALLS: &[u8] = include_bytes!("../data/app/region_balls_avatar.zst");
 
-fn host() -> Host {
-    Host::new(|| Instant::ZERO)
+fn host() -> ServerLoop {
+    ServerLoop::new(|| Instant::ZERO)
 }
 
 /// Plays a recording to its end, message by message, and checks what every session has in common.
-fn play(packed: &[u8]) -> (Recording, PluginTalk) {
+fn play(packed: &[u8]) -> (Recording, PluginSession) {
     let recording = Recording::unpack(packed);
     let mut host = host();
-    let mut talk = PluginTalk::begin(&mut host, 1, recording.datagram());
+    let mut talk = PluginSession::begin(&mut host, 1, recording.datagram());
     let steps = recording.count(Kind::AdvanceTime);
     for piece in recording.pieces() {
         assert!(!talk.closed, "closed before {piece:?}");
@@ -34,8 +34,8 @@ fn play(packed: &[u8]) -> (Recording, PluginTalk) {
     }
     assert!(talk.closed, "who logs off is let go");
     assert_eq!(host.scenes().count(), 0, "its scene ends with it");
-    assert_eq!(talk.heard(Kind::LogonReady), 1);
-    assert_eq!(talk.heard(Kind::TimeAdvanced), steps);
+    assert_eq!(talk.received(Kind::LogonReady), 1);
+    assert_eq!(talk.received(Kind::TimeAdvanced), steps);
     let refused: Vec<_> = talk
         .lasting
         .iter()
@@ -60,13 +60,13 @@ fn plateau(size: f32, x: f32, y: f32) -> f32 {
 fn a_region_that_starts_and_stops_is_understood() {
     let (recording, talk) = play(REGION);
     assert_eq!(recording.count(Kind::AddHeightField), 2);
-    assert_eq!(talk.heard(Kind::SetDynamicActor), 0, "nothing moves in it");
+    assert_eq!(talk.received(Kind::SetDynamicActor), 0, "nothing moves in it");
 }
 
 #[test]
 fn forty_balls_come_to_rest_on_their_plateaus() {
     let (recording, talk) = play(BALLS);
-    assert_eq!(talk.heard(Kind::UpdateMass), recording.count(Kind::GetMass));
+    assert_eq!(talk.received(Kind::UpdateMass), recording.count(Kind::GetMass));
     let last = talk.last_states();
     assert_eq!(last.len(), 40);
     for (name, state) in last {
@@ -84,13 +84,13 @@ fn at(track: &BTreeMap<usize, Motion>, frame: usize) -> Vec3 {
     last.expect("it was spoken of by then").1.position
 }
 
-/// The masses that were told of an actor, one after the other, kg.
-fn masses(talk: &PluginTalk, actor: u32) -> Vec<f32> {
-    let told = talk.lasting.iter().filter_map(|message| match message {
+/// The masses that were reported of an actor, one after the other, kg.
+fn masses(talk: &PluginSession, actor: u32) -> Vec<f32> {
+    let reported = talk.lasting.iter().filter_map(|message| match message {
         Message::UpdateMass((id, mass)) if id.object == actor => Some(*mass),
         _ => None,
     });
-    told.collect()
+    reported.collect()
 }
 
 #[test]
@@ -101,7 +101,7 @@ fn every_kind_of_thing_is_understood_and_weighed() {
         1,
         "the one without a header"
     );
-    // By edges, radius and density, as the harness asked for them: told when asked for, and again when others come of it.
+    // By edges, radius and density, as the harness asked for them: reported when asked for, and again when others come of it.
     let ball = core::f32::consts::PI / 6.0;
     let expected: [(u32, &[f32]); 5] = [
         // A box that is made larger; then static, dynamic again.
@@ -116,10 +116,10 @@ fn every_kind_of_thing_is_understood_and_weighed() {
         (720_010, &[1e3, 3e3, 2e3]),
     ];
     for (actor, expected) in expected {
-        let told = masses(&talk, actor);
-        let is_as = |(told, expected): (&f32, &f32)| (told / expected - 1.0).abs() < 1e-4;
-        let all = told.len() == expected.len() && told.iter().zip(expected).all(is_as);
-        assert!(all, "{actor}: {told:?} kg, and not {expected:?}");
+        let reported = masses(&talk, actor);
+        let is_as = |(reported, expected): (&f32, &f32)| (reported / expected - 1.0).abs() < 1e-4;
+        let all = reported.len() == expected.len() && reported.iter().zip(expected).all(is_as);
+        assert!(all, "{actor}: {reported:?} kg, and not {expected:?}");
     }
     for (_, state) in &talk.states {
         assert!(state.position.is_finite() && state.rotation.is_normalized());
@@ -129,7 +129,7 @@ fn every_kind_of_thing_is_understood_and_weighed() {
 #[test]
 fn what_is_set_going_goes_there() {
     let (_, talk) = play(ZOO);
-    // After frame 34 the ball is told to go at 1 m/s along x and at 3 m/s up: it rises for a third of a second.
+    // After frame 34 the ball is reported to go at 1 m/s along x and at 3 m/s up: it rises for a third of a second.
     let ball = talk.track(720_003);
     let top = (35..40).map(|frame| at(&ball, frame).z).fold(0.0, f32::max);
     let rise = top - at(&ball, 34).z;
@@ -179,12 +179,15 @@ fn an_avatar_goes_where_it_wishes_flies_and_lands_on_its_feet() {
     assert!(stands(30) && at(30).distance(at(34)) < 0.01, "{}", at(34));
     // From frame 35 on it wishes to walk at 2 m/s along x, and is slowed by the ground between two wishes.
     let walked = at(42) - at(34);
-    let wished = 8.0 * 0.089 * 2.0;
-    assert!((0.7 * wished..=wished).contains(&walked.x), "{walked}");
+    let requested_authority = 8.0 * 0.089 * 2.0;
+    assert!(
+        (0.7 * requested_authority..=requested_authority).contains(&walked.x),
+        "{walked}"
+    );
     assert!(walked.y.abs() < 0.01 && stands(42), "{walked}");
     // A step of 6 m ends its way, three metres on.
     assert!((62.0..63.5).contains(&at(62).x), "{}", at(62));
-    // From frame 70 to 81 it has no weight, and was told to rise at 1 m/s.
+    // From frame 70 to 81 it has no weight, and was reported to rise at 1 m/s.
     let risen = at(81).z - at(69).z;
     assert!((0.9..1.1).contains(&risen), "it rose by {risen} m");
     assert!(stands(69) && stands(104), "{} {}", at(69), at(104));
@@ -196,7 +199,7 @@ fn a_region_with_balls_and_an_avatar_is_understood_to_its_end() {
     assert!(recording.messages.len() > 2_600);
     let last = talk.last_states();
     assert!(last.len() >= 100, "{} moved", last.len());
-    assert!(talk.heard(Kind::UpdateMass) >= recording.count(Kind::GetMass));
+    assert!(talk.received(Kind::UpdateMass) >= recording.count(Kind::GetMass));
     // The last terrain lies above the first, where they had come to lie: they are put on top. Some roll over the edge.
     let inside = |state: &Motion| {
         let region = 0.0..255.0;
@@ -236,11 +239,11 @@ fn simulations_of_several_clients_do_not_touch() {
     let (balls, zoo) = (Recording::unpack(BALLS), Recording::unpack(ZOO));
     let (_, alone) = play(BALLS);
     let mut host = host();
-    let mut first = PluginTalk::begin(&mut host, 1, balls.datagram());
+    let mut first = PluginSession::begin(&mut host, 1, balls.datagram());
     // The same session under another number of its simulation.
     let mut logon = Vec::new();
     Message::Logon(Logon::new(8, "other")).encode(0, &mut logon);
-    let mut second = PluginTalk::begin(&mut host, 2, &logon);
+    let mut second = PluginSession::begin(&mut host, 2, &logon);
     second.say(&mut host, &logon);
     let mut others = zoo.pieces().skip(1);
     for piece in balls.pieces() {
@@ -253,35 +256,35 @@ fn simulations_of_several_clients_do_not_touch() {
     for state in second.last_states().values() {
         assert_eq!(state.actor.simulation, 8);
     }
-    assert!(second.heard(Kind::UpdateMass) >= 11);
+    assert!(second.received(Kind::UpdateMass) >= 11);
 }
 
 #[test]
 fn a_simulation_has_one_client_and_the_first_goes_on() {
     let recording = Recording::unpack(ZOO);
     let mut host = host();
-    let mut first = PluginTalk::begin(&mut host, 1, recording.datagram());
+    let mut first = PluginSession::begin(&mut host, 1, recording.datagram());
     let half = recording.bytes.len() / 2;
     first.say(&mut host, &recording.bytes[..half]);
-    let mut second = PluginTalk::begin(&mut host, 2, recording.datagram());
+    let mut second = PluginSession::begin(&mut host, 2, recording.datagram());
     second.say(&mut host, &recording.bytes);
     assert!(second.closed && second.lasting.is_empty());
     second.end(&mut host);
     first.say(&mut host, &recording.bytes[half..]);
     assert!(first.closed);
     let frames = recording.count(Kind::AdvanceTime);
-    assert_eq!(first.heard(Kind::TimeAdvanced), frames);
+    assert_eq!(first.received(Kind::TimeAdvanced), frames);
 }
 
 #[test]
-fn who_is_sent_away_is_heard_no_more() {
+fn messages_of_a_rejected_peer_are_ignored() {
     let (mut logon, mut frame) = (Vec::new(), Vec::new());
     Message::Logon(Logon::new(7, "one")).encode(0, &mut logon);
     Message::AdvanceTime((7, 0.089)).encode(0, &mut frame);
     let mut host = host();
-    let mut first = PluginTalk::begin(&mut host, 1, &logon);
+    let mut first = PluginSession::begin(&mut host, 1, &logon);
     first.say(&mut host, &logon);
-    let mut second = PluginTalk::begin(&mut host, 2, &logon);
+    let mut second = PluginSession::begin(&mut host, 2, &logon);
     second.say(&mut host, &logon);
     assert!(second.closed);
     // Its connection is not closed yet, and it goes on.
@@ -293,14 +296,14 @@ fn who_is_sent_away_is_heard_no_more() {
     assert!(second.lasting.is_empty() && second.passing.is_empty());
     let scenes: Vec<String> = host.scenes().map(ToString::to_string).collect();
     assert_eq!(scenes, ["app/7"]);
-    assert_eq!(first.heard(Kind::TimeAdvanced), 1);
+    assert_eq!(first.received(Kind::TimeAdvanced), 1);
 }
 
 #[test]
-fn a_client_whose_datagram_is_lost_hears_its_states_on_tcp() {
+fn a_client_whose_datagram_is_lost_receives_its_states_on_tcp() {
     let recording = Recording::unpack(BALLS);
     let mut host = host();
-    let mut talk = PluginTalk::begin(&mut host, 1, b"no logon");
+    let mut talk = PluginSession::begin(&mut host, 1, b"no logon");
     for piece in recording.pieces() {
         talk.say(&mut host, piece);
     }
@@ -309,13 +312,13 @@ fn a_client_whose_datagram_is_lost_hears_its_states_on_tcp() {
 }
 
 #[test]
-fn where_tcp_takes_less_than_all_states_everybody_has_a_turn_and_little_waits() {
+fn when_tcp_is_too_slow_for_all_states_every_body_is_served_in_turn() {
     const BODIES: u32 = 1_000;
     const FRAMES: usize = 40;
     // What a line takes between two frames of a plug-in: 16 KiB in 35 ms.
     const TAKEN_BYTES: usize = (16 << 10) * 89 / 35;
     let mut host = host();
-    let mut talk = PluginTalk::begin(&mut host, 1, b"no logon");
+    let mut talk = PluginSession::begin(&mut host, 1, b"no logon");
     talk.say(&mut host, &falling(7, BODIES));
     let mut frame = Vec::new();
     Message::AdvanceTime((7, 0.089)).encode(0, &mut frame);
@@ -326,15 +329,18 @@ fn where_tcp_takes_less_than_all_states_everybody_has_a_turn_and_little_waits() 
         assert!(waiting < 70_000, "{waiting} bytes wait");
         talk.waiting_bytes = waiting.saturating_sub(TAKEN_BYTES);
     }
-    assert_eq!(talk.heard(Kind::TimeAdvanced), FRAMES);
+    assert_eq!(talk.received(Kind::TimeAdvanced), FRAMES);
     for ball in 1_000..1_000 + BODIES {
-        let told: Vec<usize> = talk.track(ball).into_keys().collect();
-        let silent = told.windows(2).map(|two| two[1] - two[0]).max();
-        assert!(silent.is_some_and(|frames| frames <= 3), "{ball}: {told:?}");
-        let last = told.last().copied();
+        let reported: Vec<usize> = talk.track(ball).into_keys().collect();
+        let silent = reported.windows(2).map(|two| two[1] - two[0]).max();
+        assert!(
+            silent.is_some_and(|frames| frames <= 3),
+            "{ball}: {reported:?}"
+        );
+        let last = reported.last().copied();
         assert!(
             last.is_some_and(|last| last + 3 > FRAMES),
-            "{ball}: {told:?}"
+            "{ball}: {reported:?}"
         );
     }
 }
@@ -343,7 +349,7 @@ fn where_tcp_takes_less_than_all_states_everybody_has_a_turn_and_little_waits() 
 fn what_came_to_rest_while_nothing_could_be_said_is_said_when_it_can() {
     let recording = Recording::unpack(BALLS);
     let mut host = host();
-    let mut talk = PluginTalk::begin(&mut host, 1, b"no logon");
+    let mut talk = PluginSession::begin(&mut host, 1, b"no logon");
     talk.waiting_bytes = 1 << 20;
     // All but its end, when the ground goes.
     for (piece, message) in recording.pieces().zip(&recording.messages) {
@@ -354,7 +360,7 @@ fn what_came_to_rest_while_nothing_could_be_said_is_said_when_it_can() {
     }
     assert!(talk.states.is_empty());
     let frames = recording.count(Kind::AdvanceTime);
-    assert_eq!(talk.heard(Kind::TimeAdvanced), frames);
+    assert_eq!(talk.received(Kind::TimeAdvanced), frames);
     talk.waiting_bytes = 0;
     let mut frame = Vec::new();
     Message::AdvanceTime((7, 0.089)).encode(0, &mut frame);
@@ -373,7 +379,7 @@ fn an_operator_chooses_what_is_said() {
     let play = |options: AppOptions| {
         let mut host = host();
         host.configure_app(options);
-        let mut talk = PluginTalk::begin(&mut host, 1, recording.datagram());
+        let mut talk = PluginSession::begin(&mut host, 1, recording.datagram());
         for piece in recording.pieces() {
             talk.say(&mut host, piece);
         }
@@ -395,9 +401,9 @@ fn an_operator_chooses_what_is_said() {
         time_advanced: TimeAdvanced::Never,
         ..AppOptions::default()
     });
-    assert_eq!(never.heard(Kind::TimeAdvanced), 0);
+    assert_eq!(never.received(Kind::TimeAdvanced), 0);
     let changed = play(AppOptions::default());
-    let count = |talk: &PluginTalk| talk.heard(Kind::SetDynamicActor);
+    let count = |talk: &PluginSession| talk.received(Kind::SetDynamicActor);
     assert!(count(&changed) < count(&never) && count(&never) <= count(&all));
 }
 
@@ -408,7 +414,7 @@ fn broken_sessions_end_alone_and_nobody_panics() {
     let mut host = host();
     let mut logon = Vec::new();
     Message::Logon(Logon::new(99, "steady")).encode(0, &mut logon);
-    let mut steady = PluginTalk::begin(&mut host, 1, &logon);
+    let mut steady = PluginSession::begin(&mut host, 1, &logon);
     steady.say(&mut host, &logon);
     let mut closed = 0;
     for round in 0..60_u16 {
@@ -420,7 +426,7 @@ fn broken_sessions_end_alone_and_nobody_panics() {
             let place = words + dice.below(17_000);
             bytes[place] = dice.below(256) as u8;
         }
-        let mut broken = PluginTalk::begin(&mut host, 2 + round, &bytes);
+        let mut broken = PluginSession::begin(&mut host, 2 + round, &bytes);
         for piece in bytes.chunks(1 + dice.below(3_000)) {
             broken.say(&mut host, piece);
             if broken.closed {
@@ -432,7 +438,7 @@ fn broken_sessions_end_alone_and_nobody_panics() {
         let mut frame = Vec::new();
         Message::AdvanceTime((99, 0.089)).encode(0, &mut frame);
         steady.say(&mut host, &frame);
-        assert_eq!(steady.heard(Kind::TimeAdvanced), usize::from(round) + 1);
+        assert_eq!(steady.received(Kind::TimeAdvanced), usize::from(round) + 1);
         assert_eq!(host.scenes().count(), 1, "a scene ends with its client");
     }
     assert!(closed > 20, "{closed} of 60 were closed");
@@ -464,7 +470,7 @@ fn numbers_that_no_engine_should_be_given_are_refused_and_the_session_goes_on() 
         message.encode(index as u32 + 1, &mut bytes);
     }
     Message::AdvanceTime((7, 0.089)).encode(99, &mut bytes);
-    let mut talk = PluginTalk::begin(&mut host, 1, b"");
+    let mut talk = PluginSession::begin(&mut host, 1, b"");
     talk.say(&mut host, &bytes);
     assert!(!talk.closed);
     let refused: Vec<u32> = talk
@@ -476,5 +482,5 @@ fn numbers_that_no_engine_should_be_given_are_refused_and_the_session_goes_on() 
         })
         .collect();
     assert_eq!(refused, (1..=wrong.len() as u32).collect::<Vec<_>>());
-    assert_eq!(talk.heard(Kind::TimeAdvanced), 1);
+    assert_eq!(talk.received(Kind::TimeAdvanced), 1);
 }

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use glam::Vec3;
 use rhumb_app::{Frames, Kind, Logon, Message};
 use rhumb_client::scene::Shape;
-use rhumb_client::{Client, ClientError, Depth, Entry, Options, Tick, Trust};
+use rhumb_client::{Client, ClientError, JoinMode, Options, PipelineDepth, Tick, Trust};
 use rhumb_tests::{Programme, Recording, ServerProcess, falling};
 
 const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
@@ -59,21 +59,21 @@ impl Plugin {
 
     /// What comes on TCP, until the server closes it or so many frames are over.
     fn hear(&mut self, frames: Option<usize>) -> Vec<Message> {
-        let mut heard: Vec<Message> = Vec::new();
+        let mut received: Vec<Message> = Vec::new();
         let mut buffer = [0; 4_096];
         let is_over = |message: &&Message| message.kind() == Kind::TimeAdvanced;
-        while Some(heard.iter().filter(is_over).count()) != frames {
-            // One that was refused may be reset, for what it said and nobody read.
+        while Some(received.iter().filter(is_over).count()) != frames {
+            // One that was refused may be reset, for what it sent and nobody read.
             let count = self.tcp.read(&mut buffer).unwrap_or(0);
             if count == 0 {
                 break;
             }
             self.frames.push(&buffer[..count]);
             while let Some(framed) = self.frames.next_message().expect("messages") {
-                heard.push(framed.message);
+                received.push(framed.message);
             }
         }
-        heard
+        received
     }
 }
 
@@ -83,8 +83,8 @@ fn a_session_of_the_plug_in_is_driven_to_its_end() {
     let recording = Recording::unpack(ZOO);
     let mut plugin = Plugin::connect(&server, &recording);
     plugin.say(&recording.bytes);
-    let heard = plugin.hear(None);
-    let count = |kind| heard.iter().filter(|m| m.kind() == kind).count();
+    let received = plugin.hear(None);
+    let count = |kind| received.iter().filter(|m| m.kind() == kind).count();
     assert_eq!(count(Kind::LogonReady), 1);
     let frames = recording.count(Kind::AdvanceTime);
     assert_eq!(count(Kind::TimeAdvanced), frames);
@@ -97,23 +97,28 @@ fn a_session_of_the_plug_in_is_driven_to_its_end() {
     server.signal("TERM");
     let ended = server.wait();
     assert_eq!(ended.code, Some(0));
-    let told = ended.log.contains("an app client logged off");
-    assert!(told, "{}", ended.log);
+    let reported = ended.log.contains("an app client logged off");
+    assert!(reported, "{}", ended.log);
 }
 
-/// Where each actor was said to be last.
-type Told = BTreeMap<u32, Vec3>;
+/// Where each actor was sent to be last.
+type ScriptedSession = BTreeMap<u32, Vec3>;
 
-/// Says pieces as the plug-in does, frame by frame, and notes what it is told.
-fn say_in_frames(plugin: &mut Plugin, pieces: &[&[u8]], messages: &[Message], told: &mut Told) {
+/// Says pieces as the plug-in does, frame by frame, and notes what it is reported.
+fn say_in_frames(
+    plugin: &mut Plugin,
+    pieces: &[&[u8]],
+    messages: &[Message],
+    reported: &mut ScriptedSession,
+) {
     for (piece, message) in pieces.iter().zip(messages) {
         plugin.say(piece);
         if message.kind() != Kind::AdvanceTime {
             continue;
         }
-        for heard in plugin.hear(Some(1)) {
-            if let Message::SetDynamicActor(state) = heard {
-                told.insert(state.actor.object, state.position);
+        for received in plugin.hear(Some(1)) {
+            if let Message::SetDynamicActor(state) = received {
+                reported.insert(state.actor.object, state.position);
             }
         }
     }
@@ -123,54 +128,54 @@ fn say_in_frames(plugin: &mut Plugin, pieces: &[&[u8]], messages: &[Message], to
 fn a_native_client_watches_what_the_plug_in_leads() {
     let server = SERVER.serve_app(ANYWHERE, &[]);
     let recording = Recording::unpack(BALLS);
-    // Without its datagram all is said on TCP, in one order.
+    // Without its datagram all is sent on TCP, in one order.
     let mut plugin = Plugin::connect_saying(&server, b"no logon");
     let pieces: Vec<&[u8]> = recording.pieces().collect();
     let is_frame = |place: &usize| recording.messages[*place].kind() == Kind::AdvanceTime;
     let frames: Vec<usize> = (0..pieces.len()).filter(is_frame).collect();
-    let mut told = Told::new();
-    let mut said = 0;
-    let mut say_up_to = |plugin: &mut Plugin, end: usize, told: &mut Told| {
+    let mut reported = ScriptedSession::new();
+    let mut sent = 0;
+    let mut say_up_to = |plugin: &mut Plugin, end: usize, reported: &mut ScriptedSession| {
         say_in_frames(
             plugin,
-            &pieces[said..end],
-            &recording.messages[said..end],
-            told,
+            &pieces[sent..end],
+            &recording.messages[sent..end],
+            reported,
         );
-        said = end;
+        sent = end;
     };
-    say_up_to(&mut plugin, frames[FRAMES_SEEN - 1] + 1, &mut told);
+    say_up_to(&mut plugin, frames[FRAMES_SEEN - 1] + 1, &mut reported);
     let trust = Trust::Fingerprint(server.fingerprint);
     let scene = "app/7".parse().unwrap();
-    let options = Options::new(server.address.to_string(), trust, scene, Entry::Join);
+    let options = Options::new(server.address.to_string(), trust, scene, JoinMode::Join);
     let mut client = Client::open(options).unwrap();
     let copy = client.replica().expect("it has joined");
     let shapes: Vec<Shape> = copy
         .bodies()
-        .filter_map(|terms| copy.shape(terms.shape).cloned())
+        .filter_map(|config| copy.shape(config.shape).cloned())
         .collect();
     let is_ground = |shape: &&Shape| matches!(shape, Shape::Heights(_));
     assert_eq!(shapes.iter().filter(is_ground).count(), 1);
     let is_ball = |shape: &&Shape| matches!(shape, Shape::Ball { .. });
     assert_eq!(shapes.iter().filter(is_ball).count(), 40);
-    // Both are told of the same bodies, each in its own way: what they show is as near as they were promised.
+    // Both are reported of the same bodies, each in its own way: what they show is as near as they were promised.
     let step = Tick::new(client.statistics().complete.value() / FRAMES_SEEN as u64);
     for frame in FRAMES_SEEN + 1..frames.len() {
-        say_up_to(&mut plugin, frames[frame - 1] + 1, &mut told);
+        say_up_to(&mut plugin, frames[frame - 1] + 1, &mut reported);
         let tick = Tick::new(step.value() * frame as u64);
         while client.statistics().complete < tick {
             client.idle(Duration::from_millis(5)).unwrap();
         }
-        assert_eq!(client.wait(Depth::LOCKSTEP).unwrap(), tick);
-        for (actor, position) in &told {
+        assert_eq!(client.wait(PipelineDepth::LOCKSTEP).unwrap(), tick);
+        for (actor, position) in &reported {
             let shown = client.view().positions().iter();
             let off = shown.map(|other| other.distance(*position));
             let off = off.fold(f32::INFINITY, f32::min);
             assert!(off <= 0.052, "{actor} is shown {off} m off at {tick}");
         }
     }
-    assert_eq!(told.len(), 40);
-    say_up_to(&mut plugin, pieces.len(), &mut told);
+    assert_eq!(reported.len(), 40);
+    say_up_to(&mut plugin, pieces.len(), &mut reported);
     let ended = loop {
         if let Err(error) = client.idle(PATIENCE) {
             break error;
@@ -182,7 +187,7 @@ fn a_native_client_watches_what_the_plug_in_leads() {
 #[test]
 fn states_leave_no_faster_than_the_operator_lets_them() {
     const BODIES: u32 = 100;
-    let server = SERVER.serve_app(ANYWHERE, &["--app-pace", "1"]);
+    let server = SERVER.serve_app(ANYWHERE, &["--app-datagram-rate", "1"]);
     let mut logon = Vec::new();
     Message::Logon(Logon::new(7, "falling")).encode(0, &mut logon);
     let mut plugin = Plugin::connect_saying(&server, &logon);
@@ -191,11 +196,11 @@ fn states_leave_no_faster_than_the_operator_lets_them() {
     let begun = Instant::now();
     plugin.say(&frame(7));
     let mut datagram = [0; 2_048];
-    let mut told = BTreeSet::new();
-    while told.len() < BODIES as usize {
+    let mut reported = BTreeSet::new();
+    while reported.len() < BODIES as usize {
         let (bytes, _) = plugin.udp.recv_from(&mut datagram).unwrap();
         match Message::from_datagram(&datagram[..bytes]).unwrap() {
-            Message::SetDynamicActor(state) => told.insert(state.actor.object),
+            Message::SetDynamicActor(state) => reported.insert(state.actor.object),
             other => panic!("{other:?} is no state"),
         };
     }
@@ -233,7 +238,7 @@ fn frame(simulation: u32) -> Vec<u8> {
 #[test]
 fn a_client_whose_datagram_is_lost_is_told_of_a_thousand_bodies_for_as_long_as_it_likes() {
     const BODIES: u32 = 1_000;
-    // Many times more than the four megabytes that may wait for a client, if all were said of all of them.
+    // Many times more than the four megabytes that may wait for a client, if all were sent of all of them.
     const FRAMES: usize = 250;
     let server = SERVER.serve_app(ANYWHERE, &[]);
     let mut plugin = Plugin::connect_saying(&server, b"no logon");
@@ -247,23 +252,23 @@ fn a_client_whose_datagram_is_lost_is_told_of_a_thousand_bodies_for_as_long_as_i
         beside.say(&frame(8));
         beside.hear(Some(1));
     }
-    let over = |heard: &[Message]| {
-        let over = heard.iter().filter(|m| m.kind() == Kind::TimeAdvanced);
+    let over = |received: &[Message]| {
+        let over = received.iter().filter(|m| m.kind() == Kind::TimeAdvanced);
         over.count()
     };
     assert_eq!(over(&plugin.hear(Some(FRAMES))), FRAMES, "it was closed");
-    // Once it has heard all, everybody is spoken of within two frames.
-    let mut told = BTreeSet::new();
+    // Once it has received all, everybody is spoken of within two frames.
+    let mut reported = BTreeSet::new();
     for _ in 0..2 {
         plugin.say(&frame(7));
-        let heard = plugin.hear(Some(1));
-        assert_eq!(over(&heard), 1, "it was closed");
-        told.extend(heard.iter().filter_map(|message| match message {
+        let received = plugin.hear(Some(1));
+        assert_eq!(over(&received), 1, "it was closed");
+        reported.extend(received.iter().filter_map(|message| match message {
             Message::SetDynamicActor(state) => Some(state.actor.object),
             _ => None,
         }));
     }
-    assert_eq!(told.len(), BODIES as usize);
+    assert_eq!(reported.len(), BODIES as usize);
     server.signal("TERM");
     let log = server.wait().log;
     assert!(!log.contains("reads too slowly"), "{log}");

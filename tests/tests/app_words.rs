@@ -10,8 +10,8 @@ use rhumb_app::{
     Surface, Surfacing, TriangleMesh,
 };
 use rhumb_protocol::Instant;
-use rhumb_server::Host;
-use rhumb_tests::{Dice, PluginTalk, seed};
+use rhumb_server::ServerLoop;
+use rhumb_tests::{Dice, PluginSession, seed};
 
 const fn id(object: u32) -> Id {
     Id {
@@ -20,23 +20,23 @@ const fn id(object: u32) -> Id {
     }
 }
 
-fn say(host: &mut Host, talk: &mut PluginTalk, message: &Message) {
+fn say(host: &mut ServerLoop, talk: &mut PluginSession, message: &Message) {
     say_as(host, talk, 0, message);
 }
 
 /// Says a message under an index.
-fn say_as(host: &mut Host, talk: &mut PluginTalk, index: u32, message: &Message) {
+fn say_as(host: &mut ServerLoop, talk: &mut PluginSession, index: u32, message: &Message) {
     let mut bytes = Vec::new();
     message.encode(index, &mut bytes);
     talk.say(host, &bytes);
 }
 
 /// A host and a client that has logged on and said its world.
-fn logged_on() -> (Host, PluginTalk) {
-    let mut host = Host::new(|| Instant::ZERO);
+fn logged_on() -> (ServerLoop, PluginSession) {
+    let mut host = ServerLoop::new(|| Instant::ZERO);
     let mut logon = Vec::new();
     Message::Logon(Logon::new(7, "words")).encode(0, &mut logon);
-    let mut talk = PluginTalk::begin(&mut host, 1, &logon);
+    let mut talk = PluginSession::begin(&mut host, 1, &logon);
     talk.say(&mut host, &logon);
     let world = Message::SetWorld(SetWorld {
         plane: id(0),
@@ -61,7 +61,7 @@ const STONE: Surface = Surface {
     restitution: 0.0,
 };
 
-fn ball(host: &mut Host, talk: &mut PluginTalk, object: u32, position: Vec3) {
+fn ball(host: &mut ServerLoop, talk: &mut PluginSession, object: u32, position: Vec3) {
     let motion = Motion {
         actor: id(object),
         position,
@@ -105,8 +105,8 @@ const fn grip(object: u32, anchor: Vec3) -> Grip {
     }
 }
 
-/// A static actor of a shape that was told under the same number.
-fn stand(host: &mut Host, talk: &mut PluginTalk, object: u32, position: Vec3) {
+/// A static actor of a shape that was reported under the same number.
+fn stand(host: &mut ServerLoop, talk: &mut PluginSession, object: u32, position: Vec3) {
     for message in [
         Message::CreateStaticActor(CreateStaticActor {
             actor: id(object),
@@ -135,7 +135,7 @@ fn corners(least: Vec3, most: Vec3) -> Vec<Vec3> {
     (0..8).map(corner).collect()
 }
 
-fn frames(host: &mut Host, talk: &mut PluginTalk, count: usize) {
+fn frames(host: &mut ServerLoop, talk: &mut PluginSession, count: usize) {
     for _ in 0..count {
         say(host, talk, &FRAME);
     }
@@ -192,7 +192,7 @@ fn what_falls_comes_to_rest_on_a_mesh_and_on_a_hull() {
         say(&mut host, &mut talk, &message);
     }
     frames(&mut host, &mut talk, 30);
-    assert_eq!(talk.heard(Kind::Error), 0, "{:?}", talk.lasting);
+    assert_eq!(talk.received(Kind::Error), 0, "{:?}", talk.lasting);
     let last = talk.last_states();
     for (actor, expected) in [
         (10, Vec3::new(0.5, 0.25, 3.5)),
@@ -209,7 +209,7 @@ fn what_falls_comes_to_rest_on_a_mesh_and_on_a_hull() {
 }
 
 #[test]
-fn two_prims_that_meet_are_told_of_once_each_time() {
+fn each_collision_of_two_prims_is_reported_once() {
     let (mut host, mut talk) = logged_on();
     let block = Message::AddBox((id(20), Vec3::new(4.0, 4.0, 2.0)));
     say(&mut host, &mut talk, &block);
@@ -219,14 +219,14 @@ fn two_prims_that_meet_are_told_of_once_each_time() {
     for times in 1..=2 {
         frames(&mut host, &mut talk, 20);
         let all = talk.passing.iter().chain(&talk.lasting);
-        let told: Vec<_> = all
+        let reported: Vec<_> = all
             .filter_map(|message| match message {
                 Message::ActorsCollided(contact) => Some(*contact),
                 _ => None,
             })
             .collect();
-        assert_eq!(told.len(), times, "{told:?}");
-        let contact = told[times - 1];
+        assert_eq!(reported.len(), times, "{reported:?}");
+        let contact = reported[times - 1];
         assert_eq!((contact.colliding, contact.collided), (id(10), id(20)));
         assert!(contact.normal.z > 0.99, "{contact:?}");
         assert!(contact.point.distance(Vec3::Z) < 0.1, "{contact:?}");
@@ -275,7 +275,7 @@ fn joints_hold_actors_together_and_to_the_world() {
     }
     let first = talk.last_states()[&10].position;
     assert!(first.z < 19.0, "what nothing holds falls: {first}");
-    assert_eq!(talk.heard(Kind::Error), 0);
+    assert_eq!(talk.received(Kind::Error), 0);
 }
 
 #[test]
@@ -300,7 +300,7 @@ fn what_fails_only_at_a_frame_is_laid_to_the_last_message_about_it() {
         _ => None,
     });
     assert_eq!(blamed.collect::<Vec<_>>(), [42, 41]);
-    assert_eq!(talk.heard(Kind::TimeAdvanced), 1);
+    assert_eq!(talk.received(Kind::TimeAdvanced), 1);
 }
 
 /// Words about few things.
@@ -445,7 +445,7 @@ impl Babble {
 }
 
 #[test]
-fn whatever_is_said_the_scene_goes_on_and_says_finite_states() {
+fn any_message_leaves_the_scene_running_with_finite_states() {
     let first = seed(0x0a99);
     for round in 0..120 {
         let mut babble = Babble(Dice::new(first + round));
@@ -464,7 +464,7 @@ fn whatever_is_said_the_scene_goes_on_and_says_finite_states() {
                 first + round
             );
         }
-        assert_eq!(talk.heard(Kind::TimeAdvanced), frames);
+        assert_eq!(talk.received(Kind::TimeAdvanced), frames);
         for state in talk.last_states().values() {
             let finite = state.position.is_finite() && state.linear.is_finite();
             assert!(finite && state.rotation.is_normalized(), "{state:?}");

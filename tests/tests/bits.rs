@@ -5,7 +5,8 @@
 
 use rhumb_protocol::message::Frames;
 use rhumb_protocol::packet::{
-    Digest, Doubt, Echo, FullPacket, Head, Kind, Parity, Repair, StatePacket, Vouch,
+    ChecksumMismatch, Checksums, FullPacket, Head, LossReport, PacketKind, Refresh, RepairSymbol,
+    UpdatePacket, Watermark,
 };
 use rhumb_protocol::session::{ClientSession, Replica};
 use rhumb_protocol::stream::Subscriber;
@@ -13,7 +14,7 @@ use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::{Anchor, BodyId, Motion, Ticks};
 use rhumb_tests::grammar::unhex;
-use rhumb_tests::vectors::{Outcome, Side, golden, streams};
+use rhumb_tests::vectors::{Decoded, Sender, golden, streams};
 use serde_json::Value;
 
 fn list(value: &Value) -> &[Value] {
@@ -37,22 +38,22 @@ fn flips(bytes: &[u8]) -> impl Iterator<Item = Vec<u8>> {
 fn read(bytes: &[u8]) -> Result<(), Malformed> {
     let mut reader = Reader::new(bytes);
     match Head::decode(&mut reader)?.kind {
-        Kind::State | Kind::StateEnd => {
-            let packet = StatePacket::decode(true, reader)?;
+        PacketKind::Updates | PacketKind::UpdatesEnd => {
+            let packet = UpdatePacket::decode(true, reader)?;
             packet.updates(&mut Vec::new())
         }
-        Kind::StateInArrears => {
-            let packet = StatePacket::decode_in_arrears(reader)?;
+        PacketKind::UpdatesOverBudget => {
+            let packet = UpdatePacket::decode_over_budget(reader)?;
             packet.updates(&mut Vec::new())
         }
-        Kind::Vouch => Vouch::decode(reader).map(drop),
-        Kind::VouchInArrears => Vouch::decode_in_arrears(reader).map(drop),
-        Kind::Repair => Repair::decode(reader).map(drop),
-        Kind::Full | Kind::FullEnd => FullPacket::decode(true, reader).map(drop),
-        Kind::Echo => Echo::decode(reader).map(drop),
-        Kind::Digest => Digest::decode(reader).map(drop),
-        Kind::Doubt => Doubt::decode(reader).map(drop),
-        Kind::Parity => Parity::decode(reader).map(drop),
+        PacketKind::Watermark => Watermark::decode(reader).map(drop),
+        PacketKind::WatermarkOverBudget => Watermark::decode_over_budget(reader).map(drop),
+        PacketKind::Refresh => Refresh::decode(reader).map(drop),
+        PacketKind::Full | PacketKind::FullEnd => FullPacket::decode(true, reader).map(drop),
+        PacketKind::LossReport => LossReport::decode(reader).map(drop),
+        PacketKind::Checksums => Checksums::decode(reader).map(drop),
+        PacketKind::ChecksumMismatch => ChecksumMismatch::decode(reader).map(drop),
+        PacketKind::RepairSymbol => RepairSymbol::decode(reader).map(drop),
     }
 }
 
@@ -60,7 +61,7 @@ fn read(bytes: &[u8]) -> Result<(), Malformed> {
 fn a_flipped_bit_of_a_datagram_never_panics() {
     let packets = golden("packets.json");
     let (mut refused, mut read_otherwise) = (0_u32, 0_u32);
-    for case in list(&packets["said"]) {
+    for case in list(&packets["sent"]) {
         for flipped in flips(&bytes_of(case)) {
             match read(&flipped) {
                 Ok(()) => read_otherwise += 1,
@@ -76,13 +77,16 @@ fn a_flipped_bit_of_a_datagram_never_panics() {
 fn a_flipped_bit_of_a_message_never_panics() {
     let control = golden("control.json");
     let mut read_otherwise = 0_u32;
-    for (side, section) in [(Side::Client, "client says"), (Side::Server, "server says")] {
+    for (side, section) in [
+        (Sender::Client, "client messages"),
+        (Sender::Server, "server messages"),
+    ] {
         for case in list(&control[section]) {
             for flipped in flips(&bytes_of(case)) {
                 let mut frames = Frames::new();
                 frames.push(&flipped);
                 while let Ok(Some(framed)) = frames.next_frame() {
-                    if !matches!(side.outcome(framed.kind, &framed.body), Outcome::Refused(_)) {
+                    if !matches!(side.outcome(framed.kind, &framed.body), Decoded::Refused(_)) {
                         read_otherwise += 1;
                     }
                 }
@@ -104,27 +108,27 @@ fn assert_is_motion(motion: &Motion, what: &str) {
     assert!(finite, "{what}: {twist:?}");
 }
 
-/// That all that is believed of these bodies is within the limits of what can be said.
+/// That all that is predicted_motion of these bodies is within the limits of what can be sent.
 fn assert_within_limits(stream: &Subscriber, bodies: &[BodyId], what: &str) {
     for id in bodies {
         let Some(track) = stream.track(*id) else {
             continue;
         };
-        if let Anchor::Snapped(snapped) = &track.anchor {
-            assert!(snapped.is_within_limits(), "{what}: {id}");
+        if let Anchor::Quantised(quantised) = &track.anchor {
+            assert!(quantised.is_within_limits(), "{what}: {id}");
         }
         for later in [0, 60] {
-            let tick = stream.vouched() + Ticks::new(later);
-            let believed = stream
-                .believed(*id, tick)
-                .expect("what has a track is believed");
-            assert_is_motion(&believed, what);
+            let tick = stream.watermark_tick() + Ticks::new(later);
+            let predicted_motion = stream
+                .predicted_motion(*id, tick)
+                .expect("what has a track is predicted_motion");
+            assert_is_motion(&predicted_motion, what);
         }
     }
 }
 
 fn bodies(replica: &Replica) -> Vec<BodyId> {
-    replica.bodies().map(|terms| terms.id).collect()
+    replica.bodies().map(|config| config.id).collect()
 }
 
 /// Gives each flip of a datagram to a copy of what the session holds; returns how many changed a track.
@@ -140,7 +144,7 @@ fn flip_for(session: &ClientSession, datagram: &[u8], what: &str) -> u32 {
         }
         let mut copy = stream.clone();
         copy.handle_datagram(&flipped);
-        if copy.agreement() != stream.agreement() {
+        if copy.state_checksum() != stream.state_checksum() {
             changed += 1;
             assert_within_limits(&copy, &bodies, what);
         }
@@ -164,7 +168,7 @@ fn a_flipped_bit_of_a_stream_never_yields_a_pose_outside_the_limits() {
     }
     assert!(
         changed > 10_000,
-        "{changed} flips changed what was believed"
+        "{changed} flips changed what was predicted_motion"
     );
 }
 
@@ -176,11 +180,11 @@ fn what_a_flip_makes_malformed_changes_nothing() {
             if event[0] == "datagram" {
                 let datagram = unhex(event[1].as_str().expect("digits"));
                 for flipped in flips(&datagram).filter(|flipped| read(flipped).is_err()) {
-                    let told = [
+                    let reported = [
                         "datagram".into(),
                         Value::from(rhumb_tests::grammar::hex(&flipped)),
                     ];
-                    streams::hear(&mut session, &Value::from(told.to_vec()));
+                    streams::hear(&mut session, &Value::from(reported.to_vec()));
                 }
             }
             streams::hear(&mut session, event);

@@ -1,6 +1,6 @@
 //! Streams keep their budgets, and say truly how far off bodies are meanwhile
 //!
-//! Proved as in `pretend_network`: each bound that a member gives is held against the truth, at every look.
+//! Proved as in `simulated_network`: each bound that a member gives is held against the truth, at every look.
 
 use std::num::NonZeroU32;
 
@@ -9,11 +9,12 @@ use glam::{EulerRot, Quat, Vec3};
 use rhumb_protocol::Span;
 use rhumb_protocol::message::{Inspection, StreamChoice};
 use rhumb_protocol::packet::StreamId;
-use rhumb_protocol::scene::{Cadence, Pace};
+use rhumb_protocol::scene::{PublishSchedule, Stepping};
 use rhumb_protocol::stream::{
-    Activity, Bound, Budget, Features, Manner, Observation, Publisher, StreamTerms, Witness,
+    Activity, Budget, ErrorBound, Features, Observation, ObservationHistory, PredictionParameters,
+    Publisher, StreamTerms,
 };
-use rhumb_reckoning::{BodyId, Integrator, Metres, Rate, Tick, Tolerance, Track, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState, Integrator, Metres, Rate, Tick, Tolerance, Track};
 use rhumb_sims::by_name;
 use rhumb_tests::{COMMANDER, Stage, seed};
 use rhumb_transport::{Direction, Lane};
@@ -25,15 +26,15 @@ fn capped(bytes_per_second: u32) -> StreamChoice {
     }
 }
 
-fn stage(scene: &str, choice: StreamChoice, pace: Pace, links: &str, seed: u64) -> Stage {
+fn stage(scene: &str, choice: StreamChoice, stepping: Stepping, links: &str, seed: u64) -> Stage {
     let script = by_name(scene, 60, 1).expect("the scene is known by name");
-    let links = links.parse().expect("the tests write possible terms");
-    Stage::new(script, pace, choice, links, seed)
+    let links = links.parse().expect("the tests write possible config");
+    Stage::new(script, stepping, choice, links, seed)
 }
 
 fn inspect(stage: &mut Stage) -> Inspection {
     stage
-        .arena
+        .network
         .client_mut(COMMANDER)
         .inspect()
         .expect("it is a member");
@@ -47,7 +48,7 @@ fn inspect(stage: &mut Stage) -> Inspection {
 /// How many claims allow for more than the tolerance.
 fn exceeding(stage: &Stage, member: usize) -> usize {
     let claims = stage.witnesses[member].claims.iter();
-    claims.filter(|claim| claim.excess > 1.0).count()
+    claims.filter(|claim| claim.error_scale > 1.0).count()
 }
 
 #[test]
@@ -60,10 +61,10 @@ fn bounds_are_true_while_a_budget_does_not_suffice() {
     ] {
         let seed = seed(31);
         let what = format!("{scene} over {links:?}, seed {seed}");
-        let mut stage = stage(scene, capped(700), Pace::FreeRunning, links, seed);
-        stage.drive(Span::from_millis(2_000));
+        let mut stage = stage(scene, capped(700), Stepping::FreeRunning, links, seed);
+        stage.take_authority(Span::from_millis(2_000));
         let late = stage.enter(capped(700));
-        stage.drive(Span::from_millis(4_000));
+        stage.take_authority(Span::from_millis(4_000));
         assert!(exceeding(&stage, COMMANDER) > 100, "{what}");
         assert!(exceeding(&stage, late) > 100, "{what}");
         let truth = stage.truth();
@@ -75,26 +76,26 @@ fn bounds_are_true_while_a_budget_does_not_suffice() {
 
 #[test]
 fn a_budget_is_kept_in_every_second() {
-    let mut stage = stage("tumbler", capped(500), Pace::FreeRunning, "", 1);
-    let mut said = vec![0];
+    let mut stage = stage("tumbler", capped(500), Stepping::FreeRunning, "", 1);
+    let mut sent = vec![0];
     for _ in 0..8 {
-        stage.drive(Span::from_millis(1_000));
+        stage.take_authority(Span::from_millis(1_000));
         stage
-            .arena
+            .network
             .client_mut(COMMANDER)
             .inspect()
             .expect("it is a member");
         stage.run(Span::from_millis(4));
         let inspection = stage.witnesses[COMMANDER].inspections.last();
-        said.push(inspection.expect("it was answered").packet_bytes);
+        sent.push(inspection.expect("it was answered").packet_bytes);
     }
-    for (second, pair) in said.windows(2).enumerate() {
+    for (second, pair) in sent.windows(2).enumerate() {
         let bytes = pair[1] - pair[0];
         let burst = if second == 0 { 1_150 } else { 0 };
-        // An update may overdraw, and a second of the pretended clock is not always 60 ticks.
+        // An update may overdraw, and a second of the simulated clock is not always 60 ticks.
         assert!(bytes <= 500 + burst + 64, "{bytes} in second {second}");
     }
-    let bytes = said[8] - said[1];
+    let bytes = sent[8] - sent[1];
     assert!(
         bytes >= 7 * 300,
         "a tight budget is used: {bytes} in seven seconds"
@@ -102,36 +103,36 @@ fn a_budget_is_kept_in_every_second() {
 }
 
 #[test]
-fn who_waits_has_a_word_in_the_end() {
-    // Balls fall and lie: afterwards nothing is off any more, and every body is told to rest.
-    let mut stage = stage("ball-pit", capped(300), Pace::FreeRunning, "", 1);
-    stage.drive(Span::from_millis(6_000));
+fn every_waiting_body_is_updated_in_the_end() {
+    // Balls fall and lie: afterwards nothing is off any more, and every body is reported to rest.
+    let mut stage = stage("ball-pit", capped(300), Stepping::FreeRunning, "", 1);
+    stage.take_authority(Span::from_millis(6_000));
     assert!(exceeding(&stage, COMMANDER) > 100);
-    let withheld = inspect(&mut stage).withheld;
-    assert!(withheld > 1_000, "{withheld}");
+    let over_budget = inspect(&mut stage).over_budget;
+    assert!(over_budget > 1_000, "{over_budget}");
     stage.run(Span::from_millis(60_000));
-    let before = inspect(&mut stage).withheld;
+    let before = inspect(&mut stage).over_budget;
     stage.run(Span::from_millis(5_000));
-    assert_eq!(inspect(&mut stage).withheld, before);
+    assert_eq!(inspect(&mut stage).over_budget, before);
     let copy = stage.copy(COMMANDER);
-    for terms in copy.bodies() {
+    for config in copy.bodies() {
         let radius = copy
-            .shape(terms.shape)
+            .shape(config.shape)
             .expect("it has a shape")
             .bounding_radius();
-        let bound = Some(Bound::Within(Tolerance::NORMAL.reach(radius)));
-        assert_eq!(copy.stream().bound(terms.id), bound);
+        let bound = Some(ErrorBound::Within(Tolerance::NORMAL.reach(radius)));
+        assert_eq!(copy.stream().bound(config.id), bound);
     }
     let truth = stage.truth();
     stage.witnesses[COMMANDER].judge(&truth, "who waited");
 }
 
-/// Bodies that are somewhere else at each tick, too large to be said but in long words; and one, behind them, that goes a
+/// Bodies that are somewhere else at each tick, too large to be sent but in long words; and one, behind them, that goes a
 /// little way every second.
 const WILD: u32 = 8;
 const SECOND: u64 = 60;
 
-fn motion(body: u32, tick: u64) -> Verbatim {
+fn motion(body: u32, tick: u64) -> BodyState {
     let mixed = |part: u64| {
         let seed = (tick << 16) + (u64::from(body) << 4) + part + 1;
         let mixed = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
@@ -147,38 +148,39 @@ fn motion(body: u32, tick: u64) -> Verbatim {
         turned = Quat::from_euler(EulerRot::XYZ, mixed(3) * 6.0, mixed(4), mixed(5));
         linear = [6, 7, 8].map(|axis| mixed(axis) * 1e3);
     }
-    Verbatim::new(at, turned.to_array(), linear, [0.0; 3]).expect("it is finite")
+    BodyState::new(at, turned.to_array(), linear, [0.0; 3]).expect("it is finite")
 }
 
 /// A stream of these bodies at its source, held to a budget.
-struct Restless {
+struct CappedStream {
     publisher: Publisher,
-    witness: Witness,
+    observation_history: ObservationHistory,
     tick: u64,
 }
 
-impl Restless {
+impl CappedStream {
     fn new(budget: Budget) -> Self {
-        let terms = StreamTerms {
+        let config = StreamTerms {
             tolerance: Tolerance::NORMAL,
             integrator: Integrator {
                 rate: Rate::HZ_60,
                 substeps: NonZeroU32::MIN,
             },
-            every: Cadence::EACH_TICK.every,
+            publish_interval: PublishSchedule::EACH_TICK.publish_interval,
             gravity: Vec3::ZERO,
             features: Features::ALL,
         };
-        let mut publisher = Publisher::new(StreamId(0), &terms, Tick::ZERO);
+        let mut publisher = Publisher::new(StreamId(0), &config, Tick::ZERO);
         for body in 0..=WILD {
-            let manner = Manner::plain(Metres::new(if body == WILD { 0.5 } else { 5_000.0 }));
+            let parameters =
+                PredictionParameters::plain(Metres::new(if body == WILD { 0.5 } else { 5_000.0 }));
             let track = Track::resting(Tick::ZERO, motion(body, 0));
-            assert!(publisher.place(BodyId::new(body, 0), &manner, track));
+            assert!(publisher.place(BodyId::new(body, 0), &parameters, track));
         }
         publisher.limit(budget);
         Self {
             publisher,
-            witness: Witness::new(Cadence::EACH_TICK),
+            observation_history: ObservationHistory::new(PublishSchedule::EACH_TICK),
             tick: 0,
         }
     }
@@ -192,18 +194,20 @@ impl Restless {
             activity: Activity::Awake,
         };
         let seen: Vec<_> = (0..=WILD).map(seen).collect();
-        self.witness.observe(Tick::new(self.tick), &seen);
-        let mut said = Vec::new();
-        self.publisher.publish(&self.witness, 0, &mut said);
-        said.iter().map(Bytes::len).sum()
+        self.observation_history
+            .observe(Tick::new(self.tick), &seen);
+        let mut sent = Vec::new();
+        self.publisher
+            .publish(&self.observation_history, 0, &mut sent);
+        sent.iter().map(Bytes::len).sum()
     }
 }
 
 #[test]
-fn who_waits_has_a_word_however_far_others_are_off_and_though_they_never_rest() {
-    let mut stage = Restless::new(Budget::new(600, 1_150).expect("within the limits"));
+fn a_waiting_body_is_updated_even_beside_worse_errors_that_never_rest() {
+    let mut stage = CappedStream::new(Budget::new(600, 1_150).expect("within the limits"));
     let id = BodyId::new(WILD, 0);
-    let told = |stage: &Restless| {
+    let reported = |stage: &CappedStream| {
         let mut tracks = stage.publisher.tracks();
         let found = tracks.find(|(of, _)| *of == id);
         found.expect("it is there").1.origin.value()
@@ -212,16 +216,16 @@ fn who_waits_has_a_word_however_far_others_are_off_and_though_they_never_rest() 
     while stage.tick < 60 * SECOND {
         stage.step();
         // It went a little way at the beginning of each second.
-        let off_since = (told(&stage) / SECOND + 1) * SECOND;
+        let off_since = (reported(&stage) / SECOND + 1) * SECOND;
         longest = longest.max(stage.tick.saturating_sub(off_since));
     }
-    assert!(stage.publisher.statistics().withheld > 1_000);
+    assert!(stage.publisher.statistics().over_budget > 1_000);
     assert!(longest < 5 * SECOND, "{longest} ticks without a word");
 }
 
 #[test]
-fn who_is_worst_off_is_known_by_name_and_since_when() {
-    let mut stage = Restless::new(Budget::new(600, 1_150).expect("within the limits"));
+fn the_body_with_the_largest_error_is_named_with_its_start_tick() {
+    let mut stage = CappedStream::new(Budget::new(600, 1_150).expect("within the limits"));
     let mut waited = 0;
     for _ in 0..10 * SECOND {
         stage.step();
@@ -237,25 +241,25 @@ fn who_is_worst_off_is_known_by_name_and_since_when() {
 }
 
 #[test]
-fn what_is_said_beside_the_packets_is_paid_for() {
+fn other_datagrams_count_against_the_budget() {
     let budget = Budget::new(600, 1_150).expect("within the limits");
-    let said = |beside: usize| -> usize {
-        let mut stage = Restless::new(budget);
-        let second = |stage: &mut Restless| -> usize {
+    let sent = |beside: usize| -> usize {
+        let mut stage = CappedStream::new(budget);
+        let second = |stage: &mut CappedStream| -> usize {
             stage.publisher.pay(beside);
             (0..SECOND).map(|_| stage.step()).sum()
         };
         (0..20).map(|_| second(&mut stage)).sum()
     };
-    let (alone, beside) = (said(0), said(100));
+    let (alone, beside) = (sent(0), sent(100));
     assert!(alone > 20 * 500, "{alone}");
     assert!(alone - beside > 20 * 90, "{beside} of {alone}");
 }
 
 #[test]
 fn an_ample_budget_costs_nothing_and_changes_nothing() {
-    let said = |choice| {
-        let mut stage = stage("ball-pit", choice, Pace::Lockstep, "", 1);
+    let sent = |choice| {
+        let mut stage = stage("ball-pit", choice, Stepping::Lockstep, "", 1);
         for _ in 0..240 {
             stage.tick();
         }
@@ -263,38 +267,38 @@ fn an_ample_budget_costs_nothing_and_changes_nothing() {
         (
             inspection.packets,
             inspection.packet_bytes,
-            inspection.withheld,
+            inspection.over_budget,
         )
     };
     let ample = StreamChoice::Capped {
         tolerance: Tolerance::NORMAL,
         budget: Budget::per_second(10_000_000).expect("within the limits"),
     };
-    assert_eq!(said(ample), said(StreamChoice::Within(Tolerance::NORMAL)));
+    assert_eq!(sent(ample), sent(StreamChoice::Within(Tolerance::NORMAL)));
 }
 
 #[test]
-fn what_a_stream_says_does_not_depend_on_how_far_away_its_listeners_are() {
+fn a_stream_does_not_depend_on_the_delay_of_its_subscribers() {
     for choice in [capped(700), StreamChoice::Within(Tolerance::NORMAL)] {
-        let said = |links| {
+        let sent = |links| {
             let script = by_name("tumbler", 60, 1).expect("the scene is known by name");
-            let links: rhumb_transport::LinkTerms = links;
-            let mut stage = Stage::new(script, Pace::Lockstep, choice, links, 1);
+            let links: rhumb_transport::LinkConfig = links;
+            let mut stage = Stage::new(script, Stepping::Lockstep, choice, links, 1);
             for _ in 0..200 {
                 stage.tick();
             }
             let down = stage
-                .arena
+                .network
                 .counts(COMMANDER, Direction::Down, Lane::State)
                 .pushed
                 .bytes;
             let inspection = inspect(&mut stage);
             (inspection.packets, inspection.packet_bytes, down)
         };
-        let parse = |text: &str| text.parse().expect("the tests write possible terms");
-        let near = said(parse(""));
+        let parse = |text: &str| text.parse().expect("the tests write possible config");
+        let near = sent(parse(""));
         // Within the patience of a lockstep client, which asks again after a tenth of a second.
-        let far = said(parse("rtt=90ms"));
+        let far = sent(parse("rtt=90ms"));
         assert_eq!(near, far, "{choice:?}");
     }
 }

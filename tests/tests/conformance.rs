@@ -8,18 +8,18 @@ use std::time::Duration;
 
 use rhumb_tests::conformance::case::Profile;
 use rhumb_tests::conformance::mutants::ServerMutant;
-use rhumb_tests::conformance::report::{Report, Terms, html, json, junit};
+use rhumb_tests::conformance::report::{Report, RunSettings, html, json, junit};
 use rhumb_tests::conformance::suite::{Selection, cases};
 use rhumb_tests::conformance::trial::{Conditions, Subject};
-use rhumb_tests::conformance::{Side, Verdict, coverage, run};
+use rhumb_tests::conformance::{Role, Verdict, coverage, run};
 use rhumb_tests::{Programme, ServerProcess};
-use rhumb_transport::{LinkTerms, Trust};
+use rhumb_transport::{LinkConfig, Trust};
 use serde_json::{Value, json as value_of};
 
 const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
 
 /// What the cases are tried by: so patiently that a busy machine fails none.
-fn conditions(server: &ServerProcess, link: LinkTerms) -> Conditions {
+fn conditions(server: &ServerProcess, link: LinkConfig) -> Conditions {
     Conditions {
         subject: Subject::Server {
             target: server.address,
@@ -33,7 +33,7 @@ fn conditions(server: &ServerProcess, link: LinkTerms) -> Conditions {
     }
 }
 
-fn tried(patterns: &[&str], link: LinkTerms) -> Report {
+fn tried(patterns: &[&str], link: LinkConfig) -> Report {
     let server = SERVER.serve_without_log("127.0.0.1:0");
     let selection = Selection {
         patterns: patterns.iter().map(|&pattern| pattern.to_owned()).collect(),
@@ -43,7 +43,7 @@ fn tried(patterns: &[&str], link: LinkTerms) -> Report {
     let conditions = conditions(&server, link);
     let mut progress = Vec::new();
     let results = run::run(
-        cases(Side::Server),
+        cases(Role::Server),
         &selection,
         &conditions,
         8,
@@ -51,7 +51,7 @@ fn tried(patterns: &[&str], link: LinkTerms) -> Report {
     );
     let report = Report {
         subject: server.address.to_string(),
-        terms: Some(Terms {
+        config: Some(RunSettings {
             seed: conditions.seed,
             timeout_s: conditions.timeout.as_secs_f64(),
             link,
@@ -72,7 +72,7 @@ fn tried(patterns: &[&str], link: LinkTerms) -> Report {
 
 #[test]
 fn the_server_of_this_house_passes_every_case() {
-    let report = tried(&[], LinkTerms::PERFECT);
+    let report = tried(&[], LinkConfig::PERFECT);
     assert!(report.results.len() >= 200, "{}", report.summary());
     // What a report says of a run, in each of its forms.
     let value: Value = serde_json::from_str(&json(&report)).expect("JSON");
@@ -84,15 +84,16 @@ fn the_server_of_this_house_passes_every_case() {
     let xml = junit(&report).expect("memory can be written to");
     assert_eq!(xml.matches("<testcase ").count(), report.results.len());
     assert!(!xml.contains("<failure"));
-    let told = ["seed", "timeout_s", "link", "profile", "without"].map(|name| value[name].clone());
-    let terms = [
+    let reported =
+        ["seed", "timeout_s", "link", "profile", "without"].map(|name| value[name].clone());
+    let config = [
         value_of!(1),
         value_of!(10.0),
         value_of!(""),
         value_of!("bit-exact"),
         value_of!([]),
     ];
-    assert_eq!(told, terms);
+    assert_eq!(reported, config);
     let page = html(&report);
     assert!(page.contains("seed 1, timeout 10 s, profile bit-exact, strict"));
     assert!(report.results.iter().all(|one| page.contains(&one.case.id)));
@@ -102,7 +103,7 @@ fn the_server_of_this_house_passes_every_case() {
 fn the_server_of_this_house_passes_behind_a_bad_link() {
     let link = "rtt=20ms,loss=3%,reorder=2%,dup=1%"
         .parse()
-        .expect("terms of a link");
+        .expect("config of a link");
     let report = tried(&["L1.1", "L1.4", "L2.1", "L3.1", "L4.1.1"], link);
     assert!(report.results.len() >= 20, "{}", report.summary());
 }
@@ -115,17 +116,17 @@ const CAUGHT: [(ServerMutant, &str); 20] = [
     (ServerMutant::OptionalRefused, "L0.1.2"),
     (ServerMutant::CommandRefused, "L3.2.32"),
     (ServerMutant::NanTaken, "SetGravity: command.gravity NaN"),
-    (ServerMutant::RepairIgnored, "L2.2.5"),
+    (ServerMutant::RefreshIgnored, "L2.2.5"),
     (ServerMutant::OffByOne, "L2.2.3"),
-    (ServerMutant::NeverVouches, "L2.2.2"),
+    (ServerMutant::NeverSendsWatermark, "L2.2.2"),
     (ServerMutant::RestLost, "L4.1.9"),
     (ServerMutant::ToleranceIgnored, "L4.1.1"),
-    (ServerMutant::SumsWrong, "L4.1.3"),
-    (ServerMutant::ParityWrong, "L2.2.8"),
+    (ServerMutant::ChecksumsWrong, "L4.1.3"),
+    (ServerMutant::RepairSymbolWrong, "L2.2.8"),
     (ServerMutant::StepsTooFar, "L2.1.1"),
-    (ServerMutant::GravityUntold, "L3.4.11"),
-    (ServerMutant::RefusalsUntold, "L3.2.1"),
-    (ServerMutant::JointsUntold, "L3.3.7"),
+    (ServerMutant::GravityNotSent, "L3.4.11"),
+    (ServerMutant::RefusalsNotSent, "L3.2.1"),
+    (ServerMutant::JointsNotSent, "L3.3.7"),
     (ServerMutant::PongWrong, "L1.4.12"),
     (ServerMutant::FrictionOff, "L4.3.1"),
     (ServerMutant::SpeedsOff, "L4.3.2"),
@@ -147,7 +148,7 @@ fn tried_mutant(
         },
         timeout: Duration::from_secs(2 * side_by_side as u64),
         seed: 1,
-        link: LinkTerms::PERFECT,
+        link: LinkConfig::PERFECT,
         without: Vec::new(),
     };
     let selection = Selection {
@@ -157,7 +158,7 @@ fn tried_mutant(
     };
     let sink = &mut std::io::sink();
     run::run(
-        cases(Side::Server),
+        cases(Role::Server),
         &selection,
         &conditions,
         side_by_side,

@@ -22,11 +22,11 @@ fn conformance(arguments: &[&str]) -> Output {
 #[track_caller]
 fn refused(arguments: &[&str], words: &[&str]) {
     let output = conformance(arguments);
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
+    let sent = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {sent}");
     assert!(output.stdout.is_empty(), "{arguments:?} tries something");
     for word in words {
-        assert!(said.contains(word), "{arguments:?}: no {word:?} in {said}");
+        assert!(sent.contains(word), "{arguments:?}: no {word:?} in {sent}");
     }
 }
 
@@ -109,25 +109,25 @@ fn a_client_that_has_nothing_does_not_pass() {
     for case in ["L2.51", "L4.51.1"] {
         let output = conformance(&["client", "--exec", "sh -c 'exit 127'", "--case", case]);
         assert_eq!(output.status.code(), Some(1), "{output:?}");
-        let said = String::from_utf8_lossy(&output.stdout);
-        assert!(said.contains("does not even follow"), "{said}");
+        let sent = String::from_utf8_lossy(&output.stdout);
+        assert!(sent.contains("does not even follow"), "{sent}");
     }
 }
 
 #[test]
 fn a_decoder_that_has_nothing_does_not_pass() {
-    let exec = "sh -c 'while read line; do echo \"{\\\"unsupported\\\":true}\"; done'";
+    let exec = "sh -c 'while read line; do loss_report \"{\\\"unsupported\\\":true}\"; done'";
     let output = conformance(&["vectors", "--exec", exec, "--case", "L0.81"]);
     assert_eq!(output.status.code(), Some(1), "{output:?}");
-    let said = String::from_utf8_lossy(&output.stdout);
-    assert!(said.contains("nothing passed"), "{said}");
+    let sent = String::from_utf8_lossy(&output.stdout);
+    assert!(sent.contains("nothing passed"), "{sent}");
 }
 
 #[test]
-fn what_a_client_complains_of_is_told_with_the_case_that_fails() {
+fn stderr_of_a_client_is_reported_with_the_failing_case() {
     let report = file("report.json", b"");
     let path = report.display().to_string();
-    let exec = "sh -c 'echo it has no legs >&2'";
+    let exec = "sh -c 'loss_report it has no legs >&2'";
     let arguments = ["client", "--exec", exec, "--case", "L1.51.2", "--json"];
     let output = conformance(&[&arguments[..], &[&path, "--timeout", "0.5"]].concat());
     assert_eq!(output.status.code(), Some(1), "{output:?}");

@@ -11,8 +11,8 @@ use rhumb_tests::conformance::mutants::ClientMutant;
 use rhumb_tests::conformance::run::run;
 use rhumb_tests::conformance::suite::{self, Selection};
 use rhumb_tests::conformance::trial::{Conditions, Subject};
-use rhumb_tests::conformance::{Side, Verdict};
-use rhumb_transport::LinkTerms;
+use rhumb_tests::conformance::{Role, Verdict};
+use rhumb_transport::LinkConfig;
 
 const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
 const TESTEE: &str = env!("CARGO_BIN_EXE_rhumb-testee");
@@ -27,31 +27,55 @@ const CAUGHT: [(ClientMutant, &str, &str); 24] = [
         "L1.51.13",
     ),
     (ClientMutant::WrongCode, "wrong-code", "L1.51.3"),
-    (ClientMutant::NeverEchoes, "never-echoes", "L2.51.20"),
+    (
+        ClientMutant::NeverReportsLoss,
+        "never-loss_reports",
+        "L2.51.20",
+    ),
     (ClientMutant::OffByOne, "off-by-one", "L2.51.20"),
     (ClientMutant::AsksForOne, "asks-for-one", "L2.51.22"),
     (ClientMutant::LateIsAll, "late-is-all", "L2.51.45"),
-    (ClientMutant::RepairIgnored, "repair-ignored", "L2.51.7"),
+    (ClientMutant::RefreshIgnored, "refresh-ignored", "L2.51.7"),
     (ClientMutant::StaleTaken, "stale-taken", "L2.51.41"),
     (ClientMutant::RevisionIgnored, "revision-ignored", "L2.51.1"),
     (ClientMutant::RestLost, "rest-lost", "L4.51.5"),
-    (ClientMutant::NeverDoubts, "never-doubts", "L2.52.1"),
-    (ClientMutant::ParityWrong, "parity-wrong", "L2.52.10"),
-    (ClientMutant::NoticesIgnored, "notices-ignored", "L1.52.66"),
+    (
+        ClientMutant::NeverReportsMismatch,
+        "never-mismatches",
+        "L2.52.1",
+    ),
+    (
+        ClientMutant::RepairSymbolWrong,
+        "repair_symbol-wrong",
+        "L2.52.10",
+    ),
+    (
+        ClientMutant::SceneEventsIgnored,
+        "scene_events-ignored",
+        "L1.52.66",
+    ),
     (ClientMutant::NanTaken, "nan-taken", "L5.51.3"),
     (ClientMutant::NeverResyncs, "never-resyncs", "L2.51.24"),
     (ClientMutant::LastBitWrong, "last-bit-wrong", "L4.51.1"),
     (
-        ClientMutant::PromisesTooMuch,
+        ClientMutant::CompleteTooEarly,
         "promises-too-much",
         "L2.51.40",
     ),
-    (ClientMutant::NeverFollowed, "never-followed", "L2.52.21"),
-    (ClientMutant::SpeaksTooSoon, "speaks-too-soon", "L1.51.6"),
-    (ClientMutant::StraysAway, "strays-away", "L3.51.1"),
-    (ClientMutant::VouchesOnce, "vouches-once", "L3.51.2"),
+    (ClientMutant::NeverSubscribed, "never-followed", "L2.52.21"),
     (
-        ClientMutant::NeverDrivesAgain,
+        ClientMutant::SendsBeforeWelcome,
+        "speaks-too-soon",
+        "L1.51.6",
+    ),
+    (
+        ClientMutant::UpstreamBeyondTolerance,
+        "strays-away",
+        "L3.51.1",
+    ),
+    (ClientMutant::WatermarkOnce, "watermarks-once", "L3.51.2"),
+    (
+        ClientMutant::NeverRetakesAuthority,
         "never-drives-again",
         "L3.51.3",
     ),
@@ -66,14 +90,14 @@ fn conditions(exec: String) -> Conditions {
         // A machine that does much else is slow, not wrong.
         timeout: Duration::from_secs(20),
         seed: 1,
-        link: LinkTerms::PERFECT,
+        link: LinkConfig::PERFECT,
         without: Vec::new(),
     }
 }
 
 #[test]
 fn the_rust_client_passes_every_case() {
-    let (cases, selection) = (suite::cases(Side::Client), Selection::default());
+    let (cases, selection) = (suite::cases(Role::Client), Selection::default());
     let results = run(
         cases,
         &selection,
@@ -132,7 +156,7 @@ fn each_client_that_breaks_a_promise_is_caught_by_its_case() {
             ..Selection::default()
         };
         let results = run(
-            suite::cases(Side::Client),
+            suite::cases(Role::Client),
             &selection,
             &conditions,
             1,

@@ -28,7 +28,7 @@ fn script(name: &str) -> Box<dyn Script> {
 /// The digest of a script's run in this thread, with or without its controller.
 fn alone(name: &str, controlled: bool) -> u64 {
     let mut script = script(name);
-    let mut scene = Scene::new(script.terms()).expect("scripts have good terms");
+    let mut scene = Scene::new(script.config()).expect("scripts have good config");
     if let Some(controller) = script.controller().filter(|_| controlled) {
         scene.attach(hook(controller));
     }
@@ -51,20 +51,20 @@ fn hosted(name: &'static str) -> (u64, usize) {
     let mut script = script(name);
     let hooks = Hooks::new(move |_, _| twin.controller().map(hook));
     let mut table = Table::with_hooks(hooks);
-    let peer = table.seat("played");
+    let peer = table.alias("played");
     let session = table.guest(peer);
-    session.create(script.terms()).expect("it is welcome");
+    session.create(script.config()).expect("it is welcome");
     session
         .join(StreamChoice::Full)
         .expect("it is in the lobby");
     table.settle();
-    let (mut commands, mut said) = (Vec::new(), 0);
+    let (mut commands, mut sent) = (Vec::new(), 0);
     for tick in 0..TICKS {
         commands.clear();
         script.commands(Tick::new(tick), &mut commands);
         let now = table.now();
         let session = table.guest(peer);
-        said += commands.len();
+        sent += commands.len();
         for command in commands.drain(..) {
             session.command(command).expect("it is a member");
         }
@@ -82,7 +82,7 @@ fn hosted(name: &'static str) -> (u64, usize) {
         _ => None,
     };
     let truth = std::iter::from_fn(|| session.poll_event()).find_map(inspected);
-    (truth.expect("an inspection was asked for"), said)
+    (truth.expect("an inspection was asked for"), sent)
 }
 
 #[test]
@@ -110,7 +110,7 @@ fn nothing_goes_up_for_what_a_controller_does() {
 #[test]
 fn a_hook_moves_bodies_and_nothing_else() {
     let mut script = script("zoo");
-    let mut scene = Scene::new(script.terms()).expect("scripts have good terms");
+    let mut scene = Scene::new(script.config()).expect("scripts have good config");
     let mut commands = Vec::new();
     script.commands(Tick::ZERO, &mut commands);
     for command in &commands {

@@ -9,20 +9,21 @@ use std::num::NonZeroU32;
 
 use bytes::Bytes;
 use glam::Vec3;
-use rhumb_client::{DisplayTime, Glass, View};
-use rhumb_protocol::message::{Notice, StreamChoice};
+use rhumb_client::{RenderParams, RenderTime, View};
+use rhumb_protocol::message::{SceneEvent, StreamChoice};
 use rhumb_protocol::packet::StreamId;
-use rhumb_protocol::scene::{BodyKind, BodyTerms, Cadence, SceneTerms, Shape, ShapeId};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, PublishSchedule, SceneConfig, Shape, ShapeId};
 use rhumb_protocol::stream::{
-    Activity, Features, Manner, Observation, Publisher, StreamTerms, Subscriber, Witness,
+    Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
+    StreamTerms, Subscriber,
 };
 use rhumb_protocol::{Endpoint, Instant};
 use rhumb_reckoning::{
-    Anchor, BodyId, Class, Damping, Integrator, Metres, Predictor, Rate, Seconds, Tick, Tolerance,
-    Track, Verbatim,
+    Anchor, BodyId, BodyState, Damping, Integrator, Metres, Predictor, Rate, Seconds, Tick,
+    Tolerance, ToleranceScale, Track,
 };
 use rhumb_sims::by_name;
-use rhumb_tests::Told;
+use rhumb_tests::ScriptedSession;
 
 /// The system's allocator, and what was asked of it.
 struct Counting;
@@ -76,11 +77,11 @@ const PER_PACKET: u64 = 10;
 /// Of so many bodies one is struck in each tick.
 const STRUCK: u64 = 20;
 
-fn terms(tolerance: Tolerance) -> StreamTerms {
+fn config(tolerance: Tolerance) -> StreamTerms {
     StreamTerms {
         tolerance,
         integrator: integrator(),
-        every: Cadence::EACH_TICK.every,
+        publish_interval: PublishSchedule::EACH_TICK.publish_interval,
         gravity: GRAVITY,
         features: Features::ALL,
     }
@@ -103,7 +104,7 @@ enum Scene {
 }
 
 impl Scene {
-    fn state(self, index: u32, tick: u64) -> Verbatim {
+    fn state(self, index: u32, tick: u64) -> BodyState {
         let phase = tick + u64::from(index) % STRUCK;
         let (struck, last) = match self {
             Self::Struck => (phase / STRUCK, phase / STRUCK * STRUCK),
@@ -115,7 +116,7 @@ impl Scene {
         let way = 3.0 * STRUCK as f32 / 60.0;
         let from = if struck % 2 == 0 { 0.0 } else { way };
         let x = from + speed * since + (index % 100) as f32;
-        Verbatim::new(
+        BodyState::new(
             [x, 0.0, (index / 100) as f32],
             [0.0, 0.0, 0.0, 1.0],
             [speed, 0.0, 0.0],
@@ -133,66 +134,66 @@ impl Scene {
         (0..BODIES).map(seen).collect()
     }
 
-    fn bodies(self) -> impl Iterator<Item = (BodyId, Manner, Track)> {
+    fn bodies(self) -> impl Iterator<Item = (BodyId, PredictionParameters, Track)> {
         (0..BODIES).map(move |index| {
-            let manner = Manner {
+            let parameters = PredictionParameters {
                 radius: Metres::new(0.5),
                 damping: Damping::default(),
                 gravity_scale: 0.0,
                 inertia: None,
-                class: Class::default(),
+                tolerance_scale: ToleranceScale::default(),
             };
             let track = Track {
                 origin: Tick::ZERO,
                 predictor: Predictor::Uniform,
-                anchor: Anchor::Verbatim(self.state(index, 0)),
-                carrier: None,
+                anchor: Anchor::Exact(self.state(index, 0)),
+                parent: None,
             };
-            (BodyId::new(index, 0), manner, track)
+            (BodyId::new(index, 0), parameters, track)
         })
     }
 
-    fn terms(self) -> SceneTerms {
-        SceneTerms {
+    fn config(self) -> SceneConfig {
+        SceneConfig {
             integrator: integrator(),
             gravity: GRAVITY,
             damping: Damping::default(),
             ..by_name("free-fall", 1, 1)
                 .expect("the scene is known by name")
-                .terms()
+                .config()
         }
     }
 
-    /// What a member is told of the bodies when it comes in.
-    fn notices(self) -> Vec<Notice> {
+    /// What a member is reported of the bodies when it comes in.
+    fn scene_events(self) -> Vec<SceneEvent> {
         let ball = ShapeId(0);
         let shape = Shape::Ball { radius: 0.5 };
-        let mut notices = vec![Notice::ShapeAdded { id: ball, shape }];
-        let placed = self.bodies().map(|(id, _, track)| Notice::BodyPlaced {
-            terms: BodyTerms {
+        let mut scene_events = vec![SceneEvent::ShapeAdded { id: ball, shape }];
+        let placed = self.bodies().map(|(id, _, track)| SceneEvent::BodyPlaced {
+            config: BodyDesc {
                 gravity_scale: 0.0,
-                ..BodyTerms::plain(id, BodyKind::Dynamic, ball)
+                ..BodyDesc::plain(id, BodyKind::Dynamic, ball)
             },
             inertia: None,
             track,
-            seat: None,
+            alias: None,
         });
-        notices.extend(placed);
-        notices
+        scene_events.extend(placed);
+        scene_events
     }
 
     fn publisher(self, tolerance: Tolerance) -> Publisher {
-        let mut publisher = Publisher::new(STREAM, &terms(tolerance), Tick::ZERO);
-        for (id, manner, track) in self.bodies() {
-            assert!(publisher.place(id, &manner, track));
+        let mut publisher = Publisher::new(STREAM, &config(tolerance), Tick::ZERO);
+        for (id, parameters, track) in self.bodies() {
+            assert!(publisher.place(id, &parameters, track));
         }
         publisher
     }
 
     fn subscriber(self, tolerance: Tolerance) -> Subscriber {
-        let mut subscriber = Subscriber::new(&terms(tolerance).start(STREAM, Tick::ZERO));
-        for (id, manner, track) in self.bodies() {
-            assert!(subscriber.place(id, &manner, track));
+        let mut subscriber = Subscriber::new(&config(tolerance).start(STREAM, Tick::ZERO));
+        for (id, parameters, track) in self.bodies() {
+            assert!(subscriber.place(id, &parameters, track));
         }
         subscriber.handle_snapshot_end();
         subscriber
@@ -200,12 +201,12 @@ impl Scene {
 
     /// The datagrams of each tick.
     fn said(self, ticks: u64, tolerance: Tolerance) -> Vec<Vec<Bytes>> {
-        let mut witness = Witness::new(Cadence::EACH_TICK);
+        let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
         let mut publisher = self.publisher(tolerance);
         let say = |tick| {
             let mut out = Vec::new();
-            witness.observe(Tick::new(tick), &self.observations(tick));
-            publisher.publish(&witness, 0, &mut out);
+            observation_history.observe(Tick::new(tick), &self.observations(tick));
+            publisher.publish(&observation_history, 0, &mut out);
             out
         };
         let said: Vec<_> = (1..=ticks).map(say).collect();
@@ -215,16 +216,16 @@ impl Scene {
 }
 
 fn look(view: &mut View, subscriber: &mut Subscriber, tick: u64) {
-    let glass = Glass {
-        at: DisplayTime::at(Tick::new(tick)),
+    let render_params = RenderParams {
+        at: RenderTime::at(Tick::new(tick)),
         now: Seconds::new(tick as f64 / 60.0),
         smooth: false,
     };
-    view.refresh(subscriber, &glass);
+    view.refresh(subscriber, &render_params);
 }
 
 #[test]
-fn a_tick_of_which_nothing_must_be_said_allocates_nothing() {
+fn a_tick_without_updates_allocates_nothing() {
     let tiers = [
         Tolerance::EXACT,
         Tolerance::FINE,
@@ -232,14 +233,14 @@ fn a_tick_of_which_nothing_must_be_said_allocates_nothing() {
         Tolerance::COARSE,
     ];
     let mut publishers = tiers.map(|tier| Scene::Free.publisher(tier));
-    let mut witness = Witness::new(Cadence::EACH_TICK);
+    let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
     let mut out = Vec::new();
     for tick in 1..=120 {
         let observations = Scene::Free.observations(tick);
         let ((), calls, _) = count(|| {
-            witness.observe(Tick::new(tick), &observations);
+            observation_history.observe(Tick::new(tick), &observations);
             for publisher in &mut publishers {
-                publisher.publish(&witness, 0, &mut out);
+                publisher.publish(&observation_history, 0, &mut out);
             }
         });
         assert!(out.is_empty());
@@ -256,15 +257,15 @@ fn publishing_in_four_tiers_allocates_by_packet_and_not_by_update() {
         Tolerance::COARSE,
     ];
     let mut publishers = tiers.map(|tier| Scene::Struck.publisher(tier));
-    let mut witness = Witness::new(Cadence::EACH_TICK);
+    let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
     let mut updates = 0;
     for tick in 1..=120 {
         let observations = Scene::Struck.observations(tick);
         let mut out = Vec::with_capacity(1_000);
         let ((), calls, _) = count(|| {
-            witness.observe(Tick::new(tick), &observations);
+            observation_history.observe(Tick::new(tick), &observations);
             for publisher in &mut publishers {
-                publisher.publish(&witness, 0, &mut out);
+                publisher.publish(&observation_history, 0, &mut out);
             }
         });
         // A datagram, its head and its words, the bodies that it is remembered by, and its column.
@@ -281,7 +282,7 @@ fn publishing_in_four_tiers_allocates_by_packet_and_not_by_update() {
 }
 
 #[test]
-fn hearing_and_viewing_a_tick_allocates_nothing() {
+fn receiving_and_rendering_a_tick_allocates_nothing() {
     let said = Scene::Struck.said(200, Tolerance::NORMAL);
     let mut subscriber = Scene::Struck.subscriber(Tolerance::NORMAL);
     let mut view = View::default();
@@ -300,15 +301,16 @@ fn hearing_and_viewing_a_tick_allocates_nothing() {
 
 #[test]
 fn a_body_takes_76_bytes_of_each_stream_at_a_server_and_128_at_most_with_what_ticks_need() {
-    let mut witness = Witness::new(Cadence::EACH_TICK);
+    let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
     let (mut publisher, _, placed) = count(|| Scene::Struck.publisher(Tolerance::NORMAL));
     let mut seen = 0;
     let ((), _, grown) = count(|| {
         for tick in 1..=2 * STRUCK {
             let observations = Scene::Struck.observations(tick);
-            let ((), _, kept) = count(|| witness.observe(Tick::new(tick), &observations));
+            let ((), _, kept) =
+                count(|| observation_history.observe(Tick::new(tick), &observations));
             seen += kept;
-            publisher.publish(&witness, 0, &mut Vec::new());
+            publisher.publish(&observation_history, 0, &mut Vec::new());
         }
     });
     // What all streams share is not a stream's; what was said is gone.
@@ -322,18 +324,18 @@ fn a_body_takes_76_bytes_of_each_stream_at_a_server_and_128_at_most_with_what_ti
 #[test]
 fn a_body_takes_no_more_than_192_bytes_at_a_client() {
     let said = Scene::Struck.said(2 * STRUCK, Tolerance::NORMAL);
-    let told = Scene::Struck.notices();
-    let terms = Scene::Struck.terms();
+    let reported = Scene::Struck.scene_events();
+    let config = Scene::Struck.config();
     let choice = StreamChoice::Within(Tolerance::NORMAL);
-    let mut member = Told::welcomed(choice);
+    let mut member = ScriptedSession::welcomed(choice);
     let ((), _, placed) =
-        count(|| member.tell_snapshot(&terms, choice, (STREAM, Tick::ZERO), &told));
+        count(|| member.send_snapshot(&config, choice, (STREAM, Tick::ZERO), &reported));
     let mut view = View::default();
     let session = &mut member.session;
-    let ((), _, heard) = count(|| {
+    let ((), _, received) = count(|| {
         for (tick, datagrams) in (1..).zip(&said) {
             for datagram in datagrams {
-                session.handle_datagram(Instant::ZERO, Told::SERVER, datagram);
+                session.handle_datagram(Instant::ZERO, ScriptedSession::SERVER, datagram);
             }
             let copy = session.replica_mut().expect("a member has a copy");
             look(&mut view, copy.stream_mut(), tick);
@@ -342,6 +344,6 @@ fn a_body_takes_no_more_than_192_bytes_at_a_client() {
     let copy = session.replica().expect("a member has a copy");
     assert_eq!(copy.bodies().count(), BODIES as usize);
     assert!(copy.stream().statistics().updates >= u64::from(BODIES));
-    let each = (placed + heard) / i64::from(BODIES);
-    assert!(each <= 192, "{each}: {placed} and {heard}");
+    let each = (placed + received) / i64::from(BODIES);
+    assert!(each <= 192, "{each}: {placed} and {received}");
 }

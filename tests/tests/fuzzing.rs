@@ -64,8 +64,8 @@ macro_rules! replays {
 }
 
 replays! {
-    app_messages app_scene client_messages client_session control_script driven_stream gate lattice
-    link parities recordings scene_commands server_messages side_packets state_packets subscriber
+    app_messages app_scene client_messages client_session control_script driven_stream prefilter quantiser
+    link repair_symbols recordings scene_commands server_messages side_packets state_packets subscriber
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Bytes from anyone: nobody else notices, nothing grows, a code ends it.
+//! Bytes from anyone: nobody else scene_events, nothing grows, a code ends it.
 //!
 //! Proved at a table where a real host has polite guests (real sessions, held against a scene stepped beside them) and
 //! rude ones: arbitrary bytes, real conversations with bytes turned, cut, copied and disordered, and messages at the
@@ -9,16 +9,16 @@
 
 use proptest::prelude::*;
 use rhumb_protocol::limits::{
-    COUNT_MAX, HISTORY_PACKETS, INDICES_MAX, LOST_NAMED_MAX, PARITY_SPAN, RESERVE_MAX,
+    COUNT_MAX, FEC_SPAN, HISTORY_PACKETS, INDICES_MAX, LOST_NAMED_MAX, RESERVE_MAX,
 };
 use rhumb_protocol::message::{ClientMessage, Extensions, StreamChoice};
-use rhumb_protocol::packet::{Echo, Low16, StreamId};
+use rhumb_protocol::packet::{LossReport, Low16, StreamId};
 use rhumb_protocol::session::{ClientSession, CloseCode, Event};
 use rhumb_protocol::{Endpoint, Instant, Peer, Span};
 use rhumb_reckoning::{Divergence, Tick, Tolerance};
 use rhumb_server::Scene;
 use rhumb_sims::{Script, Zoo};
-use rhumb_tests::{Dice, Rude, Said, Table};
+use rhumb_tests::{Delivered, Dice, RawPeer, Table};
 
 const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 
@@ -32,11 +32,11 @@ struct Good {
 impl Good {
     fn new(table: &mut Table, name: &str) -> Self {
         let script = Zoo::new(12, 3);
-        let scene = Scene::new(script.terms()).expect("a script's terms are right");
-        let peer = table.seat(name);
-        let terms = script.terms();
+        let scene = Scene::new(script.config()).expect("a script's config are right");
+        let peer = table.alias(name);
+        let config = script.config();
         let session = table.guest(peer);
-        session.create(terms).expect("it is welcome");
+        session.create(config).expect("it is welcome");
         session.join(NORMAL).expect("it is in the lobby");
         table.settle();
         Self {
@@ -76,25 +76,28 @@ impl Good {
         }
         let stream = session.replica().expect("it is a member").stream();
         assert_eq!(stream.complete(), tick);
-        for terms in self.scene.bodies() {
+        for config in self.scene.bodies() {
             let truth = self
                 .scene
-                .observation(terms.id)
+                .observation(config.id)
                 .expect("the scene has its bodies");
-            let believed = stream.believed(terms.id, tick).expect("so has the copy");
+            let predicted_motion = stream
+                .predicted_motion(config.id, tick)
+                .expect("so has the copy");
             let radius = self
                 .scene
-                .bounding_radius(terms.id)
+                .bounding_radius(config.id)
                 .expect("a body has a shape");
-            let apart = Divergence::between(&truth.motion.motion().pose(), &believed.pose());
+            let apart =
+                Divergence::between(&truth.motion.motion().pose(), &predicted_motion.pose());
             let share = Tolerance::NORMAL.share(&apart, radius);
-            assert!(share <= 1.0, "{} is off by {share} tolerances", terms.id);
+            assert!(share <= 1.0, "{} is off by {share} tolerances", config.id);
         }
     }
 }
 
-/// What a real member said and heard in its life, in order.
-fn conversation() -> (Vec<Said>, Vec<Said>) {
+/// What a real member said and received in its life, in order.
+fn conversation() -> (Vec<Delivered>, Vec<Delivered>) {
     let mut table = Table::default();
     let mut good = Good::new(&mut table, "recorded");
     for _ in 0..12 {
@@ -111,7 +114,7 @@ fn conversation() -> (Vec<Said>, Vec<Said>) {
 }
 
 /// Turns, cuts, copies and disorders what was said.
-fn damage(said: &[Said], dice: &mut Dice) -> Vec<Said> {
+fn damage(said: &[Delivered], dice: &mut Dice) -> Vec<Delivered> {
     let mut damaged = said.to_vec();
     for _ in 0..1 + dice.below(4) {
         let place = dice.below(damaged.len());
@@ -130,7 +133,7 @@ fn damage(said: &[Said], dice: &mut Dice) -> Vec<Said> {
 }
 
 /// The same with a bit turned, or its end cut off.
-fn turned(said: &Said, dice: &mut Dice) -> Said {
+fn turned(said: &Delivered, dice: &mut Dice) -> Delivered {
     let turn = |bytes: &[u8], dice: &mut Dice| {
         let mut bytes = bytes.to_vec();
         if bytes.is_empty() || dice.below(4) == 0 {
@@ -142,8 +145,8 @@ fn turned(said: &Said, dice: &mut Dice) -> Said {
         bytes.into()
     };
     match said {
-        Said::Control(bytes) => Said::Control(turn(bytes, dice)),
-        Said::State(bytes) => Said::State(turn(bytes, dice)),
+        Delivered::Control(bytes) => Delivered::Control(turn(bytes, dice)),
+        Delivered::State(bytes) => Delivered::State(turn(bytes, dice)),
     }
 }
 
@@ -168,7 +171,7 @@ proptest! {
     ) {
         let mut table = Table::default();
         let mut good = Good::new(&mut table, "good");
-        let rude = [table.seat_rude(), table.seat_rude(), Rude::enter(&mut table, "good").peer];
+        let rude = [table.connect_raw_peer(), table.connect_raw_peer(), RawPeer::enter(&mut table, "good").peer];
         for (place, (who, control, bytes)) in pieces.iter().enumerate() {
             if *control {
                 // A member may delete its scene or let it step, and two bytes are enough to say so.
@@ -194,11 +197,11 @@ proptest! {
         let mut dice = Dice::new(seed);
         let mut table = Table::default();
         let mut good = Good::new(&mut table, "good");
-        let rude = table.seat_rude();
+        let rude = table.connect_raw_peer();
         for (place, said) in damage(&spoken, &mut dice).iter().enumerate() {
             match said {
-                Said::Control(bytes) => table.control(rude, bytes),
-                Said::State(bytes) => table.datagram(rude, bytes),
+                Delivered::Control(bytes) => table.control(rude, bytes),
+                Delivered::State(bytes) => table.datagram(rude, bytes),
             }
             if place % 8 == 0 {
                 good.tick(&mut table);
@@ -210,19 +213,19 @@ proptest! {
     }
 
     #[test]
-    fn who_has_said_goodbye_answers_nothing(lost: u64) {
-        let (_, heard) = RECORDED.with(Clone::clone);
+    fn a_closed_session_answers_nothing(lost: u64) {
+        let (_, received) = RECORDED.with(Clone::clone);
         let mut session = ClientSession::new("recorded".parse().expect("a scene's name"));
         let (now, later) = (Instant::ZERO, Instant::ZERO + Span::from_millis(900));
         session.handle_opened(now, Peer(0));
         let mut datagrams = 0_u32;
         let mut rest = Vec::new();
-        for said in heard {
+        for said in received {
             match said {
                 // The last word is that its membership is over.
-                Said::Control(bytes) if bytes[1] != LEFT => session.handle_control(now, Peer(0), &bytes),
-                Said::Control(_) => {}
-                Said::State(bytes) => {
+                Delivered::Control(bytes) if bytes[1] != LEFT => session.handle_control(now, Peer(0), &bytes),
+                Delivered::Control(_) => {}
+                Delivered::State(bytes) => {
                     datagrams += 1;
                     if lost >> (datagrams % 64) & 1 == 0 {
                         session.handle_datagram(now, Peer(0), &bytes);
@@ -244,16 +247,16 @@ proptest! {
 
     #[test]
     fn a_damaged_conversation_never_makes_a_client_panic_or_grow(seed: u64) {
-        let (_, heard) = RECORDED.with(Clone::clone);
+        let (_, received) = RECORDED.with(Clone::clone);
         let mut dice = Dice::new(seed);
         let mut session = ClientSession::new("recorded".parse().expect("a scene's name"));
         let mut now = Instant::ZERO;
         session.handle_opened(now, Peer(0));
-        for said in damage(&heard, &mut dice) {
+        for said in damage(&received, &mut dice) {
             now = now + Span::from_millis(5);
             match said {
-                Said::Control(bytes) => session.handle_control(now, Peer(0), &bytes),
-                Said::State(bytes) => session.handle_datagram(now, Peer(0), &bytes),
+                Delivered::Control(bytes) => session.handle_control(now, Peer(0), &bytes),
+                Delivered::State(bytes) => session.handle_datagram(now, Peer(0), &bytes),
             }
             session.handle_timeout(now);
             while session.poll_event().is_some() {}
@@ -269,7 +272,7 @@ proptest! {
             prop_assert!(stream.index_end() <= INDICES_MAX as usize);
             for index in 0..stream.index_end().min(100) as u32 {
                 let id = stream.body(index);
-                let motion = id.and_then(|id| stream.believed(id, stream.vouched()));
+                let motion = id.and_then(|id| stream.predicted_motion(id, stream.watermark_tick()));
                 prop_assert!(motion.is_none_or(|motion| motion.pose().position.is_finite()));
             }
         }
@@ -281,14 +284,14 @@ const LEFT: u8 = 5;
 
 thread_local! {
     /// Recorded once for each thread of tests.
-    static RECORDED: (Vec<Said>, Vec<Said>) = conversation();
+    static RECORDED: (Vec<Delivered>, Vec<Delivered>) = conversation();
 }
 
 fn host_bytes(table: &mut Table, peer: Peer) -> usize {
     let said = table.take_heard(peer);
     said.iter()
         .map(|said| match said {
-            Said::Control(bytes) | Said::State(bytes) => bytes.len(),
+            Delivered::Control(bytes) | Delivered::State(bytes) => bytes.len(),
         })
         .sum()
 }
@@ -296,7 +299,7 @@ fn host_bytes(table: &mut Table, peer: Peer) -> usize {
 #[test]
 fn a_message_longer_than_the_limit_is_refused_at_its_length() {
     let mut table = Table::default();
-    let rude = table.seat_rude();
+    let rude = table.connect_raw_peer();
     // 16,385 and one for the type, as a variable integer.
     table.control(rude, &[0x82, 0x80, 0x01]);
     assert_eq!(table.closed(rude), Some(CloseCode::MALFORMED));
@@ -324,7 +327,7 @@ fn each_wrong_beginning_has_its_code() {
     ] {
         let mut table = Table::default();
         let mut good = Good::new(&mut table, "good");
-        let rude = table.seat_rude();
+        let rude = table.connect_raw_peer();
         let mut bytes = Vec::new();
         for message in &messages {
             message.encode(&mut bytes);
@@ -336,23 +339,23 @@ fn each_wrong_beginning_has_its_code() {
 }
 
 #[test]
-fn an_echo_is_answered_by_no_more_than_it_names() {
+fn a_loss_report_is_answered_by_no_more_than_it_names() {
     let mut table = Table::default();
     let mut good = Good::new(&mut table, "good");
-    let rude = Rude::enter(&mut table, "good");
+    let rude = RawPeer::enter(&mut table, "good");
     for _ in 0..20 {
         good.tick(&mut table);
     }
     table.take_heard(rude.peer);
     for stream in 0..4 {
         for lost in [0, 10, 60_000] {
-            let echo = Echo {
+            let loss_report = LossReport {
                 next: Low16(lost),
                 gone: Low16(lost),
-                parities: PARITY_SPAN as u8,
+                repair_symbols: FEC_SPAN as u8,
                 lost: vec![Low16(lost); LOST_NAMED_MAX],
             };
-            let bytes = echo.encode(StreamId(stream));
+            let bytes = loss_report.encode(StreamId(stream));
             table.datagram(rude.peer, &bytes);
             let answers = table.take_heard(rude.peer).len();
             assert!(answers <= LOST_NAMED_MAX * 2 + 1, "{answers} answers");
@@ -365,7 +368,7 @@ fn an_echo_is_answered_by_no_more_than_it_names() {
 fn questions_cost_their_answers_and_nothing_else() {
     let mut table = Table::default();
     let mut good = Good::new(&mut table, "good");
-    let rude = Rude::enter(&mut table, "good");
+    let rude = RawPeer::enter(&mut table, "good");
     for message in [
         ClientMessage::Ping {
             sent: Instant::from_nanos(u64::MAX),
@@ -391,17 +394,17 @@ fn questions_cost_their_answers_and_nothing_else() {
 fn a_reservation_of_nothing_takes_nothing() {
     let mut table = Table::default();
     let good = Good::new(&mut table, "good");
-    let gone = Rude::enter(&mut table, "good");
+    let gone = RawPeer::enter(&mut table, "good");
     table.end(gone.peer);
-    let mut rude = Rude::enter(&mut table, "good");
+    let mut rude = RawPeer::enter(&mut table, "good");
     assert_eq!(
         rude.granted, gone.granted,
         "what nobody holds is given out again"
     );
-    let leaver = Rude::enter(&mut table, "good");
+    let leaver = RawPeer::enter(&mut table, "good");
     table.end(leaver.peer);
     rude.say(&mut table, &ClientMessage::Reserve { count: 0 });
     assert_eq!(rude.closed(&table), Some(CloseCode::MALFORMED));
-    assert_eq!(Rude::enter(&mut table, "good").granted, leaver.granted);
+    assert_eq!(RawPeer::enter(&mut table, "good").granted, leaver.granted);
     assert_eq!(table.closed(good.peer), None);
 }

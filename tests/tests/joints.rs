@@ -25,11 +25,11 @@ fn copied(table: &mut Table, peer: Peer) -> Vec<(JointId, Joint)> {
 #[test]
 fn a_copy_has_the_joints_of_its_scene_from_the_first_tick_to_the_last() {
     let mut script = Zoo::new(5, 3);
-    let mut scene = Scene::new(script.terms()).expect("the zoo has good terms");
+    let mut scene = Scene::new(script.config()).expect("the zoo has good config");
     let mut table = Table::default();
-    let peer = table.seat("zoo");
+    let peer = table.alias("zoo");
     let session = table.guest(peer);
-    session.create(script.terms()).expect("it is welcome");
+    session.create(script.config()).expect("it is welcome");
     session
         .join(StreamChoice::Full)
         .expect("it is in the lobby");
@@ -53,7 +53,7 @@ fn a_copy_has_the_joints_of_its_scene_from_the_first_tick_to_the_last() {
         table.settle();
         // Before the link goes, while it is gone, and after it came again with another body.
         if [10, 210, 460].contains(&tick) {
-            let peer = table.seat("zoo");
+            let peer = table.alias("zoo");
             let session = table.guest(peer);
             session
                 .join(StreamChoice::Full)

@@ -13,15 +13,16 @@ use std::time::{Duration, Instant};
 
 use glam::Vec3;
 use rhumb_client::scene::{
-    BodyKind, BodyTerms, Cadence, Command, Invalid, Pace, Quantity, SceneTerms, Shape, ShapeId,
+    BodyDesc, BodyKind, Command, Invalid, PublishSchedule, Quantity, SceneConfig, Shape, ShapeId,
+    Stepping,
 };
 use rhumb_client::{
-    BodyId, Client, ClientError, Denial, Depth, Entry, Happening, OpenError, Options, StreamChoice,
-    Trust,
+    BodyId, Client, ClientError, ClientEvent, Denial, JoinMode, OpenError, Options, PipelineDepth,
+    StreamChoice, Trust,
 };
 use rhumb_protocol::Ending;
 use rhumb_protocol::session::Misuse;
-use rhumb_reckoning::{Tick, Ticks, Verbatim};
+use rhumb_reckoning::{BodyState, Tick, Ticks};
 use rhumb_sims::{BallPit, Script};
 use rhumb_tests::{Programme, ServerProcess};
 use rhumb_transport::{ConnectError, TransportCode};
@@ -30,21 +31,21 @@ const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
 /// A free port of loopback.
 const ANYWHERE: &str = "127.0.0.1:0";
 
-fn options(server: &ServerProcess, scene: &str, entry: Entry) -> Options {
+fn options(server: &ServerProcess, scene: &str, join_mode: JoinMode) -> Options {
     let trust = Trust::Fingerprint(server.fingerprint);
     let scene = scene.parse().expect("the tests name scenes well");
-    Options::new(server.address.to_string(), trust, scene, entry)
+    Options::new(server.address.to_string(), trust, scene, join_mode)
 }
 
-fn terms(pace: Pace) -> SceneTerms {
-    SceneTerms {
-        pace,
-        ..BallPit::new(1, 1, 1).terms()
+fn config(stepping: Stepping) -> SceneConfig {
+    SceneConfig {
+        stepping,
+        ..BallPit::new(1, 1, 1).config()
     }
 }
 
-fn open(server: &ServerProcess, scene: &str, entry: Entry) -> Client {
-    Client::open(options(server, scene, entry)).expect("the server is there")
+fn open(server: &ServerProcess, scene: &str, join_mode: JoinMode) -> Client {
+    Client::open(options(server, scene, join_mode)).expect("the server is there")
 }
 
 fn refused(options: Options) -> OpenError {
@@ -54,15 +55,17 @@ fn refused(options: Options) -> OpenError {
     }
 }
 
-/// Drives a script for so many lockstep ticks and checks that each is shown.
-fn drive(client: &mut Client, script: &mut dyn Script, ticks: u64) {
+/// AuthorityTable a script for so many lockstep ticks and checks that each is shown.
+fn take_authority(client: &mut Client, script: &mut dyn Script, ticks: u64) {
     for tick in 0..ticks {
         let mut commands = Vec::new();
         script.commands(Tick::new(tick), &mut commands);
         for command in commands {
             client.command(command).expect("the connection stands");
         }
-        let shown = client.advance(Depth::LOCKSTEP).expect("the server steps");
+        let shown = client
+            .advance(PipelineDepth::LOCKSTEP)
+            .expect("the server steps");
         assert_eq!(shown, Tick::new(tick + 1));
     }
 }
@@ -75,11 +78,11 @@ fn sixty_lockstep_ticks_of_a_small_scene_are_seen_as_they_were() {
         "{:?}",
         server.lines
     );
-    let pace = Entry::Create(terms(Pace::Lockstep));
-    let mut client = open(&server, "pit", pace);
+    let stepping = JoinMode::Create(config(Stepping::Lockstep));
+    let mut client = open(&server, "pit", stepping);
     let mut script = BallPit::new(20, 1, 5);
-    drive(&mut client, &mut script, 60);
-    let mut scene = rhumb_server::Scene::new(script.terms()).unwrap();
+    take_authority(&mut client, &mut script, 60);
+    let mut scene = rhumb_server::Scene::new(script.config()).unwrap();
     let mut again = BallPit::new(20, 1, 5);
     for tick in 0..60 {
         let mut commands = Vec::new();
@@ -103,7 +106,9 @@ fn sixty_lockstep_ticks_of_a_small_scene_are_seen_as_they_were() {
 
 /// Whether any ball is still awake and changes from tick to tick.
 fn view_moves(client: &mut Client) -> bool {
-    client.advance(Depth::LOCKSTEP).expect("the server steps");
+    client
+        .advance(PipelineDepth::LOCKSTEP)
+        .expect("the server steps");
     client.view().changed().next().is_some()
 }
 
@@ -112,9 +117,9 @@ fn a_signal_ends_the_server_in_order_and_it_can_come_back() {
     for signal in ["TERM", "INT"] {
         let server = SERVER.serve(ANYWHERE);
         let address = server.address.to_string();
-        let lockstep = Entry::CreateOrJoin(terms(Pace::Lockstep));
+        let lockstep = JoinMode::CreateOrJoin(config(Stepping::Lockstep));
         let mut client = open(&server, "pit", lockstep);
-        drive(&mut client, &mut BallPit::new(2, 1, 1), 3);
+        take_authority(&mut client, &mut BallPit::new(2, 1, 1), 3);
         server.signal(signal);
         let error = match client.idle(Duration::from_secs(5)) {
             Err(error @ ClientError::Ended(ending)) => {
@@ -133,7 +138,7 @@ fn a_signal_ends_the_server_in_order_and_it_can_come_back() {
         assert_eq!(server.address.to_string(), address);
         let mut client = open(&server, "pit", lockstep);
         assert_eq!(client.view().ids(), []);
-        drive(&mut client, &mut BallPit::new(2, 1, 1), 3);
+        take_authority(&mut client, &mut BallPit::new(2, 1, 1), 3);
     }
 }
 
@@ -182,7 +187,7 @@ fn what_it_cannot_read_or_bind_is_named() {
 #[test]
 fn another_certificate_than_the_pinned_one_is_refused_and_both_are_named() {
     let (server, other) = (SERVER.serve(ANYWHERE), SERVER.serve(ANYWHERE));
-    let mut options = options(&server, "pit", Entry::Join);
+    let mut options = options(&server, "pit", JoinMode::Join);
     options.trust = Trust::Fingerprint(other.fingerprint);
     let error = refused(options);
     assert!(
@@ -200,9 +205,9 @@ fn another_certificate_than_the_pinned_one_is_refused_and_both_are_named() {
 #[test]
 fn where_nothing_listens_patience_ends() {
     let server = SERVER.serve(ANYWHERE);
-    // Bound and never read: nothing answers, and nobody else takes the port.
+    // ErrorBound and never read: nothing answers, and nobody else takes the port.
     let silent = UdpSocket::bind(ANYWHERE).unwrap();
-    let mut options = options(&server, "pit", Entry::Join);
+    let mut options = options(&server, "pit", JoinMode::Join);
     options.server = silent.local_addr().unwrap().to_string();
     options.patience = Duration::from_millis(300);
     let begun = Instant::now();
@@ -221,7 +226,7 @@ fn where_nothing_listens_patience_ends() {
 #[test]
 fn a_scene_that_does_not_exist_is_denied_by_its_name() {
     let server = SERVER.serve(ANYWHERE);
-    let error = refused(options(&server, "atlantis", Entry::Join));
+    let error = refused(options(&server, "atlantis", JoinMode::Join));
     let no_such = matches!(
         error,
         OpenError::Denied {
@@ -231,7 +236,7 @@ fn a_scene_that_does_not_exist_is_denied_by_its_name() {
     );
     assert!(no_such, "{error}");
     assert!(error.to_string().contains("atlantis"), "{error}");
-    let free = Entry::Create(terms(Pace::FreeRunning));
+    let free = JoinMode::Create(config(Stepping::FreeRunning));
     let _first = open(&server, "atlantis", free);
     let error = refused(options(&server, "atlantis", free));
     let exists = matches!(
@@ -247,7 +252,7 @@ fn a_scene_that_does_not_exist_is_denied_by_its_name() {
 #[test]
 fn a_number_that_is_none_is_misuse_and_the_connection_goes_on() {
     let server = SERVER.serve(ANYWHERE);
-    let mut client = open(&server, "pit", Entry::Create(terms(Pace::Lockstep)));
+    let mut client = open(&server, "pit", JoinMode::Create(config(Stepping::Lockstep)));
     let gravity = Vec3::new(0.0, f32::NAN, 0.0);
     let error = client.command(Command::SetGravity { gravity }).unwrap_err();
     let expected = Misuse::Invalid(Invalid::NotFinite(Quantity::Gravity));
@@ -263,26 +268,26 @@ fn a_number_that_is_none_is_misuse_and_the_connection_goes_on() {
             "{error}"
         );
     }
-    drive(&mut client, &mut BallPit::new(2, 1, 1), 5);
-    let answered = std::iter::from_fn(|| client.poll_happening());
+    take_authority(&mut client, &mut BallPit::new(2, 1, 1), 5);
+    let answered = std::iter::from_fn(|| client.poll_event());
     assert!(
         !answered
             .into_iter()
-            .any(|h| matches!(h, Happening::Refused { .. }))
+            .any(|h| matches!(h, ClientEvent::Refused { .. }))
     );
 }
 
 #[test]
 fn two_clients_of_a_scene_see_the_same() {
     let server = SERVER.serve(ANYWHERE);
-    let mut leader = open(&server, "pit", Entry::Create(terms(Pace::Lockstep)));
-    let mut viewer = open(&server, "pit", Entry::Join);
-    drive(&mut leader, &mut BallPit::new(10, 1, 2), 30);
+    let mut leader = open(&server, "pit", JoinMode::Create(config(Stepping::Lockstep)));
+    let mut viewer = open(&server, "pit", JoinMode::Join);
+    take_authority(&mut leader, &mut BallPit::new(10, 1, 2), 30);
     let tick = Tick::new(30);
     while viewer.statistics().complete < tick {
         viewer.idle(Duration::from_millis(10)).unwrap();
     }
-    viewer.wait(Depth::LOCKSTEP).unwrap();
+    viewer.wait(PipelineDepth::LOCKSTEP).unwrap();
     let (one, other) = (leader.view(), viewer.view());
     assert_eq!(one.ids().len(), other.ids().len());
     for (place, id) in one.ids().iter().enumerate() {
@@ -293,78 +298,88 @@ fn two_clients_of_a_scene_see_the_same() {
 }
 
 #[test]
-fn a_lockstep_scene_that_speaks_of_every_sixth_tick_advances_by_six() {
+fn a_lockstep_scene_with_publish_interval_six_advances_by_six() {
     let server = SERVER.serve(ANYWHERE);
-    let mut rare = terms(Pace::Lockstep);
-    rare.cadence.every = NonZeroU32::new(6).unwrap();
+    let mut rare = config(Stepping::Lockstep);
+    rare.publish_schedule.publish_interval = NonZeroU32::new(6).unwrap();
     let mut script = BallPit::new(10, 1, 2);
     let mut commands = Vec::new();
     script.commands(Tick::ZERO, &mut commands);
     let mut truths = Vec::new();
-    for (scene, terms, depth) in [
-        ("each", terms(Pace::Lockstep), Depth::LOCKSTEP),
-        ("sixth", rare, Depth::LOCKSTEP),
-        ("sixth-behind", rare, Depth::PIPELINED),
+    for (scene, config, depth) in [
+        ("each", config(Stepping::Lockstep), PipelineDepth::LOCKSTEP),
+        ("sixth", rare, PipelineDepth::LOCKSTEP),
+        ("sixth-behind", rare, PipelineDepth::PIPELINED),
     ] {
-        let every = u64::from(terms.cadence.every.get());
-        let mut client = open(&server, scene, Entry::Create(terms));
+        let publish_interval = u64::from(config.publish_schedule.publish_interval.get());
+        let mut client = open(&server, scene, JoinMode::Create(config));
         for command in &commands {
             client.command(command.clone()).unwrap();
         }
-        for frame in 1..=60 / every {
+        for frame in 1..=60 / publish_interval {
             let shown = client.advance(depth).unwrap();
-            let newest = Tick::new(frame * every);
-            assert!(shown == newest || depth == Depth::PIPELINED, "{shown}");
-            assert!(shown.value().is_multiple_of(every) && shown <= newest);
-            assert!(newest.since(shown) <= Some(Ticks::new(rare.cadence.every.get())));
+            let newest = Tick::new(frame * publish_interval);
+            assert!(
+                shown == newest || depth == PipelineDepth::PIPELINED,
+                "{shown}"
+            );
+            assert!(shown.value().is_multiple_of(publish_interval) && shown <= newest);
+            assert!(
+                newest.since(shown)
+                    <= Some(Ticks::new(rare.publish_schedule.publish_interval.get()))
+            );
         }
-        assert_eq!(client.wait(Depth::LOCKSTEP).unwrap(), Tick::new(60));
+        assert_eq!(client.wait(PipelineDepth::LOCKSTEP).unwrap(), Tick::new(60));
         truths.push(client.inspect().unwrap().truth);
     }
     assert!(truths.iter().all(|truth| *truth == truths[0]), "{truths:?}");
 }
 
 #[test]
-fn a_deleted_scene_is_told_to_its_members_as_that() {
+fn members_of_a_deleted_scene_are_notified() {
     let server = SERVER.serve(ANYWHERE);
-    let mut leader = open(&server, "pit", Entry::Create(terms(Pace::Lockstep)));
-    let mut other = open(&server, "pit", Entry::Join);
+    let mut leader = open(&server, "pit", JoinMode::Create(config(Stepping::Lockstep)));
+    let mut other = open(&server, "pit", JoinMode::Join);
     leader.delete().unwrap();
-    let error = other.advance(Depth::LOCKSTEP).unwrap_err();
+    let error = other.advance(PipelineDepth::LOCKSTEP).unwrap_err();
     assert!(matches!(error, ClientError::SceneDeleted), "{error}");
     let error = other.inspect().unwrap_err();
     assert!(matches!(error, ClientError::SceneDeleted), "{error}");
-    let error = refused(options(&server, "pit", Entry::Join));
+    let error = refused(options(&server, "pit", JoinMode::Join));
     assert!(matches!(error, OpenError::Denied { .. }), "{error}");
 }
 
 #[test]
 fn a_scene_that_runs_freely_denies_an_advance_at_once() {
     let server = SERVER.serve(ANYWHERE);
-    let mut client = open(&server, "pit", Entry::Create(terms(Pace::FreeRunning)));
-    let error = client.advance(Depth::LOCKSTEP).unwrap_err();
+    let mut client = open(
+        &server,
+        "pit",
+        JoinMode::Create(config(Stepping::FreeRunning)),
+    );
+    let error = client.advance(PipelineDepth::LOCKSTEP).unwrap_err();
     assert!(
         matches!(error, ClientError::Denied(Denial::NotLockstep)),
         "{error}"
     );
-    client.follow().unwrap();
+    client.poll().unwrap();
 }
 
 #[test]
-fn a_client_shows_a_scene_as_much_later_as_its_hindsight_takes() {
+fn a_client_renders_a_scene_later_by_its_lookahead() {
     let server = SERVER.serve(ANYWHERE);
-    let cadence = Cadence {
-        every: NonZeroU32::new(2).expect("two is not zero"),
-        hindsight: Ticks::new(6),
+    let publish_schedule = PublishSchedule {
+        publish_interval: NonZeroU32::new(2).expect("two is not zero"),
+        lookahead: Ticks::new(6),
     };
-    let terms = SceneTerms {
-        cadence,
-        ..terms(Pace::FreeRunning)
+    let config = SceneConfig {
+        publish_schedule,
+        ..config(Stepping::FreeRunning)
     };
-    let mut client = open(&server, "pit", Entry::Create(terms));
-    assert_eq!(client.terms().cadence, cadence);
+    let mut client = open(&server, "pit", JoinMode::Create(config));
+    assert_eq!(client.config().publish_schedule, publish_schedule);
     client.idle(Duration::from_millis(600)).unwrap();
-    let shown = client.follow().unwrap();
+    let shown = client.poll().unwrap();
     assert!(client.delay_ticks() >= 6.0);
     assert!(shown.tick > Tick::ZERO);
     // Half of it is left for what the server's clock was seen wrongly by.
@@ -373,8 +388,8 @@ fn a_client_shows_a_scene_as_much_later_as_its_hindsight_takes() {
         newest >= shown.tick + Ticks::new(3),
         "{newest}, shown {shown:?}"
     );
-    let vouched = client.statistics().vouched;
-    assert!(vouched.value().is_multiple_of(2) && vouched + Ticks::new(3) <= newest);
+    let watermark_tick = client.statistics().watermark_tick;
+    assert!(watermark_tick.value().is_multiple_of(2) && watermark_tick + Ticks::new(3) <= newest);
 }
 
 /// A grid of balls that touch nothing and fall nowhere: they sleep soon.
@@ -388,11 +403,11 @@ fn grid(client: &mut Client, bodies: u32) {
     let mut ids = ids_of(client, bodies);
     for place in 0..bodies {
         let position = [(place % 100) as f32, 0.0, (place / 100) as f32];
-        let still = Verbatim::new(position, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
+        let still = BodyState::new(position, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
         let id = ids.next().expect("as many ids as bodies");
         client
             .command(Command::AddBody {
-                terms: BodyTerms::plain(id, BodyKind::Dynamic, ShapeId(0)),
+                config: BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0)),
                 motion: still.expect("places of a grid are finite"),
             })
             .expect("the connection stands");
@@ -416,42 +431,42 @@ fn ids_of(client: &mut Client, count: u32) -> impl Iterator<Item = BodyId> + use
 fn ten_thousand_bodies_are_joined_while_the_scene_runs() {
     const BODIES: u32 = 10_000;
     let server = SERVER.serve(ANYWHERE);
-    let weightless = SceneTerms {
+    let weightless = SceneConfig {
         gravity: Vec3::ZERO,
-        ..terms(Pace::FreeRunning)
+        ..config(Stepping::FreeRunning)
     };
-    let mut first = open(&server, "grid", Entry::Create(weightless));
+    let mut first = open(&server, "grid", JoinMode::Create(weightless));
     grid(&mut first, BODIES);
     while first.view().ids().len() < BODIES as usize {
         first.idle(Duration::from_millis(50)).unwrap();
-        first.follow().unwrap();
+        first.poll().unwrap();
     }
     // Somebody has to look on while the other one joins.
     let (done, joined) = std::sync::mpsc::channel();
     let watcher = std::thread::spawn(move || {
         let mut longest = Duration::ZERO;
-        let (mut last, mut newest) = (Instant::now(), first.statistics().vouched);
+        let (mut last, mut newest) = (Instant::now(), first.statistics().watermark_tick);
         while joined.try_recv().is_err() {
             first
                 .idle(Duration::from_millis(1))
                 .expect("the connection stands");
-            let vouched = first.statistics().vouched;
-            if vouched > newest {
+            let watermark_tick = first.statistics().watermark_tick;
+            if watermark_tick > newest {
                 longest = longest.max(last.elapsed());
-                (last, newest) = (Instant::now(), vouched);
+                (last, newest) = (Instant::now(), watermark_tick);
             }
         }
         (first, longest)
     });
     let begun = Instant::now();
-    let mut second = open(&server, "grid", Entry::Join);
+    let mut second = open(&server, "grid", JoinMode::Join);
     let took = begun.elapsed();
     done.send(()).unwrap();
     let (first, longest) = watcher.join().unwrap();
     println!(
         "{BODIES} bodies joined in {took:?}; the longest gap between the first member's ticks was {longest:?}"
     );
-    second.follow().unwrap();
+    second.poll().unwrap();
     assert_eq!(second.view().ids().len(), BODIES as usize);
     for id in first.view().ids() {
         let (one, other) = (
@@ -466,7 +481,7 @@ fn ten_thousand_bodies_are_joined_while_the_scene_runs() {
     }
     let full = Options {
         stream: StreamChoice::Full,
-        ..options(&server, "grid", Entry::Join)
+        ..options(&server, "grid", JoinMode::Join)
     };
     assert_eq!(
         Client::open(full).unwrap().view().ids().len(),
@@ -477,14 +492,14 @@ fn ten_thousand_bodies_are_joined_while_the_scene_runs() {
 #[test]
 fn an_idle_server_uses_next_to_no_processor_time() {
     let server = SERVER.serve(ANYWHERE);
-    let mut waiting = open(&server, "pit", Entry::Create(terms(Pace::Lockstep)));
-    drive(&mut waiting, &mut BallPit::new(20, 1, 1), 10);
+    let mut waiting = open(&server, "pit", JoinMode::Create(config(Stepping::Lockstep)));
+    take_authority(&mut waiting, &mut BallPit::new(20, 1, 1), 10);
     let Some(before) = server.processor_ticks() else {
         return println!("this system does not say what a process used");
     };
     let wait = Duration::from_secs(2);
     waiting.idle(wait).unwrap();
-    let used = server.processor_ticks().expect("it said so before") - before;
+    let used = server.processor_ticks().expect("it sent so before") - before;
     println!("{used} clock ticks of 10 ms in {wait:?}");
     assert!(
         used * 10 < wait.as_millis() as u64 / 5,
@@ -502,10 +517,10 @@ fn on_the_wire(client: &Client) -> u64 {
     wire.sent_bytes + wire.received_bytes + datagrams * HEADER_BYTES
 }
 
-/// Waits for the next vouch, and for what it sets off.
-fn next_vouch(client: &mut Client) -> Tick {
-    let before = client.statistics().vouched;
-    while client.statistics().vouched == before {
+/// Waits for the next watermark, and for what it sets off.
+fn next_watermark(client: &mut Client) -> Tick {
+    let before = client.statistics().watermark_tick;
+    while client.statistics().watermark_tick == before {
         client
             .idle(Duration::from_millis(10))
             .expect("the connection stands");
@@ -513,26 +528,26 @@ fn next_vouch(client: &mut Client) -> Tick {
     client
         .idle(Duration::from_millis(300))
         .expect("the connection stands");
-    client.statistics().vouched
+    client.statistics().watermark_tick
 }
 
 #[test]
 fn a_scene_at_rest_costs_a_member_sixty_bytes_a_second_both_ways_and_all_headers() {
     let server = SERVER.serve(ANYWHERE);
-    let weightless = SceneTerms {
+    let weightless = SceneConfig {
         gravity: Vec3::ZERO,
-        ..terms(Pace::FreeRunning)
+        ..config(Stepping::FreeRunning)
     };
-    let mut client = open(&server, "grid", Entry::Create(weightless));
+    let mut client = open(&server, "grid", JoinMode::Create(weightless));
     grid(&mut client, 500);
     while client.statistics().stream.updates < 500 || client.inspect().unwrap().awake > 0 {
         client.idle(Duration::from_millis(200)).unwrap();
     }
-    // Settled: the longest silence between vouches is reached, and the last inspection is behind.
-    let mut begun = next_vouch(&mut client);
+    // Settled: the longest silence between watermarks is reached, and the last inspection is behind.
+    let mut begun = next_watermark(&mut client);
     let mut ticks = 0;
     while ticks < 150 {
-        let next = next_vouch(&mut client);
+        let next = next_watermark(&mut client);
         ticks = next.value() - begun.value();
         begun = next;
     }
@@ -541,7 +556,7 @@ fn a_scene_at_rest_costs_a_member_sixty_bytes_a_second_both_ways_and_all_headers
     for _ in 0..3 {
         let (before, since) = (on_the_wire(&client), begun);
         for _ in 0..4 {
-            begun = next_vouch(&mut client);
+            begun = next_watermark(&mut client);
         }
         let bytes = on_the_wire(&client) - before;
         let seconds = (begun.value() - since.value()) as f64 / 60.0;

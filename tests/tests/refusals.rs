@@ -13,29 +13,29 @@ use rhumb_protocol::limits::{
 };
 use rhumb_protocol::message::{ClientMessage, Extensions, ServerMessage, StreamChoice};
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, CommandError, Invalid, Joint, JointFrame, JointId, JointKind,
-    JointLimits, Material, Quantity, SceneTerms, Shape, ShapeId, SleepTerms,
+    BodyDesc, BodyKind, Command, CommandError, Invalid, Joint, JointFrame, JointId, JointKind,
+    JointLimits, Material, Quantity, SceneConfig, Shape, ShapeId, SleepConfig,
 };
 use rhumb_protocol::session::Event;
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::{Reader, Writer};
-use rhumb_reckoning::{BodyId, Damping, Tick, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 use rhumb_sims::{Script, Zoo};
-use rhumb_tests::{Rude, Table};
+use rhumb_tests::{RawPeer, Table};
 
 /// What a rude member may try on: a body of its own of each kind, and a shape.
 struct Rig {
     table: Table,
-    rude: Rude,
+    rude: RawPeer,
     ball: BodyId,
 }
 
 /// A polite member makes a scene with a few bodies, and one step.
 fn begin(table: &mut Table) {
     let mut script = Zoo::new(5, 3);
-    let peer = table.seat("good");
+    let peer = table.alias("good");
     let session = table.guest(peer);
-    session.create(script.terms()).expect("it is welcome");
+    session.create(script.config()).expect("it is welcome");
     session
         .join(StreamChoice::Full)
         .expect("it is in the lobby");
@@ -59,14 +59,14 @@ impl Rig {
     fn new() -> Self {
         let mut table = Table::default();
         begin(&mut table);
-        let mut rude = Rude::enter(&mut table, "good");
+        let mut rude = RawPeer::enter(&mut table, "good");
         let shape = Shape::Ball { radius: 0.5 };
         let add = Command::AddShape { id: BALL, shape };
         rude.command(&mut table, add).expect("a fresh number");
         let ball = rude.granted.id(0).expect("a member has indices");
         let mut rig = Self { table, rude, ball };
         rig.wish(add_body(
-            BodyTerms::plain(ball, BodyKind::Dynamic, BALL),
+            BodyDesc::plain(ball, BodyKind::Dynamic, BALL),
             still(),
         ))
         .expect("a fresh index");
@@ -86,13 +86,13 @@ impl Rig {
     }
 }
 
-fn still() -> Verbatim {
+fn still() -> BodyState {
     moving(Vec3::new(0.0, 50.0, 0.0), Vec3::ZERO, Vec3::ZERO)
 }
 
-fn moving(position: Vec3, linear: Vec3, angular: Vec3) -> Verbatim {
+fn moving(position: Vec3, linear: Vec3, angular: Vec3) -> BodyState {
     let rotation = [0.0, 0.0, 0.0, 1.0];
-    Verbatim::new(
+    BodyState::new(
         position.to_array(),
         rotation,
         linear.to_array(),
@@ -101,8 +101,8 @@ fn moving(position: Vec3, linear: Vec3, angular: Vec3) -> Verbatim {
     .expect("the tests make finite motions")
 }
 
-fn add_body(terms: BodyTerms, motion: Verbatim) -> Command {
-    Command::AddBody { terms, motion }
+fn add_body(config: BodyDesc, motion: BodyState) -> Command {
+    Command::AddBody { config, motion }
 }
 
 /// A vector with one component replaced, in each of three places.
@@ -186,16 +186,16 @@ fn fields_of_commands(id: BodyId) -> Vec<Field> {
     ]
 }
 
-/// Fields of a newcomer.
+/// Fields of a new_body.
 fn fields_of_bodies(id: BodyId) -> Vec<Field> {
-    let plain = BodyTerms::plain(id, BodyKind::Dynamic, BALL);
+    let plain = BodyDesc::plain(id, BodyKind::Dynamic, BALL);
     let made = move |material: Material| {
         let material = Some(material);
-        add_body(BodyTerms { material, ..plain }, still())
+        add_body(BodyDesc { material, ..plain }, still())
     };
     let damped = move |linear: f32, angular: f32| {
         let damping = Some(Damping { linear, angular });
-        add_body(BodyTerms { damping, ..plain }, still())
+        add_body(BodyDesc { damping, ..plain }, still())
     };
     vec![
         Field::new(Quantity::Friction, (0.0, FRICTION_MAX), move |v| {
@@ -228,7 +228,7 @@ fn fields_of_bodies(id: BodyId) -> Vec<Field> {
             move |v| {
                 let gravity_scale = v.element_sum();
                 add_body(
-                    BodyTerms {
+                    BodyDesc {
                         gravity_scale,
                         ..plain
                     },
@@ -421,9 +421,9 @@ fn a_rotation_is_of_unit_length_or_refused() {
 }
 
 #[test]
-fn a_newcomers_motion_keeps_the_limits_too() {
+fn the_motion_of_an_added_body_keeps_the_limits_too() {
     let mut rig = Rig::new();
-    let terms = BodyTerms::plain(rig.rude.granted.id(1).unwrap(), BodyKind::Dynamic, BALL);
+    let config = BodyDesc::plain(rig.rude.granted.id(1).unwrap(), BodyKind::Dynamic, BALL);
     let far = Vec3::new(0.0, COORDINATE_MAX.next_up(), 0.0);
     let fast = Vec3::new(LINEAR_MAX.next_up(), 0.0, 0.0);
     let spinning = Vec3::new(0.0, 0.0, ANGULAR_MAX.next_up());
@@ -433,26 +433,26 @@ fn a_newcomers_motion_keeps_the_limits_too() {
         (moving(Vec3::ZERO, Vec3::ZERO, spinning), Quantity::Angular),
     ] {
         let expected = CommandError::Invalid(Invalid::OutOfRange(quantity));
-        rig.assert_refused(add_body(terms, motion), expected);
+        rig.assert_refused(add_body(config, motion), expected);
     }
 }
 
 #[test]
-fn a_newcomer_whose_motion_is_no_number_is_refused_like_any_other() {
+fn an_added_body_with_a_motion_that_is_not_finite_is_refused() {
     let mut rig = Rig::new();
-    let terms = BodyTerms::plain(rig.rude.granted.id(1).unwrap(), BodyKind::Dynamic, BALL);
+    let config = BodyDesc::plain(rig.rude.granted.id(1).unwrap(), BodyKind::Dynamic, BALL);
     let mut bytes = Vec::new();
-    ClientMessage::Command(add_body(terms, still())).encode(&mut bytes);
+    ClientMessage::Command(add_body(config, still())).encode(&mut bytes);
     let height = 50.0_f32.to_le_bytes();
     let place = bytes
         .windows(4)
         .position(|window| window == height)
         .unwrap();
     bytes[place..place + 4].copy_from_slice(&f32::NAN.to_le_bytes());
-    let heard = rig.rude.utter(&mut rig.table, &bytes);
+    let received = rig.rude.utter(&mut rig.table, &bytes);
     let expected = CommandError::Invalid(Invalid::NotFinite(Quantity::Position));
     let refused = |message: &ServerMessage| matches!(message, ServerMessage::Refused { error, .. } if *error == expected);
-    assert!(heard.iter().any(refused), "{heard:?}");
+    assert!(received.iter().any(refused), "{received:?}");
     assert_eq!(rig.rude.closed(&rig.table), None);
 }
 
@@ -474,8 +474,8 @@ fn a_hull_without_room_inside_is_refused_as_too_thin() {
 }
 
 /// A moving ball.
-const fn ball_of(id: BodyId, shape: ShapeId) -> BodyTerms {
-    BodyTerms::plain(id, BodyKind::Dynamic, shape)
+const fn ball_of(id: BodyId, shape: ShapeId) -> BodyDesc {
+    BodyDesc::plain(id, BodyKind::Dynamic, shape)
 }
 
 #[test]
@@ -536,26 +536,26 @@ fn a_dead_body_stays_dead_and_its_index_may_live_on() {
 }
 
 #[test]
-fn a_scene_of_wrong_terms_is_denied_and_does_not_exist() {
+fn a_scene_with_an_invalid_config_is_denied() {
     let script = Zoo::new(1, 1);
-    const fn sleep(speed: f32, seconds: f32) -> SleepTerms {
-        SleepTerms { speed, seconds }
+    const fn sleep(speed: f32, seconds: f32) -> SleepConfig {
+        SleepConfig { speed, seconds }
     }
-    let with = |change: fn(&mut SceneTerms)| {
-        let mut terms = script.terms();
-        change(&mut terms);
-        terms
+    let with = |change: fn(&mut SceneConfig)| {
+        let mut config = script.config();
+        change(&mut config);
+        config
     };
-    for terms in [
-        with(|terms| terms.gravity.y = f32::NAN),
-        with(|terms| terms.gravity.x = GRAVITY_MAX.next_up()),
-        with(|terms| terms.material.density = 0.0),
-        with(|terms| terms.damping.linear = -1.0),
-        with(|terms| terms.sleep = Some(sleep(-0.1, 1.0))),
-        with(|terms| terms.sleep = Some(sleep(0.1, f32::NAN))),
+    for config in [
+        with(|config| config.gravity.y = f32::NAN),
+        with(|config| config.gravity.x = GRAVITY_MAX.next_up()),
+        with(|config| config.material.density = 0.0),
+        with(|config| config.damping.linear = -1.0),
+        with(|config| config.sleep = Some(sleep(-0.1, 1.0))),
+        with(|config| config.sleep = Some(sleep(0.1, f32::NAN))),
     ] {
         let mut table = Table::default();
-        let rude = table.seat_rude();
+        let rude = table.connect_raw_peer();
         let mut bytes = Vec::new();
         let scene = "wrong".parse().unwrap();
         ClientMessage::Hello {
@@ -564,10 +564,10 @@ fn a_scene_of_wrong_terms_is_denied_and_does_not_exist() {
             extensions: Extensions::NONE,
         }
         .encode(&mut bytes);
-        ClientMessage::Create(terms).encode(&mut bytes);
+        ClientMessage::Create(config).encode(&mut bytes);
         table.control(rude, &bytes);
         assert_eq!(table.closed(rude), None);
-        let again = table.seat("wrong");
+        let again = table.alias("wrong");
         let session = table.guest(again);
         let event = std::iter::from_fn(|| session.poll_event()).next();
         assert!(matches!(event, Some(Event::Welcomed(welcome)) if welcome.scene.is_none()));

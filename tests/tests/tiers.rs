@@ -1,39 +1,41 @@
 //! Members change streams, or have tracks made right, in a scene that goes on.
 //!
-//! Proved as in `pretend_network`: what a member claims is held against the truth, whichever stream it has it from.
+//! Proved as in `simulated_network`: what a member claims is held against the truth, whichever stream it has it from.
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::message::{ClientMessage, Denial, MoveCause, ServerMessage, StreamChoice};
-use rhumb_protocol::packet::{Low16, StreamId, Vouch};
-use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, Pace};
+use rhumb_protocol::message::{
+    ClientMessage, Denial, ServerMessage, StreamChoice, TierChangeCause,
+};
+use rhumb_protocol::packet::{Low16, StreamId, Watermark};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, Stepping};
 use rhumb_protocol::session::Event;
-use rhumb_protocol::stream::Manner;
+use rhumb_protocol::stream::PredictionParameters;
 use rhumb_protocol::{Endpoint, Instant, Span};
-use rhumb_reckoning::{BodyId, Tick, Tolerance, Track, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance, Track};
 use rhumb_sims::by_name;
-use rhumb_tests::{COMMANDER, Stage, TICK, Told, assert_same_copy, seed};
-use rhumb_transport::LinkTerms;
+use rhumb_tests::{COMMANDER, ScriptedSession, Stage, TICK, assert_same_copy, seed};
+use rhumb_transport::LinkConfig;
 
 const EXACT: StreamChoice = StreamChoice::Within(Tolerance::EXACT);
 const FINE: StreamChoice = StreamChoice::Within(Tolerance::FINE);
 const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 const COARSE: StreamChoice = StreamChoice::Within(Tolerance::COARSE);
 
-fn stage(pace: Pace, links: &str, seed: u64) -> Stage {
+fn stage(stepping: Stepping, links: &str, seed: u64) -> Stage {
     let script = by_name("zoo", 60, 1).expect("the scene is known by name");
-    let links: LinkTerms = links.parse().expect("the tests write possible terms");
-    Stage::new(script, pace, NORMAL, links, seed)
+    let links: LinkConfig = links.parse().expect("the tests write possible config");
+    Stage::new(script, stepping, NORMAL, links, seed)
 }
 
 #[test]
 fn a_member_changes_its_tier_in_lockstep_and_misses_no_tick() {
-    let mut stage = stage(Pace::Lockstep, "", 1);
+    let mut stage = stage(Stepping::Lockstep, "", 1);
     let other = stage.enter(NORMAL);
     let choices = [EXACT, COARSE, FINE, StreamChoice::Full, NORMAL];
     for (place, choice) in choices.into_iter().enumerate() {
         // What is asked for already is not asked for twice.
-        stage.arena.client_mut(other).follow(choice).unwrap();
-        stage.arena.client_mut(other).follow(choice).unwrap();
+        stage.network.client_mut(other).subscribe(choice).unwrap();
+        stage.network.client_mut(other).subscribe(choice).unwrap();
         for _ in 0..40 {
             let tick = stage.tick();
             assert_eq!(stage.copy(other).stream().complete(), tick, "to {choice:?}");
@@ -54,7 +56,7 @@ fn no_claim_breaks_and_no_tick_is_taken_back_while_streams_are_changed_over_bad_
     ] {
         let seed = seed(21);
         let what = format!("{links}, seed {seed}");
-        let mut stage = stage(Pace::FreeRunning, links, seed);
+        let mut stage = stage(Stepping::FreeRunning, links, seed);
         let other = stage.enter(NORMAL);
         let mut complete = Tick::ZERO;
         // At such loss the full one is hardly ever complete: what is shown waits for the next choice then.
@@ -70,21 +72,21 @@ fn no_claim_breaks_and_no_tick_is_taken_back_while_streams_are_changed_over_bad_
         for turn in 0..28 {
             // Some are wanted before the last one is answered, and most before it is shown.
             let choice = choices[turn % choices.len()];
-            let asked = stage.arena.client_mut(other).follow(choice);
+            let asked = stage.network.client_mut(other).subscribe(choice);
             assert_eq!(asked, Ok(()), "{what}");
-            stage.drive(Span::from_millis([100, 300, 900][turn % 3]));
+            stage.take_authority(Span::from_millis([100, 300, 900][turn % 3]));
             let now = stage.copy(other).stream().complete();
             assert!(now >= complete, "{what}: back from {complete} to {now}");
             complete = now;
         }
         assert_eq!(stage.witnesses[other].denied, [], "{what}");
-        stage.arena.set_terms(LinkTerms::PERFECT);
+        stage.network.set_config(LinkConfig::PERFECT);
         stage.run(Span::from_millis(40_000));
-        assert!(stage.copy(other).stream().is_settled(), "{what}");
+        assert!(stage.copy(other).stream().is_converged(), "{what}");
         // While much is lost a change may have to wait; now none does.
         assert!(!stage.witnesses[other].following.is_empty(), "{what}");
         assert_eq!(
-            stage.arena.client_mut(other).follow(COARSE),
+            stage.network.client_mut(other).subscribe(COARSE),
             Ok(()),
             "{what}"
         );
@@ -99,21 +101,21 @@ fn no_claim_breaks_and_no_tick_is_taken_back_while_streams_are_changed_over_bad_
 #[test]
 fn whatever_is_not_complete_yet_another_stream_can_be_chosen_and_is_followed() {
     let seed = seed(23);
-    let mut stage = stage(Pace::FreeRunning, "rtt=60ms,loss=20%,burst=8", seed);
+    let mut stage = stage(Stepping::FreeRunning, "rtt=60ms,loss=20%,burst=8", seed);
     let other = stage.enter(NORMAL);
     let follow = |stage: &mut Stage, choice| {
-        let asked = stage.arena.client_mut(other).follow(choice);
+        let asked = stage.network.client_mut(other).subscribe(choice);
         assert_eq!(asked, Ok(()), "seed {seed}");
     };
     follow(&mut stage, StreamChoice::Full);
-    stage.drive(Span::from_millis(3_000));
-    // A member that changes its mind at every tick is not told a stream each time, and the last one counts.
+    stage.take_authority(Span::from_millis(3_000));
+    // A member that changes its mind at every tick is not reported a stream each time, and the last one counts.
     for turn in 0..30 {
         follow(&mut stage, [EXACT, COARSE, StreamChoice::Full][turn % 3]);
-        stage.drive(TICK);
+        stage.take_authority(TICK);
     }
     follow(&mut stage, FINE);
-    stage.drive(Span::from_millis(10_000));
+    stage.take_authority(Span::from_millis(10_000));
     assert_eq!(stage.copy(other).choice(), FINE, "seed {seed}");
     let followed = &stage.witnesses[other].following;
     assert_eq!(followed.last(), Some(&FINE), "seed {seed}");
@@ -123,69 +125,72 @@ fn whatever_is_not_complete_yet_another_stream_can_be_chosen_and_is_followed() {
 /// Gives a member's copy of a body a track that nobody said; returns the body.
 fn spoil(stage: &mut Stage, member: usize) -> BodyId {
     let copy = stage.copy(member);
-    let moving = |terms: &BodyTerms| terms.kind == BodyKind::Dynamic;
-    let terms = copy
+    let moving = |config: &BodyDesc| config.kind == BodyKind::Dynamic;
+    let config = copy
         .bodies()
         .filter(moving)
         .last()
         .unwrap_or_else(|| panic!("nothing moves of {}", copy.bodies().count()));
-    let shape = copy.shape(terms.shape).expect("a body has a shape").clone();
-    let manner = Manner::of(&terms, &shape, stage.terms().damping, None);
-    let elsewhere = Verbatim::new([9.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3])
+    let shape = copy
+        .shape(config.shape)
+        .expect("a body has a shape")
+        .clone();
+    let parameters = PredictionParameters::of(&config, &shape, stage.config().damping, None);
+    let elsewhere = BodyState::new([9.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3])
         .expect("a place is finite");
-    let track = Track::resting(copy.stream().vouched(), elsewhere);
+    let track = Track::resting(copy.stream().watermark_tick(), elsewhere);
     let copy = stage
-        .arena
+        .network
         .client_mut(member)
         .replica_mut()
         .expect("a member has a copy");
-    assert!(copy.stream_mut().place(terms.id, &manner, track));
-    terms.id
+    assert!(copy.stream_mut().place(config.id, &parameters, track));
+    config.id
 }
 
 #[test]
-fn a_track_that_is_not_what_was_said_is_named_and_made_right_at_both_ends() {
+fn a_track_with_a_wrong_checksum_is_named_and_refreshed() {
     for links in ["", "rtt=80ms,loss=5%"] {
         let script = by_name("ball-pit", 60, 1).expect("the scene is known by name");
-        let links: LinkTerms = links.parse().unwrap();
-        let mut stage = Stage::new(script, Pace::FreeRunning, NORMAL, links, seed(22));
+        let links: LinkConfig = links.parse().unwrap();
+        let mut stage = Stage::new(script, Stepping::FreeRunning, NORMAL, links, seed(22));
         let other = stage.enter(NORMAL);
-        stage.drive(Span::from_millis(2_000));
+        stage.take_authority(Span::from_millis(2_000));
         stage.run_until_or(Span::from_millis(60_000), |stage| {
             stage
                 .copy(other)
                 .bodies()
-                .any(|terms| terms.kind == BodyKind::Dynamic)
+                .any(|config| config.kind == BodyKind::Dynamic)
         });
-        // One that is said anew by chance needs no repair: another is spoiled then.
+        // One that is said anew by chance needs no refresh: another is spoiled then.
         let mut spoiled = Vec::new();
-        while stage.witnesses[other].amended.is_empty() {
+        while stage.witnesses[other].resynced.is_empty() {
             assert!(spoiled.len() < 100, "no track was made right");
             spoiled.push(spoil(&mut stage, other));
-            stage.drive(Span::from_millis(2_000));
+            stage.take_authority(Span::from_millis(2_000));
         }
-        assert!(spoiled.contains(&stage.witnesses[other].amended[0]));
-        let heard = stage.copy(other).stream().statistics();
-        assert!(heard.mismatches >= 1 && heard.amended >= 1);
-        stage.arena.set_terms(LinkTerms::PERFECT);
-        stage.arena.client_mut(other).inspect().unwrap();
+        assert!(spoiled.contains(&stage.witnesses[other].resynced[0]));
+        let received = stage.copy(other).stream().statistics();
+        assert!(received.mismatches >= 1 && received.resynced >= 1);
+        stage.network.set_config(LinkConfig::PERFECT);
+        stage.network.client_mut(other).inspect().unwrap();
         stage.run(Span::from_millis(8_000));
         let inspected = stage.witnesses[other].inspections.last().unwrap();
-        assert!(inspected.amended >= 1);
+        assert!(inspected.resynced >= 1);
         assert_same_copy(stage.copy(COMMANDER), stage.copy(other));
-        assert_eq!(stage.witnesses[COMMANDER].amended, []);
+        assert_eq!(stage.witnesses[COMMANDER].resynced, []);
     }
 }
 
 #[test]
 fn a_stream_that_begins_when_bodies_were_just_put_elsewhere_tells_where_they_were() {
-    let mut stage = stage(Pace::Lockstep, "", 1);
+    let mut stage = stage(Stepping::Lockstep, "", 1);
     let other = stage.enter(NORMAL);
     stage.tick();
     for choice in [COARSE, EXACT, StreamChoice::Full, FINE] {
-        let dynamic = |terms: &BodyTerms| terms.kind == BodyKind::Dynamic;
+        let dynamic = |config: &BodyDesc| config.kind == BodyKind::Dynamic;
         let bodies = stage.copy(other).bodies().filter(dynamic);
-        let ids: Vec<BodyId> = bodies.skip(3).take(4).map(|terms| terms.id).collect();
+        let ids: Vec<BodyId> = bodies.skip(3).take(4).map(|config| config.id).collect();
         let elsewhere = |id: BodyId| Command::SetPose {
             id,
             position: Vec3::new(id.index() as f32 * 3.0, 20.0, 20.0),
@@ -194,10 +199,10 @@ fn a_stream_that_begins_when_bodies_were_just_put_elsewhere_tells_where_they_wer
         let commands: Vec<Command> = ids.into_iter().map(elsewhere).collect();
         stage.command(&commands);
         // The scene has not stepped when the stream begins.
-        stage.arena.client_mut(other).follow(choice).unwrap();
+        stage.network.client_mut(other).subscribe(choice).unwrap();
         stage.run(Span::from_millis(50));
         assert_eq!(stage.copy(other).choice(), choice);
-        let client = stage.arena.client(other);
+        let client = stage.network.client(other);
         stage.witnesses[other].look_at_all(client);
         for _ in 0..20 {
             stage.tick();
@@ -208,14 +213,14 @@ fn a_stream_that_begins_when_bodies_were_just_put_elsewhere_tells_where_they_wer
 }
 
 #[test]
-fn a_stream_that_nobody_follows_ends_so_that_others_can_begin() {
-    let mut stage = stage(Pace::Lockstep, "", 1);
+fn a_stream_without_subscribers_ends_so_that_others_can_begin() {
+    let mut stage = stage(Stepping::Lockstep, "", 1);
     let other = stage.enter(NORMAL);
     // More choices than a scene may have streams at one time.
     for millimetres in 1..40 {
         let choice =
             StreamChoice::Within(Tolerance::from_micrometres(millimetres * 1_000).unwrap());
-        stage.arena.client_mut(other).follow(choice).unwrap();
+        stage.network.client_mut(other).subscribe(choice).unwrap();
         stage.tick();
         assert_eq!(stage.copy(other).choice(), choice);
     }
@@ -224,7 +229,7 @@ fn a_stream_that_nobody_follows_ends_so_that_others_can_begin() {
 
 #[test]
 fn a_change_that_is_denied_changes_nothing() {
-    let mut stage = stage(Pace::Lockstep, "", 1);
+    let mut stage = stage(Stepping::Lockstep, "", 1);
     let tolerance = |millimetres: u32| {
         StreamChoice::Within(Tolerance::from_micrometres(millimetres * 1_000).unwrap())
     };
@@ -233,18 +238,18 @@ fn a_change_that_is_denied_changes_nothing() {
     }
     stage.tick();
     stage
-        .arena
+        .network
         .client_mut(COMMANDER)
-        .follow(tolerance(100))
+        .subscribe(tolerance(100))
         .unwrap();
     stage.tick();
     assert_eq!(stage.witnesses[COMMANDER].denied, [Denial::TooManyStreams]);
     assert_eq!(stage.copy(COMMANDER).choice(), NORMAL);
     // One that exists can be followed.
     stage
-        .arena
+        .network
         .client_mut(COMMANDER)
-        .follow(tolerance(3))
+        .subscribe(tolerance(3))
         .unwrap();
     let tick = stage.tick();
     assert_eq!(stage.copy(COMMANDER).choice(), tolerance(3));
@@ -252,9 +257,9 @@ fn a_change_that_is_denied_changes_nothing() {
 }
 
 #[test]
-fn each_tier_is_encoded_once_whoever_listens() {
+fn each_tier_is_encoded_once_for_all_subscribers() {
     let said = |listeners: usize| {
-        let mut stage = stage(Pace::Lockstep, "", 1);
+        let mut stage = stage(Stepping::Lockstep, "", 1);
         let others: Vec<usize> = [EXACT, FINE, NORMAL, COARSE]
             .into_iter()
             .flat_map(|tier| vec![tier; listeners])
@@ -264,7 +269,7 @@ fn each_tier_is_encoded_once_whoever_listens() {
             stage.tick();
         }
         let inspected = others.iter().step_by(listeners).map(|member| {
-            let session = stage.arena.client_mut(*member);
+            let session = stage.network.client_mut(*member);
             session.inspect().expect("it is a member");
             stage.run(Span::from_millis(50));
             let inspection = stage.witnesses[*member].inspections[0];
@@ -283,93 +288,112 @@ fn each_tier_is_encoded_once_whoever_listens() {
 }
 
 /// A member that follows a stream of an empty scene at a tick.
-fn told(choice: StreamChoice, stream: u32, tick: u64) -> Told {
-    let mut told = Told::welcomed(choice);
-    tell_snapshot(&mut told, choice, stream, tick);
-    while told.session.poll_event().is_some() {}
-    said(&mut told);
-    told
+fn reported(choice: StreamChoice, stream: u32, tick: u64) -> ScriptedSession {
+    let mut reported = ScriptedSession::welcomed(choice);
+    send_snapshot(&mut reported, choice, stream, tick);
+    while reported.session.poll_event().is_some() {}
+    said(&mut reported);
+    reported
 }
 
 /// The whole of an empty scene at a tick.
-fn tell_snapshot(told: &mut Told, choice: StreamChoice, stream: u32, tick: u64) {
-    let terms = by_name("zoo", 1, 1)
+fn send_snapshot(reported: &mut ScriptedSession, choice: StreamChoice, stream: u32, tick: u64) {
+    let config = by_name("zoo", 1, 1)
         .expect("the scene is known by name")
-        .terms();
-    told.tell_snapshot(&terms, choice, (StreamId(stream), Tick::new(tick)), &[]);
+        .config();
+    reported.send_snapshot(&config, choice, (StreamId(stream), Tick::new(tick)), &[]);
 }
 
 /// What it said since the last look, of streams.
-fn said(told: &mut Told) -> Vec<ClientMessage> {
-    let mut said = told.said();
+fn said(reported: &mut ScriptedSession) -> Vec<ClientMessage> {
+    let mut said = reported.sent();
     said.retain(|message| {
         matches!(
             message,
-            ClientMessage::Follow(_) | ClientMessage::Followed(_)
+            ClientMessage::Subscribe(_) | ClientMessage::Subscribed(_)
         )
     });
     said
 }
 
-fn shown(told: &Told) -> StreamChoice {
-    let copy = told.session.replica();
+fn shown(reported: &ScriptedSession) -> StreamChoice {
+    let copy = reported.session.replica();
     copy.expect("a member has a copy").choice()
 }
 
 #[test]
-fn who_is_moved_before_its_choice_is_shown_can_choose_again_and_is_told_what_it_follows() {
-    let mut told = told(FINE, 0, 10);
-    let (follow, followed) = (ClientMessage::Follow, |stream| {
-        ClientMessage::Followed(StreamId(stream))
+fn a_tier_change_before_the_choice_is_shown_leaves_the_member_free_to_choose_again() {
+    let mut reported = reported(FINE, 0, 10);
+    let (follow, followed) = (ClientMessage::Subscribe, |stream| {
+        ClientMessage::Subscribed(StreamId(stream))
     });
-    told.session.follow(EXACT).unwrap();
-    assert_eq!(said(&mut told), [follow(EXACT)]);
+    reported.session.subscribe(EXACT).unwrap();
+    assert_eq!(said(&mut reported), [follow(EXACT)]);
     // As long as it is not as far as what is shown, it is not shown.
-    tell_snapshot(&mut told, EXACT, 1, 5);
-    let (to, cause) = (FINE, MoveCause::Thin);
-    told.tell(&[ServerMessage::Moved { to, cause }]);
-    tell_snapshot(&mut told, FINE, 2, 6);
-    assert_eq!((shown(&told), said(&mut told)), (FINE, vec![]));
-    assert_eq!(told.session.poll_event(), Some(Event::Moved { to, cause }));
-    told.session.follow(EXACT).unwrap();
-    assert_eq!(said(&mut told), [follow(EXACT)]);
+    send_snapshot(&mut reported, EXACT, 1, 5);
+    let (to, cause) = (FINE, TierChangeCause::LinkCongested);
+    reported.tell(&[ServerMessage::TierChanged { to, cause }]);
+    send_snapshot(&mut reported, FINE, 2, 6);
+    assert_eq!((shown(&reported), said(&mut reported)), (FINE, vec![]));
+    assert_eq!(
+        reported.session.poll_event(),
+        Some(Event::TierChanged { to, cause })
+    );
+    reported.session.subscribe(EXACT).unwrap();
+    assert_eq!(said(&mut reported), [follow(EXACT)]);
     // One that comes meanwhile is left out, and of two that are wanted meanwhile the first.
-    told.session.follow(COARSE).unwrap();
-    told.session.follow(NORMAL).unwrap();
-    assert_eq!(said(&mut told), []);
-    tell_snapshot(&mut told, EXACT, 3, 8);
-    assert_eq!(said(&mut told), [follow(NORMAL)]);
-    tell_snapshot(&mut told, NORMAL, 4, 11);
-    assert_eq!((shown(&told), said(&mut told)), (NORMAL, vec![followed(4)]));
-    assert_eq!(told.session.poll_event(), Some(Event::Following(NORMAL)));
-    // A move to what it follows already is told as any.
-    let (to, cause) = (NORMAL, MoveCause::Eased);
-    told.tell(&[ServerMessage::Moved { to, cause }]);
-    tell_snapshot(&mut told, NORMAL, 5, 12);
-    assert_eq!(said(&mut told), [followed(5)]);
-    assert_eq!(told.session.poll_event(), Some(Event::Moved { to, cause }));
-    assert_eq!(told.session.poll_event(), Some(Event::Following(NORMAL)));
+    reported.session.subscribe(COARSE).unwrap();
+    reported.session.subscribe(NORMAL).unwrap();
+    assert_eq!(said(&mut reported), []);
+    send_snapshot(&mut reported, EXACT, 3, 8);
+    assert_eq!(said(&mut reported), [follow(NORMAL)]);
+    send_snapshot(&mut reported, NORMAL, 4, 11);
+    assert_eq!(
+        (shown(&reported), said(&mut reported)),
+        (NORMAL, vec![followed(4)])
+    );
+    assert_eq!(
+        reported.session.poll_event(),
+        Some(Event::SubscriptionChanged(NORMAL))
+    );
+    // A move to what it follows already is reported as any.
+    let (to, cause) = (NORMAL, TierChangeCause::LinkRecovered);
+    reported.tell(&[ServerMessage::TierChanged { to, cause }]);
+    send_snapshot(&mut reported, NORMAL, 5, 12);
+    assert_eq!(said(&mut reported), [followed(5)]);
+    assert_eq!(
+        reported.session.poll_event(),
+        Some(Event::TierChanged { to, cause })
+    );
+    assert_eq!(
+        reported.session.poll_event(),
+        Some(Event::SubscriptionChanged(NORMAL))
+    );
 }
 
 #[test]
-fn who_asks_for_another_stream_keeps_the_copy_that_the_server_still_says() {
-    let mut told = told(FINE, 0, 10);
-    told.session.follow(EXACT).unwrap();
-    tell_snapshot(&mut told, EXACT, 1, 5);
-    told.session.follow(NORMAL).unwrap();
-    said(&mut told);
+fn a_member_that_changes_streams_keeps_the_copy_that_the_server_still_publishes() {
+    let mut reported = reported(FINE, 0, 10);
+    reported.session.subscribe(EXACT).unwrap();
+    send_snapshot(&mut reported, EXACT, 1, 5);
+    reported.session.subscribe(NORMAL).unwrap();
+    said(&mut reported);
     // The one between could be shown now, but ended with the question.
-    let vouch = Vouch {
+    let watermark = Watermark {
         next: Low16(0),
         tick: Low16(20),
-        notices: Low16(0),
+        scene_events: Low16(0),
     };
-    let datagram = vouch.encode(StreamId(1));
-    told.session
-        .handle_datagram(Instant::ZERO, Told::SERVER, &datagram);
-    assert_eq!((shown(&told), said(&mut told)), (FINE, vec![]));
+    let datagram = watermark.encode(StreamId(1));
+    reported
+        .session
+        .handle_datagram(Instant::ZERO, ScriptedSession::SERVER, &datagram);
+    assert_eq!((shown(&reported), said(&mut reported)), (FINE, vec![]));
     // When it is denied, the one between goes on.
-    told.tell(&[ServerMessage::Denied(Denial::TooManyStreams)]);
-    let followed = ClientMessage::Followed(StreamId(1));
-    assert_eq!((shown(&told), said(&mut told)), (EXACT, vec![followed]));
+    reported.tell(&[ServerMessage::Denied(Denial::TooManyStreams)]);
+    let followed = ClientMessage::Subscribed(StreamId(1));
+    assert_eq!(
+        (shown(&reported), said(&mut reported)),
+        (EXACT, vec![followed])
+    );
 }

@@ -1,21 +1,21 @@
 //! What a simulator drives, the server has where the simulator says it is.
 //!
-//! Proved in virtual time, over pretended links, by `Walk`: at each tick of which the server knew all in time, avatars
+//! Proved in virtual time, over simulated links, by `Walk`: at each tick of which the server knew all in time, avatars
 //! were within the tolerance. Who may drive what is the affair of `drivers`.
 
 use rhumb_protocol::Span;
 use rhumb_protocol::message::StreamChoice;
-use rhumb_protocol::scene::{Command, Pace};
+use rhumb_protocol::scene::{Command, Stepping};
 use rhumb_protocol::stream::PublisherStatistics;
-use rhumb_reckoning::{Divergence, Tick, Ticks, Tolerance, Verbatim};
+use rhumb_reckoning::{BodyState, Divergence, Tick, Ticks, Tolerance};
 use rhumb_tests::{Avatars, COMMANDER, TICK, Walk, seed};
 
 const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 
 /// Over links that spoil what they can: what the server knew in time was right, and little came late.
-fn survives(terms: &str, lead: u64, late: f64, seed: u64) {
-    let mut walk = Walk::new(Pace::FreeRunning, 3, lead, seed);
-    walk.over(terms);
+fn survives(config: &str, lead: u64, late: f64, seed: u64) {
+    let mut walk = Walk::new(Stepping::FreeRunning, 3, lead, seed);
+    walk.over(config);
     for _ in 0..900 {
         walk.frame();
     }
@@ -23,10 +23,10 @@ fn survives(terms: &str, lead: u64, late: f64, seed: u64) {
     let share = drive.late_steps as f64 / drive.steps as f64;
     assert!(
         share <= late,
-        "{terms}, seed {seed}: {share} of the steps were late"
+        "{config}, seed {seed}: {share} of the steps were late"
     );
-    assert!(walk.judged > 1_000, "{terms}: {} were judged", walk.judged);
-    assert!(walk.worst > 0.3, "{terms}: nothing was reckoned");
+    assert!(walk.judged > 1_000, "{config}: {} were judged", walk.judged);
+    assert!(walk.worst > 0.3, "{config}: nothing was reckoned");
     assert_eq!((drive.heard.malformed, drive.refused), (0, 0));
     assert_eq!(drive.heard.mismatches, 0);
     walk.over("");
@@ -38,13 +38,13 @@ fn survives(terms: &str, lead: u64, late: f64, seed: u64) {
         walk.frame();
     }
     let after = walk.statistics().expect("it still drives");
-    assert_eq!(after.late_steps, before.late_steps, "{terms}, seed {seed}");
+    assert_eq!(after.late_steps, before.late_steps, "{config}, seed {seed}");
     assert!(walk.judged > judged + 100);
 }
 
 #[test]
 fn what_the_server_knows_of_an_avatar_is_within_the_tolerance_over_any_link() {
-    for (terms, lead, known) in [
+    for (config, lead, known) in [
         ("", 1, 0.0),
         ("rtt=60ms", 3, 0.02),
         ("rtt=60ms,jitter=30ms", 6, 0.1),
@@ -52,13 +52,13 @@ fn what_the_server_knows_of_an_avatar_is_within_the_tolerance_over_any_link() {
         ("rtt=40ms,loss=20%,jitter=10ms,reorder=10%,dup=10%", 14, 0.9),
         ("rtt=100ms,loss=5%,burst=6,jitter=20ms", 16, 0.4),
     ] {
-        survives(terms, lead, known, seed(21));
+        survives(config, lead, known, seed(21));
     }
 }
 
 #[test]
-fn without_a_lead_the_server_predicts_over_the_way() {
-    let mut walk = Walk::new(Pace::FreeRunning, 1, 0, 1);
+fn without_a_lead_the_server_predicts_over_the_delay() {
+    let mut walk = Walk::new(Stepping::FreeRunning, 1, 0, 1);
     walk.over("rtt=100ms");
     let mut worst: f64 = 0.0;
     for frame in 0..200 {
@@ -76,15 +76,15 @@ fn without_a_lead_the_server_predicts_over_the_way() {
 }
 
 #[test]
-fn a_still_avatar_costs_nothing_but_vouching() {
-    let mut walk = Walk::new(Pace::FreeRunning, 1, 2, 1);
+fn a_still_avatar_costs_only_watermarks() {
+    let mut walk = Walk::new(Stepping::FreeRunning, 1, 2, 1);
     let id = Avatars::id(0);
     let stands = Avatars::walk(0, Tick::ZERO).stilled();
     let stand = |walk: &mut Walk, frames| {
         let before = walk.bytes_up();
         for _ in 0..frames {
             let tick = walk.newest() + Ticks::new(2);
-            let session = walk.stage.arena.client_mut(COMMANDER);
+            let session = walk.stage.network.client_mut(COMMANDER);
             session
                 .publish(tick, &[(id, stands)])
                 .expect("the commander drives");
@@ -95,34 +95,34 @@ fn a_still_avatar_costs_nothing_but_vouching() {
     stand(&mut walk, 600);
     let upstream = walk
         .stage
-        .arena
+        .network
         .client(COMMANDER)
         .upstream()
         .expect("it drives");
     let bytes = stand(&mut walk, 3_000);
     let after = walk
         .stage
-        .arena
+        .network
         .client(COMMANDER)
         .upstream()
         .expect("it drives");
-    let said = |of: PublisherStatistics| (of.updates, of.packets, of.bytes, of.withheld);
+    let said = |of: PublisherStatistics| (of.updates, of.packets, of.bytes, of.over_budget);
     assert_eq!(said(after), said(upstream), "a body that stands");
-    // Twenty vouches of eight bytes or so in fifty seconds, and what looks at the clock.
+    // Twenty watermarks of eight bytes or so in fifty seconds, and what looks at the clock.
     assert!(bytes < 400, "{bytes} bytes in fifty seconds");
 }
 
 #[test]
 fn a_walking_avatar_costs_a_fraction_of_what_commands_cost() {
     let frames = 1_200;
-    let mut walk = Walk::new(Pace::FreeRunning, 1, 2, 1);
+    let mut walk = Walk::new(Stepping::FreeRunning, 1, 2, 1);
     let before = walk.bytes_up();
     for _ in 0..frames {
         walk.frame();
     }
     let driven = walk.bytes_up() - before;
     let id = Avatars::id(0);
-    assert_eq!(walk.drive(&[]), Ok(vec![]));
+    assert_eq!(walk.take_authority(&[]), Ok(vec![]));
     let before = walk.bytes_up();
     for _ in 0..frames {
         let pose = Avatars::walk(0, walk.newest()).motion().pose();
@@ -140,10 +140,10 @@ fn a_walking_avatar_costs_a_fraction_of_what_commands_cost() {
 }
 
 #[test]
-fn in_lockstep_every_step_knows_what_was_said_for_it() {
-    let digest = |terms: &str, seed| {
-        let mut walk = Walk::new(Pace::Lockstep, 2, 0, seed);
-        walk.over(terms);
+fn in_lockstep_every_step_has_its_upstream_input() {
+    let digest = |config: &str, seed| {
+        let mut walk = Walk::new(Stepping::Lockstep, 2, 0, seed);
+        walk.over(config);
         for _ in 0..400 {
             let tick = walk.newest().next();
             walk.say(tick);
@@ -157,7 +157,7 @@ fn in_lockstep_every_step_knows_what_was_said_for_it() {
         }
         let statistics = walk.statistics().expect("the commander drives");
         assert_eq!((statistics.late_steps, statistics.steps), (0, 400));
-        let session = walk.stage.arena.client_mut(COMMANDER);
+        let session = walk.stage.network.client_mut(COMMANDER);
         session.inspect().expect("a member may ask");
         walk.stage.run(Span::from_millis(2_000));
         walk.stage.witnesses[COMMANDER].inspections[0].truth
@@ -168,19 +168,20 @@ fn in_lockstep_every_step_knows_what_was_said_for_it() {
 }
 
 #[test]
-fn what_lies_on_a_driven_platform_is_carried_and_sleeps_when_that_stands() {
-    let mut walk = Walk::new(Pace::Lockstep, 0, 0, 1);
+fn a_body_on_a_platform_under_authority_moves_along_and_sleeps_with_it() {
+    let mut walk = Walk::new(Stepping::Lockstep, 0, 0, 1);
     let (platform, freight) = (Avatars::platform(), Avatars::freight());
-    assert_eq!(walk.drive(&[platform]), Ok(vec![platform]));
+    assert_eq!(walk.take_authority(&[platform]), Ok(vec![platform]));
     let start = Avatars::berth().position();
     let way = |tick: u64| {
         let moved = tick.clamp(60, 180) - 60;
         let speed = if (60..180).contains(&tick) { 0.5 } else { 0.0 };
         let position = [start[0] + moved as f32 / 120.0, start[1], start[2]];
-        Verbatim::new(position, [0.0, 0.0, 0.0, 1.0], [speed, 0.0, 0.0], [0.0; 3]).expect("a place")
+        BodyState::new(position, [0.0, 0.0, 0.0, 1.0], [speed, 0.0, 0.0], [0.0; 3])
+            .expect("a place")
     };
     for tick in 1..=400 {
-        let session = walk.stage.arena.client_mut(COMMANDER);
+        let session = walk.stage.network.client_mut(COMMANDER);
         session
             .publish(Tick::new(tick), &[(platform, way(tick))])
             .expect("it drives");
@@ -191,7 +192,7 @@ fn what_lies_on_a_driven_platform_is_carried_and_sleeps_when_that_stands() {
     let moved = walk.at(platform).pose().position;
     // What stands for a second is there to the bit, as far as the engine has it.
     assert!((moved.x - 1.0).abs() < 1e-6, "the platform is at {moved}");
-    let session = walk.stage.arena.client_mut(COMMANDER);
+    let session = walk.stage.network.client_mut(COMMANDER);
     session.inspect().expect("a member may ask");
     walk.stage.run(TICK);
     let inspection = walk.stage.witnesses[COMMANDER].inspections[0];
@@ -200,17 +201,17 @@ fn what_lies_on_a_driven_platform_is_carried_and_sleeps_when_that_stands() {
 }
 
 #[test]
-fn a_driver_goes_on_while_its_own_copy_changes_streams() {
-    let mut walk = Walk::new(Pace::FreeRunning, 1, 8, seed(22));
+fn upstream_continues_while_the_copy_changes_streams() {
+    let mut walk = Walk::new(Stepping::FreeRunning, 1, 8, seed(22));
     walk.over("rtt=80ms,loss=3%");
     for choice in [
         StreamChoice::Within(Tolerance::EXACT),
         StreamChoice::Full,
         NORMAL,
     ] {
-        let session = walk.stage.arena.client_mut(COMMANDER);
+        let session = walk.stage.network.client_mut(COMMANDER);
         session
-            .follow(choice)
+            .subscribe(choice)
             .expect("no other change is asked for");
         for _ in 0..120 {
             walk.frame();

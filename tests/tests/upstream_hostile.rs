@@ -6,29 +6,30 @@
 use proptest::prelude::*;
 use rhumb_protocol::Peer;
 use rhumb_protocol::message::{
-    ClientMessage, Drive, DriveError, Driving, ServerMessage, StreamChoice,
+    AuthorityError, AuthorityGrant, ClientMessage, ServerMessage, StreamChoice, TakeAuthority,
 };
 use rhumb_protocol::packet::{
-    Low16, RepairRecord, RepairWriter, Saying, StateWriter, StreamId, TrackSaying, Update, Vouch,
+    Keyframe, Low16, RefreshRecord, RefreshWriter, StreamId, Update, UpdatePayload, UpdateWriter,
+    Watermark,
 };
-use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, Pace, SceneTerms, ShapeId};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, ShapeId, Stepping};
 use rhumb_protocol::session::Event;
-use rhumb_reckoning::{Anchor, BodyId, Predictor, Tick, Ticks, Tolerance, Verbatim};
+use rhumb_reckoning::{Anchor, BodyId, BodyState, Predictor, Tick, Ticks, Tolerance};
 use rhumb_sims::Script;
-use rhumb_tests::{Avatars, Dice, Rude, Said, TICK, Table};
+use rhumb_tests::{Avatars, Delivered, Dice, RawPeer, TICK, Table};
 
 const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 
-fn still(x: f32) -> Verbatim {
-    Verbatim::new([x, 3.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).expect("a place")
+fn still(x: f32) -> BodyState {
+    BodyState::new([x, 3.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).expect("a place")
 }
 
 /// A scene that runs freely, with a guest that drives the first avatar and a rude one that drives a body of its own.
 struct Scene {
     table: Table,
     good: Peer,
-    rude: Rude,
-    driving: Driving,
+    rude: RawPeer,
+    driving: AuthorityGrant,
     own: BodyId,
     ticks: u64,
 }
@@ -36,16 +37,16 @@ struct Scene {
 impl Scene {
     fn new() -> Self {
         let mut table = Table::default();
-        let good = table.seat("driven");
+        let good = table.alias("driven");
         let mut script = Avatars(1);
-        let terms = SceneTerms {
-            pace: Pace::FreeRunning,
-            ..script.terms()
+        let config = SceneConfig {
+            stepping: Stepping::FreeRunning,
+            ..script.config()
         };
         let mut commands = Vec::new();
         script.commands(Tick::ZERO, &mut commands);
         let guest = table.guest(good);
-        guest.create(terms).expect("it is welcome");
+        guest.create(config).expect("it is welcome");
         guest.join(NORMAL).expect("it is in the lobby");
         table.settle();
         let guest = table.guest(good);
@@ -53,16 +54,16 @@ impl Scene {
             guest.command(command).expect("it is a member");
         }
         guest
-            .drive(Tolerance::NORMAL, &[Avatars::id(0)])
+            .take_authority(Tolerance::NORMAL, &[Avatars::id(0)])
             .expect("it may ask");
         table.settle();
-        let mut rude = Rude::enter(&mut table, "driven");
+        let mut rude = RawPeer::enter(&mut table, "driven");
         let own = rude.granted.id(0).expect("it was granted some");
-        let terms = BodyTerms::plain(own, BodyKind::Kinematic, ShapeId(3));
+        let config = BodyDesc::plain(own, BodyKind::Kinematic, ShapeId(3));
         let motion = still(30.0);
-        rude.command(&mut table, Command::AddBody { terms, motion })
+        rude.command(&mut table, Command::AddBody { config, motion })
             .expect("it may add");
-        let driving = drive(&mut rude, &mut table, own);
+        let driving = take_authority(&mut rude, &mut table, own);
         Self {
             table,
             good,
@@ -87,14 +88,14 @@ impl Scene {
         while let Some(event) = guest.poll_event() {
             let bad = matches!(
                 event,
-                Event::Ended(_) | Event::NotDriving(_) | Event::BodyRemoved { .. }
+                Event::Ended(_) | Event::AuthorityDenied(_) | Event::BodyRemoved { .. }
             );
             assert!(!bad, "{event:?}");
         }
         let stream = guest.replica().expect("it is a member").stream();
         let at = |id| {
             stream
-                .believed(id, stream.vouched())
+                .predicted_motion(id, stream.watermark_tick())
                 .expect("it is there")
                 .pose()
                 .position
@@ -120,40 +121,40 @@ impl Scene {
             .expect("it is a member")
             .stream();
         stream
-            .believed(self.own, stream.vouched())
+            .predicted_motion(self.own, stream.watermark_tick())
             .expect("it is there")
             .pose()
             .position
     }
 
     /// A packet of the rude one's own stream that says these of bodies by index.
-    fn state(&self, number: u64, tick: Tick, said: &[(u32, Verbatim)]) -> Vec<u8> {
-        let mut writer = StateWriter::new(self.driving.stream, number, tick.value(), 0);
-        for (index, motion) in said {
-            let saying = Saying::Whole(TrackSaying {
+    fn state(&self, number: u64, tick: Tick, sent: &[(u32, BodyState)]) -> Vec<u8> {
+        let mut writer = UpdateWriter::new(self.driving.stream, number, tick.value(), 0);
+        for (index, motion) in sent {
+            let payload = UpdatePayload::Keyframe(Keyframe {
                 predictor: Predictor::Uniform,
-                anchor: Anchor::Verbatim(*motion),
-                carrier: None,
+                anchor: Anchor::Exact(*motion),
+                parent: None,
             });
             let body = Some(*index);
             assert!(writer.push(&Update {
-                seat: *index,
+                alias: *index,
                 body,
-                saying
+                payload
             }));
         }
         writer.finish(true)
     }
 }
 
-fn drive(rude: &mut Rude, table: &mut Table, body: BodyId) -> Driving {
-    let drive = Drive {
+fn take_authority(rude: &mut RawPeer, table: &mut Table, body: BodyId) -> AuthorityGrant {
+    let drive = TakeAuthority {
         tolerance: Tolerance::NORMAL,
         bodies: vec![body],
     };
-    let heard = rude.say(table, &ClientMessage::Drive(drive));
-    let driving = heard.into_iter().find_map(|message| match message {
-        ServerMessage::Driving(driving) => Some(driving),
+    let received = rude.say(table, &ClientMessage::TakeAuthority(drive));
+    let driving = received.into_iter().find_map(|message| match message {
+        ServerMessage::AuthorityGrant(driving) => Some(driving),
         _ => None,
     });
     driving.expect("its own body is its own to drive")
@@ -169,9 +170,9 @@ fn recorded(stream: StreamId) -> Vec<Vec<u8>> {
     let spoken = scene.table.take_spoken(scene.good);
     let mut packets: Vec<Vec<u8>> = spoken
         .into_iter()
-        .filter_map(|said| match said {
-            Said::State(bytes) => Some(bytes.to_vec()),
-            Said::Control(_) => None,
+        .filter_map(|sent| match sent {
+            Delivered::State(bytes) => Some(bytes.to_vec()),
+            Delivered::Control(_) => None,
         })
         .collect();
     packets.iter_mut().for_each(|packet| rename(packet, stream));
@@ -187,7 +188,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
 
     #[test]
-    fn arbitrary_datagrams_of_any_stream_move_nobody_elses_body(
+    fn arbitrary_datagrams_of_any_stream_move_no_other_body(
         pieces in proptest::collection::vec(
             (0_u8..10, 0_u8..6, proptest::collection::vec(any::<u8>(), 0..60)), 1..60)
     ) {
@@ -205,7 +206,7 @@ proptest! {
     }
 
     #[test]
-    fn a_damaged_drivers_stream_moves_nobody_elses_body(seed: u64) {
+    fn a_damaged_upstream_moves_no_other_body(seed: u64) {
         let mut scene = Scene::new();
         let mut dice = Dice::new(seed);
         let packets = recorded(scene.driving.stream);
@@ -228,7 +229,7 @@ proptest! {
 }
 
 #[test]
-fn a_driver_moves_what_it_was_granted_and_nothing_beside_it() {
+fn an_upstream_moves_only_granted_bodies() {
     let mut scene = Scene::new();
     let tick = scene.driving.tick.next();
     // Index 0 is its own body; no other index is anybody's in its stream.
@@ -245,7 +246,7 @@ fn a_driver_moves_what_it_was_granted_and_nothing_beside_it() {
 }
 
 #[test]
-fn another_members_stream_cannot_be_spoken_on() {
+fn a_client_cannot_send_on_another_members_upstream() {
     let mut scene = Scene::new();
     scene.tick();
     for stream in StreamId::SMALL {
@@ -272,7 +273,7 @@ fn another_members_stream_cannot_be_spoken_on() {
 #[test]
 fn impossible_places_and_ticks_leave_a_body_where_it_is() {
     let mut scene = Scene::new();
-    let beyond = |x, v| Verbatim::new([x, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [v; 3], [0.0; 3]);
+    let beyond = |x, v| BodyState::new([x, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [v; 3], [0.0; 3]);
     let tick = scene.driving.tick;
     for (number, (ahead, motion)) in [
         (1, beyond(1e30, 0.0)),
@@ -294,24 +295,27 @@ fn impossible_places_and_ticks_leave_a_body_where_it_is() {
 }
 
 #[test]
-fn a_jump_in_time_ends_a_drive_and_its_member_may_ask_again() {
+fn a_tick_jump_ends_an_authority_which_can_be_taken_again() {
     let mut scene = Scene::new();
-    let vouch = Vouch {
+    let watermark = Watermark {
         next: Low16(0),
         tick: Low16::of(scene.driving.tick.value() + 20_000),
-        notices: Low16(0),
+        scene_events: Low16(0),
     };
     scene.table.take_heard(scene.rude.peer);
-    let datagram = vouch.encode(scene.driving.stream);
+    let datagram = watermark.encode(scene.driving.stream);
     scene.table.datagram(scene.rude.peer, &datagram);
-    let heard = scene.table.take_heard(scene.rude.peer);
-    assert!(matches!(&heard[..], [Said::Control(_)]), "{heard:?}");
+    let received = scene.table.take_heard(scene.rude.peer);
+    assert!(
+        matches!(&received[..], [Delivered::Control(_)]),
+        "{received:?}"
+    );
     // What is sent on is of a stream that is no more.
     for _ in 0..100 {
         scene.table.datagram(scene.rude.peer, &datagram);
     }
     assert_eq!(scene.table.take_heard(scene.rude.peer), []);
-    scene.driving = drive(&mut scene.rude, &mut scene.table, scene.own);
+    scene.driving = take_authority(&mut scene.rude, &mut scene.table, scene.own);
     scene.ticks = 0;
     let packet = scene.state(0, scene.driving.tick.next(), &[(0, still(31.0))]);
     scene.table.datagram(scene.rude.peer, &packet);
@@ -322,22 +326,22 @@ fn a_jump_in_time_ends_a_drive_and_its_member_may_ask_again() {
 }
 
 #[test]
-fn gaps_without_end_and_repairs_of_what_was_never_lost_cost_little() {
+fn endless_gaps_and_refreshes_of_packets_never_lost_cost_little() {
     let mut scene = Scene::new();
-    let mut said = 0;
+    let mut sent = 0;
     for round in 0..400_u64 {
         let tick = scene.driving.tick + Ticks::new(round as u32 + 1);
         let packet = scene.state(round * 2 + 1, tick, &[(0, still(30.0))]);
         scene.table.datagram(scene.rude.peer, &packet);
-        let mut writer = RepairWriter::default();
-        writer.push(&RepairRecord {
+        let mut writer = RefreshWriter::default();
+        writer.push(&RefreshRecord {
             index: (round % 600) as u32,
-            seat: Some((round * 7 % 600) as u32),
+            alias: Some((round * 7 % 600) as u32),
             age: Ticks::ZERO,
-            whole: TrackSaying {
+            keyframe: Keyframe {
                 predictor: Predictor::Rest,
-                anchor: Anchor::Verbatim(still(30.0)),
-                carrier: Some(BodyId::new(0, 0)).filter(|_| round % 3 == 0),
+                anchor: Anchor::Exact(still(30.0)),
+                parent: Some(BodyId::new(0, 0)).filter(|_| round % 3 == 0),
             },
         });
         let stream = scene.driving.stream;
@@ -347,47 +351,48 @@ fn gaps_without_end_and_repairs_of_what_was_never_lost_cost_little() {
         if round % 4 == 0 {
             scene.table.take_heard(scene.rude.peer);
             scene.tick();
-            let heard = scene.table.take_heard(scene.rude.peer);
-            said += heard
+            let received = scene.table.take_heard(scene.rude.peer);
+            sent += received
                 .iter()
-                .filter(|said| matches!(said, Said::State(bytes) if bytes[0] & 15 == 6))
+                .filter(|sent| matches!(sent, Delivered::State(bytes) if bytes[0] & 15 == 6))
                 .count();
         }
     }
-    assert!(said > 0 && said <= 100, "asked {said} times in 100 ticks");
+    assert!(sent > 0 && sent <= 100, "asked {sent} times in 100 ticks");
 }
 
 #[test]
-fn wishes_to_drive_cost_their_answers_and_nothing_else() {
+fn authority_requests_cost_only_their_answers() {
     let mut scene = Scene::new();
     scene.tick();
     for _ in 0..2_000 {
-        scene.driving = drive(&mut scene.rude, &mut scene.table, scene.own);
+        scene.driving = take_authority(&mut scene.rude, &mut scene.table, scene.own);
     }
     let own = scene.own();
     assert!((own.x - 30.0).abs() < 0.06, "it is at {own}");
-    let foreign = Drive {
+    let foreign = TakeAuthority {
         tolerance: Tolerance::NORMAL,
         bodies: vec![Avatars::id(0), scene.own],
     };
     for _ in 0..2_000 {
-        let heard = scene
-            .rude
-            .say(&mut scene.table, &ClientMessage::Drive(foreign.clone()));
-        let refused = ServerMessage::NotDriving(DriveError::NotYours(Avatars::id(0)));
-        assert_eq!(heard, [refused]);
+        let received = scene.rude.say(
+            &mut scene.table,
+            &ClientMessage::TakeAuthority(foreign.clone()),
+        );
+        let refused = ServerMessage::AuthorityDenied(AuthorityError::NotYours(Avatars::id(0)));
+        assert_eq!(received, [refused]);
     }
     assert_eq!(scene.rude.closed(&scene.table), None);
     scene.tick();
 }
 
 #[test]
-fn what_comes_the_wrong_way_for_the_pace_changes_nothing() {
+fn datagrams_in_the_wrong_direction_for_the_stepping_change_nothing() {
     let mut table = Table::default();
     let mut script = Avatars(0);
-    let good = table.seat("led");
+    let good = table.alias("led");
     let guest = table.guest(good);
-    guest.create(script.terms()).expect("it is welcome");
+    guest.create(script.config()).expect("it is welcome");
     guest.join(NORMAL).expect("it is in the lobby");
     table.settle();
     let mut commands = Vec::new();
@@ -397,23 +402,23 @@ fn what_comes_the_wrong_way_for_the_pace_changes_nothing() {
         guest.command(command).expect("it is a member");
     }
     table.settle();
-    let mut rude = Rude::enter(&mut table, "led");
+    let mut rude = RawPeer::enter(&mut table, "led");
     let own = rude.granted.id(0).expect("it was granted some");
-    let terms = BodyTerms::plain(own, BodyKind::Kinematic, ShapeId(3));
+    let config = BodyDesc::plain(own, BodyKind::Kinematic, ShapeId(3));
     let motion = still(30.0);
-    rude.command(&mut table, Command::AddBody { terms, motion })
+    rude.command(&mut table, Command::AddBody { config, motion })
         .expect("it may add");
-    let driving = drive(&mut rude, &mut table, own);
-    let mut writer = StateWriter::new(driving.stream, 0, 1, 0);
-    let saying = Saying::Whole(TrackSaying {
+    let driving = take_authority(&mut rude, &mut table, own);
+    let mut writer = UpdateWriter::new(driving.stream, 0, 1, 0);
+    let payload = UpdatePayload::Keyframe(Keyframe {
         predictor: Predictor::Rest,
-        anchor: Anchor::Verbatim(still(35.0)),
-        carrier: None,
+        anchor: Anchor::Exact(still(35.0)),
+        parent: None,
     });
     assert!(writer.push(&Update {
-        seat: 0,
+        alias: 0,
         body: Some(0),
-        saying
+        payload
     }));
     let packet = writer.finish(true);
     let step = |table: &mut Table, tick| {
@@ -429,13 +434,13 @@ fn what_comes_the_wrong_way_for_the_pace_changes_nothing() {
             .expect("it is a member")
             .stream();
         stream
-            .believed(own, Tick::new(tick))
+            .predicted_motion(own, Tick::new(tick))
             .expect("it is there")
             .pose()
             .position
             .x
     };
-    // Another run might hear a datagram a tick later: where members lead, it is not heard at all.
+    // Another run might hear a datagram a tick later: where members lead, it is not received at all.
     table.datagram(rude.peer, &packet);
     assert!((step(&mut table, 1) - 30.0).abs() < 0.06);
     rude.say(&mut table, &ClientMessage::Upstream(packet));

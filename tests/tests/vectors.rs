@@ -7,18 +7,18 @@ use std::path::Path;
 
 use rhumb_protocol::limits;
 use rhumb_protocol::message::{MAGIC, VERSIONS, is_no_version};
-use rhumb_protocol::packet::{Head, Kind, StateWriter, StreamId};
+use rhumb_protocol::packet::{Head, PacketKind, StreamId, UpdateWriter};
 use rhumb_protocol::scene::Quantity;
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::wire::{OPTIONAL, Wire};
 use rhumb_tests::grammar::{Grammar, unhex};
 use rhumb_tests::requirements::Document;
-use rhumb_tests::vectors::{Outcome, Side, control, folder, golden, streams};
+use rhumb_tests::vectors::{Decoded, Sender, control, folder, golden, streams};
 use serde_json::Value;
 
 #[test]
-fn the_golden_vectors_are_what_the_codec_says_and_refuses() {
+fn the_golden_vectors_are_what_the_codec_encodes_and_refuses() {
     let golden = std::fs::read_to_string(folder().join("control.json"));
     let golden = golden.expect("the specification lies beside the crates");
     let computed = control();
@@ -29,7 +29,7 @@ fn the_golden_vectors_are_what_the_codec_says_and_refuses() {
 }
 
 #[test]
-fn a_session_that_hears_a_golden_stream_knows_what_its_member_knew() {
+fn a_session_that_receives_a_golden_stream_knows_what_its_member_knew() {
     let golden = golden("streams.json");
     for stream in golden["streams"].as_array().expect("streams are listed") {
         let events = stream["events"].as_array().expect("events are listed");
@@ -39,7 +39,7 @@ fn a_session_that_hears_a_golden_stream_knows_what_its_member_knew() {
             assert_eq!(known, expected, "event {place} of {}", stream["name"]);
         }
         let last = &events.last().expect("a stream has events")[1];
-        assert_eq!(last["settled"], true, "{}", stream["name"]);
+        assert_eq!(last["converged"], true, "{}", stream["name"]);
     }
 }
 
@@ -47,8 +47,8 @@ fn a_session_that_hears_a_golden_stream_knows_what_its_member_knew() {
 fn the_golden_vectors_are_many() {
     let vectors: Value = serde_json::from_str(&control()).expect("vectors are JSON");
     let count = |name: &str| vectors[name].as_array().expect("a section").len();
-    assert!(count("client says") + count("server says") >= 150);
-    assert!(count("refused of a client") + count("refused of a server") >= 150);
+    assert!(count("client messages") + count("server messages") >= 150);
+    assert!(count("refused client messages") + count("refused server messages") >= 150);
 }
 
 /// What each limit is in code.
@@ -62,15 +62,15 @@ fn limits_in_code() -> BTreeMap<&'static str, f64> {
         DATAGRAM_BYTES_MAX UPDATES_PER_PACKET_MAX MESSAGE_BYTES_MAX LONG_MESSAGE_BYTES_MAX
         SCENE_NAME_BYTES_MAX VERSIONS_MAX BUDGET_MIN BUDGET_MAX BUDGET_BURST_MAX
         EXTENSIONS_MAX EXTENSION_BYTES_MAX BODIES_MAX INDICES_MAX SHAPES_MAX JOINTS_MAX
-        STREAMS_PER_SCENE_MAX SCENES_MAX MEMBERS_PER_SCENE_MAX DAMPINGS_MAX DRIVEN_MAX DRIVE_VOUCH_MS
-        DRIVE_GRACE_MS GRANT GRANTED_MAX RESERVE_MAX WISHES_WAITING_MAX RANGES_PER_MEMBER_MAX ADVANCE_TICKS_MAX
+        STREAMS_PER_SCENE_MAX SCENES_MAX MEMBERS_PER_SCENE_MAX DAMPINGS_MAX AUTHORITY_BODIES_MAX UPSTREAM_WATERMARK_MS
+        UPSTREAM_GRACE_MS GRANT GRANTED_MAX RESERVE_MAX PENDING_COMMANDS_MAX RANGES_PER_MEMBER_MAX ADVANCE_TICKS_MAX
         COORDINATE_MAX LINEAR_MAX ANGULAR_MAX GRAVITY_MAX FORCE_MAX EXTENT_MIN EXTENT_MAX
         HULL_POINTS_MIN HULL_POINTS_MAX HULL_FLATNESS POSTS_MAX MESH_POINTS_MAX TRIANGLES_MAX
         PARTS_MAX PARTS_BYTES_MAX SHAPE_BYTES_PER_SCENE_MAX DENSITY_MIN DENSITY_MAX FRICTION_MAX DAMPING_MAX
         GRAVITY_SCALE_MAX SLEEP_SPEED_MAX SLEEP_SECONDS_MAX SUBSTEPS_MAX RATE_MAX STEP_SECONDS_MAX
-        PUBLISH_SECONDS_MAX HINDSIGHT_TICKS_MAX COUNT_MAX HISTORY_PACKETS LOST_NAMED_MAX
-        REPAIR_PARTS_MAX PARITY_SPAN PARITY_ROWS PARITIES_KEPT SEATINGS_KEPT PACKETS_HELD_MAX
-        DIGEST_RANGES_MAX SILENCE_MS_MAX TICK_JUMP_MAX
+        PUBLISH_SECONDS_MAX LOOKAHEAD_TICKS_MAX COUNT_MAX HISTORY_PACKETS LOST_NAMED_MAX
+        REFRESH_PARTS_MAX FEC_SPAN FEC_ROWS REPAIR_SYMBOLS_KEPT ALIAS_CHANGES_KEPT PACKETS_HELD_MAX
+        CHECKSUM_RANGES_MAX SILENCE_MS_MAX TICK_JUMP_MAX
     }
 }
 
@@ -154,14 +154,14 @@ fn codes_are_the_same_in_code_and_table() {
 #[test]
 fn every_type_that_the_table_has_the_codec_has_and_no_other() {
     let grammar = Grammar::load();
-    for side in [Side::Client, Side::Server] {
+    for side in [Sender::Client, Sender::Server] {
         let codes = &grammar.table()["types"][side.type_name()]["codes"];
         let codes = codes.as_array().expect("codes are listed");
         for kind in 0..=u8::MAX {
             let row = codes.iter().find(|row| row["code"] == kind);
             let unknown = |body: &[u8]| match side.outcome(kind, body) {
-                Outcome::Skipped => kind >= OPTIONAL,
-                Outcome::Refused(why) => format!("{why:?}") == "UnknownCode",
+                Decoded::Skipped => kind >= OPTIONAL,
+                Decoded::Refused(why) => format!("{why:?}") == "UnknownCode",
                 _ => false,
             };
             let is_coded = row.is_some_and(|row| {
@@ -219,18 +219,18 @@ fn the_documents_examples_of_messages_mean_what_they_say() {
         assert_eq!(usize::from(*length), typed.len(), "{name}");
         let server = ["Applied", "Refused", "BodyPlaced"];
         let side = if server.iter().any(|word| name.starts_with(word)) {
-            Side::Server
+            Sender::Server
         } else {
-            Side::Client
+            Sender::Client
         };
         let (means, _) = grammar.read(side.type_name(), typed).expect(&name);
         assert_eq!(
             side.outcome(typed[0], &typed[1..]),
-            Outcome::Said(None),
+            Decoded::Accepted(None),
             "{name}"
         );
         let is = means["is"].as_str().expect("a message is something");
-        let inner = ["command", "notice"].map(|word| means[word]["is"].as_str().unwrap_or(is));
+        let inner = ["command", "event"].map(|word| means[word]["is"].as_str().unwrap_or(is));
         assert!(
             inner.iter().any(|is| name.contains(is)) || name.contains(is),
             "{name}: {means}"
@@ -238,7 +238,15 @@ fn the_documents_examples_of_messages_mean_what_they_say() {
         words.push(is.to_owned());
     }
     let expected = [
-        "Hello", "Join", "Join", "Command", "Advance", "Drive", "Applied", "Refused", "Notice",
+        "Hello",
+        "Join",
+        "Join",
+        "Command",
+        "Advance",
+        "TakeAuthority",
+        "Applied",
+        "Refused",
+        "SceneEvent",
     ];
     assert_eq!(words, expected);
 }
@@ -246,8 +254,8 @@ fn the_documents_examples_of_messages_mean_what_they_say() {
 #[test]
 fn the_documents_examples_of_datagrams_are_of_stream_five() {
     let (_, empty) = &examples("5.18")[0];
-    let written = StateWriter::new(StreamId(5), 70_000, 300, 12).finish(true);
-    assert_eq!(empty, &written, "a tick in which nothing was said");
+    let written = UpdateWriter::new(StreamId(5), 70_000, 300, 12).finish(true);
+    assert_eq!(empty, &written, "a tick in which nothing was sent");
     let kinds: Vec<_> = examples("5.18")
         .into_iter()
         .map(|(_, bytes)| {
@@ -256,5 +264,12 @@ fn the_documents_examples_of_datagrams_are_of_stream_five() {
             head.kind
         })
         .collect();
-    assert_eq!(kinds, [Kind::StateEnd, Kind::Vouch, Kind::Echo]);
+    assert_eq!(
+        kinds,
+        [
+            PacketKind::UpdatesEnd,
+            PacketKind::Watermark,
+            PacketKind::LossReport
+        ]
+    );
 }

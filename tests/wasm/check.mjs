@@ -4,8 +4,8 @@
 
 import { readFile } from "node:fs/promises";
 
-const LAWS = ["rest", "uniform", "ballistic", "tumbling", "thrown", "pushed"];
-const NO_PUSH = { push: [0, 0, 0], doublings: 0 };
+const PREDICTORS = ["rest", "uniform", "ballistic", "torque_free", "ballistic_torque_free", "constant_acceleration"];
+const NO_ACCELERATION = { acceleration: [0, 0, 0], exponent: 0 };
 const NO_INERTIA = { moments: Array(3).fill("00000000"), frame: Array(4).fill("00000000") };
 
 const view = new DataView(new ArrayBuffer(8));
@@ -27,10 +27,10 @@ function bits(number) {
 
 function givenNumbers(vectors, testCase) {
   const { ticks, seconds, substeps, damping } = vectors.integrators[testCase.integrator];
-  const { push, doublings } = testCase.push ? testCase : NO_PUSH;
+  const { acceleration, exponent } = testCase.acceleration ? testCase : NO_ACCELERATION;
   const { moments, frame } = vectors.inertias[testCase.inertia] ?? NO_INERTIA;
   return [
-    ...vectors.starts[testCase.start].verbatim.map(single),
+    ...vectors.initial_states[testCase.initial_state].body_state.map(single),
     ...vectors.gravities[testCase.gravity].gravity.map(double),
     ticks,
     seconds,
@@ -38,14 +38,14 @@ function givenNumbers(vectors, testCase) {
     ...damping.map(single),
     ...moments.map(single),
     ...frame.map(single),
-    ...push,
-    doublings,
+    ...acceleration,
+    exponent,
   ];
 }
 
 function predicted(module, vectors, testCase) {
   givenNumbers(vectors, testCase).forEach((number, index) => module.give(index, number));
-  if (module.predict(LAWS.indexOf(testCase.law), testCase.elapsed) !== 1) {
+  if (module.predict(PREDICTORS.indexOf(testCase.predictor), testCase.elapsed) !== 1) {
     return ["refused"];
   }
   return testCase.end.map((_, index) => bits(module.result(index)));
@@ -56,7 +56,7 @@ const vectors = JSON.parse(await readFile(vectorsFile, "utf8"));
 const { instance } = await WebAssembly.instantiate(await readFile(process.argv[2]));
 
 let [passed, failed] = [0, 0];
-for (const section of ["predictions", "tumblings"]) {
+for (const section of ["predictions", "torque_free_rotations"]) {
   vectors[section].forEach((testCase, index) => {
     const end = predicted(instance.exports, vectors, testCase);
     if (end.join() === testCase.end.join()) {

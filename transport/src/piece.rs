@@ -19,11 +19,11 @@ pub(crate) struct Piece {
 
 /// How much of one lane of one connection may wait.
 #[derive(Clone, Debug)]
-pub(crate) struct Allowance {
+pub(crate) struct ByteCredit {
     bytes: Arc<Semaphore>,
 }
 
-impl Allowance {
+impl ByteCredit {
     pub(crate) fn new(bytes: usize) -> Self {
         Self {
             bytes: Arc::new(Semaphore::new(bytes)),
@@ -49,7 +49,7 @@ impl Allowance {
 }
 
 impl Piece {
-    /// Copies: what arrived may be a sliver of a receive buffer of 64 KiB, which would then wait uncounted.
+    /// ReplicaSwitch: what arrived may be a sliver of a receive buffer of 64 KiB, which would then wait uncounted.
     fn new(bytes: &[u8], share: OwnedSemaphorePermit) -> Self {
         Self {
             bytes: Bytes::copy_from_slice(bytes),

@@ -18,14 +18,14 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::time::sleep;
 
 use crate::clock::Clock;
-use crate::pretend::{Direction, Lane, Link, LinkCounts, LinkTerms};
+use crate::netsim::{Direction, Lane, Link, LinkConfig, LinkCounts};
 use crate::socket;
 
 /// A relay in front of a server; it runs until it is dropped.
 #[derive(Debug)]
 pub struct UdpRelay {
     local_addr: SocketAddr,
-    lines: Lines,
+    lines: RelayClients,
     end: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -46,19 +46,19 @@ pub enum RelayError {
 
 /// Each client's links, in the order in which they came.
 #[derive(Clone, Debug, Default)]
-struct Lines {
-    shared: Arc<Mutex<Vec<Line>>>,
+struct RelayClients {
+    shared: Arc<Mutex<Vec<RelayClient>>>,
 }
 
 #[derive(Debug)]
-struct Line {
+struct RelayClient {
     client: SocketAddr,
     up: Link,
     down: Link,
 }
 
 impl UdpRelay {
-    /// Listens at `listen` (port 0 picks a free one) and passes on to `server`, by these terms in each direction.
+    /// Listens at `listen` (port 0 picks a free one) and passes on to `server`, by these config in each direction.
     ///
     /// Each client has a pair of links of its own, up to 64 clients; others are not heard.
     ///
@@ -68,7 +68,7 @@ impl UdpRelay {
     pub fn start(
         listen: SocketAddr,
         server: SocketAddr,
-        terms: LinkTerms,
+        config: LinkConfig,
         seed: u64,
     ) -> Result<Self, RelayError> {
         let address = |cause| RelayError::Address { listen, cause };
@@ -79,13 +79,13 @@ impl UdpRelay {
             let _inside = runtime.enter();
             Socket::new(front).map_err(address)?
         };
-        let lines = Lines::default();
+        let lines = RelayClients::default();
         let (end, ended) = oneshot::channel();
         let relay = Relay {
             clock: Clock::start(),
             front,
             server,
-            terms,
+            config,
             seed,
             backs: Vec::new(),
             lines: lines.clone(),
@@ -122,11 +122,11 @@ impl UdpRelay {
         sum
     }
 
-    /// Changes the terms of every link there is.
-    pub fn set_terms(&self, terms: LinkTerms) {
+    /// Changes the config of every link there is.
+    pub fn set_config(&self, config: LinkConfig) {
         for line in self.lines.lock().iter_mut() {
-            line.up.set_terms(terms);
-            line.down.set_terms(terms);
+            line.up.set_config(config);
+            line.down.set_config(config);
         }
     }
 }
@@ -145,8 +145,8 @@ impl Drop for UdpRelay {
     }
 }
 
-impl Lines {
-    fn lock(&self) -> MutexGuard<'_, Vec<Line>> {
+impl RelayClients {
+    fn lock(&self) -> MutexGuard<'_, Vec<RelayClient>> {
         self.shared.lock().expect("no link panics")
     }
 }
@@ -156,11 +156,11 @@ struct Relay {
     clock: Clock,
     front: Socket,
     server: SocketAddr,
-    terms: LinkTerms,
+    config: LinkConfig,
     seed: u64,
     /// Each client's socket towards the server, as `lines`.
     backs: Vec<Arc<Socket>>,
-    lines: Lines,
+    lines: RelayClients,
 }
 
 /// A datagram from the server for the client of this index.
@@ -258,10 +258,10 @@ impl Relay {
         self.backs.push(back);
         let seed = self.seed.wrapping_add(2 * index as u64);
         let (up, down) = (
-            Link::new(self.terms, seed),
-            Link::new(self.terms, seed.wrapping_add(1)),
+            Link::new(self.config, seed),
+            Link::new(self.config, seed.wrapping_add(1)),
         );
-        self.lines.lock().push(Line { client, up, down });
+        self.lines.lock().push(RelayClient { client, up, down });
         Ok(Some(index))
     }
 

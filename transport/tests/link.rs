@@ -1,11 +1,11 @@
-//! The pretended link keeps its terms, alike for the same seed.
+//! The simulated link keeps its config, alike for the same seed.
 //!
 //! Thousands of packets per promise; bounds are five standard deviations or more, with fixed seeds.
 
 use bytes::Bytes;
 use proptest::prelude::*;
 use rhumb_protocol::{Instant, Span};
-use rhumb_transport::{Lane, Link, LinkTerms, Share};
+use rhumb_transport::{Lane, Link, LinkConfig, Probability};
 
 const MS: u64 = 1_000_000;
 
@@ -22,8 +22,8 @@ fn number_of(bytes: &Bytes) -> u32 {
 }
 
 /// Pushes `count` numbered packets, one a millisecond, and takes all that arrives with its moment.
-fn carry(terms: LinkTerms, seed: u64, lane: Lane, count: u32) -> Vec<(u64, u32)> {
-    let mut link = Link::new(terms, seed);
+fn carry(config: LinkConfig, seed: u64, lane: Lane, count: u32) -> Vec<(u64, u32)> {
+    let mut link = Link::new(config, seed);
     let mut arrived = Vec::new();
     for number in 0..count {
         let now = at_ms(number.into());
@@ -43,8 +43,8 @@ fn take(link: &mut Link, now: Instant, arrived: &mut Vec<(u64, u32)>) {
     }
 }
 
-fn terms(text: &str) -> LinkTerms {
-    text.parse().expect("good terms")
+fn config(text: &str) -> LinkConfig {
+    text.parse().expect("good config")
 }
 
 fn numbers(arrived: &[(u64, u32)]) -> Vec<u32> {
@@ -53,7 +53,7 @@ fn numbers(arrived: &[(u64, u32)]) -> Vec<u32> {
 
 #[test]
 fn a_perfect_link_carries_all_at_once() {
-    let arrived = carry(LinkTerms::PERFECT, 1, Lane::State, 1_000);
+    let arrived = carry(LinkConfig::PERFECT, 1, Lane::State, 1_000);
     let expected: Vec<_> = (0..1_000)
         .map(|number| (u64::from(number) * MS, number))
         .collect();
@@ -62,7 +62,7 @@ fn a_perfect_link_carries_all_at_once() {
 
 #[test]
 fn delay_is_half_a_round_trip() {
-    let arrived = carry(terms("rtt=100ms"), 1, Lane::State, 100);
+    let arrived = carry(config("rtt=100ms"), 1, Lane::State, 100);
     assert!(
         arrived
             .iter()
@@ -72,7 +72,7 @@ fn delay_is_half_a_round_trip() {
 
 #[test]
 fn jitter_stays_within_its_span_and_keeps_order() {
-    let arrived = carry(terms("delay=5ms,jitter=10ms"), 2, Lane::State, 10_000);
+    let arrived = carry(config("delay=5ms,jitter=10ms"), 2, Lane::State, 10_000);
     assert!(arrived.is_sorted_by_key(|&(_, number)| number));
     let taken: Vec<_> = arrived
         .iter()
@@ -90,9 +90,9 @@ fn even_and_bursty_loss_have_the_asked_share() {
         ("loss=50%", 1_200),
         ("loss=30%,burst=8", 3_500),
     ] {
-        let terms = terms(text);
-        let arrived = carry(terms, 3, Lane::State, 100_000).len() as i64;
-        let expected = 100_000 - i64::from(terms.loss.as_millionths() / 10);
+        let config = config(text);
+        let arrived = carry(config, 3, Lane::State, 100_000).len() as i64;
+        let expected = 100_000 - i64::from(config.loss.as_millionths() / 10);
         assert!(
             (arrived - expected).abs() < tolerance,
             "{text}: {arrived} of {expected} arrived"
@@ -102,7 +102,7 @@ fn even_and_bursty_loss_have_the_asked_share() {
 
 #[test]
 fn bursts_have_the_asked_mean_length() {
-    let arrived = carry(terms("loss=5%,burst=6"), 4, Lane::State, 200_000);
+    let arrived = carry(config("loss=5%,burst=6"), 4, Lane::State, 200_000);
     let gaps: Vec<_> = arrived
         .windows(2)
         .map(|pair| pair[1].1 - pair[0].1 - 1)
@@ -114,25 +114,25 @@ fn bursts_have_the_asked_mean_length() {
 
 #[test]
 fn total_loss_loses_all_state_until_it_stops() {
-    let mut link = Link::new(terms("loss=100%"), 5);
+    let mut link = Link::new(config("loss=100%"), 5);
     link.push(Instant::ZERO, numbered(0), Lane::State);
     link.push(Instant::ZERO, numbered(1), Lane::Control);
     assert_eq!(link.pop(at_ms(5_000)), None);
-    link.set_terms(LinkTerms::PERFECT);
+    link.set_config(LinkConfig::PERFECT);
     assert_eq!(link.pop(at_ms(10_000)), Some((Lane::Control, numbered(1))));
     assert_eq!(link.next_at(), None);
 }
 
 #[test]
 fn duplicates_have_the_asked_share() {
-    let arrived = carry(terms("dup=10%"), 6, Lane::State, 50_000).len();
+    let arrived = carry(config("dup=10%"), 6, Lane::State, 50_000).len();
     assert!((54_500..55_500).contains(&arrived), "{arrived}");
 }
 
 #[test]
 fn reordered_packets_are_overtaken_but_not_lost() {
     let arrived = numbers(&carry(
-        terms("delay=10ms,reorder=10%"),
+        config("delay=10ms,reorder=10%"),
         7,
         Lane::State,
         10_000,
@@ -145,7 +145,7 @@ fn reordered_packets_are_overtaken_but_not_lost() {
 #[test]
 fn the_rate_is_honoured_and_its_queue_bounded() {
     // 8,000 bytes a second; 100 packets of 100 bytes at once, of which the queue holds 50.
-    let mut link = Link::new(terms("rate=64kbit,queue=5kB"), 8);
+    let mut link = Link::new(config("rate=64kbit,queue=5kB"), 8);
     for _ in 0..100 {
         link.push(Instant::ZERO, Bytes::from(vec![0; 100]), Lane::State);
     }
@@ -167,7 +167,7 @@ fn the_rate_is_honoured_and_its_queue_bounded() {
 
 #[test]
 fn the_counters_add_up() {
-    let mut link = Link::new(terms("loss=20%,dup=5%"), 9);
+    let mut link = Link::new(config("loss=20%,dup=5%"), 9);
     for number in 0..1_000 {
         link.push(Instant::ZERO, numbered(number), Lane::State);
     }
@@ -186,16 +186,16 @@ proptest! {
         seed: u64, rtt in 0_u64..500, jitter in 0_u64..250, loss in 0_u32..=50, burst in 1_u32..20, reorder in 0_u32..=30, dup in 0_u32..=50,
     ) {
         let burst = burst.max(1);
-        let terms = LinkTerms {
+        let config = LinkConfig {
             delay: Span::from_millis(rtt / 2),
             jitter: Span::from_millis(jitter),
-            loss: Share::from_percent(loss),
+            loss: Probability::from_percent(loss),
             burst,
-            duplicates: Share::from_percent(dup),
-            reorder: Share::from_percent(reorder),
-            ..LinkTerms::PERFECT
+            duplicates: Probability::from_percent(dup),
+            reorder: Probability::from_percent(reorder),
+            ..LinkConfig::PERFECT
         };
-        let arrived = carry(terms, seed, Lane::Control, 200);
+        let arrived = carry(config, seed, Lane::Control, 200);
         prop_assert_eq!(numbers(&arrived), (0..200).collect::<Vec<_>>());
         prop_assert!(arrived.is_sorted());
         prop_assert!(arrived.iter().all(|&(at, number)| at >= (u64::from(number) + rtt / 2) * MS));
@@ -203,11 +203,11 @@ proptest! {
 
     #[test]
     fn the_same_seed_gives_the_same_run(seed: u64) {
-        let terms = terms("rtt=80ms,loss=20%,burst=4,jitter=30ms,dup=10%,reorder=10%,rate=1mbit");
+        let config = config("rtt=80ms,loss=20%,burst=4,jitter=30ms,dup=10%,reorder=10%,rate=1mbit");
         for lane in [Lane::State, Lane::Control] {
-            let first = carry(terms, seed, lane, 300);
-            prop_assert_eq!(&first, &carry(terms, seed, lane, 300));
-            prop_assert_ne!(&first, &carry(terms, !seed, lane, 300));
+            let first = carry(config, seed, lane, 300);
+            prop_assert_eq!(&first, &carry(config, seed, lane, 300));
+            prop_assert_ne!(&first, &carry(config, !seed, lane, 300));
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The relay: datagrams cross by its terms, and return to their sender.
+//! The relay: datagrams cross by its config, and return to their sender.
 //!
 //! Real sockets on loopback; every wait is for a datagram, and what is lost is counted, not timed.
 
@@ -6,8 +6,8 @@ use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
 use std::time::Duration;
 
 use rhumb_transport::{
-    Certificate, ClientOptions, ConnectError, Direction, LinkTerms, QuicClient, QuicServer,
-    ServerOptions, Share, Trust, UdpRelay,
+    Certificate, ClientOptions, ConnectError, Direction, LinkConfig, Probability, QuicClient,
+    QuicServer, ServerOptions, Trust, UdpRelay,
 };
 
 /// Longer than anything here takes; reached only by a failure.
@@ -70,8 +70,8 @@ fn quic_connects_through_a_bad_link_and_not_through_a_dead_one() {
         certificate,
     })
     .unwrap();
-    let terms: LinkTerms = "rtt=4ms,loss=10%,reorder=5%,dup=5%".parse().unwrap();
-    let relay = UdpRelay::start(free(), server.local_addr(), terms, 2).unwrap();
+    let config: LinkConfig = "rtt=4ms,loss=10%,reorder=5%,dup=5%".parse().unwrap();
+    let relay = UdpRelay::start(free(), server.local_addr(), config, 2).unwrap();
     let options = ClientOptions::new(relay.local_addr(), Trust::Fingerprint(server.fingerprint()));
     let client = QuicClient::connect(options.clone(), PATIENCE).unwrap();
     assert!(relay.counts(Direction::Up).delivered.bytes >= 1_200);
@@ -79,7 +79,7 @@ fn quic_connects_through_a_bad_link_and_not_through_a_dead_one() {
     let dead = UdpRelay::start(
         free(),
         server.local_addr(),
-        LinkTerms::PERFECT.with_loss(Share::ALL),
+        LinkConfig::PERFECT.with_loss(Probability::ALL),
         3,
     )
     .unwrap();

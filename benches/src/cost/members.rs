@@ -1,7 +1,7 @@
 //! What one more member of a stream costs its server, datagram by datagram
 //!
 //! A real server over QUIC on loopback says one datagram sixty times a second to each of its members; its bytes are made
-//! once and shared. Counted is what the thread of the host and that of the sockets took for a datagram, and what each took
+//! once and shared. CountSink is what the thread of the host and that of the sockets took for a datagram, and what each took
 //! for one more, against fewer members. Beside it stands what the least takes that any protocol would have to do there:
 //! seal it, send it to who sleeps until it comes, and hear and open an acknowledgement of every second one. Only Linux
 //! tells the time of a thread.
@@ -18,7 +18,7 @@ use std::time::{Duration, Instant as HostInstant};
 use bytes::Bytes;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake, WakeReason};
 use rhumb_transport::{
-    Certificate, ClientOptions, LinkTerms, QuicClient, QuicServer, ServerOptions, Stop, Trust,
+    Certificate, ClientOptions, LinkConfig, QuicClient, QuicServer, ServerOptions, Stop, Trust,
     UdpRelay,
 };
 use ring::aead::{AES_256_GCM, Aad, LessSafeKey, Nonce, UnboundKey};
@@ -36,21 +36,21 @@ const ACKNOWLEDGEMENT_BYTES: usize = 36;
 const FAR: Span = Span::from_nanos(50_000_000);
 
 /// The names of the server's threads, as the system knows them.
-const HOST: &str = "members-host";
+const SERVER_LOOP: &str = "members-host";
 const IO: &str = "rhumb-server-io";
 /// That of a thread that does the least.
-const LEAST: &str = "members-least";
+const FLOOR: &str = "members-least";
 
 /// Says the same to all of its members.
-struct Choir {
+struct Broadcaster {
     members: Vec<Peer>,
-    said: Bytes,
+    datagram: Bytes,
     next: Instant,
     waiting: VecDeque<Peer>,
     sent: Arc<AtomicU64>,
 }
 
-impl Endpoint for Choir {
+impl Endpoint for Broadcaster {
     fn handle_opened(&mut self, now: Instant, peer: Peer) {
         self.members.push(peer);
         self.next = self.next.max(now);
@@ -72,7 +72,7 @@ impl Endpoint for Choir {
     fn poll_transmit(&mut self) -> Option<Transmit> {
         let to = self.waiting.pop_front()?;
         self.sent.fetch_add(1, Ordering::Relaxed);
-        let bytes = self.said.clone();
+        let bytes = self.datagram.clone();
         Some(Transmit::State { to, bytes })
     }
 
@@ -86,20 +86,20 @@ impl Endpoint for Choir {
 }
 
 /// What a run took: nanoseconds of both threads, and datagrams.
-struct Cost {
-    host_ns: u64,
+struct MemberCost {
+    server_loop_ns: u64,
     io_ns: u64,
     datagrams: u64,
 }
 
-impl Cost {
+impl MemberCost {
     const fn all_ns(&self) -> f64 {
-        (self.host_ns + self.io_ns) as f64
+        (self.server_loop_ns + self.io_ns) as f64
     }
 }
 
 /// Of so many members, each a round trip away if any is given, for so long.
-fn measure(members: usize, away: Option<Span>, long: Duration) -> Result<Cost, String> {
+fn measure(members: usize, away: Option<Span>, long: Duration) -> Result<MemberCost, String> {
     let wrong = |what: &dyn std::fmt::Display| format!("a stream's members: {what}");
     let certificate = Certificate::development(["localhost"]).map_err(|error| wrong(&error))?;
     let listen = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
@@ -111,22 +111,22 @@ fn measure(members: usize, away: Option<Span>, long: Duration) -> Result<Cost, S
     let trust = Trust::Fingerprint(server.fingerprint());
     let address = server.local_addr();
     let (stop, sent) = (Stop::new(), Arc::new(AtomicU64::new(0)));
-    let mut choir = Choir {
+    let mut broadcaster = Broadcaster {
         members: Vec::new(),
-        said: Bytes::from(vec![0x5a; DATAGRAM_BYTES]),
+        datagram: Bytes::from(vec![0x5a; DATAGRAM_BYTES]),
         next: Instant::ZERO,
         waiting: VecDeque::new(),
         sent: Arc::clone(&sent),
     };
     let until = stop.clone();
-    let host = thread::Builder::new().name(HOST.into());
-    let host = host.spawn(move || server.run(&mut choir, &until));
+    let host = thread::Builder::new().name(SERVER_LOOP.into());
+    let host = host.spawn(move || server.run(&mut broadcaster, &until));
     let host = host.map_err(|error| wrong(&error))?;
     let heard = listen_for(members, address, &trust, away).and_then(|listening| {
         thread::sleep(WARM_UP);
         let now = || {
             Some((
-                thread_ns(HOST)?,
+                thread_ns(SERVER_LOOP)?,
                 thread_ns(IO)?,
                 sent.load(Ordering::Relaxed),
             ))
@@ -141,8 +141,8 @@ fn measure(members: usize, away: Option<Span>, long: Duration) -> Result<Cost, S
     let ended = host.join();
     let (before, after) = heard.map_err(|error| wrong(&error))?;
     match ended {
-        Ok(Ok(_)) => Ok(Cost {
-            host_ns: after.0 - before.0,
+        Ok(Ok(_)) => Ok(MemberCost {
+            server_loop_ns: after.0 - before.0,
             io_ns: after.1 - before.1,
             datagrams: after.2 - before.2,
         }),
@@ -162,7 +162,7 @@ fn listen_for(
 ) -> Result<Listening, String> {
     let relay = away.map(|away| {
         let front = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
-        UdpRelay::start(front, server, LinkTerms::round_trip(away), 1)
+        UdpRelay::start(front, server, LinkConfig::round_trip(away), 1)
     });
     let relay = relay.transpose().map_err(|error| error.to_string())?;
     let address = relay.as_ref().map_or(server, UdpRelay::local_addr);
@@ -186,8 +186,8 @@ fn thread_ns(name: &str) -> Option<u64> {
 
 /// Whether the system tells what a thread took.
 pub(super) fn can_be_measured() -> bool {
-    let told = thread::Builder::new().name(LEAST.into());
-    let told = told.spawn(|| thread_ns(LEAST));
+    let told = thread::Builder::new().name(FLOOR.into());
+    let told = told.spawn(|| thread_ns(FLOOR));
     told.ok()
         .and_then(|thread| thread.join().ok())
         .flatten()
@@ -196,7 +196,7 @@ pub(super) fn can_be_measured() -> bool {
 
 /// What the least takes for a datagram, in nanoseconds: it is sealed and sent to who sleeps until it comes, and of every
 /// second one an acknowledgement is heard and opened.
-fn least_ns(members: usize, long: Duration) -> std::io::Result<f64> {
+fn floor_ns(members: usize, long: Duration) -> std::io::Result<f64> {
     let here = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))?;
     let to = here.local_addr()?;
     let mut listeners = Vec::new();
@@ -217,9 +217,9 @@ fn least_ns(members: usize, long: Duration) -> std::io::Result<f64> {
         listeners.push((address, thread));
     }
     let addresses: Vec<_> = listeners.iter().map(|(address, _)| *address).collect();
-    let sender = thread::Builder::new().name(LEAST.into());
+    let sender = thread::Builder::new().name(FLOOR.into());
     let took = sender
-        .spawn(move || say_the_least(&here, &addresses, long))?
+        .spawn(move || send_floor(&here, &addresses, long))?
         .join();
     for (_, listener) in listeners {
         listener
@@ -229,9 +229,9 @@ fn least_ns(members: usize, long: Duration) -> std::io::Result<f64> {
     took.map_err(|_| std::io::Error::other("the sender panicked"))?
 }
 
-fn say_the_least(here: &UdpSocket, to: &[SocketAddr], long: Duration) -> std::io::Result<f64> {
+fn send_floor(here: &UdpSocket, to: &[SocketAddr], long: Duration) -> std::io::Result<f64> {
     here.set_nonblocking(true)?;
-    let told = || thread_ns(LEAST).ok_or(std::io::ErrorKind::Unsupported);
+    let told = || thread_ns(FLOOR).ok_or(std::io::ErrorKind::Unsupported);
     let key = UnboundKey::new(&AES_256_GCM, &[7; 32]).expect("it has so many bytes");
     let (key, period) = (
         LessSafeKey::new(key),
@@ -239,7 +239,7 @@ fn say_the_least(here: &UdpSocket, to: &[SocketAddr], long: Duration) -> std::io
     );
     let nonce = || Nonce::assume_unique_for_key([1; 12]);
     let (before, began) = (told()?, HostInstant::now());
-    let (mut next, mut said) = (began, 0_u32);
+    let (mut next, mut sent) = (began, 0_u32);
     while began.elapsed() < long {
         for address in to {
             let mut datagram = Vec::with_capacity(DATAGRAM_BYTES + 16);
@@ -247,7 +247,7 @@ fn say_the_least(here: &UdpSocket, to: &[SocketAddr], long: Duration) -> std::io
             let sealed = key.seal_in_place_append_tag(nonce(), Aad::empty(), &mut datagram);
             sealed.expect("so many bytes can be sealed");
             drop(here.send_to(&datagram, address));
-            said += 1;
+            sent += 1;
         }
         next += period;
         thread::sleep(next.saturating_duration_since(HostInstant::now()));
@@ -261,7 +261,7 @@ fn say_the_least(here: &UdpSocket, to: &[SocketAddr], long: Duration) -> std::io
     for address in to {
         drop(here.send_to(&[], address));
     }
-    Ok(took as f64 / f64::from(said.max(1)))
+    Ok(took as f64 / f64::from(sent.max(1)))
 }
 
 /// What a member's datagram costs; microseconds of a processor.
@@ -272,21 +272,21 @@ pub struct Members {
     /// How far away they are, a round trip in milliseconds.
     pub round_trip_ms: f64,
     /// The thread of the host, for a datagram.
-    pub host_us: f64,
+    pub server_loop_us: f64,
     /// The thread of the sockets: QUIC and the system.
     pub sockets_us: f64,
     /// Both, for a datagram more than with the fewer members before; none of the first.
     pub one_more_us: Option<f64>,
     /// The least that any protocol would take, for a datagram on average.
-    pub least_us: f64,
+    pub floor_us: f64,
 }
 
 impl Members {
     /// The least for a datagram more than with fewer members; none if they are not fewer, or as far away.
-    pub(super) fn least_of_one_more_us(&self, fewer: &Self) -> Option<f64> {
+    pub(super) fn floor_of_one_more_us(&self, fewer: &Self) -> Option<f64> {
         let more = self.members.checked_sub(fewer.members)?;
         let alike = more > 0 && self.round_trip_ms == fewer.round_trip_ms;
-        let all = |of: &Self| of.members as f64 * of.least_us;
+        let all = |of: &Self| of.members as f64 * of.floor_us;
         alike.then(|| (all(self) - all(fewer)) / more as f64)
     }
 }
@@ -303,23 +303,23 @@ pub(super) fn members(
 ) -> Result<Vec<Members>, String> {
     let mut all = Vec::new();
     for away in [None, Some(FAR)] {
-        let mut before: Option<Cost> = None;
+        let mut before: Option<MemberCost> = None;
         for count in counts {
             let cost = measure(count.get(), away, long)?;
-            let least_ns = least_ns(count.get(), long).map_err(|error| error.to_string())?;
+            let floor_ns = floor_ns(count.get(), long).map_err(|error| error.to_string())?;
             progress();
             let each = |ns: u64| ns as f64 / cost.datagrams.max(1) as f64 / 1e3;
             let more = before.filter(|less| less.datagrams < cost.datagrams);
             all.push(Members {
                 members: count.get(),
                 round_trip_ms: away.map_or(0.0, |away| away.as_nanos() as f64 / 1e6),
-                host_us: each(cost.host_ns),
+                server_loop_us: each(cost.server_loop_ns),
                 sockets_us: each(cost.io_ns),
                 one_more_us: more.map(|less| {
                     let datagrams = (cost.datagrams - less.datagrams) as f64;
                     (cost.all_ns() - less.all_ns()) / datagrams / 1e3
                 }),
-                least_us: least_ns / 1e3,
+                floor_us: floor_ns / 1e3,
             });
             before = Some(cost);
         }

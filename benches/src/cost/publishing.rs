@@ -2,7 +2,7 @@
 //!
 //! The real engine steps each scene once; its observations are then published again and again, as one stream of 5 cm and
 //! as four of 5 mm, 2 cm, 5 cm and 20 cm. Three scenes: balls in free flight; the ball pit while its balls burst apart,
-//! the worst case; the same when it has settled but for rolling and jitter. A scene looks at what moved within its step;
+//! the worst case; the same when it has converged but for rolling and jitter. A scene looks at what moved within its step;
 //! here every body is looked at once more, so that observing can be told apart, and is counted rather too high.
 
 use std::hint::black_box;
@@ -12,13 +12,14 @@ use bytes::Bytes;
 use glam::Quat;
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Cadence, Command, Material, Pace, SceneTerms, Shape, ShapeId,
+    BodyDesc, BodyKind, Command, Material, PublishSchedule, SceneConfig, Shape, ShapeId, Stepping,
 };
 use rhumb_protocol::stream::{
-    Activity, Features, Manner, Observation, Publisher, StreamTerms, Witness,
+    Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
+    StreamTerms,
 };
 use rhumb_reckoning::{
-    Anchor, BodyId, Damping, Metres, Predictor, Tick, Tolerance, Track, Verbatim,
+    Anchor, BodyId, BodyState, Damping, Metres, Predictor, Tick, Tolerance, Track,
 };
 use rhumb_server::Scene;
 use rhumb_sims::{BallPit, Script};
@@ -45,27 +46,27 @@ const TIERS: [&[Tolerance]; 2] = [
 ];
 
 /// Balls that fly apart from each other and touch nothing.
-struct Flight {
+struct FlightScript {
     bodies: u32,
 }
 
-impl Script for Flight {
+impl Script for FlightScript {
     fn name(&self) -> &'static str {
         "flight"
     }
 
-    fn terms(&self) -> SceneTerms {
-        SceneTerms {
+    fn config(&self) -> SceneConfig {
+        SceneConfig {
             material: Material {
                 friction: 0.5,
                 restitution: 0.0,
                 density: 1_000.0,
             },
-            pace: Pace::Lockstep,
+            stepping: Stepping::Lockstep,
             sleep: None,
-            cadence: Cadence::EACH_TICK,
+            publish_schedule: PublishSchedule::EACH_TICK,
             damping: Damping::default(),
-            ..BallPit::paper(1).terms()
+            ..BallPit::paper(1).config()
         }
     }
 
@@ -81,7 +82,7 @@ impl Script for Flight {
             let (x, z) = ((index % 100) as f32, (index / 100) as f32);
             // Spins and speeds of many sizes, by irrational steps.
             let part = |step: f32| (index as f32 * step).fract() - 0.5;
-            let motion = Verbatim::new(
+            let motion = BodyState::new(
                 [x * 3.0, 100.0, z * 3.0],
                 Quat::IDENTITY.to_array(),
                 [part(0.618_034), 20.0 * part(0.414_214), part(0.732_051)],
@@ -92,29 +93,33 @@ impl Script for Flight {
                 ],
             )
             .expect("these numbers are finite");
-            let terms = BodyTerms::plain(BodyId::new(index, 0), BodyKind::Dynamic, ShapeId(0));
-            out.push(Command::AddBody { terms, motion });
+            let config = BodyDesc::plain(BodyId::new(index, 0), BodyKind::Dynamic, ShapeId(0));
+            out.push(Command::AddBody { config, motion });
         }
     }
 }
 
 /// A run of the engine: what it saw, and how long its steps took.
-struct Run {
-    terms: SceneTerms,
-    bodies: Vec<(BodyId, Manner, Track)>,
+struct ObservedRun {
+    config: SceneConfig,
+    bodies: Vec<(BodyId, PredictionParameters, Track)>,
     first: Tick,
     ticks: Vec<Vec<Observation>>,
     step: Duration,
     observe: Duration,
 }
 
-impl Run {
+impl ObservedRun {
     /// Steps a scene up to its first tick, and then what is warmed up and measured.
-    fn record(play: &Play, bodies: u32, progress: &mut dyn FnMut()) -> Result<Self, String> {
-        let mut script = (play.script)(bodies);
-        let terms = script.terms();
-        let wrong = |what: &dyn std::fmt::Display| format!("scene {}: {what}", play.name);
-        let mut scene = Scene::new(terms).map_err(|refusal| wrong(&refusal))?;
+    fn record(
+        scenario: &Scenario,
+        bodies: u32,
+        progress: &mut dyn FnMut(),
+    ) -> Result<Self, String> {
+        let mut script = (scenario.script)(bodies);
+        let config = script.config();
+        let wrong = |what: &dyn std::fmt::Display| format!("scene {}: {what}", scenario.name);
+        let mut scene = Scene::new(config).map_err(|refusal| wrong(&refusal))?;
         let mut commands = Vec::new();
         let mut advance = |scene: &mut Scene| {
             commands.clear();
@@ -127,7 +132,7 @@ impl Run {
             progress();
             Ok::<_, String>(begun.elapsed())
         };
-        let first = Tick::new(play.first);
+        let first = Tick::new(scenario.first);
         while scene.tick() < first {
             advance(&mut scene)?;
         }
@@ -147,7 +152,7 @@ impl Run {
             ticks.push(scene.observations().to_vec());
         }
         Ok(Self {
-            terms,
+            config,
             bodies,
             first,
             ticks,
@@ -158,10 +163,10 @@ impl Run {
 
     fn publishers(&self, tiers: &[Tolerance]) -> Vec<Publisher> {
         let publisher = |(number, tolerance): (usize, &Tolerance)| {
-            let terms = stream(&self.terms, *tolerance);
-            let mut publisher = Publisher::new(StreamId(number as u32), &terms, self.first);
-            for (id, manner, track) in &self.bodies {
-                assert!(publisher.place(*id, manner, *track));
+            let config = stream(&self.config, *tolerance);
+            let mut publisher = Publisher::new(StreamId(number as u32), &config, self.first);
+            for (id, parameters, track) in &self.bodies {
+                assert!(publisher.place(*id, parameters, *track));
             }
             publisher
         };
@@ -169,9 +174,9 @@ impl Run {
     }
 
     /// Publishes the run once.
-    fn publish(&self, tiers: &[Tolerance]) -> Cost {
+    fn publish(&self, tiers: &[Tolerance]) -> PublishCost {
         let mut publishers = self.publishers(tiers);
-        let mut witness = Witness::new(self.terms.cadence);
+        let mut observation_history = ObservationHistory::new(self.config.publish_schedule);
         let mut out: Vec<Bytes> = Vec::new();
         let (mut took, mut before) = (Duration::ZERO, 0);
         let updates = |publishers: &[Publisher]| {
@@ -185,15 +190,15 @@ impl Run {
             }
             tick = tick.next();
             let begun = Instant::now();
-            witness.observe(tick, observations);
+            observation_history.observe(tick, observations);
             for publisher in &mut publishers {
-                publisher.publish(&witness, 0, &mut out);
+                publisher.publish(&observation_history, 0, &mut out);
             }
             took += begun.elapsed();
             black_box(&out);
             out.clear();
         }
-        Cost {
+        PublishCost {
             publish: took / MEASURED as u32,
             updates: updates(&publishers) - before,
         }
@@ -209,29 +214,30 @@ impl Run {
 
 /// What a tick cost.
 #[derive(Clone, Copy)]
-struct Cost {
-    /// Witness and publishers.
+struct PublishCost {
+    /// ObservationHistory and publishers.
     publish: Duration,
     updates: u64,
 }
 
 /// A stream of a scene.
-fn stream(terms: &SceneTerms, tolerance: Tolerance) -> StreamTerms {
+fn stream(config: &SceneConfig, tolerance: Tolerance) -> StreamTerms {
     StreamTerms {
         tolerance,
-        integrator: terms.integrator,
-        every: terms.cadence.every,
-        gravity: terms.gravity,
+        integrator: config.integrator,
+        publish_interval: config.publish_schedule.publish_interval,
+        gravity: config.gravity,
         features: Features::ALL,
     }
 }
 
 /// A body as a stream is told of it.
-fn placed(scene: &Scene, seen: &Observation) -> Option<(BodyId, Manner, Track)> {
+fn placed(scene: &Scene, seen: &Observation) -> Option<(BodyId, PredictionParameters, Track)> {
     let id = seen.id;
-    let (terms, shape) = (scene.body(id)?, scene.shape_of(id)?);
-    let manner = Manner::of(terms, shape, scene.terms().damping, scene.inertia(id));
-    let moves = terms.kind == BodyKind::Dynamic;
+    let (config, shape) = (scene.body(id)?, scene.shape_of(id)?);
+    let parameters =
+        PredictionParameters::of(config, shape, scene.config().damping, scene.inertia(id));
+    let moves = config.kind == BodyKind::Dynamic;
     let track = Track {
         origin: scene.tick(),
         predictor: if moves {
@@ -239,36 +245,36 @@ fn placed(scene: &Scene, seen: &Observation) -> Option<(BodyId, Manner, Track)> 
         } else {
             Predictor::Rest
         },
-        anchor: Anchor::Verbatim(if moves {
+        anchor: Anchor::Exact(if moves {
             seen.motion
         } else {
             seen.motion.stilled()
         }),
-        carrier: None,
+        parent: None,
     };
-    Some((id, manner, track))
+    Some((id, parameters, track))
 }
 
 /// A scene, and from which tick on it is warmed up and measured.
-struct Play {
+struct Scenario {
     name: &'static str,
     script: fn(u32) -> Box<dyn Script>,
     first: u64,
 }
 
-const PLAYS: [Play; 3] = [
-    Play {
+const SCENARIOS: [Scenario; 3] = [
+    Scenario {
         name: "flight",
-        script: |bodies| Box::new(Flight { bodies }),
+        script: |bodies| Box::new(FlightScript { bodies }),
         first: 10,
     },
-    Play {
+    Scenario {
         name: "burst",
         script: |bodies| Box::new(BallPit::new(bodies, 1, 1)),
         first: 60,
     },
-    Play {
-        name: "settled",
+    Scenario {
+        name: "converged",
         script: |bodies| Box::new(BallPit::new(bodies, 1, 1)),
         first: 1_200,
     },
@@ -287,7 +293,7 @@ pub struct Publishing {
     pub step_ms: f64,
     /// Looking at every body, on average; milliseconds.
     pub observe_ms: f64,
-    /// Choosing and encoding for all streams, on average; milliseconds.
+    /// StreamSelection and encoding for all streams, on average; milliseconds.
     pub publish_ms: f64,
     /// Both over the step.
     pub of_step: f64,
@@ -306,10 +312,10 @@ pub struct Sleeping {
 
 /// How often progress is told of when so many repeats are measured.
 pub(super) fn steps(repeats: u32) -> u64 {
-    let ticks = PLAYS
+    let ticks = SCENARIOS
         .iter()
-        .map(|play| play.first + (WARM_UP + MEASURED) as u64);
-    ticks.sum::<u64>() + PLAYS.len() as u64 * TIERS.len() as u64 * u64::from(repeats)
+        .map(|scenario| scenario.first + (WARM_UP + MEASURED) as u64);
+    ticks.sum::<u64>() + SCENARIOS.len() as u64 * TIERS.len() as u64 * u64::from(repeats)
 }
 
 /// Each scene, as one stream and as four.
@@ -323,15 +329,15 @@ pub(super) fn publishing(
     progress: &mut dyn FnMut(),
 ) -> Result<Vec<Publishing>, String> {
     let mut all = Vec::new();
-    for play in &PLAYS {
-        let run = Run::record(play, bodies, progress)?;
+    for scenario in &SCENARIOS {
+        let run = ObservedRun::record(scenario, bodies, progress)?;
         for tiers in TIERS {
             let measured = (0..repeats).map(|_| {
                 let cost = run.publish(tiers);
                 progress();
                 cost
             });
-            let costs: Vec<Cost> = measured.collect();
+            let costs: Vec<PublishCost> = measured.collect();
             let ms = |time: Duration| time.as_secs_f64() * 1e3;
             let publish_ms = ms(median(costs.iter().map(|cost| cost.publish)));
             let observe_ms = ms(run.observe);
@@ -339,7 +345,7 @@ pub(super) fn publishing(
             // The same words each time.
             let updates = costs.first().map_or(0, |cost| cost.updates);
             all.push(Publishing {
-                scene: play.name.to_owned(),
+                scene: scenario.name.to_owned(),
                 streams: tiers.len(),
                 awake: run.awake(),
                 step_ms,
@@ -355,10 +361,11 @@ pub(super) fn publishing(
 
 /// A stream of so many sleepers.
 pub(super) fn sleeping(bodies: u32, repeats: u32) -> Sleeping {
-    let terms = Flight { bodies }.terms();
-    let mut publisher = Publisher::new(StreamId(0), &stream(&terms, Tolerance::NORMAL), Tick::ZERO);
+    let config = FlightScript { bodies }.config();
+    let mut publisher =
+        Publisher::new(StreamId(0), &stream(&config, Tolerance::NORMAL), Tick::ZERO);
     for index in 0..bodies {
-        let motion = Verbatim::new(
+        let motion = BodyState::new(
             [index as f32, 0.0, 0.0],
             Quat::IDENTITY.to_array(),
             [0.0; 3],
@@ -366,18 +373,18 @@ pub(super) fn sleeping(bodies: u32, repeats: u32) -> Sleeping {
         );
         let motion = motion.expect("these numbers are finite");
         let track = Track::resting(Tick::ZERO, motion);
-        let manner = Manner::plain(Metres::new(0.5));
-        assert!(publisher.place(BodyId::new(index, 0), &manner, track));
+        let parameters = PredictionParameters::plain(Metres::new(0.5));
+        assert!(publisher.place(BodyId::new(index, 0), &parameters, track));
     }
-    let mut witness = Witness::new(Cadence::EACH_TICK);
+    let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
     let mut out = Vec::new();
     let mut tick = Tick::ZERO;
     let mut silence = || {
         let begun = Instant::now();
         for _ in 0..SILENT {
             tick = tick.next();
-            witness.observe(tick, &[]);
-            publisher.publish(&witness, 0, &mut out);
+            observation_history.observe(tick, &[]);
+            publisher.publish(&observation_history, 0, &mut out);
         }
         begun.elapsed()
     };

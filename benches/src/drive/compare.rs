@@ -4,31 +4,33 @@ use std::collections::VecDeque;
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::BodyKind;
-use rhumb_reckoning::{BodyId, Class, Divergence, Metres, Motion, Pose, Tick, Tolerance, Verbatim};
+use rhumb_reckoning::{
+    BodyId, BodyState, Divergence, Metres, Motion, Pose, Tick, Tolerance, ToleranceScale,
+};
 
 use crate::record::{Breach, Cause};
 
 /// The states of all bodies at the last few ticks: a pipelined copy is a tick or two behind.
 #[derive(Debug, Default)]
 pub(super) struct RecentTruth {
-    ticks: VecDeque<(Tick, Vec<Option<Known>>)>,
+    ticks: VecDeque<(Tick, Vec<Option<TrueBody>>)>,
 }
 
 /// What a body was at a tick, and how it is judged.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Known {
+pub(super) struct TrueBody {
     pub(super) id: BodyId,
-    pub(super) motion: Verbatim,
+    pub(super) motion: BodyState,
     pub(super) radius: Metres,
     pub(super) kind: BodyKind,
-    pub(super) class: Class,
+    pub(super) tolerance_scale: ToleranceScale,
 }
 
 /// Ticks that are kept.
 const KEPT: usize = 64;
 
 impl RecentTruth {
-    pub(super) fn push(&mut self, tick: Tick, states: impl Iterator<Item = Option<Known>>) {
+    pub(super) fn push(&mut self, tick: Tick, states: impl Iterator<Item = Option<TrueBody>>) {
         let mut row = if self.ticks.len() == KEPT {
             self.ticks
                 .pop_front()
@@ -47,7 +49,7 @@ impl RecentTruth {
         self.ticks.back().is_some_and(|(newest, _)| tick <= *newest)
     }
 
-    fn at(&self, tick: Tick) -> Option<&[Option<Known>]> {
+    fn at(&self, tick: Tick) -> Option<&[Option<TrueBody>]> {
         let (_, row) = self.ticks.iter().rev().find(|(kept, _)| *kept == tick)?;
         Some(row)
     }
@@ -55,7 +57,7 @@ impl RecentTruth {
 
 /// The errors of one view.
 #[derive(Debug, Default)]
-pub(super) struct Errors {
+pub(super) struct ViewErrors {
     /// Metres, sorted.
     pub(super) errors_m: Vec<f32>,
     pub(super) exact: u32,
@@ -72,9 +74,9 @@ pub(super) fn compare(
     shown: impl Fn(BodyId) -> Option<(Vec3, Quat)>,
     tolerance: Option<Tolerance>,
     cause: impl Fn(BodyId, f64) -> Cause,
-) -> Option<Errors> {
+) -> Option<ViewErrors> {
     let truth = recent.at(tick)?;
-    let mut errors = Errors::default();
+    let mut errors = ViewErrors::default();
     for known in truth.iter().flatten() {
         if known.kind == BodyKind::Static {
             continue;
@@ -92,7 +94,7 @@ pub(super) fn compare(
         let apart = apart(&known.motion, position, rotation);
         let error = apart.surface_error(known.radius);
         errors.errors_m.push(error.metres() as f32);
-        let tolerance = tolerance.map(|tolerance| tolerance.of_class(known.class));
+        let tolerance = tolerance.map(|tolerance| tolerance.scaled(known.tolerance_scale));
         if let Some(tolerance) = tolerance
             && let Some(share) = over(tolerance, apart, known.radius)
         {
@@ -110,7 +112,7 @@ pub(super) fn compare(
 }
 
 /// How far a pose that is shown lies from the truth.
-pub(crate) fn apart(truth: &Verbatim, position: Vec3, rotation: Quat) -> Divergence {
+pub(crate) fn apart(truth: &BodyState, position: Vec3, rotation: Quat) -> Divergence {
     let shown = Pose {
         position: position.as_dvec3(),
         rotation: rotation.as_dquat(),

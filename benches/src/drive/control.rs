@@ -10,7 +10,7 @@ use rhumb_sims::{Controller, Script};
 
 /// Which script is played, and so which controller acts beside the engine.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Played {
+pub struct ScriptChoice {
     /// Its name.
     pub scene: String,
     /// Its load.
@@ -19,7 +19,7 @@ pub struct Played {
     pub seed: u64,
 }
 
-impl Played {
+impl ScriptChoice {
     /// The script; none if nothing has this name.
     #[must_use]
     pub fn script(&self) -> Option<Box<dyn Script>> {
@@ -27,7 +27,7 @@ impl Played {
     }
 }
 
-impl fmt::Display for Played {
+impl fmt::Display for ScriptChoice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
@@ -73,7 +73,7 @@ pub fn serve(arguments: Serve) -> ExitCode {
     let (Some(scene), Some(bodies), Some(seed)) = (scene, bodies, seed) else {
         return rhumb_server::cli::main(server);
     };
-    let played = Played {
+    let played = ScriptChoice {
         scene,
         bodies,
         seed,

@@ -6,46 +6,47 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use rhumb_protocol::packet::{FullPacket, Head, Kind};
-use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, Pace, Shape, ShapeId};
+use rhumb_protocol::packet::{FullPacket, Head, PacketKind};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, Shape, ShapeId, Stepping};
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Instant, Span};
-use rhumb_reckoning::{BodyId, Metres, Tick, Ticks, Tolerance, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState, Metres, Tick, Ticks, Tolerance};
 use rhumb_sims::Script;
-use rhumb_transport::{Clock, LinkTerms};
+use rhumb_transport::{Clock, LinkConfig};
 
-use super::compare::{Known, RecentTruth};
+use super::compare::{RecentTruth, TrueBody};
 use super::remote::{Remote, Setup};
 use super::side_by_side::Plan;
 use super::{DriveError, ServerProcess};
-use crate::record::{Load, Mode, Passed, Placed, Run, Truth, Way};
+use crate::record::{CapturedPacket, Load, Mode, PacketDirection, Placed, Run, Truth};
 
 /// Bodies as the script made them, by index.
 #[derive(Debug, Default)]
-struct Cast {
+struct ScriptedBodies {
     shapes: BTreeMap<ShapeId, Shape>,
-    bodies: BTreeMap<u32, (BodyTerms, Shape)>,
+    bodies: BTreeMap<u32, (BodyDesc, Shape)>,
 }
 
-impl Cast {
+impl ScriptedBodies {
     fn note(&mut self, command: &Command, tick: Tick, truth: &mut Truth) {
         match *command {
             Command::AddShape { id, ref shape } => {
                 self.shapes.insert(id, shape.clone());
             }
-            Command::AddBody { terms, motion } => {
-                if let Some(shape) = self.shapes.get(&terms.shape).cloned() {
-                    self.bodies.insert(terms.id.index(), (terms, shape.clone()));
+            Command::AddBody { config, motion } => {
+                if let Some(shape) = self.shapes.get(&config.shape).cloned() {
+                    self.bodies
+                        .insert(config.id.index(), (config, shape.clone()));
                     let observation = Observation {
-                        id: terms.id,
+                        id: config.id,
                         motion,
                         activity: Activity::Awake,
                     };
                     truth.placed.push(Placed {
                         tick,
-                        terms,
+                        config,
                         shape,
                         observation,
                     });
@@ -62,33 +63,37 @@ impl Cast {
 
 /// The truth as the full stream tells it.
 #[derive(Debug, Default)]
-struct Witness {
-    states: BTreeMap<u32, Verbatim>,
+struct TruthStream {
+    states: BTreeMap<u32, BodyState>,
     /// What the tick that is being heard of changed so far: it may come in several pieces.
     changed: BTreeMap<u32, Observation>,
     tick: u64,
     recent: RecentTruth,
 }
 
-impl Witness {
+impl TruthStream {
     /// Takes in the datagrams of the full stream, tick by tick.
     ///
     /// `known` is called after each tick that is whole.
-    fn hear(
+    fn receive(
         &mut self,
-        passed: &[Passed],
-        cast: &Cast,
+        captured: &[CapturedPacket],
+        scripted: &ScriptedBodies,
         truth: &mut Truth,
         known: &mut dyn FnMut(&RecentTruth),
     ) {
-        for datagram in passed.iter().filter(|passed| passed.way == Way::StateDown) {
+        for datagram in captured
+            .iter()
+            .filter(|captured| captured.direction == PacketDirection::StateDown)
+        {
             let mut reader = Reader::new(&datagram.bytes);
             let ends_tick = match Head::decode(&mut reader) {
                 Ok(Head {
-                    kind: Kind::Full, ..
+                    kind: PacketKind::Full,
+                    ..
                 }) => false,
                 Ok(Head {
-                    kind: Kind::FullEnd,
+                    kind: PacketKind::FullEnd,
                     ..
                 }) => true,
                 _ => continue,
@@ -98,26 +103,26 @@ impl Witness {
             };
             for record in &packet.records {
                 let before = self.states.insert(record.index, record.motion);
-                if let Some((terms, _)) = cast.bodies.get(&record.index)
+                if let Some((config, _)) = scripted.bodies.get(&record.index)
                     && before != Some(record.motion)
                 {
                     let observation = Observation {
-                        id: terms.id,
+                        id: config.id,
                         motion: record.motion,
-                        activity: activity(terms, &record.motion),
+                        activity: activity(config, &record.motion),
                     };
                     self.changed.insert(record.index, observation);
                 }
             }
             if ends_tick {
                 self.tick = packet.tick.expand(self.tick);
-                self.end_tick(cast, truth);
+                self.end_tick(scripted, truth);
                 known(&self.recent);
             }
         }
     }
 
-    fn end_tick(&mut self, cast: &Cast, truth: &mut Truth) {
+    fn end_tick(&mut self, scripted: &ScriptedBodies, truth: &mut Truth) {
         let rows = self.tick as usize;
         truth.ticks.resize(rows.max(truth.ticks.len()), Vec::new());
         if let Some(row) = rows
@@ -126,9 +131,9 @@ impl Witness {
         {
             row.extend(std::mem::take(&mut self.changed).into_values());
         }
-        let known = cast.bodies.values().map(|(terms, shape)| {
-            let motion = *self.states.get(&terms.id.index())?;
-            Some(known(terms.id, motion, shape.bounding_radius(), terms))
+        let known = scripted.bodies.values().map(|(config, shape)| {
+            let motion = *self.states.get(&config.id.index())?;
+            Some(known(config.id, motion, shape.bounding_radius(), config))
         });
         self.recent.push(Tick::new(self.tick), known);
     }
@@ -136,25 +141,25 @@ impl Witness {
 
 /// A full stream does not say who sleeps; but an engine stills what it puts to sleep, and what it moves is hardly ever still
 /// to the bit before.
-fn activity(terms: &BodyTerms, motion: &Verbatim) -> Activity {
-    match terms.kind {
+fn activity(config: &BodyDesc, motion: &BodyState) -> Activity {
+    match config.kind {
         BodyKind::Dynamic if *motion == motion.stilled() => Activity::Asleep,
         _ => Activity::Awake,
     }
 }
 
-fn known(id: BodyId, motion: Verbatim, radius: Metres, terms: &BodyTerms) -> Known {
-    Known {
+fn known(id: BodyId, motion: BodyState, radius: Metres, config: &BodyDesc) -> TrueBody {
+    TrueBody {
         id,
         motion,
         radius,
-        kind: terms.kind,
-        class: terms.class,
+        kind: config.kind,
+        tolerance_scale: config.tolerance_scale,
     }
 }
 
 /// A client of the free-running server that is judged.
-struct Copy {
+struct JudgedClient {
     mode: Mode,
     remote: Remote,
     tolerance: Option<Tolerance>,
@@ -169,66 +174,67 @@ pub fn run_free(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<Load, Dri
     let mut script = plan.script()?;
     let setup = |mode, script: &dyn Script| {
         let mut setup = plan.setup(mode, script);
-        (setup.terms.pace, setup.terms.cadence) = (Pace::FreeRunning, plan.cadence);
+        (setup.config.stepping, setup.config.publish_schedule) =
+            (Stepping::FreeRunning, plan.publish_schedule);
         setup
     };
     let clean = Setup {
-        link: &LinkTerms::PERFECT,
+        link: &LinkConfig::PERFECT,
         delay: Ticks::ZERO,
         ..setup(Mode::NaiveFree, &*script)
     };
     let mut commands = Vec::new();
     script.commands(Tick::ZERO, &mut commands);
-    let process = ServerProcess::start(&clean.housing, clean.beside.as_ref())?;
-    let mut copies = Vec::new();
+    let process = ServerProcess::start(&clean.cpu, clean.controller_script.as_ref())?;
+    let mut judged = Vec::new();
     for mode in plan.modes.iter().filter(|mode| mode.is_free()) {
         let mut remote = Remote::join(&process, &setup(*mode, &*script))?;
-        if copies.is_empty() {
+        if judged.is_empty() {
             remote.reserve(&commands)?;
         }
-        copies.push(Copy {
+        judged.push(JudgedClient {
             mode: *mode,
             remote,
             tolerance: (*mode == Mode::RhumbFree).then_some(plan.tolerance),
         });
     }
-    let mut stage = Stage {
-        witness_client: Remote::join(&process, &clean)?,
-        witness: Witness::default(),
-        cast: Cast::default(),
+    let mut free_run = FreeRun {
+        truth_client: Remote::join(&process, &clean)?,
+        truth_stream: TruthStream::default(),
+        scripted: ScriptedBodies::default(),
         truth: Truth::default(),
-        copies,
+        judged,
     };
-    stage.prepare(&commands)?;
-    let step = Span::from_nanos(clean.terms.integrator.rate.step_ns());
+    free_run.prepare(&commands)?;
+    let step = Span::from_nanos(clean.config.integrator.rate.step_ns());
     let clock = Clock::start();
     let mut due = clock.now();
     for number in 0..u64::from(plan.ticks) {
-        stage.frame(&mut *script, number, until(&clock, due))?;
+        free_run.frame(&mut *script, number, until(&clock, due))?;
         progress(Tick::new(number));
         due = due + step;
     }
-    stage.catch_up()?;
-    stage.into_load(plan, clean.terms.integrator.rate.step().seconds())
+    free_run.switch_when_caught_up()?;
+    free_run.into_load(plan, clean.config.integrator.rate.step().seconds())
 }
 
 /// A free-running server's clients: those that are judged, and the one that tells the truth.
-struct Stage {
+struct FreeRun {
     /// The first gives the script's commands.
-    copies: Vec<Copy>,
-    witness_client: Remote,
-    witness: Witness,
-    cast: Cast,
+    judged: Vec<JudgedClient>,
+    truth_client: Remote,
+    truth_stream: TruthStream,
+    scripted: ScriptedBodies,
     truth: Truth,
 }
 
-impl Stage {
+impl FreeRun {
     /// The commands before the first frame; what was so far counts as joining.
     fn prepare(&mut self, commands: &[Command]) -> Result<(), DriveError> {
         for command in commands {
-            self.cast.note(command, Tick::ZERO, &mut self.truth);
+            self.scripted.note(command, Tick::ZERO, &mut self.truth);
         }
-        if let Some((first, others)) = self.copies.split_first_mut() {
+        if let Some((first, others)) = self.judged.split_first_mut() {
             first.remote.prepare(commands)?;
             for copy in others {
                 copy.remote.begin()?;
@@ -246,14 +252,14 @@ impl Stage {
     ) -> Result<(), DriveError> {
         let mut commands = Vec::new();
         script.commands(Tick::new(number + 1), &mut commands);
-        for (place, copy) in self.copies.iter_mut().enumerate() {
+        for (place, copy) in self.judged.iter_mut().enumerate() {
             if place == 0 {
                 copy.remote.client().idle(patience)?;
             }
             let tick = copy.remote.follow()?;
             copy.remote.keep();
             for command in commands.drain(..) {
-                self.cast.note(&command, tick, &mut self.truth);
+                self.scripted.note(&command, tick, &mut self.truth);
                 copy.remote.client().command(command)?;
             }
         }
@@ -263,28 +269,26 @@ impl Stage {
 
     /// Hears what the engine did and judges what can be judged by now; returns how many frames are left.
     fn listen(&mut self) -> Result<usize, DriveError> {
-        self.witness_client
-            .client()
-            .idle(Duration::from_millis(1))?;
-        self.witness_client.follow()?;
-        self.witness_client.frames.clear();
-        let passed = std::mem::take(&mut self.witness_client.passed);
-        let (copies, mut left) = (&mut self.copies, 0);
+        self.truth_client.client().idle(Duration::from_millis(1))?;
+        self.truth_client.follow()?;
+        self.truth_client.frames.clear();
+        let captured = std::mem::take(&mut self.truth_client.captured);
+        let (judged, mut left) = (&mut self.judged, 0);
         let mut judge = |recent: &RecentTruth| {
-            let kept = copies
+            let kept = judged
                 .iter_mut()
                 .map(|copy| copy.remote.judge_kept(recent, copy.tolerance));
             left = kept.sum();
         };
-        self.witness
-            .hear(&passed, &self.cast, &mut self.truth, &mut judge);
+        self.truth_stream
+            .receive(&captured, &self.scripted, &mut self.truth, &mut judge);
         Ok(left)
     }
 
     /// Waits until the truth of the last frames is known.
-    fn catch_up(&mut self) -> Result<(), DriveError> {
+    fn switch_when_caught_up(&mut self) -> Result<(), DriveError> {
         for _ in 0..CATCH_UP_MS {
-            if self.listen()? == 0 && self.copies.iter().all(|copy| copy.remote.is_judged()) {
+            if self.listen()? == 0 && self.judged.iter().all(|copy| copy.remote.is_judged()) {
                 break;
             }
         }
@@ -293,7 +297,7 @@ impl Stage {
 
     fn into_load(mut self, plan: &Plan, step_s: f64) -> Result<Load, DriveError> {
         let mut runs = Vec::new();
-        for copy in &mut self.copies {
+        for copy in &mut self.judged {
             let remote = &mut copy.remote;
             let inspection = remote.inspect()?;
             // The scene goes on between two inspections: all of them saw one engine.
@@ -301,10 +305,10 @@ impl Stage {
                 self.truth.digest = inspection.truth;
             }
             runs.push(Run {
-                terms: plan.run_terms(copy.mode, step_s),
-                truth_digest: self.truth.digest,
+                config: plan.run_config(copy.mode, step_s),
+                truth_checksum: self.truth.digest,
                 frames: std::mem::take(&mut remote.frames),
-                passed: std::mem::take(&mut remote.passed),
+                captured: std::mem::take(&mut remote.captured),
                 join: remote.join,
                 breaches: std::mem::take(&mut remote.breaches),
                 recoveries: Vec::new(),
@@ -318,7 +322,7 @@ impl Stage {
         Ok(Load {
             truth: self.truth,
             runs,
-            unended: Vec::new(),
+            unfinished: Vec::new(),
         })
     }
 }
@@ -337,16 +341,16 @@ mod tests {
 
     use super::*;
 
-    fn motion(x: f32) -> Verbatim {
-        Verbatim::new([x, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3])
+    fn motion(x: f32) -> BodyState {
+        BodyState::new([x, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3])
             .expect("these numbers are finite")
     }
 
-    fn packet(tick: u64, body: u32, ends_tick: bool) -> Passed {
+    fn packet(tick: u64, body: u32, ends_tick: bool) -> CapturedPacket {
         let packet = FullPacket {
             number: Low16::of(tick),
             tick: Low16::of(tick),
-            notices: Low16::of(0),
+            scene_events: Low16::of(0),
             ends_tick,
             records: vec![FullRecord {
                 index: body,
@@ -354,22 +358,25 @@ mod tests {
             }],
         };
         let datagram = packet.encode(StreamId(0));
-        Passed::new(0, Way::StateDown, datagram.into())
+        CapturedPacket::new(0, PacketDirection::StateDown, datagram.into())
     }
 
     /// Caught: what was heard of a tick before its end was missing in the truth if the look fell between.
     #[test]
-    fn a_tick_that_is_heard_of_in_pieces_is_whole() {
-        let (mut witness, mut cast, mut truth) =
-            (Witness::default(), Cast::default(), Truth::default());
+    fn a_tick_received_in_pieces_is_complete() {
+        let (mut truth_stream, mut scripted, mut truth) = (
+            TruthStream::default(),
+            ScriptedBodies::default(),
+            Truth::default(),
+        );
         let shape = Shape::Ball { radius: 0.5 };
         for body in 0..2 {
             let id = BodyId::new(body, 0);
-            let terms = BodyTerms::plain(id, BodyKind::Dynamic, ShapeId(0));
-            cast.bodies.insert(body, (terms, shape.clone()));
+            let config = BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0));
+            scripted.bodies.insert(body, (config, shape.clone()));
         }
         for piece in [packet(1, 0, false), packet(1, 1, true)] {
-            witness.hear(&[piece], &cast, &mut truth, &mut |_| ());
+            truth_stream.receive(&[piece], &scripted, &mut truth, &mut |_| ());
         }
         let places = truth.ticks[0].iter().map(|seen| seen.id.index());
         assert_eq!(places.collect::<Vec<_>>(), [0, 1]);

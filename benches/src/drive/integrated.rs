@@ -4,7 +4,7 @@ use std::hint::black_box;
 
 use rhumb_protocol::scene::Command;
 use rhumb_protocol::stream::Observation;
-use rhumb_reckoning::{BodyId, Tick, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState, Tick};
 use rhumb_server::Scene;
 use rhumb_sims::Script;
 use rhumb_transport::Clock;
@@ -19,7 +19,7 @@ pub(super) struct Integrated {
     clock: Clock,
     pub(super) truth: Truth,
     /// Each body's newest state, by index; what the simulator reads every frame.
-    states: Vec<Option<(BodyId, Verbatim)>>,
+    states: Vec<Option<(BodyId, BodyState)>>,
     observations: Vec<Observation>,
     pub(super) steps_ns: Vec<u64>,
 }
@@ -27,7 +27,7 @@ pub(super) struct Integrated {
 impl Integrated {
     /// The empty scene of a script, with its controller.
     pub(super) fn new(script: &dyn Script) -> Result<Self, DriveError> {
-        let mut scene = Scene::new(script.terms()).map_err(DriveError::Terms)?;
+        let mut scene = Scene::new(script.config()).map_err(DriveError::Terms)?;
         if let Some(controller) = script.controller() {
             scene.attach(hook(controller));
         }
@@ -46,14 +46,14 @@ impl Integrated {
         self.scene.apply(command).map_err(DriveError::Refused)?;
         let tick = self.scene.tick();
         match *command {
-            Command::AddBody { terms, .. } => {
-                let observation = self.scene.observation(terms.id);
-                let shape = self.scene.shape_of(terms.id).cloned();
+            Command::AddBody { config, .. } => {
+                let observation = self.scene.observation(config.id);
+                let shape = self.scene.shape_of(config.id).cloned();
                 if let (Some(observation), Some(shape)) = (observation, shape) {
                     self.remember(&observation);
                     self.truth.placed.push(Placed {
                         tick,
-                        terms,
+                        config,
                         shape,
                         observation,
                     });
@@ -110,7 +110,7 @@ impl Integrated {
         self.scene.tick()
     }
 
-    pub(super) fn states(&self) -> &[Option<(BodyId, Verbatim)>] {
+    pub(super) fn states(&self) -> &[Option<(BodyId, BodyState)>] {
         &self.states
     }
 

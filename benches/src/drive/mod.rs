@@ -11,10 +11,10 @@ mod process;
 mod remote;
 mod side_by_side;
 
-pub use app::{AppError, Loss, Losses, Unsaid};
-pub use control::{Played, Serve, serve};
+pub use app::{AppError, Defect, Defects, Unsupported};
+pub use control::{ScriptChoice, Serve, serve};
 pub use free::run_free;
-pub use process::{Housing, ProcessError, ServerProcess};
+pub use process::{ProcessError, ServerCpu, ServerProcess};
 pub use side_by_side::{Cores, Plan, run_side_by_side};
 
 use std::fmt;
@@ -23,7 +23,7 @@ use std::time::Duration;
 use rhumb_client::{ClientError, OpenError};
 use rhumb_protocol::scene::{CommandError, Invalid};
 use rhumb_reckoning::Tick;
-use rhumb_server::{HookError, NoWorkers, SceneFault};
+use rhumb_server::{HookError, SceneFault, WorkersError};
 use rhumb_transport::RelayError;
 
 use crate::record::Mode;
@@ -43,13 +43,13 @@ pub enum DriveError {
     Client(ClientError),
     /// A mode of the paper's protocol failed.
     App(AppError),
-    /// The relay that pretends the link did not start.
+    /// The relay that simulates the link did not start.
     Relay(RelayError),
     /// The engine in this process failed.
     Scene(SceneFault),
     /// There are not as many threads to step on.
-    Workers(NoWorkers),
-    /// The script's terms are wrong.
+    Workers(WorkersError),
+    /// The script's config are wrong.
     Terms(Invalid),
     /// The script gave a command that a scene refuses.
     Refused(CommandError),

@@ -3,20 +3,20 @@
 //! A frame is as many steps as lie between two ticks that the scene's streams speak of. Who plays keeps nothing of a
 //! frame but its cost: neither poses nor bytes, so that a run of hours is no larger than one of seconds.
 
-mod guest;
-mod hosted;
+mod app_player;
 mod local;
 mod processor;
+mod remote_player;
 
 use rhumb_protocol::message::StageTimes;
-use rhumb_protocol::scene::{Command, SceneTerms};
+use rhumb_protocol::scene::{Command, SceneConfig};
 use rhumb_reckoning::{Tick, Tolerance};
 
-use super::{DriveError, Housing, Losses};
+use super::{Defects, DriveError, ServerCpu};
 use crate::record::{Frame, Mode};
 use crate::summary::DATAGRAM_HEADER_BYTES;
 
-pub(crate) use hosted::hosted_at;
+pub(crate) use remote_player::remote_player_at;
 
 /// One mode of a scene, frame by frame.
 pub(crate) trait Player {
@@ -24,15 +24,15 @@ pub(crate) trait Player {
     fn prepare(&mut self, commands: &[Command]) -> Result<(), DriveError>;
 
     /// One frame of a simulator: commands, steps, and every pose that the frame shows.
-    fn frame(&mut self, commands: &[Command]) -> Result<Took, DriveError>;
+    fn frame(&mut self, commands: &[Command]) -> Result<FrameCost, DriveError>;
 
     /// Waits for all steps that were asked for, and says how the scene stands.
-    fn account(&mut self) -> Result<Account, DriveError>;
+    fn totals(&mut self) -> Result<PlayerTotals, DriveError>;
 }
 
 /// What a frame took the caller's thread.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Took {
+pub(crate) struct FrameCost {
     /// By the clock, nanoseconds.
     pub(crate) wall_ns: u64,
     /// Of these the thread's own work, where the system tells; the rest was waiting.
@@ -41,7 +41,7 @@ pub(crate) struct Took {
 
 /// How a scene stands, and what came and went since it began; joining is left out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Account {
+pub(crate) struct PlayerTotals {
     pub(crate) tick: Tick,
     /// Digest of everything that was ever observed in it.
     pub(crate) truth: u64,
@@ -93,60 +93,60 @@ impl Traffic {
 
 /// What every player of one scene is asked for alike.
 #[derive(Clone, Debug)]
-pub(crate) struct Billing {
-    pub(crate) terms: SceneTerms,
+pub(crate) struct PlayerSetup {
+    pub(crate) config: SceneConfig,
     /// Bodies that are placed in all, the last ones included.
     pub(crate) bodies: u32,
     /// What reckoned modes promise.
     pub(crate) tolerance: Tolerance,
     /// What clients of the paper's protocol lose.
-    pub(crate) losses: Losses,
+    pub(crate) defects: Defects,
     /// Where servers run.
-    pub(crate) housing: Housing,
+    pub(crate) cpu: ServerCpu,
     pub(crate) seed: u64,
 }
 
 /// Who plays one or several modes.
-trait Troupe {
+trait PlayerFactory {
     /// Sets up all that a mode needs.
-    fn start(&self, billing: &Billing, mode: Mode) -> Result<Box<dyn Player>, DriveError>;
+    fn start(&self, player_setup: &PlayerSetup, mode: Mode) -> Result<Box<dyn Player>, DriveError>;
 }
 
 /// A mode that can be played, and by whom.
 pub(crate) struct Playable {
     pub(crate) mode: Mode,
-    troupe: &'static (dyn Troupe + Sync),
+    player_factory: &'static (dyn PlayerFactory + Sync),
 }
 
 /// All modes that can be played, in the order of reports. A mode joins by a line.
 const PLAYABLE: &[Playable] = &[
     Playable {
         mode: Mode::Integrated,
-        troupe: &local::InThread,
+        player_factory: &local::InThread,
     },
     Playable {
         mode: Mode::AppAll,
-        troupe: &guest::OverApp,
+        player_factory: &app_player::OverApp,
     },
     Playable {
         mode: Mode::AppActive,
-        troupe: &guest::OverApp,
+        player_factory: &app_player::OverApp,
     },
     Playable {
         mode: Mode::AppPacked,
-        troupe: &guest::OverApp,
+        player_factory: &app_player::OverApp,
     },
     Playable {
         mode: Mode::Naive,
-        troupe: &hosted::OverRhumb,
+        player_factory: &remote_player::OverRhumb,
     },
     Playable {
         mode: Mode::Rhumb,
-        troupe: &hosted::OverRhumb,
+        player_factory: &remote_player::OverRhumb,
     },
     Playable {
         mode: Mode::RhumbPipelined,
-        troupe: &hosted::OverRhumb,
+        player_factory: &remote_player::OverRhumb,
     },
 ];
 
@@ -156,7 +156,10 @@ pub(crate) fn playable() -> impl Iterator<Item = Mode> {
 }
 
 /// Starts a mode; `None` if it cannot be played.
-pub(crate) fn start(mode: Mode, billing: &Billing) -> Option<Result<Box<dyn Player>, DriveError>> {
+pub(crate) fn start(
+    mode: Mode,
+    player_setup: &PlayerSetup,
+) -> Option<Result<Box<dyn Player>, DriveError>> {
     let playable = PLAYABLE.iter().find(|playable| playable.mode == mode)?;
-    Some(playable.troupe.start(billing, mode))
+    Some(playable.player_factory.start(player_setup, mode))
 }

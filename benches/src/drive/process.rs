@@ -10,7 +10,7 @@ use std::process::{Child, Command, Stdio};
 
 use rhumb_transport::Fingerprint;
 
-use super::control::Played;
+use super::control::ScriptChoice;
 
 /// A running server, killed when dropped.
 #[derive(Debug)]
@@ -26,14 +26,14 @@ pub struct ServerProcess {
 
 /// Where a server runs, and on how many threads it steps.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Housing {
+pub struct ServerCpu {
     /// The cores it keeps to; any if empty.
     pub cores: Vec<usize>,
     /// Threads of the engine; one unless said.
     pub threads: Option<NonZeroU32>,
 }
 
-impl Housing {
+impl ServerCpu {
     /// One thread, on one core if asked.
     #[must_use]
     pub fn on(core: Option<usize>) -> Self {
@@ -78,8 +78,11 @@ impl ServerProcess {
     /// # Errors
     ///
     /// [`ProcessError`] when it does not start or does not say where it is.
-    pub fn start(housing: &Housing, beside: Option<&Played>) -> Result<Self, ProcessError> {
-        Self::start_with(housing, beside, &[])
+    pub fn start(
+        cpu: &ServerCpu,
+        controller_script: Option<&ScriptChoice>,
+    ) -> Result<Self, ProcessError> {
+        Self::start_with(cpu, controller_script, &[])
     }
 
     /// The same with more arguments, such as where clients of the paper's protocol are awaited.
@@ -88,21 +91,21 @@ impl ServerProcess {
     ///
     /// As [`Self::start`].
     pub fn start_with(
-        housing: &Housing,
-        beside: Option<&Played>,
+        cpu: &ServerCpu,
+        controller_script: Option<&ScriptChoice>,
         more: &[&str],
     ) -> Result<Self, ProcessError> {
         let program = std::env::current_exe().map_err(ProcessError::Start)?;
         let mut command = Command::new(program);
         command.args(["serve", "--listen", "127.0.0.1:0", "--log", "warn"]);
-        if !housing.cores.is_empty() {
-            let cores: Vec<_> = housing.cores.iter().map(usize::to_string).collect();
+        if !cpu.cores.is_empty() {
+            let cores: Vec<_> = cpu.cores.iter().map(usize::to_string).collect();
             command.arg("--core").arg(cores.join(","));
         }
-        if let Some(threads) = housing.threads {
+        if let Some(threads) = cpu.threads {
             command.arg("--threads").arg(threads.to_string());
         }
-        if let Some(played) = beside {
+        if let Some(played) = controller_script {
             command.args(["--scene", &played.scene]);
             command.args(["--bodies", &played.bodies.to_string()]);
             command.args(["--seed", &played.seed.to_string()]);

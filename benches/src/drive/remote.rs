@@ -7,40 +7,41 @@ use std::time::Duration;
 use bytes::Bytes;
 use glam::{Quat, Vec3};
 use rhumb_client::{
-    Bound, Client, Depth, Entry, Inspection, Options, StreamChoice, Trust, WireStatistics,
+    Client, ErrorBound, Inspection, JoinMode, Options, PipelineDepth, StreamChoice, Trust,
+    WireStatistics,
 };
-use rhumb_protocol::scene::{Command, SceneName, SceneTerms};
+use rhumb_protocol::scene::{Command, SceneConfig, SceneName};
 use rhumb_protocol::session::Replica;
 use rhumb_protocol::stream::Subscriber;
 use rhumb_reckoning::{BodyId, Tick, Ticks, Tolerance};
-use rhumb_transport::{Clock, LinkTerms, UdpRelay};
+use rhumb_transport::{Clock, LinkConfig, UdpRelay};
 
-use super::compare::{Errors, RecentTruth, compare};
-use super::control::Played;
-use super::{DriveError, Housing, PATIENCE, ServerProcess};
-use crate::record::{Breach, Cause, Frame, JoinCost, Passed, Seen, Way};
+use super::compare::{RecentTruth, ViewErrors, compare};
+use super::control::ScriptChoice;
+use super::{DriveError, PATIENCE, ServerCpu, ServerProcess};
+use crate::record::{Breach, CapturedPacket, Cause, CopiedPose, Frame, JoinCost, PacketDirection};
 
 /// How a remote mode is set up.
 #[derive(Clone, Debug)]
 pub(super) struct Setup<'a> {
     pub(super) stream: StreamChoice,
-    pub(super) depth: Depth,
+    pub(super) depth: PipelineDepth,
     /// Free running only: how many ticks later than it can be spoken of the copy is shown.
     pub(super) delay: Ticks,
-    pub(super) terms: SceneTerms,
+    pub(super) config: SceneConfig,
     /// Whose controller acts at the server, if it has one.
-    pub(super) beside: Option<Played>,
-    pub(super) housing: Housing,
-    pub(super) link: &'a LinkTerms,
+    pub(super) controller_script: Option<ScriptChoice>,
+    pub(super) cpu: ServerCpu,
+    pub(super) link: &'a LinkConfig,
     pub(super) seed: u64,
     /// Bodies that are placed in all, later ones included; what the first commands place is counted anyway.
     pub(super) bodies: u32,
-    pub(super) keep: Keep,
+    pub(super) keep: Retention,
 }
 
 /// What is kept of each frame beside what it cost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Keep {
+pub(super) enum Retention {
     /// Every byte that passed and every pose that changed.
     Everything,
     /// Nothing: a run may be as long as it likes.
@@ -48,24 +49,24 @@ pub(super) enum Keep {
 }
 
 /// What the tap wrote since it was last emptied.
-type Tape = Arc<Mutex<Vec<(Way, Bytes)>>>;
+type Tape = Arc<Mutex<Vec<(PacketDirection, Bytes)>>>;
 
 /// A server process and its client.
 pub(super) struct Remote {
     client: Client,
-    depth: Depth,
+    depth: PipelineDepth,
     bodies: u32,
     /// Body indices beyond those of the first grant.
     reserved: u32,
-    keep: Keep,
+    keep: Retention,
     tape: Tape,
     clock: Clock,
     wire: WireStatistics,
     updates: u64,
     pub(super) frames: Vec<Frame>,
     /// Frames whose truth is not known yet, oldest first.
-    pending: VecDeque<Shown>,
-    pub(super) passed: Vec<Passed>,
+    pending: VecDeque<PendingFrame>,
+    pub(super) captured: Vec<CapturedPacket>,
     pub(super) breaches: Vec<Breach>,
     pub(super) join: JoinCost,
     // Dropped last: the client says goodbye first.
@@ -75,18 +76,18 @@ pub(super) struct Remote {
 
 /// What was known of how far off a body may be, when it was shown.
 #[derive(Clone, Copy, Debug)]
-enum Standing {
+enum StreamKnowledge {
     /// By this factor on its tolerance at most.
     Within(f64),
     /// It was not known, for this reason.
     Unknown(Cause),
 }
 
-impl Standing {
+impl StreamKnowledge {
     /// Why it is off by so much of its tolerance.
     fn cause(self, share: f64) -> Cause {
         match self {
-            Self::Within(excess) if share <= excess => Cause::Budget,
+            Self::Within(error_scale) if share <= error_scale => Cause::Budget,
             Self::Within(_) => Cause::Fault,
             Self::Unknown(cause) => cause,
         }
@@ -95,11 +96,11 @@ impl Standing {
 
 /// What a frame showed, kept until its truth is known.
 #[derive(Debug)]
-struct Shown {
+struct PendingFrame {
     /// Which frame.
     number: usize,
     /// Each body's pose, and why it would be off if it were, by index.
-    bodies: BTreeMap<BodyId, (Vec3, Quat, Standing)>,
+    bodies: BTreeMap<BodyId, (Vec3, Quat, StreamKnowledge)>,
 }
 
 /// The scene's name on the bench's own servers.
@@ -110,7 +111,7 @@ pub(super) fn scene_name() -> SceneName {
 impl Remote {
     /// Starts a server and joins its scene.
     pub(super) fn start(setup: &Setup<'_>) -> Result<Self, DriveError> {
-        let process = ServerProcess::start(&setup.housing, setup.beside.as_ref())?;
+        let process = ServerProcess::start(&setup.cpu, setup.controller_script.as_ref())?;
         let mut remote = Self::join(&process, setup)?;
         remote._process = Some(process);
         Ok(remote)
@@ -118,7 +119,7 @@ impl Remote {
 
     /// Joins the scene of a server that somebody else keeps.
     pub(super) fn join(process: &ServerProcess, setup: &Setup<'_>) -> Result<Self, DriveError> {
-        let relay = if *setup.link == LinkTerms::PERFECT {
+        let relay = if *setup.link == LinkConfig::PERFECT {
             None
         } else {
             let any_port = "127.0.0.1:0".parse().expect("an address of loopback");
@@ -134,7 +135,7 @@ impl Remote {
             address.to_string(),
             Trust::Fingerprint(process.fingerprint),
             scene_name(),
-            Entry::CreateOrJoin(setup.terms),
+            JoinMode::CreateOrJoin(setup.config),
         );
         options.stream = setup.stream;
         options.patience = PATIENCE;
@@ -142,7 +143,7 @@ impl Remote {
         (options.whole_ticks, options.smooth) = (true, false);
         let mut client = Client::open(options)?;
         let tape = Tape::default();
-        if setup.keep == Keep::Everything {
+        if setup.keep == Retention::Everything {
             record(&mut client, Arc::clone(&tape));
         }
         Ok(Self {
@@ -157,7 +158,7 @@ impl Remote {
             updates: 0,
             frames: Vec::new(),
             pending: VecDeque::new(),
-            passed: Vec::new(),
+            captured: Vec::new(),
             breaches: Vec::new(),
             join: JoinCost::default(),
             _relay: relay,
@@ -202,7 +203,7 @@ impl Remote {
 
     /// Counts all that was so far as joining.
     pub(super) fn begin(&mut self) -> Result<(), DriveError> {
-        self.client.wait(Depth::LOCKSTEP)?;
+        self.client.wait(PipelineDepth::LOCKSTEP)?;
         self.tape().clear();
         self.wire = self.client.statistics().wire;
         self.join = JoinCost {
@@ -216,12 +217,12 @@ impl Remote {
 
     fn await_applied(&mut self, number: u64) -> Result<(), DriveError> {
         loop {
-            while let Some(happening) = self.client.poll_happening() {
-                match happening {
-                    rhumb_client::Happening::Refused { error, .. } => {
+            while let Some(client_event) = self.client.poll_event() {
+                match client_event {
+                    rhumb_client::ClientEvent::Refused { error, .. } => {
                         return Err(DriveError::Refused(error));
                     }
-                    rhumb_client::Happening::Applied { through, .. } if through >= number => {
+                    rhumb_client::ClientEvent::Applied { through, .. } if through >= number => {
                         return Ok(());
                     }
                     _ => {}
@@ -246,7 +247,7 @@ impl Remote {
     /// One frame of a simulator that follows a free-running scene; returns the tick shown.
     pub(super) fn follow(&mut self) -> Result<Tick, DriveError> {
         let begun = self.clock.now();
-        let at = self.client.follow()?;
+        let at = self.client.poll()?;
         let frame_ns = self.clock.now().since(begun).as_nanos();
         self.note_frame(at.tick, frame_ns);
         Ok(at.tick)
@@ -255,7 +256,7 @@ impl Remote {
     /// The tick that a pipelined server still owes, as a frame of its own.
     pub(super) fn last_frame(&mut self) -> Result<(), DriveError> {
         let begun = self.clock.now();
-        let tick = self.client.wait(Depth::LOCKSTEP)?;
+        let tick = self.client.wait(PipelineDepth::LOCKSTEP)?;
         let frame_ns = self.clock.now().since(begun).as_nanos();
         if self.frames.last().is_none_or(|last| last.tick < tick) {
             self.note_frame(tick, frame_ns);
@@ -268,7 +269,7 @@ impl Remote {
         self.frames.pop()
     }
 
-    fn tape(&self) -> std::sync::MutexGuard<'_, Vec<(Way, Bytes)>> {
+    fn tape(&self) -> std::sync::MutexGuard<'_, Vec<(PacketDirection, Bytes)>> {
         self.tape.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -278,7 +279,7 @@ impl Remote {
         let (wire, before) = (statistics.wire, self.wire);
         self.wire = wire;
         let view = self.client.view();
-        let seen = |place: usize| Seen {
+        let seen = |place: usize| CopiedPose {
             id: view.ids()[place],
             position: view.positions()[place].to_array(),
             rotation: view.rotations()[place].to_array(),
@@ -294,17 +295,17 @@ impl Remote {
             updates: statistics.stream.updates - self.updates,
             ..Frame::default()
         };
-        if self.keep == Keep::Everything {
+        if self.keep == Retention::Everything {
             frame.seen = view.changed().map(seen).collect();
             frame.gone = view.removed().to_vec();
         }
         self.updates = statistics.stream.updates;
         let number = self.frames.len() as u32;
         let taken = std::mem::take(&mut *self.tape());
-        self.passed.extend(
+        self.captured.extend(
             taken
                 .into_iter()
-                .map(|(way, bytes)| Passed::new(number, way, bytes)),
+                .map(|(direction, bytes)| CapturedPacket::new(number, direction, bytes)),
         );
         self.frames.push(frame);
     }
@@ -324,27 +325,29 @@ impl Remote {
             Some((view.positions()[place], view.rotations()[place]))
         };
         let errors = compare(recent, tick, shown, tolerance, |id, share| {
-            self.standing(id, tick).cause(share)
+            self.knowledge(id, tick).cause(share)
         })?;
         Some(self.take_errors(number, errors))
     }
 
     /// What is known of how far off a body may be that is shown as of a tick.
-    fn standing(&self, id: BodyId, tick: Tick) -> Standing {
+    fn knowledge(&self, id: BodyId, tick: Tick) -> StreamKnowledge {
         let client = &self.client;
         let stream = client.replica().map(Replica::stream);
         match client.bound_at(id, tick) {
-            Some(Bound::Within(_)) => {
-                let excess = stream.and_then(|stream| stream.excess_at(tick));
-                Standing::Within(excess.unwrap_or(1.0))
+            Some(ErrorBound::Within(_)) => {
+                let error_scale = stream.and_then(|stream| stream.error_scale_at(tick));
+                StreamKnowledge::Within(error_scale.unwrap_or(1.0))
             }
-            _ if tick > client.statistics().vouched => Standing::Unknown(Cause::Late),
-            _ if stream.is_some_and(Subscriber::is_settled) => Standing::Unknown(Cause::Late),
-            _ => Standing::Unknown(Cause::Loss),
+            _ if tick > client.statistics().watermark_tick => StreamKnowledge::Unknown(Cause::Late),
+            _ if stream.is_some_and(Subscriber::is_converged) => {
+                StreamKnowledge::Unknown(Cause::Late)
+            }
+            _ => StreamKnowledge::Unknown(Cause::Loss),
         }
     }
 
-    fn take_errors(&mut self, number: usize, errors: Errors) -> u32 {
+    fn take_errors(&mut self, number: usize, errors: ViewErrors) -> u32 {
         let frame = &mut self.frames[number];
         frame.errors_m = errors.errors_m;
         frame.exact = errors.exact;
@@ -361,10 +364,10 @@ impl Remote {
         let view = self.client.view();
         let body = |(place, id): (usize, &BodyId)| {
             let pose = (view.positions()[place], view.rotations()[place]);
-            (*id, (pose.0, pose.1, self.standing(*id, tick)))
+            (*id, (pose.0, pose.1, self.knowledge(*id, tick)))
         };
         let bodies = view.ids().iter().enumerate().map(body).collect();
-        self.pending.push_back(Shown { number, bodies });
+        self.pending.push_back(PendingFrame { number, bodies });
     }
 
     /// Whether no frame waits for its truth.
@@ -386,8 +389,8 @@ impl Remote {
             };
             // A body that was not shown is missing and has no error.
             let cause = |id: BodyId, share: f64| {
-                let standing = shown.bodies.get(&id).map(|body| body.2);
-                standing.map_or(Cause::Late, |standing| standing.cause(share))
+                let knowledge = shown.bodies.get(&id).map(|body| body.2);
+                knowledge.map_or(Cause::Late, |knowledge| knowledge.cause(share))
             };
             let number = shown.number;
             let errors = compare(recent, tick, pose, tolerance, cause);
@@ -419,14 +422,14 @@ impl Remote {
 
 /// Writes down all that passes.
 fn record(client: &mut Client, tape: Tape) {
-    client.record(move |way, bytes| {
-        let way = match way {
-            rhumb_client::Way::ControlDown => Way::ControlDown,
-            rhumb_client::Way::ControlUp => Way::ControlUp,
-            rhumb_client::Way::StateDown => Way::StateDown,
-            rhumb_client::Way::StateUp => Way::StateUp,
+    client.record(move |direction, bytes| {
+        let direction = match direction {
+            rhumb_client::TapChannel::ControlDown => PacketDirection::ControlDown,
+            rhumb_client::TapChannel::ControlUp => PacketDirection::ControlUp,
+            rhumb_client::TapChannel::StateDown => PacketDirection::StateDown,
+            rhumb_client::TapChannel::StateUp => PacketDirection::StateUp,
         };
         let mut tape = tape.lock().unwrap_or_else(PoisonError::into_inner);
-        tape.push((way, Bytes::copy_from_slice(bytes)));
+        tape.push((direction, Bytes::copy_from_slice(bytes)));
     });
 }

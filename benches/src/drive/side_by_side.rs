@@ -3,21 +3,21 @@
 //! Each tick: the pipelined client asks for its next tick; while its server works, the integrated scene takes the tick
 //! in this thread; then the others take it. So the pipelined caller has other work to do, as a simulator has.
 
-use rhumb_client::{Depth, StreamChoice};
-use rhumb_protocol::scene::{Cadence, Command};
+use rhumb_client::{PipelineDepth, StreamChoice};
+use rhumb_protocol::scene::{Command, PublishSchedule};
 use rhumb_protocol::stream::Budget;
 use rhumb_reckoning::{Metres, Tick, Ticks, Tolerance};
 use rhumb_sims::Script;
-use rhumb_transport::LinkTerms;
+use rhumb_transport::LinkConfig;
 
-use super::app::{AppRemote, AppSetup, Losses};
-use super::compare::{Known, RecentTruth};
-use super::control::Played;
+use super::app::{AppRemote, AppSetup, Defects};
+use super::compare::{RecentTruth, TrueBody};
+use super::control::ScriptChoice;
 use super::integrated::Integrated;
-use super::remote::{Keep, Remote, Setup};
-use super::{DriveError, Housing};
+use super::remote::{Remote, Retention, Setup};
+use super::{DriveError, ServerCpu};
 use crate::quantile::of_nanoseconds;
-use crate::record::{Followed, Frame, JoinCost, Load, Mode, Run, RunTerms};
+use crate::record::{Frame, JoinCost, Load, Mode, Run, RunConfig, SubscriptionSettings};
 
 /// Which cores the caller and the servers run on, where there are two.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -42,13 +42,13 @@ pub struct Plan {
     /// What their packets may take, if that is limited.
     pub budget: Option<Budget>,
     /// Between the processes.
-    pub link: LinkTerms,
+    pub link: LinkConfig,
     /// Which modes, in the order of the report.
     pub modes: Vec<Mode>,
     /// What the client of the paper's protocol loses.
-    pub losses: Losses,
+    pub defects: Defects,
     /// When the free-running scene is published.
-    pub cadence: Cadence,
+    pub publish_schedule: PublishSchedule,
     /// How much later than it can be spoken of it is shown.
     pub delay: Ticks,
     /// Where they run.
@@ -63,18 +63,18 @@ impl Plan {
         })
     }
 
-    fn played(&self) -> Played {
-        Played {
+    fn played(&self) -> ScriptChoice {
+        ScriptChoice {
             scene: self.scene.clone(),
             bodies: self.bodies,
             seed: self.seed,
         }
     }
 
-    pub(super) fn run_terms(&self, mode: Mode, step_s: f64) -> RunTerms {
+    pub(super) fn run_config(&self, mode: Mode, step_s: f64) -> RunConfig {
         let reckoned = matches!(mode, Mode::Rhumb | Mode::RhumbPipelined | Mode::RhumbFree);
         let length = self.tolerance.length().filter(|_| reckoned);
-        RunTerms {
+        RunConfig {
             scene: self.scene.clone(),
             bodies: self.bodies,
             mode,
@@ -87,16 +87,16 @@ impl Plan {
             link: if mode == Mode::Integrated {
                 "none".into()
             } else if mode.is_app() {
-                format!("{}, client {}", LinkTerms::PERFECT, self.losses)
+                format!("{}, client {}", LinkConfig::PERFECT, self.defects)
             } else {
                 self.link.to_string()
             },
             seed: self.seed,
             step_s,
             ticks: self.ticks,
-            followed: mode.is_free().then(|| Followed {
-                every: self.cadence.every.get(),
-                hindsight_ticks: self.cadence.hindsight.count(),
+            subscription: mode.is_free().then(|| SubscriptionSettings {
+                publish_interval: self.publish_schedule.publish_interval.get(),
+                lookahead_ticks: self.publish_schedule.lookahead.count(),
                 delay_ticks: self.delay.count(),
             }),
             replayed: None,
@@ -124,11 +124,11 @@ impl Plan {
             .map(|mode| {
                 let setup = AppSetup {
                     mode,
-                    losses: self.losses,
-                    terms: script.terms(),
-                    beside: script.controller().map(|_| self.played()),
-                    housing: Housing::on(self.cores.server),
-                    keep: Keep::Everything,
+                    defects: self.defects,
+                    config: script.config(),
+                    controller_script: script.controller().map(|_| self.played()),
+                    cpu: ServerCpu::on(self.cores.server),
+                    keep: Retention::Everything,
                 };
                 Ok((mode, AppRemote::start(&setup)?))
             })
@@ -153,16 +153,16 @@ impl Plan {
                 Ticks::ZERO
             },
             depth: match mode {
-                Mode::RhumbPipelined => Depth::PIPELINED,
-                _ => Depth::LOCKSTEP,
+                Mode::RhumbPipelined => PipelineDepth::PIPELINED,
+                _ => PipelineDepth::LOCKSTEP,
             },
-            terms: script.terms(),
-            beside: script.controller().map(|_| self.played()),
-            housing: Housing::on(self.cores.server),
+            config: script.config(),
+            controller_script: script.controller().map(|_| self.played()),
+            cpu: ServerCpu::on(self.cores.server),
             link: &self.link,
             seed: self.seed,
             bodies: 0,
-            keep: Keep::Everything,
+            keep: Retention::Everything,
         }
     }
 }
@@ -238,7 +238,7 @@ pub fn run_side_by_side(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<L
     let mut load = finish(plan, integrated, frames, remotes)?;
     load.runs.extend(apps);
     load.runs
-        .sort_by_key(|run| plan.modes.iter().position(|mode| *mode == run.terms.mode));
+        .sort_by_key(|run| plan.modes.iter().position(|mode| *mode == run.config.mode));
     Ok(load)
 }
 
@@ -264,13 +264,13 @@ fn finish_app(
     mut app: AppRemote,
     integrated: &Integrated,
 ) -> Result<Run, DriveError> {
-    let step_s = integrated.scene().terms().integrator.rate.step().seconds();
+    let step_s = integrated.scene().config().integrator.rate.step().seconds();
     let inspection = app.inspect()?;
     Ok(Run {
-        terms: plan.run_terms(mode, step_s),
-        truth_digest: inspection.truth,
+        config: plan.run_config(mode, step_s),
+        truth_checksum: inspection.truth,
         frames: app.frames,
-        passed: app.passed,
+        captured: app.captured,
         join: app.join,
         breaches: Vec::new(),
         recoveries: Vec::new(),
@@ -305,13 +305,13 @@ fn remember(recent: &mut RecentTruth, integrated: &Integrated) {
     let scene = integrated.scene();
     let known = integrated.states().iter().map(|state| {
         let (id, motion) = (*state)?;
-        let terms = scene.body(id)?;
-        Some(Known {
+        let config = scene.body(id)?;
+        Some(TrueBody {
             id,
             motion,
             radius: scene.bounding_radius(id)?,
-            kind: terms.kind,
-            class: terms.class,
+            kind: config.kind,
+            tolerance_scale: config.tolerance_scale,
         })
     });
     recent.push(integrated.tick(), known);
@@ -323,17 +323,17 @@ fn finish(
     frames: Vec<Frame>,
     remotes: Vec<(Mode, Remote)>,
 ) -> Result<Load, DriveError> {
-    let step_s = integrated.scene().terms().integrator.rate.step().seconds();
+    let step_s = integrated.scene().config().integrator.rate.step().seconds();
     let mut runs = Vec::new();
     let mut steps = integrated.steps_ns.clone();
     let mut share = |percent| of_nanoseconds(&mut steps, percent).unwrap_or(0);
     let (step_ns_p50, step_ns_p99) = (share(50), share(99));
     if plan.modes.contains(&Mode::Integrated) {
         runs.push(Run {
-            terms: plan.run_terms(Mode::Integrated, step_s),
-            truth_digest: integrated.truth.digest,
+            config: plan.run_config(Mode::Integrated, step_s),
+            truth_checksum: integrated.truth.digest,
             frames,
-            passed: Vec::new(),
+            captured: Vec::new(),
             join: JoinCost::default(),
             breaches: Vec::new(),
             recoveries: Vec::new(),
@@ -347,10 +347,10 @@ fn finish(
     for (mode, mut remote) in remotes {
         let (inspection, mismatches) = (remote.inspect()?, remote.mismatches());
         runs.push(Run {
-            terms: plan.run_terms(mode, step_s),
-            truth_digest: inspection.truth,
+            config: plan.run_config(mode, step_s),
+            truth_checksum: inspection.truth,
             frames: remote.frames,
-            passed: remote.passed,
+            captured: remote.captured,
             join: remote.join,
             breaches: remote.breaches,
             recoveries: Vec::new(),
@@ -364,6 +364,6 @@ fn finish(
     Ok(Load {
         truth: integrated.truth,
         runs,
-        unended: Vec::new(),
+        unfinished: Vec::new(),
     })
 }

@@ -6,7 +6,7 @@ use std::num::NonZeroU32;
 use rhumb_reckoning::Tolerance;
 
 use super::Limit;
-use crate::record::{Least, Run};
+use crate::record::{LimitRates, Run};
 use crate::recording::Recording;
 
 /// What is promised: a tolerance, at every so many ticks.
@@ -19,9 +19,9 @@ pub(crate) fn set_beside_limits<'a>(
 ) {
     let mut known = BTreeMap::new();
     for (run, promised) in runs {
-        run.terms.limit = promised.map(|(tolerance, every)| {
-            let least = known.entry((tolerance, every));
-            *least.or_insert_with(|| Limit::of(recording, tolerance, every).least())
+        run.config.limit = promised.map(|(tolerance, publish_interval)| {
+            let least = known.entry((tolerance, publish_interval));
+            *least.or_insert_with(|| Limit::of(recording, tolerance, publish_interval).rates())
         });
     }
 }
@@ -29,8 +29,8 @@ pub(crate) fn set_beside_limits<'a>(
 impl Limit {
     /// The figures that runs are set beside.
     #[must_use]
-    pub fn least(&self) -> Least {
-        Least {
+    pub fn rates(&self) -> LimitRates {
+        LimitRates {
             updates_per_second: self.fewest_updates.updates_per_second,
             updates_on_grid_per_second: self.fewest_updates_on_grid.updates_per_second,
             kbps: self.fewest_bits.kbps,

@@ -1,26 +1,26 @@
-//! The motion that stays nearest to what a body does, by one law.
+//! The motion that stays nearest to what a body does, by one predictor.
 //!
 //! Weighted least squares, whose weights grow where the error is greatest, so that the greatest error falls (Lawson,
 //! 1961). Simple models of position and turn lead; how good a motion is, the normative prediction tells. The best
 //! motion there is may be missed; none is called better than it is.
 
 use glam::{DMat3, DQuat, DVec3};
-use rhumb_reckoning::{Cursor, Divergence, Motion, Pose, Push, Twist};
+use rhumb_reckoning::{ConstantAcceleration, Divergence, Motion, Pose, RotationCursor, Twist};
 
-use super::course::{Course, Law, Saying};
+use super::context::{PredictorKind, SegmentContext, SegmentStart};
 
 /// Rounds of weighing.
 const ROUNDS: u32 = 10;
 /// Beyond so many times the tolerance after the first rounds nothing is to be hoped for.
 const HOPELESS: f64 = 4.0;
 /// The greatest part of a push is said in so many steps at least.
-const PUSH_FINENESS: f64 = 64.0;
+const ACCELERATION_FINENESS: f64 = 64.0;
 /// Unknowns of a turn: where it begins and how fast it is.
 const UNKNOWNS: usize = 6;
 
 /// A frame to come near to.
 #[derive(Clone, Copy, Debug)]
-struct Aim {
+struct FitTarget {
     frame: usize,
     ticks: usize,
     truth: Pose,
@@ -29,71 +29,85 @@ struct Aim {
     fitted: Pose,
 }
 
-/// The saying of a law at `from` that comes nearest to the frames from there to `to`, `to` left out; none if its holder
+/// The payload of a predictor at `from` that comes nearest to the frames from there to `to`, `to` left out; none if its parent_candidate
 /// is gone by then or nothing is to be hoped for.
 pub(super) fn fit(
-    course: &Course<'_>,
-    law: Law,
-    holder: Option<usize>,
+    context: &SegmentContext<'_>,
+    predictor: PredictorKind,
+    parent: Option<usize>,
     from: usize,
     to: usize,
-) -> Option<Saying> {
-    let mut aims = aims(course, law, holder, from, to)?;
-    let mut pose = aims.first()?.truth;
+) -> Option<SegmentStart> {
+    let mut targets = targets(context, predictor, parent, from, to)?;
+    let mut pose = targets.first()?.truth;
     let mut twist = Twist {
         linear: DVec3::ZERO,
-        angular: if law.moves() {
-            mean_spin(course, &aims)
+        angular: if predictor.moves() {
+            mean_spin(context, &targets)
         } else {
             DVec3::ZERO
         },
     };
-    let mut best: Option<(f64, Saying)> = None;
+    let mut best: Option<(f64, SegmentStart)> = None;
     for round in 0..ROUNDS {
-        let push = match law {
-            Law::Pushed => Some(push(course, &aims)?),
+        let push = match predictor {
+            PredictorKind::ConstantAcceleration => Some(push(context, &targets)?),
             _ => None,
         };
-        (pose.position, twist.linear) = place(course, law, push, &aims);
+        (pose.position, twist.linear) = place(context, predictor, push, &targets);
         let steps = if round == 0 { 2 } else { 1 };
         for _ in 0..steps {
-            follow(course, (law, push), from, (pose, twist), &mut aims)?;
-            let [by, faster] = turn(course, law, &aims, twist.angular);
+            propagate(
+                context,
+                (predictor, push),
+                from,
+                (pose, twist),
+                &mut targets,
+            )?;
+            let [by, faster] = turn(context, predictor, &targets, twist.angular);
             pose.rotation = (DQuat::from_scaled_axis(by) * pose.rotation).normalize();
             twist.angular += faster;
         }
-        let motion = follow(course, (law, push), from, (pose, twist), &mut aims)?;
-        let worst = weigh(course, &mut aims);
-        let saying = Saying {
-            law,
+        let motion = propagate(
+            context,
+            (predictor, push),
+            from,
+            (pose, twist),
+            &mut targets,
+        )?;
+        let worst = weigh(context, &mut targets);
+        let segment = SegmentStart {
+            predictor,
             frame: from,
             motion,
-            holder,
+            parent,
             push,
         };
         if best.is_none_or(|(least, _)| worst < least) {
-            best = Some((worst, saying));
+            best = Some((worst, segment));
         }
         if worst <= 1.0 || round >= 2 && worst > HOPELESS {
             break;
         }
     }
-    best.map(|(_, saying)| saying)
+    best.map(|(_, segment)| segment)
 }
 
-fn aims(
-    course: &Course<'_>,
-    law: Law,
-    holder: Option<usize>,
+fn targets(
+    context: &SegmentContext<'_>,
+    predictor: PredictorKind,
+    parent: Option<usize>,
     from: usize,
     to: usize,
-) -> Option<Vec<Aim>> {
-    let still = |frame: &usize| law == Law::Rest && *frame > from && course.path.is_same(*frame);
+) -> Option<Vec<FitTarget>> {
+    let still = |frame: &usize| {
+        predictor == PredictorKind::Rest && *frame > from && context.path.is_same(*frame)
+    };
     let aim = |frame: usize| {
-        let truth = course.target(frame, holder)?.pose();
-        Some(Aim {
+        let truth = context.target(frame, parent)?.pose();
+        Some(FitTarget {
             frame,
-            ticks: course.ticks(from, frame).count() as usize,
+            ticks: context.ticks(from, frame).count() as usize,
             truth,
             weight: 1.0,
             fitted: truth,
@@ -103,13 +117,13 @@ fn aims(
 }
 
 /// The mean spin over all frames, rad/s, world axes.
-fn mean_spin(course: &Course<'_>, aims: &[Aim]) -> DVec3 {
-    let turned = aims
+fn mean_spin(context: &SegmentContext<'_>, targets: &[FitTarget]) -> DVec3 {
+    let turned = targets
         .windows(2)
         .map(|pair| rotation_vector(pair[1].truth.rotation, pair[0].truth.rotation));
-    let angle = aims
+    let angle = targets
         .last()
-        .map_or(0.0, |last| course.basis.turn[last.ticks]);
+        .map_or(0.0, |last| context.basis.turn[last.ticks]);
     if angle > 0.0 {
         turned.sum::<DVec3>() / angle
     } else {
@@ -119,13 +133,13 @@ fn mean_spin(course: &Course<'_>, aims: &[Aim]) -> DVec3 {
 
 /// The steady push that explains best what the body does, rounded as it is said; none if nothing tells of one, or it is beyond
 /// what can be said.
-fn push(course: &Course<'_>, aims: &[Aim]) -> Option<Push> {
+fn push(context: &SegmentContext<'_>, targets: &[FitTarget]) -> Option<ConstantAcceleration> {
     let mut matrix = [[0.0; 4]; 3];
     let mut sums = [DVec3::ZERO; 3];
-    for aim in aims {
+    for aim in targets {
         let (reach, pushed) = (
-            course.basis.reach[aim.ticks],
-            course.basis.pushed[aim.ticks],
+            context.basis.reach[aim.ticks],
+            context.basis.pushed[aim.ticks],
         );
         let columns = [1.0, reach, pushed];
         for (row, (sum, left)) in matrix.iter_mut().zip(sums.iter_mut().zip(columns)) {
@@ -143,21 +157,27 @@ fn push(course: &Course<'_>, aims: &[Aim]) -> Option<Push> {
         solved(rows)[2]
     };
     let acceleration = DVec3::new(along(|sum| sum.x), along(|sum| sum.y), along(|sum| sum.z));
-    Push::nearest(acceleration, PUSH_FINENESS).filter(|push| push.steps() != [0; 3])
+    ConstantAcceleration::nearest(acceleration, ACCELERATION_FINENESS)
+        .filter(|push| push.steps() != [0; 3])
 }
 
 /// The best position and velocity under the weights.
-fn place(course: &Course<'_>, law: Law, push: Option<Push>, aims: &[Aim]) -> (DVec3, DVec3) {
+fn place(
+    context: &SegmentContext<'_>,
+    predictor: PredictorKind,
+    push: Option<ConstantAcceleration>,
+    targets: &[FitTarget],
+) -> (DVec3, DVec3) {
     let acceleration = push.map_or(DVec3::ZERO, |push| push.acceleration());
-    let pull = |aim: &Aim| match law {
-        Law::Ballistic => course.path.gravity * course.basis.fall[aim.ticks],
-        Law::Pushed => acceleration * course.basis.pushed[aim.ticks],
+    let pull = |aim: &FitTarget| match predictor {
+        PredictorKind::Ballistic => context.path.gravity * context.basis.fall[aim.ticks],
+        PredictorKind::ConstantAcceleration => acceleration * context.basis.pushed[aim.ticks],
         _ => DVec3::ZERO,
     };
     let (mut one, mut reach, mut reach2) = (0.0, 0.0, 0.0);
     let (mut sum, mut moment) = (DVec3::ZERO, DVec3::ZERO);
-    for aim in aims {
-        let (weight, by) = (aim.weight, course.basis.reach[aim.ticks]);
+    for aim in targets {
+        let (weight, by) = (aim.weight, context.basis.reach[aim.ticks]);
         let position = aim.truth.position - pull(aim);
         one += weight;
         reach += weight * by;
@@ -166,7 +186,7 @@ fn place(course: &Course<'_>, law: Law, push: Option<Push>, aims: &[Aim]) -> (DV
         moment += position * (weight * by);
     }
     let determinant = one * reach2 - reach * reach;
-    if !law.moves() || determinant <= 1e-12 * one * reach2 {
+    if !predictor.moves() || determinant <= 1e-12 * one * reach2 {
         return (sum / one, DVec3::ZERO);
     }
     let velocity = (moment * one - sum * reach) / determinant;
@@ -175,18 +195,23 @@ fn place(course: &Course<'_>, law: Law, push: Option<Push>, aims: &[Aim]) -> (DV
 
 /// What is to be added to the turn at the beginning (rad) and to the spin (rad/s) to come nearer: one step of Gauss and
 /// Newton.
-fn turn(course: &Course<'_>, law: Law, aims: &[Aim], spin: DVec3) -> [DVec3; 2] {
-    if !law.moves() {
-        let weights: f64 = aims.iter().map(|aim| aim.weight).sum();
-        let errors = aims
+fn turn(
+    context: &SegmentContext<'_>,
+    predictor: PredictorKind,
+    targets: &[FitTarget],
+    spin: DVec3,
+) -> [DVec3; 2] {
+    if !predictor.moves() {
+        let weights: f64 = targets.iter().map(|aim| aim.weight).sum();
+        let errors = targets
             .iter()
             .map(|aim| rotation_vector(aim.truth.rotation, aim.fitted.rotation) * aim.weight);
         return [errors.sum::<DVec3>() / weights, DVec3::ZERO];
     }
     let mut matrix = [[0.0; UNKNOWNS + 1]; UNKNOWNS];
-    for aim in aims {
+    for aim in targets {
         let error = rotation_vector(aim.truth.rotation, aim.fitted.rotation);
-        let by = course.basis.turn[aim.ticks];
+        let by = context.basis.turn[aim.ticks];
         let turned = DMat3::from_quat(DQuat::from_scaled_axis(spin * by));
         let faster = left_jacobian(spin * by) * by;
         let columns = [
@@ -256,42 +281,42 @@ fn solved<const N: usize, const WIDTH: usize>(mut rows: [[f64; WIDTH]; N]) -> [f
 }
 
 /// Puts the fitted poses where the normative prediction has them; returns the motion itself, none if it is none.
-fn follow(
-    course: &Course<'_>,
-    (law, push): (Law, Option<Push>),
+fn propagate(
+    context: &SegmentContext<'_>,
+    (predictor, push): (PredictorKind, Option<ConstantAcceleration>),
     from: usize,
     (pose, twist): (Pose, Twist),
-    aims: &mut [Aim],
+    targets: &mut [FitTarget],
 ) -> Option<Motion> {
     let motion = Motion::new(pose, twist).ok()?;
-    let saying = Saying {
-        law,
+    let segment = SegmentStart {
+        predictor,
         frame: from,
         motion,
-        holder: None,
+        parent: None,
         push,
     };
-    let mut cursor = Cursor::default();
-    for aim in aims {
-        aim.fitted = course.predicted(&saying, aim.frame, &mut cursor).pose();
+    let mut cursor = RotationCursor::default();
+    for aim in targets {
+        aim.fitted = context.predicted(&segment, aim.frame, &mut cursor).pose();
     }
     Some(motion)
 }
 
 /// Gives each frame weight by how far off it is; returns the greatest share of the tolerance.
-fn weigh(course: &Course<'_>, aims: &mut [Aim]) -> f64 {
-    let share = |aim: &Aim| {
+fn weigh(context: &SegmentContext<'_>, targets: &mut [FitTarget]) -> f64 {
+    let share = |aim: &FitTarget| {
         let apart = Divergence::between(&aim.truth, &aim.fitted);
-        course.tolerance.share(&apart, course.path.radius)
+        context.tolerance.share(&apart, context.path.radius)
     };
-    let worst = aims.iter().map(share).fold(0.0, f64::max);
+    let worst = targets.iter().map(share).fold(0.0, f64::max);
     let mut total = 0.0;
-    for aim in aims.iter_mut() {
+    for aim in targets.iter_mut() {
         aim.weight *= share(aim).max(1e-3 * worst).max(f64::MIN_POSITIVE);
         total += aim.weight;
     }
-    let scale = aims.len() as f64 / total;
-    for aim in aims {
+    let scale = targets.len() as f64 / total;
+    for aim in targets {
         aim.weight *= scale;
     }
     worst

@@ -8,7 +8,9 @@ use std::num::NonZeroU32;
 
 use glam::DVec3;
 use rhumb_protocol::scene::BodyKind;
-use rhumb_reckoning::{BodyId, Class, Damping, Inertia, Metres, Motion, Tick, Track, Verbatim};
+use rhumb_reckoning::{
+    BodyId, BodyState, Damping, Inertia, Metres, Motion, Tick, ToleranceScale, Track,
+};
 
 use crate::record::Placed;
 use crate::recording::Recording;
@@ -18,11 +20,11 @@ use crate::replay::first_track;
 #[derive(Clone, Debug)]
 pub(super) struct Path {
     pub(super) radius: Metres,
-    pub(super) class: Class,
+    pub(super) tolerance_scale: ToleranceScale,
     pub(super) damping: Damping,
     /// What pulls at it, m/s².
     pub(super) gravity: DVec3,
-    /// How it resists being turned, if it tumbles.
+    /// How it resists being turned, if it is_torque_free.
     pub(super) inertia: Option<Inertia>,
     /// What both ends know of it before anything is said.
     pub(super) known: Track,
@@ -53,15 +55,15 @@ impl Path {
 #[derive(Debug)]
 pub(super) struct Paths<'a> {
     recording: &'a Recording,
-    every: NonZeroU32,
+    publish_interval: NonZeroU32,
     removed: BTreeMap<BodyId, Tick>,
-    rows: BTreeMap<BodyId, Vec<(u64, Verbatim)>>,
+    rows: BTreeMap<BodyId, Vec<(u64, BodyState)>>,
     /// Bodies that can move, in order of placing.
     placed: Vec<&'a Placed>,
 }
 
 impl<'a> Paths<'a> {
-    pub(super) fn new(recording: &'a Recording, every: NonZeroU32) -> Self {
+    pub(super) fn new(recording: &'a Recording, publish_interval: NonZeroU32) -> Self {
         let truth = &recording.truth;
         let mut rows: BTreeMap<BodyId, Vec<_>> = BTreeMap::new();
         for (row, tick) in truth.ticks.iter().zip(1..) {
@@ -70,10 +72,10 @@ impl<'a> Paths<'a> {
                 of_body.push((tick, seen.motion));
             }
         }
-        let can_move = |placed: &&Placed| placed.terms.kind != BodyKind::Static;
+        let can_move = |placed: &&Placed| placed.config.kind != BodyKind::Static;
         Self {
             recording,
-            every,
+            publish_interval,
             removed: truth
                 .removed
                 .iter()
@@ -97,11 +99,11 @@ impl<'a> Paths<'a> {
     /// The path of a body; none if it was never there at a frame.
     pub(super) fn get(&self, place: usize) -> Option<Path> {
         let placed = self.placed[place];
-        let id = placed.terms.id;
+        let id = placed.config.id;
         let last = u64::from(self.recording.ticks());
         let end = self.removed.get(&id).map_or(last, |tick| tick.value());
         let seen = self.rows.get(&id).map_or(&[][..], Vec::as_slice);
-        let path = path(self.recording, placed, seen, end, self.every);
+        let path = path(self.recording, placed, seen, end, self.publish_interval);
         (!path.motions.is_empty()).then_some(path)
     }
 }
@@ -110,20 +112,20 @@ impl<'a> Paths<'a> {
 fn path(
     recording: &Recording,
     placed: &Placed,
-    seen: &[(u64, Verbatim)],
+    seen: &[(u64, BodyState)],
     end: u64,
-    every: NonZeroU32,
+    publish_interval: NonZeroU32,
 ) -> Path {
-    let manner = recording.manner(placed);
-    let every = u64::from(every.get());
-    let first = placed.tick.value().div_ceil(every);
+    let parameters = recording.parameters(placed);
+    let publish_interval = u64::from(publish_interval.get());
+    let first = placed.tick.value().div_ceil(publish_interval);
     let mut motion = placed.observation.motion.motion();
     let (mut motions, mut same) = (Vec::new(), Vec::new());
     let mut seen = seen.iter().peekable();
-    for frame in first..=end / every {
+    for frame in first..=end / publish_interval {
         let before = motion;
         while let Some((tick, newer)) = seen.peek()
-            && *tick <= frame * every
+            && *tick <= frame * publish_interval
         {
             motion = newer.motion();
             seen.next();
@@ -132,12 +134,12 @@ fn path(
         motions.push(motion);
     }
     Path {
-        radius: manner.radius,
-        class: manner.class,
-        damping: manner.damping,
-        gravity: recording.gravity.as_dvec3() * f64::from(manner.gravity_scale),
-        known: first_track(placed, &manner),
-        inertia: manner.inertia,
+        radius: parameters.radius,
+        tolerance_scale: parameters.tolerance_scale,
+        damping: parameters.damping,
+        gravity: recording.gravity.as_dvec3() * f64::from(parameters.gravity_scale),
+        known: first_track(placed, &parameters),
+        inertia: parameters.inertia,
         first: first as usize,
         motions,
         same,

@@ -4,7 +4,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::outcome::{ModeOutcome, Trial};
+use super::outcome::{ExperimentTrial, ModeOutcome};
 use super::settings::Settings;
 use super::statistics::{Comparison, Paired, Sample};
 use crate::record::Mode;
@@ -99,7 +99,7 @@ pub(super) struct Void {
 impl Analysis {
     /// Of some trials.
     #[must_use]
-    pub(super) fn of(settings: &Settings, trials: &[Trial]) -> Self {
+    pub(super) fn of(settings: &Settings, trials: &[ExperimentTrial]) -> Self {
         let loads: Vec<_> = settings
             .loads
             .iter()
@@ -125,7 +125,7 @@ impl Analysis {
     }
 }
 
-fn of_load(settings: &Settings, load: u32, trials: &[Trial]) -> LoadAnalysis {
+fn of_load(settings: &Settings, load: u32, trials: &[ExperimentTrial]) -> LoadAnalysis {
     let integrated = sound(trials, load, Mode::Integrated.name());
     let modes = settings.modes.iter();
     LoadAnalysis {
@@ -137,7 +137,7 @@ fn of_load(settings: &Settings, load: u32, trials: &[Trial]) -> LoadAnalysis {
 }
 
 /// The outcomes of a mode at a load that count, each with the number of its trial.
-fn sound<'t>(trials: &'t [Trial], load: u32, mode: &str) -> Vec<(u32, &'t ModeOutcome)> {
+fn sound<'t>(trials: &'t [ExperimentTrial], load: u32, mode: &str) -> Vec<(u32, &'t ModeOutcome)> {
     let all = trials.iter().flat_map(|trial| {
         let loads = trial.loads.iter().filter(|found| found.load == load);
         let modes = loads.flat_map(|found| &found.modes);
@@ -220,7 +220,7 @@ fn degradation(mode: &str, loads: &[LoadAnalysis]) -> Degradation {
     }
 }
 
-fn void(trials: &[Trial]) -> Vec<Void> {
+fn void(trials: &[ExperimentTrial]) -> Vec<Void> {
     let mut void = Vec::new();
     for trial in trials {
         for load in &trial.loads {
@@ -244,7 +244,7 @@ pub(super) mod tests {
     use super::*;
 
     /// A trial with these frames per second of integrated and naive at 500 and 1,000 balls.
-    pub(in crate::paper) fn trial(number: u32, fps: [[f64; 2]; 2]) -> Trial {
+    pub(in crate::paper) fn trial(number: u32, fps: [[f64; 2]; 2]) -> ExperimentTrial {
         let outcome = |mode: &str, fps: f64| ModeOutcome {
             mode: mode.to_owned(),
             frames: 10,
@@ -258,7 +258,7 @@ pub(super) mod tests {
             load,
             modes: vec![outcome("integrated", fps[0]), outcome("naive", fps[1])],
         };
-        Trial {
+        ExperimentTrial {
             number,
             seed: u64::from(number),
             wall_s: 1.0,
@@ -297,7 +297,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_void_outcome_counts_nowhere_and_is_told_by_name() {
+    fn a_void_outcome_counts_nowhere_and_is_named() {
         let mut trials = [
             trial(1, [[11.0, 10.0], [10.0, 10.0]]),
             trial(2, [[11.0, 1.0], [10.0, 10.0]]),

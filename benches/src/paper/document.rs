@@ -14,17 +14,17 @@ use super::PaperError;
 use super::analysis::Analysis;
 use super::engines::{self, Engines};
 use super::experiment::PaperResults;
-use super::figures::{self, Figure};
+use super::figures::{self, PaperFigure};
 use super::gap::{self, GapResults};
 use super::hardware::{self, HardwareResults};
-use super::outcome::Trial;
+use super::outcome::ExperimentTrial;
 use super::remote::{self, RemoteResults};
 use super::settings::Settings;
 use super::store::parse;
 use super::{findings, tables};
 use crate::cost::Costs;
 use crate::output;
-use crate::summary::{Summary, Table, later, markdown, ratios};
+use crate::summary::{Summary, SummaryTable, later, markdown, ratios};
 
 /// Which page.
 #[derive(Clone, Debug, Args)]
@@ -58,7 +58,7 @@ pub(super) fn run(arguments: &PageArguments) -> Result<(), PaperError> {
     }
     if arguments.check {
         if stale.is_empty() {
-            return Ok(output::say(&format!(
+            return Ok(output::print_text(&format!(
                 "{} says what its files say\n",
                 path.display()
             ))?);
@@ -75,7 +75,10 @@ pub(super) fn run(arguments: &PageArguments) -> Result<(), PaperError> {
     } else {
         stale.join(", ")
     };
-    Ok(output::say(&format!("{}: {what}\n", path.display()))?)
+    Ok(output::print_text(&format!(
+        "{}: {what}\n",
+        path.display()
+    ))?)
 }
 
 /// What stands in a block, and the picture that it shows.
@@ -168,7 +171,7 @@ fn read_experiment(path: &Path) -> Result<PaperResults, PaperError> {
 struct Kept {
     command: String,
     settings: Settings,
-    trials: Vec<Trial>,
+    trials: Vec<ExperimentTrial>,
 }
 
 /// A block by its name.
@@ -247,7 +250,7 @@ fn read_runs(path: &Path) -> Result<Summary, PaperError> {
         match &mut all {
             Some(all) => {
                 all.runs.append(&mut one.runs);
-                all.unended.append(&mut one.unended);
+                all.unfinished.append(&mut one.unfinished);
             }
             None => all = Some(one),
         }
@@ -259,7 +262,7 @@ fn read_runs(path: &Path) -> Result<Summary, PaperError> {
 fn of_runs(summary: &Summary, what: &str) -> Option<String> {
     match what {
         "command" => Some(format!("    {}", summary.command)),
-        "table" => Some(Table::new(summary).to_markdown()),
+        "table" => Some(SummaryTable::new(summary).to_markdown()),
         "ratios" => Some(markdown(&ratios(&summary.runs))),
         "later" => Some(markdown(&later(&summary.runs))),
         _ => None,
@@ -336,13 +339,13 @@ fn of_hardware(results: &HardwareResults, what: &str) -> Option<String> {
     }
 }
 
-fn figure(results: &PaperResults, name: &str) -> Option<Figure> {
+fn figure(results: &PaperResults, name: &str) -> Option<PaperFigure> {
     [figures::sim_fps(results), figures::phys_ft(results)]
         .into_iter()
         .find(|figure| figure.name == name)
 }
 
-fn of_figure(page: &Path, block: &str, figure: Option<Figure>) -> Result<Block, PaperError> {
+fn of_figure(page: &Path, block: &str, figure: Option<PaperFigure>) -> Result<Block, PaperError> {
     let figure = figure.ok_or_else(|| no_such(page, block))?;
     let name = format!("{}.svg", figure.name);
     Ok(Block {
@@ -378,7 +381,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_markers_are_told_by_name() {
+    fn wrong_markers_are_named() {
         for (text, why) in [
             (
                 "<!-- paper: one a.json -->\nold\n",

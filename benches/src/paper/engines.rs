@@ -16,12 +16,12 @@ pub(super) struct Engines {
     pub(super) scene: String,
     /// How many of its bodies can move.
     pub(super) bodies: u32,
-    rows: Vec<Row>,
+    rows: Vec<EngineRow>,
 }
 
 /// One engine. Times are milliseconds.
 #[derive(Debug, Deserialize)]
-struct Row {
+struct EngineRow {
     /// Which, and where it steps: `bullet, tcp:localhost:6667`.
     engine: String,
     frame_ms_mean: f64,
@@ -31,7 +31,7 @@ struct Row {
     bytes_per_frame: Option<f64>,
 }
 
-impl Row {
+impl EngineRow {
     fn family(&self) -> &str {
         self.engine.split(',').next().unwrap_or_default()
     }

@@ -15,13 +15,13 @@ use serde::{Deserialize, Serialize};
 use super::PaperError;
 use super::analysis::Analysis;
 use super::loads::Loads;
-use super::outcome::Trial;
+use super::outcome::ExperimentTrial;
 use super::pit::{FRAMES_PER_SECOND, STEPS};
 use super::settings::Settings;
 use super::store::Store;
 use super::trial::{self, Staging};
 use super::{report, tables};
-use crate::drive::{DriveError, Housing, player};
+use crate::drive::{DriveError, ServerCpu, player};
 use crate::machine;
 use crate::output;
 use crate::record::Mode;
@@ -69,7 +69,7 @@ pub(super) struct PaperResults {
     /// What was asked for, and where.
     pub(super) settings: Settings,
     /// Every trial that ended.
-    pub(super) trials: Vec<Trial>,
+    pub(super) trials: Vec<ExperimentTrial>,
     /// What they say together.
     pub(super) analysis: Analysis,
 }
@@ -102,12 +102,12 @@ pub(super) fn tolerance(metres: f64) -> Result<Tolerance, PaperError> {
 
 /// Where the caller runs, and where the servers.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(super) struct Places {
+pub(super) struct CoreAssignment {
     pub(super) caller: Vec<usize>,
     pub(super) servers: Vec<usize>,
 }
 
-impl Places {
+impl CoreAssignment {
     /// The caller on the first core, the servers on the others, where there are two.
     pub(super) fn apart() -> Self {
         match usable_cores().split_first() {
@@ -143,9 +143,9 @@ pub(super) fn run(arguments: &ExperimentArguments) -> Result<(), PaperError> {
     // Asked before this process keeps to one core.
     let machine = machine::describe();
     let places = if arguments.no_pin {
-        Places::default()
+        CoreAssignment::default()
     } else {
-        Places::apart()
+        CoreAssignment::apart()
     };
     let modes = modes(arguments)?;
     let settings = settings(arguments, &modes, &places, machine);
@@ -158,12 +158,12 @@ pub(super) fn run(arguments: &ExperimentArguments) -> Result<(), PaperError> {
     if !places.caller.is_empty() {
         run_on_cores(&places.caller).map_err(PaperError::Cores)?;
     }
-    let housing = Housing {
+    let cpu = ServerCpu {
         cores: places.servers.clone(),
         threads: Some(arguments.threads),
     };
     let staging = Staging {
-        housing: &housing,
+        cpu: &cpu,
         modes: &modes,
         caller_percent: 100,
     };
@@ -175,7 +175,7 @@ pub(super) fn run(arguments: &ExperimentArguments) -> Result<(), PaperError> {
         .collect();
     if missing.len() < trials as usize {
         let kept = trials as usize - missing.len();
-        output::say(&format!("{kept} of {trials} trials have ended before\n"))?;
+        output::print_text(&format!("{kept} of {trials} trials have ended before\n"))?;
     }
     // A frame takes about as long as there are balls in the pit.
     let cost: u64 = settings.loads.iter().copied().map(u64::from).sum();
@@ -200,14 +200,14 @@ pub(super) fn run(arguments: &ExperimentArguments) -> Result<(), PaperError> {
             "trial {number} of {trials}, seed {}: {:.0} s\n",
             trial.seed, trial.wall_s
         );
-        bar.suspend(|| output::say(&said))?;
+        bar.suspend(|| output::print_text(&said))?;
         done.insert(*number, trial);
         let ended = done.values().cloned().collect();
         write(arguments, &settings, ended)?;
     }
     bar.finish_and_clear();
     let results = write(arguments, &settings, done.into_values().collect())?;
-    say(arguments, &results)
+    print_text(arguments, &results)
 }
 
 fn modes(arguments: &ExperimentArguments) -> Result<Vec<Mode>, PaperError> {
@@ -225,7 +225,7 @@ fn modes(arguments: &ExperimentArguments) -> Result<Vec<Mode>, PaperError> {
 fn settings(
     arguments: &ExperimentArguments,
     modes: &[Mode],
-    places: &Places,
+    places: &CoreAssignment,
     machine: String,
 ) -> Settings {
     let fast = arguments.fast;
@@ -258,7 +258,7 @@ fn settings(
 fn write(
     arguments: &ExperimentArguments,
     settings: &Settings,
-    trials: Vec<Trial>,
+    trials: Vec<ExperimentTrial>,
 ) -> Result<PaperResults, PaperError> {
     let results = PaperResults {
         command: output::command_line(),
@@ -276,13 +276,13 @@ fn write(
     Ok(results)
 }
 
-fn say(arguments: &ExperimentArguments, results: &PaperResults) -> Result<(), PaperError> {
-    output::say(&tables::sim_fps(results).to_text())?;
-    output::say(&tables::phys_ft(results).to_text())?;
-    output::say(&tables::degradation(results).to_text())?;
+fn print_text(arguments: &ExperimentArguments, results: &PaperResults) -> Result<(), PaperError> {
+    output::print_text(&tables::sim_fps(results).to_text())?;
+    output::print_text(&tables::phys_ft(results).to_text())?;
+    output::print_text(&tables::degradation(results).to_text())?;
     for sentence in tables::void(results) {
-        output::say(&format!("{sentence}\n"))?;
+        output::print_text(&format!("{sentence}\n"))?;
     }
     let out = arguments.out.display();
-    Ok(output::say(&format!("\nwritten to {out}\n"))?)
+    Ok(output::print_text(&format!("\nwritten to {out}\n"))?)
 }

@@ -13,7 +13,7 @@ use crate::record::Mode;
 use crate::report::{Axis, Chart, Mark, SIZE, color, escape};
 
 /// A figure, and what its colours mean.
-pub(super) struct Figure {
+pub(super) struct PaperFigure {
     /// In names of files.
     pub(super) name: &'static str,
     pub(super) title: &'static str,
@@ -22,7 +22,7 @@ pub(super) struct Figure {
     pub(super) keys: Vec<(RGBColor, String)>,
 }
 
-impl Figure {
+impl PaperFigure {
     /// As a file of its own: on white, with its legend below.
     pub(super) fn standalone(&self) -> String {
         let (width, height) = SIZE;
@@ -61,10 +61,10 @@ const LEGEND_ROW: u32 = 56;
 const PUBLISHED: [RGBColor; 2] = [RGBColor(156, 163, 175), RGBColor(217, 119, 87)];
 
 /// Frames per second by load.
-pub(super) fn sim_fps(results: &PaperResults) -> Figure {
+pub(super) fn sim_fps(results: &PaperResults) -> PaperFigure {
     let theirs = |row: &published::Published| Some((row.integrated_fps, row.distributed_fps));
     let drawn = Drawn::of(results, |mode| &mode.sim_fps, theirs);
-    Figure {
+    PaperFigure {
         name: "sim-fps",
         title: "SimFPS by load (the higher, the better)",
         svg: Chart {
@@ -78,10 +78,10 @@ pub(super) fn sim_fps(results: &PaperResults) -> Figure {
 }
 
 /// Milliseconds of a frame by load.
-pub(super) fn phys_ft(results: &PaperResults) -> Figure {
+pub(super) fn phys_ft(results: &PaperResults) -> PaperFigure {
     let drawn = Drawn::of(results, |mode| &mode.phys_ft_ms, |row| row.frame_ms);
     let values: Vec<f64> = drawn.points.iter().map(|point| point.1).collect();
-    Figure {
+    PaperFigure {
         name: "phys-ft",
         title: "PhysFT by load (the lower, the better)",
         svg: Chart {

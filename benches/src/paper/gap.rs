@@ -14,15 +14,15 @@ use rhumb_transport::Clock;
 use serde::{Deserialize, Serialize};
 
 use super::PaperError;
-use super::experiment::{Places, tolerance};
+use super::experiment::{CoreAssignment, tolerance};
 use super::outcome::ModeOutcome;
 use super::pit::Pit;
 use super::published;
 use super::report::page;
 use super::table::Table;
 use super::trial::outcome;
-use crate::drive::player::{self, Billing, Took};
-use crate::drive::{Housing, Loss, Losses};
+use crate::drive::player::{self, FrameCost, PlayerSetup};
+use crate::drive::{Defect, Defects, ServerCpu};
 use crate::machine;
 use crate::output;
 use crate::record::Mode;
@@ -67,12 +67,12 @@ pub(super) struct GapResults {
     /// Of each row.
     pub(super) frames: u32,
     /// Load by load.
-    pub(super) rows: Vec<Row>,
+    pub(super) rows: Vec<GapRow>,
 }
 
 /// One client at one load.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Row {
+pub(super) struct GapRow {
     /// Balls.
     pub(super) load: u32,
     /// What the client loses, or what else the row is, as [`CASES`] names it.
@@ -83,19 +83,19 @@ pub(super) struct Row {
 }
 
 /// A client, by name.
-struct Case {
+struct GapCase {
     name: &'static str,
     mode: Mode,
-    losses: Losses,
+    defects: Defects,
     /// No more frames than these.
     most: u32,
 }
 
-const fn app(name: &'static str, mode: Mode, losses: Losses) -> Case {
-    Case {
+const fn app(name: &'static str, mode: Mode, defects: Defects) -> GapCase {
+    GapCase {
         name,
         mode,
-        losses,
+        defects,
         most: u32::MAX,
     }
 }
@@ -108,27 +108,27 @@ const AS_LONG: &str = "as published, its list as long";
 const LONG_FRAMES: u32 = 12;
 
 /// All rows of a load, in order.
-fn cases(load: u32) -> Vec<Case> {
-    let only = |name, loss: Loss| app(name, Mode::AppAll, Losses::only(&[loss]));
+fn cases(load: u32) -> Vec<GapCase> {
+    let only = |name, loss: Defect| app(name, Mode::AppAll, Defects::only(&[loss]));
     vec![
-        app(INTEGRATED, Mode::Integrated, Losses::SOUND),
-        app(SOUND, Mode::AppAll, Losses::SOUND),
-        app("sound, packed", Mode::AppPacked, Losses::SOUND),
-        app("sound, awake only", Mode::AppActive, Losses::SOUND),
-        only("poll", Loss::Poll),
-        only("cap", Loss::Cap),
-        only("list", Loss::List),
-        only("buffer", Loss::Buffer),
-        app(AS_PUBLISHED, Mode::AppAll, Losses::AS_PUBLISHED),
-        Case {
+        app(INTEGRATED, Mode::Integrated, Defects::SOUND),
+        app(SOUND, Mode::AppAll, Defects::SOUND),
+        app("sound, packed", Mode::AppPacked, Defects::SOUND),
+        app("sound, awake only", Mode::AppActive, Defects::SOUND),
+        only("poll", Defect::Poll),
+        only("cap", Defect::Cap),
+        only("list", Defect::List),
+        only("buffer", Defect::Buffer),
+        app(AS_PUBLISHED, Mode::AppAll, Defects::AS_PUBLISHED),
+        GapCase {
             most: LONG_FRAMES,
             ..app(
                 AS_LONG,
                 Mode::AppAll,
-                Losses::AS_PUBLISHED.with_listed(published::listed(load)),
+                Defects::AS_PUBLISHED.with_listed(published::listed(load)),
             )
         },
-        app("rhumb", Mode::Rhumb, Losses::SOUND),
+        app("rhumb", Mode::Rhumb, Defects::SOUND),
     ]
 }
 
@@ -139,9 +139,9 @@ const TOLERANCE_M: f64 = 0.05;
 pub(super) fn run(arguments: &GapArguments) -> Result<(), PaperError> {
     let machine = machine::describe();
     let places = if arguments.no_pin {
-        Places::default()
+        CoreAssignment::default()
     } else {
-        Places::apart()
+        CoreAssignment::apart()
     };
     output::make_folder(&arguments.out)?;
     if !places.caller.is_empty() {
@@ -184,55 +184,56 @@ pub(super) fn run(arguments: &GapArguments) -> Result<(), PaperError> {
         write(arguments, &results)?;
     }
     bar.finish_and_clear();
-    output::say(&table(&results).to_text())?;
-    output::say(&shares_table(&results).to_text())?;
-    output::say(&published_table(&results).to_text())?;
+    output::print_text(&table(&results).to_text())?;
+    output::print_text(&shares_table(&results).to_text())?;
+    output::print_text(&published_table(&results).to_text())?;
     let out = arguments.out.display();
-    Ok(output::say(&format!("\nwritten to {out}\n"))?)
+    Ok(output::print_text(&format!("\nwritten to {out}\n"))?)
 }
 
 /// A client by itself: nothing else works meanwhile.
 fn of_case(
-    case: &Case,
+    case: &GapCase,
     load: u32,
     frames: u32,
     seed: u64,
-    places: &Places,
-) -> Result<Row, PaperError> {
+    places: &CoreAssignment,
+) -> Result<GapRow, PaperError> {
     let mut pit = Pit::new(load, 1, frames, seed);
     let mut commands = Vec::new();
     pit.commands(0, &mut commands);
     let placed = commands
         .iter()
         .filter(|command| matches!(command, Command::AddBody { .. }));
-    let billing = Billing {
-        terms: pit.terms(),
+    let player_setup = PlayerSetup {
+        config: pit.config(),
         bodies: placed.count() as u32,
         tolerance: tolerance(TOLERANCE_M)?,
-        losses: case.losses,
-        housing: Housing {
+        defects: case.defects,
+        cpu: ServerCpu {
             cores: places.servers.clone(),
             threads: None,
         },
         seed,
     };
     let mode = case.mode;
-    let mut player = player::start(mode, &billing).ok_or(PaperError::NotPlayable { mode })??;
+    let mut player =
+        player::start(mode, &player_setup).ok_or(PaperError::NotPlayable { mode })??;
     let clock = Clock::start();
     player.prepare(&commands)?;
     // The first frame waits for what the cap still holds back: it belongs to the placing.
     player.frame(&[])?;
     let placing_s = clock.now().as_nanos() as f64 / 1e9;
-    let before = player.account()?;
-    let took = (0..frames.min(case.most))
+    let before = player.totals()?;
+    let frame_cost = (0..frames.min(case.most))
         .map(|_| player.frame(&[]))
-        .collect::<Result<Vec<Took>, _>>()?;
-    let after = player.account()?;
-    Ok(Row {
+        .collect::<Result<Vec<FrameCost>, _>>()?;
+    let after = player.totals()?;
+    Ok(GapRow {
         load,
         client: case.name.to_owned(),
         placing_s,
-        outcome: outcome(mode, &took, &before, &after),
+        outcome: outcome(mode, &frame_cost, &before, &after),
     })
 }
 
@@ -328,10 +329,10 @@ pub(super) fn shares_table(results: &GapResults) -> Table {
     let mut loads: Vec<u32> = results.rows.iter().map(|row| row.load).collect();
     loads.dedup();
     for load in loads {
-        let Some(parts) = Parts::of(results, load) else {
+        let Some(parts) = GapShares::of(results, load) else {
             continue;
         };
-        let Parts { all, each } = parts;
+        let GapShares { all, each } = parts;
         let share = |part: f64| Some(100.0 * part / all);
         let together = all - each.iter().sum::<f64>();
         let papers = published::at(load).and_then(|row| row.frame_ms);
@@ -389,7 +390,7 @@ pub(super) fn published_table(results: &GapResults) -> Table {
             .zip(placing(SOUND))
             .map(|(cap, sound)| cap - sound);
         let of_gap = |found: Option<f64>| found.map(|found| 100.0 * found / gap);
-        let parts = Parts::of(results, load).map(|parts| parts.each);
+        let parts = GapShares::of(results, load).map(|parts| parts.each);
         let part = |place: usize| number(of_gap(parts.map(|each| each[place])));
         let long = beyond(AS_LONG);
         let median = row(AS_LONG).map(|row| row.outcome.phys_ft_p50_ms - row.outcome.step_ms);
@@ -398,9 +399,9 @@ pub(super) fn published_table(results: &GapResults) -> Table {
             load.to_string(),
             number(Some(distributed / integrated)),
             number(Some(gap)),
-            part(Parts::PROTOCOL),
-            part(Parts::POLL),
-            part(Parts::BUFFER),
+            part(GapShares::PROTOCOL),
+            part(GapShares::POLL),
+            part(GapShares::BUFFER),
             number(beyond(AS_PUBLISHED)),
             number(of_gap(beyond(AS_PUBLISHED))),
             published::listed(load).to_string(),
@@ -425,13 +426,13 @@ pub(super) fn published_table(results: &GapResults) -> Table {
 }
 
 /// What the published client's frame takes beyond its engine's steps at a load, milliseconds, and parts of it.
-struct Parts {
+struct GapShares {
     all: f64,
     /// The protocol alone; then each loss by itself.
     each: [f64; 5],
 }
 
-impl Parts {
+impl GapShares {
     /// Places in `each`.
     const PROTOCOL: usize = 0;
     /// See above.
@@ -458,8 +459,8 @@ impl Parts {
 }
 
 /// A client's row at a load, unless that is void.
-fn row_of<'r>(results: &'r GapResults, load: u32, client: &str) -> Option<&'r Row> {
-    let sound = |row: &&Row| row.load == load && row.client == client && !row.outcome.void;
+fn row_of<'r>(results: &'r GapResults, load: u32, client: &str) -> Option<&'r GapRow> {
+    let sound = |row: &&GapRow| row.load == load && row.client == client && !row.outcome.void;
     results.rows.iter().find(sound)
 }
 
@@ -478,7 +479,7 @@ mod tests {
     use super::*;
 
     fn results(frames_ms: &[(&str, f64)]) -> GapResults {
-        let row = |(client, phys_ft_ms): &(&str, f64)| Row {
+        let row = |(client, phys_ft_ms): &(&str, f64)| GapRow {
             load: 1_000,
             client: (*client).to_owned(),
             placing_s: 1.0,

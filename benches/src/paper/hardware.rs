@@ -12,7 +12,7 @@ use rhumb_server::{Workers, run_on_cores, usable_cores};
 use serde::{Deserialize, Serialize};
 
 use super::PaperError;
-use super::experiment::{Places, tolerance};
+use super::experiment::{CoreAssignment, tolerance};
 use super::outcome::ModeOutcome;
 use super::pit::{FRAMES_PER_SECOND, STEPS};
 use super::report::page;
@@ -20,7 +20,7 @@ use super::settings::Settings;
 use super::store::parse;
 use super::table::Table;
 use super::trial::{self, Staging};
-use crate::drive::{DriveError, Housing};
+use crate::drive::{DriveError, ServerCpu};
 use crate::machine;
 use crate::output;
 use crate::record::Mode;
@@ -91,12 +91,12 @@ pub(super) struct MachineResults {
     pub(super) machine: String,
     /// Release or debug, the version, and the commit.
     pub(super) build: String,
-    pub(super) rows: Vec<Row>,
+    pub(super) rows: Vec<HardwareRow>,
 }
 
 /// One mode in one setting.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Row {
+pub(super) struct HardwareRow {
     pub(super) load: u32,
     pub(super) seed: u64,
     pub(super) threads: u32,
@@ -135,7 +135,10 @@ pub(super) fn run(arguments: &HardwareArguments) -> Result<(), PaperError> {
     let bar = output::progress_bar(combinations as u64, machine.clone());
     for load in loads {
         for count in &threads {
-            for places in [Places::default(), places(&all, count.get() as usize)] {
+            for places in [
+                CoreAssignment::default(),
+                places(&all, count.get() as usize),
+            ] {
                 // Whoever was pinned before is set free again.
                 let own = if places.caller.is_empty() {
                     &all
@@ -188,9 +191,9 @@ fn threads(arguments: &HardwareArguments, cores: usize) -> Vec<NonZeroU32> {
 }
 
 /// The caller on the first cores, the servers on the last ones, as many each as the engine has threads.
-fn places(all: &[usize], threads: usize) -> Places {
+fn places(all: &[usize], threads: usize) -> CoreAssignment {
     let count = threads.min(all.len());
-    Places {
+    CoreAssignment {
         caller: all[..count].to_vec(),
         servers: all[all.len() - count..].to_vec(),
     }
@@ -201,7 +204,7 @@ fn settings(
     load: u32,
     frames: u32,
     threads: NonZeroU32,
-    places: &Places,
+    places: &CoreAssignment,
 ) -> Settings {
     Settings {
         scene: "ball-pit".to_owned(),
@@ -221,16 +224,16 @@ fn settings(
 
 fn of_setting(
     settings: &Settings,
-    places: &Places,
+    places: &CoreAssignment,
     threads: NonZeroU32,
     caller_percent: u32,
-) -> Result<Vec<Row>, PaperError> {
-    let housing = Housing {
+) -> Result<Vec<HardwareRow>, PaperError> {
+    let cpu = ServerCpu {
         cores: places.servers.clone(),
         threads: Some(threads),
     };
     let staging = Staging {
-        housing: &housing,
+        cpu: &cpu,
         modes: &MODES,
         caller_percent,
     };
@@ -241,7 +244,7 @@ fn of_setting(
         }
     })?;
     let outcomes = trial.loads.into_iter().flat_map(|found| found.modes);
-    let row = |outcome| Row {
+    let row = |outcome| HardwareRow {
         load: settings.loads[0],
         seed: trial.seed,
         threads: settings.threads,
@@ -253,7 +256,7 @@ fn of_setting(
 }
 
 /// Whatever threads there are, the engine does the same: a row whose truth is not that of the first of its load is void.
-fn mark_void(rows: &mut [Row]) {
+fn mark_void(rows: &mut [HardwareRow]) {
     let mut truths: BTreeMap<(u32, u64, u32), String> = BTreeMap::new();
     for row in rows {
         let scene = (row.load, row.seed, row.outcome.frames);
@@ -284,7 +287,7 @@ pub(super) fn merge(files: &[PathBuf], out: &Path) -> Result<(), PaperError> {
         }
     }
     // Machines must agree with each other as threads must.
-    let mut rows: Vec<Row> = merged
+    let mut rows: Vec<HardwareRow> = merged
         .machines
         .iter()
         .flat_map(|one| one.rows.clone())
@@ -305,8 +308,11 @@ fn write(out: &Path, results: &HardwareResults) -> Result<(), PaperError> {
     output::write_file(&out.join("hardware.md"), text.as_bytes())?;
     let html = page("What hardware gives", &table.to_html());
     output::write_file(&out.join("hardware.html"), html.as_bytes())?;
-    output::say(&table.to_text())?;
-    Ok(output::say(&format!("\nwritten to {}\n", out.display()))?)
+    output::print_text(&table.to_text())?;
+    Ok(output::print_text(&format!(
+        "\nwritten to {}\n",
+        out.display()
+    ))?)
 }
 
 /// The table of all machines.
@@ -364,8 +370,8 @@ pub(super) fn table(results: &HardwareResults) -> Table {
 mod tests {
     use super::*;
 
-    fn row(load: u32, threads: u32, truth: &str) -> Row {
-        Row {
+    fn row(load: u32, threads: u32, truth: &str) -> HardwareRow {
+        HardwareRow {
             load,
             seed: 1,
             threads,

@@ -67,7 +67,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn loads_are_multiples_however_they_are_said() {
+    fn loads_are_multiples_in_every_notation() {
         let read = |text: &str| text.parse::<Loads>().map(|loads| loads.0);
         assert_eq!(read("500"), Ok(vec![500]));
         assert_eq!(read("500..2000"), Ok(vec![500, 1_000, 1_500, 2_000]));

@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 
 /// One run through all loads with one seed, all modes in turn.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Trial {
-    /// Counted from 1.
+pub(super) struct ExperimentTrial {
+    /// CountSink from 1.
     pub(super) number: u32,
     /// Of the script.
     pub(super) seed: u64,
@@ -49,7 +49,7 @@ pub(super) struct ModeOutcome {
     pub(super) step_ms: f64,
     /// Looking at what moved.
     pub(super) observe_ms: f64,
-    /// Choosing, encoding and handing over what to say.
+    /// StreamSelection, encoding and handing over what to say.
     pub(super) publish_ms: f64,
     /// Bodies awake at the end.
     pub(super) awake: u32,

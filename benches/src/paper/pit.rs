@@ -5,7 +5,7 @@
 
 use std::num::NonZeroU32;
 
-use rhumb_protocol::scene::{Cadence, Command, SceneTerms};
+use rhumb_protocol::scene::{Command, PublishSchedule, SceneConfig};
 use rhumb_reckoning::{Rate, Tick, Ticks};
 use rhumb_sims::{BallPit, Script};
 
@@ -16,15 +16,15 @@ const RATE: Rate = Rate::new(6_798, 100).expect("neither is zero");
 /// Frames in a second.
 pub(super) const FRAMES_PER_SECOND: f64 = 11.33;
 
-/// A scene's terms, in frames.
-pub(super) fn in_frames(terms: SceneTerms) -> SceneTerms {
-    let mut terms = terms;
-    terms.integrator.rate = RATE;
-    terms.cadence = Cadence {
-        every: STEPS,
-        hindsight: Ticks::ZERO,
+/// A scene's config, in frames.
+pub(super) fn in_frames(config: SceneConfig) -> SceneConfig {
+    let mut config = config;
+    config.integrator.rate = RATE;
+    config.publish_schedule = PublishSchedule {
+        publish_interval: STEPS,
+        lookahead: Ticks::ZERO,
     };
-    terms
+    config
 }
 
 /// The ball pit that fills stage by stage.
@@ -42,8 +42,8 @@ impl Pit {
         }
     }
 
-    pub(super) fn terms(&self) -> SceneTerms {
-        in_frames(self.script.terms())
+    pub(super) fn config(&self) -> SceneConfig {
+        in_frames(self.script.config())
     }
 
     /// Adds what is commanded before a frame, counted from 0; each is asked for once, in order.
@@ -64,11 +64,11 @@ mod tests {
 
     #[test]
     fn a_frame_is_of_the_papers_length_and_no_step_exceeds_a_sixtieth() {
-        let terms = Pit::new(500, 20, 340, 1).terms();
-        assert_eq!(terms.check(), Ok(()));
-        let step_s = terms.integrator.rate.step().seconds();
+        let config = Pit::new(500, 20, 340, 1).config();
+        assert_eq!(config.check(), Ok(()));
+        let step_s = config.integrator.rate.step().seconds();
         assert!(step_s <= 1.0 / 60.0);
-        let frame_s = step_s * f64::from(terms.cadence.every.get());
+        let frame_s = step_s * f64::from(config.publish_schedule.publish_interval.get());
         assert!((frame_s - 1.0 / FRAMES_PER_SECOND).abs() < 1e-12);
     }
 

@@ -16,7 +16,7 @@ const PERIOD_US: u64 = 10_000;
 /// A process made weak, for as long as this is kept.
 #[derive(Debug)]
 pub(super) struct Weakness {
-    said: String,
+    description: String,
     _group: Option<Group>,
     _duty: Option<Duty>,
 }
@@ -27,7 +27,7 @@ impl Weakness {
         let group_failed = match Group::enter(percent) {
             Ok(group) => {
                 return Ok(Self {
-                    said: format!("{percent} % by a control group's quota"),
+                    description: format!("{percent} % by a control group's quota"),
                     _group: Some(group),
                     _duty: None,
                 });
@@ -36,7 +36,7 @@ impl Weakness {
         };
         match Duty::start(percent) {
             Ok(duty) => Ok(Self {
-                said: format!("{percent} % by stopping and continuing the process"),
+                description: format!("{percent} % by stopping and continuing the process"),
                 _group: None,
                 _duty: Some(duty),
             }),
@@ -48,7 +48,7 @@ impl Weakness {
 
     /// What was done, in words.
     pub(super) fn describe(&self) -> String {
-        self.said.clone()
+        self.description.clone()
     }
 }
 

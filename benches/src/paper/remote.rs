@@ -10,7 +10,7 @@ use std::num::NonZeroU32;
 use std::path::PathBuf;
 
 use clap::Args;
-use rhumb_client::Depth;
+use rhumb_client::PipelineDepth;
 use rhumb_protocol::Span;
 use rhumb_protocol::scene::Command;
 use rhumb_reckoning::Tick;
@@ -22,11 +22,11 @@ use serde::{Deserialize, Serialize};
 use super::PaperError;
 use super::beside::work;
 use super::crossover::{Crossover, Pair, crossovers};
-use super::experiment::{Places, tolerance};
+use super::experiment::{CoreAssignment, tolerance};
 use super::pit::{FRAMES_PER_SECOND, in_frames};
 use super::report::page;
-use crate::drive::player::{self, Account, Billing, Player};
-use crate::drive::{Housing, Losses};
+use crate::drive::player::{self, Player, PlayerSetup, PlayerTotals};
+use crate::drive::{Defects, ServerCpu};
 use crate::machine;
 use crate::output;
 use crate::record::Mode;
@@ -83,12 +83,12 @@ pub(super) struct RemoteResults {
     /// Frames of each point.
     pub(super) frames: u32,
     /// Load by load.
-    pub(super) points: Vec<Point>,
+    pub(super) points: Vec<RemotePoint>,
 }
 
 /// One mode with so many bodies and so much other work. Times are milliseconds a frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Point {
+pub(super) struct RemotePoint {
     /// Bodies.
     pub(super) load: u32,
     /// How many in a hundred were put on the move.
@@ -109,7 +109,7 @@ pub(super) struct Point {
     pub(super) step_ms: f64,
     /// Looking at what moved.
     pub(super) observe_ms: f64,
-    /// Choosing, encoding and handing over.
+    /// StreamSelection, encoding and handing over.
     pub(super) publish_ms: f64,
     /// Frames per second, none above 11.33.
     pub(super) sim_fps: f64,
@@ -119,7 +119,7 @@ pub(super) struct Point {
     pub(super) void: bool,
 }
 
-impl Point {
+impl RemotePoint {
     /// What the server does beside stepping, as a share of that.
     fn beside(&self) -> f64 {
         (self.observe_ms + self.publish_ms) / self.step_ms
@@ -158,9 +158,9 @@ const WARM_UP_FRAMES: u32 = 12;
 pub(super) fn run(arguments: &RemoteArguments) -> Result<(), PaperError> {
     let machine = machine::describe();
     let places = if arguments.no_pin {
-        Places::default()
+        CoreAssignment::default()
     } else {
-        Places::apart()
+        CoreAssignment::apart()
     };
     tolerance(arguments.tolerance)?;
     output::make_folder(&arguments.out)?;
@@ -204,10 +204,10 @@ pub(super) fn run(arguments: &RemoteArguments) -> Result<(), PaperError> {
         }
     }
     bar.finish_and_clear();
-    output::say(&crossings_table(&results).to_text())?;
-    output::say(&points_table(&results).to_text())?;
+    output::print_text(&crossings_table(&results).to_text())?;
+    output::print_text(&points_table(&results).to_text())?;
     let out = arguments.out.display();
-    Ok(output::say(&format!("\nwritten to {out}\n"))?)
+    Ok(output::print_text(&format!("\nwritten to {out}\n"))?)
 }
 
 /// A mode on its way.
@@ -218,29 +218,30 @@ struct Runner {
 
 fn run_load(
     arguments: &RemoteArguments,
-    places: &Places,
+    places: &CoreAssignment,
     load: u32,
     awake_percent: u32,
-) -> Result<Vec<Point>, PaperError> {
+) -> Result<Vec<RemotePoint>, PaperError> {
     let mut script = Crowd::new(load, awake_percent, arguments.seed);
     let mut commands = Vec::new();
     script.commands(Tick::ZERO, &mut commands);
     let placed = commands
         .iter()
         .filter(|command| matches!(command, Command::AddBody { .. }));
-    let billing = Billing {
-        terms: in_frames(script.terms()),
+    let player_setup = PlayerSetup {
+        config: in_frames(script.config()),
         bodies: placed.count() as u32,
         tolerance: tolerance(arguments.tolerance)?,
-        losses: Losses::SOUND,
-        housing: Housing {
+        defects: Defects::SOUND,
+        cpu: ServerCpu {
             cores: places.servers.clone(),
             threads: None,
         },
         seed: arguments.seed,
     };
     let mode = Mode::Integrated;
-    let integrated = player::start(mode, &billing).ok_or(PaperError::NotPlayable { mode })??;
+    let integrated =
+        player::start(mode, &player_setup).ok_or(PaperError::NotPlayable { mode })??;
     let mut runners = vec![Runner {
         depth: None,
         player: integrated,
@@ -248,7 +249,7 @@ fn run_load(
     for depth in &arguments.depths {
         runners.push(Runner {
             depth: Some(*depth),
-            player: player::hosted_at(&billing, Depth::new(*depth))?,
+            player: player::remote_player_at(&player_setup, PipelineDepth::new(*depth))?,
         });
     }
     for runner in &mut runners {
@@ -272,8 +273,8 @@ fn run_load(
         };
         let mut truth = None;
         for runner in &mut runners {
-            let (mut point, account) = block(runner, *other_work_ms, frames)?;
-            let own = (account.tick, account.truth);
+            let (mut point, totals) = block(runner, *other_work_ms, frames)?;
+            let own = (totals.tick, totals.truth);
             point.void = *truth.get_or_insert(own) != own;
             (point.load, point.awake_percent) = (load, awake_percent);
             points.push(point);
@@ -295,10 +296,10 @@ fn block(
     runner: &mut Runner,
     other_work_ms: u32,
     frames: BlockFrames,
-) -> Result<(Point, Account), PaperError> {
+) -> Result<(RemotePoint, PlayerTotals), PaperError> {
     let clock = Clock::start();
     let other_work = Span::from_millis(u64::from(other_work_ms));
-    let mut before = runner.player.account()?;
+    let mut before = runner.player.totals()?;
     for _ in 0..frames.uncounted {
         runner.player.frame(&[])?;
         work(&clock, other_work);
@@ -308,27 +309,27 @@ fn block(
     let stepped = if ahead {
         frames.uncounted + frames.counted
     } else {
-        before = runner.player.account()?;
+        before = runner.player.totals()?;
         frames.counted
     };
     let (mut frame_ns, mut lasted_s) = (0, 0.0);
     let (mut call_ns, mut work_ns) = (0, Some(0));
     for _ in 0..frames.counted {
         let begun = clock.now();
-        let took = runner.player.frame(&[])?;
+        let frame_cost = runner.player.frame(&[])?;
         work(&clock, other_work);
         let frame = clock.now().since(begun).as_nanos();
         frame_ns += frame;
         lasted_s += (frame as f64 / 1e9).max(1.0 / FRAMES_PER_SECOND);
-        call_ns += took.wall_ns;
-        work_ns = work_ns.zip(took.work_ns).map(|(sum, own)| sum + own);
+        call_ns += frame_cost.wall_ns;
+        work_ns = work_ns.zip(frame_cost.work_ns).map(|(sum, own)| sum + own);
     }
-    let after = runner.player.account()?;
+    let after = runner.player.totals()?;
     let count = f64::from(frames.counted);
     let each = |nanoseconds: u64| nanoseconds as f64 / 1e6 / count;
     let stage =
-        |of: fn(&Account) -> u64| (of(&after) - of(&before)) as f64 / 1e6 / f64::from(stepped);
-    let point = Point {
+        |of: fn(&PlayerTotals) -> u64| (of(&after) - of(&before)) as f64 / 1e6 / f64::from(stepped);
+    let point = RemotePoint {
         load: 0,
         awake_percent: 0,
         awake: after.awake,
@@ -337,9 +338,9 @@ fn block(
         frame_ms: each(frame_ns),
         call_ms: each(call_ns),
         work_ms: work_ns.map(each),
-        step_ms: stage(|account| account.stages.step_ns),
-        observe_ms: stage(|account| account.stages.observe_ns),
-        publish_ms: stage(|account| account.stages.publish_ns),
+        step_ms: stage(|totals| totals.stages.step_ns),
+        observe_ms: stage(|totals| totals.stages.observe_ns),
+        publish_ms: stage(|totals| totals.stages.publish_ns),
         sim_fps: count / lasted_s,
         uncapped_fps: count / (frame_ns.max(1) as f64 / 1e9),
         void: false,
@@ -348,8 +349,8 @@ fn block(
 }
 
 /// All crossovers: over other work at each load, and over loads with each amount of other work.
-fn crossings(points: &[Point]) -> Vec<Crossing> {
-    let sound: Vec<&Point> = points.iter().filter(|point| !point.void).collect();
+fn crossings(points: &[RemotePoint]) -> Vec<Crossing> {
+    let sound: Vec<&RemotePoint> = points.iter().filter(|point| !point.void).collect();
     let mut depths: Vec<u32> = sound.iter().filter_map(|point| point.depth).collect();
     let mut shares: Vec<u32> = sound.iter().map(|point| point.awake_percent).collect();
     let mut loads: Vec<u32> = sound.iter().map(|point| point.load).collect();
@@ -362,13 +363,13 @@ fn crossings(points: &[Point]) -> Vec<Crossing> {
     for awake_percent in shares {
         for depth in &depths {
             let along = |load: Option<u32>, other_work_ms: Option<u32>| {
-                let there = |point: &&&Point| {
+                let there = |point: &&&RemotePoint| {
                     point.awake_percent == awake_percent
                         && load.is_none_or(|load| point.load == load)
                         && other_work_ms.is_none_or(|work| point.other_work_ms == work)
                 };
-                let sorted = |of: fn(&Point, &Point) -> (f64, f64)| {
-                    let all: Vec<&Point> = sound.iter().filter(there).copied().collect();
+                let sorted = |of: fn(&RemotePoint, &RemotePoint) -> (f64, f64)| {
+                    let all: Vec<&RemotePoint> = sound.iter().filter(there).copied().collect();
                     crossovers(&pairs(&all, *depth, load.is_some(), of))
                 };
                 Crossing {
@@ -392,12 +393,12 @@ fn crossings(points: &[Point]) -> Vec<Crossing> {
 
 /// The pairs of the integrated engine and a depth, by other work or by load.
 fn pairs(
-    points: &[&Point],
+    points: &[&RemotePoint],
     depth: u32,
     by_work: bool,
-    of: fn(&Point, &Point) -> (f64, f64),
+    of: fn(&RemotePoint, &RemotePoint) -> (f64, f64),
 ) -> Vec<Pair> {
-    let place = |point: &Point| {
+    let place = |point: &RemotePoint| {
         if by_work {
             point.other_work_ms
         } else {
@@ -423,9 +424,9 @@ fn pairs(
 
 /// The integrated engine's point beside another.
 fn integrated<'a>(
-    mut points: impl Iterator<Item = &'a Point>,
-    beside: &Point,
-) -> Option<&'a Point> {
+    mut points: impl Iterator<Item = &'a RemotePoint>,
+    beside: &RemotePoint,
+) -> Option<&'a RemotePoint> {
     points.find(|point| {
         point.depth.is_none()
             && point.awake_percent == beside.awake_percent
@@ -472,8 +473,8 @@ fn write(arguments: &RemoteArguments, results: &RemoteResults) -> Result<(), Pap
 mod tests {
     use super::*;
 
-    fn point(load: u32, other_work_ms: u32, depth: Option<u32>, fps: f64) -> Point {
-        Point {
+    fn point(load: u32, other_work_ms: u32, depth: Option<u32>, fps: f64) -> RemotePoint {
+        RemotePoint {
             load,
             awake_percent: 100,
             awake: load,
@@ -525,11 +526,11 @@ mod tests {
 
     #[test]
     fn an_engine_that_was_slower_in_the_callers_thread_decides_nothing_where_engines_are_alike() {
-        let own = Point {
+        let own = RemotePoint {
             step_ms: 49.0,
             ..point(1_000, 0, None, 20.0)
         };
-        let other = Point {
+        let other = RemotePoint {
             step_ms: 39.0,
             ..point(1_000, 0, Some(0), 24.0)
         };

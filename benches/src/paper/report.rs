@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::experiment::PaperResults;
-use super::figures::{self, Figure};
+use super::figures::{self, PaperFigure};
 use super::findings;
 use super::table::Table;
 use super::tables;
@@ -67,7 +67,7 @@ pub(super) fn page(title: &str, body: &str) -> String {
 }
 
 /// A figure with its legend.
-pub(super) fn figure_html(figure: &Figure) -> String {
+pub(super) fn figure_html(figure: &PaperFigure) -> String {
     let mut text = format!("<h3>{}</h3>\n<div class=\"legend\">", escape(figure.title));
     for (color, label) in &figure.keys {
         let hue = format!("#{:02X}{:02X}{:02X}", color.0, color.1, color.2);

@@ -102,7 +102,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_difference_is_told_by_name() {
+    fn a_difference_is_named() {
         let one = settings();
         assert_eq!(one.difference(&one), None);
         let other = Settings {

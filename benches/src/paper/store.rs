@@ -8,7 +8,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::PaperError;
-use super::outcome::Trial;
+use super::outcome::ExperimentTrial;
 use super::settings::Settings;
 use crate::output;
 
@@ -41,7 +41,7 @@ impl Store {
     }
 
     /// The trials that have ended so far, by number.
-    pub(super) fn trials(&self) -> Result<BTreeMap<u32, Trial>, PaperError> {
+    pub(super) fn trials(&self) -> Result<BTreeMap<u32, ExperimentTrial>, PaperError> {
         let failed = |cause| PaperError::Read {
             path: self.trials.clone(),
             cause,
@@ -55,7 +55,7 @@ impl Store {
                     path: path.clone(),
                     cause,
                 })?;
-                let trial: Trial = parse(&path, &bytes)?;
+                let trial: ExperimentTrial = parse(&path, &bytes)?;
                 trials.insert(trial.number, trial);
             }
         }
@@ -63,7 +63,7 @@ impl Store {
     }
 
     /// Keeps a trial that has ended.
-    pub(super) fn keep(&self, trial: &Trial) -> Result<(), PaperError> {
+    pub(super) fn keep(&self, trial: &ExperimentTrial) -> Result<(), PaperError> {
         let path = self.trials.join(format!("{:04}.json", trial.number));
         Ok(output::write_json(&path, trial)?)
     }
@@ -93,8 +93,8 @@ mod tests {
         folder
     }
 
-    fn trial(number: u32) -> Trial {
-        Trial {
+    fn trial(number: u32) -> ExperimentTrial {
+        ExperimentTrial {
             number,
             seed: u64::from(number),
             wall_s: 1.0,

@@ -10,18 +10,18 @@ use rhumb_transport::Clock;
 
 use super::PaperError;
 use super::beside::{pause, work};
-use super::outcome::{LoadOutcome, ModeOutcome, Trial};
+use super::outcome::{ExperimentTrial, LoadOutcome, ModeOutcome};
 use super::pit::{FRAMES_PER_SECOND, Pit};
 use super::quota::Weakness;
 use super::settings::Settings;
-use crate::drive::player::{self, Account, Billing, Player, Took};
-use crate::drive::{Housing, Losses};
+use crate::drive::player::{self, FrameCost, Player, PlayerSetup, PlayerTotals};
+use crate::drive::{Defects, ServerCpu};
 use crate::quantile::of_nanoseconds;
 use crate::record::Mode;
 
 /// How much of the trial is done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Progress<'t> {
+pub(super) struct TrialProgress<'t> {
     /// Balls in the pit.
     pub(super) load: u32,
     /// What the caller has of a processor, in words.
@@ -31,19 +31,19 @@ pub(super) struct Progress<'t> {
 /// Where a trial is run, and by whom.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Staging<'t> {
-    pub(super) housing: &'t Housing,
+    pub(super) cpu: &'t ServerCpu,
     pub(super) modes: &'t [Mode],
     /// Hundredths of one processor that the caller gets once the servers run; 100 leaves it alone.
     pub(super) caller_percent: u32,
 }
 
 /// A mode on its way through a trial.
-struct Runner {
+struct TrialRunner {
     mode: Mode,
     player: Box<dyn Player>,
     /// Of this load.
-    took: Vec<Took>,
-    before: Account,
+    frame_cost: Vec<FrameCost>,
+    before: PlayerTotals,
 }
 
 /// What part of the integrated frame the pause after a caller's other work takes, so that its server comes to its end.
@@ -54,8 +54,8 @@ pub(super) fn run(
     settings: &Settings,
     number: u32,
     staging: &Staging<'_>,
-    progress: &mut dyn FnMut(Progress<'_>),
-) -> Result<Trial, PaperError> {
+    progress: &mut dyn FnMut(TrialProgress<'_>),
+) -> Result<ExperimentTrial, PaperError> {
     let clock = Clock::start();
     let seed = settings.seed_of(number);
     let stages = settings.loads.len() as u32;
@@ -66,15 +66,15 @@ pub(super) fn run(
     let placed = commands
         .iter()
         .filter(|command| matches!(command, Command::AddBody { .. }));
-    let billing = Billing {
-        terms: pit.terms(),
+    let player_setup = PlayerSetup {
+        config: pit.config(),
         bodies: placed.count() as u32 + first * (stages - 1),
         tolerance: super::experiment::tolerance(settings.tolerance_m)?,
-        losses: Losses::SOUND,
-        housing: staging.housing.clone(),
+        defects: Defects::SOUND,
+        cpu: staging.cpu.clone(),
         seed,
     };
-    let mut runners = begin(staging.modes, &billing, &commands)?;
+    let mut runners = begin(staging.modes, &player_setup, &commands)?;
     // Only now: what a weak process starts is weak too.
     let weakness = match staging.caller_percent {
         100 => None,
@@ -92,7 +92,7 @@ pub(super) fn run(
                 pit.commands(number, &mut commands);
             }
             one_frame(&clock, &mut runners, &commands)?;
-            progress(Progress {
+            progress(TrialProgress {
                 load: *load,
                 caller: &caller,
             });
@@ -102,7 +102,7 @@ pub(super) fn run(
             modes: outcomes(&mut runners, staging.modes)?,
         });
     }
-    Ok(Trial {
+    Ok(ExperimentTrial {
         number,
         seed,
         wall_s: clock.now().as_nanos() as f64 / 1e9,
@@ -113,19 +113,19 @@ pub(super) fn run(
 /// Starts every mode, in the order of turns, and gives it its first commands.
 fn begin(
     modes: &[Mode],
-    billing: &Billing,
+    player_setup: &PlayerSetup,
     commands: &[Command],
-) -> Result<Vec<Runner>, PaperError> {
+) -> Result<Vec<TrialRunner>, PaperError> {
     let mut runners = Vec::new();
     for mode in modes {
-        let started = player::start(*mode, billing);
+        let started = player::start(*mode, player_setup);
         let mut player = started.ok_or(PaperError::NotPlayable { mode: *mode })??;
         player.prepare(commands)?;
-        let before = player.account()?;
-        runners.push(Runner {
+        let before = player.totals()?;
+        runners.push(TrialRunner {
             mode: *mode,
             player,
-            took: Vec::new(),
+            frame_cost: Vec::new(),
             before,
         });
     }
@@ -135,7 +135,7 @@ fn begin(
 
 fn one_frame(
     clock: &Clock,
-    runners: &mut [Runner],
+    runners: &mut [TrialRunner],
     commands: &[Command],
 ) -> Result<(), PaperError> {
     // Nobody is always first, after whatever left the core idle or its caches cold.
@@ -144,32 +144,32 @@ fn one_frame(
     runners[..waiting].rotate_left(1);
     let mut integrated_ns = 0;
     for runner in runners {
-        let took = runner.player.frame(commands)?;
+        let frame_cost = runner.player.frame(commands)?;
         if runner.mode == Mode::Integrated {
-            integrated_ns = took.wall_ns;
+            integrated_ns = frame_cost.wall_ns;
         }
         if runner.mode.is_ahead() {
             work(clock, Span::from_nanos(integrated_ns));
             pause(clock, Span::from_nanos(integrated_ns / PAUSE_PART));
         }
-        runner.took.push(took);
+        runner.frame_cost.push(frame_cost);
     }
     Ok(())
 }
 
 /// What each mode did since the last load, in the order of the settings.
-fn outcomes(runners: &mut [Runner], modes: &[Mode]) -> Result<Vec<ModeOutcome>, PaperError> {
+fn outcomes(runners: &mut [TrialRunner], modes: &[Mode]) -> Result<Vec<ModeOutcome>, PaperError> {
     let mut truth = None;
     let mut found = Vec::new();
     for runner in runners.iter_mut() {
-        let account = runner.player.account()?;
+        let totals = runner.player.totals()?;
         if runner.mode == Mode::Integrated {
-            truth = Some((account.tick, account.truth));
+            truth = Some((totals.tick, totals.truth));
         }
-        let took = std::mem::take(&mut runner.took);
-        let outcome = outcome(runner.mode, &took, &runner.before, &account);
-        runner.before = account;
-        found.push((runner.mode, (account.tick, account.truth), outcome));
+        let frame_cost = std::mem::take(&mut runner.frame_cost);
+        let outcome = outcome(runner.mode, &frame_cost, &runner.before, &totals);
+        runner.before = totals;
+        found.push((runner.mode, (totals.tick, totals.truth), outcome));
     }
     for (_, own, outcome) in &mut found {
         outcome.void = truth != Some(*own);
@@ -179,30 +179,38 @@ fn outcomes(runners: &mut [Runner], modes: &[Mode]) -> Result<Vec<ModeOutcome>, 
 }
 
 /// The figures of some frames.
-pub(super) fn outcome(mode: Mode, took: &[Took], before: &Account, after: &Account) -> ModeOutcome {
-    let frames = took.len().max(1) as f64;
-    let mut walls: Vec<u64> = took.iter().map(|took| took.wall_ns).collect();
+pub(super) fn outcome(
+    mode: Mode,
+    frame_cost: &[FrameCost],
+    before: &PlayerTotals,
+    after: &PlayerTotals,
+) -> ModeOutcome {
+    let frames = frame_cost.len().max(1) as f64;
+    let mut walls: Vec<u64> = frame_cost
+        .iter()
+        .map(|frame_cost| frame_cost.wall_ns)
+        .collect();
     let percentile =
         |values: &mut Vec<u64>, percent| of_nanoseconds(values, percent).map_or(0.0, milliseconds);
     let mean_ms = milliseconds(walls.iter().sum::<u64>()) / frames;
-    let work: Option<u64> = took.iter().map(|took| took.work_ns).sum();
-    let per_frame = |of: fn(&Account) -> u64| milliseconds(of(after) - of(before)) / frames;
+    let work: Option<u64> = frame_cost.iter().map(|frame_cost| frame_cost.work_ns).sum();
+    let per_frame = |of: fn(&PlayerTotals) -> u64| milliseconds(of(after) - of(before)) / frames;
     let (step_ms, observe_ms, publish_ms) = (
-        per_frame(|account| account.stages.step_ns),
-        per_frame(|account| account.stages.observe_ns),
-        per_frame(|account| account.stages.publish_ns),
+        per_frame(|totals| totals.stages.step_ns),
+        per_frame(|totals| totals.stages.observe_ns),
+        per_frame(|totals| totals.stages.publish_ns),
     );
-    let sim_fps = sim_fps(took);
+    let sim_fps = sim_fps(frame_cost);
     let server_ms = step_ms + observe_ms + publish_ms;
     let sustained = if mode.is_ahead() {
         sim_fps.min(1e3 / server_ms)
     } else {
         sim_fps
     };
-    let since = |of: fn(&Account) -> u64| of(after) - of(before);
+    let since = |of: fn(&PlayerTotals) -> u64| of(after) - of(before);
     ModeOutcome {
         mode: mode.name().to_owned(),
-        frames: took.len() as u32,
+        frames: frame_cost.len() as u32,
         phys_ft_ms: mean_ms,
         phys_ft_p50_ms: percentile(&mut walls, 50),
         phys_ft_p99_ms: percentile(&mut walls, 99),
@@ -214,25 +222,25 @@ pub(super) fn outcome(mode: Mode, took: &[Took], before: &Account, after: &Accou
         observe_ms,
         publish_ms,
         awake: after.awake,
-        bytes_down: since(|account| account.traffic.bytes_down),
-        bytes_up: since(|account| account.traffic.bytes_up),
-        datagrams_down: since(|account| account.traffic.datagrams_down),
-        updates: since(|account| account.traffic.updates),
-        ends_lost: since(|account| account.ends_lost),
+        bytes_down: since(|totals| totals.traffic.bytes_down),
+        bytes_up: since(|totals| totals.traffic.bytes_up),
+        datagrams_down: since(|totals| totals.traffic.datagrams_down),
+        updates: since(|totals| totals.traffic.updates),
+        ends_lost: since(|totals| totals.ends_lost),
         truth: format!("{:016x}", after.truth),
         void: false,
     }
 }
 
 /// Frames over their time, where a frame lasts at least as long as the simulated time that it covers.
-fn sim_fps(took: &[Took]) -> f64 {
+fn sim_fps(frame_cost: &[FrameCost]) -> f64 {
     let least_s = 1.0 / FRAMES_PER_SECOND;
-    let lasted: f64 = took
+    let lasted: f64 = frame_cost
         .iter()
-        .map(|took| (took.wall_ns as f64 / 1e9).max(least_s))
+        .map(|frame_cost| (frame_cost.wall_ns as f64 / 1e9).max(least_s))
         .sum();
     if lasted > 0.0 {
-        took.len() as f64 / lasted
+        frame_cost.len() as f64 / lasted
     } else {
         0.0
     }
@@ -247,8 +255,8 @@ mod tests {
     use super::*;
     use crate::drive::player::Stages;
 
-    fn took(wall_ms: u64) -> Took {
-        Took {
+    fn frame_cost(wall_ms: u64) -> FrameCost {
+        FrameCost {
             wall_ns: wall_ms * 1_000_000,
             work_ns: Some(wall_ms * 500_000),
         }
@@ -256,9 +264,9 @@ mod tests {
 
     #[test]
     fn no_frame_makes_up_for_a_slow_one() {
-        assert!((sim_fps(&[took(1), took(2)]) - FRAMES_PER_SECOND).abs() < 1e-9);
+        assert!((sim_fps(&[frame_cost(1), frame_cost(2)]) - FRAMES_PER_SECOND).abs() < 1e-9);
         // One frame of 1 ms lasts 88.26 ms, the other 200: two frames in 288.26 ms.
-        assert!((sim_fps(&[took(1), took(200)]) - 6.938_2).abs() < 1e-4);
+        assert!((sim_fps(&[frame_cost(1), frame_cost(200)]) - 6.938_2).abs() < 1e-4);
         assert_eq!(sim_fps(&[]), 0.0);
     }
 
@@ -269,17 +277,22 @@ mod tests {
             observe_ns: 10_000_000,
             publish_ns: 10_000_000,
         };
-        let after = Account {
+        let after = PlayerTotals {
             stages,
-            ..Account::default()
+            ..PlayerTotals::default()
         };
-        let frames = [took(1), took(1)];
-        let ahead = outcome(Mode::RhumbPipelined, &frames, &Account::default(), &after);
+        let frames = [frame_cost(1), frame_cost(1)];
+        let ahead = outcome(
+            Mode::RhumbPipelined,
+            &frames,
+            &PlayerTotals::default(),
+            &after,
+        );
         assert!((ahead.sim_fps - FRAMES_PER_SECOND).abs() < 1e-9);
         assert!((ahead.sustained_fps - 5.0).abs() < 1e-9);
         assert_eq!((ahead.step_ms, ahead.publish_ms), (190.0, 5.0));
         assert_eq!((ahead.phys_ft_ms, ahead.work_ms), (1.0, Some(0.5)));
-        let waits = outcome(Mode::Rhumb, &frames, &Account::default(), &after);
+        let waits = outcome(Mode::Rhumb, &frames, &PlayerTotals::default(), &after);
         assert!((waits.sustained_fps - FRAMES_PER_SECOND).abs() < 1e-9);
     }
 }

@@ -74,7 +74,7 @@ pub enum RecordingError {
         /// Its name.
         name: String,
     },
-    /// The terms that were asked for are out of bounds.
+    /// The config that were asked for are out of bounds.
     Terms(Invalid),
 }
 

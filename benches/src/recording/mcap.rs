@@ -10,7 +10,7 @@ use ::mcap::{McapError, McapResult};
 use rhumb_reckoning::Tick;
 use rhumb_server::Digest;
 
-use super::{Played, Recording, RecordingError};
+use super::{Recording, RecordingError, ScriptOrigin};
 use crate::record::Truth;
 use crate::trace::read_states;
 
@@ -42,7 +42,7 @@ pub fn read(bytes: &[u8]) -> Result<Recording, RecordingError> {
     };
     let mut script = rhumb_sims::by_name(&name, bodies, seed).ok_or_else(unknown)?;
     Ok(Recording {
-        played: Some(Played { bodies, seed }),
+        played: Some(ScriptOrigin { bodies, seed }),
         ..Recording::of_play(&mut *script, truth(bytes, load)?)
     })
 }

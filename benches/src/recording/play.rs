@@ -1,6 +1,6 @@
 //! The truth of a script that was run here.
 //!
-//! What pulled and damped comes from the script, and how each body tumbles from an engine that is given the script's bodies
+//! What pulled and damped comes from the script, and how each body is_torque_free from an engine that is given the script's bodies
 //! and never stepped. What a controller or a command changed later is not in it: gravity is taken as the scene began.
 
 use std::collections::BTreeMap;
@@ -17,15 +17,15 @@ impl Recording {
     /// What a script, of which no tick was taken yet, came to.
     #[must_use]
     pub fn of_play(script: &mut dyn Script, truth: Truth) -> Self {
-        let terms = script.terms();
+        let config = script.config();
         Self {
             name: script.name().to_owned(),
             played: None,
             inertias: inertias(script, truth.ticks.len() as u64),
             truth,
-            integrator: terms.integrator,
-            gravity: terms.gravity,
-            damping: terms.damping,
+            integrator: config.integrator,
+            gravity: config.gravity,
+            damping: config.damping,
         }
     }
 }
@@ -33,7 +33,7 @@ impl Recording {
 /// How the bodies tumble that a script adds in so many ticks.
 fn inertias(script: &mut dyn Script, ticks: u64) -> BTreeMap<BodyId, Inertia> {
     let mut inertias = BTreeMap::new();
-    let Ok(mut scene) = Scene::new(script.terms()) else {
+    let Ok(mut scene) = Scene::new(script.config()) else {
         return inertias;
     };
     let mut commands = Vec::new();
@@ -45,10 +45,10 @@ fn inertias(script: &mut dyn Script, ticks: u64) -> BTreeMap<BodyId, Inertia> {
         // What is refused here is no body of the recording either.
         if makes
             && scene.apply(&command).is_ok()
-            && let Command::AddBody { terms, .. } = command
-            && let Some(inertia) = scene.inertia(terms.id)
+            && let Command::AddBody { config, .. } = command
+            && let Some(inertia) = scene.inertia(config.id)
         {
-            inertias.insert(terms.id, inertia);
+            inertias.insert(config.id, inertia);
         }
     }
     inertias

@@ -10,9 +10,9 @@ use std::collections::BTreeMap;
 use std::num::NonZeroU32;
 
 use glam::Vec3;
-use rhumb_protocol::scene::{BodyKind, BodyTerms, Shape, ShapeId};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Shape, ShapeId};
 use rhumb_protocol::stream::{Activity, Observation};
-use rhumb_reckoning::{BodyId, Damping, Integrator, Rate, Tick, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Rate, Tick};
 use rhumb_server::Digest;
 
 use super::{Recording, RecordingError};
@@ -152,7 +152,7 @@ fn row(
         if index >= bodies || !follows {
             return Err(RecordingError::Record { tick, index });
         }
-        let motion = Verbatim::new(position, rotation, linear, angular);
+        let motion = BodyState::new(position, rotation, linear, angular);
         let awake = flags & 1 == 1;
         row.push(Observation {
             id: BodyId::new(index, 0),
@@ -176,7 +176,7 @@ fn place(row: Vec<Observation>, shapes: &[Shape]) -> Result<Vec<Placed>, Recordi
     Ok(placed
         .map(|((observation, shape), number)| Placed {
             tick: Tick::ZERO,
-            terms: BodyTerms::plain(observation.id, BodyKind::Dynamic, ShapeId(number)),
+            config: BodyDesc::plain(observation.id, BodyKind::Dynamic, ShapeId(number)),
             shape: shape.clone(),
             observation,
         })

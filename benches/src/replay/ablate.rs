@@ -9,7 +9,10 @@ use std::process::ExitCode;
 
 use clap::Args;
 
-use super::{Failure, Feature, Keep, Manner, Means, Source, ended, run_all};
+use super::{
+    EnabledFeatures, Failure, Feature, RecordingSource, ReplayOptions, ReplayRetention, ended,
+    run_all,
+};
 use crate::limit::set_beside_limits;
 use crate::output;
 
@@ -17,9 +20,9 @@ use crate::output;
 #[derive(Clone, Debug, Args)]
 pub struct Ablate {
     #[command(flatten)]
-    source: Source,
+    source: RecordingSource,
     #[command(flatten)]
-    manner: Manner,
+    options: ReplayOptions,
     /// Folder for summary.json and report.html; made if it is not there.
     #[arg(long, default_value = "results/ablate")]
     out: PathBuf,
@@ -35,24 +38,24 @@ pub fn ablate(arguments: &Ablate) -> ExitCode {
 
 fn ablate_all(arguments: &Ablate) -> Result<(), Failure> {
     output::make_folder(&arguments.out)?;
-    let terms = rows().map(|means| arguments.manner.terms(means));
-    let all = terms
+    let config = rows().map(|features| arguments.options.config(features));
+    let all = config
         .collect::<Result<Vec<_>, _>>()
         .map_err(Failure::Terms)?;
     let recording = arguments.source.read()?;
-    let mut replays = run_all(&recording, &all, Keep::Figures)?;
+    let mut replays = run_all(&recording, &all, ReplayRetention::Figures)?;
     if !arguments.no_limit {
         set_beside_limits(&recording, replays.promised());
     }
-    replays.write(recording, arguments.manner.seed(), &arguments.out, None)
+    replays.write(recording, arguments.options.seed(), &arguments.out, None)
 }
 
 /// Everything, everything but one, nothing.
-fn rows() -> impl Iterator<Item = Means> {
+fn rows() -> impl Iterator<Item = EnabledFeatures> {
     let singly = Feature::ALL
         .into_iter()
         .map(|feature| Feature::all_but(&[feature]));
-    std::iter::once(Means::ALL)
+    std::iter::once(EnabledFeatures::ALL)
         .chain(singly)
         .chain([Feature::all_but(&Feature::ALL)])
 }

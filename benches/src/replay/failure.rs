@@ -4,7 +4,7 @@ use std::fmt;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
-use super::stage::ReplayError;
+use super::session::ReplayError;
 use crate::output::OutputError;
 use crate::recording::RecordingError;
 
@@ -16,7 +16,7 @@ pub(crate) enum Failure {
     /// None of so many replays ended; why the first did not.
     Replay(usize, ReplayError),
     /// So many of so many replays did not end; of all others everything is written.
-    Unended(usize, usize),
+    Unfinished(usize, usize),
     /// Something cannot be written.
     Output(OutputError),
     /// What was asked for is not possible, in words.
@@ -43,9 +43,9 @@ impl fmt::Display for Failure {
             Self::Replay(all, cause) => {
                 write!(f, "none of {all} replays ended; the first: {cause}")
             }
-            Self::Unended(unended, all) => write!(
+            Self::Unfinished(unfinished, all) => write!(
                 f,
-                "{unended} of {all} replays did not end, as the table says; of the others everything is written"
+                "{unfinished} of {all} replays did not end, as the table says; of the others everything is written"
             ),
             Self::Output(cause) => cause.fmt(f),
             Self::Terms(cause) => f.write_str(cause),

@@ -5,14 +5,14 @@ use rhumb_protocol::stream::Features;
 
 /// What a replay may use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Means {
+pub struct EnabledFeatures {
     /// What its publisher may.
     pub publisher: Features,
     /// Whether packets take what they do; else it is counted what they would take in plain codes.
     pub coder: bool,
 }
 
-impl Means {
+impl EnabledFeatures {
     /// Everything.
     pub const ALL: Self = Self::of(Features::ALL);
 
@@ -33,30 +33,30 @@ pub enum Feature {
     Resting,
     /// Predicting that what falls goes on falling.
     Ballistic,
-    /// Predicting that what tumbles goes on tumbling.
-    Tumbling,
-    /// Letting bodies be held by others.
-    Held,
+    /// Predicting that what is_torque_free goes on torque_free.
+    TorqueFree,
+    /// Letting bodies be attached by others.
+    Attached,
     /// Leaving velocities to be implied.
     Derived,
     /// Leaving out of corrections what the tolerance does not need.
     Sparse,
-    /// Saying velocities in coarser steps than the finest.
+    /// UpdatePayload velocities in coarser steps than the finest.
     Coarse,
-    /// Predicting that what is pushed steadily goes on being pushed.
-    Pushed,
-    /// Choosing corrections by what hindsight knows.
-    Foresight,
-    /// Saying motions as corrections.
+    /// Predicting that what is accelerated steadily goes on being accelerated.
+    ConstantAcceleration,
+    /// StreamSelection corrections by what lookahead knows.
+    ModeDecision,
+    /// UpdatePayload motions as corrections.
     Residuals,
     /// Not speaking of what is within tolerance.
-    Gate,
-    /// Saying more than one body in a packet.
+    Prefilter,
+    /// UpdatePayload more than one body in a packet.
     Packing,
     /// Coding numbers by what is likely; without it, what they would take in plain codes is counted, nothing else changes.
     Coder,
-    /// Saying parities of what is lost, and by themselves where much is.
-    Redundancy,
+    /// UpdatePayload repair_symbols of what is lost, and by themselves where much is.
+    Fec,
 }
 
 impl Feature {
@@ -64,18 +64,18 @@ impl Feature {
     pub const ALL: [Self; 14] = [
         Self::Resting,
         Self::Ballistic,
-        Self::Tumbling,
-        Self::Held,
+        Self::TorqueFree,
+        Self::Attached,
         Self::Derived,
         Self::Sparse,
         Self::Coarse,
-        Self::Pushed,
-        Self::Foresight,
+        Self::ConstantAcceleration,
+        Self::ModeDecision,
         Self::Residuals,
-        Self::Gate,
+        Self::Prefilter,
         Self::Packing,
         Self::Coder,
-        Self::Redundancy,
+        Self::Fec,
     ];
 
     /// As on the command line and in the summary.
@@ -84,56 +84,56 @@ impl Feature {
         match self {
             Self::Resting => "resting",
             Self::Ballistic => "ballistic",
-            Self::Tumbling => "tumbling",
-            Self::Held => "held",
+            Self::TorqueFree => "torque-free",
+            Self::Attached => "attached",
             Self::Derived => "derived",
             Self::Sparse => "sparse",
             Self::Coarse => "coarse",
-            Self::Pushed => "pushed",
-            Self::Foresight => "foresight",
+            Self::ConstantAcceleration => "constant-acceleration",
+            Self::ModeDecision => "mode-decision",
             Self::Residuals => "residuals",
-            Self::Gate => "gate",
+            Self::Prefilter => "prefilter",
             Self::Packing => "packing",
             Self::Coder => "coder",
-            Self::Redundancy => "redundancy",
+            Self::Fec => "fec",
         }
     }
 
     /// All but these.
     #[must_use]
-    pub fn all_but(without: &[Self]) -> Means {
-        let mut means = Means::ALL;
+    pub fn all_but(without: &[Self]) -> EnabledFeatures {
+        let mut features = EnabledFeatures::ALL;
         for feature in without {
-            *feature.switch(&mut means) = false;
+            *feature.switch(&mut features) = false;
         }
-        means
+        features
     }
 
     /// Those that are switched off.
-    pub fn without(means: &Means) -> impl Iterator<Item = Self> {
-        let mut means = *means;
+    pub fn without(features: &EnabledFeatures) -> impl Iterator<Item = Self> {
+        let mut features = *features;
         Self::ALL
             .into_iter()
-            .filter(move |feature| !*feature.switch(&mut means))
+            .filter(move |feature| !*feature.switch(&mut features))
     }
 
-    const fn switch(self, means: &mut Means) -> &mut bool {
-        let publisher = &mut means.publisher;
+    const fn switch(self, features: &mut EnabledFeatures) -> &mut bool {
+        let publisher = &mut features.publisher;
         match self {
             Self::Resting => &mut publisher.resting,
             Self::Ballistic => &mut publisher.ballistic,
-            Self::Tumbling => &mut publisher.tumbling,
-            Self::Held => &mut publisher.held,
+            Self::TorqueFree => &mut publisher.torque_free,
+            Self::Attached => &mut publisher.attached,
             Self::Derived => &mut publisher.derived,
             Self::Sparse => &mut publisher.sparse,
             Self::Coarse => &mut publisher.coarse,
-            Self::Pushed => &mut publisher.pushed,
-            Self::Foresight => &mut publisher.foresight,
+            Self::ConstantAcceleration => &mut publisher.accelerated,
+            Self::ModeDecision => &mut publisher.mode_decision,
             Self::Residuals => &mut publisher.residuals,
-            Self::Gate => &mut publisher.gate,
+            Self::Prefilter => &mut publisher.prefilter,
             Self::Packing => &mut publisher.packing,
-            Self::Coder => &mut means.coder,
-            Self::Redundancy => &mut publisher.redundancy,
+            Self::Coder => &mut features.coder,
+            Self::Fec => &mut publisher.redundancy,
         }
     }
 }
@@ -143,11 +143,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_switched_off_is_named_so() {
-        assert_eq!(Feature::all_but(&[]), Means::ALL);
+    fn each_disabled_feature_is_listed_by_name() {
+        assert_eq!(Feature::all_but(&[]), EnabledFeatures::ALL);
         for feature in Feature::ALL {
-            let means = Feature::all_but(&[feature]);
-            assert!(Feature::without(&means).eq([feature]));
+            let features = Feature::all_but(&[feature]);
+            assert!(Feature::without(&features).eq([feature]));
             let value = feature.to_possible_value().expect("none is hidden");
             assert_eq!(value.get_name(), feature.name());
         }

@@ -1,24 +1,24 @@
-//! Compares a copy with the recording, as the stream vouches for its ticks.
+//! Compares a copy with the recording, as the stream watermarks for its ticks.
 //!
-//! Each tick is judged once: at the first moment at which the stream vouches for it, against the recording at that very
-//! tick. What a delay of the link or a hindsight costs is therefore no error; what is not heard yet of a tick that is
-//! vouched for is.
+//! Each tick is judged once: at the first moment at which the stream watermarks for it, against the recording at that very
+//! tick. What a delay of the link or a lookahead costs is therefore no error; what is not heard yet of a tick that is
+//! watermark_tick for is.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::BodyKind;
-use rhumb_protocol::stream::{Bound, Subscriber};
-use rhumb_reckoning::{BodyId, Class, Metres, Predictor, Tick, Tolerance, Verbatim};
+use rhumb_protocol::stream::{ErrorBound, Subscriber};
+use rhumb_reckoning::{BodyId, BodyState, Metres, Predictor, Tick, Tolerance, ToleranceScale};
 
 use crate::drive::compare::{apart, over};
-use crate::record::{Breach, Cause, Frame, Seen, Truth};
+use crate::record::{Breach, Cause, CopiedPose, Frame, Truth};
 
 /// A body of the recording at the tick that is judged.
 #[derive(Clone, Copy, Debug)]
-struct Known {
+struct JudgedBody {
     id: BodyId,
-    motion: Verbatim,
+    motion: BodyState,
     radius: Metres,
-    class: Class,
+    tolerance_scale: ToleranceScale,
     is_static: bool,
     /// The last tick at which the recording has a record of it.
     recorded: Tick,
@@ -28,17 +28,17 @@ struct Known {
 
 /// The recording beside the copy.
 #[derive(Debug)]
-pub(super) struct Judge<'a> {
+pub(super) struct ReplayJudge<'a> {
     truth: &'a Truth,
     tick: Tick,
-    bodies: Vec<Option<Known>>,
+    bodies: Vec<Option<JudgedBody>>,
     placed: usize,
     removed: usize,
     gone: Vec<BodyId>,
     pub(super) breaches: Vec<Breach>,
 }
 
-impl<'a> Judge<'a> {
+impl<'a> ReplayJudge<'a> {
     pub(super) fn new(truth: &'a Truth) -> Self {
         let mut judge = Self {
             truth,
@@ -49,7 +49,7 @@ impl<'a> Judge<'a> {
             gone: Vec::new(),
             breaches: Vec::new(),
         };
-        judge.come_and_go();
+        judge.apply_changes();
         judge
     }
 
@@ -63,7 +63,7 @@ impl<'a> Judge<'a> {
         let Some(row) = self.truth.ticks.get(self.tick.value() as usize) else {
             return false;
         };
-        self.come_and_go();
+        self.apply_changes();
         self.tick = self.tick.next();
         for observation in row {
             let place = self.bodies.get_mut(observation.id.index() as usize);
@@ -76,7 +76,7 @@ impl<'a> Judge<'a> {
     }
 
     /// Takes in what came and went since the tick that the bodies are at.
-    fn come_and_go(&mut self) {
+    fn apply_changes(&mut self) {
         let truth = self.truth;
         while let Some((when, id)) = truth.removed.get(self.removed)
             && *when <= self.tick
@@ -89,17 +89,17 @@ impl<'a> Judge<'a> {
             && placed.tick <= self.tick
         {
             self.placed += 1;
-            let index = placed.terms.id.index() as usize;
+            let index = placed.config.id.index() as usize;
             if index >= self.bodies.len() {
                 self.bodies.resize(index + 1, None);
             }
             let motion = placed.observation.motion;
-            self.bodies[index] = Some(Known {
-                id: placed.terms.id,
+            self.bodies[index] = Some(JudgedBody {
+                id: placed.config.id,
                 motion,
                 radius: placed.shape.bounding_radius(),
-                class: placed.terms.class,
-                is_static: placed.terms.kind == BodyKind::Static,
+                tolerance_scale: placed.config.tolerance_scale,
+                is_static: placed.config.kind == BodyKind::Static,
                 recorded: Tick::ZERO,
                 shown: (motion.position(), motion.rotation()),
             });
@@ -116,10 +116,10 @@ impl<'a> Judge<'a> {
         };
         let known = self.bodies.iter_mut().flatten();
         for known in known.filter(|known| !known.is_static) {
-            let Some(believed) = copy.believed(known.id, tick) else {
+            let Some(predicted_motion) = copy.predicted_motion(known.id, tick) else {
                 continue;
             };
-            let pose = believed.pose();
+            let pose = predicted_motion.pose();
             let (position, rotation) = (pose.position.as_vec3(), pose.rotation.as_quat());
             let shown = (position.to_array(), rotation.to_array());
             if shown != known.shown {
@@ -136,7 +136,7 @@ impl<'a> Judge<'a> {
                 frame.moving_errors_m.push(error_m as f32);
             }
             let off = apart(&known.motion, position, rotation);
-            let tolerance = tolerance.of_class(known.class);
+            let tolerance = tolerance.scaled(known.tolerance_scale);
             if let Some(share) = over(tolerance, off, known.radius) {
                 self.breaches.push(Breach {
                     tick,
@@ -152,14 +152,14 @@ impl<'a> Judge<'a> {
     }
 }
 
-fn error_m(known: &Known, position: Vec3, rotation: Quat) -> f64 {
+fn error_m(known: &JudgedBody, position: Vec3, rotation: Quat) -> f64 {
     let off = apart(&known.motion, position, rotation);
     off.surface_error(known.radius).metres()
 }
 
-fn seen(id: BodyId, (position, rotation): ([f32; 3], [f32; 4]), copy: &Subscriber) -> Seen {
+fn seen(id: BodyId, (position, rotation): ([f32; 3], [f32; 4]), copy: &Subscriber) -> CopiedPose {
     let track = copy.track(id);
-    Seen {
+    CopiedPose {
         id,
         position,
         rotation,
@@ -167,13 +167,15 @@ fn seen(id: BodyId, (position, rotation): ([f32; 3], [f32; 4]), copy: &Subscribe
     }
 }
 
-/// Why a body of a tick that is vouched for is off by so much of its tolerance.
+/// Why a body of a tick that is watermark_tick for is off by so much of its tolerance.
 fn cause(copy: &Subscriber, id: BodyId, tick: Tick, share: f64) -> Cause {
-    let owned = copy.excess_at(tick).is_some_and(|excess| share <= excess);
+    let owned = copy
+        .error_scale_at(tick)
+        .is_some_and(|error_scale| share <= error_scale);
     match copy.bound_at(id, tick) {
-        Some(Bound::Within(_)) if owned => Cause::Budget,
-        Some(Bound::Within(_)) | None => Cause::Fault,
-        Some(Bound::Unknown { .. }) if copy.missing() > 0 => Cause::Loss,
-        Some(Bound::Unknown { .. }) => Cause::Late,
+        Some(ErrorBound::Within(_)) if owned => Cause::Budget,
+        Some(ErrorBound::Within(_)) | None => Cause::Fault,
+        Some(ErrorBound::Unknown { .. }) if copy.missing() > 0 => Cause::Loss,
+        Some(ErrorBound::Unknown { .. }) => Cause::Late,
     }
 }

@@ -1,29 +1,29 @@
 //! What packets would take without their range coder.
 //!
 //! The coder is the wire's own, so that nothing can be sent without it; it can only be counted what plain codes would
-//! take. Parities, and what a budget allows, are those of the coded packets.
+//! take. FecEncoder, and what a budget allows, are those of the coded packets.
 
-use rhumb_protocol::packet::{Head, Kind, StatePacket, Tally};
+use rhumb_protocol::packet::{Head, PacketKind, SymbolCounts, UpdatePacket};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 
 /// Bits that tell a form from all others.
-const FORM_BITS: u64 = Tally::CODES[1].next_power_of_two().ilog2() as u64;
+const FORM_BITS: u64 = SymbolCounts::CODES[1].next_power_of_two().ilog2() as u64;
 
 /// The forms and numbers of a datagram, if it is one of updates.
-pub(crate) fn tally(datagram: &[u8]) -> Option<Tally> {
+pub(crate) fn tally(datagram: &[u8]) -> Option<SymbolCounts> {
     let mut reader = Reader::new(datagram);
     let head = Head::decode(&mut reader).ok()?;
     let packet = match head.kind {
-        Kind::State => StatePacket::decode(false, reader),
-        Kind::StateEnd => StatePacket::decode(true, reader),
-        Kind::StateInArrears => StatePacket::decode_in_arrears(reader),
+        PacketKind::Updates => UpdatePacket::decode(false, reader),
+        PacketKind::UpdatesEnd => UpdatePacket::decode(true, reader),
+        PacketKind::UpdatesOverBudget => UpdatePacket::decode_over_budget(reader),
         _ => return None,
     };
     let packet = packet.ok()?;
     let mut updates = Vec::new();
     packet.updates(&mut updates).ok()?;
-    Some(Tally::of(&updates))
+    Some(SymbolCounts::of(&updates))
 }
 
 /// Bytes that a datagram would take if each form were said in as many bits as tell it from all others, and each number

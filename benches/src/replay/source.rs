@@ -1,25 +1,25 @@
 //! What every task on a recording is asked for alike.
 //!
-//! Which recording, and under which terms it is published and followed.
+//! Which recording, and under which config it is published and followed.
 
 use std::num::NonZeroU32;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use rhumb_protocol::limits::{BUDGET_MAX, BUDGET_MIN};
-use rhumb_protocol::stream::{Budget, HINDSIGHT_MAX};
+use rhumb_protocol::stream::{Budget, LOOKAHEAD_MAX};
 use rhumb_reckoning::{Damping, Metres, Radians, Ticks, Tolerance};
-use rhumb_transport::LinkTerms;
+use rhumb_transport::LinkConfig;
 
+use super::config::ReplayConfig;
 use super::failure::Failure;
-use super::feature::Means;
-use super::terms::ReplayTerms;
+use super::feature::EnabledFeatures;
 use crate::output;
 use crate::recording::{Recording, RecordingError};
 
 /// Which recording, and how its engine stepped.
 #[derive(Clone, Debug, Args)]
-pub struct Source {
+pub struct RecordingSource {
     /// The recording: a trace.mcap of ours, or an .rhtrace.zst.
     trace: PathBuf,
     /// Linear and angular damping of the recorded bodies, 1/s, if they are not those of the recording's scene.
@@ -30,9 +30,9 @@ pub struct Source {
     substeps: Option<NonZeroU32>,
 }
 
-impl Source {
+impl RecordingSource {
     /// Refuses a folder whose `trace.mcap` is the recording: what is written there would take its place.
-    pub(super) fn spare(&self, out: &Path) -> Result<(), Failure> {
+    pub(super) fn refuse_overwriting(&self, out: &Path) -> Result<(), Failure> {
         let real = |path: &Path| path.canonicalize().ok();
         let own = real(&self.trace);
         if own.is_some() && own == real(&output::trace_of(out)) {
@@ -68,7 +68,7 @@ fn damping(text: &str) -> Result<Damping, String> {
 
 /// The promise that is made.
 #[derive(Clone, Copy, Debug, Args)]
-pub struct Promise {
+pub struct ToleranceOptions {
     /// How far off a copied body may be, metres.
     #[arg(long, default_value = "0.01", allow_negative_numbers = true)]
     pub(super) tolerance: f64,
@@ -77,7 +77,7 @@ pub struct Promise {
     pub(super) turn: Option<f64>,
 }
 
-impl Promise {
+impl ToleranceOptions {
     pub(crate) fn tolerance(&self) -> Result<Tolerance, String> {
         let metres = Metres::new(self.tolerance);
         let read = match self.turn {
@@ -90,21 +90,21 @@ impl Promise {
 
 /// How it is published and followed.
 #[derive(Clone, Copy, Debug, Args)]
-pub struct Manner {
+pub struct ReplayOptions {
     #[command(flatten)]
-    pub(super) promise: Promise,
+    pub(super) tolerance_options: ToleranceOptions,
     /// The link, such as rtt=100ms,loss=5%,jitter=10ms, in simulated time.
-    #[arg(long, default_value_t = LinkTerms::PERFECT)]
-    pub(super) link: LinkTerms,
+    #[arg(long, default_value_t = LinkConfig::PERFECT)]
+    pub(super) link: LinkConfig,
     /// Publish every so many ticks of the recording.
     #[arg(long, default_value = "1")]
-    pub(super) every: NonZeroU32,
-    /// Seed of the pretended link.
+    pub(super) publish_interval: NonZeroU32,
+    /// Seed of the simulated link.
     #[arg(long, default_value_t = 1)]
     pub(super) seed: u64,
     /// Ticks that the publisher looks back before it speaks of one; the copy is as much later.
-    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=i64::from(HINDSIGHT_MAX.count())))]
-    pub(super) hindsight: u32,
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=i64::from(LOOKAHEAD_MAX.count())))]
+    pub(super) lookahead: u32,
     /// Bytes a second that the stream's packets may take; without one they take what the promise needs.
     #[arg(long, value_name = "BYTES/S", value_parser = budget)]
     pub(super) budget: Option<Budget>,
@@ -116,21 +116,21 @@ pub(crate) fn budget(text: &str) -> Result<Budget, String> {
     budget.ok_or_else(|| format!("must be bytes a second, from {BUDGET_MIN} to {BUDGET_MAX}"))
 }
 
-impl Manner {
+impl ReplayOptions {
     pub(crate) const fn seed(&self) -> u64 {
         self.seed
     }
 
-    /// The terms of a replay with these means.
-    pub(crate) fn terms(&self, means: Means) -> Result<ReplayTerms, String> {
-        Ok(ReplayTerms {
-            tolerance: self.promise.tolerance()?,
+    /// The config of a replay with these means.
+    pub(crate) fn config(&self, features: EnabledFeatures) -> Result<ReplayConfig, String> {
+        Ok(ReplayConfig {
+            tolerance: self.tolerance_options.tolerance()?,
             link: self.link,
-            every: self.every,
+            publish_interval: self.publish_interval,
             seed: self.seed,
-            hindsight: Ticks::new(self.hindsight),
+            lookahead: Ticks::new(self.lookahead),
             budget: self.budget,
-            means,
+            features,
         })
     }
 }

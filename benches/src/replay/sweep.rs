@@ -1,10 +1,10 @@
-//! Several replays of one recording that differ in a manner.
+//! Several replays of one recording that differ in a parameters.
 
 use std::str::FromStr;
 
-use rhumb_transport::LinkTerms;
+use rhumb_transport::LinkConfig;
 
-use super::source::Manner;
+use super::source::ReplayOptions;
 
 /// A setting's name and the values that it takes in turn.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -28,47 +28,47 @@ impl FromStr for Sweep {
 }
 
 impl Sweep {
-    /// A manner for each value.
-    pub(super) fn over(&self, base: &Manner) -> Result<Vec<Manner>, String> {
+    /// A parameters for each value.
+    pub(super) fn over(&self, base: &ReplayOptions) -> Result<Vec<ReplayOptions>, String> {
         let with = |value: &String| change(base, &self.name, value);
         self.values.iter().map(with).collect()
     }
 }
 
 /// The same setting with another value.
-fn change(base: &Manner, name: &str, value: &str) -> Result<Manner, String> {
-    let mut manner = *base;
+fn change(base: &ReplayOptions, name: &str, value: &str) -> Result<ReplayOptions, String> {
+    let mut options = *base;
     let wrong = || format!("{name}={value}: not a number");
     match name {
-        "tolerance" => manner.promise.tolerance = value.parse().map_err(|_| wrong())?,
-        "turn" => manner.promise.turn = Some(value.parse().map_err(|_| wrong())?),
-        "every" => manner.every = value.parse().map_err(|_| wrong())?,
-        "seed" => manner.seed = value.parse().map_err(|_| wrong())?,
-        "budget" if value == "none" => manner.budget = None,
+        "tolerance" => options.tolerance_options.tolerance = value.parse().map_err(|_| wrong())?,
+        "turn" => options.tolerance_options.turn = Some(value.parse().map_err(|_| wrong())?),
+        "publish-interval" => options.publish_interval = value.parse().map_err(|_| wrong())?,
+        "seed" => options.seed = value.parse().map_err(|_| wrong())?,
+        "budget" if value == "none" => options.budget = None,
         "budget" => {
             let read = super::source::budget(value);
-            manner.budget = Some(read.map_err(|why| format!("budget={value}: {why}"))?);
+            options.budget = Some(read.map_err(|why| format!("budget={value}: {why}"))?);
         }
-        _ => manner.link = with_link(base.link, &format!("{name}={value}"))?,
+        _ => options.link = with_link(base.link, &format!("{name}={value}"))?,
     }
-    Ok(manner)
+    Ok(options)
 }
 
 /// The same link with other parts.
-fn with_link(link: LinkTerms, parts: &str) -> Result<LinkTerms, String> {
+fn with_link(link: LinkConfig, parts: &str) -> Result<LinkConfig, String> {
     let text = format!("{link},{parts}");
     text.parse()
-        .map_err(|error: rhumb_transport::TermsError| error.to_string())
+        .map_err(|error: rhumb_transport::LinkConfigError| error.to_string())
 }
 
 /// Losses in per cent, even and in bursts of four, at each round trip; what loses nothing has no bursts.
-pub(super) fn matrix(base: &Manner) -> Result<Vec<Manner>, String> {
+pub(super) fn matrix(base: &ReplayOptions) -> Result<Vec<ReplayOptions>, String> {
     let mut all = Vec::new();
     for rtt_ms in [0, 50, 100, 300] {
         for (loss, burst) in [(0, 1), (1, 1), (5, 1), (20, 1), (1, 4), (5, 4), (20, 4)] {
             let parts = format!("rtt={rtt_ms}ms,loss={loss}%,burst={burst}");
             let link = with_link(base.link, &parts)?;
-            all.push(Manner { link, ..*base });
+            all.push(ReplayOptions { link, ..*base });
         }
     }
     Ok(all)
@@ -79,18 +79,18 @@ mod tests {
     use std::num::NonZeroU32;
 
     use super::*;
-    use crate::replay::source::Promise;
+    use crate::replay::source::ToleranceOptions;
 
-    fn base() -> Manner {
-        Manner {
-            promise: Promise {
+    fn base() -> ReplayOptions {
+        ReplayOptions {
+            tolerance_options: ToleranceOptions {
                 tolerance: 0.01,
                 turn: None,
             },
             link: "jitter=3ms".parse().unwrap(),
-            every: NonZeroU32::MIN,
+            publish_interval: NonZeroU32::MIN,
             seed: 1,
-            hindsight: 0,
+            lookahead: 0,
             budget: None,
         }
     }
@@ -99,21 +99,21 @@ mod tests {
     fn a_sweep_changes_one_setting_and_keeps_the_others() {
         let sweep: Sweep = "loss=1%,5%".parse().unwrap();
         let all = sweep.over(&base()).unwrap();
-        let links: Vec<_> = all.iter().map(|manner| manner.link).collect();
+        let links: Vec<_> = all.iter().map(|options| options.link).collect();
         let expected = ["jitter=3ms,loss=1%", "jitter=3ms,loss=5%"].map(|t| t.parse().unwrap());
         assert_eq!(links, expected);
         let sweep: Sweep = "tolerance=0.02".parse().unwrap();
-        assert!((sweep.over(&base()).unwrap()[0].promise.tolerance - 0.02).abs() < 1e-12);
+        assert!((sweep.over(&base()).unwrap()[0].tolerance_options.tolerance - 0.02).abs() < 1e-12);
         let sweep: Sweep = "budget=none,4000".parse().unwrap();
         let budgets = sweep
             .over(&base())
             .unwrap()
             .into_iter()
-            .map(|manner| manner.budget);
+            .map(|options| options.budget);
         assert!(budgets.eq([None, rhumb_protocol::stream::Budget::per_second(4_000)]));
         let sweep: Sweep = "seed=1,12".parse().unwrap();
         let seeds = sweep.over(&base()).unwrap().into_iter();
-        assert!(seeds.map(|manner| manner.seed).eq([1, 12]));
+        assert!(seeds.map(|options| options.seed).eq([1, 12]));
         assert_eq!(matrix(&base()).unwrap().len(), 28);
     }
 
@@ -123,7 +123,7 @@ mod tests {
         assert!("tolerance=1,".parse::<Sweep>().is_err());
         for wrong in [
             "tolerance=x",
-            "every=0",
+            "publish-interval=0",
             "seed=-1",
             "budget=9",
             "colour=red",

@@ -12,20 +12,20 @@ pub(super) struct Figure {
     pub(super) title: String,
     pub(super) sentence: String,
     /// What its colours mean.
-    pub(super) keys: Vec<Key>,
+    pub(super) keys: Vec<LegendKey>,
     pub(super) svg: String,
 }
 
 /// What a colour means.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Key {
+pub(super) struct LegendKey {
     /// The colour's name in `style.css`.
     pub(super) color: &'static str,
     pub(super) label: &'static str,
 }
 
 /// What the colour of a mode means.
-const fn key(mode: Mode) -> Key {
+const fn key(mode: Mode) -> LegendKey {
     let color = match mode {
         Mode::Integrated => "--integrated",
         Mode::Naive => "--naive",
@@ -38,13 +38,13 @@ const fn key(mode: Mode) -> Key {
         Mode::AppPacked => "--app-packed",
         Mode::Replay => "--replay",
     };
-    Key {
+    LegendKey {
         color,
         label: mode.name(),
     }
 }
 
-fn keys(modes: impl IntoIterator<Item = Mode>) -> Vec<Key> {
+fn keys(modes: impl IntoIterator<Item = Mode>) -> Vec<LegendKey> {
     modes.into_iter().map(key).collect()
 }
 
@@ -67,18 +67,18 @@ pub(crate) const fn color(mode: Mode) -> RGBColor {
 fn remote(load: &Load) -> impl Iterator<Item = &Run> {
     load.runs
         .iter()
-        .filter(|run| run.terms.mode != Mode::Integrated)
+        .filter(|run| run.config.mode != Mode::Integrated)
 }
 
 /// Bandwidth over time of one load.
 pub(super) fn bandwidth(load: &Load, figures: &[&RunFigures]) -> Figure {
     let curve = |run: &Run| {
-        let end_s = f64::from(run.terms.ticks) * run.terms.step_s;
+        let end_s = f64::from(run.config.ticks) * run.config.step_s;
         let points = second_by_second(run)
-            .map(|(tick, kbps)| (tick as f64 * run.terms.step_s, kbps))
+            .map(|(tick, kbps)| (tick as f64 * run.config.step_s, kbps))
             // Before there is a whole second to look back on, the rate only seems to rise.
             .filter(|(time, _)| *time >= 1.0 || end_s < 2.0);
-        (run.terms.mode, decimate(points.collect()))
+        (run.config.mode, decimate(points.collect()))
     };
     let curves: Vec<_> = remote(load).map(curve).collect();
     let every = || curves.iter().flat_map(|(_, points)| points);
@@ -148,10 +148,10 @@ const fn drawn_first(mode: Mode) -> bool {
 /// How many body-ticks are farther off than a distance, against the tolerance.
 pub(super) fn errors(load: &Load, figures: &[&RunFigures]) -> Figure {
     let curves: Vec<_> = remote(load)
-        .map(|run| (run.terms.mode, farther_off(run)))
+        .map(|run| (run.config.mode, farther_off(run)))
         .filter(|(_, points)| !points.is_empty())
         .collect();
-    let tolerance_m = load.runs.iter().find_map(|run| run.terms.tolerance_m);
+    let tolerance_m = load.runs.iter().find_map(|run| run.config.tolerance_m);
     let every = || curves.iter().flat_map(|(_, points)| points);
     let shares = every().map(|point| point.1).filter(|share| *share > 0.0);
     let lengths = every()
@@ -170,7 +170,7 @@ pub(super) fn errors(load: &Load, figures: &[&RunFigures]) -> Figure {
         .map(|over| over.count)
         .sum();
     let exact: Vec<_> = remote(load)
-        .map(|run| run.terms.mode)
+        .map(|run| run.config.mode)
         .filter(|mode| curves.iter().all(|(m, _)| m != mode))
         .collect();
     let mut sentence = match (tolerance_m, over) {
@@ -341,8 +341,8 @@ pub(super) fn points(loads: &[Load], summary: &Summary) -> Figure {
 pub(super) fn modes_of(loads: &[Load]) -> Vec<Mode> {
     let mut modes = Vec::new();
     for run in loads.iter().flat_map(|load| &load.runs) {
-        if !modes.contains(&run.terms.mode) {
-            modes.push(run.terms.mode);
+        if !modes.contains(&run.config.mode) {
+            modes.push(run.config.mode);
         }
     }
     modes

@@ -2,13 +2,13 @@
 
 use plotters::style::RGBColor;
 
-use super::figures::{Figure, Key};
+use super::figures::{Figure, LegendKey};
 use super::plot::{Axis, Chart, INK, Mark, plain};
 use crate::summary::{RunFigures, Summary, number};
 
 /// One curve.
 struct Series {
-    key: Key,
+    key: LegendKey,
     color: RGBColor,
     /// Millimetres, of a run.
     length_mm: fn(&RunFigures) -> Option<f64>,
@@ -16,7 +16,7 @@ struct Series {
 
 const SERIES: [Series; 3] = [
     Series {
-        key: Key {
+        key: LegendKey {
             color: "--soft",
             label: "tolerance",
         },
@@ -24,7 +24,7 @@ const SERIES: [Series; 3] = [
         length_mm: promised_mm,
     },
     Series {
-        key: Key {
+        key: LegendKey {
             color: "--rhumb",
             label: "99th percentile of error",
         },
@@ -32,7 +32,7 @@ const SERIES: [Series; 3] = [
         length_mm: |run| run.moving.map(|moving| 1e3 * moving.surface_error_m.p99),
     },
     Series {
-        key: Key {
+        key: LegendKey {
             color: "--rhumb-pipelined",
             label: "median of error",
         },

@@ -146,7 +146,7 @@ impl Chart {
         text
     }
 
-    fn paint<'t, X, Y>(&self, root: &Area<'t>, x: X, y: Y) -> Result<(), Failure<'t>>
+    fn paint<'t, X, Y>(&self, root: &Area<'t>, x: X, y: Y) -> Result<(), PlotError<'t>>
     where
         X: AsRangedCoord<Value = f64>,
         Y: AsRangedCoord<Value = f64>,
@@ -234,7 +234,7 @@ fn put_words<'t>(
     labels: &mut Labels,
     dots: &Dots<'_>,
     words: &TextStyle<'_>,
-) -> Result<(), Failure<'t>> {
+) -> Result<(), PlotError<'t>> {
     for (at, radius, label) in dots.iter().filter(|(.., label)| !label.is_empty()) {
         if let Some(corner) = labels.place(*at, *radius, label) {
             let word = words.clone().pos(Pos::new(HPos::Left, VPos::Top));
@@ -251,7 +251,7 @@ pub(super) fn plain(value: f64) -> String {
 }
 
 type Area<'t> = DrawingArea<SVGBackend<'t>, Shift>;
-type Failure<'t> = DrawingAreaErrorKind<<SVGBackend<'t> as DrawingBackend>::ErrorType>;
+type PlotError<'t> = DrawingAreaErrorKind<<SVGBackend<'t> as DrawingBackend>::ErrorType>;
 
 #[cfg(test)]
 mod tests {

@@ -5,7 +5,7 @@
 use std::fmt::Write as _;
 
 use super::plot::plain;
-use crate::record::{Experiment, Mode, RunTerms};
+use crate::record::{Experiment, Mode, RunConfig};
 use crate::summary::{RunFigures, Summary, number};
 
 /// Text made safe to stand in HTML.
@@ -25,25 +25,28 @@ pub(crate) fn escape(text: &str) -> String {
 
 /// What was run, in a paragraph.
 pub(super) fn what_was_run(experiment: &Experiment) -> String {
-    let terms: Vec<_> = experiment
+    let config: Vec<_> = experiment
         .loads
         .iter()
         .flat_map(|load| &load.runs)
-        .map(|run| &run.terms)
+        .map(|run| &run.config)
         .collect();
-    let Some(first) = terms.first() else {
+    let Some(first) = config.first() else {
         return "Nothing was run.".to_owned();
     };
-    let mut loads: Vec<_> = terms.iter().map(|terms| terms.bodies.to_string()).collect();
-    loads.dedup();
-    let link = terms
+    let mut loads: Vec<_> = config
         .iter()
-        .find(|terms| terms.mode != Mode::Integrated)
-        .map(|terms| &terms.link);
-    if terms.iter().all(|terms| terms.replayed.is_some()) {
-        return escape(&what_was_replayed(first, terms.len(), experiment.seed));
+        .map(|config| config.bodies.to_string())
+        .collect();
+    loads.dedup();
+    let link = config
+        .iter()
+        .find(|config| config.mode != Mode::Integrated)
+        .map(|config| &config.link);
+    if config.iter().all(|config| config.replayed.is_some()) {
+        return escape(&what_was_replayed(first, config.len(), experiment.seed));
     }
-    let tolerance = terms.iter().find_map(|terms| terms.tolerance_m);
+    let tolerance = config.iter().find_map(|config| config.tolerance_m);
     let mut text = format!(
         "A physics scene, {}, was stepped {} times ({} simulated seconds, {} steps a second), with {} bodies. A \
          simulator that is another program keeps a copy of all of them; this page says what the copy costs and how \
@@ -75,7 +78,7 @@ pub(super) fn what_was_run(experiment: &Experiment) -> String {
 }
 
 /// The recording, and how often it was replayed.
-fn what_was_replayed(first: &RunTerms, runs: usize, seed: u64) -> String {
+fn what_was_replayed(first: &RunConfig, runs: usize, seed: u64) -> String {
     let times = match runs {
         1 => "once".to_owned(),
         _ => format!("{runs} times, once for each row"),
@@ -110,7 +113,7 @@ pub(super) const fn mode(mode: Mode) -> &'static str {
             "the engine runs in another process and sends every body's full state each tick, 56 bytes a body."
         }
         Mode::Rhumb => {
-            "the engine runs in another process and sends only what the copy could not have foreseen; the simulator \
+            "the engine runs in another process and sends only what the copy could not have predicted_after; the simulator \
              waits for each tick."
         }
         Mode::RhumbPipelined => {
@@ -133,8 +136,8 @@ pub(super) const fn mode(mode: Mode) -> &'static str {
             "the paper's protocol with as many states in a datagram as fit: what packing alone would give it."
         }
         Mode::Replay => {
-            "a recorded scene is published and followed over a pretended link in simulated time; each tick is judged when \
-             the stream vouches for it, and bytes are counted as they are sent."
+            "a recorded scene is published and followed over a simulated link in simulated time; each tick is judged when \
+             the stream watermarks for it, and bytes are counted as they are sent."
         }
     }
 }
@@ -224,7 +227,7 @@ fn of_limit(runs: &[RunFigures]) -> Option<String> {
     let beside = runs.iter().any(|run| run.of_limit.is_some());
     beside.then(|| {
         "The limit is what was found with the future known: each body's way cut into the longest segments by any of the \
-         laws, each verified, and coded by an ideal coder that learns as it goes. Better fits may be found, so that the \
+         predictors, each verified, and coded by an ideal coder that learns as it goes. Better fits may be found, so that the \
          true least is lower still; and a publisher has more to do: it says packets and exact rests, and does not know the \
          future. On the grid means that motions were rounded as the protocol says them, and judged as rounded."
             .to_owned()

@@ -3,7 +3,7 @@
 //! One list serves terminal, Markdown and page. Which columns there are follows from the runs: those of replays are not
 //! those of scenes that were stepped, and a column that would say the same of every run is left out.
 
-use rhumb_transport::LinkTerms;
+use rhumb_transport::LinkConfig;
 
 use super::RunFigures;
 use super::table::{dash, number};
@@ -221,7 +221,7 @@ fn ratio(part: Option<f64>, whole: Option<f64>) -> Option<f64> {
 }
 
 /// None without a link: the perfect one.
-fn link(run: &RunFigures) -> Option<LinkTerms> {
+fn link(run: &RunFigures) -> Option<LinkConfig> {
     run.link.as_deref().unwrap_or_default().parse().ok()
 }
 
@@ -244,8 +244,8 @@ fn over(run: &RunFigures) -> String {
 /// The mode, and how its scene was published and followed where that was not at once.
 fn name(run: &RunFigures) -> String {
     let mut text = run.mode.clone();
-    if let Some(of) = run.followed {
-        cadence(of.every, of.hindsight_ticks, &mut text);
+    if let Some(of) = run.subscription {
+        publish_schedule(of.publish_interval, of.lookahead_ticks, &mut text);
         if of.delay_ticks > 0 {
             text.push_str(&format!(", shown with a delay of {}", of.delay_ticks));
         }
@@ -254,12 +254,12 @@ fn name(run: &RunFigures) -> String {
 }
 
 /// How often, and how late, it is spoken of each tick.
-fn cadence(every: u32, hindsight_ticks: u32, text: &mut String) {
-    if every > 1 {
-        text.push_str(&format!(", each {every} ticks"));
+fn publish_schedule(publish_interval: u32, lookahead_ticks: u32, text: &mut String) {
+    if publish_interval > 1 {
+        text.push_str(&format!(", each {publish_interval} ticks"));
     }
-    if hindsight_ticks > 0 {
-        text.push_str(&format!(", {hindsight_ticks} ticks later"));
+    if lookahead_ticks > 0 {
+        text.push_str(&format!(", {lookahead_ticks} ticks later"));
     }
 }
 
@@ -272,7 +272,7 @@ pub(super) fn setting(of: &Replayed, tolerance_m: Option<f64>, budget: Option<u3
     if let Some(turn_rad) = of.turn_rad {
         text.push_str(&format!(", {}°", number(Some(turn_rad.to_degrees()))));
     }
-    cadence(of.every, of.hindsight_ticks, &mut text);
+    publish_schedule(of.publish_interval, of.lookahead_ticks, &mut text);
     if let Some(budget) = budget {
         text.push_str(&format!(", {budget} B/s"));
     }

@@ -5,38 +5,38 @@
 use std::collections::BTreeMap;
 
 use crate::quantile::{WithZeros, of_nanoseconds};
-use crate::record::{Breach, Cause, Frame, Mode, Passed, Run, RunTerms, Way};
+use crate::record::{Breach, CapturedPacket, Cause, Frame, Mode, PacketDirection, Run, RunConfig};
 
 use super::{
-    DATAGRAM_HEADER_BYTES, Errors, FirstSeconds, FrameTimes, Join, LessThanNaive, Moving, OfLimit,
-    OverTolerance, Recovery, RunFigures, SIM_FPS_MAX, StepTimes,
+    DATAGRAM_HEADER_BYTES, ErrorQuantiles, FirstSeconds, FrameTimes, Join, LessThanNaive, Moving,
+    OfLimit, OverTolerance, Recovery, RunFigures, SIM_FPS_MAX, StepTimes,
 };
 
 const NANOSECONDS_PER_MILLISECOND: f64 = 1e6;
 
 /// Everything that is said of a run.
-pub(super) fn figures(run: &Run, truth_digest: u64) -> RunFigures {
-    let terms = &run.terms;
+pub(super) fn figures(run: &Run, truth_checksum: u64) -> RunFigures {
+    let config = &run.config;
     let mut errors = WithZeros::default();
     for frame in &run.frames {
         errors.extend(&frame.errors_m, frame.exact);
     }
     // Nobody waits for the frames of a replay.
-    let waited = terms.mode != Mode::Replay;
+    let waited = config.mode != Mode::Replay;
     let frame_ms = waited.then(|| frame_times(&run.frames)).flatten();
     let mut figures = RunFigures {
-        scene: terms.scene.clone(),
-        bodies: terms.bodies,
-        mode: terms.mode.name().to_owned(),
-        depth: terms.depth,
-        tolerance_m: terms.tolerance_m,
-        budget_bytes_per_second: terms.budget_bytes_per_second,
+        scene: config.scene.clone(),
+        bodies: config.bodies,
+        mode: config.mode.name().to_owned(),
+        depth: config.depth,
+        tolerance_m: config.tolerance_m,
+        budget_bytes_per_second: config.budget_bytes_per_second,
         link: None,
-        ticks: terms.ticks,
-        followed: terms.followed,
-        replayed: terms.replayed.clone(),
-        truth_hash: format!("{:016x}", run.truth_digest),
-        void: run.truth_digest != truth_digest,
+        ticks: config.ticks,
+        subscription: config.subscription,
+        replayed: config.replayed.clone(),
+        truth_hash: format!("{:016x}", run.truth_checksum),
+        void: run.truth_checksum != truth_checksum,
         bytes_down: None,
         bytes_up: None,
         payload_bytes_down: None,
@@ -54,7 +54,7 @@ pub(super) fn figures(run: &Run, truth_digest: u64) -> RunFigures {
         mismatches: None,
         moving: None,
         of_all_on: None,
-        limit: terms.limit,
+        limit: config.limit,
         of_limit: None,
         recovery: None,
         frame_ms,
@@ -66,17 +66,17 @@ pub(super) fn figures(run: &Run, truth_digest: u64) -> RunFigures {
         publish_share: None,
         join: None,
     };
-    if terms.mode != Mode::Integrated {
+    if config.mode != Mode::Integrated {
         add_wire(&mut figures, run);
         figures.first_seconds = first_seconds(run);
         figures.unjudged_frames = Some(unjudged(run));
-        figures.surface_error_m = Errors::of(&mut errors);
+        figures.surface_error_m = ErrorQuantiles::of(&mut errors);
         figures.over_tolerance = Some(over_tolerance(&run.breaches, errors.count()));
         figures.mismatches = Some(run.mismatches);
         figures.publish_share =
             (run.step_ns_total > 0).then(|| run.publish_ns_total as f64 / run.step_ns_total as f64);
     }
-    if terms.mode == Mode::Replay {
+    if config.mode == Mode::Replay {
         figures.moving = moving(run);
         figures.recovery = recovery(run);
     }
@@ -89,8 +89,12 @@ const FIRST_S: f64 = 5.0;
 
 /// Simulated seconds between two frames: of a replay there is one for each tick that is spoken of.
 fn frame_s(run: &Run) -> f64 {
-    let every = run.terms.replayed.as_ref().map_or(1, |terms| terms.every);
-    run.terms.step_s * f64::from(every)
+    let publish_interval = run
+        .config
+        .replayed
+        .as_ref()
+        .map_or(1, |config| config.publish_interval);
+    run.config.step_s * f64::from(publish_interval)
 }
 
 /// What came down in the first frames.
@@ -98,12 +102,17 @@ fn first_seconds(run: &Run) -> Option<FirstSeconds> {
     let step_s = frame_s(run);
     let wanted = (FIRST_S / step_s).round() as usize;
     let frames = wanted.min(run.frames.len());
-    let within = |passed: &&Passed| (passed.frame as usize) < frames;
-    let down = |passed: &&Passed| matches!(passed.way, Way::StateDown | Way::ControlDown);
-    let payload = run.passed.iter().filter(within).filter(down);
+    let within = |captured: &&CapturedPacket| (captured.frame as usize) < frames;
+    let down = |captured: &&CapturedPacket| {
+        matches!(
+            captured.direction,
+            PacketDirection::StateDown | PacketDirection::ControlDown
+        )
+    };
+    let payload = run.captured.iter().filter(within).filter(down);
     (frames > 0).then(|| FirstSeconds {
         seconds: frames as f64 * step_s,
-        payload_bytes_down: payload.map(|passed| passed.counted).sum(),
+        payload_bytes_down: payload.map(|captured| captured.counted).sum(),
         bytes_down: run.frames[..frames].iter().map(bytes_down).sum(),
     })
 }
@@ -155,7 +164,7 @@ fn moving(run: &Run) -> Option<Moving> {
     let body_ticks = errors.count();
     Some(Moving {
         body_ticks,
-        surface_error_m: Errors::of(&mut errors)?,
+        surface_error_m: ErrorQuantiles::of(&mut errors)?,
         over_tolerance_share: run.breaches.len() as f64 / body_ticks as f64,
     })
 }
@@ -179,24 +188,27 @@ fn recovery(run: &Run) -> Option<Recovery> {
         losses: spans.len() as u64,
         p50_ms: p50_ns / NANOSECONDS_PER_MILLISECOND,
         p99_ms: p99_ns / NANOSECONDS_PER_MILLISECOND,
-        p99_ticks: p99_ns / 1e9 / run.terms.step_s,
+        p99_ticks: p99_ns / 1e9 / run.config.step_s,
     })
 }
 
 /// What only a run between two processes has.
 fn add_wire(figures: &mut RunFigures, run: &Run) {
-    let terms = &run.terms;
-    let simulated_s = f64::from(terms.ticks) * terms.step_s;
+    let config = &run.config;
+    let simulated_s = f64::from(config.ticks) * config.step_s;
     let sum = |of: fn(&Frame) -> u64| run.frames.iter().map(of).sum::<u64>();
-    let payload = |ways: &[Way]| -> u64 {
-        let counted = run.passed.iter().filter(|p| ways.contains(&p.way));
+    let payload = |directions: &[PacketDirection]| -> u64 {
+        let counted = run
+            .captured
+            .iter()
+            .filter(|p| directions.contains(&p.direction));
         counted.map(|p| p.counted).sum()
     };
     let bytes_down = sum(bytes_down);
-    let payload_down = payload(&[Way::StateDown, Way::ControlDown]);
+    let payload_down = payload(&[PacketDirection::StateDown, PacketDirection::ControlDown]);
     let updates = sum(|frame| frame.updates);
 
-    figures.link = (!terms.link.is_empty()).then(|| terms.link.clone());
+    figures.link = (!config.link.is_empty()).then(|| config.link.clone());
     figures.bytes_down = Some(bytes_down);
     figures.bytes_up = Some(sum(|f| {
         f.wire_bytes_up + DATAGRAM_HEADER_BYTES * f.wire_datagrams_up
@@ -210,7 +222,7 @@ fn add_wire(figures: &mut RunFigures, run: &Run) {
             second_by_second(run).map(|(_, rate)| rate).reduce(f64::max);
     }
     figures.updates = Some(updates);
-    let state_bits = 8 * payload(&[Way::StateDown]);
+    let state_bits = 8 * payload(&[PacketDirection::StateDown]);
     figures.bits_per_update = (updates > 0).then(|| state_bits as f64 / updates as f64);
     let join = run.join;
     figures.join = Some(Join {
@@ -231,8 +243,8 @@ fn bytes_down(frame: &Frame) -> u64 {
 /// Near the run's beginning the second reaches back before it, where nothing was sent; a run shorter than a second is
 /// divided by its own length.
 pub(crate) fn second_by_second(run: &Run) -> impl Iterator<Item = (u64, f64)> + '_ {
-    let window = window_ticks(&run.terms);
-    let span_s = window as f64 * run.terms.step_s;
+    let window = window_ticks(&run.config);
+    let span_s = window as f64 * run.config.step_s;
     let mut inside = 0;
     let mut oldest = 0;
     run.frames.iter().map(move |frame| {
@@ -247,16 +259,16 @@ pub(crate) fn second_by_second(run: &Run) -> impl Iterator<Item = (u64, f64)> + 
 }
 
 /// The whole number of ticks that is nearest to a second, and no more than were run.
-fn window_ticks(terms: &RunTerms) -> u64 {
-    let ticks = (1.0 / terms.step_s).round() as u64;
-    ticks.min(u64::from(terms.ticks)).max(1)
+fn window_ticks(config: &RunConfig) -> u64 {
+    let ticks = (1.0 / config.step_s).round() as u64;
+    ticks.min(u64::from(config.ticks)).max(1)
 }
 
 fn kbps(bytes: u64, seconds: f64) -> f64 {
     bytes as f64 * 8.0 / 1e3 / seconds
 }
 
-impl Errors {
+impl ErrorQuantiles {
     /// Of some distances, metres; `None` of nothing.
     pub(crate) fn of(errors: &mut WithZeros) -> Option<Self> {
         Some(Self {

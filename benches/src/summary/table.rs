@@ -9,11 +9,11 @@ use super::{RunFigures, Summary};
 
 /// Shown by `Display`; one line per run under one line of titles, then one per replay that did not come to its end.
 #[derive(Clone, Copy, Debug)]
-pub struct Table<'a> {
+pub struct SummaryTable<'a> {
     summary: &'a Summary,
 }
 
-impl<'a> Table<'a> {
+impl<'a> SummaryTable<'a> {
     pub(crate) const fn new(summary: &'a Summary) -> Self {
         Self { summary }
     }
@@ -26,7 +26,7 @@ impl<'a> Table<'a> {
         rows.extend(self.rows(&columns));
         let mut text = markdown(&rows);
         let mut before = "\n";
-        for replay in &self.summary.unended {
+        for replay in &self.summary.unfinished {
             text.push_str(&format!("{before}- Did not end: {replay}\n"));
             before = "";
         }
@@ -104,14 +104,14 @@ fn titles(columns: &[Column]) -> Vec<String> {
         .collect()
 }
 
-impl fmt::Display for Table<'_> {
+impl fmt::Display for SummaryTable<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let columns = columns(&self.summary.runs);
         let mut rows = vec![titles(&columns)];
         rows.extend(self.rows(&columns));
         f.write_str(&aligned(&rows))?;
-        let mut unended = self.summary.unended.iter();
-        unended.try_for_each(|replay| writeln!(f, "did not end: {replay}"))
+        let mut unfinished = self.summary.unfinished.iter();
+        unfinished.try_for_each(|replay| writeln!(f, "did not end: {replay}"))
     }
 }
 

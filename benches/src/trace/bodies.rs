@@ -35,11 +35,11 @@ impl<'a> Body<'a> {
     }
 
     pub(super) const fn id(&self) -> BodyId {
-        self.placed.terms.id
+        self.placed.config.id
     }
 
     pub(super) fn is_static(&self) -> bool {
-        self.placed.terms.kind == BodyKind::Static
+        self.placed.config.kind == BodyKind::Static
     }
 
     /// How far any of its points may be from where `other` has it, metres.
@@ -80,7 +80,7 @@ impl<'a> Bodies<'a> {
     }
 
     fn place(&mut self, placed: &'a Placed) {
-        let index = placed.terms.id.index() as usize;
+        let index = placed.config.id.index() as usize;
         if index >= self.slots.len() {
             self.slots.resize(index + 1, None);
         }
@@ -102,12 +102,12 @@ pub(super) struct TruthBodies<'a> {
     placed: usize,
     removed: usize,
     /// What came and went after the tick that the bodies are at.
-    after: Happened<'a>,
+    after: TickChanges<'a>,
 }
 
 /// What happened to the engine's bodies in a tick.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Happened<'a> {
+pub(super) struct TickChanges<'a> {
     /// By its step.
     pub(super) observed: &'a [Observation],
     /// After its step: there from the next.
@@ -125,12 +125,12 @@ impl<'a> TruthBodies<'a> {
             bodies: Bodies::default(),
             placed: 0,
             removed: 0,
-            after: Happened::default(),
+            after: TickChanges::default(),
         }
     }
 
     /// Goes to a tick, the one after the last.
-    pub(super) fn step(&mut self, tick: Tick) -> Happened<'a> {
+    pub(super) fn step(&mut self, tick: Tick) -> TickChanges<'a> {
         let truth = self.truth;
         let mut statics_changed = self.settle();
         let row = tick
@@ -151,20 +151,20 @@ impl<'a> TruthBodies<'a> {
         let placed = &placed[..placed.partition_point(|placed| placed.tick <= tick)];
         self.removed += removed.len();
         self.placed += placed.len();
-        self.after = Happened {
+        self.after = TickChanges {
             observed,
             placed,
             removed,
             statics_changed: false,
         };
-        let happened = self.after;
+        let changes = self.after;
         if tick == Tick::ZERO {
             // What comes before the first step is there at once.
             statics_changed |= self.settle();
         }
-        Happened {
+        TickChanges {
             statics_changed,
-            ..happened
+            ..changes
         }
     }
 
@@ -177,7 +177,7 @@ impl<'a> TruthBodies<'a> {
             self.bodies.remove(*id);
         }
         for placed in after.placed {
-            statics |= placed.terms.kind == BodyKind::Static;
+            statics |= placed.config.kind == BodyKind::Static;
             self.bodies.place(placed);
         }
         statics
@@ -188,7 +188,7 @@ impl<'a> TruthBodies<'a> {
 #[derive(Debug)]
 pub(super) struct CopiedBodies<'a> {
     truth: &'a Truth,
-    cast: BTreeMap<BodyId, &'a Placed>,
+    placed_by_id: BTreeMap<BodyId, &'a Placed>,
     pub(super) bodies: Bodies<'a>,
     placed: usize,
 }
@@ -197,10 +197,10 @@ impl<'a> CopiedBodies<'a> {
     pub(super) fn new(truth: &'a Truth) -> Self {
         Self {
             truth,
-            cast: truth
+            placed_by_id: truth
                 .placed
                 .iter()
-                .map(|placed| (placed.terms.id, placed))
+                .map(|placed| (placed.config.id, placed))
                 .collect(),
             bodies: Bodies::default(),
             placed: 0,
@@ -223,7 +223,7 @@ impl<'a> CopiedBodies<'a> {
         }
         for seen in &frame.seen {
             if self.bodies.find(seen.id).is_none()
-                && let Some(placed) = self.cast.get(&seen.id)
+                && let Some(placed) = self.placed_by_id.get(&seen.id)
             {
                 self.bodies.place(placed);
             }

@@ -11,7 +11,7 @@ use crate::record::{Experiment, Load, Mode};
 /// The text of `layout.json`: the smallest load, with its truth and the first reckoned copy of it.
 #[must_use]
 pub fn layout(experiment: &Experiment) -> String {
-    let bodies = |load: &Load| load.runs.first().map_or(u32::MAX, |run| run.terms.bodies);
+    let bodies = |load: &Load| load.runs.first().map_or(u32::MAX, |run| run.config.bodies);
     let loads = names::loads(experiment);
     let smallest = experiment
         .loads
@@ -30,9 +30,9 @@ fn window(load: &Load, prefix: &str) -> Value {
     let runs: Vec<_> = load.runs.iter().zip(names::runs(load)).collect();
     let remote = || {
         runs.iter()
-            .filter(|(run, _)| run.terms.mode != Mode::Integrated)
+            .filter(|(run, _)| run.config.mode != Mode::Integrated)
     };
-    let reckoned = remote().find(|(run, _)| run.terms.tolerance_m.is_some());
+    let reckoned = remote().find(|(run, _)| run.config.tolerance_m.is_some());
     let copy = reckoned
         .or_else(|| remote().next())
         .map_or("truth", |(_, name)| name);

@@ -10,7 +10,7 @@ use super::bodies::{Bodies, TruthBodies};
 use super::file::{File, Schema, Topic};
 use super::messages::States;
 use super::run::RunTopics;
-use super::scene::{Scene, entity};
+use super::scene::{DrawnScene, entity};
 use super::time::Time;
 use super::{TraceOptions, names, primitives};
 use crate::record::Load;
@@ -26,7 +26,7 @@ pub(super) fn write<W: Write + Seek>(
     let Some(first) = load.runs.first() else {
         return Ok(());
     };
-    let time = Time::of(&first.terms, options);
+    let time = Time::of(&first.config, options);
     let mut truth = TruthTopics::new(prefix, load, time, options);
     let mut runs: Vec<_> = names::runs(load)
         .iter()
@@ -57,7 +57,7 @@ struct TruthTopics<'a> {
     time: Time,
     state: Topic,
     statics: Topic,
-    scene: Option<Scene>,
+    scene: Option<DrawnScene>,
     bodies: TruthBodies<'a>,
     last: u64,
     drawn: Option<u64>,
@@ -74,7 +74,7 @@ impl<'a> TruthTopics<'a> {
             statics: Topic::new(format!("{prefix}/static"), Schema::Scene),
             scene: options
                 .draws(load)
-                .then(|| Scene::new(&prefix, time.patience_ticks())),
+                .then(|| DrawnScene::new(&prefix, time.rest_delay_ticks())),
             bodies: TruthBodies::new(&load.truth),
             last: last_tick(load),
             drawn: None,
@@ -84,9 +84,9 @@ impl<'a> TruthTopics<'a> {
 
     fn write<W: Write + Seek>(&mut self, file: &mut File<W>, tick: Tick) -> Result<(), McapError> {
         let at_ns = self.time.at_ns(tick.value());
-        let happened = self.bodies.step(tick);
-        self.statics_changed |= happened.statics_changed;
-        let states = States::of(tick, happened.observed, happened.placed, happened.removed);
+        let changes = self.bodies.step(tick);
+        self.statics_changed |= changes.statics_changed;
+        let states = States::of(tick, changes.observed, changes.placed, changes.removed);
         file.put(&mut self.state, at_ns, &states)?;
         let due = self
             .drawn

@@ -7,7 +7,7 @@ use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, Tick};
 
 use crate::quantile::rank;
-use crate::record::{self, Frame, Passed, Placed, Seen};
+use crate::record::{self, CapturedPacket, CopiedPose, Frame, Placed};
 
 /// `proto/rhumb.proto` as `protoc --descriptor_set_out=rhumb.binpb rhumb.proto` compiles it.
 pub(super) const DESCRIPTORS: &[u8] = include_bytes!("../../proto/rhumb.binpb");
@@ -204,7 +204,7 @@ pub(super) struct Placement {
     #[prost(bool, tag = "8")]
     pub(super) awake: bool,
     #[prost(sint32, tag = "9")]
-    pub(super) class: i32,
+    pub(super) tolerance_scale: i32,
 }
 
 impl From<&Placed> for Placement {
@@ -228,9 +228,9 @@ impl From<&Placed> for Placement {
             Solid::Heights(_) | Solid::Mesh(_) | Solid::Compound(_) => (0, Vec::new()),
         };
         Self {
-            index: placed.terms.id.index(),
-            generation: placed.terms.id.generation().into(),
-            kind: match placed.terms.kind {
+            index: placed.config.id.index(),
+            generation: placed.config.id.generation().into(),
+            kind: match placed.config.kind {
                 BodyKind::Static => 1,
                 BodyKind::Dynamic => 2,
                 BodyKind::Kinematic => 3,
@@ -240,7 +240,7 @@ impl From<&Placed> for Placement {
             bounding_radius_m: placed.shape.bounding_radius().metres(),
             motion: placed.observation.motion.parts().into(),
             awake: placed.observation.activity == Activity::Awake,
-            class: placed.terms.class.exponent().into(),
+            tolerance_scale: placed.config.tolerance_scale.exponent().into(),
         }
     }
 }
@@ -279,7 +279,7 @@ pub(super) struct Poses {
 
 impl Poses {
     pub(super) fn of(number: u32, frame: &Frame) -> Self {
-        let seen: &[Seen] = &frame.seen;
+        let seen: &[CopiedPose] = &frame.seen;
         let position = |part: usize| seen.iter().map(|s| s.position[part]).collect();
         let rotation = |part: usize| seen.iter().map(|s| s.rotation[part]).collect();
         Self {
@@ -308,23 +308,23 @@ pub(super) struct Packet {
     #[prost(uint32, tag = "2")]
     pub(super) frame: u32,
     #[prost(int32, tag = "3")]
-    pub(super) way: i32,
+    pub(super) direction: i32,
     #[prost(bytes = "bytes", tag = "4")]
     pub(super) data: bytes::Bytes,
 }
 
 impl Packet {
-    pub(super) fn of(tick: Tick, passed: &Passed) -> Self {
+    pub(super) fn of(tick: Tick, captured: &CapturedPacket) -> Self {
         Self {
             tick: tick.value(),
-            frame: passed.frame,
-            way: match passed.way {
-                record::Way::StateDown => 1,
-                record::Way::StateUp => 2,
-                record::Way::ControlDown => 3,
-                record::Way::ControlUp => 4,
+            frame: captured.frame,
+            direction: match captured.direction {
+                record::PacketDirection::StateDown => 1,
+                record::PacketDirection::StateUp => 2,
+                record::PacketDirection::ControlDown => 3,
+                record::PacketDirection::ControlUp => 4,
             },
-            data: passed.bytes.clone(),
+            data: captured.bytes.clone(),
         }
     }
 }

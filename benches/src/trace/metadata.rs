@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::record::{Experiment, Followed, Load, Replayed, Run};
+use crate::record::{Experiment, Load, Replayed, Run, SubscriptionSettings};
 use crate::summary::DATAGRAM_HEADER_BYTES;
 
 /// Name and content of the record of the whole experiment.
@@ -41,21 +41,21 @@ pub(super) fn of_run(
     place: usize,
     run: &Run,
 ) -> (String, BTreeMap<String, String>) {
-    let (terms, join) = (&run.terms, &run.join);
+    let (config, join) = (&run.config, &run.join);
     let mut record = named([
         ("place", place.to_string()),
         ("load", prefix.to_owned()),
         ("name", name.to_owned()),
-        ("scene", terms.scene.clone()),
-        ("bodies", terms.bodies.to_string()),
-        ("mode", terms.mode.name().to_owned()),
-        ("depth", terms.depth.to_string()),
-        ("link", terms.link.clone()),
-        ("seed", terms.seed.to_string()),
-        ("step_s", terms.step_s.to_string()),
-        ("ticks", terms.ticks.to_string()),
+        ("scene", config.scene.clone()),
+        ("bodies", config.bodies.to_string()),
+        ("mode", config.mode.name().to_owned()),
+        ("depth", config.depth.to_string()),
+        ("link", config.link.clone()),
+        ("seed", config.seed.to_string()),
+        ("step_s", config.step_s.to_string()),
+        ("ticks", config.ticks.to_string()),
         ("frames", run.frames.len().to_string()),
-        ("truth_hash", format!("{:016x}", run.truth_digest)),
+        ("truth_hash", format!("{:016x}", run.truth_checksum)),
         ("join_wire_bytes_down", join.wire_bytes_down.to_string()),
         (
             "join_wire_datagrams_down",
@@ -69,35 +69,38 @@ pub(super) fn of_run(
         ("publish_ns_total", run.publish_ns_total.to_string()),
         ("mismatches", run.mismatches.to_string()),
     ]);
-    if let Some(tolerance_m) = terms.tolerance_m {
+    if let Some(tolerance_m) = config.tolerance_m {
         record.insert("tolerance_m".to_owned(), tolerance_m.to_string());
     }
-    if let Some(budget) = terms.budget_bytes_per_second {
+    if let Some(budget) = config.budget_bytes_per_second {
         record.insert("budget_bytes_per_second".to_owned(), budget.to_string());
     }
-    if let Some(followed) = &terms.followed {
-        record.extend(of_following(followed));
+    if let Some(subscription) = &config.subscription {
+        record.extend(of_subscription(subscription));
     }
-    if let Some(replayed) = &terms.replayed {
+    if let Some(replayed) = &config.replayed {
         record.extend(of_replay(replayed));
     }
     (format!("rhumb.run.{prefix}.{name}"), record)
 }
 
 /// How a free-running scene was published and followed.
-fn of_following(followed: &Followed) -> BTreeMap<String, String> {
+fn of_subscription(subscription: &SubscriptionSettings) -> BTreeMap<String, String> {
     named([
-        ("every", followed.every.to_string()),
-        ("hindsight_ticks", followed.hindsight_ticks.to_string()),
-        ("delay_ticks", followed.delay_ticks.to_string()),
+        (
+            "publish_interval",
+            subscription.publish_interval.to_string(),
+        ),
+        ("lookahead_ticks", subscription.lookahead_ticks.to_string()),
+        ("delay_ticks", subscription.delay_ticks.to_string()),
     ])
 }
 
 /// What only a replay is asked for.
 fn of_replay(replayed: &Replayed) -> BTreeMap<String, String> {
     let mut record = named([
-        ("every", replayed.every.to_string()),
-        ("hindsight_ticks", replayed.hindsight_ticks.to_string()),
+        ("publish_interval", replayed.publish_interval.to_string()),
+        ("lookahead_ticks", replayed.lookahead_ticks.to_string()),
         ("link_seed", replayed.link_seed.to_string()),
         ("without", replayed.without.join(" ")),
     ]);

@@ -4,11 +4,11 @@
 
 use std::collections::BTreeMap;
 
-use crate::record::{Experiment, Load, Way};
+use crate::record::{Experiment, Load, PacketDirection};
 
 /// Prefix of each load, such as `n500`, in the order of the record.
 pub(crate) fn loads(experiment: &Experiment) -> Vec<String> {
-    let bodies = |load: &Load| load.runs.first().map_or(0, |run| run.terms.bodies);
+    let bodies = |load: &Load| load.runs.first().map_or(0, |run| run.config.bodies);
     distinct(
         experiment
             .loads
@@ -19,16 +19,20 @@ pub(crate) fn loads(experiment: &Experiment) -> Vec<String> {
 
 /// Name of each run of a load, such as `rhumb`, in the order of the record.
 pub(crate) fn runs(load: &Load) -> Vec<String> {
-    distinct(load.runs.iter().map(|run| run.terms.mode.name().to_owned()))
+    distinct(
+        load.runs
+            .iter()
+            .map(|run| run.config.mode.name().to_owned()),
+    )
 }
 
 /// Last part of the topic of what passed one way.
-pub(super) const fn way(way: Way) -> &'static str {
-    match way {
-        Way::StateDown => "state-down",
-        Way::StateUp => "state-up",
-        Way::ControlDown => "control-down",
-        Way::ControlUp => "control-up",
+pub(super) const fn direction(direction: PacketDirection) -> &'static str {
+    match direction {
+        PacketDirection::StateDown => "state-down",
+        PacketDirection::StateUp => "state-up",
+        PacketDirection::ControlDown => "control-down",
+        PacketDirection::ControlUp => "control-up",
     }
 }
 

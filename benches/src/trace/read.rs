@@ -4,9 +4,9 @@
 
 use glam::Vec3;
 use prost::Message as _;
-use rhumb_protocol::scene::{BodyKind, BodyTerms, Hull, Shape, ShapeId};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Hull, Shape, ShapeId};
 use rhumb_protocol::stream::{Activity, Observation};
-use rhumb_reckoning::{BodyId, Class, Tick, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState, Tick, ToleranceScale};
 
 use super::messages::{Placement, States};
 use crate::record::Placed;
@@ -77,9 +77,9 @@ const fn activity(awake: bool) -> Activity {
     }
 }
 
-fn motion(parts: &[f32]) -> Option<Verbatim> {
+fn motion(parts: &[f32]) -> Option<BodyState> {
     let [px, py, pz, qx, qy, qz, qw, vx, vy, vz, wx, wy, wz] = *parts.first_chunk::<13>()?;
-    Verbatim::new([px, py, pz], [qx, qy, qz, qw], [vx, vy, vz], [wx, wy, wz]).ok()
+    BodyState::new([px, py, pz], [qx, qy, qz, qw], [vx, vy, vz], [wx, wy, wz]).ok()
 }
 
 fn placed(tick: Tick, placement: &Placement) -> Option<Placed> {
@@ -92,12 +92,14 @@ fn placed(tick: Tick, placement: &Placement) -> Option<Placed> {
     };
     let shape = shape(placement.shape, &placement.extents)?;
     shape.check().ok()?;
-    let class = i8::try_from(placement.class).ok().and_then(Class::new)?;
+    let tolerance_scale = i8::try_from(placement.tolerance_scale)
+        .ok()
+        .and_then(ToleranceScale::new)?;
     Some(Placed {
         tick,
-        terms: BodyTerms {
-            class,
-            ..BodyTerms::plain(id, kind, ShapeId(0))
+        config: BodyDesc {
+            tolerance_scale,
+            ..BodyDesc::plain(id, kind, ShapeId(0))
         },
         shape,
         observation: Observation {

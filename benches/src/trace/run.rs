@@ -10,9 +10,9 @@ use super::bodies::{Bodies, Body, CopiedBodies};
 use super::file::{File, Schema, Topic};
 use super::messages::{self, Packet, Poses, TickStats};
 use super::names;
-use super::scene::Scene;
+use super::scene::DrawnScene;
 use super::time::Time;
-use crate::record::{Frame, Load, Mode, Run, Way};
+use crate::record::{Frame, Load, Mode, PacketDirection, Run};
 
 /// A run that is being written.
 pub(super) struct RunTopics<'a> {
@@ -21,26 +21,26 @@ pub(super) struct RunTopics<'a> {
     stats: Topic,
     breaches: Topic,
     seen: Topic,
-    wire: [(Way, Topic); 4],
-    scene: Option<Scene>,
+    wire: [(PacketDirection, Topic); 4],
+    scene: Option<DrawnScene>,
     copy: CopiedBodies<'a>,
     reference_m: f64,
     frames: usize,
-    passed: usize,
+    captured: usize,
     breached: usize,
     drawn: Option<u64>,
 }
 
 impl<'a> RunTopics<'a> {
     pub(super) fn new(prefix: &str, load: &'a Load, run: &'a Run, options: &TraceOptions) -> Self {
-        let time = Time::of(&run.terms, options);
+        let time = Time::of(&run.config, options);
         let topic = |name: &str, schema| Topic::new(format!("{prefix}/{name}"), schema);
-        let drawn = run.terms.mode != Mode::Integrated && options.draws(load);
-        let ways = [
-            Way::StateDown,
-            Way::StateUp,
-            Way::ControlDown,
-            Way::ControlUp,
+        let drawn = run.config.mode != Mode::Integrated && options.draws(load);
+        let directions = [
+            PacketDirection::StateDown,
+            PacketDirection::StateUp,
+            PacketDirection::ControlDown,
+            PacketDirection::ControlUp,
         ];
         Self {
             run,
@@ -48,15 +48,15 @@ impl<'a> RunTopics<'a> {
             stats: topic("stats", Schema::Own("rhumb.TickStats")),
             breaches: topic("breaches", Schema::Own("rhumb.Breach")),
             seen: topic("seen", Schema::Own("rhumb.Poses")),
-            wire: ways.map(|way| {
-                let name = format!("wire/{}", names::way(way));
-                (way, topic(&name, Schema::Wire("rhumb.Packet")))
+            wire: directions.map(|direction| {
+                let name = format!("wire/{}", names::direction(direction));
+                (direction, topic(&name, Schema::Wire("rhumb.Packet")))
             }),
-            scene: drawn.then(|| Scene::new(prefix, time.patience_ticks())),
+            scene: drawn.then(|| DrawnScene::new(prefix, time.rest_delay_ticks())),
             copy: CopiedBodies::new(&load.truth),
-            reference_m: run.terms.tolerance_m.unwrap_or(REFERENCE_M),
+            reference_m: run.config.tolerance_m.unwrap_or(REFERENCE_M),
             frames: 0,
-            passed: 0,
+            captured: 0,
             breached: 0,
             drawn: None,
         }
@@ -88,7 +88,7 @@ impl<'a> RunTopics<'a> {
     /// Writes what passed after the last frame was seen.
     pub(super) fn end<W: Write + Seek>(&mut self, file: &mut File<W>) -> Result<(), McapError> {
         if let Some(last) = self.run.frames.last() {
-            self.write_passed(file, u32::MAX, last)?;
+            self.write_captured(file, u32::MAX, last)?;
         }
         Ok(())
     }
@@ -102,7 +102,7 @@ impl<'a> RunTopics<'a> {
         let number = self.frames as u32;
         let tick = frame.tick.value();
         let at_ns = self.time.at_ns(tick);
-        let payload = self.write_passed(file, number, frame)?;
+        let payload = self.write_captured(file, number, frame)?;
         file.put(
             &mut self.stats,
             at_ns,
@@ -132,7 +132,7 @@ impl<'a> RunTopics<'a> {
     }
 
     /// Writes what passed up to and with a frame; returns the bytes of it that came down.
-    fn write_passed<W: Write + Seek>(
+    fn write_captured<W: Write + Seek>(
         &mut self,
         file: &mut File<W>,
         number: u32,
@@ -140,16 +140,19 @@ impl<'a> RunTopics<'a> {
     ) -> Result<u64, McapError> {
         let mut down = 0;
         let at_ns = self.time.at_ns(frame.tick.value());
-        while let Some(passed) = self.run.passed.get(self.passed)
-            && passed.frame <= number
+        while let Some(captured) = self.run.captured.get(self.captured)
+            && captured.frame <= number
         {
-            self.passed += 1;
-            if matches!(passed.way, Way::StateDown | Way::ControlDown) {
-                down += passed.counted;
+            self.captured += 1;
+            if matches!(
+                captured.direction,
+                PacketDirection::StateDown | PacketDirection::ControlDown
+            ) {
+                down += captured.counted;
             }
-            for (way, topic) in &mut self.wire {
-                if *way == passed.way {
-                    file.put(topic, at_ns, &Packet::of(frame.tick, passed))?;
+            for (direction, topic) in &mut self.wire {
+                if *direction == captured.direction {
+                    file.put(topic, at_ns, &Packet::of(frame.tick, captured))?;
                 }
             }
         }

@@ -15,29 +15,29 @@ use super::primitives;
 
 /// A pair of topics and what their last messages show.
 #[derive(Debug)]
-pub(super) struct Scene {
+pub(super) struct DrawnScene {
     moving: Topic,
     resting: Topic,
     /// By index of the body.
-    rests: Vec<Option<Rest>>,
-    settled: usize,
-    written: Option<Written>,
-    patience_ticks: u64,
+    rests: Vec<Option<RestingBody>>,
+    at_rest: usize,
+    written: Option<WrittenEntities>,
+    rest_delay_ticks: u64,
 }
 
 /// A body that lies still, and since when.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Rest {
+struct RestingBody {
     generation: u16,
     position: [f32; 3],
     rotation: [f32; 4],
     since: u64,
     /// Whether the last message of `resting` shows it.
-    settled: bool,
+    at_rest: bool,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Written {
+struct WrittenEntities {
     resting: u64,
     moving_was_empty: bool,
 }
@@ -45,16 +45,16 @@ struct Written {
 /// A body and the colour to draw it in.
 pub(super) type Painted<'a> = (&'a Body<'a>, Color);
 
-impl Scene {
-    /// On `{prefix}/moving` and `{prefix}/resting`; a body settles after `patience_ticks`.
-    pub(super) fn new(prefix: &str, patience_ticks: u64) -> Self {
+impl DrawnScene {
+    /// On `{prefix}/moving` and `{prefix}/resting`; a body settles after `rest_delay_ticks`.
+    pub(super) fn new(prefix: &str, rest_delay_ticks: u64) -> Self {
         Self {
             moving: Topic::new(format!("{prefix}/moving"), Schema::Scene),
             resting: Topic::new(format!("{prefix}/resting"), Schema::Scene),
             rests: Vec::new(),
-            settled: 0,
+            at_rest: 0,
             written: None,
-            patience_ticks,
+            rest_delay_ticks,
         }
     }
 
@@ -68,25 +68,25 @@ impl Scene {
         let (mut kept, mut may_settle) = (0, 0);
         for (body, _) in bodies {
             match self.note(tick, body) {
-                Standing::Settled => kept += 1,
-                Standing::Patient => may_settle += 1,
-                Standing::Stirring => {}
+                DrawState::Resting => kept += 1,
+                DrawState::Waiting => may_settle += 1,
+                DrawState::Moving => {}
             }
         }
         let last = self.written.map(|written| written.resting);
-        let waited = last.is_none_or(|last| last + self.patience_ticks <= tick);
-        let stirred = kept < self.settled;
+        let waited = last.is_none_or(|last| last + self.rest_delay_ticks <= tick);
+        let stirred = kept < self.at_rest;
         if last.is_none() || stirred || (waited && may_settle > 0) {
-            self.settled = kept + may_settle;
+            self.at_rest = kept + may_settle;
             self.settle(tick);
             let update = self.update("resting", at_ns, bodies, true);
             file.put(&mut self.resting, at_ns, &update)?;
-            self.written = Some(Written {
+            self.written = Some(WrittenEntities {
                 resting: tick,
                 moving_was_empty: self.written.is_some_and(|written| written.moving_was_empty),
             });
         }
-        let empty = self.settled == bodies.len();
+        let empty = self.at_rest == bodies.len();
         if let Some(written) = &mut self.written
             && !(empty && written.moving_was_empty)
         {
@@ -98,29 +98,29 @@ impl Scene {
     }
 
     /// Keeps the account of who lies still.
-    fn note(&mut self, tick: u64, body: &Body<'_>) -> Standing {
+    fn note(&mut self, tick: u64, body: &Body<'_>) -> DrawState {
         let index = body.id().index() as usize;
         if index >= self.rests.len() {
             self.rests.resize(index + 1, None);
         }
-        let fresh = Rest {
+        let fresh = RestingBody {
             generation: body.id().generation(),
             position: body.position,
             rotation: body.rotation,
             since: tick,
-            settled: false,
+            at_rest: false,
         };
         let slot = &mut self.rests[index];
         if !body.still {
             *slot = None;
-            return Standing::Stirring;
+            return DrawState::Moving;
         }
         let rest = slot.insert(match *slot {
             Some(rest)
                 if rest
-                    == (Rest {
+                    == (RestingBody {
                         since: rest.since,
-                        settled: rest.settled,
+                        at_rest: rest.at_rest,
                         ..fresh
                     }) =>
             {
@@ -128,22 +128,22 @@ impl Scene {
             }
             _ => fresh,
         });
-        if rest.settled {
-            Standing::Settled
-        } else if rest.since + self.patience_ticks <= tick {
-            Standing::Patient
+        if rest.at_rest {
+            DrawState::Resting
+        } else if rest.since + self.rest_delay_ticks <= tick {
+            DrawState::Waiting
         } else {
-            Standing::Stirring
+            DrawState::Moving
         }
     }
 
     fn settle(&mut self, tick: u64) {
         for rest in self.rests.iter_mut().flatten() {
-            rest.settled |= rest.since + self.patience_ticks <= tick;
+            rest.at_rest |= rest.since + self.rest_delay_ticks <= tick;
         }
     }
 
-    fn update(&self, id: &str, at_ns: u64, bodies: &[Painted<'_>], settled: bool) -> SceneUpdate {
+    fn update(&self, id: &str, at_ns: u64, bodies: &[Painted<'_>], at_rest: bool) -> SceneUpdate {
         let mut entity = entity(id, at_ns);
         for (body, color) in bodies {
             let rest = self
@@ -151,7 +151,7 @@ impl Scene {
                 .get(body.id().index() as usize)
                 .copied()
                 .flatten();
-            if rest.is_some_and(|rest| rest.settled) == settled {
+            if rest.is_some_and(|rest| rest.at_rest) == at_rest {
                 primitives::add(
                     &mut entity,
                     &body.placed.shape,
@@ -169,11 +169,11 @@ impl Scene {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Standing {
-    Stirring,
+enum DrawState {
+    Moving,
     /// Has lain still for long enough to settle.
-    Patient,
-    Settled,
+    Waiting,
+    Resting,
 }
 
 /// An entity without anything in it; it replaces the one of its name.

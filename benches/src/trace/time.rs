@@ -3,22 +3,22 @@
 //! Log time is tick times step from zero, so that truth and every mode lie above each other.
 
 use super::TraceOptions;
-use crate::record::RunTerms;
+use crate::record::RunConfig;
 
 /// How a load's ticks become moments, and which of them are drawn.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Time {
     step_s: f64,
     stride: u64,
-    patience_s: f64,
+    rest_delay_s: f64,
 }
 
 impl Time {
-    pub(super) fn of(terms: &RunTerms, options: &TraceOptions) -> Self {
+    pub(super) fn of(config: &RunConfig, options: &TraceOptions) -> Self {
         Self {
-            step_s: terms.step_s,
-            stride: (1.0 / (terms.step_s * options.scene_hz)).round().max(1.0) as u64,
-            patience_s: options.resting_after_s,
+            step_s: config.step_s,
+            stride: (1.0 / (config.step_s * options.scene_hz)).round().max(1.0) as u64,
+            rest_delay_s: options.resting_after_s,
         }
     }
 
@@ -33,7 +33,7 @@ impl Time {
     }
 
     /// How long a body lies still before it is drawn among those at rest.
-    pub(super) fn patience_ticks(&self) -> u64 {
-        (self.patience_s / self.step_s).round() as u64
+    pub(super) fn rest_delay_ticks(&self) -> u64 {
+        (self.rest_delay_s / self.step_s).round() as u64
     }
 }

@@ -8,7 +8,7 @@ pub(crate) const BODIES: u32 = 12;
 pub(crate) const FRAMES: u32 = 240;
 const GRAVITY: f32 = -20.0;
 
-/// A box's height: it bounces, by no law that a stream knows. Its velocity is told as zero, which is wrong.
+/// A box's height: it bounces, by no predictor that a stream knows. Its velocity is told as zero, which is wrong.
 fn height(body: u32, frame: u32) -> f32 {
     let time = frame as f32 / 60.0 + body as f32 * 0.01;
     let bounce = (time * 3.0).sin().abs() * (2.0 - time * 0.4).max(0.0);

@@ -6,12 +6,12 @@
 use bytes::Bytes;
 use glam::Vec3;
 use rhumb_bench::record::{
-    Breach, Cause, Experiment, Frame, JoinCost, Load, Mode, Passed, Placed, Run, RunTerms, Seen,
-    Truth, Way,
+    Breach, CapturedPacket, Cause, CopiedPose, Experiment, Frame, JoinCost, Load, Mode,
+    PacketDirection, Placed, Run, RunConfig, Truth,
 };
-use rhumb_protocol::scene::{BodyKind, BodyTerms, Shape, ShapeId};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Shape, ShapeId};
 use rhumb_protocol::stream::{Activity, Observation};
-use rhumb_reckoning::{BodyId, Tick, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState, Tick};
 
 const FLOOR: BodyId = BodyId::new(0, 0);
 const BALL: BodyId = BodyId::new(1, 0);
@@ -25,7 +25,7 @@ const UPRIGHT: [f32; 4] = [0.0, 0.0, 0.0, 1.0];
 
 /// A body's state, upright, with a velocity that only has to survive.
 fn observation(id: BodyId, position: [f32; 3], activity: Activity) -> Observation {
-    let motion = Verbatim::new(position, UPRIGHT, [0.0, -1.0, 0.0], [0.25, 0.0, -0.0]);
+    let motion = BodyState::new(position, UPRIGHT, [0.0, -1.0, 0.0], [0.25, 0.0, -0.0]);
     Observation {
         id,
         motion: motion.expect("the motions of this experiment are finite"),
@@ -36,7 +36,7 @@ fn observation(id: BodyId, position: [f32; 3], activity: Activity) -> Observatio
 fn placed(tick: u64, id: BodyId, kind: BodyKind, shape: Shape, position: [f32; 3]) -> Placed {
     Placed {
         tick: Tick::new(tick),
-        terms: BodyTerms::plain(id, kind, ShapeId(id.index())),
+        config: BodyDesc::plain(id, kind, ShapeId(id.index())),
         shape,
         observation: observation(id, position, Activity::Awake),
     }
@@ -85,8 +85,8 @@ fn truth() -> Truth {
     }
 }
 
-fn terms(mode: Mode) -> RunTerms {
-    RunTerms {
+fn config(mode: Mode) -> RunConfig {
+    RunConfig {
         scene: "fall".to_owned(),
         bodies: 3,
         mode,
@@ -102,7 +102,7 @@ fn terms(mode: Mode) -> RunTerms {
         seed: 7,
         step_s: STEP_S,
         ticks: TICKS,
-        followed: None,
+        subscription: None,
         replayed: None,
         limit: None,
     }
@@ -110,10 +110,10 @@ fn terms(mode: Mode) -> RunTerms {
 
 fn run(mode: Mode, frames: Vec<Frame>) -> Run {
     Run {
-        terms: terms(mode),
-        truth_digest: 0x0123_4567_89ab_cdef,
+        config: config(mode),
+        truth_checksum: 0x0123_4567_89ab_cdef,
         frames,
-        passed: Vec::new(),
+        captured: Vec::new(),
         join: JoinCost::default(),
         breaches: Vec::new(),
         recoveries: Vec::new(),
@@ -125,8 +125,8 @@ fn run(mode: Mode, frames: Vec<Frame>) -> Run {
     }
 }
 
-fn seen(id: BodyId, position: [f32; 3], resting: bool) -> Seen {
-    Seen {
+fn seen(id: BodyId, position: [f32; 3], resting: bool) -> CopiedPose {
+    CopiedPose {
         id,
         position,
         rotation: UPRIGHT,
@@ -135,7 +135,7 @@ fn seen(id: BodyId, position: [f32; 3], resting: bool) -> Seen {
 }
 
 /// What both remote modes show of capsule and cylinder: the truth.
-fn bystanders(tick: u64) -> (Vec<Seen>, Vec<BodyId>) {
+fn bystanders(tick: u64) -> (Vec<CopiedPose>, Vec<BodyId>) {
     match tick {
         1 => (vec![seen(CAPSULE, [5.0, 1.6, 0.0], false)], Vec::new()),
         2 => (
@@ -179,8 +179,14 @@ fn naive() -> Run {
         }
     };
     let mut run = run(Mode::Naive, (1..=4).map(frame).collect());
-    run.passed = (0..4)
-        .map(|frame| Passed::new(frame, Way::StateDown, Bytes::from(vec![frame as u8; 900])))
+    run.captured = (0..4)
+        .map(|frame| {
+            CapturedPacket::new(
+                frame,
+                PacketDirection::StateDown,
+                Bytes::from(vec![frame as u8; 900]),
+            )
+        })
         .collect();
     run
 }
@@ -211,15 +217,16 @@ fn rhumb() -> Run {
         }
     };
     let mut run = run(Mode::Rhumb, (1..=4).map(frame).collect());
-    let passed =
-        |frame, way, length: usize| Passed::new(frame, way, Bytes::from(vec![0xa5; length]));
-    run.passed = vec![
-        passed(0, Way::StateDown, 100),
-        passed(0, Way::ControlDown, 30),
-        passed(0, Way::ControlUp, 20),
-        passed(1, Way::StateDown, 40),
-        passed(3, Way::StateUp, 12),
-        passed(3, Way::StateDown, 60),
+    let captured = |frame, direction, length: usize| {
+        CapturedPacket::new(frame, direction, Bytes::from(vec![0xa5; length]))
+    };
+    run.captured = vec![
+        captured(0, PacketDirection::StateDown, 100),
+        captured(0, PacketDirection::ControlDown, 30),
+        captured(0, PacketDirection::ControlUp, 20),
+        captured(1, PacketDirection::StateDown, 40),
+        captured(3, PacketDirection::StateUp, 12),
+        captured(3, PacketDirection::StateDown, 60),
     ];
     run.join = JoinCost {
         wire_bytes_down: 4_000,
@@ -246,7 +253,7 @@ pub(crate) fn experiment() -> Experiment {
         loads: vec![Load {
             truth: truth(),
             runs: vec![integrated(), naive(), rhumb()],
-            unended: Vec::new(),
+            unfinished: Vec::new(),
         }],
     }
 }

@@ -5,8 +5,8 @@
 use std::fmt::Write;
 
 use rhumb_protocol::packet::{
-    Course, Echo, Excess, Head, Kind, Parity, Repair, Saying, StatePacket, Tables, TrackSaying,
-    Update, Vouch,
+    ErrorScale, Head, Keyframe, LossReport, PacketKind, PredictionMode, Refresh, RepairSymbol,
+    Tables, Update, UpdatePacket, UpdatePayload, Watermark,
 };
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::wire::{Malformed, Wire};
@@ -15,18 +15,22 @@ use rhumb_reckoning::{Anchor, Predictor};
 use crate::plain;
 
 /// What a case shows, and its datagram.
-pub(crate) type Case = (String, Vec<u8>);
+pub(crate) type NamedPacket = (String, Vec<u8>);
 
-/// A parity with the packets that it covers, by number.
+/// A repair_symbol with the packets that it covers, by number.
 #[derive(Debug)]
-pub(crate) struct Covered {
-    pub(crate) parity: Vec<u8>,
+pub(crate) struct CoveredPackets {
+    pub(crate) repair_symbol: Vec<u8>,
     pub(crate) packets: Vec<(u64, Vec<u8>)>,
 }
 
 /// The file of vectors.
-pub(crate) fn vectors(said: &[Case], refused: &[Case], covered: &[Covered]) -> String {
-    let said = said.iter().map(|(name, bytes)| {
+pub(crate) fn vectors(
+    accepted: &[NamedPacket],
+    refused: &[NamedPacket],
+    covered: &[CoveredPackets],
+) -> String {
+    let accepted = accepted.iter().map(|(name, bytes)| {
         let means = meaning(bytes).unwrap_or_else(|why| panic!("{name}: {why}"));
         format!(
             "{{\"name\": \"{name}\", \"bytes\": \"{}\", \"means\": {means}}}",
@@ -44,14 +48,14 @@ pub(crate) fn vectors(said: &[Case], refused: &[Case], covered: &[Covered]) -> S
         let of = |(number, bytes): &(u64, Vec<u8>)| format!("[{number}, \"{}\"]", hex(bytes));
         let packets: Vec<_> = case.packets.iter().map(of).collect();
         format!(
-            "{{\"parity\": \"{}\", \"packets\": {}}}",
-            hex(&case.parity),
+            "{{\"repair_symbol\": \"{}\", \"packets\": {}}}",
+            hex(&case.repair_symbol),
             list(&packets)
         )
     });
     format!(
-        "{{\n\"format\": \"rhumb packet vectors 1\",\n\"said\": [\n{}\n],\n\"refused\": [\n{}\n],\n\"parities\": [\n{}\n]\n}}\n",
-        lines(said),
+        "{{\n\"format\": \"rhumb packet vectors 1\",\n\"accepted\": [\n{}\n],\n\"refused\": [\n{}\n],\n\"repair_symbols\": [\n{}\n]\n}}\n",
+        lines(accepted),
         lines(refused),
         lines(covered)
     )
@@ -101,59 +105,69 @@ pub(crate) fn meaning(bytes: &[u8]) -> Result<String, Malformed> {
     let mut reader = Reader::new(bytes);
     let head = Head::decode(&mut reader)?;
     let body = match head.kind {
-        Kind::State => state("\"kind\": 0", StatePacket::decode(false, reader)?)?,
-        Kind::StateEnd => state("\"kind\": 1", StatePacket::decode(true, reader)?)?,
-        Kind::StateInArrears => {
-            let packet = StatePacket::decode_in_arrears(reader)?;
-            state(&format!("\"kind\": 11, {}", factor(packet.excess)), packet)?
+        PacketKind::Updates => state("\"kind\": 0", UpdatePacket::decode(false, reader)?)?,
+        PacketKind::UpdatesEnd => state("\"kind\": 1", UpdatePacket::decode(true, reader)?)?,
+        PacketKind::UpdatesOverBudget => {
+            let packet = UpdatePacket::decode_over_budget(reader)?;
+            state(
+                &format!("\"kind\": 11, {}", factor(packet.error_scale)),
+                packet,
+            )?
         }
-        Kind::Vouch => format!("\"kind\": 2, {}", vouch(&Vouch::decode(reader)?)),
-        Kind::VouchInArrears => {
-            let (said, excess) = Vouch::decode_in_arrears(reader)?;
-            format!("\"kind\": 12, {}, {}", factor(excess), vouch(&said))
-        }
-        Kind::Repair => repair(&Repair::decode(reader)?),
-        Kind::Echo => {
-            let echo = Echo::decode(reader)?;
-            let lost: Vec<_> = echo.lost.iter().map(|low| low.0).collect();
+        PacketKind::Watermark => format!("\"kind\": 2, {}", watermark(&Watermark::decode(reader)?)),
+        PacketKind::WatermarkOverBudget => {
+            let (accepted, error_scale) = Watermark::decode_over_budget(reader)?;
             format!(
-                "\"kind\": 6, \"next\": {}, \"gone\": {}, \"parities\": {}, \"lost\": {}",
-                echo.next.0,
-                echo.gone.0,
-                echo.parities,
+                "\"kind\": 12, {}, {}",
+                factor(error_scale),
+                watermark(&accepted)
+            )
+        }
+        PacketKind::Refresh => refresh(&Refresh::decode(reader)?),
+        PacketKind::LossReport => {
+            let loss_report = LossReport::decode(reader)?;
+            let lost: Vec<_> = loss_report.lost.iter().map(|low| low.0).collect();
+            format!(
+                "\"kind\": 6, \"next\": {}, \"abandoned\": {}, \"repair_symbols\": {}, \"lost\": {}",
+                loss_report.next.0,
+                loss_report.gone.0,
+                loss_report.repair_symbols,
                 list(&lost)
             )
         }
-        Kind::Parity => {
-            let parity = Parity::decode(reader)?;
+        PacketKind::RepairSymbol => {
+            let repair_symbol = RepairSymbol::decode(reader)?;
             format!(
-                "\"kind\": 9, \"last\": {}, \"covered\": {}, \"row\": {}, \"sums\": \"{}\"",
-                parity.last.0,
-                parity.covered,
-                parity.row,
-                hex(&parity.sums)
+                "\"kind\": 9, \"last\": {}, \"covered\": {}, \"row\": {}, \"symbol\": \"{}\"",
+                repair_symbol.last.0,
+                repair_symbol.covered,
+                repair_symbol.row,
+                hex(&repair_symbol.sums)
             )
         }
-        Kind::Full | Kind::FullEnd | Kind::Digest | Kind::Doubt => plain::meaning(head, reader)?,
+        PacketKind::Full
+        | PacketKind::FullEnd
+        | PacketKind::Checksums
+        | PacketKind::ChecksumMismatch => plain::meaning(head, reader)?,
     };
     Ok(format!("{{\"stream\": {}, {body}}}", head.stream.0))
 }
 
-/// A factor in eighths, which are whole.
-fn factor(excess: Excess) -> String {
-    let eighths = excess.factor().map(|factor| (factor * 8.0) as u64);
-    format!("\"excess_eighths\": {}", maybe(eighths))
+/// A factor in eighths, which are keyframe.
+fn factor(error_scale: ErrorScale) -> String {
+    let eighths = error_scale.factor().map(|factor| (factor * 8.0) as u64);
+    format!("\"error_scale_eighths\": {}", maybe(eighths))
 }
 
-fn vouch(said: &Vouch) -> String {
-    let (next, tick, notices) = (said.next.0, said.tick.0, said.notices.0);
-    format!("\"next\": {next}, \"tick\": {tick}, \"notices\": {notices}")
+fn watermark(accepted: &Watermark) -> String {
+    let (next, tick, scene_events) = (accepted.next.0, accepted.tick.0, accepted.scene_events.0);
+    format!("\"next\": {next}, \"tick\": {tick}, \"events\": {scene_events}")
 }
 
-fn state(kind: &str, packet: StatePacket<'_>) -> Result<String, Malformed> {
+fn state(kind: &str, packet: UpdatePacket<'_>) -> Result<String, Malformed> {
     let mut body = format!(
-        "{kind}, \"number\": {}, \"tick\": {}, \"notices\": {}",
-        packet.number.0, packet.tick.0, packet.notices.0
+        "{kind}, \"number\": {}, \"tick\": {}, \"events\": {}",
+        packet.number.0, packet.tick.0, packet.scene_events.0
     );
     let mut updates = Vec::new();
     packet.updates(&mut updates)?;
@@ -163,44 +177,48 @@ fn state(kind: &str, packet: StatePacket<'_>) -> Result<String, Malformed> {
 }
 
 fn update(update: &Update) -> String {
-    let Update { seat, body, saying } = update;
-    let said = match saying {
-        Saying::Whole(track) => format!("\"whole\": {}", whole(track)),
-        Saying::Settled { age, settling } => {
-            let [x, y, z] = settling.position;
-            let [a, b, c] = settling.others;
+    let Update {
+        alias,
+        body,
+        payload,
+    } = update;
+    let accepted = match payload {
+        UpdatePayload::Keyframe(track) => format!("\"keyframe\": {}", keyframe(track)),
+        UpdatePayload::Resting {
+            age,
+            rest_correction,
+        } => {
+            let [x, y, z] = rest_correction.position;
+            let [a, b, c] = rest_correction.others;
             format!(
                 "\"age\": {}, \"negated\": {}, \"steps\": {}",
                 age.count(),
-                u32::from(settling.negated),
-                list(&[x, y, z, a, b, c, settling.largest])
+                u32::from(rest_correction.negated),
+                list(&[x, y, z, a, b, c, rest_correction.largest])
             )
         }
-        Saying::Residual {
-            course,
+        UpdatePayload::Residual {
+            mode,
             age,
             residual,
         } => {
-            let mut said = match *course {
-                Course::Same => "\"course\": \"same\"".to_owned(),
-                Course::World {
+            let mut accepted = match *mode {
+                PredictionMode::Same => "\"mode\": \"same\"".to_owned(),
+                PredictionMode::World {
                     predictor,
-                    carrier_age,
+                    parent_age,
                 } => format!(
-                    "\"course\": \"world\", {}, \"carrier_age\": {}",
-                    law(predictor),
-                    maybe(carrier_age.map(rhumb_protocol::packet::Age::count))
+                    "\"mode\": \"world\", {}, \"parent_age\": {}",
+                    predictor_fields(predictor),
+                    maybe(parent_age.map(rhumb_protocol::packet::Age::count))
                 ),
-                Course::Held {
-                    carrier,
-                    carrier_age,
-                } => format!(
-                    "\"course\": \"held\", \"carrier\": {carrier}, \"carrier_age\": {}",
-                    carrier_age.count()
+                PredictionMode::Attached { parent, parent_age } => format!(
+                    "\"mode\": \"attached\", \"parent\": {parent}, \"parent_age\": {}",
+                    parent_age.count()
                 ),
             };
             write!(
-                said,
+                accepted,
                 ", \"age\": {}, \"position\": {}, \"turn\": {}",
                 age.count(),
                 list(&residual.position),
@@ -209,88 +227,91 @@ fn update(update: &Update) -> String {
             .expect("a string takes text");
             if let Some(velocity) = residual.velocity {
                 write!(
-                    said,
-                    ", \"coarseness\": {}, \"linear\": {}, \"angular\": {}",
-                    velocity.coarseness,
+                    accepted,
+                    ", \"velocity_exponent\": {}, \"linear\": {}, \"angular\": {}",
+                    velocity.velocity_exponent,
                     list(&velocity.linear),
                     list(&velocity.angular)
                 )
                 .expect("a string takes text");
             }
-            said
+            accepted
         }
     };
-    format!("{{\"seat\": {seat}, \"body\": {}, {said}}}", maybe(*body))
+    format!(
+        "{{\"alias\": {alias}, \"body\": {}, {accepted}}}",
+        maybe(*body)
+    )
 }
 
-fn repair(repair: &Repair) -> String {
-    let records: Vec<_> = repair
+fn refresh(refresh: &Refresh) -> String {
+    let records: Vec<_> = refresh
         .records
         .iter()
         .map(|record| {
             format!(
-                "{{\"index\": {}, \"seat\": {}, \"age\": {}, \"whole\": {}}}",
+                "{{\"index\": {}, \"alias\": {}, \"age\": {}, \"keyframe\": {}}}",
                 record.index,
-                maybe(record.seat),
+                maybe(record.alias),
                 record.age.count(),
-                whole(&record.whole)
+                keyframe(&record.keyframe)
             )
         })
         .collect();
     format!(
-        "\"kind\": 3, \"lost\": {}, \"tick\": {}, \"notices\": {}, \"part\": {}, \"parts\": {}, \"records\": {}",
-        repair.lost.0,
-        repair.tick.0,
-        repair.notices.0,
-        repair.part,
-        repair.parts,
+        "\"kind\": 3, \"lost\": {}, \"tick\": {}, \"events\": {}, \"part\": {}, \"parts\": {}, \"records\": {}",
+        refresh.lost.0,
+        refresh.tick.0,
+        refresh.scene_events.0,
+        refresh.part,
+        refresh.parts,
         list(&records)
     )
 }
 
-fn whole(track: &TrackSaying) -> String {
-    let carrier = track
-        .carrier
-        .map(|carrier| list(&[carrier.index(), u32::from(carrier.generation())]));
+fn keyframe(track: &Keyframe) -> String {
+    let parent = track
+        .parent
+        .map(|parent| list(&[parent.index(), u32::from(parent.generation())]));
     let motion = match &track.anchor {
-        Anchor::Verbatim(verbatim) => {
-            let parts = verbatim.parts();
+        Anchor::Exact(body_state) => {
+            let parts = body_state.parts();
             let bits = parts.map(|part| format!("\"{:08x}\"", part.to_bits()));
-            format!("\"verbatim\": {}", list(&bits))
+            format!("\"body_state\": {}", list(&bits))
         }
-        Anchor::Snapped(snapped) => {
-            let (largest, others) = snapped.rotation.parts();
+        Anchor::Quantised(quantised) => {
+            let (largest, others) = quantised.rotation.parts();
             format!(
                 "\"position\": {}, \"largest\": {largest}, \"others\": {}, \"linear\": {}, \"angular\": {}",
-                list(&snapped.position),
+                list(&quantised.position),
                 list(&others),
-                list(&snapped.linear),
-                list(&snapped.angular)
+                list(&quantised.linear),
+                list(&quantised.angular)
             )
         }
     };
     format!(
-        "{{{}, \"carrier\": {}, {motion}}}",
-        law(track.predictor),
-        maybe(carrier)
+        "{{{}, \"parent\": {}, {motion}}}",
+        predictor_fields(track.predictor),
+        maybe(parent)
     )
 }
 
-/// The code of a law, and its push if it has one.
-fn law(predictor: Predictor) -> String {
+/// The code of a predictor, and its push if it has one.
+fn predictor_fields(predictor: Predictor) -> String {
     let code = match predictor {
         Predictor::Rest => 0,
         Predictor::Uniform => 1,
         Predictor::Ballistic => 2,
-        Predictor::Tumbling => 3,
-        Predictor::Thrown => 4,
-        Predictor::Pushed(push) => {
+        Predictor::TorqueFree => 3,
+        Predictor::BallisticTorqueFree => 4,
+        Predictor::Accelerated(push) => {
             return format!(
-                "\"law\": 5, \"push\": {{\"doublings\": {}, \"steps\": {}}}",
-                push.doublings(),
+                "\"predictor\": 5, \"acceleration\": {{\"exponent\": {}, \"steps\": {}}}",
+                push.exponent(),
                 list(&push.steps())
             );
         }
     };
-    format!("\"law\": {code}")
+    format!("\"predictor\": {code}")
 }

@@ -1,18 +1,18 @@
 //! Prints the golden vectors of packets; `--write` writes them and the tables.
 //!
-//! Decides nothing: the cases are in `said` and `refused`, their form in `document`.
+//! Decides nothing: the cases are in `accepted` and `refused`, their form in `document`.
 
-mod chance;
+mod accepted;
 mod document;
 mod plain;
 mod refused;
-mod said;
+mod rng;
 
 use std::io::{self, Write};
 use std::path::Path;
 
 fn main() -> io::Result<()> {
-    let text = document::vectors(&said::cases(), &refused::cases(), &said::covered());
+    let text = document::vectors(&accepted::cases(), &refused::cases(), &accepted::covered());
     if std::env::args().any(|argument| argument == "--write") {
         let spec = Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec");
         std::fs::create_dir_all(spec.join("tables"))?;

@@ -1,22 +1,23 @@
-//! Datagrams without a coder: full packets, digests, doubts.
+//! Datagrams without a coder: full packets, checksum_packets, mismatches.
 //!
 //! Their forms at their limits, and what is refused of each.
 
 use std::fmt::Write;
 
 use rhumb_protocol::packet::{
-    Digest, Doubt, FullPacket, FullRecord, Head, Kind, Low16, Ranges, StreamId,
+    ChecksumMismatch, Checksums, FullPacket, FullRecord, Head, IndexRanges, Low16, PacketKind,
+    StreamId,
 };
 use rhumb_protocol::wire::Malformed;
 use rhumb_protocol::wire::bytes::Reader;
-use rhumb_reckoning::Verbatim;
+use rhumb_reckoning::BodyState;
 
-use crate::document::Case;
+use crate::document::NamedPacket;
 
 const STREAM: StreamId = StreamId(5);
 
-fn motion(numbers: [f32; 3]) -> Verbatim {
-    let motion = Verbatim::new(
+fn motion(numbers: [f32; 3]) -> BodyState {
+    let motion = BodyState::new(
         numbers,
         [0.5, -0.5, 0.5, 0.5],
         [0.0, -9.5, 0.0],
@@ -33,34 +34,34 @@ fn full(records: usize, ends_tick: bool) -> Vec<u8> {
     let packet = FullPacket {
         number: Low16(4_464),
         tick: Low16(300),
-        notices: Low16(12),
+        scene_events: Low16(12),
         ends_tick,
         records: (0..records).map(record).collect(),
     };
     packet.encode(STREAM)
 }
 
-fn digest(sums: usize, ranges: Ranges) -> Vec<u8> {
-    let digest = Digest {
+fn checksums(sums: usize, ranges: IndexRanges) -> Vec<u8> {
+    let checksums = Checksums {
         next: Low16(4_464),
         tick: Low16(300),
-        notices: Low16(12),
+        scene_events: Low16(12),
         ranges,
         sums: (0..sums as u64)
             .map(|sum| sum.wrapping_mul(u64::MAX / 3))
             .collect(),
     };
-    digest.encode(STREAM)
+    checksums.encode(STREAM)
 }
 
-const LAST: Ranges = Ranges {
+const LAST: IndexRanges = IndexRanges {
     first: (1 << 20) - 1,
     stride: 1,
 };
 
-/// What is said.
-pub(crate) fn said() -> Vec<Case> {
-    let mut cases: Vec<Case> = Vec::new();
+/// What is accepted.
+pub(crate) fn accepted() -> Vec<NamedPacket> {
+    let mut cases: Vec<NamedPacket> = Vec::new();
     for records in [0, 1, 2, FullPacket::RECORDS_MAX] {
         for ends_tick in [false, true] {
             let word = if ends_tick { "the last" } else { "more follow" };
@@ -72,20 +73,26 @@ pub(crate) fn said() -> Vec<Case> {
     }
     for sums in [0, 1, 2, 128] {
         cases.push((
-            format!("a digest of {sums} sums"),
-            digest(sums, Ranges::ALL),
+            format!("a checksums of {sums} sums"),
+            checksums(sums, IndexRanges::ALL),
         ));
     }
-    cases.push(("a digest of the last body".to_owned(), digest(1, LAST)));
-    for (word, range) in [("all", Ranges::ALL), ("the last body", LAST)] {
-        cases.push((format!("a doubt of {word}"), Doubt { range }.encode(STREAM)));
+    cases.push((
+        "a checksums of the last body".to_owned(),
+        checksums(1, LAST),
+    ));
+    for (word, range) in [("all", IndexRanges::ALL), ("the last body", LAST)] {
+        cases.push((
+            format!("a mismatch of {word}"),
+            ChecksumMismatch { range }.encode(STREAM),
+        ));
     }
     cases
 }
 
 /// What is refused.
-pub(crate) fn refused() -> Vec<Case> {
-    let mut cases: Vec<Case> = Vec::new();
+pub(crate) fn refused() -> Vec<NamedPacket> {
+    let mut cases: Vec<NamedPacket> = Vec::new();
     let one = full(1, true);
     for cut in [8, 11, one.len() - 1] {
         cases.push((format!("full, cut at {cut}"), one[..cut].to_vec()));
@@ -109,32 +116,35 @@ pub(crate) fn refused() -> Vec<Case> {
         "full, a rotation too long".to_owned(),
         with(23, 2.0_f32.to_le_bytes()),
     ));
-    let sums = digest(2, Ranges::ALL);
+    let sums = checksums(2, IndexRanges::ALL);
     for cut in 1..sums.len() {
-        cases.push((format!("a digest, cut at {cut}"), sums[..cut].to_vec()));
+        cases.push((format!("a checksums, cut at {cut}"), sums[..cut].to_vec()));
     }
     cases.push((
-        "a byte behind a digest".to_owned(),
+        "a byte behind a checksums".to_owned(),
         [&sums[..], &[0]].concat(),
     ));
     let head = [0x57, 0, 0, 0, 0, 0, 0];
     for (word, rest) in [
         (
-            "a digest from an index too large",
+            "a checksums from an index too large",
             &[0x80, 0x80, 0x40, 1, 0][..],
         ),
-        ("a digest of a stride of nothing", &[0, 0, 0]),
-        ("a digest of too long a stride", &[0, 0x81, 0x80, 0x40, 0]),
-        ("a digest of 129 sums", &[0, 1, 0x81, 1]),
+        ("a checksums of a stride of nothing", &[0, 0, 0]),
+        (
+            "a checksums of too long a stride",
+            &[0, 0x81, 0x80, 0x40, 0],
+        ),
+        ("a checksums of 129 sums", &[0, 1, 0x81, 1]),
     ] {
         cases.push((word.to_owned(), [&head[..], rest].concat()));
     }
     for (word, rest) in [
-        ("a doubt that ends too soon", &[0][..]),
-        ("a doubt of nothing", &[0, 0]),
-        ("a doubt from an index too large", &[0x80, 0x80, 0x40, 1]),
-        ("a doubt of too long a stride", &[0, 0x81, 0x80, 0x40]),
-        ("a byte behind a doubt", &[0, 1, 0]),
+        ("a mismatch that ends too soon", &[0][..]),
+        ("a mismatch of nothing", &[0, 0]),
+        ("a mismatch from an index too large", &[0x80, 0x80, 0x40, 1]),
+        ("a mismatch of too long a stride", &[0, 0x81, 0x80, 0x40]),
+        ("a byte behind a mismatch", &[0, 1, 0]),
     ] {
         cases.push((word.to_owned(), [&[0x58][..], rest].concat()));
     }
@@ -144,47 +154,47 @@ pub(crate) fn refused() -> Vec<Case> {
 /// What such a datagram says.
 pub(crate) fn meaning(head: Head, reader: Reader<'_>) -> Result<String, Malformed> {
     let mut body = String::new();
-    let said = match head.kind {
-        Kind::Digest => {
-            let digest = Digest::decode(reader)?;
-            let sums: Vec<_> = digest
+    let accepted = match head.kind {
+        PacketKind::Checksums => {
+            let checksums = Checksums::decode(reader)?;
+            let sums: Vec<_> = checksums
                 .sums
                 .iter()
                 .map(|sum| format!("\"{sum:016x}\""))
                 .collect();
-            let Ranges { first, stride } = digest.ranges;
+            let IndexRanges { first, stride } = checksums.ranges;
             write!(
                 body,
-                "\"kind\": 7, \"next\": {}, \"tick\": {}, \"notices\": {}, \"first\": {first}, \"stride\": {stride}, \"sums\": [{}]",
-                digest.next.0,
-                digest.tick.0,
-                digest.notices.0,
+                "\"kind\": 7, \"next\": {}, \"tick\": {}, \"events\": {}, \"first\": {first}, \"stride\": {stride}, \"checksums\": [{}]",
+                checksums.next.0,
+                checksums.tick.0,
+                checksums.scene_events.0,
                 sums.join(", ")
             )
         }
-        Kind::Doubt => {
-            let Ranges { first, stride } = Doubt::decode(reader)?.range;
+        PacketKind::ChecksumMismatch => {
+            let IndexRanges { first, stride } = ChecksumMismatch::decode(reader)?.range;
             write!(
                 body,
                 "\"kind\": 8, \"first\": {first}, \"stride\": {stride}"
             )
         }
         _ => {
-            let ends_tick = head.kind == Kind::FullEnd;
+            let ends_tick = head.kind == PacketKind::FullEnd;
             let packet = FullPacket::decode(ends_tick, reader)?;
             let records: Vec<_> = packet.records.iter().map(record).collect();
             write!(
                 body,
-                "\"kind\": {}, \"number\": {}, \"tick\": {}, \"notices\": {}, \"records\": [{}]",
+                "\"kind\": {}, \"number\": {}, \"tick\": {}, \"events\": {}, \"records\": [{}]",
                 4 + u8::from(ends_tick),
                 packet.number.0,
                 packet.tick.0,
-                packet.notices.0,
+                packet.scene_events.0,
                 records.join(", ")
             )
         }
     };
-    said.expect("a string takes text");
+    accepted.expect("a string takes text");
     Ok(body)
 }
 

@@ -2,63 +2,64 @@
 
 use rhumb_protocol::limits::INDICES_MAX;
 use rhumb_protocol::packet::{
-    Forge, Low16, RepairRecord, RepairWriter, StreamId, Tables, Update, Vouch,
+    Low16, RefreshRecord, RefreshWriter, StreamId, Tables, TestEncoder, Update, Watermark,
 };
 use rhumb_reckoning::{
-    BodyId, DOUBLINGS_LIMIT, PUSH_LIMIT, RESIDUAL_LIMIT, TURN_LIMIT, Ticks, VELOCITY_LIMIT,
+    ACCELERATION_EXPONENT_MAX, ACCELERATION_LIMIT, BodyId, RESIDUAL_LIMIT, TURN_LIMIT, Ticks,
+    VELOCITY_LIMIT,
 };
 
-use crate::chance::Chance;
-use crate::document::{Case, meaning};
+use crate::accepted::{carried, every_form, packet};
+use crate::document::{NamedPacket, meaning};
 use crate::plain;
-use crate::said::{carried, every_form, packet};
+use crate::rng::PacketRng;
 
-/// Contexts by number: gaps, ages by kind, a carrier's age, the first of positions.
+/// Contexts by number: gaps, ages by kind, a parent's age, the first of positions.
 const GAP: [usize; 2] = [0, 1];
 const AGE: usize = 2;
-const CARRIER_AGE: usize = 6;
+const PARENT_AGE: usize = 6;
 const POSITION: usize = 8;
 const TURN: usize = POSITION + 120;
 const VELOCITY: usize = TURN + 216;
 const COARSENESS: usize = VELOCITY + 40;
 const LENGTH: usize = COARSENESS + 4;
-const SETTLED_AGE: usize = 7;
-const DOUBLINGS: usize = LENGTH + 5;
-const PUSH: usize = DOUBLINGS + 1;
+const REST_AGE: usize = 7;
+const ACCELERATION_EXPONENT: usize = LENGTH + 5;
+const ACCELERATION: usize = ACCELERATION_EXPONENT + 1;
 
 /// Codes of forms.
 const SAME: usize = 0;
 const SAME_MOVED: usize = 1;
 const REST: usize = 2;
-const HELD: usize = 11;
-const WHOLE: usize = 12;
-const SETTLED: usize = 13;
-const PUSHED: usize = 14;
-const SEATING: usize = 16;
+const ATTACHED: usize = 11;
+const KEYFRAME: usize = 12;
+const RESTING: usize = 13;
+const ACCELERATED: usize = 14;
+const ASSIGN_ALIAS: usize = 16;
 const END: usize = 17;
 const INDEX_BITS: u32 = 20;
 
 /// All of them.
-pub(crate) fn cases() -> Vec<Case> {
+pub(crate) fn cases() -> Vec<NamedPacket> {
     let mut cases = Vec::new();
     heads(&mut cases);
     codes(&mut cases);
     numbers(&mut cases);
-    wholes(&mut cases);
+    keyframes(&mut cases);
     tails(&mut cases);
-    repairs(&mut cases);
+    refreshes(&mut cases);
     cases.extend(plain::refused());
     cases
 }
 
-/// A packet of the same head as those that are said.
+/// A packet of the same head as those that are accepted.
 fn state(updates: &[u8]) -> Vec<u8> {
     let mut bytes = vec![0x51, 0x70, 0x11, 0x2c, 1, 12, 0];
     bytes.extend_from_slice(updates);
     bytes
 }
 
-fn heads(cases: &mut Vec<Case>) {
+fn heads(cases: &mut Vec<NamedPacket>) {
     let mut case = |name: &str, bytes: &[u8]| cases.push((name.to_owned(), bytes.to_vec()));
     case("nothing", &[]);
     for kind in [13, 14, 15] {
@@ -72,112 +73,124 @@ fn heads(cases: &mut Vec<Case>) {
     case("a stream id of 33 bits", &wide);
     let large = [0xf1, 0xf1, 0xff, 0xff, 0xff, 0x0f, 0, 0, 0, 0, 0, 0, 0];
     case("a stream id that is too large", &large);
-    let none = state(&Forge::default().code(0, END).into_bytes());
+    let none = state(&TestEncoder::default().code(0, END).into_bytes());
     for cut in 1..7 {
         case("a head that ends too soon", &none[..cut]);
     }
     case("updates without an end", &none[..7]);
     case("bytes behind no updates", &[&none[..], &[1]].concat());
     case("a zero behind no updates", &[&none[..], &[0]].concat());
-    let mut many = all_still(Forge::default().code(0, SAME).number(GAP[0], 0));
+    let mut many = all_still(TestEncoder::default().code(0, SAME).number(GAP[0], 0));
     for _ in 1..=400 {
         many = all_still(many.code(1, SAME).number(GAP[1], 0));
     }
     case("401 updates", &state(&many.code(1, END).into_bytes()));
-    let vouch = Vouch {
+    let watermark = Watermark {
         next: Low16(1),
         tick: Low16(2),
-        notices: Low16(3),
+        scene_events: Low16(3),
     }
     .encode(StreamId(5));
-    case("a vouch that ends too soon", &vouch[..vouch.len() - 1]);
-    case("bytes behind a vouch", &[&vouch[..], &[0]].concat());
     case(
-        "a vouch in arrears of no excess",
+        "a watermark that ends too soon",
+        &watermark[..watermark.len() - 1],
+    );
+    case("bytes behind a watermark", &[&watermark[..], &[0]].concat());
+    case(
+        "a watermark in arrears of no error_scale",
         &[0x5c, 0, 1, 0, 2, 0, 3, 0],
     );
     case(
-        "a packet in arrears of no excess",
+        "a packet in arrears of no error_scale",
         &[0x5b, 0, 1, 0, 2, 0, 3, 0, 0],
     );
     case(
-        "a vouch in arrears that ends too soon",
+        "a watermark in arrears that ends too soon",
         &[0x5c, 9, 1, 0, 2, 0, 3],
     );
-    case("an echo of 65 numbers", &[0x56, 0, 0, 0, 0, 0, 65]);
+    case("an loss_report of 65 numbers", &[0x56, 0, 0, 0, 0, 0, 65]);
     case(
-        "an echo that ends too soon",
+        "an loss_report that ends too soon",
         &[0x56, 0, 0, 0, 0, 0, 2, 1, 0],
     );
-    case("an echo that wants 33 parities", &[0x56, 0, 0, 0, 0, 33, 0]);
-    let parity = [0x59, 0x71, 0x11, 3, 7, 1, 2, 3];
-    for cut in 1..5 {
-        case("a parity that ends too soon", &parity[..cut]);
-    }
-    case("a parity of row 128", &[0x59, 0x71, 0x11, 3, 128, 1]);
-    let over = [0x59, 0x71, 0x11, 0x80, 0x80, 0x80, 0x80, 8, 7, 1];
-    case("a parity over 33 numbers", &over);
     case(
-        "a parity that ends in a zero",
-        &[&parity[..], &[0]].concat(),
+        "an loss_report that wants 33 repair_symbols",
+        &[0x56, 0, 0, 0, 0, 33, 0],
     );
-    let sums = [&parity[..5], &[1; 1137]].concat();
-    case("a parity of 1137 sums", &sums);
+    let repair_symbol = [0x59, 0x71, 0x11, 3, 7, 1, 2, 3];
+    for cut in 1..5 {
+        case("a repair_symbol that ends too soon", &repair_symbol[..cut]);
+    }
+    case("a repair_symbol of row 128", &[0x59, 0x71, 0x11, 3, 128, 1]);
+    let over = [0x59, 0x71, 0x11, 0x80, 0x80, 0x80, 0x80, 8, 7, 1];
+    case("a repair_symbol over 33 numbers", &over);
+    case(
+        "a repair_symbol that ends in a zero",
+        &[&repair_symbol[..], &[0]].concat(),
+    );
+    let sums = [&repair_symbol[..5], &[1; 1137]].concat();
+    case("a repair_symbol of 1137 sums", &sums);
 }
 
-fn codes(cases: &mut Vec<Case>) {
-    let mut case = |name: &str, forge: Forge| {
-        cases.push((name.to_owned(), state(&forge.into_bytes())));
+fn codes(cases: &mut Vec<NamedPacket>) {
+    let mut case = |name: &str, test_encoder: TestEncoder| {
+        cases.push((name.to_owned(), state(&test_encoder.into_bytes())));
     };
-    let seating = || Forge::default().code(0, SEATING);
-    let placed = |forge: Forge| forge.number(GAP[0], 0).raw(3, INDEX_BITS);
-    case("a seat taken twice", placed(seating().code(0, SEATING)));
-    let whole = placed(seating().code(0, WHOLE));
-    case("a seat taken before a whole track", whole);
-    case("a seat taken before the end", seating().code(0, END));
-    let held = |forge: Forge| {
-        forge
+    let assignment = || TestEncoder::default().code(0, ASSIGN_ALIAS);
+    let placed = |test_encoder: TestEncoder| test_encoder.number(GAP[0], 0).raw(3, INDEX_BITS);
+    case(
+        "a alias taken twice",
+        placed(assignment().code(0, ASSIGN_ALIAS)),
+    );
+    let keyframe = placed(assignment().code(0, KEYFRAME));
+    case("a alias taken before a keyframe track", keyframe);
+    case("a alias taken before the end", assignment().code(0, END));
+    let held = |test_encoder: TestEncoder| {
+        test_encoder
             .number(AGE + 2, 0)
             .raw(7, INDEX_BITS)
-            .number(CARRIER_AGE, 0)
+            .number(PARENT_AGE, 0)
     };
-    let still = |mut forge: Forge| {
+    let still = |mut test_encoder: TestEncoder| {
         for context in [0, 1, 1] {
-            forge = forge.number(POSITION + 2 * 30 + context, 0);
+            test_encoder = test_encoder.number(POSITION + 2 * 30 + context, 0);
         }
         for context in [4, 0, 0] {
-            forge = forge.number(TURN + 2 * 54 + context, 0);
+            test_encoder = test_encoder.number(TURN + 2 * 54 + context, 0);
         }
-        forge
+        test_encoder
     };
-    let first = still(held(begun(HELD)));
-    let again = first.code(3, HELD).number(GAP[1], 0).number(AGE + 2, 0);
+    let first = still(held(begun(ATTACHED)));
+    let again = first.code(3, ATTACHED).number(GAP[1], 0).number(AGE + 2, 0);
     case(
-        "the same carrier named anew",
+        "the same parent named anew",
         again.raw(0, 1).raw(7, INDEX_BITS).raw(1, 8),
     );
-    for law in 5..8 {
-        let forge = begun(WHOLE).raw(3, INDEX_BITS).raw(law, 3).raw(1, 8);
-        case("a law without a meaning", forge);
+    for predictor in 5..8 {
+        let test_encoder = begun(KEYFRAME)
+            .raw(3, INDEX_BITS)
+            .raw(predictor, 3)
+            .raw(1, 8);
+        case("a predictor without a meaning", test_encoder);
     }
 }
 
-fn numbers(cases: &mut Vec<Case>) {
-    let mut case = |name: &str, forge: Forge| {
-        cases.push((name.to_owned(), state(&forge.into_bytes())));
+fn numbers(cases: &mut Vec<NamedPacket>) {
+    let mut case = |name: &str, test_encoder: TestEncoder| {
+        cases.push((name.to_owned(), state(&test_encoder.into_bytes())));
     };
-    let seated = |gap| all_still(Forge::default().code(0, SAME).number(GAP[0], gap));
-    case("a seat beyond the last", seated(INDICES_MAX).code(1, END));
-    let after = seated(INDICES_MAX - 1).code(1, SAME).number(GAP[1], 0);
-    case("a seat after the last", all_still(after).code(1, END));
+    let aliased = |gap| all_still(TestEncoder::default().code(0, SAME).number(GAP[0], gap));
+    case("a alias beyond the last", aliased(INDICES_MAX).code(1, END));
+    let after = aliased(INDICES_MAX - 1).code(1, SAME).number(GAP[1], 0);
+    case("a alias after the last", all_still(after).code(1, END));
     case(
         "an age beyond the greatest",
         begun(SAME).number(AGE, 1 << 30).raw(1, 8),
     );
-    let carrier = begun(REST).number(AGE + 2, 0).raw(1, 1);
+    let parent = begun(REST).number(AGE + 2, 0).raw(1, 1);
     case(
-        "a carrier's age beyond the greatest",
-        carrier.number(CARRIER_AGE, (1 << 30) + 1).raw(1, 8),
+        "a parent's age beyond the greatest",
+        parent.number(PARENT_AGE, (1 << 30) + 1).raw(1, 8),
     );
     let same = |code| begun(code).number(AGE + code, 0);
     let position = same(SAME)
@@ -186,9 +199,12 @@ fn numbers(cases: &mut Vec<Case>) {
     let position = position.number(POSITION + 4, 0).number(POSITION + 4, 0);
     let position = position.number(TURN + 8, 0).number(TURN, 0).number(TURN, 0);
     case("a position beyond its limit", position);
-    let placed = |forge: Forge, kind: usize| {
+    let placed = |test_encoder: TestEncoder, kind: usize| {
         let at = POSITION + kind * 30;
-        forge.number(at, 0).number(at + 1, 0).number(at + 1, 0)
+        test_encoder
+            .number(at, 0)
+            .number(at + 1, 0)
+            .number(at + 1, 0)
     };
     let turn = placed(same(SAME), 0)
         .number(TURN + 4, TURN_LIMIT as u32 + 1)
@@ -199,136 +215,150 @@ fn numbers(cases: &mut Vec<Case>) {
     );
     velocities(cases);
     endless_numbers(cases);
-    settlings(cases);
-    pushes(cases);
+    rest_corrections(cases);
+    accelerations(cases);
 }
 
-/// Velocities and their coarseness.
-fn velocities(cases: &mut Vec<Case>) {
-    let mut case = |name: &str, forge: Forge| {
-        cases.push((name.to_owned(), state(&forge.into_bytes())));
+/// Velocities and their velocity_exponent.
+fn velocities(cases: &mut Vec<NamedPacket>) {
+    let mut case = |name: &str, test_encoder: TestEncoder| {
+        cases.push((name.to_owned(), state(&test_encoder.into_bytes())));
     };
-    let placed = |forge: Forge, kind: usize| {
+    let placed = |test_encoder: TestEncoder, kind: usize| {
         let at = POSITION + kind * 30;
-        forge.number(at, 0).number(at + 1, 0).number(at + 1, 0)
+        test_encoder
+            .number(at, 0)
+            .number(at + 1, 0)
+            .number(at + 1, 0)
     };
     let at = TURN + 54;
-    let said = |coarseness| {
+    let accepted = |velocity_exponent| {
         begun(SAME_MOVED)
             .number(AGE + SAME_MOVED, 0)
-            .number(COARSENESS, coarseness)
+            .number(COARSENESS, velocity_exponent)
     };
-    let moved = |coarseness| {
-        placed(said(coarseness), 1)
+    let moved = |velocity_exponent| {
+        placed(accepted(velocity_exponent), 1)
             .number(at + 4, 0)
             .number(at, 0)
             .number(at, 0)
     };
-    let still = |forge: Forge, at: usize| {
-        let forge = forge.number(at, 0).number(at + 1, 0);
-        forge.number(at + 1, 0)
+    let still = |test_encoder: TestEncoder, at: usize| {
+        let test_encoder = test_encoder.number(at, 0).number(at + 1, 0);
+        test_encoder.number(at + 1, 0)
     };
-    for coarseness in [0, 5] {
-        let beyond = (VELOCITY_LIMIT >> coarseness) as u32 + 1;
-        let fast = moved(coarseness).number(VELOCITY, beyond).raw(1, 1);
+    for velocity_exponent in [0, 5] {
+        let beyond = (VELOCITY_LIMIT >> velocity_exponent) as u32 + 1;
+        let fast = moved(velocity_exponent).number(VELOCITY, beyond).raw(1, 1);
         let fast = fast.number(VELOCITY + 4, 0).number(VELOCITY + 4, 0);
-        let name = format!("a velocity beyond its limit, doubled {coarseness} times");
+        let name = format!("a velocity beyond its limit, doubled {velocity_exponent} times");
         case(&name, still(fast, VELOCITY + 5));
     }
     let coarse = still(still(moved(13), VELOCITY), VELOCITY + 5);
     case("steps doubled too often", coarse);
 }
 
-/// Pushes, in updates and in whole tracks.
-fn pushes(cases: &mut Vec<Case>) {
-    let mut case = |name: &str, forge: Forge| {
-        cases.push((name.to_owned(), state(&forge.into_bytes())));
+/// Pushes, in updates and in keyframe tracks.
+fn accelerations(cases: &mut Vec<NamedPacket>) {
+    let mut case = |name: &str, test_encoder: TestEncoder| {
+        cases.push((name.to_owned(), state(&test_encoder.into_bytes())));
     };
-    let said = |doublings| {
-        let forge = begun(PUSHED).number(AGE + 2, 0).raw(0, 1);
-        forge.number(DOUBLINGS, doublings)
+    let accepted = |exponent| {
+        let test_encoder = begun(ACCELERATED).number(AGE + 2, 0).raw(0, 1);
+        test_encoder.number(ACCELERATION_EXPONENT, exponent)
     };
     case(
         "a push beyond its limit",
-        said(0).number(PUSH, PUSH_LIMIT as u32 + 1).raw(1, 8),
+        accepted(0)
+            .number(ACCELERATION, ACCELERATION_LIMIT as u32 + 1)
+            .raw(1, 8),
     );
-    let often = said(u32::from(DOUBLINGS_LIMIT) + 1).number(PUSH, 0);
-    let often = often.number(PUSH + 1, 0).number(PUSH + 1, 0);
+    let often = accepted(u32::from(ACCELERATION_EXPONENT_MAX) + 1).number(ACCELERATION, 0);
+    let often = often
+        .number(ACCELERATION + 1, 0)
+        .number(ACCELERATION + 1, 0);
     case("a push of steps doubled too often", often.raw(1, 8));
-    let whole = || begun(WHOLE).raw(3, INDEX_BITS).raw(5, 3).raw(0, 1);
-    let none = |forge: Forge| forge.raw(0, 1).raw(0, 6);
+    let keyframe = || begun(KEYFRAME).raw(3, INDEX_BITS).raw(5, 3).raw(0, 1);
+    let none = |test_encoder: TestEncoder| test_encoder.raw(0, 1).raw(0, 6);
     case(
-        "a whole track pushed by steps doubled too often",
-        none(none(none(whole().raw(13, 4)))).raw(0xff, 8),
+        "a keyframe track accelerated by steps doubled too often",
+        none(none(none(keyframe().raw(13, 4)))).raw(0xff, 8),
     );
     // 2048, signed 1024, is 64 less than 2^11 + 2^6.
-    let beyond = whole().raw(0, 4).raw(0x1f, 5).raw(0, 1).raw(64, 11);
+    let beyond = keyframe().raw(0, 4).raw(0x1f, 5).raw(0, 1).raw(64, 11);
     case(
-        "a whole track pushed beyond the limit",
+        "a keyframe track accelerated beyond the limit",
         none(none(beyond)).raw(0xff, 8),
     );
     let unturned = [0, 0, 0, 0, 0, 0, 1.0_f32.to_bits(), 0, 0, 0, 0, 0, 0];
-    let exact = none(none(none(whole().raw(0, 4)))).raw(1, 1);
-    let exact = unturned.into_iter().fold(exact, |forge, part| {
-        forge.raw(part & 0xffff, 16).raw(part >> 16, 16)
+    let exact = none(none(none(keyframe().raw(0, 4)))).raw(1, 1);
+    let exact = unturned.into_iter().fold(exact, |test_encoder, part| {
+        test_encoder.raw(part & 0xffff, 16).raw(part >> 16, 16)
     });
-    case("a track pushed to the bit", exact.code(1, END));
+    case("a track accelerated to the bit", exact.code(1, END));
     case(
-        "a law without a meaning",
-        begun(WHOLE).raw(3, INDEX_BITS).raw(6, 3).raw(0xff, 8),
+        "a predictor without a meaning",
+        begun(KEYFRAME).raw(3, INDEX_BITS).raw(6, 3).raw(0xff, 8),
     );
 }
 
-fn settlings(cases: &mut Vec<Case>) {
-    let mut case = |name: &str, forge: Forge| {
-        cases.push((name.to_owned(), state(&forge.into_bytes())));
+fn rest_corrections(cases: &mut Vec<NamedPacket>) {
+    let mut case = |name: &str, test_encoder: TestEncoder| {
+        cases.push((name.to_owned(), state(&test_encoder.into_bytes())));
     };
-    let settled = || begun(SETTLED).number(SETTLED_AGE, 0).raw(0, 1);
+    let resting = || begun(RESTING).number(REST_AGE, 0).raw(0, 1);
     case(
-        "a settling of a track that is too old",
-        begun(SETTLED).number(SETTLED_AGE, 1 << 30).raw(1, 8),
+        "a rest_correction of a track that is too old",
+        begun(RESTING).number(REST_AGE, 1 << 30).raw(1, 8),
     );
     case(
         "a step of 32 bits",
-        settled().number(LENGTH, 2 * (32 - 14)).raw(1, 8),
+        resting().number(LENGTH, 2 * (32 - 14)).raw(1, 8),
     );
     case(
         "a step of less than no bits",
-        settled().number(LENGTH, 2 * 14 + 1).raw(1, 8),
+        resting().number(LENGTH, 2 * 14 + 1).raw(1, 8),
     );
 }
 
-fn endless_numbers(cases: &mut Vec<Case>) {
-    let mut case = |name: &str, forge: Forge| {
-        cases.push((name.to_owned(), state(&forge.into_bytes())));
+fn endless_numbers(cases: &mut Vec<NamedPacket>) {
+    let mut case = |name: &str, test_encoder: TestEncoder| {
+        cases.push((name.to_owned(), state(&test_encoder.into_bytes())));
     };
     for bits in [31, 40] {
-        let mut endless = Forge::default().code(0, SAME).escape(shape_of_first_gap());
+        let mut endless = TestEncoder::default()
+            .code(0, SAME)
+            .escape(shape_of_first_gap());
         for _ in 0..bits {
             endless = endless.raw(1, 1);
         }
         case("a number of too many bits", endless.raw(1, 8));
     }
-    let mut wide = Forge::default().code(0, SAME).escape(shape_of_first_gap());
+    let mut wide = TestEncoder::default()
+        .code(0, SAME)
+        .escape(shape_of_first_gap());
     for _ in 0..30 {
         wide = wide.raw(1, 1);
     }
     case(
-        "a number beyond 32 bits, or a seat beyond the last",
+        "a number beyond 32 bits, or a alias beyond the last",
         wide.raw(0, 1).raw(0x3fff_ffff, 30).raw(1, 8),
     );
 }
 
-/// The beginning of a first update, of seat 0.
-fn begun(code: usize) -> Forge {
-    Forge::default().code(0, code).number(GAP[0], 0)
+/// The beginning of a first update, of alias 0.
+fn begun(code: usize) -> TestEncoder {
+    TestEncoder::default().code(0, code).number(GAP[0], 0)
 }
 
-/// A correction of nothing in the same course, of a track of age 1.
-fn all_still(forge: Forge) -> Forge {
-    let forge = forge.number(AGE, 0).number(POSITION, 0);
-    let forge = forge.number(POSITION + 1, 0).number(POSITION + 1, 0);
-    forge.number(TURN + 4, 0).number(TURN, 0).number(TURN, 0)
+/// A correction of nothing in the same mode, of a track of age 1.
+fn all_still(test_encoder: TestEncoder) -> TestEncoder {
+    let test_encoder = test_encoder.number(AGE, 0).number(POSITION, 0);
+    let test_encoder = test_encoder.number(POSITION + 1, 0).number(POSITION + 1, 0);
+    test_encoder
+        .number(TURN + 4, 0)
+        .number(TURN, 0)
+        .number(TURN, 0)
 }
 
 /// The class that a packet's first gap falls into, by PROTOCOL 5.4.
@@ -340,7 +370,7 @@ fn shape_of_first_gap() -> usize {
     ((octave - raw) * 4 + quarter) as usize
 }
 
-fn verbatim_wholes(case: &mut impl FnMut(&str, &[(u32, u32)])) {
+fn exact_keyframes(case: &mut impl FnMut(&str, &[(u32, u32)])) {
     let rest: [(u32, u32); 3] = [(0, 3), (0, 1), (1, 1)];
     let zeros = |count: usize| vec![(0_u32, 32_u32); count];
     let nan = [
@@ -354,21 +384,24 @@ fn verbatim_wholes(case: &mut impl FnMut(&str, &[(u32, u32)])) {
     case("a rotation of no length", &[&rest[..], &zeros(7)].concat());
 }
 
-fn wholes(cases: &mut Vec<Case>) {
+fn keyframes(cases: &mut Vec<NamedPacket>) {
     let mut case = |name: &str, bits: &[(u32, u32)]| {
-        let mut forge = begun(WHOLE).raw(3, INDEX_BITS);
+        let mut test_encoder = begun(KEYFRAME).raw(3, INDEX_BITS);
         for (value, count) in bits {
-            forge = forge.raw(*value, *count);
+            test_encoder = test_encoder.raw(*value, *count);
         }
         // Ones behind, so that what is refused is refused before the bytes end.
-        cases.push((name.to_owned(), state(&forge.raw(0xff, 8).into_bytes())));
+        cases.push((
+            name.to_owned(),
+            state(&test_encoder.raw(0xff, 8).into_bytes()),
+        ));
     };
-    verbatim_wholes(&mut case);
+    exact_keyframes(&mut case);
     let mut moving = vec![(1, 3), (1, 1), (9, 20), (0, 16), (0, 1)];
     moving.extend([(0, 1), (0, 14)].repeat(3));
     moving.extend([(3, 2), (524_288, 20), (524_288, 20), (524_288, 20)]);
     moving.extend([(0, 1), (0, 6)].repeat(6));
-    case("a carrier, and not at rest", &moving);
+    case("a parent, and not at rest", &moving);
     let far = [(0, 3), (0, 1), (0, 1)];
     let mut ones = far.to_vec();
     ones.extend([(1, 1); 18]);
@@ -410,23 +443,23 @@ fn wholes(cases: &mut Vec<Case>) {
     beyond.extend([(0, 1), (shifted & !(1 << shifted.ilog2()), extra + 14)]);
     beyond.extend(still.iter().chain(&still));
     beyond.extend([(3, 2), (524_288, 20), (524_288, 20), (524_288, 20)]);
-    case("a position beyond its limit, in a whole track", &beyond);
+    case("a position beyond its limit, in a keyframe track", &beyond);
 }
 
-fn tails(cases: &mut Vec<Case>) {
+fn tails(cases: &mut Vec<NamedPacket>) {
     let forms: Vec<_> = (0..)
         .zip(every_form())
-        .map(|(seat, saying)| Update {
-            seat,
-            body: Some(seat + 9),
-            saying,
+        .map(|(alias, payload)| Update {
+            alias,
+            body: Some(alias + 9),
+            payload,
         })
         .collect();
     let bytes = packet(&forms);
-    let mut chance = Chance::new(5);
+    let mut rng = PacketRng::new(5);
     let (mut cuts, mut flips) = (0, 0);
     while cuts < 10 {
-        let cut = &bytes[..7 + chance.below(bytes.len() as u32 - 7) as usize];
+        let cut = &bytes[..7 + rng.below(bytes.len() as u32 - 7) as usize];
         if meaning(cut).is_err() {
             cases.push(("cut short".to_owned(), cut.to_vec()));
             cuts += 1;
@@ -434,8 +467,8 @@ fn tails(cases: &mut Vec<Case>) {
     }
     while flips < 10 {
         let mut flipped = bytes.clone();
-        let place = 7 + chance.below(bytes.len() as u32 - 7) as usize;
-        flipped[place] ^= 1 << chance.below(8);
+        let place = 7 + rng.below(bytes.len() as u32 - 7) as usize;
+        flipped[place] ^= 1 << rng.below(8);
         if meaning(&flipped).is_err() {
             cases.push(("a bit changed".to_owned(), flipped));
             flips += 1;
@@ -452,19 +485,19 @@ fn tails(cases: &mut Vec<Case>) {
     }
 }
 
-fn repairs(cases: &mut Vec<Case>) {
-    let record = RepairRecord {
+fn refreshes(cases: &mut Vec<NamedPacket>) {
+    let record = RefreshRecord {
         index: 5,
-        seat: Some(3),
+        alias: Some(3),
         age: Ticks::new(4),
-        whole: carried(&mut Chance::new(3), BodyId::new(8, 1)),
+        keyframe: carried(&mut PacketRng::new(3), BodyId::new(8, 1)),
     };
-    let mut writer = RepairWriter::default();
+    let mut writer = RefreshWriter::default();
     writer.push(&record);
     let bytes = writer.finish(StreamId(5), 1, 2, 3).remove(0);
     let mut case = |name: &str, bytes: &[u8]| cases.push((name.to_owned(), bytes.to_vec()));
-    case("a repair that ends too soon", &bytes[..bytes.len() - 1]);
-    case("bytes behind a repair", &[&bytes[..], &[0]].concat());
+    case("a refresh that ends too soon", &bytes[..bytes.len() - 1]);
+    case("bytes behind a refresh", &[&bytes[..], &[0]].concat());
     let with = |place: usize, value: u8| {
         let mut bytes = bytes.clone();
         bytes[place] = value;

@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn a_choice_of_a_stream_comes_back_as_it_was_said() {
+    fn a_stream_choice_round_trips() {
         let parts = |micrometres, microradians| {
             StreamChoice::Within(Tolerance::Parts {
                 position: LengthBound::from_micrometres(micrometres).unwrap(),

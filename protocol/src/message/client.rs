@@ -5,14 +5,14 @@ use alloc::vec::Vec;
 use rhumb_reckoning::Tick;
 
 use super::MAGIC;
+use super::authority::TakeAuthority;
 use super::choice::StreamChoice;
-use super::drive::Drive;
 use super::extensions::Extensions;
 use super::frame::{Framed, frame};
-use super::moving::Moves;
+use super::tier_policy::TierPolicy;
 use crate::limits::{DATAGRAM_BYTES_MAX, RESERVE_MAX, VERSIONS_MAX};
 use crate::packet::StreamId;
-use crate::scene::{Command, SceneName, SceneTerms};
+use crate::scene::{Command, SceneConfig, SceneName};
 use crate::time::Instant;
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, OPTIONAL, Wire};
@@ -30,7 +30,7 @@ pub enum ClientMessage {
         extensions: Extensions,
     },
     /// Creates the scene.
-    Create(SceneTerms),
+    Create(SceneConfig),
     /// Becomes a member and follows a stream.
     Join(StreamChoice),
     /// Is no longer a member.
@@ -59,15 +59,15 @@ pub enum ClientMessage {
     /// How is the scene?
     Inspect,
     /// Follows another stream from now on, and goes on hearing the one before until the snapshot is whole.
-    Follow(StreamChoice),
+    Subscribe(StreamChoice),
     /// Has caught up with a stream that it changed to, and needs the one before no more.
-    Followed(StreamId),
-    /// Drives these kinematic bodies from now on.
-    Drive(Drive),
+    Subscribed(StreamId),
+    /// AuthorityTable these kinematic bodies from now on.
+    TakeAuthority(TakeAuthority),
     /// A packet of the stream on which it says how its driven bodies move, where that must come before an advance.
     Upstream(Vec<u8>),
     /// Says where it may be moved when its link is thin.
-    Moves(Moves),
+    TierPolicy(TierPolicy),
 }
 
 /// Type bytes.
@@ -109,8 +109,8 @@ impl ClientMessage {
                 extensions.encode(&mut body);
                 kind::HELLO
             }
-            Self::Create(terms) => {
-                terms.encode(&mut body);
+            Self::Create(config) => {
+                config.encode(&mut body);
                 kind::CREATE
             }
             Self::Join(choice) => {
@@ -137,15 +137,15 @@ impl ClientMessage {
                 kind::PING
             }
             Self::Inspect => kind::INSPECT,
-            Self::Follow(choice) => {
+            Self::Subscribe(choice) => {
                 choice.encode(&mut body);
                 kind::FOLLOW
             }
-            Self::Followed(stream) => {
+            Self::Subscribed(stream) => {
                 stream.encode(&mut body);
                 kind::FOLLOWED
             }
-            Self::Drive(drive) => {
+            Self::TakeAuthority(drive) => {
                 drive.encode(&mut body);
                 kind::DRIVE
             }
@@ -153,8 +153,8 @@ impl ClientMessage {
                 body.raw(packet);
                 kind::UPSTREAM
             }
-            Self::Moves(moves) => {
-                moves.encode(&mut body);
+            Self::TierPolicy(tier_policy) => {
+                tier_policy.encode(&mut body);
                 kind::MOVES
             }
         };
@@ -170,7 +170,7 @@ impl ClientMessage {
         let mut from = Reader::new(&framed.body);
         let message = match framed.kind {
             kind::HELLO => decode_hello(&mut from)?,
-            kind::CREATE => Self::Create(SceneTerms::decode(&mut from)?),
+            kind::CREATE => Self::Create(SceneConfig::decode(&mut from)?),
             kind::JOIN => Self::Join(StreamChoice::decode(&mut from)?),
             kind::LEAVE => Self::Leave,
             kind::DELETE => Self::Delete,
@@ -194,14 +194,14 @@ impl ClientMessage {
                 sent: Instant::from_nanos(from.varint()?),
             },
             kind::INSPECT => Self::Inspect,
-            kind::FOLLOW => Self::Follow(StreamChoice::decode(&mut from)?),
-            kind::FOLLOWED => Self::Followed(StreamId::decode(&mut from)?),
-            kind::DRIVE => Self::Drive(Drive::decode(&mut from)?),
+            kind::FOLLOW => Self::Subscribe(StreamChoice::decode(&mut from)?),
+            kind::FOLLOWED => Self::Subscribed(StreamId::decode(&mut from)?),
+            kind::DRIVE => Self::TakeAuthority(TakeAuthority::decode(&mut from)?),
             kind::UPSTREAM if framed.body.len() > DATAGRAM_BYTES_MAX => {
                 return Err(Malformed::TooLong);
             }
             kind::UPSTREAM => Self::Upstream(from.raw(framed.body.len())?.to_vec()),
-            kind::MOVES => Self::Moves(Moves::decode(&mut from)?),
+            kind::MOVES => Self::TierPolicy(TierPolicy::decode(&mut from)?),
             OPTIONAL.. => return Ok(None),
             _ => return Err(Malformed::UnknownCode),
         };

@@ -13,8 +13,8 @@ pub enum Denial {
     NoSuchScene,
     /// There is such a scene already.
     SceneExists,
-    /// A number in the terms of a new scene is wrong.
-    Terms(Invalid),
+    /// A number in the config of a new scene is wrong.
+    InvalidConfig(Invalid),
     /// The server holds as many scenes as it may.
     TooManyScenes,
     /// The scene has as many members as it may.
@@ -40,7 +40,7 @@ impl fmt::Display for Denial {
         match self {
             Self::NoSuchScene => f.write_str("the server has no scene of that name"),
             Self::SceneExists => f.write_str("a scene of that name exists already"),
-            Self::Terms(invalid) => write!(f, "the scene's terms are wrong: {invalid}"),
+            Self::InvalidConfig(invalid) => write!(f, "the scene's config are wrong: {invalid}"),
             Self::TooManyScenes => f.write_str("the server holds as many scenes as it may"),
             Self::TooManyMembers => f.write_str("the scene has as many members as it may"),
             Self::TooManyStreams => {
@@ -65,11 +65,11 @@ impl Wire for Denial {
         match self {
             Self::NoSuchScene => to.u8(0),
             Self::SceneExists => to.u8(1),
-            Self::Terms(Invalid::NotFinite(quantity)) => {
+            Self::InvalidConfig(Invalid::NotFinite(quantity)) => {
                 to.u8(2);
                 to.u8(quantity.code());
             }
-            Self::Terms(Invalid::OutOfRange(quantity)) => {
+            Self::InvalidConfig(Invalid::OutOfRange(quantity)) => {
                 to.u8(3);
                 to.u8(quantity.code());
             }
@@ -91,8 +91,8 @@ impl Wire for Denial {
         Ok(match from.u8()? {
             0 => Self::NoSuchScene,
             1 => Self::SceneExists,
-            2 => Self::Terms(Invalid::NotFinite(quantity(from)?)),
-            3 => Self::Terms(Invalid::OutOfRange(quantity(from)?)),
+            2 => Self::InvalidConfig(Invalid::NotFinite(quantity(from)?)),
+            3 => Self::InvalidConfig(Invalid::OutOfRange(quantity(from)?)),
             4 => Self::TooManyScenes,
             5 => Self::TooManyMembers,
             6 => Self::TooManyStreams,

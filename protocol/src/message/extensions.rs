@@ -54,7 +54,7 @@ impl Extensions {
 
     /// Whether one must be known and is not: this version knows none.
     #[must_use]
-    pub fn ask_too_much(&self) -> bool {
+    pub fn has_unknown_critical(&self) -> bool {
         self.0.iter().any(Extension::is_critical)
     }
 }
@@ -126,8 +126,8 @@ mod tests {
             let value = Vec::new();
             Extensions(alloc::vec![Extension { id, value }])
         };
-        assert!(of(4).ask_too_much() && of(0).ask_too_much());
-        assert!(!of(27).ask_too_much() && !Extensions::NONE.ask_too_much());
+        assert!(of(4).has_unknown_critical() && of(0).has_unknown_critical());
+        assert!(!of(27).has_unknown_critical() && !Extensions::NONE.has_unknown_critical());
     }
 
     #[test]

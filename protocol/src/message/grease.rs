@@ -85,7 +85,7 @@ mod tests {
     use crate::message::{ClientMessage, Frames, ServerMessage, VERSIONS};
 
     #[test]
-    fn what_means_nothing_is_among_what_is_set_aside_for_it() {
+    fn grease_values_lie_in_the_reserved_range() {
         for seed in 0..2_000 {
             let mut grease = Grease::new(seed);
             let versions = grease.versions(&VERSIONS);
@@ -94,13 +94,13 @@ mod tests {
                 .partition(|version| is_no_version(**version));
             assert_eq!((none.len(), &known[..]), (1, &VERSIONS[..]));
             let extensions = grease.extensions();
-            assert!(!extensions.ask_too_much());
+            assert!(!extensions.has_unknown_critical());
             assert!(extensions.iter().all(|one| one.id % STRIDE == FIRST));
         }
     }
 
     #[test]
-    fn a_message_that_means_nothing_is_skipped_by_both_ends() {
+    fn grease_messages_are_skipped_by_both_peers() {
         let mut said = 0;
         for seed in 0..200 {
             let mut bytes = Vec::new();
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn no_version_that_is_spoken_is_set_aside() {
+    fn no_supported_version_is_reserved() {
         assert!(!VERSIONS.iter().any(|version| is_no_version(*version)));
         let aside = (0..=u16::MAX).filter(|version| is_no_version(*version));
         assert_eq!(aside.count(), 16);

@@ -1,4 +1,4 @@
-//! The inertia of a body, as a notice says it.
+//! The inertia of a body, as a scene_event says it.
 //!
 //! Left out where it says nothing: equal moments, and axes that are the body's own (PROTOCOL 4.6).
 
@@ -67,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn an_inertia_comes_back_as_it_was_said() {
+    fn an_inertia_round_trips() {
         let slab = Inertia::new([1.0, 2.0, 2.5], Inertia::OWN_AXES).unwrap();
         let askew = Inertia::new([1.0, 2.0, 2.5], [0.5, -0.5, 0.5, 0.5]).unwrap();
         for (inertia, length) in [(None, 1), (Some(slab), 13), (Some(askew), 29)] {
@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_inertia_or_says_nothing_is_refused() {
+    fn invalid_or_redundant_inertia_is_refused() {
         let own = [1.0, 2.0, 2.5, 0.0, 0.0, 0.0, 1.0];
         assert_eq!(read(&bytes(2, &own)), Err(Malformed::NotCanonical));
         let equal = read(&bytes(1, &[3.0; 3]));

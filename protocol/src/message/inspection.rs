@@ -15,7 +15,7 @@ pub struct StageTimes {
     pub step_p99: u64,
     /// Observing what moved, all ticks together.
     pub observe_total: u64,
-    /// Choosing, encoding and handing over what to say, all ticks together.
+    /// StreamSelection, encoding and handing over what to say, all ticks together.
     pub publish_total: u64,
 }
 
@@ -24,7 +24,7 @@ pub struct StageTimes {
 pub struct Inspection {
     /// When.
     pub tick: Tick,
-    /// Digest of everything that was ever observed in it.
+    /// Checksums of everything that was ever observed in it.
     pub truth: u64,
     /// Bodies in it.
     pub bodies: u32,
@@ -37,9 +37,9 @@ pub struct Inspection {
     /// Their bytes.
     pub packet_bytes: u64,
     /// Tracks of that stream that some member had otherwise, and was told again.
-    pub amended: u64,
-    /// Bodies of which that stream withheld that they were off, for want of budget, each counted at every tick.
-    pub withheld: u64,
+    pub resynced: u64,
+    /// Bodies of which that stream over_budget that they were off, for want of budget, each counted at every tick.
+    pub over_budget: u64,
     /// Where the tick's time went.
     pub times: StageTimes,
 }
@@ -55,8 +55,8 @@ impl Wire for Inspection {
             self.updates,
             self.packets,
             self.packet_bytes,
-            self.amended,
-            self.withheld,
+            self.resynced,
+            self.over_budget,
             times.step_total,
             times.step_median,
             times.step_p99,
@@ -81,8 +81,8 @@ impl Wire for Inspection {
             updates: from.varint()?,
             packets: from.varint()?,
             packet_bytes: from.varint()?,
-            amended: from.varint()?,
-            withheld: from.varint()?,
+            resynced: from.varint()?,
+            over_budget: from.varint()?,
             times: StageTimes {
                 step_total: from.varint()?,
                 step_median: from.varint()?,

@@ -1,28 +1,28 @@
 //! The control messages, reliable and in order (PROTOCOL 4).
+mod authority;
 mod choice;
 mod client;
 mod denial;
-mod drive;
 mod extensions;
 mod frame;
 mod grease;
 mod inertia;
 mod inspection;
-mod moving;
-mod notice;
+mod scene_event;
 mod server;
+mod tier_policy;
 
+pub use authority::{AuthorityError, AuthorityGrant, TakeAuthority};
 pub use choice::StreamChoice;
 pub use client::ClientMessage;
 pub use denial::Denial;
-pub use drive::{Drive, DriveError, Driving};
 pub use extensions::{Extension, Extensions};
 pub use frame::{Framed, Frames, frame};
 pub use grease::{Grease, is_no_version};
 pub use inspection::{Inspection, StageTimes};
-pub use moving::{MoveCause, Moves};
-pub use notice::{Notice, RemovalCause};
+pub use scene_event::{RemovalCause, SceneEvent};
 pub use server::{Joined, ServerMessage, Welcome};
+pub use tier_policy::{TierChangeCause, TierPolicy};
 
 /// The versions of the protocol that this library speaks, newest first.
 pub const VERSIONS: [u16; 1] = [1];

@@ -4,16 +4,16 @@ use alloc::vec::Vec;
 use glam::Vec3;
 use rhumb_reckoning::Tick;
 
+use super::authority::{AuthorityError, AuthorityGrant};
 use super::choice::StreamChoice;
 use super::denial::Denial;
-use super::drive::{DriveError, Driving};
 use super::extensions::Extensions;
 use super::frame::{Framed, frame};
 use super::inspection::Inspection;
-use super::moving::MoveCause;
-use super::notice::Notice;
+use super::scene_event::SceneEvent;
+use super::tier_policy::TierChangeCause;
 use crate::packet::StreamId;
-use crate::scene::{CommandError, IdRange, SceneTerms};
+use crate::scene::{CommandError, IdRange, SceneConfig};
 use crate::stream::StreamStart;
 use crate::time::Instant;
 use crate::wire::bytes::{Reader, Writer};
@@ -24,20 +24,20 @@ use crate::wire::{Malformed, OPTIONAL, Wire};
 pub struct Welcome {
     /// The version that both speak from here on.
     pub version: u16,
-    /// The terms of the scene that `Hello` named, if it exists.
-    pub scene: Option<SceneTerms>,
+    /// The config of the scene that `Hello` named, if it exists.
+    pub scene: Option<SceneConfig>,
     /// What else is said, by number.
     pub extensions: Extensions,
 }
 
-/// The answer to `Join`: where the stream begins. The scene's shapes and bodies follow as notices that do not count,
+/// The answer to `Join`: where the stream begins. The scene's shapes and bodies follow as scene_events that do not count,
 /// up to `SnapshotEnd`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Joined {
     /// Which stream it is.
     pub choice: StreamChoice,
     /// What the scene was created with.
-    pub terms: SceneTerms,
+    pub config: SceneConfig,
     /// Where it begins.
     pub start: StreamStart,
     /// Body indices for this member to give out.
@@ -80,7 +80,7 @@ pub enum ServerMessage {
         error: CommandError,
     },
     /// A change that all members hear of.
-    Notice(Notice),
+    SceneEvent(SceneEvent),
     /// The answer to `Ping`.
     Pong {
         /// What the client sent.
@@ -92,16 +92,16 @@ pub enum ServerMessage {
     },
     /// The answer to `Inspect`.
     Inspection(Inspection),
-    /// The answer to `Drive`.
-    Driving(Driving),
-    /// `Drive` was refused, and what was driven before goes on; or nothing is driven any more.
-    NotDriving(DriveError),
+    /// The answer to `TakeAuthority`.
+    AuthorityGrant(AuthorityGrant),
+    /// `TakeAuthority` was refused, and what was driven before goes on; or nothing is driven any more.
+    AuthorityDenied(AuthorityError),
     /// The server moves the member to another stream for its link's sake; a snapshot of that stream follows.
-    Moved {
+    TierChanged {
         /// Which stream.
         to: StreamChoice,
         /// Why.
-        cause: MoveCause,
+        cause: TierChangeCause,
     },
 }
 
@@ -117,7 +117,7 @@ mod kind {
     pub(super) const DENIED: u8 = 8;
     pub(super) const APPLIED: u8 = 9;
     pub(super) const REFUSED: u8 = 10;
-    pub(super) const NOTICE: u8 = 11;
+    pub(super) const SCENE_EVENT: u8 = 11;
     pub(super) const PONG: u8 = 12;
     pub(super) const INSPECTION: u8 = 13;
     pub(super) const DRIVING: u8 = 14;
@@ -129,8 +129,8 @@ impl Wire for Welcome {
     fn encode(&self, to: &mut Writer) {
         to.u16(self.version);
         to.u8(u8::from(self.scene.is_some()));
-        if let Some(terms) = &self.scene {
-            terms.encode(to);
+        if let Some(config) = &self.scene {
+            config.encode(to);
         }
         self.extensions.encode(to);
     }
@@ -139,7 +139,7 @@ impl Wire for Welcome {
         let version = from.u16()?;
         let scene = match from.u8()? {
             0 => None,
-            1 => Some(SceneTerms::decode(from)?),
+            1 => Some(SceneConfig::decode(from)?),
             _ => return Err(Malformed::UnknownCode),
         };
         Ok(Self {
@@ -153,20 +153,20 @@ impl Wire for Welcome {
 impl Wire for Joined {
     fn encode(&self, to: &mut Writer) {
         self.choice.encode(to);
-        self.terms.encode(to);
+        self.config.encode(to);
         let start = &self.start;
         start.stream.encode(to);
         to.f32s(&start.gravity.to_array());
         to.varint(start.tick.value());
         to.varint(start.next);
-        to.varint(start.notices);
+        to.varint(start.scene_events);
         self.granted.encode(to);
         self.extensions.encode(to);
     }
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
         let choice = StreamChoice::decode(from)?;
-        let terms = SceneTerms::decode(from)?;
+        let config = SceneConfig::decode(from)?;
         let stream = StreamId::decode(from)?;
         let gravity = Vec3::from_array(from.f32s()?);
         if !gravity.is_finite() {
@@ -175,16 +175,16 @@ impl Wire for Joined {
         let start = StreamStart {
             stream,
             tolerance: choice.tolerance(),
-            integrator: terms.integrator,
-            every: terms.cadence.every,
+            integrator: config.integrator,
+            publish_interval: config.publish_schedule.publish_interval,
             gravity,
             tick: Tick::new(from.count()?),
             next: from.count()?,
-            notices: from.count()?,
+            scene_events: from.count()?,
         };
         Ok(Self {
             choice,
-            terms,
+            config,
             start,
             granted: IdRange::decode(from)?,
             extensions: Extensions::decode(from)?,
@@ -227,9 +227,9 @@ impl ServerMessage {
                 error.encode(&mut body);
                 kind::REFUSED
             }
-            Self::Notice(notice) => {
-                notice.encode(&mut body);
-                kind::NOTICE
+            Self::SceneEvent(scene_event) => {
+                scene_event.encode(&mut body);
+                kind::SCENE_EVENT
             }
             Self::Pong {
                 sent,
@@ -245,15 +245,15 @@ impl ServerMessage {
                 inspection.encode(&mut body);
                 kind::INSPECTION
             }
-            Self::Driving(driving) => {
+            Self::AuthorityGrant(driving) => {
                 driving.encode(&mut body);
                 kind::DRIVING
             }
-            Self::NotDriving(error) => {
+            Self::AuthorityDenied(error) => {
                 error.encode(&mut body);
                 kind::NOT_DRIVING
             }
-            Self::Moved { to: choice, cause } => {
+            Self::TierChanged { to: choice, cause } => {
                 choice.encode(&mut body);
                 cause.encode(&mut body);
                 kind::MOVED
@@ -286,18 +286,18 @@ impl ServerMessage {
                 number: from.count()?,
                 error: CommandError::decode(&mut from)?,
             },
-            kind::NOTICE => Self::Notice(Notice::decode(&mut from)?),
+            kind::SCENE_EVENT => Self::SceneEvent(SceneEvent::decode(&mut from)?),
             kind::PONG => Self::Pong {
                 sent: Instant::from_nanos(from.varint()?),
                 tick: Tick::new(from.count()?),
                 since_tick_ns: from.varint()?,
             },
             kind::INSPECTION => Self::Inspection(Inspection::decode(&mut from)?),
-            kind::DRIVING => Self::Driving(Driving::decode(&mut from)?),
-            kind::NOT_DRIVING => Self::NotDriving(DriveError::decode(&mut from)?),
-            kind::MOVED => Self::Moved {
+            kind::DRIVING => Self::AuthorityGrant(AuthorityGrant::decode(&mut from)?),
+            kind::NOT_DRIVING => Self::AuthorityDenied(AuthorityError::decode(&mut from)?),
+            kind::MOVED => Self::TierChanged {
                 to: StreamChoice::decode(&mut from)?,
-                cause: MoveCause::decode(&mut from)?,
+                cause: TierChangeCause::decode(&mut from)?,
             },
             OPTIONAL.. => return Ok(None),
             _ => return Err(Malformed::UnknownCode),

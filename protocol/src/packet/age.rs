@@ -1,6 +1,6 @@
 //! How old a track is, by the ticks that its stream speaks of.
 //!
-//! A stream that is published every few ticks could say no other age, so that none is said in ticks (PROTOCOL 5.6).
+//! A stream that is published every few ticks could emit no other age, so that none is said in ticks (PROTOCOL 5.6).
 
 use core::num::NonZeroU32;
 
@@ -21,8 +21,8 @@ impl Age {
     ///
     /// One that begins between two ticks that are spoken of counts as begun at the earlier.
     #[must_use]
-    pub fn of(origin: Tick, tick: Tick, every: NonZeroU32) -> Option<Self> {
-        let spoken = |tick: Tick| tick.value() / u64::from(every.get());
+    pub fn of(origin: Tick, tick: Tick, publish_interval: NonZeroU32) -> Option<Self> {
+        let spoken = |tick: Tick| tick.value() / u64::from(publish_interval.get());
         let age = spoken(tick).checked_sub(spoken(origin))?;
         u32::try_from(age).ok().filter(|_| origin <= tick).map(Self)
     }
@@ -41,8 +41,8 @@ mod tests {
     #[test]
     fn an_age_counts_the_ticks_that_are_spoken_of() {
         let third = NonZeroU32::new(3).unwrap();
-        let age = |origin, tick, every| {
-            let age = Age::of(Tick::new(origin), Tick::new(tick), every);
+        let age = |origin, tick, publish_interval| {
+            let age = Age::of(Tick::new(origin), Tick::new(tick), publish_interval);
             age.map(Age::count)
         };
         for (origin, tick, counted) in [(6, 9, 1), (8, 9, 1), (9, 9, 0), (0, 12, 4), (5, 12, 3)] {

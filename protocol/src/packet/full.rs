@@ -1,14 +1,14 @@
-//! The packets of a full stream: every body's whole state in 56 bytes.
+//! The packets of a full stream: every body's keyframe state in 56 bytes.
 //!
 //! The naive baseline that reckoned streams are measured against, and a way to look at an engine without any loss.
 
 use alloc::vec::Vec;
 
-use super::header::{Head, Kind, Low16, StreamId};
+use super::header::{Head, Low16, PacketKind, StreamId};
 use crate::limits::{DATAGRAM_BYTES_MAX, INDICES_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
-use rhumb_reckoning::Verbatim;
+use rhumb_reckoning::BodyState;
 
 /// Index (u32), position, quaternion x y z w, linear and angular velocity (f32 each), little-endian.
 pub const FULL_RECORD_BYTES: usize = 4 + 13 * 4;
@@ -16,24 +16,24 @@ pub const FULL_RECORD_BYTES: usize = 4 + 13 * 4;
 /// Bytes before the records.
 const HEAD_BYTES_MAX: usize = 1 + 5 + 2 + 2 + 2;
 
-/// One body's whole state.
+/// One body's keyframe state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FullRecord {
     /// Index of the body.
     pub index: u32,
     /// Its state, to the bit.
-    pub motion: Verbatim,
+    pub motion: BodyState,
 }
 
-/// One packet of whole states.
+/// One packet of keyframe states.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FullPacket {
     /// Low bits of its number.
     pub number: Low16,
     /// Low bits of its tick.
     pub tick: Low16,
-    /// Notices that must have been heard to read it.
-    pub notices: Low16,
+    /// SceneEvents that must have been heard to read it.
+    pub scene_events: Low16,
     /// Whether it is the last of its tick.
     pub ends_tick: bool,
     /// The states.
@@ -56,15 +56,15 @@ impl FullPacket {
             "records fit a datagram"
         );
         let kind = if self.ends_tick {
-            Kind::FullEnd
+            PacketKind::FullEnd
         } else {
-            Kind::Full
+            PacketKind::Full
         };
         let mut to = Writer::new();
         Head { kind, stream }.encode(&mut to);
         self.number.encode(&mut to);
         self.tick.encode(&mut to);
-        self.notices.encode(&mut to);
+        self.scene_events.encode(&mut to);
         for record in &self.records {
             to.raw(&record.index.to_le_bytes());
             to.f32s(&record.motion.parts());
@@ -76,11 +76,11 @@ impl FullPacket {
     ///
     /// # Errors
     ///
-    /// [`Malformed`] when that is not a packet of whole states.
+    /// [`Malformed`] when that is not a packet of keyframe states.
     pub fn decode(ends_tick: bool, mut from: Reader<'_>) -> Result<Self, Malformed> {
         let number = Low16::decode(&mut from)?;
         let tick = Low16::decode(&mut from)?;
-        let notices = Low16::decode(&mut from)?;
+        let scene_events = Low16::decode(&mut from)?;
         let mut records = Vec::new();
         while !from.rest().is_empty() {
             let (low, high) = (from.u16()?, from.u16()?);
@@ -89,14 +89,14 @@ impl FullPacket {
                 return Err(Malformed::OutOfRange);
             }
             let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = from.f32s()?;
-            let motion = Verbatim::new([px, py, pz], [x, y, z, w], [vx, vy, vz], [wx, wy, wz])
+            let motion = BodyState::new([px, py, pz], [x, y, z, w], [vx, vy, vz], [wx, wy, wz])
                 .map_err(|_| Malformed::NotFinite)?;
             records.push(FullRecord { index, motion });
         }
         Ok(Self {
             number,
             tick,
-            notices,
+            scene_events,
             ends_tick,
             records,
         })
@@ -109,11 +109,11 @@ mod tests {
 
     #[test]
     fn a_full_packet_comes_back_and_its_truncations_do_not() {
-        let motion = Verbatim::new([1.0; 3], [0.0, 0.0, 0.0, 1.0], [2.0; 3], [3.0; 3]).unwrap();
+        let motion = BodyState::new([1.0; 3], [0.0, 0.0, 0.0, 1.0], [2.0; 3], [3.0; 3]).unwrap();
         let packet = FullPacket {
             number: Low16(1),
             tick: Low16(2),
-            notices: Low16(3),
+            scene_events: Low16(3),
             ends_tick: true,
             records: (0..FullPacket::RECORDS_MAX as u32)
                 .map(|index| FullRecord { index, motion })
@@ -122,7 +122,7 @@ mod tests {
         let bytes = packet.encode(StreamId(9));
         assert!(bytes.len() <= DATAGRAM_BYTES_MAX);
         let mut reader = Reader::new(&bytes);
-        assert_eq!(Head::decode(&mut reader).unwrap().kind, Kind::FullEnd);
+        assert_eq!(Head::decode(&mut reader).unwrap().kind, PacketKind::FullEnd);
         assert_eq!(FullPacket::decode(true, reader.clone()), Ok(packet));
         for cut in 0..reader.rest().len() {
             let whole_records = cut >= 6 && (cut - 6) % FULL_RECORD_BYTES == 0;

@@ -1,4 +1,4 @@
-//! The field of 256 elements, in which parities are summed.
+//! The field of 256 elements, in which repair_symbols are summed.
 //!
 //! Bytes are elements: addition is exclusive or, multiplication is that of polynomials over one bit modulo
 //! x⁸ + x⁴ + x³ + x² + 1 (PROTOCOL 5.16). Invariant: every non-zero element has an inverse.
@@ -6,16 +6,16 @@
 /// x⁸ + x⁴ + x³ + x² + 1, of which x is a generator. Source: PROTOCOL 5.16.
 const POLYNOMIAL: u16 = 0x11d;
 
-/// Powers of x, twice over so that a sum of two logarithms needs no reduction, and logarithms to that base.
-struct Powers {
+/// GaloisTables of x, twice over so that a sum of two logarithms needs no reduction, and logarithms to that base.
+struct GaloisTables {
     of: [u8; 510],
     log: [u8; 256],
 }
 
-const POWERS: Powers = powers();
+const POWERS: GaloisTables = powers();
 
-const fn powers() -> Powers {
-    let mut powers = Powers {
+const fn powers() -> GaloisTables {
+    let mut powers = GaloisTables {
         of: [0; 510],
         log: [0; 256],
     };
@@ -51,13 +51,13 @@ pub(crate) const fn inverse(a: u8) -> u8 {
     POWERS.of[255 - POWERS.log[a as usize] as usize]
 }
 
-/// Adds `factor` times each of `terms` to the sum in the same place; terms beyond the sums are left out.
-pub(crate) fn add_times(sums: &mut [u8], factor: u8, terms: &[u8]) {
+/// Adds `factor` times each of `config` to the sum in the same place; config beyond the sums are left out.
+pub(crate) fn add_times(sums: &mut [u8], factor: u8, config: &[u8]) {
     if factor == 0 {
         return;
     }
     let log = usize::from(POWERS.log[usize::from(factor)]);
-    for (sum, term) in sums.iter_mut().zip(terms) {
+    for (sum, term) in sums.iter_mut().zip(config) {
         if *term != 0 {
             *sum ^= POWERS.of[log + usize::from(POWERS.log[usize::from(*term)])];
         }

@@ -30,12 +30,12 @@ impl Wire for StreamId {
     }
 }
 
-/// The low 16 bits of a count that both ends know roughly: packet numbers, ticks, notices (PROTOCOL 5.7).
+/// The low 16 bits of a count that both ends know roughly: packet numbers, ticks, scene_events (PROTOCOL 5.7).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Low16(pub u16);
 
 impl Low16 {
-    /// Of a whole count.
+    /// Of a keyframe count.
     #[must_use]
     pub const fn of(count: u64) -> Self {
         Self(count as u16)
@@ -71,47 +71,47 @@ impl Low16 {
 
 /// What a datagram is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Kind {
+pub enum PacketKind {
     /// Updates of a stream; part of a tick of which more packets follow.
-    State,
+    Updates,
     /// Updates of a stream; the last packet of its tick.
-    StateEnd,
+    UpdatesEnd,
     /// Nothing was said up to a tick.
-    Vouch,
+    Watermark,
     /// What the bodies of a lost packet do now.
-    Repair,
-    /// Every body's whole state; part of a tick of which more packets follow.
+    Refresh,
+    /// Every body's keyframe state; part of a tick of which more packets follow.
     Full,
-    /// Every body's whole state; the last packet of its tick.
+    /// Every body's keyframe state; the last packet of its tick.
     FullEnd,
     /// From a member: what it heard and what it lost.
-    Echo,
+    LossReport,
     /// Sums over tracks.
-    Digest,
+    Checksums,
     /// From a member: a sum is another.
-    Doubt,
+    ChecksumMismatch,
     /// A sum over the last packets, from which a lost one can be had.
-    Parity,
-    /// Updates of a stream with a budget; the last packet of its tick, and something was withheld.
-    StateInArrears,
+    RepairSymbol,
+    /// Updates of a stream with a budget; the last packet of its tick, and something was over_budget.
+    UpdatesOverBudget,
     /// Nothing was said up to a tick of a stream with a budget, though something should have been.
-    VouchInArrears,
+    WatermarkOverBudget,
 }
 
-impl Kind {
+impl PacketKind {
     const CODES: [(u8, Self); 12] = [
-        (0, Self::State),
-        (1, Self::StateEnd),
-        (2, Self::Vouch),
-        (3, Self::Repair),
+        (0, Self::Updates),
+        (1, Self::UpdatesEnd),
+        (2, Self::Watermark),
+        (3, Self::Refresh),
         (4, Self::Full),
         (5, Self::FullEnd),
-        (6, Self::Echo),
-        (7, Self::Digest),
-        (8, Self::Doubt),
-        (9, Self::Parity),
-        (11, Self::StateInArrears),
-        (12, Self::VouchInArrears),
+        (6, Self::LossReport),
+        (7, Self::Checksums),
+        (8, Self::ChecksumMismatch),
+        (9, Self::RepairSymbol),
+        (11, Self::UpdatesOverBudget),
+        (12, Self::WatermarkOverBudget),
     ];
 }
 
@@ -119,14 +119,14 @@ impl Kind {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Head {
     /// What it is.
-    pub kind: Kind,
+    pub kind: PacketKind,
     /// Whose.
     pub stream: StreamId,
 }
 
 impl Wire for Head {
     fn encode(&self, to: &mut Writer) {
-        let (code, _) = Kind::CODES
+        let (code, _) = PacketKind::CODES
             .into_iter()
             .find(|(_, kind)| *kind == self.kind)
             .expect("every kind has a code");
@@ -141,7 +141,7 @@ impl Wire for Head {
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
         let first = from.u8()?;
         let (code, small) = (first & ((1 << KIND_BITS) - 1), first >> KIND_BITS);
-        let (_, kind) = Kind::CODES
+        let (_, kind) = PacketKind::CODES
             .into_iter()
             .find(|(known, _)| *known == code)
             .ok_or(Malformed::UnknownCode)?;
@@ -168,8 +168,8 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_head_comes_back(code in 0..Kind::CODES.len(), stream in prop_oneof![0_u32..20, any::<u32>()]) {
-            let (_, kind) = Kind::CODES[code];
+        fn a_head_comes_back(code in 0..PacketKind::CODES.len(), stream in prop_oneof![0_u32..20, any::<u32>()]) {
+            let (_, kind) = PacketKind::CODES[code];
             let stream = StreamId(stream);
             let mut to = Writer::new();
             Head { kind, stream }.encode(&mut to);

@@ -1,47 +1,47 @@
 //! The state datagrams: what each kind holds, bit by bit (PROTOCOL 5).
 //!
 //! Codec only: what a datagram means for a stream is decided in `stream`.
+mod acceleration;
 mod age;
+mod checksums;
 mod cost;
-mod digest;
-mod echo;
-mod excess;
-mod forge;
+mod error_scale;
 mod full;
 mod galois;
 mod header;
+mod keyframe;
+mod loss_report;
 mod model;
-mod parity;
-mod push;
-mod repair;
-mod saying;
-mod state;
-mod steps;
+mod payload;
+mod refresh;
+mod repair_symbol;
+mod residual_numbers;
+mod rest_steps;
+mod symbol_counts;
 mod tables;
-mod tally;
-mod walk;
-mod whole;
+mod test_encoder;
+mod update;
 mod zigzag;
 
 pub use age::Age;
-pub(crate) use cost::{Opening, PlaceCost, Pricing};
-pub use digest::{Digest, Doubt, Ranges};
-pub use echo::Echo;
-pub use excess::Excess;
-#[doc(hidden)]
-pub use forge::Forge;
+pub use checksums::{ChecksumMismatch, Checksums, IndexRanges};
+pub(crate) use cost::{CostModel, InitialCostModel, PoseCost};
+pub use error_scale::ErrorScale;
 pub use full::{FULL_RECORD_BYTES, FullPacket, FullRecord};
 pub(crate) use galois::{add_times, inverse, times};
-pub use header::{Head, Kind, Low16, StreamId};
-pub use parity::Parity;
-pub(crate) use parity::{column_into, column_of, packet_of};
-pub(crate) use repair::REPAIR_RECORDS;
-pub use repair::{Repair, RepairRecord, RepairWriter};
-pub use saying::{Course, Saying};
-pub use state::{StatePacket, StateWriter, Update, Vouch};
+pub use header::{Head, Low16, PacketKind, StreamId};
+pub use keyframe::Keyframe;
+pub(crate) use keyframe::{predictor_code, predictor_of};
+pub use loss_report::LossReport;
+pub use payload::{PredictionMode, UpdatePayload};
+pub(crate) use refresh::REFRESH_RECORDS_MAX;
+pub use refresh::{Refresh, RefreshRecord, RefreshWriter};
+pub use repair_symbol::RepairSymbol;
+pub(crate) use repair_symbol::{packet_of, source_symbol_into, source_symbol_of};
+#[doc(hidden)]
+pub use symbol_counts::SymbolCounts;
 #[doc(hidden)]
 pub use tables::Tables;
 #[doc(hidden)]
-pub use tally::Tally;
-pub use whole::TrackSaying;
-pub(crate) use whole::{law_code, law_of};
+pub use test_encoder::TestEncoder;
+pub use update::{Update, UpdatePacket, UpdateWriter, Watermark};

@@ -3,7 +3,7 @@
 //! Every packet begins with the same expectations and learns from its own numbers alone, so that a lost packet derails
 //! no other (PROTOCOL 5.4). Writer and reader hold one of these each and change it by the same calls.
 
-use super::tables::contexts::{self, Three};
+use super::tables::contexts::{self, TripleContexts};
 use super::tables::{CLASSES, CONTEXTS, EXPECTED, GROUPS, MODES, SHAPES, SYMBOLS};
 use crate::wire::Malformed;
 use crate::wire::alphabet::Alphabet;
@@ -14,7 +14,7 @@ const ESCAPE: u32 = SYMBOLS as u32 - 1;
 /// One expected step, in fixed point.
 const ONE: u32 = 256;
 /// Numbers above this are learnt from as if they were this.
-const LEARNT_MOST: u32 = 4_095;
+const LEARNT_MAX: u32 = 4_095;
 /// How slowly a context learns: an eighth of each surprise, as a power of two.
 const LEARNING_SHIFT: u32 = 3;
 /// From this octave of the expectation on, low bits are said raw.
@@ -36,12 +36,12 @@ impl Default for Model {
 
 /// By which alphabet a number is said: how many low bits go raw, and the shape of the rest.
 #[derive(Clone, Copy, Debug)]
-struct Wording {
+struct CodeChoice {
     raw: u32,
     shape: usize,
 }
 
-impl Wording {
+impl CodeChoice {
     const fn of(context: usize, expected: u32) -> Self {
         let (raw, class) = class_of(expected);
         let shape = FIRST_SHAPES[context] as usize + class;
@@ -63,8 +63,8 @@ impl Wording {
 
 impl Model {
     #[inline]
-    fn wording(&self, context: usize) -> Wording {
-        Wording::of(context, self.expected[context])
+    fn wording(&self, context: usize) -> CodeChoice {
+        CodeChoice::of(context, self.expected[context])
     }
 
     pub(super) fn learn(&mut self, context: usize, number: u32) {
@@ -73,7 +73,7 @@ impl Model {
 
     /// Says a number.
     pub(crate) fn write(&mut self, context: usize, number: u32, to: &mut RangeWriter) {
-        let Wording { raw, shape } = self.wording(context);
+        let CodeChoice { raw, shape } = self.wording(context);
         let high = number >> raw;
         let symbol = high.min(ESCAPE) as usize;
         let starts = &SHAPES[shape];
@@ -92,7 +92,7 @@ impl Model {
         context: usize,
         from: &mut RangeReader<'_>,
     ) -> Result<u32, Malformed> {
-        let Wording { raw, shape } = self.wording(context);
+        let CodeChoice { raw, shape } = self.wording(context);
         let symbol = from.symbol(&ALPHABETS[shape / CLASSES][shape % CLASSES])? as u32;
         let number = if symbol == ESCAPE || raw > 0 {
             read_large(symbol, raw, from)?
@@ -106,7 +106,7 @@ impl Model {
     /// Reads three numbers that are said in a row, each with its sign.
     pub(crate) fn read_three(
         &mut self,
-        contexts: Three,
+        contexts: TripleContexts,
         from: &mut RangeReader<'_>,
     ) -> Result<[i32; 3], Malformed> {
         let alphabets = &ALPHABETS[contexts.group()];
@@ -181,7 +181,7 @@ impl Model {
 /// What is expected after a number: towards what was seen by an eighth of the difference, rounded down.
 #[inline]
 fn learnt(expected: u32, number: u32) -> u32 {
-    let seen = number.min(LEARNT_MOST) * ONE;
+    let seen = number.min(LEARNT_MAX) * ONE;
     // Both stay below 2²⁰.
     let step = (seen as i32 - expected as i32) >> LEARNING_SHIFT;
     expected.wrapping_add_signed(step)
@@ -222,7 +222,7 @@ pub(crate) fn opening_cost(context: usize, number: u32) -> u32 {
 /// The same of a number that is seldom so large.
 #[cold]
 fn opening_cost_of_many(context: usize, number: u32) -> u32 {
-    Wording::of(context, u32::from(EXPECTED[context])).cost(number)
+    CodeChoice::of(context, u32::from(EXPECTED[context])).cost(number)
 }
 
 /// Numbers whose costs at the beginning are known.
@@ -233,7 +233,7 @@ static OPENING_COSTS: [[u16; KNOWN]; CONTEXTS] = {
     let mut costs = [[0; KNOWN]; CONTEXTS];
     let mut context = 0;
     while context < CONTEXTS {
-        let wording = Wording::of(context, EXPECTED[context] as u32);
+        let wording = CodeChoice::of(context, EXPECTED[context] as u32);
         let mut number = 0;
         while number < KNOWN {
             // At most twelve bits of a symbol, and as many raw ones as an expectation below 2²⁰ has.
@@ -271,9 +271,9 @@ static ALPHABETS: [[Alphabet; CLASSES]; GROUPS] = {
 
 /// What a symbol of this frequency costs, in 1/256 bits; the logarithm is a broken line, which is near enough to choose by.
 pub(crate) const fn symbol_cost(size: u32) -> u32 {
-    let whole = size.ilog2();
-    let fraction = (size << 8 >> whole) - 256;
-    (TOTAL_BITS - whole) * 256 - fraction
+    let keyframe = size.ilog2();
+    let fraction = (size << 8 >> keyframe) - 256;
+    (TOTAL_BITS - keyframe) * 256 - fraction
 }
 
 /// What a form costs by the expectation of this row, in 1/256 bits.
@@ -316,7 +316,7 @@ fn with_sign(size: u32, mut from: RangeReader<'_>) -> Result<(i32, RangeReader<'
     Ok((if negative { -number } else { number }, from))
 }
 
-/// What follows the symbol of a number that has more to say: what an escaped one is larger by, and raw bits.
+/// What follows the symbol of a number that has more to emit: what an escaped one is larger by, and raw bits.
 fn read_large(symbol: u32, raw: u32, from: &mut RangeReader<'_>) -> Result<u32, Malformed> {
     let mut high = symbol;
     if high == ESCAPE {
@@ -343,7 +343,7 @@ fn read_rest(from: &mut RangeReader<'_>) -> Result<u32, Malformed> {
 }
 
 // The greatest expectation that can be learnt still leaves raw bits for a 32-bit number.
-const _: () = assert!(LEARNT_MOST * ONE < 1 << 20);
+const _: () = assert!(LEARNT_MAX * ONE < 1 << 20);
 const _: () = assert!(SHAPES.len() <= 256);
 
 #[cfg(test)]

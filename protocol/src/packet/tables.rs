@@ -2,7 +2,7 @@
 //!
 //! Normative (PROTOCOL 5.4). Fitted to recorded motion, of a foreign engine's too; see ARCHITECTURE.md, "tables".
 
-use super::saying::CODE_COUNT;
+use super::payload::CODE_COUNT;
 
 /// Symbols of a number's alphabet, the escape included.
 pub(super) const SYMBOLS: usize = 18;
@@ -17,19 +17,19 @@ pub(super) const CONTEXTS: usize = contexts::END;
 pub(super) mod contexts {
     const GAP: usize = 0;
     const AGE: usize = 2;
-    /// Of the age of a carrier's track.
-    pub(crate) const CARRIER_AGE: usize = 6;
-    /// Of the track that a settled body leaves.
-    pub(crate) const SETTLED_AGE: usize = 7;
+    /// Of the age of a parent's track.
+    pub(crate) const PARENT_AGE: usize = 6;
+    /// Of the track that a resting body leaves.
+    pub(crate) const REST_AGE: usize = 7;
     const POSITION: usize = 8;
     const TURN: usize = POSITION + 4 * 6 * 5;
     const VELOCITY: usize = TURN + 4 * 6 * 9;
     const COARSENESS: usize = VELOCITY + 2 * 2 * 2 * 5;
-    const SETTLED: usize = COARSENESS + 4;
+    const RESTING: usize = COARSENESS + 4;
     /// How often the steps of a push are doubled.
-    pub(crate) const DOUBLINGS: usize = SETTLED + 5;
-    const PUSH: usize = DOUBLINGS + 1;
-    pub(super) const END: usize = PUSH + 5;
+    pub(crate) const ACCELERATION_EXPONENT: usize = RESTING + 5;
+    const ACCELERATION: usize = ACCELERATION_EXPONENT + 1;
+    pub(super) const END: usize = ACCELERATION + 5;
 
     /// How many indices lie between; the first of a packet is one for itself.
     pub(crate) const fn gap(begun: bool) -> usize {
@@ -55,13 +55,13 @@ pub(super) mod contexts {
 
     /// The contexts of three numbers that are said in a row.
     #[derive(Clone, Copy, Debug)]
-    pub(crate) struct Three {
+    pub(crate) struct TripleContexts {
         first: usize,
         /// Of the four of the second and third, by what came before them, the one after nothing.
         others: usize,
     }
 
-    impl Three {
+    impl TripleContexts {
         /// Of a number, by its place and by the sum of the sizes before it.
         #[inline]
         pub(crate) const fn context(self, part: usize, sum: u64) -> usize {
@@ -73,7 +73,7 @@ pub(super) mod contexts {
         }
     }
 
-    impl Three {
+    impl TripleContexts {
         /// All three are of one group.
         pub(crate) const fn group(self) -> usize {
             group(self.others)
@@ -81,9 +81,9 @@ pub(super) mod contexts {
     }
 
     /// The first of its own, then those of the others.
-    const fn three(first: usize) -> Three {
+    const fn three(first: usize) -> TripleContexts {
         let others = first + 1;
-        Three { first, others }
+        TripleContexts { first, others }
     }
 
     /// How far the contexts of a position, and of a turn, of one kind of form lie behind those of the kind before.
@@ -91,12 +91,12 @@ pub(super) mod contexts {
     pub(crate) const KIND_OF_TURN: usize = 6 * 9;
 
     /// Of a position.
-    pub(crate) const fn position(kind: usize, age: usize) -> Three {
+    pub(crate) const fn position(kind: usize, age: usize) -> TripleContexts {
         three(POSITION + kind * KIND_OF_POSITION + age * 5)
     }
 
     /// Of a turn; `largest` is that of the position before.
-    pub(crate) const fn turn(kind: usize, age: usize, largest: u32) -> Three {
+    pub(crate) const fn turn(kind: usize, age: usize, largest: u32) -> TripleContexts {
         let others = TURN + kind * KIND_OF_TURN + age * 9;
         let slot = if largest == 0 {
             4
@@ -106,23 +106,23 @@ pub(super) mod contexts {
             8
         };
         let first = others + slot;
-        Three { first, others }
+        TripleContexts { first, others }
     }
 
     /// Of a linear (triple 2) or angular (triple 3) velocity, of a form that says velocities.
-    pub(crate) const fn velocity(kind: usize, age: usize, triple: usize) -> Three {
+    pub(crate) const fn velocity(kind: usize, age: usize, triple: usize) -> TripleContexts {
         let late = (age >= 2) as usize;
         three(VELOCITY + (((kind / 2) * 2 + late) * 2 + (triple - 2)) * 5)
     }
 
-    /// The length of a step of a settling, by where it stands.
-    pub(crate) const fn settled(part: usize) -> usize {
-        SETTLED + part
+    /// The length of a step of a rest_correction, by where it stands.
+    pub(crate) const fn resting(part: usize) -> usize {
+        RESTING + part
     }
 
     /// Of a push.
-    pub(crate) const fn push() -> Three {
-        three(PUSH)
+    pub(crate) const fn acceleration() -> TripleContexts {
+        three(ACCELERATION)
     }
 
     /// Counts, positions, turns, velocities.
@@ -130,20 +130,20 @@ pub(super) mod contexts {
         match context {
             POSITION..TURN => 1,
             TURN..VELOCITY => 2,
-            VELOCITY..COARSENESS | PUSH..END => 3,
+            VELOCITY..COARSENESS | ACCELERATION..END => 3,
             _ => 0,
         }
     }
 
     /// How coarse the steps of velocities are.
-    pub(crate) const fn coarseness(kind: usize, age: u32) -> usize {
+    pub(crate) const fn velocity_exponent(kind: usize, age: u32) -> usize {
         COARSENESS + (kind / 2) * 2 + (age_class(age) >= 2) as usize
     }
 
-    /// What is expected after an update of this form: nothing was said yet, the same course, the same with velocities,
+    /// What is expected after an update of this form: nothing was said yet, the same mode, the same with velocities,
     /// another.
-    pub(crate) const fn after(mode: usize) -> usize {
-        match mode {
+    pub(crate) const fn after(form: usize) -> usize {
+        match form {
             0 => 1,
             1 => 2,
             _ => 3,
@@ -298,7 +298,7 @@ pub(super) const SHAPES: [[u16; SYMBOLS + 1]; GROUPS * CLASSES] = [
     [0, 1038, 1889, 2413, 2743, 2947, 3113, 3264, 3386, 3452, 3520, 3589, 3635, 3667, 3694, 3717, 3748, 3783, 4096],
 ];
 
-/// By the form of the update before, where the parts of each form begin, of the taking of a seat, and of the end.
+/// By the form of the update before, where the parts of each form begin, of the taking of a alias, and of the end.
 #[rustfmt::skip]
 pub(super) const MODES: [[u16; CODE_COUNT + 1]; 4] = [
     [0, 1732, 2878, 2960, 2980, 3212, 3223, 3246, 3249, 3404, 3406, 3408, 3417, 3420, 3435, 3437, 3727, 4094, 4096],

@@ -2,7 +2,7 @@
 
 use crate::wire::Malformed;
 
-/// The longest step of a settling, bits.
+/// The longest step of a rest_correction, bits.
 const STEP_BITS_MAX: u32 = 31;
 
 /// How a length differs from an expected one, without a sign.

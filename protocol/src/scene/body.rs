@@ -1,11 +1,11 @@
 //! What a body is, apart from where it is.
 
-use rhumb_reckoning::{BodyId, Class, Damping};
+use rhumb_reckoning::{BodyId, Damping, ToleranceScale};
 
 use super::checks::{Invalid, Quantity, scalar};
+use super::config::check_damping;
 use super::material::Material;
 use super::shape::ShapeId;
-use super::terms::check_damping;
 use crate::limits::GRAVITY_SCALE_MAX;
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
@@ -23,7 +23,7 @@ pub enum BodyKind {
 
 /// What everybody who copies a body must know of it once.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BodyTerms {
+pub struct BodyDesc {
     /// Its name.
     pub id: BodyId,
     /// Who moves it.
@@ -39,7 +39,7 @@ pub struct BodyTerms {
     /// Whether the axis of its spin wanders when its moments of inertia differ, as physics has it; true for most.
     pub gyroscopic: bool,
     /// How much closer or looser than its streams it is followed.
-    pub class: Class,
+    pub tolerance_scale: ToleranceScale,
     /// Whether it can be turned by what touches it; true for most. What cannot is turned by commands alone.
     pub turns: bool,
 }
@@ -55,7 +55,7 @@ mod flag {
     pub(super) const DOES_NOT_TURN: u8 = 1 << 7;
 }
 
-impl BodyTerms {
+impl BodyDesc {
     /// A body of the scene's own material and damping under the scene's own gravity.
     #[must_use]
     pub const fn plain(id: BodyId, kind: BodyKind, shape: ShapeId) -> Self {
@@ -67,7 +67,7 @@ impl BodyTerms {
             damping: None,
             gravity_scale: 1.0,
             gyroscopic: true,
-            class: Class::USUAL,
+            tolerance_scale: ToleranceScale::USUAL,
             turns: true,
         }
     }
@@ -99,7 +99,7 @@ impl BodyTerms {
     }
 }
 
-impl Wire for BodyTerms {
+impl Wire for BodyDesc {
     fn encode(&self, to: &mut Writer) {
         let mut flags = match self.kind {
             BodyKind::Static => 0,
@@ -112,7 +112,7 @@ impl Wire for BodyTerms {
             (self.damping.is_some(), flag::DAMPING),
             (scaled, flag::GRAVITY_SCALE),
             (!self.gyroscopic, flag::NOT_GYROSCOPIC),
-            (self.class != Class::USUAL, flag::CLASS),
+            (self.tolerance_scale != ToleranceScale::USUAL, flag::CLASS),
             (!self.turns, flag::DOES_NOT_TURN),
         ] {
             if set {
@@ -131,8 +131,8 @@ impl Wire for BodyTerms {
         if scaled {
             to.f32(self.gravity_scale);
         }
-        if self.class != Class::USUAL {
-            to.u8(self.class.exponent().cast_unsigned());
+        if self.tolerance_scale != ToleranceScale::USUAL {
+            to.u8(self.tolerance_scale.exponent().cast_unsigned());
         }
     }
 
@@ -146,28 +146,29 @@ impl Wire for BodyTerms {
             _ => return Err(Malformed::UnknownCode),
         };
         let shape = ShapeId::decode(from)?;
-        let mut terms = Self::plain(id, kind, shape);
-        terms.gyroscopic = flags & flag::NOT_GYROSCOPIC == 0;
-        terms.turns = flags & flag::DOES_NOT_TURN == 0;
+        let mut config = Self::plain(id, kind, shape);
+        config.gyroscopic = flags & flag::NOT_GYROSCOPIC == 0;
+        config.turns = flags & flag::DOES_NOT_TURN == 0;
         if flags & flag::MATERIAL != 0 {
-            terms.material = Some(Material::decode(from)?);
+            config.material = Some(Material::decode(from)?);
         }
         if flags & flag::DAMPING != 0 {
-            terms.damping = Some(Damping::decode(from)?);
+            config.damping = Some(Damping::decode(from)?);
         }
         if flags & flag::GRAVITY_SCALE != 0 {
-            terms.gravity_scale = from.f32()?;
-            if terms.gravity_scale.to_bits() == 1.0_f32.to_bits() {
+            config.gravity_scale = from.f32()?;
+            if config.gravity_scale.to_bits() == 1.0_f32.to_bits() {
                 return Err(Malformed::NotCanonical);
             }
         }
         if flags & flag::CLASS != 0 {
-            let class = Class::new(from.u8()?.cast_signed()).ok_or(Malformed::OutOfRange)?;
-            if class == Class::USUAL {
+            let tolerance_scale =
+                ToleranceScale::new(from.u8()?.cast_signed()).ok_or(Malformed::OutOfRange)?;
+            if tolerance_scale == ToleranceScale::USUAL {
                 return Err(Malformed::NotCanonical);
             }
-            terms.class = class;
+            config.tolerance_scale = tolerance_scale;
         }
-        Ok(terms)
+        Ok(config)
     }
 }

@@ -58,11 +58,11 @@ pub enum Quantity {
     /// Seconds.
     SleepSeconds = 22,
     /// Ticks from one that is published to the next.
-    PublishedEvery = 23,
+    PublishInterval = 23,
     /// Ticks.
-    Hindsight = 24,
+    Lookahead = 24,
     /// When the streams of a lockstep scene are said.
-    LockstepCadence = 25,
+    LockstepPublishing = 25,
     /// Rows and columns of heights, and how many these make.
     Posts = 26,
     /// How many points a mesh has.
@@ -100,9 +100,9 @@ impl Quantity {
         Self::JointLimit,
         Self::SleepSpeed,
         Self::SleepSeconds,
-        Self::PublishedEvery,
-        Self::Hindsight,
-        Self::LockstepCadence,
+        Self::PublishInterval,
+        Self::Lookahead,
+        Self::LockstepPublishing,
         Self::Posts,
         Self::MeshPoints,
         Self::Triangles,
@@ -149,9 +149,9 @@ impl fmt::Display for Quantity {
             Self::JointLimit => "limit of a joint",
             Self::SleepSpeed => "speed below which bodies sleep",
             Self::SleepSeconds => "time until bodies sleep",
-            Self::PublishedEvery => "number of ticks from one publication to the next",
-            Self::Hindsight => "hindsight",
-            Self::LockstepCadence => "cadence of a lockstep scene",
+            Self::PublishInterval => "number of ticks from one publication to the next",
+            Self::Lookahead => "lookahead",
+            Self::LockstepPublishing => "publish_schedule of a lockstep scene",
             Self::Posts => "number of rows and columns of heights",
             Self::MeshPoints => "number of a mesh's points",
             Self::Triangles => "number of a mesh's triangles",
@@ -188,8 +188,8 @@ impl fmt::Display for Invalid {
                 f.write_str("rotation is not a finite quaternion of unit length")
             }
             Self::NotFinite(quantity) => write!(f, "{quantity} is NaN or infinite"),
-            Self::OutOfRange(Quantity::LockstepCadence) => f.write_str(
-                "a lockstep scene says its ticks at once: make it free-running to publish with hindsight",
+            Self::OutOfRange(Quantity::LockstepPublishing) => f.write_str(
+                "a lockstep scene says its ticks at once: make it free-running to publish with lookahead",
             ),
             Self::OutOfRange(quantity) => write!(f, "{quantity} is outside its limits"),
         }

@@ -5,9 +5,9 @@
 use core::fmt;
 
 use glam::{Quat, Vec3};
-use rhumb_reckoning::{BodyId, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState};
 
-use super::body::BodyTerms;
+use super::body::BodyDesc;
 use super::checks::{Invalid, Quantity, rotation, vector};
 use super::joint::{Joint, JointId};
 use super::shape::{Shape, ShapeId};
@@ -33,9 +33,9 @@ pub enum Command {
     /// Puts a body into the scene.
     AddBody {
         /// What it is; its index is one of the member's own.
-        terms: BodyTerms,
+        config: BodyDesc,
         /// Where it is, and how it moves.
-        motion: Verbatim,
+        motion: BodyState,
     },
     /// Takes a body out.
     RemoveBody {
@@ -118,8 +118,8 @@ impl Command {
             Self::AddShape { ref shape, .. } => shape.check(),
             Self::AddJoint { ref joint, .. } => joint.check(),
             Self::RemoveShape { .. } | Self::RemoveBody { .. } | Self::RemoveJoint { .. } => Ok(()),
-            Self::AddBody { terms, motion } => {
-                terms.check()?;
+            Self::AddBody { config, motion } => {
+                config.check()?;
                 Self::check_motion(&motion)
             }
             Self::SetPose {
@@ -151,7 +151,7 @@ impl Command {
     /// # Errors
     ///
     /// [`Invalid`] names the first that is wrong.
-    pub fn check_motion(motion: &Verbatim) -> Result<(), Invalid> {
+    pub fn check_motion(motion: &BodyState) -> Result<(), Invalid> {
         let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = motion.parts();
         vector(Vec3::new(px, py, pz), COORDINATE_MAX, Quantity::Position)?;
         rotation(Quat::from_xyzw(x, y, z, w))?;
@@ -198,9 +198,9 @@ impl Wire for Command {
                 to.u8(code::REMOVE_SHAPE);
                 id.encode(to);
             }
-            Self::AddBody { terms, motion } => {
+            Self::AddBody { config, motion } => {
                 to.u8(code::ADD_BODY);
-                terms.encode(to);
+                config.encode(to);
                 motion.encode(to);
             }
             Self::RemoveBody { id } => {
@@ -254,8 +254,8 @@ impl Wire for Command {
                 id: ShapeId::decode(from)?,
             },
             code::ADD_BODY => Self::AddBody {
-                terms: BodyTerms::decode(from)?,
-                motion: Verbatim::decode(from)?,
+                config: BodyDesc::decode(from)?,
+                motion: BodyState::decode(from)?,
             },
             code::REMOVE_BODY => Self::RemoveBody {
                 id: BodyId::decode(from)?,
@@ -302,7 +302,7 @@ impl Wire for Command {
     }
 }
 
-/// Bits of the byte before a verbatim motion that say which of its parts follow.
+/// Bits of the byte before a body_state motion that say which of its parts follow.
 mod part {
     pub(super) const ROTATION: u8 = 1;
     pub(super) const LINEAR: u8 = 2;
@@ -312,7 +312,7 @@ mod part {
 /// The bits of the identity quaternion.
 const IDENTITY_BITS: [u32; 4] = [0, 0, 0, 1.0_f32.to_bits()];
 
-impl Wire for Verbatim {
+impl Wire for BodyState {
     fn encode(&self, to: &mut Writer) {
         let parts = self.parts();
         let bits = parts.map(f32::to_bits);
@@ -403,7 +403,7 @@ pub enum CommandError {
     /// The joint would hold the body to itself.
     JoinedToItself(BodyId),
     /// A member drives the body, and alone says where it is.
-    Driven(BodyId),
+    UnderAuthority(BodyId),
     /// A dynamic body needs a shape with an inside.
     NoInside(ShapeId),
     /// The scene's shapes take as many bytes as they may.
@@ -434,7 +434,9 @@ impl fmt::Display for CommandError {
             Self::UnknownJoint(id) => write!(f, "the scene has no {id}"),
             Self::JointIdTaken(id) => write!(f, "{id} is taken"),
             Self::JoinedToItself(id) => write!(f, "a joint cannot hold {id} to itself"),
-            Self::Driven(id) => write!(f, "a member drives {id} and alone says where it is"),
+            Self::UnderAuthority(id) => {
+                write!(f, "a member drives {id} and alone says where it is")
+            }
             Self::NoInside(id) => write!(f, "{id} has no inside, and a dynamic body needs one"),
             Self::TooManyShapeBytes => {
                 f.write_str("the scene's shapes take as many bytes as they may")
@@ -472,7 +474,7 @@ impl Wire for CommandError {
             Self::UnknownJoint(id) => named(to, 13, &id),
             Self::JointIdTaken(id) => named(to, 14, &id),
             Self::JoinedToItself(id) => named(to, 15, &id),
-            Self::Driven(id) => named(to, 16, &id),
+            Self::UnderAuthority(id) => named(to, 16, &id),
             Self::NoInside(id) => named(to, 17, &id),
             Self::TooManyShapeBytes => to.u8(18),
             Self::UnknownCommand => to.u8(19),
@@ -500,7 +502,7 @@ impl Wire for CommandError {
             13 => Self::UnknownJoint(JointId::decode(from)?),
             14 => Self::JointIdTaken(JointId::decode(from)?),
             15 => Self::JoinedToItself(BodyId::decode(from)?),
-            16 => Self::Driven(BodyId::decode(from)?),
+            16 => Self::UnderAuthority(BodyId::decode(from)?),
             17 => Self::NoInside(ShapeId::decode(from)?),
             18 => Self::TooManyShapeBytes,
             19 => Self::UnknownCommand,

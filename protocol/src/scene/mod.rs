@@ -1,9 +1,9 @@
 //! The nouns of a scene as clients and servers name them.
 mod body;
-mod cadence;
 mod checks;
 mod command;
 mod compound;
+mod config;
 mod heights;
 mod hull;
 mod ids;
@@ -12,14 +12,14 @@ mod joints;
 mod material;
 mod mesh;
 mod name;
+mod publish_schedule;
 mod shape;
-mod terms;
 
-pub use body::{BodyKind, BodyTerms};
-pub use cadence::Cadence;
+pub use body::{BodyDesc, BodyKind};
 pub use checks::{Invalid, Quantity};
 pub use command::{Command, CommandError};
 pub use compound::{Compound, Part};
+pub use config::{SceneConfig, SleepConfig, Stepping};
 pub use heights::Heights;
 pub use hull::Hull;
 pub use ids::IdRange;
@@ -28,5 +28,5 @@ pub use joints::Joints;
 pub use material::Material;
 pub use mesh::Mesh;
 pub use name::{InvalidSceneName, SceneName};
+pub use publish_schedule::PublishSchedule;
 pub use shape::{Shape, ShapeId};
-pub use terms::{Pace, SceneTerms, SleepTerms};

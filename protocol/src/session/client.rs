@@ -1,14 +1,14 @@
-//! The client's end of a connection: wishes, its copy of the scene, repair.
+//! The client's end of a connection: wishes, its copy of the scene, refresh.
 //!
 //! Does not wait and does not display. Poll order: feed `handle_*`, then drain `poll_event` and `poll_transmit`, then ask
 //! `poll_timeout`. After an `Ended` event nothing more happens.
 
-mod answers;
-mod choosing;
 mod clock;
-mod driving;
 mod greeting;
-mod watching;
+mod recovery;
+mod response_times;
+mod stream_selection;
+mod upstream;
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
@@ -16,28 +16,28 @@ use alloc::vec::Vec;
 use bytes::Bytes;
 use rhumb_reckoning::Tick;
 
-use self::answers::Answers;
-use self::choosing::Choosing;
-use self::watching::{DISORDER, REPAIR_MOST, RESYNC_MOST, SILENCE, SILENCE_MOST};
+use self::recovery::{DISORDER, REPAIR_MOST, RESYNC_MOST, SILENCE, SILENCE_MOST};
+use self::response_times::ResponseTimes;
+use self::stream_selection::StreamSelection;
 use super::close::CloseCode;
-use super::copies::{Copies, Told};
 use super::event::Event;
 use super::misuse::Misuse;
-use super::patience::Patience;
 use super::pings::Pings;
 use super::replica::Replica;
+use super::replica_switch::{EventTarget, ReplicaSwitch};
+use super::retry_timer::RetryTimer;
 use crate::endpoint::{Ending, Endpoint, Peer, Transmit, Wake, WakeReason};
 use crate::limits::RESERVE_MAX;
 use crate::message::{
-    ClientMessage, Denial, Frames, Joined, Moves, Notice, ServerMessage, StreamChoice,
+    ClientMessage, Denial, Frames, Joined, SceneEvent, ServerMessage, StreamChoice, TierPolicy,
 };
-use crate::scene::{Command, IdRange, SceneName, SceneTerms};
+use crate::scene::{Command, IdRange, SceneConfig, SceneName};
 use crate::time::{Instant, Span};
-use driving::Wheel;
+use upstream::UpstreamState;
 
 /// How far the conversation has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum State {
+enum ClientState {
     Unconnected,
     Greeting,
     Lobby,
@@ -48,24 +48,24 @@ enum State {
 /// The client's end of one connection.
 #[derive(Debug)]
 pub struct ClientSession {
-    state: State,
+    state: ClientState,
     peer: Peer,
     scene: SceneName,
-    terms: Option<SceneTerms>,
+    config: Option<SceneConfig>,
     frames: Frames,
-    copies: Copies,
-    choosing: Choosing,
+    replica_switch: ReplicaSwitch,
+    stream_selection: StreamSelection,
     granted: IdRange,
-    wheel: Wheel,
+    upstream_state: UpstreamState,
     commands: u64,
     awaited: Tick,
-    answers: Answers,
+    response_times: ResponseTimes,
     resyncing: bool,
-    touch: Patience,
+    resync_timer: RetryTimer,
     /// When it told last what it lost, and how many packets that were.
     reported: (Instant, u64),
-    doubt: Patience,
-    silence: Patience,
+    mismatch: RetryTimer,
+    silence: RetryTimer,
     pings: Pings,
     round_trip: Span,
     unsent: Vec<u8>,
@@ -78,23 +78,23 @@ impl ClientSession {
     #[must_use]
     pub const fn new(scene: SceneName) -> Self {
         Self {
-            state: State::Unconnected,
+            state: ClientState::Unconnected,
             peer: Peer(0),
             scene,
-            terms: None,
+            config: None,
             frames: Frames::new(),
-            copies: Copies::new(),
-            choosing: Choosing::new(),
+            replica_switch: ReplicaSwitch::new(),
+            stream_selection: StreamSelection::new(),
             granted: IdRange::EMPTY,
-            wheel: Wheel::new(),
+            upstream_state: UpstreamState::new(),
             commands: 0,
             awaited: Tick::ZERO,
-            answers: Answers::new(),
+            response_times: ResponseTimes::new(),
             resyncing: false,
-            touch: Patience::new(Span::ZERO, RESYNC_MOST),
+            resync_timer: RetryTimer::new(Span::ZERO, RESYNC_MOST),
             reported: (Instant::ZERO, 0),
-            doubt: Patience::new(DISORDER, REPAIR_MOST),
-            silence: Patience::new(SILENCE, SILENCE_MOST),
+            mismatch: RetryTimer::new(DISORDER, REPAIR_MOST),
+            silence: RetryTimer::new(SILENCE, SILENCE_MOST),
             pings: Pings::new(),
             round_trip: Span::from_millis(20),
             unsent: Vec::new(),
@@ -107,11 +107,11 @@ impl ClientSession {
     ///
     /// # Errors
     ///
-    /// [`Misuse`] before the welcome, as a member, or for terms that are wrong.
-    pub fn create(&mut self, terms: SceneTerms) -> Result<(), Misuse> {
-        self.must_be(State::Lobby)?;
-        terms.check().map_err(Misuse::Invalid)?;
-        self.say(&ClientMessage::Create(terms));
+    /// [`Misuse`] before the welcome, as a member, or for config that are wrong.
+    pub fn create(&mut self, config: SceneConfig) -> Result<(), Misuse> {
+        self.must_be(ClientState::Lobby)?;
+        config.check().map_err(Misuse::Invalid)?;
+        self.send(&ClientMessage::Create(config));
         Ok(())
     }
 
@@ -121,8 +121,8 @@ impl ClientSession {
     ///
     /// [`Misuse::NotNow`] before the welcome or as a member.
     pub fn join(&mut self, choice: StreamChoice) -> Result<(), Misuse> {
-        self.must_be(State::Lobby)?;
-        self.say(&ClientMessage::Join(choice));
+        self.must_be(ClientState::Lobby)?;
+        self.send(&ClientMessage::Join(choice));
         Ok(())
     }
 
@@ -141,10 +141,10 @@ impl ClientSession {
     ///
     /// [`Misuse::NotNow`] before the welcome.
     pub fn delete(&mut self) -> Result<(), Misuse> {
-        if self.state != State::Member {
-            self.must_be(State::Lobby)?;
+        if self.state != ClientState::Member {
+            self.must_be(ClientState::Lobby)?;
         }
-        self.say(&ClientMessage::Delete);
+        self.send(&ClientMessage::Delete);
         Ok(())
     }
 
@@ -172,7 +172,7 @@ impl ClientSession {
         Ok(self.commands - 1)
     }
 
-    /// Lets the scene step to a tick; answered by the stream, which vouches for it.
+    /// Lets the scene step to a tick; answered by the stream, which watermarks for it.
     ///
     /// # Errors
     ///
@@ -184,22 +184,22 @@ impl ClientSession {
             self.silence.end();
         }
         self.awaited = self.awaited.max(to);
-        self.answers.ask(now, to);
+        self.response_times.note_requested(now, to);
         self.await_tick(now);
         Ok(())
     }
 
-    /// Follows another stream; answered by `Following` or `Denied`, and until then the copy is by the present one. That may
+    /// Follows another stream; answered by `SubscriptionChanged` or `Denied`, and until then the copy is by the present one. That may
     /// take as long as the other one is not complete, which a full stream over a bad link may never be: then one that is
-    /// chosen meanwhile takes its place, and only the last is followed. `Moved` tells where the server puts another in its
+    /// chosen meanwhile takes its place, and only the last is followed. `TierChanged` tells where the server puts another in its
     /// place because the link does not carry it; that, too, may be answered by another choice.
     ///
     /// # Errors
     ///
     /// As [`Self::leave`].
-    pub fn follow(&mut self, choice: StreamChoice) -> Result<(), Misuse> {
-        self.must_be(State::Member)?;
-        self.choosing.want(choice);
+    pub fn subscribe(&mut self, choice: StreamChoice) -> Result<(), Misuse> {
+        self.must_be(ClientState::Member)?;
+        self.stream_selection.select(choice);
         self.ask_for_stream();
         Ok(())
     }
@@ -209,8 +209,8 @@ impl ClientSession {
     /// # Errors
     ///
     /// As [`Self::leave`].
-    pub fn allow(&mut self, moves: Moves) -> Result<(), Misuse> {
-        self.as_member(&ClientMessage::Moves(moves))
+    pub fn set_tier_policy(&mut self, tier_policy: TierPolicy) -> Result<(), Misuse> {
+        self.as_member(&ClientMessage::TierPolicy(tier_policy))
     }
 
     /// Asks how the scene is; answered by `Inspected`.
@@ -224,7 +224,7 @@ impl ClientSession {
 
     /// Says goodbye.
     pub fn close(&mut self, code: CloseCode) {
-        if matches!(self.state, State::Unconnected | State::Ended) {
+        if matches!(self.state, ClientState::Unconnected | ClientState::Ended) {
             return;
         }
         self.flush();
@@ -232,25 +232,25 @@ impl ClientSession {
             to: self.peer,
             code: code.0,
         });
-        self.state = State::Ended;
+        self.state = ClientState::Ended;
         self.events.push_back(Event::Ended(Ending::Closed(code.0)));
     }
 
     /// The copy of the scene, once it is whole.
     #[must_use]
     pub const fn replica(&self) -> Option<&Replica> {
-        self.copies.shown()
+        self.replica_switch.shown()
     }
 
     /// The copy, to drain its changes.
     pub const fn replica_mut(&mut self) -> Option<&mut Replica> {
-        self.copies.shown_mut()
+        self.replica_switch.shown_mut()
     }
 
-    /// The terms of the scene, once it was welcomed to or joined.
+    /// The config of the scene, once it was welcomed to or joined.
     #[must_use]
-    pub const fn terms(&self) -> Option<&SceneTerms> {
-        self.terms.as_ref()
+    pub const fn config(&self) -> Option<&SceneConfig> {
+        self.config.as_ref()
     }
 
     /// The last round trip that was measured.
@@ -264,7 +264,7 @@ impl ClientSession {
         self.events.pop_front()
     }
 
-    fn must_be(&self, state: State) -> Result<(), Misuse> {
+    fn must_be(&self, state: ClientState) -> Result<(), Misuse> {
         if self.state == state {
             Ok(())
         } else {
@@ -273,12 +273,12 @@ impl ClientSession {
     }
 
     fn as_member(&mut self, message: &ClientMessage) -> Result<(), Misuse> {
-        self.must_be(State::Member)?;
-        self.say(message);
+        self.must_be(ClientState::Member)?;
+        self.send(message);
         Ok(())
     }
 
-    fn say(&mut self, message: &ClientMessage) {
+    fn send(&mut self, message: &ClientMessage) {
         message.encode(&mut self.unsent);
     }
 
@@ -292,9 +292,9 @@ impl ClientSession {
         }
     }
 
-    fn hear(&mut self, now: Instant, message: ServerMessage) -> Result<(), CloseCode> {
+    fn handle_message(&mut self, now: Instant, message: ServerMessage) -> Result<(), CloseCode> {
         match message {
-            ServerMessage::Welcome(welcome) => self.hear_welcome(now, welcome)?,
+            ServerMessage::Welcome(welcome) => self.handle_welcome(now, welcome)?,
             ServerMessage::Created => self.events.push_back(Event::Created),
             ServerMessage::Joined(joined) => self.begin_snapshot(&joined)?,
             ServerMessage::SnapshotEnd => self.end_snapshot(now)?,
@@ -304,7 +304,7 @@ impl ClientSession {
             ServerMessage::Denied(denial) => {
                 // Only what stands in the way of a stream denies one.
                 if matches!(denial, Denial::TooManyStreams | Denial::SceneFaulted) {
-                    self.choosing.hear_denied();
+                    self.stream_selection.handle_denied();
                     self.ask_for_stream();
                 }
                 self.events.push_back(Event::Denied(denial));
@@ -315,47 +315,47 @@ impl ClientSession {
             ServerMessage::Refused { number, error } => {
                 self.events.push_back(Event::Refused { number, error });
             }
-            ServerMessage::Notice(notice) => self.hear_notice(&notice)?,
+            ServerMessage::SceneEvent(scene_event) => self.handle_scene_event(&scene_event)?,
             ServerMessage::Pong {
                 sent,
                 tick,
                 since_tick_ns,
-            } => self.hear_pong(now, sent, tick, Span::from_nanos(since_tick_ns)),
+            } => self.handle_pong(now, sent, tick, Span::from_nanos(since_tick_ns)),
             ServerMessage::Inspection(inspection) => {
                 self.events.push_back(Event::Inspected(inspection));
             }
-            ServerMessage::Driving(driving) => self.hear_driving(&driving),
-            ServerMessage::NotDriving(error) => self.hear_not_driving(error),
-            ServerMessage::Moved { to, cause } => {
-                self.choosing.hear_moved(to);
-                self.events.push_back(Event::Moved { to, cause });
+            ServerMessage::AuthorityGrant(upstream) => self.handle_authority_grant(&upstream),
+            ServerMessage::AuthorityDenied(error) => self.handle_authority_denied(error),
+            ServerMessage::TierChanged { to, cause } => {
+                self.stream_selection.handle_tier_changed(to);
+                self.events.push_back(Event::TierChanged { to, cause });
             }
         }
         Ok(())
     }
 
     fn begin_snapshot(&mut self, joined: &Joined) -> Result<(), CloseCode> {
-        if !matches!(self.state, State::Lobby | State::Member) {
+        if !matches!(self.state, ClientState::Lobby | ClientState::Member) {
             return Err(CloseCode::VIOLATION);
         }
-        joined.terms.check().map_err(|_| CloseCode::VIOLATION)?;
-        if joined.extensions.ask_too_much() {
+        joined.config.check().map_err(|_| CloseCode::VIOLATION)?;
+        if joined.extensions.has_unknown_critical() {
             return Err(CloseCode::EXTENSION);
         }
-        self.terms = Some(joined.terms);
+        self.config = Some(joined.config);
         self.granted = joined.granted;
-        self.copies.begin(joined);
-        self.choosing.hear_joined(joined.choice);
+        self.replica_switch.begin(joined);
+        self.stream_selection.handle_joined(joined.choice);
         self.ask_for_stream();
         Ok(())
     }
 
     fn end_snapshot(&mut self, now: Instant) -> Result<(), CloseCode> {
-        self.copies.end_snapshot()?;
-        if self.state != State::Member {
-            self.state = State::Member;
+        self.replica_switch.end_snapshot()?;
+        if self.state != ClientState::Member {
+            self.state = ClientState::Member;
             self.commands = 0;
-            self.say(&ClientMessage::Ping { sent: now });
+            self.send(&ClientMessage::Ping { sent: now });
             self.pings.begin(now);
             self.events.push_back(Event::Joined(self.granted));
         }
@@ -368,65 +368,67 @@ impl ClientSession {
     /// Asks for the stream that is wanted, unless an answer, or a snapshot that could be taken for one, is to come.
     fn ask_for_stream(&mut self) {
         if !self.resyncing
-            && let Some(choice) = self.choosing.ask()
+            && let Some(choice) = self.stream_selection.ask()
         {
-            self.say(&ClientMessage::Follow(choice));
+            self.send(&ClientMessage::Subscribe(choice));
         }
     }
 
     /// Takes the copy that was filled for the present one, if it is time. Who asks for another stream leaves out the one
     /// between: the server says that no more.
-    fn change_copies(&mut self) {
-        let shown = self.copies.shown();
-        let goes_on = shown.is_some_and(|copy| !copy.stream().has_lost_touch());
-        if self.choosing.is_asking() && goes_on {
+    fn switch_replica(&mut self) {
+        let shown = self.replica_switch.shown();
+        let goes_on = shown.is_some_and(|copy| !copy.stream().has_lost_sync());
+        if self.stream_selection.is_asking() && goes_on {
             return;
         }
-        let Some(before) = self.copies.catch_up() else {
+        let Some(before) = self.replica_switch.switch_when_caught_up() else {
             return;
         };
-        let Some(copy) = self.copies.shown() else {
+        let Some(copy) = self.replica_switch.shown() else {
             return;
         };
         let (choice, stream) = (copy.choice(), copy.stream().stream());
-        if self.choosing.take_news() || before.choice() != choice {
-            self.events.push_back(Event::Following(choice));
+        if self.stream_selection.take_subscription_change() || before.choice() != choice {
+            self.events.push_back(Event::SubscriptionChanged(choice));
         }
-        self.say(&ClientMessage::Followed(stream));
+        self.send(&ClientMessage::Subscribed(stream));
     }
 
     fn end_membership(&mut self, event: Event) {
-        self.state = State::Lobby;
-        self.copies = Copies::new();
-        self.wheel = Wheel::new();
-        self.choosing = Choosing::new();
+        self.state = ClientState::Lobby;
+        self.replica_switch = ReplicaSwitch::new();
+        self.upstream_state = UpstreamState::new();
+        self.stream_selection = StreamSelection::new();
         self.resyncing = false;
         self.awaited = Tick::ZERO;
-        self.answers = Answers::new();
-        self.doubt.end();
-        self.touch.end();
+        self.response_times = ResponseTimes::new();
+        self.mismatch.end();
+        self.resync_timer.end();
         self.silence.end();
         self.pings.end();
         self.events.push_back(event);
     }
 
-    fn hear_notice(&mut self, notice: &Notice) -> Result<(), CloseCode> {
-        if self.copies.hear_notice(notice)? == Told::Snapshot {
+    fn handle_scene_event(&mut self, scene_event: &SceneEvent) -> Result<(), CloseCode> {
+        if self.replica_switch.handle_scene_event(scene_event)? == EventTarget::Snapshot {
             return Ok(());
         }
-        match *notice {
-            Notice::BodyPlaced { terms, .. } => self.events.push_back(Event::BodyPlaced(terms.id)),
-            Notice::BodyRemoved { id, cause } => {
-                self.wheel.remove(id);
+        match *scene_event {
+            SceneEvent::BodyPlaced { config, .. } => {
+                self.events.push_back(Event::BodyPlaced(config.id))
+            }
+            SceneEvent::BodyRemoved { id, cause } => {
+                self.upstream_state.remove(id);
                 self.events.push_back(Event::BodyRemoved { id, cause });
             }
-            Notice::SceneFaulted { tick } => self.events.push_back(Event::SceneFaulted(tick)),
-            Notice::ShapeAdded { .. }
-            | Notice::ShapeRemoved { .. }
-            | Notice::JointAdded { .. }
-            | Notice::JointRemoved { .. }
-            | Notice::Unknown { .. }
-            | Notice::GravityChanged { .. } => {}
+            SceneEvent::SceneFaulted { tick } => self.events.push_back(Event::SceneFaulted(tick)),
+            SceneEvent::ShapeAdded { .. }
+            | SceneEvent::ShapeRemoved { .. }
+            | SceneEvent::JointAdded { .. }
+            | SceneEvent::JointRemoved { .. }
+            | SceneEvent::Unknown { .. }
+            | SceneEvent::GravityChanged { .. } => {}
         }
         Ok(())
     }
@@ -441,16 +443,16 @@ impl ClientSession {
 
 impl Endpoint for ClientSession {
     fn handle_opened(&mut self, now: Instant, peer: Peer) {
-        if self.state != State::Unconnected {
+        if self.state != ClientState::Unconnected {
             return;
         }
         self.peer = peer;
-        self.state = State::Greeting;
+        self.state = ClientState::Greeting;
         self.greet(now, peer);
     }
 
     fn handle_control(&mut self, now: Instant, _from: Peer, bytes: &[u8]) {
-        if matches!(self.state, State::Unconnected | State::Ended) {
+        if matches!(self.state, ClientState::Unconnected | ClientState::Ended) {
             return;
         }
         self.frames.push(bytes);
@@ -461,7 +463,7 @@ impl Endpoint for ClientSession {
                 Err(malformed) => Err(malformed),
             };
             let result = match heard {
-                Ok(Some(message)) => self.hear(now, message),
+                Ok(Some(message)) => self.handle_message(now, message),
                 Ok(None) => Ok(()),
                 Err(malformed) => Err(malformed.into()),
             };
@@ -474,39 +476,48 @@ impl Endpoint for ClientSession {
     }
 
     fn handle_datagram(&mut self, now: Instant, _from: Peer, bytes: &[u8]) {
-        if self.state == State::Ended {
+        if self.state == ClientState::Ended {
             return;
         }
-        if self.hear_of_upstream(now, bytes) {
+        if self.handle_upstream_feedback(now, bytes) {
             return;
         }
-        let vouched = |copies: &Copies| copies.shown().map(|copy| copy.stream().vouched());
-        let before = vouched(&self.copies);
-        self.copies.handle_datagram(bytes);
-        let after = vouched(&self.copies).filter(|_| before != vouched(&self.copies));
+        let watermark_tick = |replica_switch: &ReplicaSwitch| {
+            replica_switch
+                .shown()
+                .map(|copy| copy.stream().watermark_tick())
+        };
+        let before = watermark_tick(&self.replica_switch);
+        self.replica_switch.handle_datagram(bytes);
+        let after = watermark_tick(&self.replica_switch)
+            .filter(|_| before != watermark_tick(&self.replica_switch));
         if let Some(tick) = after {
             self.note_shown(now, tick);
         }
-        while let Some(id) = self.copies.shown_mut().and_then(Replica::poll_amended) {
+        while let Some(id) = self
+            .replica_switch
+            .shown_mut()
+            .and_then(Replica::poll_resynced)
+        {
             self.events.push_back(Event::Amended(id));
         }
         self.watch(now);
     }
 
     fn handle_ended(&mut self, _now: Instant, _peer: Peer, ending: Ending) {
-        if self.state != State::Ended {
-            self.state = State::Ended;
+        if self.state != ClientState::Ended {
+            self.state = ClientState::Ended;
             self.events.push_back(Event::Ended(ending));
         }
     }
 
     fn handle_timeout(&mut self, now: Instant) {
-        if self.state == State::Ended {
+        if self.state == ClientState::Ended {
             return;
         }
-        self.ask_what_is_due(now);
+        self.send_due_requests(now);
         if self.ping_due().is_some_and(|due| due <= now) {
-            self.say(&ClientMessage::Ping { sent: now });
+            self.send(&ClientMessage::Ping { sent: now });
             self.pings.asked(now);
         }
     }
@@ -519,14 +530,14 @@ impl Endpoint for ClientSession {
     }
 
     fn poll_timeout(&self) -> Option<Wake> {
-        if self.state == State::Ended {
+        if self.state == ClientState::Ended {
             return None;
         }
         let timers = [
-            (self.copies.missing_due(), WakeReason::Repair),
-            (self.doubt.due(), WakeReason::Repair),
-            (self.touch_due(), WakeReason::Repair),
-            (self.silence.due(), WakeReason::Vouch),
+            (self.replica_switch.missing_due(), WakeReason::Refresh),
+            (self.mismatch.due(), WakeReason::Refresh),
+            (self.resync_due(), WakeReason::Refresh),
+            (self.silence.due(), WakeReason::Watermark),
             (self.ping_due(), WakeReason::Ping),
         ];
         timers

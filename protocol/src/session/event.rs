@@ -8,7 +8,7 @@ use rhumb_reckoning::{BodyId, Tick};
 
 use crate::endpoint::Ending;
 use crate::message::{
-    Denial, DriveError, Inspection, MoveCause, RemovalCause, StreamChoice, Welcome,
+    AuthorityError, Denial, Inspection, RemovalCause, StreamChoice, TierChangeCause, Welcome,
 };
 use crate::scene::{CommandError, IdRange};
 use crate::time::{Instant, Span};
@@ -16,20 +16,20 @@ use crate::time::{Instant, Span};
 /// What a client's application should know.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
-    /// The server answered; the scene has these terms, if it exists.
+    /// The server answered; the scene has these config, if it exists.
     Welcomed(Welcome),
     /// The scene was created.
     Created,
     /// The copy is whole; these body indices are the application's to give out.
     Joined(IdRange),
     /// The copy is by the stream that was chosen, or that the server moved the member to, from now on.
-    Following(StreamChoice),
-    /// The server is moving the member to this stream for its link's sake; `Following` tells when the copy is by it.
-    Moved {
+    SubscriptionChanged(StreamChoice),
+    /// The server is moving the member to this stream for its link's sake; `SubscriptionChanged` tells when the copy is by it.
+    TierChanged {
         /// Which stream.
         to: StreamChoice,
         /// Why.
-        cause: MoveCause,
+        cause: TierChangeCause,
     },
     /// No longer a member.
     Left,
@@ -67,9 +67,9 @@ pub enum Event {
     /// The engine failed; the scene stands still after this tick.
     SceneFaulted(Tick),
     /// These bodies, in rising order, are the application's to drive from now on, and no others.
-    Driving(Vec<BodyId>),
+    AuthorityGrant(Vec<BodyId>),
     /// What was asked to be driven is not; what was driven before goes on.
-    NotDriving(DriveError),
+    AuthorityDenied(AuthorityError),
     /// How the scene is.
     Inspected(Inspection),
     /// Where the server's clock stood at a moment, by the middle of a round trip.

@@ -6,7 +6,7 @@ use core::fmt;
 
 use rhumb_reckoning::BodyId;
 
-use crate::limits::{DRIVEN_MAX, RESERVE_MAX};
+use crate::limits::{AUTHORITY_BODIES_MAX, RESERVE_MAX};
 use crate::scene::Invalid;
 
 /// A call that cannot be, by the application's own mistake.
@@ -19,9 +19,9 @@ pub enum Misuse {
     /// So many body indices cannot be asked for at once.
     Indices(u32),
     /// So many bodies cannot be driven by one member.
-    TooManyDriven(usize),
+    TooManyAuthorityBodies(usize),
     /// The body is not one that this member drives or asked to drive.
-    NotDriven(BodyId),
+    NoAuthority(BodyId),
 }
 
 impl fmt::Display for Misuse {
@@ -33,13 +33,13 @@ impl fmt::Display for Misuse {
                 f,
                 "{count} body indices cannot be asked for at once: 1 to {RESERVE_MAX}"
             ),
-            Self::TooManyDriven(count) => {
+            Self::TooManyAuthorityBodies(count) => {
                 write!(
                     f,
-                    "{count} bodies cannot be driven by one member: {DRIVEN_MAX} at most"
+                    "{count} bodies cannot be driven by one member: {AUTHORITY_BODIES_MAX} at most"
                 )
             }
-            Self::NotDriven(id) => write!(f, "{id} is not driven by this member"),
+            Self::NoAuthority(id) => write!(f, "{id} is not driven by this member"),
         }
     }
 }

@@ -1,23 +1,23 @@
 //! The conversation at both ends: who may say what when, and what it means.
-mod asking;
-mod cadence;
 mod client;
 mod close;
-mod copies;
-mod driven;
-mod driver;
 mod event;
 mod misuse;
-mod patience;
+mod nack_scheduler;
 mod pings;
 mod replica;
+mod replica_switch;
+mod retry_timer;
 mod server;
+mod upstream_receiver;
+mod upstream_sender;
+mod watermark_schedule;
 
-pub use asking::Asking;
 pub use client::ClientSession;
 pub use close::CloseCode;
-pub use driven::Driven;
 pub use event::Event;
 pub use misuse::Misuse;
+pub use nack_scheduler::NackScheduler;
 pub use replica::Replica;
 pub use server::{Request, ServerSession};
+pub use upstream_receiver::UpstreamReceiver;

@@ -1,7 +1,7 @@
 //! When to look at the server's clock.
 //!
-//! Reads no clock itself. Two clocks drift apart slowly, so that looking is rare; what the stream shows of the server's
-//! time is held against what was seen, and only when that is off is the clock looked at sooner.
+//! Reads no clock itself. Two clocks unforced apart slowly, so that looking is rare; what the stream shows of the server's
+//! time is held against what was seen, and only when that is off is the clock sampled at sooner.
 
 use rhumb_reckoning::{Rate, Tick, Ticks};
 
@@ -11,7 +11,7 @@ use crate::time::{Instant, Span};
 const LOOKS_AT_FIRST: u32 = 5;
 /// See [`LOOKS_AT_FIRST`].
 const PAUSE_AT_FIRST: Span = Span::from_millis(50);
-/// The pause between two looks while nothing seems off: clocks that differ by 100 millionths drift 6 ms apart.
+/// The pause between two looks while nothing seems off: clocks that differ by 100 millionths unforced 6 ms apart.
 const PAUSE: Span = Span::from_millis(60_000);
 /// The pause between two looks while the stream's time is not the one seen.
 const PAUSE_WHILE_OFF: Span = Span::from_millis(1_000);
@@ -24,16 +24,16 @@ pub(crate) struct Pings {
     due: Option<Instant>,
     left: u32,
     asked: Instant,
-    seen: Option<Seen>,
+    seen: Option<ClockSample>,
 }
 
 /// The server's clock, as it was seen last.
 #[derive(Clone, Copy, Debug)]
-struct Seen {
+struct ClockSample {
     at: Instant,
     ticks: f64,
-    /// How long what it says is under way.
-    way: Span,
+    /// How long what it says is under one_way.
+    one_way: Span,
 }
 
 impl Pings {
@@ -82,10 +82,10 @@ impl Pings {
         rate: Rate,
     ) {
         let since = since_tick.as_nanos() as f64 / 1e9 / rate.step().seconds();
-        self.seen = Some(Seen {
+        self.seen = Some(ClockSample {
             at,
             ticks: tick.value() as f64 + since,
-            way: Span::from_nanos(round_trip.as_nanos() / 2),
+            one_way: Span::from_nanos(round_trip.as_nanos() / 2),
         });
     }
 
@@ -94,7 +94,7 @@ impl Pings {
         let Some(seen) = self.seen else {
             return;
         };
-        let passed = now.since(seen.at).as_nanos() as f64 - seen.way.as_nanos() as f64;
+        let passed = now.since(seen.at).as_nanos() as f64 - seen.one_way.as_nanos() as f64;
         let step = rate.step().seconds();
         let expected = seen.ticks + passed / 1e9 / step;
         let off = (expected - tick.value() as f64).abs() * step;
@@ -115,7 +115,7 @@ mod tests {
         Instant::from_nanos(count * 1_000_000_000)
     }
 
-    fn settled() -> Pings {
+    fn converged() -> Pings {
         let mut pings = Pings::new();
         pings.begin(Instant::ZERO);
         for look in 1..LOOKS_AT_FIRST {
@@ -123,14 +123,14 @@ mod tests {
             assert_eq!(due, Instant::ZERO + Span::from_millis(u64::from(look) * 50));
             pings.asked(due);
         }
-        let (way, none) = (Span::from_millis(20), Span::ZERO);
-        pings.seen(seconds(1), Tick::new(60), none, way, Rate::HZ_60);
+        let (one_way, none) = (Span::from_millis(20), Span::ZERO);
+        pings.seen(seconds(1), Tick::new(60), none, one_way, Rate::HZ_60);
         pings
     }
 
     #[test]
-    fn a_clock_that_is_as_it_was_seen_is_looked_at_rarely() {
-        let mut pings = settled();
+    fn a_steady_clock_is_pinged_rarely() {
+        let mut pings = converged();
         let due = pings.due().unwrap();
         for second in 2..60 {
             pings.shown(seconds(second), Tick::new(60 * second), ONE, Rate::HZ_60);
@@ -140,8 +140,8 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_went_slower_is_looked_at_again() {
-        let mut pings = settled();
+    fn a_slowed_clock_is_pinged_again() {
+        let mut pings = converged();
         pings.shown(seconds(10), Tick::new(570), ONE, Rate::HZ_60);
         assert_eq!(pings.due(), Some(seconds(10)));
         pings.asked(seconds(10));

@@ -1,6 +1,6 @@
 //! A member's copy of a scene: its shapes, bodies, joints, stream.
 //!
-//! Changed by notices, in order, and by datagrams. Invariant: every body of the copy has a shape that is known, every
+//! Changed by scene_events, in order, and by datagrams. Invariant: every body of the copy has a shape that is known, every
 //! joint two bodies.
 
 use alloc::collections::BTreeMap;
@@ -9,13 +9,13 @@ use alloc::vec::Vec;
 use glam::Vec3;
 use rhumb_reckoning::{BodyId, Damping, Inertia, Track};
 
-use super::asking::Asking;
 use super::close::CloseCode;
-use crate::kinds::{Kind, Kinds};
+use super::nack_scheduler::NackScheduler;
+use crate::interner::{Internable, Interner};
 use crate::limits::{SHAPE_BYTES_PER_SCENE_MAX, SHAPES_MAX};
-use crate::message::{Joined, Notice, StreamChoice};
-use crate::scene::{BodyTerms, Joints, Shape, ShapeId};
-use crate::stream::{Manner, Subscriber};
+use crate::message::{Joined, SceneEvent, StreamChoice};
+use crate::scene::{BodyDesc, Joints, Shape, ShapeId};
+use crate::stream::{PredictionParameters, Subscriber};
 use crate::time::{Instant, Span};
 use crate::wire::Wire;
 use crate::wire::bytes::Writer;
@@ -25,13 +25,13 @@ use crate::wire::bytes::Writer;
 pub struct Replica {
     choice: StreamChoice,
     subscriber: Subscriber,
-    asking: Asking,
+    nack_scheduler: NackScheduler,
     damping: Damping,
     gravity: Vec3,
     shapes: BTreeMap<ShapeId, Shape>,
     shape_bytes: usize,
     /// What its bodies are, each kind kept once: its numbers are the labels of the stream's bodies.
-    kinds: Kinds<BodyTerms>,
+    kinds: Interner<BodyDesc>,
     joints: Joints,
     whole: bool,
 }
@@ -46,12 +46,12 @@ impl Replica {
                 StreamChoice::Capped { .. } => Subscriber::limited(&joined.start),
                 StreamChoice::Within(_) | StreamChoice::Full => Subscriber::new(&joined.start),
             },
-            asking: Asking::default(),
-            damping: joined.terms.damping,
+            nack_scheduler: NackScheduler::default(),
+            damping: joined.config.damping,
             gravity: joined.start.gravity,
             shapes: BTreeMap::new(),
             shape_bytes: 0,
-            kinds: Kinds::default(),
+            kinds: Interner::default(),
             joints: Joints::default(),
             whole: false,
         }
@@ -64,8 +64,8 @@ impl Replica {
     }
 
     /// Whether nothing is lost by showing this copy in place of another one of the same scene.
-    pub(crate) fn is_as_far_as(&self, other: &Self) -> bool {
-        other.subscriber.has_lost_touch()
+    pub(crate) fn has_caught_up_with(&self, other: &Self) -> bool {
+        other.subscriber.has_lost_sync()
             || self.subscriber.complete() >= other.subscriber.complete()
     }
 
@@ -82,7 +82,7 @@ impl Replica {
 
     /// Whether the snapshot has arrived.
     #[must_use]
-    pub const fn is_whole(&self) -> bool {
+    pub const fn is_complete(&self) -> bool {
         self.whole
     }
 
@@ -94,10 +94,10 @@ impl Replica {
 
     /// What a body is.
     #[must_use]
-    pub fn body(&self, id: BodyId) -> Option<BodyTerms> {
+    pub fn body(&self, id: BodyId) -> Option<BodyDesc> {
         let kind = self.subscriber.label(id)?;
-        let terms = *self.kinds.get(kind);
-        Some(BodyTerms { id, ..terms })
+        let config = *self.kinds.get(kind);
+        Some(BodyDesc { id, ..config })
     }
 
     /// A shape.
@@ -107,7 +107,7 @@ impl Replica {
     }
 
     /// All bodies in order of index.
-    pub fn bodies(&self) -> impl Iterator<Item = BodyTerms> {
+    pub fn bodies(&self) -> impl Iterator<Item = BodyDesc> {
         let indices = 0..self.subscriber.index_end() as u32;
         let ids = indices.filter_map(|index| self.subscriber.body(index));
         ids.filter_map(|id| self.body(id))
@@ -121,28 +121,28 @@ impl Replica {
 
     /// Looks at what is missing now.
     pub(crate) fn watch_missing(&mut self, now: Instant) {
-        self.asking.watch(now, &self.subscriber);
+        self.nack_scheduler.watch(now, &self.subscriber);
     }
 
     /// When to ask for what is missing.
     pub(crate) fn missing_due(&self) -> Option<Instant> {
-        self.asking.due()
+        self.nack_scheduler.due()
     }
 
     /// What to ask the server for now, if something is due.
-    pub(crate) fn ask(&mut self, now: Instant, patient: Span) -> Option<Vec<u8>> {
-        let due: Vec<u64> = self.asking.ask(now, patient).collect();
-        let echo = (!due.is_empty()).then(|| self.subscriber.echo_for(&due))?;
-        Some(echo.encode(self.subscriber.stream()))
+    pub(crate) fn ask(&mut self, now: Instant, min_delay: Span) -> Option<Vec<u8>> {
+        let due: Vec<u64> = self.nack_scheduler.ask(now, min_delay).collect();
+        let loss_report = (!due.is_empty()).then(|| self.subscriber.loss_report_for(&due))?;
+        Some(loss_report.encode(self.subscriber.stream()))
     }
 
     /// The next body whose track was made right.
-    pub(crate) fn poll_amended(&mut self) -> Option<BodyId> {
-        self.subscriber.poll_amended()
+    pub(crate) fn poll_resynced(&mut self) -> Option<BodyId> {
+        self.subscriber.poll_resynced()
     }
 
     /// Takes the place of a copy of the same scene: all that it held counts as changed, since it may be gone.
-    pub(crate) fn succeed(&mut self, old: &Self) {
+    pub(crate) fn take_over(&mut self, old: &Self) {
         self.subscriber.touch_below(old.subscriber.index_end());
     }
 
@@ -152,14 +152,14 @@ impl Replica {
         self.subscriber.handle_snapshot_end();
     }
 
-    /// Takes in a notice. Those before the snapshot's end are the snapshot and do not count.
+    /// Takes in a scene_event. Those before the snapshot's end are the snapshot and do not count.
     ///
     /// # Errors
     ///
-    /// The code to close with, when a notice contradicts what was said before or breaks a limit.
-    pub(crate) fn handle_notice(&mut self, notice: &Notice) -> Result<(), CloseCode> {
-        match notice {
-            Notice::ShapeAdded { id, shape } => {
+    /// The code to close with, when a scene_event contradicts what was said before or breaks a limit.
+    pub(crate) fn apply_scene_event(&mut self, scene_event: &SceneEvent) -> Result<(), CloseCode> {
+        match scene_event {
+            SceneEvent::ShapeAdded { id, shape } => {
                 if self.shapes.len() >= SHAPES_MAX as usize {
                     return Err(CloseCode::LIMIT);
                 }
@@ -171,58 +171,58 @@ impl Replica {
                     self.shape_bytes -= before.bytes();
                 }
             }
-            Notice::ShapeRemoved { id } => {
+            SceneEvent::ShapeRemoved { id } => {
                 let shape = self.shapes.remove(id).ok_or(CloseCode::VIOLATION)?;
                 self.shape_bytes -= shape.bytes();
             }
-            Notice::BodyPlaced {
-                terms,
+            SceneEvent::BodyPlaced {
+                config,
                 inertia,
                 track,
-                seat,
+                alias,
             } => {
-                self.place(terms, *inertia, *track)?;
-                if let Some(seat) = seat {
-                    self.subscriber.seat(terms.id, *seat);
+                self.place(config, *inertia, *track)?;
+                if let Some(alias) = alias {
+                    self.subscriber.alias(config.id, *alias);
                 }
             }
-            Notice::BodyRemoved { id, .. } => {
+            SceneEvent::BodyRemoved { id, .. } => {
                 self.remove(*id)?;
             }
-            Notice::GravityChanged { since, gravity } => {
+            SceneEvent::GravityChanged { since, gravity } => {
                 self.gravity = *gravity;
                 self.subscriber.change_gravity(*since, *gravity);
             }
-            Notice::SceneFaulted { .. } | Notice::Unknown { .. } => {}
-            Notice::JointAdded { id, joint } => {
+            SceneEvent::SceneFaulted { .. } | SceneEvent::Unknown { .. } => {}
+            SceneEvent::JointAdded { id, joint } => {
                 let known = joint.bodies.map(|body| self.body(body).is_some());
                 if known != [true; 2] || !self.joints.insert(*id, *joint) {
                     return Err(CloseCode::VIOLATION);
                 }
             }
-            Notice::JointRemoved { id } => {
+            SceneEvent::JointRemoved { id } => {
                 self.joints.remove(*id).ok_or(CloseCode::VIOLATION)?;
             }
         }
         if self.whole {
-            self.subscriber.handle_notice();
+            self.subscriber.apply_scene_event();
         }
         Ok(())
     }
 
     fn place(
         &mut self,
-        terms: &BodyTerms,
+        config: &BodyDesc,
         inertia: Option<Inertia>,
         track: Track,
     ) -> Result<(), CloseCode> {
-        let shape = self.shapes.get(&terms.shape).ok_or(CloseCode::VIOLATION)?;
-        let manner = Manner::of(terms, shape, self.damping, inertia);
-        let before = self.subscriber.body(terms.id.index());
+        let shape = self.shapes.get(&config.shape).ok_or(CloseCode::VIOLATION)?;
+        let parameters = PredictionParameters::of(config, shape, self.damping, inertia);
+        let before = self.subscriber.body(config.id.index());
         let kind_before = before.and_then(|id| self.subscriber.label(id));
-        let kind = self.kinds.join(nameless(terms));
+        let kind = self.kinds.join(nameless(config));
         let stream = &mut self.subscriber;
-        if !stream.place_labelled(terms.id, &manner, track, Some(kind)) {
+        if !stream.place_labelled(config.id, &parameters, track, Some(kind)) {
             self.kinds.leave(kind);
             return Err(CloseCode::LIMIT);
         }
@@ -249,14 +249,14 @@ impl Replica {
 }
 
 /// What many bodies can have in common.
-fn nameless(terms: &BodyTerms) -> BodyTerms {
-    BodyTerms {
+fn nameless(config: &BodyDesc) -> BodyDesc {
+    BodyDesc {
         id: BodyId::new(0, 0),
-        ..*terms
+        ..*config
     }
 }
 
-impl Kind for BodyTerms {
+impl Internable for BodyDesc {
     type Key = Vec<u8>;
 
     /// What is said of it: one value has one encoding.

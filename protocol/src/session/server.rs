@@ -1,6 +1,6 @@
 //! One connection at the server: reads requests where they are allowed.
 //!
-//! Does not know scenes: what a request means is decided by the host, which answers by `say`. Invariant: after the
+//! Does not know scenes: what a request means is decided by the host, which answers by `send`. Invariant: after the
 //! first violation nothing more is read, and the connection is to be closed.
 
 use alloc::collections::VecDeque;
@@ -11,10 +11,11 @@ use rhumb_reckoning::Tick;
 
 use super::close::CloseCode;
 use crate::message::{
-    ClientMessage, Drive, Frames, Grease, Moves, ServerMessage, StreamChoice, VERSIONS, Welcome,
+    ClientMessage, Frames, Grease, ServerMessage, StreamChoice, TakeAuthority, TierPolicy,
+    VERSIONS, Welcome,
 };
 use crate::packet::StreamId;
-use crate::scene::{Command, CommandError, SceneName, SceneTerms};
+use crate::scene::{Command, CommandError, SceneConfig, SceneName};
 use crate::time::Instant;
 use crate::wire::Malformed;
 
@@ -27,7 +28,7 @@ pub enum Request {
         scene: SceneName,
     },
     /// Create the scene.
-    Create(SceneTerms),
+    Create(SceneConfig),
     /// Become a member.
     Join(StreamChoice),
     /// Be one no longer.
@@ -38,9 +39,9 @@ pub enum Request {
     Reserve(u32),
     /// A command with its number.
     Command {
-        /// Counted from the joining.
+        /// CountSink from the joining.
         number: u64,
-        /// What is wished, or why nobody can wish that.
+        /// What is requested_authority, or why nobody can wish that.
         command: Result<Command, CommandError>,
     },
     /// Step to this tick.
@@ -52,20 +53,20 @@ pub enum Request {
     /// The scene's state.
     Inspect,
     /// Another stream.
-    Follow(StreamChoice),
+    Subscribe(StreamChoice),
     /// The stream before this one is needed no more.
-    Followed(StreamId),
+    Subscribed(StreamId),
     /// To drive bodies.
-    Drive(Drive),
+    TakeAuthority(TakeAuthority),
     /// A packet of the stream on which it says how they move.
     Upstream(Vec<u8>),
     /// To be moved only so far when its link is thin.
-    Moves(Moves),
+    TierPolicy(TierPolicy),
 }
 
 /// How far the conversation has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum State {
+enum ServerState {
     Silent,
     Greeted,
     Lobby,
@@ -73,14 +74,14 @@ enum State {
         commands: u64,
     },
     /// A member until just now: what it said before it knew may still be under way, and is skipped.
-    Parted,
+    AwaitingLeft,
     Closed,
 }
 
 /// The server's end of one connection.
 #[derive(Debug)]
 pub struct ServerSession {
-    state: State,
+    state: ServerState,
     frames: Frames,
     grease: Grease,
     out: Vec<u8>,
@@ -93,7 +94,7 @@ impl ServerSession {
     #[must_use]
     pub const fn new(grease: Grease) -> Self {
         Self {
-            state: State::Silent,
+            state: ServerState::Silent,
             frames: Frames::new(),
             grease,
             out: Vec::new(),
@@ -104,14 +105,14 @@ impl ServerSession {
 
     /// The next bytes of the client's control stream. Drain [`Self::poll_request`] after each call.
     pub fn handle_control(&mut self, bytes: &[u8]) {
-        if self.state != State::Closed {
+        if self.state != ServerState::Closed {
             self.frames.push(bytes);
         }
     }
 
     /// The next request. Answer it before the next call: what is allowed depends on the answer.
     pub fn poll_request(&mut self) -> Option<Request> {
-        while self.state != State::Closed {
+        while self.state != ServerState::Closed {
             let message = match self.frames.next_frame() {
                 Ok(None) => return None,
                 Ok(Some(framed)) => ClientMessage::decode(&framed),
@@ -139,16 +140,16 @@ impl ServerSession {
     }
 
     const fn is_member(&self) -> bool {
-        matches!(self.state, State::Member { .. })
+        matches!(self.state, ServerState::Member { .. })
     }
 
     /// Gives a member's command its number.
     fn numbered(&mut self, command: Result<Command, CommandError>) -> Request {
         let number = match self.state {
-            State::Member { commands } => commands,
+            ServerState::Member { commands } => commands,
             _ => 0,
         };
-        self.state = State::Member {
+        self.state = ServerState::Member {
             commands: number + 1,
         };
         Request::Command { number, command }
@@ -156,7 +157,7 @@ impl ServerSession {
 
     /// Whether a message is allowed now; `None` for one that is overtaken by the end of a membership.
     fn admit(&mut self, message: ClientMessage) -> Result<Option<Request>, CloseCode> {
-        if self.state == State::Parted && is_for_members(&message) {
+        if self.state == ServerState::AwaitingLeft && is_for_members(&message) {
             return Ok(None);
         }
         self.admit_now(message).map(Some)
@@ -165,7 +166,7 @@ impl ServerSession {
     fn admit_now(&mut self, message: ClientMessage) -> Result<Request, CloseCode> {
         match (self.state, message) {
             (
-                State::Silent,
+                ServerState::Silent,
                 ClientMessage::Hello {
                     versions,
                     scene,
@@ -175,17 +176,19 @@ impl ServerSession {
                 if !versions.contains(&VERSIONS[0]) {
                     return Err(CloseCode::VERSION);
                 }
-                if extensions.ask_too_much() {
+                if extensions.has_unknown_critical() {
                     return Err(CloseCode::EXTENSION);
                 }
-                self.state = State::Greeted;
+                self.state = ServerState::Greeted;
                 Ok(Request::Hello { scene })
             }
-            (State::Silent | State::Greeted | State::Closed, _) => Err(CloseCode::VIOLATION),
+            (ServerState::Silent | ServerState::Greeted | ServerState::Closed, _) => {
+                Err(CloseCode::VIOLATION)
+            }
             (_, ClientMessage::Ping { sent }) => Ok(Request::Ping(sent)),
             (_, ClientMessage::Delete) => Ok(Request::Delete),
-            (State::Member { .. }, message) => self.admit_member(message),
-            (_, ClientMessage::Create(terms)) => Ok(Request::Create(terms)),
+            (ServerState::Member { .. }, message) => self.admit_member(message),
+            (_, ClientMessage::Create(config)) => Ok(Request::Create(config)),
             (_, ClientMessage::Join(choice)) => Ok(Request::Join(choice)),
             _ => Err(CloseCode::VIOLATION),
         }
@@ -198,40 +201,42 @@ impl ServerSession {
             ClientMessage::Reserve { count } => Request::Reserve(count),
             ClientMessage::Resync => Request::Resync,
             ClientMessage::Inspect => Request::Inspect,
-            ClientMessage::Follow(choice) => Request::Follow(choice),
-            ClientMessage::Followed(stream) => Request::Followed(stream),
-            ClientMessage::Drive(drive) => Request::Drive(drive),
+            ClientMessage::Subscribe(choice) => Request::Subscribe(choice),
+            ClientMessage::Subscribed(stream) => Request::Subscribed(stream),
+            ClientMessage::TakeAuthority(drive) => Request::TakeAuthority(drive),
             ClientMessage::Upstream(packet) => Request::Upstream(packet),
-            ClientMessage::Moves(moves) => Request::Moves(moves),
+            ClientMessage::TierPolicy(tier_policy) => Request::TierPolicy(tier_policy),
             ClientMessage::Leave => Request::Leave,
             _ => return Err(CloseCode::VIOLATION),
         })
     }
 
     /// Answers the hello.
-    pub fn welcome(&mut self, scene: Option<SceneTerms>) {
-        if self.state == State::Greeted {
-            self.state = State::Lobby;
+    pub fn welcome(&mut self, scene: Option<SceneConfig>) {
+        if self.state == ServerState::Greeted {
+            self.state = ServerState::Lobby;
             let welcome = Welcome {
                 version: VERSIONS[0],
                 scene,
                 extensions: self.grease.extensions(),
             };
-            self.say(&ServerMessage::Welcome(welcome));
+            self.send(&ServerMessage::Welcome(welcome));
             self.grease.message(&mut self.out);
         }
     }
 
     /// Says a message. What makes or unmakes a member changes what is allowed from here on.
-    pub fn say(&mut self, message: &ServerMessage) {
+    pub fn send(&mut self, message: &ServerMessage) {
         match message {
-            ServerMessage::Joined(_) if matches!(self.state, State::Lobby | State::Parted) => {
-                self.state = State::Member { commands: 0 };
+            ServerMessage::Joined(_)
+                if matches!(self.state, ServerState::Lobby | ServerState::AwaitingLeft) =>
+            {
+                self.state = ServerState::Member { commands: 0 };
             }
             ServerMessage::Left | ServerMessage::Deleted
-                if matches!(self.state, State::Member { .. }) =>
+                if matches!(self.state, ServerState::Member { .. }) =>
             {
-                self.state = State::Parted;
+                self.state = ServerState::AwaitingLeft;
             }
             _ => {}
         }
@@ -239,14 +244,14 @@ impl ServerSession {
     }
 
     /// Says messages that were encoded for many at once.
-    pub fn say_encoded(&mut self, messages: &Bytes) {
+    pub fn send_encoded(&mut self, messages: &Bytes) {
         self.flush();
         self.queue.push_back(messages.clone());
     }
 
     /// Ends the conversation.
     pub fn close(&mut self, code: CloseCode) {
-        self.state = State::Closed;
+        self.state = ServerState::Closed;
         self.close.get_or_insert(code);
     }
 
@@ -280,11 +285,11 @@ const fn is_for_members(message: &ClientMessage) -> bool {
             | ClientMessage::Advance { .. }
             | ClientMessage::Resync
             | ClientMessage::Inspect
-            | ClientMessage::Follow(_)
-            | ClientMessage::Followed(_)
-            | ClientMessage::Drive(_)
+            | ClientMessage::Subscribe(_)
+            | ClientMessage::Subscribed(_)
+            | ClientMessage::TakeAuthority(_)
             | ClientMessage::Upstream(_)
-            | ClientMessage::Moves(_)
+            | ClientMessage::TierPolicy(_)
     )
 }
 
@@ -313,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn a_conversation_begins_with_a_hello() {
+    fn a_session_begins_with_a_hello() {
         let mut session = session_after(&[ClientMessage::Delete]);
         assert_eq!(session.poll_request(), None);
         assert_eq!(session.poll_close(), Some(CloseCode::VIOLATION));
@@ -363,12 +368,12 @@ mod tests {
     }
 
     #[test]
-    fn what_a_member_said_before_it_knew_that_it_is_none_is_skipped() {
+    fn messages_sent_before_a_left_reply_are_skipped() {
         let mut session = session_after(&[hello()]);
         session.poll_request();
         session.welcome(None);
-        session.state = State::Member { commands: 7 };
-        session.say(&ServerMessage::Deleted);
+        session.state = ServerState::Member { commands: 7 };
+        session.send(&ServerMessage::Deleted);
         let mut bytes = Vec::new();
         for message in [
             ClientMessage::Command(Command::SetGravity {
@@ -393,7 +398,7 @@ mod tests {
         let mut session = session_after(&[hello()]);
         session.poll_request();
         session.welcome(None);
-        session.state = State::Member { commands: 7 };
+        session.state = ServerState::Member { commands: 7 };
         let mut bytes = Vec::new();
         crate::message::frame(7, &[0x80, 1, 2, 3], &mut bytes);
         ClientMessage::Command(Command::RemoveJoint {

@@ -4,9 +4,9 @@
 
 use rhumb_reckoning::{Metres, Tick};
 
-/// How far the copy of one body may be from the truth, at the newest tick that the stream has vouched for.
+/// How far the copy of one body may be from the truth, at the newest tick that the stream has watermark_tick for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Bound {
+pub enum ErrorBound {
     /// Every point of it is within this distance of where it is.
     ///
     /// A body that was said to rest to the bit is no exception: it may have woken since, and not moved enough to be

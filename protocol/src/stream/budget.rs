@@ -1,6 +1,6 @@
 //! How many bytes a stream may take, and what it has left of them.
 //!
-//! A bucket that fills as ticks pass. What is said when it does not suffice is decided in `publisher/spending`. Knows no
+//! A bucket that fills as ticks pass. What is said when it does not suffice is decided in `publisher/budget_state`. Knows no
 //! link and no listener: what a stream takes never depends on how the network does.
 
 use rhumb_reckoning::{Rate, Ticks};
@@ -61,7 +61,7 @@ impl Wire for Budget {
 
 /// What is left of a budget.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Purse {
+pub(crate) struct TokenBucket {
     /// Billionths of a byte; negative after what had to be said all the same.
     left: i64,
     each_tick: i64,
@@ -70,7 +70,7 @@ pub(crate) struct Purse {
 
 const BILLION: i64 = 1_000_000_000;
 
-impl Purse {
+impl TokenBucket {
     /// A full one.
     pub(crate) fn new(budget: Budget, rate: Rate) -> Self {
         let most = i64::from(budget.burst) * BILLION;
@@ -92,7 +92,7 @@ impl Purse {
         self.left = self.left.saturating_sub(bytes as i64 * BILLION);
     }
 
-    /// Whole bytes that are left.
+    /// Keyframe bytes that are left.
     pub(crate) fn left(&self) -> u64 {
         (self.left.max(0) / BILLION) as u64
     }
@@ -113,12 +113,12 @@ mod tests {
             wishes in proptest::collection::vec(0_usize..3_000, 1..400),
         ) {
             let budget = Budget::per_second(rate).unwrap();
-            let mut purse = Purse::new(budget, Rate::HZ_60);
+            let mut token_bucket = TokenBucket::new(budget, Rate::HZ_60);
             let (mut spent, mut longest) = (0_u64, 0);
             for (ticks, wish) in wishes.iter().enumerate() {
-                purse.earn(Ticks::new(1));
-                if purse.left() > 0 {
-                    purse.spend(*wish);
+                token_bucket.earn(Ticks::new(1));
+                if token_bucket.left() > 0 {
+                    token_bucket.spend(*wish);
                     spent += *wish as u64;
                     longest = longest.max(*wish);
                 }

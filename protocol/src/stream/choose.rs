@@ -1,30 +1,30 @@
-//! Which saying will serve a body best: for how long, and for how many bits.
+//! Which payload will serve a body best: for how long, and for how many bits.
 //!
 //! Only the publisher chooses, so that nothing here is normative: any choice keeps the promise, a good one keeps it
-//! with fewer bytes. How long a saying holds is judged by what the same law would have made of what the body did last, or,
-//! with hindsight, by what it will do.
+//! with fewer bytes. How long a payload holds is judged by what the same predictor would have made of what the body did last, or,
+//! with lookahead, by what it will do.
 
+mod acceleration;
 mod allowance;
-mod lasting;
-mod pushing;
+mod lifetime;
+mod mode_candidates;
+mod prediction_error;
 mod shares;
-mod straying;
 mod trial;
-mod ways;
 
 use glam::DVec3;
 use rhumb_reckoning::{
-    Divergence, HORIZON, Metres, Motion, Pose, Predictor, Tick, Ticks, Tolerance, Track, carried,
-    seen_from,
+    Divergence, Metres, Motion, Pose, Predictor, TRACK_AGE_MAX, Tick, Ticks, Tolerance, Track,
+    attached_motion, relative_to,
 };
 
 use super::features::Features;
 use super::tracks::{Slot, Tracks};
-use crate::packet::{Age, Saying};
-pub(super) use allowance::Allowance;
-pub(super) use lasting::doubt;
-use trial::{Best, Trial};
-pub(super) use ways::{Frame, Way};
+use crate::packet::{Age, UpdatePayload};
+pub(super) use allowance::ToleranceAllowance;
+pub(super) use lifetime::error_growth;
+pub(super) use mode_candidates::{ModeCandidate, ReferenceFrame};
+use trial::{BestCorrection, Trial};
 
 /// What is known of a body that is to be spoken of.
 #[derive(Clone, Copy, Debug)]
@@ -36,50 +36,50 @@ pub(crate) struct Subject<'a> {
     pub(crate) track: &'a Track,
     /// The tick that is spoken of.
     pub(crate) tick: Tick,
-    /// What it does then, and what is believed of it.
+    /// What it does then, and what is predicted_motion of it.
     pub(crate) truth: Motion,
-    pub(crate) believed: Motion,
+    pub(crate) predicted_motion: Motion,
     /// What it did one and two ticks before.
     pub(crate) last: [Option<Motion>; 2],
     /// What it did one and two strides before.
     pub(crate) past: [Option<Motion>; 2],
     /// Ticks between two looks at what it did.
     pub(crate) stride: Ticks,
-    /// What it will do, as far as hindsight knows.
+    /// What it will do, as far as lookahead knows.
     pub(crate) ahead: &'a [Motion],
     /// Whether it is known that nothing is seen of it after that.
     pub(crate) ends: bool,
     /// What could hold it.
-    pub(crate) holder: Option<Holder<'a>>,
+    pub(crate) parent_candidate: Option<ParentCandidate<'a>>,
 }
 
-/// A body that another may be held by.
+/// A body that another may be attached by.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Holder<'a> {
+pub(crate) struct ParentCandidate<'a> {
     /// Its index.
     pub(crate) index: u32,
     /// Its place in the table.
     pub(crate) slot: &'a Slot,
     /// What it does at the tick that is spoken of.
     pub(crate) truth: Motion,
-    /// What it did one and two strides of the held body before.
+    /// What it did one and two strides of the attached body before.
     pub(crate) past: [Option<Motion>; 2],
     /// What it will do.
     pub(crate) ahead: &'a [Motion],
 }
 
-/// Places that a still body is put on: where it is, and the middle of its way in one, two, four and six ticks.
+/// Places that a still body is put on: where it is, and the middle of its mode_candidate in one, two, four and six ticks.
 const AIMS: usize = AHEAD.len() + 1;
 const AHEAD: [usize; 4] = [1, 2, 4, 6];
-/// What an update costs beside its saying: its place in the packet, in 1/256 bits.
+/// What an update costs beside its payload: its place in the packet, in 1/256 bits.
 pub(super) const OVERHEAD: u32 = 4 * 256;
-/// How far a still body is put ahead of its course, as a share of the tolerance.
-const AIM_MOST: f64 = 0.5;
+/// How far a still body is put ahead of its mode, as a share of the tolerance.
+const AIM_MAX: f64 = 0.5;
 
-/// A saying that keeps the promise, the track it leads to, and what it is worth.
+/// A payload that keeps the promise, the track it leads to, and what it is units.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Choice {
-    pub(crate) saying: Saying,
+pub(crate) struct ChosenUpdate {
+    pub(crate) payload: UpdatePayload,
     pub(crate) track: Track,
 }
 
@@ -103,83 +103,97 @@ enum Aim {
 }
 
 impl Chooser<'_> {
-    /// The best saying among those that keep the promise, or `None` when no correction does.
-    pub(crate) fn choose(&self, subject: &Subject<'_>) -> Option<Choice> {
+    /// The best payload among those that keep the promise, or `None` when no correction does.
+    pub(crate) fn choose(&self, subject: &Subject<'_>) -> Option<ChosenUpdate> {
         let track = subject.track;
         let ticks = subject.tick.since(track.origin)?;
-        let aged = ticks > HORIZON && track.predictor != Predictor::Rest;
+        let aged = ticks > TRACK_AGE_MAX && track.predictor != Predictor::Rest;
         let age = self.tracks.age(track, subject.tick)?;
         if age == Age::new(0) || aged || !self.features.residuals {
             return None;
         }
         let frames = self.frames(subject);
-        let ways = self.ways(subject, &frames);
+        let mode_candidates = self.mode_candidates(subject, &frames);
         let trial = Trial::new(self, subject, age, ticks);
-        // Free bodies are put on the same place whatever their law.
-        let free = trial.footing(&frames.free);
-        let held = frames.held.as_ref().map(|held| trial.footing(&held.frame));
-        let footing = |way: &Way<'_>| match &held {
-            Some(held) if way.is_held() => held,
+        // Free bodies are put on the same place whatever their predictor.
+        let free = trial.correction_base(&frames.free);
+        let attached = frames
+            .attached
+            .as_ref()
+            .map(|attached| trial.correction_base(&attached.frame));
+        let correction_base = |mode_candidate: &ModeCandidate<'_>| match &attached {
+            Some(attached) if mode_candidate.is_held() => attached,
             _ => &free,
         };
         let mut nearest = [None; 2];
-        let mut best: Option<Best> = None;
-        for number in ways.numbers() {
-            let Some(way) = ways.way(number) else {
+        let mut best: Option<BestCorrection> = None;
+        for number in mode_candidates.numbers() {
+            let Some(mode_candidate) = mode_candidates.mode_candidate(number) else {
                 continue;
             };
-            let (of, footing) = (usize::from(way.is_held()), footing(&way));
-            let aims = (0..AIMS).map_while(|aim| self.aim(subject, &way, aim));
+            let (of, correction_base) = (
+                usize::from(mode_candidate.is_held()),
+                correction_base(&mode_candidate),
+            );
+            let aims = (0..AIMS).map_while(|aim| self.aim(subject, &mode_candidate, aim));
             for aim in aims {
                 let place = if let Aim::Truth = aim {
                     let nearest = &mut nearest[of];
-                    nearest.get_or_insert_with(|| trial.place(footing, aim))
+                    nearest.get_or_insert_with(|| trial.place(correction_base, aim))
                 } else {
-                    &mut trial.place(footing, aim)
+                    &mut trial.place(correction_base, aim)
                 };
                 if let Some(place) = place {
-                    trial.try_all((number, &way), aim, place, &mut best);
+                    trial.try_all((number, &mode_candidate), aim, place, &mut best);
                 }
             }
         }
         let mut best = best?;
-        let way = ways.way(best.way)?;
-        let (of, footing) = (usize::from(way.is_held()), footing(&way));
+        let mode_candidate = mode_candidates.mode_candidate(best.mode_candidate)?;
+        let (of, correction_base) = (
+            usize::from(mode_candidate.is_held()),
+            correction_base(&mode_candidate),
+        );
         let nearest = &mut nearest[of];
         let place = if let Aim::Truth = best.aim {
             nearest.as_mut()
         } else {
-            Some(nearest.insert(trial.place(footing, best.aim)))
+            Some(nearest.insert(trial.place(correction_base, best.aim)))
         };
         let place = place?.as_mut()?;
         if self.features.sparse {
-            trial.make_sparser(&way, footing, place, &mut best);
+            trial.make_sparser(&mode_candidate, correction_base, place, &mut best);
         }
-        Some(best.choice(&way, place, &trial))
+        Some(best.choice(&mode_candidate, place, &trial))
     }
 
-    /// Where to aim: at the truth first; with hindsight, a still body may be put in the middle of what it will do.
-    fn aim(&self, subject: &Subject<'_>, way: &Way<'_>, aim: usize) -> Option<Aim> {
+    /// Where to aim: at the truth first; with lookahead, a still body may be put in the middle of what it will do.
+    fn aim(
+        &self,
+        subject: &Subject<'_>,
+        mode_candidate: &ModeCandidate<'_>,
+        aim: usize,
+    ) -> Option<Aim> {
         let Some(middle) = aim.checked_sub(1) else {
             return Some(Aim::Truth);
         };
-        if way.predictor != Predictor::Rest {
+        if mode_candidate.predictor != Predictor::Rest {
             return None;
         }
         let ticks = AHEAD[middle];
         let then = subject.ahead.get(ticks - 1)?;
-        let [p, q] = match way.frame.holder {
+        let [p, q] = match mode_candidate.frame.parent_candidate {
             None => apart(&then.pose(), &subject.truth.pose()),
-            Some(holder) => {
-                let by = holder.ahead.get(ticks - 1)?;
-                let now = seen_from(&holder.truth.pose(), &subject.truth.pose());
-                apart(&seen_from(&by.pose(), &then.pose()).pose(), &now.pose())
+            Some(parent_candidate) => {
+                let by = parent_candidate.ahead.get(ticks - 1)?;
+                let now = relative_to(&parent_candidate.truth.pose(), &subject.truth.pose());
+                apart(&relative_to(&by.pose(), &then.pose()).pose(), &now.pose())
             }
         };
         let share = self
             .allowance(subject)
             .share(p.length() * 0.5, q.length() * 0.5);
-        let scale = 0.5 * (AIM_MOST / share).min(1.0);
+        let scale = 0.5 * (AIM_MAX / share).min(1.0);
         Some(Aim::Beside([p * scale, q * scale]))
     }
 
@@ -187,7 +201,7 @@ impl Chooser<'_> {
     pub(super) fn exact_share(
         &self,
         subject: &Subject<'_>,
-        frame: &Frame<'_>,
+        frame: &ReferenceFrame<'_>,
         begun: &Pose,
     ) -> f64 {
         let truth = subject.truth.pose();
@@ -195,27 +209,37 @@ impl Chooser<'_> {
             self.tracks.tolerance_of(subject.slot),
             self.tracks.radius(subject.slot),
         );
-        match frame.holder {
+        match frame.parent_candidate {
             None => share(&truth, begun, tolerance, radius),
-            Some(Holder { index, slot, .. }) => {
+            Some(ParentCandidate { index, slot, .. }) => {
                 let by = self
                     .tracks
                     .framed((*index, slot), &slot.track(), subject.tick);
-                share(&truth, &carried(&by, begun).pose(), tolerance, radius)
+                share(
+                    &truth,
+                    &attached_motion(&by, begun).pose(),
+                    tolerance,
+                    radius,
+                )
             }
         }
     }
 
     /// What may be expected of a body.
-    pub(super) fn allowance(&self, subject: &Subject<'_>) -> Allowance {
+    pub(super) fn allowance(&self, subject: &Subject<'_>) -> ToleranceAllowance {
         let tolerance = self.tracks.tolerance_of(subject.slot);
-        Allowance::of(tolerance, self.tracks.radius(subject.slot)).loosened(self.slack)
+        ToleranceAllowance::of(tolerance, self.tracks.radius(subject.slot)).loosened(self.slack)
     }
 }
 
 /// How much of the tolerance lies between two poses of a body.
-pub(crate) fn share(truth: &Pose, believed: &Pose, tolerance: Tolerance, radius: Metres) -> f64 {
-    tolerance.share(&Divergence::between(truth, believed), radius)
+pub(crate) fn share(
+    truth: &Pose,
+    predicted_motion: &Pose,
+    tolerance: Tolerance,
+    radius: Metres,
+) -> f64 {
+    tolerance.share(&Divergence::between(truth, predicted_motion), radius)
 }
 
 /// How far one pose is from another, metres, and turned from it, as a rotation vector in radians.

@@ -8,26 +8,26 @@ pub struct Features {
     /// Bodies that fall are predicted to fall.
     pub ballistic: bool,
     /// Bodies of unequal moments are predicted to tumble.
-    pub tumbling: bool,
-    /// Bodies may be held by others.
-    pub held: bool,
+    pub torque_free: bool,
+    /// Bodies may be attached by others.
+    pub attached: bool,
     /// Velocities are left to be implied where that serves.
     pub derived: bool,
     /// Corrections leave out what the tolerance does not need.
     pub sparse: bool,
     /// Velocities are said in coarser steps than the finest where that serves.
     pub coarse: bool,
-    /// Bodies that something pushes steadily are predicted to be pushed on.
-    pub pushed: bool,
-    /// What hindsight knows decides which corrections are said.
-    pub foresight: bool,
+    /// Bodies that something accelerations steadily are predicted to be accelerated on.
+    pub accelerated: bool,
+    /// What lookahead knows decides which corrections are said.
+    pub mode_decision: bool,
     /// Motions are said as corrections of what was predicted.
     pub residuals: bool,
     /// What is still within tolerance is not spoken of.
-    pub gate: bool,
+    pub prefilter: bool,
     /// A packet says more than one body. Without it a tick may take more packets than are remembered: to be measured without loss.
     pub packing: bool,
-    /// What is lost can be had back from parities.
+    /// What is lost can be had back from repair_symbols.
     pub redundancy: bool,
 }
 
@@ -36,15 +36,15 @@ impl Features {
     pub const ALL: Self = Self {
         resting: true,
         ballistic: true,
-        tumbling: true,
-        held: true,
+        torque_free: true,
+        attached: true,
         derived: true,
         sparse: true,
         coarse: true,
-        pushed: true,
-        foresight: true,
+        accelerated: true,
+        mode_decision: true,
         residuals: true,
-        gate: true,
+        prefilter: true,
         packing: true,
         redundancy: true,
     };

@@ -1,26 +1,26 @@
 //! The full stream at its source: what can move, every tick, to the bit.
 //!
-//! The naive baseline. It has packets, numbers and repair as a reckoned stream has, but neither gate nor coding.
+//! The naive baseline. It has packets, numbers and refresh as a reckoned stream has, but neither prefilter nor coding.
 
 use alloc::vec::Vec;
 
 use bytes::Bytes;
-use rhumb_reckoning::{Anchor, BodyId, Predictor, Tick, Ticks, Track, Verbatim};
+use rhumb_reckoning::{Anchor, BodyId, BodyState, Predictor, Tick, Ticks, Track};
 
-use super::history::History;
+use super::observation_history::ObservationHistory;
 use super::publisher::PublisherStatistics;
-use super::witness::Witness;
+use super::sent_packets::SentPackets;
 use crate::packet::{
-    FullPacket, FullRecord, Low16, RepairRecord, RepairWriter, StreamId, TrackSaying, Vouch,
+    FullPacket, FullRecord, Keyframe, Low16, RefreshRecord, RefreshWriter, StreamId, Watermark,
 };
 
 /// What is sent of a body.
 #[derive(Clone, Copy, Debug)]
-struct State {
+struct FullBody {
     id: BodyId,
     /// The tick at which it came, or the last that was spoken of.
     since: Tick,
-    motion: Verbatim,
+    motion: BodyState,
     /// A static body is sent when it was put elsewhere, not every tick.
     fixed: bool,
     moved: bool,
@@ -30,8 +30,8 @@ struct State {
 #[derive(Debug)]
 pub struct FullPublisher {
     stream: StreamId,
-    states: Vec<Option<State>>,
-    history: History,
+    states: Vec<Option<FullBody>>,
+    sent_packets: SentPackets,
     tick: Tick,
     statistics: PublisherStatistics,
 }
@@ -43,7 +43,7 @@ impl FullPublisher {
         Self {
             stream,
             states: Vec::new(),
-            history: History::default(),
+            sent_packets: SentPackets::default(),
             tick,
             statistics: PublisherStatistics::default(),
         }
@@ -58,7 +58,7 @@ impl FullPublisher {
     /// The number of the next packet.
     #[must_use]
     pub const fn next_number(&self) -> u64 {
-        self.history.next()
+        self.sent_packets.next()
     }
 
     /// The tick up to which everything was said.
@@ -75,12 +75,12 @@ impl FullPublisher {
 
     /// A body has come into the scene after the step to `since`; one that is `fixed` is not sent again until it is
     /// observed.
-    pub fn place(&mut self, id: BodyId, since: Tick, motion: Verbatim, fixed: bool) {
+    pub fn place(&mut self, id: BodyId, since: Tick, motion: BodyState, fixed: bool) {
         let index = id.index() as usize;
         if index >= self.states.len() {
             self.states.resize(index + 1, None);
         }
-        self.states[index] = Some(State {
+        self.states[index] = Some(FullBody {
             id,
             since,
             motion,
@@ -104,26 +104,34 @@ impl FullPublisher {
             .map(|state| (state.id, self.track(state)))
     }
 
-    fn track(&self, state: &State) -> Track {
+    fn track(&self, state: &FullBody) -> Track {
         if state.fixed {
             return Track::resting(state.since, state.motion);
         }
         Track {
             origin: state.since,
             predictor: Predictor::Uniform,
-            anchor: Anchor::Verbatim(state.motion),
-            carrier: None,
+            anchor: Anchor::Exact(state.motion),
+            parent: None,
         }
     }
 
     /// Appends the datagrams that hold the state of every body that can move at the tick that is spoken of, if one is.
-    pub fn publish(&mut self, witness: &Witness, notices: u64, out: &mut Vec<Bytes>) {
+    pub fn publish(
+        &mut self,
+        observation_history: &ObservationHistory,
+        scene_events: u64,
+        out: &mut Vec<Bytes>,
+    ) {
         // A stream that began after that tick has told it already.
-        let Some(tick) = witness.present().filter(|tick| *tick > self.tick) else {
+        let Some(tick) = observation_history
+            .present()
+            .filter(|tick| *tick > self.tick)
+        else {
             return;
         };
         self.tick = tick;
-        for observation in witness.at(tick).unwrap_or_default() {
+        for observation in observation_history.at(tick).unwrap_or_default() {
             let state = self.states.get_mut(observation.id.index() as usize);
             if let Some(Some(state)) = state
                 && state.id == observation.id
@@ -148,13 +156,14 @@ impl FullPublisher {
         let packets = records.len().div_ceil(FullPacket::RECORDS_MAX);
         for (place, chunk) in records.chunks(FullPacket::RECORDS_MAX).enumerate() {
             let packet = FullPacket {
-                number: Low16::of(self.history.next()),
+                number: Low16::of(self.sent_packets.next()),
                 tick: Low16::of(tick.value()),
-                notices: Low16::of(notices),
+                scene_events: Low16::of(scene_events),
                 ends_tick: place + 1 == packets,
                 records: chunk.to_vec(),
             };
-            self.history.record(chunk.iter().map(|record| record.index));
+            self.sent_packets
+                .record(chunk.iter().map(|record| record.index));
             let datagram = packet.encode(self.stream);
             self.statistics.updates += chunk.len() as u64;
             self.statistics.packets += 1;
@@ -163,34 +172,34 @@ impl FullPublisher {
         }
     }
 
-    /// The datagram that vouches for the silence since the last packet.
+    /// The datagram that watermarks for the silence since the last packet.
     #[must_use]
-    pub fn vouch(&self, notices: u64) -> Bytes {
-        let vouch = Vouch {
-            next: Low16::of(self.history.next()),
+    pub fn watermark(&self, scene_events: u64) -> Bytes {
+        let watermark = Watermark {
+            next: Low16::of(self.sent_packets.next()),
             tick: Low16::of(self.tick.value()),
-            notices: Low16::of(notices),
+            scene_events: Low16::of(scene_events),
         };
-        Bytes::from(vouch.encode(self.stream))
+        Bytes::from(watermark.encode(self.stream))
     }
 
     /// The datagrams that say where the bodies of a lost packet are now, or `None` when it is too old to be known.
     #[must_use]
-    pub fn repair(&self, number: u64, notices: u64) -> Option<Vec<Bytes>> {
-        let mut writer = RepairWriter::default();
-        for &index in self.history.bodies(number)? {
+    pub fn refresh(&self, number: u64, scene_events: u64) -> Option<Vec<Bytes>> {
+        let mut writer = RefreshWriter::default();
+        for &index in self.sent_packets.bodies(number)? {
             if let Some(Some(state)) = self.states.get(index as usize) {
-                let whole = TrackSaying::of(&self.track(state));
+                let keyframe = Keyframe::of(&self.track(state));
                 let age = Ticks::ZERO;
-                writer.push(&RepairRecord {
+                writer.push(&RefreshRecord {
                     index,
-                    seat: None,
+                    alias: None,
                     age,
-                    whole,
+                    keyframe,
                 });
             }
         }
-        let datagrams = writer.finish(self.stream, number, self.tick.value(), notices);
+        let datagrams = writer.finish(self.stream, number, self.tick.value(), scene_events);
         Some(datagrams.into_iter().map(Bytes::from).collect())
     }
 }

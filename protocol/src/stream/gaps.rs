@@ -1,7 +1,7 @@
-//! Which packets of a stream were heard, and since when what is not known.
+//! Which packets of a stream were received, and since when what is not known.
 //!
-//! Numbers only: what a packet says is the subscriber's affair. A packet is *missing* while neither it nor a repair of
-//! it was heard, and *unread* when it was heard but some of it builds on a missing one. The stream is *settled* while
+//! Numbers only: what a packet says is the subscriber's affair. A packet is *missing* while neither it nor a refresh of
+//! it was received, and *unread* when it was received but some of it builds on a missing one. The stream is *converged* while
 //! there is neither; then everything said so far is known.
 
 use alloc::collections::BTreeMap;
@@ -10,22 +10,22 @@ use rhumb_reckoning::Tick;
 
 use crate::limits::HISTORY_PACKETS;
 
-/// A packet that was not heard.
+/// A packet that was not received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Missing {
     /// No later than this was it sent: the tick of a packet after it.
     before: Tick,
-    /// Which parts of which of its repairs were heard.
-    heard: Option<(RepairOf, u64)>,
+    /// Which parts of which of its refreshes were received.
+    received: Option<(RefreshId, u64)>,
 }
 
 /// One answer of the publisher to a lost packet: what the packet's bodies did when it was given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) struct RepairOf {
+pub(crate) struct RefreshId {
     /// The tick of its tracks.
     pub(crate) as_of: Tick,
-    /// Notices given by then: at one tick, bodies may go between two answers.
-    pub(crate) notices: u64,
+    /// SceneEvents given by then: at one tick, bodies may go between two answers.
+    pub(crate) scene_events: u64,
     /// Into how many parts it was cut.
     pub(crate) parts: u8,
 }
@@ -34,30 +34,30 @@ pub(crate) struct RepairOf {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Unread {
     tick: Tick,
-    /// Whether every repair so far of what it may build on is as new as itself.
+    /// Whether every refresh so far of what it may build on is as new as itself.
     covered: bool,
 }
 
 /// Whether a packet is to be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Arrival {
+pub(crate) enum PacketArrival {
     /// It is new.
     Fresh,
-    /// It was heard before.
+    /// It was received before.
     Duplicate,
-    /// It lies so far ahead that what lies between can no longer be repaired.
+    /// It lies so far ahead that what lies between can no longer be refreshed.
     Lost,
 }
 
 /// The account of one stream's packets.
 #[derive(Clone, Debug)]
-pub(crate) struct Gaps {
+pub(crate) struct PacketGaps {
     next: u64,
     missing: BTreeMap<u64, Missing>,
     unread: BTreeMap<u64, Unread>,
 }
 
-impl Gaps {
+impl PacketGaps {
     /// All packets before `next` are known.
     pub(crate) const fn new(next: u64) -> Self {
         Self {
@@ -72,8 +72,8 @@ impl Gaps {
         self.next
     }
 
-    /// Whether everything that was sent so far was heard or made good.
-    pub(crate) fn is_settled(&self) -> bool {
+    /// Whether everything that was sent so far was received or made good.
+    pub(crate) fn is_converged(&self) -> bool {
         self.missing.is_empty() && self.unread.is_empty()
     }
 
@@ -93,32 +93,32 @@ impl Gaps {
     }
 
     /// A body whose track is at least this new is known for sure; `None` when every body is.
-    pub(crate) fn doubted_before(&self) -> Option<Tick> {
+    pub(crate) fn unsure_before(&self) -> Option<Tick> {
         let missing = self.missing.values().map(|missing| missing.before);
         let unread = self.unread.values().map(|unread| unread.tick);
         missing.chain(unread).max()
     }
 
     /// A packet arrived that was sent at `tick`.
-    pub(crate) fn arrive(&mut self, number: u64, tick: Tick) -> Arrival {
+    pub(crate) fn arrive(&mut self, number: u64, tick: Tick) -> PacketArrival {
         if number >= self.next {
             if !self.remembers(number + 1) || !self.announce(number, tick) {
-                return Arrival::Lost;
+                return PacketArrival::Lost;
             }
             self.next = number + 1;
-            return Arrival::Fresh;
+            return PacketArrival::Fresh;
         }
         if self.missing.contains_key(&number) {
             // It may come before what it builds on, so that nothing after it is covered by it.
             self.made_good(number, Tick::ZERO);
-            Arrival::Fresh
+            PacketArrival::Fresh
         } else {
-            Arrival::Duplicate
+            PacketArrival::Duplicate
         }
     }
 
     /// All packets before `next` were sent, the last of them no later than `tick`; `false`, and no change, when the
-    /// oldest that is missing can no longer be repaired.
+    /// oldest that is missing can no longer be refreshed.
     pub(crate) fn announce(&mut self, next: u64, tick: Tick) -> bool {
         if !self.remembers(next) {
             return false;
@@ -126,7 +126,7 @@ impl Gaps {
         for number in self.next..next {
             let missing = Missing {
                 before: tick,
-                heard: None,
+                received: None,
             };
             self.missing.insert(number, missing);
         }
@@ -143,8 +143,8 @@ impl Gaps {
 
     /// Something in a packet that arrived builds on what is missing.
     ///
-    /// `of_the_same`: the missing packet spoke of the same bodies, so that its repair may serve.
-    pub(crate) fn could_not_read(&mut self, number: u64, tick: Tick, of_the_same: bool) {
+    /// `of_the_same`: the missing packet spoke of the same bodies, so that its refresh may serve.
+    pub(crate) fn note_unread(&mut self, number: u64, tick: Tick, of_the_same: bool) {
         // What is asked for already need not wait too.
         if self.missing.contains_key(&number) {
             return;
@@ -155,37 +155,37 @@ impl Gaps {
             covered: true,
         });
         unread.covered &= of_the_same && waits;
-        self.settle();
+        self.promote_unread();
     }
 
-    /// Takes a packet that was heard, and of which something could not be read that no repair so far covers, as one that
-    /// is heard only now; `false` if there is nothing more to read in it.
+    /// Takes a packet that was received, and of which something could not be read that no refresh so far covers, as one that
+    /// is received only now; `false` if there is nothing more to read in it.
     pub(crate) fn read_again(&mut self, number: u64) -> bool {
         let is_missing = self.missing.contains_key(&number);
         if is_missing {
-            // What waited for it is to be read again too: no repair speaks of this one's bodies.
+            // What waited for it is to be read again too: no refresh speaks of this one's bodies.
             self.made_good(number, Tick::ZERO);
         }
         is_missing
     }
 
-    /// A part of a repair arrived; whether the packet is made good by it. Parts of different repairs do not add up: they are
+    /// A part of a refresh arrived; whether the packet is made good by it. Parts of different refreshes do not add up: they are
     /// cut in different places.
-    pub(crate) fn repaired(&mut self, number: u64, repair: RepairOf, part: u8) -> bool {
+    pub(crate) fn refreshed(&mut self, number: u64, refresh: RefreshId, part: u8) -> bool {
         let Some(missing) = self.missing.get_mut(&number) else {
             return false;
         };
-        let before = match missing.heard {
-            Some((newer, _)) if newer > repair => return false,
-            Some((same, parts)) if same == repair => parts,
+        let before = match missing.received {
+            Some((newer, _)) if newer > refresh => return false,
+            Some((same, parts)) if same == refresh => parts,
             _ => 0,
         };
-        let heard = before | 1 << (part % 64);
-        missing.heard = Some((repair, heard));
-        let all = u64::MAX >> (64 - repair.parts.clamp(1, 64));
-        let is_whole = heard & all == all;
+        let received = before | 1 << (part % 64);
+        missing.received = Some((refresh, received));
+        let all = u64::MAX >> (64 - refresh.parts.clamp(1, 64));
+        let is_whole = received & all == all;
         if is_whole {
-            self.made_good(number, repair.as_of);
+            self.made_good(number, refresh.as_of);
         }
         is_whole
     }
@@ -195,12 +195,12 @@ impl Gaps {
         for (_, unread) in self.unread.range_mut(number..) {
             unread.covered &= as_of >= unread.tick;
         }
-        self.settle();
+        self.promote_unread();
     }
 
-    /// An unread packet that a repair came too early for must be repaired itself; one with nothing missing before it is
+    /// An unread packet that a refresh came too early for must be refreshed itself; one with nothing missing before it is
     /// covered.
-    fn settle(&mut self) {
+    fn promote_unread(&mut self) {
         let missing = &mut self.missing;
         self.unread.retain(|number, unread| {
             if !unread.covered {
@@ -209,7 +209,7 @@ impl Gaps {
                     *number,
                     Missing {
                         before,
-                        heard: None,
+                        received: None,
                     },
                 );
             }
@@ -229,120 +229,123 @@ mod tests {
         Tick::new(value)
     }
 
-    fn repair(as_of: u64, parts: u8) -> RepairOf {
-        RepairOf {
+    fn refresh(as_of: u64, parts: u8) -> RefreshId {
+        RefreshId {
             as_of: tick(as_of),
-            notices: 0,
+            scene_events: 0,
             parts,
         }
     }
 
     #[test]
     fn a_gap_is_seen_and_filled_by_a_late_packet() {
-        let mut gaps = Gaps::new(0);
-        assert_eq!(gaps.arrive(0, tick(1)), Arrival::Fresh);
-        assert_eq!(gaps.arrive(2, tick(3)), Arrival::Fresh);
+        let mut gaps = PacketGaps::new(0);
+        assert_eq!(gaps.arrive(0, tick(1)), PacketArrival::Fresh);
+        assert_eq!(gaps.arrive(2, tick(3)), PacketArrival::Fresh);
         assert_eq!(gaps.missing().collect::<Vec<_>>(), [1]);
-        assert_eq!(gaps.doubted_before(), Some(tick(3)));
-        assert_eq!(gaps.arrive(1, tick(2)), Arrival::Fresh);
-        assert!(gaps.is_settled());
-        assert_eq!(gaps.arrive(1, tick(2)), Arrival::Duplicate);
+        assert_eq!(gaps.unsure_before(), Some(tick(3)));
+        assert_eq!(gaps.arrive(1, tick(2)), PacketArrival::Fresh);
+        assert!(gaps.is_converged());
+        assert_eq!(gaps.arrive(1, tick(2)), PacketArrival::Duplicate);
     }
 
     #[test]
-    fn a_repair_counts_when_all_its_parts_were_heard() {
-        let mut gaps = Gaps::new(0);
+    fn a_refresh_counts_when_all_its_parts_were_heard() {
+        let mut gaps = PacketGaps::new(0);
         assert!(gaps.announce(1, tick(5)));
-        assert!(!gaps.repaired(0, repair(6, 2), 1));
-        assert!(!gaps.repaired(0, repair(6, 2), 1));
-        assert!(!gaps.is_settled());
-        assert!(gaps.repaired(0, repair(6, 2), 0));
-        assert!(gaps.is_settled());
+        assert!(!gaps.refreshed(0, refresh(6, 2), 1));
+        assert!(!gaps.refreshed(0, refresh(6, 2), 1));
+        assert!(!gaps.is_converged());
+        assert!(gaps.refreshed(0, refresh(6, 2), 0));
+        assert!(gaps.is_converged());
     }
 
     #[test]
-    fn parts_of_different_repairs_do_not_add_up() {
-        let mut gaps = Gaps::new(0);
+    fn parts_of_different_refreshes_do_not_add_up() {
+        let mut gaps = PacketGaps::new(0);
         assert!(gaps.announce(1, tick(5)));
-        gaps.repaired(0, repair(6, 2), 0);
-        gaps.repaired(0, repair(7, 2), 1);
-        gaps.repaired(0, repair(6, 2), 1);
-        let later = RepairOf {
-            notices: 1,
-            ..repair(7, 2)
+        gaps.refreshed(0, refresh(6, 2), 0);
+        gaps.refreshed(0, refresh(7, 2), 1);
+        gaps.refreshed(0, refresh(6, 2), 1);
+        let later = RefreshId {
+            scene_events: 1,
+            ..refresh(7, 2)
         };
-        gaps.repaired(0, later, 0);
-        assert!(!gaps.is_settled());
-        gaps.repaired(0, later, 1);
-        assert!(gaps.is_settled());
+        gaps.refreshed(0, later, 0);
+        assert!(!gaps.is_converged());
+        gaps.refreshed(0, later, 1);
+        assert!(gaps.is_converged());
     }
 
     #[test]
-    fn a_repair_as_new_as_an_unread_packet_covers_it() {
-        let mut gaps = Gaps::new(0);
-        assert_eq!(gaps.arrive(1, tick(2)), Arrival::Fresh);
-        gaps.could_not_read(1, tick(2), true);
-        gaps.repaired(0, repair(2, 1), 0);
-        assert!(gaps.is_settled());
+    fn a_refresh_as_new_as_an_unread_packet_covers_it() {
+        let mut gaps = PacketGaps::new(0);
+        assert_eq!(gaps.arrive(1, tick(2)), PacketArrival::Fresh);
+        gaps.note_unread(1, tick(2), true);
+        gaps.refreshed(0, refresh(2, 1), 0);
+        assert!(gaps.is_converged());
     }
 
     #[test]
-    fn an_unread_packet_newer_than_the_repair_is_asked_for_itself() {
-        let mut gaps = Gaps::new(0);
-        assert_eq!(gaps.arrive(1, tick(2)), Arrival::Fresh);
-        assert_eq!(gaps.arrive(2, tick(9)), Arrival::Fresh);
-        gaps.could_not_read(2, tick(9), true);
-        gaps.repaired(0, repair(5, 1), 0);
+    fn an_unread_packet_newer_than_the_refresh_is_asked_for_itself() {
+        let mut gaps = PacketGaps::new(0);
+        assert_eq!(gaps.arrive(1, tick(2)), PacketArrival::Fresh);
+        assert_eq!(gaps.arrive(2, tick(9)), PacketArrival::Fresh);
+        gaps.note_unread(2, tick(9), true);
+        gaps.refreshed(0, refresh(5, 1), 0);
         assert_eq!(gaps.missing().collect::<Vec<_>>(), [2]);
-        gaps.repaired(2, repair(9, 1), 0);
-        assert!(gaps.is_settled());
+        gaps.refreshed(2, refresh(9, 1), 0);
+        assert!(gaps.is_converged());
     }
 
     #[test]
-    fn what_is_asked_for_is_not_asked_for_again_once_it_was_repaired() {
-        let mut gaps = Gaps::new(0);
-        assert_eq!(gaps.arrive(1, tick(2)), Arrival::Fresh);
-        gaps.could_not_read(1, tick(2), false);
+    fn refreshed_packets_are_not_requested_again() {
+        let mut gaps = PacketGaps::new(0);
+        assert_eq!(gaps.arrive(1, tick(2)), PacketArrival::Fresh);
+        gaps.note_unread(1, tick(2), false);
         assert_eq!(gaps.missing().collect::<Vec<_>>(), [0, 1]);
-        gaps.could_not_read(1, tick(2), true);
-        gaps.repaired(1, repair(2, 1), 0);
-        assert_eq!(gaps.arrive(0, tick(1)), Arrival::Fresh);
-        assert!(gaps.is_settled());
+        gaps.note_unread(1, tick(2), true);
+        gaps.refreshed(1, refresh(2, 1), 0);
+        assert_eq!(gaps.arrive(0, tick(1)), PacketArrival::Fresh);
+        assert!(gaps.is_converged());
     }
 
     #[test]
-    fn what_waits_for_a_packet_that_is_read_again_is_read_again_after_it() {
-        let mut gaps = Gaps::new(0);
-        assert_eq!(gaps.arrive(1, tick(2)), Arrival::Fresh);
-        gaps.could_not_read(1, tick(2), false);
-        assert_eq!(gaps.arrive(2, tick(2)), Arrival::Fresh);
-        gaps.could_not_read(2, tick(2), true);
-        gaps.repaired(0, repair(2, 1), 0);
+    fn dependents_are_reread_after_their_packet() {
+        let mut gaps = PacketGaps::new(0);
+        assert_eq!(gaps.arrive(1, tick(2)), PacketArrival::Fresh);
+        gaps.note_unread(1, tick(2), false);
+        assert_eq!(gaps.arrive(2, tick(2)), PacketArrival::Fresh);
+        gaps.note_unread(2, tick(2), true);
+        gaps.refreshed(0, refresh(2, 1), 0);
         assert!(gaps.read_again(1));
         assert_eq!(gaps.missing().collect::<Vec<_>>(), [2]);
         assert!(gaps.read_again(2));
-        assert!(gaps.is_settled());
+        assert!(gaps.is_converged());
     }
 
     #[test]
     fn a_packet_that_its_publisher_has_forgotten_is_lost_for_good() {
-        let mut gaps = Gaps::new(0);
-        let history = HISTORY_PACKETS as u64;
-        for number in 1..history {
-            assert_eq!(gaps.arrive(number, tick(number)), Arrival::Fresh);
+        let mut gaps = PacketGaps::new(0);
+        let sent_packets = HISTORY_PACKETS as u64;
+        for number in 1..sent_packets {
+            assert_eq!(gaps.arrive(number, tick(number)), PacketArrival::Fresh);
         }
         assert_eq!(gaps.missing().collect::<Vec<_>>(), [0]);
-        assert_eq!(gaps.arrive(history, tick(history)), Arrival::Lost);
+        assert_eq!(
+            gaps.arrive(sent_packets, tick(sent_packets)),
+            PacketArrival::Lost
+        );
     }
 
     #[test]
     fn too_far_ahead_is_lost_and_changes_nothing() {
-        let mut gaps = Gaps::new(0);
+        let mut gaps = PacketGaps::new(0);
         assert_eq!(
             gaps.arrive(HISTORY_PACKETS as u64 + 1, tick(2)),
-            Arrival::Lost
+            PacketArrival::Lost
         );
-        assert!(gaps.is_settled());
+        assert!(gaps.is_converged());
         assert_eq!(gaps.next(), 0);
     }
 }

@@ -1,6 +1,6 @@
 //! What an engine says of a body after a tick: the publisher's truth.
 
-use rhumb_reckoning::{BodyId, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState};
 
 /// Whether the engine still moves a body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -20,7 +20,7 @@ pub struct Observation {
     /// Which.
     pub id: BodyId,
     /// Where it is, and how it moves: the engine's own bits.
-    pub motion: Verbatim,
+    pub motion: BodyState,
     /// Whether it may move on.
     pub activity: Activity,
 }

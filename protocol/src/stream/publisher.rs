@@ -3,13 +3,13 @@
 //! Knows nothing of who listens: what it says is encoded once for all. Invariant: after `publish`, every observed body
 //! is within the tolerance of its track, grid error included.
 
-mod holding;
+mod attaching;
+mod budget_state;
 mod islands;
 mod packing;
-mod repairing;
-mod sight;
-mod spending;
-mod surveying;
+mod refreshing;
+mod scan;
+mod window;
 
 use alloc::boxed::Box;
 use alloc::vec::Vec;
@@ -18,43 +18,43 @@ use core::num::NonZeroU32;
 use bytes::Bytes;
 use glam::Vec3;
 use rhumb_reckoning::{
-    Anchor, BodyId, HORIZON, Integrator, Motion, Predictor, Settling, Snapped, Tick, Tolerance,
-    Track,
+    Anchor, BodyId, Integrator, Motion, Predictor, QuantisedState, RestCorrection, TRACK_AGE_MAX,
+    Tick, Tolerance, Track,
 };
 
-use super::choose::{Chooser, Holder, Subject, share};
+use super::aliases::AliasTable;
+use super::choose::{Chooser, ParentCandidate, Subject, share};
 use super::features::Features;
-use super::history::History;
+use super::fec_encoder::FecEncoder;
 use super::observation::{Activity, Observation};
-use super::parities::Parities;
-use super::seats::Usher;
+use super::observation_history::ObservationHistory;
+use super::sent_packets::SentPackets;
 use super::start::StreamStart;
-use super::tracks::{Manner, Slot, Tracks};
-use super::witness::Witness;
-use crate::packet::{Age, Excess, Low16, Saying, StreamId, TrackSaying, Update, Vouch};
-use crate::room::push;
-use holding::Large;
-use repairing::Namings;
-use sight::Sight;
-pub use spending::InArrears;
-use spending::Spending;
-use surveying::Survey;
+use super::tracks::{PredictionParameters, Slot, Tracks};
+use crate::capacity::push;
+use crate::packet::{Age, ErrorScale, Keyframe, Low16, StreamId, Update, UpdatePayload, Watermark};
+use attaching::LargeBody;
+use budget_state::BudgetState;
+pub use budget_state::OverBudget;
+use refreshing::ParentReferences;
+use scan::ObservationScan;
+use window::ObservationWindow;
 
 /// What a publisher said so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PublisherStatistics {
     /// Updates said.
     pub updates: u64,
-    /// Packets, repairs and vouches aside.
+    /// Packets, refreshes and watermarks aside.
     pub packets: u64,
     /// Their bytes.
     pub bytes: u64,
     /// Observations that were held against tracks: a body that sleeps on is not among them.
     pub looked: u64,
-    /// Seats that were looked at, for bodies that were silent for long: those where somebody sits, and some next to them.
-    pub seats: u64,
+    /// ReceivedAliases that were looked at, for bodies that were silent for long: those where somebody sits, and some next to them.
+    pub aliases: u64,
     /// Bodies that were not told of though they were off, for want of budget, each counted at every tick.
-    pub withheld: u64,
+    pub over_budget: u64,
 }
 
 /// What a stream is, at its source.
@@ -65,7 +65,7 @@ pub struct StreamTerms {
     /// How the scene steps.
     pub integrator: Integrator,
     /// The multiples of this number are the ticks that it is said of.
-    pub every: NonZeroU32,
+    pub publish_interval: NonZeroU32,
     /// What pulls now, m/s².
     pub gravity: Vec3,
     /// What its publisher may use.
@@ -80,11 +80,11 @@ impl StreamTerms {
             stream,
             tolerance: self.tolerance,
             integrator: self.integrator,
-            every: self.every,
+            publish_interval: self.publish_interval,
             gravity: self.gravity,
             tick,
             next: 0,
-            notices: 0,
+            scene_events: 0,
         }
     }
 }
@@ -95,20 +95,20 @@ pub struct Publisher {
     stream: StreamId,
     tracks: Tracks,
     features: Features,
-    history: History,
-    parities: Parities,
+    sent_packets: SentPackets,
+    repair_symbols: FecEncoder,
     tick: Tick,
-    usher: Usher,
+    alias_table: AliasTable,
     /// Who holds others, and how many, in order of index.
-    burdens: Vec<(u32, u32)>,
-    namings: Namings,
+    child_counts: Vec<(u32, u32)>,
+    parent_references: ParentReferences,
     updates: Vec<Update>,
-    /// Who came to rest at this tick: packets still name them by their seats.
-    leaving: Vec<u32>,
+    /// Who came to rest at this tick: packets still name them by their aliases.
+    resting_bodies: Vec<u32>,
     /// What the look at a tick found; none while it is made use of.
-    survey: Option<Box<Survey>>,
+    scan: Option<Box<ObservationScan>>,
     /// What it may take, if that is limited, and who waits.
-    spending: Option<Box<Spending>>,
+    budget_state: Option<Box<BudgetState>>,
     /// Factor on all tolerances that a budget asks for at present; one without.
     slack: f64,
     statistics: PublisherStatistics,
@@ -117,26 +117,29 @@ pub struct Publisher {
 impl Publisher {
     /// A stream without bodies.
     #[must_use]
-    pub fn new(stream: StreamId, terms: &StreamTerms, tick: Tick) -> Self {
+    pub fn new(stream: StreamId, config: &StreamTerms, tick: Tick) -> Self {
         Self {
             stream,
             tracks: Tracks::new(
-                terms.tolerance,
-                terms.integrator,
-                terms.every,
-                terms.gravity,
+                config.tolerance,
+                config.integrator,
+                config.publish_interval,
+                config.gravity,
             ),
-            features: terms.features,
-            history: History::default(),
-            parities: Parities::default(),
+            features: config.features,
+            sent_packets: SentPackets::default(),
+            repair_symbols: FecEncoder::default(),
             tick,
-            usher: Usher::default(),
-            burdens: Vec::new(),
-            namings: Namings::default(),
+            alias_table: AliasTable::default(),
+            child_counts: Vec::new(),
+            parent_references: ParentReferences::default(),
             updates: Vec::new(),
-            leaving: Vec::new(),
-            survey: Some(Box::new(Survey::new(terms.tolerance, terms.integrator))),
-            spending: None,
+            resting_bodies: Vec::new(),
+            scan: Some(Box::new(ObservationScan::new(
+                config.tolerance,
+                config.integrator,
+            ))),
+            budget_state: None,
             slack: 1.0,
             statistics: PublisherStatistics::default(),
         }
@@ -160,20 +163,20 @@ impl Publisher {
         self.statistics
     }
 
-    /// A body has come into the scene, and every listener is told its first track by a notice.
+    /// A body has come into the scene, and every listener is told its first track by a scene_event.
     ///
     /// Returns `false` when the table has no room, which the scene's own limits prevent.
     #[must_use]
-    pub fn place(&mut self, id: BodyId, manner: &Manner, track: Track) -> bool {
-        self.tracks.place(id, manner, track, None)
+    pub fn place(&mut self, id: BodyId, parameters: &PredictionParameters, track: Track) -> bool {
+        self.tracks.place(id, parameters, track, None)
     }
 
     /// A body has left the scene. What it held is said anew at the next tick.
     pub fn remove(&mut self, id: BodyId) {
-        let held_by = self.tracks.slot(id.index()).and_then(Slot::carrier);
+        let attached_to = self.tracks.slot(id.index()).and_then(Slot::parent);
         if self.tracks.remove(id) {
-            self.usher.leave(id.index());
-            self.shift_burden(held_by, None);
+            self.alias_table.release(id.index());
+            self.move_child(attached_to, None);
         }
     }
 
@@ -194,16 +197,16 @@ impl Publisher {
             .map(|(index, slot)| (slot.id(index), slot.track()))
     }
 
-    /// The seat of a body, if it has one: what a late listener must be told too.
+    /// The alias of a body, if it has one: what a late listener must be told too.
     #[must_use]
-    pub fn seat(&self, id: BodyId) -> Option<u32> {
-        self.usher.seats().of(id.index())
+    pub fn alias(&self, id: BodyId) -> Option<u32> {
+        self.alias_table.aliases().of(id.index())
     }
 
     /// The number of the next packet.
     #[must_use]
     pub const fn next_number(&self) -> u64 {
-        self.history.next()
+        self.sent_packets.next()
     }
 
     /// The tick up to which everything was said.
@@ -217,61 +220,81 @@ impl Publisher {
         &self.tracks
     }
 
-    /// Says what must be said of what was witnessed and appends the datagrams to `out`; none when every track still
+    /// Says what must be said of what was observed and appends the datagrams to `out`; none when every track still
     /// holds, or nothing is spoken of now.
     ///
-    /// `notices`: how many the scene has given, up to the newest tick that was witnessed.
-    pub fn publish(&mut self, witness: &Witness, notices: u64, out: &mut Vec<Bytes>) {
+    /// `scene_events`: how many the scene has given, up to the newest tick that was observed.
+    pub fn publish(
+        &mut self,
+        observation_history: &ObservationHistory,
+        scene_events: u64,
+        out: &mut Vec<Bytes>,
+    ) {
         // A stream that began after that tick has told it already.
-        let Some(tick) = witness.present().filter(|tick| *tick > self.tick) else {
+        let Some(tick) = observation_history
+            .present()
+            .filter(|tick| *tick > self.tick)
+        else {
             return;
         };
         let before = core::mem::replace(&mut self.tick, tick);
-        if let Some(spending) = self.spending.take() {
-            return self.publish_within(spending, witness, before, notices, out);
+        if let Some(budget_state) = self.budget_state.take() {
+            return self.publish_within(
+                budget_state,
+                observation_history,
+                before,
+                scene_events,
+                out,
+            );
         }
-        let observations = witness.at(tick).unwrap_or_default();
+        let observations = observation_history.at(tick).unwrap_or_default();
         let mut updates = core::mem::take(&mut self.updates);
         updates.clear();
-        self.statistics.seats += self.usher.sweep(tick);
-        let mut survey = self.survey.take().expect("no look is going on");
-        self.survey(tick, observations, &mut survey);
+        self.statistics.aliases += self.alias_table.release_idle_aliases(tick);
+        let mut scan = self.scan.take().expect("no look is going on");
+        self.scan(tick, observations, &mut scan);
         // What may hold others is spoken of first, so that what it holds is judged by where it is said to be.
         let mut say = |update: Option<Update>| {
             if let Some(update) = update {
                 push(&mut updates, update);
             }
         };
-        for Large { place, .. } in &survey.holders {
-            say(self.judge(witness, tick, (*place, &observations[*place]), None));
+        for LargeBody { place, .. } in &scan.parent_candidates {
+            say(self.check(
+                observation_history,
+                tick,
+                (*place, &observations[*place]),
+                None,
+            ));
         }
-        self.survey_burdened(observations, &mut survey);
-        for place in &survey.burdened {
+        self.scan_other_parents(observations, &mut scan);
+        for place in &scan.other_parents {
             let place = *place as usize;
             let seen = (place, &observations[place]);
-            say(self.judge(witness, tick, seen, None));
+            say(self.check(observation_history, tick, seen, None));
         }
-        for place in &survey.doubtful {
-            if survey.is_before(*place) {
+        for place in &scan.undecided {
+            if scan.is_before(*place) {
                 continue;
             }
             let place = *place as usize;
             let seen = (place, &observations[place]);
-            let holder = self.holder_of(seen.1, &survey.holders, observations);
-            say(self.judge(witness, tick, seen, holder));
+            let parent_candidate =
+                self.parent_candidate_of(seen.1, &scan.parent_candidates, observations);
+            say(self.check(observation_history, tick, seen, parent_candidate));
         }
-        self.survey = Some(survey);
-        self.say(tick, &mut updates, notices, out);
+        self.scan = Some(scan);
+        self.say(tick, &mut updates, scene_events, out);
         self.updates = updates;
     }
 
     /// Says what was judged to be said at a tick.
-    fn say(&mut self, tick: Tick, updates: &mut [Update], notices: u64, out: &mut Vec<Bytes>) {
-        self.pack(tick, updates, notices, out);
-        for index in self.leaving.drain(..) {
-            self.usher.leave(index);
+    fn say(&mut self, tick: Tick, updates: &mut [Update], scene_events: u64, out: &mut Vec<Bytes>) {
+        self.pack(tick, updates, scene_events, out);
+        for index in self.resting_bodies.drain(..) {
+            self.alias_table.release(index);
         }
-        self.namings.end_tick(self.history.next());
+        self.parent_references.end_tick(self.sent_packets.next());
     }
 
     /// The slot of a body that was seen at the present tick: not of one that came later, or has the index of one that went.
@@ -284,109 +307,127 @@ impl Publisher {
     /// Compares one body with its track; when the track no longer holds, replaces it and returns what says so.
     ///
     /// `seen`: what was seen of it, and its place about there among those that were seen.
-    fn judge(
+    fn check(
         &mut self,
-        witness: &Witness,
+        observation_history: &ObservationHistory,
         tick: Tick,
         seen: (usize, &Observation),
-        holder: Option<usize>,
+        parent_candidate: Option<usize>,
     ) -> Option<Update> {
         let (_, observation) = seen;
         let index = observation.id.index();
         let slot = self.seen_slot(observation)?;
-        let (saying, track) = match observation.activity {
+        let (payload, track) = match observation.activity {
             Activity::Asleep => {
-                // Who was woken and lies within tolerance of where it lay never came out of rest for who watches.
-                if slot.is_verbatim_rest() && self.lies(witness, tick, slot, observation) {
+                // Who was woken and is_within_rest within tolerance of where it lay never came out of rest for who watches.
+                if slot.is_exact_rest()
+                    && self.is_within_rest(observation_history, tick, slot, observation)
+                {
                     return None;
                 }
                 let resting = Track::resting(tick, observation.motion);
-                (self.settle(tick, slot, observation), resting)
+                (self.rest_payload(tick, slot, observation), resting)
             }
-            Activity::Awake => self.correct(witness, tick, slot, seen, holder)?,
+            Activity::Awake => {
+                self.correct(observation_history, tick, slot, seen, parent_candidate)?
+            }
         };
-        let before = slot.carrier();
+        let before = slot.parent();
         self.tracks.set_track(index, track);
-        let saying = self.readable(index, before, saying, &track);
-        if before != track.carrier {
-            self.shift_burden(before, track.carrier);
+        let payload = self.readable(index, before, payload, &track);
+        if before != track.parent {
+            self.move_child(before, track.parent);
         }
-        let (seat, taken) = self.usher.seat(index, tick);
-        if track.is_verbatim_rest() {
-            self.leaving.push(index);
+        let (alias, taken) = self.alias_table.alias(index, tick);
+        if track.is_exact_rest() {
+            self.resting_bodies.push(index);
         }
-        let named = taken || matches!(saying, Saying::Whole(_));
+        let named = taken || matches!(payload, UpdatePayload::Keyframe(_));
         Some(Update {
-            seat,
+            alias,
             body: named.then_some(index),
-            saying,
+            payload,
         })
     }
 
     /// Whether a body is within tolerance of where it is said to lie.
-    fn lies(&self, witness: &Witness, tick: Tick, slot: &Slot, observation: &Observation) -> bool {
+    fn is_within_rest(
+        &self,
+        observation_history: &ObservationHistory,
+        tick: Tick,
+        slot: &Slot,
+        observation: &Observation,
+    ) -> bool {
         let index = observation.id.index();
         let used = share(
             &observation.motion.motion().pose(),
-            &self.tracks.believed((index, slot), tick).pose(),
+            &self.tracks.predicted_motion((index, slot), tick).pose(),
             self.tracks.tolerance_of(slot),
             self.tracks.radius(slot),
         );
-        used <= self.closeness(witness, index)
+        used <= self.closeness(observation_history, index)
     }
 
     /// What says that a body rests where the engine has it, to the bit.
-    fn settle(&self, tick: Tick, slot: &Slot, observation: &Observation) -> Saying {
+    fn rest_payload(&self, tick: Tick, slot: &Slot, observation: &Observation) -> UpdatePayload {
         let index = observation.id.index();
         let track = slot.track();
         let since = tick.since(track.origin);
-        let fresh = since.is_some_and(|since| since <= HORIZON);
+        let fresh = since.is_some_and(|since| since <= TRACK_AGE_MAX);
         let age = self.tracks.age(&track, tick);
         let age = age.filter(|age| *age > Age::new(0));
-        let free = track.carrier.is_none() && self.features.residuals;
+        let free = track.parent.is_none() && self.features.residuals;
         let still = track.predictor == Predictor::Rest;
-        let settling = age.filter(|_| free && (still || fresh));
-        let settling = settling.and_then(|age| {
-            let predicted = self.tracks.believed((index, slot), tick);
-            let settling = Settling::of(&observation.motion, &predicted.pose())?;
-            Some(Saying::Settled { age, settling })
+        let rest_correction = age.filter(|_| free && (still || fresh));
+        let rest_correction = rest_correction.and_then(|age| {
+            let predicted = self.tracks.predicted_motion((index, slot), tick);
+            let rest_correction = RestCorrection::of(&observation.motion, &predicted.pose())?;
+            Some(UpdatePayload::Resting {
+                age,
+                rest_correction,
+            })
         });
-        settling.unwrap_or_else(|| {
-            Saying::Whole(TrackSaying::of(&Track::resting(tick, observation.motion)))
+        rest_correction.unwrap_or_else(|| {
+            UpdatePayload::Keyframe(Keyframe::of(&Track::resting(tick, observation.motion)))
         })
     }
 
     /// What to say of a body that is awake, or `None` while its track holds.
     fn correct(
         &self,
-        witness: &Witness,
+        observation_history: &ObservationHistory,
         tick: Tick,
         slot: &Slot,
         (place, observation): (usize, &Observation),
-        holder: Option<usize>,
-    ) -> Option<(Saying, Track)> {
+        parent_candidate: Option<usize>,
+    ) -> Option<(UpdatePayload, Track)> {
         let truth = observation.motion.motion();
         let track = slot.track();
-        let believed = self.tracks.believed((observation.id.index(), slot), tick);
+        let predicted_motion = self
+            .tracks
+            .predicted_motion((observation.id.index(), slot), tick);
         let tolerance = self.tracks.tolerance_of(slot);
         let age = tick.since(track.origin)?;
         let moves = track.predictor != Predictor::Rest;
-        let orphaned = track.carrier.is_some() && self.tracks.carrier(&track).is_none();
-        let expired = (age >= HORIZON && moves) || orphaned || !self.features.gate;
+        let orphaned = track.parent.is_some() && self.tracks.parent(&track).is_none();
+        let expired = (age >= TRACK_AGE_MAX && moves) || orphaned || !self.features.prefilter;
         let used = share(
             &truth.pose(),
-            &believed.pose(),
+            &predicted_motion.pose(),
             tolerance,
             self.tracks.radius(slot),
         );
-        let closeness = self.closeness(witness, observation.id.index());
+        let closeness = self.closeness(observation_history, observation.id.index());
         if !expired && used <= closeness {
             return None;
         }
-        let seen = Sight::of(witness, observation.id, tick, place);
-        let held_by = holder.and_then(|place| {
-            let other = witness.at(tick)?.get(place)?;
-            Some((other, Sight::of(witness, other.id, tick, place)))
+        let seen = ObservationWindow::of(observation_history, observation.id, tick, place);
+        let attached_to = parent_candidate.and_then(|place| {
+            let other = observation_history.at(tick)?.get(place)?;
+            Some((
+                other,
+                ObservationWindow::of(observation_history, other.id, tick, place),
+            ))
         });
         let chooser = Chooser {
             tracks: &self.tracks,
@@ -400,14 +441,14 @@ impl Publisher {
             track: &track,
             tick,
             truth,
-            believed,
+            predicted_motion,
             last: seen.last,
             past: seen.past,
             stride,
             ahead: seen.ahead(),
             ends: seen.ends(),
-            holder: held_by.as_ref().and_then(|(other, seen)| {
-                Some(Holder {
+            parent_candidate: attached_to.as_ref().and_then(|(other, seen)| {
+                Some(ParentCandidate {
                     index: other.id.index(),
                     slot: self.tracks.slot(other.id.index())?,
                     truth: other.motion.motion(),
@@ -420,9 +461,9 @@ impl Publisher {
                 })
             }),
         };
-        let chosen = chooser.foresee(&subject).or_else(|| {
+        let chosen = chooser.decide_mode(&subject).or_else(|| {
             let choice = chooser.choose(&subject)?;
-            Some((choice.saying, choice.track))
+            Some((choice.payload, choice.track))
         });
         Some(chosen.unwrap_or_else(|| self.anew(tick, slot, observation, &truth)))
     }
@@ -435,46 +476,46 @@ impl Publisher {
         slot: &Slot,
         observation: &Observation,
         truth: &Motion,
-    ) -> (Saying, Track) {
+    ) -> (UpdatePayload, Track) {
         let grid = self.tracks.grid(slot);
         let falls = self.features.ballistic && self.tracks.gravity(slot, tick) != glam::DVec3::ZERO;
-        let predictor = match (falls, slot.tumbles() && self.features.tumbling) {
-            (true, true) => Predictor::Thrown,
+        let predictor = match (falls, slot.is_torque_free() && self.features.torque_free) {
+            (true, true) => Predictor::BallisticTorqueFree,
             (true, false) => Predictor::Ballistic,
-            (false, true) => Predictor::Tumbling,
+            (false, true) => Predictor::TorqueFree,
             (false, false) => Predictor::Uniform,
         };
-        let snapped = Snapped::of(truth, grid);
-        let said = snapped.motion(grid);
+        let quantised = QuantisedState::of(truth, grid);
+        let said = quantised.motion(grid);
         let used = share(
             &truth.pose(),
             &said.pose(),
             self.tracks.tolerance_of(slot),
             self.tracks.radius(slot),
         );
-        let whole = TrackSaying {
+        let keyframe = Keyframe {
             predictor,
             anchor: if used <= 1.0 {
-                Anchor::Snapped(snapped)
+                Anchor::Quantised(quantised)
             } else {
-                Anchor::Verbatim(observation.motion)
+                Anchor::Exact(observation.motion)
             },
-            carrier: None,
+            parent: None,
         };
-        (Saying::Whole(whole), whole.track(tick))
+        (UpdatePayload::Keyframe(keyframe), keyframe.track(tick))
     }
 
-    /// The datagram that vouches for the silence since the last packet.
+    /// The datagram that watermarks for the silence since the last packet.
     #[must_use]
-    pub fn vouch(&self, notices: u64) -> Bytes {
-        let vouch = Vouch {
-            next: Low16::of(self.history.next()),
+    pub fn watermark(&self, scene_events: u64) -> Bytes {
+        let watermark = Watermark {
+            next: Low16::of(self.sent_packets.next()),
             tick: Low16::of(self.tick.value()),
-            notices: Low16::of(notices),
+            scene_events: Low16::of(scene_events),
         };
-        Bytes::from(match self.excess() {
-            Excess::NONE => vouch.encode(self.stream),
-            excess => vouch.encode_in_arrears(self.stream, excess),
+        Bytes::from(match self.error_scale() {
+            ErrorScale::NONE => watermark.encode(self.stream),
+            error_scale => watermark.encode_over_budget(self.stream, error_scale),
         })
     }
 }

@@ -1,6 +1,6 @@
-//! How much of a stream is said again in parities, by how much of it is lost.
+//! How much of a stream is said again in repair_symbols, by how much of it is lost.
 
-/// From so many bytes on a tick is worth two packets: below, what another head takes is more than half a parity saves.
+/// From so many bytes on a tick is worth two packets: below, what another head takes is more than half a repair_symbol saves.
 const HALVED: usize = 200;
 
 /// The loss that is reckoned with where something was lost, however little is: of every hundredth answer.
@@ -8,9 +8,9 @@ const ANSWERED: f64 = 0.01;
 
 /// A share of a stream's packets that was lost, of a million.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Loss(pub u32);
+pub struct LossRate(pub u32);
 
-impl Loss {
+impl LossRate {
     /// Of a hundred.
     #[must_use]
     pub const fn percent(count: u32) -> Self {
@@ -18,7 +18,7 @@ impl Loss {
     }
 }
 
-/// How much is said again in parities.
+/// How much is said again in repair_symbols.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Redundancy {
     /// Nothing: what is lost is asked for.
@@ -37,18 +37,18 @@ impl Redundancy {
 
     /// The loss from which on it is used.
     #[must_use]
-    pub const fn from(self) -> Loss {
+    pub const fn from(self) -> LossRate {
         match self {
-            Self::Off => Loss(0),
-            Self::Thin => Loss::percent(1),
-            Self::Plain => Loss::percent(3),
-            Self::Thick => Loss::percent(10),
+            Self::Off => LossRate(0),
+            Self::Thin => LossRate::percent(1),
+            Self::Plain => LossRate::percent(3),
+            Self::Thick => LossRate::percent(10),
         }
     }
 
     /// What serves for a loss where this served so far: at once more if more is lost, less only if clearly less is.
     #[must_use]
-    pub fn for_loss(self, loss: Loss) -> Self {
+    pub fn for_loss(self, loss: LossRate) -> Self {
         let served = |eased: bool| {
             let enough = |level: &&Self| {
                 let from = level.from().0;
@@ -59,7 +59,7 @@ impl Redundancy {
         served(false).max(self.min(served(true)))
     }
 
-    /// After how many ticks parities are said; none if none are.
+    /// After how many ticks repair_symbols are said; none if none are.
     pub(crate) const fn ticks(self) -> Option<u32> {
         match self {
             Self::Off => None,
@@ -69,25 +69,27 @@ impl Redundancy {
         }
     }
 
-    /// Whether a tick that takes so many bytes is said in two packets, and parities after it: these are half as long then,
+    /// Whether a tick that takes so many bytes is said in two packets, and repair_symbols after it: these are half as long then,
     /// and one of three datagrams that is lost is had back before anything is shown of the tick.
     pub(crate) const fn halves(self, bytes: usize) -> bool {
         matches!(self, Self::Plain | Self::Thick) && bytes >= HALVED
     }
 
-    /// How many parities go with so many new packets: such that of a hundred times hardly once more is lost than they
+    /// How many repair_symbols go with so many new packets: such that of a hundred times hardly once more is lost than they
     /// give back, and no more than there are packets.
-    pub(crate) fn parities(self, packets: u64) -> u64 {
+    pub(crate) fn repair_symbols(self, packets: u64) -> u64 {
         if self == Self::Off {
             return 0;
         }
         let packets = packets.min(64);
         (1..packets)
-            .find(|parities| beyond(packets + parities, *parities, self.loss()) < 0.015)
+            .find(|repair_symbols| {
+                beyond(packets + repair_symbols, *repair_symbols, self.loss()) < 0.015
+            })
             .unwrap_or(packets)
     }
 
-    /// How many parities answer who wants so many, some of which may be under way: such that of a hundred times hardly
+    /// How many repair_symbols answer who wants so many, some of which may be under way: such that of a hundred times hardly
     /// once too few arrive. They are rare, and who asks has waited for a round trip.
     pub(crate) fn answers(self, wanted: usize, under_way: usize) -> usize {
         let least = wanted.saturating_sub(under_way);
@@ -131,25 +133,25 @@ mod tests {
 
     #[test]
     fn more_comes_at_once_and_less_only_when_clearly_less_is_lost() {
-        let percent = Loss::percent;
+        let percent = LossRate::percent;
         assert_eq!(Redundancy::Off.for_loss(percent(5)), Redundancy::Plain);
         assert_eq!(Redundancy::Plain.for_loss(percent(2)), Redundancy::Plain);
         assert_eq!(Redundancy::Thin.for_loss(percent(2)), Redundancy::Thin);
         assert_eq!(Redundancy::Plain.for_loss(percent(1)), Redundancy::Thin);
-        assert_eq!(Redundancy::Plain.for_loss(Loss(0)), Redundancy::Off);
-        assert_eq!(Redundancy::Off.for_loss(Loss(9_999)), Redundancy::Off);
+        assert_eq!(Redundancy::Plain.for_loss(LossRate(0)), Redundancy::Off);
+        assert_eq!(Redundancy::Off.for_loss(LossRate(9_999)), Redundancy::Off);
     }
 
     #[test]
-    fn parities_grow_with_packets_more_slowly_than_these() {
-        let plain = [1, 2, 3, 6, 10, 20].map(|packets| Redundancy::Plain.parities(packets));
+    fn repair_symbols_grow_with_packets_more_slowly_than_these() {
+        let plain = [1, 2, 3, 6, 10, 20].map(|packets| Redundancy::Plain.repair_symbols(packets));
         assert_eq!(plain, [1, 1, 1, 2, 3, 4]);
-        assert_eq!(Redundancy::Off.parities(10), 0);
-        assert_eq!(Redundancy::Thick.parities(1), 1);
+        assert_eq!(Redundancy::Off.repair_symbols(10), 0);
+        assert_eq!(Redundancy::Thick.repair_symbols(1), 1);
     }
 
     #[test]
-    fn who_asks_is_answered_so_that_enough_arrive() {
+    fn answers_carry_enough_repair_symbols() {
         let answers = |level: Redundancy| [0, 1, 2, 5].map(|wanted| level.answers(wanted, 0));
         assert_eq!(answers(Redundancy::Off), [0, 2, 3, 6]);
         assert_eq!(answers(Redundancy::Plain), [0, 2, 3, 7]);

@@ -19,13 +19,13 @@ pub struct StreamStart {
     /// How the scene steps.
     pub integrator: Integrator,
     /// The multiples of this number are the ticks that it is said of.
-    pub every: NonZeroU32,
+    pub publish_interval: NonZeroU32,
     /// What pulls now.
     pub gravity: Vec3,
     /// The tick of the snapshot.
     pub tick: Tick,
     /// Number of the first packet after it.
     pub next: u64,
-    /// Notices that it includes.
-    pub notices: u64,
+    /// SceneEvents that it includes.
+    pub scene_events: u64,
 }

@@ -17,20 +17,20 @@ pub struct SubscriberStatistics {
     pub malformed: u64,
     /// Packets found missing.
     pub missed: u64,
-    /// Parities heard.
-    pub parities: u64,
-    /// Packets that parities gave back.
+    /// FecEncoder heard.
+    pub repair_symbols: u64,
+    /// Packets that repair_symbols gave back.
     pub rebuilt: u64,
     /// Repairs taken in, in parts.
-    pub repairs: u64,
+    pub refreshes: u64,
     /// Updates that built on a missing one.
     pub unread: u64,
-    /// Packets dropped because too many waited for notices.
+    /// Packets dropped because too many waited for scene_events.
     pub overflowed: u64,
     /// Sums over tracks that were compared with the publisher's.
     pub compared: u64,
     /// Of these, sums over all tracks that were others: a fault of one of the two ends.
     pub mismatches: u64,
     /// Bodies whose track was made right for that.
-    pub amended: u64,
+    pub resynced: u64,
 }

@@ -1,10 +1,10 @@
 //! Follows a stream: keeps its tracks, and knows which of them to trust.
 //!
 //! Bytes from anyone: nothing heard may panic, and memory is bounded by the limits. Does not choose when to ask for
-//! repair; see the client's session. Invariant: while the stream is settled, every track equals the publisher's.
+//! refresh; see the client's session. Invariant: while the stream is converged, every track equals the publisher's.
 
-mod believing;
-mod hearing;
+mod applying;
+mod predicting;
 mod reading;
 mod rebuilding;
 
@@ -13,21 +13,23 @@ use alloc::vec::Vec;
 use core::num::NonZeroU32;
 
 use glam::Vec3;
-use rhumb_reckoning::{BodyId, DenseTrack, Metres, Motion, Tick, Tolerance, Track, carried};
+use rhumb_reckoning::{
+    BodyId, DenseTrack, Metres, Motion, Tick, Tolerance, Track, attached_motion,
+};
 
-use super::before::Before;
-use super::bound::Bound;
-use super::doubt::Doubts;
-use super::gaps::Gaps;
-use super::restorer::Restorer;
-use super::seats::{Seats, Sitter};
+use super::aliases::{AliasOwner, ReceivedAliases};
+use super::bound::ErrorBound;
+use super::error_scale_log::ErrorScaleLog;
+use super::fec_decoder::FecDecoder;
+use super::gaps::PacketGaps;
+use super::mismatch::MismatchSearch;
+use super::previous_tracks::PreviousTracks;
 use super::start::StreamStart;
-use super::statements::Statements;
 use super::statistics::SubscriberStatistics;
-use super::tracks::{Manner, Slot, Tracks};
+use super::tracks::{PredictionParameters, Slot, Tracks};
+use crate::capacity::{grow_to, push};
 use crate::limits::INDICES_MAX;
-use crate::packet::{Doubt, Echo, Head, Low16, StreamId, Update};
-use crate::room::{grow_to, push};
+use crate::packet::{ChecksumMismatch, Head, LossReport, Low16, StreamId, Update};
 use crate::wire::Wire;
 use crate::wire::bytes::Reader;
 
@@ -38,48 +40,48 @@ pub struct Subscriber {
     tracks: Tracks,
     /// The snapshot's tick.
     start: Tick,
-    every: NonZeroU32,
+    publish_interval: NonZeroU32,
     /// The number of the first packet.
     first: u64,
     /// The tracks before the present ones, where nothing was said between the two.
-    before: Before,
+    before: PreviousTracks,
     /// The tracks before these, while packets are missing: each with its body's index.
     older: Vec<(u32, DenseTrack)>,
     /// The newest origin of a track before which too little of its body was heard.
     known_from: Tick,
-    gaps: Gaps,
-    restorer: Restorer,
-    notices: u64,
-    /// Datagrams that must wait until more notices were heard.
-    held: VecDeque<Vec<u8>>,
-    /// Indices of bodies that others hold, and of some that these held once.
-    held_indices: Vec<u32>,
-    seats: Seats,
-    vouched: Tick,
-    settled_at: Tick,
+    gaps: PacketGaps,
+    fec_decoder: FecDecoder,
+    scene_events: u64,
+    /// Datagrams that must wait until more scene_events were heard.
+    deferred: VecDeque<Vec<u8>>,
+    /// Indices of bodies that others hold, and of some that these attached once.
+    attached_indices: Vec<u32>,
+    aliases: ReceivedAliases,
+    watermark_tick: Tick,
+    converged_at: Tick,
     newest: Tick,
     /// The tick of the newest packet that said something.
-    spoken: Tick,
-    lost_touch: bool,
-    doubts: Doubts,
-    amended: VecDeque<BodyId>,
-    /// Whether the snapshot is whole; until then datagrams wait.
+    newest_update: Tick,
+    lost_sync: bool,
+    mismatches: MismatchSearch,
+    resynced: VecDeque<BodyId>,
+    /// Whether the snapshot is keyframe; until then datagrams wait.
     placed: bool,
     /// Indices that changed since they were last drained, each once, and whether each index is among them.
     changed: Vec<u32>,
     marked: Vec<bool>,
     updates: Vec<Update>,
-    /// Of a stream whose source is not trusted with more: indices and seats stay below it, and no body holds another.
-    narrow: Option<u32>,
+    /// Of a stream whose source is not trusted with more: indices and aliases stay below it, and no body holds another.
+    restricted: Option<u32>,
     /// Of a stream with a budget, what it says of how far it exceeds its tolerances.
-    statements: Option<Statements>,
+    statements: Option<ErrorScaleLog>,
     statistics: SubscriberStatistics,
 }
 
 impl Subscriber {
     /// A stream of which everything up to `tick` will be placed by the snapshot now arriving.
     ///
-    /// `next`: number of the first packet after the snapshot. `notices`: how many the snapshot includes.
+    /// `next`: number of the first packet after the snapshot. `scene_events`: how many the snapshot includes.
     #[must_use]
     pub fn new(start: &StreamStart) -> Self {
         Self {
@@ -87,44 +89,44 @@ impl Subscriber {
             tracks: Tracks::new(
                 start.tolerance,
                 start.integrator,
-                start.every,
+                start.publish_interval,
                 start.gravity,
             ),
             start: start.tick,
-            every: start.every,
+            publish_interval: start.publish_interval,
             first: start.next,
-            before: Before::default(),
+            before: PreviousTracks::default(),
             older: Vec::new(),
             known_from: Tick::ZERO,
-            gaps: Gaps::new(start.next),
-            restorer: Restorer::new(start.next),
-            notices: start.notices,
-            held: VecDeque::new(),
-            held_indices: Vec::new(),
-            seats: Seats::default(),
-            vouched: start.tick,
-            settled_at: start.tick,
+            gaps: PacketGaps::new(start.next),
+            fec_decoder: FecDecoder::new(start.next),
+            scene_events: start.scene_events,
+            deferred: VecDeque::new(),
+            attached_indices: Vec::new(),
+            aliases: ReceivedAliases::default(),
+            watermark_tick: start.tick,
+            converged_at: start.tick,
             newest: start.tick,
-            spoken: start.tick,
-            lost_touch: false,
-            doubts: Doubts::default(),
-            amended: VecDeque::new(),
+            newest_update: start.tick,
+            lost_sync: false,
+            mismatches: MismatchSearch::default(),
+            resynced: VecDeque::new(),
             placed: false,
             changed: Vec::new(),
             marked: Vec::new(),
             updates: Vec::new(),
-            narrow: None,
+            restricted: None,
             statements: None,
             statistics: SubscriberStatistics::default(),
         }
     }
 
-    /// The same of a stream whose bodies and seats have numbers below `end` and hold one another never, so that no peer
+    /// The same of a stream whose bodies and aliases have numbers below `end` and hold one another never, so that no peer
     /// makes tables longer.
     #[must_use]
-    pub(crate) fn narrow(start: &StreamStart, end: u32) -> Self {
+    pub(crate) fn restricted(start: &StreamStart, end: u32) -> Self {
         Self {
-            narrow: Some(end),
+            restricted: Some(end),
             ..Self::new(start)
         }
     }
@@ -133,7 +135,7 @@ impl Subscriber {
     #[must_use]
     pub fn limited(start: &StreamStart) -> Self {
         Self {
-            statements: Some(Statements::new(start.next, start.tick)),
+            statements: Some(ErrorScaleLog::new(start.next, start.tick)),
             ..Self::new(start)
         }
     }
@@ -141,7 +143,7 @@ impl Subscriber {
     /// The factor by which tolerances may be exceeded at a tick: one, unless the stream has a budget that did not suffice;
     /// `None` where a stream with a budget was not heard to say it.
     #[must_use]
-    pub fn excess_at(&self, tick: Tick) -> Option<f64> {
+    pub fn error_scale_at(&self, tick: Tick) -> Option<f64> {
         self.statements
             .as_ref()
             .map_or(Some(1.0), |said| said.at(tick))
@@ -170,7 +172,7 @@ impl Subscriber {
         self.tracks.tolerance()
     }
 
-    /// Its promise for a body: by the body's class.
+    /// Its promise for a body: by the body's tolerance_scale.
     #[must_use]
     pub fn tolerance_of(&self, id: BodyId) -> Option<Tolerance> {
         let slot = self.tracks.slot(id.index())?;
@@ -185,42 +187,44 @@ impl Subscriber {
 
     /// The newest tick up to which everything that was sent is known to have been sent.
     #[must_use]
-    pub const fn vouched(&self) -> Tick {
-        self.vouched
+    pub const fn watermark_tick(&self) -> Tick {
+        self.watermark_tick
     }
 
-    /// For how many ticks up to the vouched one nothing was said. A stream that runs freely vouches again before it has
+    /// For how many ticks up to the watermark_tick one nothing was said. A stream that runs freely watermarks again before it has
     /// been silent for twice as long, or for two and a half seconds more (PROTOCOL 6.4).
     #[must_use]
     pub const fn silent_ticks(&self) -> u64 {
-        self.vouched.value().saturating_sub(self.spoken.value())
+        self.watermark_tick
+            .value()
+            .saturating_sub(self.newest_update.value())
     }
 
     /// The newest tick at which the promise holds for every body.
     #[must_use]
     pub fn complete(&self) -> Tick {
-        if self.is_settled() && self.known_from <= self.vouched {
-            self.vouched
+        if self.is_converged() && self.known_from <= self.watermark_tick {
+            self.watermark_tick
         } else {
-            self.settled_at
+            self.converged_at
         }
     }
 
-    /// The tick from which on everything is known, up to the vouched one, while nothing is missing.
+    /// The tick from which on everything is known, up to the watermark_tick one, while nothing is missing.
     pub(crate) const fn known_from(&self) -> Tick {
         self.known_from
     }
 
     /// Whether nothing is missing.
     #[must_use]
-    pub fn is_settled(&self) -> bool {
-        self.placed && self.gaps.is_settled() && self.held.is_empty() && !self.lost_touch
+    pub fn is_converged(&self) -> bool {
+        self.placed && self.gaps.is_converged() && self.deferred.is_empty() && !self.lost_sync
     }
 
     /// Whether so much is missing that only a new snapshot helps.
     #[must_use]
-    pub const fn has_lost_touch(&self) -> bool {
-        self.lost_touch
+    pub const fn has_lost_sync(&self) -> bool {
+        self.lost_sync
     }
 
     /// One more than the highest index that any body had.
@@ -257,9 +261,9 @@ impl Subscriber {
         (slot.id(id.index()) == id).then(|| slot.dense().is_resting())
     }
 
-    /// What is believed of a body at a tick: by its track, or before that one's origin by the track before.
+    /// What is predicted_motion of a body at a tick: by its track, or before that one's origin by the track before.
     #[must_use]
-    pub fn believed(&self, id: BodyId, tick: Tick) -> Option<Motion> {
+    pub fn predicted_motion(&self, id: BodyId, tick: Tick) -> Option<Motion> {
         let slot = self.tracks.slot(id.index())?;
         if slot.id(id.index()) != id {
             return None;
@@ -268,13 +272,13 @@ impl Subscriber {
         let track = self.track_at(id.index(), &present, tick);
         let track = track.unwrap_or(present);
         let motion = self.tracks.framed((id.index(), slot), &track, tick);
-        let Some((index, carrier)) = self.tracks.carrier(&track) else {
+        let Some((index, parent)) = self.tracks.parent(&track) else {
             return Some(motion);
         };
-        let present = carrier.track();
-        let held_by = self.track_at(index, &present, tick).unwrap_or(present);
-        let by = self.tracks.framed((index, carrier), &held_by, tick);
-        Some(carried(&by, &motion.pose()))
+        let present = parent.track();
+        let attached_to = self.track_at(index, &present, tick).unwrap_or(present);
+        let by = self.tracks.framed((index, parent), &attached_to, tick);
+        Some(attached_motion(&by, &motion.pose()))
     }
 
     /// What a track of a body, this one or one that it had, says of a tick.
@@ -283,7 +287,7 @@ impl Subscriber {
         (slot.id(id.index()) == id).then(|| self.tracks.framed_fresh(slot, track, tick))
     }
 
-    /// Which of a body's last two tracks held at a tick, as far as is known.
+    /// Which of a body's last two tracks attached at a tick, as far as is known.
     fn track_at(&self, index: u32, track: &Track, tick: Tick) -> Option<Track> {
         if track.origin <= tick {
             return Some(*track);
@@ -292,58 +296,63 @@ impl Subscriber {
         before.filter(|before| before.origin <= tick)
     }
 
-    /// How far off the copy of a body may be at the vouched tick.
+    /// How far off the copy of a body may be at the watermark_tick tick.
     #[must_use]
-    pub fn bound(&self, id: BodyId) -> Option<Bound> {
-        self.bound_at(id, self.vouched)
+    pub fn bound(&self, id: BodyId) -> Option<ErrorBound> {
+        self.bound_at(id, self.watermark_tick)
     }
 
-    /// How far off the copy of a body may be at a tick; unknown for one that is not vouched for yet, that lies before the
-    /// tracks that are still held, or between two ticks that are spoken of.
+    /// How far off the copy of a body may be at a tick; unknown for one that is not watermark_tick for yet, that lies before the
+    /// tracks that are still attached, or between two ticks that are newest_update of.
     #[must_use]
-    pub fn bound_at(&self, id: BodyId, tick: Tick) -> Option<Bound> {
+    pub fn bound_at(&self, id: BodyId, tick: Tick) -> Option<ErrorBound> {
         let track = self.track(id)?;
         let slot = self.tracks.slot(id.index())?;
-        let since = self.settled_at;
-        let doubted = self.gaps.doubted_before();
+        let since = self.converged_at;
+        let doubted = self.gaps.unsure_before();
         let in_doubt = |track: &Track| doubted.is_some_and(|before| track.origin < before);
         let sure = |index: u32, track: &Track| {
-            let held = self.track_at(index, track, tick);
-            held.filter(|held| !in_doubt(held))
+            let attached = self.track_at(index, track, tick);
+            attached.filter(|attached| !in_doubt(attached))
         };
-        let known = sure(id.index(), &track).is_some_and(|then| match then.carrier {
+        let known = sure(id.index(), &track).is_some_and(|then| match then.parent {
             None => true,
-            // What is held is known as well as its holder.
+            // What is attached is known as well as its parent_candidate.
             Some(_) => self
                 .tracks
-                .carrier(&then)
-                .is_some_and(|(index, carrier)| sure(index, &carrier.track()).is_some()),
+                .parent(&then)
+                .is_some_and(|(index, parent)| sure(index, &parent.track()).is_some()),
         });
-        if tick > self.vouched || !self.is_spoken_of(tick) || self.lost_touch || !known {
-            return Some(Bound::Unknown { since });
+        if tick > self.watermark_tick || !self.is_published(tick) || self.lost_sync || !known {
+            return Some(ErrorBound::Unknown { since });
         }
-        let Some(excess) = self.excess_at(tick) else {
-            return Some(Bound::Unknown { since });
+        let Some(error_scale) = self.error_scale_at(tick) else {
+            return Some(ErrorBound::Unknown { since });
         };
         let reach = self
             .tracks
             .tolerance_of(slot)
             .reach(self.tracks.radius(slot));
-        Some(Bound::Within(Metres::new(reach.metres() * excess)))
+        Some(ErrorBound::Within(Metres::new(
+            reach.metres() * error_scale,
+        )))
     }
 
     /// Whether the promise is about a tick.
-    fn is_spoken_of(&self, tick: Tick) -> bool {
-        tick == self.start || tick.value().is_multiple_of(u64::from(self.every.get()))
+    fn is_published(&self, tick: Tick) -> bool {
+        tick == self.start
+            || tick
+                .value()
+                .is_multiple_of(u64::from(self.publish_interval.get()))
     }
 
     /// The last tick before this one that the promise is about.
-    fn spoken_before(&self, tick: Tick) -> Tick {
+    fn published_before(&self, tick: Tick) -> Tick {
         let before = tick.value().saturating_sub(1);
-        Tick::new(before - before % u64::from(self.every.get()))
+        Tick::new(before - before % u64::from(self.publish_interval.get()))
     }
 
-    /// Moves the indices of bodies that came, went or were updated since the last call into `out`, in no order,
+    /// TierPolicy the indices of bodies that came, went or were updated since the last call into `out`, in no order,
     /// each once.
     pub fn drain_changed(&mut self, out: &mut Vec<u32>) {
         for index in &self.changed {
@@ -366,20 +375,20 @@ impl Subscriber {
         }
     }
 
-    /// Counts what is held as changed where its holder is.
-    fn touch_held(&mut self) {
-        let mut held = core::mem::take(&mut self.held_indices);
-        held.retain(|index| {
-            let Some(carrier) = self.tracks.slot(*index).and_then(Slot::carrier) else {
+    /// Counts what is attached as changed where its parent_candidate is.
+    fn touch_attached(&mut self) {
+        let mut attached = core::mem::take(&mut self.attached_indices);
+        attached.retain(|index| {
+            let Some(parent) = self.tracks.slot(*index).and_then(Slot::parent) else {
                 return false;
             };
-            let moved = self.marked.get(carrier.index() as usize);
+            let moved = self.marked.get(parent.index() as usize);
             if moved.copied().unwrap_or_default() {
                 self.touch(*index);
             }
             true
         });
-        self.held_indices = held;
+        self.attached_indices = attached;
     }
 
     /// Counts every index below this one as changed.
@@ -389,10 +398,10 @@ impl Subscriber {
         }
     }
 
-    /// A notice placed a body; `false` when that breaks a limit.
+    /// A scene_event placed a body; `false` when that breaks a limit.
     #[must_use]
-    pub fn place(&mut self, id: BodyId, manner: &Manner, track: Track) -> bool {
-        self.place_labelled(id, manner, track, self.label(id))
+    pub fn place(&mut self, id: BodyId, parameters: &PredictionParameters, track: Track) -> bool {
+        self.place_labelled(id, parameters, track, self.label(id))
     }
 
     /// The same with a label, a number of the caller's own that many bodies may share; the other keeps it.
@@ -400,15 +409,15 @@ impl Subscriber {
     pub(crate) fn place_labelled(
         &mut self,
         id: BodyId,
-        manner: &Manner,
+        parameters: &PredictionParameters,
         track: Track,
         label: Option<u32>,
     ) -> bool {
-        let placed = self.tracks.place(id, manner, track, label);
+        let placed = self.tracks.place(id, parameters, track, label);
         if placed {
-            self.seats.dismiss(id.index());
-            if track.carrier.is_some() {
-                self.held_indices.push(id.index());
+            self.aliases.clear(id.index());
+            if track.parent.is_some() {
+                self.attached_indices.push(id.index());
             }
             self.touch(id.index());
             self.before.forget(id.index());
@@ -416,49 +425,49 @@ impl Subscriber {
         placed
     }
 
-    /// A body has a seat already, as a late listener is told.
-    pub fn seat(&mut self, id: BodyId, seat: u32) {
-        if id.index() < INDICES_MAX && seat < INDICES_MAX {
-            self.seats
-                .take(seat, id.index(), self.newest, Sitter::AsSaid);
+    /// A body has a alias already, as a late listener is told.
+    pub fn alias(&mut self, id: BodyId, alias: u32) {
+        if id.index() < INDICES_MAX && alias < INDICES_MAX {
+            self.aliases
+                .take(alias, id.index(), self.newest, AliasOwner::AsAssigned);
         }
     }
 
-    /// A notice took a body out; `false` when it is not there.
+    /// A scene_event took a body out; `false` when it is not there.
     #[must_use]
     pub fn remove(&mut self, id: BodyId) -> bool {
         self.touch(id.index());
         let removed = self.tracks.remove(id);
         if removed {
-            self.seats.dismiss(id.index());
+            self.aliases.clear(id.index());
         }
         removed
     }
 
-    /// A notice changed the gravity.
+    /// A scene_event changed the gravity.
     pub fn change_gravity(&mut self, since: Tick, gravity: Vec3) {
         self.tracks.change_gravity(since, gravity);
     }
 
-    /// A notice was heard and taken in; datagrams that waited for it are read now.
-    pub fn handle_notice(&mut self) {
-        self.notices += 1;
-        self.read_held();
+    /// A scene_event was heard and taken in; datagrams that waited for it are read now.
+    pub fn apply_scene_event(&mut self) {
+        self.scene_events += 1;
+        self.read_deferred();
     }
 
-    /// The snapshot is whole; datagrams that waited for it are read now.
+    /// The snapshot is keyframe; datagrams that waited for it are read now.
     pub fn handle_snapshot_end(&mut self) {
         self.placed = true;
-        self.read_held();
+        self.read_deferred();
     }
 
-    fn read_held(&mut self) {
-        for _ in 0..self.held.len() {
-            if let Some(datagram) = self.held.pop_front() {
+    fn read_deferred(&mut self) {
+        for _ in 0..self.deferred.len() {
+            if let Some(datagram) = self.deferred.pop_front() {
                 self.read(&datagram);
             }
         }
-        self.note_settled();
+        self.note_converged();
     }
 
     /// Whether a datagram names this stream.
@@ -470,21 +479,21 @@ impl Subscriber {
     /// Takes in a datagram of this stream. One that is malformed or of another stream changes nothing but a count.
     pub fn handle_datagram(&mut self, datagram: &[u8]) {
         self.read(datagram);
-        self.note_settled();
+        self.note_converged();
     }
 
-    fn note_settled(&mut self) {
-        self.settled_at = self.complete();
-        if self.gaps.is_settled() {
+    fn note_converged(&mut self) {
+        self.converged_at = self.complete();
+        if self.gaps.is_converged() {
             self.older.clear();
-            self.seats.forget();
+            self.aliases.forget();
         }
     }
 
-    /// Nobody asks any more what was believed at a tick before this one: tracks that bodies left by then, as far as
+    /// Nobody asks any more what was predicted_motion at a tick before this one: tracks that bodies left by then, as far as
     /// everything was heard, are kept no longer. A [`bound`](Self::bound_at) at such a tick may be unknown from now on.
     pub fn forget_before(&mut self, tick: Tick) {
-        let end = tick.min(self.settled_at);
+        let end = tick.min(self.converged_at);
         let tracks = &self.tracks;
         self.before
             .retain(|index| tracks.slot(index).is_some_and(|slot| slot.origin() > end));
@@ -492,19 +501,19 @@ impl Subscriber {
 
     /// What the publisher is to be asked, because a sum over tracks is another here.
     #[must_use]
-    pub fn doubt(&self) -> Option<Doubt> {
-        self.doubts.doubt()
+    pub fn mismatch(&self) -> Option<ChecksumMismatch> {
+        self.mismatches.mismatch()
     }
 
     /// The sum over all tracks, by which two ends can be compared.
     #[must_use]
-    pub fn agreement(&self) -> u64 {
-        self.tracks.agreement().value()
+    pub fn state_checksum(&self) -> u64 {
+        self.tracks.state_checksum().value()
     }
 
     /// The next body whose track was made right.
-    pub fn poll_amended(&mut self) -> Option<BodyId> {
-        self.amended.pop_front()
+    pub fn poll_resynced(&mut self) -> Option<BodyId> {
+        self.resynced.pop_front()
     }
 
     /// How many of the packets that are known to have been sent did not come by themselves, since this began.
@@ -516,26 +525,27 @@ impl Subscriber {
 
     /// What to tell the server: how far this has heard, and the oldest packets that are missing.
     #[must_use]
-    pub fn echo(&self) -> Echo {
-        self.echo_of(self.gaps.missing())
+    pub fn loss_report(&self) -> LossReport {
+        self.loss_report_of(self.gaps.missing())
     }
 
     /// The same, naming only these of the missing packets, in rising order.
     #[must_use]
-    pub fn echo_for(&self, asked: &[u64]) -> Echo {
+    pub fn loss_report_for(&self, asked: &[u64]) -> LossReport {
         let missing = self.gaps.missing();
-        self.echo_of(missing.filter(|number| asked.binary_search(number).is_ok()))
+        self.loss_report_of(missing.filter(|number| asked.binary_search(number).is_ok()))
     }
 
-    fn echo_of(&self, missing: impl Iterator<Item = u64> + Clone) -> Echo {
-        let parities = self.restorer.wanted(missing.clone(), self.gaps.next());
+    fn loss_report_of(&self, missing: impl Iterator<Item = u64> + Clone) -> LossReport {
+        let repair_symbols = self.fec_decoder.wanted(missing.clone(), self.gaps.next());
         // What was heard is read as soon as what it waits for is there.
-        let waits = |number: &u64| parities > 0 && self.restorer.column(*number).is_some();
+        let waits =
+            |number: &u64| repair_symbols > 0 && self.fec_decoder.source_symbol(*number).is_some();
         let lost = missing.filter(|number| !waits(number));
-        Echo {
+        LossReport {
             next: Low16::of(self.gaps.next()),
             gone: Low16::of(self.lost()),
-            parities,
+            repair_symbols,
             lost: lost
                 .take(crate::limits::LOST_NAMED_MAX)
                 .map(Low16::of)

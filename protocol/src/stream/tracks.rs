@@ -2,8 +2,8 @@
 //!
 //! One belief, two homes: both ends hold this type and change it by the same calls, so that they stay equal to the bit.
 
-mod cursors;
-mod hearing;
+mod applying;
+mod rotation_cursors;
 mod slot;
 
 use alloc::vec::Vec;
@@ -11,39 +11,40 @@ use core::num::NonZeroU32;
 
 use glam::{DVec3, Vec3};
 use rhumb_reckoning::{
-    BodyId, Case, Class, Conditions, Damping, FlowTable, Gate, Grid, HORIZON, Inertia, Integrator,
-    Metres, Motion, Predictor, Quartet, Tick, Ticks, Tolerance, Track, Verbatim, carried,
+    BodyId, BodyState, Conditions, Damping, ErrorPrefilter, Grid, Inertia, Integrator, Metres,
+    Motion, PredictionX4, Predictor, PrefilterInput, StepCoefficientTable, TRACK_AGE_MAX, Tick,
+    Ticks, Tolerance, ToleranceScale, Track, attached_motion,
 };
 
-use super::agreement::Agreement;
-use super::field::Field;
-use super::natures::{Nature, Natures};
+use super::gravity_history::GravityHistory;
+use super::interned_parameters::{InternedParameterTable, InternedParameters};
+use super::state_checksum::StateChecksum;
+use crate::capacity::grow_to;
 use crate::limits::{DAMPINGS_MAX, INDICES_MAX};
 use crate::packet::Age;
-use crate::room::grow_to;
-use crate::scene::{BodyKind, BodyTerms, Shape};
+use crate::scene::{BodyDesc, BodyKind, Shape};
 
-use cursors::Cursors;
-pub(crate) use hearing::{Abreast, Former, Unreadable};
+pub(crate) use applying::{CorrectionsX4, FormerTracks, Unreadable};
+use rotation_cursors::RotationCursors;
 pub(crate) use slot::Slot;
 
 /// What a predictor needs to know of a body, told once with it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Manner {
+pub struct PredictionParameters {
     /// Of the least ball around its centre of mass that holds it.
     pub radius: Metres,
     /// Its own or its scene's.
     pub damping: Damping,
     /// Factor on the scene's gravity.
     pub gravity_scale: f32,
-    /// How it resists being turned, if it tumbles when it is free.
+    /// How it resists being turned, if it is_torque_free when it is free.
     pub inertia: Option<Inertia>,
     /// By which its tolerance differs from its stream's.
-    pub class: Class,
+    pub tolerance_scale: ToleranceScale,
 }
 
-impl Manner {
-    /// Of a body that nothing sets apart: undamped, pulled in full, equally hard to turn about each axis, of the usual class.
+impl PredictionParameters {
+    /// Of a body that nothing sets apart: undamped, pulled in full, equally hard to turn about each axis, of the usual tolerance_scale.
     #[must_use]
     pub fn plain(radius: Metres) -> Self {
         Self {
@@ -51,37 +52,37 @@ impl Manner {
             damping: Damping::default(),
             gravity_scale: 1.0,
             inertia: None,
-            class: Class::USUAL,
+            tolerance_scale: ToleranceScale::USUAL,
         }
     }
 
-    /// Of a body with these terms, this shape and this inertia, in a scene whose bodies are damped like this.
+    /// Of a body with these config, this shape and this inertia, in a scene whose bodies are damped like this.
     ///
     /// A body that no engine moves keeps the velocity it is given: nothing damps it and nothing pulls at it. One that cannot
     /// tumble has no inertia, whatever its engine says: listeners are not told of it.
     #[must_use]
     pub fn of(
-        terms: &BodyTerms,
+        config: &BodyDesc,
         shape: &Shape,
         damping: Damping,
         inertia: Option<Inertia>,
     ) -> Self {
         let radius = shape.bounding_radius();
-        let class = terms.class;
-        match terms.kind {
+        let tolerance_scale = config.tolerance_scale;
+        match config.kind {
             BodyKind::Dynamic => Self {
                 radius,
-                damping: terms.damping.unwrap_or(damping),
-                gravity_scale: terms.gravity_scale,
-                inertia: inertia.filter(|_| terms.can_tumble()),
-                class,
+                damping: config.damping.unwrap_or(damping),
+                gravity_scale: config.gravity_scale,
+                inertia: inertia.filter(|_| config.can_tumble()),
+                tolerance_scale,
             },
             BodyKind::Static | BodyKind::Kinematic => Self {
                 radius,
                 damping: Damping::default(),
                 gravity_scale: 0.0,
                 inertia: None,
-                class,
+                tolerance_scale,
             },
         }
     }
@@ -93,33 +94,33 @@ pub(crate) struct Tracks {
     tolerance: Tolerance,
     integrator: Integrator,
     /// It is said of the multiples of this number.
-    every: NonZeroU32,
-    field: Field,
-    flows: Vec<(Damping, FlowTable)>,
-    natures: Natures,
+    publish_interval: NonZeroU32,
+    gravity_history: GravityHistory,
+    flows: Vec<(Damping, StepCoefficientTable)>,
+    interned_parameters: InternedParameterTable,
     slots: Vec<Option<Slot>>,
-    /// How far tumblings were computed, by index, as far as any body tumbles.
-    cursors: Cursors,
-    agreement: Agreement,
+    /// How far torque_free_rotations were computed, by index, as far as any body is_torque_free.
+    cursors: RotationCursors,
+    state_checksum: StateChecksum,
 }
 
 impl Tracks {
     pub(crate) fn new(
         tolerance: Tolerance,
         integrator: Integrator,
-        every: NonZeroU32,
+        publish_interval: NonZeroU32,
         gravity: Vec3,
     ) -> Self {
         Self {
             tolerance,
             integrator,
-            every,
-            field: Field::new(gravity),
+            publish_interval,
+            gravity_history: GravityHistory::new(gravity),
             flows: Vec::new(),
-            natures: Natures::default(),
+            interned_parameters: InternedParameterTable::default(),
             slots: Vec::new(),
-            cursors: Cursors::default(),
-            agreement: Agreement::default(),
+            cursors: RotationCursors::default(),
+            state_checksum: StateChecksum::default(),
         }
     }
 
@@ -132,13 +133,13 @@ impl Tracks {
     }
 
     /// Ticks from one that is spoken of to the next.
-    pub(crate) const fn every(&self) -> NonZeroU32 {
-        self.every
+    pub(crate) const fn publish_interval(&self) -> NonZeroU32 {
+        self.publish_interval
     }
 
     /// How old a track is at a tick; `None` if its origin is later.
     pub(crate) fn age(&self, track: &Track, tick: Tick) -> Option<Age> {
-        Age::of(track.origin, tick, self.every)
+        Age::of(track.origin, tick, self.publish_interval)
     }
 
     /// Puts a body into the table; one that had its index is gone.
@@ -148,34 +149,34 @@ impl Tracks {
     pub(crate) fn place(
         &mut self,
         id: BodyId,
-        manner: &Manner,
+        parameters: &PredictionParameters,
         track: Track,
         label: Option<u32>,
     ) -> bool {
         if id.index() >= INDICES_MAX {
             return false;
         }
-        let Some(flow) = self.flow_of(manner.damping) else {
+        let Some(flow) = self.flow_of(parameters.damping) else {
             return false;
         };
         let index = id.index() as usize;
         grow_to(&mut self.slots, index + 1, || None);
-        let tolerance = self.tolerance.of_class(manner.class);
-        let nature = self.natures.join(Nature {
-            radius: manner.radius,
-            gravity_scale: manner.gravity_scale,
-            inertia: manner.inertia,
+        let tolerance = self.tolerance.scaled(parameters.tolerance_scale);
+        let interned = self.interned_parameters.join(InternedParameters {
+            radius: parameters.radius,
+            gravity_scale: parameters.gravity_scale,
+            inertia: parameters.inertia,
             flow,
-            class: manner.class,
+            tolerance_scale: parameters.tolerance_scale,
             label,
             tolerance,
-            grid: Grid::new(tolerance, manner.radius),
+            grid: Grid::new(tolerance, parameters.radius),
         });
-        let slot = Slot::new(id, &track, nature, manner.inertia.is_some());
-        if manner.inertia.is_some() {
+        let slot = Slot::new(id, &track, interned, parameters.inertia.is_some());
+        if parameters.inertia.is_some() {
             self.cursors.reach(id.index());
         }
-        self.agreement.add(id, &track);
+        self.state_checksum.add(id, &track);
         if let Some(gone) = self.slots[index].replace(slot) {
             self.let_go(id.index(), &gone);
         }
@@ -184,13 +185,13 @@ impl Tracks {
 
     /// A number that was given with the body; it costs nothing where many have the same.
     pub(crate) fn label(&self, slot: &Slot) -> Option<u32> {
-        self.natures.get(slot.nature).label
+        self.interned_parameters.get(slot.interned).label
     }
 
     /// A body is no longer in its place.
     fn let_go(&mut self, index: u32, gone: &Slot) {
-        self.agreement.take(gone.id(index), &gone.track());
-        self.natures.leave(gone.nature);
+        self.state_checksum.take(gone.id(index), &gone.track());
+        self.interned_parameters.leave(gone.interned);
     }
 
     /// The number of the table of this damping, made when it is the first of its kind.
@@ -199,8 +200,8 @@ impl Tracks {
         let number = match known {
             Some(number) => number,
             None if self.flows.len() < DAMPINGS_MAX => {
-                let mut table = FlowTable::new(self.integrator, damping);
-                table.extend_to(HORIZON);
+                let mut table = StepCoefficientTable::new(self.integrator, damping);
+                table.extend_to(TRACK_AGE_MAX);
                 self.flows.push((damping, table));
                 self.flows.len() - 1
             }
@@ -222,12 +223,12 @@ impl Tracks {
     }
 
     pub(crate) fn change_gravity(&mut self, since: Tick, gravity: Vec3) {
-        self.field.change(since, gravity);
+        self.gravity_history.change(since, gravity);
     }
 
-    /// See [`Field::changes`].
+    /// See [`GravityHistory::changes`].
     pub(crate) fn gravity_changes(&self) -> impl Iterator<Item = (Tick, Vec3)> {
-        self.field.changes()
+        self.gravity_history.changes()
     }
 
     pub(crate) fn slot(&self, index: u32) -> Option<&Slot> {
@@ -240,20 +241,20 @@ impl Tracks {
             return false;
         };
         let id = slot.id(index);
-        self.agreement.take(id, &slot.track());
+        self.state_checksum.take(id, &slot.track());
         slot.set_track(&track);
-        self.agreement.add(id, &track);
+        self.state_checksum.add(id, &track);
         true
     }
 
     /// The sum over all tracks.
-    pub(crate) const fn agreement(&self) -> Agreement {
-        self.agreement
+    pub(crate) const fn state_checksum(&self) -> StateChecksum {
+        self.state_checksum
     }
 
     /// The sum over the tracks of a range of indices.
-    pub(crate) fn agreement_of(&self, range: core::ops::Range<usize>) -> Agreement {
-        let mut sum = Agreement::default();
+    pub(crate) fn state_checksum_of(&self, range: core::ops::Range<usize>) -> StateChecksum {
+        let mut sum = StateChecksum::default();
         let end = range.end.min(self.slots.len());
         for index in range.start.min(end)..end {
             if let Some(slot) = &self.slots[index] {
@@ -276,43 +277,43 @@ impl Tracks {
         self.slots.len()
     }
 
-    /// How far off the copy of a body may be: the stream's tolerance, by the body's class.
+    /// How far off the copy of a body may be: the stream's tolerance, by the body's tolerance_scale.
     pub(crate) fn tolerance_of(&self, slot: &Slot) -> Tolerance {
-        self.natures.get(slot.nature).tolerance
+        self.interned_parameters.get(slot.interned).tolerance
     }
 
     /// Of the least ball around a body's centre of mass that holds it.
     pub(crate) fn radius(&self, slot: &Slot) -> Metres {
-        self.natures.get(slot.nature).radius
+        self.interned_parameters.get(slot.interned).radius
     }
 
     pub(crate) fn grid(&self, slot: &Slot) -> &Grid {
-        &self.natures.get(slot.nature).grid
+        &self.interned_parameters.get(slot.interned).grid
     }
 
-    /// What pulls at a body by a law said at `origin`, m/s² (RECKONING 2.5).
+    /// What pulls at a body by a predictor said at `origin`, m/s² (RECKONING 2.5).
     pub(crate) fn gravity(&self, slot: &Slot, origin: Tick) -> DVec3 {
-        let scale = f64::from(self.natures.get(slot.nature).gravity_scale);
-        let DVec3 { x, y, z } = self.field.at(origin);
+        let scale = f64::from(self.interned_parameters.get(slot.interned).gravity_scale);
+        let DVec3 { x, y, z } = self.gravity_history.at(origin);
         DVec3::new(x * scale, y * scale, z * scale)
     }
 
-    /// What is believed of a body in the world at a tick.
-    pub(crate) fn believed(&self, body: (u32, &Slot), tick: Tick) -> Motion {
+    /// What is predicted_motion of a body in the world at a tick.
+    pub(crate) fn predicted_motion(&self, body: (u32, &Slot), tick: Tick) -> Motion {
         let track = body.1.track();
         let motion = self.framed(body, &track, tick);
-        match self.carrier(&track) {
-            Some((index, carrier)) => {
-                let carrier = self.framed((index, carrier), &carrier.track(), tick);
-                carried(&carrier, &motion.pose())
+        match self.parent(&track) {
+            Some((index, parent)) => {
+                let parent = self.framed((index, parent), &parent.track(), tick);
+                attached_motion(&parent, &motion.pose())
             }
             None => motion,
         }
     }
 
     /// The body that carries another along by its track, while it is there.
-    pub(crate) fn carrier(&self, track: &Track) -> Option<(u32, &Slot)> {
-        let id = track.carrier?;
+    pub(crate) fn parent(&self, track: &Track) -> Option<(u32, &Slot)> {
+        let id = track.parent?;
         let slot = self.slot(id.index())?;
         (slot.id(id.index()) == id).then_some((id.index(), slot))
     }
@@ -320,8 +321,8 @@ impl Tracks {
     /// What a track of a body, this one or one that it had, says of a tick in its own frame.
     pub(crate) fn framed(&self, (index, slot): (u32, &Slot), track: &Track, tick: Tick) -> Motion {
         self.with_conditions(slot, track.predictor, track.origin, |conditions| {
-            let grid = &self.natures.get(slot.nature).grid;
-            if !track.predictor.tumbles() {
+            let grid = &self.interned_parameters.get(slot.interned).grid;
+            if !track.predictor.is_torque_free() {
                 return track.at(tick, grid, conditions);
             }
             self.cursors.with(index, |cursor| {
@@ -337,8 +338,8 @@ impl Tracks {
         })
     }
 
-    /// What a law makes of a motion some ticks after a tick at which it is said.
-    pub(crate) fn foreseen(
+    /// What a predictor makes of a motion some ticks after a tick at which it is said.
+    pub(crate) fn predicted_after(
         &self,
         slot: &Slot,
         predictor: Predictor,
@@ -351,7 +352,7 @@ impl Tracks {
         })
     }
 
-    /// What a law that does not fall makes of a motion in some ticks; and what share of a pull would be added to the way
+    /// What a predictor that does not fall makes of a motion in some ticks; and what share of a pull would be added to the way
     /// if there were one, s².
     pub(crate) fn continued(
         &self,
@@ -385,51 +386,51 @@ impl Tracks {
         } else {
             DVec3::ZERO
         };
-        let nature = self.natures.get(slot.nature);
-        let (_, flow) = &self.flows[usize::from(nature.flow)];
+        let interned = self.interned_parameters.get(slot.interned);
+        let (_, flow) = &self.flows[usize::from(interned.flow)];
         then(&Conditions {
             gravity,
             flow,
-            inertia: nature.inertia.as_ref(),
+            inertia: interned.inertia.as_ref(),
         })
     }
 
-    /// Has a gate look at a body's track.
+    /// Has a prefilter look at a body's track.
     pub(crate) fn look(
         &self,
         slot: &Slot,
         tick: Tick,
-        seen: (u32, &Verbatim),
-        gate: &mut Gate,
-        doubtful: &mut Vec<u32>,
+        seen: (u32, &BodyState),
+        prefilter: &mut ErrorPrefilter,
+        undecided: &mut Vec<u32>,
     ) {
         let (place, truth) = seen;
-        let nature = self.natures.get(slot.nature);
-        // A gate is of one tolerance.
-        if nature.class != Class::USUAL {
-            return doubtful.push(place);
+        let interned = self.interned_parameters.get(slot.interned);
+        // A prefilter is of one tolerance.
+        if interned.tolerance_scale != ToleranceScale::USUAL {
+            return undecided.push(place);
         }
         let track = slot.dense();
         self.with_conditions(slot, track.predictor(), track.origin(), |conditions| {
-            let case = Case {
+            let case = PrefilterInput {
                 truth,
                 track,
                 tick,
-                grid: &nature.grid,
-                radius: nature.radius,
+                grid: &interned.grid,
+                radius: interned.radius,
                 conditions,
             };
-            gate.look(place, &case, doubtful);
+            prefilter.look(place, &case, undecided);
         });
     }
 
-    /// Has a quartet predict a body's own track, if it takes such tracks.
+    /// Has a batch predict a body's own track, if it takes such tracks.
     #[must_use]
-    pub(crate) fn take(&self, quartet: &mut Quartet, key: u32, slot: &Slot, tick: Tick) -> bool {
+    pub(crate) fn take(&self, batch: &mut PredictionX4, key: u32, slot: &Slot, tick: Tick) -> bool {
         let track = slot.dense();
-        let grid = &self.natures.get(slot.nature).grid;
+        let grid = &self.interned_parameters.get(slot.interned).grid;
         self.with_conditions(slot, track.predictor(), track.origin(), |conditions| {
-            quartet.take(key, track, tick, grid, conditions)
+            batch.take(key, track, tick, grid, conditions)
         })
     }
 }
@@ -440,19 +441,20 @@ mod tests {
     use crate::scene::ShapeId;
 
     #[test]
-    fn what_listeners_are_not_told_of_is_not_predicted_with() {
+    fn unknown_inertia_is_not_used() {
         let id = BodyId::new(0, 0);
-        let plain = BodyTerms::plain(id, BodyKind::Dynamic, ShapeId(0));
+        let plain = BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0));
         let shape = Shape::Ball { radius: 0.5 };
         let inertia = Inertia::new([1.0, 2.0, 2.5], [0.0, 0.0, 0.0, 1.0]).unwrap();
         for (gyroscopic, turns) in [(true, true), (true, false), (false, true), (false, false)] {
-            let terms = BodyTerms {
+            let config = BodyDesc {
                 gyroscopic,
                 turns,
                 ..plain
             };
-            let manner = Manner::of(&terms, &shape, Damping::default(), Some(inertia));
-            assert_eq!(manner.inertia.is_some(), terms.can_tumble());
+            let parameters =
+                PredictionParameters::of(&config, &shape, Damping::default(), Some(inertia));
+            assert_eq!(parameters.inertia.is_some(), config.can_tumble());
         }
     }
 }

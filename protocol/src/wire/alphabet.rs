@@ -14,7 +14,7 @@ pub(crate) struct Alphabet {
 
 /// A symbol and the parts that it covers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Covering {
+pub(crate) struct SymbolSpan {
     pub(crate) symbol: usize,
     /// The first part.
     pub(crate) start: u32,
@@ -23,9 +23,9 @@ pub(crate) struct Covering {
 }
 
 /// No alphabet has more, its end among them.
-const SYMBOLS_MOST: usize = 32;
+const SYMBOLS_MAX: usize = 32;
 /// With two behind each.
-const STARTS: usize = SYMBOLS_MOST + 2;
+const STARTS: usize = SYMBOLS_MAX + 2;
 /// Parts of a stretch, as a power of two: so few that hardly one has more than two symbols.
 const STRETCH_BITS: u32 = 6;
 const STRETCHES: usize = 1 << (TOTAL_BITS - STRETCH_BITS);
@@ -33,7 +33,7 @@ const STRETCHES: usize = 1 << (TOTAL_BITS - STRETCH_BITS);
 impl Alphabet {
     /// Of symbols that begin at these parts, the end of all behind them.
     pub(crate) const fn new<const N: usize>(of: &[u16; N]) -> Self {
-        assert!(N <= SYMBOLS_MOST && of[0] == 0 && of[N - 1] == 1 << TOTAL_BITS);
+        assert!(N <= SYMBOLS_MAX && of[0] == 0 && of[N - 1] == 1 << TOTAL_BITS);
         let mut starts = [1 << TOTAL_BITS; STARTS];
         let mut place = 0;
         while place < N {
@@ -54,20 +54,20 @@ impl Alphabet {
 
     /// The symbol that covers a part, one of 2^[`TOTAL_BITS`].
     #[inline(always)]
-    pub(crate) fn at(&self, part: u32) -> Covering {
+    pub(crate) fn at(&self, part: u32) -> SymbolSpan {
         let stretch = (part >> STRETCH_BITS) as usize % STRETCHES;
-        let symbol = usize::from(self.near[stretch]) % SYMBOLS_MOST;
+        let symbol = usize::from(self.near[stretch]) % SYMBOLS_MAX;
         let start = |more: usize| u32::from(self.starts[symbol + more]);
         let (first, second, third) = (start(0), start(1), start(2));
         if third <= part {
             return self.beyond(symbol, part);
         }
-        // Which of the two it is can hardly be foreseen, so nothing is to branch on it.
+        // Which of the two it is can hardly be predicted_after, so nothing is to branch on it.
         let past = u32::from(second <= part);
         let one = past.wrapping_neg();
         let start = first ^ ((first ^ second) & one);
         let end = second ^ ((second ^ third) & one);
-        Covering {
+        SymbolSpan {
             symbol: symbol + past as usize,
             start,
             size: end - start,
@@ -75,12 +75,12 @@ impl Alphabet {
     }
 
     /// The same where a stretch has more symbols than two.
-    fn beyond(&self, mut symbol: usize, part: u32) -> Covering {
+    fn beyond(&self, mut symbol: usize, part: u32) -> SymbolSpan {
         let start = |symbol: usize| u32::from(self.starts[symbol]);
         while start(symbol + 1) <= part {
             symbol += 1;
         }
-        Covering {
+        SymbolSpan {
             symbol,
             start: start(symbol),
             size: start(symbol + 1) - start(symbol),
@@ -103,7 +103,7 @@ mod tests {
             &[0, 4_095, 4_096],
             &[0, 64, 128, 4_096],
         ] {
-            let mut starts = [4_096; SYMBOLS_MOST];
+            let mut starts = [4_096; SYMBOLS_MAX];
             starts[..alphabet.len()].copy_from_slice(alphabet);
             let fast = Alphabet::new(&starts);
             for part in 0..1 << TOTAL_BITS {
@@ -113,7 +113,7 @@ mod tests {
                 let size = end - start;
                 assert_eq!(
                     fast.at(part),
-                    Covering {
+                    SymbolSpan {
                         symbol,
                         start,
                         size

@@ -230,22 +230,22 @@ mod tests {
     use proptest::prelude::*;
 
     #[derive(Clone, Debug)]
-    enum Piece {
+    enum BitSpan {
         Bits(u32, u32),
         Golomb(u32, u32),
         Signed(i32, u32),
     }
 
-    fn piece() -> impl Strategy<Value = Piece> {
+    fn piece() -> impl Strategy<Value = BitSpan> {
         prop_oneof![
             (any::<u32>(), 0_u32..=32).prop_map(|(value, count)| {
                 let mask = (1_u64 << count) - 1;
-                Piece::Bits((u64::from(value) & mask) as u32, count)
+                BitSpan::Bits((u64::from(value) & mask) as u32, count)
             }),
-            (0..=GOLOMB_MAX, 0_u32..12).prop_map(|(value, order)| Piece::Golomb(value, order)),
-            (0_u32..500, 0_u32..12).prop_map(|(value, order)| Piece::Golomb(value, order)),
+            (0..=GOLOMB_MAX, 0_u32..12).prop_map(|(value, order)| BitSpan::Golomb(value, order)),
+            (0_u32..500, 0_u32..12).prop_map(|(value, order)| BitSpan::Golomb(value, order)),
             (-(1_i32 << 30)..1 << 30, 0_u32..12)
-                .prop_map(|(value, order)| Piece::Signed(value, order)),
+                .prop_map(|(value, order)| BitSpan::Signed(value, order)),
         ]
     }
 
@@ -256,13 +256,13 @@ mod tests {
             let mut expected = 0;
             for piece in &pieces {
                 match *piece {
-                    Piece::Bits(value, count) => writer.bits(value, count),
-                    Piece::Golomb(value, order) => {
+                    BitSpan::Bits(value, count) => writer.bits(value, count),
+                    BitSpan::Golomb(value, order) => {
                         expected = writer.bit_len() + golomb_len(value, order) as usize;
                         writer.golomb(value, order);
                         prop_assert_eq!(writer.bit_len(), expected);
                     }
-                    Piece::Signed(value, order) => writer.signed_golomb(value, order),
+                    BitSpan::Signed(value, order) => writer.signed_golomb(value, order),
                 }
             }
             prop_assert!(expected <= writer.bit_len());
@@ -270,9 +270,9 @@ mod tests {
             let mut reader = BitReader::new(&bytes);
             for piece in &pieces {
                 match *piece {
-                    Piece::Bits(value, count) => prop_assert_eq!(reader.bits(count), Ok(value)),
-                    Piece::Golomb(value, order) => prop_assert_eq!(reader.golomb(order), Ok(value)),
-                    Piece::Signed(value, order) => prop_assert_eq!(reader.signed_golomb(order), Ok(value)),
+                    BitSpan::Bits(value, count) => prop_assert_eq!(reader.bits(count), Ok(value)),
+                    BitSpan::Golomb(value, order) => prop_assert_eq!(reader.golomb(order), Ok(value)),
+                    BitSpan::Signed(value, order) => prop_assert_eq!(reader.signed_golomb(order), Ok(value)),
                 }
             }
             prop_assert_eq!(reader.finish(), Ok(()));

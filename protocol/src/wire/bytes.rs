@@ -266,7 +266,7 @@ mod tests {
         }
 
         #[test]
-        fn what_reads_as_a_variable_integer_is_written_so(bytes in proptest::collection::vec(any::<u8>(), 0..12)) {
+        fn varint_decode_then_encode_is_identity(bytes in proptest::collection::vec(any::<u8>(), 0..12)) {
             let mut reader = Reader::new(&bytes);
             if let Ok(value) = reader.varint() {
                 let mut writer = Writer::new();

@@ -13,7 +13,7 @@ use super::bits::{PutBits, TakeBits};
 pub(crate) const TOTAL_BITS: u32 = 12;
 
 /// The range is never below this when a symbol begins.
-const RANGE_LEAST: u32 = 1 << 24;
+const RANGE_MIN: u32 = 1 << 24;
 /// Most raw bits that one step takes.
 const RAW_BITS_STEP: u32 = 16;
 
@@ -52,7 +52,7 @@ impl RangeWriter {
     /// When it covers nothing.
     #[inline]
     pub(crate) fn symbol(&mut self, start: u32, size: u32, bits: u32) {
-        assert!(size > 0, "what has no probability cannot be said");
+        assert!(size > 0, "what has no probability cannot be coded_item");
         let part = self.range >> bits;
         self.low += u64::from(part) * u64::from(start);
         self.range = part * size;
@@ -60,7 +60,7 @@ impl RangeWriter {
             self.low &= u64::from(u32::MAX);
             self.carry();
         }
-        while self.range < RANGE_LEAST {
+        while self.range < RANGE_MIN {
             self.bytes.push((self.low >> 24) as u8);
             self.low = (self.low << 8) & u64::from(u32::MAX);
             self.range <<= 8;
@@ -89,11 +89,11 @@ impl RangeWriter {
     }
 
     /// How many bytes [`Self::into_bytes`] gives at most.
-    pub(crate) fn byte_len_most(&self) -> usize {
+    pub(crate) fn byte_len_max(&self) -> usize {
         self.bytes.len() + 4
     }
 
-    /// Ends with the fewest bytes that leave no doubt, zeros at the end left out.
+    /// Ends with the fewest bytes that leave no mismatch, zeros at the end left out.
     pub(crate) fn into_bytes(mut self) -> Vec<u8> {
         let tail = shortest_tail(self.low as i64, self.range);
         if tail >> 32 != 0 {
@@ -186,7 +186,7 @@ impl<'a> RangeReader<'a> {
         Ok(covering.symbol)
     }
 
-    /// Takes as many bytes as bring the range up to [`RANGE_LEAST`] again.
+    /// Takes as many bytes as bring the range up to [`RANGE_MIN`] again.
     ///
     /// Without a branch on how many: that is chance.
     #[inline(always)]
@@ -204,7 +204,7 @@ impl<'a> RangeReader<'a> {
     pub(crate) fn fill_with_bit(&mut self, there: bool) -> Result<bool, Malformed> {
         let (window, range) = (self.window(), u64::from(self.range) << 32);
         // Of a range that takes bytes the half is whole, behind them; of another it is rounded down.
-        let rounded = u64::from(self.range >= RANGE_LEAST) << 31;
+        let rounded = u64::from(self.range >= RANGE_MIN) << 31;
         // Without a branch on whether there is a bit: nothing is halved for none.
         let part = if there {
             (range >> 1) & !rounded
@@ -326,7 +326,7 @@ mod tests {
 
     /// Symbols of an alphabet of skewed frequencies, and raw bits.
     #[derive(Clone, Copy, Debug, PartialEq)]
-    enum Said {
+    enum CodedItem {
         Symbol(usize),
         Raw(u32, u32),
     }
@@ -334,11 +334,11 @@ mod tests {
     const STARTS: [u16; 6] = [0, 3_000, 3_900, 4_094, 4_095, 4_096];
     static ALPHABET: Alphabet = Alphabet::new(&STARTS);
 
-    fn said() -> impl Strategy<Value = Said> {
+    fn coded_item() -> impl Strategy<Value = CodedItem> {
         prop_oneof![
-            (0_usize..5).prop_map(Said::Symbol),
-            Just(Said::Symbol(0)),
-            (0_u32..=32, any::<u32>()).prop_map(|(count, value)| Said::Raw(
+            (0_usize..5).prop_map(CodedItem::Symbol),
+            Just(CodedItem::Symbol(0)),
+            (0_u32..=32, any::<u32>()).prop_map(|(count, value)| CodedItem::Raw(
                 if count == 32 {
                     value
                 } else {
@@ -349,28 +349,28 @@ mod tests {
         ]
     }
 
-    fn written(all: &[Said]) -> Vec<u8> {
+    fn written(all: &[CodedItem]) -> Vec<u8> {
         let mut writer = RangeWriter::default();
-        for said in all {
-            match *said {
-                Said::Symbol(s) => {
+        for coded_item in all {
+            match *coded_item {
+                CodedItem::Symbol(s) => {
                     let (start, end) = (u32::from(STARTS[s]), u32::from(STARTS[s + 1]));
                     writer.symbol(start, end - start, TOTAL_BITS);
                 }
-                Said::Raw(value, count) => writer.raw(value, count),
+                CodedItem::Raw(value, count) => writer.raw(value, count),
             }
         }
         writer.into_bytes()
     }
 
     /// Reads as many as `like` has, each of the same kind.
-    fn read(bytes: &[u8], like: &[Said]) -> Result<Vec<Said>, Malformed> {
+    fn read(bytes: &[u8], like: &[CodedItem]) -> Result<Vec<CodedItem>, Malformed> {
         let mut reader = RangeReader::new(bytes);
         let mut all = Vec::new();
-        for said in like {
-            all.push(match *said {
-                Said::Symbol(_) => Said::Symbol(reader.symbol(&ALPHABET)?),
-                Said::Raw(_, count) => Said::Raw(reader.raw(count)?, count),
+        for coded_item in like {
+            all.push(match *coded_item {
+                CodedItem::Symbol(_) => CodedItem::Symbol(reader.symbol(&ALPHABET)?),
+                CodedItem::Raw(_, count) => CodedItem::Raw(reader.raw(count)?, count),
             });
         }
         reader.finish()?;
@@ -379,14 +379,14 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_written_is_read(all in proptest::collection::vec(said(), 0..200)) {
+        fn range_coder_round_trips(all in proptest::collection::vec(coded_item(), 0..200)) {
             let bytes = written(&all);
             prop_assert_eq!(read(&bytes, &all), Ok(all));
         }
 
         #[test]
-        fn no_other_string_says_the_same(
-            all in proptest::collection::vec(said(), 0..40), bytes in proptest::collection::vec(any::<u8>(), 0..40),
+        fn encoding_is_unique(
+            all in proptest::collection::vec(coded_item(), 0..40), bytes in proptest::collection::vec(any::<u8>(), 0..40),
         ) {
             if let Ok(read) = read(&bytes, &all) {
                 prop_assert_eq!(written(&read), bytes);
@@ -394,8 +394,8 @@ mod tests {
         }
 
         #[test]
-        fn a_changed_bit_is_refused_or_is_what_another_writer_says(
-            all in proptest::collection::vec(said(), 1..40), at in any::<prop::sample::Index>(), bit in 0..8,
+        fn changed_bits_are_refused_or_canonical(
+            all in proptest::collection::vec(coded_item(), 1..40), at in any::<prop::sample::Index>(), bit in 0..8,
         ) {
             let mut bytes = written(&all);
             prop_assume!(!bytes.is_empty());
@@ -408,21 +408,21 @@ mod tests {
 
         #[test]
         fn the_likely_is_short(count in 0_usize..2_000) {
-            let bytes = written(&alloc::vec![Said::Symbol(0); count]);
+            let bytes = written(&alloc::vec![CodedItem::Symbol(0); count]);
             // -log2(3000/4096) is 0.45 bits.
             prop_assert!(bytes.len() <= count * 45 / 800 + 2);
         }
     }
 
     /// A reader that does what PROTOCOL 5.3 says and nothing else.
-    struct Plain<'a> {
+    struct ReferenceReader<'a> {
         bytes: &'a [u8],
         taken: usize,
         offset: u32,
         range: u32,
     }
 
-    impl Plain<'_> {
+    impl ReferenceReader<'_> {
         fn byte(&mut self) -> u32 {
             self.taken += 1;
             u32::from(self.bytes.get(self.taken - 1).copied().unwrap_or(0))
@@ -437,7 +437,7 @@ mod tests {
             let symbol = starts.iter().rposition(|start| *start <= place)?;
             self.offset -= part * starts[symbol];
             self.range = part * (starts[symbol + 1] - starts[symbol]);
-            while self.range < RANGE_LEAST {
+            while self.range < RANGE_MIN {
                 self.range <<= 8;
                 self.offset = self.offset << 8 | self.byte();
             }
@@ -447,19 +447,19 @@ mod tests {
 
     /// What is read of bytes, one after the other.
     #[derive(Clone, Copy, Debug)]
-    enum Step {
+    enum ReadStep {
         Symbol,
         SymbolAndBit { unless: usize },
         Bit,
         Raw(u32),
     }
 
-    fn step() -> impl Strategy<Value = Step> {
+    fn step() -> impl Strategy<Value = ReadStep> {
         prop_oneof![
-            Just(Step::Symbol),
-            (0_usize..5).prop_map(|unless| Step::SymbolAndBit { unless }),
-            Just(Step::Bit),
-            (1_u32..=RAW_BITS_STEP).prop_map(Step::Raw),
+            Just(ReadStep::Symbol),
+            (0_usize..5).prop_map(|unless| ReadStep::SymbolAndBit { unless }),
+            Just(ReadStep::Bit),
+            (1_u32..=RAW_BITS_STEP).prop_map(ReadStep::Raw),
         ]
     }
 
@@ -469,7 +469,7 @@ mod tests {
             bytes in proptest::collection::vec(any::<u8>(), 0..60), steps in proptest::collection::vec(step(), 0..200),
         ) {
             let starts = STARTS.map(u32::from);
-            let mut plain = Plain { bytes: &bytes, taken: 0, offset: 0, range: u32::MAX };
+            let mut plain = ReferenceReader { bytes: &bytes, taken: 0, offset: 0, range: u32::MAX };
             for _ in 0..4 {
                 plain.offset = plain.offset << 8 | plain.byte();
             }
@@ -477,13 +477,13 @@ mod tests {
             for step in steps {
                 let bit = [0, 1, 2];
                 let (expected, read) = match step {
-                    Step::Symbol => (plain.symbol(&starts, TOTAL_BITS), reader.symbol(&ALPHABET)),
-                    Step::Bit => (plain.symbol(&bit, 1), reader.bit().map(usize::from)),
-                    Step::Raw(count) => {
+                    ReadStep::Symbol => (plain.symbol(&starts, TOTAL_BITS), reader.symbol(&ALPHABET)),
+                    ReadStep::Bit => (plain.symbol(&bit, 1), reader.bit().map(usize::from)),
+                    ReadStep::Raw(count) => {
                         let all: Vec<u32> = (0..=1 << count).collect();
                         (plain.symbol(&all, count), reader.raw(count).map(|value| value as usize))
                     }
-                    Step::SymbolAndBit { unless } => {
+                    ReadStep::SymbolAndBit { unless } => {
                         let symbol = plain.symbol(&starts, TOTAL_BITS);
                         let set = symbol.and_then(|symbol| {
                             if symbol == unless { Some(0) } else { plain.symbol(&bit, 1) }

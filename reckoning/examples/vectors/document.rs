@@ -6,11 +6,11 @@
 use std::fmt::Write;
 
 /// One case under construction: fields in the order in which they were added.
-pub(crate) struct Case {
+pub(crate) struct CaseJson {
     fields: Vec<String>,
 }
 
-impl Case {
+impl CaseJson {
     pub(crate) fn new() -> Self {
         Self { fields: Vec::new() }
     }
@@ -58,7 +58,7 @@ impl Case {
 }
 
 /// The whole file from its sections.
-pub(crate) fn written(sections: &[(&str, Vec<Case>)]) -> String {
+pub(crate) fn written(sections: &[(&str, Vec<CaseJson>)]) -> String {
     let mut text = String::from("{\n\"format\": \"rhumb reckoning vectors 1\"");
     for (name, cases) in sections {
         let lines: Vec<_> = cases

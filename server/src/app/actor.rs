@@ -21,15 +21,15 @@ pub(super) struct Actor {
     /// Whether a joint to the world keeps it from turning: an avatar.
     pub(super) upright: bool,
     pub(super) parts: Vec<Part>,
-    pub(super) wish: Wish,
+    pub(super) target_motion: TargetMotion,
     /// The mass that the client was told, if it asked.
     pub(super) told_mass: Option<f32>,
-    pub(super) body: Option<Body>,
+    pub(super) body: Option<ActorBody>,
 }
 
 /// What was said of an actor's motion since the last frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Wish {
+pub(super) struct TargetMotion {
     pub(super) position: Option<Vec3>,
     pub(super) rotation: Option<Quat>,
     pub(super) linear: Option<Vec3>,
@@ -38,7 +38,7 @@ pub(super) struct Wish {
 
 /// What an actor is in the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Body {
+pub(super) struct ActorBody {
     pub(super) id: BodyId,
     pub(super) shape: ShapeId,
     pub(super) frame: Frame,
@@ -59,7 +59,7 @@ impl Actor {
             reports: false,
             upright: false,
             parts: Vec::new(),
-            wish: Wish {
+            target_motion: TargetMotion {
                 position: None,
                 rotation: None,
                 linear: None,
@@ -70,13 +70,13 @@ impl Actor {
         }
     }
 
-    /// Takes what is wished of its motion for what it is.
+    /// Takes what is requested_authority of its motion for what it is.
     pub(super) fn fulfil(&mut self) {
-        let wish = std::mem::take(&mut self.wish);
-        self.position = wish.position.unwrap_or(self.position);
-        self.rotation = wish.rotation.unwrap_or(self.rotation);
-        self.linear = wish.linear.unwrap_or(self.linear);
-        self.angular = wish.angular.unwrap_or(self.angular);
+        let target_motion = std::mem::take(&mut self.target_motion);
+        self.position = target_motion.position.unwrap_or(self.position);
+        self.rotation = target_motion.rotation.unwrap_or(self.rotation);
+        self.linear = target_motion.linear.unwrap_or(self.linear);
+        self.angular = target_motion.angular.unwrap_or(self.angular);
     }
 
     /// Takes a shape off it, if it has one of this name.

@@ -8,41 +8,41 @@ use core::num::NonZeroU32;
 
 use bytes::Bytes;
 use glam::Vec3;
-use rhumb_app::{Fault, Framed, HEADER_BYTES, Id, Message, Session};
+use rhumb_app::{ErrorReport, Framed, HEADER_BYTES, Id, Message, Session};
 use rhumb_protocol::Peer;
-use rhumb_protocol::scene::{Cadence, IdRange, Pace as ScenePace, SceneName, SceneTerms};
+use rhumb_protocol::scene::{IdRange, PublishSchedule, SceneConfig, SceneName, Stepping};
 use rhumb_reckoning::{Damping, Integrator};
 
+use super::frame_clock::FrameClock;
 use super::lead::Lead;
-use super::ledger::{Answer, Ledger, MATERIAL, Push};
-use super::mail::Mail;
 use super::options::{AppOptions, TimeAdvanced};
-use super::pace::Pace;
-use super::refusal::{Refusal, Refused};
-use super::telling::{Manner, Telling, Told, Way};
+use super::refusal::{Refusal, RefusedMessage};
+use super::send_queue::SendQueue;
+use super::state_reporter::{FrameOutput, ReportOptions, StateReporter, Transport};
+use super::world_mirror::{ActorPush, MATERIAL, Reply, WorldMirror};
 use crate::outbox::Outbox;
-use crate::room::{Room, Stopwatch};
+use crate::scene_runner::{SceneRunner, Stopwatch};
 
 /// A client.
 #[derive(Debug)]
 pub(super) struct Guest {
     pub(super) session: Session,
     pub(super) address: IpAddr,
-    pub(super) standing: Standing,
+    pub(super) guest_state: GuestState,
     /// Where its states go; on TCP while it is not known.
     pub(super) states_to: Option<SocketAddr>,
     /// Its scene, once there was a frame.
-    pub(super) scene: Option<Scene>,
-    ledger: Ledger,
-    telling: Telling,
-    pub(super) mail: Mail,
-    /// How many refusals were told since the last frame.
+    pub(super) scene: Option<GuestScene>,
+    mirror: WorldMirror,
+    reporter: StateReporter,
+    pub(super) send_queue: SendQueue,
+    /// How many refusals were output since the last frame.
     refusals: u32,
 }
 
 /// Where a client stands with its host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Standing {
+pub(super) enum GuestState {
     /// It has not logged on.
     Silent,
     /// It has, under this number, which no other has.
@@ -53,18 +53,18 @@ pub(super) enum Standing {
 
 /// What a client has of its scene.
 #[derive(Debug)]
-pub(super) struct Scene {
+pub(super) struct GuestScene {
     pub(super) name: SceneName,
     /// Whose it is.
     pub(super) simulation: u32,
     /// The indices that its bodies may have.
     pub(super) range: IdRange,
-    pub(super) pace: Pace,
+    pub(super) frame_clock: FrameClock,
 }
 
 /// What a client's word asks of the host.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Asked {
+pub(super) enum GuestRequest {
     Nothing,
     /// It is taken in under this number.
     Logon(u32),
@@ -73,7 +73,7 @@ pub(super) enum Asked {
     Logoff,
 }
 
-/// Refusals that are told and logged between two frames; more are of no use to anybody.
+/// Refusals that are output and logged between two frames; more are of no use to anybody.
 const REFUSALS_MAX: u32 = 16;
 /// Bytes of a state.
 const STATE_BYTES: usize = HEADER_BYTES + 64;
@@ -89,41 +89,41 @@ impl Guest {
         Self {
             session: Session::default(),
             address,
-            standing: Standing::Silent,
+            guest_state: GuestState::Silent,
             states_to: None,
             scene: None,
-            ledger: Ledger::default(),
-            telling: Telling::default(),
-            mail: Mail::default(),
+            mirror: WorldMirror::default(),
+            reporter: StateReporter::default(),
+            send_queue: SendQueue::default(),
             refusals: 0,
         }
     }
 
     /// Takes a message in.
-    pub(super) fn hear(&mut self, framed: &Framed) -> Asked {
+    pub(super) fn handle_message(&mut self, framed: &Framed) -> GuestRequest {
         match framed.message {
-            Message::Logon(logon) => return Asked::Logon(logon.simulation),
-            Message::Logoff(_) => return Asked::Logoff,
-            Message::AdvanceTime((_, seconds)) => return Asked::Frame(seconds),
+            Message::Logon(logon) => return GuestRequest::Logon(logon.simulation),
+            Message::Logoff(_) => return GuestRequest::Logoff,
+            Message::AdvanceTime((_, seconds)) => return GuestRequest::Frame(seconds),
             _ => {}
         }
-        match self.ledger.hear(framed) {
-            Ok(Answer::Nothing) => {}
-            Ok(Answer::Mass(mass)) => {
+        match self.mirror.handle_message(framed) {
+            Ok(Reply::Nothing) => {}
+            Ok(Reply::Mass(mass)) => {
                 if let Message::GetMass(id) = framed.message {
                     self.say_mass(id.object, mass);
                 }
             }
-            Err(refusal) => self.refuse(Refused::at_once(framed.index, refusal)),
+            Err(refusal) => self.refuse(RefusedMessage::at_once(framed.index, refusal)),
         }
-        Asked::Nothing
+        GuestRequest::Nothing
     }
 
     /// The number under which it has logged on, while it leads something.
     pub(super) const fn simulation(&self) -> Option<u32> {
-        match self.standing {
-            Standing::Leads(simulation) => Some(simulation),
-            Standing::Silent | Standing::Parted => None,
+        match self.guest_state {
+            GuestState::Leads(simulation) => Some(simulation),
+            GuestState::Silent | GuestState::Parted => None,
         }
     }
 
@@ -133,42 +133,43 @@ impl Guest {
             return;
         };
         let actor = Id { simulation, object };
-        self.mail.lasting(&Message::UpdateMass((actor, mass)));
+        self.send_queue.lasting(&Message::UpdateMass((actor, mass)));
     }
 
-    /// A message was not done: its sender is told, which the published plug-in passes over, and so is the log.
-    pub(super) fn refuse(&mut self, refused: Refused) {
+    /// A message was not done: its sender is output, which the published plug-in passes over, and so is the log.
+    pub(super) fn refuse(&mut self, refused: RefusedMessage) {
         self.refusals += 1;
         if self.refusals > REFUSALS_MAX {
             return;
         }
         let simulation = self.simulation();
-        let Refused {
+        let RefusedMessage {
             index,
             actor,
             refusal,
         } = refused;
         tracing::warn!(simulation, index, actor, %refusal, "a message of an app client was not done");
         let text = refusal.to_string();
-        self.mail.lasting(&Message::Error(Fault { index, text }));
+        self.send_queue
+            .lasting(&Message::Error(ErrorReport { index, text }));
     }
 
-    /// The terms of the scene that begins with a frame so long.
-    pub(super) fn terms(&self, seconds: f32) -> Result<(SceneTerms, Pace), Refusal> {
-        let pace = Pace::of_frame(seconds).ok_or(Refusal::Time)?;
-        let terms = SceneTerms {
+    /// The config of the scene that begins with a frame so long.
+    pub(super) fn config(&self, seconds: f32) -> Result<(SceneConfig, FrameClock), Refusal> {
+        let frame_clock = FrameClock::of_frame(seconds).ok_or(Refusal::Time)?;
+        let config = SceneConfig {
             integrator: Integrator {
-                rate: pace.rate(),
+                rate: frame_clock.rate(),
                 substeps: SUBSTEPS,
             },
-            gravity: self.ledger.gravity.unwrap_or(Vec3::ZERO),
-            pace: ScenePace::Lockstep,
+            gravity: self.mirror.gravity.unwrap_or(Vec3::ZERO),
+            stepping: Stepping::Lockstep,
             material: MATERIAL,
             damping: DAMPING,
             sleep: None,
-            cadence: Cadence::EACH_TICK,
+            publish_schedule: PublishSchedule::EACH_TICK,
         };
-        Ok((terms, pace))
+        Ok((config, frame_clock))
     }
 
     /// A frame: what was said is done, time passes, and what came of it is said.
@@ -179,11 +180,11 @@ impl Guest {
         options: &AppOptions,
     ) -> Result<(), Refusal> {
         let scene = self.scene.as_mut().ok_or(Refusal::Time)?;
-        let owed = scene.pace.ticks(seconds).ok_or(Refusal::Time)?;
+        let owed = scene.frame_clock.ticks(seconds).ok_or(Refusal::Time)?;
         let simulation = scene.simulation;
         let FrameAt {
             leader,
-            room,
+            runner,
             clock,
             out,
             ticks_left,
@@ -193,23 +194,23 @@ impl Guest {
         *ticks_left -= ticks;
         self.refusals = 0;
         let mut lead = Lead {
-            room,
+            runner,
             leader,
             range: scene.range,
         };
-        if let Some(gravity) = self.ledger.gravity
+        if let Some(gravity) = self.mirror.gravity
             && lead.scene().gravity() != gravity
         {
             lead.set_gravity(gravity)?;
         }
-        let realised = self.ledger.realise(&mut lead);
+        let realised = self.mirror.realise(&mut lead);
         for _ in 0..ticks {
-            self.ledger.push_all(&mut lead);
-            lead.room.step_for_leader(clock, out);
-            self.telling.note_contacts(&self.ledger, lead.scene());
+            self.mirror.push_all(&mut lead);
+            lead.runner.step_for_leader(clock, out);
+            self.reporter.note_contacts(&self.mirror, lead.scene());
         }
         if ticks > 0 {
-            self.ledger.pushes.clear();
+            self.mirror.pushes.clear();
         }
         for (actor, mass) in realised.masses {
             self.say_mass(actor, mass);
@@ -218,60 +219,68 @@ impl Guest {
             self.refuse(refused);
         }
         let begun = clock();
-        self.tell(simulation, lead.room, options);
-        lead.room.note_telling(clock().since(begun));
+        self.report(simulation, lead.runner, options);
+        lead.runner.note_reporting(clock().since(begun));
         Ok(())
     }
 
     /// Says states, contacts, and that the frame is over.
-    fn tell(&mut self, simulation: u32, room: &Room, options: &AppOptions) {
-        let manner = Manner {
+    fn report(&mut self, simulation: u32, runner: &SceneRunner, options: &AppOptions) {
+        let report = ReportOptions {
             states: options.states,
-            way: match self.states_to {
-                Some(_) => Way::Datagrams,
-                None => Way::Stream,
+            transport: match self.states_to {
+                Some(_) => Transport::Datagrams,
+                None => Transport::Stream,
             },
-            room: self.mail.room() / STATE_BYTES,
+            capacity: self.send_queue.capacity() / STATE_BYTES,
         };
-        let mut told = Told::default();
-        self.telling
-            .tell(simulation, &manner, &self.ledger, room.scene(), &mut told);
+        let mut output = FrameOutput::default();
+        self.reporter.report(
+            simulation,
+            &report,
+            &self.mirror,
+            runner.scene(),
+            &mut output,
+        );
         let over = Message::TimeAdvanced(simulation);
-        for message in &told.passing {
-            self.mail
+        for message in &output.passing {
+            self.send_queue
                 .passing(message, self.states_to, options.datagrams);
         }
-        for message in &told.lasting {
-            self.mail.lasting(message);
+        for message in &output.lasting {
+            self.send_queue.lasting(message);
         }
-        match (options.time_advanced, manner.way) {
+        match (options.time_advanced, report.transport) {
             (TimeAdvanced::Never, _) => {}
-            (TimeAdvanced::Udp, Way::Datagrams) => {
-                self.mail.passing(&over, self.states_to, options.datagrams);
+            (TimeAdvanced::Udp, Transport::Datagrams) => {
+                self.send_queue
+                    .passing(&over, self.states_to, options.datagrams);
             }
             // Where states fill what there is, nothing but this says that time goes on.
-            (TimeAdvanced::Tcp, _) | (TimeAdvanced::Udp, Way::Stream) => self.mail.lasting(&over),
+            (TimeAdvanced::Tcp, _) | (TimeAdvanced::Udp, Transport::Stream) => {
+                self.send_queue.lasting(&over)
+            }
         }
-        self.mail.flush(self.states_to);
+        self.send_queue.flush(self.states_to);
     }
 
     /// What waits to be written to it on TCP.
     pub(super) fn poll_bytes(&mut self) -> Option<Bytes> {
-        self.mail.poll_bytes()
+        self.send_queue.poll_bytes()
     }
 }
 
 /// Where and when a frame passes.
 pub(super) struct FrameAt<'a> {
     pub(super) leader: Peer,
-    pub(super) room: &'a mut Room,
+    pub(super) runner: &'a mut SceneRunner,
     pub(super) clock: Stopwatch<'a>,
     pub(super) out: &'a mut Outbox,
     /// Ticks that may pass before others have their turn.
     pub(super) ticks_left: &'a mut u32,
 }
 
-impl Ledger {
+impl WorldMirror {
     /// Pushes what is pushed during this frame, once more for the next tick.
     fn push_all(&self, lead: &mut Lead<'_>) {
         for (name, push) in &self.pushes {
@@ -280,8 +289,8 @@ impl Ledger {
                 continue;
             };
             let command = match *push {
-                Push::Force(force) => rhumb_protocol::scene::Command::Force { id, force },
-                Push::Torque(torque) => rhumb_protocol::scene::Command::Torque { id, torque },
+                ActorPush::Force(force) => rhumb_protocol::scene::Command::Force { id, force },
+                ActorPush::Torque(torque) => rhumb_protocol::scene::Command::Torque { id, torque },
             };
             // What does not move is not pushed, whatever its client says.
             if let Err(error) = lead.command(&command) {

@@ -1,21 +1,21 @@
 //! All clients of the paper's protocol, as a host sees them.
 //!
 //! A client says whose simulation it is on TCP and, once, by a datagram, which may come first: simulation and address
-//! join the two. No state is sent to an address that is not that of a standing connection.
+//! join the two. No state is sent to an address that is not that of a guest_state connection.
 
 use core::fmt;
 use core::net::{IpAddr, SocketAddr};
 use std::collections::{BTreeMap, VecDeque};
 
-use rhumb_app::{Break, Message};
+use rhumb_app::{Message, SessionError};
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Instant, Peer};
 use rhumb_transport::{AppEndpoint, AppTransmit};
 
-use super::guest::{Asked, FrameAt, Guest, Scene, Standing};
+use super::guest::{FrameAt, Guest, GuestRequest, GuestScene, GuestState};
 use super::options::AppOptions;
-use super::refusal::{Refusal, Refused};
-use crate::host::Host;
+use super::refusal::{Refusal, RefusedMessage};
+use crate::server_loop::ServerLoop;
 
 /// The clients of one host.
 #[derive(Debug, Default)]
@@ -23,7 +23,7 @@ pub(crate) struct Guests {
     options: AppOptions,
     guests: BTreeMap<Peer, Guest>,
     /// Logons by datagram whose connections have not logged on yet, oldest first.
-    strays: VecDeque<(u32, SocketAddr)>,
+    unassigned: VecDeque<(u32, SocketAddr)>,
     closing: VecDeque<Peer>,
 }
 
@@ -35,8 +35,8 @@ const TICKS_AT_ONCE: u32 = 135;
 
 /// Why a client is sent away.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Parting {
-    Broken(Break),
+enum CloseCause {
+    Broken(SessionError),
     /// Another connection leads this simulation.
     Taken,
     /// Its scene's engine failed.
@@ -44,7 +44,7 @@ enum Parting {
     NoScene(Refusal),
 }
 
-impl fmt::Display for Parting {
+impl fmt::Display for CloseCause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Broken(cause) => cause.fmt(f),
@@ -62,9 +62,16 @@ impl Guests {
 
     /// Where a simulation's states go, if its datagram came before; the last one counts.
     fn claim_stray(&mut self, simulation: u32, ip: IpAddr) -> Option<SocketAddr> {
-        let is_its = |stray: &(u32, SocketAddr)| stray.0 == simulation && stray.1.ip() == ip;
-        let last = self.strays.iter().rfind(|stray| is_its(stray)).copied();
-        self.strays.retain(|stray| !is_its(stray));
+        let is_its = |prediction_error: &(u32, SocketAddr)| {
+            prediction_error.0 == simulation && prediction_error.1.ip() == ip
+        };
+        let last = self
+            .unassigned
+            .iter()
+            .rfind(|prediction_error| is_its(prediction_error))
+            .copied();
+        self.unassigned
+            .retain(|prediction_error| !is_its(prediction_error));
         last.map(|(_, from)| from)
     }
 
@@ -75,24 +82,24 @@ impl Guests {
     }
 }
 
-impl Host {
+impl ServerLoop {
     /// Looks at every whole message that a client has said.
-    fn hear_guest(&mut self, peer: Peer) -> Result<(), Parting> {
+    fn hear_guest(&mut self, peer: Peer) -> Result<(), CloseCause> {
         let mut ticks_left = TICKS_AT_ONCE;
         loop {
             let Some(guest) = self.guests.guests.get_mut(&peer) else {
                 return Ok(());
             };
-            let Some(framed) = guest.session.poll_message().map_err(Parting::Broken)? else {
+            let Some(framed) = guest.session.poll_message().map_err(CloseCause::Broken)? else {
                 return Ok(());
             };
-            match guest.hear(&framed) {
-                Asked::Nothing => {}
-                Asked::Logon(simulation) => self.log_on(peer, simulation)?,
-                Asked::Frame(seconds) => {
+            match guest.handle_message(&framed) {
+                GuestRequest::Nothing => {}
+                GuestRequest::Logon(simulation) => self.log_on(peer, simulation)?,
+                GuestRequest::Frame(seconds) => {
                     self.pass_frame(peer, framed.index, seconds, &mut ticks_left)?;
                 }
-                Asked::Logoff => {
+                GuestRequest::Logoff => {
                     tracing::info!(peer = peer.0, "an app client logged off");
                     self.dismiss(peer);
                     self.guests.closing.push_back(peer);
@@ -102,16 +109,16 @@ impl Host {
         }
     }
 
-    fn log_on(&mut self, peer: Peer, simulation: u32) -> Result<(), Parting> {
+    fn log_on(&mut self, peer: Peer, simulation: u32) -> Result<(), CloseCause> {
         if self.guests.is_taken(simulation, peer) {
-            return Err(Parting::Taken);
+            return Err(CloseCause::Taken);
         }
         let ip = self.guests.guests.get(&peer).map(|guest| guest.address);
         let states_to = ip.and_then(|ip| self.guests.claim_stray(simulation, ip));
         if let Some(guest) = self.guests.guests.get_mut(&peer) {
-            guest.standing = Standing::Leads(simulation);
+            guest.guest_state = GuestState::Leads(simulation);
             guest.states_to = states_to;
-            guest.mail.lasting(&Message::LogonReady(simulation));
+            guest.send_queue.lasting(&Message::LogonReady(simulation));
             tracing::info!(peer = peer.0, simulation, "an app client logged on");
         }
         Ok(())
@@ -123,7 +130,7 @@ impl Host {
         index: u32,
         seconds: f32,
         ticks_left: &mut u32,
-    ) -> Result<(), Parting> {
+    ) -> Result<(), CloseCause> {
         let Some(guest) = self.guests.guests.get(&peer) else {
             return Ok(());
         };
@@ -134,34 +141,34 @@ impl Host {
                 // The next frame may be of another length.
                 Refusal::Time => {
                     if let Some(guest) = self.guests.guests.get_mut(&peer) {
-                        guest.refuse(Refused::at_once(index, refusal));
+                        guest.refuse(RefusedMessage::at_once(index, refusal));
                     }
                     Ok(())
                 }
-                _ => Err(Parting::NoScene(refusal)),
+                _ => Err(CloseCause::NoScene(refusal)),
             };
         }
         let Some(guest) = self.guests.guests.get_mut(&peer) else {
             return Ok(());
         };
         let name = guest.scene.as_ref().map(|scene| &scene.name);
-        let Some(room) = name.and_then(|name| self.rooms.get_mut(name)) else {
+        let Some(runner) = name.and_then(|name| self.runners.get_mut(name)) else {
             return Ok(());
         };
         let at = FrameAt {
             leader: peer,
-            room,
+            runner,
             clock: &self.stopwatch,
             out: &mut self.out,
             ticks_left,
         };
         if let Err(refusal) = guest.frame(seconds, at, &self.guests.options) {
-            guest.refuse(Refused::at_once(index, refusal));
+            guest.refuse(RefusedMessage::at_once(index, refusal));
         }
         let name = guest.scene.as_ref().map(|scene| &scene.name);
-        let room = name.and_then(|name| self.rooms.get(name));
-        if room.is_some_and(crate::room::Room::is_faulted) {
-            return Err(Parting::Faulted);
+        let runner = name.and_then(|name| self.runners.get(name));
+        if runner.is_some_and(crate::scene_runner::SceneRunner::is_faulted) {
+            return Err(CloseCause::Faulted);
         }
         Ok(())
     }
@@ -174,20 +181,20 @@ impl Host {
         let Some(simulation) = guest.simulation() else {
             return Ok(());
         };
-        let (terms, pace) = guest.terms(seconds)?;
+        let (config, frame_clock) = guest.config(seconds)?;
         let name: SceneName = format!("app/{simulation}")
             .parse()
             .expect("a number names a scene");
-        self.create(&name, terms).map_err(Refusal::NoScene)?;
-        let room = self.rooms.get_mut(&name);
-        let range = room.and_then(|room| room.lead(peer));
+        self.create(&name, config).map_err(Refusal::NoScene)?;
+        let runner = self.runners.get_mut(&name);
+        let range = runner.and_then(|runner| runner.lead(peer));
         let range = range.ok_or(Refusal::TooMany)?;
         if let Some(guest) = self.guests.guests.get_mut(&peer) {
-            guest.scene = Some(Scene {
+            guest.scene = Some(GuestScene {
                 name,
                 simulation,
                 range,
-                pace,
+                frame_clock,
             });
         }
         Ok(())
@@ -198,21 +205,21 @@ impl Host {
         let Some(guest) = self.guests.guests.get_mut(&peer) else {
             return;
         };
-        guest.standing = Standing::Parted;
+        guest.guest_state = GuestState::Parted;
         if let Some(scene) = guest.scene.take() {
             self.end_scene(&scene.name);
         }
     }
 }
 
-impl AppEndpoint for Host {
+impl AppEndpoint for ServerLoop {
     fn handle_app_opened(&mut self, _now: Instant, peer: Peer, from: SocketAddr) {
         self.guests.guests.insert(peer, Guest::new(from.ip()));
     }
 
     fn handle_app_waiting(&mut self, _now: Instant, peer: Peer, bytes: usize) {
         if let Some(guest) = self.guests.guests.get_mut(&peer) {
-            guest.mail.note_line(bytes);
+            guest.send_queue.note_line(bytes);
         }
     }
 
@@ -221,7 +228,7 @@ impl AppEndpoint for Host {
             return;
         };
         // Until its connection is closed, who was sent away may go on talking.
-        if guest.standing == Standing::Parted {
+        if guest.guest_state == GuestState::Parted {
             return;
         }
         guest.session.handle_bytes(bytes);
@@ -247,10 +254,10 @@ impl AppEndpoint for Host {
             guest.states_to = Some(from);
             return;
         }
-        if self.guests.strays.len() >= STRAYS_MAX {
-            self.guests.strays.pop_front();
+        if self.guests.unassigned.len() >= STRAYS_MAX {
+            self.guests.unassigned.pop_front();
         }
-        self.guests.strays.push_back((logon.simulation, from));
+        self.guests.unassigned.push_back((logon.simulation, from));
     }
 
     fn handle_app_ended(&mut self, _now: Instant, peer: Peer) {
@@ -260,7 +267,7 @@ impl AppEndpoint for Host {
 
     fn poll_app(&mut self) -> Option<AppTransmit> {
         for (to, guest) in &mut self.guests.guests {
-            if let Some((to, bytes)) = guest.mail.poll_datagram() {
+            if let Some((to, bytes)) = guest.send_queue.poll_datagram() {
                 return Some(AppTransmit::Datagram { to, bytes });
             }
             if let Some(bytes) = guest.poll_bytes() {
@@ -282,23 +289,23 @@ mod tests {
     use rhumb_reckoning::{BodyId, Inertia, Twist};
 
     use super::*;
-    use crate::engine::{Contact, Engine, EngineFault, Newcomer, Push, Unfit};
-    use crate::room::Room;
-    use crate::scene::Scene as World;
+    use crate::engine::{Contact, Engine, EngineFault, NewBody, Push, UnusableShape};
+    use crate::scene::Scene;
+    use crate::scene_runner::SceneRunner;
     use crate::stream_names::StreamNames;
 
     /// An engine that fails in its first step.
     struct Failing;
 
     impl Engine for Failing {
-        fn add_shape(&mut self, _: ShapeId, _: &Shape) -> Result<(), Unfit> {
+        fn add_shape(&mut self, _: ShapeId, _: &Shape) -> Result<(), UnusableShape> {
             Ok(())
         }
 
         fn remove_shape(&mut self, _: ShapeId) {}
         fn add_joint(&mut self, _: JointId, _: &Joint) {}
         fn remove_joint(&mut self, _: JointId) {}
-        fn add(&mut self, _: &Newcomer) {}
+        fn add(&mut self, _: &NewBody) {}
         fn remove(&mut self, _: BodyId) {}
         fn set_pose(&mut self, _: BodyId, _: Vec3, _: Quat) {}
         fn set_velocity(&mut self, _: BodyId, _: Twist) {}
@@ -333,14 +340,14 @@ mod tests {
     const NOW: Instant = Instant::ZERO;
     const FRAME: Message = Message::AdvanceTime((7, 0.089));
 
-    fn say(host: &mut Host, peer: Peer, message: &Message) {
+    fn say(host: &mut ServerLoop, peer: Peer, message: &Message) {
         let mut bytes = Vec::new();
         message.encode(0, &mut bytes);
         host.handle_app_bytes(NOW, peer, &bytes);
     }
 
     /// Connects somebody who logs on and has a frame.
-    fn begin(host: &mut Host, peer: Peer) {
+    fn begin(host: &mut ServerLoop, peer: Peer) {
         let from = SocketAddr::from(([127, 0, 0, 1], 40_000));
         host.handle_app_opened(NOW, peer, from);
         say(host, peer, &Message::Logon(Logon::new(7, "x")));
@@ -348,7 +355,7 @@ mod tests {
     }
 
     /// Who is sent away, of all that a host has to say.
-    fn sent_away(host: &mut Host) -> Vec<Peer> {
+    fn sent_away(host: &mut ServerLoop) -> Vec<Peer> {
         let said = core::iter::from_fn(|| host.poll_app());
         let away = said.filter_map(|transmit| match transmit {
             AppTransmit::Close { to } => Some(to),
@@ -359,14 +366,14 @@ mod tests {
 
     #[test]
     fn who_leads_a_scene_whose_engine_fails_is_sent_away_and_may_come_again() {
-        let mut host = Host::new(|| NOW);
+        let mut host = ServerLoop::new(|| NOW);
         let [first, second] = [1, 2].map(Peer);
         begin(&mut host, first);
         assert_eq!(sent_away(&mut host), []);
-        let (_, room) = host.rooms.iter_mut().next().expect("its scene");
-        let broken = World::with_engine(*room.terms(), Box::new(Failing)).expect("same terms");
-        *room = Room::new(broken, StreamNames::of_scene(0));
-        assert!(room.lead(first).is_some());
+        let (_, runner) = host.runners.iter_mut().next().expect("its scene");
+        let broken = Scene::with_engine(*runner.config(), Box::new(Failing)).expect("same config");
+        *runner = SceneRunner::new(broken, StreamNames::of_scene(0));
+        assert!(runner.lead(first).is_some());
         say(&mut host, first, &FRAME);
         assert_eq!(sent_away(&mut host), [first]);
         assert_eq!(host.scenes().count(), 0);

@@ -4,12 +4,12 @@ use glam::Vec3;
 use rhumb_protocol::Peer;
 use rhumb_protocol::scene::{Command, CommandError, IdRange};
 
-use crate::room::Room;
 use crate::scene::Scene;
+use crate::scene_runner::SceneRunner;
 
-/// A room, as its leader commands it.
+/// A runner, as its leader commands it.
 pub(super) struct Lead<'a> {
-    pub(super) room: &'a mut Room,
+    pub(super) runner: &'a mut SceneRunner,
     pub(super) leader: Peer,
     /// The indices that its bodies may have.
     pub(super) range: IdRange,
@@ -17,7 +17,7 @@ pub(super) struct Lead<'a> {
 
 impl Lead<'_> {
     pub(super) fn command(&mut self, command: &Command) -> Result<(), CommandError> {
-        self.room.command_of_leader(self.leader, command)
+        self.runner.command_of_leader(self.leader, command)
     }
 
     pub(super) fn set_gravity(&mut self, gravity: Vec3) -> Result<(), CommandError> {
@@ -25,6 +25,6 @@ impl Lead<'_> {
     }
 
     pub(super) const fn scene(&self) -> &Scene {
-        self.room.scene()
+        self.runner.scene()
     }
 }

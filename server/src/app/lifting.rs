@@ -8,10 +8,10 @@ use rhumb_protocol::scene::{BodyKind, Command, Heights, Shape};
 use rhumb_reckoning::BodyId;
 
 use super::lead::Lead;
-use super::ledger::Ledger;
+use super::world_mirror::WorldMirror;
 
 /// Lifts what lies below a body's field of heights.
-pub(super) fn lift(ledger: &Ledger, ground: BodyId, lead: &mut Lead<'_>) {
+pub(super) fn lift(mirror: &WorldMirror, ground: BodyId, lead: &mut Lead<'_>) {
     let scene = lead.scene();
     let (Some(Shape::Heights(field)), Some(at)) =
         (scene.shape_of(ground).cloned(), scene.observation(ground))
@@ -19,7 +19,7 @@ pub(super) fn lift(ledger: &Ledger, ground: BodyId, lead: &mut Lead<'_>) {
         return;
     };
     let (origin, turned) = pose(&at.motion.parts());
-    let moving = ledger
+    let moving = mirror
         .actors
         .values()
         .filter(|a| a.kind == BodyKind::Dynamic);

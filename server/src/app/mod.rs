@@ -5,21 +5,21 @@
 
 mod actor;
 mod form;
+mod frame_clock;
 mod guest;
 mod guests;
 mod joint;
 mod lead;
-mod ledger;
 mod lifting;
-mod mail;
 mod names;
 mod options;
 mod outline;
-mod pace;
 mod realise;
 mod refusal;
-mod shelf;
-mod telling;
+mod send_queue;
+mod shape_cache;
+mod state_reporter;
+mod world_mirror;
 
 pub(crate) use guests::Guests;
 pub use options::{AppOptions, Datagrams, States, TimeAdvanced};

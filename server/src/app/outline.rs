@@ -31,7 +31,7 @@ const Y_TO_X: Quat = Quat::from_xyzw(0.0, 0.0, -FRAC_1_SQRT_2, FRAC_1_SQRT_2);
 impl Outline {
     fn of(shape: Shape) -> Result<Self, Refusal> {
         shape.check()?;
-        let bulk = bulk(&shape).map_err(|_| Refusal::Unfit)?;
+        let bulk = bulk(&shape).map_err(|_| Refusal::UnusableShape)?;
         Ok(Self {
             shape,
             position: Vec3::ZERO,

@@ -1,50 +1,50 @@
 //! Makes a scene what a client said of its world since the last frame.
 //!
-//! In the order of saying, and once for each actor: one that became another form is taken out and put in again where it
+//! In the order of payload, and once for each actor: one that became another form is taken out and put in again where it
 //! is, under the next generation of its index; one that only moves is moved. Joints come last, when all bodies are there.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::limits::JOINTS_MAX;
-use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, Compound, JointId, Shape};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, Compound, JointId, Shape};
 use rhumb_protocol::stream::Observation;
-use rhumb_reckoning::{BodyId, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState};
 
-use super::actor::{Actor, Body, Wish};
+use super::actor::{Actor, ActorBody, TargetMotion};
 use super::form::{Form, Frame, form};
 use super::joint;
 use super::lead::Lead;
-use super::ledger::{Held, Ledger, MATERIAL};
 use super::lifting::lift;
 use super::names::Names;
-use super::refusal::{Refusal, Refused};
+use super::refusal::{Refusal, RefusedMessage};
+use super::world_mirror::{JointRecord, MATERIAL, WorldMirror};
 
 /// What came of it that the client should hear.
 #[derive(Debug, Default)]
-pub(super) struct Realised {
-    /// Masses that are others than were told, kg, by actor.
+pub(super) struct FrameResult {
+    /// Masses that are others than were message, kg, by actor.
     pub(super) masses: Vec<(u32, f32)>,
     /// What could not be done.
-    pub(super) refused: Vec<Refused>,
+    pub(super) refused: Vec<RefusedMessage>,
 }
 
 /// Where an actor is, and how it moves.
 #[derive(Clone, Copy, Debug)]
-struct Moving {
+struct BodyMotion {
     position: Vec3,
     rotation: Quat,
     linear: Vec3,
     angular: Vec3,
 }
 
-impl Ledger {
+impl WorldMirror {
     /// Does all that was said since the last frame.
-    pub(super) fn realise(&mut self, lead: &mut Lead<'_>) -> Realised {
-        let mut realised = Realised::default();
-        for name in std::mem::take(&mut self.loosened) {
+    pub(super) fn realise(&mut self, lead: &mut Lead<'_>) -> FrameResult {
+        let mut realised = FrameResult::default();
+        for name in std::mem::take(&mut self.removed_joints) {
             // One that went with a body is gone already.
             let _ = lead.command(&Command::RemoveJoint { id: name });
         }
-        for body in std::mem::take(&mut self.doomed) {
+        for body in std::mem::take(&mut self.removed_bodies) {
             self.take_out(&body, lead);
             self.names.give_back(body.id);
         }
@@ -55,7 +55,7 @@ impl Ledger {
             };
             let before = actor.body.map(|body| body.id);
             if let Err(refusal) = self.realise_actor(name, &mut actor, lead, &mut realised) {
-                let refused = Refused::at_frame(index, name, refusal);
+                let refused = RefusedMessage::at_frame(index, name, refusal);
                 realised.refused.push(refused);
             }
             let ground = actor.body.map(|body| body.id);
@@ -70,11 +70,11 @@ impl Ledger {
         realised
     }
 
-    fn take_out(&mut self, body: &Body, lead: &mut Lead<'_>) {
+    fn take_out(&mut self, body: &ActorBody, lead: &mut Lead<'_>) {
         self.forget_body(body.id);
         // One that left the world is gone already.
         let _ = lead.command(&Command::RemoveBody { id: body.id });
-        self.shelf.give_back(body.shape, lead);
+        self.shape_cache.give_back(body.shape, lead);
         for held in self.joints.values_mut() {
             let gone = |id: JointId| lead.scene().joints().get(id).is_none();
             held.name = held.name.filter(|id| !gone(*id));
@@ -86,11 +86,11 @@ impl Ledger {
         name: u32,
         actor: &mut Actor,
         lead: &mut Lead<'_>,
-        realised: &mut Realised,
+        realised: &mut FrameResult,
     ) -> Result<(), Refusal> {
         let form = form(actor.kind, &actor.parts, MATERIAL);
-        if let Some(told) = actor.told_mass
-            && (told - form.mass).abs() > told * SAME_MASS
+        if let Some(message) = actor.told_mass
+            && (message - form.mass).abs() > message * SAME_MASS
         {
             actor.told_mass = Some(form.mass);
             realised.masses.push((name, form.mass));
@@ -99,14 +99,14 @@ impl Ledger {
             .body
             .and_then(|body| lead.scene().observation(body.id));
         if let (Some(body), None) = (&actor.body, &present)
-            && actor.wish.position.is_none()
+            && actor.target_motion.position.is_none()
             && lead.scene().body(body.id).is_none()
         {
             // It left the world, and nobody says where it is to be.
             actor.fulfil();
             return Ok(());
         }
-        let wish = actor.wish;
+        let target_motion = actor.target_motion;
         let now = actor
             .body
             .zip(present)
@@ -120,7 +120,7 @@ impl Ledger {
         actor.fulfil();
         match (actor.body, now) {
             (Some(body), Some(now)) if is_as(&body, &form, actor, lead) => {
-                steer(actor, &body, wish, now, lead)
+                steer(actor, &body, target_motion, now, lead)
             }
             _ => self.put_in(name, actor, form, lead),
         }
@@ -143,37 +143,37 @@ impl Ledger {
             Some(id) => id,
             None => self.names.take(&lead.range).ok_or(Refusal::TooMany)?,
         };
-        let taken = self.shelf.take(&form.shape, lead);
+        let taken = self.shape_cache.take(&form.shape, lead);
         let shape = match taken {
             Ok(shape) => shape,
             Err(error) => {
                 tracing::warn!(actor = name, %error, "an actor has no shape in its scene");
                 let nothing = Shape::Compound(Compound::nothing());
-                self.shelf.take(&nothing, lead)?
+                self.shape_cache.take(&nothing, lead)?
             }
         };
-        let mut terms = BodyTerms::plain(id, actor.kind, shape);
-        terms.material = form.material;
-        terms.gravity_scale = actor.gravity;
-        terms.turns = !actor.upright;
+        let mut config = BodyDesc::plain(id, actor.kind, shape);
+        config.material = form.material;
+        config.gravity_scale = actor.gravity;
+        config.turns = !actor.upright;
         let (position, rotation) = form.frame.body_of(actor.position, actor.rotation);
         let still = actor.kind == BodyKind::Static;
         let [linear, angular] =
             [actor.linear, actor.angular].map(|velocity| if still { Vec3::ZERO } else { velocity });
-        let motion = Verbatim::new(
+        let motion = BodyState::new(
             position.to_array(),
             rotation.to_array(),
             linear.to_array(),
             angular.to_array(),
         )
         .map_err(|_| Refusal::Number)?;
-        if let Err(error) = lead.command(&Command::AddBody { terms, motion }) {
-            self.shelf.give_back(shape, lead);
+        if let Err(error) = lead.command(&Command::AddBody { config, motion }) {
+            self.shape_cache.give_back(shape, lead);
             self.names.give_back(id);
             return Err(error.into());
         }
         self.note_body(id, name);
-        actor.body = Some(Body {
+        actor.body = Some(ActorBody {
             id,
             shape,
             frame: form.frame,
@@ -184,22 +184,22 @@ impl Ledger {
         Ok(())
     }
 
-    fn realise_joints(&mut self, lead: &mut Lead<'_>, realised: &mut Realised) {
+    fn realise_joints(&mut self, lead: &mut Lead<'_>, realised: &mut FrameResult) {
         let waiting: Vec<u32> = self
             .joints
             .iter()
-            .filter(|(_, held)| held.name.is_none() && !joint::is_upright(&held.told))
+            .filter(|(_, held)| held.name.is_none() && !joint::is_upright(&held.message))
             .map(|(name, _)| *name)
             .collect();
         for name in waiting {
-            let Some(Held { told, index, .. }) = self.joints.get(&name).copied() else {
+            let Some(JointRecord { message, index, .. }) = self.joints.get(&name).copied() else {
                 continue;
             };
-            if !self.actors.contains_key(&told.second.actor.object) {
+            if !self.actors.contains_key(&message.second.actor.object) {
                 self.realise_world(index, lead, realised);
             }
             let joined = self.free_joint(lead).and_then(|id| {
-                self.hold(&told, id, lead)?;
+                self.hold(&message, id, lead)?;
                 self.last_joint = id.0;
                 Ok(id)
             });
@@ -213,7 +213,8 @@ impl Ledger {
                 Err(Refusal::JointTo(_)) => {}
                 Err(refusal) => {
                     self.joints.remove(&name);
-                    let refused = Refused::at_frame(index, told.first.actor.object, refusal);
+                    let refused =
+                        RefusedMessage::at_frame(index, message.first.actor.object, refusal);
                     realised.refused.push(refused);
                 }
             }
@@ -229,7 +230,7 @@ impl Ledger {
     }
 
     /// Has something in the scene that stands for the world, which joints may hold; `index`: of the message of such a joint.
-    fn realise_world(&mut self, index: u32, lead: &mut Lead<'_>, realised: &mut Realised) {
+    fn realise_world(&mut self, index: u32, lead: &mut Lead<'_>, realised: &mut FrameResult) {
         let stands = Actor::new(BodyKind::Static, Vec3::ZERO, Quat::IDENTITY);
         let mut world = self.actors.remove(&WORLD).unwrap_or(stands);
         if world.body.is_none()
@@ -237,14 +238,14 @@ impl Ledger {
         {
             realised
                 .refused
-                .push(Refused::at_frame(index, WORLD, refusal));
+                .push(RefusedMessage::at_frame(index, WORLD, refusal));
         }
         self.actors.insert(WORLD, world);
     }
 
     fn hold(
         &self,
-        told: &rhumb_app::AddJoint,
+        message: &rhumb_app::AddJoint,
         id: JointId,
         lead: &mut Lead<'_>,
     ) -> Result<(), Refusal> {
@@ -253,14 +254,14 @@ impl Ledger {
             body.map(|body| (body.id, body.frame))
                 .ok_or(Refusal::JointTo(name))
         };
-        let second = told.second.actor.object;
+        let second = message.second.actor.object;
         let second = if self.actors.contains_key(&second) {
             second
         } else {
             WORLD
         };
-        let bodies = [body(told.first.actor.object)?, body(second)?];
-        let joint = joint::between(told, bodies).ok_or(Refusal::Joint)?;
+        let bodies = [body(message.first.actor.object)?, body(second)?];
+        let joint = joint::between(message, bodies).ok_or(Refusal::Joint)?;
         lead.command(&Command::AddJoint { id, joint })?;
         Ok(())
     }
@@ -272,10 +273,10 @@ const WORLD: u32 = u32::MAX;
 const SAME_MASS: f32 = 1e-6;
 
 /// A body as the actor that it is.
-fn seen_as(frame: &Frame, seen: &Observation) -> Moving {
+fn seen_as(frame: &Frame, seen: &Observation) -> BodyMotion {
     let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = seen.motion.parts();
     let (position, rotation) = frame.actor_of(Vec3::new(px, py, pz), Quat::from_xyzw(x, y, z, w));
-    Moving {
+    BodyMotion {
         position,
         rotation,
         linear: Vec3::new(vx, vy, vz),
@@ -284,7 +285,7 @@ fn seen_as(frame: &Frame, seen: &Observation) -> Moving {
 }
 
 /// Whether a body is what its actor has become.
-fn is_as(body: &Body, form: &Form, actor: &Actor, lead: &Lead<'_>) -> bool {
+fn is_as(body: &ActorBody, form: &Form, actor: &Actor, lead: &Lead<'_>) -> bool {
     body.frame == form.frame
         && body.material == form.material
         && body.gravity == actor.gravity
@@ -295,9 +296,9 @@ fn is_as(body: &Body, form: &Form, actor: &Actor, lead: &Lead<'_>) -> bool {
 /// Has a body do what was said of its actor's motion.
 fn steer(
     actor: &Actor,
-    body: &Body,
-    wish: Wish,
-    now: Moving,
+    body: &ActorBody,
+    target_motion: TargetMotion,
+    now: BodyMotion,
     lead: &mut Lead<'_>,
 ) -> Result<(), Refusal> {
     let elsewhere = (actor.position, actor.rotation) != (now.position, now.rotation);
@@ -309,7 +310,7 @@ fn steer(
             rotation,
         })?;
     }
-    let set_going = wish.linear.is_some() || wish.angular.is_some();
+    let set_going = target_motion.linear.is_some() || target_motion.angular.is_some();
     let otherwise = (actor.linear, actor.angular) != (now.linear, now.angular);
     if set_going && otherwise && actor.kind == BodyKind::Dynamic {
         lead.command(&Command::SetVelocity {

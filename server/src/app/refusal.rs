@@ -13,7 +13,7 @@ pub(super) enum Refusal {
     /// A shape with numbers that no engine should be given.
     Shape(Invalid),
     /// A shape of which the engine can make no solid.
-    Unfit,
+    UnusableShape,
     /// More actors, shapes, joints, or parts of one actor, than there may be.
     TooMany,
     /// Planes are no shapes here.
@@ -32,7 +32,7 @@ pub(super) enum Refusal {
 
 /// What was not done, and what it was about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Refused {
+pub(super) struct RefusedMessage {
     /// The index of its message; of what fails only at a frame, of the last message that was about it.
     pub(super) index: u32,
     /// The actor, where a frame failed at one.
@@ -41,7 +41,7 @@ pub(super) struct Refused {
     pub(super) refusal: Refusal,
 }
 
-impl Refused {
+impl RefusedMessage {
     /// A message, when it was heard.
     pub(super) const fn at_once(index: u32, refusal: Refusal) -> Self {
         Self {
@@ -66,7 +66,7 @@ impl fmt::Display for Refusal {
         match self {
             Self::Number => f.write_str("a number is not finite or out of range"),
             Self::Shape(invalid) => write!(f, "the shape is refused: {invalid}"),
-            Self::Unfit => f.write_str("the engine can make no solid of the shape"),
+            Self::UnusableShape => f.write_str("the engine can make no solid of the shape"),
             Self::TooMany => f.write_str("there are as many of these as there may be"),
             Self::Plane => f.write_str("a plane is no shape here"),
             Self::Joint => f.write_str("no joint leaves just these motions free"),

@@ -3,7 +3,7 @@
 //! Knows no ticks, no members and no checks: a scene hands it only what it has checked. Invariants: whatever leaves an
 //! engine is finite and inside the world; after a fault it steps and moves nothing any more.
 
-mod drive;
+mod kinematic_target;
 mod rapier;
 mod rapier_body;
 mod rapier_solid;
@@ -15,15 +15,15 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{BodyKind, Joint, JointId, Material, Shape, ShapeId};
 use rhumb_protocol::stream::Observation;
-use rhumb_reckoning::{BodyId, Damping, Inertia, Twist, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Twist};
 
 pub use rapier::RapierEngine;
 pub use rapier_solid::{bulk, hull_of};
-pub use rapier_workers::{NoWorkers, Workers};
+pub use rapier_workers::{Workers, WorkersError};
 
-/// A body to be put into an engine, with everything that its terms left to the scene filled in.
+/// A body to be put into an engine, with everything that its config left to the scene filled in.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Newcomer {
+pub struct NewBody {
     /// Its name; no body of the engine has its index.
     pub id: BodyId,
     /// Who moves it.
@@ -41,7 +41,7 @@ pub struct Newcomer {
     /// Whether what touches it can turn it.
     pub turns: bool,
     /// Where it is, and how it moves.
-    pub motion: Verbatim,
+    pub motion: BodyState,
 }
 
 /// What acts on a dynamic body, world frame.
@@ -66,14 +66,14 @@ pub trait Engine: Send {
     ///
     /// # Errors
     ///
-    /// [`Unfit`] when it cannot make one; then nothing has changed.
-    fn add_shape(&mut self, id: ShapeId, shape: &Shape) -> Result<(), Unfit>;
+    /// [`UnusableShape`] when it cannot make one; then nothing has changed.
+    fn add_shape(&mut self, id: ShapeId, shape: &Shape) -> Result<(), UnusableShape>;
 
     /// Forgets a solid that no body has.
     fn remove_shape(&mut self, id: ShapeId);
 
     /// Puts a body in.
-    fn add(&mut self, body: &Newcomer);
+    fn add(&mut self, body: &NewBody);
 
     /// Takes a body out, with its joints; what rested on it wakes.
     fn remove(&mut self, id: BodyId);
@@ -150,7 +150,7 @@ pub struct Bulk {
 
 /// An engine cannot make a solid of a shape, though its numbers are within the limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Unfit;
+pub struct UnusableShape;
 
 /// Why an engine steps no more.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

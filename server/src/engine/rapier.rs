@@ -14,21 +14,21 @@ use rapier3d::prelude::{
 };
 use rhumb_protocol::limits::COORDINATE_MAX;
 use rhumb_protocol::message::RemovalCause;
-use rhumb_protocol::scene::{BodyKind, Joint, JointId, SceneTerms, Shape, ShapeId, SleepTerms};
+use rhumb_protocol::scene::{BodyKind, Joint, JointId, SceneConfig, Shape, ShapeId, SleepConfig};
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, Inertia, Integrator, Twist};
 
-use super::drive::Drive;
+use super::kinematic_target::KinematicTarget;
 use super::rapier_body as translate;
 use super::rapier_solid::{self as solids, Solid};
 use super::rapier_workers::Workers;
-use super::{Contact, Engine, EngineFault, Newcomer, Push, Unfit};
+use super::{Contact, Engine, EngineFault, NewBody, Push, UnusableShape};
 
 /// A world of Rapier's.
 pub struct RapierEngine {
     world: PhysicsWorld,
     integrator: Integrator,
-    sleep: Option<SleepTerms>,
+    sleep: Option<SleepConfig>,
     fault: Option<EngineFault>,
     solids: BTreeMap<ShapeId, Solid>,
     /// Whether a body had a solid so thin that what is fast could pass through it: dynamic bodies are swept from then on.
@@ -36,54 +36,54 @@ pub struct RapierEngine {
     /// Some may be gone with a body.
     joints: BTreeMap<JointId, ImpulseJointHandle>,
     /// By index of the body.
-    places: Vec<Option<Place>>,
+    places: Vec<Option<BodySlot>>,
     /// Kinematic bodies that move.
-    drives: BTreeMap<BodyId, Drive>,
+    kinematic_targets: BTreeMap<BodyId, KinematicTarget>,
     /// Bodies on which a force acts until the next step is over.
     pushed: Vec<RigidBodyHandle>,
     /// Static bodies that were put elsewhere since the last step.
-    displaced: Vec<Place>,
+    displaced: Vec<BodySlot>,
     /// Awake after the last step, in the order of ids.
-    awake: Vec<Place>,
+    awake: Vec<BodySlot>,
     /// Awake after the step before, in the order of ids.
-    awake_before: Vec<Place>,
+    awake_before: Vec<BodySlot>,
     observed: Vec<Observation>,
 }
 
 /// A body's name, and where Rapier keeps it.
 #[derive(Clone, Copy, Debug)]
-struct Place {
+struct BodySlot {
     id: BodyId,
     handle: RigidBodyHandle,
 }
 
 impl RapierEngine {
-    /// An empty world that steps as `terms` say.
+    /// An empty world that steps as `config` say.
     #[must_use]
-    pub fn new(terms: &SceneTerms) -> Self {
-        Self::on(terms, &Workers::default())
+    pub fn new(config: &SceneConfig) -> Self {
+        Self::on(config, &Workers::default())
     }
 
-    /// An empty world that these threads step as `terms` say.
+    /// An empty world that these threads step as `config` say.
     #[must_use]
-    pub fn on(terms: &SceneTerms, workers: &Workers) -> Self {
+    pub fn on(config: &SceneConfig, workers: &Workers) -> Self {
         let mut world = PhysicsWorld::new();
         workers.employ(&mut world);
-        world.gravity = terms.gravity;
+        world.gravity = config.gravity;
         let parameters = &mut world.integration_parameters;
-        parameters.dt = terms.integrator.rate.step().seconds() as f32;
+        parameters.dt = config.integrator.rate.step().seconds() as f32;
         parameters.min_ccd_dt = parameters.dt / 100.0;
-        parameters.num_solver_iterations = terms.integrator.substeps.get() as usize;
+        parameters.num_solver_iterations = config.integrator.substeps.get() as usize;
         Self {
             world,
-            integrator: terms.integrator,
-            sleep: terms.sleep,
+            integrator: config.integrator,
+            sleep: config.sleep,
             fault: None,
             solids: BTreeMap::new(),
             has_sheets: false,
             joints: BTreeMap::new(),
             places: Vec::new(),
-            drives: BTreeMap::new(),
+            kinematic_targets: BTreeMap::new(),
             pushed: Vec::new(),
             displaced: Vec::new(),
             awake: Vec::new(),
@@ -105,40 +105,40 @@ impl RapierEngine {
             self.solids.clear();
             self.joints.clear();
             self.places.clear();
-            self.drives.clear();
+            self.kinematic_targets.clear();
             self.awake.clear();
             self.observed.clear();
         }
     }
 
-    fn place(&self, id: BodyId) -> Option<Place> {
+    fn place(&self, id: BodyId) -> Option<BodySlot> {
         let place = self.places.get(id.index() as usize).copied().flatten()?;
         (place.id == id).then_some(place)
     }
 
-    fn body(&self, place: Place) -> Option<&RigidBody> {
+    fn body(&self, place: BodySlot) -> Option<&RigidBody> {
         self.world.bodies.get(place.handle)
     }
 
-    fn drive_mut(&mut self, place: Place) -> Option<&mut Drive> {
+    fn kinematic_target_mut(&mut self, place: BodySlot) -> Option<&mut KinematicTarget> {
         let body = self.world.bodies.get(place.handle)?;
         let pose = translate::widen(body.translation(), *body.rotation());
         Some(
-            self.drives
+            self.kinematic_targets
                 .entry(place.id)
-                .or_insert_with(|| Drive::at(pose)),
+                .or_insert_with(|| KinematicTarget::at(pose)),
         )
     }
 
-    fn insert(&mut self, newcomer: &Newcomer) {
-        let Some(solid) = self.solids.get(&newcomer.shape) else {
+    fn insert(&mut self, new_body: &NewBody) {
+        let Some(solid) = self.solids.get(&new_body.shape) else {
             return;
         };
-        let mut body = translate::body(newcomer);
+        let mut body = translate::body(new_body);
         if let Some(sleep) = self.sleep {
             translate::let_sleep(&mut body, sleep);
         }
-        if let Some(mass) = solids::mass_beside(newcomer, solid) {
+        if let Some(mass) = solids::mass_beside(new_body, solid) {
             body.set_additional_mass_properties(mass, false);
         }
         if solid.is_sheet && !self.has_sheets {
@@ -149,20 +149,20 @@ impl RapierEngine {
         }
         body.enable_ccd(self.has_sheets && body.is_dynamic());
         let handle = self.world.insert_body(body);
-        for collider in solids::colliders(newcomer, solid) {
+        for collider in solids::colliders(new_body, solid) {
             self.world.insert_collider(collider, Some(handle));
         }
-        let index = newcomer.id.index() as usize;
+        let index = new_body.id.index() as usize;
         if index >= self.places.len() {
             self.places.resize(index + 1, None);
         }
-        let place = Place {
-            id: newcomer.id,
+        let place = BodySlot {
+            id: new_body.id,
             handle,
         };
         self.places[index] = Some(place);
-        if newcomer.kind == BodyKind::Kinematic {
-            let twist = newcomer.motion.motion().twist();
+        if new_body.kind == BodyKind::Kinematic {
+            let twist = new_body.motion.motion().twist();
             self.keep(place, twist);
         }
     }
@@ -170,7 +170,7 @@ impl RapierEngine {
     fn discard(&mut self, id: BodyId) {
         if let Some(place) = self.place(id) {
             self.places[id.index() as usize] = None;
-            self.drives.remove(&id);
+            self.kinematic_targets.remove(&id);
             self.world.remove_body(place.handle);
         }
     }
@@ -179,7 +179,7 @@ impl RapierEngine {
         let Some(place) = self.place(id) else { return };
         let body = &mut self.world.bodies[place.handle];
         if body.is_kinematic() {
-            if let Some(drive) = self.drive_mut(place) {
+            if let Some(drive) = self.kinematic_target_mut(place) {
                 drive.go_to(translate::widen(position, rotation));
             }
             return;
@@ -193,8 +193,8 @@ impl RapierEngine {
         }
     }
 
-    fn keep(&mut self, place: Place, twist: Twist) {
-        if let Some(drive) = self.drive_mut(place) {
+    fn keep(&mut self, place: BodySlot, twist: Twist) {
+        if let Some(drive) = self.kinematic_target_mut(place) {
             drive.keep(twist);
         }
     }
@@ -211,10 +211,10 @@ impl RapierEngine {
         }
     }
 
-    /// Moves what moves by wish, steps, and looks at what came of it.
+    /// TierPolicy what moves by wish, steps, and looks at what came of it.
     fn advance(&mut self, lost: &mut Vec<(BodyId, RemovalCause)>) {
-        self.drives.retain(|_, drive| drive.moves());
-        for (id, drive) in &mut self.drives {
+        self.kinematic_targets.retain(|_, drive| drive.moves());
+        for (id, drive) in &mut self.kinematic_targets {
             let next = translate::narrow(&drive.advance(self.integrator));
             let place = self.places.get(id.index() as usize).copied().flatten();
             if let Some(body) = place.and_then(|place| self.world.bodies.get_mut(place.handle)) {
@@ -269,7 +269,7 @@ impl RapierEngine {
         mem::swap(&mut self.awake, &mut self.awake_before);
         self.awake.clear();
         let active = self.world.active_bodies();
-        self.awake.extend(active.map(|(handle, body)| Place {
+        self.awake.extend(active.map(|(handle, body)| BodySlot {
             id: translate::id(body),
             handle,
         }));
@@ -303,13 +303,13 @@ impl RapierEngine {
     }
 
     /// Whether the body was not removed since.
-    fn is_at(&self, place: Place) -> bool {
+    fn is_at(&self, place: BodySlot) -> bool {
         self.place(place.id)
             .is_some_and(|now| now.handle == place.handle)
     }
 
     /// The last of a body that was awake and is so no more, unless it is gone altogether.
-    fn fallen_asleep(&self, place: Place) -> Option<Observation> {
+    fn fallen_asleep(&self, place: BodySlot) -> Option<Observation> {
         if !self.is_at(place) {
             return None;
         }
@@ -346,10 +346,12 @@ impl RapierEngine {
     }
 
     /// What can be said of a body, or why it must go.
-    fn seen(&self, place: Place, activity: Activity) -> Result<Observation, RemovalCause> {
+    fn seen(&self, place: BodySlot, activity: Activity) -> Result<Observation, RemovalCause> {
         let body = self.body(place).ok_or(RemovalCause::NotFinite)?;
         let kept = if body.is_kinematic() && activity == Activity::Awake {
-            self.drives.get(&place.id).and_then(Drive::kept)
+            self.kinematic_targets
+                .get(&place.id)
+                .and_then(KinematicTarget::kept)
         } else {
             None
         };
@@ -366,7 +368,7 @@ impl RapierEngine {
 }
 
 impl Engine for RapierEngine {
-    fn add_shape(&mut self, id: ShapeId, shape: &Shape) -> Result<(), Unfit> {
+    fn add_shape(&mut self, id: ShapeId, shape: &Shape) -> Result<(), UnusableShape> {
         let solid = solids::solid(shape)?;
         self.solids.insert(id, solid);
         Ok(())
@@ -376,7 +378,7 @@ impl Engine for RapierEngine {
         self.solids.remove(&id);
     }
 
-    fn add(&mut self, body: &Newcomer) {
+    fn add(&mut self, body: &NewBody) {
         self.contained(|engine| engine.insert(body));
     }
 
@@ -503,8 +505,8 @@ impl Engine for RapierEngine {
 mod tests {
     use core::num::NonZeroU32;
 
-    use rhumb_protocol::scene::{Cadence, Material, Pace};
-    use rhumb_reckoning::{Damping, Rate, Verbatim};
+    use rhumb_protocol::scene::{Material, PublishSchedule, Stepping};
+    use rhumb_reckoning::{BodyState, Damping, Rate};
 
     use super::*;
 
@@ -518,20 +520,20 @@ mod tests {
             },
             Damping::default(),
         );
-        let mut engine = RapierEngine::new(&SceneTerms {
+        let mut engine = RapierEngine::new(&SceneConfig {
             integrator: Integrator {
                 rate: Rate::HZ_60,
                 substeps: NonZeroU32::new(4).unwrap(),
             },
             gravity: Vec3::ZERO,
-            pace: Pace::Lockstep,
+            stepping: Stepping::Lockstep,
             material,
             damping,
             sleep: None,
-            cadence: Cadence::EACH_TICK,
+            publish_schedule: PublishSchedule::EACH_TICK,
         });
         let id = BodyId::new(0, 0);
-        let ball = Newcomer {
+        let ball = NewBody {
             id,
             kind: BodyKind::Dynamic,
             shape: ShapeId(0),
@@ -540,7 +542,7 @@ mod tests {
             gravity_scale: 1.0,
             gyroscopic: true,
             turns: true,
-            motion: Verbatim::new([0.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).unwrap(),
+            motion: BodyState::new([0.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).unwrap(),
         };
         let shape = Shape::Ball { radius: 0.5 };
         assert_eq!(engine.add_shape(ball.shape, &shape), Ok(()));

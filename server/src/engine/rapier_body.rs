@@ -9,30 +9,30 @@ use rapier3d::prelude::{
     RigidBodyType,
 };
 use rhumb_protocol::limits::{ANGULAR_MAX, LINEAR_MAX};
-use rhumb_protocol::scene::{BodyKind, Joint, JointFrame, JointKind, SleepTerms};
-use rhumb_reckoning::{BodyId, Inertia, InvalidMotion, Pose, Twist, Verbatim};
+use rhumb_protocol::scene::{BodyKind, Joint, JointFrame, JointKind, SleepConfig};
+use rhumb_reckoning::{BodyId, BodyState, Inertia, InvalidMotion, Pose, Twist};
 
-use super::{Newcomer, Push};
+use super::{NewBody, Push};
 
 /// The body, without its solid. A kinematic one's velocities are not Rapier's: see `drive`.
-pub(super) fn body(newcomer: &Newcomer) -> RigidBody {
-    let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = newcomer.motion.parts();
-    let kind = match newcomer.kind {
+pub(super) fn body(new_body: &NewBody) -> RigidBody {
+    let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = new_body.motion.parts();
+    let kind = match new_body.kind {
         BodyKind::Static => RigidBodyType::Fixed,
         BodyKind::Dynamic => RigidBodyType::Dynamic,
         BodyKind::Kinematic => RigidBodyType::KinematicPositionBased,
     };
     let mut builder = RigidBodyBuilder::new(kind)
         .pose(pose(Vec3::new(px, py, pz), Quat::from_xyzw(x, y, z, w)))
-        .linear_damping(newcomer.damping.linear)
-        .angular_damping(newcomer.damping.angular)
-        .gravity_scale(newcomer.gravity_scale)
-        .gyroscopic_forces_enabled(newcomer.gyroscopic)
-        .user_data(tag(newcomer.id));
-    if !newcomer.turns {
+        .linear_damping(new_body.damping.linear)
+        .angular_damping(new_body.damping.angular)
+        .gravity_scale(new_body.gravity_scale)
+        .gyroscopic_forces_enabled(new_body.gyroscopic)
+        .user_data(tag(new_body.id));
+    if !new_body.turns {
         builder = builder.lock_rotations();
     }
-    if newcomer.kind == BodyKind::Dynamic {
+    if new_body.kind == BodyKind::Dynamic {
         builder = builder
             .linvel(Vec3::new(vx, vy, vz))
             .angvel(Vec3::new(wx, wy, wz));
@@ -40,8 +40,8 @@ pub(super) fn body(newcomer: &Newcomer) -> RigidBody {
     builder.build()
 }
 
-/// Makes a body fall asleep by a scene's terms.
-pub(super) fn let_sleep(body: &mut RigidBody, sleep: SleepTerms) {
+/// Makes a body fall asleep by a scene's config.
+pub(super) fn let_sleep(body: &mut RigidBody, sleep: SleepConfig) {
     let activation = body.activation_mut();
     // Rapier compares its threshold with half of how fast the fastest point goes.
     activation.normalized_linear_threshold = sleep.speed * 0.5;
@@ -126,13 +126,13 @@ pub(super) fn widen(position: Vec3, rotation: Quat) -> Pose {
 /// # Errors
 ///
 /// [`InvalidMotion`] for a body that is no longer finite.
-pub(super) fn motion(body: &RigidBody, kept: Option<Twist>) -> Result<Verbatim, InvalidMotion> {
+pub(super) fn motion(body: &RigidBody, kept: Option<Twist>) -> Result<BodyState, InvalidMotion> {
     let position = body.translation();
     let (linear, angular) = match kept {
         Some(twist) => (twist.linear.as_vec3(), twist.angular.as_vec3()),
         None => (body.linvel(), body.angvel()),
     };
-    Verbatim::new(
+    BodyState::new(
         position.to_array(),
         body.rotation().to_array(),
         linear.to_array(),

@@ -13,7 +13,7 @@ use rhumb_protocol::limits::HULL_POINTS_MAX;
 use rhumb_protocol::scene::{Heights, Hull, Invalid, Mesh, Shape};
 
 use super::rapier_body::pose;
-use super::{Bulk, Newcomer, Unfit};
+use super::{Bulk, NewBody, UnusableShape};
 
 /// What bodies of one shape share.
 #[derive(Clone)]
@@ -42,8 +42,8 @@ enum Weighing {
 ///
 /// # Errors
 ///
-/// [`Unfit`] for a shape of which no faces, or no mass and moments, can be made.
-pub(super) fn solid(shape: &Shape) -> Result<Solid, Unfit> {
+/// [`UnusableShape`] for a shape of which no faces, or no mass and moments, can be made.
+pub(super) fn solid(shape: &Shape) -> Result<Solid, UnusableShape> {
     let mut parts = Vec::new();
     add_parts(shape, RapierPose::IDENTITY, &mut parts)?;
     let weighing = match shape {
@@ -67,7 +67,7 @@ fn add_parts(
     shape: &Shape,
     at: RapierPose,
     parts: &mut Vec<(RapierPose, SharedShape)>,
-) -> Result<(), Unfit> {
+) -> Result<(), UnusableShape> {
     let part = match *shape {
         Shape::Ball { radius } => SharedShape::ball(radius),
         Shape::Cuboid { half_extents } => {
@@ -84,7 +84,7 @@ fn add_parts(
         Shape::Hull(ref hull) => {
             // Looking for faces among points that rounding makes contradict each other may panic.
             let made = catch_unwind(|| SharedShape::convex_hull(hull.points()));
-            let solid = made.ok().flatten().ok_or(Unfit)?;
+            let solid = made.ok().flatten().ok_or(UnusableShape)?;
             check(&solid.mass_properties(1.0))?;
             solid
         }
@@ -112,7 +112,7 @@ fn middle(heights: &Heights) -> RapierPose {
     RapierPose::from_parts(Vec3::new(x, 0.0, z), Quat::IDENTITY)
 }
 
-fn ground(heights: &Heights) -> Result<SharedShape, Unfit> {
+fn ground(heights: &Heights) -> Result<SharedShape, UnusableShape> {
     let (rows, columns) = (heights.rows() as usize, heights.columns() as usize);
     // Its rows go along z, which are our columns, and its numbers column by column: ours, row by row, are in its order.
     let posts = heights.heights().to_vec();
@@ -123,13 +123,13 @@ fn ground(heights: &Heights) -> Result<SharedShape, Unfit> {
     );
     // Without its fixing of inner edges: with it capsules that stand on flat ground are not held (measured).
     let build = || SharedShape::heightfield(Array2::new(columns, rows, posts), scale);
-    catch_unwind(build).map_err(|_| Unfit)
+    catch_unwind(build).map_err(|_| UnusableShape)
 }
 
-fn triangles(mesh: &Mesh) -> Result<SharedShape, Unfit> {
+fn triangles(mesh: &Mesh) -> Result<SharedShape, UnusableShape> {
     let (points, triangles) = (mesh.points().to_vec(), mesh.triangles().to_vec());
     let made = catch_unwind(|| SharedShape::trimesh(points, triangles));
-    made.ok().and_then(Result::ok).ok_or(Unfit)
+    made.ok().and_then(Result::ok).ok_or(UnusableShape)
 }
 
 /// What parts are together, of one unit of density.
@@ -141,7 +141,7 @@ fn total(parts: &[(RapierPose, SharedShape)]) -> MassProperties {
     properties.sum()
 }
 
-fn check(properties: &MassProperties) -> Result<(), Unfit> {
+fn check(properties: &MassProperties) -> Result<(), UnusableShape> {
     let inertia = properties.principal_inertia().min_element();
     let sound = [properties.mass(), inertia]
         .into_iter()
@@ -149,13 +149,13 @@ fn check(properties: &MassProperties) -> Result<(), Unfit> {
     if sound && properties.local_com.is_finite() {
         Ok(())
     } else {
-        Err(Unfit)
+        Err(UnusableShape)
     }
 }
 
 /// The solids of a body with their surface and mass.
-pub(super) fn colliders(newcomer: &Newcomer, solid: &Solid) -> impl Iterator<Item = Collider> {
-    let material = newcomer.material;
+pub(super) fn colliders(new_body: &NewBody, solid: &Solid) -> impl Iterator<Item = Collider> {
+    let material = new_body.material;
     solid.parts.iter().map(move |(at, part)| {
         let builder = ColliderBuilder::new(part.clone())
             .friction(material.friction)
@@ -177,11 +177,11 @@ pub(super) fn colliders(newcomer: &Newcomer, solid: &Solid) -> impl Iterator<Ite
 }
 
 /// The mass that a body has beside its solids'.
-pub(super) fn mass_beside(newcomer: &Newcomer, solid: &Solid) -> Option<MassProperties> {
+pub(super) fn mass_beside(new_body: &NewBody, solid: &Solid) -> Option<MassProperties> {
     match solid.weighing {
         Weighing::Plain | Weighing::Centred => None,
         Weighing::Together(unit) => {
-            let density = newcomer.material.density;
+            let density = new_body.material.density;
             Some(MassProperties::with_principal_inertia_frame(
                 Vec3::ZERO,
                 unit.mass() * density,
@@ -198,11 +198,11 @@ pub(super) fn mass_beside(newcomer: &Newcomer, solid: &Solid) -> Option<MassProp
 ///
 /// # Errors
 ///
-/// [`Unfit`] when it can make no solid of it, or one without mass.
-pub fn bulk(shape: &Shape) -> Result<Bulk, Unfit> {
+/// [`UnusableShape`] when it can make no solid of it, or one without mass.
+pub fn bulk(shape: &Shape) -> Result<Bulk, UnusableShape> {
     let mut parts = Vec::new();
     add_parts(shape, RapierPose::IDENTITY, &mut parts)?;
-    let properties = catch_unwind(AssertUnwindSafe(|| total(&parts))).map_err(|_| Unfit)?;
+    let properties = catch_unwind(AssertUnwindSafe(|| total(&parts))).map_err(|_| UnusableShape)?;
     check(&properties)?;
     Ok(Bulk {
         centre: properties.local_com,

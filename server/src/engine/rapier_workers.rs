@@ -20,7 +20,7 @@ pub struct Workers {
 
 /// Why there are not as many threads.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum NoWorkers {
+pub enum WorkersError {
     /// This program was built to step on one thread.
     OneOnly {
         /// What was asked for.
@@ -33,7 +33,7 @@ pub enum NoWorkers {
     },
 }
 
-impl fmt::Display for NoWorkers {
+impl fmt::Display for WorkersError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::OneOnly { asked } => write!(
@@ -45,16 +45,16 @@ impl fmt::Display for NoWorkers {
     }
 }
 
-impl std::error::Error for NoWorkers {}
+impl std::error::Error for WorkersError {}
 
 impl Workers {
     /// So many threads; one unless said.
     ///
     /// # Errors
     ///
-    /// [`NoWorkers`] when there cannot be so many.
+    /// [`WorkersError`] when there cannot be so many.
     #[cfg(feature = "parallel")]
-    pub fn new(threads: Option<NonZeroU32>) -> Result<Self, NoWorkers> {
+    pub fn new(threads: Option<NonZeroU32>) -> Result<Self, WorkersError> {
         let asked = threads.unwrap_or(NonZeroU32::MIN);
         let pool = ThreadPoolBuilder::new()
             .num_threads(asked.get() as usize)
@@ -63,7 +63,7 @@ impl Workers {
             Ok(pool) => Ok(Self {
                 pool: Some(Arc::new(pool)),
             }),
-            Err(_) => Err(NoWorkers::Denied { asked }),
+            Err(_) => Err(WorkersError::Denied { asked }),
         }
     }
 
@@ -71,11 +71,11 @@ impl Workers {
     ///
     /// # Errors
     ///
-    /// [`NoWorkers`] when there cannot be so many.
+    /// [`WorkersError`] when there cannot be so many.
     #[cfg(not(feature = "parallel"))]
-    pub fn new(threads: Option<NonZeroU32>) -> Result<Self, NoWorkers> {
+    pub fn new(threads: Option<NonZeroU32>) -> Result<Self, WorkersError> {
         match threads {
-            Some(asked) if asked > NonZeroU32::MIN => Err(NoWorkers::OneOnly { asked }),
+            Some(asked) if asked > NonZeroU32::MIN => Err(WorkersError::OneOnly { asked }),
             _ => Ok(Self::default()),
         }
     }

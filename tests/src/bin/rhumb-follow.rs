@@ -122,7 +122,7 @@ impl Leader {
             return Ok(());
         };
         let tick = replica.stream().complete();
-        if self.written == Some(tick) || !replica.stream().is_settled() {
+        if self.written == Some(tick) || !replica.stream().is_converged() {
             return Ok(());
         }
         self.written = Some(tick);
@@ -148,12 +148,12 @@ impl Leader {
         let mut commands = Vec::new();
         script.commands(Tick::new(tick), &mut commands);
         for command in commands {
-            let said = self.session.command(command);
-            said.map_err(|misuse| failed(&misuse.to_string()))?;
+            let sent = self.session.command(command);
+            sent.map_err(|misuse| failed(&misuse.to_string()))?;
         }
         let (begin, to) = (self.clock.now(), Tick::new(tick + 1));
-        let said = self.session.advance(begin, to);
-        said.map_err(|misuse| failed(&misuse.to_string()))?;
+        let sent = self.session.advance(begin, to);
+        sent.map_err(|misuse| failed(&misuse.to_string()))?;
         let is_there = |leader: &Self| {
             let replica = leader.session.replica();
             replica.is_some_and(|replica| replica.stream().complete() >= to)
@@ -188,7 +188,7 @@ fn main() -> io::Result<()> {
     let mut leader = Leader::open(&arguments)?;
     leader.await_event(|event| matches!(event, Event::Welcomed(_)))?;
     let misuse = |misuse: rhumb_protocol::session::Misuse| failed(&misuse.to_string());
-    leader.session.create(script.terms()).map_err(misuse)?;
+    leader.session.create(script.config()).map_err(misuse)?;
     leader.await_event(|event| *event == Event::Created)?;
     let choice = StreamChoice::Within(Tolerance::Surface(length));
     leader.session.join(choice).map_err(misuse)?;

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use rhumb_tests::conformance::mutants::ClientMutant;
-use rhumb_tests::testee::{Honest, Orders, run};
+use rhumb_tests::testee::{Honest, TesteeOrders, run};
 
 /// Follows a scene as its environment orders, and tells what it holds.
 #[derive(Debug, Parser)]
@@ -20,7 +20,7 @@ struct Arguments {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let orders = match Orders::from_environment() {
+    let orders = match TesteeOrders::from_environment() {
         Ok(orders) => orders,
         Err(None) => return ExitCode::from(127),
         Err(Some(why)) => return fail(&why),

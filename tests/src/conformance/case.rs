@@ -4,13 +4,13 @@
 
 use std::fmt;
 
-use super::outcome::Play;
+use super::outcome::CaseResult;
 use super::trial::Trial;
 use crate::requirements::Document;
 
 /// Who is tried.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Side {
+pub enum Role {
     /// A server.
     Server,
     /// A client.
@@ -29,7 +29,7 @@ pub enum Feature {
     /// Scenes that step by the server's clock.
     FreeRunning,
     /// Members that move bodies themselves.
-    Driving,
+    AuthorityGrant,
     /// Streams within a budget.
     Budgets,
     /// Shapes without an inside.
@@ -37,7 +37,7 @@ pub enum Feature {
     /// Shapes of parts.
     Compounds,
     /// Streams that speak of each so-manyeth tick, or later.
-    Cadence,
+    PublishSchedule,
 }
 
 /// Which cases are wanted beyond those that every implementation must pass.
@@ -52,7 +52,7 @@ pub enum Profile {
 
 /// How a case stands to others that run beside it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Turn {
+pub enum Schedule {
     /// Waits long for a clock of the peer's: begins first.
     Slow,
     /// Neither.
@@ -62,9 +62,14 @@ pub enum Turn {
 }
 
 /// A case of a group as it stands in a table: its number, its promise, what it cites, and how it is tried.
-pub(super) type Row = (u32, &'static str, &'static str, fn(&mut Trial<'_>) -> Play);
+pub(super) type CaseRow = (
+    u32,
+    &'static str,
+    &'static str,
+    fn(&mut Trial<'_>) -> CaseResult,
+);
 
-type Played = Box<dyn Fn(&mut Trial<'_>) -> Play + Send + Sync>;
+type CaseFn = Box<dyn Fn(&mut Trial<'_>) -> CaseResult + Send + Sync>;
 
 /// One case.
 pub struct Case {
@@ -73,7 +78,7 @@ pub struct Case {
     /// The promise.
     pub name: String,
     /// Who is tried.
-    pub side: Side,
+    pub side: Role,
     /// The requirements that it tries.
     pub cites: Vec<(Document, String)>,
     /// What must be there for it to be tried.
@@ -81,36 +86,36 @@ pub struct Case {
     /// For whom it is.
     pub profile: Profile,
     /// When it runs.
-    pub turn: Turn,
-    played: Option<Played>,
+    pub turn: Schedule,
+    played: Option<CaseFn>,
 }
 
 impl Case {
     /// A case of a server.
     #[must_use]
     pub fn server(id: &str, name: &str) -> Self {
-        Self::of(Side::Server, id, name)
+        Self::of(Role::Server, id, name)
     }
 
     /// A case of a client.
     #[must_use]
     pub fn client(id: &str, name: &str) -> Self {
-        Self::of(Side::Client, id, name)
+        Self::of(Role::Client, id, name)
     }
 
     /// A case of a decoder.
     #[must_use]
     pub fn decoder(id: &str, name: &str) -> Self {
-        Self::of(Side::Decoder, id, name)
+        Self::of(Role::Decoder, id, name)
     }
 
     /// A case of a client with a server.
     #[must_use]
     pub fn pair(id: &str, name: &str) -> Self {
-        Self::of(Side::Pair, id, name)
+        Self::of(Role::Pair, id, name)
     }
 
-    fn of(side: Side, id: &str, name: &str) -> Self {
+    fn of(side: Role, id: &str, name: &str) -> Self {
         Self {
             id: id.to_owned(),
             name: name.to_owned(),
@@ -118,7 +123,7 @@ impl Case {
             cites: Vec::new(),
             needs: Vec::new(),
             profile: Profile::Core,
-            turn: Turn::Any,
+            turn: Schedule::Any,
             played: None,
         }
     }
@@ -160,14 +165,14 @@ impl Case {
     /// That it waits long.
     #[must_use]
     pub fn slow(mut self) -> Self {
-        self.turn = Turn::Slow;
+        self.turn = Schedule::Slow;
         self
     }
 
     /// That it would disturb others.
     #[must_use]
     pub fn alone(mut self) -> Self {
-        self.turn = Turn::Alone;
+        self.turn = Schedule::Alone;
         self
     }
 
@@ -180,7 +185,10 @@ impl Case {
 
     /// How it is tried.
     #[must_use]
-    pub fn play(mut self, play: impl Fn(&mut Trial<'_>) -> Play + Send + Sync + 'static) -> Self {
+    pub fn play(
+        mut self,
+        play: impl Fn(&mut Trial<'_>) -> CaseResult + Send + Sync + 'static,
+    ) -> Self {
         self.played = Some(Box::new(play));
         self
     }
@@ -190,7 +198,7 @@ impl Case {
     /// # Panics
     ///
     /// When nothing says how.
-    pub fn run(&self, trial: &mut Trial<'_>) -> Play {
+    pub fn run(&self, trial: &mut Trial<'_>) -> CaseResult {
         let played = self.played.as_ref().expect("a case says how it is tried");
         played(trial)
     }
@@ -230,7 +238,7 @@ impl fmt::Debug for Case {
     }
 }
 
-impl Side {
+impl Role {
     /// All.
     pub const ALL: [Self; 4] = [Self::Server, Self::Client, Self::Decoder, Self::Pair];
 

@@ -13,12 +13,12 @@ use std::process::{Command, ExitCode};
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
-use rhumb_transport::{BareLine, BareTerms, Fingerprint, LinkTerms, Trust};
+use rhumb_transport::{Fingerprint, LinkConfig, RawConnection, RawPeerConfig, Trust};
 
-use super::case::{Case, Feature, Profile, Side};
+use super::case::{Case, Feature, Profile, Role};
 use super::coverage;
 use super::matrix::{self, NamedClient, NamedServer, Pairing};
-use super::report::{self, Report, Terms};
+use super::report::{self, Report, RunSettings};
 use super::run;
 use super::suite::{self, Selection};
 use super::trace;
@@ -58,7 +58,7 @@ struct ServerTask {
     /// SHA-256 of the server's certificate, as 64 hexadecimal digits.
     #[arg(long, conflicts_with = "roots", required_unless_present_any = ["roots", "list"])]
     fingerprint: Option<Fingerprint>,
-    /// PEM file with the roots that vouch for the server.
+    /// PEM file with the roots that watermark for the server.
     #[arg(long)]
     roots: Option<PathBuf>,
     #[command(flatten)]
@@ -133,7 +133,7 @@ struct Common {
     timeout: Duration,
     /// What lies between the ends, as `rtt=100ms,loss=5%`.
     #[arg(long, default_value = "")]
-    link: LinkTerms,
+    link: LinkConfig,
     /// How much is wanted.
     #[arg(long, value_enum, default_value = "core")]
     profile: Profile,
@@ -171,7 +171,7 @@ fn seconds(text: &str) -> Result<Duration, String> {
 }
 
 /// Why nothing was tried, or a report not written.
-type Trouble = Box<dyn std::error::Error>;
+type BoxError = Box<dyn std::error::Error>;
 
 /// Does what the arguments say.
 #[must_use]
@@ -198,8 +198,8 @@ pub fn main(arguments: Arguments) -> ExitCode {
 
 impl ServerTask {
     /// `level`: the beginning of the ids that are tried.
-    fn run(self, level: &str) -> Result<bool, Trouble> {
-        let mut cases = suite::cases(Side::Server);
+    fn run(self, level: &str) -> Result<bool, BoxError> {
+        let mut cases = suite::cases(Role::Server);
         cases.retain(|case| case.id.starts_with(level));
         if self.common.list {
             return self.common.list(&cases);
@@ -224,9 +224,9 @@ impl ServerTask {
 }
 
 impl ClientTask {
-    fn run(self) -> Result<bool, Trouble> {
+    fn run(self) -> Result<bool, BoxError> {
         self.common.must_be_core()?;
-        let cases = suite::cases(Side::Client);
+        let cases = suite::cases(Role::Client);
         if self.common.list {
             return self.common.list(&cases);
         }
@@ -246,7 +246,7 @@ impl ClientTask {
 }
 
 /// Whether the shell finds what a command starts: it ends with the status that says *unsupported* where it does not.
-fn must_be_there(command: &str) -> Result<(), Trouble> {
+fn must_be_there(command: &str) -> Result<(), BoxError> {
     let programme = command.split_whitespace().next().unwrap_or_default();
     if programme.contains(['\'', '"', '\\', '~', '$', '`']) {
         // What the shell makes of it only the shell knows.
@@ -261,8 +261,8 @@ fn must_be_there(command: &str) -> Result<(), Trouble> {
     }
 }
 
-/// That no name is said twice: a pair is known by two.
-fn must_differ<'a>(names: impl Iterator<Item = &'a str>) -> Result<(), Trouble> {
+/// That no name is sent twice: a pair is known by two.
+fn must_differ<'a>(names: impl Iterator<Item = &'a str>) -> Result<(), BoxError> {
     let mut seen = BTreeSet::new();
     for name in names {
         if !seen.insert(name) {
@@ -273,13 +273,13 @@ fn must_differ<'a>(names: impl Iterator<Item = &'a str>) -> Result<(), Trouble> 
 }
 
 impl VectorsTask {
-    fn run(self) -> Result<bool, Trouble> {
+    fn run(self) -> Result<bool, BoxError> {
         self.common.must_be_core()?;
-        let cases = suite::cases(Side::Decoder);
+        let cases = suite::cases(Role::Decoder);
         if self.common.list {
             return self.common.list(&cases);
         }
-        if self.common.link != LinkTerms::PERFECT || !self.common.without.is_empty() {
+        if self.common.link != LinkConfig::PERFECT || !self.common.without.is_empty() {
             return Err("--link and --without are of peers: bytes are read without them".into());
         }
         self.exec.as_deref().map_or(Ok(()), must_be_there)?;
@@ -290,10 +290,10 @@ impl VectorsTask {
 }
 
 impl MatrixTask {
-    fn run(self) -> Result<bool, Trouble> {
+    fn run(self) -> Result<bool, BoxError> {
         self.common.must_be_core()?;
         if self.common.list {
-            return self.common.list(&suite::cases(Side::Pair));
+            return self.common.list(&suite::cases(Role::Pair));
         }
         self.common.reports.must_have_folders()?;
         must_differ(self.servers.iter().map(|server| server.name.as_str()))?;
@@ -313,7 +313,7 @@ impl MatrixTask {
             }
         }
         self.common.must_mean(&cases)?;
-        // Whom is said for each pair.
+        // Whom is sent for each pair.
         let conditions = self.common.conditions(Subject::Decoder { exec: None });
         let (pairs, results) = matrix::run(
             &self.servers,
@@ -329,7 +329,7 @@ impl MatrixTask {
 }
 
 impl TraceTask {
-    fn run(self) -> Result<bool, Trouble> {
+    fn run(self) -> Result<bool, BoxError> {
         self.reports.must_have_folders()?;
         let results = trace::judge(&self.file);
         let results = results.map_err(|error| named(&self.file, &error))?;
@@ -340,7 +340,7 @@ impl TraceTask {
         }
         self.reports.conclude(&Report {
             subject: self.file.display().to_string(),
-            terms: None,
+            config: None,
             strict: false,
             results,
             pairs: Vec::new(),
@@ -351,7 +351,7 @@ impl TraceTask {
 
 impl Common {
     /// That no profile is asked for where there is but one: of what moves bodies a server alone is asked.
-    fn must_be_core(&self) -> Result<(), Trouble> {
+    fn must_be_core(&self) -> Result<(), BoxError> {
         match self.profile {
             Profile::Core => Ok(()),
             _ => Err("--profile is of servers".into()),
@@ -367,7 +367,7 @@ impl Common {
     }
 
     /// That each pattern means a case, and that some are wanted.
-    fn must_mean(&self, cases: &[Case]) -> Result<(), Trouble> {
+    fn must_mean(&self, cases: &[Case]) -> Result<(), BoxError> {
         for pattern in &self.case {
             if !cases.iter().any(|case| case.is_meant_by(pattern)) {
                 return Err(format!("no case is meant by --case {pattern:?}").into());
@@ -383,19 +383,19 @@ impl Common {
     /// That a server is there, and is the one that was meant: else each case would wait for it and fail.
     fn must_listen(
         &self,
-        said: &str,
+        sent: &str,
         target: SocketAddr,
         name: &str,
         trust: &Trust,
-    ) -> Result<(), Trouble> {
-        let terms = BareTerms::default();
-        let line = BareLine::connect(target, name, trust, &terms, self.timeout * 2);
-        let line = line.map_err(|error| format!("the server {said} cannot be tried: {error}"))?;
+    ) -> Result<(), BoxError> {
+        let config = RawPeerConfig::default();
+        let line = RawConnection::connect(target, name, trust, &config, self.timeout * 2);
+        let line = line.map_err(|error| format!("the server {sent} cannot be tried: {error}"))?;
         line.close(0);
         Ok(())
     }
 
-    fn list(&self, cases: &[Case]) -> Result<bool, Trouble> {
+    fn list(&self, cases: &[Case]) -> Result<bool, BoxError> {
         self.must_mean(cases)?;
         let selection = self.selection();
         let mut out = std::io::stdout().lock();
@@ -415,8 +415,8 @@ impl Common {
         }
     }
 
-    fn terms(&self) -> Terms {
-        Terms {
+    fn config(&self) -> RunSettings {
+        RunSettings {
             seed: self.seed,
             timeout_s: self.timeout.as_secs_f64(),
             link: self.link,
@@ -425,7 +425,7 @@ impl Common {
         }
     }
 
-    fn run(self, name: String, subject: Subject, cases: Vec<Case>) -> Result<bool, Trouble> {
+    fn run(self, name: String, subject: Subject, cases: Vec<Case>) -> Result<bool, BoxError> {
         self.must_mean(&cases)?;
         self.reports.must_have_folders()?;
         if let Subject::Server {
@@ -448,10 +448,10 @@ impl Common {
         subject: String,
         results: Vec<run::Tried>,
         pairs: Vec<Pairing>,
-    ) -> Result<bool, Trouble> {
+    ) -> Result<bool, BoxError> {
         self.reports.conclude(&Report {
             subject,
-            terms: Some(self.terms()),
+            config: Some(self.config()),
             strict: self.strict,
             results,
             pairs,
@@ -462,7 +462,7 @@ impl Common {
 
 impl Reports {
     /// That what is to be written can be, before anything is tried for it.
-    fn must_have_folders(&self) -> Result<(), Trouble> {
+    fn must_have_folders(&self) -> Result<(), BoxError> {
         for path in [&self.json, &self.junit, &self.html].into_iter().flatten() {
             let folder = path.parent().filter(|folder| *folder != Path::new(""));
             if folder.is_some_and(|folder| !folder.is_dir()) {
@@ -476,7 +476,7 @@ impl Reports {
     }
 
     /// Says how it went, writes the reports, and says whether all is good.
-    fn conclude(&self, report: &Report) -> Result<bool, Trouble> {
+    fn conclude(&self, report: &Report) -> Result<bool, BoxError> {
         // First: what cannot be written must not cost what was found.
         writeln!(std::io::stdout(), "{}", report.summary())?;
         if let Some(path) = &self.json {
@@ -492,16 +492,16 @@ impl Reports {
     }
 }
 
-fn write(path: &Path, text: &str) -> Result<(), Trouble> {
+fn write(path: &Path, text: &str) -> Result<(), BoxError> {
     std::fs::write(path, text).map_err(|error| named(path, &error))
 }
 
 /// What is wrong with a file, with its name.
-fn named(path: &Path, error: &dyn fmt::Display) -> Trouble {
+fn named(path: &Path, error: &dyn fmt::Display) -> BoxError {
     format!("{}: {error}", path.display()).into()
 }
 
-fn show_coverage() -> Result<bool, Trouble> {
+fn show_coverage() -> Result<bool, BoxError> {
     let mut out = std::io::stdout().lock();
     let coverage = coverage::coverage();
     for one in &coverage {

@@ -8,7 +8,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::case::Side;
+use super::case::Role;
 use super::suite;
 use crate::requirements::{Document, Requirement};
 
@@ -31,7 +31,7 @@ pub struct Covered {
 #[must_use]
 pub fn coverage() -> Vec<Covered> {
     let mut cases: BTreeMap<(Document, String), Vec<String>> = BTreeMap::new();
-    for side in Side::ALL {
+    for side in Role::ALL {
         for case in suite::cases(side) {
             for cited in &case.cites {
                 cases
@@ -104,7 +104,7 @@ pub fn holes() -> Vec<String> {
             ));
         }
     }
-    for side in Side::ALL {
+    for side in Role::ALL {
         for case in suite::cases(side) {
             for cited in &case.cites {
                 if !known.contains(cited) {

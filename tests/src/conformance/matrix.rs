@@ -9,7 +9,7 @@ use std::str::FromStr;
 
 use rhumb_transport::{Fingerprint, Trust};
 
-use super::case::{Case, Side};
+use super::case::{Case, Role};
 use super::outcome::Verdict;
 use super::run::{self, Tried};
 use super::suite::{self, Selection};
@@ -90,7 +90,7 @@ pub fn run(
 
 /// The cases of pairs, each with the two names behind its id.
 pub(super) fn cases(server: &str, client: &str) -> Vec<Case> {
-    let mut cases = suite::cases(Side::Pair);
+    let mut cases = suite::cases(Role::Pair);
     for case in &mut cases {
         case.id = format!("{}.{server}.{client}", case.id);
         case.name = format!("{} ({client} with {server})", case.name);

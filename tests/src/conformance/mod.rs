@@ -23,14 +23,14 @@
 //!   those of clients from 51, those of pairs from 71, those of decoders from 81. A family made from vectors has the vector's key as its last part
 //!   ([`Case::keyed`]).
 //! - The **name** is the promise. `cites` names the requirements that it tries; `coverage` compares them with the documents.
-//! - `play` is given a [`Trial`], and says how it went by its [`Play`]: `Ok(())`, or the first [`Stop`]: *fail* (the peer broke a
+//! - `play` is given a [`Trial`], and says how it went by its [`CaseResult`]: `Ok(())`, or the first [`Stop`]: *fail* (the peer broke a
 //!   promise), *lax* (it did otherwise than a SHOULD asks), *unsupported*, *inconclusive* (the runner could not try it).
-//!   `?` does most of it: what a [`Guest`] waits for and does not get is a failure with the trace beside it.
-//! - How a connection **closes** is judged apart: [`Guest::must_be_closed`] fails the case only when the peer stays or
+//!   `?` does most of it: what a [`RawClient`] waits for and does not get is a failure with the trace beside it.
+//! - How a connection **closes** is judged apart: [`RawClient::must_be_closed`] fails the case only when the peer stays or
 //!   vanishes; another code is noted as the case's closing verdict.
 //! - `needs` says what a peer may leave out ([`Feature`]); a server that is said to lack it (`--without`) is not asked, and
 //!   has to refuse it, which cases of their own try.
-//! - Nothing sleeps. That nothing comes of something is seen by a barrier: [`Guest::barrier`] says `Ping` and returns all
+//! - Nothing sleeps. That nothing comes of something is seen by a barrier: [`RawClient::barrier`] says `Ping` and returns all
 //!   that came before its `Pong`. Every other wait is `--timeout` at most.
 //! - A case has a scene of its own ([`Trial::scene`]), which is deleted behind it. One that would disturb others says
 //!   [`Case::alone`]; one that must wait out a clock of the peer's says [`Case::slow`] and begins first.
@@ -54,10 +54,11 @@ pub mod trace;
 pub mod trial;
 pub mod truths;
 
-pub use case::{Case, Feature, Side};
+pub use case::{Case, Feature, Role};
 pub use cli::{Arguments, main};
-pub use outcome::{Closing, Outcome, Play, Stop, Verdict, ensure};
+pub use outcome::{CaseOutcome, CaseResult, Closing, Stop, Verdict, ensure};
 pub use peer::{
-    Couple, Decoder, Fate, Feed, Follower, Guest, Host, Setting, Word, compare, compare_recorded,
+    Decoder, Delivery, Host, Interceptor, LaneAction, LivePair, LossyClient, RawClient, Setting,
+    compare, compare_recorded,
 };
 pub use trial::Trial;

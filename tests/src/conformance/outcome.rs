@@ -6,7 +6,7 @@ use std::fmt;
 use std::time::Duration;
 
 /// What a case's function returns.
-pub type Play = Result<(), Stop>;
+pub type CaseResult = Result<(), Stop>;
 
 /// Why a case did not come to its good end.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -56,7 +56,7 @@ pub enum Closing {
 
 /// What came of a case.
 #[derive(Clone, Debug)]
-pub struct Outcome {
+pub struct CaseOutcome {
     /// How it went.
     pub verdict: Verdict,
     /// Why, unless it passed.
@@ -111,7 +111,7 @@ impl Closing {
     }
 }
 
-impl Outcome {
+impl CaseOutcome {
     /// Whether nothing is wrong with it; `strict` asks for what should be too.
     #[must_use]
     pub fn is_good(&self, strict: bool) -> bool {
@@ -157,7 +157,7 @@ impl Stop {
 /// # Errors
 ///
 /// [`Stop::Fail`] otherwise.
-pub fn ensure(kept: bool, promise: impl Into<String>) -> Play {
+pub fn ensure(kept: bool, promise: impl Into<String>) -> CaseResult {
     if kept {
         Ok(())
     } else {
@@ -170,7 +170,7 @@ pub fn ensure(kept: bool, promise: impl Into<String>) -> Play {
 /// # Errors
 ///
 /// [`Stop::Lax`] otherwise.
-pub fn should(kept: bool, promise: impl Into<String>) -> Play {
+pub fn should(kept: bool, promise: impl Into<String>) -> CaseResult {
     if kept {
         Ok(())
     } else {

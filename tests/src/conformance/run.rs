@@ -8,8 +8,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread;
 
-use super::case::{Case, Turn};
-use super::outcome::{Closing, Outcome, Verdict};
+use super::case::{Case, Schedule};
+use super::outcome::{CaseOutcome, Closing, Verdict};
 use super::suite::Selection;
 use super::trial::{Conditions, Trial};
 
@@ -19,7 +19,7 @@ pub struct Tried {
     /// The case.
     pub case: Case,
     /// What came of it.
-    pub outcome: Outcome,
+    pub outcome: CaseOutcome,
 }
 
 /// Tries what is wanted of these cases, `side_by_side` at a time, and tells each that ends to `progress`.
@@ -39,12 +39,12 @@ pub fn run(
         .map(|(place, case)| (case.id.clone(), place))
         .collect();
     wanted.sort_by_key(|case| case.turn);
-    let alone = wanted.partition_point(|case| case.turn != Turn::Alone);
+    let alone = wanted.partition_point(|case| case.turn != Schedule::Alone);
     let outcomes = Mutex::new(Vec::new());
     let progress = Mutex::new(progress);
     let play = |case: &Case| {
         let outcome = match selection.lacks(case) {
-            Some(feature) => unsupported(&format!("the peer is said to have no {feature:?}")),
+            Some(feature) => unsupported(&format!("the peer is sent to have no {feature:?}")),
             None => Trial::run(conditions, case),
         };
         tell(case, &outcome, &progress);
@@ -69,7 +69,7 @@ pub fn run(
     wanted.sort_by_key(|case| places[&case.id]);
     let results = wanted.into_iter().map(|case| {
         let outcome = outcomes.remove(&case.id);
-        let outcome = outcome.unwrap_or_else(|| Outcome {
+        let outcome = outcome.unwrap_or_else(|| CaseOutcome {
             verdict: Verdict::Inconclusive,
             why: "it was not tried to its end".into(),
             ..unsupported("")
@@ -79,8 +79,8 @@ pub fn run(
     results.collect()
 }
 
-fn unsupported(why: &str) -> Outcome {
-    Outcome {
+fn unsupported(why: &str) -> CaseOutcome {
+    CaseOutcome {
         verdict: Verdict::Unsupported,
         why: why.to_owned(),
         closing: Closing::NotJudged,
@@ -90,7 +90,7 @@ fn unsupported(why: &str) -> Outcome {
 }
 
 /// Tells of a case as soon as it is over.
-fn tell(case: &Case, outcome: &Outcome, progress: &Mutex<&mut (dyn Write + Send)>) {
+fn tell(case: &Case, outcome: &CaseOutcome, progress: &Mutex<&mut (dyn Write + Send)>) {
     if outcome.verdict == Verdict::Pass && outcome.closing.is_good() {
         return;
     }

@@ -2,7 +2,7 @@
 //!
 //! Invariant, held by a test: no id stands twice.
 
-use super::case::{Case, Feature, Profile, Side};
+use super::case::{Case, Feature, Profile, Role};
 use super::{client, decoder, pair, server};
 
 /// Which cases are wanted.
@@ -18,12 +18,12 @@ pub struct Selection {
 
 /// Every case of a side, in order of id.
 #[must_use]
-pub fn cases(side: Side) -> Vec<Case> {
+pub fn cases(side: Role) -> Vec<Case> {
     let mut cases = match side {
-        Side::Server => server::cases(),
-        Side::Client => client::cases(),
-        Side::Decoder => decoder::cases(),
-        Side::Pair => pair::cases(),
+        Role::Server => server::cases(),
+        Role::Client => client::cases(),
+        Role::Decoder => decoder::cases(),
+        Role::Pair => pair::cases(),
     };
     cases.sort_by_key(|case| order(&case.id));
     cases
@@ -65,7 +65,7 @@ mod tests {
     #[test]
     fn no_id_stands_twice() {
         let mut ids = BTreeSet::new();
-        for side in Side::ALL {
+        for side in Role::ALL {
             for case in cases(side) {
                 assert!(ids.insert(case.id.clone()), "{case:?}: another has its id");
             }

@@ -9,11 +9,11 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use rhumb_protocol::scene::SceneName;
-use rhumb_transport::{BareLine, BareTerms, Fingerprint, LinkTerms, Trust, UdpRelay};
+use rhumb_transport::{Fingerprint, LinkConfig, RawConnection, RawPeerConfig, Trust, UdpRelay};
 
 use super::case::{Case, Feature};
-use super::outcome::{Closing, Outcome, Stop, Verdict};
-use super::peer::{Decoder, Feed, Follower, Guest, Host, Setting};
+use super::outcome::{CaseOutcome, Closing, Stop, Verdict};
+use super::peer::{Decoder, Host, Interceptor, LossyClient, RawClient, Setting};
 use crate::seed::Dice;
 
 /// Who is tried, and how patiently.
@@ -26,7 +26,7 @@ pub struct Conditions {
     /// Of all chance.
     pub seed: u64,
     /// What lies between the ends, if not nothing.
-    pub link: LinkTerms,
+    pub link: LinkConfig,
     /// What the peer says that it has not.
     pub without: Vec<Feature>,
 }
@@ -42,7 +42,7 @@ impl Conditions {
         target: std::net::SocketAddr,
         number: u64,
     ) -> Result<Option<UdpRelay>, Stop> {
-        if self.link == LinkTerms::PERFECT {
+        if self.link == LinkConfig::PERFECT {
             return Ok(None);
         }
         let anywhere = match target {
@@ -115,7 +115,7 @@ pub struct Trial<'a> {
 impl<'a> Trial<'a> {
     /// Tries a case.
     #[must_use]
-    pub fn run(conditions: &'a Conditions, case: &'a Case) -> Outcome {
+    pub fn run(conditions: &'a Conditions, case: &'a Case) -> CaseOutcome {
         let clock = rhumb_transport::Clock::start();
         let mut trial = Self {
             conditions,
@@ -137,7 +137,7 @@ impl<'a> Trial<'a> {
         };
         let good = play.is_ok() && closing.is_good();
         let trace = if good { Vec::new() } else { trial.log.take() };
-        Outcome {
+        CaseOutcome {
             verdict,
             why,
             closing,
@@ -196,7 +196,7 @@ impl<'a> Trial<'a> {
     /// # Errors
     ///
     /// [`Stop::Fail`] when there is none to be had.
-    pub fn guest(&mut self) -> Result<Guest, Stop> {
+    pub fn guest(&mut self) -> Result<RawClient, Stop> {
         let scene = self.scene();
         self.guest_of(&scene)
     }
@@ -206,20 +206,24 @@ impl<'a> Trial<'a> {
     /// # Errors
     ///
     /// As [`Self::guest`].
-    pub fn guest_of(&mut self, scene: &SceneName) -> Result<Guest, Stop> {
-        let guest = self.bare_guest(scene, &BareTerms::default())?;
+    pub fn guest_of(&mut self, scene: &SceneName) -> Result<RawClient, Stop> {
+        let guest = self.bare_guest(scene, &RawPeerConfig::default())?;
         guest.line.open_control();
         Ok(guest)
     }
 
-    /// The same by other terms, and without a control stream.
+    /// The same by other config, and without a control stream.
     ///
     /// # Errors
     ///
     /// As [`Self::guest`].
-    pub fn bare_guest(&mut self, scene: &SceneName, terms: &BareTerms) -> Result<Guest, Stop> {
-        let (line, relay) = self.connect(terms)?;
-        Ok(Guest::new(
+    pub fn bare_guest(
+        &mut self,
+        scene: &SceneName,
+        config: &RawPeerConfig,
+    ) -> Result<RawClient, Stop> {
+        let (line, relay) = self.connect(config)?;
+        Ok(RawClient::new(
             line,
             relay,
             scene.clone(),
@@ -235,7 +239,7 @@ impl<'a> Trial<'a> {
     /// # Errors
     ///
     /// As [`Self::guest`].
-    pub fn follower(&mut self) -> Result<Follower, Stop> {
+    pub fn follower(&mut self) -> Result<LossyClient, Stop> {
         let scene = self.scene();
         self.follower_of(&scene)
     }
@@ -245,8 +249,8 @@ impl<'a> Trial<'a> {
     /// # Errors
     ///
     /// As [`Self::guest`].
-    pub fn follower_of(&mut self, scene: &SceneName) -> Result<Follower, Stop> {
-        Ok(Follower::new(self.guest_of(scene)?))
+    pub fn follower_of(&mut self, scene: &SceneName) -> Result<LossyClient, Stop> {
+        Ok(LossyClient::new(self.guest_of(scene)?))
     }
 
     /// A server of bytes, and the client under test connected to it.
@@ -255,7 +259,7 @@ impl<'a> Trial<'a> {
     ///
     /// [`Stop::Inconclusive`] when it cannot be started; [`Stop::Unsupported`] when the client says so.
     pub fn host(&mut self) -> Result<Host, Stop> {
-        self.host_of("follow 10000")
+        self.host_of("subscribe 10000")
     }
 
     /// The same with a client that is to do this once it is welcomed; the words are those of `docs/implementing.md`.
@@ -263,8 +267,8 @@ impl<'a> Trial<'a> {
     /// # Errors
     ///
     /// As [`Self::host`].
-    pub fn host_of(&mut self, wish: &str) -> Result<Host, Stop> {
-        self.host_pinned(wish, None)
+    pub fn host_of(&mut self, task: &str) -> Result<Host, Stop> {
+        self.host_pinned(task, None)
     }
 
     /// The same with a client that was told this fingerprint, whatever the server's is.
@@ -272,11 +276,11 @@ impl<'a> Trial<'a> {
     /// # Errors
     ///
     /// As [`Self::host`]; [`Stop::Fail`] when the client lets no connection stand.
-    pub fn host_pinned(&mut self, wish: &str, pinned: Option<Fingerprint>) -> Result<Host, Stop> {
+    pub fn host_pinned(&mut self, task: &str, pinned: Option<Fingerprint>) -> Result<Host, Stop> {
         Host::start(
             self.conditions,
             self.case,
-            wish,
+            task,
             pinned,
             self.log.clone(),
             Rc::clone(&self.closing),
@@ -288,9 +292,9 @@ impl<'a> Trial<'a> {
     /// # Errors
     ///
     /// As [`Self::host`].
-    pub fn feed(&mut self, setting: Setting) -> Result<Feed, Stop> {
-        let host = self.host_of(&setting.wish)?;
-        Feed::begin(host, &format!("conformance/{}", self.case.id), &setting)
+    pub fn feed(&mut self, setting: Setting) -> Result<Interceptor, Stop> {
+        let host = self.host_of(&setting.task)?;
+        Interceptor::begin(host, &format!("conformance/{}", self.case.id), &setting)
     }
 
     /// Who reads bytes.
@@ -333,7 +337,10 @@ impl<'a> Trial<'a> {
         }
     }
 
-    fn connect(&mut self, terms: &BareTerms) -> Result<(BareLine, Option<UdpRelay>), Stop> {
+    fn connect(
+        &mut self,
+        config: &RawPeerConfig,
+    ) -> Result<(RawConnection, Option<UdpRelay>), Stop> {
         let (target, name, trust) = self.server()?;
         // The suite's own member of a scene of a pair is spared the link.
         let relay = match self.conditions.subject {
@@ -342,7 +349,7 @@ impl<'a> Trial<'a> {
         };
         let address = relay.as_ref().map_or(target, UdpRelay::local_addr);
         let patience = self.timeout() * 2;
-        let line = BareLine::connect(address, name, trust, terms, patience);
+        let line = RawConnection::connect(address, name, trust, config, patience);
         let line = line.map_err(|error| Stop::Fail(format!("no connection: {error}")))?;
         Ok((line, relay))
     }
@@ -353,13 +360,16 @@ impl<'a> Trial<'a> {
         self.conditions.relay(target, self.lines)
     }
 
-    /// Connects by these terms, whatever comes of it.
+    /// Connects by these config, whatever comes of it.
     ///
     /// # Errors
     ///
     /// How it ended.
-    pub fn knock(&mut self, terms: &BareTerms) -> Result<(BareLine, Option<UdpRelay>), Stop> {
-        self.connect(terms)
+    pub fn knock(
+        &mut self,
+        config: &RawPeerConfig,
+    ) -> Result<(RawConnection, Option<UdpRelay>), Stop> {
+        self.connect(config)
     }
 
     /// Deletes what scenes are left.

@@ -1,6 +1,6 @@
 //! What bodies of some scenes do in the engine of this house, to the bit.
 //!
-//! Of each body that can move, at chosen ticks, `tests/data/truths.json` has the digest of its motion, by its place in what its member was
+//! Of each body that can move, at chosen ticks, `tests/data/truths.json` has the checksums of its motion, by its place in what its member was
 //! granted. It is computed in this process, without a wire, so that a server and what it says are held against the engine
 //! alone. `cargo run -p rhumb-tests --example truths -- --write` writes it; a test holds that it is what is computed.
 
@@ -10,9 +10,9 @@ use std::path::Path;
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, Material, SceneTerms, Shape, ShapeId, SleepTerms,
+    BodyDesc, BodyKind, Command, Material, SceneConfig, Shape, ShapeId, SleepConfig,
 };
-use rhumb_reckoning::{BodyId, Damping, Motion, Tick, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState, Damping, Motion, Tick};
 use rhumb_server::Scene;
 use rhumb_sims::{FreeFall, Script, by_name};
 use serde_json::{Value, json};
@@ -20,11 +20,11 @@ use serde_json::{Value, json};
 use crate::fnv::Fnv;
 
 /// Digests of the bodies of a scene at a tick, by their places.
-pub type Bodies = BTreeMap<u32, u64>;
+pub type BodyDigests = BTreeMap<u32, u64>;
 
 /// A scene whose truth is recorded.
 #[derive(Clone, Copy, Debug)]
-pub struct Subject {
+pub struct ReferenceScene {
     /// Of its script.
     pub name: &'static str,
     /// How many the script is asked for.
@@ -35,14 +35,14 @@ pub struct Subject {
 pub const TICKS: [u64; 6] = [1, 2, 10, 60, 120, 240];
 
 /// Balls that fall on a floor: the least that a server must have.
-pub const GROUND: Subject = Subject::of("balls on ground", 9);
+pub const GROUND: ReferenceScene = ReferenceScene::of("balls on ground", 9);
 /// A pit of balls.
-pub const PIT: Subject = Subject::of("ball-pit", 30);
+pub const PIT: ReferenceScene = ReferenceScene::of("ball-pit", 30);
 
 /// Of all chance in scripts.
 const SEED: u64 = 1;
 
-impl Subject {
+impl ReferenceScene {
     /// All.
     pub const ALL: [Self; 10] = [
         GROUND,
@@ -69,15 +69,15 @@ impl Subject {
     #[must_use]
     pub fn script(&self) -> Box<dyn Script> {
         if self.name == GROUND.name {
-            return Box::new(Ground { balls: self.bodies });
+            return Box::new(BallsOnGround { balls: self.bodies });
         }
         by_name(self.name, self.bodies, SEED).expect("the names are those of scripts")
     }
 
     /// What each body that can move does at the chosen ticks, by the engine of this build.
-    fn computed(&self) -> BTreeMap<u64, Bodies> {
+    fn computed(&self) -> BTreeMap<u64, BodyDigests> {
         let mut script = self.script();
-        let mut scene = Scene::new(script.terms()).expect("a script's terms are good");
+        let mut scene = Scene::new(script.config()).expect("a script's config are good");
         let mut commands = Vec::new();
         // As it was put, until the engine says otherwise.
         let mut motions = BTreeMap::new();
@@ -87,8 +87,8 @@ impl Subject {
             script.commands(scene.tick(), &mut commands);
             for command in &commands {
                 scene.apply(command).expect("a script is obeyed");
-                if let Command::AddBody { terms, motion } = command {
-                    motions.insert(terms.id, *motion);
+                if let Command::AddBody { config, motion } = command {
+                    motions.insert(config.id, *motion);
                 }
             }
             scene.step().expect("the engine steps what scripts build");
@@ -96,11 +96,11 @@ impl Subject {
                 motions.insert(observation.id, observation.motion);
             }
             if TICKS.contains(&tick) {
-                let can_move = |terms: &&BodyTerms| terms.kind != BodyKind::Static;
+                let can_move = |config: &&BodyDesc| config.kind != BodyKind::Static;
                 let bodies = scene.bodies().filter(can_move);
-                let bodies = bodies.map(|terms| {
-                    let motion = motions[&terms.id].motion();
-                    (terms.id.index(), digest(&motion))
+                let bodies = bodies.map(|config| {
+                    let motion = motions[&config.id].motion();
+                    (config.id.index(), checksums(&motion))
                 });
                 ticks.insert(tick, bodies.collect());
             }
@@ -110,12 +110,15 @@ impl Subject {
 
     /// What each body did when it was recorded; `None` of a tick that was not.
     #[must_use]
-    pub fn recorded(&self, tick: Tick) -> Option<Bodies> {
+    pub fn recorded(&self, tick: Tick) -> Option<BodyDigests> {
         let recorded: Value = serde_json::from_str(RECORDED).ok()?;
         let bodies = recorded["scenes"][self.name][tick.value().to_string()].as_str()?;
         let body = |text: &str| {
-            let (place, digest) = text.split_once(':')?;
-            Some((place.parse().ok()?, u64::from_str_radix(digest, 16).ok()?))
+            let (place, checksums) = text.split_once(':')?;
+            Some((
+                place.parse().ok()?,
+                u64::from_str_radix(checksums, 16).ok()?,
+            ))
         };
         bodies.split(' ').map(body).collect()
     }
@@ -125,10 +128,10 @@ const RECORDED: &str = include_str!("../../data/truths.json");
 
 /// A motion as the record has it.
 #[must_use]
-pub fn digest(motion: &Motion) -> u64 {
-    let mut digest = Fnv::START;
-    digest.fold_motion(motion);
-    digest.value()
+pub fn checksums(motion: &Motion) -> u64 {
+    let mut checksums = Fnv::START;
+    checksums.fold_motion(motion);
+    checksums.value()
 }
 
 /// The record, as the engine of this build makes it.
@@ -139,12 +142,12 @@ pub fn digest(motion: &Motion) -> u64 {
 #[must_use]
 pub fn truths() -> String {
     let mut scenes = BTreeMap::new();
-    for subject in Subject::ALL {
+    for subject in ReferenceScene::ALL {
         let ticks = subject.computed().into_iter().map(|(tick, bodies)| {
             let mut text = String::new();
-            for (place, digest) in bodies {
+            for (place, checksums) in bodies {
                 let space = if text.is_empty() { "" } else { " " };
-                write!(text, "{space}{place}:{digest:016x}").expect("memory can be written to");
+                write!(text, "{space}{place}:{checksums:016x}").expect("memory can be written to");
             }
             (tick.to_string(), Value::String(text))
         });
@@ -169,17 +172,17 @@ fn engine() -> String {
 
 /// Balls that fall askew on a floor, roll, touch and come to rest; all of the scene's own material.
 #[derive(Clone, Copy, Debug)]
-struct Ground {
+struct BallsOnGround {
     balls: u32,
 }
 
-impl Script for Ground {
+impl Script for BallsOnGround {
     fn name(&self) -> &'static str {
         GROUND.name
     }
 
-    fn terms(&self) -> SceneTerms {
-        SceneTerms {
+    fn config(&self) -> SceneConfig {
+        SceneConfig {
             material: Material {
                 friction: 0.5,
                 restitution: 0.25,
@@ -189,11 +192,11 @@ impl Script for Ground {
                 linear: 1.0,
                 angular: 4.0,
             },
-            sleep: Some(SleepTerms {
+            sleep: Some(SleepConfig {
                 speed: 0.2,
                 seconds: 0.5,
             }),
-            ..FreeFall::new(0, SEED).terms()
+            ..FreeFall::new(0, SEED).config()
         }
     }
 
@@ -211,9 +214,9 @@ impl Script for Ground {
         let mut add = |index, kind, shape, place: Vec3, linear: Vec3| {
             let id = BodyId::new(index, 0);
             let turn = Quat::IDENTITY.to_array();
-            let motion = Verbatim::new(place.to_array(), turn, linear.to_array(), [0.0; 3]);
+            let motion = BodyState::new(place.to_array(), turn, linear.to_array(), [0.0; 3]);
             out.push(Command::AddBody {
-                terms: BodyTerms::plain(id, kind, shape),
+                config: BodyDesc::plain(id, kind, shape),
                 motion: motion.expect("balls are placed at finite poses"),
             });
         };
@@ -243,7 +246,7 @@ mod tests {
 
     #[test]
     fn each_scene_is_recorded_at_each_tick_and_moves_between_them() {
-        for subject in Subject::ALL {
+        for subject in ReferenceScene::ALL {
             let recorded = |tick: u64| {
                 let bodies = subject.recorded(Tick::new(tick));
                 bodies.unwrap_or_else(|| panic!("{subject:?} at {tick}"))

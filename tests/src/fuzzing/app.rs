@@ -11,10 +11,10 @@ use rhumb_app::{
     Malformed, Message, Motion, Place, SetWorld, Surface, Surfacing, TriangleMesh,
 };
 use rhumb_protocol::Instant;
-use rhumb_server::Host;
+use rhumb_server::ServerLoop;
 
 use super::script::Script;
-use crate::PluginTalk;
+use crate::PluginSession;
 
 /// Acts of one script, so that it ends soon.
 const ACTS_MAX: usize = 80;
@@ -73,10 +73,10 @@ fn read(stream: &[u8], piece: usize) -> (Vec<Framed>, Option<Malformed>) {
 /// A script of messages, of frames, and of bytes.
 pub fn app_scene(data: &[u8]) {
     let mut script = Script::new(data);
-    let mut host = Host::new(|| Instant::ZERO);
+    let mut host = ServerLoop::new(|| Instant::ZERO);
     let mut logon = Vec::new();
     Message::Logon(Logon::new(7, "words")).encode(0, &mut logon);
-    let mut talk = PluginTalk::begin(&mut host, 1, &logon);
+    let mut talk = PluginSession::begin(&mut host, 1, &logon);
     talk.say(&mut host, &logon);
     say(&mut host, &mut talk, &world(&mut script));
     // Bytes that are said bare may begin a message, of which what comes next is then a part.
@@ -107,7 +107,11 @@ pub fn app_scene(data: &[u8]) {
         assert!(is_state, "{state:?}");
     }
     if !talk.closed {
-        assert_eq!(talk.heard(Kind::TimeAdvanced), frames, "the scene went on");
+        assert_eq!(
+            talk.received(Kind::TimeAdvanced),
+            frames,
+            "the scene went on"
+        );
         say(&mut host, &mut talk, &Message::Logoff(7));
         assert!(talk.closed || bare, "who logs off is let go");
     }
@@ -115,7 +119,7 @@ pub fn app_scene(data: &[u8]) {
     assert!(left == 0 || !talk.closed, "a scene ends with its client");
 }
 
-fn say(host: &mut Host, talk: &mut PluginTalk, message: &Message) {
+fn say(host: &mut ServerLoop, talk: &mut PluginSession, message: &Message) {
     let mut bytes = Vec::new();
     message.encode(0, &mut bytes);
     talk.say(host, &bytes);

@@ -6,7 +6,7 @@
 use std::sync::LazyLock;
 
 use rhumb_protocol::limits::{HISTORY_PACKETS, INDICES_MAX};
-use rhumb_protocol::message::{ClientMessage, Frames, Moves, StreamChoice};
+use rhumb_protocol::message::{ClientMessage, Frames, StreamChoice, TierPolicy};
 use rhumb_protocol::session::{ClientSession, CloseCode, Replica};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{Tick, Tolerance};
@@ -15,45 +15,45 @@ use serde_json::Value;
 use super::commands::command;
 use super::inputs::with_bytes;
 use super::packets::written_again;
-use super::sayings::verbatim;
+use super::payloads::body_state;
 use super::script::Script;
 use super::subscriber::assert_is_within_limits;
 use crate::vectors::golden;
 use crate::vectors::streams::greeted;
 
-/// One thing that a member heard.
-enum Heard {
+/// One thing that a member received.
+enum Received {
     Control(Vec<u8>),
     Datagram(Vec<u8>),
 }
 
-/// What the members of the golden streams heard.
-static STREAMS: LazyLock<Vec<Vec<Heard>>> = LazyLock::new(|| {
+/// What the members of the golden streams received.
+static STREAMS: LazyLock<Vec<Vec<Received>>> = LazyLock::new(|| {
     let file = golden("streams.json");
     let streams = file["streams"].as_array().into_iter().flatten();
-    streams.map(heard).collect()
+    streams.map(received).collect()
 });
 
 /// Every message of a server in the golden vectors.
 static MESSAGES: LazyLock<Vec<Vec<u8>>> =
-    LazyLock::new(|| with_bytes(&golden("control.json")["server says"]));
+    LazyLock::new(|| with_bytes(&golden("control.json")["server messages"]));
 
-fn heard(stream: &Value) -> Vec<Heard> {
+fn received(stream: &Value) -> Vec<Received> {
     let events = stream["events"].as_array().into_iter().flatten();
-    let heard = events.filter_map(|event| {
+    let received = events.filter_map(|event| {
         let bytes = || crate::grammar::unhex(event[1].as_str().unwrap_or_default());
         match event[0].as_str() {
-            Some("control") => Some(Heard::Control(bytes())),
-            Some("datagram") => Some(Heard::Datagram(bytes())),
+            Some("control") => Some(Received::Control(bytes())),
+            Some("datagram") => Some(Received::Datagram(bytes())),
             _ => None,
         }
     });
-    heard.collect()
+    received.collect()
 }
 
 /// The host, as the session names it.
 const HOST: Peer = Peer(0);
-/// What a session says at most to one thing that it heard, or at one moment.
+/// What a session says at most to one thing that it received, or at one moment.
 const ANSWERS_MAX: usize = 8;
 
 struct Client {
@@ -63,7 +63,7 @@ struct Client {
     ended: bool,
 }
 
-/// A script of what is heard, and of what the application wants.
+/// A script of what is received, and of what the application wants.
 pub fn client_session(data: &[u8]) {
     let mut script = Script::new(data);
     let mut client = Client {
@@ -78,25 +78,25 @@ pub fn client_session(data: &[u8]) {
     while script.goes_on() {
         match script.below(12) {
             0..4 => {
-                for heard in rest.by_ref().take(1 + script.below(30)) {
-                    client.hear(heard);
+                for received in rest.by_ref().take(1 + script.below(30)) {
+                    client.hear(received);
                 }
             }
             4 => drop(rest.nth(script.below(3))),
             5 | 6 => {
-                if let Some(heard) = rest.as_slice().first() {
-                    client.hear(&turned(heard, &mut script));
+                if let Some(received) = rest.as_slice().first() {
+                    client.hear(&turned(received, &mut script));
                 }
             }
             7 => {
                 let place = script.below(MESSAGES.len());
                 client.hear(&turned(
-                    &Heard::Control(MESSAGES[place].clone()),
+                    &Received::Control(MESSAGES[place].clone()),
                     &mut script,
                 ));
             }
-            8 => client.hear(&Heard::Control(script.bytes(60).to_vec())),
-            9 => client.hear(&Heard::Datagram(script.bytes(60).to_vec())),
+            8 => client.hear(&Received::Control(script.bytes(60).to_vec())),
+            9 => client.hear(&Received::Datagram(script.bytes(60).to_vec())),
             10 => client.wait(script.any()),
             _ => client.want(&mut script),
         }
@@ -104,7 +104,7 @@ pub fn client_session(data: &[u8]) {
 }
 
 /// The same, with a bit turned or not.
-fn turned(heard: &Heard, script: &mut Script<'_>) -> Heard {
+fn turned(received: &Received, script: &mut Script<'_>) -> Received {
     let mut turn = |bytes: &[u8]| {
         let mut bytes = bytes.to_vec();
         let bit = script.any::<u16>() as usize;
@@ -113,17 +113,17 @@ fn turned(heard: &Heard, script: &mut Script<'_>) -> Heard {
         }
         bytes
     };
-    match heard {
-        Heard::Control(bytes) => Heard::Control(turn(bytes)),
-        Heard::Datagram(bytes) => Heard::Datagram(turn(bytes)),
+    match received {
+        Received::Control(bytes) => Received::Control(turn(bytes)),
+        Received::Datagram(bytes) => Received::Datagram(turn(bytes)),
     }
 }
 
 impl Client {
-    fn hear(&mut self, heard: &Heard) {
-        match heard {
-            Heard::Control(bytes) => self.session.handle_control(self.now, HOST, bytes),
-            Heard::Datagram(bytes) => self.session.handle_datagram(self.now, HOST, bytes),
+    fn hear(&mut self, received: &Received) {
+        match received {
+            Received::Control(bytes) => self.session.handle_control(self.now, HOST, bytes),
+            Received::Datagram(bytes) => self.session.handle_datagram(self.now, HOST, bytes),
         }
         self.drain();
     }
@@ -143,24 +143,24 @@ impl Client {
             StreamChoice::Within(Tolerance::NORMAL),
         ]);
         let bodies: Vec<_> = session.replica().map_or_else(Vec::new, |replica| {
-            replica.bodies().map(|terms| terms.id).take(3).collect()
+            replica.bodies().map(|config| config.id).take(3).collect()
         });
         let _ = match script.below(11) {
             0 => session.join(choice),
-            1 => session.follow(choice),
+            1 => session.subscribe(choice),
             2 => session.leave(),
             3 => session.reserve(script.any()),
             4 => session.command(command(script, &bodies)).map(drop),
             5 => session.advance(self.now, Tick::new(script.any::<u32>().into())),
             6 => session.inspect(),
-            7 => session.drive(Tolerance::NORMAL, &bodies),
+            7 => session.take_authority(Tolerance::NORMAL, &bodies),
             8 => {
-                let motions = bodies.iter().map(|id| (*id, verbatim(script)));
+                let motions = bodies.iter().map(|id| (*id, body_state(script)));
                 let motions: Vec<_> = motions.collect();
                 let tick = Tick::new(script.any::<u16>().into());
                 session.publish(tick, &motions).map(drop)
             }
-            9 => session.allow(Moves::Never),
+            9 => session.set_tier_policy(TierPolicy::Never),
             _ => {
                 if script.any() {
                     session.close(CloseCode::DONE);
@@ -176,9 +176,9 @@ impl Client {
     /// What it says is of the protocol; what it believes is within limits.
     fn drain(&mut self) {
         while self.session.poll_event().is_some() {}
-        let mut said = 0;
+        let mut sent = 0;
         while let Some(transmit) = self.session.poll_transmit() {
-            said += 1;
+            sent += 1;
             assert!(!self.ended, "{transmit:?} after the end");
             match transmit {
                 Transmit::Control { bytes, .. } => self.frames.push(&bytes),
@@ -186,7 +186,7 @@ impl Client {
                 Transmit::Close { .. } => self.ended = true,
             }
         }
-        assert!(said <= ANSWERS_MAX, "{said} answers to one thing");
+        assert!(sent <= ANSWERS_MAX, "{sent} answers to one thing");
         while let Some(framed) = self.frames.next_frame().expect("a session says messages") {
             ClientMessage::decode(&framed).expect("a session says what is known");
         }

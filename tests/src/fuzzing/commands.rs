@@ -3,10 +3,10 @@
 use glam::Vec3;
 use rhumb_protocol::limits::{ANGULAR_MAX, COORDINATE_MAX, FORCE_MAX, GRAVITY_MAX, LINEAR_MAX};
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, Compound, Heights, Hull, Joint, JointFrame, JointId, JointKind,
+    BodyDesc, BodyKind, Command, Compound, Heights, Hull, Joint, JointFrame, JointId, JointKind,
     JointLimits, Material, Mesh, Part, Shape, ShapeId,
 };
-use rhumb_reckoning::{BodyId, Class, Damping, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState, Damping, ToleranceScale};
 
 use super::script::Script;
 
@@ -29,7 +29,7 @@ pub(super) fn command(script: &mut Script<'_>, bodies: &[BodyId]) -> Command {
             id: shape_id(script),
         },
         3..6 => Command::AddBody {
-            terms: terms(script, id),
+            config: config(script, id),
             motion: motion(script),
         },
         6 => Command::RemoveBody { id },
@@ -95,29 +95,29 @@ fn strength(script: &mut Script<'_>) -> Vec3 {
     script.vector(most)
 }
 
-fn motion(script: &mut Script<'_>) -> Verbatim {
+fn motion(script: &mut Script<'_>) -> BodyState {
     let position = place(script, COORDINATE_MAX).to_array();
     let rotation = script.rotation().to_array();
     let (linear, angular) = (script.vector(50.0), script.vector(30.0));
-    let motion = Verbatim::new(position, rotation, linear.to_array(), angular.to_array());
+    let motion = BodyState::new(position, rotation, linear.to_array(), angular.to_array());
     motion.unwrap_or_else(|_| {
-        Verbatim::new([0.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3])
+        BodyState::new([0.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3])
             .expect("nothing moves at the origin")
     })
 }
 
-fn terms(script: &mut Script<'_>, id: BodyId) -> BodyTerms {
+fn config(script: &mut Script<'_>, id: BodyId) -> BodyDesc {
     let kind = script.one_of(&[
         BodyKind::Dynamic,
         BodyKind::Dynamic,
         BodyKind::Static,
         BodyKind::Kinematic,
     ]);
-    let plain = BodyTerms::plain(id, kind, shape_id(script));
+    let plain = BodyDesc::plain(id, kind, shape_id(script));
     if script.any() {
         return plain;
     }
-    BodyTerms {
+    BodyDesc {
         material: script.any::<bool>().then(|| Material {
             friction: script.number(1.0).abs(),
             restitution: script.number(1.0).abs(),
@@ -129,7 +129,8 @@ fn terms(script: &mut Script<'_>, id: BodyId) -> BodyTerms {
         }),
         gravity_scale: script.number(2.0),
         gyroscopic: script.any(),
-        class: Class::new(script.below(7) as i8 - 3).expect("there are seven classes"),
+        tolerance_scale: ToleranceScale::new(script.below(7) as i8 - 3)
+            .expect("there are seven classes"),
         turns: script.any(),
         ..plain
     }

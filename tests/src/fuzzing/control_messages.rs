@@ -9,7 +9,7 @@ use rhumb_protocol::message::{Framed, Frames, frame};
 use rhumb_protocol::wire::Malformed;
 
 use crate::grammar::Grammar;
-use crate::vectors::{Outcome, Side};
+use crate::vectors::{Decoded, Sender};
 
 /// Longer bodies are left to the codec: the table's reader is made to be read.
 const BODY_BYTES_OF_THE_TABLE: usize = 2_000;
@@ -18,15 +18,15 @@ static GRAMMAR: LazyLock<Grammar> = LazyLock::new(Grammar::load);
 
 /// What a client says. The first byte says how the rest is cut.
 pub fn client_messages(data: &[u8]) {
-    check(Side::Client, data);
+    check(Sender::Client, data);
 }
 
 /// What a server says. The first byte says how the rest is cut.
 pub fn server_messages(data: &[u8]) {
-    check(Side::Server, data);
+    check(Sender::Server, data);
 }
 
-fn check(side: Side, data: &[u8]) {
+fn check(side: Sender, data: &[u8]) {
     let Some((cut, stream)) = data.split_first() else {
         return;
     };
@@ -61,7 +61,7 @@ fn read(stream: &[u8], piece: usize) -> (Vec<Framed>, Option<Malformed>) {
 }
 
 /// The outcome itself holds that what is read is written alike.
-fn check_message(side: Side, kind: u8, body: &[u8]) {
+fn check_message(side: Sender, kind: u8, body: &[u8]) {
     let outcome = side.outcome(kind, body);
     if body.len() > BODY_BYTES_OF_THE_TABLE {
         return;
@@ -70,7 +70,7 @@ fn check_message(side: Side, kind: u8, body: &[u8]) {
     message.extend_from_slice(body);
     let by_table = GRAMMAR.read(side.type_name(), &message);
     // The table does not tell what numbers mean together, so that it reads more.
-    let is_said = !matches!(outcome, Outcome::Refused(_));
+    let is_said = !matches!(outcome, Decoded::Refused(_));
     assert!(
         by_table.is_ok() || !is_said,
         "{by_table:?}, but the codec {outcome:?}"

@@ -1,26 +1,26 @@
 //! A host with a live scene, and guests that say anything at all.
 //!
 //! Promises: who says what is not of the protocol is closed with its code, and nobody else is; a refused command leaves
-//! the scene's digest, tick and bodies as they were; an accepted one does what it does to a scene stepped beside; and a
+//! the scene's checksums, tick and bodies as they were; an accepted one does what it does to a scene stepped beside; and a
 //! polite guest's copy is within its tolerance all the while.
 
 use std::sync::LazyLock;
 
 use rhumb_protocol::Span;
 use rhumb_protocol::message::{ClientMessage, Extensions, StreamChoice};
-use rhumb_protocol::packet::{Echo, Low16, StreamId};
-use rhumb_protocol::scene::{Command, CommandError, Pace};
+use rhumb_protocol::packet::{LossReport, Low16, StreamId};
+use rhumb_protocol::scene::{Command, CommandError, Stepping};
 use rhumb_protocol::session::CloseCode;
 use rhumb_reckoning::{BodyId, Divergence, Tick, Tolerance};
 use rhumb_server::Scene;
 
 use super::commands::command;
 use super::inputs::with_bytes;
-use super::scene_commands::scene_terms;
+use super::scene_commands::scene_config;
 use super::script::Script;
 use super::subscriber::assert_is_within_limits;
 use crate::vectors::golden;
-use crate::{Rude, Table};
+use crate::{RawPeer, Table};
 
 /// Acts of one script, so that it ends soon.
 const ACTS_MAX: usize = 60;
@@ -29,15 +29,15 @@ const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 
 /// Every message of a client in the golden vectors.
 static MESSAGES: LazyLock<Vec<Vec<u8>>> =
-    LazyLock::new(|| with_bytes(&golden("control.json")["client says"]));
+    LazyLock::new(|| with_bytes(&golden("control.json")["client messages"]));
 
 /// Types of messages by which any member may end a scene, change it and let it step.
 const SPARED: [u8; 3] = [5, 7, 8];
 
-struct Stage {
+struct FuzzedServer {
     table: Table,
     polite: rhumb_protocol::Peer,
-    rude: Rude,
+    rude: RawPeer,
     bodies: Vec<BodyId>,
     truth: Scene,
 }
@@ -45,8 +45,8 @@ struct Stage {
 /// A script of commands, of steps, and of bytes.
 pub fn control_script(data: &[u8]) {
     let mut script = Script::new(data);
-    let mut stage = Stage::new();
-    let mut stranger = stage.table.seat_rude();
+    let mut stage = FuzzedServer::new();
+    let mut stranger = stage.table.connect_raw_peer();
     for _ in 0..ACTS_MAX {
         if !script.goes_on() {
             break;
@@ -59,7 +59,7 @@ pub fn control_script(data: &[u8]) {
             5 | 6 => stage.advance(),
             7 => {
                 if stage.table.closed(stranger).is_some() {
-                    stranger = stage.table.seat_rude();
+                    stranger = stage.table.connect_raw_peer();
                 }
                 let bytes = strange_bytes(&mut script);
                 stage.table.control(stranger, &bytes);
@@ -120,32 +120,32 @@ fn assert_code(code: Option<CloseCode>) {
     assert!(code.is_none_or(|code| known.contains(&code)), "{code:?}");
 }
 
-/// An echo that is not true, or any bytes.
+/// An loss_report that is not true, or any bytes.
 fn datagram(script: &mut Script<'_>) -> Vec<u8> {
     if script.any() {
         return script.bytes(60).to_vec();
     }
     let lost = (0..script.below(5)).map(|_| Low16(script.any()));
     let lost: Vec<_> = lost.collect();
-    let echo = Echo {
+    let loss_report = LossReport {
         next: Low16(script.any()),
         gone: Low16(script.any()),
-        parities: script.below(33) as u8,
+        repair_symbols: script.below(33) as u8,
         lost,
     };
-    echo.encode(StreamId(script.below(4) as u32))
+    loss_report.encode(StreamId(script.below(4) as u32))
 }
 
-impl Stage {
+impl FuzzedServer {
     fn new() -> Self {
         let mut table = Table::default();
-        let polite = table.seat(NAME);
-        let terms = scene_terms(Pace::Lockstep);
+        let polite = table.alias(NAME);
+        let config = scene_config(Stepping::Lockstep);
         let session = table.guest(polite);
-        session.create(terms).expect("it is welcome");
+        session.create(config).expect("it is welcome");
         session.join(NORMAL).expect("it is in the lobby");
         table.settle();
-        let rude = Rude::enter(&mut table, NAME);
+        let rude = RawPeer::enter(&mut table, NAME);
         let granted = |place| rude.granted.id(place).expect("a member has indices");
         let mut bodies: Vec<_> = (0..5).map(granted).collect();
         // One that comes again, and one of nobody's.
@@ -157,7 +157,7 @@ impl Stage {
             polite,
             rude,
             bodies,
-            truth: Scene::new(terms).expect("good terms"),
+            truth: Scene::new(config).expect("good config"),
         }
     }
 
@@ -174,8 +174,8 @@ impl Stage {
             assert_eq!(after, before, "{command:?} was refused by {answer:?}");
         }
         let is_own = |id: BodyId| self.rude.granted.contains(id);
-        if let Command::AddBody { terms, .. } = &command
-            && !is_own(terms.id)
+        if let Command::AddBody { config, .. } = &command
+            && !is_own(config.id)
         {
             assert!(answer.is_err(), "{command:?} is of nobody's");
             return;
@@ -196,16 +196,16 @@ impl Stage {
         let session = self.table.guest(self.polite);
         session.advance(now, tick).expect("it is a member");
         self.table.settle();
-        let told = self.rude.inspect(&mut self.table);
+        let reported = self.rude.inspect(&mut self.table);
         let bodies = self.truth.body_count() as u32;
         let expected = (self.truth.digest().value(), tick.value(), bodies);
-        assert_eq!(told, expected, "another truth than beside");
+        assert_eq!(reported, expected, "another truth than beside");
         let session = self.table.guest(self.polite);
         let stream = session.replica().expect("it is a member").stream();
         let all_there = self
             .truth
             .bodies()
-            .all(|terms| stream.track(terms.id).is_some());
+            .all(|config| stream.track(config.id).is_some());
         assert!(all_there, "a body is missing in the copy");
     }
 
@@ -221,16 +221,16 @@ impl Stage {
         let mut all = Vec::new();
         self.truth.observe_all(&mut all);
         for seen in all {
-            let terms = *self.truth.body(seen.id).expect("what is seen is there");
-            // Who came since the last step is told of with the next.
-            let Some(believed) = stream.believed(terms.id, tick) else {
+            let config = *self.truth.body(seen.id).expect("what is seen is there");
+            // Who came since the last step is reported of with the next.
+            let Some(predicted_motion) = stream.predicted_motion(config.id, tick) else {
                 continue;
             };
-            let radius = self.truth.bounding_radius(terms.id).expect("a shape");
-            let apart = Divergence::between(&seen.motion.motion().pose(), &believed.pose());
-            let tolerance = Tolerance::NORMAL.of_class(terms.class);
+            let radius = self.truth.bounding_radius(config.id).expect("a shape");
+            let apart = Divergence::between(&seen.motion.motion().pose(), &predicted_motion.pose());
+            let tolerance = Tolerance::NORMAL.scaled(config.tolerance_scale);
             let share = tolerance.share(&apart, radius);
-            assert!(share <= 1.0, "{} is off by {share} tolerances", terms.id);
+            assert!(share <= 1.0, "{} is off by {share} tolerances", config.id);
         }
     }
 }

@@ -52,8 +52,8 @@ pub fn seeds(target: &Target) -> Vec<Vec<u8>> {
         behind(&[255], cases)
     };
     match target.name {
-        "client_messages" => control(["client says", "refused of a client"]),
-        "server_messages" => control(["server says", "refused of a server"]),
+        "client_messages" => control(["client messages", "refused client messages"]),
+        "server_messages" => control(["server messages", "refused server messages"]),
         "state_packets" => behind(&[0], datagrams()),
         "side_packets" => behind(&[1], datagrams()),
         "recordings" => behind(&[3], std::iter::once(trace())),
@@ -69,7 +69,7 @@ fn trace() -> Vec<u8> {
 
 fn datagrams() -> impl Iterator<Item = Vec<u8>> {
     let packets = golden("packets.json");
-    let sections = ["said", "refused"];
+    let sections = ["accepted", "refused"];
     let cases = sections
         .into_iter()
         .flat_map(move |name| with_bytes(&packets[name]));
@@ -95,7 +95,7 @@ pub fn unpack(target: &Target, folder: &Path) -> std::io::Result<usize> {
     Ok(inputs.len())
 }
 
-/// Keeps the inputs of a folder, in place of those that are kept, up to so many bytes in all: the shortest. What is said
+/// Keeps the inputs of a folder, in place of those that are kept, up to so many bytes in all: the shortest. What is sent
 /// of findings stays, and so do they.
 ///
 /// # Errors
@@ -129,13 +129,13 @@ pub fn pack(target: &Target, folder: &Path, bytes_max: usize) -> std::io::Result
 /// The lines about findings, each with its input.
 fn findings(text: &str) -> Vec<String> {
     let mut kept = Vec::new();
-    let mut said = false;
+    let mut sent = false;
     for line in text.lines() {
         let says = line.starts_with('#');
-        if says || said {
+        if says || sent {
             kept.push(line.to_owned());
         }
-        said = says;
+        sent = says;
     }
     kept
 }

@@ -6,24 +6,24 @@
 use std::collections::VecDeque;
 
 use bytes::Bytes;
-use rhumb_protocol::stream::{Bound, Budget, Redundancy, Subscriber};
+use rhumb_protocol::stream::{Budget, ErrorBound, Redundancy, Subscriber};
 use rhumb_reckoning::{Divergence, Metres, Radians, Tolerance};
 
 use super::script::Script;
-use super::source::{BODIES, News, Source, manner};
+use super::source::{BODIES, SceneChange, Source, parameters};
 
 /// Ticks of one script, so that it ends soon.
 const TICKS_MAX: u64 = 240;
 /// Ticks within which all is known once nothing is lost any more.
 const CALM_TICKS: u64 = 40;
 
-struct Link {
+struct FuzzedLink {
     source: Source,
     subscriber: Subscriber,
     limited: bool,
     /// What is under way, by the tick at which it arrives.
     air: VecDeque<(u64, Bytes)>,
-    mail: VecDeque<(u64, News)>,
+    mail: VecDeque<(u64, SceneChange)>,
     /// Bits that say of each datagram in turn whether it is lost.
     fate: u32,
     /// Ticks by which datagrams and news are late at most.
@@ -33,10 +33,10 @@ struct Link {
     sent: u32,
 }
 
-/// A script of ticks, blows, newcomers and faults.
+/// A script of ticks, blows, new_bodies and faults.
 pub fn link(data: &[u8]) {
     let mut script = Script::new(data);
-    let mut link = Link::new(&mut script);
+    let mut link = FuzzedLink::new(&mut script);
     while script.goes_on() && link.source.tick.value() < TICKS_MAX {
         link.act(&mut script);
         link.check();
@@ -47,11 +47,11 @@ pub fn link(data: &[u8]) {
         link.check();
     }
     let tick = link.source.tick;
-    assert!(link.subscriber.is_settled(), "something stays unknown");
+    assert!(link.subscriber.is_converged(), "something stays unknown");
     assert_eq!(link.subscriber.complete(), tick);
     assert_eq!(
-        link.subscriber.agreement(),
-        link.source.publisher.agreement()
+        link.subscriber.state_checksum(),
+        link.source.publisher.state_checksum()
     );
 }
 
@@ -66,7 +66,7 @@ fn tolerance(script: &mut Script<'_>) -> Tolerance {
     }
 }
 
-impl Link {
+impl FuzzedLink {
     fn new(script: &mut Script<'_>) -> Self {
         let tolerance = tolerance(script);
         let limited = script.below(4) == 0;
@@ -98,7 +98,7 @@ impl Link {
         link
     }
 
-    fn post(&mut self, news: impl IntoIterator<Item = News>) {
+    fn post(&mut self, news: impl IntoIterator<Item = SceneChange>) {
         let at = self.source.tick.value() + self.late[1];
         self.mail.extend(news.into_iter().map(|news| (at, news)));
     }
@@ -166,19 +166,19 @@ impl Link {
     fn tick(&mut self) {
         let mut said = self.source.step();
         let tick = self.source.tick.value();
-        // A digest states nothing of what a budget withheld, so that there it goes with packets alone.
+        // A checksums states nothing of what a budget over_budget, so that there it goes with packets alone.
         if tick.is_multiple_of(10) && !self.limited {
-            said.push(self.source.publisher.digest(self.source.notices));
+            said.push(self.source.publisher.checksums(self.source.scene_events));
         }
         self.source
             .publisher
-            .say_parities(self.redundancy, &mut said);
+            .encode_repair_symbols(self.redundancy, &mut said);
         for datagram in &said {
             self.send(datagram);
         }
         self.deliver();
         if tick.is_multiple_of(5) {
-            self.echo();
+            self.loss_report();
         }
     }
 
@@ -194,18 +194,18 @@ impl Link {
         }
     }
 
-    fn echo(&mut self) {
-        let echo = self.subscriber.echo();
+    fn loss_report(&mut self) {
+        let loss_report = self.subscriber.loss_report();
         if self.is_lost() {
             return;
         }
-        let notices = self.source.notices;
+        let scene_events = self.source.scene_events;
         let mut answers = Vec::new();
-        for number in self.source.publisher.answer(&echo, &mut answers) {
-            let repair = self.source.publisher.repair(number, notices);
-            answers.extend(repair.expect("the history is long enough"));
+        for number in self.source.publisher.answer(&loss_report, &mut answers) {
+            let refresh = self.source.publisher.refresh(number, scene_events);
+            answers.extend(refresh.expect("the history is long enough"));
         }
-        answers.push(self.source.publisher.vouch(notices));
+        answers.push(self.source.publisher.watermark(scene_events));
         for datagram in &answers {
             self.send(datagram);
         }
@@ -214,35 +214,41 @@ impl Link {
 
     fn check(&self) {
         let (publisher, subscriber) = (&self.source.publisher, &self.subscriber);
-        let heard = subscriber.statistics();
+        let received = subscriber.statistics();
         assert_eq!(
-            (heard.malformed, heard.mismatches, heard.amended),
+            (received.malformed, received.mismatches, received.resynced),
             (0, 0, 0)
         );
-        let vouched = subscriber.vouched();
-        let current = vouched == self.source.tick && self.mail.is_empty();
+        let watermark_tick = subscriber.watermark_tick();
+        let current = watermark_tick == self.source.tick && self.mail.is_empty();
         for (id, track) in publisher.tracks() {
             let Some(bound) = subscriber.bound(id) else {
                 assert!(!self.mail.is_empty(), "{id} is not bounded at all");
                 continue;
             };
-            let Bound::Within(within) = bound else {
+            let ErrorBound::Within(within) = bound else {
                 continue;
             };
             if current {
-                assert_eq!(subscriber.track(id), Some(track), "{id} at {vouched}");
+                assert_eq!(
+                    subscriber.track(id),
+                    Some(track),
+                    "{id} at {watermark_tick}"
+                );
             }
             // A body that came after that tick has no truth there.
-            let Some(truth) = self.source.truth(id, vouched) else {
+            let Some(truth) = self.source.truth(id, watermark_tick) else {
                 continue;
             };
-            let believed = subscriber.believed(id, vouched).expect("it is bounded");
-            let apart = Divergence::between(&truth.motion().pose(), &believed.pose());
-            let error = apart.surface_error(manner(id).radius);
+            let predicted_motion = subscriber
+                .predicted_motion(id, watermark_tick)
+                .expect("it is bounded");
+            let apart = Divergence::between(&truth.motion().pose(), &predicted_motion.pose());
+            let error = apart.surface_error(parameters(id).radius);
             assert!(error <= within, "{id} is off by {error}, not {within}");
         }
-        if current && subscriber.is_settled() {
-            assert_eq!(subscriber.agreement(), publisher.agreement());
+        if current && subscriber.is_converged() {
+            assert_eq!(subscriber.state_checksum(), publisher.state_checksum());
         }
     }
 }

@@ -8,31 +8,31 @@ mod client_session;
 mod commands;
 mod control_messages;
 mod control_script;
-mod driven_stream;
 pub mod inputs;
 mod link;
 mod packets;
-mod parities;
+mod payloads;
 mod reckoning;
 mod recordings;
-mod sayings;
+mod repair_symbols;
 mod scene_commands;
 mod script;
 mod source;
 mod subscriber;
+mod upstream;
 
 pub use app::{app_messages, app_scene};
 pub use client_session::client_session;
 pub use control_messages::{client_messages, server_messages};
 pub use control_script::control_script;
-pub use driven_stream::driven_stream;
 pub use link::link;
 pub use packets::{side_packets, state_packets};
-pub use parities::parities;
-pub use reckoning::{gate, lattice};
+pub use reckoning::{prefilter, quantiser};
 pub use recordings::recordings;
+pub use repair_symbols::repair_symbols;
 pub use scene_commands::scene_commands;
 pub use subscriber::subscriber;
+pub use upstream::upstream;
 
 /// Something that is fuzzed.
 #[derive(Clone, Copy, Debug)]
@@ -51,6 +51,6 @@ macro_rules! targets {
 }
 
 targets! {
-    app_messages app_scene client_messages client_session control_script driven_stream gate lattice
-    link parities recordings scene_commands server_messages side_packets state_packets subscriber
+    app_messages app_scene client_messages client_session control_script upstream prefilter quantiser
+    link repair_symbols recordings scene_commands server_messages side_packets state_packets subscriber
 }

@@ -1,63 +1,64 @@
-//! Datagrams, from any bytes and from anything that can be said.
+//! Datagrams, from any bytes and from anything that can be sent.
 //!
 //! Promises: what is read is written again as it was, byte by byte, so that a value has one encoding; what is written is
-//! read as it was said; and whatever the range coder is given, it reads or refuses.
+//! read as it was sent; and whatever the range coder is given, it reads or refuses.
 
 use rhumb_protocol::limits::DATAGRAM_BYTES_MAX;
 use rhumb_protocol::packet::{
-    Digest, Doubt, Echo, Forge, FullPacket, Head, Kind, Low16, Parity, Repair, RepairRecord,
-    RepairWriter, StatePacket, StateWriter, StreamId, Update, Vouch,
+    ChecksumMismatch, Checksums, FullPacket, Head, LossReport, Low16, PacketKind, Refresh,
+    RefreshRecord, RefreshWriter, RepairSymbol, StreamId, TestEncoder, Update, UpdatePacket,
+    UpdateWriter, Watermark,
 };
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::Ticks;
 
-use super::sayings::{updates, whole};
+use super::payloads::{keyframe, updates};
 use super::script::Script;
 
 const STREAM: StreamId = StreamId(3);
 
 /// Whatever a datagram may be.
-pub(super) const KINDS: [Kind; 12] = [
-    Kind::State,
-    Kind::StateEnd,
-    Kind::Vouch,
-    Kind::Repair,
-    Kind::Full,
-    Kind::FullEnd,
-    Kind::Echo,
-    Kind::Digest,
-    Kind::Doubt,
-    Kind::Parity,
-    Kind::StateInArrears,
-    Kind::VouchInArrears,
+pub(super) const KINDS: [PacketKind; 12] = [
+    PacketKind::Updates,
+    PacketKind::UpdatesEnd,
+    PacketKind::Watermark,
+    PacketKind::Refresh,
+    PacketKind::Full,
+    PacketKind::FullEnd,
+    PacketKind::LossReport,
+    PacketKind::Checksums,
+    PacketKind::ChecksumMismatch,
+    PacketKind::RepairSymbol,
+    PacketKind::UpdatesOverBudget,
+    PacketKind::WatermarkOverBudget,
 ];
 
-/// The head of a datagram, of which the rest is still to be said.
-pub(super) fn begun(kind: Kind, stream: StreamId) -> Vec<u8> {
+/// The head of a datagram, of which the rest is still to be sent.
+pub(super) fn begun(kind: PacketKind, stream: StreamId) -> Vec<u8> {
     let mut to = Writer::new();
     Head { kind, stream }.encode(&mut to);
     to.into_bytes()
 }
 
-/// Packets of updates: any bytes, whatever can be said with a bit turned, and numbers without meaning.
+/// Packets of updates: any bytes, whatever can be sent with a bit turned, and numbers without meaning.
 pub fn state_packets(data: &[u8]) {
     let mut script = Script::new(data);
     let datagram = match script.below(3) {
         0 => script.rest().to_vec(),
-        1 => said(&mut script),
+        1 => sent(&mut script),
         _ => forged(&mut script),
     };
     let _ = written_again(&datagram);
 }
 
-/// Packets of every other kind: any bytes, and repairs with a bit turned.
+/// Packets of every other kind: any bytes, and refreshes with a bit turned.
 pub fn side_packets(data: &[u8]) {
     let mut script = Script::new(data);
     let datagram = if script.any() {
         script.rest().to_vec()
     } else {
-        let mut datagram = repair(&mut script);
+        let mut datagram = refresh(&mut script);
         turn(&mut script, &mut datagram);
         datagram
     };
@@ -72,9 +73,9 @@ fn turn(script: &mut Script<'_>, datagram: &mut [u8]) {
     }
 }
 
-/// What a publisher might say, once it was read as it was said.
-fn said(script: &mut Script<'_>) -> Vec<u8> {
-    let mut writer = StateWriter::new(STREAM, script.any(), script.any(), script.any());
+/// What a publisher might say, once it was read as it was sent.
+fn sent(script: &mut Script<'_>) -> Vec<u8> {
+    let mut writer = UpdateWriter::new(STREAM, script.any(), script.any(), script.any());
     let mut all = updates(script, 12);
     let fits = all.iter().take_while(|update| writer.push(update)).count();
     all.truncate(fits);
@@ -84,49 +85,49 @@ fn said(script: &mut Script<'_>) -> Vec<u8> {
     let mut reader = Reader::new(&datagram);
     let head = Head::decode(&mut reader).expect("what was just written");
     let mut read = Vec::new();
-    StatePacket::decode(head.kind == Kind::StateEnd, reader)
+    UpdatePacket::decode(head.kind == PacketKind::UpdatesEnd, reader)
         .and_then(|packet| packet.updates(&mut read))
         .expect("what was just written");
-    assert_eq!(read, all, "read otherwise than it was said");
+    assert_eq!(read, all, "read otherwise than it was sent");
     turn(script, &mut datagram);
     datagram
 }
 
 /// Numbers in contexts of the range coder, as no publisher says them.
 fn forged(script: &mut Script<'_>) -> Vec<u8> {
-    let mut forge = Forge::default();
+    let mut test_encoder = TestEncoder::default();
     while script.goes_on() {
-        forge = match script.below(4) {
-            0 => forge.code(script.below(2), script.below(18)),
+        test_encoder = match script.below(4) {
+            0 => test_encoder.code(script.below(2), script.below(18)),
             1 => {
                 let bits = 1 + script.below(31) as u32;
-                forge.raw(script.any::<u32>() & ((1 << bits) - 1), bits)
+                test_encoder.raw(script.any::<u32>() & ((1 << bits) - 1), bits)
             }
-            2 => forge.escape(script.below(4)),
+            2 => test_encoder.escape(script.below(4)),
             _ => {
                 let small = script.any::<bool>();
                 let number = script.any::<u32>();
-                forge.number(script.below(8), if small { number & 0xff } else { number })
+                test_encoder.number(script.below(8), if small { number & 0xff } else { number })
             }
         };
     }
-    let mut datagram = begun(Kind::StateEnd, STREAM);
+    let mut datagram = begun(PacketKind::UpdatesEnd, STREAM);
     datagram.extend_from_slice(&[0; 6]);
-    datagram.extend(forge.into_bytes());
+    datagram.extend(test_encoder.into_bytes());
     datagram
 }
 
 /// Repairs with any tracks.
-fn repair(script: &mut Script<'_>) -> Vec<u8> {
-    let mut writer = RepairWriter::default();
+fn refresh(script: &mut Script<'_>) -> Vec<u8> {
+    let mut writer = RefreshWriter::default();
     let mut index = 0;
     let mut records = Vec::new();
     for _ in 0..script.below(8) {
-        let record = RepairRecord {
+        let record = RefreshRecord {
             index,
-            seat: script.any::<bool>().then(|| script.below(300) as u32),
+            alias: script.any::<bool>().then(|| script.below(300) as u32),
             age: Ticks::new(script.any::<u32>() % (1 << 30)),
-            whole: whole(script),
+            keyframe: keyframe(script),
         };
         writer.push(&record);
         records.push(record);
@@ -140,13 +141,13 @@ fn repair(script: &mut Script<'_>) -> Vec<u8> {
         let mut reader = Reader::new(part);
         Head::decode(&mut reader).expect("what was just written");
         read.extend(
-            Repair::decode(reader)
+            Refresh::decode(reader)
                 .expect("what was just written")
                 .records,
         );
     }
-    assert_eq!(read, records, "read otherwise than it was said");
-    parts.into_iter().next().expect("a repair has a part")
+    assert_eq!(read, records, "read otherwise than it was sent");
+    parts.into_iter().next().expect("a refresh has a part")
 }
 
 /// Reads a datagram and writes it again.
@@ -159,22 +160,24 @@ pub(super) fn written_again(datagram: &[u8]) -> Result<(), Malformed> {
     let head = Head::decode(&mut reader)?;
     let stream = head.stream;
     let again = match head.kind {
-        Kind::State | Kind::StateEnd | Kind::StateInArrears => state_again(head, reader)?,
-        Kind::Vouch => Some(Vouch::decode(reader)?.encode(stream)),
-        Kind::VouchInArrears => {
-            let (vouch, excess) = Vouch::decode_in_arrears(reader)?;
-            Some(vouch.encode_in_arrears(stream, excess))
+        PacketKind::Updates | PacketKind::UpdatesEnd | PacketKind::UpdatesOverBudget => {
+            state_again(head, reader)?
         }
-        Kind::Repair => repair_again(head, reader, datagram)?,
-        Kind::Full | Kind::FullEnd => {
-            let packet = FullPacket::decode(head.kind == Kind::FullEnd, reader)?;
+        PacketKind::Watermark => Some(Watermark::decode(reader)?.encode(stream)),
+        PacketKind::WatermarkOverBudget => {
+            let (watermark, error_scale) = Watermark::decode_over_budget(reader)?;
+            Some(watermark.encode_over_budget(stream, error_scale))
+        }
+        PacketKind::Refresh => refresh_again(head, reader, datagram)?,
+        PacketKind::Full | PacketKind::FullEnd => {
+            let packet = FullPacket::decode(head.kind == PacketKind::FullEnd, reader)?;
             let fits = packet.records.len() <= FullPacket::RECORDS_MAX;
             fits.then(|| packet.encode(stream))
         }
-        Kind::Echo => Some(Echo::decode(reader)?.encode(stream)),
-        Kind::Digest => Some(Digest::decode(reader)?.encode(stream)),
-        Kind::Doubt => Some(Doubt::decode(reader)?.encode(stream)),
-        Kind::Parity => Some(Parity::decode(reader)?.encode(stream)),
+        PacketKind::LossReport => Some(LossReport::decode(reader)?.encode(stream)),
+        PacketKind::Checksums => Some(Checksums::decode(reader)?.encode(stream)),
+        PacketKind::ChecksumMismatch => Some(ChecksumMismatch::decode(reader)?.encode(stream)),
+        PacketKind::RepairSymbol => Some(RepairSymbol::decode(reader)?.encode(stream)),
     };
     if let Some(again) = again {
         assert_eq!(again, datagram, "one value, one encoding");
@@ -184,51 +187,55 @@ pub(super) fn written_again(datagram: &[u8]) -> Result<(), Malformed> {
 
 /// `None` where a writer would have begun another packet.
 fn state_again(head: Head, reader: Reader<'_>) -> Result<Option<Vec<u8>>, Malformed> {
-    let in_arrears = head.kind == Kind::StateInArrears;
-    let packet = if in_arrears {
-        StatePacket::decode_in_arrears(reader)?
+    let over_budget = head.kind == PacketKind::UpdatesOverBudget;
+    let packet = if over_budget {
+        UpdatePacket::decode_over_budget(reader)?
     } else {
-        StatePacket::decode(head.kind == Kind::StateEnd, reader)?
+        UpdatePacket::decode(head.kind == PacketKind::UpdatesEnd, reader)?
     };
     let number = |low: Low16| u64::from(low.0);
-    let (ends_tick, excess) = (packet.ends_tick, packet.excess);
-    let mut writer = StateWriter::new(
+    let (ends_tick, error_scale) = (packet.ends_tick, packet.error_scale);
+    let mut writer = UpdateWriter::new(
         head.stream,
         number(packet.number),
         number(packet.tick),
-        number(packet.notices),
+        number(packet.scene_events),
     );
     let mut all: Vec<Update> = Vec::new();
     packet.updates(&mut all)?;
     if !all.iter().all(|update| writer.push(update)) {
         return Ok(None);
     }
-    Ok(Some(if in_arrears {
-        writer.finish_in_arrears(excess)
+    Ok(Some(if over_budget {
+        writer.finish_over_budget(error_scale)
     } else {
         writer.finish(ends_tick)
     }))
 }
 
-/// A writer says all parts of a repair; of the part at hand only its place among them cannot be told.
-fn repair_again(
+/// A writer says all parts of a refresh; of the part at hand only its place among them cannot be told.
+fn refresh_again(
     head: Head,
     reader: Reader<'_>,
     datagram: &[u8],
 ) -> Result<Option<Vec<u8>>, Malformed> {
     let behind_head = datagram.len() - reader.rest().len();
-    let repair = Repair::decode(reader)?;
-    let mut writer = RepairWriter::default();
-    for record in &repair.records {
+    let refresh = Refresh::decode(reader)?;
+    let mut writer = RefreshWriter::default();
+    for record in &refresh.records {
         writer.push(record);
     }
     let low = |low: Low16| u64::from(low.0);
-    let (lost, tick, notices) = (low(repair.lost), low(repair.tick), low(repair.notices));
-    let mut parts = writer.finish(head.stream, lost, tick, notices);
+    let (lost, tick, scene_events) = (
+        low(refresh.lost),
+        low(refresh.tick),
+        low(refresh.scene_events),
+    );
+    let mut parts = writer.finish(head.stream, lost, tick, scene_events);
     if parts.len() != 1 {
         return Ok(None);
     }
     let place = behind_head + 6;
-    parts[0][place..place + 2].copy_from_slice(&[repair.part, repair.parts]);
+    parts[0][place..place + 2].copy_from_slice(&[refresh.part, refresh.parts]);
     Ok(parts.pop())
 }

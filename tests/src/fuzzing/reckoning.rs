@@ -1,20 +1,21 @@
 //! Reckoning: shortcuts against the exact, grids against what is put on them.
 //!
-//! Promises: what the gate lets pass the exact judgement allows, and four predictions side by side are one by one's, to the
-//! bit; a grid's point is its own nearest, within half a step of what it stands for; a settling says any pose to the bit;
+//! Promises: what the prefilter lets pass the exact judgement allows, and four predictions side by side are one by one's, to the
+//! bit; a grid's point is its own nearest, within half a step of what it stands for; a rest_correction says any pose to the bit;
 //! all that follows is finite.
 
 use std::num::NonZeroU32;
 
 use glam::{DQuat, DVec3};
 use rhumb_reckoning::{
-    Anchor, Case, Conditions, Cursor, Damping, DenseTrack, Divergence, FINE_STEPS, FlowTable, Gate,
-    Grid, HORIZON, Inertia, Integrator, LengthBound, Metres, Motion, POSITION_LIMIT, Quartet,
-    RESIDUAL_LIMIT, Radians, Rate, Residual, Seconds, Settling, Snapped, TURN_LIMIT, Tick, Ticks,
-    Tolerance, Track, VELOCITY_LIMIT, Verbatim,
+    Anchor, BodyState, Conditions, Damping, DenseTrack, Divergence, ErrorPrefilter, FINE_STEPS,
+    Grid, Inertia, Integrator, LengthBound, Metres, Motion, POSITION_LIMIT, PredictionX4,
+    PrefilterInput, QuantisedState, RESIDUAL_LIMIT, Radians, Rate, Residual, RestCorrection,
+    RotationCursor, Seconds, StepCoefficientTable, TRACK_AGE_MAX, TURN_LIMIT, Tick, Ticks,
+    Tolerance, Track, VELOCITY_LIMIT,
 };
 
-use super::sayings::{law, snapped, verbatim};
+use super::payloads::{body_state, predictor, quantised};
 use super::script::Script;
 use super::subscriber::assert_is_motion;
 
@@ -47,7 +48,7 @@ fn radius(script: &mut Script<'_>) -> Metres {
     Metres::new(f64::from(metres.max(1e-3)))
 }
 
-fn flow(script: &mut Script<'_>) -> (Integrator, FlowTable) {
+fn flow(script: &mut Script<'_>) -> (Integrator, StepCoefficientTable) {
     let rates = [
         Rate::HZ_60,
         Rate::new(10, 1).expect("a rate"),
@@ -61,28 +62,28 @@ fn flow(script: &mut Script<'_>) -> (Integrator, FlowTable) {
         linear: script.one_of(&[0.0, 0.5, 100.0]),
         angular: script.one_of(&[0.0, 0.1, 1e3]),
     };
-    let mut flow = FlowTable::new(integrator, damping);
-    flow.extend_to(HORIZON);
+    let mut flow = StepCoefficientTable::new(integrator, damping);
+    flow.extend_to(TRACK_AGE_MAX);
     (integrator, flow)
 }
 
 fn track(script: &mut Script<'_>) -> Track {
-    let predictor = law(script);
-    let anchor = if script.any() || predictor.push().is_some() {
-        Anchor::Snapped(snapped(script))
+    let predictor = predictor(script);
+    let anchor = if script.any() || predictor.acceleration().is_some() {
+        Anchor::Quantised(quantised(script))
     } else {
-        Anchor::Verbatim(verbatim(script))
+        Anchor::Exact(body_state(script))
     };
     Track {
         origin: Tick::new(5),
         predictor,
         anchor,
-        carrier: None,
+        parent: None,
     }
 }
 
-/// Four tracks, and truths beside them: the gate and the exact judgement, the quartet and the exact prediction.
-pub fn gate(data: &[u8]) {
+/// Four tracks, and truths beside them: the prefilter and the exact judgement, the batch and the exact prediction.
+pub fn prefilter(data: &[u8]) {
     let mut script = Script::new(data);
     let tolerance = tolerance(&mut script);
     let (integrator, flow) = flow(&mut script);
@@ -90,9 +91,9 @@ pub fn gate(data: &[u8]) {
     let inertia = Inertia::new([1.0, 2.0, 2.5], [0.0, 0.0, 0.0, 1.0]).expect("an inertia");
     let radius = radius(&mut script);
     let grid = Grid::new(tolerance, radius);
-    let mut gate = Gate::new(tolerance, integrator);
-    let mut quartet = Quartet::default();
-    let (mut doubtful, mut shares, mut predicted) = (Vec::new(), Vec::new(), Vec::new());
+    let mut prefilter = ErrorPrefilter::new(tolerance, integrator);
+    let mut batch = PredictionX4::default();
+    let (mut undecided, mut shares, mut predicted) = (Vec::new(), Vec::new(), Vec::new());
     for place in 0..4 {
         let track = track(&mut script);
         let tumbles = script.below(8) == 0;
@@ -107,17 +108,21 @@ pub fn gate(data: &[u8]) {
         };
         let ages = [script.below(20), script.below(1_100)];
         let tick = track.origin + Ticks::new(script.one_of(&ages) as u32);
-        let believed = track.at(tick, &grid, &conditions);
-        assert_is_motion(&believed);
-        let mut cursor = Cursor::default();
+        let predicted_motion = track.at(tick, &grid, &conditions);
+        assert_is_motion(&predicted_motion);
+        let mut cursor = RotationCursor::default();
         let by_cursor = track.at_with(tick, &grid, &conditions, &mut cursor);
-        assert_eq!(bits(&by_cursor), bits(&believed), "a cursor changes no bit");
-        if quartet.take(place, &DenseTrack::new(&track), tick, &grid, &conditions) {
-            predicted.push((place, believed));
+        assert_eq!(
+            bits(&by_cursor),
+            bits(&predicted_motion),
+            "a cursor changes no bit"
+        );
+        if batch.take(place, &DenseTrack::new(&track), tick, &grid, &conditions) {
+            predicted.push((place, predicted_motion));
         }
-        let truth = beside(&mut script, &believed, tolerance.reach(radius));
-        let apart = Divergence::between(&truth.motion().pose(), &believed.pose());
-        let case = Case {
+        let truth = beside(&mut script, &predicted_motion, tolerance.reach(radius));
+        let apart = Divergence::between(&truth.motion().pose(), &predicted_motion.pose());
+        let case = PrefilterInput {
             truth: &truth,
             track: &DenseTrack::new(&track),
             tick,
@@ -125,22 +130,22 @@ pub fn gate(data: &[u8]) {
             radius,
             conditions: &conditions,
         };
-        gate.look(place, &case, &mut doubtful);
+        prefilter.look(place, &case, &mut undecided);
         // No body is so far away; there f64 itself is too coarse for both to round alike.
-        let is_near = believed.pose().position.abs().max_element() < FAR;
+        let is_near = predicted_motion.pose().position.abs().max_element() < FAR;
         shares.push(if is_near {
             tolerance.share(&apart, radius)
         } else {
             0.0
         });
     }
-    gate.finish(&mut doubtful);
+    prefilter.finish(&mut undecided);
     for (place, share) in shares.into_iter().enumerate() {
-        let passed = !doubtful.contains(&(place as u32));
+        let passed = !undecided.contains(&(place as u32));
         assert!(!passed || share <= 1.0, "{place} passed with {share}");
     }
     let mut rest = predicted.into_iter();
-    quartet.predict(|place, motion| {
+    batch.predict(|place, motion| {
         let (expected, exact) = rest.next().expect("no more than were taken");
         assert_eq!((place, bits(&motion)), (expected, bits(&exact)));
     });
@@ -148,8 +153,8 @@ pub fn gate(data: &[u8]) {
 }
 
 /// Truth within about what a tolerance allows of a belief, and to f32.
-fn beside(script: &mut Script<'_>, believed: &Motion, reach: Metres) -> Verbatim {
-    let pose = believed.pose();
+fn beside(script: &mut Script<'_>, predicted_motion: &Motion, reach: Metres) -> BodyState {
+    let pose = predicted_motion.pose();
     let scale = script.one_of(&[0.1, 0.9, 1.0, 1.1]);
     let off = script.sane_vector(1.0).as_dvec3() * reach.metres() * scale;
     let turn = DQuat::from_scaled_axis(script.sane_vector(0.1).as_dvec3() * scale);
@@ -161,7 +166,7 @@ fn beside(script: &mut Script<'_>, believed: &Motion, reach: Metres) -> Verbatim
     };
     let length = script.one_of(&[1.0, 1.0, 0.9995, 1.0005]);
     let rotation = turned.as_quat().to_array().map(|part| part * length);
-    Verbatim::new(position, rotation, [0.0; 3], [0.0; 3]).unwrap_or_else(|_| verbatim(script))
+    BodyState::new(position, rotation, [0.0; 3], [0.0; 3]).unwrap_or_else(|_| body_state(script))
 }
 
 fn bits(motion: &Motion) -> Vec<u64> {
@@ -174,32 +179,32 @@ fn bits(motion: &Motion) -> Vec<u64> {
         .collect()
 }
 
-/// A motion on a grid, a correction of it, and a settling.
-pub fn lattice(data: &[u8]) {
+/// A motion on a grid, a correction of it, and a rest_correction.
+pub fn quantiser(data: &[u8]) {
     let mut script = Script::new(data);
     let tolerance = tolerance(&mut script);
     let grid = Grid::new(tolerance, radius(&mut script));
-    let motion = verbatim(&mut script).motion();
-    let on_grid = Snapped::of(&motion, &grid);
+    let motion = body_state(&mut script).motion();
+    let on_grid = QuantisedState::of(&motion, &grid);
     assert!(on_grid.is_within_limits());
-    check_snapped(&motion, &on_grid, &grid);
+    check_quantised(&motion, &on_grid, &grid);
     // Whatever is on a grid stays where it is.
-    let said = snapped(&mut script);
-    let again = Snapped::of(&said.motion(&grid), &grid);
+    let sent = quantised(&mut script);
+    let again = QuantisedState::of(&sent.motion(&grid), &grid);
     assert_eq!(
         (again.position, again.linear, again.angular),
-        (said.position, said.linear, said.angular)
+        (sent.position, sent.linear, sent.angular)
     );
     assert_eq!(
         again.motion(&grid).pose().rotation,
-        said.motion(&grid).pose().rotation
+        sent.motion(&grid).pose().rotation
     );
-    check_residual(&mut script, &motion, &said.motion(&grid), &grid);
-    check_settling(&verbatim(&mut script), &motion);
+    check_residual(&mut script, &motion, &sent.motion(&grid), &grid);
+    check_rest_correction(&body_state(&mut script), &motion);
 }
 
-fn check_snapped(motion: &Motion, snapped: &Snapped, grid: &Grid) {
-    let value = snapped.motion(grid);
+fn check_quantised(motion: &Motion, quantised: &QuantisedState, grid: &Grid) {
+    let value = quantised.motion(grid);
     assert_is_motion(&value);
     let near = |is: DVec3, was: DVec3, step: f64, limit: i32| {
         let limit = f64::from(limit) * step;
@@ -251,14 +256,14 @@ fn check_residual(script: &mut Script<'_>, motion: &Motion, predicted: &Motion, 
     let corrected = residual.onto(predicted, over, grid);
     assert!(corrected.is_within_limits());
     assert_is_motion(&corrected.motion(grid));
-    let from = Snapped::of(predicted, grid);
+    let from = QuantisedState::of(predicted, grid);
     for axis in 0..3 {
         let expected = from.position[axis].saturating_add(residual.position[axis] * FINE_STEPS);
         let expected = expected.clamp(-POSITION_LIMIT, POSITION_LIMIT);
         assert_eq!(corrected.position[axis], expected);
     }
-    let coarseness = script.below(13) as u32;
-    let velocity = Residual::of_velocity(&motion.twist(), &corrected, grid, coarseness);
+    let velocity_exponent = script.below(13) as u32;
+    let velocity = Residual::of_velocity(&motion.twist(), &corrected, grid, velocity_exponent);
     let residual = Residual {
         velocity: Some(velocity),
         ..residual
@@ -267,10 +272,10 @@ fn check_residual(script: &mut Script<'_>, motion: &Motion, predicted: &Motion, 
     assert!(residual.onto(predicted, over, grid).is_within_limits());
 }
 
-/// What can be said as a settling of any prediction is had back to the bit.
-fn check_settling(truth: &Verbatim, predicted: &Motion) {
-    if let Some(settling) = Settling::of(truth, &predicted.pose()) {
-        let back = settling.onto(&predicted.pose());
+/// What can be sent as a rest_correction of any prediction is had back to the bit.
+fn check_rest_correction(truth: &BodyState, predicted: &Motion) {
+    if let Some(rest_correction) = RestCorrection::of(truth, &predicted.pose()) {
+        let back = rest_correction.onto(&predicted.pose());
         assert_eq!(back, Ok(truth.stilled()));
     }
 }

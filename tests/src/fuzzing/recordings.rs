@@ -14,15 +14,15 @@ pub fn recordings(data: &[u8]) {
         return;
     };
     match form % 4 {
-        0 => drop(told(rhtrace::read("fuzz", bytes))),
+        0 => drop(reported(rhtrace::read("fuzz", bytes))),
         1 => foreign(bytes),
         2 => foreign(&boxes(&mut Script::new(bytes))),
-        _ => drop(told(mcap::read(bytes))),
+        _ => drop(reported(mcap::read(bytes))),
     }
 }
 
 /// A recording, or nothing once its refusal has words.
-fn told<E: std::error::Error>(read: Result<Recording, E>) -> Option<Recording> {
+fn reported<E: std::error::Error>(read: Result<Recording, E>) -> Option<Recording> {
     if let Err(error) = &read {
         assert!(!error.to_string().is_empty());
     }
@@ -32,7 +32,7 @@ fn told<E: std::error::Error>(read: Result<Recording, E>) -> Option<Recording> {
 /// A foreign recording before it is packed.
 fn foreign(plain: &[u8]) {
     let packed = zstd::encode_all(plain, 1).expect("bytes can be packed");
-    if let Some(recording) = told(rhtrace::read("fuzz", &packed)) {
+    if let Some(recording) = reported(rhtrace::read("fuzz", &packed)) {
         assert_eq!(
             written(&recording, plain),
             plain,

@@ -5,7 +5,9 @@
 
 use std::num::NonZeroU32;
 
-use rhumb_protocol::scene::{Cadence, Command, Material, Pace, SceneTerms, SleepTerms};
+use rhumb_protocol::scene::{
+    Command, Material, PublishSchedule, SceneConfig, SleepConfig, Stepping,
+};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_reckoning::{BodyId, Damping, Integrator, Rate};
@@ -28,33 +30,33 @@ pub fn scene_commands(data: &[u8]) {
 }
 
 /// Terms of a scene in which bodies fall asleep soon.
-pub(super) fn scene_terms(pace: Pace) -> SceneTerms {
-    SceneTerms {
+pub(super) fn scene_config(stepping: Stepping) -> SceneConfig {
+    SceneConfig {
         integrator: Integrator {
             rate: Rate::HZ_60,
             substeps: const { NonZeroU32::new(4).expect("four is not zero") },
         },
         gravity: glam::Vec3::new(0.0, -9.8, 0.0),
-        pace,
+        stepping,
         material: Material {
             friction: 0.5,
             restitution: 0.2,
             density: 1_000.0,
         },
         damping: Damping::default(),
-        sleep: Some(SleepTerms {
+        sleep: Some(SleepConfig {
             speed: 0.5,
             seconds: 0.1,
         }),
-        cadence: Cadence::EACH_TICK,
+        publish_schedule: PublishSchedule::EACH_TICK,
     }
 }
 
-/// The digest of what comes of a script.
+/// The checksums of what comes of a script.
 fn played(script: &mut Script<'_>) -> u64 {
     let mut bodies: Vec<_> = (0..BODIES).map(|index| BodyId::new(index, 0)).collect();
     bodies.extend([BodyId::new(0, 1), BodyId::new(1, 1)]);
-    let mut scene = Scene::new(scene_terms(Pace::Lockstep)).expect("good terms");
+    let mut scene = Scene::new(scene_config(Stepping::Lockstep)).expect("good config");
     for _ in 0..ACTS_MAX {
         if !script.goes_on() {
             break;
@@ -78,7 +80,7 @@ fn played(script: &mut Script<'_>) -> u64 {
 
 fn step(scene: &mut Scene) {
     scene.step().expect("what was accepted can be stepped");
-    let ids = scene.bodies().map(|terms| terms.id);
+    let ids = scene.bodies().map(|config| config.id);
     for id in ids.collect::<Vec<_>>() {
         let seen = scene.observation(id).expect("a body is somewhere");
         assert_is_motion(&seen.motion.motion());

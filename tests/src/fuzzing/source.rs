@@ -9,14 +9,14 @@ use std::num::NonZeroU32;
 use bytes::Bytes;
 use glam::{DQuat, DVec3, Vec3};
 use rhumb_protocol::packet::StreamId;
-use rhumb_protocol::scene::Cadence;
+use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
-    Activity, Budget, Features, Manner, Observation, Publisher, StreamStart, StreamTerms,
-    Subscriber, Witness,
+    Activity, Budget, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
+    StreamStart, StreamTerms, Subscriber,
 };
 use rhumb_reckoning::{
-    Anchor, BodyId, Class, Damping, Inertia, Integrator, Metres, Predictor, Rate, Tick, Tolerance,
-    Track, Verbatim,
+    Anchor, BodyId, BodyState, Damping, Inertia, Integrator, Metres, Predictor, Rate, Tick,
+    Tolerance, ToleranceScale, Track,
 };
 
 use super::script::Script;
@@ -29,28 +29,28 @@ const RADIUS: Metres = Metres::new(0.5);
 
 /// What all listeners hear of, in order.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum News {
+pub(super) enum SceneChange {
     Placed(BodyId, Track),
     Removed(BodyId),
     Gravity(Tick, Vec3),
 }
 
-impl News {
+impl SceneChange {
     pub(super) fn tell(self, subscriber: &mut Subscriber) {
         match self {
-            Self::Placed(id, track) => assert!(subscriber.place(id, &manner(id), track)),
+            Self::Placed(id, track) => assert!(subscriber.place(id, &parameters(id), track)),
             Self::Removed(id) => assert!(subscriber.remove(id), "{id} was placed"),
             Self::Gravity(since, gravity) => subscriber.change_gravity(since, gravity),
         }
-        subscriber.handle_notice();
+        subscriber.apply_scene_event();
     }
 }
 
 /// Of every body another than its neighbour's.
-pub(super) fn manner(id: BodyId) -> Manner {
+pub(super) fn parameters(id: BodyId) -> PredictionParameters {
     let index = id.index();
     let inertia = Inertia::new([1.0, 2.0, 2.5], [0.0, 0.0, 0.0, 1.0]);
-    Manner {
+    PredictionParameters {
         radius: RADIUS,
         damping: Damping {
             linear: if index % 4 == 3 { 0.4 } else { 0.0 },
@@ -58,13 +58,14 @@ pub(super) fn manner(id: BodyId) -> Manner {
         },
         gravity_scale: [1.0, 0.0, 1.0, -0.5][index as usize % 4],
         inertia: inertia.ok().filter(|_| index % 3 == 2),
-        class: Class::new((index % 7) as i8 - 3).expect("there are seven classes"),
+        tolerance_scale: ToleranceScale::new((index % 7) as i8 - 3)
+            .expect("there are seven classes"),
     }
 }
 
 /// A body.
 #[derive(Clone, Copy, Debug)]
-struct Puppet {
+struct ScriptedBody {
     id: BodyId,
     position: DVec3,
     rotation: DQuat,
@@ -75,19 +76,22 @@ struct Puppet {
     mount: Option<usize>,
 }
 
-impl Puppet {
-    fn verbatim(&self) -> Verbatim {
-        Verbatim::new(
+impl ScriptedBody {
+    fn body_state(&self) -> BodyState {
+        BodyState::new(
             self.position.as_vec3().to_array(),
             self.rotation.as_quat().to_array(),
             self.linear.as_vec3().to_array(),
             self.angular.as_vec3().to_array(),
         )
-        .expect("a puppet's motion is finite")
+        .expect("a scripted_body's motion is finite")
     }
 
     fn step(&mut self, gravity: DVec3) {
-        let (damping, scale) = (manner(self.id).damping, manner(self.id).gravity_scale);
+        let (damping, scale) = (
+            parameters(self.id).damping,
+            parameters(self.id).gravity_scale,
+        );
         self.linear += gravity * f64::from(scale) / 60.0;
         self.linear *= 1.0 - f64::from(damping.linear) / 60.0;
         if self.position.y < 0.0 {
@@ -105,43 +109,43 @@ const FAR: DVec3 = DVec3::splat(1e5);
 /// The source.
 pub(super) struct Source {
     pub(super) publisher: Publisher,
-    witness: Witness,
-    puppets: [Option<Puppet>; BODIES],
+    observation_history: ObservationHistory,
+    scripted_bodies: [Option<ScriptedBody>; BODIES],
     generations: [u16; BODIES],
     /// What was told of who sleeps.
-    told_asleep: [Option<(BodyId, Verbatim)>; BODIES],
+    told_asleep: [Option<(BodyId, BodyState)>; BODIES],
     gravity: Vec3,
     pub(super) tick: Tick,
     /// How much news there was.
-    pub(super) notices: u64,
+    pub(super) scene_events: u64,
     /// Where bodies were after each tick.
-    past: Vec<BTreeMap<BodyId, Verbatim>>,
+    past: Vec<BTreeMap<BodyId, BodyState>>,
 }
 
 impl Source {
     /// Without bodies.
     pub(super) fn new(tolerance: Tolerance, budget: Option<Budget>) -> Self {
         let gravity = Vec3::new(0.0, -9.8, 0.0);
-        let terms = StreamTerms {
-            every: Cadence::EACH_TICK.every,
+        let config = StreamTerms {
+            publish_interval: PublishSchedule::EACH_TICK.publish_interval,
             tolerance,
             integrator: integrator(),
             gravity,
             features: Features::ALL,
         };
-        let mut publisher = Publisher::new(STREAM, &terms, Tick::ZERO);
+        let mut publisher = Publisher::new(STREAM, &config, Tick::ZERO);
         if let Some(budget) = budget {
             publisher.limit(budget);
         }
         Self {
             publisher,
-            witness: Witness::new(Cadence::EACH_TICK),
-            puppets: [None; BODIES],
+            observation_history: ObservationHistory::new(PublishSchedule::EACH_TICK),
+            scripted_bodies: [None; BODIES],
             generations: [0; BODIES],
             told_asleep: [None; BODIES],
             gravity,
             tick: Tick::ZERO,
-            notices: 0,
+            scene_events: 0,
             past: vec![BTreeMap::new()],
         }
     }
@@ -152,20 +156,20 @@ impl Source {
             stream: STREAM,
             tolerance: self.publisher.tolerance(),
             integrator: integrator(),
-            every: Cadence::EACH_TICK.every,
+            publish_interval: PublishSchedule::EACH_TICK.publish_interval,
             gravity: self.gravity,
             tick: self.tick,
             next: self.publisher.next_number(),
-            notices: self.notices,
+            scene_events: self.scene_events,
         }
     }
 
     /// Puts a body where there is none.
-    pub(super) fn add(&mut self, index: usize, position: Vec3) -> Option<News> {
-        if self.puppets[index].is_some() {
+    pub(super) fn add(&mut self, index: usize, position: Vec3) -> Option<SceneChange> {
+        if self.scripted_bodies[index].is_some() {
             return None;
         }
-        let puppet = Puppet {
+        let scripted_body = ScriptedBody {
             id: BodyId::new(index as u32, self.generations[index]),
             position: position.as_dvec3().clamp(-FAR, FAR),
             rotation: DQuat::IDENTITY,
@@ -174,79 +178,93 @@ impl Source {
             asleep: false,
             mount: None,
         };
-        self.puppets[index] = Some(puppet);
+        self.scripted_bodies[index] = Some(scripted_body);
         let track = Track {
             origin: self.tick,
             predictor: Predictor::Ballistic,
-            anchor: Anchor::Verbatim(puppet.verbatim()),
-            carrier: None,
+            anchor: Anchor::Exact(scripted_body.body_state()),
+            parent: None,
         };
-        let placed = self.publisher.place(puppet.id, &manner(puppet.id), track);
+        let placed = self
+            .publisher
+            .place(scripted_body.id, &parameters(scripted_body.id), track);
         assert!(placed, "eight bodies are not too many");
-        self.notices += 1;
-        Some(News::Placed(puppet.id, track))
+        self.scene_events += 1;
+        Some(SceneChange::Placed(scripted_body.id, track))
     }
 
     /// Takes a body out.
-    pub(super) fn remove(&mut self, index: usize) -> Option<News> {
-        let puppet = self.puppets[index].take()?;
+    pub(super) fn remove(&mut self, index: usize) -> Option<SceneChange> {
+        let scripted_body = self.scripted_bodies[index].take()?;
         self.generations[index] = self.generations[index].wrapping_add(1);
-        self.publisher.remove(puppet.id);
-        self.notices += 1;
-        Some(News::Removed(puppet.id))
+        self.publisher.remove(scripted_body.id);
+        self.scene_events += 1;
+        Some(SceneChange::Removed(scripted_body.id))
     }
 
     /// Lets something else pull.
-    pub(super) fn change_gravity(&mut self, gravity: Vec3) -> News {
+    pub(super) fn change_gravity(&mut self, gravity: Vec3) -> SceneChange {
         self.gravity = gravity;
         self.publisher.change_gravity(self.tick, gravity);
-        self.notices += 1;
-        News::Gravity(self.tick, gravity)
+        self.scene_events += 1;
+        SceneChange::Gravity(self.tick, gravity)
     }
 
     /// Something happens to a body.
     pub(super) fn strike(&mut self, script: &mut Script<'_>) {
         let (index, mount) = (script.below(BODIES), script.below(BODIES));
-        let Some(puppet) = &mut self.puppets[index] else {
+        let Some(scripted_body) = &mut self.scripted_bodies[index] else {
             return;
         };
-        puppet.asleep = false;
+        scripted_body.asleep = false;
         match script.below(5) {
-            0 => puppet.linear += script.sane_vector(20.0).as_dvec3(),
-            1 => puppet.angular += script.sane_vector(20.0).as_dvec3(),
-            2 => puppet.position = script.sane_vector(1e5).as_dvec3(),
-            3 => (puppet.linear, puppet.angular, puppet.asleep) = (DVec3::ZERO, DVec3::ZERO, true),
-            _ => puppet.mount = (mount != index && puppet.mount.is_none()).then_some(mount),
+            0 => scripted_body.linear += script.sane_vector(20.0).as_dvec3(),
+            1 => scripted_body.angular += script.sane_vector(20.0).as_dvec3(),
+            2 => scripted_body.position = script.sane_vector(1e5).as_dvec3(),
+            3 => {
+                (
+                    scripted_body.linear,
+                    scripted_body.angular,
+                    scripted_body.asleep,
+                ) = (DVec3::ZERO, DVec3::ZERO, true)
+            }
+            _ => {
+                scripted_body.mount =
+                    (mount != index && scripted_body.mount.is_none()).then_some(mount)
+            }
         }
     }
 
-    /// The next tick: what is said of it.
+    /// The next tick: what is sent of it.
     pub(super) fn step(&mut self) -> Vec<Bytes> {
         self.tick = self.tick.next();
-        let before = self.puppets;
+        let before = self.scripted_bodies;
         let mut observations = Vec::new();
-        for (index, puppet) in self.puppets.iter_mut().enumerate() {
-            let Some(puppet) = puppet else {
+        for (index, scripted_body) in self.scripted_bodies.iter_mut().enumerate() {
+            let Some(scripted_body) = scripted_body else {
                 continue;
             };
-            if !puppet.asleep {
-                puppet.step(self.gravity.as_dvec3());
+            if !scripted_body.asleep {
+                scripted_body.step(self.gravity.as_dvec3());
             }
-            if let Some(mount) = puppet.mount.and_then(|mount| before[mount])
-                && !puppet.asleep
+            if let Some(mount) = scripted_body.mount.and_then(|mount| before[mount])
+                && !scripted_body.asleep
             {
                 let offset = mount.rotation * DVec3::new(0.0, 1.0, 0.0);
-                puppet.position = (mount.position + mount.linear / 60.0 + offset).clamp(-FAR, FAR);
-                (puppet.linear, puppet.rotation) = (mount.linear, mount.rotation);
+                scripted_body.position =
+                    (mount.position + mount.linear / 60.0 + offset).clamp(-FAR, FAR);
+                (scripted_body.linear, scripted_body.rotation) = (mount.linear, mount.rotation);
             }
             // An engine tells of a sleeper once.
-            let sleeper = puppet.asleep.then(|| (puppet.id, puppet.verbatim()));
+            let sleeper = scripted_body
+                .asleep
+                .then(|| (scripted_body.id, scripted_body.body_state()));
             if sleeper.is_none() || self.told_asleep[index] != sleeper {
                 self.told_asleep[index] = sleeper;
                 observations.push(Observation {
-                    id: puppet.id,
-                    motion: puppet.verbatim(),
-                    activity: if puppet.asleep {
+                    id: scripted_body.id,
+                    motion: scripted_body.body_state(),
+                    activity: if scripted_body.asleep {
                         Activity::Asleep
                     } else {
                         Activity::Awake
@@ -254,24 +272,24 @@ impl Source {
                 });
             }
         }
-        let puppets = self.puppets.iter().flatten();
+        let scripted_bodies = self.scripted_bodies.iter().flatten();
         self.past.push(
-            puppets
-                .map(|puppet| (puppet.id, puppet.verbatim()))
+            scripted_bodies
+                .map(|scripted_body| (scripted_body.id, scripted_body.body_state()))
                 .collect(),
         );
-        self.witness.observe(self.tick, &observations);
-        let mut said = Vec::new();
+        self.observation_history.observe(self.tick, &observations);
+        let mut sent = Vec::new();
         self.publisher
-            .publish(&self.witness, self.notices, &mut said);
-        if said.is_empty() {
-            said.push(self.publisher.vouch(self.notices));
+            .publish(&self.observation_history, self.scene_events, &mut sent);
+        if sent.is_empty() {
+            sent.push(self.publisher.watermark(self.scene_events));
         }
-        said
+        sent
     }
 
     /// Where a body was after a tick.
-    pub(super) fn truth(&self, id: BodyId, tick: Tick) -> Option<&Verbatim> {
+    pub(super) fn truth(&self, id: BodyId, tick: Tick) -> Option<&BodyState> {
         self.past.get(tick.value() as usize)?.get(&id)
     }
 }

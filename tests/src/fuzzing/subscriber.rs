@@ -1,29 +1,29 @@
 //! A listener that hears any datagrams and any news of its stream.
 //!
-//! Promises: nothing panics; memory stays within the limits; whatever is believed is a motion within the limits of what
+//! Promises: nothing panics; memory stays within the limits; whatever is predicted_motion is a motion within the limits of what
 //! can be said; what the listener says is of the protocol.
 
 use rhumb_protocol::limits::{HISTORY_PACKETS, INDICES_MAX, LOST_NAMED_MAX};
 use rhumb_protocol::packet::{
-    Digest, FullPacket, FullRecord, Low16, Parity, Ranges, RepairRecord, RepairWriter, StateWriter,
-    Vouch,
+    Checksums, FullPacket, FullRecord, IndexRanges, Low16, RefreshRecord, RefreshWriter,
+    RepairSymbol, UpdateWriter, Watermark,
 };
 use rhumb_protocol::stream::Subscriber;
 use rhumb_reckoning::{Anchor, BodyId, Motion, Tick, Ticks, Tolerance};
 
 use super::packets::{KINDS, begun, written_again};
-use super::sayings::{updates, verbatim, whole};
+use super::payloads::{body_state, keyframe, updates};
 use super::script::Script;
-use super::source::{BODIES, News, STREAM, Source};
+use super::source::{BODIES, STREAM, SceneChange, Source};
 
 /// What somebody says of a stream who knows about where it stands.
-pub(super) struct Voice {
+pub(super) struct PacketSource {
     pub(super) number: u64,
     pub(super) tick: u64,
-    pub(super) notices: u64,
+    pub(super) scene_events: u64,
 }
 
-impl Voice {
+impl PacketSource {
     /// A number near another.
     fn near(script: &mut Script<'_>, number: u64) -> u64 {
         match script.below(8) {
@@ -38,12 +38,12 @@ impl Voice {
     pub(super) fn datagram(&mut self, script: &mut Script<'_>, bodies: usize) -> Vec<u8> {
         let number = Self::near(script, self.number);
         let tick = Self::near(script, self.tick + 1);
-        let notices = Self::near(script, self.notices);
+        let scene_events = Self::near(script, self.scene_events);
         let (next, low_tick, low_notices) =
-            (Low16::of(number), Low16::of(tick), Low16::of(notices));
+            (Low16::of(number), Low16::of(tick), Low16::of(scene_events));
         match script.below(8) {
             0..3 => {
-                let mut writer = StateWriter::new(STREAM, number, tick, notices);
+                let mut writer = UpdateWriter::new(STREAM, number, tick, scene_events);
                 for update in updates(script, bodies) {
                     if !writer.push(&update) {
                         break;
@@ -54,31 +54,31 @@ impl Voice {
             }
             3 => {
                 self.tick += 1;
-                let vouch = Vouch {
+                let watermark = Watermark {
                     next,
                     tick: low_tick,
-                    notices: low_notices,
+                    scene_events: low_notices,
                 };
-                vouch.encode(STREAM)
+                watermark.encode(STREAM)
             }
             4 => {
-                let mut writer = RepairWriter::default();
+                let mut writer = RefreshWriter::default();
                 let count = script.below(4) as u32;
                 for index in 0..count {
-                    writer.push(&RepairRecord {
+                    writer.push(&RefreshRecord {
                         index: index * 2,
-                        seat: script.any::<bool>().then(|| script.below(12) as u32),
+                        alias: script.any::<bool>().then(|| script.below(12) as u32),
                         age: Ticks::new(script.below(40) as u32),
-                        whole: whole(script),
+                        keyframe: keyframe(script),
                     });
                 }
-                writer.finish(STREAM, number, tick, notices).remove(0)
+                writer.finish(STREAM, number, tick, scene_events).remove(0)
             }
-            5 => Digest {
+            5 => Checksums {
                 next,
                 tick: low_tick,
-                notices: low_notices,
-                ranges: Ranges {
+                scene_events: low_notices,
+                ranges: IndexRanges {
                     first: script.below(10) as u32,
                     stride: 1 + script.any::<u32>() % INDICES_MAX,
                 },
@@ -88,13 +88,13 @@ impl Voice {
             6 => {
                 let mut sums = script.bytes(60).to_vec();
                 sums.push(1);
-                let parity = Parity {
+                let repair_symbol = RepairSymbol {
                     last: next,
                     covered: script.any::<u32>() >> 1,
                     row: script.any::<u8>() & 127,
                     sums,
                 };
-                parity.encode(STREAM)
+                repair_symbol.encode(STREAM)
             }
             _ => self.raw(script, tick),
         }
@@ -105,13 +105,13 @@ impl Voice {
         if script.any() {
             let records = (0..script.below(3) as u32).map(|index| FullRecord {
                 index: index * 3,
-                motion: verbatim(script),
+                motion: body_state(script),
             });
             let packet = FullPacket {
                 records: records.collect(),
                 number: Low16::of(self.number),
                 tick: Low16::of(tick),
-                notices: Low16::of(self.notices),
+                scene_events: Low16::of(self.scene_events),
                 ends_tick: script.any(),
             };
             return packet.encode(STREAM);
@@ -134,33 +134,33 @@ pub fn subscriber(data: &[u8]) {
     } else {
         Subscriber::new(&start)
     };
-    let mut voice = Voice {
+    let mut packet_source = PacketSource {
         number: 0,
         tick: 0,
-        notices: 0,
+        scene_events: 0,
     };
     for index in 0..BODIES / 2 {
         let news = source.add(index, script.sane_vector(50.0));
-        tell(news, &mut subscriber, &mut voice);
+        tell(news, &mut subscriber, &mut packet_source);
     }
     while script.goes_on() {
         match script.below(12) {
             0 => {
                 let news = source.add(script.below(BODIES), script.sane_vector(50.0));
-                tell(news, &mut subscriber, &mut voice);
+                tell(news, &mut subscriber, &mut packet_source);
             }
             1 => {
                 let news = source.remove(script.below(BODIES));
-                tell(news, &mut subscriber, &mut voice);
+                tell(news, &mut subscriber, &mut packet_source);
             }
             2 => {
                 let (since, gravity) = (script.below(200) as u64, script.sane_vector(1e3));
-                let news = News::Gravity(Tick::new(since), gravity);
-                tell(Some(news), &mut subscriber, &mut voice);
+                let news = SceneChange::Gravity(Tick::new(since), gravity);
+                tell(Some(news), &mut subscriber, &mut packet_source);
             }
             3 => subscriber.handle_snapshot_end(),
             _ => {
-                let datagram = voice.datagram(&mut script, 10);
+                let datagram = packet_source.datagram(&mut script, 10);
                 subscriber.handle_datagram(&datagram);
             }
         }
@@ -168,42 +168,42 @@ pub fn subscriber(data: &[u8]) {
     }
 }
 
-fn tell(news: Option<News>, subscriber: &mut Subscriber, voice: &mut Voice) {
+fn tell(news: Option<SceneChange>, subscriber: &mut Subscriber, packet_source: &mut PacketSource) {
     if let Some(news) = news {
         news.tell(subscriber);
-        voice.notices += 1;
+        packet_source.scene_events += 1;
     }
 }
 
 fn check(subscriber: &mut Subscriber) {
     assert!(subscriber.missing() <= HISTORY_PACKETS);
     assert!(subscriber.index_end() <= BODIES, "a packet makes no bodies");
-    let echo = subscriber.echo();
-    assert!(echo.lost.len() <= LOST_NAMED_MAX);
-    assert_eq!(written_again(&echo.encode(STREAM)), Ok(()));
-    if let Some(doubt) = subscriber.doubt() {
-        assert_eq!(written_again(&doubt.encode(STREAM)), Ok(()));
+    let loss_report = subscriber.loss_report();
+    assert!(loss_report.lost.len() <= LOST_NAMED_MAX);
+    assert_eq!(written_again(&loss_report.encode(STREAM)), Ok(()));
+    if let Some(mismatch) = subscriber.mismatch() {
+        assert_eq!(written_again(&mismatch.encode(STREAM)), Ok(()));
     }
     let mut changed = Vec::new();
     subscriber.drain_changed(&mut changed);
     let ends = changed.iter().all(|index| *index < BODIES as u32);
     assert!(ends, "{changed:?}");
-    while subscriber.poll_amended().is_some() {}
+    while subscriber.poll_resynced().is_some() {}
     assert_is_within_limits(subscriber, BODIES as u32);
 }
 
-/// That all that is believed of bodies of these indices is a motion within the limits.
+/// That all that is predicted_motion of bodies of these indices is a motion within the limits.
 pub(super) fn assert_is_within_limits(stream: &Subscriber, end: u32) {
     let ids = (0..end).filter_map(|index| stream.body(index));
     for id in ids.collect::<Vec<BodyId>>() {
         let track = stream.track(id).expect("what is there has a track");
-        if let Anchor::Snapped(snapped) = &track.anchor {
-            assert!(snapped.is_within_limits(), "{id}: {snapped:?}");
+        if let Anchor::Quantised(quantised) = &track.anchor {
+            assert!(quantised.is_within_limits(), "{id}: {quantised:?}");
         }
         for later in [0, 1, 60] {
-            let tick = stream.vouched() + Ticks::new(later);
-            let believed = stream.believed(id, tick).expect("what has a track");
-            assert_is_motion(&believed);
+            let tick = stream.watermark_tick() + Ticks::new(later);
+            let predicted_motion = stream.predicted_motion(id, tick).expect("what has a track");
+            assert_is_motion(&predicted_motion);
         }
     }
 }

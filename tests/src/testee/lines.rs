@@ -8,21 +8,23 @@ use rhumb_reckoning::{Motion, Tick};
 /// A copy at a tick, as a line of JSON.
 #[must_use]
 pub fn copy_line(copy: &Replica, tick: Tick) -> String {
-    let (moving, sum) = (moving(copy, tick), copy.stream().agreement());
+    let (moving, sum) = (moving(copy, tick), copy.stream().state_checksum());
     let tick = tick.value();
-    format!("{{\"is\":\"tick\",\"tick\":{tick},\"sum\":\"{sum:016x}\",\"moving\":{{{moving}}}}}")
+    format!(
+        "{{\"is\":\"tick\",\"tick\":{tick},\"checksum\":\"{sum:016x}\",\"moving\":{{{moving}}}}}"
+    )
 }
 
 /// Each body that does not rest, with its motion at a tick.
 #[must_use]
 pub fn moving(copy: &Replica, tick: Tick) -> String {
     let stream = copy.stream();
-    let moving = copy.bodies().filter_map(|terms| {
-        let track = stream.track(terms.id)?;
-        let motion = stream.believed(terms.id, tick)?;
-        let (index, generation) = (terms.id.index(), terms.id.generation());
+    let moving = copy.bodies().filter_map(|config| {
+        let track = stream.track(config.id)?;
+        let motion = stream.predicted_motion(config.id, tick)?;
+        let (index, generation) = (config.id.index(), config.id.generation());
         let text = || format!("\"{index}:{generation}\":\"{}\"", bits(&motion));
-        (!track.is_verbatim_rest()).then(text)
+        (!track.is_exact_rest()).then(text)
     });
     let moving: Vec<_> = moving.collect();
     moving.join(",")

@@ -1,47 +1,47 @@
 //! A client under test: follows a scene and tells what it holds, line by line.
 //!
-//! It is started as `docs/implementing.md` says: told by its environment where to go and what to wish. It judges nothing.
-//! What it hears, says and tells passes by a [`Habit`]; the honest one leaves all as it is, those of `conformance/mutants`
+//! It is started as `docs/implementing.md` says: told by its environment where to go and what to task. It judges nothing.
+//! What it hears, says and tells passes by a [`Behaviour`]; the honest one leaves all as it is, those of `conformance/mutants`
 //! do not.
 
-mod course;
 mod lines;
-mod wish;
+mod task;
+mod trajectory;
 
 use std::io::{self, Write};
 use std::time::Duration;
 
 use rhumb_protocol::message::StreamChoice;
-use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, IdRange, ShapeId};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, IdRange, ShapeId};
 use rhumb_protocol::session::{ClientSession, Event};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{BodyId, LengthBound, Tick, Tolerance};
 use rhumb_transport::{ClientOptions, Clock, QuicClient, Received, Trust};
 
-pub use course::{COURSE_TICKS, course};
 pub use lines::{bits, copy_line, moving};
-pub use wish::{Orders, Wish};
+pub use task::{TesteeOrders, TesteeTask};
+pub use trajectory::{COURSE_TICKS, trajectory};
 
 /// What a client does to all that passes through it; each part is honest unless it is written otherwise.
-pub trait Habit {
+pub trait Behaviour {
     /// What it takes bytes of the control stream for.
-    fn hear_control(&mut self, bytes: &[u8]) -> Vec<u8> {
+    fn receive_control(&mut self, bytes: &[u8]) -> Vec<u8> {
         bytes.to_vec()
     }
 
     /// What it takes a datagram for.
-    fn hear_datagram(&mut self, session: &ClientSession, bytes: &[u8]) -> Vec<Vec<u8>> {
+    fn receive_datagram(&mut self, session: &ClientSession, bytes: &[u8]) -> Vec<Vec<u8>> {
         let _ = session;
         vec![bytes.to_vec()]
     }
 
     /// What it says in place of a datagram.
-    fn say_datagram(&mut self, bytes: &[u8]) -> Option<Vec<u8>> {
+    fn filter_datagram(&mut self, bytes: &[u8]) -> Option<Vec<u8>> {
         Some(bytes.to_vec())
     }
 
     /// What it says in place of bytes of the control stream.
-    fn say_control(&mut self, bytes: &[u8]) -> Vec<u8> {
+    fn filter_control(&mut self, bytes: &[u8]) -> Vec<u8> {
         bytes.to_vec()
     }
 
@@ -55,8 +55,8 @@ pub trait Habit {
         line
     }
 
-    /// Whether it tells of a copy that is not settled.
-    fn tells_unsettled(&self) -> bool {
+    /// Whether it tells of a copy that is not converged.
+    fn reports_unconverged(&self) -> bool {
         false
     }
 }
@@ -65,7 +65,7 @@ pub trait Habit {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Honest;
 
-impl Habit for Honest {}
+impl Behaviour for Honest {}
 
 const SERVER: Peer = Peer(0);
 /// The longest that a turn waits for something to come; then the next one begins.
@@ -75,8 +75,8 @@ struct Testee<'a> {
     session: ClientSession,
     connection: QuicClient,
     clock: Clock,
-    habit: &'a mut dyn Habit,
-    wish: Wish,
+    habit: &'a mut dyn Behaviour,
+    task: TesteeTask,
     told: Option<Tick>,
     /// The body that it drives, or wants to.
     driven: Option<BodyId>,
@@ -88,7 +88,7 @@ struct Testee<'a> {
 /// # Errors
 ///
 /// When there is no connection, or nobody reads what is told.
-pub fn run(orders: &Orders, habit: &mut dyn Habit) -> io::Result<()> {
+pub fn run(orders: &TesteeOrders, habit: &mut dyn Behaviour) -> io::Result<()> {
     let options = ClientOptions::new(orders.server, Trust::Fingerprint(orders.fingerprint));
     let connection = QuicClient::connect(options, Duration::from_secs(10))
         .map_err(|error| io::Error::other(error.to_string()))?;
@@ -100,7 +100,7 @@ pub fn run(orders: &Orders, habit: &mut dyn Habit) -> io::Result<()> {
         connection,
         clock,
         habit,
-        wish: orders.wish,
+        task: orders.task,
         told: None,
         driven: None,
         over: false,
@@ -132,12 +132,12 @@ impl Testee<'_> {
         let now = self.clock.now();
         match received {
             Received::Control(bytes) => {
-                let bytes = self.habit.hear_control(&bytes);
+                let bytes = self.habit.receive_control(&bytes);
                 self.session.handle_control(now, SERVER, &bytes);
                 self.tell_copy()
             }
             Received::State(bytes) => {
-                for bytes in self.habit.hear_datagram(&self.session, &bytes) {
+                for bytes in self.habit.receive_datagram(&self.session, &bytes) {
                     self.session.handle_datagram(now, SERVER, &bytes);
                     self.tell_copy()?;
                 }
@@ -150,7 +150,7 @@ impl Testee<'_> {
         }
     }
 
-    /// Says what is to be said, and does what follows from what happened.
+    /// Says what is to be sent, and does what follows from what happened.
     fn go_on(&mut self) -> io::Result<()> {
         loop {
             while let Some(transmit) = self.session.poll_transmit() {
@@ -166,11 +166,11 @@ impl Testee<'_> {
     fn send(&mut self, transmit: Transmit) {
         match transmit {
             Transmit::Control { bytes, .. } => {
-                let bytes = self.habit.say_control(&bytes);
+                let bytes = self.habit.filter_control(&bytes);
                 self.connection.send_control(bytes.into());
             }
             Transmit::State { bytes, .. } => {
-                if let Some(bytes) = self.habit.say_datagram(&bytes) {
+                if let Some(bytes) = self.habit.filter_datagram(&bytes) {
                     self.connection.send_state(bytes.into());
                 }
             }
@@ -185,19 +185,22 @@ impl Testee<'_> {
     fn heed(&mut self, event: &Event) -> io::Result<()> {
         let now = self.clock.now();
         match event {
-            Event::Welcomed(_) => self.wishes(|session, wish| session.join(wish.choice())),
+            Event::Welcomed(_) => self.wishes(|session, task| session.join(task.choice())),
             Event::Joined(granted) => {
                 tell("{\"is\":\"joined\"}")?;
                 self.tell_copy()?;
-                match self.wish {
-                    Wish::Advance { .. } => self.ask_on(now),
-                    Wish::Change { to, .. } => self.wishes(|session, _| session.follow(within(to))),
-                    Wish::Drive { within } => self.begin_to_drive(*granted, within),
-                    Wish::Follow { .. } | Wish::Full | Wish::Capped { .. } => {}
+                match self.task {
+                    TesteeTask::Advance { .. } => self.ask_on(now),
+                    TesteeTask::Change { to, .. } => {
+                        self.wishes(|session, _| session.subscribe(within(to)))
+                    }
+                    TesteeTask::TakeAuthority { within } => self.begin_to_drive(*granted, within),
+                    TesteeTask::Subscribe { .. } | TesteeTask::Full | TesteeTask::Capped { .. } => {
+                    }
                 }
             }
-            Event::Driving(_) => self.drive_on(now),
-            Event::Following(_) => {
+            Event::AuthorityGrant(_) => self.drive_on(now),
+            Event::SubscriptionChanged(_) => {
                 tell("{\"is\":\"following\"}")?;
                 self.told = None;
                 self.tell_copy()?;
@@ -205,7 +208,7 @@ impl Testee<'_> {
             Event::Amended(id) => {
                 let (index, generation) = (id.index(), id.generation());
                 tell(&format!(
-                    "{{\"is\":\"amended\",\"body\":\"{index}:{generation}\"}}"
+                    "{{\"is\":\"resynced\",\"body\":\"{index}:{generation}\"}}"
                 ))?;
             }
             Event::Deleted => tell("{\"is\":\"deleted\"}")?,
@@ -223,15 +226,15 @@ impl Testee<'_> {
         Ok(())
     }
 
-    /// Does what is wished; what the session does not allow now is left.
-    fn wishes<T, E>(&mut self, wish: impl FnOnce(&mut ClientSession, Wish) -> Result<T, E>) {
-        // The server may have ended what this is about; then there is nothing to wish.
-        let _ = wish(&mut self.session, self.wish);
+    /// Does what is requested_authority; what the session does not allow now is left.
+    fn wishes<T, E>(&mut self, task: impl FnOnce(&mut ClientSession, TesteeTask) -> Result<T, E>) {
+        // The server may have ended what this is about; then there is nothing to task.
+        let _ = task(&mut self.session, self.task);
     }
 
     /// In lockstep: asks for the next tick.
     fn ask_on(&mut self, now: Instant) {
-        let Wish::Advance { ticks, .. } = self.wish else {
+        let TesteeTask::Advance { ticks, .. } = self.task else {
             return;
         };
         let complete = self
@@ -243,18 +246,18 @@ impl Testee<'_> {
         }
     }
 
-    /// Adds a body where its course is at the scene's tick, and asks to drive it.
+    /// Adds a body where its trajectory is at the scene's tick, and asks to drive it.
     fn begin_to_drive(&mut self, granted: IdRange, micrometres: u32) {
         let (Some(id), Some(copy)) = (granted.id(0), self.session.replica()) else {
             return;
         };
         let command = Command::AddBody {
-            terms: BodyTerms::plain(id, BodyKind::Kinematic, ShapeId(0)),
-            motion: course(copy.stream().complete()).stilled(),
+            config: BodyDesc::plain(id, BodyKind::Kinematic, ShapeId(0)),
+            motion: trajectory(copy.stream().complete()).stilled(),
         };
         self.driven = Some(id);
         self.wishes(|session, _| session.command(command));
-        self.wishes(|session, _| session.drive(surface(micrometres), &[id]));
+        self.wishes(|session, _| session.take_authority(surface(micrometres), &[id]));
     }
 
     /// Says where its body is at the next tick, and asks for it; nothing before it may.
@@ -266,8 +269,8 @@ impl Testee<'_> {
         if next > Tick::new(COURSE_TICKS) {
             return;
         }
-        let said = self.session.publish(next, &[(id, course(next))]);
-        if said == Ok(true) {
+        let sent = self.session.publish(next, &[(id, trajectory(next))]);
+        if sent == Ok(true) {
             self.wishes(|session, _| session.advance(now, next));
         }
     }
@@ -277,13 +280,13 @@ impl Testee<'_> {
         let Some(copy) = self.session.replica() else {
             return Ok(());
         };
-        let anyway = self.habit.tells_unsettled();
+        let anyway = self.habit.reports_unconverged();
         let tick = if anyway {
-            copy.stream().vouched()
+            copy.stream().watermark_tick()
         } else {
             copy.stream().complete()
         };
-        if self.told == Some(tick) || !(anyway || copy.stream().is_settled()) {
+        if self.told == Some(tick) || !(anyway || copy.stream().is_converged()) {
             return Ok(());
         }
         self.told = Some(tick);

@@ -7,14 +7,14 @@ use std::collections::BTreeSet;
 use serde_json::Value;
 
 use super::pieces::{f, v};
-use super::{Case, Side};
+use super::{MessageCase, Sender};
 use crate::grammar::{Grammar, Span};
 
 /// Every change of one number of the cases that the table reads.
-pub(super) fn cases(grammar: &Grammar, side: Side, said: &[Case]) -> Vec<Case> {
+pub(super) fn cases(grammar: &Grammar, side: Sender, sent: &[MessageCase]) -> Vec<MessageCase> {
     let mut changed = Vec::new();
     let mut seen = BTreeSet::new();
-    for Case { name, kind, body } in said {
+    for MessageCase { name, kind, body } in sent {
         let typed = [&[*kind], &body[..]].concat();
         let Ok((means, spans)) = grammar.read(side.type_name(), &typed) else {
             continue;
@@ -36,7 +36,7 @@ pub(super) fn cases(grammar: &Grammar, side: Side, said: &[Case]) -> Vec<Case> {
                 };
                 let name = format!("{name}: {path} {word}");
                 let kind = *kind;
-                changed.push(Case { name, kind, body });
+                changed.push(MessageCase { name, kind, body });
             }
         }
     }

@@ -1,23 +1,23 @@
 //! What clients say: every message and command.
 
-use super::Case;
+use super::MessageCase;
 use super::pieces::{
-    Cases, TURNED, bad_shapes, body, choices, extensions, f, id, joints, motion, shapes, terms,
-    terms_of, v,
+    CaseList, TURNED, bad_shapes, body, choices, config, config_of, extensions, f, id, joints,
+    motion, shapes, v,
 };
 
-pub(super) fn cases() -> Vec<Case> {
-    let mut cases = Cases::default();
+pub(super) fn cases() -> Vec<MessageCase> {
+    let mut cases = CaseList::default();
     hellos(&mut cases);
-    for (pace, word) in [(0, "lockstep"), (1, "free running")] {
+    for (stepping, word) in [(0, "lockstep"), (1, "free running")] {
         for sleep in [false, true] {
             let name = format!("Create, {word}, sleep {sleep}");
-            cases.say(2, name, &[&terms(pace, sleep)]);
+            cases.say(2, name, &[&config(stepping, sleep)]);
         }
     }
-    for (word, cadence) in [("each third tick", [3, 0]), ("with hindsight", [1, 1])] {
+    for (word, publish_schedule) in [("every third tick", [3, 0]), ("with lookahead", [1, 1])] {
         let name = format!("Create, lockstep, {word}");
-        cases.say(2, name, &[&terms_of(0, false, cadence)]);
+        cases.say(2, name, &[&config_of(0, false, publish_schedule)]);
     }
     choosing(&mut cases);
     moves(&mut cases);
@@ -27,7 +27,7 @@ pub(super) fn cases() -> Vec<Case> {
     cases.say(6, "Reserve", &[&v(4_096)]);
     cases.say(8, "Advance", &[&v(300)]);
     cases.say(10, "Ping", &[&v(123_456_789_012)]);
-    cases.say(13, "Followed", &[&v(5)]);
+    cases.say(13, "Subscribed", &[&v(5)]);
     cases.say(15, "Upstream, nothing", &[]);
     cases.say(15, "Upstream", &[&[2, 5, 0, 0, 9, 0, 0, 0]]);
     cases.say(15, "Upstream, the longest", &[&[1; 1_150]]);
@@ -50,61 +50,65 @@ pub(super) fn cases() -> Vec<Case> {
     cases.0
 }
 
-fn choosing(cases: &mut Cases) {
+fn choosing(cases: &mut CaseList) {
     for (word, choice) in choices() {
         cases.say(3, format!("Join, {word}"), &[&choice]);
-        cases.say(12, format!("Follow, {word}"), &[&choice]);
+        cases.say(12, format!("Subscribe, {word}"), &[&choice]);
         if choice != [1] {
-            cases.say(14, format!("Drive none, {word}"), &[&choice, &[0]]);
+            cases.say(14, format!("TakeAuthority none, {word}"), &[&choice, &[0]]);
             let (one, other) = (id(3, 0), id(300, 2));
             cases.say(
                 14,
-                format!("Drive two, {word}"),
+                format!("TakeAuthority two, {word}"),
                 &[&choice, &[2], &one, &other],
             );
             let later = id(3, 1);
             cases.say(
                 14,
-                format!("Drive by generation, {word}"),
+                format!("TakeAuthority by generation, {word}"),
                 &[&choice, &[2], &one, &later],
             );
             cases.say(
                 14,
-                format!("Drive one twice, {word}"),
+                format!("TakeAuthority one twice, {word}"),
                 &[&choice, &[2], &one, &one],
             );
             cases.say(
                 14,
-                format!("Drive in falling order, {word}"),
+                format!("TakeAuthority in falling order, {word}"),
                 &[&choice, &[2], &other, &one],
             );
         }
     }
-    cases.say(14, "Drive by a full stream", &[&[1, 0]]);
+    cases.say(14, "TakeAuthority by a full stream", &[&[1, 0]]);
     let all: Vec<u8> = (0..256).flat_map(|index| id(index, 0)).collect();
-    cases.say(14, "Drive the most", &[&choices()[0].1, &v(256), &all]);
     cases.say(
         14,
-        "Drive one more than the most",
+        "TakeAuthority the most",
+        &[&choices()[0].1, &v(256), &all],
+    );
+    cases.say(
+        14,
+        "TakeAuthority one more than the most",
         &[&choices()[0].1, &v(257), &all, &id(256, 0)],
     );
 }
 
 /// Whether the server may move a member, and budgets that are none.
-fn moves(cases: &mut Cases) {
-    cases.say(16, "Moves, never", &[&[0]]);
+fn moves(cases: &mut CaseList) {
+    cases.say(16, "TierPolicy, never", &[&[0]]);
     for most in [999, 1_000, 200_000, 10_000_000, 10_000_001] {
-        cases.say(16, format!("Moves, up to {most}"), &[&[1], &v(most)]);
+        cases.say(16, format!("TierPolicy, up to {most}"), &[&[1], &v(most)]);
     }
-    cases.say(16, "Moves, no such word", &[&[2]]);
-    cases.say(16, "Moves, nothing", &[]);
+    cases.say(16, "TierPolicy, no such word", &[&[2]]);
+    cases.say(16, "TierPolicy, nothing", &[]);
     let budget = [v(8_000), v(2_000)].concat();
     cases.say(3, "Join, a full stream in a budget", &[&[3], &budget, &[1]]);
     let twice = [&[3][..], &budget, &[0], &v(50_000)].concat();
     cases.say(3, "Join, a budget in a budget", &[&[3], &budget, &twice]);
 }
 
-fn hellos(cases: &mut Cases) {
+fn hellos(cases: &mut CaseList) {
     let offer = |versions: &[u16]| {
         let mut bytes = [b"RHMB".to_vec(), v(versions.len() as u64)].concat();
         bytes.extend(versions.iter().flat_map(|version| version.to_le_bytes()));
@@ -143,7 +147,7 @@ fn hellos(cases: &mut Cases) {
     }
 }
 
-fn commands(cases: &mut Cases) {
+fn commands(cases: &mut CaseList) {
     for (word, shape) in shapes() {
         cases.say(7, format!("AddShape, {word}"), &[&[0], &v(1), &shape]);
     }
@@ -164,26 +168,26 @@ fn commands(cases: &mut Cases) {
     }
     cases.say(7, "RemoveShape", &[&[1], &v(1)]);
     for flags in [0, 1, 2, 4, 8, 16, 32, 60, 61, 64, 128, 193, 254, 255] {
-        let terms = body(300, flags);
+        let config = body(300, flags);
         cases.say(
             7,
             format!("AddBody, flags {flags}"),
-            &[&[2], &terms, &motion(0)],
+            &[&[2], &config, &motion(0)],
         );
     }
     for present in 1..8 {
-        let terms = body(3, 1);
+        let config = body(3, 1);
         cases.say(
             7,
             format!("AddBody, present {present}"),
-            &[&[2], &terms, &motion(present)],
+            &[&[2], &config, &motion(present)],
         );
     }
     pushes(cases);
 }
 
 /// Commands that say how what is there shall move, or be held.
-fn pushes(cases: &mut Cases) {
+fn pushes(cases: &mut CaseList) {
     cases.say(7, "RemoveBody", &[&[3], &id(300, 2)]);
     cases.say(
         7,

@@ -38,16 +38,16 @@ pub fn golden(file: &str) -> Value {
 
 /// Who says a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Side {
+pub enum Sender {
     /// A client.
     Client,
     /// A server.
     Server,
 }
 
-/// One message that is said, or refused.
+/// One message that is sent, or refused.
 #[derive(Clone, Debug)]
-pub(crate) struct Case {
+pub(crate) struct MessageCase {
     name: String,
     kind: u8,
     body: Vec<u8>,
@@ -55,9 +55,9 @@ pub(crate) struct Case {
 
 /// What comes of a message.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Outcome {
+pub enum Decoded {
     /// It is one, and says the same when it is written again; a number of it may be one that no engine should be given.
-    Said(Option<Invalid>),
+    Accepted(Option<Invalid>),
     /// Nobody need know it.
     Skipped,
     /// A command that nobody need know is refused.
@@ -68,7 +68,7 @@ pub enum Outcome {
     Refused(Malformed),
 }
 
-impl Side {
+impl Sender {
     /// What the table calls what it says.
     #[must_use]
     pub const fn type_name(self) -> &'static str {
@@ -84,7 +84,7 @@ impl Side {
     ///
     /// When what it reads is not written as it was.
     #[must_use]
-    pub fn outcome(self, kind: u8, body: &[u8]) -> Outcome {
+    pub fn outcome(self, kind: u8, body: &[u8]) -> Decoded {
         let framed = Framed {
             kind,
             body: body.to_vec(),
@@ -96,26 +96,26 @@ impl Side {
                     message.encode(&mut written);
                     check(&message)
                 }
-                Ok(None) => return Outcome::Skipped,
-                Err(Malformed::UnknownCommand) => return Outcome::UnknownCommand,
+                Ok(None) => return Decoded::Skipped,
+                Err(Malformed::UnknownCommand) => return Decoded::UnknownCommand,
                 Err(Malformed::Motion(invalid)) => {
                     let (Invalid::NotFinite(quantity) | Invalid::OutOfRange(quantity)) =
                         invalid.into();
-                    return Outcome::NoMotion(quantity);
+                    return Decoded::NoMotion(quantity);
                 }
-                Err(malformed) => return Outcome::Refused(malformed),
+                Err(malformed) => return Decoded::Refused(malformed),
             },
             Self::Server => match ServerMessage::decode(&framed) {
                 Ok(Some(message)) => {
                     message.encode(&mut written);
                     None
                 }
-                Ok(None) => return Outcome::Skipped,
-                Err(malformed) => return Outcome::Refused(malformed),
+                Ok(None) => return Decoded::Skipped,
+                Err(malformed) => return Decoded::Refused(malformed),
             },
         };
         assert_eq!(written, framed_bytes(kind, body), "one value, one encoding");
-        Outcome::Said(invalid)
+        Decoded::Accepted(invalid)
     }
 }
 
@@ -123,7 +123,7 @@ impl Side {
 fn check(message: &ClientMessage) -> Option<Invalid> {
     match message {
         ClientMessage::Command(command) => Command::check(command).err(),
-        ClientMessage::Create(terms) => terms.check().err(),
+        ClientMessage::Create(config) => config.check().err(),
         _ => None,
     }
 }
@@ -140,14 +140,14 @@ pub fn control() -> String {
     let grammar = Grammar::load();
     let mut sections = Vec::new();
     for (side, cases, name) in [
-        (Side::Client, client::cases(), "client"),
-        (Side::Server, server::cases(), "server"),
+        (Sender::Client, client::cases(), "client"),
+        (Sender::Server, server::cases(), "server"),
     ] {
         let more = change::cases(&grammar, side, &cases);
-        let (said, refused) = lines(&grammar, side, cases.iter().chain(&more));
-        sections.push(format!("\"{name} says\": [\n{}\n]", said.join(",\n")));
+        let (sent, refused) = lines(&grammar, side, cases.iter().chain(&more));
+        sections.push(format!("\"{name} messages\": [\n{}\n]", sent.join(",\n")));
         sections.push(format!(
-            "\"refused of a {name}\": [\n{}\n]",
+            "\"refused {name} messages\": [\n{}\n]",
             refused.join(",\n")
         ));
     }
@@ -158,24 +158,24 @@ pub fn control() -> String {
 
 fn lines<'a>(
     grammar: &Grammar,
-    side: Side,
-    cases: impl Iterator<Item = &'a Case>,
+    side: Sender,
+    cases: impl Iterator<Item = &'a MessageCase>,
 ) -> (Vec<String>, Vec<String>) {
-    let (mut said, mut refused) = (Vec::new(), Vec::new());
-    for Case { name, kind, body } in cases {
+    let (mut sent, mut refused) = (Vec::new(), Vec::new());
+    for MessageCase { name, kind, body } in cases {
         let bytes = hex(&framed_bytes(*kind, body));
         let mut line = json!({"name": name, "bytes": bytes});
         let outcome = side.outcome(*kind, body);
         match outcome {
-            Outcome::Refused(why) => {
+            Decoded::Refused(why) => {
                 line["refusal"] = Value::String(word(why));
                 refused.push(line.to_string());
                 continue;
             }
-            Outcome::Skipped => line["skipped"] = Value::Bool(true),
-            Outcome::UnknownCommand => line["error"] = json!({"is": "UnknownCommand"}),
-            Outcome::NoMotion(quantity) => line["error"] = error_json(Invalid::NotFinite(quantity)),
-            Outcome::Said(invalid) => {
+            Decoded::Skipped => line["skipped"] = Value::Bool(true),
+            Decoded::UnknownCommand => line["error"] = json!({"is": "UnknownCommand"}),
+            Decoded::NoMotion(quantity) => line["error"] = error_json(Invalid::NotFinite(quantity)),
+            Decoded::Accepted(invalid) => {
                 if let Some(invalid) = invalid {
                     line["error"] = error_json(invalid);
                 }
@@ -187,17 +187,17 @@ fn lines<'a>(
             Err(why) => panic!("{name}: the codec reads what the table does not: {why:?}"),
         };
         line["cuts"] = json!(whole_at(side, *kind, body));
-        said.push(line.to_string());
+        sent.push(line.to_string());
     }
-    (said, refused)
+    (sent, refused)
 }
 
 /// The lengths, up to one byte more, at which a body, cut or with a zero byte behind, is one of its kind.
-fn whole_at(side: Side, kind: u8, body: &[u8]) -> Vec<usize> {
+fn whole_at(side: Sender, kind: u8, body: &[u8]) -> Vec<usize> {
     let longer = [body, &[0]].concat();
     let is_whole = |end: &usize| {
         let outcome = side.outcome(kind, &longer[..*end]);
-        !matches!(outcome, Outcome::Refused(_))
+        !matches!(outcome, Decoded::Refused(_))
     };
     (0..=longer.len())
         .filter(|end| *end != body.len())

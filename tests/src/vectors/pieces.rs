@@ -1,6 +1,6 @@
 //! What messages are put together from by hand.
 
-use super::Case;
+use super::MessageCase;
 
 /// A variable integer.
 pub(super) fn v(mut number: u64) -> Vec<u8> {
@@ -58,21 +58,21 @@ pub(super) fn body(index: u64, flags: u8) -> Vec<u8> {
     bytes
 }
 
-/// A scene's terms; free running says that it is spoken of every third tick, with hindsight.
-pub(super) fn terms(pace: u8, sleep: bool) -> Vec<u8> {
-    terms_of(pace, sleep, if pace == 0 { [1, 0] } else { [3, 2] })
+/// A scene's config; free running says that it is spoken of every third tick, with lookahead.
+pub(super) fn config(stepping: u8, sleep: bool) -> Vec<u8> {
+    config_of(stepping, sleep, if stepping == 0 { [1, 0] } else { [3, 2] })
 }
 
-/// The same with what is said for every and hindsight.
-pub(super) fn terms_of(pace: u8, sleep: bool, cadence: [u64; 2]) -> Vec<u8> {
-    let mut bytes = [v(60), v(1), v(4), f(&[0.0, -9.81, 0.0]), vec![pace]].concat();
+/// The same with what is said for every and lookahead.
+pub(super) fn config_of(stepping: u8, sleep: bool, publish_schedule: [u64; 2]) -> Vec<u8> {
+    let mut bytes = [v(60), v(1), v(4), f(&[0.0, -9.81, 0.0]), vec![stepping]].concat();
     bytes.extend(f(&[0.5, 0.25, 1_000.0, 0.0, 0.125]));
     if sleep {
         bytes.extend([vec![1], f(&[0.25, 2.0])].concat());
     } else {
         bytes.push(0);
     }
-    bytes.extend(cadence.map(v).concat());
+    bytes.extend(publish_schedule.map(v).concat());
     bytes
 }
 
@@ -209,11 +209,11 @@ pub(super) fn choices() -> [(&'static str, Vec<u8>); 5] {
 
 /// Gathers cases.
 #[derive(Debug, Default)]
-pub(super) struct Cases(pub(super) Vec<Case>);
+pub(super) struct CaseList(pub(super) Vec<MessageCase>);
 
-impl Cases {
+impl CaseList {
     pub(super) fn say(&mut self, kind: u8, name: impl Into<String>, parts: &[&[u8]]) {
         let (name, body) = (name.into(), parts.concat());
-        self.0.push(Case { name, kind, body });
+        self.0.push(MessageCase { name, kind, body });
     }
 }

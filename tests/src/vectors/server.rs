@@ -1,16 +1,19 @@
-//! What servers say: every message, notice, error and denial.
+//! What servers say: every message, scene_event, error and denial.
 
-use rhumb_protocol::packet::TrackSaying;
+use rhumb_protocol::packet::Keyframe;
 use rhumb_protocol::wire::bits::BitWriter;
-use rhumb_reckoning::{Anchor, BodyId, PackedRotation, Predictor, Push, Snapped};
-
-use super::Case;
-use super::pieces::{
-    Cases, TURNED, bad_shapes, body, choices, extensions, f, id, joints, motion, shapes, terms, v,
+use rhumb_reckoning::{
+    Anchor, BodyId, ConstantAcceleration, PackedRotation, Predictor, QuantisedState,
 };
 
-pub(super) fn cases() -> Vec<Case> {
-    let mut cases = Cases::default();
+use super::MessageCase;
+use super::pieces::{
+    CaseList, TURNED, bad_shapes, body, choices, config, extensions, f, id, joints, motion, shapes,
+    v,
+};
+
+pub(super) fn cases() -> Vec<MessageCase> {
+    let mut cases = CaseList::default();
     welcomes(&mut cases);
     for (kind, name) in [
         (2, "Created"),
@@ -31,8 +34,8 @@ pub(super) fn cases() -> Vec<Case> {
             v(4_096),
             v(2),
         ];
-        let (terms, more) = (terms(0, false), extensions(&[]));
-        let parts = [&choice[..], &terms, &start.concat(), &more].concat();
+        let (config, more) = (config(0, false), extensions(&[]));
+        let parts = [&choice[..], &config, &start.concat(), &more].concat();
         cases.say(3, format!("Joined, {word}"), &[&parts]);
     }
     for (first, count) in [
@@ -47,7 +50,7 @@ pub(super) fn cases() -> Vec<Case> {
     denials(&mut cases);
     cases.say(9, "Applied", &[&v(4), &v(299)]);
     errors(&mut cases);
-    notices(&mut cases);
+    scene_events(&mut cases);
     cases.say(12, "Pong", &[&v(123_456_789_012), &v(300), &v(7_654_321)]);
     let numbers: Vec<u8> = (0..10).flat_map(|place| v(1 << (5 * place))).collect();
     cases.say(
@@ -67,10 +70,10 @@ pub(super) fn cases() -> Vec<Case> {
 }
 
 /// That a member is moved, and what nobody knows.
-fn others(cases: &mut Cases) {
+fn others(cases: &mut CaseList) {
     for (word, choice) in choices() {
         for cause in [0, 1, 2] {
-            let name = format!("Moved, {word}, cause {cause}");
+            let name = format!("TierChanged, {word}, cause {cause}");
             cases.say(16, name, &[&choice, &[cause]]);
         }
     }
@@ -90,25 +93,25 @@ fn others(cases: &mut Cases) {
     }
 }
 
-fn welcomes(cases: &mut Cases) {
+fn welcomes(cases: &mut CaseList) {
     for (word, versions) in [("", 1_u16), (", a version from the future", 2)] {
         let version = versions.to_le_bytes();
         cases.say(1, format!("Welcome, no scene{word}"), &[&version, &[0, 0]]);
         cases.say(
             1,
             format!("Welcome{word}"),
-            &[&version, &[1], &terms(1, true), &extensions(&[27])],
+            &[&version, &[1], &config(1, true), &extensions(&[27])],
         );
     }
 }
 
-fn drivings(cases: &mut Cases) {
+fn drivings(cases: &mut CaseList) {
     let driven = [id(3, 0), motion(0), id(300, 2), motion(7)].concat();
-    cases.say(14, "Driving none", &[&v(9), &v(300), &[0]]);
-    cases.say(14, "Driving two", &[&v(9), &v(300), &[2], &driven]);
+    cases.say(14, "AuthorityGrant none", &[&v(9), &v(300), &[0]]);
+    cases.say(14, "AuthorityGrant two", &[&v(9), &v(300), &[2], &driven]);
     cases.say(
         14,
-        "Driving one twice",
+        "AuthorityGrant one twice",
         &[
             &v(9),
             &v(300),
@@ -122,16 +125,16 @@ fn drivings(cases: &mut Cases) {
     for reason in 0..4 {
         cases.say(
             15,
-            format!("NotDriving, {reason}"),
+            format!("AuthorityDenied, {reason}"),
             &[&[reason], &id(300, 2)],
         );
     }
     for reason in [4, 5, 6, 0x7f, 0x80, 0xff] {
-        cases.say(15, format!("NotDriving, {reason}"), &[&[reason]]);
+        cases.say(15, format!("AuthorityDenied, {reason}"), &[&[reason]]);
     }
 }
 
-fn denials(cases: &mut Cases) {
+fn denials(cases: &mut CaseList) {
     for code in [0, 1, 4, 5, 6, 7, 8, 9, 10, 11, 12, 0x7f, 0x80, 0xff] {
         cases.say(8, format!("Denied, {code}"), &[&[code]]);
     }
@@ -146,7 +149,7 @@ fn denials(cases: &mut Cases) {
     }
 }
 
-fn errors(cases: &mut Cases) {
+fn errors(cases: &mut CaseList) {
     for code in [0, 1] {
         for quantity in 0..32 {
             cases.say(
@@ -176,28 +179,28 @@ fn errors(cases: &mut Cases) {
 }
 
 /// A track that is said in bits.
-fn in_bits(predictor: Predictor, carrier: Option<BodyId>) -> Vec<u8> {
+fn in_bits(predictor: Predictor, parent: Option<BodyId>) -> Vec<u8> {
     let moving = predictor != Predictor::Rest;
     let speed = |numbers: [i32; 3]| if moving { numbers } else { [0; 3] };
     let rotation = PackedRotation::from_parts(3, [1_000, -20_000, 0]).expect("a stable one");
-    let anchor = Snapped {
+    let anchor = QuantisedState {
         position: [70_000, -5, 0],
         rotation,
         linear: speed([12, -300, 0]),
         angular: speed([0, 1, -1]),
     };
     let mut bits = BitWriter::default();
-    let saying = TrackSaying {
+    let payload = Keyframe {
         predictor,
-        anchor: Anchor::Snapped(anchor),
-        carrier,
+        anchor: Anchor::Quantised(anchor),
+        parent,
     };
-    saying.encode(&mut bits);
+    payload.encode(&mut bits);
     let bytes = bits.into_bytes();
     [v(bytes.len() as u64), bytes].concat()
 }
 
-fn notices(cases: &mut Cases) {
+fn scene_events(cases: &mut CaseList) {
     for (word, shape) in shapes() {
         cases.say(11, format!("ShapeAdded, {word}"), &[&[0], &v(1), &shape]);
     }
@@ -240,20 +243,20 @@ fn notices(cases: &mut Cases) {
     for code in [8, 0x7f] {
         cases.say(
             11,
-            format!("a critical notice {code} that nobody knows"),
+            format!("a critical scene_event {code} that nobody knows"),
             &[&[code, 1]],
         );
     }
     for code in [0x80, 0x9a, 0xff] {
         cases.say(
             11,
-            format!("an optional notice {code} that nobody knows"),
+            format!("an optional scene_event {code} that nobody knows"),
             &[&[code, 1]],
         );
     }
 }
 
-fn inertias(cases: &mut Cases) {
+fn inertias(cases: &mut CaseList) {
     let tumbler = body(300, 1);
     let moments = f(&[1.0, 2.0, 2.5]);
     for (word, inertia) in [
@@ -284,15 +287,15 @@ fn inertias(cases: &mut Cases) {
     }
 }
 
-fn tracks(cases: &mut Cases) {
+fn tracks(cases: &mut CaseList) {
     let plain = body(300, 33);
-    for law in 8..13_u8 {
+    for predictor in 8..13_u8 {
         for present in 0..8 {
-            let name = format!("BodyPlaced, verbatim {law}, present {present}");
+            let name = format!("BodyPlaced, body_state {predictor}, present {present}");
             cases.say(
                 11,
                 name,
-                &[&[2], &plain, &v(6), &[law], &motion(present), &v(9)],
+                &[&[2], &plain, &v(6), &[predictor], &motion(present), &v(9)],
             );
         }
     }
@@ -300,17 +303,23 @@ fn tracks(cases: &mut Cases) {
         let name = format!("BodyPlaced, a track of no form {code}");
         cases.say(11, name, &[&[2], &plain, &v(6), &[code], &motion(0), &v(9)]);
     }
-    let carrier = Some(BodyId::new(7, 1));
+    let parent = Some(BodyId::new(7, 1));
     for (word, track) in [
         ("rest", in_bits(Predictor::Rest, None)),
-        ("held", in_bits(Predictor::Rest, carrier)),
+        ("attached", in_bits(Predictor::Rest, parent)),
         ("uniform", in_bits(Predictor::Uniform, None)),
         ("ballistic", in_bits(Predictor::Ballistic, None)),
-        ("tumbling", in_bits(Predictor::Tumbling, None)),
-        ("thrown", in_bits(Predictor::Thrown, None)),
-        ("pushed", in_bits(Predictor::Pushed(Push::SAMPLE), None)),
+        ("torque_free", in_bits(Predictor::TorqueFree, None)),
+        (
+            "ballistic_torque_free",
+            in_bits(Predictor::BallisticTorqueFree, None),
+        ),
+        (
+            "constant_acceleration",
+            in_bits(Predictor::Accelerated(ConstantAcceleration::SAMPLE), None),
+        ),
     ] {
-        let name = format!("BodyPlaced, snapped, {word}");
+        let name = format!("BodyPlaced, quantised, {word}");
         cases.say(11, name, &[&[2], &plain, &v(6), &[0], &track, &v(0)]);
     }
 }

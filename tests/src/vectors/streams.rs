@@ -1,33 +1,33 @@
-//! Golden streams: what a member heard over a bad link, and what it then knew.
+//! Golden streams: what a member received over a bad link, and what it then knew.
 //!
 //! Recorded from a real host by `cargo run -p rhumb-tests --example control_vectors -- --write`, and held by replaying what was
-//! heard to a session: so an engine that moves bodies otherwise does not change what is golden here, but the wire does.
+//! received to a session: so an engine that moves bodies otherwise does not change what is golden here, but the wire does.
 
 use bytes::Bytes;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Cadence, Command, Compound, Heights, Pace, Part, Shape, ShapeId,
+    BodyDesc, BodyKind, Command, Compound, Heights, Part, PublishSchedule, Shape, ShapeId, Stepping,
 };
 use rhumb_protocol::session::{ClientSession, Replica};
 use rhumb_protocol::stream::Budget;
 use rhumb_protocol::{Endpoint, Instant, Peer, Span};
-use rhumb_reckoning::{BodyId, Class, Metres, Radians, Tick, Ticks, Tolerance, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState, Metres, Radians, Tick, Ticks, Tolerance, ToleranceScale};
 use rhumb_sims::by_name;
 use serde_json::{Value, json};
 
 use crate::fnv::Fnv;
 use crate::grammar::{hex, unhex};
 use crate::seed::Dice;
-use crate::table::{Fate, Said, Sieve, Table};
+use crate::table::{Delivered, DeliveryAction, LossFilter, Table};
 
 /// One recording to be made.
 #[derive(Clone, Copy, Debug)]
-struct Take {
+struct Recording {
     name: &'static str,
     scene: &'static str,
     bodies: u32,
-    pace: Pace,
-    cadence: Option<(u32, u32)>,
+    stepping: Stepping,
+    publish_schedule: Option<(u32, u32)>,
     choice: StreamChoice,
     /// Of a hundred datagrams, how many are lost, come late or come twice.
     bad: usize,
@@ -41,14 +41,14 @@ const HOST: Peer = Peer(0);
 /// Ticks at the end without faults.
 const CALM: u64 = 60;
 
-impl Take {
+impl Recording {
     const fn of(name: &'static str, scene: &'static str, choice: StreamChoice) -> Self {
         Self {
             name,
             scene,
             bodies: 12,
-            pace: Pace::Lockstep,
-            cadence: None,
+            stepping: Stepping::Lockstep,
+            publish_schedule: None,
             choice,
             bad: 25,
             ticks: 150,
@@ -65,7 +65,7 @@ impl Take {
     }
 }
 
-fn takes() -> Vec<Take> {
+fn recordings() -> Vec<Recording> {
     let parts = Tolerance::parts(Metres::new(0.01), Radians::new(0.002));
     let parts = StreamChoice::Within(parts.expect("within range"));
     let normal = StreamChoice::Within(Tolerance::NORMAL);
@@ -74,36 +74,41 @@ fn takes() -> Vec<Take> {
         tolerance: Tolerance::EXACT,
         budget: Budget::new(1_500, 1_150).expect("within range"),
     };
-    let full = Take::of("everything of a zoo", "zoo", StreamChoice::Full);
-    let rare = "a zoo that runs free, each other tick, with hindsight";
-    let free = |name, choice, cadence| Take {
-        pace: Pace::FreeRunning,
-        cadence,
-        ..Take::of(name, "zoo", choice)
+    let full = Recording::of("the full stream of a zoo", "zoo", StreamChoice::Full);
+    let rare = "a free-running zoo, every second tick, with lookahead";
+    let free = |name, choice, publish_schedule| Recording {
+        stepping: Stepping::FreeRunning,
+        publish_schedule,
+        ..Recording::of(name, "zoo", choice)
     };
     vec![
-        Take::of("a zoo, nothing lost", "zoo", normal).with(12, 0),
-        Take::of("a zoo over a bad link", "zoo", exact),
-        Take::of("balls that fall into a pit", "ball-pit", exact).with(8, 30),
-        Take::of("cubes within parts", "cubes", parts).with(20, 25),
-        Take::of("rocks that tumble", "asteroids", exact).with(6, 25),
-        Take::of("bodies in a drum", "tumbler", normal).with(10, 25),
-        Take::of("ragdolls", "ragdolls", normal),
-        Take { ticks: 80, ..full },
+        Recording::of("a zoo without loss", "zoo", normal).with(12, 0),
+        Recording::of("a zoo over a bad link", "zoo", exact),
+        Recording::of("balls that fall into a pit", "ball-pit", exact).with(8, 30),
+        Recording::of("cubes within parts", "cubes", parts).with(20, 25),
+        Recording::of("rocks that tumble", "asteroids", exact).with(6, 25),
+        Recording::of("bodies in a drum", "tumbler", normal).with(10, 25),
+        Recording::of("ragdolls", "ragdolls", normal),
+        Recording { ticks: 80, ..full },
         free(rare, normal, Some((2, 2))),
-        free("a zoo that runs free", exact, None),
-        Take {
-            cadence: Some((3, 0)),
+        free("a free-running zoo", exact, None),
+        Recording {
+            publish_schedule: Some((3, 0)),
             diverse: true,
-            ..Take::of(
-                "a zoo of classes in lockstep, each third tick",
+            ..Recording::of(
+                "a zoo with tolerance scales in lockstep, every third tick",
                 "zoo",
                 parts,
             )
         },
-        Take {
+        Recording {
             diverse: true,
-            ..Take::of("a drum of classes within a budget", "tumbler", capped).with(24, 20)
+            ..Recording::of(
+                "a drum with tolerance scales within a budget",
+                "tumbler",
+                capped,
+            )
+            .with(24, 20)
         },
     ]
 }
@@ -113,80 +118,85 @@ fn takes() -> Vec<Take> {
 pub fn known(replica: &Replica) -> Value {
     let stream = replica.stream();
     let mut known = json!({
-        "vouched": stream.vouched().value(),
+        "watermark": stream.watermark_tick().value(),
         "complete": stream.complete().value(),
-        "settled": stream.is_settled(),
-        "next": stream.echo().next.0,
+        "converged": stream.is_converged(),
+        "next": stream.loss_report().next.0,
         "missing": stream.missing(),
-        "sum": format!("{:016x}", stream.agreement()),
+        "checksum": format!("{:016x}", stream.state_checksum()),
         "poses": format!("{:016x}", poses(replica)),
     });
     if matches!(replica.choice(), StreamChoice::Capped { .. }) {
         // Factors are whole when counted in eighths.
-        let excess = stream.excess_at(stream.vouched());
-        known["excess_eighths"] = json!(excess.map(|factor| (factor * 8.0) as u64));
+        let error_scale = stream.error_scale_at(stream.watermark_tick());
+        known["error_scale_eighths"] = json!(error_scale.map(|factor| (factor * 8.0) as u64));
     }
     known
 }
 
-/// FNV-1a over the bits of each body's believed motion at the vouched tick, in order of index.
+/// FNV-1a over the bits of each body's predicted_motion motion at the watermark_tick tick, in order of index.
 fn poses(replica: &Replica) -> u64 {
     let stream = replica.stream();
     let mut digest = Fnv::START;
-    for terms in replica.bodies() {
-        if let Some(motion) = stream.believed(terms.id, stream.vouched()) {
+    for config in replica.bodies() {
+        if let Some(motion) = stream.predicted_motion(config.id, stream.watermark_tick()) {
             digest.fold_motion(&motion);
         }
     }
     digest.value()
 }
 
-fn heard(said: &Said) -> Value {
-    match said {
-        Said::Control(bytes) => json!(["control", hex(bytes)]),
-        Said::State(bytes) => json!(["datagram", hex(bytes)]),
+fn received(sent: &Delivered) -> Value {
+    match sent {
+        Delivered::Control(bytes) => json!(["control", hex(bytes)]),
+        Delivered::State(bytes) => json!(["datagram", hex(bytes)]),
     }
 }
 
-/// Records a take: what was heard, with what was known after each tick.
-fn record(take: &Take, seed: u64) -> Vec<Value> {
-    let mut script = by_name(take.scene, take.bodies, 1).expect("a scene that has a script");
-    let mut terms = script.terms();
-    terms.pace = take.pace;
-    terms.cadence = take
-        .cadence
-        .map_or(Cadence::EACH_TICK, |(every, hindsight)| Cadence {
-            every: every.try_into().expect("not zero"),
-            hindsight: Ticks::new(hindsight),
-        });
+/// Records a recording: what was received, with what was known after each tick.
+fn record(recording: &Recording, seed: u64) -> Vec<Value> {
+    let mut script =
+        by_name(recording.scene, recording.bodies, 1).expect("a scene that has a script");
+    let mut config = script.config();
+    config.stepping = recording.stepping;
+    config.publish_schedule = recording.publish_schedule.map_or(
+        PublishSchedule::EACH_TICK,
+        |(publish_interval, lookahead)| PublishSchedule {
+            publish_interval: publish_interval.try_into().expect("not zero"),
+            lookahead: Ticks::new(lookahead),
+        },
+    );
     let mut table = Table::default();
-    let peer = table.seat("golden");
+    let peer = table.alias("golden");
     let now = table.now();
-    table.guest(peer).create(terms).expect("terms of a script");
+    table
+        .guest(peer)
+        .create(config)
+        .expect("config of a script");
     table.settle();
     table
         .guest(peer)
-        .join(take.choice)
+        .join(recording.choice)
         .expect("a scene to join");
     table.settle();
-    let mut events: Vec<Value> = table.take_heard(peer).iter().map(heard).collect();
+    let mut events: Vec<Value> = table.take_heard(peer).iter().map(received).collect();
     let mut dice = Dice::new(seed);
-    let (bad, frame) = (take.bad, Span::from_nanos(16_666_667));
-    for tick in 0..take.ticks {
-        if tick == take.ticks - CALM {
-            table.sift(peer, Sieve::new(|_| Fate::Arrives));
-            table.sift_spoken(peer, Sieve::new(|_| Fate::Arrives));
+    let (bad, frame) = (recording.bad, Span::from_nanos(16_666_667));
+    for tick in 0..recording.ticks {
+        if tick == recording.ticks - CALM {
+            table.sift(peer, LossFilter::new(|_| DeliveryAction::Arrives));
+            table.sift_spoken(peer, LossFilter::new(|_| DeliveryAction::Arrives));
         } else if tick == 1 {
             let (mut there, mut back) = (dice.clone(), dice.clone());
-            table.sift(peer, Sieve::new(move |_| fate(&mut there, bad)));
+            table.sift(peer, LossFilter::new(move |_| fate(&mut there, bad)));
             // Echoes are lost more often, so that what is missing stays missing for some ticks.
             let deaf = 3 * bad;
-            table.sift_spoken(peer, Sieve::new(move |_| fate(&mut back, deaf)));
+            table.sift_spoken(peer, LossFilter::new(move |_| fate(&mut back, deaf)));
         }
         let mut commands = Vec::new();
         script.commands(Tick::new(tick), &mut commands);
-        commands.extend(disturbance(take, tick, &mut dice));
-        if take.diverse {
+        commands.extend(disturbance(recording, tick, &mut dice));
+        if recording.diverse {
             commands.iter_mut().for_each(classify);
         }
         let at = now + Span::from_nanos(frame.as_nanos() * tick);
@@ -196,7 +206,7 @@ fn record(take: &Take, seed: u64) -> Vec<Value> {
                 .command(command)
                 .expect("scripts command what may be");
         }
-        if take.pace == Pace::Lockstep {
+        if recording.stepping == Stepping::Lockstep {
             let to = Tick::new(tick + 1);
             table
                 .guest(peer)
@@ -205,7 +215,7 @@ fn record(take: &Take, seed: u64) -> Vec<Value> {
         }
         table.settle();
         table.pass(frame);
-        events.extend(table.take_heard(peer).iter().map(heard));
+        events.extend(table.take_heard(peer).iter().map(received));
         events.push(json!(["known", null]));
     }
     with_knowledge(events)
@@ -214,21 +224,21 @@ fn record(take: &Take, seed: u64) -> Vec<Value> {
 /// Puts what a session knows behind each tick, and behind each datagram that leaves it unsettled.
 fn with_knowledge(events: Vec<Value>) -> Vec<Value> {
     let mut session = greeted();
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     for event in events {
         let is_tick = event[0] == "known";
         hear(&mut session, &event);
         if !is_tick {
-            told.push(event);
+            reported.push(event);
         }
         let Some(replica) = session.replica() else {
             continue;
         };
-        if is_tick || !replica.stream().is_settled() {
-            told.push(json!(["known", known(replica)]));
+        if is_tick || !replica.stream().is_converged() {
+            reported.push(json!(["known", known(replica)]));
         }
     }
-    told
+    reported
 }
 
 /// A session that waits for what its server says.
@@ -257,46 +267,46 @@ pub fn hear(session: &mut ClientSession, event: &Value) {
     }
 }
 
-fn fate(dice: &mut Dice, bad: usize) -> Fate {
+fn fate(dice: &mut Dice, bad: usize) -> DeliveryAction {
     match dice.below(100) {
-        roll if roll >= bad => Fate::Arrives,
+        roll if roll >= bad => DeliveryAction::Arrives,
         roll => match roll % 4 {
-            0 => Fate::Twice,
-            1 => Fate::Late,
-            _ => Fate::Lost,
+            0 => DeliveryAction::Twice,
+            1 => DeliveryAction::Late,
+            _ => DeliveryAction::Lost,
         },
     }
 }
 
 /// What the script would not do: other gravity, a body that goes.
-fn disturbance(take: &Take, tick: u64, dice: &mut Dice) -> Vec<Command> {
+fn disturbance(recording: &Recording, tick: u64, dice: &mut Dice) -> Vec<Command> {
     let mut commands = Vec::new();
-    if take.scene == "zoo" && tick % 40 == 25 {
+    if recording.scene == "zoo" && tick % 40 == 25 {
         let y = -(dice.below(20) as f32);
         let gravity = glam::Vec3::new(0.5, y, 0.0);
         commands.push(Command::SetGravity { gravity });
     }
-    if take.scene == "zoo" && tick == 70 {
+    if recording.scene == "zoo" && tick == 70 {
         commands.push(Command::RemoveBody {
             id: BodyId::new(2, 0),
         });
     }
-    if take.diverse && tick == 5 {
-        commands.extend(newcomers());
+    if recording.diverse && tick == 5 {
+        commands.extend(new_bodies());
     }
     commands
 }
 
-/// Gives a body that comes a class: each in turn.
+/// Gives a body that comes a tolerance_scale: each in turn.
 fn classify(command: &mut Command) {
-    if let Command::AddBody { terms, .. } = command {
-        let turn = (terms.id.index() % 7) as i8;
-        terms.class = Class::new(turn - 3).expect("one of seven");
+    if let Command::AddBody { config, .. } = command {
+        let turn = (config.id.index() % 7) as i8;
+        config.tolerance_scale = ToleranceScale::new(turn - 3).expect("one of seven");
     }
 }
 
 /// Ground that is too long for one message, and a dumbbell that falls on it without being turned.
-fn newcomers() -> Vec<Command> {
+fn new_bodies() -> Vec<Command> {
     let heights: Vec<f32> = (0..4_480).map(|post| (post % 3) as f32 * 0.25).collect();
     let ground = Heights::new(70, 0.25, 0.125, &heights).expect("a field");
     let end = |x| Part {
@@ -319,11 +329,11 @@ fn newcomers() -> Vec<Command> {
     {
         let id = ShapeId(8_000 + place as u32);
         commands.push(Command::AddShape { id, shape });
-        let mut terms = BodyTerms::plain(BodyId::new(4_000 + place as u32, 0), kind, id);
-        terms.turns = kind == BodyKind::Static;
-        let motion = Verbatim::new(at, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
+        let mut config = BodyDesc::plain(BodyId::new(4_000 + place as u32, 0), kind, id);
+        config.turns = kind == BodyKind::Static;
+        let motion = BodyState::new(at, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
         let motion = motion.expect("a place is finite");
-        commands.push(Command::AddBody { terms, motion });
+        commands.push(Command::AddBody { config, motion });
     }
     commands
 }
@@ -331,20 +341,23 @@ fn newcomers() -> Vec<Command> {
 /// The file.
 #[must_use]
 pub fn streams() -> String {
-    let takes = takes().into_iter().enumerate().map(|(place, take)| {
-        let events = record(&take, place as u64 + 1);
-        let lines: Vec<_> = events.iter().map(Value::to_string).collect();
-        let name = take.name;
-        format!(
-            "{{\"name\": \"{name}\", \"events\": [\n{}\n]}}",
-            lines.join(",\n")
-        )
-    });
-    let takes = takes.collect::<Vec<_>>().join(",\n");
-    format!("{{\n\"format\": \"rhumb stream vectors 1\",\n\"streams\": [\n{takes}\n]\n}}\n")
+    let recordings = recordings()
+        .into_iter()
+        .enumerate()
+        .map(|(place, recording)| {
+            let events = record(&recording, place as u64 + 1);
+            let lines: Vec<_> = events.iter().map(Value::to_string).collect();
+            let name = recording.name;
+            format!(
+                "{{\"name\": \"{name}\", \"events\": [\n{}\n]}}",
+                lines.join(",\n")
+            )
+        });
+    let recordings = recordings.collect::<Vec<_>>().join(",\n");
+    format!("{{\n\"format\": \"rhumb stream vectors 1\",\n\"streams\": [\n{recordings}\n]\n}}\n")
 }
 
-/// Says to a session what a stream's member heard; for each known state, its place, what it should be and what it is.
+/// Says to a session what a stream's member received; for each known state, its place, what it should be and what it is.
 ///
 /// # Panics
 ///

@@ -8,8 +8,8 @@ use core::sync::atomic::{AtomicU64, Ordering};
 
 use glam::DVec3;
 use rhumb_reckoning::{
-    Conditions, Damping, FlowTable, HORIZON, Inertia, Integrator, Motion, Predictor, Push, Rate,
-    Ticks, Verbatim,
+    BodyState, Conditions, ConstantAcceleration, Damping, Inertia, Integrator, Motion, Predictor,
+    Rate, StepCoefficientTable, TRACK_AGE_MAX, Ticks,
 };
 
 /// What a prediction is made from: see [`given`] for the order.
@@ -19,7 +19,7 @@ static RESULT: [AtomicU64; 13] = [const { AtomicU64::new(0) }; 13];
 
 /// Sets one number that the next prediction is made from; an index out of range is passed over.
 ///
-/// 0 to 12: the verbatim motion. 13 to 15: gravity. 16: ticks, 17: seconds, 18: substeps, 19: linear damping,
+/// 0 to 12: the body_state motion. 13 to 15: gravity. 16: ticks, 17: seconds, 18: substeps, 19: linear damping,
 /// 20: angular damping. 21 to 23: moments of inertia, all zero where none are known. 24 to 27: their frame. 28 to 30: steps of a push, 31: how often
 /// they are doubled.
 #[unsafe(no_mangle)]
@@ -29,10 +29,10 @@ pub extern "C" fn give(index: u32, value: f64) {
     }
 }
 
-/// Predicts by law 0 (rest), 1 (uniform), 2 (ballistic), 3 (tumbling), 4 (thrown) or 5 (pushed); 1 if there is a result, 0 if the given was refused.
+/// Predicts by predictor 0 (rest), 1 (uniform), 2 (ballistic), 3 (torque_free), 4 (ballistic_torque_free) or 5 (pushed); 1 if there is a result, 0 if the given was refused.
 #[unsafe(no_mangle)]
-pub extern "C" fn predict(law: u32, elapsed: u32) -> u32 {
-    let end = prediction(law, elapsed);
+pub extern "C" fn predict(predictor: u32, elapsed: u32) -> u32 {
+    let end = prediction(predictor, elapsed);
     let numbers = end.map_or([0.0; 13], |motion| thirteen(&motion));
     for (slot, number) in RESULT.iter().zip(numbers) {
         slot.store(number.to_bits(), Ordering::Relaxed);
@@ -54,19 +54,19 @@ fn given(index: usize) -> f64 {
     read(&GIVEN[index])
 }
 
-fn prediction(law: u32, elapsed: u32) -> Option<Motion> {
-    let law = match Predictor::ALL.get(law as usize)? {
-        Predictor::Pushed(_) => {
+fn prediction(predictor: u32, elapsed: u32) -> Option<Motion> {
+    let predictor = match Predictor::ALL.get(predictor as usize)? {
+        Predictor::Accelerated(_) => {
             let steps = [28, 29, 30].map(|index| given(index) as i16);
-            Predictor::Pushed(Push::new(steps, given(31) as u8)?)
+            Predictor::Accelerated(ConstantAcceleration::new(steps, given(31) as u8)?)
         }
-        law => *law,
+        predictor => *predictor,
     };
     // The caller widened f32s, so that narrowing them is exact.
     let single = |index: usize| given(index) as f32;
     let three = |first: usize| [single(first), single(first + 1), single(first + 2)];
     let rotation = [single(3), single(4), single(5), single(6)];
-    let start = Verbatim::new(three(0), rotation, three(7), three(10)).ok()?;
+    let start = BodyState::new(three(0), rotation, three(7), three(10)).ok()?;
     let integrator = Integrator {
         rate: Rate::new(given(16) as u32, given(17) as u32)?,
         substeps: NonZeroU32::new(given(18) as u32)?,
@@ -75,8 +75,8 @@ fn prediction(law: u32, elapsed: u32) -> Option<Motion> {
         linear: single(19),
         angular: single(20),
     };
-    let mut flow = FlowTable::new(integrator, damping);
-    flow.extend_to(HORIZON);
+    let mut flow = StepCoefficientTable::new(integrator, damping);
+    flow.extend_to(TRACK_AGE_MAX);
     let frame = [single(24), single(25), single(26), single(27)];
     let inertia = match three(21) {
         [0.0, 0.0, 0.0] => None,
@@ -87,7 +87,7 @@ fn prediction(law: u32, elapsed: u32) -> Option<Motion> {
         flow: &flow,
         inertia: inertia.as_ref(),
     };
-    Some(law.predict(&start.motion(), Ticks::new(elapsed), &conditions))
+    Some(predictor.predict(&start.motion(), Ticks::new(elapsed), &conditions))
 }
 
 fn thirteen(motion: &Motion) -> [f64; 13] {

@@ -7,7 +7,7 @@ use core::net::SocketAddr;
 use bytes::Bytes;
 use rhumb_protocol::{Endpoint, Instant, Peer};
 
-/// An endpoint with a second door: a byte stream for each client, and datagrams by address.
+/// An endpoint with a second listener: a byte stream for each client, and datagrams by address.
 pub trait AppEndpoint: Endpoint {
     /// A connection stands.
     fn handle_app_opened(&mut self, now: Instant, peer: Peer, from: SocketAddr);

@@ -1,6 +1,6 @@
-//! The I/O thread of the second door: accepts, and carries to the host thread.
+//! The I/O thread of the second listener: accepts, and carries to the host thread.
 //!
-//! Interprets nothing. What waits for the host is bounded per connection; a full house closes at the door.
+//! Interprets nothing. What waits for the host is bounded per connection; a full house closes at the listener.
 
 use core::net::SocketAddr;
 use std::io;
@@ -15,10 +15,10 @@ use tokio::net::{TcpListener, TcpStream, UdpSocket};
 use tokio::sync::{Semaphore, oneshot};
 use tokio::time::{sleep, timeout};
 
-use super::line::{AppInput, AppLineEnd, line};
-use super::pace;
-use super::post::Post;
-use crate::piece::Allowance;
+use super::connection::{AppConnectionReader, AppInput, line};
+use super::datagram_sender::DatagramSender;
+use super::rate_limiter;
+use crate::piece::ByteCredit;
 use crate::quic::Input;
 
 /// Connections at one time.
@@ -38,22 +38,25 @@ const DATAGRAMS_IN_FLIGHT_BYTES: usize = 64 << 10;
 const READ_BYTES_MAX: usize = 64 << 10;
 /// Longest datagram that is looked at; a logon has 76 bytes.
 const DATAGRAM_BYTES_MAX: usize = 512;
-/// The bit of a peer that came by this door.
+/// The bit of a peer that came by this listener.
 const BY_APP: u64 = 1 << 63;
 
-/// What the door consists of.
+/// What the listener consists of.
 pub(super) struct Sockets {
     pub(super) tcp: TcpListener,
     pub(super) udp: UdpSocket,
     /// Datagrams on their way out.
-    pub(super) post: Arc<Post>,
+    pub(super) datagram_sender: Arc<DatagramSender>,
 }
 
 /// Carries until the end is asked for.
 pub(super) async fn carry(sockets: Sockets, host: Sender<Input>, mut ended: oneshot::Receiver<()>) {
     let udp = Arc::new(sockets.udp);
-    let talk = tokio::spawn(send_datagrams(Arc::clone(&udp), sockets.post));
-    let listen = tokio::spawn(hear_datagrams(udp, host.clone()));
+    let talk = tokio::spawn(datagram_write_loop(
+        Arc::clone(&udp),
+        sockets.datagram_sender,
+    ));
+    let listen = tokio::spawn(datagram_read_loop(udp, host.clone()));
     let room = Arc::new(Semaphore::new(CONNECTIONS_MAX));
     let mut peers = BY_APP;
     loop {
@@ -64,7 +67,7 @@ pub(super) async fn carry(sockets: Sockets, host: Sender<Input>, mut ended: ones
         let (stream, from) = match accepted {
             Ok(accepted) => accepted,
             Err(cause) => {
-                // Out of descriptors, or gone before it was looked at: neither ends the door.
+                // Out of descriptors, or gone before it was looked at: neither ends the listener.
                 tracing::warn!(%cause, "an app connection was not accepted");
                 sleep(PAUSE).await;
                 continue;
@@ -103,8 +106,8 @@ async fn serve(stream: TcpStream, from: SocketAddr, peer: Peer, host: Sender<Inp
     let _ = host.send(Input::App(opened));
     let (read, write) = stream.into_split();
     tokio::select! {
-        why = hear(read, peer, &host) => tracing::info!(peer = peer.0, %from, %why, "an app connection ended"),
-        why = say(write, far) => tracing::info!(peer = peer.0, %from, %why, "an app connection was ended"),
+        why = read_loop(read, peer, &host) => tracing::info!(peer = peer.0, %from, %why, "an app connection ended"),
+        why = write_loop(write, far) => tracing::info!(peer = peer.0, %from, %why, "an app connection was ended"),
     }
     let _ = host.send(Input::App(AppInput::Ended { peer }));
 }
@@ -113,8 +116,8 @@ async fn serve(stream: TcpStream, from: SocketAddr, peer: Peer, host: Sender<Inp
 type Why = &'static str;
 
 /// Reads no further than the host thread keeps up.
-async fn hear(mut read: OwnedReadHalf, peer: Peer, host: &Sender<Input>) -> Why {
-    let allowance = Allowance::new(IN_FLIGHT_BYTES);
+async fn read_loop(mut read: OwnedReadHalf, peer: Peer, host: &Sender<Input>) -> Why {
+    let credit = ByteCredit::new(IN_FLIGHT_BYTES);
     let mut buffer = vec![0; READ_BYTES_MAX];
     let mut patience = FIRST_BYTES;
     loop {
@@ -125,7 +128,7 @@ async fn hear(mut read: OwnedReadHalf, peer: Peer, host: &Sender<Input>) -> Why 
             Err(_) => return "the client was silent",
         };
         patience = IDLE;
-        let piece = allowance.admit(&buffer[..count]).await;
+        let piece = credit.admit(&buffer[..count]).await;
         if host
             .send(Input::App(AppInput::Bytes { peer, piece }))
             .is_err()
@@ -136,10 +139,10 @@ async fn hear(mut read: OwnedReadHalf, peer: Peer, host: &Sender<Input>) -> Why 
 }
 
 /// Writes what is queued, piece by piece and no faster than a client can bear.
-async fn say(mut write: OwnedWriteHalf, mut line: AppLineEnd) -> Why {
-    let mut pace = pace::of_bytes();
+async fn write_loop(mut write: OwnedWriteHalf, mut line: AppConnectionReader) -> Why {
+    let mut rate_limiter = rate_limiter::of_bytes();
     while let Some(bytes) = line.queue.recv().await {
-        pace.spend(bytes.len()).await;
+        rate_limiter.spend(bytes.len()).await;
         match timeout(WRITE, write.write_all(&bytes)).await {
             Ok(Ok(())) => line.left(bytes.len()),
             Ok(Err(_)) => return "it broke",
@@ -151,17 +154,17 @@ async fn say(mut write: OwnedWriteHalf, mut line: AppLineEnd) -> Why {
     "the server closed it"
 }
 
-async fn send_datagrams(udp: Arc<UdpSocket>, post: Arc<Post>) {
+async fn datagram_write_loop(udp: Arc<UdpSocket>, datagram_sender: Arc<DatagramSender>) {
     loop {
-        let (to, bytes) = post.next().await;
+        let (to, bytes) = datagram_sender.next().await;
         if let Err(cause) = udp.send_to(&bytes, to).await {
             tracing::debug!(%to, %cause, "a datagram was not sent");
         }
     }
 }
 
-async fn hear_datagrams(udp: Arc<UdpSocket>, host: Sender<Input>) {
-    let allowance = Allowance::new(DATAGRAMS_IN_FLIGHT_BYTES);
+async fn datagram_read_loop(udp: Arc<UdpSocket>, host: Sender<Input>) {
+    let credit = ByteCredit::new(DATAGRAMS_IN_FLIGHT_BYTES);
     let mut buffer = [0; DATAGRAM_BYTES_MAX];
     loop {
         let (count, from) = match udp.recv_from(&mut buffer).await {
@@ -174,7 +177,7 @@ async fn hear_datagrams(udp: Arc<UdpSocket>, host: Sender<Input>) {
                 continue;
             }
         };
-        let Some(piece) = allowance.try_admit(&buffer[..count]) else {
+        let Some(piece) = credit.try_admit(&buffer[..count]) else {
             continue;
         };
         if host

@@ -2,15 +2,15 @@
 //!
 //! Understands nothing of what it carries. Every queue is bounded; connections that say nothing are ended.
 
-mod door;
+mod connection;
+mod datagram_queues;
+mod datagram_sender;
 mod endpoint;
 mod io;
-mod lanes;
-mod line;
-mod pace;
-mod post;
+mod listener;
+mod rate_limiter;
 
-pub use door::{AppBindError, AppListen};
-pub(crate) use door::{AppDoor, AppHooks};
+pub(crate) use connection::AppInput;
 pub use endpoint::{AppEndpoint, AppTransmit};
-pub(crate) use line::AppInput;
+pub use listener::{AppBindError, AppListen};
+pub(crate) use listener::{AppHooks, AppListener};

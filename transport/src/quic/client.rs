@@ -24,7 +24,7 @@ use crate::socket;
 /// Whom to connect to, and how to know them.
 #[derive(Clone, Debug)]
 pub struct ClientOptions {
-    /// The server's address; names are for the caller to resolve.
+    /// The server's address; names are for the receiver to resolve.
     pub server: SocketAddr,
     /// The name that the server's certificate shall bear; a pinned certificate may bear any.
     pub server_name: String,
@@ -68,7 +68,7 @@ impl QuicClient {
             bind,
         } = options;
         let bind = bind.unwrap_or_else(|| any_of_family(server));
-        let (tls, verdict) = trust::tls(&trust).map_err(ConnectError::Roots)?;
+        let (tls, certificate_check) = trust::tls(&trust).map_err(ConnectError::Roots)?;
         let config =
             tuning::client(tls).map_err(|cause| ConnectError::Thread(io::Error::other(cause)))?;
         let socket =
@@ -80,7 +80,7 @@ impl QuicClient {
             bind,
             socket,
             config,
-            verdict,
+            certificate_check,
             patience,
         };
         let (ready, connected) = mpsc::sync_channel(1);
@@ -142,7 +142,7 @@ impl QuicClient {
         WireStatistics::of(&self.connected.connection)
     }
 
-    /// Datagrams that arrived and were dropped because the caller did not take them in time.
+    /// Datagrams that arrived and were dropped because the receiver did not take them in time.
     #[must_use]
     pub fn state_dropped(&self) -> u64 {
         self.inbox.state_dropped()

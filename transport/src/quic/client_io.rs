@@ -19,7 +19,7 @@ use super::connect_error::ConnectError;
 use super::connection_id::Unnamed;
 use super::control_queue::{ControlSender, ControlWriter, control_queue};
 use super::inbox::Inbox;
-use super::trust::Verdict;
+use super::trust::CertificateCheck;
 use super::tuning::{CLOSE_LEAVES, DATAGRAM_BYTES_MIN};
 
 /// All that an attempt needs.
@@ -29,11 +29,11 @@ pub(super) struct Attempt {
     pub(super) bind: SocketAddr,
     pub(super) socket: UdpSocket,
     pub(super) config: ClientConfig,
-    pub(super) verdict: Verdict,
+    pub(super) certificate_check: CertificateCheck,
     pub(super) patience: Duration,
 }
 
-/// The caller's side of a connection.
+/// The receiver's side of a connection.
 #[derive(Debug)]
 pub(super) struct Connected {
     pub(super) connection: Connection,
@@ -42,7 +42,7 @@ pub(super) struct Connected {
 }
 
 /// The I/O thread's side.
-struct Carried {
+struct ClientConnection {
     connection: Connection,
     closing: Arc<Closing>,
     writer: ControlWriter,
@@ -65,10 +65,10 @@ pub(super) async fn run(
             }
             carried
         }
-        // The caller waits for this word; without it there is nothing to tell.
+        // The receiver waits for this word; without it there is nothing to tell.
         Err(error) => return drop(ready.send(Err(error))),
     };
-    let Carried {
+    let ClientConnection {
         connection,
         closing,
         mut writer,
@@ -88,18 +88,18 @@ pub(super) async fn run(
             sleep(STEP).await;
         }
     };
-    // Not told in time: the server will notice the silence.
+    // Not told in time: the server will scene_event the silence.
     let _ = timeout(CLOSE_LEAVES, told).await;
 }
 
-async fn connect(attempt: Attempt) -> Result<(Connected, Carried), ConnectError> {
+async fn connect(attempt: Attempt) -> Result<(Connected, ClientConnection), ConnectError> {
     let Attempt {
         server,
         server_name,
         bind,
         socket,
         config,
-        verdict,
+        certificate_check,
         patience,
     } = attempt;
     let mut local = EndpointConfig::default();
@@ -107,8 +107,9 @@ async fn connect(attempt: Attempt) -> Result<(Connected, Carried), ConnectError>
     local.cid_generator(|| Box::new(Unnamed));
     let endpoint = Endpoint::new(local, None, socket, Arc::new(TokioRuntime))
         .map_err(|cause| ConnectError::LocalSocket { bind, cause })?;
-    let failed =
-        |cause| ConnectError::from_handshake(cause, server, &server_name, &verdict, patience);
+    let failed = |cause| {
+        ConnectError::from_handshake(cause, server, &server_name, &certificate_check, patience)
+    };
     let connecting = endpoint
         .connect_with(config, server, &server_name)
         .map_err(|cause| match cause {
@@ -135,7 +136,7 @@ async fn connect(attempt: Attempt) -> Result<(Connected, Carried), ConnectError>
     };
     Ok((
         connected,
-        Carried {
+        ClientConnection {
             connection,
             closing,
             writer,
@@ -145,7 +146,7 @@ async fn connect(attempt: Attempt) -> Result<(Connected, Carried), ConnectError>
     ))
 }
 
-/// Reads no further than the caller keeps up.
+/// Reads no further than the receiver keeps up.
 async fn read_control(mut stream: RecvStream, closing: &Closing, inbox: &Inbox) {
     loop {
         match stream.read_chunk(READ_BYTES_MAX, true).await {

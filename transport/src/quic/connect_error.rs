@@ -11,7 +11,7 @@ use quinn::{ConnectionError, TransportErrorCode, rustls};
 
 use super::certificate::CertificateError;
 use super::fingerprint::Fingerprint;
-use super::trust::{Distrust, Verdict};
+use super::trust::{CertificateCheck, Distrust};
 
 /// Why a client has no connection.
 #[derive(Debug)]
@@ -32,7 +32,7 @@ pub enum ConnectError {
         /// What the server showed.
         presented: Fingerprint,
     },
-    /// The trusted roots do not vouch for the server's certificate under its name.
+    /// The trusted roots do not watermark for the server's certificate under its name.
     Untrusted {
         /// Where.
         server: SocketAddr,
@@ -89,10 +89,10 @@ impl ConnectError {
         cause: ConnectionError,
         server: SocketAddr,
         server_name: &str,
-        verdict: &Verdict,
+        certificate_check: &CertificateCheck,
         patience: Duration,
     ) -> Self {
-        match verdict.refusal() {
+        match certificate_check.refusal() {
             Some(&Distrust::OtherFingerprint {
                 expected,
                 presented,

@@ -1,6 +1,6 @@
 //! Control bytes on their way out: a bounded queue and its writer.
 //!
-//! Does not cut or understand the bytes. Order is kept; nothing that was accepted is dropped while the connection lives.
+//! Does not cut or understand the bytes. ControlCommand is kept; nothing that was accepted is dropped while the connection lives.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -18,14 +18,14 @@ use crate::piece::PIECE_COST_BYTES;
 /// The near end of a connection's control lane; usable from any thread. Dropping it ends the connection.
 #[derive(Debug)]
 pub(super) struct ControlSender {
-    orders: mpsc::UnboundedSender<Order>,
+    commands: mpsc::UnboundedSender<ControlCommand>,
     waiting_bytes: Arc<AtomicUsize>,
 }
 
 /// The far end, which the I/O thread empties.
 #[derive(Debug)]
 pub(super) struct ControlWriter {
-    orders: mpsc::UnboundedReceiver<Order>,
+    commands: mpsc::UnboundedReceiver<ControlCommand>,
     waiting_bytes: Arc<AtomicUsize>,
 }
 
@@ -34,7 +34,7 @@ pub(super) struct ControlWriter {
 pub(super) struct Overflow;
 
 #[derive(Debug)]
-enum Order {
+enum ControlCommand {
     Send(Bytes),
     Finish,
 }
@@ -44,12 +44,12 @@ pub(super) fn control_queue() -> (ControlSender, ControlWriter) {
     let (sender, receiver) = mpsc::unbounded_channel();
     let waiting_bytes = Arc::new(AtomicUsize::new(0));
     let writer = ControlWriter {
-        orders: receiver,
+        commands: receiver,
         waiting_bytes: Arc::clone(&waiting_bytes),
     };
     (
         ControlSender {
-            orders: sender,
+            commands: sender,
             waiting_bytes,
         },
         writer,
@@ -69,14 +69,14 @@ impl ControlSender {
             return Err(Overflow);
         }
         // No writer, no connection: its end is reported elsewhere.
-        let _ = self.orders.send(Order::Send(bytes));
+        let _ = self.commands.send(ControlCommand::Send(bytes));
         Ok(())
     }
 
     /// Ends the connection with `code`, after what was sent before has arrived or after a short wait.
     pub(super) fn close(&self, closing: &Closing, code: u32) {
         closing.after_flush(code);
-        let _ = self.orders.send(Order::Finish);
+        let _ = self.commands.send(ControlCommand::Finish);
     }
 }
 
@@ -106,13 +106,13 @@ impl ControlWriter {
         stream: &mut SendStream,
     ) -> Result<(), WriteError> {
         loop {
-            match self.orders.recv().await {
-                Some(Order::Send(bytes)) => {
+            match self.commands.recv().await {
+                Some(ControlCommand::Send(bytes)) => {
                     let cost = bytes.len() + PIECE_COST_BYTES;
                     stream.write_chunk(bytes).await?;
                     self.waiting_bytes.fetch_sub(cost, Ordering::Relaxed);
                 }
-                Some(Order::Finish) => break,
+                Some(ControlCommand::Finish) => break,
                 None => {
                     closing.after_flush(TransportCode::LEFT.0);
                     break;

@@ -1,4 +1,4 @@
-//! What a client's I/O thread heard and its caller has not yet taken.
+//! What a client's I/O thread heard and its receiver has not yet taken.
 //!
 //! Bounded lane by lane: control holds the stream back, state drops its oldest. The end is told once, after all the rest.
 
@@ -27,19 +27,19 @@ pub enum Received {
 /// The meeting place of the two threads.
 #[derive(Debug, Default)]
 pub(super) struct Inbox {
-    waiting: Mutex<Waiting>,
+    waiting: Mutex<InboxState>,
     arrival: Condvar,
     room: Notify,
 }
 
 #[derive(Debug, Default)]
-struct Waiting {
+struct InboxState {
     control: Lane,
     state: Lane,
     state_dropped: u64,
     ending: Option<Ending>,
     end: End,
-    caller: Caller,
+    receiver: ReceiverState,
 }
 
 #[derive(Debug, Default)]
@@ -51,19 +51,19 @@ struct Lane {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum End {
     #[default]
-    Untold,
-    Told,
+    Pending,
+    Delivered,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum Caller {
+enum ReceiverState {
     #[default]
     Here,
     Gone,
 }
 
 impl Inbox {
-    /// Takes control bytes in, once there is room. Without a caller they are thrown away.
+    /// Takes control bytes in, once there is room. Without a receiver they are ballistic_torque_free away.
     pub(super) async fn put_control(&self, bytes: &Bytes) {
         while !self.try_put_control(bytes) {
             self.room.notified().await;
@@ -98,7 +98,7 @@ impl Inbox {
         }
         let deadline = Instant::now().checked_add(patience);
         loop {
-            if waiting.end == End::Told {
+            if waiting.end == End::Delivered {
                 return None;
             }
             let left = deadline.map_or(patience, |deadline| {
@@ -116,7 +116,7 @@ impl Inbox {
 
     /// Nobody will take anything any more.
     pub(super) fn abandon(&self) {
-        self.lock().caller = Caller::Gone;
+        self.lock().receiver = ReceiverState::Gone;
         self.room.notify_one();
     }
 
@@ -127,7 +127,7 @@ impl Inbox {
 
     fn try_put_control(&self, bytes: &Bytes) -> bool {
         let mut waiting = self.lock();
-        if waiting.caller == Caller::Gone {
+        if waiting.receiver == ReceiverState::Gone {
             return true;
         }
         let full = waiting.control.cost_bytes >= CONTROL_IN_FLIGHT_BYTES;
@@ -138,7 +138,7 @@ impl Inbox {
         !full
     }
 
-    fn next(&self, waiting: &mut Waiting) -> Option<Received> {
+    fn next(&self, waiting: &mut InboxState) -> Option<Received> {
         if let Some(bytes) = waiting.control.pop() {
             self.room.notify_one();
             return Some(Received::Control(bytes));
@@ -146,15 +146,15 @@ impl Inbox {
         if let Some(bytes) = waiting.state.pop() {
             return Some(Received::State(bytes));
         }
-        if waiting.end == End::Told {
+        if waiting.end == End::Delivered {
             return None;
         }
         let ending = waiting.ending?;
-        waiting.end = End::Told;
+        waiting.end = End::Delivered;
         Some(Received::Ended(ending))
     }
 
-    fn lock(&self) -> MutexGuard<'_, Waiting> {
+    fn lock(&self) -> MutexGuard<'_, InboxState> {
         self.waiting.lock().expect(LOCK)
     }
 }

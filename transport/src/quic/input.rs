@@ -16,14 +16,14 @@ use crate::piece::Piece;
 #[derive(Debug)]
 pub(crate) enum Input {
     /// A connection stands.
-    Opened { peer: Peer, line: Line },
+    Opened { peer: Peer, handles: PeerHandles },
     /// Bytes of its control stream.
     Control { peer: Peer, piece: Piece },
     /// One of its datagrams.
     State { peer: Peer, piece: Piece },
     /// It is gone; its last word.
     Ended { peer: Peer, ending: Ending },
-    /// Something at the second door.
+    /// Something at the second listener.
     App(AppInput),
     /// The server shall stop.
     Stop,
@@ -33,7 +33,7 @@ pub(crate) enum Input {
 
 /// How the host thread speaks to one connection.
 #[derive(Debug)]
-pub(crate) struct Line {
+pub(crate) struct PeerHandles {
     pub(super) connection: Connection,
     pub(super) control: ControlSender,
     pub(super) closing: Arc<Closing>,

@@ -1,7 +1,7 @@
 //! QUIC for both ends: control as one stream, state as datagrams.
 //!
 //! Nothing here understands what it carries. Each end has a thread of its own for the sockets; what passes between that
-//! thread and the caller's is bounded, lane by lane.
+//! thread and the receiver's is bounded, lane by lane.
 
 mod certificate;
 mod client;
@@ -12,11 +12,11 @@ mod connect_error;
 mod connection_id;
 mod control_queue;
 mod fingerprint;
-mod host;
 mod inbox;
 mod input;
 mod server;
 mod server_io;
+mod server_loop;
 mod statistics;
 mod stop;
 mod trust;
@@ -28,10 +28,10 @@ pub use client::{ClientOptions, QuicClient};
 pub use code::TransportCode;
 pub use connect_error::ConnectError;
 pub use fingerprint::{Fingerprint, FingerprintError};
-pub use host::ServeError;
 pub use inbox::Received;
 pub(crate) use input::Input;
 pub use server::{BindError, QuicServer, ServerOptions};
+pub use server_loop::ServeError;
 pub use statistics::{ServerStatistics, WireStatistics};
 pub use stop::Stop;
 pub use trust::Trust;

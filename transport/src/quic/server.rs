@@ -1,6 +1,6 @@
 //! A QUIC server: bound here, then run by the thread that owns the endpoint.
 //!
-//! Neither speaks the protocol nor steps a world. The caller's thread feeds the endpoint; a second one has the sockets.
+//! Neither speaks the protocol nor steps a world. The receiver's thread feeds the endpoint; a second one has the sockets.
 
 use std::fmt;
 use std::io;
@@ -17,14 +17,14 @@ use tokio::sync::oneshot;
 use super::certificate::Certificate;
 use super::connection_id::Short;
 use super::fingerprint::Fingerprint;
-use super::host::{Host, ServeError};
 use super::input::Input;
 use super::server_io;
+use super::server_loop::{ServeError, ServerLoop};
 use super::statistics::ServerStatistics;
 use super::stop::Stop;
 use super::tuning;
 use super::watch::ServerWatch;
-use crate::app::{AppBindError, AppDoor, AppEndpoint, AppHooks, AppListen};
+use crate::app::{AppBindError, AppEndpoint, AppHooks, AppListen, AppListener};
 use crate::socket;
 
 /// Where to listen, and as whom.
@@ -44,7 +44,7 @@ pub struct QuicServer {
     inputs: mpsc::Receiver<Input>,
     wake: mpsc::Sender<Input>,
     watch: ServerWatch,
-    door: Option<AppDoor>,
+    listener: Option<AppListener>,
     io: IoThread,
 }
 
@@ -71,9 +71,9 @@ struct IoThread {
     thread: Option<JoinHandle<()>>,
 }
 
-/// Tells the host thread that the I/O thread is over, however it ended.
+/// Tells the server_loop thread that the I/O thread is over, however it ended.
 #[derive(Debug)]
-struct LastWord(mpsc::Sender<Input>);
+struct CloseOnDrop(mpsc::Sender<Input>);
 
 impl QuicServer {
     /// Binds the address and starts the I/O thread.
@@ -105,10 +105,10 @@ impl QuicServer {
         let thread = thread::Builder::new()
             .name("rhumb-server-io".into())
             .spawn({
-                let (host, watch) = (wake.clone(), watch.clone());
+                let (server_loop, watch) = (wake.clone(), watch.clone());
                 move || {
-                    let _last_word = LastWord(host.clone());
-                    runtime.block_on(server_io::accept(endpoint, host, watch, ended));
+                    let _last_word = CloseOnDrop(server_loop.clone());
+                    runtime.block_on(server_io::accept(endpoint, server_loop, watch, ended));
                 }
             })
             .map_err(BindError::Thread)?;
@@ -118,7 +118,7 @@ impl QuicServer {
             inputs,
             wake,
             watch,
-            door: None,
+            listener: None,
             io: IoThread {
                 end: Some(end),
                 thread: Some(thread),
@@ -144,19 +144,19 @@ impl QuicServer {
         self.watch.clone()
     }
 
-    /// Opens a second door, for clients of the paper's protocol, and says where. They wait until [`run_app`](Self::run_app).
+    /// Opens a second listener, for clients of the paper's protocol, and says where. They wait until [`run_app`](Self::run_app).
     ///
     /// # Errors
     ///
     /// The address, with what the system says of it; or the thread.
     pub fn listen_app(&mut self, listen: AppListen) -> Result<SocketAddr, AppBindError> {
-        let door = AppDoor::open(listen, self.wake.clone())?;
-        let address = door.address();
-        self.door = Some(door);
+        let listener = AppListener::open(listen, self.wake.clone())?;
+        let address = listener.address();
+        self.listener = Some(listener);
         Ok(address)
     }
 
-    /// As [`run`](Self::run), with the clients at the second door.
+    /// As [`run`](Self::run), with the clients at the second listener.
     ///
     /// # Errors
     ///
@@ -197,17 +197,17 @@ impl QuicServer {
         let wake = self.wake.clone();
         // A server that is gone needs no waking.
         stop.on_stop(move || drop(wake.send(Input::Stop)));
-        let mut host = Host::new(self.inputs, self.watch.clone(), self.door);
-        let outcome = host.run(endpoint, app);
-        host.close_all();
+        let mut server_loop = ServerLoop::new(self.inputs, self.watch.clone(), self.listener);
+        let outcome = server_loop.run(endpoint, app);
+        server_loop.close_all();
         drop(self.io);
         outcome.map(|()| self.watch.statistics())
     }
 }
 
-impl Drop for LastWord {
+impl Drop for CloseOnDrop {
     fn drop(&mut self) {
-        // A host that is gone needs no telling.
+        // A server_loop that is gone needs no telling.
         let _ = self.0.send(Input::IoOver);
     }
 }

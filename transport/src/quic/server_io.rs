@@ -1,6 +1,6 @@
 //! The server's I/O thread: accepts, and carries to the host thread.
 //!
-//! Interprets nothing. What waits for the host is bounded per connection and lane; a full house refuses at the door.
+//! Interprets nothing. What waits for the host is bounded per connection and lane; a full house refuses at the listener.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -15,13 +15,13 @@ use tokio::time::{sleep, timeout};
 use super::closing::Closing;
 use super::code::TransportCode;
 use super::control_queue::{ControlWriter, control_queue};
-use super::input::{Input, Line};
+use super::input::{Input, PeerHandles};
 use super::tuning::{
     CONNECTIONS_MAX, CONTROL_IN_FLIGHT_BYTES, DATAGRAM_BYTES_MIN, HANDSHAKES_UNPROVEN_MAX, SETUP,
     STATE_IN_FLIGHT_BYTES,
 };
 use super::watch::ServerWatch;
-use crate::piece::Allowance;
+use crate::piece::ByteCredit;
 
 /// Accepts until told to end, then turns away whoever still knocks.
 pub(super) async fn accept(
@@ -102,13 +102,13 @@ async fn serve(connection: Connection, peer: Peer, host: Sender<Input>, watch: S
     tracing::debug!(peer = peer.0, address = %connection.remote_address(), "opened");
     watch.opened(peer, connection.clone());
     let (control, writer) = control_queue();
-    let line = Line {
+    let handles = PeerHandles {
         connection: connection.clone(),
         control,
         closing: Arc::clone(&closing),
     };
     // A host that is gone hears nothing: the thread ends soon.
-    let _ = host.send(Input::Opened { peer, line });
+    let _ = host.send(Input::Opened { peer, handles });
     tokio::join!(
         carry_control(&connection, peer, &host, &closing, writer),
         carry_state(&connection, peer, &host, &watch),
@@ -145,11 +145,11 @@ async fn carry_control(
 
 /// Reads no further than the host thread keeps up: QUIC's flow control then holds the client back.
 async fn read_control(peer: Peer, host: &Sender<Input>, closing: &Closing, mut stream: RecvStream) {
-    let allowance = Allowance::new(CONTROL_IN_FLIGHT_BYTES);
+    let credit = ByteCredit::new(CONTROL_IN_FLIGHT_BYTES);
     loop {
         match stream.read_chunk(READ_BYTES_MAX, true).await {
             Ok(Some(chunk)) => {
-                let piece = allowance.admit(&chunk.bytes).await;
+                let piece = credit.admit(&chunk.bytes).await;
                 if host.send(Input::Control { peer, piece }).is_err() {
                     return;
                 }
@@ -167,9 +167,9 @@ async fn carry_state(
     host: &Sender<Input>,
     watch: &ServerWatch,
 ) {
-    let allowance = Allowance::new(STATE_IN_FLIGHT_BYTES);
+    let credit = ByteCredit::new(STATE_IN_FLIGHT_BYTES);
     while let Ok(bytes) = connection.read_datagram().await {
-        match allowance.try_admit(&bytes) {
+        match credit.try_admit(&bytes) {
             Some(piece) => {
                 if host.send(Input::State { peer, piece }).is_err() {
                     return;

@@ -1,7 +1,7 @@
 //! Whom a client takes for its server.
 //!
 //! Pins or asks roots, nothing between; a pin never waives the proof that the server holds the certificate's key.
-//! What was refused is remembered, so that the caller learns more than an alert number.
+//! What was refused is remembered, so that the receiver learns more than an alert number.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
@@ -36,17 +36,17 @@ pub(super) enum Distrust {
         expected: Fingerprint,
         presented: Fingerprint,
     },
-    /// The roots do not vouch for it.
+    /// The roots do not watermark for it.
     Roots(rustls::Error),
 }
 
 /// Where a verifier leaves word of what it refused.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Verdict {
+pub(super) struct CertificateCheck {
     refused: Arc<OnceLock<Distrust>>,
 }
 
-impl Verdict {
+impl CertificateCheck {
     /// Why the certificate was refused, if it was.
     pub(super) fn refusal(&self) -> Option<&Distrust> {
         self.refused.get()
@@ -58,17 +58,19 @@ impl Verdict {
 /// # Errors
 ///
 /// The file of roots cannot be used.
-pub(super) fn tls(trust: &Trust) -> Result<(Arc<rustls::ClientConfig>, Verdict), CertificateError> {
+pub(super) fn tls(
+    trust: &Trust,
+) -> Result<(Arc<rustls::ClientConfig>, CertificateCheck), CertificateError> {
     let provider = Arc::new(default_provider());
-    let judge = match trust {
-        Trust::Fingerprint(expected) => Judge::Pin(*expected),
-        Trust::Roots(file) => Judge::Roots(roots(file, &provider)?),
+    let trust_policy = match trust {
+        Trust::Fingerprint(expected) => TrustPolicy::Pin(*expected),
+        Trust::Roots(file) => TrustPolicy::Roots(roots(file, &provider)?),
     };
-    let verdict = Verdict::default();
+    let certificate_check = CertificateCheck::default();
     let verifier = Verifier {
-        judge,
+        trust_policy,
         provider: Arc::clone(&provider),
-        verdict: verdict.clone(),
+        certificate_check: certificate_check.clone(),
     };
     let mut tls = rustls::ClientConfig::builder_with_provider(provider)
         .with_protocol_versions(&[&rustls::version::TLS13])
@@ -78,7 +80,7 @@ pub(super) fn tls(trust: &Trust) -> Result<(Arc<rustls::ClientConfig>, Verdict),
         .with_no_client_auth();
     tls.alpn_protocols = vec![ALPN.to_vec()];
     tls.resumption = rustls::client::Resumption::disabled();
-    Ok((Arc::new(tls), verdict))
+    Ok((Arc::new(tls), certificate_check))
 }
 
 /// The client's TLS side alone.
@@ -108,16 +110,16 @@ fn roots(
 }
 
 #[derive(Debug)]
-enum Judge {
+enum TrustPolicy {
     Pin(Fingerprint),
     Roots(Arc<WebPkiServerVerifier>),
 }
 
 #[derive(Debug)]
 struct Verifier {
-    judge: Judge,
+    trust_policy: TrustPolicy,
     provider: Arc<CryptoProvider>,
-    verdict: Verdict,
+    certificate_check: CertificateCheck,
 }
 
 impl ServerCertVerifier for Verifier {
@@ -129,8 +131,8 @@ impl ServerCertVerifier for Verifier {
         ocsp_response: &[u8],
         now: UnixTime,
     ) -> Result<ServerCertVerified, rustls::Error> {
-        let distrust = match &self.judge {
-            Judge::Pin(expected) => {
+        let distrust = match &self.trust_policy {
+            TrustPolicy::Pin(expected) => {
                 let presented = Fingerprint::of(end_entity);
                 if presented == *expected {
                     return Ok(ServerCertVerified::assertion());
@@ -140,7 +142,7 @@ impl ServerCertVerifier for Verifier {
                     presented,
                 }
             }
-            Judge::Roots(roots) => {
+            TrustPolicy::Roots(roots) => {
                 match roots.verify_server_cert(
                     end_entity,
                     intermediates,
@@ -158,7 +160,7 @@ impl ServerCertVerifier for Verifier {
             Distrust::Roots(cause) => cause.clone(),
         };
         // One handshake per verifier: the first word is the only one.
-        let _ = self.verdict.refused.set(distrust);
+        let _ = self.certificate_check.refused.set(distrust);
         Err(cause)
     }
 

@@ -24,7 +24,7 @@ pub const DATAGRAM_BYTES_MIN: usize = 1_162;
 const IDLE_MS: VarInt = VarInt::from_u32(10_000);
 
 /// The client breaks silence after this long (PROTOCOL 1.4-2); three chances before `IDLE_MS`, and none is taken while a
-/// quiet scene is vouched for each two and a half seconds.
+/// quiet scene is watermark_tick for each two and a half seconds.
 const KEEP_ALIVE: Duration = Duration::from_secs(3);
 
 /// A handshake, and then the opening of the control stream, may each take this long.
@@ -46,13 +46,13 @@ pub(super) const HANDSHAKES_UNPROVEN_MAX: usize = 64;
 /// with as many bodies as a scene may have, at some 60 bytes each.
 pub(super) const CONTROL_QUEUE_BYTES: usize = 12 << 20;
 
-/// Control bytes between the sockets and the caller, per connection; beyond them the stream is not read.
+/// Control bytes between the sockets and the receiver, per connection; beyond them the stream is not read.
 pub(super) const CONTROL_IN_FLIGHT_BYTES: usize = 256 << 10;
 
 /// State bytes between the sockets and a server's host thread, per connection; beyond them datagrams are dropped.
 pub(super) const STATE_IN_FLIGHT_BYTES: usize = 1 << 20;
 
-/// State bytes that wait for a client's caller; beyond them the oldest datagrams are dropped.
+/// State bytes that wait for a client's receiver; beyond them the oldest datagrams are dropped.
 pub(super) const STATE_INBOX_BYTES: usize = 4 << 20;
 
 /// Unsent datagrams per connection: a tick's burst of 500 full packets and more, yet never seconds of stale state.

@@ -58,8 +58,11 @@ fn two_clients_hear_only_their_own() {
 
 #[test]
 fn a_flood_of_control_bytes_is_held_back_at_the_sender() {
-    let (release, gate) = channel();
-    let server = Running::start(Certificate::development(["localhost"]).unwrap(), Some(gate));
+    let (release, prefilter) = channel();
+    let server = Running::start(
+        Certificate::development(["localhost"]).unwrap(),
+        Some(prefilter),
+    );
     let mut client = server.connect();
     let piece = Bytes::from(vec![0; 16 << 10]);
     let mut sent = 0;
@@ -93,8 +96,8 @@ fn a_flood_of_control_bytes_is_held_back_at_the_sender() {
 fn a_burst_of_control_bytes_crosses_a_relay() {
     let server = Running::echo();
     let nowhere = (std::net::Ipv4Addr::LOCALHOST, 0).into();
-    let terms = "rtt=20ms".parse().unwrap();
-    let relay = UdpRelay::start(nowhere, server.address, terms, 1).unwrap();
+    let config = "rtt=20ms".parse().unwrap();
+    let relay = UdpRelay::start(nowhere, server.address, config, 1).unwrap();
     let mut options = server.options();
     options.server = relay.local_addr();
     let mut client = QuicClient::connect(options, PATIENCE).unwrap();

@@ -2,8 +2,8 @@
 //!
 //! Real sockets and threads; every wait is for an event, and a patience only bounds a failure. Proves carrying, not timing.
 
-mod bare;
 mod closing;
 mod connecting;
 mod lanes;
+mod raw_peer;
 mod support;

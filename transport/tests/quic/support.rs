@@ -30,14 +30,14 @@ pub(crate) struct Echo {
     out: VecDeque<Transmit>,
     events: Sender<Event>,
     /// Each connection waits here before it is opened, if the test wants to hold the host thread.
-    gate: Option<Receiver<()>>,
+    prefilter: Option<Receiver<()>>,
 }
 
 impl Endpoint for Echo {
     fn handle_opened(&mut self, _: Instant, peer: Peer) {
         let _ = self.events.send(Event::Opened(peer));
-        if let Some(gate) = &self.gate {
-            let _ = gate.recv();
+        if let Some(prefilter) = &self.prefilter {
+            let _ = prefilter.recv();
         }
     }
 
@@ -91,12 +91,12 @@ impl Running {
         )
     }
 
-    pub(crate) fn start(certificate: Certificate, gate: Option<Receiver<()>>) -> Self {
+    pub(crate) fn start(certificate: Certificate, prefilter: Option<Receiver<()>>) -> Self {
         let (sender, events) = channel();
         let echo = Echo {
             out: VecDeque::new(),
             events: sender,
-            gate,
+            prefilter,
         };
         let (
             Bound {

@@ -1,13 +1,13 @@
 //! The paper's protocol as a mode: its client, beside the others.
-mod copy;
-mod line;
-mod losses;
+mod defects;
+mod messages;
 mod polled;
 mod remote;
+mod replica;
+mod sockets;
 mod wire;
-mod words;
 
-pub use losses::{Loss, Losses};
+pub use defects::{Defect, Defects};
+pub use messages::Unsupported;
 pub use remote::AppError;
 pub(super) use remote::{AppRemote, AppSetup};
-pub use words::Unsaid;

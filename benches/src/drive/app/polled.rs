@@ -12,11 +12,12 @@ use std::time::{Duration, Instant};
 
 use rhumb_app::{Frames, Message};
 
-use super::copy::{Awaited, Copy};
-use super::line::{
-    LOST, MESSAGES_PER_POLL, PUMP, READ_BYTES, Sockets, hear_datagram, is_nothing_yet, next_message,
+use super::defects::Defects;
+use super::replica::{AppReplica, Awaited};
+use super::sockets::{
+    LOST, MESSAGES_PER_POLL, PUMP, READ_BYTES, Sockets, is_nothing_yet, next_message,
+    receive_datagram,
 };
-use super::losses::Losses;
 use super::wire::Wire;
 use crate::drive::PATIENCE;
 
@@ -30,17 +31,17 @@ const LOOK: Duration = Duration::from_millis(50);
 /// A connection that threads read.
 #[derive(Debug)]
 pub(super) struct Polled {
-    shared: Arc<Shared>,
+    shared: Arc<PolledState>,
     udp: UdpSocket,
     threads: Vec<JoinHandle<()>>,
 }
 
 #[derive(Debug)]
-struct Shared {
+struct PolledState {
     /// Messages on their way out.
     out: Mutex<VecDeque<Vec<u8>>>,
-    heard: Mutex<Heard>,
-    copy: Mutex<Taken>,
+    queues: Mutex<ReceiveQueues>,
+    replica: Mutex<ReceivedState>,
     /// A frame is over, or the connection is.
     news: Condvar,
     /// How many datagrams of a state the socket's buffer holds.
@@ -49,7 +50,7 @@ struct Shared {
 
 /// What was heard and is not taken in yet.
 #[derive(Debug, Default)]
-struct Heard {
+struct ReceiveQueues {
     tcp: VecDeque<Message>,
     udp: VecDeque<Vec<u8>>,
     /// When anything came or left last.
@@ -62,8 +63,8 @@ struct Heard {
 
 /// What was taken in.
 #[derive(Debug)]
-struct Taken {
-    copy: Copy,
+struct ReceivedState {
+    replica: AppReplica,
     wire: Wire,
     over: Option<io::ErrorKind>,
 }
@@ -72,15 +73,15 @@ impl Polled {
     /// Starts the threads.
     pub(super) fn start(
         sockets: Sockets,
-        losses: Losses,
-        copy: Copy,
+        defects: Defects,
+        replica: AppReplica,
         wire: Wire,
     ) -> io::Result<Self> {
-        let shared = Arc::new(Shared {
+        let shared = Arc::new(PolledState {
             out: Mutex::default(),
-            heard: Mutex::default(),
-            copy: Mutex::new(Taken {
-                copy,
+            queues: Mutex::default(),
+            replica: Mutex::new(ReceivedState {
+                replica,
                 wire,
                 over: None,
             }),
@@ -89,7 +90,7 @@ impl Polled {
         });
         let udp = sockets.udp.try_clone()?;
         udp.set_read_timeout(Some(LOOK))?;
-        let most = if losses.cap {
+        let most = if defects.cap {
             MESSAGES_PER_POLL
         } else {
             usize::MAX
@@ -109,33 +110,33 @@ impl Polled {
 
     /// Queues messages.
     pub(super) fn send(&self, messages: Vec<Vec<u8>>) {
-        let mut heard = lock(&self.shared.heard);
-        (heard.last, heard.answered) = (Some(Instant::now()), false);
-        drop(heard);
+        let mut queues = lock(&self.shared.queues);
+        (queues.last, queues.answered) = (Some(Instant::now()), false);
+        drop(queues);
         lock(&self.shared.out).extend(messages);
     }
 
     pub(super) fn send_datagram(&self, bytes: &[u8]) -> io::Result<()> {
-        lock(&self.shared.copy).wire.datagram_up(bytes);
+        lock(&self.shared.replica).wire.datagram_up(bytes);
         self.udp.send(bytes).map(drop)
     }
 
     /// Waits until an awaited frame is over, or its end is lost.
     ///
     /// Errors when a server says nothing of a frame for [`PATIENCE`].
-    pub(super) fn hear(&self, awaited: Awaited) -> io::Result<()> {
-        let mut taken = lock(&self.shared.copy);
-        while !taken.copy.has_ended(awaited) && taken.over.is_none() {
-            let waited = self.shared.news.wait_timeout(taken, MESSENGER);
-            taken = waited.unwrap_or_else(PoisonError::into_inner).0;
-            if !taken.copy.has_ended(awaited) && taken.over.is_none() {
-                let may_lose = taken.copy.may_lose(self.shared.room);
-                drop(taken);
+    pub(super) fn receive(&self, awaited: Awaited) -> io::Result<()> {
+        let mut state = lock(&self.shared.replica);
+        while !state.replica.has_ended(awaited) && state.over.is_none() {
+            let waited = self.shared.news.wait_timeout(state, MESSENGER);
+            state = waited.unwrap_or_else(PoisonError::into_inner).0;
+            if !state.replica.has_ended(awaited) && state.over.is_none() {
+                let may_lose = state.replica.may_lose(self.shared.room);
+                drop(state);
                 let silence = self.shared.silence(may_lose);
-                taken = lock(&self.shared.copy);
+                state = lock(&self.shared.replica);
                 match silence {
                     Some(Silence::EndLost) => {
-                        taken.copy.give_up();
+                        state.replica.give_up();
                         return Ok(());
                     }
                     Some(Silence::Gone) => return Err(io::ErrorKind::TimedOut.into()),
@@ -143,25 +144,25 @@ impl Polled {
                 }
             }
         }
-        match taken.over {
+        match state.over {
             Some(kind) => Err(kind.into()),
             None => Ok(()),
         }
     }
 
     /// Looks at what was taken in, while no thread does.
-    pub(super) fn with<T>(&self, look: impl FnOnce(&mut Copy, &mut Wire) -> T) -> T {
-        let mut taken = lock(&self.shared.copy);
-        let Taken { copy, wire, .. } = &mut *taken;
-        look(copy, wire)
+    pub(super) fn with<T>(&self, look: impl FnOnce(&mut AppReplica, &mut Wire) -> T) -> T {
+        let mut state = lock(&self.shared.replica);
+        let ReceivedState { replica, wire, .. } = &mut *state;
+        look(replica, wire)
     }
 }
 
 /// Starts a thread whose failure ends the connection.
 fn spawn(
     name: &str,
-    shared: &Arc<Shared>,
-    work: impl FnOnce(&Shared) -> io::Result<()> + Send + 'static,
+    shared: &Arc<PolledState>,
+    work: impl FnOnce(&PolledState) -> io::Result<()> + Send + 'static,
 ) -> io::Result<JoinHandle<()>> {
     let shared = Arc::clone(shared);
     thread::Builder::new().name(name.into()).spawn(move || {
@@ -180,31 +181,31 @@ enum Silence {
     Gone,
 }
 
-impl Shared {
+impl PolledState {
     /// What it means that all that was to be said has left, all that came is taken in, and that was long ago; `None` while
     /// that is not so.
     fn silence(&self, may_lose: bool) -> Option<Silence> {
         if !lock(&self.out).is_empty() {
             return None;
         }
-        let heard = lock(&self.heard);
-        let idle = heard.tcp.is_empty() && heard.udp.is_empty() && !heard.taking;
+        let queues = lock(&self.queues);
+        let idle = queues.tcp.is_empty() && queues.udp.is_empty() && !queues.taking;
         // A server that steps is silent, however long it takes: an end is lost only behind what came before it.
-        let (most, meaning) = if heard.answered && may_lose {
+        let (most, meaning) = if queues.answered && may_lose {
             (LOST, Silence::EndLost)
         } else {
             (PATIENCE, Silence::Gone)
         };
-        let long = heard.last.is_some_and(|last| last.elapsed() >= most);
+        let long = queues.last.is_some_and(|last| last.elapsed() >= most);
         (idle && long).then_some(meaning)
     }
 
     fn is_over(&self) -> bool {
-        lock(&self.copy).over.is_some()
+        lock(&self.replica).over.is_some()
     }
 
     fn end(&self, kind: io::ErrorKind) {
-        lock(&self.copy).over.get_or_insert(kind);
+        lock(&self.replica).over.get_or_insert(kind);
         self.news.notify_all();
     }
 }
@@ -225,7 +226,7 @@ fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 /// So many messages out and one read in, each turn.
-fn pump(shared: &Shared, mut tcp: TcpStream, most: usize) -> io::Result<()> {
+fn pump(shared: &PolledState, mut tcp: TcpStream, most: usize) -> io::Result<()> {
     let mut frames = Frames::default();
     let mut buffer = vec![0; READ_BYTES];
     while !shared.is_over() {
@@ -240,19 +241,19 @@ fn pump(shared: &Shared, mut tcp: TcpStream, most: usize) -> io::Result<()> {
         }
         let sent = turn.concat();
         if !sent.is_empty() {
-            lock(&shared.heard).last = Some(Instant::now());
-            lock(&shared.copy).wire.segments_up(&sent);
+            lock(&shared.queues).last = Some(Instant::now());
+            lock(&shared.replica).wire.segments_up(&sent);
         }
         tcp.set_nonblocking(true)?;
         match tcp.read(&mut buffer) {
             Ok(0) => return Err(io::ErrorKind::ConnectionAborted.into()),
             Ok(count) => {
-                lock(&shared.copy).wire.segments_down(&buffer[..count]);
+                lock(&shared.replica).wire.segments_down(&buffer[..count]);
                 frames.push(&buffer[..count]);
-                let mut heard = lock(&shared.heard);
-                heard.last = Some(Instant::now());
+                let mut queues = lock(&shared.queues);
+                queues.last = Some(Instant::now());
                 while let Some(message) = next_message(&mut frames)? {
-                    heard.tcp.push_back(message);
+                    queues.tcp.push_back(message);
                 }
             }
             Err(cause) if is_nothing_yet(&cause) => {}
@@ -263,15 +264,15 @@ fn pump(shared: &Shared, mut tcp: TcpStream, most: usize) -> io::Result<()> {
     Ok(())
 }
 
-fn receive(shared: &Shared, udp: &UdpSocket) -> io::Result<()> {
+fn receive(shared: &PolledState, udp: &UdpSocket) -> io::Result<()> {
     let mut buffer = vec![0; READ_BYTES];
     while !shared.is_over() {
         match udp.recv(&mut buffer) {
             Ok(count) => {
                 let datagram = buffer[..count].to_vec();
-                let mut heard = lock(&shared.heard);
-                (heard.last, heard.answered) = (Some(Instant::now()), true);
-                heard.udp.push_back(datagram);
+                let mut queues = lock(&shared.queues);
+                (queues.last, queues.answered) = (Some(Instant::now()), true);
+                queues.udp.push_back(datagram);
             }
             Err(cause) if is_nothing_yet(&cause) => {}
             Err(cause) => return Err(cause),
@@ -281,29 +282,29 @@ fn receive(shared: &Shared, udp: &UdpSocket) -> io::Result<()> {
 }
 
 /// Takes in what was heard, TCP first, as much as one turn takes.
-fn take_in(shared: &Shared) -> io::Result<()> {
+fn take_in(shared: &PolledState) -> io::Result<()> {
     while !shared.is_over() {
         let (tcp, udp): (Vec<Message>, Vec<Vec<u8>>) = {
-            let mut heard = lock(&shared.heard);
-            let tcp = heard.tcp.len().min(MESSAGES_PER_TURN);
-            let udp = heard.udp.len().min(MESSAGES_PER_TURN);
-            heard.taking = tcp + udp > 0;
+            let mut queues = lock(&shared.queues);
+            let tcp = queues.tcp.len().min(MESSAGES_PER_TURN);
+            let udp = queues.udp.len().min(MESSAGES_PER_TURN);
+            queues.taking = tcp + udp > 0;
             (
-                heard.tcp.drain(..tcp).collect(),
-                heard.udp.drain(..udp).collect(),
+                queues.tcp.drain(..tcp).collect(),
+                queues.udp.drain(..udp).collect(),
             )
         };
         if !tcp.is_empty() || !udp.is_empty() {
-            let mut taken = lock(&shared.copy);
+            let mut state = lock(&shared.replica);
             for message in &tcp {
-                taken.copy.hear(message);
+                state.replica.receive(message);
             }
             for datagram in &udp {
-                taken.wire.datagram_down(datagram);
-                hear_datagram(datagram, &mut taken.copy)?;
+                state.wire.datagram_down(datagram);
+                receive_datagram(datagram, &mut state.replica)?;
             }
-            drop(taken);
-            lock(&shared.heard).taking = false;
+            drop(state);
+            lock(&shared.queues).taking = false;
             shared.news.notify_all();
         }
         thread::sleep(MESSENGER);

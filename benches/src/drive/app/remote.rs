@@ -7,37 +7,37 @@ use std::time::Duration;
 
 use glam::{Quat, Vec3};
 use rhumb_app::{Logon, Message};
-use rhumb_client::{Client, Entry, Inspection, Options, Trust};
-use rhumb_protocol::scene::{Command, SceneTerms};
+use rhumb_client::{Client, Inspection, JoinMode, Options, Trust};
+use rhumb_protocol::scene::{Command, SceneConfig};
 use rhumb_reckoning::{BodyId, Tick};
 use rhumb_transport::Clock;
 
-use super::copy::Copy;
-use super::line::{Direct, Sockets};
-use super::losses::Losses;
+use super::defects::Defects;
+use super::messages::{MessageWriter, SIMULATION, Unsupported};
 use super::polled::Polled;
+use super::replica::AppReplica;
+use super::sockets::{Direct, Sockets};
 use super::wire::{Count, Wire};
-use super::words::{SIMULATION, Unsaid, Words};
 use crate::drive::compare::{RecentTruth, compare};
-use crate::drive::control::Played;
-use crate::drive::remote::Keep;
-use crate::drive::{DriveError, Housing, ServerProcess};
-use crate::record::{Cause, Frame, JoinCost, Mode, Passed, Seen};
+use crate::drive::control::ScriptChoice;
+use crate::drive::remote::Retention;
+use crate::drive::{DriveError, ServerCpu, ServerProcess};
+use crate::record::{CapturedPacket, Cause, CopiedPose, Frame, JoinCost, Mode};
 
 /// A server process and its client.
 pub(in crate::drive) struct AppRemote {
-    line: Line,
-    words: Words,
+    connection: PaperConnection,
+    writer: MessageWriter,
     /// Ticks of a frame, and their seconds.
     ticks_each: u32,
     seconds: f32,
-    keep: Keep,
+    keep: Retention,
     ticks: u64,
     messages: u64,
     counts: (Count, Count),
     clock: Clock,
     pub(in crate::drive) frames: Vec<Frame>,
-    pub(in crate::drive) passed: Vec<Passed>,
+    pub(in crate::drive) captured: Vec<CapturedPacket>,
     pub(in crate::drive) join: JoinCost,
     // Dropped last: the client says goodbye first.
     process: ServerProcess,
@@ -47,11 +47,11 @@ pub(in crate::drive) struct AppRemote {
 #[derive(Clone, Debug)]
 pub(in crate::drive) struct AppSetup {
     pub(in crate::drive) mode: Mode,
-    pub(in crate::drive) losses: Losses,
-    pub(in crate::drive) terms: SceneTerms,
-    pub(in crate::drive) beside: Option<Played>,
-    pub(in crate::drive) housing: Housing,
-    pub(in crate::drive) keep: Keep,
+    pub(in crate::drive) defects: Defects,
+    pub(in crate::drive) config: SceneConfig,
+    pub(in crate::drive) controller_script: Option<ScriptChoice>,
+    pub(in crate::drive) cpu: ServerCpu,
+    pub(in crate::drive) keep: Retention,
 }
 
 /// How often, and how long, a client looks whether it was taken in: half a minute.
@@ -59,15 +59,15 @@ const READY_LOOKS: u32 = 30_000;
 const READY_PAUSE: Duration = Duration::from_millis(1);
 
 /// Who reads the sockets.
-enum Line {
+enum PaperConnection {
     Direct(Box<Own>),
     Polled(Polled),
 }
 
 /// What a caller has that reads its sockets itself.
 struct Own {
-    line: Direct,
-    copy: Copy,
+    connection: Direct,
+    replica: AppReplica,
     wire: Wire,
 }
 
@@ -75,29 +75,29 @@ struct Own {
 #[derive(Debug)]
 pub enum AppError {
     /// The script has what the protocol cannot say.
-    Unsaid(Unsaid),
+    Unsupported(Unsupported),
     /// The sockets failed, or the server ended the connection.
-    Line(io::Error),
+    PaperConnection(io::Error),
 }
 
 impl fmt::Display for AppError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Unsaid(what) => write!(f, "the paper's protocol cannot say {what}"),
-            Self::Line(cause) => write!(f, "the paper's protocol: {cause}"),
+            Self::Unsupported(what) => write!(f, "the paper's protocol cannot say {what}"),
+            Self::PaperConnection(cause) => write!(f, "the paper's protocol: {cause}"),
         }
     }
 }
 
 impl From<io::Error> for AppError {
     fn from(cause: io::Error) -> Self {
-        Self::Line(cause)
+        Self::PaperConnection(cause)
     }
 }
 
-impl From<Unsaid> for AppError {
-    fn from(what: Unsaid) -> Self {
-        Self::Unsaid(what)
+impl From<Unsupported> for AppError {
+    fn from(what: Unsupported) -> Self {
+        Self::Unsupported(what)
     }
 }
 
@@ -110,7 +110,7 @@ impl AppRemote {
         };
         let mut more = vec![
             "--app-listen=127.0.0.1:0",
-            "--app-pace=0",
+            "--app-datagram-rate=0",
             "--app-time-advanced=udp",
             "--app-states",
             states,
@@ -118,15 +118,17 @@ impl AppRemote {
         if setup.mode == Mode::AppPacked {
             more.push("--app-packed");
         }
-        let process = ServerProcess::start_with(&setup.housing, setup.beside.as_ref(), &more)?;
-        let words = Words::new(&setup.terms).map_err(AppError::Unsaid)?;
-        let ticks_each = setup.terms.cadence.every.get();
-        let tick_s = setup.terms.integrator.rate.step().seconds();
+        let process =
+            ServerProcess::start_with(&setup.cpu, setup.controller_script.as_ref(), &more)?;
+        let writer = MessageWriter::new(&setup.config).map_err(AppError::Unsupported)?;
+        let ticks_each = setup.config.publish_schedule.publish_interval.get();
+        let tick_s = setup.config.integrator.rate.step().seconds();
         let seconds = (tick_s * f64::from(ticks_each)) as f32;
-        let line = connect(&process, setup.losses, setup.keep).map_err(AppError::Line)?;
+        let connection =
+            connect(&process, setup.defects, setup.keep).map_err(AppError::PaperConnection)?;
         let mut remote = Self {
-            line,
-            words,
+            connection,
+            writer,
             ticks_each,
             seconds,
             keep: setup.keep,
@@ -135,22 +137,24 @@ impl AppRemote {
             counts: Default::default(),
             clock: Clock::start(),
             frames: Vec::new(),
-            passed: Vec::new(),
+            captured: Vec::new(),
             join: JoinCost::default(),
             process,
         };
-        remote.log_on(setup.terms.gravity)?;
+        remote.log_on(setup.config.gravity)?;
         Ok(remote)
     }
 
     fn log_on(&mut self, gravity: Vec3) -> Result<(), DriveError> {
         let logon = Message::Logon(Logon::new(SIMULATION, "bench"));
         let encoded = self.encoded(&logon);
-        self.line.send_datagram(&encoded).map_err(AppError::Line)?;
-        let world = self.encoded(&Words::world(gravity));
-        self.line
+        self.connection
+            .send_datagram(&encoded)
+            .map_err(AppError::PaperConnection)?;
+        let world = self.encoded(&MessageWriter::world(gravity));
+        self.connection
             .send(vec![encoded, world])
-            .map_err(AppError::Line)?;
+            .map_err(AppError::PaperConnection)?;
         Ok(())
     }
 
@@ -162,31 +166,38 @@ impl AppRemote {
     }
 
     /// Says commands, and knows what they place.
-    fn say(&mut self, commands: &[Command]) -> Result<Vec<Vec<u8>>, DriveError> {
-        let mut said = Vec::new();
+    fn encode(&mut self, commands: &[Command]) -> Result<Vec<Vec<u8>>, DriveError> {
+        let mut encoded = Vec::new();
         for command in commands {
-            self.words
-                .say(command, &mut said)
-                .map_err(AppError::Unsaid)?;
-            self.line.with(|copy, _| match *command {
-                Command::AddBody { terms, motion } => {
+            self.writer
+                .encode(command, &mut encoded)
+                .map_err(AppError::Unsupported)?;
+            self.connection.with(|replica, _| match *command {
+                Command::AddBody { config, motion } => {
                     let [px, py, pz, x, y, z, w, ..] = motion.parts();
                     let rotation = Quat::from_xyzw(x, y, z, w);
-                    copy.place(terms.id, Vec3::new(px, py, pz), rotation);
+                    replica.place(config.id, Vec3::new(px, py, pz), rotation);
                 }
-                Command::RemoveBody { id } => copy.remove(id),
+                Command::RemoveBody { id } => replica.remove(id),
                 _ => {}
             });
         }
-        Ok(said.iter().map(|message| self.encoded(message)).collect())
+        Ok(encoded
+            .iter()
+            .map(|message| self.encoded(message))
+            .collect())
     }
 
     /// Gives the commands before the first step, and counts all that as joining.
     pub(in crate::drive) fn prepare(&mut self, commands: &[Command]) -> Result<(), DriveError> {
-        let said = self.say(commands)?;
-        self.line.send(said).map_err(AppError::Line)?;
-        self.line.await_ready().map_err(AppError::Line)?;
-        self.line.with(|_, wire| {
+        let encoded = self.encode(commands)?;
+        self.connection
+            .send(encoded)
+            .map_err(AppError::PaperConnection)?;
+        self.connection
+            .await_ready()
+            .map_err(AppError::PaperConnection)?;
+        self.connection.with(|_, wire| {
             wire.take();
             self.counts = (wire.down, wire.up);
         });
@@ -203,10 +214,12 @@ impl AppRemote {
     /// One frame: command, advance, and hear that it is over.
     pub(in crate::drive) fn frame(&mut self, commands: &[Command]) -> Result<(), DriveError> {
         let begun = self.clock.now();
-        let mut said = self.say(commands)?;
+        let mut encoded = self.encode(commands)?;
         let advance = Message::AdvanceTime((SIMULATION, self.seconds));
-        said.push(self.encoded(&advance));
-        self.line.frame(said).map_err(AppError::Line)?;
+        encoded.push(self.encoded(&advance));
+        self.connection
+            .frame(encoded)
+            .map_err(AppError::PaperConnection)?;
         let frame_ns = self.clock.now().since(begun).as_nanos();
         self.ticks += u64::from(self.ticks_each);
         self.note_frame(frame_ns);
@@ -217,18 +230,18 @@ impl AppRemote {
     fn note_frame(&mut self, frame_ns: u64) {
         let number = self.frames.len() as u32;
         let before = self.counts;
-        let (mut frame, taken) = self.line.with(|copy, wire| {
+        let (mut frame, taken) = self.connection.with(|replica, wire| {
             self.counts = (wire.down, wire.up);
-            let mut changed = std::mem::take(&mut copy.changed);
+            let mut changed = std::mem::take(&mut replica.changed);
             changed.sort_unstable();
             changed.dedup();
-            let updates = std::mem::take(&mut copy.states);
-            if self.keep == Keep::Costs {
+            let updates = std::mem::take(&mut replica.states);
+            if self.keep == Retention::Costs {
                 changed.clear();
             }
             let seen = changed.into_iter().filter_map(|id| {
-                let (position, rotation) = copy.pose(id)?;
-                Some(Seen {
+                let (position, rotation) = replica.pose(id)?;
+                Some(CopiedPose {
                     id,
                     position: position.to_array(),
                     rotation: rotation.to_array(),
@@ -249,10 +262,10 @@ impl AppRemote {
         frame.wire_datagrams_down = down.packets;
         frame.wire_bytes_up = up.bytes;
         frame.wire_datagrams_up = up.packets;
-        self.passed.extend(
+        self.captured.extend(
             taken
                 .into_iter()
-                .map(|(way, bytes)| Passed::new(number, way, bytes)),
+                .map(|(direction, bytes)| CapturedPacket::new(number, direction, bytes)),
         );
         self.frames.push(frame);
     }
@@ -264,7 +277,7 @@ impl AppRemote {
 
     /// Frames so far whose end was not heard.
     pub(in crate::drive) fn ends_lost(&mut self) -> u64 {
-        self.line.with(|copy, _| copy.lost)
+        self.connection.with(|replica, _| replica.lost)
     }
 
     /// Ticks that have passed.
@@ -276,8 +289,8 @@ impl AppRemote {
     pub(in crate::drive) fn judge(&mut self, recent: &RecentTruth) -> Option<u32> {
         let number = self.frames.len().checked_sub(1)?;
         let tick = self.frames[number].tick;
-        let errors = self.line.with(|copy, _| {
-            let shown = |id: BodyId| copy.pose(id);
+        let errors = self.connection.with(|replica, _| {
+            let shown = |id: BodyId| replica.pose(id);
             compare(recent, tick, shown, None, |_, _| Cause::Late)
         })?;
         let frame = &mut self.frames[number];
@@ -293,7 +306,7 @@ impl AppRemote {
             self.process.address.to_string(),
             Trust::Fingerprint(self.process.fingerprint),
             scene.parse().expect("a number names a scene"),
-            Entry::Join,
+            JoinMode::Join,
         );
         let mut client = Client::open(options)?;
         // A client that lost the end of a frame may be ahead of its server.
@@ -306,34 +319,38 @@ impl AppRemote {
             looks -= 1;
             if looks == 0 {
                 let cause = io::ErrorKind::TimedOut.into();
-                return Err(AppError::Line(cause).into());
+                return Err(AppError::PaperConnection(cause).into());
             }
             thread::sleep(READY_PAUSE);
         }
     }
 }
 
-fn connect(process: &ServerProcess, losses: Losses, keep: Keep) -> io::Result<Line> {
+fn connect(
+    process: &ServerProcess,
+    defects: Defects,
+    keep: Retention,
+) -> io::Result<PaperConnection> {
     let server = process.app.ok_or(io::ErrorKind::AddrNotAvailable)?;
-    let sockets = Sockets::open(server, losses)?;
-    let copy = Copy::new(losses);
-    Ok(if losses.poll {
-        Line::Polled(Polled::start(sockets, losses, copy, Wire::new(keep))?)
+    let sockets = Sockets::open(server, defects)?;
+    let replica = AppReplica::new(defects);
+    Ok(if defects.poll {
+        PaperConnection::Polled(Polled::start(sockets, defects, replica, Wire::new(keep))?)
     } else {
-        Line::Direct(Box::new(Own {
-            line: Direct::new(sockets, losses)?,
-            copy,
+        PaperConnection::Direct(Box::new(Own {
+            connection: Direct::new(sockets, defects)?,
+            replica,
             wire: Wire::new(keep),
         }))
     })
 }
 
-impl Line {
+impl PaperConnection {
     fn send(&mut self, messages: Vec<Vec<u8>>) -> io::Result<()> {
         match self {
-            Self::Direct(own) => own.line.send(&messages, &mut own.wire),
-            Self::Polled(line) => {
-                line.send(messages);
+            Self::Direct(own) => own.connection.send(&messages, &mut own.wire),
+            Self::Polled(connection) => {
+                connection.send(messages);
                 Ok(())
             }
         }
@@ -341,23 +358,27 @@ impl Line {
 
     fn send_datagram(&mut self, bytes: &[u8]) -> io::Result<()> {
         match self {
-            Self::Direct(own) => own.line.send_datagram(bytes, &mut own.wire),
-            Self::Polled(line) => line.send_datagram(bytes),
+            Self::Direct(own) => own.connection.send_datagram(bytes, &mut own.wire),
+            Self::Polled(connection) => connection.send_datagram(bytes),
         }
     }
 
     /// Waits until the server has taken the client in.
     fn await_ready(&mut self) -> io::Result<()> {
         let mut looks = READY_LOOKS;
-        while !self.with(|copy, _| copy.ready) {
+        while !self.with(|replica, _| replica.ready) {
             looks -= 1;
             if looks == 0 {
                 return Err(io::ErrorKind::TimedOut.into());
             }
             thread::sleep(READY_PAUSE);
             if let Self::Direct(own) = self {
-                let Own { line, copy, wire } = &mut **own;
-                line.hear_tcp(copy, wire)?;
+                let Own {
+                    connection,
+                    replica,
+                    wire,
+                } = &mut **own;
+                connection.receive_tcp(replica, wire)?;
             }
         }
         Ok(())
@@ -367,23 +388,27 @@ impl Line {
     fn frame(&mut self, messages: Vec<Vec<u8>>) -> io::Result<()> {
         match self {
             Self::Direct(own) => {
-                let Own { line, copy, wire } = &mut **own;
-                line.catch_up(copy, wire)?;
-                line.send(&messages, wire)?;
-                line.hear(copy, wire)
+                let Own {
+                    connection,
+                    replica,
+                    wire,
+                } = &mut **own;
+                connection.switch_when_caught_up(replica, wire)?;
+                connection.send(&messages, wire)?;
+                connection.receive(replica, wire)
             }
-            Self::Polled(line) => {
-                let awaited = line.with(|copy, _| copy.await_end());
-                line.send(messages);
-                line.hear(awaited)
+            Self::Polled(connection) => {
+                let awaited = connection.with(|replica, _| replica.await_end());
+                connection.send(messages);
+                connection.receive(awaited)
             }
         }
     }
 
-    fn with<T>(&mut self, look: impl FnOnce(&mut Copy, &mut Wire) -> T) -> T {
+    fn with<T>(&mut self, look: impl FnOnce(&mut AppReplica, &mut Wire) -> T) -> T {
         match self {
-            Self::Direct(own) => look(&mut own.copy, &mut own.wire),
-            Self::Polled(line) => line.with(look),
+            Self::Direct(own) => look(&mut own.replica, &mut own.wire),
+            Self::Polled(connection) => connection.with(look),
         }
     }
 }

@@ -1,12 +1,12 @@
 //! What crossed the wire in a mode of the paper's protocol, counted
 //!
-//! Counted as a `Frame` has it, so that 28 bytes for each datagram make it the wire's: a TCP segment has 12 more, and is
+//! CountSink as a `Frame` has it, so that 28 bytes for each datagram make it the wire's: a TCP segment has 12 more, and is
 //! acknowledged by one of 40 that has nothing else.
 
 use bytes::Bytes;
 
-use crate::drive::remote::Keep;
-use crate::record::Way;
+use crate::drive::remote::Retention;
+use crate::record::PacketDirection;
 
 /// Bytes that a segment has of headers beyond a datagram's: 40 less 28.
 const SEGMENT_MORE_BYTES: u64 = 12;
@@ -25,7 +25,7 @@ pub(super) struct Count {
 pub(super) struct Wire {
     pub(super) down: Count,
     pub(super) up: Count,
-    keep: Keep,
+    keep: Retention,
     state_down: Vec<u8>,
     control_down: Vec<u8>,
     control_up: Vec<u8>,
@@ -47,7 +47,7 @@ impl Count {
 }
 
 impl Wire {
-    pub(super) fn new(keep: Keep) -> Self {
+    pub(super) fn new(keep: Retention) -> Self {
         Self {
             down: Count::default(),
             up: Count::default(),
@@ -88,21 +88,21 @@ impl Wire {
     }
 
     /// What crossed since this was last asked, each way in one piece, datagram after datagram.
-    pub(super) fn take(&mut self) -> Vec<(Way, Bytes)> {
+    pub(super) fn take(&mut self) -> Vec<(PacketDirection, Bytes)> {
         let lanes = [
-            (Way::ControlUp, &mut self.control_up),
-            (Way::StateUp, &mut self.datagram_up),
-            (Way::StateDown, &mut self.state_down),
-            (Way::ControlDown, &mut self.control_down),
+            (PacketDirection::ControlUp, &mut self.control_up),
+            (PacketDirection::StateUp, &mut self.datagram_up),
+            (PacketDirection::StateDown, &mut self.state_down),
+            (PacketDirection::ControlDown, &mut self.control_down),
         ];
         let full = lanes.into_iter().filter(|(_, bytes)| !bytes.is_empty());
-        full.map(|(way, bytes)| (way, Bytes::from(std::mem::take(bytes))))
+        full.map(|(direction, bytes)| (direction, Bytes::from(std::mem::take(bytes))))
             .collect()
     }
 }
 
-fn keep(keep: Keep, bytes: &[u8], lane: &mut Vec<u8>) {
-    if keep == Keep::Everything {
+fn keep(keep: Retention, bytes: &[u8], lane: &mut Vec<u8>) {
+    if keep == Retention::Everything {
         lane.extend_from_slice(bytes);
     }
 }
@@ -114,7 +114,7 @@ mod tests {
     #[test]
     fn with_a_datagrams_headers_a_segment_has_its_own_and_its_acknowledgement() {
         let on_wire = |count: Count| count.bytes + 28 * count.packets;
-        let mut wire = Wire::new(Keep::Everything);
+        let mut wire = Wire::new(Retention::Everything);
         wire.segments_up(&[0; 32]);
         assert_eq!((on_wire(wire.up), on_wire(wire.down)), (72, 40));
         wire.datagram_down(&[0; 88]);
@@ -124,7 +124,7 @@ mod tests {
         let taken = wire.take();
         assert_eq!(taken.len(), 3);
         assert!(wire.take().is_empty());
-        let mut wire = Wire::new(Keep::Costs);
+        let mut wire = Wire::new(Retention::Costs);
         wire.datagram_down(&[0; 88]);
         assert_eq!((on_wire(wire.down), wire.take().len()), (116, 0));
     }

@@ -4,36 +4,36 @@ use std::hint::black_box;
 
 use rhumb_protocol::scene::Command;
 use rhumb_protocol::stream::Activity;
-use rhumb_reckoning::{BodyId, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState};
 use rhumb_server::{Scene, Workers};
 use rhumb_transport::Clock;
 
 use super::processor::work_ns;
-use super::{Account, Billing, Player, Stages, Took, Traffic, Troupe};
+use super::{FrameCost, Player, PlayerFactory, PlayerSetup, PlayerTotals, Stages, Traffic};
 use crate::drive::DriveError;
 use crate::record::Mode;
 
 /// A scene in this process, and every body's newest state as a simulator keeps it.
-struct Local {
+struct LocalPlayer {
     scene: Scene,
     /// Steps of a frame.
     steps: u32,
     clock: Clock,
-    states: Vec<Option<(BodyId, Verbatim)>>,
+    states: Vec<Option<(BodyId, BodyState)>>,
     stages: Stages,
 }
 
 /// Plays in the caller's thread.
 pub(super) struct InThread;
 
-impl Troupe for InThread {
-    fn start(&self, billing: &Billing, _: Mode) -> Result<Box<dyn Player>, DriveError> {
-        let threads = billing.housing.threads;
+impl PlayerFactory for InThread {
+    fn start(&self, player_setup: &PlayerSetup, _: Mode) -> Result<Box<dyn Player>, DriveError> {
+        let threads = player_setup.cpu.threads;
         let workers = Workers::new(threads).map_err(DriveError::Workers)?;
-        let scene = Scene::on(billing.terms, &workers).map_err(DriveError::Terms)?;
-        Ok(Box::new(Local {
+        let scene = Scene::on(player_setup.config, &workers).map_err(DriveError::Terms)?;
+        Ok(Box::new(LocalPlayer {
             scene,
-            steps: billing.terms.cadence.every.get(),
+            steps: player_setup.config.publish_schedule.publish_interval.get(),
             clock: Clock::start(),
             states: Vec::new(),
             stages: Stages::default(),
@@ -41,12 +41,12 @@ impl Troupe for InThread {
     }
 }
 
-impl Local {
+impl LocalPlayer {
     fn apply(&mut self, commands: &[Command]) -> Result<(), DriveError> {
         for command in commands {
             self.scene.apply(command).map_err(DriveError::Refused)?;
             match *command {
-                Command::AddBody { terms, motion } => self.remember(terms.id, motion),
+                Command::AddBody { config, motion } => self.remember(config.id, motion),
                 Command::RemoveBody { id } => self.forget(id),
                 _ => {}
             }
@@ -54,7 +54,7 @@ impl Local {
         Ok(())
     }
 
-    fn remember(&mut self, id: BodyId, motion: Verbatim) {
+    fn remember(&mut self, id: BodyId, motion: BodyState) {
         let index = id.index() as usize;
         if index >= self.states.len() {
             self.states.resize(index + 1, None);
@@ -95,12 +95,12 @@ enum LastStep {
     No,
 }
 
-impl Player for Local {
+impl Player for LocalPlayer {
     fn prepare(&mut self, commands: &[Command]) -> Result<(), DriveError> {
         self.apply(commands)
     }
 
-    fn frame(&mut self, commands: &[Command]) -> Result<Took, DriveError> {
+    fn frame(&mut self, commands: &[Command]) -> Result<FrameCost, DriveError> {
         let work = work_ns();
         let begun = self.clock.now();
         self.apply(commands)?;
@@ -113,11 +113,11 @@ impl Player for Local {
         }
         let wall_ns = self.clock.now().since(begun).as_nanos();
         let work_ns = work_ns().zip(work).map(|(after, before)| after - before);
-        Ok(Took { wall_ns, work_ns })
+        Ok(FrameCost { wall_ns, work_ns })
     }
 
-    fn account(&mut self) -> Result<Account, DriveError> {
-        Ok(Account {
+    fn totals(&mut self) -> Result<PlayerTotals, DriveError> {
+        Ok(PlayerTotals {
             tick: self.scene.tick(),
             truth: self.scene.digest().value(),
             awake: self.scene.awake_count() as u32,

@@ -171,7 +171,7 @@ pub(in crate::paper) fn aims_of_bytes(results: &PaperResults) -> Table {
 mod tests {
     use super::*;
     use crate::paper::analysis::Analysis;
-    use crate::paper::outcome::{LoadOutcome, ModeOutcome, Trial};
+    use crate::paper::outcome::{ExperimentTrial, LoadOutcome, ModeOutcome};
     use crate::paper::settings::tests::settings;
 
     /// Trials with these frame times of integrated, rhumb and rhumb-pipelined at 500 and 1,000 balls, milliseconds; engines
@@ -198,9 +198,9 @@ mod tests {
                 })
                 .collect(),
         };
-        let trials: Vec<Trial> = (1..)
+        let trials: Vec<ExperimentTrial> = (1..)
             .zip(trials)
-            .map(|(number, [few, many])| Trial {
+            .map(|(number, [few, many])| ExperimentTrial {
                 number,
                 seed: u64::from(number),
                 wall_s: 1.0,
@@ -215,7 +215,7 @@ mod tests {
         }
     }
 
-    fn verdicts(results: &PaperResults) -> Vec<(String, String)> {
+    fn decisions(results: &PaperResults) -> Vec<(String, String)> {
         let rows = aims(results).rows.into_iter();
         rows.map(|row| (row[1].clone(), row[4].clone())).collect()
     }
@@ -233,7 +233,7 @@ mod tests {
             [[10.0, 20.0, 1.0], [100.0, 107.0, 1.0]],
         ]);
         assert_eq!(
-            verdicts(&near),
+            decisions(&near),
             said(&[
                 ("1.06", "yes, not surely"),
                 ("2.12", "no, not surely"),
@@ -243,18 +243,18 @@ mod tests {
         );
         let alike = [[10.0, 20.0, 1.0], [100.0, 105.0, 1.0]];
         assert_eq!(
-            verdicts(&results(&[alike, alike]))[0],
+            decisions(&results(&[alike, alike]))[0],
             ("1.05".into(), "yes".into())
         );
         let slow = [[10.0, 10.0, 1.0], [100.0, 125.0, 1.0]];
-        let slow = verdicts(&results(&[slow, slow]));
+        let slow = decisions(&results(&[slow, slow]));
         assert_eq!(slow[0], ("1.25".into(), "no".into()));
         // 1/0.125 s is below nine frames a second, 1/0.1 s is not; a caller ahead keeps up what its server does.
         assert_eq!(slow[2..], said(&[("1000", "no"), ("nowhere", "yes")]));
     }
 
     #[test]
-    fn where_a_load_is_void_nothing_is_said_of_all() {
+    fn a_void_load_leaves_the_whole_undecided() {
         let mut results = results(&[[[10.0, 10.0, 1.0], [100.0, 105.0, 1.0]]]);
         results.trials[0].loads[1].modes[1].void = true;
         results.analysis = Analysis::of(&results.settings, &results.trials);

@@ -2,20 +2,26 @@
 
 use rhumb_reckoning::{Rate, Tick, Ticks};
 
-use super::{ClientSession, State};
-use crate::scene::Pace;
+use super::{ClientSession, ClientState};
+use crate::scene::Stepping;
 use crate::session::event::Event;
 use crate::time::{Instant, Span};
 
 impl ClientSession {
-    pub(super) fn hear_pong(&mut self, now: Instant, sent: Instant, tick: Tick, since_tick: Span) {
+    pub(super) fn handle_pong(
+        &mut self,
+        now: Instant,
+        sent: Instant,
+        tick: Tick,
+        since_tick: Span,
+    ) {
         if sent > now {
             return;
         }
         let round_trip = now.since(sent);
         self.round_trip = round_trip;
         // Before the joining there may have been no scene whose clock could be told.
-        if self.state != State::Member {
+        if self.state != ClientState::Member {
             return;
         }
         let at = sent + Span::from_nanos(round_trip.as_nanos() / 2);
@@ -30,13 +36,16 @@ impl ClientSession {
         });
     }
 
-    /// The stream has just vouched for another tick.
+    /// The stream has just watermark_tick for another tick.
     pub(super) fn note_shown(&mut self, now: Instant, tick: Tick) {
-        let terms = self.terms.filter(|terms| terms.pace == Pace::FreeRunning);
-        if let Some(terms) = terms {
-            let reached = tick + terms.cadence.hindsight;
-            let slack = Ticks::new(terms.cadence.every.get());
-            self.pings.shown(now, reached, slack, terms.integrator.rate);
+        let config = self
+            .config
+            .filter(|config| config.stepping == Stepping::FreeRunning);
+        if let Some(config) = config {
+            let reached = tick + config.publish_schedule.lookahead;
+            let slack = Ticks::new(config.publish_schedule.publish_interval.get());
+            self.pings
+                .shown(now, reached, slack, config.integrator.rate);
         }
     }
 
@@ -47,7 +56,9 @@ impl ClientSession {
 
     /// The rate of a scene that runs by the server's clock.
     fn free_rate(&self) -> Option<Rate> {
-        let terms = self.terms.filter(|terms| terms.pace == Pace::FreeRunning);
-        terms.map(|terms| terms.integrator.rate)
+        let config = self
+            .config
+            .filter(|config| config.stepping == Stepping::FreeRunning);
+        config.map(|config| config.integrator.rate)
     }
 }

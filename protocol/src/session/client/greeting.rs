@@ -1,8 +1,8 @@
 //! How a client opens a conversation, and what it makes of the answer.
 //!
-//! What a later version may say is borne here or refused by its code (PROTOCOL 3.5).
+//! What a later version may send is borne here or refused by its code (PROTOCOL 3.5).
 
-use super::{ClientSession, State};
+use super::{ClientSession, ClientState};
 use crate::endpoint::Peer;
 use crate::message::{ClientMessage, Grease, VERSIONS, Welcome};
 use crate::session::close::CloseCode;
@@ -19,28 +19,32 @@ impl ClientSession {
             scene: self.scene.clone(),
             extensions: grease.extensions(),
         };
-        self.say(&hello);
+        self.send(&hello);
         grease.message(&mut self.unsent);
     }
 
-    pub(super) fn hear_welcome(&mut self, now: Instant, welcome: Welcome) -> Result<(), CloseCode> {
-        if self.state != State::Greeting {
+    pub(super) fn handle_welcome(
+        &mut self,
+        now: Instant,
+        welcome: Welcome,
+    ) -> Result<(), CloseCode> {
+        if self.state != ClientState::Greeting {
             return Err(CloseCode::VIOLATION);
         }
         // A version that was offered to see whether anybody minds it is none to be taken.
         if !VERSIONS.contains(&welcome.version) {
             return Err(CloseCode::VERSION);
         }
-        if welcome.extensions.ask_too_much() {
+        if welcome.extensions.has_unknown_critical() {
             return Err(CloseCode::EXTENSION);
         }
-        let terms = welcome.scene.as_ref();
-        if terms.is_some_and(|terms| terms.check().is_err()) {
+        let config = welcome.scene.as_ref();
+        if config.is_some_and(|config| config.check().is_err()) {
             return Err(CloseCode::VIOLATION);
         }
-        self.state = State::Lobby;
-        self.terms = welcome.scene;
-        self.say(&ClientMessage::Ping { sent: now });
+        self.state = ClientState::Lobby;
+        self.config = welcome.scene;
+        self.send(&ClientMessage::Ping { sent: now });
         self.events.push_back(Event::Welcomed(welcome));
         Ok(())
     }

@@ -6,7 +6,7 @@ use rhumb_reckoning::{Metres, Tolerance};
 
 /// What a tolerance allows a body.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Allowance {
+pub(crate) struct ToleranceAllowance {
     /// Metres, and radians.
     pub(super) position: f64,
     pub(super) turn: f64,
@@ -14,7 +14,7 @@ pub(crate) struct Allowance {
     pub(super) shared: bool,
 }
 
-impl Allowance {
+impl ToleranceAllowance {
     pub(crate) fn of(tolerance: Tolerance, radius: Metres) -> Self {
         match tolerance {
             Tolerance::Surface(length) => {

@@ -8,14 +8,14 @@ use glam::DVec3;
 use rhumb_reckoning::Grid;
 use wide::f64x2;
 
-use super::Allowance;
+use super::ToleranceAllowance;
 
 /// By axis; position first, then turn.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Shares([f64x2; 3]);
 
 impl Shares {
-    /// Of so many metres and radians, of so many m/s and rad/s, or of so many steps of a grid, each worth so much.
+    /// Of so many metres and radians, of so many m/s and rad/s, or of so many steps of a grid, each units so much.
     #[inline]
     pub(super) fn of([linear, angular]: [DVec3; 2], unit: f64x2) -> Self {
         Self([
@@ -71,9 +71,9 @@ impl Mul<f64> for Shares {
     }
 }
 
-/// What things are worth of a body's tolerance.
+/// What things are units of a body's tolerance.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Worth {
+pub(super) struct ShareUnits {
     /// A metre and a radian; the velocities that move a body by these in a tick.
     pub(super) still: f64x2,
     pub(super) moving: f64x2,
@@ -84,9 +84,9 @@ pub(super) struct Worth {
     shared: bool,
 }
 
-impl Worth {
+impl ShareUnits {
     #[inline]
-    pub(super) fn of(allowance: &Allowance, grid: &Grid, step_s: f64) -> Self {
+    pub(super) fn of(allowance: &ToleranceAllowance, grid: &Grid, step_s: f64) -> Self {
         let still = f64x2::new([1.0 / allowance.position, 1.0 / allowance.turn]);
         let moving = still * f64x2::splat(step_s);
         Self {

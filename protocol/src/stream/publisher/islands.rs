@@ -2,7 +2,7 @@
 //!
 //! Their updates go together, so that they arrive all or none.
 //!
-//! The publisher's own affair, and asked for only where a tick takes several packets. Bodies touch here when the balls
+//! The publisher's own affair, and asked for only where a tick takes several packets. Bodies touch here when the spheres
 //! around them do: contacts and joints of any engine lie within that. Bodies that touch only by way of one that nothing
 //! is said of are not joined.
 
@@ -11,18 +11,18 @@ use alloc::vec::Vec;
 use rhumb_reckoning::Tick;
 
 use super::Publisher;
-use super::packing::sort_by_seat;
+use super::packing::sort_by_alias;
 use crate::packet::Update;
 
 /// Beyond so many updates nobody is kept together: a tick that says so much of all bodies is a pit's, whose bodies all
 /// touch.
-const TOGETHER_MOST: usize = 2_000;
+const ISLAND_UPDATES_MAX: usize = 2_000;
 /// Balls touch when they would if they were so much larger.
 const REACH: f64 = 1.1;
 
 /// A body that is spoken of, by its place among the updates.
 #[derive(Clone, Copy, Debug)]
-struct Ball {
+struct BoundingSphere {
     place: usize,
     centre: [f64; 3],
     radius: f64,
@@ -30,13 +30,13 @@ struct Ball {
 
 /// Which places are of one island, as far as is known: each points at a lower one of its own, or at itself.
 #[derive(Debug)]
-struct Union {
+struct UnionFind {
     places: Vec<usize>,
     /// Whether any were joined.
     joined: bool,
 }
 
-impl Union {
+impl UnionFind {
     /// Each an island of its own.
     fn of(places: usize) -> Self {
         Self {
@@ -60,10 +60,10 @@ impl Union {
     }
 }
 
-/// The axis along which balls lie farthest apart: in a wall few overlap along it, and all across.
-fn longest_axis(balls: &[Ball]) -> usize {
+/// The axis along which spheres lie farthest apart: in a wall few overlap along it, and all across.
+fn longest_axis(spheres: &[BoundingSphere]) -> usize {
     let extent = |axis: usize| {
-        let along = balls.iter().map(|ball| ball.centre[axis]);
+        let along = spheres.iter().map(|sphere| sphere.centre[axis]);
         along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
     };
     let (mut longest, mut most) = (0, extent(0));
@@ -76,14 +76,14 @@ fn longest_axis(balls: &[Ball]) -> usize {
     longest
 }
 
-/// Joins balls that touch.
-fn join_touching(mut balls: Vec<Ball>, union: &mut Union) {
-    let axis = longest_axis(&balls);
-    let least = |ball: &Ball| ball.centre[axis] - ball.radius;
-    balls.sort_by(|a, b| least(a).total_cmp(&least(b)));
-    for (at, one) in balls.iter().enumerate() {
+/// Joins spheres that touch.
+fn join_touching(mut spheres: Vec<BoundingSphere>, union: &mut UnionFind) {
+    let axis = longest_axis(&spheres);
+    let least = |sphere: &BoundingSphere| sphere.centre[axis] - sphere.radius;
+    spheres.sort_by(|a, b| least(a).total_cmp(&least(b)));
+    for (at, one) in spheres.iter().enumerate() {
         let end = one.centre[axis] + one.radius;
-        for other in balls[at + 1..]
+        for other in spheres[at + 1..]
             .iter()
             .take_while(|other| least(other) <= end)
         {
@@ -99,15 +99,15 @@ fn join_touching(mut balls: Vec<Ball>, union: &mut Union) {
 }
 
 impl Publisher {
-    /// Sorts the updates of a tick by islands, the seats of each rising but for what names a carrier, which comes last in
+    /// Sorts the updates of a tick by islands, the aliases of each rising but for what names a parent, which comes last in
     /// its island; returns how many updates each has.
     pub(super) fn sort_by_island(&self, tick: Tick, updates: &mut [Update]) -> Vec<usize> {
-        sort_by_seat(updates);
-        let seats = self.usher.seats();
-        let index = |update: &Update| update.body.or_else(|| seats.body(update.seat));
-        let mut union = Union::of(updates.len());
-        if updates.len() <= TOGETHER_MOST {
-            let mut balls = Vec::with_capacity(updates.len());
+        sort_by_alias(updates);
+        let aliases = self.alias_table.aliases();
+        let index = |update: &Update| update.body.or_else(|| aliases.body(update.alias));
+        let mut union = UnionFind::of(updates.len());
+        if updates.len() <= ISLAND_UPDATES_MAX {
+            let mut spheres = Vec::with_capacity(updates.len());
             for (place, update) in updates.iter().enumerate() {
                 let Some(index) = index(update) else {
                     continue;
@@ -115,20 +115,20 @@ impl Publisher {
                 let Some(slot) = self.tracks.slot(index) else {
                     continue;
                 };
-                balls.push(Ball {
+                spheres.push(BoundingSphere {
                     place,
                     centre: self
                         .tracks
-                        .believed((index, slot), tick)
+                        .predicted_motion((index, slot), tick)
                         .pose()
                         .position
                         .to_array(),
                     radius: self.tracks.radius(slot).metres() * REACH,
                 });
             }
-            join_touching(balls, &mut union);
+            join_touching(spheres, &mut union);
         }
-        self.join_held(updates, &mut union);
+        self.join_attached(updates, &mut union);
         if !union.joined {
             return alloc::vec![1; updates.len()];
         }
@@ -136,7 +136,7 @@ impl Publisher {
         let mut order: Vec<(usize, bool, usize)> = updates
             .iter()
             .enumerate()
-            .map(|(place, update)| (union.root(place), update.saying.names_carrier(), place))
+            .map(|(place, update)| (union.root(place), update.payload.names_parent(), place))
             .collect();
         order.sort_unstable();
         let sizes = order.chunk_by(|a, b| a.0 == b.0).map(<[_]>::len).collect();
@@ -147,17 +147,17 @@ impl Publisher {
 
     /// Joins what builds on another body's track to that body, if it is spoken of too: the one cannot be read without the
     /// other.
-    fn join_held(&self, updates: &[Update], union: &mut Union) {
-        let seats = self.usher.seats();
-        for (carrier, body) in self.namings.of_now() {
+    fn join_attached(&self, updates: &[Update], union: &mut UnionFind) {
+        let aliases = self.alias_table.aliases();
+        for (parent, body) in self.parent_references.of_now() {
             let place = |index: u32| {
-                let seat = seats.of(index)?;
+                let alias = aliases.of(index)?;
                 updates
-                    .binary_search_by_key(&seat, |update| update.seat)
+                    .binary_search_by_key(&alias, |update| update.alias)
                     .ok()
             };
-            if let (Some(held), Some(holder)) = (place(body), place(carrier)) {
-                union.join(held, holder);
+            if let (Some(held), Some(parent_candidate)) = (place(body), place(parent)) {
+                union.join(held, parent_candidate);
             }
         }
     }
@@ -167,15 +167,15 @@ impl Publisher {
 mod tests {
     use super::*;
 
-    fn islands(balls: &[([f64; 3], f64)]) -> Vec<usize> {
-        let mut union = Union::of(balls.len());
-        let ball = |(place, (centre, radius)): (usize, &([f64; 3], f64))| Ball {
+    fn islands(spheres: &[([f64; 3], f64)]) -> Vec<usize> {
+        let mut union = UnionFind::of(spheres.len());
+        let sphere = |(place, (centre, radius)): (usize, &([f64; 3], f64))| BoundingSphere {
             place,
             centre: *centre,
             radius: *radius,
         };
-        join_touching(balls.iter().enumerate().map(ball).collect(), &mut union);
-        (0..balls.len()).map(|place| union.root(place)).collect()
+        join_touching(spheres.iter().enumerate().map(sphere).collect(), &mut union);
+        (0..spheres.len()).map(|place| union.root(place)).collect()
     }
 
     #[test]
@@ -189,12 +189,12 @@ mod tests {
         assert_eq!(islands(&[]), [0; 0]);
         // Of walls across each axis.
         for axis in 0..3 {
-            let ball = |along: f64| {
+            let sphere = |along: f64| {
                 let mut centre = [0.0; 3];
                 centre[axis] = along;
                 (centre, 0.5)
             };
-            let wall = [ball(30.0), ball(0.0), ball(0.9), ball(30.8)];
+            let wall = [sphere(30.0), sphere(0.0), sphere(0.9), sphere(30.8)];
             assert_eq!(islands(&wall), [0, 1, 1, 0], "{axis}");
         }
     }

@@ -6,7 +6,7 @@ use bytes::Bytes;
 use rhumb_reckoning::Tick;
 
 use super::Publisher;
-use crate::packet::{Excess, StateWriter, Update};
+use crate::packet::{ErrorScale, Update, UpdateWriter};
 
 /// Fewer updates than this mostly fit a packet: these are written to see if they do.
 const MANY: usize = 64;
@@ -25,19 +25,19 @@ impl Publisher {
         &mut self,
         tick: Tick,
         updates: &mut [Update],
-        notices: u64,
+        scene_events: u64,
         out: &mut Vec<Bytes>,
     ) {
         if !self.features.packing {
-            return self.pack_singly(tick, updates, notices, out);
+            return self.pack_singly(tick, updates, scene_events, out);
         }
-        sort_by_seat(updates);
+        sort_by_alias(updates);
         if !surely_fill_more(updates)
-            && let Some((datagram, fitting)) = self.write(tick, updates, notices, true)
+            && let Some((datagram, fitting)) = self.write(tick, updates, scene_events, true)
             && fitting == updates.len()
         {
-            if updates.len() > 1 && self.parities.halves(datagram.len()) {
-                self.pack_halves(tick, updates, notices, out);
+            if updates.len() > 1 && self.repair_symbols.halves(datagram.len()) {
+                self.pack_halves(tick, updates, scene_events, out);
             } else {
                 self.send(datagram, updates, out);
             }
@@ -49,7 +49,7 @@ impl Publisher {
             let (count, fitting) = Self::fitting(rest, islands);
             let (now, later) = rest.split_at_mut(fitting);
             islands = &islands[count..];
-            self.pack_islands(tick, now, notices, islands.is_empty(), out);
+            self.pack_islands(tick, now, scene_events, islands.is_empty(), out);
             rest = later;
         }
     }
@@ -74,23 +74,23 @@ impl Publisher {
         &mut self,
         tick: Tick,
         updates: &mut [Update],
-        notices: u64,
+        scene_events: u64,
         last: bool,
         out: &mut Vec<Bytes>,
     ) {
-        sort_by_seat(updates);
-        if let Some((datagram, fitting)) = self.write(tick, updates, notices, last)
+        sort_by_alias(updates);
+        if let Some((datagram, fitting)) = self.write(tick, updates, scene_events, last)
             && fitting == updates.len()
         {
             self.send(datagram, updates, out);
             return;
         }
-        updates.sort_by_key(|update| (update.saying.names_carrier(), update.seat));
-        let alone = updates.partition_point(|update| !update.saying.names_carrier());
+        updates.sort_by_key(|update| (update.payload.names_parent(), update.alias));
+        let alone = updates.partition_point(|update| !update.payload.names_parent());
         let (first, second) = updates.split_at(alone);
         for (group, last) in [(first, last && second.is_empty()), (second, last)] {
             let mut rest: &[Update] = group;
-            while let Some((datagram, fitting)) = self.write(tick, rest, notices, last) {
+            while let Some((datagram, fitting)) = self.write(tick, rest, scene_events, last) {
                 let (said, later) = rest.split_at(fitting);
                 self.send(datagram, said, out);
                 rest = later;
@@ -103,15 +103,18 @@ impl Publisher {
         &mut self,
         tick: Tick,
         updates: &mut [Update],
-        notices: u64,
+        scene_events: u64,
         out: &mut Vec<Bytes>,
     ) {
-        updates.sort_unstable_by_key(|update| (update.saying.names_carrier(), update.seat));
+        updates.sort_unstable_by_key(|update| (update.payload.names_parent(), update.alias));
         let mut rest: &[Update] = updates;
         while let Some((now, later)) = rest.split_first() {
-            if let Some((datagram, _)) =
-                self.write(tick, core::slice::from_ref(now), notices, later.is_empty())
-            {
+            if let Some((datagram, _)) = self.write(
+                tick,
+                core::slice::from_ref(now),
+                scene_events,
+                later.is_empty(),
+            ) {
                 self.send(datagram, core::slice::from_ref(now), out);
             }
             rest = later;
@@ -123,18 +126,18 @@ impl Publisher {
         &mut self,
         tick: Tick,
         updates: &mut [Update],
-        notices: u64,
+        scene_events: u64,
         out: &mut Vec<Bytes>,
     ) {
-        self.parities.halve();
+        self.repair_symbols.halve();
         let cut = self.middle_of_islands(tick, updates).unwrap_or_else(|| {
-            updates.sort_unstable_by_key(|update| (update.saying.names_carrier(), update.seat));
-            let alone = updates.partition_point(|update| !update.saying.names_carrier());
+            updates.sort_unstable_by_key(|update| (update.payload.names_parent(), update.alias));
+            let alone = updates.partition_point(|update| !update.payload.names_parent());
             Self::middle(updates).min(alone)
         });
         let (first, second) = updates.split_at_mut(cut);
-        self.pack_islands(tick, first, notices, second.is_empty(), out);
-        self.pack_islands(tick, second, notices, true, out);
+        self.pack_islands(tick, first, scene_events, second.is_empty(), out);
+        self.pack_islands(tick, second, scene_events, true, out);
     }
 
     /// How many of the first updates are the islands that take about half of the bits of all, if any do.
@@ -172,36 +175,39 @@ impl Publisher {
         &self,
         tick: Tick,
         updates: &[Update],
-        notices: u64,
+        scene_events: u64,
         last: bool,
     ) -> Option<(Vec<u8>, usize)> {
         if updates.is_empty() {
             return None;
         }
-        let number = self.history.next();
-        let mut writer = StateWriter::new(self.stream, number, tick.value(), notices);
+        let number = self.sent_packets.next();
+        let mut writer = UpdateWriter::new(self.stream, number, tick.value(), scene_events);
         let fitting = updates
             .iter()
             .take_while(|update| writer.push(update))
             .count();
         let ends_tick = last && fitting == updates.len();
-        let datagram = match self.excess() {
-            excess if ends_tick && excess != Excess::NONE => writer.finish_in_arrears(excess),
+        let datagram = match self.error_scale() {
+            error_scale if ends_tick && error_scale != ErrorScale::NONE => {
+                writer.finish_over_budget(error_scale)
+            }
             _ => writer.finish(ends_tick),
         };
         Some((datagram, fitting))
     }
 
     fn send(&mut self, datagram: Vec<u8>, said: &[Update], out: &mut Vec<Bytes>) {
-        let seats = self.usher.seats();
-        let body = |update: &Update| update.body.or_else(|| seats.body(update.seat));
+        let aliases = self.alias_table.aliases();
+        let body = |update: &Update| update.body.or_else(|| aliases.body(update.alias));
         let mut bodies = Vec::with_capacity(said.len());
         bodies.extend(said.iter().filter_map(body));
         bodies.sort_unstable();
         if self.features.redundancy {
-            self.parities.record(self.history.next(), &datagram);
+            self.repair_symbols
+                .record(self.sent_packets.next(), &datagram);
         }
-        self.history.record(bodies.into_iter());
+        self.sent_packets.record(bodies.into_iter());
         self.statistics.updates += said.len() as u64;
         self.statistics.packets += 1;
         self.statistics.bytes += datagram.len() as u64;
@@ -209,11 +215,11 @@ impl Publisher {
     }
 }
 
-/// Sorts updates by the seats of their bodies.
-pub(super) fn sort_by_seat(updates: &mut [Update]) {
-    if !updates.is_sorted_by_key(|update| update.seat) {
+/// Sorts updates by the aliases of their bodies.
+pub(super) fn sort_by_alias(updates: &mut [Update]) {
+    if !updates.is_sorted_by_key(|update| update.alias) {
         // Updates are large: each is moved once.
-        updates.sort_by_cached_key(|update| update.seat);
+        updates.sort_by_cached_key(|update| update.alias);
     }
 }
 

@@ -1,17 +1,17 @@
 //! How a subscriber reads its datagrams: what each kind changes.
 //!
-//! Everything is decoded before anything is believed; what cannot be read is counted, never guessed.
+//! Everything is decoded before anything is predicted_motion; what cannot be read is counted, never guessed.
 
 use rhumb_reckoning::{Predictor, Tick};
 
 use super::Subscriber;
 use crate::limits::{PACKETS_HELD_MAX, TICK_JUMP_MAX};
 use crate::packet::{
-    Digest, Excess, FullPacket, Head, Kind, Low16, Parity, Ranges, Repair, RepairRecord, Saying,
-    StatePacket, TrackSaying, Update, Vouch,
+    Checksums, ErrorScale, FullPacket, Head, IndexRanges, Keyframe, Low16, PacketKind, Refresh,
+    RefreshRecord, RepairSymbol, Update, UpdatePacket, UpdatePayload, Watermark,
 };
-use crate::stream::gaps::{Arrival, RepairOf};
-use crate::stream::tracks::{Former, Slot};
+use crate::stream::gaps::{PacketArrival, RefreshId};
+use crate::stream::tracks::{FormerTracks, Slot};
 use crate::wire::bytes::Reader;
 use crate::wire::{Malformed, Wire};
 
@@ -20,13 +20,13 @@ impl Subscriber {
         if self.try_read(datagram).is_err() {
             self.statistics.malformed += 1;
         }
-        self.remember_seats();
+        self.remember_aliases();
     }
 
     /// While something is missing it is remembered who sits where.
-    fn remember_seats(&mut self) {
-        if !self.gaps.is_settled() {
-            self.seats.remember();
+    fn remember_aliases(&mut self) {
+        if !self.gaps.is_converged() {
+            self.aliases.remember();
         }
     }
 
@@ -37,25 +37,32 @@ impl Subscriber {
             return Err(Malformed::UnknownCode);
         }
         match head.kind {
-            Kind::State => self.read_state(datagram, StatePacket::decode(false, reader)?),
-            Kind::StateEnd => self.read_state(datagram, StatePacket::decode(true, reader)?),
-            Kind::Full => self.read_full(datagram, &FullPacket::decode(false, reader)?),
-            Kind::FullEnd => self.read_full(datagram, &FullPacket::decode(true, reader)?),
-            Kind::StateInArrears if self.statements.is_some() => {
-                self.read_state(datagram, StatePacket::decode_in_arrears(reader)?)
+            PacketKind::Updates => self.read_state(datagram, UpdatePacket::decode(false, reader)?),
+            PacketKind::UpdatesEnd => {
+                self.read_state(datagram, UpdatePacket::decode(true, reader)?)
             }
-            Kind::Vouch => self.read_vouch(datagram, Vouch::decode(reader)?, Some(Excess::NONE)),
-            Kind::VouchInArrears if self.statements.is_some() => {
-                let (vouch, excess) = Vouch::decode_in_arrears(reader)?;
-                self.read_vouch(datagram, vouch, Some(excess))
+            PacketKind::Full => self.read_full(datagram, &FullPacket::decode(false, reader)?),
+            PacketKind::FullEnd => self.read_full(datagram, &FullPacket::decode(true, reader)?),
+            PacketKind::UpdatesOverBudget if self.statements.is_some() => {
+                self.read_state(datagram, UpdatePacket::decode_over_budget(reader)?)
             }
-            Kind::Repair => self.read_repair(datagram, &Repair::decode(reader)?),
-            Kind::Digest => self.read_digest(datagram, &Digest::decode(reader)?),
-            Kind::Parity => {
-                self.read_parity(Parity::decode(reader)?);
+            PacketKind::Watermark => {
+                self.read_watermark(datagram, Watermark::decode(reader)?, Some(ErrorScale::NONE))
+            }
+            PacketKind::WatermarkOverBudget if self.statements.is_some() => {
+                let (watermark, error_scale) = Watermark::decode_over_budget(reader)?;
+                self.read_watermark(datagram, watermark, Some(error_scale))
+            }
+            PacketKind::Refresh => self.read_refresh(datagram, &Refresh::decode(reader)?),
+            PacketKind::Checksums => self.read_checksums(datagram, &Checksums::decode(reader)?),
+            PacketKind::RepairSymbol => {
+                self.read_repair_symbol(RepairSymbol::decode(reader)?);
                 Ok(())
             }
-            Kind::Echo | Kind::Doubt | Kind::StateInArrears | Kind::VouchInArrears => {
+            PacketKind::LossReport
+            | PacketKind::ChecksumMismatch
+            | PacketKind::UpdatesOverBudget
+            | PacketKind::WatermarkOverBudget => {
                 return Err(Malformed::UnknownCode);
             }
         }?;
@@ -63,13 +70,13 @@ impl Subscriber {
         Ok(())
     }
 
-    /// Whether the notices that a datagram builds on were heard; if not, keeps it for later.
-    fn is_due(&mut self, notices: Low16, datagram: &[u8]) -> bool {
-        if self.placed && notices.expand(self.notices) <= self.notices {
+    /// Whether the scene_events that a datagram builds on were heard; if not, keeps it for later.
+    fn is_due(&mut self, scene_events: Low16, datagram: &[u8]) -> bool {
+        if self.placed && scene_events.expand(self.scene_events) <= self.scene_events {
             return true;
         }
-        if self.narrow.is_none() && self.held.len() < PACKETS_HELD_MAX {
-            self.held.push_back(datagram.to_vec());
+        if self.restricted.is_none() && self.deferred.len() < PACKETS_HELD_MAX {
+            self.deferred.push_back(datagram.to_vec());
         } else {
             self.statistics.overflowed += 1;
         }
@@ -91,17 +98,17 @@ impl Subscriber {
         let tick = self.tick_of(tick);
         let next = self.gaps.next();
         if self.jumps(tick) {
-            self.lost_touch = true;
+            self.lost_sync = true;
             return None;
         }
         match self.gaps.arrive(number, tick) {
-            Arrival::Fresh => {}
-            Arrival::Duplicate => {
+            PacketArrival::Fresh => {}
+            PacketArrival::Duplicate => {
                 self.statistics.duplicates += 1;
                 return None;
             }
-            Arrival::Lost => {
-                self.lost_touch = true;
+            PacketArrival::Lost => {
+                self.lost_sync = true;
                 return None;
             }
         }
@@ -109,58 +116,58 @@ impl Subscriber {
         self.statistics.disordered += u64::from(number < next);
         self.statistics.missed += number.saturating_sub(next);
         self.newest = self.newest.max(tick);
-        self.spoken = self.spoken.max(tick);
-        let whole = if ends_tick {
+        self.newest_update = self.newest_update.max(tick);
+        let keyframe = if ends_tick {
             tick
         } else {
-            self.spoken_before(tick)
+            self.published_before(tick)
         };
-        self.vouched = self.vouched.max(whole);
+        self.watermark_tick = self.watermark_tick.max(keyframe);
         Some((number, tick))
     }
 
     pub(super) fn read_state(
         &mut self,
         datagram: &[u8],
-        packet: StatePacket<'_>,
+        packet: UpdatePacket<'_>,
     ) -> Result<(), Malformed> {
-        // Everything is decoded before anything is believed, or kept for later (PROTOCOL 6.5).
+        // Everything is decoded before anything is predicted_motion, or kept for later (PROTOCOL 6.5).
         let mut updates = core::mem::take(&mut self.updates);
         let (number, tick, ends_tick) = (packet.number, packet.tick, packet.ends_tick);
-        let excess = ends_tick.then_some(packet.excess);
-        let notices = packet.notices;
+        let error_scale = ends_tick.then_some(packet.error_scale);
+        let scene_events = packet.scene_events;
         let decoded = packet
             .updates(&mut updates)
             .and_then(|()| self.admit(&updates));
         let newest = self.gaps.next();
         if decoded.is_ok()
-            && self.is_due(notices, datagram)
+            && self.is_due(scene_events, datagram)
             && let Some((number, tick)) = self.arrive(number, tick, ends_tick)
         {
             if let Some(statements) = &mut self.statements {
-                statements.packet(number, tick, excess);
+                statements.packet(number, tick, error_scale);
             }
             self.keep(number, datagram);
-            self.remember_seats();
-            self.hear_all(number, tick, &updates);
+            self.remember_aliases();
+            self.apply_all(number, tick, &updates);
             if number < newest {
                 self.read_again_after(number, &mut updates);
             }
-            self.touch_held();
+            self.touch_attached();
         }
         self.updates = updates;
         decoded
     }
 
-    /// Refuses what a narrow stream cannot say.
+    /// Refuses what a restricted stream cannot say.
     fn admit(&self, updates: &[Update]) -> Result<(), Malformed> {
-        let Some(end) = self.narrow else {
+        let Some(end) = self.restricted else {
             return Ok(());
         };
         let fits = |update: &Update| {
-            let held = matches!(&update.saying, Saying::Whole(whole) if whole.carrier.is_some());
-            let named = update.body.is_none_or(|body| body < end) && update.seat < end;
-            named && !held && !update.saying.names_carrier()
+            let attached = matches!(&update.payload, UpdatePayload::Keyframe(keyframe) if keyframe.parent.is_some());
+            let named = update.body.is_none_or(|body| body < end) && update.alias < end;
+            named && !attached && !update.payload.names_parent()
         };
         if updates.iter().all(fits) {
             Ok(())
@@ -169,16 +176,16 @@ impl Subscriber {
         }
     }
 
-    /// The same of a repair.
-    fn admit_repair(&self, repair: &Repair) -> Result<(), Malformed> {
-        let Some(end) = self.narrow else {
+    /// The same of a refresh.
+    fn admit_refresh(&self, refresh: &Refresh) -> Result<(), Malformed> {
+        let Some(end) = self.restricted else {
             return Ok(());
         };
-        let fits = |record: &RepairRecord| {
-            let named = record.index < end && record.seat.is_none_or(|seat| seat < end);
-            named && record.whole.carrier.is_none()
+        let fits = |record: &RefreshRecord| {
+            let named = record.index < end && record.alias.is_none_or(|alias| alias < end);
+            named && record.keyframe.parent.is_none()
         };
-        if repair.records.iter().all(fits) {
+        if refresh.records.iter().all(fits) {
             Ok(())
         } else {
             Err(Malformed::OutOfRange)
@@ -186,161 +193,167 @@ impl Subscriber {
     }
 
     fn read_full(&mut self, datagram: &[u8], packet: &FullPacket) -> Result<(), Malformed> {
-        if !self.is_due(packet.notices, datagram) {
+        if !self.is_due(packet.scene_events, datagram) {
             return Ok(());
         }
         let Some((_, tick)) = self.arrive(packet.number, packet.tick, packet.ends_tick) else {
             return Ok(());
         };
         for record in &packet.records {
-            let saying = Saying::Whole(TrackSaying {
+            let payload = UpdatePayload::Keyframe(Keyframe {
                 predictor: Predictor::Uniform,
-                anchor: rhumb_reckoning::Anchor::Verbatim(record.motion),
-                carrier: None,
+                anchor: rhumb_reckoning::Anchor::Exact(record.motion),
+                parent: None,
             });
             // Removed or said anew since: what came later stands.
-            let _ = self.take(record.index, tick, &saying);
+            let _ = self.take(record.index, tick, &payload);
         }
         Ok(())
     }
 
-    /// `excess`: what it says of how far tracks exceed their tolerances, if it says anything of that.
-    fn read_vouch(
+    /// `error_scale`: what it says of how far tracks exceed their tolerances, if it says anything of that.
+    fn read_watermark(
         &mut self,
         datagram: &[u8],
-        vouch: Vouch,
-        excess: Option<Excess>,
+        watermark: Watermark,
+        error_scale: Option<ErrorScale>,
     ) -> Result<(), Malformed> {
-        if !self.is_due(vouch.notices, datagram) {
+        if !self.is_due(watermark.scene_events, datagram) {
             return Ok(());
         }
-        let tick = self.tick_of(vouch.tick);
+        let tick = self.tick_of(watermark.tick);
         let before = self.gaps.next();
-        let next = vouch.next.expand(before);
+        let next = watermark.next.expand(before);
         if self.jumps(tick) || !self.gaps.announce(next, tick) {
-            self.lost_touch = true;
+            self.lost_sync = true;
             return Ok(());
         }
-        if let (Some(statements), Some(excess)) = (&mut self.statements, excess) {
-            statements.vouch(next, tick, excess);
+        if let (Some(statements), Some(error_scale)) = (&mut self.statements, error_scale) {
+            statements.watermark(next, tick, error_scale);
         }
         self.statistics.missed += next.saturating_sub(before);
         self.newest = self.newest.max(tick);
-        self.vouched = self.vouched.max(tick);
+        self.watermark_tick = self.watermark_tick.max(tick);
         Ok(())
     }
 
-    /// Sums over tracks vouch, and can be compared if nothing was heard or missed since.
-    fn read_digest(&mut self, datagram: &[u8], digest: &Digest) -> Result<(), Malformed> {
-        if !self.is_due(digest.notices, datagram) {
+    /// Sums over tracks watermark, and can be compared if nothing was heard or missed since.
+    fn read_checksums(&mut self, datagram: &[u8], checksums: &Checksums) -> Result<(), Malformed> {
+        if !self.is_due(checksums.scene_events, datagram) {
             return Ok(());
         }
-        let (next, tick, notices) = (digest.next, digest.tick, digest.notices);
-        self.read_vouch(
+        let (next, tick, scene_events) = (checksums.next, checksums.tick, checksums.scene_events);
+        self.read_watermark(
             datagram,
-            Vouch {
+            Watermark {
                 next,
                 tick,
-                notices,
+                scene_events,
             },
             None,
         )?;
         let same_packets = next.expand(self.gaps.next()) == self.gaps.next();
-        let same_notices = notices.expand(self.notices) == self.notices;
-        let known = self.held.is_empty() && !self.lost_touch && self.gaps.is_settled();
+        let same_notices = scene_events.expand(self.scene_events) == self.scene_events;
+        let known = self.deferred.is_empty() && !self.lost_sync && self.gaps.is_converged();
         if !(same_packets && same_notices && known) {
             return Ok(());
         }
         self.statistics.compared += 1;
-        if self.doubts.compare(&self.tracks, digest) && digest.ranges == Ranges::ALL {
+        if self.mismatches.compare(&self.tracks, checksums) && checksums.ranges == IndexRanges::ALL
+        {
             self.statistics.mismatches += 1;
         }
         Ok(())
     }
 
-    /// Whether a repair may be the answer to the doubt about one body. Of a packet that is known to have been sent it came
-    /// too late, and makes nothing good; what is a repair after all comes again when nothing is doubted any more.
-    fn may_amend(&self, repair: &Repair) -> bool {
-        let doubted = self.doubts.index();
-        let of_it = |record: &RepairRecord| Some(record.index) == doubted && record.seat.is_none();
-        doubted.is_some() && repair.parts == 1 && repair.records.iter().all(of_it)
+    /// Whether a refresh may be the answer to the mismatch about one body. Of a packet that is known to have been sent it came
+    /// too late, and makes nothing good; what is a refresh after all comes again when nothing is doubted any more.
+    fn may_resync(&self, refresh: &Refresh) -> bool {
+        let doubted = self.mismatches.index();
+        let of_it =
+            |record: &RefreshRecord| Some(record.index) == doubted && record.alias.is_none();
+        doubted.is_some() && refresh.parts == 1 && refresh.records.iter().all(of_it)
     }
 
-    /// Takes the publisher's track of the body that is doubted, whatever is believed here.
-    fn amend(&mut self, as_of: Tick, repair: &Repair) -> Result<(), Malformed> {
-        let Some(index) = self.doubts.index() else {
+    /// Takes the publisher's track of the body that is doubted, whatever is predicted_motion here.
+    fn resync(&mut self, as_of: Tick, refresh: &Refresh) -> Result<(), Malformed> {
+        let Some(index) = self.mismatches.index() else {
             return Ok(());
         };
-        for record in repair.records.iter().filter(|record| record.index == index) {
+        for record in refresh
+            .records
+            .iter()
+            .filter(|record| record.index == index)
+        {
             let origin = as_of.before(record.age).ok_or(Malformed::OutOfRange)?;
-            let holder = self.tracks.slot(index).and_then(Slot::carrier);
-            if self.tracks.set_track(index, record.whole.track(origin)) {
-                self.note_held(index, holder);
-                self.seats.dismiss(index);
+            let parent_candidate = self.tracks.slot(index).and_then(Slot::parent);
+            if self.tracks.set_track(index, record.keyframe.track(origin)) {
+                self.note_attached(index, parent_candidate);
+                self.aliases.clear(index);
                 self.older.retain(|(of, _)| *of != index);
-                self.lose_before(index);
+                self.drop_previous(index);
                 self.touch(index);
-                self.statistics.amended += 1;
-                self.amended.extend(self.body(index));
+                self.statistics.resynced += 1;
+                self.resynced.extend(self.body(index));
             }
         }
-        self.doubts.end();
+        self.mismatches.end();
         Ok(())
     }
 
-    fn read_repair(&mut self, datagram: &[u8], repair: &Repair) -> Result<(), Malformed> {
-        self.admit_repair(repair)?;
-        if !self.is_due(repair.notices, datagram) {
+    fn read_refresh(&mut self, datagram: &[u8], refresh: &Refresh) -> Result<(), Malformed> {
+        self.admit_refresh(refresh)?;
+        if !self.is_due(refresh.scene_events, datagram) {
             return Ok(());
         }
-        let as_of = self.tick_of(repair.tick);
+        let as_of = self.tick_of(refresh.tick);
         if self.jumps(as_of) {
-            self.lost_touch = true;
+            self.lost_sync = true;
             return Ok(());
         }
-        let lost = repair.lost.expand(self.gaps.next());
+        let lost = refresh.lost.expand(self.gaps.next());
         if lost >= self.gaps.next() {
-            self.amend(as_of, repair)?;
-        } else if self.gaps.lacks(lost) && !self.may_amend(repair) {
-            self.make_good(lost, as_of, repair)?;
+            self.resync(as_of, refresh)?;
+        } else if self.gaps.lacks(lost) && !self.may_resync(refresh) {
+            self.make_good(lost, as_of, refresh)?;
         }
-        self.touch_held();
+        self.touch_attached();
         Ok(())
     }
 
-    /// Takes in a repair of a packet that is missing. One of a packet that was heard says nothing that is not known, or is
-    /// the answer to a doubt, which came too late.
-    fn make_good(&mut self, lost: u64, as_of: Tick, repair: &Repair) -> Result<(), Malformed> {
-        self.statistics.repairs += 1;
-        self.seats.repair(as_of);
-        for record in &repair.records {
+    /// Takes in a refresh of a packet that is missing. One of a packet that was heard says nothing that is not known, or is
+    /// the answer to a mismatch, which came too late.
+    fn make_good(&mut self, lost: u64, as_of: Tick, refresh: &Refresh) -> Result<(), Malformed> {
+        self.statistics.refreshes += 1;
+        self.aliases.refresh(as_of);
+        for record in &refresh.records {
             let Some(origin) = as_of.before(record.age) else {
                 return Err(Malformed::OutOfRange);
             };
-            let whole = Saying::Whole(record.whole);
-            // A seat that was missed must not make one body's next update another's.
-            let sitter = self.sitter(record.index, as_of);
-            match record.seat {
-                Some(seat) => self.seats.take(seat, record.index, as_of, sitter),
-                None => self.seats.leave_by(record.index, as_of),
+            let keyframe = UpdatePayload::Keyframe(record.keyframe);
+            // A alias that was missed must not make one body's next update another's.
+            let owner = self.owner(record.index, as_of);
+            match record.alias {
+                Some(alias) => self.aliases.take(alias, record.index, as_of, owner),
+                None => self.aliases.release_by(record.index, as_of),
             }
-            let holder = self.tracks.slot(record.index).and_then(Slot::carrier);
+            let parent_candidate = self.tracks.slot(record.index).and_then(Slot::parent);
             if self
                 .tracks
-                .hear(record.index, origin, &whole, Former::default())
+                .apply(record.index, origin, &keyframe, FormerTracks::default())
                 .is_ok()
             {
-                self.note_held(record.index, holder);
+                self.note_attached(record.index, parent_candidate);
                 self.touch(record.index);
             }
-            self.lose_before(record.index);
+            self.drop_previous(record.index);
         }
-        let of = RepairOf {
+        let of = RefreshId {
             as_of,
-            notices: repair.notices.expand(self.notices),
-            parts: repair.parts,
+            scene_events: refresh.scene_events.expand(self.scene_events),
+            parts: refresh.parts,
         };
-        if self.gaps.repaired(lost, of, repair.part) {
+        if self.gaps.refreshed(lost, of, refresh.part) {
             let mut updates = core::mem::take(&mut self.updates);
             self.read_again_after(lost, &mut updates);
             self.updates = updates;

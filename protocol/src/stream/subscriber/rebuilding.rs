@@ -3,46 +3,47 @@
 use alloc::vec::Vec;
 
 use super::Subscriber;
-use crate::limits::PARITY_SPAN;
-use crate::packet::{Head, Parity, StatePacket, Update, packet_of};
+use crate::limits::FEC_SPAN;
+use crate::packet::{Head, RepairSymbol, Update, UpdatePacket, packet_of};
 use crate::wire::bytes::Reader;
 use crate::wire::{Malformed, Wire};
 
 impl Subscriber {
-    /// Keeps a packet for the parities that cover it, and to read it again.
+    /// Keeps a packet for the repair_symbols that cover it, and to read it again.
     pub(super) fn keep(&mut self, number: u64, datagram: &[u8]) {
-        self.restorer.hear_packet(number, datagram);
+        self.fec_decoder.hear_packet(number, datagram);
     }
 
-    /// Keeps a parity for what it may give back.
-    pub(super) fn read_parity(&mut self, parity: Parity) {
+    /// Keeps a repair_symbol for what it may give back.
+    pub(super) fn read_repair_symbol(&mut self, repair_symbol: RepairSymbol) {
         let next = self.gaps.next();
-        let last = parity.last.expand(next);
+        let last = repair_symbol.last.expand(next);
         // What lies so far ahead is for packets to say.
-        if !self.placed || last >= next + u64::from(PARITY_SPAN) {
+        if !self.placed || last >= next + u64::from(FEC_SPAN) {
             return;
         }
-        self.statistics.parities += 1;
-        self.restorer.add(last, parity);
+        self.statistics.repair_symbols += 1;
+        self.fec_decoder.add(last, repair_symbol);
     }
 
-    /// Reads what parities give back by now as if it had arrived.
+    /// Reads what repair_symbols give back by now as if it had arrived.
     pub(super) fn rebuild(&mut self) {
-        for (number, column) in self.restorer.rebuild() {
-            if self.read_rebuilt(number, &column).is_err() {
-                self.restorer.distrust(number);
+        for (number, source_symbol) in self.fec_decoder.rebuild() {
+            if self.read_rebuilt(number, &source_symbol).is_err() {
+                self.fec_decoder.distrust(number);
                 self.statistics.malformed += 1;
                 return;
             }
-            self.restorer.hear(number, &column);
+            self.fec_decoder.add_known(number, &source_symbol);
         }
     }
 
-    fn read_rebuilt(&mut self, number: u64, column: &[u8]) -> Result<(), Malformed> {
-        let datagram = packet_of(self.stream, number, column).ok_or(Malformed::OutOfRange)?;
+    fn read_rebuilt(&mut self, number: u64, source_symbol: &[u8]) -> Result<(), Malformed> {
+        let datagram =
+            packet_of(self.stream, number, source_symbol).ok_or(Malformed::OutOfRange)?;
         let (before, disordered) = (self.statistics.packets, self.statistics.disordered);
         let (ends_tick, reader) = opened(&datagram)?;
-        self.read_state(&datagram, StatePacket::decode(ends_tick, reader)?)?;
+        self.read_state(&datagram, UpdatePacket::decode(ends_tick, reader)?)?;
         self.statistics.rebuilt += self.statistics.packets - before;
         self.statistics.disordered = disordered;
         Ok(())
@@ -50,26 +51,24 @@ impl Subscriber {
 
     /// Reads those packets after a late one again that could not be read without it.
     pub(super) fn read_again_after(&mut self, late: u64, updates: &mut Vec<Update>) {
-        let kept = (late + 1..self.gaps.next())
-            .rev()
-            .take(PARITY_SPAN as usize);
+        let kept = (late + 1..self.gaps.next()).rev().take(FEC_SPAN as usize);
         for number in kept.collect::<Vec<_>>().into_iter().rev() {
-            let Some(column) = self.restorer.column(number) else {
+            let Some(source_symbol) = self.fec_decoder.source_symbol(number) else {
                 continue;
             };
-            let Some(datagram) = packet_of(self.stream, number, column) else {
+            let Some(datagram) = packet_of(self.stream, number, source_symbol) else {
                 continue;
             };
             let Ok((ends_tick, reader)) = opened(&datagram) else {
                 continue;
             };
-            let Ok(packet) = StatePacket::decode(ends_tick, reader) else {
+            let Ok(packet) = UpdatePacket::decode(ends_tick, reader) else {
                 continue;
             };
             let tick = self.tick_of(packet.tick);
             // It was read once already, so that it can be again.
             if packet.updates(updates).is_ok() && self.gaps.read_again(number) {
-                self.hear_all(number, tick, updates);
+                self.apply_all(number, tick, updates);
             }
         }
     }
@@ -79,5 +78,5 @@ impl Subscriber {
 fn opened(datagram: &[u8]) -> Result<(bool, Reader<'_>), Malformed> {
     let mut reader = Reader::new(datagram);
     let head = Head::decode(&mut reader)?;
-    Ok((head.kind == crate::packet::Kind::StateEnd, reader))
+    Ok((head.kind == crate::packet::PacketKind::UpdatesEnd, reader))
 }

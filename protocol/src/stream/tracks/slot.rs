@@ -1,6 +1,6 @@
 //! One body's place in the table of tracks: as few bytes as say it
 //!
-//! What a tumbling body's cursor knows is kept beside the table: most scenes have no such body.
+//! What a torque_free body's cursor knows is kept beside the table: most scenes have no such body.
 
 use core::fmt;
 
@@ -10,10 +10,10 @@ use rhumb_reckoning::{BodyId, DenseTrack, Predictor, Tick, Track};
 #[derive(Clone)]
 pub(crate) struct Slot {
     track: DenseTrack,
-    tumbles: bool,
+    is_torque_free: bool,
     generation: u16,
     /// Its kind, of those of the table.
-    pub(super) nature: u32,
+    pub(super) interned: u32,
 }
 
 impl fmt::Debug for Slot {
@@ -26,12 +26,12 @@ impl fmt::Debug for Slot {
 }
 
 impl Slot {
-    pub(super) fn new(id: BodyId, track: &Track, nature: u32, tumbles: bool) -> Self {
+    pub(super) fn new(id: BodyId, track: &Track, interned: u32, is_torque_free: bool) -> Self {
         Self {
             track: DenseTrack::new(track),
-            tumbles,
+            is_torque_free,
             generation: id.generation(),
-            nature,
+            interned,
         }
     }
 
@@ -44,8 +44,8 @@ impl Slot {
     }
 
     /// Whether it turns otherwise than at a constant spin when it is free.
-    pub(crate) const fn tumbles(&self) -> bool {
-        self.tumbles
+    pub(crate) const fn is_torque_free(&self) -> bool {
+        self.is_torque_free
     }
 
     /// The body's track.
@@ -70,13 +70,13 @@ impl Slot {
     }
 
     /// Who holds the body.
-    pub(crate) const fn carrier(&self) -> Option<BodyId> {
-        self.track.carrier()
+    pub(crate) const fn parent(&self) -> Option<BodyId> {
+        self.track.parent()
     }
 
-    /// See [`Track::is_verbatim_rest`].
-    pub(crate) const fn is_verbatim_rest(&self) -> bool {
-        self.track.is_verbatim_rest()
+    /// See [`Track::is_exact_rest`].
+    pub(crate) const fn is_exact_rest(&self) -> bool {
+        self.track.is_exact_rest()
     }
 }
 

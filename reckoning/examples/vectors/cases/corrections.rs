@@ -2,19 +2,19 @@
 
 use glam::DVec3;
 use rhumb_reckoning::{
-    COARSENESS_LIMIT, FINE_STEPS, Motion, POSITION_LIMIT, Pose, Predictor, RESIDUAL_LIMIT, Rate,
-    Residual, Seconds, TURN_LIMIT, Ticks, Twist, VELOCITY_LIMIT, VelocityResidual,
+    FINE_STEPS, Motion, POSITION_LIMIT, Pose, Predictor, RESIDUAL_LIMIT, Rate, Residual, Seconds,
+    TURN_LIMIT, Ticks, Twist, VELOCITY_EXPONENT_MAX, VELOCITY_LIMIT, VelocityResidual,
 };
 
-use super::chance::{Chance, motion, thirteen};
-use super::flight::{INTEGRATORS, law_name};
-use super::said::{GRIDS, grid, snapped};
-use crate::document::Case;
+use super::flight::{INTEGRATORS, predictor_name};
+use super::rng::{VectorRng, motion, thirteen};
+use super::tolerances::{GRIDS, grid, quantised};
+use crate::document::CaseJson;
 
-/// What is corrected: a law that went astray for some ticks, of an integrator, on a grid.
+/// What is corrected: a predictor that went divergence_time for some ticks, of an integrator, on a grid.
 #[derive(Clone, Copy)]
 struct Corrected {
-    law: Predictor,
+    predictor: Predictor,
     age: u32,
     integrator: usize,
     grid: usize,
@@ -24,10 +24,10 @@ struct Corrected {
 const AGES: [u32; 8] = [1, 2, 3, 4, 7, 60, 1_022, 1_023];
 
 impl Corrected {
-    /// Every law with every age, by a number.
+    /// Every predictor with every age, by a number.
     fn nth(number: usize) -> Self {
         Self {
-            law: Predictor::ALL[number % Predictor::ALL.len()],
+            predictor: Predictor::ALL[number % Predictor::ALL.len()],
             age: AGES[number % AGES.len()],
             integrator: number % INTEGRATORS.len(),
             grid: number % GRIDS.len(),
@@ -37,54 +37,54 @@ impl Corrected {
     fn over(&self) -> Seconds {
         let (ticks, seconds, ..) = INTEGRATORS[self.integrator];
         let rate = Rate::new(ticks, seconds).expect("no case has a zero");
-        self.law.astray(Ticks::new(self.age), rate)
+        self.predictor.divergence_time(Ticks::new(self.age), rate)
     }
 
-    fn case(&self, predicted: &Motion, residual: &Residual) -> Case {
+    fn case(&self, predicted: &Motion, residual: &Residual) -> CaseJson {
         let over = self.over();
-        let case = Case::new()
+        let case = CaseJson::new()
             .integer("grid", self.grid as i64)
-            .text("law", law_name(self.law))
+            .text("predictor", predictor_name(self.predictor))
             .integer("age", self.age)
             .integer("integrator", self.integrator as i64)
-            .doubles("over", &[over.seconds()])
+            .doubles("interval", &[over.seconds()])
             .doubles("predicted", &thirteen(predicted))
             .integers("position_residual", &residual.position)
             .integers("turn_residual", &residual.turn);
         let case = match residual.velocity {
             Some(velocity) => case
-                .integer("coarseness", velocity.coarseness)
+                .integer("velocity_exponent", velocity.velocity_exponent)
                 .integers("linear_residual", &velocity.linear)
                 .integers("angular_residual", &velocity.angular),
             None => case
-                .nothing("coarseness")
+                .nothing("velocity_exponent")
                 .nothing("linear_residual")
                 .nothing("angular_residual"),
         };
         if residual.is_within_limits() {
             let grid = grid(self.grid);
-            snapped(case, &residual.onto(predicted, over, &grid), &grid)
+            quantised(case, &residual.onto(predicted, over, &grid), &grid)
         } else {
             let results = [
                 "position", "largest", "others", "linear", "angular", "means",
             ];
-            results.into_iter().fold(case, Case::nothing)
+            results.into_iter().fold(case, CaseJson::nothing)
         }
     }
 }
 
-pub(super) fn residuals(chance: &mut Chance) -> Vec<Case> {
-    let mut cases = by_chance(chance);
-    cases.extend(in_time(chance));
-    cases.extend(near_halves(chance));
-    cases.extend(at_limits(chance));
+pub(super) fn residuals(rng: &mut VectorRng) -> Vec<CaseJson> {
+    let mut cases = by_chance(rng);
+    cases.extend(in_time(rng));
+    cases.extend(near_halves(rng));
+    cases.extend(at_limits(rng));
     cases.extend(saturated());
-    cases.extend(refused(chance));
+    cases.extend(refused(rng));
     cases
 }
 
 /// Small, middling and large ones, each without velocities and with them.
-fn by_chance(chance: &mut Chance) -> Vec<Case> {
+fn by_chance(rng: &mut VectorRng) -> Vec<CaseJson> {
     let mut cases = Vec::new();
     for index in 0..GRIDS.len() {
         for (place, size) in [3, 40, TURN_LIMIT].into_iter().enumerate() {
@@ -92,14 +92,14 @@ fn by_chance(chance: &mut Chance) -> Vec<Case> {
                 grid: index,
                 ..Corrected::nth(index * 3 + place)
             };
-            let mut steps = |limit| core::array::from_fn(|_| chance.steps(limit));
+            let mut steps = |limit| core::array::from_fn(|_| rng.steps(limit));
             let without = Residual {
                 position: steps(size * 4),
                 turn: steps(size),
                 velocity: None,
             };
             let velocity = VelocityResidual {
-                coarseness: (index + place) as u32,
+                velocity_exponent: (index + place) as u32,
                 linear: steps(size),
                 angular: steps(size),
             };
@@ -107,7 +107,7 @@ fn by_chance(chance: &mut Chance) -> Vec<Case> {
                 velocity: Some(velocity),
                 ..without
             };
-            let predicted = chance.motion();
+            let predicted = rng.motion();
             cases.push(corrected.case(&predicted, &without));
             cases.push(corrected.case(&predicted, &with));
         }
@@ -115,20 +115,20 @@ fn by_chance(chance: &mut Chance) -> Vec<Case> {
     cases
 }
 
-/// One correction under every law and age, from a body that does not move.
-fn in_time(chance: &mut Chance) -> Vec<Case> {
+/// One correction under every predictor and age, from a body that does not move.
+fn in_time(rng: &mut VectorRng) -> Vec<CaseJson> {
     let residual = Residual {
         position: [5, -2, 1],
         turn: [-3, 0, 4],
         velocity: None,
     };
-    let still = chance.motion().stilled();
-    let each = |law| AGES.map(|age| (law, age));
+    let still = rng.motion().stilled();
+    let each = |predictor| AGES.map(|age| (predictor, age));
     let all = Predictor::ALL.into_iter().flat_map(each);
     all.enumerate()
-        .map(|(number, (law, age))| {
+        .map(|(number, (predictor, age))| {
             let corrected = Corrected {
-                law,
+                predictor,
                 age,
                 ..Corrected::nth(number)
             };
@@ -137,18 +137,18 @@ fn in_time(chance: &mut Chance) -> Vec<Case> {
         .collect()
 }
 
-/// Implied velocities so near to half steps that another order of operations would snap some of them elsewhere.
-fn near_halves(chance: &mut Chance) -> Vec<Case> {
+/// Implied velocities so near to half steps that another order of operations would quantise some of them elsewhere.
+fn near_halves(rng: &mut VectorRng) -> Vec<CaseJson> {
     let mut cases = Vec::new();
     for number in 0..24 {
-        let law = [Predictor::Uniform, Predictor::Rest][number % 2];
+        let predictor = [Predictor::Uniform, Predictor::Rest][number % 2];
         let age = 1 + number as u32 * 5;
         let corrected = Corrected {
-            law,
+            predictor,
             age,
             ..Corrected::nth(number)
         };
-        let mut steps = |limit| core::array::from_fn(|_| chance.steps(limit));
+        let mut steps = |limit| core::array::from_fn(|_| rng.steps(limit));
         let residual = Residual {
             position: steps(50),
             turn: steps(20),
@@ -166,14 +166,14 @@ fn near_halves(chance: &mut Chance) -> Vec<Case> {
             linear: less(halves[0], grid.linear(), residual.position, grid.position()),
             angular: less(halves[1], grid.angular(), residual.turn, grid.turn()),
         };
-        let predicted = motion(chance.motion().pose(), twist);
+        let predicted = motion(rng.motion().pose(), twist);
         cases.push(corrected.case(&predicted, &residual));
     }
     cases
 }
 
 /// Nothing; nothing but a velocity of nothing; no turn; the limits of each part.
-fn at_limits(chance: &mut Chance) -> Vec<Case> {
+fn at_limits(rng: &mut VectorRng) -> Vec<CaseJson> {
     let nothing = Residual::default();
     let said_nothing = Residual {
         velocity: Some(VelocityResidual::default()),
@@ -187,7 +187,7 @@ fn at_limits(chance: &mut Chance) -> Vec<Case> {
     for (number, residual) in [nothing, said_nothing, sideways].iter().enumerate() {
         for place in 0..4 {
             let corrected = Corrected::nth(number * 7 + place * 3);
-            cases.push(corrected.case(&chance.motion(), residual));
+            cases.push(corrected.case(&rng.motion(), residual));
         }
     }
     for sign in [1, -1] {
@@ -196,25 +196,25 @@ fn at_limits(chance: &mut Chance) -> Vec<Case> {
             turn: [sign * TURN_LIMIT; 3],
             velocity: None,
         };
-        for (number, coarseness) in [(0, 0), (6, 3), (13, COARSENESS_LIMIT)] {
+        for (number, velocity_exponent) in [(0, 0), (6, 3), (13, VELOCITY_EXPONENT_MAX)] {
             let velocity = VelocityResidual {
-                coarseness,
-                linear: [sign * (VELOCITY_LIMIT >> coarseness); 3],
-                angular: [sign * (VELOCITY_LIMIT >> coarseness); 3],
+                velocity_exponent,
+                linear: [sign * (VELOCITY_LIMIT >> velocity_exponent); 3],
+                angular: [sign * (VELOCITY_LIMIT >> velocity_exponent); 3],
             };
             let fastest = Residual {
                 velocity: Some(velocity),
                 ..most
             };
-            cases.push(Corrected::nth(number).case(&chance.motion(), &most));
-            cases.push(Corrected::nth(number).case(&chance.motion(), &fastest));
+            cases.push(Corrected::nth(number).case(&rng.motion(), &most));
+            cases.push(Corrected::nth(number).case(&rng.motion(), &fastest));
         }
     }
     cases
 }
 
 /// From motions at the edge of their grid and beyond it, further out and back in again.
-fn saturated() -> Vec<Case> {
+fn saturated() -> Vec<CaseJson> {
     let mut cases = Vec::new();
     for (number, far) in [1.0, 1.5, 1.0e30].into_iter().enumerate() {
         let corrected = Corrected::nth(number * 5 + 1);
@@ -231,7 +231,7 @@ fn saturated() -> Vec<Case> {
         let predicted = motion(pose, twist);
         for sign in [1, -1] {
             let velocity = VelocityResidual {
-                coarseness: 0,
+                velocity_exponent: 0,
                 linear: [sign * VELOCITY_LIMIT, -sign, 0],
                 angular: [sign, -sign * VELOCITY_LIMIT, 0],
             };
@@ -252,15 +252,15 @@ fn saturated() -> Vec<Case> {
 }
 
 /// Each part by one step beyond its limit.
-fn refused(chance: &mut Chance) -> Vec<Case> {
+fn refused(rng: &mut VectorRng) -> Vec<CaseJson> {
     let at = |place: usize, limit: i32| {
         let mut steps = [0; 3];
         steps[place] = limit;
         steps
     };
-    let velocity = |coarseness, linear, angular| Residual {
+    let velocity = |velocity_exponent, linear, angular| Residual {
         velocity: Some(VelocityResidual {
-            coarseness,
+            velocity_exponent,
             linear,
             angular,
         }),
@@ -278,9 +278,9 @@ fn refused(chance: &mut Chance) -> Vec<Case> {
         velocity(0, at(2, VELOCITY_LIMIT + 1), [0; 3]),
         velocity(0, [0; 3], at(0, -VELOCITY_LIMIT - 1)),
         velocity(5, at(1, (VELOCITY_LIMIT >> 5) + 1), [0; 3]),
-        velocity(COARSENESS_LIMIT + 1, [0; 3], [0; 3]),
+        velocity(VELOCITY_EXPONENT_MAX + 1, [0; 3], [0; 3]),
     ];
-    let predicted = chance.motion();
+    let predicted = rng.motion();
     let cases = beyond.iter().enumerate();
     cases
         .map(|(number, residual)| Corrected::nth(number).case(&predicted, residual))

@@ -4,12 +4,12 @@ use core::num::NonZeroU32;
 
 use glam::DVec3;
 use rhumb_reckoning::{
-    Conditions, DOUBLINGS_LIMIT, Damping, FlowTable, HORIZON, Integrator, PUSH_LIMIT, Pose,
-    Predictor, Push, Rate, Ticks, Twist, Verbatim,
+    ACCELERATION_EXPONENT_MAX, ACCELERATION_LIMIT, BodyState, Conditions, ConstantAcceleration,
+    Damping, Integrator, Pose, Predictor, Rate, StepCoefficientTable, TRACK_AGE_MAX, Ticks, Twist,
 };
 
-use super::chance::{motion, thirteen};
-use crate::document::Case;
+use super::rng::{motion, thirteen};
+use crate::document::CaseJson;
 
 /// Ticks, seconds, substeps, linear and angular damping.
 pub(super) const INTEGRATORS: [(u32, u32, u32, f32, f32); 10] = [
@@ -25,22 +25,22 @@ pub(super) const INTEGRATORS: [(u32, u32, u32, f32, f32); 10] = [
     (1, 1, 1, 0.0, 0.0),
 ];
 
-pub(super) fn tables() -> Vec<FlowTable> {
+pub(super) fn tables() -> Vec<StepCoefficientTable> {
     let table = |&(ticks, seconds, substeps, linear, angular): &(u32, u32, u32, f32, f32)| {
         let integrator = Integrator {
             rate: Rate::new(ticks, seconds).expect("no case has a zero"),
             substeps: NonZeroU32::new(substeps).expect("no case has a zero"),
         };
-        let mut table = FlowTable::new(integrator, Damping { linear, angular });
-        table.extend_to(HORIZON);
+        let mut table = StepCoefficientTable::new(integrator, Damping { linear, angular });
+        table.extend_to(TRACK_AGE_MAX);
         table
     };
     INTEGRATORS.iter().map(table).collect()
 }
 
-pub(super) fn integrators() -> Vec<Case> {
+pub(super) fn integrators() -> Vec<CaseJson> {
     let case = |&(ticks, seconds, substeps, linear, angular)| {
-        Case::new()
+        CaseJson::new()
             .integer("ticks", ticks)
             .integer("seconds", seconds)
             .integer("substeps", substeps)
@@ -50,7 +50,7 @@ pub(super) fn integrators() -> Vec<Case> {
 }
 
 /// The coefficients, read off a body for which each stands alone.
-pub(super) fn flows() -> Vec<Case> {
+pub(super) fn flows() -> Vec<CaseJson> {
     let twist = Twist {
         linear: DVec3::X,
         angular: DVec3::Y,
@@ -68,7 +68,7 @@ pub(super) fn flows() -> Vec<Case> {
             let (p, v) = (end.pose().position, end.twist().linear);
             let row = [v.x, p.x, v.z, p.z, end.twist().angular.y];
             cases.push(
-                Case::new()
+                CaseJson::new()
                     .integer("integrator", index as i64)
                     .integer("elapsed", elapsed)
                     .doubles("row", &row),
@@ -93,9 +93,9 @@ pub(super) fn gravity((scene, scale): ([f32; 3], f32)) -> DVec3 {
     DVec3::from_array(scene.map(|part| f64::from(part) * f64::from(scale)))
 }
 
-pub(super) fn gravities() -> Vec<Case> {
+pub(super) fn gravities() -> Vec<CaseJson> {
     let case = |&given: &([f32; 3], f32)| {
-        Case::new()
+        CaseJson::new()
             .singles("scene", &given.0)
             .singles("scale", &[given.1])
             .doubles("gravity", &gravity(given).to_array())
@@ -175,15 +175,15 @@ pub(super) fn given_starts() -> Vec<[f32; 13]> {
     ]
 }
 
-pub(super) fn verbatim(parts: &[f32; 13]) -> Option<Verbatim> {
+pub(super) fn body_state(parts: &[f32; 13]) -> Option<BodyState> {
     let [px, py, pz, x, y, z, w, vx, vy, vz, ax, ay, az] = *parts;
-    Verbatim::new([px, py, pz], [x, y, z, w], [vx, vy, vz], [ax, ay, az]).ok()
+    BodyState::new([px, py, pz], [x, y, z, w], [vx, vy, vz], [ax, ay, az]).ok()
 }
 
-pub(super) fn starts() -> Vec<Case> {
+pub(super) fn starts() -> Vec<CaseJson> {
     let case = |parts: &[f32; 13]| {
-        let case = Case::new().singles("verbatim", parts);
-        match verbatim(parts) {
+        let case = CaseJson::new().singles("body_state", parts);
+        match body_state(parts) {
             Some(start) => case.doubles("motion", &thirteen(&start.motion())),
             None => case.nothing("motion"),
         }
@@ -191,59 +191,64 @@ pub(super) fn starts() -> Vec<Case> {
     given_starts().iter().map(case).collect()
 }
 
-pub(super) fn law_name(law: Predictor) -> &'static str {
-    match law {
+pub(super) fn predictor_name(predictor: Predictor) -> &'static str {
+    match predictor {
         Predictor::Rest => "rest",
         Predictor::Uniform => "uniform",
         Predictor::Ballistic => "ballistic",
-        Predictor::Tumbling => "tumbling",
-        Predictor::Thrown => "thrown",
-        Predictor::Pushed(_) => "pushed",
+        Predictor::TorqueFree => "torque_free",
+        Predictor::BallisticTorqueFree => "ballistic_torque_free",
+        Predictor::Accelerated(_) => "constant_acceleration",
     }
 }
 
-/// A law, and its push if it has one.
-pub(super) fn lawful(case: Case, law: Predictor) -> Case {
-    let case = case.text("law", law_name(law));
-    match law.push() {
+/// A predictor, and its push if it has one.
+pub(super) fn lawful(case: CaseJson, predictor: Predictor) -> CaseJson {
+    let case = case.text("predictor", predictor_name(predictor));
+    match predictor.acceleration() {
         Some(push) => case
-            .integers("push", &push.steps().map(i32::from))
-            .integer("doublings", push.doublings()),
+            .integers("acceleration", &push.steps().map(i32::from))
+            .integer("exponent", push.exponent()),
         None => case,
     }
 }
 
 /// Pushes of every size.
-pub(super) fn pushes() -> Vec<Push> {
+pub(super) fn accelerations() -> Vec<ConstantAcceleration> {
     let all = [
         ([40, -7, 0], 3),
         ([0, 0, 0], 0),
         ([-1, 1, 1], 0),
-        ([PUSH_LIMIT, -PUSH_LIMIT, 512], DOUBLINGS_LIMIT),
+        (
+            [ACCELERATION_LIMIT, -ACCELERATION_LIMIT, 512],
+            ACCELERATION_EXPONENT_MAX,
+        ),
         ([3, -1_000, 77], 5),
     ];
-    let push = |(steps, doublings)| Push::new(steps, doublings).expect("it is within the limits");
+    let push = |(steps, exponent)| {
+        ConstantAcceleration::new(steps, exponent).expect("it is within the limits")
+    };
     all.map(push).to_vec()
 }
 
 /// Every start by every push: on its way, just before it ends and after.
-fn pushed(add: &mut impl FnMut(Predictor, usize, usize, usize, u32), starts: usize) {
+fn accelerated(add: &mut impl FnMut(Predictor, usize, usize, usize, u32), starts: usize) {
     for start in 0..starts {
-        for (place, push) in pushes().into_iter().enumerate() {
+        for (place, push) in accelerations().into_iter().enumerate() {
             let all = [0, 1, 2, 63, 64, 65, 66, 200, 1_023, 1_024];
             let elapsed = all[(start * 3 + place) % all.len()];
             let table = (start + 2 * place) % INTEGRATORS.len();
-            add(Predictor::Pushed(push), table, start, place, elapsed);
+            add(Predictor::Accelerated(push), table, start, place, elapsed);
         }
     }
 }
 
-pub(super) fn predictions() -> Vec<Case> {
+pub(super) fn predictions() -> Vec<CaseJson> {
     let tables = tables();
-    let starts: Vec<_> = given_starts().iter().filter_map(verbatim).collect();
+    let starts: Vec<_> = given_starts().iter().filter_map(body_state).collect();
     let mut cases = Vec::new();
-    let mut add = |law: Predictor, table: usize, start: usize, pull: usize, elapsed: u32| {
-        let end = law.predict(
+    let mut add = |predictor: Predictor, table: usize, start: usize, pull: usize, elapsed: u32| {
+        let end = predictor.predict(
             &starts[start].motion(),
             Ticks::new(elapsed),
             &Conditions {
@@ -253,9 +258,9 @@ pub(super) fn predictions() -> Vec<Case> {
             },
         );
         cases.push(
-            lawful(Case::new(), law)
+            lawful(CaseJson::new(), predictor)
                 .integer("integrator", table as i64)
-                .integer("start", start as i64)
+                .integer("initial_state", start as i64)
                 .integer("gravity", pull as i64)
                 .integer("elapsed", elapsed)
                 .doubles("end", &thirteen(&end)),
@@ -263,30 +268,36 @@ pub(super) fn predictions() -> Vec<Case> {
     };
     for start in 0..starts.len() {
         add(Predictor::Rest, 1, start, 0, 17 * start as u32);
-        // Every law over the edges of time: none, one, the horizon, beyond it.
+        // Every predictor over the edges of time: none, one, the horizon, beyond it.
         for (place, elapsed) in [0, 1, 1_023, 1_024, u32::MAX].into_iter().enumerate() {
             let table = (start + place) % INTEGRATORS.len();
             let pull = (start * 3 + place) % GRAVITIES.len();
-            let law = if (start + place) % 2 == 0 {
+            let predictor = if (start + place) % 2 == 0 {
                 Predictor::Ballistic
             } else {
                 Predictor::Uniform
             };
-            add(law, table, start, pull, elapsed);
+            add(predictor, table, start, pull, elapsed);
         }
         add(Predictor::Ballistic, start % 10, start, 1, 0);
         // And over everyday times, so that angles fall in every quadrant.
         for place in 0..6 {
             let elapsed = 2 + (start as u32 * 31 + place * place * 29) % 700;
-            let law = if place % 3 == 0 {
+            let predictor = if place % 3 == 0 {
                 Predictor::Uniform
             } else {
                 Predictor::Ballistic
             };
-            add(law, place as usize % 7, start, place as usize % 6, elapsed);
+            add(
+                predictor,
+                place as usize % 7,
+                start,
+                place as usize % 6,
+                elapsed,
+            );
         }
     }
-    pushed(&mut add, starts.len());
+    accelerated(&mut add, starts.len());
     // Half angles just within the limit and just beyond it.
     add(Predictor::Uniform, 9, 13, 0, 1_023);
     add(Predictor::Uniform, 9, 14, 0, 1_023);

@@ -2,39 +2,45 @@
 //!
 //! Chosen by hand where an edge is known, by a seeded generator elsewhere. One function a section of the file.
 
-mod chance;
+mod attaching;
 mod corrections;
 mod flight;
-mod holding;
 mod packing;
-mod said;
-mod settling;
-mod tumbling;
+mod rest_correction;
+mod rng;
+mod tolerances;
+mod torque_free;
 
-use chance::Chance;
+use rng::VectorRng;
 
 use crate::document::written;
 
 /// The file, complete.
 pub(crate) fn document() -> String {
-    let mut chance = Chance(0x5EED);
+    let mut rng = VectorRng(0x5EED);
     written(&[
         ("integrators", flight::integrators()),
         ("flows", flight::flows()),
         ("gravities", flight::gravities()),
-        ("starts", flight::starts()),
+        ("initial_states", flight::starts()),
         ("predictions", flight::predictions()),
-        ("inertias", tumbling::inertias()),
-        ("tumblings", tumbling::tumblings()),
-        ("radii", said::radii()),
-        ("classes", said::classes()),
-        ("grids", said::grids()),
-        ("packings", packing::packings(&mut chance)),
-        ("unpackings", packing::unpackings(&mut chance)),
-        ("snappings", said::snappings(&mut chance)),
-        ("residuals", corrections::residuals(&mut chance)),
-        ("tracks", said::tracks(&mut chance)),
-        ("holdings", holding::holdings(&mut chance)),
-        ("settlings", settling::settlings(&mut chance)),
+        ("inertias", torque_free::inertias()),
+        (
+            "torque_free_rotations",
+            torque_free::torque_free_rotations(),
+        ),
+        ("radii", tolerances::radii()),
+        ("tolerance_scales", tolerances::tolerance_scales()),
+        ("grids", tolerances::grids()),
+        ("packings", packing::packings(&mut rng)),
+        ("unpackings", packing::unpackings(&mut rng)),
+        ("quantisations", tolerances::quantisations(&mut rng)),
+        ("residuals", corrections::residuals(&mut rng)),
+        ("tracks", tolerances::tracks(&mut rng)),
+        ("attachments", attaching::attachments(&mut rng)),
+        (
+            "rest_corrections",
+            rest_correction::rest_corrections(&mut rng),
+        ),
     ])
 }

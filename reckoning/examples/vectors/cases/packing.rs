@@ -3,10 +3,10 @@
 use glam::DQuat;
 use rhumb_reckoning::PackedRotation;
 
-use super::chance::{Chance, unit};
-use crate::document::Case;
+use super::rng::{VectorRng, unit};
+use crate::document::CaseJson;
 
-pub(super) fn packings(chance: &mut Chance) -> Vec<Case> {
+pub(super) fn packings(rng: &mut VectorRng) -> Vec<CaseJson> {
     let (half, root) = (0.5, libm::sqrt(0.5));
     let half_step = 0.5 / 524_288.0;
     let rest = libm::sqrt(1.0 - half_step * half_step);
@@ -29,11 +29,11 @@ pub(super) fn packings(chance: &mut Chance) -> Vec<Case> {
     ]
     .map(DQuat::from_array)
     .to_vec();
-    given.extend((0..20).map(|_| chance.rotation()));
+    given.extend((0..20).map(|_| rng.rotation()));
     // Near ties, until a dozen have changed their largest part on the way to a stable form.
     let (mut plain, mut changed) = (0, 0);
     while changed < 12 {
-        let q = near_tie(chance);
+        let q = near_tie(rng);
         let moved = first_largest(q) != PackedRotation::of(q).parts().0;
         if moved || plain < 20 {
             given.push(q);
@@ -45,21 +45,21 @@ pub(super) fn packings(chance: &mut Chance) -> Vec<Case> {
 }
 
 /// Two, three or four parts within three steps of each other.
-fn near_tie(chance: &mut Chance) -> DQuat {
-    let alike = 2 + chance.bits() % 3;
-    let offset = chance.bits() % 4;
+fn near_tie(rng: &mut VectorRng) -> DQuat {
+    let alike = 2 + rng.bits() % 3;
+    let offset = rng.bits() % 4;
     let parts = core::array::from_fn(|i| {
         let near = if (i as u64 + offset) % 4 < alike {
             1.0
         } else {
             0.3
         };
-        let sign = if chance.bits().is_multiple_of(2) {
+        let sign = if rng.bits().is_multiple_of(2) {
             1.0
         } else {
             -1.0
         };
-        sign * (near + chance.within(3.0 / 524_288.0))
+        sign * (near + rng.within(3.0 / 524_288.0))
     });
     unit(DQuat::from_array(parts))
 }
@@ -77,10 +77,10 @@ fn first_largest(q: DQuat) -> u8 {
     largest as u8
 }
 
-fn packing(q: DQuat) -> Case {
+fn packing(q: DQuat) -> CaseJson {
     let packed = PackedRotation::of(q);
     let (largest, others) = packed.parts();
-    Case::new()
+    CaseJson::new()
         .doubles("rotation", &q.to_array())
         .integer("largest", largest)
         .integers("others", &others)
@@ -88,7 +88,7 @@ fn packing(q: DQuat) -> Case {
 }
 
 /// Parts as they might come off a wire: taken, or refused because they are not the one way to say a rotation.
-pub(super) fn unpackings(chance: &mut Chance) -> Vec<Case> {
+pub(super) fn unpackings(rng: &mut VectorRng) -> Vec<CaseJson> {
     let limit = PackedRotation::LIMIT;
     let mut given = vec![
         (3, [0, 0, 0]),
@@ -115,14 +115,11 @@ pub(super) fn unpackings(chance: &mut Chance) -> Vec<Case> {
         (1, [262_144, 262_143, 262_144]),
     ];
     given.extend((0..20).map(|_| {
-        let largest = (chance.bits() % 4) as u8;
-        (
-            largest,
-            core::array::from_fn(|_| chance.steps(limit * 3 / 4)),
-        )
+        let largest = (rng.bits() % 4) as u8;
+        (largest, core::array::from_fn(|_| rng.steps(limit * 3 / 4)))
     }));
     let case = |(largest, others): (u8, [i32; 3])| {
-        let case = Case::new()
+        let case = CaseJson::new()
             .integer("largest", largest)
             .integers("others", &others);
         match PackedRotation::from_parts(largest, others) {

@@ -4,21 +4,21 @@
 
 use glam::Vec3;
 use rhumb_protocol::message::{
-    ClientMessage, Extensions, Joined, Notice, ServerMessage, StreamChoice, Welcome,
+    ClientMessage, Extensions, Joined, SceneEvent, ServerMessage, StreamChoice, Welcome,
 };
-use rhumb_protocol::packet::{Echo, Head, Kind, Low16, StreamId, Vouch};
+use rhumb_protocol::packet::{Head, LossReport, Low16, PacketKind, StreamId, Watermark};
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Cadence, IdRange, Material, Pace, SceneTerms, Shape, ShapeId,
+    BodyDesc, BodyKind, IdRange, Material, PublishSchedule, SceneConfig, Shape, ShapeId, Stepping,
 };
 use rhumb_protocol::stream::StreamStart;
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_reckoning::{
-    Anchor, BodyId, Damping, Integrator, LengthBound, PackedRotation, Predictor, Rate, Snapped,
-    Tick, Tolerance, Track, Verbatim,
+    Anchor, BodyId, BodyState, Damping, Integrator, LengthBound, PackedRotation, Predictor,
+    QuantisedState, Rate, Tick, Tolerance, Track,
 };
 
-use crate::conformance::outcome::{Play, Stop};
+use crate::conformance::outcome::{CaseResult, Stop};
 use crate::conformance::peer::Host;
 
 /// The stream of a server made of bytes.
@@ -27,22 +27,22 @@ pub(super) const STREAM: StreamId = StreamId(5);
 pub(super) const NEXT: u64 = 100;
 /// The tick of its snapshot.
 pub(super) const TICK: u64 = 1_000;
-/// Notices that the snapshot includes.
-pub(super) const NOTICES: u64 = 10;
+/// SceneEvents that the snapshot includes.
+pub(super) const SCENE_EVENTS: u64 = 10;
 /// The ball.
 pub(super) const BALL: BodyId = BodyId::new(3, 0);
 /// The ball's shape.
 pub(super) const SHAPE: ShapeId = ShapeId(1);
 
 /// A lockstep scene at sixty ticks a second.
-pub(super) fn terms() -> SceneTerms {
-    SceneTerms {
+pub(super) fn config() -> SceneConfig {
+    SceneConfig {
         integrator: Integrator {
             rate: Rate::HZ_60,
             substeps: core::num::NonZeroU32::MIN,
         },
         gravity: Vec3::new(0.0, -9.81, 0.0),
-        pace: Pace::Lockstep,
+        stepping: Stepping::Lockstep,
         material: Material {
             friction: 0.5,
             restitution: 0.0,
@@ -53,7 +53,7 @@ pub(super) fn terms() -> SceneTerms {
             angular: 0.0,
         },
         sleep: None,
-        cadence: Cadence::EACH_TICK,
+        publish_schedule: PublishSchedule::EACH_TICK,
     }
 }
 
@@ -61,7 +61,7 @@ pub(super) fn terms() -> SceneTerms {
 pub(super) fn welcome() -> Welcome {
     Welcome {
         version: 1,
-        scene: Some(terms()),
+        scene: Some(config()),
         extensions: Extensions::NONE,
     }
 }
@@ -72,16 +72,16 @@ pub(super) fn joined() -> Joined {
     let tolerance = Tolerance::Surface(length);
     Joined {
         choice: StreamChoice::Within(tolerance),
-        terms: terms(),
+        config: config(),
         start: StreamStart {
             stream: STREAM,
             tolerance,
-            integrator: terms().integrator,
-            every: core::num::NonZeroU32::MIN,
-            gravity: terms().gravity,
+            integrator: config().integrator,
+            publish_interval: core::num::NonZeroU32::MIN,
+            gravity: config().gravity,
             tick: Tick::new(TICK),
             next: NEXT,
-            notices: NOTICES,
+            scene_events: SCENE_EVENTS,
         },
         granted: IdRange::EMPTY,
         extensions: Extensions::NONE,
@@ -89,40 +89,40 @@ pub(super) fn joined() -> Joined {
 }
 
 /// The ball's shape.
-pub(super) fn shape() -> Notice {
-    Notice::ShapeAdded {
+pub(super) fn shape() -> SceneEvent {
+    SceneEvent::ShapeAdded {
         id: SHAPE,
         shape: Shape::Ball { radius: 0.5 },
     }
 }
 
 /// A ball that flies on.
-pub(super) fn ball(id: BodyId, predictor: Predictor) -> Notice {
+pub(super) fn ball(id: BodyId, predictor: Predictor) -> SceneEvent {
     let moves = predictor != Predictor::Rest;
     let linear = if moves { [1.0, 2.0, -3.0] } else { [0.0; 3] };
     let angular = if moves { [0.5, 0.0, 1.0] } else { [0.0; 3] };
     let place = [id.index() as f32, 10.0, 0.0];
-    let verbatim = Verbatim::new(place, [0.0, 0.0, 0.0, 1.0], linear, angular);
-    let on_its_grid = Snapped {
+    let body_state = BodyState::new(place, [0.0, 0.0, 0.0, 1.0], linear, angular);
+    let on_its_grid = QuantisedState {
         position: [id.index() as i32, 10, 0],
         rotation: PackedRotation::from_parts(3, [0; 3]).expect("no turn is a rotation"),
         linear: [1, 2, -3],
         angular: [5, 0, 10],
     };
-    let anchor = match predictor.push() {
-        Some(_) => Anchor::Snapped(on_its_grid),
-        None => Anchor::Verbatim(verbatim.expect("it is finite")),
+    let anchor = match predictor.acceleration() {
+        Some(_) => Anchor::Quantised(on_its_grid),
+        None => Anchor::Exact(body_state.expect("it is finite")),
     };
-    Notice::BodyPlaced {
-        terms: BodyTerms::plain(id, BodyKind::Dynamic, SHAPE),
+    SceneEvent::BodyPlaced {
+        config: BodyDesc::plain(id, BodyKind::Dynamic, SHAPE),
         inertia: None,
         track: Track {
             origin: Tick::new(TICK - 1),
             predictor,
             anchor,
-            carrier: None,
+            parent: None,
         },
-        seat: None,
+        alias: None,
     }
 }
 
@@ -132,7 +132,7 @@ pub(super) fn name(id: BodyId) -> String {
 }
 
 /// Hears its hello and welcomes it.
-pub(super) fn welcomed(host: &mut Host) -> Play {
+pub(super) fn welcomed(host: &mut Host) -> CaseResult {
     host.await_message("hello", |message| {
         matches!(message, ClientMessage::Hello { .. }).then_some(())
     })?;
@@ -141,7 +141,7 @@ pub(super) fn welcomed(host: &mut Host) -> Play {
 }
 
 /// Welcomes it, and waits for its wish to join.
-pub(super) fn wants_in(host: &mut Host) -> Play {
+pub(super) fn wants_in(host: &mut Host) -> CaseResult {
     welcomed(host)?;
     host.await_message("join", |message| {
         matches!(message, ClientMessage::Join(_)).then_some(())
@@ -149,23 +149,23 @@ pub(super) fn wants_in(host: &mut Host) -> Play {
 }
 
 /// Makes it a member of a scene of one ball.
-pub(super) fn let_in(host: &mut Host) -> Play {
+pub(super) fn let_in(host: &mut Host) -> CaseResult {
     wants_in(host)?;
     snapshot(host, &[shape(), ball(BALL, Predictor::Ballistic)]);
-    told(host, "joined").map(drop)
+    reported(host, "joined").map(drop)
 }
 
-/// Says a snapshot of these notices.
-pub(super) fn snapshot(host: &mut Host, notices: &[Notice]) {
+/// Says a snapshot of these scene_events.
+pub(super) fn snapshot(host: &mut Host, scene_events: &[SceneEvent]) {
     host.say(&ServerMessage::Joined(joined()));
-    for notice in notices {
-        host.say(&ServerMessage::Notice(notice.clone()));
+    for scene_event in scene_events {
+        host.say(&ServerMessage::SceneEvent(scene_event.clone()));
     }
     host.say(&ServerMessage::SnapshotEnd);
 }
 
 /// The next line that is of this kind.
-pub(super) fn told(host: &mut Host, is: &str) -> Result<serde_json::Value, Stop> {
+pub(super) fn reported(host: &mut Host, is: &str) -> Result<serde_json::Value, Stop> {
     loop {
         host.must_be_supported()?;
         match host.next_line()? {
@@ -179,50 +179,51 @@ pub(super) fn told(host: &mut Host, is: &str) -> Result<serde_json::Value, Stop>
 /// What it tells of a tick, which it comes to tell of.
 pub(super) fn told_tick(host: &mut Host, tick: u64) -> Result<serde_json::Value, Stop> {
     loop {
-        let told = told(host, "tick")?;
-        if told["tick"] == tick {
-            return Ok(told);
+        let reported = reported(host, "tick")?;
+        if reported["tick"] == tick {
+            return Ok(reported);
         }
     }
 }
 
 /// Vouches for a tick; `next` as the packets stand.
-pub(super) fn vouch(host: &mut Host, next: u64, tick: u64, notices: u64) -> Play {
-    let vouch = Vouch {
+pub(super) fn watermark(host: &mut Host, next: u64, tick: u64, scene_events: u64) -> CaseResult {
+    let watermark = Watermark {
         next: Low16::of(next),
         tick: Low16::of(tick),
-        notices: Low16::of(notices),
+        scene_events: Low16::of(scene_events),
     };
-    host.throw(&vouch.encode(STREAM))
+    host.throw(&watermark.encode(STREAM))
 }
 
-/// The next echo of the client's.
-pub(super) fn echo(host: &mut Host) -> Result<Echo, Stop> {
+/// The next loss_report of the client's.
+pub(super) fn loss_report(host: &mut Host) -> Result<LossReport, Stop> {
     loop {
         let Some(bytes) = host.next_datagram()? else {
-            return Stop::fail("the client says no echo");
+            return Stop::fail("the client says no loss_report");
         };
         let mut reader = Reader::new(&bytes);
         let head = Head::decode(&mut reader);
         let head = head.map_err(|why| Stop::Fail(format!("its datagram is malformed: {why:?}")))?;
-        if head.kind == Kind::Echo {
+        if head.kind == PacketKind::LossReport {
             if head.stream != STREAM {
-                return Stop::fail(format!("it echoes {}, which is none", head.stream));
+                return Stop::fail(format!("it loss_reports {}, which is none", head.stream));
             }
-            let echo = Echo::decode(reader);
-            return echo.map_err(|why| Stop::Fail(format!("its echo is malformed: {why:?}")));
+            let loss_report = LossReport::decode(reader);
+            return loss_report
+                .map_err(|why| Stop::Fail(format!("its loss_report is malformed: {why:?}")));
         }
     }
 }
 
 /// That the client still listens: what it is shown to have missed it asks for. The packet before `next` is missing then.
-pub(super) fn must_go_on(host: &mut Host, next: u64, tick: u64, notices: u64) -> Play {
+pub(super) fn must_go_on(host: &mut Host, next: u64, tick: u64, scene_events: u64) -> CaseResult {
     let wanted = Low16::of(next - 1);
     let mut asked = Vec::new();
     // Behind many datagrams one may be lost, as any datagram may be.
     for _ in 0..3 {
-        vouch(host, next, tick, notices)?;
-        asked = echo(host)?.lost;
+        watermark(host, next, tick, scene_events)?;
+        asked = loss_report(host)?.lost;
         if asked.contains(&wanted) {
             return Ok(());
         }

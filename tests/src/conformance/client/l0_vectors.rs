@@ -5,14 +5,16 @@
 use std::collections::BTreeMap;
 
 use rhumb_protocol::message::Frames;
-use rhumb_protocol::packet::{Doubt, Echo, Low16, Ranges, StreamId, Vouch};
+use rhumb_protocol::packet::{
+    ChecksumMismatch, IndexRanges, LossReport, Low16, StreamId, Watermark,
+};
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::wire::bytes::Writer;
 use serde_json::Value;
 
 use super::{hand, table};
-use crate::conformance::case::{Case, Row};
-use crate::conformance::outcome::{Play, ensure};
+use crate::conformance::case::{Case, CaseRow};
+use crate::conformance::outcome::{CaseResult, ensure};
 use crate::conformance::peer::{Setting, datagram};
 use crate::conformance::trial::Trial;
 use crate::grammar::unhex;
@@ -25,19 +27,19 @@ pub(super) fn cases() -> Vec<Case> {
     cases
 }
 
-const SKIPPED: &[Row] = &[(
+const SKIPPED: &[CaseRow] = &[(
     1,
     "messages that nobody need know are skipped, as the vectors have them",
     "PROTOCOL 3.5-11, 4.1-2",
     skipped,
 )];
 
-const DATAGRAMS: &[Row] = &[
+const DATAGRAMS: &[CaseRow] = &[
     (
         1,
-        "each malformed datagram of the vectors is dropped, and nothing of it believed",
+        "each malformed datagram of the vectors is dropped, and nothing of it predicted_motion",
         "PROTOCOL 2.5-1, 2.5-4, 5.1-2, 5.2-2, 5.3-4, 5.3-5, 5.4-4, 5.4-5, 5.5-6, 5.5-7, 5.6-3, 5.6-7, 5.6-9, 5.6-16, 5.6-18, 5.8-5, 5.17-3, 6.5-1",
-        |trial| thrown(trial, &datagrams("refused")),
+        |trial| ballistic_torque_free(trial, &datagrams("refused")),
     ),
     (
         2,
@@ -52,7 +54,7 @@ const DATAGRAMS: &[Row] = &[
         |trial| {
             let of = |kind: u8| (0..16).map(move |stream| vec![stream << 4 | kind, 0, 1, 2, 3, 4]);
             let unknown: Vec<_> = datagram::NO_KINDS.into_iter().flat_map(of).collect();
-            thrown(trial, &unknown)
+            ballistic_torque_free(trial, &unknown)
         },
     ),
     (
@@ -73,7 +75,7 @@ const DATAGRAMS: &[Row] = &[
 fn refused() -> Vec<Case> {
     let table = golden("control.json");
     let mut found: BTreeMap<_, Vec<(String, Vec<u8>)>> = BTreeMap::new();
-    for line in table["refused of a server"]
+    for line in table["refused server messages"]
         .as_array()
         .into_iter()
         .flatten()
@@ -109,19 +111,24 @@ fn refused() -> Vec<Case> {
 /// Vectors of one kind and one reason that are played.
 const OF_EACH: usize = 2;
 
-fn skipped(trial: &mut Trial<'_>) -> Play {
+fn skipped(trial: &mut Trial<'_>) -> CaseResult {
     let mut host = trial.host()?;
     hand::let_in(&mut host)?;
     let table = golden("control.json");
-    let lines = table["server says"].as_array().into_iter().flatten();
+    let lines = table["server messages"].as_array().into_iter().flatten();
     for line in lines.filter(|line| line.get("skipped").is_some()) {
         host.utter(&read(line).1);
     }
-    hand::must_go_on(&mut host, hand::NEXT + 1, hand::TICK + 1, hand::NOTICES)
+    hand::must_go_on(
+        &mut host,
+        hand::NEXT + 1,
+        hand::TICK + 1,
+        hand::SCENE_EVENTS,
+    )
 }
 
 /// A stream goes on as if nothing had come between.
-fn thrown(trial: &mut Trial<'_>, datagrams: &[Vec<u8>]) -> Play {
+fn ballistic_torque_free(trial: &mut Trial<'_>, datagrams: &[Vec<u8>]) -> CaseResult {
     let mut feed = trial.feed(Setting::of("ball-pit", 12))?;
     feed.enter()?;
     let stream = feed.mirror()?.stream().stream();
@@ -138,71 +145,78 @@ fn thrown(trial: &mut Trial<'_>, datagrams: &[Vec<u8>]) -> Play {
     feed.must_follow()
 }
 
-/// A vouch for a tick in the name of a stream that is 2³² more than the one that is followed.
-fn of_a_stream_too_far(trial: &mut Trial<'_>) -> Play {
+/// A watermark for a tick in the name of a stream that is 2³² more than the one that is followed.
+fn of_a_stream_too_far(trial: &mut Trial<'_>) -> CaseResult {
     let mut host = trial.host()?;
     hand::let_in(&mut host)?;
-    let vouch = Vouch {
+    let watermark = Watermark {
         next: Low16::of(hand::NEXT),
         tick: Low16::of(hand::TICK + 1),
-        notices: Low16::of(hand::NOTICES),
+        scene_events: Low16::of(hand::SCENE_EVENTS),
     };
-    let mut bytes = vouch.encode(StreamId(15));
+    let mut bytes = watermark.encode(StreamId(15));
     let (head, more) = (bytes.remove(0), u64::from(hand::STREAM.0) + (1 << 32) - 15);
     let mut far = Writer::new();
     far.u8(head);
     far.varint(more);
     far.raw(&bytes[1..]);
     host.throw(&far.into_bytes())?;
-    hand::must_go_on(&mut host, hand::NEXT + 1, hand::TICK + 2, hand::NOTICES)?;
-    let told = host.lines_written()?;
-    let believed = told.iter().any(|told| told["tick"] == hand::TICK + 1);
-    ensure(!believed, "nothing of it is believed")
+    hand::must_go_on(
+        &mut host,
+        hand::NEXT + 1,
+        hand::TICK + 2,
+        hand::SCENE_EVENTS,
+    )?;
+    let reported = host.lines_written()?;
+    let predicted_motion = reported
+        .iter()
+        .any(|reported| reported["tick"] == hand::TICK + 1);
+    ensure(!predicted_motion, "nothing of it is predicted_motion")
 }
 
-fn strangers(trial: &mut Trial<'_>) -> Play {
+fn strangers(trial: &mut Trial<'_>) -> CaseResult {
     let mut feed = trial.feed(Setting::of("ball-pit", 12))?;
     feed.enter()?;
     let other = StreamId(feed.mirror()?.stream().stream().0 ^ 0x55);
-    for said in datagrams("said") {
-        feed.host.throw(&datagram::of_stream(&said, other))?;
+    for sent in datagrams("accepted") {
+        feed.host.throw(&datagram::of_stream(&sent, other))?;
     }
     let own = feed.mirror()?.stream().stream();
-    // Echoes and doubts are what listeners say.
-    let echo = Echo {
+    // Echoes and mismatches are what listeners say.
+    let loss_report = LossReport {
         next: Low16(1),
         gone: Low16(0),
-        parities: 0,
+        repair_symbols: 0,
         lost: Vec::new(),
     };
-    let range = Ranges {
+    let range = IndexRanges {
         first: 0,
         stride: 1,
     };
-    feed.host.throw(&echo.encode(own))?;
-    feed.host.throw(&Doubt { range }.encode(own))?;
+    feed.host.throw(&loss_report.encode(own))?;
+    feed.host.throw(&ChecksumMismatch { range }.encode(own))?;
     feed.step(20)?;
     feed.must_follow()
 }
 
 /// Before each datagram some that are none any more.
-fn damaged(trial: &mut Trial<'_>) -> Play {
+fn damaged(trial: &mut Trial<'_>) -> CaseResult {
     let mut feed = trial.feed(Setting::of("ball-pit", 30))?;
     let mut dice = trial.dice();
     feed.sift(move |bytes| {
-        let mut said = Vec::new();
+        let mut sent = Vec::new();
         for _ in 0..6 {
             let mut flipped = bytes.clone();
             let bit = dice.below(8 * bytes.len());
             flipped[bit / 8] ^= 1 << (bit % 8);
-            said.push(flipped);
+            sent.push(flipped);
         }
-        said.push(bytes[..dice.below(bytes.len())].to_vec());
-        said.push([&bytes[..], &[0]].concat());
+        sent.push(bytes[..dice.below(bytes.len())].to_vec());
+        sent.push([&bytes[..], &[0]].concat());
         // Of some it cannot be seen that they are not what was sent: those are QUIC's to keep away.
-        said.retain(|bytes| datagram::read(bytes).is_err());
-        said.push(bytes);
-        said
+        sent.retain(|bytes| datagram::read(bytes).is_err());
+        sent.push(bytes);
+        sent
     });
     feed.enter()?;
     feed.step(60)?;

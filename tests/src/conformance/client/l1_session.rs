@@ -10,8 +10,8 @@ use rhumb_reckoning::Predictor;
 use rhumb_transport::Certificate;
 
 use super::{hand, table};
-use crate::conformance::case::{Case, Row};
-use crate::conformance::outcome::{Play, Stop, ensure, should};
+use crate::conformance::case::{Case, CaseRow};
+use crate::conformance::outcome::{CaseResult, Stop, ensure, should};
 use crate::conformance::peer::Host;
 use crate::conformance::trial::Trial;
 
@@ -25,7 +25,7 @@ pub(super) fn cases() -> Vec<Case> {
 }
 
 /// What a client says of itself.
-const BEGINNINGS: &[Row] = &[
+const BEGINNINGS: &[CaseRow] = &[
     (
         1,
         "a client says hello first, and offers version 1",
@@ -39,7 +39,12 @@ const BEGINNINGS: &[Row] = &[
         |trial| {
             let mut host = trial.host()?;
             hand::let_in(&mut host)?;
-            hand::must_go_on(&mut host, hand::NEXT + 1, hand::TICK + 1, hand::NOTICES)?;
+            hand::must_go_on(
+                &mut host,
+                hand::NEXT + 1,
+                hand::TICK + 1,
+                hand::SCENE_EVENTS,
+            )?;
             ensure(host.opened == [true], "it opened one stream, both ways")
         },
     ),
@@ -71,7 +76,7 @@ const BEGINNINGS: &[Row] = &[
     ),
     (
         19,
-        "a client says nothing to who is another server than it was told of",
+        "a client says nothing to who is another server than it was reported of",
         "PROTOCOL 1.3-1",
         another_server,
     ),
@@ -95,9 +100,9 @@ const BEGINNINGS: &[Row] = &[
 ];
 
 /// A case of a welcome that ends the connection: number, promise, what it cites, the welcome, and the code.
-type Refused = (u32, &'static str, &'static str, fn() -> Welcome, CloseCode);
+type RefusedWelcome = (u32, &'static str, &'static str, fn() -> Welcome, CloseCode);
 
-const WELCOMES_REFUSED: [Refused; 4] = [
+const WELCOMES_REFUSED: [RefusedWelcome; 4] = [
     (
         2,
         "a client that is welcomed in a version that it did not offer closes",
@@ -124,13 +129,13 @@ const WELCOMES_REFUSED: [Refused; 4] = [
     ),
     (
         11,
-        "a welcome with terms outside the limits ends the connection",
+        "a welcome with config outside the limits ends the connection",
         "PROTOCOL 4.3-2, 7-1",
         || {
-            let mut terms = hand::terms();
-            terms.gravity.y = -2_000.0;
+            let mut config = hand::config();
+            config.gravity.y = -2_000.0;
             Welcome {
-                scene: Some(terms),
+                scene: Some(config),
                 ..hand::welcome()
             }
         },
@@ -138,7 +143,7 @@ const WELCOMES_REFUSED: [Refused; 4] = [
     ),
 ];
 
-fn refused((number, name, cites, welcome, code): Refused) -> Case {
+fn refused((number, name, cites, welcome, code): RefusedWelcome) -> Case {
     Case::client(&format!("L1.51.{number}"), name)
         .cites(cites)
         .play(move |trial| {
@@ -150,7 +155,7 @@ fn refused((number, name, cites, welcome, code): Refused) -> Case {
 }
 
 /// What comes with a welcome, and behind it.
-const WELCOMES: &[Row] = &[
+const WELCOMES: &[CaseRow] = &[
     (
         12,
         "a greased version is not taken though it was offered",
@@ -179,13 +184,13 @@ const WELCOMES: &[Row] = &[
     ),
     (
         15,
-        "a joined with terms outside the limits ends the connection",
+        "a joined with config outside the limits ends the connection",
         "PROTOCOL 4.3-2",
         |trial| {
             let mut host = trial.host()?;
             hand::wants_in(&mut host)?;
             let mut joined = hand::joined();
-            joined.terms.integrator.substeps =
+            joined.config.integrator.substeps =
                 core::num::NonZeroU32::new(17).expect("it is not zero");
             host.say(&ServerMessage::Joined(joined));
             host.must_be_closed(CloseCode::VIOLATION)
@@ -211,7 +216,7 @@ const WELCOMES: &[Row] = &[
 ];
 
 /// What ends a connection, and what does not.
-const ENDS: &[Row] = &[
+const ENDS: &[CaseRow] = &[
     (
         3,
         "a client ends the connection at a message of an unknown type below 0x80",
@@ -277,25 +282,25 @@ fn extension(id: u32) -> Extensions {
     extensions
 }
 
-/// The certificate is one of the suite's own; the client was told another.
-fn another_server(trial: &mut Trial<'_>) -> Play {
+/// The certificate is one of the suite's own; the client was reported another.
+fn another_server(trial: &mut Trial<'_>) -> CaseResult {
     let other = Certificate::development(["localhost"]);
     let other = other.map_err(|error| Stop::Inconclusive(error.to_string()))?;
-    match trial.host_pinned("follow 10000", Some(other.fingerprint())) {
+    match trial.host_pinned("subscribe 10000", Some(other.fingerprint())) {
         // Whether it lets a connection stand or looks behind the handshake is its own affair; that it comes is not.
         Err(Stop::Fail(_)) => Ok(()),
         Err(other) => Err(other),
         Ok(mut host) => {
-            let said = host.listen(Duration::from_millis(300))?;
+            let sent = host.listen(Duration::from_millis(300))?;
             ensure(
-                said.is_empty(),
-                format!("it says nothing to another server, and not {said:?}"),
+                sent.is_empty(),
+                format!("it says nothing to another server, and not {sent:?}"),
             )
         }
     }
 }
 
-fn hello(trial: &mut Trial<'_>) -> Play {
+fn hello(trial: &mut Trial<'_>) -> CaseResult {
     let mut host = trial.host()?;
     match host.await_message("hello", Some)? {
         ClientMessage::Hello {
@@ -312,7 +317,7 @@ fn hello(trial: &mut Trial<'_>) -> Play {
     }
 }
 
-fn patient(trial: &mut Trial<'_>) -> Play {
+fn patient(trial: &mut Trial<'_>) -> CaseResult {
     let mut host = trial.host()?;
     host.await_message("hello", Some)?;
     let early = host.listen(Duration::from_millis(250))?;
@@ -326,7 +331,7 @@ fn patient(trial: &mut Trial<'_>) -> Play {
     })
 }
 
-fn greases(trial: &mut Trial<'_>) -> Play {
+fn greases(trial: &mut Trial<'_>) -> CaseResult {
     let mut host = trial.host()?;
     let hello = host.await_message("hello", Some)?;
     let ClientMessage::Hello {
@@ -349,7 +354,7 @@ fn greases(trial: &mut Trial<'_>) -> Play {
     )
 }
 
-fn greased_version(trial: &mut Trial<'_>) -> Play {
+fn greased_version(trial: &mut Trial<'_>) -> CaseResult {
     let mut host = trial.host()?;
     let ClientMessage::Hello { versions, .. } = host.await_message("hello", Some)? else {
         return Stop::fail("it does not begin with a hello");
@@ -362,7 +367,7 @@ fn greased_version(trial: &mut Trial<'_>) -> Play {
 }
 
 /// What the document lets a server say wherever it likes.
-fn skips(trial: &mut Trial<'_>) -> Play {
+fn skips(trial: &mut Trial<'_>) -> CaseResult {
     let mut host = trial.host()?;
     host.await_message("hello", Some)?;
     host.utter(&[1, 0x8a]);
@@ -380,9 +385,9 @@ fn skips(trial: &mut Trial<'_>) -> Play {
         extensions: extension(27 + 62),
         ..hand::joined()
     }));
-    host.say(&ServerMessage::Notice(hand::shape()));
+    host.say(&ServerMessage::SceneEvent(hand::shape()));
     host.utter(&[2, 0xc3, 0]);
-    host.say(&ServerMessage::Notice(hand::ball(
+    host.say(&ServerMessage::SceneEvent(hand::ball(
         hand::BALL,
         Predictor::Ballistic,
     )));
@@ -391,13 +396,13 @@ fn skips(trial: &mut Trial<'_>) -> Play {
     goes_on(&mut host)
 }
 
-fn byte_by_byte(trial: &mut Trial<'_>) -> Play {
+fn byte_by_byte(trial: &mut Trial<'_>) -> CaseResult {
     let mut host = trial.host()?;
     hand::wants_in(&mut host)?;
     let mut bytes = Vec::new();
     ServerMessage::Joined(hand::joined()).encode(&mut bytes);
-    ServerMessage::Notice(hand::shape()).encode(&mut bytes);
-    ServerMessage::Notice(hand::ball(hand::BALL, Predictor::Ballistic)).encode(&mut bytes);
+    ServerMessage::SceneEvent(hand::shape()).encode(&mut bytes);
+    ServerMessage::SceneEvent(hand::ball(hand::BALL, Predictor::Ballistic)).encode(&mut bytes);
     ServerMessage::SnapshotEnd.encode(&mut bytes);
     for byte in bytes {
         host.line.say(vec![byte]);
@@ -405,7 +410,7 @@ fn byte_by_byte(trial: &mut Trial<'_>) -> Play {
     goes_on(&mut host)
 }
 
-fn goes_on(host: &mut Host) -> Play {
-    hand::told(host, "joined")?;
-    hand::must_go_on(host, hand::NEXT + 1, hand::TICK + 1, hand::NOTICES)
+fn goes_on(host: &mut Host) -> CaseResult {
+    hand::reported(host, "joined")?;
+    hand::must_go_on(host, hand::NEXT + 1, hand::TICK + 1, hand::SCENE_EVENTS)
 }

@@ -1,19 +1,19 @@
-//! L1.52: snapshots and notices, and what of them a client does not let pass.
+//! L1.52: snapshots and scene_events, and what of them a client does not let pass.
 
 use std::time::Duration;
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::message::{Joined, Notice, RemovalCause, ServerMessage};
+use rhumb_protocol::message::{Joined, RemovalCause, SceneEvent, ServerMessage};
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, Joint, JointFrame, JointId, JointKind, Mesh, Shape, ShapeId,
+    BodyDesc, BodyKind, Command, Joint, JointFrame, JointId, JointKind, Mesh, Shape, ShapeId,
 };
 use rhumb_protocol::session::CloseCode;
-use rhumb_reckoning::{BodyId, Predictor, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState, Predictor};
 
 use super::{hand, table};
-use crate::conformance::case::{Case, Row};
-use crate::conformance::outcome::{Play, Stop, ensure};
-use crate::conformance::peer::{Setting, Word};
+use crate::conformance::case::{Case, CaseRow};
+use crate::conformance::outcome::{CaseResult, Stop, ensure};
+use crate::conformance::peer::{Delivery, Setting};
 use crate::conformance::trial::Trial;
 
 pub(super) fn cases() -> Vec<Case> {
@@ -24,35 +24,35 @@ pub(super) fn cases() -> Vec<Case> {
     cases
 }
 
-/// Notices.
-type Said = fn() -> Vec<Notice>;
+/// SceneEvents.
+type Producer = fn() -> Vec<SceneEvent>;
 
-/// Notices that contradict what was said before.
-const CONTRADICTIONS: [(&str, Said); 8] = [
+/// SceneEvents that contradict what was sent before.
+const CONTRADICTIONS: [(&str, Producer); 8] = [
     ("a body whose shape is not there", || {
         vec![of_shape(BodyId::new(9, 0), ShapeId(7))]
     }),
     ("the removal of a body that is not there", || {
-        vec![Notice::BodyRemoved {
+        vec![SceneEvent::BodyRemoved {
             id: BodyId::new(9, 0),
             cause: RemovalCause::Command,
         }]
     }),
     ("the removal of an earlier body of an index", || {
-        vec![Notice::BodyRemoved {
+        vec![SceneEvent::BodyRemoved {
             id: BodyId::new(3, 1),
             cause: RemovalCause::LeftWorld,
         }]
     }),
     ("the removal of a body twice", || {
-        let removed = Notice::BodyRemoved {
+        let removed = SceneEvent::BodyRemoved {
             id: hand::BALL,
             cause: RemovalCause::Command,
         };
         vec![removed.clone(), removed]
     }),
     ("the removal of a shape that is not there", || {
-        vec![Notice::ShapeRemoved { id: ShapeId(7) }]
+        vec![SceneEvent::ShapeRemoved { id: ShapeId(7) }]
     }),
     ("a joint of a body that is not there", || {
         vec![joint(JointId(1), BodyId::new(9, 0))]
@@ -66,59 +66,59 @@ const CONTRADICTIONS: [(&str, Said); 8] = [
         ]
     }),
     ("the removal of a joint that is not there", || {
-        vec![Notice::JointRemoved { id: JointId(1) }]
+        vec![SceneEvent::JointRemoved { id: JointId(1) }]
     }),
 ];
 
 fn contradictions() -> Vec<Case> {
     let mut cases = Vec::new();
-    for (place, (what, said)) in CONTRADICTIONS.into_iter().enumerate() {
+    for (place, (what, sent)) in CONTRADICTIONS.into_iter().enumerate() {
         let id = format!("L1.52.{}", place + 1);
         let name = format!("{what} ends the connection");
         let case = Case::client(&id, &name).cites("PROTOCOL 4.6-7, 7-1");
         cases.push(case.play(move |trial| {
             let mut host = trial.host()?;
             hand::let_in(&mut host)?;
-            said()
+            sent()
                 .into_iter()
-                .for_each(|notice| host.say(&ServerMessage::Notice(notice)));
+                .for_each(|scene_event| host.say(&ServerMessage::SceneEvent(scene_event)));
             host.must_be_closed(CloseCode::VIOLATION)
         }));
     }
     cases
 }
 
-fn of_shape(id: BodyId, shape: ShapeId) -> Notice {
+fn of_shape(id: BodyId, shape: ShapeId) -> SceneEvent {
     match hand::ball(id, Predictor::Rest) {
-        Notice::BodyPlaced {
+        SceneEvent::BodyPlaced {
             inertia,
             track,
-            seat,
+            alias,
             ..
-        } => Notice::BodyPlaced {
-            terms: BodyTerms::plain(id, BodyKind::Dynamic, shape),
+        } => SceneEvent::BodyPlaced {
+            config: BodyDesc::plain(id, BodyKind::Dynamic, shape),
             inertia,
             track,
-            seat,
+            alias,
         },
         other => other,
     }
 }
 
-fn joint(id: JointId, other: BodyId) -> Notice {
+fn joint(id: JointId, other: BodyId) -> SceneEvent {
     let joint = Joint {
         kind: JointKind::Fixed,
         bodies: [hand::BALL, other],
         frames: [JointFrame::at(Vec3::ZERO); 2],
         collide: false,
     };
-    Notice::JointAdded { id, joint }
+    SceneEvent::JointAdded { id, joint }
 }
 
 /// Numbers that no scene has.
 fn malformed() -> Vec<Case> {
-    type Said = fn() -> Vec<u8>;
-    let of: [(&str, &str, Said); 7] = [
+    type Producer = fn() -> Vec<u8>;
+    let of: [(&str, &str, Producer); 7] = [
         ("a gravity of NaN in joined", "4.3-1", || {
             let mut joined = hand::joined();
             joined.start.gravity.x = f32::NAN;
@@ -132,21 +132,21 @@ fn malformed() -> Vec<Case> {
         ("a change to a gravity of NaN", "4.3-1", || {
             let since = rhumb_reckoning::Tick::new(hand::TICK + 1);
             let gravity = Vec3::new(0.0, f32::NAN, 0.0);
-            bytes_of(&ServerMessage::Notice(Notice::GravityChanged {
+            bytes_of(&ServerMessage::SceneEvent(SceneEvent::GravityChanged {
                 since,
                 gravity,
             }))
         }),
         ("a ball of no size", "4.6-1", || {
             let shape = Shape::Ball { radius: 0.0 };
-            bytes_of(&ServerMessage::Notice(Notice::ShapeAdded {
+            bytes_of(&ServerMessage::SceneEvent(SceneEvent::ShapeAdded {
                 id: ShapeId(4),
                 shape,
             }))
         }),
         ("a ball of NaN", "4.6-1", || {
             let shape = Shape::Ball { radius: f32::NAN };
-            bytes_of(&ServerMessage::Notice(Notice::ShapeAdded {
+            bytes_of(&ServerMessage::SceneEvent(SceneEvent::ShapeAdded {
                 id: ShapeId(4),
                 shape,
             }))
@@ -157,14 +157,14 @@ fn malformed() -> Vec<Case> {
         }),
     ];
     let mut cases = Vec::new();
-    for (place, (what, clause, said)) in of.into_iter().enumerate() {
+    for (place, (what, clause, sent)) in of.into_iter().enumerate() {
         let id = format!("L1.52.{}", place + 20);
         let name = format!("{what} is malformed");
         let cites = format!("PROTOCOL 2.5-3, {clause}; RECKONING 1.6-1");
         cases.push(Case::client(&id, &name).cites(&cites).play(move |trial| {
             let mut host = trial.host()?;
             hand::let_in(&mut host)?;
-            host.utter(&said());
+            host.utter(&sent());
             host.must_be_closed(CloseCode::MALFORMED)
         }));
     }
@@ -175,7 +175,7 @@ const NOT_A_NUMBER: [u8; 4] = f32::NAN.to_le_bytes();
 
 /// A ball whose position has other bytes for its y.
 fn patched(number: [u8; 4]) -> Vec<u8> {
-    let mut bytes = bytes_of(&ServerMessage::Notice(hand::ball(
+    let mut bytes = bytes_of(&ServerMessage::SceneEvent(hand::ball(
         BodyId::new(4, 0),
         Predictor::Ballistic,
     )));
@@ -201,7 +201,7 @@ fn pieces() -> Vec<Case> {
             .play(|trial| {
                 let mut host = trial.host()?;
                 hand::wants_in(&mut host)?;
-                let mesh = Notice::ShapeAdded {
+                let mesh = SceneEvent::ShapeAdded {
                     id: ShapeId(2),
                     shape: mesh(2_000)?,
                 };
@@ -213,8 +213,13 @@ fn pieces() -> Vec<Case> {
                         hand::ball(hand::BALL, Predictor::Ballistic),
                     ],
                 );
-                hand::told(&mut host, "joined")?;
-                hand::must_go_on(&mut host, hand::NEXT + 1, hand::TICK + 1, hand::NOTICES)
+                hand::reported(&mut host, "joined")?;
+                hand::must_go_on(
+                    &mut host,
+                    hand::NEXT + 1,
+                    hand::TICK + 1,
+                    hand::SCENE_EVENTS,
+                )
             }),
         refused_pieces(
             "L1.52.41",
@@ -260,12 +265,12 @@ fn pieces() -> Vec<Case> {
     ]
 }
 
-fn refused_pieces(id: &str, name: &str, clause: &str, said: fn() -> Vec<u8>) -> Case {
+fn refused_pieces(id: &str, name: &str, clause: &str, sent: fn() -> Vec<u8>) -> Case {
     let case = Case::client(id, name).cites(&format!("PROTOCOL 2.5-3, {clause}"));
     case.play(move |trial| {
         let mut host = trial.host()?;
         hand::let_in(&mut host)?;
-        host.line.say(said());
+        host.line.say(sent());
         host.must_be_closed(CloseCode::MALFORMED)
     })
 }
@@ -293,43 +298,50 @@ fn mesh(points: u16) -> Result<Shape, Stop> {
 }
 
 /// What joins control stream and datagrams.
-const COUNTS: &[Row] = &[
+const COUNTS: &[CaseRow] = &[
     (
         60,
-        "a datagram that counts more notices than were heard waits for them",
+        "a datagram that counts more scene_events than were received waits for them",
         "PROTOCOL 1.2-1, 4.6-5, 4.6-6, 6.5-2, 6.1-3",
         waits_for_notices,
     ),
     (
         66,
-        "a tick is not complete before the notices that its packet counts",
+        "a tick is not complete before the scene_events that its packet counts",
         "PROTOCOL 4.6-6, 6.5-2",
         |trial| {
             let mut host = trial.host()?;
             hand::let_in(&mut host)?;
-            hand::vouch(&mut host, hand::NEXT, hand::TICK + 1, hand::NOTICES + 1)?;
+            hand::watermark(
+                &mut host,
+                hand::NEXT,
+                hand::TICK + 1,
+                hand::SCENE_EVENTS + 1,
+            )?;
             host.listen(Duration::from_millis(150))?;
             let early = host.lines_written()?;
-            let early = early.iter().any(|told| told["tick"] == hand::TICK + 1);
-            ensure(!early, "it waits for the notice")?;
+            let early = early
+                .iter()
+                .any(|reported| reported["tick"] == hand::TICK + 1);
+            ensure(!early, "it waits for the scene_event")?;
             host.utter(&[2, 11, 0x8a]);
             hand::told_tick(&mut host, hand::TICK + 1).map(drop)
         },
     ),
     (
         61,
-        "an optional notice that nobody knows changes nothing, and counts",
+        "an optional scene_event that nobody knows changes nothing, and counts",
         "PROTOCOL 3.5-14, 4.6-5, 4.6-6",
-        unknown_notices,
+        unknown_scene_events,
     ),
     (
         62,
-        "notices of the snapshot do not count",
+        "scene_events of the snapshot do not count",
         "PROTOCOL 4.8-3, 4.6-5",
         |trial| {
             let mut host = trial.host()?;
             hand::let_in(&mut host)?;
-            hand::vouch(&mut host, hand::NEXT, hand::TICK + 1, hand::NOTICES)?;
+            hand::watermark(&mut host, hand::NEXT, hand::TICK + 1, hand::SCENE_EVENTS)?;
             hand::told_tick(&mut host, hand::TICK + 1).map(drop)
         },
     ),
@@ -353,7 +365,12 @@ const COUNTS: &[Row] = &[
             let mut host = trial.host()?;
             hand::let_in(&mut host)?;
             host.say(&ServerMessage::Deleted);
-            hand::vouch(&mut host, hand::NEXT + 1, hand::TICK + 1, hand::NOTICES)?;
+            hand::watermark(
+                &mut host,
+                hand::NEXT + 1,
+                hand::TICK + 1,
+                hand::SCENE_EVENTS,
+            )?;
             host.listen(Duration::from_millis(150))?;
             ensure(
                 host.ended.is_none() || host.ended_as(0),
@@ -363,48 +380,53 @@ const COUNTS: &[Row] = &[
     ),
 ];
 
-/// The control stream is a while behind: what is said of a body comes before the body.
-fn waits_for_notices(trial: &mut Trial<'_>) -> Play {
+/// The control stream is a while behind: what is sent of a body comes before the body.
+fn waits_for_notices(trial: &mut Trial<'_>) -> CaseResult {
     let mut feed = trial.feed(Setting::of("ball-pit", 40).after(5))?;
     feed.enter()?;
     let mut kept = Vec::new();
     feed.tamper(move |word| match word {
-        Word::State(_) => vec![word],
-        Word::Control(bytes) => {
+        Delivery::State(_) => vec![word],
+        Delivery::Control(bytes) => {
             kept.extend(bytes);
             if kept.len() < 1_500 {
                 return Vec::new();
             }
-            vec![Word::Control(std::mem::take(&mut kept))]
+            vec![Delivery::Control(std::mem::take(&mut kept))]
         }
     });
     feed.step(40)?;
-    // What was kept last comes with the next notice.
+    // What was kept last comes with the next scene_event.
     feed.flush_control()?;
     feed.must_follow()
 }
 
-fn unknown_notices(trial: &mut Trial<'_>) -> Play {
+fn unknown_scene_events(trial: &mut Trial<'_>) -> CaseResult {
     let mut host = trial.host()?;
     hand::let_in(&mut host)?;
-    hand::vouch(&mut host, hand::NEXT, hand::TICK + 2, hand::NOTICES)?;
+    hand::watermark(&mut host, hand::NEXT, hand::TICK + 2, hand::SCENE_EVENTS)?;
     hand::told_tick(&mut host, hand::TICK + 2)?;
     host.utter(&[4, 11, 0x8a, 1, 2]);
     host.utter(&[2, 11, 0xfe]);
-    hand::vouch(&mut host, hand::NEXT, hand::TICK + 3, hand::NOTICES + 2)?;
+    hand::watermark(
+        &mut host,
+        hand::NEXT,
+        hand::TICK + 3,
+        hand::SCENE_EVENTS + 2,
+    )?;
     hand::told_tick(&mut host, hand::TICK + 3).map(drop)
 }
 
-fn before_the_end(trial: &mut Trial<'_>) -> Play {
+fn before_the_end(trial: &mut Trial<'_>) -> CaseResult {
     let mut host = trial.host()?;
     hand::wants_in(&mut host)?;
     host.say(&ServerMessage::Joined(Joined { ..hand::joined() }));
-    host.say(&ServerMessage::Notice(hand::shape()));
+    host.say(&ServerMessage::SceneEvent(hand::shape()));
     // Of a stream that is not known yet it would be dropped (6.5-3).
     host.listen(Duration::from_millis(100))?;
-    hand::vouch(&mut host, hand::NEXT, hand::TICK + 1, hand::NOTICES)?;
+    hand::watermark(&mut host, hand::NEXT, hand::TICK + 1, hand::SCENE_EVENTS)?;
     host.listen(Duration::from_millis(50))?;
-    host.say(&ServerMessage::Notice(hand::ball(
+    host.say(&ServerMessage::SceneEvent(hand::ball(
         hand::BALL,
         Predictor::Ballistic,
     )));
@@ -412,7 +434,7 @@ fn before_the_end(trial: &mut Trial<'_>) -> Play {
     hand::told_tick(&mut host, hand::TICK + 1).map(drop)
 }
 
-fn comings_and_goings(trial: &mut Trial<'_>) -> Play {
+fn comings_and_goings(trial: &mut Trial<'_>) -> CaseResult {
     let mut feed = trial.feed(Setting::of("ball-pit", 6).after(30))?;
     feed.enter()?;
     let first = feed
@@ -424,11 +446,11 @@ fn comings_and_goings(trial: &mut Trial<'_>) -> Play {
     let Some(first) = first else {
         return Err(Stop::Inconclusive("the pit is empty".into()));
     };
-    let shape = feed.mirror()?.body(first).map(|terms| terms.shape);
+    let shape = feed.mirror()?.body(first).map(|config| config.shape);
     feed.command(Command::RemoveBody { id: first })?;
     feed.step(5)?;
     let again = BodyId::new(first.index(), first.generation() + 1);
-    let motion = Verbatim::new(
+    let motion = BodyState::new(
         [0.0, 6.0, 0.0],
         Quat::IDENTITY.to_array(),
         [1.0, 0.0, 0.0],
@@ -436,7 +458,7 @@ fn comings_and_goings(trial: &mut Trial<'_>) -> Play {
     );
     let motion = motion.map_err(|_| Stop::Inconclusive("the suite errs".into()))?;
     feed.command(Command::AddBody {
-        terms: BodyTerms::plain(again, BodyKind::Dynamic, shape.unwrap_or(ShapeId(0))),
+        config: BodyDesc::plain(again, BodyKind::Dynamic, shape.unwrap_or(ShapeId(0))),
         motion,
     })?;
     feed.step(20)?;

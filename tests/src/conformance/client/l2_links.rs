@@ -2,22 +2,22 @@
 
 use std::collections::VecDeque;
 
-use rhumb_protocol::packet::Kind;
+use rhumb_protocol::packet::PacketKind;
 
 use super::l2_stream::busy;
 use crate::conformance::case::Case;
-use crate::conformance::outcome::Play;
+use crate::conformance::outcome::CaseResult;
 use crate::conformance::peer::datagram::{is_packet, kind};
 use crate::conformance::trial::Trial;
 use crate::seed::Dice;
 
 /// What comes in place of a datagram.
-type Sieve = Box<dyn FnMut(Vec<u8>) -> Vec<Vec<u8>>>;
+type DatagramFilter = Box<dyn FnMut(Vec<u8>) -> Vec<Vec<u8>>>;
 
 /// Number, what the link does, requirements of PROTOCOL, and how.
-type Link = (u32, &'static str, &'static str, fn(Dice) -> Sieve);
+type LinkRow = (u32, &'static str, &'static str, fn(Dice) -> DatagramFilter);
 
-const LINKS: [Link; 8] = [
+const LINKS: [LinkRow; 8] = [
     (
         1,
         "each fifth packet is lost",
@@ -53,20 +53,20 @@ const LINKS: [Link; 8] = [
     ),
     (
         7,
-        "only what repairs say comes of each third tick",
+        "only what refreshes say comes of each third tick",
         "6.7-3, 6.7-8, 6.2-8, 5.11-1",
-        each_third_repaired,
+        each_third_refreshed,
     ),
     (
         8,
-        "each second repair is lost too",
+        "each second refresh is lost too",
         "6.7-1, 6.7-8",
-        repairs_lost_too,
+        refreshes_lost_too,
     ),
 ];
 
 pub(super) fn cases() -> Vec<Case> {
-    let case = |(number, what, cites, made): Link| {
+    let case = |(number, what, cites, made): LinkRow| {
         let name = format!("a client holds what the stream says to the bit though {what}");
         Case::client(&format!("L2.51.{number}"), &name)
             .cites(&format!("PROTOCOL 6.1-2, 6.5-1, {cites}"))
@@ -79,7 +79,7 @@ pub(super) fn cases() -> Vec<Case> {
 }
 
 /// A drum over a link that is bad for a while, then good.
-fn over(trial: &mut Trial<'_>, sieve: Sieve) -> Play {
+fn over(trial: &mut Trial<'_>, sieve: DatagramFilter) -> CaseResult {
     let mut feed = trial.feed(busy())?;
     feed.enter()?;
     feed.sift(sieve);
@@ -90,11 +90,11 @@ fn over(trial: &mut Trial<'_>, sieve: Sieve) -> Play {
 }
 
 /// Loses each datagram that is to be lost.
-fn losing(mut is_lost: impl FnMut(&[u8]) -> bool + 'static) -> Sieve {
+fn losing(mut is_lost: impl FnMut(&[u8]) -> bool + 'static) -> DatagramFilter {
     Box::new(move |bytes| if is_lost(&bytes) { vec![] } else { vec![bytes] })
 }
 
-fn each_fifth_lost(_: Dice) -> Sieve {
+fn each_fifth_lost(_: Dice) -> DatagramFilter {
     let mut count = 0;
     losing(move |bytes| {
         count += usize::from(is_packet(bytes));
@@ -102,11 +102,11 @@ fn each_fifth_lost(_: Dice) -> Sieve {
     })
 }
 
-fn three_in_ten_lost(mut dice: Dice) -> Sieve {
+fn three_in_ten_lost(mut dice: Dice) -> DatagramFilter {
     losing(move |_| dice.below(10) < 3)
 }
 
-fn eight_in_a_row_lost(_: Dice) -> Sieve {
+fn eight_in_a_row_lost(_: Dice) -> DatagramFilter {
     let mut count = 0;
     losing(move |_| {
         count += 1;
@@ -114,7 +114,7 @@ fn eight_in_a_row_lost(_: Dice) -> Sieve {
     })
 }
 
-fn in_pairs(_: Dice) -> Sieve {
+fn in_pairs(_: Dice) -> DatagramFilter {
     let mut kept: Option<Vec<u8>> = None;
     Box::new(move |bytes| match kept.take() {
         Some(before) => vec![bytes, before],
@@ -125,42 +125,42 @@ fn in_pairs(_: Dice) -> Sieve {
     })
 }
 
-fn late_and_again(_: Dice) -> Sieve {
+fn late_and_again(_: Dice) -> DatagramFilter {
     let mut late: VecDeque<Vec<u8>> = VecDeque::new();
     Box::new(move |bytes| {
         late.push_back(bytes.clone());
-        let mut said = if late.len().is_multiple_of(2) {
+        let mut sent = if late.len().is_multiple_of(2) {
             vec![bytes]
         } else {
             vec![]
         };
         if late.len() > 5 {
-            said.extend(late.pop_front());
+            sent.extend(late.pop_front());
         }
-        said
+        sent
     })
 }
 
-fn each_third_repaired(_: Dice) -> Sieve {
+fn each_third_refreshed(_: Dice) -> DatagramFilter {
     let mut count = 0;
     losing(move |bytes| {
         count += usize::from(is_packet(bytes));
         match kind(bytes) {
-            Some(Kind::Parity) => true,
-            Some(Kind::Repair) => false,
+            Some(PacketKind::RepairSymbol) => true,
+            Some(PacketKind::Refresh) => false,
             _ => count % 3 == 1,
         }
     })
 }
 
-fn repairs_lost_too(_: Dice) -> Sieve {
-    let (mut packets, mut repairs) = (0, 0);
+fn refreshes_lost_too(_: Dice) -> DatagramFilter {
+    let (mut packets, mut refreshes) = (0, 0);
     losing(move |bytes| {
-        let is_repair = kind(bytes) == Some(Kind::Repair);
+        let is_refresh = kind(bytes) == Some(PacketKind::Refresh);
         packets += usize::from(is_packet(bytes));
-        repairs += usize::from(is_repair);
-        if is_repair {
-            repairs % 2 == 1
+        refreshes += usize::from(is_refresh);
+        if is_refresh {
+            refreshes % 2 == 1
         } else {
             is_packet(bytes) && packets % 4 == 0
         }

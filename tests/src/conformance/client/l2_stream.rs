@@ -5,18 +5,18 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 use std::time::Duration;
 
-use rhumb_protocol::limits::PARITIES_KEPT;
+use rhumb_protocol::limits::REPAIR_SYMBOLS_KEPT;
 use rhumb_protocol::message::{ClientMessage, ServerMessage};
-use rhumb_protocol::packet::{Head, Kind, Low16, Saying, StatePacket};
+use rhumb_protocol::packet::{Head, Low16, PacketKind, UpdatePacket, UpdatePayload};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{Predictor, Tick};
 
 use super::{hand, table};
-use crate::conformance::case::{Case, Row};
-use crate::conformance::outcome::{Play, Stop, ensure, should};
-use crate::conformance::peer::{Feed, Host, Setting, datagram};
+use crate::conformance::case::{Case, CaseRow};
+use crate::conformance::outcome::{CaseResult, Stop, ensure, should};
+use crate::conformance::peer::{Host, Interceptor, Setting, datagram};
 use crate::conformance::trial::Trial;
 
 pub(super) fn cases() -> Vec<Case> {
@@ -26,7 +26,7 @@ pub(super) fn cases() -> Vec<Case> {
 }
 
 /// What a client asks for, and when.
-const ASKINGS: &[Row] = &[
+const ASKINGS: &[CaseRow] = &[
     (
         20,
         "a lost packet is asked for by its number, and soon",
@@ -35,7 +35,7 @@ const ASKINGS: &[Row] = &[
     ),
     (
         21,
-        "what is not repaired is asked for again and again, each half second at least",
+        "what is not refreshed is asked for again and again, each half second at least",
         "PROTOCOL 6.7-1",
         asks_again,
     ),
@@ -47,27 +47,27 @@ const ASKINGS: &[Row] = &[
     ),
     (
         23,
-        "numbers are told from their low 16 bits across the turn",
+        "numbers are reported from their low 16 bits across the turn",
         "PROTOCOL 5.7-1",
         across_the_turn,
     ),
     (
         24,
-        "what is lost beyond all memory is not asked for: the scene is said anew",
+        "what is lost beyond all memory is not asked for: the scene is sent anew",
         "PROTOCOL 4.8-5, 6.7-9, 6.7-10, 6.8-6",
         loses_touch,
     ),
     (
         25,
-        "a tick too far ahead is no tick to follow to: the scene is said anew",
+        "a tick too far ahead is no tick to follow to: the scene is sent anew",
         "PROTOCOL 6.7-9, 6.7-10",
         jumps,
     ),
     (
         28,
-        "who lacks more packets than it could rebuild wants repairs, and no parities",
+        "who lacks more packets than it could rebuild wants refreshes, and no repair_symbols",
         "PROTOCOL 5.13-1, 6.15-14, 7-1",
-        wants_no_parities,
+        wants_no_repair_symbols,
     ),
     (
         26,
@@ -80,7 +80,7 @@ const ASKINGS: &[Row] = &[
         "a client that asks for each tick gets each, to the bit",
         "PROTOCOL 4.9-1, 4.9-2, 6.4-1, 6.4-4",
         |trial| {
-            let setting = Setting::of("ball-pit", 20).wishing("follow 10000 advance 60");
+            let setting = Setting::of("ball-pit", 20).wishing("subscribe 10000 advance 60");
             let mut feed = trial.feed(setting)?;
             feed.enter()?;
             feed.until("sixty ticks", |feed| {
@@ -88,17 +88,17 @@ const ASKINGS: &[Row] = &[
                     .is_ok_and(|copy| copy.stream().complete().value() >= 60)
             })?;
             feed.must_follow()?;
-            let told = feed.ticks_told();
+            let reported = feed.ticks_told();
             ensure(
-                told >= 40,
-                format!("it tells of each tick, and not of {told} of 40"),
+                reported >= 40,
+                format!("it tells of each tick, and not of {reported} of 40"),
             )
         },
     ),
 ];
 
 /// What a client may say of its copy, and what not.
-const KNOWINGS: &[Row] = &[
+const KNOWINGS: &[CaseRow] = &[
     (
         40,
         "no tick is complete while a packet before it is missing",
@@ -113,7 +113,7 @@ const KNOWINGS: &[Row] = &[
     ),
     (
         42,
-        "a rest that was lost is repaired like any other word",
+        "a rest that was lost is refreshed like any other word",
         "PROTOCOL 5.6-11, 6.3-9, 6.7-3; RECKONING 4.7-1",
         rests,
     ),
@@ -137,7 +137,7 @@ pub(super) fn busy() -> Setting {
 }
 
 /// Loses so many packets, and whatever would make them good; returns the tick of the first.
-fn lose(feed: &mut Feed, packets: usize) -> Result<u64, Stop> {
+fn lose(feed: &mut Interceptor, packets: usize) -> Result<u64, Stop> {
     let lost = Rc::new(RefCell::new(Vec::new()));
     let ticks = Rc::clone(&lost);
     feed.sift(move |bytes| {
@@ -147,7 +147,10 @@ fn lose(feed: &mut Feed, packets: usize) -> Result<u64, Stop> {
             ticks.extend(datagram::tick_of(&bytes).map(u64::from));
             return vec![];
         }
-        if matches!(datagram::kind(&bytes), Some(Kind::Repair | Kind::Parity)) {
+        if matches!(
+            datagram::kind(&bytes),
+            Some(PacketKind::Refresh | PacketKind::RepairSymbol)
+        ) {
             vec![]
         } else {
             vec![bytes]
@@ -160,26 +163,31 @@ fn lose(feed: &mut Feed, packets: usize) -> Result<u64, Stop> {
         feed.step(1)?;
     }
     let first = lost.borrow().first().copied();
-    first.ok_or_else(|| Stop::Inconclusive("nothing was said".into()))
+    first.ok_or_else(|| Stop::Inconclusive("nothing was sent".into()))
 }
 
-fn asks_for_it(trial: &mut Trial<'_>) -> Play {
+fn asks_for_it(trial: &mut Trial<'_>) -> CaseResult {
     let mut host = trial.host()?;
     hand::let_in(&mut host)?;
-    hand::vouch(&mut host, hand::NEXT + 3, hand::TICK + 1, hand::NOTICES)?;
-    let echo = hand::echo(&mut host)?;
+    hand::watermark(
+        &mut host,
+        hand::NEXT + 3,
+        hand::TICK + 1,
+        hand::SCENE_EVENTS,
+    )?;
+    let loss_report = hand::loss_report(&mut host)?;
     let lost: Vec<_> = (hand::NEXT..hand::NEXT + 3).map(Low16::of).collect();
     ensure(
-        echo.lost == lost,
-        format!("it asks for {lost:?}, and not for {:?}", echo.lost),
+        loss_report.lost == lost,
+        format!("it asks for {lost:?}, and not for {:?}", loss_report.lost),
     )?;
     ensure(
-        echo.next == Low16::of(hand::NEXT + 3),
+        loss_report.next == Low16::of(hand::NEXT + 3),
         "`next` is one more than the newest",
     )?;
     ensure(
-        echo.gone == Low16::of(3),
-        format!("three are gone, and not {}", echo.gone.0),
+        loss_report.gone == Low16::of(3),
+        format!("three are gone, and not {}", loss_report.gone.0),
     )
 }
 
@@ -188,7 +196,7 @@ const OFTEN_ENOUGH: Span = Span::from_millis(900);
 /// How many stretches of 2.6 s a client is watched for: one that is late in each of them is not late by chance.
 const STRETCHES: usize = 4;
 
-fn asks_again(trial: &mut Trial<'_>) -> Play {
+fn asks_again(trial: &mut Trial<'_>) -> CaseResult {
     let mut feed = trial.feed(busy())?;
     feed.enter()?;
     lose(&mut feed, 2)?;
@@ -207,10 +215,10 @@ fn asks_again(trial: &mut Trial<'_>) -> Play {
 }
 
 /// Whether it asks each half second for a while, by the clock.
-fn asks_often(feed: &mut Feed) -> Play {
+fn asks_often(feed: &mut Interceptor) -> CaseResult {
     let begin = feed.host.now();
     feed.run(Duration::from_millis(2_600))?;
-    let times: Vec<Instant> = (feed.echoes.iter().map(|(at, _)| *at))
+    let times: Vec<Instant> = (feed.loss_reports.iter().map(|(at, _)| *at))
         .filter(|at| *at >= begin)
         .collect();
     let asked = format!("it asks on, and not {} times in 2.6 s", times.len());
@@ -223,109 +231,135 @@ fn asks_often(feed: &mut Feed) -> Play {
     )
 }
 
-fn asks_for_many(trial: &mut Trial<'_>) -> Play {
+fn asks_for_many(trial: &mut Trial<'_>) -> CaseResult {
     let mut host = trial.host()?;
     hand::let_in(&mut host)?;
-    hand::vouch(&mut host, hand::NEXT + 500, hand::TICK + 1, hand::NOTICES)?;
-    let echo = hand::echo(&mut host)?;
+    hand::watermark(
+        &mut host,
+        hand::NEXT + 500,
+        hand::TICK + 1,
+        hand::SCENE_EVENTS,
+    )?;
+    let loss_report = hand::loss_report(&mut host)?;
     let oldest: Vec<_> = (hand::NEXT..hand::NEXT + 64).map(Low16::of).collect();
     ensure(
-        echo.lost == oldest,
-        format!("it asks for the 64 oldest, and not for {:?}", echo.lost),
+        loss_report.lost == oldest,
+        format!(
+            "it asks for the 64 oldest, and not for {:?}",
+            loss_report.lost
+        ),
     )
 }
 
-/// A listener that lacks less may want parities or not: nothing is lost by not understanding them (6.15-2).
-fn wants_no_parities(trial: &mut Trial<'_>) -> Play {
-    let lacking = PARITIES_KEPT as u64 + 1;
+/// A listener that lacks less may want repair_symbols or not: nothing is lost by not understanding them (6.15-2).
+fn wants_no_repair_symbols(trial: &mut Trial<'_>) -> CaseResult {
+    let lacking = REPAIR_SYMBOLS_KEPT as u64 + 1;
     let mut host = trial.host()?;
     hand::let_in(&mut host)?;
     let next = hand::NEXT + lacking;
-    hand::vouch(&mut host, next, hand::TICK + 1, hand::NOTICES)?;
-    let echo = hand::echo(&mut host)?;
+    hand::watermark(&mut host, next, hand::TICK + 1, hand::SCENE_EVENTS)?;
+    let loss_report = hand::loss_report(&mut host)?;
     ensure(
-        echo.parities == 0,
-        format!("it wants repairs, and not {} parities", echo.parities),
+        loss_report.repair_symbols == 0,
+        format!(
+            "it wants refreshes, and not {} repair_symbols",
+            loss_report.repair_symbols
+        ),
     )?;
     let lost: Vec<_> = (hand::NEXT..next).map(Low16::of).collect();
     ensure(
-        echo.lost == lost,
-        format!("it names all that it lacks, and not {:?}", echo.lost),
+        loss_report.lost == lost,
+        format!("it names all that it lacks, and not {:?}", loss_report.lost),
     )
 }
 
-fn across_the_turn(trial: &mut Trial<'_>) -> Play {
+fn across_the_turn(trial: &mut Trial<'_>) -> CaseResult {
     let mut host = trial.host()?;
     hand::wants_in(&mut host)?;
     let mut joined = hand::joined();
     joined.start.next = 0x1_fffe;
     joined.start.tick = Tick::new(0x2_ffff);
-    joined.start.notices = 0xffff;
+    joined.start.scene_events = 0xffff;
     host.say(&ServerMessage::Joined(joined));
-    host.say(&ServerMessage::Notice(hand::shape()));
-    host.say(&ServerMessage::Notice(hand::ball(
+    host.say(&ServerMessage::SceneEvent(hand::shape()));
+    host.say(&ServerMessage::SceneEvent(hand::ball(
         hand::BALL,
         Predictor::Rest,
     )));
     host.say(&ServerMessage::SnapshotEnd);
-    hand::told(&mut host, "joined")?;
-    hand::vouch(&mut host, 0x1_fffe, 0x3_0004, 0xffff)?;
+    hand::reported(&mut host, "joined")?;
+    hand::watermark(&mut host, 0x1_fffe, 0x3_0004, 0xffff)?;
     loop {
-        let told = hand::told(&mut host, "tick")?;
-        if told["tick"] == 0x3_0004 {
+        let reported = hand::reported(&mut host, "tick")?;
+        if reported["tick"] == 0x3_0004 {
             break;
         }
         ensure(
-            told["tick"] == 0x2_ffff,
-            format!("the tick is 196612, and not {}", told["tick"]),
+            reported["tick"] == 0x2_ffff,
+            format!("the tick is 196612, and not {}", reported["tick"]),
         )?;
     }
     host.utter(&[2, 11, 0x8a]);
-    hand::vouch(&mut host, 0x2_0002, 0x3_0005, 0x1_0000)?;
-    let echo = hand::echo(&mut host)?;
+    hand::watermark(&mut host, 0x2_0002, 0x3_0005, 0x1_0000)?;
+    let loss_report = hand::loss_report(&mut host)?;
     let lost: Vec<_> = (0x1_fffe..0x2_0002).map(Low16::of).collect();
     ensure(
-        echo.lost == lost,
-        format!("it misses {lost:?}, and not {:?}", echo.lost),
+        loss_report.lost == lost,
+        format!("it misses {lost:?}, and not {:?}", loss_report.lost),
     )
 }
 
-fn resyncs(host: &mut Host) -> Play {
+fn resyncs(host: &mut Host) -> CaseResult {
     host.await_message("resync", |message| {
         matches!(message, ClientMessage::Resync).then_some(())
     })
 }
 
-fn loses_touch(trial: &mut Trial<'_>) -> Play {
+fn loses_touch(trial: &mut Trial<'_>) -> CaseResult {
     let mut host = trial.host()?;
     hand::let_in(&mut host)?;
-    hand::vouch(&mut host, hand::NEXT + 1_025, hand::TICK + 1, hand::NOTICES)?;
+    hand::watermark(
+        &mut host,
+        hand::NEXT + 1_025,
+        hand::TICK + 1,
+        hand::SCENE_EVENTS,
+    )?;
     resyncs(&mut host)?;
     let mut joined = hand::joined();
     joined.start.next = hand::NEXT + 1_025;
     joined.start.tick = Tick::new(hand::TICK + 1);
     host.say(&ServerMessage::Joined(joined));
-    host.say(&ServerMessage::Notice(hand::shape()));
-    host.say(&ServerMessage::Notice(hand::ball(
+    host.say(&ServerMessage::SceneEvent(hand::shape()));
+    host.say(&ServerMessage::SceneEvent(hand::ball(
         hand::BALL,
         Predictor::Ballistic,
     )));
     host.say(&ServerMessage::SnapshotEnd);
     // Before the snapshot is whole the client need not hear its stream.
     hand::told_tick(&mut host, hand::TICK + 1)?;
-    hand::vouch(&mut host, hand::NEXT + 1_025, hand::TICK + 2, hand::NOTICES)?;
+    hand::watermark(
+        &mut host,
+        hand::NEXT + 1_025,
+        hand::TICK + 2,
+        hand::SCENE_EVENTS,
+    )?;
     hand::told_tick(&mut host, hand::TICK + 2).map(drop)
 }
 
-fn jumps(trial: &mut Trial<'_>) -> Play {
+fn jumps(trial: &mut Trial<'_>) -> CaseResult {
     let mut host = trial.host()?;
     hand::let_in(&mut host)?;
-    hand::vouch(&mut host, hand::NEXT, hand::TICK + 3_601, hand::NOTICES)?;
+    hand::watermark(
+        &mut host,
+        hand::NEXT,
+        hand::TICK + 3_601,
+        hand::SCENE_EVENTS,
+    )?;
     resyncs(&mut host)
 }
 
-fn misses_the_answer(trial: &mut Trial<'_>) -> Play {
-    let setting = Setting::of("ball-pit", 20).wishing("follow 10000 advance 60");
+fn misses_the_answer(trial: &mut Trial<'_>) -> CaseResult {
+    let setting = Setting::of("ball-pit", 20).wishing("subscribe 10000 advance 60");
     let mut feed = trial.feed(setting)?;
     let mut count = 0;
     feed.sift(move |bytes| {
@@ -342,16 +376,16 @@ fn misses_the_answer(trial: &mut Trial<'_>) -> Play {
     feed.must_follow()
 }
 
-fn no_promise_over_a_gap(trial: &mut Trial<'_>, packets: usize) -> Play {
+fn no_promise_over_a_gap(trial: &mut Trial<'_>, packets: usize) -> CaseResult {
     let mut feed = trial.feed(busy())?;
     feed.enter()?;
     feed.step(3)?;
     feed.must_follow()?;
-    let before = feed.told.len();
+    let before = feed.reported.len();
     let gap = lose(&mut feed, packets)?;
     feed.step(25)?;
-    for told in &feed.told[before..] {
-        let tick = told["tick"].as_u64().unwrap_or_default();
+    for reported in &feed.reported[before..] {
+        let tick = reported["tick"].as_u64().unwrap_or_default();
         ensure(
             tick < gap,
             format!("{tick} is not complete: a packet of {gap} is missing"),
@@ -363,8 +397,8 @@ fn no_promise_over_a_gap(trial: &mut Trial<'_>, packets: usize) -> Play {
 }
 
 /// Each packet again a while later, whole or with the number of one that is missing.
-fn stale_packets(trial: &mut Trial<'_>) -> Play {
-    let mut feed = trial.feed(Setting::of("ball-pit", 30).wishing("follow full"))?;
+fn stale_packets(trial: &mut Trial<'_>) -> CaseResult {
+    let mut feed = trial.feed(Setting::of("ball-pit", 30).wishing("subscribe full"))?;
     let mut old: VecDeque<Vec<u8>> = VecDeque::new();
     feed.enter()?;
     let mut count = 0;
@@ -374,15 +408,15 @@ fn stale_packets(trial: &mut Trial<'_>) -> Play {
             old.push_back(bytes.clone());
         }
         // One in seven comes only when six others have.
-        let mut said = if datagram::is_packet(&bytes) && count % 7 == 3 {
+        let mut sent = if datagram::is_packet(&bytes) && count % 7 == 3 {
             vec![]
         } else {
             vec![bytes]
         };
         if old.len() > 6 {
-            said.extend(old.pop_front());
+            sent.extend(old.pop_front());
         }
-        said
+        sent
     });
     feed.step(60)?;
     feed.mend();
@@ -391,7 +425,7 @@ fn stale_packets(trial: &mut Trial<'_>) -> Play {
 }
 
 /// Packets by which bodies are put to rest are lost.
-fn rests(trial: &mut Trial<'_>) -> Play {
+fn rests(trial: &mut Trial<'_>) -> CaseResult {
     let mut feed = trial.feed(Setting::of("dominoes", 12).after(2))?;
     feed.enter()?;
     let lost = Rc::new(RefCell::new(0));
@@ -418,24 +452,30 @@ fn rests(trial: &mut Trial<'_>) -> Play {
     Ok(())
 }
 
-/// Whether a packet puts a body to a verbatim rest.
+/// Whether a packet puts a body to a body_state rest.
 fn says_rest(bytes: &[u8]) -> bool {
     let mut reader = Reader::new(bytes);
     let mut updates = Vec::new();
-    Head::decode(&mut reader).is_ok_and(|head| matches!(head.kind, Kind::State | Kind::StateEnd))
-        && StatePacket::decode(true, reader)
+    Head::decode(&mut reader)
+        .is_ok_and(|head| matches!(head.kind, PacketKind::Updates | PacketKind::UpdatesEnd))
+        && UpdatePacket::decode(true, reader)
             .and_then(|packet| packet.updates(&mut updates))
             .is_ok()
         && updates
             .iter()
-            .any(|update| matches!(update.saying, Saying::Settled { .. }))
+            .any(|update| matches!(update.payload, UpdatePayload::Resting { .. }))
 }
 
-fn too_many_held(trial: &mut Trial<'_>) -> Play {
+fn too_many_held(trial: &mut Trial<'_>) -> CaseResult {
     let mut host = trial.host()?;
     hand::let_in(&mut host)?;
     for tick in 1..=600 {
-        hand::vouch(&mut host, hand::NEXT, hand::TICK + tick, hand::NOTICES + 1)?;
+        hand::watermark(
+            &mut host,
+            hand::NEXT,
+            hand::TICK + tick,
+            hand::SCENE_EVENTS + 1,
+        )?;
         if tick % 50 == 0 {
             host.listen(Duration::from_millis(5))?;
         }
@@ -445,6 +485,6 @@ fn too_many_held(trial: &mut Trial<'_>) -> Play {
         &mut host,
         hand::NEXT + 1,
         hand::TICK + 700,
-        hand::NOTICES + 1,
+        hand::SCENE_EVENTS + 1,
     )
 }

@@ -6,11 +6,11 @@ use core::num::NonZeroU32;
 
 use super::table;
 use crate::conformance::case::Case;
-use crate::conformance::outcome::{Play, ensure};
+use crate::conformance::outcome::{CaseResult, ensure};
 use crate::conformance::peer::Setting;
 use crate::conformance::trial::Trial;
 
-/// A cadence of three.
+/// A publish_schedule of three.
 const EACH_THIRD: NonZeroU32 = NonZeroU32::new(3).expect("three is not zero");
 
 pub(super) fn cases() -> Vec<Case> {
@@ -50,10 +50,10 @@ fn scenes() -> Vec<Case> {
                 feed.enter()?;
                 feed.step(80)?;
                 feed.must_follow()?;
-                let told = feed.ticks_told();
+                let reported = feed.ticks_told();
                 ensure(
-                    told >= 20,
-                    format!("it tells of ticks as they come, and not of {told} in eighty"),
+                    reported >= 20,
+                    format!("it tells of ticks as they come, and not of {reported} in eighty"),
                 )
             })
     };
@@ -61,15 +61,15 @@ fn scenes() -> Vec<Case> {
 }
 
 /// Corrections name revisions by ages, and ages count only ticks that are spoken of.
-fn each_third_tick(trial: &mut Trial<'_>) -> Play {
+fn each_third_tick(trial: &mut Trial<'_>) -> CaseResult {
     let setting = Setting::of("tumbler", 20).each(EACH_THIRD);
     let mut feed = trial.feed(setting)?;
     feed.enter()?;
     feed.step(60)?;
     feed.must_follow()?;
-    let told = feed.ticks_told();
+    let reported = feed.ticks_told();
     ensure(
-        told >= 15,
-        format!("it tells of ticks as they come, and not of {told} in sixty"),
+        reported >= 15,
+        format!("it tells of ticks as they come, and not of {reported} in sixty"),
     )
 }

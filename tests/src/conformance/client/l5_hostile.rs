@@ -4,15 +4,15 @@ use std::time::Duration;
 
 use rhumb_protocol::Instant;
 use rhumb_protocol::limits::{ANGULAR_MAX, COORDINATE_MAX, LINEAR_MAX};
-use rhumb_protocol::message::{Notice, ServerMessage};
-use rhumb_protocol::packet::Saying;
-use rhumb_protocol::packet::{FullPacket, FullRecord, Low16, StateWriter, TrackSaying, Update};
+use rhumb_protocol::message::{SceneEvent, ServerMessage};
+use rhumb_protocol::packet::UpdatePayload;
+use rhumb_protocol::packet::{FullPacket, FullRecord, Keyframe, Low16, Update, UpdateWriter};
 use rhumb_protocol::session::CloseCode;
-use rhumb_reckoning::{Anchor, BodyId, Predictor, Push, Tick, Verbatim};
+use rhumb_reckoning::{Anchor, BodyId, BodyState, ConstantAcceleration, Predictor, Tick};
 
 use super::{hand, table};
-use crate::conformance::case::{Case, Row};
-use crate::conformance::outcome::{Play, ensure};
+use crate::conformance::case::{Case, CaseRow};
+use crate::conformance::outcome::{CaseResult, ensure};
 use crate::conformance::peer::{Setting, datagram};
 use crate::conformance::trial::Trial;
 
@@ -28,9 +28,9 @@ pub(super) fn cases() -> Vec<Case> {
                     let mut host = trial.host()?;
                     hand::let_in(&mut host)?;
                     host.throw(&whole(motion))?;
-                    let told = hand::told_tick(&mut host, hand::TICK + 1)?;
+                    let reported = hand::told_tick(&mut host, hand::TICK + 1)?;
                     let (name, wanted) = (hand::name(hand::BALL), digits(motion));
-                    let shown = &told["moving"][&name];
+                    let shown = &reported["moving"][&name];
                     ensure(
                         *shown == wanted,
                         format!("it shows {wanted} as it was said, and not {shown}"),
@@ -42,7 +42,7 @@ pub(super) fn cases() -> Vec<Case> {
 }
 
 /// What each case of the group promises, cites and does.
-const CASES: &[Row] = &[
+const CASES: &[CaseRow] = &[
     (
         1,
         "random bytes on the control stream end the connection, and nothing else",
@@ -97,7 +97,12 @@ const CASES: &[Row] = &[
                     since_tick_ns: u64::MAX,
                 });
             }
-            hand::must_go_on(&mut host, hand::NEXT + 1, hand::TICK + 1, hand::NOTICES)
+            hand::must_go_on(
+                &mut host,
+                hand::NEXT + 1,
+                hand::TICK + 1,
+                hand::SCENE_EVENTS,
+            )
         },
     ),
     (
@@ -112,7 +117,12 @@ const CASES: &[Row] = &[
                 tick: Tick::new(3),
             });
             host.say(&ServerMessage::Created);
-            hand::must_go_on(&mut host, hand::NEXT + 1, hand::TICK + 1, hand::NOTICES)
+            hand::must_go_on(
+                &mut host,
+                hand::NEXT + 1,
+                hand::TICK + 1,
+                hand::SCENE_EVENTS,
+            )
         },
     ),
     (
@@ -123,58 +133,67 @@ const CASES: &[Row] = &[
             let mut host = trial.host()?;
             hand::let_in(&mut host)?;
             let tick = Tick::new(hand::TICK + 1);
-            host.say(&ServerMessage::Notice(Notice::SceneFaulted { tick }));
-            hand::must_go_on(&mut host, hand::NEXT + 1, hand::TICK + 1, hand::NOTICES + 1)
+            host.say(&ServerMessage::SceneEvent(SceneEvent::SceneFaulted {
+                tick,
+            }));
+            hand::must_go_on(
+                &mut host,
+                hand::NEXT + 1,
+                hand::TICK + 1,
+                hand::SCENE_EVENTS + 1,
+            )
         },
     ),
 ];
 
 /// Motions with numbers as great as any command may say.
-fn greatest() -> Vec<(&'static str, Verbatim)> {
-    let verbatim = |position: f32, linear: f32, angular: f32| {
+fn greatest() -> Vec<(&'static str, BodyState)> {
+    let body_state = |position: f32, linear: f32, angular: f32| {
         // No minus zero: a prediction adds to what was said, and may make a plus of it.
         let position = [position, 0.0 - position, 0.0];
         let no_turn = [0.0, 0.0, 0.0, 1.0];
-        Verbatim::new(position, no_turn, [linear; 3], [angular; 3]).expect("its numbers are finite")
+        BodyState::new(position, no_turn, [linear; 3], [angular; 3])
+            .expect("its numbers are finite")
     };
     vec![
-        ("a position", verbatim(COORDINATE_MAX, 0.0, 0.0)),
-        ("a speed", verbatim(0.0, LINEAR_MAX, 0.0)),
-        ("a spin", verbatim(0.0, 0.0, ANGULAR_MAX)),
+        ("a position", body_state(COORDINATE_MAX, 0.0, 0.0)),
+        ("a speed", body_state(0.0, LINEAR_MAX, 0.0)),
+        ("a spin", body_state(0.0, 0.0, ANGULAR_MAX)),
         (
             "everything",
-            verbatim(-COORDINATE_MAX, -LINEAR_MAX, -ANGULAR_MAX),
+            body_state(-COORDINATE_MAX, -LINEAR_MAX, -ANGULAR_MAX),
         ),
     ]
 }
 
 /// A packet that says the ball's whole track.
-fn whole(motion: Verbatim) -> Vec<u8> {
-    let mut writer = StateWriter::new(hand::STREAM, hand::NEXT, hand::TICK + 1, hand::NOTICES);
-    let saying = TrackSaying {
+fn whole(motion: BodyState) -> Vec<u8> {
+    let mut writer =
+        UpdateWriter::new(hand::STREAM, hand::NEXT, hand::TICK + 1, hand::SCENE_EVENTS);
+    let payload = Keyframe {
         predictor: Predictor::Ballistic,
-        anchor: Anchor::Verbatim(motion),
-        carrier: None,
+        anchor: Anchor::Exact(motion),
+        parent: None,
     };
     let fits = writer.push(&Update {
-        seat: 0,
+        alias: 0,
         body: Some(hand::BALL.index()),
-        saying: Saying::Whole(saying),
+        payload: UpdatePayload::Keyframe(payload),
     });
     assert!(fits, "a packet has room for one body");
     writer.finish(true)
 }
 
 /// A motion whose rotation is of unit length, as a client tells of it: its numbers widened.
-fn digits(motion: Verbatim) -> String {
+fn digits(motion: BodyState) -> String {
     let widened = motion.parts().map(f64::from);
     let digits = widened.map(|number| format!("{:016x}", number.to_bits()));
     digits.concat()
 }
 
 /// Whether each double of each motion is finite.
-fn is_finite(told: &serde_json::Value) -> bool {
-    let motions = told["moving"].as_object().into_iter().flatten();
+fn is_finite(reported: &serde_json::Value) -> bool {
+    let motions = reported["moving"].as_object().into_iter().flatten();
     motions
         .filter_map(|(_, motion)| motion.as_str())
         .all(|motion| {
@@ -185,7 +204,7 @@ fn is_finite(told: &serde_json::Value) -> bool {
         })
 }
 
-fn flood(trial: &mut Trial<'_>) -> Play {
+fn flood(trial: &mut Trial<'_>) -> CaseResult {
     let mut feed = trial.feed(Setting::of("ball-pit", 12))?;
     feed.enter()?;
     let mut dice = trial.dice();
@@ -207,7 +226,7 @@ fn flood(trial: &mut Trial<'_>) -> Play {
 /// A full packet of one record whose y is another number.
 fn full(number: u64, tick: u64, y: [u8; 4], w: [u8; 4]) -> Vec<u8> {
     let five = 5.5_f32;
-    let motion = Verbatim::new([1.0, five, 2.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
+    let motion = BodyState::new([1.0, five, 2.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
     let records = motion.map(|motion| FullRecord {
         index: hand::BALL.index(),
         motion,
@@ -215,7 +234,7 @@ fn full(number: u64, tick: u64, y: [u8; 4], w: [u8; 4]) -> Vec<u8> {
     let packet = FullPacket {
         number: Low16::of(number),
         tick: Low16::of(tick),
-        notices: Low16::of(hand::NOTICES),
+        scene_events: Low16::of(hand::SCENE_EVENTS),
         ends_tick: true,
         records: records.into_iter().collect(),
     };
@@ -230,24 +249,29 @@ fn full(number: u64, tick: u64, y: [u8; 4], w: [u8; 4]) -> Vec<u8> {
 }
 
 /// Neither is a motion; the packet is dropped whole, and is missing when the next one comes.
-fn dropped_whole(trial: &mut Trial<'_>, y: [u8; 4], w: [u8; 4]) -> Play {
-    let mut host = trial.host_of("follow full")?;
+fn dropped_whole(trial: &mut Trial<'_>, y: [u8; 4], w: [u8; 4]) -> CaseResult {
+    let mut host = trial.host_of("subscribe full")?;
     hand::wants_in(&mut host)?;
     let mut joined = hand::joined();
     joined.choice = rhumb_protocol::message::StreamChoice::Full;
     host.say(&ServerMessage::Joined(joined));
-    host.say(&ServerMessage::Notice(hand::shape()));
-    host.say(&ServerMessage::Notice(hand::ball(
+    host.say(&ServerMessage::SceneEvent(hand::shape()));
+    host.say(&ServerMessage::SceneEvent(hand::ball(
         hand::BALL,
         Predictor::Uniform,
     )));
     host.say(&ServerMessage::SnapshotEnd);
-    hand::told(&mut host, "joined")?;
+    hand::reported(&mut host, "joined")?;
     host.throw(&full(hand::NEXT, hand::TICK + 1, y, w))?;
-    hand::must_go_on(&mut host, hand::NEXT + 1, hand::TICK + 2, hand::NOTICES)?;
-    for told in host.lines_written()? {
-        ensure(is_finite(&told), "each number that it shows is finite")?;
-        let tick = told["tick"].as_u64().unwrap_or_default();
+    hand::must_go_on(
+        &mut host,
+        hand::NEXT + 1,
+        hand::TICK + 2,
+        hand::SCENE_EVENTS,
+    )?;
+    for reported in host.lines_written()? {
+        ensure(is_finite(&reported), "each number that it shows is finite")?;
+        let tick = reported["tick"].as_u64().unwrap_or_default();
         ensure(
             tick <= hand::TICK,
             format!("it believes nothing of it, and not tick {tick}"),
@@ -256,7 +280,7 @@ fn dropped_whole(trial: &mut Trial<'_>, y: [u8; 4], w: [u8; 4]) -> Play {
     Ok(())
 }
 
-fn not_a_number(trial: &mut Trial<'_>) -> Play {
+fn not_a_number(trial: &mut Trial<'_>) -> CaseResult {
     let one = 1.0_f32.to_le_bytes();
     for y in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         dropped_whole(trial, y.to_le_bytes(), one)?;
@@ -264,7 +288,7 @@ fn not_a_number(trial: &mut Trial<'_>) -> Play {
     Ok(())
 }
 
-fn not_of_unit_length(trial: &mut Trial<'_>) -> Play {
+fn not_of_unit_length(trial: &mut Trial<'_>) -> CaseResult {
     let y = 5.5_f32.to_le_bytes();
     for w in [0.0_f32, 0.5, 2.0, f32::NAN] {
         dropped_whole(trial, y, w.to_le_bytes())?;
@@ -272,34 +296,39 @@ fn not_of_unit_length(trial: &mut Trial<'_>) -> Play {
     Ok(())
 }
 
-fn far_ahead(trial: &mut Trial<'_>) -> Play {
+fn far_ahead(trial: &mut Trial<'_>) -> CaseResult {
     let mut host = trial.host()?;
     hand::wants_in(&mut host)?;
-    let laws = [
+    let predictors = [
         Predictor::Uniform,
         Predictor::Ballistic,
-        Predictor::Thrown,
-        Predictor::Pushed(Push::SAMPLE),
+        Predictor::BallisticTorqueFree,
+        Predictor::Accelerated(ConstantAcceleration::SAMPLE),
     ];
-    let mut notices = vec![hand::shape()];
-    let balls = laws
+    let mut scene_events = vec![hand::shape()];
+    let balls = predictors
         .into_iter()
         .zip(3..)
-        .map(|(law, index)| hand::ball(BodyId::new(index, 0), law));
-    notices.extend(balls);
-    hand::snapshot(&mut host, &notices);
-    hand::told(&mut host, "joined")?;
+        .map(|(predictor, index)| hand::ball(BodyId::new(index, 0), predictor));
+    scene_events.extend(balls);
+    hand::snapshot(&mut host, &scene_events);
+    hand::reported(&mut host, "joined")?;
     for tick in [1, 2, 60, 1_022] {
-        hand::vouch(&mut host, hand::NEXT, hand::TICK + tick, hand::NOTICES)?;
-        let told = hand::told_tick(&mut host, hand::TICK + tick)?;
+        hand::watermark(&mut host, hand::NEXT, hand::TICK + tick, hand::SCENE_EVENTS)?;
+        let reported = hand::told_tick(&mut host, hand::TICK + tick)?;
         ensure(
-            is_finite(&told),
+            is_finite(&reported),
             format!("each number is finite {tick} ticks on"),
         )?;
-        let count = told["moving"].as_object().map_or(0, serde_json::Map::len);
+        let count = reported["moving"]
+            .as_object()
+            .map_or(0, serde_json::Map::len);
         ensure(
-            count == laws.len(),
-            format!("it tells of {} bodies, and not of {count}", laws.len()),
+            count == predictors.len(),
+            format!(
+                "it tells of {} bodies, and not of {count}",
+                predictors.len()
+            ),
         )?;
     }
     host.listen(Duration::from_millis(20))?;

@@ -6,19 +6,19 @@ mod hand;
 mod l0_vectors;
 mod l1_session;
 mod l1_snapshot;
-mod l2_agreement;
+mod l2_aliases;
+mod l2_checksums;
 mod l2_links;
-mod l2_seats;
 mod l2_stream;
-mod l3_driving;
+mod l3_authority;
 mod l4_reckoning;
 mod l5_hostile;
 
-use super::case::{Case, Row};
+use super::case::{Case, CaseRow};
 
 /// The cases of a group.
-fn table(group: &str, rows: &[Row]) -> Vec<Case> {
-    let case = |(number, name, cites, play): &Row| {
+fn table(group: &str, rows: &[CaseRow]) -> Vec<Case> {
+    let case = |(number, name, cites, play): &CaseRow| {
         Case::client(&format!("{group}.{number}"), name)
             .cites(cites)
             .play(*play)
@@ -34,9 +34,9 @@ pub(super) fn cases() -> Vec<Case> {
         l1_snapshot::cases(),
         l2_links::cases(),
         l2_stream::cases(),
-        l2_seats::cases(),
-        l2_agreement::cases(),
-        l3_driving::cases(),
+        l2_aliases::cases(),
+        l2_checksums::cases(),
+        l3_authority::cases(),
         l4_reckoning::cases(),
         l5_hostile::cases(),
     ];

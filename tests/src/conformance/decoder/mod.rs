@@ -8,7 +8,7 @@ use std::sync::Arc;
 use serde_json::{Value, json};
 
 use super::case::Case;
-use super::outcome::{Play, Stop};
+use super::outcome::{CaseResult, Stop};
 use super::peer::Decoder;
 use super::trial::Trial;
 use crate::vectors::golden;
@@ -34,28 +34,28 @@ pub(super) fn cases() -> Vec<Case> {
     cases.extend(datagrams(&packets));
     cases.push(family(
         "L0.86",
-        "parities are summed",
+        "repair_symbols are summed",
         "PROTOCOL 5.16-2, 5.16-3, 5.16-4",
-        lines_of(&packets["parities"]),
-        parity,
+        lines_of(&packets["repair_symbols"]),
+        repair_symbol,
     ));
-    cases.extend(lines_of(&streams["streams"]).into_iter().map(heard));
+    cases.extend(lines_of(&streams["streams"]).into_iter().map(received));
     cases
 }
 
 /// What a side says, and must not say.
 fn messages(side: &'static str, control: &Value) -> Vec<Case> {
-    let said = grouped(&control[&format!("{side} says")], |line| {
+    let sent = grouped(&control[&format!("{side} says")], |line| {
         word(&line["means"]["is"])
     });
-    let said = said.into_iter().map(|(kind, lines)| {
+    let sent = sent.into_iter().map(|(kind, lines)| {
         let name = format!("{kind}, as a {side} says it, is read as it is meant");
         let cites = "PROTOCOL 2.5-1, 2.5-2, 4.1-4";
         family("L0.81", &name, cites, lines, move |decoder, line| {
             message(decoder, side, line)
         })
     });
-    let refused = grouped(&control[&format!("refused of a {side}")], |line| {
+    let refused = grouped(&control[&format!("refused {side} messages")], |line| {
         word(&line["refusal"])
     });
     let refused = refused.into_iter().map(|(why, lines)| {
@@ -66,13 +66,13 @@ fn messages(side: &'static str, control: &Value) -> Vec<Case> {
             must(answer.get("refused").is_some(), line, &answer)
         })
     });
-    said.chain(refused).collect()
+    sent.chain(refused).collect()
 }
 
 /// Datagrams, and what is none.
 fn datagrams(packets: &Value) -> Vec<Case> {
-    let said = grouped(&packets["said"], |line| word(&line["means"]["kind"]));
-    let said = said.into_iter().map(|(kind, lines)| {
+    let sent = grouped(&packets["accepted"], |line| word(&line["means"]["kind"]));
+    let sent = sent.into_iter().map(|(kind, lines)| {
         let name = format!("datagrams of kind {kind} are read as they are meant");
         let cites = "PROTOCOL 2.5-2, 5.6-16, 5.8-1";
         family("L0.84", &name, cites, lines, packet)
@@ -86,11 +86,11 @@ fn datagrams(packets: &Value) -> Vec<Case> {
             must(answer.get("refused").is_some(), line, &answer)
         })
     });
-    said.chain(refused).collect()
+    sent.chain(refused).collect()
 }
 
-/// A stream, as one of its members heard it.
-fn heard(stream: Value) -> Case {
+/// A stream, as one of its members received it.
+fn received(stream: Value) -> Case {
     let name = format!(
         "who hears {} knows what its member knew",
         word(&stream["name"])
@@ -105,7 +105,7 @@ fn family(
     name: &str,
     cites: &str,
     lines: Vec<Value>,
-    play: impl Fn(&mut Decoder, &Value) -> Play + Send + Sync + 'static,
+    play: impl Fn(&mut Decoder, &Value) -> CaseResult + Send + Sync + 'static,
 ) -> Case {
     let lines = Arc::new(lines);
     Case::decoder(group, name)
@@ -121,16 +121,16 @@ fn family(
         })
 }
 
-fn message(decoder: &mut Decoder, side: &str, line: &Value) -> Play {
+fn message(decoder: &mut Decoder, side: &str, line: &Value) -> CaseResult {
     let answer = decoder.ask(&json!({"message": side, "bytes": line["bytes"]}))?;
     if line.get("skipped").is_some() {
         return must(answer.get("skipped").is_some(), line, &answer);
     }
     if let Some(error) = line.get("error") {
-        let told = answer.get("error");
+        let reported = answer.get("error");
         // Who knows only that a number is wrong may say so by a null.
         return must(
-            told.is_some_and(|told| told.is_null() || told == error),
+            reported.is_some_and(|reported| reported.is_null() || reported == error),
             line,
             &answer,
         );
@@ -138,7 +138,7 @@ fn message(decoder: &mut Decoder, side: &str, line: &Value) -> Play {
     must(answer["means"] == line["means"], line, &answer)
 }
 
-fn framed(decoder: &mut Decoder, line: &Value) -> Play {
+fn framed(decoder: &mut Decoder, line: &Value) -> CaseResult {
     let answer = decoder.ask(&json!({"frames": line["bytes"]}))?;
     let refused = line.get("refusal").is_some();
     must(
@@ -148,61 +148,61 @@ fn framed(decoder: &mut Decoder, line: &Value) -> Play {
     )
 }
 
-fn packet(decoder: &mut Decoder, line: &Value) -> Play {
+fn packet(decoder: &mut Decoder, line: &Value) -> CaseResult {
     let answer = decoder.ask(&json!({"packet": line["bytes"]}))?;
     let right = if decoder.tells() {
         answer["means"] == line["means"]
     } else {
-        answer["said"] == true
+        answer["accepted"] == true
     };
     must(right, line, &answer)
 }
 
-fn parity(decoder: &mut Decoder, line: &Value) -> Play {
-    let bytes = crate::grammar::unhex(&word(&line["parity"]));
+fn repair_symbol(decoder: &mut Decoder, line: &Value) -> CaseResult {
+    let bytes = crate::grammar::unhex(&word(&line["repair_symbol"]));
     let mut reader = rhumb_protocol::wire::bytes::Reader::new(&bytes);
-    let read = |_| Stop::Inconclusive("a vector is no parity".into());
+    let read = |_| Stop::Inconclusive("a vector is no repair_symbol".into());
     let head: rhumb_protocol::packet::Head =
         rhumb_protocol::wire::Wire::decode(&mut reader).map_err(read)?;
-    let said = rhumb_protocol::packet::Parity::decode(reader).map_err(read)?;
-    let question = json!({"packets": line["packets"], "row": said.row, "stream": head.stream.0});
+    let sent = rhumb_protocol::packet::RepairSymbol::decode(reader).map_err(read)?;
+    let question = json!({"packets": line["packets"], "row": sent.row, "stream": head.stream.0});
     let answer = decoder.ask(&question)?;
-    must(answer["bytes"] == line["parity"], line, &answer)
+    must(answer["bytes"] == line["repair_symbol"], line, &answer)
 }
 
-fn known(decoder: &mut Decoder, line: &Value) -> Play {
+fn known(decoder: &mut Decoder, line: &Value) -> CaseResult {
     let answer = decoder.ask(&json!({"stream": line["events"]}))?;
-    let told = answer["known"].as_array().cloned().unwrap_or_default();
+    let reported = answer["known"].as_array().cloned().unwrap_or_default();
     let events = line["events"].as_array().into_iter().flatten();
     let wanted: Vec<_> = events
         .filter(|event| event[0] == "known")
         .map(|event| event[1].clone())
         .collect();
-    if told.len() != wanted.len() {
+    if reported.len() != wanted.len() {
         return Stop::fail(format!(
             "it tells {} times what it knows, not {}",
-            told.len(),
+            reported.len(),
             wanted.len()
         ));
     }
-    for (place, (told, mut wanted)) in told.into_iter().zip(wanted).enumerate() {
-        // What is shown of a body that is in doubt is nobody's promise (6.8).
-        if wanted["settled"] != true
-            && told.get("poses").is_none()
+    for (place, (reported, mut wanted)) in reported.into_iter().zip(wanted).enumerate() {
+        // What is shown of a body that is in mismatch is nobody's promise (6.8).
+        if wanted["converged"] != true
+            && reported.get("poses").is_none()
             && let Some(wanted) = wanted.as_object_mut()
         {
             wanted.remove("poses");
         }
-        if told != wanted {
+        if reported != wanted {
             return Stop::fail(format!(
-                "at the {place}th time it knows {told}, and should {wanted}"
+                "at the {place}th time it knows {reported}, and should {wanted}"
             ));
         }
     }
     Ok(())
 }
 
-fn must(right: bool, line: &Value, answer: &Value) -> Play {
+fn must(right: bool, line: &Value, answer: &Value) -> CaseResult {
     if right {
         return Ok(());
     }

@@ -3,7 +3,9 @@
 use std::collections::{BTreeSet, VecDeque};
 
 use rhumb_protocol::message::{ClientMessage, Framed, Frames, ServerMessage, frame};
-use rhumb_protocol::packet::{Age, Echo, FullPacket, Head, Kind, Low16, RepairWriter, Saying};
+use rhumb_protocol::packet::{
+    Age, FullPacket, Head, LossReport, Low16, PacketKind, RefreshWriter, UpdatePayload,
+};
 use rhumb_protocol::session::ClientSession;
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::{Reader, Writer};
@@ -11,7 +13,7 @@ use rhumb_reckoning::Tick;
 
 use super::packets::{updates_of, without_rests, written};
 use crate::conformance::peer::datagram;
-use crate::testee::Habit;
+use crate::testee::Behaviour;
 
 /// The promise that is broken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -25,23 +27,23 @@ pub enum ClientMutant {
     /// Closes with the next code.
     WrongCode,
     /// Never asks for what is lost.
-    NeverEchoes,
+    NeverReportsLoss,
     /// Asks for the packet behind the one that is lost.
     OffByOne,
-    /// Hears no repair.
-    RepairIgnored,
+    /// Hears no refresh.
+    RefreshIgnored,
     /// Takes an old packet of a full stream for one of the newest tick.
     StaleTaken,
     /// Takes a correction whatever revision it is of.
     RevisionIgnored,
     /// Hears no rest.
     RestLost,
-    /// Never doubts.
-    NeverDoubts,
-    /// Sums parities wrongly.
-    ParityWrong,
-    /// Reads datagrams whatever notices they count.
-    NoticesIgnored,
+    /// Never mismatches.
+    NeverReportsMismatch,
+    /// Sums repair_symbols wrongly.
+    RepairSymbolWrong,
+    /// Reads datagrams whatever scene_events they count.
+    SceneEventsIgnored,
     /// Takes what is no number for zero.
     NanTaken,
     /// Follows however far a stream jumps.
@@ -49,52 +51,52 @@ pub enum ClientMutant {
     /// Predicts the last bit wrongly.
     LastBitWrong,
     /// Tells of a tick as complete whatever is missing.
-    PromisesTooMuch,
+    CompleteTooEarly,
     /// Stays where it was when it has caught up with another stream.
-    NeverFollowed,
+    NeverSubscribed,
     /// Wishes to join in the same breath as its hello, before it is welcomed.
-    SpeaksTooSoon,
+    SendsBeforeWelcome,
     /// Takes what waits for a packet for known as soon as one comes late.
     LateIsAll,
     /// Asks for one packet of all that are lost.
     AsksForOne,
-    /// Drives, and says the server only each fourth packet of it.
-    StraysAway,
+    /// AuthorityTable, and says the server only each fourth packet of it.
+    UpstreamBeyondTolerance,
     /// Vouches for the first silence of what it drives, and for none later.
-    VouchesOnce,
+    WatermarkOnce,
     /// Does not hear that the server has lost touch with what it drives.
-    NeverDrivesAgain,
+    NeverRetakesAuthority,
 }
 
 impl ClientMutant {
     /// How it does so.
     #[must_use]
-    pub fn habit(self) -> Box<dyn Habit> {
-        Box::new(Mutant {
+    pub fn habit(self) -> Box<dyn Behaviour> {
+        Box::new(MutantBehaviour {
             mutant: self,
             frames: Frames::new(),
-            said: Frames::new(),
+            sent: Frames::new(),
             recent: VecDeque::new(),
-            heard: BTreeSet::new(),
+            received: BTreeSet::new(),
             begun: false,
             packets: 0,
         })
     }
 }
 
-struct Mutant {
+struct MutantBehaviour {
     mutant: ClientMutant,
     frames: Frames,
-    said: Frames,
+    sent: Frames,
     recent: VecDeque<Vec<u8>>,
     /// Numbers of packets, as their low bits.
-    heard: BTreeSet<u16>,
+    received: BTreeSet<u16>,
     begun: bool,
     packets: u64,
 }
 
-impl Mutant {
-    /// A message that is heard, as it is taken; none when it is passed over.
+impl MutantBehaviour {
+    /// A message that is received, as it is taken; none when it is passed over.
     fn take(&self, kind: u8, body: Vec<u8>) -> Option<(u8, Vec<u8>)> {
         let known = 1..=16;
         match self.mutant {
@@ -107,161 +109,166 @@ impl Mutant {
                 None
             }
             ClientMutant::OptionalRefused if kind >= 0x80 => Some((0x7f, body)),
-            ClientMutant::NeverDrivesAgain => {
+            ClientMutant::NeverRetakesAuthority => {
                 let framed = Framed { kind, body };
                 let message = ServerMessage::decode(&framed).ok().flatten();
-                let lost = matches!(message, Some(ServerMessage::NotDriving(_)));
+                let lost = matches!(message, Some(ServerMessage::AuthorityDenied(_)));
                 (!lost).then_some((framed.kind, framed.body))
             }
             _ => Some((kind, body)),
         }
     }
 
-    /// What it hears, and repairs that say nothing of what was heard before and waits.
+    /// What it hears, and refreshes that say nothing of what was received before and waits.
     fn with_all_known(&mut self, session: &ClientSession, bytes: &[u8]) -> Vec<Vec<u8>> {
-        let mut heard = vec![bytes.to_vec()];
+        let mut received = vec![bytes.to_vec()];
         let (Some((head, packet, _)), Some(copy)) = (updates_of(bytes), session.replica()) else {
-            return heard;
+            return received;
         };
-        let (tick, notices) = (copy.stream().vouched().value(), packet.notices.0);
-        for number in self.heard.range(packet.number.0..) {
-            let repair = RepairWriter::default();
+        let (tick, scene_events) = (
+            copy.stream().watermark_tick().value(),
+            packet.scene_events.0,
+        );
+        for number in self.received.range(packet.number.0..) {
+            let refresh = RefreshWriter::default();
             let number = u64::from(*number);
-            heard.extend(repair.finish(head.stream, number, tick, notices.into()));
+            received.extend(refresh.finish(head.stream, number, tick, scene_events.into()));
         }
-        self.heard.insert(packet.number.0);
-        heard
+        self.received.insert(packet.number.0);
+        received
     }
 
-    /// What it says, but for packets of its upstream that it holds back: three of four, or all vouches but the first.
-    fn say_less_upstream(&mut self, bytes: &[u8]) -> Vec<u8> {
-        self.said.push(bytes);
-        let mut said = Vec::new();
-        while let Ok(Some(framed)) = self.said.next_frame() {
+    /// What it says, but for packets of its upstream that it holds back: three of four, or all watermarks but the first.
+    fn thin_out_upstream(&mut self, bytes: &[u8]) -> Vec<u8> {
+        self.sent.push(bytes);
+        let mut sent = Vec::new();
+        while let Ok(Some(framed)) = self.sent.next_frame() {
             let message = ClientMessage::decode(&framed).ok().flatten();
             if let Some(ClientMessage::Upstream(packet)) = message {
-                let counts = self.mutant == ClientMutant::StraysAway
-                    || datagram::kind(&packet) == Some(Kind::Vouch);
+                let counts = self.mutant == ClientMutant::UpstreamBeyondTolerance
+                    || datagram::kind(&packet) == Some(PacketKind::Watermark);
                 self.packets += u64::from(counts);
                 let passes = match self.mutant {
-                    ClientMutant::StraysAway => self.packets % 4 == 1,
+                    ClientMutant::UpstreamBeyondTolerance => self.packets % 4 == 1,
                     _ => !counts || self.packets == 1,
                 };
                 if !passes {
                     continue;
                 }
             }
-            frame(framed.kind, &framed.body, &mut said);
+            frame(framed.kind, &framed.body, &mut sent);
         }
-        said
+        sent
     }
 }
 
-impl Habit for Mutant {
-    fn hear_control(&mut self, bytes: &[u8]) -> Vec<u8> {
+impl Behaviour for MutantBehaviour {
+    fn receive_control(&mut self, bytes: &[u8]) -> Vec<u8> {
         let touches = matches!(
             self.mutant,
             ClientMutant::AnyVersion
                 | ClientMutant::CriticalPasses
                 | ClientMutant::OptionalRefused
-                | ClientMutant::NeverDrivesAgain
+                | ClientMutant::NeverRetakesAuthority
         );
         if !touches {
             return bytes.to_vec();
         }
         self.frames.push(bytes);
-        let mut heard = Vec::new();
+        let mut received = Vec::new();
         while let Ok(Some(framed)) = self.frames.next_frame() {
             if let Some((kind, body)) = self.take(framed.kind, framed.body) {
-                frame(kind, &body, &mut heard);
+                frame(kind, &body, &mut received);
             }
         }
-        heard
+        received
     }
 
-    fn hear_datagram(&mut self, session: &ClientSession, bytes: &[u8]) -> Vec<Vec<u8>> {
+    fn receive_datagram(&mut self, session: &ClientSession, bytes: &[u8]) -> Vec<Vec<u8>> {
         let kind = datagram::kind(bytes);
-        let is_full = matches!(kind, Some(Kind::Full | Kind::FullEnd));
+        let is_full = matches!(kind, Some(PacketKind::Full | PacketKind::FullEnd));
         match self.mutant {
-            ClientMutant::RepairIgnored if kind == Some(Kind::Repair) => Vec::new(),
+            ClientMutant::RefreshIgnored if kind == Some(PacketKind::Refresh) => Vec::new(),
             ClientMutant::LateIsAll => self.with_all_known(session, bytes),
             ClientMutant::StaleTaken => {
-                let mut heard = vec![bytes.to_vec()];
+                let mut received = vec![bytes.to_vec()];
                 if is_full {
                     self.recent.push_back(bytes.to_vec());
                     if self.recent.len() > 3 {
-                        heard.extend(self.recent.pop_front().and_then(|old| renewed(&old, bytes)));
+                        received
+                            .extend(self.recent.pop_front().and_then(|old| renewed(&old, bytes)));
                     }
                 }
-                heard
+                received
             }
             ClientMutant::RevisionIgnored => {
                 vec![rebuilt_on(session, bytes).unwrap_or_else(|| bytes.to_vec())]
             }
             ClientMutant::RestLost => vec![without_rests(bytes).unwrap_or_else(|| bytes.to_vec())],
-            ClientMutant::ParityWrong if kind == Some(Kind::Parity) => {
+            ClientMutant::RepairSymbolWrong if kind == Some(PacketKind::RepairSymbol) => {
                 let mut wrong = bytes.to_vec();
                 if let Some(last) = wrong.last_mut() {
                     *last ^= 0x11;
                 }
                 vec![wrong]
             }
-            ClientMutant::NoticesIgnored => vec![without_notices(bytes)],
+            ClientMutant::SceneEventsIgnored => vec![without_notices(bytes)],
             ClientMutant::NanTaken if is_full => vec![without_nans(bytes)],
             _ => vec![bytes.to_vec()],
         }
     }
 
-    fn say_datagram(&mut self, bytes: &[u8]) -> Option<Vec<u8>> {
+    fn filter_datagram(&mut self, bytes: &[u8]) -> Option<Vec<u8>> {
         let mut reader = Reader::new(bytes);
         let kind = Head::decode(&mut reader)
             .ok()
             .map(|head| (head.kind, head.stream));
         match (self.mutant, kind) {
-            (ClientMutant::NeverEchoes, Some((Kind::Echo, _)))
-            | (ClientMutant::NeverDoubts, Some((Kind::Doubt, _))) => None,
-            (ClientMutant::OffByOne, Some((Kind::Echo, stream))) => {
-                let mut echo = Echo::decode(reader).ok()?;
-                echo.lost
+            (ClientMutant::NeverReportsLoss, Some((PacketKind::LossReport, _)))
+            | (ClientMutant::NeverReportsMismatch, Some((PacketKind::ChecksumMismatch, _))) => None,
+            (ClientMutant::OffByOne, Some((PacketKind::LossReport, stream))) => {
+                let mut loss_report = LossReport::decode(reader).ok()?;
+                loss_report
+                    .lost
                     .iter_mut()
                     .for_each(|lost| lost.0 = lost.0.wrapping_add(1));
-                Some(echo.encode(stream))
+                Some(loss_report.encode(stream))
             }
-            (ClientMutant::AsksForOne, Some((Kind::Echo, stream))) => {
-                let mut echo = Echo::decode(reader).ok()?;
-                echo.lost.truncate(1);
-                Some(echo.encode(stream))
+            (ClientMutant::AsksForOne, Some((PacketKind::LossReport, stream))) => {
+                let mut loss_report = LossReport::decode(reader).ok()?;
+                loss_report.lost.truncate(1);
+                Some(loss_report.encode(stream))
             }
             _ => Some(bytes.to_vec()),
         }
     }
 
-    fn say_control(&mut self, bytes: &[u8]) -> Vec<u8> {
+    fn filter_control(&mut self, bytes: &[u8]) -> Vec<u8> {
         if matches!(
             self.mutant,
-            ClientMutant::StraysAway | ClientMutant::VouchesOnce
+            ClientMutant::UpstreamBeyondTolerance | ClientMutant::WatermarkOnce
         ) {
-            return self.say_less_upstream(bytes);
+            return self.thin_out_upstream(bytes);
         }
         let left_out = match self.mutant {
             ClientMutant::NeverResyncs => 9,
-            ClientMutant::NeverFollowed => 13,
-            ClientMutant::SpeaksTooSoon if !std::mem::replace(&mut self.begun, true) => {
+            ClientMutant::NeverSubscribed => 13,
+            ClientMutant::SendsBeforeWelcome if !std::mem::replace(&mut self.begun, true) => {
                 // It joins in the same breath.
-                let mut said = bytes.to_vec();
-                frame(3, &[0, 0xd0, 0x86, 3], &mut said);
-                return said;
+                let mut sent = bytes.to_vec();
+                frame(3, &[0, 0xd0, 0x86, 3], &mut sent);
+                return sent;
             }
             _ => return bytes.to_vec(),
         };
-        self.said.push(bytes);
-        let mut said = Vec::new();
-        while let Ok(Some(framed)) = self.said.next_frame() {
+        self.sent.push(bytes);
+        let mut sent = Vec::new();
+        while let Ok(Some(framed)) = self.sent.next_frame() {
             if framed.kind != left_out {
-                frame(framed.kind, &framed.body, &mut said);
+                frame(framed.kind, &framed.body, &mut sent);
             }
         }
-        said
+        sent
     }
 
     fn close(&mut self, code: u32) -> Option<u32> {
@@ -290,12 +297,12 @@ impl Habit for Mutant {
         line
     }
 
-    fn tells_unsettled(&self) -> bool {
-        self.mutant == ClientMutant::PromisesTooMuch
+    fn reports_unconverged(&self) -> bool {
+        self.mutant == ClientMutant::CompleteTooEarly
     }
 }
 
-/// The records of an old full packet, as those of a later one that is said behind another.
+/// The records of an old full packet, as those of a later one that is sent behind another.
 fn renewed(old: &[u8], new: &[u8]) -> Option<Vec<u8>> {
     let read = |bytes| {
         let mut reader = Reader::new(bytes);
@@ -303,7 +310,7 @@ fn renewed(old: &[u8], new: &[u8]) -> Option<Vec<u8>> {
         Some((head, FullPacket::decode(true, reader).ok()?))
     };
     let ((_, old), (head, new)) = (read(old)?, read(new)?);
-    // Its own number was heard; the next one is not, and is dropped as a copy when it comes.
+    // Its own number was received; the next one is not, and is dropped as a copy when it comes.
     let packet = FullPacket {
         number: Low16(new.number.0.wrapping_add(1)),
         tick: Low16(new.tick.0.wrapping_add(1)),
@@ -315,30 +322,32 @@ fn renewed(old: &[u8], new: &[u8]) -> Option<Vec<u8>> {
 /// The same packet, with each correction's age as the track that is there has it.
 fn rebuilt_on(session: &ClientSession, bytes: &[u8]) -> Option<Vec<u8>> {
     let copy = session.replica()?.stream();
-    let every = session.terms()?.cadence.every;
+    let publish_interval = session.config()?.publish_schedule.publish_interval;
     let (head, packet, mut updates) = updates_of(bytes)?;
-    let tick = Tick::new(packet.tick.expand(copy.vouched().value()));
-    let seated: Vec<_> = updates.iter().filter_map(|update| update.body).collect();
+    let tick = Tick::new(packet.tick.expand(copy.watermark_tick().value()));
+    let aliased: Vec<_> = updates.iter().filter_map(|update| update.body).collect();
     for update in &mut updates {
         // Who names its body is known; of others only a session knows who sits where.
         let index = update
             .body
-            .or_else(|| (!seated.contains(&update.seat)).then_some(update.seat))?;
+            .or_else(|| (!aliased.contains(&update.alias)).then_some(update.alias))?;
         let origin = copy
             .body(index)
             .and_then(|id| copy.track(id))
             .map(|track| track.origin);
-        if let (Saying::Residual { age, .. } | Saying::Settled { age, .. }, Some(origin)) =
-            (&mut update.saying, origin)
+        if let (
+            UpdatePayload::Residual { age, .. } | UpdatePayload::Resting { age, .. },
+            Some(origin),
+        ) = (&mut update.payload, origin)
             && tick > origin
         {
-            *age = Age::of(origin, tick, every)?;
+            *age = Age::of(origin, tick, publish_interval)?;
         }
     }
     written(head, &packet, &updates)
 }
 
-/// The same datagram with a count of notices that is 200 less, or zero: one that was reached long ago.
+/// The same datagram with a count of scene_events that is 200 less, or zero: one that was reached long ago.
 fn without_notices(bytes: &[u8]) -> Vec<u8> {
     let mut reader = Reader::new(bytes);
     let mut bytes = bytes.to_vec();
@@ -350,7 +359,7 @@ fn without_notices(bytes: &[u8]) -> Vec<u8> {
     let at = start.into_bytes().len() + 4;
     if matches!(
         head.kind,
-        Kind::State | Kind::StateEnd | Kind::Vouch | Kind::Repair
+        PacketKind::Updates | PacketKind::UpdatesEnd | PacketKind::Watermark | PacketKind::Refresh
     ) && bytes.len() >= at + 2
     {
         let fewer = u16::from_le_bytes([bytes[at], bytes[at + 1]]).saturating_sub(200);

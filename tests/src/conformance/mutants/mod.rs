@@ -7,4 +7,4 @@ mod packets;
 mod server;
 
 pub use client::ClientMutant;
-pub use server::{ServerMutant, Serving};
+pub use server::{MutantServer, ServerMutant};

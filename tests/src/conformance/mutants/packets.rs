@@ -1,28 +1,32 @@
 //! State packets that say less than they did.
 
-use rhumb_protocol::packet::{Head, Kind, Saying, StatePacket, StateWriter, Update};
+use rhumb_protocol::packet::{Head, PacketKind, Update, UpdatePacket, UpdatePayload, UpdateWriter};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 
 /// The updates of a packet with its head, if it is one of a reckoned stream.
-pub(super) fn updates_of(bytes: &[u8]) -> Option<(Head, StatePacket<'_>, Vec<Update>)> {
+pub(super) fn updates_of(bytes: &[u8]) -> Option<(Head, UpdatePacket<'_>, Vec<Update>)> {
     let mut reader = Reader::new(bytes);
     let head = Head::decode(&mut reader).ok()?;
     let ends = match head.kind {
-        Kind::State => false,
-        Kind::StateEnd => true,
+        PacketKind::Updates => false,
+        PacketKind::UpdatesEnd => true,
         _ => return None,
     };
-    let packet = StatePacket::decode(ends, reader).ok()?;
+    let packet = UpdatePacket::decode(ends, reader).ok()?;
     let mut updates = Vec::new();
     packet.clone().updates(&mut updates).ok()?;
     Some((head, packet, updates))
 }
 
-pub(super) fn written(head: Head, packet: &StatePacket<'_>, updates: &[Update]) -> Option<Vec<u8>> {
-    let [number, tick, notices] =
-        [packet.number, packet.tick, packet.notices].map(|low| u64::from(low.0));
-    let mut writer = StateWriter::new(head.stream, number, tick, notices);
+pub(super) fn written(
+    head: Head,
+    packet: &UpdatePacket<'_>,
+    updates: &[Update],
+) -> Option<Vec<u8>> {
+    let [number, tick, scene_events] =
+        [packet.number, packet.tick, packet.scene_events].map(|low| u64::from(low.0));
+    let mut writer = UpdateWriter::new(head.stream, number, tick, scene_events);
     for update in updates {
         if !writer.push(update) {
             return None;
@@ -34,6 +38,6 @@ pub(super) fn written(head: Head, packet: &StatePacket<'_>, updates: &[Update]) 
 /// The same packet without bodies that come to rest.
 pub(super) fn without_rests(bytes: &[u8]) -> Option<Vec<u8>> {
     let (head, packet, mut updates) = updates_of(bytes)?;
-    updates.retain(|update| !matches!(update.saying, Saying::Settled { .. }));
+    updates.retain(|update| !matches!(update.payload, UpdatePayload::Resting { .. }));
     written(head, &packet, &updates)
 }

@@ -6,14 +6,14 @@ use std::thread::{self, JoinHandle};
 
 use bytes::Bytes;
 use rhumb_protocol::limits::FRICTION_MAX;
-use rhumb_protocol::message::{ClientMessage, Framed, Frames, Notice, ServerMessage, frame};
-use rhumb_protocol::packet::{Digest, FullPacket, Head, Kind, Parity, StateWriter};
-use rhumb_protocol::scene::SceneTerms;
+use rhumb_protocol::message::{ClientMessage, Framed, Frames, SceneEvent, ServerMessage, frame};
+use rhumb_protocol::packet::{Checksums, FullPacket, Head, PacketKind, RepairSymbol, UpdateWriter};
+use rhumb_protocol::scene::SceneConfig;
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake};
-use rhumb_reckoning::Verbatim;
-use rhumb_server::Host;
+use rhumb_reckoning::BodyState;
+use rhumb_server::ServerLoop;
 use rhumb_transport::{Certificate, Fingerprint, QuicServer, ServerOptions, Stop};
 
 use super::packets::{updates_of, without_rests, written};
@@ -35,27 +35,27 @@ pub enum ServerMutant {
     /// Takes what is no number for zero.
     NanTaken,
     /// Repairs nothing.
-    RepairIgnored,
+    RefreshIgnored,
     /// Numbers packets from one too many on.
     OffByOne,
     /// Never says that nothing was to be said.
-    NeverVouches,
+    NeverSendsWatermark,
     /// Says no rest.
     RestLost,
     /// Says nothing of who has left the tolerance.
     ToleranceIgnored,
     /// Sums tracks wrongly.
-    SumsWrong,
-    /// Sums parities wrongly.
-    ParityWrong,
+    ChecksumsWrong,
+    /// Sums repair_symbols wrongly.
+    RepairSymbolWrong,
     /// Steps once more than it was asked to.
     StepsTooFar,
     /// Tells nobody of another gravity.
-    GravityUntold,
+    GravityNotSent,
     /// Tells nobody that a command was refused.
-    RefusalsUntold,
+    RefusalsNotSent,
     /// Tells who joins late of no joint.
-    JointsUntold,
+    JointsNotSent,
     /// Answers a ping by another number.
     PongWrong,
     /// Steps with a scene's friction one number above what was asked for: as another engine, near by and not the same.
@@ -71,7 +71,7 @@ impl ServerMutant {
     ///
     /// When the machine lets nobody listen.
     #[must_use]
-    pub fn serve(self) -> Serving {
+    pub fn serve(self) -> MutantServer {
         let certificate = Certificate::development(["localhost", "127.0.0.1"]);
         let server = QuicServer::bind(ServerOptions {
             listen: SocketAddr::from(([127, 0, 0, 1], 0)),
@@ -82,15 +82,15 @@ impl ServerMutant {
         let stop = Stop::new();
         let asked = stop.clone();
         let thread = thread::spawn(move || {
-            let mut endpoint = Mutant {
+            let mut endpoint = MutantEndpoint {
                 mutant: self,
-                host: Host::new(|| Instant::ZERO),
-                lines: BTreeMap::new(),
+                host: ServerLoop::new(|| Instant::ZERO),
+                connections: BTreeMap::new(),
             };
             // A server that breaks is no mutant: then its case cannot be tried, which its test sees.
             let _ = server.run(&mut endpoint, &asked);
         });
-        Serving {
+        MutantServer {
             address,
             fingerprint,
             stop,
@@ -101,7 +101,7 @@ impl ServerMutant {
 
 /// A mutant that serves until this is dropped.
 #[derive(Debug)]
-pub struct Serving {
+pub struct MutantServer {
     /// Where it is.
     pub address: SocketAddr,
     /// What to pin.
@@ -110,7 +110,7 @@ pub struct Serving {
     thread: Option<JoinHandle<()>>,
 }
 
-impl Drop for Serving {
+impl Drop for MutantServer {
     fn drop(&mut self) {
         self.stop.stop();
         if let Some(thread) = self.thread.take() {
@@ -121,43 +121,43 @@ impl Drop for Serving {
 }
 
 /// A good server, and what stands before its ears and mouth.
-struct Mutant {
+struct MutantEndpoint {
     mutant: ServerMutant,
-    host: Host,
-    lines: BTreeMap<Peer, Line>,
+    host: ServerLoop,
+    connections: BTreeMap<Peer, MutantConnection>,
 }
 
 /// A connection.
 #[derive(Default)]
-struct Line {
-    heard: Frames,
+struct MutantConnection {
+    received: Frames,
     said: Frames,
     is_in_snapshot: bool,
 }
 
-impl Endpoint for Mutant {
+impl Endpoint for MutantEndpoint {
     fn handle_opened(&mut self, now: Instant, peer: Peer) {
-        self.lines.insert(peer, Line::default());
+        self.connections.insert(peer, MutantConnection::default());
         self.host.handle_opened(now, peer);
     }
 
     fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
-        let Some(line) = self.lines.get_mut(&from) else {
+        let Some(connection) = self.connections.get_mut(&from) else {
             return;
         };
-        line.heard.push(bytes);
-        let mut heard = Vec::new();
+        connection.received.push(bytes);
+        let mut received = Vec::new();
         loop {
-            match line.heard.next_frame() {
-                Ok(Some(framed)) => heard.extend(heard_as(self.mutant, framed)),
+            match connection.received.next_frame() {
+                Ok(Some(framed)) => received.extend(received_as(self.mutant, framed)),
                 Ok(None) => break,
                 Err(_) => {
-                    heard.extend_from_slice(bytes);
+                    received.extend_from_slice(bytes);
                     break;
                 }
             }
         }
-        self.host.handle_control(now, from, &heard);
+        self.host.handle_control(now, from, &received);
     }
 
     fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
@@ -165,7 +165,7 @@ impl Endpoint for Mutant {
     }
 
     fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
-        self.lines.remove(&peer);
+        self.connections.remove(&peer);
         self.host.handle_ended(now, peer, ending);
     }
 
@@ -177,8 +177,8 @@ impl Endpoint for Mutant {
         loop {
             let said = match self.host.poll_transmit()? {
                 Transmit::Control { to, bytes } => {
-                    let line = self.lines.get_mut(&to)?;
-                    let bytes = line.said_as(self.mutant, &bytes).into();
+                    let connection = self.connections.get_mut(&to)?;
+                    let bytes = connection.sent_bytes_as(self.mutant, &bytes).into();
                     Some(Transmit::Control { to, bytes })
                 }
                 Transmit::State { to, bytes } => sent_as(self.mutant, &bytes).map(|bytes| {
@@ -202,32 +202,32 @@ impl Endpoint for Mutant {
 }
 
 /// What it takes a message for.
-fn heard_as(mutant: ServerMutant, framed: Framed) -> Vec<u8> {
+fn received_as(mutant: ServerMutant, framed: Framed) -> Vec<u8> {
     let Framed { kind, mut body } = framed;
     let known = 0..=16;
-    let mut heard = Vec::new();
+    let mut received = Vec::new();
     let message = |kind, body: &[u8]| {
         let body = body.to_vec();
         ClientMessage::decode(&Framed { kind, body }).ok().flatten()
     };
     match mutant {
-        ServerMutant::CriticalPasses if kind < 0x80 && !known.contains(&kind) => return heard,
-        ServerMutant::OptionalRefused if kind >= 0x80 => frame(0x7f, &body, &mut heard),
+        ServerMutant::CriticalPasses if kind < 0x80 && !known.contains(&kind) => return received,
+        ServerMutant::OptionalRefused if kind >= 0x80 => frame(0x7f, &body, &mut received),
         ServerMutant::CommandRefused if kind == COMMAND && body.first() >= Some(&0x80) => {
-            frame(0x7f, &body, &mut heard);
+            frame(0x7f, &body, &mut received);
         }
         ServerMutant::NanTaken if kind == COMMAND => {
             let nan = f32::NAN.to_le_bytes();
             while let Some(at) = body.windows(4).position(|four| four == nan) {
                 body[at..at + 4].fill(0);
             }
-            frame(kind, &body, &mut heard);
+            frame(kind, &body, &mut received);
         }
         ServerMutant::FrictionOff => match message(kind, &body) {
-            Some(ClientMessage::Create(terms)) => {
-                ClientMessage::Create(with_friction(terms, f32::next_up)).encode(&mut heard);
+            Some(ClientMessage::Create(config)) => {
+                ClientMessage::Create(with_friction(config, f32::next_up)).encode(&mut received);
             }
-            _ => frame(kind, &body, &mut heard),
+            _ => frame(kind, &body, &mut received),
         },
         ServerMutant::AnyVersion | ServerMutant::StepsTooFar => match message(kind, &body) {
             Some(ClientMessage::Hello {
@@ -239,32 +239,32 @@ fn heard_as(mutant: ServerMutant, framed: Framed) -> Vec<u8> {
                     scene,
                     extensions,
                 };
-                hello.encode(&mut heard);
+                hello.encode(&mut received);
             }
             Some(ClientMessage::Advance { to }) if mutant == ServerMutant::StepsTooFar => {
-                ClientMessage::Advance { to: to.next() }.encode(&mut heard);
+                ClientMessage::Advance { to: to.next() }.encode(&mut received);
             }
-            _ => frame(kind, &body, &mut heard),
+            _ => frame(kind, &body, &mut received),
         },
-        _ => frame(kind, &body, &mut heard),
+        _ => frame(kind, &body, &mut received),
     }
-    heard
+    received
 }
 
 const COMMAND: u8 = 7;
 
 /// Terms with the next friction above or below; at the ends of its range with their own.
-fn with_friction(mut terms: SceneTerms, next: fn(f32) -> f32) -> SceneTerms {
-    let friction = terms.material.friction;
+fn with_friction(mut config: SceneConfig, next: fn(f32) -> f32) -> SceneConfig {
+    let friction = config.material.friction;
     if friction > 0.0 && friction < FRICTION_MAX {
-        terms.material.friction = next(friction);
+        config.material.friction = next(friction);
     }
-    terms
+    config
 }
 
-impl Line {
+impl MutantConnection {
     /// What it says in place of bytes of the control stream.
-    fn said_as(&mut self, mutant: ServerMutant, bytes: &Bytes) -> Vec<u8> {
+    fn sent_bytes_as(&mut self, mutant: ServerMutant, bytes: &Bytes) -> Vec<u8> {
         self.said.push(bytes);
         let mut said = Vec::new();
         while let Ok(Some(framed)) = self.said.next_frame() {
@@ -275,16 +275,16 @@ impl Line {
                 _ => {}
             }
             match (mutant, message) {
-                (ServerMutant::RefusalsUntold, Some(ServerMessage::Refused { .. })) => {}
+                (ServerMutant::RefusalsNotSent, Some(ServerMessage::Refused { .. })) => {}
                 (
-                    ServerMutant::JointsUntold,
-                    Some(ServerMessage::Notice(Notice::JointAdded { .. })),
+                    ServerMutant::JointsNotSent,
+                    Some(ServerMessage::SceneEvent(SceneEvent::JointAdded { .. })),
                 ) if self.is_in_snapshot => {}
                 (
-                    ServerMutant::GravityUntold,
-                    Some(ServerMessage::Notice(Notice::GravityChanged { .. })),
+                    ServerMutant::GravityNotSent,
+                    Some(ServerMessage::SceneEvent(SceneEvent::GravityChanged { .. })),
                 ) => {
-                    // A notice that nobody knows, so that the count of notices stays.
+                    // A scene_event that nobody knows, so that the count of scene_events stays.
                     frame(framed.kind, &[0x8a], &mut said);
                 }
                 (
@@ -304,10 +304,10 @@ impl Line {
                     pong.encode(&mut said);
                 }
                 (ServerMutant::FrictionOff, Some(ServerMessage::Welcome(mut welcome))) => {
-                    let terms = welcome
+                    let config = welcome
                         .scene
-                        .map(|terms| with_friction(terms, f32::next_down));
-                    welcome.scene = terms;
+                        .map(|config| with_friction(config, f32::next_down));
+                    welcome.scene = config;
                     ServerMessage::Welcome(welcome).encode(&mut said);
                 }
                 _ => frame(framed.kind, &framed.body, &mut said),
@@ -321,16 +321,18 @@ impl Line {
 fn sent_as(mutant: ServerMutant, bytes: &[u8]) -> Option<Vec<u8>> {
     let kind = datagram::kind(bytes);
     let otherwise = match (mutant, kind) {
-        (ServerMutant::RepairIgnored, Some(Kind::Repair))
-        | (ServerMutant::NeverVouches, Some(Kind::Vouch)) => return None,
+        (ServerMutant::RefreshIgnored, Some(PacketKind::Refresh))
+        | (ServerMutant::NeverSendsWatermark, Some(PacketKind::Watermark)) => return None,
         (ServerMutant::RestLost, _) => without_rests(bytes),
         (ServerMutant::ToleranceIgnored, _) => without_updates(bytes),
         (ServerMutant::OffByOne, _) => numbered_higher(bytes),
-        (ServerMutant::SpeedsOff, Some(kind @ (Kind::Full | Kind::FullEnd))) => {
+        (ServerMutant::SpeedsOff, Some(kind @ (PacketKind::Full | PacketKind::FullEnd))) => {
             other_speeds(bytes, kind)
         }
-        (ServerMutant::SumsWrong, Some(Kind::Digest)) => other_sums(bytes),
-        (ServerMutant::ParityWrong, Some(Kind::Parity)) => other_parity(bytes),
+        (ServerMutant::ChecksumsWrong, Some(PacketKind::Checksums)) => other_sums(bytes),
+        (ServerMutant::RepairSymbolWrong, Some(PacketKind::RepairSymbol)) => {
+            other_repair_symbol(bytes)
+        }
         _ => None,
     };
     Some(otherwise.unwrap_or_else(|| bytes.to_vec()))
@@ -344,23 +346,23 @@ fn without_updates(bytes: &[u8]) -> Option<Vec<u8>> {
 
 fn numbered_higher(bytes: &[u8]) -> Option<Vec<u8>> {
     let (head, packet, updates) = updates_of(bytes)?;
-    let [number, tick, notices] =
-        [packet.number, packet.tick, packet.notices].map(|low| u64::from(low.0));
-    let mut writer = StateWriter::new(head.stream, number + 1, tick, notices);
+    let [number, tick, scene_events] =
+        [packet.number, packet.tick, packet.scene_events].map(|low| u64::from(low.0));
+    let mut writer = UpdateWriter::new(head.stream, number + 1, tick, scene_events);
     let fits = updates.iter().all(|update| writer.push(update));
     fits.then(|| writer.finish(packet.ends_tick))
 }
 
-fn other_speeds(bytes: &[u8], kind: Kind) -> Option<Vec<u8>> {
+fn other_speeds(bytes: &[u8], kind: PacketKind) -> Option<Vec<u8>> {
     let mut reader = Reader::new(bytes);
     let head = Head::decode(&mut reader).ok()?;
-    let mut packet = FullPacket::decode(kind == Kind::FullEnd, reader).ok()?;
+    let mut packet = FullPacket::decode(kind == PacketKind::FullEnd, reader).ok()?;
     for record in &mut packet.records {
         let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = record.motion.parts();
         // Who does not move is left: even the least speed would show in who sleeps.
         let vy = if vy == 0.0 { vy } else { vy.next_up() };
         let (place, turn) = ([px, py, pz], [x, y, z, w]);
-        record.motion = Verbatim::new(place, turn, [vx, vy, vz], [wx, wy, wz]).ok()?;
+        record.motion = BodyState::new(place, turn, [vx, vy, vz], [wx, wy, wz]).ok()?;
     }
     Some(packet.encode(head.stream))
 }
@@ -368,15 +370,15 @@ fn other_speeds(bytes: &[u8], kind: Kind) -> Option<Vec<u8>> {
 fn other_sums(bytes: &[u8]) -> Option<Vec<u8>> {
     let mut reader = Reader::new(bytes);
     let head = Head::decode(&mut reader).ok()?;
-    let mut digest = Digest::decode(reader).ok()?;
-    digest.sums.iter_mut().for_each(|sum| *sum ^= 1);
-    Some(digest.encode(head.stream))
+    let mut checksums = Checksums::decode(reader).ok()?;
+    checksums.sums.iter_mut().for_each(|sum| *sum ^= 1);
+    Some(checksums.encode(head.stream))
 }
 
-fn other_parity(bytes: &[u8]) -> Option<Vec<u8>> {
+fn other_repair_symbol(bytes: &[u8]) -> Option<Vec<u8>> {
     let mut reader = Reader::new(bytes);
     let head = Head::decode(&mut reader).ok()?;
-    let mut parity = Parity::decode(reader).ok()?;
-    *parity.sums.first_mut()? ^= 0x11;
-    Some(parity.encode(head.stream))
+    let mut repair_symbol = RepairSymbol::decode(reader).ok()?;
+    *repair_symbol.sums.first_mut()? ^= 0x11;
+    Some(repair_symbol.encode(head.stream))
 }

@@ -6,14 +6,14 @@
 use rhumb_protocol::message::StreamChoice;
 use rhumb_reckoning::{LengthBound, Tolerance};
 
-use super::case::{Case, Row};
-use super::outcome::{Play, Stop, ensure};
-use super::peer::{Couple, Setting};
+use super::case::{Case, CaseRow};
+use super::outcome::{CaseResult, Stop, ensure};
+use super::peer::{LivePair, Setting};
 use super::trial::Trial;
 
 /// All of them.
 pub(super) fn cases() -> Vec<Case> {
-    let case = |(number, name, cites, play): &Row| {
+    let case = |(number, name, cites, play): &CaseRow| {
         Case::pair(&format!("L4.71.{number}"), name)
             .cites(cites)
             .play(*play)
@@ -22,7 +22,7 @@ pub(super) fn cases() -> Vec<Case> {
 }
 
 /// What each case of the group promises, cites and does.
-const CASES: &[Row] = &[
+const CASES: &[CaseRow] = &[
     (
         1,
         "a pit is followed to the bit",
@@ -51,15 +51,15 @@ const CASES: &[Row] = &[
         5,
         "a full stream is followed to the bit",
         "PROTOCOL 5.12-1, 6.10-1, 6.10-3",
-        |trial| followed(trial, Setting::of("ball-pit", 20).wishing("follow full")),
+        |trial| followed(trial, Setting::of("ball-pit", 20).wishing("subscribe full")),
     ),
     (
         6,
         "a stream within a budget is followed to the bit",
         "PROTOCOL 5.17-1, 6.16-1",
         |trial| {
-            let wish = "follow 1000 budget 2000";
-            followed(trial, Setting::of("ball-pit", 40).wishing(wish))
+            let task = "subscribe 1000 budget 2000";
+            followed(trial, Setting::of("ball-pit", 40).wishing(task))
         },
     ),
     (
@@ -79,18 +79,18 @@ const CASES: &[Row] = &[
 /// Ticks for which a client follows.
 const TICKS: u64 = 120;
 
-fn followed(trial: &mut Trial<'_>, setting: Setting) -> Play {
-    let mut couple = Couple::begin(trial, &setting, None)?;
+fn followed(trial: &mut Trial<'_>, setting: Setting) -> CaseResult {
+    let mut couple = LivePair::begin(trial, &setting, None)?;
     for _ in 0..TICKS {
         couple.step()?;
     }
     couple.must_follow()
 }
 
-fn asked_for(trial: &mut Trial<'_>) -> Play {
+fn asked_for(trial: &mut Trial<'_>) -> CaseResult {
     let last = 60;
-    let wish = format!("follow 10000 advance {last}");
-    let mut couple = Couple::begin(trial, &Setting::of("ball-pit", 20).wishing(&wish), None)?;
+    let task = format!("subscribe 10000 advance {last}");
+    let mut couple = LivePair::begin(trial, &Setting::of("ball-pit", 20).wishing(&task), None)?;
     couple.until("sixty ticks", |couple| couple.newest() >= last)?;
     couple.must_follow()?;
     ensure(
@@ -99,12 +99,12 @@ fn asked_for(trial: &mut Trial<'_>) -> Play {
     )
 }
 
-fn changed(trial: &mut Trial<'_>) -> Play {
+fn changed(trial: &mut Trial<'_>) -> CaseResult {
     let length = LengthBound::from_micrometres(50_000);
     let length = length.map_err(|_| Stop::Inconclusive("the suite errs".into()))?;
     let choice = StreamChoice::Within(Tolerance::Surface(length));
-    let setting = Setting::of("ball-pit", 20).wishing("follow 10000 change 50000");
-    let mut couple = Couple::begin(trial, &setting, Some(choice))?;
+    let setting = Setting::of("ball-pit", 20).wishing("subscribe 10000 change 50000");
+    let mut couple = LivePair::begin(trial, &setting, Some(choice))?;
     for _ in 0..TICKS {
         couple.step()?;
         if couple.has_told("following") {

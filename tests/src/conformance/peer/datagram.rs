@@ -1,9 +1,10 @@
 //! What a datagram is, as far as a case must know to lose or to spoil it.
 //!
-//! Kind and stream are told by its head (PROTOCOL 5.8); what it says is read only to see that it says something.
+//! PacketKind and stream are told by its head (PROTOCOL 5.8); what it says is read only to see that it says something.
 
 use rhumb_protocol::packet::{
-    Digest, Doubt, Echo, FullPacket, Head, Kind, Parity, Repair, StatePacket, StreamId, Vouch,
+    ChecksumMismatch, Checksums, FullPacket, Head, LossReport, PacketKind, Refresh, RepairSymbol,
+    StreamId, UpdatePacket, Watermark,
 };
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
@@ -12,7 +13,7 @@ use rhumb_protocol::wire::{Malformed, Wire};
 pub(crate) const NO_KINDS: [u8; 4] = [10, 13, 14, 15];
 
 /// What it is, if it is something.
-pub(crate) fn kind(datagram: &[u8]) -> Option<Kind> {
+pub(crate) fn kind(datagram: &[u8]) -> Option<PacketKind> {
     head(datagram).map(|head| head.kind)
 }
 
@@ -24,11 +25,11 @@ pub(crate) fn head(datagram: &[u8]) -> Option<Head> {
 /// Whether it is a packet with a number.
 pub(crate) fn is_packet(datagram: &[u8]) -> bool {
     let packets = [
-        Kind::State,
-        Kind::StateEnd,
-        Kind::Full,
-        Kind::FullEnd,
-        Kind::StateInArrears,
+        PacketKind::Updates,
+        PacketKind::UpdatesEnd,
+        PacketKind::Full,
+        PacketKind::FullEnd,
+        PacketKind::UpdatesOverBudget,
     ];
     kind(datagram).is_some_and(|kind| packets.contains(&kind))
 }
@@ -37,7 +38,7 @@ pub(crate) fn is_packet(datagram: &[u8]) -> bool {
 pub(crate) fn tick_of(packet: &[u8]) -> Option<u16> {
     let mut reader = Reader::new(packet);
     let head = Head::decode(&mut reader).ok()?;
-    if head.kind == Kind::StateInArrears {
+    if head.kind == PacketKind::UpdatesOverBudget {
         reader.u8().ok()?;
     }
     reader.u16().ok()?;
@@ -56,7 +57,7 @@ pub(crate) fn of_stream(datagram: &[u8], stream: StreamId) -> Vec<u8> {
     if !is_read {
         return datagram.to_vec();
     }
-    let kind = Kind::State;
+    let kind = PacketKind::Updates;
     let mut to = Writer::new();
     Head { kind, stream }.encode(&mut to);
     let mut bytes = to.into_bytes();
@@ -75,16 +76,20 @@ pub(crate) fn read(datagram: &[u8]) -> Result<(), Malformed> {
     let head = Head::decode(&mut from)?;
     let mut updates = Vec::new();
     match head.kind {
-        Kind::State | Kind::StateEnd => StatePacket::decode(true, from)?.updates(&mut updates),
-        Kind::StateInArrears => StatePacket::decode_in_arrears(from)?.updates(&mut updates),
-        Kind::Vouch => Vouch::decode(from).map(drop),
-        Kind::VouchInArrears => Vouch::decode_in_arrears(from).map(drop),
-        Kind::Repair => Repair::decode(from).map(drop),
-        Kind::Full | Kind::FullEnd => FullPacket::decode(true, from).map(drop),
-        Kind::Echo => Echo::decode(from).map(drop),
-        Kind::Digest => Digest::decode(from).map(drop),
-        Kind::Doubt => Doubt::decode(from).map(drop),
-        Kind::Parity => Parity::decode(from).map(drop),
+        PacketKind::Updates | PacketKind::UpdatesEnd => {
+            UpdatePacket::decode(true, from)?.updates(&mut updates)
+        }
+        PacketKind::UpdatesOverBudget => {
+            UpdatePacket::decode_over_budget(from)?.updates(&mut updates)
+        }
+        PacketKind::Watermark => Watermark::decode(from).map(drop),
+        PacketKind::WatermarkOverBudget => Watermark::decode_over_budget(from).map(drop),
+        PacketKind::Refresh => Refresh::decode(from).map(drop),
+        PacketKind::Full | PacketKind::FullEnd => FullPacket::decode(true, from).map(drop),
+        PacketKind::LossReport => LossReport::decode(from).map(drop),
+        PacketKind::Checksums => Checksums::decode(from).map(drop),
+        PacketKind::ChecksumMismatch => ChecksumMismatch::decode(from).map(drop),
+        PacketKind::RepairSymbol => RepairSymbol::decode(from).map(drop),
     }
 }
 
@@ -94,7 +99,7 @@ mod tests {
 
     #[test]
     fn a_datagram_of_another_stream_says_the_same() {
-        for (said, stream, named) in [
+        for (sent, stream, named) in [
             ("58ffff3f01", 3, "38ffff3f01"),
             ("f80201", 3, "3801"),
             ("f88080010102", 20, "f8050102"),
@@ -103,7 +108,7 @@ mod tests {
             ("f8f1ffffff0f01", 4, "f8f1ffffff0f01"),
             ("", 4, ""),
         ] {
-            let bytes = crate::grammar::unhex(said);
+            let bytes = crate::grammar::unhex(sent);
             assert_eq!(
                 crate::grammar::hex(&of_stream(&bytes, StreamId(stream))),
                 named

@@ -9,15 +9,15 @@ use std::thread;
 use std::time::Duration;
 
 use rhumb_protocol::message::Frames;
-use rhumb_protocol::packet::Parity;
+use rhumb_protocol::packet::RepairSymbol;
 use serde_json::{Value, json};
 
-use super::complaints::Complaints;
 use super::datagram;
+use super::stderr_tail::StderrTail;
 use crate::conformance::outcome::Stop;
 use crate::conformance::trial::Log;
 use crate::grammar::{Grammar, hex, unhex};
-use crate::vectors::{Outcome, Side, error_json, streams};
+use crate::vectors::{Decoded, Sender, error_json, streams};
 
 /// Who reads bytes.
 pub enum Decoder {
@@ -32,7 +32,7 @@ pub enum Decoder {
         /// How long one may take.
         patience: Duration,
         /// What it writes beside them.
-        complaints: Option<Complaints>,
+        stderr_tail: Option<StderrTail>,
         /// Where that is noted at its end.
         log: Log,
     },
@@ -59,7 +59,7 @@ impl Decoder {
             .map_err(|error| cannot(&error.to_string()))?;
         let questions = child.stdin.take().ok_or_else(|| cannot("no input"))?;
         let out = child.stdout.take().ok_or_else(|| cannot("no output"))?;
-        let complaints = child.stderr.take().map(Complaints::of);
+        let stderr_tail = child.stderr.take().map(StderrTail::of);
         let (written, answers) = mpsc::channel();
         thread::spawn(move || {
             for line in BufReader::new(out).lines().map_while(Result::ok) {
@@ -73,7 +73,7 @@ impl Decoder {
             questions,
             answers,
             patience,
-            complaints,
+            stderr_tail,
             log,
         })
     }
@@ -117,7 +117,7 @@ impl Drop for Decoder {
     fn drop(&mut self) {
         if let Self::Process {
             child,
-            complaints,
+            stderr_tail,
             log,
             ..
         } = self
@@ -125,8 +125,8 @@ impl Drop for Decoder {
             // One that has ended already needs no ending.
             let _ = child.kill();
             let _ = child.wait();
-            let complaints = complaints.iter().flat_map(Complaints::last);
-            complaints.for_each(|line| log.note(line));
+            let stderr_tail = stderr_tail.iter().flat_map(StderrTail::last);
+            stderr_tail.for_each(|line| log.note(line));
         }
     }
 }
@@ -135,9 +135,9 @@ impl Drop for Decoder {
 fn answer(grammar: &Grammar, question: &Value) -> Value {
     if let Some(side) = question["message"].as_str() {
         let side = if side == "client" {
-            Side::Client
+            Sender::Client
         } else {
-            Side::Server
+            Sender::Server
         };
         return message(grammar, side, &bytes_of(&question["bytes"]));
     }
@@ -146,7 +146,7 @@ fn answer(grammar: &Grammar, question: &Value) -> Value {
     }
     if question.get("packet").is_some() {
         return match datagram::read(&bytes_of(&question["packet"])) {
-            Ok(()) => json!({"said": true}),
+            Ok(()) => json!({"accepted": true}),
             Err(why) => json!({"refused": format!("{why:?}")}),
         };
     }
@@ -160,8 +160,9 @@ fn answer(grammar: &Grammar, question: &Value) -> Value {
         let stream = rhumb_protocol::packet::StreamId(
             question["stream"].as_u64().unwrap_or_default() as u32,
         );
-        let parity = Parity::of(row, &packets).map(|parity| hex(&parity.encode(stream)));
-        return json!({"bytes": parity});
+        let repair_symbol =
+            RepairSymbol::of(row, &packets).map(|repair_symbol| hex(&repair_symbol.encode(stream)));
+        return json!({"bytes": repair_symbol});
     }
     let events = question["stream"].as_array().cloned().unwrap_or_default();
     let known = streams::replayed(&events).into_iter();
@@ -172,28 +173,28 @@ fn bytes_of(value: &Value) -> Vec<u8> {
     value.as_str().map(unhex).unwrap_or_default()
 }
 
-fn message(grammar: &Grammar, side: Side, bytes: &[u8]) -> Value {
+fn message(grammar: &Grammar, side: Sender, bytes: &[u8]) -> Value {
     let mut frames = Frames::new();
     frames.push(bytes);
     let Ok(Some(framed)) = frames.next_frame() else {
         return json!({"refused": "no message"});
     };
-    let mut said = match side.outcome(framed.kind, &framed.body) {
-        Outcome::Skipped => return json!({"skipped": true}),
-        Outcome::Refused(why) => return json!({"refused": format!("{why:?}")}),
-        Outcome::UnknownCommand => return json!({"error": {"is": "UnknownCommand"}}),
-        Outcome::NoMotion(quantity) => {
+    let mut sent = match side.outcome(framed.kind, &framed.body) {
+        Decoded::Skipped => return json!({"skipped": true}),
+        Decoded::Refused(why) => return json!({"refused": format!("{why:?}")}),
+        Decoded::UnknownCommand => return json!({"error": {"is": "UnknownCommand"}}),
+        Decoded::NoMotion(quantity) => {
             let error = rhumb_protocol::scene::Invalid::NotFinite(quantity);
             return json!({"error": error_json(error)});
         }
-        Outcome::Said(None) => json!({}),
-        Outcome::Said(Some(invalid)) => json!({"error": error_json(invalid)}),
+        Decoded::Accepted(None) => json!({}),
+        Decoded::Accepted(Some(invalid)) => json!({"error": error_json(invalid)}),
     };
     let typed = [&[framed.kind], &framed.body[..]].concat();
     if let Ok((means, _)) = grammar.read(side.type_name(), &typed) {
-        said["means"] = means;
+        sent["means"] = means;
     }
-    said
+    sent
 }
 
 fn frames(bytes: &[u8]) -> Value {

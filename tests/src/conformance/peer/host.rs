@@ -12,13 +12,14 @@ use rhumb_protocol::message::{ClientMessage, Frames, ServerMessage};
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Instant, Span};
 use rhumb_transport::{
-    BareEnd, BareLine, BareServer, BareTerms, Certificate, Clock, Fingerprint, Seen, UdpRelay,
+    Certificate, Clock, Fingerprint, RawConnection, RawEvent, RawPeerConfig, RawPeerEnd,
+    RawPeerServer, UdpRelay,
 };
 use serde_json::Value;
 
-use super::running::{Orders, Running, told};
+use super::client_process::{ClientOrders, ClientProcess, reported};
 use crate::conformance::case::Case;
-use crate::conformance::outcome::{Closing, Play, Stop};
+use crate::conformance::outcome::{CaseResult, Closing, Stop};
 use crate::conformance::trial::{Conditions, Log, Subject};
 use crate::grammar::hex;
 
@@ -26,22 +27,22 @@ use crate::grammar::hex;
 #[derive(Debug)]
 pub struct Host {
     /// The connection that the client opened.
-    pub line: BareLine,
-    /// Datagrams heard and not taken yet.
+    pub line: RawConnection,
+    /// Datagrams received and not taken yet.
     pub datagrams: VecDeque<Bytes>,
     /// How the connection ended, if it did.
-    pub ended: Option<BareEnd>,
-    /// Bytes of the control stream heard and not taken yet, for who reads them as bytes.
+    pub ended: Option<RawPeerEnd>,
+    /// Bytes of the control stream received and not taken yet, for who reads them as bytes.
     pub uttered: VecDeque<Bytes>,
     /// Streams that the client opened, and whether both may speak on each.
     pub opened: Vec<bool>,
     /// Types of messages that nobody need know, as they came.
     pub greased: Vec<u8>,
     frames: Frames,
-    heard: VecDeque<ClientMessage>,
-    client: Running,
+    received: VecDeque<ClientMessage>,
+    client: ClientProcess,
     /// Kept for its thread, on which the line lives.
-    _server: BareServer,
+    _server: RawPeerServer,
     _relay: Option<UdpRelay>,
     timeout: Duration,
     clock: Clock,
@@ -53,7 +54,7 @@ impl Host {
     pub(in crate::conformance) fn start(
         conditions: &Conditions,
         case: &Case,
-        wish: &str,
+        task: &str,
         pinned: Option<Fingerprint>,
         log: Log,
         closing: Rc<RefCell<Closing>>,
@@ -64,22 +65,22 @@ impl Host {
         let inconclusive = |error: &dyn std::fmt::Display| Stop::Inconclusive(error.to_string());
         let certificate = Certificate::development(["localhost", "127.0.0.1", "::1"]);
         let certificate = certificate.map_err(|error| inconclusive(&error))?;
-        let server = BareServer::listen(listen, &certificate, &BareTerms::default());
+        let server = RawPeerServer::listen(listen, &certificate, &RawPeerConfig::default());
         let server = server.map_err(|error| inconclusive(&error))?;
         let relay = conditions.relay(server.address(), 0)?;
         let pinned = pinned.unwrap_or_else(|| server.fingerprint());
-        let orders = Orders {
+        let orders = ClientOrders {
             server: relay
                 .as_ref()
                 .map_or_else(|| server.address(), UdpRelay::local_addr),
             fingerprint: pinned,
             scene: format!("conformance/{}", case.id),
-            wish,
+            task,
             case: &case.id,
             seed: conditions.seed,
         };
-        let mut client =
-            Running::start(exec, &orders, log.clone()).map_err(|error| inconclusive(&error))?;
+        let mut client = ClientProcess::start(exec, &orders, log.clone())
+            .map_err(|error| inconclusive(&error))?;
         let line = client.connected(&server, conditions.timeout * 5)?;
         Ok(Self {
             line,
@@ -89,7 +90,7 @@ impl Host {
             opened: Vec::new(),
             greased: Vec::new(),
             frames: Frames::new(),
-            heard: VecDeque::new(),
+            received: VecDeque::new(),
             client,
             _server: server,
             _relay: relay,
@@ -119,7 +120,7 @@ impl Host {
     /// # Errors
     ///
     /// [`Stop::Fail`] when the client does not take one so long.
-    pub fn throw(&mut self, bytes: &[u8]) -> Play {
+    pub fn throw(&mut self, bytes: &[u8]) -> CaseResult {
         self.log.note(format!("> datagram {}", hex(bytes)));
         if self.line.datagram(bytes.to_vec()) {
             Ok(())
@@ -155,34 +156,34 @@ impl Host {
         }
         match self.line.hear(self.clock.until(until)) {
             None => return Ok(false),
-            Some(Seen::Control(bytes)) => self.read(&bytes)?,
-            Some(Seen::Datagram(bytes)) => {
+            Some(RawEvent::Control(bytes)) => self.read(&bytes)?,
+            Some(RawEvent::Datagram(bytes)) => {
                 self.log.note(format!("< datagram {}", hex(&bytes)));
                 self.datagrams.push_back(bytes);
             }
-            Some(Seen::Ended(end)) => {
+            Some(RawEvent::Ended(end)) => {
                 self.log.note(format!("< {end}"));
                 self.ended = Some(end);
             }
-            Some(Seen::Opened { both_ways }) => {
+            Some(RawEvent::Opened { both_ways }) => {
                 self.opened.push(both_ways);
                 self.log.note(format!("< a stream, both ways: {both_ways}"));
             }
-            Some(Seen::ControlFinished | Seen::ControlReset(_)) => {
+            Some(RawEvent::ControlFinished | RawEvent::ControlReset(_)) => {
                 self.log.note("< the control stream's end");
             }
         }
         Ok(true)
     }
 
-    fn read(&mut self, bytes: &[u8]) -> Play {
+    fn read(&mut self, bytes: &[u8]) -> CaseResult {
         self.uttered.push_back(Bytes::copy_from_slice(bytes));
         self.frames.push(bytes);
         let malformed = |why| Stop::Fail(format!("the client says what is malformed: {why:?}"));
         while let Some(framed) = self.frames.next_frame().map_err(malformed)? {
             if let Some(message) = ClientMessage::decode(&framed).map_err(malformed)? {
                 self.log.note(format!("< {message:?}"));
-                self.heard.push_back(message);
+                self.received.push_back(message);
             } else {
                 self.greased.push(framed.kind);
             }
@@ -202,12 +203,12 @@ impl Host {
     ) -> Result<T, Stop> {
         let until = self.patience();
         loop {
-            while let Some(message) = self.heard.pop_front() {
+            while let Some(message) = self.received.pop_front() {
                 if let Some(found) = is(message) {
                     return Ok(found);
                 }
             }
-            if !self.take_in(until)? && self.heard.is_empty() {
+            if !self.take_in(until)? && self.received.is_empty() {
                 self.must_be_supported()?;
                 return Stop::fail(format!("no {what}: {:?}", self.ended));
             }
@@ -224,7 +225,7 @@ impl Host {
         loop {
             let until = self.clock.now() + Span::from_nanos(ns);
             if !self.take_in(until)? {
-                return Ok(self.heard.drain(..).collect());
+                return Ok(self.received.drain(..).collect());
             }
         }
     }
@@ -265,7 +266,7 @@ impl Host {
 
     fn read_line(&self, line: &str) -> Result<Value, Stop> {
         self.log.note(format!("< line {line}"));
-        told(line)
+        reported(line)
     }
 
     /// Why nothing more comes of it, if its process has ended and says that it has not what a case tries.
@@ -273,14 +274,14 @@ impl Host {
     /// # Errors
     ///
     /// [`Stop::Unsupported`] then; [`Stop::Fail`] if it is what every client has.
-    pub fn must_be_supported(&mut self) -> Play {
+    pub fn must_be_supported(&mut self) -> CaseResult {
         self.client.gave_up().map_or(Ok(()), Err)
     }
 
     /// Whether the client closed with this code.
     #[must_use]
     pub fn ended_as(&self, code: u64) -> bool {
-        self.ended == Some(BareEnd::Closed(code))
+        self.ended == Some(RawPeerEnd::Closed(code))
     }
 
     /// That the client's process ends by itself.
@@ -288,7 +289,7 @@ impl Host {
     /// # Errors
     ///
     /// [`Stop::Fail`] when it goes on.
-    pub fn must_exit(&mut self) -> Play {
+    pub fn must_exit(&mut self) -> CaseResult {
         let until = self.patience();
         while self.clock.now() < until {
             if self.client.has_ended() {
@@ -308,7 +309,7 @@ impl Host {
     /// # Errors
     ///
     /// [`Stop::Fail`] when it stays.
-    pub fn must_be_closed(&mut self, code: CloseCode) -> Play {
+    pub fn must_be_closed(&mut self, code: CloseCode) -> CaseResult {
         let until = self.patience();
         while self.take_in(until)? {}
         let code = u64::from(code.0);
@@ -317,8 +318,8 @@ impl Host {
                 let why = format!("the client goes on; it must close with {code}");
                 (Closing::Unclean("it stays open".into()), Stop::fail(why))
             }
-            Some(BareEnd::Closed(seen)) if *seen == code => (Closing::Clean, Ok(())),
-            Some(BareEnd::Closed(seen)) => {
+            Some(RawPeerEnd::Closed(seen)) if *seen == code => (Closing::Clean, Ok(())),
+            Some(RawPeerEnd::Closed(seen)) => {
                 let (wanted, seen) = (vec![code], *seen);
                 (Closing::WrongCode { wanted, seen }, Ok(()))
             }

@@ -1,23 +1,23 @@
 //! The suite's own ends of connections, mannerly only where a case wants so.
 
-mod complaints;
-mod couple;
+mod client_process;
 pub(super) mod datagram;
 mod decoder;
-mod feed;
-mod follower;
-mod guest;
 mod host;
-mod memory;
-mod promise;
-mod running;
+mod interceptor;
+mod live_pair;
+mod lossy_client;
+mod raw_client;
 mod setting;
+mod stderr_tail;
+mod stream_history;
+mod tolerance_check;
 
-pub use couple::Couple;
 pub use decoder::Decoder;
-pub use feed::{Feed, Word};
-pub use follower::{Fate, Follower};
-pub use guest::Guest;
 pub use host::Host;
-pub use promise::{compare, compare_recorded};
+pub use interceptor::{Delivery, Interceptor};
+pub use live_pair::LivePair;
+pub use lossy_client::{LaneAction, LossyClient};
+pub use raw_client::RawClient;
 pub use setting::Setting;
+pub use tolerance_check::{compare, compare_recorded};

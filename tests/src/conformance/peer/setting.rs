@@ -2,7 +2,7 @@
 
 use core::num::NonZeroU32;
 
-use rhumb_protocol::scene::Pace;
+use rhumb_protocol::scene::Stepping;
 
 /// What the scene is, and what the client is to do in it.
 #[derive(Clone, Debug)]
@@ -14,11 +14,11 @@ pub struct Setting {
     /// Ticks before the client may join.
     pub before: u64,
     /// Lockstep, or free.
-    pub pace: Pace,
+    pub stepping: Stepping,
     /// Which ticks are spoken of: the multiples of this number.
-    pub every: NonZeroU32,
+    pub publish_interval: NonZeroU32,
     /// What the client does.
-    pub wish: String,
+    pub task: String,
 }
 
 impl Setting {
@@ -29,23 +29,23 @@ impl Setting {
             script,
             bodies,
             before: 20,
-            pace: Pace::Lockstep,
-            every: NonZeroU32::MIN,
-            wish: "follow 10000".to_owned(),
+            stepping: Stepping::Lockstep,
+            publish_interval: NonZeroU32::MIN,
+            task: "subscribe 10000".to_owned(),
         }
     }
 
-    /// The same with another wish.
+    /// The same with another task.
     #[must_use]
-    pub fn wishing(self, wish: &str) -> Self {
-        let wish = wish.to_owned();
-        Self { wish, ..self }
+    pub fn wishing(self, task: &str) -> Self {
+        let task = task.to_owned();
+        Self { task, ..self }
     }
 
     /// The same in a scene that speaks of the multiples of this number only.
     #[must_use]
-    pub const fn each(mut self, every: NonZeroU32) -> Self {
-        self.every = every;
+    pub const fn each(mut self, publish_interval: NonZeroU32) -> Self {
+        self.publish_interval = publish_interval;
         self
     }
 

@@ -21,15 +21,15 @@ pub fn html(report: &Report) -> String {
     } else {
         ("fail", "failed")
     };
-    let terms = report.terms.as_ref().map(|terms| format!("; {terms}"));
-    let terms = terms.unwrap_or_default();
+    let config = report.config.as_ref().map(|config| format!("; {config}"));
+    let config = config.unwrap_or_default();
     let _ = write!(
         page,
         "<h1>{title}</h1>\n<p class=\"{}\">{}</p>\n<p>{}{}{}</p>\n",
         word.0,
         word.1,
         escape(report.summary()),
-        escape(terms),
+        escape(config),
         if report.strict { ", strict" } else { "" },
     );
     pairs(&mut page, &report.pairs);

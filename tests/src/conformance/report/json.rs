@@ -23,12 +23,12 @@ pub fn json(report: &Report) -> String {
         "cases": results,
         "coverage": coverage,
     });
-    if let Some(terms) = &report.terms {
-        page["seed"] = Value::from(terms.seed);
-        page["timeout_s"] = Value::from(terms.timeout_s);
-        page["link"] = Value::from(terms.link.to_string());
-        page["profile"] = Value::from(terms.profile());
-        page["without"] = Value::from(terms.lacking());
+    if let Some(config) = &report.config {
+        page["seed"] = Value::from(config.seed);
+        page["timeout_s"] = Value::from(config.timeout_s);
+        page["link"] = Value::from(config.link.to_string());
+        page["profile"] = Value::from(config.profile());
+        page["without"] = Value::from(config.lacking());
     }
     if !pairs.is_empty() {
         page["pairs"] = Value::from(pairs);

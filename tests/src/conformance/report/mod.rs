@@ -1,10 +1,10 @@
 //! What came of all cases, in the forms that people and machines read.
 
+mod config;
 mod html;
 mod json;
 mod junit;
 mod style;
-mod terms;
 
 use std::collections::BTreeMap;
 
@@ -13,18 +13,18 @@ use super::matrix::Pairing;
 use super::outcome::Verdict;
 use super::run::Tried;
 
+pub use config::RunSettings;
 pub use html::html;
 pub use json::json;
 pub use junit::junit;
-pub use terms::Terms;
 
 /// A run of the suite.
 #[derive(Debug)]
 pub struct Report {
     /// Who was tried: an address or a command.
     pub subject: String,
-    /// How they were tried; not said of what was recorded before.
-    pub terms: Option<Terms>,
+    /// How they were tried; not sent of what was recorded before.
+    pub config: Option<RunSettings>,
     /// Whether what should be counts as what must be.
     pub strict: bool,
     /// What came of each case.
@@ -52,17 +52,17 @@ impl Report {
         self.results.iter().filter(bad)
     }
 
-    /// Whether the peer passed. Who says of all that it has not it passed nothing, unless that was said beforehand.
+    /// Whether the peer passed. Who says of all that it has not it passed nothing, unless that was sent beforehand.
     #[must_use]
     pub fn passed(&self) -> bool {
         self.bad().next().is_none() && !self.is_vacuous()
     }
 
-    /// Whether all that was tried is unsupported, and nobody had said so.
+    /// Whether all that was tried is unsupported, and nobody had sent so.
     fn is_vacuous(&self) -> bool {
         let lacks = |result: &Tried| result.outcome.verdict == Verdict::Unsupported;
-        let was_said = |terms: &Terms| !terms.without.is_empty();
-        self.results.iter().all(lacks) && !self.terms.as_ref().is_some_and(was_said)
+        let was_said = |config: &RunSettings| !config.without.is_empty();
+        self.results.iter().all(lacks) && !self.config.as_ref().is_some_and(was_said)
     }
 
     /// One line: how many cases, and how they went.
@@ -78,7 +78,7 @@ impl Report {
             .iter()
             .filter(|one| !one.outcome.closing.is_good());
         let vacuous = if self.is_vacuous() {
-            "; nothing passed, and no --without had said so"
+            "; nothing passed, and no --without had sent so"
         } else {
             ""
         };

@@ -6,7 +6,7 @@ use rhumb_protocol::session::CloseCode;
 
 use super::scenery::lockstep;
 use crate::conformance::case::Case;
-use crate::conformance::outcome::{Play, ensure};
+use crate::conformance::outcome::{CaseResult, ensure};
 use crate::conformance::trial::Trial;
 
 pub(super) fn cases() -> Vec<Case> {
@@ -61,7 +61,7 @@ pub(super) fn cases() -> Vec<Case> {
     ]
 }
 
-fn cut_anywhere(trial: &mut Trial<'_>) -> Play {
+fn cut_anywhere(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = trial.guest()?;
     guest.hello()?;
     let mut bytes = Vec::new();
@@ -74,7 +74,7 @@ fn cut_anywhere(trial: &mut Trial<'_>) -> Play {
     })
 }
 
-fn optional_types(trial: &mut Trial<'_>) -> Play {
+fn optional_types(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = trial.guest()?;
     let mut bytes = Vec::new();
     // Before the hello, and of every length that a message may have.
@@ -87,9 +87,9 @@ fn optional_types(trial: &mut Trial<'_>) -> Play {
     }
     frame(0xfa, &[0; MESSAGE_BYTES_MAX], &mut bytes);
     guest.utter(&bytes);
-    let heard = guest.barrier()?;
+    let received = guest.barrier()?;
     ensure(
-        heard.is_empty(),
-        format!("nothing comes of it, not {heard:?}"),
+        received.is_empty(),
+        format!("nothing comes of it, not {received:?}"),
     )
 }

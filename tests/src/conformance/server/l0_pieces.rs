@@ -8,8 +8,8 @@ use rhumb_protocol::session::CloseCode;
 
 use super::scenery::lockstep;
 use crate::conformance::case::{Case, Feature};
-use crate::conformance::outcome::{Play, Stop, ensure};
-use crate::conformance::peer::Guest;
+use crate::conformance::outcome::{CaseResult, Stop, ensure};
+use crate::conformance::peer::RawClient;
 use crate::conformance::trial::Trial;
 
 pub(super) fn cases() -> Vec<Case> {
@@ -72,16 +72,16 @@ pub(super) fn cases() -> Vec<Case> {
             let mut guest = member(trial)?;
             let pieces = [framed(0, &full), framed(0, &full), framed(0x9a, &[1])];
             guest.line.say(pieces.concat());
-            let heard = guest.barrier()?;
+            let received = guest.barrier()?;
             ensure(
-                heard.is_empty(),
-                format!("nothing comes of it, not {heard:?}"),
+                received.is_empty(),
+                format!("nothing comes of it, not {received:?}"),
             )
         }),
     ]
 }
 
-fn member(trial: &mut Trial<'_>) -> Result<Guest, Stop> {
+fn member(trial: &mut Trial<'_>) -> Result<RawClient, Stop> {
     let mut guest = trial.guest()?;
     guest.enter(lockstep(), StreamChoice::Full)?;
     Ok(guest)
@@ -102,7 +102,7 @@ fn framed(kind: u8, body: &[u8]) -> Vec<u8> {
 }
 
 /// Says a command in pieces, and hears of it as everybody does.
-fn long(trial: &mut Trial<'_>, shape: &Shape) -> Play {
+fn long(trial: &mut Trial<'_>, shape: &Shape) -> CaseResult {
     let mut guest = member(trial)?;
     let command = Command::AddShape {
         id: ShapeId(3),
@@ -122,11 +122,11 @@ fn long(trial: &mut Trial<'_>, shape: &Shape) -> Play {
     ensure(applied.is_ok(), format!("it is applied, not {applied:?}"))?;
     let mut late = trial.guest_of(&guest.scene.clone())?;
     late.hello()?;
-    let (_, notices) = late.join(StreamChoice::Full)?;
-    let is_it = |notice: &rhumb_protocol::message::Notice| matches!(notice, rhumb_protocol::message::Notice::ShapeAdded { shape: told, .. } if told == shape);
+    let (_, scene_events) = late.join(StreamChoice::Full)?;
+    let is_it = |scene_event: &rhumb_protocol::message::SceneEvent| matches!(scene_event, rhumb_protocol::message::SceneEvent::ShapeAdded { shape: reported, .. } if reported == shape);
     ensure(
-        notices.iter().any(is_it),
-        "who comes later is told the very shape",
+        scene_events.iter().any(is_it),
+        "who comes later is reported the very shape",
     )
 }
 

@@ -13,8 +13,8 @@ use serde_json::Value;
 
 use super::scenery::lockstep;
 use crate::conformance::case::Case;
-use crate::conformance::outcome::{Play, Stop, ensure};
-use crate::conformance::peer::Guest;
+use crate::conformance::outcome::{CaseResult, Stop, ensure};
+use crate::conformance::peer::RawClient;
 use crate::conformance::trial::Trial;
 use crate::grammar::unhex;
 use crate::vectors::golden;
@@ -45,7 +45,7 @@ pub(super) fn cases() -> Vec<Case> {
                 guest.must_be_closed(CloseCode::MALFORMED)
             })
     });
-    let said = vectors.said.iter().map(|vector| {
+    let sent = vectors.sent.iter().map(|vector| {
         let vector = vector.clone();
         let (group, name) = match &vector.error {
             Some(_) => ("L0.13", format!("refused for a number: {}", vector.name)),
@@ -56,35 +56,35 @@ pub(super) fn cases() -> Vec<Case> {
             .cites(&format!("PROTOCOL 2.5-2, {}", clause(&vector)))
             .play(move |trial| understood(trial, &vector))
     });
-    let mut cases: Vec<_> = refused.chain(said).collect();
-    cases.extend(truncations(&vectors.said));
+    let mut cases: Vec<_> = refused.chain(sent).collect();
+    cases.extend(truncations(&vectors.sent));
     cases
 }
 
 /// Each kind of message, cut at every length.
-fn truncations(said: &[Vector]) -> impl Iterator<Item = Case> {
-    let mut kinds: Vec<u8> = said.iter().map(|vector| vector.kind).collect();
+fn truncations(sent: &[Vector]) -> impl Iterator<Item = Case> {
+    let mut kinds: Vec<u8> = sent.iter().map(|vector| vector.kind).collect();
     kinds.sort_unstable();
     kinds.dedup();
-    let said = Arc::new(said.to_vec());
+    let sent = Arc::new(sent.to_vec());
     kinds
         .into_iter()
         .filter(|kind| *kind < 0x80)
         .map(move |kind| {
-            let said = Arc::clone(&said);
+            let sent = Arc::clone(&sent);
             let name = format!(
                 "a message of type {kind}, cut at each length or with a byte behind, is malformed"
             );
             Case::server(&format!("L0.14.{kind}"), &name)
                 .cites("PROTOCOL 2.5-1, 4.1-4")
-                .play(move |trial| cut(trial, &said, kind))
+                .play(move |trial| cut(trial, &sent, kind))
         })
 }
 
-fn cut(trial: &mut Trial<'_>, said: &[Vector], kind: u8) -> Play {
+fn cut(trial: &mut Trial<'_>, sent: &[Vector], kind: u8) -> CaseResult {
     let short = |vector: &&Vector| vector.kind == kind && vector.bytes.len() < 60;
     // The first of them are the plain ones; each takes a connection for every cut.
-    for vector in said.iter().filter(short).take(2) {
+    for vector in sent.iter().filter(short).take(2) {
         let (start, body) = body_of(&vector.bytes);
         let longer = [&vector.bytes[start..], &[0]].concat();
         for end in (0..=longer.len()).filter(|end| *end != body) {
@@ -98,7 +98,7 @@ fn cut(trial: &mut Trial<'_>, said: &[Vector], kind: u8) -> Play {
             guest.utter(&bytes);
             guest.must_be_closed(CloseCode::MALFORMED)?;
             if let Some(end) = &guest.ended
-                && *end != rhumb_transport::BareEnd::Closed(CloseCode::MALFORMED.0.into())
+                && *end != rhumb_transport::RawPeerEnd::Closed(CloseCode::MALFORMED.0.into())
             {
                 return Ok(());
             }
@@ -118,7 +118,7 @@ fn body_of(bytes: &[u8]) -> (usize, usize) {
 }
 
 /// A guest that may say a message of this type.
-fn in_its_state(trial: &mut Trial<'_>, kind: u8) -> Result<Guest, Stop> {
+fn in_its_state(trial: &mut Trial<'_>, kind: u8) -> Result<RawClient, Stop> {
     let mut guest = trial.guest()?;
     match kind {
         HELLO => {}
@@ -130,7 +130,7 @@ fn in_its_state(trial: &mut Trial<'_>, kind: u8) -> Result<Guest, Stop> {
     Ok(guest)
 }
 
-fn understood(trial: &mut Trial<'_>, vector: &Vector) -> Play {
+fn understood(trial: &mut Trial<'_>, vector: &Vector) -> CaseResult {
     let mut guest = match vector.kind {
         JOIN => {
             let mut guest = trial.guest()?;
@@ -147,7 +147,9 @@ fn understood(trial: &mut Trial<'_>, vector: &Vector) -> Play {
         CREATE => {
             let answer = guest.await_message("answer", |message| match message {
                 ServerMessage::Created => Some(None),
-                ServerMessage::Denied(Denial::Terms(invalid)) => Some(Some(format!("{invalid:?}"))),
+                ServerMessage::Denied(Denial::InvalidConfig(invalid)) => {
+                    Some(Some(format!("{invalid:?}")))
+                }
                 ServerMessage::Denied(other) => Some(Some(format!("{other:?}"))),
                 _ => None,
             })?;
@@ -161,17 +163,17 @@ fn understood(trial: &mut Trial<'_>, vector: &Vector) -> Play {
     }
 }
 
-/// A hello of what may be said: welcomed, or refused for a reason of its own.
-fn greeted(guest: &mut Guest) -> Play {
+/// A hello of what may be sent: welcomed, or refused for a reason of its own.
+fn greeted(guest: &mut RawClient) -> CaseResult {
     let first = guest.next_message()?;
     match (first, &guest.ended) {
         (Some(ServerMessage::Welcome(welcome)), _) => ensure(welcome.version == 1, "version 1"),
-        (None, Some(rhumb_transport::BareEnd::Closed(3 | 5))) => Ok(()),
+        (None, Some(rhumb_transport::RawPeerEnd::Closed(3 | 5))) => Ok(()),
         other => Stop::fail(format!("answered by {other:?}")),
     }
 }
 
-fn commanded(guest: &mut Guest, vector: &Vector) -> Play {
+fn commanded(guest: &mut RawClient, vector: &Vector) -> CaseResult {
     let outcome = guest.outcome_of(0)?;
     let Some(error) = &vector.error else {
         return Ok(());
@@ -208,7 +210,7 @@ fn clause(vector: &Vector) -> &'static str {
 }
 
 struct Vectors {
-    said: Vec<Vector>,
+    sent: Vec<Vector>,
     refused: Vec<Vector>,
 }
 
@@ -225,8 +227,8 @@ fn vectors() -> Vectors {
             .collect()
     };
     Vectors {
-        said: of("client says"),
-        refused: of("refused of a client"),
+        sent: of("client messages"),
+        refused: of("refused client messages"),
     }
 }
 

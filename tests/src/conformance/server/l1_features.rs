@@ -1,27 +1,28 @@
-//! L1.6: what a server is said to lack it refuses, and what it has it grants.
+//! L1.6: what a server is sent to lack it refuses, and what it has it grants.
 //!
 //! So nobody passes by a claim: who says that it lacks something (`--without`) and grants it has claimed what is not so.
 
 use std::num::NonZeroU32;
 
 use glam::Vec3;
-use rhumb_protocol::message::{ClientMessage, Drive, ServerMessage, StreamChoice};
+use rhumb_protocol::message::{ClientMessage, ServerMessage, StreamChoice, TakeAuthority};
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Cadence, Command, Compound, Heights, Pace, SceneTerms, Shape, ShapeId,
+    BodyDesc, BodyKind, Command, Compound, Heights, PublishSchedule, SceneConfig, Shape, ShapeId,
+    Stepping,
 };
 use rhumb_protocol::stream::Budget;
 use rhumb_reckoning::{Ticks, Tolerance};
 
 use super::scenery::{BALL, NORMAL, ball_shape, body, lockstep, moving};
 use crate::conformance::case::{Case, Feature};
-use crate::conformance::outcome::{Play, Stop, ensure};
-use crate::conformance::peer::Guest;
+use crate::conformance::outcome::{CaseResult, Stop, ensure};
+use crate::conformance::peer::RawClient;
 use crate::conformance::trial::Trial;
 
 /// Whether a server grants something, or refuses it in the way that the protocol has for it.
-type Asked = fn(&mut Trial<'_>) -> Result<bool, Stop>;
+type FeatureCheck = fn(&mut Trial<'_>) -> Result<bool, Stop>;
 
-const FEATURES: [(Feature, &str, Asked); 7] = [
+const FEATURES: [(Feature, &str, FeatureCheck); 7] = [
     (Feature::Lockstep, "a scene that members lead", |trial| {
         created(trial, lockstep())
     }),
@@ -29,18 +30,24 @@ const FEATURES: [(Feature, &str, Asked); 7] = [
         created(trial, free())
     }),
     (
-        Feature::Cadence,
+        Feature::PublishSchedule,
         "a scene that is spoken of more rarely, and later",
         |trial| {
-            let cadence = Cadence {
-                every: NonZeroU32::new(2).unwrap_or(NonZeroU32::MIN),
-                hindsight: Ticks::new(3),
+            let publish_schedule = PublishSchedule {
+                publish_interval: NonZeroU32::new(2).unwrap_or(NonZeroU32::MIN),
+                lookahead: Ticks::new(3),
             };
-            created(trial, SceneTerms { cadence, ..free() })
+            created(
+                trial,
+                SceneConfig {
+                    publish_schedule,
+                    ..free()
+                },
+            )
         },
     ),
     (Feature::Budgets, "a stream within a budget", budget),
-    (Feature::Driving, "driving", driving),
+    (Feature::AuthorityGrant, "driving", driving),
     (Feature::Sheets, "a shape without an inside", |trial| {
         let heights = Heights::new(2, 1.0, 1.0, &[0.0; 4]).map(Shape::Heights);
         made(
@@ -68,18 +75,18 @@ pub(super) fn cases() -> Vec<Case> {
     cases.collect()
 }
 
-fn claimed(trial: &mut Trial<'_>, feature: Feature, asked: Asked) -> Play {
+fn claimed(trial: &mut Trial<'_>, feature: Feature, asked: FeatureCheck) -> CaseResult {
     let lacks = trial.conditions.without.contains(&feature);
     let granted = asked(trial)?;
     match (lacks, granted) {
         (true, false) => Err(Stop::Unsupported("it says so, and refuses it".into())),
-        (true, true) => Stop::fail("it is said to lack this, and grants it"),
-        (false, granted) => ensure(granted, "it is not said to lack this, and refuses it"),
+        (true, true) => Stop::fail("it is sent to lack this, and grants it"),
+        (false, granted) => ensure(granted, "it is not sent to lack this, and refuses it"),
     }
 }
 
-/// A pace that the server has.
-fn any(trial: &Trial<'_>) -> SceneTerms {
+/// A stepping that the server has.
+fn any(trial: &Trial<'_>) -> SceneConfig {
     if trial.conditions.without.contains(&Feature::Lockstep) {
         free()
     } else {
@@ -87,27 +94,27 @@ fn any(trial: &Trial<'_>) -> SceneTerms {
     }
 }
 
-fn free() -> SceneTerms {
-    SceneTerms {
-        pace: Pace::FreeRunning,
+fn free() -> SceneConfig {
+    SceneConfig {
+        stepping: Stepping::FreeRunning,
         ..lockstep()
     }
 }
 
 /// Whether the next answer is this one, and no denial; either way the conversation goes on.
-fn granted(guest: &mut Guest, yes: fn(&ServerMessage) -> bool) -> Result<bool, Stop> {
+fn granted(guest: &mut RawClient, yes: fn(&ServerMessage) -> bool) -> Result<bool, Stop> {
     let answer = guest.await_message("answer", |message| match message {
-        ServerMessage::Denied(_) | ServerMessage::NotDriving(_) => Some(false),
+        ServerMessage::Denied(_) | ServerMessage::AuthorityDenied(_) => Some(false),
         other => yes(&other).then_some(true),
     })?;
     guest.barrier()?;
     Ok(answer)
 }
 
-fn created(trial: &mut Trial<'_>, terms: SceneTerms) -> Result<bool, Stop> {
+fn created(trial: &mut Trial<'_>, config: SceneConfig) -> Result<bool, Stop> {
     let mut guest = trial.guest()?;
     guest.hello()?;
-    guest.say(&ClientMessage::Create(terms));
+    guest.say(&ClientMessage::Create(config));
     let created = granted(&mut guest, |message| {
         matches!(message, ServerMessage::Created)
     })?;
@@ -140,15 +147,15 @@ fn driving(trial: &mut Trial<'_>) -> Result<bool, Stop> {
     guest.must(ball_shape())?;
     let id = body(guest.granted, 0)?;
     guest.must(Command::AddBody {
-        terms: BodyTerms::plain(id, BodyKind::Kinematic, BALL),
+        config: BodyDesc::plain(id, BodyKind::Kinematic, BALL),
         motion: moving(Vec3::ZERO, Vec3::ZERO),
     })?;
-    guest.say(&ClientMessage::Drive(Drive {
+    guest.say(&ClientMessage::TakeAuthority(TakeAuthority {
         tolerance: Tolerance::NORMAL,
         bodies: vec![id],
     }));
     granted(&mut guest, |message| {
-        matches!(message, ServerMessage::Driving(_))
+        matches!(message, ServerMessage::AuthorityGrant(_))
     })
 }
 

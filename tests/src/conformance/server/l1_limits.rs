@@ -8,13 +8,13 @@ use rhumb_protocol::limits::{
     RANGES_PER_MEMBER_MAX, RESERVE_MAX, SCENES_MAX, STREAMS_PER_SCENE_MAX,
 };
 use rhumb_protocol::message::{ClientMessage, Denial, ServerMessage, StreamChoice};
-use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, CommandError, IdRange};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, CommandError, IdRange};
 use rhumb_reckoning::{Damping, LengthBound, Tick, Tolerance};
 
 use super::scenery::{BALL, NORMAL, ball, ball_shape, body, lockstep, moving};
 use crate::conformance::case::{Case, Feature};
-use crate::conformance::outcome::{Play, Stop, ensure};
-use crate::conformance::peer::Guest;
+use crate::conformance::outcome::{CaseResult, Stop, ensure};
+use crate::conformance::peer::RawClient;
 use crate::conformance::trial::Trial;
 
 pub(super) fn cases() -> Vec<Case> {
@@ -88,13 +88,13 @@ pub(super) fn cases() -> Vec<Case> {
     ]
 }
 
-fn member(trial: &mut Trial<'_>) -> Result<Guest, Stop> {
+fn member(trial: &mut Trial<'_>) -> Result<RawClient, Stop> {
     let mut guest = trial.guest()?;
     guest.enter(lockstep(), NORMAL)?;
     Ok(guest)
 }
 
-fn granted(trial: &mut Trial<'_>) -> Play {
+fn granted(trial: &mut Trial<'_>) -> CaseResult {
     let mut one = member(trial)?;
     let mut other = trial.guest_of(&one.scene.clone())?;
     other.hello()?;
@@ -119,7 +119,7 @@ fn granted(trial: &mut Trial<'_>) -> Play {
     }
 }
 
-fn reserve(guest: &mut Guest, count: u32) -> Result<Result<IdRange, Denial>, Stop> {
+fn reserve(guest: &mut RawClient, count: u32) -> Result<Result<IdRange, Denial>, Stop> {
     guest.say(&ClientMessage::Reserve { count });
     guest.await_message("answer to reserve", |message| match message {
         ServerMessage::Reserved(range) => Some(Ok(range)),
@@ -128,7 +128,7 @@ fn reserve(guest: &mut Guest, count: u32) -> Result<Result<IdRange, Denial>, Sto
     })
 }
 
-fn reserved(trial: &mut Trial<'_>) -> Play {
+fn reserved(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = member(trial)?;
     let more = match reserve(&mut guest, 10)? {
         Ok(more) => more,
@@ -145,7 +145,7 @@ fn reserved(trial: &mut Trial<'_>) -> Play {
         .map(drop)
 }
 
-fn granted_most(trial: &mut Trial<'_>) -> Play {
+fn granted_most(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = member(trial)?;
     if reserve_or_be_denied(&mut guest, RESERVE_MAX)? {
         ensure(
@@ -156,7 +156,7 @@ fn granted_most(trial: &mut Trial<'_>) -> Play {
     guest.barrier().map(drop)
 }
 
-fn ranges_most(trial: &mut Trial<'_>) -> Play {
+fn ranges_most(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = member(trial)?;
     // The range of its joining is the first.
     for _ in 1..RANGES_PER_MEMBER_MAX {
@@ -171,7 +171,7 @@ fn ranges_most(trial: &mut Trial<'_>) -> Play {
 }
 
 /// Whether so many are granted; if not, then by the denial that is for it.
-fn reserve_or_be_denied(guest: &mut Guest, count: u32) -> Result<bool, Stop> {
+fn reserve_or_be_denied(guest: &mut RawClient, count: u32) -> Result<bool, Stop> {
     match reserve(guest, count)? {
         Ok(range) => {
             ensure(range.count() == count, format!("{count}, not {range:?}"))?;
@@ -187,23 +187,23 @@ fn reserve_or_be_denied(guest: &mut Guest, count: u32) -> Result<bool, Stop> {
     }
 }
 
-fn advance_most(trial: &mut Trial<'_>) -> Play {
+fn advance_most(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = member(trial)?;
     let beyond = Tick::new(ADVANCE_TICKS_MAX + 1);
     guest.say(&ClientMessage::Advance { to: beyond });
-    let heard = guest.barrier()?;
+    let received = guest.barrier()?;
     let denied = [ServerMessage::Denied(Denial::TooFarAhead)];
     ensure(
-        heard == denied,
-        format!("{beyond} is denied, not {heard:?}"),
+        received == denied,
+        format!("{beyond} is denied, not {received:?}"),
     )?;
     guest.say(&ClientMessage::Advance {
         to: Tick::new(ADVANCE_TICKS_MAX),
     });
-    let heard = guest.barrier()?;
+    let received = guest.barrier()?;
     ensure(
-        heard.is_empty(),
-        format!("{ADVANCE_TICKS_MAX} ticks are not denied, not {heard:?}"),
+        received.is_empty(),
+        format!("{ADVANCE_TICKS_MAX} ticks are not denied, not {received:?}"),
     )
 }
 
@@ -214,7 +214,7 @@ fn within(number: usize) -> StreamChoice {
     StreamChoice::Within(Tolerance::Surface(length))
 }
 
-fn streams_most(trial: &mut Trial<'_>) -> Play {
+fn streams_most(trial: &mut Trial<'_>) -> CaseResult {
     let mut members = vec![member(trial)?];
     let scene = members[0].scene.clone();
     let mut denied = false;
@@ -237,29 +237,29 @@ fn streams_most(trial: &mut Trial<'_>) -> Play {
 
 /// Whether it is let in; if not, then by this denial.
 fn join_or_be_denied(
-    guest: &mut Guest,
+    guest: &mut RawClient,
     choice: StreamChoice,
     wanted: Denial,
 ) -> Result<bool, Stop> {
     guest.say(&ClientMessage::Join(choice));
-    let heard = guest.barrier()?;
-    let denials = heard.iter().find_map(|message| match message {
+    let received = guest.barrier()?;
+    let denials = received.iter().find_map(|message| match message {
         ServerMessage::Denied(denial) => Some(*denial),
         _ => None,
     });
     ensure(
         denials.is_none_or(|denial| denial == wanted),
-        format!("one more is denied with {wanted:?}, not {heard:?}"),
+        format!("one more is denied with {wanted:?}, not {received:?}"),
     )?;
     let joined = |message: &ServerMessage| matches!(message, ServerMessage::Joined(_));
     ensure(
-        denials.is_some() || heard.iter().any(joined),
-        format!("a wish to join is answered, not by {heard:?}"),
+        denials.is_some() || received.iter().any(joined),
+        format!("a task to join is answered, not by {received:?}"),
     )?;
     Ok(denials.is_none())
 }
 
-fn one_stream(trial: &mut Trial<'_>) -> Play {
+fn one_stream(trial: &mut Trial<'_>) -> CaseResult {
     let mut one = trial.guest()?;
     let first = one.enter(lockstep(), NORMAL)?;
     let mut other = trial.guest_of(&one.scene.clone())?;
@@ -278,7 +278,7 @@ fn one_stream(trial: &mut Trial<'_>) -> Play {
     )
 }
 
-fn members_most(trial: &mut Trial<'_>) -> Play {
+fn members_most(trial: &mut Trial<'_>) -> CaseResult {
     let mut members = vec![member(trial)?];
     let scene = members[0].scene.clone();
     loop {
@@ -295,18 +295,18 @@ fn members_most(trial: &mut Trial<'_>) -> Play {
     }
 }
 
-fn dampings_most(trial: &mut Trial<'_>) -> Play {
+fn dampings_most(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = member(trial)?;
     guest.must(ball_shape())?;
     let mut refused = None;
     for number in 0..=DAMPINGS_MAX as u32 {
-        let mut terms = BodyTerms::plain(body(guest.granted, number)?, BodyKind::Dynamic, BALL);
-        terms.damping = Some(Damping {
+        let mut config = BodyDesc::plain(body(guest.granted, number)?, BodyKind::Dynamic, BALL);
+        config.damping = Some(Damping {
             linear: 1.0 + number as f32 / 128.0,
             angular: 0.0,
         });
         let motion = moving(Vec3::X * (2 * number) as f32, Vec3::ZERO);
-        match guest.command(Command::AddBody { terms, motion })? {
+        match guest.command(Command::AddBody { config, motion })? {
             Ok(_) => {}
             Err(error) => {
                 refused = Some(error);
@@ -322,7 +322,7 @@ fn dampings_most(trial: &mut Trial<'_>) -> Play {
     }
 }
 
-fn scenes_most(trial: &mut Trial<'_>) -> Play {
+fn scenes_most(trial: &mut Trial<'_>) -> CaseResult {
     let mut guests = Vec::new();
     for _ in 0..=SCENES_MAX {
         let mut guest = trial.guest()?;

@@ -1,19 +1,19 @@
 //! L1.4: scenes begin and end, members come and go.
 
 use glam::Vec3;
-use rhumb_protocol::message::{ClientMessage, Denial, Notice, ServerMessage, StreamChoice};
-use rhumb_protocol::scene::{Command, Pace, SceneTerms};
+use rhumb_protocol::message::{ClientMessage, Denial, SceneEvent, ServerMessage, StreamChoice};
+use rhumb_protocol::scene::{Command, SceneConfig, Stepping};
 use rhumb_reckoning::Tick;
 
 use super::scenery::{NORMAL, ball, ball_shape, body, lockstep};
-use super::{Row, table};
+use super::{CaseRow, table};
 use crate::conformance::case::{Case, Feature};
-use crate::conformance::outcome::{Play, Stop, ensure};
-use crate::conformance::peer::Guest;
+use crate::conformance::outcome::{CaseResult, Stop, ensure};
+use crate::conformance::peer::RawClient;
 use crate::conformance::trial::Trial;
 
 /// What each case of the group promises, cites and does.
-const CASES: &[Row] = &[
+const CASES: &[CaseRow] = &[
     (
         1,
         "who joins a scene that is not there is denied with 0",
@@ -55,17 +55,17 @@ const CASES: &[Row] = &[
     ),
     (
         4,
-        "a welcome tells the terms of a scene that exists",
+        "a welcome tells the config of a scene that exists",
         "PROTOCOL 3.1-4",
         |trial| {
             let mut guest = trial.guest()?;
             guest.hello()?;
             guest.create(lockstep())?;
             let mut other = trial.guest_of(&guest.scene.clone())?;
-            let told = other.hello()?.scene;
+            let reported = other.hello()?.scene;
             ensure(
-                told == Some(lockstep()),
-                format!("its terms, and not {told:?}"),
+                reported == Some(lockstep()),
+                format!("its config, and not {reported:?}"),
             )
         },
     ),
@@ -114,7 +114,7 @@ const CASES: &[Row] = &[
 ];
 
 /// Those that need other things.
-const FREE_RUNNING: &[Row] = &[
+const FREE_RUNNING: &[CaseRow] = &[
     (
         10,
         "a scene that runs free stands still while it has no members",
@@ -134,7 +134,7 @@ const FREE_RUNNING: &[Row] = &[
     ),
     (
         13,
-        "the clock of a scene that runs free goes as its terms say",
+        "the clock of a scene that runs free goes as its config say",
         "PROTOCOL 4.9-5",
         clock,
     ),
@@ -147,23 +147,23 @@ pub(super) fn cases() -> Vec<Case> {
         .collect()
 }
 
-fn free() -> SceneTerms {
-    SceneTerms {
-        pace: Pace::FreeRunning,
+fn free() -> SceneConfig {
+    SceneConfig {
+        stepping: Stepping::FreeRunning,
         ..lockstep()
     }
 }
 
-fn denied(guest: &mut Guest, request: &ClientMessage, denial: Denial) -> Play {
+fn denied(guest: &mut RawClient, request: &ClientMessage, denial: Denial) -> CaseResult {
     guest.say(request);
-    let heard = guest.barrier()?;
+    let received = guest.barrier()?;
     ensure(
-        heard == [ServerMessage::Denied(denial)],
-        format!("it is denied, {denial}, and nothing else; not {heard:?}"),
+        received == [ServerMessage::Denied(denial)],
+        format!("it is denied, {denial}, and nothing else; not {received:?}"),
     )
 }
 
-fn deleted(trial: &mut Trial<'_>) -> Play {
+fn deleted(trial: &mut Trial<'_>) -> CaseResult {
     let mut member = trial.guest()?;
     member.enter(lockstep(), StreamChoice::Full)?;
     let mut other = trial.guest_of(&member.scene.clone())?;
@@ -181,7 +181,7 @@ fn deleted(trial: &mut Trial<'_>) -> Play {
     member.create(lockstep())
 }
 
-fn left(trial: &mut Trial<'_>) -> Play {
+fn left(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = trial.guest()?;
     guest.enter(lockstep(), NORMAL)?;
     guest.must(ball_shape())?;
@@ -191,15 +191,14 @@ fn left(trial: &mut Trial<'_>) -> Play {
     guest.await_message("answer to leave", |message| {
         matches!(message, ServerMessage::Left).then_some(())
     })?;
-    let (_, notices) = guest.join(NORMAL)?;
-    let is_it =
-        |notice: &Notice| matches!(notice, Notice::BodyPlaced { terms, .. } if terms.id == id);
-    ensure(notices.iter().any(is_it), "its body stays")?;
+    let (_, scene_events) = guest.join(NORMAL)?;
+    let is_it = |scene_event: &SceneEvent| matches!(scene_event, SceneEvent::BodyPlaced { config, .. } if config.id == id);
+    ensure(scene_events.iter().any(is_it), "its body stays")?;
     // The first command of a membership is number 0.
     guest.must(Command::RemoveBody { id }).map(drop)
 }
 
-fn in_order(trial: &mut Trial<'_>) -> Play {
+fn in_order(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = trial.guest()?;
     guest.hello()?;
     let mut bytes = Vec::new();
@@ -213,7 +212,7 @@ fn in_order(trial: &mut Trial<'_>) -> Play {
         message.encode(&mut bytes);
     }
     guest.utter(&bytes);
-    let heard = guest.barrier()?;
+    let received = guest.barrier()?;
     let wanted = [
         ServerMessage::Denied(Denial::NoSuchScene),
         ServerMessage::Created,
@@ -222,12 +221,12 @@ fn in_order(trial: &mut Trial<'_>) -> Play {
         ServerMessage::Denied(Denial::NoSuchScene),
     ];
     ensure(
-        heard == wanted,
-        format!("answers in order, and not {heard:?}"),
+        received == wanted,
+        format!("answers in order, and not {received:?}"),
     )
 }
 
-fn long_name(trial: &mut Trial<'_>) -> Play {
+fn long_name(trial: &mut Trial<'_>) -> CaseResult {
     let own = trial.scene();
     let mut name = format!("aZ09-_./{own}");
     while name.len() < 64 {
@@ -242,7 +241,7 @@ fn long_name(trial: &mut Trial<'_>) -> Play {
     guest.delete()
 }
 
-fn two_scenes(trial: &mut Trial<'_>) -> Play {
+fn two_scenes(trial: &mut Trial<'_>) -> CaseResult {
     let (mut one, mut other) = (trial.guest()?, trial.guest()?);
     one.enter(lockstep(), StreamChoice::Full)?;
     other.enter(lockstep(), StreamChoice::Full)?;
@@ -251,16 +250,16 @@ fn two_scenes(trial: &mut Trial<'_>) -> Play {
     one.must(ball(id, Vec3::ONE, Vec3::ZERO))?;
     one.say(&ClientMessage::Advance { to: Tick::new(5) });
     one.barrier()?;
-    let heard = other.barrier()?;
+    let received = other.barrier()?;
     ensure(
-        heard.is_empty(),
-        format!("the other hears nothing, not {heard:?}"),
+        received.is_empty(),
+        format!("the other hears nothing, not {received:?}"),
     )?;
     ensure(other.datagrams.is_empty(), "and no datagram")
 }
 
 /// The tick of a pong, and how long before it was reached, in nanoseconds.
-fn pong(guest: &mut Guest, number: u64) -> Result<(Tick, u64), Stop> {
+fn pong(guest: &mut RawClient, number: u64) -> Result<(Tick, u64), Stop> {
     let number = rhumb_protocol::Instant::from_nanos(number);
     guest.say(&ClientMessage::Ping { sent: number });
     guest.await_message("pong", |message| match message {
@@ -273,7 +272,7 @@ fn pong(guest: &mut Guest, number: u64) -> Result<(Tick, u64), Stop> {
     })
 }
 
-fn stands_still(trial: &mut Trial<'_>) -> Play {
+fn stands_still(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = trial.guest()?;
     guest.enter(free(), NORMAL)?;
     guest.say(&ClientMessage::Leave);
@@ -298,7 +297,7 @@ fn stands_still(trial: &mut Trial<'_>) -> Play {
     )
 }
 
-fn pinged(trial: &mut Trial<'_>) -> Play {
+fn pinged(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = trial.guest()?;
     guest.enter(lockstep(), NORMAL)?;
     for number in [0, 1, u64::MAX] {
@@ -314,19 +313,19 @@ fn pinged(trial: &mut Trial<'_>) -> Play {
     Stop::fail("the pong never tells the tick that was asked for")
 }
 
-fn clock(trial: &mut Trial<'_>) -> Play {
+fn clock(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = trial.guest()?;
     guest.enter(free(), NORMAL)?;
     let clock = rhumb_transport::Clock::start();
-    let at = |guest: &mut Guest| -> Result<(f64, f64, f64), Stop> {
+    let at = |guest: &mut RawClient| -> Result<(f64, f64, f64), Stop> {
         let sent = clock.now().as_nanos() as f64;
         let (tick, since) = pong(guest, 1)?;
-        let heard = clock.now().as_nanos() as f64;
+        let received = clock.now().as_nanos() as f64;
         let scene = tick.value() as f64 / 60.0 + since as f64 / 1e9;
         Ok((
-            f64::midpoint(sent, heard) / 1e9,
+            f64::midpoint(sent, received) / 1e9,
             scene,
-            (heard - sent) / 1e9,
+            (received - sent) / 1e9,
         ))
     };
     let (begin, begin_scene, first) = at(&mut guest)?;
@@ -347,7 +346,7 @@ fn clock(trial: &mut Trial<'_>) -> Play {
     )
 }
 
-fn inspected(trial: &mut Trial<'_>) -> Play {
+fn inspected(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = trial.guest()?;
     guest.enter(lockstep(), NORMAL)?;
     guest.must(ball_shape())?;
@@ -357,13 +356,13 @@ fn inspected(trial: &mut Trial<'_>) -> Play {
         guest.must(ball(id, at, Vec3::ZERO))?;
     }
     guest.say(&ClientMessage::Inspect);
-    let told = guest.await_message("inspection", |message| match message {
-        ServerMessage::Inspection(told) => Some(told),
+    let reported = guest.await_message("inspection", |message| match message {
+        ServerMessage::Inspection(reported) => Some(reported),
         _ => None,
     })?;
     ensure(
-        told.bodies == 3 && told.awake <= 3,
-        format!("three bodies, not {}", told.bodies),
+        reported.bodies == 3 && reported.awake <= 3,
+        format!("three bodies, not {}", reported.bodies),
     )?;
-    ensure(told.tick == Tick::ZERO, "no tick was asked for")
+    ensure(reported.tick == Tick::ZERO, "no tick was asked for")
 }

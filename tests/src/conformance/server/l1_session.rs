@@ -5,8 +5,8 @@ use rhumb_protocol::session::CloseCode;
 
 use super::scenery::lockstep;
 use crate::conformance::case::Case;
-use crate::conformance::outcome::{Play, ensure};
-use crate::conformance::peer::Guest;
+use crate::conformance::outcome::{CaseResult, ensure};
+use crate::conformance::peer::RawClient;
 use crate::conformance::trial::Trial;
 
 pub(super) fn cases() -> Vec<Case> {
@@ -70,7 +70,7 @@ pub(super) fn cases() -> Vec<Case> {
     ]
 }
 
-fn offer(guest: &mut Guest, versions: &[u16], extensions: Extensions) {
+fn offer(guest: &mut RawClient, versions: &[u16], extensions: Extensions) {
     let scene = guest.scene.clone();
     guest.say(&ClientMessage::Hello {
         versions: versions.to_vec(),
@@ -89,16 +89,16 @@ fn extension(id: u32) -> Extensions {
     extensions
 }
 
-fn welcomed(guest: &mut Guest) -> Play {
+fn welcomed(guest: &mut RawClient) -> CaseResult {
     guest.await_message("welcome", |message| {
         matches!(message, ServerMessage::Welcome(_)).then_some(())
     })
 }
 
-fn too_early(trial: &mut Trial<'_>) -> Play {
+fn too_early(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = trial.guest()?;
     guest.hello()?;
     guest.create(lockstep())?;
-    guest.say(&ClientMessage::Follow(StreamChoice::Full));
+    guest.say(&ClientMessage::Subscribe(StreamChoice::Full));
     guest.must_be_closed(CloseCode::VIOLATION)
 }

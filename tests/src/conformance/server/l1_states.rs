@@ -4,7 +4,7 @@
 
 use rhumb_protocol::Instant;
 use rhumb_protocol::message::{
-    ClientMessage, Drive, Extensions, Moves, ServerMessage, StreamChoice,
+    ClientMessage, Extensions, ServerMessage, StreamChoice, TakeAuthority, TierPolicy,
 };
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::Command;
@@ -13,13 +13,13 @@ use rhumb_reckoning::{Tick, Tolerance};
 
 use super::scenery::lockstep;
 use crate::conformance::case::Case;
-use crate::conformance::outcome::{Play, ensure};
-use crate::conformance::peer::Guest;
+use crate::conformance::outcome::{CaseResult, ensure};
+use crate::conformance::peer::RawClient;
 use crate::conformance::trial::Trial;
 
 /// How far a conversation has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum State {
+enum SessionStage {
     Silent,
     Lobby,
     Member,
@@ -28,33 +28,52 @@ enum State {
 
 /// What a message must come to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Fate {
-    Heard,
+enum Expected {
+    Handled,
     Skipped,
     Violation,
 }
 
 const NAMES: [&str; 16] = [
-    "Hello", "Create", "Join", "Leave", "Delete", "Reserve", "Command", "Advance", "Resync",
-    "Ping", "Inspect", "Follow", "Followed", "Drive", "Upstream", "Moves",
+    "Hello",
+    "Create",
+    "Join",
+    "Leave",
+    "Delete",
+    "Reserve",
+    "Command",
+    "Advance",
+    "Resync",
+    "Ping",
+    "Inspect",
+    "Subscribe",
+    "Subscribed",
+    "TakeAuthority",
+    "Upstream",
+    "TierPolicy",
 ];
 
 pub(super) fn cases() -> Vec<Case> {
     let mut cases = Vec::new();
-    for (place, state) in [State::Silent, State::Lobby, State::Member, State::Parted]
-        .into_iter()
-        .enumerate()
+    for (place, state) in [
+        SessionStage::Silent,
+        SessionStage::Lobby,
+        SessionStage::Member,
+        SessionStage::Parted,
+    ]
+    .into_iter()
+    .enumerate()
     {
         for (kind, name) in (1_u8..).zip(NAMES) {
             let fate = fate(state, kind);
-            if state == State::Silent && kind == 1 {
+            if state == SessionStage::Silent && kind == 1 {
                 continue;
             }
             let id = format!("L1.2.{}", place * 20 + usize::from(kind));
             let (cites, words) = match fate {
-                Fate::Heard => ("PROTOCOL 3.2-1", "is allowed"),
-                Fate::Skipped => ("PROTOCOL 3.2-3", "is skipped"),
-                Fate::Violation => ("PROTOCOL 3.2-1", "ends the connection with code 2"),
+                Expected::Handled => ("PROTOCOL 3.2-1", "is allowed"),
+                Expected::Skipped => ("PROTOCOL 3.2-3", "is skipped"),
+                Expected::Violation => ("PROTOCOL 3.2-1", "ends the connection with code 2"),
             };
             let name = format!("{name} said by who is {} {words}", word(state));
             let case = Case::server(&id, &name).cites(cites);
@@ -65,57 +84,60 @@ pub(super) fn cases() -> Vec<Case> {
 }
 
 /// Who is in a state.
-const fn word(state: State) -> &'static str {
+const fn word(state: SessionStage) -> &'static str {
     match state {
-        State::Silent => "silent",
-        State::Lobby => "in the lobby",
-        State::Member => "a member",
-        State::Parted => "parted",
+        SessionStage::Silent => "silent",
+        SessionStage::Lobby => "in the lobby",
+        SessionStage::Member => "a member",
+        SessionStage::Parted => "parted",
     }
 }
 
 /// The table of PROTOCOL 3.2.
-const fn fate(state: State, kind: u8) -> Fate {
+const fn fate(state: SessionStage, kind: u8) -> Expected {
     let for_lobby = matches!(kind, 2 | 3 | 5 | 10);
     let for_members = matches!(kind, 4..=16);
     match state {
-        State::Lobby if for_lobby => Fate::Heard,
-        State::Member if for_members => Fate::Heard,
-        State::Parted if for_lobby => Fate::Heard,
-        State::Parted if for_members => Fate::Skipped,
-        _ => Fate::Violation,
+        SessionStage::Lobby if for_lobby => Expected::Handled,
+        SessionStage::Member if for_members => Expected::Handled,
+        SessionStage::Parted if for_lobby => Expected::Handled,
+        SessionStage::Parted if for_members => Expected::Skipped,
+        _ => Expected::Violation,
     }
 }
 
-fn play(trial: &mut Trial<'_>, state: State, kind: u8, fate: Fate) -> Play {
+fn play(trial: &mut Trial<'_>, state: SessionStage, kind: u8, fate: Expected) -> CaseResult {
     let mut guest = in_state(trial, state)?;
     let message = message(&guest, kind);
     guest.say(&message);
     match fate {
-        Fate::Violation => guest.must_be_closed(CloseCode::VIOLATION),
-        Fate::Heard => guest.barrier().map(drop),
-        Fate::Skipped => {
-            let heard = guest.barrier()?;
+        Expected::Violation => guest.must_be_closed(CloseCode::VIOLATION),
+        Expected::Handled => guest.barrier().map(drop),
+        Expected::Skipped => {
+            let received = guest.barrier()?;
             ensure(
-                heard.is_empty(),
-                format!("it is not answered, but by {heard:?}"),
+                received.is_empty(),
+                format!("it is not answered, but by {received:?}"),
             )
         }
     }
 }
 
-fn in_state(trial: &mut Trial<'_>, state: State) -> Result<Guest, crate::conformance::Stop> {
+fn in_state(
+    trial: &mut Trial<'_>,
+    state: SessionStage,
+) -> Result<RawClient, crate::conformance::Stop> {
     let mut guest = trial.guest()?;
-    if state == State::Silent {
+    if state == SessionStage::Silent {
         return Ok(guest);
     }
     guest.hello()?;
     guest.create(lockstep())?;
-    if state == State::Lobby {
+    if state == SessionStage::Lobby {
         return Ok(guest);
     }
     guest.join(StreamChoice::Full)?;
-    if state == State::Parted {
+    if state == SessionStage::Parted {
         guest.say(&ClientMessage::Leave);
         guest.await_message("answer to leave", |message| {
             matches!(message, ServerMessage::Left).then_some(())
@@ -125,7 +147,7 @@ fn in_state(trial: &mut Trial<'_>, state: State) -> Result<Guest, crate::conform
 }
 
 /// A plain message of a type.
-fn message(guest: &Guest, kind: u8) -> ClientMessage {
+fn message(guest: &RawClient, kind: u8) -> ClientMessage {
     match kind {
         1 => ClientMessage::Hello {
             versions: vec![1],
@@ -146,13 +168,13 @@ fn message(guest: &Guest, kind: u8) -> ClientMessage {
             sent: Instant::from_nanos(7),
         },
         11 => ClientMessage::Inspect,
-        12 => ClientMessage::Follow(StreamChoice::Within(Tolerance::NORMAL)),
-        13 => ClientMessage::Followed(StreamId(0)),
-        14 => ClientMessage::Drive(Drive {
+        12 => ClientMessage::Subscribe(StreamChoice::Within(Tolerance::NORMAL)),
+        13 => ClientMessage::Subscribed(StreamId(0)),
+        14 => ClientMessage::TakeAuthority(TakeAuthority {
             tolerance: Tolerance::NORMAL,
             bodies: Vec::new(),
         }),
         15 => ClientMessage::Upstream(vec![1, 0]),
-        _ => ClientMessage::Moves(Moves::Never),
+        _ => ClientMessage::TierPolicy(TierPolicy::Never),
     }
 }

@@ -5,12 +5,12 @@ use std::time::Duration;
 use rhumb_protocol::limits::DATAGRAM_BYTES_MAX;
 use rhumb_protocol::message::{ClientMessage, ServerMessage, StreamChoice};
 use rhumb_protocol::session::CloseCode;
-use rhumb_transport::{BareEnd, BareTerms, Clock};
+use rhumb_transport::{Clock, RawPeerConfig, RawPeerEnd};
 
 use super::scenery::lockstep;
-use super::{Row, table};
+use super::{CaseRow, table};
 use crate::conformance::case::Case;
-use crate::conformance::outcome::{Play, Stop, ensure, should};
+use crate::conformance::outcome::{CaseResult, Stop, ensure, should};
 use crate::conformance::trial::Trial;
 
 /// Close codes of the transport.
@@ -18,13 +18,13 @@ const NO_CONTROL_STREAM: u64 = 0x103;
 const NO_DATAGRAMS: u64 = 0x104;
 
 /// What each case of the group promises, cites and does.
-const CASES: &[Row] = &[
+const CASES: &[CaseRow] = &[
     (
         1,
         "a connection is by the name rhumb/1",
         "PROTOCOL 1.1-1",
         |trial| {
-            let (line, _relay) = trial.knock(&BareTerms::default())?;
+            let (line, _relay) = trial.knock(&RawPeerConfig::default())?;
             ensure(
                 line.alpn().as_deref() == Some(b"rhumb/1"),
                 "ALPN names rhumb/1",
@@ -48,7 +48,7 @@ const CASES: &[Row] = &[
         "a server takes the longest datagrams",
         "PROTOCOL 1.1-4, 5.8-3",
         |trial| {
-            let (line, _relay) = trial.knock(&BareTerms::default())?;
+            let (line, _relay) = trial.knock(&RawPeerConfig::default())?;
             let most = line.datagram_bytes_max().unwrap_or_default();
             ensure(
                 most >= DATAGRAM_BYTES_MAX,
@@ -87,7 +87,7 @@ const CASES: &[Row] = &[
     ),
     (
         11,
-        "what was said before a close arrives",
+        "what was sent before a close arrives",
         "PROTOCOL 1.4-4",
         last_words,
     ),
@@ -100,7 +100,7 @@ const CASES: &[Row] = &[
 ];
 
 /// Those that wait for a clock of the server's.
-const SLOW: &[Row] = &[
+const SLOW: &[CaseRow] = &[
     (
         7,
         "who opens no control stream is given up after five seconds",
@@ -122,12 +122,12 @@ pub(super) fn cases() -> Vec<Case> {
         .collect()
 }
 
-fn not_let_in(trial: &mut Trial<'_>, alpn: &[u8]) -> Play {
-    let terms = BareTerms {
+fn not_let_in(trial: &mut Trial<'_>, alpn: &[u8]) -> CaseResult {
+    let config = RawPeerConfig {
         alpn: vec![alpn.to_vec()],
-        ..BareTerms::default()
+        ..RawPeerConfig::default()
     };
-    match trial.knock(&terms) {
+    match trial.knock(&config) {
         Ok(_) => Stop::fail("it is let in"),
         // A TLS alert of the number 120, as QUIC carries it.
         Err(Stop::Fail(why)) if why.contains("0x178") => Ok(()),
@@ -138,26 +138,26 @@ fn not_let_in(trial: &mut Trial<'_>, alpn: &[u8]) -> Play {
     }
 }
 
-fn small_datagrams(trial: &mut Trial<'_>, datagram_bytes: Option<u16>) -> Play {
+fn small_datagrams(trial: &mut Trial<'_>, datagram_bytes: Option<u16>) -> CaseResult {
     let scene = trial.scene();
-    let terms = BareTerms {
+    let config = RawPeerConfig {
         datagram_bytes,
-        ..BareTerms::default()
+        ..RawPeerConfig::default()
     };
-    let mut guest = trial.bare_guest(&scene, &terms)?;
+    let mut guest = trial.bare_guest(&scene, &config)?;
     guest.line.open_control();
     guest.must_be_closed_with(&[NO_DATAGRAMS])
 }
 
-fn no_control_stream(trial: &mut Trial<'_>) -> Play {
+fn no_control_stream(trial: &mut Trial<'_>) -> CaseResult {
     let scene = trial.scene();
-    let mut guest = trial.bare_guest(&scene, &BareTerms::default())?;
+    let mut guest = trial.bare_guest(&scene, &RawPeerConfig::default())?;
     let clock = Clock::start();
     while guest.ended.is_none() && clock.now().as_nanos() < 8_000_000_000 {
         guest.next_message()?;
     }
     let seconds = clock.now().as_nanos() as f64 / 1e9;
-    let given_up = guest.ended == Some(BareEnd::Closed(NO_CONTROL_STREAM));
+    let given_up = guest.ended == Some(RawPeerEnd::Closed(NO_CONTROL_STREAM));
     should(
         given_up,
         format!("given up with code 0x103, not {:?}", guest.ended),
@@ -168,14 +168,14 @@ fn no_control_stream(trial: &mut Trial<'_>) -> Play {
     )
 }
 
-fn silent(trial: &mut Trial<'_>) -> Play {
+fn silent(trial: &mut Trial<'_>) -> CaseResult {
     let scene = trial.scene();
-    let terms = BareTerms {
+    let config = RawPeerConfig {
         idle: Duration::from_secs(60),
         keep_alive: None,
-        ..BareTerms::default()
+        ..RawPeerConfig::default()
     };
-    let mut guest = trial.bare_guest(&scene, &terms)?;
+    let mut guest = trial.bare_guest(&scene, &config)?;
     guest.line.open_control();
     guest.hello()?;
     let clock = Clock::start();
@@ -184,7 +184,7 @@ fn silent(trial: &mut Trial<'_>) -> Play {
     }
     let seconds = clock.now().as_nanos() as f64 / 1e9;
     ensure(
-        guest.ended == Some(BareEnd::TimedOut),
+        guest.ended == Some(RawPeerEnd::TimedOut),
         format!("it times out, not {:?}", guest.ended),
     )?;
     ensure(
@@ -193,7 +193,7 @@ fn silent(trial: &mut Trial<'_>) -> Play {
     )
 }
 
-fn other_streams(trial: &mut Trial<'_>) -> Play {
+fn other_streams(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = trial.guest()?;
     guest.hello()?;
     guest.line.open_another(true);
@@ -204,7 +204,7 @@ fn other_streams(trial: &mut Trial<'_>) -> Play {
     guest.barrier().map(drop)
 }
 
-fn last_words(trial: &mut Trial<'_>) -> Play {
+fn last_words(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = trial.guest()?;
     guest.hello()?;
     let mut bytes = Vec::new();
@@ -219,7 +219,7 @@ fn last_words(trial: &mut Trial<'_>) -> Play {
     guest.must_be_closed(CloseCode::MALFORMED)
 }
 
-fn closes(trial: &mut Trial<'_>) -> Play {
+fn closes(trial: &mut Trial<'_>) -> CaseResult {
     let mut one = trial.guest()?;
     one.enter(lockstep(), StreamChoice::Full)?;
     let scene = one.scene.clone();

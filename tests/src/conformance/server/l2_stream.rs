@@ -6,8 +6,8 @@ use rhumb_reckoning::Tick;
 
 use super::scenery::{NORMAL, ball, ball_shape, body, floor, floor_shape, lockstep};
 use crate::conformance::case::{Case, Feature};
-use crate::conformance::outcome::{Play, Stop, ensure, should};
-use crate::conformance::peer::{Fate, Follower};
+use crate::conformance::outcome::{CaseResult, Stop, ensure, should};
+use crate::conformance::peer::{LaneAction, LossyClient};
 use crate::conformance::trial::Trial;
 
 pub(super) fn cases() -> Vec<Case> {
@@ -25,7 +25,7 @@ pub(super) fn cases() -> Vec<Case> {
         .play(no_farther),
         case(
             "L2.1.2",
-            "of a lane that loses every third datagram all is repaired",
+            "of a lane that loses every third datagram all is refreshed",
             "PROTOCOL 6.7-3, 6.7-8, 6.4-3",
         )
         .play(|trial| {
@@ -34,9 +34,9 @@ pub(super) fn cases() -> Vec<Case> {
             follower.sift(move |_| {
                 count += 1;
                 if count.is_multiple_of(3) {
-                    Fate::Lost
+                    LaneAction::Lost
                 } else {
-                    Fate::Comes
+                    LaneAction::Comes
                 }
             });
             for tick in 1..=60 {
@@ -52,7 +52,9 @@ pub(super) fn cases() -> Vec<Case> {
         .play(|trial| {
             let mut follower = scene(trial, NORMAL)?;
             let mut dice = trial.dice();
-            follower.sift(move |_| [Fate::Twice, Fate::Late, Fate::Comes][dice.below(3)]);
+            follower.sift(move |_| {
+                [LaneAction::Twice, LaneAction::Late, LaneAction::Comes][dice.below(3)]
+            });
             for tick in 1..=60 {
                 follower.advance(Tick::new(tick))?;
             }
@@ -68,12 +70,12 @@ pub(super) fn cases() -> Vec<Case> {
 }
 
 /// To the tick that was asked for, and no farther.
-fn no_farther(trial: &mut Trial<'_>) -> Play {
+fn no_farther(trial: &mut Trial<'_>) -> CaseResult {
     let mut follower = scene(trial, NORMAL)?;
     follower.advance(Tick::new(10))?;
-    let vouched = follower.replica()?.stream().vouched();
+    let watermark_tick = follower.replica()?.stream().watermark_tick();
     ensure(
-        vouched == Tick::new(10),
+        watermark_tick == Tick::new(10),
         "nothing beyond what was asked for",
     )?;
     // What it stepped to shows to who joins then.
@@ -88,7 +90,7 @@ fn no_farther(trial: &mut Trial<'_>) -> Play {
 }
 
 /// Datagrams of the stream before may still be on their way.
-fn begins_anew(trial: &mut Trial<'_>) -> Play {
+fn begins_anew(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = trial.guest()?;
     let mut before = guest.enter(lockstep(), NORMAL)?.start.stream;
     for _ in 0..8 {
@@ -108,7 +110,7 @@ fn begins_anew(trial: &mut Trial<'_>) -> Play {
 }
 
 /// A member of a scene with a ball above a floor.
-fn scene(trial: &mut Trial<'_>, choice: StreamChoice) -> Result<Follower, Stop> {
+fn scene(trial: &mut Trial<'_>, choice: StreamChoice) -> Result<LossyClient, Stop> {
     let mut follower = trial.follower()?;
     follower.create(lockstep())?;
     let granted = follower.join(choice)?;
@@ -119,10 +121,10 @@ fn scene(trial: &mut Trial<'_>, choice: StreamChoice) -> Result<Follower, Stop> 
     Ok(follower)
 }
 
-/// That the copy is settled, and no sum was another.
-fn undoubted(follower: &Follower) -> Play {
+/// That the copy is converged, and no sum was another.
+fn undoubted(follower: &LossyClient) -> CaseResult {
     let stream = follower.replica()?.stream();
-    ensure(stream.is_settled(), "nothing is missing in the end")?;
-    let heard = stream.statistics();
-    ensure(heard.mismatches == 0, "every sum is the copy's own")
+    ensure(stream.is_converged(), "nothing is missing in the end")?;
+    let received = stream.statistics();
+    ensure(received.mismatches == 0, "every sum is the copy's own")
 }

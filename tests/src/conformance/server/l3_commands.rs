@@ -1,9 +1,11 @@
 //! L3.2: what commands do, and what each is refused for.
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::message::{ClientMessage, Notice, RemovalCause, ServerMessage, StreamChoice};
+use rhumb_protocol::message::{
+    ClientMessage, RemovalCause, SceneEvent, ServerMessage, StreamChoice,
+};
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, CommandError, Compound, Heights, Joint, JointFrame, JointId,
+    BodyDesc, BodyKind, Command, CommandError, Compound, Heights, Joint, JointFrame, JointId,
     JointKind, Part, Shape, ShapeId,
 };
 use rhumb_reckoning::BodyId;
@@ -11,14 +13,14 @@ use rhumb_reckoning::BodyId;
 use super::scenery::{
     BALL, FLOOR, NORMAL, ball, ball_shape, body, floor, floor_shape, lockstep, moving,
 };
-use super::{Row, table};
+use super::{CaseRow, table};
 use crate::conformance::case::{Case, Feature};
-use crate::conformance::outcome::{Play, Stop, ensure};
-use crate::conformance::peer::Guest;
+use crate::conformance::outcome::{CaseResult, Stop, ensure};
+use crate::conformance::peer::RawClient;
 use crate::conformance::trial::Trial;
 
 /// What is there when a command is refused: a ball, a floor, a kinematic ball, a joint between ball and floor.
-struct Cast {
+struct Fixtures {
     ball: BodyId,
     floor: BodyId,
     lift: BodyId,
@@ -26,7 +28,7 @@ struct Cast {
 }
 
 /// What is said, and what it must be refused by.
-type Refused = fn(&Cast) -> (Command, CommandError);
+type Refused = fn(&Fixtures) -> (Command, CommandError);
 
 /// Each error that a single member can come to, with the command that comes to it.
 const REFUSED: [(&str, Refused); 17] = [
@@ -58,10 +60,10 @@ const REFUSED: [(&str, Refused); 17] = [
     }),
     ("a body of a shape that is not known", |cast| {
         let shape = ShapeId(77);
-        let terms = BodyTerms::plain(cast.nobody, BodyKind::Dynamic, shape);
+        let config = BodyDesc::plain(cast.nobody, BodyKind::Dynamic, shape);
         let motion = moving(Vec3::Y * 50.0, Vec3::ZERO);
         (
-            Command::AddBody { terms, motion },
+            Command::AddBody { config, motion },
             CommandError::UnknownShape(shape),
         )
     }),
@@ -161,10 +163,10 @@ const REFUSED: [(&str, Refused); 17] = [
 ];
 
 /// What else each case of the group promises, cites and does.
-const CASES: &[Row] = &[
+const CASES: &[CaseRow] = &[
     (
         31,
-        "commands that come together are answered by notices, then by one Applied",
+        "commands that come together are answered by scene_events, then by one Applied",
         "PROTOCOL 4.6-9, 4.6-10",
         together,
     ),
@@ -194,7 +196,7 @@ const CASES: &[Row] = &[
     ),
     (
         39,
-        "notices of a command are told to every member alike",
+        "scene_events of a command are reported to every member alike",
         "PROTOCOL 4.6-5, 4.6-9",
         told_alike,
     ),
@@ -213,7 +215,7 @@ const CASES: &[Row] = &[
 ];
 
 /// Those of shapes without an inside.
-const SHEETS: &[Row] = &[(
+const SHEETS: &[CaseRow] = &[(
     36,
     "a dynamic body without an inside is refused with 17",
     "PROTOCOL 2.6-13",
@@ -221,7 +223,7 @@ const SHEETS: &[Row] = &[(
 )];
 
 /// Those of shapes of parts.
-const COMPOUNDS: &[Row] = &[(
+const COMPOUNDS: &[CaseRow] = &[(
     38,
     "a body of no parts is a body",
     "PROTOCOL 2.6-17",
@@ -229,7 +231,7 @@ const COMPOUNDS: &[Row] = &[(
 )];
 
 /// Those of both.
-const SHEETS_IN_COMPOUNDS: &[Row] = &[(
+const SHEETS_IN_COMPOUNDS: &[CaseRow] = &[(
     37,
     "a dynamic body with a part without an inside is refused with 17",
     "PROTOCOL 2.6-13",
@@ -288,15 +290,15 @@ fn joint(first: BodyId, second: BodyId) -> Joint {
     }
 }
 
-fn member(trial: &mut Trial<'_>) -> Result<Guest, Stop> {
+fn member(trial: &mut Trial<'_>) -> Result<RawClient, Stop> {
     let mut guest = trial.guest()?;
     guest.enter(lockstep(), NORMAL)?;
     Ok(guest)
 }
 
-fn cast(guest: &mut Guest) -> Result<Cast, Stop> {
+fn cast(guest: &mut RawClient) -> Result<Fixtures, Stop> {
     let id = |place| body(guest.granted, place);
-    let cast = Cast {
+    let cast = Fixtures {
         ball: id(0)?,
         floor: id(1)?,
         lift: id(2)?,
@@ -307,7 +309,7 @@ fn cast(guest: &mut Guest) -> Result<Cast, Stop> {
     guest.must(floor(cast.floor))?;
     guest.must(ball(cast.ball, Vec3::Y * 5.0, Vec3::ZERO))?;
     guest.must(Command::AddBody {
-        terms: BodyTerms::plain(cast.lift, BodyKind::Kinematic, BALL),
+        config: BodyDesc::plain(cast.lift, BodyKind::Kinematic, BALL),
         motion: moving(Vec3::new(5.0, 5.0, 0.0), Vec3::ZERO),
     })?;
     let joint = joint(cast.ball, cast.floor);
@@ -316,29 +318,32 @@ fn cast(guest: &mut Guest) -> Result<Cast, Stop> {
     Ok(cast)
 }
 
-/// What anybody who joins now is told of the scene.
-fn told(trial: &mut Trial<'_>, guest: &Guest) -> Result<Vec<Notice>, Stop> {
+/// What anybody who joins now is reported of the scene.
+fn reported(trial: &mut Trial<'_>, guest: &RawClient) -> Result<Vec<SceneEvent>, Stop> {
     let mut late = trial.guest_of(&guest.scene.clone())?;
     late.hello()?;
     Ok(late.join(StreamChoice::Full)?.1)
 }
 
-fn is_refused(trial: &mut Trial<'_>, refused: Refused) -> Play {
+fn is_refused(trial: &mut Trial<'_>, refused: Refused) -> CaseResult {
     let mut guest = member(trial)?;
     let cast = cast(&mut guest)?;
-    let before = told(trial, &guest)?;
+    let before = reported(trial, &guest)?;
     let (command, error) = refused(&cast);
     let outcome = guest.command(command)?;
     ensure(
         outcome == Err(error),
         format!("refused by {error:?}, not {outcome:?}"),
     )?;
-    let heard = guest.barrier()?;
-    ensure(heard.is_empty(), format!("no notice of it, not {heard:?}"))?;
-    ensure(told(trial, &guest)? == before, "the scene is as before")
+    let received = guest.barrier()?;
+    ensure(
+        received.is_empty(),
+        format!("no scene_event of it, not {received:?}"),
+    )?;
+    ensure(reported(trial, &guest)? == before, "the scene is as before")
 }
 
-fn together(trial: &mut Trial<'_>) -> Play {
+fn together(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = member(trial)?;
     let id = body(guest.granted, 0)?;
     let commands = [
@@ -348,20 +353,20 @@ fn together(trial: &mut Trial<'_>) -> Play {
         Command::RemoveBody { id },
     ];
     guest.say_together(&commands.map(ClientMessage::Command));
-    let heard = guest.barrier()?;
-    let notices: Vec<_> = heard
+    let received = guest.barrier()?;
+    let scene_events: Vec<_> = received
         .iter()
         .filter_map(|message| match message {
-            ServerMessage::Notice(notice) => Some(notice),
+            ServerMessage::SceneEvent(scene_event) => Some(scene_event),
             _ => None,
         })
         .collect();
     let order = matches!(
-        notices[..],
+        scene_events[..],
         [
-            Notice::ShapeAdded { .. },
-            Notice::BodyPlaced { .. },
-            Notice::BodyRemoved {
+            SceneEvent::ShapeAdded { .. },
+            SceneEvent::BodyPlaced { .. },
+            SceneEvent::BodyRemoved {
                 cause: RemovalCause::Command,
                 ..
             }
@@ -369,25 +374,25 @@ fn together(trial: &mut Trial<'_>) -> Play {
     );
     ensure(
         order,
-        format!("a notice of each, in order, not {notices:?}"),
+        format!("a scene_event of each, in order, not {scene_events:?}"),
     )?;
     let last = matches!(
-        heard.last(),
+        received.last(),
         Some(ServerMessage::Applied { through: 3, .. })
     );
     ensure(
         last,
-        format!("Applied through the last comes last, not {heard:?}"),
+        format!("Applied through the last comes last, not {received:?}"),
     )?;
     let refused =
         |message: &ServerMessage| matches!(message, ServerMessage::Refused { number: 1, .. });
     ensure(
-        heard.iter().any(refused),
+        received.iter().any(refused),
         "and the one that is wrong is refused by its number",
     )
 }
 
-fn future(trial: &mut Trial<'_>) -> Play {
+fn future(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = member(trial)?;
     guest.utter(&[5, 7, 0x8a, 1, 2, 3]);
     let outcome = guest.outcome_of(0)?;
@@ -399,12 +404,13 @@ fn future(trial: &mut Trial<'_>) -> Play {
     guest.must(ball_shape()).map(drop)
 }
 
-fn joints_go(trial: &mut Trial<'_>) -> Play {
+fn joints_go(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = member(trial)?;
     let cast = cast(&mut guest)?;
     guest.must(Command::RemoveBody { id: cast.floor })?;
-    let left = told(trial, &guest)?;
-    let joint_left = |notice: &Notice| matches!(notice, Notice::JointAdded { .. });
+    let left = reported(trial, &guest)?;
+    let joint_left =
+        |scene_event: &SceneEvent| matches!(scene_event, SceneEvent::JointAdded { .. });
     ensure(!left.iter().any(joint_left), "its joint is gone with it")?;
     let outcome = guest.command(Command::RemoveJoint { id: JointId(0) })?;
     let error = Err(CommandError::UnknownJoint(JointId(0)));
@@ -417,7 +423,7 @@ fn joints_go(trial: &mut Trial<'_>) -> Play {
     guest.must(Command::AddJoint { id, joint: again }).map(drop)
 }
 
-fn generations(trial: &mut Trial<'_>) -> Play {
+fn generations(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = member(trial)?;
     guest.must(ball_shape())?;
     let first = body(guest.granted, 0)?;
@@ -436,7 +442,7 @@ fn generations(trial: &mut Trial<'_>) -> Play {
     guest.must(add(of(2))).map(drop)
 }
 
-fn not_owner(trial: &mut Trial<'_>) -> Play {
+fn not_owner(trial: &mut Trial<'_>) -> CaseResult {
     let mut owner = member(trial)?;
     let cast = cast(&mut owner)?;
     let mut other = trial.guest_of(&owner.scene.clone())?;
@@ -448,70 +454,73 @@ fn not_owner(trial: &mut Trial<'_>) -> Play {
     })?;
     other.must(Command::RemoveBody { id: cast.ball })?;
     owner.await_message("word that its body is gone", |message| match message {
-        ServerMessage::Notice(Notice::BodyRemoved { id, cause }) => {
+        ServerMessage::SceneEvent(SceneEvent::BodyRemoved { id, cause }) => {
             (id == cast.ball && cause == RemovalCause::Command).then_some(())
         }
         _ => None,
     })
 }
 
-fn no_inside(trial: &mut Trial<'_>, shape: Shape) -> Play {
+fn no_inside(trial: &mut Trial<'_>, shape: Shape) -> CaseResult {
     let mut guest = member(trial)?;
     let id = ShapeId(5);
     guest.must(Command::AddShape { id, shape })?;
     let motion = moving(Vec3::ZERO, Vec3::ZERO);
-    let terms = |kind, place| Ok(BodyTerms::plain(body(guest.granted, place)?, kind, id));
-    let dynamic: Result<_, Stop> = terms(BodyKind::Dynamic, 0);
-    let still: Result<_, Stop> = terms(BodyKind::Static, 0);
+    let config = |kind, place| Ok(BodyDesc::plain(body(guest.granted, place)?, kind, id));
+    let dynamic: Result<_, Stop> = config(BodyKind::Dynamic, 0);
+    let still: Result<_, Stop> = config(BodyKind::Static, 0);
     let (dynamic, still) = (dynamic?, still?);
     let outcome = guest.command(Command::AddBody {
-        terms: dynamic,
+        config: dynamic,
         motion,
     })?;
     ensure(
         outcome == Err(CommandError::NoInside(id)),
         format!("NoInside, not {outcome:?}"),
     )?;
-    let terms = still;
-    guest.must(Command::AddBody { terms, motion }).map(drop)
+    let config = still;
+    guest.must(Command::AddBody { config, motion }).map(drop)
 }
 
-fn no_parts(trial: &mut Trial<'_>) -> Play {
+fn no_parts(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = member(trial)?;
     let id = ShapeId(5);
     let compound = Compound::new(Vec::new()).map_err(|_| none())?;
     let shape = Shape::Compound(compound);
     guest.must(Command::AddShape { id, shape })?;
-    let terms = BodyTerms::plain(body(guest.granted, 0)?, BodyKind::Dynamic, id);
+    let config = BodyDesc::plain(body(guest.granted, 0)?, BodyKind::Dynamic, id);
     let motion = moving(Vec3::ZERO, Vec3::ZERO);
-    guest.must(Command::AddBody { terms, motion }).map(drop)
+    guest.must(Command::AddBody { config, motion }).map(drop)
 }
 
-fn told_alike(trial: &mut Trial<'_>) -> Play {
+fn told_alike(trial: &mut Trial<'_>) -> CaseResult {
     let mut one = member(trial)?;
     let mut other = trial.guest_of(&one.scene.clone())?;
     other.hello()?;
     other.join(StreamChoice::Full)?;
-    let notices = |heard: Vec<ServerMessage>| -> Vec<_> {
-        let notices = heard.into_iter().filter_map(|message| match message {
-            ServerMessage::Notice(notice) => Some(notice),
+    let scene_events = |received: Vec<ServerMessage>| -> Vec<_> {
+        let scene_events = received.into_iter().filter_map(|message| match message {
+            ServerMessage::SceneEvent(scene_event) => Some(scene_event),
             _ => None,
         });
-        notices.collect()
+        scene_events.collect()
     };
     let forgotten = Command::RemoveShape { id: FLOOR };
     let commands = [ball_shape(), floor_shape(), forgotten];
     one.say_together(&commands.map(ClientMessage::Command));
-    let first = notices(one.barrier()?);
-    let second = notices(other.barrier()?);
-    ensure(first.len() == 3, format!("three notices, not {first:?}"))?;
+    let first = scene_events(one.barrier()?);
+    let second = scene_events(other.barrier()?);
+    ensure(
+        first.len() == 3,
+        format!("three scene_events, not {first:?}"),
+    )?;
     ensure(
         first == second,
         format!("the other hears the same, not {second:?}"),
     )
 }
 
-fn unit_length(trial: &mut Trial<'_>) -> Play {
+fn unit_length(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = member(trial)?;
     let cast = cast(&mut guest)?;
     let set = |w: f32| Command::SetPose {
@@ -529,10 +538,10 @@ fn unit_length(trial: &mut Trial<'_>) -> Play {
     )
 }
 
-fn no_trace(trial: &mut Trial<'_>) -> Play {
+fn no_trace(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = member(trial)?;
     let cast = cast(&mut guest)?;
-    let before = told(trial, &guest)?;
+    let before = reported(trial, &guest)?;
     for (_, refused) in REFUSED {
         for _ in 0..20 {
             let (command, error) = refused(&cast);
@@ -543,5 +552,5 @@ fn no_trace(trial: &mut Trial<'_>) -> Play {
             )?;
         }
     }
-    ensure(told(trial, &guest)? == before, "the scene is as before")
+    ensure(reported(trial, &guest)? == before, "the scene is as before")
 }

@@ -3,19 +3,19 @@
 use glam::{DVec3, Quat, Vec3};
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Command, Joint, JointFrame, JointId, JointKind, JointLimits,
+    BodyDesc, BodyKind, Command, Joint, JointFrame, JointId, JointKind, JointLimits,
 };
 use rhumb_reckoning::{BodyId, Motion, Tick};
 
 use super::scenery::{BALL, ball, ball_shape, body, lockstep, moving};
-use super::{Row, table};
+use super::{CaseRow, table};
 use crate::conformance::case::{Case, Feature};
-use crate::conformance::outcome::{Play, Stop, ensure};
-use crate::conformance::peer::Follower;
+use crate::conformance::outcome::{CaseResult, Stop, ensure};
+use crate::conformance::peer::LossyClient;
 use crate::conformance::trial::Trial;
 
 /// What each case of the group promises, cites and does.
-const CASES: &[Row] = &[
+const CASES: &[CaseRow] = &[
     (
         1,
         "a spherical joint keeps a pendulum's length",
@@ -126,9 +126,9 @@ const CASES: &[Row] = &[
     ),
     (
         7,
-        "who joins late is told of a joint as it was made",
+        "who joins late is reported of a joint as it was made",
         "PROTOCOL 2.6-7, 2.6-11",
-        told,
+        reported,
     ),
     (
         8,
@@ -154,30 +154,30 @@ pub(super) fn cases() -> Vec<Case> {
 }
 
 /// A ball two metres beside a static one that holds it.
-struct Hung {
-    follower: Follower,
+struct HangingBall {
+    follower: LossyClient,
     body: BodyId,
     joint: Joint,
 }
 
-impl Hung {
+impl HangingBall {
     fn there(&self) -> Result<Motion, Stop> {
         let stream = self.follower.replica()?.stream();
         let gone = || Stop::Fail("the body is not there".into());
         stream
-            .believed(self.body, stream.complete())
+            .predicted_motion(self.body, stream.complete())
             .ok_or_else(gone)
     }
 }
 
-fn hang(trial: &mut Trial<'_>, kind: JointKind) -> Result<Hung, Stop> {
+fn hang(trial: &mut Trial<'_>, kind: JointKind) -> Result<HangingBall, Stop> {
     let mut follower = trial.follower()?;
     follower.create(lockstep())?;
     let granted = follower.join(StreamChoice::Full)?;
     let (hook, hung) = (body(granted, 0)?, body(granted, 1)?);
     follower.must(ball_shape())?;
     follower.must(Command::AddBody {
-        terms: BodyTerms::plain(hook, BodyKind::Static, BALL),
+        config: BodyDesc::plain(hook, BodyKind::Static, BALL),
         motion: moving(Vec3::ZERO, Vec3::ZERO),
     })?;
     follower.must(ball(hung, Vec3::X * 2.0, Vec3::ZERO))?;
@@ -193,7 +193,7 @@ fn hang(trial: &mut Trial<'_>, kind: JointKind) -> Result<Hung, Stop> {
     };
     let id = JointId(0);
     follower.must(Command::AddJoint { id, joint })?;
-    Ok(Hung {
+    Ok(HangingBall {
         follower,
         body: hung,
         joint,
@@ -201,7 +201,7 @@ fn hang(trial: &mut Trial<'_>, kind: JointKind) -> Result<Hung, Stop> {
 }
 
 /// Holds something at every tick of two seconds.
-fn hangs(trial: &mut Trial<'_>, kind: JointKind, holds: fn(Motion) -> Play) -> Play {
+fn hangs(trial: &mut Trial<'_>, kind: JointKind, holds: fn(Motion) -> CaseResult) -> CaseResult {
     let mut hung = hang(trial, kind)?;
     for tick in 1..=120 {
         hung.follower.advance(Tick::new(tick))?;
@@ -210,7 +210,7 @@ fn hangs(trial: &mut Trial<'_>, kind: JointKind, holds: fn(Motion) -> Play) -> P
     Ok(())
 }
 
-fn told(trial: &mut Trial<'_>) -> Play {
+fn reported(trial: &mut Trial<'_>) -> CaseResult {
     let limits = JointLimits {
         least: -1.0,
         most: 0.5,
@@ -218,10 +218,10 @@ fn told(trial: &mut Trial<'_>) -> Play {
     let hung = hang(trial, JointKind::Revolute(Some(limits)))?;
     let mut late = trial.guest_of(&hung.follower.scene.clone())?;
     late.hello()?;
-    let (_, notices) = late.join(StreamChoice::Full)?;
-    let is_it = |notice: &rhumb_protocol::message::Notice| matches!(notice, rhumb_protocol::message::Notice::JointAdded { id: JointId(0), joint } if *joint == hung.joint);
+    let (_, scene_events) = late.join(StreamChoice::Full)?;
+    let is_it = |scene_event: &rhumb_protocol::message::SceneEvent| matches!(scene_event, rhumb_protocol::message::SceneEvent::JointAdded { id: JointId(0), joint } if *joint == hung.joint);
     ensure(
-        notices.iter().any(is_it),
-        format!("as it was made, and not {notices:?}"),
+        scene_events.iter().any(is_it),
+        format!("as it was made, and not {scene_events:?}"),
     )
 }

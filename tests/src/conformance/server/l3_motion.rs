@@ -4,21 +4,21 @@
 
 use glam::{DVec3, Quat, Vec3};
 use rhumb_protocol::message::StreamChoice;
-use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, Shape, ShapeId};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, Shape, ShapeId};
 use rhumb_reckoning::{BodyId, Damping, Tick};
 
 use super::l3_physics::{SECOND, TICK, alone, now};
 use super::scenery::{BALL, EXACT, G, RADIUS, ball, body, floor, floor_shape, moving, turning};
-use super::{Row, table};
+use super::{CaseRow, table};
 use crate::conformance::case::{Case, Feature};
-use crate::conformance::outcome::{Play, Stop, ensure};
-use crate::conformance::peer::Follower;
+use crate::conformance::outcome::{CaseResult, Stop, ensure};
+use crate::conformance::peer::LossyClient;
 use crate::conformance::trial::Trial;
 
 const FULL: StreamChoice = StreamChoice::Full;
 
 /// What each case of the group promises, cites and does.
-const CASES: &[Row] = &[
+const CASES: &[CaseRow] = &[
     (
         1,
         "an impulse changes the velocity at once, by itself over the mass",
@@ -87,7 +87,7 @@ const CASES: &[Row] = &[
     ),
     (
         12,
-        "damping slows a body as its terms say",
+        "damping slows a body as its config say",
         "PROTOCOL 6.1-4",
         damped,
     ),
@@ -145,20 +145,20 @@ fn moment() -> f64 {
 }
 
 /// A ball that stands still where nothing pulls.
-fn still(trial: &mut Trial<'_>) -> Result<(Follower, BodyId), Stop> {
+fn still(trial: &mut Trial<'_>) -> Result<(LossyClient, BodyId), Stop> {
     let (mut follower, id) = alone(trial, false, FULL)?;
     follower.must(ball(id, Vec3::ZERO, Vec3::ZERO))?;
     Ok((follower, id))
 }
 
-fn near(what: &str, is: f64, wanted: f64, slack: f64) -> Play {
+fn near(what: &str, is: f64, wanted: f64, slack: f64) -> CaseResult {
     ensure(
         (is - wanted).abs() <= slack,
         format!("{what} is {wanted}, not {is}"),
     )
 }
 
-fn impulse(trial: &mut Trial<'_>) -> Play {
+fn impulse(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = still(trial)?;
     let impulse = Vec3::Z * (2.0 * mass()) as f32;
     follower.must(Command::Impulse { id, impulse })?;
@@ -168,7 +168,7 @@ fn impulse(trial: &mut Trial<'_>) -> Play {
     near("its way in m", motion.pose().position.z, 2.0, 0.05)
 }
 
-fn force(trial: &mut Trial<'_>) -> Play {
+fn force(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = still(trial)?;
     // As much as makes 1 m/s in one tick.
     let force = Vec3::X * (mass() / TICK) as f32;
@@ -185,7 +185,7 @@ fn force(trial: &mut Trial<'_>) -> Play {
     )
 }
 
-fn spin(trial: &mut Trial<'_>) -> Play {
+fn spin(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = still(trial)?;
     let impulse = Vec3::Y * (3.0 * moment()) as f32;
     follower.must(Command::TorqueImpulse { id, impulse })?;
@@ -197,7 +197,7 @@ fn spin(trial: &mut Trial<'_>) -> Play {
     near("its way in m", motion.pose().position.length(), 0.0, 1e-5)
 }
 
-fn torque(trial: &mut Trial<'_>) -> Play {
+fn torque(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = still(trial)?;
     let torque = Vec3::X * (moment() / TICK) as f32;
     follower.must(Command::Torque { id, torque })?;
@@ -217,7 +217,7 @@ fn torque(trial: &mut Trial<'_>) -> Play {
     )
 }
 
-fn velocity(trial: &mut Trial<'_>) -> Play {
+fn velocity(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = still(trial)?;
     let (linear, angular) = (Vec3::Y * 4.0, Vec3::Z);
     let set = Command::SetVelocity {
@@ -242,7 +242,7 @@ fn velocity(trial: &mut Trial<'_>) -> Play {
     )
 }
 
-fn put(trial: &mut Trial<'_>) -> Play {
+fn put(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = still(trial)?;
     let position = Vec3::new(20.0, -3.0, 1.0);
     let rotation = Quat::from_xyzw(0.0, 1.0, 0.0, 0.0);
@@ -264,15 +264,15 @@ fn put(trial: &mut Trial<'_>) -> Play {
 }
 
 /// A kinematic ball that stands still where all else falls.
-fn lift(trial: &mut Trial<'_>) -> Result<(Follower, BodyId), Stop> {
+fn lift(trial: &mut Trial<'_>) -> Result<(LossyClient, BodyId), Stop> {
     let (mut follower, id) = alone(trial, true, FULL)?;
-    let terms = BodyTerms::plain(id, BodyKind::Kinematic, BALL);
+    let config = BodyDesc::plain(id, BodyKind::Kinematic, BALL);
     let motion = moving(Vec3::ZERO, Vec3::ZERO);
-    follower.must(Command::AddBody { terms, motion })?;
+    follower.must(Command::AddBody { config, motion })?;
     Ok((follower, id))
 }
 
-fn kinematic(trial: &mut Trial<'_>) -> Play {
+fn kinematic(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = lift(trial)?;
     follower.advance(Tick::new(10))?;
     near(
@@ -293,7 +293,7 @@ fn kinematic(trial: &mut Trial<'_>) -> Play {
     near("what is off in m", off.length(), 0.0, 1e-3)
 }
 
-fn lifted(trial: &mut Trial<'_>) -> Play {
+fn lifted(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = lift(trial)?;
     let (position, rotation) = (Vec3::X * 0.5, Quat::IDENTITY);
     let set = Command::SetPose {
@@ -310,12 +310,12 @@ fn lifted(trial: &mut Trial<'_>) -> Play {
     Ok(())
 }
 
-fn pushes(trial: &mut Trial<'_>) -> Play {
+fn pushes(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = alone(trial, false, FULL)?;
     let pushed = body(follower.granted, 1)?;
-    let terms = BodyTerms::plain(id, BodyKind::Kinematic, BALL);
+    let config = BodyDesc::plain(id, BodyKind::Kinematic, BALL);
     let motion = moving(Vec3::ZERO, Vec3::X);
-    follower.must(Command::AddBody { terms, motion })?;
+    follower.must(Command::AddBody { config, motion })?;
     follower.must(ball(pushed, Vec3::X * 1.5, Vec3::ZERO))?;
     follower.advance(Tick::new(2 * SECOND))?;
     let (lift, ball) = (now(&follower, id)?, now(&follower, pushed)?);
@@ -328,15 +328,15 @@ fn pushes(trial: &mut Trial<'_>) -> Play {
     )
 }
 
-fn scaled(trial: &mut Trial<'_>) -> Play {
+fn scaled(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = alone(trial, true, FULL)?;
     let scales = [0.0, 0.5, -1.0];
     let named = |place: usize| BodyId::new(id.index() + place as u32, id.generation());
     for (place, scale) in scales.into_iter().enumerate() {
-        let mut terms = BodyTerms::plain(named(place), BodyKind::Dynamic, BALL);
-        terms.gravity_scale = scale;
+        let mut config = BodyDesc::plain(named(place), BodyKind::Dynamic, BALL);
+        config.gravity_scale = scale;
         let motion = moving(Vec3::X * (3 * place) as f32, Vec3::ZERO);
-        follower.must(Command::AddBody { terms, motion })?;
+        follower.must(Command::AddBody { config, motion })?;
     }
     follower.advance(Tick::new(SECOND))?;
     let g = f64::from(G);
@@ -347,7 +347,7 @@ fn scaled(trial: &mut Trial<'_>) -> Play {
     Ok(())
 }
 
-fn gravity(trial: &mut Trial<'_>) -> Play {
+fn gravity(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = alone(trial, true, FULL)?;
     follower.must(ball(id, Vec3::ZERO, Vec3::ZERO))?;
     follower.advance(Tick::new(30))?;
@@ -360,19 +360,19 @@ fn gravity(trial: &mut Trial<'_>) -> Play {
     near("what it went aside faster in m/s", gained.x, 3.0, 0.1)?;
     ensure(
         follower.replica()?.gravity() == gravity,
-        "everybody is told of it",
+        "everybody is reported of it",
     )
 }
 
-fn damped(trial: &mut Trial<'_>) -> Play {
+fn damped(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = alone(trial, false, FULL)?;
-    let mut terms = BodyTerms::plain(id, BodyKind::Dynamic, BALL);
-    terms.damping = Some(Damping {
+    let mut config = BodyDesc::plain(id, BodyKind::Dynamic, BALL);
+    config.damping = Some(Damping {
         linear: 1.0,
         angular: 0.0,
     });
     let motion = moving(Vec3::ZERO, Vec3::X * 10.0);
-    follower.must(Command::AddBody { terms, motion })?;
+    follower.must(Command::AddBody { config, motion })?;
     follower.advance(Tick::new(SECOND))?;
     // 1/e of it is left after a second; steps make a little of it.
     let wanted = 10.0 * (-1.0_f64).exp();
@@ -384,7 +384,7 @@ fn damped(trial: &mut Trial<'_>) -> Play {
     )
 }
 
-fn momentum(trial: &mut Trial<'_>) -> Play {
+fn momentum(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = alone(trial, false, FULL)?;
     let other = body(follower.granted, 1)?;
     follower.must(ball(id, Vec3::ZERO, Vec3::X * 3.0))?;
@@ -396,7 +396,7 @@ fn momentum(trial: &mut Trial<'_>) -> Play {
     ensure(two.linear.x >= 0.5, "the other was hit")
 }
 
-fn wakes(trial: &mut Trial<'_>) -> Play {
+fn wakes(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = alone(trial, true, EXACT)?;
     let under = body(follower.granted, 1)?;
     follower.must(floor_shape())?;
@@ -412,13 +412,13 @@ fn wakes(trial: &mut Trial<'_>) -> Play {
     ensure(height >= 0.8, format!("it jumps, and is not at {height} m"))
 }
 
-fn unturned(trial: &mut Trial<'_>) -> Play {
+fn unturned(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = alone(trial, false, FULL)?;
     let other = body(follower.granted, 1)?;
-    let mut terms = BodyTerms::plain(id, BodyKind::Dynamic, BALL);
-    terms.turns = false;
+    let mut config = BodyDesc::plain(id, BodyKind::Dynamic, BALL);
+    config.turns = false;
     let motion = moving(Vec3::ZERO, Vec3::ZERO);
-    follower.must(Command::AddBody { terms, motion })?;
+    follower.must(Command::AddBody { config, motion })?;
     // Beside its middle, so that it would turn.
     follower.must(ball(other, Vec3::new(-2.0, 0.4, 0.0), Vec3::X * 4.0))?;
     follower.advance(Tick::new(2 * SECOND))?;
@@ -432,7 +432,7 @@ fn unturned(trial: &mut Trial<'_>) -> Play {
     )
 }
 
-fn tumbles(trial: &mut Trial<'_>) -> Play {
+fn tumbles(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = alone(trial, false, FULL)?;
     let shape = ShapeId(7);
     follower.must(Command::AddShape {
@@ -442,9 +442,9 @@ fn tumbles(trial: &mut Trial<'_>) -> Play {
         },
     })?;
     let spin = Vec3::new(0.05, 6.0, 0.0);
-    let terms = BodyTerms::plain(id, BodyKind::Dynamic, shape);
+    let config = BodyDesc::plain(id, BodyKind::Dynamic, shape);
     let motion = turning(Vec3::ZERO, Quat::IDENTITY, Vec3::ZERO, spin);
-    follower.must(Command::AddBody { terms, motion })?;
+    follower.must(Command::AddBody { config, motion })?;
     let mut least = f64::INFINITY;
     for tick in 1..=6 * SECOND {
         follower.advance(Tick::new(tick))?;
@@ -460,7 +460,7 @@ fn tumbles(trial: &mut Trial<'_>) -> Play {
     )
 }
 
-fn fast(trial: &mut Trial<'_>) -> Play {
+fn fast(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = alone(trial, true, FULL)?;
     let under = body(follower.granted, 1)?;
     follower.must(floor_shape())?;
@@ -475,7 +475,7 @@ fn fast(trial: &mut Trial<'_>) -> Play {
     )
 }
 
-fn moved_floor(trial: &mut Trial<'_>) -> Play {
+fn moved_floor(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, _) = alone(trial, true, FULL)?;
     let under = body(follower.granted, 1)?;
     follower.must(floor_shape())?;

@@ -10,8 +10,8 @@ use super::scenery::{
     EXACT, G, RADIUS, ball, ball_shape, body, floor, floor_shape, lockstep, weightless,
 };
 use crate::conformance::case::{Case, Feature};
-use crate::conformance::outcome::{Play, Stop, ensure};
-use crate::conformance::peer::Follower;
+use crate::conformance::outcome::{CaseResult, Stop, ensure};
+use crate::conformance::peer::LossyClient;
 use crate::conformance::trial::Trial;
 
 /// Ticks of a second.
@@ -52,23 +52,25 @@ pub(super) fn alone(
     trial: &mut Trial<'_>,
     gravity: bool,
     choice: StreamChoice,
-) -> Result<(Follower, BodyId), Stop> {
+) -> Result<(LossyClient, BodyId), Stop> {
     let mut follower = trial.follower()?;
-    let terms = lockstep();
-    follower.create(if gravity { terms } else { weightless(terms) })?;
+    let config = lockstep();
+    follower.create(if gravity { config } else { weightless(config) })?;
     let granted = follower.join(choice)?;
     follower.must(ball_shape())?;
     Ok((follower, body(granted, 0)?))
 }
 
 /// Where a body is and how it moves at the newest tick.
-pub(super) fn now(follower: &Follower, id: BodyId) -> Result<Motion, Stop> {
+pub(super) fn now(follower: &LossyClient, id: BodyId) -> Result<Motion, Stop> {
     let stream = follower.replica()?.stream();
     let gone = || Stop::Fail(format!("{id} is not there"));
-    stream.believed(id, stream.complete()).ok_or_else(gone)
+    stream
+        .predicted_motion(id, stream.complete())
+        .ok_or_else(gone)
 }
 
-fn falls(trial: &mut Trial<'_>) -> Play {
+fn falls(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = alone(trial, true, StreamChoice::Full)?;
     follower.must(ball(id, Vec3::new(0.0, 100.0, 0.0), Vec3::ZERO))?;
     follower.advance(Tick::new(SECOND))?;
@@ -89,7 +91,7 @@ fn falls(trial: &mut Trial<'_>) -> Play {
     ensure(aside <= 1e-6, "it falls straight down")
 }
 
-fn coasts(trial: &mut Trial<'_>) -> Play {
+fn coasts(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = alone(trial, false, StreamChoice::Full)?;
     follower.must(ball(id, Vec3::ZERO, Vec3::new(3.0, -2.0, 1.0)))?;
     follower.advance(Tick::new(SECOND))?;
@@ -104,7 +106,7 @@ fn coasts(trial: &mut Trial<'_>) -> Play {
     )
 }
 
-fn rests(trial: &mut Trial<'_>) -> Play {
+fn rests(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = alone(trial, true, EXACT)?;
     let under = body(follower.granted, 1)?;
     follower.must(floor_shape())?;
@@ -123,9 +125,9 @@ fn rests(trial: &mut Trial<'_>) -> Play {
     let floor = now(&follower, under)?.pose().position.y;
     ensure(floor == -1.0, "a static body does not move")?;
     let track = follower.replica()?.stream().track(id);
-    let rest = track.is_some_and(|track| track.is_verbatim_rest());
+    let rest = track.is_some_and(|track| track.is_exact_rest());
     ensure(
         rest,
-        "after seconds it sleeps, and its track is a verbatim rest",
+        "after seconds it sleeps, and its track is a body_state rest",
     )
 }

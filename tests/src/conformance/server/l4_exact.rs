@@ -4,17 +4,17 @@
 //! numbers, so that nothing that is said of a stream's tolerance matters here.
 
 use rhumb_protocol::message::StreamChoice;
-use rhumb_protocol::scene::{BodyKind, BodyTerms};
+use rhumb_protocol::scene::{BodyDesc, BodyKind};
 use rhumb_reckoning::{Tick, Ticks};
 use rhumb_sims::Script;
 
-use super::l4_promise::rename;
+use super::l4_tolerance::rename;
 use super::scenery::NORMAL;
 use crate::conformance::case::{Case, Feature};
-use crate::conformance::outcome::{Play, Stop, ensure};
-use crate::conformance::peer::Follower;
+use crate::conformance::outcome::{CaseResult, Stop, ensure};
+use crate::conformance::peer::LossyClient;
 use crate::conformance::trial::Trial;
-use crate::conformance::truths::{Bodies, GROUND, PIT, Subject, TICKS, digest};
+use crate::conformance::truths::{BodyDigests, GROUND, PIT, ReferenceScene, TICKS, checksums};
 
 pub(super) fn cases() -> Vec<Case> {
     let case = |number: usize, name: &str, cites: &str| {
@@ -23,7 +23,7 @@ pub(super) fn cases() -> Vec<Case> {
             .needs(&[Feature::Lockstep])
             .bit_exact()
     };
-    let each = Subject::ALL
+    let each = ReferenceScene::ALL
         .into_iter()
         .enumerate()
         .map(|(place, subject)| {
@@ -40,7 +40,7 @@ pub(super) fn cases() -> Vec<Case> {
         .play(moves_ahead),
         case(
             32,
-            "who joins in the midst of a run is told of it as recorded, to the bit",
+            "who joins in the midst of a run is reported of it as recorded, to the bit",
             "PROTOCOL 6.10-3, 6.11-1",
         )
         .play(joins_late),
@@ -55,18 +55,22 @@ pub(super) fn cases() -> Vec<Case> {
 }
 
 /// A member of a scene of a script, which leads it.
-struct Lead {
-    follower: Follower,
-    subject: Subject,
+struct LeadMember {
+    follower: LossyClient,
+    subject: ReferenceScene,
     script: Box<dyn Script>,
     tick: Tick,
 }
 
-impl Lead {
-    fn begin(trial: &mut Trial<'_>, subject: Subject, choice: StreamChoice) -> Result<Self, Stop> {
+impl LeadMember {
+    fn begin(
+        trial: &mut Trial<'_>,
+        subject: ReferenceScene,
+        choice: StreamChoice,
+    ) -> Result<Self, Stop> {
         let script = subject.script();
         let mut follower = trial.follower()?;
-        follower.create(script.terms())?;
+        follower.create(script.config())?;
         follower.join(choice)?;
         Ok(Self {
             follower,
@@ -77,18 +81,18 @@ impl Lead {
     }
 
     /// Gives the commands of the newest tick.
-    fn command(&mut self) -> Play {
+    fn command(&mut self) -> CaseResult {
         let mut commands = Vec::new();
         self.script.commands(self.tick, &mut commands);
         for mut command in commands {
             rename(&mut command, self.follower.granted)?;
-            self.follower.wish(|session| session.command(command))?;
+            self.follower.task(|session| session.command(command))?;
         }
         Ok(())
     }
 
     /// Goes on to a tick, one by one.
-    fn go(&mut self, to: Tick) -> Play {
+    fn go(&mut self, to: Tick) -> CaseResult {
         while self.tick < to {
             self.command()?;
             self.tick = self.tick.next();
@@ -99,17 +103,17 @@ impl Lead {
 }
 
 /// Fails unless every body of a copy that can move moves as it is recorded of the tick.
-fn judge(copy: &Follower, subject: Subject, first: u32, tick: Tick) -> Play {
+fn judge(copy: &LossyClient, subject: ReferenceScene, first: u32, tick: Tick) -> CaseResult {
     let unrecorded = || Stop::Inconclusive(format!("{tick} of {} is not recorded", subject.name));
     let recorded = subject.recorded(tick).ok_or_else(unrecorded)?;
     let replica = copy.replica()?;
     let stream = replica.stream();
-    let can_move = |terms: &BodyTerms| terms.kind != BodyKind::Static;
-    let here = replica.bodies().filter(can_move).filter_map(|terms| {
-        let motion = stream.believed(terms.id, tick)?;
-        Some((terms.id.index().checked_sub(first)?, digest(&motion)))
+    let can_move = |config: &BodyDesc| config.kind != BodyKind::Static;
+    let here = replica.bodies().filter(can_move).filter_map(|config| {
+        let motion = stream.predicted_motion(config.id, tick)?;
+        Some((config.id.index().checked_sub(first)?, checksums(&motion)))
     });
-    let here: Bodies = here.collect();
+    let here: BodyDigests = here.collect();
     ensure(
         here.keys().eq(recorded.keys()),
         format!("there are {} bodies at {tick}", recorded.len()),
@@ -122,8 +126,8 @@ fn judge(copy: &Follower, subject: Subject, first: u32, tick: Tick) -> Play {
     )
 }
 
-fn moves(trial: &mut Trial<'_>, subject: Subject) -> Play {
-    let mut lead = Lead::begin(trial, subject, StreamChoice::Full)?;
+fn moves(trial: &mut Trial<'_>, subject: ReferenceScene) -> CaseResult {
+    let mut lead = LeadMember::begin(trial, subject, StreamChoice::Full)?;
     for tick in TICKS.map(Tick::new) {
         lead.go(tick)?;
         judge(&lead.follower, subject, lead.follower.granted.first(), tick)?;
@@ -131,9 +135,9 @@ fn moves(trial: &mut Trial<'_>, subject: Subject) -> Play {
     Ok(())
 }
 
-fn moves_ahead(trial: &mut Trial<'_>) -> Play {
+fn moves_ahead(trial: &mut Trial<'_>) -> CaseResult {
     // All that is commanded of it is commanded before its first step.
-    let mut lead = Lead::begin(trial, GROUND, StreamChoice::Full)?;
+    let mut lead = LeadMember::begin(trial, GROUND, StreamChoice::Full)?;
     lead.command()?;
     let first = lead.follower.granted.first();
     let recorded = TICKS.into_iter().filter(|tick| tick % 10 == 0);
@@ -148,8 +152,8 @@ fn moves_ahead(trial: &mut Trial<'_>) -> Play {
     Ok(())
 }
 
-fn joins_late(trial: &mut Trial<'_>) -> Play {
-    let mut lead = Lead::begin(trial, PIT, NORMAL)?;
+fn joins_late(trial: &mut Trial<'_>) -> CaseResult {
+    let mut lead = LeadMember::begin(trial, PIT, NORMAL)?;
     let (joins, later) = (Tick::new(60), Tick::new(120));
     lead.go(joins)?;
     let scene = lead.follower.scene.clone();
@@ -163,8 +167,8 @@ fn joins_late(trial: &mut Trial<'_>) -> Play {
     judge(&late, PIT, first, later)
 }
 
-fn sleeps(trial: &mut Trial<'_>) -> Play {
-    let mut lead = Lead::begin(trial, GROUND, NORMAL)?;
+fn sleeps(trial: &mut Trial<'_>) -> CaseResult {
+    let mut lead = LeadMember::begin(trial, GROUND, NORMAL)?;
     let tick = Tick::new(TICKS[TICKS.len() - 1]);
     lead.go(tick)?;
     let first = lead.follower.granted.first();
@@ -172,15 +176,15 @@ fn sleeps(trial: &mut Trial<'_>) -> Play {
     let replica = lead.follower.replica()?;
     let stream = replica.stream();
     let mut asleep = 0;
-    for terms in replica.bodies() {
-        let (id, place) = (terms.id, terms.id.index().wrapping_sub(first));
-        let rests = stream
-            .track(id)
-            .is_some_and(|track| track.is_verbatim_rest());
-        if terms.kind == BodyKind::Static || !rests {
+    for config in replica.bodies() {
+        let (id, place) = (config.id, config.id.index().wrapping_sub(first));
+        let rests = stream.track(id).is_some_and(|track| track.is_exact_rest());
+        if config.kind == BodyKind::Static || !rests {
             continue;
         }
-        let is = stream.believed(id, tick).map(|motion| digest(&motion));
+        let is = stream
+            .predicted_motion(id, tick)
+            .map(|motion| checksums(&motion));
         ensure(
             is == recorded.get(&place).copied(),
             format!("the body at place {place} sleeps at {tick} where it is recorded"),

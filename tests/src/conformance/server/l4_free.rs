@@ -6,20 +6,20 @@ use std::time::Duration;
 use glam::Vec3;
 use rhumb_protocol::limits::TICK_JUMP_MAX;
 use rhumb_protocol::message::StreamChoice;
-use rhumb_protocol::scene::{Cadence, Command, Pace, SceneTerms};
+use rhumb_protocol::scene::{Command, PublishSchedule, SceneConfig, Stepping};
 use rhumb_protocol::session::Event;
 use rhumb_protocol::stream::Budget;
 use rhumb_reckoning::{Tick, Ticks, Tolerance};
 
 use super::scenery::{EXACT, NORMAL, ball, ball_shape, body, floor, floor_shape, lockstep};
-use super::{Row, table};
+use super::{CaseRow, table};
 use crate::conformance::case::{Case, Feature};
-use crate::conformance::outcome::{Play, Stop, ensure};
-use crate::conformance::peer::{Fate, Follower, compare, compare_recorded, datagram};
+use crate::conformance::outcome::{CaseResult, Stop, ensure};
+use crate::conformance::peer::{LaneAction, LossyClient, compare, compare_recorded, datagram};
 use crate::conformance::trial::Trial;
 
 /// What each case of the group promises, cites and does.
-const CASES: &[Row] = &[
+const CASES: &[CaseRow] = &[
     (
         1,
         "a scene that runs free keeps its promise",
@@ -35,7 +35,7 @@ const CASES: &[Row] = &[
 ];
 
 /// Those that need other things.
-const FREE_RUNNING_CADENCE: &[Row] = &[(
+const FREE_RUNNING_SCHEDULE: &[CaseRow] = &[(
     3,
     "a scene that runs free speaks of each other tick, three ticks later",
     "PROTOCOL 6.3-1, 6.3-3",
@@ -43,15 +43,15 @@ const FREE_RUNNING_CADENCE: &[Row] = &[(
 )];
 
 /// Those that wait for a clock of the server's.
-const SLOW: &[Row] = &[(
+const SLOW: &[CaseRow] = &[(
     4,
-    "a stream that has nothing to say vouches ever more rarely",
+    "a stream that has nothing to say watermarks ever more rarely",
     "PROTOCOL 6.4-2",
     silence,
 )];
 
 /// Those that need other things.
-const LOCKSTEP: &[Row] = &[
+const LOCKSTEP: &[CaseRow] = &[
     (
         5,
         "a member that changes its stream keeps its promises all the way",
@@ -78,7 +78,7 @@ const LOCKSTEP: &[Row] = &[
     ),
     (
         10,
-        "a change of gravity holds for tracks that are said from then on",
+        "a change of gravity holds for tracks that are sent from then on",
         "PROTOCOL 6.9-1, 6.9-2, 6.9-3, 6.9-5",
         gravity,
     ),
@@ -91,7 +91,7 @@ const LOCKSTEP: &[Row] = &[
 ];
 
 /// Those that need other things.
-const LOCKSTEP_BUDGETS: &[Row] = &[(
+const LOCKSTEP_BUDGETS: &[CaseRow] = &[(
     9,
     "a stream within a budget says by how much it is off",
     "PROTOCOL 6.16-1, 6.16-5, 6.16-8, 6.16-10, 5.17-1",
@@ -103,8 +103,8 @@ pub(super) fn cases() -> Vec<Case> {
     cases
         .chain(table(
             "L4.2",
-            &[Feature::FreeRunning, Feature::Cadence],
-            FREE_RUNNING_CADENCE,
+            &[Feature::FreeRunning, Feature::PublishSchedule],
+            FREE_RUNNING_SCHEDULE,
         ))
         .chain(table("L4.2", &[Feature::FreeRunning], SLOW).map(Case::slow))
         .chain(table("L4.2", &[Feature::Lockstep], LOCKSTEP))
@@ -117,7 +117,7 @@ pub(super) fn cases() -> Vec<Case> {
 }
 
 /// Balls that fall onto a floor, a few at a time, from above one another.
-fn balls(follower: &mut Follower, count: u32) -> Play {
+fn balls(follower: &mut LossyClient, count: u32) -> CaseResult {
     let granted = follower.granted;
     follower.must(ball_shape())?;
     follower.must(floor_shape())?;
@@ -133,39 +133,52 @@ fn balls(follower: &mut Follower, count: u32) -> Play {
     Ok(())
 }
 
-fn enter(trial: &mut Trial<'_>, terms: SceneTerms, choice: StreamChoice) -> Result<Follower, Stop> {
+fn enter(
+    trial: &mut Trial<'_>,
+    config: SceneConfig,
+    choice: StreamChoice,
+) -> Result<LossyClient, Stop> {
     let mut follower = trial.follower()?;
-    follower.create(terms)?;
+    follower.create(config)?;
     follower.join(choice)?;
     Ok(follower)
 }
 
-fn beside(trial: &mut Trial<'_>, other: &Follower, choice: StreamChoice) -> Result<Follower, Stop> {
+fn beside(
+    trial: &mut Trial<'_>,
+    other: &LossyClient,
+    choice: StreamChoice,
+) -> Result<LossyClient, Stop> {
     let mut follower = trial.follower_of(&other.scene.clone())?;
     follower.greet()?;
     follower.join(choice)?;
     Ok(follower)
 }
 
-fn runs(trial: &mut Trial<'_>, choice: StreamChoice, spoilt: usize, cadence: (u32, u32)) -> Play {
-    let terms = SceneTerms {
-        pace: Pace::FreeRunning,
-        cadence: Cadence {
-            every: NonZeroU32::new(cadence.0).unwrap_or(NonZeroU32::MIN),
-            hindsight: Ticks::new(cadence.1),
+fn runs(
+    trial: &mut Trial<'_>,
+    choice: StreamChoice,
+    spoilt: usize,
+    publish_schedule: (u32, u32),
+) -> CaseResult {
+    let config = SceneConfig {
+        stepping: Stepping::FreeRunning,
+        publish_schedule: PublishSchedule {
+            publish_interval: NonZeroU32::new(publish_schedule.0).unwrap_or(NonZeroU32::MIN),
+            lookahead: Ticks::new(publish_schedule.1),
         },
         ..lockstep()
     };
-    let mut copy = enter(trial, terms, choice)?;
+    let mut copy = enter(trial, config, choice)?;
     let mut truth = beside(trial, &copy, StreamChoice::Full)?;
     balls(&mut copy, 8)?;
     if spoilt > 0 {
         let mut dice = trial.dice();
         copy.sift(move |_| {
             if dice.below(spoilt) == 0 {
-                Fate::Lost
+                LaneAction::Lost
             } else {
-                Fate::Comes
+                LaneAction::Comes
             }
         });
     }
@@ -175,9 +188,11 @@ fn runs(trial: &mut Trial<'_>, choice: StreamChoice, spoilt: usize, cadence: (u3
         copy.turn_for(Duration::from_millis(10));
         truth.turn_for(Duration::from_millis(10));
     }
-    let spoken = |follower: &Follower| {
+    let spoken = |follower: &LossyClient| {
         let ticks = follower.seen.iter().flatten().map(|(tick, _)| *tick);
-        ticks.skip(1).all(|tick| terms.cadence.speaks_of(tick))
+        ticks
+            .skip(1)
+            .all(|tick| config.publish_schedule.publishes(tick))
     };
     ensure(
         spoken(&truth),
@@ -190,13 +205,13 @@ fn runs(trial: &mut Trial<'_>, choice: StreamChoice, spoilt: usize, cadence: (u3
     )
 }
 
-fn silence(trial: &mut Trial<'_>) -> Play {
-    let terms = SceneTerms {
-        pace: Pace::FreeRunning,
+fn silence(trial: &mut Trial<'_>) -> CaseResult {
+    let config = SceneConfig {
+        stepping: Stepping::FreeRunning,
         gravity: Vec3::ZERO,
         ..lockstep()
     };
-    let mut follower = enter(trial, terms, NORMAL)?;
+    let mut follower = enter(trial, config, NORMAL)?;
     follower.turn_for(Duration::from_secs(3));
     let before = follower.arrived;
     follower.turn_for(Duration::from_secs(6));
@@ -208,15 +223,15 @@ fn silence(trial: &mut Trial<'_>) -> Play {
     )
 }
 
-fn changes(trial: &mut Trial<'_>) -> Play {
+fn changes(trial: &mut Trial<'_>) -> CaseResult {
     let mut copy = enter(trial, lockstep(), NORMAL)?;
     let mut truth = beside(trial, &copy, StreamChoice::Full)?;
     balls(&mut copy, 8)?;
     let mut tick = 0;
     for choice in [EXACT, StreamChoice::Full, NORMAL] {
-        copy.wish(|session| session.follow(choice))?;
+        copy.task(|session| session.subscribe(choice))?;
         let mut waited = 0;
-        // What comes before its snapshot is lost to the new copy, and repaired while the scene goes on.
+        // What comes before its snapshot is lost to the new copy, and refreshed while the scene goes on.
         while waited < 20 || (waited < 2_000 && copy.replica()?.choice() != choice) {
             (tick, waited) = (tick + 1, waited + 1);
             copy.advance(Tick::new(tick))?;
@@ -230,18 +245,21 @@ fn changes(trial: &mut Trial<'_>) -> Play {
 }
 
 /// That two copies of one stream are the same at a tick, to the bit.
-fn alike(one: &Follower, other: &Follower, tick: Tick) -> Play {
+fn alike(one: &LossyClient, other: &LossyClient, tick: Tick) -> CaseResult {
     let (one, other) = (one.replica()?, other.replica()?);
-    let sums = (one.stream().agreement(), other.stream().agreement());
+    let sums = (
+        one.stream().state_checksum(),
+        other.stream().state_checksum(),
+    );
     ensure(
         sums.0 == sums.1,
         format!("their sums at {tick} are {sums:x?}"),
     )?;
-    for terms in one.bodies() {
-        let id = terms.id;
-        let believed = one.stream().believed(id, tick);
+    for config in one.bodies() {
+        let id = config.id;
+        let predicted_motion = one.stream().predicted_motion(id, tick);
         ensure(
-            believed == other.stream().believed(id, tick),
+            predicted_motion == other.stream().predicted_motion(id, tick),
             format!("{id} at {tick}"),
         )?;
     }
@@ -251,10 +269,10 @@ fn alike(one: &Follower, other: &Follower, tick: Tick) -> Play {
     )
 }
 
-fn late(trial: &mut Trial<'_>) -> Play {
+fn late(trial: &mut Trial<'_>) -> CaseResult {
     let mut first = enter(trial, lockstep(), EXACT)?;
     balls(&mut first, 10)?;
-    let mut others: Vec<Follower> = Vec::new();
+    let mut others: Vec<LossyClient> = Vec::new();
     for tick in 1..=60 {
         let tick = Tick::new(tick);
         if tick.value().is_multiple_of(20) {
@@ -269,7 +287,7 @@ fn late(trial: &mut Trial<'_>) -> Play {
     Ok(())
 }
 
-fn resyncs(trial: &mut Trial<'_>) -> Play {
+fn resyncs(trial: &mut Trial<'_>) -> CaseResult {
     let mut first = enter(trial, lockstep(), EXACT)?;
     balls(&mut first, 10)?;
     first.advance(Tick::new(30))?;
@@ -278,8 +296,8 @@ fn resyncs(trial: &mut Trial<'_>) -> Play {
     let last = 30 + TICK_JUMP_MAX + 400;
     other.sift(move |bytes| match datagram::tick_of(bytes) {
         // The low bits are all of it here.
-        Some(tick) if u64::from(tick) > last => Fate::Comes,
-        _ => Fate::Lost,
+        Some(tick) if u64::from(tick) > last => LaneAction::Comes,
+        _ => LaneAction::Lost,
     });
     for tick in (30..=last + 1).step_by(200).chain([last + 1]) {
         first.advance(Tick::new(tick))?;
@@ -294,7 +312,7 @@ fn resyncs(trial: &mut Trial<'_>) -> Play {
     alike(&first, &other, tick)
 }
 
-fn pause(trial: &mut Trial<'_>) -> Play {
+fn pause(trial: &mut Trial<'_>) -> CaseResult {
     let mut follower = enter(trial, lockstep(), EXACT)?;
     balls(&mut follower, 4)?;
     follower.advance(Tick::new(20))?;
@@ -312,7 +330,7 @@ fn pause(trial: &mut Trial<'_>) -> Play {
     Ok(())
 }
 
-fn budget(trial: &mut Trial<'_>) -> Play {
+fn budget(trial: &mut Trial<'_>) -> CaseResult {
     let choice = StreamChoice::Capped {
         tolerance: Tolerance::EXACT,
         budget: Budget::new(1_000, 1_150).ok_or_else(|| Stop::Inconclusive("no budget".into()))?,
@@ -325,7 +343,7 @@ fn budget(trial: &mut Trial<'_>) -> Play {
         let tick = Tick::new(tick);
         copy.advance(tick)?;
         truth.complete(tick)?;
-        let factor = copy.replica()?.stream().excess_at(tick);
+        let factor = copy.replica()?.stream().error_scale_at(tick);
         let factor = factor.ok_or_else(|| Stop::Fail(format!("nothing is stated of {tick}")))?;
         exceeded += u32::from(factor > 1.0);
         compare(copy.replica()?, truth.replica()?, tick, factor)?;
@@ -336,7 +354,7 @@ fn budget(trial: &mut Trial<'_>) -> Play {
     )
 }
 
-fn gravity(trial: &mut Trial<'_>) -> Play {
+fn gravity(trial: &mut Trial<'_>) -> CaseResult {
     let mut copy = enter(trial, lockstep(), NORMAL)?;
     let mut truth = beside(trial, &copy, StreamChoice::Full)?;
     balls(&mut copy, 6)?;
@@ -362,16 +380,16 @@ fn gravity(trial: &mut Trial<'_>) -> Play {
     Ok(())
 }
 
-fn same(trial: &mut Trial<'_>) -> Play {
+fn same(trial: &mut Trial<'_>) -> CaseResult {
     let mut one = enter(trial, lockstep(), EXACT)?;
     let mut other = beside(trial, &one, EXACT)?;
     balls(&mut one, 10)?;
     let mut dice = trial.dice();
     other.sift(move |_| {
         if dice.below(5) == 0 {
-            Fate::Lost
+            LaneAction::Lost
         } else {
-            Fate::Comes
+            LaneAction::Comes
         }
     });
     for tick in 1..=90 {
@@ -381,9 +399,9 @@ fn same(trial: &mut Trial<'_>) -> Play {
         other.advance(tick)?;
         alike(&one, &other, tick)?;
     }
-    let told = other
+    let reported = other
         .events
         .iter()
         .any(|event| matches!(event, Event::Amended(_)));
-    ensure(!told, "no track had to be made right")
+    ensure(!reported, "no track had to be made right")
 }

@@ -1,18 +1,18 @@
 //! L5.2: every malformed datagram of the vectors, which nobody minds.
 //!
-//! What a source says is thrown at an upstream, what a listener says at the stream. Neither moves a body, is answered, or
+//! What a source says is ballistic_torque_free at an upstream, what a listener says at the stream. Neither moves a body, is answered, or
 //! ends a connection.
 
 use glam::Vec3;
-use rhumb_protocol::message::{ClientMessage, Drive, Notice, ServerMessage};
-use rhumb_protocol::packet::{Echo, Kind, Low16, StreamId};
-use rhumb_protocol::scene::{BodyKind, BodyTerms, Command, Pace, SceneTerms};
-use rhumb_reckoning::{Anchor, BodyId, Tolerance, Verbatim};
+use rhumb_protocol::message::{ClientMessage, SceneEvent, ServerMessage, TakeAuthority};
+use rhumb_protocol::packet::{LossReport, Low16, PacketKind, StreamId};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Stepping};
+use rhumb_reckoning::{Anchor, BodyId, BodyState, Tolerance};
 
 use super::scenery::{BALL, NORMAL, ball_shape, body, lockstep, moving};
 use crate::conformance::case::{Case, Feature};
-use crate::conformance::outcome::{Play, Stop, ensure};
-use crate::conformance::peer::{Guest, datagram};
+use crate::conformance::outcome::{CaseResult, Stop, ensure};
+use crate::conformance::peer::{RawClient, datagram};
 use crate::conformance::trial::Trial;
 use crate::grammar::unhex;
 use crate::vectors::golden;
@@ -29,46 +29,49 @@ pub(super) fn cases() -> Vec<Case> {
         let name = line["name"].as_str().unwrap_or_default();
         let case = Case::server("L5.2", &format!("malformed and dropped: {name}"));
         let case = case.keyed(&bytes).cites("PROTOCOL 2.5-4, 6.14-6");
-        let case = case.needs(&[Feature::FreeRunning, Feature::Driving]);
+        let case = case.needs(&[Feature::FreeRunning, Feature::AuthorityGrant]);
         Some(case.play(move |trial| dropped(trial, &bytes)))
     });
     cases.collect()
 }
 
-fn dropped(trial: &mut Trial<'_>, bytes: &[u8]) -> Play {
+fn dropped(trial: &mut Trial<'_>, bytes: &[u8]) -> CaseResult {
     let mut guest = trial.guest()?;
-    let terms = SceneTerms {
-        pace: Pace::FreeRunning,
+    let config = SceneConfig {
+        stepping: Stepping::FreeRunning,
         ..lockstep()
     };
-    let joined = guest.enter(terms, NORMAL)?;
+    let joined = guest.enter(config, NORMAL)?;
     let id = body(guest.granted, 0)?;
-    let upstream = drive(&mut guest, id)?;
+    let upstream = take_authority(&mut guest, id)?;
     for stream in [joined.start.stream, upstream] {
         guest.throw(&datagram::of_stream(bytes, stream))?;
         guest.throw(bytes)?;
     }
-    // A vouch is the answer to an echo that is well said; so those before it were read.
-    let echo = Echo {
+    // A watermark is the answer to an loss_report that is well sent; so those before it were read.
+    let loss_report = LossReport {
         next: Low16::of(joined.start.next),
         gone: Low16::of(0),
-        parities: 0,
+        repair_symbols: 0,
         lost: Vec::new(),
     };
-    guest.throw(&echo.encode(joined.start.stream))?;
+    guest.throw(&loss_report.encode(joined.start.stream))?;
     loop {
         let datagram = guest.next_datagram()?;
-        let datagram = datagram.ok_or_else(|| Stop::Fail("an echo is not answered".into()))?;
+        let datagram =
+            datagram.ok_or_else(|| Stop::Fail("an loss_report is not answered".into()))?;
         match datagram::kind(&datagram) {
-            Some(Kind::Repair | Kind::Parity) => return Stop::fail("it is answered"),
-            Some(Kind::Vouch) => break,
+            Some(PacketKind::Refresh | PacketKind::RepairSymbol) => {
+                return Stop::fail("it is answered");
+            }
+            Some(PacketKind::Watermark) => break,
             _ => {}
         }
     }
-    let heard = guest.barrier()?;
+    let received = guest.barrier()?;
     ensure(
-        heard.is_empty(),
-        format!("nothing is said of it, not {heard:?}"),
+        received.is_empty(),
+        format!("nothing is sent of it, not {received:?}"),
     )?;
     let bodies = again(&mut guest)?;
     ensure(
@@ -79,34 +82,36 @@ fn dropped(trial: &mut Trial<'_>, bytes: &[u8]) -> Play {
 
 const PLACE: Vec3 = Vec3::new(1.0, 2.0, 3.0);
 
-/// Drives a kinematic body of one's own, and says nothing of it.
-fn drive(guest: &mut Guest, id: BodyId) -> Result<StreamId, Stop> {
+/// AuthorityTable a kinematic body of one's own, and says nothing of it.
+fn take_authority(guest: &mut RawClient, id: BodyId) -> Result<StreamId, Stop> {
     guest.must(ball_shape())?;
     guest.must(Command::AddBody {
-        terms: BodyTerms::plain(id, BodyKind::Kinematic, BALL),
+        config: BodyDesc::plain(id, BodyKind::Kinematic, BALL),
         motion: moving(PLACE, Vec3::ZERO),
     })?;
-    guest.say(&ClientMessage::Drive(Drive {
+    guest.say(&ClientMessage::TakeAuthority(TakeAuthority {
         tolerance: Tolerance::NORMAL,
         bodies: vec![id],
     }));
     guest.await_message("answer to drive", |message| match message {
-        ServerMessage::Driving(driving) => Some(Ok(driving.stream)),
-        ServerMessage::NotDriving(error) => Some(Stop::fail(format!("{error}"))),
+        ServerMessage::AuthorityGrant(driving) => Some(Ok(driving.stream)),
+        ServerMessage::AuthorityDenied(error) => Some(Stop::fail(format!("{error}"))),
         _ => None,
     })?
 }
 
 /// Where the bodies are, by a snapshot.
-fn again(guest: &mut Guest) -> Result<Vec<Verbatim>, Stop> {
+fn again(guest: &mut RawClient) -> Result<Vec<BodyState>, Stop> {
     guest.say(&ClientMessage::Resync);
-    let (_, notices) = guest.snapshot()?;
-    let tracks = notices.into_iter().filter_map(|notice| match notice {
-        Notice::BodyPlaced { track, .. } => match track.anchor {
-            Anchor::Verbatim(motion) => Some(motion),
-            Anchor::Snapped(_) => None,
-        },
-        _ => None,
-    });
+    let (_, scene_events) = guest.snapshot()?;
+    let tracks = scene_events
+        .into_iter()
+        .filter_map(|scene_event| match scene_event {
+            SceneEvent::BodyPlaced { track, .. } => match track.anchor {
+                Anchor::Exact(motion) => Some(motion),
+                Anchor::Quantised(_) => None,
+            },
+            _ => None,
+        });
     Ok(tracks.collect())
 }

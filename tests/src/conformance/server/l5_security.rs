@@ -5,23 +5,23 @@
 use glam::Vec3;
 use rhumb_protocol::Instant;
 use rhumb_protocol::message::{ClientMessage, ServerMessage, StreamChoice};
-use rhumb_protocol::packet::{Doubt, Echo, Low16, Ranges, StreamId};
+use rhumb_protocol::packet::{ChecksumMismatch, IndexRanges, LossReport, Low16, StreamId};
 use rhumb_protocol::scene::{Command, CommandError};
 use rhumb_protocol::session::CloseCode;
 use rhumb_reckoning::{BodyId, Tick};
 
 use super::scenery::{NORMAL, ball, ball_shape, body, lockstep};
-use super::{Row, table};
+use super::{CaseRow, table};
 use crate::conformance::case::{Case, Feature};
-use crate::conformance::outcome::{Play, Stop, ensure};
-use crate::conformance::peer::{Follower, Guest};
+use crate::conformance::outcome::{CaseResult, Stop, ensure};
+use crate::conformance::peer::{LossyClient, RawClient};
 use crate::conformance::trial::Trial;
 
 /// Too many control bytes wait for who does not read them.
 const CONTROL_OVERFLOW: u64 = 0x102;
 
 /// What each case of the group promises, cites and does.
-const CASES: &[Row] = &[
+const CASES: &[CaseRow] = &[
     (
         1,
         "datagrams of chance are dropped, and nothing comes of them",
@@ -48,15 +48,15 @@ const CASES: &[Row] = &[
     ),
     (
         5,
-        "echoes that name all that was never sent cost others nothing",
+        "loss_reports that name all that was never sent cost others nothing",
         "PROTOCOL 6.7-7, 5.13-1",
-        |trial| beside(trial, echoes),
+        |trial| beside(trial, loss_reports),
     ),
     (
         6,
-        "doubts without end cost others nothing",
+        "mismatches without end cost others nothing",
         "PROTOCOL 6.12-7",
-        |trial| beside(trial, doubts),
+        |trial| beside(trial, mismatches),
     ),
     (
         7,
@@ -72,7 +72,7 @@ const CASES: &[Row] = &[
     ),
     (
         10,
-        "snapshots without end are told as often as they can be told together",
+        "snapshots without end are reported as often as they can be reported together",
         "PROTOCOL 4.8-9",
         |trial| beside(trial, snapshots),
     ),
@@ -99,7 +99,7 @@ const CASES: &[Row] = &[
     ),
     (
         13,
-        "a scene's name is not told to who does not say it",
+        "a scene's name is not reported to who does not say it",
         "PROTOCOL 3.1-3, 4.7-1",
         |trial| {
             let mut guest = trial.guest()?;
@@ -109,17 +109,17 @@ const CASES: &[Row] = &[
             let welcome = other.hello()?;
             ensure(welcome.scene.is_none(), "its scene is not there")?;
             other.say(&ClientMessage::Join(NORMAL));
-            let heard = other.barrier()?;
+            let received = other.barrier()?;
             ensure(
-                matches!(heard[..], [ServerMessage::Denied(_)]),
-                format!("denied, not {heard:?}"),
+                matches!(received[..], [ServerMessage::Denied(_)]),
+                format!("denied, not {received:?}"),
             )
         },
     ),
 ];
 
 /// Those that wait for a clock of the server's.
-const SLOW: &[Row] = &[(
+const SLOW: &[CaseRow] = &[(
     8,
     "who does not read is closed before it costs others",
     "PROTOCOL 7-2",
@@ -134,7 +134,10 @@ pub(super) fn cases() -> Vec<Case> {
 }
 
 /// A scene with somebody who behaves well, while a member of the same scene does something; then it goes on as promised.
-fn beside(trial: &mut Trial<'_>, does: fn(&mut Trial<'_>, &mut Guest) -> Play) -> Play {
+fn beside(
+    trial: &mut Trial<'_>,
+    does: fn(&mut Trial<'_>, &mut RawClient) -> CaseResult,
+) -> CaseResult {
     let mut good = trial.follower()?;
     good.create(lockstep())?;
     let granted = good.join(NORMAL)?;
@@ -148,7 +151,7 @@ fn beside(trial: &mut Trial<'_>, does: fn(&mut Trial<'_>, &mut Guest) -> Play) -
     goes_on(&mut good, 10)
 }
 
-fn goes_on(good: &mut Follower, from: u64) -> Play {
+fn goes_on(good: &mut LossyClient, from: u64) -> CaseResult {
     for tick in from + 1..=from + 20 {
         good.advance(Tick::new(tick))?;
     }
@@ -157,14 +160,14 @@ fn goes_on(good: &mut Follower, from: u64) -> Play {
         id,
         impulse: Vec3::Y,
     })?;
-    let heard = good.replica()?.stream().statistics();
+    let received = good.replica()?.stream().statistics();
     ensure(
-        heard.mismatches == 0 && heard.malformed == 0,
+        received.mismatches == 0 && received.malformed == 0,
         "its copy is right",
     )
 }
 
-fn noise(trial: &mut Trial<'_>, rude: &mut Guest) -> Play {
+fn noise(trial: &mut Trial<'_>, rude: &mut RawClient) -> CaseResult {
     let mut dice = trial.dice();
     for _ in 0..500 {
         let length = dice.below(1_150);
@@ -174,7 +177,7 @@ fn noise(trial: &mut Trial<'_>, rude: &mut Guest) -> Play {
     rude.barrier().map(drop)
 }
 
-fn greased(_: &mut Trial<'_>, rude: &mut Guest) -> Play {
+fn greased(_: &mut Trial<'_>, rude: &mut RawClient) -> CaseResult {
     for kind in 0..=0xff_u8 {
         rude.throw(&[kind])?;
         rude.throw(&[kind, 0, 1, 2, 3])?;
@@ -184,38 +187,38 @@ fn greased(_: &mut Trial<'_>, rude: &mut Guest) -> Play {
 }
 
 /// The stream that a member follows.
-fn stream(rude: &mut Guest) -> Result<StreamId, Stop> {
+fn stream(rude: &mut RawClient) -> Result<StreamId, Stop> {
     rude.say(&ClientMessage::Resync);
     Ok(rude.snapshot()?.0.start.stream)
 }
 
-fn echoes(_: &mut Trial<'_>, rude: &mut Guest) -> Play {
+fn loss_reports(_: &mut Trial<'_>, rude: &mut RawClient) -> CaseResult {
     let stream = stream(rude)?;
     for number in 0..400_u64 {
-        let echo = Echo {
+        let loss_report = LossReport {
             next: Low16::of(number * 97),
             gone: Low16::of(number),
-            parities: (number % 33) as u8,
+            repair_symbols: (number % 33) as u8,
             lost: (0..64).map(|lost| Low16::of(number * 64 + lost)).collect(),
         };
-        rude.throw(&echo.encode(stream))?;
+        rude.throw(&loss_report.encode(stream))?;
     }
     rude.barrier().map(drop)
 }
 
-fn doubts(_: &mut Trial<'_>, rude: &mut Guest) -> Play {
+fn mismatches(_: &mut Trial<'_>, rude: &mut RawClient) -> CaseResult {
     let stream = stream(rude)?;
     for number in 0..400_u32 {
-        let range = Ranges {
+        let range = IndexRanges {
             first: number * 2_000,
             stride: 1 + number,
         };
-        rude.throw(&Doubt { range }.encode(stream))?;
+        rude.throw(&ChecksumMismatch { range }.encode(stream))?;
     }
     rude.barrier().map(drop)
 }
 
-fn pings(_: &mut Trial<'_>, rude: &mut Guest) -> Play {
+fn pings(_: &mut Trial<'_>, rude: &mut RawClient) -> CaseResult {
     let pings: Vec<_> = (0..5_000)
         .map(|number| ClientMessage::Ping {
             sent: Instant::from_nanos(number),
@@ -232,7 +235,7 @@ fn pings(_: &mut Trial<'_>, rude: &mut Guest) -> Play {
     Ok(())
 }
 
-fn chance(trial: &mut Trial<'_>, _: &mut Guest) -> Play {
+fn chance(trial: &mut Trial<'_>, _: &mut RawClient) -> CaseResult {
     let mut dice = trial.dice();
     for _ in 0..40 {
         let mut guest = trial.guest()?;
@@ -246,20 +249,20 @@ fn chance(trial: &mut Trial<'_>, _: &mut Guest) -> Play {
     Ok(())
 }
 
-fn snapshots(_: &mut Trial<'_>, rude: &mut Guest) -> Play {
+fn snapshots(_: &mut Trial<'_>, rude: &mut RawClient) -> CaseResult {
     rude.say_together(&vec![ClientMessage::Resync; 500]);
-    let heard = rude.barrier()?;
-    let told = heard
+    let received = rude.barrier()?;
+    let reported = received
         .iter()
         .filter(|message| matches!(message, ServerMessage::Joined(_)));
-    let told = told.count();
+    let reported = reported.count();
     ensure(
-        (1..=100).contains(&told),
-        format!("some of five hundred, not {told}"),
+        (1..=100).contains(&reported),
+        format!("some of five hundred, not {reported}"),
     )
 }
 
-fn not_granted(trial: &mut Trial<'_>) -> Play {
+fn not_granted(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = trial.guest()?;
     guest.enter(lockstep(), StreamChoice::Full)?;
     guest.must(ball_shape())?;
@@ -270,7 +273,7 @@ fn not_granted(trial: &mut Trial<'_>) -> Play {
     }
 }
 
-fn other_scene(trial: &mut Trial<'_>) -> Play {
+fn other_scene(trial: &mut Trial<'_>) -> CaseResult {
     let mut one = trial.guest()?;
     one.enter(lockstep(), StreamChoice::Full)?;
     one.must(ball_shape())?;
@@ -286,7 +289,7 @@ fn other_scene(trial: &mut Trial<'_>) -> Play {
 }
 
 /// A member that asks for snapshots of a large scene and reads none of them.
-fn deaf(trial: &mut Trial<'_>) -> Play {
+fn deaf(trial: &mut Trial<'_>) -> CaseResult {
     let mut good = trial.follower()?;
     good.create(lockstep())?;
     let granted = good.join(NORMAL)?;
@@ -294,7 +297,7 @@ fn deaf(trial: &mut Trial<'_>) -> Play {
     for place in 0..2_000 {
         let at = Vec3::new((place % 50) as f32 * 3.0, 0.0, (place / 50) as f32 * 3.0);
         let id = body(granted, place)?;
-        good.wish(|session| session.command(ball(id, at, Vec3::ZERO)))?;
+        good.task(|session| session.command(ball(id, at, Vec3::ZERO)))?;
     }
     good.advance(Tick::new(1))?;
     let mut rude = trial.guest_of(&good.scene.clone())?;
@@ -308,8 +311,8 @@ fn deaf(trial: &mut Trial<'_>) -> Play {
         tick += 1;
         good.advance(Tick::new(tick))?;
         while let Some(seen) = rude.line.hear(std::time::Duration::ZERO) {
-            if let rhumb_transport::Seen::Ended(end) = seen {
-                let overflow = rhumb_transport::BareEnd::Closed(CONTROL_OVERFLOW);
+            if let rhumb_transport::RawEvent::Ended(end) = seen {
+                let overflow = rhumb_transport::RawPeerEnd::Closed(CONTROL_OVERFLOW);
                 ensure(
                     end == overflow,
                     format!("code {CONTROL_OVERFLOW:#x}, not {end}"),
@@ -322,13 +325,13 @@ fn deaf(trial: &mut Trial<'_>) -> Play {
 }
 
 /// Commands behind an advance that is not there yet.
-fn waiting(trial: &mut Trial<'_>) -> Play {
+fn waiting(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = trial.guest()?;
     guest.enter(lockstep(), NORMAL)?;
     let command = ClientMessage::Command(Command::SetGravity {
         gravity: Vec3::ZERO,
     });
-    let most = rhumb_protocol::limits::WISHES_WAITING_MAX;
+    let most = rhumb_protocol::limits::PENDING_COMMANDS_MAX;
     let mut together = vec![ClientMessage::Advance {
         to: Tick::new(rhumb_protocol::limits::ADVANCE_TICKS_MAX),
     }];

@@ -11,23 +11,23 @@ mod l1_states;
 mod l1_transport;
 mod l2_stream;
 mod l2_wire;
+mod l3_authority;
 mod l3_commands;
-mod l3_driving;
 mod l3_joints;
 mod l3_motion;
 mod l3_physics;
 mod l4_exact;
 mod l4_free;
-mod l4_promise;
+mod l4_tolerance;
 mod l5_datagrams;
 mod l5_security;
 mod scenery;
 
-use super::case::{Case, Feature, Row};
+use super::case::{Case, CaseRow, Feature};
 
 /// The cases of a group that need the same of a server.
-fn table(group: &str, needs: &[Feature], rows: &[Row]) -> impl Iterator<Item = Case> + use<> {
-    let case = |(number, name, cites, play): &Row| {
+fn table(group: &str, needs: &[Feature], rows: &[CaseRow]) -> impl Iterator<Item = Case> + use<> {
+    let case = |(number, name, cites, play): &CaseRow| {
         Case::server(&format!("{group}.{number}"), name)
             .cites(cites)
             .needs(needs)
@@ -51,11 +51,11 @@ pub(super) fn cases() -> Vec<Case> {
         l2_stream::cases(),
         l2_wire::cases(),
         l3_commands::cases(),
-        l3_driving::cases(),
+        l3_authority::cases(),
         l3_joints::cases(),
         l3_motion::cases(),
         l3_physics::cases(),
-        l4_promise::cases(),
+        l4_tolerance::cases(),
         l4_free::cases(),
         l4_exact::cases(),
         l5_security::cases(),

@@ -1,4 +1,4 @@
-//! The scenes that cases of servers play in: terms, a floor, a ball.
+//! The scenes that cases of servers play in: config, a floor, a ball.
 //!
 //! Bodies are named by their place in what a member was granted, so that no server's way of granting matters.
 
@@ -7,9 +7,10 @@ use core::num::NonZeroU32;
 use glam::{Quat, Vec3};
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{
-    BodyKind, BodyTerms, Cadence, Command, IdRange, Material, Pace, SceneTerms, Shape, ShapeId,
+    BodyDesc, BodyKind, Command, IdRange, Material, PublishSchedule, SceneConfig, Shape, ShapeId,
+    Stepping,
 };
-use rhumb_reckoning::{BodyId, Damping, Integrator, Rate, Tolerance, Verbatim};
+use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Rate, Tolerance};
 
 use crate::conformance::outcome::Stop;
 
@@ -28,14 +29,14 @@ pub(super) const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 pub(super) const EXACT: StreamChoice = StreamChoice::Within(Tolerance::EXACT);
 
 /// A scene at sixty ticks a second that steps when members say so.
-pub(super) fn lockstep() -> SceneTerms {
-    SceneTerms {
+pub(super) fn lockstep() -> SceneConfig {
+    SceneConfig {
         integrator: Integrator {
             rate: Rate::new(60, 1).expect("neither is zero"),
             substeps: NonZeroU32::MIN,
         },
         gravity: Vec3::new(0.0, -G, 0.0),
-        pace: Pace::Lockstep,
+        stepping: Stepping::Lockstep,
         material: Material {
             friction: 0.5,
             restitution: 0.0,
@@ -46,15 +47,15 @@ pub(super) fn lockstep() -> SceneTerms {
             angular: 0.0,
         },
         sleep: None,
-        cadence: Cadence::EACH_TICK,
+        publish_schedule: PublishSchedule::EACH_TICK,
     }
 }
 
 /// The same without gravity.
-pub(super) fn weightless(terms: SceneTerms) -> SceneTerms {
-    SceneTerms {
+pub(super) fn weightless(config: SceneConfig) -> SceneConfig {
+    SceneConfig {
         gravity: Vec3::ZERO,
-        ..terms
+        ..config
     }
 }
 
@@ -89,7 +90,7 @@ pub(super) fn body(granted: IdRange, place: u32) -> Result<BodyId, Stop> {
 /// Puts a ball somewhere, moving so.
 pub(super) fn ball(id: BodyId, at: Vec3, linear: Vec3) -> Command {
     Command::AddBody {
-        terms: BodyTerms::plain(id, BodyKind::Dynamic, BALL),
+        config: BodyDesc::plain(id, BodyKind::Dynamic, BALL),
         motion: moving(at, linear),
     }
 }
@@ -97,19 +98,19 @@ pub(super) fn ball(id: BodyId, at: Vec3, linear: Vec3) -> Command {
 /// Puts the floor so that its top is at a height of zero.
 pub(super) fn floor(id: BodyId) -> Command {
     Command::AddBody {
-        terms: BodyTerms::plain(id, BodyKind::Static, FLOOR),
+        config: BodyDesc::plain(id, BodyKind::Static, FLOOR),
         motion: moving(Vec3::new(0.0, -1.0, 0.0), Vec3::ZERO),
     }
 }
 
 /// Somewhere, unturned, moving so.
-pub(super) fn moving(position: Vec3, linear: Vec3) -> Verbatim {
+pub(super) fn moving(position: Vec3, linear: Vec3) -> BodyState {
     turning(position, Quat::IDENTITY, linear, Vec3::ZERO)
 }
 
 /// Somewhere, turned and moving so.
-pub(super) fn turning(position: Vec3, rotation: Quat, linear: Vec3, angular: Vec3) -> Verbatim {
-    Verbatim::new(
+pub(super) fn turning(position: Vec3, rotation: Quat, linear: Vec3, angular: Vec3) -> BodyState {
+    BodyState::new(
         position.to_array(),
         rotation.to_array(),
         linear.to_array(),

@@ -4,9 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DQuat, DVec3};
 
-use super::Terms;
+use super::RunMetadata;
 use super::messages::{Breach, Poses, States, TickStats, pose};
-use crate::conformance::outcome::{Play, Stop};
+use crate::conformance::outcome::{CaseResult, Stop};
 
 /// A body, by index and generation.
 type Body = (u32, u32);
@@ -32,7 +32,7 @@ struct Placed {
 
 /// The engine's bodies at a tick.
 #[derive(Debug, Default)]
-pub(super) struct Truth {
+pub(super) struct TracedTruth {
     poses: BTreeMap<Body, Pose>,
     placed: BTreeMap<Body, Placed>,
     /// Since which tick each body sleeps.
@@ -42,7 +42,7 @@ pub(super) struct Truth {
     tick: u64,
 }
 
-impl Truth {
+impl TracedTruth {
     /// What is placed or removed after a tick is so from the next; what comes before the first is there at once.
     pub(super) fn step(&mut self, states: &States) {
         self.settle();
@@ -66,7 +66,7 @@ impl Truth {
                 *part = *number;
             }
             let (kind, radius_m) = (placed.kind, placed.bounding_radius_m);
-            let scale = 2.0_f64.powi(placed.class);
+            let scale = 2.0_f64.powi(placed.tolerance_scale);
             self.placed.insert(
                 body,
                 Placed {
@@ -97,7 +97,7 @@ impl Truth {
 
 /// One client's copy, frame by frame.
 #[derive(Debug)]
-pub(super) struct Run {
+pub(super) struct TracedCopy {
     scene: String,
     mode: String,
     link: String,
@@ -116,25 +116,25 @@ pub(super) struct Run {
     off_asleep: Vec<(Body, f64)>,
 }
 
-impl Run {
+impl TracedCopy {
     /// A run by its record.
     ///
     /// # Errors
     ///
     /// Which number of the record is missing or is none.
-    pub(super) fn of(terms: &Terms) -> Result<Self, String> {
-        let said = |name: &str| terms.get(name).cloned().unwrap_or_default();
-        let mismatches = terms.get("mismatches").map(String::as_str);
-        let tolerance_m = terms.get("tolerance_m").map(|text| {
+    pub(super) fn of(config: &RunMetadata) -> Result<Self, String> {
+        let sent = |name: &str| config.get(name).cloned().unwrap_or_default();
+        let mismatches = config.get("mismatches").map(String::as_str);
+        let tolerance_m = config.get("tolerance_m").map(|text| {
             let number = text.parse();
             number.map_err(|_| format!("its tolerance_m is no number: {text:?}"))
         });
         Ok(Self {
-            scene: said("scene"),
-            mode: said("mode"),
-            link: said("link"),
+            scene: sent("scene"),
+            mode: sent("mode"),
+            link: sent("link"),
             tolerance_m: tolerance_m.transpose()?,
-            has_budget: terms.contains_key("budget_bytes_per_second"),
+            has_budget: config.contains_key("budget_bytes_per_second"),
             mismatches: (mismatches.and_then(|text| text.parse().ok()))
                 .ok_or_else(|| format!("its mismatches are no count: {mismatches:?}"))?,
             frames: BTreeMap::new(),
@@ -176,7 +176,7 @@ impl Run {
     }
 
     /// Shows all frames of this tick, and compares each with the truth.
-    pub(super) fn follow(&mut self, truth: &Truth, tick: u64) {
+    pub(super) fn follow(&mut self, truth: &TracedTruth, tick: u64) {
         while let Some(&(at, body_ticks)) = self.frames.get(&self.next)
             && at <= tick
         {
@@ -200,7 +200,7 @@ impl Run {
         }
     }
 
-    fn compare(&mut self, truth: &Truth, tick: u64) {
+    fn compare(&mut self, truth: &TracedTruth, tick: u64) {
         self.off_asleep.clear();
         for (body, real) in &truth.poses {
             let Some(placed) = truth
@@ -238,7 +238,7 @@ impl Run {
     }
 
     /// Whether the promise was kept.
-    pub(super) fn judge(&self, truth: &Truth) -> Play {
+    pub(super) fn judge(&self, truth: &TracedTruth) -> CaseResult {
         if self.judged == 0 {
             return Err(Stop::Inconclusive("no body was shown at any frame".into()));
         }
@@ -248,7 +248,7 @@ impl Run {
         if let Some((tick, body, error_m)) = self.untold.first() {
             let count = self.untold.len();
             return Stop::fail(format!(
-                "{count} breaches are not told of; the first is {body:?}, {error_m} m off at {tick}"
+                "{count} breaches are not reported of; the first is {body:?}, {error_m} m off at {tick}"
             ));
         }
         if let Some((tick, body)) = self.unexplained.first() {
@@ -296,10 +296,10 @@ fn surface_error_m(real: &Pose, shown: &Pose, radius_m: f64) -> f64 {
 mod tests {
     use super::*;
 
-    fn read(pairs: &[(&str, &str)]) -> Result<Run, String> {
+    fn read(pairs: &[(&str, &str)]) -> Result<TracedCopy, String> {
         let pairs = pairs.iter();
-        let terms = pairs.map(|(name, text)| ((*name).to_owned(), (*text).to_owned()));
-        Run::of(&terms.collect())
+        let config = pairs.map(|(name, text)| ((*name).to_owned(), (*text).to_owned()));
+        TracedCopy::of(&config.collect())
     }
 
     #[test]

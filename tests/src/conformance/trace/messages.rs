@@ -49,7 +49,7 @@ pub(super) struct Placement {
     #[prost(float, repeated, tag = "7")]
     pub(super) motion: Vec<f32>,
     #[prost(sint32, tag = "9")]
-    pub(super) class: i32,
+    pub(super) tolerance_scale: i32,
 }
 
 /// What a copy showed at a frame: what differs from the frame before.

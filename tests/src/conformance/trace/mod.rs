@@ -14,19 +14,19 @@ use mcap::{MessageStream, Summary};
 use prost::Message as _;
 
 use super::case::Case;
-use super::outcome::{Closing, Outcome, Stop, Verdict};
+use super::outcome::{CaseOutcome, Closing, Stop, Verdict};
 use super::run::Tried;
-use judge::{Run, Truth};
+use judge::{TracedCopy, TracedTruth};
 use messages::{Breach, Poses, States, TickStats};
 
 /// What a run was, by the names of its record.
-type Terms = BTreeMap<String, String>;
+type RunMetadata = BTreeMap<String, String>;
 
 /// What a file holds of one load.
 #[derive(Default)]
 struct Load {
     states: Vec<States>,
-    runs: BTreeMap<String, Run>,
+    runs: BTreeMap<String, TracedCopy>,
 }
 
 /// A verdict for each run of a trace.
@@ -63,7 +63,7 @@ pub fn judge(path: &Path) -> Result<Vec<Tried>, Box<dyn std::error::Error>> {
     }
     let mut tried = Vec::new();
     for (prefix, load) in loads {
-        let mut truth = Truth::default();
+        let mut truth = TracedTruth::default();
         let mut runs = load.runs;
         for states in &load.states {
             truth.step(states);
@@ -88,14 +88,15 @@ fn runs_of(bytes: &[u8]) -> Result<BTreeMap<String, Load>, Box<dyn std::error::E
             continue;
         }
         let metadata = mcap::read::metadata(bytes, index)?;
-        let terms: Terms = metadata.metadata;
-        let said = |name: &str| terms.get(name).cloned().unwrap_or_default();
-        if said("mode") == "integrated" {
+        let config: RunMetadata = metadata.metadata;
+        let sent = |name: &str| config.get(name).cloned().unwrap_or_default();
+        if sent("mode") == "integrated" {
             continue;
         }
-        let load = loads.entry(said("load")).or_default();
-        let run = Run::of(&terms).map_err(|why| format!("run {:?}: {why}", said("name")))?;
-        load.runs.insert(said("name"), run);
+        let load = loads.entry(sent("load")).or_default();
+        let run =
+            TracedCopy::of(&config).map_err(|why| format!("run {:?}: {why}", sent("name")))?;
+        load.runs.insert(sent("name"), run);
     }
     if loads.is_empty() {
         return Err("the trace has no run of a client".into());
@@ -104,7 +105,7 @@ fn runs_of(bytes: &[u8]) -> Result<BTreeMap<String, Load>, Box<dyn std::error::E
 }
 
 /// A run as a case that was tried.
-fn verdict(load: &str, name: &str, run: &Run, truth: &Truth) -> Tried {
+fn verdict(load: &str, name: &str, run: &TracedCopy, truth: &TracedTruth) -> Tried {
     let case =
         Case::decoder(&format!("trace.{load}.{name}"), &run.name()).cites("PROTOCOL 6.3-7, 6.3-9");
     let play = run.judge(truth);
@@ -112,7 +113,7 @@ fn verdict(load: &str, name: &str, run: &Run, truth: &Truth) -> Tried {
         Ok(()) => (Verdict::Pass, String::new()),
         Err(stop) => (stop.verdict(), Stop::why(stop).to_owned()),
     };
-    let outcome = Outcome {
+    let outcome = CaseOutcome {
         verdict,
         why,
         closing: Closing::NotJudged,

@@ -1,0 +1,97 @@
+//! What a listener's arithmetic alone takes: predictions and corrections
+//!
+//! Every listener must reckon these to the bit, four side by side as they are fastest here. Nothing is read, looked up,
+//! kept or shown meanwhile, so that no hearing and no view of such bodies can take less.
+
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+use glam::DVec3;
+use rhumb_reckoning::{
+    Conditions, Damping, DenseTrack, Grid, Integrator, LaneCorrection, PredictionX4, Residual,
+    Seconds, StepCoefficientTable, TRACK_AGE_MAX, Tick, Track, VelocityResidual,
+};
+
+use super::median;
+
+/// How old the tracks are.
+const AGE: Tick = Tick::new(20);
+
+/// Tracks of bodies that nothing pulls at.
+pub(super) struct PredictionFloor {
+    tracks: Vec<DenseTrack>,
+    flow: StepCoefficientTable,
+    grid: Grid,
+}
+
+impl PredictionFloor {
+    /// Of tracks at the grid of the stream that is heard.
+    pub(super) fn of(
+        tracks: impl Iterator<Item = Track>,
+        integrator: Integrator,
+        grid: Grid,
+    ) -> Self {
+        let mut flow = StepCoefficientTable::new(integrator, Damping::default());
+        flow.extend_to(TRACK_AGE_MAX);
+        Self {
+            tracks: tracks.map(|track| DenseTrack::new(&track)).collect(),
+            flow,
+            grid,
+        }
+    }
+
+    /// All of them predicted. Like the others the median of so many repeats.
+    pub(super) fn predicting(&self, repeats: u32) -> Duration {
+        self.measure(repeats, |batch| {
+            batch.predict(|_, motion| {
+                black_box(motion);
+            });
+        })
+    }
+
+    /// One of them predicted and corrected, its velocities too, nanoseconds.
+    pub(super) fn correcting(&self, repeats: u32) -> f64 {
+        let residual = Residual {
+            position: [2, -1, 1],
+            turn: [1, 0, -1],
+            velocity: Some(VelocityResidual {
+                velocity_exponent: 3,
+                linear: [9, -2, 1],
+                angular: [0, 1, 0],
+            }),
+        };
+        let said = LaneCorrection {
+            residual: &residual,
+            over: Seconds::new(1.0 / 3.0),
+            grid: &self.grid,
+        };
+        let took = self.measure(repeats, |batch| {
+            batch.correct([Some(said); PredictionX4::LANES], |_, quantised| {
+                black_box(quantised);
+            });
+        });
+        took.as_nanos() as f64 / self.tracks.len().max(1) as f64
+    }
+
+    fn measure(&self, repeats: u32, mut each: impl FnMut(&mut PredictionX4)) -> Duration {
+        let conditions = Conditions {
+            gravity: DVec3::ZERO,
+            flow: &self.flow,
+            inertia: None,
+        };
+        let mut once = || {
+            let begun = Instant::now();
+            let mut batch = PredictionX4::default();
+            for (key, track) in (0..).zip(&self.tracks) {
+                let taken = batch.take(key, track, AGE, &self.grid, &conditions);
+                debug_assert!(taken, "it neither rests nor is_torque_free");
+                if batch.is_full() {
+                    each(&mut batch);
+                }
+            }
+            each(&mut batch);
+            begun.elapsed()
+        };
+        median((0..repeats).map(|_| once()))
+    }
+}

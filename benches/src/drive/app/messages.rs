@@ -1,0 +1,231 @@
+//! A script's commands in the words of the paper's protocol.
+//!
+//! As the published plug-in says them: a shape for each object, then the actor, then that it has the shape. What the
+//! protocol cannot say is refused before a run begins.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use glam::{Quat, Vec3};
+use rhumb_app::{
+    ApplyForce, ApplyTorque, AttachShape, ConvexMesh, CreateDynamicActor, CreateStaticActor, Id,
+    Message, Motion, SetWorld, Surface,
+};
+use rhumb_protocol::limits::COORDINATE_MAX;
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, Material, SceneConfig, Shape, ShapeId};
+use rhumb_reckoning::{BodyState, Damping};
+
+/// The simulation that the bench logs on to.
+pub(super) const SIMULATION: u32 = 1;
+/// Objects below are the ground plane and the terrain.
+const FIRST_OBJECT: u32 = 2;
+/// What such a server gives bodies that the protocol cannot speak of.
+const DAMPING: Damping = Damping {
+    linear: 0.0,
+    angular: 0.05,
+};
+
+/// What the protocol has no words for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unsupported {
+    /// Damping, of the scene or of a body, other than such servers have.
+    Damping,
+    /// When bodies sleep.
+    Sleep,
+    /// A body that its simulator moves.
+    Kinematic,
+    /// A cylinder, a capsule that is not the protocol's own, ground, a mesh, or a compound.
+    Shape,
+    /// A body without gyroscopic forces, or one that nothing turns.
+    Turning,
+    /// An impulse.
+    Impulse,
+    /// A joint.
+    Joint,
+}
+
+impl fmt::Display for Unsupported {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Damping => "damping other than 0 and 0.05",
+            Self::Sleep => "when bodies sleep",
+            Self::Kinematic => "a kinematic body",
+            Self::Shape => "a shape that is neither ball nor cuboid nor hull",
+            Self::Turning => "how a body turns",
+            Self::Impulse => "an impulse",
+            Self::Joint => "a joint",
+        })
+    }
+}
+
+/// The index of the body that an object is.
+pub(super) const fn body_of(object: u32) -> Option<u32> {
+    object.checked_sub(FIRST_OBJECT)
+}
+
+/// The object that the body of an index is.
+pub(super) const fn object_of(index: u32) -> u32 {
+    index + FIRST_OBJECT
+}
+
+const fn id(object: u32) -> Id {
+    Id {
+        simulation: SIMULATION,
+        object,
+    }
+}
+
+/// Translates; remembers what has a name of its own only in a script.
+#[derive(Debug)]
+pub(super) struct MessageWriter {
+    material: Material,
+    shapes: BTreeMap<ShapeId, Shape>,
+}
+
+impl MessageWriter {
+    /// For a scene of these config.
+    pub(super) fn new(config: &SceneConfig) -> Result<Self, Unsupported> {
+        if config.damping != DAMPING {
+            return Err(Unsupported::Damping);
+        }
+        if config.sleep.is_some() {
+            return Err(Unsupported::Sleep);
+        }
+        Ok(Self {
+            material: config.material,
+            shapes: BTreeMap::new(),
+        })
+    }
+
+    /// Gravity, and a ground plane so low that there is none.
+    pub(super) fn world(gravity: Vec3) -> Message {
+        Message::SetWorld(SetWorld {
+            plane: id(0),
+            gravity,
+            static_friction: 0.0,
+            kinetic_friction: 0.0,
+            restitution: 0.0,
+            margin: 0.0,
+            height: -COORDINATE_MAX,
+            normal: Vec3::Z,
+        })
+    }
+
+    /// Adds what says a command.
+    pub(super) fn encode(
+        &mut self,
+        command: &Command,
+        out: &mut Vec<Message>,
+    ) -> Result<(), Unsupported> {
+        let object = |index: u32| id(object_of(index));
+        match *command {
+            Command::AddShape { id, ref shape } => {
+                self.shapes.insert(id, shape.clone());
+            }
+            Command::RemoveShape { id } => drop(self.shapes.remove(&id)),
+            Command::AddBody { config, motion } => self.add(&config, motion, out)?,
+            Command::RemoveBody { id } => {
+                out.push(Message::RemoveActor(object(id.index())));
+                out.push(Message::RemoveShape(object(id.index())));
+            }
+            Command::SetPose {
+                id,
+                position,
+                rotation,
+            } => {
+                let actor = object(id.index());
+                out.push(Message::UpdateActorPosition((actor, position)));
+                out.push(Message::UpdateActorOrientation((actor, rotation)));
+            }
+            Command::SetVelocity {
+                id,
+                linear,
+                angular,
+            } => {
+                let actor = object(id.index());
+                out.push(Message::UpdateLinearVelocity((actor, linear)));
+                out.push(Message::UpdateAngularVelocity((actor, angular)));
+            }
+            Command::Force { id, force } => {
+                let actor = object(id.index());
+                out.push(Message::ApplyForce(ApplyForce { actor, force }));
+            }
+            Command::Torque { id, torque } => {
+                let actor = object(id.index());
+                out.push(Message::ApplyTorque(ApplyTorque { actor, torque }));
+            }
+            Command::SetGravity { gravity } => out.push(Self::world(gravity)),
+            Command::Impulse { .. } | Command::TorqueImpulse { .. } => {
+                return Err(Unsupported::Impulse);
+            }
+            Command::AddJoint { .. } | Command::RemoveJoint { .. } => {
+                return Err(Unsupported::Joint);
+            }
+        }
+        Ok(())
+    }
+
+    fn add(
+        &self,
+        config: &BodyDesc,
+        motion: BodyState,
+        out: &mut Vec<Message>,
+    ) -> Result<(), Unsupported> {
+        if config.damping.is_some_and(|damping| damping != DAMPING) {
+            return Err(Unsupported::Damping);
+        }
+        if !config.gyroscopic || !config.turns {
+            return Err(Unsupported::Turning);
+        }
+        let actor = id(config.id.index() + FIRST_OBJECT);
+        out.push(match self.shapes.get(&config.shape) {
+            Some(Shape::Ball { radius }) => Message::AddSphere((actor, Vec3::ZERO, *radius)),
+            Some(Shape::Cuboid { half_extents }) => Message::AddBox((actor, *half_extents * 2.0)),
+            Some(Shape::Hull(hull)) => Message::AddConvexMesh(ConvexMesh {
+                shape: actor,
+                points: hull.points().to_vec(),
+            }),
+            _ => return Err(Unsupported::Shape),
+        });
+        let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = motion.parts();
+        let position = Vec3::new(px, py, pz);
+        let rotation = Quat::from_xyzw(x, y, z, w);
+        out.push(match config.kind {
+            BodyKind::Static => Message::CreateStaticActor(CreateStaticActor {
+                actor,
+                position,
+                rotation,
+                flags: 0,
+            }),
+            BodyKind::Dynamic => Message::CreateDynamicActor(CreateDynamicActor {
+                motion: Motion {
+                    actor,
+                    position,
+                    rotation,
+                    gravity_modifier: config.gravity_scale,
+                    linear: Vec3::new(vx, vy, vz),
+                    angular: Vec3::new(wx, wy, wz),
+                },
+                flags: 0,
+            }),
+            BodyKind::Kinematic => return Err(Unsupported::Kinematic),
+        });
+        let material = config.material.unwrap_or(self.material);
+        out.push(Message::AttachShape(AttachShape {
+            actor,
+            shape: Id {
+                simulation: 0,
+                object: actor.object,
+            },
+            surface: Surface {
+                density: material.density,
+                static_friction: material.friction,
+                kinetic_friction: material.friction,
+                restitution: material.restitution,
+            },
+            rotation: Quat::IDENTITY,
+            position: Vec3::ZERO,
+        }));
+        Ok(())
+    }
+}

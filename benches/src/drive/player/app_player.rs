@@ -1,0 +1,74 @@
+//! A server process and its client by the paper's protocol.
+
+use rhumb_protocol::scene::Command;
+
+use super::processor::work_ns;
+use super::{FrameCost, Player, PlayerFactory, PlayerSetup, PlayerTotals, Stages, Traffic};
+use crate::drive::DriveError;
+use crate::drive::app::{AppRemote, AppSetup};
+use crate::drive::remote::Retention;
+use crate::record::Mode;
+
+/// A client that leads a scene of a server that steps for it alone.
+struct AppPlayer {
+    remote: AppRemote,
+    traffic: Traffic,
+}
+
+/// Plays at a server of its own, by the paper's protocol.
+pub(super) struct OverApp;
+
+impl PlayerFactory for OverApp {
+    fn start(&self, player_setup: &PlayerSetup, mode: Mode) -> Result<Box<dyn Player>, DriveError> {
+        let remote = AppRemote::start(&AppSetup {
+            mode,
+            defects: player_setup.defects,
+            config: player_setup.config,
+            controller_script: None,
+            cpu: player_setup.cpu.clone(),
+            keep: Retention::Costs,
+        })?;
+        Ok(Box::new(AppPlayer {
+            remote,
+            traffic: Traffic::default(),
+        }))
+    }
+}
+
+impl Player for AppPlayer {
+    fn prepare(&mut self, commands: &[Command]) -> Result<(), DriveError> {
+        self.remote.prepare(commands)
+    }
+
+    fn frame(&mut self, commands: &[Command]) -> Result<FrameCost, DriveError> {
+        let work = work_ns();
+        self.remote.frame(commands)?;
+        let work_ns = work_ns().zip(work).map(|(after, before)| after - before);
+        let frame = self.remote.take_frame().unwrap_or_default();
+        self.traffic.add(&frame);
+        Ok(FrameCost {
+            wall_ns: frame.frame_ns,
+            work_ns,
+        })
+    }
+
+    fn totals(&mut self) -> Result<PlayerTotals, DriveError> {
+        let (traffic, ends_lost) = (self.traffic, self.remote.ends_lost());
+        // Its scene begins with its first frame.
+        if self.remote.ticks() == 0 {
+            return Ok(PlayerTotals {
+                traffic,
+                ..PlayerTotals::default()
+            });
+        }
+        let inspection = self.remote.inspect()?;
+        Ok(PlayerTotals {
+            tick: inspection.tick,
+            truth: inspection.truth,
+            awake: inspection.awake,
+            stages: Stages::of(&inspection.times),
+            traffic,
+            ends_lost,
+        })
+    }
+}

@@ -1,0 +1,102 @@
+//! A server process and the client of one mode.
+
+use rhumb_client::{PipelineDepth, StreamChoice};
+use rhumb_protocol::scene::Command;
+use rhumb_reckoning::Ticks;
+use rhumb_transport::LinkConfig;
+
+use super::processor::work_ns;
+use super::{FrameCost, Player, PlayerFactory, PlayerSetup, PlayerTotals, Stages, Traffic};
+use crate::drive::DriveError;
+use crate::drive::remote::{Remote, Retention, Setup};
+use crate::record::Mode;
+
+/// A client of a server that steps for it alone.
+struct RemotePlayer {
+    remote: Remote,
+    traffic: Traffic,
+}
+
+/// Plays at a server of its own, by this protocol.
+pub(super) struct OverRhumb;
+
+impl PlayerFactory for OverRhumb {
+    fn start(&self, player_setup: &PlayerSetup, mode: Mode) -> Result<Box<dyn Player>, DriveError> {
+        let depth = if mode.is_ahead() {
+            PipelineDepth::PIPELINED
+        } else {
+            PipelineDepth::LOCKSTEP
+        };
+        let stream = match mode {
+            Mode::Naive => StreamChoice::Full,
+            _ => StreamChoice::Within(player_setup.tolerance),
+        };
+        begin(player_setup, stream, depth)
+    }
+}
+
+/// The reckoned stream at any depth.
+pub(crate) fn remote_player_at(
+    player_setup: &PlayerSetup,
+    depth: PipelineDepth,
+) -> Result<Box<dyn Player>, DriveError> {
+    begin(
+        player_setup,
+        StreamChoice::Within(player_setup.tolerance),
+        depth,
+    )
+}
+
+fn begin(
+    player_setup: &PlayerSetup,
+    stream: StreamChoice,
+    depth: PipelineDepth,
+) -> Result<Box<dyn Player>, DriveError> {
+    let remote = Remote::start(&Setup {
+        stream,
+        depth,
+        delay: Ticks::ZERO,
+        config: player_setup.config,
+        controller_script: None,
+        cpu: player_setup.cpu.clone(),
+        link: &LinkConfig::PERFECT,
+        seed: player_setup.seed,
+        bodies: player_setup.bodies,
+        keep: Retention::Costs,
+    })?;
+    Ok(Box::new(RemotePlayer {
+        remote,
+        traffic: Traffic::default(),
+    }))
+}
+
+impl Player for RemotePlayer {
+    fn prepare(&mut self, commands: &[Command]) -> Result<(), DriveError> {
+        self.remote.prepare(commands)
+    }
+
+    fn frame(&mut self, commands: &[Command]) -> Result<FrameCost, DriveError> {
+        let work = work_ns();
+        self.remote.frame(commands)?;
+        let work_ns = work_ns().zip(work).map(|(after, before)| after - before);
+        let frame = self.remote.take_frame().unwrap_or_default();
+        self.traffic.add(&frame);
+        Ok(FrameCost {
+            wall_ns: frame.frame_ns,
+            work_ns,
+        })
+    }
+
+    fn totals(&mut self) -> Result<PlayerTotals, DriveError> {
+        self.remote.client().wait(PipelineDepth::LOCKSTEP)?;
+        let inspection = self.remote.inspect()?;
+        Ok(PlayerTotals {
+            tick: inspection.tick,
+            truth: inspection.truth,
+            awake: inspection.awake,
+            stages: Stages::of(&inspection.times),
+            traffic: self.traffic,
+            ends_lost: 0,
+        })
+    }
+}

@@ -1,0 +1,541 @@
+//! One replay: a publisher, two links and a listener in simulated time.
+//!
+//! The recording is published as a server publishes a free-running scene: scene_events before packets, vouching in silence,
+//! refreshes when asked. Bytes are counted as the server sends them, whether or not they arrive. The bodies that are there
+//! at the beginning are known at both ends and cost nothing.
+
+use std::fmt;
+
+use bytes::Bytes;
+use rhumb_protocol::message::{SceneEvent, ServerMessage};
+use rhumb_protocol::packet::{Head, LossReport, PacketKind, StreamId};
+use rhumb_protocol::scene::{BodyKind, PublishSchedule};
+use rhumb_protocol::stream::{
+    Activity, LossTracker, ObservationHistory, PredictionParameters, Publisher, StreamTerms,
+};
+use rhumb_protocol::wire::Wire;
+use rhumb_protocol::wire::bytes::Reader;
+use rhumb_protocol::{Instant, Span};
+use rhumb_reckoning::{Anchor, BodyId, Predictor, Rate, Tick, Ticks, Track};
+use rhumb_transport::{Clock, Lane, Link};
+
+use super::client::{PendingEvent, ReplayClient, StreamSetup};
+use super::config::ReplayConfig;
+use super::judge::ReplayJudge;
+use super::plain::plain_len;
+use crate::record::{CapturedPacket, Frame, JoinCost, PacketDirection, Placed, Run};
+use crate::recording::Recording;
+
+/// Why a replay did not come to its end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ReplayError {
+    /// The recording has more bodies or kinds of damping than a stream can have, or removes one that is not there.
+    Limits(Tick),
+    /// So much was lost that a member would have to take a new snapshot, which a replay has none of.
+    OutOfSync(Tick),
+    /// It is spoken of more seldom than once in the whole recording.
+    IntervalTooLong(Tick),
+    /// The stream did not watermark for the last tick within ten seconds after it.
+    NoEnd,
+}
+
+impl fmt::Display for ReplayError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Limits(tick) => {
+                write!(f, "a stream cannot have the recording's bodies at {tick}")
+            }
+            Self::OutOfSync(tick) => write!(f, "so much was lost by {tick} that no refresh helps"),
+            Self::IntervalTooLong(last) => {
+                write!(f, "nothing would be said: the recording ends at {last}")
+            }
+            Self::NoEnd => f.write_str("the last tick was not heard of within ten seconds"),
+        }
+    }
+}
+
+impl std::error::Error for ReplayError {}
+
+/// What QUIC adds to a datagram of ours: a short header without connection id and with two bytes of packet number (3),
+/// the frame's type and length (3), the tag (16). Acknowledgements and heartbeats are not counted.
+const QUIC_BYTES: u64 = 22;
+
+/// A silent stream watermarks at least so often, as a server's (PROTOCOL 6.4).
+const SILENCE_MS_MAX: u32 = 2_500;
+
+/// Echoes that follow each other faster are not answered, as a server's (PROTOCOL 6.4).
+const LOSS_REPORT_PAUSE: Span = Span::from_millis(2);
+
+/// How long after the last tick a replay goes on at most: ten seconds.
+const END: Span = Span::from_millis(10_000);
+
+const STREAM: StreamId = StreamId(0);
+
+/// The only listener.
+const SUBSCRIBER: u64 = 0;
+
+/// Replays a recording; `progress` is called after each tick.
+///
+/// # Errors
+///
+/// [`ReplayError`]; nothing is kept of a replay that does not end.
+pub fn run(
+    recording: &Recording,
+    config: &ReplayConfig,
+    progress: &mut dyn FnMut(Tick),
+) -> Result<Run, ReplayError> {
+    if config.publish_interval.get() > recording.ticks() {
+        let last = u64::from(recording.ticks());
+        return Err(ReplayError::IntervalTooLong(Tick::new(last)));
+    }
+    let mut session = ReplaySession::new(recording, config);
+    session.apply_changes(Tick::ZERO)?;
+    session.client.subscriber.handle_snapshot_end();
+    let rate = recording.integrator.rate;
+    let last = u64::from(recording.ticks());
+    for number in 1..=last + u64::from(config.lookahead.count()) {
+        let tick = Tick::new(number);
+        let at = moment(rate, tick);
+        session.pass_until(at)?;
+        session.apply_changes(tick)?;
+        session.publish(at, tick);
+        session.pass_until(at)?;
+        progress(tick);
+    }
+    session.end(Tick::new(u64::from(recording.ticks())))?;
+    Ok(session.into_run())
+}
+
+/// The stream at its source, without bodies yet.
+fn publisher(start: &StreamSetup, config: &ReplayConfig) -> Publisher {
+    let stream = StreamTerms {
+        tolerance: start.tolerance,
+        integrator: start.integrator,
+        publish_interval: start.publish_interval,
+        gravity: start.gravity,
+        features: config.features.publisher,
+    };
+    let mut publisher = Publisher::new(start.stream, &stream, Tick::ZERO);
+    if let Some(budget) = config.budget {
+        publisher.limit(budget);
+    }
+    publisher
+}
+
+fn moment(rate: Rate, tick: Tick) -> Instant {
+    Instant::from_nanos(tick.value() * rate.step_ns())
+}
+
+/// A packet that was lost, and who must be heard of again.
+#[derive(Debug)]
+struct LostPacket {
+    at: Instant,
+    tick: Tick,
+    bodies: Vec<BodyId>,
+}
+
+#[derive(Debug)]
+struct ReplaySession<'a> {
+    recording: &'a Recording,
+    config: &'a ReplayConfig,
+    publisher: Publisher,
+    observation_history: ObservationHistory,
+    client: ReplayClient,
+    judge: ReplayJudge<'a>,
+    down: Link,
+    up: Link,
+    placed: usize,
+    removed: usize,
+    scene_events: u64,
+    silent: u32,
+    /// When the sum over all tracks was said last, and which.
+    last_checksum: (Tick, u64),
+    losses: LossTracker,
+    last_loss_report: Option<Instant>,
+    lost: Vec<LostPacket>,
+    recoveries: Vec<Span>,
+    clock: Clock,
+    publish_ns: u64,
+    frames: Vec<Frame>,
+    captured: Vec<CapturedPacket>,
+    /// What was sent since the last frame.
+    sent: Frame,
+    updates: u64,
+}
+
+impl<'a> ReplaySession<'a> {
+    fn new(recording: &'a Recording, config: &'a ReplayConfig) -> Self {
+        let start = StreamSetup {
+            stream: STREAM,
+            tolerance: config.tolerance,
+            integrator: recording.integrator,
+            gravity: recording.gravity,
+            publish_interval: config.publish_interval,
+        };
+        let link = config.link;
+        let round_trip_ns = 2 * (link.delay.as_nanos() + link.jitter.as_nanos());
+        Self {
+            recording,
+            config,
+            publisher: publisher(&start, config),
+            observation_history: ObservationHistory::new(PublishSchedule {
+                publish_interval: config.publish_interval,
+                lookahead: config.lookahead,
+            }),
+            client: ReplayClient::new(&start, Span::from_nanos(round_trip_ns), config.budget),
+            judge: ReplayJudge::new(&recording.truth),
+            down: Link::new(link, config.seed),
+            up: Link::new(link, !config.seed),
+            placed: 0,
+            removed: 0,
+            scene_events: 0,
+            silent: 0,
+            last_checksum: (Tick::ZERO, 0),
+            losses: LossTracker::default(),
+            last_loss_report: None,
+            lost: Vec::new(),
+            recoveries: Vec::new(),
+            clock: Clock::start(),
+            publish_ns: 0,
+            frames: Vec::new(),
+            captured: Vec::new(),
+            sent: Frame::default(),
+            updates: 0,
+        }
+    }
+
+    /// Tells of what came and went before the step that leads to a tick; at tick 0 both ends know.
+    fn apply_changes(&mut self, tick: Tick) -> Result<(), ReplayError> {
+        let truth = &self.recording.truth;
+        while let Some((when, id)) = truth.removed.get(self.removed)
+            && *when < tick
+        {
+            self.removed += 1;
+            self.publisher.remove(*id);
+            let cause = rhumb_protocol::message::RemovalCause::Command;
+            let scene_event = SceneEvent::BodyRemoved { id: *id, cause };
+            self.send_event(tick, scene_event, PendingEvent::Removed(*id));
+        }
+        while let Some(placed) = truth.placed.get(self.placed)
+            && (placed.tick < tick || tick == Tick::ZERO && placed.tick == tick)
+        {
+            self.placed += 1;
+            let parameters = self.recording.parameters(placed);
+            let track = first_track(placed, &parameters);
+            let id = placed.config.id;
+            let mut fits = self.publisher.place(id, &parameters, track);
+            if tick == Tick::ZERO {
+                fits &= self.client.subscriber.place(id, &parameters, track);
+            } else {
+                let config = placed.config;
+                let scene_event = SceneEvent::BodyPlaced {
+                    config,
+                    inertia: parameters.inertia,
+                    track,
+                    alias: None,
+                };
+                self.send_event(
+                    tick,
+                    scene_event,
+                    PendingEvent::Placed(id, parameters, track),
+                );
+            }
+            if !fits {
+                return Err(ReplayError::Limits(tick));
+            }
+        }
+        Ok(())
+    }
+
+    fn send_event(&mut self, tick: Tick, scene_event: SceneEvent, change: PendingEvent) {
+        let at = moment(self.recording.integrator.rate, tick);
+        self.scene_events += 1;
+        self.client.pending.push_back(change);
+        let mut bytes = Vec::new();
+        ServerMessage::SceneEvent(scene_event).encode(&mut bytes);
+        self.send_down(at, Bytes::from(bytes), Lane::Control);
+    }
+
+    /// One tick of the server: truth, belief, words.
+    fn publish(&mut self, now: Instant, tick: Tick) {
+        // With lookahead the last ticks are spoken of after the recording's end.
+        let row = self.recording.truth.ticks.get(tick.value() as usize - 1);
+        let mut packets = Vec::new();
+        let begun = self.clock.now();
+        self.observation_history
+            .observe(tick, row.map_or(&[][..], |row| &row[..]));
+        self.publisher
+            .publish(&self.observation_history, self.scene_events, &mut packets);
+        self.publish_ns += self.clock.now().since(begun).as_nanos();
+        if self.observation_history.present().is_none() {
+            return;
+        }
+        let losses = self.down.counts(Lane::State).lost.pieces;
+        if packets.is_empty() {
+            self.silent += 1;
+            if self.sends_watermark() {
+                // A digest watermarks too.
+                let digest = self.due_checksum(true);
+                let watermark =
+                    digest.unwrap_or_else(|| self.publisher.watermark(self.scene_events));
+                self.send_down(now, watermark, Lane::State);
+            }
+        } else {
+            self.silent = 0;
+            for packet in packets {
+                self.send_down(now, packet, Lane::State);
+            }
+            self.record_loss(now, tick, losses);
+            if let Some(digest) = self.due_checksum(false) {
+                self.send_down(now, digest, Lane::State);
+            }
+        }
+        let redundancy = self.losses.redundancy(1, self.publisher.next_number());
+        let mut repair_symbols = Vec::new();
+        self.publisher
+            .encode_repair_symbols(redundancy, &mut repair_symbols);
+        for repair_symbol in repair_symbols {
+            self.send_down(now, repair_symbol, Lane::State);
+        }
+    }
+
+    /// What says the sum over all tracks, as a server says it: each second, if it is another.
+    fn due_checksum(&mut self, silent: bool) -> Option<Bytes> {
+        let publisher = &self.publisher;
+        let (last, sum) = self.last_checksum;
+        let age = publisher.tick().since(last)?;
+        let rate = self.recording.integrator.rate;
+        let second = Ticks::new((rate.ticks() / rate.seconds()).max(1));
+        // A digest states nothing of a budget's arrears: silence is watermark_tick for by what does.
+        let says_no_budget = silent && self.config.budget.is_some();
+        if age < second || publisher.state_checksum() == sum || says_no_budget {
+            return None;
+        }
+        self.last_checksum = (publisher.tick(), publisher.state_checksum());
+        let digest = publisher.checksums(self.scene_events);
+        self.publisher.pay(digest.len());
+        Some(digest)
+    }
+
+    /// Notes of which bodies nothing arrives that was just said, if more was lost than before.
+    fn record_loss(&mut self, now: Instant, tick: Tick, losses: u64) {
+        if self.down.counts(Lane::State).lost.pieces > losses {
+            let sent_tracks = self.publisher.tracks();
+            let sent_tick = self.publisher.tick();
+            let sent_tracks = sent_tracks.filter(|(_, track)| track.origin == sent_tick);
+            let bodies = sent_tracks.map(|(id, _)| id).collect();
+            self.lost.push(LostPacket {
+                at: now,
+                tick,
+                bodies,
+            });
+        }
+    }
+
+    /// Whether a stream that was silent for so long watermarks: ever more rarely, within bounds.
+    fn sends_watermark(&self) -> bool {
+        let rate = self.recording.integrator.rate;
+        let within = rate.ticks() * SILENCE_MS_MAX / (1_000 * rate.seconds());
+        let within = (within / self.config.publish_interval).max(1);
+        let doubled = self.silent.is_power_of_two() && self.silent < within;
+        doubled || self.silent.is_multiple_of(within)
+    }
+
+    fn send_down(&mut self, now: Instant, bytes: Bytes, lane: Lane) {
+        let counted = if self.config.features.coder || lane == Lane::Control {
+            bytes.len() as u64
+        } else {
+            plain_len(&bytes)
+        };
+        self.sent.wire_bytes_down += counted + QUIC_BYTES;
+        self.sent.wire_datagrams_down += 1;
+        let direction = match lane {
+            Lane::Control => PacketDirection::ControlDown,
+            Lane::State => PacketDirection::StateDown,
+        };
+        self.keep(direction, &bytes, counted);
+        self.down.push(now, bytes, lane);
+    }
+
+    fn keep(&mut self, direction: PacketDirection, bytes: &Bytes, counted: u64) {
+        let frame = self.frames.len() as u32;
+        let captured = CapturedPacket::new(frame, direction, bytes.clone());
+        self.captured.push(CapturedPacket {
+            counted,
+            ..captured
+        });
+    }
+
+    /// Everything that the links and the listener do up to a moment.
+    fn pass_until(&mut self, until: Instant) -> Result<(), ReplayError> {
+        loop {
+            let arrivals = [self.down.next_at(), self.up.next_at()];
+            let next = arrivals
+                .into_iter()
+                .flatten()
+                .fold(self.client.due(), Instant::min);
+            if next > until {
+                return Ok(());
+            }
+            self.pass(next)?;
+        }
+    }
+
+    fn pass(&mut self, now: Instant) -> Result<(), ReplayError> {
+        while let Some((lane, bytes)) = self.down.pop(now) {
+            match lane {
+                Lane::State => self.client.receive(now, &bytes),
+                Lane::Control if self.client.receive_event(now) => {}
+                Lane::Control => return Err(ReplayError::Limits(self.publisher.tick())),
+            }
+        }
+        if self.client.subscriber.has_lost_sync() {
+            return Err(ReplayError::OutOfSync(self.publisher.tick()));
+        }
+        self.recover(now);
+        self.judge();
+        if let Some(loss_report) = self.client.ask(now) {
+            let counted = loss_report.len() as u64;
+            self.sent.wire_bytes_up += counted + QUIC_BYTES;
+            self.sent.wire_datagrams_up += 1;
+            self.keep(PacketDirection::StateUp, &loss_report, counted);
+            self.up.push(now, loss_report, Lane::State);
+        }
+        while let Some((_, bytes)) = self.up.pop(now) {
+            self.answer(now, &bytes);
+        }
+        Ok(())
+    }
+
+    /// The server answers an loss_report: refreshes what was lost and watermarks for what could not be known of.
+    fn answer(&mut self, now: Instant, datagram: &[u8]) {
+        if self
+            .last_loss_report
+            .is_some_and(|last| now < last + LOSS_REPORT_PAUSE)
+        {
+            return;
+        }
+        self.last_loss_report = Some(now);
+        let mut reader = Reader::new(datagram);
+        let is_loss_report =
+            Head::decode(&mut reader).is_ok_and(|head| head.kind == PacketKind::LossReport);
+        let loss_report = LossReport::decode(reader).ok().filter(|_| is_loss_report);
+        let mut datagrams = Vec::new();
+        if let Some(loss_report) = loss_report {
+            self.losses
+                .hear(SUBSCRIBER, &loss_report, self.publisher.next_number());
+            for number in self.publisher.answer(&loss_report, &mut datagrams) {
+                datagrams.extend(
+                    self.publisher
+                        .refresh(number, self.scene_events)
+                        .unwrap_or_default(),
+                );
+            }
+        }
+        for datagram in datagrams {
+            self.send_down(now, datagram, Lane::State);
+        }
+        let watermark = self.publisher.watermark(self.scene_events);
+        self.send_down(now, watermark, Lane::State);
+    }
+
+    /// Notes which losses are made good by now: all of their bodies were heard of as of their tick or later, or went.
+    fn recover(&mut self, now: Instant) {
+        let copy = &self.client.subscriber;
+        let recoveries = &mut self.recoveries;
+        self.lost.retain_mut(|lost| {
+            let tick = lost.tick;
+            let behind = |id: &BodyId| copy.track(*id).is_some_and(|track| track.origin < tick);
+            lost.bodies.retain(behind);
+            if lost.bodies.is_empty() {
+                recoveries.push(now.since(lost.at));
+            }
+            !lost.bodies.is_empty()
+        });
+    }
+
+    /// Judges every tick that the stream has watermark_tick for by now, and that was published.
+    fn judge(&mut self) {
+        let copy = &self.client.subscriber;
+        let publish_interval = u64::from(self.config.publish_interval.get());
+        while self.judge.tick() < copy.watermark_tick() && self.judge.step() {
+            let tick = self.judge.tick().value();
+            if !tick.is_multiple_of(publish_interval) {
+                continue;
+            }
+            let mut frame = self.judge.frame(copy, self.config.tolerance);
+            let updates = copy.statistics().updates;
+            let sent = std::mem::take(&mut self.sent);
+            frame.updates = updates - std::mem::replace(&mut self.updates, updates);
+            add_wire(&mut frame, &sent);
+            self.frames.push(frame);
+        }
+    }
+
+    /// After the last tick: watermarks until it was heard of.
+    fn end(&mut self, last: Tick) -> Result<(), ReplayError> {
+        let rate = self.recording.integrator.rate;
+        let begun = moment(rate, last);
+        let publish_interval = u64::from(self.config.publish_interval.get());
+        let due = Tick::new(last.value() / publish_interval * publish_interval);
+        let mut now = begun;
+        while self.judge.tick() < due || !self.lost.is_empty() {
+            now = now + Span::from_nanos(4 * rate.step_ns());
+            if now > begun + END {
+                return Err(ReplayError::NoEnd);
+            }
+            self.pass_until(now)?;
+            let watermark = self.publisher.watermark(self.scene_events);
+            self.send_down(now, watermark, Lane::State);
+            self.pass_until(now)?;
+        }
+        let sent = std::mem::take(&mut self.sent);
+        if let Some(frame) = self.frames.last_mut() {
+            add_wire(frame, &sent);
+        }
+        Ok(())
+    }
+
+    fn into_run(self) -> Run {
+        Run {
+            config: self.config.run_config(self.recording),
+            truth_checksum: self.recording.truth.digest,
+            frames: self.frames,
+            captured: self.captured,
+            join: JoinCost::default(),
+            breaches: self.judge.breaches,
+            recoveries: self.recoveries,
+            step_ns_p50: 0,
+            step_ns_p99: 0,
+            step_ns_total: 0,
+            publish_ns_total: self.publish_ns,
+            mismatches: self.client.subscriber.statistics().mismatches,
+        }
+    }
+}
+
+fn add_wire(frame: &mut Frame, sent: &Frame) {
+    frame.wire_bytes_down += sent.wire_bytes_down;
+    frame.wire_bytes_up += sent.wire_bytes_up;
+    frame.wire_datagrams_down += sent.wire_datagrams_down;
+    frame.wire_datagrams_up += sent.wire_datagrams_up;
+}
+
+/// What is predicted_motion of a body before anything was said of it, as a server's scene has it.
+pub(crate) fn first_track(placed: &Placed, parameters: &PredictionParameters) -> Track {
+    let is_torque_free = parameters.inertia.is_some();
+    let predictor = match (placed.observation.activity, placed.config.kind) {
+        (Activity::Asleep, _) | (_, BodyKind::Static) => Predictor::Rest,
+        (Activity::Awake, BodyKind::Dynamic) if is_torque_free => Predictor::BallisticTorqueFree,
+        (Activity::Awake, BodyKind::Dynamic) => Predictor::Ballistic,
+        (Activity::Awake, BodyKind::Kinematic) => Predictor::Uniform,
+    };
+    let motion = placed.observation.motion;
+    let resting = predictor == Predictor::Rest;
+    Track {
+        origin: placed.tick,
+        predictor,
+        anchor: Anchor::Exact(if resting { motion.stilled() } else { motion }),
+        parent: None,
+    }
+}

@@ -1,4 +1,0 @@
-//! Runs `driven_stream` of `rhumb-tests` with a fuzzer's bytes
-#![no_main]
-
-libfuzzer_sys::fuzz_target!(|data: &[u8]| rhumb_tests::fuzzing::driven_stream(data));

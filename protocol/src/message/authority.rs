@@ -1,0 +1,250 @@
+//! Which bodies a member drives: what it asks for, and what it is told.
+//!
+//! Whether it may is decided at the server; how their motion is said is the matter of `session`.
+
+use alloc::vec::Vec;
+use core::fmt;
+
+use rhumb_reckoning::{BodyId, BodyState, Predictor, Tick, Tolerance, Track};
+
+use super::choice::StreamChoice;
+use crate::limits::AUTHORITY_BODIES_MAX;
+use crate::packet::StreamId;
+use crate::wire::bytes::{Reader, Writer};
+use crate::wire::{Malformed, OPTIONAL, Wire};
+
+/// What a member wants to drive from now on, in place of what it drove before.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TakeAuthority {
+    /// How far the server's bodies may be from where the member says they are.
+    pub tolerance: Tolerance,
+    /// Kinematic bodies in rising order, each once; none to drive nothing any more.
+    pub bodies: Vec<BodyId>,
+}
+
+/// What a member drives from now on: where its stream begins.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AuthorityGrant {
+    /// Name of the stream on which it says how they move.
+    pub stream: StreamId,
+    /// The newest tick of the scene.
+    pub tick: Tick,
+    /// The bodies, and how each moved at that tick. The place here is the body's index in the stream.
+    pub bodies: Vec<(BodyId, BodyState)>,
+}
+
+/// Why a member does not drive what it wants to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum AuthorityError {
+    /// The scene has no such body.
+    UnknownBody(BodyId),
+    /// The body's index was granted to another member, which is still there.
+    NotYours(BodyId),
+    /// The body is static, or the engine moves it.
+    NotKinematic(BodyId),
+    /// Another member drives it.
+    HeldByAnother(BodyId),
+    /// The scene's engine has failed.
+    SceneFaulted,
+    /// What the member said can be followed no more; nothing is driven until it asks again.
+    LostSync,
+    /// Something that a later version has a word for; the code is from [`OPTIONAL`] on.
+    Other(u8),
+}
+
+impl AuthorityGrant {
+    /// What both ends believe of a body of this stream before anything was said of it.
+    #[must_use]
+    pub fn first_track(&self, motion: BodyState) -> Track {
+        if motion == motion.stilled() {
+            return Track::resting(self.tick, motion);
+        }
+        Track {
+            predictor: Predictor::Uniform,
+            anchor: rhumb_reckoning::Anchor::Exact(motion),
+            ..Track::resting(self.tick, motion)
+        }
+    }
+}
+
+impl fmt::Display for AuthorityError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::UnknownBody(id) => write!(f, "the scene has no {id} to be driven"),
+            Self::NotYours(id) => write!(f, "{id} is another member's own"),
+            Self::NotKinematic(id) => write!(f, "{id} is not kinematic and cannot be driven"),
+            Self::HeldByAnother(id) => write!(f, "{id} is driven by another member"),
+            Self::SceneFaulted => f.write_str("the scene's engine has failed"),
+            Self::LostSync => f.write_str("what was said of driven bodies can be followed no more"),
+            Self::Other(code) => write!(f, "the server has a reason of its own, number {code}"),
+        }
+    }
+}
+
+impl core::error::Error for AuthorityError {}
+
+fn decode_count(from: &mut Reader<'_>) -> Result<usize, Malformed> {
+    Ok(from.varint_to(AUTHORITY_BODIES_MAX as u64)? as usize)
+}
+
+impl Wire for TakeAuthority {
+    fn encode(&self, to: &mut Writer) {
+        StreamChoice::Within(self.tolerance).encode(to);
+        to.varint(self.bodies.len() as u64);
+        for id in &self.bodies {
+            id.encode(to);
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let StreamChoice::Within(tolerance) = StreamChoice::decode(from)? else {
+            return Err(Malformed::UnknownCode);
+        };
+        let mut bodies: Vec<BodyId> = Vec::new();
+        for _ in 0..decode_count(from)? {
+            let id = BodyId::decode(from)?;
+            if bodies.last().is_some_and(|last| *last >= id) {
+                return Err(Malformed::NotCanonical);
+            }
+            bodies.push(id);
+        }
+        Ok(Self { tolerance, bodies })
+    }
+}
+
+impl Wire for AuthorityGrant {
+    fn encode(&self, to: &mut Writer) {
+        self.stream.encode(to);
+        to.varint(self.tick.value());
+        to.varint(self.bodies.len() as u64);
+        for (id, motion) in &self.bodies {
+            id.encode(to);
+            motion.encode(to);
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let stream = StreamId::decode(from)?;
+        let tick = Tick::new(from.count()?);
+        let mut bodies: Vec<(BodyId, BodyState)> = Vec::new();
+        for _ in 0..decode_count(from)? {
+            let id = BodyId::decode(from)?;
+            if bodies.last().is_some_and(|(last, _)| *last >= id) {
+                return Err(Malformed::NotCanonical);
+            }
+            bodies.push((id, BodyState::decode(from)?));
+        }
+        Ok(Self {
+            stream,
+            tick,
+            bodies,
+        })
+    }
+}
+
+impl Wire for AuthorityError {
+    fn encode(&self, to: &mut Writer) {
+        let mut named = |code, id: BodyId| {
+            to.u8(code);
+            id.encode(to);
+        };
+        match *self {
+            Self::UnknownBody(id) => named(0, id),
+            Self::NotYours(id) => named(1, id),
+            Self::NotKinematic(id) => named(2, id),
+            Self::HeldByAnother(id) => named(3, id),
+            Self::SceneFaulted => to.u8(4),
+            Self::LostSync => to.u8(5),
+            Self::Other(code) => to.u8(code),
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        Ok(match from.u8()? {
+            0 => Self::UnknownBody(BodyId::decode(from)?),
+            1 => Self::NotYours(BodyId::decode(from)?),
+            2 => Self::NotKinematic(BodyId::decode(from)?),
+            3 => Self::HeldByAnother(BodyId::decode(from)?),
+            4 => Self::SceneFaulted,
+            5 => Self::LostSync,
+            code @ OPTIONAL.. => Self::Other(code),
+            _ => return Err(Malformed::UnknownCode),
+        })
+    }
+}
+
+// The longest motion with the longest id, as often as may be, fits a message.
+const _: () =
+    assert!(AUTHORITY_BODIES_MAX * (3 + 3 + 1 + 13 * 4) + 16 < crate::limits::MESSAGE_BYTES_MAX);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// That a value comes back as these very bytes, and that no beginning of them is one.
+    fn comes_back<T: Wire + PartialEq + fmt::Debug>(value: &T, bytes: &[u8]) {
+        let mut writer = Writer::new();
+        value.encode(&mut writer);
+        assert_eq!(writer.into_bytes(), bytes);
+        let mut reader = Reader::new(bytes);
+        assert_eq!(T::decode(&mut reader).as_ref(), Ok(value));
+        assert_eq!(reader.finish(), Ok(()));
+        for cut in 0..bytes.len() {
+            let mut reader = Reader::new(&bytes[..cut]);
+            assert_eq!(T::decode(&mut reader), Err(Malformed::Truncated));
+        }
+    }
+
+    #[test]
+    fn authority_messages_round_trip() {
+        let (one, other) = (BodyId::new(3, 0), BodyId::new(300, 2));
+        let drive = TakeAuthority {
+            tolerance: Tolerance::NORMAL,
+            bodies: alloc::vec![one, other],
+        };
+        comes_back(&drive, &[0, 0xd0, 0x86, 3, 2, 3, 0, 0xac, 2, 2]);
+        let at = |x| BodyState::new([x, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
+        let driving = AuthorityGrant {
+            stream: StreamId(7),
+            tick: Tick::new(300),
+            bodies: alloc::vec![(one, at(1.0).unwrap())],
+        };
+        let bytes = [
+            7, 0xac, 2, 1, 3, 0, 0, 0, 0, 0x80, 0x3f, 0, 0, 0, 0, 0, 0, 0, 0,
+        ];
+        comes_back(&driving, &bytes);
+        comes_back(&AuthorityError::HeldByAnother(other), &[3, 0xac, 2, 2]);
+        comes_back(&AuthorityError::LostSync, &[5]);
+    }
+
+    #[test]
+    fn bodies_that_do_not_rise_are_refused() {
+        for bytes in [
+            &[0, 0xd0, 0x86, 3, 2, 3, 0, 3, 0][..],
+            &[0, 0xd0, 0x86, 3, 2, 4, 0, 3, 9],
+        ] {
+            let refused = TakeAuthority::decode(&mut Reader::new(bytes));
+            assert_eq!(refused, Err(Malformed::NotCanonical));
+        }
+    }
+
+    #[test]
+    fn a_full_stream_gives_no_authority_tolerance() {
+        let refused = TakeAuthority::decode(&mut Reader::new(&[1, 0]));
+        assert_eq!(refused, Err(Malformed::UnknownCode));
+    }
+
+    #[test]
+    fn a_body_that_stands_is_believed_to_rest() {
+        let driving = AuthorityGrant {
+            stream: StreamId(0),
+            tick: Tick::new(5),
+            bodies: Vec::new(),
+        };
+        let motion = |speed| BodyState::new([1.0; 3], [0.0, 0.0, 0.0, 1.0], [speed; 3], [0.0; 3]);
+        assert!(driving.first_track(motion(0.0).unwrap()).is_exact_rest());
+        let moving = driving.first_track(motion(2.0).unwrap());
+        assert_eq!(moving.predictor, Predictor::Uniform);
+        assert_eq!(moving.origin, Tick::new(5));
+    }
+}

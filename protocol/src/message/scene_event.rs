@@ -1,0 +1,272 @@
+//! What every member of a scene must know: who came, who left, what pulls.
+//!
+//! A scene_event is encoded once for all members and counted by both ends; each state packet says how many it builds on.
+
+use alloc::vec::Vec;
+
+use glam::Vec3;
+use rhumb_reckoning::{Anchor, BodyId, BodyState, Inertia, Predictor, Tick, Track};
+
+use super::inertia;
+use crate::limits::INDICES_MAX;
+use crate::packet::{Keyframe, predictor_code, predictor_of};
+use crate::scene::{BodyDesc, Joint, JointId, Shape, ShapeId};
+use crate::wire::OPTIONAL;
+use crate::wire::bits::{BitReader, BitWriter};
+use crate::wire::bytes::{Reader, Writer};
+use crate::wire::{Malformed, Wire};
+
+/// Why a body is gone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum RemovalCause {
+    /// A member removed it.
+    Command,
+    /// It left the world's bounds.
+    LeftWorld,
+    /// Its state was no longer finite.
+    NotFinite,
+}
+
+/// One change of a scene that all members hear of.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SceneEvent {
+    /// A shape became known.
+    ShapeAdded {
+        /// Its number.
+        id: ShapeId,
+        /// What it is.
+        shape: Shape,
+    },
+    /// A shape was forgotten.
+    ShapeRemoved {
+        /// Its number.
+        id: ShapeId,
+    },
+    /// A body is in the scene.
+    BodyPlaced {
+        /// What it is.
+        config: BodyDesc,
+        /// How it resists being turned, if it [can tumble](BodyDesc::can_tumble) and its moments are not equal.
+        inertia: Option<Inertia>,
+        /// How it moves.
+        track: Track,
+        /// Its alias in the stream, if it has one.
+        alias: Option<u32>,
+    },
+    /// A body is no longer in the scene.
+    BodyRemoved {
+        /// Which.
+        id: BodyId,
+        /// Why.
+        cause: RemovalCause,
+    },
+    /// Another gravity pulls.
+    GravityChanged {
+        /// From this tick on.
+        since: Tick,
+        /// m/s², world frame.
+        gravity: Vec3,
+    },
+    /// The engine failed; the scene stands still for good.
+    SceneFaulted {
+        /// The last tick that was whole.
+        tick: Tick,
+    },
+    /// Two bodies are held together.
+    JointAdded {
+        /// Its number.
+        id: JointId,
+        /// What it is.
+        joint: Joint,
+    },
+    /// A joint was taken out. Not said of one that goes with a body.
+    JointRemoved {
+        /// Its number.
+        id: JointId,
+    },
+    /// Something that a later version knows, and that changes nothing of what this one does. It counts as any other.
+    Unknown {
+        /// From [`OPTIONAL`] on.
+        code: u8,
+        /// The rest, as it came.
+        fields: Vec<u8>,
+    },
+}
+
+impl Wire for SceneEvent {
+    fn encode(&self, to: &mut Writer) {
+        match self {
+            Self::ShapeAdded { id, shape } => {
+                to.u8(0);
+                id.encode(to);
+                shape.encode(to);
+            }
+            Self::ShapeRemoved { id } => {
+                to.u8(1);
+                id.encode(to);
+            }
+            Self::BodyPlaced {
+                config,
+                inertia,
+                track,
+                alias,
+            } => {
+                to.u8(2);
+                config.encode(to);
+                if config.can_tumble() {
+                    inertia::encode(inertia.as_ref(), to);
+                }
+                track.encode(to);
+                to.varint(alias.map_or(0, |alias| u64::from(alias) + 1));
+            }
+            Self::BodyRemoved { id, cause } => {
+                to.u8(3);
+                id.encode(to);
+                to.u8(match cause {
+                    RemovalCause::Command => 0,
+                    RemovalCause::LeftWorld => 1,
+                    RemovalCause::NotFinite => 2,
+                });
+            }
+            Self::GravityChanged { since, gravity } => {
+                to.u8(4);
+                to.varint(since.value());
+                to.f32s(&gravity.to_array());
+            }
+            Self::SceneFaulted { tick } => {
+                to.u8(5);
+                to.varint(tick.value());
+            }
+            Self::JointAdded { id, joint } => {
+                to.u8(6);
+                id.encode(to);
+                joint.encode(to);
+            }
+            Self::JointRemoved { id } => {
+                to.u8(7);
+                id.encode(to);
+            }
+            Self::Unknown { code, fields } => {
+                to.u8(*code);
+                to.raw(fields);
+            }
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        Ok(match from.u8()? {
+            0 => {
+                let id = ShapeId::decode(from)?;
+                let shape = Shape::decode(from)?;
+                shape.check().map_err(|_| Malformed::OutOfRange)?;
+                Self::ShapeAdded { id, shape }
+            }
+            1 => Self::ShapeRemoved {
+                id: ShapeId::decode(from)?,
+            },
+            2 => {
+                let config = BodyDesc::decode(from)?;
+                config.check().map_err(|_| Malformed::OutOfRange)?;
+                let inertia = if config.can_tumble() {
+                    inertia::decode(from)?
+                } else {
+                    None
+                };
+                Self::BodyPlaced {
+                    config,
+                    inertia,
+                    track: Track::decode(from)?,
+                    alias: (from.varint_to(u64::from(INDICES_MAX))? as u32).checked_sub(1),
+                }
+            }
+            3 => Self::BodyRemoved {
+                id: BodyId::decode(from)?,
+                cause: match from.u8()? {
+                    0 => RemovalCause::Command,
+                    1 => RemovalCause::LeftWorld,
+                    2 => RemovalCause::NotFinite,
+                    _ => return Err(Malformed::UnknownCode),
+                },
+            },
+            4 => {
+                let since = Tick::new(from.count()?);
+                let gravity = Vec3::from_array(from.f32s()?);
+                if !gravity.is_finite() {
+                    return Err(Malformed::NotFinite);
+                }
+                Self::GravityChanged { since, gravity }
+            }
+            5 => Self::SceneFaulted {
+                tick: Tick::new(from.count()?),
+            },
+            6 => {
+                let id = JointId::decode(from)?;
+                let joint = Joint::decode(from)?;
+                joint.check().map_err(|_| Malformed::OutOfRange)?;
+                Self::JointAdded { id, joint }
+            }
+            7 => Self::JointRemoved {
+                id: JointId::decode(from)?,
+            },
+            code @ OPTIONAL.. => Self::Unknown {
+                code,
+                fields: from.raw(from.rest().len())?.to_vec(),
+            },
+            _ => return Err(Malformed::UnknownCode),
+        })
+    }
+}
+
+/// The bit of a track's first byte that says that its motion is body_state; the predictor is in the bits below it.
+const VERBATIM: u8 = 1 << 3;
+
+impl Wire for Track {
+    fn encode(&self, to: &mut Writer) {
+        to.varint(self.origin.value());
+        match &self.anchor {
+            Anchor::Exact(body_state) => {
+                to.u8(predictor_code(self.predictor) as u8 | VERBATIM);
+                body_state.encode(to);
+            }
+            Anchor::Quantised(_) => {
+                to.u8(0);
+                let mut bits = BitWriter::default();
+                Keyframe::of(self).encode(&mut bits);
+                to.sized(&bits.into_bytes());
+            }
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let origin = Tick::new(from.count()?);
+        let first = from.u8()?;
+        if first & VERBATIM == 0 {
+            return decode_quantised(origin, first, from);
+        }
+        let predictor = predictor_of(u32::from(first & !VERBATIM))?;
+        let body_state = BodyState::decode(from)?;
+        if predictor == Predictor::Rest && body_state != body_state.stilled() {
+            return Err(Malformed::NotCanonical);
+        }
+        Ok(Self {
+            origin,
+            predictor,
+            anchor: Anchor::Exact(body_state),
+            parent: None,
+        })
+    }
+}
+
+fn decode_quantised(origin: Tick, first: u8, from: &mut Reader<'_>) -> Result<Track, Malformed> {
+    if first != 0 {
+        return Err(Malformed::UnknownCode);
+    }
+    let bytes = from.sized(Keyframe::BITS_MAX / 8 + 1)?;
+    let mut bits = BitReader::new(bytes);
+    let payload = Keyframe::decode(&mut bits)?;
+    bits.finish()?;
+    if matches!(payload.anchor, Anchor::Exact(_)) {
+        return Err(Malformed::NotCanonical);
+    }
+    Ok(payload.track(origin))
+}

@@ -1,0 +1,89 @@
+//! That a member is moved to another tier for its link, and whether it may be
+//!
+//! Who decides that a link is thin, and when, is the server's matter.
+
+use rhumb_reckoning::LengthBound;
+
+use crate::wire::bytes::{Reader, Writer};
+use crate::wire::{Malformed, Wire};
+
+/// Why a server moved a member.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum TierChangeCause {
+    /// The link did not carry the stream.
+    LinkCongested,
+    /// The link has carried the coarser stream with ease for so long that the finer one is tried again.
+    LinkRecovered,
+}
+
+impl Wire for TierChangeCause {
+    fn encode(&self, to: &mut Writer) {
+        to.u8(match self {
+            Self::LinkCongested => 0,
+            Self::LinkRecovered => 1,
+        });
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        match from.u8()? {
+            0 => Ok(Self::LinkCongested),
+            1 => Ok(Self::LinkRecovered),
+            _ => Err(Malformed::UnknownCode),
+        }
+    }
+}
+
+/// Where a server may move a member whose link is thin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum TierPolicy {
+    /// Nowhere: late and lossy is better than coarse.
+    Never,
+    /// To tiers as coarse as this.
+    UpTo(LengthBound),
+}
+
+impl Wire for TierPolicy {
+    fn encode(&self, to: &mut Writer) {
+        match self {
+            Self::Never => to.u8(0),
+            Self::UpTo(coarsest) => {
+                to.u8(1);
+                to.varint(u64::from(coarsest.micrometres()));
+            }
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        match from.u8()? {
+            0 => Ok(Self::Never),
+            1 => LengthBound::from_micrometres(from.varint32()?)
+                .map(Self::UpTo)
+                .map_err(|_| Malformed::OutOfRange),
+            _ => Err(Malformed::UnknownCode),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn valid_tier_policies_round_trip_and_others_are_refused() {
+        let coarse = LengthBound::from_micrometres(200_000).unwrap();
+        for (tier_policy, bytes) in [
+            (TierPolicy::Never, &[0][..]),
+            (TierPolicy::UpTo(coarse), &[1, 0xc0, 0x9a, 0x0c][..]),
+        ] {
+            let mut writer = Writer::new();
+            tier_policy.encode(&mut writer);
+            assert_eq!(writer.into_bytes(), bytes);
+            assert_eq!(TierPolicy::decode(&mut Reader::new(bytes)), Ok(tier_policy));
+        }
+        let refused = |bytes: &[u8]| TierPolicy::decode(&mut Reader::new(bytes)).unwrap_err();
+        assert_eq!(refused(&[1, 1]), Malformed::OutOfRange);
+        assert_eq!(refused(&[2]), Malformed::UnknownCode);
+        let unknown = TierChangeCause::decode(&mut Reader::new(&[2]));
+        assert_eq!(unknown, Err(Malformed::UnknownCode));
+    }
+}

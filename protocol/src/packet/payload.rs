@@ -1,0 +1,581 @@
+//! What an update says of a body: a correction of a prediction, or a track.
+//!
+//! Numbers are said by the range coder, as likely as the packet so far makes them. Nothing here looks at a track, so
+//! that a packet can be read to its end by who lacks some of them (PROTOCOL 5.6).
+
+use rhumb_reckoning::{
+    ConstantAcceleration, Predictor, Residual, RestCorrection, VelocityResidual,
+};
+
+use super::acceleration::numbers_of_acceleration;
+use super::age::Age;
+use super::keyframe::{ACCELERATED, Keyframe, predictor_code, predictor_of};
+use super::model::Model;
+use super::residual_numbers::numbers;
+use super::rest_steps::{REST_STEPS, length, rest_step, resting};
+use super::tables::{MODES, contexts};
+use super::zigzag::{unzigzag, zigzag};
+use crate::limits::INDICES_MAX;
+use crate::wire::Malformed;
+use crate::wire::alphabet::Alphabet;
+use crate::wire::range::{RangeReader, RangeWriter, TOTAL_BITS};
+
+/// What an update says of a body, at the tick of its packet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum UpdatePayload {
+    /// A correction of what the last track predicts; readable only by who has that track.
+    Residual {
+        /// How the body goes on.
+        mode: PredictionMode,
+        /// Of the track that this builds on: names its revision.
+        age: Age,
+        /// The correction, in the frame that the body goes on in.
+        residual: Residual,
+    },
+    /// Rest, to the engine's own bits; readable only by who has the last track.
+    Resting {
+        /// Of the track that this builds on: names its revision.
+        age: Age,
+        /// What the pose differs by from the predicted one.
+        rest_correction: RestCorrection,
+    },
+    /// A keyframe motion, readable by all.
+    Keyframe(Keyframe),
+}
+
+impl UpdatePayload {
+    /// Whether it can only be read by who has another body's track too.
+    #[must_use]
+    pub const fn names_parent(&self) -> bool {
+        matches!(
+            self,
+            Self::Residual {
+                mode: PredictionMode::Attached { .. }
+                    | PredictionMode::World {
+                        parent_age: Some(_),
+                        ..
+                    },
+                ..
+            }
+        )
+    }
+}
+
+/// How a body goes on after a correction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PredictionMode {
+    /// By the predictor and in the frame that it had.
+    Same,
+    /// In the world, by this predictor.
+    World {
+        /// The predictor.
+        predictor: Predictor,
+        /// If another body held it so far: of that body's track.
+        parent_age: Option<Age>,
+    },
+    /// Attached by another body.
+    Attached {
+        /// Its index; it is held by none itself.
+        parent: u32,
+        /// Of that body's track.
+        parent_age: Age,
+    },
+}
+
+impl PredictionMode {
+    /// The push that is said with it.
+    pub(super) const fn acceleration(&self) -> Option<ConstantAcceleration> {
+        match self {
+            Self::World { predictor, .. } => predictor.acceleration(),
+            _ => None,
+        }
+    }
+}
+
+/// The forms of an update: what its first symbol says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum UpdateForm {
+    /// [`PredictionMode::Same`], with velocities or without.
+    Same { moved: bool },
+    /// [`PredictionMode::World`] by the predictor of this code, likewise.
+    World { predictor: u32, moved: bool },
+    /// [`PredictionMode::Attached`].
+    Attached,
+    /// [`UpdatePayload::Keyframe`].
+    Keyframe,
+    /// [`UpdatePayload::Resting`].
+    Resting,
+}
+
+impl UpdateForm {
+    /// In the order of their codes.
+    const ALL: [Self; FORM_COUNT] = {
+        const fn world(predictor: Predictor, moved: bool) -> UpdateForm {
+            let predictor = predictor_code(predictor);
+            UpdateForm::World { predictor, moved }
+        }
+        [
+            Self::Same { moved: false },
+            Self::Same { moved: true },
+            world(Predictor::Rest, false),
+            world(Predictor::Uniform, false),
+            world(Predictor::Uniform, true),
+            world(Predictor::Ballistic, false),
+            world(Predictor::Ballistic, true),
+            world(Predictor::TorqueFree, false),
+            world(Predictor::TorqueFree, true),
+            world(Predictor::BallisticTorqueFree, false),
+            world(Predictor::BallisticTorqueFree, true),
+            Self::Attached,
+            Self::Keyframe,
+            Self::Resting,
+            Self::World {
+                predictor: ACCELERATED,
+                moved: false,
+            },
+            Self::World {
+                predictor: ACCELERATED,
+                moved: true,
+            },
+        ]
+    };
+
+    pub(super) const fn of(payload: &UpdatePayload) -> Self {
+        match payload {
+            UpdatePayload::Keyframe(_) => Self::Keyframe,
+            UpdatePayload::Resting { .. } => Self::Resting,
+            UpdatePayload::Residual { mode, residual, .. } => {
+                Self::of_mode(mode, residual.velocity.is_some())
+            }
+        }
+    }
+
+    /// Of a correction, with velocities or without.
+    pub(super) const fn of_mode(mode: &PredictionMode, moved: bool) -> Self {
+        match *mode {
+            PredictionMode::Same => Self::Same { moved },
+            PredictionMode::Attached { .. } => Self::Attached,
+            PredictionMode::World { predictor, .. } => Self::World {
+                predictor: predictor_code(predictor),
+                moved,
+            },
+        }
+    }
+
+    pub(super) const fn code(self) -> usize {
+        match self {
+            Self::Same { moved } => moved as usize,
+            Self::World { predictor: 0, .. } => 2,
+            Self::World {
+                predictor: ACCELERATED,
+                moved,
+            } => 14 + moved as usize,
+            Self::World { predictor, moved } => 1 + 2 * predictor as usize + moved as usize,
+            Self::Attached => 11,
+            Self::Keyframe => 12,
+            Self::Resting => 13,
+        }
+    }
+
+    const fn moved(self) -> bool {
+        matches!(
+            self,
+            Self::Same { moved: true } | Self::World { moved: true, .. }
+        )
+    }
+
+    /// Forms whose numbers are alike: of the same mode or of another, with velocities or without.
+    pub(super) const fn kind(self) -> usize {
+        let same = matches!(self, Self::Same { .. });
+        (!same as usize) * 2 + self.moved() as usize
+    }
+}
+
+/// What the updates of one packet are said by, one after another.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct UpdateCoder {
+    pub(super) model: Model,
+    /// Which expectation of the next update's form holds: by the form of the last one.
+    pub(super) last: usize,
+    /// Whether an update was said, and the body that the last held one is held by.
+    begun: bool,
+    pub(super) parent: Option<u32>,
+}
+
+impl UpdateCoder {
+    /// Says an update: how many aliases lie between its body's and the last one's, which body takes the alias if that is
+    /// to be said, then what is said of it.
+    ///
+    /// # Panics
+    ///
+    /// When a keyframe track names no body.
+    pub(crate) fn write(
+        &mut self,
+        gap: u32,
+        body: Option<u32>,
+        payload: &UpdatePayload,
+        to: &mut RangeWriter,
+    ) {
+        let form = UpdateForm::of(payload);
+        let aliased = body.filter(|_| form != UpdateForm::Keyframe);
+        if aliased.is_some() {
+            self.write_code(ASSIGN_ALIAS, to);
+        }
+        self.write_code(form.code(), to);
+        self.model.write(contexts::gap(self.begun), gap, to);
+        if let Some(body) = aliased {
+            to.raw(body, INDEX_BITS);
+        }
+        match payload {
+            UpdatePayload::Keyframe(keyframe) => {
+                to.raw(body.expect("a keyframe track names its body"), INDEX_BITS);
+                keyframe.encode(to);
+            }
+            UpdatePayload::Resting {
+                age,
+                rest_correction,
+            } => {
+                self.model.write(contexts::REST_AGE, age.count() - 1, to);
+                to.raw(u32::from(rest_correction.negated), 1);
+                for (context, step, expected) in resting(rest_correction) {
+                    let length = length(step);
+                    self.model.write(context, zigzag(length, expected), to);
+                    if length > 0 {
+                        to.raw(u32::from(step < 0), 1);
+                        to.raw(step.unsigned_abs() & ((1 << (length - 1)) - 1), length - 1);
+                    }
+                }
+            }
+            UpdatePayload::Residual {
+                mode,
+                age,
+                residual,
+            } => {
+                let kind = form.kind();
+                self.model.write(contexts::age(kind), age.count() - 1, to);
+                self.write_parent(mode, to);
+                if let Some(push) = mode.acceleration() {
+                    self.write_acceleration(&push, to);
+                }
+                if let Some(velocity) = &residual.velocity {
+                    let context = contexts::velocity_exponent(kind, age.count());
+                    self.model.write(context, velocity.velocity_exponent, to);
+                }
+                numbers(kind, *age, residual, |context, number| {
+                    self.model.write(context, number.unsigned_abs(), to);
+                    if number != 0 {
+                        to.raw(u32::from(number < 0), 1);
+                    }
+                });
+            }
+        }
+        self.note_form(form);
+    }
+
+    /// Says that this was all.
+    pub(crate) fn end(&self, to: &mut RangeWriter) {
+        self.write_code(END, to);
+    }
+
+    fn write_code(&self, code: usize, to: &mut RangeWriter) {
+        let starts = &MODES[self.last];
+        let size = starts[code + 1] - starts[code];
+        to.symbol(u32::from(starts[code]), u32::from(size), TOTAL_BITS);
+    }
+
+    fn read_code(&self, from: &mut RangeReader<'_>) -> Result<usize, Malformed> {
+        from.symbol(&FORMS[self.last])
+    }
+
+    fn write_parent(&mut self, mode: &PredictionMode, to: &mut RangeWriter) {
+        let age = match *mode {
+            PredictionMode::Same => return,
+            PredictionMode::World { parent_age, .. } => {
+                to.raw(u32::from(parent_age.is_some()), 1);
+                parent_age
+            }
+            PredictionMode::Attached { parent, parent_age } => {
+                let again = self.parent == Some(parent);
+                if self.parent.is_some() {
+                    to.raw(u32::from(again), 1);
+                }
+                if !again {
+                    to.raw(parent, INDEX_BITS);
+                }
+                self.parent = Some(parent);
+                Some(parent_age)
+            }
+        };
+        if let Some(age) = age {
+            self.model.write(contexts::PARENT_AGE, age.count(), to);
+        }
+    }
+
+    /// Reads an update: the gap, the body if it is named, then what is said of it; `None` at the end of all.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed`] for what is no payload within the limits.
+    pub(crate) fn read(
+        &mut self,
+        from: &mut RangeReader<'_>,
+    ) -> Result<Option<(u32, Option<u32>, UpdatePayload)>, Malformed> {
+        let mut code = self.read_code(from)?;
+        if code == END {
+            return Ok(None);
+        }
+        let aliased = code == ASSIGN_ALIAS;
+        if aliased {
+            code = self.read_code(from)?;
+        }
+        let gap = self.model.read(contexts::gap(self.begun), from)?;
+        let mut body = None;
+        if aliased {
+            body = Some(from.raw(INDEX_BITS)?);
+        }
+        let form = *UpdateForm::ALL.get(code).ok_or(Malformed::NotCanonical)?;
+        let payload = if form == UpdateForm::Keyframe {
+            if body.is_some() {
+                return Err(Malformed::NotCanonical);
+            }
+            body = Some(from.raw(INDEX_BITS)?);
+            UpdatePayload::Keyframe(Keyframe::decode(from)?)
+        } else if form == UpdateForm::Resting {
+            let age = self.read_age(contexts::REST_AGE, from)?;
+            let rest_correction = self.read_rest_correction(from)?;
+            UpdatePayload::Resting {
+                age,
+                rest_correction,
+            }
+        } else {
+            let kind = form.kind();
+            let age = self.read_age(contexts::age(kind), from)?;
+            let mode = self.read_mode(form, from)?;
+            let residual = self.read_residual(kind, age, from)?;
+            UpdatePayload::Residual {
+                mode,
+                age,
+                residual,
+            }
+        };
+        self.note_form(form);
+        Ok(Some((gap, body, payload)))
+    }
+
+    fn read_mode(
+        &mut self,
+        form: UpdateForm,
+        from: &mut RangeReader<'_>,
+    ) -> Result<PredictionMode, Malformed> {
+        match form {
+            UpdateForm::Same { .. } | UpdateForm::Keyframe | UpdateForm::Resting => {
+                Ok(PredictionMode::Same)
+            }
+            UpdateForm::World { predictor, .. } => {
+                let held = from.bit()?;
+                let parent_age = if held {
+                    Some(self.read_parent_age(from)?)
+                } else {
+                    None
+                };
+                let predictor = match predictor {
+                    ACCELERATED => Predictor::Accelerated(self.read_acceleration(from)?),
+                    _ => predictor_of(predictor)?,
+                };
+                Ok(PredictionMode::World {
+                    predictor,
+                    parent_age,
+                })
+            }
+            UpdateForm::Attached => {
+                let again = match self.parent {
+                    Some(parent) if from.bit()? => Some(parent),
+                    _ => None,
+                };
+                let parent = match again {
+                    Some(parent) => parent,
+                    None => from.raw(INDEX_BITS)?,
+                };
+                if again.is_none() && self.parent == Some(parent) {
+                    return Err(Malformed::NotCanonical);
+                }
+                self.parent = Some(parent);
+                let parent_age = self.read_parent_age(from)?;
+                Ok(PredictionMode::Attached { parent, parent_age })
+            }
+        }
+    }
+
+    fn read_age(&mut self, context: usize, from: &mut RangeReader<'_>) -> Result<Age, Malformed> {
+        let age = self.model.read(context, from)?;
+        if age >= AGE_MAX {
+            return Err(Malformed::OutOfRange);
+        }
+        Ok(Age::new(age + 1))
+    }
+
+    fn read_rest_correction(
+        &mut self,
+        from: &mut RangeReader<'_>,
+    ) -> Result<RestCorrection, Malformed> {
+        let mut rest_correction = RestCorrection {
+            negated: from.bit()?,
+            ..RestCorrection::default()
+        };
+        for place in 0..REST_STEPS {
+            let (context, _, expected) = resting(&rest_correction)[place];
+            let length = unzigzag(self.model.read(context, from)?, expected)?;
+            let step = rest_step(&mut rest_correction, place);
+            if length > 0 {
+                let negative = from.bit()?;
+                let size = (from.raw(length - 1)? | 1 << (length - 1)) as i32;
+                *step = if negative { -size } else { size };
+            }
+        }
+        Ok(rest_correction)
+    }
+
+    fn read_parent_age(&mut self, from: &mut RangeReader<'_>) -> Result<Age, Malformed> {
+        let age = self.model.read(contexts::PARENT_AGE, from)?;
+        if age > AGE_MAX {
+            return Err(Malformed::OutOfRange);
+        }
+        Ok(Age::new(age))
+    }
+
+    fn read_residual(
+        &mut self,
+        kind: usize,
+        age: Age,
+        from: &mut RangeReader<'_>,
+    ) -> Result<Residual, Malformed> {
+        let mut residual = Residual::default();
+        if kind % 2 == 1 {
+            let context = contexts::velocity_exponent(kind, age.count());
+            residual.velocity = Some(VelocityResidual {
+                velocity_exponent: self.model.read(context, from)?,
+                ..VelocityResidual::default()
+            });
+        }
+        let (model, age) = (&mut self.model, contexts::age_class(age.count()));
+        residual.position = model.read_three(contexts::position(kind, age), from)?;
+        let [x, y, z] = residual.position;
+        let largest = x.unsigned_abs().max(y.unsigned_abs()).max(z.unsigned_abs());
+        residual.turn = model.read_three(contexts::turn(kind, age, largest), from)?;
+        if let Some(velocity) = &mut residual.velocity {
+            velocity.linear = model.read_three(contexts::velocity(kind, age, 2), from)?;
+            velocity.angular = model.read_three(contexts::velocity(kind, age, 3), from)?;
+        }
+        if !residual.is_within_limits() {
+            return Err(Malformed::OutOfRange);
+        }
+        Ok(residual)
+    }
+
+    fn note_form(&mut self, form: UpdateForm) {
+        self.begun = true;
+        self.last = contexts::after(form.code());
+    }
+
+    /// What is to be counted of the end of all updates.
+    pub(super) fn note_end(&self, tally: &mut impl CountSink) {
+        tally.code(self.last, END);
+    }
+
+    /// What is to be counted of an update when tables are fitted: the row and the code of its form, and its numbers with
+    /// their contexts.
+    pub(super) fn note(
+        &mut self,
+        gap: u32,
+        named: bool,
+        payload: &UpdatePayload,
+        tally: &mut impl CountSink,
+    ) {
+        tally.number(contexts::gap(self.begun), gap);
+        let form = UpdateForm::of(payload);
+        if named && form != UpdateForm::Keyframe {
+            tally.code(self.last, ASSIGN_ALIAS);
+        }
+        tally.code(self.last, form.code());
+        each_number(payload, |context, number| {
+            tally.number(context, number);
+        });
+        self.note_form(form);
+    }
+}
+
+/// Takes what is counted when tables are fitted.
+pub(super) trait CountSink {
+    fn code(&mut self, row: usize, code: usize);
+    fn number(&mut self, context: usize, number: u32);
+}
+
+/// The numbers of a payload that are said in contexts, in order.
+pub(super) fn each_number(payload: &UpdatePayload, mut emit: impl FnMut(usize, u32)) {
+    match payload {
+        UpdatePayload::Keyframe(_) => {}
+        UpdatePayload::Resting {
+            age,
+            rest_correction,
+        } => {
+            emit(contexts::REST_AGE, age.count() - 1);
+            for (context, step, expected) in resting(rest_correction) {
+                emit(context, zigzag(length(step), expected));
+            }
+        }
+        UpdatePayload::Residual {
+            mode,
+            age,
+            residual,
+        } => {
+            let kind = UpdateForm::of(payload).kind();
+            emit(contexts::age(kind), age.count() - 1);
+            if let PredictionMode::World {
+                parent_age: Some(parent_age),
+                ..
+            }
+            | PredictionMode::Attached { parent_age, .. } = mode
+            {
+                emit(contexts::PARENT_AGE, parent_age.count());
+            }
+            if let Some(push) = mode.acceleration() {
+                numbers_of_acceleration(&push, |context, number| {
+                    emit(context, number.unsigned_abs());
+                });
+            }
+            if let Some(velocity) = &residual.velocity {
+                emit(
+                    contexts::velocity_exponent(kind, age.count()),
+                    velocity.velocity_exponent,
+                );
+            }
+            numbers(kind, *age, residual, |context, number| {
+                emit(context, number.unsigned_abs());
+            });
+        }
+    }
+}
+
+/// The alphabets of [`MODES`] as they are read.
+static FORMS: [Alphabet; MODES.len()] = [
+    Alphabet::new(&MODES[0]),
+    Alphabet::new(&MODES[1]),
+    Alphabet::new(&MODES[2]),
+    Alphabet::new(&MODES[3]),
+];
+
+/// Bits of a body's index.
+pub(super) const INDEX_BITS: u32 = INDICES_MAX.ilog2();
+/// A body that moves or holds others is spoken of at least this often, or said to rest.
+const AGE_MAX: u32 = 1 << 30;
+/// How many forms there are.
+pub(super) const FORM_COUNT: usize = 16;
+/// The code, behind those of the forms, that says that a body takes a alias; the form follows.
+const ASSIGN_ALIAS: usize = FORM_COUNT;
+/// The code that says that there are no more updates.
+const END: usize = ASSIGN_ALIAS + 1;
+/// All codes.
+pub(super) const CODE_COUNT: usize = END + 1;
+
+#[cfg(test)]
+pub(crate) mod tests;

@@ -1,0 +1,272 @@
+//! A sum over a stream's last packets, from which a lost one can be had.
+//!
+//! Codec, and the columns that are summed; which packets are covered, and what a listener makes of it, is decided in
+//! `stream`. Invariant: the packets themselves know nothing of it, so that they are said once and read alone.
+
+use alloc::vec::Vec;
+
+use super::galois::{add_times, inverse};
+use super::header::{Head, Low16, PacketKind, StreamId};
+use crate::limits::{DATAGRAM_BYTES_MAX, FEC_ROWS, FEC_SPAN};
+use crate::wire::bytes::{Reader, Writer};
+use crate::wire::{Malformed, Wire};
+
+/// Bytes before the sums: kind, stream, last, covered and row.
+const HEAD_BYTES_MAX: usize = 1 + 5 + 2 + 5 + 1;
+/// Bytes of a source_symbol before the updates: kind, tick and scene_events.
+pub(super) const SOURCE_SYMBOL_HEAD_BYTES: usize = 1 + 2 + 2;
+/// The longest source_symbol.
+pub(crate) const SOURCE_SYMBOL_BYTES_MAX: usize = DATAGRAM_BYTES_MAX - HEAD_BYTES_MAX;
+
+/// A linear sum over the columns of some packets.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RepairSymbol {
+    /// The number of the newest packet that it covers.
+    pub last: Low16,
+    /// Which packets it covers beside that one: bit 0 is for the one before it, and so on.
+    pub covered: u32,
+    /// Which factors the packets have in it; below [`FEC_ROWS`].
+    pub row: u8,
+    /// The sums, without zeros at the end.
+    pub sums: Vec<u8>,
+}
+
+impl RepairSymbol {
+    /// The factor of a packet in a row. All factors of some rows and as many packets are a Cauchy matrix, which has an
+    /// inverse, while no two of the packets' numbers are 128 apart (PROTOCOL 5.16).
+    #[must_use]
+    pub const fn factor(row: u8, number: u64) -> u8 {
+        inverse((FEC_ROWS | row) ^ (number % FEC_ROWS as u64) as u8)
+    }
+
+    /// The numbers of the packets that it covers, newest first, if `last` is the number of the newest.
+    pub fn numbers(&self, last: u64) -> impl Iterator<Item = u64> + use<> {
+        let mask = u64::from(self.covered) << 1 | 1;
+        (0..u64::from(FEC_SPAN)).filter_map(move |back| {
+            let covered = mask >> back & 1 == 1;
+            last.checked_sub(back).filter(|_| covered)
+        })
+    }
+
+    /// The repair_symbol of some state packets, the newest last, whose numbers all lie within [`FEC_SPAN`]; `None` if there
+    /// is none, or one that is never covered.
+    #[must_use]
+    pub fn of(row: u8, packets: &[(u64, &[u8])]) -> Option<Self> {
+        let (last, _) = *packets.last()?;
+        let mut repair_symbol = Self::begin(row, last);
+        for (number, datagram) in packets {
+            let (_, source_symbol) = source_symbol_of(datagram)?;
+            repair_symbol.add(*number, last.checked_sub(*number)?, &source_symbol);
+        }
+        repair_symbol
+            .sums
+            .truncate(without_zeros(&repair_symbol.sums).len());
+        Some(repair_symbol)
+    }
+
+    /// A sum over nothing yet.
+    pub(crate) fn begin(row: u8, last: u64) -> Self {
+        Self {
+            last: Low16::of(last),
+            covered: 0,
+            row,
+            sums: Vec::new(),
+        }
+    }
+
+    /// Adds the source_symbol of a packet; `back`: how many numbers before the newest.
+    pub(crate) fn add(&mut self, number: u64, back: u64, source_symbol: &[u8]) {
+        if back > 0 {
+            self.covered |= 1 << (back - 1);
+        }
+        if self.sums.len() < source_symbol.len() {
+            self.sums.resize(source_symbol.len(), 0);
+        }
+        add_times(
+            &mut self.sums,
+            Self::factor(self.row, number),
+            source_symbol,
+        );
+    }
+
+    /// The datagram.
+    #[must_use]
+    pub fn encode(&self, stream: StreamId) -> Vec<u8> {
+        let mut to = Writer::new();
+        Head {
+            kind: PacketKind::RepairSymbol,
+            stream,
+        }
+        .encode(&mut to);
+        self.last.encode(&mut to);
+        to.varint(u64::from(self.covered));
+        to.u8(self.row);
+        to.raw(without_zeros(&self.sums));
+        to.into_bytes()
+    }
+
+    /// Reads what follows the head.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed`] when that is not a repair_symbol.
+    pub fn decode(mut from: Reader<'_>) -> Result<Self, Malformed> {
+        let last = Low16::decode(&mut from)?;
+        let covered = from.varint32()?;
+        let row = from.u8()?;
+        let sums = from.rest();
+        let far = covered.checked_shr(FEC_SPAN - 1).unwrap_or(0) != 0;
+        if row >= FEC_ROWS || far {
+            return Err(Malformed::OutOfRange);
+        }
+        if sums.len() > SOURCE_SYMBOL_BYTES_MAX {
+            return Err(Malformed::TooLong);
+        }
+        if sums.last() == Some(&0) {
+            return Err(Malformed::NotCanonical);
+        }
+        Ok(Self {
+            last,
+            covered,
+            row,
+            sums: sums.to_vec(),
+        })
+    }
+}
+
+/// The bytes of a state packet that are summed: its kind, and what follows its number. `None` of another datagram, of a
+/// packet that says nothing, and of one that is too long.
+pub(crate) fn source_symbol_of(datagram: &[u8]) -> Option<(Low16, Vec<u8>)> {
+    let mut source_symbol = Vec::new();
+    let number = source_symbol_into(datagram, &mut source_symbol)?;
+    Some((number, source_symbol))
+}
+
+/// The same, in place of what was in `source_symbol`.
+pub(crate) fn source_symbol_into(datagram: &[u8], source_symbol: &mut Vec<u8>) -> Option<Low16> {
+    source_symbol.clear();
+    let mut reader = Reader::new(datagram);
+    let head = Head::decode(&mut reader).ok()?;
+    let kind = match head.kind {
+        PacketKind::Updates => 0,
+        PacketKind::UpdatesEnd => 1,
+        _ => return None,
+    };
+    let number = Low16::decode(&mut reader).ok()?;
+    let rest = reader.rest();
+    // Zeros at the end would not come back; a packet that says something ends in another byte.
+    let comes_back = rest.last().is_some_and(|last| *last != 0);
+    if !comes_back || rest.len() >= SOURCE_SYMBOL_BYTES_MAX {
+        return None;
+    }
+    source_symbol.push(kind);
+    source_symbol.extend_from_slice(rest);
+    Some(number)
+}
+
+/// The datagram of a source_symbol; `None` if no packet has this one.
+pub(crate) fn packet_of(stream: StreamId, number: u64, source_symbol: &[u8]) -> Option<Vec<u8>> {
+    let (kind, rest) = without_zeros(source_symbol).split_first()?;
+    let kind = match kind {
+        0 => PacketKind::Updates,
+        1 => PacketKind::UpdatesEnd,
+        _ => return None,
+    };
+    let mut to = Writer::new();
+    Head { kind, stream }.encode(&mut to);
+    Low16::of(number).encode(&mut to);
+    to.raw(rest);
+    Some(to.into_bytes()).filter(|datagram| datagram.len() <= DATAGRAM_BYTES_MAX)
+}
+
+fn without_zeros(bytes: &[u8]) -> &[u8] {
+    let end = bytes.iter().rposition(|byte| *byte != 0);
+    &bytes[..end.map_or(0, |end| end + 1)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::collection::vec;
+    use proptest::prelude::*;
+
+    fn decode(datagram: &[u8]) -> Result<RepairSymbol, Malformed> {
+        let mut reader = Reader::new(datagram);
+        assert_eq!(Head::decode(&mut reader)?.kind, PacketKind::RepairSymbol);
+        RepairSymbol::decode(reader)
+    }
+
+    proptest! {
+        #[test]
+        fn a_repair_symbol_comes_back(last: u16, covered in 0_u32..1 << 31, row in 0..FEC_ROWS, sums in vec(any::<u8>(), 0..SOURCE_SYMBOL_BYTES_MAX)) {
+            let sums = without_zeros(&sums).to_vec();
+            let repair_symbol = RepairSymbol { last: Low16(last), covered, row, sums };
+            let datagram = repair_symbol.encode(StreamId(300));
+            prop_assert!(datagram.len() <= DATAGRAM_BYTES_MAX);
+            prop_assert_eq!(decode(&datagram), Ok(repair_symbol));
+        }
+
+        #[test]
+        fn arbitrary_bytes_are_refused_or_come_back(bytes in vec(any::<u8>(), 0..40)) {
+            let mut datagram = alloc::vec![0x19];
+            datagram.extend(&bytes);
+            if let Ok(repair_symbol) = decode(&datagram) {
+                prop_assert_eq!(repair_symbol.encode(StreamId(1)), datagram);
+            }
+        }
+
+        #[test]
+        fn a_packet_comes_back_from_its_column(kind in 0_u8..2, number: u16, rest in vec(any::<u8>(), 1..200), zeros in 0_usize..9) {
+            let mut datagram = alloc::vec![kind | 0x70];
+            datagram.extend(number.to_le_bytes());
+            datagram.extend(&rest);
+            match source_symbol_of(&datagram) {
+                Some((low, mut source_symbol)) => {
+                    prop_assert_eq!(low, Low16(number));
+                    source_symbol.resize(source_symbol.len() + zeros, 0);
+                    let number = 3 << 16 | u64::from(number);
+                    prop_assert_eq!(packet_of(StreamId(7), number, &source_symbol), Some(datagram));
+                }
+                None => prop_assert_eq!(rest.last(), Some(&0)),
+            }
+        }
+    }
+
+    #[test]
+    fn the_factors_of_a_row_are_never_zero_and_all_different() {
+        for row in 0..FEC_ROWS {
+            let mut factors: Vec<u8> = (0..128).map(|n| RepairSymbol::factor(row, n)).collect();
+            factors.sort_unstable();
+            factors.dedup();
+            assert_eq!(factors.len(), 128);
+            assert_ne!(factors[0], 0);
+        }
+    }
+
+    #[test]
+    fn invalid_repair_symbols_are_refused() {
+        let repair_symbol = RepairSymbol {
+            last: Low16(5),
+            covered: 3,
+            row: 2,
+            sums: alloc::vec![1, 2, 3],
+        };
+        let good = repair_symbol.encode(StreamId(1));
+        assert_eq!(good, [0x19, 5, 0, 3, 2, 1, 2, 3]);
+        let with = |place: usize, byte: u8| {
+            let mut bytes = good.clone();
+            bytes[place] = byte;
+            decode(&bytes)
+        };
+        assert_eq!(with(4, FEC_ROWS), Err(Malformed::OutOfRange));
+        assert_eq!(with(7, 0), Err(Malformed::NotCanonical));
+        let far = [0x19, 5, 0, 0x80, 0x80, 0x80, 0x80, 8, 2, 1];
+        assert_eq!(decode(&far), Err(Malformed::OutOfRange));
+        for cut in 1..5 {
+            assert_eq!(decode(&good[..cut]), Err(Malformed::Truncated));
+        }
+        let mut long = good;
+        long.resize(DATAGRAM_BYTES_MAX + 1, 1);
+        assert_eq!(decode(&long), Err(Malformed::TooLong));
+    }
+}

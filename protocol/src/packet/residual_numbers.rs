@@ -1,0 +1,79 @@
+//! The numbers of a correction, in the order in which they are said.
+//!
+//! One walk for who writes and who counts the cost; who reads asks for the same contexts in the same order.
+
+use rhumb_reckoning::{Residual, VelocityResidual};
+
+use super::age::Age;
+use super::tables::contexts::{self, TripleContexts};
+
+/// Walks over the numbers of a residual in the order in which they are said, with the context of each.
+pub(super) fn numbers(
+    kind: usize,
+    age: Age,
+    residual: &Residual,
+    mut emit: impl FnMut(usize, i32),
+) {
+    each_of_place(kind, age, residual, &mut emit);
+    if let Some(velocity) = &residual.velocity {
+        each_of_velocity(kind, age, velocity, &mut emit);
+    }
+}
+
+/// The same over the sizes of its numbers of position and of turn alone.
+#[inline]
+pub(super) fn numbers_of_place(
+    kind: usize,
+    age: Age,
+    residual: &Residual,
+    mut emit: impl FnMut(usize, u32),
+) {
+    each_of_place(kind, age, residual, &mut |context, number: i32| {
+        emit(context, number.unsigned_abs());
+    });
+}
+
+/// The same over the sizes of the numbers of its velocities alone.
+#[inline]
+pub(super) fn numbers_of_velocity(
+    kind: usize,
+    age: Age,
+    velocity: &VelocityResidual,
+    mut emit: impl FnMut(usize, u32),
+) {
+    each_of_velocity(kind, age, velocity, &mut |context, number: i32| {
+        emit(context, number.unsigned_abs());
+    });
+}
+
+#[inline]
+fn each_of_place(kind: usize, age: Age, residual: &Residual, emit: &mut impl FnMut(usize, i32)) {
+    let age = contexts::age_class(age.count());
+    let largest = each(residual.position, contexts::position(kind, age), emit);
+    each(residual.turn, contexts::turn(kind, age, largest), emit);
+}
+
+#[inline]
+fn each_of_velocity(
+    kind: usize,
+    age: Age,
+    velocity: &VelocityResidual,
+    emit: &mut impl FnMut(usize, i32),
+) {
+    let age = contexts::age_class(age.count());
+    each(velocity.linear, contexts::velocity(kind, age, 2), emit);
+    each(velocity.angular, contexts::velocity(kind, age, 3), emit);
+}
+
+/// Says three numbers, whose contexts follow from their place and from the sum of the sizes before; returns the largest size.
+#[inline]
+fn each(numbers: [i32; 3], contexts: TripleContexts, emit: &mut impl FnMut(usize, i32)) -> u32 {
+    let (mut sum, mut largest) = (0, 0);
+    for (part, number) in numbers.into_iter().enumerate() {
+        emit(contexts.context(part, sum), number);
+        let size = number.unsigned_abs();
+        sum += u64::from(size);
+        largest = largest.max(size);
+    }
+    largest
+}

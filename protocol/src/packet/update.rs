@@ -1,0 +1,428 @@
+//! The packets of a reckoned stream: updates, and the vouching for silence.
+
+use alloc::vec::Vec;
+
+use super::cost::CostModel;
+use super::error_scale::ErrorScale;
+use super::header::{Head, Low16, PacketKind, StreamId};
+use super::keyframe::Keyframe;
+use super::payload::{UpdateCoder, UpdatePayload};
+use super::repair_symbol::{SOURCE_SYMBOL_BYTES_MAX, SOURCE_SYMBOL_HEAD_BYTES};
+use crate::limits::{DATAGRAM_BYTES_MAX, INDICES_MAX, UPDATES_PER_PACKET_MAX};
+use crate::wire::bytes::{Reader, Writer};
+use crate::wire::range::{RangeReader, RangeWriter};
+use crate::wire::{Malformed, Wire};
+
+/// What is said of one body.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Update {
+    /// The body's alias: bodies that are much spoken of sit close together, so that naming them is cheap.
+    pub alias: u32,
+    /// Index of the body, where it takes the alias or a is_keyframe track is said; otherwise it has the alias already. Its
+    /// generation is the one that lives at the packet's tick.
+    pub body: Option<u32>,
+    /// What is said.
+    pub payload: UpdatePayload,
+}
+
+/// Writes one packet of updates, given in rising order of alias.
+#[derive(Debug)]
+pub struct UpdateWriter {
+    words: RangeWriter,
+    coder: UpdateCoder,
+    next_alias: u32,
+    count: u16,
+    stream: StreamId,
+    number: Low16,
+    tick: Low16,
+    scene_events: Low16,
+}
+
+/// Bytes before the updates: kind, stream, error_scale, number, tick and scene_events.
+const HEAD_BYTES_MAX: usize = 1 + 5 + 1 + 2 + 2 + 2;
+/// Bytes of updates, so that every packet has a source_symbol for repair_symbols.
+const UPDATES_BYTES_MAX: usize = SOURCE_SYMBOL_BYTES_MAX - SOURCE_SYMBOL_HEAD_BYTES;
+/// More than the end of the updates takes.
+const END_BYTES_MAX: usize = 2;
+/// More than the widest gap and the naming of a body take.
+const GAP_BYTES_MAX: usize = 12;
+/// More than any update takes: fifteen numbers of at most 88 bits each, a form and two names, and an eighth.
+const UPDATE_BYTES_MAX: usize = 256;
+
+impl UpdateWriter {
+    /// An empty packet.
+    #[must_use]
+    pub fn new(stream: StreamId, number: u64, tick: u64, scene_events: u64) -> Self {
+        Self {
+            words: RangeWriter::with_capacity(DATAGRAM_BYTES_MAX),
+            coder: UpdateCoder::default(),
+            next_alias: 0,
+            count: 0,
+            stream,
+            number: Low16::of(number),
+            tick: Low16::of(tick),
+            scene_events: Low16::of(scene_events),
+        }
+    }
+
+    /// Appends an update, or returns `false` and leaves the packet as it is when the update does not fit any more.
+    ///
+    /// # Panics
+    ///
+    /// When aliases do not rise: the publisher sorts.
+    pub fn push(&mut self, update: &Update) -> bool {
+        let gap = update
+            .alias
+            .checked_sub(self.next_alias)
+            .expect("updates come in rising order of alias");
+        let room = (UPDATES_BYTES_MAX - END_BYTES_MAX).saturating_sub(self.words.byte_len_max());
+        let full = usize::from(self.count) == UPDATES_PER_PACKET_MAX;
+        if full || room < UPDATE_BYTES_MAX && self.bytes_max(&update.payload) > room {
+            return false;
+        }
+        self.coder
+            .write(gap, update.body, &update.payload, &mut self.words);
+        self.next_alias = update.alias + 1;
+        self.count += 1;
+        true
+    }
+
+    /// Bytes that an update takes at most.
+    fn bytes_max(&self, payload: &UpdatePayload) -> usize {
+        // The cost is a broken line under the true one, and a range is worth a little less than it says.
+        let cost = self.coder.cost(payload) as usize;
+        (cost + cost / 8) / (8 * 256) + GAP_BYTES_MAX
+    }
+
+    /// How many updates it holds.
+    #[must_use]
+    pub const fn count(&self) -> u16 {
+        self.count
+    }
+
+    /// The datagram.
+    #[must_use]
+    pub fn finish(self, ends_tick: bool) -> Vec<u8> {
+        let kind = if ends_tick {
+            PacketKind::UpdatesEnd
+        } else {
+            PacketKind::Updates
+        };
+        self.finish_as(kind, None)
+    }
+
+    /// The datagram that ends a tick at which tracks exceed their tolerances by this.
+    #[must_use]
+    pub fn finish_over_budget(self, error_scale: ErrorScale) -> Vec<u8> {
+        self.finish_as(PacketKind::UpdatesOverBudget, Some(error_scale))
+    }
+
+    fn finish_as(mut self, kind: PacketKind, error_scale: Option<ErrorScale>) -> Vec<u8> {
+        self.coder.end(&mut self.words);
+        let mut head = Writer::new();
+        Head {
+            kind,
+            stream: self.stream,
+        }
+        .encode(&mut head);
+        if let Some(error_scale) = error_scale {
+            error_scale.encode(&mut head);
+        }
+        self.number.encode(&mut head);
+        self.tick.encode(&mut head);
+        self.scene_events.encode(&mut head);
+        head.raw(&self.words.into_bytes());
+        head.into_bytes()
+    }
+}
+
+/// The head of a received packet of updates, and the updates still in their bits.
+#[derive(Clone, Debug)]
+pub struct UpdatePacket<'a> {
+    /// Low bits of its number.
+    pub number: Low16,
+    /// Low bits of its tick.
+    pub tick: Low16,
+    /// Low bits of the number of scene_events that must have been heard to read it.
+    pub scene_events: Low16,
+    /// Whether it is the last of its tick.
+    pub ends_tick: bool,
+    /// By what factor tracks exceed their tolerances, of a packet that says so.
+    pub error_scale: ErrorScale,
+    words: RangeReader<'a>,
+}
+
+impl<'a> UpdatePacket<'a> {
+    /// Reads what follows the head.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed`] when that is not a packet of updates.
+    pub fn decode(ends_tick: bool, mut from: Reader<'a>) -> Result<Self, Malformed> {
+        let number = Low16::decode(&mut from)?;
+        let tick = Low16::decode(&mut from)?;
+        let scene_events = Low16::decode(&mut from)?;
+        Ok(Self {
+            number,
+            tick,
+            scene_events,
+            ends_tick,
+            error_scale: ErrorScale::NONE,
+            words: RangeReader::new(from.rest()),
+        })
+    }
+
+    /// Reads what follows the head of one that says an error_scale.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed`] when that is not such a packet.
+    pub fn decode_over_budget(mut from: Reader<'a>) -> Result<Self, Malformed> {
+        let error_scale = ErrorScale::decode(&mut from)?;
+        let packet = Self::decode(true, from)?;
+        Ok(Self {
+            error_scale,
+            ..packet
+        })
+    }
+
+    /// Reads every update; `out` keeps its capacity from packet to packet.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed`] when any of it is not what a publisher writes; `out` is then of no use.
+    pub fn updates(mut self, out: &mut Vec<Update>) -> Result<(), Malformed> {
+        out.clear();
+        let mut coder = UpdateCoder::default();
+        let mut next_alias = 0_u32;
+        while let Some((gap, body, payload)) = coder.read(&mut self.words)? {
+            if out.len() == UPDATES_PER_PACKET_MAX {
+                return Err(Malformed::TooLong);
+            }
+            let alias = next_alias.checked_add(gap).ok_or(Malformed::OutOfRange)?;
+            if alias >= INDICES_MAX {
+                return Err(Malformed::OutOfRange);
+            }
+            out.push(Update {
+                alias,
+                body,
+                payload,
+            });
+            next_alias = alias + 1;
+        }
+        self.words.finish()
+    }
+}
+
+/// Says that all packets before `next` were sent, and that nothing more was to be said up to a tick (PROTOCOL 5.10).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Watermark {
+    /// Number of the stream's next packet: all before it were sent.
+    pub next: Low16,
+    /// Up to which tick.
+    pub tick: Low16,
+    /// SceneEvents given up to that tick.
+    pub scene_events: Low16,
+}
+
+impl Watermark {
+    /// The datagram.
+    #[must_use]
+    pub fn encode(&self, stream: StreamId) -> Vec<u8> {
+        self.encode_as(PacketKind::Watermark, stream, None)
+    }
+
+    /// The datagram that watermarks for ticks at which tracks exceed their tolerances by this (PROTOCOL 5.17).
+    #[must_use]
+    pub fn encode_over_budget(&self, stream: StreamId, error_scale: ErrorScale) -> Vec<u8> {
+        self.encode_as(PacketKind::WatermarkOverBudget, stream, Some(error_scale))
+    }
+
+    fn encode_as(
+        &self,
+        kind: PacketKind,
+        stream: StreamId,
+        error_scale: Option<ErrorScale>,
+    ) -> Vec<u8> {
+        let mut to = Writer::new();
+        Head { kind, stream }.encode(&mut to);
+        if let Some(error_scale) = error_scale {
+            error_scale.encode(&mut to);
+        }
+        self.next.encode(&mut to);
+        self.tick.encode(&mut to);
+        self.scene_events.encode(&mut to);
+        to.into_bytes()
+    }
+
+    /// Reads what follows the head.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed`] when that is not a watermark.
+    pub fn decode(mut from: Reader<'_>) -> Result<Self, Malformed> {
+        let watermark = Self {
+            next: Low16::decode(&mut from)?,
+            tick: Low16::decode(&mut from)?,
+            scene_events: Low16::decode(&mut from)?,
+        };
+        from.finish()?;
+        Ok(watermark)
+    }
+
+    /// Reads what follows the head of one that says an error_scale.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed`] when that is not such a watermark.
+    pub fn decode_over_budget(mut from: Reader<'_>) -> Result<(Self, ErrorScale), Malformed> {
+        let error_scale = ErrorScale::decode(&mut from)?;
+        Ok((Self::decode(from)?, error_scale))
+    }
+}
+
+// A packet has room for the longest update, and a datagram for the packet.
+const _: () = assert!(UPDATES_BYTES_MAX > Keyframe::BITS_MAX / 8 + 32 + END_BYTES_MAX);
+const _: () = assert!(HEAD_BYTES_MAX + UPDATES_BYTES_MAX <= DATAGRAM_BYTES_MAX);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::packet::payload::tests::payload;
+    use proptest::prelude::*;
+
+    fn updates() -> impl Strategy<Value = Vec<Update>> {
+        let body = proptest::option::of(0..INDICES_MAX);
+        // So few that what a packet cut short says fits one too.
+        proptest::collection::btree_map(0..INDICES_MAX, (body, payload()), 0..8).prop_map(|map| {
+            map.into_iter()
+                .map(|(alias, (body, payload))| {
+                    let is_keyframe = matches!(payload, UpdatePayload::Keyframe(_));
+                    let body = body.or(is_keyframe.then_some(alias));
+                    Update {
+                        alias,
+                        body,
+                        payload,
+                    }
+                })
+                .collect()
+        })
+    }
+
+    fn datagram(updates: &[Update]) -> Vec<u8> {
+        let mut writer = UpdateWriter::new(StreamId(7), 70_000, 80_000, 90_000);
+        for update in updates {
+            assert!(writer.push(update));
+        }
+        writer.finish(true)
+    }
+
+    fn decode(bytes: &[u8]) -> Result<Vec<Update>, Malformed> {
+        let mut reader = Reader::new(bytes);
+        let head = Head::decode(&mut reader)?;
+        assert_eq!(
+            head,
+            Head {
+                kind: PacketKind::UpdatesEnd,
+                stream: StreamId(7)
+            }
+        );
+        let mut out = Vec::new();
+        UpdatePacket::decode(true, reader)?.updates(&mut out)?;
+        Ok(out)
+    }
+
+    proptest! {
+        #[test]
+        fn a_packet_comes_back(updates in updates()) {
+            let bytes = datagram(&updates);
+            prop_assert!(bytes.len() <= DATAGRAM_BYTES_MAX);
+            prop_assert_eq!(decode(&bytes), Ok(updates));
+        }
+
+        #[test]
+        fn a_truncation_is_refused_or_says_something_else_in_its_one_form(updates in updates()) {
+            let bytes = datagram(&updates);
+            for cut in 1..bytes.len() {
+                if let Ok(other) = decode(&bytes[..cut]) {
+                    prop_assert_ne!(&other, &updates);
+                    prop_assert_eq!(datagram(&other), &bytes[..cut]);
+                }
+            }
+            let mut longer = bytes;
+            longer.push(0);
+            prop_assert!(decode(&longer).is_err());
+        }
+    }
+
+    #[test]
+    fn over_budget_packets_round_trip() {
+        let error_scale = ErrorScale::covering(3.0);
+        let writer = UpdateWriter::new(StreamId(7), 70_000, 80_000, 90_000);
+        let state = writer.finish_over_budget(error_scale);
+        let watermark = Watermark {
+            next: Low16(1),
+            tick: Low16(2),
+            scene_events: Low16(3),
+        };
+        let silence = watermark.encode_over_budget(StreamId(7), error_scale);
+        for (bytes, kind) in [
+            (state, PacketKind::UpdatesOverBudget),
+            (silence, PacketKind::WatermarkOverBudget),
+        ] {
+            let stream = StreamId(7);
+            let read = |bytes: &[u8]| {
+                let mut reader = Reader::new(bytes);
+                assert_eq!(Head::decode(&mut reader), Ok(Head { kind, stream }));
+                match kind {
+                    PacketKind::UpdatesOverBudget => UpdatePacket::decode_over_budget(reader)
+                        .and_then(|packet| {
+                            assert!(packet.ends_tick);
+                            let error_scale = packet.error_scale;
+                            packet.updates(&mut Vec::new()).map(|()| error_scale)
+                        }),
+                    _ => Watermark::decode_over_budget(reader).map(|(read, error_scale)| {
+                        assert_eq!(read, watermark);
+                        error_scale
+                    }),
+                }
+            };
+            assert_eq!(read(&bytes), Ok(error_scale));
+            let head = if kind == PacketKind::UpdatesOverBudget {
+                8
+            } else {
+                bytes.len()
+            };
+            for cut in 1..head {
+                assert_eq!(read(&bytes[..cut]), Err(Malformed::Truncated));
+            }
+            let mut within = bytes;
+            within[1] = 0;
+            assert_eq!(read(&within), Err(Malformed::NotCanonical));
+        }
+    }
+
+    #[test]
+    fn a_full_packet_refuses_and_stays_as_it_was() {
+        let payload = UpdatePayload::Keyframe(Keyframe {
+            predictor: rhumb_reckoning::Predictor::Uniform,
+            anchor: rhumb_reckoning::Anchor::Exact(
+                rhumb_reckoning::BodyState::new([1.0; 3], [0.0, 0.0, 0.0, 1.0], [1.0; 3], [1.0; 3])
+                    .unwrap(),
+            ),
+            parent: None,
+        });
+        let mut writer = UpdateWriter::new(StreamId(7), 0, 0, 0);
+        let mut index = 0;
+        while writer.push(&Update {
+            alias: index,
+            body: Some(index),
+            payload,
+        }) {
+            index += 1;
+        }
+        assert_eq!(usize::from(writer.count()), index as usize);
+        let bytes = writer.finish(true);
+        assert_eq!(decode(&bytes).unwrap().len(), index as usize);
+    }
+}

@@ -1,0 +1,151 @@
+//! What a scene is created with and keeps for all its life.
+
+use core::num::NonZeroU32;
+
+use glam::Vec3;
+use rhumb_reckoning::{Damping, Integrator, Rate};
+
+use super::checks::{Invalid, Quantity, scalar, vector};
+use super::material::Material;
+use super::publish_schedule::PublishSchedule;
+use crate::limits::{
+    DAMPING_MAX, GRAVITY_MAX, RATE_MAX, SLEEP_SECONDS_MAX, SLEEP_SPEED_MAX, STEP_SECONDS_MAX,
+    SUBSTEPS_MAX,
+};
+use crate::wire::bytes::{Reader, Writer};
+use crate::wire::{Malformed, Wire};
+
+/// Who says when the next tick comes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stepping {
+    /// A member: the scene stands still until it is told to advance.
+    Lockstep,
+    /// The server's clock, while anybody is there to see it.
+    FreeRunning,
+}
+
+/// When bodies fall asleep.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SleepConfig {
+    /// A body is still while no point of it is faster, m/s.
+    pub speed: f32,
+    /// It falls asleep once it and all that it touches were still for so long, seconds.
+    pub seconds: f32,
+}
+
+impl SleepConfig {
+    fn check(self) -> Result<(), Invalid> {
+        scalar(self.speed, 0.0, SLEEP_SPEED_MAX, Quantity::SleepSpeed)?;
+        scalar(self.seconds, 0.0, SLEEP_SECONDS_MAX, Quantity::SleepSeconds)
+    }
+}
+
+/// How a scene steps, what pulls at its bodies, and what a body is made of unless it says otherwise.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SceneConfig {
+    /// Tick length and substeps.
+    pub integrator: Integrator,
+    /// m/s², world frame, at the scene's beginning.
+    pub gravity: Vec3,
+    /// Who leads.
+    pub stepping: Stepping,
+    /// For bodies that bring none.
+    pub material: Material,
+    /// For bodies that bring none.
+    pub damping: Damping,
+    /// The engine's own habit, unless the scene says otherwise.
+    pub sleep: Option<SleepConfig>,
+    /// When its streams are said.
+    pub publish_schedule: PublishSchedule,
+}
+
+impl SceneConfig {
+    /// Checks every number.
+    ///
+    /// # Errors
+    ///
+    /// [`Invalid`] names the first that is wrong.
+    pub fn check(&self) -> Result<(), Invalid> {
+        let rate = self.integrator.rate;
+        let fast = u64::from(rate.ticks()) > u64::from(rate.seconds()) * u64::from(RATE_MAX);
+        let slow =
+            u64::from(rate.seconds()) > u64::from(rate.ticks()) * u64::from(STEP_SECONDS_MAX);
+        if fast || slow {
+            return Err(Invalid::OutOfRange(Quantity::Rate));
+        }
+        if self.integrator.substeps.get() > SUBSTEPS_MAX {
+            return Err(Invalid::OutOfRange(Quantity::Substeps));
+        }
+        vector(self.gravity, GRAVITY_MAX, Quantity::Gravity)?;
+        self.material.check()?;
+        check_damping(self.damping)?;
+        self.sleep.map_or(Ok(()), SleepConfig::check)?;
+        self.publish_schedule.check(rate)?;
+        match self.stepping {
+            Stepping::Lockstep => self.publish_schedule.check_lockstep(),
+            Stepping::FreeRunning => Ok(()),
+        }
+    }
+}
+
+/// Checks both numbers.
+pub(super) fn check_damping(damping: Damping) -> Result<(), Invalid> {
+    scalar(damping.linear, 0.0, DAMPING_MAX, Quantity::Damping)?;
+    scalar(damping.angular, 0.0, DAMPING_MAX, Quantity::Damping)
+}
+
+impl Wire for Damping {
+    fn encode(&self, to: &mut Writer) {
+        to.f32s(&[self.linear, self.angular]);
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let [linear, angular] = from.f32s()?;
+        Ok(Self { linear, angular })
+    }
+}
+
+impl Wire for SceneConfig {
+    fn encode(&self, to: &mut Writer) {
+        to.varint(u64::from(self.integrator.rate.ticks()));
+        to.varint(u64::from(self.integrator.rate.seconds()));
+        to.varint(u64::from(self.integrator.substeps.get()));
+        to.f32s(&self.gravity.to_array());
+        to.u8(match self.stepping {
+            Stepping::Lockstep => 0,
+            Stepping::FreeRunning => 1,
+        });
+        self.material.encode(to);
+        self.damping.encode(to);
+        to.u8(u8::from(self.sleep.is_some()));
+        if let Some(SleepConfig { speed, seconds }) = self.sleep {
+            to.f32s(&[speed, seconds]);
+        }
+        self.publish_schedule.encode(to);
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let rate = Rate::new(from.varint32()?, from.varint32()?).ok_or(Malformed::OutOfRange)?;
+        let substeps = NonZeroU32::new(from.varint32()?).ok_or(Malformed::OutOfRange)?;
+        Ok(Self {
+            integrator: Integrator { rate, substeps },
+            gravity: Vec3::from_array(from.f32s()?),
+            stepping: match from.u8()? {
+                0 => Stepping::Lockstep,
+                1 => Stepping::FreeRunning,
+                _ => return Err(Malformed::UnknownCode),
+            },
+            material: Material::decode(from)?,
+            damping: Damping::decode(from)?,
+            sleep: match from.u8()? {
+                0 => None,
+                1 => {
+                    let [speed, seconds] = from.f32s()?;
+                    Some(SleepConfig { speed, seconds })
+                }
+                _ => return Err(Malformed::UnknownCode),
+            },
+            publish_schedule: PublishSchedule::decode(from)?,
+        })
+    }
+}

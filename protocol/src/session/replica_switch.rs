@@ -1,0 +1,179 @@
+//! The copy of a scene that a member shows, with its successor.
+//!
+//! Decides when one gives way to the other, and nothing else. Invariant: what is shown never falls back to an earlier
+//! complete tick, unless it had lost touch.
+
+use alloc::vec::Vec;
+
+use bytes::Bytes;
+
+use super::close::CloseCode;
+use super::replica::Replica;
+use crate::message::{Joined, SceneEvent};
+use crate::time::{Instant, Span};
+
+/// The replica_switch of one membership.
+#[derive(Debug, Default)]
+pub(crate) struct ReplicaSwitch {
+    shown: Option<Replica>,
+    /// The copy that a snapshot is filling, or that is whole and not as far yet as the one shown.
+    next: Option<Replica>,
+}
+
+/// Whom a scene_event was for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum EventTarget {
+    /// It is part of a snapshot.
+    Snapshot,
+    /// It is news of the scene.
+    Scene,
+}
+
+impl ReplicaSwitch {
+    pub(crate) const fn new() -> Self {
+        Self {
+            shown: None,
+            next: None,
+        }
+    }
+
+    /// The copy to look at.
+    pub(crate) const fn shown(&self) -> Option<&Replica> {
+        self.shown.as_ref()
+    }
+
+    /// See [`Self::shown`].
+    pub(crate) const fn shown_mut(&mut self) -> Option<&mut Replica> {
+        self.shown.as_mut()
+    }
+
+    /// A snapshot begins.
+    pub(crate) fn begin(&mut self, joined: &Joined) {
+        self.next = Some(Replica::new(joined));
+    }
+
+    /// The snapshot is whole; the first of a membership is shown at once.
+    pub(crate) fn end_snapshot(&mut self) -> Result<(), CloseCode> {
+        let filling = self.next.as_mut().filter(|copy| !copy.is_complete());
+        filling.ok_or(CloseCode::VIOLATION)?.end_snapshot();
+        if self.shown.is_none() {
+            self.shown = self.next.take();
+        }
+        Ok(())
+    }
+
+    /// Shows the next copy if it is as far, so that nobody sees a gap; returns the one that was shown before.
+    pub(crate) fn switch_when_caught_up(&mut self) -> Option<Replica> {
+        let shown = self.shown.as_mut()?;
+        let as_far = |next: &mut Replica| next.is_complete() && next.has_caught_up_with(shown);
+        let mut next = self.next.take_if(as_far)?;
+        next.take_over(shown);
+        Some(core::mem::replace(shown, next))
+    }
+
+    /// Takes in a scene_event.
+    pub(crate) fn handle_scene_event(
+        &mut self,
+        scene_event: &SceneEvent,
+    ) -> Result<EventTarget, CloseCode> {
+        if let Some(next) = &mut self.next {
+            let filling = !next.is_complete();
+            next.apply_scene_event(scene_event)?;
+            if filling {
+                return Ok(EventTarget::Snapshot);
+            }
+        }
+        let shown = self.shown.as_mut().ok_or(CloseCode::VIOLATION)?;
+        shown.apply_scene_event(scene_event)?;
+        Ok(EventTarget::Scene)
+    }
+
+    /// Takes in a datagram of whichever streams it is about.
+    pub(crate) fn handle_datagram(&mut self, datagram: &[u8]) {
+        for copy in [&mut self.next, &mut self.shown].into_iter().flatten() {
+            if copy.stream().is_about(datagram) {
+                copy.stream_mut().handle_datagram(datagram);
+            }
+        }
+    }
+
+    /// See [`Self::complete_replicas`].
+    fn complete_mut(&mut self) -> impl Iterator<Item = &mut Replica> {
+        let replica_switch = [self.shown.as_mut(), self.next.as_mut()];
+        replica_switch
+            .into_iter()
+            .flatten()
+            .filter(|copy| copy.is_complete())
+    }
+
+    /// ReplicaSwitch that are whole, the shown one first.
+    fn complete_replicas(&self) -> impl Iterator<Item = &Replica> {
+        let replica_switch = [self.shown.as_ref(), self.next.as_ref()];
+        replica_switch
+            .into_iter()
+            .flatten()
+            .filter(|copy| copy.is_complete())
+    }
+
+    /// Looks at what is missing now.
+    pub(crate) fn watch_missing(&mut self, now: Instant) {
+        for copy in self.complete_mut() {
+            copy.watch_missing(now);
+        }
+    }
+
+    /// Whether packets are missing.
+    pub(crate) fn has_missing(&self) -> bool {
+        self.complete_replicas()
+            .any(|copy| copy.stream().missing() > 0)
+    }
+
+    /// When to ask for what is missing.
+    pub(crate) fn missing_due(&self) -> Option<Instant> {
+        self.complete_replicas()
+            .filter_map(Replica::missing_due)
+            .min()
+    }
+
+    /// What to ask the server for now, of each stream that lost something.
+    pub(crate) fn ask(&mut self, now: Instant, min_delay: Span) -> Vec<Bytes> {
+        let asked = self
+            .complete_mut()
+            .filter_map(|copy| copy.ask(now, min_delay));
+        asked.map(Bytes::from).collect()
+    }
+
+    /// How many packets did not come by themselves, whether repair_symbols gave them back or not.
+    pub(crate) fn lost(&self) -> u64 {
+        self.complete_replicas()
+            .map(|copy| copy.stream().lost())
+            .sum()
+    }
+
+    /// Whether something that was said is predicted_motion wrongly.
+    pub(crate) fn has_mismatch(&self) -> bool {
+        self.complete_replicas()
+            .any(|copy| copy.stream().mismatch().is_some())
+    }
+
+    /// Whether only a new snapshot helps: of the newest copy, as the one before gives way to it.
+    pub(crate) fn have_lost_sync(&self) -> bool {
+        let newest = self.next.as_ref().or(self.shown.as_ref());
+        newest.is_some_and(|copy| copy.stream().has_lost_sync())
+    }
+
+    /// What to tell the server of each stream.
+    pub(crate) fn loss_reports(&self) -> Vec<Bytes> {
+        let streams = self.complete_replicas().map(Replica::stream);
+        let loss_report = streams.map(|stream| stream.loss_report().encode(stream.stream()));
+        loss_report.map(Bytes::from).collect()
+    }
+
+    /// What to ask the server of each stream.
+    pub(crate) fn mismatch_reports(&self) -> Vec<Bytes> {
+        let streams = self.complete_replicas().map(Replica::stream);
+        let mismatch =
+            streams.filter_map(|stream| Some(stream.mismatch()?.encode(stream.stream())));
+        mismatch.map(Bytes::from).collect()
+    }
+}

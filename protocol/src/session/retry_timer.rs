@@ -1,0 +1,100 @@
+//! When to ask again: a span that grows with each nack_scheduler that is not answered.
+
+use crate::time::{Instant, Span};
+
+/// A repeated question.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RetryTimer {
+    due: Option<Instant>,
+    span: Span,
+    least: Span,
+    most: Span,
+}
+
+impl RetryTimer {
+    /// A question first repeated after `least`, and never after more than `most`.
+    pub(crate) const fn new(least: Span, most: Span) -> Self {
+        Self {
+            due: None,
+            span: least,
+            least,
+            most,
+        }
+    }
+
+    /// When it is due, if it is.
+    pub(crate) const fn due(&self) -> Option<Instant> {
+        self.due
+    }
+
+    /// Begins to wait, unless it waits already.
+    pub(crate) fn begin(&mut self, now: Instant) {
+        self.begin_for(now, Span::ZERO);
+    }
+
+    /// The same, and waits for so long at least: what follows is longer, too.
+    pub(crate) fn begin_for(&mut self, now: Instant, span: Span) {
+        if self.due.is_none() {
+            self.span = self.span.max(span);
+            self.due = Some(now + self.span);
+        }
+    }
+
+    /// Has an answer, or no longer needs one.
+    pub(crate) fn end(&mut self) {
+        self.due = None;
+        self.span = self.least;
+    }
+
+    /// Whether the question is to be asked now; if so, the next waiting is twice as long, and at least `round_trip`.
+    pub(crate) fn ask(&mut self, now: Instant, round_trip: Span) -> bool {
+        if self.due.is_none_or(|due| due > now) {
+            return false;
+        }
+        let doubled = Span::from_nanos(self.span.as_nanos() * 2);
+        self.span = doubled.max(round_trip).min(self.most);
+        self.due = Some(now + self.span);
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_longer_first_timeout_doubles_too() {
+        let mut retry_timer = RetryTimer::new(Span::from_millis(5), Span::from_millis(70));
+        let mut now = Instant::ZERO;
+        retry_timer.begin_for(now, Span::from_millis(20));
+        for millis in [20, 40, 70] {
+            let due = retry_timer.due().unwrap();
+            assert_eq!(due, now + Span::from_millis(millis));
+            now = due;
+            assert!(retry_timer.ask(now, Span::ZERO));
+        }
+        retry_timer.end();
+        retry_timer.begin_for(now, Span::from_millis(1));
+        assert_eq!(retry_timer.due(), Some(now + Span::from_millis(5)));
+    }
+
+    #[test]
+    fn retries_back_off_until_answered() {
+        let mut retry_timer = RetryTimer::new(Span::from_millis(5), Span::from_millis(40));
+        let mut now = Instant::ZERO;
+        retry_timer.begin(now);
+        let mut spans = [0; 5];
+        for span in &mut spans {
+            let due = retry_timer.due().unwrap();
+            *span = due.since(now).as_nanos() / 1_000_000;
+            assert!(!retry_timer.ask(now, Span::ZERO));
+            now = due;
+            assert!(retry_timer.ask(now, Span::from_millis(15)));
+        }
+        assert_eq!(spans, [5, 15, 30, 40, 40]);
+        retry_timer.end();
+        assert_eq!(retry_timer.due(), None);
+        retry_timer.begin(now);
+        assert_eq!(retry_timer.due(), Some(now + Span::from_millis(5)));
+    }
+}

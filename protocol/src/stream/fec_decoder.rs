@@ -1,0 +1,469 @@
+//! What a listener keeps so that repair_symbols give it lost packets back.
+//!
+//! SourceSymbols and sums only: what a rebuilt packet says is for the subscriber to read, as it reads any other. Bytes from
+//! anyone: the packets of [`FEC_SPAN`] numbers and [`REPAIR_SYMBOLS_KEPT`] repair_symbols are all that is kept, and a repair_symbol costs
+//! no more than a multiplication for each byte of these.
+
+use alloc::collections::VecDeque;
+use alloc::vec;
+use alloc::vec::Vec;
+
+use super::source_symbols::SourceSymbols;
+use crate::limits::{FEC_SPAN, REPAIR_SYMBOLS_KEPT};
+use crate::packet::{RepairSymbol, add_times, inverse, source_symbol_into, times};
+
+/// A repair_symbol, less the packets in it that were received.
+#[derive(Clone, Debug)]
+struct PartialSum {
+    row: u8,
+    /// The packets that are still in it.
+    unknown: Vec<u64>,
+    source_symbol: Vec<u8>,
+}
+
+impl PartialSum {
+    /// Takes a packet out that has become known.
+    fn take(&mut self, number: u64, source_symbol: &[u8]) {
+        let Some(place) = self.unknown.iter().position(|other| *other == number) else {
+            return;
+        };
+        self.unknown.swap_remove(place);
+        if self.source_symbol.len() < source_symbol.len() {
+            self.source_symbol.resize(source_symbol.len(), 0);
+        }
+        add_times(
+            &mut self.source_symbol,
+            RepairSymbol::factor(self.row, number),
+            source_symbol,
+        );
+    }
+}
+
+/// A listener's last packets and the repair_symbols that it has no use for yet.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct FecDecoder {
+    /// One more than the highest number of which anything was received.
+    end: u64,
+    source_symbols: SourceSymbols,
+    /// The source_symbol of the packet that is being received.
+    received: Vec<u8>,
+    sums: VecDeque<PartialSum>,
+    /// Below this number nothing is rebuilt: it was said before this began, or a repair_symbol was wrong.
+    trusted_from: u64,
+}
+
+impl FecDecoder {
+    /// Of a stream of which nothing before this packet will be received.
+    pub(crate) fn new(next: u64) -> Self {
+        Self {
+            end: next,
+            trusted_from: next,
+            ..Self::default()
+        }
+    }
+
+    /// A packet was received.
+    pub(crate) fn hear_packet(&mut self, number: u64, datagram: &[u8]) {
+        let mut source_symbol = core::mem::take(&mut self.received);
+        if source_symbol_into(datagram, &mut source_symbol).is_some() {
+            self.add_known(number, &source_symbol);
+        }
+        self.received = source_symbol;
+    }
+
+    /// A packet was received or rebuilt, of which this is the source_symbol.
+    pub(crate) fn add_known(&mut self, number: u64, source_symbol: &[u8]) {
+        self.advance(number + 1);
+        if number < self.oldest() {
+            return;
+        }
+        for sum in &mut self.sums {
+            sum.take(number, source_symbol);
+        }
+        self.sums.retain(|sum| !sum.unknown.is_empty());
+        self.source_symbols.keep(number, source_symbol);
+    }
+
+    /// A repair_symbol was received, of which this is the number of the newest packet.
+    pub(crate) fn add(&mut self, last: u64, repair_symbol: RepairSymbol) {
+        self.advance(last + 1);
+        let mut sum = PartialSum {
+            row: repair_symbol.row,
+            unknown: repair_symbol.numbers(last).collect(),
+            source_symbol: repair_symbol.sums,
+        };
+        for number in sum.unknown.clone() {
+            if let Some(source_symbol) = self.source_symbols.get(number) {
+                sum.take(number, source_symbol);
+            }
+        }
+        let oldest = self.oldest().max(self.trusted_from);
+        let of_use = sum.unknown.iter().all(|number| *number >= oldest);
+        let twice = |other: &PartialSum| other.row == sum.row && other.unknown == sum.unknown;
+        if !of_use || sum.unknown.is_empty() || self.sums.iter().any(twice) {
+            return;
+        }
+        if self.sums.len() == REPAIR_SYMBOLS_KEPT {
+            self.sums.pop_front();
+        }
+        self.sums.push_back(sum);
+    }
+
+    /// The packets that what was received gives back, in order of their numbers, with their source_symbols; again until they are
+    /// counted as received.
+    pub(crate) fn rebuild(&mut self) -> Vec<(u64, Vec<u8>)> {
+        if self.sums.is_empty() {
+            return Vec::new();
+        }
+        let unknown = self.unknown();
+        let rows = self.reduced(&unknown);
+        rows.iter()
+            .filter_map(|row| {
+                let mut of = row
+                    .factors
+                    .iter()
+                    .enumerate()
+                    .filter(|(_, factor)| **factor != 0);
+                let (place, _) = of.next()?;
+                of.next()
+                    .is_none()
+                    .then(|| (unknown[place], self.mixed(row)))
+            })
+            .collect()
+    }
+
+    /// A rebuilt packet was none: no repair_symbol received so far is used any more, nor is any asked for until these packets are
+    /// sent_packets.
+    pub(crate) fn distrust(&mut self, number: u64) {
+        self.source_symbols.forget(number);
+        self.sums.clear();
+        self.trusted_from = self.end;
+    }
+
+    /// The source_symbol of a packet, if that was received or rebuilt, and lately.
+    pub(crate) fn source_symbol(&self, number: u64) -> Option<&[u8]> {
+        self.source_symbols.get(number)
+    }
+
+    /// How many repair_symbols more would give back those of these missing packets that lie below `next` and that repair_symbols can;
+    /// none where refreshes do with less.
+    ///
+    /// A repair_symbol that is asked for covers what was said since the oldest of them. What was refreshed since is known, and its
+    /// bytes are in there all the same: then more repair_symbols are needed than packets were lost, if they can be kept at all.
+    pub(crate) fn wanted(&self, missing: impl Iterator<Item = u64>, next: u64) -> u8 {
+        let oldest = next
+            .saturating_sub(u64::from(FEC_SPAN))
+            .max(self.trusted_from);
+        let is_lacking = |number: &u64| self.source_symbols.get(*number).is_none();
+        if (oldest..next).filter(is_lacking).count() > REPAIR_SYMBOLS_KEPT {
+            return 0;
+        }
+        let of_use = |number: &u64| *number >= oldest && is_lacking(number);
+        let lost: Vec<u64> = missing.filter(of_use).collect();
+        let Some(first) = lost.first() else {
+            return 0;
+        };
+        let covered: Vec<u64> = (*first..next).filter(is_lacking).collect();
+        // What else the sums hold comes first, so that rows are left that hold none of it.
+        let mut unknown = self.unknown();
+        unknown.retain(|number| covered.binary_search(number).is_err());
+        let others = unknown.len();
+        unknown.extend(&covered);
+        let rows = self.reduced(&unknown);
+        let is_of_covered = |row: &&Equation| {
+            let (others, covered) = row.factors.split_at(others);
+            others.iter().all(|factor| *factor == 0) && covered.iter().any(|factor| *factor != 0)
+        };
+        let wanted = covered.len() - rows.iter().filter(is_of_covered).count();
+        if wanted > lost.len() {
+            return 0;
+        }
+        wanted as u8
+    }
+
+    /// What is known of lies below; what lies too far below that is forgotten.
+    fn advance(&mut self, end: u64) {
+        if end <= self.end {
+            return;
+        }
+        self.end = end;
+        let oldest = self.oldest();
+        self.source_symbols.forget_below(oldest);
+        let of_use = |sum: &PartialSum| sum.unknown.iter().all(|number| *number >= oldest);
+        self.sums.retain(of_use);
+    }
+
+    const fn oldest(&self) -> u64 {
+        self.end.saturating_sub(FEC_SPAN as u64)
+    }
+
+    /// The packets that are in any sum, in order of their numbers.
+    fn unknown(&self) -> Vec<u64> {
+        let all = self.sums.iter();
+        let mut unknown: Vec<u64> = all.flat_map(|sum| sum.unknown.iter().copied()).collect();
+        unknown.sort_unstable();
+        unknown.dedup();
+        unknown
+    }
+
+    /// The sums as equations of these packets, each solved for the first that it can be.
+    fn reduced(&self, unknown: &[u64]) -> Vec<Equation> {
+        let rows = 0..self.sums.len();
+        let mut rows: Vec<Equation> = rows.map(|place| self.row(place, unknown)).collect();
+        reduce(&mut rows, unknown.len());
+        rows
+    }
+
+    fn row(&self, place: usize, unknown: &[u64]) -> Equation {
+        let sum = &self.sums[place];
+        let factor = |number: &u64| {
+            let covered = sum.unknown.contains(number);
+            if covered {
+                RepairSymbol::factor(sum.row, *number)
+            } else {
+                0
+            }
+        };
+        let mut shares = vec![0; self.sums.len()];
+        shares[place] = 1;
+        Equation {
+            factors: unknown.iter().map(factor).collect(),
+            shares,
+        }
+    }
+
+    /// The sum of the repair_symbols by their shares in a row.
+    fn mixed(&self, row: &Equation) -> Vec<u8> {
+        let used = || {
+            self.sums
+                .iter()
+                .zip(&row.shares)
+                .filter(|(_, share)| **share != 0)
+        };
+        let longest = used().map(|(sum, _)| sum.source_symbol.len()).max();
+        let mut source_symbol = vec![0; longest.unwrap_or_default()];
+        for (sum, share) in used() {
+            add_times(&mut source_symbol, *share, &sum.source_symbol);
+        }
+        source_symbol
+    }
+}
+
+/// An equation: which unknown packets it holds with which factors, and how it was made of the repair_symbols.
+#[derive(Clone, Debug)]
+struct Equation {
+    factors: Vec<u8>,
+    shares: Vec<u8>,
+}
+
+impl Equation {
+    fn scale(&mut self, by: u8) {
+        for number in self.factors.iter_mut().chain(&mut self.shares) {
+            *number = times(*number, by);
+        }
+    }
+
+    fn add(&mut self, by: u8, other: &Self) {
+        add_times(&mut self.factors, by, &other.factors);
+        add_times(&mut self.shares, by, &other.shares);
+    }
+}
+
+/// Gauss-Jordan elimination: afterwards each row has a first factor of one that no other row has.
+fn reduce(rows: &mut [Equation], source_symbols: usize) {
+    let mut done = 0;
+    for source_symbol in 0..source_symbols {
+        let Some(found) = (done..rows.len()).find(|place| rows[*place].factors[source_symbol] != 0)
+        else {
+            continue;
+        };
+        rows.swap(done, found);
+        let factor = rows[done].factors[source_symbol];
+        rows[done].scale(inverse(factor));
+        let pivot = rows[done].clone();
+        for (place, row) in rows.iter_mut().enumerate() {
+            if place != done {
+                let factor = row.factors[source_symbol];
+                row.add(factor, &pivot);
+            }
+        }
+        done += 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::limits::FEC_ROWS;
+    use proptest::collection::vec;
+    use proptest::prelude::*;
+
+    /// The repair_symbol of a row over source_symbols with these numbers, which rise.
+    fn repair_symbol(row: u8, source_symbols: &[(u64, Vec<u8>)]) -> (u64, RepairSymbol) {
+        let (last, _) = source_symbols[source_symbols.len() - 1];
+        let mut repair_symbol = RepairSymbol::begin(row, last);
+        for (number, source_symbol) in source_symbols {
+            repair_symbol.add(*number, last - number, source_symbol);
+        }
+        (last, repair_symbol)
+    }
+
+    fn padded(source_symbol: &[u8], bytes: usize) -> Vec<u8> {
+        let mut source_symbol = source_symbol.to_vec();
+        source_symbol.resize(bytes.max(source_symbol.len()), 0);
+        source_symbol
+    }
+
+    #[test]
+    fn too_many_losses_request_no_repair_symbols() {
+        let lacking = |received: u64| {
+            let mut fec_decoder = FecDecoder::new(0);
+            (0..received).for_each(|number| fec_decoder.add_known(number, &[1]));
+            // All but the last were refreshed since.
+            fec_decoder.wanted(core::iter::once(31), 32)
+        };
+        assert_eq!(lacking(32 - REPAIR_SYMBOLS_KEPT as u64), 1);
+        assert_eq!(lacking(31 - REPAIR_SYMBOLS_KEPT as u64), 0);
+    }
+
+    #[test]
+    fn repair_symbols_after_a_loss_reduce_the_request() {
+        let mut fec_decoder = FecDecoder::new(0);
+        let source_symbols: Vec<_> = (0..9).map(|number| (number, vec![number as u8])).collect();
+        let received = [0, 1, 3, 4, 6, 7, 8];
+        received
+            .iter()
+            .for_each(|number| fec_decoder.add_known(*number, &[*number as u8]));
+        // Packet 5 was refreshed before 2 was known to be lost.
+        assert_eq!(fec_decoder.wanted([2].into_iter(), 9), 0);
+        assert_eq!(fec_decoder.wanted([5].into_iter(), 9), 1);
+        assert_eq!(fec_decoder.wanted([2, 5].into_iter(), 9), 2);
+        let (last, of_both) = repair_symbol(0, &source_symbols[2..]);
+        fec_decoder.add(last, of_both);
+        assert_eq!(fec_decoder.wanted([2].into_iter(), 9), 1);
+    }
+
+    proptest! {
+        #[test]
+        fn as_many_packets_come_back_as_there_are_repair_symbols(
+            first in 0_u64..1_000, source_symbols in vec(vec(any::<u8>(), 1..60), 1..FEC_SPAN as usize),
+            lost in vec(any::<prop::sample::Index>(), 1..REPAIR_SYMBOLS_KEPT), row in 0..FEC_ROWS - 16, late in any::<bool>(),
+        ) {
+            let source_symbols: Vec<_> = source_symbols.into_iter().enumerate().map(|(n, source_symbol)| (first + n as u64, source_symbol)).collect();
+            let mut lost: Vec<usize> = lost.iter().map(|index| index.index(source_symbols.len())).collect();
+            lost.sort_unstable();
+            lost.dedup();
+            let mut fec_decoder = FecDecoder::new(first);
+            let received = |fec_decoder: &mut FecDecoder| {
+                for (place, (number, source_symbol)) in source_symbols.iter().enumerate() {
+                    if !lost.contains(&place) {
+                        fec_decoder.add_known(*number, source_symbol);
+                    }
+                }
+            };
+            if !late {
+                received(&mut fec_decoder);
+            }
+            for place in 0..lost.len() {
+                prop_assert!(fec_decoder.rebuild().is_empty());
+                let (last, repair_symbol) = repair_symbol(row + place as u8, &source_symbols);
+                fec_decoder.add(last, repair_symbol);
+            }
+            if late {
+                received(&mut fec_decoder);
+            }
+            let rebuilt = fec_decoder.rebuild();
+            prop_assert_eq!(rebuilt.len(), lost.len());
+            for (number, source_symbol) in &rebuilt {
+                fec_decoder.add_known(*number, source_symbol);
+            }
+            for ((number, source_symbol), place) in rebuilt.iter().zip(&lost) {
+                let (expected, said) = &source_symbols[*place];
+                prop_assert_eq!(number, expected);
+                let bytes = source_symbol.len().max(said.len());
+                prop_assert_eq!(padded(source_symbol, bytes), padded(said, bytes));
+            }
+            prop_assert_eq!(fec_decoder.wanted(lost.iter().map(|place| first + *place as u64), first + source_symbols.len() as u64), 0);
+            prop_assert!(fec_decoder.sums.is_empty());
+        }
+
+        #[test]
+        fn decoder_memory_is_bounded(
+            received in vec((any::<u16>(), any::<u32>(), 0..FEC_ROWS, vec(any::<u8>(), 0..20), any::<bool>()), 0..200),
+        ) {
+            let mut fec_decoder = FecDecoder::default();
+            for (number, covered, row, bytes, is_repair_symbol) in received {
+                let number = u64::from(number % 300);
+                if is_repair_symbol {
+                    let repair_symbol = RepairSymbol { last: crate::packet::Low16::of(number), covered: covered >> 1, row, sums: bytes };
+                    fec_decoder.add(number, repair_symbol);
+                } else {
+                    fec_decoder.add_known(number, &bytes);
+                }
+                let rebuilt = fec_decoder.rebuild();
+                prop_assert!(rebuilt.len() <= REPAIR_SYMBOLS_KEPT);
+                for (number, source_symbol) in rebuilt {
+                    fec_decoder.add_known(number, &source_symbol);
+                }
+                prop_assert!(fec_decoder.sums.len() <= REPAIR_SYMBOLS_KEPT);
+                prop_assert!(fec_decoder.wanted(0..300, 300) <= FEC_SPAN as u8);
+            }
+        }
+    }
+
+    #[test]
+    fn repair_symbols_over_different_packets_add_up() {
+        let source_symbols: Vec<_> = (0..8_u8).map(|n| (u64::from(n), vec![n + 1; 9])).collect();
+        let mut fec_decoder = FecDecoder::new(0);
+        for place in [0, 3, 4, 7] {
+            fec_decoder.add_known(source_symbols[place].0, &source_symbols[place].1);
+        }
+        for (row, covered) in [(0, 0..3), (1, 1..6), (2, 2..7), (3, 5..8)] {
+            let (last, repair_symbol) = repair_symbol(row, &source_symbols[covered]);
+            fec_decoder.add(last, repair_symbol);
+        }
+        let rebuilt = fec_decoder.rebuild();
+        let numbers: Vec<u64> = rebuilt.iter().map(|(number, _)| *number).collect();
+        assert_eq!(numbers, [1, 2, 5, 6]);
+        assert!(
+            rebuilt
+                .iter()
+                .all(|(number, source_symbol)| *source_symbol == source_symbols[*number as usize].1)
+        );
+    }
+
+    #[test]
+    fn a_repair_symbol_that_another_packet_is_lacking_for_too_saves_none() {
+        let source_symbols: Vec<_> = (0..8_u8).map(|n| (u64::from(n), vec![n + 1; 9])).collect();
+        let mut fec_decoder = FecDecoder::new(0);
+        for place in [0, 1, 2, 4, 5] {
+            fec_decoder.add_known(source_symbols[place].0, &source_symbols[place].1);
+        }
+        // Packet 6 is not known to be lost: nothing behind it was received.
+        let (last, sums) = repair_symbol(0, &source_symbols[..7]);
+        fec_decoder.add(last, sums);
+        assert_eq!(fec_decoder.wanted([3].into_iter(), 6), 1);
+        assert_eq!(fec_decoder.wanted([3, 6].into_iter(), 7), 1);
+        let (last, sums) = repair_symbol(1, &source_symbols[..6]);
+        fec_decoder.add(last, sums);
+        let rebuilt = fec_decoder.rebuild();
+        assert_eq!(
+            rebuilt
+                .iter()
+                .map(|(number, _)| *number)
+                .collect::<Vec<_>>(),
+            [3, 6]
+        );
+    }
+
+    #[test]
+    fn packets_before_the_start_are_ignored() {
+        let source_symbols: Vec<_> = (0..4_u8).map(|n| (u64::from(n), vec![n + 1; 9])).collect();
+        let mut fec_decoder = FecDecoder::new(2);
+        fec_decoder.add_known(2, &source_symbols[2].1);
+        let (last, repair_symbol) = repair_symbol(0, &source_symbols);
+        fec_decoder.add(last, repair_symbol);
+        assert!(fec_decoder.rebuild().is_empty() && fec_decoder.sums.is_empty());
+        assert_eq!(fec_decoder.wanted([3].into_iter(), 4), 1);
+    }
+}

@@ -1,0 +1,336 @@
+//! What a payload makes of a track: at both ends the same.
+
+use rhumb_reckoning::{
+    Anchor, BodyId, DenseTrack, Grid, LaneCorrection, Motion, PredictionX4, Predictor,
+    QuantisedState, Residual, RestCorrection, Seconds, TRACK_AGE_MAX, Tick, Track, attached_motion,
+    relative_to,
+};
+
+use super::{Slot, Tracks};
+use crate::packet::{Age, PredictionMode, UpdatePayload};
+use crate::stream::previous_tracks::PreviousTracks;
+
+/// Why a payload could not be taken in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Unreadable {
+    /// No body has this index now.
+    NoBody,
+    /// The track is as new as the payload, or newer.
+    Superseded,
+    /// The payload builds on a track that is not here.
+    OtherRevision,
+}
+
+impl Tracks {
+    /// The frame that a body is or will be in, and what is predicted of it there, for what a payload corrects.
+    ///
+    /// Errors when the payload builds on other tracks than these.
+    fn prediction_base(
+        &self,
+        index: u32,
+        mode: &PredictionMode,
+        age: Age,
+        tick: Tick,
+        former_tracks: FormerTracks<'_>,
+    ) -> Result<PredictionBase, Unreadable> {
+        let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
+        let track = &slot.track();
+        if !self.is_of_age(track, age, tick) {
+            return Err(Unreadable::OtherRevision);
+        }
+        let over = tick.since(track.origin).unwrap_or(TRACK_AGE_MAX);
+        let free = track.parent.is_none();
+        let (predictor, parent, predicted) = match *mode {
+            PredictionMode::Same => (
+                track.predictor,
+                track.parent,
+                self.framed((index, slot), track, tick),
+            ),
+            PredictionMode::World {
+                predictor,
+                parent_age,
+            } => {
+                let predicted_motion = match (self.parent(track), parent_age) {
+                    (None, None) if free => self.framed((index, slot), track, tick),
+                    (Some(parent_candidate), Some(age)) => {
+                        let revision = self.of_age(former_tracks, parent_candidate, age, tick);
+                        let revision = revision.ok_or(Unreadable::OtherRevision)?;
+                        let motion = self.framed((index, slot), track, tick);
+                        let parent_candidate = self.framed(parent_candidate, &revision, tick);
+                        attached_motion(&parent_candidate, &motion.pose())
+                    }
+                    _ => return Err(Unreadable::OtherRevision),
+                };
+                (predictor, None, predicted_motion)
+            }
+            PredictionMode::Attached { parent, parent_age } => {
+                let parent_candidate = self.slot(parent).ok_or(Unreadable::NoBody)?;
+                let revision =
+                    self.of_age(former_tracks, (parent, parent_candidate), parent_age, tick);
+                let revision = revision.ok_or(Unreadable::OtherRevision)?;
+                let free = revision.parent.is_none() && track.parent.is_none();
+                if parent == index || !free {
+                    return Err(Unreadable::OtherRevision);
+                }
+                let holds = self.framed((parent, parent_candidate), &revision, tick);
+                let predicted_motion = self.predicted_motion((index, slot), tick);
+                let seen = relative_to(&holds.pose(), &predicted_motion.pose());
+                (Predictor::Rest, Some(parent_candidate.id(parent)), seen)
+            }
+        };
+        Ok(PredictionBase {
+            predictor,
+            parent,
+            predicted,
+            over: track.predictor.divergence_time(over, self.integrator.rate),
+        })
+    }
+
+    /// Whether a track has this age, as a payload names it.
+    fn is_of_age(&self, track: &Track, age: Age, tick: Tick) -> bool {
+        self.age(track, tick) == Some(age)
+    }
+
+    /// The revision of a body's track that has an age, if that is known.
+    fn of_age(
+        &self,
+        former_tracks: FormerTracks<'_>,
+        (index, slot): (u32, &Slot),
+        age: Age,
+        tick: Tick,
+    ) -> Option<Track> {
+        let before = former_tracks.before.and_then(|before| before.get(index));
+        let older = former_tracks.older.iter().filter(|(of, _)| *of == index);
+        let all = core::iter::once(slot.track()).chain(before);
+        let mut all = all.chain(older.map(|(_, track)| track.track()));
+        all.find(|track| self.is_of_age(track, age, tick))
+    }
+
+    /// The track that a payload at `tick` gives a body.
+    pub(crate) fn corrected_track(
+        &self,
+        index: u32,
+        tick: Tick,
+        payload: &UpdatePayload,
+        former_tracks: FormerTracks<'_>,
+    ) -> Result<Track, Unreadable> {
+        let (mode, age, residual) = match payload {
+            UpdatePayload::Keyframe(keyframe) => return Ok(keyframe.track(tick)),
+            UpdatePayload::Resting {
+                age,
+                rest_correction,
+            } => return self.resting(index, tick, *age, rest_correction),
+            UpdatePayload::Residual {
+                mode,
+                age,
+                residual,
+            } => (mode, *age, residual),
+        };
+        let prediction_base = self.prediction_base(index, mode, age, tick, former_tracks)?;
+        let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
+        Ok(prediction_base.track(tick, residual, self.grid(slot)))
+    }
+
+    /// The track of a body that comes to rest.
+    fn resting(
+        &self,
+        index: u32,
+        tick: Tick,
+        age: Age,
+        rest_correction: &RestCorrection,
+    ) -> Result<Track, Unreadable> {
+        let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
+        let track = slot.track();
+        let free = track.parent.is_none();
+        if !free || !self.is_of_age(&track, age, tick) {
+            return Err(Unreadable::OtherRevision);
+        }
+        let predicted = self.framed((index, slot), &track, tick);
+        rest_correction
+            .onto(&predicted.pose())
+            .map(|body_state| Track::resting(tick, body_state))
+            .map_err(|_| Unreadable::OtherRevision)
+    }
+
+    /// Takes in what was corrected_track of a body at a tick.
+    pub(crate) fn apply(
+        &mut self,
+        index: u32,
+        tick: Tick,
+        payload: &UpdatePayload,
+        former_tracks: FormerTracks<'_>,
+    ) -> Result<(), Unreadable> {
+        let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
+        if tick <= slot.origin() {
+            return Err(Unreadable::Superseded);
+        }
+        let track = self.corrected_track(index, tick, payload, former_tracks)?;
+        self.set_track(index, track);
+        Ok(())
+    }
+}
+
+/// Corrections of bodies that nothing holds, whose predictions are reckoned side by side.
+#[derive(Debug, Default)]
+pub(crate) struct CorrectionsX4<'a> {
+    batch: PredictionX4,
+    /// As the batch keys them, those behind its bodies of no meaning.
+    waiting: [QueuedCorrection<'a>; PredictionX4::LANES],
+    len: usize,
+}
+
+/// A correction that waits for what was predicted.
+#[derive(Clone, Copy, Debug, Default)]
+struct QueuedCorrection<'a> {
+    index: u32,
+    correction: Option<(Predictor, Seconds, &'a Residual)>,
+}
+
+impl<'a> CorrectionsX4<'a> {
+    /// Whether a body waits here.
+    pub(crate) fn has(&self, index: u32) -> bool {
+        let waiting = &self.waiting[..self.len];
+        waiting.iter().any(|waiting| waiting.index == index)
+    }
+
+    /// Whether [`Tracks::apply_batch`] is due.
+    pub(crate) const fn is_full(&self) -> bool {
+        self.batch.is_full()
+    }
+}
+
+impl Tracks {
+    /// Takes in what was corrected_track of a body at a tick, once all of `batch` is heard; `false`, and no change, for what is to be
+    /// heard by itself. One `batch` is of one tick, and of each body once.
+    #[must_use]
+    pub(crate) fn enqueue_x4<'a>(
+        &self,
+        batch: &mut CorrectionsX4<'a>,
+        index: u32,
+        tick: Tick,
+        payload: &'a UpdatePayload,
+    ) -> bool {
+        let UpdatePayload::Residual {
+            mode,
+            age,
+            residual,
+        } = payload
+        else {
+            return false;
+        };
+        let Some(slot) = self.slot(index) else {
+            return false;
+        };
+        let (origin, was) = (slot.origin(), slot.predictor());
+        let of_age = Age::of(origin, tick, self.publish_interval) == Some(*age);
+        let predictor = match *mode {
+            PredictionMode::Same => was,
+            PredictionMode::World {
+                predictor,
+                parent_age: None,
+            } => predictor,
+            _ => return false,
+        };
+        let free = slot.parent().is_none();
+        if tick <= origin || !of_age || !free {
+            return false;
+        }
+        let key = batch.len as u32;
+        if !self.take(&mut batch.batch, key, slot, tick) {
+            return false;
+        }
+        let over = tick.since(origin).unwrap_or(TRACK_AGE_MAX);
+        let over = was.divergence_time(over, self.integrator.rate);
+        let correction = Some((predictor, over, residual));
+        batch.waiting[batch.len] = QueuedCorrection { index, correction };
+        batch.len += 1;
+        true
+    }
+
+    /// Gives bodies the tracks that their corrections make; hands out which had which before.
+    pub(crate) fn apply_batch(
+        &mut self,
+        batch: &mut CorrectionsX4<'_>,
+        tick: Tick,
+        mut out: impl FnMut(u32, DenseTrack),
+    ) {
+        let CorrectionsX4 {
+            batch,
+            waiting,
+            len,
+        } = batch;
+        let corrections = waiting[..*len].iter().map(|waiting| {
+            let (_, over, residual) = waiting.correction?;
+            let slot = self.slot(waiting.index)?;
+            let grid = &self.interned_parameters.get(slot.interned).grid;
+            Some(LaneCorrection {
+                residual,
+                over,
+                grid,
+            })
+        });
+        let mut corrected = [None; PredictionX4::LANES];
+        batch.correct(corrections, |key, quantised| {
+            corrected[key as usize] = Some(quantised);
+        });
+        for (waiting, corrected) in waiting[..*len].iter().zip(corrected) {
+            let (Some(quantised), Some((predictor, ..))) = (corrected, waiting.correction) else {
+                continue;
+            };
+            if let Some(before) = self.slot(waiting.index).map(|slot| *slot.dense()) {
+                self.set_track(waiting.index, on_grid(tick, predictor, None, quantised));
+                out(waiting.index, before);
+            }
+        }
+        *len = 0;
+    }
+}
+
+/// Tracks that bodies have left: what is heard late may name a parent's.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct FormerTracks<'a> {
+    /// Those just before the present ones.
+    pub(crate) before: Option<&'a PreviousTracks>,
+    /// Those before these, with the indices of their bodies.
+    pub(crate) older: &'a [(u32, DenseTrack)],
+}
+
+/// What a correction is added to.
+#[derive(Clone, Copy, Debug)]
+struct PredictionBase {
+    /// How the body goes on.
+    predictor: Predictor,
+    /// In whose frame.
+    parent: Option<BodyId>,
+    /// What was predicted of it there.
+    predicted: Motion,
+    /// In what time that went divergence_time (RECKONING 4.4).
+    over: Seconds,
+}
+
+impl PredictionBase {
+    fn track(&self, tick: Tick, residual: &Residual, grid: &Grid) -> Track {
+        let quantised = residual.onto(&self.predicted, self.over, grid);
+        on_grid(tick, self.predictor, self.parent, quantised)
+    }
+}
+
+/// The track of a body that goes on so from a motion on its grid.
+fn on_grid(
+    tick: Tick,
+    predictor: Predictor,
+    parent: Option<BodyId>,
+    quantised: QuantisedState,
+) -> Track {
+    let resting = predictor == Predictor::Rest;
+    Track {
+        origin: tick,
+        predictor,
+        anchor: Anchor::Quantised(if resting {
+            quantised.stilled()
+        } else {
+            quantised
+        }),
+        parent,
+    }
+}

@@ -1,0 +1,464 @@
+//! Four predictions side by side, to the bits of one by one.
+//!
+//! For bodies that keep their axis of spin, which is most of them. Each lane does what [`Track::at`](crate::Track::at) does, operation by
+//! operation; where that branches, both ways are computed and one is kept.
+
+mod correction;
+
+use glam::{DQuat, DVec3};
+use wide::f64x4;
+
+use crate::dense::DenseTrack;
+use crate::exact::{ANGLE_LIMIT, COSINE, HALF_PI_HIGH, HALF_PI_LOW, SINE, TWO_OVER_PI};
+use crate::flow::StepConstants;
+use crate::motion::{Motion, Pose, Twist};
+use crate::predictor::{Conditions, Predictor, Pull};
+use crate::quantiser::Grid;
+use crate::tick::Tick;
+use crate::track::{Anchor, elapsed};
+
+pub use correction::LaneCorrection;
+
+/// Bodies side by side.
+const LANES: usize = 4;
+
+/// Up to four bodies that are to be predicted, number by number.
+#[derive(Clone, Debug, Default)]
+pub struct PredictionX4 {
+    len: usize,
+    keys: [u32; LANES],
+    position: [[f64; LANES]; 3],
+    /// Before it is normalised.
+    rotation: [[f64; LANES]; 4],
+    linear: [[f64; LANES]; 3],
+    angular: [[f64; LANES]; 3],
+    /// What pulls at it, gravity or a push.
+    gravity: [[f64; LANES]; 3],
+    /// See [`StepCoefficients`](crate::flow::StepCoefficients): `reach`, `velocity`, `fall`, `fall_velocity`, `spin`, and `turns`.
+    row: [[f64; LANES]; 8],
+    config: Option<StepConstants>,
+}
+
+/// Motions side by side.
+struct MotionX4 {
+    position: [f64x4; 3],
+    rotation: [f64x4; 4],
+    linear: [f64x4; 3],
+    angular: [f64x4; 3],
+}
+
+impl PredictionX4 {
+    /// How many bodies it takes.
+    pub const LANES: usize = LANES;
+
+    /// Takes a body in under a key, and returns `true`, if it can be predicted here and there is room: see [`Self::is_full`].
+    ///
+    /// The arguments are those of [`Track::at`](crate::Track::at); all bodies of a batch are of scenes that step alike.
+    #[must_use]
+    pub fn take(
+        &mut self,
+        key: u32,
+        track: &DenseTrack,
+        tick: Tick,
+        grid: &Grid,
+        conditions: &Conditions<'_>,
+    ) -> bool {
+        let is_torque_free = track.predictor().is_torque_free() && conditions.inertia.is_some();
+        if is_torque_free || track.predictor() == Predictor::Rest || self.is_full() {
+            return false;
+        }
+        let elapsed = conditions.flow.within(elapsed(track.origin(), tick));
+        let (row, config) = conditions.flow.row(elapsed);
+        // Below that already, which nobody sees at the stores below.
+        let lane = self.len % LANES;
+        let (pose, twist) = start(&track.anchor(), grid);
+        set3(&mut self.position, lane, pose.position);
+        set3(&mut self.linear, lane, twist.linear);
+        set3(&mut self.angular, lane, twist.angular);
+        // What does not fall is added a zero that changes no number, not even the sign of another zero.
+        let pull = track.predictor().pull(elapsed, conditions).unwrap_or(Pull {
+            acceleration: DVec3::splat(-0.0),
+            fall: row.fall,
+            fall_velocity: row.fall_velocity,
+        });
+        set3(&mut self.gravity, lane, pull.acceleration);
+        let DQuat { x, y, z, w } = pose.rotation;
+        self.rotation[0][lane] = x;
+        self.rotation[1][lane] = y;
+        self.rotation[2][lane] = z;
+        self.rotation[3][lane] = w;
+        let [s1, s3, s5] = row.turns;
+        let coefficients = [
+            row.reach,
+            row.velocity,
+            pull.fall,
+            pull.fall_velocity,
+            row.spin,
+            s1,
+            s3,
+            s5,
+        ];
+        for (place, coefficient) in coefficients.into_iter().enumerate() {
+            self.row[place][lane] = coefficient;
+        }
+        self.config = Some(*config);
+        self.keys[lane] = key;
+        self.len += 1;
+        true
+    }
+
+    /// Whether it takes no more before it has predicted.
+    #[must_use]
+    pub const fn is_full(&self) -> bool {
+        self.len == LANES
+    }
+
+    /// Predicts all that it took, hands each out under its key, and is empty.
+    pub fn predict(&mut self, mut out: impl FnMut(u32, Motion)) {
+        let Some(config) = self.config.take() else {
+            return;
+        };
+        let MotionX4 {
+            position,
+            rotation,
+            linear,
+            angular,
+        } = self.predicted(&config);
+        let (position, linear, angular) = (arrays(position), arrays(linear), arrays(angular));
+        let [x, y, z, w] = rotation;
+        let [x, y, z, w] = [x.to_array(), y.to_array(), z.to_array(), w.to_array()];
+        for lane in 0..self.len.min(LANES) {
+            let pose = Pose {
+                position: at3(&position, lane),
+                rotation: DQuat::from_xyzw(x[lane], y[lane], z[lane], w[lane]),
+            };
+            let twist = Twist {
+                linear: at3(&linear, lane),
+                angular: at3(&angular, lane),
+            };
+            out(self.keys[lane], Motion::from_checked(pose, twist));
+        }
+        self.len = 0;
+    }
+
+    /// All that it took, and what else lies in its lanes.
+    #[inline]
+    fn predicted(&self, config: &StepConstants) -> MotionX4 {
+        let position = lanes3(&self.position);
+        let (linear, gravity) = (lanes3(&self.linear), lanes3(&self.gravity));
+        let [reach, velocity, fall, fall_velocity] = first4(&self.row);
+        let went = |i: usize| (position[i] + linear[i] * reach) + gravity[i] * fall;
+        let goes = |i: usize| linear[i] * velocity + gravity[i] * fall_velocity;
+        let (rotation, angular) = self.spun(config);
+        MotionX4 {
+            position: [went(0), went(1), went(2)],
+            rotation,
+            linear: [goes(0), goes(1), goes(2)],
+            angular,
+        }
+    }
+
+    /// Rotations and spins (RECKONING 3.6).
+    fn spun(&self, config: &StepConstants) -> ([f64x4; 4], [f64x4; 3]) {
+        let [x, y, z] = lanes3(&self.angular);
+        let speed = (x * x + y * y + z * z).sqrt();
+        let [_, _, _, _, spin, s1, s3, s5] = &self.row;
+        let (spin, s1, s3, s5) = (lanes(spin), lanes(s1), lanes(s3), lanes(s5));
+        let u = speed * config.half_substep;
+        let u2 = u * u;
+        let series = s1 - u2 * (s3 / 3.0 - u2 * (s5 / 5.0));
+        let half_angle = (u * config.substeps) * series;
+        let said = normalised([
+            lanes(&self.rotation[0]),
+            lanes(&self.rotation[1]),
+            lanes(&self.rotation[2]),
+            lanes(&self.rotation[3]),
+        ]);
+        let (sine, cosine) = sin_cos(half_angle);
+        let k = sine / speed;
+        let turned = normalised(product([x * k, y * k, z * k, cosine], said));
+        let still = half_angle.simd_eq(f64x4::splat(0.0));
+        let kept = |place: usize| choose(still, said[place], turned[place]);
+        let rotation = [kept(0), kept(1), kept(2), kept(3)];
+        (rotation, [x * spin, y * spin, z * spin])
+    }
+}
+
+/// The motion that was said, its rotation not normalised yet.
+#[inline(always)]
+fn start(anchor: &Anchor, grid: &Grid) -> (Pose, Twist) {
+    match anchor {
+        Anchor::Exact(body_state) => body_state.raw(),
+        Anchor::Quantised(quantised) => quantised.raw(grid),
+    }
+}
+
+fn set3(to: &mut [[f64; LANES]; 3], lane: usize, from: DVec3) {
+    to[0][lane] = from.x;
+    to[1][lane] = from.y;
+    to[2][lane] = from.z;
+}
+
+fn at3(from: &[[f64; LANES]; 3], lane: usize) -> DVec3 {
+    DVec3::new(from[0][lane], from[1][lane], from[2][lane])
+}
+
+fn lanes(from: &[f64; LANES]) -> f64x4 {
+    f64x4::from(*from)
+}
+
+fn lanes3([x, y, z]: &[[f64; LANES]; 3]) -> [f64x4; 3] {
+    [lanes(x), lanes(y), lanes(z)]
+}
+
+fn arrays([x, y, z]: [f64x4; 3]) -> [[f64; LANES]; 3] {
+    [x.to_array(), y.to_array(), z.to_array()]
+}
+
+fn first4(row: &[[f64; LANES]; 8]) -> [f64x4; 4] {
+    [
+        lanes(&row[0]),
+        lanes(&row[1]),
+        lanes(&row[2]),
+        lanes(&row[3]),
+    ]
+}
+
+/// As [`exact::normalised`](crate::exact::normalised).
+fn normalised([x, y, z, w]: [f64x4; 4]) -> [f64x4; 4] {
+    let n = (x * x + y * y + z * z + w * w).sqrt();
+    [x / n, y / n, z / n, w / n]
+}
+
+/// As [`exact::product`](crate::exact::product).
+fn product(a: [f64x4; 4], b: [f64x4; 4]) -> [f64x4; 4] {
+    let ([ax, ay, az, aw], [bx, by, bz, bw]) = (a, b);
+    [
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    ]
+}
+
+/// Added and taken away again, this rounds a number below 2⁵¹ to a whole one.
+const ROUND: f64 = 6_755_399_441_055_744.0;
+
+/// The greatest whole number not above one below 2⁵¹.
+fn floor(x: f64x4) -> f64x4 {
+    let near = (x + ROUND) - ROUND;
+    near - (near.simd_gt(x) & f64x4::splat(1.0))
+}
+
+/// As [`exact::sin_cos`](crate::exact::sin_cos).
+fn sin_cos(x: f64x4) -> (f64x4, f64x4) {
+    let quarters = floor(x * TWO_OVER_PI + 0.5);
+    let r = (x - quarters * HALF_PI_HIGH) - quarters * HALF_PI_LOW;
+    let r2 = r * r;
+    let sine = r + r * (r2 * polynomial(&SINE, r2));
+    let cosine = r2 * polynomial(&COSINE, r2) + 1.0;
+    // Which of the four quarters it is: exact, since all of these are whole and small.
+    let quarter = quarters - floor(quarters * 0.25) * 4.0;
+    let is = |number: f64| quarter.simd_eq(f64x4::splat(number));
+    let odd = is(1.0) | is(3.0);
+    // One less two is the sign of a negative, one less nothing that of another.
+    let sign = |negative: f64x4| f64x4::splat(1.0) - (negative & f64x4::splat(2.0));
+    let first = choose(odd, cosine, sine) * sign(is(2.0) | is(3.0));
+    let second = choose(odd, sine, cosine) * sign(is(1.0) | is(2.0));
+    let in_range = x.abs().simd_le(f64x4::splat(ANGLE_LIMIT));
+    (
+        in_range & first,
+        choose(in_range, second, f64x4::splat(1.0)),
+    )
+}
+
+/// Lane by lane the one where the mask is set, and the other elsewhere.
+fn choose(mask: f64x4, one: f64x4, other: f64x4) -> f64x4 {
+    other ^ ((one ^ other) & mask)
+}
+
+/// Horner's rule from the highest coefficient down.
+fn polynomial(coefficients: &[f64], x: f64x4) -> f64x4 {
+    let mut sum = f64x4::splat(0.0);
+    for c in coefficients.iter().rev() {
+        sum = sum * x + *c;
+    }
+    sum
+}
+
+#[cfg(test)]
+mod tests {
+    use alloc::vec::Vec;
+    use core::num::NonZeroU32;
+
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::flow::{Damping, Integrator, StepCoefficientTable, TRACK_AGE_MAX};
+    use crate::quantiser::{
+        QuantisedState, RESIDUAL_LIMIT, Residual, TURN_LIMIT, VelocityResidual,
+    };
+    use crate::tick::{Rate, Ticks};
+    use crate::tolerance::Tolerance;
+    use crate::track::{BodyState, Track};
+    use crate::units::{Metres, Seconds};
+
+    fn vector(limit: f64) -> impl Strategy<Value = DVec3> {
+        (-limit..limit, -limit..limit, -limit..limit).prop_map(|(x, y, z)| DVec3::new(x, y, z))
+    }
+
+    fn track() -> impl Strategy<Value = Track> {
+        let spin = prop_oneof![Just(DVec3::ZERO), vector(9.0), vector(60.0), vector(1e8)];
+        let predictor = prop::sample::select(&Predictor::ALL[1..]);
+        let length = prop_oneof![Just(1.0_f32), 0.9995_f32..1.0005];
+        (
+            vector(1e3),
+            vector(3.0),
+            vector(30.0),
+            spin,
+            predictor,
+            any::<bool>(),
+            length,
+        )
+            .prop_map(
+                |(position, turn, linear, angular, predictor, quantised, length)| {
+                    let rotation = DQuat::from_scaled_axis(turn);
+                    let motion =
+                        Motion::new(Pose { position, rotation }, Twist { linear, angular });
+                    let motion = motion.unwrap();
+                    let anchor = if quantised || predictor.acceleration().is_some() {
+                        Anchor::Quantised(QuantisedState::of(&motion, &grid()))
+                    } else {
+                        let wide = rotation.as_quat().to_array().map(|part| part * length);
+                        let narrow = |v: DVec3| v.as_vec3().to_array();
+                        let body_state =
+                            BodyState::new(narrow(position), wide, narrow(linear), narrow(angular));
+                        Anchor::Exact(body_state.unwrap())
+                    };
+                    Track {
+                        origin: Tick::new(100),
+                        predictor,
+                        anchor,
+                        parent: None,
+                    }
+                },
+            )
+    }
+
+    fn grid() -> Grid {
+        Grid::new(Tolerance::NORMAL, Metres::new(0.5))
+    }
+
+    fn bits(motion: &Motion) -> Vec<u64> {
+        let (pose, twist) = (motion.pose(), motion.twist());
+        let all = [pose.position, twist.linear, twist.angular].map(|v| v.to_array());
+        let all = all
+            .iter()
+            .flatten()
+            .copied()
+            .chain(pose.rotation.to_array());
+        all.map(f64::to_bits).collect()
+    }
+
+    proptest! {
+        #[test]
+        fn x4_prediction_equals_scalar_prediction(
+            tracks in proptest::collection::vec((track(), 0_u64..1_400), 1..=4), damping in [0.0_f32..1.0, 0.0_f32..1.0],
+        ) {
+            let integrator = Integrator { rate: Rate::HZ_60, substeps: NonZeroU32::new(4).unwrap() };
+            let mut flow = StepCoefficientTable::new(integrator, Damping { linear: damping[0], angular: damping[1] });
+            flow.extend_to(TRACK_AGE_MAX);
+            let gravity = DVec3::new(0.1, -9.8, 0.0);
+            let conditions = Conditions { gravity, flow: &flow, inertia: None };
+            let mut batch = PredictionX4::default();
+            let mut expected = Vec::new();
+            for (key, (track, tick)) in (10..).zip(&tracks) {
+                let tick = Tick::new(*tick);
+                prop_assert!(batch.take(key, &DenseTrack::new(track), tick, &grid(), &conditions));
+                expected.push((key, bits(&track.at(tick, &grid(), &conditions))));
+            }
+            prop_assert_eq!(batch.is_full(), tracks.len() == 4);
+            let mut predicted = Vec::new();
+            batch.predict(|key, motion| predicted.push((key, bits(&motion))));
+            prop_assert_eq!(predicted, expected);
+            batch.predict(|_, _| unreachable!("it is empty"));
+        }
+    }
+
+    fn residual() -> impl Strategy<Value = Residual> {
+        let steps = |most: i32| proptest::array::uniform3(-most..=most);
+        let some = move |most: i32| prop_oneof![Just([0; 3]), steps(most), steps(3)];
+        let velocity =
+            (0..=3_u32, steps(400), steps(400)).prop_map(|(velocity_exponent, linear, angular)| {
+                VelocityResidual {
+                    velocity_exponent,
+                    linear,
+                    angular,
+                }
+            });
+        let velocity = proptest::option::of(velocity);
+        (some(RESIDUAL_LIMIT), some(TURN_LIMIT), velocity).prop_map(|(position, turn, velocity)| {
+            Residual {
+                position,
+                turn,
+                velocity,
+            }
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn x4_correction_equals_scalar_correction(
+            all in proptest::collection::vec(
+                (track(), 0_u64..1_400, residual(), 1_u32..1_100, prop_oneof![Just(0.5), 1e-3..1e3, Just(1e250)]), 1..=4,
+            ),
+        ) {
+            let integrator = Integrator { rate: Rate::HZ_60, substeps: NonZeroU32::new(4).unwrap() };
+            let mut flow = StepCoefficientTable::new(integrator, Damping { linear: 0.1, angular: 0.2 });
+            flow.extend_to(TRACK_AGE_MAX);
+            let gravity = DVec3::new(0.1, -9.8, 0.0);
+            let conditions = Conditions { gravity, flow: &flow, inertia: None };
+            let (mut batch, mut corrections, mut expected) = (PredictionX4::default(), Vec::new(), Vec::new());
+            let grids: Vec<Grid> = all.iter()
+                .map(|(.., radius)| Grid::new(Tolerance::NORMAL, Metres::new(*radius)))
+                .collect();
+            for (key, ((track, tick, residual, ticks, _), grid)) in (10..).zip(all.iter().zip(&grids)) {
+                let (tick, over) = (Tick::new(*tick), Seconds::new(f64::from(*ticks) / 60.0));
+                prop_assert!(batch.take(key, &DenseTrack::new(track), tick, grid, &conditions));
+                corrections.push(Some(LaneCorrection { residual, over, grid }));
+                expected.push((key, residual.onto(&track.at(tick, grid, &conditions), over, grid)));
+            }
+            let mut corrected = Vec::new();
+            batch.correct(corrections, |key, quantised| corrected.push((key, quantised)));
+            prop_assert_eq!(corrected, expected);
+            batch.predict(|_, _| unreachable!("it is empty"));
+        }
+    }
+
+    #[test]
+    fn resting_and_torque_free_tracks_are_refused() {
+        let integrator = Integrator {
+            rate: Rate::HZ_60,
+            substeps: NonZeroU32::new(4).unwrap(),
+        };
+        let flow = StepCoefficientTable::new(integrator, Damping::default());
+        let slab = crate::inertia::Inertia::new([1.0, 2.0, 2.9], [0.0, 0.0, 0.0, 1.0]).unwrap();
+        let conditions = Conditions {
+            gravity: DVec3::ZERO,
+            flow: &flow,
+            inertia: Some(&slab),
+        };
+        let anchor = Anchor::Quantised(QuantisedState::of(&Motion::IDENTITY, &grid()));
+        for predictor in [Predictor::Rest, Predictor::BallisticTorqueFree] {
+            let track = Track {
+                origin: Tick::ZERO,
+                predictor,
+                anchor,
+                parent: None,
+            };
+            let tick = Tick::ZERO + Ticks::new(1);
+            let track = DenseTrack::new(&track);
+            assert!(!PredictionX4::default().take(0, &track, tick, &grid(), &conditions));
+        }
+    }
+}

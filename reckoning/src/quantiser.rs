@@ -1,0 +1,596 @@
+//! The grids on which motions are said, and how a motion is put on them.
+//!
+//! What is predicted_motion is what was said: both ends compute the predicted_motion motion from the same integers, so that rounding
+//! never accumulates (RECKONING 4). Laws, tested below: a value on its grid quantises to itself; quantising errs by half a
+//! step at most; order is kept; beyond its limit a value saturates.
+
+use glam::{DQuat, DVec3};
+
+use crate::exact::{add3, floor_to_i32, normalised, product, scale3, turn_by};
+use crate::motion::{Motion, Pose, Twist};
+use crate::packed::PackedRotation;
+use crate::tolerance::Tolerance;
+use crate::units::{Metres, Seconds};
+
+/// Largest position on a grid, in fine steps: 2³⁰.
+pub const POSITION_LIMIT: i32 = 1 << 30;
+/// Largest velocity on a grid, in steps: 2²⁴.
+pub const VELOCITY_LIMIT: i32 = 1 << 24;
+/// Largest position that a residual may hold, in steps: 2²⁶, which is the whole of [`POSITION_LIMIT`].
+pub const RESIDUAL_LIMIT: i32 = 1 << 26;
+/// Largest turn that a residual may hold, in steps: 2¹⁰.
+pub const TURN_LIMIT: i32 = 1 << 10;
+
+/// Position step of a residual as a share of the tolerance. See ARCHITECTURE.md, "Grids", for this and the next two.
+const POSITION_SHARE: f64 = 0.5625;
+/// Turn step, as a share of the tolerance at the bounding radius.
+const TURN_SHARE: f64 = 0.5625;
+/// Velocity step, as a share of the tolerance per second.
+const VELOCITY_SHARE: f64 = 0.0625;
+/// Velocities of residuals are said in steps that are doubled so many times at most.
+pub const VELOCITY_EXPONENT_MAX: u32 = 12;
+/// Fine steps in a step of position: motions are kept in these, so that a residual of zero moves a body by next to
+/// nothing.
+pub const FINE_STEPS: i32 = 16;
+const _: () = assert!(RESIDUAL_LIMIT * FINE_STEPS <= POSITION_LIMIT);
+/// The coarsest turn step, radians, for bodies so small that any turn is within tolerance.
+const TURN_STEP_MAX: f64 = 0.25;
+/// The coarsest angular velocity step, rad/s, likewise.
+const ANGULAR_STEP_MAX: f64 = 4.0;
+
+/// The steps of one body's grids in one stream.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Grid {
+    position: f64,
+    fine: f64,
+    turn: f64,
+    linear: f64,
+    angular: f64,
+}
+
+impl Grid {
+    /// The grids of a body with this bounding radius under this tolerance (RECKONING 4.2).
+    #[must_use]
+    pub fn new(tolerance: Tolerance, radius: Metres) -> Self {
+        match tolerance {
+            Tolerance::Surface(length) => {
+                let (length, radius) = (length.metres().metres(), radius.metres());
+                let (position, linear) = (length * POSITION_SHARE, length * VELOCITY_SHARE);
+                Self {
+                    position,
+                    fine: position / f64::from(FINE_STEPS),
+                    turn: ((length * TURN_SHARE) / radius).min(TURN_STEP_MAX),
+                    linear,
+                    angular: (linear / radius).min(ANGULAR_STEP_MAX),
+                }
+            }
+            Tolerance::Parts { position, turn } => {
+                // Two parts share a length; a bound of its own is as good as twice as long a shared one.
+                let length = position.metres().metres() * 2.0;
+                let angle = turn.radians().radians() * 2.0;
+                let position = length * POSITION_SHARE;
+                Self {
+                    position,
+                    fine: position / f64::from(FINE_STEPS),
+                    turn: (angle * TURN_SHARE).min(TURN_STEP_MAX),
+                    linear: length * VELOCITY_SHARE,
+                    angular: (angle * VELOCITY_SHARE).min(ANGULAR_STEP_MAX),
+                }
+            }
+        }
+    }
+
+    /// One step of position in a residual, metres.
+    #[must_use]
+    pub const fn position(&self) -> f64 {
+        self.position
+    }
+
+    /// One step of position in a motion, metres: a sixteenth of [`Self::position`].
+    #[must_use]
+    pub const fn fine(&self) -> f64 {
+        self.fine
+    }
+
+    /// One step of turn, radians.
+    #[must_use]
+    pub const fn turn(&self) -> f64 {
+        self.turn
+    }
+
+    /// One step of linear velocity, m/s.
+    #[must_use]
+    pub const fn linear(&self) -> f64 {
+        self.linear
+    }
+
+    /// One step of angular velocity, rad/s.
+    #[must_use]
+    pub const fn angular(&self) -> f64 {
+        self.angular
+    }
+}
+
+/// The nearest grid point, halves upward, saturating at `limit`.
+fn quantise(value: f64, step: f64, limit: i32) -> i32 {
+    floor_to_i32(value / step + 0.5).clamp(-limit, limit)
+}
+
+/// A whole number as one, saturating at `limit`.
+#[inline(always)]
+pub(crate) fn whole(value: f64, limit: i32) -> i32 {
+    let limit = f64::from(limit);
+    // In range after the clamp, so the cast is exact.
+    value.clamp(-limit, limit) as i32
+}
+
+fn quantise3(value: DVec3, step: f64, limit: i32) -> [i32; 3] {
+    [
+        quantise(value.x, step, limit),
+        quantise(value.y, step, limit),
+        quantise(value.z, step, limit),
+    ]
+}
+
+fn value3(steps: [i32; 3], step: f64) -> DVec3 {
+    DVec3::new(
+        f64::from(steps[0]) * step,
+        f64::from(steps[1]) * step,
+        f64::from(steps[2]) * step,
+    )
+}
+
+/// A motion on its grid: what a stream says of a body that moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct QuantisedState {
+    /// In steps of [`Grid::fine`].
+    pub position: [i32; 3],
+    /// Smallest three.
+    pub rotation: PackedRotation,
+    /// In steps of the grid's linear velocity.
+    pub linear: [i32; 3],
+    /// In steps of the grid's angular velocity.
+    pub angular: [i32; 3],
+}
+
+impl QuantisedState {
+    /// The grid point nearest to a motion.
+    #[must_use]
+    pub fn of(motion: &Motion, grid: &Grid) -> Self {
+        let (pose, twist) = (motion.pose(), motion.twist());
+        Self {
+            position: Self::position_of(&pose, grid),
+            rotation: PackedRotation::of(pose.rotation),
+            linear: quantise3(twist.linear, grid.linear, VELOCITY_LIMIT),
+            angular: quantise3(twist.angular, grid.angular, VELOCITY_LIMIT),
+        }
+    }
+
+    /// The grid point nearest to a position.
+    #[must_use]
+    pub fn position_of(pose: &Pose, grid: &Grid) -> [i32; 3] {
+        quantise3(pose.position, grid.fine, POSITION_LIMIT)
+    }
+
+    /// The motion that these steps mean.
+    #[must_use]
+    pub fn motion(&self, grid: &Grid) -> Motion {
+        let (pose, twist) = self.raw(grid);
+        let rotation = normalised(pose.rotation);
+        Motion::from_checked(Pose { rotation, ..pose }, twist)
+    }
+
+    /// The same with its rotation not normalised yet.
+    pub(crate) fn raw(&self, grid: &Grid) -> (Pose, Twist) {
+        let pose = Pose {
+            position: value3(self.position, grid.fine),
+            rotation: self.rotation.unnormalised(),
+        };
+        (pose, self.twist(grid))
+    }
+
+    /// The same place, without velocities.
+    #[must_use]
+    pub fn stilled(self) -> Self {
+        Self {
+            linear: [0; 3],
+            angular: [0; 3],
+            ..self
+        }
+    }
+
+    /// The same place with the velocities that a residual makes of these, saturating at the limit.
+    #[must_use]
+    pub fn hastened(&self, by: &VelocityResidual) -> Self {
+        let [linear, angular] = by.steps();
+        Self {
+            linear: plus(self.linear, linear, VELOCITY_LIMIT),
+            angular: plus(self.angular, angular, VELOCITY_LIMIT),
+            ..*self
+        }
+    }
+
+    /// The velocities that these steps mean.
+    #[must_use]
+    pub fn twist(&self, grid: &Grid) -> Twist {
+        Twist {
+            linear: value3(self.linear, grid.linear),
+            angular: value3(self.angular, grid.angular),
+        }
+    }
+
+    /// Whether every part lies within its limit, as all that is decoded must.
+    #[must_use]
+    pub fn is_within_limits(&self) -> bool {
+        within(self.position, POSITION_LIMIT)
+            && within(self.linear, VELOCITY_LIMIT)
+            && within(self.angular, VELOCITY_LIMIT)
+    }
+}
+
+/// Without a branch between the three: nearly all are.
+fn within([x, y, z]: [i32; 3], limit: i32) -> bool {
+    // Limits are at most 2³⁰: what lies beyond one does not wrap back to within.
+    let one = |steps: i32| steps.wrapping_add(limit) as u32 <= 2 * limit as u32;
+    one(x) & one(y) & one(z)
+}
+
+/// What a motion differs by from a predicted one, in grid steps (RECKONING 4.4).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Residual {
+    /// Position steps.
+    pub position: [i32; 3],
+    /// Rotation vector from the predicted rotation, in turn steps, about the axes of the frame that positions are in.
+    pub turn: [i32; 3],
+    /// What the velocities differ by from those that the correction itself implies; nothing where those serve.
+    pub velocity: Option<VelocityResidual>,
+}
+
+/// What velocities differ by from implied ones, in steps of the grid that are doubled some times.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct VelocityResidual {
+    /// How many times the steps are doubled.
+    pub velocity_exponent: u32,
+    /// Such steps of linear velocity.
+    pub linear: [i32; 3],
+    /// Such steps of angular velocity.
+    pub angular: [i32; 3],
+}
+
+impl VelocityResidual {
+    /// In steps of the grid; within limits these are within [`VELOCITY_LIMIT`].
+    fn steps(&self) -> [[i32; 3]; 2] {
+        [
+            each(self.linear, |steps| steps << self.velocity_exponent),
+            each(self.angular, |steps| steps << self.velocity_exponent),
+        ]
+    }
+
+    /// What brings implied velocities nearest to those wanted, in the finest steps.
+    #[must_use]
+    pub fn finest(wanted: &Twist, implied: &QuantisedState, grid: &Grid) -> Self {
+        let linear = quantise3(wanted.linear, grid.linear, VELOCITY_LIMIT / 2);
+        let angular = quantise3(wanted.angular, grid.angular, VELOCITY_LIMIT / 2);
+        // Both within half the limit, so that the difference is within the whole.
+        let off = |wanted, implied| minus(wanted, clamped(implied, VELOCITY_LIMIT / 2));
+        Self {
+            velocity_exponent: 0,
+            linear: off(linear, implied.linear),
+            angular: off(angular, implied.angular),
+        }
+    }
+
+    /// Of the finest steps the nearest that are doubled so many times, at most [`VELOCITY_EXPONENT_MAX`].
+    #[must_use]
+    pub fn coarser(&self, velocity_exponent: u32) -> Self {
+        let velocity_exponent = velocity_exponent.min(VELOCITY_EXPONENT_MAX);
+        let coarse = |steps: i32| (steps + ((1 << velocity_exponent) >> 1)) >> velocity_exponent;
+        Self {
+            velocity_exponent,
+            linear: each(self.linear, coarse),
+            angular: each(self.angular, coarse),
+        }
+    }
+
+    /// Whether every part lies within its limit, as all that is decoded must.
+    #[must_use]
+    pub fn is_within_limits(&self) -> bool {
+        let limit = VELOCITY_LIMIT >> self.velocity_exponent.min(VELOCITY_EXPONENT_MAX);
+        self.velocity_exponent <= VELOCITY_EXPONENT_MAX
+            && within(self.linear, limit)
+            && within(self.angular, limit)
+    }
+}
+
+impl Residual {
+    /// How far truth is from a predicted motion, in steps of position and of turn, not rounded.
+    #[must_use]
+    pub fn wanted(truth: &Pose, predicted: &Pose, grid: &Grid) -> [DVec3; 2] {
+        let apart = truth.position - predicted.position;
+        let turn = rotation_vector(truth.rotation, predicted.rotation);
+        [
+            scale3(apart, 1.0 / grid.position),
+            scale3(turn, 1.0 / grid.turn),
+        ]
+    }
+
+    /// The residual of velocities that brings implied ones nearest to those wanted, in steps of this velocity_exponent.
+    #[must_use]
+    pub fn of_velocity(
+        wanted: &Twist,
+        implied: &QuantisedState,
+        grid: &Grid,
+        velocity_exponent: u32,
+    ) -> VelocityResidual {
+        VelocityResidual::finest(wanted, implied, grid).coarser(velocity_exponent)
+    }
+
+    /// The motion said by this residual on top of a predicted one (RECKONING 4.4).
+    ///
+    /// `over`: the time in which the prediction went divergence_time, by which the correction is a velocity; more than nothing.
+    #[must_use]
+    pub fn onto(&self, predicted: &Motion, over: Seconds, grid: &Grid) -> QuantisedState {
+        let position = QuantisedState::position_of(&predicted.pose(), grid);
+        let rotation = || PackedRotation::of(predicted.pose().rotation);
+        self.onto_place(predicted, (position, rotation), over, grid)
+    }
+
+    /// The same, where the grid point nearest to what was predicted is known already.
+    #[must_use]
+    pub fn onto_quantised(
+        &self,
+        predicted: &Motion,
+        (position, rotation): ([i32; 3], PackedRotation),
+        over: Seconds,
+        grid: &Grid,
+    ) -> QuantisedState {
+        self.onto_place(predicted, (position, || rotation), over, grid)
+    }
+
+    fn onto_place(
+        &self,
+        predicted: &Motion,
+        (position, rotation): ([i32; 3], impl FnOnce() -> PackedRotation),
+        over: Seconds,
+        grid: &Grid,
+    ) -> QuantisedState {
+        let (pose, twist) = (predicted.pose(), predicted.twist());
+        let turned = value3(self.turn, grid.turn);
+        let [p, q, r] = self.turn;
+        let rotation = if p | q | r == 0 {
+            rotation()
+        } else {
+            PackedRotation::of(normalised(product(turn_by(turned), pose.rotation)))
+        };
+        let rate = 1.0 / over.seconds();
+        let linear = add3(
+            twist.linear,
+            scale3(value3(self.position, grid.position), rate),
+        );
+        let angular = add3(twist.angular, scale3(turned, rate));
+        self.onto_implied(QuantisedState {
+            position,
+            rotation,
+            linear: quantise3(linear, grid.linear, VELOCITY_LIMIT),
+            angular: quantise3(angular, grid.angular, VELOCITY_LIMIT),
+        })
+    }
+
+    /// The same, where all but the position is what the correction has made of it, and the velocities are those implied.
+    pub(crate) fn onto_implied(&self, from: QuantisedState) -> QuantisedState {
+        let [x, y, z] = self.position;
+        let fine = |steps: i32| steps.saturating_mul(FINE_STEPS);
+        let fine = [fine(x), fine(y), fine(z)];
+        let implied = QuantisedState {
+            position: plus(from.position, fine, POSITION_LIMIT),
+            ..from
+        };
+        match &self.velocity {
+            Some(velocity) => implied.hastened(velocity),
+            None => implied,
+        }
+    }
+
+    /// Whether every part lies within its limit, as all that is decoded must.
+    #[must_use]
+    pub fn is_within_limits(&self) -> bool {
+        let velocity = self.velocity.unwrap_or_default();
+        within(self.position, RESIDUAL_LIMIT)
+            && within(self.turn, TURN_LIMIT)
+            && velocity.is_within_limits()
+    }
+}
+
+fn clamped(steps: [i32; 3], limit: i32) -> [i32; 3] {
+    each(steps, |step| step.clamp(-limit, limit))
+}
+
+/// Written out, since `map` of an array stays a call here.
+fn each([a, b, c]: [i32; 3], then: impl Fn(i32) -> i32) -> [i32; 3] {
+    [then(a), then(b), then(c)]
+}
+
+/// Component by component, of numbers within half a velocity's limit.
+fn minus(a: [i32; 3], b: [i32; 3]) -> [i32; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+/// Component by component, saturating at the limit, which is at most 2³⁰.
+fn plus(a: [i32; 3], b: [i32; 3], limit: i32) -> [i32; 3] {
+    let one = |i: usize| a[i].saturating_add(b[i]).clamp(-limit, limit);
+    [one(0), one(1), one(2)]
+}
+
+/// The shortest turn that leads from one rotation to another, as axis times angle, world frame, radians.
+///
+/// Only the sender computes it, so that it need not be exact.
+fn rotation_vector(to: DQuat, from: DQuat) -> DVec3 {
+    let turn = product(to, crate::exact::conjugate(from));
+    let sign = if turn.w < 0.0 { -1.0 } else { 1.0 };
+    let axis = scale3(DVec3::new(turn.x, turn.y, turn.z), sign);
+    let sine = crate::exact::length3(axis);
+    if sine == 0.0 {
+        return DVec3::ZERO;
+    }
+    let angle = 2.0 * libm::atan2(sine, turn.w * sign);
+    scale3(axis, angle / sine)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::divergence::Divergence;
+    use crate::units::Radians;
+    use proptest::prelude::*;
+
+    fn unit_quaternion() -> impl Strategy<Value = DQuat> {
+        proptest::array::uniform4(-1.0_f64..1.0)
+            .prop_filter("too short to normalise", |q| {
+                q.iter().map(|c| c * c).sum::<f64>() > 1e-3
+            })
+            .prop_map(|q| DQuat::from_array(q).normalize())
+    }
+
+    fn vector(limit: f64) -> impl Strategy<Value = DVec3> {
+        (-limit..limit, -limit..limit, -limit..limit).prop_map(|(x, y, z)| DVec3::new(x, y, z))
+    }
+
+    fn motion() -> impl Strategy<Value = Motion> {
+        (vector(1e4), unit_quaternion(), vector(50.0), vector(30.0)).prop_map(
+            |(position, rotation, linear, angular)| {
+                Motion::new(Pose { position, rotation }, Twist { linear, angular }).unwrap()
+            },
+        )
+    }
+
+    fn grid() -> impl Strategy<Value = Grid> {
+        (1_000_u32..10_000_000, 0.001_f64..100.0).prop_map(|(micrometres, radius)| {
+            Grid::new(
+                Tolerance::from_micrometres(micrometres).unwrap(),
+                Metres::new(radius),
+            )
+        })
+    }
+
+    /// The residual that is rounded to the nearest steps, without velocities.
+    fn nearest(truth: &Motion, predicted: &Motion, grid: &Grid) -> Residual {
+        let [position, turn] = Residual::wanted(&truth.pose(), &predicted.pose(), grid);
+        let round = |v: DVec3| v.to_array().map(|x| x.round() as i32);
+        Residual {
+            position: round(position),
+            turn: round(turn),
+            velocity: None,
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_value_on_its_grid_quantises_to_itself(steps in -POSITION_LIMIT..=POSITION_LIMIT, grid in grid()) {
+            prop_assert_eq!(quantise(f64::from(steps) * grid.fine, grid.fine, POSITION_LIMIT), steps);
+        }
+
+        #[test]
+        fn quantising_errs_by_half_a_step_at_most(x in -1e5_f64..1e5, grid in grid()) {
+            let steps = quantise(x, grid.position, POSITION_LIMIT);
+            if steps.abs() < POSITION_LIMIT {
+                prop_assert!((f64::from(steps) * grid.position - x).abs() <= grid.position * (0.5 + 1e-6));
+            }
+        }
+
+        #[test]
+        fn order_is_kept(a in -1e6_f64..1e6, b in -1e6_f64..1e6, grid in grid()) {
+            let (low, high) = if a < b { (a, b) } else { (b, a) };
+            prop_assert!(quantise(low, grid.linear, VELOCITY_LIMIT) <= quantise(high, grid.linear, VELOCITY_LIMIT));
+        }
+
+        #[test]
+        fn a_packed_rotation_quantises_to_itself(q in unit_quaternion()) {
+            let packed = PackedRotation::of(q);
+            prop_assert_eq!(PackedRotation::of(packed.value()), packed);
+            let (largest, others) = packed.parts();
+            prop_assert_eq!(PackedRotation::from_parts(largest, others), Some(packed));
+        }
+
+        #[test]
+        fn a_packed_rotation_is_near(q in unit_quaternion()) {
+            let truth = Pose { position: DVec3::ZERO, rotation: q };
+            let said = Pose { position: DVec3::ZERO, rotation: PackedRotation::of(q).value() };
+            prop_assert!(Divergence::between(&truth, &said).turn().radians() < 9.4e-6);
+        }
+
+        #[test]
+        fn a_residual_leads_within_tolerance(
+            truth in motion(), predicted in motion(), micrometres in 5_000_u32..200_000, turn in 0.0005_f64..3.0,
+        ) {
+            let surface = Tolerance::from_micrometres(micrometres).unwrap();
+            let position = surface.length().unwrap();
+            let radius = Metres::new(0.5);
+            for tolerance in [surface, Tolerance::parts(position, Radians::new(turn)).unwrap()] {
+                let grid = Grid::new(tolerance, radius);
+                let residual = nearest(&truth, &predicted, &grid);
+                if residual.is_within_limits() {
+                    let said = residual.onto(&predicted, Seconds::new(0.1), &grid).motion(&grid);
+                    let apart = Divergence::between(&truth.pose(), &said.pose());
+                    prop_assert!(tolerance.share(&apart, radius) <= 1.0, "{apart:?}");
+                }
+            }
+        }
+
+        #[test]
+        fn velocities_that_are_said_arrive(truth in motion(), predicted in motion(), grid in grid()) {
+            let mut residual = nearest(&truth, &predicted, &grid);
+            prop_assume!(residual.is_within_limits());
+            let implied = residual.onto(&predicted, Seconds::new(0.1), &grid);
+            let wanted = QuantisedState::of(&truth, &grid);
+            residual.velocity = Some(Residual::of_velocity(&truth.twist(), &implied, &grid, 0));
+            let said = residual.onto(&predicted, Seconds::new(0.1), &grid);
+            let far = |steps: [i32; 3]| steps.iter().any(|s| s.abs() > VELOCITY_LIMIT / 2);
+            prop_assume!(!far(implied.linear) && !far(implied.angular));
+            prop_assert_eq!((said.linear, said.angular), (wanted.linear, wanted.angular));
+        }
+
+        #[test]
+        fn a_correction_implies_the_velocity_that_made_it_necessary(linear in vector(20.0), steps in 1_u32..20) {
+            let grid = Grid::new(Tolerance::EXACT, Metres::new(0.5));
+            let over = Seconds::new(f64::from(steps) / 60.0);
+            let position = scale3(linear, over.seconds());
+            let truth = Motion::new(Pose { position, rotation: DQuat::IDENTITY }, Twist::ZERO).unwrap();
+            let residual = nearest(&truth, &Motion::IDENTITY, &grid);
+            let implied = residual.onto(&Motion::IDENTITY, over, &grid).motion(&grid);
+            // Half a step of position in that time, and half a step of velocity.
+            let slack = grid.position() / over.seconds() + grid.linear();
+            prop_assert!((implied.twist().linear - linear).length() <= slack);
+        }
+    }
+
+    #[test]
+    fn beyond_the_limit_a_value_saturates() {
+        assert_eq!(quantise(1e300, 1e-3, POSITION_LIMIT), POSITION_LIMIT);
+        assert_eq!(quantise(-1e300, 1e-3, POSITION_LIMIT), -POSITION_LIMIT);
+    }
+
+    #[test]
+    fn ties_between_components_have_one_form() {
+        let half = 0.5_f64;
+        let root = half.sqrt();
+        for q in [
+            [half, half, half, half],
+            [root, root, 0.0, 0.0],
+            [0.0, -root, 0.0, root],
+            [-half, half, -half, half],
+        ] {
+            let packed = PackedRotation::of(DQuat::from_array(q));
+            assert_eq!(PackedRotation::of(packed.value()), packed);
+        }
+    }
+
+    #[test]
+    fn invalid_rotations_are_refused() {
+        assert_eq!(PackedRotation::from_parts(4, [0; 3]), None);
+        assert_eq!(
+            PackedRotation::from_parts(0, [PackedRotation::LIMIT; 3]),
+            None
+        );
+        assert_eq!(PackedRotation::from_parts(0, [i32::MIN; 3]), None);
+    }
+}

@@ -1,0 +1,222 @@
+//! What is_torque_free does so as an engine's steps and physics have it.
+//!
+//! Proof: against those steps written down plainly, in the world's frame and with whole inertia tensors; against the
+//! predictor that keeps its spin, where moments are equal; by angular momentum and energy.
+
+use core::num::NonZeroU32;
+
+use glam::{DMat3, DQuat, DVec3};
+use proptest::prelude::*;
+use rhumb_reckoning::{
+    Conditions, Damping, Divergence, Inertia, Integrator, Metres, Motion, Pose, Predictor, Rate,
+    RotationCursor, StepCoefficientTable, TRACK_AGE_MAX, Ticks, Twist,
+};
+
+/// Ticks in five seconds.
+const FIVE_SECONDS: u32 = 300;
+
+fn table(substeps: u32, damping: Damping) -> StepCoefficientTable {
+    let integrator = Integrator {
+        rate: Rate::HZ_60,
+        substeps: NonZeroU32::new(substeps).expect("not zero"),
+    };
+    let mut table = StepCoefficientTable::new(integrator, damping);
+    table.extend_to(TRACK_AGE_MAX);
+    table
+}
+
+fn in_weightlessness<'a>(flow: &'a StepCoefficientTable, inertia: &'a Inertia) -> Conditions<'a> {
+    Conditions {
+        gravity: DVec3::ZERO,
+        flow,
+        inertia: Some(inertia),
+    }
+}
+
+fn vector(limit: f64) -> impl Strategy<Value = DVec3> {
+    (-limit..limit, -limit..limit, -limit..limit).prop_map(|(x, y, z)| DVec3::new(x, y, z))
+}
+
+fn rotation() -> impl Strategy<Value = DQuat> {
+    proptest::array::uniform4(-1.0_f64..1.0)
+        .prop_filter("too short to normalise", |q| {
+            q.iter().map(|c| c * c).sum::<f64>() > 1e-3
+        })
+        .prop_map(|q| DQuat::from_array(q).normalize())
+}
+
+/// Moments that a solid can have: none exceeds the sum of the others.
+fn solid() -> impl Strategy<Value = Inertia> {
+    ([0.2_f32..3.0, 0.2_f32..3.0, 0.2_f32..3.0], rotation()).prop_map(|([a, b, c], frame)| {
+        let frame = frame.to_array().map(|part| part as f32);
+        Inertia::new([a + b, b + c, c + a], frame).expect("within bounds")
+    })
+}
+
+fn spinning() -> impl Strategy<Value = Motion> {
+    (rotation(), vector(8.0)).prop_map(|(rotation, angular)| moving(rotation, angular))
+}
+
+fn moving(rotation: DQuat, angular: DVec3) -> Motion {
+    let pose = Pose {
+        rotation,
+        ..Pose::IDENTITY
+    };
+    let twist = Twist {
+        linear: DVec3::ZERO,
+        angular,
+    };
+    Motion::new(pose, twist).expect("a motion")
+}
+
+/// The inertia tensor of a body turned like this, world frame.
+fn tensor(inertia: &Inertia, rotation: DQuat) -> DMat3 {
+    let frame = DQuat::from_array(inertia.frame().map(f64::from)).normalize();
+    let axes = DMat3::from_quat(rotation * frame);
+    let moments = DVec3::from_array(inertia.moments().map(f64::from));
+    axes * DMat3::from_diagonal(moments) * axes.transpose()
+}
+
+/// The engine's steps, plainly: an explicit gyroscopic torque, momentum back to its length, the cap, a linear turn.
+fn stepped_plainly(
+    start: &Motion,
+    ticks: u32,
+    inertia: &Inertia,
+    substeps: u32,
+    damping: f64,
+) -> Motion {
+    let dt = 1.0 / 60.0;
+    let h = dt / f64::from(substeps);
+    let (mut q, mut w) = (start.pose().rotation, start.twist().angular);
+    for _ in 0..ticks {
+        for _ in 0..substeps {
+            let tensor = tensor(inertia, q);
+            let momentum = tensor * w;
+            let changed = momentum - w.cross(momentum) * h;
+            if changed.length() > 0.0 {
+                w = tensor.inverse() * (changed * (momentum.length() / changed.length()));
+            }
+            w = w.clamp_length_max(core::f64::consts::FRAC_PI_4 / dt);
+            let half = w * (h * 0.5);
+            q = (DQuat::from_xyzw(half.x, half.y, half.z, 1.0) * q).normalize();
+        }
+        w /= 1.0 + dt * damping;
+    }
+    moving(q, w)
+}
+
+fn apart(a: &Motion, b: &Motion) -> f64 {
+    let turn = Divergence::between(&a.pose(), &b.pose()).surface_error(Metres::new(1.0));
+    turn.metres() + (a.twist().angular - b.twist().angular).length()
+}
+
+proptest! {
+    #[test]
+    fn a_torque_free_is_what_the_engines_steps_give(
+        start in spinning(), inertia in solid(), ticks in 0..FIVE_SECONDS, substeps in 1_u32..9, damping in 0.0_f32..0.5,
+    ) {
+        let flow = table(substeps, Damping { linear: 0.0, angular: damping });
+        let told = Predictor::TorqueFree.predict(&start, Ticks::new(ticks), &in_weightlessness(&flow, &inertia));
+        let plain = stepped_plainly(&start, ticks, &inertia, substeps, f64::from(damping));
+        // Near its middle axis a body doubles what rounding did to it several times a turn.
+        prop_assert!(apart(&told, &plain) < 1e-7, "{} at {ticks}", apart(&told, &plain));
+    }
+
+    #[test]
+    fn the_engines_cap_holds(start in spinning(), inertia in solid(), faster in 1.0_f64..30.0) {
+        let start = moving(start.pose().rotation, start.twist().angular * faster);
+        let flow = table(4, Damping::default());
+        for ticks in [1, 2, 7] {
+            let told = Predictor::BallisticTorqueFree.predict(&start, Ticks::new(ticks), &in_weightlessness(&flow, &inertia));
+            prop_assert!(told.twist().angular.length() < core::f64::consts::FRAC_PI_4 * 60.0 + 1e-9);
+            let plain = stepped_plainly(&start, ticks, &inertia, 4, 0.0);
+            prop_assert!(apart(&told, &plain) < 1e-9, "{}", apart(&told, &plain));
+        }
+    }
+
+    #[test]
+    fn equal_moments_keep_the_spin(
+        rotation in rotation(), frame in rotation(), angular in vector(2.5), moment in 0.01_f32..100.0,
+        ticks in 0..FIVE_SECONDS, damping in 0.0_f32..0.5,
+    ) {
+        let flow = table(4, Damping { linear: 0.0, angular: damping });
+        let ball = Inertia::new([moment; 3], frame.to_array().map(|part| part as f32)).unwrap();
+        let conditions = in_weightlessness(&flow, &ball);
+        let start = moving(rotation, angular);
+        let ends = [Predictor::TorqueFree, Predictor::Uniform].map(|predictor| predictor.predict(&start, Ticks::new(ticks), &conditions));
+        prop_assert!(apart(&ends[0], &ends[1]) < 1e-9, "{}", apart(&ends[0], &ends[1]));
+    }
+
+    #[test]
+    fn momentum_keeps_its_length_and_energy_nearly_so(start in spinning(), inertia in solid(), ticks in 1..FIVE_SECONDS) {
+        let flow = table(4, Damping::default());
+        let end = Predictor::TorqueFree.predict(&start, Ticks::new(ticks), &in_weightlessness(&flow, &inertia));
+        let momentum = |m: &Motion| tensor(&inertia, m.pose().rotation) * m.twist().angular;
+        let (before, after) = (momentum(&start).length(), momentum(&end).length());
+        prop_assert!((after / before - 1.0).abs() < 1e-9);
+        let energy = |m: &Motion| 0.5 * m.twist().angular.dot(momentum(m));
+        // Energy is bounded by momentum, and the engine's map drifts within those bounds.
+        prop_assert!(energy(&end) <= energy_most(&inertia, before) * (1.0 + 1e-9));
+        let slow = start.twist().angular.length() * f64::from(ticks) < 100.0;
+        prop_assert!(!slow || (energy(&end) / energy(&start) - 1.0).abs() < 0.2);
+    }
+
+    #[test]
+    fn a_body_tumbles_on_from_where_it_is(
+        start in spinning(), inertia in solid(), first in 0_u32..200, then in 0_u32..200,
+    ) {
+        let flow = table(4, Damping::default());
+        let conditions = in_weightlessness(&flow, &inertia);
+        let tumbled = |from: &Motion, ticks| Predictor::TorqueFree.predict(from, Ticks::new(ticks), &conditions);
+        let there = tumbled(&start, first + then);
+        prop_assert!(apart(&tumbled(&tumbled(&start, first), then), &there) < 1e-7);
+    }
+
+    #[test]
+    fn a_cursor_asked_back_and_forth_gives_the_same_bits(
+        starts in [spinning(), spinning()], inertia in solid(), asked in proptest::collection::vec((any::<bool>(), 0_u32..400), 1..40),
+    ) {
+        let flow = table(4, Damping { linear: 0.1, angular: 0.1 });
+        let conditions = in_weightlessness(&flow, &inertia);
+        let mut cursor = RotationCursor::default();
+        for (which, ticks) in asked {
+            let (start, ticks) = (&starts[usize::from(which)], Ticks::new(ticks));
+            let kept = Predictor::TorqueFree.predict_with(start, ticks, &conditions, &mut cursor);
+            prop_assert_eq!(kept, Predictor::TorqueFree.predict(start, ticks, &conditions));
+        }
+    }
+}
+
+/// The energy of a body that turns about the axis of its least moment with this angular momentum.
+fn energy_most(inertia: &Inertia, momentum: f64) -> f64 {
+    let least = inertia.moments().into_iter().fold(f32::MAX, f32::min);
+    0.5 * momentum * momentum / f64::from(least)
+}
+
+#[test]
+fn without_known_moments_a_spin_is_kept_to_the_bit() {
+    let flow = table(4, Damping::default());
+    let start = moving(DQuat::from_rotation_y(0.3), DVec3::new(1.0, 2.0, 3.0));
+    let unknown = Conditions {
+        gravity: DVec3::NEG_Y,
+        flow: &flow,
+        inertia: None,
+    };
+    let end = |predictor: Predictor| predictor.predict(&start, Ticks::new(77), &unknown);
+    assert_eq!(end(Predictor::TorqueFree), end(Predictor::Uniform));
+    assert_eq!(
+        end(Predictor::BallisticTorqueFree),
+        end(Predictor::Ballistic)
+    );
+}
+
+#[test]
+fn a_rod_ballistic_torque_free_askew_wanders_about_its_momentum() {
+    let flow = table(4, Damping::default());
+    let rod = Inertia::new([1.0, 0.1, 1.0], Inertia::OWN_AXES).unwrap();
+    let start = moving(DQuat::IDENTITY, DVec3::new(1.0, 3.0, 0.0));
+    let end =
+        Predictor::TorqueFree.predict(&start, Ticks::new(60), &in_weightlessness(&flow, &rod));
+    let kept = Predictor::Uniform.predict(&start, Ticks::new(60), &in_weightlessness(&flow, &rod));
+    assert!(apart(&end, &kept) > 0.5, "{}", apart(&end, &kept));
+}

@@ -1,0 +1,76 @@
+//! What is said of a body to those who lack it: what it is, and a track.
+//!
+//! Pure functions of a scene; who is told is decided in `room`.
+
+use rhumb_protocol::message::SceneEvent;
+use rhumb_protocol::scene::{BodyDesc, BodyKind};
+use rhumb_protocol::stream::{Activity, Observation, PredictionParameters};
+use rhumb_reckoning::{Anchor, BodyId, BodyState, Predictor, Tick, Track};
+
+use crate::scene::Scene;
+
+/// That a body is in a scene, and moves so.
+pub(crate) fn scene_event(
+    scene: &Scene,
+    config: BodyDesc,
+    track: Track,
+    alias: Option<u32>,
+) -> SceneEvent {
+    SceneEvent::BodyPlaced {
+        config,
+        inertia: scene.inertia(config.id),
+        track,
+        alias,
+    }
+}
+
+/// What predictors need to know of a body of a scene.
+pub(crate) fn parameters(scene: &Scene, id: BodyId) -> Option<PredictionParameters> {
+    let config = scene.body(id)?;
+    let shape = scene.shape(config.shape)?;
+    let damping = scene.config().damping;
+    Some(PredictionParameters::of(
+        config,
+        shape,
+        damping,
+        scene.inertia(id),
+    ))
+}
+
+/// What is predicted_motion of a body before anything was said of it.
+pub(crate) fn first_track(
+    tick: Tick,
+    observation: &Observation,
+    kind: BodyKind,
+    tumbles: bool,
+) -> Track {
+    let predictor = match (observation.activity, kind) {
+        (Activity::Asleep, _) | (_, BodyKind::Static) => Predictor::Rest,
+        (Activity::Awake, BodyKind::Dynamic) if tumbles => Predictor::BallisticTorqueFree,
+        (Activity::Awake, BodyKind::Dynamic) => Predictor::Ballistic,
+        (Activity::Awake, BodyKind::Kinematic) => Predictor::Uniform,
+    };
+    let resting = predictor == Predictor::Rest;
+    let motion: BodyState = observation.motion;
+    Track {
+        origin: tick,
+        predictor,
+        anchor: Anchor::Exact(if resting { motion.stilled() } else { motion }),
+        parent: None,
+    }
+}
+
+/// Every body of a scene as it is now, in order of index.
+pub(crate) fn everything(scene: &Scene) -> Vec<(BodyId, PredictionParameters, Track, BodyState)> {
+    let mut observations = Vec::new();
+    scene.observe_all(&mut observations);
+    let first = |observation: &Observation| {
+        let id = observation.id;
+        let kind = scene.body(id)?.kind;
+        let parameters = parameters(scene, id)?;
+        let tumbles = parameters.inertia.is_some();
+        let track = first_track(scene.tick(), observation, kind, tumbles);
+        Some((id, parameters, track, observation.motion))
+    };
+    observations.iter().filter_map(first).collect()
+}

@@ -1,0 +1,49 @@
+//! Tells an operator for whom a stream's budget does not suffice
+
+use rhumb_protocol::stream::{OverBudget, Publisher};
+use rhumb_reckoning::{Tick, Ticks};
+use tracing::Level;
+
+/// What was told of a stream's budget.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct OverBudgetLog {
+    /// Bodies waited for a word then.
+    waited: bool,
+    /// None: nothing yet.
+    told: Option<Tick>,
+}
+
+impl OverBudgetLog {
+    /// Logs when a budget does not suffice, and who is worst off for it, and when it suffices again: a line a second at most.
+    /// Whoever is off for it is logged by itself where every trace is asked for.
+    pub(crate) fn log_once_a_second(&mut self, publisher: &Publisher, second: Ticks) {
+        let (stream, tick) = (publisher.stream(), publisher.tick());
+        let waits = |since: Tick| tick.since(since).unwrap_or_default().count();
+        if tracing::enabled!(Level::TRACE) {
+            for OverBudget { body, share, since } in publisher.over_budget() {
+                if share > 1.0 {
+                    let ticks = waits(since);
+                    tracing::trace!(%stream, %tick, %body, share, ticks, cause = "budget", "a body is off");
+                }
+            }
+        }
+        let waiting = publisher.waiting();
+        let since_told = self.told.and_then(|told| tick.since(told));
+        let quiet = since_told.is_some_and(|ticks| ticks < second);
+        if quiet || (waiting == 0 && !self.waited) {
+            return;
+        }
+        *self = Self {
+            waited: waiting > 0,
+            told: Some(tick),
+        };
+        let Some(worst) = publisher.worst_waiting() else {
+            let over_budget = publisher.statistics().over_budget;
+            tracing::info!(%stream, over_budget, "the budget suffices again");
+            return;
+        };
+        let OverBudget { body, share, since } = worst;
+        let ticks = waits(since);
+        tracing::info!(%stream, waiting, %body, share, ticks, cause = "budget", "bodies wait for a word");
+    }
+}

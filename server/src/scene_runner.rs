@@ -1,0 +1,538 @@
+//! One scene with its members: applies wishes, steps, says what came of it.
+//!
+//! Neither sockets nor threads: the host feeds it requests and moments. Order of a tick: wishes, step, observe, send.
+
+mod authority;
+mod leader;
+mod subscriptions;
+
+use std::collections::{BTreeMap, VecDeque};
+
+use bytes::Bytes;
+use rhumb_protocol::limits::{
+    ADVANCE_TICKS_MAX, GRANT, MEMBERS_PER_SCENE_MAX, PENDING_COMMANDS_MAX, SILENCE_MS_MAX,
+};
+use rhumb_protocol::message::{
+    Denial, Extensions, Inspection, Joined, RemovalCause, SceneEvent, ServerMessage, StreamChoice,
+};
+use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::scene::{Command, CommandError, SceneConfig, Stepping};
+use rhumb_protocol::session::CloseCode;
+use rhumb_protocol::stream::{Activity, Observation, StreamStart};
+use rhumb_protocol::{Instant, Peer, Span};
+use rhumb_reckoning::{Tick, Ticks};
+
+use crate::authority_table::AuthorityTable;
+use crate::body_placement;
+use crate::grants::Grants;
+use crate::member::{Member, PendingCommand, SnapshotRequest};
+use crate::outbox::Outbox;
+use crate::scene::Scene;
+use crate::snapshot::snapshot;
+use crate::stream_names::StreamNames;
+use crate::streams::{PublishContext, Stream, StreamSource, Streams};
+use crate::times::{Marks, Times};
+
+/// Reads the host's clock between the stages of a tick.
+pub(crate) type Stopwatch<'a> = &'a dyn Fn() -> Instant;
+
+/// One scene with its members.
+pub(crate) struct SceneRunner {
+    scene: Scene,
+    members: BTreeMap<Peer, Member>,
+    streams: Streams,
+    names: StreamNames,
+    grants: Grants,
+    authority_table: AuthorityTable,
+    scene_events: u64,
+    /// SceneEvents given since they were last handed to the members.
+    unsent: Vec<u8>,
+    target: Tick,
+    /// What was said while steps are still owed to an earlier advance.
+    waiting: VecDeque<(Peer, PendingCommand)>,
+    next_step: Option<Instant>,
+    last_step: Instant,
+    times: Times,
+    faulted: bool,
+    /// Whether a client of another protocol says when it steps and ends.
+    led: bool,
+}
+
+/// A free-running scene that is later than so many steps lets time go slower instead of catching up.
+const CATCH_UP_STEPS: u64 = 5;
+
+impl SceneRunner {
+    /// `names`: what its streams will be called.
+    pub(crate) fn new(scene: Scene, names: StreamNames) -> Self {
+        let target = scene.tick();
+        let streams = Streams::new(scene.config().publish_schedule);
+        Self {
+            scene,
+            members: BTreeMap::new(),
+            streams,
+            names,
+            grants: Grants::default(),
+            authority_table: AuthorityTable::default(),
+            scene_events: 0,
+            unsent: Vec::new(),
+            target,
+            waiting: VecDeque::new(),
+            next_step: None,
+            last_step: Instant::ZERO,
+            times: Times::default(),
+            faulted: false,
+            led: false,
+        }
+    }
+
+    pub(crate) fn config(&self) -> &SceneConfig {
+        self.scene.config()
+    }
+
+    pub(crate) fn members(&self) -> impl Iterator<Item = Peer> {
+        self.members.keys().copied()
+    }
+
+    /// When the next step is due: at once in a scene that was told to advance, never in one that nobody sees.
+    pub(crate) fn next_step(&self) -> Option<Instant> {
+        if self.faulted {
+            return None;
+        }
+        match self.config().stepping {
+            Stepping::Lockstep => (self.scene.tick() < self.target).then_some(Instant::ZERO),
+            Stepping::FreeRunning => self.next_step,
+        }
+    }
+
+    /// Makes a client a member; it hears the whole scene, then the stream.
+    pub(crate) fn join(
+        &mut self,
+        now: Instant,
+        peer: Peer,
+        choice: StreamChoice,
+        out: &mut Outbox,
+    ) -> Result<(), Denial> {
+        if self.faulted {
+            return Err(Denial::SceneFaulted);
+        }
+        if self.members.len() >= MEMBERS_PER_SCENE_MAX {
+            return Err(Denial::TooManyMembers);
+        }
+        let stream = match self.streams.subscribe(choice)? {
+            Some(stream) => stream,
+            None => self.begin_stream(choice),
+        };
+        if let Err(denial) = self.grant(peer, GRANT) {
+            self.streams.unsubscribe(stream, peer);
+            return Err(denial);
+        }
+        self.send_scene_events(out);
+        self.members.insert(peer, Member::new(stream, choice));
+        self.send_snapshot(peer, out);
+        if self.next_step.is_none() {
+            self.last_step = now;
+            self.next_step = Some(now + self.step());
+        }
+        Ok(())
+    }
+
+    /// A name for a stream that begins now.
+    fn new_stream(&mut self) -> StreamId {
+        let (streams, authority_table) = (&self.streams, &self.authority_table);
+        self.names
+            .next(|name| streams.get(name).is_some() || authority_table.has(name))
+    }
+
+    fn begin_stream(&mut self, choice: StreamChoice) -> StreamId {
+        let id = self.new_stream();
+        let source = StreamSource::new(choice, id, &self.scene);
+        let stream = self.streams.begin(choice, source);
+        for (id, parameters, track, motion) in body_placement::everything(&self.scene) {
+            stream.place(id, &parameters, track, motion);
+        }
+        id
+    }
+
+    fn grant(&mut self, peer: Peer, count: u32) -> Result<rhumb_protocol::scene::IdRange, Denial> {
+        let scene = &self.scene;
+        self.grants
+            .grant(peer, count, &|range| scene.vacancy(range))
+            .ok_or(Denial::NoIndicesLeft)
+    }
+
+    /// Says where the stream begins, and every shape and body.
+    fn send_snapshot(&mut self, peer: Peer, out: &mut Outbox) {
+        let granted = match self.grants.first(peer) {
+            Some(range) => range,
+            None => return,
+        };
+        if let Some(member) = self.members.get(&peer) {
+            self.streams.begin_snapshot(member.stream(), peer);
+        }
+        let Some(stream) = self.stream_of(peer) else {
+            return;
+        };
+        let start = StreamStart {
+            stream: stream.id(),
+            tolerance: stream.tolerance(),
+            integrator: self.config().integrator,
+            publish_interval: self.config().publish_schedule.publish_interval,
+            gravity: self.scene.gravity(),
+            tick: stream.tick(),
+            next: stream.next_number(),
+            scene_events: self.scene_events,
+        };
+        let joined = Joined {
+            choice: stream.choice,
+            config: *self.config(),
+            start,
+            granted,
+            extensions: Extensions::NONE,
+        };
+        out.send(peer, &ServerMessage::Joined(joined));
+        let snapshot = snapshot(&self.scene, stream);
+        out.send_encoded(peer, &Bytes::from(snapshot));
+    }
+
+    fn stream_of(&self, peer: Peer) -> Option<&Stream> {
+        let member = self.members.get(&peer)?;
+        self.streams.get(member.stream())
+    }
+
+    /// A client is a member no longer. Its bodies stay; what it requested_authority behind an advance that is not reached yet goes.
+    pub(crate) fn leave(&mut self, peer: Peer) {
+        self.waiting.retain(|(sender, _)| *sender != peer);
+        self.authority_table.end(peer);
+        if let Some(member) = self.members.remove(&peer) {
+            for stream in member.streams() {
+                self.streams.unsubscribe(stream, peer);
+            }
+            self.grants.retire(peer);
+        }
+        if self.members.is_empty() {
+            self.next_step = None;
+        }
+    }
+
+    pub(crate) fn reserve(&mut self, peer: Peer, count: u32, out: &mut Outbox) {
+        let answer = match self.grant(peer, count) {
+            Ok(range) => ServerMessage::Reserved(range),
+            Err(denial) => ServerMessage::Denied(denial),
+        };
+        out.send(peer, &answer);
+    }
+
+    /// Applies one command, or says why not; later if steps are still owed to an earlier advance.
+    pub(crate) fn command(
+        &mut self,
+        peer: Peer,
+        number: u64,
+        command: Result<Command, CommandError>,
+        out: &mut Outbox,
+    ) {
+        self.enqueue(peer, PendingCommand::Command { number, command }, out);
+    }
+
+    /// Lets a lockstep scene step to a tick, after what was asked for before.
+    pub(crate) fn advance(&mut self, peer: Peer, to: Tick, out: &mut Outbox) {
+        self.enqueue(peer, PendingCommand::Advance { to }, out);
+    }
+
+    /// A member says what it says only once it has the scene.
+    fn note_activity(&mut self, peer: Peer) {
+        if let Some(member) = self.members.get_mut(&peer) {
+            member.link.note_message();
+        }
+    }
+
+    fn enqueue(&mut self, peer: Peer, pending_command: PendingCommand, out: &mut Outbox) {
+        self.note_activity(peer);
+        let owed = self.config().stepping == Stepping::Lockstep && self.scene.tick() < self.target;
+        if !owed || self.faulted {
+            return self.apply_pending_command(peer, pending_command, out);
+        }
+        if self.waiting.len() < PENDING_COMMANDS_MAX {
+            self.waiting.push_back((peer, pending_command));
+        } else if let Some(session) = out.session(peer) {
+            session.close(CloseCode::LIMIT);
+        }
+    }
+
+    /// Grants what waited, up to the next advance that steps are owed to.
+    fn apply_pending(&mut self, out: &mut Outbox) {
+        while self.faulted || self.scene.tick() >= self.target {
+            let Some((peer, pending_command)) = self.waiting.pop_front() else {
+                break;
+            };
+            if self.members.contains_key(&peer) {
+                self.apply_pending_command(peer, pending_command, out);
+            }
+        }
+        self.answer_pending(out);
+    }
+
+    fn apply_pending_command(
+        &mut self,
+        peer: Peer,
+        pending_command: PendingCommand,
+        out: &mut Outbox,
+    ) {
+        match pending_command {
+            PendingCommand::Command { number, command } => {
+                if let Err(error) = command.and_then(|command| self.apply(peer, &command)) {
+                    out.send(peer, &ServerMessage::Refused { number, error });
+                }
+                if let Some(member) = self.members.get_mut(&peer) {
+                    member.unanswered = Some(number);
+                }
+            }
+            PendingCommand::Advance { to } => match self.check_advance(to) {
+                Some(denial) => out.send(peer, &ServerMessage::Denied(denial)),
+                None => self.target = self.target.max(to),
+            },
+            PendingCommand::TakeAuthority(drive) => self.grant_authority(peer, &drive, out),
+            PendingCommand::Upstream(packet) => self.handle_upstream(peer, &packet, out),
+        }
+    }
+
+    fn check_advance(&self, to: Tick) -> Option<Denial> {
+        let too_far = to.value() > self.scene.tick().value() + ADVANCE_TICKS_MAX;
+        match self.config().stepping {
+            Stepping::FreeRunning => Some(Denial::NotLockstep),
+            Stepping::Lockstep if self.led => Some(Denial::Led),
+            Stepping::Lockstep if self.faulted => Some(Denial::SceneFaulted),
+            Stepping::Lockstep if too_far => Some(Denial::TooFarAhead),
+            Stepping::Lockstep => None,
+        }
+    }
+
+    fn apply(&mut self, peer: Peer, command: &Command) -> Result<(), CommandError> {
+        if self.faulted {
+            return Err(CommandError::SceneFaulted);
+        }
+        if let Command::AddBody { config, .. } = command
+            && !self.grants.allows(peer, config.id)
+        {
+            return Err(CommandError::NotGranted(config.id));
+        }
+        self.check_not_under_authority(command)?;
+        self.scene.apply(command)?;
+        let tick = self.scene.tick();
+        match *command {
+            Command::AddShape { id, ref shape } => {
+                let shape = shape.clone();
+                self.record_event(SceneEvent::ShapeAdded { id, shape });
+            }
+            Command::RemoveShape { id } => self.record_event(SceneEvent::ShapeRemoved { id }),
+            Command::AddBody { config, motion } => {
+                let observation = Observation {
+                    id: config.id,
+                    motion,
+                    activity: Activity::Awake,
+                };
+                let tumbles = self.scene.inertia(config.id).is_some();
+                let track = body_placement::first_track(tick, &observation, config.kind, tumbles);
+                if let Some(parameters) = body_placement::parameters(&self.scene, config.id) {
+                    self.streams.place(config.id, &parameters, track, motion);
+                }
+                self.record_event(body_placement::scene_event(
+                    &self.scene,
+                    config,
+                    track,
+                    None,
+                ));
+            }
+            Command::RemoveBody { id } => {
+                self.streams.remove(id);
+                self.authority_table.remove(id);
+                let cause = RemovalCause::Command;
+                self.record_event(SceneEvent::BodyRemoved { id, cause });
+            }
+            Command::AddJoint { id, joint } => {
+                self.record_event(SceneEvent::JointAdded { id, joint })
+            }
+            Command::RemoveJoint { id } => self.record_event(SceneEvent::JointRemoved { id }),
+            Command::SetGravity { gravity } => {
+                self.streams.change_gravity(tick, gravity);
+                self.record_event(SceneEvent::GravityChanged {
+                    since: tick,
+                    gravity,
+                });
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn record_event(&mut self, scene_event: SceneEvent) {
+        self.scene_events += 1;
+        ServerMessage::SceneEvent(scene_event).encode(&mut self.unsent);
+    }
+
+    /// Hands new scene_events to every member, encoded once.
+    fn send_scene_events(&mut self, out: &mut Outbox) {
+        if self.unsent.is_empty() {
+            return;
+        }
+        let messages = Bytes::from(std::mem::take(&mut self.unsent));
+        for peer in self.members.keys() {
+            out.send_encoded(*peer, &messages);
+        }
+    }
+
+    /// All that a member sent at once was looked at: says what came of it.
+    pub(crate) fn answer_pending(&mut self, out: &mut Outbox) {
+        self.send_scene_events(out);
+        let pending_snapshots: Vec<(Peer, SnapshotRequest)> = self
+            .members
+            .iter_mut()
+            .filter_map(|(peer, member)| Some((*peer, member.snapshot_request.take()?)))
+            .collect();
+        for (peer, snapshot_request) in pending_snapshots {
+            match self.begin_snapshot_change(peer, snapshot_request) {
+                Ok(()) => self.send_snapshot(peer, out),
+                Err(denial) => out.send(peer, &ServerMessage::Denied(denial)),
+            }
+        }
+        let tick = self.scene.tick();
+        for (peer, member) in &mut self.members {
+            if let Some(through) = member.unanswered.take() {
+                out.send(*peer, &ServerMessage::Applied { through, tick });
+            }
+        }
+    }
+
+    /// Steps if a step is due.
+    pub(crate) fn handle_timeout(&mut self, now: Instant, clock: Stopwatch<'_>, out: &mut Outbox) {
+        if self.next_step().is_none_or(|due| due > now) {
+            return;
+        }
+        if let Some(due) = self.next_step {
+            let step = self.step();
+            let late_by = now.since(due).as_nanos();
+            let kept = late_by <= step.as_nanos() * CATCH_UP_STEPS;
+            self.next_step = Some(if kept { due + step } else { now + step });
+        }
+        self.last_step = now;
+        self.tick(clock, out);
+        if self.config().stepping == Stepping::FreeRunning {
+            let send = |peer, question| out.datagram(peer, question);
+            self.authority_table
+                .poll_requests(now, self.scene.tick(), send);
+        }
+        self.apply_pending(out);
+    }
+
+    /// Spoken ticks of silence within which a stream watermarks: each tick where a member waits for it.
+    fn watermark_within(&self) -> u32 {
+        let rate = self.config().integrator.rate;
+        match self.config().stepping {
+            Stepping::Lockstep => 1,
+            Stepping::FreeRunning => {
+                let ticks = rate.ticks() * SILENCE_MS_MAX / (1_000 * rate.seconds());
+                (ticks / self.config().publish_schedule.publish_interval).max(1)
+            }
+        }
+    }
+
+    fn ticks_per_second(&self) -> Ticks {
+        let rate = self.config().integrator.rate;
+        Ticks::new((rate.ticks() / rate.seconds()).max(1))
+    }
+
+    fn step(&self) -> Span {
+        Span::from_nanos(self.config().integrator.rate.step_ns())
+    }
+
+    /// One tick: truth, belief, words.
+    fn tick(&mut self, clock: Stopwatch<'_>, out: &mut Outbox) {
+        let begun = clock();
+        self.authority_table.set_targets(&mut self.scene);
+        let stepped = match self.scene.step() {
+            Ok(stepped) => stepped,
+            Err(_) => return self.fault(out),
+        };
+        let after_step = clock();
+        for error in stepped.refused {
+            tracing::warn!(%error, "the scene goes on without it");
+        }
+        for (id, cause) in stepped.removed {
+            self.streams.remove(id);
+            self.authority_table.remove(id);
+            self.record_event(SceneEvent::BodyRemoved { id, cause });
+        }
+        self.streams
+            .observe(self.scene.tick(), self.scene.observations());
+        let observed = clock();
+        self.streams.publish(&PublishContext {
+            scene_events: self.scene_events,
+            watermark_within: self.watermark_within(),
+            second: self.ticks_per_second(),
+        });
+        self.send_scene_events(out);
+        for (peer, member) in &self.members {
+            for stream in member.streams() {
+                for packet in self.streams.packets(stream, *peer) {
+                    out.datagram(*peer, packet.clone());
+                }
+            }
+        }
+        self.times.add(Marks {
+            begun,
+            stepped: after_step,
+            observed,
+            published: clock(),
+        });
+    }
+
+    /// The engine failed: everyone is told, and nothing moves any more.
+    fn fault(&mut self, out: &mut Outbox) {
+        self.faulted = true;
+        self.next_step = None;
+        let tick = self.scene.tick();
+        tracing::error!(
+            tick = tick.value(),
+            "the engine failed; the scene stands still"
+        );
+        self.record_event(SceneEvent::SceneFaulted { tick });
+        self.send_scene_events(out);
+    }
+
+    pub(crate) fn pong(&mut self, now: Instant, peer: Peer, sent: Instant, out: &mut Outbox) {
+        self.note_activity(peer);
+        let pong = ServerMessage::Pong {
+            sent,
+            tick: self.scene.tick(),
+            since_tick_ns: now.since(self.last_step).as_nanos(),
+        };
+        out.send(peer, &pong);
+    }
+
+    pub(crate) fn inspect(&self, peer: Peer, out: &mut Outbox) {
+        let Some(stream) = self.stream_of(peer) else {
+            return;
+        };
+        let said = stream.statistics();
+        let inspection = Inspection {
+            tick: self.scene.tick(),
+            truth: self.scene.digest().value(),
+            bodies: self.scene.body_count() as u32,
+            awake: self.scene.awake_count() as u32,
+            updates: said.updates,
+            packets: said.packets,
+            packet_bytes: said.bytes,
+            resynced: stream.resynced,
+            over_budget: said.over_budget,
+            times: self.times.summary(),
+        };
+        out.send(peer, &ServerMessage::Inspection(inspection));
+    }
+
+    /// The scene is gone: members hear it.
+    pub(crate) fn end(mut self, out: &mut Outbox) {
+        for peer in self.members.keys() {
+            self.authority_table.end(*peer);
+            out.send(*peer, &ServerMessage::Deleted);
+        }
+    }
+}

@@ -1,0 +1,145 @@
+//! What members do with the bodies that they drive.
+
+use rhumb_protocol::Peer;
+use rhumb_protocol::message::{AuthorityError, AuthorityGrant, ServerMessage, TakeAuthority};
+use rhumb_protocol::scene::{BodyKind, Command, CommandError, Stepping};
+use rhumb_protocol::session::UpstreamReceiver;
+use rhumb_reckoning::BodyId;
+
+use super::SceneRunner;
+use crate::authority_table::UpstreamStatistics;
+use crate::body_placement;
+use crate::member::PendingCommand;
+use crate::outbox::Outbox;
+
+impl SceneRunner {
+    /// A member snapshot_request to drive bodies in place of those that it drove before.
+    pub(crate) fn take_authority(&mut self, peer: Peer, drive: TakeAuthority, out: &mut Outbox) {
+        self.enqueue(peer, PendingCommand::TakeAuthority(drive), out);
+    }
+
+    /// A member says on the control stream how its bodies move: before the steps that it asks for behind it.
+    pub(crate) fn upstream(&mut self, peer: Peer, packet: Vec<u8>, out: &mut Outbox) {
+        if self.config().stepping == Stepping::Lockstep {
+            self.enqueue(peer, PendingCommand::Upstream(packet), out);
+        }
+    }
+
+    /// The same by a datagram. Where members lead, what came at another moment in another run would be another truth.
+    pub(crate) fn handle_upstream_datagram(
+        &mut self,
+        peer: Peer,
+        datagram: &[u8],
+        out: &mut Outbox,
+    ) {
+        if self.config().stepping == Stepping::FreeRunning {
+            self.handle_upstream(peer, datagram, out);
+        }
+    }
+
+    pub(super) fn handle_upstream(&mut self, peer: Peer, packet: &[u8], out: &mut Outbox) {
+        if !self
+            .authority_table
+            .handle_datagram(peer, packet, self.scene.tick())
+        {
+            self.authority_table.end(peer);
+            tracing::debug!(peer = peer.0, "lost touch with a driver");
+            out.send(
+                peer,
+                &ServerMessage::AuthorityDenied(AuthorityError::LostSync),
+            );
+        }
+    }
+
+    pub(super) fn grant_authority(&mut self, peer: Peer, drive: &TakeAuthority, out: &mut Outbox) {
+        // Who is told where a body begins must have heard that there is one.
+        self.send_scene_events(out);
+        let answer = match self.begin_authority(peer, drive) {
+            Ok(authority) => ServerMessage::AuthorityGrant(authority),
+            Err(error) => {
+                tracing::debug!(peer = peer.0, %error, "may not drive");
+                ServerMessage::AuthorityDenied(error)
+            }
+        };
+        out.send(peer, &answer);
+    }
+
+    fn begin_authority(
+        &mut self,
+        peer: Peer,
+        drive: &TakeAuthority,
+    ) -> Result<AuthorityGrant, AuthorityError> {
+        if self.faulted {
+            return Err(AuthorityError::SceneFaulted);
+        }
+        let mut bodies = Vec::with_capacity(drive.bodies.len());
+        for id in &drive.bodies {
+            self.check_authority(peer, *id)?;
+            let now = self.scene.observation(*id);
+            let motion = now.ok_or(AuthorityError::UnknownBody(*id))?.motion;
+            bodies.push((*id, motion));
+        }
+        let stream = self.new_stream();
+        let authority = AuthorityGrant {
+            stream,
+            tick: self.scene.tick(),
+            bodies,
+        };
+        let scene = &self.scene;
+        let integrator = scene.config().integrator;
+        let parameters = |id| body_placement::parameters(scene, id);
+        let driven = UpstreamReceiver::new(&authority, drive.tolerance, integrator, parameters);
+        self.authority_table.begin(peer, driven);
+        for (id, motion) in &authority.bodies {
+            // What was commanded before and is not done yet is over.
+            let pose = motion.motion().pose();
+            let stands = self.scene.apply(&Command::SetPose {
+                id: *id,
+                position: pose.position.as_vec3(),
+                rotation: pose.rotation.as_quat(),
+            });
+            debug_assert!(stands.is_ok(), "a body may be where it is");
+        }
+        let bodies = authority.bodies.len();
+        tracing::debug!(peer = peer.0, bodies, stream = %stream, "authority_table from now on");
+        Ok(authority)
+    }
+
+    fn check_authority(&self, peer: Peer, id: BodyId) -> Result<(), AuthorityError> {
+        let config = self.scene.body(id).ok_or(AuthorityError::UnknownBody(id))?;
+        if config.kind != BodyKind::Kinematic {
+            return Err(AuthorityError::NotKinematic(id));
+        }
+        if self
+            .grants
+            .parent_candidate(id)
+            .is_some_and(|parent_candidate| parent_candidate != peer)
+        {
+            return Err(AuthorityError::NotYours(id));
+        }
+        if self
+            .authority_table
+            .driver(id)
+            .is_some_and(|driver| driver != peer)
+        {
+            return Err(AuthorityError::HeldByAnother(id));
+        }
+        Ok(())
+    }
+
+    /// Who authority_table a body alone says where it is.
+    pub(super) fn check_not_under_authority(&self, command: &Command) -> Result<(), CommandError> {
+        match *command {
+            Command::SetPose { id, .. } | Command::SetVelocity { id, .. }
+                if self.authority_table.driver(id).is_some() =>
+            {
+                Err(CommandError::UnderAuthority(id))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    pub(crate) fn upstream_statistics(&self) -> impl Iterator<Item = UpstreamStatistics> {
+        self.authority_table.statistics(self.scene.tick())
+    }
+}

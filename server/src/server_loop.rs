@@ -1,0 +1,369 @@
+//! A server without sockets: connections on one side, scenes on the other.
+//!
+//! Routes each request to the scene that its connection is about. The real driver and the simulated network drive it
+//! alike. It reads no clock but the stopwatch it is given, and that only to measure.
+
+use std::collections::BTreeMap;
+
+use rhumb_protocol::limits::SCENES_MAX;
+use rhumb_protocol::message::{Denial, Grease, ServerMessage};
+use rhumb_protocol::packet::{ChecksumMismatch, Head, LossReport, PacketKind};
+use rhumb_protocol::scene::{SceneConfig, SceneName};
+use rhumb_protocol::session::{Request, ServerSession};
+use rhumb_protocol::wire::Wire;
+use rhumb_protocol::wire::bytes::Reader;
+use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
+
+use crate::app::{AppOptions, Guests};
+use crate::authority_table::UpstreamStatistics;
+use crate::engine::Workers;
+use crate::hook::Hooks;
+use crate::outbox::Outbox;
+use crate::scene::Scene;
+use crate::scene_runner::SceneRunner;
+use crate::stream_names::StreamNames;
+
+/// What a connection is about, and whether its client is a member.
+#[derive(Debug)]
+struct Connection {
+    scene: Option<SceneName>,
+    member: bool,
+}
+
+/// All scenes of one server process and all connections to them.
+pub struct ServerLoop {
+    pub(crate) runners: BTreeMap<SceneName, SceneRunner>,
+    connections: BTreeMap<Peer, Connection>,
+    pub(crate) out: Outbox,
+    pub(crate) guests: Guests,
+    scenes_begun: u32,
+    hooks: Option<Hooks>,
+    workers: Workers,
+    pub(crate) stopwatch: Box<dyn Fn() -> Instant + Send>,
+}
+
+impl ServerLoop {
+    /// A server without scenes. `stopwatch` measures the stages of a tick; it need not be the clock of the driver.
+    pub fn new(stopwatch: impl Fn() -> Instant + Send + 'static) -> Self {
+        Self {
+            runners: BTreeMap::new(),
+            connections: BTreeMap::new(),
+            out: Outbox::default(),
+            guests: Guests::default(),
+            scenes_begun: 0,
+            hooks: None,
+            workers: Workers::default(),
+            stopwatch: Box::new(stopwatch),
+        }
+    }
+
+    /// Gives scenes that are created from now on their hooks.
+    pub fn attach(&mut self, hooks: Hooks) {
+        self.hooks = Some(hooks);
+    }
+
+    /// Speaks so to clients of the paper's protocol.
+    pub fn configure_app(&mut self, options: AppOptions) {
+        self.guests.configure(options);
+    }
+
+    /// Has scenes that are created from now on stepped by these threads.
+    pub fn employ(&mut self, workers: Workers) {
+        self.workers = workers;
+    }
+
+    /// Names of the scenes that exist.
+    pub fn scenes(&self) -> impl Iterator<Item = &SceneName> {
+        self.runners.keys()
+    }
+
+    /// How the bodies of a scene are doing that members drive.
+    pub fn drives(&self, scene: &SceneName) -> impl Iterator<Item = UpstreamStatistics> {
+        let runner = self.runners.get(scene).into_iter();
+        runner.flat_map(SceneRunner::upstream_statistics)
+    }
+
+    fn handle_request(&mut self, now: Instant, peer: Peer, request: Request) {
+        let Some(connection) = self.connections.get_mut(&peer) else {
+            return;
+        };
+        let Some(name) = connection.scene.clone() else {
+            if let Request::Hello { scene } = request {
+                let config = self.runners.get(&scene).map(|runner| *runner.config());
+                connection.scene = Some(scene);
+                if let Some(session) = self.out.session(peer) {
+                    session.welcome(config);
+                }
+            }
+            return;
+        };
+        match request {
+            Request::Create(config) => {
+                let answer = match self.create(&name, config) {
+                    Ok(()) => ServerMessage::Created,
+                    Err(denial) => ServerMessage::Denied(denial),
+                };
+                self.out.send(peer, &answer);
+            }
+            Request::Join(choice) => {
+                let joined = match self.runners.get_mut(&name) {
+                    Some(runner) => runner.join(now, peer, choice, &mut self.out),
+                    None => Err(Denial::NoSuchScene),
+                };
+                match joined {
+                    Ok(()) => self.note_member(peer),
+                    Err(denial) => self.out.send(peer, &ServerMessage::Denied(denial)),
+                }
+            }
+            Request::Delete => self.delete(peer, &name),
+            Request::Subscribe(choice) => {
+                if let Some(runner) = self.runners.get_mut(&name) {
+                    runner.subscribe(peer, choice);
+                }
+            }
+            Request::TakeAuthority(drive) => {
+                if let Some(runner) = self.runners.get_mut(&name) {
+                    runner.take_authority(peer, drive, &mut self.out);
+                }
+            }
+            request => self.handle_scene_request(now, peer, &name, request),
+        }
+    }
+
+    /// What a member asks of its scene, and the time, which anybody may ask.
+    fn handle_scene_request(
+        &mut self,
+        now: Instant,
+        peer: Peer,
+        name: &SceneName,
+        request: Request,
+    ) {
+        let out = &mut self.out;
+        let Some(runner) = self.runners.get_mut(name) else {
+            if let Request::Ping(sent) = request {
+                let (tick, since_tick_ns) = (rhumb_reckoning::Tick::ZERO, 0);
+                let pong = ServerMessage::Pong {
+                    sent,
+                    tick,
+                    since_tick_ns,
+                };
+                out.send(peer, &pong);
+            } else {
+                out.send(peer, &ServerMessage::Denied(Denial::NoSuchScene));
+            }
+            return;
+        };
+        // Answers come in the order of what they answer; what was commanded before is answered when it is converged.
+        if matches!(
+            request,
+            Request::Leave | Request::Reserve(_) | Request::Ping(_) | Request::Inspect
+        ) {
+            runner.answer_pending(out);
+        }
+        match request {
+            Request::Leave => {
+                runner.leave(peer);
+                out.send(peer, &ServerMessage::Left);
+                if let Some(connection) = self.connections.get_mut(&peer) {
+                    connection.member = false;
+                }
+            }
+            Request::Reserve(count) => runner.reserve(peer, count, out),
+            Request::Command { number, command } => runner.command(peer, number, command, out),
+            Request::Advance(to) => runner.advance(peer, to, out),
+            Request::Resync => runner.resync(peer),
+            Request::Subscribed(stream) => runner.subscribed(peer, stream),
+            Request::TierPolicy(tier_policy) => runner.set_tier_policy(peer, tier_policy),
+            Request::Upstream(packet) => runner.upstream(peer, packet, out),
+            Request::Ping(sent) => runner.pong(now, peer, sent, out),
+            Request::Inspect => runner.inspect(peer, out),
+            Request::Hello { .. }
+            | Request::Create(_)
+            | Request::Join(_)
+            | Request::Subscribe(_)
+            | Request::TakeAuthority(_)
+            | Request::Delete => {}
+        }
+    }
+
+    fn note_member(&mut self, peer: Peer) {
+        if let Some(connection) = self.connections.get_mut(&peer) {
+            connection.member = true;
+        }
+    }
+
+    pub(crate) fn create(&mut self, name: &SceneName, config: SceneConfig) -> Result<(), Denial> {
+        if self.runners.contains_key(name) {
+            return Err(Denial::SceneExists);
+        }
+        if self.runners.len() >= SCENES_MAX {
+            return Err(Denial::TooManyScenes);
+        }
+        let mut scene = Scene::on(config, &self.workers).map_err(Denial::InvalidConfig)?;
+        if let Some(hook) = self
+            .hooks
+            .as_mut()
+            .and_then(|hooks| hooks.of(name, &config))
+        {
+            scene.attach(hook);
+        }
+        let names = StreamNames::of_scene(self.scenes_begun);
+        self.scenes_begun = self.scenes_begun.wrapping_add(1);
+        self.runners
+            .insert(name.clone(), SceneRunner::new(scene, names));
+        tracing::info!(scene = %name, "scene created");
+        Ok(())
+    }
+
+    fn delete(&mut self, peer: Peer, name: &SceneName) {
+        if self.runners.get(name).is_some_and(SceneRunner::is_led) {
+            let denial = ServerMessage::Denied(Denial::Led);
+            return self.out.send(peer, &denial);
+        }
+        if !self.runners.contains_key(name) {
+            let denial = ServerMessage::Denied(Denial::NoSuchScene);
+            return self.out.send(peer, &denial);
+        }
+        let connection = self.connections.get(&peer);
+        let asked_by_member = connection.is_some_and(|connection| connection.member);
+        self.end_scene(name);
+        if !asked_by_member {
+            self.out.send(peer, &ServerMessage::Deleted);
+        }
+    }
+
+    /// A scene is gone; its members hear it.
+    pub(crate) fn end_scene(&mut self, name: &SceneName) {
+        let Some(runner) = self.runners.remove(name) else {
+            return;
+        };
+        for member in runner.members() {
+            if let Some(connection) = self.connections.get_mut(&member) {
+                connection.member = false;
+            }
+        }
+        runner.end(&mut self.out);
+        tracing::info!(scene = %name, "scene deleted");
+    }
+
+    /// The runner of which a peer is a member.
+    fn runner_of(&mut self, peer: Peer) -> Option<&mut SceneRunner> {
+        let connection = self.connections.get(&peer)?;
+        let name = connection.scene.as_ref().filter(|_| connection.member)?;
+        self.runners.get_mut(name)
+    }
+
+    fn leave(&mut self, peer: Peer) {
+        if let Some(runner) = self.runner_of(peer) {
+            runner.leave(peer);
+        }
+    }
+}
+
+impl Endpoint for ServerLoop {
+    fn handle_opened(&mut self, now: Instant, peer: Peer) {
+        let connection = Connection {
+            scene: None,
+            member: false,
+        };
+        self.connections.insert(peer, connection);
+        // Any number does that is seldom twice the same.
+        let seed = now.as_nanos() ^ peer.0.rotate_left(48);
+        self.out.open(peer, Grease::new(seed));
+    }
+
+    fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        if let Some(session) = self.out.session(from) {
+            session.handle_control(bytes);
+        }
+        while let Some(request) = self.out.session(from).and_then(ServerSession::poll_request) {
+            self.handle_request(now, from, request);
+        }
+        let broken = self
+            .out
+            .session(from)
+            .and_then(|session| session.poll_close());
+        if let Some(code) = broken {
+            tracing::warn!(peer = from.0, %code, "closing a connection that broke the protocol");
+            self.leave(from);
+            self.connections.remove(&from);
+        }
+        let out = &mut self.out;
+        let name = self
+            .connections
+            .get(&from)
+            .and_then(|connection| connection.scene.as_ref());
+        if let Some(runner) = name.and_then(|name| self.runners.get_mut(name)) {
+            runner.answer_pending(out);
+        }
+    }
+
+    fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        let mut reader = Reader::new(bytes);
+        let Ok(head) = Head::decode(&mut reader) else {
+            return;
+        };
+        let Some(connection) = self.connections.get(&from).filter(|c| c.member) else {
+            return;
+        };
+        let runner = connection
+            .scene
+            .as_ref()
+            .and_then(|name| self.runners.get_mut(name));
+        let Some(runner) = runner else {
+            return;
+        };
+        // What is no word of a member, or not of the protocol, is dropped.
+        match head.kind {
+            PacketKind::LossReport => {
+                if let Ok(loss_report) = LossReport::decode(reader) {
+                    runner.handle_loss_report(now, from, head.stream, &loss_report, &mut self.out);
+                }
+            }
+            PacketKind::ChecksumMismatch => {
+                if let Ok(mismatch) = ChecksumMismatch::decode(reader) {
+                    runner.handle_mismatch(now, from, head.stream, mismatch, &mut self.out);
+                }
+            }
+            // What the source of a stream says, of the stream of what it drives.
+            _ => runner.handle_upstream_datagram(from, bytes, &mut self.out),
+        }
+    }
+
+    fn handle_link(&mut self, now: Instant, peer: Peer, report: &LinkReport) {
+        let Some(connection) = self.connections.get(&peer).filter(|c| c.member) else {
+            return;
+        };
+        let name = connection.scene.as_ref();
+        if let Some(runner) = name.and_then(|name| self.runners.get_mut(name)) {
+            runner.handle_link_report(now, peer, report, &mut self.out);
+        }
+    }
+
+    fn handle_ended(&mut self, _now: Instant, peer: Peer, ending: Ending) {
+        tracing::debug!(peer = peer.0, ?ending, "connection ended");
+        self.leave(peer);
+        self.connections.remove(&peer);
+        self.out.forget(peer);
+    }
+
+    fn handle_timeout(&mut self, now: Instant) {
+        for runner in self.runners.values_mut() {
+            runner.handle_timeout(now, &self.stopwatch, &mut self.out);
+        }
+    }
+
+    fn poll_transmit(&mut self) -> Option<Transmit> {
+        self.out.poll()
+    }
+
+    fn poll_timeout(&self) -> Option<Wake> {
+        let at = self
+            .runners
+            .values()
+            .filter_map(SceneRunner::next_step)
+            .min()?;
+        let reason = WakeReason::Tick;
+        Some(Wake { at, reason })
+    }
+}

@@ -1,0 +1,474 @@
+//! Whether a member's link carries its stream, and which tier it should have
+//!
+//! Decides from measured reports alone; reads no clock and tier_policy nobody itself. Invariants: a move is never undone before
+//! a pause that doubles each time the undoing did not last, so that a link between two tiers does not make a member flap;
+//! and no link is judged by a snapshot on its route_delay.
+
+mod route_delay;
+mod snapshot_progress;
+
+use rhumb_protocol::message::{StreamChoice, TierPolicy};
+use rhumb_protocol::packet::{Low16, StreamId};
+use rhumb_protocol::{Instant, LinkReport, Span};
+use rhumb_reckoning::{LengthBound, Tolerance};
+
+use self::route_delay::RouteDelay;
+pub(crate) use self::snapshot_progress::Confirmation;
+use self::snapshot_progress::SnapshotProgress;
+
+/// What a member asked for, what its link did lately, and where it was moved for that.
+#[derive(Debug)]
+pub(crate) struct TierController {
+    chosen: StreamChoice,
+    tier_policy: TierPolicy,
+    route_delay: RouteDelay,
+    snapshot_progress: SnapshotProgress,
+    /// Since when what is handed over is stuck, since when it comes late for whatever cause, and since when in time.
+    stuck_since: Option<Instant>,
+    late_since: Option<Instant>,
+    good_since: Option<Instant>,
+    /// When a finer tier was tried again last.
+    tried_at: Option<Instant>,
+    /// For how long a link must do well before the finer tier is tried.
+    hold: Span,
+}
+
+/// The tiers that members are moved among, finest first.
+const TIERS: [Tolerance; 4] = [
+    Tolerance::EXACT,
+    Tolerance::FINE,
+    Tolerance::NORMAL,
+    Tolerance::COARSE,
+];
+
+/// What comes later than this is late: a quarter of a second beside the route_delay itself.
+const LATE: Span = Span::from_millis(250);
+/// What comes so late is stuck, wherever it queue_delay.
+const STUCK: Span = Span::from_millis(1_000);
+/// For so long it must wait here beyond [`LATE`], or be stuck, before the link counts as thin.
+const STUCK_FOR: Span = Span::from_millis(500);
+/// For so long it must be late where hardly anything queue_delay here: by then a longer route_delay is known for one.
+const LATE_FOR: Span = Span::from_millis(5_000);
+/// What comes within this is in time.
+const GOOD: Span = Span::from_millis(80);
+/// The first pause before a finer tier is tried again, and the longest.
+const HOLD: Span = Span::from_millis(5_000);
+/// See [`HOLD`].
+const HOLD_MOST: Span = Span::from_millis(160_000);
+/// A trial that is given up within this failed.
+const TRIAL: Span = Span::from_millis(20_000);
+
+/// Which route_delay to go.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum TierDecision {
+    Coarser(StreamChoice),
+    Finer(StreamChoice),
+}
+
+impl TierController {
+    /// Of who has just joined.
+    pub(crate) const fn new(chosen: StreamChoice) -> Self {
+        let Tolerance::Surface(coarsest) = Tolerance::COARSE else {
+            panic!("the coarse tier is a length");
+        };
+        Self {
+            chosen,
+            tier_policy: TierPolicy::UpTo(coarsest),
+            route_delay: RouteDelay::new(),
+            snapshot_progress: SnapshotProgress::awaiting(Confirmation::AnyMessage),
+            stuck_since: None,
+            late_since: None,
+            good_since: None,
+            tried_at: None,
+            hold: HOLD,
+        }
+    }
+
+    /// The member chose its stream itself, and is told its snapshot.
+    pub(crate) fn choose(&mut self, chosen: StreamChoice, expected: Confirmation) {
+        *self = Self {
+            tier_policy: self.tier_policy,
+            route_delay: self.route_delay,
+            snapshot_progress: SnapshotProgress::awaiting(expected),
+            ..Self::new(chosen)
+        };
+    }
+
+    /// The member says where it may be moved.
+    pub(crate) const fn set_policy(&mut self, tier_policy: TierPolicy) {
+        self.tier_policy = tier_policy;
+    }
+
+    /// The member said something, whatever it was.
+    pub(crate) fn note_message(&mut self) {
+        self.snapshot_progress.confirm(Confirmation::AnyMessage);
+    }
+
+    /// The member tells of a stream how far it heard, and how many packets of it did not come so far.
+    pub(crate) fn received_loss_report(&mut self, of: StreamId, lost: Low16) {
+        self.snapshot_progress.confirm(Confirmation::LossReport(of));
+        self.route_delay.handle_lost_count(lost);
+    }
+
+    /// The member has caught up with a stream.
+    pub(crate) fn caught_up(&mut self, with: StreamId) {
+        self.snapshot_progress
+            .confirm(Confirmation::Subscribed(with));
+    }
+
+    /// A decision was followed: the member is on its route_delay to another stream.
+    pub(crate) fn note_tier_changed(
+        &mut self,
+        now: Instant,
+        decision: TierDecision,
+        expected: Confirmation,
+    ) {
+        self.snapshot_progress = SnapshotProgress::awaiting(expected);
+        (self.stuck_since, self.late_since, self.good_since) = (None, None, None);
+        match decision {
+            TierDecision::Finer(_) => self.tried_at = Some(now),
+            TierDecision::Coarser(_) => {
+                let failed = self.tried_at.is_some_and(|tried| now.since(tried) < TRIAL);
+                let doubled = Span::from_nanos(self.hold.as_nanos() * 2).min(HOLD_MOST);
+                self.hold = if failed { doubled } else { HOLD };
+                self.tried_at = None;
+            }
+        }
+    }
+
+    /// Takes in how the link did; says where the member should be moved from its present stream, if anywhere.
+    pub(crate) fn decide(
+        &mut self,
+        now: Instant,
+        report: &LinkReport,
+        present: StreamChoice,
+    ) -> Option<TierDecision> {
+        let queue_delay = wait(report);
+        let longer = self
+            .route_delay
+            .excess_delay(now, report.round_trip, queue_delay);
+        let late = Span::from_nanos(queue_delay.as_nanos().saturating_add(longer.as_nanos()));
+        let converged = self
+            .snapshot_progress
+            .is_over(now, report.waiting_bytes, queue_delay);
+        if !converged {
+            return None;
+        }
+        let stuck_for = lasts(
+            &mut self.stuck_since,
+            now,
+            queue_delay > LATE || late > STUCK,
+        );
+        let late_for = lasts(&mut self.late_since, now, late > LATE);
+        let good_for = lasts(&mut self.good_since, now, late <= GOOD);
+        if stuck_for >= Some(STUCK_FOR) || late_for >= Some(LATE_FOR) {
+            self.coarser(present).map(TierDecision::Coarser)
+        } else if good_for >= Some(self.hold) {
+            self.finer(present).map(TierDecision::Finer)
+        } else {
+            None
+        }
+    }
+
+    /// The next coarser tier than a stream's, if the member may be moved there.
+    fn coarser(&self, present: StreamChoice) -> Option<StreamChoice> {
+        let (TierPolicy::UpTo(coarsest), present) = (self.tier_policy, length(present)?) else {
+            return None;
+        };
+        let tiers = TIERS
+            .into_iter()
+            .filter_map(|tier| length(StreamChoice::Within(tier)));
+        let next = tiers
+            .filter(|tier| *tier > present && *tier <= coarsest)
+            .min()?;
+        Some(StreamChoice::Within(Tolerance::Surface(next)))
+    }
+
+    /// The next finer tier, none finer than the member chose.
+    fn finer(&self, present: StreamChoice) -> Option<StreamChoice> {
+        let (chosen, present) = (length(self.chosen)?, length(present)?);
+        let tiers = TIERS
+            .into_iter()
+            .filter_map(|tier| length(StreamChoice::Within(tier)));
+        let next = tiers.filter(|tier| *tier < present && *tier > chosen).max();
+        let next = next.or((chosen < present).then_some(chosen))?;
+        Some(StreamChoice::Within(Tolerance::Surface(next)))
+    }
+}
+
+/// The length of a stream among which members are moved: one of two bounds, a full one, and one with a budget are not.
+const fn length(choice: StreamChoice) -> Option<LengthBound> {
+    match choice {
+        StreamChoice::Within(Tolerance::Surface(length)) => Some(length),
+        _ => None,
+    }
+}
+
+/// For how long something has held, if it holds now.
+fn lasts(since: &mut Option<Instant>, now: Instant, holds: bool) -> Option<Span> {
+    *since = holds.then(|| since.unwrap_or(now));
+    since.map(|since| now.since(since))
+}
+
+/// The least rate that a queue is taken to drain at, bytes a second.
+const RATE_LEAST: u64 = 1_000;
+
+/// How long what is handed over now queue_delay here.
+fn wait(report: &LinkReport) -> Span {
+    let over = u128::from(report.over.as_nanos().max(1));
+    let rate = u128::from(report.sent_bytes) * 1_000_000_000 / over;
+    let rate = rate.max(u128::from(RATE_LEAST));
+    let queue_delay = u128::from(report.waiting_bytes) * 1_000_000_000 / rate;
+    Span::from_nanos(u64::try_from(queue_delay).unwrap_or(u64::MAX))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PAUSE: u64 = 100;
+
+    fn tier(tolerance: Tolerance) -> StreamChoice {
+        StreamChoice::Within(tolerance)
+    }
+
+    /// A member on a link of a rate, whose tiers need these rates.
+    struct SimulatedLink {
+        link: TierController,
+        present: StreamChoice,
+        now: Instant,
+        queue: u64,
+        /// Milliseconds.
+        round_trip: u64,
+        tier_policy: Vec<StreamChoice>,
+    }
+
+    impl SimulatedLink {
+        fn new(chosen: StreamChoice) -> Self {
+            let mut link = TierController::new(chosen);
+            link.note_message();
+            Self {
+                link,
+                present: chosen,
+                now: Instant::ZERO,
+                queue: 0,
+                round_trip: 50,
+                tier_policy: Vec::new(),
+            }
+        }
+
+        /// Bytes a second that a stream takes.
+        fn demand(choice: StreamChoice) -> u64 {
+            let metres = choice.tolerance().length().unwrap().metres();
+            (400.0 / metres) as u64
+        }
+
+        fn run(&mut self, seconds: u64, rate: u64) {
+            for _ in 0..seconds * 1_000 / PAUSE {
+                self.step(rate);
+            }
+        }
+
+        fn step(&mut self, rate: u64) {
+            self.now = self.now + Span::from_millis(PAUSE);
+            self.queue += Self::demand(self.present) * PAUSE / 1_000;
+            let sent = self.queue.min(rate * PAUSE / 1_000);
+            self.queue -= sent;
+            let report = LinkReport {
+                waiting_bytes: self.queue,
+                sent_bytes: sent,
+                over: Span::from_millis(PAUSE),
+                round_trip: Span::from_millis(self.round_trip),
+            };
+            if let Some(decision) = self.link.decide(self.now, &report, self.present) {
+                let (TierDecision::Coarser(to) | TierDecision::Finer(to)) = decision;
+                let stream = StreamId(self.tier_policy.len() as u32);
+                self.link
+                    .note_tier_changed(self.now, decision, Confirmation::LossReport(stream));
+                self.link.caught_up(stream);
+                self.queue = 0;
+                self.present = to;
+                self.tier_policy.push(to);
+            }
+        }
+    }
+
+    #[test]
+    fn a_fast_enough_link_keeps_its_tier() {
+        let mut member = SimulatedLink::new(tier(Tolerance::FINE));
+        member.run(300, 20_001);
+        assert_eq!(member.tier_policy, []);
+    }
+
+    #[test]
+    fn a_congested_link_gets_a_coarser_tier_and_later_its_choice_again() {
+        let mut member = SimulatedLink::new(tier(Tolerance::EXACT));
+        member.run(4, 100_000);
+        member.run(20, 9_000);
+        assert!(
+            member.present == tier(Tolerance::NORMAL),
+            "{:?}",
+            member.tier_policy
+        );
+        member.run(200, 100_000);
+        assert_eq!(member.present, tier(Tolerance::EXACT));
+        let count = member.tier_policy.len();
+        member.run(600, 100_000);
+        assert_eq!(member.tier_policy.len(), count);
+    }
+
+    #[test]
+    fn a_link_between_two_tiers_does_not_flap() {
+        let mut member = SimulatedLink::new(tier(Tolerance::FINE));
+        member.run(3_600, 10_000);
+        // Each trial fails and doubles the pause, up to 160 s: some 24 trials an hour, and not 700.
+        assert!(
+            member.tier_policy.len() < 70,
+            "{}",
+            member.tier_policy.len()
+        );
+        assert!(member.tier_policy.len() > 10, "it is tried all the same");
+    }
+
+    #[test]
+    fn the_tier_policy_bounds_every_tier_change() {
+        let mut member = SimulatedLink::new(tier(Tolerance::EXACT));
+        member.link.set_policy(TierPolicy::Never);
+        member.run(60, 1_000);
+        assert_eq!(member.tier_policy, []);
+        let mut member = SimulatedLink::new(tier(Tolerance::EXACT));
+        let Tolerance::Surface(fine) = Tolerance::FINE else {
+            panic!("the fine tier is a length");
+        };
+        member.link.set_policy(TierPolicy::UpTo(fine));
+        member.run(60, 1_000);
+        assert_eq!(member.tier_policy, [tier(Tolerance::FINE)]);
+    }
+
+    #[test]
+    fn streams_that_are_no_tiers_stay() {
+        let budget = rhumb_protocol::stream::Budget::per_second(1_000).unwrap();
+        let capped = StreamChoice::Capped {
+            tolerance: Tolerance::EXACT,
+            budget,
+        };
+        for choice in [StreamChoice::Full, capped] {
+            let mut member = SimulatedLink::new(choice);
+            assert_eq!(member.link.coarser(choice), None);
+            member
+                .link
+                .choose(choice, Confirmation::LossReport(StreamId(1)));
+            assert_eq!(member.link.finer(choice), None);
+        }
+    }
+
+    #[test]
+    fn a_snapshot_in_flight_changes_no_tier() {
+        let (of, exact) = (StreamId(3), tier(Tolerance::EXACT));
+        let begin = |expected: Confirmation| {
+            let mut member = SimulatedLink::new(exact);
+            match expected {
+                Confirmation::AnyMessage => member.link = TierController::new(exact),
+                _ => member.link.choose(exact, expected),
+            }
+            // A snapshot that takes 20 s.
+            member.queue = 2_000_000;
+            member.run(20, 120_000);
+            assert_eq!(member.tier_policy, [], "{expected:?}");
+            member
+        };
+        for expected in [
+            Confirmation::AnyMessage,
+            Confirmation::LossReport(of),
+            Confirmation::Subscribed(of),
+        ] {
+            let mut member = begin(expected);
+            member.link.caught_up(of);
+            // The stream takes two thirds of what passes: 1.2 MB wait behind the snapshot.
+            member.run(5, 120_000);
+            assert_eq!(member.tier_policy, [], "{expected:?}");
+            member.queue = 0;
+            member.run(20, 100_000);
+            assert_eq!(member.tier_policy, [], "{expected:?}");
+            member.run(20, 5_000);
+            assert!(
+                !member.tier_policy.is_empty(),
+                "{expected:?}: judged from then on"
+            );
+        }
+    }
+
+    #[test]
+    fn a_stream_that_delays_its_own_snapshot_is_left_soon() {
+        let (of, exact) = (StreamId(3), tier(Tolerance::EXACT));
+        for expected in [
+            Confirmation::AnyMessage,
+            Confirmation::LossReport(of),
+            Confirmation::Subscribed(of),
+        ] {
+            let mut member = SimulatedLink::new(exact);
+            member.link.choose(exact, expected);
+            member.queue = 100_000;
+            member.run(4, 70_000);
+            assert_eq!(member.tier_policy, [tier(Tolerance::FINE)], "{expected:?}");
+        }
+    }
+
+    #[test]
+    fn a_client_that_never_confirms_a_snapshot_is_judged_in_the_end() {
+        let fine = tier(Tolerance::FINE);
+        let mut member = SimulatedLink::new(tier(Tolerance::EXACT));
+        member.present = fine;
+        let decision = TierDecision::Coarser(fine);
+        member
+            .link
+            .note_tier_changed(member.now, decision, Confirmation::Subscribed(StreamId(3)));
+        member.link.note_message();
+        member.link.received_loss_report(StreamId(3), Low16(0));
+        member.run(60, 200_000);
+        assert_eq!(
+            member.tier_policy,
+            [],
+            "an loss_report may be of the copy before"
+        );
+        member.run(20, 200_000);
+        assert_eq!(member.tier_policy, [tier(Tolerance::EXACT)]);
+    }
+
+    #[test]
+    fn a_longer_route_is_no_congestion() {
+        let mut member = SimulatedLink::new(tier(Tolerance::FINE));
+        member.run(10, 50_000);
+        member.round_trip = 350;
+        member.run(120, 50_000);
+        assert_eq!(member.tier_policy, []);
+        // Nor if it is seen little by little, as a smoothed round trip shows it.
+        for _ in 0..100 {
+            member.round_trip += (650 - member.round_trip) / 8;
+            member.step(50_000);
+        }
+        member.run(60, 50_000);
+        assert_eq!(member.tier_policy, []);
+    }
+
+    #[test]
+    fn queueing_in_the_network_is_congestion() {
+        // A queue that grows by a fifth of a second in each.
+        let mut member = SimulatedLink::new(tier(Tolerance::FINE));
+        member.run(10, 50_000);
+        while member.tier_policy.is_empty() {
+            member.round_trip += 200;
+            member.run(1, 50_000);
+            assert!(member.round_trip < 2_000);
+        }
+        // One that is full after a second and a half, and loses what does not fit.
+        let mut member = SimulatedLink::new(tier(Tolerance::FINE));
+        member.run(10, 50_000);
+        for second in 0..10 {
+            member.round_trip = (member.round_trip + 200).min(350);
+            member.link.received_loss_report(StreamId(0), Low16(second));
+            member.run(1, 50_000);
+        }
+        assert_eq!(member.tier_policy, [tier(Tolerance::NORMAL)]);
+    }
+}

@@ -1,0 +1,65 @@
+//! Seeded chance for scripts.
+//!
+//! PCG of whole numbers, turned into f32 by exact steps, so that every platform draws the same bits.
+
+use glam::{Quat, Vec3};
+use rand_pcg::Pcg32;
+use rand_pcg::rand_core::Rng;
+
+/// A sequence of numbers that its seed fixes.
+#[derive(Clone, Debug)]
+pub(crate) struct SceneRng {
+    draws: Pcg32,
+}
+
+impl SceneRng {
+    /// The generator's stream number; any odd constant will do, this is PCG's own example.
+    const STREAM: u64 = 0x0a02_bdbf_7bb3_c0a7;
+
+    pub(crate) fn new(seed: u64) -> Self {
+        Self {
+            draws: Pcg32::new(seed, Self::STREAM),
+        }
+    }
+
+    /// A number in [−1, 1), a multiple of 2⁻²³.
+    pub(crate) fn signed(&mut self) -> f32 {
+        (self.draws.next_u32() >> 8) as f32 / 8_388_608.0 - 1.0
+    }
+
+    /// Each component in [−1, 1).
+    pub(crate) fn vector(&mut self) -> Vec3 {
+        let (x, y, z) = (self.signed(), self.signed(), self.signed());
+        Vec3::new(x, y, z)
+    }
+
+    /// A point in the ball of radius one, evenly spread.
+    pub(crate) fn in_ball(&mut self) -> Vec3 {
+        loop {
+            let drawn = self.vector();
+            let squared: f64 = drawn
+                .to_array()
+                .map(|part| f64::from(part) * f64::from(part))
+                .iter()
+                .sum();
+            if squared <= 1.0 {
+                return drawn;
+            }
+        }
+    }
+
+    /// A number below `count`, which is not zero.
+    pub(crate) fn below(&mut self, count: u32) -> u32 {
+        ((u64::from(self.draws.next_u32()) * u64::from(count)) >> 32) as u32
+    }
+
+    /// A unit quaternion; not evenly spread, and it need not be.
+    pub(crate) fn rotation(&mut self) -> Quat {
+        let axis = self.vector();
+        // The constant real part keeps the length away from zero. Square root and division round alike everywhere.
+        let [x, y, z, w] = [axis.x, axis.y, axis.z, 0.25].map(f64::from);
+        let length = libm::sqrt(x * x + y * y + z * z + w * w);
+        let [x, y, z, w] = [x, y, z, w].map(|part| (part / length) as f32);
+        Quat::from_xyzw(x, y, z, w)
+    }
+}

@@ -1,0 +1,94 @@
+"""Lost packets out of repair_symbols, from PROTOCOL 5.16 and 6.15.
+
+Knows numbers and bytes, not what they send_message. A symbol is a list of bytes; the shorter ones end in zeros.
+"""
+
+from packets import Bytes, factor, head_of, inverse, multiples, read_head, times
+
+SPAN, KEPT = 32, 16
+
+
+def add_multiple(mixed_symbol, multiple, symbol):
+    """mixed_symbol + multiple * symbol, for each byte."""
+    longer = max(len(mixed_symbol), len(symbol))
+    mixed_symbol, symbol = mixed_symbol + bytes(longer - len(mixed_symbol)), symbol + bytes(longer - len(symbol))
+    return bytes(a ^ b for a, b in zip(mixed_symbol, symbol.translate(multiples(multiple))))
+
+
+def symbol_of(datagram):
+    """The kind, and all behind the number."""
+    frm = Bytes(datagram)
+    kind, _ = read_head(frm)
+    frm.raw(2)
+    return bytes([kind]) + frm.rest()
+
+
+def datagram_of(symbol, stream, number):
+    # Sums of nothing give a symbol of nothing: no datagram, as its reader will send_message.
+    symbol = symbol.rstrip(b"\0") or b"\0"
+    return head_of(symbol[0], stream) + (number & 0xFFFF).to_bytes(2, "little") + symbol[1:]
+
+
+class Decoder:
+    """What a listener keeps so that repair_symbols give it lost packets back."""
+
+    def __init__(self, stream):
+        self.stream, self.symbols, self.repair_symbols, self.unwanted_below, self.oldest = stream, {}, [], 0, 0
+
+    def keep(self, number, datagram):
+        self.symbols[number] = symbol_of(datagram)
+        self.advance(number)
+
+    def advance(self, newest):
+        """6.15-3: what is older than the last SPAN numbers goes."""
+        self.oldest = max(self.oldest, newest + 1 - SPAN)
+        self.symbols = {number: symbol for number, symbol in self.symbols.items() if number >= self.oldest}
+
+    def receive(self, last, covered, row, mixed_symbol, next_number):
+        """A repair_symbol; `covered` are the bits below the last number."""
+        numbers = [last] + [last - 1 - bit for bit in range(SPAN - 1) if covered >> bit & 1]
+        if last >= next_number + SPAN or min(numbers) < 0 or last < self.unwanted_below:
+            return
+        self.advance(last)
+        self.repair_symbols.append(({number: factor(row, number) for number in numbers}, mixed_symbol))
+
+    def was_wrong(self, next_number):
+        """What was rebuilt is malformed: a repair_symbol was no sum of what was msg."""
+        self.repair_symbols, self.unwanted_below = [], next_number + SPAN
+
+    def rebuilt(self):
+        """A packet that the repair_symbols give back, as number and datagram, or None."""
+        rows = [self.without_known(*repair_symbol) for repair_symbol in self.repair_symbols]
+        rows = [row for row in rows if row[0] and min(row[0]) >= self.oldest]
+        self.repair_symbols = rows[-KEPT:]
+        for row in eliminated(self.repair_symbols):
+            if len(row[0]) == 1:
+                (number, multiple), mixed_symbol = *row[0].items(), row[1]
+                symbol = add_multiple(b"", inverse(multiple), mixed_symbol)
+                return number, datagram_of(symbol, self.stream, number)
+        return None
+
+    def without_known(self, factors, mixed_symbol):
+        for number in [number for number in factors if number in self.symbols]:
+            mixed_symbol = add_multiple(mixed_symbol, factors[number], self.symbols[number])
+        return {number: one for number, one in factors.items() if number not in self.symbols}, mixed_symbol
+
+
+def eliminated(rows):
+    """Rows that mean the same, each led by a number that no other has, as far as they go."""
+    rows, done = [(dict(factors), mixed_symbol) for factors, mixed_symbol in rows], []
+    while rows:
+        factors, mixed_symbol = rows.pop(0)
+        if not factors:
+            continue
+        lead = min(factors)
+        others = [(rows, place) for place in range(len(rows))] + [(done, place) for place in range(len(done))]
+        for where, place in others:
+            other, other_symbol = where[place]
+            if lead not in other:
+                continue
+            multiple = times(other[lead], inverse(factors[lead]))
+            mixed = {number: other.get(number, 0) ^ times(multiple, factors.get(number, 0)) for number in other.keys() | factors.keys()}
+            where[place] = ({number: one for number, one in mixed.items() if one}, add_multiple(other_symbol, multiple, mixed_symbol))
+        done.append((factors, mixed_symbol))
+    return done

@@ -1,0 +1,190 @@
+//! L2.51: a alias that changed hands while packets were missing.
+//!
+//! The ball leaves its alias, another body takes it, and the ball rests elsewhere. Then comes the packet that had aliased the
+//! ball first. Who puts it back there takes what was sent of the other body for something that it knows already.
+
+use core::num::NonZeroU32;
+
+use rhumb_protocol::packet::{
+    Age, Keyframe, Low16, PredictionMode, RefreshRecord, RefreshWriter, Update, UpdatePayload,
+    UpdateWriter,
+};
+use rhumb_protocol::stream::{PredictionParameters, Subscriber};
+use rhumb_reckoning::{
+    Anchor, BodyId, BodyState, Damping, Metres, Predictor, Residual, Tick, Ticks, ToleranceScale,
+};
+
+use super::{hand, table};
+use crate::conformance::case::{Case, CaseRow};
+use crate::conformance::outcome::{CaseResult, Stop, ensure};
+use crate::conformance::peer::Host;
+use crate::conformance::trial::Trial;
+use crate::testee::bits;
+
+const CASES: &[CaseRow] = &[(
+    45,
+    "who was received of since takes no alias that a late packet says",
+    "PROTOCOL 6.6-11, 6.13-6, 6.13-7, 6.13-11, 6.13-12",
+    late_assignment,
+)];
+
+pub(super) fn cases() -> Vec<Case> {
+    table("L2.51", CASES)
+}
+
+/// Who takes the ball's alias.
+const OTHER: BodyId = BodyId::new(4, 0);
+/// The tick behind all packets.
+const LAST: u64 = hand::TICK + 7;
+/// The packet of that tick, which never comes.
+const NEVER: u64 = hand::NEXT + 6;
+
+fn keyframe(predictor: Predictor, x: f32, speed: f32) -> Keyframe {
+    let linear = [speed, 0.0, 0.0];
+    let motion = BodyState::new([x, 10.0, 0.0], [0.0, 0.0, 0.0, 1.0], linear, [0.0; 3]);
+    Keyframe {
+        predictor,
+        anchor: Anchor::Exact(motion.expect("it is finite")),
+        parent: None,
+    }
+}
+
+fn moving(x: f32) -> Keyframe {
+    keyframe(Predictor::Uniform, x, 2.0)
+}
+
+fn resting(x: f32) -> Keyframe {
+    keyframe(Predictor::Rest, x, 0.0)
+}
+
+/// What is sent in six ticks, a packet in each.
+fn packets() -> Vec<Vec<u8>> {
+    let of = |alias, body: BodyId, keyframe| Update {
+        alias,
+        body: Some(body.index()),
+        payload: UpdatePayload::Keyframe(keyframe),
+    };
+    let age = Age::of(Tick::new(2), Tick::new(4), NonZeroU32::MIN).expect("two ticks");
+    let correction = UpdatePayload::Residual {
+        mode: PredictionMode::Same,
+        age,
+        residual: Residual {
+            position: [3, 0, -2],
+            turn: [0; 3],
+            velocity: None,
+        },
+    };
+    let sent = [
+        of(0, hand::BALL, moving(1.0)),
+        of(0, hand::BALL, resting(2.0)),
+        of(0, OTHER, moving(3.0)),
+        of(1, hand::BALL, moving(4.0)),
+        Update {
+            alias: 0,
+            body: None,
+            payload: correction,
+        },
+        of(1, hand::BALL, resting(5.0)),
+    ];
+    let written = sent.iter().zip(0..).map(|(update, place)| {
+        let (number, tick) = (hand::NEXT + place, hand::TICK + 1 + place);
+        let mut writer = UpdateWriter::new(hand::STREAM, number, tick, hand::SCENE_EVENTS);
+        assert!(writer.push(update), "a packet has room for one body");
+        writer.finish(true)
+    });
+    written.collect()
+}
+
+/// What the stream is for who hears all of it in order.
+fn truth(packets: &[Vec<u8>]) -> Subscriber {
+    let mut truth = Subscriber::new(&hand::joined().start);
+    let parameters = PredictionParameters {
+        radius: Metres::new(0.5),
+        damping: Damping {
+            linear: 0.0,
+            angular: 0.0,
+        },
+        gravity_scale: 1.0,
+        inertia: None,
+        tolerance_scale: ToleranceScale::USUAL,
+    };
+    for id in [hand::BALL, OTHER] {
+        let rest = resting(0.0).track(Tick::new(hand::TICK - 1));
+        assert!(
+            truth.place(id, &parameters, rest),
+            "two bodies are not too many"
+        );
+    }
+    truth.handle_snapshot_end();
+    for packet in packets {
+        truth.handle_datagram(packet);
+    }
+    truth
+}
+
+/// Makes a lost packet good at a tick; `record`: what its body does, if it spoke of one that is there.
+fn refresh(host: &mut Host, lost: u64, tick: u64, record: Option<RefreshRecord>) -> CaseResult {
+    let mut writer = RefreshWriter::default();
+    record.iter().for_each(|record| writer.push(record));
+    for datagram in writer.finish(hand::STREAM, lost, tick, hand::SCENE_EVENTS) {
+        host.throw(&datagram)?;
+    }
+    Ok(())
+}
+
+fn late_assignment(trial: &mut Trial<'_>) -> CaseResult {
+    let packets = packets();
+    let truth = truth(&packets);
+    let mut host = trial.host()?;
+    hand::wants_in(&mut host)?;
+    let balls = [hand::BALL, OTHER].map(|id| hand::ball(id, Predictor::Rest));
+    let [ball, other] = balls;
+    hand::snapshot(&mut host, &[hand::shape(), ball, other]);
+    hand::reported(&mut host, "joined")?;
+    for packet in &packets[3..] {
+        host.throw(packet)?;
+    }
+    host.throw(&packets[0])?;
+    let rests = RefreshRecord {
+        index: hand::BALL.index(),
+        alias: None,
+        age: Ticks::new(0),
+        keyframe: resting(5.0),
+    };
+    refresh(&mut host, hand::NEXT + 1, hand::TICK + 6, Some(rests))?;
+    host.throw(&packets[2])?;
+    // All is there now, but for what the client could not read and may ask for: then it has that too.
+    hand::watermark(&mut host, NEVER + 1, LAST, hand::SCENE_EVENTS)?;
+    let asked = loop {
+        let asked = hand::loss_report(&mut host)?.lost;
+        if asked.contains(&Low16::of(NEVER)) {
+            break asked;
+        }
+    };
+    let gone = || Stop::Inconclusive("the suite has no such body".into());
+    if asked.contains(&Low16::of(hand::NEXT + 4)) {
+        let track = truth.track(OTHER).ok_or_else(gone)?;
+        let goes_on = RefreshRecord {
+            index: OTHER.index(),
+            alias: Some(0),
+            age: Ticks::new(2),
+            keyframe: Keyframe::of(&track),
+        };
+        refresh(&mut host, hand::NEXT + 4, LAST, Some(goes_on))?;
+    }
+    refresh(&mut host, NEVER, LAST, None)?;
+    let reported = hand::told_tick(&mut host, LAST)?;
+    let there = truth
+        .predicted_motion(OTHER, Tick::new(LAST))
+        .ok_or_else(gone)?;
+    let predicted_motion = &reported["moving"][hand::name(OTHER)];
+    ensure(
+        *predicted_motion == bits(&there),
+        format!("it knows what the other body does, and does not hold {predicted_motion}"),
+    )?;
+    let sum = format!("{:016x}", truth.state_checksum());
+    ensure(
+        reported["checksum"] == sum,
+        format!("its sum is {sum}, and not {}", reported["checksum"]),
+    )
+}

@@ -1,0 +1,156 @@
+//! The client under test, as a process.
+//!
+//! What it is started with, and the lines that it writes, are described in `docs/implementing.md`: in short, its environment
+//! has `RHUMB_ADDR`, `RHUMB_FINGERPRINT`, `RHUMB_SCENE`, `RHUMB_TASK`, `RHUMB_CASE`, `RHUMB_SEED`, and it writes a JSON
+//! object a line. Exit code 127 says *unsupported*.
+
+use std::io::{BufRead, BufReader};
+use std::net::SocketAddr;
+use std::process::{Child, ChildStdout, Command, Stdio};
+use std::sync::mpsc::{self, Receiver};
+use std::thread;
+use std::time::Duration;
+
+use rhumb_protocol::{Instant, Span};
+use rhumb_transport::{Clock, Fingerprint, RawConnection, RawPeerServer};
+use serde_json::Value;
+
+use super::stderr_tail::StderrTail;
+use crate::conformance::outcome::Stop;
+use crate::conformance::trial::Log;
+use crate::testee::TesteeTask;
+
+/// What a client says by its exit code that it does not have what a case tries.
+const UNSUPPORTED: i32 = 127;
+/// How often it is looked whether a client that does not connect has ended.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// What a client is started with.
+#[derive(Debug)]
+pub(super) struct ClientOrders<'a> {
+    pub(super) server: SocketAddr,
+    pub(super) fingerprint: Fingerprint,
+    pub(super) scene: String,
+    pub(super) task: &'a str,
+    pub(super) case: &'a str,
+    pub(super) seed: u64,
+}
+
+/// The client's process, killed when dropped; what it complained of is noted then.
+#[derive(Debug)]
+pub(super) struct ClientProcess {
+    child: Child,
+    /// The lines that it writes.
+    pub(super) lines: Receiver<String>,
+    stderr_tail: Option<StderrTail>,
+    log: Log,
+    /// Whether it was ordered to do no more than every client does.
+    is_plain: bool,
+}
+
+impl ClientProcess {
+    pub(super) fn start(exec: &str, orders: &ClientOrders<'_>, log: Log) -> std::io::Result<Self> {
+        let mut child = Command::new("sh")
+            .args(["-c", &format!("exec {exec}")])
+            .env("RHUMB_ADDR", orders.server.to_string())
+            .env("RHUMB_FINGERPRINT", orders.fingerprint.to_string())
+            .env("RHUMB_SCENE", &orders.scene)
+            .env("RHUMB_TASK", orders.task)
+            .env("RHUMB_CASE", orders.case)
+            .env("RHUMB_SEED", orders.seed.to_string())
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()?;
+        let (written, lines) = mpsc::channel();
+        if let Some(out) = child.stdout.take() {
+            thread::Builder::new().spawn(move || read_lines(out, &written))?;
+        }
+        let stderr_tail = child.stderr.take().map(StderrTail::of);
+        Ok(Self {
+            child,
+            lines,
+            stderr_tail,
+            log,
+            is_plain: matches!(
+                TesteeTask::read(orders.task),
+                Some(TesteeTask::Subscribe { .. })
+            ),
+        })
+    }
+
+    /// What comes of it, if it ended and said that it has not what was asked for.
+    ///
+    /// It may lack much, but who does not even follow is no client; a command that is not there ends with that status too.
+    pub(super) fn gave_up(&mut self) -> Option<Stop> {
+        let ended = self.child.try_wait().ok().flatten();
+        let says_so = ended.and_then(|status| status.code()) == Some(UNSUPPORTED);
+        says_so.then(|| {
+            if self.is_plain {
+                Stop::Fail("its exit code says that it does not even follow".into())
+            } else {
+                Stop::Unsupported("the client's exit code says so".into())
+            }
+        })
+    }
+
+    pub(super) fn has_ended(&mut self) -> bool {
+        self.child.try_wait().ok().flatten().is_some()
+    }
+
+    /// Its connection, once it has one.
+    pub(super) fn connected(
+        &mut self,
+        server: &RawPeerServer,
+        patience: Duration,
+    ) -> Result<RawConnection, Stop> {
+        let clock = Clock::start();
+        let patience = Span::from_nanos(u64::try_from(patience.as_nanos()).unwrap_or(u64::MAX));
+        let end = Instant::ZERO + patience;
+        while clock.now() < end {
+            if let Some(line) = server.accept(LOOK) {
+                return line.map_err(|error| Stop::Fail(format!("no connection: {error}")));
+            }
+            if let Some(stop) = self.gave_up() {
+                return Err(stop);
+            }
+            if self.has_ended() {
+                break;
+            }
+        }
+        Err(Stop::Inconclusive("the client did not connect".into()))
+    }
+}
+
+fn read_lines(out: ChildStdout, written: &mpsc::Sender<String>) {
+    for line in BufReader::new(out).lines().map_while(Result::ok) {
+        if written.send(line).is_err() {
+            return;
+        }
+    }
+}
+
+/// A line that a client wrote.
+///
+/// # Errors
+///
+/// [`Stop::Fail`] when it tells nothing.
+pub(super) fn reported(line: &str) -> Result<Value, Stop> {
+    let value: Value = serde_json::from_str(line)
+        .map_err(|error| Stop::Fail(format!("the client tells what is no JSON: {error}")))?;
+    if value["is"].is_string() {
+        Ok(value)
+    } else {
+        Stop::fail("the client tells what has no `is`")
+    }
+}
+
+impl Drop for ClientProcess {
+    fn drop(&mut self) {
+        // One that has ended already needs no ending.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        let stderr_tail = self.stderr_tail.iter().flat_map(StderrTail::last);
+        stderr_tail.for_each(|line| self.log.note(line));
+    }
+}

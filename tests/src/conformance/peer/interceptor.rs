@@ -1,0 +1,571 @@
+//! A real server in this process, and a case between it and the client.
+//!
+//! A session of this house, to which nothing is done, is a member of the same stream: what it holds is what the client must
+//! hold, bit for bit.
+
+mod unjudged;
+
+use std::collections::VecDeque;
+use std::fmt;
+use std::time::Duration;
+
+use rhumb_protocol::message::{ClientMessage, Frames, StreamChoice};
+use rhumb_protocol::packet::{Head, LossReport, PacketKind};
+use rhumb_protocol::scene::{Command, PublishSchedule, SceneConfig, Stepping};
+use rhumb_protocol::session::{ClientSession, Event, Replica};
+use rhumb_protocol::wire::Wire;
+use rhumb_protocol::wire::bytes::Reader;
+use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
+use rhumb_reckoning::{Tick, Ticks};
+use rhumb_server::ServerLoop as Server;
+use rhumb_sims::{Script, by_name};
+use rhumb_transport::RawPeerEnd;
+use serde_json::Value;
+
+use super::datagram;
+use super::host::Host;
+use super::setting::Setting;
+use super::stream_history::StreamHistory;
+use crate::conformance::outcome::{CaseResult, Stop};
+use crate::grammar::hex;
+use crate::testee::TesteeTask;
+
+/// Something that is said to the client.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Delivery {
+    /// Bytes of the control stream.
+    Control(Vec<u8>),
+    /// A datagram.
+    State(Vec<u8>),
+}
+
+type TamperFn = Box<dyn FnMut(Delivery) -> Vec<Delivery>>;
+
+/// A real server, and the client under test.
+pub struct Interceptor {
+    /// The connection with the client.
+    pub host: Host,
+    /// What the client said by loss_reports, and when.
+    pub loss_reports: Vec<(Instant, LossReport)>,
+    /// Kinds of all datagrams that the client said.
+    pub kinds: Vec<PacketKind>,
+    /// What the client reported.
+    pub reported: Vec<Value>,
+    pub(in crate::conformance) server: Server,
+    mirror: ClientSession,
+    script: Box<dyn Script>,
+    scripted: Tick,
+    config: SceneConfig,
+    tamper: TamperFn,
+    stream_history: StreamHistory,
+    events: Vec<Event>,
+    /// Kinds of the last datagrams that were sent.
+    sent: VecDeque<PacketKind>,
+    /// One more than the number of the newest packet of the mirror's stream.
+    next: u64,
+    /// Messages that the client said.
+    pub said: Vec<ClientMessage>,
+    frames: Frames,
+}
+
+/// How long a client may take to tell of a tick before more is said to it all the same: it may have lost what it needs.
+const LANES: Span = Span::from_millis(200);
+
+const MIRROR: Peer = Peer(0);
+const CLIENT: Peer = Peer(1);
+const SERVER: Peer = Peer(0);
+
+impl Interceptor {
+    pub(in crate::conformance) fn begin(
+        host: Host,
+        scene: &str,
+        setting: &Setting,
+    ) -> Result<Self, Stop> {
+        let errs = |what: &str| Stop::Inconclusive(format!("the suite errs: {what}"));
+        let script = by_name(setting.script, setting.bodies, 1).ok_or_else(|| errs("no script"))?;
+        let task = TesteeTask::read(&setting.task).ok_or_else(|| errs("no task"))?;
+        let name = scene.parse().map_err(|_| errs("no name"))?;
+        let config = SceneConfig {
+            stepping: setting.stepping,
+            publish_schedule: PublishSchedule {
+                publish_interval: setting.publish_interval,
+                ..PublishSchedule::EACH_TICK
+            },
+            ..script.config()
+        };
+        let mut feed = Self {
+            host,
+            loss_reports: Vec::new(),
+            kinds: Vec::new(),
+            reported: Vec::new(),
+            server: Server::new(|| Instant::ZERO),
+            mirror: ClientSession::new(name),
+            script,
+            scripted: Tick::ZERO,
+            config,
+            tamper: Box::new(|word| vec![word]),
+            stream_history: StreamHistory::default(),
+            events: Vec::new(),
+            sent: VecDeque::new(),
+            next: 0,
+            said: Vec::new(),
+            frames: Frames::new(),
+        };
+        feed.server.handle_opened(feed.now(), MIRROR);
+        feed.mirror.handle_opened(feed.now(), SERVER);
+        feed.exchange()?;
+        feed.task(|mirror, _| mirror.create(config))?;
+        feed.task(|mirror, _| mirror.join(task.choice()))?;
+        if setting.stepping == Stepping::Lockstep {
+            for _ in 0..setting.before {
+                feed.step_alone()?;
+            }
+        }
+        feed.server.handle_opened(feed.now(), CLIENT);
+        Ok(feed)
+    }
+
+    /// The moment at the server.
+    fn now(&self) -> Instant {
+        self.host.now()
+    }
+
+    /// What the client hears in place of each word from now on.
+    pub fn tamper(&mut self, tamper: impl FnMut(Delivery) -> Vec<Delivery> + 'static) {
+        self.tamper = Box::new(tamper);
+    }
+
+    /// What the client hears in place of each datagram from now on.
+    pub fn sift(&mut self, mut sieve: impl FnMut(Vec<u8>) -> Vec<Vec<u8>> + 'static) {
+        self.tamper(move |word| match word {
+            Delivery::State(bytes) => sieve(bytes).into_iter().map(Delivery::State).collect(),
+            control @ Delivery::Control(_) => vec![control],
+        });
+    }
+
+    /// The client hears all again, as it is said.
+    pub fn mend(&mut self) {
+        self.tamper(|word| vec![word]);
+    }
+
+    /// Has the server say something on the control stream, so that a tamper that keeps it back lets go of it: the answers to
+    /// many pings that the client did not say.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::step`].
+    pub fn flush_control(&mut self) -> CaseResult {
+        for sent in 0..400 {
+            let mut bytes = Vec::new();
+            let sent = Instant::from_nanos(sent);
+            ClientMessage::Ping { sent }.encode(&mut bytes);
+            self.speak_for_client(&bytes)?;
+        }
+        Ok(())
+    }
+
+    /// The copy to which nothing was done.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Inconclusive`] when there is none.
+    pub fn mirror(&self) -> Result<&Replica, Stop> {
+        let none = || Stop::Inconclusive("the suite has no copy".into());
+        self.mirror.replica().ok_or_else(none)
+    }
+
+    /// Does something with the session of this house.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Inconclusive`] when it does not allow it.
+    pub fn task<T, E: fmt::Display>(
+        &mut self,
+        task: impl FnOnce(&mut ClientSession, Instant) -> Result<T, E>,
+    ) -> CaseResult {
+        let now = self.now();
+        let done = task(&mut self.mirror, now);
+        done.map_err(|error| Stop::Inconclusive(format!("the suite errs: {error}")))?;
+        self.exchange()
+    }
+
+    /// Commands in the scene.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::task`].
+    pub fn command(&mut self, command: Command) -> CaseResult {
+        self.task(|mirror, _| mirror.command(command))
+    }
+
+    /// Says to the server what the client did not: a message of its own.
+    pub fn speak_for_client(&mut self, bytes: &[u8]) -> CaseResult {
+        let now = self.now();
+        self.server.handle_control(now, CLIENT, bytes);
+        self.exchange()
+    }
+
+    /// Waits until the client has become a member.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Fail`] when it does not.
+    pub fn enter(&mut self) -> CaseResult {
+        let is = |reported: &Value| reported["is"] == "joined";
+        self.until("copy of the client's", |feed| feed.reported.iter().any(is))
+    }
+
+    /// The script's commands and the next tick that is spoken of, without the client.
+    fn step_alone(&mut self) -> CaseResult {
+        let mut commands = Vec::new();
+        self.script.commands(self.scripted, &mut commands);
+        self.scripted = self.scripted.next();
+        if !commands.is_empty() {
+            self.let_tell()?;
+        }
+        for command in commands {
+            self.command(command)?;
+        }
+        let publish_interval = Ticks::new(self.config.publish_schedule.publish_interval.get());
+        let to = self.mirror()?.stream().watermark_tick() + publish_interval;
+        self.task(|mirror, now| mirror.advance(now, to))?;
+        if self.mirror()?.stream().complete() >= to {
+            Ok(())
+        } else {
+            Err(Stop::Inconclusive(format!("no tick {to} without a wire")))
+        }
+    }
+
+    /// Waits for a moment until the client has reported of the last tick: what is said of it may be overtaken by the scene_events of the
+    /// next one, since lanes have no order between them, and then the client tells of a tick that never was so.
+    fn let_tell(&mut self) -> CaseResult {
+        let tick = self.mirror()?.stream().complete().value();
+        let end = self.now() + LANES;
+        let is_told = |feed: &Self| {
+            let last = feed
+                .reported
+                .iter()
+                .rev()
+                .find(|reported| reported["is"] == "tick");
+            last.is_none_or(|reported| reported["tick"] == tick)
+        };
+        while !is_told(self) && self.now() < end && self.host.ended.is_none() {
+            self.turn(end)?;
+        }
+        Ok(())
+    }
+
+    /// So many ticks, a few milliseconds each.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Fail`] when the client says what is malformed, or tells what is not so.
+    pub fn step(&mut self, ticks: u64) -> CaseResult {
+        for _ in 0..ticks {
+            self.step_alone()?;
+            self.run(Duration::from_millis(2))?;
+        }
+        Ok(())
+    }
+
+    /// So many ticks with hardly any time between them.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::step`].
+    pub fn step_fast(&mut self, ticks: u64) -> CaseResult {
+        for _ in 0..ticks {
+            self.step_alone()?;
+        }
+        self.run(Duration::from_millis(20))
+    }
+
+    /// Goes on for so long.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::step`].
+    pub fn run(&mut self, time: Duration) -> CaseResult {
+        let end = self.host.now() + span(time);
+        while self.host.now() < end && self.host.ended.is_none() {
+            self.turn(end)?;
+        }
+        Ok(())
+    }
+
+    /// Goes on until something is so.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Fail`] when it does not become so in time.
+    pub fn until(&mut self, what: &str, is: impl FnMut(&mut Self) -> bool) -> CaseResult {
+        self.until_for(Duration::ZERO, what, is)
+    }
+
+    /// The same with more patience than anything else is given.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::until`].
+    pub fn until_for(
+        &mut self,
+        longer: Duration,
+        what: &str,
+        mut is: impl FnMut(&mut Self) -> bool,
+    ) -> CaseResult {
+        let end = self.host.patience() + span(longer);
+        while !is(self) {
+            if self.host.now() >= end || self.host.ended.is_some() {
+                self.host.must_be_supported()?;
+                return Stop::fail(format!("no {what}: {:?}", self.host.ended));
+            }
+            let soon = self.host.now() + Span::from_millis(5);
+            self.turn(soon.min(end))?;
+        }
+        Ok(())
+    }
+
+    /// The session of this house follows another stream, as the client is to.
+    pub fn change_mirror_to(&mut self, choice: StreamChoice) {
+        self.stream_history.forget();
+        // It may already be about to.
+        let _ = self.task(|mirror, _| mirror.subscribe(choice));
+    }
+
+    /// The number of the next packet that the stream will say.
+    #[must_use]
+    pub fn next_number(&self) -> u64 {
+        self.next
+    }
+
+    /// Ticks until a repair_symbol was the last that was said, so that nothing is missing behind it.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::step`].
+    pub fn step_until_repair_symbol(&mut self, ticks: u64) -> CaseResult {
+        self.step(ticks)?;
+        for _ in 0..60 {
+            if self.sent.back() == Some(&PacketKind::RepairSymbol) {
+                break;
+            }
+            self.step(1)?;
+        }
+        Ok(())
+    }
+
+    /// That the client's copy comes to be as ours: the same tick, sum and motions, to the bit.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Fail`] when it does not in time, or was ever otherwise than the stream at a tick that it reported of.
+    pub fn must_follow(&mut self) -> CaseResult {
+        let tick = self.mirror()?.stream().complete().value();
+        let what = format!("copy at {tick} as the stream has it");
+        self.until(&what, |feed| {
+            feed.reported
+                .iter()
+                .rev()
+                .any(|reported| reported["is"] == "tick" && reported["tick"] == tick)
+        })?;
+        self.judge()
+    }
+
+    /// How many ticks the client reported of.
+    #[must_use]
+    pub fn ticks_told(&self) -> usize {
+        self.reported
+            .iter()
+            .filter(|reported| reported["is"] == "tick")
+            .count()
+    }
+
+    /// Holds what the client reported against the stream.
+    fn judge(&mut self) -> CaseResult {
+        let choice = self.choice().ok();
+        self.stream_history.judge(&self.reported, choice)
+    }
+
+    /// What happened to the session of this house.
+    pub fn events(&mut self) -> Vec<Event> {
+        std::mem::take(&mut self.events)
+    }
+
+    /// Takes in what comes from the client until a moment, one thing at most.
+    fn turn(&mut self, until: Instant) -> CaseResult {
+        let wakes = [self.server.poll_timeout(), self.mirror.poll_timeout()];
+        let next = wakes.into_iter().flatten().map(|wake| wake.at).min();
+        let soon = next.map_or(until, |next| {
+            let wait = next.since(self.now());
+            (self.host.now() + wait).min(until)
+        });
+        self.host.take_in(soon)?;
+        while let Some(bytes) = self.host.uttered.pop_front() {
+            let now = self.now();
+            self.server.handle_control(now, CLIENT, &bytes);
+            self.frames.push(&bytes);
+            while let Ok(Some(framed)) = self.frames.next_frame() {
+                self.said
+                    .extend(ClientMessage::decode(&framed).ok().flatten());
+            }
+        }
+        while let Some(bytes) = self.host.datagrams.pop_front() {
+            self.hear_datagram(&bytes);
+        }
+        if let Some(end) = &self.host.ended {
+            let ending = match end {
+                RawPeerEnd::Closed(code) => {
+                    Ending::Closed(u32::try_from(*code).unwrap_or(u32::MAX))
+                }
+                _ => Ending::Broken,
+            };
+            let now = self.now();
+            self.server.handle_ended(now, CLIENT, ending);
+        }
+        let lines = self.host.lines_written()?;
+        self.reported.extend(lines);
+        self.exchange()
+    }
+
+    fn hear_datagram(&mut self, bytes: &[u8]) {
+        let mut reader = Reader::new(bytes);
+        if let Ok(head) = Head::decode(&mut reader) {
+            self.kinds.push(head.kind);
+            if head.kind == PacketKind::LossReport
+                && let Ok(loss_report) = LossReport::decode(reader)
+            {
+                self.loss_reports.push((self.host.now(), loss_report));
+            }
+        }
+        let now = self.now();
+        self.server.handle_datagram(now, CLIENT, bytes);
+    }
+
+    /// Lets server and mirror speak until neither has anything to say; the client hears what the case lets it hear.
+    fn exchange(&mut self) -> CaseResult {
+        loop {
+            let mut said = false;
+            while let Some(transmit) = self.mirror.poll_transmit() {
+                said = true;
+                let now = self.now();
+                match transmit {
+                    Transmit::Control { bytes, .. } => {
+                        self.server.handle_control(now, MIRROR, &bytes);
+                    }
+                    Transmit::State { bytes, .. } => {
+                        self.server.handle_datagram(now, MIRROR, &bytes);
+                    }
+                    Transmit::Close { code, .. } => {
+                        return Err(Stop::Inconclusive(format!("the suite closes with {code}")));
+                    }
+                }
+            }
+            while let Some(transmit) = self.server.poll_transmit() {
+                said = true;
+                self.pass_on(transmit)?;
+            }
+            while let Some(event) = self.mirror.poll_event() {
+                self.events.push(event);
+            }
+            if !said && !self.wake() {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Lets who waits for this moment go on; `false` when nobody does.
+    fn wake(&mut self) -> bool {
+        let now = self.now();
+        let due =
+            |endpoint: &dyn Endpoint| endpoint.poll_timeout().is_some_and(|wake| wake.at <= now);
+        let (server, mirror) = (due(&self.server), due(&self.mirror));
+        if server {
+            self.server.handle_timeout(now);
+        }
+        if mirror {
+            self.mirror.handle_timeout(now);
+        }
+        server || mirror
+    }
+
+    fn pass_on(&mut self, transmit: Transmit) -> CaseResult {
+        let now = self.now();
+        match transmit {
+            Transmit::Control { to: MIRROR, bytes } => {
+                self.mirror.handle_control(now, SERVER, &bytes);
+                self.keep();
+            }
+            Transmit::State { to: MIRROR, bytes } => {
+                if datagram::is_packet(&bytes) {
+                    self.next += 1;
+                }
+                self.mirror.handle_datagram(now, SERVER, &bytes);
+                self.keep();
+            }
+            Transmit::Control { bytes, .. } => self.send(Delivery::Control(bytes.to_vec())),
+            Transmit::State { bytes, .. } => self.send(Delivery::State(bytes.to_vec())),
+            Transmit::Close { to, code } => {
+                if to == MIRROR {
+                    return Err(Stop::Inconclusive(format!(
+                        "the suite's server closes with {code}"
+                    )));
+                }
+                return Stop::fail(format!("the client breaks the protocol: {code}"));
+            }
+        }
+        Ok(())
+    }
+
+    fn send(&mut self, word: Delivery) {
+        for word in (self.tamper)(word) {
+            match word {
+                Delivery::Control(bytes) => {
+                    self.host.note(format!("> {}", hex(&bytes)));
+                    self.host.line.say(bytes);
+                }
+                Delivery::State(bytes) => {
+                    self.sent.extend(datagram::kind(&bytes));
+                    if self.sent.len() > 8 {
+                        self.sent.pop_front();
+                    }
+                    self.host.note(format!("> datagram {}", hex(&bytes)));
+                    // What QUIC cannot send now is lost, as any datagram may be.
+                    let _ = self.host.line.datagram(bytes);
+                }
+            }
+        }
+    }
+
+    fn keep(&mut self) {
+        if let Some(copy) = self.mirror.replica() {
+            self.stream_history.keep(copy);
+        }
+    }
+
+    /// The config of the scene.
+    #[must_use]
+    pub const fn config(&self) -> SceneConfig {
+        self.config
+    }
+
+    /// Which stream is followed.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::mirror`].
+    pub fn choice(&self) -> Result<StreamChoice, Stop> {
+        self.mirror().map(Replica::choice)
+    }
+}
+
+impl fmt::Debug for Interceptor {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Interceptor")
+            .field("host", &self.host)
+            .finish_non_exhaustive()
+    }
+}
+
+fn span(time: Duration) -> Span {
+    Span::from_nanos(u64::try_from(time.as_nanos()).unwrap_or(u64::MAX))
+}

@@ -1,0 +1,285 @@
+//! L4.1: bodies are within their tolerances, as the full stream has them.
+//!
+//! The same scene is followed by two streams, one of them the full one; at every tick that the copy is complete for, publish_interval
+//! body of it is compared. Scenes are this house's scripts, which name no engine.
+
+use std::num::NonZeroU32;
+
+use rhumb_protocol::message::StreamChoice;
+use rhumb_protocol::scene::{Command, IdRange, PublishSchedule, SceneConfig, Stepping};
+use rhumb_reckoning::{
+    BodyId, LengthBound, Metres, Radians, Tick, Ticks, Tolerance, ToleranceScale,
+};
+use rhumb_sims::{Script, by_name};
+
+use super::scenery::{EXACT, NORMAL};
+use crate::conformance::case::{Case, Feature};
+use crate::conformance::outcome::{CaseResult, Stop, ensure};
+use crate::conformance::peer::{LaneAction, LossyClient, compare};
+use crate::conformance::trial::Trial;
+
+/// One scene, and how it is followed.
+#[derive(Clone, Copy, Debug)]
+struct Setup {
+    script: &'static str,
+    bodies: u32,
+    choice: StreamChoice,
+    ticks: u64,
+    /// One datagram in so many is lost, one comes twice, one late; none at zero.
+    spoilt: usize,
+    /// Each so-manyeth tick is spoken of, and what lookahead there is.
+    publish_schedule: (u32, u32),
+    /// How many ticks are asked for ahead.
+    depth: u64,
+    /// Whether bodies are of classes.
+    classes: bool,
+}
+
+impl Setup {
+    const fn of(script: &'static str, bodies: u32, choice: StreamChoice) -> Self {
+        Self {
+            script,
+            bodies,
+            choice,
+            ticks: 180,
+            spoilt: 0,
+            publish_schedule: (1, 0),
+            depth: 1,
+            classes: false,
+        }
+    }
+}
+
+pub(super) fn cases() -> Vec<Case> {
+    let promise = "PROTOCOL 6.3-7, 6.3-10, 6.1-2, 6.1-4, 6.10-1, 6.8-2, 6.8-4";
+    let mut number = 0;
+    let mut case = |name: String, cites: &str, way: Setup| {
+        number += 1;
+        Case::server(&format!("L4.1.{number}"), &name)
+            .cites(promise)
+            .cites(cites)
+            .needs(&[Feature::Lockstep])
+            .play(move |trial| follow(trial, way))
+    };
+    let mut cases = Vec::new();
+    for (script, bodies, cites) in [
+        ("ball-pit", 20, "PROTOCOL 6.2-1, 6.2-4"),
+        ("cubes", 12, "PROTOCOL 6.2-6"),
+        ("ragdolls", 4, "PROTOCOL 2.6-7"),
+        ("stack", 10, "PROTOCOL 6.3-9"),
+        ("dominoes", 12, "PROTOCOL 6.3-9"),
+        ("tumbler", 12, "PROTOCOL 6.2-3"),
+        ("rain", 12, "PROTOCOL 6.13-2, 6.3-5"),
+        ("free-fall", 12, "PROTOCOL 6.9-1"),
+        ("asteroids", 8, "PROTOCOL 2.6-6, 4.6-3"),
+        ("zoo", 12, "PROTOCOL 6.1-5, 6.2-3"),
+    ] {
+        for (word, choice) in [("five centimetres", NORMAL), ("five millimetres", EXACT)] {
+            let name = format!("{script}: every body is within {word} at every tick");
+            cases.push(case(name, cites, Setup::of(script, bodies, choice)));
+        }
+    }
+    let (pit, zoo) = (
+        Setup::of("ball-pit", 20, NORMAL),
+        Setup::of("zoo", 12, EXACT),
+    );
+    for (name, cites, way) in spoilt(pit, zoo).into_iter().chain(otherwise(pit, zoo)) {
+        cases.push(case(name.to_owned(), cites, way));
+    }
+    cases
+}
+
+/// Ways over lanes that lose, repeat and disorder.
+fn spoilt(pit: Setup, zoo: Setup) -> Vec<(&'static str, &'static str, Setup)> {
+    vec![
+        (
+            "a pit on a bad lane: what is watermark_tick for holds",
+            "PROTOCOL 6.7-3, 6.6-14, 6.6-15, 6.8-5, 6.7-8",
+            Setup { spoilt: 6, ..pit },
+        ),
+        (
+            "a zoo on a bad lane: what is watermark_tick for holds",
+            "PROTOCOL 6.7-3, 6.13-7, 6.13-12, 6.6-8",
+            Setup { spoilt: 5, ..zoo },
+        ),
+        (
+            "a tumbler on a bad lane: what is held by another is right too",
+            "PROTOCOL 6.7-3, 6.8-4",
+            Setup {
+                spoilt: 6,
+                ..Setup::of("tumbler", 12, EXACT)
+            },
+        ),
+        (
+            "a zoo that speaks of each other tick, on a bad lane",
+            "PROTOCOL 6.3-1",
+            Setup {
+                publish_schedule: (2, 0),
+                depth: 2,
+                spoilt: 6,
+                ..zoo
+            },
+        ),
+    ]
+}
+
+/// Ways that are asked for, or choose, otherwise.
+fn otherwise(pit: Setup, zoo: Setup) -> Vec<(&'static str, &'static str, Setup)> {
+    let parts = Tolerance::parts(Metres::new(0.01), Radians::new(0.002)).expect("within range");
+    let coarse = LengthBound::from_micrometres(200_000).expect("within range");
+    vec![
+        (
+            "a pit in parts: positions and turns are within bounds of their own",
+            "PROTOCOL 4.2-1",
+            Setup {
+                choice: StreamChoice::Within(parts),
+                ..pit
+            },
+        ),
+        (
+            "a pit within twenty centimetres",
+            "PROTOCOL 4.2-1",
+            Setup {
+                choice: StreamChoice::Within(Tolerance::Surface(coarse)),
+                ..pit
+            },
+        ),
+        (
+            "a pit with classes: each body within its own tolerance",
+            "PROTOCOL 2.6-12",
+            Setup {
+                classes: true,
+                ..pit
+            },
+        ),
+        (
+            "a zoo with classes: each body within its own tolerance",
+            "PROTOCOL 2.6-12",
+            Setup {
+                classes: true,
+                ..zoo
+            },
+        ),
+        (
+            "a pit that is asked for ten ticks ahead",
+            "PROTOCOL 4.9-1, 6.3-12",
+            Setup { depth: 10, ..pit },
+        ),
+        (
+            "a pit that speaks of each third tick",
+            "PROTOCOL 5.6-15, 6.3-1, 6.3-2, 4.9-6",
+            Setup {
+                publish_schedule: (3, 0),
+                depth: 3,
+                ..pit
+            },
+        ),
+    ]
+}
+
+/// Follows a script by two streams, one of them the full one, and compares at every tick that is spoken of.
+fn follow(trial: &mut Trial<'_>, way: Setup) -> CaseResult {
+    let scene = trial.scene();
+    let unknown = || Stop::Inconclusive(format!("no script {}", way.script));
+    let mut script = by_name(way.script, way.bodies, trial.conditions.seed).ok_or_else(unknown)?;
+    let mut leader = trial.follower_of(&scene)?;
+    let (publish_interval, lookahead) = way.publish_schedule;
+    let config = SceneConfig {
+        stepping: Stepping::Lockstep,
+        publish_schedule: PublishSchedule {
+            publish_interval: NonZeroU32::new(publish_interval).unwrap_or(NonZeroU32::MIN),
+            lookahead: Ticks::new(lookahead),
+        },
+        ..script.config()
+    };
+    leader.create(config)?;
+    leader.join(way.choice)?;
+    let mut truth = trial.follower_of(&scene)?;
+    truth.greet()?;
+    truth.join(StreamChoice::Full)?;
+    spoil(trial, &mut leader, way.spoilt);
+    let mut worst = 0.0_f64;
+    let mut judged = 0;
+    for tick in 0..way.ticks {
+        command(&mut leader, script.as_mut(), Tick::new(tick), way.classes)?;
+        let to = Tick::new(tick + 1);
+        if (tick + 1) % way.depth == 0 {
+            leader.advance(to)?;
+        } else {
+            leader.ask_for(to)?;
+        }
+        if config.publish_schedule.publishes(to) && (tick + 1) % way.depth == 0 {
+            truth.complete(to)?;
+            worst = worst.max(compare(leader.replica()?, truth.replica()?, to, 1.0)?);
+            judged += 1;
+        }
+    }
+    trial.note(format!(
+        "{judged} ticks; at worst {worst:.3} of the tolerance"
+    ));
+    let received = leader.replica()?.stream().statistics();
+    ensure(
+        received.mismatches == 0,
+        "every sum over tracks is the copy's own",
+    )
+}
+
+fn spoil(trial: &Trial<'_>, follower: &mut LossyClient, one_in: usize) {
+    if one_in == 0 {
+        return;
+    }
+    let mut dice = trial.dice();
+    follower.sift(move |_| match dice.below(one_in) {
+        0 => LaneAction::Lost,
+        1 if dice.below(2) == 0 => LaneAction::Twice,
+        1 => LaneAction::Late,
+        _ => LaneAction::Comes,
+    });
+}
+
+/// The script's commands of a tick, with bodies named as they were granted.
+fn command(
+    leader: &mut LossyClient,
+    script: &mut dyn Script,
+    tick: Tick,
+    classes: bool,
+) -> CaseResult {
+    let mut commands = Vec::new();
+    script.commands(tick, &mut commands);
+    for mut command in commands {
+        rename(&mut command, leader.granted)?;
+        if classes && let Command::AddBody { config, .. } = &mut command {
+            let step = (config.id.index() % 7) as i8 - 3;
+            config.tolerance_scale = ToleranceScale::new(step).unwrap_or(ToleranceScale::USUAL);
+        }
+        leader.task(|session| session.command(command))?;
+    }
+    Ok(())
+}
+
+/// Names the bodies of a command by their places in what was granted: scripts count them from zero.
+pub(super) fn rename(command: &mut Command, granted: IdRange) -> CaseResult {
+    let named = |id: &mut BodyId| -> CaseResult {
+        let first = granted.id(0).map_or(0, BodyId::generation);
+        if id.index() >= granted.count() {
+            return Err(Stop::Inconclusive("the script has too many bodies".into()));
+        }
+        *id = BodyId::new(granted.first() + id.index(), first + id.generation());
+        Ok(())
+    };
+    match command {
+        Command::AddBody { config, .. } => named(&mut config.id),
+        Command::RemoveBody { id }
+        | Command::SetPose { id, .. }
+        | Command::SetVelocity { id, .. }
+        | Command::Force { id, .. }
+        | Command::Torque { id, .. }
+        | Command::Impulse { id, .. }
+        | Command::TorqueImpulse { id, .. } => named(id),
+        Command::AddJoint { joint, .. } => joint.bodies.iter_mut().try_for_each(named),
+        Command::AddShape { .. }
+        | Command::RemoveShape { .. }
+        | Command::SetGravity { .. }
+        | Command::RemoveJoint { .. } => Ok(()),
+    }
+}

@@ -1,0 +1,293 @@
+//! What a server makes of a member's own stream, bad as link and datagrams be.
+//!
+//! Promises: an honest driver's bodies are within its tolerance of where it has them, wherever the server is sure of it;
+//! of a dishonest one, no body is made that was not granted, and all are put where a body may be.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::num::NonZeroU32;
+
+use bytes::Bytes;
+use glam::Vec3;
+use rhumb_protocol::message::AuthorityGrant;
+use rhumb_protocol::packet::{Head, LossReport, PacketKind};
+use rhumb_protocol::scene::PublishSchedule;
+use rhumb_protocol::session::UpstreamReceiver;
+use rhumb_protocol::stream::{
+    Activity, Features, MismatchReply, Observation, ObservationHistory, PredictionParameters,
+    Publisher, Redundancy, StreamTerms,
+};
+use rhumb_protocol::wire::Wire;
+use rhumb_protocol::wire::bytes::Reader;
+use rhumb_protocol::{Instant, Span};
+use rhumb_reckoning::{
+    BodyId, BodyState, Damping, Divergence, Integrator, Metres, Rate, Tick, Tolerance,
+    ToleranceScale,
+};
+
+use super::packets::written_again;
+use super::script::Script;
+use super::source::STREAM;
+use super::subscriber::{PacketSource, assert_is_motion};
+
+const BODIES: u32 = 4;
+const TICKS_MAX: u64 = 240;
+const SCENE_EVENTS: u64 = 0;
+const TICK: Span = Span::from_nanos(16_666_667);
+const MANNER: PredictionParameters = PredictionParameters {
+    radius: Metres::new(0.5),
+    damping: Damping {
+        linear: 0.0,
+        angular: 0.0,
+    },
+    gravity_scale: 0.0,
+    inertia: None,
+    tolerance_scale: ToleranceScale::USUAL,
+};
+
+struct TakeAuthority {
+    publisher: Publisher,
+    observation_history: ObservationHistory,
+    driven: UpstreamReceiver,
+    places: [Vec3; BODIES as usize],
+    speeds: [Vec3; BODIES as usize],
+    truth: BTreeMap<u64, Vec<BodyState>>,
+    air: VecDeque<(u64, Bytes)>,
+    tick: u64,
+    fate: u32,
+    late: u64,
+    redundancy: Redundancy,
+    sent: u32,
+    /// Whether nothing but what the driver says was received.
+    honest: bool,
+}
+
+/// A script of ticks, blows, faults and lies.
+pub fn upstream(data: &[u8]) {
+    let mut script = Script::new(data);
+    let mut drive = TakeAuthority::new(&mut script);
+    let mut packet_source = PacketSource {
+        number: 0,
+        tick: 0,
+        scene_events: SCENE_EVENTS,
+    };
+    while script.goes_on() && drive.tick < TICKS_MAX {
+        match script.below(8) {
+            0..4 => {
+                for _ in 0..=script.below(6) {
+                    drive.step();
+                }
+            }
+            4 | 5 => {
+                let body = script.below(BODIES as usize);
+                drive.speeds[body] = script.sane_vector(20.0);
+            }
+            6 => (drive.fate, drive.late) = (script.any(), script.below(4) as u64),
+            _ if script.below(8) == 0 => {
+                drive.honest = false;
+                let datagram = packet_source.datagram(&mut script, 6);
+                drive.driven.handle_datagram(&datagram);
+            }
+            _ => {
+                (packet_source.number, packet_source.tick) =
+                    (drive.publisher.next_number(), drive.tick)
+            }
+        }
+        drive.check();
+    }
+    (drive.fate, drive.late) = (0, 0);
+    for _ in 0..200 {
+        drive.step();
+        drive.check();
+    }
+    if drive.honest {
+        assert!(!drive.driven.has_lost_sync());
+        assert!(drive.driven.is_complete_at(Tick::new(drive.tick)));
+        assert_eq!(drive.driven.watermark_tick(), Tick::new(drive.tick));
+    }
+}
+
+impl TakeAuthority {
+    fn new(script: &mut Script<'_>) -> Self {
+        let tolerance = script.one_of(&[Tolerance::NORMAL, Tolerance::EXACT, Tolerance::COARSE]);
+        let integrator = Integrator {
+            rate: Rate::HZ_60,
+            substeps: NonZeroU32::MIN,
+        };
+        let config = StreamTerms {
+            publish_interval: PublishSchedule::EACH_TICK.publish_interval,
+            tolerance,
+            integrator,
+            gravity: Vec3::ZERO,
+            features: Features {
+                ballistic: false,
+                torque_free: false,
+                attached: false,
+                ..Features::ALL
+            },
+        };
+        let places = [0.0, 1.0, 2.0, 3.0].map(|x| Vec3::new(x * 4.0, 1.0, 0.0));
+        let bodies = places.iter().enumerate();
+        let driving = AuthorityGrant {
+            stream: STREAM,
+            tick: Tick::ZERO,
+            bodies: bodies
+                .map(|(index, place)| {
+                    (
+                        BodyId::new(index as u32 + 10, 0),
+                        motion(*place, Vec3::ZERO),
+                    )
+                })
+                .collect(),
+        };
+        let mut publisher = Publisher::new(STREAM, &config, Tick::ZERO);
+        for (index, (_, motion)) in driving.bodies.iter().enumerate() {
+            let id = BodyId::new(index as u32, 0);
+            assert!(publisher.place(id, &MANNER, driving.first_track(*motion)));
+        }
+        Self {
+            driven: UpstreamReceiver::new(&driving, tolerance, integrator, |_| Some(MANNER)),
+            publisher,
+            observation_history: ObservationHistory::new(PublishSchedule::EACH_TICK),
+            places,
+            speeds: [Vec3::ZERO; BODIES as usize],
+            truth: BTreeMap::new(),
+            air: VecDeque::new(),
+            tick: 0,
+            fate: 0,
+            late: 0,
+            redundancy: script.one_of(&[Redundancy::Off, Redundancy::Plain]),
+            sent: 0,
+            honest: true,
+        }
+    }
+
+    fn is_lost(&mut self) -> bool {
+        self.sent = self.sent.wrapping_add(1);
+        self.fate.rotate_right(self.sent) & 1 == 1
+    }
+
+    fn send(&mut self, datagrams: &[Bytes]) {
+        for datagram in datagrams {
+            if !self.is_lost() {
+                let at = self.tick + u64::from(self.sent) % (self.late + 1);
+                self.air.push_back((at, datagram.clone()));
+            }
+        }
+    }
+
+    /// A tick of the driver, and of the server.
+    fn step(&mut self) {
+        self.tick += 1;
+        for (place, speed) in self.places.iter_mut().zip(self.speeds) {
+            *place = (*place + speed / 60.0).clamp(Vec3::splat(-1e4), Vec3::splat(1e4));
+        }
+        let motions = self.places.iter().zip(self.speeds);
+        let motions: Vec<_> = motions
+            .map(|(place, speed)| motion(*place, speed))
+            .collect();
+        let seen = motions.iter().enumerate();
+        let seen: Vec<_> = seen
+            .map(|(index, motion)| Observation {
+                id: BodyId::new(index as u32, 0),
+                motion: *motion,
+                activity: Activity::Awake,
+            })
+            .collect();
+        self.truth.insert(self.tick, motions);
+        self.observation_history
+            .observe(Tick::new(self.tick), &seen);
+        let mut said = Vec::new();
+        self.publisher
+            .publish(&self.observation_history, SCENE_EVENTS, &mut said);
+        if said.is_empty() {
+            said.push(self.publisher.watermark(SCENE_EVENTS));
+        }
+        self.publisher
+            .encode_repair_symbols(self.redundancy, &mut said);
+        self.send(&said);
+        self.deliver();
+        let mut asked = Vec::new();
+        let now = Instant::ZERO + Span::from_nanos(TICK.as_nanos() * self.tick);
+        self.driven.ask(now, Tick::new(self.tick), &mut asked);
+        for datagram in asked {
+            assert_eq!(written_again(&datagram), Ok(()));
+            if !self.is_lost() {
+                self.answer(&datagram);
+            }
+        }
+        self.deliver();
+    }
+
+    fn answer(&mut self, datagram: &[u8]) {
+        let mut reader = Reader::new(datagram);
+        let head = Head::decode(&mut reader).expect("a server says datagrams");
+        let mut answers = Vec::new();
+        if head.kind == PacketKind::LossReport {
+            let loss_report = LossReport::decode(reader).expect("a server says loss_reports");
+            for number in self.publisher.answer(&loss_report, &mut answers) {
+                answers.extend(
+                    self.publisher
+                        .refresh(number, SCENE_EVENTS)
+                        .unwrap_or_default(),
+                );
+            }
+            answers.push(self.publisher.watermark(SCENE_EVENTS));
+        } else {
+            let mismatch =
+                rhumb_protocol::packet::ChecksumMismatch::decode(reader).expect("or mismatches");
+            match self.publisher.answer_mismatch(mismatch, SCENE_EVENTS) {
+                MismatchReply::Sums(sums) => answers.push(sums),
+                MismatchReply::Resync(_, all) => answers.extend(all),
+            }
+        }
+        self.send(&answers);
+    }
+
+    fn deliver(&mut self) {
+        let now = self.tick;
+        let (due, later): (Vec<_>, Vec<_>) = self.air.drain(..).partition(|(at, _)| *at <= now);
+        self.air.extend(later);
+        for (_, datagram) in due {
+            self.driven.handle_datagram(&datagram);
+        }
+    }
+
+    fn check(&mut self) {
+        let tick = Tick::new(self.tick);
+        let known = self.driven.is_complete_at(tick) && self.driven.watermark_tick() >= tick;
+        let tolerance = self.driven.tolerance();
+        let mut count = 0;
+        for (id, motion) in self.driven.motions(tick) {
+            assert!(
+                (10..10 + BODIES).contains(&id.index()),
+                "{id} was not granted"
+            );
+            assert_is_motion(&motion);
+            count += 1;
+            let truth = self.truth.get(&self.tick);
+            if let Some(truth) = truth.filter(|_| self.honest && known) {
+                let truth = truth[id.index() as usize - 10].motion().pose();
+                let apart = Divergence::between(&truth, &motion.pose());
+                let share = tolerance.share(&apart, MANNER.radius);
+                assert!(share <= 1.0, "{id} is off by {share} tolerances at {tick}");
+            }
+        }
+        assert!(count <= BODIES);
+        if self.honest {
+            let received = self.driven.statistics();
+            assert_eq!((received.malformed, received.mismatches), (0, 0));
+        }
+    }
+}
+
+fn motion(place: Vec3, speed: Vec3) -> BodyState {
+    let spin = Vec3::new(0.0, speed.x * 0.1, 0.0);
+    let rotation = [0.0, 0.0, 0.0, 1.0];
+    BodyState::new(
+        place.to_array(),
+        rotation,
+        speed.to_array(),
+        spin.to_array(),
+    )
+    .expect("a place is finite")
+}

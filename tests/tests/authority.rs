@@ -1,0 +1,308 @@
+//! Who drives which bodies, from when on, until when, and what others may do.
+//!
+//! Proved in virtual time with `Walk`; that what is driven is where it should be is the affair of `upstream`.
+
+use rhumb_protocol::message::{AuthorityError, StreamChoice};
+use rhumb_protocol::scene::{Command, CommandError, Stepping};
+use rhumb_protocol::session::Misuse;
+use rhumb_protocol::{Ending, Span};
+use rhumb_reckoning::{BodyId, Divergence, Tick, Ticks, Tolerance};
+use rhumb_tests::{Avatars, COMMANDER, TICK, Walk, take_authority, seed};
+use rhumb_transport::{Direction, LinkConfig};
+
+const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
+/// As `Walk` drives.
+const CLOSE: Tolerance = Tolerance::FINE;
+
+fn put(id: BodyId) -> Command {
+    Command::SetPose {
+        id,
+        position: glam::Vec3::new(0.0, 5.0, 0.0),
+        rotation: glam::Quat::IDENTITY,
+    }
+}
+
+#[test]
+fn a_refused_authority_request_names_its_reason_and_keeps_earlier_grants() {
+    let mut walk = Walk::new(Stepping::FreeRunning, 2, 2, 1);
+    let (one, other) = (Avatars::id(0), Avatars::id(1));
+    for (ids, why) in [
+        (
+            vec![one, Avatars::floor()],
+            AuthorityError::NotKinematic(Avatars::floor()),
+        ),
+        (
+            vec![Avatars::freight()],
+            AuthorityError::NotKinematic(Avatars::freight()),
+        ),
+        (
+            vec![BodyId::new(77, 0)],
+            AuthorityError::UnknownBody(BodyId::new(77, 0)),
+        ),
+        (
+            vec![BodyId::new(4, 1)],
+            AuthorityError::UnknownBody(BodyId::new(4, 1)),
+        ),
+    ] {
+        assert_eq!(walk.take_authority(&ids), Err(why));
+    }
+    walk.frame();
+    let guest = walk.stage.enter(NORMAL);
+    assert_eq!(
+        take_authority(&mut walk.stage, guest, &[one]),
+        Err(AuthorityError::NotYours(one))
+    );
+    // What is not granted to anybody any more may be driven by whoever comes first.
+    walk.stage
+        .network
+        .client_mut(COMMANDER)
+        .leave()
+        .expect("it is a member");
+    walk.stage.run(TICK);
+    assert_eq!(take_authority(&mut walk.stage, guest, &[one]), Ok(vec![one]));
+    walk.stage.join(COMMANDER, NORMAL);
+    let taken = walk.take_authority(&[one, other]);
+    assert_eq!(taken, Err(AuthorityError::HeldByAnother(one)));
+    assert_eq!(walk.take_authority(&[other]), Ok(vec![other]));
+    let session = walk.stage.network.client_mut(COMMANDER);
+    let tick = Tick::new(1_000);
+    let foreign = session.publish(tick, &[(one, Avatars::walk(0, tick))]);
+    assert_eq!(foreign, Err(Misuse::NoAuthority(one)));
+    let many: Vec<BodyId> = (0..257).map(|index| BodyId::new(index, 0)).collect();
+    assert_eq!(
+        session.take_authority(CLOSE, &many),
+        Err(Misuse::TooManyAuthorityBodies(257))
+    );
+}
+
+#[test]
+fn a_body_under_client_authority_refuses_commands_until_it_is_released() {
+    let mut walk = Walk::new(Stepping::FreeRunning, 1, 2, 1);
+    let id = Avatars::id(0);
+    let guest = walk.stage.enter(NORMAL);
+    let velocity = Command::SetVelocity {
+        id,
+        linear: glam::Vec3::X,
+        angular: glam::Vec3::ZERO,
+    };
+    for command in [put(id), velocity] {
+        walk.stage
+            .network
+            .client_mut(guest)
+            .command(command)
+            .expect("a member may ask");
+    }
+    for _ in 0..100 {
+        walk.frame();
+    }
+    let driven = Err(CommandError::UnderAuthority(id));
+    let refused = &walk.stage.witnesses[guest].refused;
+    assert_eq!(
+        refused
+            .iter()
+            .map(|(_, error)| Err::<(), _>(*error))
+            .collect::<Vec<_>>(),
+        [driven; 2]
+    );
+    assert!(walk.judged > 50);
+    assert_eq!(walk.take_authority(&[]), Ok(vec![]));
+    let before = walk.at(id);
+    walk.stage.run(Span::from_millis(500));
+    let apart = Divergence::between(&before.pose(), &walk.at(id).pose());
+    assert!(apart.position.metres() < 0.05, "it goes on by {apart:?}");
+    walk.stage
+        .network
+        .client_mut(guest)
+        .command(put(id))
+        .expect("a member may ask");
+    walk.stage.run(Span::from_millis(100));
+    assert_eq!(walk.stage.witnesses[guest].refused.len(), 2);
+    assert!((walk.at(id).pose().position.y - 5.0).abs() < 1e-6);
+}
+
+#[test]
+fn a_removed_body_ends_its_authority_and_its_index_can_be_reused() {
+    let mut walk = Walk::new(Stepping::FreeRunning, 2, 2, 1);
+    walk.over("rtt=80ms,loss=10%");
+    let (gone, stays) = (Avatars::id(0), Avatars::id(1));
+    for _ in 0..60 {
+        walk.frame();
+    }
+    let guest = walk.stage.enter(NORMAL);
+    let remove = Command::RemoveBody { id: gone };
+    walk.stage
+        .network
+        .client_mut(guest)
+        .command(remove)
+        .expect("a member may ask");
+    for _ in 0..90 {
+        let tick = walk.newest() + Ticks::new(6);
+        let session = walk.stage.network.client_mut(COMMANDER);
+        let known: Vec<BodyId> = session.authority_bodies().collect();
+        let motions = [(0, gone), (1, stays)];
+        let motions = motions.into_iter().filter(|(_, id)| known.contains(id));
+        let motions: Vec<_> = motions
+            .map(|(place, id)| (id, Avatars::walk(place, tick)))
+            .collect();
+        session.publish(tick, &motions).expect("they are driven");
+        walk.stage.run(TICK);
+    }
+    assert_eq!(
+        walk.stage
+            .network
+            .client(COMMANDER)
+            .authority_bodies()
+            .collect::<Vec<_>>(),
+        [stays]
+    );
+    let drive = walk.statistics().expect("one is left");
+    assert_eq!((drive.bodies, drive.heard.mismatches), (1, 0));
+    let config = walk.stage.copy(COMMANDER).body(stays).expect("it is there");
+    let again = BodyId::new(gone.index(), 1);
+    let config = rhumb_protocol::scene::BodyDesc {
+        id: again,
+        ..config
+    };
+    let motion = Avatars::walk(0, Tick::ZERO).stilled();
+    walk.stage.command(&[Command::AddBody { config, motion }]);
+    walk.stage.run(Span::from_millis(300));
+    assert_eq!(walk.take_authority(&[again, stays]), Ok(vec![again, stays]));
+    walk.stage
+        .network
+        .client_mut(guest)
+        .delete()
+        .expect("anybody may");
+    walk.stage.run(Span::from_millis(500));
+    assert_eq!(
+        walk.stage
+            .network
+            .client(COMMANDER)
+            .authority_bodies()
+            .count(),
+        0
+    );
+    assert_eq!(walk.stage.witnesses[COMMANDER].ended, None);
+}
+
+#[test]
+fn bodies_of_a_silent_client_stop_and_resume_with_its_upstream() {
+    let mut walk = Walk::new(Stepping::FreeRunning, 1, 2, 1);
+    for _ in 0..60 {
+        walk.frame();
+    }
+    let last = walk.newest();
+    // Silent since a few ticks: it is trusted for a second and as many ticks.
+    walk.stage.run(Span::from_millis(3_000));
+    let stood = walk.at(Avatars::id(0));
+    let way = f64::from(WALKED_METRES_IN_TWO_SECONDS);
+    let from = Avatars::walk(0, last).motion().pose().position;
+    assert!(stood.pose().position.distance(from) < way, "it flew on");
+    assert!(stood.twist().linear.length() < 1e-3, "{stood:?}");
+    walk.stage.run(Span::from_millis(3_000));
+    assert_eq!(walk.at(Avatars::id(0)).pose(), stood.pose());
+    let judged = walk.judged;
+    for _ in 0..60 {
+        walk.frame();
+    }
+    assert!(walk.judged > judged + 30);
+}
+
+/// At 1.4 m/s.
+const WALKED_METRES_IN_TWO_SECONDS: f32 = 2.8;
+
+#[test]
+fn a_client_that_paused_for_minutes_retakes_authority_by_itself() {
+    let mut walk = Walk::new(Stepping::FreeRunning, 1, 2, 1);
+    for _ in 0..60 {
+        walk.frame();
+    }
+    walk.stage.run(Span::from_millis(70_000));
+    let judged = walk.judged;
+    for _ in 0..120 {
+        walk.frame();
+    }
+    assert!(walk.judged > judged + 60);
+    assert_eq!(walk.stage.witnesses[COMMANDER].drives.len(), 2);
+}
+
+#[test]
+fn a_client_that_leaves_or_disconnects_loses_its_authority() {
+    let mut walk = Walk::new(Stepping::FreeRunning, 1, 2, 1);
+    let id = Avatars::id(0);
+    for _ in 0..60 {
+        walk.frame();
+    }
+    walk.stage
+        .network
+        .client_mut(COMMANDER)
+        .leave()
+        .expect("it is a member");
+    walk.stage.run(Span::from_millis(100));
+    assert_eq!(walk.statistics(), None);
+    let stood = walk.at(id);
+    walk.stage.run(Span::from_millis(1_000));
+    assert_eq!(walk.at(id).pose(), stood.pose());
+    walk.stage.join(COMMANDER, NORMAL);
+    assert_eq!(walk.take_authority(&[id]), Ok(vec![id]));
+    walk.said.clear();
+    let judged = walk.judged;
+    for _ in 0..60 {
+        walk.frame();
+    }
+    assert!(walk.judged > judged + 30);
+    walk.stage.network.sever(COMMANDER, Ending::TimedOut);
+    walk.stage.run(Span::from_millis(100));
+    assert_eq!(walk.statistics(), None);
+}
+
+#[test]
+fn two_clients_with_authority_move_their_own_bodies_and_see_the_others() {
+    let mut walk = Walk::new(Stepping::FreeRunning, 1, 4, seed(23));
+    let guest = walk.stage.enter(NORMAL);
+    let granted = walk.stage.witnesses[guest].granted.expect("it is a member");
+    let id = granted.id(0).expect("it was granted some");
+    let mut config = walk
+        .stage
+        .copy(guest)
+        .body(Avatars::id(0))
+        .expect("it is there");
+    config.id = id;
+    // The same walk, from elsewhere and with other rests.
+    let at = |tick| Avatars::walk(3, tick);
+    let motion = at(Tick::ZERO).stilled();
+    let add = Command::AddBody { config, motion };
+    walk.stage
+        .network
+        .client_mut(guest)
+        .command(add)
+        .expect("it is a member");
+    walk.stage.run(Span::from_millis(100));
+    assert_eq!(take_authority(&mut walk.stage, guest, &[id]), Ok(vec![id]));
+    let links: LinkConfig = "rtt=50ms,loss=5%"
+        .parse()
+        .expect("the tests write links well");
+    walk.stage.network.set_config(links);
+    walk.stage
+        .network
+        .set_config_of(walk.watcher, Direction::Down, LinkConfig::PERFECT);
+    let mut worst: f64 = 0.0;
+    for frame in 0..400 {
+        let tick = walk.newest() + Ticks::new(4);
+        let session = walk.stage.network.client_mut(guest);
+        session.publish(tick, &[(id, at(tick))]).expect("it drives");
+        walk.frame();
+        if frame > 30 {
+            let copy = walk.stage.copy(COMMANDER).stream();
+            let seen = copy
+                .predicted_motion(id, copy.complete())
+                .expect("it is there");
+            let said = at(copy.complete()).motion();
+            worst = worst.max(seen.pose().position.distance(said.pose().position));
+        }
+    }
+    // Two tolerances and what a lost packet may cost for a round trip or two.
+    assert!(worst < 0.5, "off by {worst} m");
+    assert!(walk.judged > 200, "{} were judged", walk.judged);
+    let scene = "stage".parse().expect("a scene's name");
+    assert_eq!(walk.stage.network.server().drives(&scene).count(), 2);
+}

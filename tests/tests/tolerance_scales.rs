@@ -1,0 +1,132 @@
+//! Bodies are followed as closely as their tolerance_scale says, in every stream
+//!
+//! Proved as in `simulated_network`: what members claim of each body is held against the truth, by the body's own tolerance.
+
+use rhumb_protocol::Span;
+use rhumb_protocol::message::StreamChoice;
+use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Stepping};
+use rhumb_protocol::stream::ErrorBound;
+use rhumb_reckoning::{Tick, Tolerance, ToleranceScale};
+use rhumb_sims::{Script, by_name};
+use rhumb_tests::{COMMANDER, Stage, seed};
+
+/// A script whose bodies are of classes.
+struct WithToleranceScales {
+    script: Box<dyn Script>,
+    tolerance_scale: fn(u32) -> ToleranceScale,
+}
+
+impl Script for WithToleranceScales {
+    fn name(&self) -> &'static str {
+        self.script.name()
+    }
+
+    fn config(&self) -> SceneConfig {
+        self.script.config()
+    }
+
+    fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {
+        self.script.commands(tick, out);
+        for command in out {
+            if let Command::AddBody { config, .. } = command {
+                config.tolerance_scale = (self.tolerance_scale)(config.id.index());
+            }
+        }
+    }
+}
+
+/// Each tolerance_scale in turn.
+fn all_in_turn(index: u32) -> ToleranceScale {
+    ToleranceScale::new((index % 7) as i8 - 3).expect("there are seven classes")
+}
+
+fn stage(
+    tolerance_scale: fn(u32) -> ToleranceScale,
+    stepping: Stepping,
+    links: &str,
+    seed: u64,
+) -> Stage {
+    let script = by_name("ball-pit", 60, 1).expect("the scene is known by name");
+    let script = Box::new(WithToleranceScales {
+        script,
+        tolerance_scale,
+    });
+    let links = links.parse().expect("the tests write possible config");
+    Stage::new(
+        script,
+        stepping,
+        StreamChoice::Within(Tolerance::NORMAL),
+        links,
+        seed,
+    )
+}
+
+#[test]
+fn every_body_is_within_its_scaled_tolerance_in_every_tier() {
+    let mut stage = stage(all_in_turn, Stepping::Lockstep, "", 1);
+    let tiers = [Tolerance::EXACT, Tolerance::FINE, Tolerance::COARSE];
+    let others = tiers.map(|tier| stage.enter(StreamChoice::Within(tier)));
+    for _ in 0..240 {
+        stage.tick();
+    }
+    let mut bounded = 0;
+    for member in [COMMANDER].into_iter().chain(others) {
+        let copy = stage.copy(member);
+        for config in copy
+            .bodies()
+            .filter(|config| config.kind == BodyKind::Dynamic)
+        {
+            assert_eq!(config.tolerance_scale, all_in_turn(config.id.index()));
+            let tolerance = copy.stream().tolerance().scaled(config.tolerance_scale);
+            let radius = copy
+                .shape(config.shape)
+                .expect("it has a shape")
+                .bounding_radius();
+            let bound = Some(ErrorBound::Within(tolerance.reach(radius)));
+            assert_eq!(copy.stream().bound(config.id), bound);
+            bounded += 1;
+        }
+    }
+    assert!(bounded > 4 * 40, "{bounded} bodies were bounded");
+    let truth = stage.truth();
+    for member in [COMMANDER].into_iter().chain(others) {
+        stage.witnesses[member].judge(&truth, "a member");
+    }
+}
+
+#[test]
+fn tolerance_scales_hold_over_a_bad_link_and_for_late_joiners() {
+    let seed = seed(23);
+    let mut stage = stage(all_in_turn, Stepping::FreeRunning, "rtt=80ms,loss=5%", seed);
+    stage.take_authority(Span::from_millis(3_000));
+    let late = stage.enter(StreamChoice::Within(Tolerance::FINE));
+    stage.take_authority(Span::from_millis(3_000));
+    let truth = stage.truth();
+    for member in [COMMANDER, late] {
+        let who = format!("member {member}, seed {seed}");
+        stage.witnesses[member].judge(&truth, &who);
+        assert!(!stage.witnesses[member].claims.is_empty(), "{who}");
+    }
+}
+
+#[test]
+fn debris_costs_less_than_avatars() {
+    let cost = |tolerance_scale: fn(u32) -> ToleranceScale| {
+        let mut stage = stage(tolerance_scale, Stepping::Lockstep, "", 1);
+        for _ in 0..300 {
+            stage.tick();
+        }
+        stage
+            .network
+            .client_mut(COMMANDER)
+            .inspect()
+            .expect("it is a member");
+        stage.tick();
+        stage.witnesses[COMMANDER].inspections[0].packet_bytes
+    };
+    let (avatars, debris) = (
+        cost(|_| ToleranceScale::AVATAR),
+        cost(|_| ToleranceScale::DEBRIS),
+    );
+    assert!(debris * 10 < avatars * 9, "{debris} of {avatars} bytes");
+}

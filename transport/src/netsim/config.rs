@@ -1,0 +1,358 @@
+//! What a link does to those who use it, and how that is written.
+//!
+//! Carries nothing. Terms that exist are possible: no share beyond the whole, no burst that its loss cannot have.
+
+use std::fmt;
+use std::str::FromStr;
+
+use rhumb_protocol::Span;
+
+use super::probability::Probability;
+
+/// The config of one direction of a link.
+///
+/// Written as a list, `rtt=100ms,loss=5%,burst=3,jitter=10ms,dup=1%,reorder=2%,rate=1mbit,queue=64kB`, in any order; what
+/// is left out is perfect, and the empty text is a perfect link. Times need `s`, `ms` or `us`; shares `%`; rates `bit`,
+/// `kbit`, `mbit` or `gbit` (per second); sizes `B`, `kB` or `MB` (powers of 1000); `burst` is a raw_peer count of packets.
+/// `rtt` covers both directions, so one direction's delay is half of it; `delay` is one direction's and may stand instead.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LinkConfig {
+    /// What every packet takes.
+    pub delay: Span,
+    /// What a packet takes beyond, in [0, jitter], each as likely; order is kept.
+    pub jitter: Span,
+    /// How many packets are lost.
+    pub loss: Probability,
+    /// Mean length of a run of losses, in packets; below 2, each packet is lost by itself.
+    pub burst: u32,
+    /// How many packets arrive twice.
+    pub duplicates: Probability,
+    /// How many packets are held back by up to 20 ms while later ones pass.
+    pub reorder: Probability,
+    /// Bytes per second that pass; none means all.
+    pub rate_bytes: Option<u64>,
+    /// Bytes that wait where the rate is limited; those beyond are lost.
+    pub queue_bytes: u64,
+}
+
+/// What is wrong with written config.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum LinkConfigError {
+    /// This part is not of the form `name=value`.
+    NoValue(String),
+    /// Nothing is called that.
+    UnknownName(String),
+    /// The value of this name is not a number with one of its units.
+    BadValue {
+        /// Which name.
+        name: String,
+        /// What was written.
+        value: String,
+        /// The units that it may have.
+        units: &'static str,
+    },
+    /// Bursts so short cannot make up so much loss: loss ≤ burst / (burst + 1).
+    BurstTooShort {
+        /// The loss.
+        loss: Probability,
+        /// The burst.
+        burst: u32,
+    },
+}
+
+impl LinkConfig {
+    /// Everything arrives at once.
+    pub const PERFECT: Self = Self {
+        delay: Span::ZERO,
+        jitter: Span::ZERO,
+        loss: Probability::NONE,
+        burst: 1,
+        duplicates: Probability::NONE,
+        reorder: Probability::NONE,
+        rate_bytes: None,
+        queue_bytes: 128_000,
+    };
+
+    /// Nothing but a delay: half of a round trip.
+    #[must_use]
+    pub const fn round_trip(rtt: Span) -> Self {
+        Self {
+            delay: Span::from_nanos(rtt.as_nanos() / 2),
+            ..Self::PERFECT
+        }
+    }
+
+    /// The same with another loss.
+    #[must_use]
+    pub const fn with_loss(self, loss: Probability) -> Self {
+        Self { loss, ..self }
+    }
+
+    fn read(&mut self, name: &str, value: &str) -> Result<(), LinkConfigError> {
+        let bad = |units| LinkConfigError::BadValue {
+            name: name.into(),
+            value: value.into(),
+            units,
+        };
+        let time = || {
+            number(value, TIMES_NS)
+                .map(Span::from_nanos)
+                .ok_or_else(|| bad("s, ms or us"))
+        };
+        let share = || {
+            let millionths =
+                number(value, SHARES_MILLIONTHS).filter(|&millionths| millionths <= 1_000_000);
+            let millionths = millionths.and_then(|millionths| u32::try_from(millionths).ok());
+            millionths
+                .map(Probability::from_millionths)
+                .ok_or_else(|| bad("%, at most 100"))
+        };
+        match name {
+            "rtt" => self.delay = Span::from_nanos(time()?.as_nanos() / 2),
+            "delay" => self.delay = time()?,
+            "jitter" => self.jitter = time()?,
+            "loss" => self.loss = share()?,
+            "dup" => self.duplicates = share()?,
+            "reorder" => self.reorder = share()?,
+            "burst" => {
+                self.burst = value
+                    .parse()
+                    .ok()
+                    .filter(|&count| count > 0)
+                    .ok_or_else(|| bad("no unit, at least 1"))?;
+            }
+            "rate" => {
+                let bits = number(value, RATES_BITS).filter(|&bits| bits >= 8);
+                self.rate_bytes = Some(
+                    bits.ok_or_else(|| bad("bit, kbit, mbit or gbit per second, at least 8 bit"))?
+                        / 8,
+                );
+            }
+            "queue" => {
+                self.queue_bytes = number(value, SIZES_BYTES).ok_or_else(|| bad("B, kB or MB"))?;
+            }
+            _ => return Err(LinkConfigError::UnknownName(name.into())),
+        }
+        Ok(())
+    }
+
+    fn check(self) -> Result<Self, LinkConfigError> {
+        let (lost, kept) = (self.loss.as_millionths(), self.loss.rest().as_millionths());
+        let possible = self.burst < 2
+            || kept == 0
+            || u64::from(lost) <= u64::from(self.burst) * u64::from(kept);
+        if possible {
+            Ok(self)
+        } else {
+            Err(LinkConfigError::BurstTooShort {
+                loss: self.loss,
+                burst: self.burst,
+            })
+        }
+    }
+}
+
+/// Units with their size in the smallest one; the longer suffix first where one ends another.
+struct Units(&'static [(&'static str, u64)]);
+const TIMES_NS: Units = Units(&[("ms", 1_000_000), ("us", 1_000), ("s", 1_000_000_000)]);
+const SHARES_MILLIONTHS: Units = Units(&[("%", 10_000)]);
+const RATES_BITS: Units = Units(&[
+    ("kbit", 1_000),
+    ("mbit", 1_000_000),
+    ("gbit", 1_000_000_000),
+    ("bit", 1),
+]);
+const SIZES_BYTES: Units = Units(&[("kB", 1_000), ("MB", 1_000_000), ("B", 1)]);
+
+/// A decimal number with a unit, in the smallest unit; none if it is anything else, negative or too large.
+fn number(text: &str, units: Units) -> Option<u64> {
+    let (digits, size) = units
+        .0
+        .iter()
+        .find_map(|&(unit, size)| Some((text.strip_suffix(unit)?, size)))?;
+    let (whole, part) = digits.split_once('.').unwrap_or((digits, "0"));
+    let plain =
+        |digits: &str| !digits.is_empty() && digits.bytes().all(|digit| digit.is_ascii_digit());
+    if !plain(whole) || !plain(part) || part.len() > 9 {
+        return None;
+    }
+    let scale = 10_u128.pow(u32::try_from(part.len()).ok()?);
+    let whole: u64 = whole.parse().ok()?;
+    let part: u64 = part.parse().ok()?;
+    let parts = u128::from(part) * u128::from(size) / scale;
+    u64::try_from(u128::from(whole) * u128::from(size) + parts).ok()
+}
+
+impl FromStr for LinkConfig {
+    type Err = LinkConfigError;
+
+    fn from_str(text: &str) -> Result<Self, LinkConfigError> {
+        let mut config = Self::PERFECT;
+        for part in text
+            .split(',')
+            .map(str::trim)
+            .filter(|part| !part.is_empty())
+        {
+            let (name, value) = part
+                .split_once('=')
+                .ok_or_else(|| LinkConfigError::NoValue(part.into()))?;
+            config.read(name.trim(), value.trim())?;
+        }
+        config.check()
+    }
+}
+
+impl fmt::Display for LinkConfig {
+    /// The shortest text that reads back as these config; every term that is not perfect.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let perfect = Self::PERFECT;
+        let mut parts = Vec::new();
+        let mut tell = |differs: bool, part: String| {
+            if differs {
+                parts.push(part);
+            }
+        };
+        tell(
+            self.delay != perfect.delay,
+            format!("delay={}", time(self.delay)),
+        );
+        tell(
+            self.jitter != perfect.jitter,
+            format!("jitter={}", time(self.jitter)),
+        );
+        tell(self.loss != perfect.loss, format!("loss={}", self.loss));
+        tell(self.burst != perfect.burst, format!("burst={}", self.burst));
+        tell(
+            self.duplicates != perfect.duplicates,
+            format!("dup={}", self.duplicates),
+        );
+        tell(
+            self.reorder != perfect.reorder,
+            format!("reorder={}", self.reorder),
+        );
+        let rate_bits = u128::from(self.rate_bytes.unwrap_or(0)) * 8;
+        tell(self.rate_bytes.is_some(), format!("rate={rate_bits}bit"));
+        tell(
+            self.queue_bytes != perfect.queue_bytes,
+            format!("queue={}B", self.queue_bytes),
+        );
+        f.write_str(&parts.join(","))
+    }
+}
+
+/// A span in milliseconds, to the nanosecond.
+fn time(span: Span) -> String {
+    let (ms, ns) = (span.as_nanos() / 1_000_000, span.as_nanos() % 1_000_000);
+    if ns == 0 {
+        return format!("{ms}ms");
+    }
+    format!("{ms}.{}ms", format!("{ns:06}").trim_end_matches('0'))
+}
+
+impl fmt::Display for LinkConfigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoValue(part) => write!(f, "{part:?} is not of the form name=value"),
+            Self::UnknownName(name) => write!(
+                f,
+                "no link term is called {name:?}: there are rtt, delay, jitter, loss, burst, dup, reorder, rate and queue"
+            ),
+            Self::BadValue { name, value, units } => {
+                write!(
+                    f,
+                    "{value:?} is no value for {name}: it takes a number in {units}"
+                )
+            }
+            Self::BurstTooShort { loss, burst } => {
+                write!(
+                    f,
+                    "bursts of {burst} cannot make a loss of {loss}: make the burst longer or the loss smaller"
+                )
+            }
+        }
+    }
+}
+
+impl std::error::Error for LinkConfigError {}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn link_configs_parse_as_documented() {
+        let text = "rtt=100ms,loss=5%,burst=3,jitter=10ms,dup=1%,reorder=2%,rate=1mbit,queue=64kB";
+        let config: LinkConfig = text.parse().unwrap();
+        let expected = LinkConfig {
+            delay: Span::from_millis(50),
+            jitter: Span::from_millis(10),
+            loss: Probability::from_percent(5),
+            burst: 3,
+            duplicates: Probability::from_percent(1),
+            reorder: Probability::from_percent(2),
+            rate_bytes: Some(125_000),
+            queue_bytes: 64_000,
+        };
+        assert_eq!(config, expected);
+        assert_eq!("".parse(), Ok(LinkConfig::PERFECT));
+        assert_eq!(
+            "loss=0.25%".parse(),
+            Ok(LinkConfig::PERFECT.with_loss(Probability::from_millionths(2_500)))
+        );
+    }
+
+    #[test]
+    fn a_wrong_option_names_its_error() {
+        let error = |text: &str| text.parse::<LinkConfig>().unwrap_err();
+        assert_eq!(error("loss"), LinkConfigError::NoValue("loss".into()));
+        assert_eq!(error("lag=3ms"), LinkConfigError::UnknownName("lag".into()));
+        for text in [
+            "rtt=100",
+            "rtt=-1ms",
+            "loss=5",
+            "loss=101%",
+            "burst=0",
+            "rate=1mb",
+            "rate=1bit",
+            "jitter=.5ms",
+            "queue=x",
+        ] {
+            assert!(
+                matches!(error(text), LinkConfigError::BadValue { .. }),
+                "{text}"
+            );
+        }
+        assert!(matches!(
+            error("loss=90%,burst=3"),
+            LinkConfigError::BurstTooShort { .. }
+        ));
+        assert!("loss=100%,burst=3".parse::<LinkConfig>().is_ok());
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_displayed_reads_back(
+            delay in 0_u64..10_000_000_000, jitter in 0_u64..10_000_000_000, loss in 0_u32..=700_000, burst in 3_u32..50,
+            dup in 0_u32..=1_000_000, reorder in 0_u32..=1_000_000, rate in proptest::option::of(1_u64..1 << 40), queue in 0_u64..1 << 40,
+        ) {
+            let config = LinkConfig {
+                delay: Span::from_nanos(delay),
+                jitter: Span::from_nanos(jitter),
+                loss: Probability::from_millionths(loss),
+                burst,
+                duplicates: Probability::from_millionths(dup),
+                reorder: Probability::from_millionths(reorder),
+                rate_bytes: rate,
+                queue_bytes: queue,
+            };
+            prop_assert_eq!(config.to_string().parse(), Ok(config));
+        }
+
+        #[test]
+        fn no_text_panics(text in ".*") {
+            let _ = text.parse::<LinkConfig>();
+        }
+    }
+}

@@ -1,0 +1,55 @@
+//! What a link did, counted.
+//!
+//! Pieces and bytes as they were pushed: no headers are added.
+
+use std::ops::AddAssign;
+
+use bytes::Bytes;
+
+/// What happened on one lane of a link.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LinkCounts {
+    /// Pushed in.
+    pub pushed: Tally,
+    /// Lost on the way; on the control lane, each time sent again.
+    pub lost: Tally,
+    /// Lost because the queue before the rate limit was full; on the control lane, sent again.
+    pub overflowed: Tally,
+    /// ReplicaSwitch made.
+    pub duplicated: Tally,
+    /// Popped out, copies included.
+    pub delivered: Tally,
+}
+
+/// How many pieces, and their bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// Pieces.
+    pub pieces: u64,
+    /// Bytes, as pushed: no headers.
+    pub bytes: u64,
+}
+
+impl Tally {
+    pub(super) fn add(&mut self, bytes: &Bytes) {
+        self.pieces += 1;
+        self.bytes += bytes.len() as u64;
+    }
+}
+
+impl AddAssign for Tally {
+    fn add_assign(&mut self, other: Self) {
+        self.pieces += other.pieces;
+        self.bytes += other.bytes;
+    }
+}
+
+impl AddAssign for LinkCounts {
+    fn add_assign(&mut self, other: Self) {
+        self.pushed += other.pushed;
+        self.lost += other.lost;
+        self.overflowed += other.overflowed;
+        self.duplicated += other.duplicated;
+        self.delivered += other.delivered;
+    }
+}

@@ -1,0 +1,351 @@
+//! One direction of a simulated link: late, twice, disordered or lost.
+//!
+//! Neither clock nor socket; says when to look again. On the control lane nothing is lost, copied or disordered: what the
+//! link loses there is sent again, by the config that hold then. The same seed and calls give the same result, to the bit.
+
+use std::cmp::Ordering;
+use std::collections::{BTreeMap, BinaryHeap, VecDeque};
+
+use bytes::Bytes;
+use rhumb_protocol::{Instant, Span};
+
+use super::config::LinkConfig;
+use super::counts::LinkCounts;
+use super::rng::{Odds, SimRng};
+
+/// What kind of carriage a piece is due.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Lane {
+    /// Arrives, in order.
+    Control,
+    /// Arrives whole, or not at all, or late.
+    State,
+}
+
+/// One direction of a link.
+#[derive(Clone, Debug)]
+pub struct Link {
+    config: LinkConfig,
+    rng: SimRng,
+    burst_state: BurstState,
+    /// When the bytes pushed so far have passed the rate limit.
+    free_at: Instant,
+    /// Order is kept by arriving no earlier than this.
+    latest_state: Instant,
+    in_flight_packets: BinaryHeap<Packet>,
+    departed: u64,
+    control_pushed: u64,
+    control_popped: u64,
+    control_arrived: BTreeMap<u64, Bytes>,
+    out: VecDeque<(Lane, Bytes)>,
+    counts: [LinkCounts; 2],
+}
+
+/// Whether a run of losses is on. Source: Gilbert (1960) and Elliott (1963), where the bad state loses everything.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum BurstState {
+    Good,
+    Bad,
+}
+
+/// A piece under way, ordered so that the heap yields the earliest, and the first pushed of those.
+#[derive(Clone, Debug)]
+struct Packet {
+    at: Instant,
+    number: u64,
+    payload: Payload,
+}
+
+#[derive(Clone, Debug)]
+enum Payload {
+    State(Bytes),
+    Control {
+        place: u64,
+        bytes: Bytes,
+    },
+    Retry {
+        place: u64,
+        attempt: u32,
+        bytes: Bytes,
+    },
+}
+
+/// How long a reordered packet is held back at most: some packets' worth at any tick rate.
+const HOLD_BACK: Span = Span::from_millis(20);
+
+/// What a sender waits beyond a round trip before it sends control bytes again. Source: RFC 9002, section 6.2.1 (max_ack_delay).
+const ACK_DELAY: Span = Span::from_millis(25);
+
+/// Waits double up to 2⁶ of the first, as a probe timeout backs off.
+const BACKOFF_MAX: u32 = 6;
+
+/// Control bytes travel in packets of this size, each lost by itself.
+const CONTROL_PACKET_BYTES: usize = 1_200;
+
+impl Link {
+    /// A link whose rng is fixed by the seed.
+    #[must_use]
+    pub fn new(config: LinkConfig, seed: u64) -> Self {
+        Self {
+            config,
+            rng: SimRng::new(seed),
+            burst_state: BurstState::Good,
+            free_at: Instant::ZERO,
+            latest_state: Instant::ZERO,
+            in_flight_packets: BinaryHeap::new(),
+            departed: 0,
+            control_pushed: 0,
+            control_popped: 0,
+            control_arrived: BTreeMap::new(),
+            out: VecDeque::new(),
+            counts: [LinkCounts::default(); 2],
+        }
+    }
+
+    /// Changes the config for what is pushed, or sent again, from now on.
+    pub fn set_config(&mut self, config: LinkConfig) {
+        self.config = config;
+    }
+
+    /// Sends a piece into the link.
+    pub fn push(&mut self, now: Instant, bytes: Bytes, lane: Lane) {
+        self.counts_mut(lane).pushed.add(&bytes);
+        match lane {
+            Lane::State => self.push_state(now, bytes),
+            Lane::Control => {
+                let place = self.control_pushed;
+                self.control_pushed += 1;
+                self.push_control(
+                    now,
+                    Payload::Retry {
+                        place,
+                        attempt: 0,
+                        bytes,
+                    },
+                );
+            }
+        }
+    }
+
+    /// Bytes that wait where the rate is limited.
+    #[must_use]
+    pub fn waiting_bytes(&self, now: Instant) -> u64 {
+        let rate_bytes = u128::from(self.config.rate_bytes.unwrap_or(0));
+        let wait_ns = u128::from(self.free_at.since(now).as_nanos());
+        u64::try_from(wait_ns * rate_bytes / NS_PER_SECOND).unwrap_or(u64::MAX)
+    }
+
+    /// Takes the next piece that has arrived by now.
+    pub fn pop(&mut self, now: Instant) -> Option<(Lane, Bytes)> {
+        self.advance(now);
+        let (lane, bytes) = self.out.pop_front()?;
+        self.counts_mut(lane).delivered.add(&bytes);
+        Some((lane, bytes))
+    }
+
+    /// When something may arrive; none if nothing is under way. It may turn out to be lost again.
+    #[must_use]
+    pub fn next_at(&self) -> Option<Instant> {
+        let waiting = (!self.out.is_empty()).then_some(Instant::ZERO);
+        waiting.or_else(|| self.in_flight_packets.peek().map(|flight| flight.at))
+    }
+
+    /// The config that hold now.
+    #[must_use]
+    pub fn config(&self) -> LinkConfig {
+        self.config
+    }
+
+    /// What happened so far on a lane.
+    #[must_use]
+    pub fn counts(&self, lane: Lane) -> LinkCounts {
+        self.counts[lane as usize]
+    }
+
+    /// Whether a piece of this lane is still under way.
+    #[must_use]
+    pub fn carries(&self, lane: Lane) -> bool {
+        let under_way = |flight: &Packet| flight.payload.lane() == lane;
+        self.in_flight_packets.iter().any(under_way) || self.out.iter().any(|(of, _)| *of == lane)
+    }
+
+    fn push_state(&mut self, now: Instant, bytes: Bytes) {
+        let Some(sent) = self.pass_rate(now, bytes.len()) else {
+            self.counts_mut(Lane::State).overflowed.add(&bytes);
+            return;
+        };
+        if self.loses() {
+            self.counts_mut(Lane::State).lost.add(&bytes);
+            return;
+        }
+        if self.rng.happens(Odds::of(self.config.duplicates)) {
+            self.counts_mut(Lane::State).duplicated.add(&bytes);
+            let at = self.state_arrival(sent);
+            self.fly(at, Payload::State(bytes.clone()));
+        }
+        let at = self.state_arrival(sent);
+        self.fly(at, Payload::State(bytes));
+    }
+
+    /// Sends control bytes, for the first time or again: on their way, or to be retried after a wait.
+    fn push_control(&mut self, now: Instant, retry: Payload) {
+        let Payload::Retry {
+            place,
+            attempt,
+            bytes,
+        } = retry
+        else {
+            return;
+        };
+        let Some(sent) = self.pass_rate(now, bytes.len()) else {
+            self.counts_mut(Lane::Control).overflowed.add(&bytes);
+            return self.retry(now, place, attempt, bytes);
+        };
+        let mut lost = 0;
+        for _ in 0..bytes.len().div_ceil(CONTROL_PACKET_BYTES).max(1) {
+            lost += u32::from(self.loses());
+        }
+        if lost > 0 {
+            self.counts_mut(Lane::Control).lost.add(&bytes);
+            return self.retry(sent, place, attempt, bytes);
+        }
+        let at = sent + self.config.delay + self.rng.span(self.config.jitter);
+        self.fly(at, Payload::Control { place, bytes });
+    }
+
+    fn retry(&mut self, sent: Instant, place: u64, attempt: u32, bytes: Bytes) {
+        let round_trip_ns = 2 * (self.config.delay.as_nanos() + self.config.jitter.as_nanos());
+        let wait_ns = (round_trip_ns + ACK_DELAY.as_nanos()) << attempt.min(BACKOFF_MAX);
+        let attempt = attempt.saturating_add(1);
+        self.fly(
+            sent + Span::from_nanos(wait_ns),
+            Payload::Retry {
+                place,
+                attempt,
+                bytes,
+            },
+        );
+    }
+
+    /// When bytes have passed the rate limit; none if the queue before it is full.
+    fn pass_rate(&mut self, now: Instant, bytes_len: usize) -> Option<Instant> {
+        let Some(rate_bytes) = self.config.rate_bytes else {
+            return Some(now);
+        };
+        let rate_bytes = u128::from(rate_bytes.max(1));
+        let wait_ns = u128::from(self.free_at.since(now).as_nanos());
+        let queued_bytes = wait_ns * rate_bytes / NS_PER_SECOND;
+        if queued_bytes + bytes_len as u128 > u128::from(self.config.queue_bytes) {
+            return None;
+        }
+        let pass_ns = bytes_len as u128 * NS_PER_SECOND / rate_bytes;
+        let pass = Span::from_nanos(u64::try_from(pass_ns).unwrap_or(u64::MAX));
+        self.free_at = self.free_at.max(now) + pass;
+        Some(self.free_at)
+    }
+
+    fn state_arrival(&mut self, sent: Instant) -> Instant {
+        let at = sent + self.config.delay + self.rng.span(self.config.jitter);
+        if self.rng.happens(Odds::of(self.config.reorder)) {
+            return at + self.rng.span(HOLD_BACK);
+        }
+        self.latest_state = self.latest_state.max(at);
+        self.latest_state
+    }
+
+    /// Decides one packet's loss and turns the burst_state for the next.
+    ///
+    /// A run of losses ends with probability 1/b, so its mean length is b; it begins with probability p/(b(1−p)), so that the
+    /// share of packets lost is p.
+    fn loses(&mut self) -> bool {
+        let (lost, kept) = (
+            self.config.loss.as_millionths(),
+            self.config.loss.rest().as_millionths(),
+        );
+        if self.config.burst < 2 || kept == 0 {
+            return self.rng.happens(Odds::of(self.config.loss));
+        }
+        let burst = u64::from(self.config.burst);
+        self.burst_state = match self.burst_state {
+            BurstState::Bad if self.rng.happens(Odds::ratio(1, burst)) => BurstState::Good,
+            BurstState::Good
+                if self
+                    .rng
+                    .happens(Odds::ratio(lost.into(), burst * u64::from(kept))) =>
+            {
+                BurstState::Bad
+            }
+            same => same,
+        };
+        self.burst_state == BurstState::Bad && lost > 0
+    }
+
+    fn fly(&mut self, at: Instant, payload: Payload) {
+        let number = self.departed;
+        self.departed += 1;
+        self.in_flight_packets.push(Packet {
+            at,
+            number,
+            payload,
+        });
+    }
+
+    /// Lands what has arrived by now and sends again what is due for it.
+    fn advance(&mut self, now: Instant) {
+        while self
+            .in_flight_packets
+            .peek()
+            .is_some_and(|flight| flight.at <= now)
+        {
+            let Some(flight) = self.in_flight_packets.pop() else {
+                return;
+            };
+            match flight.payload {
+                Payload::State(bytes) => self.out.push_back((Lane::State, bytes)),
+                Payload::Control { place, bytes } => {
+                    self.control_arrived.insert(place, bytes);
+                    while let Some(bytes) = self.control_arrived.remove(&self.control_popped) {
+                        self.control_popped += 1;
+                        self.out.push_back((Lane::Control, bytes));
+                    }
+                }
+                retry @ Payload::Retry { .. } => self.push_control(flight.at, retry),
+            }
+        }
+    }
+
+    fn counts_mut(&mut self, lane: Lane) -> &mut LinkCounts {
+        &mut self.counts[lane as usize]
+    }
+}
+
+const NS_PER_SECOND: u128 = 1_000_000_000;
+
+impl Payload {
+    fn lane(&self) -> Lane {
+        match self {
+            Self::State(_) => Lane::State,
+            Self::Control { .. } | Self::Retry { .. } => Lane::Control,
+        }
+    }
+}
+
+impl Ord for Packet {
+    fn cmp(&self, other: &Self) -> Ordering {
+        (other.at, other.number).cmp(&(self.at, self.number))
+    }
+}
+
+impl PartialOrd for Packet {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl PartialEq for Packet {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+
+impl Eq for Packet {}

@@ -1,0 +1,287 @@
+//! The host thread's loop: inputs in, timeouts on time, transmissions out.
+//!
+//! Touches no socket: it speaks to connections that the I/O thread drives. It sleeps whenever there is nothing to do.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
+use std::thread;
+use std::time::Duration;
+
+use bytes::Bytes;
+use quinn::SendDatagramError;
+use rhumb_protocol::{Endpoint, Peer, Span, Transmit};
+
+use super::code::TransportCode;
+use super::input::{Input, PeerHandles};
+use super::tuning::{CLOSE_LEAVES, DATAGRAM_SEND_BYTES};
+use super::watch::ServerWatch;
+use crate::app::{AppHooks, AppListener};
+use crate::clock::Clock;
+use crate::link_meter::LinkMeter;
+
+/// Why a server stopped without being asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ServeError {
+    /// The thread with the sockets is gone: it failed, and the log says why.
+    IoThreadLost,
+}
+
+/// What the host thread knows of the network.
+#[derive(Debug)]
+pub(super) struct ServerLoop {
+    clock: Clock,
+    inputs: Receiver<Input>,
+    peers: BTreeMap<Peer, OpenConnection>,
+    /// Datagrams of the drain in progress: they leave after its control bytes, so that both can share a packet.
+    states: Vec<(Peer, Bytes)>,
+    watch: ServerWatch,
+    listener: Option<AppListener>,
+}
+
+#[derive(Debug)]
+struct OpenConnection {
+    handles: PeerHandles,
+    connection_state: ConnectionState,
+    link_meter: LinkMeter,
+    /// Bytes of datagrams that were handed over.
+    handed_bytes: u64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum ConnectionState {
+    Open,
+    /// Closed from here: only its end is still of interest.
+    Closing,
+}
+
+/// Whether the loop goes on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum LoopControl {
+    Go,
+    Stop,
+}
+
+/// Inputs handled before transmissions and timers have their turn.
+const INPUTS_PER_TURN: usize = 256;
+
+impl ServerLoop {
+    pub(super) fn new(
+        inputs: Receiver<Input>,
+        watch: ServerWatch,
+        listener: Option<AppListener>,
+    ) -> Self {
+        Self {
+            clock: Clock::start(),
+            inputs,
+            peers: BTreeMap::new(),
+            states: Vec::new(),
+            watch,
+            listener,
+        }
+    }
+
+    /// Runs until stopped.
+    pub(super) fn run<E: Endpoint>(
+        &mut self,
+        endpoint: &mut E,
+        app: &AppHooks<E>,
+    ) -> Result<(), ServeError> {
+        loop {
+            self.report(endpoint);
+            self.drain(endpoint);
+            if let Some(listener) = &mut self.listener {
+                app.drain(endpoint, listener);
+            }
+            if self.wait(endpoint, app)? == LoopControl::Stop {
+                return Ok(());
+            }
+            let now = self.clock.now();
+            if endpoint.poll_timeout().is_some_and(|wake| wake.at <= now) {
+                endpoint.handle_timeout(now);
+            }
+        }
+    }
+
+    /// Closes every connection and waits a little for the news to leave.
+    pub(super) fn close_all(&mut self) {
+        for standing in self.peers.values() {
+            standing.handles.closing.now(TransportCode::GOING_AWAY.0);
+        }
+        let told = |standing: &OpenConnection| standing.handles.closing.has_told();
+        let mut patience = CLOSE_LEAVES;
+        while !self.peers.values().all(told) && !patience.is_zero() {
+            thread::sleep(STEP);
+            patience = patience.saturating_sub(STEP);
+        }
+    }
+
+    /// Waits for an input or the endpoint's next moment, and handles what came.
+    fn wait<E: Endpoint>(
+        &mut self,
+        endpoint: &mut E,
+        app: &AppHooks<E>,
+    ) -> Result<LoopControl, ServeError> {
+        let first = match endpoint.poll_timeout() {
+            Some(wake) => match self.inputs.recv_timeout(self.clock.until(wake.at)) {
+                Ok(input) => input,
+                Err(RecvTimeoutError::Timeout) => return Ok(LoopControl::Go),
+                Err(RecvTimeoutError::Disconnected) => return Err(ServeError::IoThreadLost),
+            },
+            None => self.inputs.recv().map_err(|_| ServeError::IoThreadLost)?,
+        };
+        let mut input = first;
+        for _ in 0..INPUTS_PER_TURN {
+            if self.handle(endpoint, app, input)? == LoopControl::Stop {
+                return Ok(LoopControl::Stop);
+            }
+            input = match self.inputs.try_recv() {
+                Ok(next) => next,
+                Err(TryRecvError::Empty) => return Ok(LoopControl::Go),
+                Err(TryRecvError::Disconnected) => return Err(ServeError::IoThreadLost),
+            };
+        }
+        self.handle(endpoint, app, input)
+    }
+
+    fn handle<E: Endpoint>(
+        &mut self,
+        endpoint: &mut E,
+        app: &AppHooks<E>,
+        input: Input,
+    ) -> Result<LoopControl, ServeError> {
+        let now = self.clock.now();
+        match input {
+            Input::Opened { peer, handles } => {
+                self.peers.insert(
+                    peer,
+                    OpenConnection {
+                        handles,
+                        connection_state: ConnectionState::Open,
+                        link_meter: LinkMeter::new(now),
+                        handed_bytes: 0,
+                    },
+                );
+                endpoint.handle_opened(now, peer);
+            }
+            Input::Control { peer, piece } => {
+                if self.talks(peer) {
+                    endpoint.handle_control(now, peer, &piece.bytes);
+                }
+            }
+            Input::State { peer, piece } => {
+                if self.talks(peer) {
+                    endpoint.handle_datagram(now, peer, &piece.bytes);
+                }
+            }
+            Input::Ended { peer, ending } => {
+                self.peers.remove(&peer);
+                endpoint.handle_ended(now, peer, ending);
+            }
+            Input::App(input) => {
+                if let Some(listener) = &mut self.listener {
+                    app.handle(endpoint, now, input, listener);
+                }
+            }
+            Input::Stop => return Ok(LoopControl::Stop),
+            Input::IoOver => return Err(ServeError::IoThreadLost),
+        }
+        Ok(LoopControl::Go)
+    }
+
+    /// Tells the endpoint how the links of those do to whom it said something lately.
+    fn report<E: Endpoint>(&mut self, endpoint: &mut E) {
+        let now = self.clock.now();
+        for (peer, standing) in &mut self.peers {
+            if standing.connection_state == ConnectionState::Closing
+                || !standing.link_meter.is_due(now)
+            {
+                continue;
+            }
+            let connection = &standing.handles.connection;
+            let free = connection.datagram_send_buffer_space();
+            let waiting = DATAGRAM_SEND_BYTES.saturating_sub(free) as u64;
+            let round_trip = u64::try_from(connection.rtt().as_nanos()).unwrap_or(u64::MAX);
+            let handed = standing.handed_bytes;
+            let report =
+                (standing.link_meter).read(now, handed, waiting, Span::from_nanos(round_trip));
+            endpoint.handle_link(now, *peer, &report);
+        }
+    }
+
+    fn drain<E: Endpoint>(&mut self, endpoint: &mut E) {
+        while let Some(transmit) = endpoint.poll_transmit() {
+            match transmit {
+                Transmit::Control { to, bytes } => self.send_control(to, bytes),
+                Transmit::State { to, bytes } => self.states.push((to, bytes)),
+                Transmit::Close { to, code } => {
+                    self.send_states();
+                    if let Some(standing) = open(&mut self.peers, to) {
+                        standing
+                            .handles
+                            .control
+                            .close(&standing.handles.closing, code);
+                        standing.connection_state = ConnectionState::Closing;
+                    }
+                }
+            }
+        }
+        self.send_states();
+    }
+
+    fn send_control(&mut self, to: Peer, bytes: Bytes) {
+        let Some(standing) = open(&mut self.peers, to) else {
+            return;
+        };
+        if standing.handles.control.send(bytes).is_err() {
+            standing
+                .handles
+                .closing
+                .now(TransportCode::CONTROL_OVERFLOW.0);
+            standing.connection_state = ConnectionState::Closing;
+            self.watch.count(|counters| &counters.control_overflows);
+            tracing::warn!(peer = to.0, "control lane too slow, closing");
+        }
+    }
+
+    fn send_states(&mut self) {
+        for (to, bytes) in self.states.drain(..) {
+            let Some(standing) = open(&mut self.peers, to) else {
+                continue;
+            };
+            let bytes_len = bytes.len();
+            standing.handed_bytes += bytes_len as u64;
+            match standing.handles.connection.send_datagram(bytes) {
+                Ok(()) | Err(SendDatagramError::ConnectionLost(_)) => {}
+                Err(cause) => {
+                    self.watch.count(|counters| &counters.state_oversized);
+                    tracing::warn!(peer = to.0, bytes_len, %cause, "state datagram not sent");
+                }
+            }
+        }
+    }
+
+    fn talks(&mut self, peer: Peer) -> bool {
+        open(&mut self.peers, peer).is_some()
+    }
+}
+
+/// The handles of a peer that was not closed from here.
+fn open(peers: &mut BTreeMap<Peer, OpenConnection>, peer: Peer) -> Option<&mut OpenConnection> {
+    peers
+        .get_mut(&peer)
+        .filter(|standing| standing.connection_state == ConnectionState::Open)
+}
+
+/// How often to look whether the close frames have left.
+const STEP: Duration = Duration::from_millis(1);
+
+impl fmt::Display for ServeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::IoThreadLost => f.write_str("the server's i/o thread failed; see its log"),
+        }
+    }
+}
+
+impl std::error::Error for ServeError {}

@@ -1,0 +1,342 @@
+//! One connection of a raw peer: what is said on it, and what was events.
+//!
+//! The tasks live on an I/O thread; the caller's thread tells them what to do and takes what they saw.
+
+use std::fmt;
+use std::net::SocketAddr;
+use std::sync::mpsc::{self, Receiver, Sender};
+use std::time::Duration;
+
+use bytes::Bytes;
+use quinn::{Connection, ConnectionError, ReadError, RecvStream, SendStream, VarInt};
+use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
+use tokio::sync::watch;
+
+/// Something that was events on a line.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum RawEvent {
+    /// The peer opened a stream: the how manyeth that it opened, and whether both may speak on it.
+    Opened {
+        /// Whether both may speak on it.
+        both_ways: bool,
+    },
+    /// Bytes of the control stream, cut anywhere.
+    Control(Bytes),
+    /// The peer says no more on the control stream.
+    ControlFinished,
+    /// The peer broke off the control stream with this code.
+    ControlReset(u64),
+    /// A datagram.
+    Datagram(Bytes),
+    /// The connection is over; the last that is events.
+    Ended(RawPeerEnd),
+}
+
+/// How a connection ended, as this end saw it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum RawPeerEnd {
+    /// The peer's application closed it with this code.
+    Closed(u64),
+    /// The peer's QUIC closed it with this code: a TLS alert is 0x100 and more.
+    Transport(u64),
+    /// This end's QUIC could not bear what the peer said.
+    Fault(String),
+    /// Nothing was heard for the idle time.
+    TimedOut,
+    /// The peer knows nothing of it.
+    Reset,
+    /// This end closed it.
+    Here,
+}
+
+/// What the caller wants of the I/O thread.
+enum Op {
+    OpenControl,
+    OpenAnother { both_ways: bool },
+    Control(Bytes),
+    Finish,
+    Break(u64),
+}
+
+/// One connection, on which its parent_candidate says what it likes; it ends when either end closes it, or when this is dropped.
+#[derive(Debug)]
+pub struct RawConnection {
+    connection: Connection,
+    ops: UnboundedSender<Op>,
+    events: Receiver<RawEvent>,
+    reads: watch::Sender<bool>,
+}
+
+/// The I/O thread's side.
+struct ConnectionTask {
+    connection: Connection,
+    events: Sender<RawEvent>,
+    reads: watch::Receiver<bool>,
+}
+
+impl RawConnection {
+    /// A line over a connection that stands; to be called inside the runtime that carries it.
+    pub(super) fn over(connection: Connection) -> Self {
+        let (ops, wanted) = unbounded_channel();
+        let (events, heard) = mpsc::channel();
+        let (reads, may_read) = watch::channel(true);
+        let parent = |events: &Sender<RawEvent>| ConnectionTask {
+            connection: connection.clone(),
+            events: events.clone(),
+            reads: may_read.clone(),
+        };
+        tokio::spawn(datagrams(parent(&events)));
+        tokio::spawn(streams_both_ways(parent(&events), wanted));
+        tokio::spawn(streams_one_way(parent(&events)));
+        tokio::spawn(end(parent(&events)));
+        Self {
+            connection,
+            ops,
+            events: heard,
+            reads,
+        }
+    }
+
+    /// Opens the control stream; the peer hears of it with the first bytes.
+    pub fn open_control(&self) {
+        self.wants(Op::OpenControl);
+    }
+
+    /// Opens one stream more and says a byte on it.
+    pub fn open_another(&self, both_ways: bool) {
+        self.wants(Op::OpenAnother { both_ways });
+    }
+
+    /// Says bytes on the control stream.
+    pub fn say(&self, bytes: impl Into<Bytes>) {
+        self.wants(Op::Control(bytes.into()));
+    }
+
+    /// Says that no more comes on the control stream.
+    pub fn finish(&self) {
+        self.wants(Op::Finish);
+    }
+
+    /// Breaks off the control stream, both ways.
+    pub fn break_off(&self, code: u64) {
+        self.wants(Op::Break(code));
+    }
+
+    /// Sends one datagram; `false` when QUIC cannot.
+    #[must_use]
+    pub fn datagram(&self, bytes: impl Into<Bytes>) -> bool {
+        self.connection.send_datagram(bytes.into()).is_ok()
+    }
+
+    /// The longest datagram that the peer takes now.
+    #[must_use]
+    pub fn datagram_bytes_max(&self) -> Option<usize> {
+        self.connection.max_datagram_size()
+    }
+
+    /// Whether the control stream is read: who does not read lets its peer's bytes wait there.
+    pub fn read_control(&self, reads: bool) {
+        self.reads.send_replace(reads);
+    }
+
+    /// Closes at once.
+    pub fn close(&self, code: u32) {
+        self.connection.close(VarInt::from_u32(code), b"");
+    }
+
+    /// The next thing events, waiting for it no longer than `patience`.
+    #[must_use]
+    pub fn hear(&mut self, patience: Duration) -> Option<RawEvent> {
+        self.events.recv_timeout(patience).ok()
+    }
+
+    /// Where the peer is.
+    #[must_use]
+    pub fn peer(&self) -> SocketAddr {
+        self.connection.remote_address()
+    }
+
+    /// What the handshake agreed on, by TLS's name.
+    #[must_use]
+    pub fn alpn(&self) -> Option<Vec<u8>> {
+        let data = self.connection.handshake_data()?;
+        let data = data.downcast::<quinn::crypto::rustls::HandshakeData>();
+        data.ok()?.protocol
+    }
+
+    /// Bytes of UDP payload that this end sent and received.
+    #[must_use]
+    pub fn udp_bytes(&self) -> (u64, u64) {
+        let stats = self.connection.stats();
+        (stats.udp_tx.bytes, stats.udp_rx.bytes)
+    }
+
+    fn wants(&self, op: Op) {
+        // A line that has ended carries nothing more, which its end has told.
+        let _ = self.ops.send(op);
+    }
+}
+
+impl Drop for RawConnection {
+    fn drop(&mut self) {
+        if self.connection.close_reason().is_none() {
+            self.close(crate::quic::TransportCode::LEFT.0);
+        }
+    }
+}
+
+impl ConnectionTask {
+    /// Tells what was events; who dropped the line wants to know no more.
+    fn tell(&self, events: RawEvent) {
+        let _ = self.events.send(events);
+    }
+
+    async fn read(mut self, mut stream: RecvStream) {
+        loop {
+            if self.reads.wait_for(|reads| *reads).await.is_err() {
+                return;
+            }
+            match stream.read_chunk(64 << 10, true).await {
+                Ok(Some(chunk)) => self.tell(RawEvent::Control(chunk.bytes)),
+                Ok(None) => return self.tell(RawEvent::ControlFinished),
+                Err(ReadError::Reset(code)) => {
+                    return self.tell(RawEvent::ControlReset(code.into_inner()));
+                }
+                Err(_) => return,
+            }
+        }
+    }
+}
+
+async fn datagrams(parent: ConnectionTask) {
+    while let Ok(bytes) = parent.connection.read_datagram().await {
+        parent.tell(RawEvent::Datagram(bytes));
+    }
+}
+
+async fn streams_one_way(parent: ConnectionTask) {
+    let mut kept = Vec::new();
+    while let Ok(stream) = parent.connection.accept_uni().await {
+        parent.tell(RawEvent::Opened { both_ways: false });
+        kept.push(stream);
+    }
+}
+
+/// Carries the control stream, whoever opens it, and does what the caller wants.
+async fn streams_both_ways(parent: ConnectionTask, mut wanted: UnboundedReceiver<Op>) {
+    let connection = parent.connection.clone();
+    let mut control: Option<SendStream> = None;
+    let mut others = Vec::new();
+    loop {
+        tokio::select! {
+            opened = connection.accept_bi() => {
+                let Ok((send, recv)) = opened else { return };
+                parent.tell(RawEvent::Opened { both_ways: true });
+                if control.is_none() {
+                    control = Some(send);
+                    read(&parent, recv);
+                } else {
+                    others.push((Some(send), Some(recv)));
+                }
+            }
+            op = wanted.recv() => {
+                let done = match op {
+                    None => return,
+                    Some(Op::OpenControl) => match connection.open_bi().await {
+                        Ok((send, recv)) => {
+                            read(&parent, recv);
+                            control = Some(send);
+                            true
+                        }
+                        Err(_) => false,
+                    },
+                    Some(Op::OpenAnother { both_ways }) => {
+                        open_another(&connection, both_ways, &mut others).await
+                    }
+                    Some(op) => speak(&mut control, op).await,
+                };
+                if !done && connection.close_reason().is_some() {
+                    return;
+                }
+            }
+        }
+    }
+}
+
+fn read(parent: &ConnectionTask, recv: RecvStream) {
+    let reader = ConnectionTask {
+        connection: parent.connection.clone(),
+        events: parent.events.clone(),
+        reads: parent.reads.clone(),
+    };
+    tokio::spawn(reader.read(recv));
+}
+
+async fn open_another(
+    connection: &Connection,
+    both_ways: bool,
+    others: &mut Vec<(Option<SendStream>, Option<RecvStream>)>,
+) -> bool {
+    let patience = Duration::from_millis(200);
+    // A peer that allows no more streams lets this wait for ever.
+    let opened = tokio::time::timeout(patience, async {
+        if both_ways {
+            let (send, recv) = connection.open_bi().await.ok()?;
+            Some((send, Some(recv)))
+        } else {
+            Some((connection.open_uni().await.ok()?, None))
+        }
+    });
+    let Ok(Some((mut send, recv))) = opened.await else {
+        return false;
+    };
+    let said = send.write_all(&[0]).await.is_ok();
+    others.push((Some(send), recv));
+    said
+}
+
+/// Does to the control stream what is wanted, if there is one.
+async fn speak(control: &mut Option<SendStream>, op: Op) -> bool {
+    let Some(stream) = control else {
+        return false;
+    };
+    match op {
+        Op::Control(bytes) => stream.write_all(&bytes).await.is_ok(),
+        Op::Finish => stream.finish().is_ok(),
+        Op::Break(code) => VarInt::from_u64(code).is_ok_and(|code| stream.reset(code).is_ok()),
+        Op::OpenControl | Op::OpenAnother { .. } => false,
+    }
+}
+
+async fn end(parent: ConnectionTask) {
+    let end = RawPeerEnd::from(parent.connection.closed().await);
+    parent.tell(RawEvent::Ended(end));
+}
+
+impl From<ConnectionError> for RawPeerEnd {
+    fn from(error: ConnectionError) -> Self {
+        match error {
+            ConnectionError::ApplicationClosed(close) => {
+                Self::Closed(close.error_code.into_inner())
+            }
+            ConnectionError::ConnectionClosed(close) => Self::Transport(close.error_code.into()),
+            ConnectionError::TimedOut => Self::TimedOut,
+            ConnectionError::Reset => Self::Reset,
+            ConnectionError::LocallyClosed => Self::Here,
+            other => Self::Fault(other.to_string()),
+        }
+    }
+}
+
+impl fmt::Display for RawPeerEnd {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Closed(code) => write!(f, "closed with code {code}"),
+            Self::Transport(code) => write!(f, "closed by quic with code {code:#x}"),
+            Self::Fault(cause) => write!(f, "broken: {cause}"),
+            Self::TimedOut => f.write_str("timed out"),
+            Self::Reset => f.write_str("forgotten by the peer"),
+            Self::Here => f.write_str("closed by this end"),
+        }
+    }
+}

@@ -1,0 +1,128 @@
+//! A raw_peer server: takes whoever comes, and leaves all else to its caller.
+//!
+//! Its lines live on its thread, and end with it.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::mpsc::{self, Receiver, Sender};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use quinn::crypto::rustls::QuicServerConfig;
+use quinn::{Endpoint, EndpointConfig, ServerConfig, TokioRuntime};
+use tokio::sync::oneshot;
+
+use super::config::{RawPeerConfig, RawPeerError};
+use super::connection::RawConnection;
+use crate::quic::{Certificate, Fingerprint};
+use crate::socket;
+
+/// A server that listens until it is dropped.
+#[derive(Debug)]
+pub struct RawPeerServer {
+    address: SocketAddr,
+    fingerprint: Fingerprint,
+    lines: Receiver<Result<RawConnection, RawPeerError>>,
+    end: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl RawPeerServer {
+    /// Listens; port 0 picks a free one.
+    ///
+    /// # Errors
+    ///
+    /// [`RawPeerError`] says what is missing.
+    pub fn listen(
+        listen: SocketAddr,
+        certificate: &Certificate,
+        raw_config: &RawPeerConfig,
+    ) -> Result<Self, RawPeerError> {
+        let mut tls = Arc::unwrap_or_clone(certificate.tls());
+        tls.alpn_protocols.clone_from(&raw_config.alpn);
+        let tls = QuicServerConfig::try_from(tls)
+            .map_err(|cause| RawPeerError::Tls(cause.to_string()))?;
+        let mut config = ServerConfig::with_crypto(Arc::new(tls));
+        config.transport_config(Arc::new(raw_config.transport()));
+        let socket = socket::bind(listen).map_err(RawPeerError::Host)?;
+        let runtime = socket::runtime().map_err(RawPeerError::Host)?;
+        let endpoint = {
+            let _inside = runtime.enter();
+            let local = EndpointConfig::default();
+            Endpoint::new(local, Some(config), socket, Arc::new(TokioRuntime))
+                .map_err(RawPeerError::Host)?
+        };
+        let address = endpoint.local_addr().map_err(RawPeerError::Host)?;
+        let (arrived, lines) = mpsc::channel();
+        let (end, ended) = oneshot::channel();
+        let thread = thread::Builder::new()
+            .name("rhumb-raw_peer-server".into())
+            .spawn(move || runtime.block_on(accept(endpoint, arrived, ended)))
+            .map_err(RawPeerError::Host)?;
+        Ok(Self {
+            address,
+            fingerprint: certificate.fingerprint(),
+            lines,
+            end: Some(end),
+            thread: Some(thread),
+        })
+    }
+
+    /// Where it listens.
+    #[must_use]
+    pub const fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// What clients pin.
+    #[must_use]
+    pub const fn fingerprint(&self) -> Fingerprint {
+        self.fingerprint
+    }
+
+    /// The next who came, or how its handshake ended; `None` when nobody did within `patience`.
+    #[must_use]
+    pub fn accept(&self, patience: Duration) -> Option<Result<RawConnection, RawPeerError>> {
+        self.lines.recv_timeout(patience).ok()
+    }
+}
+
+impl Drop for RawPeerServer {
+    fn drop(&mut self) {
+        if let Some(end) = self.end.take() {
+            // Already over: nothing to end.
+            let _ = end.send(());
+        }
+        if let Some(thread) = self.thread.take()
+            && thread.join().is_err()
+        {
+            tracing::error!("the raw_peer server's i/o thread panicked");
+        }
+    }
+}
+
+async fn accept(
+    endpoint: Endpoint,
+    arrived: Sender<Result<RawConnection, RawPeerError>>,
+    mut ended: oneshot::Receiver<()>,
+) {
+    loop {
+        tokio::select! {
+            _ = &mut ended => break,
+            incoming = endpoint.accept() => {
+                let Some(incoming) = incoming else { break };
+                let arrived = arrived.clone();
+                tokio::spawn(async move {
+                    let line = match incoming.await {
+                        Ok(connection) => Ok(RawConnection::over(connection)),
+                        Err(error) => Err(RawPeerError::Handshake(error.into())),
+                    };
+                    // Who listens no more wants nobody.
+                    let _ = arrived.send(line);
+                });
+            }
+        }
+    }
+    endpoint.close(crate::quic::TransportCode::GOING_AWAY.0.into(), b"");
+    let _ = tokio::time::timeout(Duration::from_millis(50), endpoint.wait_idle()).await;
+}
