@@ -5,7 +5,6 @@
 use rhumb_protocol::message::{StreamChoice, TakeAuthority};
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::{Command, CommandError};
-use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::Tick;
 
 use crate::tier_controller::TierController;
@@ -13,9 +12,9 @@ use crate::tier_controller::TierController;
 /// A client that takes part.
 #[derive(Debug)]
 pub(crate) struct Member {
-    subscription: Subscription,
+    subscription: StreamId,
     /// The stream before, until the member has caught up with the present one.
-    previous: Option<Subscription>,
+    previous: Option<StreamId>,
     /// Number of its last command that was looked at, and is not answered yet.
     pub(crate) unanswered: Option<u64>,
     /// The snapshot that it is to hear when all that it said at once was looked at; the last one counts.
@@ -48,47 +47,11 @@ pub(crate) enum PendingCommand {
     Upstream(Vec<u8>),
 }
 
-/// A stream that a member hears.
-#[derive(Clone, Copy, Debug)]
-struct Subscription {
-    stream: StreamId,
-    /// When the last loss_report of it was answered.
-    echoed: Option<Instant>,
-    /// When the last mismatch about it was answered.
-    doubted: Option<Instant>,
-}
-
-impl Subscription {
-    const fn new(stream: StreamId) -> Self {
-        Self {
-            stream,
-            echoed: None,
-            doubted: None,
-        }
-    }
-}
-
-/// The least time between two loss_reports of a stream by a member that are answered: half of what a member's patience begins
-/// with.
-const LOSS_REPORT_INTERVAL: Span = Span::from_millis(2);
-
-/// The least time between two mismatches about a stream by a member that are answered: each may cost a sum over all tracks.
-const MISMATCH_INTERVAL: Span = Span::from_millis(20);
-
-/// Whether a pause since the last time is over; if so, this is the last time.
-fn is_due(last: &mut Option<Instant>, now: Instant, pause: Span) -> bool {
-    let due = last.is_none_or(|last| now >= last + pause);
-    if due {
-        *last = Some(now);
-    }
-    due
-}
-
 impl Member {
     /// Who has just joined and follows a stream.
     pub(crate) const fn new(stream: StreamId, choice: StreamChoice) -> Self {
         Self {
-            subscription: Subscription::new(stream),
+            subscription: stream,
             previous: None,
             unanswered: None,
             snapshot_request: None,
@@ -98,13 +61,12 @@ impl Member {
 
     /// The stream that it follows.
     pub(crate) const fn stream(&self) -> StreamId {
-        self.subscription.stream
+        self.subscription
     }
 
     /// All streams whose datagrams it gets, each once.
     pub(crate) fn streams(&self) -> impl Iterator<Item = StreamId> + use<> {
-        let previous = self.previous.map(|previous| previous.stream);
-        [Some(self.subscription.stream), previous]
+        [Some(self.subscription), self.previous]
             .into_iter()
             .flatten()
     }
@@ -112,48 +74,30 @@ impl Member {
     /// Changes to a stream that it does not follow, but may be leaving; returns the one that it hears no more, if there is
     /// one. It goes on hearing the one that it has a whole copy of.
     pub(crate) fn change(&mut self, to: StreamId) -> Option<StreamId> {
-        let before = std::mem::replace(&mut self.subscription, Subscription::new(to));
+        let before = std::mem::replace(&mut self.subscription, to);
         match self.previous {
             None => {
                 self.previous = Some(before);
                 None
             }
             Some(previous) => {
-                self.previous = (previous.stream != to).then_some(previous);
-                Some(before.stream)
+                self.previous = (previous != to).then_some(previous);
+                Some(before)
             }
         }
     }
 
     /// It has caught up with a stream; returns the one that it needs no more, if there is one.
     pub(crate) fn caught_up(&mut self, with: StreamId) -> Option<StreamId> {
-        if with != self.subscription.stream {
+        if with != self.subscription {
             return None;
         }
-        self.previous.take().map(|previous| previous.stream)
+        self.previous.take()
     }
 
-    /// Whether an loss_report of a stream is to be answered now; if so, the next one is not for a while.
-    pub(crate) fn answers_loss_report(&mut self, of: StreamId, now: Instant) -> bool {
-        let subscribed = self.subscribed(of);
-        subscribed
-            .is_some_and(|subscribed| is_due(&mut subscribed.echoed, now, LOSS_REPORT_INTERVAL))
-    }
-
-    /// Whether a mismatch about a stream is to be answered now; if so, the next one is not for a while.
-    pub(crate) fn answers_mismatch(&mut self, of: StreamId, now: Instant) -> bool {
-        let subscribed = self.subscribed(of);
-        subscribed.is_some_and(|subscribed| is_due(&mut subscribed.doubted, now, MISMATCH_INTERVAL))
-    }
-
-    fn subscribed(&mut self, stream: StreamId) -> Option<&mut Subscription> {
-        let previous = self.previous.as_mut();
-        let subscribed = [Some(&mut self.subscription), previous]
-            .into_iter()
-            .flatten();
-        subscribed
-            .into_iter()
-            .find(|subscribed| subscribed.stream == stream)
+    /// Whether it gets the datagrams of a stream.
+    pub(crate) fn hears(&self, stream: StreamId) -> bool {
+        self.streams().any(|subscribed| subscribed == stream)
     }
 }
 
@@ -194,15 +138,5 @@ mod tests {
         assert_eq!(member.change(B), None);
         assert_eq!(member.change(A), Some(B));
         assert_eq!(subscribed(&member), [A]);
-    }
-
-    #[test]
-    fn loss_reports_are_rate_limited_per_stream() {
-        let mut member = Member::new(A, StreamChoice::Full);
-        member.change(B);
-        let now = Instant::from_nanos(7);
-        assert!(member.answers_loss_report(A, now) && member.answers_loss_report(B, now));
-        assert!(!member.answers_loss_report(A, now) && !member.answers_loss_report(C, now));
-        assert!(member.answers_loss_report(A, now + LOSS_REPORT_INTERVAL));
     }
 }

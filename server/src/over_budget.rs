@@ -1,7 +1,7 @@
 //! Tells an operator for whom a stream's budget does not suffice
 
 use rhumb_protocol::stream::{OverBudget, Publisher};
-use rhumb_reckoning::{Tick, Ticks};
+use rhumb_reckoning::Tick;
 use tracing::Level;
 
 /// What was told of a stream's budget.
@@ -16,7 +16,7 @@ pub(crate) struct OverBudgetLog {
 impl OverBudgetLog {
     /// Logs when a budget does not suffice, and who is worst off for it, and when it suffices again: a line a second at most.
     /// Whoever is off for it is logged by itself where every trace is asked for.
-    pub(crate) fn log_once_a_second(&mut self, publisher: &Publisher, second: Ticks) {
+    pub(crate) fn log_once_a_second(&mut self, publisher: &Publisher) {
         let (stream, tick) = (publisher.stream(), publisher.tick());
         let waits = |since: Tick| tick.since(since).unwrap_or_default().count();
         if tracing::enabled!(Level::TRACE) {
@@ -29,7 +29,7 @@ impl OverBudgetLog {
         }
         let waiting = publisher.waiting();
         let since_told = self.told.and_then(|told| tick.since(told));
-        let quiet = since_told.is_some_and(|ticks| ticks < second);
+        let quiet = since_told.is_some_and(|ticks| ticks < publisher.second());
         if quiet || (waiting == 0 && !self.waited) {
             return;
         }

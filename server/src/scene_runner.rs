@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, VecDeque};
 
 use bytes::Bytes;
 use rhumb_protocol::limits::{
-    ADVANCE_TICKS_MAX, GRANT, MEMBERS_PER_SCENE_MAX, PENDING_COMMANDS_MAX, SILENCE_MS_MAX,
+    ADVANCE_TICKS_MAX, GRANT, MEMBERS_PER_SCENE_MAX, PENDING_COMMANDS_MAX,
 };
 use rhumb_protocol::message::{
     Denial, Extensions, Inspection, Joined, RemovalCause, SceneEvent, ServerMessage, StreamChoice,
@@ -20,7 +20,7 @@ use rhumb_protocol::scene::{Command, CommandError, SceneConfig, Stepping};
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::stream::{Activity, Observation, StreamStart};
 use rhumb_protocol::{Instant, Peer, Span};
-use rhumb_reckoning::{Tick, Ticks};
+use rhumb_reckoning::Tick;
 
 use crate::authority_table::AuthorityTable;
 use crate::body_placement;
@@ -30,7 +30,7 @@ use crate::outbox::Outbox;
 use crate::scene::Scene;
 use crate::snapshot::snapshot;
 use crate::stream_names::StreamNames;
-use crate::streams::{PublishContext, Stream, StreamSource, Streams};
+use crate::streams::{Stream, Streams};
 use crate::times::{Marks, Times};
 
 /// Reads the host's clock between the stages of a tick.
@@ -145,8 +145,7 @@ impl SceneRunner {
 
     fn begin_stream(&mut self, choice: StreamChoice) -> StreamId {
         let id = self.new_stream();
-        let source = StreamSource::new(choice, id, &self.scene);
-        let stream = self.streams.begin(choice, source);
+        let stream = self.streams.begin(Stream::new(choice, id, &self.scene));
         for (id, parameters, track, motion) in body_placement::everything(&self.scene) {
             stream.place(id, &parameters, track, motion);
         }
@@ -178,8 +177,8 @@ impl SceneRunner {
             integrator: self.config().integrator,
             publish_interval: self.config().publish_schedule.publish_interval,
             gravity: self.scene.gravity(),
-            tick: stream.tick(),
-            next: stream.next_number(),
+            tick: stream.sender.tick(),
+            next: stream.sender.next_number(),
             scene_events: self.scene_events,
         };
         let joined = Joined {
@@ -423,23 +422,6 @@ impl SceneRunner {
         self.apply_pending(out);
     }
 
-    /// Spoken ticks of silence within which a stream watermarks: each tick where a member waits for it.
-    fn watermark_within(&self) -> u32 {
-        let rate = self.config().integrator.rate;
-        match self.config().stepping {
-            Stepping::Lockstep => 1,
-            Stepping::FreeRunning => {
-                let ticks = rate.ticks() * SILENCE_MS_MAX / (1_000 * rate.seconds());
-                (ticks / self.config().publish_schedule.publish_interval).max(1)
-            }
-        }
-    }
-
-    fn ticks_per_second(&self) -> Ticks {
-        let rate = self.config().integrator.rate;
-        Ticks::new((rate.ticks() / rate.seconds()).max(1))
-    }
-
     fn step(&self) -> Span {
         Span::from_nanos(self.config().integrator.rate.step_ns())
     }
@@ -464,11 +446,7 @@ impl SceneRunner {
         self.streams
             .observe(self.scene.tick(), self.scene.observations());
         let observed = clock();
-        self.streams.publish(&PublishContext {
-            scene_events: self.scene_events,
-            watermark_within: self.watermark_within(),
-            second: self.ticks_per_second(),
-        });
+        self.streams.publish(self.scene_events);
         self.send_scene_events(out);
         for (peer, member) in &self.members {
             for stream in member.streams() {
@@ -512,7 +490,7 @@ impl SceneRunner {
         let Some(stream) = self.stream_of(peer) else {
             return;
         };
-        let said = stream.statistics();
+        let said = stream.sender.statistics();
         let inspection = Inspection {
             tick: self.scene.tick(),
             truth: self.scene.digest().value(),
@@ -521,7 +499,7 @@ impl SceneRunner {
             updates: said.updates,
             packets: said.packets,
             packet_bytes: said.bytes,
-            resynced: stream.resynced,
+            resynced: stream.sender.resynced(),
             over_budget: said.over_budget,
             times: self.times.summary(),
         };

@@ -20,7 +20,7 @@ pub(crate) fn snapshot(scene: &Scene, stream: &Stream) -> Vec<u8> {
     for (since, gravity) in stream.gravity_changes() {
         tell(SceneEvent::GravityChanged { since, gravity });
     }
-    for (id, track) in stream.tracks() {
+    for (id, track) in stream.sender.tracks() {
         if let Some(config) = scene.body(id) {
             tell(body_placement::scene_event(
                 scene,

@@ -1,134 +1,88 @@
 //! The streams of one scene: each said once, however many follow it.
 
-use std::collections::btree_map::Entry;
-use std::collections::{BTreeMap, BTreeSet};
-
 use bytes::Bytes;
 use glam::Vec3;
-use rhumb_protocol::Peer;
-use rhumb_protocol::limits::{HISTORY_PACKETS, STREAMS_PER_SCENE_MAX};
+use rhumb_protocol::limits::STREAMS_PER_SCENE_MAX;
 use rhumb_protocol::message::{Denial, StreamChoice};
-use rhumb_protocol::packet::{ChecksumMismatch, LossReport, StreamId};
-use rhumb_protocol::scene::PublishSchedule;
+use rhumb_protocol::packet::{ChecksumMismatch, StreamId};
+use rhumb_protocol::scene::{PublishSchedule, Stepping};
 use rhumb_protocol::stream::{
-    Features, FullPublisher, LossTracker, MismatchReply, Observation, ObservationHistory,
-    PredictionParameters, Publisher, PublisherStatistics, StreamTerms,
+    Features, MismatchReply, Observation, ObservationHistory, PredictionParameters, StreamSender,
+    StreamTerms, WatermarkSchedule,
 };
-use rhumb_reckoning::{BodyId, BodyState, Tick, Ticks, Tolerance, Track};
+use rhumb_protocol::{Instant, Peer};
+use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance, Track};
 
 use crate::over_budget::OverBudgetLog;
 use crate::scene::Scene;
 
-/// One stream at its source.
-#[derive(Debug)]
-pub(crate) enum StreamSource {
-    Reckoned(Box<Publisher>),
-    Full(FullPublisher),
-}
-
-impl StreamSource {
-    /// What a choice of stream is made of, without bodies yet.
-    pub(crate) fn new(choice: StreamChoice, id: StreamId, scene: &Scene) -> Self {
-        let tick = scene.tick();
-        match choice {
-            StreamChoice::Within(tolerance) | StreamChoice::Capped { tolerance, .. } => {
-                let config = StreamTerms {
-                    tolerance,
-                    integrator: scene.config().integrator,
-                    publish_interval: scene.config().publish_schedule.publish_interval,
-                    gravity: scene.gravity(),
-                    features: Features::ALL,
-                };
-                let mut publisher = Publisher::new(id, &config, tick);
-                if let StreamChoice::Capped { budget, .. } = choice {
-                    publisher.limit(budget);
-                }
-                Self::Reckoned(Box::new(publisher))
-            }
-            StreamChoice::Full => Self::Full(FullPublisher::new(id, tick)),
-        }
-    }
-}
-
-/// A stream, who wants it, and how long it has been silent.
+/// A stream and the choice that it serves.
 #[derive(Debug)]
 pub(crate) struct Stream {
     pub(crate) choice: StreamChoice,
-    source: StreamSource,
-    followers: usize,
-    /// Ticks that were spoken of, and of which nothing had to be said.
-    silent: u32,
-    /// When the sum over all tracks was last said, and what it was.
-    checksums: (Tick, u64),
-    /// Tracks that a member had otherwise.
-    pub(crate) resynced: u64,
+    pub(crate) sender: StreamSender,
     over_budget: OverBudgetLog,
-    /// The datagrams of the last tick.
-    packets: Vec<Bytes>,
-    /// The repair_symbols behind them.
-    repair_symbols: Vec<Bytes>,
-    /// What its members lose.
-    losses: LossTracker,
-    /// What makes good lost packets, as asked for since the last tick: encoded once for all who lost the same.
-    refreshes: BTreeMap<(u64, u64), Vec<Bytes>>,
 }
 
 impl Stream {
-    pub(crate) fn id(&self) -> StreamId {
-        match &self.source {
-            StreamSource::Reckoned(publisher) => publisher.stream(),
-            StreamSource::Full(publisher) => publisher.stream(),
+    /// The stream of a choice, without bodies yet, for one member.
+    pub(crate) fn new(choice: StreamChoice, id: StreamId, scene: &Scene) -> Self {
+        let tick = scene.tick();
+        let config = scene.config();
+        let schedule = match config.stepping {
+            Stepping::Lockstep => WatermarkSchedule::LOCKSTEP,
+            Stepping::FreeRunning => WatermarkSchedule::free_running(
+                config.integrator.rate,
+                config.publish_schedule.publish_interval,
+            ),
+        };
+        let budget = match choice {
+            StreamChoice::Capped { budget, .. } => Some(budget),
+            StreamChoice::Within(_) | StreamChoice::Full => None,
+        };
+        let sender = match choice {
+            StreamChoice::Within(tolerance) | StreamChoice::Capped { tolerance, .. } => {
+                let config = StreamTerms {
+                    tolerance,
+                    integrator: config.integrator,
+                    publish_interval: config.publish_schedule.publish_interval,
+                    gravity: scene.gravity(),
+                    features: Features::ALL,
+                };
+                StreamSender::reckoned(id, &config, budget, schedule, tick)
+            }
+            StreamChoice::Full => StreamSender::full(id, schedule, tick),
+        };
+        Self::of(choice, sender)
+    }
+
+    fn of(choice: StreamChoice, sender: StreamSender) -> Self {
+        Self {
+            choice,
+            sender,
+            over_budget: OverBudgetLog::default(),
         }
+    }
+
+    pub(crate) fn id(&self) -> StreamId {
+        self.sender.stream()
     }
 
     pub(crate) fn tolerance(&self) -> Tolerance {
         self.choice.tolerance()
     }
 
-    /// The tick up to which everything was said.
-    pub(crate) fn tick(&self) -> Tick {
-        match &self.source {
-            StreamSource::Reckoned(publisher) => publisher.tick(),
-            StreamSource::Full(publisher) => publisher.tick(),
-        }
-    }
-
-    pub(crate) fn next_number(&self) -> u64 {
-        match &self.source {
-            StreamSource::Reckoned(publisher) => publisher.next_number(),
-            StreamSource::Full(publisher) => publisher.next_number(),
-        }
-    }
-
-    pub(crate) fn statistics(&self) -> PublisherStatistics {
-        match &self.source {
-            StreamSource::Reckoned(publisher) => publisher.statistics(),
-            StreamSource::Full(publisher) => publisher.statistics(),
-        }
-    }
-
-    /// Every body's track, in order of index.
-    pub(crate) fn tracks(&self) -> Vec<(BodyId, Track)> {
-        match &self.source {
-            StreamSource::Reckoned(publisher) => publisher.tracks().collect(),
-            StreamSource::Full(publisher) => publisher.tracks().collect(),
-        }
-    }
-
     /// The alias of a body, if it has one.
     pub(crate) fn alias(&self, id: BodyId) -> Option<u32> {
-        match &self.source {
-            StreamSource::Reckoned(publisher) => publisher.alias(id),
-            StreamSource::Full(_) => None,
-        }
+        self.sender.publisher()?.alias(id)
     }
 
     /// What pulled from which tick on, oldest first, if tracks refer to more than one gravity.
     pub(crate) fn gravity_changes(&self) -> Vec<(Tick, Vec3)> {
-        let changes: Vec<_> = match &self.source {
-            StreamSource::Reckoned(publisher) => publisher.gravity_changes().collect(),
-            StreamSource::Full(_) => Vec::new(),
-        };
+        let publisher = self.sender.publisher().into_iter();
+        let changes: Vec<_> = publisher
+            .flat_map(|publisher| publisher.gravity_changes())
+            .collect();
         if changes.len() > 1 {
             changes
         } else {
@@ -143,176 +97,35 @@ impl Stream {
         track: Track,
         motion: BodyState,
     ) {
-        match &mut self.source {
-            StreamSource::Reckoned(publisher) => {
-                let placed = publisher.place(id, parameters, track);
-                debug_assert!(placed, "the scene keeps the limits of its streams");
-            }
-            StreamSource::Full(publisher) => {
-                publisher.place(id, track.origin, motion, track.is_resting());
-            }
-        }
+        let placed = self.sender.place(id, parameters, track, motion);
+        debug_assert!(placed, "the scene keeps the limits of its streams");
     }
 
-    fn remove(&mut self, id: BodyId) {
-        match &mut self.source {
-            StreamSource::Reckoned(publisher) => publisher.remove(id),
-            StreamSource::Full(publisher) => publisher.remove(id),
-        }
-    }
-
-    pub(crate) fn watermark(&self, scene_events: u64) -> Bytes {
-        match &self.source {
-            StreamSource::Reckoned(publisher) => publisher.watermark(scene_events),
-            StreamSource::Full(publisher) => publisher.watermark(scene_events),
-        }
-    }
-
-    /// A member says how far it heard: what gives it back what it lost, or makes it good, and a watermark for what it could not
-    /// know of.
-    pub(crate) fn answer(
-        &mut self,
-        peer: Peer,
-        loss_report: &LossReport,
-        scene_events: u64,
-    ) -> Vec<Bytes> {
-        let next = self.next_number();
-        // What was said unasked so far went to who was known to lose packets then.
-        let sent_from = self.losses.loses_from(peer.0);
-        self.losses.hear(peer.0, loss_report, next);
-        let mut datagrams = Vec::new();
-        let lost: BTreeSet<u64> = match &mut self.source {
-            StreamSource::Reckoned(publisher) => {
-                let lost = publisher.answer_one(loss_report, sent_from, &mut datagrams);
-                lost.into_iter().collect()
-            }
-            StreamSource::Full(_) => loss_report
-                .lost
-                .iter()
-                .map(|lost| lost.expand(next))
-                .collect(),
-        };
-        for number in lost {
-            match self.refresh(number, scene_events) {
-                Some(refresh) => datagrams.extend_from_slice(refresh),
-                // Forgotten: the watermark below tells the member how much it missed, and it asks for everything.
-                None => tracing::debug!(number, "a lost packet is no longer known"),
-            }
-        }
-        datagrams.push(self.watermark(scene_events));
-        datagrams
-    }
-
-    /// The datagrams that make good a lost packet; none when it is not known any more.
-    fn refresh(&mut self, number: u64, scene_events: u64) -> Option<&[Bytes]> {
-        if self.refreshes.len() >= HISTORY_PACKETS {
-            self.refreshes.clear();
-        }
-        let entry = match self.refreshes.entry((number, scene_events)) {
-            Entry::Occupied(known) => known.into_mut(),
-            Entry::Vacant(place) => place.insert(match &self.source {
-                StreamSource::Reckoned(publisher) => publisher.refresh(number, scene_events),
-                StreamSource::Full(publisher) => publisher.refresh(number, scene_events),
-            }?),
-        };
-        Some(entry)
-    }
-
-    /// Says what must be said now, if a tick is spoken of. A silent stream watermarks ever more rarely, within bounds.
-    fn publish(&mut self, at: &PublishContext, observation_history: &ObservationHistory) {
-        self.packets.clear();
-        self.repair_symbols.clear();
-        self.refreshes.clear();
-        let before = self.tick();
-        match &mut self.source {
-            StreamSource::Reckoned(publisher) => {
-                publisher.publish(observation_history, at.scene_events, &mut self.packets);
-            }
-            StreamSource::Full(publisher) => {
-                publisher.publish(observation_history, at.scene_events, &mut self.packets);
-            }
-        }
-        if self.tick() == before {
-            return;
-        }
-        if let StreamSource::Reckoned(publisher) = &self.source {
-            self.over_budget.log_once_a_second(publisher, at.second);
-        }
-        self.vouch_or_sum_up(at);
-        let redundancy = self.losses.redundancy(self.followers, self.next_number());
-        if let StreamSource::Reckoned(publisher) = &mut self.source {
-            publisher.encode_repair_symbols(redundancy, &mut self.repair_symbols);
-        }
-    }
-
-    /// What goes with the packets of a tick, or in place of them.
-    fn vouch_or_sum_up(&mut self, at: &PublishContext) {
-        if !self.packets.is_empty() {
-            self.silent = 0;
-            let checksums = self.due_checksums(at);
-            self.packets.extend(checksums);
-            return;
-        }
-        self.silent += 1;
-        let due = self.silent.is_power_of_two() && self.silent < at.watermark_within;
-        if due || self.silent.is_multiple_of(at.watermark_within) {
-            // A checksums watermarks too.
-            let checksums = self.due_checksums(at);
-            self.packets
-                .push(checksums.unwrap_or_else(|| self.watermark(at.scene_events)));
-        }
-    }
-
-    /// What says the sum over all tracks, if that is another than the one said last, and that is a second ago.
-    fn due_checksums(&mut self, at: &PublishContext) -> Option<Bytes> {
-        let StreamSource::Reckoned(publisher) = &mut self.source else {
-            return None;
-        };
-        let (last, sum) = self.checksums;
-        let age = publisher.tick().since(last)?;
-        // A checksums states nothing of a budget's over_budget: silence is watermark_tick for by what does.
-        let capped = matches!(self.choice, StreamChoice::Capped { .. });
-        if age < at.second || publisher.state_checksum() == sum || capped && self.packets.is_empty()
+    fn publish(&mut self, observation_history: &ObservationHistory, scene_events: u64) {
+        if self.sender.publish(observation_history, scene_events)
+            && let Some(publisher) = self.sender.publisher()
         {
-            return None;
+            self.over_budget.log_once_a_second(publisher);
         }
-        self.checksums = (publisher.tick(), publisher.state_checksum());
-        let checksums = publisher.checksums(at.scene_events);
-        publisher.pay(checksums.len());
-        Some(checksums)
     }
 
-    /// Answers a member whose sum over some tracks is another.
-    pub(crate) fn answer_mismatch(
+    /// Answers a member whose checksum over some tracks is another.
+    pub(crate) fn handle_mismatch(
         &mut self,
+        now: Instant,
+        from: Peer,
         mismatch: ChecksumMismatch,
         scene_events: u64,
     ) -> Vec<Bytes> {
-        let StreamSource::Reckoned(publisher) = &self.source else {
-            return Vec::new();
-        };
-        match publisher.answer_mismatch(mismatch, scene_events) {
-            MismatchReply::Sums(datagram) => vec![datagram],
-            MismatchReply::Resync(id, datagrams) => {
-                self.resynced += 1;
-                let name = id.map(tracing::field::display);
-                tracing::warn!(stream = %publisher.stream(), body = name, "a member's track was another");
-                datagrams
-            }
+        let answer = self
+            .sender
+            .handle_mismatch(now, from.0, mismatch, scene_events);
+        if let Some(MismatchReply::Resync(id, _)) = &answer {
+            let name = id.map(tracing::field::display);
+            tracing::warn!(stream = %self.id(), body = name, "a member's track was another");
         }
+        answer.map_or_else(Vec::new, MismatchReply::into_datagrams)
     }
-}
-
-/// The circumstances of what is said of a tick.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct PublishContext {
-    /// SceneEvents given up to this tick.
-    pub(crate) scene_events: u64,
-    /// A silent stream watermarks at least once in so many ticks that are spoken of: one where somebody waits for this very
-    /// tick.
-    pub(crate) watermark_within: u32,
-    /// Ticks in a second, at least one.
-    pub(crate) second: Ticks,
 }
 
 /// All streams of a scene that somebody follows.
@@ -342,12 +155,8 @@ impl Streams {
 
     /// The datagrams of a stream's last tick that a member is sent: repair_symbols only if it loses packets, whoever else does.
     pub(crate) fn packets(&self, id: StreamId, peer: Peer) -> impl Iterator<Item = &Bytes> {
-        let stream = self.get(id);
-        let packets = stream.map_or(&[][..], |stream| &stream.packets);
-        let repair_symbols = stream
-            .filter(|stream| stream.losses.loses(peer.0))
-            .map_or(&[][..], |stream| &stream.repair_symbols);
-        packets.iter().chain(repair_symbols)
+        let stream = self.get(id).into_iter();
+        stream.flat_map(move |stream| stream.sender.datagrams(peer.0))
     }
 
     /// The stream of a choice, if somebody follows it.
@@ -363,7 +172,7 @@ impl Streams {
             .iter_mut()
             .find(|stream| stream.choice == choice)
         {
-            stream.followers += 1;
+            stream.sender.add_listener();
             return Ok(Some(stream.id()));
         }
         if self.streams.len() >= STREAMS_PER_SCENE_MAX {
@@ -373,37 +182,24 @@ impl Streams {
     }
 
     /// Adds a stream with one follower.
-    pub(crate) fn begin(&mut self, choice: StreamChoice, source: StreamSource) -> &mut Stream {
-        self.streams.push(Stream {
-            choice,
-            source,
-            followers: 1,
-            silent: 0,
-            checksums: (Tick::ZERO, 0),
-            resynced: 0,
-            over_budget: OverBudgetLog::default(),
-            packets: Vec::new(),
-            repair_symbols: Vec::new(),
-            losses: LossTracker::default(),
-            refreshes: BTreeMap::new(),
-        });
+    pub(crate) fn begin(&mut self, stream: Stream) -> &mut Stream {
+        self.streams.push(stream);
         self.streams.last_mut().expect("one was just added")
     }
 
     /// A member is told a stream from a snapshot on: what it lost before it counts no more.
     pub(crate) fn begin_snapshot(&mut self, id: StreamId, peer: Peer) {
         if let Some(stream) = self.get_mut(id) {
-            stream.losses.forget(peer.0);
+            stream.sender.restart_listener(peer.0);
         }
     }
 
     /// A member follows a stream no more; one that nobody follows ends.
     pub(crate) fn unsubscribe(&mut self, id: StreamId, peer: Peer) {
         if let Some(stream) = self.get_mut(id) {
-            stream.followers -= 1;
-            stream.losses.forget(peer.0);
+            stream.sender.remove_listener(peer.0);
         }
-        self.streams.retain(|stream| stream.followers > 0);
+        self.streams.retain(|stream| stream.sender.listeners() > 0);
     }
 
     pub(crate) fn place(
@@ -420,15 +216,13 @@ impl Streams {
 
     pub(crate) fn remove(&mut self, id: BodyId) {
         for stream in &mut self.streams {
-            stream.remove(id);
+            stream.sender.remove(id);
         }
     }
 
     pub(crate) fn change_gravity(&mut self, since: Tick, gravity: Vec3) {
         for stream in &mut self.streams {
-            if let StreamSource::Reckoned(publisher) = &mut stream.source {
-                publisher.change_gravity(since, gravity);
-            }
+            stream.sender.change_gravity(since, gravity);
         }
     }
 
@@ -438,9 +232,9 @@ impl Streams {
     }
 
     /// Says what must be said of a tick that was observed.
-    pub(crate) fn publish(&mut self, at: &PublishContext) {
+    pub(crate) fn publish(&mut self, scene_events: u64) {
         for stream in &mut self.streams {
-            stream.publish(at, &self.observation_history);
+            stream.publish(&self.observation_history, scene_events);
         }
     }
 }
@@ -448,7 +242,7 @@ impl Streams {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rhumb_protocol::packet::{Head, Low16, PacketKind};
+    use rhumb_protocol::packet::{Head, PacketKind};
     use rhumb_protocol::stream::{Activity, Budget};
     use rhumb_protocol::wire::Wire;
     use rhumb_protocol::wire::bytes::Reader;
@@ -487,11 +281,11 @@ mod tests {
             gravity: Vec3::ZERO,
             features: Features::ALL,
         };
-        let mut publisher = Publisher::new(STREAM, &config, Tick::ZERO);
-        publisher.limit(budget);
+        let schedule = WatermarkSchedule::free_running(Rate::HZ_60, config.publish_interval);
+        let sender = StreamSender::reckoned(STREAM, &config, Some(budget), schedule, Tick::ZERO);
         let mut streams = Streams::new(PublishSchedule::EACH_TICK);
         let choice = StreamChoice::Capped { tolerance, budget };
-        streams.begin(choice, StreamSource::Reckoned(Box::new(publisher)));
+        streams.begin(Stream::of(choice, sender));
         for body in 0..BODIES {
             let parameters = PredictionParameters::plain(Metres::new(0.5));
             let begun = motion(body, 0);
@@ -510,11 +304,7 @@ mod tests {
         };
         let observations: Vec<_> = (0..BODIES).map(seen).collect();
         streams.observe(Tick::new(tick), &observations);
-        streams.publish(&PublishContext {
-            scene_events: 0,
-            watermark_within: 150,
-            second: Ticks::new(SECOND as u32),
-        });
+        streams.publish(0);
     }
 
     /// What is logged, as text.
@@ -570,10 +360,7 @@ mod tests {
             .lines()
             .filter(|log_line| log_line.contains("a body is off"));
         let lines: Vec<_> = lines.collect();
-        let StreamSource::Reckoned(publisher) = &streams.streams[0].source else {
-            panic!("it has a budget");
-        };
-        let over_budget = publisher.statistics().over_budget;
+        let over_budget = streams.streams[0].sender.statistics().over_budget;
         assert!(
             over_budget > 0 && lines.len() as u64 == over_budget,
             "{over_budget}"
@@ -611,24 +398,5 @@ mod tests {
             bytes + 200 > most,
             "a tight budget is used: {bytes} of {most}"
         );
-    }
-
-    #[test]
-    fn a_refresh_for_two_members_is_encoded_once() {
-        let mut streams = capped(100_000);
-        publish(&mut streams, 1);
-        let stream = &mut streams.streams[0];
-        let next = stream.next_number();
-        let loss_report = LossReport {
-            next: Low16::of(next),
-            gone: Low16::of(1),
-            repair_symbols: 0,
-            lost: vec![Low16::of(next - 1)],
-        };
-        let [one, other] = [1, 2].map(|member| stream.answer(Peer(member), &loss_report, 0));
-        assert!(one.len() > 1, "a refresh, and a watermark behind it");
-        for (one, other) in one[..one.len() - 1].iter().zip(&other) {
-            assert_eq!(one.as_ptr(), other.as_ptr(), "the same bytes, not a copy");
-        }
     }
 }

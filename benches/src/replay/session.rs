@@ -8,15 +8,14 @@ use std::fmt;
 
 use bytes::Bytes;
 use rhumb_protocol::message::{SceneEvent, ServerMessage};
-use rhumb_protocol::packet::{Head, LossReport, PacketKind, StreamId};
+use rhumb_protocol::packet::{Datagram, PacketKind, StreamId};
 use rhumb_protocol::scene::{BodyKind, PublishSchedule};
 use rhumb_protocol::stream::{
-    Activity, LossTracker, ObservationHistory, PredictionParameters, Publisher, StreamTerms,
+    Activity, ObservationHistory, PredictionParameters, Recipient, StreamSender, StreamTerms,
+    WatermarkSchedule,
 };
-use rhumb_protocol::wire::Wire;
-use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Instant, Span};
-use rhumb_reckoning::{Anchor, BodyId, Predictor, Rate, Tick, Ticks, Track};
+use rhumb_reckoning::{Anchor, BodyId, Predictor, Rate, Tick, Track};
 use rhumb_transport::{Clock, Lane, Link};
 
 use super::client::{PendingEvent, ReplayClient, StreamSetup};
@@ -60,12 +59,6 @@ impl std::error::Error for ReplayError {}
 /// the frame's type and length (3), the tag (16). Acknowledgements and heartbeats are not counted.
 const QUIC_BYTES: u64 = 22;
 
-/// A silent stream watermarks at least so often, as a server's (PROTOCOL 6.4).
-const SILENCE_MS_MAX: u32 = 2_500;
-
-/// Echoes that follow each other faster are not answered, as a server's (PROTOCOL 6.4).
-const LOSS_REPORT_PAUSE: Span = Span::from_millis(2);
-
 /// How long after the last tick a replay goes on at most: ten seconds.
 const END: Span = Span::from_millis(10_000);
 
@@ -107,7 +100,7 @@ pub fn run(
 }
 
 /// The stream at its source, without bodies yet.
-fn publisher(start: &StreamSetup, config: &ReplayConfig) -> Publisher {
+fn sender(start: &StreamSetup, config: &ReplayConfig) -> StreamSender {
     let stream = StreamTerms {
         tolerance: start.tolerance,
         integrator: start.integrator,
@@ -115,11 +108,8 @@ fn publisher(start: &StreamSetup, config: &ReplayConfig) -> Publisher {
         gravity: start.gravity,
         features: config.features.publisher,
     };
-    let mut publisher = Publisher::new(start.stream, &stream, Tick::ZERO);
-    if let Some(budget) = config.budget {
-        publisher.limit(budget);
-    }
-    publisher
+    let schedule = WatermarkSchedule::free_running(start.integrator.rate, start.publish_interval);
+    StreamSender::reckoned(start.stream, &stream, config.budget, schedule, Tick::ZERO)
 }
 
 fn moment(rate: Rate, tick: Tick) -> Instant {
@@ -138,7 +128,7 @@ struct LostPacket {
 struct ReplaySession<'a> {
     recording: &'a Recording,
     config: &'a ReplayConfig,
-    publisher: Publisher,
+    sender: StreamSender,
     observation_history: ObservationHistory,
     client: ReplayClient,
     judge: ReplayJudge<'a>,
@@ -147,11 +137,6 @@ struct ReplaySession<'a> {
     placed: usize,
     removed: usize,
     scene_events: u64,
-    silent: u32,
-    /// When the sum over all tracks was said last, and which.
-    last_checksum: (Tick, u64),
-    losses: LossTracker,
-    last_loss_report: Option<Instant>,
     lost: Vec<LostPacket>,
     recoveries: Vec<Span>,
     clock: Clock,
@@ -177,7 +162,7 @@ impl<'a> ReplaySession<'a> {
         Self {
             recording,
             config,
-            publisher: publisher(&start, config),
+            sender: sender(&start, config),
             observation_history: ObservationHistory::new(PublishSchedule {
                 publish_interval: config.publish_interval,
                 lookahead: config.lookahead,
@@ -189,10 +174,6 @@ impl<'a> ReplaySession<'a> {
             placed: 0,
             removed: 0,
             scene_events: 0,
-            silent: 0,
-            last_checksum: (Tick::ZERO, 0),
-            losses: LossTracker::default(),
-            last_loss_report: None,
             lost: Vec::new(),
             recoveries: Vec::new(),
             clock: Clock::start(),
@@ -211,7 +192,7 @@ impl<'a> ReplaySession<'a> {
             && *when < tick
         {
             self.removed += 1;
-            self.publisher.remove(*id);
+            self.sender.remove(*id);
             let cause = rhumb_protocol::message::RemovalCause::Command;
             let scene_event = SceneEvent::BodyRemoved { id: *id, cause };
             self.send_event(tick, scene_event, PendingEvent::Removed(*id));
@@ -223,7 +204,8 @@ impl<'a> ReplaySession<'a> {
             let parameters = self.recording.parameters(placed);
             let track = first_track(placed, &parameters);
             let id = placed.config.id;
-            let mut fits = self.publisher.place(id, &parameters, track);
+            let motion = placed.observation.motion;
+            let mut fits = self.sender.place(id, &parameters, track, motion);
             if tick == Tick::ZERO {
                 fits &= self.client.subscriber.place(id, &parameters, track);
             } else {
@@ -256,89 +238,45 @@ impl<'a> ReplaySession<'a> {
         self.send_down(at, Bytes::from(bytes), Lane::Control);
     }
 
-    /// One tick of the server: truth, belief, words.
+    /// One tick of the server: observes, publishes, sends.
     fn publish(&mut self, now: Instant, tick: Tick) {
-        // With lookahead the last ticks are spoken of after the recording's end.
+        // With lookahead the last ticks are published after the recording's end.
         let row = self.recording.truth.ticks.get(tick.value() as usize - 1);
-        let mut packets = Vec::new();
         let begun = self.clock.now();
         self.observation_history
             .observe(tick, row.map_or(&[][..], |row| &row[..]));
-        self.publisher
-            .publish(&self.observation_history, self.scene_events, &mut packets);
+        let published = self
+            .sender
+            .publish(&self.observation_history, self.scene_events);
         self.publish_ns += self.clock.now().since(begun).as_nanos();
-        if self.observation_history.present().is_none() {
+        if !published {
             return;
         }
-        let losses = self.down.counts(Lane::State).lost.pieces;
-        if packets.is_empty() {
-            self.silent += 1;
-            if self.sends_watermark() {
-                // A digest watermarks too.
-                let digest = self.due_checksum(true);
-                let watermark =
-                    digest.unwrap_or_else(|| self.publisher.watermark(self.scene_events));
-                self.send_down(now, watermark, Lane::State);
-            }
-        } else {
-            self.silent = 0;
-            for packet in packets {
-                self.send_down(now, packet, Lane::State);
-            }
-            self.record_loss(now, tick, losses);
-            if let Some(digest) = self.due_checksum(false) {
-                self.send_down(now, digest, Lane::State);
-            }
+        let lost = |session: &Self| session.down.counts(Lane::State).lost.pieces;
+        let datagrams: Vec<Bytes> = self.sender.datagrams(SUBSCRIBER).cloned().collect();
+        let mut lost_updates = false;
+        for datagram in datagrams {
+            let before = lost(self);
+            let updates = holds_updates(&datagram);
+            self.send_down(now, datagram, Lane::State);
+            lost_updates |= updates && lost(self) > before;
         }
-        let redundancy = self.losses.redundancy(1, self.publisher.next_number());
-        let mut repair_symbols = Vec::new();
-        self.publisher
-            .encode_repair_symbols(redundancy, &mut repair_symbols);
-        for repair_symbol in repair_symbols {
-            self.send_down(now, repair_symbol, Lane::State);
+        if lost_updates {
+            self.record_loss(now, tick);
         }
     }
 
-    /// What says the sum over all tracks, as a server says it: each second, if it is another.
-    fn due_checksum(&mut self, silent: bool) -> Option<Bytes> {
-        let publisher = &self.publisher;
-        let (last, sum) = self.last_checksum;
-        let age = publisher.tick().since(last)?;
-        let rate = self.recording.integrator.rate;
-        let second = Ticks::new((rate.ticks() / rate.seconds()).max(1));
-        // A digest states nothing of a budget's arrears: silence is watermark_tick for by what does.
-        let says_no_budget = silent && self.config.budget.is_some();
-        if age < second || publisher.state_checksum() == sum || says_no_budget {
-            return None;
-        }
-        self.last_checksum = (publisher.tick(), publisher.state_checksum());
-        let digest = publisher.checksums(self.scene_events);
-        self.publisher.pay(digest.len());
-        Some(digest)
-    }
-
-    /// Notes of which bodies nothing arrives that was just said, if more was lost than before.
-    fn record_loss(&mut self, now: Instant, tick: Tick, losses: u64) {
-        if self.down.counts(Lane::State).lost.pieces > losses {
-            let sent_tracks = self.publisher.tracks();
-            let sent_tick = self.publisher.tick();
-            let sent_tracks = sent_tracks.filter(|(_, track)| track.origin == sent_tick);
-            let bodies = sent_tracks.map(|(id, _)| id).collect();
-            self.lost.push(LostPacket {
-                at: now,
-                tick,
-                bodies,
-            });
-        }
-    }
-
-    /// Whether a stream that was silent for so long watermarks: ever more rarely, within bounds.
-    fn sends_watermark(&self) -> bool {
-        let rate = self.recording.integrator.rate;
-        let within = rate.ticks() * SILENCE_MS_MAX / (1_000 * rate.seconds());
-        let within = (within / self.config.publish_interval).max(1);
-        let doubled = self.silent.is_power_of_two() && self.silent < within;
-        doubled || self.silent.is_multiple_of(within)
+    /// Notes of which bodies nothing arrives that was just published.
+    fn record_loss(&mut self, now: Instant, tick: Tick) {
+        let published = self.sender.tick();
+        let tracks = self.sender.tracks().into_iter();
+        let lost = tracks.filter(|(_, track)| track.origin == published);
+        let bodies = lost.map(|(id, _)| id).collect();
+        self.lost.push(LostPacket {
+            at: now,
+            tick,
+            bodies,
+        });
     }
 
     fn send_down(&mut self, now: Instant, bytes: Bytes, lane: Lane) {
@@ -386,11 +324,11 @@ impl<'a> ReplaySession<'a> {
             match lane {
                 Lane::State => self.client.receive(now, &bytes),
                 Lane::Control if self.client.receive_event(now) => {}
-                Lane::Control => return Err(ReplayError::Limits(self.publisher.tick())),
+                Lane::Control => return Err(ReplayError::Limits(self.sender.tick())),
             }
         }
         if self.client.subscriber.has_lost_sync() {
-            return Err(ReplayError::OutOfSync(self.publisher.tick()));
+            return Err(ReplayError::OutOfSync(self.sender.tick()));
         }
         self.recover(now);
         self.judge();
@@ -407,36 +345,22 @@ impl<'a> ReplaySession<'a> {
         Ok(())
     }
 
-    /// The server answers an loss_report: refreshes what was lost and watermarks for what could not be known of.
+    /// The server answers a loss report.
     fn answer(&mut self, now: Instant, datagram: &[u8]) {
-        if self
-            .last_loss_report
-            .is_some_and(|last| now < last + LOSS_REPORT_PAUSE)
-        {
+        let Ok(datagram) = Datagram::open(datagram) else {
             return;
+        };
+        // As a server answers, which does not measure round trips.
+        let from = Recipient {
+            id: SUBSCRIBER,
+            round_trip: Span::ZERO,
+        };
+        let mut answers = Vec::new();
+        self.sender
+            .handle_datagram(now, from, &datagram, self.scene_events, &mut answers);
+        for answer in answers {
+            self.send_down(now, answer, Lane::State);
         }
-        self.last_loss_report = Some(now);
-        let mut reader = Reader::new(datagram);
-        let is_loss_report =
-            Head::decode(&mut reader).is_ok_and(|head| head.kind == PacketKind::LossReport);
-        let loss_report = LossReport::decode(reader).ok().filter(|_| is_loss_report);
-        let mut datagrams = Vec::new();
-        if let Some(loss_report) = loss_report {
-            self.losses
-                .hear(SUBSCRIBER, &loss_report, self.publisher.next_number());
-            for number in self.publisher.answer(&loss_report, &mut datagrams) {
-                datagrams.extend(
-                    self.publisher
-                        .refresh(number, self.scene_events)
-                        .unwrap_or_default(),
-                );
-            }
-        }
-        for datagram in datagrams {
-            self.send_down(now, datagram, Lane::State);
-        }
-        let watermark = self.publisher.watermark(self.scene_events);
-        self.send_down(now, watermark, Lane::State);
     }
 
     /// Notes which losses are made good by now: all of their bodies were heard of as of their tick or later, or went.
@@ -485,7 +409,7 @@ impl<'a> ReplaySession<'a> {
                 return Err(ReplayError::NoEnd);
             }
             self.pass_until(now)?;
-            let watermark = self.publisher.watermark(self.scene_events);
+            let watermark = self.sender.watermark(self.scene_events);
             self.send_down(now, watermark, Lane::State);
             self.pass_until(now)?;
         }
@@ -512,6 +436,17 @@ impl<'a> ReplaySession<'a> {
             mismatches: self.client.subscriber.statistics().mismatches,
         }
     }
+}
+
+/// Whether a datagram is a packet of updates.
+fn holds_updates(datagram: &[u8]) -> bool {
+    let updates = |kind| {
+        matches!(
+            kind,
+            PacketKind::Updates | PacketKind::UpdatesEnd | PacketKind::UpdatesOverBudget
+        )
+    };
+    Datagram::open(datagram).is_ok_and(|datagram| updates(datagram.head().kind))
 }
 
 fn add_wire(frame: &mut Frame, sent: &Frame) {

@@ -156,6 +156,46 @@ impl Wire for Head {
     }
 }
 
+/// A datagram of which the head was read.
+#[derive(Clone, Copy, Debug)]
+pub struct Datagram<'a> {
+    head: Head,
+    bytes: &'a [u8],
+    body: &'a [u8],
+}
+
+impl<'a> Datagram<'a> {
+    /// Reads the head.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed`] when there is none, or its kind is unknown.
+    pub fn open(bytes: &'a [u8]) -> Result<Self, Malformed> {
+        let mut reader = Reader::new(bytes);
+        let head = Head::decode(&mut reader)?;
+        let body = reader.rest();
+        Ok(Self { head, bytes, body })
+    }
+
+    /// Its kind and its stream.
+    #[must_use]
+    pub const fn head(&self) -> Head {
+        self.head
+    }
+
+    /// Reads what follows the head.
+    #[must_use]
+    pub const fn body(&self) -> Reader<'a> {
+        Reader::new(self.body)
+    }
+
+    /// All of it.
+    #[must_use]
+    pub const fn bytes(&self) -> &'a [u8] {
+        self.bytes
+    }
+}
+
 /// Low bits of a datagram's first byte that are its kind.
 const KIND_BITS: u32 = 4;
 /// Streams below this one are named in the rest of that byte.

@@ -29,7 +29,7 @@ pub(crate) use cost::{CostModel, InitialCostModel, PoseCost};
 pub use error_scale::ErrorScale;
 pub use full::{FULL_RECORD_BYTES, FullPacket, FullRecord};
 pub(crate) use galois::{add_times, inverse, times};
-pub use header::{Head, Low16, PacketKind, StreamId};
+pub use header::{Datagram, Head, Low16, PacketKind, StreamId};
 pub use keyframe::Keyframe;
 pub(crate) use keyframe::{predictor_code, predictor_of};
 pub use loss_report::LossReport;

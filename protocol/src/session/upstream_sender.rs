@@ -8,16 +8,15 @@ use alloc::vec::Vec;
 
 use bytes::Bytes;
 use glam::Vec3;
-use rhumb_reckoning::{BodyId, BodyState, Integrator, Tick, Tolerance};
+use rhumb_reckoning::{BodyId, BodyState, Integrator, Tick, Ticks, Tolerance};
 
-use super::watermark_schedule::WatermarkSchedule;
 use crate::limits::TICK_JUMP_MAX;
 use crate::message::AuthorityGrant;
-use crate::packet::{ChecksumMismatch, Head, LossReport, PacketKind};
+use crate::packet::{Datagram, Head};
 use crate::scene;
 use crate::stream::{
-    Activity, Features, LossTracker, MismatchReply, Observation, ObservationHistory,
-    PredictionParameters, Publisher, PublisherStatistics, StreamTerms,
+    Activity, Features, Observation, ObservationHistory, PredictionParameters, PublisherStatistics,
+    Recipient, StreamSender, StreamTerms, WatermarkSchedule, second,
 };
 use crate::time::{Instant, Span};
 use crate::wire::Wire;
@@ -51,21 +50,13 @@ const SERVER: u64 = 0;
 /// The stream at its source.
 #[derive(Debug)]
 pub(crate) struct UpstreamSender {
-    publisher: Publisher,
-    /// What the server loses.
-    losses: LossTracker,
+    sender: StreamSender,
     observation_history: ObservationHistory,
     /// In rising order of id. The place is the index in the stream.
     bodies: Vec<UpstreamBody>,
     seen: Vec<Observation>,
-    watermark_schedule: WatermarkSchedule,
-    /// The tick of the newest packet, and the length of silence since that is watermark_tick for next, in ticks.
-    last_published: Tick,
-    watermark_at: u64,
-    /// When the sum over all tracks was last said, and what it was.
-    checksums: (Tick, u64),
-    /// When each lost packet was last made good.
-    answered: BTreeMap<u64, Instant>,
+    /// A body that stands still for so long rests.
+    second: Ticks,
 }
 
 /// What the source of an upstream may use: nothing pulls at what no engine moves, and no body holds another.
@@ -94,13 +85,15 @@ impl UpstreamSender {
             gravity: Vec3::ZERO,
             features: FEATURES,
         };
-        let mut publisher = Publisher::new(driving.stream, &config, driving.tick);
+        let schedule = WatermarkSchedule::upstream(integrator.rate);
+        let mut sender =
+            StreamSender::reckoned(driving.stream, &config, None, schedule, driving.tick);
         let mut bodies = Vec::with_capacity(driving.bodies.len());
         for (id, motion) in &driving.bodies {
             let index = BodyId::new(bodies.len() as u32, 0);
             let track = driving.first_track(*motion);
             let placed = parameters(*id)
-                .is_some_and(|parameters| publisher.place(index, &parameters, track));
+                .is_some_and(|parameters| sender.place(index, &parameters, track, *motion));
             bodies.push(UpstreamBody {
                 id: placed.then_some(*id),
                 latest: *motion,
@@ -108,16 +101,11 @@ impl UpstreamSender {
             });
         }
         Self {
-            publisher,
+            sender,
             observation_history: ObservationHistory::new(scene::PublishSchedule::EACH_TICK),
             bodies,
             seen: Vec::new(),
-            watermark_schedule: WatermarkSchedule::of(integrator.rate),
-            last_published: driving.tick,
-            watermark_at: WatermarkSchedule::of(integrator.rate).watermark_after(0),
-            checksums: (driving.tick, 0),
-            answered: BTreeMap::new(),
-            losses: LossTracker::default(),
+            second: second(integrator.rate),
         }
     }
 
@@ -127,8 +115,8 @@ impl UpstreamSender {
     }
 
     /// What it said so far.
-    pub(crate) const fn statistics(&self) -> PublisherStatistics {
-        self.publisher.statistics()
+    pub(crate) fn statistics(&self) -> PublisherStatistics {
+        self.sender.statistics()
     }
 
     /// A body has left the scene. Its track stays, since the server does not know at the same tick.
@@ -146,7 +134,7 @@ impl UpstreamSender {
         motions: &[(BodyId, BodyState)],
         out: &mut Vec<Bytes>,
     ) -> PublishOutcome {
-        let before = self.publisher.tick();
+        let before = self.sender.tick();
         if tick <= before {
             return PublishOutcome::Before;
         }
@@ -164,7 +152,7 @@ impl UpstreamSender {
             }
             body.latest = motion;
             let still = tick.since(body.still_since);
-            let rests = still.is_none_or(|ticks| ticks >= self.watermark_schedule.second);
+            let rests = still.is_none_or(|ticks| ticks >= self.second);
             self.seen.push(Observation {
                 id: BodyId::new(place as u32, 0),
                 motion,
@@ -176,51 +164,18 @@ impl UpstreamSender {
             });
         }
         self.observation_history.observe(tick, &self.seen);
-        let first = out.len();
-        self.publisher
-            .publish(&self.observation_history, SCENE_EVENTS, out);
-        self.close_tick(tick, out.len() > first, out);
-        let redundancy = self.losses.redundancy(1, self.publisher.next_number());
-        self.publisher.encode_repair_symbols(redundancy, out);
+        self.sender.publish(&self.observation_history, SCENE_EVENTS);
+        out.extend(self.sender.datagrams(SERVER).cloned());
         PublishOutcome::Yes
-    }
-
-    /// Says what is due at the end of a tick: a sum over all tracks, or a watermark for silence.
-    fn close_tick(&mut self, tick: Tick, spoke: bool, out: &mut Vec<Bytes>) {
-        if spoke {
-            self.last_published = tick;
-            self.watermark_at = self.watermark_schedule.watermark_after(0);
-            out.extend(self.due_checksums(tick));
-            return;
-        }
-        let silence = tick.value() - self.last_published.value();
-        if silence >= self.watermark_at {
-            self.watermark_at = self.watermark_schedule.watermark_after(silence);
-            // A checksums watermarks too.
-            let checksums = self.due_checksums(tick);
-            out.push(checksums.unwrap_or_else(|| self.publisher.watermark(SCENE_EVENTS)));
-        }
-    }
-
-    fn due_checksums(&mut self, tick: Tick) -> Option<Bytes> {
-        let (last, sum) = self.checksums;
-        if tick.since(last)? < self.watermark_schedule.second
-            || self.publisher.state_checksum() == sum
-        {
-            return None;
-        }
-        self.checksums = (tick, self.publisher.state_checksum());
-        Some(self.publisher.checksums(SCENE_EVENTS))
     }
 
     /// Whether a datagram names this stream.
     pub(crate) fn is_about(&self, datagram: &[u8]) -> bool {
         let head = Head::decode(&mut Reader::new(datagram));
-        head.is_ok_and(|head| head.stream == self.publisher.stream())
+        head.is_ok_and(|head| head.stream == self.sender.stream())
     }
 
-    /// Answers what the server says of this stream: what it lost, or what it believes otherwise. A packet that was made
-    /// good less than a round trip ago is not again.
+    /// Answers a datagram of the server about this stream: a loss report or a mismatch.
     pub(crate) fn handle_datagram(
         &mut self,
         now: Instant,
@@ -228,50 +183,14 @@ impl UpstreamSender {
         datagram: &[u8],
         out: &mut Vec<Bytes>,
     ) {
-        let mut reader = Reader::new(datagram);
-        let Ok(head) = Head::decode(&mut reader) else {
+        let Ok(datagram) = Datagram::open(datagram) else {
             return;
         };
-        match head.kind {
-            PacketKind::LossReport => {
-                if let Ok(loss_report) = LossReport::decode(reader) {
-                    self.answer(now, round_trip, &loss_report, out);
-                }
-            }
-            PacketKind::ChecksumMismatch => {
-                let mismatch = ChecksumMismatch::decode(reader);
-                match mismatch
-                    .map(|mismatch| self.publisher.answer_mismatch(mismatch, SCENE_EVENTS))
-                {
-                    Ok(MismatchReply::Sums(datagram)) => out.push(datagram),
-                    Ok(MismatchReply::Resync(_, datagrams)) => out.extend(datagrams),
-                    Err(_) => {}
-                }
-            }
-            _ => {}
-        }
-    }
-
-    fn answer(
-        &mut self,
-        now: Instant,
-        round_trip: Span,
-        loss_report: &LossReport,
-        out: &mut Vec<Bytes>,
-    ) {
-        self.answered.retain(|_, at| now < *at + round_trip);
-        self.losses
-            .hear(SERVER, loss_report, self.publisher.next_number());
-        for number in self.publisher.answer(loss_report, out) {
-            if self.answered.contains_key(&number) {
-                continue;
-            }
-            // One that is forgotten is not refreshed: the watermark tells how much was missed.
-            if let Some(datagrams) = self.publisher.refresh(number, SCENE_EVENTS) {
-                out.extend(datagrams);
-                self.answered.insert(number, now);
-            }
-        }
-        out.push(self.publisher.watermark(SCENE_EVENTS));
+        let from = Recipient {
+            id: SERVER,
+            round_trip,
+        };
+        self.sender
+            .handle_datagram(now, from, &datagram, SCENE_EVENTS, out);
     }
 }

@@ -24,6 +24,17 @@ pub enum MismatchReply {
     Resync(Option<BodyId>, Vec<Bytes>),
 }
 
+impl MismatchReply {
+    /// What to send.
+    #[must_use]
+    pub fn into_datagrams(self) -> Vec<Bytes> {
+        match self {
+            Self::Sums(datagram) => alloc::vec![datagram],
+            Self::Resync(_, datagrams) => datagrams,
+        }
+    }
+}
+
 impl Publisher {
     /// The sum over all tracks, by which two ends can be compared.
     #[must_use]

@@ -19,7 +19,7 @@ use bytes::Bytes;
 use glam::Vec3;
 use rhumb_reckoning::{
     Anchor, BodyId, Integrator, Motion, Predictor, QuantisedState, RestCorrection, TRACK_AGE_MAX,
-    Tick, Tolerance, Track,
+    Tick, Ticks, Tolerance, Track,
 };
 
 use super::aliases::AliasTable;
@@ -31,6 +31,7 @@ use super::observation_history::ObservationHistory;
 use super::sent_packets::SentPackets;
 use super::start::StreamStart;
 use super::tracks::{PredictionParameters, Slot, Tracks};
+use super::watermark::second;
 use crate::capacity::push;
 use crate::packet::{Age, ErrorScale, Keyframe, Low16, StreamId, Update, UpdatePayload, Watermark};
 use attaching::LargeBody;
@@ -213,6 +214,12 @@ impl Publisher {
     #[must_use]
     pub const fn tick(&self) -> Tick {
         self.tick
+    }
+
+    /// Keyframe ticks in a second of its scene, at least one.
+    #[must_use]
+    pub fn second(&self) -> Ticks {
+        second(self.tracks.integrator().rate)
     }
 
     /// What it believes.

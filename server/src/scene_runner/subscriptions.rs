@@ -3,7 +3,8 @@
 use rhumb_protocol::message::{Denial, ServerMessage, StreamChoice, TierChangeCause, TierPolicy};
 use rhumb_protocol::packet::{ChecksumMismatch, LossReport, StreamId};
 use rhumb_protocol::scene::Stepping;
-use rhumb_protocol::{Instant, LinkReport, Peer};
+use rhumb_protocol::stream::Recipient;
+use rhumb_protocol::{Instant, LinkReport, Peer, Span};
 
 use super::SceneRunner;
 use crate::member::SnapshotRequest;
@@ -179,13 +180,21 @@ impl SceneRunner {
         if stream == member.stream() {
             member.link.received_loss_report(stream, loss_report.gone);
         }
-        if !member.answers_loss_report(stream, now) {
+        if !member.hears(stream) {
             return;
         }
         let Some(stream) = self.streams.get_mut(stream) else {
             return;
         };
-        for datagram in stream.answer(peer, loss_report, self.scene_events) {
+        let from = Recipient {
+            id: peer.0,
+            round_trip: Span::ZERO,
+        };
+        let mut answers = Vec::new();
+        stream
+            .sender
+            .handle_report(now, from, loss_report, self.scene_events, &mut answers);
+        for datagram in answers {
             out.datagram(peer, datagram);
         }
     }
@@ -199,12 +208,12 @@ impl SceneRunner {
         mismatch: ChecksumMismatch,
         out: &mut Outbox,
     ) {
-        let member = self.members.get_mut(&peer);
-        if !member.is_some_and(|member| member.answers_mismatch(stream, now)) {
+        let member = self.members.get(&peer);
+        if !member.is_some_and(|member| member.hears(stream)) {
             return;
         }
         if let Some(stream) = self.streams.get_mut(stream) {
-            for datagram in stream.answer_mismatch(mismatch, self.scene_events) {
+            for datagram in stream.handle_mismatch(now, peer, mismatch, self.scene_events) {
                 out.datagram(peer, datagram);
             }
         }

@@ -147,6 +147,11 @@ impl Publisher {
         })
     }
 
+    /// Whether what it says is attached to a budget.
+    pub(crate) const fn has_budget(&self) -> bool {
+        self.budget_state.is_some()
+    }
+
     /// Bodies that wait for a word.
     #[must_use]
     pub fn waiting(&self) -> usize {

@@ -1,0 +1,597 @@
+//! The sender of a stream: its publisher, and everything that is sent beside the updates.
+//!
+//! Sans-IO: knows neither lanes nor connections, and listeners only by a number. Used by a server for its scenes, by a
+//! client for the bodies that it moves itself, and by replays. Invariants: what several listeners need is encoded once;
+//! a tick that is published is followed by a watermark as the schedule has it, so that silence is never ambiguous.
+
+use alloc::boxed::Box;
+use alloc::collections::BTreeMap;
+use alloc::collections::BTreeSet;
+use alloc::collections::btree_map::Entry;
+use alloc::vec::Vec;
+
+use bytes::Bytes;
+use glam::Vec3;
+use rhumb_reckoning::{BodyId, BodyState, Tick, Track};
+
+use super::budget::Budget;
+use super::full::FullPublisher;
+use super::losses::LossTracker;
+use super::mismatch::MismatchReply;
+use super::observation_history::ObservationHistory;
+use super::publisher::{Publisher, PublisherStatistics, StreamTerms};
+use super::tracks::PredictionParameters;
+use super::watermark::WatermarkSchedule;
+use crate::limits::HISTORY_PACKETS;
+use crate::packet::{ChecksumMismatch, Datagram, Kind, LossReport, StreamId};
+use crate::time::{Instant, Span};
+
+/// Reports of one listener that follow each other faster are not answered: half of the time that a receiver allows for
+/// disorder before it reports a loss.
+const REPORT_PAUSE: Span = Span::from_millis(2);
+/// The same of checksum mismatches: each answer may cost a checksum over all tracks.
+const MISMATCH_PAUSE: Span = Span::from_millis(20);
+
+/// Who reports a loss or a mismatch.
+#[derive(Clone, Copy, Debug)]
+pub struct Recipient {
+    /// The caller's number for it.
+    pub id: u64,
+    /// No packet is refreshed for it twice within this span; zero where the round trip is not known.
+    pub round_trip: Span,
+}
+
+/// The publisher of a stream.
+#[derive(Debug)]
+enum Source {
+    Reckoned(Box<Publisher>),
+    Full(FullPublisher),
+}
+
+/// When a listener was answered last.
+#[derive(Debug, Default)]
+struct Answered {
+    report: Option<Instant>,
+    mismatch: Option<Instant>,
+    /// By number of packet.
+    refreshes: BTreeMap<u64, Instant>,
+}
+
+/// One stream at its source.
+#[derive(Debug)]
+pub struct StreamSender {
+    source: Source,
+    schedule: WatermarkSchedule,
+    listeners: usize,
+    /// The tick of the newest packet, and the length of the silence since then at which the next watermark is due, in ticks.
+    updated: Tick,
+    watermark_at: u64,
+    /// When the checksum over all tracks was sent last, and its value.
+    checksum: (Tick, u64),
+    resynced: u64,
+    /// The datagrams of the last tick that every listener is sent.
+    packets: Vec<Bytes>,
+    /// The refresh symbols behind them, for listeners that lose packets.
+    symbols: Vec<Bytes>,
+    losses: LossTracker,
+    /// Refreshes since the last tick, by number of the lost packet and count of scene events.
+    refreshes: BTreeMap<(u64, u64), Vec<Bytes>>,
+    answered: BTreeMap<u64, Answered>,
+}
+
+impl StreamSender {
+    /// A stream of predictions, without bodies yet, for one listener.
+    #[must_use]
+    pub fn reckoned(
+        stream: StreamId,
+        config: &StreamTerms,
+        budget: Option<Budget>,
+        schedule: WatermarkSchedule,
+        tick: Tick,
+    ) -> Self {
+        let mut publisher = Publisher::new(stream, config, tick);
+        if let Some(budget) = budget {
+            publisher.limit(budget);
+        }
+        Self::new(Source::Reckoned(Box::new(publisher)), schedule, tick)
+    }
+
+    /// A stream of whole states, without bodies yet, for one listener.
+    #[must_use]
+    pub fn full(stream: StreamId, schedule: WatermarkSchedule, tick: Tick) -> Self {
+        Self::new(
+            Source::Full(FullPublisher::new(stream, tick)),
+            schedule,
+            tick,
+        )
+    }
+
+    fn new(source: Source, schedule: WatermarkSchedule, tick: Tick) -> Self {
+        Self {
+            source,
+            schedule,
+            listeners: 1,
+            updated: tick,
+            watermark_at: schedule.pause_after(0),
+            checksum: (tick, 0),
+            resynced: 0,
+            packets: Vec::new(),
+            symbols: Vec::new(),
+            losses: LossTracker::default(),
+            refreshes: BTreeMap::new(),
+            answered: BTreeMap::new(),
+        }
+    }
+
+    /// One more listener is sent this stream.
+    pub const fn add_listener(&mut self) {
+        self.listeners += 1;
+    }
+
+    /// A listener is sent this stream no more.
+    pub fn remove_listener(&mut self, listener: u64) {
+        self.listeners -= 1;
+        self.restart_listener(listener);
+    }
+
+    /// A listener begins anew from a snapshot: what it lost before counts no more.
+    pub fn restart_listener(&mut self, listener: u64) {
+        self.losses.forget(listener);
+        self.answered.remove(&listener);
+    }
+
+    /// A body has come into the scene; every listener is told its first track by a scene event. `false` when the table has
+    /// no room, which the scene's own limits prevent.
+    #[must_use]
+    pub fn place(
+        &mut self,
+        id: BodyId,
+        parameters: &PredictionParameters,
+        track: Track,
+        motion: BodyState,
+    ) -> bool {
+        match &mut self.source {
+            Source::Reckoned(publisher) => publisher.place(id, parameters, track),
+            Source::Full(publisher) => {
+                publisher.place(id, track.origin, motion, track.is_resting());
+                true
+            }
+        }
+    }
+
+    /// A body has left the scene.
+    pub fn remove(&mut self, id: BodyId) {
+        match &mut self.source {
+            Source::Reckoned(publisher) => publisher.remove(id),
+            Source::Full(publisher) => publisher.remove(id),
+        }
+    }
+
+    /// Another gravity acts from this tick on.
+    pub fn change_gravity(&mut self, since: Tick, gravity: Vec3) {
+        if let Source::Reckoned(publisher) = &mut self.source {
+            publisher.change_gravity(since, gravity);
+        }
+    }
+
+    /// Publishes the tick that the observations are about, if it is one that is published; `false` if not.
+    ///
+    /// `scene_events`: how many events the scene has had up to the newest tick that was observed.
+    pub fn publish(&mut self, observation_history: &ObservationHistory, scene_events: u64) -> bool {
+        self.packets.clear();
+        self.symbols.clear();
+        self.refreshes.clear();
+        let before = self.tick();
+        match &mut self.source {
+            Source::Reckoned(publisher) => {
+                publisher.publish(observation_history, scene_events, &mut self.packets)
+            }
+            Source::Full(publisher) => {
+                publisher.publish(observation_history, scene_events, &mut self.packets)
+            }
+        }
+        if self.tick() == before {
+            return false;
+        }
+        self.close_tick(scene_events);
+        let redundancy = self.losses.redundancy(self.listeners, self.next_number());
+        if let Source::Reckoned(publisher) = &mut self.source {
+            publisher.encode_repair_symbols(redundancy, &mut self.symbols);
+        }
+        true
+    }
+
+    /// Adds the checksum that is due to the packets of a tick; or, in a silence, a watermark.
+    fn close_tick(&mut self, scene_events: u64) {
+        let tick = self.tick();
+        if !self.packets.is_empty() {
+            self.updated = tick;
+            self.watermark_at = self.schedule.pause_after(0);
+            let checksum = self.due_checksum(scene_events);
+            self.packets.extend(checksum);
+            return;
+        }
+        let silence = tick.value() - self.updated.value();
+        if silence >= self.watermark_at {
+            self.watermark_at = silence + self.schedule.pause_after(silence);
+            // A checksum is a watermark too.
+            let checksum = self.due_checksum(scene_events);
+            self.packets
+                .push(checksum.unwrap_or_else(|| self.watermark(scene_events)));
+        }
+    }
+
+    /// The checksum over all tracks, if it is another than the last one, and that is a second old.
+    fn due_checksum(&mut self, scene_events: u64) -> Option<Bytes> {
+        let Source::Reckoned(publisher) = &mut self.source else {
+            return None;
+        };
+        let (last, sum) = self.checksum;
+        let age = publisher.tick().since(last)?;
+        // A checksum states no error_scale: in a silence of a stream with a budget a watermark does.
+        let states_nothing = publisher.has_budget() && self.packets.is_empty();
+        if age < publisher.second() || publisher.state_checksum() == sum || states_nothing {
+            return None;
+        }
+        self.checksum = (publisher.tick(), publisher.state_checksum());
+        let checksum = publisher.checksums(scene_events);
+        publisher.pay(checksum.len());
+        Some(checksum)
+    }
+
+    /// The datagrams of the last tick for one listener: refresh symbols only if it loses packets.
+    pub fn datagrams(&self, listener: u64) -> impl Iterator<Item = &Bytes> {
+        let symbols = if self.losses.loses(listener) {
+            &self.symbols[..]
+        } else {
+            &[]
+        };
+        self.packets.iter().chain(symbols)
+    }
+
+    /// The datagram that says that everything up to the present tick has been sent.
+    #[must_use]
+    pub fn watermark(&self, scene_events: u64) -> Bytes {
+        match &self.source {
+            Source::Reckoned(publisher) => publisher.watermark(scene_events),
+            Source::Full(publisher) => publisher.watermark(scene_events),
+        }
+    }
+
+    /// Answers a datagram of a listener: a loss report or a mismatch. Any other is dropped.
+    pub fn handle_datagram(
+        &mut self,
+        now: Instant,
+        from: Recipient,
+        datagram: &Datagram<'_>,
+        scene_events: u64,
+        out: &mut Vec<Bytes>,
+    ) {
+        match datagram.head().kind {
+            Kind::LossReport => {
+                if let Ok(report) = LossReport::decode(datagram.body()) {
+                    self.handle_report(now, from, &report, scene_events, out);
+                }
+            }
+            Kind::ChecksumMismatch => {
+                if let Ok(mismatch) = ChecksumMismatch::decode(datagram.body()) {
+                    let answer = self.handle_mismatch(now, from.id, mismatch, scene_events);
+                    out.extend(answer.into_iter().flat_map(MismatchReply::into_datagrams));
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// Answers a loss report, unless the last one was only just answered: refresh symbols or refreshes of the lost packets, and a watermark
+    /// for those that the listener could not know of.
+    pub fn handle_report(
+        &mut self,
+        now: Instant,
+        from: Recipient,
+        report: &LossReport,
+        scene_events: u64,
+        out: &mut Vec<Bytes>,
+    ) {
+        let answered = self.answered.entry(from.id).or_default();
+        if !is_due(&mut answered.report, now, REPORT_PAUSE) {
+            return;
+        }
+        let next = self.next_number();
+        // Symbols up to now went to listeners that were known to lose packets then.
+        let sent_from = self.losses.loses_from(from.id);
+        self.losses.hear(from.id, report, next);
+        let lost: BTreeSet<u64> = match &mut self.source {
+            Source::Reckoned(publisher) => {
+                let lost = publisher.answer_one(report, sent_from, out);
+                lost.into_iter().collect()
+            }
+            Source::Full(_) => report.lost.iter().map(|lost| lost.expand(next)).collect(),
+        };
+        for number in lost {
+            self.send_refresh(now, from, number, scene_events, out);
+        }
+        out.push(self.watermark(scene_events));
+    }
+
+    /// Appends the refresh of a lost packet. One that is too old to be known has none: the watermark tells the listener
+    /// how much it missed, and it asks for everything.
+    fn send_refresh(
+        &mut self,
+        now: Instant,
+        to: Recipient,
+        number: u64,
+        scene_events: u64,
+        out: &mut Vec<Bytes>,
+    ) {
+        let answered = self.answered.entry(to.id).or_default();
+        answered.refreshes.retain(|_, at| now < *at + to.round_trip);
+        if answered.refreshes.contains_key(&number) {
+            return;
+        }
+        if let Some(refresh) = refresh(&self.source, &mut self.refreshes, number, scene_events) {
+            out.extend_from_slice(refresh);
+            answered.refreshes.insert(number, now);
+        }
+    }
+
+    /// Answers a listener whose checksum over some tracks is another; `None` if its last one was only just answered.
+    pub fn handle_mismatch(
+        &mut self,
+        now: Instant,
+        listener: u64,
+        mismatch: ChecksumMismatch,
+        scene_events: u64,
+    ) -> Option<MismatchReply> {
+        let Source::Reckoned(publisher) = &self.source else {
+            return None;
+        };
+        let answered = self.answered.entry(listener).or_default();
+        if !is_due(&mut answered.mismatch, now, MISMATCH_PAUSE) {
+            return None;
+        }
+        let answer = publisher.answer_mismatch(mismatch, scene_events);
+        self.resynced += u64::from(matches!(answer, MismatchReply::Resync(..)));
+        Some(answer)
+    }
+
+    /// Its name.
+    #[must_use]
+    pub fn stream(&self) -> StreamId {
+        match &self.source {
+            Source::Reckoned(publisher) => publisher.stream(),
+            Source::Full(publisher) => publisher.stream(),
+        }
+    }
+
+    /// The tick up to which everything is published.
+    #[must_use]
+    pub fn tick(&self) -> Tick {
+        match &self.source {
+            Source::Reckoned(publisher) => publisher.tick(),
+            Source::Full(publisher) => publisher.tick(),
+        }
+    }
+
+    /// The number of the next packet.
+    #[must_use]
+    pub fn next_number(&self) -> u64 {
+        match &self.source {
+            Source::Reckoned(publisher) => publisher.next_number(),
+            Source::Full(publisher) => publisher.next_number(),
+        }
+    }
+
+    /// What it published so far.
+    #[must_use]
+    pub fn statistics(&self) -> PublisherStatistics {
+        match &self.source {
+            Source::Reckoned(publisher) => publisher.statistics(),
+            Source::Full(publisher) => publisher.statistics(),
+        }
+    }
+
+    /// Tracks that were sent again because a listener had another.
+    #[must_use]
+    pub const fn resynced(&self) -> u64 {
+        self.resynced
+    }
+
+    /// How many listeners it has.
+    #[must_use]
+    pub const fn listeners(&self) -> usize {
+        self.listeners
+    }
+
+    /// The publisher of a stream of predictions.
+    #[must_use]
+    pub const fn publisher(&self) -> Option<&Publisher> {
+        match &self.source {
+            Source::Reckoned(publisher) => Some(publisher),
+            Source::Full(_) => None,
+        }
+    }
+
+    /// Every body's track, in order of index: what a late listener must be told.
+    #[must_use]
+    pub fn tracks(&self) -> Vec<(BodyId, Track)> {
+        match &self.source {
+            Source::Reckoned(publisher) => publisher.tracks().collect(),
+            Source::Full(publisher) => publisher.tracks().collect(),
+        }
+    }
+}
+
+/// The datagrams of a refresh, encoded once for all who lost the same packet since the last tick; `None` for a packet
+/// that is too old to be known.
+fn refresh<'a>(
+    source: &Source,
+    refreshes: &'a mut BTreeMap<(u64, u64), Vec<Bytes>>,
+    number: u64,
+    scene_events: u64,
+) -> Option<&'a [Bytes]> {
+    if refreshes.len() >= HISTORY_PACKETS {
+        refreshes.clear();
+    }
+    let refresh = match refreshes.entry((number, scene_events)) {
+        Entry::Occupied(known) => known.into_mut(),
+        Entry::Vacant(place) => place.insert(match source {
+            Source::Reckoned(publisher) => publisher.refresh(number, scene_events),
+            Source::Full(publisher) => publisher.refresh(number, scene_events),
+        }?),
+    };
+    Some(refresh)
+}
+
+/// Whether a pause since the last time is over; if so, this is the last time.
+fn is_due(last: &mut Option<Instant>, now: Instant, pause: Span) -> bool {
+    let due = last.is_none_or(|last| now >= last + pause);
+    if due {
+        *last = Some(now);
+    }
+    due
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::packet::Low16;
+    use crate::scene::PublishSchedule;
+    use crate::stream::features::Features;
+    use crate::stream::observation::{Activity, Observation};
+    use core::num::NonZeroU32;
+    use rhumb_reckoning::{Integrator, Metres, Rate, Tolerance};
+
+    const BODIES: u32 = 10;
+
+    /// A position at a tick; another one at each.
+    fn motion(body: u32, tick: u64) -> BodyState {
+        let at = [(body * 10) as f32, (tick * tick % 17) as f32, 0.0];
+        BodyState::new(at, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).expect("it is finite")
+    }
+
+    fn sender(schedule: WatermarkSchedule) -> StreamSender {
+        let config = StreamTerms {
+            tolerance: Tolerance::NORMAL,
+            integrator: Integrator {
+                rate: Rate::HZ_60,
+                substeps: NonZeroU32::MIN,
+            },
+            every: NonZeroU32::MIN,
+            gravity: Vec3::ZERO,
+            features: Features::ALL,
+        };
+        let mut sender = StreamSender::reckoned(StreamId(1), &config, None, schedule, Tick::ZERO);
+        for body in 0..BODIES {
+            let parameters = PredictionParameters::plain(Metres::new(0.5));
+            let track = Track::resting(Tick::ZERO, motion(body, 0));
+            assert!(sender.place(BodyId::new(body, 0), &parameters, track, motion(body, 0)));
+        }
+        sender
+    }
+
+    /// Publishes a tick at which bodies are where they are at tick `at`; returns the kinds of what every listener is sent.
+    fn publish(sender: &mut StreamSender, tick: u64, at: u64) -> Vec<Kind> {
+        let seen = |body| Observation {
+            id: BodyId::new(body, 0),
+            motion: motion(body, at),
+            activity: Activity::Awake,
+        };
+        let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
+        observation_history.observe(Tick::new(tick), &(0..BODIES).map(seen).collect::<Vec<_>>());
+        assert!(sender.publish(&observation_history, 0));
+        let kind = |datagram: &Bytes| Datagram::open(datagram).map(|datagram| datagram.head().kind);
+        let kinds = sender.datagrams(0).map(kind);
+        kinds
+            .collect::<Result<_, _>>()
+            .expect("a sender sends datagrams")
+    }
+
+    const fn recipient(id: u64, round_trip_ms: u64) -> Recipient {
+        Recipient {
+            id,
+            round_trip: Span::from_millis(round_trip_ms),
+        }
+    }
+
+    /// The newest packet is lost.
+    fn report(sender: &StreamSender) -> LossReport {
+        let next = sender.next_number();
+        LossReport {
+            next: Low16::of(next),
+            gone: Low16::of(1),
+            repair_symbols: 0,
+            lost: alloc::vec![Low16::of(next - 1)],
+        }
+    }
+
+    fn answer(sender: &mut StreamSender, ms: u64, from: Recipient) -> Vec<Bytes> {
+        let (report, now) = (report(sender), Instant::ZERO + Span::from_millis(ms));
+        let mut answers = Vec::new();
+        sender.handle_report(now, from, &report, 0, &mut answers);
+        answers
+    }
+
+    #[test]
+    fn a_silent_stream_states_its_watermark_by_the_schedule() {
+        let every = NonZeroU32::MIN;
+        let free = WatermarkSchedule::free_running(Rate::HZ_60, every);
+        for (schedule, expected) in [
+            (
+                WatermarkSchedule::LOCKSTEP,
+                &[1, 2, 3, 4, 5, 6, 7, 8, 9][..],
+            ),
+            (free, &[1, 2, 4, 8]),
+            (WatermarkSchedule::upstream(Rate::HZ_60), &[4, 8]),
+        ] {
+            let mut sender = sender(schedule);
+            assert_eq!(publish(&mut sender, 1, 1), [Kind::UpdatesEnd]);
+            let silent = (2..=10).filter(|tick| {
+                let kinds = publish(&mut sender, *tick, 1);
+                assert!(kinds.is_empty() || kinds == [Kind::Watermark]);
+                !kinds.is_empty()
+            });
+            assert!(silent.map(|tick| tick - 1).eq(expected.iter().copied()));
+        }
+    }
+
+    #[test]
+    fn a_checksum_that_changed_is_sent_once_a_second() {
+        let mut sender = sender(WatermarkSchedule::LOCKSTEP);
+        let is_sent = |tick: &u64| publish(&mut sender, *tick, *tick).contains(&Kind::Checksums);
+        assert!((1..=200).filter(is_sent).eq([60, 120, 180]));
+        let is_sent = |tick: &u64| publish(&mut sender, *tick, 200).contains(&Kind::Checksums);
+        assert!(
+            (201..=400).filter(is_sent).eq([240]),
+            "then nothing changes"
+        );
+    }
+
+    #[test]
+    fn a_refresh_is_encoded_once_for_all_who_lost_the_same_packet() {
+        let mut sender = sender(WatermarkSchedule::LOCKSTEP);
+        publish(&mut sender, 1, 1);
+        let [one, other] = [1, 2].map(|id| answer(&mut sender, 0, recipient(id, 0)));
+        assert!(one.len() > 1, "a refresh, and a watermark behind it");
+        for (one, other) in one[..one.len() - 1].iter().zip(&other) {
+            assert_eq!(one.as_ptr(), other.as_ptr(), "the same bytes, not a copy");
+        }
+    }
+
+    #[test]
+    fn reports_of_each_listener_have_a_pause_of_their_own() {
+        let mut sender = sender(WatermarkSchedule::LOCKSTEP);
+        publish(&mut sender, 1, 1);
+        let counts = [(1, 0), (2, 0), (1, 1), (1, 2)];
+        let counts = counts.map(|(id, ms)| answer(&mut sender, ms, recipient(id, 0)).len());
+        assert_eq!(counts, [2, 2, 0, 2]);
+    }
+
+    #[test]
+    fn no_packet_is_refreshed_twice_within_a_round_trip() {
+        let mut sender = sender(WatermarkSchedule::LOCKSTEP);
+        publish(&mut sender, 1, 1);
+        let counts = [0, 29, 32].map(|ms| answer(&mut sender, ms, recipient(1, 30)).len());
+        assert_eq!(counts, [2, 1, 2]);
+    }
+}

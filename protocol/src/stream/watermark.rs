@@ -1,0 +1,93 @@
+//! When a silent stream states its watermark.
+//!
+//! CountSink in the scene's ticks alone, so that it is the same in a scene that its members lead. One rule for every
+//! stream: after the shortest silence, then each time the silence has doubled, and never more than the longest apart.
+
+use core::num::NonZeroU32;
+
+use rhumb_reckoning::{Rate, Ticks};
+
+use crate::limits::{SILENCE_MS_MAX, UPSTREAM_WATERMARK_MS};
+
+/// The bounds of the silence between two watermarks of one stream, in ticks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct WatermarkSchedule {
+    shortest: u64,
+    longest: u64,
+}
+
+impl WatermarkSchedule {
+    /// Every silent tick that is published: members wait for it.
+    pub const LOCKSTEP: Self = Self {
+        shortest: 1,
+        longest: 1,
+    };
+
+    /// The first silent tick, then ever more rarely; for a scene that publishes at multiples of `every`.
+    #[must_use]
+    pub fn free_running(rate: Rate, every: NonZeroU32) -> Self {
+        let every = u64::from(every.get());
+        let publications = (whole_ticks(rate, SILENCE_MS_MAX) / every).max(1);
+        Self {
+            shortest: 1,
+            longest: publications * every,
+        }
+    }
+
+    /// The stream of a client that moves bodies itself: a watermark that waits a few ticks often saves a datagram.
+    #[must_use]
+    pub fn upstream(rate: Rate) -> Self {
+        Self {
+            shortest: whole_ticks(rate, UPSTREAM_WATERMARK_MS),
+            longest: whole_ticks(rate, SILENCE_MS_MAX),
+        }
+    }
+
+    /// How many ticks after the watermark of a silence of so many ticks the next one is due.
+    pub(crate) fn pause_after(&self, silence: u64) -> u64 {
+        silence.clamp(self.shortest, self.longest)
+    }
+}
+
+/// Keyframe ticks in so many milliseconds, at least one.
+pub(crate) fn whole_ticks(rate: Rate, milliseconds: u32) -> u64 {
+    let (ticks, seconds) = (u64::from(rate.ticks()), u64::from(rate.seconds()));
+    (ticks * u64::from(milliseconds) / (1_000 * seconds)).max(1)
+}
+
+/// Keyframe ticks in a second, at least one.
+pub(crate) fn second(rate: Rate) -> Ticks {
+    Ticks::new(whole_ticks(rate, 1_000) as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alloc::vec::Vec;
+
+    fn silences(schedule: WatermarkSchedule) -> Vec<u64> {
+        let mut silence = 0;
+        let next = |_| {
+            silence += schedule.pause_after(silence);
+            silence
+        };
+        (0..11).map(next).collect()
+    }
+
+    #[test]
+    fn watermarks_of_a_silence_grow_rarer_within_bounds() {
+        let every = |ticks| NonZeroU32::new(ticks).unwrap();
+        assert_eq!(
+            silences(WatermarkSchedule::upstream(Rate::HZ_60)),
+            [4, 8, 16, 32, 64, 128, 256, 406, 556, 706, 856]
+        );
+        assert_eq!(
+            silences(WatermarkSchedule::free_running(Rate::HZ_60, every(1))),
+            [1, 2, 4, 8, 16, 32, 64, 128, 256, 406, 556]
+        );
+        let rare = WatermarkSchedule::free_running(Rate::HZ_60, every(400));
+        assert_eq!(rare.longest, 400);
+        let lockstep = silences(WatermarkSchedule::LOCKSTEP);
+        assert!(lockstep.into_iter().eq(1..=11));
+    }
+}
