@@ -7,12 +7,10 @@ use std::collections::BTreeMap;
 
 use bytes::Bytes;
 use glam::{Quat, Vec3};
-use rhumb_protocol::packet::{Head, PacketKind, StreamId};
+use rhumb_protocol::packet::{Datagram, PacketKind, StreamId};
 use rhumb_protocol::scene::Command;
 use rhumb_protocol::session::UpstreamReceiver;
 use rhumb_protocol::stream::SubscriberStatistics;
-use rhumb_protocol::wire::Wire;
-use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Instant, Peer};
 use rhumb_reckoning::{BodyId, Tick, Tolerance};
 
@@ -148,14 +146,17 @@ impl AuthorityTable {
     /// Takes in what a member says of its bodies; one of another stream is dropped. `false` when the stream can be followed
     /// no more.
     #[must_use]
-    pub(crate) fn handle_datagram(&mut self, peer: Peer, datagram: &[u8], present: Tick) -> bool {
+    pub(crate) fn handle_datagram(
+        &mut self,
+        peer: Peer,
+        datagram: &Datagram<'_>,
+        present: Tick,
+    ) -> bool {
         let Some(group) = self.groups.get_mut(&peer) else {
             return true;
         };
-        let head = Head::decode(&mut Reader::new(datagram));
-        if head
-            .is_ok_and(|head| head.stream == group.driven.stream() && is_from_publisher(head.kind))
-        {
+        let head = datagram.head();
+        if head.stream == group.driven.stream() && is_from_publisher(head.kind) {
             let since = group.driven.handle_datagram(datagram);
             group.note_late(since, present);
         }

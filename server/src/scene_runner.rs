@@ -15,7 +15,7 @@ use rhumb_protocol::limits::{
 use rhumb_protocol::message::{
     Denial, Extensions, Inspection, Joined, RemovalCause, SceneEvent, ServerMessage, StreamChoice,
 };
-use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::packet::{Datagram, StreamId};
 use rhumb_protocol::scene::{Command, CommandError, SceneConfig, Stepping};
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::stream::{Activity, Observation, StreamStart};
@@ -290,7 +290,11 @@ impl SceneRunner {
                 None => self.target = self.target.max(to),
             },
             PendingCommand::TakeAuthority(drive) => self.grant_authority(peer, &drive, out),
-            PendingCommand::Upstream(packet) => self.handle_upstream(peer, &packet, out),
+            PendingCommand::Upstream(packet) => {
+                if let Ok(datagram) = Datagram::open(&packet) {
+                    self.handle_upstream(peer, &datagram, out);
+                }
+            }
         }
     }
 

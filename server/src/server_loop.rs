@@ -7,11 +7,9 @@ use std::collections::BTreeMap;
 
 use rhumb_protocol::limits::SCENES_MAX;
 use rhumb_protocol::message::{Denial, Grease, ServerMessage};
-use rhumb_protocol::packet::{ChecksumMismatch, Head, LossReport, PacketKind};
+use rhumb_protocol::packet::{ChecksumMismatch, Datagram, LossReport, PacketKind};
 use rhumb_protocol::scene::{SceneConfig, SceneName};
 use rhumb_protocol::session::{Request, ServerSession};
-use rhumb_protocol::wire::Wire;
-use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
 
 use crate::app::{AppOptions, Guests};
@@ -299,8 +297,7 @@ impl Endpoint for ServerLoop {
     }
 
     fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
-        let mut reader = Reader::new(bytes);
-        let Ok(head) = Head::decode(&mut reader) else {
+        let Ok(datagram) = Datagram::open(bytes) else {
             return;
         };
         let Some(connection) = self.connections.get(&from).filter(|c| c.member) else {
@@ -313,20 +310,20 @@ impl Endpoint for ServerLoop {
         let Some(runner) = runner else {
             return;
         };
-        // What is no word of a member, or not of the protocol, is dropped.
-        match head.kind {
+        let stream = datagram.head().stream;
+        match datagram.head().kind {
             PacketKind::LossReport => {
-                if let Ok(loss_report) = LossReport::decode(reader) {
-                    runner.handle_loss_report(now, from, head.stream, &loss_report, &mut self.out);
+                if let Ok(loss_report) = LossReport::decode(datagram.body()) {
+                    runner.handle_loss_report(now, from, stream, &loss_report, &mut self.out);
                 }
             }
             PacketKind::ChecksumMismatch => {
-                if let Ok(mismatch) = ChecksumMismatch::decode(reader) {
-                    runner.handle_mismatch(now, from, head.stream, mismatch, &mut self.out);
+                if let Ok(mismatch) = ChecksumMismatch::decode(datagram.body()) {
+                    runner.handle_mismatch(now, from, stream, mismatch, &mut self.out);
                 }
             }
-            // What the source of a stream says, of the stream of what it drives.
-            _ => runner.handle_upstream_datagram(from, bytes, &mut self.out),
+            // Everything else comes from the sender of a stream: here, of an upstream.
+            _ => runner.handle_upstream_datagram(from, &datagram, &mut self.out),
         }
     }
 

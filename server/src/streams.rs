@@ -8,7 +8,7 @@ use rhumb_protocol::packet::{ChecksumMismatch, StreamId};
 use rhumb_protocol::scene::{PublishSchedule, Stepping};
 use rhumb_protocol::stream::{
     Features, MismatchReply, Observation, ObservationHistory, PredictionParameters, StreamSender,
-    StreamTerms, WatermarkSchedule,
+    StreamTerms, WatermarkPolicy,
 };
 use rhumb_protocol::{Instant, Peer};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance, Track};
@@ -29,9 +29,9 @@ impl Stream {
     pub(crate) fn new(choice: StreamChoice, id: StreamId, scene: &Scene) -> Self {
         let tick = scene.tick();
         let config = scene.config();
-        let schedule = match config.stepping {
-            Stepping::Lockstep => WatermarkSchedule::LOCKSTEP,
-            Stepping::FreeRunning => WatermarkSchedule::free_running(
+        let policy = match config.stepping {
+            Stepping::Lockstep => WatermarkPolicy::LOCKSTEP,
+            Stepping::FreeRunning => WatermarkPolicy::free_running(
                 config.integrator.rate,
                 config.publish_schedule.publish_interval,
             ),
@@ -49,9 +49,9 @@ impl Stream {
                     gravity: scene.gravity(),
                     features: Features::ALL,
                 };
-                StreamSender::reckoned(id, &config, budget, schedule, tick)
+                StreamSender::reckoned(id, &config, budget, policy, tick)
             }
-            StreamChoice::Full => StreamSender::full(id, schedule, tick),
+            StreamChoice::Full => StreamSender::full(id, policy, tick),
         };
         Self::of(choice, sender)
     }
@@ -281,8 +281,8 @@ mod tests {
             gravity: Vec3::ZERO,
             features: Features::ALL,
         };
-        let schedule = WatermarkSchedule::free_running(Rate::HZ_60, config.publish_interval);
-        let sender = StreamSender::reckoned(STREAM, &config, Some(budget), schedule, Tick::ZERO);
+        let policy = WatermarkPolicy::free_running(Rate::HZ_60, config.publish_interval);
+        let sender = StreamSender::reckoned(STREAM, &config, Some(budget), policy, Tick::ZERO);
         let mut streams = Streams::new(PublishSchedule::EACH_TICK);
         let choice = StreamChoice::Capped { tolerance, budget };
         streams.begin(Stream::of(choice, sender));

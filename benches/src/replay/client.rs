@@ -1,6 +1,6 @@
 //! The client's end of a replay: a subscriber, and when it asks for refresh.
 //!
-//! Asks as PROTOCOL 6.7 has it, and as the client's session does. The round trip is known, as if it had been measured.
+//! The receiver is the client's. The round trip is known, as if it had been measured.
 
 use std::collections::VecDeque;
 use std::num::NonZeroU32;
@@ -8,8 +8,9 @@ use std::num::NonZeroU32;
 use bytes::Bytes;
 use glam::Vec3;
 use rhumb_protocol::packet::StreamId;
-use rhumb_protocol::session::NackScheduler;
-use rhumb_protocol::stream::{Budget, PredictionParameters, StreamStart, Subscriber};
+use rhumb_protocol::stream::{
+    Budget, PredictionParameters, StreamReceiver, StreamStart, Subscriber,
+};
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{BodyId, Integrator, Tick, Tolerance, Track};
 
@@ -20,22 +21,14 @@ pub(super) enum PendingEvent {
     Removed(BodyId),
 }
 
-/// How often it tells what it lost, where repair_symbols gave that back.
-const REPORT: Span = Span::from_millis(500);
-/// How long the stream may be silent before it is asked.
-const SILENCE: Span = Span::from_millis(3_000);
-
 /// The client's end.
 #[derive(Debug)]
 pub(super) struct ReplayClient {
-    pub(super) subscriber: Subscriber,
+    pub(super) receiver: StreamReceiver,
     /// What scene_events under way will say, in order.
     pub(super) pending: VecDeque<PendingEvent>,
-    nacks: NackScheduler,
-    silence: Instant,
-    round_trip: Span,
-    /// When it said last what it lost, and how much that was.
-    reported: (Instant, u64),
+    /// Pause between two reports of one loss.
+    min_delay: Span,
 }
 
 /// What both ends of a replay know before it begins.
@@ -55,75 +48,66 @@ impl ReplayClient {
             Some(_) => Subscriber::limited,
             None => Subscriber::new,
         };
+        let subscriber = begin(&StreamStart {
+            stream: start.stream,
+            tolerance: start.tolerance,
+            integrator: start.integrator,
+            publish_interval: start.publish_interval,
+            gravity: start.gravity,
+            tick: Tick::ZERO,
+            next: 0,
+            scene_events: 0,
+        });
+        let mut receiver = StreamReceiver::new(subscriber);
+        receiver.expect_watermark(Instant::ZERO);
         Self {
-            subscriber: begin(&StreamStart {
-                stream: start.stream,
-                tolerance: start.tolerance,
-                integrator: start.integrator,
-                publish_interval: start.publish_interval,
-                gravity: start.gravity,
-                tick: Tick::ZERO,
-                next: 0,
-                scene_events: 0,
-            }),
+            receiver,
             pending: VecDeque::new(),
-            nacks: NackScheduler::default(),
-            silence: Instant::ZERO + SILENCE,
-            round_trip,
-            reported: (Instant::ZERO, 0),
+            min_delay: Span::from_nanos(round_trip.as_nanos() * 5 / 4),
         }
     }
 
     /// The next scene_event arrived; `false` when what it says breaks a limit.
     #[must_use]
     pub(super) fn receive_event(&mut self, now: Instant) -> bool {
+        let subscriber = self.receiver.subscriber_mut();
         let done = match self.pending.pop_front() {
             Some(PendingEvent::Placed(id, parameters, track)) => {
-                self.subscriber.place(id, &parameters, track)
+                subscriber.place(id, &parameters, track)
             }
-            Some(PendingEvent::Removed(id)) => self.subscriber.remove(id),
+            Some(PendingEvent::Removed(id)) => subscriber.remove(id),
             None => false,
         };
-        self.subscriber.apply_scene_event();
+        subscriber.apply_scene_event();
         self.watch(now);
         done
     }
 
     /// A datagram arrived.
     pub(super) fn receive(&mut self, now: Instant, datagram: &[u8]) {
-        self.subscriber.handle_datagram(datagram);
+        self.receiver.subscriber_mut().handle_datagram(datagram);
         self.watch(now);
     }
 
     fn watch(&mut self, now: Instant) {
-        self.silence = now + SILENCE;
-        self.nacks.watch(now, &self.subscriber);
+        self.receiver.watch(now);
+        self.receiver.expect_watermark(now);
     }
 
-    /// When it asks next if it hears nothing until then.
+    /// What it believes.
+    pub(super) const fn subscriber(&self) -> &Subscriber {
+        self.receiver.subscriber()
+    }
+
+    /// When it reports next if it hears nothing until then; it always expects a watermark.
     pub(super) fn due(&self) -> Instant {
-        let lost = self.nacks.due();
-        lost.map_or(self.silence, |at| at.min(self.silence))
+        self.receiver.due().map_or(Instant::ZERO, |wake| wake.at)
     }
 
-    /// What it asks now, if it is time to.
-    pub(super) fn ask(&mut self, now: Instant) -> Option<Bytes> {
-        let (at, lost_before) = self.reported;
-        let whole = self.subscriber.missing() == 0;
-        let reports = whole && self.subscriber.lost() > lost_before && now >= at + REPORT;
-        let silent = self.silence <= now;
-        let patient = Span::from_nanos(self.round_trip.as_nanos() / 4 * 5);
-        let lost: Vec<u64> = self.nacks.ask(now, patient).collect();
-        if lost.is_empty() && !reports && !silent {
-            return None;
-        }
-        self.reported = (now, self.subscriber.lost());
-        let report = if silent {
-            self.silence = now + SILENCE;
-            self.subscriber.loss_report()
-        } else {
-            self.subscriber.loss_report_for(&lost)
-        };
-        Some(Bytes::from(report.encode(self.subscriber.stream())))
+    /// What it reports now.
+    pub(super) fn report(&mut self, now: Instant) -> Vec<Bytes> {
+        let mut reports = Vec::new();
+        self.receiver.report(now, self.min_delay, &mut reports);
+        reports
     }
 }

@@ -12,7 +12,7 @@ use rhumb_protocol::packet::{Datagram, PacketKind, StreamId};
 use rhumb_protocol::scene::{BodyKind, PublishSchedule};
 use rhumb_protocol::stream::{
     Activity, ObservationHistory, PredictionParameters, Recipient, StreamSender, StreamTerms,
-    WatermarkSchedule,
+    WatermarkPolicy,
 };
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{Anchor, BodyId, Predictor, Rate, Tick, Track};
@@ -83,7 +83,11 @@ pub fn run(
     }
     let mut session = ReplaySession::new(recording, config);
     session.apply_changes(Tick::ZERO)?;
-    session.client.subscriber.handle_snapshot_end();
+    session
+        .client
+        .receiver
+        .subscriber_mut()
+        .handle_snapshot_end();
     let rate = recording.integrator.rate;
     let last = u64::from(recording.ticks());
     for number in 1..=last + u64::from(config.lookahead.count()) {
@@ -108,8 +112,8 @@ fn sender(start: &StreamSetup, config: &ReplayConfig) -> StreamSender {
         gravity: start.gravity,
         features: config.features.publisher,
     };
-    let schedule = WatermarkSchedule::free_running(start.integrator.rate, start.publish_interval);
-    StreamSender::reckoned(start.stream, &stream, config.budget, schedule, Tick::ZERO)
+    let policy = WatermarkPolicy::free_running(start.integrator.rate, start.publish_interval);
+    StreamSender::reckoned(start.stream, &stream, config.budget, policy, Tick::ZERO)
 }
 
 fn moment(rate: Rate, tick: Tick) -> Instant {
@@ -207,7 +211,8 @@ impl<'a> ReplaySession<'a> {
             let motion = placed.observation.motion;
             let mut fits = self.sender.place(id, &parameters, track, motion);
             if tick == Tick::ZERO {
-                fits &= self.client.subscriber.place(id, &parameters, track);
+                let subscriber = self.client.receiver.subscriber_mut();
+                fits &= subscriber.place(id, &parameters, track);
             } else {
                 let config = placed.config;
                 let scene_event = SceneEvent::BodyPlaced {
@@ -327,17 +332,17 @@ impl<'a> ReplaySession<'a> {
                 Lane::Control => return Err(ReplayError::Limits(self.sender.tick())),
             }
         }
-        if self.client.subscriber.has_lost_sync() {
+        if self.client.subscriber().has_lost_sync() {
             return Err(ReplayError::OutOfSync(self.sender.tick()));
         }
         self.recover(now);
         self.judge();
-        if let Some(loss_report) = self.client.ask(now) {
-            let counted = loss_report.len() as u64;
+        for report in self.client.report(now) {
+            let counted = report.len() as u64;
             self.sent.wire_bytes_up += counted + QUIC_BYTES;
             self.sent.wire_datagrams_up += 1;
-            self.keep(PacketDirection::StateUp, &loss_report, counted);
-            self.up.push(now, loss_report, Lane::State);
+            self.keep(PacketDirection::StateUp, &report, counted);
+            self.up.push(now, report, Lane::State);
         }
         while let Some((_, bytes)) = self.up.pop(now) {
             self.answer(now, &bytes);
@@ -365,7 +370,7 @@ impl<'a> ReplaySession<'a> {
 
     /// Notes which losses are made good by now: all of their bodies were heard of as of their tick or later, or went.
     fn recover(&mut self, now: Instant) {
-        let copy = &self.client.subscriber;
+        let copy = self.client.subscriber();
         let recoveries = &mut self.recoveries;
         self.lost.retain_mut(|lost| {
             let tick = lost.tick;
@@ -380,7 +385,7 @@ impl<'a> ReplaySession<'a> {
 
     /// Judges every tick that the stream has watermark_tick for by now, and that was published.
     fn judge(&mut self) {
-        let copy = &self.client.subscriber;
+        let copy = self.client.subscriber();
         let publish_interval = u64::from(self.config.publish_interval.get());
         while self.judge.tick() < copy.watermark_tick() && self.judge.step() {
             let tick = self.judge.tick().value();
@@ -433,7 +438,7 @@ impl<'a> ReplaySession<'a> {
             step_ns_p99: 0,
             step_ns_total: 0,
             publish_ns_total: self.publish_ns,
-            mismatches: self.client.subscriber.statistics().mismatches,
+            mismatches: self.client.subscriber().statistics().mismatches,
         }
     }
 }

@@ -160,7 +160,6 @@ impl Wire for Head {
 #[derive(Clone, Copy, Debug)]
 pub struct Datagram<'a> {
     head: Head,
-    bytes: &'a [u8],
     body: &'a [u8],
 }
 
@@ -174,7 +173,12 @@ impl<'a> Datagram<'a> {
         let mut reader = Reader::new(bytes);
         let head = Head::decode(&mut reader)?;
         let body = reader.rest();
-        Ok(Self { head, bytes, body })
+        Ok(Self { head, body })
+    }
+
+    /// One whose head was read before.
+    pub(crate) const fn opened(head: Head, body: &'a [u8]) -> Self {
+        Self { head, body }
     }
 
     /// Its kind and its stream.
@@ -187,12 +191,6 @@ impl<'a> Datagram<'a> {
     #[must_use]
     pub const fn body(&self) -> Reader<'a> {
         Reader::new(self.body)
-    }
-
-    /// All of it.
-    #[must_use]
-    pub const fn bytes(&self) -> &'a [u8] {
-        self.bytes
     }
 }
 

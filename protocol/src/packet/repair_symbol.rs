@@ -6,7 +6,7 @@
 use alloc::vec::Vec;
 
 use super::galois::{add_times, inverse};
-use super::header::{Head, Low16, PacketKind, StreamId};
+use super::header::{Datagram, Head, Low16, PacketKind, StreamId};
 use crate::limits::{DATAGRAM_BYTES_MAX, FEC_ROWS, FEC_SPAN};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
@@ -138,16 +138,18 @@ impl RepairSymbol {
 /// packet that says nothing, and of one that is too long.
 pub(crate) fn source_symbol_of(datagram: &[u8]) -> Option<(Low16, Vec<u8>)> {
     let mut source_symbol = Vec::new();
-    let number = source_symbol_into(datagram, &mut source_symbol)?;
+    let number = source_symbol_into(&Datagram::open(datagram).ok()?, &mut source_symbol)?;
     Some((number, source_symbol))
 }
 
 /// The same, in place of what was in `source_symbol`.
-pub(crate) fn source_symbol_into(datagram: &[u8], source_symbol: &mut Vec<u8>) -> Option<Low16> {
+pub(crate) fn source_symbol_into(
+    datagram: &Datagram<'_>,
+    source_symbol: &mut Vec<u8>,
+) -> Option<Low16> {
     source_symbol.clear();
-    let mut reader = Reader::new(datagram);
-    let head = Head::decode(&mut reader).ok()?;
-    let kind = match head.kind {
+    let mut reader = datagram.body();
+    let kind = match datagram.head().kind {
         PacketKind::Updates => 0,
         PacketKind::UpdatesEnd => 1,
         _ => return None,

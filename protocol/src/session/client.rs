@@ -16,7 +16,7 @@ use alloc::vec::Vec;
 use bytes::Bytes;
 use rhumb_reckoning::Tick;
 
-use self::recovery::{DISORDER, REPAIR_MOST, RESYNC_MOST, SILENCE, SILENCE_MOST};
+use self::recovery::RESYNC_MOST;
 use self::response_times::ResponseTimes;
 use self::stream_selection::StreamSelection;
 use super::close::CloseCode;
@@ -25,13 +25,14 @@ use super::misuse::Misuse;
 use super::pings::Pings;
 use super::replica::Replica;
 use super::replica_switch::{EventTarget, ReplicaSwitch};
-use super::retry_timer::RetryTimer;
 use crate::endpoint::{Ending, Endpoint, Peer, Transmit, Wake, WakeReason};
 use crate::limits::RESERVE_MAX;
 use crate::message::{
     ClientMessage, Denial, Frames, Joined, SceneEvent, ServerMessage, StreamChoice, TierPolicy,
 };
+use crate::packet::Datagram;
 use crate::scene::{Command, IdRange, SceneConfig, SceneName};
+use crate::stream::{RetryTimer, StreamReceiver};
 use crate::time::{Instant, Span};
 use upstream::UpstreamState;
 
@@ -62,10 +63,6 @@ pub struct ClientSession {
     response_times: ResponseTimes,
     resyncing: bool,
     resync_timer: RetryTimer,
-    /// When it told last what it lost, and how many packets that were.
-    reported: (Instant, u64),
-    mismatch: RetryTimer,
-    silence: RetryTimer,
     pings: Pings,
     round_trip: Span,
     unsent: Vec<u8>,
@@ -92,9 +89,6 @@ impl ClientSession {
             response_times: ResponseTimes::new(),
             resyncing: false,
             resync_timer: RetryTimer::new(Span::ZERO, RESYNC_MOST),
-            reported: (Instant::ZERO, 0),
-            mismatch: RetryTimer::new(DISORDER, REPAIR_MOST),
-            silence: RetryTimer::new(SILENCE, SILENCE_MOST),
             pings: Pings::new(),
             round_trip: Span::from_millis(20),
             unsent: Vec::new(),
@@ -181,7 +175,9 @@ impl ClientSession {
         self.as_member(&ClientMessage::Advance { to })?;
         if !self.awaits() {
             // Until now it waited as one does who asked for nothing.
-            self.silence.end();
+            self.replica_switch
+                .receivers_mut()
+                .for_each(StreamReceiver::end_silence);
         }
         self.awaited = self.awaited.max(to);
         self.response_times.note_requested(now, to);
@@ -403,9 +399,7 @@ impl ClientSession {
         self.resyncing = false;
         self.awaited = Tick::ZERO;
         self.response_times = ResponseTimes::new();
-        self.mismatch.end();
         self.resync_timer.end();
-        self.silence.end();
         self.pings.end();
         self.events.push_back(event);
     }
@@ -479,7 +473,10 @@ impl Endpoint for ClientSession {
         if self.state == ClientState::Ended {
             return;
         }
-        if self.handle_upstream_feedback(now, bytes) {
+        let Ok(datagram) = Datagram::open(bytes) else {
+            return;
+        };
+        if self.handle_upstream_feedback(now, &datagram) {
             return;
         }
         let watermark_tick = |replica_switch: &ReplicaSwitch| {
@@ -488,7 +485,7 @@ impl Endpoint for ClientSession {
                 .map(|copy| copy.stream().watermark_tick())
         };
         let before = watermark_tick(&self.replica_switch);
-        self.replica_switch.handle_datagram(bytes);
+        self.replica_switch.handle_datagram(&datagram);
         let after = watermark_tick(&self.replica_switch)
             .filter(|_| before != watermark_tick(&self.replica_switch));
         if let Some(tick) = after {
@@ -515,7 +512,7 @@ impl Endpoint for ClientSession {
         if self.state == ClientState::Ended {
             return;
         }
-        self.send_due_requests(now);
+        self.report(now);
         if self.ping_due().is_some_and(|due| due <= now) {
             self.send(&ClientMessage::Ping { sent: now });
             self.pings.asked(now);
@@ -534,15 +531,16 @@ impl Endpoint for ClientSession {
             return None;
         }
         let timers = [
-            (self.replica_switch.missing_due(), WakeReason::Refresh),
-            (self.mismatch.due(), WakeReason::Refresh),
             (self.resync_due(), WakeReason::Refresh),
-            (self.silence.due(), WakeReason::Watermark),
             (self.ping_due(), WakeReason::Ping),
         ];
-        timers
+        let timers = timers
             .into_iter()
-            .filter_map(|(due, reason)| due.map(|at| Wake { at, reason }))
-            .min_by_key(|wake| wake.at)
+            .filter_map(|(due, reason)| due.map(|at| Wake { at, reason }));
+        let receivers = self
+            .replica_switch
+            .receivers()
+            .filter_map(StreamReceiver::due);
+        receivers.chain(timers).min_by_key(|wake| wake.at)
     }
 }

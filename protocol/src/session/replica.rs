@@ -10,13 +10,11 @@ use glam::Vec3;
 use rhumb_reckoning::{BodyId, Damping, Inertia, Track};
 
 use super::close::CloseCode;
-use super::nack_scheduler::NackScheduler;
 use crate::interner::{Internable, Interner};
 use crate::limits::{SHAPE_BYTES_PER_SCENE_MAX, SHAPES_MAX};
 use crate::message::{Joined, SceneEvent, StreamChoice};
 use crate::scene::{BodyDesc, Joints, Shape, ShapeId};
-use crate::stream::{PredictionParameters, Subscriber};
-use crate::time::{Instant, Span};
+use crate::stream::{PredictionParameters, StreamReceiver, Subscriber};
 use crate::wire::Wire;
 use crate::wire::bytes::Writer;
 
@@ -24,8 +22,7 @@ use crate::wire::bytes::Writer;
 #[derive(Debug)]
 pub struct Replica {
     choice: StreamChoice,
-    subscriber: Subscriber,
-    nack_scheduler: NackScheduler,
+    pub(crate) receiver: StreamReceiver,
     damping: Damping,
     gravity: Vec3,
     shapes: BTreeMap<ShapeId, Shape>,
@@ -42,11 +39,10 @@ impl Replica {
     pub(crate) fn new(joined: &Joined) -> Self {
         Self {
             choice: joined.choice,
-            subscriber: match joined.choice {
+            receiver: StreamReceiver::new(match joined.choice {
                 StreamChoice::Capped { .. } => Subscriber::limited(&joined.start),
                 StreamChoice::Within(_) | StreamChoice::Full => Subscriber::new(&joined.start),
-            },
-            nack_scheduler: NackScheduler::default(),
+            }),
             damping: joined.config.damping,
             gravity: joined.start.gravity,
             shapes: BTreeMap::new(),
@@ -65,19 +61,18 @@ impl Replica {
 
     /// Whether nothing is lost by showing this copy in place of another one of the same scene.
     pub(crate) fn has_caught_up_with(&self, other: &Self) -> bool {
-        other.subscriber.has_lost_sync()
-            || self.subscriber.complete() >= other.subscriber.complete()
+        other.stream().has_lost_sync() || self.stream().complete() >= other.stream().complete()
     }
 
     /// The stream.
     #[must_use]
     pub const fn stream(&self) -> &Subscriber {
-        &self.subscriber
+        self.receiver.subscriber()
     }
 
     /// Where the bodies' changes are drained from.
     pub const fn stream_mut(&mut self) -> &mut Subscriber {
-        &mut self.subscriber
+        self.receiver.subscriber_mut()
     }
 
     /// Whether the snapshot has arrived.
@@ -95,7 +90,7 @@ impl Replica {
     /// What a body is.
     #[must_use]
     pub fn body(&self, id: BodyId) -> Option<BodyDesc> {
-        let kind = self.subscriber.label(id)?;
+        let kind = self.stream().label(id)?;
         let config = *self.kinds.get(kind);
         Some(BodyDesc { id, ..config })
     }
@@ -108,8 +103,8 @@ impl Replica {
 
     /// All bodies in order of index.
     pub fn bodies(&self) -> impl Iterator<Item = BodyDesc> {
-        let indices = 0..self.subscriber.index_end() as u32;
-        let ids = indices.filter_map(|index| self.subscriber.body(index));
+        let indices = 0..self.stream().index_end() as u32;
+        let ids = indices.filter_map(|index| self.stream().body(index));
         ids.filter_map(|id| self.body(id))
     }
 
@@ -119,37 +114,21 @@ impl Replica {
         &self.joints
     }
 
-    /// Looks at what is missing now.
-    pub(crate) fn watch_missing(&mut self, now: Instant) {
-        self.nack_scheduler.watch(now, &self.subscriber);
-    }
-
-    /// When to ask for what is missing.
-    pub(crate) fn missing_due(&self) -> Option<Instant> {
-        self.nack_scheduler.due()
-    }
-
-    /// What to ask the server for now, if something is due.
-    pub(crate) fn ask(&mut self, now: Instant, min_delay: Span) -> Option<Vec<u8>> {
-        let due: Vec<u64> = self.nack_scheduler.ask(now, min_delay).collect();
-        let loss_report = (!due.is_empty()).then(|| self.subscriber.loss_report_for(&due))?;
-        Some(loss_report.encode(self.subscriber.stream()))
-    }
-
     /// The next body whose track was made right.
     pub(crate) fn poll_resynced(&mut self) -> Option<BodyId> {
-        self.subscriber.poll_resynced()
+        self.stream_mut().poll_resynced()
     }
 
     /// Takes the place of a copy of the same scene: all that it held counts as changed, since it may be gone.
     pub(crate) fn take_over(&mut self, old: &Self) {
-        self.subscriber.touch_below(old.subscriber.index_end());
+        let end = old.stream().index_end();
+        self.stream_mut().touch_below(end);
     }
 
     /// The snapshot is whole.
     pub(crate) fn end_snapshot(&mut self) {
         self.whole = true;
-        self.subscriber.handle_snapshot_end();
+        self.stream_mut().handle_snapshot_end();
     }
 
     /// Takes in a scene_event. Those before the snapshot's end are the snapshot and do not count.
@@ -183,7 +162,7 @@ impl Replica {
             } => {
                 self.place(config, *inertia, *track)?;
                 if let Some(alias) = alias {
-                    self.subscriber.alias(config.id, *alias);
+                    self.stream_mut().alias(config.id, *alias);
                 }
             }
             SceneEvent::BodyRemoved { id, .. } => {
@@ -191,7 +170,7 @@ impl Replica {
             }
             SceneEvent::GravityChanged { since, gravity } => {
                 self.gravity = *gravity;
-                self.subscriber.change_gravity(*since, *gravity);
+                self.stream_mut().change_gravity(*since, *gravity);
             }
             SceneEvent::SceneFaulted { .. } | SceneEvent::Unknown { .. } => {}
             SceneEvent::JointAdded { id, joint } => {
@@ -205,7 +184,7 @@ impl Replica {
             }
         }
         if self.whole {
-            self.subscriber.apply_scene_event();
+            self.stream_mut().apply_scene_event();
         }
         Ok(())
     }
@@ -218,10 +197,10 @@ impl Replica {
     ) -> Result<(), CloseCode> {
         let shape = self.shapes.get(&config.shape).ok_or(CloseCode::VIOLATION)?;
         let parameters = PredictionParameters::of(config, shape, self.damping, inertia);
-        let before = self.subscriber.body(config.id.index());
-        let kind_before = before.and_then(|id| self.subscriber.label(id));
+        let before = self.stream().body(config.id.index());
+        let kind_before = before.and_then(|id| self.stream().label(id));
         let kind = self.kinds.join(nameless(config));
-        let stream = &mut self.subscriber;
+        let stream = self.receiver.subscriber_mut();
         if !stream.place_labelled(config.id, &parameters, track, Some(kind)) {
             self.kinds.leave(kind);
             return Err(CloseCode::LIMIT);
@@ -236,8 +215,8 @@ impl Replica {
     }
 
     fn remove(&mut self, id: BodyId) -> Result<(), CloseCode> {
-        let kind = self.subscriber.label(id);
-        if !self.subscriber.remove(id) {
+        let kind = self.stream().label(id);
+        if !self.stream_mut().remove(id) {
             return Err(CloseCode::VIOLATION);
         }
         if let Some(kind) = kind {

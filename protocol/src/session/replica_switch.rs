@@ -10,6 +10,8 @@ use bytes::Bytes;
 use super::close::CloseCode;
 use super::replica::Replica;
 use crate::message::{Joined, SceneEvent};
+use crate::packet::Datagram;
+use crate::stream::StreamReceiver;
 use crate::time::{Instant, Span};
 
 /// The replica_switch of one membership.
@@ -89,91 +91,46 @@ impl ReplicaSwitch {
     }
 
     /// Takes in a datagram of whichever streams it is about.
-    pub(crate) fn handle_datagram(&mut self, datagram: &[u8]) {
+    pub(crate) fn handle_datagram(&mut self, datagram: &Datagram<'_>) {
         for copy in [&mut self.next, &mut self.shown].into_iter().flatten() {
-            if copy.stream().is_about(datagram) {
-                copy.stream_mut().handle_datagram(datagram);
+            if copy.stream().stream() == datagram.head().stream {
+                copy.stream_mut().handle(datagram);
             }
         }
     }
 
-    /// See [`Self::complete_replicas`].
-    fn complete_mut(&mut self) -> impl Iterator<Item = &mut Replica> {
-        let replica_switch = [self.shown.as_mut(), self.next.as_mut()];
-        replica_switch
-            .into_iter()
-            .flatten()
-            .filter(|copy| copy.is_complete())
-    }
-
-    /// ReplicaSwitch that are whole, the shown one first.
-    fn complete_replicas(&self) -> impl Iterator<Item = &Replica> {
+    /// The receivers of replica_switch that are whole, the shown one first.
+    pub(crate) fn receivers(&self) -> impl Iterator<Item = &StreamReceiver> {
         let replica_switch = [self.shown.as_ref(), self.next.as_ref()];
-        replica_switch
+        let whole = replica_switch
             .into_iter()
             .flatten()
-            .filter(|copy| copy.is_complete())
+            .filter(|copy| copy.is_complete());
+        whole.map(|copy| &copy.receiver)
     }
 
-    /// Looks at what is missing now.
-    pub(crate) fn watch_missing(&mut self, now: Instant) {
-        for copy in self.complete_mut() {
-            copy.watch_missing(now);
+    /// See [`Self::receivers`].
+    pub(crate) fn receivers_mut(&mut self) -> impl Iterator<Item = &mut StreamReceiver> {
+        let replica_switch = [self.shown.as_mut(), self.next.as_mut()];
+        let whole = replica_switch
+            .into_iter()
+            .flatten()
+            .filter(|copy| copy.is_complete());
+        whole.map(|copy| &mut copy.receiver)
+    }
+
+    /// What to report now.
+    pub(crate) fn report(&mut self, now: Instant, min_delay: Span) -> Vec<Bytes> {
+        let mut reports = Vec::new();
+        for receiver in self.receivers_mut() {
+            receiver.report(now, min_delay, &mut reports);
         }
-    }
-
-    /// Whether packets are missing.
-    pub(crate) fn has_missing(&self) -> bool {
-        self.complete_replicas()
-            .any(|copy| copy.stream().missing() > 0)
-    }
-
-    /// When to ask for what is missing.
-    pub(crate) fn missing_due(&self) -> Option<Instant> {
-        self.complete_replicas()
-            .filter_map(Replica::missing_due)
-            .min()
-    }
-
-    /// What to ask the server for now, of each stream that lost something.
-    pub(crate) fn ask(&mut self, now: Instant, min_delay: Span) -> Vec<Bytes> {
-        let asked = self
-            .complete_mut()
-            .filter_map(|copy| copy.ask(now, min_delay));
-        asked.map(Bytes::from).collect()
-    }
-
-    /// How many packets did not come by themselves, whether repair_symbols gave them back or not.
-    pub(crate) fn lost(&self) -> u64 {
-        self.complete_replicas()
-            .map(|copy| copy.stream().lost())
-            .sum()
-    }
-
-    /// Whether something that was said is predicted_motion wrongly.
-    pub(crate) fn has_mismatch(&self) -> bool {
-        self.complete_replicas()
-            .any(|copy| copy.stream().mismatch().is_some())
+        reports
     }
 
     /// Whether only a new snapshot helps: of the newest copy, as the one before gives way to it.
     pub(crate) fn have_lost_sync(&self) -> bool {
         let newest = self.next.as_ref().or(self.shown.as_ref());
         newest.is_some_and(|copy| copy.stream().has_lost_sync())
-    }
-
-    /// What to tell the server of each stream.
-    pub(crate) fn loss_reports(&self) -> Vec<Bytes> {
-        let streams = self.complete_replicas().map(Replica::stream);
-        let loss_report = streams.map(|stream| stream.loss_report().encode(stream.stream()));
-        loss_report.map(Bytes::from).collect()
-    }
-
-    /// What to ask the server of each stream.
-    pub(crate) fn mismatch_reports(&self) -> Vec<Bytes> {
-        let streams = self.complete_replicas().map(Replica::stream);
-        let mismatch =
-            streams.filter_map(|stream| Some(stream.mismatch()?.encode(stream.stream())));
-        mismatch.map(Bytes::from).collect()
     }
 }

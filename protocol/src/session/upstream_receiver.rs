@@ -11,16 +11,14 @@ use bytes::Bytes;
 use glam::Vec3;
 use rhumb_reckoning::{BodyId, Integrator, Motion, Tick, Tolerance, Track};
 
-use super::nack_scheduler::NackScheduler;
-use super::retry_timer::RetryTimer;
 use super::watermark_schedule::WatermarkSchedule;
 use crate::limits::AUTHORITY_BODIES_MAX;
 use crate::message::AuthorityGrant;
-use crate::packet::{Head, PacketKind, StreamId};
-use crate::stream::{PredictionParameters, StreamStart, Subscriber, SubscriberStatistics};
+use crate::packet::{Datagram, PacketKind, StreamId};
+use crate::stream::{
+    DISORDER, PredictionParameters, StreamReceiver, StreamStart, Subscriber, SubscriberStatistics,
+};
 use crate::time::{Instant, Span};
-use crate::wire::Wire;
-use crate::wire::bytes::Reader;
 
 /// The tracks of a body that hold from some tick on, oldest first: a driver may speak of ticks that are still to come.
 #[derive(Clone, Debug)]
@@ -33,7 +31,7 @@ struct BodyTracks {
 /// What one member drives, as far as it was heard.
 #[derive(Debug)]
 pub struct UpstreamReceiver {
-    subscriber: Subscriber,
+    receiver: StreamReceiver,
     /// The place is the index in the stream.
     body_tracks: Vec<BodyTracks>,
     watermark_schedule: WatermarkSchedule,
@@ -42,24 +40,15 @@ pub struct UpstreamReceiver {
     /// The newest tick at which bodies were asked for.
     present: Tick,
     changed: Vec<u32>,
-    nack_scheduler: NackScheduler,
-    mismatch: RetryTimer,
-    silence: RetryTimer,
 }
 
 /// Tracks that are kept of a body.
 const TRACKS_KEPT: usize = 64;
 /// Indices and aliases of a stream stay below it: who leaves a alias may take another before that one is free again.
 const NAMES_END: u32 = 2 * AUTHORITY_BODIES_MAX as u32;
-/// How long a gap may be the network's disorder before it counts as loss.
-const DISORDER: Span = Span::from_millis(4);
-/// The pause between the first two askings for one refresh; it doubles. The server does not measure round trips; the
-/// driver, which does, answers no nack_scheduler twice within one.
-const ASK_AGAIN: Span = Span::from_millis(50);
-/// The longest pause between two askings for a refresh.
-const REPAIR_MOST: Span = Span::from_millis(500);
-/// The longest pause between two askings of a driver that is silent.
-const SILENCE_MOST: Span = Span::from_millis(2_000);
+/// The pause between the first two reports of one loss; it doubles. The server does not measure round trips; the
+/// driver, which does, refreshes no packet twice within one.
+const REPORT_AGAIN: Span = Span::from_millis(50);
 
 impl UpstreamReceiver {
     /// A stream as it is granted. `parameters` says what predictors need to know of each body.
@@ -93,40 +82,41 @@ impl UpstreamReceiver {
         }
         subscriber.handle_snapshot_end();
         Self {
-            subscriber,
+            receiver: StreamReceiver::with_timeout(subscriber, DISORDER),
             body_tracks,
             watermark_schedule: WatermarkSchedule::of(integrator.rate),
             sure_until: driving.tick,
             present: driving.tick,
             changed: Vec::new(),
-            nack_scheduler: NackScheduler::default(),
-            mismatch: RetryTimer::new(DISORDER, REPAIR_MOST),
-            silence: RetryTimer::new(DISORDER, SILENCE_MOST),
         }
+    }
+
+    const fn subscriber(&self) -> &Subscriber {
+        self.receiver.subscriber()
     }
 
     /// Its name.
     #[must_use]
     pub const fn stream(&self) -> StreamId {
-        self.subscriber.stream()
+        self.subscriber().stream()
     }
 
     /// Its promise.
     #[must_use]
     pub const fn tolerance(&self) -> Tolerance {
-        self.subscriber.tolerance()
+        self.subscriber().tolerance()
     }
 
     /// What was heard so far.
     #[must_use]
     pub const fn statistics(&self) -> SubscriberStatistics {
-        self.subscriber.statistics()
+        self.subscriber().statistics()
     }
 
     /// The newest tick up to which the driver has said everything.
     #[must_use]
     pub const fn watermark_tick(&self) -> Tick {
-        self.subscriber.watermark_tick()
+        self.subscriber().watermark_tick()
     }
 
     /// The bodies, in rising order.
@@ -139,13 +129,13 @@ impl UpstreamReceiver {
     /// Whether so much is missing that the stream must begin anew.
     #[must_use]
     pub const fn has_lost_sync(&self) -> bool {
-        self.subscriber.has_lost_sync()
+        self.subscriber().has_lost_sync()
     }
 
     /// Whether nothing is missing that was said of a tick, as far as that was heard of.
     #[must_use]
     pub fn is_complete_at(&self, tick: Tick) -> bool {
-        let known = self.subscriber.is_converged() && self.subscriber.known_from() <= tick;
+        let known = self.subscriber().is_converged() && self.subscriber().known_from() <= tick;
         known || tick <= self.sure_until
     }
 
@@ -156,7 +146,7 @@ impl UpstreamReceiver {
     }
 
     fn trusted(&self) -> Tick {
-        let silence = self.subscriber.silent_ticks();
+        let silence = self.subscriber().silent_ticks();
         self.watermark_schedule
             .trusted(self.watermark_tick(), silence)
     }
@@ -172,30 +162,29 @@ impl UpstreamReceiver {
     /// count.
     ///
     /// Returns the oldest tick of which more, or less, is known than before; none if nothing changed.
-    pub fn handle_datagram(&mut self, datagram: &[u8]) -> Option<Tick> {
-        let mut reader = Reader::new(datagram);
-        let kind = Head::decode(&mut reader).map(|head| head.kind);
-        if matches!(kind, Ok(PacketKind::Full | PacketKind::FullEnd)) {
+    pub fn handle_datagram(&mut self, datagram: &Datagram<'_>) -> Option<Tick> {
+        if matches!(datagram.head().kind, PacketKind::Full | PacketKind::FullEnd) {
             return None;
         }
-        let (converged, watermark_tick) = (self.subscriber.is_converged(), self.watermark_tick());
-        self.subscriber.handle_datagram(datagram);
-        self.subscriber.drain_changed(&mut self.changed);
+        let (converged, watermark_tick) = (self.subscriber().is_converged(), self.watermark_tick());
+        let subscriber = self.receiver.subscriber_mut();
+        subscriber.handle(datagram);
+        subscriber.drain_changed(&mut self.changed);
         let mut oldest = None;
         for index in self.changed.drain(..) {
-            let track = self.subscriber.track(BodyId::new(index, 0));
+            let track = self.receiver.subscriber().track(BodyId::new(index, 0));
             if let Some((body_track, track)) = self.body_tracks.get_mut(index as usize).zip(track) {
                 body_track.take(track);
                 oldest = Some(oldest.map_or(track.origin, |oldest: Tick| oldest.min(track.origin)));
             }
         }
         // What was missing, or is now, may have been said of any tick since the last that was watermark_tick for.
-        let settles = self.subscriber.is_converged();
+        let settles = self.subscriber().is_converged();
         if converged && settles {
             return oldest;
         }
         // What a refresh left unknown may still lie ahead.
-        if converged && self.subscriber.known_from() <= self.present {
+        if converged && self.subscriber().known_from() <= self.present {
             self.sure_until = watermark_tick;
         }
         Some(watermark_tick.next())
@@ -207,7 +196,7 @@ impl UpstreamReceiver {
         self.present = tick;
         let until = self.trusted();
         let (at, stale) = (tick.min(until), tick > until);
-        let subscriber = &self.subscriber;
+        let subscriber = self.receiver.subscriber();
         let body_tracks = self.body_tracks.iter_mut().enumerate();
         body_tracks.filter_map(move |(place, body_track)| {
             let id = body_track.id?;
@@ -220,35 +209,18 @@ impl UpstreamReceiver {
     /// What the driver is to be asked at a tick, if it is time: for what was lost, whether it is still there, or for
     /// what is predicted_motion otherwise.
     pub fn ask(&mut self, now: Instant, tick: Tick, out: &mut Vec<Bytes>) {
-        let silence = self.subscriber.silent_ticks();
+        let silence = self.subscriber().silent_ticks();
         let overdue = tick
             > self
                 .watermark_schedule
                 .asked(self.watermark_tick(), silence);
-        self.nack_scheduler.watch(now, &self.subscriber);
-        let doubted = self.subscriber.mismatch();
-        for (retry_timer, wanted) in [
-            (&mut self.silence, overdue),
-            (&mut self.mismatch, doubted.is_some()),
-        ] {
-            if wanted {
-                retry_timer.begin(now);
-            } else {
-                retry_timer.end();
-            }
-        }
-        let lost: Vec<u64> = self.nack_scheduler.ask(now, ASK_AGAIN).collect();
-        let loss_report = if self.silence.ask(now, ASK_AGAIN) {
-            Some(self.subscriber.loss_report())
+        if overdue {
+            self.receiver.expect_within(now, Span::ZERO);
         } else {
-            (!lost.is_empty()).then(|| self.subscriber.loss_report_for(&lost))
-        };
-        out.extend(loss_report.map(|loss_report| Bytes::from(loss_report.encode(self.stream()))));
-        if let Some(mismatch) = doubted
-            && self.mismatch.ask(now, ASK_AGAIN)
-        {
-            out.push(Bytes::from(mismatch.encode(self.stream())));
+            self.receiver.end_silence();
         }
+        self.receiver.watch(now);
+        self.receiver.report(now, REPORT_AGAIN, out);
     }
 }
 
@@ -322,6 +294,10 @@ mod tests {
         ))
     }
 
+    fn opened(bytes: &[u8]) -> Datagram<'_> {
+        Datagram::open(bytes).expect("both ends send datagrams")
+    }
+
     fn ends() -> (UpstreamSender, UpstreamReceiver) {
         let id = BodyId::new(70, 3);
         let driving = AuthorityGrant {
@@ -361,7 +337,7 @@ mod tests {
                 let told = driver.publish(Tick::new(100 + ahead), &[(BodyId::new(70, 3), walk(ahead))], &mut said);
                 prop_assert_eq!(told, PublishOutcome::Yes);
                 for question in asked.drain(..) {
-                    driver.handle_datagram(now, Span::from_millis(30), &question, &mut said);
+                    driver.handle_datagram(now, Span::from_millis(30), &opened(&question), &mut said);
                 }
                 for packet in said.drain(..) {
                     let (fate, way) = fates.next().unwrap_or((9, 0));
@@ -372,7 +348,7 @@ mod tests {
                 under_way.retain(|(due, packet)| {
                     let is_due = *due <= step;
                     if is_due {
-                        driven.handle_datagram(packet);
+                        driven.handle_datagram(&opened(packet));
                     }
                     !is_due
                 });
@@ -402,18 +378,18 @@ mod tests {
             if step == 20 {
                 let wrong = Track::resting(tick, at(7.0, 0.0));
                 let index = BodyId::new(0, 0);
-                assert!(
-                    driven
-                        .subscriber
-                        .place(index, &parameters(index).unwrap(), wrong)
-                );
+                assert!(driven.receiver.subscriber_mut().place(
+                    index,
+                    &parameters(index).unwrap(),
+                    wrong
+                ));
             }
             for packet in said.drain(..) {
-                driven.handle_datagram(&packet);
+                driven.handle_datagram(&opened(&packet));
             }
             driven.ask(now, tick, &mut asked);
             for question in asked.drain(..) {
-                driver.handle_datagram(now, Span::from_millis(30), &question, &mut said);
+                driver.handle_datagram(now, Span::from_millis(30), &opened(&question), &mut said);
             }
         }
         let heard = driven.statistics();
@@ -435,7 +411,7 @@ mod tests {
             );
         }
         for packet in said.drain(..) {
-            driven.handle_datagram(&packet);
+            driven.handle_datagram(&opened(&packet));
         }
         let last = driven.watermark_tick();
         let mut flown = 0;

@@ -12,15 +12,13 @@ use rhumb_reckoning::{BodyId, BodyState, Integrator, Tick, Ticks, Tolerance};
 
 use crate::limits::TICK_JUMP_MAX;
 use crate::message::AuthorityGrant;
-use crate::packet::{Datagram, Head};
+use crate::packet::{Datagram, StreamId};
 use crate::scene;
 use crate::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, PublisherStatistics,
-    Recipient, StreamSender, StreamTerms, WatermarkSchedule, second,
+    Recipient, StreamSender, StreamTerms, WatermarkPolicy, second,
 };
 use crate::time::{Instant, Span};
-use crate::wire::Wire;
-use crate::wire::bytes::Reader;
 
 /// A body that is driven.
 #[derive(Clone, Copy, Debug)]
@@ -85,9 +83,9 @@ impl UpstreamSender {
             gravity: Vec3::ZERO,
             features: FEATURES,
         };
-        let schedule = WatermarkSchedule::upstream(integrator.rate);
+        let policy = WatermarkPolicy::upstream(integrator.rate);
         let mut sender =
-            StreamSender::reckoned(driving.stream, &config, None, schedule, driving.tick);
+            StreamSender::reckoned(driving.stream, &config, None, policy, driving.tick);
         let mut bodies = Vec::with_capacity(driving.bodies.len());
         for (id, motion) in &driving.bodies {
             let index = BodyId::new(bodies.len() as u32, 0);
@@ -169,10 +167,9 @@ impl UpstreamSender {
         PublishOutcome::Yes
     }
 
-    /// Whether a datagram names this stream.
-    pub(crate) fn is_about(&self, datagram: &[u8]) -> bool {
-        let head = Head::decode(&mut Reader::new(datagram));
-        head.is_ok_and(|head| head.stream == self.sender.stream())
+    /// Its name.
+    pub(crate) fn stream(&self) -> StreamId {
+        self.sender.stream()
     }
 
     /// Answers a datagram of the server about this stream: a loss report or a mismatch.
@@ -180,17 +177,14 @@ impl UpstreamSender {
         &mut self,
         now: Instant,
         round_trip: Span,
-        datagram: &[u8],
+        datagram: &Datagram<'_>,
         out: &mut Vec<Bytes>,
     ) {
-        let Ok(datagram) = Datagram::open(datagram) else {
-            return;
-        };
         let from = Recipient {
             id: SERVER,
             round_trip,
         };
         self.sender
-            .handle_datagram(now, from, &datagram, SCENE_EVENTS, out);
+            .handle_datagram(now, from, datagram, SCENE_EVENTS, out);
     }
 }

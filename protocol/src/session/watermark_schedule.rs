@@ -5,12 +5,12 @@
 use rhumb_reckoning::{Rate, Tick, Ticks};
 
 use crate::limits::UPSTREAM_GRACE_MS;
-use crate::stream::{WatermarkSchedule, whole_ticks};
+use crate::stream::{WatermarkPolicy, whole_ticks};
 
 /// What follows from the rate of a scene.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct WatermarkSchedule {
-    schedule: WatermarkSchedule,
+    policy: WatermarkPolicy,
     /// How late a watermark may be.
     grace: Ticks,
 }
@@ -18,14 +18,14 @@ pub(crate) struct WatermarkSchedule {
 impl WatermarkSchedule {
     pub(crate) fn of(rate: Rate) -> Self {
         Self {
-            schedule: WatermarkSchedule::upstream(rate),
+            policy: WatermarkPolicy::upstream(rate),
             grace: Ticks::new(whole_ticks(rate, UPSTREAM_GRACE_MS) as u32),
         }
     }
 
     /// The tick at which a driver that is watermark_tick for up to `watermark_tick`, `silence` ticks of them silent, watermarks again.
     pub(crate) fn due(&self, watermark_tick: Tick, silence: u64) -> Tick {
-        watermark_tick + Ticks::new(self.schedule.pause_after(silence) as u32)
+        watermark_tick + Ticks::new(self.policy.pause_after(silence) as u32)
     }
 
     /// The tick from which it is asked.

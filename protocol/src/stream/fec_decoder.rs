@@ -10,7 +10,7 @@ use alloc::vec::Vec;
 
 use super::source_symbols::SourceSymbols;
 use crate::limits::{FEC_SPAN, REPAIR_SYMBOLS_KEPT};
-use crate::packet::{RepairSymbol, add_times, inverse, source_symbol_into, times};
+use crate::packet::{Datagram, RepairSymbol, add_times, inverse, source_symbol_into, times};
 
 /// A repair_symbol, less the packets in it that were received.
 #[derive(Clone, Debug)]
@@ -63,7 +63,7 @@ impl FecDecoder {
     }
 
     /// A packet was received.
-    pub(crate) fn hear_packet(&mut self, number: u64, datagram: &[u8]) {
+    pub(crate) fn hear_packet(&mut self, number: u64, datagram: &Datagram<'_>) {
         let mut source_symbol = core::mem::take(&mut self.received);
         if source_symbol_into(datagram, &mut source_symbol).is_some() {
             self.add_known(number, &source_symbol);

@@ -1,8 +1,8 @@
-//! The sender of a stream: its publisher, and everything that is sent beside the updates.
+//! The sender of a stream: its publisher, and all that goes beside updates.
 //!
 //! Sans-IO: knows neither lanes nor connections, and listeners only by a number. Used by a server for its scenes, by a
 //! client for the bodies that it moves itself, and by replays. Invariants: what several listeners need is encoded once;
-//! a tick that is published is followed by a watermark as the schedule has it, so that silence is never ambiguous.
+//! a tick that is published is followed by a watermark as the policy has it, so that silence is never ambiguous.
 
 use alloc::boxed::Box;
 use alloc::collections::BTreeMap;
@@ -14,23 +14,18 @@ use bytes::Bytes;
 use glam::Vec3;
 use rhumb_reckoning::{BodyId, BodyState, Tick, Track};
 
+use super::answers::Answers;
 use super::budget::Budget;
 use super::full::FullPublisher;
-use super::losses::LossTracker;
+use super::loss_tracker::LossTracker;
 use super::mismatch::MismatchReply;
 use super::observation_history::ObservationHistory;
 use super::publisher::{Publisher, PublisherStatistics, StreamTerms};
 use super::tracks::PredictionParameters;
-use super::watermark::WatermarkSchedule;
+use super::watermark::{Silence, WatermarkPolicy};
 use crate::limits::HISTORY_PACKETS;
-use crate::packet::{ChecksumMismatch, Datagram, Kind, LossReport, StreamId};
+use crate::packet::{ChecksumMismatch, Datagram, LossReport, PacketKind, StreamId};
 use crate::time::{Instant, Span};
-
-/// Reports of one listener that follow each other faster are not answered: half of the time that a receiver allows for
-/// disorder before it reports a loss.
-const REPORT_PAUSE: Span = Span::from_millis(2);
-/// The same of checksum mismatches: each answer may cost a checksum over all tracks.
-const MISMATCH_PAUSE: Span = Span::from_millis(20);
 
 /// Who reports a loss or a mismatch.
 #[derive(Clone, Copy, Debug)]
@@ -48,35 +43,23 @@ enum Source {
     Full(FullPublisher),
 }
 
-/// When a listener was answered last.
-#[derive(Debug, Default)]
-struct Answered {
-    report: Option<Instant>,
-    mismatch: Option<Instant>,
-    /// By number of packet.
-    refreshes: BTreeMap<u64, Instant>,
-}
-
 /// One stream at its source.
 #[derive(Debug)]
 pub struct StreamSender {
     source: Source,
-    schedule: WatermarkSchedule,
     listeners: usize,
-    /// The tick of the newest packet, and the length of the silence since then at which the next watermark is due, in ticks.
-    updated: Tick,
-    watermark_at: u64,
+    silence: Silence,
     /// When the checksum over all tracks was sent last, and its value.
     checksum: (Tick, u64),
     resynced: u64,
     /// The datagrams of the last tick that every listener is sent.
     packets: Vec<Bytes>,
-    /// The refresh symbols behind them, for listeners that lose packets.
+    /// The repair symbols behind them, for listeners that lose packets.
     symbols: Vec<Bytes>,
     losses: LossTracker,
     /// Refreshes since the last tick, by number of the lost packet and count of scene events.
     refreshes: BTreeMap<(u64, u64), Vec<Bytes>>,
-    answered: BTreeMap<u64, Answered>,
+    answers: Answers,
 }
 
 impl StreamSender {
@@ -86,40 +69,34 @@ impl StreamSender {
         stream: StreamId,
         config: &StreamTerms,
         budget: Option<Budget>,
-        schedule: WatermarkSchedule,
+        policy: WatermarkPolicy,
         tick: Tick,
     ) -> Self {
         let mut publisher = Publisher::new(stream, config, tick);
         if let Some(budget) = budget {
             publisher.limit(budget);
         }
-        Self::new(Source::Reckoned(Box::new(publisher)), schedule, tick)
+        Self::new(Source::Reckoned(Box::new(publisher)), policy, tick)
     }
 
     /// A stream of whole states, without bodies yet, for one listener.
     #[must_use]
-    pub fn full(stream: StreamId, schedule: WatermarkSchedule, tick: Tick) -> Self {
-        Self::new(
-            Source::Full(FullPublisher::new(stream, tick)),
-            schedule,
-            tick,
-        )
+    pub fn full(stream: StreamId, policy: WatermarkPolicy, tick: Tick) -> Self {
+        Self::new(Source::Full(FullPublisher::new(stream, tick)), policy, tick)
     }
 
-    fn new(source: Source, schedule: WatermarkSchedule, tick: Tick) -> Self {
+    fn new(source: Source, policy: WatermarkPolicy, tick: Tick) -> Self {
         Self {
             source,
-            schedule,
             listeners: 1,
-            updated: tick,
-            watermark_at: schedule.pause_after(0),
+            silence: Silence::new(policy, tick),
             checksum: (tick, 0),
             resynced: 0,
             packets: Vec::new(),
             symbols: Vec::new(),
             losses: LossTracker::default(),
             refreshes: BTreeMap::new(),
-            answered: BTreeMap::new(),
+            answers: Answers::default(),
         }
     }
 
@@ -137,7 +114,7 @@ impl StreamSender {
     /// A listener begins anew from a snapshot: what it lost before counts no more.
     pub fn restart_listener(&mut self, listener: u64) {
         self.losses.forget(listener);
-        self.answered.remove(&listener);
+        self.answers.forget(listener);
     }
 
     /// A body has come into the scene; every listener is told its first track by a scene event. `false` when the table has
@@ -205,15 +182,12 @@ impl StreamSender {
     fn close_tick(&mut self, scene_events: u64) {
         let tick = self.tick();
         if !self.packets.is_empty() {
-            self.updated = tick;
-            self.watermark_at = self.schedule.pause_after(0);
+            self.silence.end(tick);
             let checksum = self.due_checksum(scene_events);
             self.packets.extend(checksum);
             return;
         }
-        let silence = tick.value() - self.updated.value();
-        if silence >= self.watermark_at {
-            self.watermark_at = silence + self.schedule.pause_after(silence);
+        if self.silence.is_watermark_due(tick) {
             // A checksum is a watermark too.
             let checksum = self.due_checksum(scene_events);
             self.packets
@@ -228,7 +202,7 @@ impl StreamSender {
         };
         let (last, sum) = self.checksum;
         let age = publisher.tick().since(last)?;
-        // A checksum states no error_scale: in a silence of a stream with a budget a watermark does.
+        // A checksum states no error scale: in a silence of a stream with a budget a watermark does.
         let states_nothing = publisher.has_budget() && self.packets.is_empty();
         if age < publisher.second() || publisher.state_checksum() == sum || states_nothing {
             return None;
@@ -239,7 +213,7 @@ impl StreamSender {
         Some(checksum)
     }
 
-    /// The datagrams of the last tick for one listener: refresh symbols only if it loses packets.
+    /// The datagrams of the last tick for one listener: repair symbols only if it loses packets.
     pub fn datagrams(&self, listener: u64) -> impl Iterator<Item = &Bytes> {
         let symbols = if self.losses.loses(listener) {
             &self.symbols[..]
@@ -268,12 +242,12 @@ impl StreamSender {
         out: &mut Vec<Bytes>,
     ) {
         match datagram.head().kind {
-            Kind::LossReport => {
+            PacketKind::LossReport => {
                 if let Ok(report) = LossReport::decode(datagram.body()) {
                     self.handle_report(now, from, &report, scene_events, out);
                 }
             }
-            Kind::ChecksumMismatch => {
+            PacketKind::ChecksumMismatch => {
                 if let Ok(mismatch) = ChecksumMismatch::decode(datagram.body()) {
                     let answer = self.handle_mismatch(now, from.id, mismatch, scene_events);
                     out.extend(answer.into_iter().flat_map(MismatchReply::into_datagrams));
@@ -283,7 +257,7 @@ impl StreamSender {
         }
     }
 
-    /// Answers a loss report, unless the last one was only just answered: refresh symbols or refreshes of the lost packets, and a watermark
+    /// Answers a loss report, unless the last one was only just answered: repair symbols or refreshes of the lost packets, and a watermark
     /// for those that the listener could not know of.
     pub fn handle_report(
         &mut self,
@@ -293,8 +267,7 @@ impl StreamSender {
         scene_events: u64,
         out: &mut Vec<Bytes>,
     ) {
-        let answered = self.answered.entry(from.id).or_default();
-        if !is_due(&mut answered.report, now, REPORT_PAUSE) {
+        if !self.answers.allow_report(now, from.id) {
             return;
         }
         let next = self.next_number();
@@ -308,31 +281,17 @@ impl StreamSender {
             }
             Source::Full(_) => report.lost.iter().map(|lost| lost.expand(next)).collect(),
         };
+        let Recipient { id, round_trip } = from;
         for number in lost {
-            self.send_refresh(now, from, number, scene_events, out);
+            // A packet that is too old to be known has no refresh: the watermark tells the listener how much it missed,
+            // and it asks for everything.
+            if let Some(refresh) = refresh(&self.source, &mut self.refreshes, number, scene_events)
+                && self.answers.allow_refresh(now, id, round_trip, number)
+            {
+                out.extend_from_slice(refresh);
+            }
         }
         out.push(self.watermark(scene_events));
-    }
-
-    /// Appends the refresh of a lost packet. One that is too old to be known has none: the watermark tells the listener
-    /// how much it missed, and it asks for everything.
-    fn send_refresh(
-        &mut self,
-        now: Instant,
-        to: Recipient,
-        number: u64,
-        scene_events: u64,
-        out: &mut Vec<Bytes>,
-    ) {
-        let answered = self.answered.entry(to.id).or_default();
-        answered.refreshes.retain(|_, at| now < *at + to.round_trip);
-        if answered.refreshes.contains_key(&number) {
-            return;
-        }
-        if let Some(refresh) = refresh(&self.source, &mut self.refreshes, number, scene_events) {
-            out.extend_from_slice(refresh);
-            answered.refreshes.insert(number, now);
-        }
     }
 
     /// Answers a listener whose checksum over some tracks is another; `None` if its last one was only just answered.
@@ -346,8 +305,7 @@ impl StreamSender {
         let Source::Reckoned(publisher) = &self.source else {
             return None;
         };
-        let answered = self.answered.entry(listener).or_default();
-        if !is_due(&mut answered.mismatch, now, MISMATCH_PAUSE) {
+        if !self.answers.allow_mismatch(now, listener) {
             return None;
         }
         let answer = publisher.answer_mismatch(mismatch, scene_events);
@@ -443,15 +401,6 @@ fn refresh<'a>(
     Some(refresh)
 }
 
-/// Whether a pause since the last time is over; if so, this is the last time.
-fn is_due(last: &mut Option<Instant>, now: Instant, pause: Span) -> bool {
-    let due = last.is_none_or(|last| now >= last + pause);
-    if due {
-        *last = Some(now);
-    }
-    due
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -470,18 +419,18 @@ mod tests {
         BodyState::new(at, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).expect("it is finite")
     }
 
-    fn sender(schedule: WatermarkSchedule) -> StreamSender {
+    fn sender(policy: WatermarkPolicy) -> StreamSender {
         let config = StreamTerms {
             tolerance: Tolerance::NORMAL,
             integrator: Integrator {
                 rate: Rate::HZ_60,
                 substeps: NonZeroU32::MIN,
             },
-            every: NonZeroU32::MIN,
+            publish_interval: NonZeroU32::MIN,
             gravity: Vec3::ZERO,
             features: Features::ALL,
         };
-        let mut sender = StreamSender::reckoned(StreamId(1), &config, None, schedule, Tick::ZERO);
+        let mut sender = StreamSender::reckoned(StreamId(1), &config, None, policy, Tick::ZERO);
         for body in 0..BODIES {
             let parameters = PredictionParameters::plain(Metres::new(0.5));
             let track = Track::resting(Tick::ZERO, motion(body, 0));
@@ -491,7 +440,7 @@ mod tests {
     }
 
     /// Publishes a tick at which bodies are where they are at tick `at`; returns the kinds of what every listener is sent.
-    fn publish(sender: &mut StreamSender, tick: u64, at: u64) -> Vec<Kind> {
+    fn publish(sender: &mut StreamSender, tick: u64, at: u64) -> Vec<PacketKind> {
         let seen = |body| Observation {
             id: BodyId::new(body, 0),
             motion: motion(body, at),
@@ -507,48 +456,41 @@ mod tests {
             .expect("a sender sends datagrams")
     }
 
-    const fn recipient(id: u64, round_trip_ms: u64) -> Recipient {
-        Recipient {
-            id,
-            round_trip: Span::from_millis(round_trip_ms),
-        }
-    }
-
-    /// The newest packet is lost.
-    fn report(sender: &StreamSender) -> LossReport {
+    /// Answers a listener that lost the newest packet.
+    fn answer(sender: &mut StreamSender, id: u64) -> Vec<Bytes> {
         let next = sender.next_number();
-        LossReport {
+        let report = LossReport {
             next: Low16::of(next),
             gone: Low16::of(1),
             repair_symbols: 0,
             lost: alloc::vec![Low16::of(next - 1)],
-        }
-    }
-
-    fn answer(sender: &mut StreamSender, ms: u64, from: Recipient) -> Vec<Bytes> {
-        let (report, now) = (report(sender), Instant::ZERO + Span::from_millis(ms));
+        };
+        let round_trip = Span::ZERO;
         let mut answers = Vec::new();
-        sender.handle_report(now, from, &report, 0, &mut answers);
+        sender.handle_report(
+            Instant::ZERO,
+            Recipient { id, round_trip },
+            &report,
+            0,
+            &mut answers,
+        );
         answers
     }
 
     #[test]
     fn a_silent_stream_states_its_watermark_by_the_schedule() {
         let every = NonZeroU32::MIN;
-        let free = WatermarkSchedule::free_running(Rate::HZ_60, every);
-        for (schedule, expected) in [
-            (
-                WatermarkSchedule::LOCKSTEP,
-                &[1, 2, 3, 4, 5, 6, 7, 8, 9][..],
-            ),
+        let free = WatermarkPolicy::free_running(Rate::HZ_60, every);
+        for (policy, expected) in [
+            (WatermarkPolicy::LOCKSTEP, &[1, 2, 3, 4, 5, 6, 7, 8, 9][..]),
             (free, &[1, 2, 4, 8]),
-            (WatermarkSchedule::upstream(Rate::HZ_60), &[4, 8]),
+            (WatermarkPolicy::upstream(Rate::HZ_60), &[4, 8]),
         ] {
-            let mut sender = sender(schedule);
-            assert_eq!(publish(&mut sender, 1, 1), [Kind::UpdatesEnd]);
+            let mut sender = sender(policy);
+            assert_eq!(publish(&mut sender, 1, 1), [PacketKind::UpdatesEnd]);
             let silent = (2..=10).filter(|tick| {
                 let kinds = publish(&mut sender, *tick, 1);
-                assert!(kinds.is_empty() || kinds == [Kind::Watermark]);
+                assert!(kinds.is_empty() || kinds == [PacketKind::Watermark]);
                 !kinds.is_empty()
             });
             assert!(silent.map(|tick| tick - 1).eq(expected.iter().copied()));
@@ -557,10 +499,12 @@ mod tests {
 
     #[test]
     fn a_checksum_that_changed_is_sent_once_a_second() {
-        let mut sender = sender(WatermarkSchedule::LOCKSTEP);
-        let is_sent = |tick: &u64| publish(&mut sender, *tick, *tick).contains(&Kind::Checksums);
+        let mut sender = sender(WatermarkPolicy::LOCKSTEP);
+        let is_sent =
+            |tick: &u64| publish(&mut sender, *tick, *tick).contains(&PacketKind::Checksums);
         assert!((1..=200).filter(is_sent).eq([60, 120, 180]));
-        let is_sent = |tick: &u64| publish(&mut sender, *tick, 200).contains(&Kind::Checksums);
+        let is_sent =
+            |tick: &u64| publish(&mut sender, *tick, 200).contains(&PacketKind::Checksums);
         assert!(
             (201..=400).filter(is_sent).eq([240]),
             "then nothing changes"
@@ -569,29 +513,12 @@ mod tests {
 
     #[test]
     fn a_refresh_is_encoded_once_for_all_who_lost_the_same_packet() {
-        let mut sender = sender(WatermarkSchedule::LOCKSTEP);
+        let mut sender = sender(WatermarkPolicy::LOCKSTEP);
         publish(&mut sender, 1, 1);
-        let [one, other] = [1, 2].map(|id| answer(&mut sender, 0, recipient(id, 0)));
+        let [one, other] = [1, 2].map(|id| answer(&mut sender, id));
         assert!(one.len() > 1, "a refresh, and a watermark behind it");
         for (one, other) in one[..one.len() - 1].iter().zip(&other) {
             assert_eq!(one.as_ptr(), other.as_ptr(), "the same bytes, not a copy");
         }
-    }
-
-    #[test]
-    fn reports_of_each_listener_have_a_pause_of_their_own() {
-        let mut sender = sender(WatermarkSchedule::LOCKSTEP);
-        publish(&mut sender, 1, 1);
-        let counts = [(1, 0), (2, 0), (1, 1), (1, 2)];
-        let counts = counts.map(|(id, ms)| answer(&mut sender, ms, recipient(id, 0)).len());
-        assert_eq!(counts, [2, 2, 0, 2]);
-    }
-
-    #[test]
-    fn no_packet_is_refreshed_twice_within_a_round_trip() {
-        let mut sender = sender(WatermarkSchedule::LOCKSTEP);
-        publish(&mut sender, 1, 1);
-        let counts = [0, 29, 32].map(|ms| answer(&mut sender, ms, recipient(1, 30)).len());
-        assert_eq!(counts, [2, 1, 2]);
     }
 }

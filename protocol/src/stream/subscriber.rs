@@ -29,9 +29,7 @@ use super::statistics::SubscriberStatistics;
 use super::tracks::{PredictionParameters, Slot, Tracks};
 use crate::capacity::{grow_to, push};
 use crate::limits::INDICES_MAX;
-use crate::packet::{ChecksumMismatch, Head, LossReport, Low16, StreamId, Update};
-use crate::wire::Wire;
-use crate::wire::bytes::Reader;
+use crate::packet::{ChecksumMismatch, Datagram, Head, LossReport, Low16, StreamId, Update};
 
 /// One stream at its listener.
 #[derive(Clone, Debug)]
@@ -52,8 +50,8 @@ pub struct Subscriber {
     gaps: PacketGaps,
     fec_decoder: FecDecoder,
     scene_events: u64,
-    /// Datagrams that must wait until more scene_events were heard.
-    deferred: VecDeque<Vec<u8>>,
+    /// Heads and bodies of datagrams that must wait until more scene_events were heard.
+    deferred: VecDeque<(Head, Vec<u8>)>,
     /// Indices of bodies that others hold, and of some that these attached once.
     attached_indices: Vec<u32>,
     aliases: ReceivedAliases,
@@ -463,21 +461,24 @@ impl Subscriber {
 
     fn read_deferred(&mut self) {
         for _ in 0..self.deferred.len() {
-            if let Some(datagram) = self.deferred.pop_front() {
-                self.read(&datagram);
+            if let Some((head, body)) = self.deferred.pop_front() {
+                self.read(&Datagram::opened(head, &body));
             }
         }
         self.note_converged();
     }
 
-    /// Whether a datagram names this stream.
-    #[must_use]
-    pub fn is_about(&self, datagram: &[u8]) -> bool {
-        Head::decode(&mut Reader::new(datagram)).is_ok_and(|head| head.stream == self.stream)
+    /// Takes in a datagram of which the head was not read yet. One that is malformed or of another stream changes nothing but a
+    /// count.
+    pub fn handle_datagram(&mut self, datagram: &[u8]) {
+        match Datagram::open(datagram) {
+            Ok(datagram) => self.handle(&datagram),
+            Err(_) => self.statistics.malformed += 1,
+        }
     }
 
     /// Takes in a datagram of this stream. One that is malformed or of another stream changes nothing but a count.
-    pub fn handle_datagram(&mut self, datagram: &[u8]) {
+    pub fn handle(&mut self, datagram: &Datagram<'_>) {
         self.read(datagram);
         self.note_converged();
     }

@@ -5,18 +5,18 @@
 
 use core::num::NonZeroU32;
 
-use rhumb_reckoning::{Rate, Ticks};
+use rhumb_reckoning::{Rate, Tick, Ticks};
 
 use crate::limits::{SILENCE_MS_MAX, UPSTREAM_WATERMARK_MS};
 
 /// The bounds of the silence between two watermarks of one stream, in ticks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct WatermarkSchedule {
+pub struct WatermarkPolicy {
     shortest: u64,
     longest: u64,
 }
 
-impl WatermarkSchedule {
+impl WatermarkPolicy {
     /// Every silent tick that is published: members wait for it.
     pub const LOCKSTEP: Self = Self {
         shortest: 1,
@@ -49,6 +49,42 @@ impl WatermarkSchedule {
     }
 }
 
+/// The silence of one stream.
+#[derive(Debug)]
+pub(super) struct Silence {
+    policy: WatermarkPolicy,
+    /// The tick of the newest packet.
+    since: Tick,
+    /// The silence at which the next watermark is due, in ticks.
+    watermark_at: u64,
+}
+
+impl Silence {
+    /// It begins at this tick.
+    pub(super) fn new(policy: WatermarkPolicy, since: Tick) -> Self {
+        Self {
+            policy,
+            since,
+            watermark_at: policy.pause_after(0),
+        }
+    }
+
+    /// A packet is sent at this tick.
+    pub(super) fn end(&mut self, tick: Tick) {
+        *self = Self::new(self.policy, tick);
+    }
+
+    /// Whether a watermark is due at a silent tick; if so, the next one is not for a while.
+    pub(super) fn is_watermark_due(&mut self, tick: Tick) -> bool {
+        let silence = tick.value() - self.since.value();
+        let due = silence >= self.watermark_at;
+        if due {
+            self.watermark_at = silence + self.policy.pause_after(silence);
+        }
+        due
+    }
+}
+
 /// Keyframe ticks in so many milliseconds, at least one.
 pub(crate) fn whole_ticks(rate: Rate, milliseconds: u32) -> u64 {
     let (ticks, seconds) = (u64::from(rate.ticks()), u64::from(rate.seconds()));
@@ -65,10 +101,10 @@ mod tests {
     use super::*;
     use alloc::vec::Vec;
 
-    fn silences(schedule: WatermarkSchedule) -> Vec<u64> {
+    fn silences(policy: WatermarkPolicy) -> Vec<u64> {
         let mut silence = 0;
         let next = |_| {
-            silence += schedule.pause_after(silence);
+            silence += policy.pause_after(silence);
             silence
         };
         (0..11).map(next).collect()
@@ -78,16 +114,16 @@ mod tests {
     fn watermarks_of_a_silence_grow_rarer_within_bounds() {
         let every = |ticks| NonZeroU32::new(ticks).unwrap();
         assert_eq!(
-            silences(WatermarkSchedule::upstream(Rate::HZ_60)),
+            silences(WatermarkPolicy::upstream(Rate::HZ_60)),
             [4, 8, 16, 32, 64, 128, 256, 406, 556, 706, 856]
         );
         assert_eq!(
-            silences(WatermarkSchedule::free_running(Rate::HZ_60, every(1))),
+            silences(WatermarkPolicy::free_running(Rate::HZ_60, every(1))),
             [1, 2, 4, 8, 16, 32, 64, 128, 256, 406, 556]
         );
-        let rare = WatermarkSchedule::free_running(Rate::HZ_60, every(400));
+        let rare = WatermarkPolicy::free_running(Rate::HZ_60, every(400));
         assert_eq!(rare.longest, 400);
-        let lockstep = silences(WatermarkSchedule::LOCKSTEP);
+        let lockstep = silences(WatermarkPolicy::LOCKSTEP);
         assert!(lockstep.into_iter().eq(1..=11));
     }
 }

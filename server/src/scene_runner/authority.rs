@@ -2,6 +2,7 @@
 
 use rhumb_protocol::Peer;
 use rhumb_protocol::message::{AuthorityError, AuthorityGrant, ServerMessage, TakeAuthority};
+use rhumb_protocol::packet::Datagram;
 use rhumb_protocol::scene::{BodyKind, Command, CommandError, Stepping};
 use rhumb_protocol::session::UpstreamReceiver;
 use rhumb_reckoning::BodyId;
@@ -29,7 +30,7 @@ impl SceneRunner {
     pub(crate) fn handle_upstream_datagram(
         &mut self,
         peer: Peer,
-        datagram: &[u8],
+        datagram: &Datagram<'_>,
         out: &mut Outbox,
     ) {
         if self.config().stepping == Stepping::FreeRunning {
@@ -37,10 +38,15 @@ impl SceneRunner {
         }
     }
 
-    pub(super) fn handle_upstream(&mut self, peer: Peer, packet: &[u8], out: &mut Outbox) {
+    pub(super) fn handle_upstream(
+        &mut self,
+        peer: Peer,
+        datagram: &Datagram<'_>,
+        out: &mut Outbox,
+    ) {
         if !self
             .authority_table
-            .handle_datagram(peer, packet, self.scene.tick())
+            .handle_datagram(peer, datagram, self.scene.tick())
         {
             self.authority_table.end(peer);
             tracing::debug!(peer = peer.0, "lost touch with a driver");

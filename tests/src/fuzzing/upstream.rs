@@ -9,15 +9,13 @@ use std::num::NonZeroU32;
 use bytes::Bytes;
 use glam::Vec3;
 use rhumb_protocol::message::AuthorityGrant;
-use rhumb_protocol::packet::{Head, LossReport, PacketKind};
+use rhumb_protocol::packet::{Datagram, LossReport, PacketKind};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::session::UpstreamReceiver;
 use rhumb_protocol::stream::{
     Activity, Features, MismatchReply, Observation, ObservationHistory, PredictionParameters,
     Publisher, Redundancy, StreamTerms,
 };
-use rhumb_protocol::wire::Wire;
-use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{
     BodyId, BodyState, Damping, Divergence, Integrator, Metres, Rate, Tick, Tolerance,
@@ -85,7 +83,9 @@ pub fn upstream(data: &[u8]) {
             _ if script.below(8) == 0 => {
                 drive.honest = false;
                 let datagram = packet_source.datagram(&mut script, 6);
-                drive.driven.handle_datagram(&datagram);
+                if let Ok(datagram) = Datagram::open(&datagram) {
+                    drive.driven.handle_datagram(&datagram);
+                }
             }
             _ => {
                 (packet_source.number, packet_source.tick) =
@@ -219,11 +219,11 @@ impl TakeAuthority {
     }
 
     fn answer(&mut self, datagram: &[u8]) {
-        let mut reader = Reader::new(datagram);
-        let head = Head::decode(&mut reader).expect("a server says datagrams");
+        let datagram = Datagram::open(datagram).expect("a server says datagrams");
         let mut answers = Vec::new();
-        if head.kind == PacketKind::LossReport {
-            let loss_report = LossReport::decode(reader).expect("a server says loss_reports");
+        if datagram.head().kind == PacketKind::LossReport {
+            let loss_report =
+                LossReport::decode(datagram.body()).expect("a server says loss_reports");
             for number in self.publisher.answer(&loss_report, &mut answers) {
                 answers.extend(
                     self.publisher
@@ -233,8 +233,8 @@ impl TakeAuthority {
             }
             answers.push(self.publisher.watermark(SCENE_EVENTS));
         } else {
-            let mismatch =
-                rhumb_protocol::packet::ChecksumMismatch::decode(reader).expect("or mismatches");
+            let mismatch = rhumb_protocol::packet::ChecksumMismatch::decode(datagram.body())
+                .expect("or mismatches");
             match self.publisher.answer_mismatch(mismatch, SCENE_EVENTS) {
                 MismatchReply::Sums(sums) => answers.push(sums),
                 MismatchReply::Resync(_, all) => answers.extend(all),
@@ -248,6 +248,7 @@ impl TakeAuthority {
         let (due, later): (Vec<_>, Vec<_>) = self.air.drain(..).partition(|(at, _)| *at <= now);
         self.air.extend(later);
         for (_, datagram) in due {
+            let datagram = Datagram::open(&datagram).expect("an upstream sends datagrams");
             self.driven.handle_datagram(&datagram);
         }
     }

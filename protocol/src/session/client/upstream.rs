@@ -11,6 +11,7 @@ use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
 use super::ClientSession;
 use crate::limits::AUTHORITY_BODIES_MAX;
 use crate::message::{AuthorityError, AuthorityGrant, ClientMessage, TakeAuthority};
+use crate::packet::Datagram;
 use crate::scene::{Command, Stepping};
 use crate::session::event::Event;
 use crate::session::misuse::Misuse;
@@ -195,12 +196,16 @@ impl ClientSession {
     }
 
     /// Whether a datagram is about the stream of what is driven; if so, answers it.
-    pub(super) fn handle_upstream_feedback(&mut self, now: Instant, datagram: &[u8]) -> bool {
+    pub(super) fn handle_upstream_feedback(
+        &mut self,
+        now: Instant,
+        datagram: &Datagram<'_>,
+    ) -> bool {
         let Some(upstream_sender) = self
             .upstream_state
             .upstream_sender
             .as_mut()
-            .filter(|upstream_sender| upstream_sender.is_about(datagram))
+            .filter(|upstream_sender| upstream_sender.stream() == datagram.head().stream)
         else {
             return false;
         };

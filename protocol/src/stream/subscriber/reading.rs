@@ -7,16 +7,15 @@ use rhumb_reckoning::{Predictor, Tick};
 use super::Subscriber;
 use crate::limits::{PACKETS_HELD_MAX, TICK_JUMP_MAX};
 use crate::packet::{
-    Checksums, ErrorScale, FullPacket, Head, IndexRanges, Keyframe, Low16, PacketKind, Refresh,
+    Checksums, Datagram, ErrorScale, FullPacket, IndexRanges, Keyframe, Low16, PacketKind, Refresh,
     RefreshRecord, RepairSymbol, Update, UpdatePacket, UpdatePayload, Watermark,
 };
 use crate::stream::gaps::{PacketArrival, RefreshId};
 use crate::stream::tracks::{FormerTracks, Slot};
-use crate::wire::bytes::Reader;
-use crate::wire::{Malformed, Wire};
+use crate::wire::Malformed;
 
 impl Subscriber {
-    pub(super) fn read(&mut self, datagram: &[u8]) {
+    pub(super) fn read(&mut self, datagram: &Datagram<'_>) {
         if self.try_read(datagram).is_err() {
             self.statistics.malformed += 1;
         }
@@ -30,9 +29,8 @@ impl Subscriber {
         }
     }
 
-    fn try_read(&mut self, datagram: &[u8]) -> Result<(), Malformed> {
-        let mut reader = Reader::new(datagram);
-        let head = Head::decode(&mut reader)?;
+    fn try_read(&mut self, datagram: &Datagram<'_>) -> Result<(), Malformed> {
+        let (head, reader) = (datagram.head(), datagram.body());
         if head.stream != self.stream {
             return Err(Malformed::UnknownCode);
         }
@@ -71,12 +69,13 @@ impl Subscriber {
     }
 
     /// Whether the scene_events that a datagram builds on were heard; if not, keeps it for later.
-    fn is_due(&mut self, scene_events: Low16, datagram: &[u8]) -> bool {
+    fn is_due(&mut self, scene_events: Low16, datagram: &Datagram<'_>) -> bool {
         if self.placed && scene_events.expand(self.scene_events) <= self.scene_events {
             return true;
         }
         if self.restricted.is_none() && self.deferred.len() < PACKETS_HELD_MAX {
-            self.deferred.push_back(datagram.to_vec());
+            let body = datagram.body().rest().to_vec();
+            self.deferred.push_back((datagram.head(), body));
         } else {
             self.statistics.overflowed += 1;
         }
@@ -128,7 +127,7 @@ impl Subscriber {
 
     pub(super) fn read_state(
         &mut self,
-        datagram: &[u8],
+        datagram: &Datagram<'_>,
         packet: UpdatePacket<'_>,
     ) -> Result<(), Malformed> {
         // Everything is decoded before anything is predicted_motion, or kept for later (PROTOCOL 6.5).
@@ -192,7 +191,7 @@ impl Subscriber {
         }
     }
 
-    fn read_full(&mut self, datagram: &[u8], packet: &FullPacket) -> Result<(), Malformed> {
+    fn read_full(&mut self, datagram: &Datagram<'_>, packet: &FullPacket) -> Result<(), Malformed> {
         if !self.is_due(packet.scene_events, datagram) {
             return Ok(());
         }
@@ -214,7 +213,7 @@ impl Subscriber {
     /// `error_scale`: what it says of how far tracks exceed their tolerances, if it says anything of that.
     fn read_watermark(
         &mut self,
-        datagram: &[u8],
+        datagram: &Datagram<'_>,
         watermark: Watermark,
         error_scale: Option<ErrorScale>,
     ) -> Result<(), Malformed> {
@@ -238,7 +237,11 @@ impl Subscriber {
     }
 
     /// Sums over tracks watermark, and can be compared if nothing was heard or missed since.
-    fn read_checksums(&mut self, datagram: &[u8], checksums: &Checksums) -> Result<(), Malformed> {
+    fn read_checksums(
+        &mut self,
+        datagram: &Datagram<'_>,
+        checksums: &Checksums,
+    ) -> Result<(), Malformed> {
         if !self.is_due(checksums.scene_events, datagram) {
             return Ok(());
         }
@@ -301,7 +304,11 @@ impl Subscriber {
         Ok(())
     }
 
-    fn read_refresh(&mut self, datagram: &[u8], refresh: &Refresh) -> Result<(), Malformed> {
+    fn read_refresh(
+        &mut self,
+        datagram: &Datagram<'_>,
+        refresh: &Refresh,
+    ) -> Result<(), Malformed> {
         self.admit_refresh(refresh)?;
         if !self.is_due(refresh.scene_events, datagram) {
             return Ok(());

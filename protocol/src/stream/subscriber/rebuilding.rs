@@ -4,13 +4,12 @@ use alloc::vec::Vec;
 
 use super::Subscriber;
 use crate::limits::FEC_SPAN;
-use crate::packet::{Head, RepairSymbol, Update, UpdatePacket, packet_of};
-use crate::wire::bytes::Reader;
-use crate::wire::{Malformed, Wire};
+use crate::packet::{Datagram, PacketKind, RepairSymbol, Update, UpdatePacket, packet_of};
+use crate::wire::Malformed;
 
 impl Subscriber {
     /// Keeps a packet for the repair_symbols that cover it, and to read it again.
-    pub(super) fn keep(&mut self, number: u64, datagram: &[u8]) {
+    pub(super) fn keep(&mut self, number: u64, datagram: &Datagram<'_>) {
         self.fec_decoder.hear_packet(number, datagram);
     }
 
@@ -42,8 +41,8 @@ impl Subscriber {
         let datagram =
             packet_of(self.stream, number, source_symbol).ok_or(Malformed::OutOfRange)?;
         let (before, disordered) = (self.statistics.packets, self.statistics.disordered);
-        let (ends_tick, reader) = opened(&datagram)?;
-        self.read_state(&datagram, UpdatePacket::decode(ends_tick, reader)?)?;
+        let datagram = Datagram::open(&datagram)?;
+        self.read_state(&datagram, packet_in(&datagram)?)?;
         self.statistics.rebuilt += self.statistics.packets - before;
         self.statistics.disordered = disordered;
         Ok(())
@@ -59,10 +58,10 @@ impl Subscriber {
             let Some(datagram) = packet_of(self.stream, number, source_symbol) else {
                 continue;
             };
-            let Ok((ends_tick, reader)) = opened(&datagram) else {
+            let Ok(datagram) = Datagram::open(&datagram) else {
                 continue;
             };
-            let Ok(packet) = UpdatePacket::decode(ends_tick, reader) else {
+            let Ok(packet) = packet_in(&datagram) else {
                 continue;
             };
             let tick = self.tick_of(packet.tick);
@@ -74,9 +73,8 @@ impl Subscriber {
     }
 }
 
-/// Whether a packet ends its tick, and what follows its head.
-fn opened(datagram: &[u8]) -> Result<(bool, Reader<'_>), Malformed> {
-    let mut reader = Reader::new(datagram);
-    let head = Head::decode(&mut reader)?;
-    Ok((head.kind == crate::packet::PacketKind::UpdatesEnd, reader))
+/// The packet of updates in a datagram.
+fn packet_in<'a>(datagram: &Datagram<'a>) -> Result<UpdatePacket<'a>, Malformed> {
+    let ends_tick = datagram.head().kind == PacketKind::UpdatesEnd;
+    UpdatePacket::decode(ends_tick, datagram.body())
 }

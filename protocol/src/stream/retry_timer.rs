@@ -1,4 +1,4 @@
-//! When to ask again: a span that grows with each nack_scheduler that is not answered.
+//! When to repeat a message that is not answered: after ever longer pauses.
 
 use crate::time::{Instant, Span};
 
@@ -64,37 +64,37 @@ mod tests {
 
     #[test]
     fn a_longer_first_timeout_doubles_too() {
-        let mut retry_timer = RetryTimer::new(Span::from_millis(5), Span::from_millis(70));
+        let mut patience = RetryTimer::new(Span::from_millis(5), Span::from_millis(70));
         let mut now = Instant::ZERO;
-        retry_timer.begin_for(now, Span::from_millis(20));
+        patience.begin_for(now, Span::from_millis(20));
         for millis in [20, 40, 70] {
-            let due = retry_timer.due().unwrap();
+            let due = patience.due().unwrap();
             assert_eq!(due, now + Span::from_millis(millis));
             now = due;
-            assert!(retry_timer.ask(now, Span::ZERO));
+            assert!(patience.ask(now, Span::ZERO));
         }
-        retry_timer.end();
-        retry_timer.begin_for(now, Span::from_millis(1));
-        assert_eq!(retry_timer.due(), Some(now + Span::from_millis(5)));
+        patience.end();
+        patience.begin_for(now, Span::from_millis(1));
+        assert_eq!(patience.due(), Some(now + Span::from_millis(5)));
     }
 
     #[test]
     fn retries_back_off_until_answered() {
-        let mut retry_timer = RetryTimer::new(Span::from_millis(5), Span::from_millis(40));
+        let mut patience = RetryTimer::new(Span::from_millis(5), Span::from_millis(40));
         let mut now = Instant::ZERO;
-        retry_timer.begin(now);
+        patience.begin(now);
         let mut spans = [0; 5];
         for span in &mut spans {
-            let due = retry_timer.due().unwrap();
+            let due = patience.due().unwrap();
             *span = due.since(now).as_nanos() / 1_000_000;
-            assert!(!retry_timer.ask(now, Span::ZERO));
+            assert!(!patience.ask(now, Span::ZERO));
             now = due;
-            assert!(retry_timer.ask(now, Span::from_millis(15)));
+            assert!(patience.ask(now, Span::from_millis(15)));
         }
         assert_eq!(spans, [5, 15, 30, 40, 40]);
-        retry_timer.end();
-        assert_eq!(retry_timer.due(), None);
-        retry_timer.begin(now);
-        assert_eq!(retry_timer.due(), Some(now + Span::from_millis(5)));
+        patience.end();
+        assert_eq!(patience.due(), None);
+        patience.begin(now);
+        assert_eq!(patience.due(), Some(now + Span::from_millis(5)));
     }
 }

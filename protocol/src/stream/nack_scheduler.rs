@@ -1,0 +1,112 @@
+//! When each missing packet is reported again.
+//!
+//! One packet's timer never delays another's. Keeps no more than it is told is missing.
+
+use alloc::collections::BTreeMap;
+
+use super::retry_timer::RetryTimer;
+use super::subscriber::Subscriber;
+use crate::time::{Instant, Span};
+
+/// How long a gap may be disorder before it counts as loss, where packets were seen to come in disorder; elsewhere it is
+/// loss at once.
+const DISORDER: Span = Span::from_millis(4);
+/// The longest wait between two askings for one packet.
+const WAIT_MOST: Span = Span::from_millis(500);
+
+/// The missing packets of one stream, as questions.
+#[derive(Clone, Debug)]
+pub(super) struct NackScheduler {
+    open: BTreeMap<u64, RetryTimer>,
+}
+
+impl NackScheduler {
+    /// Nothing is missing.
+    pub(super) const fn new() -> Self {
+        Self {
+            open: BTreeMap::new(),
+        }
+    }
+
+    /// Looks at what a stream lacks now: waits for what is new of it, and for nothing else any more.
+    pub(super) fn watch(&mut self, now: Instant, stream: &Subscriber) {
+        let in_order = stream.statistics().disordered == 0;
+        let allowed = if in_order { Span::ZERO } else { DISORDER };
+        self.wait_for(now, allowed, stream.missing_packets());
+    }
+
+    /// These packets are missing now, in rising order.
+    fn wait_for(
+        &mut self,
+        now: Instant,
+        allowed: Span,
+        missing: impl Iterator<Item = u64> + Clone,
+    ) {
+        let mut still = missing.clone().peekable();
+        self.open.retain(|number, _| {
+            while still.next_if(|other| other < number).is_some() {}
+            still.next_if_eq(number).is_some()
+        });
+        for number in missing {
+            let new = || RetryTimer::new(allowed, WAIT_MOST);
+            self.open.entry(number).or_insert_with(new).begin(now);
+        }
+    }
+
+    /// When there is something to ask, if there is.
+    pub(super) fn due(&self) -> Option<Instant> {
+        self.open.values().filter_map(RetryTimer::due).min()
+    }
+
+    /// Takes the packets that are to be asked for now, in rising order. The wait for their answer is `patient` at least,
+    /// and never none, also where no round trip was measured yet.
+    pub(super) fn ask(&mut self, now: Instant, patient: Span) -> impl Iterator<Item = u64> {
+        let patient = patient.max(DISORDER);
+        let open = self.open.iter_mut();
+        open.filter_map(move |(number, patience)| patience.ask(now, patient).then_some(*number))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alloc::vec::Vec;
+
+    fn at(ms: u64) -> Instant {
+        Instant::ZERO + Span::from_millis(ms)
+    }
+
+    #[test]
+    fn no_packet_is_requested_twice_at_zero_round_trip() {
+        let mut asking = NackScheduler::new();
+        for now in [at(0), at(4), at(12)] {
+            asking.wait_for(now, Span::ZERO, [3].into_iter());
+            assert_eq!(asking.ask(now, Span::ZERO).collect::<Vec<_>>(), [3]);
+            assert!(asking.ask(now, Span::ZERO).next().is_none());
+        }
+        assert_eq!(asking.due(), Some(at(28)));
+    }
+
+    #[test]
+    fn each_lost_packet_has_its_own_timer() {
+        let patient = Span::from_millis(125);
+        let mut asking = NackScheduler::new();
+        asking.wait_for(at(0), DISORDER, [3].into_iter());
+        assert_eq!(asking.due(), Some(at(4)));
+        assert!(asking.ask(at(3), patient).next().is_none());
+        assert_eq!(asking.ask(at(4), patient).collect::<Vec<_>>(), [3]);
+        asking.wait_for(at(20), DISORDER, [3, 7, 9].into_iter());
+        assert_eq!(asking.due(), Some(at(24)));
+        assert_eq!(asking.ask(at(24), patient).collect::<Vec<_>>(), [7, 9]);
+        assert_eq!(asking.due(), Some(at(129)));
+        // 3 and 9 came; 7 is asked for again after its own wait.
+        asking.wait_for(at(129), DISORDER, [7].into_iter());
+        assert_eq!(asking.due(), Some(at(149)));
+        assert_eq!(asking.ask(at(149), patient).collect::<Vec<_>>(), [7]);
+        assert_eq!(asking.due(), Some(at(149 + 250)));
+        asking.wait_for(at(150), DISORDER, [].into_iter());
+        assert_eq!(asking.due(), None);
+        asking.wait_for(at(160), Span::ZERO, [12].into_iter());
+        assert_eq!(asking.ask(at(160), patient).collect::<Vec<_>>(), [12]);
+    }
+}

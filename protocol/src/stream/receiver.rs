@@ -1,0 +1,223 @@
+//! The receiver of a stream: its subscriber, and when it reports.
+//!
+//! It reports what is lost, restored, overdue or different. Sans-IO. Used by a client for its scene, by a server for the bodies that a client moves, and by replays. When silence
+//! is suspicious is for them to say; what follows is the same. Poll order: `subscriber_mut().handle`, `watch`, `due`, `report`.
+
+use alloc::vec::Vec;
+
+use bytes::Bytes;
+
+use super::nack_scheduler::NackScheduler;
+use super::retry_timer::RetryTimer;
+use super::subscriber::Subscriber;
+use crate::endpoint::{Wake, WakeReason};
+use crate::time::{Instant, Span};
+
+/// How long a mismatch may be the network's disorder before it is reported.
+pub(crate) const DISORDER: Span = Span::from_millis(4);
+/// The longest pause between two reports of one mismatch.
+const MISMATCH_MOST: Span = Span::from_millis(500);
+/// How often losses are reported that repair symbols have made good: the sender adapts its redundancy to them.
+const RESTORED_PAUSE: Span = Span::from_millis(500);
+/// How much longer than the first timeout a free-running stream may be silent before it is asked: its last packet may be
+/// the lost one. It states its watermark each two and a half seconds at least.
+const UNASKED: Span = Span::from_millis(2_900);
+/// The first timeout of a stream from which a datagram is expected.
+pub(crate) const SILENCE: Span = Span::from_millis(100);
+/// The longest pause between two reports to a stream that stays silent.
+pub(crate) const SILENCE_MOST: Span = Span::from_millis(2_000);
+
+/// One stream at its listener.
+#[derive(Debug)]
+pub struct StreamReceiver {
+    subscriber: Subscriber,
+    nacks: NackScheduler,
+    mismatch: RetryTimer,
+    silence: RetryTimer,
+    /// When losses were reported last, and how many there were.
+    reported: (Instant, u64),
+}
+
+impl StreamReceiver {
+    /// Reports for a subscriber to a scene's stream.
+    #[must_use]
+    pub const fn new(subscriber: Subscriber) -> Self {
+        Self::with_timeout(subscriber, SILENCE)
+    }
+
+    /// The same with another first timeout of a silent stream.
+    pub(crate) const fn with_timeout(subscriber: Subscriber, silence: Span) -> Self {
+        Self {
+            subscriber,
+            nacks: NackScheduler::new(),
+            mismatch: RetryTimer::new(DISORDER, MISMATCH_MOST),
+            silence: RetryTimer::new(silence, SILENCE_MOST),
+            reported: (Instant::ZERO, 0),
+        }
+    }
+
+    /// The copy of the stream.
+    #[must_use]
+    pub const fn subscriber(&self) -> &Subscriber {
+        &self.subscriber
+    }
+
+    /// The copy, to take in datagrams and scene events.
+    pub const fn subscriber_mut(&mut self) -> &mut Subscriber {
+        &mut self.subscriber
+    }
+
+    /// Looks at what is missing or different, after anything was received.
+    pub fn watch(&mut self, now: Instant) {
+        self.nacks.watch(now, &self.subscriber);
+        if self.subscriber.mismatch().is_some() {
+            self.mismatch.begin(now);
+        } else {
+            self.mismatch.end();
+        }
+    }
+
+    /// Nothing is expected any more: the stream was heard.
+    pub(crate) fn end_silence(&mut self) {
+        self.silence.end();
+    }
+
+    /// A datagram is expected within a span, and the first timeout at least, unless one is already.
+    pub(crate) fn expect_within(&mut self, now: Instant, span: Span) {
+        self.silence.begin_for(now, span);
+    }
+
+    /// The stream was heard, and is expected to state its watermark as a free-running one does.
+    pub fn expect_watermark(&mut self, now: Instant) {
+        self.silence.end();
+        self.silence.begin(now + UNASKED);
+    }
+
+    /// When it has something to report, if it has, and nothing is received until then.
+    #[must_use]
+    pub fn due(&self) -> Option<Wake> {
+        let restored = self.restored_due();
+        let repair = [self.nacks.due(), self.mismatch.due(), restored];
+        let repair = repair.into_iter().flatten().min();
+        let wakes = [
+            (repair, WakeReason::Refresh),
+            (self.silence.due(), WakeReason::Watermark),
+        ];
+        let wakes = wakes
+            .into_iter()
+            .filter_map(|(at, reason)| at.map(|at| Wake { at, reason }));
+        wakes.min_by_key(|wake| wake.at)
+    }
+
+    /// When losses are due to be reported that are made good.
+    fn restored_due(&self) -> Option<Instant> {
+        let (at, lost) = self.reported;
+        let news = self.subscriber.missing() == 0 && self.subscriber.lost() != lost;
+        news.then(|| at + RESTORED_PAUSE)
+    }
+
+    /// Appends the reports that are due. The next ones of the same follow `min_delay` later at the earliest.
+    pub fn report(&mut self, now: Instant, min_delay: Span, out: &mut Vec<Bytes>) {
+        let stream = self.subscriber.stream();
+        let lost: Vec<u64> = self.nacks.ask(now, min_delay).collect();
+        let restored = self.restored_due().is_some_and(|due| due <= now);
+        let report = if self.silence.ask(now, min_delay) || restored {
+            Some(self.subscriber.loss_report())
+        } else {
+            (!lost.is_empty()).then(|| self.subscriber.loss_report_for(&lost))
+        };
+        if let Some(report) = report {
+            self.reported = (now, self.subscriber.lost());
+            out.push(Bytes::from(report.encode(stream)));
+        }
+        if let Some(mismatch) = self.subscriber.mismatch()
+            && self.mismatch.ask(now, min_delay)
+        {
+            out.push(Bytes::from(mismatch.encode(stream)));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::packet::{Datagram, LossReport, Low16, PacketKind, StreamId, Watermark};
+    use crate::stream::start::StreamStart;
+    use core::num::NonZeroU32;
+    use glam::Vec3;
+    use rhumb_reckoning::{Integrator, Rate, Tick, Tolerance};
+
+    const STREAM: StreamId = StreamId(3);
+    const DELAY: Span = Span::from_millis(50);
+
+    fn at(ms: u64) -> Instant {
+        Instant::ZERO + Span::from_millis(ms)
+    }
+
+    fn receiver() -> StreamReceiver {
+        let mut subscriber = Subscriber::new(&StreamStart {
+            stream: STREAM,
+            tolerance: Tolerance::NORMAL,
+            integrator: Integrator {
+                rate: Rate::HZ_60,
+                substeps: NonZeroU32::MIN,
+            },
+            publish_interval: NonZeroU32::MIN,
+            gravity: Vec3::ZERO,
+            tick: Tick::ZERO,
+            next: 0,
+            scene_events: 0,
+        });
+        subscriber.handle_snapshot_end();
+        StreamReceiver::new(subscriber)
+    }
+
+    /// A watermark says that so many packets were sent.
+    fn hear(receiver: &mut StreamReceiver, now: Instant, next: u64) {
+        let watermark = Watermark {
+            next: Low16::of(next),
+            tick: Low16(1),
+            scene_events: Low16(0),
+        };
+        let subscriber = receiver.subscriber_mut();
+        subscriber.handle_datagram(&watermark.encode(STREAM));
+        receiver.watch(now);
+        receiver.expect_watermark(now);
+    }
+
+    /// The one report that is made now, if one is.
+    fn reported(receiver: &mut StreamReceiver, now: Instant) -> Option<LossReport> {
+        let mut reports = Vec::new();
+        receiver.report(now, DELAY, &mut reports);
+        assert!(reports.len() < 2);
+        let report = reports.pop()?;
+        let report = Datagram::open(&report).expect("a receiver sends datagrams");
+        assert_eq!(report.head().kind, PacketKind::LossReport);
+        Some(LossReport::decode(report.body()).expect("it is a report"))
+    }
+
+    #[test]
+    fn a_lost_packet_is_reported_at_once_and_again_after_the_delay() {
+        let mut receiver = receiver();
+        hear(&mut receiver, at(7), 2);
+        let due = receiver.due().map(|wake| (wake.at, wake.reason));
+        assert_eq!(due, Some((at(7), WakeReason::Refresh)));
+        for (ms, lost) in [(7, Some(2)), (8, None), (56, None), (57, Some(2))] {
+            let report = reported(&mut receiver, at(ms));
+            assert_eq!(report.map(|report| report.lost.len()), lost, "{ms} ms");
+        }
+    }
+
+    #[test]
+    fn a_stream_that_states_no_watermark_is_asked_after_three_seconds() {
+        let mut receiver = receiver();
+        hear(&mut receiver, at(0), 0);
+        for ms in [3_000, 3_200, 3_600, 4_400, 6_000, 8_000] {
+            let due = receiver.due().map(|wake| (wake.at, wake.reason));
+            assert_eq!(due, Some((at(ms), WakeReason::Watermark)));
+            assert!(reported(&mut receiver, at(ms)).is_some());
+        }
+        hear(&mut receiver, at(8_100), 0);
+        assert_eq!(receiver.due().map(|wake| wake.at), Some(at(11_100)));
+    }
+}
