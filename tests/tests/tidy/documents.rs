@@ -106,6 +106,41 @@ fn spans(line: &str) -> impl Iterator<Item = &str> {
     line.split('`').skip(1).step_by(2)
 }
 
+/// The fragment by which a heading is linked: lower case, hyphens for spaces, no other punctuation.
+fn fragment(heading: &str) -> String {
+    let kept = |c: char| (c.is_alphanumeric() || c == '-').then_some(c);
+    let letters = heading.trim_start_matches('#').trim().chars();
+    letters
+        .filter_map(|c| if c == ' ' { Some('-') } else { kept(c) })
+        .flat_map(char::to_lowercase)
+        .collect()
+}
+
+#[test]
+fn every_heading_that_a_link_names_exists() {
+    let mut violations = Vec::new();
+    for document in documents() {
+        for (number, line) in document.prose() {
+            let ends = line
+                .split("](")
+                .skip(1)
+                .filter_map(|end| end.split_once(')'));
+            let targets = ends.filter_map(|(target, _)| target.split_once('#'));
+            for (path, wanted) in targets.filter(|(path, _)| !path.contains("://")) {
+                let target = match path {
+                    "" => document.text.clone(),
+                    _ => fs::read_to_string(document.beside(path)).unwrap_or_default(),
+                };
+                let mut headings = target.lines().filter(|line| line.starts_with('#'));
+                if !headings.any(|heading| fragment(heading) == wanted) {
+                    violations.push(format!("{}:{number}: {path}#{wanted}", document.path));
+                }
+            }
+        }
+    }
+    report("a link leads to a heading", &violations);
+}
+
 /// The targets of the links of a line, without their fragments.
 fn links(line: &str) -> impl Iterator<Item = &str> {
     let ends = line.split("](").skip(1);
