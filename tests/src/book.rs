@@ -1,4 +1,4 @@
-//! The Rust code of the README and of the book, compiled as documentation tests.
+//! The Rust code of the README and the book, compiled as documentation tests.
 //!
 //! Empty in every other build. A chapter without Rust code needs no item here.
 

@@ -1,4 +1,4 @@
-//! The documents for people: their lengths, and the paths and figures they name.
+//! Documents for people: their lengths, and the paths and figures they name.
 //!
 //! Reads Markdown line by line. It does not judge what a sentence says.
 
