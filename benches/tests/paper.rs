@@ -319,12 +319,12 @@ fn the_pages_of_results_say_what_their_files_say() {
             .output()
             .expect("the bench starts")
     };
-    for page in ["README.md", "stream.md"] {
+    for page in ["paper.md", "stream.md"] {
         let printed = check(&results.join(page));
         let why = String::from_utf8_lossy(&printed.stderr);
         assert!(printed.status.success(), "{page}: {why}");
     }
-    let page = results.join("README.md");
+    let page = results.join("paper.md");
     // And it would be noticed if it did not.
     let text = fs::read_to_string(&page).expect("the page is there");
     let copy = folder("page");
@@ -337,7 +337,7 @@ fn the_pages_of_results_say_what_their_files_say() {
         let name = from.file_name().expect("a name").to_owned();
         fs::copy(&from, copy.join("data").join(name)).expect("it can be copied");
     }
-    let stale = copy.join("README.md");
+    let stale = copy.join("paper.md");
     fs::write(&stale, text.replacen("| 500 |", "| 501 |", 1)).expect("it can be written");
     let printed = check(&stale);
     assert!(!printed.status.success());

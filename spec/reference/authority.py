@@ -1,4 +1,4 @@
-"""A body that a client has_authority in a lockstep scene, from PROTOCOL 4.11 and 6.14, along the mode of docs/implementing.md.
+"""A body that a client has_authority in a lockstep scene, from PROTOCOL 4.11 and 6.14, along the mode of docs/book/src/implementing.md.
 
 The plainest publisher that keeps its promise: it says where the body is and how it moves, in the bits of f32, whenever who goes
 on from what was msg last would be off by more than half of the tolerance.

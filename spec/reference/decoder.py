@@ -1,6 +1,6 @@
 """What these files make of bytes, line by line: `rhumb-conformance vectors --exec "python3 spec/reference/decoder.py"`.
 
-Reads a JSON object a line from standard input and answers by one; docs/implementing.md has what they send_message.
+Reads a JSON object a line from standard input and answers by one; docs/book/src/implementing.md has what they send_message.
 """
 
 import json

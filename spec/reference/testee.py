@@ -1,6 +1,6 @@
 """The client of client.py as one under test: `rhumb-conformance client --exec "python3 spec/reference/testee.py"`.
 
-Report by its environment where to go and what to task, as docs/implementing.md says; tells what its copy holds, a JSON object a
+Report by its environment where to go and what to task, as docs/book/src/implementing.md says; tells what its copy holds, a JSON object a
 line. Exit code 127: it has not what it is ordered to do.
 """
 

@@ -4,6 +4,8 @@
 #![forbid(unsafe_code)]
 
 mod avatar;
+#[cfg(doctest)]
+mod book;
 pub mod conformance;
 mod fnv;
 pub mod fuzzing;

@@ -2,7 +2,7 @@
 //!
 //! The real engine steps each scene once; its observations are then published again and again, as one stream of 5 cm and
 //! as four of 5 mm, 2 cm, 5 cm and 20 cm. Three scenes: balls in free flight; the ball pit while its balls burst apart,
-//! the worst case; the same when it has converged but for rolling and jitter. A scene looks at what moved within its step;
+//! the worst case; the same when it lies still but for rolling and jitter. A scene looks at what moved within its step;
 //! here every body is looked at once more, so that observing can be told apart, and is counted rather too high.
 
 use std::hint::black_box;
@@ -274,7 +274,7 @@ const SCENARIOS: [Scenario; 3] = [
         first: 60,
     },
     Scenario {
-        name: "converged",
+        name: "still",
         script: |bodies| Box::new(BallPit::new(bodies, 1, 1)),
         first: 1_200,
     },

@@ -30,7 +30,7 @@ use crate::summary::{Summary, SummaryTable, later, markdown, ratios};
 #[derive(Clone, Debug, Args)]
 pub(super) struct PageArguments {
     /// The page in Markdown.
-    #[arg(default_value = "docs/results/README.md")]
+    #[arg(default_value = "docs/results/paper.md")]
     page: PathBuf,
     /// Change nothing; fail if the page does not say what its files say.
     #[arg(long)]

@@ -262,7 +262,7 @@ impl<'a> Trial<'a> {
         self.host_of("subscribe 10000")
     }
 
-    /// The same with a client that is to do this once it is welcomed; the words are those of `docs/implementing.md`.
+    /// The same with a client that is to do this once it is welcomed; the words are those of `docs/book/src/implementing.md`.
     ///
     /// # Errors
     ///

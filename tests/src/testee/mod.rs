@@ -1,6 +1,6 @@
 //! A client under test: follows a scene and tells what it holds, line by line.
 //!
-//! It is started as `docs/implementing.md` says: told by its environment where to go and what to task. It judges nothing.
+//! It is started as `docs/book/src/implementing.md` says: told by its environment where to go and what to task. It judges nothing.
 //! What it hears, says and tells passes by a [`Behaviour`]; the honest one leaves all as it is, those of `conformance/mutants`
 //! do not.
 

@@ -1,6 +1,6 @@
 //! Where a body that a client under test drives is at a tick.
 //!
-//! Stated in `docs/implementing.md`, so that a client in any language has the same course but for roundings.
+//! Stated in `docs/book/src/implementing.md`, so that a client in any language has the same course but for roundings.
 
 use rhumb_reckoning::{BodyState, Tick};
 

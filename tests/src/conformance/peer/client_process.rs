@@ -1,6 +1,6 @@
 //! The client under test, as a process.
 //!
-//! What it is started with, and the lines that it writes, are described in `docs/implementing.md`: in short, its environment
+//! What it is started with, and the lines that it writes, are described in `docs/book/src/implementing.md`: in short, its environment
 //! has `RHUMB_ADDR`, `RHUMB_FINGERPRINT`, `RHUMB_SCENE`, `RHUMB_TASK`, `RHUMB_CASE`, `RHUMB_SEED`, and it writes a JSON
 //! object a line. Exit code 127 says *unsupported*.
 

@@ -1,6 +1,6 @@
 //! Who reads bytes: a process that answers line by line, or this house itself.
 //!
-//! A question and its answer are a JSON object a line; what they say stands in `docs/implementing.md`.
+//! A question and its answer are a JSON object a line; what they say stands in `docs/book/src/implementing.md`.
 
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, ChildStdin, Command, Stdio};

@@ -1,76 +1,13 @@
-//! ARCHITECTURE.md lists what is there, and what code cites can be read.
+//! Every clause and requirement that a file cites exists in the specification.
 //!
-//! A line of the map is a row of a table: the path in backticks, then the purpose. What is cited of the documents is a
-//! clause, as 3.4, or a requirement by its name, as 3.4-1.
+//! A citation names a document of `spec/` and a clause, as 3.4, or a requirement, as 3.4-1.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::fs;
 
 use rhumb_tests::requirements::{Document, is_name, parts, unnamed};
 
 use crate::house::{File, files, report, root};
-
-/// The map's rows: a path and its purpose.
-fn rows() -> Vec<(String, String)> {
-    let text = fs::read_to_string(root().join("ARCHITECTURE.md")).expect("the house has a map");
-    let mut rows = Vec::new();
-    let begin = text.find("## Code map").expect("the map has its heading");
-    for line in text[begin..].lines() {
-        let Some((path, rest)) = line.strip_prefix("| `").and_then(|row| row.split_once('`'))
-        else {
-            continue;
-        };
-        let purpose = rest.trim_matches([' ', '|']).to_owned();
-        rows.push((path.to_owned(), purpose));
-    }
-    rows
-}
-
-/// The map's paths with their purposes.
-fn listed() -> BTreeMap<String, String> {
-    rows().into_iter().collect()
-}
-
-/// Whether a file must be in the map: sources, documents of the specification, scripts.
-fn is_mapped(file: &File) -> bool {
-    let endings = [".rs", ".py", ".mjs", ".js", ".sh"];
-    let name = file.path.rsplit('/').next().unwrap_or_default();
-    let is_script = !name.contains('.') && file.text.starts_with("#!");
-    let is_document = file.is_in(&["spec/"]) && !name.starts_with('.');
-    is_document || is_script || endings.iter().any(|ending| file.path.ends_with(ending))
-}
-
-#[test]
-fn every_path_of_the_map_exists_and_has_a_purpose() {
-    let (mut violations, mut seen) = (Vec::new(), BTreeSet::new());
-    for (path, purpose) in rows() {
-        if !seen.insert(path.clone()) {
-            violations.push(format!("{path}: has two rows"));
-        }
-        if !root().join(&path).is_file() {
-            violations.push(format!("{path}: there is no such file"));
-        }
-        if purpose.is_empty() {
-            violations.push(format!("{path}: has no purpose"));
-        }
-    }
-    report("ARCHITECTURE.md lists what is there", &violations);
-}
-
-#[test]
-fn every_file_is_in_the_map() {
-    let listed = listed();
-    let missing = |file: &File| is_mapped(file) && !listed.contains_key(&file.path);
-    let first = |file: &File| file.text.lines().next().unwrap_or_default().to_owned();
-    let missing = files().into_iter().filter(missing);
-    let violations: Vec<_> = missing
-        .map(|file| format!("{}: {}", file.path, first(&file)))
-        .collect();
-    report(
-        "ARCHITECTURE.md lists every file with one line",
-        &violations,
-    );
-}
 
 /// The numbers of a document's headings and numbered clauses.
 fn clauses(document: &str) -> BTreeSet<String> {
