@@ -31,13 +31,13 @@ class Report:
     """Counts what holds, and prints what does not."""
 
     def __init__(self):
-        self.captured = 0
+        self.passed = 0
         self.failed = 0
         self.where = ""
 
     def check(self, holds, what):
         if holds:
-            self.captured += 1
+            self.passed += 1
         else:
             self.failed += 1
             print(f"FAILED {self.where}: {what}")
