@@ -63,7 +63,7 @@ class Report:
 
     def note(self, scene):
         for index, generation in scene.last_checksum_refresh:
-            write_line({"is": "last_checksum_refresh", "body": f"{index}:{generation}"})
+            write_line({"is": "resynced", "body": f"{index}:{generation}"})
         scene.last_checksum_refresh = []
         tick = scene.complete()
         if not scene.whole or not scene.is_converged() or tick == self.last:
