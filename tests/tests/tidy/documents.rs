@@ -4,7 +4,7 @@
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::house::{report, root};
 
@@ -51,7 +51,7 @@ impl Document {
     }
 
     /// A path that is written relative to this document.
-    fn beside(&self, path: &str) -> std::path::PathBuf {
+    fn beside(&self, path: &str) -> PathBuf {
         let folder = Path::new(&self.path).parent().unwrap_or(Path::new(""));
         root().join(folder).join(path)
     }
@@ -237,7 +237,7 @@ fn every_figure_of_a_summary_stands_in_its_source() {
         let document = Document::read(path);
         let rows = document.prose().filter(|(_, line)| line.starts_with('|'));
         for (number, row) in rows {
-            let Some((figures, source)) = row.split_once("[") else {
+            let Some((figures, source)) = row.split_once('[') else {
                 continue;
             };
             let source = links(source).next().expect("a source is a link");
