@@ -1,4 +1,4 @@
-//! The streams of one scene: each said once, however many follow it.
+//! The streams of one scene: each is published once, however many members it has.
 
 use bytes::Bytes;
 use glam::Vec3;
@@ -77,7 +77,7 @@ impl Stream {
         self.sender.publisher()?.alias(id)
     }
 
-    /// What pulled from which tick on, oldest first, if tracks refer to more than one gravity.
+    /// Each gravity and the tick from which it acted, oldest first, if tracks refer to more than one.
     pub(crate) fn gravity_changes(&self) -> Vec<(Tick, Vec3)> {
         let publisher = self.sender.publisher().into_iter();
         let changes: Vec<_> = publisher
@@ -128,16 +128,16 @@ impl Stream {
     }
 }
 
-/// All streams of a scene that somebody follows.
+/// All streams of a scene.
 #[derive(Debug)]
 pub(crate) struct Streams {
     streams: Vec<Stream>,
-    /// What all reckoned streams speak of.
+    /// The observations that all streams share.
     observation_history: ObservationHistory,
 }
 
 impl Streams {
-    /// None yet; they will be said by this publish_schedule.
+    /// None yet; they will be published by this schedule.
     pub(crate) fn new(publish_schedule: PublishSchedule) -> Self {
         Self {
             streams: Vec::new(),
@@ -153,19 +153,19 @@ impl Streams {
         self.streams.iter_mut().find(|stream| stream.id() == id)
     }
 
-    /// The datagrams of a stream's last tick that a member is sent: repair_symbols only if it loses packets, whoever else does.
+    /// The datagrams of a stream's last tick for one member: repair symbols only if this member loses packets.
     pub(crate) fn packets(&self, id: StreamId, peer: Peer) -> impl Iterator<Item = &Bytes> {
         let stream = self.get(id).into_iter();
         stream.flat_map(move |stream| stream.sender.datagrams(peer.0))
     }
 
-    /// The stream of a choice, if somebody follows it.
+    /// The stream of a choice, if there is one.
     pub(crate) fn of_choice(&self, choice: StreamChoice) -> Option<StreamId> {
         let found = self.streams.iter().find(|stream| stream.choice == choice);
         found.map(Stream::id)
     }
 
-    /// The stream of a choice with one follower more, or what makes a new one.
+    /// The stream of a choice with one member more; `None` if it must begin first.
     pub(crate) fn subscribe(&mut self, choice: StreamChoice) -> Result<Option<StreamId>, Denial> {
         if let Some(stream) = self
             .streams
@@ -181,20 +181,20 @@ impl Streams {
         Ok(None)
     }
 
-    /// Adds a stream with one follower.
+    /// Adds a stream with one member.
     pub(crate) fn begin(&mut self, stream: Stream) -> &mut Stream {
         self.streams.push(stream);
         self.streams.last_mut().expect("one was just added")
     }
 
-    /// A member is told a stream from a snapshot on: what it lost before it counts no more.
+    /// A member begins anew from a snapshot: what it lost before counts no more.
     pub(crate) fn begin_snapshot(&mut self, id: StreamId, peer: Peer) {
         if let Some(stream) = self.get_mut(id) {
             stream.sender.restart_listener(peer.0);
         }
     }
 
-    /// A member follows a stream no more; one that nobody follows ends.
+    /// A member leaves a stream; one without members ends.
     pub(crate) fn unsubscribe(&mut self, id: StreamId, peer: Peer) {
         if let Some(stream) = self.get_mut(id) {
             stream.sender.remove_listener(peer.0);
@@ -226,12 +226,12 @@ impl Streams {
         }
     }
 
-    /// Keeps what was seen after a tick, as far as somebody will look at it.
+    /// Keeps the observations of a tick.
     pub(crate) fn observe(&mut self, tick: Tick, observations: &[Observation]) {
         self.observation_history.observe(tick, observations);
     }
 
-    /// Says what must be said of a tick that was observed.
+    /// Publishes every stream.
     pub(crate) fn publish(&mut self, scene_events: u64) {
         for stream in &mut self.streams {
             stream.publish(&self.observation_history, scene_events);

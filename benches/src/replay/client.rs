@@ -1,6 +1,6 @@
-//! The client's end of a replay: a subscriber, and when it asks for refresh.
+//! The client's end of a replay: a receiver, and scene events under way.
 //!
-//! The receiver is the client's. The round trip is known, as if it had been measured.
+//! The receiver is the product's. The round trip is known, as if it had been measured.
 
 use std::collections::VecDeque;
 use std::num::NonZeroU32;
@@ -14,7 +14,7 @@ use rhumb_protocol::stream::{
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{BodyId, Integrator, Tick, Tolerance, Track};
 
-/// A change that a scene_event tells of.
+/// The change of a scene event.
 #[derive(Clone, Debug)]
 pub(super) enum PendingEvent {
     Placed(BodyId, PredictionParameters, Track),
@@ -25,7 +25,7 @@ pub(super) enum PendingEvent {
 #[derive(Debug)]
 pub(super) struct ReplayClient {
     pub(super) receiver: StreamReceiver,
-    /// What scene_events under way will say, in order.
+    /// The changes of scene events under way, in order.
     pub(super) pending: VecDeque<PendingEvent>,
     /// Pause between two reports of one loss.
     min_delay: Span,
@@ -67,7 +67,7 @@ impl ReplayClient {
         }
     }
 
-    /// The next scene_event arrived; `false` when what it says breaks a limit.
+    /// The next scene event arrived; `false` when its change breaks a limit.
     #[must_use]
     pub(super) fn receive_event(&mut self, now: Instant) -> bool {
         let subscriber = self.receiver.subscriber_mut();
@@ -94,12 +94,12 @@ impl ReplayClient {
         self.receiver.expect_watermark(now);
     }
 
-    /// What it believes.
+    /// The copy.
     pub(super) const fn subscriber(&self) -> &Subscriber {
         self.receiver.subscriber()
     }
 
-    /// When it reports next if it hears nothing until then; it always expects a watermark.
+    /// When it reports next if nothing arrives until then; it always expects a watermark.
     pub(super) fn due(&self) -> Instant {
         self.receiver.due().map_or(Instant::ZERO, |wake| wake.at)
     }

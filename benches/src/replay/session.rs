@@ -1,7 +1,7 @@
-//! One replay: a publisher, two links and a listener in simulated time.
+//! One replay: a sender, two links and a receiver in simulated time.
 //!
-//! The recording is published as a server publishes a free-running scene: scene_events before packets, vouching in silence,
-//! refreshes when asked. Bytes are counted as the server sends them, whether or not they arrive. The bodies that are there
+//! The recording is published as a server publishes a free-running scene: scene events before packets, watermarks in
+//! silence, refreshes when packets are reported lost. Bytes are counted as the server sends them, whether or not they arrive. The bodies that are there
 //! at the beginning are known at both ends and cost nothing.
 
 use std::fmt;
@@ -34,7 +34,7 @@ pub enum ReplayError {
     OutOfSync(Tick),
     /// It is spoken of more seldom than once in the whole recording.
     IntervalTooLong(Tick),
-    /// The stream did not watermark for the last tick within ten seconds after it.
+    /// The stream did not complete the last tick within ten seconds after it.
     NoEnd,
 }
 
@@ -271,7 +271,7 @@ impl<'a> ReplaySession<'a> {
         }
     }
 
-    /// Notes of which bodies nothing arrives that was just published.
+    /// Notes the bodies of the tick's packets, one of which was lost.
     fn record_loss(&mut self, now: Instant, tick: Tick) {
         let published = self.sender.tick();
         let tracks = self.sender.tracks().into_iter();
@@ -383,7 +383,7 @@ impl<'a> ReplaySession<'a> {
         });
     }
 
-    /// Judges every tick that the stream has watermark_tick for by now, and that was published.
+    /// Judges every published tick that the watermark has reached by now.
     fn judge(&mut self) {
         let copy = self.client.subscriber();
         let publish_interval = u64::from(self.config.publish_interval.get());
@@ -401,7 +401,7 @@ impl<'a> ReplaySession<'a> {
         }
     }
 
-    /// After the last tick: watermarks until it was heard of.
+    /// After the last tick: sends watermarks until it is received.
     fn end(&mut self, last: Tick) -> Result<(), ReplayError> {
         let rate = self.recording.integrator.rate;
         let begun = moment(rate, last);

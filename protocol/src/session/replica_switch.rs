@@ -1,7 +1,7 @@
 //! The copy of a scene that a member shows, with its successor.
 //!
 //! Decides when one gives way to the other, and nothing else. Invariant: what is shown never falls back to an earlier
-//! complete tick, unless it had lost touch.
+//! complete tick, unless it had lost sync.
 
 use alloc::vec::Vec;
 
@@ -14,7 +14,7 @@ use crate::packet::Datagram;
 use crate::stream::StreamReceiver;
 use crate::time::{Instant, Span};
 
-/// The replica_switch of one membership.
+/// The replicas of one membership.
 #[derive(Debug, Default)]
 pub(crate) struct ReplicaSwitch {
     shown: Option<Replica>,
@@ -22,7 +22,7 @@ pub(crate) struct ReplicaSwitch {
     next: Option<Replica>,
 }
 
-/// Whom a scene_event was for.
+/// Where a scene event belongs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum EventTarget {
     /// It is part of a snapshot.
@@ -73,7 +73,7 @@ impl ReplicaSwitch {
         Some(core::mem::replace(shown, next))
     }
 
-    /// Takes in a scene_event.
+    /// Takes in a scene event.
     pub(crate) fn handle_scene_event(
         &mut self,
         scene_event: &SceneEvent,
@@ -99,7 +99,7 @@ impl ReplicaSwitch {
         }
     }
 
-    /// The receivers of replica_switch that are whole, the shown one first.
+    /// The receivers of replicas that are whole, the shown one first.
     pub(crate) fn receivers(&self) -> impl Iterator<Item = &StreamReceiver> {
         let replica_switch = [self.shown.as_ref(), self.next.as_ref()];
         let whole = replica_switch

@@ -1,7 +1,7 @@
-//! What a server knows of the bodies that one member drives.
+//! The server's end of an upstream: where one client's bodies belong at a tick.
 //!
-//! The subscriber's end of an upstream. Bytes from anyone: nothing heard may panic, memory is bounded, and no body is
-//! touched that was not granted. Does not put bodies anywhere; says where they belong at a tick.
+//! Wraps a `StreamReceiver`. Bytes come from anyone: none may panic, memory is bounded, and only granted bodies are
+//! affected. Does not move bodies in the engine.
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
@@ -20,7 +20,7 @@ use crate::stream::{
 };
 use crate::time::{Instant, Span};
 
-/// The tracks of a body that hold from some tick on, oldest first: a driver may speak of ticks that are still to come.
+/// The tracks of a body that hold from some tick on, oldest first: a client may publish ticks that the server has not reached.
 #[derive(Clone, Debug)]
 struct BodyTracks {
     /// None once it has left the scene.
@@ -28,23 +28,23 @@ struct BodyTracks {
     tracks: VecDeque<Track>,
 }
 
-/// What one member drives, as far as it was heard.
+/// The upstream of one client, as far as it was received.
 #[derive(Debug)]
 pub struct UpstreamReceiver {
     receiver: StreamReceiver,
     /// The place is the index in the stream.
     body_tracks: Vec<BodyTracks>,
     watermark_schedule: WatermarkSchedule,
-    /// What was said up to this tick was heard before anything was missing, or it is long ago.
+    /// Everything up to this tick was received before anything was missing.
     sure_until: Tick,
-    /// The newest tick at which bodies were asked for.
+    /// The newest tick that `motions` was called for.
     present: Tick,
     changed: Vec<u32>,
 }
 
 /// Tracks that are kept of a body.
 const TRACKS_KEPT: usize = 64;
-/// Indices and aliases of a stream stay below it: who leaves a alias may take another before that one is free again.
+/// Indices and aliases of a stream stay below it: a body that leaves an alias may take another before that one is free.
 const NAMES_END: u32 = 2 * AUTHORITY_BODIES_MAX as u32;
 /// The pause between the first two reports of one loss; it doubles. The server does not measure round trips; the
 /// driver, which does, refreshes no packet twice within one.
@@ -107,13 +107,13 @@ impl UpstreamReceiver {
         self.subscriber().tolerance()
     }
 
-    /// What was heard so far.
+    /// What was received so far.
     #[must_use]
     pub const fn statistics(&self) -> SubscriberStatistics {
         self.subscriber().statistics()
     }
 
-    /// The newest tick up to which the driver has said everything.
+    /// The newest tick up to which the client has sent everything.
     #[must_use]
     pub const fn watermark_tick(&self) -> Tick {
         self.subscriber().watermark_tick()
@@ -132,14 +132,14 @@ impl UpstreamReceiver {
         self.subscriber().has_lost_sync()
     }
 
-    /// Whether nothing is missing that was said of a tick, as far as that was heard of.
+    /// Whether nothing is known to be missing that was sent about a tick.
     #[must_use]
     pub fn is_complete_at(&self, tick: Tick) -> bool {
         let known = self.subscriber().is_converged() && self.subscriber().known_from() <= tick;
         known || tick <= self.sure_until
     }
 
-    /// Whether its driver was not heard for so long that its bodies stand still at a tick.
+    /// Whether the client has been silent for so long that its bodies stand still at a tick.
     #[must_use]
     pub fn is_stale(&self, tick: Tick) -> bool {
         tick > self.trusted()
@@ -151,7 +151,7 @@ impl UpstreamReceiver {
             .trusted(self.watermark_tick(), silence)
     }
 
-    /// A body has left the scene. Its track stays, since the driver does not know at the same tick.
+    /// A body has left the scene. Its track stays, since the client learns of it later.
     pub fn remove(&mut self, id: BodyId) {
         for body_track in &mut self.body_tracks {
             body_track.id = body_track.id.filter(|known| *known != id);
@@ -178,20 +178,20 @@ impl UpstreamReceiver {
                 oldest = Some(oldest.map_or(track.origin, |oldest: Tick| oldest.min(track.origin)));
             }
         }
-        // What was missing, or is now, may have been said of any tick since the last that was watermark_tick for.
+        // A missing packet may be about any tick after the last watermark.
         let settles = self.subscriber().is_converged();
         if converged && settles {
             return oldest;
         }
-        // What a refresh left unknown may still lie ahead.
+        // The ticks that a refresh left unknown may still lie ahead.
         if converged && self.subscriber().known_from() <= self.present {
             self.sure_until = watermark_tick;
         }
         Some(watermark_tick.next())
     }
 
-    /// Where the bodies belong at a tick, in rising order; ticks are asked for in rising order too. One that its driver
-    /// was not heard of for too long stands where it was last predicted.
+    /// Where the bodies belong at a tick, in rising order; ticks are asked for in rising order too. Bodies of a
+    /// client that has been silent for too long stand where they were predicted last.
     pub fn motions(&mut self, tick: Tick) -> impl Iterator<Item = (BodyId, Motion)> {
         self.present = tick;
         let until = self.trusted();
@@ -206,8 +206,8 @@ impl UpstreamReceiver {
         })
     }
 
-    /// What the driver is to be asked at a tick, if it is time: for what was lost, whether it is still there, or for
-    /// what is predicted_motion otherwise.
+    /// Appends the reports that are due at a tick: of losses, of a mismatch, and of silence, so that the client states its
+    /// watermark.
     pub fn ask(&mut self, now: Instant, tick: Tick, out: &mut Vec<Bytes>) {
         let silence = self.subscriber().silent_ticks();
         let overdue = tick

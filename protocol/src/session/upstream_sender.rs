@@ -1,7 +1,7 @@
-//! A member's own stream to its server: how the bodies that it drives move.
+//! The upstream of a client: the states of the bodies that it has authority over.
 //!
-//! The publisher's end. Does not know by which lane its packets go. Invariant: after `publish` the server, once it has
-//! heard all of it, believes each body within the tolerance of what was said here.
+//! Wraps a `StreamSender`. Does not know by which lane its packets go. Invariant: once the server has received all that
+//! `publish` returned, it predicts each body within the tolerance of the state that was given here.
 
 use alloc::collections::BTreeMap;
 use alloc::vec::Vec;
@@ -20,23 +20,23 @@ use crate::stream::{
 };
 use crate::time::{Instant, Span};
 
-/// A body that is driven.
+/// A body that the client has authority over.
 #[derive(Clone, Copy, Debug)]
 struct UpstreamBody {
     /// None once it has left the scene.
     id: Option<BodyId>,
-    /// Where it was said to be last.
+    /// The state that was given last.
     latest: BodyState,
-    /// Since when it has stood there.
+    /// Since when it stands still.
     still_since: Tick,
 }
 
-/// What was done with the truth of a tick.
+/// The outcome of publishing the states of a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum PublishOutcome {
-    /// It was compared with what was said, and said as far as that was needed.
+    /// They were compared with the server's prediction, and sent where that was needed.
     Yes,
-    /// A tick as new was told before.
+    /// This tick, or a later one, was published before.
     Before,
     /// The tick lies so far ahead that the stream must begin anew.
     TooFar,
@@ -57,7 +57,7 @@ pub(crate) struct UpstreamSender {
     second: Ticks,
 }
 
-/// What the source of an upstream may use: nothing pulls at what no engine moves, and no body holds another.
+/// What the publisher of an upstream may use: gravity does not act on bodies that no engine moves, and none is attached.
 const FEATURES: Features = Features {
     ballistic: false,
     torque_free: false,
@@ -65,7 +65,7 @@ const FEATURES: Features = Features {
     ..Features::ALL
 };
 
-/// There is only one count of scene_events in an upstream, and it stays there.
+/// An upstream has no scene events.
 const SCENE_EVENTS: u64 = 0;
 
 impl UpstreamSender {
@@ -107,12 +107,12 @@ impl UpstreamSender {
         }
     }
 
-    /// The bodies that it drives, in rising order.
+    /// Its bodies, in rising order.
     pub(crate) fn bodies(&self) -> impl Iterator<Item = BodyId> {
         self.bodies.iter().filter_map(|body| body.id)
     }
 
-    /// What it said so far.
+    /// What it published so far.
     pub(crate) fn statistics(&self) -> PublisherStatistics {
         self.sender.statistics()
     }
@@ -124,8 +124,7 @@ impl UpstreamSender {
         }
     }
 
-    /// Takes in the truth of a tick, and appends the packets that it takes. Bodies that are not by_id stand still where
-    /// they were by_id last.
+    /// Publishes the states of a tick and appends the packets. A body without a state stands still where it was last.
     pub(crate) fn publish(
         &mut self,
         tick: Tick,

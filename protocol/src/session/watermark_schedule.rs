@@ -1,13 +1,13 @@
 //! How far the silent upstream of a client is trusted.
 //!
-//! CountSink in the scene's ticks alone, so that it is the same in a scene that its members lead (PROTOCOL 6.14).
+//! Counted in the scene's ticks alone, so that it is the same in a scene that its members lead (PROTOCOL 6.14).
 
 use rhumb_reckoning::{Rate, Tick, Ticks};
 
 use crate::limits::UPSTREAM_GRACE_MS;
 use crate::stream::{WatermarkPolicy, whole_ticks};
 
-/// What follows from the rate of a scene.
+/// How long an upstream is predicted without a watermark, in ticks of its scene.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct WatermarkSchedule {
     policy: WatermarkPolicy,
@@ -23,12 +23,12 @@ impl WatermarkSchedule {
         }
     }
 
-    /// The tick at which a driver that is watermark_tick for up to `watermark_tick`, `silence` ticks of them silent, watermarks again.
+    /// The tick at which the next watermark is due after one of `watermark_tick` that ends a silence of `silence` ticks.
     pub(crate) fn due(&self, watermark_tick: Tick, silence: u64) -> Tick {
         watermark_tick + Ticks::new(self.policy.pause_after(silence) as u32)
     }
 
-    /// The tick from which it is asked.
+    /// The tick from which the server asks for the overdue watermark.
     pub(crate) fn asked(&self, watermark_tick: Tick, silence: u64) -> Tick {
         self.due(watermark_tick, silence) + Ticks::new(self.grace.count() / 4)
     }

@@ -8,13 +8,13 @@ use super::retry_timer::RetryTimer;
 use super::subscriber::Subscriber;
 use crate::time::{Instant, Span};
 
-/// How long a gap may be disorder before it counts as loss, where packets were seen to come in disorder; elsewhere it is
+/// How long a gap may be disorder before it counts as loss, where packets came in disorder before; elsewhere it is
 /// loss at once.
 const DISORDER: Span = Span::from_millis(4);
-/// The longest wait between two askings for one packet.
+/// The longest pause between two reports of one packet.
 const WAIT_MOST: Span = Span::from_millis(500);
 
-/// The missing packets of one stream, as questions.
+/// The missing packets of one stream and their timers.
 #[derive(Clone, Debug)]
 pub(super) struct NackScheduler {
     open: BTreeMap<u64, RetryTimer>,
@@ -28,7 +28,7 @@ impl NackScheduler {
         }
     }
 
-    /// Looks at what a stream lacks now: waits for what is new of it, and for nothing else any more.
+    /// Starts timers for packets that are newly missing, and drops those of packets that are not missing any more.
     pub(super) fn watch(&mut self, now: Instant, stream: &Subscriber) {
         let in_order = stream.statistics().disordered == 0;
         let allowed = if in_order { Span::ZERO } else { DISORDER };
@@ -53,17 +53,17 @@ impl NackScheduler {
         }
     }
 
-    /// When there is something to ask, if there is.
+    /// When the next report is due.
     pub(super) fn due(&self) -> Option<Instant> {
         self.open.values().filter_map(RetryTimer::due).min()
     }
 
-    /// Takes the packets that are to be asked for now, in rising order. The wait for their answer is `patient` at least,
-    /// and never none, also where no round trip was measured yet.
-    pub(super) fn ask(&mut self, now: Instant, patient: Span) -> impl Iterator<Item = u64> {
-        let patient = patient.max(DISORDER);
+    /// The packets to report now, in rising order. The pause until the next report of each is `min_delay` at least, and
+    /// never zero, even before a round trip is measured.
+    pub(super) fn ask(&mut self, now: Instant, min_delay: Span) -> impl Iterator<Item = u64> {
+        let min_delay = min_delay.max(DISORDER);
         let open = self.open.iter_mut();
-        open.filter_map(move |(number, patience)| patience.ask(now, patient).then_some(*number))
+        open.filter_map(move |(number, patience)| patience.ask(now, min_delay).then_some(*number))
     }
 }
 
@@ -89,24 +89,24 @@ mod tests {
 
     #[test]
     fn each_lost_packet_has_its_own_timer() {
-        let patient = Span::from_millis(125);
+        let min_delay = Span::from_millis(125);
         let mut asking = NackScheduler::new();
         asking.wait_for(at(0), DISORDER, [3].into_iter());
         assert_eq!(asking.due(), Some(at(4)));
-        assert!(asking.ask(at(3), patient).next().is_none());
-        assert_eq!(asking.ask(at(4), patient).collect::<Vec<_>>(), [3]);
+        assert!(asking.ask(at(3), min_delay).next().is_none());
+        assert_eq!(asking.ask(at(4), min_delay).collect::<Vec<_>>(), [3]);
         asking.wait_for(at(20), DISORDER, [3, 7, 9].into_iter());
         assert_eq!(asking.due(), Some(at(24)));
-        assert_eq!(asking.ask(at(24), patient).collect::<Vec<_>>(), [7, 9]);
+        assert_eq!(asking.ask(at(24), min_delay).collect::<Vec<_>>(), [7, 9]);
         assert_eq!(asking.due(), Some(at(129)));
         // 3 and 9 came; 7 is asked for again after its own wait.
         asking.wait_for(at(129), DISORDER, [7].into_iter());
         assert_eq!(asking.due(), Some(at(149)));
-        assert_eq!(asking.ask(at(149), patient).collect::<Vec<_>>(), [7]);
+        assert_eq!(asking.ask(at(149), min_delay).collect::<Vec<_>>(), [7]);
         assert_eq!(asking.due(), Some(at(149 + 250)));
         asking.wait_for(at(150), DISORDER, [].into_iter());
         assert_eq!(asking.due(), None);
         asking.wait_for(at(160), Span::ZERO, [12].into_iter());
-        assert_eq!(asking.ask(at(160), patient).collect::<Vec<_>>(), [12]);
+        assert_eq!(asking.ask(at(160), min_delay).collect::<Vec<_>>(), [12]);
     }
 }

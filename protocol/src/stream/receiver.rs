@@ -1,7 +1,8 @@
 //! The receiver of a stream: its subscriber, and when it reports.
 //!
-//! It reports what is lost, restored, overdue or different. Sans-IO. Used by a client for its scene, by a server for the bodies that a client moves, and by replays. When silence
-//! is suspicious is for them to say; what follows is the same. Poll order: `subscriber_mut().handle`, `watch`, `due`, `report`.
+//! It reports losses (open or restored by repair symbols), an overdue watermark, and a checksum mismatch. Sans-IO. Used
+//! by a client for its scene, by a server for an upstream, and by replays. They decide how long silence may last.
+//! Poll order: `subscriber_mut().handle`, `watch`, then `due` and `report`.
 
 use alloc::vec::Vec;
 
@@ -23,7 +24,7 @@ const RESTORED_PAUSE: Span = Span::from_millis(500);
 /// the lost one. It states its watermark each two and a half seconds at least.
 const UNASKED: Span = Span::from_millis(2_900);
 /// The first timeout of a stream from which a datagram is expected.
-pub(crate) const SILENCE: Span = Span::from_millis(100);
+const SILENCE: Span = Span::from_millis(100);
 /// The longest pause between two reports to a stream that stays silent.
 pub(crate) const SILENCE_MOST: Span = Span::from_millis(2_000);
 
@@ -77,7 +78,7 @@ impl StreamReceiver {
         }
     }
 
-    /// Nothing is expected any more: the stream was heard.
+    /// A datagram came: none is overdue.
     pub(crate) fn end_silence(&mut self) {
         self.silence.end();
     }
@@ -87,7 +88,7 @@ impl StreamReceiver {
         self.silence.begin_for(now, span);
     }
 
-    /// The stream was heard, and is expected to state its watermark as a free-running one does.
+    /// A datagram came. The next is expected when a free-running stream states its watermark at the latest.
     pub fn expect_watermark(&mut self, now: Instant) {
         self.silence.end();
         self.silence.begin(now + UNASKED);
@@ -109,7 +110,7 @@ impl StreamReceiver {
         wakes.min_by_key(|wake| wake.at)
     }
 
-    /// When losses are due to be reported that are made good.
+    /// When losses that are made good are to be reported.
     fn restored_due(&self) -> Option<Instant> {
         let (at, lost) = self.reported;
         let news = self.subscriber.missing() == 0 && self.subscriber.lost() != lost;

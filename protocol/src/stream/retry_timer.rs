@@ -2,7 +2,7 @@
 
 use crate::time::{Instant, Span};
 
-/// A repeated question.
+/// The timer of one message.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct RetryTimer {
     due: Option<Instant>,
@@ -12,7 +12,7 @@ pub(crate) struct RetryTimer {
 }
 
 impl RetryTimer {
-    /// A question first repeated after `least`, and never after more than `most`.
+    /// First due after `least`; later pauses are at most `most`.
     pub(crate) const fn new(least: Span, most: Span) -> Self {
         Self {
             due: None,
@@ -27,12 +27,12 @@ impl RetryTimer {
         self.due
     }
 
-    /// Begins to wait, unless it waits already.
+    /// Starts, unless it runs already.
     pub(crate) fn begin(&mut self, now: Instant) {
         self.begin_for(now, Span::ZERO);
     }
 
-    /// The same, and waits for so long at least: what follows is longer, too.
+    /// The same with a first pause of at least this span, from which the later ones double.
     pub(crate) fn begin_for(&mut self, now: Instant, span: Span) {
         if self.due.is_none() {
             self.span = self.span.max(span);
@@ -40,13 +40,13 @@ impl RetryTimer {
         }
     }
 
-    /// Has an answer, or no longer needs one.
+    /// Stops: the message is answered, or needs no answer.
     pub(crate) fn end(&mut self) {
         self.due = None;
         self.span = self.least;
     }
 
-    /// Whether the question is to be asked now; if so, the next waiting is twice as long, and at least `round_trip`.
+    /// Whether the message is to be sent now; if so, the next pause is twice as long, and at least `round_trip`.
     pub(crate) fn ask(&mut self, now: Instant, round_trip: Span) -> bool {
         if self.due.is_none_or(|due| due > now) {
             return false;

@@ -27,7 +27,7 @@ use crate::limits::HISTORY_PACKETS;
 use crate::packet::{ChecksumMismatch, Datagram, LossReport, PacketKind, StreamId};
 use crate::time::{Instant, Span};
 
-/// Who reports a loss or a mismatch.
+/// A listener that reports a loss or a mismatch.
 #[derive(Clone, Copy, Debug)]
 pub struct Recipient {
     /// The caller's number for it.
@@ -257,8 +257,8 @@ impl StreamSender {
         }
     }
 
-    /// Answers a loss report, unless the last one was only just answered: repair symbols or refreshes of the lost packets, and a watermark
-    /// for those that the listener could not know of.
+    /// Answers a loss report, unless the last one was only just answered: with repair symbols or refreshes of the lost
+    /// packets, and a watermark for packets that the listener could not know of.
     pub fn handle_report(
         &mut self,
         now: Instant,
@@ -380,8 +380,8 @@ impl StreamSender {
     }
 }
 
-/// The datagrams of a refresh, encoded once for all who lost the same packet since the last tick; `None` for a packet
-/// that is too old to be known.
+/// The datagrams of a refresh, encoded once for all listeners that lost the same packet since the last tick; `None` for a
+/// packet that is too old to be known.
 fn refresh<'a>(
     source: &Source,
     refreshes: &'a mut BTreeMap<(u64, u64), Vec<Bytes>>,

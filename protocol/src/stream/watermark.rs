@@ -1,6 +1,6 @@
 //! When a silent stream states its watermark.
 //!
-//! CountSink in the scene's ticks alone, so that it is the same in a scene that its members lead. One rule for every
+//! Counted in the scene's ticks alone, so that it is the same in a scene that its members lead. One rule for every
 //! stream: after the shortest silence, then each time the silence has doubled, and never more than the longest apart.
 
 use core::num::NonZeroU32;
@@ -85,13 +85,13 @@ impl Silence {
     }
 }
 
-/// Keyframe ticks in so many milliseconds, at least one.
+/// Whole ticks in so many milliseconds, at least one.
 pub(crate) fn whole_ticks(rate: Rate, milliseconds: u32) -> u64 {
     let (ticks, seconds) = (u64::from(rate.ticks()), u64::from(rate.seconds()));
     (ticks * u64::from(milliseconds) / (1_000 * seconds)).max(1)
 }
 
-/// Keyframe ticks in a second, at least one.
+/// Whole ticks in a second, at least one.
 pub(crate) fn second(rate: Rate) -> Ticks {
     Ticks::new(whole_ticks(rate, 1_000) as u32)
 }

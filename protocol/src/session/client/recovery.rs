@@ -1,4 +1,4 @@
-//! When a client reports what its replica_switch lack, and asks for a whole scene.
+//! When a client reports what its replicas lack, and asks for a whole scene.
 
 use crate::message::ClientMessage;
 use crate::stream::SILENCE_MOST;
@@ -6,11 +6,12 @@ use crate::time::{Instant, Span};
 
 use super::ClientSession;
 
-/// The pause between two askings for the whole scene, unless the stream was converged between them. It doubles, so that a
+/// The pause between two requests for the whole scene, unless the stream converged between them. It doubles, so that a
 /// link that is too thin for the scene is not filled with snapshots.
 const RESYNC_AGAIN: Span = Span::from_millis(1_000);
 /// See [`RESYNC_AGAIN`].
 pub(super) const RESYNC_MOST: Span = Span::from_millis(16_000);
+
 impl ClientSession {
     /// Whether a tick that was asked for is not there yet.
     pub(super) fn awaits(&self) -> bool {
@@ -21,7 +22,7 @@ impl ClientSession {
         complete.is_some_and(|complete| complete < self.awaited)
     }
 
-    /// Waits for a tick that was asked for, as long as the last ones let expect.
+    /// Starts the timeout for a tick that was asked for; the last ones decide how long it is.
     pub(super) fn await_tick(&mut self, now: Instant) {
         let timeout = self.response_times.timeout(SILENCE_MOST);
         for receiver in self.replica_switch.receivers_mut() {
@@ -40,7 +41,7 @@ impl ClientSession {
         (self.replica_switch.have_lost_sync() && !self.awaits_snapshot()).then_some(due)
     }
 
-    /// Looks at the stream after anything was heard: is something missing, or something awaited?
+    /// Restarts timers after anything was received.
     pub(super) fn watch(&mut self, now: Instant) {
         self.switch_replica();
         let Some(copy) = self.replica_switch.shown() else {
