@@ -43,6 +43,16 @@ enum Source {
     Full(FullPublisher),
 }
 
+/// Calls the same method of either publisher.
+macro_rules! with_publisher {
+    ($source:expr, $publisher:ident => $call:expr) => {
+        match $source {
+            Source::Reckoned($publisher) => $call,
+            Source::Full($publisher) => $call,
+        }
+    };
+}
+
 /// One stream at its source.
 #[derive(Debug)]
 pub struct StreamSender {
@@ -138,10 +148,7 @@ impl StreamSender {
 
     /// A body has left the scene.
     pub fn remove(&mut self, id: BodyId) {
-        match &mut self.source {
-            Source::Reckoned(publisher) => publisher.remove(id),
-            Source::Full(publisher) => publisher.remove(id),
-        }
+        with_publisher!(&mut self.source, publisher => publisher.remove(id))
     }
 
     /// Another gravity acts from this tick on.
@@ -159,14 +166,10 @@ impl StreamSender {
         self.symbols.clear();
         self.refreshes.clear();
         let before = self.tick();
-        match &mut self.source {
-            Source::Reckoned(publisher) => {
-                publisher.publish(observation_history, scene_events, &mut self.packets)
-            }
-            Source::Full(publisher) => {
-                publisher.publish(observation_history, scene_events, &mut self.packets)
-            }
-        }
+        let out = &mut self.packets;
+        with_publisher!(&mut self.source, publisher => {
+            publisher.publish(observation_history, scene_events, out);
+        });
         if self.tick() == before {
             return false;
         }
@@ -226,10 +229,7 @@ impl StreamSender {
     /// The datagram that says that everything up to the present tick has been sent.
     #[must_use]
     pub fn watermark(&self, scene_events: u64) -> Bytes {
-        match &self.source {
-            Source::Reckoned(publisher) => publisher.watermark(scene_events),
-            Source::Full(publisher) => publisher.watermark(scene_events),
-        }
+        with_publisher!(&self.source, publisher => publisher.watermark(scene_events))
     }
 
     /// Answers a datagram of a listener: a loss report or a mismatch. Any other is dropped.
@@ -316,37 +316,25 @@ impl StreamSender {
     /// Its name.
     #[must_use]
     pub fn stream(&self) -> StreamId {
-        match &self.source {
-            Source::Reckoned(publisher) => publisher.stream(),
-            Source::Full(publisher) => publisher.stream(),
-        }
+        with_publisher!(&self.source, publisher => publisher.stream())
     }
 
     /// The tick up to which everything is published.
     #[must_use]
     pub fn tick(&self) -> Tick {
-        match &self.source {
-            Source::Reckoned(publisher) => publisher.tick(),
-            Source::Full(publisher) => publisher.tick(),
-        }
+        with_publisher!(&self.source, publisher => publisher.tick())
     }
 
     /// The number of the next packet.
     #[must_use]
     pub fn next_number(&self) -> u64 {
-        match &self.source {
-            Source::Reckoned(publisher) => publisher.next_number(),
-            Source::Full(publisher) => publisher.next_number(),
-        }
+        with_publisher!(&self.source, publisher => publisher.next_number())
     }
 
     /// What it published so far.
     #[must_use]
     pub fn statistics(&self) -> PublisherStatistics {
-        match &self.source {
-            Source::Reckoned(publisher) => publisher.statistics(),
-            Source::Full(publisher) => publisher.statistics(),
-        }
+        with_publisher!(&self.source, publisher => publisher.statistics())
     }
 
     /// Tracks that were sent again because a listener had another.
@@ -373,10 +361,7 @@ impl StreamSender {
     /// Every body's track, in order of index: what a late listener must be told.
     #[must_use]
     pub fn tracks(&self) -> Vec<(BodyId, Track)> {
-        match &self.source {
-            Source::Reckoned(publisher) => publisher.tracks().collect(),
-            Source::Full(publisher) => publisher.tracks().collect(),
-        }
+        with_publisher!(&self.source, publisher => publisher.tracks().collect())
     }
 }
 
@@ -393,10 +378,11 @@ fn refresh<'a>(
     }
     let refresh = match refreshes.entry((number, scene_events)) {
         Entry::Occupied(known) => known.into_mut(),
-        Entry::Vacant(place) => place.insert(match source {
-            Source::Reckoned(publisher) => publisher.refresh(number, scene_events),
-            Source::Full(publisher) => publisher.refresh(number, scene_events),
-        }?),
+        Entry::Vacant(place) => {
+            let refresh =
+                with_publisher!(source, publisher => publisher.refresh(number, scene_events));
+            place.insert(refresh?)
+        }
     };
     Some(refresh)
 }
