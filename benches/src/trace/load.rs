@@ -1,4 +1,4 @@
-//! One load's topics: the truth, and each run beside it, tick by tick.
+//! Topics of one load: the truth and each of its runs, tick by tick.
 
 use std::io::{Seek, Write};
 
@@ -43,7 +43,7 @@ pub(super) fn write<W: Write + Seek>(
     runs.iter_mut().try_for_each(|run| run.end(file))
 }
 
-/// The last tick that the engine took or a frame showed.
+/// The last tick that the engine simulated or a frame showed.
 pub(super) fn last_tick(load: &Load) -> u64 {
     let shown = load
         .runs
@@ -61,7 +61,7 @@ struct TruthTopics<'a> {
     bodies: TruthBodies<'a>,
     last: u64,
     drawn: Option<u64>,
-    /// Whether a body that never moves came or went since they were last drawn.
+    /// Whether a static body was placed or removed since statics were last drawn.
     statics_changed: bool,
 }
 
@@ -131,7 +131,7 @@ fn draw_statics(at_ns: u64, bodies: &Bodies<'_>) -> SceneUpdate {
 
 const AWAKE: Color = grey(0.80, 1.0);
 const ASLEEP: Color = grey(0.50, 1.0);
-/// Seen through, since walls stand before what they hold.
+/// Translucent, because walls stand in front of the bodies they contain.
 const STATIC: Color = grey(0.60, 0.25);
 
 const fn grey(share: f64, a: f64) -> Color {

@@ -1,6 +1,7 @@
-//! The trace's own messages, as `proto/rhumb.proto` has them.
+//! Trace messages, as `proto/rhumb.proto` defines them.
 //!
-//! The schema is embedded in each trace as compiled by protoc, checked in beside its source. A test compares the two.
+//! Each trace embeds the schema as compiled by protoc. The compiled form is checked in; a test compares it with its
+//! source.
 
 use rhumb_protocol::scene::{BodyKind, Shape as Solid};
 use rhumb_protocol::stream::{Activity, Observation};
@@ -224,7 +225,7 @@ impl From<&Placed> for Placement {
                 half_height,
                 radius,
             } => (4, vec![half_height, radius]),
-            // No script has such ones yet; they are drawn, and traces have no numbers for them.
+            // No script uses these shapes; they are drawn, but the trace has no number for them.
             Solid::Heights(_) | Solid::Mesh(_) | Solid::Compound(_) => (0, Vec::new()),
         };
         Self {
