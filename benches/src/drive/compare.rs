@@ -92,12 +92,12 @@ pub(super) fn compare(
             errors.exact += 1;
             continue;
         }
-        let apart = apart(&known.motion, position, rotation);
-        let error = apart.surface_error(known.radius);
+        let divergence = divergence(&known.motion, position, rotation);
+        let error = divergence.surface_error(known.radius);
         errors.errors_m.push(error.metres() as f32);
         let tolerance = tolerance.map(|tolerance| tolerance.scaled(known.tolerance_scale));
         if let Some(tolerance) = tolerance
-            && let Some(share) = over(tolerance, apart, known.radius)
+            && let Some(share) = breach_share(tolerance, divergence, known.radius)
         {
             errors.breaches.push(Breach {
                 tick,
@@ -113,7 +113,7 @@ pub(super) fn compare(
 }
 
 /// Distance between a shown pose and the truth.
-pub(crate) fn apart(truth: &BodyState, position: Vec3, rotation: Quat) -> Divergence {
+pub(crate) fn divergence(truth: &BodyState, position: Vec3, rotation: Quat) -> Divergence {
     let shown = Pose {
         position: position.as_dvec3(),
         rotation: rotation.as_dquat(),
@@ -124,16 +124,20 @@ pub(crate) fn apart(truth: &BodyState, position: Vec3, rotation: Quat) -> Diverg
 }
 
 /// The error as a share of the tolerance, if it exceeds the tolerance; f32 rounding of the view is subtracted first.
-pub(crate) fn over(tolerance: Tolerance, apart: Divergence, radius: Metres) -> Option<f64> {
-    let share = tolerance.share(&less_rounding(apart), radius);
+pub(crate) fn breach_share(
+    tolerance: Tolerance,
+    divergence: Divergence,
+    radius: Metres,
+) -> Option<f64> {
+    let share = tolerance.share(&without_rounding(divergence), radius);
     (share > 1.0).then_some(share)
 }
 
 /// Subtracts the rounding error that the view's f32 numbers add.
-fn less_rounding(apart: Divergence) -> Divergence {
+fn without_rounding(divergence: Divergence) -> Divergence {
     Divergence {
-        position: Metres::new((apart.position.metres() - POSITION_ROUNDING).max(0.0)),
-        half_chord: (apart.half_chord - TURN_ROUNDING).max(0.0),
+        position: Metres::new((divergence.position.metres() - POSITION_ROUNDING).max(0.0)),
+        half_chord: (divergence.half_chord - TURN_ROUNDING).max(0.0),
     }
 }
 

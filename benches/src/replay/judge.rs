@@ -9,7 +9,7 @@ use rhumb_protocol::scene::BodyKind;
 use rhumb_protocol::stream::{ErrorBound, Subscriber};
 use rhumb_reckoning::{BodyId, BodyState, Metres, Predictor, Tick, Tolerance, ToleranceScale};
 
-use crate::drive::compare::{apart, over};
+use crate::drive::compare::{breach_share, divergence};
 use crate::record::{Breach, Cause, CopiedPose, Frame, Truth};
 
 /// A body of the recording at the tick that is judged.
@@ -135,9 +135,9 @@ impl<'a> ReplayJudge<'a> {
             if known.recorded == tick {
                 frame.moving_errors_m.push(error_m as f32);
             }
-            let off = apart(&known.motion, position, rotation);
+            let off = divergence(&known.motion, position, rotation);
             let tolerance = tolerance.scaled(known.tolerance_scale);
-            if let Some(share) = over(tolerance, off, known.radius) {
+            if let Some(share) = breach_share(tolerance, off, known.radius) {
                 self.breaches.push(Breach {
                     tick,
                     id: known.id,
@@ -153,7 +153,7 @@ impl<'a> ReplayJudge<'a> {
 }
 
 fn error_m(known: &JudgedBody, position: Vec3, rotation: Quat) -> f64 {
-    let off = apart(&known.motion, position, rotation);
+    let off = divergence(&known.motion, position, rotation);
     off.surface_error(known.radius).metres()
 }
 

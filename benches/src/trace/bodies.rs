@@ -44,8 +44,8 @@ impl<'a> Body<'a> {
 
     /// Upper bound of the distance between any surface point and the same point of `other`, metres.
     pub(super) fn surface_error_m(&self, other: &Self) -> f64 {
-        let apart = Divergence::between(&self.pose(), &other.pose());
-        apart
+        let divergence = Divergence::between(&self.pose(), &other.pose());
+        divergence
             .surface_error(self.placed.shape.bounding_radius())
             .metres()
     }
