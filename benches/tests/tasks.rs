@@ -123,7 +123,7 @@ fn a_replay_that_does_not_end_takes_no_other_with_it() {
         &["replay", "--sweep", "publish-interval=1,60000"],
     );
     assert!(!done.succeeded);
-    assert!(done.complained.contains("1 of 2 replays did not end"));
+    assert!(done.complained.contains("1 of 2 replays failed"));
     assert_eq!(done.runs().len(), 1);
     assert!(done.number(0, "payload_bytes_down") > 0.0);
     let unfinished = done.summary["unfinished"].as_array().expect("one is named");
@@ -146,7 +146,7 @@ fn a_replay_that_does_not_end_takes_no_other_with_it() {
     assert!(!done.succeeded && done.summary.is_null());
     assert!(
         done.complained
-            .contains("none of 2 replays ended; the first: nothing would be said")
+            .contains("all 2 replays failed; the first: nothing would be said")
     );
 }
 

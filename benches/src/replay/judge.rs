@@ -1,8 +1,8 @@
-//! Compares a copy with the recording, as the stream watermarks for its ticks.
+//! Compares a copy with the recording at each watermarked tick.
 //!
-//! Each tick is judged once: at the first moment at which the stream watermarks for it, against the recording at that very
-//! tick. What a delay of the link or a lookahead costs is therefore no error; what is not heard yet of a tick that is
-//! watermark_tick for is.
+//! Each tick is compared once, at the moment when the stream's watermark reaches it, with the recording of that tick.
+//! So
+//! delay of the link and lookahead cause no error, but a missing update at or before the watermark does.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::BodyKind;
@@ -12,21 +12,21 @@ use rhumb_reckoning::{BodyId, BodyState, Metres, Predictor, Tick, Tolerance, Tol
 use crate::drive::compare::{breach_share, divergence};
 use crate::record::{Breach, Cause, CopiedPose, Frame, Truth};
 
-/// A body of the recording at the tick that is judged.
+/// A body of the recording at the current tick.
 #[derive(Clone, Copy, Debug)]
-struct JudgedBody {
+struct RecordedBody {
     id: BodyId,
     motion: BodyState,
     radius: Metres,
     tolerance_scale: ToleranceScale,
     is_static: bool,
-    /// The last tick at which the recording has a record of it.
+    /// The last tick with a record of it.
     recorded: Tick,
-    /// What the copy showed last.
+    /// Pose that the copy showed last.
     shown: ([f32; 3], [f32; 4]),
 }
 
-/// The recording beside the copy.
+/// The recording next to the copy.
 #[derive(Debug)]
 pub(super) struct ReplayJudge<'a> {
     truth: &'a Truth,
@@ -53,12 +53,12 @@ impl<'a> ReplayJudge<'a> {
         judge
     }
 
-    /// The last tick that was judged.
+    /// The last compared tick.
     pub(super) const fn tick(&self) -> Tick {
         self.tick
     }
 
-    /// Goes to the next tick of the recording, if it has one.
+    /// Advances to the next tick of the recording; returns false at its end.
     pub(super) fn step(&mut self) -> bool {
         let Some(row) = self.truth.ticks.get(self.tick.value() as usize) else {
             return false;
@@ -75,7 +75,7 @@ impl<'a> ReplayJudge<'a> {
         true
     }
 
-    /// Takes in what came and went since the tick that the bodies are at.
+    /// Applies placements and removals since the current tick.
     fn apply_changes(&mut self) {
         let truth = self.truth;
         while let Some((when, id)) = truth.removed.get(self.removed)
@@ -106,7 +106,7 @@ impl<'a> ReplayJudge<'a> {
         }
     }
 
-    /// Judges the copy at the tick that it has come to.
+    /// Compares the copy at the current tick.
     pub(super) fn frame(&mut self, copy: &Subscriber, tolerance: Tolerance) -> Frame {
         let tick = self.tick;
         let mut frame = Frame {
@@ -152,7 +152,7 @@ impl<'a> ReplayJudge<'a> {
     }
 }
 
-fn error_m(known: &JudgedBody, position: Vec3, rotation: Quat) -> f64 {
+fn error_m(known: &RecordedBody, position: Vec3, rotation: Quat) -> f64 {
     let off = divergence(&known.motion, position, rotation);
     off.surface_error(known.radius).metres()
 }
@@ -167,7 +167,7 @@ fn seen(id: BodyId, (position, rotation): ([f32; 3], [f32; 4]), copy: &Subscribe
     }
 }
 
-/// Why a body of a tick that is watermark_tick for is off by so much of its tolerance.
+/// Cause of an error of `share` times the tolerance at a watermarked tick.
 fn cause(copy: &Subscriber, id: BodyId, tick: Tick, share: f64) -> Cause {
     let owned = copy
         .error_scale_at(tick)
