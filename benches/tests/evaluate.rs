@@ -221,7 +221,7 @@ fn commands_the_papers_protocol_lacks_are_refused_by_name() {
     let printed = String::from_utf8_lossy(&run.stderr);
     assert!(!run.status.success());
     assert!(
-        printed.contains("the paper's protocol cannot say"),
+        printed.contains("the paper's protocol cannot express"),
         "{printed}"
     );
 }
