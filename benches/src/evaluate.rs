@@ -66,8 +66,7 @@ pub struct Evaluate {
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=i64::from(LOOKAHEAD_MAX.count())))]
     lookahead: u32,
     /// Free running: ticks by which the view lags behind the newest tick that can be shown. With 0, some ticks are
-    /// shown
-    /// shortly before their updates arrive.
+    /// shown shortly before their updates arrive.
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=DELAY_TICKS_MAX))]
     delay: u32,
     /// Bandwidth limit of a predicted stream, bytes per second; unlimited by default.

@@ -1,11 +1,9 @@
 //! `rhumb-bench fit`: fits the packet coder's tables to recordings.
 //!
 //! Publishes each recording without loss and counts the symbols of its packets; all recordings weigh alike. Then
-//! alternates
-//! two steps. An alphabet becomes the histogram of its class, blended with a smooth distribution. A context's initial
-//! expectation becomes the one with the lowest cost for its numbers. Publishers choose by cost, so a second run with
-//! the
-//! new tables fits slightly better.
+//! alternates two steps. An alphabet becomes the histogram of its class, blended with a smooth distribution. A
+//! context's initial expectation becomes the one with the lowest cost for its numbers. Publishers choose by cost, so a
+//! second run with the new tables fits slightly better.
 
 use std::fmt::Write;
 use std::num::NonZeroU32;
@@ -28,8 +26,7 @@ use crate::replay::{EnabledFeatures, Failure, ReplayConfig, ended, run, tally};
 #[derive(Clone, Debug, Args)]
 pub struct FitArguments {
     /// Recordings and how they are published, such as cubes.rhtrace.zst,tolerance=0.01,lookahead=6,weight=2; further
-    /// settings:
-    /// turn (degrees), publish-interval.
+    /// settings: turn (degrees), publish-interval.
     #[arg(required = true)]
     loads: Vec<FitLoad>,
     /// Source file whose tables are replaced; without it the tables are printed.

@@ -1,14 +1,10 @@
 //! `rhumb-bench limit`: fewest updates and bits if the future is known.
 //!
 //! For each body of a recording the search greedily takes the longest segments by any standard predictor, each
-//! verified by
-//! the normative prediction. An ideal coder then prices them. The result is an upper bound of the true minimum: better
-//! fits
-//! may make segments longer. A real publisher has more to do: it does not know the future, and it sends packets,
-//! refreshes
-//! and exact rest poses. One cut uses motions as fitted, another those that the protocol can express; the difference
-//! is the cost
-//! of its grid.
+//! verified by the normative prediction. An ideal coder then prices them. The result is an upper bound of the true
+//! minimum: better fits may make segments longer. A real publisher has more to do: it does not know the future, and it
+//! sends packets, refreshes and exact rest poses. One cut uses motions as fitted, another those that the protocol can
+//! express; the difference is the cost of its grid.
 
 mod beside;
 mod code;

@@ -1,8 +1,7 @@
 //! Recorded motion of a scene: the input of a replay.
 //!
 //! Two formats are read: the truth in a `trace.mcap` ([`mcap`]) and foreign recordings ([`rhtrace`]). A recording is
-//! checked
-//! when it is read, so a replay can rely on it.
+//! checked when it is read, so a replay can rely on it.
 
 mod error;
 pub mod mcap;

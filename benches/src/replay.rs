@@ -48,8 +48,7 @@ pub struct Replay {
     #[arg(long)]
     no_fec: bool,
     /// Replay once for each value, such as tolerance=0.005,0.01,0.02 or loss=0%,1%,5%; other settings: turn,
-    /// publish-interval, seed,
-    /// budget (none or bytes per second), and the parts of a link.
+    /// publish-interval, seed, budget (none or bytes per second), and the parts of a link.
     #[arg(long, conflicts_with = "matrix")]
     sweep: Option<Sweep>,
     /// Replay once for each loss of 0, 1, 5 and 20 %, even and in bursts of 4, at round trips of 0, 50, 100 and 300

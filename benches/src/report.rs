@@ -1,8 +1,7 @@
 //! Writes `report.html`: one self-contained page on an experiment.
 //!
 //! The table comes first and each figure has one sentence above it. Colours follow the reader's system, light or dark.
-//! All figures
-//! come from the summary; only curves are read from the record.
+//! All figures come from the summary; only curves are read from the record.
 
 mod decimate;
 mod figures;

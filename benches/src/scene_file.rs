@@ -1,8 +1,7 @@
 //! `rhumb-bench scene`: writes a script's bodies as JSON for other engines.
 //!
 //! Writes bodies, their initial states and the shared config; no joints, no forces, no controller. A script that needs
-//! those
-//! is refused with the reason, since another engine would run a different scene.
+//! those is refused with the reason, since another engine would run a different scene.
 
 use std::fmt;
 use std::io::{self, Write};

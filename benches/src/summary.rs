@@ -1,8 +1,7 @@
 //! The figures of an experiment, as `summary.json` holds them.
 //!
 //! Computed from the record alone. A figure without meaning for a mode is `null`: a scene stepped in the caller's
-//! thread
-//! sends no bytes. A percentile is the least measured value that the given share does not exceed.
+//! thread sends no bytes. A percentile is the least measured value that the given share does not exceed.
 
 mod columns;
 mod measure;

@@ -14,8 +14,7 @@
 //!
 //! Metadata records are `rhumb.experiment`, `rhumb.truth.n500`, `rhumb.run.n500.{mode}`. The messages are those of
 //! `proto/rhumb.proto`. Every figure of the summary can be computed from the file. The file is written under a
-//! temporary
-//! name and renamed once complete.
+//! temporary name and renamed once complete.
 
 mod bodies;
 mod error;

@@ -1,10 +1,9 @@
 //! Asteroids: rocks that fly inside a sphere and keep their speed.
 //!
 //! The scene of a public benchmark of networking products for games (KinematicSoup, *UnityNetworkTransformBenchmark*,
-//! its
-//! `SphereRingBenchmark`), with its numbers. Its model files are replaced by ours: eight rocks of 55 to 116 corners,
-//! 2.8–3.7 × 1.8–2.8 × 2.1–3.0 m, the same for every seed; scales are uniform over 751 steps. No gravity, no damping,
-//! friction 0.6, no bounce; a rock of scale s has a mass of s³ kg. Nothing rests.
+//! its `SphereRingBenchmark`), with its numbers. Its model files are replaced by ours: eight rocks of 55 to 116
+//! corners, 2.8–3.7 × 1.8–2.8 × 2.1–3.0 m, the same for every seed; scales are uniform over 751 steps. No gravity, no
+//! damping, friction 0.6, no bounce; a rock of scale s has a mass of s³ kg. Nothing rests.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -260,8 +259,7 @@ impl FreeSpace {
     }
 
     /// The first position from `position` outward whose ball of `clear` metres overlaps no occupied one; occupies a
-    /// ball of
-    /// `radius` there.
+    /// ball of `radius` there.
     fn take(&mut self, mut position: DVec3, clear: f64, radius: f64) -> DVec3 {
         let length = libm::sqrt(position.length_squared());
         let outward = if length > 0.0 {

@@ -3,14 +3,13 @@
 //! The scene comes from the paper. Details that the paper leaves open:
 //!
 //! - **Walls.** A wall of radius R is a ring of ⌈10·√R⌉ upright cuboids, solid instead of a mesh sheet. Their inner
-//! faces touch
-//!   the circle of radius R from outside, so their edges are at most 5 cm off the circle. Each is 5 m high, 0.5 m thick and
-//!   long enough to meet its neighbours at the *outer* edge; inside they overlap, so there is no gap.
+//!   faces touch the circle of radius R from outside, so their edges are at most 5 cm off the circle. Each is 5 m
+//!   high, 0.5 m thick and long enough to meet its neighbours at the *outer* edge; inside they overlap, so there is no
+//!   gap.
 //! - **Floor.** A cuboid of 220 × 10 × 220 m with its top at y = 0, thick enough to prevent tunnelling.
 //! - **Spawner.** All balls of a cycle appear at its first tick, at rest, in a cubic grid with a spacing of 1.1 m.
-//! Each is
-//!   offset by up to 4 cm per axis, so centres are at least 1.02 m apart and none overlap. The centre of the grid is 15 m
-//!   above the pit's; a grid that would reach below 6 m, the clearance of the walls, is raised.
+//!   Each is offset by up to 4 cm per axis, so centres are at least 1.02 m apart and none overlap. The centre of the
+//!   grid is 15 m above the pit's; a grid that would reach below 6 m, the clearance of the walls, is raised.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, ShapeId};

@@ -1,8 +1,7 @@
 //! Controller of a scene: commands that depend on the bodies' motions.
 //!
 //! Knows neither engine nor network. Invariant: its commands are a function of the script's name, number of bodies and
-//! seed,
-//! and of the motions it receives, bit exact on every platform.
+//! seed, and of the motions it receives, bit exact on every platform.
 
 use glam::Vec3;
 use rhumb_protocol::scene::Command;

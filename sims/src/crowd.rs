@@ -1,10 +1,9 @@
 //! A crowd: balls that fall and roll in a pen, and boxes asleep around it.
 //!
 //! `awake_percent` sets the share of bodies in motion; the engine decides how many are really awake. The balls start
-//! in a cubic
-//! grid, ten metres up and more, over a pen half as wide again as the grid. So they fall, spread and collide for some
-//! seconds. The boxes start at rest, as in `rest`, well away from the pen. Friction 0.2 as in the ball pit, no bounce,
-//! damping 0 and 0.05 1/s.
+//! in a cubic grid, ten metres up and more, over a pen half as wide again as the grid. So they fall, spread and
+//! collide for some seconds. The boxes start at rest, as in `rest`, well away from the pen. Friction 0.2 as in the
+//! ball pit, no bounce, damping 0 and 0.05 1/s.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Shape};

@@ -1,17 +1,14 @@
 //! Cubes on a floor, and a player cube that pushes and gathers them.
 //!
 //! The public demo of networked physics (G. Fiedler), as far as its parameters are known: 30 × 30 cubes of 0.4 m at a
-//! spacing of
-//! one metre and a player cube of 1.5 m. Gravity 20 m/s², density 1 kg/m³, friction 1, no bounce; damping of a
-//! hundredth per
-//! step, 0.6038 1/s; speed limits 32 m/s and 16 rad/s. A body sleeps after 0.1 s with no point faster than 0.25 m/s. A
-//! force of
-//! 120 N drives the player along the floor, up to 6 m/s. The player's behaviour is ours:
+//! spacing of one metre and a player cube of 1.5 m. Gravity 20 m/s², density 1 kg/m³, friction 1, no bounce; damping
+//! of a hundredth per step, 0.6038 1/s; speed limits 32 m/s and 16 rad/s. A body sleeps after 0.1 s with no point
+//! faster than 0.25 m/s. A force of 120 N drives the player along the floor, up to 6 m/s. The player's behaviour is
+//! ours:
 //!
 //! - It heads for a goal within 12 m of the centre and changes it every two seconds; it starts by falling from 3 m.
 //! - It alternates between three actions of four seconds each. It rolls. It pushes: cubes within 2 m accelerate away
-//! by up
-//!   to 60 m/s². It gathers: cubes within 1.8 m are carried along and drawn in, by up to 120 m/s².
+//!   by up to 60 m/s². It gathers: cubes within 1.8 m are carried along and drawn in, by up to 120 m/s².
 
 use glam::{DVec3, Vec3};
 use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Shape, SleepConfig};

@@ -1,8 +1,7 @@
 //! Dominoes in a ring: the first is struck, and each strikes the next.
 //!
 //! Stones of 0.2 × 1 × 0.5 m, 0.55 m apart, with a gap before the first, so the last one falls on the floor. The first
-//! is
-//! struck after half a second, when all sleep or are about to. Friction 0.5, no bounce, damping 0.05 and 0.05 1/s.
+//! is struck after half a second, when all sleep or are about to. Friction 0.5, no bounce, damping 0.05 and 0.05 1/s.
 
 use core::f64::consts::PI;
 

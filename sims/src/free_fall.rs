@@ -13,8 +13,7 @@ use crate::script::{DEFAULT_CONFIG, Script, motion, surface};
 /// Bodies that start 20 m apart, at most 5 m/s fast upward and with spins up to 3 rad/s about each axis.
 ///
 /// Every second body has its own damping, every third its own gravity scale. They diverge so slowly that none meet in
-/// the
-/// first four seconds.
+/// the first four seconds.
 #[derive(Clone, Debug)]
 pub struct FreeFall {
     bodies: u32,

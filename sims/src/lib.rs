@@ -1,8 +1,7 @@
 //! Scenes as scripts: commands before each tick, and a seed.
 //!
 //! Knows neither engine nor network, so a script runs in one process or remote. Invariant: name, number of bodies and
-//! seed
-//! determine every bit of every command on every platform.
+//! seed determine every bit of every command on every platform.
 #![forbid(unsafe_code)]
 
 mod asteroids;

@@ -1,12 +1,9 @@
 //! Ragdolls: ten bodies and nine joints each, dropped on a floor with blocks.
 //!
 //! A doll is 1.8 m tall with a density of 1,000 kg/m³: trunk, head, and two parts per limb. Neck, shoulders and hips
-//! are
-//! spherical joints, elbows and knees revolute, all limited; joined parts do not collide. Dolls fall from about 3 m
-//! with random
-//! rotations, every third onto a block of one metre. Friction 0.7, no bounce, damping 0.2 and 1 1/s. A body sleeps
-//! after half a
-//! second below 0.3 m/s.
+//! are spherical joints, elbows and knees revolute, all limited; joined parts do not collide. Dolls fall from about 3
+//! m with random rotations, every third onto a block of one metre. Friction 0.7, no bounce, damping 0.2 and 1 1/s. A
+//! body sleeps after half a second below 0.3 m/s.
 
 use glam::Vec3;
 use rhumb_protocol::limits::JOINTS_MAX;
@@ -145,8 +142,7 @@ const PARTS_COUNT: usize = 10;
 const TRUNK: usize = 0;
 
 /// Shape and position of each part of a standing doll, metres from the point between its feet: trunk, head, then
-/// alternately left
-/// and right: upper arms, forearms, thighs, shins.
+/// alternately left and right: upper arms, forearms, thighs, shins.
 const PARTS: [(Shape, Vec3); PARTS_COUNT] = [
     (limb(0.22, 0.14), Vec3::new(0.0, 1.15, 0.0)),
     (Shape::Ball { radius: 0.12 }, Vec3::new(0.0, 1.68, 0.0)),

@@ -1,10 +1,9 @@
 //! Projectiles in free flight, launched again after each fall.
 //!
 //! Each starts from its own pad on a grid of 3 m, at 12–18 m/s upward and up to 2 m/s sideways. When it falls below
-//! the level of
-//! the pads (there is no ground), its controller moves it back to its pad and launches it again at random. So almost
-//! all bodies
-//! fly freely at any time, without contacts. No damping; friction 0.5, no bounce. Nothing rests.
+//! the level of the pads (there is no ground), its controller moves it back to its pad and launches it again at
+//! random. So almost all bodies fly freely at any time, without contacts. No damping; friction 0.5, no bounce. Nothing
+//! rests.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape};

@@ -1,8 +1,7 @@
 //! Ten thousand sleeping boxes on a floor.
 //!
 //! Each starts at rest, so all sleep after the engine's half second. Friction 0.5, no bounce, damping 0.05 and 0.05
-//! 1/s; boxes
-//! of 0.5 to 1 m, 1.5 m apart.
+//! 1/s; boxes of 0.5 to 1 m, 1.5 m apart.
 
 use glam::Vec3;
 use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Shape};

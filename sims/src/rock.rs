@@ -1,8 +1,7 @@
 //! Rocks: irregular convex hulls around their centre of mass.
 //!
 //! Jittered points of a uniform spiral on a sphere are scaled along three axes and tapered by a projection that keeps
-//! all of
-//! them corners. Volume and centre are computed in f64, so the bits are equal on every platform.
+//! all of them corners. Volume and centre are computed in f64, so the bits are equal on every platform.
 
 use glam::{DVec3, Vec3};
 
@@ -67,8 +66,7 @@ fn directions(count: u32, rng: &mut SceneRng) -> impl Iterator<Item = DVec3> {
 /// Volume and centre of mass of the hull of points of which no four are coplanar.
 ///
 /// A triangle with all other points on one side is a face; the tetrahedra from the origin to the faces make up the
-/// solid.
-/// Cost is about cubic in the number of points, because most triangles are rejected early.
+/// solid. Cost is about cubic in the number of points, because most triangles are rejected early.
 fn solid(points: &[DVec3]) -> (f64, DVec3) {
     let (mut volume, mut moment) = (0.0, DVec3::ZERO);
     for (i, a) in points.iter().enumerate() {

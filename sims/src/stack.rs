@@ -1,10 +1,8 @@
 //! A tower of twenty boxes, and a wall of ten by ten that a ball strikes.
 //!
 //! The tower has boxes of 1 m and stays up. The wall has bricks of 1 × 0.5 × 0.5 m; after two seconds a ball of 1 m
-//! and
-//! 4,000 kg/m³ hits it at 15 m/s. Friction 0.7, no bounce, damping 0.05 and 0.05 1/s, for the ball 0.05 and 3 1/s. All
-//! bodies
-//! sleep again about ten seconds later.
+//! and 4,000 kg/m³ hits it at 15 m/s. Friction 0.7, no bounce, damping 0.05 and 0.05 1/s, for the ball 0.05 and 3 1/s.
+//! All bodies sleep again about ten seconds later.
 
 use glam::Vec3;
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, Material, SceneConfig, Shape, ShapeId};

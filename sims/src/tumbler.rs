@@ -1,10 +1,8 @@
 //! A rotating drum with bodies inside, which never rest.
 //!
 //! Twelve kinematic staves on a circle of 4 m about z, 6 m long inside, and two ends close the drum. The controller
-//! rotates all of
-//! them together at 1 rad/s, so nothing is pinched between them. Inside: balls, boxes and capsules of 0.2 to 0.3 m.
-//! Friction
-//! 0.8, no bounce, damping 0.05 and 0.05 1/s.
+//! rotates all of them together at 1 rad/s, so nothing is pinched between them. Inside: balls, boxes and capsules of
+//! 0.2 to 0.3 m. Friction 0.8, no bounce, damping 0.05 and 0.05 1/s.
 
 use core::f64::consts::PI;
 

@@ -1,8 +1,7 @@
 //! A scene that uses every command, for tests.
 //!
 //! Boxes, balls, capsules, cylinders and hulls on a floor, with kinematic platforms and a pendulum. Sends random
-//! commands of
-//! every kind that a single member may send; the scene accepts all of them.
+//! commands of every kind that a single member may send; the scene accepts all of them.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{

@@ -1,10 +1,8 @@
 //! Measures decoding per update and rendering per view.
 //!
 //! Bodies fly and each is struck at intervals; the tier is 5 cm. A new subscriber decodes updates of a tenth of the
-//! bodies,
-//! all with velocities. In mid-run, each body reverses three times a second and a subscriber decodes twenty ticks. A
-//! view
-//! renders all bodies; none of them rests.
+//! bodies, all with velocities. In mid-run, each body reverses three times a second and a subscriber decodes twenty
+//! ticks. A view renders all bodies; none of them rests.
 
 use std::hint::black_box;
 use std::num::NonZeroU32;

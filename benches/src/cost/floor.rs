@@ -1,8 +1,7 @@
 //! Lower bound of decoding and rendering: predictions and corrections.
 //!
 //! Every subscriber must compute these bit-exactly, four lanes at a time for speed. The measurement reads, looks up,
-//! stores and
-//! renders nothing, so no decoder and no view of such bodies can be faster.
+//! stores and renders nothing, so no decoder and no view of such bodies can be faster.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};

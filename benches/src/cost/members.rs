@@ -2,9 +2,8 @@
 //!
 //! A real server sends one datagram sixty times a second to each member over QUIC on loopback; all share its bytes.
 //! Counted are the times of the server-loop thread and the socket thread, per datagram and per additional datagram
-//! against fewer
-//! members. The lower bound is the work of any protocol: seal the datagram, send it to a blocked receiver, and
-//! receive and open an acknowledgement of every second one. Only Linux reports thread times.
+//! against fewer members. The lower bound is the work of any protocol: seal the datagram, send it to a blocked
+//! receiver, and receive and open an acknowledgement of every second one. Only Linux reports thread times.
 
 use std::collections::VecDeque;
 use std::fs;
@@ -196,8 +195,7 @@ pub(super) fn can_be_measured() -> bool {
 }
 
 /// Lower bound per datagram, nanoseconds: seal it, send it to a blocked receiver, and receive and open an
-/// acknowledgement of
-/// every second one.
+/// acknowledgement of every second one.
 fn floor_ns(members: usize, long: Duration) -> std::io::Result<f64> {
     let here = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))?;
     let to = here.local_addr()?;

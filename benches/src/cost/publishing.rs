@@ -2,8 +2,7 @@
 //!
 //! The real engine steps each scene once. Its observations are then published repeatedly, as one stream of 5 cm and as
 //! four of 5 mm, 2 cm, 5 cm and 20 cm. Three scenes: balls in free flight; the ball pit while its balls burst apart,
-//! the
-//! worst case; the ball pit after it calms down to rolling and jitter. A scene reads moved bodies within its step.
+//! the worst case; the ball pit after it calms down to rolling and jitter. A scene reads moved bodies within its step.
 //! Here every body is read once more to measure observing separately, so that figure is rather too high.
 
 use std::hint::black_box;

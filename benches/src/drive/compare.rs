@@ -67,8 +67,7 @@ pub(super) struct ViewErrors {
 }
 
 /// Compares each body's shown pose with the truth at `tick`; `None` if that truth is unknown. `cause` maps a body and
-/// its
-/// error, as a share of its tolerance, to the cause of the breach.
+/// its error, as a share of its tolerance, to the cause of the breach.
 pub(super) fn compare(
     recent: &RecentTruth,
     tick: Tick,

@@ -1,8 +1,7 @@
 //! A free-running scene, subscribed to in real time over the configured link.
 //!
 //! A second client with a direct link receives the full stream: every state of every tick, bit exact. This is the
-//! truth. The
-//! measured client shows whole ticks without smoothing, so its errors are those of the prediction alone.
+//! truth. The measured client shows whole ticks without smoothing, so its errors are those of the prediction alone.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -139,8 +138,7 @@ impl TruthStream {
 }
 
 /// A full stream carries no sleep flag. The engine sets the velocity of a sleeping body to exactly zero, and an awake
-/// body
-/// almost never has exactly zero velocity.
+/// body almost never has exactly zero velocity.
 fn activity(config: &BodyDesc, motion: &BodyState) -> Activity {
     match config.kind {
         BodyKind::Dynamic if *motion == motion.stilled() => Activity::Asleep,

@@ -180,8 +180,7 @@ impl Remote {
     }
 
     /// Reserves enough consecutive body indices for the script. Call it before other clients join: their grants follow
-    /// the first
-    /// one.
+    /// the first one.
     pub(super) fn reserve(&mut self, commands: &[Command]) -> Result<(), DriveError> {
         let needed = commands
             .iter()
@@ -315,8 +314,7 @@ impl Remote {
     }
 
     /// Records the errors of the last frame against the truth; returns how many bodies the copy lacks, or `None` if
-    /// that truth
-    /// is unknown.
+    /// that truth is unknown.
     pub(super) fn record_errors(
         &mut self,
         recent: &RecentTruth,

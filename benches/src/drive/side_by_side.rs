@@ -1,8 +1,7 @@
 //! Runs the modes that step in turn: integrated, naive and predicted.
 //!
 //! Each tick, the pipelined client requests its next tick. While its server works, the integrated scene takes the tick
-//! in
-//! this thread, then the other modes take it. So the pipelined caller has other work to do, as a simulator has.
+//! in this thread, then the other modes take it. So the pipelined caller has other work to do, as a simulator has.
 
 use rhumb_client::{PipelineDepth, StreamChoice};
 use rhumb_protocol::scene::{Command, PublishSchedule};
@@ -106,8 +105,7 @@ impl Plan {
     }
 
     /// Starts the modes with a Rhumb client in lockstep or pipelined. The pipelined one comes first, because its
-    /// server works
-    /// while the others take their turn.
+    /// server works while the others take their turn.
     fn start_remotes(&self, script: &dyn Script) -> Result<Vec<(Mode, Remote)>, DriveError> {
         let mut remotes = Vec::new();
         for mode in &self.modes {

@@ -1,9 +1,8 @@
 //! Bits of updates under an ideal adaptive coder.
 //!
 //! No packet is written. Each choice costs the logarithm of its frequency among earlier choices (Krichevsky and
-//! Trofimov,
-//! 1981), so the cost of learning is included. Contexts are simple: predictors, axes, and time since a body's last
-//! update.
+//! Trofimov, 1981), so the cost of learning is included. Contexts are simple: predictors, axes, and time since a
+//! body's last update.
 
 use std::collections::BTreeMap;
 

@@ -14,8 +14,7 @@ use rhumb_reckoning::{
 use super::path::Path;
 
 /// A predictor, in the world frame or in the frame of a parent. Bodies with inertia rotate freely under either of the
-/// moving
-/// ones.
+/// moving ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum PredictorKind {
     Rest,
@@ -99,8 +98,8 @@ pub(super) struct SegmentStart {
     pub(super) constant_acceleration: Option<ConstantAcceleration>,
 }
 
-/// Coefficients of motion after a number of ticks, for one damping: `p = p₀ + reach·v₀ + fall·g`, or
-/// `p₀ + reach·v₀ + acceleration_gain·a` under a constant acceleration a; and the angle per rad/s.
+/// Coefficients of motion after a number of ticks, for one damping: `p = p₀ + reach·v₀ + fall·g`, or `p₀ + reach·v₀ +
+/// acceleration_gain·a` under a constant acceleration a; and the angle per rad/s.
 #[derive(Clone, Debug)]
 pub(super) struct Basis {
     pub(super) flow: StepCoefficientTable,

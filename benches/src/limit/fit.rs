@@ -30,8 +30,7 @@ struct FitTarget {
 }
 
 /// The segment start at `from` that best approximates the frames from `from` to `to`, `to` excluded. `None` if the
-/// parent is
-/// removed before `to`, or the error stays far above the tolerance.
+/// parent is removed before `to`, or the error stays far above the tolerance.
 pub(super) fn fit(
     context: &SegmentContext<'_>,
     predictor: PredictorKind,
@@ -136,8 +135,7 @@ fn mean_spin(context: &SegmentContext<'_>, targets: &[FitTarget]) -> DVec3 {
 }
 
 /// The constant acceleration that best explains the path, quantised. `None` if the path determines none, or if it
-/// exceeds
-/// the protocol's range.
+/// exceeds the protocol's range.
 fn constant_acceleration(
     context: &SegmentContext<'_>,
     targets: &[FitTarget],

@@ -1,8 +1,7 @@
 //! The path of each body of a recording, frame by frame.
 //!
 //! A frame is a published tick: every tick, or every n-th. A path starts at the body's placement and ends at its
-//! removal or
-//! the end of the recording.
+//! removal or the end of the recording.
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;

@@ -1,10 +1,8 @@
 //! Cuts a body's path into as few segments as possible.
 //!
 //! Greedy: where the last segment leaves the tolerance, the segment that holds longest follows. For one family of fits
-//! no
-//! other cut has fewer segments, because a fit that holds over a span holds over each part of it. The cut for few bits
-//! takes
-//! the segment with the lowest cost per time, which is only a heuristic.
+//! no other cut has fewer segments, because a fit that holds over a span holds over each part of it. The cut for few
+//! bits takes the segment with the lowest cost per time, which is only a heuristic.
 
 use rhumb_reckoning::{
     ConstantAcceleration, Grid, Motion, Predictor, QuantisedState, Residual, RotationCursor,

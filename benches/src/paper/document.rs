@@ -1,10 +1,8 @@
 //! `rhumb-bench paper page`: fills a page with measurements.
 //!
 //! `<!-- paper: BLOCK FILE -->` opens a block, `<!-- /paper -->` closes it. FILE, or a folder of runs, lies beside the
-//! page.
-//! The text between the markers is replaced, everything else stays. Blocks are fully generated, so a check can find
-//! stale
-//! ones.
+//! page. The text between the markers is replaced, everything else stays. Blocks are fully generated, so a check can
+//! find stale ones.
 
 use std::collections::BTreeMap;
 use std::fs;

@@ -1,10 +1,8 @@
 //! `rhumb-bench paper gap`: finds where the published client loses time.
 //!
 //! The paper's protocol runs over one pit with a client without defects, with clients of one defect each, and with one
-//! of all
-//! defects. Further rows: the engine in the caller's thread, packed states, and awake bodies only. The cost of each
-//! defect
-//! is measured here; that the paper's own client lost the same is inferred.
+//! of all defects. Further rows: the engine in the caller's thread, packed states, and awake bodies only. The cost of
+//! each defect is measured here; that the paper's own client lost the same is inferred.
 
 use std::num::NonZeroU32;
 use std::path::PathBuf;

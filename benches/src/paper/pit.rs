@@ -1,8 +1,7 @@
 //! Scenes in the paper's frames: 1/11.33 s each, in six equal steps.
 //!
 //! A step is 1/67.98 s: the longest that divides a frame into whole steps and does not exceed 1/60 s. Streams publish
-//! only the
-//! last tick of a frame, as the paper's engine did. A script is polled once per frame, before its first step.
+//! only the last tick of a frame, as the paper's engine did. A script is polled once per frame, before its first step.
 
 use std::num::NonZeroU32;
 

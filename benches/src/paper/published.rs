@@ -1,8 +1,7 @@
 //! The paper's own figures, as printed, for comparison.
 //!
 //! Source: its Table 1; frame times come from its text, because its printed Table 2 repeats Table 1. Its machines and
-//! engine
-//! differ from ours, so only the shapes of curves compare.
+//! engine differ from ours, so only the shapes of curves compare.
 
 /// A load of the paper's table.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,13 +41,11 @@ const fn timed(row: Published, integrated_ms: f64, distributed_ms: f64) -> Publi
 const STAGE: u32 = 500;
 const STAGE_FRAMES: u64 = 340;
 /// Percentage of states that the published client processed, measured with its plug-in: a thousand bodies, 450 frames,
-/// 40 s.
-/// The share falls with more bodies.
+/// 40 s. The share falls with more bodies.
 const TAKEN_IN_PERCENT: u64 = 34;
 
 /// Length of the published client's list in the middle of a load's stage, if it processed the same share of all states
-/// as
-/// measured with few bodies.
+/// as measured with few bodies.
 pub(super) fn listed(load: u32) -> u32 {
     let stages = u64::from(load / STAGE);
     let before = stages * stages.saturating_sub(1) / 2 * u64::from(STAGE);

@@ -1,8 +1,7 @@
 //! Limits this process to a share of a processor.
 //!
 //! Uses a control group's quota where the system allows one, otherwise a helper that stops and continues this process.
-//! Either
-//! ends on drop. The method used is reported, because the two are not equivalent.
+//! Either ends on drop. The method used is reported, because the two are not equivalent.
 
 use std::fs;
 use std::io;

@@ -1,10 +1,8 @@
 //! `rhumb-bench paper remote`: finds where remote beats integrated.
 //!
 //! All modes step one scene. For each amount of other work, each mode runs a block of frames by itself, so that its
-//! caller does
-//! only that work while the server steps. Each block starts with uncounted frames, as many as the deepest pipeline
-//! holds:
-//! calls that fill a pipeline do not wait.
+//! caller does only that work while the server steps. Each block starts with uncounted frames, as many as the deepest
+//! pipeline holds: calls that fill a pipeline do not wait.
 
 mod tables;
 

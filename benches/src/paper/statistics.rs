@@ -355,8 +355,7 @@ mod tests {
     #[test]
     fn an_interval_has_about_the_theoretical_width_and_depends_only_on_the_seed() {
         // The standard error of the mean of 0, 1, ..., 99 is √(833.25 / 100) = 2.8866; of the difference of two such
-        // means 4.0823. The
-        // interval spans 1.96 of these each way.
+        // means 4.0823. The interval spans 1.96 of these each way.
         let values: Vec<f64> = (0..100).map(f64::from).collect();
         let shifted: Vec<f64> = values.iter().map(|value| value + 10.0).collect();
         let interval = bootstrap(&shifted, &values, 7);

@@ -1,9 +1,8 @@
 //! One trial: all modes in turn, frame by frame, while the pit fills.
 //!
 //! One mode runs at a time, because cores of a processor share caches and memory and would slow each other. The modes
-//! take turns
-//! at being first. A pipelined mode comes last: its caller then does other work for as long as the integrated frame
-//! took, and a pause follows in which its server finishes.
+//! take turns at being first. A pipelined mode comes last: its caller then does other work for as long as the
+//! integrated frame took, and a pause follows in which its server finishes.
 
 use rhumb_protocol::Span;
 use rhumb_protocol::scene::Command;

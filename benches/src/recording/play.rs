@@ -1,8 +1,7 @@
 //! Recording made from the truth of a script that ran in this process.
 //!
 //! Gravity and damping come from the script. Inertias come from an engine that gets the script's bodies and never
-//! steps.
-//! Later changes by a controller or a command are not covered: gravity is the scene's initial one.
+//! steps. Later changes by a controller or a command are not covered: gravity is the scene's initial one.
 
 use std::collections::BTreeMap;
 

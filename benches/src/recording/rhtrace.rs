@@ -1,15 +1,12 @@
 //! Foreign recordings of boxes: `.rhtrace.zst`.
 //!
 //! Little-endian, compressed by zstd as a whole. Header: the magic; u32 bodies, u32 frames; f32 seconds per frame;
-//! three
-//! f32 of gravity. For each body four f32: half extents and bounding radius. For each frame a u16 count and that many
-//! records.
+//! three f32 of gravity. For each body four f32: half extents and bounding radius. For each frame a u16 count and that
+//! many records.
 //!
 //! A record is a u16 body, thirteen f32 (position, quaternion x y z w, linear and angular velocity) and a u8 whose bit
-//! 0
-//! means awake. A body without a record in a frame has not changed, so it sleeps whatever its last flag. Frame 0 has a
-//! record
-//! of every body. Damping is not stored and taken as zero, with one substep.
+//! 0 means awake. A body without a record in a frame has not changed, so it sleeps whatever its last flag. Frame 0 has
+//! a record of every body. Damping is not stored and taken as zero, with one substep.
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;
@@ -95,8 +92,7 @@ pub fn read(name: &str, packed: &[u8]) -> Result<Recording, RecordingError> {
 }
 
 /// Derives activity from the records instead of the flags. A body with a record in the next frame moves, so it is
-/// awake; a
-/// body without one has not changed, so it sleeps.
+/// awake; a body without one has not changed, so it sleeps.
 fn activity_from_records(truth: &mut Truth) {
     let is_in = |row: &[Observation], of: &Observation| {
         let found = row.binary_search_by_key(&of.id.index(), |observation| observation.id.index());

@@ -1,10 +1,8 @@
 //! `rhumb-bench ablate`: measures the value of each feature of a stream.
 //!
 //! Replays the recording with all features, with each one switched off in turn, and with none. The range coder is part
-//! of the
-//! wire format and stays on; its row counts the size of its numbers in plain codes instead. In every row, grids follow
-//! from
-//! tolerances, and sleeping bodies are sent at rest.
+//! of the wire format and stays on; its row counts the size of its numbers in plain codes instead. In every row, grids
+//! follow from tolerances, and sleeping bodies are sent at rest.
 
 use std::path::PathBuf;
 use std::process::ExitCode;

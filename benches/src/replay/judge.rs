@@ -1,8 +1,7 @@
 //! Compares a copy with the recording at each watermarked tick.
 //!
 //! Each tick is compared once, at the moment when the stream's watermark reaches it, with the recording of that tick.
-//! So
-//! delay of the link and lookahead cause no error, but a missing update at or before the watermark does.
+//! So delay of the link and lookahead cause no error, but a missing update at or before the watermark does.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::BodyKind;

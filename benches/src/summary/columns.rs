@@ -1,8 +1,7 @@
 //! Columns of a table of runs: their titles and cells.
 //!
 //! One list serves terminal, Markdown and page. The columns depend on the runs: replays and stepped scenes differ, and
-//! a
-//! column with equal cells in all rows is left out.
+//! a column with equal cells in all rows is left out.
 
 use rhumb_transport::LinkConfig;
 

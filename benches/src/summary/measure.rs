@@ -241,8 +241,7 @@ fn bytes_down(frame: &Frame) -> u64 {
 /// For each frame, its tick and the rate down over the simulated second that ends with it, 1,000 bit/s.
 ///
 /// Near the run's start the second reaches back before it, where nothing was sent. A run shorter than a second is
-/// divided by
-/// its own length.
+/// divided by its own length.
 pub(crate) fn second_by_second(run: &Run) -> impl Iterator<Item = (u64, f64)> + '_ {
     let window = window_ticks(&run.config);
     let span_s = window as f64 * run.config.step_s;

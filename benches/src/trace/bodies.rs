@@ -208,8 +208,7 @@ impl<'a> CopiedBodies<'a> {
     }
 
     /// Applies a frame. A body that was placed at tick 0 or before the frame's tick, and that no frame mentions,
-    /// stands at
-    /// its placement.
+    /// stands at its placement.
     pub(super) fn show(&mut self, frame: &Frame) {
         let truth = self.truth;
         let placed = &truth.placed[self.placed..];

@@ -1,8 +1,7 @@
 //! An MCAP file that takes protobuf messages by topic.
 //!
 //! Compression runs in the caller's thread, so one record gives the same bytes on any machine. A topic is declared
-//! with
-//! its first message, so a topic without messages does not appear.
+//! with its first message, so a topic without messages does not appear.
 
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};

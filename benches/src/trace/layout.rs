@@ -1,8 +1,7 @@
 //! The viewer layout that Foxglove or Lichtblick opens for a trace.
 //!
 //! Viewers hide scene topics by default, so the layout enables them: the engine's world on the left, a client's copy
-//! on
-//! the right, and plots of bytes, errors and frame time below.
+//! on the right, and plots of bytes, errors and frame time below.
 
 use serde_json::{Value, json};
 

@@ -1,11 +1,9 @@
 //! Draws a set of bodies on two topics, `moving` and `resting`.
 //!
 //! After a seek, a viewer shows only the last message of each topic. So each message is complete: every body is in
-//! exactly
-//! one of the two last messages, in its current pose. A body moves to `resting` only after it lies still for a while:
-//! a
-//! body that wakes often must not cause all resting bodies to be rewritten. When a resting body moves, both are
-//! written.
+//! exactly one of the two last messages, in its current pose. A body moves to `resting` only after it lies still for a
+//! while: a body that wakes often must not cause all resting bodies to be rewritten. When a resting body moves, both
+//! are written.
 
 use std::io::{Seek, Write};
 

@@ -1,8 +1,7 @@
 //! Time losses of the published client, each as a switch.
 //!
 //! Each cost is measured here. That the paper's client lost the same time is inferred, because it ran on another
-//! runtime and
-//! machine.
+//! runtime and machine.
 
 use std::fmt;
 

@@ -1,8 +1,7 @@
 //! Translation of a script's commands into messages of the paper's protocol.
 //!
 //! Uses the order of the published plug-in: a shape for each object, then the actor, then the attachment. A script
-//! that the
-//! protocol cannot express is refused before a run begins.
+//! that the protocol cannot express is refused before a run begins.
 
 use std::collections::BTreeMap;
 use std::fmt;

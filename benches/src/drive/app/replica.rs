@@ -77,8 +77,7 @@ impl AppReplica {
     }
 
     /// Attributes an end message. One that arrives before any state while another is owed belongs to an abandoned
-    /// frame.
-    /// Datagrams keep their order on loopback, so no owed end can follow a frame's own end.
+    /// frame. Datagrams keep their order on loopback, so no owed end can follow a frame's own end.
     fn receive_end(&mut self) {
         if self.owed > 0 && self.states == self.begun {
             self.owed -= 1;

@@ -41,8 +41,7 @@ const BUFFER_BYTES: usize = 16 << 20;
 #[cfg(target_os = "linux")]
 const DEFAULT_BUFFER_BYTES: usize = 212_992 / 2;
 /// Silence after the first message of a frame after which its end counts as lost. The published simulator then begins
-/// its
-/// next frame: 11.33 times a second.
+/// its next frame: 11.33 times a second.
 pub(super) const END_LOST_AFTER: Duration = Duration::from_nanos(88_261_253);
 /// Kernel memory that a state datagram takes in the socket buffer: 277 fit into the default one.
 const KEPT_BYTES: usize = 768;
@@ -142,11 +141,10 @@ impl Direct {
     }
 
     /// Reads until one more frame ends, then processes pending TCP messages. Where a burst may overflow the socket
-    /// buffer, silence
-    /// after the first message of a frame also ends it.
+    /// buffer, silence after the first message of a frame also ends it.
     ///
-    /// Returns an error if the server is silent for [`SERVER_TIMEOUT`].
-    /// Errors when a server says nothing of a frame for [`SERVER_TIMEOUT`].
+    /// Returns an error if the server is silent for [`SERVER_TIMEOUT`]. Errors when a server says nothing of a frame
+    /// for [`SERVER_TIMEOUT`].
     pub(super) fn receive(&mut self, replica: &mut AppReplica, wire: &mut Wire) -> io::Result<()> {
         let awaited = replica.await_end();
         let may_lose = replica.may_lose(self.sockets.buffer_datagrams);

@@ -1,8 +1,7 @@
 //! Byte counts on the wire for a mode of the paper's protocol.
 //!
 //! Counted like a `Frame`: adding 28 bytes per datagram gives bytes on the wire. A TCP segment has 12 header bytes
-//! more and is
-//! acknowledged by an empty packet of 40.
+//! more and is acknowledged by an empty packet of 40.
 
 use bytes::Bytes;
 

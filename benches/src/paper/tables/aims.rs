@@ -175,8 +175,7 @@ mod tests {
     use crate::paper::settings::tests::settings;
 
     /// Trials with these frame times of integrated, rhumb and rhumb-pipelined at 500 and 1,000 balls, milliseconds;
-    /// engine steps
-    /// take half the integrated frame.
+    /// engine steps take half the integrated frame.
     fn results(trials: &[[[f64; 3]; 2]]) -> PaperResults {
         let mut settings = settings();
         settings.modes = ["integrated", "rhumb", "rhumb-pipelined"]
