@@ -1,6 +1,6 @@
-//! A small experiment whose every figure can be worked out by hand.
+//! A small experiment whose figures can be computed by hand.
 //!
-//! Four ticks of a tenth of a second: a static floor, a ball that falls for all of them, a capsule that falls asleep at
+//! Four ticks of a tenth of a second: a static floor, a ball that falls throughout, a capsule that falls asleep at
 //! tick 2, and a cylinder that is placed at tick 1 and removed at tick 3.
 
 use bytes::Bytes;
@@ -23,7 +23,7 @@ const TOLERANCE_M: f64 = 0.05;
 
 const UPRIGHT: [f32; 4] = [0.0, 0.0, 0.0, 1.0];
 
-/// A body's state, upright, with a velocity that only has to survive.
+/// An upright body's state; its velocity must only round-trip.
 fn observation(id: BodyId, position: [f32; 3], activity: Activity) -> Observation {
     let motion = BodyState::new(position, UPRIGHT, [0.0, -1.0, 0.0], [0.25, 0.0, -0.0]);
     Observation {
@@ -42,7 +42,7 @@ fn placed(tick: u64, id: BodyId, kind: BodyKind, shape: Shape, position: [f32; 3
     }
 }
 
-/// Height of the ball after a tick.
+/// Position of the ball after a tick.
 fn ball_at(tick: u64) -> [f32; 3] {
     [0.0, 10.0 - tick as f32, 0.0]
 }
@@ -134,7 +134,7 @@ fn seen(id: BodyId, position: [f32; 3], resting: bool) -> CopiedPose {
     }
 }
 
-/// What both remote modes show of capsule and cylinder: the truth.
+/// Poses and removals of capsule and cylinder in both remote modes: equal to the truth.
 fn bystanders(tick: u64) -> (Vec<CopiedPose>, Vec<BodyId>) {
     match tick {
         1 => (vec![seen(CAPSULE, [5.0, 1.6, 0.0], false)], Vec::new()),
@@ -191,7 +191,7 @@ fn naive() -> Run {
     run
 }
 
-/// How far beside the ball its copy is at each tick, metres.
+/// Offset of the copied ball at each tick, metres.
 const RHUMB_ERRORS: [f32; 4] = [0.0, 0.015625, 0.03125, 0.0625];
 
 fn rhumb() -> Run {
