@@ -12,7 +12,7 @@ separately and name it here: `shared-memory`, `tcp:HOST:PORT` or `udp:HOST:PORT`
 interface, headers included, in both directions; the machine must be otherwise idle. Piles differ between engines, so times
 measure similar work, not the same work.
 
-Standard output has a table; `--out` writes output file of the figures as JSON. On failure the exit code is 1, with a sentence on standard
+Standard output has a table; `--out` writes the figures as JSON. On failure the exit code is 1, with a sentence on standard
 error.
 """
 

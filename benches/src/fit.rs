@@ -178,7 +178,7 @@ impl Fit {
             shapes: Tables::ALL.shapes.iter().map(|row| sizes(row)).collect(),
             modes: Tables::ALL.modes.iter().map(|row| sizes(row)).collect(),
         };
-        fit.reckon_costs();
+        fit.update_costs();
         fit
     }
 
@@ -258,7 +258,7 @@ impl Fit {
             let blended = (0..SYMBOLS).map(|symbol| counts[symbol] + SMOOTH * smooth(symbol));
             self.shapes[place] = whole_parts(&blended.collect::<Vec<_>>());
         }
-        self.reckon_costs();
+        self.update_costs();
     }
 
     fn fit_expectations(&mut self) {

@@ -207,7 +207,7 @@ impl fmt::Display for Limit {
 /// Position of a body in the search order.
 struct SearchOrder {
     body: usize,
-    holds: bool,
+    may_be_parent: bool,
 }
 
 /// Largest number of parents, the same as the publisher's.

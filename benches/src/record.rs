@@ -183,7 +183,7 @@ pub struct CapturedPacket {
     pub frame: u32,
     /// Direction and kind.
     pub direction: PacketDirection,
-    /// The bytes, below QUIC.
+    /// The bytes as passed to or from QUIC.
     pub bytes: Bytes,
     /// Bytes counted for it: its length, unless another code's size is counted instead.
     pub counted: u64,
@@ -221,9 +221,9 @@ pub struct Frame {
     /// Updates decoded since the previous frame.
     pub updates: u64,
     /// Poses that changed in the copy since the previous frame.
-    pub seen: Vec<CopiedPose>,
+    pub changed: Vec<CopiedPose>,
     /// Bodies removed from the copy since the previous frame.
-    pub gone: Vec<BodyId>,
+    pub removed: Vec<BodyId>,
     /// Surface errors of all bodies except static ones and those at rest in both with equal bits. Metres, sorted.
     pub errors_m: Vec<f32>,
     /// Non-static bodies with an error of exactly zero that `errors_m` does not list.

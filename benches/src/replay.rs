@@ -124,7 +124,7 @@ fn run_all(
             Ok(mut run) => {
                 if keep == ReplayRetention::Figures {
                     for frame in &mut run.frames {
-                        (frame.seen, frame.gone) = (Vec::new(), Vec::new());
+                        (frame.changed, frame.removed) = (Vec::new(), Vec::new());
                     }
                 }
                 replays.ended.push((*config, run));

@@ -186,8 +186,8 @@ const DEFINITIONS: &str = "<h2>How it is measured</h2>
 <dl>
 <dt>kbit/s down</dt><dd>all bytes from server to client after joining: UDP payload and 28 bytes of IPv4 and UDP headers
 for each datagram, QUIC's encryption, acknowledgements and heartbeats included, over simulated time</dd>
-<dt>payload</dt><dd>state datagrams and control stream alone, below QUIC</dd>
-<dt>update</dt><dd>one body's new motion; its bits are those of state datagrams below QUIC, divided by the updates</dd>
+<dt>payload</dt><dd>state datagrams and control stream alone, as passed to QUIC</dd>
+<dt>update</dt><dd>one body's new motion; its bits are those of state datagrams as passed to QUIC, divided by the updates</dd>
 <dt>error</dt><dd>an upper bound of the displacement of any point of the body: |Δp| + 2 r sin(Δθ/2), r its bounding radius;
 measured at every frame for every body that can move, against the engine at the same tick</dd>
 <dt>over tolerance</dt><dd>body-ticks with an error above the tolerance, by cause: a lost datagram, a tick past the stream's

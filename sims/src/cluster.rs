@@ -29,7 +29,7 @@ impl Cluster {
         (0..count).map(move |place| {
             let (x, z, y) = (place % side, place / side % side, place / (side * side));
             let grid_point = Vec3::new(x as f32, y as f32, z as f32) * self.spacing;
-            corner + quantiser + rng.vector() * self.jitter
+            corner + grid_point + rng.vector() * self.jitter
         })
     }
 }

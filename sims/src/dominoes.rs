@@ -51,12 +51,7 @@ impl Dominoes {
                 half_extents.y,
                 (radius * libm::cos(angle)) as f32,
             );
-            let there = motion(
-                position,
-                about_y(angle + divergence_time),
-                Vec3::ZERO,
-                Vec3::ZERO,
-            );
+            let there = motion(position, about_y(angle + offset), Vec3::ZERO, Vec3::ZERO);
             let id = builder.body(BodyKind::Dynamic, stone, there, out);
             self.first.get_or_insert(id);
         }

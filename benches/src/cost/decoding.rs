@@ -161,10 +161,10 @@ impl DecodeLoad {
             updates: 0,
         };
         let mut decoded = load.subscriber.clone();
-        audience.decode(&mut decoded);
+        load.decode(&mut decoded);
         let updates = |of: &Subscriber| of.statistics().updates;
-        audience.updates = updates(&decoded) - updates(&audience.subscriber);
-        audience
+        load.updates = updates(&decoded) - updates(&load.subscriber);
+        load
     }
 
     /// A subscriber that has just joined, and updates of a tenth of the bodies.

@@ -158,7 +158,7 @@ fn connect_members(
     server: SocketAddr,
     trust: &Trust,
     away: Option<Span>,
-) -> Result<Listening, String> {
+) -> Result<ConnectedMembers, String> {
     let relay = away.map(|away| {
         let front = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
         UdpRelay::start(front, server, LinkConfig::round_trip(away), 1)

@@ -73,14 +73,14 @@ pub fn serve(arguments: Serve) -> ExitCode {
     let (Some(scene), Some(bodies), Some(seed)) = (scene, bodies, seed) else {
         return rhumb_server::cli::main(server);
     };
-    let played = ScriptChoice {
+    let script_choice = ScriptChoice {
         scene,
         bodies,
         seed,
     };
-    let Some(script) = played.script() else {
+    let Some(script) = script_choice.script() else {
         // If standard error is closed, no other place is left to report to.
-        let _ = writeln!(io::stderr(), "error: there is no script of {played}");
+        let _ = writeln!(io::stderr(), "error: no such script: {script_choice}");
         return ExitCode::FAILURE;
     };
     let hooks = Hooks::new(move |_, _| script.controller().map(hook));

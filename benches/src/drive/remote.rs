@@ -282,7 +282,7 @@ impl Remote {
         let (wire, before) = (statistics.wire, self.wire);
         self.wire = wire;
         let view = self.client.view();
-        let seen = |place: usize| CopiedPose {
+        let pose = |place: usize| CopiedPose {
             id: view.ids()[place],
             position: view.positions()[place].to_array(),
             rotation: view.rotations()[place].to_array(),
@@ -299,8 +299,8 @@ impl Remote {
             ..Frame::default()
         };
         if self.keep == Retention::Everything {
-            frame.seen = view.changed().map(seen).collect();
-            frame.gone = view.removed().to_vec();
+            frame.changed = view.changed().map(pose).collect();
+            frame.removed = view.removed().to_vec();
         }
         self.updates = statistics.stream.updates;
         let number = self.frames.len() as u32;

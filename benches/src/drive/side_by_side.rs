@@ -72,8 +72,8 @@ impl Plan {
     }
 
     pub(super) fn run_config(&self, mode: Mode, step_s: f64) -> RunConfig {
-        let reckoned = matches!(mode, Mode::Rhumb | Mode::RhumbPipelined | Mode::RhumbFree);
-        let length = self.tolerance.length().filter(|_| reckoned);
+        let predicts = matches!(mode, Mode::Rhumb | Mode::RhumbPipelined | Mode::RhumbFree);
+        let length = self.tolerance.length().filter(|_| predicts);
         RunConfig {
             scene: self.scene.clone(),
             bodies: self.bodies,
@@ -82,7 +82,7 @@ impl Plan {
             tolerance_m: length.map(Metres::metres),
             budget_bytes_per_second: self
                 .budget
-                .filter(|_| reckoned)
+                .filter(|_| predicts)
                 .map(Budget::bytes_per_second),
             link: if mode == Mode::Integrated {
                 "none".into()
@@ -126,7 +126,7 @@ impl Plan {
                     mode,
                     defects: self.defects,
                     config: script.config(),
-                    controller_script: script.controller().map(|_| self.played()),
+                    controller_script: script.controller().map(|_| self.script_choice()),
                     cpu: ServerCpu::on(self.cores.server),
                     keep: Retention::Everything,
                 };
@@ -157,7 +157,7 @@ impl Plan {
                 _ => PipelineDepth::LOCKSTEP,
             },
             config: script.config(),
-            controller_script: script.controller().map(|_| self.played()),
+            controller_script: script.controller().map(|_| self.script_choice()),
             cpu: ServerCpu::on(self.cores.server),
             link: &self.link,
             seed: self.seed,

@@ -187,7 +187,7 @@ pub(super) fn bits(
             };
             bits.body_ids += model.decide(place, updated.is_some());
             if let Some(update) = updated {
-                learnt.update(update, &mut bits);
+                model.update(update, &mut bits);
                 (silence.since, silence.predictor) = (frame, update.predictors[1]);
             }
         }

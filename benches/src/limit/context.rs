@@ -47,7 +47,7 @@ impl PredictorKind {
     /// The protocol's predictor for a body with or without free rotation and with or without constant acceleration.
     const fn predictor(
         self,
-        is_torque_free: bool,
+        rotates_freely: bool,
         constant_acceleration: Option<ConstantAcceleration>,
     ) -> Predictor {
         if let Some(constant_acceleration) = constant_acceleration {
@@ -55,9 +55,9 @@ impl PredictorKind {
         }
         match self {
             Self::Rest | Self::Attached => Predictor::Rest,
-            Self::Uniform | Self::ConstantAcceleration if is_torque_free => Predictor::TorqueFree,
+            Self::Uniform | Self::ConstantAcceleration if rotates_freely => Predictor::TorqueFree,
             Self::Uniform | Self::ConstantAcceleration => Predictor::Uniform,
-            Self::Ballistic if is_torque_free => Predictor::BallisticTorqueFree,
+            Self::Ballistic if rotates_freely => Predictor::BallisticTorqueFree,
             Self::Ballistic => Predictor::Ballistic,
         }
     }

@@ -30,10 +30,10 @@ struct RecordedBody {
 pub(super) struct ReplayJudge<'a> {
     truth: &'a Truth,
     tick: Tick,
-    bodies: Vec<Option<JudgedBody>>,
+    bodies: Vec<Option<RecordedBody>>,
     placed: usize,
     removed: usize,
-    gone: Vec<BodyId>,
+    removed_now: Vec<BodyId>,
     pub(super) breaches: Vec<Breach>,
 }
 
@@ -45,7 +45,7 @@ impl<'a> ReplayJudge<'a> {
             bodies: Vec::new(),
             placed: 0,
             removed: 0,
-            gone: Vec::new(),
+            removed_now: Vec::new(),
             breaches: Vec::new(),
         };
         judge.apply_changes();
@@ -82,7 +82,7 @@ impl<'a> ReplayJudge<'a> {
         {
             self.removed += 1;
             self.bodies[id.index() as usize] = None;
-            self.gone.push(*id);
+            self.removed_now.push(*id);
         }
         while let Some(placed) = truth.placed.get(self.placed)
             && placed.tick <= self.tick
@@ -93,7 +93,7 @@ impl<'a> ReplayJudge<'a> {
                 self.bodies.resize(index + 1, None);
             }
             let motion = placed.observation.motion;
-            self.bodies[index] = Some(JudgedBody {
+            self.bodies[index] = Some(RecordedBody {
                 id: placed.config.id,
                 motion,
                 radius: placed.shape.bounding_radius(),
@@ -110,7 +110,7 @@ impl<'a> ReplayJudge<'a> {
         let tick = self.tick;
         let mut frame = Frame {
             tick,
-            gone: std::mem::take(&mut self.gone),
+            removed: std::mem::take(&mut self.removed_now),
             ..Frame::default()
         };
         let known = self.bodies.iter_mut().flatten();
@@ -123,7 +123,7 @@ impl<'a> ReplayJudge<'a> {
             let shown = (position.to_array(), rotation.to_array());
             if shown != known.shown {
                 known.shown = shown;
-                frame.seen.push(seen(known.id, shown, copy));
+                frame.changed.push(copied_pose(known.id, shown, copy));
             }
             let error_m = error_m(known, position, rotation);
             if shown == (known.motion.position(), known.motion.rotation()) {
@@ -156,7 +156,11 @@ fn error_m(known: &RecordedBody, position: Vec3, rotation: Quat) -> f64 {
     off.surface_error(known.radius).metres()
 }
 
-fn seen(id: BodyId, (position, rotation): ([f32; 3], [f32; 4]), copy: &Subscriber) -> CopiedPose {
+fn copied_pose(
+    id: BodyId,
+    (position, rotation): ([f32; 3], [f32; 4]),
+    copy: &Subscriber,
+) -> CopiedPose {
     let track = copy.track(id);
     CopiedPose {
         id,

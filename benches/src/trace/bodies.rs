@@ -218,19 +218,19 @@ impl<'a> CopiedBodies<'a> {
         for placed in placed {
             self.bodies.place(placed);
         }
-        for id in &frame.gone {
+        for id in &frame.removed {
             self.bodies.remove(*id);
         }
-        for seen in &frame.seen {
-            if self.bodies.find(seen.id).is_none()
-                && let Some(placed) = self.placed_by_id.get(&seen.id)
+        for pose in &frame.changed {
+            if self.bodies.find(pose.id).is_none()
+                && let Some(placed) = self.placed_by_id.get(&pose.id)
             {
                 self.bodies.place(placed);
             }
-            if let Some(body) = self.bodies.find_mut(seen.id) {
-                body.position = seen.position;
-                body.rotation = seen.rotation;
-                body.still = seen.resting;
+            if let Some(body) = self.bodies.find_mut(pose.id) {
+                body.position = pose.position;
+                body.rotation = pose.rotation;
+                body.still = pose.resting;
             }
         }
     }

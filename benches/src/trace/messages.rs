@@ -280,14 +280,14 @@ pub(super) struct Poses {
 
 impl Poses {
     pub(super) fn of(number: u32, frame: &Frame) -> Self {
-        let seen: &[CopiedPose] = &frame.seen;
-        let position = |part: usize| seen.iter().map(|s| s.position[part]).collect();
-        let rotation = |part: usize| seen.iter().map(|s| s.rotation[part]).collect();
+        let changed: &[CopiedPose] = &frame.changed;
+        let position = |part: usize| changed.iter().map(|s| s.position[part]).collect();
+        let rotation = |part: usize| changed.iter().map(|s| s.rotation[part]).collect();
         Self {
             tick: frame.tick.value(),
             frame: number,
-            index: seen.iter().map(|s| s.id.index()).collect(),
-            generation: seen.iter().map(|s| s.id.generation().into()).collect(),
+            index: changed.iter().map(|s| s.id.index()).collect(),
+            generation: changed.iter().map(|s| s.id.generation().into()).collect(),
             px: position(0),
             py: position(1),
             pz: position(2),
@@ -295,9 +295,13 @@ impl Poses {
             qy: rotation(1),
             qz: rotation(2),
             qw: rotation(3),
-            resting: seen.iter().map(|s| s.resting).collect(),
-            gone_index: frame.gone.iter().map(|id| id.index()).collect(),
-            gone_generation: frame.gone.iter().map(|id| id.generation().into()).collect(),
+            resting: changed.iter().map(|s| s.resting).collect(),
+            gone_index: frame.removed.iter().map(|id| id.index()).collect(),
+            gone_generation: frame
+                .removed
+                .iter()
+                .map(|id| id.generation().into())
+                .collect(),
         }
     }
 }

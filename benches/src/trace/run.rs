@@ -20,7 +20,7 @@ pub(super) struct RunTopics<'a> {
     time: Time,
     stats: Topic,
     breaches: Topic,
-    seen: Topic,
+    poses: Topic,
     wire: [(PacketDirection, Topic); 4],
     scene: Option<DrawnScene>,
     copy: CopiedBodies<'a>,
@@ -47,7 +47,7 @@ impl<'a> RunTopics<'a> {
             time,
             stats: topic("stats", Schema::Own("rhumb.TickStats")),
             breaches: topic("breaches", Schema::Own("rhumb.Breach")),
-            seen: topic("seen", Schema::Own("rhumb.Poses")),
+            poses: topic("seen", Schema::Own("rhumb.Poses")),
             wire: directions.map(|direction| {
                 let name = format!("wire/{}", names::direction(direction));
                 (direction, topic(&name, Schema::Wire("rhumb.Packet")))
@@ -108,8 +108,8 @@ impl<'a> RunTopics<'a> {
             at_ns,
             &TickStats::of(number, frame, payload),
         )?;
-        if !frame.seen.is_empty() || !frame.gone.is_empty() {
-            file.put(&mut self.seen, at_ns, &Poses::of(number, frame))?;
+        if !frame.changed.is_empty() || !frame.removed.is_empty() {
+            file.put(&mut self.poses, at_ns, &Poses::of(number, frame))?;
         }
         if let Some(scene) = &mut self.scene {
             self.copy.show(frame);

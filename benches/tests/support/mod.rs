@@ -125,7 +125,7 @@ fn run(mode: Mode, frames: Vec<Frame>) -> Run {
     }
 }
 
-fn seen(id: BodyId, position: [f32; 3], resting: bool) -> CopiedPose {
+fn copied_pose(id: BodyId, position: [f32; 3], resting: bool) -> CopiedPose {
     CopiedPose {
         id,
         position,
@@ -137,15 +137,21 @@ fn seen(id: BodyId, position: [f32; 3], resting: bool) -> CopiedPose {
 /// Poses and removals of capsule and cylinder in both remote modes: equal to the truth.
 fn bystanders(tick: u64) -> (Vec<CopiedPose>, Vec<BodyId>) {
     match tick {
-        1 => (vec![seen(CAPSULE, [5.0, 1.6, 0.0], false)], Vec::new()),
+        1 => (
+            vec![copied_pose(CAPSULE, [5.0, 1.6, 0.0], false)],
+            Vec::new(),
+        ),
         2 => (
             vec![
-                seen(CAPSULE, [5.0, 1.5, 0.0], true),
-                seen(CYLINDER, [-5.0, 7.0, 0.0], false),
+                copied_pose(CAPSULE, [5.0, 1.5, 0.0], true),
+                copied_pose(CYLINDER, [-5.0, 7.0, 0.0], false),
             ],
             Vec::new(),
         ),
-        3 => (vec![seen(CYLINDER, [-5.0, 6.0, 0.0], false)], Vec::new()),
+        3 => (
+            vec![copied_pose(CYLINDER, [-5.0, 6.0, 0.0], false)],
+            Vec::new(),
+        ),
         _ => (Vec::new(), vec![CYLINDER]),
     }
 }
@@ -161,8 +167,8 @@ fn integrated() -> Run {
 
 fn naive() -> Run {
     let frame = |tick| {
-        let (mut seen_now, gone) = bystanders(tick);
-        seen_now.push(seen(BALL, ball_at(tick), false));
+        let (mut changed, removed) = bystanders(tick);
+        changed.push(copied_pose(BALL, ball_at(tick), false));
         Frame {
             tick: Tick::new(tick),
             frame_ns: 5_000_000,
@@ -171,8 +177,8 @@ fn naive() -> Run {
             wire_bytes_up: 50,
             wire_datagrams_up: 1,
             updates: 3,
-            seen: seen_now,
-            gone,
+            changed,
+            removed,
             errors_m: Vec::new(),
             exact: if tick == 1 || tick == 4 { 2 } else { 3 },
             moving_errors_m: Vec::new(),
@@ -198,8 +204,8 @@ fn rhumb() -> Run {
     let frame = |tick: u64| {
         let error = RHUMB_ERRORS[tick as usize - 1];
         let [x, y, z] = ball_at(tick);
-        let (mut seen_now, gone) = bystanders(tick);
-        seen_now.push(seen(BALL, [x + error, y, z], false));
+        let (mut changed, removed) = bystanders(tick);
+        changed.push(copied_pose(BALL, [x + error, y, z], false));
         let bodies = if tick == 1 || tick == 4 { 2 } else { 3 };
         Frame {
             tick: Tick::new(tick),
@@ -209,8 +215,8 @@ fn rhumb() -> Run {
             wire_bytes_up: 40,
             wire_datagrams_up: 1,
             updates: [3, 1, 0, 1][tick as usize - 1],
-            seen: seen_now,
-            gone,
+            changed,
+            removed,
             errors_m: if error > 0.0 { vec![error] } else { Vec::new() },
             exact: if error > 0.0 { bodies - 1 } else { bodies },
             moving_errors_m: Vec::new(),

@@ -239,7 +239,7 @@ impl AppRemote {
             if self.keep == Retention::Costs {
                 changed.clear();
             }
-            let seen = changed.into_iter().filter_map(|id| {
+            let poses = changed.into_iter().filter_map(|id| {
                 let (position, rotation) = replica.pose(id)?;
                 Some(CopiedPose {
                     id,
@@ -251,7 +251,7 @@ impl AppRemote {
             let frame = Frame {
                 frame_ns,
                 updates,
-                seen: seen.collect(),
+                changed: poses.collect(),
                 ..Frame::default()
             };
             (frame, wire.take())

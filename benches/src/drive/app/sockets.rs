@@ -143,8 +143,7 @@ impl Direct {
     /// Reads until one more frame ends, then processes pending TCP messages. Where a burst may overflow the socket
     /// buffer, silence after the first message of a frame also ends it.
     ///
-    /// Returns an error if the server is silent for [`SERVER_TIMEOUT`]. Errors when a server says nothing of a frame
-    /// for [`SERVER_TIMEOUT`].
+    /// Returns an error if the server is silent for [`SERVER_TIMEOUT`].
     pub(super) fn receive(&mut self, replica: &mut AppReplica, wire: &mut Wire) -> io::Result<()> {
         let awaited = replica.await_end();
         let may_lose = replica.may_lose(self.sockets.buffer_datagrams);
