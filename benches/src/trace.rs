@@ -107,7 +107,7 @@ fn write_to(
     options: &TraceOptions,
     progress: &mut dyn FnMut(Progress),
 ) -> Result<(), McapError> {
-    let mut file = file::File::new(to)?;
+    let mut file = file::TraceFile::new(to)?;
     let prefixes = load_names(experiment);
     let (name, record) = metadata::of_experiment(experiment, &prefixes);
     file.put_metadata(name, record)?;

@@ -41,7 +41,7 @@ pub fn read(name: &str, packed: &[u8]) -> Result<Recording, RecordingError> {
     limited
         .read_to_end(&mut bytes)
         .map_err(RecordingError::Unpack)?;
-    let mut reader = Bytes { rest: &bytes };
+    let mut reader = ByteReader { rest: &bytes };
     if reader.take()? != MAGIC {
         return Err(RecordingError::NotARecording);
     }
@@ -126,7 +126,7 @@ pub(super) fn rate(step_s: f64) -> Result<Rate, RecordingError> {
     Rate::new(hertz as u32, 1).ok_or(wrong)
 }
 
-fn shape(reader: &mut Bytes<'_>, index: u32) -> Result<Shape, RecordingError> {
+fn shape(reader: &mut ByteReader<'_>, index: u32) -> Result<Shape, RecordingError> {
     let half_extents = Vec3::from_array(reader.f32s()?);
     let radius = f64::from(reader.f32()?);
     let shape = Shape::Cuboid { half_extents };
@@ -139,7 +139,7 @@ fn shape(reader: &mut Bytes<'_>, index: u32) -> Result<Shape, RecordingError> {
 }
 
 fn row(
-    reader: &mut Bytes<'_>,
+    reader: &mut ByteReader<'_>,
     tick: Tick,
     bodies: u32,
 ) -> Result<Vec<Observation>, RecordingError> {
@@ -186,11 +186,11 @@ fn place(row: Vec<Observation>, shapes: &[Shape]) -> Result<Vec<Placed>, Recordi
 }
 
 /// Reader over the remaining bytes.
-struct Bytes<'a> {
+struct ByteReader<'a> {
     rest: &'a [u8],
 }
 
-impl Bytes<'_> {
+impl ByteReader<'_> {
     fn take<const COUNT: usize>(&mut self) -> Result<[u8; COUNT], RecordingError> {
         let (taken, rest) = self
             .rest

@@ -45,12 +45,12 @@ impl Topic {
 }
 
 /// The MCAP file.
-pub(super) struct File<W: Write + Seek> {
+pub(super) struct TraceFile<W: Write + Seek> {
     writer: Writer<W>,
     buffer: Vec<u8>,
 }
 
-impl<W: Write + Seek> File<W> {
+impl<W: Write + Seek> TraceFile<W> {
     pub(super) fn new(to: W) -> Result<Self, McapError> {
         let options = WriteOptions::new()
             .compression(Some(Compression::Zstd))

@@ -7,7 +7,7 @@ use mcap::McapError;
 use rhumb_reckoning::Tick;
 
 use super::bodies::{Bodies, TruthBodies};
-use super::file::{File, Schema, Topic};
+use super::file::{Schema, Topic, TraceFile};
 use super::messages::States;
 use super::run::RunTopics;
 use super::scene::{DrawnScene, entity};
@@ -17,7 +17,7 @@ use crate::record::Load;
 
 /// Writes a load; `done` is called after each tick with its number.
 pub(super) fn write<W: Write + Seek>(
-    file: &mut File<W>,
+    file: &mut TraceFile<W>,
     prefix: &str,
     load: &Load,
     options: &TraceOptions,
@@ -82,7 +82,11 @@ impl<'a> TruthTopics<'a> {
         }
     }
 
-    fn write<W: Write + Seek>(&mut self, file: &mut File<W>, tick: Tick) -> Result<(), McapError> {
+    fn write<W: Write + Seek>(
+        &mut self,
+        file: &mut TraceFile<W>,
+        tick: Tick,
+    ) -> Result<(), McapError> {
         let at_ns = self.time.at_ns(tick.value());
         let changes = self.bodies.step(tick);
         self.statics_changed |= changes.statics_changed;

@@ -70,7 +70,7 @@ impl TickStats {
 }
 
 #[derive(Clone, PartialEq, prost::Message)]
-pub(super) struct Breach {
+pub(super) struct BreachMessage {
     #[prost(uint64, tag = "1")]
     pub(super) tick: u64,
     #[prost(uint32, tag = "2")]
@@ -85,7 +85,7 @@ pub(super) struct Breach {
     pub(super) cause: i32,
 }
 
-impl From<&record::Breach> for Breach {
+impl From<&record::Breach> for BreachMessage {
     fn from(breach: &record::Breach) -> Self {
         Self {
             tick: breach.tick.value(),

@@ -7,7 +7,7 @@ use mcap::McapError;
 
 use super::TraceOptions;
 use super::bodies::{Bodies, Body, CopiedBodies};
-use super::file::{File, Schema, Topic};
+use super::file::{Schema, Topic, TraceFile};
 use super::messages::{self, Packet, Poses, TickStats};
 use super::names;
 use super::scene::DrawnScene;
@@ -65,7 +65,7 @@ impl<'a> RunTopics<'a> {
     /// Writes all frames that show `tick` or an earlier tick; `truth` is the engine's at `tick`.
     pub(super) fn write_through<W: Write + Seek>(
         &mut self,
-        file: &mut File<W>,
+        file: &mut TraceFile<W>,
         tick: u64,
         truth: &Bodies<'_>,
     ) -> Result<(), McapError> {
@@ -79,14 +79,21 @@ impl<'a> RunTopics<'a> {
             && breach.tick.value() <= tick
         {
             let at_ns = self.time.at_ns(breach.tick.value());
-            file.put(&mut self.breaches, at_ns, &messages::Breach::from(breach))?;
+            file.put(
+                &mut self.breaches,
+                at_ns,
+                &messages::BreachMessage::from(breach),
+            )?;
             self.breached += 1;
         }
         Ok(())
     }
 
     /// Writes the packets captured after the last frame.
-    pub(super) fn end<W: Write + Seek>(&mut self, file: &mut File<W>) -> Result<(), McapError> {
+    pub(super) fn end<W: Write + Seek>(
+        &mut self,
+        file: &mut TraceFile<W>,
+    ) -> Result<(), McapError> {
         if let Some(last) = self.run.frames.last() {
             self.write_captured(file, u32::MAX, last)?;
         }
@@ -95,7 +102,7 @@ impl<'a> RunTopics<'a> {
 
     fn write_frame<W: Write + Seek>(
         &mut self,
-        file: &mut File<W>,
+        file: &mut TraceFile<W>,
         frame: &Frame,
         truth: &Bodies<'_>,
     ) -> Result<(), McapError> {
@@ -134,7 +141,7 @@ impl<'a> RunTopics<'a> {
     /// Writes the packets captured up to and including a frame; returns their counted bytes down.
     fn write_captured<W: Write + Seek>(
         &mut self,
-        file: &mut File<W>,
+        file: &mut TraceFile<W>,
         number: u32,
         frame: &Frame,
     ) -> Result<u64, McapError> {

@@ -11,7 +11,7 @@ use foxglove::messages::{Color, SceneEntity, SceneUpdate, Timestamp};
 use mcap::McapError;
 
 use super::bodies::Body;
-use super::file::{File, Schema, Topic};
+use super::file::{Schema, Topic, TraceFile};
 use super::primitives;
 
 /// The two topics and the content of their last messages.
@@ -63,7 +63,7 @@ impl DrawnScene {
     /// Writes the topics whose content changed.
     pub(super) fn draw<W: Write + Seek>(
         &mut self,
-        file: &mut File<W>,
+        file: &mut TraceFile<W>,
         (tick, at_ns): (u64, u64),
         bodies: &[Painted<'_>],
     ) -> Result<(), McapError> {

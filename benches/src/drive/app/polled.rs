@@ -18,7 +18,7 @@ use super::sockets::{
     END_LOST_AFTER, MESSAGES_PER_POLL, PUMP, READ_BYTES, Sockets, is_nothing_yet, next_message,
     receive_datagram,
 };
-use super::wire::Wire;
+use super::wire::WireCounter;
 use crate::drive::SERVER_TIMEOUT;
 
 /// Interval between two turns of the thread that processes received messages.
@@ -65,7 +65,7 @@ struct ReceiveQueues {
 #[derive(Debug)]
 struct ReceivedState {
     replica: AppReplica,
-    wire: Wire,
+    wire: WireCounter,
     over: Option<io::ErrorKind>,
 }
 
@@ -75,7 +75,7 @@ impl Polled {
         sockets: Sockets,
         defects: Defects,
         replica: AppReplica,
-        wire: Wire,
+        wire: WireCounter,
     ) -> io::Result<Self> {
         let shared = Arc::new(PolledState {
             out: Mutex::default(),
@@ -151,7 +151,10 @@ impl Polled {
     }
 
     /// Gives access to the received state, locked against the threads.
-    pub(super) fn with<T>(&self, inspect: impl FnOnce(&mut AppReplica, &mut Wire) -> T) -> T {
+    pub(super) fn with<T>(
+        &self,
+        inspect: impl FnOnce(&mut AppReplica, &mut WireCounter) -> T,
+    ) -> T {
         let mut state = lock(&self.shared.replica);
         let ReceivedState { replica, wire, .. } = &mut *state;
         inspect(replica, wire)

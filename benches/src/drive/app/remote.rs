@@ -17,7 +17,7 @@ use super::messages::{MessageWriter, SIMULATION, Unsupported};
 use super::polled::Polled;
 use super::replica::AppReplica;
 use super::sockets::{Direct, Sockets};
-use super::wire::{Count, Wire};
+use super::wire::{Count, WireCounter};
 use crate::drive::compare::{RecentTruth, compare};
 use crate::drive::control::ScriptChoice;
 use crate::drive::remote::Retention;
@@ -68,7 +68,7 @@ enum PaperConnection {
 struct DirectReader {
     connection: Direct,
     replica: AppReplica,
-    wire: Wire,
+    wire: WireCounter,
 }
 
 /// Why a mode of the paper's protocol failed.
@@ -335,12 +335,17 @@ fn connect(
     let sockets = Sockets::open(server, defects)?;
     let replica = AppReplica::new(defects);
     Ok(if defects.poll {
-        PaperConnection::Polled(Polled::start(sockets, defects, replica, Wire::new(keep))?)
+        PaperConnection::Polled(Polled::start(
+            sockets,
+            defects,
+            replica,
+            WireCounter::new(keep),
+        )?)
     } else {
         PaperConnection::Direct(Box::new(DirectReader {
             connection: Direct::new(sockets, defects)?,
             replica,
-            wire: Wire::new(keep),
+            wire: WireCounter::new(keep),
         }))
     })
 }
@@ -405,7 +410,7 @@ impl PaperConnection {
         }
     }
 
-    fn with<T>(&mut self, inspect: impl FnOnce(&mut AppReplica, &mut Wire) -> T) -> T {
+    fn with<T>(&mut self, inspect: impl FnOnce(&mut AppReplica, &mut WireCounter) -> T) -> T {
         match self {
             Self::Direct(reader) => inspect(&mut reader.replica, &mut reader.wire),
             Self::Polled(connection) => connection.with(inspect),

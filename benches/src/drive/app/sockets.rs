@@ -11,7 +11,7 @@ use rhumb_app::{Frames, Message};
 
 use super::defects::Defects;
 use super::replica::AppReplica;
-use super::wire::Wire;
+use super::wire::WireCounter;
 use crate::drive::SERVER_TIMEOUT;
 
 /// The connected sockets.
@@ -101,7 +101,7 @@ impl Direct {
     }
 
     /// Sends messages; one write for all that leave together.
-    pub(super) fn send(&mut self, messages: &[Vec<u8>], wire: &mut Wire) -> io::Result<()> {
+    pub(super) fn send(&mut self, messages: &[Vec<u8>], wire: &mut WireCounter) -> io::Result<()> {
         if !self.defects.cap {
             return self.write(&messages.concat(), wire);
         }
@@ -115,7 +115,7 @@ impl Direct {
         Ok(())
     }
 
-    fn write(&mut self, bytes: &[u8], wire: &mut Wire) -> io::Result<()> {
+    fn write(&mut self, bytes: &[u8], wire: &mut WireCounter) -> io::Result<()> {
         if bytes.is_empty() {
             return Ok(());
         }
@@ -124,7 +124,11 @@ impl Direct {
     }
 
     /// Processes datagrams that arrive after their frame was abandoned.
-    pub(super) fn catch_up(&mut self, replica: &mut AppReplica, wire: &mut Wire) -> io::Result<()> {
+    pub(super) fn catch_up(
+        &mut self,
+        replica: &mut AppReplica,
+        wire: &mut WireCounter,
+    ) -> io::Result<()> {
         if !replica.may_lose(self.sockets.buffer_datagrams) {
             return Ok(());
         }
@@ -144,7 +148,11 @@ impl Direct {
     /// buffer, silence after the first message of a frame also ends it.
     ///
     /// Returns an error if the server is silent for [`SERVER_TIMEOUT`].
-    pub(super) fn receive(&mut self, replica: &mut AppReplica, wire: &mut Wire) -> io::Result<()> {
+    pub(super) fn receive(
+        &mut self,
+        replica: &mut AppReplica,
+        wire: &mut WireCounter,
+    ) -> io::Result<()> {
         let awaited = replica.await_end();
         let may_lose = replica.may_lose(self.sockets.buffer_datagrams);
         // A server that steps is silent for any length of time. An end counts as lost only after other messages of its
@@ -171,7 +179,7 @@ impl Direct {
         self.receive_tcp(replica, wire)
     }
 
-    fn receive_one(&mut self, replica: &mut AppReplica, wire: &mut Wire) -> io::Result<()> {
+    fn receive_one(&mut self, replica: &mut AppReplica, wire: &mut WireCounter) -> io::Result<()> {
         let count = self.sockets.udp.recv(&mut self.buffer)?;
         let datagram = &self.buffer[..count];
         wire.datagram_down(datagram);
@@ -181,7 +189,7 @@ impl Direct {
     pub(super) fn receive_tcp(
         &mut self,
         replica: &mut AppReplica,
-        wire: &mut Wire,
+        wire: &mut WireCounter,
     ) -> io::Result<()> {
         self.sockets.tcp.set_nonblocking(true)?;
         let result = loop {
@@ -203,7 +211,7 @@ impl Direct {
         Ok(())
     }
 
-    pub(super) fn send_datagram(&mut self, bytes: &[u8], wire: &mut Wire) -> io::Result<()> {
+    pub(super) fn send_datagram(&mut self, bytes: &[u8], wire: &mut WireCounter) -> io::Result<()> {
         wire.datagram_up(bytes);
         self.sockets.udp.send(bytes).map(drop)
     }
@@ -300,8 +308,10 @@ mod tests {
                 encode(&udp, &Message::TimeAdvanced(SIMULATION));
             }
         });
-        let (mut replica, mut wire) =
-            (AppReplica::new(Defects::SOUND), Wire::new(Retention::Costs));
+        let (mut replica, mut wire) = (
+            AppReplica::new(Defects::SOUND),
+            WireCounter::new(Retention::Costs),
+        );
         for frame in 1..=3 {
             requests.send(()).unwrap();
             direct.catch_up(&mut replica, &mut wire).unwrap();
@@ -316,8 +326,10 @@ mod tests {
     #[test]
     fn a_late_end_is_not_attributed_to_the_next_frame() {
         let (udp, _tcp, mut direct) = ends(Defects::SOUND, 0);
-        let (mut replica, mut wire) =
-            (AppReplica::new(Defects::SOUND), Wire::new(Retention::Costs));
+        let (mut replica, mut wire) = (
+            AppReplica::new(Defects::SOUND),
+            WireCounter::new(Retention::Costs),
+        );
         send_states(&udp, 0..BODIES);
         direct.receive(&mut replica, &mut wire).unwrap();
         assert_eq!((replica.ended_frames, replica.lost), (0, 1));
@@ -333,8 +345,10 @@ mod tests {
     #[test]
     fn a_lost_end_is_owed_only_until_the_next_frame_ends() {
         let (udp, _tcp, mut direct) = ends(Defects::SOUND, 0);
-        let (mut replica, mut wire) =
-            (AppReplica::new(Defects::SOUND), Wire::new(Retention::Costs));
+        let (mut replica, mut wire) = (
+            AppReplica::new(Defects::SOUND),
+            WireCounter::new(Retention::Costs),
+        );
         send_states(&udp, 0..BODIES);
         direct.receive(&mut replica, &mut wire).unwrap();
         assert_eq!((replica.ended_frames, replica.lost), (0, 1));

@@ -22,7 +22,7 @@ pub(super) struct Count {
 
 /// Counts in both directions, and the bytes since they were last taken, if kept.
 #[derive(Debug)]
-pub(super) struct Wire {
+pub(super) struct WireCounter {
     pub(super) down: Count,
     pub(super) up: Count,
     keep: Retention,
@@ -46,7 +46,7 @@ impl Count {
     }
 }
 
-impl Wire {
+impl WireCounter {
     pub(super) fn new(keep: Retention) -> Self {
         Self {
             down: Count::default(),
@@ -114,7 +114,7 @@ mod tests {
     #[test]
     fn a_segment_counts_its_headers_and_its_acknowledgement() {
         let on_wire = |count: Count| count.bytes + 28 * count.packets;
-        let mut wire = Wire::new(Retention::Everything);
+        let mut wire = WireCounter::new(Retention::Everything);
         wire.segments_up(&[0; 32]);
         assert_eq!((on_wire(wire.up), on_wire(wire.down)), (72, 40));
         wire.datagram_down(&[0; 88]);
@@ -124,7 +124,7 @@ mod tests {
         let taken = wire.take();
         assert_eq!(taken.len(), 3);
         assert!(wire.take().is_empty());
-        let mut wire = Wire::new(Retention::Costs);
+        let mut wire = WireCounter::new(Retention::Costs);
         wire.datagram_down(&[0; 88]);
         assert_eq!((on_wire(wire.down), wire.take().len()), (116, 0));
     }
