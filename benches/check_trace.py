@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Computes the figures of summary.json again from trace.mcap, and says which of them hold.
+"""Recomputes the figures of summary.json from trace.mcap and reports the differences.
 
-Knows the file format, the embedded schemas and the definitions of the figures, and nothing of the code that wrote
-either file. Errors are computed anew from the engine's states and the poses that the client's copy took on.
+Uses the file format, the embedded schemas and the definitions of the figures, but no code of the program that wrote the
+files. Errors are recomputed from the engine's states and the poses of the client's copy.
 
     pip install mcap mcap-protobuf-support
     python3 benches/check_trace.py results/trace.mcap results/summary.json
@@ -22,13 +22,13 @@ CAUSES = {1: "loss", 2: "late", 3: "fault", 4: "budget"}
 STATE_DOWN, CONTROL_DOWN = 1, 3
 SIM_FPS_MAX = 11.33
 FIRST_S = 5.0
-# The copy is f32 and its rotation is brought to unit length before and after rounding: at 128 m this is worth 16 um.
+# Rounding of the copy: f32, with the rotation normalised before and after rounding. At 128 m this is up to 16 um.
 EXACT_M = 2e-5
 MASK = (1 << 64) - 1
 
 
 class Report:
-    """Counts what holds, and prints what does not."""
+    """Counts passed and failed checks, and prints the failed ones."""
 
     def __init__(self):
         self.passed = 0
@@ -61,14 +61,14 @@ def unit(q):
 
 
 def surface_error(truth, shown, radius):
-    """|dp| + 2 r sin(turn / 2), of poses as px py pz qx qy qz qw."""
-    apart = math.dist(truth[:3], shown[:3])
+    """|dp| + 2 r sin(angle / 2) of two poses (px py pz qx qy qz qw)."""
+    distance = math.dist(truth[:3], shown[:3])
     ax, ay, az, aw = unit(truth[3:7])
     bx, by, bz, bw = unit(shown[3:7])
     x = -aw * bx + ax * bw - ay * bz + az * by
     y = -aw * by + ay * bw - az * bx + ax * bz
     z = -aw * bz + az * bw - ax * by + ay * bx
-    return apart + 2.0 * radius * min(math.sqrt(x * x + y * y + z * z), 1.0)
+    return distance + 2.0 * radius * min(math.sqrt(x * x + y * y + z * z), 1.0)
 
 
 class Digest:
@@ -96,9 +96,9 @@ class Truth:
         self.observed = set()
 
     def step(self, states):
-        """What is placed or removed after a tick is so from the next; what comes before the first is there at once."""
+        """Applies a tick. Placements and removals after a tick take effect at the next; those before the first, at once."""
         self.fold(states)
-        self.settle()
+        self.apply_changes()
         ids = list(zip(states.index, states.generation))
         self.observed = set(ids)
         columns = (states.px, states.py, states.pz, states.qx, states.qy, states.qz, states.qw)
@@ -113,9 +113,9 @@ class Truth:
             self.began[body] = tuple(placed.motion[:7])
             self.coming.append(body)
         if states.tick == 0:
-            self.settle()
+            self.apply_changes()
 
-    def settle(self):
+    def apply_changes(self):
         self.pose.update((body, self.began[body]) for body in self.coming)
         for body in self.leaving:
             self.pose.pop(body, None)
@@ -142,7 +142,7 @@ class Truth:
 
 
 def scale(placed):
-    """How much wider than its run's a body's tolerance is."""
+    """Factor of a body's tolerance relative to its run's."""
     return 2.0 ** placed.tolerance_scale
 
 
@@ -164,14 +164,14 @@ class Run:
         if packet.direction == STATE_DOWN:
             self.state_bytes += len(packet.data)
 
-    def follow(self, truth, tick):
+    def advance(self, truth, tick):
         """Shows all frames of this tick in the copy and compares it with the truth."""
         while self.next in self.stats and self.stats[self.next].tick <= tick:
             frame = self.stats[self.next]
             self.show(self.seen.pop(self.next, None))
             self.next += 1
             if frame.body_ticks:
-                self.judge(truth, frame)
+                self.compare(truth, frame)
             else:
                 self.unjudged += 1
 
@@ -184,14 +184,14 @@ class Run:
         for body, pose in zip(zip(poses.index, poses.generation), zip(*columns)):
             self.copy[body] = pose
 
-    def judge(self, truth, frame):
+    def compare(self, truth, frame):
         tolerance = self.config.get("tolerance_m")
         errors = []
         for body, real in truth.pose.items():
             _, kind, radius, scale = truth.config[body]
             if kind == STATIC:
                 continue
-            # Until it is mentioned, a body is where it was placed.
+            # A body that no frame mentions stands at its placement.
             shown = self.copy.get(body, truth.began[body])
             if shown is None:
                 continue
@@ -242,12 +242,12 @@ def replay(topics, load, runs):
     for _, states in topics[f"/{load}/truth/state"]:
         truth.step(states)
         for run in runs:
-            run.follow(truth, states.tick)
+            run.advance(truth, states.tick)
     return truth
 
 
 def worst_second(frames, rate, step_s, ticks):
-    """The greatest rate over any window of a second, or over the whole run if that is shorter."""
+    """The highest rate over any window of a second, or over the whole run if it is shorter."""
     window = max(min(round(1.0 / step_s), ticks), 1)
     worst, inside, oldest = 0.0, 0, 0
     for frame in frames:
@@ -260,7 +260,7 @@ def worst_second(frames, rate, step_s, ticks):
 
 
 def first_seconds(run, frames, down):
-    """What came down in the first frames."""
+    """Traffic down in the first frames."""
     step_s = float(run.config["step_s"]) * int(run.config.get("publish_interval") or 1)
     count = min(math.floor(FIRST_S / step_s + 0.5), len(frames))
     if count == 0:
@@ -274,46 +274,46 @@ def first_seconds(run, frames, down):
 
 
 def check_ratios(report, figures, runs):
-    """How many times less came down than in the naive run beside it."""
-    told = figures["less_than_naive"]
-    if told is None:
+    """Reduction of the traffic down against the naive run of the same load."""
+    stated = figures["less_than_naive"]
+    if stated is None:
         return
     free = figures["mode"].endswith("-free")
     alike = [r for r in runs if r["scene"] == figures["scene"] and r["bodies"] == figures["bodies"]]
     find = lambda mode: [r for r in alike if r["mode"] == mode]
     found = (find("naive-free") if free else []) or find("naive")
     naive = next((r for r in found if r["link"] == figures["link"]), found[0] if found else None)
-    report.check(naive is not None, "less than a naive run that is not there")
+    report.check(naive is not None, "the naive run of less_than_naive is missing")
     if naive is None:
         return
     ratio = lambda of: of(naive) / of(figures)
-    report.same("less_than_naive.payload", ratio(lambda r: r["payload_bytes_down"]), told["payload"])
-    report.same("less_than_naive.with_headers", ratio(lambda r: r["bytes_down"]), told["with_headers"])
+    report.same("less_than_naive.payload", ratio(lambda r: r["payload_bytes_down"]), stated["payload"])
+    report.same("less_than_naive.with_headers", ratio(lambda r: r["bytes_down"]), stated["with_headers"])
     first = lambda name: ratio(lambda r: r["first_seconds"][name])
-    report.same("less_than_naive.payload_first", first("payload_bytes_down"), told["payload_first"])
-    report.same("less_than_naive.with_headers_first", first("bytes_down"), told["with_headers_first"])
+    report.same("less_than_naive.payload_first", first("payload_bytes_down"), stated["payload_first"])
+    report.same("less_than_naive.with_headers_first", first("bytes_down"), stated["with_headers_first"])
 
 
-def check_following(report, config, figures):
-    """How a free-running scene was published and followed."""
-    told = figures["subscription"]
-    report.same("subscription", config["mode"].endswith("-free"), told is not None)
-    for name in told or {}:
-        report.same(f"followed.{name}", int(config[name]), told[name])
+def check_subscription(report, config, figures):
+    """Publish and subscribe settings of a free-running scene."""
+    stated = figures["subscription"]
+    report.same("subscription", config["mode"].endswith("-free"), stated is not None)
+    for name in stated or {}:
+        report.same(f"subscription.{name}", int(config[name]), stated[name])
 
 
 def check_replay(report, config, figures):
-    """How a replay was asked for."""
-    told = figures["replayed"]
-    report.same("replayed", config["mode"] == "replay", told is not None)
-    if told is None:
+    """Settings of a replay."""
+    stated = figures["replayed"]
+    report.same("replayed", config["mode"] == "replay", stated is not None)
+    if stated is None:
         return
     for name in ("publish_interval", "lookahead_ticks", "link_seed"):
-        report.same(f"replayed.{name}", int(config[name]), told[name])
+        report.same(f"replayed.{name}", int(config[name]), stated[name])
     for name in ("position_m", "turn_rad"):
         ours = float(config[name]) if name in config else None
-        report.same(f"replayed.{name}", ours, told[name])
-    report.same("replayed.without", config["without"], " ".join(told["without"]))
+        report.same(f"replayed.{name}", ours, stated[name])
+    report.same("replayed.without", config["without"], " ".join(stated["without"]))
 
 
 def check_costs(report, run, figures, header):
@@ -339,9 +339,9 @@ def check_costs(report, run, figures, header):
     report.same("first_seconds", first is None, figures["first_seconds"] is None)
     bits = run.state_bytes * 8 / updates if updates else None
     report.same("bits_per_update", bits, figures["bits_per_update"])
-    told = sum(frame.payload_bytes_down for frame in frames)
+    stated = sum(frame.payload_bytes_down for frame in frames)
     last = sum(count for frame, count in run.payload.items() if frame not in run.stats)
-    report.same("payload of the stats", told + last, payload)
+    report.same("payload of the stats", stated + last, payload)
     join = {}
     for way in ("down", "up"):
         datagrams = int(config[f"join_wire_datagrams_{way}"])
@@ -357,8 +357,8 @@ def check_fidelity(report, run, figures):
     """Errors and breaches, from states and poses alone."""
     errors = sorted(run.errors)
     report.same("unjudged_frames", run.unjudged, figures["unjudged_frames"])
-    report.check(run.miscounted == 0, f"{run.miscounted} frames counted other bodies than the trace shows")
-    report.check(run.error_max_wrong == 0, f"{run.error_max_wrong} frames had another greatest error")
+    report.check(run.miscounted == 0, f"{run.miscounted} frames have another body count than the trace")
+    report.check(run.error_max_wrong == 0, f"{run.error_max_wrong} frames have another largest error")
     if errors:
         for name, percent in (("p50", 50), ("p95", 95), ("p99", 99), ("max", 100)):
             theirs = figures["surface_error_m"][name]
@@ -379,14 +379,14 @@ def check_fidelity(report, run, figures):
     report.same("over_tolerance.share", len(run.breaches) / max(len(errors), 1), over["share"])
     for cause in CAUSES.values():
         report.same(f"over_tolerance.by_cause.{cause}", causes[cause], over["by_cause"].get(cause))
-    # Either may round a body at the very edge to the other side.
-    untold = run.over.keys() - run.breaches.keys()
-    error_scale = max((run.over[key] for key in untold), default=0.0)
-    report.check(error_scale < 1e-6, f"{len(untold)} breaches are not told of")
+    # Rounding may put a body at the limit on either side.
+    missing = run.over.keys() - run.breaches.keys()
+    excess = max((run.over[key] for key in missing), default=0.0)
+    report.check(excess < 1e-6, f"{len(missing)} breaches are missing in the trace")
     wrong = [b for key, b in run.breaches.items() if b.error_m <= b.tolerance_m]
-    report.check(not wrong, f"{len(wrong)} breaches are none")
-    invented = [b for key, b in run.breaches.items() if key not in run.over and b.error_m > b.tolerance_m + EXACT_M + 1e-6]
-    report.check(not invented, f"{len(invented)} breaches are not in the poses")
+    report.check(not wrong, f"{len(wrong)} breaches are within tolerance")
+    unconfirmed = [b for key, b in run.breaches.items() if key not in run.over and b.error_m > b.tolerance_m + EXACT_M + 1e-6]
+    report.check(not unconfirmed, f"{len(unconfirmed)} breaches are not confirmed by the poses")
 
 
 def check_times(report, run, figures):
@@ -415,9 +415,9 @@ def check_run(report, run, figures, header):
     report.same("budget_bytes_per_second", None if budget is None else int(budget), figures["budget_bytes_per_second"])
     report.same("truth_hash", config["truth_hash"], figures["truth_hash"])
     report.same("frames", int(config["frames"]), len(run.stats))
-    check_following(report, config, figures)
+    check_subscription(report, config, figures)
     check_replay(report, config, figures)
-    report.check(run.next == len(run.stats), "some frames show a tick that the engine never reached")
+    report.check(run.next == len(run.stats), "some frames show a tick that the engine never simulated")
     if run.stats and config["mode"] != "replay":
         check_times(report, run, figures)
     if config["mode"] == "integrated":
@@ -431,25 +431,25 @@ def check_run(report, run, figures, header):
 
 
 def check_truth(report, truth, record, runs):
-    """That the engine's states are all there, and are those of every run."""
+    """Checks that the engine's states are complete and equal for every run."""
     report.check(truth.order, "a tick of the engine is missing")
     report.same("ticks of the engine", truth.ticks - 1, int(record["ticks"]))
     report.same("bodies placed", len(truth.config), int(record["placed"]))
     report.same("bodies removed", len(truth.removed), int(record["removed"]))
     for run in runs:
         report.same(f"truth of {run.config['name']}", run.config["truth_hash"], record["truth_hash"])
-    # What a free-running scene did was heard from its full stream, which does not say who fell asleep.
+    # The truth of a free-running scene comes from its full stream, which carries no sleep flags.
     if any(not run.config["mode"].endswith("-free") for run in runs):
         report.same("digest of the states", f"{truth.digest.state:016x}", record["truth_hash"])
 
 
 def must_read(reads, path):
-    """What is read from a file; ends with its name where nothing can be."""
+    """Reads a file, or ends the program with an error that names it."""
     try:
         return reads(path)
     except OSError as cause:
         sys.exit(f"error: {path}: {cause.strerror}")
-    except Exception as cause:  # The libraries raise what they like about bytes that are no trace.
+    except Exception as cause:  # The libraries raise various exceptions for invalid files.
         sys.exit(f"error: {path} cannot be read: {type(cause).__name__}: {cause}")
 
 

@@ -1,18 +1,19 @@
 #!/usr/bin/env python3
-"""Other engines, in process and remote, on a scene of ours: what a frame costs, and what crosses the wire.
+"""Measures other engines, in process and remote, on one of our scenes: frame times and bytes on the wire.
 
     rhumb-bench scene ball-pit --bodies 500 --out results/scene.json
     pip install pybullet sapien
     python3 benches/compare_engines.py results/scene.json --physx --bullet direct --bullet tcp:localhost:6667 \
         --rhumb target/release/rhumb-bench
 
-A frame is one step of the scene's length and the pose of every body that moves, asked for as each engine's interface has it.
-Bullet comes from the `pybullet` upstream_state, PhysX 5 from the `sapien` upstream_state; both are installed by whoever wants to compare. A
-remote Bullet server is started by them too, and named here: `shared-memory`, `tcp:HOST:PORT` or `udp:HOST:PORT`. Its bytes
-are what the network interface counted, headers included and each way by itself: on a machine that is otherwise idle. Piles
-differ between engines, so that their times are of like work, not of the same.
+A frame is one step of the scene's length and a read of every moving body's pose through the engine's own interface. Bullet
+comes from the `pybullet` package, PhysX 5 from the `sapien` package; install them before use. Start a remote Bullet server
+separately and name it here: `shared-memory`, `tcp:HOST:PORT` or `udp:HOST:PORT`. Its bytes are the counters of the network
+interface, headers included, in both directions; the machine must be otherwise idle. Piles differ between engines, so times
+measure similar work, not the same work.
 
-Standard output has a table, `--out` the figures as JSON. Ends with 1 and a sentence if something cannot be done.
+Standard output has a table; `--out` writes the figures as JSON. On failure the exit code is 1, with a sentence on standard
+error.
 """
 
 import argparse
@@ -30,7 +31,7 @@ import time
 
 
 class Impossible(Exception):
-    """Something that this comparison cannot do, in words for whoever asked for it."""
+    """A request that the comparison cannot fulfil, with a sentence for the user."""
 
 
 def read(path):
@@ -38,21 +39,21 @@ def read(path):
     try:
         scene = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as cause:
-        raise Impossible(f"{path} is no scene: {cause}") from None
+        raise Impossible(f"{path} is not a scene: {cause}") from None
     bodies = scene.get("bodies") if isinstance(scene, dict) else None
     if not isinstance(bodies, list) or not all(isinstance(body, dict) for body in bodies):
-        raise Impossible(f"{path} is no scene: it has no bodies")
+        raise Impossible(f"{path} is not a scene: it has no bodies")
     return scene
 
 
 def volume(shape):
-    """Of a ball or a cuboid, m³."""
+    """Volume of a ball or a cuboid, m³."""
     if "ball" in shape:
         return 4 / 3 * math.pi * shape["ball"]["radius"] ** 3
     if "cuboid" in shape:
         x, y, z = shape["cuboid"]["half_extents"]
         return 8 * x * y * z
-    raise Impossible(f"a scene of balls and cuboids can be compared; this one has a {next(iter(shape))}")
+    raise Impossible(f"only scenes of balls and cuboids can be compared; this one has a {next(iter(shape))}")
 
 
 class Bullet:
@@ -83,10 +84,10 @@ class Bullet:
         elif kind in ("tcp", "udp"):
             host, _, port = place.rpartition(":")
             if not host or not port.isdigit():
-                raise Impossible(f"{where} names no host and port, such as {kind}:localhost:6667")
+                raise Impossible(f"{where} lacks a host and port, such as {kind}:localhost:6667")
             client = bullet.connect(bullet.TCP if kind == "tcp" else bullet.UDP, hostName=host, port=int(port))
         else:
-            raise Impossible(f"{where} is none of direct, shared-memory, tcp:HOST:PORT, udp:HOST:PORT")
+            raise Impossible(f"{where} is not one of direct, shared-memory, tcp:HOST:PORT, udp:HOST:PORT")
         if client < 0:
             raise Impossible(f"no Bullet server answers at {where}: start one first")
         return client
@@ -110,7 +111,7 @@ class Bullet:
             **options,
         )
         if number < 0:
-            raise Impossible(f"{self.name} takes no more than {bullet.getNumBodies(**options)} bodies")
+            raise Impossible(f"{self.name} accepts only {bullet.getNumBodies(**options)} bodies")
         bullet.changeDynamics(
             number,
             -1,
@@ -182,7 +183,7 @@ class PhysX:
 
 
 def interface_bytes(interface):
-    """What a network interface has received and sent."""
+    """Bytes that a network interface has received and sent."""
     folder = pathlib.Path("/sys/class/net") / interface / "statistics"
     try:
         return tuple(int((folder / f"{way}_bytes").read_text()) for way in ("rx", "tx"))
@@ -191,7 +192,7 @@ def interface_bytes(interface):
 
 
 def measure(engine, frames, interface):
-    """Steps an engine, and says what each frame cost."""
+    """Steps an engine and returns its frame times."""
     engine.frame()
     before = interface_bytes(interface)
     took = []
@@ -213,28 +214,28 @@ def measure(engine, frames, interface):
         "frame_ms_mean": statistics.fmean(took),
         "frame_ms_p50": statistics.median(took),
         "frame_ms_p99": took[math.ceil(0.99 * len(took)) - 1],
-        # Loopback counts what one end sends as sent and as received: either is both ways together.
+        # Loopback counts each packet as sent and as received, so either counter covers both directions.
         "bytes_per_frame": (after[0] - before[0]) / frames if count else None,
         "lowest_body_m": lowest,
     }
 
 
 def of_engine(start, frames, interface):
-    """One row."""
+    """Measures one engine; returns its row."""
     try:
         engine = start()
         row = measure(engine, frames, interface)
         engine.end()
     except Exception as cause:
-        # The upstream_state's own error has no base but Exception.
+        # The package's own error derives directly from Exception.
         if type(cause).__module__ == "pybullet":
             raise Impossible(f"Bullet: {cause}") from cause
         raise
     return row
 
 
-def beside_ours(bench, scene, frames):
-    """The same scene by Rhumb: integrated, naive, lockstep."""
+def rhumb_rows(bench, scene, frames):
+    """Rows of the same scene with Rhumb: integrated, naive, lockstep."""
     balls = sum(body["dynamic"] for body in scene["bodies"])
     with tempfile.TemporaryDirectory() as folder:
         command = [bench, "evaluate", "--scene", scene["scene"], "--bodies", str(balls), "--seed", str(scene["seed"])]
@@ -262,7 +263,7 @@ def beside_ours(bench, scene, frames):
 
 
 def machine():
-    """Processor, cores, system."""
+    """Processor, cores, operating system."""
     try:
         lines = pathlib.Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
@@ -273,12 +274,12 @@ def machine():
 
 
 def table(rows):
-    """As aligned text; each row beside the same engine in process."""
+    """Prints aligned rows, each relative to the same engine in process."""
     base = {}
     for row in rows:
         family = row["engine"].split(",")[0]
         base.setdefault(family, row["frame_ms_p50"])
-    lines = [["engine", "frame p50, ms", "p99, ms", "of its first row", "bytes a frame"]]
+    lines = [["engine", "frame p50, ms", "p99, ms", "relative to first row", "bytes per frame"]]
     for row in rows:
         family = row["engine"].split(",")[0]
         wire = row["bytes_per_frame"]
@@ -298,48 +299,48 @@ def table(rows):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("scene", type=pathlib.Path, help="what `rhumb-bench scene` wrote")
-    parser.add_argument("--frames", type=int, default=120, help="steps that are timed (120)")
+    parser.add_argument("scene", type=pathlib.Path, help="output of `rhumb-bench scene`")
+    parser.add_argument("--frames", type=int, default=120, help="number of timed steps (120)")
     parser.add_argument("--physx", action="store_true", help="PhysX 5 in process")
     parser.add_argument(
         "--bullet",
         action="append",
         default=[],
         metavar="WHERE",
-        help="direct, shared-memory, tcp:HOST:PORT or udp:HOST:PORT; may be said several times",
+        help="direct, shared-memory, tcp:HOST:PORT or udp:HOST:PORT; may be repeated",
     )
-    parser.add_argument("--rhumb", metavar="BENCH", help="the rhumb-bench binary, for our own rows")
-    parser.add_argument("--interface", default="lo", help="whose bytes are counted for a remote server (lo)")
-    parser.add_argument("--out", type=pathlib.Path, help="the figures as JSON")
-    asked = parser.parse_args()
-    if asked.frames < 1:
+    parser.add_argument("--rhumb", metavar="BENCH", help="the rhumb-bench binary, for Rhumb's rows")
+    parser.add_argument("--interface", default="lo", help="network interface whose bytes are counted for a remote server (lo)")
+    parser.add_argument("--out", type=pathlib.Path, help="output file of the figures as JSON")
+    arguments = parser.parse_args()
+    if arguments.frames < 1:
         parser.error("--frames must be at least 1")
     try:
-        scene = read(asked.scene)
+        scene = read(arguments.scene)
         if any(body["tick"] > 0 for body in scene["bodies"]):
-            raise Impossible("only scenes whose bodies are all there at the first tick are compared: write fewer ticks")
+            raise Impossible("only scenes with all bodies at the first tick can be compared: write fewer ticks")
         rows = []
-        engines = [lambda where=where: Bullet(scene, where) for where in asked.bullet]
-        engines += [lambda: PhysX(scene)] * asked.physx
+        engines = [lambda where=where: Bullet(scene, where) for where in arguments.bullet]
+        engines += [lambda: PhysX(scene)] * arguments.physx
         for start in engines:
-            rows.append(of_engine(start, asked.frames, asked.interface))
-        if asked.rhumb:
-            rows += beside_ours(asked.rhumb, scene, asked.frames)
+            rows.append(of_engine(start, arguments.frames, arguments.interface))
+        if arguments.rhumb:
+            rows += rhumb_rows(arguments.rhumb, scene, arguments.frames)
         if not rows:
-            raise Impossible("nothing was asked for: see --help")
+            raise Impossible("no engine was selected: see --help")
         table(rows)
-        if asked.out:
-            said = {
+        if arguments.out:
+            output = {
                 "command": shlex.join(["python3", *sys.argv]),
                 "machine": machine(),
                 "scene": scene["scene"],
                 "bodies": sum(body["dynamic"] for body in scene["bodies"]),
                 "rows": rows,
             }
-            asked.out.write_text(json.dumps(said, indent=2) + "\n")
+            arguments.out.write_text(json.dumps(output, indent=2) + "\n")
     except (Impossible, OSError, KeyError) as cause:
-        said = f"{asked.scene} has no {cause}" if isinstance(cause, KeyError) else cause
-        print(f"error: {said}", file=sys.stderr)
+        message = f"{arguments.scene} has no {cause}" if isinstance(cause, KeyError) else cause
+        print(f"error: {message}", file=sys.stderr)
         return 1
     return 0
 

@@ -1,8 +1,9 @@
-//! What one body costs on its way from truth to view: nanoseconds, by stage.
+//! Costs of a body's stages from truth to view, nanoseconds.
 //!
-//! Ten thousand bodies that fly, each struck every so often, at the 5 cm tier (`rhumb_bench::cost::hearing`). Reported per
-//! pass over all of them: `predict` and `view` look at every body; `encode` judges every body and says about a tenth;
-//! `decode` hears that tenth, whose bodies had no aliases before; `decode in the midst` hears twenty ticks of a run.
+//! Ten thousand bodies that fly, each struck at intervals, at the 5 cm tier (`rhumb_bench::cost::decoding`). Times are
+//! per pass over all bodies. `predict` and `view` process every body. `encode` tests every body and sends about a
+//! tenth. `decode` reads that tenth, whose bodies had no aliases before; `decode in the midst` reads twenty ticks in
+//! mid-run.
 
 use std::hint::black_box;
 

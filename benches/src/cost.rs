@@ -1,8 +1,8 @@
-//! `rhumb-bench cost`: what a stream takes of a processor, stage by stage
+//! `rhumb-bench cost`: processor time of a stream, stage by stage.
 //!
-//! Publishing beside the engine's step, silence where all sleep, hearing, showing, and one more member of a stream. All but
-//! the members run in the calling thread, one after the other; each figure is the median of its repeats, beside what was
-//! aimed at.
+//! Covers publishing beside the engine's step, a tick in which all bodies sleep, decoding, rendering, and one more
+//! member of a stream. All but the members run in the calling thread, one after the other. Each figure is the median
+//! of its repeats, beside its target.
 
 pub mod decoding;
 mod floor;
@@ -27,49 +27,49 @@ pub use decoding::Decoding;
 pub use members::Members;
 pub use publishing::{Publishing, Sleeping};
 
-/// How many bodies and members, how often, and where to write what it took.
+/// Arguments: bodies, members, repeats, output.
 #[derive(Clone, Debug, Args)]
 pub struct CostArguments {
-    /// Bodies that are published, heard and shown.
+    /// Bodies that are published, decoded and rendered.
     #[arg(long, default_value = "10000", value_parser = clap::value_parser!(u32).range(100..=50_000))]
     bodies: u32,
-    /// The median of so many counts.
+    /// Repeats per measurement; the median counts.
     #[arg(long, default_value = "5")]
     repeats: NonZeroU32,
-    /// Members of a stream over loopback: so many at a time, fewest first.
+    /// Numbers of members of a stream over loopback, smallest first.
     #[arg(long, value_delimiter = ',', default_value = "1,8,16,32")]
     members: Vec<NonZeroUsize>,
-    /// Seconds for which each number of members is measured.
+    /// Seconds of measurement for each number of members.
     #[arg(long, default_value = "4")]
     member_seconds: NonZeroU32,
-    /// Measure no members.
+    /// Skip the measurement of members.
     #[arg(long)]
     no_members: bool,
-    /// Folder for cost.json; made if it is not there.
+    /// Folder for cost.json; created if missing.
     #[arg(long, default_value = "results/cost")]
     out: PathBuf,
 }
 
-/// What `cost.json` says.
+/// Content of `cost.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Costs {
     /// The command line, as typed.
     pub command: String,
-    /// Processor, cores, system.
+    /// Processor, cores, operating system.
     pub machine: String,
-    /// Of which commit, with which optimisation.
+    /// Commit and optimisation of the build.
     pub build: String,
-    /// Scenes whose bodies are awake, as one stream and as four.
+    /// Publishing of awake bodies, as one stream and as four.
     pub publishing: Vec<Publishing>,
-    /// Streams of more and more sleepers.
+    /// Publishing of sleeping bodies, by their number.
     pub sleeping: Vec<Sleeping>,
-    /// Hearing and showing.
+    /// Decoding and rendering.
     pub decoding: Decoding,
-    /// One more member; empty where it was not measured or the system does not tell.
+    /// Cost of one more member; empty if not measured or if the system does not report thread times.
     pub members: Vec<Members>,
 }
 
-/// Measures. Exit code 0 when everything was measured and written, 1 otherwise.
+/// Runs the measurements. Exit code 0 if everything was measured and written, 1 otherwise.
 pub fn cost(arguments: &CostArguments) -> ExitCode {
     ended(cost_all(arguments))
 }
@@ -98,7 +98,7 @@ fn cost_all(arguments: &CostArguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The value in the midst of several; zero of none.
+/// Median of several durations; zero if there are none.
 fn median(values: impl Iterator<Item = Duration>) -> Duration {
     let mut all: Vec<u64> = values.map(|value| value.as_nanos() as u64).collect();
     Duration::from_nanos(quantile::of_nanoseconds(&mut all, 50).unwrap_or(0))
@@ -132,7 +132,7 @@ impl Costs {
         Ok(costs)
     }
 
-    /// What stands in a block of a page; none if there is no such block.
+    /// Text of a block of the documents; `None` if the block does not exist.
     pub(crate) fn block(&self, what: &str) -> Option<String> {
         let rows = match what {
             "command" => {
@@ -175,7 +175,7 @@ impl Costs {
                 number(Some(100.0 * of.of_step)),
                 if of.streams == 1 { "3" } else { "8" }.to_owned(),
                 number(Some(of.updates_per_tick)),
-                // Where few are said, looking for them is what takes the time.
+                // With few updates, scanning for them takes the time, so a cost per update would mislead.
                 number(
                     (of.updates_per_tick >= of.awake as f64 / 100.0 && of.updates_per_tick > 0.0)
                         .then_some(each_ns),

@@ -1,6 +1,6 @@
-//! `rhumb-bench evaluate`: runs the modes and writes what was measured.
+//! `rhumb-bench evaluate`: runs the modes and writes the measurements.
 //!
-//! Measures nothing itself. What is written first is kept when what is written later fails.
+//! Measures nothing itself. Outputs already written are kept when a later step fails.
 
 use std::fmt;
 use std::io::{self, Write};
@@ -24,25 +24,25 @@ use crate::output::{self, OutputError};
 use crate::record::{Experiment, Load, Mode, Run};
 use crate::recording::Recording;
 
-/// What to run, and where to write it.
+/// Arguments: which modes to run, and where to write.
 #[derive(Clone, Debug, Args)]
 pub struct Evaluate {
-    /// Which script.
+    /// Name of the script.
     #[arg(long, default_value = "ball-pit", value_parser = clap::builder::PossibleValuesParser::new(rhumb_sims::NAMES))]
     scene: String,
-    /// How many bodies, as fits the scene unless said; several loads are run one after the other.
+    /// Number of bodies; several loads run one after the other. Default: as fits the scene.
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=100_000))]
     bodies: Vec<u32>,
-    /// Which modes to run side by side.
+    /// Modes to run side by side.
     #[arg(long, value_delimiter = ',', default_values_t = [ModeName::Integrated, ModeName::Naive, ModeName::Rhumb, ModeName::RhumbPipelined])]
     modes: Vec<ModeName>,
     /// Simulated seconds.
     #[arg(long, default_value = "10", value_parser = seconds, allow_negative_numbers = true)]
     seconds: f64,
-    /// How far off a copied body may be, metres.
+    /// Tolerance of a copied body's surface error, metres.
     #[arg(long, default_value = "0.05", value_parser = tolerance, allow_negative_numbers = true)]
     tolerance: Tolerance,
-    /// The client of the paper's protocol: one that loses nothing but what the protocol costs, or the published one.
+    /// Client of the paper's protocol: one without avoidable losses, or the published one.
     #[arg(
         long,
         value_enum,
@@ -50,7 +50,7 @@ pub struct Evaluate {
         conflicts_with = "app_defects"
     )]
     app_client: AppClient,
-    /// The client of the paper's protocol: a sound one that loses these alone.
+    /// Client of the paper's protocol with these defects only.
     #[arg(long, value_enum, value_delimiter = ',')]
     app_defects: Vec<Defect>,
     /// Seed of the script and of the simulated link.
@@ -59,39 +59,39 @@ pub struct Evaluate {
     /// The link between the processes, such as rtt=100ms,loss=5%,jitter=10ms.
     #[arg(long, default_value_t = LinkConfig::PERFECT)]
     link: LinkConfig,
-    /// Free running: publish every so many ticks.
+    /// Free running: ticks between publications.
     #[arg(long, default_value = "1")]
     publish_interval: NonZeroU32,
-    /// Free running: ticks that the publisher looks back before it speaks of one; the copy is as much later.
+    /// Free running: ticks by which the encoder looks ahead; the copy lags by as many.
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=i64::from(LOOKAHEAD_MAX.count())))]
     lookahead: u32,
-    /// Free running: ticks that the copy is shown later than it can be spoken of; without any, some are shown a moment before
-    /// they are heard of.
+    /// Free running: ticks by which the view lags behind the newest tick that can be shown. With 0, some ticks are
+    /// shown shortly before their updates arrive.
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=DELAY_TICKS_MAX))]
     delay: u32,
-    /// Bytes a second that the packets of a reckoned stream may take; without one they take what the promise needs.
+    /// Bandwidth limit of a predicted stream, bytes per second; unlimited by default.
     #[arg(long, value_name = "BYTES/S", value_parser = crate::replay::budget)]
     budget: Option<Budget>,
-    /// Folder for summary.json, report.html, trace.mcap and its layout; made if it is not there.
+    /// Folder for summary.json, report.html, trace.mcap and its layout; created if missing.
     #[arg(long, default_value = "results")]
     out: PathBuf,
     /// Write no trace.
     #[arg(long)]
     no_trace: bool,
-    /// Do not compare with how little would have done, had the future been known.
+    /// Skip the comparison with the limit for a known future.
     #[arg(long)]
     no_limit: bool,
-    /// Let the system choose the cores instead of keeping servers apart from their caller.
+    /// Let the system choose the cores instead of separating servers from their caller.
     #[arg(long)]
     no_pin: bool,
 }
 
-/// Which client speaks the paper's protocol.
+/// Client of the paper's protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum AppClient {
-    /// One that loses nothing but what the protocol costs.
+    /// A client without avoidable losses.
     Sound,
-    /// The published one, with all of its losses.
+    /// The published one, with all of its defects.
     AsPublished,
 }
 
@@ -105,26 +105,26 @@ impl Evaluate {
     }
 }
 
-/// A mode as it is named on the command line.
+/// Name of a mode on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum ModeName {
     /// Stepped in the caller's own thread.
     Integrated,
-    /// A server that sends everything.
+    /// A server that sends every state.
     Naive,
-    /// The reckoned stream, lockstep.
+    /// The predicted stream, lockstep.
     Rhumb,
-    /// The reckoned stream, one tick behind.
+    /// The predicted stream, one tick behind.
     RhumbPipelined,
-    /// The reckoned stream of a server that runs by its own clock, in real time.
+    /// The predicted stream of a free-running server, in real time.
     RhumbFree,
     /// The full stream of the same server.
     NaiveFree,
-    /// The paper's protocol: every body, a datagram each.
+    /// The paper's protocol: one datagram per body state.
     AppAll,
-    /// The paper's protocol: bodies that are awake.
+    /// The paper's protocol: awake bodies only.
     AppActive,
-    /// The paper's protocol: every body, as many in a datagram as fit.
+    /// The paper's protocol: as many states per datagram as fit.
     AppPacked,
 }
 
@@ -150,7 +150,7 @@ impl fmt::Display for ModeName {
     }
 }
 
-/// The longest delay: what lookahead may take, as much again, and more.
+/// Longest delay: the maximum lookahead, twice, with a margin.
 const DELAY_TICKS_MAX: i64 = 60;
 
 /// Longest run that is kept in memory: an hour.
@@ -172,18 +172,18 @@ fn tolerance(text: &str) -> Result<Tolerance, String> {
     Tolerance::from_metres(Metres::new(value)).map_err(|error| error.to_string())
 }
 
-/// Why an evaluation did not come to its end.
+/// Why an evaluation failed.
 #[derive(Debug)]
 enum EvaluateError {
     /// A run failed.
     Drive(DriveError),
     /// The cores cannot be chosen.
     Cores(RunError),
-    /// Something cannot be written.
+    /// An output cannot be written.
     Output(OutputError),
-    /// The engines of two modes did not do the same, so that nothing can be compared.
+    /// The engines of two modes diverged, so results cannot be compared.
     Void { bodies: u32, mode: Mode },
-    /// A publish_schedule was asked for, and no mode has one.
+    /// A publish schedule is given, but no mode uses one.
     PublishSchedule,
 }
 
@@ -194,7 +194,7 @@ impl fmt::Display for EvaluateError {
             Self::Cores(cause) => write!(f, "{cause}; try --no-pin"),
             Self::Output(cause) => cause.fmt(f),
             Self::PublishSchedule => f.write_str(
-                "--publish-interval, --lookahead and --delay are of free-running modes: ask for one by --modes, such as rhumb-free,naive-free",
+                "--publish-interval, --lookahead and --delay apply to free-running modes: select one by --modes, such as rhumb-free,naive-free",
             ),
             Self::Void { bodies, mode } => write!(
                 f,
@@ -216,12 +216,12 @@ impl From<OutputError> for EvaluateError {
     }
 }
 
-/// Runs an evaluation. Exit code 0 when everything was measured and written, 1 otherwise.
+/// Runs an evaluation. Exit code 0 if everything was measured and written, 1 otherwise.
 pub fn evaluate(arguments: &Evaluate) -> ExitCode {
     match run(arguments) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            // Nowhere is left to say that standard error is closed.
+            // If standard error is closed, no other place is left to report to.
             let _ = writeln!(io::stderr(), "error: {error}");
             ExitCode::FAILURE
         }
@@ -235,7 +235,7 @@ fn run(arguments: &Evaluate) -> Result<(), EvaluateError> {
         return Err(EvaluateError::PublishSchedule);
     }
     output::make_folder(&arguments.out)?;
-    // Asked before this process keeps to one of them.
+    // Read before this process pins itself to one core.
     let machine = machine::describe();
     let cores = choose_cores(arguments)?;
     let mut experiment = Experiment {
@@ -252,17 +252,17 @@ fn run(arguments: &Evaluate) -> Result<(), EvaluateError> {
             }
         }
         experiment.loads.extend(loads);
-        // What is done is there even if what follows fails.
+        // Completed loads are written even if a later one fails.
         output::write_figures(&arguments.out, &experiment)?;
     }
-    // Drawing is most of a trace, and one load is enough to look at.
+    // Drawing takes most of a trace, and one load is enough to look at.
     let least = bodies(arguments).iter().copied().min().unwrap_or(0);
     let drawn = (!arguments.no_trace).then_some(least);
     output::write_all(&arguments.out, &experiment, drawn)?;
     check_truth(&experiment)
 }
 
-/// The loads that were asked for, or those that fit the scene.
+/// The requested loads, or those that fit the scene.
 fn bodies(arguments: &Evaluate) -> &[u32] {
     if arguments.bodies.is_empty() {
         rhumb_sims::default_bodies(&arguments.scene).unwrap_or_default()
@@ -271,7 +271,7 @@ fn bodies(arguments: &Evaluate) -> &[u32] {
     }
 }
 
-/// Keeps the servers on a core of their own where there is more than one.
+/// Pins caller and servers to different cores where there are two.
 fn choose_cores(arguments: &Evaluate) -> Result<Cores, EvaluateError> {
     let usable = usable_cores();
     let (Some(caller), Some(server)) = (usable.first(), usable.get(1)) else {
@@ -293,14 +293,14 @@ fn script(arguments: &Evaluate, bodies: u32) -> Result<Box<dyn Script>, DriveErr
     })
 }
 
-/// How many ticks of the scene come nearest to the seconds that were asked for, one at least.
+/// Ticks of the scene nearest to the requested seconds, at least one.
 fn ticks(arguments: &Evaluate, bodies: u32) -> Result<u32, EvaluateError> {
     let config = script(arguments, bodies)?.config();
     let step_s = config.integrator.rate.step().seconds();
     Ok((arguments.seconds / step_s).round().max(1.0) as u32)
 }
 
-/// Sets the reckoned runs of a load beside how little would have done for them.
+/// Adds the computed limit to the predicted runs of a load.
 fn set_beside_limit(
     arguments: &Evaluate,
     bodies: u32,
@@ -326,7 +326,7 @@ fn set_beside_limit(
     Ok(())
 }
 
-/// Runs all modes at one load; the free-running ones by themselves, since they have a truth of their own.
+/// Runs all modes at one load; the free-running ones separately, because they have a truth of their own.
 fn run_load(arguments: &Evaluate, bodies: u32, cores: Cores) -> Result<Vec<Load>, EvaluateError> {
     let modes: Vec<Mode> = arguments.modes.iter().map(|name| name.mode()).collect();
     let plan = Plan {
@@ -363,7 +363,7 @@ fn run_load(arguments: &Evaluate, bodies: u32, cores: Cores) -> Result<Vec<Load>
     Ok(loads)
 }
 
-/// A run whose truth differs between modes is void.
+/// Fails if the truth differs between modes.
 fn check_truth(experiment: &Experiment) -> Result<(), EvaluateError> {
     for load in &experiment.loads {
         for run in &load.runs {

@@ -1,9 +1,9 @@
-//! `rhumb-bench fit`: the coder's tables, fitted to what recordings say
+//! `rhumb-bench fit`: fits the packet coder's tables to recordings.
 //!
-//! Each recording is published without loss, and what its packets say is counted; all recordings count alike. Then, in
-//! turns: alphabets are the histograms of what is said in their class, blended with what smooth ones would be; and each
-//! context expects at first what makes its numbers cheapest. What is said depends on what it costs, so that a second run
-//! with the new tables fits a little better.
+//! Publishes each recording without loss and counts the symbols of its packets; all recordings weigh alike. Then
+//! alternates two steps. An alphabet becomes the histogram of its class, blended with a smooth distribution. A
+//! context's initial expectation becomes the one with the lowest cost for its numbers. Publishers choose by cost, so a
+//! second run with the new tables fits slightly better.
 
 use std::fmt::Write;
 use std::num::NonZeroU32;
@@ -22,19 +22,19 @@ use crate::record::PacketDirection;
 use crate::recording::Recording;
 use crate::replay::{EnabledFeatures, Failure, ReplayConfig, ended, run, tally};
 
-/// Which recordings to fit to, and where the tables are.
+/// Arguments: recordings to fit to, and the file of the tables.
 #[derive(Clone, Debug, Args)]
 pub struct FitArguments {
-    /// Recordings and how they are published, such as cubes.rhtrace.zst,tolerance=0.01,lookahead=6,weight=2; others:
-    /// turn (degrees), every.
+    /// Recordings and how they are published, such as cubes.rhtrace.zst,tolerance=0.01,lookahead=6,weight=2; further
+    /// settings: turn (degrees), publish-interval.
     #[arg(required = true)]
     loads: Vec<FitLoad>,
-    /// The source file whose tables are replaced; without it they are printed.
+    /// Source file whose tables are replaced; without it the tables are printed.
     #[arg(long)]
     into: Option<PathBuf>,
 }
 
-/// A recording, how it is published, and how much it counts.
+/// A recording, its publish settings, and its weight.
 #[derive(Clone, Debug, PartialEq)]
 struct FitLoad {
     path: PathBuf,
@@ -53,15 +53,17 @@ impl FromStr for FitLoad {
         for part in parts {
             let (name, value) = part
                 .split_once('=')
-                .ok_or_else(|| format!("{part} is no setting"))?;
-            let value: f64 = value.parse().map_err(|_| format!("{value} is no number"))?;
+                .ok_or_else(|| format!("{part} is not a setting"))?;
+            let value: f64 = value
+                .parse()
+                .map_err(|_| format!("{value} is not a number"))?;
             match name {
                 "tolerance" => tolerance = value,
                 "turn" => turn = Some(value),
                 "publish-interval" => publish_interval = value,
                 "lookahead" => lookahead = value,
                 "weight" => weight = value,
-                _ => return Err(format!("{name} is no setting of a load")),
+                _ => return Err(format!("{name} is not a setting of a load")),
             }
         }
         let length = Metres::new(tolerance);
@@ -69,8 +71,8 @@ impl FromStr for FitLoad {
             None => Tolerance::from_metres(length),
             Some(degrees) => Tolerance::parts(length, Radians::new(degrees.to_radians())),
         };
-        let looks = lookahead >= 0.0 && lookahead <= f64::from(LOOKAHEAD_MAX.count());
-        if !(looks && weight > 0.0 && f64::is_finite(weight)) {
+        let lookahead_is_valid = lookahead >= 0.0 && lookahead <= f64::from(LOOKAHEAD_MAX.count());
+        if !(lookahead_is_valid && weight > 0.0 && f64::is_finite(weight)) {
             return Err(format!("{text}: lookahead or weight is out of range"));
         }
         Ok(Self {
@@ -90,7 +92,7 @@ impl FromStr for FitLoad {
     }
 }
 
-/// Fits tables. Exit code 0 when they were fitted and written, 1 otherwise.
+/// Fits tables. Exit code 0 if they were fitted and written, 1 otherwise.
 pub fn fit(arguments: &FitArguments) -> ExitCode {
     ended(fit_all(arguments))
 }
@@ -115,24 +117,24 @@ fn fit_all(arguments: &FitArguments) -> Result<(), Failure> {
         );
     }
     let [before, after] = fit.run();
-    let told = format!("{before:.4} bits a number became {after:.4}\n");
+    let summary = format!("{before:.4} bits per number became {after:.4}\n");
     let written = match &arguments.into {
         None => fit.to_rust(),
         Some(path) => {
-            let text = std::fs::read_to_string(path).map_err(|e| unwritten(path, &e))?;
+            let text = std::fs::read_to_string(path).map_err(|e| file_error(path, &e))?;
             let text = fit.replaced(&text).ok_or_else(|| {
-                Failure::Terms(format!("{} holds no such tables", path.display()))
+                Failure::Terms(format!("{} holds no coder tables", path.display()))
             })?;
-            std::fs::write(path, text).map_err(|e| unwritten(path, &e))?;
+            std::fs::write(path, text).map_err(|e| file_error(path, &e))?;
             String::new()
         }
     };
     let mut out = std::io::stdout();
-    std::io::Write::write_all(&mut out, (told + &written).as_bytes())
+    std::io::Write::write_all(&mut out, (summary + &written).as_bytes())
         .map_err(|e| Failure::Terms(e.to_string()))
 }
 
-fn unwritten(path: &std::path::Path, why: &std::io::Error) -> Failure {
+fn file_error(path: &std::path::Path, why: &std::io::Error) -> Failure {
     Failure::Terms(format!("{}: {why}", path.display()))
 }
 
@@ -140,30 +142,30 @@ const CONTEXTS: usize = SymbolCounts::NUMBERS[0];
 const GROUPS: usize = SymbolCounts::NUMBERS[1];
 const CLASSES: usize = SymbolCounts::NUMBERS[2];
 const SYMBOLS: usize = SymbolCounts::NUMBERS[3];
-/// Parts of an alphabet.
+/// Sum of an alphabet's frequencies.
 const PARTS: f64 = 4_096.0;
-/// Turns of fitting; later ones change next to nothing.
-const TURNS: usize = 3;
-/// A context has forgotten what it expected at first after so many numbers.
+/// Rounds of fitting; later ones change almost nothing.
+const ROUNDS: usize = 3;
+/// A context forgets its initial expectation after this many numbers.
 const FORGOTTEN: usize = 24;
-/// Numbers that a smooth alphabet counts for, if a million were said.
+/// Weight of the smooth alphabet, in numbers per million observed.
 const SMOOTH: f64 = 60.0;
-/// Numbers that stand for a context's present expectation, if a million were said.
-const LOYALTY: f64 = 1.0;
+/// Weight of a context's present expectation, in numbers per million observed.
+const INERTIA: f64 = 1.0;
 
-/// What was said in the packets of several loads, each with its weight.
+/// Symbols of the packets of several loads, each with its weight.
 #[derive(Debug, Default)]
 struct Fit {
     packets: Vec<(f64, SymbolCounts)>,
     expected: Vec<u32>,
     shapes: Vec<Vec<f64>>,
     modes: Vec<Vec<f64>>,
-    /// Bits of each symbol of each shape.
+    /// Bits of each symbol of each alphabet.
     costs: Vec<Vec<f64>>,
 }
 
 impl Fit {
-    /// Begins with the tables as they are.
+    /// Starts from the present tables.
     fn new() -> Self {
         let sizes = |starts: &[u16]| {
             let pairs = starts.windows(2);
@@ -176,17 +178,17 @@ impl Fit {
             shapes: Tables::ALL.shapes.iter().map(|row| sizes(row)).collect(),
             modes: Tables::ALL.modes.iter().map(|row| sizes(row)).collect(),
         };
-        fit.reckon_costs();
+        fit.update_costs();
         fit
     }
 
-    fn reckon_costs(&mut self) {
+    fn update_costs(&mut self) {
         let bits = |size: &f64| -(size / PARTS).log2();
         let rows = self.shapes.iter();
         self.costs = rows.map(|row| row.iter().map(bits).collect()).collect();
     }
 
-    /// Adds the packets of one load; loads count alike but for their weight.
+    /// Adds the packets of one load; each load counts alike, times its weight.
     fn add(&mut self, weight: f64, packets: Vec<SymbolCounts>) {
         let numbers: usize = packets.iter().map(|packet| packet.numbers.len()).sum();
         let each = weight * 1e6 / numbers.max(1) as f64;
@@ -194,10 +196,10 @@ impl Fit {
             .extend(packets.into_iter().map(|packet| (each, packet)));
     }
 
-    /// Fits; returns what all numbers cost before and after, in bits a number.
+    /// Fits the tables; returns the cost before and after, in bits per number.
     fn run(&mut self) -> [f64; 2] {
         let before = self.cost();
-        for _ in 0..TURNS {
+        for _ in 0..ROUNDS {
             self.fit_shapes();
             self.fit_expectations();
         }
@@ -213,7 +215,7 @@ impl Fit {
             for &(context, number) in &packet.numbers {
                 bits += weight * self.bits(context, expected[context], number);
                 all += weight;
-                learn(&mut expected[context], number);
+                adapt(&mut expected[context], number);
             }
         }
         bits / all
@@ -239,7 +241,7 @@ impl Fit {
                 let (raw, class) = class(expected[context]);
                 let symbol = ((number >> raw) as usize).min(SYMBOLS - 1);
                 counts[SymbolCounts::group(context) * CLASSES + class][symbol] += weight;
-                learn(&mut expected[context], number);
+                adapt(&mut expected[context], number);
             }
         }
         for (place, counts) in counts.iter().enumerate() {
@@ -256,11 +258,11 @@ impl Fit {
             let blended = (0..SYMBOLS).map(|symbol| counts[symbol] + SMOOTH * smooth(symbol));
             self.shapes[place] = whole_parts(&blended.collect::<Vec<_>>());
         }
-        self.reckon_costs();
+        self.update_costs();
     }
 
     fn fit_expectations(&mut self) {
-        let mut said: Vec<Vec<(f64, Vec<u32>)>> = vec![Vec::new(); CONTEXTS];
+        let mut observed: Vec<Vec<(f64, Vec<u32>)>> = vec![Vec::new(); CONTEXTS];
         for (weight, packet) in &self.packets {
             let mut numbers: Vec<Vec<u32>> = vec![Vec::new(); CONTEXTS];
             for &(context, number) in &packet.numbers {
@@ -270,20 +272,20 @@ impl Fit {
             }
             for (context, numbers) in numbers.into_iter().enumerate() {
                 if !numbers.is_empty() {
-                    said[context].push((*weight, numbers));
+                    observed[context].push((*weight, numbers));
                 }
             }
         }
-        for (context, said) in said.iter().enumerate() {
+        for (context, observed) in observed.iter().enumerate() {
             let now = self.expected[context];
             let cost = |first: u32| {
                 let away = (f64::from(first + 16) / f64::from(now + 16)).log2().abs();
-                let mut bits = LOYALTY * away;
-                for (weight, numbers) in said {
+                let mut bits = INERTIA * away;
+                for (weight, numbers) in observed {
                     let mut expected = first;
                     for &number in numbers {
                         bits += weight * self.bits(context, expected, number);
-                        learn(&mut expected, number);
+                        adapt(&mut expected, number);
                     }
                 }
                 bits
@@ -305,7 +307,7 @@ impl Fit {
         self.modes = counts.iter().map(|counts| whole_parts(counts)).collect();
     }
 
-    /// The bodies of the tables, by name, as `protocol/src/packet/tables.rs` holds them.
+    /// Bodies of the tables, by name, as in `protocol/src/packet/tables.rs`.
     fn bodies(&self) -> [(&'static str, String); 3] {
         let mut expected = String::new();
         for row in self.expected.chunks(16) {
@@ -332,14 +334,14 @@ impl Fit {
         ]
     }
 
-    /// The tables, for reading.
+    /// The tables as Rust source.
     fn to_rust(&self) -> String {
         let tables = self.bodies();
         let tables = tables.iter().map(|(name, body)| format!("{name}\n{body}"));
         tables.collect()
     }
 
-    /// A source text with these tables in place of its own; none if it has no such tables.
+    /// `text` with its tables replaced; `None` if it lacks one.
     fn replaced(&self, text: &str) -> Option<String> {
         let mut text = text.to_owned();
         for (name, body) in self.bodies() {
@@ -352,13 +354,13 @@ impl Fit {
     }
 }
 
-/// First expectations to try: eight to an octave.
+/// Initial expectations to try: eight per octave.
 fn candidates() -> impl Iterator<Item = u32> {
     let steps = (0..=8 * 11).map(|step: i32| 16.0 * 2_f64.powf(f64::from(step) / 8.0) - 16.0);
     steps.map(|first| first as u32)
 }
 
-/// As PROTOCOL 5.4 has it: how many bits go raw, and the class of the rest.
+/// Raw bits and class of an expectation (PROTOCOL 5.4).
 fn class(expected: u32) -> (u32, usize) {
     let sixteenths = expected / 16 + 1;
     let octave = sixteenths.ilog2();
@@ -368,18 +370,18 @@ fn class(expected: u32) -> (u32, usize) {
     (raw, (octave * 4 + quarter) as usize)
 }
 
-/// What a class expects, in the middle.
+/// Mean expectation of a class.
 fn mean_of(class: usize) -> f64 {
     let (octave, quarter) = ((class / 4) as i32, (class % 4) as f64);
     (2_f64.powi(octave) * (1.0 + (quarter + 0.5) / 4.0) - 0.5) / 16.0
 }
 
-fn learn(expected: &mut u32, number: u32) {
+fn adapt(expected: &mut u32, number: u32) {
     let off = i64::from(256 * number.min(4_095)) - i64::from(*expected);
     *expected = (i64::from(*expected) + (off >> 3)) as u32;
 }
 
-/// Counts as parts of an alphabet, of which each symbol has one at least.
+/// Scales counts to an alphabet; each symbol gets a frequency of at least one.
 fn whole_parts(counts: &[f64]) -> Vec<f64> {
     let all: f64 = counts.iter().sum();
     let free = PARTS - counts.len() as f64;
@@ -397,7 +399,7 @@ fn whole_parts(counts: &[f64]) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    /// A packet whose positions are all this.
+    /// A packet whose positions all have this value.
     fn packet(number: u32) -> SymbolCounts {
         let context = (0..CONTEXTS).find(|context| SymbolCounts::group(*context) == 1);
         SymbolCounts {
@@ -407,7 +409,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frequent_symbol_becomes_cheap() {
+    fn a_frequent_symbol_gets_cheap() {
         let mut fit = Fit::new();
         fit.add(1.0, vec![packet(3); 500]);
         let [before, after] = fit.run();
@@ -419,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_take_the_place_of_tables() {
+    fn fitted_tables_replace_those_of_the_source() {
         let fit = Fit::new();
         let source =
             "const EXPECTED: x = [\n1\n];\nconst SHAPES: y = [\n2\n];\nconst MODES: z = [\n3\n];\n";

@@ -1,7 +1,7 @@
-//! Runs scenes in every mode, measures each frame, and writes it all down.
+//! Benchmarks: run scenes in every mode, measure frames, write results.
 //!
-//! A run leaves a [`record::Experiment`] behind. From it alone come the figures ([`summary`]), the file that holds
-//! every one of them again ([`trace`]) and the page that draws them ([`report`]).
+//! A run produces a [`record::Experiment`]. Everything else derives from it: the figures ([`summary`]), the trace file
+//! ([`trace`]) and the report page ([`report`]).
 #![forbid(unsafe_code)]
 
 pub mod cost;

@@ -1,10 +1,10 @@
-//! `rhumb-bench limit`: how few updates and bits might have done.
+//! `rhumb-bench limit`: fewest updates and bits if the future is known.
 //!
-//! Had the future been known. For each body of a recording, greedily, the longest segments by any predictor of the closed
-//! list, each verified by the normative prediction; then what an ideal coder would have taken for them. It is found, not
-//! proved: a better fit may make a segment longer, so that the true least is lower still. On the other side a publisher
-//! has more to do: it does not know the future, and says packets, refreshes and exact rests. One cut is of motions as they
-//! were fitted, one of such as the protocol can say: the difference is the price of its grid.
+//! For each body of a recording the search greedily takes the longest segments by any standard predictor, each
+//! verified by the normative prediction. An ideal coder then prices them. The result is an upper bound of the true
+//! minimum: better fits may make segments longer. A real publisher has more to do: it does not know the future, and it
+//! sends packets, refreshes and exact rest poses. One cut uses motions as fitted, another those that the protocol can
+//! express; the difference is the cost of its grid.
 
 mod beside;
 mod code;
@@ -35,77 +35,77 @@ use context::{Basis, ParentPath, PredictorKind, SegmentContext};
 use path::{Path, Paths};
 use segments::{Objective, PARENT_RATIO, Segmentation, cut};
 
-/// Which recording, what is promised, and where to write what came of it.
+/// Arguments: recording, tolerance, output.
 #[derive(Clone, Debug, Args)]
 pub struct LimitArguments {
     #[command(flatten)]
     source: RecordingSource,
     #[command(flatten)]
     tolerance_options: ToleranceOptions,
-    /// Judge every so many ticks of the recording, as if no others were published.
+    /// Check the tolerance at every n-th tick of the recording, as if no other ticks were published.
     #[arg(long, default_value = "1")]
     publish_interval: NonZeroU32,
-    /// Folder for limit.json; made if it is not there.
+    /// Folder for limit.json; created if missing.
     #[arg(long, default_value = "results/limit")]
     out: PathBuf,
 }
 
-/// How few updates and bits were found to do.
+/// Fewest updates and bits found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Limit {
-    /// What was recorded.
+    /// Name of the recorded scene.
     pub scene: String,
-    /// Bodies that can move.
+    /// Number of non-static bodies.
     pub bodies: u32,
     /// Ticks of the recording.
     pub ticks: u32,
-    /// Judged every so many ticks.
+    /// Ticks between checks of the tolerance.
     pub publish_interval: u32,
-    /// What is promised, metres; of the centre alone where turns have a bound of their own.
+    /// Tolerance, metres; of the position alone if rotations have a bound of their own.
     pub tolerance_m: f64,
-    /// That bound, radians.
+    /// Bound of rotations, radians.
     pub turn_rad: Option<f64>,
-    /// Cut into as few segments as were found.
+    /// Cut with the fewest segments.
     pub fewest_updates: Cut,
-    /// The same with motions that are rounded to the protocol's grid and judged as rounded: what could be said.
+    /// The same with motions rounded to the protocol's grid and verified as rounded.
     pub fewest_updates_on_grid: Cut,
-    /// Cut for few bits, or the same cut if that takes no more.
+    /// Cut with few bits, or the cut with the fewest segments if it takes no more bits.
     pub fewest_bits: Cut,
 }
 
-/// The ways of all bodies, cut into segments.
+/// The paths of all bodies, cut into segments.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Cut {
-    /// Segments, the first of each body left out: what has to be said.
+    /// Segments without the first of each body: the updates to send.
     pub updates: u64,
-    /// The same for each simulated second.
+    /// Updates per simulated second.
     pub updates_per_second: f64,
-    /// By the predictor that is said.
+    /// Updates by predictor.
     pub by_predictor: BTreeMap<String, u64>,
-    /// Of an ideal coder, 1,000 bit/s of simulated time.
+    /// Rate of an ideal coder, 1,000 bit/s of simulated time.
     pub kbps: f64,
-    /// Of it, for each update.
+    /// Bits of the ideal coder per update.
     pub bits_per_update: f64,
-    /// What it would take for each part.
+    /// Rate of each part.
     pub parts_kbps: PartRates,
-    /// Of bodies that are elsewhere than a frame before, at those frames; never above the tolerance.
+    /// Surface errors of bodies that moved since the previous frame; never above the tolerance.
     pub surface_error_m: Option<ErrorQuantiles>,
 }
 
-/// The parts of a cut, 1,000 bit/s.
+/// Rates of the parts of a cut, 1,000 bit/s.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PartRates {
-    /// Which bodies are spoken of.
+    /// Ids of the updated bodies.
     pub body_ids: f64,
-    /// By which predictor they go on.
+    /// Choice of predictors.
     pub predictors: f64,
-    /// Positions and turns.
+    /// Positions and rotations.
     pub poses: f64,
     /// Velocities.
     pub velocities: f64,
 }
 
-/// Computes a limit. Exit code 0 when it was computed and written, 1 otherwise.
+/// Computes a limit. Exit code 0 if it was computed and written, 1 otherwise.
 pub fn limit(arguments: &LimitArguments) -> ExitCode {
     ended(limit_all(arguments))
 }
@@ -123,7 +123,7 @@ fn limit_all(arguments: &LimitArguments) -> Result<(), Failure> {
 }
 
 impl Limit {
-    /// Of a recording, under a tolerance that holds at every so many ticks.
+    /// Computes the limit of a recording under a tolerance that holds at every `publish_interval`-th tick.
     #[must_use]
     pub fn of(recording: &Recording, tolerance: Tolerance, publish_interval: NonZeroU32) -> Self {
         let paths = Paths::new(recording, publish_interval);
@@ -158,7 +158,7 @@ impl Limit {
         }
     }
 
-    /// As the text of `limit.json`.
+    /// The text of `limit.json`.
     #[must_use]
     pub fn to_json(&self) -> String {
         let mut text = serde_json::to_string_pretty(self)
@@ -204,21 +204,21 @@ impl fmt::Display for Limit {
     }
 }
 
-/// A body's turn to be cut.
+/// Position of a body in the search order.
 struct SearchOrder {
     body: usize,
-    holds: bool,
+    may_be_parent: bool,
 }
 
-/// Most bodies that others may be held by, as publishers have it.
+/// Largest number of parents, the same as the publisher's.
 const PARENTS_MAX: usize = 16;
 
-/// All bodies, the largest first if they are larger than the smallest by enough to hold it.
+/// All bodies, largest first; a body may be a parent if it is sufficiently larger than the smallest.
 fn parents_first(paths: &Paths<'_>) -> Vec<SearchOrder> {
     let mut order: Vec<_> = (0..paths.len()).collect();
     order.sort_by(|a, b| paths.radius(*b).total_cmp(&paths.radius(*a)));
     let smallest = order.last().map_or(0.0, |last| paths.radius(*last));
-    let holds = |place: usize, body: usize| {
+    let may_be_parent = |place: usize, body: usize| {
         place < PARENTS_MAX && paths.radius(body) >= smallest * PARENT_RATIO
     };
     order
@@ -226,18 +226,18 @@ fn parents_first(paths: &Paths<'_>) -> Vec<SearchOrder> {
         .enumerate()
         .map(|(place, body)| SearchOrder {
             body,
-            holds: holds(place, body),
+            may_be_parent: may_be_parent(place, body),
         })
         .collect()
 }
 
-/// What the cutting of every body needs.
+/// State of the search over all bodies.
 struct Search<'a> {
     recording: &'a Recording,
     tolerance: Tolerance,
     publish_interval: NonZeroU32,
     objective: Objective,
-    /// By the bits of both dampings.
+    /// Keyed by the bits of both dampings.
     bases: BTreeMap<[u32; 2], Basis>,
     parents: Vec<ParentPath>,
 }
@@ -259,15 +259,15 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Cuts every body's way; `done` is called after each.
+    /// Cuts every body's path; calls `done` after each.
     fn cut_all(mut self, paths: &Paths<'_>, done: &mut dyn FnMut()) -> Cut {
         let mut found = Found::default();
-        // What may hold others is cut first: what it holds is judged by where it is predicted_motion to be.
+        // Parents are cut first: children are predicted relative to their parent's predicted pose.
         for place in parents_first(paths) {
             if let Some(path) = paths.get(place.body) {
                 let segmentation = self.cut(&path, found.present.len());
-                found.take(&path, &segmentation);
-                if place.holds {
+                found.add(&path, &segmentation);
+                if place.may_be_parent {
                     self.parents.push(ParentPath {
                         radius: path.radius,
                         first: path.first,
@@ -299,7 +299,7 @@ impl<'a> Search<'a> {
     }
 }
 
-/// What was found so far.
+/// Updates and errors found so far.
 #[derive(Debug, Default)]
 struct Found {
     updates: Vec<segments::SegmentUpdate>,
@@ -308,7 +308,7 @@ struct Found {
 }
 
 impl Found {
-    fn take(&mut self, path: &Path, segmentation: &Segmentation) {
+    fn add(&mut self, path: &Path, segmentation: &Segmentation) {
         let predictor = match path.known.predictor {
             rhumb_reckoning::Predictor::Rest => PredictorKind::Rest,
             _ => PredictorKind::Ballistic,

@@ -1,4 +1,4 @@
-//! What machine and what build this is, in lines to compare with others
+//! Descriptions of the machine and the build, for comparing results.
 
 use std::fs::DirEntry;
 use std::path::Path;
@@ -6,7 +6,7 @@ use std::thread::available_parallelism;
 
 use git_version::git_version;
 
-/// Processor, cores that this process may use, accelerators that a driver names, and system.
+/// Processor, cores available to this process, accelerators with a driver, and operating system.
 #[must_use]
 pub(crate) fn describe() -> String {
     let processor = processor().unwrap_or_else(|| std::env::consts::ARCH.to_owned());
@@ -17,13 +17,13 @@ pub(crate) fn describe() -> String {
     parts.collect::<Vec<_>>().join(", ")
 }
 
-/// How many cores this process may use.
+/// Cores that this process may use.
 #[must_use]
 pub(crate) fn cores() -> usize {
     available_parallelism().map_or(1, usize::from)
 }
 
-/// How this program was built, and from which commit where that is known.
+/// Build profile, version and, where known, the commit.
 #[must_use]
 pub(crate) fn build() -> String {
     let kind = if cfg!(debug_assertions) {
@@ -43,16 +43,16 @@ pub(crate) fn build() -> String {
     format!("{kind}, {} {commit}{with}", env!("CARGO_PKG_VERSION"))
 }
 
-/// The processor's own name, where the system tells it.
+/// The processor's name, where the operating system states it.
 fn processor() -> Option<String> {
     let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
     value(&text, "model name")
 }
 
-/// Where a driver keeps a folder for each accelerator.
+/// Folder in which the driver keeps one folder per accelerator.
 const ACCELERATORS: &str = "/proc/driver/nvidia/gpus";
 
-/// The names of the accelerators of a folder, in order; none where there is no such driver.
+/// Names of the accelerators in a folder, sorted; empty without such a driver.
 fn accelerators(folder: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let name = |entry: DirEntry| {
@@ -64,7 +64,7 @@ fn accelerators(folder: &Path) -> Vec<String> {
     names
 }
 
-/// What stands behind the colon of the first line that begins so.
+/// The text after the colon of the first line that begins with `name`.
 fn value(text: &str, name: &str) -> Option<String> {
     let line = text.lines().find(|line| line.starts_with(name))?;
     let (_, value) = line.split_once(':')?;
@@ -76,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn accelerators_are_named_as_their_driver_names_them() {
+    fn accelerator_names_come_from_their_driver() {
         let folder = std::env::temp_dir().join(format!("rhumb-machine-{}", std::process::id()));
         for (bus, model) in [("0000:41:00.0", "NVIDIA H100 PCIe"), ("0000:01:00.0", "A")] {
             let of = folder.join(bus);

@@ -1,4 +1,4 @@
-//! The `rhumb-bench` binary: what Rhumb costs, beside its alternatives.
+//! The `rhumb-bench` binary: measures the cost of Rhumb and its alternatives.
 
 use std::process::ExitCode;
 
@@ -13,7 +13,7 @@ use rhumb_bench::replay::ablate::{Ablate, ablate};
 use rhumb_bench::replay::{Replay, replay};
 use rhumb_bench::scene_file::{SceneArguments, scene};
 
-/// Measures Rhumb.
+/// Command line of `rhumb-bench`.
 #[derive(Debug, Parser)]
 #[command(name = "rhumb-bench", version, about)]
 struct Arguments {
@@ -23,23 +23,23 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Task {
-    /// Run a scene in process, naively remote and over Rhumb; write table, trace and report.
+    /// Run a scene in process, over naive replication and over Rhumb; write table, trace and report.
     Evaluate(Evaluate),
-    /// Publish and follow a recorded trace; write the same.
+    /// Publish and subscribe to a recorded trace; write the same outputs.
     Replay(Replay),
-    /// Replay a recorded trace with each means of the stream switched off in turn.
+    /// Replay a recorded trace with each feature of the stream switched off in turn.
     Ablate(Ablate),
-    /// How few updates and bits a recorded trace would have needed, had the future been known.
+    /// Compute the fewest updates and bits a recorded trace needs if the future is known.
     Limit(LimitArguments),
-    /// What publishing, hearing and one more member take of a processor.
+    /// Measure the processor time of publishing, decoding and one more member.
     Cost(CostArguments),
-    /// Fit the tables of the packets' coder to recorded traces.
+    /// Fit the tables of the packet coder to recorded traces.
     Fit(FitArguments),
-    /// Run the paper's experiment: SimFPS and PhysFT by load, with its tests; or one of the tasks beside it.
+    /// Run the paper's experiment (SimFPS and PhysFT by load, with its tests) or one of the tasks beside it.
     Paper(Box<Paper>),
-    /// Write what a scene places as JSON, for engines that are not linked here.
+    /// Write the bodies a scene places as JSON, for engines that are not linked here.
     Scene(SceneArguments),
-    /// Be a server: how the other tasks start theirs.
+    /// Run a server; the other tasks start theirs this way.
     #[command(hide = true)]
     Serve(Serve),
 }

@@ -1,6 +1,6 @@
-//! What each task leaves in its folder: summary, report, trace and its layout.
+//! Output files of a task: summary, report, trace and viewer layout.
 //!
-//! Each is there whole or not at all.
+//! Each file is written whole or not at all.
 
 use std::fmt;
 use std::io::{self, Write};
@@ -14,7 +14,7 @@ use crate::report;
 use crate::summary::Summary;
 use crate::trace::{self, TraceError, TraceOptions};
 
-/// Why something was not written.
+/// Why an output could not be written.
 #[derive(Debug)]
 pub(crate) enum OutputError {
     /// A file or folder cannot be written.
@@ -32,7 +32,7 @@ impl fmt::Display for OutputError {
     }
 }
 
-/// Makes the folder if it is not there.
+/// Creates the folder and its parents if missing.
 pub(crate) fn make_folder(out: &Path) -> Result<(), OutputError> {
     std::fs::create_dir_all(out).map_err(|cause| OutputError::Write {
         path: out.to_owned(),
@@ -40,16 +40,17 @@ pub(crate) fn make_folder(out: &Path) -> Result<(), OutputError> {
     })
 }
 
-/// How this program was called.
+/// The command line of this process, with the program name fixed to `rhumb-bench`.
 pub(crate) fn command_line() -> String {
     std::env::args()
         .skip(1)
         .fold("rhumb-bench".to_owned(), |line, word| line + " " + &word)
 }
 
-/// Says the table and writes everything; a trace only if `drawn` tells up to how many bodies are drawn in it.
+/// Prints the table and writes all outputs. `drawn` is the largest body count drawn in the trace; `None` writes no
+/// trace.
 ///
-/// What is written first is kept when what is written later fails.
+/// Outputs already written are kept when a later one fails.
 pub(crate) fn write_all(
     out: &Path,
     experiment: &Experiment,
@@ -68,7 +69,7 @@ pub(crate) fn write_all(
     print_text(&format!("\nwritten to {}\n", out.display()))
 }
 
-/// Writes summary and report of what was measured so far.
+/// Writes the summary and the report of the measurements so far.
 pub(crate) fn write_figures(out: &Path, experiment: &Experiment) -> Result<Summary, OutputError> {
     let summary = Summary::of(experiment);
     write_file(&out.join("summary.json"), summary.to_json().as_bytes())?;
@@ -77,14 +78,14 @@ pub(crate) fn write_figures(out: &Path, experiment: &Experiment) -> Result<Summa
     Ok(summary)
 }
 
-/// Says a limit and writes `limit.json`.
+/// Prints a limit and writes `limit.json`.
 pub(crate) fn write_limit(out: &Path, limit: &Limit) -> Result<(), OutputError> {
     write_file(&out.join("limit.json"), limit.to_json().as_bytes())?;
     print_text(&limit.to_string())?;
     print_text(&format!("\nwritten to {}\n", out.display()))
 }
 
-/// On standard error, and only if that is a terminal.
+/// A progress bar on standard error; hidden when standard error is no terminal.
 pub(crate) fn progress_bar(length: u64, what: String) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::stderr());
     let style = ProgressStyle::with_template("{msg:28} {bar:32} {pos}/{len} {elapsed} left {eta}");
@@ -92,13 +93,13 @@ pub(crate) fn progress_bar(length: u64, what: String) -> ProgressBar {
     bar.with_message(what)
 }
 
-/// A bar whose steps are worth nothing by themselves.
+/// Style of a progress bar that shows a percentage instead of a step count.
 pub(crate) fn share_style() -> ProgressStyle {
     let style = ProgressStyle::with_template("{msg:34} {bar:32} {percent} % {elapsed} left {eta}");
     style.unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
-/// Where a task leaves its trace.
+/// Path of a task's trace.
 pub(crate) fn trace_of(out: &Path) -> PathBuf {
     out.join("trace.mcap")
 }
@@ -122,7 +123,7 @@ fn write_trace(
     )
 }
 
-/// Writes what serialises as indented JSON.
+/// Writes a value as indented JSON.
 pub(crate) fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), OutputError> {
     let mut text = serde_json::to_string_pretty(value).map_err(|cause| OutputError::Write {
         path: path.to_owned(),
@@ -132,12 +133,12 @@ pub(crate) fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(
     write_file(path, text.as_bytes())
 }
 
-/// Writes a whole file beside its place, then gives it its name, so that no half file is ever taken for a whole one.
+/// Writes to a temporary path, then renames: a reader never finds a half-written file under the final name.
 pub(crate) fn write_file(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
     let partial = path.with_extension("partial");
     let written = std::fs::write(&partial, bytes).and_then(|()| std::fs::rename(&partial, path));
     written.map_err(|cause| {
-        // It may never have come to be.
+        // The file may not exist; the original error is reported either way.
         let _ = std::fs::remove_file(&partial);
         OutputError::Write {
             path: path.to_owned(),
@@ -148,8 +149,8 @@ pub(crate) fn write_file(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
 
 pub(crate) fn print_text(text: &str) -> Result<(), OutputError> {
     let mut out = io::stdout().lock();
-    let said = out.write_all(text.as_bytes()).and_then(|()| out.flush());
-    said.map_err(|cause| OutputError::Write {
+    let printed = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+    printed.map_err(|cause| OutputError::Write {
         path: "standard output".into(),
         cause,
     })

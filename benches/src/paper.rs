@@ -1,6 +1,7 @@
-//! `rhumb-bench paper`: the paper's experiment again, and what it left open.
+//! `rhumb-bench paper`: repeats the paper's experiment and extends it.
 //!
-//! The experiment itself, where remote wins, what hardware gives, and the page that tells it all from what was measured.
+//! Tasks: the experiment itself, where remote beats integrated, hardware variants, and pages filled from the
+//! measurements.
 
 mod analysis;
 mod beside;
@@ -42,7 +43,7 @@ use gap::GapArguments;
 use hardware::HardwareArguments;
 use remote::RemoteArguments;
 
-/// The paper's experiment, or one of the tasks beside it.
+/// Arguments: the paper's experiment, or one of the tasks beside it.
 #[derive(Clone, Debug, Args)]
 #[command(args_conflicts_with_subcommands = true)]
 pub struct Paper {
@@ -54,33 +55,33 @@ pub struct Paper {
 
 #[derive(Clone, Debug, Subcommand)]
 enum PaperTask {
-    /// From which load, and from how much other work on, a remote engine beats an integrated one.
+    /// Find the load and the amount of other work from which a remote engine beats an integrated one.
     Remote(RemoteArguments),
-    /// Where the client of the published experiment loses its time.
+    /// Find where the client of the published experiment loses its time.
     Gap(GapArguments),
-    /// What threads, pinning and a weak caller make of one pit, on this machine.
+    /// Measure one pit with various threads, pinnings and caller speeds on this machine.
     Hardware(HardwareArguments),
-    /// Merge what several machines gave into one table.
+    /// Merge the results of several machines into one table.
     Merge(MergeArguments),
-    /// Put what was measured into a page between its markers, or check that it stands there.
+    /// Write measurements into a page between its markers, or check that the page is current.
     Page(PageArguments),
-    /// Stop and continue the process that started this one, in turn.
+    /// Stop and continue the parent process in turn.
     #[command(hide = true)]
     Duty(DutyArguments),
 }
 
-/// Which files, and where the merged ones go.
+/// Arguments: the files and the folder of the merged results.
 #[derive(Clone, Debug, Args)]
 struct MergeArguments {
     /// `hardware.json` of each machine.
     #[arg(required = true, num_args = 1..)]
     files: Vec<PathBuf>,
-    /// Folder for the merged table; made if it is not there.
+    /// Folder for the merged table; created if missing.
     #[arg(long, default_value = "results/hardware-merged")]
     out: PathBuf,
 }
 
-/// Runs a task of the paper. Exit code 0 when everything was measured and written, 1 otherwise.
+/// Runs a task of the paper. Exit code 0 if everything was measured and written, 1 otherwise.
 pub fn paper(arguments: &Paper) -> ExitCode {
     let done = match &arguments.task {
         None => experiment::run(&arguments.experiment),
@@ -94,7 +95,7 @@ pub fn paper(arguments: &Paper) -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            // Nowhere is left to say that standard error is closed.
+            // If standard error is closed, no other place is left to report to.
             let _ = writeln!(io::stderr(), "error: {error}");
             ExitCode::FAILURE
         }

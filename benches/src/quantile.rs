@@ -1,20 +1,20 @@
-//! The value that a given share of many values does not exceed.
+//! Percentiles by nearest rank.
 //!
-//! Nearest rank, never interpolated: every quantile is a value that was measured, and a reader gets the same one.
+//! Never interpolated: every quantile is a measured value, so all readers compute the same one.
 
-/// The place of a percentile among `count` sorted values, counted from 0: the least whose share reaches it.
+/// Index of a percentile among `count` sorted values, counted from 0: the least whose share reaches it.
 pub(crate) fn rank(percent: u32, count: usize) -> Option<usize> {
     let place = (count as u64 * u64::from(percent)).div_ceil(100).max(1);
     (count > 0).then(|| place as usize - 1)
 }
 
-/// A percentile of values in any order, which are moved about.
+/// A percentile of unsorted values; reorders them.
 pub(crate) fn of_nanoseconds(values: &mut [u64], percent: u32) -> Option<u64> {
     let place = rank(percent, values.len())?;
     Some(*values.select_nth_unstable(place).1)
 }
 
-/// Many values of at least zero, of which the zeros are only counted.
+/// Values of at least zero; zeros are only counted, not stored.
 #[derive(Debug, Default)]
 pub(crate) struct WithZeros {
     values: Vec<f32>,
@@ -22,18 +22,18 @@ pub(crate) struct WithZeros {
 }
 
 impl WithZeros {
-    /// Adds some values and a count of zeros.
+    /// Adds values and a count of zeros.
     pub(crate) fn extend(&mut self, values: &[f32], zeros: u32) {
         self.values.extend_from_slice(values);
         self.zeros += u64::from(zeros);
     }
 
-    /// How many there are, zeros included.
+    /// Number of values, zeros included.
     pub(crate) fn count(&self) -> u64 {
         self.values.len() as u64 + self.zeros
     }
 
-    /// A percentile, or `None` of nothing.
+    /// A percentile, or `None` without values.
     pub(crate) fn percentile(&mut self, percent: u32) -> Option<f64> {
         let place = rank(percent, self.count() as usize)? as u64;
         let Some(place) = place.checked_sub(self.zeros) else {
@@ -51,7 +51,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_percentile_is_a_value_that_was_there() {
+    fn a_percentile_is_one_of_the_values() {
         let mut hundred: Vec<u64> = (1..=100).rev().collect();
         for (percent, value) in [(0, 1), (50, 50), (99, 99), (100, 100)] {
             assert_eq!(of_nanoseconds(&mut hundred, percent), Some(value));
@@ -61,7 +61,7 @@ mod tests {
     }
 
     #[test]
-    fn zeros_count_without_being_kept() {
+    fn zeros_count_without_being_stored() {
         let mut errors = WithZeros::default();
         assert_eq!(errors.percentile(50), None);
         errors.extend(&[0.5, 0.25], 2);

@@ -1,6 +1,7 @@
-//! What a run leaves behind: all figures of a report come from this.
+//! The record of a run, from which all figures of a report are computed.
 //!
-//! No clocks and no files: measured by `drive`, written by `trace`, summed up by `summary`, drawn by `report`.
+//! Contains no clocks and no files: measured by `drive`, written by `trace`, summarised by `summary`, drawn by
+//! `report`.
 
 use std::fmt;
 
@@ -11,33 +12,33 @@ use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, Tick};
 use serde::{Deserialize, Serialize};
 
-/// How a scene was run.
+/// How a scene is run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Mode {
     /// Stepped in the caller's own thread.
     Integrated,
-    /// A server that sends everything.
+    /// A server that sends every state (naive replication).
     Naive,
-    /// The reckoned stream; the caller waits for each tick.
+    /// The predicted stream; the caller waits for each tick.
     Rhumb,
-    /// The reckoned stream; the caller goes on while the server steps.
+    /// The predicted stream; the caller continues while the server steps.
     RhumbPipelined,
-    /// The reckoned stream; the server steps by its own clock.
+    /// The predicted stream; the server steps by its own clock.
     RhumbFree,
-    /// The full stream of the same server that runs by its own clock.
+    /// The full stream of the free-running server.
     NaiveFree,
-    /// The paper's protocol: every body's state in a datagram of its own.
+    /// The paper's protocol: one datagram per body state.
     AppAll,
-    /// The same of bodies that are awake.
+    /// The paper's protocol, awake bodies only.
     AppActive,
-    /// Every body's state, as many in a datagram as fit.
+    /// The paper's protocol, with as many states per datagram as fit.
     AppPacked,
-    /// The reckoned stream of a recorded scene, over a simulated link in simulated time.
+    /// The predicted stream of a recorded scene, over a simulated link in simulated time.
     Replay,
 }
 
 impl Mode {
-    /// Whether the caller goes on while the server steps.
+    /// Whether the caller continues while the server steps.
     #[must_use]
     pub const fn is_ahead(self) -> bool {
         matches!(self, Self::RhumbPipelined)
@@ -49,13 +50,13 @@ impl Mode {
         matches!(self, Self::RhumbFree | Self::NaiveFree)
     }
 
-    /// Whether it speaks the paper's protocol.
+    /// Whether it uses the paper's protocol.
     #[must_use]
     pub const fn is_app(self) -> bool {
         matches!(self, Self::AppAll | Self::AppActive | Self::AppPacked)
     }
 
-    /// As on the command line, in topics and in the summary.
+    /// Name on the command line, in topics and in the summary.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -79,12 +80,12 @@ impl fmt::Display for Mode {
     }
 }
 
-/// What the engine did in one run of a script, tick by tick: the same for every mode.
+/// States of the engine in one run of a script, tick by tick; equal for every mode.
 #[derive(Clone, Debug, Default)]
 pub struct Truth {
-    /// Every body that ever was, in order of placing, with the tick at which it came.
+    /// Every body ever placed, in order of placing, with its tick.
     pub placed: Vec<Placed>,
-    /// Bodies removed, with the tick at which they went.
+    /// Bodies removed, with their ticks.
     pub removed: Vec<(Tick, BodyId)>,
     /// Observations after tick 1, 2, ...: only bodies that moved or fell asleep.
     pub ticks: Vec<Vec<Observation>>,
@@ -92,50 +93,50 @@ pub struct Truth {
     pub digest: u64,
 }
 
-/// A body and where it began.
+/// A body and its initial state.
 #[derive(Clone, Debug)]
 pub struct Placed {
-    /// Before the step that follows this tick.
+    /// The body is placed before the step that follows this tick.
     pub tick: Tick,
-    /// What it is.
+    /// Its descriptor.
     pub config: BodyDesc,
     /// Its shape.
     pub shape: Shape,
-    /// Where it was placed.
+    /// Its initial state.
     pub observation: Observation,
 }
 
-/// A pose that a client's copy took on.
+/// A pose that changed in a client's copy.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CopiedPose {
-    /// Whose.
+    /// The body.
     pub id: BodyId,
-    /// Metres.
+    /// Centre of mass, world frame, metres.
     pub position: [f32; 3],
     /// Quaternion x, y, z, w.
     pub rotation: [f32; 4],
-    /// Whether the copy takes it for resting.
+    /// Whether the copy counts the body as resting.
     pub resting: bool,
 }
 
-/// Why a copy was farther off than its tolerance.
+/// Why a copy exceeded its tolerance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Cause {
-    /// A datagram was lost and not yet made good.
+    /// A datagram was lost and not yet recovered.
     Loss,
-    /// The view shows a tick that the stream has not watermark_tick for yet, or that lies before what it was last told.
+    /// The shown tick is past the stream's watermark or before the body's latest update.
     Late,
-    /// The stream's budget did not suffice, and it said so.
+    /// The stream's budget did not suffice, as the stream stated.
     Budget,
-    /// Nothing explains it: a defect.
+    /// Unexplained: a defect.
     Fault,
 }
 
 impl Cause {
-    /// All of them, in the order of a report.
+    /// All causes, in the order of a report.
     pub const ALL: [Self; 4] = [Self::Loss, Self::Late, Self::Budget, Self::Fault];
 
-    /// As in the summary.
+    /// Name in the summary.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -150,19 +151,19 @@ impl Cause {
 /// One body-tick over tolerance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Breach {
-    /// When.
+    /// Tick of the breach.
     pub tick: Tick,
-    /// Which.
+    /// The body.
     pub id: BodyId,
     /// Surface error, metres.
     pub error_m: f64,
-    /// What was promised, metres.
+    /// Its tolerance, metres.
     pub tolerance_m: f64,
-    /// Why.
+    /// Cause of the breach.
     pub cause: Cause,
 }
 
-/// Which way a datagram or a piece of control stream went, as the client saw it.
+/// Direction and kind of a packet, as the client sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum PacketDirection {
     /// State datagram from the server.
@@ -175,21 +176,21 @@ pub enum PacketDirection {
     ControlUp,
 }
 
-/// Something that crossed the wire.
+/// Captured bytes of the wire.
 #[derive(Clone, Debug)]
 pub struct CapturedPacket {
-    /// The frame (counted from 0) in which the client saw it pass.
+    /// Frame, counted from 0, during which it passed the client.
     pub frame: u32,
-    /// Which way.
+    /// Direction and kind.
     pub direction: PacketDirection,
-    /// What, below QUIC.
+    /// The bytes as passed to or from QUIC.
     pub bytes: Bytes,
-    /// For how many bytes it counts: for its own, unless what another code would take is counted.
+    /// Bytes counted for it: its length, unless another code's size is counted instead.
     pub counted: u64,
 }
 
 impl CapturedPacket {
-    /// What counts for what it is.
+    /// A packet counted by its own length.
     #[must_use]
     pub fn new(frame: u32, direction: PacketDirection, bytes: Bytes) -> Self {
         let counted = bytes.len() as u64;
@@ -205,97 +206,97 @@ impl CapturedPacket {
 /// One frame of the caller.
 #[derive(Clone, Debug, Default)]
 pub struct Frame {
-    /// The tick that its view showed; errors are taken against the truth of this tick.
+    /// Tick that the view showed; errors refer to the truth of this tick.
     pub tick: Tick,
-    /// What the frame cost the caller's thread, nanoseconds.
+    /// Time that the frame took in the caller's thread, nanoseconds.
     pub frame_ns: u64,
-    /// UDP payload bytes received and sent since the frame before, QUIC's own included.
+    /// UDP payload bytes received since the previous frame, those of QUIC included.
     pub wire_bytes_down: u64,
-    /// See above.
+    /// UDP payload bytes sent since the previous frame.
     pub wire_bytes_up: u64,
-    /// UDP datagrams received and sent since the frame before.
+    /// UDP datagrams received since the previous frame.
     pub wire_datagrams_down: u64,
-    /// See above.
+    /// UDP datagrams sent since the previous frame.
     pub wire_datagrams_up: u64,
-    /// Updates taken in since the frame before.
+    /// Updates decoded since the previous frame.
     pub updates: u64,
-    /// Poses that changed in the copy since the frame before.
-    pub seen: Vec<CopiedPose>,
-    /// Bodies taken out of the copy since the frame before.
-    pub gone: Vec<BodyId>,
-    /// Surface error of every body that is neither static nor at rest to the bit in both truth and copy, metres, sorted.
+    /// Poses that changed in the copy since the previous frame.
+    pub changed: Vec<CopiedPose>,
+    /// Bodies removed from the copy since the previous frame.
+    pub removed: Vec<BodyId>,
+    /// Surface errors of all bodies except static ones and those at rest in both with equal bits. Metres, sorted.
     pub errors_m: Vec<f32>,
-    /// Bodies (of those that can move) whose error is exactly zero and not listed above.
+    /// Non-static bodies with an error of exactly zero that `errors_m` does not list.
     pub exact: u32,
-    /// Of a replay: surface error of every body that the recording has a record of at this tick, metres, in no order.
+    /// Replay only: surface error of every body that the recording lists at this tick, metres, unordered.
     pub moving_errors_m: Vec<f32>,
 }
 
-/// How a run was asked for.
+/// Requested settings of a run.
 #[derive(Clone, Debug)]
 pub struct RunConfig {
     /// Name of the script.
     pub scene: String,
-    /// What its load was asked to be.
+    /// Requested number of bodies.
     pub bodies: u32,
-    /// How it was run.
+    /// Mode of the run.
     pub mode: Mode,
-    /// Frames that the caller is ahead of the server.
+    /// Frames by which the caller is ahead of the server.
     pub depth: u32,
-    /// Promised, metres; none for modes that promise the bits.
+    /// Tolerance, metres; none for bit-exact modes.
     pub tolerance_m: Option<f64>,
-    /// Bytes a second that its stream could take, if that was limited.
+    /// Bandwidth limit of the stream, bytes per second, if any.
     pub budget_bytes_per_second: Option<u32>,
-    /// The link between the processes, as on the command line.
+    /// Link between the processes, as on the command line.
     pub link: String,
-    /// Seed of the script; of the link where a foreign recording was replayed.
+    /// Seed of the script; for a replayed foreign recording, seed of the link.
     pub seed: u64,
     /// Simulated seconds of one tick.
     pub step_s: f64,
-    /// How many ticks were run.
+    /// Number of ticks run.
     pub ticks: u32,
-    /// Of a free-running mode: how it was published and followed.
+    /// Publish and subscribe settings of a free-running mode.
     pub subscription: Option<SubscriptionSettings>,
-    /// Of a replay: what only a replay is asked for.
+    /// Settings that only a replay has.
     pub replayed: Option<Replayed>,
-    /// What was found to do for the same promise, had the future been known; none if that was not sought.
+    /// The computed limit for the same tolerance; none if it was not computed.
     pub limit: Option<LimitRates>,
 }
 
-/// How a free-running scene was published and followed.
+/// Publish and subscribe settings of a free-running scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SubscriptionSettings {
-    /// Published every so many ticks.
+    /// Ticks between publications.
     pub publish_interval: u32,
-    /// Ticks that the publisher looked back before it spoke of one.
+    /// Ticks by which the encoder looks ahead of the tick it codes.
     pub lookahead_ticks: u32,
-    /// Ticks that the copy was shown later than it could be spoken of.
+    /// Ticks by which the view lags behind the newest tick that can be shown.
     pub delay_ticks: u32,
 }
 
-/// What only a replay is asked for.
+/// Settings that only a replay has.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Replayed {
-    /// How far a body's centre may be off, metres, where its turn has a bound of its own.
+    /// Position tolerance, metres, where the rotation has a bound of its own.
     pub position_m: Option<f64>,
-    /// How far it may be turned then, radians.
+    /// Rotation tolerance in that case, radians.
     pub turn_rad: Option<f64>,
-    /// Published every so many ticks.
+    /// Ticks between publications.
     pub publish_interval: u32,
-    /// Ticks that the publisher looked back before it spoke of one.
+    /// Ticks by which the encoder looks ahead of the tick it codes.
     pub lookahead_ticks: u32,
     /// Seed of the simulated link.
     pub link_seed: u64,
-    /// Means of the publisher that were switched off, as on the command line.
+    /// Publisher features that were switched off, as on the command line.
     pub without: Vec<String>,
 }
 
-/// How little was found to do.
+/// Rates found sufficient when the future is known.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LimitRates {
-    /// Updates for each simulated second.
+    /// Updates per simulated second.
     pub updates_per_second: f64,
-    /// The same where motions are rounded to the protocol's grid.
+    /// The same with motions rounded to the protocol's grid.
     pub updates_on_grid_per_second: f64,
     /// 1,000 bit/s of simulated time.
     pub kbps: f64,
@@ -304,33 +305,33 @@ pub struct LimitRates {
 /// One mode's run of one scene at one load.
 #[derive(Clone, Debug)]
 pub struct Run {
-    /// How it was asked for.
+    /// Settings of the run.
     pub config: RunConfig,
-    /// Digest of the truth as its own engine had it.
+    /// Digest of the truth as this run's engine computed it.
     pub truth_checksum: u64,
-    /// Frame by frame, the joining (frame 0's predecessors) left out.
+    /// Frames, without those of joining.
     pub frames: Vec<Frame>,
-    /// Everything that crossed the wire; empty for `integrated`.
+    /// All packets on the wire; empty for `integrated`.
     pub captured: Vec<CapturedPacket>,
-    /// UDP payload bytes and datagrams, both ways, of connecting and joining, before the first frame.
+    /// UDP payload bytes and datagrams, both directions, before the first frame.
     pub join: JoinCost,
     /// Every body-tick over tolerance.
     pub breaches: Vec<Breach>,
-    /// Of a replay: how long after each lost packet all of its bodies were known again.
+    /// Replay only: time from each lost packet until all of its bodies were known again.
     pub recoveries: Vec<Span>,
-    /// Median and 99th percentile of the engine's step, nanoseconds.
+    /// Median of the engine's step, nanoseconds.
     pub step_ns_p50: u64,
-    /// See above.
+    /// 99th percentile of the engine's step, nanoseconds.
     pub step_ns_p99: u64,
-    /// All engine steps together, nanoseconds.
+    /// Sum of all engine steps, nanoseconds.
     pub step_ns_total: u64,
-    /// Observing, choosing, encoding and handing over, all ticks together, nanoseconds; zero for `integrated`.
+    /// Sum over all ticks of observing, selecting, encoding and queueing, nanoseconds; zero for `integrated`.
     pub publish_ns_total: u64,
-    /// Sums over tracks in which the two ends were found to differ: a defect.
+    /// Track checksums that differed between the two ends: a defect.
     pub mismatches: u64,
 }
 
-/// What it cost to come in.
+/// Traffic of connecting and joining.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct JoinCost {
     /// UDP payload bytes received.
@@ -343,35 +344,35 @@ pub struct JoinCost {
     pub wire_datagrams_up: u64,
 }
 
-/// Everything that one invocation measured: one truth per load, and the modes run on it.
+/// All measurements of one invocation: one truth per load and the modes run on it.
 #[derive(Clone, Debug)]
 pub struct Experiment {
     /// The command line, as typed.
     pub command: String,
     /// Seed of the scripts.
     pub seed: u64,
-    /// Processor, cores, system.
+    /// Processor, cores, operating system.
     pub machine: String,
-    /// Per load.
+    /// One entry per load.
     pub loads: Vec<Load>,
 }
 
 /// One load of one scene.
 #[derive(Clone, Debug)]
 pub struct Load {
-    /// What the engine did.
+    /// States of the engine.
     pub truth: Truth,
-    /// What each mode made of it.
+    /// One run per mode.
     pub runs: Vec<Run>,
-    /// Replays of it that did not come to their end.
+    /// Replays of it that failed.
     pub unfinished: Vec<Unfinished>,
 }
 
-/// A replay that did not come to its end: nothing else is kept of it.
+/// A failed replay; it has no results.
 #[derive(Clone, Debug)]
 pub struct Unfinished {
-    /// How it was asked for.
+    /// Its settings.
     pub config: RunConfig,
-    /// Why, in words.
+    /// Cause of the failure.
     pub cause: String,
 }

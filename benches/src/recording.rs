@@ -1,7 +1,7 @@
-//! A scene's motion as it was recorded once: what a replay publishes.
+//! Recorded motion of a scene: the input of a replay.
 //!
-//! Two forms are read: the truth in a `trace.mcap` of ours ([`mcap`]), and foreign recordings ([`rhtrace`]). A recording
-//! is checked when it is read, so that a replay can rely on it.
+//! Two formats are read: the truth in a `trace.mcap` ([`mcap`]) and foreign recordings ([`rhtrace`]). A recording is
+//! checked when it is read, so a replay can rely on it.
 
 mod error;
 pub mod mcap;
@@ -23,37 +23,37 @@ use crate::record::{Placed, Truth};
 /// A recorded scene.
 #[derive(Clone, Debug)]
 pub struct Recording {
-    /// What it is called: a scene, or the file without its ending.
+    /// Name: a scene, or the file name without its extension.
     pub name: String,
-    /// What its scene's script was asked for; none of a foreign recording.
+    /// Arguments of its script; none for a foreign recording.
     pub played: Option<ScriptOrigin>,
     /// Every body and every tick.
     pub truth: Truth,
-    /// How the engine stepped.
+    /// Integrator of the engine.
     pub integrator: Integrator,
-    /// What pulled, m/s², world frame.
+    /// Gravity, m/s², world frame.
     pub gravity: Vec3,
-    /// Of every body.
+    /// Damping of every body.
     pub damping: Damping,
-    /// How those bodies resist being turned that tumble when they are free, as far as it is known.
+    /// Inertia of bodies with free rotation, as far as known.
     pub inertias: BTreeMap<BodyId, Inertia>,
 }
 
-/// What makes a script the same again, beside its name.
+/// Arguments that reproduce a script, besides its name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ScriptOrigin {
-    /// How many bodies it was asked for.
+    /// Requested number of bodies.
     pub bodies: u32,
     /// Its seed.
     pub seed: u64,
 }
 
 impl Recording {
-    /// Reads a recording; the file's ending tells its form.
+    /// Reads a recording; the file name's extension selects the format.
     ///
     /// # Errors
     ///
-    /// [`RecordingError`] names the file and what is wrong with it.
+    /// [`RecordingError`] names the file and the defect.
     pub fn read(path: &Path) -> Result<Self, RecordingError> {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let bytes = std::fs::read(path).map_err(|cause| RecordingError::read(path, cause))?;
@@ -72,13 +72,13 @@ impl Recording {
         })
     }
 
-    /// What a predictor needs to know of a body.
+    /// Prediction parameters of a body.
     pub(crate) fn parameters(&self, placed: &Placed) -> PredictionParameters {
         let inertia = self.inertias.get(&placed.config.id).copied();
         PredictionParameters::of(&placed.config, &placed.shape, self.damping, inertia)
     }
 
-    /// How many bodies its script was asked for; of a foreign recording, how many its engine moved.
+    /// Number of bodies requested from the script; for a foreign recording, its number of dynamic bodies.
     #[must_use]
     pub fn bodies(&self) -> u32 {
         if let Some(played) = self.played {
@@ -101,9 +101,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_that_is_no_recording_is_named() {
+    fn an_error_names_the_file_that_is_no_recording() {
         let folder = std::env::temp_dir().join(format!("rhumb-recording-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).expect("a folder for what is passing");
+        std::fs::create_dir_all(&folder).expect("the temporary folder is writable");
         for name in [
             "empty.mcap",
             "empty.rhtrace.zst",
@@ -115,10 +115,10 @@ mod tests {
                 std::fs::write(&path, b"").expect("it is our own folder");
             }
             let Err(error) = Recording::read(&path) else {
-                panic!("{name} is nothing to replay");
+                panic!("{name} is no recording");
             };
-            let (said, named) = (error.to_string(), path.display().to_string());
-            assert!(said.contains(&named), "{said}");
+            let (message, named) = (error.to_string(), path.display().to_string());
+            assert!(message.contains(&named), "{message}");
         }
         std::fs::remove_dir_all(folder).expect("it is our own folder");
     }

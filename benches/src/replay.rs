@@ -1,6 +1,6 @@
-//! `rhumb-bench replay`: publishes a recorded scene and follows it.
+//! `rhumb-bench replay`: publishes a recorded scene and subscribes to it.
 //!
-//! Nothing is stepped and no socket is opened: time is simulated, and one seed gives one result, to the bit.
+//! No engine steps and no socket opens: time is simulated, and one seed gives one result, bit exact.
 
 pub mod ablate;
 mod client;
@@ -34,38 +34,39 @@ pub(crate) use source::budget;
 pub use source::{RecordingSource, ReplayOptions, ToleranceOptions};
 pub use sweep::Sweep;
 
-/// Which recording to replay, how, and where to write what came of it.
+/// Arguments: recording, settings, output.
 #[derive(Clone, Debug, Args)]
 pub struct Replay {
     #[command(flatten)]
     source: RecordingSource,
     #[command(flatten)]
     options: ReplayOptions,
-    /// Switch these means off.
+    /// Switch these features off.
     #[arg(long, value_delimiter = ',')]
     without: Vec<Feature>,
-    /// Say nothing twice: the same as `--without fec`.
+    /// Send no repair symbols: the same as `--without fec`.
     #[arg(long)]
     no_fec: bool,
-    /// Replay once for each value, such as tolerance=0.005,0.01,0.02 or loss=0%,1%,5%; others: turn, publish-interval, seed, budget
-    /// (none or bytes a second), and the names of a link.
+    /// Replay once for each value, such as tolerance=0.005,0.01,0.02 or loss=0%,1%,5%; other settings: turn,
+    /// publish-interval, seed, budget (none or bytes per second), and the parts of a link.
     #[arg(long, conflicts_with = "matrix")]
     sweep: Option<Sweep>,
-    /// Replay once for each loss of 0, 1, 5 and 20 %, even and in bursts of 4, at round trips of 0, 50, 100 and 300 ms.
+    /// Replay once for each loss of 0, 1, 5 and 20 %, even and in bursts of 4, at round trips of 0, 50, 100 and 300
+    /// ms.
     #[arg(long)]
     matrix: bool,
-    /// Folder for summary.json, report.html, trace.mcap and its layout; made if it is not there.
+    /// Folder for summary.json, report.html, trace.mcap and its layout; created if missing.
     #[arg(long, default_value = "results/replay")]
     out: PathBuf,
     /// Write no trace.
     #[arg(long)]
     no_trace: bool,
-    /// Do not compare with how little would have done, had the future been known.
+    /// Skip the comparison with the limit for a known future.
     #[arg(long)]
     no_limit: bool,
 }
 
-/// Replays. Exit code 0 when everything was replayed and written, 1 otherwise.
+/// Runs the replays. Exit code 0 if everything was replayed and written, 1 otherwise.
 pub fn replay(arguments: &Replay) -> ExitCode {
     ended(replay_all(arguments))
 }
@@ -90,25 +91,25 @@ fn replay_all(arguments: &Replay) -> Result<(), Failure> {
     replays.write(recording, arguments.options.seed(), &arguments.out, drawn)
 }
 
-/// What is kept of each replay.
+/// Which data of each replay are kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ReplayRetention {
-    /// What a trace holds.
+    /// Everything that a trace holds.
     Everything,
-    /// What the figures need: no poses.
+    /// Only the data for the figures, no poses.
     Figures,
 }
 
-/// What became of each replay of one recording.
+/// Results of all replays of one recording.
 #[derive(Debug, Default)]
 struct Replays {
-    /// Those that came to their end, in order, with their config.
+    /// Finished replays in order, with their configs.
     ended: Vec<(ReplayConfig, Run)>,
-    /// The others.
+    /// Failed replays.
     unfinished: Vec<Unfinished>,
 }
 
-/// Replays under each config in turn. One that does not end takes none of the others with it; but one must end.
+/// Replays the recording under each config. A failed replay does not stop the others; it is an error if all fail.
 fn run_all(
     recording: &Recording,
     all: &[ReplayConfig],
@@ -123,7 +124,7 @@ fn run_all(
             Ok(mut run) => {
                 if keep == ReplayRetention::Figures {
                     for frame in &mut run.frames {
-                        (frame.seen, frame.gone) = (Vec::new(), Vec::new());
+                        (frame.changed, frame.removed) = (Vec::new(), Vec::new());
                     }
                 }
                 replays.ended.push((*config, run));
@@ -145,13 +146,14 @@ fn run_all(
 }
 
 impl Replays {
-    /// Those that ended, with what each promised.
+    /// The finished replays, with their tolerances.
     fn promised(&mut self) -> impl Iterator<Item = (&mut Run, Option<Promised>)> {
         let ended = self.ended.iter_mut();
         ended.map(|(config, run)| (run, Some((config.tolerance, config.publish_interval))))
     }
 
-    /// Says and writes all there is, a trace if it tells up to how many bodies are drawn; an error if not all ended.
+    /// Prints and writes all results; `drawn` is the largest body count drawn in a trace. An error if any replay
+    /// failed.
     fn write(
         self,
         recording: Recording,
@@ -181,7 +183,7 @@ impl Replays {
     }
 }
 
-/// Each way in which the recording is to be replayed.
+/// All configs under which the recording is replayed.
 fn settings(arguments: &Replay) -> Result<Vec<ReplayConfig>, Failure> {
     let base = arguments.options;
     let all_options = match &arguments.sweep {

@@ -1,7 +1,7 @@
-//! `report.html`: an experiment for who has read nothing else, in one file.
+//! Writes `report.html`: one self-contained page on an experiment.
 //!
-//! The table first, one sentence above each figure, light or dark as the reader's system is. All figures come from the
-//! summary; the record is read for the curves only.
+//! The table comes first and each figure has one sentence above it. Colours follow the reader's system, light or dark.
+//! All figures come from the summary; only curves are read from the record.
 
 mod decimate;
 mod figures;
@@ -21,7 +21,7 @@ pub(crate) use figures::color;
 pub(crate) use plot::{Axis, Chart, Mark, SIZE};
 pub(crate) use words::escape;
 
-/// How a page looks.
+/// Style sheet of the pages.
 pub(crate) const STYLE: &str = include_str!("report/style.css");
 
 /// The text of `report.html`.
@@ -40,7 +40,7 @@ pub fn html(experiment: &Experiment, summary: &Summary) -> String {
     page.push_str(&table::html(summary));
     page.push_str(&table::ratios(summary));
     page.push_str(&modes(experiment));
-    page.push_str("<h2>Where it loses, and what these figures cannot say</h2>\n<ul>\n");
+    page.push_str("<h2>Limitations of Rhumb and of these figures</h2>\n<ul>\n");
     for sentence in words::limits(summary) {
         let _ = writeln!(page, "<li>{sentence}</li>");
     }
@@ -80,7 +80,7 @@ fn opening(experiment: &Experiment, summary: &Summary) -> String {
         if let Some(run) = differs {
             let _ = writeln!(
                 text,
-                "<p class=\"warn\">The runs with {} bodies are void: the engine of {} did not do what the others did.</p>",
+                "<p class=\"warn\">The runs with {} bodies are void: the engine of {} diverged from the others.</p>",
                 run.config.bodies, run.config.mode
             );
         }
@@ -88,7 +88,7 @@ fn opening(experiment: &Experiment, summary: &Summary) -> String {
     for replay in &summary.unfinished {
         let _ = writeln!(
             text,
-            "<p class=\"warn\">Did not end: {}</p>",
+            "<p class=\"warn\">Failed: {}</p>",
             escape(&replay.to_string())
         );
     }
@@ -104,7 +104,7 @@ fn modes(experiment: &Experiment) -> String {
     text
 }
 
-/// The figures of replays: curves of a single one, the frontier of several that differ in what was promised.
+/// Figures of replays: curves of a single one, or the frontier of several with different tolerances.
 fn replay_figures(experiment: &Experiment, summary: &Summary) -> String {
     if let ([load], [run]) = (&experiment.loads[..], &summary.runs[..]) {
         return figure(&figures::bandwidth(load, &[run]), "")
@@ -113,7 +113,7 @@ fn replay_figures(experiment: &Experiment, summary: &Summary) -> String {
     frontier::frontier(summary).map_or_else(String::new, |frontier| figure(&frontier, ""))
 }
 
-/// The figures of the largest load in full, those of the others folded away, and those over all loads.
+/// Figures of the largest load, those of the other loads folded, and those over all loads.
 fn all_figures(experiment: &Experiment, summary: &Summary) -> String {
     let mut text = String::from("<h2>Figures</h2>\n");
     if summary.is_of_replays() {
@@ -181,23 +181,22 @@ fn figure(figure: &Figure, of: &str) -> String {
     text
 }
 
-/// How each figure is measured, for whoever wants to measure it again.
+/// Definitions of the measured quantities.
 const DEFINITIONS: &str = "<h2>How it is measured</h2>
 <dl>
-<dt>kbit/s down</dt><dd>everything from server to client after joining: UDP payload and 28 bytes of IPv4 and UDP headers
+<dt>kbit/s down</dt><dd>all bytes from server to client after joining: UDP payload and 28 bytes of IPv4 and UDP headers
 for each datagram, QUIC's encryption, acknowledgements and heartbeats included, over simulated time</dd>
-<dt>payload</dt><dd>state datagrams and control stream alone, below QUIC</dd>
-<dt>update</dt><dd>one body's new motion; its bits are those of state datagrams below QUIC, divided by the updates</dd>
-<dt>error</dt><dd>the distance that no point of the body exceeds: |Δp| + 2 r sin(Δθ/2), r its bounding radius; taken at
-every frame for every body that can move, against the engine at the same tick</dd>
-<dt>over tolerance</dt><dd>body-ticks farther off than promised, by cause: a lost datagram, a tick that the stream had not
-yet watermark_tick for, or a fault, which must never be</dd>
-<dt>moving</dt><dd>of a replay: bodies that the recording has a record of at the tick; a body without one has not
-moved</dd>
-<dt>recovery</dt><dd>of a replay: from the sending of a packet that was lost until all of its bodies were known again, as of
-its tick or later</dd>
+<dt>payload</dt><dd>state datagrams and control stream alone, as passed to QUIC</dd>
+<dt>update</dt><dd>one body's new motion; its bits are those of state datagrams as passed to QUIC, divided by the updates</dd>
+<dt>error</dt><dd>an upper bound of the displacement of any point of the body: |Δp| + 2 r sin(Δθ/2), r its bounding radius;
+measured at every frame for every body that can move, against the engine at the same tick</dd>
+<dt>over tolerance</dt><dd>body-ticks with an error above the tolerance, by cause: a lost datagram, a tick past the stream's
+watermark, an insufficient budget, or a fault, which must never occur</dd>
+<dt>moving</dt><dd>replays only: bodies with a record in the recording at the tick; a body without one has not moved</dd>
+<dt>recovery</dt><dd>replays only: time from sending a lost packet until all of its bodies are known again, at its tick or
+later</dd>
 <dt>p50, p99</dt><dd>nearest rank, never interpolated: the least measured value that the share does not exceed</dd>
-<dt>frame</dt><dd>from asking for a tick to having every pose that the call returns, in the simulator's own thread</dd>
+<dt>frame</dt><dd>time from requesting a tick to having every pose of the returned tick, in the simulator's own thread</dd>
 </dl>
 <p class=\"soft\">Every number is in <code>summary.json</code>, and can be computed again from <code>trace.mcap</code>
 without this program.</p>

@@ -1,7 +1,7 @@
-//! `rhumb-bench scene`: what a script places, as JSON, for other engines.
+//! `rhumb-bench scene`: writes a script's bodies as JSON for other engines.
 //!
-//! Bodies and where they begin, with the config that they share; no joints, no forces, and nothing that a controller does. A
-//! script that needs those is refused by name, since another engine would run another scene.
+//! Writes bodies, their initial states and the shared config; no joints, no forces, no controller. A script that needs
+//! those is refused with the reason, since another engine would run a different scene.
 
 use std::fmt;
 use std::io::{self, Write};
@@ -15,22 +15,22 @@ use serde::Serialize;
 
 use crate::output::{self, OutputError};
 
-/// Which scene, and where to write it.
+/// Arguments: which scene, and where to write it.
 #[derive(Clone, Debug, Args)]
 pub struct SceneArguments {
-    /// Which script.
+    /// Name of the script.
     #[arg(default_value = "ball-pit", value_parser = clap::builder::PossibleValuesParser::new(rhumb_sims::NAMES))]
     scene: String,
-    /// How many bodies.
+    /// Number of bodies.
     #[arg(long, default_value_t = 500, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     bodies: u32,
-    /// Ticks in which it may place them.
+    /// Number of ticks in which the script may place bodies.
     #[arg(long, default_value_t = 600)]
     ticks: u32,
     /// Seed of the script.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// The file.
+    /// Output file.
     #[arg(long, default_value = "results/scene.json")]
     out: PathBuf,
 }
@@ -41,7 +41,7 @@ struct SceneFile {
     scene: String,
     seed: u64,
     gravity: [f32; 3],
-    /// Of a tick.
+    /// Duration of a tick, seconds.
     step_s: f64,
     friction: f32,
     restitution: f32,
@@ -51,12 +51,12 @@ struct SceneFile {
     bodies: Vec<SceneFileBody>,
 }
 
-/// A body and where it begins.
+/// A body and its initial state.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 struct SceneFileBody {
-    /// Before the step that follows this tick.
+    /// The body is placed before the step that follows this tick.
     tick: u64,
-    /// Whether the engine moves it; what is not moved stands still.
+    /// Whether the engine moves it; other bodies are static.
     dynamic: bool,
     shape: SceneFileShape,
     position: [f32; 3],
@@ -65,7 +65,7 @@ struct SceneFileBody {
     angular: [f32; 3],
 }
 
-/// What such a body may look like.
+/// Shapes that the file can describe.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 enum SceneFileShape {
@@ -79,7 +79,7 @@ enum SceneFileShape {
 /// Why a scene was not written.
 #[derive(Debug)]
 enum SceneError {
-    /// It does more than place bodies.
+    /// The script does more than place bodies.
     More { scene: String, what: &'static str },
     /// The file cannot be written.
     Output(OutputError),
@@ -89,7 +89,10 @@ impl fmt::Display for SceneError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::More { scene, what } => {
-                write!(f, "{scene} cannot be told as bodies alone: it has {what}")
+                write!(
+                    f,
+                    "{scene} cannot be described by bodies alone: it has {what}"
+                )
             }
             Self::Output(cause) => cause.fmt(f),
         }
@@ -101,7 +104,7 @@ pub fn scene(arguments: &SceneArguments) -> ExitCode {
     match write(arguments) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            // Nowhere is left to say that standard error is closed.
+            // If standard error is closed, no other place is left to report to.
             let _ = writeln!(io::stderr(), "error: {error}");
             ExitCode::FAILURE
         }
@@ -113,12 +116,12 @@ fn write(arguments: &SceneArguments) -> Result<(), SceneError> {
     let folder = arguments.out.parent().unwrap_or(&arguments.out);
     output::make_folder(folder).map_err(SceneError::Output)?;
     output::write_json(&arguments.out, &file).map_err(SceneError::Output)?;
-    let said = format!(
+    let line = format!(
         "{} bodies: {}\n",
         file.bodies.len(),
         arguments.out.display()
     );
-    output::print_text(&said).map_err(SceneError::Output)
+    output::print_text(&line).map_err(SceneError::Output)
 }
 
 impl SceneFile {
@@ -128,7 +131,7 @@ impl SceneFile {
             what,
         };
         let script = rhumb_sims::by_name(&arguments.scene, arguments.bodies, arguments.seed);
-        let mut script = script.expect("names are of the list that the parser knows");
+        let mut script = script.expect("the parser accepts only known names");
         if script.controller().is_some() {
             return Err(more("a controller"));
         }
@@ -145,7 +148,7 @@ impl SceneFile {
                     }
                     Command::AddBody { config, motion } => {
                         if config.material.is_some() || config.damping.is_some() {
-                            return Err(more("bodies with a surface or a damping of their own"));
+                            return Err(more("bodies with their own material or damping"));
                         }
                         let dynamic = match config.kind {
                             BodyKind::Dynamic => true,
@@ -228,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pit_is_its_walls_and_its_balls() {
+    fn a_ball_pit_consists_of_walls_and_balls() {
         let pit = of("ball-pit").unwrap();
         let balls = pit.bodies.iter().filter(|body| body.dynamic);
         assert!(
@@ -242,14 +245,14 @@ mod tests {
     }
 
     #[test]
-    fn what_another_engine_could_not_run_alike_is_refused_by_name() {
+    fn a_scene_with_more_than_bodies_is_refused_with_the_reason() {
         for (scene, what) in [
             ("asteroids", "a controller"),
             ("ragdolls", "more than place bodies"),
             ("zoo", "zoo"),
         ] {
-            let said = of(scene).unwrap_err().to_string();
-            assert!(said.contains(what), "{said}");
+            let message = of(scene).unwrap_err().to_string();
+            assert!(message.contains(what), "{message}");
         }
     }
 }

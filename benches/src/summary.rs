@@ -1,8 +1,7 @@
-//! The figures of an experiment: what `summary.json` says.
+//! The figures of an experiment, as `summary.json` holds them.
 //!
-//! Computed from the record and from nothing else. A figure that has no meaning for a mode is `null`: a scene stepped
-//! in the caller's own thread sends no bytes. A percentile is the least measured value that the given share does not
-//! exceed.
+//! Computed from the record alone. A figure without meaning for a mode is `null`: a scene stepped in the caller's
+//! thread sends no bytes. A percentile is the least measured value that the given share does not exceed.
 
 mod columns;
 mod measure;
@@ -24,71 +23,70 @@ pub(crate) use table::{aligned, later, markdown, number, ratios};
 /// Bytes that IPv4 and UDP add to each datagram.
 pub const DATAGRAM_HEADER_BYTES: u64 = 28;
 
-/// Frames of the paper's simulator in a second: its SimFPS is never above it.
+/// Frame rate of the paper's simulator: its SimFPS never exceeds it.
 pub const SIM_FPS_MAX: f64 = 11.33;
 
-/// One experiment.
+/// Figures of one experiment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// The command line, as typed.
     pub command: String,
     /// Seed of the scripts.
     pub seed: u64,
-    /// Processor, cores, system.
+    /// Processor, cores, operating system.
     pub machine: String,
     /// Every mode's run of every load, in the order of the record.
     pub runs: Vec<RunFigures>,
-    /// Replays that did not come to their end, of which there are no figures; left out where there are none.
+    /// Failed replays, which have no figures; omitted if there are none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub unfinished: Vec<UnfinishedReplay>,
 }
 
-/// A replay that did not come to its end.
+/// A failed replay.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct UnfinishedReplay {
-    /// How it was asked for, as tables name it.
+    /// Its settings, as tables name them.
     pub setting: String,
-    /// The link that was simulated; `null` without one.
+    /// The simulated link; `null` without one.
     pub link: Option<String>,
     /// Seed of that link.
     pub link_seed: u64,
-    /// Why, in words.
+    /// Cause of the failure.
     pub cause: String,
 }
 
-/// One mode's run of one scene at one load.
+/// Figures of one mode's run of one scene at one load.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunFigures {
     /// Name of the script.
     pub scene: String,
-    /// What its load was asked to be.
+    /// Requested number of bodies.
     pub bodies: u32,
-    /// How it was run: `integrated`, `naive`, `rhumb`, `rhumb-pipelined`, `rhumb-free`, `naive-free`,
-    /// `replay`.
+    /// Mode: `integrated`, `naive`, `rhumb`, `rhumb-pipelined`, `rhumb-free`, `naive-free`, `replay`.
     pub mode: String,
-    /// Frames that the caller is ahead of the server.
+    /// Frames by which the caller is ahead of the server.
     pub depth: u32,
-    /// Promised surface error, metres; `null` for a mode that promises the bits.
+    /// Tolerance of the surface error, metres; `null` for a bit-exact mode.
     pub tolerance_m: Option<f64>,
-    /// Bytes a second that the stream's packets could take; `null` without a budget.
+    /// Bandwidth limit of the stream, bytes per second; `null` without a budget.
     pub budget_bytes_per_second: Option<u32>,
-    /// The link that was simulated between the processes; `null` without one.
+    /// Simulated link between the processes; `null` without one.
     pub link: Option<String>,
-    /// Ticks that were run.
+    /// Number of ticks run.
     pub ticks: u32,
-    /// Of a free-running mode: how it was published and followed.
+    /// Publish and subscribe settings of a free-running mode.
     pub subscription: Option<SubscriptionSettings>,
-    /// Of a replay: what only a replay is asked for.
+    /// Settings that only a replay has.
     pub replayed: Option<Replayed>,
-    /// Digest of what the engine did: 16 hexadecimal digits, equal for every mode of a load or the load is void.
+    /// Digest of the engine's states: 16 hexadecimal digits, equal for every mode of a valid load.
     pub truth_hash: String,
-    /// Whether the engine did something else than in the load's other runs: then nothing of it may be compared.
+    /// Whether the engine diverged from the load's other runs; such a run must not be compared.
     pub void: bool,
-    /// UDP payload and 28 B of headers per datagram, server to client, whole run after joining.
+    /// Bytes from server to client after joining: UDP payload and 28 B of headers per datagram.
     pub bytes_down: Option<u64>,
-    /// The same, client to server.
+    /// The same from client to server.
     pub bytes_up: Option<u64>,
-    /// State datagrams and control stream down, as handed to QUIC.
+    /// State datagrams and control stream down, as passed to QUIC.
     pub payload_bytes_down: Option<u64>,
     /// UDP datagrams down.
     pub datagrams_down: Option<u64>,
@@ -98,45 +96,45 @@ pub struct RunFigures {
     pub mean_kbps_down: Option<f64>,
     /// `bytes_down` of the worst simulated second (the whole run if it is shorter), 1,000 bit/s.
     pub worst_second_kbps_down: Option<f64>,
-    /// What came down in the first five simulated seconds, or in all if they are fewer.
+    /// Bytes down in the first five simulated seconds, or in the whole run if it is shorter.
     pub first_seconds: Option<FirstSeconds>,
-    /// How many times less came down than in the naive run beside it.
+    /// Reduction against the naive run of the same load.
     pub less_than_naive: Option<LessThanNaive>,
-    /// Updates of single bodies that the client took in.
+    /// Updates that the client decoded.
     pub updates: Option<u64>,
-    /// Bits of state datagrams down, as handed to QUIC, for each update.
+    /// Bits of state datagrams down, as passed to QUIC, per update.
     pub bits_per_update: Option<f64>,
-    /// Of every body that can move, at every frame, against the engine at the same tick.
+    /// Surface error of every non-static body at every frame, against the engine at the same tick.
     pub surface_error_m: Option<ErrorQuantiles>,
-    /// Frames without any error because no body was there, or because the truth of their tick never came to be known.
+    /// Frames without a comparison: no body was present, or the truth of their tick is unknown.
     pub unjudged_frames: Option<u64>,
-    /// Body-ticks farther off than promised.
+    /// Body-ticks over tolerance.
     pub over_tolerance: Option<OverTolerance>,
-    /// Sums over tracks in which the two ends were found to differ: a defect.
+    /// Track checksums that differed between the two ends: a defect.
     pub mismatches: Option<u64>,
-    /// Of a replay: of the bodies that the recording has a record of at the tick, against that record.
+    /// Replay only: errors of bodies that the recording lists at the tick.
     pub moving: Option<Moving>,
-    /// Of an ablation: payload bytes down over those with every means of the stream on.
+    /// Ablation only: payload bytes down relative to the row with all features.
     pub of_all_on: Option<f64>,
-    /// What was found to do for the same promise, had the future been known; `null` if that was not sought.
+    /// The computed limit for the same tolerance and a known future; `null` if it was not computed.
     pub limit: Option<LimitRates>,
-    /// Updates and payload bits over the fewest that were found to do.
+    /// Updates and payload bits relative to the limit.
     pub of_limit: Option<OfLimit>,
-    /// Of a replay: how long lost packets were missed; `null` if none was lost.
+    /// Replay only: recovery times of lost packets; `null` if none was lost.
     pub recovery: Option<Recovery>,
-    /// What a frame cost the caller's thread.
+    /// Frame times of the caller's thread.
     pub frame_ms: Option<FrameTimes>,
-    /// The paper's measure: one over the mean frame time, and never above [`SIM_FPS_MAX`].
+    /// The paper's measure: one over the mean frame time, capped at [`SIM_FPS_MAX`].
     pub sim_fps: Option<f64>,
-    /// What a step cost the engine.
+    /// Step times of the engine.
     pub step_ms: StepTimes,
-    /// Time spent observing, choosing, encoding and handing over, divided by the time spent stepping.
+    /// Time of observing, selecting, encoding and queueing, divided by the time of stepping.
     pub publish_share: Option<f64>,
-    /// What it cost to come in, before the first frame.
+    /// Traffic of joining, before the first frame.
     pub join: Option<Join>,
 }
 
-/// Distances that no point of a body exceeds, metres: |Δp| + 2 r sin(Δθ/2), r the bounding radius.
+/// Surface errors, metres: |Δp| + 2 r sin(Δθ/2), r the bounding radius; no point of a body is farther off.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ErrorQuantiles {
     /// Median.
@@ -149,32 +147,32 @@ pub struct ErrorQuantiles {
     pub max: f64,
 }
 
-/// Body-ticks farther off than promised.
+/// Body-ticks over tolerance.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OverTolerance {
-    /// How many.
+    /// Number of such body-ticks.
     pub count: u64,
-    /// Of all body-ticks of bodies that can move.
+    /// Share of all body-ticks of non-static bodies.
     pub share: f64,
-    /// How many for each cause: `loss`, `late`, and `fault`, which must be zero.
+    /// Number for each cause: `loss`, `late`, `budget`, and `fault`, which must be zero.
     pub by_cause: BTreeMap<String, u64>,
 }
 
-/// How far off those bodies were that moved.
+/// Errors of bodies that moved.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Moving {
-    /// Records of bodies, which are counted here and nowhere else.
+    /// Body-ticks with a record; `over_tolerance_share` is relative to them.
     pub body_ticks: u64,
-    /// Of them.
+    /// Their surface errors.
     pub surface_error_m: ErrorQuantiles,
-    /// Body-ticks farther off than promised, of any body, divided by `body_ticks`.
+    /// Body-ticks of any body over tolerance, divided by `body_ticks`.
     pub over_tolerance_share: f64,
 }
 
-/// What came down at the beginning, where a scene is busiest.
+/// Traffic down at the start, where a scene is busiest.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FirstSeconds {
-    /// How long, simulated.
+    /// Length of the span, simulated seconds.
     pub seconds: f64,
     /// As `payload_bytes_down`.
     pub payload_bytes_down: u64,
@@ -182,7 +180,7 @@ pub struct FirstSeconds {
     pub bytes_down: u64,
 }
 
-/// Bytes down of the naive run over those of this one.
+/// Bytes down of the naive run divided by those of this run.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LessThanNaive {
     /// Payload, whole run.
@@ -195,7 +193,7 @@ pub struct LessThanNaive {
     pub with_headers_first: f64,
 }
 
-/// Times what was found to do, had the future been known.
+/// Factors over the computed limit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OfLimit {
     /// Updates over the fewest.
@@ -206,7 +204,7 @@ pub struct OfLimit {
     pub bits: f64,
 }
 
-/// From the sending of a packet that was lost until all of its bodies were known again, as of its tick or later.
+/// Time from sending a lost packet until all of its bodies are known again, at its tick or later.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Recovery {
     /// Ticks of which a packet was lost.
@@ -219,18 +217,18 @@ pub struct Recovery {
     pub p99_ticks: f64,
 }
 
-/// What frames cost, milliseconds.
+/// Frame times, milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameTimes {
     /// Median.
     pub p50: f64,
     /// 99th percentile.
     pub p99: f64,
-    /// All together divided by their number.
+    /// Mean.
     pub mean: f64,
 }
 
-/// What steps cost, milliseconds.
+/// Step times, milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StepTimes {
     /// Median.
@@ -239,7 +237,7 @@ pub struct StepTimes {
     pub p99: f64,
 }
 
-/// What it cost to come in: bytes with 28 B of headers for each datagram, and datagrams.
+/// Traffic of joining: datagrams, and bytes with 28 B of headers for each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Join {
     /// Server to client.
@@ -253,7 +251,7 @@ pub struct Join {
 }
 
 impl Summary {
-    /// The figures of an experiment.
+    /// Computes the figures of an experiment.
     #[must_use]
     pub fn of(experiment: &Experiment) -> Self {
         let runs = experiment.loads.iter().flat_map(|load| {
@@ -273,7 +271,7 @@ impl Summary {
         }
     }
 
-    /// As the text of `summary.json`.
+    /// The text of `summary.json`.
     #[must_use]
     pub fn to_json(&self) -> String {
         let mut text = serde_json::to_string_pretty(self)
@@ -288,7 +286,7 @@ impl Summary {
         !self.runs.is_empty() && self.runs.iter().all(|run| run.replayed.is_some())
     }
 
-    /// How many times less than naive each run took, as lines for a terminal; empty without a naive run.
+    /// Reduction of each run against naive, as lines for a terminal; empty without a naive run.
     #[must_use]
     pub fn ratios(&self) -> String {
         let rows = ratios(&self.runs);
@@ -298,7 +296,7 @@ impl Summary {
         format!("\nless than naive, times\n{}", aligned(&rows))
     }
 
-    /// As a table for a terminal.
+    /// The runs as a table for a terminal.
     #[must_use]
     pub const fn table(&self) -> SummaryTable<'_> {
         SummaryTable::new(self)
@@ -331,7 +329,7 @@ impl fmt::Display for UnfinishedReplay {
 }
 
 impl RunFigures {
-    /// Updates taken in for each simulated second.
+    /// Updates decoded per simulated second.
     #[must_use]
     pub fn updates_per_second(&self) -> Option<f64> {
         let (bytes, kbps) = (self.bytes_down?, self.mean_kbps_down?);
@@ -339,7 +337,7 @@ impl RunFigures {
         Some(self.updates? as f64 / simulated_s)
     }
 
-    /// The naive run that this one is measured against: of a free-running scene the one that follows the same server.
+    /// The naive run to compare with; for a free-running scene, the one on the same server.
     #[must_use]
     pub fn baseline<'a>(&self, runs: &'a [Self]) -> Option<&'a Self> {
         let free = || self.beside(runs, "naive-free");
@@ -351,7 +349,7 @@ impl RunFigures {
         }
     }
 
-    /// The run of another mode that differs from this one in nothing but the mode and what comes with it.
+    /// The run of another mode with otherwise equal settings.
     #[must_use]
     pub fn beside<'a>(&self, runs: &'a [Self], mode: &str) -> Option<&'a Self> {
         let same = |run: &&Self| run.scene == self.scene && run.bodies == self.bodies;

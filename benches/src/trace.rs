@@ -1,20 +1,20 @@
-//! `trace.mcap`: an experiment in a file to watch and to compute from.
+//! Writes `trace.mcap`: an experiment to watch and to compute from.
 //!
-//! For each load a prefix such as `/n500`; below it, each tick or frame:
+//! Each load has a prefix such as `/n500`. Below it, for each tick or frame:
 //!
 //! | topic | message | holds |
 //! |---|---|---|
-//! | `truth/state` | `rhumb.States` | what the engine did, to the bit |
-//! | `truth/static`, `truth/moving`, `truth/resting` | `foxglove.SceneUpdate` | the same to look at |
+//! | `truth/state` | `rhumb.States` | engine states, bit exact |
+//! | `truth/static`, `truth/moving`, `truth/resting` | `foxglove.SceneUpdate` | the same states, drawn |
 //! | `{mode}/moving`, `{mode}/resting` | `foxglove.SceneUpdate` | the client's copy, coloured by error over tolerance |
 //! | `{mode}/stats` | `rhumb.TickStats` | bytes, updates, errors, frame time |
 //! | `{mode}/seen` | `rhumb.Poses` | the poses that changed in the client's copy |
 //! | `{mode}/breaches` | `rhumb.Breach` | body-ticks over tolerance |
 //! | `{mode}/wire/{way}` | `rhumb.Packet` | every datagram and piece of control stream |
 //!
-//! and metadata records `rhumb.experiment`, `rhumb.truth.n500`, `rhumb.run.n500.{mode}`. The messages are those of
-//! `proto/rhumb.proto`. Every figure of the summary follows from the file. It is written beside its place and takes its
-//! name only when it is whole.
+//! Metadata records are `rhumb.experiment`, `rhumb.truth.n500`, `rhumb.run.n500.{mode}`. The messages are those of
+//! `proto/rhumb.proto`. Every figure of the summary can be computed from the file. The file is written under a
+//! temporary name and renamed once complete.
 
 mod bodies;
 mod error;
@@ -43,14 +43,14 @@ pub use layout::layout;
 pub(crate) use names::{loads as load_names, runs as run_names};
 pub(crate) use read::read_states;
 
-/// How much of a trace is for people; what machines read is always whole.
+/// How much of a trace is drawn for viewers; the data topics are always complete.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TraceOptions {
-    /// Scenes drawn in a simulated second.
+    /// Scenes drawn per simulated second.
     pub scene_hz: f64,
-    /// Seconds that a body lies still before it is drawn among those at rest.
+    /// Seconds that a body lies still before it is drawn on the `resting` topic.
     pub resting_after_s: f64,
-    /// Loads of more bodies are not drawn: a drawn body takes about 20 bytes each time.
+    /// Loads with more bodies are not drawn: a drawn body takes about 20 bytes each time.
     pub scene_bodies_max: u32,
 }
 
@@ -72,7 +72,7 @@ impl TraceOptions {
     }
 }
 
-/// How far the writing is.
+/// Progress of the writing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Progress {
     /// Ticks written, over all loads.
@@ -83,7 +83,7 @@ pub struct Progress {
 
 /// Writes the trace to `path`; returns its size in bytes.
 ///
-/// Until it is whole it is called `path` with `.partial` appended, and it is removed if it never gets there.
+/// An unfinished file carries the suffix `.partial` and is removed on failure.
 ///
 /// # Errors
 ///
@@ -100,14 +100,14 @@ pub fn write(
     partial.finish()
 }
 
-/// Writes the trace to anything.
+/// Writes the trace to any seekable sink.
 fn write_to(
     to: impl Write + Seek,
     experiment: &Experiment,
     options: &TraceOptions,
     progress: &mut dyn FnMut(Progress),
 ) -> Result<(), McapError> {
-    let mut file = file::File::new(to)?;
+    let mut file = file::TraceFile::new(to)?;
     let prefixes = load_names(experiment);
     let (name, record) = metadata::of_experiment(experiment, &prefixes);
     file.put_metadata(name, record)?;

@@ -1,4 +1,4 @@
-//! `rhumb-bench evaluate` with real servers has one truth in all modes.
+//! `rhumb-bench evaluate` with real servers: all modes have one truth.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -19,16 +19,16 @@ fn runs(name: &str, arguments: &[&str]) -> Vec<serde_json::Value> {
         .args(["--no-trace", "--no-pin", "--out"])
         .arg(&out)
         .output()
-        .expect("the bench starts");
+        .expect("the benchmark starts");
     let printed = String::from_utf8_lossy(&run.stderr);
     assert!(run.status.success(), "{name}: {printed}");
-    let summary = std::fs::read(out.join("summary.json")).expect("it was written");
-    let summary: serde_json::Value = serde_json::from_slice(&summary).expect("it is JSON");
-    summary["runs"].as_array().expect("there are runs").clone()
+    let summary = std::fs::read(out.join("summary.json")).expect("the file exists");
+    let summary: serde_json::Value = serde_json::from_slice(&summary).expect("the file is JSON");
+    summary["runs"].as_array().expect("runs exist").clone()
 }
 
 #[test]
-fn integrated_and_hosted_scenes_have_one_truth() {
+fn integrated_and_remote_scenes_have_one_truth() {
     for (scene, bodies) in [("asteroids", "20"), ("zoo", "5")] {
         let runs = runs(scene, &["--scene", scene, "--bodies", bodies]);
         let truths: Vec<_> = runs.iter().map(|run| &run["truth_hash"]).collect();
@@ -46,7 +46,7 @@ fn integrated_and_hosted_scenes_have_one_truth() {
 }
 
 #[test]
-fn a_pipelined_run_has_its_last_tick_too() {
+fn a_pipelined_run_includes_its_last_tick() {
     let modes = ["--modes", "naive,rhumb,rhumb-pipelined", "--bodies", "30"];
     let runs = runs("pipelined", &modes);
     assert_eq!(runs[1]["updates"], runs[2]["updates"]);
@@ -55,7 +55,7 @@ fn a_pipelined_run_has_its_last_tick_too() {
 }
 
 #[test]
-fn a_free_running_scene_may_have_more_bodies_than_a_first_grant() {
+fn a_free_running_scene_may_exceed_the_first_grant() {
     let more = [
         "--modes",
         "rhumb-free",
@@ -70,7 +70,7 @@ fn a_free_running_scene_may_have_more_bodies_than_a_first_grant() {
 }
 
 #[test]
-fn a_publish_interval_that_no_mode_has_is_refused() {
+fn publish_settings_without_a_free_running_mode_are_refused() {
     for flag in [
         ["--publish-interval", "2"],
         ["--lookahead", "3"],
@@ -80,19 +80,20 @@ fn a_publish_interval_that_no_mode_has_is_refused() {
             .args(["evaluate", "--modes", "rhumb", "--no-pin"])
             .args(flag)
             .output()
-            .expect("the bench starts");
+            .expect("the benchmark starts");
         assert!(!run.status.success());
         let printed = String::from_utf8_lossy(&run.stderr).into_owned();
         assert!(
-            printed
-                .contains("--publish-interval, --lookahead and --delay are of free-running modes"),
+            printed.contains(
+                "--publish-interval, --lookahead and --delay apply to free-running modes"
+            ),
             "{printed}"
         );
     }
 }
 
 #[test]
-fn free_running_has_a_naive_run_of_the_same_server_beside_it() {
+fn a_free_running_mode_is_compared_with_naive_on_the_same_server() {
     let modes = ["--modes", "rhumb-free,naive-free", "--bodies", "30"];
     let runs = runs("free", &modes);
     assert_eq!(runs[0]["truth_hash"], runs[1]["truth_hash"]);
@@ -100,7 +101,7 @@ fn free_running_has_a_naive_run_of_the_same_server_beside_it() {
     assert!(less.is_some_and(|times| times > 1.0), "{less:?}");
     for run in &runs {
         let unjudged = run["unjudged_frames"].as_u64().expect("a count");
-        // Only what was shown before the first tick was heard of has no truth.
+        // Only frames before the first received tick have no truth.
         assert!(unjudged < 15, "{unjudged} of 30 frames");
         assert_eq!(run["over_tolerance"]["by_cause"]["fault"], 0);
         assert_eq!(run["mismatches"], 0);
@@ -108,7 +109,7 @@ fn free_running_has_a_naive_run_of_the_same_server_beside_it() {
 }
 
 #[test]
-fn what_fell_asleep_in_a_free_running_scene_is_asleep_in_its_trace() {
+fn a_body_that_sleeps_in_a_free_running_scene_sleeps_in_its_trace() {
     let out = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("evaluate-asleep");
     let modes = ["evaluate", "--modes", "rhumb-free", "--seconds", "2"];
     let scene = ["--scene", "rest-10k", "--bodies", "20"];
@@ -117,17 +118,20 @@ fn what_fell_asleep_in_a_free_running_scene_is_asleep_in_its_trace() {
         .args(["--no-pin", "--no-limit", "--out"])
         .arg(&out)
         .output()
-        .expect("the bench starts");
+        .expect("the benchmark starts");
     let printed = String::from_utf8_lossy(&run.stderr);
     assert!(run.status.success(), "{printed}");
-    let recording = Recording::read(&out.join("trace.mcap")).expect("it is a recording");
+    let recording = Recording::read(&out.join("trace.mcap")).expect("the trace is a recording");
     let mut last = BTreeMap::new();
     for (tick, row) in recording.truth.ticks.iter().enumerate() {
-        last.extend(row.iter().map(|seen| (seen.id, (tick, seen.activity))));
+        last.extend(
+            row.iter()
+                .map(|observation| (observation.id, (tick, observation.activity))),
+        );
     }
     assert_eq!(last.len(), 20);
     for (id, (tick, activity)) in last {
-        // Of who lies nobody tells again.
+        // A sleeping body has no further observations.
         let ended = tick + 30 < recording.truth.ticks.len();
         assert_eq!((ended, activity), (true, Activity::Asleep), "{id:?}");
     }
@@ -195,11 +199,14 @@ fn the_papers_protocol_has_the_same_truth_and_sends_every_body_in_its_own_datagr
     assert_eq!(number(all, "bytes_down"), on_wire);
     assert_eq!(number(packed, "payload_bytes_down"), 30 * (30 * 88 + 28));
     assert_eq!(number(packed, "datagrams_down"), 30 * (2 + 1));
-    assert_eq!(all["surface_error_m"]["max"], 0.0, "what is heard is exact");
+    assert_eq!(
+        all["surface_error_m"]["max"], 0.0,
+        "received states are exact"
+    );
 }
 
 #[test]
-fn each_loss_of_the_published_client_can_be_had_alone() {
+fn each_defect_of_the_published_client_can_be_selected() {
     for losses in ["poll", "cap", "list", "buffer"] {
         let client = ["--modes", "integrated,app-all", "--bodies", "10"];
         let runs = runs(losses, &[&client[..], &["--app-defects", losses]].concat());
@@ -211,17 +218,17 @@ fn each_loss_of_the_published_client_can_be_had_alone() {
 }
 
 #[test]
-fn commands_the_papers_protocol_lacks_are_refused_by_name() {
+fn commands_missing_from_the_papers_protocol_are_refused() {
     let run = Command::new(env!("CARGO_BIN_EXE_rhumb-bench"))
         .args(["evaluate", "--scene", "ragdolls", "--modes", "app-all"])
         .args(["--seconds", "0.5", "--no-trace", "--no-pin", "--out"])
         .arg(PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("evaluate-unsaid"))
         .output()
-        .expect("the bench starts");
+        .expect("the benchmark starts");
     let printed = String::from_utf8_lossy(&run.stderr);
     assert!(!run.status.success());
     assert!(
-        printed.contains("the paper's protocol cannot say"),
+        printed.contains("the paper's protocol cannot express"),
         "{printed}"
     );
 }

@@ -1,4 +1,4 @@
-//! A limit keeps its promise, and is never above what a publisher needs.
+//! A limit holds its tolerance and never exceeds a publisher's needs.
 
 #[path = "support/bounce.rs"]
 mod bounce;
@@ -27,7 +27,7 @@ fn limit(recording: &Recording, metres: f64) -> Limit {
     Limit::of(recording, tolerance(metres), NonZeroU32::MIN)
 }
 
-/// One box that does at each tick what a function says; its velocities are told as zero.
+/// One box with a given pose at each tick; its velocities are recorded as zero.
 fn recording(gravity: Vec3, pose: impl Fn(f64) -> (DVec3, DQuat)) -> Recording {
     let id = BodyId::new(0, 0);
     let at = |tick: u64| {
@@ -93,24 +93,27 @@ fn a_ballistic_body_needs_one_update() {
 
 #[test]
 fn a_constant_acceleration_needs_one_update_while_it_lasts() {
-    let push = DVec3::new(0.75, 0.0, -0.375);
+    let acceleration = DVec3::new(0.75, 0.0, -0.375);
     let recording = recording(Vec3::ZERO, |time| {
-        (push * (time * (time + 1.0 / 60.0) / 2.0), DQuat::IDENTITY)
+        (
+            acceleration * (time * (time + 1.0 / 60.0) / 2.0),
+            DQuat::IDENTITY,
+        )
     });
     let limit = limit(&recording, 0.01);
     let cut = &limit.fewest_updates;
-    // 300 ticks, and a little longer than 64 before it strays.
+    // 300 ticks, and slightly more than 64 before the prediction leaves the tolerance.
     assert!((3..=4).contains(&cut.updates), "{limit}");
     assert_eq!(cut.by_predictor["constant-acceleration"], cut.updates);
 }
 
 #[test]
-fn a_body_that_shakes_within_twice_the_tolerance_lies_still() {
+fn a_body_that_shakes_within_twice_the_tolerance_needs_one_update() {
     let recording = recording(Vec3::ZERO, |time| {
         let shaken = DVec3::X * (0.0095 * (1.0 - (time * 40.0).cos()));
         (shaken, DQuat::IDENTITY)
     });
-    // It lies in the middle of where it shakes, which is not where it began.
+    // The best rest pose is in the middle of the shaking, not at the start.
     let still = limit(&recording, 0.01);
     assert_eq!(still.fewest_updates.updates, 1, "{still}");
     assert_eq!(still.fewest_updates.by_predictor["rest"], 1);
@@ -119,7 +122,7 @@ fn a_body_that_shakes_within_twice_the_tolerance_lies_still() {
 
 #[test]
 fn a_limit_is_within_its_tolerance_and_below_a_publisher() {
-    let recording = rhtrace::read("bounce", &bounce::packed()).expect("this is a recording");
+    let recording = rhtrace::read("bounce", &bounce::packed()).expect("the recording is valid");
     for metres in [0.005, 0.02, 0.1] {
         let limit = limit(&recording, metres);
         let on_grid = &limit.fewest_updates_on_grid;
@@ -137,7 +140,7 @@ fn a_limit_is_within_its_tolerance_and_below_a_publisher() {
             budget: None,
             features: EnabledFeatures::ALL,
         };
-        let run = run(&recording, &config, &mut |_| {}).expect("it ends");
+        let run = run(&recording, &config, &mut |_| {}).expect("the replay succeeds");
         let updates: u64 = run.frames.iter().map(|frame| frame.updates).sum();
         assert!(
             limit.fewest_updates.updates < updates,
@@ -149,6 +152,6 @@ fn a_limit_is_within_its_tolerance_and_below_a_publisher() {
 
 #[test]
 fn one_recording_has_one_limit() {
-    let recording = rhtrace::read("bounce", &bounce::packed()).expect("this is a recording");
+    let recording = rhtrace::read("bounce", &bounce::packed()).expect("the recording is valid");
     assert_eq!(limit(&recording, 0.02), limit(&recording, 0.02));
 }

@@ -1,6 +1,6 @@
-//! `rhumb-bench paper` with real servers: it resumes, and its page is true.
+//! `rhumb-bench paper` with real servers: resuming, results and pages.
 //!
-//! Times are never asserted. Waiting is reading a process' own words, never a sleep.
+//! Times are never asserted. Tests wait by reading a process's output, never by sleeping.
 
 use std::fs;
 use std::io::{BufRead, BufReader};
@@ -11,7 +11,7 @@ use serde_json::Value;
 
 fn folder(name: &str) -> PathBuf {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("paper-{name}"));
-    // It may not be there yet.
+    // The folder may not exist yet.
     let _ = fs::remove_dir_all(&folder);
     folder
 }
@@ -23,7 +23,7 @@ fn bench(task: &[&str], out: &Path) -> Command {
 }
 
 fn run(task: &[&str], out: &Path) -> Output {
-    bench(task, out).output().expect("the bench starts")
+    bench(task, out).output().expect("the benchmark starts")
 }
 
 fn succeeds(task: &[&str], out: &Path) -> String {
@@ -40,8 +40,8 @@ fn fails(task: &[&str], out: &Path) -> String {
 }
 
 fn json(path: &Path) -> Value {
-    let bytes = fs::read(path).expect("it was written");
-    serde_json::from_slice(&bytes).expect("it is JSON")
+    let bytes = fs::read(path).expect("the file exists");
+    serde_json::from_slice(&bytes).expect("the file is JSON")
 }
 
 const SMALL: [&str; 6] = [
@@ -54,28 +54,30 @@ const SMALL: [&str; 6] = [
 ];
 
 #[test]
-fn an_interrupted_experiment_goes_on_where_it_was() {
+fn an_interrupted_experiment_is_continued() {
     let out = folder("resume");
     let task = [&SMALL[..], &["3"]].concat();
     let mut first = bench(&task, &out)
         .stdout(Stdio::piped())
         .spawn()
-        .expect("the bench starts");
+        .expect("the benchmark starts");
     let mut printed = String::new();
-    let mut lines = BufReader::new(first.stdout.take().expect("it is piped"));
-    lines.read_line(&mut printed).expect("it says something");
+    let mut lines = BufReader::new(first.stdout.take().expect("the output is piped"));
+    lines
+        .read_line(&mut printed)
+        .expect("the process prints a line");
     assert!(printed.starts_with("trial 1 of 3, seed 1: "), "{printed}");
-    first.kill().expect("it runs or has ended");
-    first.wait().expect("it was started");
+    first.kill().expect("the process can be killed");
+    first.wait().expect("the process was started");
     let kept = out.join("trials/0001.json");
-    let before = fs::read(&kept).expect("a trial is kept as it ends");
+    let before = fs::read(&kept).expect("a finished trial is stored");
 
     let printed = succeeds(&task, &out);
     assert!(
-        printed.contains(" of 3 trials have ended before"),
+        printed.contains(" of 3 trials are already finished"),
         "{printed}"
     );
-    assert_eq!(before, fs::read(&kept).expect("it is still there"));
+    assert_eq!(before, fs::read(&kept).expect("the file still exists"));
     let results = json(&out.join("paper.json"));
     let trials = results["trials"].as_array().expect("there are trials");
     let seeds: Vec<_> = trials.iter().map(|trial| trial["seed"].as_u64()).collect();
@@ -104,16 +106,16 @@ fn an_interrupted_experiment_goes_on_where_it_was() {
         assert!(modes[1]["against_integrated"]["phys_ft_ms"]["z"]["p"].is_number());
     }
     for name in ["trials.csv", "analysis.csv", "paper.md", "paper.html"] {
-        let text = fs::read_to_string(out.join(name)).expect("it was written");
+        let text = fs::read_to_string(out.join(name)).expect("the file exists");
         assert!(text.contains("rhumb-pipelined"), "{name}");
     }
-    let lines = fs::read_to_string(out.join("trials.csv")).expect("it was written");
+    let lines = fs::read_to_string(out.join("trials.csv")).expect("the file exists");
     // Titles, and a line for each of 3 trials, 2 loads, 7 modes.
     assert_eq!(lines.lines().count(), 43);
 
-    // A trial more is welcome, another seed is not.
+    // More trials are accepted, another seed is not.
     let more = [&SMALL[..], &["4"]].concat();
-    assert!(succeeds(&more, &out).contains("3 of 4 trials have ended before"));
+    assert!(succeeds(&more, &out).contains("3 of 4 trials are already finished"));
     let printed = fails(&[&task[..], &["--seed", "7"]].concat(), &out);
     assert!(
         printed.contains("another experiment (seed: 1 and 7)"),
@@ -122,7 +124,7 @@ fn an_interrupted_experiment_goes_on_where_it_was() {
 }
 
 #[test]
-fn what_cannot_be_asked_for_is_refused_by_name() {
+fn invalid_arguments_are_refused_with_the_reason() {
     let out = folder("refused");
     for (task, why) in [
         (
@@ -132,7 +134,7 @@ fn what_cannot_be_asked_for_is_refused_by_name() {
         (&["--modes", "integrated,teleport"], "teleport"),
         (
             &["--loads", "500,1500"],
-            "multiples of the first without a gap",
+            "consecutive multiples of the first",
         ),
         (&["--loads", "none"], "not a number of balls"),
         (&["--trials", "0"], "0 is not in 1..=10000"),
@@ -148,7 +150,7 @@ fn what_cannot_be_asked_for_is_refused_by_name() {
         ),
         (
             &["hardware", "--threads", "some"],
-            "neither a number of threads nor",
+            "must be a number of threads or",
         ),
         (&["merge", "nowhere.json"], "cannot read nowhere.json"),
     ] {
@@ -165,7 +167,7 @@ fn what_cannot_be_asked_for_is_refused_by_name() {
 }
 
 #[test]
-fn each_loss_of_the_published_client_has_a_row_whose_truth_is_one() {
+fn every_defect_of_the_published_client_has_a_row_with_the_same_truth() {
     let out = folder("gap");
     let printed = succeeds(
         &["gap", "--no-pin", "--loads", "40", "--frames", "14"],
@@ -180,12 +182,12 @@ fn each_loss_of_the_published_client_has_a_row_whose_truth_is_one() {
     };
     assert_eq!(rows.len(), 11);
     assert!(rows.iter().all(|row| row["outcome"]["void"] == false));
-    // All bodies are told of in each frame, a datagram each; one more ends it, and one acknowledges the advance.
+    // Each frame carries every body, one datagram each; one more ends the frame, and one acknowledges the advance.
     for client in ["sound", "list", "as published"] {
         assert_eq!(of(client)["updates"], 14 * 40, "{client}");
         assert_eq!(of(client)["datagrams_down"], 14 * 42, "{client}");
     }
-    // Its list began as long as the experiment's, and twelve frames of it are enough.
+    // The list starts at the experiment's length, so twelve frames suffice.
     assert_eq!(of("as published, its list as long")["updates"], 12 * 40);
     assert_eq!(of("sound, packed")["updates"], 14 * 40);
     assert!(of("sound, packed")["datagrams_down"].as_u64() < Some(14 * 10));
@@ -193,7 +195,7 @@ fn each_loss_of_the_published_client_has_a_row_whose_truth_is_one() {
 }
 
 #[test]
-fn crossovers_come_from_points_whose_truth_is_one() {
+fn crossovers_come_from_points_with_one_truth() {
     let out = folder("remote");
     let task = [
         "remote",
@@ -211,15 +213,15 @@ fn crossovers_come_from_points_whose_truth_is_one() {
     ];
     let printed = succeeds(&task, &out);
     assert!(
-        printed.contains("From where on remote beats integrated"),
+        printed.contains("Where remote beats integrated"),
         "{printed}"
     );
     let results = json(&out.join("remote.json"));
     let points = results["points"].as_array().expect("points");
-    // Two shares, two amounts of other work, and integrated beside two depths.
+    // Two shares, two amounts of other work, and integrated with two depths.
     assert_eq!(points.len(), 12);
     assert!(points.iter().all(|point| point["void"] == false));
-    // Over other work at the one load, over loads with either amount: for two depths and two shares.
+    // Over other work at the one load, and over loads at either amount: for two depths and two shares.
     assert_eq!(
         results["crossings"].as_array().expect("crossings").len(),
         12
@@ -229,7 +231,7 @@ fn crossovers_come_from_points_whose_truth_is_one() {
 }
 
 #[test]
-fn a_weak_caller_is_described_and_machines_merge() {
+fn a_slowed_caller_is_described_and_machines_merge() {
     let out = folder("hardware");
     let task = [
         "hardware",
@@ -242,29 +244,32 @@ fn a_weak_caller_is_described_and_machines_merge() {
     succeeds(&task, &out);
     let results = json(&out.join("hardware.json"));
     let rows = results["machines"][0]["rows"].as_array().expect("rows");
-    // Pinned and not, strong and weak, three modes.
+    // Pinned and not pinned, full and slowed, three modes.
     assert_eq!(rows.len(), 12);
     assert!(rows.iter().all(|row| row["outcome"]["void"] == false));
-    let weak = rows.iter().filter(|row| {
+    let slowed = rows.iter().filter(|row| {
         let caller = row["caller"].as_str().expect("words");
         caller.starts_with("50 % by ")
     });
-    assert_eq!(weak.count(), 6);
+    assert_eq!(slowed.count(), 6);
 
     let file = out.join("hardware.json").display().to_string();
     let twice = fails(&["merge", &file, &file], &folder("merged-twice"));
-    assert!(twice.contains("was named twice"), "{twice}");
+    assert!(
+        twice.contains("contains a machine that was already given"),
+        "{twice}"
+    );
     let other = folder("hardware-other").with_extension("json");
     let mut elsewhere = results;
     elsewhere["machines"][0]["machine"] = "another machine".into();
     elsewhere["machines"][0]["rows"][0]["outcome"]["truth"] = "0".into();
-    fs::write(&other, elsewhere.to_string()).expect("the folder is there");
+    fs::write(&other, elsewhere.to_string()).expect("the folder exists");
     let merged = folder("merged");
     let printed = succeeds(&["merge", &file, &other.display().to_string()], &merged);
     assert!(printed.contains("another machine"), "{printed}");
     let merged = json(&merged.join("hardware.json"));
     assert_eq!(merged["machines"].as_array().expect("machines").len(), 2);
-    // The first machine's truth counts: a row that says otherwise is void.
+    // The first machine's truth counts; a row with another one is void.
     assert_eq!(merged["machines"][1]["rows"][0]["outcome"]["void"], true);
     assert_eq!(merged["machines"][1]["rows"][1]["outcome"]["void"], false);
 }
@@ -281,7 +286,7 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 }
 
 #[test]
-fn no_run_that_is_kept_is_void_or_has_a_fault() {
+fn no_stored_run_is_void_or_has_a_fault() {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/results/data/stream");
     let mut compared = 0;
     for path in files(&data) {
@@ -296,7 +301,7 @@ fn no_run_that_is_kept_is_void_or_has_a_fault() {
             let causes = &run["over_tolerance"]["by_cause"];
             assert_eq!(causes["fault"], 0, "{what}");
             if run["link"].is_null() {
-                // Whoever follows a clock may show a tick before it is heard of.
+                // A free-running client may show a tick before its updates arrive.
                 assert_eq!(run["over_tolerance"]["count"], causes["late"], "{what}");
                 assert_eq!(causes["loss"], 0, "{what}");
                 let free = run["mode"]
@@ -310,14 +315,14 @@ fn no_run_that_is_kept_is_void_or_has_a_fault() {
 }
 
 #[test]
-fn the_pages_of_results_say_what_their_files_say() {
+fn the_result_pages_are_current() {
     let results = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/results");
     let check = |page: &Path| {
         Command::new(env!("CARGO_BIN_EXE_rhumb-bench"))
             .args(["paper", "page", "--check"])
             .arg(page)
             .output()
-            .expect("the bench starts")
+            .expect("the benchmark starts")
     };
     for page in ["paper.md", "stream.md"] {
         let printed = check(&results.join(page));
@@ -325,20 +330,20 @@ fn the_pages_of_results_say_what_their_files_say() {
         assert!(printed.status.success(), "{page}: {why}");
     }
     let page = results.join("paper.md");
-    // And it would be noticed if it did not.
-    let text = fs::read_to_string(&page).expect("the page is there");
+    // The check also detects a stale page.
+    let text = fs::read_to_string(&page).expect("the page exists");
     let copy = folder("page");
-    fs::create_dir_all(copy.join("data")).expect("the folder can be made");
+    fs::create_dir_all(copy.join("data")).expect("the folder is writable");
     for entry in fs::read_dir(page.parent().expect("a folder").join("data")).expect("data") {
         let from = entry.expect("a file").path();
         if from.is_dir() {
             continue;
         }
         let name = from.file_name().expect("a name").to_owned();
-        fs::copy(&from, copy.join("data").join(name)).expect("it can be copied");
+        fs::copy(&from, copy.join("data").join(name)).expect("the file can be copied");
     }
     let stale = copy.join("paper.md");
-    fs::write(&stale, text.replacen("| 500 |", "| 501 |", 1)).expect("it can be written");
+    fs::write(&stale, text.replacen("| 500 |", "| 501 |", 1)).expect("the file is writable");
     let printed = check(&stale);
     assert!(!printed.status.success());
     let printed = String::from_utf8_lossy(&printed.stderr).into_owned();

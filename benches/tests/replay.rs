@@ -1,6 +1,6 @@
-//! `rhumb-bench replay` keeps the promise on recordings made here.
+//! `rhumb-bench replay` holds the tolerance on generated recordings.
 //!
-//! Boxes that bounce ever lower and then fall asleep, in the form of a foreign engine's recording.
+//! The recording shows boxes that bounce lower and lower and then fall asleep, in the format of a foreign engine.
 
 #[path = "support/bounce.rs"]
 mod bounce;
@@ -18,7 +18,7 @@ use rhumb_reckoning::{Metres, Tick, Ticks, Tolerance};
 use bounce::{FRAMES, packed, unpacked};
 
 fn recording() -> Recording {
-    rhtrace::read("bounce", &packed()).expect("this is a recording")
+    rhtrace::read("bounce", &packed()).expect("the recording is valid")
 }
 
 fn replayed(recording: &Recording, link: &str, publish_interval: u32) -> Run {
@@ -30,13 +30,13 @@ fn within(recording: &Recording, link: &str, publish_interval: u32, budget: Opti
         budget,
         ..config(link, publish_interval)
     };
-    run(recording, &config, &mut |_| {}).expect("it comes to its end")
+    run(recording, &config, &mut |_| {}).expect("the replay succeeds")
 }
 
 fn config(link: &str, publish_interval: u32) -> ReplayConfig {
     ReplayConfig {
         tolerance: Tolerance::from_metres(Metres::new(0.02)).expect("within bounds"),
-        link: link.parse().expect("these are config of a link"),
+        link: link.parse().expect("the link is valid"),
         publish_interval: NonZeroU32::new(publish_interval).expect("not zero"),
         seed: 3,
         lookahead: Ticks::ZERO,
@@ -87,19 +87,19 @@ fn without_loss_every_published_tick_is_within_the_tolerance() {
 }
 
 #[test]
-fn a_body_without_further_records_rests_though_recorded_awake() {
+fn a_body_without_further_records_rests_whatever_its_flag() {
     let mut bytes = unpacked();
-    // A head of 32 bytes, a box each; then for each frame a count, and records that end with a flag.
+    // A header of 32 bytes and the boxes; then for each frame a count, and records that end with a flag.
     let record = 2 + 13 * 4 + 1;
     let frames = 32 + bounce::BODIES as usize * 16;
     let frame = 2 + bounce::BODIES as usize * record;
     let last = frames + (FRAMES as usize - 20) * frame;
     for body in 1..=bounce::BODIES as usize {
         let flag = &mut bytes[last + 2 + body * record - 1];
-        assert_eq!(std::mem::replace(flag, 1), 0, "it fell asleep");
+        assert_eq!(std::mem::replace(flag, 1), 0, "the body is asleep");
     }
-    let packed = zstd::encode_all(&*bytes, 1).expect("memory takes all");
-    let recording = rhtrace::read("awake", &packed).expect("this is a recording");
+    let packed = zstd::encode_all(&*bytes, 1).expect("writing to memory succeeds");
+    let recording = rhtrace::read("awake", &packed).expect("the recording is valid");
     let run = replayed(&recording, "", 1);
     assert_eq!(run.breaches, []);
 }
@@ -113,7 +113,7 @@ fn with_lookahead_every_published_tick_is_within_the_tolerance_for_fewer_bytes()
             features,
             ..config("", publish_interval)
         };
-        let run = run(&recording, &config, &mut |_| {}).expect("it comes to its end");
+        let run = run(&recording, &config, &mut |_| {}).expect("the replay succeeds");
         assert_eq!(
             run.breaches,
             [],
@@ -126,14 +126,14 @@ fn with_lookahead_every_published_tick_is_within_the_tolerance_for_fewer_bytes()
         let at_once = replayed(publish_interval, 0, EnabledFeatures::ALL);
         for lookahead in 1..=6 {
             let later = replayed(publish_interval, lookahead, EnabledFeatures::ALL);
-            // These balls fly: from three ticks and less nobody can tell a flight from a push.
-            let most = if lookahead < 4 {
+            // These boxes fly: three ticks or fewer cannot tell ballistic motion from constant acceleration.
+            let limit = if lookahead < 4 {
                 at_once * 11 / 10
             } else {
                 at_once
             };
             assert!(
-                later < most,
+                later < limit,
                 "{later} of {at_once}, {lookahead} ticks later"
             );
         }
@@ -144,7 +144,7 @@ fn with_lookahead_every_published_tick_is_within_the_tolerance_for_fewer_bytes()
 }
 
 #[test]
-fn a_budget_is_kept_and_over_budget_bodies_are_reported() {
+fn a_budget_holds_and_over_budget_bodies_are_reported() {
     let recording = recording();
     let seconds = f64::from(recording.ticks()) * recording.integrator.rate.step().seconds();
     let free = replayed(&recording, "", 1);
@@ -162,28 +162,28 @@ fn a_budget_is_kept_and_over_budget_bodies_are_reported() {
             .iter()
             .all(|breach| breach.cause == Cause::Budget);
         assert!(by_choice, "{link}");
-        // A burst, what time earned, an update too much, and watermarks, which are rare.
-        let most = 1_150.0 + 400.0 * seconds + 64.0 + 40.0 * 12.0;
+        // A burst, the earned bytes, one excess update, and the rare watermarks.
+        let limit = 1_150.0 + 400.0 * seconds + 64.0 + 40.0 * 12.0;
         assert!(
-            (payload(&run) as f64) < most,
-            "{link}: {} of {most}",
+            (payload(&run) as f64) < limit,
+            "{link}: {} of {limit}",
             payload(&run)
         );
         assert!(payload(&run) < payload(&free), "{link}");
     }
 }
 
-/// A frame may close before or after a watermark for the silence around it: so many bytes with headers.
+/// Bytes of two watermarks with headers: a frame may close before or after those that cover its silence.
 const TWO_WATERMARKS: u64 = 128;
 
 #[test]
-fn traffic_never_rises_because_latency_rose() {
+fn traffic_does_not_rise_with_latency() {
     let recording = recording();
     for budget in [None, Budget::new(400, 1_150), Budget::per_second(100_000)] {
         let bytes = |link: &str| {
             let run = within(&recording, link, 1, budget);
             let figures = figures(&recording, &run);
-            // The last watermarks are asked for until the copy is complete, which takes a way longer.
+            // Requests for the last watermarks continue until the copy is complete, which takes one link delay longer.
             let last = run.frames.len() - 1;
             let sent = run.frames[..last]
                 .iter()
@@ -203,7 +203,7 @@ fn traffic_never_rises_because_latency_rose() {
 }
 
 #[test]
-fn what_is_off_under_loss_is_off_by_loss_and_is_made_good() {
+fn errors_under_loss_are_caused_by_loss_and_recovered() {
     let recording = recording();
     let run = replayed(&recording, "rtt=100ms,loss=10%", 1);
     assert!(
@@ -213,8 +213,8 @@ fn what_is_off_under_loss_is_off_by_loss_and_is_made_good() {
     );
     let recovery = figures(&recording, &run)
         .recovery
-        .expect("something is lost");
-    // No refresh is known before it was asked for and came.
+        .expect("packets are lost");
+    // A refresh arrives only after its request.
     assert!(recovery.losses > 0 && recovery.p50_ms > 0.0);
 }
 
@@ -236,21 +236,22 @@ fn a_replay_without_any_update_is_refused() {
 }
 
 #[test]
-fn a_trace_of_ours_without_a_scene_is_refused_by_name() {
+fn a_trace_of_an_unknown_scene_is_refused_with_its_name() {
     let recording = recording();
     let run = replayed(&recording, "", 1);
     let path = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("replay.mcap");
     let options = TraceOptions::default();
-    write(&path, &experiment(&recording, run), &options, &mut |_| {}).expect("it is written");
+    write(&path, &experiment(&recording, run), &options, &mut |_| {})
+        .expect("the trace is written");
     match Recording::read(&path) {
         Err(RecordingError::File { path: named, cause }) => {
             assert_eq!(named, path);
             let RecordingError::UnknownScene { name } = *cause else {
-                panic!("it is refused for another reason: {cause}");
+                panic!("the cause is wrong: {cause}");
             };
             assert_eq!(name, "bounce");
         }
-        other => panic!("a scene that is none was taken: {other:?}"),
+        other => panic!("an unknown scene was accepted: {other:?}"),
     }
 }
 
@@ -258,7 +259,7 @@ fn a_trace_of_ours_without_a_scene_is_refused_by_name() {
 fn bytes_that_are_no_recording_are_refused() {
     let whole = unpacked();
     let read = |bytes: &[u8]| {
-        let packed = zstd::encode_all(bytes, 1).expect("memory takes all");
+        let packed = zstd::encode_all(bytes, 1).expect("writing to memory succeeds");
         rhtrace::read("bounce", &packed)
     };
     for length in [0, 7, 8, 31, 40, whole.len() - 1] {

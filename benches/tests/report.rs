@@ -1,4 +1,4 @@
-//! The page holds every run, draws with valid SVG, and stands alone.
+//! The page holds every run, draws with valid SVG, and is self-contained.
 
 mod support;
 
@@ -23,7 +23,7 @@ fn every_run_has_its_row() {
 }
 
 #[test]
-fn it_stands_alone() {
+fn the_page_is_self_contained() {
     let page = page();
     for foreign in ["<script", "<link", "<img", "@import", "url("] {
         assert!(!page.contains(foreign), "{foreign}");
@@ -36,7 +36,7 @@ fn it_stands_alone() {
 }
 
 #[test]
-fn what_was_typed_is_shown_and_not_interpreted() {
+fn the_command_line_is_escaped() {
     assert!(page().contains("--scene &lt;fall&gt;"));
 }
 
@@ -74,7 +74,7 @@ fn elements_are_closed_in_the_order_they_were_opened() {
 }
 
 #[test]
-fn a_run_whose_truth_differs_is_called_void() {
+fn a_run_with_another_truth_is_marked_void() {
     let mut experiment = experiment();
     experiment.loads[0].runs[2].truth_checksum += 1;
     let page = report::html(&experiment, &Summary::of(&experiment));
@@ -82,7 +82,7 @@ fn a_run_whose_truth_differs_is_called_void() {
 }
 
 #[test]
-fn an_empty_experiment_is_a_page_all_the_same() {
+fn an_empty_experiment_gives_a_valid_page() {
     let mut experiment = experiment();
     experiment.loads.clear();
     let page = report::html(&experiment, &Summary::of(&experiment));

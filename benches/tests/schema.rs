@@ -1,4 +1,4 @@
-//! The compiled schema that traces embed says what its source says.
+//! The compiled schema embedded in traces matches its source.
 
 use std::collections::BTreeMap;
 
@@ -36,7 +36,7 @@ fn from_source() -> Named {
 }
 
 fn from_compiled() -> Named {
-    let mut set = FileDescriptorSet::decode(COMPILED).expect("protoc wrote it");
+    let mut set = FileDescriptorSet::decode(COMPILED).expect("protoc output is valid");
     assert_eq!(set.file.len(), 1);
     let file = set.file.remove(0);
     assert_eq!(file.package(), "rhumb");
@@ -59,7 +59,7 @@ fn from_compiled() -> Named {
 }
 
 #[test]
-fn the_compiled_schema_is_that_of_its_source() {
+fn the_compiled_schema_matches_its_source() {
     let source = from_source();
     assert!(source.len() > 5 && source["States"].len() == 20);
     assert_eq!(source, from_compiled());

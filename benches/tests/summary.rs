@@ -1,4 +1,4 @@
-//! Figures of a small experiment, worked out by hand.
+//! Figures of a small experiment, computed by hand.
 
 mod support;
 
@@ -10,7 +10,7 @@ fn figures(mode: Mode) -> RunFigures {
     let summary = Summary::of(&experiment());
     let mut runs = summary.runs.into_iter();
     runs.find(|run| run.mode == mode.name())
-        .expect("the experiment has every mode asked for")
+        .expect("the experiment has every mode")
 }
 
 fn close(value: Option<f64>, expected: f64) -> bool {
@@ -18,7 +18,7 @@ fn close(value: Option<f64>, expected: f64) -> bool {
 }
 
 #[test]
-fn bytes_are_what_crossed_the_wire_with_28_for_each_datagram() {
+fn bytes_include_28_of_headers_for_each_datagram() {
     let rhumb = figures(Mode::Rhumb);
     assert_eq!(rhumb.bytes_down, Some(500 + 4 * 28));
     assert_eq!(rhumb.bytes_up, Some(4 * (40 + 28)));
@@ -27,7 +27,7 @@ fn bytes_are_what_crossed_the_wire_with_28_for_each_datagram() {
 }
 
 #[test]
-fn joining_is_counted_apart() {
+fn joining_is_counted_separately() {
     let join = figures(Mode::Rhumb).join.unwrap();
     assert_eq!((join.bytes_down, join.datagrams_down), (4_000 + 5 * 28, 5));
     assert_eq!((join.bytes_up, join.datagrams_up), (2_000 + 4 * 28, 4));
@@ -36,7 +36,7 @@ fn joining_is_counted_apart() {
 #[test]
 fn rates_are_over_simulated_time() {
     let rhumb = figures(Mode::Rhumb);
-    // 612 B in 0.4 s; the run is shorter than a second, so its worst second is all of it.
+    // 612 B in 0.4 s; the run is shorter than a second, so its worst second spans all of it.
     assert!(close(rhumb.mean_kbps_down, 12.24));
     assert!(close(rhumb.worst_second_kbps_down, 12.24));
     assert!(close(rhumb.payload_kbps_down, 4.6));
@@ -53,7 +53,7 @@ fn the_worst_second_is_the_worst_window_of_a_second() {
         .map(|tick| {
             let mut frame = frame.clone();
             frame.tick = rhumb_reckoning::Tick::new(tick);
-            // A burst that straddles two whole seconds.
+            // A burst that spans two calendar seconds.
             frame.wire_bytes_down = if (8..=13).contains(&tick) { 972 } else { 0 };
             frame.wire_datagrams_down = frame.wire_bytes_down / 972;
             frame
@@ -65,14 +65,14 @@ fn the_worst_second_is_the_worst_window_of_a_second() {
 }
 
 #[test]
-fn an_update_costs_the_bits_of_state_datagrams_alone() {
+fn bits_per_update_count_state_datagrams_only() {
     let rhumb = figures(Mode::Rhumb);
     assert_eq!(rhumb.updates, Some(5));
     assert!(close(rhumb.bits_per_update, 8.0 * 200.0 / 5.0));
 }
 
 #[test]
-fn errors_are_of_all_body_ticks_the_exact_ones_too() {
+fn errors_cover_all_body_ticks_including_exact_ones() {
     let errors = figures(Mode::Rhumb).surface_error_m.unwrap();
     // Ten body-ticks: seven exact, then 1/64, 1/32 and 1/16 m.
     assert_eq!(
@@ -109,7 +109,7 @@ fn times_are_in_milliseconds() {
 }
 
 #[test]
-fn sim_fps_is_never_above_the_paper_s() {
+fn sim_fps_never_exceeds_the_papers_maximum() {
     assert_eq!(figures(Mode::Rhumb).sim_fps, Some(11.33));
     let mut slow = experiment();
     for frame in &mut slow.loads[0].runs[2].frames {
@@ -119,7 +119,7 @@ fn sim_fps_is_never_above_the_paper_s() {
 }
 
 #[test]
-fn what_has_no_meaning_is_null() {
+fn figures_without_meaning_are_null() {
     let summary = Summary::of(&experiment());
     let json: serde_json::Value = serde_json::from_str(&summary.to_json()).unwrap();
     let integrated = &json["runs"][0];
@@ -144,14 +144,14 @@ fn what_has_no_meaning_is_null() {
 }
 
 #[test]
-fn the_json_reads_back_as_it_was() {
+fn the_json_reads_back_equal() {
     let summary = Summary::of(&experiment());
     let again: Summary = serde_json::from_str(&summary.to_json()).unwrap();
     assert_eq!(again, summary);
 }
 
 #[test]
-fn the_table_has_a_line_for_each_run_and_its_columns_stand_below_each_other() {
+fn the_table_has_an_aligned_line_for_each_run() {
     let summary = Summary::of(&experiment());
     let text = summary.table().to_string();
     let lines: Vec<_> = text.lines().collect();
@@ -168,7 +168,7 @@ fn the_table_has_a_line_for_each_run_and_its_columns_stand_below_each_other() {
 }
 
 #[test]
-fn nothing_measured_is_no_figure_and_no_panic() {
+fn an_experiment_without_frames_has_no_figures_and_does_not_panic() {
     let mut experiment = experiment();
     for run in &mut experiment.loads[0].runs {
         run.frames.clear();
@@ -186,7 +186,7 @@ fn nothing_measured_is_no_figure_and_no_panic() {
 #[test]
 fn less_than_naive_covers_the_whole_run_and_the_first_seconds() {
     let mut experiment = experiment();
-    // Ten seconds of a tenth each: five of them are busy.
+    // Ten seconds in steps of a tenth; the first five are busy.
     for run in &mut experiment.loads[0].runs[1..] {
         let frame = run.frames[0].clone();
         let busy = |number: u64| u64::from(number <= 50);
@@ -209,7 +209,7 @@ fn less_than_naive_covers_the_whole_run_and_the_first_seconds() {
     let less = rhumb.less_than_naive.unwrap();
     assert!(close(Some(less.with_headers_first), 5.0));
     assert!(close(Some(less.with_headers), 100_000.0 / 15_000.0));
-    // Four datagrams of 900 B against what the copy heard, all of it in the first frames.
+    // Four datagrams of 900 B against the copy's traffic, all of it in the first frames.
     assert!(close(Some(less.payload), 3_600.0 / 230.0));
     assert_eq!(less.payload, less.payload_first);
     assert_eq!(summary.runs[1].less_than_naive, None);
@@ -219,7 +219,7 @@ fn less_than_naive_covers_the_whole_run_and_the_first_seconds() {
 }
 
 #[test]
-fn a_run_whose_truth_differs_is_void_in_summary_and_table() {
+fn a_run_with_another_truth_is_void_in_summary_and_table() {
     let mut experiment = experiment();
     experiment.loads[0].runs[2].truth_checksum += 1;
     let summary = Summary::of(&experiment);

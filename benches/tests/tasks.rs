@@ -1,4 +1,4 @@
-//! The tasks on a recording, and that of costs, write what they say.
+//! Tasks on a recording, and the cost task, write complete results.
 
 #[path = "support/bounce.rs"]
 mod bounce;
@@ -8,10 +8,10 @@ use std::process::Command;
 
 use serde_json::Value;
 
-/// What a task said and wrote.
+/// Output of a task.
 struct Done {
     printed: String,
-    /// On standard error.
+    /// Standard error.
     complained: String,
     succeeded: bool,
     summary: Value,
@@ -50,7 +50,7 @@ fn tried(name: &str, arguments: &[&str]) -> Done {
         .arg("--out")
         .arg(&folder)
         .output()
-        .expect("the bench starts");
+        .expect("the benchmark starts");
     let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap_or_default();
     Done {
         printed: String::from_utf8(run.stdout).expect("text"),
@@ -80,11 +80,11 @@ fn an_ablation_has_a_row_for_each_feature_beside_all_on() {
     let lacks = |run: &Value, name| run["replayed"]["without"] == serde_json::json!([name]);
     let without = |name| done.runs().iter().position(|run| lacks(run, name));
     let [residuals, prefilter, packing, coder] = ["residuals", "prefilter", "packing", "coder"]
-        .map(|name| without(name).expect("each means is switched off once"));
-    // Whole motions cost more than corrections, and speaking always more than speaking when it matters.
+        .map(|name| without(name).expect("each feature is switched off once"));
+    // Full motions cost more than corrections; sending always costs more than sending when needed.
     assert!(bytes(residuals) > bytes(0) && bytes(prefilter) > bytes(0));
     assert!(done.number(prefilter, "updates") > done.number(0, "updates"));
-    // Singly said, each update has a datagram; another code says the same in the same datagrams.
+    // Without packing each update has its own datagram; the plain coder changes only the counted bytes.
     assert!(done.number(packing, "datagrams_down") >= done.number(packing, "updates"));
     assert!(bytes(packing) > bytes(0) && bytes(coder) > bytes(0));
     for same in ["updates", "datagrams_down"] {
@@ -93,10 +93,10 @@ fn an_ablation_has_a_row_for_each_feature_beside_all_on() {
     for run in 0..done.runs().len() {
         assert_eq!(done.runs()[run]["over_tolerance"]["count"], 0);
     }
-    for word in ["without prefilter", "without any of these"] {
+    for phrase in ["without prefilter", "without any of these"] {
         assert!(
-            done.printed.contains(word) && done.page.contains(word),
-            "{word}"
+            done.printed.contains(phrase) && done.page.contains(phrase),
+            "{phrase}"
         );
     }
     assert!(done.page.contains("Exp-Golomb"));
@@ -117,16 +117,18 @@ fn a_sweep_of_tolerances_draws_the_frontier() {
 }
 
 #[test]
-fn a_replay_that_does_not_end_takes_no_other_with_it() {
+fn a_failed_replay_does_not_stop_the_others() {
     let done = tried(
         "unfinished",
         &["replay", "--sweep", "publish-interval=1,60000"],
     );
     assert!(!done.succeeded);
-    assert!(done.complained.contains("1 of 2 replays did not end"));
+    assert!(done.complained.contains("1 of 2 replays failed"));
     assert_eq!(done.runs().len(), 1);
     assert!(done.number(0, "payload_bytes_down") > 0.0);
-    let unfinished = done.summary["unfinished"].as_array().expect("one is named");
+    let unfinished = done.summary["unfinished"]
+        .as_array()
+        .expect("unfinished replays are listed");
     assert_eq!(unfinished.len(), 1);
     assert!(
         unfinished[0]["setting"]
@@ -146,7 +148,7 @@ fn a_replay_that_does_not_end_takes_no_other_with_it() {
     assert!(!done.succeeded && done.summary.is_null());
     assert!(
         done.complained
-            .contains("none of 2 replays ended; the first: nothing would be said")
+            .contains("all 2 replays failed; the first: nothing would be said")
     );
 }
 
@@ -166,7 +168,7 @@ fn a_matrix_has_every_loss_even_and_in_bursts_at_every_round_trip() {
         let lossless = run["link"]
             .as_str()
             .is_none_or(|link| !link.contains("loss"));
-        // Of two hundred packets a link that loses one in a hundred may lose none.
+        // Of two hundred packets, a link with a loss of one percent may lose none.
         let loses_much = run["link"]
             .as_str()
             .is_some_and(|link| link.contains("20%"));
@@ -193,7 +195,7 @@ fn a_matrix_has_every_loss_even_and_in_bursts_at_every_round_trip() {
 }
 
 #[test]
-fn a_replay_is_set_beside_the_limit_of_its_recording() {
+fn a_replay_is_compared_to_the_limit_of_its_recording() {
     let config = ["--tolerance", "0.02", "--publish-interval", "2"];
     let limit = task("limit", &[&["limit"], &config[..]].concat());
     let done = task(
@@ -212,7 +214,7 @@ fn a_replay_is_set_beside_the_limit_of_its_recording() {
 }
 
 #[test]
-fn a_replay_of_our_own_trace_publishes_what_the_server_published() {
+fn a_replay_of_a_server_trace_publishes_the_same_updates() {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("task-own");
     let run = |arguments: &[&str], out: &Path| {
         Command::new(env!("CARGO_BIN_EXE_rhumb-bench"))
@@ -220,13 +222,13 @@ fn a_replay_of_our_own_trace_publishes_what_the_server_published() {
             .arg("--out")
             .arg(out)
             .output()
-            .expect("the bench starts")
+            .expect("the benchmark starts")
     };
     let bench = |arguments: &[&str], out: &Path| {
         let run = run(arguments, out);
         let error = String::from_utf8_lossy(&run.stderr);
         assert!(run.status.success(), "{error}");
-        let text = std::fs::read(out.join("summary.json")).expect("it was written");
+        let text = std::fs::read(out.join("summary.json")).expect("the file exists");
         serde_json::from_slice::<Value>(&text).expect("JSON")
     };
     let scene = ["evaluate", "--scene", "asteroids", "--bodies", "40"];
@@ -242,20 +244,24 @@ fn a_replay_of_our_own_trace_publishes_what_the_server_published() {
     let live = bench(&[&scene[..], &how[..]].concat(), &folder);
     let of = |summary: &Value| summary["runs"][0]["updates"].clone();
     assert!(of(&live).as_u64().is_some_and(|updates| updates > 0));
-    // TorqueFree and all: what the bodies' inertia is follows from the script, which the trace of a replay names, too.
+    // All predictors work: inertias follow from the script, which the trace of a replay names too.
     let mut within = folder;
     for _ in 0..2 {
         let trace = within.join("trace.mcap");
         let replay = [
             "replay",
-            trace.to_str().expect("a path of letters"),
+            trace.to_str().expect("the path is UTF-8"),
             "--tolerance",
             "0.05",
         ];
-        let before = std::fs::read(&trace).expect("it was written");
+        let before = std::fs::read(&trace).expect("the file exists");
         let over = run(&replay, &within);
         assert!(String::from_utf8_lossy(&over.stderr).contains("--out"));
-        assert_eq!(std::fs::read(&trace).ok(), Some(before), "it would be lost");
+        assert_eq!(
+            std::fs::read(&trace).ok(),
+            Some(before),
+            "the trace is unchanged"
+        );
         within = within.join("again");
         assert_eq!(of(&live), of(&bench(&replay, &within)));
     }
@@ -277,17 +283,17 @@ fn costs_are_measured_at_every_stage() {
         .args(["--member-seconds", "1", "--out"])
         .arg(&folder)
         .output()
-        .expect("the bench starts");
+        .expect("the benchmark starts");
     assert!(
         run.status.success(),
         "{}",
         String::from_utf8_lossy(&run.stderr)
     );
-    let text = std::fs::read_to_string(folder.join("cost.json")).expect("it was written");
-    let costs: Value = serde_json::from_str(&text).expect("it is JSON");
+    let text = std::fs::read_to_string(folder.join("cost.json")).expect("the file exists");
+    let costs: Value = serde_json::from_str(&text).expect("the file is JSON");
     let rows = |name: &str| costs[name].as_array().expect("a list").clone();
     let took = |row: &Value, name: &str| row[name].as_f64().expect("a number");
-    // Three scenes, each as one stream and as four, whose finer tiers say more.
+    // Three scenes, each as one stream and as four; the finer tiers send more updates.
     let publishing = rows("publishing");
     assert_eq!(publishing.len(), 6);
     for pair in publishing.chunks(2) {
@@ -316,7 +322,7 @@ fn costs_are_measured_at_every_stage() {
             .all(|row| took(row, "sockets_us") > 0.0 && took(row, "floor_us") > 0.0)
     );
     let printed = String::from_utf8(run.stdout).expect("text");
-    for word in ["flight", "burst", "converged", "aimed at", "written to"] {
-        assert!(printed.contains(word), "{word}");
+    for phrase in ["flight", "burst", "converged", "aimed at", "written to"] {
+        assert!(printed.contains(phrase), "{phrase}");
     }
 }

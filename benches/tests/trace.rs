@@ -1,4 +1,4 @@
-//! A trace read back by the format's own library: it is whole, at any moment.
+//! Traces read back by the format's own library.
 
 mod support;
 
@@ -13,25 +13,25 @@ use prost::Message;
 use rhumb_bench::trace::{self, Progress, TraceError, TraceOptions};
 use support::experiment;
 
-/// Every tick drawn, and at rest after one tick.
+/// Draws every tick; bodies count as resting after one tick.
 const FINE: TraceOptions = TraceOptions {
     scene_hz: 10.0,
     resting_after_s: 0.1,
     scene_bodies_max: 100,
 };
 
-/// A folder of one test's own.
+/// An empty folder for one test.
 fn folder(name: &str) -> PathBuf {
     let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
     let _ = fs::remove_dir_all(&path);
-    fs::create_dir_all(&path).expect("the build's folder for tests can be written");
+    fs::create_dir_all(&path).expect("the target folder is writable");
     path
 }
 
 fn written(name: &str) -> Vec<u8> {
     let path = folder(name).join("trace.mcap");
-    let bytes = trace::write(&path, &experiment(), &FINE, &mut |_| {}).expect("there is room");
-    let file = fs::read(path).expect("it was just written");
+    let bytes = trace::write(&path, &experiment(), &FINE, &mut |_| {}).expect("the disk has space");
+    let file = fs::read(path).expect("the file exists");
     assert_eq!(file.len() as u64, bytes);
     file
 }
@@ -39,7 +39,7 @@ fn written(name: &str) -> Vec<u8> {
 /// Messages by topic, with their times.
 fn messages(file: &[u8]) -> BTreeMap<String, Vec<(u64, Vec<u8>)>> {
     let mut topics: BTreeMap<String, Vec<_>> = BTreeMap::new();
-    for message in mcap::MessageStream::new(file).expect("it is a trace") {
+    for message in mcap::MessageStream::new(file).expect("the file is a trace") {
         let message = message.expect("every checksum holds");
         assert_eq!(message.log_time, message.publish_time);
         let schema = message
@@ -56,19 +56,19 @@ fn messages(file: &[u8]) -> BTreeMap<String, Vec<(u64, Vec<u8>)>> {
 
 fn metadata(file: &[u8]) -> BTreeMap<String, BTreeMap<String, String>> {
     let summary = mcap::Summary::read(file)
-        .expect("it is whole")
-        .expect("it has an index");
+        .expect("the file is intact")
+        .expect("the file has an index");
     let read = |index| {
         let Metadata { name, metadata } =
-            mcap::read::metadata(file, index).expect("its record is there");
+            mcap::read::metadata(file, index).expect("the record exists");
         (name, metadata)
     };
     summary.metadata_indexes.iter().map(read).collect()
 }
 
-/// The one entity of a scene's message.
+/// The one entity of a scene message.
 fn entity(data: &[u8]) -> SceneEntity {
-    let mut update = SceneUpdate::decode(data).expect("it is a scene");
+    let mut update = SceneUpdate::decode(data).expect("the message is a scene");
     assert!(update.deletions.is_empty());
     assert_eq!(update.entities.len(), 1);
     update.entities.remove(0)
@@ -106,7 +106,7 @@ fn every_topic_has_every_message() {
 }
 
 #[test]
-fn all_topics_lie_on_one_time_axis() {
+fn all_topics_share_one_time_axis() {
     let topics = messages(&written("times"));
     let times = |topic: &str| {
         topics[topic]
@@ -154,11 +154,11 @@ fn the_metadata_describes_the_run() {
 }
 
 #[test]
-fn it_is_indexed_and_compressed() {
+fn the_file_is_indexed_and_compressed() {
     let file = written("indexed");
     let summary = mcap::Summary::read(&file)
-        .expect("it is whole")
-        .expect("it has an index");
+        .expect("the file is intact")
+        .expect("the file has an index");
     assert!(!summary.chunk_indexes.is_empty());
     assert!(
         summary
@@ -172,7 +172,7 @@ fn it_is_indexed_and_compressed() {
             .iter()
             .all(|chunk| !chunk.message_index_offsets.is_empty())
     );
-    // A reader that knows the index alone finds the start of a given topic.
+    // A reader with only the index finds the start of a given topic.
     let reader = mcap::sans_io::IndexedReader::new_with_options(
         &summary,
         IndexedReaderOptions::new().include_topics(["/n3/truth/state"]),
@@ -180,9 +180,9 @@ fn it_is_indexed_and_compressed() {
     assert!(reader.is_ok());
 }
 
-/// What somebody sees who jumps to a moment: the last message of each topic at or before it.
+/// A viewer that seeks shows the last message of each topic at or before the chosen time.
 #[test]
-fn the_last_message_of_each_topic_is_the_whole_scene() {
+fn the_last_message_of_each_topic_is_the_complete_scene() {
     let topics = messages(&written("seek"));
     // Ball and capsule always; the cylinder, placed after tick 1 and removed after tick 3, at ticks 2 and 3.
     for (copy, bodies) in [
@@ -195,10 +195,10 @@ fn the_last_message_of_each_topic_is_the_whole_scene() {
             .enumerate()
             .filter(|(_, bodies)| *bodies > 0)
         {
-            let moment = tick as u64 * 100_000_000;
+            let time_ns = tick as u64 * 100_000_000;
             let last = |topic: &str| {
                 let all = &topics[&format!("/n3/{copy}/{topic}")];
-                let before = all.iter().rev().find(|(time, _)| *time <= moment);
+                let before = all.iter().rev().find(|(time, _)| *time <= time_ns);
                 entity(&before.expect("each topic has begun").1)
             };
             let (moving, resting) = (last("moving"), last("resting"));
@@ -220,13 +220,13 @@ fn the_last_message_of_each_topic_is_the_whole_scene() {
 }
 
 #[test]
-fn a_body_that_lies_still_is_drawn_at_rest() {
+fn a_still_body_is_drawn_as_resting() {
     let topics = messages(&written("rest"));
     for copy in ["truth", "naive", "rhumb"] {
         let (time, data) = topics[&format!("/n3/{copy}/resting")]
             .last()
             .expect("there is one");
-        // Asleep at tick 2, drawn so one tick later.
+        // Asleep at tick 2, drawn as resting one tick later.
         assert_eq!(*time, 300_000_000, "{copy}");
         assert_eq!(entity(data).cylinders.len(), 1);
         assert_eq!(entity(data).spheres.len(), 2);
@@ -234,7 +234,7 @@ fn a_body_that_lies_still_is_drawn_at_rest() {
 }
 
 #[test]
-fn a_scene_where_all_lie_still_moves_nothing() {
+fn a_scene_at_rest_draws_nothing_as_moving() {
     let mut experiment = experiment();
     for row in &mut experiment.loads[0].truth.ticks {
         row.retain(|observation| observation.id.index() == 2);
@@ -245,8 +245,8 @@ fn a_scene_where_all_lie_still_moves_nothing() {
         .retain(|placed| placed.config.id.index() == 2);
     experiment.loads[0].runs.truncate(1);
     let path = folder("still").join("trace.mcap");
-    trace::write(&path, &experiment, &FINE, &mut |_| {}).expect("there is room");
-    let topics = messages(&fs::read(path).expect("it was just written"));
+    trace::write(&path, &experiment, &FINE, &mut |_| {}).expect("the disk has space");
+    let topics = messages(&fs::read(path).expect("the file exists"));
     let (_, moving) = topics["/n3/truth/moving"].last().expect("there is one");
     let moving = entity(moving);
     assert!(moving.cylinders.is_empty() && moving.spheres.is_empty());
@@ -280,8 +280,8 @@ fn too_many_bodies_are_not_drawn_but_recorded() {
         scene_bodies_max: 2,
         ..FINE
     };
-    trace::write(&path, &experiment(), &options, &mut |_| {}).expect("there is room");
-    let topics = messages(&fs::read(path).expect("it was just written"));
+    trace::write(&path, &experiment(), &options, &mut |_| {}).expect("the disk has space");
+    let topics = messages(&fs::read(path).expect("the file exists"));
     assert!(
         topics
             .keys()
@@ -292,32 +292,32 @@ fn too_many_bodies_are_not_drawn_but_recorded() {
 }
 
 #[test]
-fn progress_ends_where_it_said() {
-    let mut told = Vec::new();
+fn progress_ends_at_its_total() {
+    let mut reports = Vec::new();
     let path = folder("progress").join("trace.mcap");
     trace::write(&path, &experiment(), &FINE, &mut |progress| {
-        told.push(progress);
+        reports.push(progress);
     })
-    .expect("there is room");
-    assert_eq!(told.len(), 5);
-    assert_eq!(told.last(), Some(&Progress { done: 5, of: 5 }));
+    .expect("the disk has space");
+    assert_eq!(reports.len(), 5);
+    assert_eq!(reports.last(), Some(&Progress { done: 5, of: 5 }));
 }
 
 #[test]
-fn a_folder_that_is_not_there_is_named() {
+fn an_error_names_the_missing_folder() {
     let path = folder("nowhere").join("missing").join("trace.mcap");
-    let error = trace::write(&path, &experiment(), &FINE, &mut |_| {})
-        .expect_err("there is no such folder");
+    let error =
+        trace::write(&path, &experiment(), &FINE, &mut |_| {}).expect_err("the folder is missing");
     assert!(matches!(error, TraceError::Create { .. }));
     assert!(error.to_string().contains("trace.mcap.partial"), "{error}");
 }
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_full_disk_is_reported_and_leaves_nothing_behind() {
+fn a_full_disk_is_reported_and_leaves_no_file() {
     let path = folder("full").join("trace.mcap");
     let partial = path.with_extension("mcap.partial");
-    std::os::unix::fs::symlink("/dev/full", &partial).expect("a link can be made");
+    std::os::unix::fs::symlink("/dev/full", &partial).expect("a link can be created");
     let error =
         trace::write(&path, &experiment(), &FINE, &mut |_| {}).expect_err("the disk is full");
     let TraceError::Write { path: named, cause } = &error else {
@@ -341,14 +341,14 @@ fn the_layout_shows_the_topics_of_the_smallest_load() {
     }
     experiment.loads.insert(0, larger);
     let layout: serde_json::Value =
-        serde_json::from_str(&trace::layout(&experiment)).expect("it is JSON");
+        serde_json::from_str(&trace::layout(&experiment)).expect("the layout is JSON");
     let shown = &layout["configById"]["3D!copy"]["topics"];
     assert_eq!(shown["/n3/rhumb/moving"]["visible"], true);
     assert_eq!(shown["/n3/rhumb/resting"]["visible"], true);
     let paths = &layout["configById"]["Plot!error"]["paths"];
     assert_eq!(paths[1]["value"], "/n3/rhumb/stats.error_m_max");
     let topics = messages(&written("layout"));
-    for topic in shown.as_object().expect("it names topics").keys() {
+    for topic in shown.as_object().expect("the layout names topics").keys() {
         assert!(topics.contains_key(topic), "{topic}");
     }
 }

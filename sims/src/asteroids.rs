@@ -1,9 +1,9 @@
-//! Asteroids: rocks that fly about a sphere and keep their speed.
+//! Asteroids: rocks that fly inside a sphere and keep their speed.
 //!
 //! The scene of a public benchmark of networking products for games (KinematicSoup, *UnityNetworkTransformBenchmark*,
-//! its `SphereRingBenchmark`), with its numbers. What it takes from files is ours, and is this: eight rocks of 55 to 116
-//! corners, 2.8–3.7 × 1.8–2.8 × 2.1–3.0 m, the same for every seed; scales are even in 751 steps. No gravity, no damping,
-//! friction 0.6, no bounce; a rock of scale s weighs s³ kg. Nothing rests.
+//! its `SphereRingBenchmark`), with its numbers. Its model files are replaced by ours: eight rocks of 55 to 116
+//! corners, 2.8–3.7 × 1.8–2.8 × 2.1–3.0 m, the same for every seed; scales are uniform over 751 steps. No gravity, no
+//! damping, friction 0.6, no bounce; a rock of scale s has a mass of s³ kg. Nothing rests.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -16,18 +16,18 @@ use rhumb_reckoning::{BodyId, BodyState, Tick};
 use crate::controller::{Controller, flight};
 use crate::rng::SceneRng;
 use crate::rock::Rock;
-use crate::script::{INTEGRATOR, Script, TERMS, motion, still, surface};
+use crate::script::{DEFAULT_CONFIG, INTEGRATOR, Script, motion, still, surface};
 
-/// Whether the axis of a rock's spin wanders, as physics has it, or stays, as in many engines.
+/// Whether gyroscopic forces act on the rocks; many engines omit them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Spin {
-    /// Gyroscopic forces act.
+    /// Gyroscopic forces act, so the axis of a spin wanders.
     Gyroscopic,
-    /// They do not.
+    /// No gyroscopic forces: the axis of a spin stays.
     Plain,
 }
 
-/// Rocks about a sphere.
+/// Rocks around a central sphere.
 #[derive(Clone, Debug)]
 pub struct Asteroids {
     flock: Flock,
@@ -35,10 +35,10 @@ pub struct Asteroids {
 }
 
 impl Asteroids {
-    /// Rocks of the benchmark.
+    /// Number of rocks in the benchmark.
     pub const ROCKS: u32 = 250;
 
-    /// So many rocks.
+    /// A scene of `rocks` rocks.
     #[must_use]
     pub fn new(rocks: u32, seed: u64, spin: Spin) -> Self {
         Self {
@@ -60,7 +60,7 @@ impl Script for Asteroids {
         SceneConfig {
             gravity: Vec3::ZERO,
             material: surface(FRICTION, 1.0),
-            ..TERMS
+            ..DEFAULT_CONFIG
         }
     }
 
@@ -101,19 +101,19 @@ impl Script for Asteroids {
         let members = self.flock.members.iter();
         Some(Box::new(Herding {
             bounds: self.flock.bounds,
-            drives: members
+            thrusts: members
                 .map(|flock_rock| (flock_rock.mass(), flock_rock.speed))
                 .collect(),
         }))
     }
 }
 
-/// Keeps rocks going at their speed, and within bounds.
+/// Keeps rocks at their speeds and within bounds.
 struct Herding {
-    /// Metres.
+    /// Radius of the bounds, metres.
     bounds: f64,
-    /// Mass in kg and speed in m/s of each rock, whose indices begin at one.
-    drives: Vec<(f64, f64)>,
+    /// Mass in kg and target speed in m/s of each rock; their body indices start at one.
+    thrusts: Vec<(f64, f64)>,
 }
 
 impl Controller for Herding {
@@ -123,13 +123,12 @@ impl Controller for Herding {
         motion: &dyn Fn(BodyId) -> Option<BodyState>,
         out: &mut Vec<Command>,
     ) {
-        for ((mass, target), index) in self.drives.iter().zip(1..) {
+        for ((mass, target), index) in self.thrusts.iter().zip(1..) {
             let id = BodyId::new(index, 0);
             let Some(motion) = motion(id) else { continue };
             let (position, velocity) = flight(&motion);
-            let requested_authority =
-                self.acceleration(position.as_dvec3(), velocity.as_dvec3(), *target);
-            if let Some(acceleration) = requested_authority {
+            let acceleration = self.acceleration(position.as_dvec3(), velocity.as_dvec3(), *target);
+            if let Some(acceleration) = acceleration {
                 let force = (acceleration * *mass).as_vec3();
                 out.push(Command::Force { id, force });
             }
@@ -138,7 +137,7 @@ impl Controller for Herding {
 }
 
 impl Herding {
-    /// Towards the middle from outside; along the way, up to the target speed, inside. m/s².
+    /// Acceleration in m/s²: towards the centre outside the bounds; along the velocity, to the target speed, inside.
     fn acceleration(&self, position: DVec3, velocity: DVec3, target: f64) -> Option<DVec3> {
         let squared = position.length_squared();
         if squared > self.bounds * self.bounds {
@@ -154,21 +153,21 @@ impl Herding {
     }
 }
 
-/// Where everything begins: what the script places and the controller drives.
+/// Initial state of all rocks, shared by script and controller.
 #[derive(Clone, Debug)]
 struct Flock {
     rocks: Vec<Rock>,
     members: Vec<FlockRock>,
-    /// Metres from the middle.
+    /// Radius of the bounds, metres.
     bounds: f64,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct FlockRock {
     rock: u32,
-    /// Of the scale.
+    /// Step of the rock's scale.
     step: u32,
-    /// m/s.
+    /// Target speed, m/s.
     speed: f64,
     motion: BodyState,
 }
@@ -245,7 +244,7 @@ fn flock_rock(
     flock_rock
 }
 
-/// Which room is taken: balls, by cells of a grid that is wider than any two reach.
+/// Occupied balls, in the cells of a grid that is wider than the reach of any two.
 #[derive(Debug, Default)]
 struct FreeSpace {
     cells: BTreeMap<[i32; 3], Vec<(DVec3, f64)>>,
@@ -259,8 +258,8 @@ impl FreeSpace {
         [part(position.x), part(position.y), part(position.z)]
     }
 
-    /// The first place from `position` outward with a ball of `clear` metres that nobody reaches into; from now on a
-    /// ball of `radius` is there.
+    /// The first position from `position` outward whose ball of `clear` metres overlaps no occupied one; occupies a
+    /// ball of `radius` there.
     fn take(&mut self, mut position: DVec3, clear: f64, radius: f64) -> DVec3 {
         let length = libm::sqrt(position.length_squared());
         let outward = if length > 0.0 {
@@ -292,23 +291,23 @@ impl FreeSpace {
     }
 }
 
-/// Different rocks.
+/// Number of different rock shapes.
 const ROCKS: u32 = 8;
-/// Of the rocks' shapes: the benchmark's own seed.
+/// Seed of the rock shapes: the benchmark's own.
 const ROCKS_SEED: u64 = 2_323;
-/// CorrectionRanker between the least and the most.
+/// Number of scale steps between the smallest and the largest rock.
 const SCALE_STEPS: u32 = 750;
 const FRICTION: f32 = 0.6;
-/// Radius of the sphere in the middle, metres.
+/// Radius of the central sphere, metres.
 const CENTRE: f32 = 5.0;
 const CENTRE_SHAPE: ShapeId = ShapeId(0);
-/// 45° a second, rad/s.
+/// Largest spin: 45° per second, in rad/s.
 const MOST_SPIN: f64 = core::f64::consts::FRAC_PI_4;
-/// Acceleration of who is out of bounds, m/s².
+/// Acceleration of a rock out of bounds, m/s².
 const HOMEWARD: f64 = 10.0;
 /// Acceleration towards the target speed, m/s².
 const THRUST: f64 = 5.0;
-/// Difference of squared speeds that is left alone, m²/s².
+/// Difference of squared speeds that is not corrected, m²/s².
 const NEAR_ENOUGH: f64 = 0.001;
 
 #[cfg(test)]
@@ -316,7 +315,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rocks_begin_apart_within_what_the_benchmark_says() {
+    fn rocks_start_apart_within_the_benchmarks_ranges() {
         let flock = Flock::new(Asteroids::ROCKS, 7);
         assert!((flock.bounds - 31.498).abs() < 1e-3);
         for rock in &flock.rocks {
@@ -340,18 +339,17 @@ mod tests {
     }
 
     #[test]
-    fn a_rock_is_brought_back_from_outside_and_to_its_speed_inside() {
+    fn a_rock_returns_from_outside_and_regains_its_speed_inside() {
         let herding = Herding {
             bounds: 30.0,
-            drives: Vec::new(),
+            thrusts: Vec::new(),
         };
-        let requested_authority =
-            |x, speed| herding.acceleration(DVec3::X * x, DVec3::Z * speed, 2.0);
-        assert_eq!(requested_authority(31.0, 2.0), Some(DVec3::X * -10.0));
-        assert_eq!(requested_authority(10.0, 2.0), None);
-        assert_eq!(requested_authority(10.0, 1.0), Some(DVec3::Z * 5.0));
-        assert_eq!(requested_authority(10.0, 4.0), Some(DVec3::Z * -5.0));
-        let close = requested_authority(10.0, 1.99).expect("it is too slow");
+        let acceleration = |x, speed| herding.acceleration(DVec3::X * x, DVec3::Z * speed, 2.0);
+        assert_eq!(acceleration(31.0, 2.0), Some(DVec3::X * -10.0));
+        assert_eq!(acceleration(10.0, 2.0), None);
+        assert_eq!(acceleration(10.0, 1.0), Some(DVec3::Z * 5.0));
+        assert_eq!(acceleration(10.0, 4.0), Some(DVec3::Z * -5.0));
+        let close = acceleration(10.0, 1.99).expect("it is too slow");
         assert!((close.z - 0.6).abs() < 1e-9, "{close}");
     }
 }

@@ -1,15 +1,15 @@
 //! The ball pit: balls dropped among ten round walls, cycle after cycle.
 //!
-//! The scene is the paper's. What the paper leaves open is ours, and is this:
+//! The scene comes from the paper. Details that the paper leaves open:
 //!
-//! - **Walls.** A wall of radius R is a ring of upright cuboids, solid where a mesh would be a sheet, whose inner faces
-//!   touch the circle of radius R from outside: ⌈10·√R⌉ of them, so that their edges stand at most 5 cm off the circle,
-//!   each 5 m high and 0.5 m thick, long enough to meet its neighbours at the *outer* edge; inside they overlap, so that
-//!   there is no gap.
-//! - **Floor.** A cuboid of 220 × 10 × 220 m with its top at y = 0, so thick that nothing tunnels through it.
-//! - **Spawner.** All balls of a cycle appear at its first tick, at rest, in a cube of quantiser places 1.1 m apart, each
-//!   off by up to 4 cm along each axis: 1.02 m between centres at least, so that none overlap. The cube's middle is 15 m
-//!   above the pit's; a cube too large to stay clear of the walls (6 m at its lowest) is raised.
+//! - **Walls.** A wall of radius R is a ring of ⌈10·√R⌉ upright cuboids, solid instead of a mesh sheet. Their inner
+//!   faces touch the circle of radius R from outside, so their edges are at most 5 cm off the circle. Each is 5 m
+//!   high, 0.5 m thick and long enough to meet its neighbours at the *outer* edge; inside they overlap, so there is no
+//!   gap.
+//! - **Floor.** A cuboid of 220 × 10 × 220 m with its top at y = 0, thick enough to prevent tunnelling.
+//! - **Spawner.** All balls of a cycle appear at its first tick, at rest, in a cubic grid with a spacing of 1.1 m.
+//!   Each is offset by up to 4 cm per axis, so centres are at least 1.02 m apart and none overlap. The centre of the
+//!   grid is 15 m above the pit's; a grid that would reach below 6 m, the clearance of the walls, is raised.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, ShapeId};
@@ -17,7 +17,7 @@ use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 
 use crate::cluster::Cluster;
 use crate::rng::SceneRng;
-use crate::script::{INTEGRATOR, Script, TERMS, motion, still, surface};
+use crate::script::{DEFAULT_CONFIG, INTEGRATOR, Script, motion, still, surface};
 
 /// The paper's evaluation scene.
 #[derive(Clone, Debug)]
@@ -25,21 +25,21 @@ pub struct BallPit {
     balls_per_cycle: u32,
     cycles: u32,
     rng: SceneRng,
-    /// Next body's index.
+    /// Index of the next body.
     next: u32,
 }
 
 impl BallPit {
-    /// Balls of the paper's cycle.
+    /// Balls per cycle in the paper.
     pub const BALLS_PER_CYCLE: u32 = 500;
-    /// Balls at which the paper ends.
+    /// Number of balls at which the paper's experiment ends.
     pub const BALLS: u32 = 10_000;
     /// Length of a cycle, simulated seconds.
     pub const CYCLE_SECONDS: u32 = 30;
     /// Walls, of radii 10 m, 20 m, ... 100 m.
     pub const WALLS: u32 = 10;
 
-    /// `cycles` times as many balls as `balls_per_cycle`.
+    /// A pit with `cycles` cycles of `balls_per_cycle` balls.
     #[must_use]
     pub fn new(balls_per_cycle: u32, cycles: u32, seed: u64) -> Self {
         Self {
@@ -50,20 +50,20 @@ impl BallPit {
         }
     }
 
-    /// `balls` in each cycle, and as many cycles as keep within [`Self::BALLS`]; one at least.
+    /// `balls` per cycle, and as many cycles as stay within [`Self::BALLS`], at least one.
     #[must_use]
     pub fn sized(balls: u32, seed: u64) -> Self {
         let cycles = (Self::BALLS / balls.max(1)).max(1);
         Self::new(balls, cycles, seed)
     }
 
-    /// The paper's numbers.
+    /// The pit of the paper.
     #[must_use]
     pub fn paper(seed: u64) -> Self {
         Self::sized(Self::BALLS_PER_CYCLE, seed)
     }
 
-    /// Cuboids of the wall of this number, from one.
+    /// Number of cuboids of a wall; walls count from one.
     fn segments(wall: u32) -> u32 {
         libm::ceil(10.0 * libm::sqrt(f64::from(wall * 10))) as u32
     }
@@ -107,7 +107,7 @@ impl BallPit {
             },
         });
         for segment in 0..count {
-            // Turned about y by the angle; unturned, a segment lies along x, with its outer face towards +z.
+            // Rotated about y by the angle; unrotated, a segment lies along x with its outer face towards +z.
             let angle = 2.0 * half_angle * f64::from(segment);
             let distance = radius + THICKNESS * 0.5;
             let position = Vec3::new(
@@ -152,7 +152,7 @@ impl Script for BallPit {
                 linear: 0.0,
                 angular: 0.05,
             },
-            ..TERMS
+            ..DEFAULT_CONFIG
         }
     }
 
@@ -169,11 +169,11 @@ impl Script for BallPit {
 }
 
 const FLOOR: ShapeId = ShapeId(0);
-/// After the walls' shapes, which have their walls' numbers.
+/// The walls' shapes have their walls' numbers; this one follows them.
 const BALL: ShapeId = ShapeId(BallPit::WALLS + 1);
-/// Of the walls, metres.
+/// Height of the walls, metres.
 const HEIGHT: f64 = 5.0;
-/// Of the walls, metres.
+/// Thickness of the walls, metres.
 const THICKNESS: f64 = 0.5;
 
 const SPAWNER: Cluster = Cluster {
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn balls_begin_apart_and_above_the_walls() {
+    fn balls_start_apart_and_above_the_walls() {
         for count in [1, 2, 500, 3_000] {
             let places = balls(&first(&mut BallPit::new(count, 1, 7)));
             assert_eq!(places.len(), count as usize);
@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn walls_have_no_gap_and_stand_five_centimetres_off_their_circle_at_most() {
+    fn walls_have_no_gap_and_are_at_most_five_centimetres_off_their_circle() {
         for wall in 1..=BallPit::WALLS {
             let radius = f64::from(wall * 10);
             let half_angle = core::f64::consts::PI / f64::from(BallPit::segments(wall));

@@ -1,4 +1,4 @@
-//! Shapes and bodies of a script, named in the order in which they are added.
+//! Builder of a script's shapes and bodies; assigns ids in order.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, Shape, ShapeId};
@@ -6,7 +6,7 @@ use rhumb_reckoning::{BodyId, BodyState};
 
 use crate::script::still;
 
-/// The next free names.
+/// The next free ids.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct SceneBuilder {
     bodies: u32,
@@ -21,7 +21,7 @@ impl SceneBuilder {
         id
     }
 
-    /// A body of the scene's own material and damping.
+    /// Adds a body with the scene's default material and damping.
     pub(crate) fn body(
         &mut self,
         kind: BodyKind,
@@ -32,7 +32,7 @@ impl SceneBuilder {
         self.with(|id| BodyDesc::plain(id, kind, shape), motion, out)
     }
 
-    /// A body of any config.
+    /// Adds a body with any descriptor.
     pub(crate) fn with(
         &mut self,
         config: impl FnOnce(BodyId) -> BodyDesc,
@@ -46,7 +46,7 @@ impl SceneBuilder {
         id
     }
 
-    /// A slab whose top is y = 0, so thick that nothing tunnels through it; it reaches `half` metres each way.
+    /// Adds a slab with its top at y = 0 that reaches `half` metres each way, thick enough to prevent tunnelling.
     pub(crate) fn floor(&mut self, half: f32, out: &mut Vec<Command>) -> BodyId {
         let half_extents = Vec3::new(half, 5.0, half);
         let slab = self.shape(Shape::Cuboid { half_extents }, out);
@@ -55,13 +55,13 @@ impl SceneBuilder {
     }
 }
 
-/// A turn by an angle about y, radians.
+/// Rotation about y by an angle, radians.
 pub(crate) fn about_y(angle: f64) -> Quat {
     let (sin, cos) = (libm::sin(angle * 0.5), libm::cos(angle * 0.5));
     Quat::from_xyzw(0.0, sin as f32, 0.0, cos as f32)
 }
 
-/// A turn by an angle about z, radians.
+/// Rotation about z by an angle, radians.
 pub(crate) fn about_z(angle: f64) -> Quat {
     let (sin, cos) = (libm::sin(angle * 0.5), libm::cos(angle * 0.5));
     Quat::from_xyzw(0.0, 0.0, sin as f32, cos as f32)

@@ -1,17 +1,17 @@
-//! What acts in a scene beside its engine, before each step.
+//! Controller of a scene: commands that depend on the bodies' motions.
 //!
-//! Knows neither engine nor network. Invariant: what it does is a function of its script's name, number of bodies and
-//! seed, and of the motions that it has seen, to the bit on every platform.
+//! Knows neither engine nor network. Invariant: its commands are a function of the script's name, number of bodies and
+//! seed, and of the motions it receives, bit exact on every platform.
 
 use glam::Vec3;
 use rhumb_protocol::scene::Command;
 use rhumb_reckoning::{BodyId, BodyState, Tick};
 
-/// Pushes bodies about without a word over the wire, at the server as in one process.
+/// Acts on bodies from inside the server or the local process, without network traffic.
 pub trait Controller: Send {
-    /// Adds what is done before the step that leaves `tick`: pushes, velocities and poses, and nothing else.
+    /// Appends the commands that precede the step from `tick`: forces, velocities and poses, nothing else.
     ///
-    /// `motion`: what a body of the scene does now. A body may not be there yet, or no more.
+    /// `motion` returns the current state of a body, or `None` if the body does not exist at this tick.
     fn before_step(
         &mut self,
         tick: Tick,

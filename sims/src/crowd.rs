@@ -1,9 +1,9 @@
-//! A crowd: balls that tumble in a pen, and boxes asleep around it.
+//! A crowd: balls that fall and roll in a pen, and boxes asleep around it.
 //!
-//! What share of the bodies is awake is said; how many really are, the engine tells. The balls hang in a cube of quantiser
-//! places, ten metres up and more, in a pen half as wide again as the cube, so that they fall, spread and collide for some
-//! seconds. The boxes are put down where they rest, as in `rest`, well away from the pen. Friction 0.2 as in the ball pit, no
-//! bounce, damping 0 and 0.05 1/s.
+//! `awake_percent` sets the share of bodies in motion; the engine decides how many are really awake. The balls start
+//! in a cubic grid, ten metres up and more, over a pen half as wide again as the grid. So they fall, spread and
+//! collide for some seconds. The boxes start at rest, as in `rest`, well away from the pen. Friction 0.2 as in the
+//! ball pit, no bounce, damping 0 and 0.05 1/s.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Shape};
@@ -15,7 +15,7 @@ use crate::cluster::Cluster;
 use crate::rng::SceneRng;
 use crate::script::{Script, motion, still};
 
-/// Balls on the move, and boxes that sleep.
+/// Balls in motion, and boxes asleep.
 #[derive(Clone, Debug)]
 pub struct Crowd {
     bodies: u32,
@@ -24,7 +24,7 @@ pub struct Crowd {
 }
 
 impl Crowd {
-    /// So many bodies, of which so many in a hundred are balls on the move.
+    /// A scene of `bodies` bodies, of which `awake_percent` percent are balls in motion.
     #[must_use]
     pub fn new(bodies: u32, awake_percent: u32, seed: u64) -> Self {
         let balls = u64::from(bodies) * u64::from(awake_percent.min(100)) / 100;
@@ -62,7 +62,7 @@ impl Crowd {
         }
     }
 
-    /// Places of boxes on a square quantiser around the pen, row by row.
+    /// Positions of boxes on a square grid around the pen, row by row.
     fn sleepers(&self, count: u32) -> impl Iterator<Item = Vec3> {
         let hole = ((self.pen() + 3.0) / APART).ceil() as i32;
         let enough = |half: &i32| {
@@ -111,11 +111,11 @@ impl Script for Crowd {
     }
 }
 
-/// Half a box's width, metres.
+/// Half the width of a box, metres.
 const BOX: f32 = 0.5;
-/// Between the middles of neighbouring boxes, metres.
+/// Distance between the centres of neighbouring boxes, metres.
 const APART: f32 = 1.5;
-/// Height of the pen, metres: less than the balls', but nothing flies over it from inside.
+/// Height of the pen, metres. The balls start higher, but none flies out.
 const WALL: f32 = 10.0;
 const BALLS: Cluster = Cluster {
     centre: Vec3::new(0.0, 0.0, 0.0),
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn as_many_bodies_as_asked_for_and_the_asked_share_of_them_in_the_air() {
+    fn the_crowd_has_the_requested_bodies_and_the_requested_share_in_the_air() {
         for (bodies, percent, balls) in [(1_000, 5, 50), (1_000, 100, 1_000), (7, 0, 0), (0, 5, 0)]
         {
             let places = dynamic(bodies, percent);

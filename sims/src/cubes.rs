@@ -1,13 +1,14 @@
-//! Cubes on a floor, and a player among them who pushes and gathers.
+//! Cubes on a floor, and a player cube that pushes and gathers them.
 //!
-//! The public demo of networked physics (G. Fiedler), as far as its parameters are known: 30 × 30 cubes of 0.4 m a metre
-//! apart and a player's cube of 1.5 m; gravity 20 m/s², density 1 kg/m³, friction 1, no bounce; damping of a hundredth a
-//! step, 0.6038 1/s; no more than 32 m/s and 16 rad/s; asleep after 0.1 s with no point faster than 0.25 m/s. The player
-//! is driven by 120 N along the floor, up to 6 m/s. What it does is ours, and is this:
+//! The public demo of networked physics (G. Fiedler), as far as its parameters are known: 30 × 30 cubes of 0.4 m at a
+//! spacing of one metre and a player cube of 1.5 m. Gravity 20 m/s², density 1 kg/m³, friction 1, no bounce; damping
+//! of a hundredth per step, 0.6038 1/s; speed limits 32 m/s and 16 rad/s. A body sleeps after 0.1 s with no point
+//! faster than 0.25 m/s. A force of 120 N drives the player along the floor, up to 6 m/s. The player's behaviour is
+//! ours:
 //!
-//! - It heads for a place within 12 m of the middle, and for the next after two seconds; it falls from 3 m at first.
-//! - In turn, four seconds each: it rolls; it pushes, so that cubes within 2 m are accelerated away by up to 60 m/s²;
-//!   it gathers, so that cubes within 1.8 m are drawn along with it and in, by up to 120 m/s².
+//! - It heads for a goal within 12 m of the centre and changes it every two seconds; it starts by falling from 3 m.
+//! - It alternates between three actions of four seconds each. It rolls. It pushes: cubes within 2 m accelerate away
+//!   by up to 60 m/s². It gathers: cubes within 1.8 m are carried along and drawn in, by up to 120 m/s².
 
 use glam::{DVec3, Vec3};
 use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Shape, SleepConfig};
@@ -16,7 +17,7 @@ use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 use crate::builder::SceneBuilder;
 use crate::controller::{Controller, flight};
 use crate::rng::SceneRng;
-use crate::script::{Script, TERMS, still, surface};
+use crate::script::{DEFAULT_CONFIG, Script, still, surface};
 
 /// Cubes and a player.
 #[derive(Clone, Debug)]
@@ -26,10 +27,10 @@ pub struct Cubes {
 }
 
 impl Cubes {
-    /// The cubes and the player.
+    /// Number of bodies, the player included.
     pub const BODIES: u32 = 901;
 
-    /// So many bodies, the player one of them.
+    /// A scene of `bodies` bodies, one of them the player.
     #[must_use]
     pub fn new(bodies: u32, seed: u64) -> Self {
         Self {
@@ -56,7 +57,7 @@ impl Script for Cubes {
                 speed: 0.25,
                 seconds: 0.1,
             }),
-            ..TERMS
+            ..DEFAULT_CONFIG
         }
     }
 
@@ -98,7 +99,7 @@ impl Script for Cubes {
     }
 }
 
-/// What the player does to the cubes around.
+/// Action of the player on the cubes around it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum PlayerAction {
     Roll,
@@ -116,7 +117,7 @@ impl PlayerAction {
     }
 }
 
-/// AuthorityTable the player's cube, acts on those around, and holds all to the largest speeds.
+/// Moves the player's cube, acts on the cubes around it, and enforces the speed limits.
 struct PlayerController {
     bodies: u32,
     rng: SceneRng,
@@ -135,12 +136,12 @@ impl Controller for PlayerController {
         }
         let Some(player) = motion(PLAYER) else { return };
         let (position, velocity) = flight(&player);
-        let way = (self.goal - position) * Vec3::new(1.0, 0.0, 1.0);
-        let length = length(way);
-        if length > 0.5 && velocity.dot(way) < CRUISE * length {
+        let direction = (self.goal - position) * Vec3::new(1.0, 0.0, 1.0);
+        let length = length(direction);
+        if length > 0.5 && velocity.dot(direction) < CRUISE * length {
             out.push(Command::Force {
                 id: PLAYER,
-                force: way * (DRIVE / length),
+                force: direction * (DRIVE / length),
             });
         }
         let action = PlayerAction::at(tick);
@@ -148,12 +149,12 @@ impl Controller for PlayerController {
             let id = BodyId::new(PLAYER.index() + index, 0);
             let Some(cube) = motion(id) else { continue };
             out.extend(capped(id, &cube));
-            let requested_authority = if id == PLAYER {
+            let acceleration = if id == PLAYER {
                 None
             } else {
                 acceleration(action, &player, &cube)
             };
-            if let Some(acceleration) = requested_authority {
+            if let Some(acceleration) = acceleration {
                 let force = acceleration * CUBE_MASS;
                 out.push(Command::Force { id, force });
             }
@@ -161,7 +162,7 @@ impl Controller for PlayerController {
     }
 }
 
-/// What the player's deed does to a cube, m/s².
+/// Acceleration of a cube by the player's action, m/s².
 fn acceleration(action: PlayerAction, player: &BodyState, cube: &BodyState) -> Option<Vec3> {
     let ((position, velocity), (other, its_velocity)) = (flight(player), flight(cube));
     let away = other - position;
@@ -172,22 +173,22 @@ fn acceleration(action: PlayerAction, player: &BodyState, cube: &BodyState) -> O
             Some(away * (PUSH * share / distance))
         }
         PlayerAction::Gather if distance < GATHER_RADIUS && distance > 0.0 => {
-            // As if it were a part of the player, drawn in a little: what it lacks of the velocity of that point.
+            // Target: the velocity of a point that is fixed to the player and moves inward slowly.
             let spin = Vec3::from_slice(&player.parts()[10..]);
             let carried = velocity + spin.cross(away) - away * (DRAW / distance);
-            let requested_authority = (carried - its_velocity) * GRIP;
-            let size = length(requested_authority);
+            let acceleration = (carried - its_velocity) * GRIP;
+            let size = length(acceleration);
             Some(if size > GATHER {
-                requested_authority * (GATHER / size)
+                acceleration * (GATHER / size)
             } else {
-                requested_authority
+                acceleration
             })
         }
         PlayerAction::Roll | PlayerAction::Push | PlayerAction::Gather => None,
     }
 }
 
-/// Slows down what is faster than may be.
+/// A command that reduces a velocity above the limits.
 fn capped(id: BodyId, motion: &BodyState) -> Option<Command> {
     let (_, linear) = flight(motion);
     let angular = Vec3::from_slice(&motion.parts()[10..]);
@@ -200,39 +201,39 @@ fn capped(id: BodyId, motion: &BodyState) -> Option<Command> {
     })
 }
 
-/// Rounded alike everywhere.
+/// Length of a vector, rounded alike on every platform.
 fn length(vector: Vec3) -> f32 {
     let wide: DVec3 = vector.as_dvec3();
     libm::sqrt(wide.length_squared()) as f32
 }
 
-/// After the floor.
+/// The first body after the floor.
 const PLAYER: BodyId = BodyId::new(1, 0);
-/// kg/m³.
+/// Density, kg/m³.
 const DENSITY: f32 = 1.0;
-/// Half the edges, metres.
+/// Half the edges of cubes and player, metres.
 const CUBE_HALF: f32 = 0.2;
 const PLAYER_HALF: f32 = 0.75;
-/// kg.
+/// Mass of a cube, kg.
 const CUBE_MASS: f32 = 8.0 * CUBE_HALF * CUBE_HALF * CUBE_HALF * DENSITY;
-/// Of the player towards its goal, m/s.
+/// Largest speed of the player towards its goal, m/s.
 const CRUISE: f32 = 6.0;
-/// Of the player along the floor, N.
+/// Force on the player along the floor, N.
 const DRIVE: f32 = 120.0;
-/// Metres, and m/s² in the middle.
+/// Radius of a push in metres, and its acceleration at the centre in m/s².
 const PUSH_RADIUS: f32 = 2.0;
 const PUSH: f32 = 60.0;
-/// Metres, and m/s² at most.
+/// Radius of gathering in metres, and its largest acceleration in m/s².
 const GATHER_RADIUS: f32 = 1.8;
 const GATHER: f32 = 120.0;
-/// How fast what is gathered is drawn in, m/s.
+/// Speed at which gathered cubes move inward, m/s.
 const DRAW: f32 = 1.0;
-/// Share of the lacking velocity that is given back in a second, 1/s.
+/// Rate at which a gathered cube's velocity approaches its target, 1/s.
 const GRIP: f32 = 20.0;
-/// m/s and rad/s.
+/// Speed limits, m/s and rad/s.
 const LINEAR_MOST: f32 = 32.0;
 const ANGULAR_MOST: f32 = 16.0;
-/// Between two goals, and between two deeds.
+/// Ticks between changes of the goal, and between changes of the action.
 const GOAL_TICKS: u64 = 120;
 const ACTION_TICKS: u64 = 240;
 
@@ -244,7 +245,7 @@ mod tests {
     use crate::script::motion;
 
     #[test]
-    fn a_push_goes_outward_and_a_grip_carries_along() {
+    fn a_push_accelerates_outward_and_gathering_carries_along() {
         let moving = |position, linear| motion(position, Quat::IDENTITY, linear, Vec3::ZERO);
         let player = moving(Vec3::ZERO, Vec3::Z);
         let near = moving(Vec3::X, Vec3::ZERO);

@@ -1,7 +1,7 @@
 //! Dominoes in a ring: the first is struck, and each strikes the next.
 //!
-//! Stones of 0.2 × 1 × 0.5 m, 0.55 m apart, with a gap before the first, so that the last falls on the floor. The blow
-//! comes when half a second has passed and all sleep or are about to. Friction 0.5, no bounce, damping 0.05 and 0.05 1/s.
+//! Stones of 0.2 × 1 × 0.5 m, 0.55 m apart, with a gap before the first, so the last one falls on the floor. The first
+//! is struck after half a second, when all sleep or are about to. Friction 0.5, no bounce, damping 0.05 and 0.05 1/s.
 
 use core::f64::consts::PI;
 
@@ -11,7 +11,7 @@ use rhumb_reckoning::{BodyId, Damping, Tick};
 
 use crate::builder::{SceneBuilder, about_y};
 use crate::rng::SceneRng;
-use crate::script::{Script, TERMS, motion, surface};
+use crate::script::{DEFAULT_CONFIG, Script, motion, surface};
 
 /// A ring of stones.
 #[derive(Clone, Debug)]
@@ -22,10 +22,10 @@ pub struct Dominoes {
 }
 
 impl Dominoes {
-    /// Stones of a ring unless somebody says otherwise.
+    /// Default number of stones.
     pub const STONES: u32 = 200;
 
-    /// So many stones, one at least.
+    /// A ring of `stones` stones, at least one.
     #[must_use]
     pub fn new(stones: u32, seed: u64) -> Self {
         Self {
@@ -36,7 +36,7 @@ impl Dominoes {
     }
 
     fn build(&mut self, out: &mut Vec<Command>) {
-        // Places around, some of which stay empty; the ring is never so small that stones touch.
+        // Positions around the ring, some of which stay empty; stones of a small ring must not touch.
         let places = (self.stones + GAP).max(12);
         let radius = SPACING * f64::from(places) / (2.0 * PI);
         let mut builder = SceneBuilder::default();
@@ -45,18 +45,13 @@ impl Dominoes {
         let stone = builder.shape(Shape::Cuboid { half_extents }, out);
         for place in 0..self.stones {
             let angle = 2.0 * PI * f64::from(place) / f64::from(places);
-            let divergence_time = f64::from(self.rng.signed()) * 0.02;
+            let offset = f64::from(self.rng.signed()) * 0.02;
             let position = Vec3::new(
                 (radius * libm::sin(angle)) as f32,
                 half_extents.y,
                 (radius * libm::cos(angle)) as f32,
             );
-            let there = motion(
-                position,
-                about_y(angle + divergence_time),
-                Vec3::ZERO,
-                Vec3::ZERO,
-            );
+            let there = motion(position, about_y(angle + offset), Vec3::ZERO, Vec3::ZERO);
             let id = builder.body(BodyKind::Dynamic, stone, there, out);
             self.first.get_or_insert(id);
         }
@@ -75,14 +70,14 @@ impl Script for Dominoes {
                 linear: 0.05,
                 angular: 0.05,
             },
-            ..TERMS
+            ..DEFAULT_CONFIG
         }
     }
 
     fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {
         match (tick.value(), self.first) {
             (0, _) => self.build(out),
-            // The ring runs along x at its first stone, whose upper edge is pushed that way.
+            // The ring runs along x at its first stone, whose upper edge is struck in that direction.
             (30, Some(id)) => out.push(Command::SetVelocity {
                 id,
                 linear: Vec3::new(0.75, 0.0, 0.0),
@@ -93,7 +88,7 @@ impl Script for Dominoes {
     }
 }
 
-/// Between neighbours along the ring, metres.
+/// Distance between neighbours along the ring, metres.
 const SPACING: f64 = 0.55;
-/// Places that stay empty.
+/// Number of empty positions.
 const GAP: u32 = 4;

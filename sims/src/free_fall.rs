@@ -1,6 +1,6 @@
-//! Bodies of every shape that fly and tumble without ever touching anything.
+//! Bodies of every shape in free flight with spin and without contacts.
 //!
-//! What an integrator does to a free body, and nothing else; for tests of predictors.
+//! Shows only an integrator's effect on free bodies; used to test predictors.
 
 use glam::Vec3;
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, ShapeId};
@@ -8,12 +8,12 @@ use rhumb_reckoning::{BodyId, Damping, Tick};
 
 use crate::cluster::Cluster;
 use crate::rng::SceneRng;
-use crate::script::{Script, TERMS, motion, surface};
+use crate::script::{DEFAULT_CONFIG, Script, motion, surface};
 
-/// Bodies ballistic_torque_free upward from places 20 m apart, at most 5 m/s fast and with spins up to 3 rad/s about each axis.
+/// Bodies that start 20 m apart, at most 5 m/s fast upward and with spins up to 3 rad/s about each axis.
 ///
-/// Every second one has a damping of its own, every third a gravity scale of its own. They fly apart so slowly that none
-/// meet in the first four seconds.
+/// Every second body has its own damping, every third its own gravity scale. They diverge so slowly that none meet in
+/// the first four seconds.
 #[derive(Clone, Debug)]
 pub struct FreeFall {
     bodies: u32,
@@ -21,7 +21,7 @@ pub struct FreeFall {
 }
 
 impl FreeFall {
-    /// So many bodies.
+    /// A scene of `bodies` bodies.
     #[must_use]
     pub fn new(bodies: u32, seed: u64) -> Self {
         Self {
@@ -39,7 +39,7 @@ impl Script for FreeFall {
     fn config(&self) -> SceneConfig {
         SceneConfig {
             material: surface(0.5, 1_000.0),
-            ..TERMS
+            ..DEFAULT_CONFIG
         }
     }
 

@@ -1,7 +1,7 @@
 //! Scenes as scripts: commands before each tick, and a seed.
 //!
-//! Knows neither engine nor network, so that one script runs in one process or remote. Invariant: a name, a number of
-//! bodies and a seed fix every bit of every command on every platform.
+//! Knows neither engine nor network, so a script runs in one process or remote. Invariant: name, number of bodies and
+//! seed determine every bit of every command on every platform.
 #![forbid(unsafe_code)]
 
 mod asteroids;

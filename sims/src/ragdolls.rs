@@ -1,9 +1,9 @@
 //! Ragdolls: ten bodies and nine joints each, dropped on a floor with blocks.
 //!
-//! A doll is 1.8 m tall and of 1,000 kg/m³: trunk, head, and two parts in each limb. Neck, shoulders and hips are
-//! spherical, elbows and knees revolute, all limited; joined parts do not collide. They fall from some 3 m, each turned
-//! by chance, every third onto a block of a metre. Friction 0.7, no bounce, damping 0.2 and 1 1/s; asleep after half a
-//! second below 0.3 m/s.
+//! A doll is 1.8 m tall with a density of 1,000 kg/m³: trunk, head, and two parts per limb. Neck, shoulders and hips
+//! are spherical joints, elbows and knees revolute, all limited; joined parts do not collide. Dolls fall from about 3
+//! m with random rotations, every third onto a block of one metre. Friction 0.7, no bounce, damping 0.2 and 1 1/s. A
+//! body sleeps after half a second below 0.3 m/s.
 
 use glam::Vec3;
 use rhumb_protocol::limits::JOINTS_MAX;
@@ -15,9 +15,9 @@ use rhumb_reckoning::{BodyId, Damping, Tick};
 
 use crate::builder::SceneBuilder;
 use crate::rng::SceneRng;
-use crate::script::{Script, TERMS, motion, still, surface};
+use crate::script::{DEFAULT_CONFIG, Script, motion, still, surface};
 
-/// Dolls that fall.
+/// Falling dolls.
 #[derive(Clone, Debug)]
 pub struct Ragdolls {
     dolls: u32,
@@ -26,10 +26,10 @@ pub struct Ragdolls {
 }
 
 impl Ragdolls {
-    /// Bodies unless somebody says otherwise: twenty dolls.
+    /// Default number of bodies: twenty dolls.
     pub const BODIES: u32 = 20 * PARTS_COUNT as u32;
 
-    /// As many dolls as make up so many bodies, one at least and 7,000 at most.
+    /// As many whole dolls as fit into `bodies` bodies, at least one and at most 7,000.
     #[must_use]
     pub fn new(bodies: u32, seed: u64) -> Self {
         Self {
@@ -50,7 +50,7 @@ impl Ragdolls {
         let spin = self.rng.vector();
         let mut bodies = [BodyId::new(0, 0); PARTS_COUNT];
         for ((body, part), shape) in bodies.iter_mut().zip(&PARTS).zip(shapes) {
-            // From the trunk, about which the doll is turned and spins.
+            // Offset from the trunk, about which the doll rotates and spins.
             let offset = (part.1 - PARTS[TRUNK].1).as_dvec3();
             let arm = (rotation.as_dquat() * offset).as_vec3();
             let start = motion(middle + arm, rotation, spin.cross(arm), spin);
@@ -86,7 +86,7 @@ impl Script for Ragdolls {
                 speed: 0.3,
                 seconds: 0.5,
             }),
-            ..TERMS
+            ..DEFAULT_CONFIG
         }
     }
 
@@ -102,7 +102,7 @@ impl Script for Ragdolls {
             .find(|side: &u32| side * side >= self.dolls)
             .unwrap_or(1);
         let middle = (side - 1) as f32 * 0.5;
-        let quantiser = |place: u32| {
+        let grid_point = |place: u32| {
             let (x, z) = (
                 (place % side) as f32 - middle,
                 (place / side) as f32 - middle,
@@ -110,7 +110,7 @@ impl Script for Ragdolls {
             Vec3::new(x * SPACING, 0.0, z * SPACING)
         };
         for place in (0..self.dolls).filter(|place| place % 3 == 0) {
-            let there = still(quantiser(place) + Vec3::Y * 0.3);
+            let there = still(grid_point(place) + Vec3::Y * 0.3);
             builder.body(BodyKind::Static, block, there, out);
         }
         let shapes: Vec<_> = PARTS
@@ -119,13 +119,13 @@ impl Script for Ragdolls {
             .collect();
         for place in 0..self.dolls {
             let height = 3.5 + self.rng.signed();
-            let middle = quantiser(place) + Vec3::Y * height;
+            let middle = grid_point(place) + Vec3::Y * height;
             self.place_doll(middle, &shapes, &mut builder, out);
         }
     }
 }
 
-/// Between dolls, metres: no two meet before they fall.
+/// Spacing of dolls, metres; none touch before they land.
 const SPACING: f32 = 2.2;
 
 const fn limb(half_height: f32, radius: f32) -> Shape {
@@ -135,14 +135,14 @@ const fn limb(half_height: f32, radius: f32) -> Shape {
     }
 }
 
-/// As far as there are numbers of joints.
+/// Limited by the number of joints.
 const DOLLS_MAX: u32 = 7_000;
 const _: () = assert!(DOLLS_MAX * (PARTS_COUNT as u32 - 1) <= JOINTS_MAX);
 const PARTS_COUNT: usize = 10;
 const TRUNK: usize = 0;
 
-/// Shape, and where it is in a doll that stands, metres from between its feet: trunk, head; then left and right in turn:
-/// upper arms, forearms, thighs, shins.
+/// Shape and position of each part of a standing doll, metres from the point between its feet: trunk, head, then
+/// alternately left and right: upper arms, forearms, thighs, shins.
 const PARTS: [(Shape, Vec3); PARTS_COUNT] = [
     (limb(0.22, 0.14), Vec3::new(0.0, 1.15, 0.0)),
     (Shape::Ball { radius: 0.12 }, Vec3::new(0.0, 1.68, 0.0)),
@@ -156,7 +156,7 @@ const PARTS: [(Shape, Vec3); PARTS_COUNT] = [
     (limb(0.16, 0.055), Vec3::new(0.1, 0.2, 0.0)),
 ];
 
-/// First part, second part, where they meet, and how.
+/// First part, second part, position of the joint, kind.
 const JOINTS: [(usize, usize, Vec3, JointKind); 9] = [
     (TRUNK, 1, Vec3::new(0.0, 1.54, 0.0), ball(0.6, 0.8, 0.5)),
     (TRUNK, 2, Vec3::new(-0.2, 1.4, 0.0), ball(1.4, 0.8, 1.2)),
@@ -173,12 +173,12 @@ const fn within(most: f32) -> JointLimits {
     JointLimits { least: -most, most }
 }
 
-/// Turns about x, y and z, each way, radians.
+/// A spherical joint limited about x, y and z in both directions, radians.
 const fn ball(x: f32, y: f32, z: f32) -> JointKind {
     JointKind::Spherical(Some([within(x), within(y), within(z)]))
 }
 
-/// Bends about x, radians.
+/// A revolute joint about x, radians.
 const fn hinge(least: f32, most: f32) -> JointKind {
     JointKind::Revolute(Some(JointLimits { least, most }))
 }

@@ -1,8 +1,9 @@
-//! Projectiles in the air: ballistic_torque_free up, and ballistic_torque_free again as they come down.
+//! Projectiles in free flight, launched again after each fall.
 //!
-//! Each is ballistic_torque_free from a place of its own on a grid of 3 m, at 12–18 m/s upward and up to 2 m/s sideways; as it falls
-//! past the ground, which is not there, its controller puts it back and throws it by the same predictor with other chance. So
-//! almost all are in free flight at any time, each by itself. No damping; friction 0.5, no bounce. Nothing rests.
+//! Each starts from its own pad on a grid of 3 m, at 12–18 m/s upward and up to 2 m/s sideways. When it falls below
+//! the level of the pads (there is no ground), its controller moves it back to its pad and launches it again at
+//! random. So almost all bodies fly freely at any time, without contacts. No damping; friction 0.5, no bounce. Nothing
+//! rests.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape};
@@ -11,9 +12,9 @@ use rhumb_reckoning::{BodyId, BodyState, Tick};
 use crate::builder::SceneBuilder;
 use crate::controller::{Controller, flight};
 use crate::rng::SceneRng;
-use crate::script::{Script, TERMS, motion, surface};
+use crate::script::{DEFAULT_CONFIG, Script, motion, surface};
 
-/// Projectiles.
+/// A scene of projectiles.
 #[derive(Clone, Debug)]
 pub struct Rain {
     projectiles: u32,
@@ -21,10 +22,10 @@ pub struct Rain {
 }
 
 impl Rain {
-    /// Projectiles unless somebody says otherwise.
+    /// Default number of projectiles.
     pub const PROJECTILES: u32 = 400;
 
-    /// So many projectiles.
+    /// A scene of `projectiles` projectiles.
     #[must_use]
     pub const fn new(projectiles: u32, seed: u64) -> Self {
         Self { projectiles, seed }
@@ -39,7 +40,7 @@ impl Script for Rain {
     fn config(&self) -> SceneConfig {
         SceneConfig {
             material: surface(0.5, 1_000.0),
-            ..TERMS
+            ..DEFAULT_CONFIG
         }
     }
 
@@ -53,7 +54,7 @@ impl Script for Rain {
         for place in 0..self.projectiles {
             let shape = shapes[place as usize % shapes.len()];
             let (linear, angular) = throw(&mut rng);
-            // Not all at once: each somewhere on its way.
+            // Different heights, so that they do not fall all at once.
             let height = 6.0 + 6.0 * rng.signed();
             let position = pad(place, self.projectiles) + Vec3::Y * height;
             let start = motion(position, rng.rotation(), linear, angular);
@@ -70,7 +71,7 @@ impl Script for Rain {
     }
 }
 
-/// Throws what came down.
+/// Launches fallen projectiles again.
 struct Thrower {
     projectiles: u32,
     rng: SceneRng,
@@ -105,7 +106,7 @@ impl Controller for Thrower {
     }
 }
 
-/// Where a projectile is ballistic_torque_free from, one of so many.
+/// Position of a projectile's pad.
 fn pad(place: u32, projectiles: u32) -> Vec3 {
     let side = (1..)
         .find(|side: &u32| side * side >= projectiles)
@@ -118,13 +119,13 @@ fn pad(place: u32, projectiles: u32) -> Vec3 {
     Vec3::new(x * SPACING, 0.0, z * SPACING)
 }
 
-/// How it is ballistic_torque_free, m/s and rad/s.
+/// Random linear and angular launch velocity, m/s and rad/s.
 fn throw(rng: &mut SceneRng) -> (Vec3, Vec3) {
     let linear = Vec3::new(0.0, 15.0, 0.0) + rng.vector() * Vec3::new(2.0, 3.0, 2.0);
     (linear, rng.vector() * 3.0)
 }
 
-/// Between pads, metres.
+/// Spacing of the pads, metres.
 const SPACING: f32 = 3.0;
 
 const SHAPES: [Shape; 3] = [

@@ -1,7 +1,7 @@
-//! Ten thousand sleepers: boxes that stand on a floor and do nothing.
+//! Ten thousand sleeping boxes on a floor.
 //!
-//! Each is put down where it rests, so that all sleep after the engine's half second. Friction 0.5, no bounce, damping
-//! 0.05 and 0.05 1/s; boxes of 0.5 to 1 m, 1.5 m apart.
+//! Each starts at rest, so all sleep after the engine's half second. Friction 0.5, no bounce, damping 0.05 and 0.05
+//! 1/s; boxes of 0.5 to 1 m, 1.5 m apart.
 
 use glam::Vec3;
 use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Shape};
@@ -9,7 +9,7 @@ use rhumb_reckoning::{Damping, Tick};
 
 use crate::builder::{SceneBuilder, about_y};
 use crate::rng::SceneRng;
-use crate::script::{Script, TERMS, motion, surface};
+use crate::script::{DEFAULT_CONFIG, Script, motion, surface};
 
 /// Boxes at rest.
 #[derive(Clone, Debug)]
@@ -19,10 +19,10 @@ pub struct Rest {
 }
 
 impl Rest {
-    /// Boxes of the scene that is named for them.
+    /// Number of boxes in the scene of that name.
     pub const BOXES: u32 = 10_000;
 
-    /// So many boxes.
+    /// A scene of `boxes` boxes.
     #[must_use]
     pub fn new(boxes: u32, seed: u64) -> Self {
         Self {
@@ -44,7 +44,7 @@ impl Script for Rest {
                 linear: 0.05,
                 angular: 0.05,
             },
-            ..TERMS
+            ..DEFAULT_CONFIG
         }
     }
 
@@ -73,10 +73,10 @@ impl Script for Rest {
     }
 }
 
-/// Between neighbours, metres: more than any box is long across.
+/// Spacing, metres: larger than the diagonal of any box.
 const SPACING: f32 = 1.5;
 
-/// Half the sizes of the boxes, metres.
+/// Half extents of the boxes, metres.
 const HALVES: [Vec3; 3] = [
     Vec3::new(0.25, 0.25, 0.25),
     Vec3::new(0.5, 0.25, 0.35),

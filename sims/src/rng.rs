@@ -1,19 +1,19 @@
-//! Seeded chance for scripts.
+//! Seeded random numbers for scripts.
 //!
-//! PCG of whole numbers, turned into f32 by exact steps, so that every platform draws the same bits.
+//! PCG integers, converted to f32 by exact steps, so every platform draws the same bits.
 
 use glam::{Quat, Vec3};
 use rand_pcg::Pcg32;
 use rand_pcg::rand_core::Rng;
 
-/// A sequence of numbers that its seed fixes.
+/// A sequence of numbers determined by its seed.
 #[derive(Clone, Debug)]
 pub(crate) struct SceneRng {
     draws: Pcg32,
 }
 
 impl SceneRng {
-    /// The generator's stream number; any odd constant will do, this is PCG's own example.
+    /// The generator's stream number; any odd constant works, this is PCG's own example.
     const STREAM: u64 = 0x0a02_bdbf_7bb3_c0a7;
 
     pub(crate) fn new(seed: u64) -> Self {
@@ -33,7 +33,7 @@ impl SceneRng {
         Vec3::new(x, y, z)
     }
 
-    /// A point in the ball of radius one, evenly spread.
+    /// A uniformly distributed point in the unit ball.
     pub(crate) fn in_ball(&mut self) -> Vec3 {
         loop {
             let drawn = self.vector();
@@ -48,12 +48,12 @@ impl SceneRng {
         }
     }
 
-    /// A number below `count`, which is not zero.
+    /// A number below `count`, which must not be zero.
     pub(crate) fn below(&mut self, count: u32) -> u32 {
         ((u64::from(self.draws.next_u32()) * u64::from(count)) >> 32) as u32
     }
 
-    /// A unit quaternion; not evenly spread, and it need not be.
+    /// A unit quaternion; its distribution is not uniform, which scripts do not need.
     pub(crate) fn rotation(&mut self) -> Quat {
         let axis = self.vector();
         // The constant real part keeps the length away from zero. Square root and division round alike everywhere.

@@ -1,7 +1,7 @@
 //! Rocks: irregular convex hulls around their centre of mass.
 //!
-//! Points on a sphere, evenly spread and shaken, are drawn out along three axes and tapered by a projection, which
-//! leaves each of them a corner. Volume and centre are computed in f64, so that the bits are those of every platform.
+//! Jittered points of a uniform spiral on a sphere are scaled along three axes and tapered by a projection that keeps
+//! all of them corners. Volume and centre are computed in f64, so the bits are equal on every platform.
 
 use glam::{DVec3, Vec3};
 
@@ -10,16 +10,16 @@ use crate::rng::SceneRng;
 /// A rock of scale one.
 #[derive(Clone, Debug)]
 pub(crate) struct Rock {
-    /// From the centre of mass, metres.
+    /// Corners relative to the centre of mass, metres.
     pub(crate) points: Vec<Vec3>,
-    /// m³.
+    /// Volume, m³.
     pub(crate) volume: f64,
-    /// Of the farthest point, metres.
+    /// Distance of the farthest corner, metres.
     pub(crate) radius: f64,
 }
 
 impl Rock {
-    /// A rock of so many corners and so long along x, y and z, metres.
+    /// A rock with `corners` corners and these extents along x, y and z, metres.
     pub(crate) fn new(corners: u32, extents: DVec3, rng: &mut SceneRng) -> Self {
         let mut points: Vec<_> = directions(corners, rng)
             .map(|direction| direction / (1.0 + TAPER * direction.dot(DVec3::new(0.6, 0.0, 0.8))))
@@ -44,12 +44,12 @@ impl Rock {
     }
 }
 
-/// How much smaller one end is than the other.
+/// Difference in size between the two ends.
 const TAPER: f64 = 0.2;
-/// How far a direction is off its place, as a share of the distance between neighbours.
+/// Largest jitter of a direction, as a share of the spacing.
 const SHAKE: f64 = 0.25;
 
-/// Unit vectors on a spiral of equal areas, each shaken.
+/// Unit vectors on a spiral of equal areas, with jitter.
 fn directions(count: u32, rng: &mut SceneRng) -> impl Iterator<Item = DVec3> {
     let golden = core::f64::consts::PI * (3.0 - libm::sqrt(5.0));
     let apart = libm::sqrt(4.0 * core::f64::consts::PI / f64::from(count));
@@ -63,10 +63,10 @@ fn directions(count: u32, rng: &mut SceneRng) -> impl Iterator<Item = DVec3> {
     })
 }
 
-/// Volume and centre of mass of the hull of points of which no four lie in a plane.
+/// Volume and centre of mass of the hull of points of which no four are coplanar.
 ///
-/// Each triangle with all other points on one side is a face; the tetrahedra from the origin to the faces make up the
-/// solid. Cubic in the number of points for the most part, since most triangles are dismissed early.
+/// A triangle with all other points on one side is a face; the tetrahedra from the origin to the faces make up the
+/// solid. Cost is about cubic in the number of points, because most triangles are rejected early.
 fn solid(points: &[DVec3]) -> (f64, DVec3) {
     let (mut volume, mut moment) = (0.0, DVec3::ZERO);
     for (i, a) in points.iter().enumerate() {
@@ -95,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tetrahedron_is_a_sixth_and_balances_at_the_mean_of_its_corners() {
+    fn a_tetrahedron_has_a_sixth_of_the_volume_and_its_centre_at_the_mean_corner() {
         let shift = DVec3::new(3.0, -2.0, 5.0);
         let points = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z].map(|point| point + shift);
         let (volume, centre) = solid(&points);

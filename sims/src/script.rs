@@ -1,6 +1,6 @@
-//! What a scene's script is, and which there are by name.
+//! The trait of scene scripts, and the scripts by name.
 //!
-//! Applies nothing: whoever runs a script sends its commands, steps, and asks again.
+//! Applies nothing: the caller sends a script's commands, steps the scene, and polls the script again.
 
 use core::num::NonZeroU32;
 
@@ -15,21 +15,21 @@ use crate::{
 
 /// A scene as a sequence of commands.
 ///
-/// It names shapes and bodies by numbers of its own from zero upward; all of its commands are meant to be accepted by a
-/// scene that nobody else changes.
+/// A script assigns ids of shapes and bodies from zero upward. A scene that receives no other commands accepts all of
+/// the script's.
 pub trait Script: Send {
-    /// As on a command line.
+    /// Name on the command line.
     fn name(&self) -> &'static str;
 
-    /// What the scene is created with.
+    /// Config with which the scene is created.
     fn config(&self) -> SceneConfig;
 
-    /// Adds the commands that come before the step which leaves `tick`.
+    /// Appends the commands that precede the step from `tick`.
     ///
     /// Called once for each tick, from [`Tick::ZERO`] on without a gap.
     fn commands(&mut self, tick: Tick, out: &mut Vec<Command>);
 
-    /// What acts beside the engine, if anything does; the same each time it is asked for.
+    /// The scene's controller, if it has one; equal on every call.
     fn controller(&self) -> Option<Box<dyn Controller>> {
         None
     }
@@ -51,7 +51,7 @@ pub const NAMES: [&str; 12] = [
     "zoo",
 ];
 
-/// How many bodies a script of this name has unless somebody says otherwise; the ball pit has several such numbers.
+/// Default numbers of bodies of a script; the ball pit has several.
 #[must_use]
 pub fn default_bodies(name: &str) -> Option<&'static [u32]> {
     Some(match name {
@@ -70,7 +70,7 @@ pub fn default_bodies(name: &str) -> Option<&'static [u32]> {
     })
 }
 
-/// A script with about so many moving bodies; what a script makes of the number is said where it is made.
+/// A script with about `bodies` moving bodies; see each script's constructor for how it uses the number.
 #[must_use]
 pub fn by_name(name: &str, bodies: u32, seed: u64) -> Option<Box<dyn Script>> {
     Some(match name {
@@ -90,17 +90,17 @@ pub fn by_name(name: &str, bodies: u32, seed: u64) -> Option<Box<dyn Script>> {
     })
 }
 
-/// Sixty ticks a second in four substeps, as all scenes here step.
+/// Integrator of all scenes: 60 Hz, four substeps.
 pub(crate) const INTEGRATOR: Integrator = Integrator {
     rate: Rate::HZ_60,
     substeps: NonZeroU32::new(4).expect("four is not zero"),
 };
 
-/// The Earth's, along y, m/s².
+/// Earth's gravity, along y, m/s².
 pub(crate) const GRAVITY: Vec3 = Vec3::new(0.0, -9.806_65, 0.0);
 
-/// What a scene has unless its script says otherwise: the Earth's gravity, and bodies that nothing damps.
-pub(crate) const TERMS: SceneConfig = SceneConfig {
+/// Default config of a scene: Earth's gravity, no damping.
+pub(crate) const DEFAULT_CONFIG: SceneConfig = SceneConfig {
     integrator: INTEGRATOR,
     gravity: GRAVITY,
     stepping: Stepping::Lockstep,
@@ -113,7 +113,7 @@ pub(crate) const TERMS: SceneConfig = SceneConfig {
     publish_schedule: PublishSchedule::EACH_TICK,
 };
 
-/// A material from which nothing bounces, kg/m³.
+/// A material without bounce; density in kg/m³.
 pub(crate) const fn surface(friction: f32, density: f32) -> Material {
     Material {
         friction,
@@ -122,7 +122,7 @@ pub(crate) const fn surface(friction: f32, density: f32) -> Material {
     }
 }
 
-/// A motion whose parts the script knows to be finite and of unit length.
+/// A body state; the script guarantees finite parts and a unit quaternion.
 pub(crate) fn motion(position: Vec3, rotation: Quat, linear: Vec3, angular: Vec3) -> BodyState {
     BodyState::new(
         position.to_array(),
@@ -133,7 +133,7 @@ pub(crate) fn motion(position: Vec3, rotation: Quat, linear: Vec3, angular: Vec3
     .expect("scripts place bodies at finite poses")
 }
 
-/// A place without movement.
+/// A state at rest.
 pub(crate) fn still(position: Vec3) -> BodyState {
     motion(position, Quat::IDENTITY, Vec3::ZERO, Vec3::ZERO)
 }
@@ -145,7 +145,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_script_begins_within_the_limits_however_many_bodies_are_asked_for() {
+    fn every_script_starts_within_the_limits_for_any_number_of_bodies() {
         for name in NAMES {
             let usual = default_bodies(name).expect("a name of the list")[0];
             for bodies in [0, 1, usual, 100_000] {

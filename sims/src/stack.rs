@@ -1,8 +1,8 @@
-//! A tower of twenty boxes, and a wall of ten by ten that is struck.
+//! A tower of twenty boxes, and a wall of ten by ten that a ball strikes.
 //!
-//! Boxes of 1 m in the tower, which stands; bricks of 1 × 0.5 × 0.5 m in the wall, into which a ball of 1 m and 4,000
-//! kg/m³ flies at 15 m/s when two seconds have passed. Friction 0.7, no bounce, damping 0.05 and 0.05 1/s, of the ball
-//! 0.05 and 3 1/s. All sleep again some ten seconds later.
+//! The tower has boxes of 1 m and stays up. The wall has bricks of 1 × 0.5 × 0.5 m; after two seconds a ball of 1 m
+//! and 4,000 kg/m³ hits it at 15 m/s. Friction 0.7, no bounce, damping 0.05 and 0.05 1/s, for the ball 0.05 and 3 1/s.
+//! All bodies sleep again about ten seconds later.
 
 use glam::Vec3;
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, Material, SceneConfig, Shape, ShapeId};
@@ -10,7 +10,7 @@ use rhumb_reckoning::{Damping, Tick};
 
 use crate::builder::SceneBuilder;
 use crate::rng::SceneRng;
-use crate::script::{Script, TERMS, motion, still, surface};
+use crate::script::{DEFAULT_CONFIG, Script, motion, still, surface};
 
 /// Towers and walls.
 #[derive(Clone, Debug)]
@@ -22,10 +22,10 @@ pub struct Stack {
 }
 
 impl Stack {
-    /// Bodies of one tower and one wall, and the ball.
+    /// Bodies of one tower, one wall and one ball.
     pub const BODIES: u32 = TOWER + SIDE * SIDE + 1;
 
-    /// As many pairs of a tower and a wall as make up so many bodies, one at least and 300 at most.
+    /// As many pairs of tower and wall as fit into `bodies` bodies, at least one and at most 300.
     #[must_use]
     pub fn new(bodies: u32, seed: u64) -> Self {
         Self {
@@ -46,9 +46,9 @@ impl Stack {
         for pair in 0..self.pairs {
             let along = APART * pair as f32;
             for storey in 0..TOWER {
-                // By a hundredth of a metre at most: no two towers are one.
-                let divergence_time = self.rng.vector() * Vec3::new(0.01, 0.0, 0.01);
-                let place = Vec3::new(-8.0, storey as f32 + 0.5, along) + divergence_time;
+                // Up to a centimetre, so that no two towers are equal.
+                let offset = self.rng.vector() * Vec3::new(0.01, 0.0, 0.01);
+                let place = Vec3::new(-8.0, storey as f32 + 0.5, along) + offset;
                 self.builder
                     .body(BodyKind::Dynamic, block, still(place), out);
             }
@@ -95,7 +95,7 @@ impl Script for Stack {
                 linear: 0.05,
                 angular: 0.05,
             },
-            ..TERMS
+            ..DEFAULT_CONFIG
         }
     }
 
@@ -108,15 +108,15 @@ impl Script for Stack {
     }
 }
 
-/// As far as the floor reaches.
+/// Limited by the size of the floor.
 const PAIRS_MAX: u32 = 300;
 /// Boxes of a tower.
 const TOWER: u32 = 20;
-/// Bricks of a row, and rows.
+/// Bricks per row, and number of rows.
 const SIDE: u32 = 10;
-/// Between two walls, metres.
+/// Distance between two walls, metres.
 const APART: f32 = 30.0;
-/// Of the ball, m/s.
+/// Velocity of the ball, m/s.
 const STRIKE: Vec3 = Vec3::new(0.0, 2.0, 15.0);
 
 const MATERIAL: Material = surface(0.7, 500.0);

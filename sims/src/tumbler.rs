@@ -1,8 +1,8 @@
-//! A drum that turns with bodies inside, which never rest.
+//! A rotating drum with bodies inside, which never rest.
 //!
-//! Twelve kinematic staves on a circle of 4 m about z, 6 m long inside, and two ends that close it, all turned by the
-//! controller at 1 rad/s as one: nothing is pinched between them. Inside: balls, boxes and capsules of 0.2 to 0.3 m. Friction 0.8, no bounce, damping 0.05 and
-//! 0.05 1/s.
+//! Twelve kinematic staves on a circle of 4 m about z, 6 m long inside, and two ends close the drum. The controller
+//! rotates all of them together at 1 rad/s, so nothing is pinched between them. Inside: balls, boxes and capsules of
+//! 0.2 to 0.3 m. Friction 0.8, no bounce, damping 0.05 and 0.05 1/s.
 
 use core::f64::consts::PI;
 
@@ -13,7 +13,7 @@ use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 use crate::builder::{SceneBuilder, about_z};
 use crate::controller::Controller;
 use crate::rng::SceneRng;
-use crate::script::{INTEGRATOR, Script, TERMS, motion, still, surface};
+use crate::script::{DEFAULT_CONFIG, INTEGRATOR, Script, motion, still, surface};
 
 /// A drum with bodies inside.
 #[derive(Clone, Debug)]
@@ -23,12 +23,12 @@ pub struct Tumbler {
 }
 
 impl Tumbler {
-    /// Bodies inside unless somebody says otherwise.
+    /// Default number of bodies inside.
     pub const BODIES: u32 = 200;
-    /// More would not find room.
+    /// Largest number of bodies that fit inside.
     pub const BODIES_MAX: u32 = 448;
 
-    /// So many bodies inside, as far as there is room.
+    /// A drum with `bodies` bodies inside, at most [`Self::BODIES_MAX`].
     #[must_use]
     pub fn new(bodies: u32, seed: u64) -> Self {
         Self {
@@ -39,7 +39,7 @@ impl Tumbler {
 
     fn fill(&mut self, builder: &mut SceneBuilder, out: &mut Vec<Command>) {
         let shapes = SHAPES.map(|shape| builder.shape(shape, out));
-        // Places of a quantiser inside the drum, from below.
+        // Positions of a grid inside the drum, from below.
         let (across, deep) = (7, 8);
         for place in 0..self.bodies {
             let (x, z, y) = (
@@ -47,12 +47,12 @@ impl Tumbler {
                 place / across % deep,
                 place / (across * deep),
             );
-            let quantiser = Vec3::new(
+            let grid_point = Vec3::new(
                 x as f32 - (across - 1) as f32 * 0.5,
                 y as f32 - 3.5,
                 z as f32 - (deep - 1) as f32 * 0.5,
             );
-            let position = quantiser * Vec3::new(0.65, 0.55, 0.65) + self.rng.vector() * 0.01;
+            let position = grid_point * Vec3::new(0.65, 0.55, 0.65) + self.rng.vector() * 0.01;
             let shape = shapes[self.rng.below(shapes.len() as u32) as usize];
             builder.body(BodyKind::Dynamic, shape, still(position), out);
         }
@@ -71,7 +71,7 @@ impl Script for Tumbler {
                 linear: 0.05,
                 angular: 0.05,
             },
-            ..TERMS
+            ..DEFAULT_CONFIG
         }
     }
 
@@ -99,7 +99,7 @@ impl Script for Tumbler {
     }
 }
 
-/// Turns the drum.
+/// Rotates the drum.
 struct Turning;
 
 impl Controller for Turning {
@@ -124,9 +124,9 @@ impl Controller for Turning {
     }
 }
 
-/// Where a stave, or after those an end, is once the drum has turned by so much, rad.
+/// Pose of a stave, or of an end, after the drum has rotated by `turned`, rad.
 fn part_at(number: u32, turned: f64) -> (Vec3, Quat) {
-    // A whole turn is taken off, so that hours later angles are as fine as in the beginning.
+    // Whole turns are removed, so that angles stay precise after hours.
     let whole = 2.0 * PI;
     let turned = turned - whole * libm::floor(turned / whole);
     if let Some(end) = number.checked_sub(STAVES) {
@@ -143,13 +143,13 @@ fn part_at(number: u32, turned: f64) -> (Vec3, Quat) {
 }
 
 const STAVES: u32 = 12;
-/// Middles of the ends along z, metres.
+/// Centres of the ends along z, metres.
 const ENDS: [f32; 2] = [-3.5, 3.5];
-/// From the axis to the inner face of a stave, metres.
+/// Distance from the axis to the inner face of a stave, metres.
 const RADIUS: f64 = 4.0;
-/// Of a stave, metres.
+/// Thickness of a stave, metres.
 const THICKNESS: f64 = 0.5;
-/// rad/s.
+/// Angular speed of the drum, rad/s.
 const SPEED: f64 = 1.0;
 
 const SHAPES: [Shape; 3] = [

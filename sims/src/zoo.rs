@@ -1,7 +1,7 @@
-//! A scene that uses every command there is, for tests.
+//! A scene that uses every command, for tests.
 //!
-//! Means nothing: boxes, balls, capsules, cylinders and hulls on a floor, kinematic platforms and a pendulum among them,
-//! and commands at random that a lone member may give. Every one of its commands is meant to be accepted.
+//! Boxes, balls, capsules, cylinders and hulls on a floor, with kinematic platforms and a pendulum. Sends random
+//! commands of every kind that a single member may send; the scene accepts all of them.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{
@@ -12,21 +12,21 @@ use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 
 use crate::cluster::Cluster;
 use crate::rng::SceneRng;
-use crate::script::{GRAVITY, Script, TERMS, motion, still};
+use crate::script::{DEFAULT_CONFIG, GRAVITY, Script, motion, still};
 
 /// Every kind of body, and every command.
 #[derive(Clone, Debug)]
 pub struct Zoo {
     bodies: u32,
     rng: SceneRng,
-    /// The generations of the bodies that stand alone, whose indices follow those of [`FIRST`].
+    /// Generations of the free bodies, whose indices follow those of [`FIRST`].
     generations: Vec<u16>,
-    /// Of the pendulum's lower part.
+    /// Generation of the pendulum's lower part.
     bob: u16,
 }
 
 impl Zoo {
-    /// So many dynamic bodies that stand alone, one at least.
+    /// A scene of `bodies` free dynamic bodies, at least one.
     #[must_use]
     pub fn new(bodies: u32, seed: u64) -> Self {
         Self {
@@ -67,7 +67,7 @@ impl Zoo {
         }
     }
 
-    /// Adds the pendulum's lower part, each time by another joint.
+    /// Adds the pendulum's lower part, each time with another kind of joint.
     fn hang_bob(&mut self, out: &mut Vec<Command>) {
         let id = BodyId::new(BOB, self.bob);
         out.push(Command::AddBody {
@@ -84,7 +84,7 @@ impl Zoo {
         out.push(Command::AddJoint { id: LINK, joint });
     }
 
-    /// Adds the next body of a place.
+    /// Adds the next body at an index.
     fn add(&mut self, place: u32, motion: BodyState, out: &mut Vec<Command>) {
         let shape = MOVING[self.rng.below(MOVING.len() as u32) as usize];
         let mut config = BodyDesc::plain(self.id(place), BodyKind::Dynamic, ShapeId(shape));
@@ -111,7 +111,7 @@ impl Zoo {
         BodyId::new(FIRST + place, self.generations[place as usize])
     }
 
-    /// One command, or two that belong together, about one of the dynamic bodies.
+    /// Sends one command, or two related ones, to one of the dynamic bodies.
     fn change_settings(&mut self, out: &mut Vec<Command>) {
         let place = self.rng.below(self.bodies);
         let id = self.id(place);
@@ -158,7 +158,7 @@ impl Zoo {
         }
     }
 
-    /// What happens by the clock.
+    /// Sends the commands of fixed ticks.
     fn routine(&mut self, tick: u64, out: &mut Vec<Command>) {
         if tick.is_multiple_of(120) {
             let there = if tick.is_multiple_of(240) { 1.0 } else { -1.0 };
@@ -186,7 +186,7 @@ impl Zoo {
                 id: SPARE,
                 shape: Shape::Ball { radius: 0.1 },
             }),
-            // The link goes by itself, and the next time with the body.
+            // The link is removed by itself here, and later together with the body.
             200 => out.push(Command::RemoveJoint { id: LINK }),
             220 => {
                 let joint = hanging(ARM, BodyId::new(BOB, self.bob), JointKind::Spherical(None));
@@ -219,7 +219,7 @@ impl Script for Zoo {
                 linear: 0.05,
                 angular: 0.1,
             },
-            ..TERMS
+            ..DEFAULT_CONFIG
         }
     }
 
@@ -228,14 +228,14 @@ impl Script for Zoo {
             self.begin(out);
         }
         self.routine(tick.value(), out);
-        // A second in four is left alone, so that bodies come to rest.
+        // One second in four has no commands, so that bodies come to rest.
         if tick.value() % 240 < 180 && tick.value() % 6 == 3 {
             self.change_settings(out);
         }
     }
 }
 
-/// By number; the last is nobody's, and [`WEDGE`] follows.
+/// Shapes by number; no body uses the last one, and [`WEDGE`] follows.
 const SHAPES: [Shape; 7] = [
     Shape::Cuboid {
         half_extents: Vec3::new(30.0, 1.0, 30.0),
@@ -269,10 +269,10 @@ fn wedge() -> Shape {
     let corners = [(-0.3, -0.2), (0.6, -0.2), (-0.3, 0.4)];
     let at = |z: f32| corners.map(|(x, y)| Vec3::new(x, y, z));
     let points = [at(-0.4), at(0.4)].concat();
-    Shape::Hull(Hull::new(&points).expect("it has room inside"))
+    Shape::Hull(Hull::new(&points).expect("the wedge has a volume"))
 }
 
-/// The second body hangs from the first by a metre: half of it in each.
+/// A joint from which the second body hangs one metre below the first, half of it in each.
 fn hanging(first: BodyId, second: BodyId, kind: JointKind) -> Joint {
     let half = Vec3::new(0.0, 0.5, 0.0);
     Joint {
@@ -283,12 +283,12 @@ fn hanging(first: BodyId, second: BodyId, kind: JointKind) -> Joint {
     }
 }
 
-/// Between the post and the arm.
+/// Joint between the post and the arm.
 const HINGE: JointId = JointId(0);
-/// Between the arm and the bob.
+/// Joint between the arm and the bob.
 const LINK: JointId = JointId(1);
 
-/// Floor, step, carousel, lift, paddle, post and arm: index, kind, shape, place.
+/// Floor, step, carousel, lift, paddle, post and arm: index, kind, shape, position.
 const FIXTURES: [(u32, BodyKind, u32, Vec3); 7] = [
     (0, BodyKind::Static, 0, Vec3::new(0.0, -1.0, 0.0)),
     (1, BodyKind::Static, 1, Vec3::new(6.0, 0.5, 0.0)),
@@ -307,7 +307,7 @@ const POST: BodyId = BodyId::new(5, 0);
 const ARM: BodyId = BodyId::new(6, 0);
 /// Index of the pendulum's lower part.
 const BOB: u32 = FIXTURES.len() as u32;
-/// Index of the first dynamic body that stands alone.
+/// Index of the first free dynamic body.
 const FIRST: u32 = BOB + 1;
 
 const CLUSTER: Cluster = Cluster {

@@ -139,7 +139,9 @@ fn flip_for(session: &ClientSession, datagram: &[u8], what: &str) -> u32 {
     let (stream, bodies) = (replica.stream(), bodies(replica));
     let mut changed = 0;
     for flipped in flips(datagram) {
-        if !stream.is_about(&flipped) || read(&flipped).is_err() {
+        let is_of_stream = Datagram::open(&flipped)
+            .is_ok_and(|datagram| datagram.head().stream == stream.stream());
+        if !is_of_stream || read(&flipped).is_err() {
             continue;
         }
         let mut copy = stream.clone();

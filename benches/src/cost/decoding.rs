@@ -1,8 +1,8 @@
-//! What hearing and showing a stream costs, by the update and by the view
+//! Measures decoding per update and rendering per view.
 //!
-//! Bodies that fly, each struck every so often, at the 5 cm tier. A listener that was just told of all of them hears of a
-//! tenth, whose velocities are all said; in the midst of a run, in which each body is turned back three times a second,
-//! one hears twenty ticks. A view shows all of them anew, none of which rests.
+//! Bodies fly and each is struck at intervals; the tier is 5 cm. A new subscriber decodes updates of a tenth of the
+//! bodies, all with velocities. In mid-run, each body reverses three times a second and a subscriber decodes twenty
+//! ticks. A view renders all bodies; none of them rests.
 
 use std::hint::black_box;
 use std::num::NonZeroU32;
@@ -29,14 +29,14 @@ use super::median;
 const GRAVITY: Vec3 = Vec3::new(0.0, -9.806_65, 0.0);
 const STREAM: StreamId = StreamId(0);
 
-/// Ticks that a view shows in turn.
+/// Ticks that a view renders in turn.
 const TICKS: u64 = 60;
-/// Ticks of a run that are heard before the clock runs, and while it does.
+/// Ticks of a run decoded before and during the measurement.
 const DECODED_TICKS: [u64; 2] = [60, 20];
-/// Of so many bodies one is struck in each tick of a run.
+/// Ticks between two impulses on one body; each tick of a run strikes one body in this many.
 const IMPULSE_TICK: u64 = 20;
 
-/// One body's state at a tick; a tenth of them are struck at tick 1.
+/// State of a body at a tick; a tenth of the bodies are struck at tick 1.
 fn state(index: u32, tick: u64) -> BodyState {
     let place = index as f32;
     let seconds = tick as f32 / 60.0;
@@ -68,7 +68,7 @@ fn config() -> StreamTerms {
     }
 }
 
-/// Of a body that nothing pulls at.
+/// Parameters of a body without gravity or inertia.
 fn parameters() -> PredictionParameters {
     PredictionParameters {
         gravity_scale: 0.0,
@@ -85,7 +85,7 @@ fn track(index: u32) -> Track {
     }
 }
 
-/// One body's state in a run: to and fro, turned back each time that it is struck.
+/// State of a body in mid-run: it moves back and forth and reverses at each impulse.
 fn impulse_state(index: u32, tick: u64) -> BodyState {
     let phase = tick + u64::from(index) % IMPULSE_TICK;
     let seconds = (phase % IMPULSE_TICK) as f32 / 60.0;
@@ -105,7 +105,7 @@ fn impulse_state(index: u32, tick: u64) -> BodyState {
     .expect("these numbers are finite")
 }
 
-/// A stream of so many bodies, of which nothing was said yet.
+/// A publisher of `bodies` bodies without updates yet.
 #[must_use]
 pub fn publisher(bodies: u32) -> Publisher {
     let mut publisher = Publisher::new(STREAM, &config(), Tick::ZERO);
@@ -115,7 +115,7 @@ pub fn publisher(bodies: u32) -> Publisher {
     publisher
 }
 
-/// Who was just told of so many bodies.
+/// A subscriber that has just received a snapshot of `bodies` bodies.
 #[must_use]
 pub fn subscriber(bodies: u32) -> Subscriber {
     let mut subscriber = Subscriber::new(&config().start(STREAM, Tick::ZERO));
@@ -126,45 +126,48 @@ pub fn subscriber(bodies: u32) -> Subscriber {
     subscriber
 }
 
-/// What the first tick shows, at which a tenth of the bodies was struck.
+/// Observations of the first tick, at which a tenth of the bodies are struck.
 #[must_use]
 pub fn first_observations(bodies: u32) -> ObservationHistory {
-    let seen = |index| Observation {
+    let observation = |index| Observation {
         id: BodyId::new(index, 0),
         motion: state(index, 1),
         activity: Activity::Awake,
     };
     let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
-    observation_history.observe(Tick::new(1), &(0..bodies).map(seen).collect::<Vec<_>>());
+    observation_history.observe(
+        Tick::new(1),
+        &(0..bodies).map(observation).collect::<Vec<_>>(),
+    );
     observation_history
 }
 
-/// Who hears, and what.
+/// A subscriber and the datagrams it decodes.
 #[derive(Clone, Debug)]
 pub struct DecodeLoad {
-    /// Before it hears.
+    /// State of the subscriber before decoding.
     pub subscriber: Subscriber,
-    /// In order.
+    /// Datagrams in order.
     pub datagrams: Vec<Bytes>,
-    /// How many updates they hold.
+    /// Number of updates in them.
     pub updates: u64,
 }
 
 impl DecodeLoad {
     fn of(subscriber: Subscriber, datagrams: Vec<Bytes>) -> Self {
-        let mut audience = Self {
+        let mut load = Self {
             subscriber,
             datagrams,
             updates: 0,
         };
-        let mut decoded = audience.subscriber.clone();
-        audience.decode(&mut decoded);
+        let mut decoded = load.subscriber.clone();
+        load.decode(&mut decoded);
         let updates = |of: &Subscriber| of.statistics().updates;
-        audience.updates = updates(&decoded) - updates(&audience.subscriber);
-        audience
+        load.updates = updates(&decoded) - updates(&load.subscriber);
+        load
     }
 
-    /// Who was just told of so many bodies, and hears of a tenth.
+    /// A subscriber that has just joined, and updates of a tenth of the bodies.
     #[must_use]
     pub fn new(bodies: u32) -> Self {
         let mut datagrams = Vec::new();
@@ -172,20 +175,22 @@ impl DecodeLoad {
         Self::of(subscriber(bodies), datagrams)
     }
 
-    /// Who is in the midst of a run, and hears what follows.
+    /// A subscriber in mid-run, and the ticks that follow.
     #[must_use]
     pub fn in_mid_run(bodies: u32) -> Self {
         let (mut publisher, mut subscriber) = (publisher(bodies), subscriber(bodies));
         let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
         let mut following = Vec::new();
         for tick in 1..=DECODED_TICKS[0] + DECODED_TICKS[1] {
-            let seen = |index| Observation {
+            let observation = |index| Observation {
                 id: BodyId::new(index, 0),
                 motion: impulse_state(index, tick),
                 activity: Activity::Awake,
             };
-            observation_history
-                .observe(Tick::new(tick), &(0..bodies).map(seen).collect::<Vec<_>>());
+            observation_history.observe(
+                Tick::new(tick),
+                &(0..bodies).map(observation).collect::<Vec<_>>(),
+            );
             let mut encoded = Vec::new();
             publisher.publish(&observation_history, 0, &mut encoded);
             if tick > DECODED_TICKS[0] {
@@ -200,7 +205,7 @@ impl DecodeLoad {
         Self::of(subscriber, following)
     }
 
-    /// Hears everything.
+    /// Decodes all datagrams.
     pub fn decode(&self, subscriber: &mut Subscriber) {
         for datagram in &self.datagrams {
             subscriber.handle_datagram(datagram);
@@ -221,7 +226,7 @@ impl DecodeLoad {
     }
 }
 
-/// Shows all of a stream's bodies at the next of sixty ticks, over and over.
+/// Renders all bodies of a stream at the next of sixty ticks, repeatedly.
 #[derive(Debug)]
 pub struct RenderLoad {
     subscriber: Subscriber,
@@ -230,7 +235,7 @@ pub struct RenderLoad {
 }
 
 impl RenderLoad {
-    /// Of so many bodies.
+    /// A load of `bodies` bodies.
     #[must_use]
     pub fn new(bodies: u32) -> Self {
         Self {
@@ -240,7 +245,7 @@ impl RenderLoad {
         }
     }
 
-    /// Shows the next tick.
+    /// Renders the next tick.
     pub fn refresh(&mut self) {
         self.tick = (self.tick + 1) % TICKS;
         let render_params = RenderParams {
@@ -261,31 +266,31 @@ impl RenderLoad {
     }
 }
 
-/// What hearing and showing costs.
+/// Cost of decoding and rendering.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Decoding {
     /// Bodies of the stream.
     pub bodies: u32,
-    /// An update of a body of which nothing was said before, nanoseconds.
+    /// First update of a body, nanoseconds.
     pub first_ns: f64,
-    /// An update in the midst of a run, nanoseconds.
+    /// Update in mid-run, nanoseconds.
     pub update_ns: f64,
-    /// A view of all bodies, milliseconds.
+    /// View of all bodies, milliseconds.
     pub view_ms: f64,
-    /// Predicting and correcting a body, and nothing else, nanoseconds.
+    /// Lower bound: prediction and correction of one body alone, nanoseconds.
     pub correcting_ns: f64,
-    /// Predicting all bodies, and nothing else, milliseconds.
+    /// Lower bound: prediction of all bodies alone, milliseconds.
     pub predicting_ms: f64,
 }
 
-/// The median of so many repeats.
+/// Measures decoding; each figure is the median of `repeats`.
 pub(super) fn decoding(bodies: u32, repeats: u32) -> Decoding {
     let grid = Grid::new(Tolerance::NORMAL, Metres::new(0.5));
     let often = repeats * TICKS as u32;
     let floor = |track: &dyn Fn(u32) -> Track| {
         PredictionFloor::of((0..bodies).map(track), config().integrator, grid)
     };
-    // What was said in the midst of a run lies on the grid, and what a snapshot said does not.
+    // Anchors in mid-run lie on the grid; anchors of a snapshot do not.
     let snapped_track = |index| Track {
         anchor: Anchor::Quantised(QuantisedState::of(&impulse_state(index, 0).motion(), &grid)),
         ..track(index)

@@ -1,7 +1,7 @@
-//! What a listener's arithmetic alone takes: predictions and corrections
+//! Lower bound of decoding and rendering: predictions and corrections.
 //!
-//! Every listener must reckon these to the bit, four side by side as they are fastest here. Nothing is read, looked up,
-//! kept or shown meanwhile, so that no hearing and no view of such bodies can take less.
+//! Every subscriber must compute these bit-exactly, four lanes at a time for speed. The measurement reads, looks up,
+//! stores and renders nothing, so no decoder and no view of such bodies can be faster.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -14,10 +14,10 @@ use rhumb_reckoning::{
 
 use super::median;
 
-/// How old the tracks are.
+/// Tick at which the tracks are evaluated.
 const AGE: Tick = Tick::new(20);
 
-/// Tracks of bodies that nothing pulls at.
+/// Tracks of bodies without gravity.
 pub(super) struct PredictionFloor {
     tracks: Vec<DenseTrack>,
     flow: StepCoefficientTable,
@@ -25,7 +25,7 @@ pub(super) struct PredictionFloor {
 }
 
 impl PredictionFloor {
-    /// Of tracks at the grid of the stream that is heard.
+    /// Builds the tracks on the grid of the measured stream.
     pub(super) fn of(
         tracks: impl Iterator<Item = Track>,
         integrator: Integrator,
@@ -40,7 +40,7 @@ impl PredictionFloor {
         }
     }
 
-    /// All of them predicted. Like the others the median of so many repeats.
+    /// Time to predict all tracks; the median of `repeats`.
     pub(super) fn predicting(&self, repeats: u32) -> Duration {
         self.measure(repeats, |batch| {
             batch.predict(|_, motion| {
@@ -49,7 +49,7 @@ impl PredictionFloor {
         })
     }
 
-    /// One of them predicted and corrected, its velocities too, nanoseconds.
+    /// Time to predict and correct one track with its velocities, nanoseconds.
     pub(super) fn correcting(&self, repeats: u32) -> f64 {
         let residual = Residual {
             position: [2, -1, 1],
@@ -60,13 +60,13 @@ impl PredictionFloor {
                 angular: [0, 1, 0],
             }),
         };
-        let said = LaneCorrection {
+        let correction = LaneCorrection {
             residual: &residual,
             over: Seconds::new(1.0 / 3.0),
             grid: &self.grid,
         };
         let took = self.measure(repeats, |batch| {
-            batch.correct([Some(said); PredictionX4::LANES], |_, quantised| {
+            batch.correct([Some(correction); PredictionX4::LANES], |_, quantised| {
                 black_box(quantised);
             });
         });
@@ -83,8 +83,8 @@ impl PredictionFloor {
             let begun = Instant::now();
             let mut batch = PredictionX4::default();
             for (key, track) in (0..).zip(&self.tracks) {
-                let taken = batch.take(key, track, AGE, &self.grid, &conditions);
-                debug_assert!(taken, "it neither rests nor is_torque_free");
+                let accepted = batch.take(key, track, AGE, &self.grid, &conditions);
+                debug_assert!(accepted, "the track neither rests nor rotates freely");
                 if batch.is_full() {
                     each(&mut batch);
                 }

@@ -1,10 +1,9 @@
-//! What one more member of a stream costs its server, datagram by datagram
+//! Measures the server's cost of one more member, per datagram.
 //!
-//! A real server over QUIC on loopback says one datagram sixty times a second to each of its members; its bytes are made
-//! once and shared. CountSink is what the thread of the host and that of the sockets took for a datagram, and what each took
-//! for one more, against fewer members. Beside it stands what the least takes that any protocol would have to do there:
-//! seal it, send it to who sleeps until it comes, and hear and open an acknowledgement of every second one. Only Linux
-//! tells the time of a thread.
+//! A real server sends one datagram sixty times a second to each member over QUIC on loopback; all share its bytes.
+//! Counted are the times of the server-loop thread and the socket thread, per datagram and per additional datagram
+//! against fewer members. The lower bound is the work of any protocol: seal the datagram, send it to a blocked
+//! receiver, and receive and open an acknowledgement of every second one. Only Linux reports thread times.
 
 use std::collections::VecDeque;
 use std::fs;
@@ -24,24 +23,24 @@ use rhumb_transport::{
 use ring::aead::{AES_256_GCM, Aad, LessSafeKey, Nonce, UnboundKey};
 use serde::{Deserialize, Serialize};
 
-/// Of the datagram that all members hear: a tick of recorded cubes takes about as many.
+/// Size of the shared datagram: about that of a tick of recorded cubes.
 const DATAGRAM_BYTES: usize = 200;
 const PERIOD: Span = Span::from_nanos(1_000_000_000 / 60);
-/// What the congestion control needs to find out that a link is good.
+/// Time for congestion control to recognise a good link.
 const WARM_UP: Duration = Duration::from_millis(1_500);
 
-/// Of an acknowledgement as QUIC has it.
+/// Size of a QUIC acknowledgement.
 const ACKNOWLEDGEMENT_BYTES: usize = 36;
-/// A round trip to members that are not next door.
+/// Round-trip time to distant members.
 const FAR: Span = Span::from_nanos(50_000_000);
 
-/// The names of the server's threads, as the system knows them.
+/// Names of the server's threads, as the system knows them.
 const SERVER_LOOP: &str = "members-host";
 const IO: &str = "rhumb-server-io";
-/// That of a thread that does the least.
+/// Name of the thread that measures the lower bound.
 const FLOOR: &str = "members-least";
 
-/// Says the same to all of its members.
+/// An endpoint that sends the same datagram to all members.
 struct Broadcaster {
     members: Vec<Peer>,
     datagram: Bytes,
@@ -85,7 +84,7 @@ impl Endpoint for Broadcaster {
     }
 }
 
-/// What a run took: nanoseconds of both threads, and datagrams.
+/// Cost of a run: nanoseconds of both threads, and datagrams.
 struct MemberCost {
     server_loop_ns: u64,
     io_ns: u64,
@@ -98,7 +97,7 @@ impl MemberCost {
     }
 }
 
-/// Of so many members, each a round trip away if any is given, for so long.
+/// Measures a server with `members` members for `long`; `away` adds a round-trip time.
 fn measure(members: usize, away: Option<Span>, long: Duration) -> Result<MemberCost, String> {
     let wrong = |what: &dyn std::fmt::Display| format!("a stream's members: {what}");
     let certificate = Certificate::development(["localhost"]).map_err(|error| wrong(&error))?;
@@ -119,10 +118,10 @@ fn measure(members: usize, away: Option<Span>, long: Duration) -> Result<MemberC
         sent: Arc::clone(&sent),
     };
     let until = stop.clone();
-    let host = thread::Builder::new().name(SERVER_LOOP.into());
-    let host = host.spawn(move || server.run(&mut broadcaster, &until));
-    let host = host.map_err(|error| wrong(&error))?;
-    let heard = listen_for(members, address, &trust, away).and_then(|listening| {
+    let server_loop = thread::Builder::new().name(SERVER_LOOP.into());
+    let server_loop = server_loop.spawn(move || server.run(&mut broadcaster, &until));
+    let server_loop = server_loop.map_err(|error| wrong(&error))?;
+    let measured = connect_members(members, address, &trust, away).and_then(|listening| {
         thread::sleep(WARM_UP);
         let now = || {
             Some((
@@ -135,11 +134,11 @@ fn measure(members: usize, away: Option<Span>, long: Duration) -> Result<MemberC
         thread::sleep(long);
         let between = before.zip(now());
         drop(listening);
-        between.ok_or_else(|| "the system does not tell what its threads took".to_owned())
+        between.ok_or_else(|| "the system does not report thread times".to_owned())
     });
     stop.stop();
-    let ended = host.join();
-    let (before, after) = heard.map_err(|error| wrong(&error))?;
+    let ended = server_loop.join();
+    let (before, after) = measured.map_err(|error| wrong(&error))?;
     match ended {
         Ok(Ok(_)) => Ok(MemberCost {
             server_loop_ns: after.0 - before.0,
@@ -151,15 +150,15 @@ fn measure(members: usize, away: Option<Span>, long: Duration) -> Result<MemberC
     }
 }
 
-/// Members that hear, and the relay that puts them a round trip away.
-type Listening = (Vec<QuicClient>, Option<UdpRelay>);
+/// Connected members, and the relay that delays their packets.
+type ConnectedMembers = (Vec<QuicClient>, Option<UdpRelay>);
 
-fn listen_for(
+fn connect_members(
     members: usize,
     server: SocketAddr,
     trust: &Trust,
     away: Option<Span>,
-) -> Result<Listening, String> {
+) -> Result<ConnectedMembers, String> {
     let relay = away.map(|away| {
         let front = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
         UdpRelay::start(front, server, LinkConfig::round_trip(away), 1)
@@ -174,7 +173,7 @@ fn listen_for(
     Ok((clients?, relay))
 }
 
-/// How long the thread of a name was on a processor, in nanoseconds; none where the system does not tell.
+/// Processor time of the thread with this name, nanoseconds; `None` where the system does not report it.
 fn thread_ns(name: &str) -> Option<u64> {
     let tasks = fs::read_dir("/proc/self/task").ok()?;
     let of_name = tasks.flatten().find(|task| {
@@ -184,18 +183,19 @@ fn thread_ns(name: &str) -> Option<u64> {
     times.split_whitespace().next()?.parse().ok()
 }
 
-/// Whether the system tells what a thread took.
+/// Whether the system reports thread times.
 pub(super) fn can_be_measured() -> bool {
-    let told = thread::Builder::new().name(FLOOR.into());
-    let told = told.spawn(|| thread_ns(FLOOR));
-    told.ok()
+    let probe = thread::Builder::new().name(FLOOR.into());
+    let probe = probe.spawn(|| thread_ns(FLOOR));
+    probe
+        .ok()
         .and_then(|thread| thread.join().ok())
         .flatten()
         .is_some()
 }
 
-/// What the least takes for a datagram, in nanoseconds: it is sealed and sent to who sleeps until it comes, and of every
-/// second one an acknowledgement is heard and opened.
+/// Lower bound per datagram, nanoseconds: seal it, send it to a blocked receiver, and receive and open an
+/// acknowledgement of every second one.
 fn floor_ns(members: usize, long: Duration) -> std::io::Result<f64> {
     let here = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))?;
     let to = here.local_addr()?;
@@ -205,12 +205,12 @@ fn floor_ns(members: usize, long: Duration) -> std::io::Result<f64> {
         there.connect(to)?;
         let address = there.local_addr()?;
         let thread = thread::spawn(move || {
-            let (mut heard, mut count) = ([0; 2 * DATAGRAM_BYTES], 0_u32);
-            // A datagram of nothing is the last.
-            while there.recv(&mut heard).is_ok_and(|bytes| bytes > 0) {
+            let (mut received, mut count) = ([0; 2 * DATAGRAM_BYTES], 0_u32);
+            // An empty datagram ends the thread.
+            while there.recv(&mut received).is_ok_and(|bytes| bytes > 0) {
                 count += 1;
                 if count.is_multiple_of(2) {
-                    drop(there.send(&heard[..ACKNOWLEDGEMENT_BYTES]));
+                    drop(there.send(&received[..ACKNOWLEDGEMENT_BYTES]));
                 }
             }
         });
@@ -231,58 +231,59 @@ fn floor_ns(members: usize, long: Duration) -> std::io::Result<f64> {
 
 fn send_floor(here: &UdpSocket, to: &[SocketAddr], long: Duration) -> std::io::Result<f64> {
     here.set_nonblocking(true)?;
-    let told = || thread_ns(FLOOR).ok_or(std::io::ErrorKind::Unsupported);
-    let key = UnboundKey::new(&AES_256_GCM, &[7; 32]).expect("it has so many bytes");
+    let thread_time = || thread_ns(FLOOR).ok_or(std::io::ErrorKind::Unsupported);
+    let key = UnboundKey::new(&AES_256_GCM, &[7; 32]).expect("the key has the right length");
     let (key, period) = (
         LessSafeKey::new(key),
         Duration::from_nanos(PERIOD.as_nanos()),
     );
     let nonce = || Nonce::assume_unique_for_key([1; 12]);
-    let (before, began) = (told()?, HostInstant::now());
+    let (before, began) = (thread_time()?, HostInstant::now());
     let (mut next, mut sent) = (began, 0_u32);
     while began.elapsed() < long {
         for address in to {
             let mut datagram = Vec::with_capacity(DATAGRAM_BYTES + 16);
             datagram.resize(DATAGRAM_BYTES, 0x5a);
             let sealed = key.seal_in_place_append_tag(nonce(), Aad::empty(), &mut datagram);
-            sealed.expect("so many bytes can be sealed");
+            sealed.expect("the datagram is short enough to seal");
             drop(here.send_to(&datagram, address));
             sent += 1;
         }
         next += period;
         thread::sleep(next.saturating_duration_since(HostInstant::now()));
-        let mut heard = [0; 2 * DATAGRAM_BYTES];
-        while let Ok((bytes, _)) = here.recv_from(&mut heard) {
-            // It is none of this key's, which takes as long to find out.
-            drop(key.open_in_place(nonce(), Aad::empty(), &mut heard[..bytes]));
+        let mut received = [0; 2 * DATAGRAM_BYTES];
+        while let Ok((bytes, _)) = here.recv_from(&mut received) {
+            // Authentication fails, which takes as long as success.
+            drop(key.open_in_place(nonce(), Aad::empty(), &mut received[..bytes]));
         }
     }
-    let took = told()? - before;
+    let took = thread_time()? - before;
     for address in to {
         drop(here.send_to(&[], address));
     }
     Ok(took as f64 / f64::from(sent.max(1)))
 }
 
-/// What a member's datagram costs; microseconds of a processor.
+/// Cost of a datagram per member; microseconds of processor time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Members {
-    /// How many listen.
+    /// Number of members.
     pub members: usize,
-    /// How far away they are, a round trip in milliseconds.
+    /// Round-trip time to the members, milliseconds.
     pub round_trip_ms: f64,
-    /// The thread of the host, for a datagram.
+    /// Server-loop thread, per datagram.
     pub server_loop_us: f64,
-    /// The thread of the sockets: QUIC and the system.
+    /// Socket thread, per datagram: QUIC and the system.
     pub sockets_us: f64,
-    /// Both, for a datagram more than with the fewer members before; none of the first.
+    /// Both threads, per additional datagram against the next smaller count; `None` for the smallest.
     pub one_more_us: Option<f64>,
-    /// The least that any protocol would take, for a datagram on average.
+    /// Lower bound for any protocol, per datagram on average.
     pub floor_us: f64,
 }
 
 impl Members {
-    /// The least for a datagram more than with fewer members; none if they are not fewer, or as far away.
+    /// Lower bound per additional datagram against a smaller count; `None` if it is not smaller or its round trip
+    /// differs.
     pub(super) fn floor_of_one_more_us(&self, fewer: &Self) -> Option<f64> {
         let more = self.members.checked_sub(fewer.members)?;
         let alike = more > 0 && self.round_trip_ms == fewer.round_trip_ms;
@@ -291,11 +292,11 @@ impl Members {
     }
 }
 
-/// So many members each, fewest first, next door and far away.
+/// Measures each count, smallest first, nearby and at a distance.
 ///
 /// # Errors
 ///
-/// What the system refuses, in words.
+/// The refusal of the system, as text.
 pub(super) fn members(
     counts: &[NonZeroUsize],
     long: Duration,

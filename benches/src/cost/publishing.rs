@@ -1,9 +1,9 @@
-//! What publishing many awake bodies costs, as a share of the step
+//! Measures publishing of awake bodies, as a share of the step.
 //!
-//! The real engine steps each scene once; its observations are then published again and again, as one stream of 5 cm and
-//! as four of 5 mm, 2 cm, 5 cm and 20 cm. Three scenes: balls in free flight; the ball pit while its balls burst apart,
-//! the worst case; the same when it lies still but for rolling and jitter. A scene looks at what moved within its step;
-//! here every body is looked at once more, so that observing can be told apart, and is counted rather too high.
+//! The real engine steps each scene once. Its observations are then published repeatedly, as one stream of 5 cm and as
+//! four of 5 mm, 2 cm, 5 cm and 20 cm. Three scenes: balls in free flight; the ball pit while its balls burst apart,
+//! the worst case; the ball pit after it calms down to rolling and jitter. A scene reads moved bodies within its step.
+//! Here every body is read once more to measure observing separately, so that figure is rather too high.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -27,14 +27,14 @@ use serde::{Deserialize, Serialize};
 
 use super::median;
 
-/// Ticks that are published before the clock runs, so that tracks are what they are in the middle of a run.
+/// Ticks published before the measurement, so that tracks are as in mid-run.
 const WARM_UP: usize = 30;
-/// Ticks that are measured.
+/// Ticks measured.
 const MEASURED: usize = 30;
-/// Ticks in which all sleep, measured at once.
+/// Ticks with all bodies asleep, measured as one block.
 const SILENT: u32 = 1_000;
 
-/// The tiers of one stream, and of four.
+/// The tiers of one stream and of four streams.
 const TIERS: [&[Tolerance]; 2] = [
     &[Tolerance::NORMAL],
     &[
@@ -45,7 +45,7 @@ const TIERS: [&[Tolerance]; 2] = [
     ],
 ];
 
-/// Balls that fly apart from each other and touch nothing.
+/// Balls that fly apart without contacts.
 struct FlightScript {
     bodies: u32,
 }
@@ -80,7 +80,7 @@ impl Script for FlightScript {
         });
         for index in 0..self.bodies {
             let (x, z) = ((index % 100) as f32, (index / 100) as f32);
-            // Spins and speeds of many sizes, by irrational steps.
+            // Various spins and speeds, by irrational steps.
             let part = |step: f32| (index as f32 * step).fract() - 0.5;
             let motion = BodyState::new(
                 [x * 3.0, 100.0, z * 3.0],
@@ -99,7 +99,7 @@ impl Script for FlightScript {
     }
 }
 
-/// A run of the engine: what it saw, and how long its steps took.
+/// A run of the engine: observations and step times.
 struct ObservedRun {
     config: SceneConfig,
     bodies: Vec<(BodyId, PredictionParameters, Track)>,
@@ -110,7 +110,7 @@ struct ObservedRun {
 }
 
 impl ObservedRun {
-    /// Steps a scene up to its first tick, and then what is warmed up and measured.
+    /// Steps a scene to its first tick, then through warm-up and measurement.
     fn record(
         scenario: &Scenario,
         bodies: u32,
@@ -138,7 +138,10 @@ impl ObservedRun {
         }
         let mut all = Vec::new();
         scene.observe_all(&mut all);
-        let bodies = all.iter().filter_map(|seen| placed(&scene, seen)).collect();
+        let bodies = all
+            .iter()
+            .filter_map(|observation| placed(&scene, observation))
+            .collect();
         let (mut ticks, mut step, mut observe) = (Vec::new(), Duration::ZERO, Duration::ZERO);
         for place in 0..WARM_UP + MEASURED {
             let took = advance(&mut scene)?;
@@ -205,22 +208,22 @@ impl ObservedRun {
     }
 
     fn awake(&self) -> usize {
-        let awake = |seen: &&Observation| seen.activity == Activity::Awake;
+        let awake = |observation: &&Observation| observation.activity == Activity::Awake;
         self.ticks
             .last()
-            .map_or(0, |seen| seen.iter().filter(awake).count())
+            .map_or(0, |observations| observations.iter().filter(awake).count())
     }
 }
 
-/// What a tick cost.
+/// Cost of publishing the measured ticks.
 #[derive(Clone, Copy)]
 struct PublishCost {
-    /// ObservationHistory and publishers.
+    /// Time of the observation history and the publishers.
     publish: Duration,
     updates: u64,
 }
 
-/// A stream of a scene.
+/// Config of a stream of a scene.
 fn stream(config: &SceneConfig, tolerance: Tolerance) -> StreamTerms {
     StreamTerms {
         tolerance,
@@ -231,9 +234,12 @@ fn stream(config: &SceneConfig, tolerance: Tolerance) -> StreamTerms {
     }
 }
 
-/// A body as a stream is told of it.
-fn placed(scene: &Scene, seen: &Observation) -> Option<(BodyId, PredictionParameters, Track)> {
-    let id = seen.id;
+/// Parameters with which a body is added to a stream.
+fn placed(
+    scene: &Scene,
+    observation: &Observation,
+) -> Option<(BodyId, PredictionParameters, Track)> {
+    let id = observation.id;
     let (config, shape) = (scene.body(id)?, scene.shape_of(id)?);
     let parameters =
         PredictionParameters::of(config, shape, scene.config().damping, scene.inertia(id));
@@ -246,16 +252,16 @@ fn placed(scene: &Scene, seen: &Observation) -> Option<(BodyId, PredictionParame
             Predictor::Rest
         },
         anchor: Anchor::Exact(if moves {
-            seen.motion
+            observation.motion
         } else {
-            seen.motion.stilled()
+            observation.motion.stilled()
         }),
         parent: None,
     };
     Some((id, parameters, track))
 }
 
-/// A scene, and from which tick on it is warmed up and measured.
+/// A scene and the tick at which its warm-up starts.
 struct Scenario {
     name: &'static str,
     script: fn(u32) -> Box<dyn Script>,
@@ -280,37 +286,37 @@ const SCENARIOS: [Scenario; 3] = [
     },
 ];
 
-/// What publishing a scene costs in a tick.
+/// Cost of publishing a scene, per tick.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Publishing {
-    /// Which scene, at which stage.
+    /// Scene and stage.
     pub scene: String,
-    /// How many streams, of a tier each.
+    /// Number of streams, one tier each.
     pub streams: usize,
-    /// Bodies that are awake in the last tick.
+    /// Bodies awake in the last tick.
     pub awake: usize,
-    /// The engine's step, on average; milliseconds.
+    /// Mean step of the engine, milliseconds.
     pub step_ms: f64,
-    /// Looking at every body, on average; milliseconds.
+    /// Mean time to read every body, milliseconds.
     pub observe_ms: f64,
-    /// StreamSelection and encoding for all streams, on average; milliseconds.
+    /// Mean time of selection and encoding for all streams, milliseconds.
     pub publish_ms: f64,
-    /// Both over the step.
+    /// Observing and publishing as a share of the step.
     pub of_step: f64,
-    /// Said in a tick, over all streams.
+    /// Updates per tick over all streams.
     pub updates_per_tick: f64,
 }
 
-/// What publishing costs where nothing moves.
+/// Cost of publishing where nothing moves.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Sleeping {
     /// Bodies of the stream, all asleep.
     pub bodies: u32,
-    /// A tick of one stream, microseconds.
+    /// One tick of one stream, microseconds.
     pub publish_us: f64,
 }
 
-/// How often progress is told of when so many repeats are measured.
+/// Number of progress calls for `repeats`.
 pub(super) fn steps(repeats: u32) -> u64 {
     let ticks = SCENARIOS
         .iter()
@@ -318,11 +324,11 @@ pub(super) fn steps(repeats: u32) -> u64 {
     ticks.sum::<u64>() + SCENARIOS.len() as u64 * TIERS.len() as u64 * u64::from(repeats)
 }
 
-/// Each scene, as one stream and as four.
+/// Measures each scene, as one stream and as four.
 ///
 /// # Errors
 ///
-/// What the engine or its scene refuses, in words.
+/// The refusal of the engine or its scene, as text.
 pub(super) fn publishing(
     bodies: u32,
     repeats: u32,
@@ -342,7 +348,7 @@ pub(super) fn publishing(
             let publish_ms = ms(median(costs.iter().map(|cost| cost.publish)));
             let observe_ms = ms(run.observe);
             let step_ms = ms(run.step);
-            // The same words each time.
+            // All repeats encode the same updates.
             let updates = costs.first().map_or(0, |cost| cost.updates);
             all.push(Publishing {
                 scene: scenario.name.to_owned(),
@@ -359,7 +365,7 @@ pub(super) fn publishing(
     Ok(all)
 }
 
-/// A stream of so many sleepers.
+/// Measures a stream of `bodies` sleeping bodies.
 pub(super) fn sleeping(bodies: u32, repeats: u32) -> Sleeping {
     let config = FlightScript { bodies }.config();
     let mut publisher =

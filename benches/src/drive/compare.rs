@@ -1,4 +1,4 @@
-//! How far each copied body is from the truth of the tick that the copy shows.
+//! Errors of a client's copy against the truth at the tick it shows.
 
 use std::collections::VecDeque;
 
@@ -10,13 +10,13 @@ use rhumb_reckoning::{
 
 use crate::record::{Breach, Cause};
 
-/// The states of all bodies at the last few ticks: a pipelined copy is a tick or two behind.
+/// Body states of the last few ticks; a pipelined copy lags by a tick or two.
 #[derive(Debug, Default)]
 pub(super) struct RecentTruth {
     ticks: VecDeque<(Tick, Vec<Option<TrueBody>>)>,
 }
 
-/// What a body was at a tick, and how it is judged.
+/// A body's true state at one tick, and the parameters of its tolerance.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TrueBody {
     pub(super) id: BodyId,
@@ -26,12 +26,12 @@ pub(super) struct TrueBody {
     pub(super) tolerance_scale: ToleranceScale,
 }
 
-/// Ticks that are kept.
-const KEPT: usize = 64;
+/// Number of ticks kept.
+const KEPT_TICKS: usize = 64;
 
 impl RecentTruth {
     pub(super) fn push(&mut self, tick: Tick, states: impl Iterator<Item = Option<TrueBody>>) {
-        let mut row = if self.ticks.len() == KEPT {
+        let mut row = if self.ticks.len() == KEPT_TICKS {
             self.ticks
                 .pop_front()
                 .map(|(_, row)| row)
@@ -44,8 +44,8 @@ impl RecentTruth {
         self.ticks.push_back((tick, row));
     }
 
-    /// Whether a tick has come, so that its truth is known now or never.
-    pub(super) fn has_come(&self, tick: Tick) -> bool {
+    /// Whether the newest known tick is at or after `tick`. If its truth is still missing, it stays missing.
+    pub(super) fn has_reached(&self, tick: Tick) -> bool {
         self.ticks.back().is_some_and(|(newest, _)| tick <= *newest)
     }
 
@@ -55,19 +55,19 @@ impl RecentTruth {
     }
 }
 
-/// The errors of one view.
+/// Errors of one view.
 #[derive(Debug, Default)]
 pub(super) struct ViewErrors {
-    /// Metres, sorted.
+    /// Surface errors in metres, sorted.
     pub(super) errors_m: Vec<f32>,
     pub(super) exact: u32,
-    /// Bodies of the truth that the copy does not have.
+    /// Bodies of the truth that the copy lacks.
     pub(super) missing: u32,
     pub(super) breaches: Vec<Breach>,
 }
 
-/// Compares what a copy shows of each body with the truth of `tick`; `None` when that truth is no longer, or not yet,
-/// known. `cause` is told by what share of its tolerance a body is off.
+/// Compares each body's shown pose with the truth at `tick`; `None` if that truth is unknown. `cause` maps a body and
+/// its error, as a share of its tolerance, to the cause of the breach.
 pub(super) fn compare(
     recent: &RecentTruth,
     tick: Tick,
@@ -91,12 +91,12 @@ pub(super) fn compare(
             errors.exact += 1;
             continue;
         }
-        let apart = apart(&known.motion, position, rotation);
-        let error = apart.surface_error(known.radius);
+        let divergence = divergence(&known.motion, position, rotation);
+        let error = divergence.surface_error(known.radius);
         errors.errors_m.push(error.metres() as f32);
         let tolerance = tolerance.map(|tolerance| tolerance.scaled(known.tolerance_scale));
         if let Some(tolerance) = tolerance
-            && let Some(share) = over(tolerance, apart, known.radius)
+            && let Some(share) = breach_share(tolerance, divergence, known.radius)
         {
             errors.breaches.push(Breach {
                 tick,
@@ -111,8 +111,8 @@ pub(super) fn compare(
     Some(errors)
 }
 
-/// How far a pose that is shown lies from the truth.
-pub(crate) fn apart(truth: &BodyState, position: Vec3, rotation: Quat) -> Divergence {
+/// Distance between a shown pose and the truth.
+pub(crate) fn divergence(truth: &BodyState, position: Vec3, rotation: Quat) -> Divergence {
     let shown = Pose {
         position: position.as_dvec3(),
         rotation: rotation.as_dquat(),
@@ -122,21 +122,25 @@ pub(crate) fn apart(truth: &BodyState, position: Vec3, rotation: Quat) -> Diverg
     Divergence::between(&truth.motion().pose(), &shown)
 }
 
-/// The share of its tolerance by which a body is off, measured in a view, if that breaks the promise.
-pub(crate) fn over(tolerance: Tolerance, apart: Divergence, radius: Metres) -> Option<f64> {
-    let share = tolerance.share(&less_rounding(apart), radius);
+/// The error as a share of the tolerance, if it exceeds the tolerance; f32 rounding of the view is subtracted first.
+pub(crate) fn breach_share(
+    tolerance: Tolerance,
+    divergence: Divergence,
+    radius: Metres,
+) -> Option<f64> {
+    let share = tolerance.share(&without_rounding(divergence), radius);
     (share > 1.0).then_some(share)
 }
 
-/// A distance without what a view adds to it, which holds f32.
-fn less_rounding(apart: Divergence) -> Divergence {
+/// Subtracts the rounding error that the view's f32 numbers add.
+fn without_rounding(divergence: Divergence) -> Divergence {
     Divergence {
-        position: Metres::new((apart.position.metres() - POSITION_ROUNDING).max(0.0)),
-        half_chord: (apart.half_chord - TURN_ROUNDING).max(0.0),
+        position: Metres::new((divergence.position.metres() - POSITION_ROUNDING).max(0.0)),
+        half_chord: (divergence.half_chord - TURN_ROUNDING).max(0.0),
     }
 }
 
-/// At 128 m a coordinate is rounded by up to 4 µm, in metres.
+/// f32 rounding at 128 m is up to 4 µm per coordinate; this leaves a margin. Metres.
 const POSITION_ROUNDING: f64 = 2e-5;
-/// Each component of a rotation is rounded by up to 3e-8.
+/// f32 rounding of a quaternion component is up to 3e-8; this leaves a margin.
 const TURN_ROUNDING: f64 = 1e-7;

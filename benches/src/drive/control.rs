@@ -1,4 +1,4 @@
-//! A script's controller as the hook of a scene, here and in a server process.
+//! A script's controller as a scene hook, here and in a server process.
 
 use std::fmt;
 use std::io::{self, Write};
@@ -8,19 +8,19 @@ use clap::Args;
 use rhumb_server::{Hook, Hooks, Scene};
 use rhumb_sims::{Controller, Script};
 
-/// Which script is played, and so which controller acts beside the engine.
+/// Identifies a script and so its controller.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ScriptChoice {
-    /// Its name.
+    /// Name of the script.
     pub scene: String,
-    /// Its load.
+    /// Number of bodies.
     pub bodies: u32,
-    /// Its seed.
+    /// Seed of the script.
     pub seed: u64,
 }
 
 impl ScriptChoice {
-    /// The script; none if nothing has this name.
+    /// Builds the script; `None` if the name is unknown.
     #[must_use]
     pub fn script(&self) -> Option<Box<dyn Script>> {
         rhumb_sims::by_name(&self.scene, self.bodies, self.seed)
@@ -37,31 +37,31 @@ impl fmt::Display for ScriptChoice {
     }
 }
 
-/// A controller as a hook.
+/// Wraps a controller as a scene hook.
 pub(super) fn hook(mut controller: Box<dyn Controller>) -> Hook {
     Hook::new(move |scene: &Scene, out| {
-        let motion = |id| scene.observation(id).map(|seen| seen.motion);
+        let motion = |id| scene.observation(id).map(|observation| observation.motion);
         controller.before_step(scene.tick(), &motion, out);
     })
 }
 
-/// A server whose scenes have the controller of a script.
+/// Arguments of a server whose scenes run the controller of a script.
 #[derive(Debug, Args)]
 pub struct Serve {
     #[command(flatten)]
     server: rhumb_server::cli::Arguments,
-    /// Which script's controller acts in the scenes; none without it.
+    /// Script whose controller acts in the scenes; none by default.
     #[arg(long, requires_all = ["bodies", "seed"])]
     scene: Option<String>,
-    /// Its number of bodies.
+    /// Number of bodies of the script.
     #[arg(long)]
     bodies: Option<u32>,
-    /// Its seed.
+    /// Seed of the script.
     #[arg(long)]
     seed: Option<u64>,
 }
 
-/// Runs a server until it is told to stop; exit code 1 when it cannot start, or when there is no such script.
+/// Runs a server until it is stopped. Exit code 1 if it cannot start or the script is unknown.
 pub fn serve(arguments: Serve) -> ExitCode {
     end_with_parent();
     let Serve {
@@ -73,28 +73,28 @@ pub fn serve(arguments: Serve) -> ExitCode {
     let (Some(scene), Some(bodies), Some(seed)) = (scene, bodies, seed) else {
         return rhumb_server::cli::main(server);
     };
-    let played = ScriptChoice {
+    let script_choice = ScriptChoice {
         scene,
         bodies,
         seed,
     };
-    let Some(script) = played.script() else {
-        // Nowhere is left to say that standard error is closed.
-        let _ = writeln!(io::stderr(), "error: there is no script of {played}");
+    let Some(script) = script_choice.script() else {
+        // If standard error is closed, no other place is left to report to.
+        let _ = writeln!(io::stderr(), "error: no such script: {script_choice}");
         return ExitCode::FAILURE;
     };
     let hooks = Hooks::new(move |_, _| script.controller().map(hook));
     rhumb_server::cli::main_with(server, Some(hooks))
 }
 
-/// Has this process end when the one that started it is gone, however that ended.
+/// Ends this process when its parent ends, for any reason.
 #[cfg(target_os = "linux")]
 fn end_with_parent() {
     use rustix::process::{Signal, set_parent_process_death_signal};
-    // Refused, a server outlives a caller that was killed, as on other systems.
+    // If the system refuses, the server outlives a killed parent, as on other systems.
     let _ = set_parent_process_death_signal(Some(Signal::TERM));
 }
 
-/// Has this process end when the one that started it is gone: not on this system.
+/// Not available on this system: the process outlives its parent.
 #[cfg(not(target_os = "linux"))]
 fn end_with_parent() {}

@@ -1,7 +1,7 @@
-//! A free-running scene, followed in real time over the asked-for link.
+//! A free-running scene, subscribed to in real time over the configured link.
 //!
-//! The truth comes from a second client without a link between, which takes the full stream: every state of every tick,
-//! to the bit. The judged client shows whole ticks without glides, so that what is judged is the reckoning.
+//! A second client with a direct link receives the full stream: every state of every tick, bit exact. This is the
+//! truth. The measured client shows whole ticks without smoothing, so its errors are those of the prediction alone.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -22,7 +22,7 @@ use super::side_by_side::Plan;
 use super::{DriveError, ServerProcess};
 use crate::record::{CapturedPacket, Load, Mode, PacketDirection, Placed, Run, Truth};
 
-/// Bodies as the script made them, by index.
+/// Bodies as the script created them, by index.
 #[derive(Debug, Default)]
 struct ScriptedBodies {
     shapes: BTreeMap<ShapeId, Shape>,
@@ -30,7 +30,7 @@ struct ScriptedBodies {
 }
 
 impl ScriptedBodies {
-    fn note(&mut self, command: &Command, tick: Tick, truth: &mut Truth) {
+    fn track(&mut self, command: &Command, tick: Tick, truth: &mut Truth) {
         match *command {
             Command::AddShape { id, ref shape } => {
                 self.shapes.insert(id, shape.clone());
@@ -61,20 +61,18 @@ impl ScriptedBodies {
     }
 }
 
-/// The truth as the full stream tells it.
+/// The truth as decoded from the full stream.
 #[derive(Debug, Default)]
 struct TruthStream {
     states: BTreeMap<u32, BodyState>,
-    /// What the tick that is being heard of changed so far: it may come in several pieces.
+    /// States changed so far in the tick being received; one tick may arrive in several packets.
     changed: BTreeMap<u32, Observation>,
     tick: u64,
     recent: RecentTruth,
 }
 
 impl TruthStream {
-    /// Takes in the datagrams of the full stream, tick by tick.
-    ///
-    /// `known` is called after each tick that is whole.
+    /// Decodes the datagrams of the full stream, tick by tick. Calls `known` after each complete tick.
     fn receive(
         &mut self,
         captured: &[CapturedPacket],
@@ -139,8 +137,8 @@ impl TruthStream {
     }
 }
 
-/// A full stream does not say who sleeps; but an engine stills what it puts to sleep, and what it moves is hardly ever still
-/// to the bit before.
+/// A full stream carries no sleep flag. The engine sets the velocity of a sleeping body to exactly zero, and an awake
+/// body almost never has exactly zero velocity.
 fn activity(config: &BodyDesc, motion: &BodyState) -> Activity {
     match config.kind {
         BodyKind::Dynamic if *motion == motion.stilled() => Activity::Asleep,
@@ -158,18 +156,18 @@ fn known(id: BodyId, motion: BodyState, radius: Metres, config: &BodyDesc) -> Tr
     }
 }
 
-/// A client of the free-running server that is judged.
-struct JudgedClient {
+/// A measured client of the free-running server.
+struct MeasuredClient {
     mode: Mode,
     remote: Remote,
     tolerance: Option<Tolerance>,
 }
 
-/// Follows a free-running scene for as long as the plan's ticks take, by every free-running mode of the plan.
+/// Runs all free-running modes of a plan in real time, for as long as the plan's ticks take.
 ///
 /// # Errors
 ///
-/// [`DriveError`] names what did not work; nothing is kept of a run that does not end.
+/// [`DriveError`] names the failure; a run that fails leaves no results.
 pub fn run_free(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<Load, DriveError> {
     let mut script = plan.script()?;
     let setup = |mode, script: &dyn Script| {
@@ -186,13 +184,13 @@ pub fn run_free(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<Load, Dri
     let mut commands = Vec::new();
     script.commands(Tick::ZERO, &mut commands);
     let process = ServerProcess::start(&clean.cpu, clean.controller_script.as_ref())?;
-    let mut judged = Vec::new();
+    let mut measured = Vec::new();
     for mode in plan.modes.iter().filter(|mode| mode.is_free()) {
         let mut remote = Remote::join(&process, &setup(*mode, &*script))?;
-        if judged.is_empty() {
+        if measured.is_empty() {
             remote.reserve(&commands)?;
         }
-        judged.push(JudgedClient {
+        measured.push(MeasuredClient {
             mode: *mode,
             remote,
             tolerance: (*mode == Mode::RhumbFree).then_some(plan.tolerance),
@@ -203,7 +201,7 @@ pub fn run_free(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<Load, Dri
         truth_stream: TruthStream::default(),
         scripted: ScriptedBodies::default(),
         truth: Truth::default(),
-        judged,
+        measured,
     };
     free_run.prepare(&commands)?;
     let step = Span::from_nanos(clean.config.integrator.rate.step_ns());
@@ -214,14 +212,14 @@ pub fn run_free(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<Load, Dri
         progress(Tick::new(number));
         due = due + step;
     }
-    free_run.switch_when_caught_up()?;
+    free_run.catch_up()?;
     free_run.into_load(plan, clean.config.integrator.rate.step().seconds())
 }
 
-/// A free-running server's clients: those that are judged, and the one that tells the truth.
+/// The clients of a free-running server: the measured ones and the one that records the truth.
 struct FreeRun {
-    /// The first gives the script's commands.
-    judged: Vec<JudgedClient>,
+    /// The first one sends the script's commands.
+    measured: Vec<MeasuredClient>,
     truth_client: Remote,
     truth_stream: TruthStream,
     scripted: ScriptedBodies,
@@ -229,12 +227,12 @@ struct FreeRun {
 }
 
 impl FreeRun {
-    /// The commands before the first frame; what was so far counts as joining.
+    /// Sends the commands before the first frame; all traffic so far counts as joining.
     fn prepare(&mut self, commands: &[Command]) -> Result<(), DriveError> {
         for command in commands {
-            self.scripted.note(command, Tick::ZERO, &mut self.truth);
+            self.scripted.track(command, Tick::ZERO, &mut self.truth);
         }
-        if let Some((first, others)) = self.judged.split_first_mut() {
+        if let Some((first, others)) = self.measured.split_first_mut() {
             first.remote.prepare(commands)?;
             for copy in others {
                 copy.remote.begin()?;
@@ -243,7 +241,7 @@ impl FreeRun {
         Ok(())
     }
 
-    /// One frame of every copy, when it is time for it.
+    /// Waits until `due`, then takes one frame of every measured client.
     fn frame(
         &mut self,
         script: &mut dyn Script,
@@ -252,43 +250,52 @@ impl FreeRun {
     ) -> Result<(), DriveError> {
         let mut commands = Vec::new();
         script.commands(Tick::new(number + 1), &mut commands);
-        for (place, copy) in self.judged.iter_mut().enumerate() {
+        for (place, copy) in self.measured.iter_mut().enumerate() {
             if place == 0 {
                 copy.remote.client().idle(patience)?;
             }
-            let tick = copy.remote.follow()?;
+            let tick = copy.remote.update_view()?;
             copy.remote.keep();
             for command in commands.drain(..) {
-                self.scripted.note(&command, tick, &mut self.truth);
+                self.scripted.track(&command, tick, &mut self.truth);
                 copy.remote.client().command(command)?;
             }
         }
-        self.listen()?;
+        self.receive_truth()?;
         Ok(())
     }
 
-    /// Hears what the engine did and judges what can be judged by now; returns how many frames are left.
-    fn listen(&mut self) -> Result<usize, DriveError> {
+    /// Receives new truth and computes the errors it allows; returns the number of frames still pending.
+    fn receive_truth(&mut self) -> Result<usize, DriveError> {
         self.truth_client.client().idle(Duration::from_millis(1))?;
-        self.truth_client.follow()?;
+        self.truth_client.update_view()?;
         self.truth_client.frames.clear();
         let captured = std::mem::take(&mut self.truth_client.captured);
-        let (judged, mut left) = (&mut self.judged, 0);
-        let mut judge = |recent: &RecentTruth| {
-            let kept = judged
+        let (measured, mut left) = (&mut self.measured, 0);
+        let mut record_errors = |recent: &RecentTruth| {
+            let kept = measured
                 .iter_mut()
-                .map(|copy| copy.remote.judge_kept(recent, copy.tolerance));
+                .map(|copy| copy.remote.record_pending_errors(recent, copy.tolerance));
             left = kept.sum();
         };
-        self.truth_stream
-            .receive(&captured, &self.scripted, &mut self.truth, &mut judge);
+        self.truth_stream.receive(
+            &captured,
+            &self.scripted,
+            &mut self.truth,
+            &mut record_errors,
+        );
         Ok(left)
     }
 
     /// Waits until the truth of the last frames is known.
-    fn switch_when_caught_up(&mut self) -> Result<(), DriveError> {
+    fn catch_up(&mut self) -> Result<(), DriveError> {
         for _ in 0..CATCH_UP_MS {
-            if self.listen()? == 0 && self.judged.iter().all(|copy| copy.remote.is_judged()) {
+            if self.receive_truth()? == 0
+                && self
+                    .measured
+                    .iter()
+                    .all(|copy| copy.remote.has_no_pending())
+            {
                 break;
             }
         }
@@ -297,10 +304,11 @@ impl FreeRun {
 
     fn into_load(mut self, plan: &Plan, step_s: f64) -> Result<Load, DriveError> {
         let mut runs = Vec::new();
-        for copy in &mut self.judged {
+        for copy in &mut self.measured {
             let remote = &mut copy.remote;
             let inspection = remote.inspect()?;
-            // The scene goes on between two inspections: all of them saw one engine.
+            // The scene runs on between two inspections, but all clients share one engine: the first digest serves for
+            // all.
             if runs.is_empty() {
                 self.truth.digest = inspection.truth;
             }
@@ -327,7 +335,7 @@ impl FreeRun {
     }
 }
 
-/// How long the truth of the last frames is waited for, a millisecond each time.
+/// Longest wait for the truth of the last frames, in milliseconds.
 const CATCH_UP_MS: u32 = 5_000;
 
 fn until(clock: &Clock, due: Instant) -> Duration {
@@ -361,7 +369,7 @@ mod tests {
         CapturedPacket::new(0, PacketDirection::StateDown, datagram.into())
     }
 
-    /// Caught: what was heard of a tick before its end was missing in the truth if the look fell between.
+    /// Regression test: states received before the end of their tick were missing when a read fell in between.
     #[test]
     fn a_tick_received_in_pieces_is_complete() {
         let (mut truth_stream, mut scripted, mut truth) = (
@@ -378,7 +386,9 @@ mod tests {
         for piece in [packet(1, 0, false), packet(1, 1, true)] {
             truth_stream.receive(&[piece], &scripted, &mut truth, &mut |_| ());
         }
-        let places = truth.ticks[0].iter().map(|seen| seen.id.index());
+        let places = truth.ticks[0]
+            .iter()
+            .map(|observation| observation.id.index());
         assert_eq!(places.collect::<Vec<_>>(), [0, 1]);
     }
 }

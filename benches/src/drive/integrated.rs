@@ -1,4 +1,4 @@
-//! The scene in the caller's own thread: the truth, and the time to beat.
+//! The scene stepped in the caller's thread: truth and time baseline.
 
 use std::hint::black_box;
 
@@ -13,21 +13,21 @@ use super::DriveError;
 use super::control::hook;
 use crate::record::{Placed, Truth};
 
-/// An engine in this process, and the log of what it did.
+/// An engine in this process and the record of its states.
 pub(super) struct Integrated {
     scene: Scene,
     clock: Clock,
     pub(super) truth: Truth,
-    /// Each body's newest state, by index; what the simulator reads every frame.
+    /// Newest state of each body, by index; the simulator reads it every frame.
     states: Vec<Option<(BodyId, BodyState)>>,
     observations: Vec<Observation>,
     pub(super) steps_ns: Vec<u64>,
 }
 
 impl Integrated {
-    /// The empty scene of a script, with its controller.
+    /// The empty scene of a script, with its controller attached.
     pub(super) fn new(script: &dyn Script) -> Result<Self, DriveError> {
-        let mut scene = Scene::new(script.config()).map_err(DriveError::Terms)?;
+        let mut scene = Scene::new(script.config()).map_err(DriveError::Config)?;
         if let Some(controller) = script.controller() {
             scene.attach(hook(controller));
         }
@@ -41,7 +41,7 @@ impl Integrated {
         })
     }
 
-    /// Applies a command and logs what it places or removes.
+    /// Applies a command and records placements and removals.
     pub(super) fn apply(&mut self, command: &Command) -> Result<(), DriveError> {
         self.scene.apply(command).map_err(DriveError::Refused)?;
         let tick = self.scene.tick();
@@ -76,7 +76,7 @@ impl Integrated {
         self.states[index] = Some((observation.id, observation.motion));
     }
 
-    /// One frame of an integrated simulator: step, then read every pose. Returns what it cost in nanoseconds.
+    /// One frame of an integrated simulator: step, then read every pose. Returns its duration in nanoseconds.
     pub(super) fn frame(&mut self) -> Result<u64, DriveError> {
         let begun = self.clock.now();
         let stepped = self.scene.step().map_err(DriveError::Scene)?;

@@ -1,6 +1,6 @@
-//! Runs one script in several modes side by side, and records what each did.
+//! Runs one script in several modes side by side and records the results.
 //!
-//! All modes take the same tick in turn, so that the machine's noise falls on all alike.
+//! All modes take the same tick in turn, so machine noise affects all alike.
 mod app;
 pub(crate) mod compare;
 mod control;
@@ -28,16 +28,16 @@ use rhumb_transport::RelayError;
 
 use crate::record::Mode;
 
-/// How long a server may say nothing, an impaired link included: an engine may take more than half a minute for the first frame of
-/// a hundred thousand bodies. A server that ends is noticed at once, by its connection.
-const PATIENCE: Duration = Duration::from_secs(300);
+/// Longest silence of a server before a run fails. An engine may take over half a minute for the first frame of a
+/// hundred thousand bodies. A server that ends is noticed at once, because its connection closes.
+const SERVER_TIMEOUT: Duration = Duration::from_secs(300);
 
-/// Why a run did not come to its end.
+/// Why a run failed.
 #[derive(Debug)]
 pub enum DriveError {
     /// The server process did not start.
     Process(ProcessError),
-    /// The client did not come into its scene.
+    /// The client could not join its scene.
     Open(OpenError),
     /// A call on the client failed.
     Client(ClientError),
@@ -47,26 +47,26 @@ pub enum DriveError {
     Relay(RelayError),
     /// The engine in this process failed.
     Scene(SceneFault),
-    /// There are not as many threads to step on.
+    /// The requested number of threads is not available.
     Workers(WorkersError),
-    /// The script's config are wrong.
-    Terms(Invalid),
-    /// The script gave a command that a scene refuses.
+    /// The script's config is invalid.
+    Config(Invalid),
+    /// The scene refused a command of the script.
     Refused(CommandError),
-    /// The script's controller gave a command that was not done.
+    /// A command of the script's controller was refused.
     Controller(HookError),
-    /// The script names bodies that the server did not grant.
+    /// The server granted fewer body indices than the script needs.
     NotGranted,
-    /// A copy that waited for its tick lacks bodies, or shows a tick that never was.
+    /// A lockstep copy lacks bodies, or shows a tick the engine never simulated.
     Incomplete {
-        /// Whose.
+        /// Mode of the copy.
         mode: Mode,
-        /// When.
+        /// Tick at which it was found.
         tick: Tick,
     },
-    /// There is no such scene.
+    /// No scene has this name.
     NoSuchScene {
-        /// As it was asked for.
+        /// The requested name.
         name: String,
     },
 }
@@ -81,7 +81,7 @@ impl fmt::Display for DriveError {
             Self::Relay(cause) => cause.fmt(f),
             Self::Scene(cause) => cause.fmt(f),
             Self::Workers(cause) => cause.fmt(f),
-            Self::Terms(cause) => cause.fmt(f),
+            Self::Config(cause) => cause.fmt(f),
             Self::Refused(cause) => write!(f, "the script's command was refused: {cause}"),
             Self::Controller(cause) => cause.fmt(f),
             Self::NotGranted => {

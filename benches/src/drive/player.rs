@@ -1,7 +1,7 @@
-//! Modes that step in turn, of which only what they cost is kept.
+//! Modes that step in turn and record only their cost.
 //!
-//! A frame is as many steps as lie between two ticks that the scene's streams speak of. Who plays keeps nothing of a
-//! frame but its cost: neither poses nor bytes, so that a run of hours is no larger than one of seconds.
+//! A frame covers the steps between two published ticks. A player keeps only the cost of a frame, neither poses nor
+//! packets, so memory does not grow with the length of a run.
 
 mod app_player;
 mod local;
@@ -18,41 +18,41 @@ use crate::summary::DATAGRAM_HEADER_BYTES;
 
 pub(crate) use remote_player::remote_player_at;
 
-/// One mode of a scene, frame by frame.
+/// One mode of a scene, run frame by frame.
 pub(crate) trait Player {
-    /// Gives the commands before the first step, and waits until they are done.
+    /// Sends the commands before the first step and waits until they are applied.
     fn prepare(&mut self, commands: &[Command]) -> Result<(), DriveError>;
 
-    /// One frame of a simulator: commands, steps, and every pose that the frame shows.
+    /// One frame of a simulator: commands, steps, and every pose the frame shows.
     fn frame(&mut self, commands: &[Command]) -> Result<FrameCost, DriveError>;
 
-    /// Waits for all steps that were asked for, and says how the scene stands.
+    /// Waits for all requested steps, then returns the state of the scene.
     fn totals(&mut self) -> Result<PlayerTotals, DriveError>;
 }
 
-/// What a frame took the caller's thread.
+/// Cost of a frame for the caller's thread.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct FrameCost {
-    /// By the clock, nanoseconds.
+    /// Wall-clock time, nanoseconds.
     pub(crate) wall_ns: u64,
-    /// Of these the thread's own work, where the system tells; the rest was waiting.
+    /// Processor time of the thread within it, where the system reports it; the rest is waiting.
     pub(crate) work_ns: Option<u64>,
 }
 
-/// How a scene stands, and what came and went since it began; joining is left out.
+/// State of a scene and its traffic since the start, without joining.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct PlayerTotals {
     pub(crate) tick: Tick,
-    /// Digest of everything that was ever observed in it.
+    /// Digest of all observations of the scene.
     pub(crate) truth: u64,
     pub(crate) awake: u32,
     pub(crate) stages: Stages,
     pub(crate) traffic: Traffic,
-    /// Of a client of the paper's protocol: frames whose end it did not hear.
+    /// Client of the paper's protocol: frames whose end message was lost.
     pub(crate) ends_lost: u64,
 }
 
-/// Where the time of whoever steps went, nanoseconds.
+/// Time per stage of the stepping process, nanoseconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Stages {
     pub(crate) step_ns: u64,
@@ -60,7 +60,7 @@ pub(crate) struct Stages {
     pub(crate) publish_ns: u64,
 }
 
-/// What crossed the wire; bytes have each datagram's headers counted.
+/// Traffic on the wire; bytes include each datagram's headers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Traffic {
     pub(crate) bytes_down: u64,
@@ -91,34 +91,34 @@ impl Traffic {
     }
 }
 
-/// What every player of one scene is asked for alike.
+/// Settings common to all players of one scene.
 #[derive(Clone, Debug)]
 pub(crate) struct PlayerSetup {
     pub(crate) config: SceneConfig,
-    /// Bodies that are placed in all, the last ones included.
+    /// Number of bodies placed in total, late ones included.
     pub(crate) bodies: u32,
-    /// What reckoned modes promise.
+    /// Tolerance of the predicted streams.
     pub(crate) tolerance: Tolerance,
-    /// What clients of the paper's protocol lose.
+    /// Defects of the clients of the paper's protocol.
     pub(crate) defects: Defects,
-    /// Where servers run.
+    /// Cores and threads of the servers.
     pub(crate) cpu: ServerCpu,
     pub(crate) seed: u64,
 }
 
-/// Who plays one or several modes.
+/// Starts players of one or more modes.
 trait PlayerFactory {
-    /// Sets up all that a mode needs.
+    /// Starts a player of a mode.
     fn start(&self, player_setup: &PlayerSetup, mode: Mode) -> Result<Box<dyn Player>, DriveError>;
 }
 
-/// A mode that can be played, and by whom.
+/// A playable mode and its factory.
 pub(crate) struct Playable {
     pub(crate) mode: Mode,
     player_factory: &'static (dyn PlayerFactory + Sync),
 }
 
-/// All modes that can be played, in the order of reports. A mode joins by a line.
+/// All playable modes in the order of reports; adding a mode takes one entry.
 const PLAYABLE: &[Playable] = &[
     Playable {
         mode: Mode::Integrated,
@@ -150,12 +150,12 @@ const PLAYABLE: &[Playable] = &[
     },
 ];
 
-/// The modes that can be played, in the order of reports.
+/// The playable modes, in the order of reports.
 pub(crate) fn playable() -> impl Iterator<Item = Mode> {
     PLAYABLE.iter().map(|playable| playable.mode)
 }
 
-/// Starts a mode; `None` if it cannot be played.
+/// Starts a mode; `None` if it is not playable.
 pub(crate) fn start(
     mode: Mode,
     player_setup: &PlayerSetup,

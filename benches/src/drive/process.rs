@@ -1,6 +1,6 @@
-//! A server in a process of its own.
+//! Runs a server in a process of its own.
 //!
-//! This binary is also a server (hidden subcommand `serve`), so that nothing else needs to be built or found.
+//! The server is this binary with the hidden subcommand `serve`, so no other program must be built or found.
 
 use std::fmt;
 use std::io::{self, BufRead, BufReader};
@@ -12,29 +12,29 @@ use rhumb_transport::Fingerprint;
 
 use super::control::ScriptChoice;
 
-/// A running server, killed when dropped.
+/// A running server; killed on drop.
 #[derive(Debug)]
 pub struct ServerProcess {
     child: Child,
-    /// Where it listens.
+    /// Address on which the server listens.
     pub address: SocketAddr,
-    /// What to pin.
+    /// Fingerprint of its certificate, for pinning.
     pub fingerprint: Fingerprint,
-    /// Where clients of the paper's protocol are awaited, if they are.
+    /// Address for clients of the paper's protocol, if enabled.
     pub app: Option<SocketAddr>,
 }
 
-/// Where a server runs, and on how many threads it steps.
+/// Cores and threads of a server.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ServerCpu {
-    /// The cores it keeps to; any if empty.
+    /// Cores the server is pinned to; empty means any.
     pub cores: Vec<usize>,
-    /// Threads of the engine; one unless said.
+    /// Threads of the engine; `None` means one.
     pub threads: Option<NonZeroU32>,
 }
 
 impl ServerCpu {
-    /// One thread, on one core if asked.
+    /// One thread, on the given core if any.
     #[must_use]
     pub fn on(core: Option<usize>) -> Self {
         Self {
@@ -44,15 +44,15 @@ impl ServerCpu {
     }
 }
 
-/// Why there is no server.
+/// Why a server did not start.
 #[derive(Debug)]
 pub enum ProcessError {
     /// The process cannot be started.
     Start(io::Error),
-    /// It ended, or said something else, before it said where it listens.
+    /// The server ended, or printed something else, before it printed its address.
     NoAddress {
-        /// What it said.
-        said: String,
+        /// Its output.
+        output: String,
     },
 }
 
@@ -60,10 +60,10 @@ impl fmt::Display for ProcessError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Start(cause) => write!(f, "cannot start the server process: {cause}"),
-            Self::NoAddress { said } => {
+            Self::NoAddress { output } => {
                 write!(
                     f,
-                    "the server process did not say where it listens; it said {said:?}"
+                    "the server process did not print its address; its output was {output:?}"
                 )
             }
         }
@@ -73,11 +73,11 @@ impl fmt::Display for ProcessError {
 impl std::error::Error for ProcessError {}
 
 impl ServerProcess {
-    /// Starts a server on a free port of loopback, on its cores, beside the controller of a script if named.
+    /// Starts a server on a free port of loopback, on its cores, with the controller of a script if given.
     ///
     /// # Errors
     ///
-    /// [`ProcessError`] when it does not start or does not say where it is.
+    /// [`ProcessError`] if it does not start or does not print its address.
     pub fn start(
         cpu: &ServerCpu,
         controller_script: Option<&ScriptChoice>,
@@ -85,7 +85,7 @@ impl ServerProcess {
         Self::start_with(cpu, controller_script, &[])
     }
 
-    /// The same with more arguments, such as where clients of the paper's protocol are awaited.
+    /// The same with more arguments, such as the address for the paper's protocol.
     ///
     /// # Errors
     ///
@@ -132,12 +132,12 @@ impl ServerProcess {
     }
 }
 
-/// What the start-up lines name.
+/// Contents of the start-up lines.
 type Addresses = (SocketAddr, Fingerprint, Option<SocketAddr>);
 
-/// Reads the lines that name address and fingerprint, and the address for the paper's protocol if there is one.
+/// Reads the start-up lines: address, fingerprint and, if expected, the address for the paper's protocol.
 fn read_start_up_lines(child: &mut Child, awaits_app: bool) -> Result<Addresses, ProcessError> {
-    let (mut said, mut address, mut fingerprint) = (String::new(), None, None);
+    let (mut output, mut address, mut fingerprint) = (String::new(), None, None);
     let mut app = None;
     if let Some(out) = child.stdout.take() {
         for line in BufReader::new(out).lines() {
@@ -151,8 +151,8 @@ fn read_start_up_lines(child: &mut Child, awaits_app: bool) -> Result<Addresses,
             if let Some(text) = line.strip_prefix("app listening on ") {
                 app = text.parse().ok();
             }
-            said.push_str(&line);
-            said.push('\n');
+            output.push_str(&line);
+            output.push('\n');
             if let (Some(address), Some(fingerprint)) = (address, fingerprint)
                 && app.is_some() == awaits_app
             {
@@ -160,10 +160,10 @@ fn read_start_up_lines(child: &mut Child, awaits_app: bool) -> Result<Addresses,
             }
         }
     }
-    Err(ProcessError::NoAddress { said })
+    Err(ProcessError::NoAddress { output })
 }
 
-/// A process that is gone already needs no ending.
+/// Kills the process; one that has already ended needs nothing.
 fn end(child: &mut Child) {
     let _ = child.kill();
     let _ = child.wait();

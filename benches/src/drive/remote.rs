@@ -1,4 +1,4 @@
-//! One remote mode: a server process, a client, and what its caller saw.
+//! One remote mode: a server process, a client, and its frames.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -18,73 +18,73 @@ use rhumb_transport::{Clock, LinkConfig, UdpRelay};
 
 use super::compare::{RecentTruth, ViewErrors, compare};
 use super::control::ScriptChoice;
-use super::{DriveError, PATIENCE, ServerCpu, ServerProcess};
+use super::{DriveError, SERVER_TIMEOUT, ServerCpu, ServerProcess};
 use crate::record::{Breach, CapturedPacket, Cause, CopiedPose, Frame, JoinCost, PacketDirection};
 
-/// How a remote mode is set up.
+/// Setup of a remote mode.
 #[derive(Clone, Debug)]
 pub(super) struct Setup<'a> {
     pub(super) stream: StreamChoice,
     pub(super) depth: PipelineDepth,
-    /// Free running only: how many ticks later than it can be spoken of the copy is shown.
+    /// Free running only: ticks by which the view lags behind the newest tick that can be shown.
     pub(super) delay: Ticks,
     pub(super) config: SceneConfig,
-    /// Whose controller acts at the server, if it has one.
+    /// Script whose controller runs at the server, if any.
     pub(super) controller_script: Option<ScriptChoice>,
     pub(super) cpu: ServerCpu,
     pub(super) link: &'a LinkConfig,
     pub(super) seed: u64,
-    /// Bodies that are placed in all, later ones included; what the first commands place is counted anyway.
+    /// Number of bodies placed in total, later ones included; bodies of the first commands are counted anyway.
     pub(super) bodies: u32,
     pub(super) keep: Retention,
 }
 
-/// What is kept of each frame beside what it cost.
+/// Which data of each frame are kept besides its cost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Retention {
-    /// Every byte that passed and every pose that changed.
+    /// All packets and all changed poses.
     Everything,
-    /// Nothing: a run may be as long as it likes.
+    /// Nothing more, so a run may have any length.
     Costs,
 }
 
-/// What the tap wrote since it was last emptied.
-type Tape = Arc<Mutex<Vec<(PacketDirection, Bytes)>>>;
+/// Packets recorded since the log was last emptied.
+type PacketLog = Arc<Mutex<Vec<(PacketDirection, Bytes)>>>;
 
 /// A server process and its client.
 pub(super) struct Remote {
     client: Client,
     depth: PipelineDepth,
     bodies: u32,
-    /// Body indices beyond those of the first grant.
+    /// Body indices reserved beyond the first grant.
     reserved: u32,
     keep: Retention,
-    tape: Tape,
+    packet_log: PacketLog,
     clock: Clock,
     wire: WireStatistics,
     updates: u64,
     pub(super) frames: Vec<Frame>,
-    /// Frames whose truth is not known yet, oldest first.
+    /// Frames whose truth is not yet known, oldest first.
     pending: VecDeque<PendingFrame>,
     pub(super) captured: Vec<CapturedPacket>,
     pub(super) breaches: Vec<Breach>,
     pub(super) join: JoinCost,
-    // Dropped last: the client says goodbye first.
+    // Dropped last, so that the client can close the connection.
     _relay: Option<UdpRelay>,
     _process: Option<ServerProcess>,
 }
 
-/// What was known of how far off a body may be, when it was shown.
+/// Error bound of a body that the stream stated when the body was shown.
 #[derive(Clone, Copy, Debug)]
 enum StreamKnowledge {
-    /// By this factor on its tolerance at most.
+    /// At most this factor times its tolerance.
     Within(f64),
-    /// It was not known, for this reason.
+    /// Unknown, for this reason.
     Unknown(Cause),
 }
 
 impl StreamKnowledge {
-    /// Why it is off by so much of its tolerance.
+    /// Cause of an error of `share` times the tolerance.
     fn cause(self, share: f64) -> Cause {
         match self {
             Self::Within(error_scale) if share <= error_scale => Cause::Budget,
@@ -94,16 +94,16 @@ impl StreamKnowledge {
     }
 }
 
-/// What a frame showed, kept until its truth is known.
+/// A frame's poses, kept until its truth is known.
 #[derive(Debug)]
 struct PendingFrame {
-    /// Which frame.
+    /// Number of the frame.
     number: usize,
-    /// Each body's pose, and why it would be off if it were, by index.
+    /// Pose of each body, and the error bound known for it.
     bodies: BTreeMap<BodyId, (Vec3, Quat, StreamKnowledge)>,
 }
 
-/// The scene's name on the bench's own servers.
+/// Name of the scene on the benchmark's own servers.
 pub(super) fn scene_name() -> SceneName {
     "bench".parse().expect("the name has only letters")
 }
@@ -117,7 +117,7 @@ impl Remote {
         Ok(remote)
     }
 
-    /// Joins the scene of a server that somebody else keeps.
+    /// Joins a scene on a server that the caller owns.
     pub(super) fn join(process: &ServerProcess, setup: &Setup<'_>) -> Result<Self, DriveError> {
         let relay = if *setup.link == LinkConfig::PERFECT {
             None
@@ -138,13 +138,13 @@ impl Remote {
             JoinMode::CreateOrJoin(setup.config),
         );
         options.stream = setup.stream;
-        options.patience = PATIENCE;
+        options.patience = SERVER_TIMEOUT;
         options.delay_ticks = f64::from(setup.delay.count());
         (options.whole_ticks, options.smooth) = (true, false);
         let mut client = Client::open(options)?;
-        let tape = Tape::default();
+        let packet_log = PacketLog::default();
         if setup.keep == Retention::Everything {
-            record(&mut client, Arc::clone(&tape));
+            record(&mut client, Arc::clone(&packet_log));
         }
         Ok(Self {
             client,
@@ -152,7 +152,7 @@ impl Remote {
             bodies: setup.bodies,
             reserved: 0,
             keep: setup.keep,
-            tape,
+            packet_log,
             clock: Clock::start(),
             wire: WireStatistics::default(),
             updates: 0,
@@ -166,7 +166,7 @@ impl Remote {
         })
     }
 
-    /// Gives the commands before the first step, waits until they are applied, and counts all that as joining.
+    /// Sends the commands before the first step and waits until they are applied; the traffic counts as joining.
     pub(super) fn prepare(&mut self, commands: &[Command]) -> Result<(), DriveError> {
         self.reserve(commands)?;
         let mut last = None;
@@ -179,7 +179,8 @@ impl Remote {
         self.begin()
     }
 
-    /// Has as many body indices in a row as a script needs. Whoever joins before that has those that follow the first ones.
+    /// Reserves enough consecutive body indices for the script. Call it before other clients join: their grants follow
+    /// the first one.
     pub(super) fn reserve(&mut self, commands: &[Command]) -> Result<(), DriveError> {
         let needed = commands
             .iter()
@@ -201,10 +202,10 @@ impl Remote {
         Ok(())
     }
 
-    /// Counts all that was so far as joining.
+    /// Counts all traffic so far as joining.
     pub(super) fn begin(&mut self) -> Result<(), DriveError> {
         self.client.wait(PipelineDepth::LOCKSTEP)?;
-        self.tape().clear();
+        self.packet_log().clear();
         self.wire = self.client.statistics().wire;
         self.join = JoinCost {
             wire_bytes_down: self.wire.received_bytes,
@@ -232,7 +233,7 @@ impl Remote {
         }
     }
 
-    /// One frame of a remote simulator: command, advance, and have every pose of the tick that the call returns.
+    /// One frame of a remote simulator: commands, advance, and every pose of the returned tick.
     pub(super) fn frame(&mut self, commands: &[Command]) -> Result<(), DriveError> {
         let begun = self.clock.now();
         for command in commands {
@@ -240,46 +241,48 @@ impl Remote {
         }
         let tick = self.client.advance(self.depth)?;
         let frame_ns = self.clock.now().since(begun).as_nanos();
-        self.note_frame(tick, frame_ns);
+        self.record_frame(tick, frame_ns);
         Ok(())
     }
 
-    /// One frame of a simulator that follows a free-running scene; returns the tick shown.
-    pub(super) fn follow(&mut self) -> Result<Tick, DriveError> {
+    /// One frame of a client of a free-running scene; returns the tick shown.
+    pub(super) fn update_view(&mut self) -> Result<Tick, DriveError> {
         let begun = self.clock.now();
         let at = self.client.poll()?;
         let frame_ns = self.clock.now().since(begun).as_nanos();
-        self.note_frame(at.tick, frame_ns);
+        self.record_frame(at.tick, frame_ns);
         Ok(at.tick)
     }
 
-    /// The tick that a pipelined server still owes, as a frame of its own.
+    /// The last tick of a pipelined server, as a frame of its own.
     pub(super) fn last_frame(&mut self) -> Result<(), DriveError> {
         let begun = self.clock.now();
         let tick = self.client.wait(PipelineDepth::LOCKSTEP)?;
         let frame_ns = self.clock.now().since(begun).as_nanos();
         if self.frames.last().is_none_or(|last| last.tick < tick) {
-            self.note_frame(tick, frame_ns);
+            self.record_frame(tick, frame_ns);
         }
         Ok(())
     }
 
-    /// Takes the last frame out again, if its caller keeps its own account.
+    /// Removes and returns the last frame, for callers that keep their own record.
     pub(super) fn take_frame(&mut self) -> Option<Frame> {
         self.frames.pop()
     }
 
-    fn tape(&self) -> std::sync::MutexGuard<'_, Vec<(PacketDirection, Bytes)>> {
-        self.tape.lock().unwrap_or_else(PoisonError::into_inner)
+    fn packet_log(&self) -> std::sync::MutexGuard<'_, Vec<(PacketDirection, Bytes)>> {
+        self.packet_log
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Writes down what the frame cost and what it showed.
-    fn note_frame(&mut self, tick: Tick, frame_ns: u64) {
+    /// Records the cost of the frame and the poses it shows.
+    fn record_frame(&mut self, tick: Tick, frame_ns: u64) {
         let statistics = self.client.statistics();
         let (wire, before) = (statistics.wire, self.wire);
         self.wire = wire;
         let view = self.client.view();
-        let seen = |place: usize| CopiedPose {
+        let pose = |place: usize| CopiedPose {
             id: view.ids()[place],
             position: view.positions()[place].to_array(),
             rotation: view.rotations()[place].to_array(),
@@ -296,12 +299,12 @@ impl Remote {
             ..Frame::default()
         };
         if self.keep == Retention::Everything {
-            frame.seen = view.changed().map(seen).collect();
-            frame.gone = view.removed().to_vec();
+            frame.changed = view.changed().map(pose).collect();
+            frame.removed = view.removed().to_vec();
         }
         self.updates = statistics.stream.updates;
         let number = self.frames.len() as u32;
-        let taken = std::mem::take(&mut *self.tape());
+        let taken = std::mem::take(&mut *self.packet_log());
         self.captured.extend(
             taken
                 .into_iter()
@@ -310,9 +313,9 @@ impl Remote {
         self.frames.push(frame);
     }
 
-    /// Judges the last frame against the truth; returns how many bodies its copy lacks, or nothing when that truth is not
-    /// known.
-    pub(super) fn judge(
+    /// Records the errors of the last frame against the truth; returns how many bodies the copy lacks, or `None` if
+    /// that truth is unknown.
+    pub(super) fn record_errors(
         &mut self,
         recent: &RecentTruth,
         tolerance: Option<Tolerance>,
@@ -330,7 +333,7 @@ impl Remote {
         Some(self.take_errors(number, errors))
     }
 
-    /// What is known of how far off a body may be that is shown as of a tick.
+    /// Error bound that the stream states for a body shown at a tick.
     fn knowledge(&self, id: BodyId, tick: Tick) -> StreamKnowledge {
         let client = &self.client;
         let stream = client.replica().map(Replica::stream);
@@ -355,7 +358,7 @@ impl Remote {
         errors.missing
     }
 
-    /// Keeps what the last frame showed, to be judged when its truth is known.
+    /// Keeps the poses of the last frame until its truth is known.
     pub(super) fn keep(&mut self) {
         let Some(number) = self.frames.len().checked_sub(1) else {
             return;
@@ -371,12 +374,12 @@ impl Remote {
     }
 
     /// Whether no frame waits for its truth.
-    pub(super) fn is_judged(&self) -> bool {
+    pub(super) fn has_no_pending(&self) -> bool {
         self.pending.is_empty()
     }
 
-    /// Judges the frames that were kept, oldest first, as far as their tick has come; returns how many are left.
-    pub(super) fn judge_kept(
+    /// Records the errors of pending frames, oldest first, up to the newest known tick; returns how many stay pending.
+    pub(super) fn record_pending_errors(
         &mut self,
         recent: &RecentTruth,
         tolerance: Option<Tolerance>,
@@ -394,7 +397,7 @@ impl Remote {
             };
             let number = shown.number;
             let errors = compare(recent, tick, pose, tolerance, cause);
-            if errors.is_none() && !recent.has_come(tick) {
+            if errors.is_none() && !recent.has_reached(tick) {
                 break;
             }
             self.pending.pop_front();
@@ -409,19 +412,19 @@ impl Remote {
         &mut self.client
     }
 
-    /// Sums over tracks in which the copy differed from what the server said.
+    /// Track checksums in which the copy differs from the server.
     pub(super) fn mismatches(&self) -> u64 {
         self.client.statistics().stream.mismatches
     }
 
-    /// What the server says of itself at the end.
+    /// The server's report on the scene at the end.
     pub(super) fn inspect(&mut self) -> Result<Inspection, DriveError> {
         Ok(self.client.inspect()?)
     }
 }
 
-/// Writes down all that passes.
-fn record(client: &mut Client, tape: Tape) {
+/// Records all packets of a client.
+fn record(client: &mut Client, packet_log: PacketLog) {
     client.record(move |direction, bytes| {
         let direction = match direction {
             rhumb_client::TapChannel::ControlDown => PacketDirection::ControlDown,
@@ -429,7 +432,7 @@ fn record(client: &mut Client, tape: Tape) {
             rhumb_client::TapChannel::StateDown => PacketDirection::StateDown,
             rhumb_client::TapChannel::StateUp => PacketDirection::StateUp,
         };
-        let mut tape = tape.lock().unwrap_or_else(PoisonError::into_inner);
-        tape.push((direction, Bytes::copy_from_slice(bytes)));
+        let mut packet_log = packet_log.lock().unwrap_or_else(PoisonError::into_inner);
+        packet_log.push((direction, Bytes::copy_from_slice(bytes)));
     });
 }

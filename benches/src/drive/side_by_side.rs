@@ -1,7 +1,7 @@
-//! The modes that step in turn: integrated, naive, reckoned at two depths.
+//! Runs the modes that step in turn: integrated, naive and predicted.
 //!
-//! Each tick: the pipelined client asks for its next tick; while its server works, the integrated scene takes the tick
-//! in this thread; then the others take it. So the pipelined caller has other work to do, as a simulator has.
+//! Each tick, the pipelined client requests its next tick. While its server works, the integrated scene takes the tick
+//! in this thread, then the other modes take it. So the pipelined caller has other work to do, as a simulator has.
 
 use rhumb_client::{PipelineDepth, StreamChoice};
 use rhumb_protocol::scene::{Command, PublishSchedule};
@@ -19,51 +19,51 @@ use super::{DriveError, ServerCpu};
 use crate::quantile::of_nanoseconds;
 use crate::record::{Frame, JoinCost, Load, Mode, Run, RunConfig, SubscriptionSettings};
 
-/// Which cores the caller and the servers run on, where there are two.
+/// Cores of the caller and of the servers, where there are two.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Cores {
-    /// All servers.
+    /// Core of all servers.
     pub server: Option<usize>,
 }
 
-/// What to run.
+/// Settings of an evaluation.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// Name of the script.
     pub scene: String,
-    /// Its load.
+    /// Number of bodies.
     pub bodies: u32,
-    /// Its seed.
+    /// Seed of the script.
     pub seed: u64,
-    /// How many ticks.
+    /// Number of ticks.
     pub ticks: u32,
-    /// The promise of the reckoned modes.
+    /// Tolerance of the predicted modes.
     pub tolerance: Tolerance,
-    /// What their packets may take, if that is limited.
+    /// Bandwidth limit of the predicted modes, if any.
     pub budget: Option<Budget>,
-    /// Between the processes.
+    /// Simulated link between the processes.
     pub link: LinkConfig,
-    /// Which modes, in the order of the report.
+    /// Modes to run, in the order of the report.
     pub modes: Vec<Mode>,
-    /// What the client of the paper's protocol loses.
+    /// Defects of the client of the paper's protocol.
     pub defects: Defects,
-    /// When the free-running scene is published.
+    /// Publish schedule of the free-running scene.
     pub publish_schedule: PublishSchedule,
-    /// How much later than it can be spoken of it is shown.
+    /// Ticks by which a free-running view lags behind the newest tick that can be shown.
     pub delay: Ticks,
-    /// Where they run.
+    /// Cores of caller and servers.
     pub cores: Cores,
 }
 
 impl Plan {
     pub(super) fn script(&self) -> Result<Box<dyn Script>, DriveError> {
-        let script = self.played().script();
+        let script = self.script_choice().script();
         script.ok_or_else(|| DriveError::NoSuchScene {
             name: self.scene.clone(),
         })
     }
 
-    fn played(&self) -> ScriptChoice {
+    fn script_choice(&self) -> ScriptChoice {
         ScriptChoice {
             scene: self.scene.clone(),
             bodies: self.bodies,
@@ -72,8 +72,8 @@ impl Plan {
     }
 
     pub(super) fn run_config(&self, mode: Mode, step_s: f64) -> RunConfig {
-        let reckoned = matches!(mode, Mode::Rhumb | Mode::RhumbPipelined | Mode::RhumbFree);
-        let length = self.tolerance.length().filter(|_| reckoned);
+        let predicts = matches!(mode, Mode::Rhumb | Mode::RhumbPipelined | Mode::RhumbFree);
+        let length = self.tolerance.length().filter(|_| predicts);
         RunConfig {
             scene: self.scene.clone(),
             bodies: self.bodies,
@@ -82,7 +82,7 @@ impl Plan {
             tolerance_m: length.map(Metres::metres),
             budget_bytes_per_second: self
                 .budget
-                .filter(|_| reckoned)
+                .filter(|_| predicts)
                 .map(Budget::bytes_per_second),
             link: if mode == Mode::Integrated {
                 "none".into()
@@ -104,8 +104,8 @@ impl Plan {
         }
     }
 
-    /// The modes whose client is Rhumb's and waits for its tick; the pipelined one first, since its server works while the
-    /// others take their turn.
+    /// Starts the modes with a Rhumb client in lockstep or pipelined. The pipelined one comes first, because its
+    /// server works while the others take their turn.
     fn start_remotes(&self, script: &dyn Script) -> Result<Vec<(Mode, Remote)>, DriveError> {
         let mut remotes = Vec::new();
         for mode in &self.modes {
@@ -117,7 +117,7 @@ impl Plan {
         Ok(remotes)
     }
 
-    /// The modes of the paper's protocol.
+    /// Starts the modes of the paper's protocol.
     fn start_apps(&self, script: &dyn Script) -> Result<Vec<(Mode, AppRemote)>, DriveError> {
         let modes = self.modes.iter().copied().filter(|mode| mode.is_app());
         modes
@@ -126,7 +126,7 @@ impl Plan {
                     mode,
                     defects: self.defects,
                     config: script.config(),
-                    controller_script: script.controller().map(|_| self.played()),
+                    controller_script: script.controller().map(|_| self.script_choice()),
                     cpu: ServerCpu::on(self.cores.server),
                     keep: Retention::Everything,
                 };
@@ -157,7 +157,7 @@ impl Plan {
                 _ => PipelineDepth::LOCKSTEP,
             },
             config: script.config(),
-            controller_script: script.controller().map(|_| self.played()),
+            controller_script: script.controller().map(|_| self.script_choice()),
             cpu: ServerCpu::on(self.cores.server),
             link: &self.link,
             seed: self.seed,
@@ -167,11 +167,11 @@ impl Plan {
     }
 }
 
-/// Runs all modes of a plan but the free-running one; `progress` is told each tick that is done.
+/// Runs all modes of a plan except the free-running ones; calls `progress` after each tick.
 ///
 /// # Errors
 ///
-/// [`DriveError`] names what did not work; nothing is kept of a run that does not end.
+/// [`DriveError`] names the failure; a run that fails leaves no results.
 pub fn run_side_by_side(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<Load, DriveError> {
     let mut script = plan.script()?;
     let mut integrated = Integrated::new(&*script)?;
@@ -216,8 +216,8 @@ pub fn run_side_by_side(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<L
         frame_of_apps(&mut apps, &commands, &recent, integrated.tick())?;
         for (mode, remote) in &mut remotes {
             let tolerance = (*mode != Mode::Naive).then_some(plan.tolerance);
-            let missing = remote.judge(&recent, tolerance);
-            // A pipelined copy may hear that a body goes before it shows the last tick that had it.
+            let missing = remote.record_errors(&recent, tolerance);
+            // A pipelined copy may learn of a removal before it shows the last tick that had the body.
             let allowed = *mode == Mode::RhumbPipelined && missing.is_some();
             if missing != Some(0) && !allowed {
                 let tick = integrated.tick();
@@ -230,7 +230,7 @@ pub fn run_side_by_side(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<L
             script.commands(integrated.tick(), &mut commands);
         }
     }
-    show_what_is_owed(plan, &recent, integrated.tick(), &mut remotes)?;
+    show_last_pipelined_tick(plan, &recent, integrated.tick(), &mut remotes)?;
     let apps = apps
         .into_iter()
         .map(|(mode, app)| finish_app(plan, mode, app, &integrated))
@@ -242,7 +242,7 @@ pub fn run_side_by_side(plan: &Plan, progress: &mut dyn FnMut(Tick)) -> Result<L
     Ok(load)
 }
 
-/// Has each mode of the paper's protocol take a tick, and judges what it saw.
+/// Has each mode of the paper's protocol take a tick and records its errors.
 fn frame_of_apps(
     apps: &mut [(Mode, AppRemote)],
     commands: &[Command],
@@ -251,7 +251,7 @@ fn frame_of_apps(
 ) -> Result<(), DriveError> {
     for (mode, app) in apps {
         app.frame(commands)?;
-        if app.judge(recent) != Some(0) {
+        if app.record_errors(recent) != Some(0) {
             return Err(DriveError::Incomplete { mode: *mode, tick });
         }
     }
@@ -274,7 +274,7 @@ fn finish_app(
         join: app.join,
         breaches: Vec::new(),
         recoveries: Vec::new(),
-        // It says no sums over tracks.
+        // The paper's protocol has no track checksums.
         mismatches: 0,
         step_ns_p50: inspection.times.step_median,
         step_ns_p99: inspection.times.step_p99,
@@ -283,8 +283,8 @@ fn finish_app(
     })
 }
 
-/// A pipelined server still owes the last tick.
-fn show_what_is_owed(
+/// Shows the last tick of a pipelined server.
+fn show_last_pipelined_tick(
     plan: &Plan,
     recent: &RecentTruth,
     tick: Tick,
@@ -293,7 +293,7 @@ fn show_what_is_owed(
     let pipelined = |(mode, _): &&mut (Mode, Remote)| *mode == Mode::RhumbPipelined;
     for (mode, remote) in remotes.iter_mut().filter(pipelined) {
         remote.last_frame()?;
-        if remote.judge(recent, Some(plan.tolerance)) != Some(0) {
+        if remote.record_errors(recent, Some(plan.tolerance)) != Some(0) {
             return Err(DriveError::Incomplete { mode: *mode, tick });
         }
     }

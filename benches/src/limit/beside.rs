@@ -1,4 +1,4 @@
-//! Runs set beside how little would have done for what they promised.
+//! Adds to runs the limit for their tolerance.
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;
@@ -9,10 +9,10 @@ use super::Limit;
 use crate::record::{LimitRates, Run};
 use crate::recording::Recording;
 
-/// What is promised: a tolerance, at every so many ticks.
+/// A tolerance and the publish interval at which it holds.
 pub(crate) type Promised = (Tolerance, NonZeroU32);
 
-/// Gives each run the limit of its promise, if it has one; what several promise is sought once.
+/// Adds the limit to each run that states a tolerance; equal tolerances are computed once.
 pub(crate) fn set_beside_limits<'a>(
     recording: &Recording,
     runs: impl Iterator<Item = (&'a mut Run, Option<Promised>)>,
@@ -27,7 +27,7 @@ pub(crate) fn set_beside_limits<'a>(
 }
 
 impl Limit {
-    /// The figures that runs are set beside.
+    /// The figures to which runs are compared.
     #[must_use]
     pub fn rates(&self) -> LimitRates {
         LimitRates {

@@ -1,22 +1,22 @@
-//! What updates would take from an ideal coder that learns as it goes.
+//! Bits of updates under an ideal adaptive coder.
 //!
-//! No packet is written. Each choice costs the logarithm of how likely those before made it (Krichevsky and Trofimov,
-//! 1981), so that what a coder has to learn is paid for. Contexts are simple: predictors, axes, and how long a body was
-//! silent.
+//! No packet is written. Each choice costs the logarithm of its frequency among earlier choices (Krichevsky and
+//! Trofimov, 1981), so the cost of learning is included. Contexts are simple: predictors, axes, and time since a
+//! body's last update.
 
 use std::collections::BTreeMap;
 
 use super::context::PredictorKind;
 use super::segments::SegmentUpdate;
 
-/// What the parts of the updates take, bits.
+/// Bits of the parts of the updates.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Bits {
-    /// Which bodies are spoken of in each frame.
+    /// Ids of the bodies updated in each frame.
     pub(super) body_ids: f64,
-    /// By which predictor each goes on.
+    /// Choice of predictors.
     pub(super) predictors: f64,
-    /// Positions and turns.
+    /// Positions and rotations.
     pub(super) poses: f64,
     /// Velocities.
     pub(super) velocities: f64,
@@ -28,7 +28,7 @@ impl Bits {
     }
 }
 
-/// Where a choice stands; choices in one place are alike.
+/// Context of a choice; choices in one context share statistics.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Decision {
     Named { silent: u32, still: bool },
@@ -42,7 +42,7 @@ enum Decision {
     Second(Number),
 }
 
-/// Which number of an update: its predictors, its kind and its axis.
+/// Context of a number in an update: predictors, quantity and axis.
 type Number = ([PredictorKind; 2], CodedQuantity, u8);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -54,7 +54,7 @@ enum CodedQuantity {
     ConstantAcceleration,
 }
 
-/// How often each alternative was taken.
+/// Counts of each alternative per context.
 #[derive(Debug, Default)]
 struct AdaptiveModel {
     counts: BTreeMap<Decision, [f64; PredictorKind::ALL.len()]>,
@@ -62,14 +62,14 @@ struct AdaptiveModel {
 
 impl AdaptiveModel {
     /// Bits of one of `of` alternatives.
-    fn choose(&mut self, place: Decision, taken: usize, of: usize) -> f64 {
+    fn choose(&mut self, place: Decision, chosen: usize, of: usize) -> f64 {
         let counts = self
             .counts
             .entry(place)
             .or_insert([0.5; PredictorKind::ALL.len()]);
         let all: f64 = counts[..of].iter().sum();
-        let bits = -(counts[taken] / all).log2();
-        counts[taken] += 1.0;
+        let bits = -(counts[chosen] / all).log2();
+        counts[chosen] += 1.0;
         bits
     }
 
@@ -77,7 +77,7 @@ impl AdaptiveModel {
         self.choose(place, usize::from(yes), 2)
     }
 
-    /// Zero or not, sign, length of the size in binary, its second digit; those below are taken as chance.
+    /// Zero flag, sign, binary length and second digit; lower digits count as random.
     fn number(&mut self, number: Number, value: i32) -> f64 {
         let mut bits = self.decide(Decision::Zero(number), value == 0);
         if value == 0 {
@@ -119,18 +119,20 @@ impl AdaptiveModel {
             bits.predictors += self.decide(Decision::OtherParent, update.changes_parent);
         }
         if next == PredictorKind::ConstantAcceleration {
-            bits.predictors +=
-                self.decide(Decision::OtherAcceleration { last }, update.push.is_some());
+            bits.predictors += self.decide(
+                Decision::OtherAcceleration { last },
+                update.constant_acceleration.is_some(),
+            );
         }
-        if let Some(push) = update.push {
+        if let Some(constant_acceleration) = update.constant_acceleration {
             bits.predictors += self.numbers(
                 predictors,
                 CodedQuantity::ConstantAcceleration,
-                push.steps().map(i32::from),
+                constant_acceleration.steps().map(i32::from),
             );
             bits.predictors += self.number(
                 (predictors, CodedQuantity::ConstantAcceleration, 3),
-                i32::from(push.exponent()),
+                i32::from(constant_acceleration.exponent()),
             );
         }
         let residual = &update.residual;
@@ -147,7 +149,7 @@ impl AdaptiveModel {
     }
 }
 
-/// A body's silence, by powers of two of frames; a body that is not there is spoken of by nobody.
+/// Frames since a body's last update, by powers of two; not counted while the body is absent.
 #[derive(Clone, Copy, Debug)]
 struct SilentSpan {
     since: usize,
@@ -155,8 +157,8 @@ struct SilentSpan {
     predictor: PredictorKind,
 }
 
-/// Bits of all updates, which come in order of frames and bodies; `present`: from which frame until which each body is
-/// there, and by which predictor it begins.
+/// Bits of all updates, sorted by frame and body. `present` gives each body's first frame, end frame and first
+/// predictor.
 pub(super) fn bits(
     updates: &[SegmentUpdate],
     present: &[(usize, usize, PredictorKind)],
@@ -170,7 +172,7 @@ pub(super) fn bits(
             predictor,
         })
         .collect();
-    let mut learnt = AdaptiveModel::default();
+    let mut model = AdaptiveModel::default();
     let mut bits = Bits::default();
     let mut updates = updates.iter().peekable();
     for frame in 0..frames {
@@ -178,14 +180,14 @@ pub(super) fn bits(
             if frame <= silence.since || frame >= silence.until {
                 continue;
             }
-            let spoken = updates.next_if(|update| update.frame == frame && update.body == body);
+            let updated = updates.next_if(|update| update.frame == frame && update.body == body);
             let place = Decision::Named {
                 silent: (frame - silence.since).ilog2(),
                 still: silence.predictor == PredictorKind::Rest,
             };
-            bits.body_ids += learnt.decide(place, spoken.is_some());
-            if let Some(update) = spoken {
-                learnt.update(update, &mut bits);
+            bits.body_ids += model.decide(place, updated.is_some());
+            if let Some(update) = updated {
+                model.update(update, &mut bits);
                 (silence.since, silence.predictor) = (frame, update.predictors[1]);
             }
         }
@@ -204,7 +206,7 @@ mod tests {
             body,
             predictors: [PredictorKind::Rest; 2],
             changes_parent: false,
-            push: None,
+            constant_acceleration: None,
             residual: Residual {
                 position: [x, 0, 0],
                 ..Residual::default()
@@ -213,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_always_so_costs_next_to_nothing() {
+    fn a_constant_value_costs_almost_nothing() {
         let present = vec![(0, 1_001, PredictorKind::Rest); 1];
         let updates: Vec<_> = (1..=1_000).map(|frame| update(frame, 0, 0)).collect();
         let bits = bits(&updates, &present, 1_001);
@@ -221,8 +223,8 @@ mod tests {
     }
 
     #[test]
-    fn what_is_left_to_chance_costs_what_chance_costs() {
-        // Positions of two digits, as likely as each other.
+    fn a_random_value_costs_its_entropy() {
+        // Two-digit positions, all equally likely.
         let present = vec![(0, 4_001, PredictorKind::Rest); 1];
         let value = |frame: usize| [-3, -2, 2, 3][((frame * 2_654_435_761) >> 7) & 3];
         let updates: Vec<_> = (1..=4_000).map(|f| update(f, 0, value(f))).collect();

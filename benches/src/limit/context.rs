@@ -1,6 +1,6 @@
-//! The predictors that a body may follow, and for how long each holds.
+//! Predictor choices for a segment, and how long each holds.
 //!
-//! Every judgement here is by the normative prediction against the recording.
+//! Every check compares the normative prediction with the recording.
 
 use std::num::NonZeroU32;
 
@@ -13,7 +13,7 @@ use rhumb_reckoning::{
 
 use super::path::Path;
 
-/// A predictor of the closed list, in the world or in the frame of a body that holds. Bodies that tumble do so by either of the
+/// A predictor, in the world frame or in the frame of a parent. Bodies with inertia rotate freely under either of the
 /// moving ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum PredictorKind {
@@ -25,7 +25,7 @@ pub(super) enum PredictorKind {
 }
 
 impl PredictorKind {
-    /// Cheapest first: where two hold equally long, the first is taken.
+    /// Cheapest first: where two hold equally long, the first is chosen.
     pub(super) const ALL: [Self; 5] = [
         Self::Rest,
         Self::Attached,
@@ -44,20 +44,20 @@ impl PredictorKind {
         }
     }
 
-    /// As it is for a body that is_torque_free, or does not, and is pushed so, if it is.
+    /// The protocol's predictor for a body with or without free rotation and with or without constant acceleration.
     const fn predictor(
         self,
-        is_torque_free: bool,
-        push: Option<ConstantAcceleration>,
+        rotates_freely: bool,
+        constant_acceleration: Option<ConstantAcceleration>,
     ) -> Predictor {
-        if let Some(push) = push {
-            return Predictor::Accelerated(push);
+        if let Some(constant_acceleration) = constant_acceleration {
+            return Predictor::Accelerated(constant_acceleration);
         }
         match self {
             Self::Rest | Self::Attached => Predictor::Rest,
-            Self::Uniform | Self::ConstantAcceleration if is_torque_free => Predictor::TorqueFree,
+            Self::Uniform | Self::ConstantAcceleration if rotates_freely => Predictor::TorqueFree,
             Self::Uniform | Self::ConstantAcceleration => Predictor::Uniform,
-            Self::Ballistic if is_torque_free => Predictor::BallisticTorqueFree,
+            Self::Ballistic if rotates_freely => Predictor::BallisticTorqueFree,
             Self::Ballistic => Predictor::Ballistic,
         }
     }
@@ -70,7 +70,7 @@ impl PredictorKind {
     }
 }
 
-/// A body that may hold others, and where it is predicted_motion to be at each frame of its own.
+/// Path of a possible parent, and its predicted motion at each of its frames.
 #[derive(Clone, Debug)]
 pub(super) struct ParentPath {
     pub(super) radius: Metres,
@@ -84,36 +84,36 @@ impl ParentPath {
     }
 }
 
-/// A motion from which a body goes on by a predictor.
+/// A motion from which a body continues by a predictor.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SegmentStart {
     pub(super) predictor: PredictorKind,
     /// The frame at which the motion holds.
     pub(super) frame: usize,
-    /// In the world, or as the parent_candidate sees it.
+    /// In the world frame, or in the parent's frame.
     pub(super) motion: Motion,
-    /// Place of the parent_candidate.
+    /// Index of the parent.
     pub(super) parent: Option<usize>,
-    /// What pushes it, by that predictor and no other.
-    pub(super) push: Option<ConstantAcceleration>,
+    /// Acceleration, for that predictor only.
+    pub(super) constant_acceleration: Option<ConstantAcceleration>,
 }
 
-/// What motions of one kind of damping become, by ticks: `p = p₀ + reach·v₀ + fall·g`, or `p₀ + reach·v₀ + pushed·a` for a push of
-/// the acceleration a, and the angle for each rad/s.
+/// Coefficients of motion after a number of ticks, for one damping: `p = p₀ + reach·v₀ + fall·g`, or `p₀ + reach·v₀ +
+/// acceleration_gain·a` under a constant acceleration a; and the angle per rad/s.
 #[derive(Clone, Debug)]
 pub(super) struct Basis {
     pub(super) flow: StepCoefficientTable,
     pub(super) reach: Vec<f64>,
     pub(super) fall: Vec<f64>,
-    pub(super) pushed: Vec<f64>,
+    pub(super) acceleration_gain: Vec<f64>,
     pub(super) turn: Vec<f64>,
 }
 
-/// A spin so slow that the angle is as good as proportional to it, rad/s.
+/// A spin slow enough for the angle to be proportional to it, rad/s.
 const SLOW: f64 = 1e-3;
 
 impl Basis {
-    /// Read off the normative prediction itself.
+    /// Sampled from the normative prediction.
     pub(super) fn new(integrator: Integrator, path: &Path) -> Self {
         let mut flow = StepCoefficientTable::new(integrator, path.damping);
         flow.extend_to(TRACK_AGE_MAX);
@@ -138,11 +138,14 @@ impl Basis {
         let ends = after(Predictor::Ballistic);
         let position = |end: &Motion| end.pose().position;
         let by = ConstantAcceleration::SAMPLE.acceleration().y;
-        let pushed = after(Predictor::Accelerated(ConstantAcceleration::SAMPLE));
+        let acceleration_gain = after(Predictor::Accelerated(ConstantAcceleration::SAMPLE));
         Self {
             reach: ends.iter().map(|end| position(end).x).collect(),
             fall: ends.iter().map(|end| position(end).y).collect(),
-            pushed: pushed.iter().map(|end| position(end).y / by).collect(),
+            acceleration_gain: acceleration_gain
+                .iter()
+                .map(|end| position(end).y / by)
+                .collect(),
             turn: ends
                 .iter()
                 .map(|end| 2.0 * end.pose().rotation.z.asin() / SLOW)
@@ -152,7 +155,7 @@ impl Basis {
     }
 }
 
-/// One body's way, and what may be said of it.
+/// One body's path, and the parameters of its search.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SegmentContext<'a> {
     pub(super) path: &'a Path,
@@ -164,13 +167,13 @@ pub(super) struct SegmentContext<'a> {
 }
 
 impl SegmentContext<'_> {
-    /// Ticks from one frame to a later one, as far as a prediction reaches.
+    /// Ticks from one frame to a later one, up to the longest track age.
     pub(super) fn ticks(&self, from: usize, to: usize) -> Ticks {
         let ticks = (to - from) as u64 * u64::from(self.publish_interval.get());
         Ticks::new(ticks.min(u64::from(TRACK_AGE_MAX.count())) as u32)
     }
 
-    /// The frame after the last at which a predictor that is said now may still hold.
+    /// End of the frames for which a predictor started at `from` may hold.
     pub(super) fn horizon(&self, predictor: PredictorKind, from: usize) -> usize {
         if predictor.moves() {
             let frames = TRACK_AGE_MAX.count() / self.publish_interval.get();
@@ -180,7 +183,7 @@ impl SegmentContext<'_> {
         }
     }
 
-    /// Where the body is, as the parent_candidate sees it if there is one; none when the parent_candidate is gone.
+    /// Motion of the body, in the parent's frame if given; `None` once the parent is removed.
     pub(super) fn target(&self, frame: usize, parent: Option<usize>) -> Option<Motion> {
         let truth = self.path.at(frame);
         let Some(parent) = parent else {
@@ -190,14 +193,14 @@ impl SegmentContext<'_> {
         Some(relative_to(&by.pose(), &truth.pose()))
     }
 
-    /// How a payload goes on for this body.
+    /// The predictor of a segment of this body.
     pub(super) const fn predictor(&self, segment: &SegmentStart) -> Predictor {
         segment
             .predictor
-            .predictor(self.path.inertia.is_some(), segment.push)
+            .predictor(self.path.inertia.is_some(), segment.constant_acceleration)
     }
 
-    /// What a payload makes of a frame, in its own frame of reference.
+    /// Predicted motion of a segment at a frame, in the segment's frame of reference.
     pub(super) fn predicted(
         &self,
         segment: &SegmentStart,
@@ -214,7 +217,7 @@ impl SegmentContext<'_> {
         predictor.predict_with(&segment.motion, ticks, &conditions, cursor)
     }
 
-    /// The same in the world; none when the parent_candidate is gone.
+    /// The same in the world frame; `None` once the parent is removed.
     pub(super) fn predicted_in_world(
         &self,
         segment: &SegmentStart,
@@ -231,8 +234,8 @@ impl SegmentContext<'_> {
         }
     }
 
-    /// How far off a payload is at a frame.
-    pub(super) fn apart(
+    /// Distance between the prediction of a segment and the truth at a frame.
+    pub(super) fn divergence(
         &self,
         segment: &SegmentStart,
         frame: usize,
@@ -245,12 +248,12 @@ impl SegmentContext<'_> {
         ))
     }
 
-    /// The frame after the last to which a payload keeps the promise without a gap.
+    /// End of the contiguous frames in which a segment stays within tolerance.
     pub(super) fn holds_until(&self, segment: &SegmentStart) -> usize {
         let end = self.horizon(segment.predictor, segment.frame);
         let mut cursor = RotationCursor::default();
         for frame in segment.frame..end {
-            // What lies still in truth and belief is no farther off than before.
+            // If neither the body nor the prediction moves, the error does not change.
             let still = segment.predictor == PredictorKind::Rest
                 && frame > segment.frame
                 && self.path.is_same(frame);
@@ -258,8 +261,10 @@ impl SegmentContext<'_> {
                 continue;
             }
             let within = self
-                .apart(segment, frame, &mut cursor)
-                .is_some_and(|apart| self.tolerance.share(&apart, self.path.radius) <= 1.0);
+                .divergence(segment, frame, &mut cursor)
+                .is_some_and(|divergence| {
+                    self.tolerance.share(&divergence, self.path.radius) <= 1.0
+                });
             if !within {
                 return frame;
             }

@@ -1,36 +1,36 @@
-//! The motion that stays nearest to what a body does, by one predictor.
+//! Fits the motion that stays nearest to a body's path, by one predictor.
 //!
-//! Weighted least squares, whose weights grow where the error is greatest, so that the greatest error falls (Lawson,
-//! 1961). Simple models of position and turn lead; how good a motion is, the normative prediction tells. The best
-//! motion there is may be missed; none is called better than it is.
+//! Iteratively reweighted least squares: weights grow where the error is largest, so the largest error falls (Lawson,
+//! 1961). Simple models of position and rotation guide the fit; the normative prediction measures its quality. The
+//! best motion may be missed, but no fit is rated better than it is.
 
 use glam::{DMat3, DQuat, DVec3};
 use rhumb_reckoning::{ConstantAcceleration, Divergence, Motion, Pose, RotationCursor, Twist};
 
 use super::context::{PredictorKind, SegmentContext, SegmentStart};
 
-/// Rounds of weighing.
+/// Rounds of reweighting.
 const ROUNDS: u32 = 10;
-/// Beyond so many times the tolerance after the first rounds nothing is to be hoped for.
+/// Error after the first rounds, in tolerances, above which the fit is abandoned.
 const HOPELESS: f64 = 4.0;
-/// The greatest part of a push is said in so many steps at least.
+/// Smallest number of steps in which the largest component of an acceleration is quantised.
 const ACCELERATION_FINENESS: f64 = 64.0;
-/// Unknowns of a turn: where it begins and how fast it is.
+/// Unknowns of a rotation: initial angle and spin.
 const UNKNOWNS: usize = 6;
 
-/// A frame to come near to.
+/// A frame that the fit approximates.
 #[derive(Clone, Copy, Debug)]
 struct FitTarget {
     frame: usize,
     ticks: usize,
     truth: Pose,
     weight: f64,
-    /// Where the fit so far is.
+    /// Pose of the fit so far.
     fitted: Pose,
 }
 
-/// The payload of a predictor at `from` that comes nearest to the frames from there to `to`, `to` left out; none if its parent_candidate
-/// is gone by then or nothing is to be hoped for.
+/// The segment start at `from` that best approximates the frames from `from` to `to`, `to` excluded. `None` if the
+/// parent is removed before `to`, or the error stays far above the tolerance.
 pub(super) fn fit(
     context: &SegmentContext<'_>,
     predictor: PredictorKind,
@@ -50,16 +50,16 @@ pub(super) fn fit(
     };
     let mut best: Option<(f64, SegmentStart)> = None;
     for round in 0..ROUNDS {
-        let push = match predictor {
-            PredictorKind::ConstantAcceleration => Some(push(context, &targets)?),
+        let constant_acceleration = match predictor {
+            PredictorKind::ConstantAcceleration => Some(constant_acceleration(context, &targets)?),
             _ => None,
         };
-        (pose.position, twist.linear) = place(context, predictor, push, &targets);
+        (pose.position, twist.linear) = place(context, predictor, constant_acceleration, &targets);
         let steps = if round == 0 { 2 } else { 1 };
         for _ in 0..steps {
             propagate(
                 context,
-                (predictor, push),
+                (predictor, constant_acceleration),
                 from,
                 (pose, twist),
                 &mut targets,
@@ -70,18 +70,18 @@ pub(super) fn fit(
         }
         let motion = propagate(
             context,
-            (predictor, push),
+            (predictor, constant_acceleration),
             from,
             (pose, twist),
             &mut targets,
         )?;
-        let worst = weigh(context, &mut targets);
+        let worst = reweight(context, &mut targets);
         let segment = SegmentStart {
             predictor,
             frame: from,
             motion,
             parent,
-            push,
+            constant_acceleration,
         };
         if best.is_none_or(|(least, _)| worst < least) {
             best = Some((worst, segment));
@@ -103,7 +103,7 @@ fn targets(
     let still = |frame: &usize| {
         predictor == PredictorKind::Rest && *frame > from && context.path.is_same(*frame)
     };
-    let aim = |frame: usize| {
+    let target = |frame: usize| {
         let truth = context.target(frame, parent)?.pose();
         Some(FitTarget {
             frame,
@@ -113,10 +113,13 @@ fn targets(
             fitted: truth,
         })
     };
-    (from..to).filter(|frame| !still(frame)).map(aim).collect()
+    (from..to)
+        .filter(|frame| !still(frame))
+        .map(target)
+        .collect()
 }
 
-/// The mean spin over all frames, rad/s, world axes.
+/// Mean spin over all frames, rad/s, world axes.
 fn mean_spin(context: &SegmentContext<'_>, targets: &[FitTarget]) -> DVec3 {
     let turned = targets
         .windows(2)
@@ -131,22 +134,25 @@ fn mean_spin(context: &SegmentContext<'_>, targets: &[FitTarget]) -> DVec3 {
     }
 }
 
-/// The steady push that explains best what the body does, rounded as it is said; none if nothing tells of one, or it is beyond
-/// what can be said.
-fn push(context: &SegmentContext<'_>, targets: &[FitTarget]) -> Option<ConstantAcceleration> {
+/// The constant acceleration that best explains the path, quantised. `None` if the path determines none, or if it
+/// exceeds the protocol's range.
+fn constant_acceleration(
+    context: &SegmentContext<'_>,
+    targets: &[FitTarget],
+) -> Option<ConstantAcceleration> {
     let mut matrix = [[0.0; 4]; 3];
     let mut sums = [DVec3::ZERO; 3];
-    for aim in targets {
-        let (reach, pushed) = (
-            context.basis.reach[aim.ticks],
-            context.basis.pushed[aim.ticks],
+    for target in targets {
+        let (reach, acceleration_gain) = (
+            context.basis.reach[target.ticks],
+            context.basis.acceleration_gain[target.ticks],
         );
-        let columns = [1.0, reach, pushed];
+        let columns = [1.0, reach, acceleration_gain];
         for (row, (sum, left)) in matrix.iter_mut().zip(sums.iter_mut().zip(columns)) {
             for (cell, right) in row.iter_mut().zip(columns) {
-                *cell += aim.weight * left * right;
+                *cell += target.weight * left * right;
             }
-            *sum += aim.truth.position * (aim.weight * left);
+            *sum += target.truth.position * (target.weight * left);
         }
     }
     let along = |part: fn(&DVec3) -> f64| {
@@ -158,27 +164,31 @@ fn push(context: &SegmentContext<'_>, targets: &[FitTarget]) -> Option<ConstantA
     };
     let acceleration = DVec3::new(along(|sum| sum.x), along(|sum| sum.y), along(|sum| sum.z));
     ConstantAcceleration::nearest(acceleration, ACCELERATION_FINENESS)
-        .filter(|push| push.steps() != [0; 3])
+        .filter(|constant_acceleration| constant_acceleration.steps() != [0; 3])
 }
 
-/// The best position and velocity under the weights.
+/// Best position and velocity under the weights.
 fn place(
     context: &SegmentContext<'_>,
     predictor: PredictorKind,
-    push: Option<ConstantAcceleration>,
+    constant_acceleration: Option<ConstantAcceleration>,
     targets: &[FitTarget],
 ) -> (DVec3, DVec3) {
-    let acceleration = push.map_or(DVec3::ZERO, |push| push.acceleration());
-    let pull = |aim: &FitTarget| match predictor {
-        PredictorKind::Ballistic => context.path.gravity * context.basis.fall[aim.ticks],
-        PredictorKind::ConstantAcceleration => acceleration * context.basis.pushed[aim.ticks],
+    let acceleration = constant_acceleration.map_or(DVec3::ZERO, |constant_acceleration| {
+        constant_acceleration.acceleration()
+    });
+    let pull = |target: &FitTarget| match predictor {
+        PredictorKind::Ballistic => context.path.gravity * context.basis.fall[target.ticks],
+        PredictorKind::ConstantAcceleration => {
+            acceleration * context.basis.acceleration_gain[target.ticks]
+        }
         _ => DVec3::ZERO,
     };
     let (mut one, mut reach, mut reach2) = (0.0, 0.0, 0.0);
     let (mut sum, mut moment) = (DVec3::ZERO, DVec3::ZERO);
-    for aim in targets {
-        let (weight, by) = (aim.weight, context.basis.reach[aim.ticks]);
-        let position = aim.truth.position - pull(aim);
+    for target in targets {
+        let (weight, by) = (target.weight, context.basis.reach[target.ticks]);
+        let position = target.truth.position - pull(target);
         one += weight;
         reach += weight * by;
         reach2 += weight * by * by;
@@ -193,8 +203,7 @@ fn place(
     ((sum - velocity * reach) / one, velocity)
 }
 
-/// What is to be added to the turn at the beginning (rad) and to the spin (rad/s) to come nearer: one step of Gauss and
-/// Newton.
+/// Correction of the initial rotation (rad) and of the spin (rad/s): one Gauss-Newton step.
 fn turn(
     context: &SegmentContext<'_>,
     predictor: PredictorKind,
@@ -202,16 +211,16 @@ fn turn(
     spin: DVec3,
 ) -> [DVec3; 2] {
     if !predictor.moves() {
-        let weights: f64 = targets.iter().map(|aim| aim.weight).sum();
-        let errors = targets
-            .iter()
-            .map(|aim| rotation_vector(aim.truth.rotation, aim.fitted.rotation) * aim.weight);
+        let weights: f64 = targets.iter().map(|target| target.weight).sum();
+        let errors = targets.iter().map(|target| {
+            rotation_vector(target.truth.rotation, target.fitted.rotation) * target.weight
+        });
         return [errors.sum::<DVec3>() / weights, DVec3::ZERO];
     }
     let mut matrix = [[0.0; UNKNOWNS + 1]; UNKNOWNS];
-    for aim in targets {
-        let error = rotation_vector(aim.truth.rotation, aim.fitted.rotation);
-        let by = context.basis.turn[aim.ticks];
+    for target in targets {
+        let error = rotation_vector(target.truth.rotation, target.fitted.rotation);
+        let by = context.basis.turn[target.ticks];
         let turned = DMat3::from_quat(DQuat::from_scaled_axis(spin * by));
         let faster = left_jacobian(spin * by) * by;
         let columns = [
@@ -224,16 +233,16 @@ fn turn(
         ];
         for (row, left) in matrix.iter_mut().zip(&columns) {
             for (cell, right) in row.iter_mut().zip(&columns) {
-                *cell += aim.weight * left.dot(*right);
+                *cell += target.weight * left.dot(*right);
             }
-            row[UNKNOWNS] += aim.weight * left.dot(error);
+            row[UNKNOWNS] += target.weight * left.dot(error);
         }
     }
     let [a, b, c, d, e, f] = solved(matrix);
     [DVec3::new(a, b, c), DVec3::new(d, e, f)]
 }
 
-/// How a turn changes with its rotation vector. Source: Solà, Deray and Atchuthan (2018), equation 145.
+/// Left Jacobian of a rotation vector. Source: Solà, Deray and Atchuthan (2018), equation 145.
 fn left_jacobian(turn: DVec3) -> DMat3 {
     let angle = turn.length();
     if angle < 1e-6 {
@@ -250,17 +259,17 @@ fn left_jacobian(turn: DVec3) -> DMat3 {
     DMat3::IDENTITY * sine + along * (1.0 - sine) + cross * ((1.0 - angle.cos()) / angle)
 }
 
-/// Gauss' elimination, of `N` unknowns with what they amount to behind them; unknowns that nothing tells of stay zero.
+/// Gaussian elimination of `N` unknowns, right-hand side in the last column; undetermined unknowns stay zero.
 fn solved<const N: usize, const WIDTH: usize>(mut rows: [[f64; WIDTH]; N]) -> [f64; N] {
     const { assert!(WIDTH == N + 1) };
     let scale = (0..N).map(|i| rows[i][i]).fold(0.0, f64::max);
-    let mut told = [false; N];
+    let mut determined = [false; N];
     for pivot in 0..N {
         let least = 1e-12 * scale;
         if rows[pivot][pivot] <= least {
             continue;
         }
-        told[pivot] = true;
+        determined[pivot] = true;
         let by = rows[pivot];
         for (other, row) in rows.iter_mut().enumerate() {
             if other != pivot {
@@ -272,7 +281,7 @@ fn solved<const N: usize, const WIDTH: usize>(mut rows: [[f64; WIDTH]; N]) -> [f
         }
     }
     std::array::from_fn(|i| {
-        if told[i] {
+        if determined[i] {
             rows[i][N] / rows[i][i]
         } else {
             0.0
@@ -280,10 +289,10 @@ fn solved<const N: usize, const WIDTH: usize>(mut rows: [[f64; WIDTH]; N]) -> [f
     })
 }
 
-/// Puts the fitted poses where the normative prediction has them; returns the motion itself, none if it is none.
+/// Updates the fitted poses from the normative prediction; returns the motion, or `None` if it is invalid.
 fn propagate(
     context: &SegmentContext<'_>,
-    (predictor, push): (PredictorKind, Option<ConstantAcceleration>),
+    (predictor, constant_acceleration): (PredictorKind, Option<ConstantAcceleration>),
     from: usize,
     (pose, twist): (Pose, Twist),
     targets: &mut [FitTarget],
@@ -294,35 +303,37 @@ fn propagate(
         frame: from,
         motion,
         parent: None,
-        push,
+        constant_acceleration,
     };
     let mut cursor = RotationCursor::default();
-    for aim in targets {
-        aim.fitted = context.predicted(&segment, aim.frame, &mut cursor).pose();
+    for target in targets {
+        target.fitted = context
+            .predicted(&segment, target.frame, &mut cursor)
+            .pose();
     }
     Some(motion)
 }
 
-/// Gives each frame weight by how far off it is; returns the greatest share of the tolerance.
-fn weigh(context: &SegmentContext<'_>, targets: &mut [FitTarget]) -> f64 {
-    let share = |aim: &FitTarget| {
-        let apart = Divergence::between(&aim.truth, &aim.fitted);
-        context.tolerance.share(&apart, context.path.radius)
+/// Sets each frame's weight from its error; returns the largest error as a share of the tolerance.
+fn reweight(context: &SegmentContext<'_>, targets: &mut [FitTarget]) -> f64 {
+    let share = |target: &FitTarget| {
+        let divergence = Divergence::between(&target.truth, &target.fitted);
+        context.tolerance.share(&divergence, context.path.radius)
     };
     let worst = targets.iter().map(share).fold(0.0, f64::max);
     let mut total = 0.0;
-    for aim in targets.iter_mut() {
-        aim.weight *= share(aim).max(1e-3 * worst).max(f64::MIN_POSITIVE);
-        total += aim.weight;
+    for target in targets.iter_mut() {
+        target.weight *= share(target).max(1e-3 * worst).max(f64::MIN_POSITIVE);
+        total += target.weight;
     }
     let scale = targets.len() as f64 / total;
-    for aim in targets {
-        aim.weight *= scale;
+    for target in targets {
+        target.weight *= scale;
     }
     worst
 }
 
-/// The shortest turn from one rotation to another, axis times angle, rad.
+/// Shortest rotation between two orientations, axis times angle, rad.
 fn rotation_vector(to: DQuat, from: DQuat) -> DVec3 {
     let turn = to * from.conjugate();
     let turn = if turn.w < 0.0 { -turn } else { turn };

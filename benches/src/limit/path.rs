@@ -1,7 +1,7 @@
-//! The way that each body of a recording went, frame by frame.
+//! The path of each body of a recording, frame by frame.
 //!
-//! A frame is a tick that is published: each, or every so many. A body is followed from where it was placed until it
-//! goes or the recording ends.
+//! A frame is a published tick: every tick, or every n-th. A path starts at the body's placement and ends at its
+//! removal or the end of the recording.
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;
@@ -16,28 +16,28 @@ use crate::record::Placed;
 use crate::recording::Recording;
 use crate::replay::first_track;
 
-/// What one body did.
+/// Path of one body.
 #[derive(Clone, Debug)]
 pub(super) struct Path {
     pub(super) radius: Metres,
     pub(super) tolerance_scale: ToleranceScale,
     pub(super) damping: Damping,
-    /// What pulls at it, m/s².
+    /// Gravity acting on it, m/s².
     pub(super) gravity: DVec3,
-    /// How it resists being turned, if it is_torque_free.
+    /// Its inertia, if it rotates freely.
     pub(super) inertia: Option<Inertia>,
-    /// What both ends know of it before anything is said.
+    /// The track that both ends know before the first update.
     pub(super) known: Track,
     /// Its first frame.
     pub(super) first: usize,
-    /// What it did at its first frame and those that follow.
+    /// Motion at its first frame and each one after.
     pub(super) motions: Vec<Motion>,
-    /// Whether it is then where it was a frame before.
+    /// Whether the pose equals that of the frame before.
     pub(super) same: Vec<bool>,
 }
 
 impl Path {
-    /// The frame after its last.
+    /// End of its frames.
     pub(super) const fn end(&self) -> usize {
         self.first + self.motions.len()
     }
@@ -51,14 +51,14 @@ impl Path {
     }
 }
 
-/// The paths of a recording, made one by one: all at once would fill the memory.
+/// The paths of a recording, built one at a time to bound memory.
 #[derive(Debug)]
 pub(super) struct Paths<'a> {
     recording: &'a Recording,
     publish_interval: NonZeroU32,
     removed: BTreeMap<BodyId, Tick>,
     rows: BTreeMap<BodyId, Vec<(u64, BodyState)>>,
-    /// Bodies that can move, in order of placing.
+    /// Non-static bodies, in order of placing.
     placed: Vec<&'a Placed>,
 }
 
@@ -67,9 +67,9 @@ impl<'a> Paths<'a> {
         let truth = &recording.truth;
         let mut rows: BTreeMap<BodyId, Vec<_>> = BTreeMap::new();
         for (row, tick) in truth.ticks.iter().zip(1..) {
-            for seen in row {
-                let of_body = rows.entry(seen.id).or_default();
-                of_body.push((tick, seen.motion));
+            for observation in row {
+                let of_body = rows.entry(observation.id).or_default();
+                of_body.push((tick, observation.motion));
             }
         }
         let can_move = |placed: &&Placed| placed.config.kind != BodyKind::Static;
@@ -86,33 +86,33 @@ impl<'a> Paths<'a> {
         }
     }
 
-    /// How many bodies can move.
+    /// Number of non-static bodies.
     pub(super) const fn len(&self) -> usize {
         self.placed.len()
     }
 
-    /// The bounding radius of a body, metres.
+    /// Bounding radius of a body, metres.
     pub(super) fn radius(&self, place: usize) -> f64 {
         self.placed[place].shape.bounding_radius().metres()
     }
 
-    /// The path of a body; none if it was never there at a frame.
+    /// Path of a body; `None` if it is present at no frame.
     pub(super) fn get(&self, place: usize) -> Option<Path> {
         let placed = self.placed[place];
         let id = placed.config.id;
         let last = u64::from(self.recording.ticks());
         let end = self.removed.get(&id).map_or(last, |tick| tick.value());
-        let seen = self.rows.get(&id).map_or(&[][..], Vec::as_slice);
-        let path = path(self.recording, placed, seen, end, self.publish_interval);
+        let observed = self.rows.get(&id).map_or(&[][..], Vec::as_slice);
+        let path = path(self.recording, placed, observed, end, self.publish_interval);
         (!path.motions.is_empty()).then_some(path)
     }
 }
 
-/// What one body did from where it was placed until a tick.
+/// Path of one body from its placement to `end`.
 fn path(
     recording: &Recording,
     placed: &Placed,
-    seen: &[(u64, BodyState)],
+    observed: &[(u64, BodyState)],
     end: u64,
     publish_interval: NonZeroU32,
 ) -> Path {
@@ -121,14 +121,14 @@ fn path(
     let first = placed.tick.value().div_ceil(publish_interval);
     let mut motion = placed.observation.motion.motion();
     let (mut motions, mut same) = (Vec::new(), Vec::new());
-    let mut seen = seen.iter().peekable();
+    let mut observed = observed.iter().peekable();
     for frame in first..=end / publish_interval {
         let before = motion;
-        while let Some((tick, newer)) = seen.peek()
+        while let Some((tick, newer)) = observed.peek()
             && *tick <= frame * publish_interval
         {
             motion = newer.motion();
-            seen.next();
+            observed.next();
         }
         same.push(frame > first && before.pose() == motion.pose());
         motions.push(motion);

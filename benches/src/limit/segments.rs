@@ -1,8 +1,8 @@
-//! One body's way, cut into as few segments as are found.
+//! Cuts a body's path into as few segments as possible.
 //!
-//! Greedy: from where the last segment breaks the promise, the one that keeps it longest. For one family of fits no
-//! other cut of the way has fewer segments, since what holds over a stretch holds over each part of it. A cut for few
-//! bits takes the segment that costs least for the time that it holds, which is no more than a good guess.
+//! Greedy: where the last segment leaves the tolerance, the segment that holds longest follows. For one family of fits
+//! no other cut has fewer segments, because a fit that holds over a span holds over each part of it. The cut for few
+//! bits takes the segment with the lowest cost per time, which is only a heuristic.
 
 use rhumb_reckoning::{
     ConstantAcceleration, Grid, Motion, Predictor, QuantisedState, Residual, RotationCursor,
@@ -13,54 +13,53 @@ use super::context::{PredictorKind, SegmentContext, SegmentStart};
 use super::fit::fit;
 use super::path::Path;
 
-/// Frames by which a push is found at first.
+/// Shortest segment, in frames, from which an acceleration is fitted.
 const ACCELERATION_FRAMES: usize = 4;
-/// A body is held within this many radii of its parent_candidate, and the parent_candidate is larger by the factor below, as publishers
-/// have it.
+/// A parent lies within this many of its radii and is larger by [`PARENT_RATIO`], the same as in the publisher.
 const PARENT_REACH: f64 = 3.0;
-/// Velocities are said in steps of half the tolerance a second, where no finer ones are sought.
+/// Velocity exponent of the default step: half the tolerance per second.
 const COARSENESS: u32 = 3;
-/// See above.
+/// Smallest ratio of a parent's radius to its child's.
 pub(super) const PARENT_RATIO: f64 = 1.2;
 
-/// What has to be said at the beginning of a segment.
+/// Content of the update that starts a segment.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SegmentUpdate {
     pub(super) frame: usize,
-    /// Place of the body.
+    /// Index of the body.
     pub(super) body: usize,
-    /// The predictor until now, and from now on.
+    /// Predictor before and after the update.
     pub(super) predictors: [PredictorKind; 2],
-    /// Whether the body is held by another than before.
+    /// Whether the parent changes.
     pub(super) changes_parent: bool,
-    /// What pushes it, if that is another push than before.
-    pub(super) push: Option<ConstantAcceleration>,
-    /// Position and turn in grid steps, and velocities where those implied would not hold as long.
+    /// Acceleration, if it changes.
+    pub(super) constant_acceleration: Option<ConstantAcceleration>,
+    /// Position and rotation in grid steps; velocities unless the implied ones hold as long.
     pub(super) residual: Residual,
 }
 
-/// A body's whole way.
+/// The segments of a body's whole path.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Segmentation {
     pub(super) updates: Vec<SegmentUpdate>,
-    /// Surface errors at frames at which the body is elsewhere than a frame before, metres.
+    /// Surface errors at frames in which the body moved since the previous frame, metres.
     pub(super) errors_m: Vec<f32>,
-    /// Where it is predicted_motion to be, frame by frame.
+    /// Predicted motion, frame by frame.
     pub(super) predicted_in_world: Vec<Motion>,
 }
 
-/// What a cut is to have little of.
+/// Quantity that a cut minimises.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Objective {
-    /// Segments.
+    /// Number of segments.
     Updates,
-    /// Bits for the time that a segment holds, as far as they can be guessed.
+    /// Estimated bits per time that a segment holds.
     Bits,
-    /// Segments whose motions are such as the protocol can say: rounded to its grid, and judged as rounded.
+    /// Number of segments, with motions rounded to the protocol's grid and verified as rounded.
     UpdatesOnGrid,
 }
 
-/// A payload, until when it holds, and what has to be said for it.
+/// A segment start, its end, and its update.
 #[derive(Clone, Copy, Debug)]
 struct SegmentCandidate {
     segment: SegmentStart,
@@ -68,14 +67,14 @@ struct SegmentCandidate {
     update: SegmentUpdate,
 }
 
-/// Cuts a body's way into segments.
+/// Cuts a body's path into segments.
 pub(super) fn cut(context: &SegmentContext<'_>, body: usize, objective: Objective) -> Segmentation {
     let path = context.path;
     let grid = Grid::new(context.tolerance, path.radius);
     let mut segmentation = Segmentation::default();
     let mut segment = known(path, &grid);
     let mut frame = context.holds_until(&segment);
-    note(context, &segment, frame, &mut segmentation);
+    record(context, &segment, frame, &mut segmentation);
     while frame < path.end() {
         let mut best: Option<SegmentCandidate> = None;
         let quantise = |fitted: SegmentStart| match objective {
@@ -94,12 +93,12 @@ pub(super) fn cut(context: &SegmentContext<'_>, body: usize, objective: Objectiv
         };
         segmentation.updates.push(next.update);
         (segment, frame) = (next.segment, next.until);
-        note(context, &segment, frame, &mut segmentation);
+        record(context, &segment, frame, &mut segmentation);
     }
     segmentation
 }
 
-/// Less is better.
+/// Price of a candidate; lower is better.
 fn price(candidate: &SegmentCandidate, objective: Objective) -> f64 {
     let frames = (candidate.until - candidate.segment.frame) as f64;
     match objective {
@@ -108,7 +107,7 @@ fn price(candidate: &SegmentCandidate, objective: Objective) -> f64 {
     }
 }
 
-/// What an update may take: enough to choose by; what it takes is reckoned when all are known.
+/// Estimated bits of an update, good enough for comparing candidates.
 fn guess(update: &SegmentUpdate) -> f64 {
     let residual = &update.residual;
     let number = |value: &i32| match value.unsigned_abs() {
@@ -119,16 +118,23 @@ fn guess(update: &SegmentUpdate) -> f64 {
     let velocity = residual
         .velocity
         .map_or(0.0, |by| three(&by.linear) + three(&by.angular));
-    let push = update.push.map_or(0.0, |push| {
-        three(&push.steps().map(i32::from)) + number(&i32::from(push.exponent()))
-    });
-    BODY_ID_BITS + three(&residual.position) + three(&residual.turn) + velocity + push
+    let constant_acceleration = update
+        .constant_acceleration
+        .map_or(0.0, |constant_acceleration| {
+            three(&constant_acceleration.steps().map(i32::from))
+                + number(&i32::from(constant_acceleration.exponent()))
+        });
+    BODY_ID_BITS
+        + three(&residual.position)
+        + three(&residual.turn)
+        + velocity
+        + constant_acceleration
 }
 
-/// Which body, and which predictor.
+/// Estimated bits of body id and predictor.
 const BODY_ID_BITS: f64 = 6.0;
 
-/// What both ends know before anything is said.
+/// The motion that both ends know before the first update.
 fn known(path: &Path, grid: &Grid) -> SegmentStart {
     let predictor = match path.known.predictor {
         Predictor::Rest => PredictorKind::Rest,
@@ -140,24 +146,25 @@ fn known(path: &Path, grid: &Grid) -> SegmentStart {
         frame: path.first,
         motion: path.known.start(grid),
         parent: None,
-        push: None,
+        constant_acceleration: None,
     }
 }
 
-/// Writes down where a segment has the body, and how far off that is.
-fn note(
+/// Records the predicted motions and the errors of a segment.
+fn record(
     context: &SegmentContext<'_>,
     segment: &SegmentStart,
     until: usize,
     segmentation: &mut Segmentation,
 ) {
-    let (mut there, mut apart) = (RotationCursor::default(), RotationCursor::default());
+    let (mut predicted, mut divergence) = (RotationCursor::default(), RotationCursor::default());
     for frame in segment.frame..until {
-        if let Some(predicted_in_world) = context.predicted_in_world(segment, frame, &mut there) {
+        if let Some(predicted_in_world) = context.predicted_in_world(segment, frame, &mut predicted)
+        {
             segmentation.predicted_in_world.push(predicted_in_world);
         }
         if !context.path.is_same(frame)
-            && let Some(off) = context.apart(segment, frame, &mut apart)
+            && let Some(off) = context.divergence(segment, frame, &mut divergence)
         {
             let error = off.surface_error(context.path.radius);
             segmentation.errors_m.push(error.metres() as f32);
@@ -165,11 +172,11 @@ fn note(
     }
 }
 
-/// What is said of a fitted motion, and until when that holds.
+/// Quantises a fitted motion; returns the result and the end of its validity.
 type Quantise<'r> = &'r dyn Fn(SegmentStart) -> (SegmentStart, usize);
 
-/// The motion that the protocol says where it wants to say a fitted one, with the velocities that hold longer: those
-/// that the correction implies, or those that are nearest to the fitted ones.
+/// The motion that the protocol expresses for a fitted one. Of two velocities the one that holds longer is used: that
+/// implied by the correction, or that nearest to the fit.
 fn on_grid(
     context: &SegmentContext<'_>,
     grid: &Grid,
@@ -179,7 +186,7 @@ fn on_grid(
     let (residual, implied) = implied(context, grid, last, fitted);
     let mut all = vec![implied];
     if fitted.predictor.moves() {
-        // The finest steps that can be said, and those that most words have: what is nearer does not always hold longer.
+        // The finest steps and the common ones: the nearer velocity does not always hold longer.
         for velocity_exponent in [0, COARSENESS] {
             let twist = fitted.motion.twist();
             let velocity = Residual::of_velocity(&twist, &implied, grid, velocity_exponent);
@@ -190,16 +197,17 @@ fn on_grid(
             all.push(quantised(context, grid, last, fitted, &residual));
         }
     }
-    let held = all.into_iter().map(|quantised| {
+    let results = all.into_iter().map(|quantised| {
         let motion = quantised.motion(grid);
         let segment = SegmentStart { motion, ..*fitted };
         (segment, context.holds_until(&segment))
     });
-    held.max_by_key(|(_, until)| *until)
+    results
+        .max_by_key(|(_, until)| *until)
         .unwrap_or((*fitted, fitted.frame))
 }
 
-/// The correction of a pose, rounded, and the motion that it leads to by itself.
+/// The rounded pose correction and the motion it implies.
 fn implied(
     context: &SegmentContext<'_>,
     grid: &Grid,
@@ -217,7 +225,7 @@ fn implied(
     (residual, quantised(context, grid, last, next, &residual))
 }
 
-/// The motion that a correction leads to.
+/// The motion that results from a correction.
 fn quantised(
     context: &SegmentContext<'_>,
     grid: &Grid,
@@ -236,7 +244,7 @@ fn quantised(
     }
 }
 
-/// By each predictor the payload that holds longest from a frame on, and until when.
+/// For each predictor, the segment that holds longest from a frame, and its end.
 fn longest(
     context: &SegmentContext<'_>,
     frame: usize,
@@ -256,7 +264,7 @@ fn longest(
     PredictorKind::ALL.into_iter().filter_map(by).collect()
 }
 
-/// By one predictor.
+/// The same for one predictor.
 fn longest_by(
     context: &SegmentContext<'_>,
     predictor: PredictorKind,
@@ -275,7 +283,7 @@ fn longest_by(
             motion.stilled()
         },
         parent,
-        push: None,
+        constant_acceleration: None,
     };
     let begun = match predictor {
         PredictorKind::ConstantAcceleration => fit(
@@ -294,7 +302,7 @@ fn longest_by(
         *best = until.filter(|(_, until)| *until > best.1).unwrap_or(*best);
         best.1 >= to
     };
-    // Ever longer until none is found, then between what was found and what was not.
+    // Lengthen until a fit fails, then bisect between the longest success and the shortest failure.
     let mut beyond = end + 1;
     while best.1 < end {
         let length = best.1 - frame;
@@ -313,7 +321,7 @@ fn longest_by(
     Some(best)
 }
 
-/// The nearest body that may hold this one.
+/// The nearest body that may be a parent.
 fn nearest_parent(context: &SegmentContext<'_>, frame: usize) -> Option<usize> {
     let path = context.path;
     let here = path.at(frame).pose().position;
@@ -321,8 +329,9 @@ fn nearest_parent(context: &SegmentContext<'_>, frame: usize) -> Option<usize> {
         let parent = &context.parents[place];
         let radius = parent.radius.metres();
         let far = parent.at(frame)?.pose().position.distance(here);
-        let holds = radius >= path.radius.metres() * PARENT_RATIO && far <= radius * PARENT_REACH;
-        holds.then_some((far, place))
+        let eligible =
+            radius >= path.radius.metres() * PARENT_RATIO && far <= radius * PARENT_REACH;
+        eligible.then_some((far, place))
     };
     (0..context.parents.len())
         .filter_map(far)
@@ -330,7 +339,7 @@ fn nearest_parent(context: &SegmentContext<'_>, frame: usize) -> Option<usize> {
         .map(|(_, place)| place)
 }
 
-/// The ways to say what was found: as it is, and with the velocities that the correction itself implies.
+/// Ways to encode a segment: with its own velocities, or with those that the correction implies.
 fn candidates(
     context: &SegmentContext<'_>,
     grid: &Grid,
@@ -348,7 +357,9 @@ fn candidates(
             body,
             predictors: [last.predictor, next.predictor],
             changes_parent: next.parent.is_some() && last.parent != next.parent,
-            push: next.push.filter(|push| last.push != Some(*push)),
+            constant_acceleration: next.constant_acceleration.filter(|constant_acceleration| {
+                last.constant_acceleration != Some(*constant_acceleration)
+            }),
             residual,
         },
     };
@@ -379,7 +390,7 @@ fn candidates(
     all
 }
 
-/// What was predicted of the frame at which the next payload begins, as that payload's parent_candidate sees it.
+/// Predicted motion at the frame where the next segment starts, in the next segment's parent frame.
 fn in_frame_of(context: &SegmentContext<'_>, last: &SegmentStart, next: &SegmentStart) -> Motion {
     let frame = next.frame;
     let predicted = context.predicted(last, frame, &mut RotationCursor::default());

@@ -1,6 +1,6 @@
-//! What all trials say together: means, spreads, tests, degradation.
+//! Analysis over all trials: means, spreads, tests, degradation.
 //!
-//! A void outcome counts nowhere, and is told by name.
+//! A void outcome enters no figure and is listed by name.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,95 +9,95 @@ use super::settings::Settings;
 use super::statistics::{Comparison, Paired, Sample};
 use crate::record::Mode;
 
-/// Below so many frames a second a load degrades (MDL: the minimum degradation load).
+/// Frame rate below which a load counts as degraded (MDL: the minimum degradation load).
 pub(super) const DEGRADED_FPS: f64 = 9.0;
 /// Level of significance of all tests.
 pub(super) const ALPHA: f64 = 0.05;
 
-/// Everything that is computed from the trials.
+/// All results computed from the trials.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Analysis {
-    /// In ascending order.
+    /// Loads in ascending order.
     pub(super) loads: Vec<LoadAnalysis>,
-    /// In the order of the settings.
+    /// Degradation of each mode, in the order of the settings.
     pub(super) degradation: Vec<Degradation>,
-    /// Outcomes that count nowhere.
+    /// Outcomes excluded from all figures.
     pub(super) void: Vec<Void>,
 }
 
-/// One load.
+/// Analysis of one load.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct LoadAnalysis {
-    /// Balls.
+    /// Number of balls.
     pub(super) load: u32,
-    /// In the order of the settings; a mode all of whose outcomes are void is missing.
+    /// Modes in the order of the settings, without those whose outcomes are all void.
     pub(super) modes: Vec<ModeAnalysis>,
 }
 
 /// One mode at one load, over all trials.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct ModeAnalysis {
-    /// Its name.
+    /// Name of the mode.
     pub(super) mode: String,
     /// Frames per second.
     pub(super) sim_fps: Sample,
-    /// The same if a frame also takes as long as the server.
+    /// Frames per second limited by the server too.
     pub(super) sustained_fps: Sample,
-    /// Milliseconds of a frame.
+    /// Frame time, milliseconds.
     pub(super) phys_ft_ms: Sample,
-    /// Of these the caller's own work; none where the system does not tell.
+    /// Processor time of the caller in a frame, milliseconds; `None` where the system does not report it.
     pub(super) work_ms: Option<Sample>,
-    /// Milliseconds of the engine's steps in a frame.
+    /// Time of the engine's steps in a frame, milliseconds.
     pub(super) step_ms: Sample,
-    /// Milliseconds of all that the server does beside stepping, in a frame.
+    /// Server time per frame besides stepping, milliseconds.
     pub(super) beside_ms: Sample,
-    /// Bytes to the caller in a frame, headers counted.
+    /// Bytes to the caller per frame, headers included.
     pub(super) bytes_down: Sample,
     /// Bodies awake at the end.
     pub(super) awake: Sample,
-    /// Against integrated at this load; none of integrated itself.
+    /// Comparison with integrated at this load; `None` for integrated itself.
     pub(super) against_integrated: Option<Against>,
 }
 
-/// A mode against integrated: differences are the mode's less the integrated's.
+/// Comparison of a mode with integrated; differences are mode minus integrated.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Against {
-    /// Of frames per second.
+    /// In frames per second.
     pub(super) sim_fps: Comparison,
-    /// Of milliseconds per frame.
+    /// In milliseconds per frame.
     pub(super) phys_ft_ms: Comparison,
-    /// The same, trial by trial: both step the same scene frame by frame in turn.
+    /// In milliseconds per frame, paired by trial: in each trial both step the same scene in turn.
     pub(super) paired: Option<Paired>,
-    /// The mode's engine against the integrated one, trial by trial: they make the same steps, on other cores.
+    /// Engine times, paired by trial: the engines take the same steps on different cores.
     pub(super) engine: Option<Paired>,
 }
 
-/// The least load at which a mode's mean is below nine frames a second.
+/// Smallest load at which a mode's mean falls below nine frames per second.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Degradation {
-    /// Which mode.
+    /// Name of the mode.
     pub(super) mode: String,
-    /// By SimFPS; none if no load of the experiment degrades it.
+    /// By SimFPS; `None` if no load degrades it.
     pub(super) mdl: Option<u32>,
-    /// By what it can keep up.
+    /// By the sustained rate.
     pub(super) sustained_mdl: Option<u32>,
 }
 
-/// An outcome whose engine did not do what the integrated one did.
+/// An outcome whose engine diverged from the integrated one.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Void {
-    /// Which trial.
+    /// Number of the trial.
     pub(super) trial: u32,
     /// Its seed.
     pub(super) seed: u64,
-    /// At which load.
+    /// Load of the outcome.
     pub(super) load: u32,
-    /// Which mode.
+    /// Name of the mode.
     pub(super) mode: String,
 }
 
 impl Analysis {
-    /// Of some trials.
+    /// Analyses trials.
     #[must_use]
     pub(super) fn of(settings: &Settings, trials: &[ExperimentTrial]) -> Self {
         let loads: Vec<_> = settings
@@ -117,7 +117,7 @@ impl Analysis {
         }
     }
 
-    /// One mode at one load.
+    /// The analysis of one mode at one load.
     #[must_use]
     pub(super) fn mode(&self, load: u32, mode: &str) -> Option<&ModeAnalysis> {
         let load = self.loads.iter().find(|found| found.load == load)?;
@@ -136,7 +136,7 @@ fn of_load(settings: &Settings, load: u32, trials: &[ExperimentTrial]) -> LoadAn
     }
 }
 
-/// The outcomes of a mode at a load that count, each with the number of its trial.
+/// The valid outcomes of a mode at a load, with their trial numbers.
 fn sound<'t>(trials: &'t [ExperimentTrial], load: u32, mode: &str) -> Vec<(u32, &'t ModeOutcome)> {
     let all = trials.iter().flat_map(|trial| {
         let loads = trial.loads.iter().filter(|found| found.load == load);
@@ -147,7 +147,7 @@ fn sound<'t>(trials: &'t [ExperimentTrial], load: u32, mode: &str) -> Vec<(u32, 
         .collect()
 }
 
-/// What two modes have of the same trials.
+/// Values of two modes, paired by trial.
 fn paired(
     of: fn(&ModeOutcome) -> f64,
     outcomes: &[(u32, &ModeOutcome)],
@@ -204,7 +204,7 @@ fn of_mode(
     })
 }
 
-/// The rule: the least load whose mean is below nine.
+/// Rule of the paper: the smallest load with a mean below nine.
 fn degradation(mode: &str, loads: &[LoadAnalysis]) -> Degradation {
     let least = |of: fn(&ModeAnalysis) -> f64| {
         let below = loads.iter().filter(|load| {
@@ -243,7 +243,7 @@ pub(super) mod tests {
     use super::super::settings::tests::settings;
     use super::*;
 
-    /// A trial with these frames per second of integrated and naive at 500 and 1,000 balls.
+    /// A trial with these frame rates of integrated and naive at 500 and 1,000 balls.
     pub(in crate::paper) fn trial(number: u32, fps: [[f64; 2]; 2]) -> ExperimentTrial {
         let outcome = |mode: &str, fps: f64| ModeOutcome {
             mode: mode.to_owned(),
@@ -267,7 +267,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn degradation_begins_at_the_least_load_whose_mean_is_below_nine() {
+    fn degradation_begins_at_the_smallest_load_with_a_mean_below_nine() {
         let trials = [
             trial(1, [[11.0, 9.5], [9.2, 8.0]]),
             trial(2, [[11.0, 8.5], [8.8, 7.0]]),
@@ -297,7 +297,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_void_outcome_counts_nowhere_and_is_named() {
+    fn a_void_outcome_is_excluded_and_listed() {
         let mut trials = [
             trial(1, [[11.0, 10.0], [10.0, 10.0]]),
             trial(2, [[11.0, 1.0], [10.0, 10.0]]),

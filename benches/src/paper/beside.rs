@@ -1,11 +1,11 @@
-//! What a simulator does beside physics.
+//! Simulated work of a caller besides physics.
 
 use std::hint::spin_loop;
 
 use rhumb_protocol::Span;
 use rhumb_transport::Clock;
 
-/// Works for so long, by the clock: takes its core, and leaves caches and memory alone.
+/// Spins for a span of wall-clock time: occupies the core, but not caches or memory.
 pub(super) fn work(clock: &Clock, span: Span) {
     let end = clock.now() + span;
     while clock.now() < end {
@@ -13,10 +13,10 @@ pub(super) fn work(clock: &Clock, span: Span) {
     }
 }
 
-/// Leaves all cores to the servers for so long.
+/// Leaves all cores to the servers for a span.
 pub(super) fn pause(clock: &Clock, span: Span) {
     let end = clock.now() + span;
-    // A parked thread may be woken early.
+    // A parked thread may wake early.
     while clock.now() < end {
         std::thread::park_timeout(clock.until(end));
     }

@@ -1,30 +1,30 @@
-//! From where on one curve lies above another.
+//! Finds where one curve rises above another.
 
 use serde::Serialize;
 
-/// Two values at one place.
+/// Two values at one abscissa.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Pair {
-    /// Where: other work in milliseconds, or bodies.
+    /// Abscissa: other work in milliseconds, or bodies.
     pub(super) at: f64,
-    /// What is to be beaten.
+    /// Value of the baseline.
     pub(super) own: f64,
-    /// What may beat it, by being greater.
+    /// Value of the challenger, which beats the baseline by being greater.
     pub(super) other: f64,
 }
 
-/// A stretch on which the other beats the own.
+/// An interval in which the challenger beats the baseline.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(super) struct Crossover {
-    /// Between the last pair before and the first that beats, in proportion to the differences.
+    /// Start, interpolated between the last pair before and the first pair that beats.
     pub(super) from: f64,
-    /// Whether the very first pair beats already, so that the crossover lies there or before.
+    /// Whether the first pair already beats; the true start may then lie earlier.
     pub(super) from_the_first: bool,
-    /// Where it ends, if it does within what was measured.
+    /// End, if it lies within the measured range.
     pub(super) to: Option<f64>,
 }
 
-/// The stretches on which the other beats, of pairs in ascending order of place. Equal values beat nothing.
+/// The intervals in which the challenger beats the baseline; pairs in ascending order. Ties do not beat.
 pub(super) fn crossovers(pairs: &[Pair]) -> Vec<Crossover> {
     let beats = |pair: &Pair| pair.other > pair.own;
     let between = |one: &Pair, two: &Pair| {
@@ -71,7 +71,7 @@ mod tests {
 
     #[test]
     fn a_crossover_lies_where_straight_lines_cross() {
-        // Differences −2 at 10 and +6 at 50: zero a quarter of the way on.
+        // Differences −2 at 10 and +6 at 50: zero at a quarter of the distance.
         let found = crossovers(&pairs(&[
             (10.0, 5.0, 3.0),
             (50.0, 4.0, 10.0),
@@ -86,16 +86,16 @@ mod tests {
     }
 
     #[test]
-    fn what_never_beats_has_no_crossover_and_equals_beat_nothing() {
+    fn a_challenger_that_never_beats_has_no_crossover() {
         assert_eq!(crossovers(&pairs(&[(0.0, 5.0, 3.0), (50.0, 4.0, 4.0)])), []);
         assert_eq!(crossovers(&[]), []);
-        // From a tie on it is the tie's place.
+        // After a tie, the interval starts at the tie.
         let found = crossovers(&pairs(&[(0.0, 4.0, 4.0), (50.0, 4.0, 5.0)]));
         assert_eq!((found[0].from, found[0].from_the_first), (0.0, false));
     }
 
     #[test]
-    fn what_beats_from_the_first_says_so_and_may_end_and_beat_again() {
+    fn intervals_may_start_at_the_first_pair_end_and_start_again() {
         let found = crossovers(&pairs(&[
             (5.0, 1.0, 2.0),
             (10.0, 2.0, 3.0),

@@ -1,7 +1,8 @@
-//! `rhumb-bench paper page`: puts what was measured into a page.
+//! `rhumb-bench paper page`: fills a page with measurements.
 //!
-//! `<!-- paper: BLOCK FILE -->` opens a block, `<!-- /paper -->` closes it; FILE, or a folder of runs, lies beside the page. What stands between
-//! is replaced, everything else is left as it is. Nothing of a block is typed, so that a check can tell whether it is stale.
+//! `<!-- paper: BLOCK FILE -->` opens a block, `<!-- /paper -->` closes it. FILE, or a folder of runs, lies beside the
+//! page. The text between the markers is replaced, everything else stays. Blocks are fully generated, so a check can
+//! find stale ones.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -26,13 +27,13 @@ use crate::cost::Costs;
 use crate::output;
 use crate::summary::{Summary, SummaryTable, later, markdown, ratios};
 
-/// Which page.
+/// Arguments of the page task.
 #[derive(Clone, Debug, Args)]
 pub(super) struct PageArguments {
     /// The page in Markdown.
     #[arg(default_value = "docs/results/paper.md")]
     page: PathBuf,
-    /// Change nothing; fail if the page does not say what its files say.
+    /// Change nothing; fail if the page is stale.
     #[arg(long)]
     check: bool,
 }
@@ -41,7 +42,7 @@ const OPENS: &str = "<!-- paper: ";
 const OPENED: &str = " -->";
 const CLOSES: &str = "<!-- /paper -->";
 
-/// Fills a page, or checks it.
+/// Fills or checks a page.
 pub(super) fn run(arguments: &PageArguments) -> Result<(), PaperError> {
     let path = &arguments.page;
     let text = read(path)?;
@@ -59,7 +60,7 @@ pub(super) fn run(arguments: &PageArguments) -> Result<(), PaperError> {
     if arguments.check {
         if stale.is_empty() {
             return Ok(output::print_text(&format!(
-                "{} says what its files say\n",
+                "{} is current\n",
                 path.display()
             ))?);
         }
@@ -71,7 +72,7 @@ pub(super) fn run(arguments: &PageArguments) -> Result<(), PaperError> {
     }
     output::write_file(path, filled.text.as_bytes())?;
     let what = if stale.is_empty() {
-        "nothing new".to_owned()
+        "unchanged".to_owned()
     } else {
         stale.join(", ")
     };
@@ -81,24 +82,24 @@ pub(super) fn run(arguments: &PageArguments) -> Result<(), PaperError> {
     ))?)
 }
 
-/// What stands in a block, and the picture that it shows.
+/// Text of a block, and the picture it shows.
 #[derive(Debug, Default)]
 struct Block {
     text: String,
-    /// Name beside the page, and content.
+    /// File name beside the page, and content.
     figure: Option<(String, String)>,
 }
 
-/// A page with its blocks filled.
+/// A page with filled blocks.
 #[derive(Debug, Default)]
 struct Filled {
     text: String,
-    /// Blocks that were otherwise before.
+    /// Blocks whose text changed.
     changed: Vec<String>,
     figures: BTreeMap<String, String>,
 }
 
-/// Replaces what stands between the markers of a page.
+/// Replaces the text between the markers of a page.
 fn fill(
     path: &Path,
     text: &str,
@@ -116,7 +117,7 @@ fn fill(
         let (block, file) = marker
             .split_once(' ')
             .filter(|_| !marker.contains('\n'))
-            .ok_or_else(|| wrong(format!("the marker {marker:?} names no block and file")))?;
+            .ok_or_else(|| wrong(format!("the marker {marker:?} lacks a block or file name")))?;
         let unclosed = || wrong(format!("the block {block} is not closed"));
         let (inside, after) = after.split_once(CLOSES).ok_or_else(unclosed)?;
         if inside.contains(OPENS) {
@@ -134,7 +135,7 @@ fn fill(
         rest = after;
     }
     if filled.text.is_empty() {
-        return Err(wrong(format!("no block is opened in it, by {OPENS:?}")));
+        return Err(wrong(format!("no marker {OPENS:?} opens a block")));
     }
     filled.text.push_str(rest);
     Ok(filled)
@@ -151,9 +152,9 @@ fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, PaperErro
     parse(path, read(path)?.as_bytes())
 }
 
-/// What an experiment found, computed from its trials by this program: a file may be of one that knew other statistics.
+/// Results of an experiment, recomputed from its trials: the file may come from a version with other statistics.
 fn read_experiment(path: &Path) -> Result<PaperResults, PaperError> {
-    let Kept {
+    let StoredExperiment {
         command,
         settings,
         trials,
@@ -166,15 +167,15 @@ fn read_experiment(path: &Path) -> Result<PaperResults, PaperError> {
     })
 }
 
-/// Of `paper.json` what was measured.
+/// The measured part of `paper.json`.
 #[derive(Debug, Deserialize)]
-struct Kept {
+struct StoredExperiment {
     command: String,
     settings: Settings,
     trials: Vec<ExperimentTrial>,
 }
 
-/// A block by its name.
+/// Builds a block by its name.
 fn make_block(page: &Path, folder: &Path, block: &str, file: &str) -> Result<Block, PaperError> {
     let path = folder.join(file);
     let text = match block.split_once('-') {
@@ -199,7 +200,7 @@ fn make_block(page: &Path, folder: &Path, block: &str, file: &str) -> Result<Blo
 fn no_such(page: &Path, block: &str) -> PaperError {
     PaperError::Page {
         path: page.to_owned(),
-        why: format!("there is no block {block:?}"),
+        why: format!("the block {block:?} does not exist"),
     }
 }
 
@@ -207,8 +208,8 @@ fn of_paper(results: &PaperResults, block: &str) -> Option<String> {
     let table = match block {
         "command" => return Some(format!("    {}", results.command)),
         "findings" => {
-            let said = findings::sentences(results);
-            let lines: Vec<String> = said
+            let sentences = findings::sentences(results);
+            let lines: Vec<String> = sentences
                 .iter()
                 .map(|sentence| format!("- {sentence}"))
                 .collect();
@@ -230,7 +231,7 @@ fn of_paper(results: &PaperResults, block: &str) -> Option<String> {
     Some(table.to_markdown())
 }
 
-/// The runs of a `summary.json`, or of all that lie in a folder, in the order of their names.
+/// The runs of a `summary.json`, or of all such files in a folder, ordered by name.
 fn read_runs(path: &Path) -> Result<Summary, PaperError> {
     if !path.is_dir() {
         return read_json(path);
@@ -258,7 +259,7 @@ fn read_runs(path: &Path) -> Result<Summary, PaperError> {
     all.ok_or_else(|| failed(std::io::ErrorKind::NotFound.into()))
 }
 
-/// Of the `summary.json` of any other task.
+/// Blocks of the `summary.json` of any other task.
 fn of_runs(summary: &Summary, what: &str) -> Option<String> {
     match what {
         "command" => Some(format!("    {}", summary.command)),
@@ -370,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn a_block_is_replaced_and_all_else_is_left() {
+    fn filling_replaces_blocks_and_nothing_else() {
         let once = filled(PAGE).unwrap();
         let expected =
             "# A page\n\n<!-- paper: one a.json -->\none of a.json\n<!-- /paper -->\n\ntail\n";
@@ -381,7 +382,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_markers_are_named() {
+    fn an_error_names_the_wrong_marker() {
         for (text, why) in [
             (
                 "<!-- paper: one a.json -->\nold\n",
@@ -389,17 +390,17 @@ mod tests {
             ),
             (
                 "<!-- paper: one -->\n<!-- /paper -->",
-                "names no block and file",
+                "lacks a block or file name",
             ),
             ("<!-- paper: one a.json\n", "does not end on its line"),
-            ("# A page\n\nand no block\n", "no block is opened in it"),
+            ("# A page\n\nand no block\n", "opens a block"),
             (
                 "<!-- paper: one a.json -->\n<!-- paper: two a.json -->\n<!-- /paper -->",
                 "the block one is not closed",
             ),
         ] {
-            let said = filled(text).unwrap_err().to_string();
-            assert!(said.contains(why), "{said}");
+            let message = filled(text).unwrap_err().to_string();
+            assert!(message.contains(why), "{message}");
         }
     }
 }

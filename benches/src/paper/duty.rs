@@ -1,21 +1,21 @@
-//! A helper process that stops and continues the one that started it.
+//! A helper process that stops and continues its parent.
 //!
-//! It ends, and lets the other go on, when its standard input is closed: so that nobody stays stopped.
+//! The helper ends and lets its parent run once its standard input is closed, so the parent never stays stopped.
 
 use std::io;
 use std::process::{Child, Command, ExitCode, Stdio};
 
 use clap::Args;
 
-/// How the helper is called.
+/// Arguments of the helper.
 #[derive(Clone, Debug, Args)]
 pub(super) struct DutyArguments {
-    /// How many hundredths of the time the parent may run.
+    /// Percentage of the time that the parent may run.
     #[arg(long, value_parser = clap::value_parser!(u32).range(10..=99))]
     percent: u32,
 }
 
-/// A running helper; the process runs on freely when it is dropped.
+/// A running helper; on drop it ends, and the process runs freely again.
 #[derive(Debug)]
 pub(super) struct Duty {
     helper: Child,
@@ -37,12 +37,12 @@ impl Duty {
 impl Drop for Duty {
     fn drop(&mut self) {
         drop(self.helper.stdin.take());
-        // It ends by itself; if it is gone already, so much the better.
+        // Closing its input ends the helper; it may also have ended before.
         let _ = self.helper.wait();
     }
 }
 
-/// Is the helper until its standard input is closed.
+/// Runs as the helper until standard input is closed.
 #[cfg(target_os = "linux")]
 pub(super) fn serve(arguments: &DutyArguments) -> ExitCode {
     use std::io::Read;
@@ -51,7 +51,7 @@ pub(super) fn serve(arguments: &DutyArguments) -> ExitCode {
 
     use rustix::process::{Signal, getppid, kill_process};
 
-    /// Length of one turn, milliseconds.
+    /// Length of one cycle, milliseconds.
     const TURN_MS: u32 = 20;
 
     let Some(parent) = getppid() else {
@@ -59,7 +59,7 @@ pub(super) fn serve(arguments: &DutyArguments) -> ExitCode {
     };
     let (closed, over) = channel();
     std::thread::spawn(move || {
-        // However it ends, it has ended.
+        // Any result means that the input is closed.
         let _ = io::stdin().read(&mut [0]);
         drop(closed);
     });
@@ -81,12 +81,12 @@ pub(super) fn serve(arguments: &DutyArguments) -> ExitCode {
             }
         }
     }
-    // It may be gone.
+    // The parent may have ended.
     let _ = kill_process(parent, Signal::CONT);
     done
 }
 
-/// Is the helper until its standard input is closed: not on this system.
+/// Not available on this system.
 #[cfg(not(target_os = "linux"))]
 pub(super) fn serve(_: &DutyArguments) -> ExitCode {
     ExitCode::FAILURE

@@ -1,33 +1,33 @@
-//! Other engines beside ours: what `compare_engines.py` measured, as a table.
+//! Table of other engines, measured by `compare_engines.py`.
 
 use serde::Deserialize;
 
 use super::table::Table;
 use crate::summary::number;
 
-/// What the script wrote with `--out`.
+/// Output of the script's `--out`.
 #[derive(Debug, Deserialize)]
 pub(super) struct Engines {
-    /// How it was called.
+    /// Command line of the script.
     pub(super) command: String,
-    /// Processor, cores, system.
+    /// Processor, cores, operating system.
     pub(super) machine: String,
-    /// Of which scene.
+    /// Name of the scene.
     pub(super) scene: String,
-    /// How many of its bodies can move.
+    /// Number of its non-static bodies.
     pub(super) bodies: u32,
     rows: Vec<EngineRow>,
 }
 
-/// One engine. Times are milliseconds.
+/// Times of one engine, milliseconds.
 #[derive(Debug, Deserialize)]
 struct EngineRow {
-    /// Which, and where it steps: `bullet, tcp:localhost:6667`.
+    /// Engine and where it steps: `bullet, tcp:localhost:6667`.
     engine: String,
     frame_ms_mean: f64,
     frame_ms_p50: f64,
     frame_ms_p99: f64,
-    /// Both ways, headers included; none of an engine in process.
+    /// Both directions, headers included; `None` for an engine in process.
     bytes_per_frame: Option<f64>,
 }
 
@@ -37,15 +37,15 @@ impl EngineRow {
     }
 }
 
-/// A row for each engine, beside the same engine in process.
+/// A row for each engine, relative to the same engine in process.
 pub(super) fn table(engines: &Engines) -> Table {
     let columns = [
         "engine",
         "frame, ms",
         "p50, ms",
         "p99, ms",
-        "mean, of its first row",
-        "bytes a frame",
+        "mean, relative to its first row",
+        "bytes per frame",
     ];
     let mut table = Table::new("Other engines on the same scene", columns);
     for row in &engines.rows {
@@ -64,8 +64,8 @@ pub(super) fn table(engines: &Engines) -> Table {
         cells.extend(values.map(number));
         table.rows.push(cells);
     }
-    table.note =
-        "Piles differ between engines, so that times are of like work, not of the same.".to_owned();
+    table.note = "Piles differ between engines, so times measure similar work, not the same work."
+        .to_owned();
     table
 }
 
@@ -74,7 +74,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_remote_engine_stands_beside_itself_in_process() {
+    fn a_remote_engine_is_compared_to_itself_in_process() {
         let text = r#"{"command": "c", "machine": "m", "scene": "ball-pit", "bodies": 500, "rows": [
             {"engine": "bullet, direct", "frame_ms_mean": 2.0, "frame_ms_p50": 2.0, "frame_ms_p99": 3.0, "bytes_per_frame": null},
             {"engine": "ours, a", "frame_ms_mean": 1.0, "frame_ms_p50": 1.0, "frame_ms_p99": 1.5, "bytes_per_frame": null},

@@ -1,4 +1,4 @@
-//! Why a task of `rhumb-bench paper` did not come to its end.
+//! Errors of the tasks of `rhumb-bench paper`.
 
 use std::fmt;
 use std::io;
@@ -11,18 +11,18 @@ use crate::drive::DriveError;
 use crate::output::OutputError;
 use crate::record::Mode;
 
-/// Why a task did not come to its end.
+/// Why a task failed.
 #[derive(Debug)]
 pub(super) enum PaperError {
     /// A run failed.
     Drive(DriveError),
     /// The cores cannot be chosen.
     Cores(RunError),
-    /// Something cannot be written.
+    /// An output cannot be written.
     Output(OutputError),
     /// A file or folder cannot be read.
     Read { path: PathBuf, cause: io::Error },
-    /// A file holds something else than this program wrote.
+    /// A file has another format than this program writes.
     NotOurs {
         path: PathBuf,
         cause: serde_json::Error,
@@ -34,17 +34,17 @@ pub(super) enum PaperError {
     },
     /// A mode cannot take part.
     NotPlayable { mode: Mode },
-    /// Nothing would be left to compare with.
+    /// The baseline mode is missing.
     NoIntegrated,
-    /// The tolerance is none.
+    /// The tolerance is invalid.
     Tolerance { metres: f64, cause: String },
-    /// There is nothing to merge, or it does not fit together.
+    /// The merge has no input, or inconsistent input.
     Merge { why: String },
     /// A page's markers are wrong.
     Page { path: PathBuf, why: String },
-    /// A page says something else than its files.
+    /// A page is stale.
     Stale { path: PathBuf, blocks: Vec<String> },
-    /// The caller cannot be made weak.
+    /// The caller cannot be slowed.
     Quota { why: String },
 }
 
@@ -52,15 +52,12 @@ impl fmt::Display for PaperError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Drive(cause) => cause.fmt(f),
-            Self::Cores(cause) => write!(
-                f,
-                "{cause}; a task that has --no-pin leaves them to the system by it"
-            ),
+            Self::Cores(cause) => write!(f, "{cause}; tasks with --no-pin let the system choose"),
             Self::Output(cause) => cause.fmt(f),
             Self::Read { path, cause } => write!(f, "cannot read {}: {cause}", path.display()),
             Self::NotOurs { path, cause } => write!(
                 f,
-                "{} is not what this program wrote there: {cause}",
+                "{} does not have the format that this program writes: {cause}",
                 path.display()
             ),
             Self::OtherExperiment { folder, difference } => write!(
@@ -77,11 +74,11 @@ impl fmt::Display for PaperError {
             Self::Page { path, why } => write!(f, "{}: {why}", path.display()),
             Self::Stale { path, blocks } => write!(
                 f,
-                "{path} does not say what its files say: {}; `rhumb-bench paper page {path}` mends it",
+                "{path} is stale: {}; `rhumb-bench paper page {path}` updates it",
                 blocks.join(", "),
                 path = path.display(),
             ),
-            Self::Quota { why } => write!(f, "the caller cannot be made weak: {why}"),
+            Self::Quota { why } => write!(f, "the caller cannot be slowed: {why}"),
         }
     }
 }

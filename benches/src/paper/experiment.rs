@@ -1,6 +1,7 @@
-//! `rhumb-bench paper`: trials one after the other, and what comes of them.
+//! `rhumb-bench paper`: runs trials in sequence and writes the results.
 //!
-//! What has ended is kept at once, and computed anew after each trial: an interruption costs the trial that runs.
+//! Each finished trial is stored at once, and results are recomputed after it. An interruption loses only the running
+//! trial.
 
 use std::io::{self, Write as _};
 use std::num::NonZeroU32;
@@ -26,55 +27,55 @@ use crate::machine;
 use crate::output;
 use crate::record::Mode;
 
-/// The experiment, and where its results go.
+/// Arguments of the experiment.
 #[derive(Clone, Debug, Args)]
 pub(super) struct ExperimentArguments {
-    /// How many trials, each with its own seed; 30 unless said, 3 with --fast.
+    /// Number of trials, each with its own seed. Default: 30, or 3 with --fast.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     trials: Option<u32>,
-    /// Balls in the pit, stage by stage, such as 500..10000 or 500,1000; 500..10000 unless said, 100..300 with --fast.
+    /// Balls in the pit, stage by stage, such as 500..10000 or 500,1000. Default: 500..10000, or 100..300 with --fast.
     #[arg(long)]
     loads: Option<Loads>,
-    /// Simulated seconds of each stage; 30 unless said, 3 with --fast.
+    /// Simulated seconds of each stage. Default: 30, or 3 with --fast.
     #[arg(long, value_parser = stage_seconds, allow_negative_numbers = true)]
     stage_seconds: Option<f64>,
-    /// Which modes; integrated must be among them. All unless said.
+    /// Modes, including integrated. Default: all.
     #[arg(long, value_delimiter = ',', value_parser = mode_parser())]
     modes: Vec<Mode>,
-    /// How far off a copied body may be, metres.
+    /// Tolerance of a copied body's surface error, metres.
     #[arg(long, default_value_t = 0.05, allow_negative_numbers = true)]
     tolerance: f64,
-    /// Seed of the first trial; each later one has the next.
+    /// Seed of the first trial; each later trial has the next one.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Threads that each engine steps on; more than one needs the feature `parallel`.
+    /// Threads of each engine; more than one needs the feature `parallel`.
     #[arg(long, default_value = "1")]
     threads: NonZeroU32,
     /// A short experiment: three trials of three small loads, three simulated seconds each.
     #[arg(long)]
     fast: bool,
-    /// Folder for trials and results; an interrupted experiment goes on there.
+    /// Folder for trials and results; an interrupted experiment continues there.
     #[arg(long, default_value = "results/paper")]
     out: PathBuf,
-    /// Let the system choose the cores instead of keeping servers apart from their caller.
+    /// Let the system choose the cores instead of separating servers from their caller.
     #[arg(long)]
     no_pin: bool,
 }
 
-/// What an experiment leaves behind: `paper.json`.
+/// Results of an experiment: `paper.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct PaperResults {
-    /// How the program was called.
+    /// The command line, as typed.
     pub(super) command: String,
-    /// What was asked for, and where.
+    /// Settings of the experiment.
     pub(super) settings: Settings,
-    /// Every trial that ended.
+    /// Every finished trial.
     pub(super) trials: Vec<ExperimentTrial>,
-    /// What they say together.
+    /// Analysis over all trials.
     pub(super) analysis: Analysis,
 }
 
-/// A mode by its name, of those that can be played.
+/// Parses the name of a playable mode.
 fn mode_parser() -> impl TypedValueParser<Value = Mode> {
     let names: Vec<_> = player::playable().map(Mode::name).collect();
     PossibleValuesParser::new(names).try_map(|name| {
@@ -92,7 +93,7 @@ fn stage_seconds(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A length as a tolerance.
+/// Checks a length in metres as a tolerance.
 pub(super) fn tolerance(metres: f64) -> Result<Tolerance, PaperError> {
     Tolerance::from_metres(Metres::new(metres)).map_err(|error| PaperError::Tolerance {
         metres,
@@ -100,7 +101,7 @@ pub(super) fn tolerance(metres: f64) -> Result<Tolerance, PaperError> {
     })
 }
 
-/// Where the caller runs, and where the servers.
+/// Cores of the caller and the servers.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct CoreAssignment {
     pub(super) caller: Vec<usize>,
@@ -108,7 +109,7 @@ pub(super) struct CoreAssignment {
 }
 
 impl CoreAssignment {
-    /// The caller on the first core, the servers on the others, where there are two.
+    /// The caller on the first core, the servers on the others, if there are at least two.
     pub(super) fn apart() -> Self {
         match usable_cores().split_first() {
             Some((caller, servers)) if !servers.is_empty() => Self {
@@ -119,7 +120,7 @@ impl CoreAssignment {
         }
     }
 
-    /// In words, such as `caller 0, servers 1`.
+    /// As text, such as `caller 0, servers 1`.
     pub(super) fn describe(&self) -> String {
         let list = |cores: &[usize]| {
             let cores: Vec<_> = cores.iter().map(usize::to_string).collect();
@@ -138,9 +139,9 @@ impl CoreAssignment {
     }
 }
 
-/// Runs what is missing of the experiment, and writes everything.
+/// Runs the missing trials of the experiment and writes all results.
 pub(super) fn run(arguments: &ExperimentArguments) -> Result<(), PaperError> {
-    // Asked before this process keeps to one core.
+    // Read before this process pins itself to one core.
     let machine = machine::describe();
     let places = if arguments.no_pin {
         CoreAssignment::default()
@@ -167,7 +168,7 @@ pub(super) fn run(arguments: &ExperimentArguments) -> Result<(), PaperError> {
         modes: &modes,
         caller_percent: 100,
     };
-    // More may lie there: what is asked for counts.
+    // The folder may hold more trials than requested.
     let mut done = store.trials()?;
     done.retain(|number, _| *number <= trials);
     let missing: Vec<u32> = (1..=trials)
@@ -175,9 +176,9 @@ pub(super) fn run(arguments: &ExperimentArguments) -> Result<(), PaperError> {
         .collect();
     if missing.len() < trials as usize {
         let kept = trials as usize - missing.len();
-        output::print_text(&format!("{kept} of {trials} trials have ended before\n"))?;
+        output::print_text(&format!("{kept} of {trials} trials are already finished\n"))?;
     }
-    // A frame takes about as long as there are balls in the pit.
+    // The time of a frame is roughly proportional to the number of balls.
     let cost: u64 = settings.loads.iter().copied().map(u64::from).sum();
     let length = cost * u64::from(settings.frames_per_load) * missing.len() as u64;
     let bar = output::progress_bar(length, String::new());
@@ -187,20 +188,20 @@ pub(super) fn run(arguments: &ExperimentArguments) -> Result<(), PaperError> {
         let trial = trial::run(&settings, *number, &staging, &mut |progress| {
             let here = format!("trial {number} of {trials}, {} balls", progress.load);
             bar.inc(u64::from(progress.load));
-            // Without a terminal there is no bar: a line for each stage.
+            // Without a terminal there is no bar, so each stage prints a line.
             if bar.is_hidden() && stage.replace(progress.load) != Some(progress.load) {
                 let done = 100 * bar.position() / length.max(1);
-                // Nowhere is left to say that standard error is closed.
-                let _ = writeln!(io::stderr(), "{here}: {done} % of all is done");
+                // If standard error is closed, no other place is left to report to.
+                let _ = writeln!(io::stderr(), "{here}: {done} % done");
             }
             bar.set_message(here);
         })?;
         store.keep(&trial)?;
-        let said = format!(
+        let line = format!(
             "trial {number} of {trials}, seed {}: {:.0} s\n",
             trial.seed, trial.wall_s
         );
-        bar.suspend(|| output::print_text(&said))?;
+        bar.suspend(|| output::print_text(&line))?;
         done.insert(*number, trial);
         let ended = done.values().cloned().collect();
         write(arguments, &settings, ended)?;
@@ -254,7 +255,7 @@ fn settings(
     }
 }
 
-/// Computes everything from the trials that ended, and writes it.
+/// Computes all results from the finished trials and writes them.
 fn write(
     arguments: &ExperimentArguments,
     settings: &Settings,

@@ -1,4 +1,4 @@
-//! SimFPS and PhysFT by load, with the paper's own curves behind.
+//! Figures of SimFPS and PhysFT by load, with the paper's own curves.
 
 use std::fmt::Write as _;
 
@@ -12,18 +12,18 @@ use crate::drive::player;
 use crate::record::Mode;
 use crate::report::{Axis, Chart, Mark, SIZE, color, escape};
 
-/// A figure, and what its colours mean.
+/// A figure and its legend.
 pub(super) struct PaperFigure {
-    /// In names of files.
+    /// Part of the file name.
     pub(super) name: &'static str,
     pub(super) title: &'static str,
     pub(super) svg: String,
-    /// Colour and meaning, in the order of drawing.
+    /// Colours and labels, in the order of drawing.
     pub(super) keys: Vec<(RGBColor, String)>,
 }
 
 impl PaperFigure {
-    /// As a file of its own: on white, with its legend below.
+    /// The figure as a file of its own: on white, with its legend below.
     pub(super) fn standalone(&self) -> String {
         let (width, height) = SIZE;
         let rows = self.keys.chunks(KEYS_IN_ROW).count() as u32;
@@ -53,11 +53,11 @@ impl PaperFigure {
     }
 }
 
-/// Keys side by side in the legend below a figure.
+/// Legend entries per row.
 const KEYS_IN_ROW: usize = 4;
-/// Height of each of its rows, in the figure's units.
+/// Height of a legend row, in the figure's units.
 const LEGEND_ROW: u32 = 56;
-/// The paper's integrated engine, and its distributed one.
+/// Colours of the paper's integrated and distributed engines.
 const PUBLISHED: [RGBColor; 2] = [RGBColor(156, 163, 175), RGBColor(217, 119, 87)];
 
 /// Frames per second by load.
@@ -66,7 +66,7 @@ pub(super) fn sim_fps(results: &PaperResults) -> PaperFigure {
     let drawn = Drawn::of(results, |mode| &mode.sim_fps, theirs);
     PaperFigure {
         name: "sim-fps",
-        title: "SimFPS by load (the higher, the better)",
+        title: "SimFPS by load (higher is better)",
         svg: Chart {
             x: drawn.loads(),
             y: Axis::linear("frames per second", 0.0, [12.0].into_iter()),
@@ -83,7 +83,7 @@ pub(super) fn phys_ft(results: &PaperResults) -> PaperFigure {
     let values: Vec<f64> = drawn.points.iter().map(|point| point.1).collect();
     PaperFigure {
         name: "phys-ft",
-        title: "PhysFT by load (the lower, the better)",
+        title: "PhysFT by load (lower is better)",
         svg: Chart {
             x: drawn.loads(),
             y: Axis::log("milliseconds", values.into_iter()),
@@ -136,7 +136,7 @@ impl Drawn {
             let known = player::playable().find(|known| known.name() == mode);
             let color = known.map_or(PUBLISHED[0], color);
             for (load, sample) in &found {
-                // Its standard deviation, each way.
+                // One standard deviation up and down.
                 let each_way = sample.deviation.unwrap_or(0.0);
                 drawn.marks.push(Mark::Line {
                     color,
@@ -162,7 +162,7 @@ impl Drawn {
             return;
         }
         self.points.extend(&points);
-        // A single point makes no line.
+        // A dot, since a single point makes no line.
         for at in &points {
             self.marks.push(Mark::Dot {
                 color,

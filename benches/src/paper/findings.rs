@@ -1,4 +1,4 @@
-//! What the experiment says in sentences, each computed from the results.
+//! Sentences on the experiment's results, computed from them.
 
 use super::analysis::{ALPHA, ModeAnalysis};
 use super::experiment::PaperResults;
@@ -7,14 +7,14 @@ use super::tables;
 use crate::record::Mode;
 use crate::summary::number;
 
-/// From so many balls on the paper found its distributed engine slower at every load.
+/// Smallest load of which the paper states that its distributed engine is always slower.
 const FROM: u32 = 1_000;
 
-/// A sentence on each mode but integrated, one on how it was run, and those on what is void.
+/// One sentence on the experiment, one per mode except integrated, and one per void outcome.
 pub(super) fn sentences(results: &PaperResults) -> Vec<String> {
     let settings = &results.settings;
-    let mut said = vec![format!(
-        "{} trials of {} to {} balls, {} frames a stage, seeds {} to {}, on {} ({}; {} build).",
+    let mut sentences = vec![format!(
+        "{} trials of {} to {} balls, {} frames per stage, seeds {} to {}, on {} ({}; {} build).",
         results.trials.len(),
         settings.loads.first().copied().unwrap_or_default(),
         settings.loads.last().copied().unwrap_or_default(),
@@ -29,17 +29,18 @@ pub(super) fn sentences(results: &PaperResults) -> Vec<String> {
         .modes
         .iter()
         .filter(|mode| *mode != Mode::Integrated.name());
-    said.extend(others.filter_map(|mode| of_mode(results, mode)));
+    sentences.extend(others.filter_map(|mode| of_mode(results, mode)));
     if results.trials.len() > 1 {
-        said.push(format!(
-            "Sure: by paired t-tests of the trials' ratios, α = {ALPHA} for all these loads of a mode together (Holm)."
+        sentences.push(format!(
+            "Significant: by paired t-tests of the trials' ratios, α = {ALPHA} for all these loads of a mode \
+             together (Holm)."
         ));
     }
-    said.extend(tables::void(results));
-    said
+    sentences.extend(tables::void(results));
+    sentences
 }
 
-/// How a mode's frame stands to the integrated one over the loads from a thousand on, or over all if there are none.
+/// Compares a mode's frame with the integrated one over the loads from a thousand on, or over all if there are none.
 fn of_mode(results: &PaperResults, mode: &str) -> Option<String> {
     let reaches = results.settings.loads.iter().any(|load| *load >= FROM);
     let least = if reaches { FROM } else { 0 };
@@ -67,37 +68,40 @@ fn of_mode(results: &PaperResults, mode: &str) -> Option<String> {
         })
         .collect();
     let p: Vec<f64> = tests.iter().map(|(.., p)| *p).collect();
-    let sure = rejected(&p, ALPHA);
+    let significant = rejected(&p, ALPHA);
     let those = |longer: bool| {
-        let sure = tests.iter().zip(&sure).filter(|(_, sure)| **sure);
-        let these = sure.filter(|((_, ratio, _), _)| (*ratio > 1.0) == longer);
+        let selected = tests
+            .iter()
+            .zip(&significant)
+            .filter(|(_, significant)| **significant);
+        let these = selected.filter(|((_, ratio, _), _)| (*ratio > 1.0) == longer);
         let loads: Vec<u32> = these.map(|((load, ..), _)| *load).collect();
-        said_of(&loads, found.len())
+        at_loads(&loads, found.len())
     };
     let range = if reaches {
         format!("from {FROM} balls on")
     } else {
         "at these loads".to_owned()
     };
-    let spoken = if tests.is_empty() {
+    let significance = if tests.is_empty() {
         String::new()
     } else {
         format!(
-            "; surely longer {}, surely shorter {}",
+            "; significantly longer {}, significantly shorter {}",
             those(true),
             those(false)
         )
     };
     Some(format!(
-        "{mode}: a frame takes {} to {} times the integrated one {range}{spoken}.",
+        "{mode}: a frame takes {} to {} times the integrated one {range}{significance}.",
         number(Some(best)),
         number(Some(worst)),
     ))
 }
 
-/// At which loads, of so many.
-fn said_of(loads: &[u32], of: usize) -> String {
-    /// More are counted.
+/// Lists the loads, or counts them if there are many.
+fn at_loads(loads: &[u32], of: usize) -> String {
+    /// Longest list of loads; longer ones are counted.
     const NAMED: usize = 5;
     match loads {
         [] => "nowhere".to_owned(),

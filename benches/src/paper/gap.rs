@@ -1,8 +1,8 @@
-//! `rhumb-bench paper gap`: where the published client loses its time.
+//! `rhumb-bench paper gap`: finds where the published client loses time.
 //!
-//! The paper's protocol over one pit, by a client that loses nothing but what the protocol costs, by clients that lose one
-//! thing each, and by one that loses all; beside them the engine in the caller's thread, and what packing and silence
-//! about sleepers give. What a loss costs here is measured. That the paper's own client lost the same is inferred.
+//! The paper's protocol runs over one pit with a client without defects, with clients of one defect each, and with one
+//! of all defects. Further rows: the engine in the caller's thread, packed states, and awake bodies only. The cost of
+//! each defect is measured here; that the paper's own client lost the same is inferred.
 
 use std::num::NonZeroU32;
 use std::path::PathBuf;
@@ -28,66 +28,66 @@ use crate::output;
 use crate::record::Mode;
 use crate::summary::number;
 
-/// Loads, and where the results go.
+/// Arguments of the gap task.
 #[derive(Clone, Debug, Args)]
 pub(super) struct GapArguments {
-    /// How many balls; 0,1000,5000,10000 unless said, 200 with --fast.
+    /// Number of balls. Default: 0,1000,5000,10000, or 200 with --fast.
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=100_000))]
     loads: Vec<u32>,
-    /// Frames of each row; the list that is never emptied grows with them. 60 unless said, 10 with --fast.
+    /// Frames of each row; the never-emptied list grows with them. Default: 60, or 10 with --fast.
     #[arg(long)]
     frames: Option<NonZeroU32>,
     /// Seed of the scene.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// A small load and few frames.
+    /// Use a small load and few frames.
     #[arg(long)]
     fast: bool,
-    /// Folder for the results; made if it is not there.
+    /// Folder for the results; created if missing.
     #[arg(long, default_value = "results/gap")]
     out: PathBuf,
-    /// Let the system choose the cores instead of keeping servers apart from their caller.
+    /// Let the system choose the cores instead of separating servers from their caller.
     #[arg(long)]
     no_pin: bool,
 }
 
-/// What was measured: `gap.json`.
+/// Results: `gap.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct GapResults {
-    /// How the program was called.
+    /// The command line, as typed.
     pub(super) command: String,
-    /// Processor, cores, system.
+    /// Processor, cores, operating system.
     pub(super) machine: String,
-    /// Release or debug, the version, and the commit.
+    /// Build profile, version and commit.
     pub(super) build: String,
-    /// Where the caller and the servers ran.
+    /// Cores of the caller and the servers.
     pub(super) cores: String,
-    /// Of the scene.
+    /// Seed of the scene.
     pub(super) seed: u64,
-    /// Of each row.
+    /// Frames of each row.
     pub(super) frames: u32,
-    /// Load by load.
+    /// Rows, load by load.
     pub(super) rows: Vec<GapRow>,
 }
 
 /// One client at one load.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct GapRow {
-    /// Balls.
+    /// Number of balls.
     pub(super) load: u32,
-    /// What the client loses, or what else the row is, as [`CASES`] names it.
+    /// Defects of the client, or the other kind of row, as `cases` names it.
     pub(super) client: String,
-    /// From the first command until the server has taken all of them in, seconds.
+    /// Time from the first command until the server has applied all of them, seconds.
     pub(super) placing_s: f64,
     pub(super) outcome: ModeOutcome,
 }
 
-/// A client, by name.
+/// A client and its name.
 struct GapCase {
     name: &'static str,
     mode: Mode,
     defects: Defects,
-    /// No more frames than these.
+    /// Largest number of frames.
     most: u32,
 }
 
@@ -104,7 +104,7 @@ const INTEGRATED: &str = "integrated";
 const SOUND: &str = "sound";
 const AS_PUBLISHED: &str = "as published";
 const AS_LONG: &str = "as published, its list as long";
-/// Frames of a client with so long a list: each may take seconds.
+/// Frames of a client with such a long list: each may take seconds.
 const LONG_FRAMES: u32 = 12;
 
 /// All rows of a load, in order.
@@ -132,10 +132,10 @@ fn cases(load: u32) -> Vec<GapCase> {
     ]
 }
 
-/// What the reckoned row promises, metres.
+/// Tolerance of the rhumb row, metres.
 const TOLERANCE_M: f64 = 0.05;
 
-/// Runs every client at every load, and writes what there is after each load.
+/// Runs every client at every load; writes the results after each load.
 pub(super) fn run(arguments: &GapArguments) -> Result<(), PaperError> {
     let machine = machine::describe();
     let places = if arguments.no_pin {
@@ -173,7 +173,7 @@ pub(super) fn run(arguments: &GapArguments) -> Result<(), PaperError> {
         for case in cases(*load) {
             bar.set_message(format!("{load} balls, {}", case.name));
             let mut row = of_case(&case, *load, frames, arguments.seed, &places)?;
-            // Fewer frames come to another truth.
+            // A run of fewer frames ends in another state, so its truth differs.
             if case.most >= frames {
                 row.outcome.void =
                     *truth.get_or_insert(row.outcome.truth.clone()) != row.outcome.truth;
@@ -191,7 +191,7 @@ pub(super) fn run(arguments: &GapArguments) -> Result<(), PaperError> {
     Ok(output::print_text(&format!("\nwritten to {out}\n"))?)
 }
 
-/// A client by itself: nothing else works meanwhile.
+/// Runs one client; nothing else runs meanwhile.
 fn of_case(
     case: &GapCase,
     load: u32,
@@ -221,7 +221,7 @@ fn of_case(
         player::start(mode, &player_setup).ok_or(PaperError::NotPlayable { mode })??;
     let clock = Clock::start();
     player.prepare(&commands)?;
-    // The first frame waits for what the cap still holds back: it belongs to the placing.
+    // The first frame waits for messages that the cap holds back; that time belongs to the placing.
     player.frame(&[])?;
     let placing_s = clock.now().as_nanos() as f64 / 1e9;
     let before = player.totals()?;
@@ -269,7 +269,7 @@ pub(super) fn table(results: &GapResults) -> Table {
         "of integrated",
         "engine, ms",
         "beyond the engine, ms",
-        "bodies told of, a frame",
+        "states per frame",
         "ends lost",
     ];
     let mut table = Table::new("Frames by client", columns);
@@ -284,7 +284,7 @@ pub(super) fn table(results: &GapResults) -> Table {
                 row.client.clone()
             },
         ];
-        let told = (row.client != INTEGRATED)
+        let states = (row.client != INTEGRATED)
             .then_some(found.updates as f64 / f64::from(found.frames.max(1)));
         let values = [
             Some(row.placing_s),
@@ -294,27 +294,27 @@ pub(super) fn table(results: &GapResults) -> Table {
             integrated.map(|base| found.phys_ft_ms / base.phys_ft_ms),
             Some(found.step_ms),
             Some(beyond_ms(found)),
-            told,
+            states,
         ];
         cells.extend(values.map(number));
         cells.push(found.ends_lost.to_string());
         table.rows.push(cells);
     }
-    table.note = "All clients but the integrated engine's and the last rows' say and hear the paper's protocol; poll, cap, \
-                  list and buffer lose that one thing each. Each row ran by itself, and its engine at its own moment: what a \
-                  client takes is beyond the engine. Ends lost: frames whose end was lost in the buffer, so that they lasted \
-                  1/11.33 s more. Void: the engine did not do what the integrated one did."
+    table.note = "All clients except the integrated engine's and those of the last rows use the paper's protocol; \
+                  poll, cap, list and buffer have that one defect each. Each row ran separately with its own engine \
+                  run: compare the time beyond the engine. Ends lost: frames whose end message overflowed the \
+                  buffer, so they lasted 1/11.33 s longer. Void: the engine diverged from the integrated one."
         .to_owned();
     table
 }
 
-/// What part of the published client's frame each loss explains.
+/// Shares of the published client's frame that the defects explain.
 pub(super) fn shares_table(results: &GapResults) -> Table {
     let columns = [
         "balls",
         "published client, beyond the engine, ms",
         "the paper's, beyond integrated, ms",
-        "of it, %",
+        "share of it, %",
         "protocol alone, %",
         "poll, %",
         "cap, %",
@@ -347,15 +347,15 @@ pub(super) fn shares_table(results: &GapResults) -> Table {
         cells.push(number(share(together)));
         table.rows.push(cells);
     }
-    table.note = "Of what the published client's frame takes beyond its engine's steps. Of it: what part of the paper's own gap \
-                  that would be on this machine. Protocol alone: the sound client's part. Each loss: what it adds to the sound \
-                  client when it stands alone. Only together: the rest, below zero where losses hide each other: who hears of \
-                  fewer bodies scans a shorter list. The list grows with each state that is heard."
+    table.note = "Shares of the published client's frame beyond its engine's steps. Share of it: relative to the \
+                  paper's own gap. Protocol alone: the client without defects. Each defect: its addition to that \
+                  client, alone. Only together: the rest; negative where defects mask each other, since a client \
+                  that receives fewer states scans a shorter list. The list grows with each received state."
         .to_owned();
     table
 }
 
-/// What of the paper's own gap could be explained by what was measured here.
+/// Shares of the paper's own gap that the measurements explain.
 pub(super) fn published_table(results: &GapResults) -> Table {
     let columns = [
         "balls",
@@ -413,34 +413,35 @@ pub(super) fn published_table(results: &GapResults) -> Table {
             number(explained.map(|explained| 100.0 - explained)),
         ]);
     }
-    table.note = "Gap: what the paper's distributed frame takes beyond its integrated one. Protocol alone, poll and buffer: what \
-                  a sound client takes beyond the engine's steps here, and what each loss by itself adds to it; measured. \
-                  Entries: inferred, from the experiment's stages and the third of all states that the \
-                  published plug-in took in when that was measured with 1,000 bodies; frames with as many: measured, the first \
-                  few behind the placing, all losses together; the paper's figures are means. Placing: what fifty messages in 30 ms add to the placing of 500 balls, three messages each, if a \
-                  caller waited for it and it is spread over the stage's frames; inferred from the time until all were \
-                  placed. A region of the published simulator says five times as many messages for a ball. Not explained: by a list \
-                  as long and placing."
+    table.note = "Gap: the paper's distributed frame beyond its integrated one. Protocol alone, poll and buffer: \
+                  time beyond the engine's steps here without defects, and the addition of each defect alone; \
+                  measured. Entries: inferred from the experiment's stages and the third of all states that the \
+                  published plug-in processed in a measurement with 1,000 bodies. With as many entries: measured, \
+                  the first few frames after placing, all defects together; the paper's figures are means. Placing: \
+                  the addition of the cap of fifty messages per 30 ms to placing 500 balls of three messages each, \
+                  if a caller waits for it, spread over the stage's frames; inferred from the time until all are \
+                  placed. A region of the published simulator sends five times as many messages per ball. Not \
+                  explained: by the long list and placing."
         .to_owned();
     table
 }
 
-/// What the published client's frame takes beyond its engine's steps at a load, milliseconds, and parts of it.
+/// Time of the published client's frame beyond the engine's steps, milliseconds, and its parts.
 struct GapShares {
     all: f64,
-    /// The protocol alone; then each loss by itself.
+    /// The protocol alone, then each defect by itself.
     each: [f64; 5],
 }
 
 impl GapShares {
-    /// Places in `each`.
+    /// Index of the protocol in `each`.
     const PROTOCOL: usize = 0;
-    /// See above.
+    /// Index of polling in `each`.
     const POLL: usize = 1;
-    /// See above.
+    /// Index of the socket buffer in `each`.
     const BUFFER: usize = 4;
 
-    /// `None` where a row is missing or void.
+    /// `None` if a row is missing or void.
     fn of(results: &GapResults, load: u32) -> Option<Self> {
         let beyond = |client| sound_row(results, load, client).map(beyond_ms);
         let (base, sound) = (beyond(INTEGRATED)?, beyond(SOUND)?);
@@ -458,18 +459,18 @@ impl GapShares {
     }
 }
 
-/// A client's row at a load, unless that is void.
+/// A client's row at a load, unless it is void.
 fn row_of<'r>(results: &'r GapResults, load: u32, client: &str) -> Option<&'r GapRow> {
     let sound = |row: &&GapRow| row.load == load && row.client == client && !row.outcome.void;
     results.rows.iter().find(sound)
 }
 
-/// What a client had at a load, unless that is void.
+/// A client's outcome at a load, unless it is void.
 fn sound_row<'r>(results: &'r GapResults, load: u32, client: &str) -> Option<&'r ModeOutcome> {
     row_of(results, load, client).map(|row| &row.outcome)
 }
 
-/// What a frame takes beyond the engine's steps in it, milliseconds.
+/// Time of a frame beyond its engine steps, milliseconds.
 fn beyond_ms(outcome: &ModeOutcome) -> f64 {
     outcome.phys_ft_ms - outcome.step_ms
 }
@@ -502,7 +503,7 @@ mod tests {
     }
 
     #[test]
-    fn shares_are_of_what_the_published_client_takes_longer() {
+    fn shares_are_relative_to_the_published_clients_extra_time() {
         let mut results = results(&[
             (INTEGRATED, 10.0),
             (SOUND, 20.0),
@@ -513,7 +514,7 @@ mod tests {
             (AS_PUBLISHED, 110.0),
         ]);
         let table = shares_table(&results);
-        // 654.51 ms less 0.81, by the paper.
+        // By the paper: 654.51 ms less 0.81.
         let expected = [
             "1000", "100", "654", "15.3", "10.0", "30.0", "0", "10.0", "-5.00", "55.0",
         ];
@@ -523,7 +524,8 @@ mod tests {
         long.outcome.phys_ft_p50_ms = 210.0;
         results.rows[3].placing_s = 3.0;
         results.rows.push(long);
-        // 170 frames of 500 balls before, 170 of 1,000 so far, 34 % of them; 2 s more for 1,000 balls, spread over 340 frames.
+        // 170 frames of 500 balls before, 170 of 1,000 so far, 34 % of them; 2 s more for 1,000 balls, spread over 340
+        // frames.
         let expected = [
             "1000", "808", "654", "1.53", "4.59", "-0.765", "100", "15.3", "115600", "327", "50.0",
             "200", "2.94", "0.450", "49.5",

@@ -1,6 +1,6 @@
-//! `rhumb-bench paper hardware`: threads, pinning and a weak caller.
+//! `rhumb-bench paper hardware`: threads, pinning and a slowed caller.
 //!
-//! Each row is a trial of its own, of one load. The truth must be one over all rows: a row whose truth differs is void.
+//! Each row is a separate trial of one load. All rows must have equal truth; a row with a different one is void.
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;
@@ -26,36 +26,36 @@ use crate::output;
 use crate::record::Mode;
 use crate::summary::number;
 
-/// Threads, pinning and quotas, and where the results go.
+/// Arguments of the hardware task.
 #[derive(Clone, Debug, Args)]
 pub(super) struct HardwareArguments {
-    /// How many balls; 500,2000 unless said, 100 with --fast.
+    /// Number of balls. Default: 500,2000, or 100 with --fast.
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=100_000))]
     loads: Vec<u32>,
-    /// Threads that the engine steps on, such as 1,2,all; all of these unless said, where the feature `parallel` is built in.
+    /// Threads of the engine, such as 1,2,all. Default: all of these with the feature `parallel`, else 1.
     #[arg(long, value_delimiter = ',')]
     threads: Vec<Threads>,
-    /// Hundredths of one processor that the caller gets; 100 leaves it alone.
+    /// Percentage of a processor that the caller gets; 100 means no limit.
     #[arg(long, value_delimiter = ',', default_values_t = [100, 25], value_parser = clap::value_parser!(u32).range(10..=100))]
     caller_percent: Vec<u32>,
-    /// Frames of each row; 60 unless said, 20 with --fast.
+    /// Frames of each row. Default: 60, or 20 with --fast.
     #[arg(long)]
     frames: Option<NonZeroU32>,
-    /// How far off a copied body may be, metres.
+    /// Tolerance of a copied body's surface error, metres.
     #[arg(long, default_value_t = 0.05, allow_negative_numbers = true)]
     tolerance: f64,
     /// Seed of the scene.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// A small load and few frames.
+    /// Use a small load and few frames.
     #[arg(long)]
     fast: bool,
-    /// Folder for the results; made if it is not there.
+    /// Folder for the results; created if missing.
     #[arg(long, default_value = "results/hardware")]
     out: PathBuf,
 }
 
-/// A number of threads, or as many as there are cores.
+/// A number of threads, or one per core.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Threads {
     All,
@@ -71,25 +71,25 @@ impl FromStr for Threads {
             _ => text
                 .parse()
                 .map(Self::Of)
-                .map_err(|_| "neither a number of threads nor \"all\"".to_owned()),
+                .map_err(|_| "must be a number of threads or \"all\"".to_owned()),
         }
     }
 }
 
-/// What machines gave: `hardware.json`, of one machine or merged of several.
+/// Results: `hardware.json`, of one machine or merged from several.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct HardwareResults {
     pub(super) machines: Vec<MachineResults>,
 }
 
-/// What one machine gave.
+/// Results of one machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct MachineResults {
-    /// How the program was called.
+    /// The command line, as typed.
     pub(super) command: String,
-    /// Processor, cores, system.
+    /// Processor, cores, operating system.
     pub(super) machine: String,
-    /// Release or debug, the version, and the commit.
+    /// Build profile, version and commit.
     pub(super) build: String,
     pub(super) rows: Vec<HardwareRow>,
 }
@@ -100,16 +100,16 @@ pub(super) struct HardwareRow {
     pub(super) load: u32,
     pub(super) seed: u64,
     pub(super) threads: u32,
-    /// Where the caller and the servers ran.
+    /// Cores of the caller and the servers.
     pub(super) cores: String,
-    /// What the caller got, and how.
+    /// Share of a processor that the caller gets, and by which means.
     pub(super) caller: String,
     pub(super) outcome: ModeOutcome,
 }
 
 const MODES: [Mode; 3] = [Mode::Integrated, Mode::Rhumb, Mode::RhumbPipelined];
 
-/// Runs every combination, and writes what there is after each.
+/// Runs every combination; writes the results after each.
 pub(super) fn run(arguments: &HardwareArguments) -> Result<(), PaperError> {
     let machine = machine::describe();
     let all = usable_cores();
@@ -139,7 +139,7 @@ pub(super) fn run(arguments: &HardwareArguments) -> Result<(), PaperError> {
                 CoreAssignment::default(),
                 places(&all, count.get() as usize),
             ] {
-                // Whoever was pinned before is set free again.
+                // Undo the pinning of the previous combination.
                 let own = if places.caller.is_empty() {
                     &all
                 } else {
@@ -190,7 +190,7 @@ fn threads(arguments: &HardwareArguments, cores: usize) -> Vec<NonZeroU32> {
     counts
 }
 
-/// The caller on the first cores, the servers on the last ones, as many each as the engine has threads.
+/// The caller on the first cores, the servers on the last ones, one core per engine thread each.
 fn places(all: &[usize], threads: usize) -> CoreAssignment {
     let count = threads.min(all.len());
     CoreAssignment {
@@ -255,7 +255,7 @@ fn of_setting(
     Ok(outcomes.map(row).collect())
 }
 
-/// Whatever threads there are, the engine does the same: a row whose truth is not that of the first of its load is void.
+/// Marks rows as void whose truth differs from the first row of their load; threads must not change the truth.
 fn mark_void(rows: &mut [HardwareRow]) {
     let mut truths: BTreeMap<(u32, u64, u32), String> = BTreeMap::new();
     for row in rows {
@@ -280,13 +280,17 @@ pub(super) fn merge(files: &[PathBuf], out: &Path) -> Result<(), PaperError> {
         let results: HardwareResults = parse(path, &bytes)?;
         for machine in results.machines {
             if merged.machines.contains(&machine) {
-                let why = format!("{} was named twice: {}", path.display(), machine.machine);
+                let why = format!(
+                    "{} contains a machine that was already given: {}",
+                    path.display(),
+                    machine.machine
+                );
                 return Err(PaperError::Merge { why });
             }
             merged.machines.push(machine);
         }
     }
-    // Machines must agree with each other as threads must.
+    // The truth must also agree between machines.
     let mut rows: Vec<HardwareRow> = merged
         .machines
         .iter()
@@ -322,14 +326,14 @@ pub(super) fn table(results: &HardwareResults) -> Table {
         "balls",
         "threads",
         "cores",
-        "caller has",
+        "caller share",
         "mode",
         "PhysFT, ms",
         "p99, ms",
         "caller's own work, ms",
         "engine, ms",
         "SimFPS",
-        "kept up",
+        "sustained",
     ];
     let mut table = Table::new("What hardware gives", columns);
     for machine in &results.machines {
@@ -359,9 +363,9 @@ pub(super) fn table(results: &HardwareResults) -> Table {
             table.rows.push(cells);
         }
     }
-    table.note = "Threads step the engine, in process and at the server alike. A caller that has less than 100 % is slowed \
-                  as its cell says, and the servers are not. All rows step in four SIMD lanes: the engine excludes eight \
-                  where it must be deterministic. Void: the engine did not do what it did elsewhere."
+    table.note = "Threads step the engine, in process and at the server alike. A caller with less than 100 % is \
+                  slowed as its cell states; the servers are not. All rows step in four SIMD lanes, because the \
+                  engine excludes eight in deterministic mode. Void: the engine diverged from other rows."
         .to_owned();
     table
 }
@@ -387,7 +391,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_with_another_truth_is_void_whatever_its_machine() {
+    fn a_row_with_another_truth_is_void_on_any_machine() {
         let mut rows = [
             row(100, 1, "a"),
             row(100, 2, "a"),
@@ -400,7 +404,7 @@ mod tests {
     }
 
     #[test]
-    fn caller_and_servers_have_cores_of_their_own_where_there_are_enough() {
+    fn caller_and_servers_get_separate_cores_where_there_are_enough() {
         let cores: Vec<usize> = (0..16).collect();
         let two = places(&cores, 2);
         assert_eq!((two.caller, two.servers), (vec![0, 1], vec![14, 15]));

@@ -1,16 +1,16 @@
-//! Loads as they are asked for: `500,1000,1500`, or `500..10000`.
+//! Parser of loads such as `500,1000,1500` or `500..10000`.
 
 use std::str::FromStr;
 
-/// Balls in the pit stage by stage: the multiples of the first, without a gap.
+/// Balls in the pit, stage by stage: consecutive multiples of the first.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Loads(Vec<u32>);
 
-/// More would not fit into a scene beside the walls.
+/// Largest load; more would not fit into a scene beside the walls.
 const LOAD_MAX: u32 = 100_000;
 
 impl Loads {
-    /// From the first on, so many.
+    /// The first `count` multiples of `first`.
     pub(super) fn multiples(first: u32, count: u32) -> Self {
         Self((1..=count).map(|stage| first * stage).collect())
     }
@@ -30,14 +30,14 @@ impl FromStr for Loads {
             if (1..=LOAD_MAX).contains(&load) {
                 Ok(load)
             } else {
-                Err(format!("a load lies between 1 and {LOAD_MAX} balls"))
+                Err(format!("a load must lie between 1 and {LOAD_MAX} balls"))
             }
         };
         let loads = match text.split_once("..") {
             Some((first, last)) => {
                 let (first, last) = (number(first)?, number(last)?);
                 if !last.is_multiple_of(first) {
-                    return Err(format!("{last} is no multiple of {first}"));
+                    return Err(format!("{last} is not a multiple of {first}"));
                 }
                 Self::multiples(first, last / first).0
             }
@@ -50,7 +50,7 @@ impl FromStr for Loads {
             Ok(Self(loads))
         } else {
             Err(format!(
-                "loads are the multiples of the first without a gap, since as many balls fall in each stage: {}",
+                "loads must be consecutive multiples of the first, since each stage adds as many balls: {}",
                 Self::multiples(first, loads.len() as u32)
                     .0
                     .iter()

@@ -1,71 +1,71 @@
-//! What one trial found: each mode at each load.
+//! Outcomes of one trial: each mode at each load.
 
 use serde::{Deserialize, Serialize};
 
 /// One run through all loads with one seed, all modes in turn.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct ExperimentTrial {
-    /// CountSink from 1.
+    /// Number of the trial, from 1.
     pub(super) number: u32,
-    /// Of the script.
+    /// Seed of the script.
     pub(super) seed: u64,
-    /// How long it took, seconds.
+    /// Duration, seconds.
     pub(super) wall_s: f64,
-    /// In ascending order.
+    /// Loads in ascending order.
     pub(super) loads: Vec<LoadOutcome>,
 }
 
-/// What was found with so many balls.
+/// Outcomes at one load.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct LoadOutcome {
     /// Balls in the pit.
     pub(super) load: u32,
-    /// In the order of the settings.
+    /// Modes in the order of the settings.
     pub(super) modes: Vec<ModeOutcome>,
 }
 
-/// One mode at one load. Times are milliseconds; bytes have headers counted.
+/// One mode at one load. Times are milliseconds; bytes include headers.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct ModeOutcome {
-    /// Its name.
+    /// Name of the mode.
     pub(super) mode: String,
-    /// Frames that were measured.
+    /// Number of measured frames.
     pub(super) frames: u32,
-    /// From calling advance to having every pose of the frame that the call returns, on average.
+    /// Mean time from calling advance to having every pose of the returned frame.
     pub(super) phys_ft_ms: f64,
-    /// The median.
+    /// Median of the same.
     pub phys_ft_p50_ms: f64,
-    /// One in a hundred takes longer.
+    /// 99th percentile of the same.
     pub phys_ft_p99_ms: f64,
-    /// The longest.
+    /// Maximum of the same.
     pub(super) phys_ft_max_ms: f64,
-    /// Of the average, what the caller's thread worked; the rest it waited. None where the system does not tell.
+    /// Mean processor time of the caller's thread; the rest is waiting. `None` where the system does not report it.
     pub(super) work_ms: Option<f64>,
-    /// Frames over their time, none shorter than 1/11.33 s.
+    /// Frames over their time, each counted as 1/11.33 s at least.
     pub(super) sim_fps: f64,
-    /// The same if a frame also takes as long as the server: what a caller ahead of it can keep up.
+    /// The same, limited by the server's time too: the rate that a pipelined caller can sustain.
     pub(super) sustained_fps: f64,
-    /// The engine's step, in a frame.
+    /// Engine steps per frame.
     pub(super) step_ms: f64,
-    /// Looking at what moved.
+    /// Time of observing per frame.
     pub(super) observe_ms: f64,
-    /// StreamSelection, encoding and handing over what to say.
+    /// Time of selecting, encoding and queueing per frame.
     pub(super) publish_ms: f64,
     /// Bodies awake at the end.
     pub(super) awake: u32,
-    /// On the wire to the caller.
+    /// Bytes on the wire to the caller.
     pub(super) bytes_down: u64,
-    /// On the wire to the server.
+    /// Bytes on the wire to the server.
     pub(super) bytes_up: u64,
     /// Datagrams to the caller.
     pub(super) datagrams_down: u64,
-    /// Motions said.
+    /// Updates sent.
     pub(super) updates: u64,
-    /// Of a client of the paper's protocol: frames whose end it did not hear.
+    /// Client of the paper's protocol: frames whose end message was lost.
     #[serde(default)]
     pub(super) ends_lost: u64,
-    /// Digest of all that its engine did so far.
+    /// Digest of all states of its engine so far.
     pub(super) truth: String,
-    /// Whether its engine did not do what the integrated one did: then nothing of this counts.
+    /// Whether its engine diverged from the integrated one; such an outcome is excluded.
     pub(super) void: bool,
 }

@@ -1,7 +1,7 @@
 //! Scenes in the paper's frames: 1/11.33 s each, in six equal steps.
 //!
-//! A step is 1/67.98 s, the longest of which a whole number fills a frame and none exceeds 1/60 s. Streams speak of the
-//! last tick of a frame alone, as the paper's engine did. A script is asked once a frame, before its first step.
+//! A step is 1/67.98 s: the longest that divides a frame into whole steps and does not exceed 1/60 s. Streams publish
+//! only the last tick of a frame, as the paper's engine did. A script is polled once per frame, before its first step.
 
 use std::num::NonZeroU32;
 
@@ -11,12 +11,12 @@ use rhumb_sims::{BallPit, Script};
 
 /// Steps of a frame.
 pub(super) const STEPS: NonZeroU32 = NonZeroU32::new(6).expect("six is not zero");
-/// 11.33 frames a second, of six steps each.
+/// Step rate: 11.33 frames per second of six steps each.
 const RATE: Rate = Rate::new(6_798, 100).expect("neither is zero");
-/// Frames in a second.
+/// Frames per second.
 pub(super) const FRAMES_PER_SECOND: f64 = 11.33;
 
-/// A scene's config, in frames.
+/// Converts a scene's config to frames.
 pub(super) fn in_frames(config: SceneConfig) -> SceneConfig {
     let mut config = config;
     config.integrator.rate = RATE;
@@ -34,7 +34,7 @@ pub(super) struct Pit {
 }
 
 impl Pit {
-    /// As many balls more in each of `stages` stages, each so many frames long.
+    /// Each of `stages` stages adds `balls_per_stage` balls and lasts `frames_per_load` frames.
     pub(super) fn new(balls_per_stage: u32, stages: u32, frames_per_load: u32, seed: u64) -> Self {
         Self {
             script: BallPit::new(balls_per_stage, stages, seed),
@@ -46,11 +46,11 @@ impl Pit {
         in_frames(self.script.config())
     }
 
-    /// Adds what is commanded before a frame, counted from 0; each is asked for once, in order.
+    /// Appends the commands before a frame, counted from 0; call it once per frame, in order.
     pub(super) fn commands(&mut self, frame: u32, out: &mut Vec<Command>) {
         if frame.is_multiple_of(self.frames_per_load) {
             let stage = frame / self.frames_per_load;
-            // The script counts its own ticks, sixty a second.
+            // The script counts its own ticks at 60 Hz.
             let cycle = u64::from(BallPit::CYCLE_SECONDS * 60);
             self.script
                 .commands(Tick::new(u64::from(stage) * cycle), out);
@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_frame_is_of_the_papers_length_and_no_step_exceeds_a_sixtieth() {
+    fn a_frame_has_the_papers_length_and_no_step_exceeds_a_sixtieth() {
         let config = Pit::new(500, 20, 340, 1).config();
         assert_eq!(config.check(), Ok(()));
         let step_s = config.integrator.rate.step().seconds();
@@ -73,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn each_stage_begins_with_its_balls_and_nothing_comes_between() {
+    fn each_stage_adds_its_balls_in_its_first_frame_only() {
         let mut pit = Pit::new(50, 3, 7, 1);
         let mut added = Vec::new();
         for frame in 0..30 {

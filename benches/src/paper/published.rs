@@ -1,24 +1,24 @@
-//! The paper's own figures, as printed, to stand beside ours.
+//! The paper's own figures, as printed, for comparison.
 //!
-//! Source: its Table 1, and of frame times what its text says, since its printed Table 2 repeats Table 1. Its machines and
-//! its engine were others: only shapes compare.
+//! Source: its Table 1; frame times come from its text, because its printed Table 2 repeats Table 1. Its machines and
+//! engine differ from ours, so only the shapes of curves compare.
 
 /// A load of the paper's table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Published {
-    /// Balls.
+    /// Number of balls.
     pub(super) load: u32,
-    /// Simulated frames per second, engine in the simulator.
+    /// Simulated frames per second with the engine in the simulator.
     pub(super) integrated_fps: f64,
-    /// The same, engine in another process.
+    /// The same with the engine in another process.
     pub(super) distributed_fps: f64,
-    /// Milliseconds of a physics frame, integrated and distributed, where the text has them.
+    /// Frame times in milliseconds, integrated and distributed, where the text states them.
     pub(super) frame_ms: Option<(f64, f64)>,
 }
 
-/// Balls at which the paper saw fewer than nine frames a second: integrated.
+/// Load from which the paper's integrated frame rate is below nine.
 pub(super) const MDL_INTEGRATED: u32 = 4_500;
-/// The same, distributed.
+/// The same for distributed.
 pub(super) const MDL_DISTRIBUTED: u32 = 500;
 
 const fn row(load: u32, integrated_fps: f64, distributed_fps: f64) -> Published {
@@ -37,15 +37,15 @@ const fn timed(row: Published, integrated_ms: f64, distributed_ms: f64) -> Publi
     }
 }
 
-/// Balls that are added in each stage, and frames of a stage.
+/// Balls added per stage, and frames of a stage.
 const STAGE: u32 = 500;
 const STAGE_FRAMES: u64 = 340;
-/// Of the states that were said to it the published client took in so many of a hundred: a thousand bodies, 450 frames, 40 s,
-/// measured with its plug-in. With more bodies it takes in fewer.
+/// Percentage of states that the published client processed, measured with its plug-in: a thousand bodies, 450 frames,
+/// 40 s. The share falls with more bodies.
 const TAKEN_IN_PERCENT: u64 = 34;
 
-/// How long the published client's list was in the midst of a load's stage, if it took in as large a part of all states as
-/// was measured with few.
+/// Length of the published client's list in the middle of a load's stage, if it processed the same share of all states
+/// as measured with few bodies.
 pub(super) fn listed(load: u32) -> u32 {
     let stages = u64::from(load / STAGE);
     let before = stages * stages.saturating_sub(1) / 2 * u64::from(STAGE);
@@ -53,12 +53,12 @@ pub(super) fn listed(load: u32) -> u32 {
     u32::try_from(states * TAKEN_IN_PERCENT / 100).unwrap_or(u32::MAX)
 }
 
-/// What of a frame it is, spread over a stage, that a time passes until a load is placed: milliseconds.
+/// Time until a load is placed, spread over the frames of a stage: milliseconds per frame.
 pub(super) fn spread_ms(placing_s: f64, load: u32) -> f64 {
     placing_s * 1e3 * f64::from(STAGE) / f64::from(load) / STAGE_FRAMES as f64
 }
 
-/// All of them, by load.
+/// All rows, by load.
 pub(super) const TABLE: [Published; 10] = [
     timed(row(1_000, 11.33, 3.19), 0.81, 654.51),
     row(2_000, 11.30, 1.32),

@@ -1,7 +1,7 @@
-//! A weak caller: this process with a part of a processor.
+//! Limits this process to a share of a processor.
 //!
-//! By a control group's quota where the system allows one; otherwise by a helper that stops and continues this process
-//! in turn. Either is undone when dropped. Invariant: what was done is told, since the two are not the same.
+//! Uses a control group's quota where the system allows one, otherwise a helper that stops and continues this process.
+//! Either ends on drop. The method used is reported, because the two are not equivalent.
 
 use std::fs;
 use std::io;
@@ -10,10 +10,10 @@ use std::path::{Path, PathBuf};
 use super::PaperError;
 use super::duty::Duty;
 
-/// Length of one turn of the quota, microseconds: short, so that a short frame is slowed as a long one is.
+/// Period of the quota, microseconds: short, so that short and long frames are slowed alike.
 const PERIOD_US: u64 = 10_000;
 
-/// A process made weak, for as long as this is kept.
+/// A limit on this process; ends on drop.
 #[derive(Debug)]
 pub(super) struct Weakness {
     description: String,
@@ -22,7 +22,7 @@ pub(super) struct Weakness {
 }
 
 impl Weakness {
-    /// Leaves this process so many hundredths of one processor.
+    /// Limits this process to a percentage of one processor.
     pub(super) fn enter(percent: u32) -> Result<Self, PaperError> {
         let group_failed = match Group::enter(percent) {
             Ok(group) => {
@@ -46,17 +46,17 @@ impl Weakness {
         }
     }
 
-    /// What was done, in words.
+    /// The method used, as text.
     pub(super) fn describe(&self) -> String {
         self.description.clone()
     }
 }
 
-/// A control group that this process is in for a while.
+/// A control group that this process has joined temporarily.
 #[derive(Debug)]
 struct Group {
     folder: PathBuf,
-    /// Where it was before.
+    /// Folder of its original group.
     home: PathBuf,
 }
 
@@ -83,7 +83,7 @@ impl Group {
                 &format!("{quota_us} {PERIOD_US}"),
             )?;
         }
-        // Dropped on the way out, if this fails.
+        // If this fails, dropping `group` restores the original group.
         write(
             &group.folder.join("cgroup.procs"),
             &std::process::id().to_string(),
@@ -94,7 +94,7 @@ impl Group {
 
 impl Drop for Group {
     fn drop(&mut self) {
-        // A process that cannot go home stays weak: the next one to be made weak will say so.
+        // A process that cannot return stays limited; the next attempt to limit it will fail.
         let _ = write(
             &self.home.join("cgroup.procs"),
             &std::process::id().to_string(),
@@ -103,7 +103,7 @@ impl Drop for Group {
     }
 }
 
-/// The folder of this process' own group, from what the system says of its groups.
+/// Folder of this process's group, from the contents of `/proc/self/cgroup`.
 fn home(groups: &str) -> Option<PathBuf> {
     let root = Path::new("/sys/fs/cgroup");
     let line = |wanted: fn(&str) -> bool| {
@@ -121,7 +121,7 @@ fn home(groups: &str) -> Option<PathBuf> {
     Some(root.join(within))
 }
 
-/// Writes to a file that must be there already.
+/// Writes to an existing file.
 fn write(path: &Path, text: &str) -> io::Result<()> {
     use std::io::Write as _;
     fs::OpenOptions::new()
@@ -135,7 +135,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_process_finds_its_group_in_both_versions() {
+    fn the_group_is_found_in_both_cgroup_versions() {
         let first = "9:name=systemd:/\n4:memory:/a\n1:cpu:/b/c\n0::/\n";
         assert_eq!(home(first), Some("/sys/fs/cgroup/cpu/b/c".into()));
         let joined = "3:cpu,cpuacct:/\n";

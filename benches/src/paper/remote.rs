@@ -1,8 +1,8 @@
-//! `rhumb-bench paper remote`: from where on remote beats integrated.
+//! `rhumb-bench paper remote`: finds where remote beats integrated.
 //!
-//! All modes step one scene. For each amount of other work each mode has a block of frames by itself, in turn, so that what
-//! a caller does while its server steps is that work and nothing else. As many frames as any mode runs ahead come first and
-//! are not counted: calls that fill what runs ahead wait for nothing.
+//! All modes step one scene. For each amount of other work, each mode runs a block of frames by itself, so that its
+//! caller does only that work while the server steps. Each block starts with uncounted frames, as many as the deepest
+//! pipeline holds: calls that fill a pipeline do not wait.
 
 mod tables;
 
@@ -32,129 +32,129 @@ use crate::output;
 use crate::record::Mode;
 pub(super) use tables::{aims_table, crossings_table, points_table};
 
-/// Loads, other work and depths, and where the results go.
+/// Arguments of the remote task.
 #[derive(Clone, Debug, Args)]
 pub(super) struct RemoteArguments {
-    /// How many bodies; 20000, 50000 and 100000 unless said, 1000 and 2000 with --fast.
+    /// Number of bodies. Default: 20000, 50000 and 100000, or 1000 and 2000 with --fast.
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=100_000))]
     loads: Vec<u32>,
-    /// How many in a hundred of the bodies are on the move; the others sleep.
+    /// Percentages of bodies in motion; the others sleep.
     #[arg(long, value_delimiter = ',', default_values_t = [100, 5], value_parser = clap::value_parser!(u32).range(0..=100))]
     awake: Vec<u32>,
-    /// What the caller's thread does in each frame beside physics, milliseconds; 0,5,20,50,100 unless said.
+    /// Work of the caller's thread besides physics in each frame, milliseconds. Default: 0,5,20,50,100.
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=10_000))]
     other_work_ms: Vec<u32>,
-    /// Frames that the caller lets its server be ahead.
+    /// Pipeline depths: frames by which the caller is ahead of its server.
     #[arg(long, value_delimiter = ',', default_values_t = [0, 1, 2], value_parser = clap::value_parser!(u32).range(0..=16))]
     depths: Vec<u32>,
-    /// Frames of each point that are counted.
+    /// Counted frames of each point.
     #[arg(long, default_value = "6")]
     frames: NonZeroU32,
-    /// How far off a copied body may be, metres.
+    /// Tolerance of a copied body's surface error, metres.
     #[arg(long, default_value_t = 0.05, allow_negative_numbers = true)]
     tolerance: f64,
     /// Seed of the scene.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Small loads.
+    /// Use small loads.
     #[arg(long)]
     fast: bool,
-    /// Folder for the results; made if it is not there.
+    /// Folder for the results; created if missing.
     #[arg(long, default_value = "results/remote")]
     out: PathBuf,
-    /// Let the system choose the cores instead of keeping servers apart from their caller.
+    /// Let the system choose the cores instead of separating servers from their caller.
     #[arg(long)]
     no_pin: bool,
 }
 
-/// What was measured: `remote.json`.
+/// Results: `remote.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct RemoteResults {
-    /// How the program was called.
+    /// The command line, as typed.
     pub(super) command: String,
-    /// Processor, cores, system.
+    /// Processor, cores, operating system.
     pub(super) machine: String,
-    /// Release or debug, the version, and the commit.
+    /// Build profile, version and commit.
     pub(super) build: String,
-    /// Where the caller and the servers ran.
+    /// Cores of the caller and the servers.
     pub(super) cores: String,
-    /// Of the scene.
+    /// Seed of the scene.
     pub(super) seed: u64,
     /// Frames of each point.
     pub(super) frames: u32,
-    /// Load by load.
+    /// Points, load by load.
     pub(super) points: Vec<RemotePoint>,
 }
 
-/// One mode with so many bodies and so much other work. Times are milliseconds a frame.
+/// One mode with a load and an amount of other work. Times are milliseconds per frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct RemotePoint {
-    /// Bodies.
+    /// Number of bodies.
     pub(super) load: u32,
-    /// How many in a hundred were put on the move.
+    /// Percentage of bodies set in motion.
     pub(super) awake_percent: u32,
-    /// How many were awake at the end, by the engine.
+    /// Bodies awake at the end, according to the engine.
     pub(super) awake: u32,
-    /// Asked for.
+    /// Requested other work.
     pub(super) other_work_ms: u32,
-    /// Frames ahead; none of the integrated engine.
+    /// Pipeline depth; `None` for the integrated engine.
     pub(super) depth: Option<u32>,
-    /// The frame, other work included.
+    /// Frame time, other work included.
     pub(super) frame_ms: f64,
-    /// Of it the physics call.
+    /// Time of the physics call in it.
     pub(super) call_ms: f64,
-    /// Of that the caller's thread's own work.
+    /// Processor time of the caller's thread in that call.
     pub(super) work_ms: Option<f64>,
-    /// The engine's steps.
+    /// Time of the engine's steps.
     pub(super) step_ms: f64,
-    /// Looking at what moved.
+    /// Time of observing.
     pub(super) observe_ms: f64,
-    /// StreamSelection, encoding and handing over.
+    /// Time of selecting, encoding and queueing.
     pub(super) publish_ms: f64,
-    /// Frames per second, none above 11.33.
+    /// Frames per second, at most 11.33.
     pub(super) sim_fps: f64,
-    /// The same without that cap.
+    /// The same without that limit.
     pub(super) uncapped_fps: f64,
-    /// Whether its engine did not do what the integrated one did.
+    /// Whether its engine diverged from the integrated one.
     pub(super) void: bool,
 }
 
 impl RemotePoint {
-    /// What the server does beside stepping, as a share of that.
+    /// Server time besides stepping, as a share of the stepping time.
     fn beside(&self) -> f64 {
         (self.observe_ms + self.publish_ms) / self.step_ms
     }
 
-    /// The frame of the integrated engine that stood beside, had its steps taken what this one's took, in milliseconds.
+    /// Frame time of the paired integrated engine if its steps took as long as this one's, milliseconds.
     fn frame_of(&self, integrated: &Self) -> f64 {
         let beside_steps = integrated.frame_ms - integrated.step_ms;
         self.step_ms + beside_steps
     }
 }
 
-/// From where on a depth beats the integrated engine in frames per second.
+/// Where a depth beats the integrated engine in frames per second.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct Crossing {
-    /// Frames ahead.
+    /// Pipeline depth.
     pub(super) depth: u32,
-    /// How many in a hundred were put on the move.
+    /// Percentage of bodies set in motion.
     pub(super) awake_percent: u32,
-    /// At which load, if it is over other work that it was sought.
+    /// Fixed load, if the search runs over other work.
     pub(super) load: Option<u32>,
-    /// With how much other work, if it is over loads that it was sought.
+    /// Fixed other work, if the search runs over loads.
     pub(super) other_work_ms: Option<u32>,
-    /// Of frames that last 1/11.33 s at least.
+    /// With frames of at least 1/11.33 s.
     pub(super) capped: Vec<Crossover>,
-    /// Of frames as fast as they can be.
+    /// With frames as fast as possible.
     pub(super) uncapped: Vec<Crossover>,
-    /// Of those, were the engine's steps as long in the caller's thread as at the server.
+    /// The same, if the engine's steps took as long in the caller's thread as at the server.
     pub(super) engines_alike: Vec<Crossover>,
 }
 
-/// Frames in which balls come to fall and boxes to sleep, before anything is measured: a second.
+/// Frames before the measurement, about a second: balls start to fall, boxes fall asleep.
 const WARM_UP_FRAMES: u32 = 12;
 
-/// Runs everything, and writes it after each load.
+/// Runs everything; writes the results after each load.
 pub(super) fn run(arguments: &RemoteArguments) -> Result<(), PaperError> {
     let machine = machine::describe();
     let places = if arguments.no_pin {
@@ -196,7 +196,7 @@ pub(super) fn run(arguments: &RemoteArguments) -> Result<(), PaperError> {
     bar.set_style(output::share_style());
     for awake_percent in &arguments.awake {
         for load in loads {
-            bar.set_message(format!("{load} bodies, {awake_percent} % on the move"));
+            bar.set_message(format!("{load} bodies, {awake_percent} % in motion"));
             let points = run_load(arguments, &places, *load, *awake_percent)?;
             results.points.extend(points);
             write(arguments, &results)?;
@@ -210,7 +210,7 @@ pub(super) fn run(arguments: &RemoteArguments) -> Result<(), PaperError> {
     Ok(output::print_text(&format!("\nwritten to {out}\n"))?)
 }
 
-/// A mode on its way.
+/// A player of one mode during the measurement.
 struct Runner {
     depth: Option<u32>,
     player: Box<dyn Player>,
@@ -283,15 +283,15 @@ fn run_load(
     Ok(points)
 }
 
-/// How many frames a block has.
+/// Numbers of frames of a block.
 #[derive(Clone, Copy, Debug)]
 struct BlockFrames {
-    /// They fill what runs ahead, and warm caches that another mode had.
+    /// Frames that fill the pipeline and warm caches after another mode.
     uncounted: u32,
     counted: u32,
 }
 
-/// Some frames of one mode, one after the other.
+/// Measures consecutive frames of one mode.
 fn block(
     runner: &mut Runner,
     other_work_ms: u32,
@@ -304,7 +304,7 @@ fn block(
         runner.player.frame(&[])?;
         work(&clock, other_work);
     }
-    // To ask how a server stands that is ahead would wait for it, and empty what was filled.
+    // Polling the totals of a pipelined server would wait for it and drain the pipeline.
     let ahead = runner.depth.is_some_and(|depth| depth > 0);
     let stepped = if ahead {
         frames.uncounted + frames.counted
@@ -348,7 +348,7 @@ fn block(
     Ok((point, after))
 }
 
-/// All crossovers: over other work at each load, and over loads with each amount of other work.
+/// All crossovers: over other work at each load, and over loads at each amount of other work.
 fn crossings(points: &[RemotePoint]) -> Vec<Crossing> {
     let sound: Vec<&RemotePoint> = points.iter().filter(|point| !point.void).collect();
     let mut depths: Vec<u32> = sound.iter().filter_map(|point| point.depth).collect();
@@ -422,7 +422,7 @@ fn pairs(
     pairs
 }
 
-/// The integrated engine's point beside another.
+/// The integrated point with the same load and other work.
 fn integrated<'a>(
     mut points: impl Iterator<Item = &'a RemotePoint>,
     beside: &RemotePoint,
@@ -435,7 +435,7 @@ fn integrated<'a>(
     })
 }
 
-/// What was measured, and what it comes to.
+/// Results and what is computed from them.
 #[derive(Serialize)]
 struct Written<'a> {
     #[serde(flatten)]
@@ -493,7 +493,7 @@ mod tests {
     }
 
     #[test]
-    fn crossovers_are_sought_over_other_work_and_over_loads() {
+    fn crossovers_are_searched_over_other_work_and_over_loads() {
         let points = [
             point(1_000, 0, None, 20.0),
             point(1_000, 0, Some(1), 18.0),
@@ -513,7 +513,7 @@ mod tests {
             found.cloned().unwrap()
         };
         let at_thousand = of(Some(1_000), None);
-        // Uncapped −2 at 0 and +2 at 100. Capped the first is a tie, from which on remote wins.
+        // Uncapped −2 at 0 and +2 at 100. Capped, the first is a tie, from which on remote wins.
         assert_eq!(at_thousand.uncapped[0].from, 50.0);
         assert_eq!(at_thousand.capped[0].from, 0.0);
         assert_eq!(of(None, Some(0)).capped, []);
@@ -525,7 +525,7 @@ mod tests {
     }
 
     #[test]
-    fn an_engine_that_was_slower_in_the_callers_thread_decides_nothing_where_engines_are_alike() {
+    fn with_equal_engines_a_slower_integrated_engine_decides_nothing() {
         let own = RemotePoint {
             step_ms: 49.0,
             ..point(1_000, 0, None, 20.0)
@@ -536,7 +536,10 @@ mod tests {
         };
         assert_eq!(other.frame_of(&own), 40.0);
         let found = crossings(&[own, other]);
-        assert!(found[0].uncapped[0].from_the_first, "it has more frames");
+        assert!(
+            found[0].uncapped[0].from_the_first,
+            "it has the higher frame rate"
+        );
         assert_eq!(found[0].engines_alike, [], "41.7 ms for 40");
     }
 }

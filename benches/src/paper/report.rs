@@ -1,4 +1,4 @@
-//! `paper.md` and `paper.html`: tables and figures in the paper's form.
+//! Builds `paper.md` and `paper.html`: tables and figures of the paper.
 
 use std::fmt::Write as _;
 
@@ -40,7 +40,7 @@ pub(super) fn markdown(results: &PaperResults) -> String {
     text
 }
 
-/// The text of `paper.html`, which stands alone.
+/// The text of `paper.html`, which is self-contained.
 pub(super) fn html(results: &PaperResults) -> String {
     let mut body = format!("<pre>{}</pre>\n<ul>\n", escape(&results.command));
     for sentence in findings::sentences(results) {
@@ -56,7 +56,7 @@ pub(super) fn html(results: &PaperResults) -> String {
     page("The paper's experiment, run again", &body)
 }
 
-/// A page that stands alone.
+/// A self-contained page.
 pub(super) fn page(title: &str, body: &str) -> String {
     let title = escape(title);
     format!(

@@ -1,15 +1,15 @@
-//! What defines an experiment, so that trials of two are never mixed.
+//! Settings that define an experiment, so that trials of two never mix.
 
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// All that a trial's outcome may depend on but its number.
+/// Everything on which a trial's outcome may depend, except its number.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Settings {
     /// Name of the script.
     pub(super) scene: String,
-    /// Balls in the pit, stage by stage: multiples of the first without a gap.
+    /// Balls in the pit, stage by stage: consecutive multiples of the first.
     pub(super) loads: Vec<u32>,
     /// Frames of each stage.
     pub(super) frames_per_load: u32,
@@ -17,30 +17,30 @@ pub(super) struct Settings {
     pub(super) steps_per_frame: u32,
     /// Frames per second of simulated time.
     pub(super) frames_per_second: f64,
-    /// What reckoned modes promise, metres.
+    /// Tolerance of the predicted modes, metres.
     pub(super) tolerance_m: f64,
     /// Modes, in the order of the report.
     pub(super) modes: Vec<String>,
-    /// Seed of the first trial; each later one has the next.
+    /// Seed of the first trial; each later trial has the next one.
     pub(super) seed: u64,
-    /// Where the caller and the servers run.
+    /// Cores of the caller and the servers.
     pub(super) cores: String,
-    /// Threads that an engine steps on.
+    /// Threads of an engine.
     pub(super) threads: u32,
-    /// Release or debug, the version, and the commit.
+    /// Build profile, version and commit.
     pub(super) build: String,
-    /// Processor, cores, system.
+    /// Processor, cores, operating system.
     pub(super) machine: String,
 }
 
 /// The first setting in which two experiments differ.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Difference {
-    /// Its name.
+    /// Name of the setting.
     pub(super) setting: String,
-    /// What the one has.
+    /// Value in the first experiment.
     pub(super) one: String,
-    /// What the other has.
+    /// Value in the second experiment.
     pub(super) other: String,
 }
 
@@ -57,7 +57,7 @@ impl Settings {
         self.seed.wrapping_add(trial as u64 - 1)
     }
 
-    /// The first setting in which this differs from another.
+    /// The first setting that differs from `other`.
     #[must_use]
     pub(super) fn difference(&self, other: &Self) -> Option<Difference> {
         let fields = |settings: &Self| match serde_json::to_value(settings) {
@@ -102,15 +102,15 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_difference_is_named() {
+    fn a_difference_names_its_setting() {
         let one = settings();
         assert_eq!(one.difference(&one), None);
         let other = Settings {
             loads: vec![500],
             ..settings()
         };
-        let said = one.difference(&other).unwrap().to_string();
-        assert_eq!(said, "loads: [500,1000] and [500]");
+        let message = one.difference(&other).unwrap().to_string();
+        assert_eq!(message, "loads: [500,1000] and [500]");
         let other = Settings {
             machine: "another".to_owned(),
             ..settings()
@@ -119,7 +119,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn each_trial_has_a_seed_of_its_own() {
+    fn each_trial_has_its_own_seed() {
         let seeds: Vec<_> = (1..=3).map(|trial| settings().seed_of(trial)).collect();
         assert_eq!(seeds, [1, 2, 3]);
     }

@@ -1,28 +1,28 @@
-//! What repeated trials say of two modes, and whether they differ.
+//! Statistics of repeated trials of two modes, and tests of their difference.
 //!
-//! Knows numbers alone. Distributions come from `statrs`; chance for resampling is seeded.
+//! Works on plain numbers. Distributions come from `statrs`; resampling is seeded.
 
 use rand_pcg::Pcg32;
 use rand_pcg::rand_core::Rng;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
-/// How often a sample is drawn again for an interval.
+/// Number of resamples for an interval.
 const RESAMPLES: usize = 10_000;
 
-/// How many values there are, what they are on average, and how they spread.
+/// Count, mean and spread of values.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Sample {
-    /// How many.
+    /// Number of values.
     pub(super) count: usize,
     /// Arithmetic mean.
     pub(super) mean: f64,
-    /// Standard deviation with count − 1 in the denominator; none of a single value.
+    /// Standard deviation with count − 1 in the denominator; `None` for a single value.
     pub(super) deviation: Option<f64>,
 }
 
 impl Sample {
-    /// Of some values; `None` of nothing.
+    /// `None` without values.
     #[must_use]
     pub(super) fn of(values: &[f64]) -> Option<Self> {
         let count = values.len();
@@ -47,9 +47,9 @@ impl Sample {
 /// A test of the hypothesis that two means are equal.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Test {
-    /// The difference of the means in standard errors: first less second. None where nothing spreads.
+    /// Difference of the means in standard errors, first minus second; `None` without any spread.
     pub(super) statistic: Option<f64>,
-    /// Two-tailed probability of such a difference or a greater one, were the means equal.
+    /// Two-tailed probability of such a difference or a greater one if the means are equal.
     pub(super) p: f64,
 }
 
@@ -62,38 +62,38 @@ pub(super) struct Interval {
     pub(super) to: f64,
 }
 
-/// One sample against another: what the tests say of the difference of their means, first less second.
+/// Comparison of two samples; differences are first minus second.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Comparison {
-    /// Mean of the first less that of the second.
+    /// Mean of the first minus mean of the second.
     pub(super) difference: f64,
-    /// Mean of the first over that of the second.
+    /// Mean of the first over mean of the second.
     pub(super) ratio: f64,
-    /// The paper's test, with the samples' deviations in place of the populations'. None with a single trial.
+    /// The paper's test, with the samples' deviations in place of the populations'. `None` with a single trial.
     pub(super) z: Option<Test>,
-    /// The same by Student's distribution, unequal variances (Welch). None with a single trial.
+    /// Welch's test: Student's distribution, unequal variances. `None` with a single trial.
     pub(super) welch: Option<Test>,
-    /// Cohen's d: the difference in pooled standard deviations. None with a single trial, or where nothing spreads.
+    /// Cohen's d: the difference in pooled standard deviations. `None` with a single trial or without any spread.
     pub(super) effect: Option<f64>,
-    /// 95 % of the differences of means of resampled trials. None with a single trial.
+    /// Central 95 % of the differences of resampled means. `None` with a single trial.
     pub(super) interval: Option<Interval>,
 }
 
-/// The ratio of two values that belong together, over several pairs: of trials that share a seed and a machine's moods.
+/// Ratio of paired values, such as two modes of one trial with the same seed and machine conditions.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Paired {
-    /// How many pairs.
+    /// Number of pairs.
     pub(super) pairs: usize,
     /// Geometric mean of first over second.
     pub(super) ratio: f64,
-    /// 95 % of the ratio, by Student's distribution of the mean logarithm. None of a single pair.
+    /// 95 % interval of the ratio, by Student's distribution of the mean logarithm. `None` for a single pair.
     pub(super) interval: Option<Interval>,
-    /// Student's test of the hypothesis that the mean logarithm is zero. None of a single pair.
+    /// Student's test of the hypothesis that the mean logarithm is zero. `None` for a single pair.
     pub(super) test: Option<Test>,
 }
 
 impl Paired {
-    /// Of some pairs; `None` of nothing, or where a value is not above zero.
+    /// `None` without pairs, or if a value is not above zero.
     #[must_use]
     pub(super) fn of(pairs: &[(f64, f64)]) -> Option<Self> {
         let logs = pairs.iter().map(|(first, second)| {
@@ -129,7 +129,7 @@ impl Paired {
     }
 }
 
-/// Which of several hypotheses are rejected at a level that holds for all of them together (Holm's step-down method).
+/// Hypotheses rejected at a family-wise level (Holm's step-down method).
 #[must_use]
 pub(super) fn rejected(p: &[f64], level: f64) -> Vec<bool> {
     let mut order: Vec<usize> = (0..p.len()).collect();
@@ -137,7 +137,7 @@ pub(super) fn rejected(p: &[f64], level: f64) -> Vec<bool> {
     let mut rejected = vec![false; p.len()];
     for (before, place) in order.into_iter().enumerate() {
         let left = (p.len() - before) as f64;
-        // Written so that NaN rejects nothing.
+        // In this form NaN rejects nothing.
         let small = p[place] * left < level;
         if !small {
             break;
@@ -164,7 +164,7 @@ impl Comparison {
     }
 }
 
-/// The difference in standard errors, and the error's square; the statistic is none where nothing spreads.
+/// The difference in standard errors, and the error's square; the statistic is `None` without any spread.
 fn standardised(one: &Sample, other: &Sample) -> Option<(Option<f64>, f64)> {
     let squared = one.error_squared()? + other.error_squared()?;
     let difference = one.mean - other.mean;
@@ -172,7 +172,7 @@ fn standardised(one: &Sample, other: &Sample) -> Option<(Option<f64>, f64)> {
     Some((statistic, difference))
 }
 
-/// Without any spread equal means are surely equal, and others surely are not.
+/// Without any spread, equal means have p = 1 and other means p = 0.
 fn p_without_spread(difference: f64) -> f64 {
     if difference == 0.0 { 1.0 } else { 0.0 }
 }
@@ -209,7 +209,7 @@ fn cohens_d(one: &Sample, other: &Sample) -> Option<f64> {
     (pooled > 0.0).then(|| (one.mean - other.mean) / pooled.sqrt())
 }
 
-/// The middle 95 % of differences of means, each side resampled by itself (percentile bootstrap).
+/// Central 95 % of differences of means, each side resampled separately (percentile bootstrap).
 fn bootstrap(first: &[f64], second: &[f64], seed: u64) -> Interval {
     /// The generator's stream number: PCG's own example.
     const STREAM: u64 = 0x0a02_bdbf_7bb3_c0a7;
@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sample_has_the_mean_and_deviation_of_the_textbooks_example() {
+    fn a_sample_has_the_mean_and_deviation_of_the_textbook_example() {
         // 2, 4, 4, 4, 5, 5, 7, 9: mean 5, squares sum to 32; 32 / 7 = 4.571428..., whose root is 2.138089935.
         let sample = Sample::of(&[2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0]).unwrap();
         assert_eq!((sample.count, sample.mean), (8, 5.0));
@@ -272,7 +272,7 @@ mod tests {
 
     #[test]
     fn welchs_test_gives_the_published_p_values() {
-        // Two examples by which implementations of the test are widely checked. Two samples of 15.
+        // Two examples widely used to check implementations. Two samples of 15.
         let first = [
             27.5, 21.0, 19.0, 23.6, 17.0, 17.9, 16.9, 20.1, 21.9, 22.6, 23.1, 19.6, 19.0, 21.7,
             21.4,
@@ -305,7 +305,7 @@ mod tests {
         near(test.p, 0.064_906, 1e-6);
         near(interval.from, 0.972_822, 1e-5);
         near(interval.to, 1.473_369, 1e-5);
-        // What all trials share does not count: the same ratio at any scale.
+        // A common scale cancels: the ratio is the same at any scale.
         let same = Paired::of(&[(2.0, 1.0), (60.0, 30.0)]).unwrap();
         assert_eq!((same.ratio, same.test.unwrap().p), (2.0, 0.0));
         let one = Paired::of(&[(3.0, 2.0)]).unwrap();
@@ -315,8 +315,8 @@ mod tests {
     }
 
     #[test]
-    fn of_several_hypotheses_only_those_are_rejected_that_stand_together() {
-        // Holm: 0.01 · 4 and 0.013 · 3 are below 0.05, 0.03 · 2 is not, and ends it.
+    fn holms_method_stops_at_the_first_hypothesis_it_keeps() {
+        // Holm: 0.01 · 4 and 0.013 · 3 are below 0.05; 0.03 · 2 is not and stops the method.
         let p = [0.03, 0.01, 0.04, 0.013];
         assert_eq!(rejected(&p, 0.05), [false, true, false, true]);
         assert_eq!(rejected(&[0.01, f64::NAN], 0.05), [true, false]);
@@ -331,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_spread_is_equal_or_surely_is_not() {
+    fn samples_without_spread_are_either_equal_or_certainly_different() {
         let capped = [11.33; 5];
         let same = Comparison::of(&capped, &capped, 1).unwrap();
         assert_eq!((same.z.unwrap().p, same.welch.unwrap().p), (1.0, 1.0));
@@ -344,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn one_trial_is_compared_and_not_tested() {
+    fn a_single_trial_is_compared_but_not_tested() {
         let one = Comparison::of(&[4.0], &[2.0], 1).unwrap();
         assert_eq!((one.difference, one.ratio), (2.0, 2.0));
         assert_eq!((one.z, one.welch, one.effect), (None, None, None));
@@ -353,9 +353,9 @@ mod tests {
     }
 
     #[test]
-    fn an_interval_is_about_as_wide_as_theory_says_and_the_seed_fixes_it() {
-        // Of 0, 1, ..., 99 the mean's standard error is √(833.25 / 100) = 2.8866, of two such means' difference 4.0823;
-        // 1.96 of these each way.
+    fn an_interval_has_about_the_theoretical_width_and_depends_only_on_the_seed() {
+        // The standard error of the mean of 0, 1, ..., 99 is √(833.25 / 100) = 2.8866; of the difference of two such
+        // means 4.0823. The interval spans 1.96 of these each way.
         let values: Vec<f64> = (0..100).map(f64::from).collect();
         let shifted: Vec<f64> = values.iter().map(|value| value + 10.0).collect();
         let interval = bootstrap(&shifted, &values, 7);

@@ -1,6 +1,6 @@
-//! Trials kept as they end, so that an experiment goes on where it was.
+//! Stores finished trials, so that an experiment can be continued.
 //!
-//! Each file is there whole or not at all. Trials of other settings or another machine are never mixed in.
+//! Each file is written whole or not at all. Trials of other settings or another machine are refused.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -19,7 +19,7 @@ pub(super) struct Store {
 }
 
 impl Store {
-    /// Opens a folder for these settings, and makes it if it is not there.
+    /// Opens a folder for these settings; creates it if missing.
     pub(super) fn open(out: &Path, settings: &Settings) -> Result<Self, PaperError> {
         let trials = out.join("trials");
         output::make_folder(&trials)?;
@@ -40,7 +40,7 @@ impl Store {
         Ok(Self { trials })
     }
 
-    /// The trials that have ended so far, by number.
+    /// The finished trials, by number.
     pub(super) fn trials(&self) -> Result<BTreeMap<u32, ExperimentTrial>, PaperError> {
         let failed = |cause| PaperError::Read {
             path: self.trials.clone(),
@@ -49,7 +49,7 @@ impl Store {
         let mut trials = BTreeMap::new();
         for entry in fs::read_dir(&self.trials).map_err(failed)? {
             let path = entry.map_err(failed)?.path();
-            // What an interruption left unfinished has another ending.
+            // Unfinished files of an interruption have another extension.
             if path.extension().is_some_and(|ending| ending == "json") {
                 let bytes = fs::read(&path).map_err(|cause| PaperError::Read {
                     path: path.clone(),
@@ -62,7 +62,7 @@ impl Store {
         Ok(trials)
     }
 
-    /// Keeps a trial that has ended.
+    /// Stores a finished trial.
     pub(super) fn keep(&self, trial: &ExperimentTrial) -> Result<(), PaperError> {
         let path = self.trials.join(format!("{:04}.json", trial.number));
         Ok(output::write_json(&path, trial)?)
@@ -88,7 +88,7 @@ mod tests {
     fn folder(name: &str) -> PathBuf {
         let folder =
             std::env::temp_dir().join(format!("rhumb-paper-{name}-{}", std::process::id()));
-        // It may not be there yet.
+        // The folder may not exist yet.
         let _ = fs::remove_dir_all(&folder);
         folder
     }
@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn trials_that_ended_are_there_again_and_half_ones_are_not() {
+    fn finished_trials_are_read_back_and_unfinished_ones_are_ignored() {
         let out = folder("again");
         let store = Store::open(&out, &settings()).unwrap();
         store.keep(&trial(1)).unwrap();
@@ -112,22 +112,22 @@ mod tests {
         let again = Store::open(&out, &settings()).unwrap().trials().unwrap();
         assert_eq!(again.keys().copied().collect::<Vec<_>>(), [1, 3]);
         fs::write(out.join("trials/0004.json"), b"{\"number\": 4").unwrap();
-        let said = store.trials().unwrap_err().to_string();
-        assert!(said.contains("0004.json"), "{said}");
+        let message = store.trials().unwrap_err().to_string();
+        assert!(message.contains("0004.json"), "{message}");
         fs::remove_dir_all(&out).unwrap();
     }
 
     #[test]
-    fn another_experiment_is_refused_by_what_differs() {
+    fn another_experiment_is_refused_with_the_difference() {
         let out = folder("other");
         Store::open(&out, &settings()).unwrap();
         let other = Settings {
             machine: "another machine".to_owned(),
             ..settings()
         };
-        let said = Store::open(&out, &other).unwrap_err().to_string();
-        assert!(said.contains("machine"), "{said}");
-        assert!(said.contains("another machine"), "{said}");
+        let message = Store::open(&out, &other).unwrap_err().to_string();
+        assert!(message.contains("machine"), "{message}");
+        assert!(message.contains("another machine"), "{message}");
         fs::remove_dir_all(&out).unwrap();
     }
 }

@@ -1,22 +1,22 @@
-//! A table of words and numbers, for a terminal, Markdown and HTML.
+//! A table of text and numbers, for a terminal, Markdown and HTML.
 
 use std::fmt::Write as _;
 
 use crate::report::escape;
 use crate::summary::aligned;
 
-/// A title, columns, rows, and what to know about them.
+/// Title, columns, rows and a note.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Table {
     pub(super) title: String,
     pub(super) columns: Vec<String>,
     pub(super) rows: Vec<Vec<String>>,
-    /// Below the table; may be empty.
+    /// Text below the table; may be empty.
     pub(super) note: String,
 }
 
 impl Table {
-    /// Without rows yet.
+    /// A table without rows.
     pub(super) fn new(title: &str, columns: impl IntoIterator<Item = impl Into<String>>) -> Self {
         Self {
             title: title.to_owned(),
@@ -25,14 +25,14 @@ impl Table {
         }
     }
 
-    /// As aligned text under its title.
+    /// Aligned text under its title.
     pub(super) fn to_text(&self) -> String {
         let mut rows = vec![self.columns.clone()];
         rows.extend(self.rows.iter().cloned());
         format!("\n{}\n{}", self.title, aligned(&rows))
     }
 
-    /// As Markdown, without its title.
+    /// Markdown, without the title.
     pub(super) fn to_markdown(&self) -> String {
         let line = |cells: &[String]| {
             let cells: Vec<_> = cells.iter().map(|cell| cell.replace('|', "\\|")).collect();
@@ -51,7 +51,7 @@ impl Table {
         text
     }
 
-    /// As HTML, with its title.
+    /// HTML, with the title.
     pub(super) fn to_html(&self) -> String {
         let cells = |cells: &[String], kind: &str| -> String {
             let cell = |cell: &String| format!("<{kind}>{}</{kind}>", escape(cell));
@@ -78,7 +78,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_table_is_the_same_in_all_three_forms() {
+    fn all_three_forms_show_the_same_table() {
         let mut table = Table::new("Balls & frames", ["load", "a|b"]);
         table.rows.push(vec!["500".to_owned(), "<1".to_owned()]);
         table.note = "one < two".to_owned();

@@ -1,4 +1,4 @@
-//! The experiment's tables, with the paper's own figures beside.
+//! The experiment's tables, next to the paper's own figures.
 
 mod aims;
 mod lines;
@@ -13,15 +13,15 @@ use crate::summary::number;
 pub(super) use aims::{aims, aims_of_bytes};
 pub(super) use lines::{analysis_csv, trials_csv};
 
-/// For what there is not.
+/// Cell of a missing value.
 const NONE: &str = "–";
 
-/// How many digits a figure shows.
+/// Precision of a displayed figure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Digits {
-    /// Three that count.
+    /// Three significant digits.
     Three,
-    /// Two places, as the paper prints frames per second.
+    /// Two decimals, as the paper prints frames per second.
     TwoPlaces,
 }
 
@@ -69,7 +69,7 @@ fn interval(interval: Option<Interval>) -> String {
     )
 }
 
-/// One column for each mode and two of the paper, one row for each load.
+/// One column per mode and two of the paper, one row per load.
 fn by_mode(
     results: &PaperResults,
     title: &str,
@@ -106,23 +106,23 @@ pub(super) fn sim_fps(results: &PaperResults) -> Table {
         |row| Some((row.integrated_fps, row.distributed_fps)),
         Digits::TwoPlaces,
     );
-    table.note = "The paper's figures are of another engine on other machines: what compares is how each remote column \
-                  stands to the integrated one beside it."
+    table.note = "The paper's figures come from another engine on other machines: compare only the ratio of each \
+                  remote column to the integrated one beside it."
         .to_owned();
     table
 }
 
-/// Frames per second that each mode can keep up.
+/// Frames per second that each mode can sustain.
 pub(super) fn sustained(results: &PaperResults) -> Table {
     let mut table = by_mode(
         results,
-        "Frames per second that server and caller both keep up",
+        "Frames per second that server and caller both sustain",
         |mode| &mode.sustained_fps,
         |row| Some((row.integrated_fps, row.distributed_fps)),
         Digits::TwoPlaces,
     );
-    table.note = "Differs from SimFPS only where the caller goes on while the server steps: its frame is short, but it \
-                  cannot have frames faster than the server makes them."
+    table.note = "Differs from SimFPS only for pipelined callers: their frames are short, but they cannot outpace \
+                  the server."
         .to_owned();
     table
 }
@@ -131,17 +131,17 @@ pub(super) fn sustained(results: &PaperResults) -> Table {
 pub(super) fn phys_ft(results: &PaperResults) -> Table {
     by_mode(
         results,
-        "PhysFT: milliseconds from calling advance to having every pose that the call returns",
+        "PhysFT: milliseconds from calling advance to having every pose of the returned frame",
         |mode| &mode.phys_ft_ms,
         |row| row.frame_ms,
         Digits::Three,
     )
 }
 
-/// Where each mode degrades.
+/// Load at which each mode degrades.
 pub(super) fn degradation(results: &PaperResults) -> Table {
-    let title = format!("MDL: the least load whose mean SimFPS is below {DEGRADED_FPS}");
-    let mut table = Table::new(&title, ["mode", "MDL, balls", "MDL by what is kept up"]);
+    let title = format!("MDL: the smallest load with a mean SimFPS below {DEGRADED_FPS}");
+    let mut table = Table::new(&title, ["mode", "MDL, balls", "MDL by sustained rate"]);
     let most = results.settings.loads.last().copied().unwrap_or_default();
     let cell =
         |mdl: Option<u32>| mdl.map_or_else(|| format!("above {most}"), |mdl| mdl.to_string());
@@ -166,7 +166,7 @@ pub(super) fn degradation(results: &PaperResults) -> Table {
     table
 }
 
-/// Each mode against integrated at each load, by one of the two measures.
+/// Tests of each mode against integrated at each load, by one measure.
 fn tests_of(
     results: &PaperResults,
     title: &str,
@@ -209,9 +209,9 @@ fn tests_of(
         }
     }
     table.note = format!(
-        "Two-tailed Z-tests against integrated at each load, α = {ALPHA}; Welch's t and the interval (10,000 resamples) \
-         stand beside them since trials are few. A dash: nothing spreads, or a single trial. Difference: the mode less \
-         integrated."
+        "Two-tailed Z-tests against integrated at each load, α = {ALPHA}; Welch's t and the interval (10,000 \
+         resamples) are added because trials are few. A dash: no spread, or a single trial. Difference: the mode \
+         minus integrated."
     );
     table
 }
@@ -230,7 +230,7 @@ pub(super) fn tests_frame(results: &PaperResults) -> Table {
     })
 }
 
-/// Frame times of a mode against integrated, trial by trial.
+/// Frame times of a mode against integrated, paired by trial.
 pub(super) fn paired(results: &PaperResults) -> Table {
     let columns = [
         "balls",
@@ -264,15 +264,15 @@ pub(super) fn paired(results: &PaperResults) -> Table {
             table.rows.push(row);
         }
     }
-    table.note = "In a trial all modes step the same scene, frame by frame in turn, so that what a seed or a machine's mood \
-                  does to one it does to all: geometric means of the trials' ratios, with Student's t of their logarithms. \
-                  Engine: the same steps in the server and in the caller's process, which has other caches; where it is not \
-                  1, the ratio of frames is off by as much, and the last column is without that."
+    table.note = "In a trial all modes step the same scene, frame by frame in turn, so seed and machine conditions \
+                  affect all alike: geometric means of the trials' ratios, with Student's t of their logarithms. \
+                  Engine: the same steps in the server and in the caller's process, which has other caches. Where it \
+                  is not 1, the ratio of frames is biased by as much; the last column is free of this bias."
         .to_owned();
     table
 }
 
-/// Where the time of a frame goes.
+/// Breakdown of a frame's time.
 pub(super) fn stages(results: &PaperResults) -> Table {
     let columns = [
         "balls",
@@ -280,7 +280,7 @@ pub(super) fn stages(results: &PaperResults) -> Table {
         "caller: work, ms",
         "caller: waiting, ms",
         "engine, ms",
-        "server beside it, ms",
+        "rest of server, ms",
         "of engine",
         "awake",
     ];
@@ -347,12 +347,12 @@ pub(super) fn traffic(results: &PaperResults) -> Table {
     table
 }
 
-/// What is void, a sentence each.
+/// A sentence for each void outcome.
 pub(super) fn void(results: &PaperResults) -> Vec<String> {
     let void = results.analysis.void.iter();
     void.map(|void| {
         format!(
-            "void: trial {} (seed {}), {} balls, {}: its engine did not do what the integrated one did; left out",
+            "void: trial {} (seed {}), {} balls, {}: its engine diverged from the integrated one; excluded",
             void.trial, void.seed, void.load, void.mode
         )
     })

@@ -1,8 +1,8 @@
 //! One trial: all modes in turn, frame by frame, while the pit fills.
 //!
-//! One mode works at a time: cores of one processor share caches and memory, and what steps beside another is slowed by it.
-//! They take turns at being first. A mode whose caller goes on while its server steps comes last. Its caller then has other
-//! work, for as long as the integrated frame took, and a pause follows, in which that server ends.
+//! One mode runs at a time, because cores of a processor share caches and memory and would slow each other. The modes
+//! take turns at being first. A pipelined mode comes last: its caller then does other work for as long as the
+//! integrated frame took, and a pause follows in which its server finishes.
 
 use rhumb_protocol::Span;
 use rhumb_protocol::scene::Command;
@@ -19,37 +19,37 @@ use crate::drive::{Defects, ServerCpu};
 use crate::quantile::of_nanoseconds;
 use crate::record::Mode;
 
-/// How much of the trial is done.
+/// Progress of a trial.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct TrialProgress<'t> {
     /// Balls in the pit.
     pub(super) load: u32,
-    /// What the caller has of a processor, in words.
+    /// Share of a processor that the caller gets, as text.
     pub(super) caller: &'t str,
 }
 
-/// Where a trial is run, and by whom.
+/// Where and with which modes a trial runs.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Staging<'t> {
     pub(super) cpu: &'t ServerCpu,
     pub(super) modes: &'t [Mode],
-    /// Hundredths of one processor that the caller gets once the servers run; 100 leaves it alone.
+    /// Percentage of a processor that the caller gets once the servers run; 100 means no limit.
     pub(super) caller_percent: u32,
 }
 
-/// A mode on its way through a trial.
+/// A player of one mode during a trial.
 struct TrialRunner {
     mode: Mode,
     player: Box<dyn Player>,
-    /// Of this load.
+    /// Costs of the frames of this load.
     frame_cost: Vec<FrameCost>,
     before: PlayerTotals,
 }
 
-/// What part of the integrated frame the pause after a caller's other work takes, so that its server comes to its end.
+/// Divisor of the integrated frame time for the pause after a caller's other work, in which its server finishes.
 const PAUSE_PART: u64 = 2;
 
-/// Runs a trial; `progress` is told each frame that is done.
+/// Runs a trial; calls `progress` after each frame.
 pub(super) fn run(
     settings: &Settings,
     number: u32,
@@ -75,7 +75,7 @@ pub(super) fn run(
         seed,
     };
     let mut runners = begin(staging.modes, &player_setup, &commands)?;
-    // Only now: what a weak process starts is weak too.
+    // Only now, because child processes inherit the limit.
     let weakness = match staging.caller_percent {
         100 => None,
         percent => Some(Weakness::enter(percent)?),
@@ -110,7 +110,7 @@ pub(super) fn run(
     })
 }
 
-/// Starts every mode, in the order of turns, and gives it its first commands.
+/// Starts every mode, in the order of turns, and sends its first commands.
 fn begin(
     modes: &[Mode],
     player_setup: &PlayerSetup,
@@ -138,7 +138,7 @@ fn one_frame(
     runners: &mut [TrialRunner],
     commands: &[Command],
 ) -> Result<(), PaperError> {
-    // Nobody is always first, after whatever left the core idle or its caches cold.
+    // Rotate the order: the first mode starts with cold caches or an idle core.
     let waiting = runners.iter().filter(|runner| !runner.mode.is_ahead());
     let waiting = waiting.count();
     runners[..waiting].rotate_left(1);
@@ -157,7 +157,7 @@ fn one_frame(
     Ok(())
 }
 
-/// What each mode did since the last load, in the order of the settings.
+/// Outcome of each mode since the last load, in the order of the settings.
 fn outcomes(runners: &mut [TrialRunner], modes: &[Mode]) -> Result<Vec<ModeOutcome>, PaperError> {
     let mut truth = None;
     let mut found = Vec::new();
@@ -178,7 +178,7 @@ fn outcomes(runners: &mut [TrialRunner], modes: &[Mode]) -> Result<Vec<ModeOutco
     Ok(found.into_iter().map(|(.., outcome)| outcome).collect())
 }
 
-/// The figures of some frames.
+/// The figures of a series of frames.
 pub(super) fn outcome(
     mode: Mode,
     frame_cost: &[FrameCost],
@@ -232,7 +232,7 @@ pub(super) fn outcome(
     }
 }
 
-/// Frames over their time, where a frame lasts at least as long as the simulated time that it covers.
+/// Frames over their time; a frame lasts at least as long as the simulated time that it covers.
 fn sim_fps(frame_cost: &[FrameCost]) -> f64 {
     let least_s = 1.0 / FRAMES_PER_SECOND;
     let lasted: f64 = frame_cost
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn no_frame_makes_up_for_a_slow_one() {
+    fn a_fast_frame_does_not_compensate_a_slow_one() {
         assert!((sim_fps(&[frame_cost(1), frame_cost(2)]) - FRAMES_PER_SECOND).abs() < 1e-9);
         // One frame of 1 ms lasts 88.26 ms, the other 200: two frames in 288.26 ms.
         assert!((sim_fps(&[frame_cost(1), frame_cost(200)]) - 6.938_2).abs() < 1e-4);
@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn a_caller_ahead_of_its_server_keeps_up_with_it_and_no_more() {
+    fn a_pipelined_caller_sustains_no_more_than_its_server() {
         let stages = Stages {
             step_ns: 380_000_000,
             observe_ns: 10_000_000,

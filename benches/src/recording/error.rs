@@ -1,4 +1,4 @@
-//! Why a recording was not read.
+//! Errors of reading a recording.
 
 use std::fmt;
 use std::io;
@@ -13,68 +13,68 @@ use rhumb_reckoning::Tick;
 pub enum RecordingError {
     /// The file cannot be read.
     Read {
-        /// Which.
+        /// Path of the file.
         path: PathBuf,
-        /// Why.
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// The file is none that can be replayed.
+    /// The file is no valid recording.
     File {
-        /// Which.
+        /// Path of the file.
         path: PathBuf,
-        /// Why not.
+        /// The defect.
         cause: Box<Self>,
     },
-    /// The file's ending is neither `.mcap` nor `.rhtrace.zst`.
+    /// The file name ends neither in `.mcap` nor in `.rhtrace.zst`.
     UnknownForm {
-        /// Which.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// It cannot be unpacked.
+    /// Decompression failed.
     Unpack(io::Error),
-    /// It does not begin as a recording does.
+    /// The magic number is missing.
     NotARecording,
-    /// It ends too soon, or goes on behind its end.
+    /// The data end too early, or continue after the last frame.
     Length,
-    /// More frames than are read.
+    /// The frame count exceeds the limit.
     Frames {
-        /// How many it claims to have.
+        /// Frame count stated by the file.
         frames: u32,
     },
-    /// Its step is no whole number of ticks in so many seconds, from 1 to 1000 a second.
+    /// The step is not the inverse of a whole rate from 1 to 1000 Hz.
     Step {
-        /// Seconds.
+        /// The step, seconds.
         step_s: f64,
     },
-    /// A number that no engine would give.
+    /// A number is not finite or otherwise invalid.
     Number {
-        /// When.
+        /// Tick of the record.
         tick: Tick,
     },
-    /// A body whose extents are out of bounds, or do not fit the radius that is told with them.
+    /// Extents out of bounds, or inconsistent with the stated radius.
     Extents {
-        /// Which.
+        /// Index of the body.
         index: u32,
     },
-    /// A record of a body that there is not, or one that comes before a body of a lower number.
+    /// A record of an unknown body, or one out of order.
     Record {
-        /// When.
+        /// Tick of the record.
         tick: Tick,
-        /// Of which body.
+        /// Index of the body.
         index: u32,
     },
     /// The MCAP file cannot be read.
     Mcap(McapError),
     /// A message of the MCAP file is not what its topic holds.
     Message(prost::DecodeError),
-    /// There is no truth in it, or not of every tick.
+    /// The truth is missing or incomplete.
     NoTruth,
-    /// It is of a scene that is not known here, so that nothing tells what pulled in it.
+    /// The scene is unknown, so its gravity is unknown too.
     UnknownScene {
-        /// Its name.
+        /// Name of the scene.
         name: String,
     },
-    /// The config that were asked for are out of bounds.
+    /// The scene's config is out of bounds.
     Terms(Invalid),
 }
 
@@ -99,7 +99,7 @@ impl fmt::Display for RecordingError {
             ),
             Self::Unpack(cause) => write!(f, "the recording cannot be unpacked: {cause}"),
             Self::NotARecording => f.write_str("this is not a recording"),
-            Self::Length => f.write_str("the recording ends too soon or too late"),
+            Self::Length => f.write_str("the recording ends too early or has trailing bytes"),
             Self::Frames { frames } => write!(
                 f,
                 "the recording claims {frames} frames, more than are read"
@@ -107,7 +107,7 @@ impl fmt::Display for RecordingError {
             Self::Step { step_s } => {
                 write!(f, "{step_s} s is no step of a whole rate from 1 to 1000 Hz")
             }
-            Self::Number { tick } => write!(f, "a body has a number that is none at {tick}"),
+            Self::Number { tick } => write!(f, "a body has an invalid number at {tick}"),
             Self::Extents { index } => write!(f, "body {index} has wrong extents"),
             Self::Record { tick, index } => {
                 write!(f, "a record at {tick} is of body {index}, out of order")
@@ -117,7 +117,7 @@ impl fmt::Display for RecordingError {
             Self::NoTruth => f.write_str("the trace does not hold the truth of every tick"),
             Self::UnknownScene { name } => write!(
                 f,
-                "the trace is of {name:?}, which is no scene here: nothing tells its gravity"
+                "the trace is of the unknown scene {name:?}, so its gravity is unknown"
             ),
             Self::Terms(invalid) => invalid.fmt(f),
         }

@@ -1,7 +1,7 @@
-//! The truth in a `trace.mcap` of ours.
+//! Reads the truth from a `trace.mcap`.
 //!
-//! The trace holds poses and shapes; the rest comes from the scene that it names, run with its numbers of bodies and seed.
-//! The first load of the trace is taken.
+//! The trace holds poses and shapes. Config and inertias come from the named scene, run with its number of bodies and
+//! seed. Only the first load of the trace is read.
 
 use std::collections::BTreeMap;
 
@@ -18,7 +18,7 @@ use crate::trace::read_states;
 ///
 /// # Errors
 ///
-/// [`RecordingError`] if the bytes are no trace of ours, or of a scene that is not known here.
+/// [`RecordingError`] if the bytes are no trace, or its scene is unknown.
 pub fn read(bytes: &[u8]) -> Result<Recording, RecordingError> {
     let records = metadata(bytes)?;
     let loads = records
@@ -33,10 +33,10 @@ pub fn read(bytes: &[u8]) -> Result<Recording, RecordingError> {
         })
         .map(|(_, record)| record)
         .ok_or(RecordingError::NoTruth)?;
-    let said = |name: &str| run.get(name).map(String::as_str).unwrap_or_default();
-    let name = said("scene").to_owned();
+    let value = |name: &str| run.get(name).map(String::as_str).unwrap_or_default();
+    let name = value("scene").to_owned();
     let unknown = || RecordingError::UnknownScene { name: name.clone() };
-    let (bodies, seed) = (said("bodies").parse(), said("seed").parse());
+    let (bodies, seed) = (value("bodies").parse(), value("seed").parse());
     let (Ok(bodies), Ok(seed)) = (bodies, seed) else {
         return Err(unknown());
     };
@@ -93,7 +93,7 @@ fn truth(bytes: &[u8], load: &str) -> Result<Truth, RecordingError> {
     Ok(truth)
 }
 
-/// No record of a trace is longer. A damaged file may say any length, and gets no memory for it.
+/// Longest accepted record. A damaged file may state any length and must not cause an allocation of that size.
 const RECORD_BYTES_MAX: usize = 64 << 20;
 
 /// The messages of a file, in order.
@@ -141,41 +141,43 @@ mod tests {
 
     use super::*;
 
-    /// The same trace, unpacked, so that a test can spoil what lies in its chunks.
+    /// The same trace without compression, so that a test can corrupt bytes inside its chunks.
     fn unpacked() -> Vec<u8> {
         let path = concat!(
             env!("CARGO_MANIFEST_DIR"),
             "/../tests/data/traces/free_fall.mcap"
         );
-        let packed = fs::read(path).expect("a trace lies beside the crates");
+        let packed = fs::read(path).expect("the repository contains a trace");
         let options = WriteOptions::new().compression(None);
         let mut writer = options
             .create(Cursor::new(Vec::new()))
-            .expect("memory takes all");
+            .expect("writing to memory succeeds");
         for message in MessageStream::new(&packed).expect("it is a trace") {
             writer
-                .write(&message.expect("it is whole"))
-                .expect("memory takes all");
+                .write(&message.expect("the trace is intact"))
+                .expect("writing to memory succeeds");
         }
         let summary = Summary::read(&packed)
-            .expect("it is whole")
+            .expect("the trace is intact")
             .expect("it has a summary");
         for index in &summary.metadata_indexes {
-            let record = ::mcap::read::metadata(&packed, index).expect("it is whole");
-            writer.write_metadata(&record).expect("memory takes all");
+            let record = ::mcap::read::metadata(&packed, index).expect("the trace is intact");
+            writer
+                .write_metadata(&record)
+                .expect("writing to memory succeeds");
         }
-        writer.finish().expect("memory takes all");
+        writer.finish().expect("writing to memory succeeds");
         writer.into_inner().into_inner()
     }
 
     #[test]
-    fn metadata_that_lies_outside_of_its_file_is_refused() {
+    fn metadata_offsets_outside_the_file_are_refused() {
         let whole = unpacked();
-        let summary = Summary::read(&whole).expect("it is whole");
+        let summary = Summary::read(&whole).expect("the trace is intact");
         let index = &summary.expect("it has a summary").metadata_indexes[0];
-        let said = [index.offset.to_le_bytes(), index.length.to_le_bytes()].concat();
-        let at = whole.windows(16).position(|bytes| bytes == said);
-        let at = at.expect("the summary says where metadata lies");
+        let entry = [index.offset.to_le_bytes(), index.length.to_le_bytes()].concat();
+        let at = whole.windows(16).position(|bytes| bytes == entry);
+        let at = at.expect("the summary holds the entry");
         for place in [at, at + 8] {
             let mut spoiled = whole.clone();
             spoiled[place..place + 8].copy_from_slice(&[0xff; 8]);
@@ -187,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn a_record_that_says_it_is_longer_than_any_is_refused_without_memory_for_it() {
+    fn an_oversized_record_is_refused_without_allocating_its_length() {
         let whole = unpacked();
         assert!(read(&whole).is_ok());
         // Magic; the header's code, length and body; the chunk's code and length, and 40 bytes before its first record.

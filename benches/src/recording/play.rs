@@ -1,7 +1,7 @@
-//! The truth of a script that was run here.
+//! Recording made from the truth of a script that ran in this process.
 //!
-//! What pulled and damped comes from the script, and how each body is_torque_free from an engine that is given the script's bodies
-//! and never stepped. What a controller or a command changed later is not in it: gravity is taken as the scene began.
+//! Gravity and damping come from the script. Inertias come from an engine that gets the script's bodies and never
+//! steps. Later changes by a controller or a command are not covered: gravity is the scene's initial one.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ use super::Recording;
 use crate::record::Truth;
 
 impl Recording {
-    /// What a script, of which no tick was taken yet, came to.
+    /// Builds the recording; `script` must not have produced any tick yet.
     #[must_use]
     pub fn of_play(script: &mut dyn Script, truth: Truth) -> Self {
         let config = script.config();
@@ -30,7 +30,7 @@ impl Recording {
     }
 }
 
-/// How the bodies tumble that a script adds in so many ticks.
+/// Inertia of each body with free rotation that a script adds within `ticks`.
 fn inertias(script: &mut dyn Script, ticks: u64) -> BTreeMap<BodyId, Inertia> {
     let mut inertias = BTreeMap::new();
     let Ok(mut scene) = Scene::new(script.config()) else {
@@ -41,9 +41,9 @@ fn inertias(script: &mut dyn Script, ticks: u64) -> BTreeMap<BodyId, Inertia> {
         script.commands(Tick::new(tick), &mut commands);
     }
     for command in commands {
-        let makes = matches!(command, Command::AddShape { .. } | Command::AddBody { .. });
-        // What is refused here is no body of the recording either.
-        if makes
+        let creates = matches!(command, Command::AddShape { .. } | Command::AddBody { .. });
+        // A command refused here has no body in the recording either.
+        if creates
             && scene.apply(&command).is_ok()
             && let Command::AddBody { config, .. } = command
             && let Some(inertia) = scene.inertia(config.id)

@@ -1,10 +1,12 @@
 //! Foreign recordings of boxes: `.rhtrace.zst`.
 //!
-//! Little-endian, packed by zstd as a whole: the magic; u32 bodies, u32 frames; f32 seconds a frame, three f32 of
-//! gravity; for each body four f32, half extents and bounding radius; for each frame a u16 count and so many records.
-//! A record is a u16 body, thirteen f32 (position, quaternion x y z w, linear and angular velocity) and a u8 whose bit 0
-//! says that the body is awake. A body without a record has not changed, and so sleeps, whatever that says. Frame 0 has a record of every body: where it
-//! begins. Damping is not told and taken as zero, with one substep.
+//! Little-endian, compressed by zstd as a whole. Header: the magic; u32 bodies, u32 frames; f32 seconds per frame;
+//! three f32 of gravity. For each body four f32: half extents and bounding radius. For each frame a u16 count and that
+//! many records.
+//!
+//! A record is a u16 body, thirteen f32 (position, quaternion x y z w, linear and angular velocity) and a u8 whose bit
+//! 0 means awake. A body without a record in a frame has not changed, so it sleeps whatever its last flag. Frame 0 has
+//! a record of every body. Damping is not stored and taken as zero, with one substep.
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;
@@ -18,15 +20,15 @@ use rhumb_server::Digest;
 use super::{Recording, RecordingError};
 use crate::record::{Placed, Truth};
 
-/// How such a file begins.
+/// Magic number at the start of the file.
 pub const MAGIC: [u8; 8] = *b"RHTRACE1";
 
-/// Unpacked, a recording is no longer than this: two gigabytes.
+/// Limit of the decompressed size: two gigabytes.
 const BYTES_MAX: u64 = 2 << 30;
-/// So many frames are read: two days at 60 a second. One in which nothing moves takes two bytes, and packed next to none.
+/// Limit of the frame count: two days at 60 Hz. An empty frame takes two bytes and compresses to almost nothing.
 const FRAMES_MAX: u32 = 10_368_000;
 
-/// Reads a packed recording.
+/// Reads a compressed recording.
 ///
 /// # Errors
 ///
@@ -39,7 +41,7 @@ pub fn read(name: &str, packed: &[u8]) -> Result<Recording, RecordingError> {
     limited
         .read_to_end(&mut bytes)
         .map_err(RecordingError::Unpack)?;
-    let mut reader = Bytes { rest: &bytes };
+    let mut reader = ByteReader { rest: &bytes };
     if reader.take()? != MAGIC {
         return Err(RecordingError::NotARecording);
     }
@@ -72,7 +74,7 @@ pub fn read(name: &str, packed: &[u8]) -> Result<Recording, RecordingError> {
     if !reader.rest.is_empty() {
         return Err(RecordingError::Length);
     }
-    take_records_for_motion(&mut truth);
+    activity_from_records(&mut truth);
     let mut digest = Digest::START;
     for (row, tick) in truth.ticks.iter().zip(1..) {
         digest.fold_tick(Tick::new(tick), row);
@@ -89,11 +91,11 @@ pub fn read(name: &str, packed: &[u8]) -> Result<Recording, RecordingError> {
     })
 }
 
-/// A body that has a record in the next frame too has moved there, and one that has none has not changed, whatever their flags
-/// say: of the first no rest is to be said, and of the other nothing else.
-fn take_records_for_motion(truth: &mut Truth) {
+/// Derives activity from the records instead of the flags. A body with a record in the next frame moves, so it is
+/// awake; a body without one has not changed, so it sleeps.
+fn activity_from_records(truth: &mut Truth) {
     let is_in = |row: &[Observation], of: &Observation| {
-        let found = row.binary_search_by_key(&of.id.index(), |seen| seen.id.index());
+        let found = row.binary_search_by_key(&of.id.index(), |observation| observation.id.index());
         found.is_ok()
     };
     if let Some(first) = truth.ticks.first() {
@@ -114,7 +116,7 @@ fn take_records_for_motion(truth: &mut Truth) {
     }
 }
 
-/// The whole rate that is nearest to a step, which it must be up to rounding.
+/// The whole rate nearest to a step; they must agree up to rounding.
 pub(super) fn rate(step_s: f64) -> Result<Rate, RecordingError> {
     let wrong = RecordingError::Step { step_s };
     let hertz = (1.0 / step_s).round();
@@ -124,12 +126,12 @@ pub(super) fn rate(step_s: f64) -> Result<Rate, RecordingError> {
     Rate::new(hertz as u32, 1).ok_or(wrong)
 }
 
-fn shape(reader: &mut Bytes<'_>, index: u32) -> Result<Shape, RecordingError> {
+fn shape(reader: &mut ByteReader<'_>, index: u32) -> Result<Shape, RecordingError> {
     let half_extents = Vec3::from_array(reader.f32s()?);
     let radius = f64::from(reader.f32()?);
     let shape = Shape::Cuboid { half_extents };
-    let own = shape.bounding_radius().metres();
-    let fits = (own - radius).abs() <= 1e-4 * own;
+    let computed = shape.bounding_radius().metres();
+    let fits = (computed - radius).abs() <= 1e-4 * computed;
     if shape.check().is_err() || !fits {
         return Err(RecordingError::Extents { index });
     }
@@ -137,7 +139,7 @@ fn shape(reader: &mut Bytes<'_>, index: u32) -> Result<Shape, RecordingError> {
 }
 
 fn row(
-    reader: &mut Bytes<'_>,
+    reader: &mut ByteReader<'_>,
     tick: Tick,
     bodies: u32,
 ) -> Result<Vec<Observation>, RecordingError> {
@@ -148,8 +150,8 @@ fn row(
         let (position, rotation) = (reader.f32s()?, reader.f32s()?);
         let (linear, angular) = (reader.f32s()?, reader.f32s()?);
         let [flags] = reader.take()?;
-        let follows = row.last().is_none_or(|last| last.id.index() < index);
-        if index >= bodies || !follows {
+        let in_order = row.last().is_none_or(|last| last.id.index() < index);
+        if index >= bodies || !in_order {
             return Err(RecordingError::Record { tick, index });
         }
         let motion = BodyState::new(position, rotation, linear, angular);
@@ -167,7 +169,7 @@ fn row(
     Ok(row)
 }
 
-/// The bodies as frame 0 has them.
+/// Placements of all bodies from frame 0.
 fn place(row: Vec<Observation>, shapes: &[Shape]) -> Result<Vec<Placed>, RecordingError> {
     if row.len() != shapes.len() {
         return Err(RecordingError::NoTruth);
@@ -183,12 +185,12 @@ fn place(row: Vec<Observation>, shapes: &[Shape]) -> Result<Vec<Placed>, Recordi
         .collect())
 }
 
-/// What is left to read.
-struct Bytes<'a> {
+/// Reader over the remaining bytes.
+struct ByteReader<'a> {
     rest: &'a [u8],
 }
 
-impl Bytes<'_> {
+impl ByteReader<'_> {
     fn take<const COUNT: usize>(&mut self) -> Result<[u8; COUNT], RecordingError> {
         let (taken, rest) = self
             .rest

@@ -1,8 +1,8 @@
-//! `rhumb-bench ablate`: what each means of a stream is worth.
+//! `rhumb-bench ablate`: measures the value of each feature of a stream.
 //!
-//! Replays it with everything on, with each means switched off in turn, and with all of them off. The range coder is the
-//! wire's own and cannot be switched off: what its numbers would take in plain codes is counted. Grids follow from
-//! tolerances, and what sleeps is told at rest, in every row.
+//! Replays the recording with all features, with each one switched off in turn, and with none. The range coder is part
+//! of the wire format and stays on; its row counts the size of its numbers in plain codes instead. In every row, grids
+//! follow from tolerances, and sleeping bodies are sent at rest.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -16,22 +16,22 @@ use super::{
 use crate::limit::set_beside_limits;
 use crate::output;
 
-/// Which recording, how it is published, and where to write what came of it.
+/// Arguments: recording, publish settings, output.
 #[derive(Clone, Debug, Args)]
 pub struct Ablate {
     #[command(flatten)]
     source: RecordingSource,
     #[command(flatten)]
     options: ReplayOptions,
-    /// Folder for summary.json and report.html; made if it is not there.
+    /// Folder for summary.json and report.html; created if missing.
     #[arg(long, default_value = "results/ablate")]
     out: PathBuf,
-    /// Do not compare with how little would have done, had the future been known.
+    /// Skip the comparison with the limit for a known future.
     #[arg(long)]
     no_limit: bool,
 }
 
-/// Replays. Exit code 0 when everything was replayed and written, 1 otherwise.
+/// Runs the replays. Exit code 0 if everything was replayed and written, 1 otherwise.
 pub fn ablate(arguments: &Ablate) -> ExitCode {
     ended(ablate_all(arguments))
 }
@@ -50,7 +50,7 @@ fn ablate_all(arguments: &Ablate) -> Result<(), Failure> {
     replays.write(recording, arguments.options.seed(), &arguments.out, None)
 }
 
-/// Everything, everything but one, nothing.
+/// All features, all but one, none.
 fn rows() -> impl Iterator<Item = EnabledFeatures> {
     let singly = Feature::ALL
         .into_iter()

@@ -1,6 +1,6 @@
-//! How a recording is replayed.
+//! Settings of a replay.
 //!
-//! Computes nothing: `stage` does as it says, and the record keeps it.
+//! Contains no logic: `session` applies the settings, and the record keeps them.
 
 use std::num::NonZeroU32;
 
@@ -12,27 +12,27 @@ use super::feature::{EnabledFeatures, Feature};
 use crate::record::{Mode, Replayed, RunConfig};
 use crate::recording::Recording;
 
-/// How a recording is replayed.
+/// Settings of a replay.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReplayConfig {
-    /// What is promised.
+    /// Tolerance of the copy.
     pub tolerance: Tolerance,
-    /// Both ways.
+    /// Link, the same in both directions.
     pub link: LinkConfig,
-    /// Published every so many ticks.
+    /// Ticks between publications.
     pub publish_interval: NonZeroU32,
-    /// Of the link.
+    /// Seed of the link.
     pub seed: u64,
-    /// How far the publisher looks back before it speaks.
+    /// Ticks by which the encoder looks ahead of the tick it codes.
     pub lookahead: Ticks,
-    /// What is used.
+    /// Enabled features.
     pub features: EnabledFeatures,
-    /// What its packets may take, if that is limited.
+    /// Bandwidth limit of the stream, if any.
     pub budget: Option<Budget>,
 }
 
 impl ReplayConfig {
-    /// As a record tells of them.
+    /// The settings in the form that the record keeps.
     fn replayed(&self) -> Replayed {
         let parts = match self.tolerance {
             Tolerance::Parts { position, turn } => {
@@ -52,7 +52,7 @@ impl ReplayConfig {
         }
     }
 
-    /// How a replay of the recording was asked for.
+    /// The run config of a replay of `recording`.
     pub(super) fn run_config(&self, recording: &Recording) -> RunConfig {
         let link = self.link;
         let is_simulated = link != LinkConfig::PERFECT;

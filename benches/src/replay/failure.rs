@@ -1,4 +1,4 @@
-//! Why a task on a recording did not come to its end.
+//! Errors of tasks on a recording.
 
 use std::fmt;
 use std::io::{self, Write};
@@ -8,27 +8,27 @@ use super::session::ReplayError;
 use crate::output::OutputError;
 use crate::recording::RecordingError;
 
-/// Why a task on a recording did not come to its end.
+/// Why a task on a recording failed.
 #[derive(Debug)]
 pub(crate) enum Failure {
     /// The recording cannot be read.
     Recording(RecordingError),
-    /// None of so many replays ended; why the first did not.
+    /// All of this many replays failed; the first one's error.
     Replay(usize, ReplayError),
-    /// So many of so many replays did not end; of all others everything is written.
+    /// Number of failed replays and of all replays; the results of the others are written.
     Unfinished(usize, usize),
-    /// Something cannot be written.
+    /// An output cannot be written.
     Output(OutputError),
-    /// What was asked for is not possible, in words.
+    /// Invalid arguments, as text.
     Terms(String),
 }
 
-/// Exit code 0 for what was done and written; otherwise 1, and the reason on standard error.
+/// Exit code 0 on success; otherwise prints the failure to standard error and returns 1.
 pub(crate) fn ended(result: Result<(), Failure>) -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            // Nowhere is left to say that standard error is closed.
+            // If standard error is closed, no other place is left to report to.
             let _ = writeln!(io::stderr(), "error: {failure}");
             ExitCode::FAILURE
         }
@@ -41,11 +41,11 @@ impl fmt::Display for Failure {
             Self::Recording(cause) => cause.fmt(f),
             Self::Replay(1, cause) => cause.fmt(f),
             Self::Replay(all, cause) => {
-                write!(f, "none of {all} replays ended; the first: {cause}")
+                write!(f, "all {all} replays failed; the first: {cause}")
             }
             Self::Unfinished(unfinished, all) => write!(
                 f,
-                "{unfinished} of {all} replays did not end, as the table says; of the others everything is written"
+                "{unfinished} of {all} replays failed, see the table; the results of the others are written"
             ),
             Self::Output(cause) => cause.fmt(f),
             Self::Terms(cause) => f.write_str(cause),

@@ -1,22 +1,22 @@
-//! The means of a replay that can be switched off, by name.
+//! Features of a replay that can be switched off, by name.
 
 use clap::ValueEnum;
 use rhumb_protocol::stream::Features;
 
-/// What a replay may use.
+/// Features that a replay uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EnabledFeatures {
-    /// What its publisher may.
+    /// Features of the publisher.
     pub publisher: Features,
-    /// Whether packets take what they do; else it is counted what they would take in plain codes.
+    /// Whether coded sizes are counted; if not, the sizes in plain codes are counted.
     pub coder: bool,
 }
 
 impl EnabledFeatures {
-    /// Everything.
+    /// All features.
     pub const ALL: Self = Self::of(Features::ALL);
 
-    /// What this publisher may use, and the coder.
+    /// These publisher features, and the coder.
     #[must_use]
     pub const fn of(publisher: Features) -> Self {
         Self {
@@ -26,41 +26,41 @@ impl EnabledFeatures {
     }
 }
 
-/// A means, as it is named on the command line.
+/// A feature, as named on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Feature {
-    /// Predicting that what lies still while it is awake goes on lying.
+    /// Predict that a motionless awake body stays motionless.
     Resting,
-    /// Predicting that what falls goes on falling.
+    /// Predict ballistic motion.
     Ballistic,
-    /// Predicting that what is_torque_free goes on torque_free.
+    /// Predict torque-free rotation.
     TorqueFree,
-    /// Letting bodies be attached by others.
+    /// Attach bodies to parents.
     Attached,
-    /// Leaving velocities to be implied.
+    /// Derive velocities from corrections.
     Derived,
-    /// Leaving out of corrections what the tolerance does not need.
+    /// Omit parts of corrections that the tolerance does not need.
     Sparse,
-    /// UpdatePayload velocities in coarser steps than the finest.
+    /// Quantise velocities in coarser steps where that suffices.
     Coarse,
-    /// Predicting that what is accelerated steadily goes on being accelerated.
+    /// Predict constant acceleration.
     ConstantAcceleration,
-    /// StreamSelection corrections by what lookahead knows.
+    /// Select corrections with lookahead (mode decision).
     ModeDecision,
-    /// UpdatePayload motions as corrections.
+    /// Encode motions as corrections of the prediction.
     Residuals,
-    /// Not speaking of what is within tolerance.
+    /// Send no update for a body within tolerance.
     Prefilter,
-    /// UpdatePayload more than one body in a packet.
+    /// Pack updates of several bodies into one packet.
     Packing,
-    /// Coding numbers by what is likely; without it, what they would take in plain codes is counted, nothing else changes.
+    /// Entropy-code numbers; without it, only the counted sizes change, to those of plain codes.
     Coder,
-    /// UpdatePayload repair_symbols of what is lost, and by themselves where much is.
+    /// Send repair symbols for lost packets, unsolicited where loss is high.
     Fec,
 }
 
 impl Feature {
-    /// Every one, in the order of the list.
+    /// All features, in the order of the list.
     pub const ALL: [Self; 14] = [
         Self::Resting,
         Self::Ballistic,
@@ -78,7 +78,7 @@ impl Feature {
         Self::Fec,
     ];
 
-    /// As on the command line and in the summary.
+    /// Name on the command line and in the summary.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -99,7 +99,7 @@ impl Feature {
         }
     }
 
-    /// All but these.
+    /// All features except these.
     #[must_use]
     pub fn all_but(without: &[Self]) -> EnabledFeatures {
         let mut features = EnabledFeatures::ALL;
@@ -109,7 +109,7 @@ impl Feature {
         features
     }
 
-    /// Those that are switched off.
+    /// The features that are switched off.
     pub fn without(features: &EnabledFeatures) -> impl Iterator<Item = Self> {
         let mut features = *features;
         Self::ALL
@@ -148,7 +148,7 @@ mod tests {
         for feature in Feature::ALL {
             let features = Feature::all_but(&[feature]);
             assert!(Feature::without(&features).eq([feature]));
-            let value = feature.to_possible_value().expect("none is hidden");
+            let value = feature.to_possible_value().expect("no value is hidden");
             assert_eq!(value.get_name(), feature.name());
         }
         assert_eq!(Feature::value_variants(), Feature::ALL);

@@ -1,40 +1,39 @@
-//! Compares a copy with the recording, as the stream watermarks for its ticks.
+//! Compares a copy with the recording at each watermarked tick.
 //!
-//! Each tick is judged once: at the first moment at which the stream watermarks for it, against the recording at that very
-//! tick. What a delay of the link or a lookahead costs is therefore no error; what is not heard yet of a tick that is
-//! watermark_tick for is.
+//! Each tick is compared once, at the moment when the stream's watermark reaches it, with the recording of that tick.
+//! So delay of the link and lookahead cause no error, but a missing update at or before the watermark does.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::BodyKind;
 use rhumb_protocol::stream::{ErrorBound, Subscriber};
 use rhumb_reckoning::{BodyId, BodyState, Metres, Predictor, Tick, Tolerance, ToleranceScale};
 
-use crate::drive::compare::{apart, over};
+use crate::drive::compare::{breach_share, divergence};
 use crate::record::{Breach, Cause, CopiedPose, Frame, Truth};
 
-/// A body of the recording at the tick that is judged.
+/// A body of the recording at the current tick.
 #[derive(Clone, Copy, Debug)]
-struct JudgedBody {
+struct RecordedBody {
     id: BodyId,
     motion: BodyState,
     radius: Metres,
     tolerance_scale: ToleranceScale,
     is_static: bool,
-    /// The last tick at which the recording has a record of it.
+    /// The last tick with a record of it.
     recorded: Tick,
-    /// What the copy showed last.
+    /// Pose that the copy showed last.
     shown: ([f32; 3], [f32; 4]),
 }
 
-/// The recording beside the copy.
+/// The recording next to the copy.
 #[derive(Debug)]
 pub(super) struct ReplayJudge<'a> {
     truth: &'a Truth,
     tick: Tick,
-    bodies: Vec<Option<JudgedBody>>,
+    bodies: Vec<Option<RecordedBody>>,
     placed: usize,
     removed: usize,
-    gone: Vec<BodyId>,
+    removed_now: Vec<BodyId>,
     pub(super) breaches: Vec<Breach>,
 }
 
@@ -46,19 +45,19 @@ impl<'a> ReplayJudge<'a> {
             bodies: Vec::new(),
             placed: 0,
             removed: 0,
-            gone: Vec::new(),
+            removed_now: Vec::new(),
             breaches: Vec::new(),
         };
         judge.apply_changes();
         judge
     }
 
-    /// The last tick that was judged.
+    /// The last compared tick.
     pub(super) const fn tick(&self) -> Tick {
         self.tick
     }
 
-    /// Goes to the next tick of the recording, if it has one.
+    /// Advances to the next tick of the recording; returns false at its end.
     pub(super) fn step(&mut self) -> bool {
         let Some(row) = self.truth.ticks.get(self.tick.value() as usize) else {
             return false;
@@ -75,7 +74,7 @@ impl<'a> ReplayJudge<'a> {
         true
     }
 
-    /// Takes in what came and went since the tick that the bodies are at.
+    /// Applies placements and removals since the current tick.
     fn apply_changes(&mut self) {
         let truth = self.truth;
         while let Some((when, id)) = truth.removed.get(self.removed)
@@ -83,7 +82,7 @@ impl<'a> ReplayJudge<'a> {
         {
             self.removed += 1;
             self.bodies[id.index() as usize] = None;
-            self.gone.push(*id);
+            self.removed_now.push(*id);
         }
         while let Some(placed) = truth.placed.get(self.placed)
             && placed.tick <= self.tick
@@ -94,7 +93,7 @@ impl<'a> ReplayJudge<'a> {
                 self.bodies.resize(index + 1, None);
             }
             let motion = placed.observation.motion;
-            self.bodies[index] = Some(JudgedBody {
+            self.bodies[index] = Some(RecordedBody {
                 id: placed.config.id,
                 motion,
                 radius: placed.shape.bounding_radius(),
@@ -106,12 +105,12 @@ impl<'a> ReplayJudge<'a> {
         }
     }
 
-    /// Judges the copy at the tick that it has come to.
+    /// Compares the copy at the current tick.
     pub(super) fn frame(&mut self, copy: &Subscriber, tolerance: Tolerance) -> Frame {
         let tick = self.tick;
         let mut frame = Frame {
             tick,
-            gone: std::mem::take(&mut self.gone),
+            removed: std::mem::take(&mut self.removed_now),
             ..Frame::default()
         };
         let known = self.bodies.iter_mut().flatten();
@@ -124,7 +123,7 @@ impl<'a> ReplayJudge<'a> {
             let shown = (position.to_array(), rotation.to_array());
             if shown != known.shown {
                 known.shown = shown;
-                frame.seen.push(seen(known.id, shown, copy));
+                frame.changed.push(copied_pose(known.id, shown, copy));
             }
             let error_m = error_m(known, position, rotation);
             if shown == (known.motion.position(), known.motion.rotation()) {
@@ -135,9 +134,9 @@ impl<'a> ReplayJudge<'a> {
             if known.recorded == tick {
                 frame.moving_errors_m.push(error_m as f32);
             }
-            let off = apart(&known.motion, position, rotation);
+            let off = divergence(&known.motion, position, rotation);
             let tolerance = tolerance.scaled(known.tolerance_scale);
-            if let Some(share) = over(tolerance, off, known.radius) {
+            if let Some(share) = breach_share(tolerance, off, known.radius) {
                 self.breaches.push(Breach {
                     tick,
                     id: known.id,
@@ -152,12 +151,16 @@ impl<'a> ReplayJudge<'a> {
     }
 }
 
-fn error_m(known: &JudgedBody, position: Vec3, rotation: Quat) -> f64 {
-    let off = apart(&known.motion, position, rotation);
+fn error_m(known: &RecordedBody, position: Vec3, rotation: Quat) -> f64 {
+    let off = divergence(&known.motion, position, rotation);
     off.surface_error(known.radius).metres()
 }
 
-fn seen(id: BodyId, (position, rotation): ([f32; 3], [f32; 4]), copy: &Subscriber) -> CopiedPose {
+fn copied_pose(
+    id: BodyId,
+    (position, rotation): ([f32; 3], [f32; 4]),
+    copy: &Subscriber,
+) -> CopiedPose {
     let track = copy.track(id);
     CopiedPose {
         id,
@@ -167,7 +170,7 @@ fn seen(id: BodyId, (position, rotation): ([f32; 3], [f32; 4]), copy: &Subscribe
     }
 }
 
-/// Why a body of a tick that is watermark_tick for is off by so much of its tolerance.
+/// Cause of an error of `share` times the tolerance at a watermarked tick.
 fn cause(copy: &Subscriber, id: BodyId, tick: Tick, share: f64) -> Cause {
     let owned = copy
         .error_scale_at(tick)

@@ -1,16 +1,16 @@
-//! What packets would take without their range coder.
+//! Sizes of packets without their range coder.
 //!
-//! The coder is the wire's own, so that nothing can be sent without it; it can only be counted what plain codes would
-//! take. FecEncoder, and what a budget allows, are those of the coded packets.
+//! The range coder is part of the wire format, so nothing can be sent without it; the size in plain codes can only be
+//! counted. FEC and budgets act on the coded packets.
 
 use rhumb_protocol::packet::{Head, PacketKind, SymbolCounts, UpdatePacket};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 
-/// Bits that tell a form from all others.
+/// Bits that distinguish all forms.
 const FORM_BITS: u64 = SymbolCounts::CODES[1].next_power_of_two().ilog2() as u64;
 
-/// The forms and numbers of a datagram, if it is one of updates.
+/// Forms and numbers of a datagram, if it holds updates.
 pub(crate) fn tally(datagram: &[u8]) -> Option<SymbolCounts> {
     let mut reader = Reader::new(datagram);
     let head = Head::decode(&mut reader).ok()?;
@@ -26,8 +26,8 @@ pub(crate) fn tally(datagram: &[u8]) -> Option<SymbolCounts> {
     Some(SymbolCounts::of(&updates))
 }
 
-/// Bytes that a datagram would take if each form were said in as many bits as tell it from all others, and each number
-/// in an Exp-Golomb code; signs, names and whole tracks are said in plain bits anyway.
+/// Size of a datagram, bytes, if each form took a fixed-length code and each number an Exp-Golomb code. Signs, ids and
+/// keyframes are plain bits in either case.
 pub(super) fn plain_len(datagram: &[u8]) -> u64 {
     let length = datagram.len() as u64;
     let Some(tally) = tally(datagram) else {
@@ -50,13 +50,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn exp_golomb_codes_are_as_long_as_their_definition_says() {
+    fn exp_golomb_codes_have_their_defined_length() {
         let lengths = [0, 1, 2, 3, 6, 7, u32::MAX].map(exp_golomb);
         assert_eq!(lengths, [1, 3, 3, 5, 5, 7, 65]);
     }
 
     #[test]
-    fn what_is_no_packet_of_updates_is_as_long_as_it_is() {
+    fn other_datagrams_keep_their_length() {
         assert_eq!(plain_len(b"no packet at all"), 16);
         assert_eq!(plain_len(&[]), 0);
     }

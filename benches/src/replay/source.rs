@@ -1,6 +1,6 @@
-//! What every task on a recording is asked for alike.
+//! Arguments common to all tasks on a recording.
 //!
-//! Which recording, and under which config it is published and followed.
+//! They select the recording and the settings of publishing and subscribing.
 
 use std::num::NonZeroU32;
 use std::path::{Path, PathBuf};
@@ -17,27 +17,27 @@ use super::feature::EnabledFeatures;
 use crate::output;
 use crate::recording::{Recording, RecordingError};
 
-/// Which recording, and how its engine stepped.
+/// The recording and the parameters of its engine.
 #[derive(Clone, Debug, Args)]
 pub struct RecordingSource {
-    /// The recording: a trace.mcap of ours, or an .rhtrace.zst.
+    /// The recording: a trace.mcap or an .rhtrace.zst.
     trace: PathBuf,
-    /// Linear and angular damping of the recorded bodies, 1/s, if they are not those of the recording's scene.
+    /// Linear and angular damping of the recorded bodies, 1/s, if they differ from the recording's scene.
     #[arg(long, value_parser = damping)]
     damping: Option<Damping>,
-    /// Substeps of the recorded engine, if they are not those of the recording's scene.
+    /// Substeps of the recorded engine, if they differ from the recording's scene.
     #[arg(long)]
     substeps: Option<NonZeroU32>,
 }
 
 impl RecordingSource {
-    /// Refuses a folder whose `trace.mcap` is the recording: what is written there would take its place.
+    /// Refuses an output folder whose `trace.mcap` is the recording itself.
     pub(super) fn refuse_overwriting(&self, out: &Path) -> Result<(), Failure> {
         let real = |path: &Path| path.canonicalize().ok();
         let own = real(&self.trace);
         if own.is_some() && own == real(&output::trace_of(out)) {
             return Err(Failure::Terms(format!(
-                "the trace of this replay would take the place of {}: name another folder by --out, or say --no-trace",
+                "the trace of this replay would overwrite {}: choose another folder by --out, or use --no-trace",
                 self.trace.display()
             )));
         }
@@ -52,11 +52,11 @@ impl RecordingSource {
     }
 }
 
-/// `0.1,0.05`.
+/// Parses `0.1,0.05`.
 fn damping(text: &str) -> Result<Damping, String> {
     let (linear, angular) = text
         .split_once(',')
-        .ok_or("needs two numbers, linear,angular")?;
+        .ok_or("must be two numbers, linear,angular")?;
     let read = |text: &str| {
         let value = text.trim().parse::<f32>().ok();
         value.filter(|value| (0.0..=1_000.0).contains(value))
@@ -66,13 +66,13 @@ fn damping(text: &str) -> Result<Damping, String> {
     Ok(Damping { linear, angular })
 }
 
-/// The promise that is made.
+/// Arguments of the tolerance.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct ToleranceOptions {
-    /// How far off a copied body may be, metres.
+    /// Tolerance of a copied body's surface error, metres.
     #[arg(long, default_value = "0.01", allow_negative_numbers = true)]
     pub(super) tolerance: f64,
-    /// How far it may be turned, degrees; the tolerance is then one of its centre alone.
+    /// Tolerance of its rotation, degrees; --tolerance then bounds its position alone.
     #[arg(long, allow_negative_numbers = true)]
     pub(super) turn: Option<f64>,
 }
@@ -88,7 +88,7 @@ impl ToleranceOptions {
     }
 }
 
-/// How it is published and followed.
+/// Settings of publishing and subscribing.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct ReplayOptions {
     #[command(flatten)]
@@ -96,24 +96,24 @@ pub struct ReplayOptions {
     /// The link, such as rtt=100ms,loss=5%,jitter=10ms, in simulated time.
     #[arg(long, default_value_t = LinkConfig::PERFECT)]
     pub(super) link: LinkConfig,
-    /// Publish every so many ticks of the recording.
+    /// Ticks between publications.
     #[arg(long, default_value = "1")]
     pub(super) publish_interval: NonZeroU32,
     /// Seed of the simulated link.
     #[arg(long, default_value_t = 1)]
     pub(super) seed: u64,
-    /// Ticks that the publisher looks back before it speaks of one; the copy is as much later.
+    /// Ticks by which the encoder looks ahead; the copy lags by as many.
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=i64::from(LOOKAHEAD_MAX.count())))]
     pub(super) lookahead: u32,
-    /// Bytes a second that the stream's packets may take; without one they take what the promise needs.
+    /// Bandwidth limit of the stream, bytes per second; unlimited by default.
     #[arg(long, value_name = "BYTES/S", value_parser = budget)]
     pub(super) budget: Option<Budget>,
 }
 
-/// Bytes a second, of which a quarter may be said at once.
+/// Parses a budget in bytes per second; a quarter of it may be sent at once.
 pub(crate) fn budget(text: &str) -> Result<Budget, String> {
     let budget = text.parse().ok().and_then(Budget::per_second);
-    budget.ok_or_else(|| format!("must be bytes a second, from {BUDGET_MIN} to {BUDGET_MAX}"))
+    budget.ok_or_else(|| format!("must be bytes per second, from {BUDGET_MIN} to {BUDGET_MAX}"))
 }
 
 impl ReplayOptions {
@@ -121,7 +121,7 @@ impl ReplayOptions {
         self.seed
     }
 
-    /// The config of a replay with these means.
+    /// The config of a replay with these features.
     pub(crate) fn config(&self, features: EnabledFeatures) -> Result<ReplayConfig, String> {
         Ok(ReplayConfig {
             tolerance: self.tolerance_options.tolerance()?,

@@ -1,4 +1,4 @@
-//! Several replays of one recording that differ in a parameters.
+//! Several replays of one recording that differ in one setting.
 
 use std::str::FromStr;
 
@@ -6,7 +6,7 @@ use rhumb_transport::LinkConfig;
 
 use super::source::ReplayOptions;
 
-/// A setting's name and the values that it takes in turn.
+/// A setting's name and its values.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Sweep {
     name: String,
@@ -28,14 +28,14 @@ impl FromStr for Sweep {
 }
 
 impl Sweep {
-    /// A parameters for each value.
+    /// The options for each value.
     pub(super) fn over(&self, base: &ReplayOptions) -> Result<Vec<ReplayOptions>, String> {
         let with = |value: &String| change(base, &self.name, value);
         self.values.iter().map(with).collect()
     }
 }
 
-/// The same setting with another value.
+/// The options with one setting changed.
 fn change(base: &ReplayOptions, name: &str, value: &str) -> Result<ReplayOptions, String> {
     let mut options = *base;
     let wrong = || format!("{name}={value}: not a number");
@@ -54,14 +54,14 @@ fn change(base: &ReplayOptions, name: &str, value: &str) -> Result<ReplayOptions
     Ok(options)
 }
 
-/// The same link with other parts.
+/// The link with some parts changed.
 fn with_link(link: LinkConfig, parts: &str) -> Result<LinkConfig, String> {
     let text = format!("{link},{parts}");
     text.parse()
         .map_err(|error: rhumb_transport::LinkConfigError| error.to_string())
 }
 
-/// Losses in per cent, even and in bursts of four, at each round trip; what loses nothing has no bursts.
+/// Losses in percent, even and in bursts of four, at each round trip; zero loss has no bursts.
 pub(super) fn matrix(base: &ReplayOptions) -> Result<Vec<ReplayOptions>, String> {
     let mut all = Vec::new();
     for rtt_ms in [0, 50, 100, 300] {
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_setting_is_refused() {
+    fn an_unknown_setting_is_refused() {
         assert!("tolerance".parse::<Sweep>().is_err());
         assert!("tolerance=1,".parse::<Sweep>().is_err());
         for wrong in [

@@ -1,11 +1,11 @@
-//! A curve with no more points than a screen has columns.
+//! Reduces a curve to about as many points as a screen has columns.
 //!
-//! Keeps the least and the greatest of each column, so that no peak is lost.
+//! Keeps the minimum and maximum of each column, so no peak is lost.
 
-/// Most points of a curve.
+/// Largest number of points of a curve.
 pub(super) const POINTS_MAX: usize = 900;
 
-/// The curve itself if it is short enough; else, of each of its equal columns, the lowest and highest point in order.
+/// A short curve unchanged; otherwise the lowest and highest point of each column, in order.
 pub(super) fn decimate(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     if points.len() <= POINTS_MAX {
         return points;
@@ -43,7 +43,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_peak_is_lost() {
+    fn decimation_keeps_every_peak() {
         let flat = (0..100_000).map(|x| (f64::from(x), f64::from(x % 3)));
         let mut points: Vec<_> = flat.collect();
         points[54_321].1 = 99.0;
@@ -55,7 +55,7 @@ mod tests {
     }
 
     #[test]
-    fn a_short_curve_is_left_alone() {
+    fn a_short_curve_is_unchanged() {
         let points = vec![(0.0, 1.0), (1.0, 0.0)];
         assert_eq!(decimate(points.clone()), points);
     }

@@ -1,4 +1,4 @@
-//! The four figures: what is drawn in each, and what to see in it.
+//! The four figures of the report, with their sentences.
 
 use plotters::style::RGBColor;
 
@@ -11,12 +11,12 @@ use crate::summary::{RunFigures, Summary, number, second_by_second};
 pub(super) struct Figure {
     pub(super) title: String,
     pub(super) sentence: String,
-    /// What its colours mean.
+    /// Legend of its colours.
     pub(super) keys: Vec<LegendKey>,
     pub(super) svg: String,
 }
 
-/// What a colour means.
+/// A colour and its meaning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct LegendKey {
     /// The colour's name in `style.css`.
@@ -24,7 +24,7 @@ pub(super) struct LegendKey {
     pub(super) label: &'static str,
 }
 
-/// What the colour of a mode means.
+/// Legend entry of a mode.
 const fn key(mode: Mode) -> LegendKey {
     let color = match mode {
         Mode::Integrated => "--integrated",
@@ -48,7 +48,7 @@ fn keys(modes: impl IntoIterator<Item = Mode>) -> Vec<LegendKey> {
     modes.into_iter().map(key).collect()
 }
 
-/// The colour of a mode on a light page; `style.css` has the dark one.
+/// Colour of a mode on a light page; `style.css` has the dark one.
 pub(crate) const fn color(mode: Mode) -> RGBColor {
     match mode {
         Mode::Integrated => RGBColor(107, 114, 128),
@@ -76,7 +76,7 @@ pub(super) fn bandwidth(load: &Load, figures: &[&RunFigures]) -> Figure {
         let end_s = f64::from(run.config.ticks) * run.config.step_s;
         let points = second_by_second(run)
             .map(|(tick, kbps)| (tick as f64 * run.config.step_s, kbps))
-            // Before there is a whole second to look back on, the rate only seems to rise.
+            // The rate averages the previous second, so it ramps up during the first one.
             .filter(|(time, _)| *time >= 1.0 || end_s < 2.0);
         (run.config.mode, decimate(points.collect()))
     };
@@ -92,13 +92,13 @@ pub(super) fn bandwidth(load: &Load, figures: &[&RunFigures]) -> Figure {
         mean(Mode::Rhumb).or(mean(Mode::RhumbFree)),
     ) {
         (Some(naive), Some(rhumb)) if rhumb > 0.0 => format!(
-            "The lower, the better: on average naive takes {} kbit/s and rhumb {}, {} times less. Each point is the \
-             second before it; a step up the scale is ten times as much.",
+            "Lower is better: naive takes {} kbit/s on average and rhumb {}, {} times less. Each point averages the \
+             previous second; the scale is logarithmic.",
             number(Some(naive)),
             number(Some(rhumb)),
             number(Some(naive / rhumb)),
         ),
-        _ => "The lower, the better. Each point is the second before it; a step up the scale is ten times as much."
+        _ => "Lower is better. Each point averages the previous second; the scale is logarithmic."
             .to_owned(),
     };
     Figure {
@@ -114,10 +114,10 @@ pub(super) fn bandwidth(load: &Load, figures: &[&RunFigures]) -> Figure {
     }
 }
 
-/// A rate below it is drawn at it: a packet a minute.
+/// Lower rates are drawn at this one: a packet a minute.
 const RATE_LEAST_KBPS: f64 = 0.1;
 
-/// Curves may lie on each other: the wider are drawn first.
+/// Curves may overlap, so the wider ones are drawn first.
 fn lines(mut curves: Vec<(Mode, Vec<(f64, f64)>)>) -> Vec<Mark> {
     curves.sort_by_key(|(mode, _)| !drawn_first(*mode));
     let line = |(mode, points)| Mark::Line {
@@ -128,7 +128,7 @@ fn lines(mut curves: Vec<(Mode, Vec<(f64, f64)>)>) -> Vec<Mark> {
     curves.into_iter().map(line).collect()
 }
 
-/// Dots with a word each.
+/// Dots with labels.
 fn dots(mut all: Vec<(Mode, (f64, f64), String)>) -> Vec<Mark> {
     all.sort_by_key(|(mode, ..)| !drawn_first(*mode));
     let dot = |(mode, at, label)| Mark::Dot {
@@ -140,12 +140,12 @@ fn dots(mut all: Vec<(Mode, (f64, f64), String)>) -> Vec<Mark> {
     all.into_iter().map(dot).collect()
 }
 
-/// What lies below others that may lie on it.
+/// Whether a mode is drawn below others.
 const fn drawn_first(mode: Mode) -> bool {
     matches!(mode, Mode::Rhumb | Mode::Naive)
 }
 
-/// How many body-ticks are farther off than a distance, against the tolerance.
+/// Distribution of errors against the tolerance.
 pub(super) fn errors(load: &Load, figures: &[&RunFigures]) -> Figure {
     let curves: Vec<_> = remote(load)
         .map(|run| (run.config.mode, farther_off(run)))
@@ -157,10 +157,10 @@ pub(super) fn errors(load: &Load, figures: &[&RunFigures]) -> Figure {
     let lengths = every()
         .map(|point| point.0)
         .chain(tolerance_m.map(|m| m * 1e3));
-    let x = Axis::log("farther off than, mm", lengths);
+    let x = Axis::log("error above, mm", lengths);
     let y = Axis::log("% of body-ticks", shares.chain([100.0]));
     let mut marks = lines(curves.clone());
-    marks.extend(tolerance_m.map(|m| Mark::Upright {
+    marks.extend(tolerance_m.map(|m| Mark::Vertical {
         at: m * 1e3,
         label: format!("tolerance {} mm", plain(m * 1e3)),
     }));
@@ -174,30 +174,31 @@ pub(super) fn errors(load: &Load, figures: &[&RunFigures]) -> Figure {
         .filter(|mode| curves.iter().all(|(m, _)| m != mode))
         .collect();
     let mut sentence = match (tolerance_m, over) {
-        (Some(_), 0) => "Every curve ends before the upright line: nothing that the client saw was ever farther off \
-                         than promised."
-            .to_owned(),
+        (Some(_), 0) => {
+            "Every curve ends before the vertical line: no error ever exceeded the tolerance."
+                .to_owned()
+        }
         (Some(_), over) => format!(
-            "A curve that crosses the upright line broke the promise: {over} body-ticks did, and the table says why."
+            "A curve beyond the vertical line exceeds the tolerance: {over} body-ticks did. The table lists the causes."
         ),
-        (None, _) => "The farther left a curve lies, the more exact the copy.".to_owned(),
+        (None, _) => "Curves farther to the left mean a more exact copy.".to_owned(),
     };
     if !exact.is_empty() {
         let names: Vec<_> = exact.iter().map(|mode| mode.name()).collect();
         sentence.push_str(&format!(
-            " There is no curve for {}, which was never off by more than a micrometre.",
+            " There is no curve for {}: errors never exceeded a micrometre.",
             names.join(" and ")
         ));
     }
     Figure {
-        title: "How far off the copy was".to_owned(),
+        title: "Errors of the copy".to_owned(),
         sentence,
         keys: keys(curves.iter().map(|(mode, _)| *mode)),
         svg: Chart { x, y, marks }.svg(),
     }
 }
 
-/// Distances in mm and the percentage of all body-ticks that are farther off; empty if none is off at all.
+/// Distances in mm and the percentage of body-ticks with a larger error; empty if all errors are negligible.
 fn farther_off(run: &Run) -> Vec<(f64, f64)> {
     let mut errors: Vec<f32> = run
         .frames
@@ -225,18 +226,18 @@ fn farther_off(run: &Run) -> Vec<(f64, f64)> {
             (length * 1e3, (errors.len() - within) as f64 / all * 100.0)
         })
         .collect();
-    // Down to a single body-tick, where the worst lies.
+    // The curve ends at a single body-tick, the worst one.
     points.push((worst * 1e3, 100.0 / all));
     points
 }
 
-/// An f32 at a hundred metres is no finer: what is nearer is drawn as exact.
+/// f32 resolution at a hundred metres; smaller errors are drawn as exact.
 const EXACT_M: f64 = 1e-6;
 
 /// Points of an error curve.
 const COLUMNS: u32 = 400;
 
-/// Frame time against bodies, over all loads.
+/// Frame time against number of bodies, over all loads.
 pub(super) fn frame_times(loads: &[Load], summary: &Summary) -> Figure {
     let modes = modes_of(loads);
     let of_mode = |mode: Mode| {
@@ -286,17 +287,16 @@ fn frame_sentence(summary: &Summary) -> String {
             .find(|run| run.bodies == largest && run.mode == mode.name())?;
         Some(run.frame_ms?.p50)
     };
-    let mut sentence =
-        "What a frame costs the simulator's own thread; the lower, the better.".to_owned();
+    let mut sentence = "Time of a frame in the simulator's own thread; lower is better.".to_owned();
     if let Some(integrated) = median(Mode::Integrated) {
         for (mode, waits) in [
             (Mode::Rhumb, "waiting for each tick"),
-            (Mode::RhumbPipelined, "going on meanwhile"),
+            (Mode::RhumbPipelined, "working meanwhile"),
         ] {
             if let Some(own) = median(mode) {
                 let ratio = number(Some(own / integrated));
                 sentence.push_str(&format!(
-                    " At {largest} bodies {mode}, {waits}, takes {ratio} times what stepping in process takes."
+                    " At {largest} bodies {mode}, {waits}, takes {ratio} times the time of stepping in process."
                 ));
             }
         }
@@ -304,7 +304,7 @@ fn frame_sentence(summary: &Summary) -> String {
     sentence
 }
 
-/// What each run cost and how far off it was.
+/// Bandwidth and error of each run.
 pub(super) fn points(loads: &[Load], summary: &Summary) -> Figure {
     let shown: Vec<_> = summary
         .runs
@@ -337,7 +337,7 @@ pub(super) fn points(loads: &[Load], summary: &Summary) -> Figure {
     }
 }
 
-/// Every mode that was run, once, in the order of the record.
+/// All modes of the loads, each once, in the order of the record.
 pub(super) fn modes_of(loads: &[Load]) -> Vec<Mode> {
     let mut modes = Vec::new();
     for run in loads.iter().flat_map(|load| &load.runs) {

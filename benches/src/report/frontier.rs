@@ -1,4 +1,4 @@
-//! What exactness costs: the bytes and the errors of several replays.
+//! The frontier figure: bytes and errors of several replays.
 
 use plotters::style::RGBColor;
 
@@ -6,11 +6,11 @@ use super::figures::{Figure, LegendKey};
 use super::plot::{Axis, Chart, INK, Mark, plain};
 use crate::summary::{RunFigures, Summary, number};
 
-/// One curve.
+/// One curve of the figure.
 struct Series {
     key: LegendKey,
     color: RGBColor,
-    /// Millimetres, of a run.
+    /// Length that the curve shows, millimetres.
     length_mm: fn(&RunFigures) -> Option<f64>,
 }
 
@@ -41,7 +41,7 @@ const SERIES: [Series; 3] = [
     },
 ];
 
-/// The figure; none unless the runs are replays under different tolerances.
+/// The figure; `None` unless the runs are replays with different tolerances.
 pub(super) fn frontier(summary: &Summary) -> Option<Figure> {
     let mut runs: Vec<&RunFigures> = summary.runs.iter().collect();
     runs.sort_by(|a, b| {
@@ -95,13 +95,13 @@ pub(super) fn frontier(summary: &Summary) -> Option<Figure> {
     })
 }
 
-const READING: &str = "Nearer to the lower left corner is better. Errors are those of bodies that the recording has a \
-                       record of at the tick; a step along either scale is ten times as much.";
+const READING: &str = "Nearer to the lower left corner is better. Errors cover the bodies that the recording lists at \
+                       the tick; both scales are logarithmic.";
 
-/// From the least tolerance to the greatest.
+/// Compares the smallest with the largest tolerance.
 fn sentence(runs: &[&RunFigures]) -> String {
     let ends = runs.first().zip(runs.last());
-    let told = ends.and_then(|(least, most)| {
+    let text = ends.and_then(|(least, most)| {
         Some(format!(
             "{} mm cost {} kbit/s, {} mm cost {}.",
             plain(promised_mm(least)?),
@@ -110,10 +110,10 @@ fn sentence(runs: &[&RunFigures]) -> String {
             number(Some(most.payload_kbps_down?)),
         ))
     });
-    told.unwrap_or_default()
+    text.unwrap_or_default()
 }
 
-/// What was promised of any point of a body, or of its centre, millimetres.
+/// Tolerance of any surface point, or of the position, millimetres.
 fn promised_mm(run: &RunFigures) -> Option<f64> {
     let of_parts = run.replayed.as_ref().and_then(|of| of.position_m);
     run.tolerance_m.or(of_parts).map(|metres| 1e3 * metres)

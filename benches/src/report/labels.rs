@@ -1,11 +1,11 @@
-//! Where the words beside dots stand, so that none covers another or a dot.
+//! Places labels beside dots without overlaps.
 //!
-//! Knows boxes in the picture's units and nothing of what is drawn.
+//! Knows boxes in the picture's units, not their content.
 
 /// A box: left, top, right, bottom.
 pub(super) type Corners = [i32; 4];
 
-/// Places words one after the other.
+/// Boxes already occupied, and the sizes of picture and letters.
 #[derive(Debug)]
 pub(super) struct Labels {
     size: (i32, i32),
@@ -14,7 +14,7 @@ pub(super) struct Labels {
 }
 
 impl Labels {
-    /// In a picture of a size, whose letters are so wide and high.
+    /// An empty picture of a size, with letters of a width and height.
     pub(super) const fn new(size: (i32, i32), letter: (i32, i32)) -> Self {
         Self {
             size,
@@ -23,13 +23,13 @@ impl Labels {
         }
     }
 
-    /// No word may cover this dot.
+    /// Keeps labels off a dot.
     pub(super) fn avoid(&mut self, (x, y): (i32, i32), radius: i32) {
         let taken = [x - radius, y - radius, x + radius, y + radius];
         self.taken.push(taken);
     }
 
-    /// No word may cover the line through these.
+    /// Keeps labels off a polyline.
     pub(super) fn avoid_line(&mut self, points: impl Iterator<Item = (i32, i32)>) {
         let mut last = None;
         for to in points {
@@ -42,8 +42,7 @@ impl Labels {
         }
     }
 
-    /// The left upper corner of a word beside a dot: to the right or to the left of it, above or below; none where all
-    /// of these are taken.
+    /// Upper left corner of a label beside a dot: right or left, above or below; `None` if all of these are occupied.
     pub(super) fn place(
         &mut self,
         (x, y): (i32, i32),
@@ -73,7 +72,7 @@ impl Labels {
     }
 }
 
-/// How far apart the points are by which a line is kept clear.
+/// Spacing of the points that keep labels off a line.
 const LINE_STEP: i32 = 6;
 
 fn overlap(a: &Corners, b: &Corners) -> bool {
@@ -85,7 +84,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_word_covers_another_or_a_dot() {
+    fn labels_overlap_neither_each_other_nor_dots() {
         let mut labels = Labels::new((1_000, 500), (10, 20));
         let dots = [(500, 250), (500, 250), (520, 250), (5, 5), (995, 495)];
         for dot in dots {
@@ -108,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn where_all_is_taken_no_word_stands() {
+    fn a_label_without_space_is_omitted() {
         let mut labels = Labels::new((20, 20), (10, 20));
         assert_eq!(labels.place((10, 10), 4, "words"), None);
     }

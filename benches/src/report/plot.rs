@@ -1,7 +1,7 @@
 //! A chart as inline SVG.
 //!
-//! Knows axes and marks, not what they mean. Colours are those of a light page; `style.css` turns each of them into its
-//! counterpart on a dark one.
+//! Knows axes and marks, not their meaning. Colours are those of a light page; `style.css` maps each to its dark
+//! counterpart.
 
 use std::ops::Range;
 
@@ -12,14 +12,14 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::labels::Labels;
 
-/// What is drawn.
+/// The content of a chart.
 pub(crate) struct Chart {
     pub(crate) x: Axis,
     pub(crate) y: Axis,
     pub(crate) marks: Vec<Mark>,
 }
 
-/// One direction.
+/// One axis.
 pub(crate) struct Axis {
     pub(crate) title: String,
     pub(crate) scale: Scale,
@@ -27,23 +27,23 @@ pub(crate) struct Axis {
     pub(crate) to: f64,
 }
 
-/// How values lie along an axis.
+/// Mapping of values along an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Scale {
     Linear,
-    /// From one power of ten to another; what lies below is drawn at the lower end.
+    /// Between two powers of ten; smaller values are drawn at the lower end.
     Log,
 }
 
-/// Something on a chart, in values of its axes.
+/// A mark on a chart, in values of its axes.
 pub(crate) enum Mark {
     Line {
         color: RGBColor,
         width: u32,
         points: Vec<(f64, f64)>,
     },
-    /// A thin line across the chart with a word at its foot.
-    Upright { at: f64, label: String },
+    /// A thin vertical line with a label at its foot.
+    Vertical { at: f64, label: String },
     Dot {
         color: RGBColor,
         radius: i32,
@@ -52,21 +52,21 @@ pub(crate) enum Mark {
     },
 }
 
-/// Words and axes.
+/// Colour of text and axes.
 pub(super) const INK: RGBColor = RGBColor(55, 65, 81);
-/// Lines behind the curves.
+/// Colour of the grid.
 const GRID: RGBColor = RGBColor(229, 231, 235);
 
-/// Units of the picture; the page scales it. Twice what is shown, since marks lie on whole units.
+/// Size in the picture's units, twice the displayed size, since marks lie on whole units.
 pub(crate) const SIZE: (u32, u32) = (1_680, 680);
 const LETTERS: i32 = 32;
-/// What the words below the chart take.
+/// Height of the text below the chart.
 const BELOW: u32 = 96;
-/// The part of the picture above them.
+/// Size of the picture above that text.
 const ABOVE_WORDS: (i32, i32) = (SIZE.0 as i32, (SIZE.1 - BELOW) as i32);
 
 impl Axis {
-    /// Powers of ten around all values, and at least one decade.
+    /// Powers of ten around all values, at least one decade.
     pub(crate) fn log(title: &str, values: impl Iterator<Item = f64>) -> Self {
         let positive = values.filter(|value| *value > 0.0 && value.is_finite());
         let (least, most) = positive.fold((f64::MAX, 0.0_f64), |(least, most), value| {
@@ -87,7 +87,7 @@ impl Axis {
         }
     }
 
-    /// From `from` to the greatest value.
+    /// From `from` to the largest value.
     pub(crate) fn linear(title: &str, from: f64, values: impl Iterator<Item = f64>) -> Self {
         let most = values.fold(from, f64::max);
         Self {
@@ -98,12 +98,12 @@ impl Axis {
         }
     }
 
-    /// The value, or the nearest that the axis has.
+    /// The value, clamped to the axis.
     fn clamp(&self, value: f64) -> f64 {
         value.clamp(self.from, self.to)
     }
 
-    /// A little more than the axis, so that a power of ten that rounds outwards still gets its label.
+    /// Slightly more than the axis, so that a power of ten keeps its label despite rounding.
     fn range(&self) -> Range<f64> {
         match self.scale {
             Scale::Linear => self.from..self.to,
@@ -111,7 +111,7 @@ impl Axis {
         }
     }
 
-    /// How far along the axis a value lies, from 0 to 1.
+    /// Position of a value along the axis, from 0 to 1.
     fn share(&self, value: f64) -> f64 {
         let value = self.clamp(value);
         match self.scale {
@@ -120,7 +120,7 @@ impl Axis {
         }
     }
 
-    /// One for each power of ten, or about six.
+    /// Number of labels: one per power of ten, or about six.
     fn labels(&self) -> usize {
         match self.scale {
             Scale::Linear => 6,
@@ -130,7 +130,7 @@ impl Axis {
 }
 
 impl Chart {
-    /// As an `svg` element.
+    /// The chart as an `svg` element.
     pub(crate) fn svg(&self) -> String {
         let mut text = String::new();
         let root = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
@@ -141,7 +141,7 @@ impl Chart {
             (Scale::Log, Scale::Linear) => self.paint(&root, x.log_scale(), y),
             (Scale::Log, Scale::Log) => self.paint(&root, x.log_scale(), y.log_scale()),
         };
-        painted.expect("a text takes any drawing");
+        painted.expect("drawing to a string succeeds");
         drop(root);
         text
     }
@@ -189,10 +189,10 @@ impl Chart {
                     labels.avoid_line(places);
                     chart.draw_series(LineSeries::new(points, color.stroke_width(*width)))?;
                 }
-                Mark::Upright { at, label } => {
+                Mark::Vertical { at, label } => {
                     let ends = [(*at, self.y.from), (*at, self.y.to)].map(within);
                     chart.draw_series(LineSeries::new(ends, INK.stroke_width(2)))?;
-                    let (side, aside) = side_with_room(self.x.share(*at));
+                    let (side, aside) = side_with_space(self.x.share(*at));
                     let word = words.clone().pos(Pos::new(side, VPos::Bottom));
                     let low = (ends[0].0, self.y.from);
                     let text = EmptyElement::at(low) + Text::new(label.clone(), (aside, -12), word);
@@ -211,13 +211,13 @@ impl Chart {
                 }
             }
         }
-        put_words(root, &mut labels, &dots, &words)?;
+        draw_labels(root, &mut labels, &dots, &words)?;
         root.present()
     }
 }
 
-/// Beside an upright line that stands so far along the axis.
-const fn side_with_room(share: f64) -> (HPos, i32) {
+/// Side of a vertical line with more space, and the offset of its label.
+const fn side_with_space(share: f64) -> (HPos, i32) {
     if share > 0.5 {
         (HPos::Right, -12)
     } else {
@@ -225,11 +225,11 @@ const fn side_with_room(share: f64) -> (HPos, i32) {
     }
 }
 
-/// Where dots lie, how large they are, and what is written beside them.
+/// Positions, radii and labels of dots.
 type Dots<'m> = Vec<((i32, i32), i32, &'m String)>;
 
-/// Writes the words of dots that have room for them.
-fn put_words<'t>(
+/// Writes the labels that fit.
+fn draw_labels<'t>(
     root: &Area<'t>,
     labels: &mut Labels,
     dots: &Dots<'_>,
@@ -244,7 +244,7 @@ fn put_words<'t>(
     Ok(())
 }
 
-/// A number with up to six digits after the point, as few as will do.
+/// A number with up to six decimals, without trailing zeros.
 pub(super) fn plain(value: f64) -> String {
     let text = format!("{value:.6}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn a_label_has_no_digit_too_many() {
+    fn a_plain_number_has_no_trailing_zeros() {
         assert_eq!(
             [0.001, 50.0, 0.1, 100.0 / 3.0].map(plain),
             ["0.001", "50", "0.1", "33.333333"]

@@ -1,4 +1,4 @@
-//! The table that opens the page: a row for each run, loads apart.
+//! The table at the top of the page: a row per run, grouped by load.
 
 use std::fmt::Write as _;
 
@@ -35,7 +35,7 @@ pub(super) fn html(summary: &Summary) -> String {
     text
 }
 
-/// How many times less than naive each run took; nothing without a naive run.
+/// Table of factors against naive replication; empty without a naive run.
 pub(super) fn ratios(summary: &Summary) -> String {
     let rows = ratios_of(&summary.runs);
     let Some((titles, rows)) = rows.split_first().filter(|(_, rows)| !rows.is_empty()) else {

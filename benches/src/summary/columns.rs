@@ -1,7 +1,7 @@
-//! The columns of a table of runs: what each is called, and what stands in it.
+//! Columns of a table of runs: their titles and cells.
 //!
-//! One list serves terminal, Markdown and page. Which columns there are follows from the runs: those of replays are not
-//! those of scenes that were stepped, and a column that would say the same of every run is left out.
+//! One list serves terminal, Markdown and page. The columns depend on the runs: replays and stepped scenes differ, and
+//! a column with equal cells in all rows is left out.
 
 use rhumb_transport::LinkConfig;
 
@@ -12,13 +12,13 @@ use crate::record::Replayed;
 /// A column.
 #[derive(Clone, Copy)]
 pub(crate) struct Column {
-    /// In a terminal, unit included.
+    /// Title in a terminal, unit included.
     pub(crate) short: &'static str,
-    /// On a page.
+    /// Title on a page.
     pub(crate) long: &'static str,
-    /// On a page, in small print below: the unit.
+    /// Unit, in small print below the title on a page.
     pub(crate) small: &'static str,
-    /// What stands in it for a run, beside the other runs.
+    /// Text of a run's cell, given all runs.
     pub(crate) cell: fn(&RunFigures, &[RunFigures]) -> String,
 }
 
@@ -220,7 +220,7 @@ fn ratio(part: Option<f64>, whole: Option<f64>) -> Option<f64> {
     Some(part? / whole?)
 }
 
-/// None without a link: the perfect one.
+/// The run's link; `None` means a perfect one.
 fn link(run: &RunFigures) -> Option<LinkConfig> {
     run.link.as_deref().unwrap_or_default().parse().ok()
 }
@@ -241,7 +241,7 @@ fn over(run: &RunFigures) -> String {
     }
 }
 
-/// The mode, and how its scene was published and followed where that was not at once.
+/// The mode and, if not the default, its publish and subscribe settings.
 fn name(run: &RunFigures) -> String {
     let mut text = run.mode.clone();
     if let Some(of) = run.subscription {
@@ -253,7 +253,7 @@ fn name(run: &RunFigures) -> String {
     text
 }
 
-/// How often, and how late, it is spoken of each tick.
+/// Appends publish interval and lookahead, if not the default.
 fn publish_schedule(publish_interval: u32, lookahead_ticks: u32, text: &mut String) {
     if publish_interval > 1 {
         text.push_str(&format!(", each {publish_interval} ticks"));
@@ -263,7 +263,7 @@ fn publish_schedule(publish_interval: u32, lookahead_ticks: u32, text: &mut Stri
     }
 }
 
-/// What a replay was asked for beside its link.
+/// Settings of a replay besides its link.
 pub(super) fn setting(of: &Replayed, tolerance_m: Option<f64>, budget: Option<u32>) -> String {
     let metres = tolerance_m.or(of.position_m);
     let mut text = metres.map_or_else(dash, |metres| {

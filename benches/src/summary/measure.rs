@@ -1,6 +1,6 @@
-//! One run's figures, from its frames.
+//! Computes one run's figures from its frames.
 //!
-//! Decides what is added up and over what it is divided; the meaning of each figure is written beside its field.
+//! Decides sums and divisors; the meaning of each figure is documented at its field.
 
 use std::collections::BTreeMap;
 
@@ -14,14 +14,14 @@ use super::{
 
 const NANOSECONDS_PER_MILLISECOND: f64 = 1e6;
 
-/// Everything that is said of a run.
+/// All figures of a run.
 pub(super) fn figures(run: &Run, truth_checksum: u64) -> RunFigures {
     let config = &run.config;
     let mut errors = WithZeros::default();
     for frame in &run.frames {
         errors.extend(&frame.errors_m, frame.exact);
     }
-    // Nobody waits for the frames of a replay.
+    // No caller waits for the frames of a replay.
     let waited = config.mode != Mode::Replay;
     let frame_ms = waited.then(|| frame_times(&run.frames)).flatten();
     let mut figures = RunFigures {
@@ -84,10 +84,10 @@ pub(super) fn figures(run: &Run, truth_checksum: u64) -> RunFigures {
     figures
 }
 
-/// Simulated seconds that are told apart.
+/// Length of the start span, simulated seconds.
 const FIRST_S: f64 = 5.0;
 
-/// Simulated seconds between two frames: of a replay there is one for each tick that is spoken of.
+/// Simulated seconds between two frames; a replay has one frame per published tick.
 fn frame_s(run: &Run) -> f64 {
     let publish_interval = run
         .config
@@ -97,7 +97,7 @@ fn frame_s(run: &Run) -> f64 {
     run.config.step_s * f64::from(publish_interval)
 }
 
-/// What came down in the first frames.
+/// Traffic down in the first frames.
 fn first_seconds(run: &Run) -> Option<FirstSeconds> {
     let step_s = frame_s(run);
     let wanted = (FIRST_S / step_s).round() as usize;
@@ -122,7 +122,7 @@ fn unjudged(run: &Run) -> u64 {
     run.frames.iter().filter(empty).count() as u64
 }
 
-/// How many times less each run took than the naive one beside it.
+/// Fills in the reduction of each run against its naive run.
 pub(super) fn compare_with_naive(runs: &mut [RunFigures]) {
     let ratio = |naive: u64, own: u64| (own > 0).then(|| naive as f64 / own as f64);
     let of = |run: &RunFigures| {
@@ -141,7 +141,7 @@ pub(super) fn compare_with_naive(runs: &mut [RunFigures]) {
     }
 }
 
-/// Where means of the stream were switched off, what that made of the bytes.
+/// Fills in the payload of each ablated run relative to the run with all features.
 pub(super) fn compare_with_all_on(runs: &mut [RunFigures]) {
     let switched = |run: &RunFigures| run.replayed.as_ref().map(|of| of.without.len());
     let all_on = runs.iter().find(|run| switched(run) == Some(0));
@@ -155,7 +155,7 @@ pub(super) fn compare_with_all_on(runs: &mut [RunFigures]) {
     }
 }
 
-/// Of the bodies that the recording has records of.
+/// Errors of bodies with a record.
 fn moving(run: &Run) -> Option<Moving> {
     let mut errors = WithZeros::default();
     for frame in &run.frames {
@@ -169,7 +169,7 @@ fn moving(run: &Run) -> Option<Moving> {
     })
 }
 
-/// Beside what was found to do.
+/// Factors over the limit.
 fn of_limit(figures: &RunFigures) -> Option<OfLimit> {
     let least = figures.limit?;
     Some(OfLimit {
@@ -179,7 +179,7 @@ fn of_limit(figures: &RunFigures) -> Option<OfLimit> {
     })
 }
 
-/// Of the packets that were lost.
+/// Recovery times of lost packets.
 fn recovery(run: &Run) -> Option<Recovery> {
     let mut spans: Vec<u64> = run.recoveries.iter().map(|span| span.as_nanos()).collect();
     let p50_ns = of_nanoseconds(&mut spans, 50)? as f64;
@@ -192,7 +192,7 @@ fn recovery(run: &Run) -> Option<Recovery> {
     })
 }
 
-/// What only a run between two processes has.
+/// Fills in the figures that only a run with a network has.
 fn add_wire(figures: &mut RunFigures, run: &Run) {
     let config = &run.config;
     let simulated_s = f64::from(config.ticks) * config.step_s;
@@ -233,14 +233,14 @@ fn add_wire(figures: &mut RunFigures, run: &Run) {
     });
 }
 
-/// Bytes on the wire down in one frame, headers included.
+/// Bytes down on the wire in one frame, headers included.
 fn bytes_down(frame: &Frame) -> u64 {
     frame.wire_bytes_down + DATAGRAM_HEADER_BYTES * frame.wire_datagrams_down
 }
 
 /// For each frame, its tick and the rate down over the simulated second that ends with it, 1,000 bit/s.
 ///
-/// Near the run's beginning the second reaches back before it, where nothing was sent; a run shorter than a second is
+/// Near the run's start the second reaches back before it, where nothing was sent. A run shorter than a second is
 /// divided by its own length.
 pub(crate) fn second_by_second(run: &Run) -> impl Iterator<Item = (u64, f64)> + '_ {
     let window = window_ticks(&run.config);
@@ -258,7 +258,7 @@ pub(crate) fn second_by_second(run: &Run) -> impl Iterator<Item = (u64, f64)> + 
     })
 }
 
-/// The whole number of ticks that is nearest to a second, and no more than were run.
+/// Ticks nearest to a second, at most the ticks of the run.
 fn window_ticks(config: &RunConfig) -> u64 {
     let ticks = (1.0 / config.step_s).round() as u64;
     ticks.min(u64::from(config.ticks)).max(1)
@@ -269,7 +269,7 @@ fn kbps(bytes: u64, seconds: f64) -> f64 {
 }
 
 impl ErrorQuantiles {
-    /// Of some distances, metres; `None` of nothing.
+    /// Quantiles of distances in metres; `None` without distances.
     pub(crate) fn of(errors: &mut WithZeros) -> Option<Self> {
         Some(Self {
             p50: errors.percentile(50)?,

@@ -1,13 +1,13 @@
 //! The runs as an aligned table, for a terminal or for Markdown.
 //!
-//! Computes nothing but ratios between the figures of the summary.
+//! Computes nothing but ratios between figures of the summary.
 
 use std::fmt;
 
 use super::columns::{Column, columns};
 use super::{RunFigures, Summary};
 
-/// Shown by `Display`; one line per run under one line of titles, then one per replay that did not come to its end.
+/// Shown by `Display`: a line of titles, one line per run, then one per failed replay.
 #[derive(Clone, Copy, Debug)]
 pub struct SummaryTable<'a> {
     summary: &'a Summary,
@@ -18,7 +18,7 @@ impl<'a> SummaryTable<'a> {
         Self { summary }
     }
 
-    /// The same cells as a table in Markdown.
+    /// The same cells as a Markdown table.
     #[must_use]
     pub fn to_markdown(&self) -> String {
         let columns = columns(&self.summary.runs);
@@ -27,7 +27,7 @@ impl<'a> SummaryTable<'a> {
         let mut text = markdown(&rows);
         let mut before = "\n";
         for replay in &self.summary.unfinished {
-            text.push_str(&format!("{before}- Did not end: {replay}\n"));
+            text.push_str(&format!("{before}- Failed: {replay}\n"));
             before = "";
         }
         text
@@ -45,7 +45,7 @@ impl<'a> SummaryTable<'a> {
     }
 }
 
-/// How many times less than naive each run took: titles, then a row for each.
+/// Reduction of each run against naive: titles, then a row per run.
 pub(crate) fn ratios(runs: &[RunFigures]) -> Vec<Vec<String>> {
     let titles = [
         "mode",
@@ -72,7 +72,7 @@ pub(crate) fn ratios(runs: &[RunFigures]) -> Vec<Vec<String>> {
     rows
 }
 
-/// What came down in a second behind the first ones, in which a scene comes to rest: titles, then a row for each run.
+/// Rates down after the first seconds, as a scene comes to rest: titles, then a row per run.
 pub(crate) fn later(runs: &[RunFigures]) -> Vec<Vec<String>> {
     let titles = ["mode", "bodies", "payload, B/s", "with headers, B/s"];
     let mut rows = vec![titles.map(str::to_owned).to_vec()];
@@ -83,7 +83,7 @@ pub(crate) fn later(runs: &[RunFigures]) -> Vec<Vec<String>> {
         let (Some(payload), Some(bytes)) = (run.payload_bytes_down, run.bytes_down) else {
             continue;
         };
-        // Both are of the whole run.
+        // Both rates cover the whole run.
         let all_s = payload as f64 * 8.0 / (payload_kbps * 1e3);
         let left_s = all_s - first.seconds;
         let each = |all: u64, first: u64| (left_s > 0.0).then(|| (all - first) as f64 / left_s);
@@ -111,11 +111,11 @@ impl fmt::Display for SummaryTable<'_> {
         rows.extend(self.rows(&columns));
         f.write_str(&aligned(&rows))?;
         let mut unfinished = self.summary.unfinished.iter();
-        unfinished.try_for_each(|replay| writeln!(f, "did not end: {replay}"))
+        unfinished.try_for_each(|replay| writeln!(f, "failed: {replay}"))
     }
 }
 
-/// Titles, and a row for each run, as a table in Markdown.
+/// Titles and rows as a Markdown table.
 pub(crate) fn markdown(rows: &[Vec<String>]) -> String {
     let line = |row: &Vec<String>| format!("| {} |\n", row.join(" | "));
     let Some((titles, rows)) = rows.split_first() else {
@@ -126,7 +126,7 @@ pub(crate) fn markdown(rows: &[Vec<String>]) -> String {
     format!("{}|---{numbers}|\n{rows}", line(titles))
 }
 
-/// Rows of cells below each other: the first column from the left, the others from the right.
+/// Rows with aligned columns: the first to the left, the others to the right.
 pub(crate) fn aligned(rows: &[Vec<String>]) -> String {
     let width = |column: usize| {
         let lengths = rows.iter().map(|row| row[column].chars().count());
@@ -148,12 +148,12 @@ pub(crate) fn aligned(rows: &[Vec<String>]) -> String {
     text
 }
 
-/// For what has no meaning.
+/// Cell of a figure without meaning.
 pub(super) fn dash() -> String {
     "–".to_owned()
 }
 
-/// Three digits that count, never in powers of ten.
+/// A number with three significant digits, never in powers of ten.
 pub(crate) fn number(value: Option<f64>) -> String {
     match value {
         Some(value) if !value.is_finite() => dash(),

@@ -1,6 +1,6 @@
-//! Where every body is at a tick: in the engine, and in a client's copy.
+//! Body poses at each tick, in the engine and in a client's copy.
 //!
-//! Replays the record forward, a tick or a frame at a time.
+//! Replays the record forward, one tick or frame at a time.
 
 use std::collections::BTreeMap;
 
@@ -11,16 +11,16 @@ use rhumb_reckoning::{BodyId, Divergence, Pose, Tick};
 
 use crate::record::{Frame, Placed, Truth};
 
-/// A body at a moment.
+/// A body at one tick.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Body<'a> {
-    /// What it is.
+    /// Its placement.
     pub(super) placed: &'a Placed,
-    /// Metres.
+    /// Centre of mass, world frame, metres.
     pub(super) position: [f32; 3],
     /// Quaternion x, y, z, w.
     pub(super) rotation: [f32; 4],
-    /// Whether it lies still.
+    /// Whether the body is at rest.
     pub(super) still: bool,
 }
 
@@ -42,10 +42,10 @@ impl<'a> Body<'a> {
         self.placed.config.kind == BodyKind::Static
     }
 
-    /// How far any of its points may be from where `other` has it, metres.
+    /// Upper bound of the distance between any surface point and the same point of `other`, metres.
     pub(super) fn surface_error_m(&self, other: &Self) -> f64 {
-        let apart = Divergence::between(&self.pose(), &other.pose());
-        apart
+        let divergence = Divergence::between(&self.pose(), &other.pose());
+        divergence
             .surface_error(self.placed.shape.bounding_radius())
             .metres()
     }
@@ -101,20 +101,20 @@ pub(super) struct TruthBodies<'a> {
     pub(super) bodies: Bodies<'a>,
     placed: usize,
     removed: usize,
-    /// What came and went after the tick that the bodies are at.
+    /// Placements and removals that follow the current tick.
     after: TickChanges<'a>,
 }
 
-/// What happened to the engine's bodies in a tick.
+/// Changes of the engine's bodies in one tick.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct TickChanges<'a> {
-    /// By its step.
+    /// Observations made by the tick's step.
     pub(super) observed: &'a [Observation],
-    /// After its step: there from the next.
+    /// Placed after the step: present from the next tick on.
     pub(super) placed: &'a [Placed],
-    /// After its step: gone from the next.
+    /// Removed after the step: absent from the next tick on.
     pub(super) removed: &'a [(Tick, BodyId)],
-    /// Whether one that nobody moves is among those that have come or gone since the tick before.
+    /// Whether a static body was placed or removed since the tick before.
     pub(super) statics_changed: bool,
 }
 
@@ -129,10 +129,10 @@ impl<'a> TruthBodies<'a> {
         }
     }
 
-    /// Goes to a tick, the one after the last.
+    /// Advances to `tick`, which must be the next one.
     pub(super) fn step(&mut self, tick: Tick) -> TickChanges<'a> {
         let truth = self.truth;
-        let mut statics_changed = self.settle();
+        let mut statics_changed = self.apply_changes();
         let row = tick
             .value()
             .checked_sub(1)
@@ -159,8 +159,8 @@ impl<'a> TruthBodies<'a> {
         };
         let changes = self.after;
         if tick == Tick::ZERO {
-            // What comes before the first step is there at once.
-            statics_changed |= self.settle();
+            // Bodies placed before the first step are present at tick 0.
+            statics_changed |= self.apply_changes();
         }
         TickChanges {
             statics_changed,
@@ -168,8 +168,8 @@ impl<'a> TruthBodies<'a> {
         }
     }
 
-    /// Takes in what came and went; tells whether one of them was static.
-    fn settle(&mut self) -> bool {
+    /// Applies pending placements and removals; returns whether one of them was static.
+    fn apply_changes(&mut self) -> bool {
         let after = std::mem::take(&mut self.after);
         let mut statics = false;
         for (_, id) in after.removed {
@@ -184,7 +184,7 @@ impl<'a> TruthBodies<'a> {
     }
 }
 
-/// A client's copy of them.
+/// A client's copy of the bodies.
 #[derive(Debug)]
 pub(super) struct CopiedBodies<'a> {
     truth: &'a Truth,
@@ -207,8 +207,8 @@ impl<'a> CopiedBodies<'a> {
         }
     }
 
-    /// Takes in what a frame showed. A body that was placed at tick 0 or before the frame's tick, and was
-    /// never mentioned, is where it was placed.
+    /// Applies a frame. A body that was placed at tick 0 or before the frame's tick, and that no frame mentions,
+    /// stands at its placement.
     pub(super) fn show(&mut self, frame: &Frame) {
         let truth = self.truth;
         let placed = &truth.placed[self.placed..];
@@ -218,19 +218,19 @@ impl<'a> CopiedBodies<'a> {
         for placed in placed {
             self.bodies.place(placed);
         }
-        for id in &frame.gone {
+        for id in &frame.removed {
             self.bodies.remove(*id);
         }
-        for seen in &frame.seen {
-            if self.bodies.find(seen.id).is_none()
-                && let Some(placed) = self.placed_by_id.get(&seen.id)
+        for pose in &frame.changed {
+            if self.bodies.find(pose.id).is_none()
+                && let Some(placed) = self.placed_by_id.get(&pose.id)
             {
                 self.bodies.place(placed);
             }
-            if let Some(body) = self.bodies.find_mut(seen.id) {
-                body.position = seen.position;
-                body.rotation = seen.rotation;
-                body.still = seen.resting;
+            if let Some(body) = self.bodies.find_mut(pose.id) {
+                body.position = pose.position;
+                body.rotation = pose.rotation;
+                body.still = pose.resting;
             }
         }
     }

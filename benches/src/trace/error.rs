@@ -1,4 +1,4 @@
-//! Why a trace was not written.
+//! Errors of writing a trace.
 
 use std::fmt;
 use std::io;
@@ -6,41 +6,41 @@ use std::path::{Path, PathBuf};
 
 use mcap::McapError;
 
-/// What went wrong, and with which file. No trace is left behind that looks finished.
+/// The cause and the file. A failed trace never keeps its final name.
 #[derive(Debug)]
 pub enum TraceError {
-    /// The file could not be made.
+    /// The file could not be created.
     Create {
-        /// Which.
+        /// Path of the file.
         path: PathBuf,
-        /// As the system has it.
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// The file took no more: a full disk, most of the time.
+    /// Writing failed, most often because of a full disk.
     Write {
-        /// Which.
+        /// Path of the file.
         path: PathBuf,
-        /// As the system has it.
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// More than the file format can hold.
+    /// The data exceed what the file format can hold.
     Format {
-        /// Which.
+        /// Path of the file.
         path: PathBuf,
-        /// As the format's library has it.
+        /// Error of the format's library.
         cause: Box<McapError>,
     },
-    /// The finished file could not be given its name.
+    /// The finished file could not be renamed.
     Rename {
-        /// Which.
+        /// Path of the file.
         path: PathBuf,
-        /// As the system has it.
+        /// Error of the operating system.
         cause: io::Error,
     },
 }
 
 impl TraceError {
-    /// Tells the system's errors from the format's.
+    /// Separates the operating system's errors from the format's.
     pub(super) fn writing(path: &Path, cause: McapError) -> Self {
         let path = path.to_owned();
         match cause {

@@ -1,7 +1,7 @@
 //! An MCAP file that takes protobuf messages by topic.
 //!
-//! Compressed in the caller's thread, so that one record gives one file, byte for byte, on any machine. A topic is
-//! declared with its first message: what never happened leaves no trace.
+//! Compression runs in the caller's thread, so one record gives the same bytes on any machine. A topic is declared
+//! with its first message, so a topic without messages does not appear.
 
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
@@ -13,18 +13,18 @@ use mcap::{Compression, McapError, WriteOptions, Writer};
 
 use super::messages::DESCRIPTORS;
 
-/// What the messages of a topic are.
+/// The message type of a topic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Schema {
-    /// Foxglove's.
+    /// `foxglove.SceneUpdate`.
     Scene,
-    /// One of `proto/rhumb.proto`, by its full name.
+    /// A message of `proto/rhumb.proto`, by its full name.
     Own(&'static str),
-    /// The same, of what went over the wire.
+    /// The same, on a topic that carries captured packets.
     Wire(&'static str),
 }
 
-/// A topic and how far it is written.
+/// A topic and its write position.
 #[derive(Debug)]
 pub(super) struct Topic {
     name: String,
@@ -44,13 +44,13 @@ impl Topic {
     }
 }
 
-/// The file.
-pub(super) struct File<W: Write + Seek> {
+/// The MCAP file.
+pub(super) struct TraceFile<W: Write + Seek> {
     writer: Writer<W>,
     buffer: Vec<u8>,
 }
 
-impl<W: Write + Seek> File<W> {
+impl<W: Write + Seek> TraceFile<W> {
     pub(super) fn new(to: W) -> Result<Self, McapError> {
         let options = WriteOptions::new()
             .compression(Some(Compression::Zstd))
@@ -62,7 +62,7 @@ impl<W: Write + Seek> File<W> {
         })
     }
 
-    /// Writes a message that is logged and published at `at_ns`.
+    /// Writes a message with log and publish time `at_ns`.
     pub(super) fn put(
         &mut self,
         topic: &mut Topic,
@@ -78,7 +78,7 @@ impl<W: Write + Seek> File<W> {
         self.buffer.clear();
         message
             .encode(&mut self.buffer)
-            .expect("a vector has room for any message");
+            .expect("a vector grows as needed");
         let header = MessageHeader {
             channel_id,
             sequence: topic.sequence,
@@ -89,7 +89,7 @@ impl<W: Write + Seek> File<W> {
         self.writer.write_to_known_channel(&header, &self.buffer)
     }
 
-    /// Writes a record of names and values.
+    /// Writes a metadata record.
     pub(super) fn put_metadata(
         &mut self,
         name: String,
@@ -98,7 +98,7 @@ impl<W: Write + Seek> File<W> {
         self.writer.write_metadata(&Metadata { name, metadata })
     }
 
-    /// Ends the file with its indexes.
+    /// Writes the indexes and closes the file.
     pub(super) fn finish(mut self) -> Result<W, McapError> {
         self.writer.finish()?;
         Ok(self.writer.into_inner())

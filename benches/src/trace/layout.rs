@@ -1,14 +1,14 @@
-//! The window that Foxglove or Lichtblick opens for a trace.
+//! The viewer layout that Foxglove or Lichtblick opens for a trace.
 //!
-//! Viewers hide scene topics unless told to show them. So: the engine's world on the left, a client's copy on the
-//! right, and below them what it cost and how far it was off.
+//! Viewers hide scene topics by default, so the layout enables them: the engine's world on the left, a client's copy
+//! on the right, and plots of bytes, errors and frame time below.
 
 use serde_json::{Value, json};
 
 use super::names;
 use crate::record::{Experiment, Load, Mode};
 
-/// The text of `layout.json`: the smallest load, with its truth and the first reckoned copy of it.
+/// The text of `layout.json`: the smallest load, with its truth and its first copy that states a tolerance.
 #[must_use]
 pub fn layout(experiment: &Experiment) -> String {
     let bodies = |load: &Load| load.runs.first().map_or(u32::MAX, |run| run.config.bodies);
@@ -54,7 +54,7 @@ fn window(load: &Load, prefix: &str) -> Value {
     json!({
         "configById": {
             "3D!truth": view(prefix, "truth", "Truth"),
-            "3D!copy": view(prefix, copy, "What the client saw: blue is exact, red is the tolerance, violet is beyond"),
+            "3D!copy": view(prefix, copy, "Client's copy: blue is exact, red is at the tolerance, violet is beyond"),
             "Plot!bytes": plot("Bytes down per frame, UDP payload", "wire_bytes_down", &mut copies()),
             "Plot!error": plot("Largest surface error, metres", "error_m_max", &mut copies()),
             "Plot!frame": plot("Frame time, nanoseconds", "frame_ns", &mut all()),
@@ -73,7 +73,7 @@ fn window(load: &Load, prefix: &str) -> Value {
     })
 }
 
-/// A 3D panel with one copy's topics shown.
+/// A 3D panel that shows one copy's topics.
 fn view(prefix: &str, name: &str, title: &str) -> Value {
     json!({
         "foxglovePanelTitle": title,

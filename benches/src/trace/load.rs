@@ -1,4 +1,4 @@
-//! One load's topics: the truth, and each run beside it, tick by tick.
+//! Topics of one load: the truth and each of its runs, tick by tick.
 
 use std::io::{Seek, Write};
 
@@ -7,7 +7,7 @@ use mcap::McapError;
 use rhumb_reckoning::Tick;
 
 use super::bodies::{Bodies, TruthBodies};
-use super::file::{File, Schema, Topic};
+use super::file::{Schema, Topic, TraceFile};
 use super::messages::States;
 use super::run::RunTopics;
 use super::scene::{DrawnScene, entity};
@@ -17,7 +17,7 @@ use crate::record::Load;
 
 /// Writes a load; `done` is called after each tick with its number.
 pub(super) fn write<W: Write + Seek>(
-    file: &mut File<W>,
+    file: &mut TraceFile<W>,
     prefix: &str,
     load: &Load,
     options: &TraceOptions,
@@ -43,7 +43,7 @@ pub(super) fn write<W: Write + Seek>(
     runs.iter_mut().try_for_each(|run| run.end(file))
 }
 
-/// The last tick that the engine took or a frame showed.
+/// The last tick that the engine simulated or a frame showed.
 pub(super) fn last_tick(load: &Load) -> u64 {
     let shown = load
         .runs
@@ -61,7 +61,7 @@ struct TruthTopics<'a> {
     bodies: TruthBodies<'a>,
     last: u64,
     drawn: Option<u64>,
-    /// Whether a body that never moves came or went since they were last drawn.
+    /// Whether a static body was placed or removed since statics were last drawn.
     statics_changed: bool,
 }
 
@@ -82,7 +82,11 @@ impl<'a> TruthTopics<'a> {
         }
     }
 
-    fn write<W: Write + Seek>(&mut self, file: &mut File<W>, tick: Tick) -> Result<(), McapError> {
+    fn write<W: Write + Seek>(
+        &mut self,
+        file: &mut TraceFile<W>,
+        tick: Tick,
+    ) -> Result<(), McapError> {
         let at_ns = self.time.at_ns(tick.value());
         let changes = self.bodies.step(tick);
         self.statics_changed |= changes.statics_changed;
@@ -131,7 +135,7 @@ fn draw_statics(at_ns: u64, bodies: &Bodies<'_>) -> SceneUpdate {
 
 const AWAKE: Color = grey(0.80, 1.0);
 const ASLEEP: Color = grey(0.50, 1.0);
-/// Seen through, since walls stand before what they hold.
+/// Translucent, because walls stand in front of the bodies they contain.
 const STATIC: Color = grey(0.60, 0.25);
 
 const fn grey(share: f64, a: f64) -> Color {

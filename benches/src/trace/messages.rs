@@ -1,6 +1,7 @@
-//! The trace's own messages, as `proto/rhumb.proto` has them.
+//! Trace messages, as `proto/rhumb.proto` defines them.
 //!
-//! The schema is embedded in each trace as compiled by protoc, checked in beside its source. A test compares the two.
+//! Each trace embeds the schema as compiled by protoc. The compiled form is checked in; a test compares it with its
+//! source.
 
 use rhumb_protocol::scene::{BodyKind, Shape as Solid};
 use rhumb_protocol::stream::{Activity, Observation};
@@ -69,7 +70,7 @@ impl TickStats {
 }
 
 #[derive(Clone, PartialEq, prost::Message)]
-pub(super) struct Breach {
+pub(super) struct BreachMessage {
     #[prost(uint64, tag = "1")]
     pub(super) tick: u64,
     #[prost(uint32, tag = "2")]
@@ -84,7 +85,7 @@ pub(super) struct Breach {
     pub(super) cause: i32,
 }
 
-impl From<&record::Breach> for Breach {
+impl From<&record::Breach> for BreachMessage {
     fn from(breach: &record::Breach) -> Self {
         Self {
             tick: breach.tick.value(),
@@ -224,7 +225,7 @@ impl From<&Placed> for Placement {
                 half_height,
                 radius,
             } => (4, vec![half_height, radius]),
-            // No script has such ones yet; they are drawn, and traces have no numbers for them.
+            // No script uses these shapes; they are drawn, but the trace has no number for them.
             Solid::Heights(_) | Solid::Mesh(_) | Solid::Compound(_) => (0, Vec::new()),
         };
         Self {
@@ -279,14 +280,14 @@ pub(super) struct Poses {
 
 impl Poses {
     pub(super) fn of(number: u32, frame: &Frame) -> Self {
-        let seen: &[CopiedPose] = &frame.seen;
-        let position = |part: usize| seen.iter().map(|s| s.position[part]).collect();
-        let rotation = |part: usize| seen.iter().map(|s| s.rotation[part]).collect();
+        let changed: &[CopiedPose] = &frame.changed;
+        let position = |part: usize| changed.iter().map(|s| s.position[part]).collect();
+        let rotation = |part: usize| changed.iter().map(|s| s.rotation[part]).collect();
         Self {
             tick: frame.tick.value(),
             frame: number,
-            index: seen.iter().map(|s| s.id.index()).collect(),
-            generation: seen.iter().map(|s| s.id.generation().into()).collect(),
+            index: changed.iter().map(|s| s.id.index()).collect(),
+            generation: changed.iter().map(|s| s.id.generation().into()).collect(),
             px: position(0),
             py: position(1),
             pz: position(2),
@@ -294,9 +295,13 @@ impl Poses {
             qy: rotation(1),
             qz: rotation(2),
             qw: rotation(3),
-            resting: seen.iter().map(|s| s.resting).collect(),
-            gone_index: frame.gone.iter().map(|id| id.index()).collect(),
-            gone_generation: frame.gone.iter().map(|id| id.generation().into()).collect(),
+            resting: changed.iter().map(|s| s.resting).collect(),
+            gone_index: frame.removed.iter().map(|id| id.index()).collect(),
+            gone_generation: frame
+                .removed
+                .iter()
+                .map(|id| id.generation().into())
+                .collect(),
         }
     }
 }

@@ -1,13 +1,13 @@
-//! The records that say what was run, and figures that no message holds.
+//! Metadata records: what was run, and figures that no message holds.
 //!
-//! With them every figure of `summary.json` can be computed from the trace alone.
+//! With them, every figure of `summary.json` can be computed from the trace alone.
 
 use std::collections::BTreeMap;
 
 use crate::record::{Experiment, Load, Replayed, Run, SubscriptionSettings};
 use crate::summary::DATAGRAM_HEADER_BYTES;
 
-/// Name and content of the record of the whole experiment.
+/// Name and content of the metadata record of the experiment.
 pub(super) fn of_experiment(
     experiment: &Experiment,
     loads: &[String],
@@ -23,7 +23,7 @@ pub(super) fn of_experiment(
     ("rhumb.experiment".to_owned(), named(pairs))
 }
 
-/// Name and content of the record of a load's truth.
+/// Name and content of the metadata record of a load's truth.
 pub(super) fn of_truth(prefix: &str, load: &Load) -> (String, BTreeMap<String, String>) {
     let pairs = [
         ("truth_hash", format!("{:016x}", load.truth.digest)),
@@ -34,7 +34,7 @@ pub(super) fn of_truth(prefix: &str, load: &Load) -> (String, BTreeMap<String, S
     (format!("rhumb.truth.{prefix}"), named(pairs))
 }
 
-/// Name and content of the record of a run, which is the `place`-th of the summary, counted from 0.
+/// Name and content of the metadata record of a run; `place` is its index in the summary, from 0.
 pub(super) fn of_run(
     prefix: &str,
     name: &str,
@@ -84,7 +84,7 @@ pub(super) fn of_run(
     (format!("rhumb.run.{prefix}.{name}"), record)
 }
 
-/// How a free-running scene was published and followed.
+/// Publish and subscribe settings of a free-running scene.
 fn of_subscription(subscription: &SubscriptionSettings) -> BTreeMap<String, String> {
     named([
         (
@@ -96,7 +96,7 @@ fn of_subscription(subscription: &SubscriptionSettings) -> BTreeMap<String, Stri
     ])
 }
 
-/// What only a replay is asked for.
+/// Settings that only a replay has.
 fn of_replay(replayed: &Replayed) -> BTreeMap<String, String> {
     let mut record = named([
         ("publish_interval", replayed.publish_interval.to_string()),

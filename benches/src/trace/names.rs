@@ -1,6 +1,6 @@
-//! What the loads and runs of an experiment are called in topics and metadata.
+//! Names of loads and runs in topics and metadata.
 //!
-//! No two are called alike: the second `rhumb` run of a load is `rhumb-2`.
+//! Names are distinct: the second `rhumb` run of a load is `rhumb-2`.
 
 use std::collections::BTreeMap;
 
@@ -26,7 +26,7 @@ pub(crate) fn runs(load: &Load) -> Vec<String> {
     )
 }
 
-/// Last part of the topic of what passed one way.
+/// Last part of the topic name for packets of one direction.
 pub(super) const fn direction(direction: PacketDirection) -> &'static str {
     match direction {
         PacketDirection::StateDown => "state-down",
@@ -54,7 +54,7 @@ fn distinct(names: impl Iterator<Item = String>) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     #[test]
-    fn no_two_names_are_alike() {
+    fn names_are_distinct() {
         let names = ["naive", "rhumb", "rhumb"].map(str::to_owned);
         assert_eq!(
             super::distinct(names.into_iter()),

@@ -1,6 +1,6 @@
-//! A file that takes its name only when it is whole.
+//! A file that gets its final name only when complete.
 //!
-//! Whoever finds the name finds a finished file; dropped before that, the unfinished one is removed.
+//! An unfinished file is removed on drop.
 
 use std::ffi::OsString;
 use std::fs::{self, File};
@@ -19,7 +19,7 @@ pub(super) struct Partial {
 }
 
 impl Partial {
-    /// Opens `named` with `.partial` appended, in place of what may lie there.
+    /// Opens `named` with `.partial` appended; replaces an existing file.
     pub(super) fn create(named: &Path) -> Result<Self, TraceError> {
         let mut path = OsString::from(named);
         path.push(".partial");
@@ -35,17 +35,17 @@ impl Partial {
         }
     }
 
-    /// What to write to.
+    /// The writer of the unfinished file.
     pub(super) fn sink(&mut self) -> &mut BufWriter<File> {
         &mut self.sink
     }
 
-    /// The name it has for now.
+    /// The temporary path.
     pub(super) fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Gives it its name; returns its size in bytes.
+    /// Renames the file to its final name; returns its size in bytes.
     pub(super) fn finish(mut self) -> Result<u64, TraceError> {
         let path = self.path.clone();
         let whole = self.sink.flush().and_then(|()| {
@@ -67,7 +67,7 @@ impl Partial {
 impl Drop for Partial {
     fn drop(&mut self) {
         if !self.finished {
-            // It holds nothing of worth, and whoever dropped it has the reason already.
+            // The caller already has the error that matters.
             let _ = fs::remove_file(&self.path);
         }
     }

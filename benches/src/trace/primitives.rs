@@ -1,7 +1,7 @@
-//! A shape in a pose as what Foxglove draws.
+//! Conversion of shapes and poses to Foxglove primitives.
 //!
-//! The engine's world has y up, Foxglove's z: poses are turned by a quarter about x, so that (x, y, z) is drawn at
-//! (x, -z, y) in the frame `map`. Only what is drawn is turned; the topics for machines keep the engine's frame.
+//! The engine's y axis points up, Foxglove's z axis does. Poses are turned by a quarter about x: (x, y, z) is drawn at
+//! (x, -z, y) in the frame `map`. Only drawings are turned; the data topics keep the engine's frame.
 
 use foxglove::messages::{
     Color, CubePrimitive, CylinderPrimitive, Point3, Pose, Quaternion, SceneEntity,
@@ -10,10 +10,10 @@ use foxglove::messages::{
 use glam::{DQuat, DVec3};
 use rhumb_protocol::scene::{Compound, Shape};
 
-/// The frame of all that is drawn.
+/// Frame of all drawings.
 pub(super) const FRAME: &str = "map";
 
-/// Turns y up to z up: half the square root of two about x, and in w.
+/// Turns y up to z up: a quarter turn about x.
 const UP: DQuat = DQuat::from_xyzw(
     std::f64::consts::FRAC_1_SQRT_2,
     0.0,
@@ -42,7 +42,7 @@ pub(super) fn add(
         size: size(radius, radius, radius),
         color,
     };
-    // Foxglove's cylinders stand along z, ours along y.
+    // Foxglove's cylinders stand along z, the engine's along y.
     let along_y = rotation * UP.conjugate();
     let cylinder = |half_height, radius| CylinderPrimitive {
         pose: Some(drawn(centre, along_y)),
@@ -53,7 +53,7 @@ pub(super) fn add(
     };
     match *shape {
         Shape::Ball { radius } => entity.spheres.push(sphere(centre, radius)),
-        // Its faces are the engine's matter: what is drawn is the ellipsoid as large as it is along each axis.
+        // A hull is drawn as an ellipsoid with its half extents; only the engine knows its faces.
         Shape::Hull(ref hull) => {
             let half = hull.half_extents();
             entity.spheres.push(SpherePrimitive {
@@ -90,7 +90,7 @@ pub(super) fn add(
     }
 }
 
-/// Adds the primitives of each part.
+/// Adds the primitives of each part of a compound.
 fn add_parts(
     entity: &mut SceneEntity,
     compound: &Compound,
@@ -106,7 +106,7 @@ fn add_parts(
     }
 }
 
-/// Ground or a mesh, without its colour; of anything else no triangle.
+/// Triangles of a height field or mesh, without colour; empty for any other shape.
 fn sheet(shape: &Shape, pose: Pose) -> TriangleListPrimitive {
     let point = |DVec3 { x, y, z }| Point3 { x, y, z };
     let (points, indices) = match shape {
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_up_is_drawn_up() {
+    fn y_up_is_drawn_as_z_up() {
         let mut entity = SceneEntity::default();
         let shape = Shape::Cylinder {
             half_height: 2.0,
@@ -196,7 +196,7 @@ mod tests {
                 z: 3.0
             }
         );
-        // Its axis, z to Foxglove, is vertical, and its length lies along it.
+        // The cylinder's axis, z in Foxglove, is vertical, and its length lies along it.
         assert!((turned(&pose, DVec3::Z) - DVec3::Z).length() < 1e-12);
         assert_eq!(
             cylinder.size.unwrap(),
@@ -209,13 +209,13 @@ mod tests {
     }
 
     #[test]
-    fn a_capsule_is_a_cylinder_and_its_two_ends() {
+    fn a_capsule_is_drawn_as_a_cylinder_and_two_balls() {
         let mut entity = SceneEntity::default();
         let shape = Shape::Capsule {
             half_height: 2.0,
             radius: 0.5,
         };
-        // Lying along x: y turned to -x by a quarter about z.
+        // Lying along x: y turned to -x by a quarter turn about z.
         let lying = [0.0, 0.0, 0.5_f32.sqrt(), 0.5_f32.sqrt()];
         add(&mut entity, &shape, [0.0; 3], lying, GREY);
         assert_eq!((entity.cylinders.len(), entity.spheres.len()), (1, 2));

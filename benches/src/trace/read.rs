@@ -1,6 +1,6 @@
-//! The engine's states, read back from a trace.
+//! Engine states read back from a trace.
 //!
-//! Only what [`record::Truth`](crate::record::Truth) holds; what a number means is decided in `messages`.
+//! Reads only what [`record::Truth`](crate::record::Truth) holds; `messages` defines the numbers.
 
 use glam::Vec3;
 use prost::Message as _;
@@ -11,7 +11,7 @@ use rhumb_reckoning::{BodyId, BodyState, Tick, ToleranceScale};
 use super::messages::{Placement, States};
 use crate::record::Placed;
 
-/// What one message of `truth/state` says.
+/// Content of one message of `truth/state`.
 #[derive(Clone, Debug)]
 pub(crate) struct TickStates {
     pub(crate) tick: Tick,
@@ -20,17 +20,17 @@ pub(crate) struct TickStates {
     pub(crate) removed: Vec<(Tick, BodyId)>,
 }
 
-/// Reads a message; `None` if something in it is no motion, shape, kind or id.
+/// Decodes a message; `None` if it holds an invalid motion, shape, kind or id.
 ///
 /// # Errors
 ///
-/// If it is no such message.
+/// If the bytes are no such message.
 pub(crate) fn read_states(bytes: &[u8]) -> Result<Option<TickStates>, prost::DecodeError> {
     let states = States::decode(bytes)?;
-    Ok(understand(&states))
+    Ok(parse(&states))
 }
 
-fn understand(states: &States) -> Option<TickStates> {
+fn parse(states: &States) -> Option<TickStates> {
     let tick = Tick::new(states.tick);
     let observed = (0..states.index.len()).map(|place| observation(states, place));
     let placed = states

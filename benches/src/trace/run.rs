@@ -1,4 +1,4 @@
-//! One run's topics: its frames, what crossed the wire, its copy as a scene.
+//! Topics of one run: its frames, its packets, its copy as a scene.
 
 use std::io::{Seek, Write};
 
@@ -7,7 +7,7 @@ use mcap::McapError;
 
 use super::TraceOptions;
 use super::bodies::{Bodies, Body, CopiedBodies};
-use super::file::{File, Schema, Topic};
+use super::file::{Schema, Topic, TraceFile};
 use super::messages::{self, Packet, Poses, TickStats};
 use super::names;
 use super::scene::DrawnScene;
@@ -20,7 +20,7 @@ pub(super) struct RunTopics<'a> {
     time: Time,
     stats: Topic,
     breaches: Topic,
-    seen: Topic,
+    poses: Topic,
     wire: [(PacketDirection, Topic); 4],
     scene: Option<DrawnScene>,
     copy: CopiedBodies<'a>,
@@ -47,7 +47,7 @@ impl<'a> RunTopics<'a> {
             time,
             stats: topic("stats", Schema::Own("rhumb.TickStats")),
             breaches: topic("breaches", Schema::Own("rhumb.Breach")),
-            seen: topic("seen", Schema::Own("rhumb.Poses")),
+            poses: topic("seen", Schema::Own("rhumb.Poses")),
             wire: directions.map(|direction| {
                 let name = format!("wire/{}", names::direction(direction));
                 (direction, topic(&name, Schema::Wire("rhumb.Packet")))
@@ -62,10 +62,10 @@ impl<'a> RunTopics<'a> {
         }
     }
 
-    /// Writes all frames that showed `tick` or one before it; `truth` is the engine's at that tick.
+    /// Writes all frames that show `tick` or an earlier tick; `truth` is the engine's at `tick`.
     pub(super) fn write_through<W: Write + Seek>(
         &mut self,
-        file: &mut File<W>,
+        file: &mut TraceFile<W>,
         tick: u64,
         truth: &Bodies<'_>,
     ) -> Result<(), McapError> {
@@ -79,14 +79,21 @@ impl<'a> RunTopics<'a> {
             && breach.tick.value() <= tick
         {
             let at_ns = self.time.at_ns(breach.tick.value());
-            file.put(&mut self.breaches, at_ns, &messages::Breach::from(breach))?;
+            file.put(
+                &mut self.breaches,
+                at_ns,
+                &messages::BreachMessage::from(breach),
+            )?;
             self.breached += 1;
         }
         Ok(())
     }
 
-    /// Writes what passed after the last frame was seen.
-    pub(super) fn end<W: Write + Seek>(&mut self, file: &mut File<W>) -> Result<(), McapError> {
+    /// Writes the packets captured after the last frame.
+    pub(super) fn end<W: Write + Seek>(
+        &mut self,
+        file: &mut TraceFile<W>,
+    ) -> Result<(), McapError> {
         if let Some(last) = self.run.frames.last() {
             self.write_captured(file, u32::MAX, last)?;
         }
@@ -95,7 +102,7 @@ impl<'a> RunTopics<'a> {
 
     fn write_frame<W: Write + Seek>(
         &mut self,
-        file: &mut File<W>,
+        file: &mut TraceFile<W>,
         frame: &Frame,
         truth: &Bodies<'_>,
     ) -> Result<(), McapError> {
@@ -108,8 +115,8 @@ impl<'a> RunTopics<'a> {
             at_ns,
             &TickStats::of(number, frame, payload),
         )?;
-        if !frame.seen.is_empty() || !frame.gone.is_empty() {
-            file.put(&mut self.seen, at_ns, &Poses::of(number, frame))?;
+        if !frame.changed.is_empty() || !frame.removed.is_empty() {
+            file.put(&mut self.poses, at_ns, &Poses::of(number, frame))?;
         }
         if let Some(scene) = &mut self.scene {
             self.copy.show(frame);
@@ -120,7 +127,7 @@ impl<'a> RunTopics<'a> {
                 || last
             {
                 self.drawn = Some(tick);
-                let bodies = judged(&self.copy.bodies, truth);
+                let bodies = with_errors(&self.copy.bodies, truth);
                 let painted: Vec<_> = bodies
                     .iter()
                     .map(|(body, error_m)| (body, error_color(error_m / self.reference_m)))
@@ -131,10 +138,10 @@ impl<'a> RunTopics<'a> {
         Ok(())
     }
 
-    /// Writes what passed up to and with a frame; returns the bytes of it that came down.
+    /// Writes the packets captured up to and including a frame; returns their counted bytes down.
     fn write_captured<W: Write + Seek>(
         &mut self,
-        file: &mut File<W>,
+        file: &mut TraceFile<W>,
         number: u32,
         frame: &Frame,
     ) -> Result<u64, McapError> {
@@ -160,11 +167,12 @@ impl<'a> RunTopics<'a> {
     }
 }
 
-/// What an error is coloured against where nothing was promised, metres.
+/// Reference for colouring errors of a run without a tolerance, metres.
 const REFERENCE_M: f64 = 0.05;
 
-/// The copy's bodies that can move, with their error in metres; one lies still only if it does so in the engine too.
-fn judged<'a>(copy: &Bodies<'a>, truth: &Bodies<'_>) -> Vec<(Body<'a>, f64)> {
+/// The copy's non-static bodies with their errors in metres. A body counts as still only if it is still in both
+/// worlds.
+fn with_errors<'a>(copy: &Bodies<'a>, truth: &Bodies<'_>) -> Vec<(Body<'a>, f64)> {
     let moving = copy.iter().filter(|body| !body.is_static());
     moving
         .map(|body| {
@@ -176,7 +184,7 @@ fn judged<'a>(copy: &Bodies<'a>, truth: &Bodies<'_>) -> Vec<(Body<'a>, f64)> {
         .collect()
 }
 
-/// From blue at no error over yellow at half the tolerance to red at all of it; violet beyond.
+/// Blue at no error, yellow at half the tolerance, red at the tolerance, violet beyond.
 fn error_color(share: f64) -> Color {
     const NONE: [f64; 3] = [0.20, 0.55, 0.85];
     const HALF: [f64; 3] = [0.95, 0.78, 0.15];

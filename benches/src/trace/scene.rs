@@ -1,8 +1,9 @@
-//! A set of bodies as a person sees it: on two topics, `moving` and `resting`.
+//! Draws a set of bodies on two topics, `moving` and `resting`.
 //!
-//! After a seek a viewer shows the last message of each topic and nothing before it, so each message is whole: every
-//! body is in exactly one of the two last messages, in its pose. A body is drawn on `resting` once it has lain still
-//! for a while, so that one that flaps does not repeat all sleepers each time; when one of them stirs, both are written.
+//! After a seek, a viewer shows only the last message of each topic. So each message is complete: every body is in
+//! exactly one of the two last messages, in its current pose. A body moves to `resting` only after it lies still for a
+//! while: a body that wakes often must not cause all resting bodies to be rewritten. When a resting body moves, both
+//! are written.
 
 use std::io::{Seek, Write};
 
@@ -10,29 +11,29 @@ use foxglove::messages::{Color, SceneEntity, SceneUpdate, Timestamp};
 use mcap::McapError;
 
 use super::bodies::Body;
-use super::file::{File, Schema, Topic};
+use super::file::{Schema, Topic, TraceFile};
 use super::primitives;
 
-/// A pair of topics and what their last messages show.
+/// The two topics and the content of their last messages.
 #[derive(Debug)]
 pub(super) struct DrawnScene {
     moving: Topic,
     resting: Topic,
-    /// By index of the body.
+    /// Indexed by body index.
     rests: Vec<Option<RestingBody>>,
     at_rest: usize,
     written: Option<WrittenEntities>,
     rest_delay_ticks: u64,
 }
 
-/// A body that lies still, and since when.
+/// A still body and the tick since which it is still.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct RestingBody {
     generation: u16,
     position: [f32; 3],
     rotation: [f32; 4],
     since: u64,
-    /// Whether the last message of `resting` shows it.
+    /// Whether the last message of `resting` contains it.
     at_rest: bool,
 }
 
@@ -42,11 +43,12 @@ struct WrittenEntities {
     moving_was_empty: bool,
 }
 
-/// A body and the colour to draw it in.
+/// A body and its colour.
 pub(super) type Painted<'a> = (&'a Body<'a>, Color);
 
 impl DrawnScene {
-    /// On `{prefix}/moving` and `{prefix}/resting`; a body settles after `rest_delay_ticks`.
+    /// Topics `{prefix}/moving` and `{prefix}/resting`; a body moves to `resting` after `rest_delay_ticks` of
+    /// stillness.
     pub(super) fn new(prefix: &str, rest_delay_ticks: u64) -> Self {
         Self {
             moving: Topic::new(format!("{prefix}/moving"), Schema::Scene),
@@ -58,27 +60,27 @@ impl DrawnScene {
         }
     }
 
-    /// Writes what changed, if anything did.
+    /// Writes the topics whose content changed.
     pub(super) fn draw<W: Write + Seek>(
         &mut self,
-        file: &mut File<W>,
+        file: &mut TraceFile<W>,
         (tick, at_ns): (u64, u64),
         bodies: &[Painted<'_>],
     ) -> Result<(), McapError> {
-        let (mut kept, mut may_settle) = (0, 0);
+        let (mut kept, mut eligible) = (0, 0);
         for (body, _) in bodies {
-            match self.note(tick, body) {
+            match self.update_rest(tick, body) {
                 DrawState::Resting => kept += 1,
-                DrawState::Waiting => may_settle += 1,
+                DrawState::Waiting => eligible += 1,
                 DrawState::Moving => {}
             }
         }
         let last = self.written.map(|written| written.resting);
         let waited = last.is_none_or(|last| last + self.rest_delay_ticks <= tick);
-        let stirred = kept < self.at_rest;
-        if last.is_none() || stirred || (waited && may_settle > 0) {
-            self.at_rest = kept + may_settle;
-            self.settle(tick);
+        let woke = kept < self.at_rest;
+        if last.is_none() || woke || (waited && eligible > 0) {
+            self.at_rest = kept + eligible;
+            self.mark_resting(tick);
             let update = self.update("resting", at_ns, bodies, true);
             file.put(&mut self.resting, at_ns, &update)?;
             self.written = Some(WrittenEntities {
@@ -97,8 +99,8 @@ impl DrawnScene {
         Ok(())
     }
 
-    /// Keeps the account of who lies still.
-    fn note(&mut self, tick: u64, body: &Body<'_>) -> DrawState {
+    /// Updates the stillness record of a body.
+    fn update_rest(&mut self, tick: u64, body: &Body<'_>) -> DrawState {
         let index = body.id().index() as usize;
         if index >= self.rests.len() {
             self.rests.resize(index + 1, None);
@@ -137,7 +139,7 @@ impl DrawnScene {
         }
     }
 
-    fn settle(&mut self, tick: u64) {
+    fn mark_resting(&mut self, tick: u64) {
         for rest in self.rests.iter_mut().flatten() {
             rest.at_rest |= rest.since + self.rest_delay_ticks <= tick;
         }
@@ -171,12 +173,12 @@ impl DrawnScene {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum DrawState {
     Moving,
-    /// Has lain still for long enough to settle.
+    /// Still for long enough to move to `resting`.
     Waiting,
     Resting,
 }
 
-/// An entity without anything in it; it replaces the one of its name.
+/// An empty entity; it replaces the entity of the same id.
 pub(super) fn entity(id: &str, at_ns: u64) -> SceneEntity {
     let seconds = u32::try_from(at_ns / 1_000_000_000).unwrap_or(u32::MAX);
     SceneEntity {

@@ -1,11 +1,11 @@
-//! The one time axis of a trace.
+//! The common time axis of a trace.
 //!
-//! Log time is tick times step from zero, so that truth and every mode lie above each other.
+//! Log time is tick times step, from zero, so truth and all modes align.
 
 use super::TraceOptions;
 use crate::record::RunConfig;
 
-/// How a load's ticks become moments, and which of them are drawn.
+/// Maps a load's ticks to log times and selects the ticks to draw.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Time {
     step_s: f64,
@@ -22,17 +22,17 @@ impl Time {
         }
     }
 
-    /// The moment of a tick, nanoseconds.
+    /// Log time of a tick, nanoseconds.
     pub(super) fn at_ns(&self, tick: u64) -> u64 {
         (tick as f64 * self.step_s * 1e9).round() as u64
     }
 
-    /// Whether a tick is to be drawn when `drawn` was the last.
+    /// Whether a tick is to be drawn if `drawn` was the last drawn one.
     pub(super) const fn draws_after(&self, drawn: u64, tick: u64) -> bool {
         tick / self.stride > drawn / self.stride
     }
 
-    /// How long a body lies still before it is drawn among those at rest.
+    /// Ticks that a body lies still before it is drawn on `resting`.
     pub(super) fn rest_delay_ticks(&self) -> u64 {
         (self.rest_delay_s / self.step_s).round() as u64
     }

@@ -1,6 +1,6 @@
-//! A recording of boxes that bounce ever lower and then fall asleep.
+//! A recording of boxes that bounce lower and lower and then fall asleep.
 //!
-//! In the form of a foreign engine's.
+//! The format is that of a foreign engine.
 
 use rhumb_bench::recording::rhtrace;
 
@@ -8,14 +8,14 @@ pub(crate) const BODIES: u32 = 12;
 pub(crate) const FRAMES: u32 = 240;
 const GRAVITY: f32 = -20.0;
 
-/// A box's height: it bounces, by no predictor that a stream knows. Its velocity is told as zero, which is wrong.
+/// Height of a box, which bounces unlike any predictor. Its velocity is recorded as zero, deliberately wrong.
 fn height(body: u32, frame: u32) -> f32 {
     let time = frame as f32 / 60.0 + body as f32 * 0.01;
     let bounce = (time * 3.0).sin().abs() * (2.0 - time * 0.4).max(0.0);
     0.2 + bounce
 }
 
-/// The bytes of the recording before they are packed.
+/// The bytes of the recording before compression.
 pub(crate) fn unpacked() -> Vec<u8> {
     let mut bytes = rhtrace::MAGIC.to_vec();
     let floats = |bytes: &mut Vec<u8>, values: &[f32]| {
@@ -46,7 +46,7 @@ pub(crate) fn unpacked() -> Vec<u8> {
     bytes
 }
 
-/// The recording as it lies in a file.
+/// The recording as a file holds it.
 pub(crate) fn packed() -> Vec<u8> {
-    zstd::encode_all(&*unpacked(), 1).expect("memory takes all")
+    zstd::encode_all(&*unpacked(), 1).expect("writing to memory succeeds")
 }

@@ -1,6 +1,6 @@
-//! A small experiment whose every figure can be worked out by hand.
+//! A small experiment whose figures can be computed by hand.
 //!
-//! Four ticks of a tenth of a second: a static floor, a ball that falls for all of them, a capsule that falls asleep at
+//! Four ticks of a tenth of a second: a static floor, a ball that falls throughout, a capsule that falls asleep at
 //! tick 2, and a cylinder that is placed at tick 1 and removed at tick 3.
 
 use bytes::Bytes;
@@ -23,7 +23,7 @@ const TOLERANCE_M: f64 = 0.05;
 
 const UPRIGHT: [f32; 4] = [0.0, 0.0, 0.0, 1.0];
 
-/// A body's state, upright, with a velocity that only has to survive.
+/// An upright body's state; its velocity must only round-trip.
 fn observation(id: BodyId, position: [f32; 3], activity: Activity) -> Observation {
     let motion = BodyState::new(position, UPRIGHT, [0.0, -1.0, 0.0], [0.25, 0.0, -0.0]);
     Observation {
@@ -42,7 +42,7 @@ fn placed(tick: u64, id: BodyId, kind: BodyKind, shape: Shape, position: [f32; 3
     }
 }
 
-/// Height of the ball after a tick.
+/// Position of the ball after a tick.
 fn ball_at(tick: u64) -> [f32; 3] {
     [0.0, 10.0 - tick as f32, 0.0]
 }
@@ -125,7 +125,7 @@ fn run(mode: Mode, frames: Vec<Frame>) -> Run {
     }
 }
 
-fn seen(id: BodyId, position: [f32; 3], resting: bool) -> CopiedPose {
+fn copied_pose(id: BodyId, position: [f32; 3], resting: bool) -> CopiedPose {
     CopiedPose {
         id,
         position,
@@ -134,18 +134,24 @@ fn seen(id: BodyId, position: [f32; 3], resting: bool) -> CopiedPose {
     }
 }
 
-/// What both remote modes show of capsule and cylinder: the truth.
+/// Poses and removals of capsule and cylinder in both remote modes: equal to the truth.
 fn bystanders(tick: u64) -> (Vec<CopiedPose>, Vec<BodyId>) {
     match tick {
-        1 => (vec![seen(CAPSULE, [5.0, 1.6, 0.0], false)], Vec::new()),
+        1 => (
+            vec![copied_pose(CAPSULE, [5.0, 1.6, 0.0], false)],
+            Vec::new(),
+        ),
         2 => (
             vec![
-                seen(CAPSULE, [5.0, 1.5, 0.0], true),
-                seen(CYLINDER, [-5.0, 7.0, 0.0], false),
+                copied_pose(CAPSULE, [5.0, 1.5, 0.0], true),
+                copied_pose(CYLINDER, [-5.0, 7.0, 0.0], false),
             ],
             Vec::new(),
         ),
-        3 => (vec![seen(CYLINDER, [-5.0, 6.0, 0.0], false)], Vec::new()),
+        3 => (
+            vec![copied_pose(CYLINDER, [-5.0, 6.0, 0.0], false)],
+            Vec::new(),
+        ),
         _ => (Vec::new(), vec![CYLINDER]),
     }
 }
@@ -161,8 +167,8 @@ fn integrated() -> Run {
 
 fn naive() -> Run {
     let frame = |tick| {
-        let (mut seen_now, gone) = bystanders(tick);
-        seen_now.push(seen(BALL, ball_at(tick), false));
+        let (mut changed, removed) = bystanders(tick);
+        changed.push(copied_pose(BALL, ball_at(tick), false));
         Frame {
             tick: Tick::new(tick),
             frame_ns: 5_000_000,
@@ -171,8 +177,8 @@ fn naive() -> Run {
             wire_bytes_up: 50,
             wire_datagrams_up: 1,
             updates: 3,
-            seen: seen_now,
-            gone,
+            changed,
+            removed,
             errors_m: Vec::new(),
             exact: if tick == 1 || tick == 4 { 2 } else { 3 },
             moving_errors_m: Vec::new(),
@@ -191,15 +197,15 @@ fn naive() -> Run {
     run
 }
 
-/// How far beside the ball its copy is at each tick, metres.
+/// Offset of the copied ball at each tick, metres.
 const RHUMB_ERRORS: [f32; 4] = [0.0, 0.015625, 0.03125, 0.0625];
 
 fn rhumb() -> Run {
     let frame = |tick: u64| {
         let error = RHUMB_ERRORS[tick as usize - 1];
         let [x, y, z] = ball_at(tick);
-        let (mut seen_now, gone) = bystanders(tick);
-        seen_now.push(seen(BALL, [x + error, y, z], false));
+        let (mut changed, removed) = bystanders(tick);
+        changed.push(copied_pose(BALL, [x + error, y, z], false));
         let bodies = if tick == 1 || tick == 4 { 2 } else { 3 };
         Frame {
             tick: Tick::new(tick),
@@ -209,8 +215,8 @@ fn rhumb() -> Run {
             wire_bytes_up: 40,
             wire_datagrams_up: 1,
             updates: [3, 1, 0, 1][tick as usize - 1],
-            seen: seen_now,
-            gone,
+            changed,
+            removed,
             errors_m: if error > 0.0 { vec![error] } else { Vec::new() },
             exact: if error > 0.0 { bodies - 1 } else { bodies },
             moving_errors_m: Vec::new(),

@@ -1,42 +1,42 @@
-//! Where the published client loses its time, each as a switch.
+//! Time losses of the published client, each as a switch.
 //!
-//! What each costs here is measured; that it cost the paper's client the same is inferred, since that one ran on another
+//! Each cost is measured here. That the paper's client lost the same time is inferred, because it ran on another
 //! runtime and machine.
 
 use std::fmt;
 
 use clap::ValueEnum;
 
-/// One thing that the published client does and need not.
+/// An avoidable time loss of the published client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, ValueEnum)]
 pub enum Defect {
-    /// Threads look for work each 30 ms (TCP) and 10 ms (what was heard), instead of when there is some.
+    /// Threads poll for work every 30 ms (TCP) and 10 ms (received messages) instead of being woken.
     Poll,
-    /// No more than fifty messages leave in 30 ms.
+    /// At most fifty messages are sent per 30 ms.
     Cap,
-    /// A list of who was heard of is never emptied: each state scans it, each frame's end copies and walks it.
+    /// A list of received bodies is never emptied: each state scans it, each end of frame copies and walks it.
     List,
-    /// The socket's buffer is the system's default, which holds 277 datagrams.
+    /// The socket buffer has the system's default size, which holds 277 datagrams.
     Buffer,
 }
 
-/// Which of them a client has.
+/// The defects of a client.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Defects {
-    /// See [`Loss::Poll`].
+    /// See [`Defect::Poll`].
     pub poll: bool,
-    /// See [`Loss::Cap`].
+    /// See [`Defect::Cap`].
     pub cap: bool,
-    /// See [`Loss::List`].
+    /// See [`Defect::List`].
     pub list: bool,
-    /// See [`Loss::Buffer`].
+    /// See [`Defect::Buffer`].
     pub buffer: bool,
-    /// Entries that the list has from the beginning on, as if the client had heard so many states before.
+    /// Initial entries of the list, as if the client had received that many states before.
     pub listed: u32,
 }
 
 impl Defects {
-    /// A client that loses nothing but what the protocol costs.
+    /// A client without defects.
     pub const SOUND: Self = Self {
         poll: false,
         cap: false,
@@ -45,7 +45,7 @@ impl Defects {
         listed: 0,
     };
 
-    /// The client that was published.
+    /// The published client, with all defects.
     pub const AS_PUBLISHED: Self = Self {
         poll: true,
         cap: true,
@@ -54,7 +54,7 @@ impl Defects {
         listed: 0,
     };
 
-    /// A sound client with these alone.
+    /// A client with the given defects only.
     #[must_use]
     pub fn only(defects: &[Defect]) -> Self {
         Self {
@@ -66,7 +66,7 @@ impl Defects {
         }
     }
 
-    /// The same, with a list that has so many entries from the beginning on.
+    /// The same, with a list of this many initial entries.
     #[must_use]
     pub const fn with_listed(self, listed: u32) -> Self {
         Self { listed, ..self }
@@ -89,7 +89,7 @@ impl fmt::Display for Defects {
         match names.as_slice() {
             [] => f.write_str("sound"),
             _ if self.with_listed(0) == Self::AS_PUBLISHED => f.write_str("as published"),
-            names => write!(f, "sound but for {}", names.join(", ")),
+            names => write!(f, "sound except for {}", names.join(", ")),
         }
     }
 }

@@ -1,7 +1,7 @@
-//! A script's commands in the words of the paper's protocol.
+//! Translation of a script's commands into messages of the paper's protocol.
 //!
-//! As the published plug-in says them: a shape for each object, then the actor, then that it has the shape. What the
-//! protocol cannot say is refused before a run begins.
+//! Uses the order of the published plug-in: a shape for each object, then the actor, then the attachment. A script
+//! that the protocol cannot express is refused before a run begins.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -15,28 +15,28 @@ use rhumb_protocol::limits::COORDINATE_MAX;
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, Material, SceneConfig, Shape, ShapeId};
 use rhumb_reckoning::{BodyState, Damping};
 
-/// The simulation that the bench logs on to.
+/// Id of the simulation that the benchmark logs on to.
 pub(super) const SIMULATION: u32 = 1;
-/// Objects below are the ground plane and the terrain.
+/// Lower objects are the ground plane and the terrain.
 const FIRST_OBJECT: u32 = 2;
-/// What such a server gives bodies that the protocol cannot speak of.
+/// Damping that such a server gives every body; the protocol has no field for it.
 const DAMPING: Damping = Damping {
     linear: 0.0,
     angular: 0.05,
 };
 
-/// What the protocol has no words for.
+/// Features of a script that the protocol cannot express.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unsupported {
-    /// Damping, of the scene or of a body, other than such servers have.
+    /// Damping, of the scene or a body, other than such servers have.
     Damping,
-    /// When bodies sleep.
+    /// Sleep thresholds.
     Sleep,
-    /// A body that its simulator moves.
+    /// A kinematic body.
     Kinematic,
-    /// A cylinder, a capsule that is not the protocol's own, ground, a mesh, or a compound.
+    /// A cylinder, a capsule not aligned as in the protocol, a height field, a mesh, or a compound.
     Shape,
-    /// A body without gyroscopic forces, or one that nothing turns.
+    /// A body without gyroscopic forces, or one with locked rotation.
     Turning,
     /// An impulse.
     Impulse,
@@ -48,22 +48,22 @@ impl fmt::Display for Unsupported {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Damping => "damping other than 0 and 0.05",
-            Self::Sleep => "when bodies sleep",
+            Self::Sleep => "sleep thresholds",
             Self::Kinematic => "a kinematic body",
             Self::Shape => "a shape that is neither ball nor cuboid nor hull",
-            Self::Turning => "how a body turns",
+            Self::Turning => "gyroscopic or locked rotation",
             Self::Impulse => "an impulse",
             Self::Joint => "a joint",
         })
     }
 }
 
-/// The index of the body that an object is.
+/// Index of the body that an object stands for.
 pub(super) const fn body_of(object: u32) -> Option<u32> {
     object.checked_sub(FIRST_OBJECT)
 }
 
-/// The object that the body of an index is.
+/// Object that stands for the body of an index.
 pub(super) const fn object_of(index: u32) -> u32 {
     index + FIRST_OBJECT
 }
@@ -75,7 +75,7 @@ const fn id(object: u32) -> Id {
     }
 }
 
-/// Translates; remembers what has a name of its own only in a script.
+/// Translator; remembers shapes, which only scripts name.
 #[derive(Debug)]
 pub(super) struct MessageWriter {
     material: Material,
@@ -83,7 +83,7 @@ pub(super) struct MessageWriter {
 }
 
 impl MessageWriter {
-    /// For a scene of these config.
+    /// A translator for a scene with this config.
     pub(super) fn new(config: &SceneConfig) -> Result<Self, Unsupported> {
         if config.damping != DAMPING {
             return Err(Unsupported::Damping);
@@ -97,7 +97,7 @@ impl MessageWriter {
         })
     }
 
-    /// Gravity, and a ground plane so low that there is none.
+    /// Gravity, and a ground plane too low to matter.
     pub(super) fn world(gravity: Vec3) -> Message {
         Message::SetWorld(SetWorld {
             plane: id(0),
@@ -111,7 +111,7 @@ impl MessageWriter {
         })
     }
 
-    /// Adds what says a command.
+    /// Appends the messages of a command.
     pub(super) fn encode(
         &mut self,
         command: &Command,

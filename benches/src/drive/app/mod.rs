@@ -1,4 +1,4 @@
-//! The paper's protocol as a mode: its client, beside the others.
+//! The paper's protocol as a mode: its client and the measurement of it.
 mod defects;
 mod messages;
 mod polled;

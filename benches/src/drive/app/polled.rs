@@ -1,7 +1,7 @@
-//! The threads of the published client, which look for work now and then.
+//! The threads of the published client, which poll for work.
 //!
-//! Three, as it has them: one pumps TCP each 30 ms, out and in; one reads datagrams as they come; one takes in each 10 ms
-//! what both have heard, 5,000 messages of each. No order across them.
+//! Three threads, as in the original. One pumps TCP every 30 ms, out and in. One reads datagrams as they arrive. One
+//! processes received messages every 10 ms, 5,000 of each transport. No order holds across them.
 
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};
@@ -13,20 +13,20 @@ use std::time::{Duration, Instant};
 use rhumb_app::{Frames, Message};
 
 use super::defects::Defects;
-use super::replica::{AppReplica, Awaited};
+use super::replica::{AppReplica, AwaitedEnd};
 use super::sockets::{
-    LOST, MESSAGES_PER_POLL, PUMP, READ_BYTES, Sockets, is_nothing_yet, next_message,
+    END_LOST_AFTER, MESSAGES_PER_POLL, PUMP, READ_BYTES, Sockets, is_nothing_yet, next_message,
     receive_datagram,
 };
-use super::wire::Wire;
-use crate::drive::PATIENCE;
+use super::wire::WireCounter;
+use crate::drive::SERVER_TIMEOUT;
 
-/// Between two turns of the thread that takes in what was heard.
+/// Interval between two turns of the thread that processes received messages.
 const MESSENGER: Duration = Duration::from_millis(10);
-/// Messages of each transport that it takes in in one turn.
+/// Messages of each transport that it processes per turn.
 const MESSAGES_PER_TURN: usize = 5_000;
-/// How long a thread waits for a datagram before it looks whether it is to end.
-const LOOK: Duration = Duration::from_millis(50);
+/// Longest wait of a thread for a datagram before it checks whether to stop.
+const STOP_CHECK: Duration = Duration::from_millis(50);
 
 /// A connection that threads read.
 #[derive(Debug)]
@@ -38,34 +38,34 @@ pub(super) struct Polled {
 
 #[derive(Debug)]
 struct PolledState {
-    /// Messages on their way out.
+    /// Messages waiting to be sent.
     out: Mutex<VecDeque<Vec<u8>>>,
     queues: Mutex<ReceiveQueues>,
     replica: Mutex<ReceivedState>,
-    /// A frame is over, or the connection is.
-    news: Condvar,
-    /// How many datagrams of a state the socket's buffer holds.
-    room: usize,
+    /// Signalled when a frame or the connection ends.
+    ended: Condvar,
+    /// Number of state datagrams that the socket buffer holds.
+    buffer_datagrams: usize,
 }
 
-/// What was heard and is not taken in yet.
+/// Received messages not yet processed.
 #[derive(Debug, Default)]
 struct ReceiveQueues {
     tcp: VecDeque<Message>,
     udp: VecDeque<Vec<u8>>,
-    /// When anything came or left last.
+    /// When a message was last received or sent.
     last: Option<Instant>,
-    /// Whether anything came since something was to leave last.
+    /// Whether anything arrived since messages were last queued.
     answered: bool,
-    /// Whether some of it is being taken in.
+    /// Whether a thread is processing messages.
     taking: bool,
 }
 
-/// What was taken in.
+/// Results of processed messages.
 #[derive(Debug)]
 struct ReceivedState {
     replica: AppReplica,
-    wire: Wire,
+    wire: WireCounter,
     over: Option<io::ErrorKind>,
 }
 
@@ -75,7 +75,7 @@ impl Polled {
         sockets: Sockets,
         defects: Defects,
         replica: AppReplica,
-        wire: Wire,
+        wire: WireCounter,
     ) -> io::Result<Self> {
         let shared = Arc::new(PolledState {
             out: Mutex::default(),
@@ -85,21 +85,21 @@ impl Polled {
                 wire,
                 over: None,
             }),
-            news: Condvar::new(),
-            room: sockets.room,
+            ended: Condvar::new(),
+            buffer_datagrams: sockets.buffer_datagrams,
         });
         let udp = sockets.udp.try_clone()?;
-        udp.set_read_timeout(Some(LOOK))?;
-        let most = if defects.cap {
+        udp.set_read_timeout(Some(STOP_CHECK))?;
+        let message_limit = if defects.cap {
             MESSAGES_PER_POLL
         } else {
             usize::MAX
         };
         let tcp = sockets.tcp;
         let threads = vec![
-            spawn("app-tcp", &shared, move |s| pump(s, tcp, most))?,
+            spawn("app-tcp", &shared, move |s| pump(s, tcp, message_limit))?,
             spawn("app-udp", &shared, move |s| receive(s, &udp))?,
-            spawn("app-messenger", &shared, take_in)?,
+            spawn("app-messenger", &shared, process_received)?,
         ];
         Ok(Self {
             shared,
@@ -108,7 +108,7 @@ impl Polled {
         })
     }
 
-    /// Queues messages.
+    /// Queues messages for sending.
     pub(super) fn send(&self, messages: Vec<Vec<u8>>) {
         let mut queues = lock(&self.shared.queues);
         (queues.last, queues.answered) = (Some(Instant::now()), false);
@@ -121,25 +121,25 @@ impl Polled {
         self.udp.send(bytes).map(drop)
     }
 
-    /// Waits until an awaited frame is over, or its end is lost.
+    /// Waits until an awaited frame ends, or its end is lost.
     ///
-    /// Errors when a server says nothing of a frame for [`PATIENCE`].
-    pub(super) fn receive(&self, awaited: Awaited) -> io::Result<()> {
+    /// Returns an error if the server is silent for [`SERVER_TIMEOUT`].
+    pub(super) fn receive(&self, awaited: AwaitedEnd) -> io::Result<()> {
         let mut state = lock(&self.shared.replica);
         while !state.replica.has_ended(awaited) && state.over.is_none() {
-            let waited = self.shared.news.wait_timeout(state, MESSENGER);
+            let waited = self.shared.ended.wait_timeout(state, MESSENGER);
             state = waited.unwrap_or_else(PoisonError::into_inner).0;
             if !state.replica.has_ended(awaited) && state.over.is_none() {
-                let may_lose = state.replica.may_lose(self.shared.room);
+                let may_lose = state.replica.may_lose(self.shared.buffer_datagrams);
                 drop(state);
                 let silence = self.shared.silence(may_lose);
                 state = lock(&self.shared.replica);
                 match silence {
                     Some(Silence::EndLost) => {
-                        state.replica.give_up();
+                        state.replica.abandon();
                         return Ok(());
                     }
-                    Some(Silence::Gone) => return Err(io::ErrorKind::TimedOut.into()),
+                    Some(Silence::ServerLost) => return Err(io::ErrorKind::TimedOut.into()),
                     None => {}
                 }
             }
@@ -150,11 +150,14 @@ impl Polled {
         }
     }
 
-    /// Looks at what was taken in, while no thread does.
-    pub(super) fn with<T>(&self, look: impl FnOnce(&mut AppReplica, &mut Wire) -> T) -> T {
+    /// Gives access to the received state, locked against the threads.
+    pub(super) fn with<T>(
+        &self,
+        inspect: impl FnOnce(&mut AppReplica, &mut WireCounter) -> T,
+    ) -> T {
         let mut state = lock(&self.shared.replica);
         let ReceivedState { replica, wire, .. } = &mut *state;
-        look(replica, wire)
+        inspect(replica, wire)
     }
 }
 
@@ -172,31 +175,32 @@ fn spawn(
     })
 }
 
-/// What a long silence is taken for.
+/// Interpretation of a long silence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Silence {
-    /// The frame is over, and the word for that was lost.
+    /// The frame ended, but its end message was lost.
     EndLost,
-    /// The server is.
-    Gone,
+    /// The server no longer responds.
+    ServerLost,
 }
 
 impl PolledState {
-    /// What it means that all that was to be said has left, all that came is taken in, and that was long ago; `None` while
-    /// that is not so.
+    /// The meaning of the present silence. `None` while messages wait to be sent or processed, or the last one is
+    /// recent.
     fn silence(&self, may_lose: bool) -> Option<Silence> {
         if !lock(&self.out).is_empty() {
             return None;
         }
         let queues = lock(&self.queues);
         let idle = queues.tcp.is_empty() && queues.udp.is_empty() && !queues.taking;
-        // A server that steps is silent, however long it takes: an end is lost only behind what came before it.
-        let (most, meaning) = if queues.answered && may_lose {
-            (LOST, Silence::EndLost)
+        // A server that steps is silent for any length of time. An end counts as lost only after other messages of its
+        // frame.
+        let (limit, meaning) = if queues.answered && may_lose {
+            (END_LOST_AFTER, Silence::EndLost)
         } else {
-            (PATIENCE, Silence::Gone)
+            (SERVER_TIMEOUT, Silence::ServerLost)
         };
-        let long = queues.last.is_some_and(|last| last.elapsed() >= most);
+        let long = queues.last.is_some_and(|last| last.elapsed() >= limit);
         (idle && long).then_some(meaning)
     }
 
@@ -206,7 +210,7 @@ impl PolledState {
 
     fn end(&self, kind: io::ErrorKind) {
         lock(&self.replica).over.get_or_insert(kind);
-        self.news.notify_all();
+        self.ended.notify_all();
     }
 }
 
@@ -214,25 +218,25 @@ impl Drop for Polled {
     fn drop(&mut self) {
         self.shared.end(io::ErrorKind::Interrupted);
         for thread in self.threads.drain(..) {
-            // A thread that panicked has said so.
+            // A panicking thread has already reported its panic.
             let _ = thread.join();
         }
     }
 }
 
-/// Nothing that any of these threads holds is left half done by a panic of another.
+/// Locks a mutex; no thread leaves shared state half updated, so a poisoned lock is safe to use.
 fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
     of.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// So many messages out and one read in, each turn.
-fn pump(shared: &PolledState, mut tcp: TcpStream, most: usize) -> io::Result<()> {
+/// Sends up to `message_limit` messages and reads once, each turn.
+fn pump(shared: &PolledState, mut tcp: TcpStream, message_limit: usize) -> io::Result<()> {
     let mut frames = Frames::default();
     let mut buffer = vec![0; READ_BYTES];
     while !shared.is_over() {
         let turn: Vec<Vec<u8>> = {
             let mut out = lock(&shared.out);
-            let count = out.len().min(most);
+            let count = out.len().min(message_limit);
             out.drain(..count).collect()
         };
         tcp.set_nonblocking(false)?;
@@ -281,8 +285,8 @@ fn receive(shared: &PolledState, udp: &UdpSocket) -> io::Result<()> {
     Ok(())
 }
 
-/// Takes in what was heard, TCP first, as much as one turn takes.
-fn take_in(shared: &PolledState) -> io::Result<()> {
+/// Processes received messages, TCP first, up to the limit of a turn.
+fn process_received(shared: &PolledState) -> io::Result<()> {
     while !shared.is_over() {
         let (tcp, udp): (Vec<Message>, Vec<Vec<u8>>) = {
             let mut queues = lock(&shared.queues);
@@ -305,7 +309,7 @@ fn take_in(shared: &PolledState) -> io::Result<()> {
             }
             drop(state);
             lock(&shared.queues).taking = false;
-            shared.news.notify_all();
+            shared.ended.notify_all();
         }
         thread::sleep(MESSENGER);
     }

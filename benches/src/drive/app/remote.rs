@@ -17,7 +17,7 @@ use super::messages::{MessageWriter, SIMULATION, Unsupported};
 use super::polled::Polled;
 use super::replica::AppReplica;
 use super::sockets::{Direct, Sockets};
-use super::wire::{Count, Wire};
+use super::wire::{Count, WireCounter};
 use crate::drive::compare::{RecentTruth, compare};
 use crate::drive::control::ScriptChoice;
 use crate::drive::remote::Retention;
@@ -28,7 +28,7 @@ use crate::record::{CapturedPacket, Cause, CopiedPose, Frame, JoinCost, Mode};
 pub(in crate::drive) struct AppRemote {
     connection: PaperConnection,
     writer: MessageWriter,
-    /// Ticks of a frame, and their seconds.
+    /// Ticks per frame, and their duration in seconds.
     ticks_each: u32,
     seconds: f32,
     keep: Retention,
@@ -39,11 +39,11 @@ pub(in crate::drive) struct AppRemote {
     pub(in crate::drive) frames: Vec<Frame>,
     pub(in crate::drive) captured: Vec<CapturedPacket>,
     pub(in crate::drive) join: JoinCost,
-    // Dropped last: the client says goodbye first.
+    // Dropped last, so that the client can close the connection.
     process: ServerProcess,
 }
 
-/// How such a mode is set up.
+/// Setup of such a mode.
 #[derive(Clone, Debug)]
 pub(in crate::drive) struct AppSetup {
     pub(in crate::drive) mode: Mode,
@@ -54,27 +54,27 @@ pub(in crate::drive) struct AppSetup {
     pub(in crate::drive) keep: Retention,
 }
 
-/// How often, and how long, a client looks whether it was taken in: half a minute.
-const READY_LOOKS: u32 = 30_000;
+/// Attempts to wait for readiness, and the pause between them: half a minute in total.
+const READY_ATTEMPTS: u32 = 30_000;
 const READY_PAUSE: Duration = Duration::from_millis(1);
 
-/// Who reads the sockets.
+/// Which thread reads the sockets.
 enum PaperConnection {
-    Direct(Box<Own>),
+    Direct(Box<DirectReader>),
     Polled(Polled),
 }
 
-/// What a caller has that reads its sockets itself.
-struct Own {
+/// State of a caller that reads its sockets itself.
+struct DirectReader {
     connection: Direct,
     replica: AppReplica,
-    wire: Wire,
+    wire: WireCounter,
 }
 
-/// Why a mode of the paper's protocol did not come to its end.
+/// Why a mode of the paper's protocol failed.
 #[derive(Debug)]
 pub enum AppError {
-    /// The script has what the protocol cannot say.
+    /// The script uses a feature that the protocol cannot express.
     Unsupported(Unsupported),
     /// The sockets failed, or the server ended the connection.
     PaperConnection(io::Error),
@@ -83,7 +83,7 @@ pub enum AppError {
 impl fmt::Display for AppError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Unsupported(what) => write!(f, "the paper's protocol cannot say {what}"),
+            Self::Unsupported(what) => write!(f, "the paper's protocol cannot express {what}"),
             Self::PaperConnection(cause) => write!(f, "the paper's protocol: {cause}"),
         }
     }
@@ -165,7 +165,7 @@ impl AppRemote {
         bytes
     }
 
-    /// Says commands, and knows what they place.
+    /// Encodes commands and tracks the bodies they place.
     fn encode(&mut self, commands: &[Command]) -> Result<Vec<Vec<u8>>, DriveError> {
         let mut encoded = Vec::new();
         for command in commands {
@@ -188,7 +188,7 @@ impl AppRemote {
             .collect())
     }
 
-    /// Gives the commands before the first step, and counts all that as joining.
+    /// Sends the commands before the first step; the traffic counts as joining.
     pub(in crate::drive) fn prepare(&mut self, commands: &[Command]) -> Result<(), DriveError> {
         let encoded = self.encode(commands)?;
         self.connection
@@ -211,7 +211,7 @@ impl AppRemote {
         Ok(())
     }
 
-    /// One frame: command, advance, and hear that it is over.
+    /// One frame: commands, advance, and the end of the frame.
     pub(in crate::drive) fn frame(&mut self, commands: &[Command]) -> Result<(), DriveError> {
         let begun = self.clock.now();
         let mut encoded = self.encode(commands)?;
@@ -222,12 +222,12 @@ impl AppRemote {
             .map_err(AppError::PaperConnection)?;
         let frame_ns = self.clock.now().since(begun).as_nanos();
         self.ticks += u64::from(self.ticks_each);
-        self.note_frame(frame_ns);
+        self.record_frame(frame_ns);
         Ok(())
     }
 
-    /// Writes down what the frame cost and what it showed.
-    fn note_frame(&mut self, frame_ns: u64) {
+    /// Records the cost of the frame and the poses it shows.
+    fn record_frame(&mut self, frame_ns: u64) {
         let number = self.frames.len() as u32;
         let before = self.counts;
         let (mut frame, taken) = self.connection.with(|replica, wire| {
@@ -239,7 +239,7 @@ impl AppRemote {
             if self.keep == Retention::Costs {
                 changed.clear();
             }
-            let seen = changed.into_iter().filter_map(|id| {
+            let poses = changed.into_iter().filter_map(|id| {
                 let (position, rotation) = replica.pose(id)?;
                 Some(CopiedPose {
                     id,
@@ -251,7 +251,7 @@ impl AppRemote {
             let frame = Frame {
                 frame_ns,
                 updates,
-                seen: seen.collect(),
+                changed: poses.collect(),
                 ..Frame::default()
             };
             (frame, wire.take())
@@ -270,23 +270,23 @@ impl AppRemote {
         self.frames.push(frame);
     }
 
-    /// The last frame, which is not kept.
+    /// Removes and returns the last frame.
     pub(in crate::drive) fn take_frame(&mut self) -> Option<Frame> {
         self.frames.pop()
     }
 
-    /// Frames so far whose end was not heard.
+    /// Frames so far whose end message was lost.
     pub(in crate::drive) fn ends_lost(&mut self) -> u64 {
         self.connection.with(|replica, _| replica.lost)
     }
 
-    /// Ticks that have passed.
+    /// Ticks advanced so far.
     pub(in crate::drive) const fn ticks(&self) -> u64 {
         self.ticks
     }
 
-    /// Judges the last frame against the truth; returns how many bodies its copy lacks.
-    pub(in crate::drive) fn judge(&mut self, recent: &RecentTruth) -> Option<u32> {
+    /// Records the errors of the last frame against the truth; returns how many bodies the copy lacks.
+    pub(in crate::drive) fn record_errors(&mut self, recent: &RecentTruth) -> Option<u32> {
         let number = self.frames.len().checked_sub(1)?;
         let tick = self.frames[number].tick;
         let errors = self.connection.with(|replica, _| {
@@ -299,7 +299,7 @@ impl AppRemote {
         Some(errors.missing)
     }
 
-    /// What the server says of the scene at the end, to a native client that joins for it.
+    /// The server's report on the scene at the end, requested by a native client that joins for it.
     pub(in crate::drive) fn inspect(&mut self) -> Result<Inspection, DriveError> {
         let scene = format!("app/{SIMULATION}");
         let options = Options::new(
@@ -310,14 +310,14 @@ impl AppRemote {
         );
         let mut client = Client::open(options)?;
         // A client that lost the end of a frame may be ahead of its server.
-        let mut looks = READY_LOOKS;
+        let mut attempts = READY_ATTEMPTS;
         loop {
             let inspection = client.inspect()?;
             if inspection.tick.value() >= self.ticks {
                 return Ok(inspection);
             }
-            looks -= 1;
-            if looks == 0 {
+            attempts -= 1;
+            if attempts == 0 {
                 let cause = io::ErrorKind::TimedOut.into();
                 return Err(AppError::PaperConnection(cause).into());
             }
@@ -335,12 +335,17 @@ fn connect(
     let sockets = Sockets::open(server, defects)?;
     let replica = AppReplica::new(defects);
     Ok(if defects.poll {
-        PaperConnection::Polled(Polled::start(sockets, defects, replica, Wire::new(keep))?)
+        PaperConnection::Polled(Polled::start(
+            sockets,
+            defects,
+            replica,
+            WireCounter::new(keep),
+        )?)
     } else {
-        PaperConnection::Direct(Box::new(Own {
+        PaperConnection::Direct(Box::new(DirectReader {
             connection: Direct::new(sockets, defects)?,
             replica,
-            wire: Wire::new(keep),
+            wire: WireCounter::new(keep),
         }))
     })
 }
@@ -348,7 +353,7 @@ fn connect(
 impl PaperConnection {
     fn send(&mut self, messages: Vec<Vec<u8>>) -> io::Result<()> {
         match self {
-            Self::Direct(own) => own.connection.send(&messages, &mut own.wire),
+            Self::Direct(reader) => reader.connection.send(&messages, &mut reader.wire),
             Self::Polled(connection) => {
                 connection.send(messages);
                 Ok(())
@@ -358,42 +363,42 @@ impl PaperConnection {
 
     fn send_datagram(&mut self, bytes: &[u8]) -> io::Result<()> {
         match self {
-            Self::Direct(own) => own.connection.send_datagram(bytes, &mut own.wire),
+            Self::Direct(reader) => reader.connection.send_datagram(bytes, &mut reader.wire),
             Self::Polled(connection) => connection.send_datagram(bytes),
         }
     }
 
-    /// Waits until the server has taken the client in.
+    /// Waits until the server has admitted the client.
     fn await_ready(&mut self) -> io::Result<()> {
-        let mut looks = READY_LOOKS;
+        let mut attempts = READY_ATTEMPTS;
         while !self.with(|replica, _| replica.ready) {
-            looks -= 1;
-            if looks == 0 {
+            attempts -= 1;
+            if attempts == 0 {
                 return Err(io::ErrorKind::TimedOut.into());
             }
             thread::sleep(READY_PAUSE);
-            if let Self::Direct(own) = self {
-                let Own {
+            if let Self::Direct(reader) = self {
+                let DirectReader {
                     connection,
                     replica,
                     wire,
-                } = &mut **own;
+                } = &mut **reader;
                 connection.receive_tcp(replica, wire)?;
             }
         }
         Ok(())
     }
 
-    /// Sends messages, and waits until a frame more is over.
+    /// Sends messages and waits until one more frame ends.
     fn frame(&mut self, messages: Vec<Vec<u8>>) -> io::Result<()> {
         match self {
-            Self::Direct(own) => {
-                let Own {
+            Self::Direct(reader) => {
+                let DirectReader {
                     connection,
                     replica,
                     wire,
-                } = &mut **own;
-                connection.switch_when_caught_up(replica, wire)?;
+                } = &mut **reader;
+                connection.catch_up(replica, wire)?;
                 connection.send(&messages, wire)?;
                 connection.receive(replica, wire)
             }
@@ -405,10 +410,10 @@ impl PaperConnection {
         }
     }
 
-    fn with<T>(&mut self, look: impl FnOnce(&mut AppReplica, &mut Wire) -> T) -> T {
+    fn with<T>(&mut self, inspect: impl FnOnce(&mut AppReplica, &mut WireCounter) -> T) -> T {
         match self {
-            Self::Direct(own) => look(&mut own.replica, &mut own.wire),
-            Self::Polled(connection) => connection.with(look),
+            Self::Direct(reader) => inspect(&mut reader.replica, &mut reader.wire),
+            Self::Polled(connection) => connection.with(inspect),
         }
     }
 }

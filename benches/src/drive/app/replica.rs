@@ -1,4 +1,4 @@
-//! What a client of the paper's protocol knows of its actors.
+//! State that a client of the paper's protocol keeps of its actors.
 
 use std::collections::BTreeMap;
 use std::hint::black_box;
@@ -10,37 +10,37 @@ use rhumb_reckoning::BodyId;
 use super::defects::Defects;
 use super::messages::{SIMULATION, body_of, object_of};
 
-/// The poses that were heard last.
+/// The poses received last.
 #[derive(Debug, Default)]
 pub(super) struct AppReplica {
     poses: BTreeMap<u32, (BodyId, Vec3, Quat)>,
-    /// Everyone who was ever heard of, again and again, if the client keeps such a list.
+    /// The published client's list: one entry per received state, never emptied; `None` without that defect.
     known_objects: Option<Vec<u32>>,
-    /// Entries that this list is to have before the first state is heard.
+    /// Entries to add to the list before the first state.
     listed: usize,
     /// Actors whose pose changed since this was last emptied.
     pub(super) changed: Vec<BodyId>,
     pub(super) states: u64,
-    /// Whether the server has taken it in.
+    /// Whether the server has admitted the client.
     pub(super) ready: bool,
-    /// Frames that were told to be over, before they were given up.
-    pub(super) over: u64,
-    /// Frames that were given up: their ends were lost, or came too late.
+    /// Frames that ended before their wait was abandoned.
+    pub(super) ended_frames: u64,
+    /// Frames abandoned: their end messages were lost or late.
     pub(super) lost: u64,
-    /// Ends of frames that were given up and may come yet.
+    /// End messages of abandoned frames that may still arrive.
     owed: u64,
-    /// States that had been heard when the present frame was asked for.
+    /// States received when the present frame was requested.
     begun: u64,
-    /// Whether an end was heard since then that was taken for an owed one.
+    /// Whether an end message since then was attributed to an abandoned frame.
     paid: bool,
 }
 
-/// The end of a frame that is waited for: frames that were over before.
+/// An awaited end of frame: the number of frames ended before it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Awaited(u64);
+pub(super) struct AwaitedEnd(u64);
 
 impl AppReplica {
-    /// Keeps the list that is never emptied if it is among the losses.
+    /// Creates the state, with the published client's list if `defects` has it.
     pub(super) fn new(defects: Defects) -> Self {
         Self {
             known_objects: defects.list.then(Vec::new),
@@ -49,52 +49,52 @@ impl AppReplica {
         }
     }
 
-    /// Whether a buffer that holds so many datagrams may overflow by a state of each body and the frame's end.
-    pub(super) fn may_lose(&self, room: usize) -> bool {
-        self.poses.len() + 2 > room
+    /// Whether a buffer of `buffer_datagrams` datagrams can overflow by one state per body and the end of frame.
+    pub(super) fn may_lose(&self, buffer_datagrams: usize) -> bool {
+        self.poses.len() + 2 > buffer_datagrams
     }
 
-    /// Begins to wait for the end of a frame that is asked for.
-    pub(super) fn await_end(&mut self) -> Awaited {
+    /// Starts waiting for the end of a requested frame.
+    pub(super) fn await_end(&mut self) -> AwaitedEnd {
         (self.begun, self.paid) = (self.states, false);
-        Awaited(self.over)
+        AwaitedEnd(self.ended_frames)
     }
 
-    /// Whether it has come.
-    pub(super) fn has_ended(&self, Awaited(before): Awaited) -> bool {
-        self.over > before
+    /// Whether the awaited end has arrived.
+    pub(super) fn has_ended(&self, AwaitedEnd(before): AwaitedEnd) -> bool {
+        self.ended_frames > before
     }
 
-    /// Waits no longer. Where an end came, and silence behind it, that was this frame's own: the owed one was lost.
-    pub(super) fn give_up(&mut self) {
+    /// Abandons the wait. If an end and then silence came, that end was this frame's own, and the owed one was lost.
+    pub(super) fn abandon(&mut self) {
         if std::mem::take(&mut self.paid) {
             self.owed = 0;
-            self.over += 1;
+            self.ended_frames += 1;
         } else {
             self.lost += 1;
             self.owed += 1;
         }
     }
 
-    /// An end that is heard before any state while one is owed is that of a frame that was given up. Datagrams keep their
-    /// order here: behind a frame's own end none that is owed can come.
+    /// Attributes an end message. One that arrives before any state while another is owed belongs to an abandoned
+    /// frame. Datagrams keep their order on loopback, so no owed end can follow a frame's own end.
     fn receive_end(&mut self) {
         if self.owed > 0 && self.states == self.begun {
             self.owed -= 1;
             self.paid = true;
         } else {
-            self.over += 1;
+            self.ended_frames += 1;
             self.owed = 0;
         }
     }
 
-    /// A body is created where its simulator says.
+    /// Adds a body at its initial pose.
     pub(super) fn place(&mut self, id: BodyId, position: Vec3, rotation: Quat) {
         self.poses.insert(id.index(), (id, position, rotation));
         self.changed.push(id);
     }
 
-    /// A body is removed.
+    /// Removes a body.
     pub(super) fn remove(&mut self, id: BodyId) {
         self.poses.remove(&id.index());
     }
@@ -104,7 +104,7 @@ impl AppReplica {
         (known == id).then_some((position, rotation))
     }
 
-    /// Takes a message in, with the work that the published client makes of it if it is one.
+    /// Processes a message, with the published client's list work if that defect is set.
     pub(super) fn receive(&mut self, message: &Message) {
         match message {
             Message::SetDynamicActor(state) => {

@@ -1,6 +1,6 @@
-//! The sockets of a sound client: its caller's own thread has them.
+//! Sockets read by the caller's own thread, as in a client without defects.
 //!
-//! But for what it is told to lose: a cap on what leaves, and the size of a buffer.
+//! The send cap and the buffer size follow the client's defects.
 
 use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpStream, UdpSocket};
@@ -11,18 +11,18 @@ use rhumb_app::{Frames, Message};
 
 use super::defects::Defects;
 use super::replica::AppReplica;
-use super::wire::Wire;
-use crate::drive::PATIENCE;
+use super::wire::WireCounter;
+use crate::drive::SERVER_TIMEOUT;
 
-/// The sockets, once connected.
+/// The connected sockets.
 #[derive(Debug)]
 pub(super) struct Sockets {
     pub(super) tcp: TcpStream,
     pub(super) udp: UdpSocket,
-    /// How many datagrams of a state the buffer of `udp` holds.
-    pub(super) room: usize,
-    /// See [`LOST`].
-    pub(super) patience: Duration,
+    /// Number of state datagrams that the buffer of `udp` holds.
+    pub(super) buffer_datagrams: usize,
+    /// See [`END_LOST_AFTER`].
+    pub(super) end_timeout: Duration,
 }
 
 /// A connection that its caller reads.
@@ -34,41 +34,41 @@ pub(super) struct Direct {
     buffer: Vec<u8>,
 }
 
-/// Of a sound client: a frame of ten thousand bodies and more.
+/// Buffer of a client without defects: holds a frame of more than ten thousand bodies.
 #[cfg(target_os = "linux")]
 const BUFFER_BYTES: usize = 16 << 20;
-/// The system's default on Linux, which the published client leaves alone; the kernel doubles what it is told.
+/// The default on Linux, which the published client keeps; the kernel doubles the requested size.
 #[cfg(target_os = "linux")]
 const DEFAULT_BUFFER_BYTES: usize = 212_992 / 2;
-/// Silence behind the first word of a frame after which its end counts as lost: the published simulator begins its next frame then, 11.33 times
-/// a second.
-pub(super) const LOST: Duration = Duration::from_nanos(88_261_253);
-/// What the system takes of a socket's buffer for the datagram of a state: 277 fit into the default one.
+/// Silence after the first message of a frame after which its end counts as lost. The published simulator then begins
+/// its next frame: 11.33 times a second.
+pub(super) const END_LOST_AFTER: Duration = Duration::from_nanos(88_261_253);
+/// Kernel memory that a state datagram takes in the socket buffer: 277 fit into the default one.
 const KEPT_BYTES: usize = 768;
-/// Messages that leave in one turn of the published client's pump.
+/// Messages that the published client sends per turn of its pump.
 pub(super) const MESSAGES_PER_POLL: usize = 50;
-/// Between two turns of its pump.
+/// Interval between two turns of its pump.
 pub(super) const PUMP: Duration = Duration::from_millis(30);
-/// One read of TCP.
+/// Size of one TCP read.
 pub(super) const READ_BYTES: usize = 64 << 10;
 
 impl Sockets {
-    /// Connects both, and sends the logon by datagram as the published client does, before that on TCP.
+    /// Connects both sockets. Sends the logon by datagram, as the published client does, before the one on TCP.
     pub(super) fn open(server: SocketAddr, defects: Defects) -> io::Result<Self> {
         let udp = UdpSocket::bind("127.0.0.1:0")?;
-        let room = set_buffer(&udp, defects)? / KEPT_BYTES;
+        let buffer_datagrams = set_buffer(&udp, defects)? / KEPT_BYTES;
         udp.connect(server)?;
         let tcp = TcpStream::connect(server)?;
         Ok(Self {
             tcp,
             udp,
-            room,
-            patience: LOST,
+            buffer_datagrams,
+            end_timeout: END_LOST_AFTER,
         })
     }
 }
 
-/// Gives a socket the buffer of the published client, or a large one; tells how large it is, bytes.
+/// Sets the buffer size of the published client or a large one; returns the actual size in bytes.
 #[cfg(target_os = "linux")]
 fn set_buffer(udp: &UdpSocket, defects: Defects) -> io::Result<usize> {
     use rustix::net::sockopt::{
@@ -77,13 +77,13 @@ fn set_buffer(udp: &UdpSocket, defects: Defects) -> io::Result<usize> {
     if defects.buffer {
         set_socket_recv_buffer_size(udp, DEFAULT_BUFFER_BYTES)?;
     } else if set_socket_recv_buffer_size_force(udp, BUFFER_BYTES).is_err() {
-        // Without the right to it, as much as anybody may have.
+        // Without the privilege, the largest size allowed for any process.
         set_socket_recv_buffer_size(udp, BUFFER_BYTES)?;
     }
     Ok(socket_recv_buffer_size(udp)?)
 }
 
-/// Elsewhere a socket keeps the buffer that it has, which is another: nothing can be said of this loss there.
+/// On other systems the socket keeps its buffer, so this defect is not modelled.
 #[cfg(not(target_os = "linux"))]
 fn set_buffer(_: &UdpSocket, _: Defects) -> io::Result<usize> {
     Ok(0)
@@ -100,8 +100,8 @@ impl Direct {
         })
     }
 
-    /// Sends messages, one write for as many as leave together.
-    pub(super) fn send(&mut self, messages: &[Vec<u8>], wire: &mut Wire) -> io::Result<()> {
+    /// Sends messages; one write for all that leave together.
+    pub(super) fn send(&mut self, messages: &[Vec<u8>], wire: &mut WireCounter) -> io::Result<()> {
         if !self.defects.cap {
             return self.write(&messages.concat(), wire);
         }
@@ -115,7 +115,7 @@ impl Direct {
         Ok(())
     }
 
-    fn write(&mut self, bytes: &[u8], wire: &mut Wire) -> io::Result<()> {
+    fn write(&mut self, bytes: &[u8], wire: &mut WireCounter) -> io::Result<()> {
         if bytes.is_empty() {
             return Ok(());
         }
@@ -123,17 +123,17 @@ impl Direct {
         self.sockets.tcp.write_all(bytes)
     }
 
-    /// Takes in what came too late: behind the end of a frame that was given up.
-    pub(super) fn switch_when_caught_up(
+    /// Processes datagrams that arrive after their frame was abandoned.
+    pub(super) fn catch_up(
         &mut self,
         replica: &mut AppReplica,
-        wire: &mut Wire,
+        wire: &mut WireCounter,
     ) -> io::Result<()> {
-        if !replica.may_lose(self.sockets.room) {
+        if !replica.may_lose(self.sockets.buffer_datagrams) {
             return Ok(());
         }
         self.sockets.udp.set_nonblocking(true)?;
-        let heard = loop {
+        let result = loop {
             match self.receive_one(replica, wire) {
                 Ok(()) => {}
                 Err(cause) if is_nothing_yet(&cause) => break Ok(()),
@@ -141,30 +141,35 @@ impl Direct {
             }
         };
         self.sockets.udp.set_nonblocking(false)?;
-        heard
+        result
     }
 
-    /// Reads until a frame more is over; then takes in what TCP has. Where a burst may overflow the socket's buffer,
-    /// silence behind a frame's first word ends it, too.
+    /// Reads until one more frame ends, then processes pending TCP messages. Where a burst may overflow the socket
+    /// buffer, silence after the first message of a frame also ends it.
     ///
-    /// Errors when a server says nothing of a frame for [`PATIENCE`].
-    pub(super) fn receive(&mut self, replica: &mut AppReplica, wire: &mut Wire) -> io::Result<()> {
+    /// Returns an error if the server is silent for [`SERVER_TIMEOUT`].
+    pub(super) fn receive(
+        &mut self,
+        replica: &mut AppReplica,
+        wire: &mut WireCounter,
+    ) -> io::Result<()> {
         let awaited = replica.await_end();
-        let may_lose = replica.may_lose(self.sockets.room);
-        // A server that steps is silent, however long it takes: an end is lost only behind what came before it.
-        self.sockets.udp.set_read_timeout(Some(PATIENCE))?;
+        let may_lose = replica.may_lose(self.sockets.buffer_datagrams);
+        // A server that steps is silent for any length of time. An end counts as lost only after other messages of its
+        // frame.
+        self.sockets.udp.set_read_timeout(Some(SERVER_TIMEOUT))?;
         let mut silent = true;
         while !replica.has_ended(awaited) {
             match self.receive_one(replica, wire) {
                 Ok(()) if may_lose && std::mem::take(&mut silent) => {
-                    let patience = self.sockets.patience;
-                    self.sockets.udp.set_read_timeout(Some(patience))?;
+                    let end_timeout = self.sockets.end_timeout;
+                    self.sockets.udp.set_read_timeout(Some(end_timeout))?;
                 }
                 Ok(()) => {}
-                // Of a process that was stopped for a while.
+                // The process was stopped for a while; the read is repeated.
                 Err(cause) if cause.kind() == io::ErrorKind::Interrupted => {}
                 Err(cause) if is_nothing_yet(&cause) && !silent => {
-                    replica.give_up();
+                    replica.abandon();
                     break;
                 }
                 Err(cause) if is_nothing_yet(&cause) => return Err(io::ErrorKind::TimedOut.into()),
@@ -174,7 +179,7 @@ impl Direct {
         self.receive_tcp(replica, wire)
     }
 
-    fn receive_one(&mut self, replica: &mut AppReplica, wire: &mut Wire) -> io::Result<()> {
+    fn receive_one(&mut self, replica: &mut AppReplica, wire: &mut WireCounter) -> io::Result<()> {
         let count = self.sockets.udp.recv(&mut self.buffer)?;
         let datagram = &self.buffer[..count];
         wire.datagram_down(datagram);
@@ -184,10 +189,10 @@ impl Direct {
     pub(super) fn receive_tcp(
         &mut self,
         replica: &mut AppReplica,
-        wire: &mut Wire,
+        wire: &mut WireCounter,
     ) -> io::Result<()> {
         self.sockets.tcp.set_nonblocking(true)?;
-        let heard = loop {
+        let result = loop {
             match self.sockets.tcp.read(&mut self.buffer) {
                 Ok(0) => break Err(io::ErrorKind::ConnectionAborted.into()),
                 Ok(count) => {
@@ -199,20 +204,20 @@ impl Direct {
             }
         };
         self.sockets.tcp.set_nonblocking(false)?;
-        heard?;
+        result?;
         while let Some(message) = next_message(&mut self.frames)? {
             replica.receive(&message);
         }
         Ok(())
     }
 
-    pub(super) fn send_datagram(&mut self, bytes: &[u8], wire: &mut Wire) -> io::Result<()> {
+    pub(super) fn send_datagram(&mut self, bytes: &[u8], wire: &mut WireCounter) -> io::Result<()> {
         wire.datagram_up(bytes);
         self.sockets.udp.send(bytes).map(drop)
     }
 }
 
-/// Takes in every message of a datagram: one, or as many as were packed.
+/// Processes all messages of a datagram, one or several packed.
 pub(super) fn receive_datagram(datagram: &[u8], replica: &mut AppReplica) -> io::Result<()> {
     let mut frames = Frames::default();
     frames.push(datagram);
@@ -222,7 +227,7 @@ pub(super) fn receive_datagram(datagram: &[u8], replica: &mut AppReplica) -> io:
     Ok(())
 }
 
-/// The next message; bytes that are none are the server's fault.
+/// The next message; undecodable bytes are a server error.
 pub(super) fn next_message(frames: &mut Frames) -> io::Result<Option<Message>> {
     let framed = frames.next_message();
     let framed =
@@ -230,7 +235,7 @@ pub(super) fn next_message(frames: &mut Frames) -> io::Result<Option<Message>> {
     Ok(framed.map(|framed| framed.message))
 }
 
-/// Whether a read only found nothing there.
+/// Whether a read failed only because no data was there.
 pub(super) fn is_nothing_yet(cause: &io::Error) -> bool {
     matches!(
         cause.kind(),
@@ -251,16 +256,16 @@ mod tests {
     use crate::drive::remote::Retention;
 
     const BODIES: u32 = 20;
-    /// Silence after which these ends count as lost.
+    /// Silence after which the ends in these tests count as lost.
     const SHORT: Duration = Duration::from_millis(10);
 
-    /// A server's end of both sockets, and a client's.
-    fn ends(defects: Defects, room: usize) -> (UdpSocket, TcpStream, Direct) {
+    /// A server's two sockets and a connected client.
+    fn ends(defects: Defects, buffer_datagrams: usize) -> (UdpSocket, TcpStream, Direct) {
         let tcp = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = tcp.local_addr().unwrap();
         let udp = UdpSocket::bind(address).unwrap();
         let mut sockets = Sockets::open(address, defects).unwrap();
-        (sockets.room, sockets.patience) = (room, SHORT);
+        (sockets.buffer_datagrams, sockets.end_timeout) = (buffer_datagrams, SHORT);
         udp.connect(sockets.udp.local_addr().unwrap()).unwrap();
         let (server, _) = tcp.accept().unwrap();
         (udp, server, Direct::new(sockets, defects).unwrap())
@@ -272,7 +277,7 @@ mod tests {
         udp.send(&bytes).unwrap();
     }
 
-    /// The states of some bodies; their end by itself.
+    /// Sends the states of some bodies, without an end of frame.
     fn send_states(udp: &UdpSocket, objects: std::ops::Range<u32>) {
         for object in objects {
             let actor = Id {
@@ -292,62 +297,66 @@ mod tests {
     }
 
     #[test]
-    fn a_server_that_stalls_in_a_frame_is_waited_for() {
+    fn a_server_that_stalls_within_a_frame_is_waited_for() {
         let (udp, _tcp, mut direct) = ends(Defects::SOUND, usize::MAX);
-        let (asks, asked) = mpsc::channel();
+        let (requests, requested) = mpsc::channel();
         let server = thread::spawn(move || {
-            for () in asked {
+            for () in requested {
                 send_states(&udp, 0..BODIES / 2);
                 thread::sleep(2 * SHORT);
                 send_states(&udp, BODIES / 2..BODIES);
                 encode(&udp, &Message::TimeAdvanced(SIMULATION));
             }
         });
-        let (mut replica, mut wire) =
-            (AppReplica::new(Defects::SOUND), Wire::new(Retention::Costs));
+        let (mut replica, mut wire) = (
+            AppReplica::new(Defects::SOUND),
+            WireCounter::new(Retention::Costs),
+        );
         for frame in 1..=3 {
-            asks.send(()).unwrap();
-            direct
-                .switch_when_caught_up(&mut replica, &mut wire)
-                .unwrap();
+            requests.send(()).unwrap();
+            direct.catch_up(&mut replica, &mut wire).unwrap();
             direct.receive(&mut replica, &mut wire).unwrap();
-            assert_eq!((replica.over, replica.lost), (frame, 0));
+            assert_eq!((replica.ended_frames, replica.lost), (frame, 0));
             assert_eq!(replica.states, frame * u64::from(BODIES));
         }
-        drop(asks);
+        drop(requests);
         server.join().unwrap();
     }
 
     #[test]
-    fn an_end_that_comes_too_late_is_not_taken_for_that_of_the_next_frame() {
+    fn a_late_end_is_not_attributed_to_the_next_frame() {
         let (udp, _tcp, mut direct) = ends(Defects::SOUND, 0);
-        let (mut replica, mut wire) =
-            (AppReplica::new(Defects::SOUND), Wire::new(Retention::Costs));
+        let (mut replica, mut wire) = (
+            AppReplica::new(Defects::SOUND),
+            WireCounter::new(Retention::Costs),
+        );
         send_states(&udp, 0..BODIES);
         direct.receive(&mut replica, &mut wire).unwrap();
-        assert_eq!((replica.over, replica.lost), (0, 1));
-        // Its end comes with the next frame, which says states before its own.
+        assert_eq!((replica.ended_frames, replica.lost), (0, 1));
+        // The late end arrives with the next frame, which sends states before its own end.
         encode(&udp, &Message::TimeAdvanced(SIMULATION));
         send_states(&udp, 0..BODIES);
         encode(&udp, &Message::TimeAdvanced(SIMULATION));
         direct.receive(&mut replica, &mut wire).unwrap();
-        assert_eq!((replica.over, replica.lost), (1, 1));
+        assert_eq!((replica.ended_frames, replica.lost), (1, 1));
         assert_eq!(replica.states, 2 * u64::from(BODIES));
     }
 
     #[test]
-    fn an_end_that_never_comes_is_owed_until_the_next_and_no_longer() {
+    fn a_lost_end_is_owed_only_until_the_next_frame_ends() {
         let (udp, _tcp, mut direct) = ends(Defects::SOUND, 0);
-        let (mut replica, mut wire) =
-            (AppReplica::new(Defects::SOUND), Wire::new(Retention::Costs));
+        let (mut replica, mut wire) = (
+            AppReplica::new(Defects::SOUND),
+            WireCounter::new(Retention::Costs),
+        );
         send_states(&udp, 0..BODIES);
         direct.receive(&mut replica, &mut wire).unwrap();
-        assert_eq!((replica.over, replica.lost), (0, 1));
-        // From now on all sleep: nothing tells this frame's end from the one that was lost but silence behind it.
+        assert_eq!((replica.ended_frames, replica.lost), (0, 1));
+        // From here on all bodies sleep, so only the silence after an end tells it from the lost one.
         for frame in 1..=3 {
             encode(&udp, &Message::TimeAdvanced(SIMULATION));
             direct.receive(&mut replica, &mut wire).unwrap();
-            assert_eq!((replica.over, replica.lost), (frame, 1));
+            assert_eq!((replica.ended_frames, replica.lost), (frame, 1));
         }
     }
 }

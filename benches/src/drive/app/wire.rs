@@ -1,28 +1,28 @@
-//! What crossed the wire in a mode of the paper's protocol, counted
+//! Byte counts on the wire for a mode of the paper's protocol.
 //!
-//! CountSink as a `Frame` has it, so that 28 bytes for each datagram make it the wire's: a TCP segment has 12 more, and is
-//! acknowledged by one of 40 that has nothing else.
+//! Counted like a `Frame`: adding 28 bytes per datagram gives bytes on the wire. A TCP segment has 12 header bytes
+//! more and is acknowledged by an empty packet of 40.
 
 use bytes::Bytes;
 
 use crate::drive::remote::Retention;
 use crate::record::PacketDirection;
 
-/// Bytes that a segment has of headers beyond a datagram's: 40 less 28.
+/// Header bytes of a TCP segment beyond those of a datagram: 40 less 28.
 const SEGMENT_MORE_BYTES: u64 = 12;
-/// What a segment holds at most: an Ethernet packet of 1,500 bytes, less 40.
+/// Payload of a full segment: an Ethernet packet of 1,500 bytes less 40 of headers.
 const SEGMENT_BYTES: usize = 1_460;
 
-/// Bytes and packets, one way.
+/// Bytes and packets in one direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Count {
     pub(super) bytes: u64,
     pub(super) packets: u64,
 }
 
-/// Both ways, and the bytes themselves since they were last taken, if they are kept.
+/// Counts in both directions, and the bytes since they were last taken, if kept.
 #[derive(Debug)]
-pub(super) struct Wire {
+pub(super) struct WireCounter {
     pub(super) down: Count,
     pub(super) up: Count,
     keep: Retention,
@@ -46,7 +46,7 @@ impl Count {
     }
 }
 
-impl Wire {
+impl WireCounter {
     pub(super) fn new(keep: Retention) -> Self {
         Self {
             down: Count::default(),
@@ -69,7 +69,7 @@ impl Wire {
         keep(self.keep, bytes, &mut self.datagram_up);
     }
 
-    /// One read of TCP.
+    /// Counts one read from TCP.
     pub(super) fn segments_down(&mut self, bytes: &[u8]) {
         let segments = bytes.len().div_ceil(SEGMENT_BYTES) as u64;
         let more = segments * SEGMENT_MORE_BYTES;
@@ -78,7 +78,7 @@ impl Wire {
         keep(self.keep, bytes, &mut self.control_down);
     }
 
-    /// One write to TCP.
+    /// Counts one write to TCP.
     pub(super) fn segments_up(&mut self, bytes: &[u8]) {
         let segments = bytes.len().div_ceil(SEGMENT_BYTES) as u64;
         let more = segments * SEGMENT_MORE_BYTES;
@@ -87,7 +87,7 @@ impl Wire {
         keep(self.keep, bytes, &mut self.control_up);
     }
 
-    /// What crossed since this was last asked, each way in one piece, datagram after datagram.
+    /// Takes the bytes since the last call, one piece per direction.
     pub(super) fn take(&mut self) -> Vec<(PacketDirection, Bytes)> {
         let lanes = [
             (PacketDirection::ControlUp, &mut self.control_up),
@@ -112,9 +112,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn with_a_datagrams_headers_a_segment_has_its_own_and_its_acknowledgement() {
+    fn a_segment_counts_its_headers_and_its_acknowledgement() {
         let on_wire = |count: Count| count.bytes + 28 * count.packets;
-        let mut wire = Wire::new(Retention::Everything);
+        let mut wire = WireCounter::new(Retention::Everything);
         wire.segments_up(&[0; 32]);
         assert_eq!((on_wire(wire.up), on_wire(wire.down)), (72, 40));
         wire.datagram_down(&[0; 88]);
@@ -124,7 +124,7 @@ mod tests {
         let taken = wire.take();
         assert_eq!(taken.len(), 3);
         assert!(wire.take().is_empty());
-        let mut wire = Wire::new(Retention::Costs);
+        let mut wire = WireCounter::new(Retention::Costs);
         wire.datagram_down(&[0; 88]);
         assert_eq!((on_wire(wire.down), wire.take().len()), (116, 0));
     }

@@ -1,4 +1,4 @@
-//! A server process and its client by the paper's protocol.
+//! Player of the paper's protocol: a server process and its client.
 
 use rhumb_protocol::scene::Command;
 
@@ -9,13 +9,13 @@ use crate::drive::app::{AppRemote, AppSetup};
 use crate::drive::remote::Retention;
 use crate::record::Mode;
 
-/// A client that leads a scene of a server that steps for it alone.
+/// A client that leads a scene on a server of its own.
 struct AppPlayer {
     remote: AppRemote,
     traffic: Traffic,
 }
 
-/// Plays at a server of its own, by the paper's protocol.
+/// Factory of players that use the paper's protocol.
 pub(super) struct OverApp;
 
 impl PlayerFactory for OverApp {
@@ -54,7 +54,7 @@ impl Player for AppPlayer {
 
     fn totals(&mut self) -> Result<PlayerTotals, DriveError> {
         let (traffic, ends_lost) = (self.traffic, self.remote.ends_lost());
-        // Its scene begins with its first frame.
+        // The scene starts with its first frame.
         if self.remote.ticks() == 0 {
             return Ok(PlayerTotals {
                 traffic,

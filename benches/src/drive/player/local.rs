@@ -1,4 +1,4 @@
-//! The engine in the caller's own thread: the time to beat.
+//! Player that steps the engine in the caller's thread: the baseline of time.
 
 use std::hint::black_box;
 
@@ -13,24 +13,24 @@ use super::{FrameCost, Player, PlayerFactory, PlayerSetup, PlayerTotals, Stages,
 use crate::drive::DriveError;
 use crate::record::Mode;
 
-/// A scene in this process, and every body's newest state as a simulator keeps it.
+/// A scene in this process and every body's newest state, as a simulator keeps it.
 struct LocalPlayer {
     scene: Scene,
-    /// Steps of a frame.
+    /// Steps per frame.
     steps: u32,
     clock: Clock,
     states: Vec<Option<(BodyId, BodyState)>>,
     stages: Stages,
 }
 
-/// Plays in the caller's thread.
+/// Factory of players in the caller's thread.
 pub(super) struct InThread;
 
 impl PlayerFactory for InThread {
     fn start(&self, player_setup: &PlayerSetup, _: Mode) -> Result<Box<dyn Player>, DriveError> {
         let threads = player_setup.cpu.threads;
         let workers = Workers::new(threads).map_err(DriveError::Workers)?;
-        let scene = Scene::on(player_setup.config, &workers).map_err(DriveError::Terms)?;
+        let scene = Scene::on(player_setup.config, &workers).map_err(DriveError::Config)?;
         Ok(Box::new(LocalPlayer {
             scene,
             steps: player_setup.config.publish_schedule.publish_interval.get(),
@@ -68,7 +68,8 @@ impl LocalPlayer {
         }
     }
 
-    /// One step. Of the steps between, only what fell asleep is looked at, since no later one tells of it again.
+    /// One step. Of the steps between frames only bodies that fall asleep are read, because later steps do not list
+    /// them again.
     fn step(&mut self, last: LastStep) -> Result<(), DriveError> {
         let begun = self.clock.now();
         let stepped = self.scene.step().map_err(DriveError::Scene)?;
@@ -77,9 +78,10 @@ impl LocalPlayer {
             self.forget(id);
         }
         let Self { scene, states, .. } = self;
-        for seen in scene.observations() {
-            if last == LastStep::Yes || seen.activity == Activity::Asleep {
-                states[seen.id.index() as usize] = Some((seen.id, seen.motion));
+        for observation in scene.observations() {
+            if last == LastStep::Yes || observation.activity == Activity::Asleep {
+                states[observation.id.index() as usize] =
+                    Some((observation.id, observation.motion));
             }
         }
         self.stages.step_ns += after.since(begun).as_nanos();

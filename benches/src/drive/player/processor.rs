@@ -1,6 +1,6 @@
-//! How much of the processor the calling thread has had.
+//! Processor time of the calling thread.
 
-/// Nanoseconds of work of the calling thread so far; `None` where the system does not tell.
+/// Processor time of the calling thread so far, nanoseconds; `None` where the system does not report it.
 #[cfg(target_os = "linux")]
 pub(super) fn work_ns() -> Option<u64> {
     use rustix::time::{ClockId, clock_gettime};
@@ -10,7 +10,7 @@ pub(super) fn work_ns() -> Option<u64> {
     seconds.checked_mul(1_000_000_000)?.checked_add(rest)
 }
 
-/// Nanoseconds of work of the calling thread so far; `None` where the system does not tell.
+/// Processor time of the calling thread so far, nanoseconds; `None` where the system does not report it.
 #[cfg(not(target_os = "linux"))]
 pub(super) fn work_ns() -> Option<u64> {
     None

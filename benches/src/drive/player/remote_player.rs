@@ -1,4 +1,4 @@
-//! A server process and the client of one mode.
+//! Player of one remote mode: a server process and its client.
 
 use rhumb_client::{PipelineDepth, StreamChoice};
 use rhumb_protocol::scene::Command;
@@ -17,7 +17,7 @@ struct RemotePlayer {
     traffic: Traffic,
 }
 
-/// Plays at a server of its own, by this protocol.
+/// Factory of players that use the Rhumb protocol.
 pub(super) struct OverRhumb;
 
 impl PlayerFactory for OverRhumb {
@@ -35,7 +35,7 @@ impl PlayerFactory for OverRhumb {
     }
 }
 
-/// The reckoned stream at any depth.
+/// Player of the predicted stream at any pipeline depth.
 pub(crate) fn remote_player_at(
     player_setup: &PlayerSetup,
     depth: PipelineDepth,

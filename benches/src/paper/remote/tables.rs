@@ -1,4 +1,4 @@
-//! The tables of where remote wins.
+//! Tables of the remote task.
 
 use super::{RemoteResults, crossings, integrated};
 use crate::paper::crossover::Crossover;
@@ -8,14 +8,14 @@ use crate::summary::number;
 /// The crossovers, a row each.
 pub(in crate::paper) fn crossings_table(results: &RemoteResults) -> Table {
     let mut table = Table::new(
-        "From where on remote beats integrated",
+        "Where remote beats integrated",
         [
             "depth",
-            "on the move, %",
-            "sought over",
+            "in motion, %",
+            "searched over",
             "in SimFPS",
             "uncapped",
-            "uncapped, engines alike",
+            "uncapped, equal engines",
         ],
     );
     for found in crossings(&results.points) {
@@ -42,15 +42,16 @@ pub(in crate::paper) fn crossings_table(results: &RemoteResults) -> Table {
             cell(&found.engines_alike),
         ]);
     }
-    table.note = "Between measured points by straight lines; to no end, if none is said. From the first: at the least that was \
-                  measured already, and perhaps before. Where both reach 11.33 frames a second neither beats the \
-                  other. Nowhere: within what was measured. Engines alike: beside an integrated engine whose steps take \
-                  what they took at the server, so that what one machine did to the one or the other decides nothing."
+    table.note = "Interpolated linearly between measured points; without an end, the interval is open. From the \
+                  first: already at the smallest measured value, and perhaps below. Where both reach 11.33 frames \
+                  per second neither beats the other. Nowhere: not within the measured range. Equal engines: \
+                  compared with an integrated engine whose steps take as long as at the server, so noise of one \
+                  engine decides nothing."
         .to_owned();
     table
 }
 
-/// On which stretch remote beats.
+/// An interval in which remote beats integrated, as text.
 fn stretch_text(stretch: Crossover, unit: &str) -> String {
     let from = number(Some(stretch.from));
     let from = match stretch.from_the_first {
@@ -63,13 +64,13 @@ fn stretch_text(stretch: Crossover, unit: &str) -> String {
     }
 }
 
-/// What was aimed at, and what was found.
+/// Targets and results.
 pub(in crate::paper) fn aims_table(results: &RemoteResults) -> Table {
-    /// Of the engine's step, beside it, where most bodies sleep.
+    /// Largest allowed share of the engine's step where most bodies sleep.
     const MOST: f64 = 0.05;
     const LOAD: u32 = 50_000;
     const AWAKE_PERCENT: u32 = 5;
-    let mut table = Table::new("What was aimed at", ["aim", "found", "where", "met"]);
+    let mut table = Table::new("Targets", ["target", "found", "where", "met"]);
     let there = results.points.iter().filter(|point| {
         !point.void
             && point.depth.is_some()
@@ -86,7 +87,7 @@ pub(in crate::paper) fn aims_table(results: &RemoteResults) -> Table {
     let mean = there.iter().map(|point| point.beside()).sum::<f64>() / there.len() as f64;
     let (work, depth) = (worst.other_work_ms, worst.depth.unwrap_or_default());
     let aim = format!(
-        "{LOAD} bodies, {AWAKE_PERCENT} % on the move: observe and publish at most {MOST} of the engine's step"
+        "{LOAD} bodies, {AWAKE_PERCENT} % in motion: observe and publish at most {MOST} of the engine's step"
     );
     for (found, place) in [
         (mean, format!("on average of {} points", there.len())),
@@ -109,7 +110,7 @@ pub(in crate::paper) fn aims_table(results: &RemoteResults) -> Table {
 pub(in crate::paper) fn points_table(results: &RemoteResults) -> Table {
     let columns = [
         "bodies",
-        "on the move, %",
+        "in motion, %",
         "awake",
         "other work, ms",
         "depth",
@@ -117,13 +118,13 @@ pub(in crate::paper) fn points_table(results: &RemoteResults) -> Table {
         "uncapped",
         "frame, ms",
         "call, ms",
-        "caller's own work, ms",
+        "caller's work, ms",
         "caller waits, ms",
         "engine, ms",
         "observe, ms",
         "publish, ms",
-        "beside of engine",
-        "frame, engines alike",
+        "rest of server, of engine",
+        "frame, equal engines",
     ];
     let mut table = Table::new("Frames, and where their time goes", columns);
     for point in &results.points {
@@ -160,9 +161,9 @@ pub(in crate::paper) fn points_table(results: &RemoteResults) -> Table {
         row.extend(values.map(number));
         table.rows.push(row);
     }
-    table.note = "Of a caller that is ahead, engine, observe and publish are averages over the frames before those that are \
-                  counted, too. Frame, engines alike: of what it would take beside an integrated engine with the same steps. \
-                  Void: the engine did not do what the integrated one did; left out of the crossovers."
+    table.note = "For pipelined callers, engine, observe and publish are averages that include the uncounted frames. \
+                  Frame, equal engines: relative to an integrated engine with the same steps. Void: the engine \
+                  diverged from the integrated one; excluded from the crossovers."
         .to_owned();
     table
 }

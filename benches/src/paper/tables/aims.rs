@@ -1,4 +1,4 @@
-//! What was aimed at, and whether it was reached.
+//! Targets of the experiment, and whether they are met.
 
 use super::{NONE, interval};
 use crate::paper::analysis::{Degradation, LoadAnalysis, ModeAnalysis};
@@ -8,9 +8,9 @@ use crate::paper::table::Table;
 use crate::record::Mode;
 use crate::summary::number;
 
-const COLUMNS: [&str; 5] = ["aim", "found", "95 % interval", "where", "met"];
+const COLUMNS: [&str; 5] = ["target", "found", "95 % interval", "where", "met"];
 
-/// A ratio at a load, and between what it surely lies where that is known.
+/// A ratio at a load, and its interval where known.
 #[derive(Clone, Copy, Debug)]
 struct Ratio {
     load: u32,
@@ -18,9 +18,9 @@ struct Ratio {
     interval: Option<Interval>,
 }
 
-/// Frames and degradation.
+/// Frame times and degradation.
 pub(in crate::paper) fn aims(results: &PaperResults) -> Table {
-    let mut table = Table::new("What was aimed at", COLUMNS);
+    let mut table = Table::new("Targets", COLUMNS);
     for (mode, from, most) in [
         (Mode::Rhumb, 1_000, 1.10),
         (Mode::RhumbPipelined, 2_000, 0.05),
@@ -35,7 +35,7 @@ pub(in crate::paper) fn aims(results: &PaperResults) -> Table {
             .rows
             .extend(ratios.and_then(|all| of_worst(aim, &all, most)));
     }
-    // Of an integrated engine that steps more slowly than the server's this is the harder one.
+    // The stricter target if the integrated engine steps more slowly than the server's.
     let beside = at_loads(results, Mode::Rhumb, 1_000, |own| {
         Some((own.phys_ft_ms.mean / own.step_ms.mean, None))
     });
@@ -51,13 +51,13 @@ pub(in crate::paper) fn aims(results: &PaperResults) -> Table {
         .extend(of_degradation(results, Mode::RhumbPipelined, |found| {
             found.sustained_mdl
         }));
-    table.note = "Met: at every load, by the interval where there is one, and by what was found where the interval \
-                  holds both. Found: at the worst load."
+    table.note = "Met: at every load; decided by the interval where known, or by the ratio where the interval spans \
+                  the target. Found: at the worst load."
         .to_owned();
     table
 }
 
-/// A ratio of a mode at each load from one on; `None` where one of them is missing, or there is none.
+/// A mode's ratio at each load from `from` on; `None` if one is missing, or there is none.
 fn at_loads(
     results: &PaperResults,
     mode: Mode,
@@ -79,7 +79,7 @@ fn at_loads(
     (!all.is_empty()).then_some(all)
 }
 
-/// A row for the worst of some ratios; `None` of nothing.
+/// A row for the worst ratio; `None` without ratios.
 fn of_worst(aim: String, ratios: &[Ratio], most: f64) -> Option<Vec<String>> {
     let worst = ratios
         .iter()
@@ -96,8 +96,8 @@ fn of_worst(aim: String, ratios: &[Ratio], most: f64) -> Option<Vec<String>> {
     let met = match (beyond, within, worst.ratio <= most) {
         (true, ..) => "no",
         (_, true, _) => "yes",
-        (_, _, true) => "yes, not surely",
-        (_, _, false) => "no, not surely",
+        (_, _, true) => "yes, not significantly",
+        (_, _, false) => "no, not significantly",
     };
     Some(vec![
         aim,
@@ -108,7 +108,7 @@ fn of_worst(aim: String, ratios: &[Ratio], most: f64) -> Option<Vec<String>> {
     ])
 }
 
-/// Whether a mode degrades no sooner than integrated, by one of the two measures: SimFPS, and what is kept up.
+/// Whether a mode degrades no sooner than integrated, by SimFPS or by the sustained rate.
 fn of_degradation(
     results: &PaperResults,
     mode: Mode,
@@ -120,10 +120,10 @@ fn of_degradation(
         Some(by(found))
     };
     let (own, integrated) = (of(mode)?, of(Mode::Integrated)?);
-    let said = |mdl: Option<u32>| mdl.map_or_else(|| "nowhere".to_owned(), |mdl| mdl.to_string());
+    let text = |mdl: Option<u32>| mdl.map_or_else(|| "nowhere".to_owned(), |mdl| mdl.to_string());
     let later = own.is_none_or(|own| integrated.is_some_and(|integrated| own >= integrated));
     let measure = if mode.is_ahead() {
-        ", by what is kept up"
+        ", by sustained rate"
     } else {
         ""
     };
@@ -132,9 +132,9 @@ fn of_degradation(
             "{} degrades at no fewer balls than integrated{measure}",
             mode.name()
         ),
-        said(own),
+        text(own),
         NONE.to_owned(),
-        format!("integrated: {}", said(integrated)),
+        format!("integrated: {}", text(integrated)),
         yes(later),
     ])
 }
@@ -143,11 +143,11 @@ fn yes(met: bool) -> String {
     if met { "yes" } else { "no" }.to_owned()
 }
 
-/// Bytes: the aim is meant for stages of 30 s, since in shorter ones more must be said.
+/// Bytes. The target is meant for stages of 30 s; shorter stages need more updates per second.
 pub(in crate::paper) fn aims_of_bytes(results: &PaperResults) -> Table {
     /// Times the bytes of rhumb.
     const LEAST: f64 = 600.0;
-    let mut table = Table::new("What was aimed at", COLUMNS);
+    let mut table = Table::new("Targets", COLUMNS);
     let total = |mode: Mode| {
         let bytes = results.analysis.loads.iter().map(|load| {
             let own = load.modes.iter().find(|found| found.mode == mode.name())?;
@@ -174,8 +174,8 @@ mod tests {
     use crate::paper::outcome::{ExperimentTrial, LoadOutcome, ModeOutcome};
     use crate::paper::settings::tests::settings;
 
-    /// Trials with these frame times of integrated, rhumb and rhumb-pipelined at 500 and 1,000 balls, milliseconds; engines
-    /// step half as long as the integrated frame.
+    /// Trials with these frame times of integrated, rhumb and rhumb-pipelined at 500 and 1,000 balls, milliseconds;
+    /// engine steps take half the integrated frame.
     fn results(trials: &[[[f64; 3]; 2]]) -> PaperResults {
         let mut settings = settings();
         settings.modes = ["integrated", "rhumb", "rhumb-pipelined"]
@@ -220,7 +220,7 @@ mod tests {
         rows.map(|row| (row[1].clone(), row[4].clone())).collect()
     }
 
-    fn said(pairs: &[(&str, &str)]) -> Vec<(String, String)> {
+    fn expected(pairs: &[(&str, &str)]) -> Vec<(String, String)> {
         let owned = |(one, other): &(&str, &str)| ((*one).to_owned(), (*other).to_owned());
         pairs.iter().map(owned).collect()
     }
@@ -234,9 +234,9 @@ mod tests {
         ]);
         assert_eq!(
             decisions(&near),
-            said(&[
-                ("1.06", "yes, not surely"),
-                ("2.12", "no, not surely"),
+            expected(&[
+                ("1.06", "yes, not significantly"),
+                ("2.12", "no, not significantly"),
                 ("nowhere", "yes"),
                 ("nowhere", "yes"),
             ])
@@ -250,11 +250,11 @@ mod tests {
         let slow = decisions(&results(&[slow, slow]));
         assert_eq!(slow[0], ("1.25".into(), "no".into()));
         // 1/0.125 s is below nine frames a second, 1/0.1 s is not; a caller ahead keeps up what its server does.
-        assert_eq!(slow[2..], said(&[("1000", "no"), ("nowhere", "yes")]));
+        assert_eq!(slow[2..], expected(&[("1000", "no"), ("nowhere", "yes")]));
     }
 
     #[test]
-    fn a_void_load_leaves_the_whole_undecided() {
+    fn a_void_load_leaves_the_target_undecided() {
         let mut results = results(&[[[10.0, 10.0, 1.0], [100.0, 105.0, 1.0]]]);
         results.trials[0].loads[1].modes[1].void = true;
         results.analysis = Analysis::of(&results.settings, &results.trials);
@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_are_of_the_whole_experiment() {
+    fn bytes_cover_the_whole_experiment() {
         let mut results = results(&[[[10.0, 10.0, 1.0], [100.0, 105.0, 1.0]]]);
         results.settings.modes[0] = "app-all".to_owned();
         for load in &mut results.trials[0].loads {

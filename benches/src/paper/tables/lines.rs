@@ -1,4 +1,4 @@
-//! The experiment's results as CSV: a line for each outcome or comparison.
+//! The experiment's results as CSV: a line per outcome or comparison.
 
 use serde::Serialize;
 
@@ -147,7 +147,7 @@ pub(in crate::paper) fn analysis_csv(results: &PaperResults) -> Result<String, P
 fn csv(lines: &[impl Serialize]) -> Result<String, PaperError> {
     let failed = |cause: std::io::Error| {
         PaperError::Output(OutputError::Write {
-            path: "a table of values".into(),
+            path: "the CSV table".into(),
             cause,
         })
     };
