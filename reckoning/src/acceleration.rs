@@ -1,6 +1,6 @@
-//! A constant acceleration that was said of a body.
+//! Constant acceleration of a predicted body.
 //!
-//! What causes it is not known here: a thruster, a brake, a spring. Its numbers are exact in f64, so that it needs no grid
+//! Its cause (a thruster, a brake, a spring) is not known here. Its numbers are exact in f64, so that it needs no grid
 //! (RECKONING 3.9).
 
 use glam::DVec3;
@@ -8,33 +8,33 @@ use glam::DVec3;
 use crate::body::Spare;
 use crate::tick::Ticks;
 
-/// No push lasts longer in a prediction: a listener that hears nothing more lets the body coast from then on.
+/// Longest duration of an acceleration: without an update, a subscriber predicts uniform motion from then on.
 pub const ACCELERATION_TICKS: Ticks = Ticks::new(64);
-/// Largest number of steps in each direction.
+/// Largest number of steps along each axis.
 pub const ACCELERATION_LIMIT: i16 = 1_023;
-/// Steps are doubled so many times at most.
+/// Largest exponent: how many times steps can be doubled.
 pub const ACCELERATION_EXPONENT_MAX: u8 = 12;
 /// The finest step, m/s².
 const STEP: f64 = 1.0 / 256.0;
 
-/// An acceleration in the world frame, all that pulls at the body included.
+/// Acceleration in the world frame; includes everything that accelerates the body, gravity too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ConstantAcceleration {
     steps: [i16; 3],
     exponent: u8,
-    // Laws take no more room with a push than without.
+    // Keeps a predictor with an acceleration as small as one without.
     spare: Spare,
 }
 
 impl ConstantAcceleration {
-    /// One of many, for who goes through all predictors.
+    /// An example, for code that goes through all predictors.
     pub const SAMPLE: Self = Self {
         steps: [40, -7, 0],
         exponent: 3,
         spare: Spare::Nothing,
     };
 
-    /// So many steps, each doubled so many times; `None` beyond the limits.
+    /// `steps` along each axis, doubled `exponent` times; `None` beyond the limits.
     #[must_use]
     pub fn new(steps: [i16; 3], exponent: u8) -> Option<Self> {
         let within = steps
@@ -47,10 +47,10 @@ impl ConstantAcceleration {
         })
     }
 
-    /// The push nearest to an acceleration in m/s², in the coarsest steps of which its greatest part takes at least so many;
-    /// `None` beyond the limits.
+    /// The value nearest to an acceleration in m/s²; `None` beyond the limits.
     ///
-    /// Only the sender computes it, so that it need not be exact.
+    /// `fineness`: least number of steps that the greatest component must span; the coarsest such steps are taken.
+    /// Only the publisher computes it, so that it need not be exact.
     #[must_use]
     pub fn nearest(acceleration: DVec3, fineness: f64) -> Option<Self> {
         let coarsest = acceleration.abs().max_element() / fineness;
@@ -62,17 +62,17 @@ impl ConstantAcceleration {
         let limit = f64::from(ACCELERATION_LIMIT);
         let mut steps = [0; 3];
         for (steps, part) in steps.iter_mut().zip(acceleration.to_array()) {
-            let whole = libm::round(part / step(exponent));
+            let rounded = libm::round(part / step(exponent));
             // NaN is within no range.
-            if !(-limit..=limit).contains(&whole) {
+            if !(-limit..=limit).contains(&rounded) {
                 return None;
             }
-            *steps = whole as i16;
+            *steps = rounded as i16;
         }
         Self::new(steps, exponent)
     }
 
-    /// Steps in each direction.
+    /// Steps along each axis.
     #[must_use]
     pub const fn steps(&self) -> [i16; 3] {
         self.steps
@@ -84,14 +84,14 @@ impl ConstantAcceleration {
         self.exponent
     }
 
-    /// Its numbers, in two words.
+    /// The value in two words.
     pub(crate) const fn words(self) -> [u32; 2] {
         let [x, y, z] = self.steps;
         let [x, y, z] = [x as u16 as u32, y as u16 as u32, z as u16 as u32];
         [x | y << 16, z | (self.exponent as u32) << 16]
     }
 
-    /// The push of these words, which were [`Self::words`] of one.
+    /// The value of these words, which are the result of [`Self::words`].
     pub(crate) const fn from_words([low, high]: [u32; 2]) -> Self {
         Self {
             steps: [low as i16, (low >> 16) as i16, high as i16],
@@ -135,7 +135,7 @@ mod tests {
         }
 
         #[test]
-        fn a_push_is_off_by_half_a_step_at_most(
+        fn quantisation_errs_by_half_a_step_at_most(
             x in 1.0..100.0_f64, y in -100.0..100.0_f64, fineness in 8.0..200.0_f64,
         ) {
             let wanted = DVec3::new(x, y, 0.0);

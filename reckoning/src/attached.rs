@@ -1,11 +1,12 @@
-//! A pose in the frame of another body, which carries it along.
+//! Motion of a body that is attached to another one.
 //!
-//! Normative (RECKONING 3.8). Which body holds which is decided elsewhere.
+//! Normative (RECKONING 3.8). Which body is the parent of which is decided elsewhere.
 
 use crate::exact::{add3, conjugate, cross3, normalised, product, turned};
 use crate::motion::{Motion, Pose, Twist};
 
-/// The motion, in the world, of what a parent holds at a pose in its own frame: it moves as a part of the parent.
+/// World motion of a body that is attached to `parent` at a pose in the parent's frame: it moves as a part of the
+/// parent.
 #[must_use]
 pub fn attached_motion(parent: &Motion, attached: &Pose) -> Motion {
     let (pose, twist) = (parent.pose(), parent.twist());
@@ -21,7 +22,7 @@ pub fn attached_motion(parent: &Motion, attached: &Pose) -> Motion {
     Motion::from_checked(pose, twist)
 }
 
-/// A pose in the world as its parent sees it, without movement.
+/// A world pose in the frame of its parent, without movement.
 #[must_use]
 pub fn relative_to(parent: &Pose, pose: &Pose) -> Motion {
     let back = conjugate(parent.rotation);

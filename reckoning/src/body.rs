@@ -1,6 +1,6 @@
 //! The name of a body in a scene.
 //!
-//! Says nothing of what the body is; see the protocol's `BodyDesc`.
+//! Carries no property of the body; see the protocol's `BodyDesc`.
 
 use core::fmt;
 
@@ -38,7 +38,7 @@ impl BodyId {
     }
 }
 
-/// A byte with one value, so that an `Option` or an `enum` around its type needs no room of its own.
+/// A byte with one value: an `Option` or `enum` around its type uses the other values and needs no byte of its own.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
 pub(crate) enum Spare {

@@ -1,14 +1,14 @@
-//! The refresh of a displayed body: a jump in prediction shown as a short glide.
+//! Smooths a jump of a displayed body into a short glide.
 //!
-//! For display only, never normative. A correction is a function of time: it is the whole jump at its start, nothing
-//! after [`Correction::SPAN`], and its velocity is the derivative of what it shows.
+//! For display only, never normative. A correction is a function of time: it is the whole jump at its start and zero
+//! after [`Correction::SPAN`]. Its velocity is the derivative of the displayed offset.
 
 use glam::{DQuat, DVec3};
 
 use crate::motion::{Motion, Pose, Twist};
 use crate::units::{Metres, Seconds};
 
-/// What is still to be taken off a displayed motion.
+/// Offset that is still to be taken off a displayed motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Correction {
     start: Seconds,
@@ -18,7 +18,7 @@ pub struct Correction {
 }
 
 impl Correction {
-    /// How long a glide takes.
+    /// Duration of a glide.
     pub const SPAN: Seconds = Seconds::new(0.1);
     /// A jump longer than this is shown at once: it is a teleport, not an error.
     pub const TELEPORT: Metres = Metres::new(2.0);
@@ -31,7 +31,8 @@ impl Correction {
         turn: DVec3::ZERO,
     };
 
-    /// The correction by which `shown` goes over into `predicted_motion` from `now` on, without a jump in place or velocity.
+    /// The correction that leads from `shown` to `predicted_motion` from `now` on, without a jump in position or
+    /// velocity.
     #[must_use]
     pub fn between(now: Seconds, shown: &Motion, predicted_motion: &Motion) -> Self {
         let offset = shown.pose().position - predicted_motion.pose().position;
@@ -52,7 +53,7 @@ impl Correction {
         }
     }
 
-    /// The motion to show at a moment at which `predicted_motion` is predicted_motion.
+    /// The motion to display at `now`, where the prediction is `predicted_motion`.
     #[must_use]
     pub fn applied(&self, now: Seconds, predicted_motion: &Motion) -> Motion {
         let span = Self::SPAN.seconds();
@@ -79,7 +80,7 @@ impl Correction {
         Motion::new(shown, moving).unwrap_or(*predicted_motion)
     }
 
-    /// Whether nothing is left to take off.
+    /// Whether the glide has ended.
     #[must_use]
     pub fn is_over(&self, now: Seconds) -> bool {
         let left = now.seconds() - self.start.seconds() < Self::SPAN.seconds();
@@ -102,7 +103,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn it_starts_where_the_body_was_shown(shown in motion(), predicted_motion in motion()) {
+        fn a_correction_starts_at_the_displayed_motion(shown in motion(), predicted_motion in motion()) {
             let now = Seconds::new(7.0);
             let first = Correction::between(now, &shown, &predicted_motion).applied(now, &predicted_motion);
             prop_assert!((first.pose().position - shown.pose().position).length() < 1e-9);
@@ -111,7 +112,7 @@ mod tests {
         }
 
         #[test]
-        fn it_is_over_after_its_span(shown in motion(), predicted_motion in motion()) {
+        fn a_correction_is_zero_after_its_span(shown in motion(), predicted_motion in motion()) {
             let correction = Correction::between(Seconds::new(7.0), &shown, &predicted_motion);
             let late = Seconds::new(7.0 + Correction::SPAN.seconds() + 1e-9);
             prop_assert_eq!(correction.applied(late, &predicted_motion), predicted_motion);
@@ -119,7 +120,9 @@ mod tests {
         }
 
         #[test]
-        fn its_velocity_is_the_derivative_of_what_it_shows(shown in motion(), predicted_motion in motion(), s in 0.01_f64..0.09) {
+        fn its_velocity_is_the_derivative_of_its_offset(
+            shown in motion(), predicted_motion in motion(), s in 0.01_f64..0.09,
+        ) {
             let still = predicted_motion.stilled();
             let correction = Correction::between(Seconds::new(0.0), &shown, &still);
             let step = 1e-6;

@@ -1,7 +1,7 @@
-//! A track without a bit to spare: as tables hold it.
+//! Dense storage of a track, as tables hold it.
 //!
-//! Nothing is rounded: what is unpacked is what was packed. Invariant: the bytes were made of a track, so that what they
-//! hold was checked.
+//! Nothing is rounded: unpacking gives the track that was packed. Invariant: the bytes come from a track, so that
+//! their parts are checked.
 
 use crate::acceleration::ConstantAcceleration;
 use crate::body::BodyId;
@@ -11,27 +11,27 @@ use crate::quantiser::QuantisedState;
 use crate::tick::Tick;
 use crate::track::{Anchor, BodyState, Track};
 
-/// A [`Track`] in 61 bytes, where that takes 80.
+/// A [`Track`] in 61 bytes instead of 80.
 ///
-/// It lies anywhere: nothing in it is read but by copy.
+/// It needs no alignment: its parts are read by copy only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C, packed)]
 pub struct DenseTrack {
-    /// The thirteen numbers of a body_state motion; or the eleven of one on its grid, and behind them its parent's index and
-    /// generation, or its push.
+    /// Exact anchor: its thirteen numbers. Quantised anchor: its eleven numbers, then either the parent's index and
+    /// generation or the acceleration.
     words: [u32; 13],
     origin: Tick,
     /// The predictor, and the flags below.
     form: u8,
 }
 
-/// The bits of a predictor.
+/// Bits of `form` that hold the predictor.
 const PREDICTOR: u8 = 7;
-/// The predictor of what rests.
+/// Predictor of a resting body.
 const REST: u8 = 0;
-/// It is said to the bit.
+/// Flag: the anchor is exact.
 const EXACT: u8 = 8;
-/// It has a parent.
+/// Flag: the body has a parent.
 const ATTACHED: u8 = 16;
 
 impl DenseTrack {
@@ -39,15 +39,15 @@ impl DenseTrack {
     ///
     /// # Panics
     ///
-    /// When it is attached or accelerated and said to the bit, or both attached and accelerated: what is attached rests on its grid, what is accelerated
-    /// moves on its own (PROTOCOL 5.5), and so do all that are decoded.
+    /// If the track is exact and also attached or accelerated, or both attached and accelerated: an attached body
+    /// rests on its grid and an accelerated one has no parent (PROTOCOL 5.5). Decoded tracks obey both.
     #[must_use]
     pub fn new(track: &Track) -> Self {
         let predictor = predictor_form(track.predictor);
         let (words, form) = match (&track.anchor, track.parent, track.predictor.acceleration()) {
             (Anchor::Exact(body_state), parent, push) => {
-                assert!(parent.is_none(), "what is attached lies on its grid");
-                assert!(push.is_none(), "what is accelerated lies on its grid");
+                assert!(parent.is_none(), "an attached body lies on its grid");
+                assert!(push.is_none(), "an accelerated body lies on its grid");
                 (body_state.bits(), predictor | EXACT)
             }
             (Anchor::Quantised(quantised), None, push) => (
@@ -55,7 +55,7 @@ impl DenseTrack {
                 predictor,
             ),
             (Anchor::Quantised(quantised), Some(parent), push) => {
-                assert!(push.is_none(), "what is attached rests");
+                assert!(push.is_none(), "an attached body rests");
                 let parent = [parent.index(), u32::from(parent.generation())];
                 (on_grid(quantised, parent), predictor | ATTACHED)
             }
@@ -156,7 +156,7 @@ const fn predictor_form(predictor: Predictor) -> u8 {
     }
 }
 
-/// The words of a motion on its grid, and of what stands behind it.
+/// The words of a quantised motion and of its parent or acceleration.
 fn on_grid(quantised: &QuantisedState, [index, generation]: [u32; 2]) -> [u32; 13] {
     let [x, y, z] = quantised.position;
     let [low, high] = quantised.rotation.words();
@@ -203,7 +203,7 @@ mod tests {
         )
     }
 
-    /// A predictor that goes with its anchor and parent.
+    /// A predictor that fits its anchor and parent.
     fn track() -> impl Strategy<Value = Track> {
         let parent = (any::<u32>(), any::<u16>()).prop_map(|(i, g)| BodyId::new(i, g));
         let free = || prop::sample::select(&Predictor::ALL[..]);
@@ -211,7 +211,7 @@ mod tests {
         let push = (parts, 0..=ACCELERATION_EXPONENT_MAX).prop_map(|(steps, exponent)| {
             Predictor::Accelerated(ConstantAcceleration::new(steps, exponent).unwrap())
         });
-        let unaccelerated = free().prop_filter("it is said to the bit", |predictor| {
+        let unaccelerated = free().prop_filter("the anchor is exact", |predictor| {
             predictor.acceleration().is_none()
         });
         let framed = || quantised().prop_map(Anchor::Quantised);
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn a_packed_track_is_small_and_lies_anywhere() {
+    fn a_packed_track_is_small_and_needs_no_alignment() {
         assert_eq!((size_of::<DenseTrack>(), align_of::<DenseTrack>()), (61, 1));
     }
 }

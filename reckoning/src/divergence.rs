@@ -1,4 +1,4 @@
-//! How far truth lies from prediction.
+//! Distance between a predicted and a true pose.
 //!
 //! Arithmetic on two poses of one body at one tick. Whether the distance matters is not decided here: see `tolerance`.
 
@@ -19,7 +19,7 @@ pub struct Divergence {
 }
 
 impl Divergence {
-    /// Between what is and what is predicted_motion.
+    /// Distance between a true and a predicted pose.
     #[must_use]
     pub fn between(truth: &Pose, prediction: &Pose) -> Self {
         let apart = length3(truth.position - prediction.position);
@@ -32,7 +32,7 @@ impl Divergence {
         }
     }
 
-    /// How far any point of a body of this bounding radius can be from where it should be: |Δp| + 2 r sin(Δθ/2).
+    /// Bound on the distance between any point of the body and its prediction: |Δp| + 2 r sin(Δθ/2).
     #[must_use]
     pub fn surface_error(&self, radius: Metres) -> Metres {
         Metres::new(self.position.metres() + 2.0 * radius.metres() * self.half_chord)

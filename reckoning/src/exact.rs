@@ -10,7 +10,7 @@ pub(crate) fn sqrt(x: f64) -> f64 {
     libm::sqrt(x)
 }
 
-/// The greatest whole number that is not above `x`; infinities and NaN stay. Zero has no sign here.
+/// The greatest whole number not above `x`; infinities and NaN stay. The sign of zero is not preserved.
 #[inline]
 pub(crate) fn floor(x: f64) -> f64 {
     let has_fraction = x.abs() < WHOLE;
@@ -21,7 +21,7 @@ pub(crate) fn floor(x: f64) -> f64 {
     if cut > x { cut - 1.0 } else { cut }
 }
 
-/// The greatest whole number that is not above `x`, within ±2³¹; NaN gives zero.
+/// The greatest whole number not above `x`, within ±2³¹; NaN gives zero.
 #[inline]
 pub(crate) fn floor_to_i32(x: f64) -> i32 {
     // The cast saturates, and what is cut off is a fraction only.
@@ -29,7 +29,7 @@ pub(crate) fn floor_to_i32(x: f64) -> i32 {
     cut.saturating_sub(i32::from(f64::from(cut) > x))
 }
 
-/// From 2⁵² on every double is whole.
+/// From this value (2⁵²) on every double is whole.
 const WHOLE: f64 = 4_503_599_627_370_496.0;
 
 /// `(x·x + y·y) + z·z`.
@@ -123,8 +123,8 @@ pub(crate) const COSINE: [f64; 7] = [
 
 /// Sine and cosine of an angle in radians (RECKONING 1.4).
 ///
-/// Range: |x| ≤ [`ANGLE_LIMIT`]. Error: below 3e-14 there. A larger angle is taken as zero, so that the result is
-/// finite and the same for everyone; no stream within the protocol's limits comes near it.
+/// Range: |x| ≤ [`ANGLE_LIMIT`]. Error: below 3e-14 there. A larger angle counts as zero: the result is finite and
+/// equal on every platform. No stream within the protocol's limits comes near it.
 pub(crate) fn sin_cos(x: f64) -> (f64, f64) {
     // Written so that NaN fails too.
     let in_range = x.abs() <= ANGLE_LIMIT;
@@ -157,7 +157,7 @@ fn polynomial(coefficients: &[f64], x: f64) -> f64 {
     sum
 }
 
-/// The quaternion of a turn by `half_angle` twice over about `axis`, which has length `length` > 0.
+/// The quaternion of a turn by twice `half_angle` about `axis`, which has length `length` > 0.
 pub(crate) fn turn_about(axis: DVec3, length: f64, half_angle: f64) -> DQuat {
     let (sine, cosine) = sin_cos(half_angle);
     let k = sine / length;
@@ -187,7 +187,7 @@ mod tests {
         }
 
         #[test]
-        fn a_floor_is_what_the_library_says(x in prop_oneof![-3.0_f64..3.0, -1e17_f64..1e17, any::<f64>()]) {
+        fn a_floor_agrees_with_the_library(x in prop_oneof![-3.0_f64..3.0, -1e17_f64..1e17, any::<f64>()]) {
             prop_assert!(floor(x) == libm::floor(x) || x.is_nan() && floor(x).is_nan());
         }
 
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn an_angle_without_end_is_taken_as_zero() {
+    fn an_angle_beyond_the_limit_counts_as_zero() {
         for x in [f64::INFINITY, f64::NAN, -1e300] {
             assert_eq!(sin_cos(x), (0.0, 1.0));
         }

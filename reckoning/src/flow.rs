@@ -1,15 +1,15 @@
-//! What an integrator does to a free body in n ticks: seven coefficients.
+//! Free motion of a body over n ticks of an integrator: seven coefficients.
 //!
-//! The engine integrates semi-implicitly in substeps, damps once a tick, and turns by a normalised linear step; a
-//! predictor that does otherwise drifts (RECKONING 2). The coefficients depend on the scene and on a body's damping,
-//! not on its motion, so that a row of the table serves every body. Horizons are bounded by [`TRACK_AGE_MAX`].
+//! The engine integrates semi-implicitly in substeps, damps once a tick, and turns by a normalised linear step. Any
+//! other predictor would deviate from it (RECKONING 2). The coefficients depend on the scene and on a body's damping,
+//! not on its motion: one row serves every body. Horizons are bounded by [`TRACK_AGE_MAX`].
 
 use alloc::vec::Vec;
 use core::num::NonZeroU32;
 
 use crate::tick::{Rate, Ticks};
 
-/// No track is older than this: a moving body is said again before, so that tables and ages stay small.
+/// Greatest age of a track: a moving body gets an update before, so that tables and ages stay small.
 pub const TRACK_AGE_MAX: Ticks = Ticks::new(1_023);
 
 /// Pi/4, to the nearest double.
@@ -24,7 +24,7 @@ pub struct Integrator {
     pub substeps: NonZeroU32,
 }
 
-/// How fast a body's free motion dies down: velocity is divided by `1 + dt·damping` once a tick. Per second, ≥ 0.
+/// Damping of a body's free motion: velocity is divided by `1 + dt·damping` once a tick. Per second, ≥ 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Damping {
     /// Of the linear velocity, 1/s.
@@ -90,7 +90,7 @@ impl StepCoefficients {
     }
 }
 
-/// What the rows of one table have in common.
+/// Constants that all rows of one table share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct StepConstants {
     dt: f64,
@@ -99,14 +99,14 @@ pub(crate) struct StepConstants {
     /// Seconds.
     pub(crate) substep: f64,
     pub(crate) half_substep: f64,
-    /// The engine lets no body turn by more than an eighth of a turn a tick, rad/s.
+    /// Cap of the engine on the spin: an eighth of a turn per tick, in rad/s.
     pub(crate) spin_max: f64,
     linear_keep: f64,
     pub(crate) angular_keep: f64,
     fall_in_tick: f64,
 }
 
-/// The rows from no tick at all to as many as were asked for, for one integrator and one damping.
+/// Rows from tick zero to the last one computed, for one integrator and one damping.
 #[derive(Clone, Debug)]
 pub struct StepCoefficientTable {
     config: StepConstants,
@@ -114,7 +114,7 @@ pub struct StepCoefficientTable {
 }
 
 impl StepCoefficientTable {
-    /// A table for bodies of this damping; rows are computed when first asked for.
+    /// A table for bodies of this damping; [`Self::extend_to`] computes its rows.
     #[must_use]
     pub fn new(integrator: Integrator, damping: Damping) -> Self {
         let dt = integrator.rate.step().seconds();
@@ -145,13 +145,14 @@ impl StepCoefficientTable {
         }
     }
 
-    /// `ticks`, or those of the last row computed when that is less.
+    /// `ticks`, or the last computed row when that is less.
     #[inline]
     pub(crate) fn within(&self, ticks: Ticks) -> Ticks {
         ticks.min(Ticks::new(self.rows.len() as u32 - 1))
     }
 
-    /// What a pull that ends after some ticks does in `elapsed`: its share of the way, s², and of the velocity, s.
+    /// Effect in `elapsed` ticks of an acceleration that ends at `ends`: factor on the way, s², and on the velocity,
+    /// s.
     #[inline]
     pub(crate) fn ended(&self, elapsed: Ticks, ends: Ticks) -> (f64, f64) {
         let pulled = self.within(elapsed).min(ends);
@@ -189,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn the_coefficients_are_what_stepping_by_hand_gives() {
+    fn the_coefficients_equal_stepping_by_hand() {
         let table = table(0.3, 0.1);
         let (dt, h, keep) = (1.0 / 60.0, 1.0 / 240.0, 1.0 / (1.0 + 0.3_f32 as f64 / 60.0));
         let (mut p, mut v, g) = (0.0, 5.0, -9.8);
@@ -207,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn the_angle_is_what_stepping_by_hand_gives() {
+    fn the_angle_equals_stepping_by_hand() {
         let table = table(0.0, 0.05);
         let (h, keep) = (1.0 / 240.0, 1.0 / (1.0 + 0.05_f32 as f64 / 60.0));
         let (mut spin, mut half) = (40.0, 0.0);

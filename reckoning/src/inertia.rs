@@ -1,8 +1,8 @@
-//! How a body resists being turned: principal moments, and their axes.
+//! Moments of inertia of a body and their principal axes.
 //!
-//! Told once with a body, in the engine's own precision. How a body is_torque_free by it is decided in `torque_free_rotation`. Invariant:
-//! moments are normal f32 above zero whose ratios are bounded, and the frame is of unit length, so that no torque_free
-//! leads to an infinity (RECKONING 2.6).
+//! Sent once, with the body's description, in the engine's own precision. `torque_free_rotation` computes the rotation
+//! that follows from them. Invariant: moments are normal f32 above zero with bounded ratios, and the frame is of unit
+//! length: no rotation leads to an infinity (RECKONING 2.6).
 
 use core::fmt;
 
@@ -21,16 +21,16 @@ pub struct Inertia {
 impl Inertia {
     /// A moment may exceed another by this factor at most: 2²⁴, a needle four thousand times as long as wide.
     pub const RATIO_MAX: f64 = 16_777_216.0;
-    /// Principal axes that are the body's own.
+    /// Principal axes that coincide with the body's own.
     pub const OWN_AXES: [f32; 4] = [0.0, 0.0, 0.0, 1.0];
     /// Moments that differ by no more than this share of the greatest are equal: 2⁻²⁰, eight times what f32 rounds off.
     pub const EQUAL: f64 = 1.0 / 1_048_576.0;
 
-    /// From moments about three axes, and the quaternion (x, y, z, w) that turns those axes into the body's frame.
+    /// Takes moments about three axes, and the quaternion (x, y, z, w) that turns those axes into the body's frame.
     ///
     /// # Errors
     ///
-    /// [`InvalidInertia`] names what cannot be.
+    /// [`InvalidInertia`] names the part that is out of range.
     pub fn new(moments: [f32; 3], frame: [f32; 4]) -> Result<Self, InvalidInertia> {
         if !moments.iter().all(|m| m.is_normal() && *m > 0.0) {
             return Err(InvalidInertia::Moment);
@@ -61,7 +61,7 @@ impl Inertia {
         self.frame
     }
 
-    /// Whether all moments are equal up to rounding: such a body does not torque_free_rotation, and its inertia is not told.
+    /// Whether all moments are equal up to rounding: such a body keeps its spin, and its inertia is not sent.
     #[must_use]
     pub fn is_isotropic(&self) -> bool {
         let (least, greatest) = self.extremes();
@@ -88,7 +88,7 @@ impl Inertia {
     }
 }
 
-/// Why numbers are no inertia.
+/// Reason why numbers are not an inertia.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum InvalidInertia {
     /// A moment is not a normal number above zero.

@@ -1,7 +1,7 @@
-//! The nouns of remote rigid-body physics, and prediction: predictors, error, refresh.
+//! Types of remote rigid-body physics, and the prediction of motions.
 //!
-//! No bytes, no packets, no clock, no socket, no engine. What a publisher and a subscriber must compute alike is
-//! written in `exact` and used from there.
+//! No bytes, packets, clock, socket or engine. Arithmetic that publisher and subscriber must compute alike is in
+//! `exact`.
 //!
 //! | quantity | unit | frame |
 //! |---|---|---|
@@ -12,7 +12,8 @@
 //! | gravity, acceleration | metre per second squared | world |
 //! | time | tick, a step of the scene's fixed length | the scene's own |
 //!
-//! What another body holds is said in that body's frame in place of the world's: see [`Track`] and [`attached_motion`].
+//! The state of an attached body is in its parent's frame instead of the world's: see [`Track`] and
+//! [`attached_motion`].
 #![no_std]
 #![forbid(unsafe_code)]
 

@@ -1,7 +1,7 @@
-//! Where a body is, and how it moves.
+//! Pose and velocity of a body.
 //!
 //! World frame, SI, right-handed; rotations are unit quaternions body → world; velocities are those of the centre of
-//! mass. Invariant: what passed [`Motion::new`] is finite and its rotation is of unit length.
+//! mass. Invariant: a [`Motion`] is finite and its rotation is of unit length.
 
 use core::fmt;
 
@@ -50,9 +50,9 @@ pub struct Motion {
     twist: Twist,
 }
 
-/// How far a given rotation may be from unit length before it counts as a mistake rather than as rounding.
+/// How far a rotation may be from unit length to count as rounded; beyond, it is invalid.
 ///
-/// Chosen ten thousand times wider than what f32 arithmetic loses in one product, and far narrower than any bug.
+/// Ten thousand times what f32 arithmetic loses in one product, and far below any mistake.
 pub const UNIT_LENGTH_SLACK: f64 = 1e-3;
 
 impl Motion {
@@ -95,19 +95,19 @@ impl Motion {
         Self { pose, twist }
     }
 
-    /// Where.
+    /// Position and rotation.
     #[must_use]
     pub const fn pose(&self) -> Pose {
         self.pose
     }
 
-    /// How fast.
+    /// Linear and angular velocity.
     #[must_use]
     pub const fn twist(&self) -> Twist {
         self.twist
     }
 
-    /// The same place with these velocities, or without movement where they are not finite.
+    /// The same pose with these velocities, or without movement where they are not finite.
     #[must_use]
     pub fn moving(&self, twist: Twist) -> Self {
         let finite = twist.linear.is_finite() && twist.angular.is_finite();
@@ -117,7 +117,7 @@ impl Motion {
         }
     }
 
-    /// The same place without movement.
+    /// The same pose without movement.
     #[must_use]
     pub const fn stilled(&self) -> Self {
         Self {
@@ -127,7 +127,7 @@ impl Motion {
     }
 }
 
-/// Which part of a motion cannot be one.
+/// The part of a motion that is invalid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum InvalidMotion {
     /// A coordinate is NaN or infinite.

@@ -1,6 +1,6 @@
 //! A rotation in sixty-two bits.
 //!
-//! Knows no grid but its own, which is the same for every body. Invariant: one rotation has one form (RECKONING 4.3).
+//! Knows only its own grid, which is the same for every body. Invariant: one rotation has one form (RECKONING 4.3).
 
 use glam::DQuat;
 
@@ -8,18 +8,18 @@ use crate::exact::{floor_to_i32, normalised, sqrt};
 
 /// A rotation as its three smaller components in steps of 2⁻¹⁹ and the place of the largest, which is positive.
 ///
-/// 62 bits. Error: below 6.7e-6 rad (half a step in each said component, three halves in the largest), or 9.4e-6 rad
+/// 62 bits. Error: below 6.7e-6 rad (half a step in each coded component, three halves in the largest), or 9.4e-6 rad
 /// where components so nearly tie that a second pass rounds again; 0.94 mm at 100 m from the centre.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PackedRotation {
-    /// The place in the low two bits of the first, a component in the twenty above, half of the third in the rest; the
-    /// second component and the other half: so small that a table of tracks is dense.
+    /// Low two bits of the first word: the place of the largest component. Then a component of twenty bits, half of
+    /// the third, and in the second word the second component and the other half. A table of tracks stays dense.
     words: [u32; 2],
 }
 
 /// Steps in one.
 pub(crate) const PACKED_STEPS: f64 = 524_288.0;
-/// By the place of the greatest component, those of the others.
+/// For each place of the greatest component, the places of the others.
 const OTHERS: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
 
 impl PackedRotation {
@@ -34,13 +34,13 @@ impl PackedRotation {
         Self::nearest(rotation).stable()
     }
 
-    /// The same of the components in whole steps, as near as they come.
+    /// The grid point nearest to components in whole steps.
     pub(crate) fn of_whole(steps: [f64; 4]) -> Self {
         // The cast saturates, far beyond what any component takes.
         Self::of_steps(steps.map(|part| part as i32)).stable()
     }
 
-    /// What it is packed as again and again.
+    /// Repeats the packing until it is a fixed point.
     fn stable(self) -> Self {
         let mut packed = self;
         // Where two components tie, rounding may make the other one the largest; the second pass is then stable.
@@ -57,8 +57,8 @@ impl PackedRotation {
         packed
     }
 
-    /// Whether the largest component is the largest of its value's steps too, by a whole step at least: then that value
-    /// is packed as this. The others are whole steps there but for rounding errors, which are far below half of one.
+    /// Whether the largest component is the largest by a whole step in its own value too: then that value packs to
+    /// itself. The other components are whole steps up to rounding errors far below half a step.
     fn is_surely_stable(self) -> bool {
         let (_, others) = self.parts();
         let square = |part: i32| i64::from(part) * i64::from(part);
@@ -93,7 +93,7 @@ impl PackedRotation {
         Self::packed(largest as u8, [other(a), other(b), other(c)])
     }
 
-    /// Of a place and of components that fit twenty bits.
+    /// Packs a place and components of at most twenty bits.
     const fn packed(largest: u8, [a, b, c]: [i32; 3]) -> Self {
         const MASK: u32 = (1 << 20) - 1;
         let (a, b, c) = (a as u32 & MASK, b as u32 & MASK, c as u32 & MASK);
@@ -102,19 +102,19 @@ impl PackedRotation {
         }
     }
 
-    /// As it lies here.
+    /// The value in two words.
     #[inline]
     pub(crate) const fn words(self) -> [u32; 2] {
         self.words
     }
 
-    /// Of the words of one that was checked when it was made.
+    /// The value of words that a checked value gave.
     #[inline]
     pub(crate) const fn from_words(words: [u32; 2]) -> Self {
         Self { words }
     }
 
-    /// Checks what came from elsewhere: `None` unless it is the one way to say its rotation.
+    /// Checks decoded parts: `None` unless they are the one encoding of their rotation.
     #[must_use]
     pub fn from_parts(largest: u8, others: [i32; 3]) -> Option<Self> {
         let small = |part: &i32| (-Self::LIMIT..=Self::LIMIT).contains(part);
@@ -131,7 +131,7 @@ impl PackedRotation {
     pub const fn parts(self) -> (u8, [i32; 3]) {
         let [low, high] = self.words;
         let c = (low >> 22) | (high >> 20 << 10);
-        // Shifted up and down again, the sign fills what lies above.
+        // Shifting up and down extends the sign.
         const fn signed(bits: u32) -> i32 {
             (bits << 12) as i32 >> 12
         }
@@ -144,7 +144,7 @@ impl PackedRotation {
         normalised(self.unnormalised())
     }
 
-    /// The same, of unit length but for rounding.
+    /// The same, of unit length up to rounding.
     pub(crate) fn unnormalised(self) -> DQuat {
         let (largest, [a, b, c]) = self.parts();
         let part = |steps: i32| f64::from(steps) / PACKED_STEPS;

@@ -1,7 +1,7 @@
-//! Four predictions side by side, to the bits of one by one.
+//! Four predictions side by side, equal to scalar ones to the bit.
 //!
-//! For bodies that keep their axis of spin, which is most of them. Each lane does what [`Track::at`](crate::Track::at) does, operation by
-//! operation; where that branches, both ways are computed and one is kept.
+//! For bodies that keep their axis of spin, which most do. Each lane repeats [`Track::at`](crate::Track::at) operation
+//! by operation; at a branch, both sides are computed and one is kept.
 
 mod correction;
 
@@ -22,17 +22,17 @@ pub use correction::LaneCorrection;
 /// Bodies side by side.
 const LANES: usize = 4;
 
-/// Up to four bodies that are to be predicted, number by number.
+/// Up to four bodies to predict, one array for each number.
 #[derive(Clone, Debug, Default)]
 pub struct PredictionX4 {
     len: usize,
     keys: [u32; LANES],
     position: [[f64; LANES]; 3],
-    /// Before it is normalised.
+    /// Not normalised.
     rotation: [[f64; LANES]; 4],
     linear: [[f64; LANES]; 3],
     angular: [[f64; LANES]; 3],
-    /// What pulls at it, gravity or a push.
+    /// Acceleration: gravity, or that of the predictor.
     gravity: [[f64; LANES]; 3],
     /// See [`StepCoefficients`](crate::flow::StepCoefficients): `reach`, `velocity`, `fall`, `fall_velocity`, `spin`, and `turns`.
     row: [[f64; LANES]; 8],
@@ -48,12 +48,14 @@ struct MotionX4 {
 }
 
 impl PredictionX4 {
-    /// How many bodies it takes.
+    /// Capacity of a batch.
     pub const LANES: usize = LANES;
 
-    /// Takes a body in under a key, and returns `true`, if it can be predicted here and there is room: see [`Self::is_full`].
+    /// Adds a body under a key; returns `false` if the body needs scalar prediction or the batch is full
+    /// ([`Self::is_full`]).
     ///
-    /// The arguments are those of [`Track::at`](crate::Track::at); all bodies of a batch are of scenes that step alike.
+    /// The arguments are those of [`Track::at`](crate::Track::at); all bodies of a batch belong to scenes with the
+    /// same integrator.
     #[must_use]
     pub fn take(
         &mut self,
@@ -69,13 +71,13 @@ impl PredictionX4 {
         }
         let elapsed = conditions.flow.within(elapsed(track.origin(), tick));
         let (row, config) = conditions.flow.row(elapsed);
-        // Below that already, which nobody sees at the stores below.
+        // Already below: the remainder lets the compiler drop the bounds checks of the stores below.
         let lane = self.len % LANES;
         let (pose, twist) = start(&track.anchor(), grid);
         set3(&mut self.position, lane, pose.position);
         set3(&mut self.linear, lane, twist.linear);
         set3(&mut self.angular, lane, twist.angular);
-        // What does not fall is added a zero that changes no number, not even the sign of another zero.
+        // A body that does not fall gets a zero that changes no number, not even the sign of another zero.
         let pull = track.predictor().pull(elapsed, conditions).unwrap_or(Pull {
             acceleration: DVec3::splat(-0.0),
             fall: row.fall,
@@ -107,13 +109,13 @@ impl PredictionX4 {
         true
     }
 
-    /// Whether it takes no more before it has predicted.
+    /// Whether the batch is full.
     #[must_use]
     pub const fn is_full(&self) -> bool {
         self.len == LANES
     }
 
-    /// Predicts all that it took, hands each out under its key, and is empty.
+    /// Predicts all bodies of the batch, hands each out under its key, and empties the batch.
     pub fn predict(&mut self, mut out: impl FnMut(u32, Motion)) {
         let Some(config) = self.config.take() else {
             return;
@@ -141,7 +143,7 @@ impl PredictionX4 {
         self.len = 0;
     }
 
-    /// All that it took, and what else lies in its lanes.
+    /// Predicts all lanes, the unused ones too.
     #[inline]
     fn predicted(&self, config: &StepConstants) -> MotionX4 {
         let position = lanes3(&self.position);
@@ -168,7 +170,7 @@ impl PredictionX4 {
         let u2 = u * u;
         let series = s1 - u2 * (s3 / 3.0 - u2 * (s5 / 5.0));
         let half_angle = (u * config.substeps) * series;
-        let said = normalised([
+        let start_rotation = normalised([
             lanes(&self.rotation[0]),
             lanes(&self.rotation[1]),
             lanes(&self.rotation[2]),
@@ -176,15 +178,15 @@ impl PredictionX4 {
         ]);
         let (sine, cosine) = sin_cos(half_angle);
         let k = sine / speed;
-        let turned = normalised(product([x * k, y * k, z * k, cosine], said));
+        let turned = normalised(product([x * k, y * k, z * k, cosine], start_rotation));
         let still = half_angle.simd_eq(f64x4::splat(0.0));
-        let kept = |place: usize| choose(still, said[place], turned[place]);
+        let kept = |place: usize| choose(still, start_rotation[place], turned[place]);
         let rotation = [kept(0), kept(1), kept(2), kept(3)];
         (rotation, [x * spin, y * spin, z * spin])
     }
 }
 
-/// The motion that was said, its rotation not normalised yet.
+/// The motion of an anchor, its rotation not normalised.
 #[inline(always)]
 fn start(anchor: &Anchor, grid: &Grid) -> (Pose, Twist) {
     match anchor {
@@ -257,11 +259,11 @@ fn sin_cos(x: f64x4) -> (f64x4, f64x4) {
     let r2 = r * r;
     let sine = r + r * (r2 * polynomial(&SINE, r2));
     let cosine = r2 * polynomial(&COSINE, r2) + 1.0;
-    // Which of the four quarters it is: exact, since all of these are whole and small.
+    // Quarter of the turn: exact, since all of these are whole and small.
     let quarter = quarters - floor(quarters * 0.25) * 4.0;
     let is = |number: f64| quarter.simd_eq(f64x4::splat(number));
     let odd = is(1.0) | is(3.0);
-    // One less two is the sign of a negative, one less nothing that of another.
+    // Minus one where the mask is set, one elsewhere.
     let sign = |negative: f64x4| f64x4::splat(1.0) - (negative & f64x4::splat(2.0));
     let first = choose(odd, cosine, sine) * sign(is(2.0) | is(3.0));
     let second = choose(odd, sine, cosine) * sign(is(1.0) | is(2.0));
@@ -272,7 +274,7 @@ fn sin_cos(x: f64x4) -> (f64x4, f64x4) {
     )
 }
 
-/// Lane by lane the one where the mask is set, and the other elsewhere.
+/// Lane by lane `one` where the mask is set, and `other` elsewhere.
 fn choose(mask: f64x4, one: f64x4, other: f64x4) -> f64x4 {
     other ^ ((one ^ other) & mask)
 }

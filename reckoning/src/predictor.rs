@@ -1,7 +1,7 @@
-//! The closed list of predictors that say how a body goes on.
+//! The closed list of predictors of a body's motion.
 //!
-//! Every listener must get the same bits from the same motion, so that the arithmetic is normative (RECKONING 3).
-//! Which predictor serves a body best is not decided here: that is the publisher's choice.
+//! Every subscriber must compute the same bits from the same motion: the arithmetic is normative (RECKONING 3). The
+//! publisher chooses the predictor; the choice is not made here.
 
 use glam::DVec3;
 
@@ -14,58 +14,58 @@ use crate::tick::{Rate, Ticks};
 use crate::torque_free_rotation::{RotationCursor, RotationState, TorqueFreeRotation};
 use crate::units::Seconds;
 
-/// A body that was still went divergence_time in no more ticks than this, however long it lay: it is spoken of soon after it was
-/// set in motion.
+/// Divergence time of a rest prediction in ticks, at most. A body that starts to move gets an update soon, however
+/// long it lay.
 pub const REST_DIVERGENCE_TICKS: Ticks = Ticks::new(3);
 
-/// How a body goes on from its last known motion.
+/// Continues a body's last published motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Predictor {
-    /// It stays where it is.
+    /// The body stays where it is.
     Rest,
-    /// It keeps its velocities, less the body's damping.
+    /// The body keeps its velocities, less its damping.
     Uniform,
-    /// It falls with the scene's gravity and keeps its spin, less the body's damping.
+    /// The body falls with the scene's gravity and keeps its spin, less its damping.
     Ballistic,
-    /// It keeps its velocity and is_torque_free as its moments of inertia have it, less the body's damping.
+    /// The body keeps its velocity and rotates free of torque by its moments of inertia, less its damping.
     TorqueFree,
-    /// It falls with the scene's gravity and is_torque_free, less the body's damping.
+    /// The body falls with the scene's gravity and rotates free of torque, less its damping.
     BallisticTorqueFree,
-    /// A constant acceleration takes gravity's place for some ticks, and it is_torque_free, less the body's damping.
+    /// A constant acceleration replaces gravity for some ticks. The body rotates free of torque, less its damping.
     Accelerated(ConstantAcceleration),
 }
 
-/// What pulls at a body by a predictor, and what that does up to a tick.
+/// Acceleration of a predicted body, and its effect up to a tick.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pull {
     /// m/s², world frame.
     pub(crate) acceleration: DVec3,
-    /// Its share of the way, s², and of the velocity, s.
+    /// Factor on the way, s², and on the velocity, s.
     pub(crate) fall: f64,
     pub(crate) fall_velocity: f64,
 }
 
-/// What a predictor must know of a body beside its motion.
+/// Properties of a body that a prediction needs beside its motion.
 #[derive(Clone, Copy, Debug)]
 pub struct Conditions<'a> {
-    /// What pulls at it, m/s², world frame.
+    /// Acceleration by gravity, m/s², world frame.
     pub gravity: DVec3,
-    /// The table of its damping, computed at least to the ticks that are asked for: beyond its last row a body holds
-    /// the motion of that row.
+    /// The table of its damping, computed at least to the elapsed ticks; beyond the last row a body keeps that row's
+    /// motion.
     pub flow: &'a StepCoefficientTable,
-    /// How it resists being turned; a body of which none is known keeps its spin where another would torque_free_rotation.
+    /// Moments of inertia; without them a body keeps its spin even under a torque-free predictor.
     pub inertia: Option<&'a Inertia>,
 }
 
 impl Conditions<'_> {
-    /// How far a body that a pull of 1 m/s² acts on is from one that nothing pulls at, after so many ticks: metres.
+    /// Distance that an acceleration of 1 m/s² adds in `elapsed` ticks: metres.
     #[must_use]
     pub fn fall(&self, elapsed: Ticks) -> f64 {
         let (row, _) = self.flow.row(elapsed);
         row.fall
     }
 
-    /// The acceleration that brings one velocity to another in a tick: m/s². The table has the row of one tick.
+    /// The acceleration that leads from one velocity to another in a tick: m/s². The table has the row of one tick.
     #[must_use]
     pub fn acceleration(&self, before: DVec3, after: DVec3) -> DVec3 {
         let (row, _) = self.flow.row(Ticks::new(1));
@@ -74,7 +74,7 @@ impl Conditions<'_> {
 }
 
 impl Predictor {
-    /// Every predictor, in the order of the list; the last with one push of many.
+    /// Every predictor, in the order of the list; the last with a sample acceleration.
     pub const ALL: [Self; 6] = [
         Self::Rest,
         Self::Uniform,
@@ -86,13 +86,13 @@ impl Predictor {
 
     /// The motion `elapsed` ticks after `start`.
     ///
-    /// A torque_free predictor takes as many steps as ticks have elapsed: who asks tick by tick keeps a [`RotationCursor`] instead.
+    /// A torque-free predictor takes one step per elapsed tick: for queries tick by tick, keep a [`RotationCursor`].
     #[must_use]
     pub fn predict(self, start: &Motion, elapsed: Ticks, conditions: &Conditions<'_>) -> Motion {
         self.carry(start, elapsed, conditions, TorqueFreeRotation::after)
     }
 
-    /// The same bits; what the cursor has computed is not computed again.
+    /// The same bits as [`Self::predict`]; results in the cursor are not computed again.
     #[must_use]
     pub fn predict_with(
         self,
@@ -109,13 +109,13 @@ impl Predictor {
         )
     }
 
-    /// Whether gravity enters it.
+    /// Whether it depends on gravity.
     #[must_use]
     pub const fn falls(self) -> bool {
         matches!(self, Self::Ballistic | Self::BallisticTorqueFree)
     }
 
-    /// Whether moments of inertia enter it.
+    /// Whether it depends on the moments of inertia.
     #[must_use]
     pub const fn is_torque_free(self) -> bool {
         matches!(
@@ -124,7 +124,7 @@ impl Predictor {
         )
     }
 
-    /// The push that it goes by.
+    /// Its constant acceleration.
     #[must_use]
     pub const fn acceleration(self) -> Option<ConstantAcceleration> {
         match self {
@@ -133,7 +133,7 @@ impl Predictor {
         }
     }
 
-    /// What pulls at a body `elapsed` ticks after it was said, if anything does.
+    /// The acceleration of a body `elapsed` ticks after the track's origin, if there is one.
     #[inline]
     pub(crate) fn pull(self, elapsed: Ticks, conditions: &Conditions<'_>) -> Option<Pull> {
         match self {
@@ -157,9 +157,9 @@ impl Predictor {
         }
     }
 
-    /// In what time a prediction by this predictor, `age` ticks old, went divergence_time (RECKONING 4.4).
+    /// Time in which a prediction of this age has diverged (RECKONING 4.4).
     ///
-    /// More than nothing: a prediction that is no tick old counts as one of one tick.
+    /// Above zero: a prediction of age zero counts as one of one tick.
     #[must_use]
     pub fn divergence_time(self, age: Ticks, rate: Rate) -> Seconds {
         let ticks = match self {
@@ -207,7 +207,7 @@ impl Predictor {
     }
 }
 
-/// What keeps its axis of spin (RECKONING 3.6).
+/// Rotation of a body that keeps its axis of spin (RECKONING 3.6).
 fn spun(
     (rotation, angular): RotationState,
     row: &StepCoefficients,
@@ -215,7 +215,7 @@ fn spun(
 ) -> RotationState {
     let speed = length3(angular);
     let half_angle = row.half_angle(speed, config);
-    // Without spin or time the said rotation stands to the bit; normalising it again could move its last one.
+    // Without spin or time the rotation stays the same to the bit; normalising it again could change its last one.
     let rotation = if half_angle == 0.0 {
         rotation
     } else {
@@ -247,7 +247,7 @@ mod tests {
         Inertia::new([1.0, 2.0, 2.9], Inertia::OWN_AXES).unwrap()
     }
 
-    /// Of a slab under gravity.
+    /// Conditions of a slab under gravity.
     fn ballistic_torque_free<'a>(
         flow: &'a StepCoefficientTable,
         slab: &'a Inertia,

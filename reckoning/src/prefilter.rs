@@ -1,8 +1,8 @@
-//! Whether a track surely still holds: a cheap test that errs towards doubt.
+//! Fast accept test: a cheap proof that a track is within tolerance.
 //!
-//! Not normative, and never the last word: what it mismatches is judged by [`Tolerance::share`]. Invariant: whatever it does
-//! not doubt is within the tolerance by that judgement. It works in f32, moving bodies four at a time, and takes all that
-//! this may be off by from what the tolerance allows.
+//! Not normative: [`Tolerance::share`] judges every track that this test leaves undecided. Invariant: an accepted
+//! track is within the tolerance by that judgement. It works in f32, four moving bodies at a time, and subtracts its
+//! worst error.
 
 use alloc::vec::Vec;
 use core::f32::consts::FRAC_1_PI;
@@ -18,35 +18,35 @@ use crate::tolerance::Tolerance;
 use crate::track::{Anchor, BodyState};
 use crate::units::Metres;
 
-/// What is to be told of one body.
+/// One body to test.
 #[derive(Clone, Copy, Debug)]
 pub struct PrefilterInput<'a> {
-    /// What it does.
+    /// True state at `tick`.
     pub truth: &'a BodyState,
-    /// What was said of it.
+    /// Track that subscribers predict from.
     pub track: &'a DenseTrack,
-    /// When.
+    /// Tick of the comparison.
     pub tick: Tick,
-    /// Of its stream and radius.
+    /// Grid of the body in its stream.
     pub grid: &'a Grid,
-    /// Of the least ball around its centre of mass that holds it.
+    /// Radius of the least ball around the centre of mass that holds the body.
     pub radius: Metres,
     /// As [`Track::at`](crate::Track::at) takes them.
     pub conditions: &'a Conditions<'a>,
 }
 
-/// Tells tracks that surely hold from those that must be looked at.
+/// Separates tracks that are surely within tolerance from those that need the exact judgement.
 #[derive(Clone, Debug)]
 pub struct ErrorPrefilter {
     bounds: PrefilterBounds,
-    /// Seconds, and how many there are in a tick.
+    /// Half a substep in seconds, and the number of substeps in a tick.
     half_substep: f32,
     substeps: f32,
     waiting: PrefilterX4,
 }
 
 impl ErrorPrefilter {
-    /// Of streams with this tolerance, in scenes that step so.
+    /// A test for streams of this tolerance in scenes of this integrator.
     #[must_use]
     pub fn new(tolerance: Tolerance, integrator: Integrator) -> Self {
         let substeps = f64::from(integrator.substeps.get());
@@ -59,7 +59,7 @@ impl ErrorPrefilter {
         }
     }
 
-    /// Looks at a track, and adds its place to `undecided` unless it surely holds: at once, or with one of the next calls.
+    /// Tests a track and adds its place to `undecided` unless it surely holds: at once, or in a later call.
     pub fn look(&mut self, place: u32, case: &PrefilterInput<'_>, undecided: &mut Vec<u32>) {
         let track = case.track;
         let elapsed = case.tick.since(track.origin());
@@ -112,16 +112,16 @@ impl ErrorPrefilter {
         }
     }
 
-    /// Adds the places among the last calls that no answer was given to yet.
+    /// Finishes the batch that waits, and adds its undecided places.
     pub fn finish(&mut self, undecided: &mut Vec<u32>) {
         if self.waiting.len == 0 {
             return;
         }
-        let attached = self
+        let within = self
             .waiting
             .hold(&self.bounds, self.half_substep, self.substeps);
         for lane in 0..self.waiting.len {
-            if attached & (1 << lane) == 0 {
+            if within & (1 << lane) == 0 {
                 undecided.push(self.waiting.places[lane]);
             }
         }
@@ -129,24 +129,23 @@ impl ErrorPrefilter {
     }
 }
 
-/// What is taken off a length for the roundings of its comparison: two to the power of −12 is a thousand times more than
-/// a dozen of them.
+/// Factor on a length, against the roundings of its comparison: 2⁻¹² is a thousand times a dozen of them.
 const LENGTH_SLACK: f32 = 1.0 - 1.0 / 4_096.0;
-/// Factor on a chord between quaternions: a start that was said to the bit may be a thousandth from unit length
-/// ([`UNIT_LENGTH_SLACK`](crate::UNIT_LENGTH_SLACK)), and a point is at most |t − q| / |q| from the line through another.
+/// Factor on a chord between quaternions: an exact start may be [`UNIT_LENGTH_SLACK`](crate::UNIT_LENGTH_SLACK) from
+/// unit length. A point is at most |t − q| / |q| from the line through another.
 const CHORD_FACTOR: f32 = 1.0 + 1.0 / 512.0;
-/// Added to a chord. A packed rotation's greatest component is off by 2⁻²¹ in f32, the series of sine and cosine by 4e-6
-/// at a quarter turn, and twenty roundings of numbers up to one by 1.2e-6: 6e-6 in all.
+/// Added to a chord. A packed rotation's greatest component is off by 2⁻²¹ in f32, sine and cosine by 4e-6 at a
+/// quarter turn, and twenty roundings of numbers up to one by 1.2e-6: 6e-6 in all.
 const CHORD_SLACK: f32 = 1.0 / 65_536.0;
 /// Added to a chord for each radian of half the angle turned: a dozen roundings on the way to it are 7e-7 of it.
 const ANGLE_SLACK: f32 = 1.0 / 524_288.0;
 
-/// What a tolerance allows, in the numbers of this file.
+/// A tolerance in the numbers of this file.
 #[derive(Clone, Copy, Debug)]
 struct PrefilterBounds {
-    /// For the centre of mass and, of a surface, the chord at its radius: metres.
+    /// Bound for the centre of mass and, of a surface tolerance, the chord at its radius: metres.
     length: f32,
-    /// For the sine of half the turn: two where it has no bound of its own.
+    /// Bound for the sine of half the turn; two where the turn has no bound of its own.
     half_chord: f32,
     /// Whether a turn counts as a length.
     shared: bool,
@@ -176,7 +175,7 @@ impl PrefilterBounds {
         }
     }
 
-    /// What a half chord of one is worth in metres.
+    /// Length of half a chord of one, metres.
     fn diameter(&self, radius: Metres) -> f32 {
         if self.shared {
             2.0 * radius.metres() as f32
@@ -185,7 +184,7 @@ impl PrefilterBounds {
         }
     }
 
-    /// Whether a body that was said to lie still surely does: `apart` in metres, `truth` in the order of [`BodyState`].
+    /// Whether a resting track surely holds: `apart` in metres, `truth` in the order of [`BodyState`].
     fn hold_still(
         &self,
         apart: [f32; 3],
@@ -211,16 +210,15 @@ impl PrefilterBounds {
     }
 }
 
-/// Where a track begins, as far as this file needs it.
 struct AnchorF32 {
     position: [f64; 3],
     linear: [f64; 3],
     angular: [f32; 3],
-    /// Off by 2⁻²¹ at most, if it was packed.
+    /// Off by 2⁻²¹ at most, if the anchor is packed.
     rotation: [f32; 4],
 }
 
-/// By the place of the greatest component of a packed rotation, those of the others.
+/// For each place of the greatest component of a packed rotation, the places of the others.
 const OTHERS: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
 
 impl AnchorF32 {
@@ -268,19 +266,17 @@ fn steps([a, b, c]: [i32; 3], step: f64) -> [f64; 3] {
     ]
 }
 
-/// Moving bodies that are looked at together.
 const LANES: usize = 4;
 
-/// Up to four moving bodies, number by number.
+/// Up to four moving bodies, one array for each number.
 #[derive(Clone, Debug, Default)]
 struct PrefilterX4 {
     len: usize,
     places: [u32; LANES],
     /// Truth less the predicted position, metres.
     apart: [[f32; LANES]; 3],
-    /// What was said of the spin, rad/s.
+    /// Spin of the track, rad/s.
     spin: [[f32; LANES]; 3],
-    /// See [`StepCoefficients`](crate::flow::StepCoefficients).
     turns: [[f32; LANES]; 3],
     start: [[f32; LANES]; 4],
     truth: [[f32; LANES]; 4],
@@ -292,11 +288,11 @@ const ROUND: f32 = 12_582_912.0;
 /// The first eight bits of pi, so that its multiples are exact, and the rest.
 const PI_HIGH: f32 = 3.140_625;
 const PI_LOW: f32 = 9.676_536e-4;
-/// A spin so fast that the series of the angle does not end soon is undecided.
+/// A faster spin needs more terms of the series than are taken: its body stays undecided.
 const STEP_ANGLE2_MAX: f32 = 1.0 / 16.0;
 
 impl PrefilterX4 {
-    /// A bit for each body that surely is where its track says (RECKONING 3.6, in f32).
+    /// One bit for each body that surely is where its track predicts it (RECKONING 3.6, in f32).
     fn hold(&self, bounds: &PrefilterBounds, half_substep: f32, substeps: f32) -> u32 {
         let [wx, wy, wz] = three(&self.spin);
         let speed = (wx * wx + wy * wy + wz * wz).sqrt();
@@ -321,7 +317,7 @@ impl PrefilterX4 {
         for i in 0..4 {
             dot += truth[i] * predicted_motion[i];
         }
-        // One less two where it is negative.
+        // One, less two where the product is negative.
         let sign = f32x4::ONE - (dot.simd_lt(f32x4::ZERO) & f32x4::splat(2.0));
         let mut chord2 = f32x4::ZERO;
         for i in 0..4 {
@@ -334,11 +330,11 @@ impl PrefilterX4 {
         let [ax, ay, az] = three(&self.apart);
         let far2 = ax * ax + ay * ay + az * az;
         // Written so that NaN does not hold.
-        let attached = half.simd_le(f32x4::splat(bounds.half_chord))
+        let within = half.simd_le(f32x4::splat(bounds.half_chord))
             & left.simd_ge(f32x4::ZERO)
             & far2.simd_le(left * left)
             & u2.simd_le(f32x4::splat(STEP_ANGLE2_MAX));
-        attached.to_bitmask()
+        within.to_bitmask()
     }
 }
 
@@ -443,13 +439,12 @@ mod tests {
         })
     }
 
-    /// What is asked of the prefilter, and what the exact judgement says.
     struct PrefilterAnswer {
         undecided: bool,
         share: f64,
     }
 
-    /// `off`: where truth lies beside the prediction, as shares of what the tolerance allows a body of this radius.
+    /// `off`: truth beside the prediction, as shares of what the tolerance allows a body of this radius.
     fn ask(
         tolerance: Tolerance,
         radius: f64,
@@ -508,7 +503,7 @@ mod tests {
         ]
     }
 
-    /// What is accelerated lies on its grid.
+    /// Accelerated tracks start on their grid.
     fn may_begin(predictor: Predictor, anchor: &Anchor) -> bool {
         predictor.acceleration().is_none() || matches!(anchor, Anchor::Quantised(_))
     }

@@ -1,8 +1,8 @@
-//! The grids on which motions are said, and how a motion is put on them.
+//! Quantisation of motions: grids, quantised states, residuals.
 //!
-//! What is predicted_motion is what was said: both ends compute the predicted_motion motion from the same integers, so that rounding
-//! never accumulates (RECKONING 4). Laws, tested below: a value on its grid quantises to itself; quantising errs by half a
-//! step at most; order is kept; beyond its limit a value saturates.
+//! Both ends predict from the same integers, so that rounding never accumulates (RECKONING 4). Properties, tested
+//! below: a value on its grid quantises to itself; quantising errs by half a step at most; order is kept; beyond its
+//! limit a value saturates.
 
 use glam::{DQuat, DVec3};
 
@@ -27,9 +27,9 @@ const POSITION_SHARE: f64 = 0.5625;
 const TURN_SHARE: f64 = 0.5625;
 /// Velocity step, as a share of the tolerance per second.
 const VELOCITY_SHARE: f64 = 0.0625;
-/// Velocities of residuals are said in steps that are doubled so many times at most.
+/// Greatest exponent of velocity residuals: how many times their steps can be doubled.
 pub const VELOCITY_EXPONENT_MAX: u32 = 12;
-/// Fine steps in a step of position: motions are kept in these, so that a residual of zero moves a body by next to
+/// Fine steps in a position step: motions are kept in fine steps, so that a residual of zero moves a body by next to
 /// nothing.
 pub const FINE_STEPS: i32 = 16;
 const _: () = assert!(RESIDUAL_LIMIT * FINE_STEPS <= POSITION_LIMIT);
@@ -65,7 +65,8 @@ impl Grid {
                 }
             }
             Tolerance::Parts { position, turn } => {
-                // Two parts share a length; a bound of its own is as good as twice as long a shared one.
+                // A surface tolerance is shared by two parts; a bound of its own equals a shared one of twice the
+                // length.
                 let length = position.metres().metres() * 2.0;
                 let angle = turn.radians().radians() * 2.0;
                 let position = length * POSITION_SHARE;
@@ -116,7 +117,7 @@ fn quantise(value: f64, step: f64, limit: i32) -> i32 {
     floor_to_i32(value / step + 0.5).clamp(-limit, limit)
 }
 
-/// A whole number as one, saturating at `limit`.
+/// Casts a whole number to an integer, saturating at `limit`.
 #[inline(always)]
 pub(crate) fn whole(value: f64, limit: i32) -> i32 {
     let limit = f64::from(limit);
@@ -140,7 +141,7 @@ fn value3(steps: [i32; 3], step: f64) -> DVec3 {
     )
 }
 
-/// A motion on its grid: what a stream says of a body that moves.
+/// A quantised motion: what a stream carries of a moving body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct QuantisedState {
     /// In steps of [`Grid::fine`].
@@ -172,7 +173,7 @@ impl QuantisedState {
         quantise3(pose.position, grid.fine, POSITION_LIMIT)
     }
 
-    /// The motion that these steps mean.
+    /// The motion of these steps.
     #[must_use]
     pub fn motion(&self, grid: &Grid) -> Motion {
         let (pose, twist) = self.raw(grid);
@@ -180,7 +181,7 @@ impl QuantisedState {
         Motion::from_checked(Pose { rotation, ..pose }, twist)
     }
 
-    /// The same with its rotation not normalised yet.
+    /// The same, its rotation not normalised.
     pub(crate) fn raw(&self, grid: &Grid) -> (Pose, Twist) {
         let pose = Pose {
             position: value3(self.position, grid.fine),
@@ -199,7 +200,7 @@ impl QuantisedState {
         }
     }
 
-    /// The same place with the velocities that a residual makes of these, saturating at the limit.
+    /// The same pose with the velocities that a residual makes of these, saturating at the limit.
     #[must_use]
     pub fn hastened(&self, by: &VelocityResidual) -> Self {
         let [linear, angular] = by.steps();
@@ -210,7 +211,7 @@ impl QuantisedState {
         }
     }
 
-    /// The velocities that these steps mean.
+    /// The velocities of these steps.
     #[must_use]
     pub fn twist(&self, grid: &Grid) -> Twist {
         Twist {
@@ -219,7 +220,7 @@ impl QuantisedState {
         }
     }
 
-    /// Whether every part lies within its limit, as all that is decoded must.
+    /// Whether every part is within its limit, as every decoded state must be.
     #[must_use]
     pub fn is_within_limits(&self) -> bool {
         within(self.position, POSITION_LIMIT)
@@ -228,37 +229,37 @@ impl QuantisedState {
     }
 }
 
-/// Without a branch between the three: nearly all are.
+/// Without a branch between the three, since nearly all are within.
 fn within([x, y, z]: [i32; 3], limit: i32) -> bool {
-    // Limits are at most 2³⁰: what lies beyond one does not wrap back to within.
+    // Limits are at most 2³⁰: a value beyond one does not wrap back into the range.
     let one = |steps: i32| steps.wrapping_add(limit) as u32 <= 2 * limit as u32;
     one(x) & one(y) & one(z)
 }
 
-/// What a motion differs by from a predicted one, in grid steps (RECKONING 4.4).
+/// Difference of a motion from a predicted one, in grid steps (RECKONING 4.4).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Residual {
     /// Position steps.
     pub position: [i32; 3],
     /// Rotation vector from the predicted rotation, in turn steps, about the axes of the frame that positions are in.
     pub turn: [i32; 3],
-    /// What the velocities differ by from those that the correction itself implies; nothing where those serve.
+    /// Difference of the velocities from those that the correction implies; none where those suffice.
     pub velocity: Option<VelocityResidual>,
 }
 
-/// What velocities differ by from implied ones, in steps of the grid that are doubled some times.
+/// Difference of velocities from the implied ones, in steps that are doubled some times.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct VelocityResidual {
     /// How many times the steps are doubled.
     pub velocity_exponent: u32,
-    /// Such steps of linear velocity.
+    /// Linear velocity in these steps.
     pub linear: [i32; 3],
-    /// Such steps of angular velocity.
+    /// Angular velocity in these steps.
     pub angular: [i32; 3],
 }
 
 impl VelocityResidual {
-    /// In steps of the grid; within limits these are within [`VELOCITY_LIMIT`].
+    /// In grid steps; within limits these are within [`VELOCITY_LIMIT`].
     fn steps(&self) -> [[i32; 3]; 2] {
         [
             each(self.linear, |steps| steps << self.velocity_exponent),
@@ -266,7 +267,7 @@ impl VelocityResidual {
         ]
     }
 
-    /// What brings implied velocities nearest to those wanted, in the finest steps.
+    /// The residual that leads from the implied velocities nearest to the wanted ones, in the finest steps.
     #[must_use]
     pub fn finest(wanted: &Twist, implied: &QuantisedState, grid: &Grid) -> Self {
         let linear = quantise3(wanted.linear, grid.linear, VELOCITY_LIMIT / 2);
@@ -280,7 +281,7 @@ impl VelocityResidual {
         }
     }
 
-    /// Of the finest steps the nearest that are doubled so many times, at most [`VELOCITY_EXPONENT_MAX`].
+    /// The nearest residual whose steps are doubled `velocity_exponent` times, at most [`VELOCITY_EXPONENT_MAX`].
     #[must_use]
     pub fn coarser(&self, velocity_exponent: u32) -> Self {
         let velocity_exponent = velocity_exponent.min(VELOCITY_EXPONENT_MAX);
@@ -292,7 +293,7 @@ impl VelocityResidual {
         }
     }
 
-    /// Whether every part lies within its limit, as all that is decoded must.
+    /// Whether every part is within its limit, as every decoded residual must be.
     #[must_use]
     pub fn is_within_limits(&self) -> bool {
         let limit = VELOCITY_LIMIT >> self.velocity_exponent.min(VELOCITY_EXPONENT_MAX);
@@ -303,7 +304,7 @@ impl VelocityResidual {
 }
 
 impl Residual {
-    /// How far truth is from a predicted motion, in steps of position and of turn, not rounded.
+    /// Difference of truth from a predicted motion, in steps of position and of turn, not rounded.
     #[must_use]
     pub fn wanted(truth: &Pose, predicted: &Pose, grid: &Grid) -> [DVec3; 2] {
         let apart = truth.position - predicted.position;
@@ -314,7 +315,7 @@ impl Residual {
         ]
     }
 
-    /// The residual of velocities that brings implied ones nearest to those wanted, in steps of this velocity_exponent.
+    /// The velocity residual that leads from implied velocities nearest to the wanted ones, in steps of this exponent.
     #[must_use]
     pub fn of_velocity(
         wanted: &Twist,
@@ -325,9 +326,9 @@ impl Residual {
         VelocityResidual::finest(wanted, implied, grid).coarser(velocity_exponent)
     }
 
-    /// The motion said by this residual on top of a predicted one (RECKONING 4.4).
+    /// The motion that this residual makes of a predicted one (RECKONING 4.4).
     ///
-    /// `over`: the time in which the prediction went divergence_time, by which the correction is a velocity; more than nothing.
+    /// `over`: divergence time of the prediction, above zero; the correction divided by it is the implied velocity.
     #[must_use]
     pub fn onto(&self, predicted: &Motion, over: Seconds, grid: &Grid) -> QuantisedState {
         let position = QuantisedState::position_of(&predicted.pose(), grid);
@@ -335,7 +336,7 @@ impl Residual {
         self.onto_place(predicted, (position, rotation), over, grid)
     }
 
-    /// The same, where the grid point nearest to what was predicted is known already.
+    /// The same, where the grid point nearest to the prediction is known.
     #[must_use]
     pub fn onto_quantised(
         &self,
@@ -376,7 +377,8 @@ impl Residual {
         })
     }
 
-    /// The same, where all but the position is what the correction has made of it, and the velocities are those implied.
+    /// Completes a corrected state whose position is still the predicted one and whose velocities are the implied
+    /// ones.
     pub(crate) fn onto_implied(&self, from: QuantisedState) -> QuantisedState {
         let [x, y, z] = self.position;
         let fine = |steps: i32| steps.saturating_mul(FINE_STEPS);
@@ -391,7 +393,7 @@ impl Residual {
         }
     }
 
-    /// Whether every part lies within its limit, as all that is decoded must.
+    /// Whether every part is within its limit, as every decoded residual must be.
     #[must_use]
     pub fn is_within_limits(&self) -> bool {
         let velocity = self.velocity.unwrap_or_default();
@@ -421,7 +423,7 @@ fn plus(a: [i32; 3], b: [i32; 3], limit: i32) -> [i32; 3] {
     [one(0), one(1), one(2)]
 }
 
-/// The shortest turn that leads from one rotation to another, as axis times angle, world frame, radians.
+/// The shortest turn from one rotation to another, as axis times angle, world frame, radians.
 ///
 /// Only the sender computes it, so that it need not be exact.
 fn rotation_vector(to: DQuat, from: DQuat) -> DVec3 {
@@ -472,7 +474,7 @@ mod tests {
         })
     }
 
-    /// The residual that is rounded to the nearest steps, without velocities.
+    /// The residual rounded to the nearest steps, without velocities.
     fn nearest(truth: &Motion, predicted: &Motion, grid: &Grid) -> Residual {
         let [position, turn] = Residual::wanted(&truth.pose(), &predicted.pose(), grid);
         let round = |v: DVec3| v.to_array().map(|x| x.round() as i32);
@@ -514,8 +516,8 @@ mod tests {
         #[test]
         fn a_packed_rotation_is_near(q in unit_quaternion()) {
             let truth = Pose { position: DVec3::ZERO, rotation: q };
-            let said = Pose { position: DVec3::ZERO, rotation: PackedRotation::of(q).value() };
-            prop_assert!(Divergence::between(&truth, &said).turn().radians() < 9.4e-6);
+            let coded = Pose { position: DVec3::ZERO, rotation: PackedRotation::of(q).value() };
+            prop_assert!(Divergence::between(&truth, &coded).turn().radians() < 9.4e-6);
         }
 
         #[test]
@@ -529,24 +531,24 @@ mod tests {
                 let grid = Grid::new(tolerance, radius);
                 let residual = nearest(&truth, &predicted, &grid);
                 if residual.is_within_limits() {
-                    let said = residual.onto(&predicted, Seconds::new(0.1), &grid).motion(&grid);
-                    let apart = Divergence::between(&truth.pose(), &said.pose());
+                    let coded = residual.onto(&predicted, Seconds::new(0.1), &grid).motion(&grid);
+                    let apart = Divergence::between(&truth.pose(), &coded.pose());
                     prop_assert!(tolerance.share(&apart, radius) <= 1.0, "{apart:?}");
                 }
             }
         }
 
         #[test]
-        fn velocities_that_are_said_arrive(truth in motion(), predicted in motion(), grid in grid()) {
+        fn coded_velocities_arrive(truth in motion(), predicted in motion(), grid in grid()) {
             let mut residual = nearest(&truth, &predicted, &grid);
             prop_assume!(residual.is_within_limits());
             let implied = residual.onto(&predicted, Seconds::new(0.1), &grid);
             let wanted = QuantisedState::of(&truth, &grid);
             residual.velocity = Some(Residual::of_velocity(&truth.twist(), &implied, &grid, 0));
-            let said = residual.onto(&predicted, Seconds::new(0.1), &grid);
+            let coded = residual.onto(&predicted, Seconds::new(0.1), &grid);
             let far = |steps: [i32; 3]| steps.iter().any(|s| s.abs() > VELOCITY_LIMIT / 2);
             prop_assume!(!far(implied.linear) && !far(implied.angular));
-            prop_assert_eq!((said.linear, said.angular), (wanted.linear, wanted.angular));
+            prop_assert_eq!((coded.linear, coded.angular), (wanted.linear, wanted.angular));
         }
 
         #[test]

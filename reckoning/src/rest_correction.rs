@@ -1,13 +1,13 @@
-//! A pose at rest to the engine's own bits, as a correction of a prediction
+//! A pose at rest to the engine's own bits, as a correction of a prediction.
 //!
-//! Lossless: any pose can be said, and those near the prediction are short. Neighbouring f32 are a step apart, so that
-//! a step is as fine as the number at hand (RECKONING 4.7).
+//! Lossless: any pose can be coded, and poses near the prediction are short. A step leads to the neighbouring f32: it
+//! is as fine as the number at hand (RECKONING 4.7).
 
 use crate::exact::sqrt;
 use crate::motion::{InvalidMotion, Pose};
 use crate::track::BodyState;
 
-/// What the f32 of a pose differ by from those that are expected.
+/// Difference between the f32 of a pose and those of its prediction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct RestCorrection {
     /// Whether the quaternion is nearer to the negative of the predicted one.
@@ -20,11 +20,11 @@ pub struct RestCorrection {
     pub largest: i32,
 }
 
-/// Steps of a rest_correction are less than 2³¹ in size.
+/// A rest correction has fewer steps than this in each number.
 const REACH: i64 = 1 << 31;
 
 impl RestCorrection {
-    /// What leads from a predicted pose to a true one; `None` where they are too far apart to say so.
+    /// The correction that leads from a predicted to a true pose; `None` where they are too far apart.
     #[must_use]
     pub fn of(truth: &BodyState, predicted: &Pose) -> Option<Self> {
         let (position, rotation) = (truth.position(), truth.rotation());
@@ -32,8 +32,8 @@ impl RestCorrection {
         let place = greatest(expected);
         let negated = (rotation[place] < 0.0) != (expected[place] < 0.0);
         let expected = expected.map(|part| if negated { -part } else { part });
-        let said = others(place).map(|i| rotation[i]);
-        let guess = greatest_of(said, expected[place]);
+        let parts = others(place).map(|i| rotation[i]);
+        let guess = greatest_of(parts, expected[place]);
         let position_guess = predicted.position.to_array();
         let mut rest_correction = Self {
             negated,
@@ -42,16 +42,16 @@ impl RestCorrection {
         };
         for i in 0..3 {
             rest_correction.position[i] = steps(position[i], position_guess[i] as f32)?;
-            rest_correction.others[i] = steps(said[i], expected[others(place)[i]] as f32)?;
+            rest_correction.others[i] = steps(parts[i], expected[others(place)[i]] as f32)?;
         }
         Some(rest_correction)
     }
 
-    /// The pose at rest that this makes of a predicted one.
+    /// The pose at rest that this correction makes of a predicted one.
     ///
     /// # Errors
     ///
-    /// [`InvalidMotion`] when that is no pose.
+    /// [`InvalidMotion`] if the result is not a pose.
     pub fn onto(&self, predicted: &Pose) -> Result<BodyState, InvalidMotion> {
         let expected = predicted.rotation.to_array();
         let place = greatest(expected);
@@ -59,18 +59,18 @@ impl RestCorrection {
         let guess = predicted.position.to_array();
         let position = core::array::from_fn(|i| stepped(guess[i] as f32, self.position[i]));
         let places = others(place);
-        let said: [f32; 3] =
+        let parts: [f32; 3] =
             core::array::from_fn(|i| stepped(expected[places[i]] as f32, self.others[i]));
         let mut rotation = [0.0; 4];
-        for (place, part) in places.into_iter().zip(said) {
+        for (place, part) in places.into_iter().zip(parts) {
             rotation[place] = part;
         }
-        rotation[place] = stepped(greatest_of(said, expected[place]), self.largest);
+        rotation[place] = stepped(greatest_of(parts, expected[place]), self.largest);
         BodyState::new(position, rotation, [0.0; 3], [0.0; 3])
     }
 }
 
-/// The place of the part that is greatest in size, among equals the first.
+/// The place of the part that is greatest in size; the first among equals.
 fn greatest(parts: [f64; 4]) -> usize {
     let mut place = 0;
     for i in 1..4 {
@@ -81,7 +81,7 @@ fn greatest(parts: [f64; 4]) -> usize {
     place
 }
 
-/// The places but one, in order.
+/// The three other places, in order.
 const fn others(place: usize) -> [usize; 3] {
     match place {
         0 => [1, 2, 3],
@@ -91,28 +91,28 @@ const fn others(place: usize) -> [usize; 3] {
     }
 }
 
-/// What the fourth part of a unit quaternion is where the others are these, with the sign of the one that is expected.
-fn greatest_of(said: [f32; 3], expected: f64) -> f32 {
-    let [a, b, c] = said.map(f64::from);
+/// The fourth part of a unit quaternion, from the three others and with the sign of the expected value.
+fn greatest_of(parts: [f32; 3], expected: f64) -> f32 {
+    let [a, b, c] = parts.map(f64::from);
     let rest = 1.0 - ((a * a + b * b) + c * c);
     // Written so that NaN gives zero too.
     let size = if rest > 0.0 { sqrt(rest) } else { 0.0 };
     (if expected < 0.0 { -size } else { size }) as f32
 }
 
-/// The place of an f32 among all, by size: −0 is −1 and 0 is 0.
+/// The rank of an f32 among all: −0 is −1 and 0 is 0.
 const fn rank(value: f32) -> i32 {
     let bits = value.to_bits() as i32;
     if bits < 0 { bits ^ i32::MAX } else { bits }
 }
 
-/// How many f32 lie between.
+/// How many f32 lie between two values.
 fn steps(to: f32, from: f32) -> Option<i32> {
     let by = i64::from(rank(to)) - i64::from(rank(from));
     (by.abs() < REACH).then_some(by as i32)
 }
 
-/// The f32 so many places further; beyond the ends of the list it begins anew.
+/// The f32 that is `by` ranks further; it wraps around at the ends.
 const fn stepped(from: f32, by: i32) -> f32 {
     let rank = rank(from).wrapping_add(by);
     let bits = if rank < 0 { rank ^ i32::MAX } else { rank };

@@ -1,6 +1,6 @@
 //! Points and spans of simulated time, counted in engine steps.
 //!
-//! Host time does not appear here; it meets a tick in the server's step and in the client's clock only.
+//! Wall-clock time does not appear here; only the server's step and the client's clock relate it to ticks.
 //! Invariant: point minus point is a span, point plus span is a point, and point plus point does not compile.
 
 use core::fmt;
@@ -89,14 +89,14 @@ impl Sub<Tick> for Tick {
 
     /// # Panics
     ///
-    /// When `earlier` is later: the caller knows the order, or uses [`Tick::since`].
+    /// If `earlier` is later. [`Tick::since`] does not panic.
     fn sub(self, earlier: Tick) -> Ticks {
         self.since(earlier)
             .expect("a span is taken from an earlier tick to a later one")
     }
 }
 
-/// How many ticks pass in how many seconds of simulated time; the step is `seconds / ticks`.
+/// Ticks per seconds of simulated time; the step is `seconds / ticks`.
 ///
 /// A ratio, so that 11.33 Hz and 60 Hz are both exact on the wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

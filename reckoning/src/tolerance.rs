@@ -1,7 +1,7 @@
-//! How far off a copy may be.
+//! Tolerance: the greatest error of a copy.
 //!
-//! One promise per stream (a tier): a length for any point of a body, or a length and an angle apart from each other.
-//! How it becomes grids is decided in `quantiser`. All bounds are whole numbers, so that the wire says them exactly.
+//! One bound per stream (a tier): a length for any point of a body, or a length and an angle on their own. `quantiser`
+//! derives the grids from it. All bounds are whole numbers: the wire carries them exactly.
 
 use core::f64::consts::FRAC_PI_2;
 use core::fmt;
@@ -11,16 +11,16 @@ use crate::divergence::Divergence;
 use crate::tolerance_scale::ToleranceScale;
 use crate::units::{Metres, Radians};
 
-/// The promise of a stream.
+/// Error bound of a stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Tolerance {
-    /// No point of a body is farther off than this: [`Divergence::surface_error`].
+    /// Bound on the error of every point of a body: [`Divergence::surface_error`].
     Surface(LengthBound),
-    /// Neither the centre of mass nor the rotation is farther off than its own bound, whatever the size of the body.
+    /// Separate bounds on the centre of mass and on the rotation, whatever the size of the body.
     Parts {
-        /// Of the centre of mass.
+        /// Bound on the centre of mass.
         position: LengthBound,
-        /// Of the shortest turn from one rotation to the other.
+        /// Bound on the shortest turn from one rotation to the other.
         turn: TurnBound,
     },
 }
@@ -45,7 +45,7 @@ impl LengthBound {
         micrometres: 10_000_000,
     };
 
-    /// So many micrometres.
+    /// A bound in whole micrometres.
     ///
     /// # Errors
     ///
@@ -61,13 +61,13 @@ impl LengthBound {
     ///
     /// # Errors
     ///
-    /// [`InvalidTolerance::Length`] for what is not a number or outside [`Self::LEAST`] to [`Self::MOST`].
+    /// [`InvalidTolerance::Length`] if it is NaN or outside [`Self::LEAST`] to [`Self::MOST`].
     pub fn from_metres(length: Metres) -> Result<Self, InvalidTolerance> {
         let micrometres = millionths(length.metres()).ok_or(InvalidTolerance::Length)?;
         Self::from_micrometres(micrometres)
     }
 
-    /// As it is said on the wire.
+    /// The bound in micrometres, as the wire has it.
     #[must_use]
     pub const fn micrometres(self) -> u32 {
         self.micrometres
@@ -81,14 +81,14 @@ impl LengthBound {
 }
 
 impl TurnBound {
-    /// The smallest: ten times what a packed rotation is off.
+    /// The smallest: ten times the error of a packed rotation.
     pub const LEAST: Self = Self { microradians: 100 };
-    /// The largest, a half turn rounded up: any rotation will do.
+    /// The largest, a half turn rounded up: it allows any rotation.
     pub const ANY: Self = Self {
         microradians: 3_141_593,
     };
 
-    /// So many microradians.
+    /// A bound in whole microradians.
     ///
     /// # Errors
     ///
@@ -104,13 +104,13 @@ impl TurnBound {
     ///
     /// # Errors
     ///
-    /// [`InvalidTolerance::Turn`] for what is not a number or outside [`Self::LEAST`] to [`Self::ANY`].
+    /// [`InvalidTolerance::Turn`] if it is NaN or outside [`Self::LEAST`] to [`Self::ANY`].
     pub fn from_radians(angle: Radians) -> Result<Self, InvalidTolerance> {
         let microradians = millionths(angle.radians()).ok_or(InvalidTolerance::Turn)?;
         Self::from_microradians(microradians)
     }
 
-    /// As it is said on the wire.
+    /// The bound in microradians, as the wire has it.
     #[must_use]
     pub const fn microradians(self) -> u32 {
         self.microradians
@@ -123,7 +123,7 @@ impl TurnBound {
     }
 }
 
-/// The nearest count of millionths; `None` for what is no number of u32.
+/// The nearest count of millionths; `None` outside the range of u32.
 fn millionths(value: f64) -> Option<u32> {
     let count = libm::round(value * 1e6);
     (0.0..=f64::from(u32::MAX))
@@ -149,7 +149,7 @@ impl Tolerance {
         Self::Surface(LengthBound { micrometres })
     }
 
-    /// So many micrometres for any point of a body.
+    /// A length in whole micrometres for any point of a body.
     ///
     /// # Errors
     ///
@@ -165,7 +165,7 @@ impl Tolerance {
     ///
     /// # Errors
     ///
-    /// [`InvalidTolerance::Length`] for what is not a number or outside [`Self::LEAST`] to [`Self::MOST`].
+    /// [`InvalidTolerance::Length`] if it is NaN or outside [`Self::LEAST`] to [`Self::MOST`].
     pub fn from_metres(length: Metres) -> Result<Self, InvalidTolerance> {
         LengthBound::from_metres(length).map(Self::Surface)
     }
@@ -174,7 +174,7 @@ impl Tolerance {
     ///
     /// # Errors
     ///
-    /// [`InvalidTolerance`] names the bound that is not a number or out of range.
+    /// [`InvalidTolerance`] names the bound that is NaN or out of range.
     pub fn parts(position: Metres, turn: Radians) -> Result<Self, InvalidTolerance> {
         Ok(Self::Parts {
             position: LengthBound::from_metres(position)?,
@@ -182,8 +182,8 @@ impl Tolerance {
         })
     }
 
-    /// What this tolerance of a stream is for a body of a tolerance_scale: each bound by that power of two, rounded down, and kept
-    /// within what a tolerance may be (RECKONING 4.1).
+    /// The tolerance for a body of this scale: each bound times that power of two, rounded down and clamped to the
+    /// range of tolerances (RECKONING 4.1).
     #[must_use]
     pub fn scaled(self, tolerance_scale: ToleranceScale) -> Self {
         let length = |bound: LengthBound| LengthBound {
@@ -209,9 +209,9 @@ impl Tolerance {
         }
     }
 
-    /// How much of this tolerance a copy uses that is so far off, of a body of this bounding radius: within it up to 1.
+    /// Share of this tolerance that an error uses, of a body of this bounding radius: within tolerance up to 1.
     ///
-    /// Not negative. The one judgement of publishers and of whoever checks them (RECKONING 5.1).
+    /// Not negative. Publishers and checks of their copies use this one judgement (RECKONING 5.1).
     #[must_use]
     #[inline]
     pub fn share(&self, apart: &Divergence, radius: Metres) -> f64 {
@@ -239,7 +239,7 @@ impl Tolerance {
         }
     }
 
-    /// The length, of a tolerance that is one length.
+    /// The length of a surface tolerance; `None` otherwise.
     #[must_use]
     pub fn length(&self) -> Option<Metres> {
         match self {
@@ -278,7 +278,7 @@ impl FromStr for Tolerance {
     }
 }
 
-/// A tolerance that no stream offers.
+/// A tolerance that no stream can have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum InvalidTolerance {
     /// The length is no number or outside its range.
@@ -321,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tolerance_is_read_as_it_is_written() {
+    fn a_tolerance_parses_as_it_is_displayed() {
         let parts = Tolerance::parts(Metres::new(0.01), Radians::new(0.002)).unwrap();
         for (tolerance, text) in [(Tolerance::NORMAL, "0.05"), (parts, "0.01:0.002")] {
             assert_eq!(tolerance.to_string(), text);
@@ -351,7 +351,7 @@ mod tests {
         let parts = Tolerance::parts(Metres::new(0.01), Radians::new(0.002)).unwrap();
         assert_eq!(parts.share(&apart(0.01, 0.001), radius), 1.0);
         assert!((parts.share(&apart(0.001, 0.003), radius) - 1.5).abs() < 1e-9);
-        // Any rotation will do, even the opposite one.
+        // This bound allows any rotation, even the opposite one.
         let anyhow = Tolerance::Parts {
             position: LengthBound::LEAST,
             turn: TurnBound::ANY,

@@ -1,10 +1,10 @@
-//! How much closer or looser than its stream a body is followed.
+//! Factor of one body on the tolerance of its streams.
 //!
-//! A power of two on whatever tolerance a stream has, told once with the body. What is done with it is `tolerance`'s matter.
+//! A power of two that is sent once, with the body's description. `tolerance` applies it.
 
-/// By which power of two a body's tolerance differs from that of any stream that it is in.
+/// Power of two by which the tolerance of a body differs from that of its stream.
 ///
-/// What people look at (an avatar) is worth a finer copy, what lies about (debris) a coarser one.
+/// A body in focus (an avatar) deserves a finer copy, a body that lies about (debris) a coarser one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ToleranceScale {
     exponent: i8,
@@ -13,16 +13,16 @@ pub struct ToleranceScale {
 impl ToleranceScale {
     /// Half of the stream's tolerance.
     pub const AVATAR: Self = Self { exponent: -1 };
-    /// The stream's own.
+    /// The stream's own tolerance.
     pub const USUAL: Self = Self { exponent: 0 };
-    /// Twice the stream's.
+    /// Twice the stream's tolerance.
     pub const DEBRIS: Self = Self { exponent: 1 };
-    /// An eighth of the stream's.
+    /// An eighth of the stream's tolerance.
     pub const FINEST: Self = Self { exponent: -3 };
-    /// Eight times the stream's.
+    /// Eight times the stream's tolerance.
     pub const COARSEST: Self = Self { exponent: 3 };
 
-    /// The tolerance_scale that scales by two to this power; `None` outside [`Self::FINEST`] to [`Self::COARSEST`].
+    /// The scale two to the power of `exponent`; `None` outside [`Self::FINEST`] to [`Self::COARSEST`].
     #[must_use]
     pub const fn new(exponent: i8) -> Option<Self> {
         if exponent < Self::FINEST.exponent || exponent > Self::COARSEST.exponent {
@@ -37,7 +37,7 @@ impl ToleranceScale {
         self.exponent
     }
 
-    /// A whole number of millionths scaled, rounded down, and kept within bounds (RECKONING 4.1).
+    /// Scales a whole number of millionths, rounds down, and clamps to the bounds (RECKONING 4.1).
     pub(crate) fn scale(self, millionths: u32, least: u32, most: u32) -> u32 {
         let wide = u64::from(millionths);
         let scaled = if self.exponent < 0 {
@@ -54,7 +54,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn classes_are_the_powers_of_two_from_an_eighth_to_eight() {
+    fn scales_are_the_powers_of_two_from_an_eighth_to_eight() {
         for exponent in i8::MIN..=i8::MAX {
             let tolerance_scale = ToleranceScale::new(exponent);
             assert_eq!(tolerance_scale.is_some(), (-3..=3).contains(&exponent));

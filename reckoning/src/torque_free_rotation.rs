@@ -1,8 +1,8 @@
-//! The free rotation of bodies whose moments differ, as an engine steps it.
+//! Torque-free rotation of bodies with unequal moments of inertia.
 //!
-//! Such a body's axis of spin wanders, so that no closed form of a few coefficients tells where it points: the
-//! engine's own map is iterated (RECKONING 3.7). Nothing here knows where a body is. Invariant: a cursor changes what
-//! an answer costs, never its bits.
+//! The axis of spin of such a body wanders: no closed form of a few coefficients exists, so that the engine's own map
+//! is iterated (RECKONING 3.7). Positions are not known here. Invariant: a cursor changes the cost of an answer, never
+//! its bits.
 
 use alloc::boxed::Box;
 
@@ -16,17 +16,17 @@ use crate::tick::Ticks;
 /// A rotation (body → world) and the angular velocity about world axes, rad/s.
 pub(crate) type RotationState = (DQuat, DVec3);
 
-/// How far a torque_free was computed, so that asking tick by tick costs a step each and not all of them.
+/// Progress of one rotation: queries tick by tick cost one step each instead of all steps from the start.
 ///
-/// One cursor serves one body of one stream. It begins anew by itself when it is asked for another start or an
-/// earlier tick; for predictors that do not torque_free_rotation it is not used.
+/// One cursor serves one body of one stream. It restarts by itself for another start or an earlier tick; predictors
+/// that keep their spin do not use it.
 #[derive(Clone, Debug, Default)]
 pub struct RotationCursor {
     torque_free_rotation: Option<Box<TorqueFreeRotation>>,
 }
 
 impl RotationCursor {
-    /// The spin `elapsed` ticks after `start`: the bits of [`TorqueFreeRotation::after`].
+    /// The spin `elapsed` ticks after `start`: the same bits as [`TorqueFreeRotation::after`].
     pub(crate) fn after(
         &mut self,
         start: RotationState,
@@ -53,7 +53,7 @@ impl RotationCursor {
     }
 }
 
-/// A body on its way, seen from its principal axes: there a turn about the axis of spin does not change the spin.
+/// A rotating body in its principal axes: there a turn about the axis of spin does not change the spin.
 #[derive(Clone, Debug)]
 pub(crate) struct TorqueFreeRotation {
     start: RotationState,
@@ -63,7 +63,7 @@ pub(crate) struct TorqueFreeRotation {
     /// Angular velocity about the principal axes, rad/s.
     angular: DVec3,
     moments: DVec3,
-    /// What a substep takes off each component of the spin, per product of the two others: seconds.
+    /// What a substep takes off each component of the spin, per product of the other two: seconds.
     exchange: DVec3,
     /// Body → principal axes.
     frame: DQuat,
@@ -99,7 +99,7 @@ impl TorqueFreeRotation {
         torque_free_rotation.spin()
     }
 
-    /// Whether it began so, to the bit.
+    /// Whether the rotation started from `start`, to the bit.
     fn begins_with(&self, start: &RotationState) -> bool {
         let bits = |(rotation, angular): &RotationState| {
             let ([x, y, z, w], [a, b, c]) = (rotation.to_array(), angular.to_array());
@@ -152,7 +152,7 @@ impl TorqueFreeRotation {
         DVec3::new(m.x * w.x, m.y * w.y, m.z * w.z)
     }
 
-    /// In the world's axes.
+    /// The rotation in world axes.
     fn spin(&self) -> RotationState {
         let axes = normalised(self.axes);
         let rotation = normalised(product(axes, self.frame));

@@ -1,7 +1,7 @@
-//! The motion that was last said of a body: what every listener predicts from.
+//! Track: the last published motion of a body, the base of all predictions.
 //!
-//! One type is the publisher's prediction and the subscriber's. It holds what was said, as integers or as the very bits of
-//! the engine, so that two tracks are equal exactly when every prediction from them is (RECKONING 3.1).
+//! Publisher and subscriber share this one type. It holds integers or the engine's exact bits: two tracks are equal
+//! exactly when all their predictions are (RECKONING 3.1).
 
 use glam::{DQuat, DVec3};
 
@@ -14,20 +14,20 @@ use crate::quantiser::{Grid, QuantisedState};
 use crate::tick::{Tick, Ticks};
 use crate::torque_free_rotation::RotationCursor;
 
-/// A said motion, the tick at which it attached, and the predictor by which it goes on.
+/// A published motion, its tick, and the predictor that continues it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Track {
-    /// When the motion attached. It grows with each update of a body, so that it also names the track's revision.
+    /// Tick of the motion. It grows with each update of a body: it also names the track's revision.
     pub origin: Tick,
-    /// How it goes on.
+    /// Continues the motion.
     pub predictor: Predictor,
     /// The motion.
     pub anchor: Anchor,
-    /// The body in whose frame the motion is, and which carries this one along; none for the world.
+    /// The body in whose frame the motion is, and which moves this one; none for the world.
     pub parent: Option<BodyId>,
 }
 
-/// A motion as it was said.
+/// A published motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Anchor {
     /// On the stream's grid.
@@ -37,7 +37,7 @@ pub enum Anchor {
 }
 
 impl Anchor {
-    /// The motion on its grid, if it was said so.
+    /// The quantised state; `None` for an exact one.
     #[must_use]
     pub const fn quantised(&self) -> Option<QuantisedState> {
         match self {
@@ -58,7 +58,7 @@ impl BodyState {
     ///
     /// # Errors
     ///
-    /// [`InvalidMotion`] as [`Motion::new`] has it.
+    /// [`InvalidMotion`], as from [`Motion::new`].
     pub fn new(
         position: [f32; 3],
         rotation: [f32; 4],
@@ -91,40 +91,40 @@ impl BodyState {
         parts
     }
 
-    /// Every bit, in the order of [`Self::new`].
+    /// All bits, in the order of [`Self::new`].
     #[inline]
     pub(crate) const fn bits(&self) -> [u32; 13] {
         self.bits
     }
 
-    /// Of the bits of one that was checked when it was made.
+    /// The state of bits that a checked state gave.
     #[inline]
     pub(crate) const fn from_bits(bits: [u32; 13]) -> Self {
         Self { bits }
     }
 
-    /// Position as the engine has it, metres.
+    /// Position in the engine's precision, metres.
     #[must_use]
     pub fn position(&self) -> [f32; 3] {
         let p = self.parts();
         [p[0], p[1], p[2]]
     }
 
-    /// Quaternion x, y, z, w as the engine has it.
+    /// Quaternion x, y, z, w in the engine's precision.
     #[must_use]
     pub fn rotation(&self) -> [f32; 4] {
         let p = self.parts();
         [p[3], p[4], p[5], p[6]]
     }
 
-    /// The same place without movement.
+    /// The same pose without movement.
     #[must_use]
     pub fn stilled(mut self) -> Self {
         self.bits[7..].fill(0);
         self
     }
 
-    /// Widened, its rotation as it was given.
+    /// Widened to f64, the rotation not normalised.
     pub(crate) fn raw(&self) -> (Pose, Twist) {
         let p = |place: usize| f64::from(f32::from_bits(self.bits[place]));
         (
@@ -143,14 +143,14 @@ impl BodyState {
     #[must_use]
     pub fn motion(&self) -> Motion {
         let (pose, twist) = self.raw();
-        // It was checked when it was made.
+        // The constructor has checked it.
         let rotation = normalised(pose.rotation);
         Motion::from_checked(Pose { rotation, ..pose }, twist)
     }
 }
 
 impl Track {
-    /// A body that lies where the engine left it, to the bit.
+    /// A body that rests in the engine's exact pose.
     #[must_use]
     pub fn resting(origin: Tick, body_state: BodyState) -> Self {
         Self {
@@ -161,7 +161,7 @@ impl Track {
         }
     }
 
-    /// The motion that was said.
+    /// The published motion.
     #[must_use]
     pub fn start(&self, grid: &Grid) -> Motion {
         match &self.anchor {
@@ -170,13 +170,13 @@ impl Track {
         }
     }
 
-    /// The predicted_motion motion at a tick, in the frame that it was said in: the parent's if there is one.
+    /// The predicted motion at a tick, in the frame of the anchor: the parent's frame if the body has a parent.
     ///
-    /// Before the origin it is that of the origin, beyond the horizon that of the horizon. A parent's own motion is
-    /// added by [`attached_motion`](crate::attached_motion).
+    /// Before the origin it is that of the origin, beyond the horizon that of the horizon.
+    /// [`attached_motion`](crate::attached_motion) adds the motion of the parent.
     ///
-    /// The gravity of `conditions` is what pulls at this body by a predictor said at this track's origin; their flow is
-    /// computed to [`TRACK_AGE_MAX`], or at least to the tick asked for.
+    /// The gravity of `conditions` is the acceleration of this body from the track's origin on. Their flow is computed
+    /// to [`TRACK_AGE_MAX`], or at least to `tick`.
     #[must_use]
     pub fn at(&self, tick: Tick, grid: &Grid, conditions: &Conditions<'_>) -> Motion {
         let start = self.start(grid);
@@ -184,7 +184,7 @@ impl Track {
             .predict(&start, self.elapsed(tick), conditions)
     }
 
-    /// The same bits; what the body's cursor has computed is not computed again.
+    /// The same bits as [`Self::at`]; results in the body's cursor are not computed again.
     #[must_use]
     pub fn at_with(
         &self,
@@ -204,13 +204,13 @@ impl Track {
         elapsed(self.origin, tick)
     }
 
-    /// Whether the body was said to lie still in the world.
+    /// Whether the track predicts rest in the world.
     #[must_use]
     pub fn is_resting(&self) -> bool {
         self.predictor == Predictor::Rest && self.parent.is_none()
     }
 
-    /// Whether the copy equals the engine's state to the bit.
+    /// Whether the copy equals the engine's resting state to the bit.
     #[must_use]
     pub fn is_exact_rest(&self) -> bool {
         self.is_resting() && matches!(self.anchor, Anchor::Exact(_))

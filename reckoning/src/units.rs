@@ -1,6 +1,6 @@
 //! Scalars that carry their unit, for configurations, tolerances and scores.
 //!
-//! No arithmetic between units is offered: whoever computes takes the number out, computes, and puts it back.
+//! No arithmetic between units is offered: callers take the number out, compute, and wrap the result.
 
 use core::fmt;
 

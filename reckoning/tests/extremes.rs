@@ -1,4 +1,4 @@
-//! Whatever can be said leads to numbers, and every rotation has one encoding.
+//! Every valid encoding gives finite numbers; a rotation has one encoding.
 //!
 //! Proof by random cases over all bits of f32, all grids and all limits, and over rotations whose parts nearly tie.
 
@@ -13,7 +13,7 @@ use rhumb_reckoning::{
     VELOCITY_EXPONENT_MAX, VELOCITY_LIMIT, VelocityResidual, attached_motion, relative_to,
 };
 
-/// The predictors that take a formula whatever the substeps, and those that take every substep.
+/// The predictors of one closed formula, and those that iterate every substep.
 const FORMULAS: [Predictor; 3] = [Predictor::Rest, Predictor::Uniform, Predictor::Ballistic];
 const ITERATIONS: [Predictor; 2] = [Predictor::TorqueFree, Predictor::BallisticTorqueFree];
 
@@ -140,7 +140,7 @@ fn is_a_motion(motion: &Motion) -> bool {
 
 proptest! {
     #[test]
-    fn a_prediction_from_any_body_state_motion_is_a_motion(
+    fn a_prediction_from_any_exact_state_is_a_motion(
         position in singles(), turned in rotation(), linear in singles(), angular in singles(),
         table in table(), pull in pull(), elapsed in 0_u32..1_100,
     ) {
@@ -154,7 +154,7 @@ proptest! {
     }
 
     #[test]
-    fn a_prediction_from_any_quantised_motion_is_a_motion_and_can_be_said(
+    fn a_prediction_from_any_quantised_motion_is_valid_and_encodable(
         anchor in quantised(), residual in residual(), rate in rate(), grid in grid(), table in table(), pull in pull(),
         elapsed in 0_u32..1_100,
     ) {
@@ -163,10 +163,10 @@ proptest! {
             let end = predictor.predict(&anchor.motion(&grid), Ticks::new(elapsed), &conditions);
             prop_assert!(is_a_motion(&end), "{end:?}");
             let over = predictor.divergence_time(Ticks::new(elapsed), rate);
-            for said in [QuantisedState::of(&end, &grid), residual.onto(&end, over, &grid)] {
-                prop_assert!(said.is_within_limits());
-                prop_assert!(is_a_motion(&said.motion(&grid)));
-                prop_assert_eq!(QuantisedState::of(&said.motion(&grid), &grid), said);
+            for coded in [QuantisedState::of(&end, &grid), residual.onto(&end, over, &grid)] {
+                prop_assert!(coded.is_within_limits());
+                prop_assert!(is_a_motion(&coded.motion(&grid)));
+                prop_assert_eq!(QuantisedState::of(&coded.motion(&grid), &grid), coded);
             }
         }
     }
@@ -180,10 +180,10 @@ proptest! {
             let rotation = turned[i].to_array().map(|part| part as f32);
             BodyState::new(positions[i], rotation, linear, angular).unwrap().motion()
         });
-        let seen = relative_to(&parent.pose(), &body.pose());
-        let said = QuantisedState::of(&seen, &grid);
-        prop_assert!(said.is_within_limits());
-        for attached in [seen, said.motion(&grid)] {
+        let relative = relative_to(&parent.pose(), &body.pose());
+        let coded = QuantisedState::of(&relative, &grid);
+        prop_assert!(coded.is_within_limits());
+        for attached in [relative, coded.motion(&grid)] {
             prop_assert!(is_a_motion(&attached), "{attached:?}");
             let again = attached_motion(&parent, &attached.pose());
             prop_assert!(is_a_motion(&again), "{again:?}");
@@ -213,7 +213,7 @@ proptest! {
     }
 
     #[test]
-    fn a_near_tie_packs_into_what_is_taken_back(q in near_tie()) {
+    fn a_packed_near_tie_is_accepted_back(q in near_tie()) {
         let packed = PackedRotation::of(q);
         let (largest, others) = packed.parts();
         prop_assert_eq!(PackedRotation::from_parts(largest, others), Some(packed));

@@ -1,7 +1,7 @@
-//! What is_torque_free does so as an engine's steps and physics have it.
+//! Torque-free rotation follows the engine's steps and the laws of physics.
 //!
-//! Proof: against those steps written down plainly, in the world's frame and with whole inertia tensors; against the
-//! predictor that keeps its spin, where moments are equal; by angular momentum and energy.
+//! Proof: against the engine's steps written plainly, in the world frame with whole inertia tensors; against the
+//! spin-keeping predictor, where moments are equal; by angular momentum and energy.
 
 use core::num::NonZeroU32;
 
@@ -112,14 +112,14 @@ fn apart(a: &Motion, b: &Motion) -> f64 {
 
 proptest! {
     #[test]
-    fn a_torque_free_is_what_the_engines_steps_give(
+    fn torque_free_prediction_equals_the_engines_steps(
         start in spinning(), inertia in solid(), ticks in 0..FIVE_SECONDS, substeps in 1_u32..9, damping in 0.0_f32..0.5,
     ) {
         let flow = table(substeps, Damping { linear: 0.0, angular: damping });
-        let told = Predictor::TorqueFree.predict(&start, Ticks::new(ticks), &in_weightlessness(&flow, &inertia));
+        let predicted = Predictor::TorqueFree.predict(&start, Ticks::new(ticks), &in_weightlessness(&flow, &inertia));
         let plain = stepped_plainly(&start, ticks, &inertia, substeps, f64::from(damping));
-        // Near its middle axis a body doubles what rounding did to it several times a turn.
-        prop_assert!(apart(&told, &plain) < 1e-7, "{} at {ticks}", apart(&told, &plain));
+        // Near its middle axis a body doubles its rounding errors several times a turn.
+        prop_assert!(apart(&predicted, &plain) < 1e-7, "{} at {ticks}", apart(&predicted, &plain));
     }
 
     #[test]
@@ -127,10 +127,11 @@ proptest! {
         let start = moving(start.pose().rotation, start.twist().angular * faster);
         let flow = table(4, Damping::default());
         for ticks in [1, 2, 7] {
-            let told = Predictor::BallisticTorqueFree.predict(&start, Ticks::new(ticks), &in_weightlessness(&flow, &inertia));
-            prop_assert!(told.twist().angular.length() < core::f64::consts::FRAC_PI_4 * 60.0 + 1e-9);
+            let conditions = in_weightlessness(&flow, &inertia);
+            let predicted = Predictor::BallisticTorqueFree.predict(&start, Ticks::new(ticks), &conditions);
+            prop_assert!(predicted.twist().angular.length() < core::f64::consts::FRAC_PI_4 * 60.0 + 1e-9);
             let plain = stepped_plainly(&start, ticks, &inertia, 4, 0.0);
-            prop_assert!(apart(&told, &plain) < 1e-9, "{}", apart(&told, &plain));
+            prop_assert!(apart(&predicted, &plain) < 1e-9, "{}", apart(&predicted, &plain));
         }
     }
 
@@ -148,21 +149,23 @@ proptest! {
     }
 
     #[test]
-    fn momentum_keeps_its_length_and_energy_nearly_so(start in spinning(), inertia in solid(), ticks in 1..FIVE_SECONDS) {
+    fn momentum_keeps_its_length_and_energy_nearly_so(
+        start in spinning(), inertia in solid(), ticks in 1..FIVE_SECONDS,
+    ) {
         let flow = table(4, Damping::default());
         let end = Predictor::TorqueFree.predict(&start, Ticks::new(ticks), &in_weightlessness(&flow, &inertia));
         let momentum = |m: &Motion| tensor(&inertia, m.pose().rotation) * m.twist().angular;
         let (before, after) = (momentum(&start).length(), momentum(&end).length());
         prop_assert!((after / before - 1.0).abs() < 1e-9);
         let energy = |m: &Motion| 0.5 * m.twist().angular.dot(momentum(m));
-        // Energy is bounded by momentum, and the engine's map drifts within those bounds.
+        // Energy is bounded by momentum, and the engine's map stays within those bounds.
         prop_assert!(energy(&end) <= energy_most(&inertia, before) * (1.0 + 1e-9));
         let slow = start.twist().angular.length() * f64::from(ticks) < 100.0;
         prop_assert!(!slow || (energy(&end) / energy(&start) - 1.0).abs() < 0.2);
     }
 
     #[test]
-    fn a_body_tumbles_on_from_where_it_is(
+    fn a_prediction_continues_from_an_earlier_one(
         start in spinning(), inertia in solid(), first in 0_u32..200, then in 0_u32..200,
     ) {
         let flow = table(4, Damping::default());
@@ -173,13 +176,14 @@ proptest! {
     }
 
     #[test]
-    fn a_cursor_asked_back_and_forth_gives_the_same_bits(
-        starts in [spinning(), spinning()], inertia in solid(), asked in proptest::collection::vec((any::<bool>(), 0_u32..400), 1..40),
+    fn a_cursor_queried_back_and_forth_gives_the_same_bits(
+        starts in [spinning(), spinning()], inertia in solid(),
+        queries in proptest::collection::vec((any::<bool>(), 0_u32..400), 1..40),
     ) {
         let flow = table(4, Damping { linear: 0.1, angular: 0.1 });
         let conditions = in_weightlessness(&flow, &inertia);
         let mut cursor = RotationCursor::default();
-        for (which, ticks) in asked {
+        for (which, ticks) in queries {
             let (start, ticks) = (&starts[usize::from(which)], Ticks::new(ticks));
             let kept = Predictor::TorqueFree.predict_with(start, ticks, &conditions, &mut cursor);
             prop_assert_eq!(kept, Predictor::TorqueFree.predict(start, ticks, &conditions));
@@ -211,7 +215,7 @@ fn without_known_moments_a_spin_is_kept_to_the_bit() {
 }
 
 #[test]
-fn a_rod_ballistic_torque_free_askew_wanders_about_its_momentum() {
+fn a_spinning_rod_precesses_about_its_momentum() {
     let flow = table(4, Damping::default());
     let rod = Inertia::new([1.0, 0.1, 1.0], Inertia::OWN_AXES).unwrap();
     let start = moving(DQuat::IDENTITY, DVec3::new(1.0, 3.0, 0.0));

@@ -1,6 +1,6 @@
-//! The golden vectors and the document are what the code computes.
+//! The golden vectors and the document agree with the code.
 //!
-//! Proof: the vectors are computed anew and compared whole. After a change that is meant, write it with
+//! Proof: the vectors are computed anew and compared. After an intended change, write them with
 //! `cargo run -p rhumb-reckoning --example vectors -- --write`.
 
 #[path = "../examples/vectors/cases/mod.rs"]
@@ -23,7 +23,7 @@ fn spec(name: &str) -> String {
 }
 
 #[test]
-fn the_golden_vectors_are_what_the_code_computes() {
+fn the_golden_vectors_equal_the_code() {
     let (computed, golden) = (cases::document(), spec("vectors/reckoning.json"));
     for (number, (is, was)) in computed.lines().zip(golden.lines()).enumerate() {
         assert_eq!(is, was, "line {} of the vectors", number + 1);
@@ -34,7 +34,7 @@ fn the_golden_vectors_are_what_the_code_computes() {
 #[test]
 fn the_document_states_the_constants_of_the_code() {
     let text = spec("RECKONING.md");
-    // A metre of tolerance and a radius of a power of two, so that the shares come out as they went in.
+    // A tolerance of a metre and a radius of a power of two, so that the shares are read back exactly.
     let metre = Tolerance::from_micrometres(1_000_000).unwrap();
     let wide = Grid::new(metre, Metres::new(1_024.0));
     let narrow = Grid::new(metre, Metres::new(1e-6));

@@ -1,7 +1,7 @@
 //! The form of the golden vectors: sections of cases, one case a line.
 //!
-//! Writes JSON and reads none. Every float is its IEEE bits in hexadecimal, so that nothing is lost in decimal; beside
-//! it, under the same name and `_near`, stands a decimal of six digits for people.
+//! Writes JSON and reads none. Every float is its IEEE bits in hexadecimal, so that nothing is lost; a decimal of six
+//! digits for readers follows under the same name with `_near`.
 
 use std::fmt::Write;
 
@@ -57,7 +57,7 @@ impl CaseJson {
     }
 }
 
-/// The whole file from its sections.
+/// The whole file, from its sections.
 pub(crate) fn written(sections: &[(&str, Vec<CaseJson>)]) -> String {
     let mut text = String::from("{\n\"format\": \"rhumb reckoning vectors 1\"");
     for (name, cases) in sections {
@@ -75,7 +75,7 @@ fn list(items: impl Iterator<Item = String>) -> String {
     format!("[{}]", items.collect::<Vec<_>>().join(", "))
 }
 
-/// About the value, in decimal; null for what JSON cannot say.
+/// The value in decimal, rounded; null for values that JSON lacks.
 fn near(value: f64) -> String {
     let six_digits = format!("{value:.5e}").parse::<f64>();
     match six_digits {

@@ -1,6 +1,6 @@
 //! Prints the golden vectors of reckoning, or writes them with `--write`.
 //!
-//! Decides nothing: the cases are in `cases`, their form in `document`.
+//! The cases are in `cases`, their form in `document`.
 
 mod cases;
 mod document;

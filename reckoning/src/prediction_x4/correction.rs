@@ -1,6 +1,6 @@
-//! Four corrected predictions side by side, to the bits of one by one.
+//! Four corrected predictions side by side, equal to scalar ones to the bit.
 //!
-//! Each lane does what [`Residual::onto`] does, operation by operation.
+//! Each lane repeats [`Residual::onto`] operation by operation.
 
 use wide::f64x4;
 
@@ -12,20 +12,20 @@ use crate::packed::{PACKED_STEPS, PackedRotation};
 use crate::quantiser::{Grid, POSITION_LIMIT, QuantisedState, Residual, VELOCITY_LIMIT, whole};
 use crate::units::Seconds;
 
-/// What is said of a body's prediction.
+/// The correction of one body's prediction.
 #[derive(Clone, Copy, Debug)]
 pub struct LaneCorrection<'a> {
     /// The correction.
     pub residual: &'a Residual,
-    /// The time in which the prediction went divergence_time, more than nothing.
+    /// Divergence time of the prediction, above zero.
     pub over: Seconds,
-    /// Of the body.
+    /// Grid of the body.
     pub grid: &'a Grid,
 }
 
-/// Corrections by quantity, and in that by lane.
+/// Corrections, as arrays by quantity and then by lane.
 struct LaneCorrections<'a> {
-    said: [Option<&'a Residual>; LANES],
+    residuals: [Option<&'a Residual>; LANES],
     apart: [[f64; LANES]; 3],
     turns: [[f64; LANES]; 3],
     /// Of the grids: `position`, `fine`, `turn`, `linear`, `angular`.
@@ -33,7 +33,7 @@ struct LaneCorrections<'a> {
     over: [f64; LANES],
 }
 
-/// WholeSteps steps by quantity, and in that by lane.
+/// Steps rounded to whole numbers, as arrays by quantity and then by lane.
 struct WholeSteps {
     position: [[f64; LANES]; 3],
     rotation: [[f64; LANES]; 4],
@@ -42,9 +42,9 @@ struct WholeSteps {
 }
 
 impl PredictionX4 {
-    /// Predicts all that it took, hands out what corrections make of them, and is empty.
+    /// Predicts all bodies of the batch, hands out the corrected ones, and empties the batch.
     ///
-    /// `corrections`: of the bodies in the order in which they were taken; of one without, nothing is handed out.
+    /// `corrections`: one for each body, in the order of [`Self::take`]; bodies without one are not handed out.
     pub fn correct<'a>(
         &mut self,
         corrections: impl IntoIterator<Item = Option<LaneCorrection<'a>>>,
@@ -55,7 +55,7 @@ impl PredictionX4 {
         };
         let laid = LaneCorrections::of(corrections.into_iter().take(self.len));
         let whole = laid.onto(&self.predicted(&config));
-        for (lane, residual) in laid.said.into_iter().enumerate() {
+        for (lane, residual) in laid.residuals.into_iter().enumerate() {
             if let Some(residual) = residual {
                 out(self.keys[lane], residual.onto_implied(whole.at(lane)));
             }
@@ -68,7 +68,7 @@ impl<'a> LaneCorrections<'a> {
     #[inline]
     fn of(corrections: impl Iterator<Item = Option<LaneCorrection<'a>>>) -> Self {
         let mut laid = Self {
-            said: [None; LANES],
+            residuals: [None; LANES],
             apart: [[0.0; LANES]; 3],
             turns: [[0.0; LANES]; 3],
             steps: [[1.0; LANES]; 5],
@@ -93,12 +93,12 @@ impl<'a> LaneCorrections<'a> {
             laid.steps[3][lane] = grid.linear();
             laid.steps[4][lane] = grid.angular();
             laid.over[lane] = over.seconds();
-            laid.said[lane] = Some(residual);
+            laid.residuals[lane] = Some(residual);
         }
         laid
     }
 
-    /// What they make of predictions, but that positions are those predicted.
+    /// The corrected motions, except that positions are the predicted ones.
     #[inline]
     fn onto(&self, predicted: &MotionX4) -> WholeSteps {
         let step = |quantity: usize| lanes(&self.steps[quantity]);
@@ -144,12 +144,12 @@ impl WholeSteps {
     }
 }
 
-/// Rotations, each turned by a rotation vector; one of nothing leaves its rotation as it is.
+/// Rotations, each turned by a rotation vector; a zero vector leaves its rotation as it is.
 fn turned_by([x, y, z]: [f64x4; 3], rotation: [f64x4; 4]) -> [f64x4; 4] {
     let nothing = f64x4::splat(0.0);
     let angle = (x * x + y * y + z * z).sqrt();
     let (sine, cosine) = sin_cos(angle * 0.5);
-    // An angle so small that it is none has a vector that is none to multiply by.
+    // For an angle of zero the vector is zero too, and is not normalised.
     let none = angle.simd_eq(nothing);
     let k = choose(none, nothing, sine / angle);
     let turned = normalised(product([x * k, y * k, z * k, cosine], rotation));

@@ -1,4 +1,4 @@
-//! Cases of what is attached: seen from its parent, tolerances on a grid, attached_motion on.
+//! Cases of attached bodies: relative to the parent, quantised, and back.
 
 use glam::{DQuat, DVec3};
 use rhumb_reckoning::{Motion, Pose, QuantisedState, Twist, attached_motion, relative_to};
@@ -7,7 +7,7 @@ use super::rng::{VectorRng, motion, thirteen};
 use super::tolerances::{GRIDS, grid, quantised};
 use crate::document::CaseJson;
 
-/// Parents with what they hold near them, then edges: no turn, signed zeros, half turns, what no grid reaches.
+/// Parents with bodies near them, then edges: no turn, signed zeros, half turns, poses beyond every grid.
 pub(super) fn attachments(rng: &mut VectorRng) -> Vec<CaseJson> {
     let mut cases = Vec::new();
     for number in 0..GRIDS.len() * 2 {
@@ -56,13 +56,13 @@ fn edges() -> Vec<Motion> {
 
 fn case(index: usize, parent: &Motion, body: &Motion) -> CaseJson {
     let grid = grid(index);
-    let seen = relative_to(&parent.pose(), &body.pose());
-    let tolerances = QuantisedState::of(&seen, &grid);
+    let relative = relative_to(&parent.pose(), &body.pose());
+    let tolerances = QuantisedState::of(&relative, &grid);
     let again = attached_motion(parent, &tolerances.motion(&grid).pose());
     let case = CaseJson::new()
         .integer("grid", index as i64)
         .doubles("parent", &thirteen(parent))
         .doubles("body", &thirteen(body))
-        .doubles("relative", &thirteen(&seen));
+        .doubles("relative", &thirteen(&relative));
     quantised(case, &tolerances, &grid).doubles("attached_motion", &thirteen(&again))
 }

@@ -1,4 +1,4 @@
-//! Cases of residuals: in time, with velocities or none, at limits and beyond.
+//! Cases of residuals: over time, with and without velocities, at limits.
 
 use glam::DVec3;
 use rhumb_reckoning::{
@@ -11,7 +11,7 @@ use super::rng::{VectorRng, motion, thirteen};
 use super::tolerances::{GRIDS, grid, quantised};
 use crate::document::CaseJson;
 
-/// What is corrected: a predictor that went divergence_time for some ticks, of an integrator, on a grid.
+/// The corrected prediction: its predictor, age, integrator and grid.
 #[derive(Clone, Copy)]
 struct Corrected {
     predictor: Predictor,
@@ -20,11 +20,11 @@ struct Corrected {
     grid: usize,
 }
 
-/// The edges of ages, and everyday ones.
+/// The edges of ages, and common ones.
 const AGES: [u32; 8] = [1, 2, 3, 4, 7, 60, 1_022, 1_023];
 
 impl Corrected {
-    /// Every predictor with every age, by a number.
+    /// Every predictor with every age, numbered.
     fn nth(number: usize) -> Self {
         Self {
             predictor: Predictor::ALL[number % Predictor::ALL.len()],
@@ -83,7 +83,7 @@ pub(super) fn residuals(rng: &mut VectorRng) -> Vec<CaseJson> {
     cases
 }
 
-/// Small, middling and large ones, each without velocities and with them.
+/// Small, middling and large residuals, each without velocities and with them.
 fn by_chance(rng: &mut VectorRng) -> Vec<CaseJson> {
     let mut cases = Vec::new();
     for index in 0..GRIDS.len() {
@@ -115,7 +115,7 @@ fn by_chance(rng: &mut VectorRng) -> Vec<CaseJson> {
     cases
 }
 
-/// One correction under every predictor and age, from a body that does not move.
+/// One correction under every predictor and age, of a body at rest.
 fn in_time(rng: &mut VectorRng) -> Vec<CaseJson> {
     let residual = Residual {
         position: [5, -2, 1],
@@ -137,7 +137,7 @@ fn in_time(rng: &mut VectorRng) -> Vec<CaseJson> {
         .collect()
 }
 
-/// Implied velocities so near to half steps that another order of operations would quantise some of them elsewhere.
+/// Implied velocities so near half steps that another order of operations would round some of them elsewhere.
 fn near_halves(rng: &mut VectorRng) -> Vec<CaseJson> {
     let mut cases = Vec::new();
     for number in 0..24 {
@@ -172,10 +172,10 @@ fn near_halves(rng: &mut VectorRng) -> Vec<CaseJson> {
     cases
 }
 
-/// Nothing; nothing but a velocity of nothing; no turn; the limits of each part.
+/// A zero residual; a zero velocity residual; no turn; the limits of each part.
 fn at_limits(rng: &mut VectorRng) -> Vec<CaseJson> {
     let nothing = Residual::default();
-    let said_nothing = Residual {
+    let zero_velocity = Residual {
         velocity: Some(VelocityResidual::default()),
         ..nothing
     };
@@ -184,7 +184,7 @@ fn at_limits(rng: &mut VectorRng) -> Vec<CaseJson> {
         ..nothing
     };
     let mut cases = Vec::new();
-    for (number, residual) in [nothing, said_nothing, sideways].iter().enumerate() {
+    for (number, residual) in [nothing, zero_velocity, sideways].iter().enumerate() {
         for place in 0..4 {
             let corrected = Corrected::nth(number * 7 + place * 3);
             cases.push(corrected.case(&rng.motion(), residual));
@@ -213,7 +213,7 @@ fn at_limits(rng: &mut VectorRng) -> Vec<CaseJson> {
     cases
 }
 
-/// From motions at the edge of their grid and beyond it, further out and back in again.
+/// Motions at the edge of their grid and beyond it, corrected outward and inward.
 fn saturated() -> Vec<CaseJson> {
     let mut cases = Vec::new();
     for (number, far) in [1.0, 1.5, 1.0e30].into_iter().enumerate() {
@@ -251,7 +251,7 @@ fn saturated() -> Vec<CaseJson> {
     cases
 }
 
-/// Each part by one step beyond its limit.
+/// Each part one step beyond its limit.
 fn refused(rng: &mut VectorRng) -> Vec<CaseJson> {
     let at = |place: usize, limit: i32| {
         let mut steps = [0; 3];

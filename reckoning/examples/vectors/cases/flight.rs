@@ -1,4 +1,4 @@
-//! Cases of what passes with time: flow, gravity, starts, predictions.
+//! Cases of motion over time: flow, gravity, starts, predictions.
 
 use core::num::NonZeroU32;
 
@@ -49,7 +49,7 @@ pub(super) fn integrators() -> Vec<CaseJson> {
     INTEGRATORS.iter().map(case).collect()
 }
 
-/// The coefficients, read off a body for which each stands alone.
+/// The coefficients, read off a body for which each one stands alone.
 pub(super) fn flows() -> Vec<CaseJson> {
     let twist = Twist {
         linear: DVec3::X,
@@ -113,7 +113,7 @@ pub(super) fn given_starts() -> Vec<[f32; 13]> {
     };
     let (tiny, huge) = (f32::MIN_POSITIVE / 4.0, f32::MAX);
     vec![
-        // Nothing at all; signed zeros; a plain throw.
+        // A zero state; signed zeros; a plain throw.
         [
             0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
         ],
@@ -123,21 +123,21 @@ pub(super) fn given_starts() -> Vec<[f32; 13]> {
         [
             10.0, 2.0, -3.0, 0.0, 0.0, 0.0, 1.0, 4.0, 6.0, -1.0, 0.0, 0.0, 0.0,
         ],
-        // A rotation a little off unit length, as products leave it, and one at the edge of what is taken.
+        // A rotation a little off unit length, as products leave it, and one at the edge of the accepted range.
         [
             0.3, 0.7, 0.9, 0.182_57, 0.365_15, 0.547_72, 0.730_3, 0.0, 1.0, 0.0, 0.1, 0.2, 0.3,
         ],
         [
             0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.000_999, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0,
         ],
-        // Rotations that change in the last bit when they are normalised twice.
+        // Rotations whose last bit changes when they are normalised twice.
         [
             0.1, 0.2, 0.3, -0.557, -0.124, -0.008, 0.8212, 0.0, 0.0, 0.0, 0.3, 0.2, 0.1,
         ],
         [
             0.1, 0.2, 0.3, 0.2, 0.3, -0.5, 0.7874, 0.0, 0.0, 0.0, -3.0, 0.2, 1.0,
         ],
-        // Spins: a turn in every quadrant, beyond what the series is good for, and beyond the angle's limit.
+        // Spins: a turn in every quadrant, beyond the range of the series, and beyond the angle's limit.
         spun([0.0, 0.0, 0.7]),
         spun([1.0, 0.0, 0.0]),
         spun([-2.0, 3.1, 0.4]),
@@ -202,8 +202,8 @@ pub(super) fn predictor_name(predictor: Predictor) -> &'static str {
     }
 }
 
-/// A predictor, and its push if it has one.
-pub(super) fn lawful(case: CaseJson, predictor: Predictor) -> CaseJson {
+/// A predictor, and its acceleration if it has one.
+pub(super) fn with_predictor(case: CaseJson, predictor: Predictor) -> CaseJson {
     let case = case.text("predictor", predictor_name(predictor));
     match predictor.acceleration() {
         Some(push) => case
@@ -213,7 +213,7 @@ pub(super) fn lawful(case: CaseJson, predictor: Predictor) -> CaseJson {
     }
 }
 
-/// Pushes of every size.
+/// Accelerations of every size.
 pub(super) fn accelerations() -> Vec<ConstantAcceleration> {
     let all = [
         ([40, -7, 0], 3),
@@ -231,7 +231,7 @@ pub(super) fn accelerations() -> Vec<ConstantAcceleration> {
     all.map(push).to_vec()
 }
 
-/// Every start by every push: on its way, just before it ends and after.
+/// Every start with every acceleration: during it, just before its end, and after.
 fn accelerated(add: &mut impl FnMut(Predictor, usize, usize, usize, u32), starts: usize) {
     for start in 0..starts {
         for (place, push) in accelerations().into_iter().enumerate() {
@@ -258,7 +258,7 @@ pub(super) fn predictions() -> Vec<CaseJson> {
             },
         );
         cases.push(
-            lawful(CaseJson::new(), predictor)
+            with_predictor(CaseJson::new(), predictor)
                 .integer("integrator", table as i64)
                 .integer("initial_state", start as i64)
                 .integer("gravity", pull as i64)
@@ -268,7 +268,7 @@ pub(super) fn predictions() -> Vec<CaseJson> {
     };
     for start in 0..starts.len() {
         add(Predictor::Rest, 1, start, 0, 17 * start as u32);
-        // Every predictor over the edges of time: none, one, the horizon, beyond it.
+        // Every predictor over the edges of time: zero, one, the horizon, beyond it.
         for (place, elapsed) in [0, 1, 1_023, 1_024, u32::MAX].into_iter().enumerate() {
             let table = (start + place) % INTEGRATORS.len();
             let pull = (start * 3 + place) % GRAVITIES.len();
@@ -280,7 +280,7 @@ pub(super) fn predictions() -> Vec<CaseJson> {
             add(predictor, table, start, pull, elapsed);
         }
         add(Predictor::Ballistic, start % 10, start, 1, 0);
-        // And over everyday times, so that angles fall in every quadrant.
+        // Common times, so that angles fall in every quadrant.
         for place in 0..6 {
             let elapsed = 2 + (start as u32 * 31 + place * place * 29) % 700;
             let predictor = if place % 3 == 0 {
@@ -301,7 +301,7 @@ pub(super) fn predictions() -> Vec<CaseJson> {
     // Half angles just within the limit and just beyond it.
     add(Predictor::Uniform, 9, 13, 0, 1_023);
     add(Predictor::Uniform, 9, 14, 0, 1_023);
-    // Spins so fast that the whole series counts, dying down.
+    // Spins so fast that the whole series counts, with damping.
     for table in [2, 4, 5, 8] {
         for (place, elapsed) in [2, 5, 37, 200, 700].into_iter().enumerate() {
             add(Predictor::Uniform, table, 11 + place % 2, 0, elapsed);

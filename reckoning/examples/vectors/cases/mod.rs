@@ -1,6 +1,6 @@
-//! The cases of the golden vectors, computed through the public face.
+//! The cases of the golden vectors, computed through the public interface.
 //!
-//! Chosen by hand where an edge is known, by a seeded generator elsewhere. One function a section of the file.
+//! Edges are chosen by hand, other cases by a seeded generator. One function for each section of the file.
 
 mod attaching;
 mod corrections;
@@ -15,7 +15,7 @@ use rng::VectorRng;
 
 use crate::document::written;
 
-/// The file, complete.
+/// The complete file.
 pub(crate) fn document() -> String {
     let mut rng = VectorRng(0x5EED);
     written(&[

@@ -20,7 +20,7 @@ pub(super) fn packings(rng: &mut VectorRng) -> Vec<CaseJson> {
         [root, root, 0.0, 0.0],
         [root, 0.0, 0.0, -root],
         [0.0, -root, 0.0, root],
-        // Halves go upward, on either side of zero, and so does the double just below a half.
+        // Halves round upward, on either side of zero, and so does the double just below a half.
         [half_step, 0.0, 0.0, rest],
         [-half_step, 0.0, 0.0, rest],
         [half_step.next_down(), 0.0, 0.0, rest],
@@ -30,7 +30,7 @@ pub(super) fn packings(rng: &mut VectorRng) -> Vec<CaseJson> {
     .map(DQuat::from_array)
     .to_vec();
     given.extend((0..20).map(|_| rng.rotation()));
-    // Near ties, until a dozen have changed their largest part on the way to a stable form.
+    // Near ties, until a dozen have changed their largest component on the way to a stable form.
     let (mut plain, mut changed) = (0, 0);
     while changed < 12 {
         let q = near_tie(rng);
@@ -87,7 +87,7 @@ fn packing(q: DQuat) -> CaseJson {
         .doubles("value", &packed.value().to_array())
 }
 
-/// Parts as they might come off a wire: taken, or refused because they are not the one way to say a rotation.
+/// Parts as a decoder reads them: accepted, or refused because they are not the one encoding of a rotation.
 pub(super) fn unpackings(rng: &mut VectorRng) -> Vec<CaseJson> {
     let limit = PackedRotation::LIMIT;
     let mut given = vec![
@@ -99,7 +99,7 @@ pub(super) fn unpackings(rng: &mut VectorRng) -> Vec<CaseJson> {
         (0, [0, -limit - 1, 0]),
         (0, [i32::MIN, 0, 0]),
         (0, [i32::MAX, 0, 0]),
-        // One over the root of two: the tied part must be named by its first place.
+        // One over the root of two: of tied components the first one is the largest.
         (0, [limit, 0, 0]),
         (1, [limit, 0, 0]),
         (0, [limit - 1, 0, 0]),

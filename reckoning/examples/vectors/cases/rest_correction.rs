@@ -1,4 +1,4 @@
-//! Cases of rest to the engine's own bits, as a correction of a prediction
+//! Cases of exact rest, coded as a correction of a prediction.
 
 use glam::DQuat;
 use rhumb_reckoning::{Motion, Pose, RestCorrection, Twist};
@@ -6,7 +6,7 @@ use rhumb_reckoning::{Motion, Pose, RestCorrection, Twist};
 use super::rng::{VectorRng, motion, thirteen};
 use crate::document::CaseJson;
 
-/// Steps of every size, of either sign of the quaternion; then edges: ties, zeros, and what is no pose.
+/// Steps of every size, of either sign of the quaternion; then edges: ties, zeros, and invalid poses.
 pub(super) fn rest_corrections(rng: &mut VectorRng) -> Vec<CaseJson> {
     let mut cases = Vec::new();
     for (number, most) in [0, 1, 40, 5_000, 90_000]

@@ -1,9 +1,9 @@
-//! Seeded rng for the cases, and motions as lists.
+//! Seeded random numbers for the cases, and motions as lists.
 
 use glam::{DQuat, DVec3};
 use rhumb_reckoning::{Motion, Pose, Twist};
 
-/// SplitMix64: a seed, and the same cases everywhere.
+/// SplitMix64: one seed gives the same cases everywhere.
 pub(super) struct VectorRng(pub(super) u64);
 
 impl VectorRng {

@@ -1,4 +1,4 @@
-//! Cases of what is tolerances on grids: steps, quantised motions, tracks.
+//! Cases of grids: steps, quantised motions, tracks.
 
 use glam::{DQuat, DVec3};
 use rhumb_reckoning::{
@@ -10,7 +10,7 @@ use super::flight::{GRAVITIES, accelerations, gravity, lawful, tables};
 use super::rng::{VectorRng, motion, thirteen};
 use crate::document::CaseJson;
 
-/// Ball, cuboid, capsule, cylinder: formulas of RECKONING 4.5, repeated here because shapes live a floor above.
+/// Ball, cuboid, capsule, cylinder: the formulas of RECKONING 4.5, repeated because shapes belong to another crate.
 pub(super) fn radii() -> Vec<CaseJson> {
     let case = |shape: &str, extents: &[f32]| {
         let e: Vec<f64> = extents.iter().map(|part| f64::from(*part)).collect();
@@ -70,7 +70,7 @@ const PARTS: [(u32, u32, f64); 6] = [
     (33_333, 666_667, 12.5),
 ];
 
-/// Integers of a parts tolerance and a tolerance_scale.
+/// Integers of a parts tolerance and a tolerance scale.
 const CLASSES: [(u32, u32, i8); 10] = [
     (50_000, 20_000, 0),
     (50_000, 20_000, -1),
@@ -92,7 +92,7 @@ pub(super) fn tolerance_scales() -> Vec<CaseJson> {
         };
         let tolerance_scale = ToleranceScale::new(exponent).expect("within bounds");
         let Tolerance::Parts { position, turn } = tolerance.scaled(tolerance_scale) else {
-            unreachable!("a tolerance_scale leaves a tolerance of its kind");
+            unreachable!("a scale does not change the kind of a tolerance");
         };
         CaseJson::new()
             .integer("micrometres", micrometres)
@@ -182,7 +182,7 @@ pub(super) fn quantisations(rng: &mut VectorRng) -> Vec<CaseJson> {
     cases
 }
 
-/// QuantisedState anchors followed over ticks, before their origin too.
+/// Tracks with a quantised anchor over many ticks, some before their origin.
 pub(super) fn tracks(rng: &mut VectorRng) -> Vec<CaseJson> {
     let tables = tables();
     let origin = 1_u64 << 40;

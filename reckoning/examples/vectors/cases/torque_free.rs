@@ -1,4 +1,4 @@
-//! Cases of moments of inertia, and of what tumbles by them.
+//! Cases of moments of inertia, and of torque-free rotation.
 
 use rhumb_reckoning::{BodyState, Conditions, Inertia, Predictor, Ticks};
 
@@ -12,7 +12,8 @@ fn given() -> Vec<([f32; 3], [f32; 4])> {
     let askew = [0.182_57, 0.365_15, 0.547_72, 0.730_3];
     let (least, most) = (f32::MIN_POSITIVE, f32::MAX);
     vec![
-        // A slab, a rod, a plate; equal moments; a hull with axes of its own; a needle at the edge of what is taken.
+        // A slab, a rod, a plate; equal moments; a hull with axes of its own; a needle at the edge of the accepted
+        // range.
         ([1.0, 2.0, 2.9], own),
         ([0.7, 0.1, 0.7], own),
         ([1.0, 1.0, 2.0], [0.5, -0.5, 0.5, 0.5]),
@@ -21,10 +22,10 @@ fn given() -> Vec<([f32; 3], [f32; 4])> {
         ([1.0, 1.0 / 16_777_216.0, 1.0], own),
         ([least, least * 2.0, least * 3.0], own),
         ([most, most / 3.0, most / 2.0], [0.0, 0.0, 0.0, 1.000_999]),
-        // Equal but for rounding, and just not.
+        // Equal up to rounding, and just not.
         ([1.0, 1.0 + 8.0 * f32::EPSILON, 1.0], own),
         ([1.0, 1.0 + 9.0 * f32::EPSILON, 1.0], own),
-        // Refused: nothing, below nothing, subnormal, infinite, too far apart, not of unit length.
+        // Refused: zero, negative, subnormal, infinite, too far apart, not of unit length.
         ([1.0, 0.0, 1.0], own),
         ([1.0, 1.0, -1.0], own),
         ([least / 2.0, least, least], own),
@@ -48,7 +49,7 @@ pub(super) fn inertias() -> Vec<CaseJson> {
     given().into_iter().map(case).collect()
 }
 
-/// Every start by every inertia, over the edges of time and everyday times.
+/// Every start with every inertia, over the edges of time and common times.
 pub(super) fn torque_free_rotations() -> Vec<CaseJson> {
     let tables = tables();
     let starts: Vec<BodyState> = given_starts().iter().filter_map(body_state).collect();
