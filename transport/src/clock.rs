@@ -1,6 +1,6 @@
-//! The host's monotonic clock, as the protocol counts it.
+//! The machine's monotonic clock, in the protocol's units.
 //!
-//! Knows neither wall time nor ticks. Never goes backwards; all copies of one clock agree.
+//! No wall time and no ticks. It never goes backwards; all copies of one clock agree.
 
 use std::time::{Duration, Instant as HostInstant};
 
@@ -21,14 +21,14 @@ impl Clock {
         }
     }
 
-    /// The moment it is.
+    /// The present moment.
     #[must_use]
     pub fn now(&self) -> Instant {
         let ns = self.zero.elapsed().as_nanos();
         Instant::from_nanos(u64::try_from(ns).unwrap_or(u64::MAX))
     }
 
-    /// How long it is until `moment`: nothing if it has come.
+    /// The time until `moment`; zero if it has passed.
     #[must_use]
     pub fn until(&self, moment: Instant) -> Duration {
         duration(moment.since(self.now()))
@@ -41,7 +41,7 @@ impl Default for Clock {
     }
 }
 
-/// A span as the standard library writes it.
+/// A span as the standard library's type.
 fn duration(span: Span) -> Duration {
     Duration::from_nanos(span.as_nanos())
 }
@@ -64,7 +64,7 @@ mod tests {
     }
 
     #[test]
-    fn a_moment_that_has_come_is_no_time_away() {
+    fn the_time_until_a_past_moment_is_zero() {
         let clock = Clock::start();
         assert_eq!(clock.until(Instant::ZERO), Duration::ZERO);
         let far = Instant::from_nanos(u64::MAX);

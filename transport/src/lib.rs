@@ -1,7 +1,7 @@
 //! Sockets and clocks of Rhumb: QUIC, and a simulated network for tests.
 //!
-//! The only crate that touches either. It carries bytes between [`rhumb_protocol::Endpoint`]s and understands none of them.
-//! Every queue between threads is bounded.
+//! No other crate touches either. This one carries bytes between [`rhumb_protocol::Endpoint`]s and interprets none of
+//! them. Every queue between threads is bounded.
 #![forbid(unsafe_code)]
 
 mod app;

@@ -1,10 +1,10 @@
-//! What a connection's link took lately: what was handed over, less what waits
+//! Recent throughput of a connection's link: bytes handed over minus queued.
 //!
-//! Arithmetic only; whoever owns the connection reads its counters and its clock.
+//! Arithmetic only; the owner of the connection reads its counters and its clock.
 
 use rhumb_protocol::{Instant, LinkReport, Span};
 
-/// One connection's link.
+/// Measurements of one connection's link.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LinkMeter {
     read_at: Instant,
@@ -12,11 +12,11 @@ pub(crate) struct LinkMeter {
     waiting_bytes: u64,
 }
 
-/// How often a link is looked at.
-const EVERY: Span = Span::from_millis(100);
+/// Time between two readings.
+const INTERVAL: Span = Span::from_millis(100);
 
 impl LinkMeter {
-    /// Of a link to which nothing was handed yet.
+    /// A meter of a link that has carried nothing yet.
     pub(crate) const fn new(now: Instant) -> Self {
         Self {
             read_at: now,
@@ -25,12 +25,12 @@ impl LinkMeter {
         }
     }
 
-    /// Whether it is time for another look.
+    /// Whether it is time for another reading.
     pub(crate) fn is_due(&self, now: Instant) -> bool {
-        now >= self.read_at + EVERY
+        now >= self.read_at + INTERVAL
     }
 
-    /// A look: how many bytes were handed over in all, and how many of them wait.
+    /// Takes a reading: total bytes handed over, and how many of them still wait.
     pub(crate) fn read(
         &mut self,
         now: Instant,

@@ -1,23 +1,23 @@
-//! Bytes that wait for the host thread, and how many may.
+//! Received bytes that wait for the server thread, and their bound.
 //!
-//! Decides nothing. A piece holds its share of a bound until it was handled.
+//! A piece holds its share of the bound until it is handled.
 
 use std::sync::Arc;
 
 use bytes::Bytes;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-/// What one waiting piece costs beside its bytes, so that empty datagrams are bounded too.
+/// Cost of a waiting piece beside its bytes, so that empty datagrams are bounded too.
 pub(crate) const PIECE_COST_BYTES: usize = 64;
 
-/// Bytes that wait, with their share of the bound.
+/// Waiting bytes, with their share of the bound.
 #[derive(Debug)]
 pub(crate) struct Piece {
     pub(crate) bytes: Bytes,
     _share: OwnedSemaphorePermit,
 }
 
-/// How much of one lane of one connection may wait.
+/// Bound on the bytes that wait on one lane of one connection.
 #[derive(Clone, Debug)]
 pub(crate) struct ByteCredit {
     bytes: Arc<Semaphore>,
@@ -30,16 +30,16 @@ impl ByteCredit {
         }
     }
 
-    /// Waits until there is room.
+    /// Waits until the bound allows the bytes.
     pub(crate) async fn admit(&self, bytes: &[u8]) -> Piece {
         let share = Arc::clone(&self.bytes)
             .acquire_many_owned(cost(bytes))
             .await
-            .expect("nobody closes this semaphore");
+            .expect("the semaphore is never closed");
         Piece::new(bytes, share)
     }
 
-    /// None if there is no room now.
+    /// `None` if the bound does not allow the bytes now.
     pub(crate) fn try_admit(&self, bytes: &[u8]) -> Option<Piece> {
         let share = Arc::clone(&self.bytes)
             .try_acquire_many_owned(cost(bytes))
@@ -49,7 +49,8 @@ impl ByteCredit {
 }
 
 impl Piece {
-    /// ReplicaSwitch: what arrived may be a sliver of a receive buffer of 64 KiB, which would then wait uncounted.
+    /// Copies the bytes: they may be a sliver of a receive buffer of 64 KiB, which would then stay allocated
+    /// uncounted.
     fn new(bytes: &[u8], share: OwnedSemaphorePermit) -> Self {
         Self {
             bytes: Bytes::copy_from_slice(bytes),

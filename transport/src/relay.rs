@@ -1,7 +1,7 @@
-//! A UDP relay on real sockets that spoils what passes, for benchmarks.
+//! A UDP relay on real sockets that impairs traffic, for benchmarks.
 //!
-//! Understands no packet: every datagram is state to its links. Not repeatable to the bit, since real arrival times enter;
-//! delays round up to the timer's millisecond. Clients and what waits for them are bounded.
+//! Interprets no packet: every datagram is state to its links. Not repeatable to the bit, since real arrival times
+//! enter; delays round up to the timer's millisecond. Clients and queued datagrams are bounded.
 
 use std::fmt;
 use std::io::{self, IoSliceMut};
@@ -30,21 +30,21 @@ pub struct UdpRelay {
     thread: Option<JoinHandle<()>>,
 }
 
-/// Why there is no relay.
+/// Reason why a relay cannot start.
 #[derive(Debug)]
 pub enum RelayError {
     /// The address cannot be bound.
     Address {
-        /// Which address.
+        /// The address.
         listen: SocketAddr,
-        /// What the system says.
+        /// The system's error.
         cause: io::Error,
     },
-    /// Its thread cannot start.
+    /// The relay's thread cannot start.
     Thread(io::Error),
 }
 
-/// Each client's links, in the order in which they came.
+/// Links of all clients, in the order of their first packets.
 #[derive(Clone, Debug, Default)]
 struct RelayClients {
     shared: Arc<Mutex<Vec<RelayClient>>>,
@@ -58,13 +58,14 @@ struct RelayClient {
 }
 
 impl UdpRelay {
-    /// Listens at `listen` (port 0 picks a free one) and passes on to `server`, by these config in each direction.
+    /// Listens at `listen` (port 0 picks a free one) and relays to `server`, with this configuration in each
+    /// direction.
     ///
-    /// Each client has a pair of links of its own, up to 64 clients; others are not heard.
+    /// Each client has its own pair of links. The relay serves 64 clients and drops the packets of others.
     ///
     /// # Errors
     ///
-    /// The address, with what the system says of it; or the thread.
+    /// [`RelayError`] names the address or the thread that failed, with the system's error.
     pub fn start(
         listen: SocketAddr,
         server: SocketAddr,
@@ -108,7 +109,7 @@ impl UdpRelay {
         self.local_addr
     }
 
-    /// Datagrams and bytes that came, were lost and were passed on in one direction, over all clients.
+    /// Datagrams and bytes received, lost and forwarded in one direction, over all clients.
     #[must_use]
     pub fn counts(&self, direction: Direction) -> LinkCounts {
         let mut sum = LinkCounts::default();
@@ -122,7 +123,7 @@ impl UdpRelay {
         sum
     }
 
-    /// Changes the config of every link there is.
+    /// Changes the configuration of all present links.
     pub fn set_config(&self, config: LinkConfig) {
         for line in self.lines.lock().iter_mut() {
             line.up.set_config(config);
@@ -134,7 +135,7 @@ impl UdpRelay {
 impl Drop for UdpRelay {
     fn drop(&mut self) {
         if let Some(end) = self.end.take() {
-            // Already over: nothing to end.
+            // An error means that the thread has ended already.
             let _ = end.send(());
         }
         if let Some(thread) = self.thread.take()
@@ -151,19 +152,19 @@ impl RelayClients {
     }
 }
 
-/// The thread's side.
+/// State of the relay's thread.
 struct Relay {
     clock: Clock,
     front: Socket,
     server: SocketAddr,
     config: LinkConfig,
     seed: u64,
-    /// Each client's socket towards the server, as `lines`.
+    /// Each client's socket towards the server, in the order of `lines`.
     backs: Vec<Arc<Socket>>,
     lines: RelayClients,
 }
 
-/// A datagram from the server for the client of this index.
+/// A datagram from the server, for the client of this index.
 struct Returned {
     index: usize,
     bytes: Bytes,
@@ -172,7 +173,7 @@ struct Returned {
 /// Clients that one relay serves.
 const CLIENTS_MAX: usize = 64;
 
-/// Datagrams from the server that wait for the relay's turn.
+/// Queued datagrams from the server, at most.
 const RETURNED_MAX: usize = 4_096;
 
 /// The largest UDP payload.
@@ -186,8 +187,8 @@ impl Relay {
             let wait = self.next_wait();
             tokio::select! {
                 _ = &mut ended => return,
-                heard = self.front.recv(&mut buffer) => {
-                    if let Ok(meta) = heard {
+                received = self.front.recv(&mut buffer) => {
+                    if let Ok(meta) = received {
                         for bytes in datagrams(&buffer, &meta) {
                             self.take_up(meta.addr, bytes, &returns).await;
                         }
@@ -236,7 +237,7 @@ impl Relay {
             .push(self.clock.now(), bytes, Lane::State);
     }
 
-    /// Gives a new client links and a socket of its own; none if there are too many.
+    /// Gives a new client links and a socket of its own; `None` if there are too many clients.
     async fn admit(
         &mut self,
         client: SocketAddr,
@@ -253,7 +254,7 @@ impl Relay {
         let back = socket::bind(SocketAddr::new(any, 0))?;
         let back = Arc::new(Socket::new(back)?);
         back.socket.connect(self.server).await?;
-        // Ends with the runtime, when the relay does.
+        // The task ends with the runtime, when the relay does.
         tokio::spawn(read_back(Arc::clone(&back), index, returns.clone()));
         self.backs.push(back);
         let seed = self.seed.wrapping_add(2 * index as u64);
@@ -265,7 +266,7 @@ impl Relay {
         Ok(Some(index))
     }
 
-    /// Sends on all that has arrived by now.
+    /// Forwards all packets that have arrived by now.
     async fn pass_on(&self) {
         for (index, back) in self.backs.iter().enumerate() {
             while let Some(bytes) = self.due(index, Direction::Up) {
@@ -290,7 +291,7 @@ impl Relay {
     }
 }
 
-/// A socket that knows when the system hands over several datagrams in one piece, as loopback does with segmented ones.
+/// A socket that splits segmented receives: loopback may deliver several datagrams in one buffer.
 struct Socket {
     socket: UdpSocket,
     state: UdpSocketState,
@@ -303,7 +304,7 @@ impl Socket {
         Ok(Self { socket, state })
     }
 
-    /// One piece: datagrams of one sender, all of `stride` bytes but the last.
+    /// One receive: datagrams of one sender, all of `stride` bytes but the last.
     async fn recv(&self, buffer: &mut [u8]) -> io::Result<RecvMeta> {
         let receive = || {
             let mut meta = [RecvMeta::default()];
@@ -316,7 +317,7 @@ impl Socket {
     }
 }
 
-/// The datagrams of one piece.
+/// The datagrams of one receive.
 fn datagrams<'a>(buffer: &'a [u8], meta: &RecvMeta) -> impl Iterator<Item = Bytes> + use<'a> {
     let stride = meta.stride.max(1);
     buffer[..meta.len]
@@ -338,7 +339,7 @@ async fn read_back(back: Arc<Socket>, index: usize, returns: mpsc::Sender<Return
             // The server's port is closed for now; it may open again.
             Err(cause) if cause.kind() == io::ErrorKind::ConnectionRefused => {}
             Err(cause) => {
-                return tracing::warn!(index, %cause, "the way back from the server is gone");
+                return tracing::warn!(index, %cause, "the socket towards the server failed");
             }
         }
     }

@@ -1,6 +1,6 @@
-//! A bound UDP socket with room for bursts, and a thread's runtime.
+//! A bound UDP socket with buffers for bursts, and a thread's runtime.
 //!
-//! Speaks no QUIC. Small kernel buffers are no error: they cost packets, not correctness.
+//! No QUIC here. Small kernel buffers are no error: they cost packets, not correctness.
 
 use std::io;
 use std::net::{SocketAddr, UdpSocket};
@@ -8,7 +8,7 @@ use std::net::{SocketAddr, UdpSocket};
 use quinn::udp::{UdpSockRef, UdpSocketState};
 use tokio::runtime::{Builder, Runtime};
 
-/// Kernel buffers asked for: a burst of 500 packets costs about twice its bytes there.
+/// Requested size of the kernel buffers: a burst of 500 packets costs about twice its bytes there.
 const SOCKET_BUFFER_BYTES: usize = 4 << 20;
 
 /// Binds `address` and asks the kernel for buffers that hold a tick's burst.

@@ -1,4 +1,4 @@
-//! The simulated link keeps its config, alike for the same seed.
+//! Simulated links follow their configuration and are repeatable.
 //!
 //! Thousands of packets per promise; bounds are five standard deviations or more, with fixed seeds.
 
@@ -21,7 +21,7 @@ fn number_of(bytes: &Bytes) -> u32 {
     u32::from_be_bytes(bytes[..4].try_into().expect("four bytes"))
 }
 
-/// Pushes `count` numbered packets, one a millisecond, and takes all that arrives with its moment.
+/// Pushes `count` numbered packets, one a millisecond, and returns all arrivals with their moments.
 fn carry(config: LinkConfig, seed: u64, lane: Lane, count: u32) -> Vec<(u64, u32)> {
     let mut link = Link::new(config, seed);
     let mut arrived = Vec::new();
@@ -34,7 +34,7 @@ fn carry(config: LinkConfig, seed: u64, lane: Lane, count: u32) -> Vec<(u64, u32
     arrived
 }
 
-/// Lets the link's own moments pass, up to now.
+/// Advances the link through its own moments, up to now.
 fn take(link: &mut Link, now: Instant, arrived: &mut Vec<(u64, u32)>) {
     while let Some(at) = link.next_at().filter(|&at| at <= now) {
         while let Some((_, bytes)) = link.pop(at) {
@@ -144,7 +144,7 @@ fn reordered_packets_are_overtaken_but_not_lost() {
 
 #[test]
 fn the_rate_is_honoured_and_its_queue_bounded() {
-    // 8,000 bytes a second; 100 packets of 100 bytes at once, of which the queue holds 50.
+    // 8,000 bytes a second; 100 packets of 100 bytes at once, of which the queue takes 50.
     let mut link = Link::new(config("rate=64kbit,queue=5kB"), 8);
     for _ in 0..100 {
         link.push(Instant::ZERO, Bytes::from(vec![0; 100]), Lane::State);

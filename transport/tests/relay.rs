@@ -1,6 +1,6 @@
-//! The relay: datagrams cross by its config, and return to their sender.
+//! The relay forwards datagrams both ways under its configuration.
 //!
-//! Real sockets on loopback; every wait is for a datagram, and what is lost is counted, not timed.
+//! Real sockets on loopback; every wait is for a datagram, and lost datagrams are counted, not timed.
 
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
 use std::time::Duration;
@@ -10,7 +10,7 @@ use rhumb_transport::{
     QuicServer, ServerOptions, Trust, UdpRelay,
 };
 
-/// Longer than anything here takes; reached only by a failure.
+/// Longer than any step of these tests; reached only by a failure.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 fn free() -> SocketAddr {

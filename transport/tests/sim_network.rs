@@ -1,6 +1,6 @@
-//! The sim_network: time that jumps, ends as real ones, one run per seed.
+//! Simulated network: virtual time, ends as on QUIC, one run per seed.
 //!
-//! Proved with a toy: clients that count aloud on both lanes, a server that answers, and a log of all that was heard.
+//! Proved with toy endpoints: clients count on both lanes, a server answers, and a log records all inputs.
 
 use std::collections::VecDeque;
 
@@ -8,23 +8,23 @@ use bytes::Bytes;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake, WakeReason};
 use rhumb_transport::{Direction, Lane, LinkConfig, RunStop, SimNetwork};
 
-/// Says a number on both lanes every 10 ms until it has said enough, and answers what it hears if told to.
+/// Sends a number on both lanes every 10 ms until its count is done, and answers inputs if configured to.
 struct Toy {
     next: Option<Instant>,
     left: u8,
-    parameters_list: Manners,
+    mode: ToyMode,
     out: VecDeque<Transmit>,
-    heard: Vec<(Instant, Heard)>,
+    received: Vec<(Instant, ToyInput)>,
 }
 
 #[derive(PartialEq, Eq)]
-enum Manners {
+enum ToyMode {
     Counts,
     Answers,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
-enum Heard {
+enum ToyInput {
     Opened(Peer),
     Control(Peer, u8),
     State(Peer, u8),
@@ -33,28 +33,28 @@ enum Heard {
 
 impl Toy {
     fn counting(left: u8) -> Self {
-        let (out, heard) = (VecDeque::new(), Vec::new());
+        let (out, received) = (VecDeque::new(), Vec::new());
         Self {
             next: Some(Instant::ZERO),
             left,
-            parameters_list: Manners::Counts,
+            mode: ToyMode::Counts,
             out,
-            heard,
+            received,
         }
     }
 
     fn answering() -> Self {
-        let (out, heard) = (VecDeque::new(), Vec::new());
+        let (out, received) = (VecDeque::new(), Vec::new());
         Self {
             next: None,
             left: 0,
-            parameters_list: Manners::Answers,
+            mode: ToyMode::Answers,
             out,
-            heard,
+            received,
         }
     }
 
-    fn say(&mut self, to: Peer, number: u8) {
+    fn send(&mut self, to: Peer, number: u8) {
         let bytes = Bytes::from(vec![number]);
         self.out.push_back(Transmit::Control {
             to,
@@ -63,34 +63,37 @@ impl Toy {
         self.out.push_back(Transmit::State { to, bytes });
     }
 
-    fn heard(&self) -> Vec<Heard> {
-        self.heard.iter().map(|(_, heard)| heard.clone()).collect()
+    fn received(&self) -> Vec<ToyInput> {
+        self.received
+            .iter()
+            .map(|(_, received)| received.clone())
+            .collect()
     }
 }
 
 impl Endpoint for Toy {
     fn handle_opened(&mut self, now: Instant, peer: Peer) {
-        self.heard.push((now, Heard::Opened(peer)));
+        self.received.push((now, ToyInput::Opened(peer)));
     }
 
     fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
-        self.heard.push((now, Heard::Control(from, bytes[0])));
-        if self.parameters_list == Manners::Answers {
-            self.say(from, bytes[0]);
+        self.received.push((now, ToyInput::Control(from, bytes[0])));
+        if self.mode == ToyMode::Answers {
+            self.send(from, bytes[0]);
         }
     }
 
     fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
-        self.heard.push((now, Heard::State(from, bytes[0])));
+        self.received.push((now, ToyInput::State(from, bytes[0])));
     }
 
     fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
-        self.heard.push((now, Heard::Ended(peer, ending)));
+        self.received.push((now, ToyInput::Ended(peer, ending)));
     }
 
     fn handle_timeout(&mut self, now: Instant) {
         self.left -= 1;
-        self.say(Peer(0), self.left);
+        self.send(Peer(0), self.left);
         self.next = (self.left > 0).then(|| now + Span::from_millis(10));
     }
 
@@ -120,10 +123,10 @@ fn time_jumps_between_events_until_all_is_idle() {
     let client = sim_network.connect(Toy::counting(1));
     assert_eq!(sim_network.run_until_idle_or(at_ms(60_000)), RunStop::Idle);
     assert_eq!(sim_network.now(), at_ms(100));
-    let there = (at_ms(50), Heard::Control(Peer(0), 0));
-    assert!(sim_network.server().heard.contains(&there));
-    let back = (at_ms(100), Heard::State(Peer(0), 0));
-    assert!(sim_network.client(client).heard.contains(&back));
+    let there = (at_ms(50), ToyInput::Control(Peer(0), 0));
+    assert!(sim_network.server().received.contains(&there));
+    let back = (at_ms(100), ToyInput::State(Peer(0), 0));
+    assert!(sim_network.client(client).received.contains(&back));
     assert_eq!(
         sim_network
             .counts(client, Direction::Down, Lane::State)
@@ -147,7 +150,7 @@ fn a_deadline_comes_even_if_nothing_happens() {
 fn a_close_follows_sent_messages_and_ends_both() {
     let mut sim_network = toys("rtt=20ms,loss=40%", 3);
     let client = sim_network.connect(Toy::answering());
-    sim_network.client_mut(client).say(Peer(0), 5);
+    sim_network.client_mut(client).send(Peer(0), 5);
     sim_network
         .client_mut(client)
         .out
@@ -155,17 +158,17 @@ fn a_close_follows_sent_messages_and_ends_both() {
             to: Peer(0),
             code: 9,
         });
-    sim_network.client_mut(client).say(Peer(0), 6);
+    sim_network.client_mut(client).send(Peer(0), 6);
     assert_eq!(sim_network.run_until_idle_or(at_ms(60_000)), RunStop::Idle);
-    let ended = Heard::Ended(Peer(0), Ending::Closed(9));
+    let ended = ToyInput::Ended(Peer(0), Ending::Closed(9));
     assert_eq!(
-        sim_network.client(client).heard(),
-        [Heard::Opened(Peer(0)), ended.clone()]
+        sim_network.client(client).received(),
+        [ToyInput::Opened(Peer(0)), ended.clone()]
     );
-    let server = sim_network.server().heard();
+    let server = sim_network.server().received();
     assert!(
-        server.contains(&Heard::Control(Peer(0), 5))
-            && !server.contains(&Heard::Control(Peer(0), 6))
+        server.contains(&ToyInput::Control(Peer(0), 5))
+            && !server.contains(&ToyInput::Control(Peer(0), 6))
     );
     assert_eq!(server.last(), Some(&ended));
 }
@@ -173,27 +176,27 @@ fn a_close_follows_sent_messages_and_ends_both() {
 #[test]
 fn a_severed_connection_ends_for_both() {
     let mut sim_network = toys("rtt=20ms", 3);
-    let (gone, stays) = (
+    let (severed, stays) = (
         sim_network.connect(Toy::counting(10)),
         sim_network.connect(Toy::counting(10)),
     );
     sim_network.run_until(at_ms(25));
-    sim_network.sever(gone, Ending::TimedOut);
-    sim_network.sever(gone, Ending::Broken);
+    sim_network.sever(severed, Ending::TimedOut);
+    sim_network.sever(severed, Ending::Broken);
     sim_network.run_until(at_ms(1_000));
     let ends = |toy: &Toy| {
-        toy.heard()
+        toy.received()
             .into_iter()
-            .filter(|heard| matches!(heard, Heard::Ended(..)))
+            .filter(|received| matches!(received, ToyInput::Ended(..)))
             .collect::<Vec<_>>()
     };
     assert_eq!(
-        ends(sim_network.client(gone)),
-        [Heard::Ended(Peer(0), Ending::TimedOut)]
+        ends(sim_network.client(severed)),
+        [ToyInput::Ended(Peer(0), Ending::TimedOut)]
     );
     assert_eq!(
         ends(sim_network.server()),
-        [Heard::Ended(Peer(0), Ending::TimedOut)]
+        [ToyInput::Ended(Peer(0), Ending::TimedOut)]
     );
     assert_eq!(ends(sim_network.client(stays)), []);
 }
@@ -203,17 +206,17 @@ fn when_loss_stops_everything_arrives() {
     let mut sim_network = toys("rtt=20ms,loss=100%", 4);
     let client = sim_network.connect(Toy::counting(5));
     sim_network.run_until(at_ms(1_000));
-    assert_eq!(sim_network.server().heard.len(), 1);
+    assert_eq!(sim_network.server().received.len(), 1);
     sim_network.set_config(LinkConfig::round_trip(Span::from_millis(20)));
     sim_network.run_until(at_ms(10_000));
     let control = sim_network
         .client(client)
-        .heard()
+        .received()
         .into_iter()
-        .filter(|heard| matches!(heard, Heard::Control(..)));
+        .filter(|received| matches!(received, ToyInput::Control(..)));
     assert_eq!(
         control.collect::<Vec<_>>(),
-        [4, 3, 2, 1, 0].map(|number| Heard::Control(Peer(0), number))
+        [4, 3, 2, 1, 0].map(|number| ToyInput::Control(Peer(0), number))
     );
 }
 
@@ -228,10 +231,10 @@ fn the_same_seed_gives_the_same_run() {
         sim_network.run_until(at_ms(200));
         sim_network.set_config("rtt=10ms,loss=5%".parse().expect("good config"));
         sim_network.run_until_idle_or(at_ms(60_000));
-        let mut log = sim_network.server().heard.clone();
+        let mut log = sim_network.server().received.clone();
         clients
             .iter()
-            .for_each(|&client| log.extend_from_slice(&sim_network.client(client).heard));
+            .for_each(|&client| log.extend_from_slice(&sim_network.client(client).received));
         log
     };
     assert_eq!(run(11), run(11));

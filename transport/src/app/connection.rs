@@ -1,4 +1,4 @@
-//! What the host thread and the sockets of the second listener tell each other.
+//! Queues between the server thread and the sockets of the APP listener.
 
 use core::net::SocketAddr;
 use std::sync::Arc;
@@ -10,7 +10,7 @@ use tokio::sync::mpsc;
 
 use crate::piece::{PIECE_COST_BYTES, Piece};
 
-/// One thing for the host thread to handle.
+/// One input for the server thread.
 #[derive(Debug)]
 pub(crate) enum AppInput {
     Opened {
@@ -31,28 +31,28 @@ pub(crate) enum AppInput {
     },
 }
 
-/// The near end of a connection's outgoing bytes. Dropping it ends the connection, after what was sent.
+/// The sending end of a connection's outgoing bytes. Dropping it ends the connection, after the queued bytes.
 #[derive(Debug)]
 pub(crate) struct AppConnection {
     queue: mpsc::UnboundedSender<Bytes>,
     waiting_bytes: Arc<AtomicUsize>,
 }
 
-/// The far end, which the I/O thread empties.
+/// The reading end, which the I/O thread empties.
 #[derive(Debug)]
 pub(super) struct AppConnectionReader {
     pub(super) queue: mpsc::UnboundedReceiver<Bytes>,
     waiting_bytes: Arc<AtomicUsize>,
 }
 
-/// More bytes wait than the bound allows.
+/// Error: the queue has reached its bound.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Overflow;
+pub(crate) struct AppQueueOverflow;
 
-/// Bytes that may wait for one client: minutes of what a busy region is told on TCP.
+/// Queued bytes per client, at most: minutes of a busy region's updates over TCP.
 const WAITING_BYTES_MAX: usize = 4 << 20;
 
-pub(super) fn line() -> (AppConnection, AppConnectionReader) {
+pub(super) fn connection_queue() -> (AppConnection, AppConnectionReader) {
     let (sender, receiver) = mpsc::unbounded_channel();
     let waiting_bytes = Arc::new(AtomicUsize::new(0));
     let near = AppConnection {
@@ -67,26 +67,26 @@ pub(super) fn line() -> (AppConnection, AppConnectionReader) {
 }
 
 impl AppConnection {
-    /// Appends bytes, without waiting.
-    pub(crate) fn send(&self, bytes: Bytes) -> Result<(), Overflow> {
+    /// Appends bytes without waiting.
+    pub(crate) fn send(&self, bytes: Bytes) -> Result<(), AppQueueOverflow> {
         let cost = bytes.len() + PIECE_COST_BYTES;
         let waiting = self.waiting_bytes.fetch_add(cost, Ordering::Relaxed);
         if waiting + cost > WAITING_BYTES_MAX {
-            return Err(Overflow);
+            return Err(AppQueueOverflow);
         }
-        // No reader, no connection: its end is told elsewhere.
+        // Without a reader the connection has ended; its end is reported separately.
         let _ = self.queue.send(bytes);
         Ok(())
     }
 
-    /// What was sent and has not left, each piece with what it costs.
+    /// Cost of the queued bytes, with the fixed cost of each piece.
     pub(crate) fn waiting_bytes(&self) -> usize {
         self.waiting_bytes.load(Ordering::Relaxed)
     }
 }
 
 impl AppConnectionReader {
-    /// Bytes have left.
+    /// Returns the cost of written bytes.
     pub(super) fn left(&self, bytes: usize) {
         let cost = bytes + PIECE_COST_BYTES;
         self.waiting_bytes.fetch_sub(cost, Ordering::Relaxed);

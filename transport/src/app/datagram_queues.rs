@@ -1,7 +1,7 @@
-//! Datagrams that wait to be sent: a address_queue for each address, in turn.
+//! Queued datagrams: one queue for each address, served in turn.
 //!
-//! Sends nothing and reads no clock. Each address has a rate_limiter of its own, so that who is told much holds nobody up. What
-//! waits for one is bounded: for what is too much the oldest of the same address goes, which newer ones supersede.
+//! Sends nothing and reads no clock. Each address has its own rate limiter: a busy address delays no other. Each queue
+//! is bounded: when it is full, its oldest datagrams are dropped, which newer ones supersede.
 
 use core::net::SocketAddr;
 use std::collections::{BTreeMap, VecDeque};
@@ -12,17 +12,17 @@ use tokio::time::Instant;
 use super::rate_limiter::{self, RateLimiter};
 use crate::piece::PIECE_COST_BYTES;
 
-/// What waits, for anybody.
+/// The queues of all addresses.
 #[derive(Debug)]
 pub(super) struct DatagramQueues {
     datagram_queues: BTreeMap<SocketAddr, AddressQueue>,
-    /// The address of each address_queue, once: who has its turn next is in front.
+    /// The address of each queue, once; the next one to be served is in front.
     turns: VecDeque<SocketAddr>,
-    /// Of each address_queue; none: as fast as they come.
+    /// Rate of each queue; without one, datagrams leave at once.
     datagrams_per_ms: Option<u32>,
 }
 
-/// What waits for one address. It stays as long as its rate_limiter remembers something.
+/// Queue of one address. It stays as long as its rate limiter has budget in use.
 #[derive(Debug)]
 struct AddressQueue {
     waiting: VecDeque<Bytes>,
@@ -30,26 +30,26 @@ struct AddressQueue {
     rate_limiter: Option<RateLimiter>,
 }
 
-/// What came of one more.
+/// Result of appending a datagram.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct PushOutcome {
-    /// Whether nothing waited for its address.
+    /// Whether the queue was empty.
     pub(super) is_first: bool,
-    /// How many older ones of its address had to go.
+    /// How many older datagrams of the address were dropped.
     pub(super) dropped: usize,
 }
 
-/// What is to be done.
+/// The next step of the sender.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum NextDatagram {
-    /// Send this.
+    /// Send this datagram.
     Datagram(SocketAddr, Bytes),
-    /// Something waits, and nothing of it may leave before.
+    /// Datagrams are queued, and none may leave before this moment.
     NotBefore(Instant),
     Nothing,
 }
 
-/// Bytes that may wait for one address: a frame of ten thousand bodies, and more.
+/// Queued bytes of one address, at most: more than a frame of ten thousand bodies.
 const QUEUE_BYTES_MAX: usize = 2 << 20;
 
 impl DatagramQueues {
@@ -61,7 +61,7 @@ impl DatagramQueues {
         }
     }
 
-    /// Appends one to the address_queue of its address.
+    /// Appends a datagram to the queue of its address.
     pub(super) fn push(&mut self, to: SocketAddr, bytes: Bytes) -> PushOutcome {
         let address_queue = self.datagram_queues.entry(to).or_insert_with(|| {
             self.turns.push_back(to);
@@ -76,7 +76,7 @@ impl DatagramQueues {
         PushOutcome { is_first, dropped }
     }
 
-    /// Takes the next one that may leave now.
+    /// Takes the next datagram that may leave now.
     pub(super) fn take(&mut self, now: Instant) -> NextDatagram {
         let mut soonest: Option<Instant> = None;
         for _ in 0..self.turns.len() {
@@ -102,7 +102,7 @@ impl DatagramQueues {
 }
 
 impl AddressQueue {
-    /// Appends one, and says how many had to go for it.
+    /// Appends a datagram, and returns how many were dropped for it.
     fn push(&mut self, bytes: Bytes) -> usize {
         self.waiting_bytes += cost(&bytes);
         let mut dropped = 0;
@@ -116,7 +116,7 @@ impl AddressQueue {
         dropped
     }
 
-    /// The oldest, if any waits, or the moment from which on it may leave.
+    /// The oldest datagram, if one is queued, or the moment from which on it may leave.
     fn take(&mut self, now: Instant) -> Result<Option<Bytes>, Instant> {
         if self.waiting.is_empty() {
             return Ok(None);
@@ -129,7 +129,7 @@ impl AddressQueue {
         Ok(oldest)
     }
 
-    /// Whether it is as one that never was.
+    /// Whether the queue can be removed: it is empty and its rate limiter idle.
     fn is_over(&self, now: Instant) -> bool {
         self.waiting.is_empty()
             && self
@@ -176,8 +176,8 @@ mod tests {
         let mut datagram_queues = DatagramQueues::new(Some(1));
         datagram_queues.push(address(2), datagram(7));
         let fit = QUEUE_BYTES_MAX / cost(&datagram(0));
-        let pushed = (0..fit + 3).map(|number| datagram_queues.push(address(1), datagram(number)));
-        assert_eq!(pushed.map(|pushed| pushed.dropped).sum::<usize>(), 3);
+        let outcome = (0..fit + 3).map(|number| datagram_queues.push(address(1), datagram(number)));
+        assert_eq!(outcome.map(|outcome| outcome.dropped).sum::<usize>(), 3);
         let now = Instant::now();
         assert_eq!(
             datagram_queues.take(now),
@@ -193,8 +193,8 @@ mod tests {
     fn an_idle_address_is_forgotten() {
         let mut datagram_queues = DatagramQueues::new(Some(1));
         let now = Instant::now();
-        let pushed = datagram_queues.push(address(1), datagram(0));
-        assert!(pushed.is_first);
+        let outcome = datagram_queues.push(address(1), datagram(0));
+        assert!(outcome.is_first);
         assert_eq!(
             datagram_queues.take(now),
             NextDatagram::Datagram(address(1), datagram(0))

@@ -1,6 +1,6 @@
-//! Hands datagrams from the host thread to the socket of the second listener.
+//! Passes datagrams from the server thread to the APP listener's socket.
 //!
-//! Nobody waits to leave one. One task takes them, each when it may leave.
+//! Sending never blocks. One task takes each datagram when it may leave.
 
 use core::net::SocketAddr;
 use std::sync::{Mutex, MutexGuard};
@@ -11,16 +11,16 @@ use tokio::time::{Instant, sleep_until};
 
 use super::datagram_queues::{DatagramQueues, NextDatagram};
 
-/// Where datagrams wait between two threads.
+/// The queues between the two threads.
 #[derive(Debug)]
 pub(super) struct DatagramSender {
     datagram_queues: Mutex<DatagramQueues>,
-    /// Something waits for an address for which nothing waited.
+    /// Signals a datagram for an address whose queue was empty.
     news: Notify,
 }
 
 impl DatagramSender {
-    /// `datagrams_per_ms`: to each address; none: as fast as they come.
+    /// `datagrams_per_ms`: rate to each address; `None` for no limit.
     pub(super) fn new(datagrams_per_ms: Option<u32>) -> Self {
         Self {
             datagram_queues: Mutex::new(DatagramQueues::new(datagrams_per_ms)),
@@ -28,20 +28,20 @@ impl DatagramSender {
         }
     }
 
-    /// Leaves a datagram.
+    /// Queues a datagram.
     pub(super) fn send(&self, to: SocketAddr, bytes: Bytes) {
-        let pushed = self.lock().push(to, bytes);
-        if pushed.dropped > 0 {
-            let dropped = pushed.dropped;
+        let outcome = self.lock().push(to, bytes);
+        if outcome.dropped > 0 {
+            let dropped = outcome.dropped;
             tracing::debug!(%to, dropped, "datagrams were dropped: too many wait");
         }
-        // Who takes them knows already of what else waits.
-        if pushed.is_first {
+        // The writing task already knows of a queue that was not empty.
+        if outcome.is_first {
             self.news.notify_one();
         }
     }
 
-    /// Waits for the next one that may leave, and takes it.
+    /// Waits for the next datagram that may leave, and takes it.
     pub(super) async fn next(&self) -> (SocketAddr, Bytes) {
         loop {
             let next = self.lock().take(Instant::now());
@@ -59,7 +59,7 @@ impl DatagramSender {
     fn lock(&self) -> MutexGuard<'_, DatagramQueues> {
         self.datagram_queues
             .lock()
-            .expect("nobody panics with the datagram_queues")
+            .expect("nothing panics while the queues are locked")
     }
 }
 
@@ -100,7 +100,7 @@ mod tests {
         let datagram_sender = Arc::new(DatagramSender::new(Some(10)));
         (0..10_000).for_each(|_| datagram_sender.send(address(1), datagram()));
         let begun = Instant::now();
-        // The first has spent its rate_limiter, and the task waits.
+        // The first address has used its budget, and the task waits.
         for _ in 0..10 {
             datagram_sender.next().await;
         }
@@ -112,7 +112,7 @@ mod tests {
         datagram_sender.send(address(2), datagram());
         let (to, _) = waits.await.expect("it does not panic");
         assert_eq!((to, begun.elapsed().as_millis()), (address(2), 0));
-        // Nothing of the first was lost for it.
+        // Nothing of the first address was dropped.
         for _ in 10..10_000 {
             assert_eq!(datagram_sender.next().await.0, address(1));
         }

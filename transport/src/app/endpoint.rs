@@ -1,6 +1,6 @@
-//! What an endpoint is that also speaks the paper's protocol.
+//! Endpoint that also serves clients of the APP protocol.
 //!
-//! Its connections have peers of their own, told apart from the others by their highest bit.
+//! APP connections have their own peer numbers, with the highest bit set.
 
 use core::net::SocketAddr;
 
@@ -9,46 +9,46 @@ use rhumb_protocol::{Endpoint, Instant, Peer};
 
 /// An endpoint with a second listener: a byte stream for each client, and datagrams by address.
 pub trait AppEndpoint: Endpoint {
-    /// A connection stands.
+    /// A connection was opened.
     fn handle_app_opened(&mut self, now: Instant, peer: Peer, from: SocketAddr);
 
-    /// So many bytes for a connection have not left yet, as far as they were polled. Told before its own bytes are handled,
-    /// so that what newer words supersede need not be said to who cannot keep up.
+    /// Cost of the queued bytes of a connection. Called before the connection's own bytes are handled, so that a slow
+    /// client is not sent updates that newer ones supersede.
     fn handle_app_waiting(&mut self, now: Instant, peer: Peer, bytes: usize);
 
-    /// The next bytes of a connection, cut anywhere.
+    /// The next bytes of a connection, cut at any place.
     fn handle_app_bytes(&mut self, now: Instant, from: Peer, bytes: &[u8]);
 
-    /// A datagram, from anyone.
+    /// A datagram from any address.
     fn handle_app_datagram(&mut self, now: Instant, from: SocketAddr, bytes: &[u8]);
 
-    /// A connection is gone; nothing more comes from it or goes to it.
+    /// A connection has ended; no bytes come from it or go to it any more.
     fn handle_app_ended(&mut self, now: Instant, peer: Peer);
 
-    /// The next thing to send.
+    /// The next transmission.
     fn poll_app(&mut self) -> Option<AppTransmit>;
 }
 
-/// Something to send to a client of the paper's protocol.
+/// A transmission to an APP client.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum AppTransmit {
     /// Bytes for a connection, written at once: whole messages, so that no read cuts one.
     Bytes {
-        /// To whom.
+        /// The connection.
         to: Peer,
         /// Whole messages.
         bytes: Bytes,
     },
     /// A datagram.
     Datagram {
-        /// Where to.
+        /// The destination.
         to: SocketAddr,
         /// The whole datagram.
         bytes: Bytes,
     },
-    /// Sends what came before, then ends the connection.
+    /// Sends the queued bytes, then ends the connection.
     Close {
-        /// Whom to leave.
+        /// The connection.
         to: Peer,
     },
 }

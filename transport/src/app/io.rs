@@ -1,6 +1,7 @@
-//! The I/O thread of the second listener: accepts, and carries to the host thread.
+//! I/O thread of the APP listener: accepts connections and carries bytes.
 //!
-//! Interprets nothing. What waits for the host is bounded per connection; a full house closes at the listener.
+//! Interprets nothing. Input for the server thread is bounded per connection; the listener closes connections beyond
+//! the limit.
 
 use core::net::SocketAddr;
 use std::io;
@@ -15,49 +16,53 @@ use tokio::net::{TcpListener, TcpStream, UdpSocket};
 use tokio::sync::{Semaphore, oneshot};
 use tokio::time::{sleep, timeout};
 
-use super::connection::{AppConnectionReader, AppInput, line};
+use super::connection::{AppConnectionReader, AppInput, connection_queue};
 use super::datagram_sender::DatagramSender;
 use super::rate_limiter;
 use crate::piece::ByteCredit;
 use crate::quic::Input;
 
-/// Connections at one time.
+/// Connections at one time, at most.
 const CONNECTIONS_MAX: usize = 64;
-/// The first bytes of a connection have to come in this time.
+/// Deadline for the first bytes of a connection.
 const FIRST_BYTES: Duration = Duration::from_secs(10);
-/// A client that has said nothing for so long is gone: one that lives says a step eleven times a second.
+/// Silence after which a connection ends: a live client sends a step eleven times a second.
 const IDLE: Duration = Duration::from_secs(60);
-/// A write that takes longer is to a client that reads no more.
+/// A slower write means that the client does not read.
 const WRITE: Duration = Duration::from_secs(30);
-/// What was said last to a client may take so long to leave.
+/// Time for the last bytes to leave when a connection is closed.
 const FLUSH: Duration = Duration::from_millis(500);
-/// Bytes between the sockets and the host thread, per connection; beyond them a connection is not read.
+/// Bytes between the sockets and the server thread, per connection; beyond them the connection is not read.
 const IN_FLIGHT_BYTES: usize = 256 << 10;
-/// Bytes of datagrams between the sockets and the host thread; beyond them they are dropped.
+/// Bytes of datagrams between the sockets and the server thread; beyond them datagrams are dropped.
 const DATAGRAMS_IN_FLIGHT_BYTES: usize = 64 << 10;
 const READ_BYTES_MAX: usize = 64 << 10;
-/// Longest datagram that is looked at; a logon has 76 bytes.
+/// Longest datagram that is read; a logon has 76 bytes.
 const DATAGRAM_BYTES_MAX: usize = 512;
-/// The bit of a peer that came by this listener.
+/// Bit of the peer numbers of this listener.
 const BY_APP: u64 = 1 << 63;
 
-/// What the listener consists of.
+/// Sockets and queue of the listener.
 pub(super) struct Sockets {
     pub(super) tcp: TcpListener,
     pub(super) udp: UdpSocket,
-    /// Datagrams on their way out.
+    /// Outgoing datagrams.
     pub(super) datagram_sender: Arc<DatagramSender>,
 }
 
-/// Carries until the end is asked for.
-pub(super) async fn carry(sockets: Sockets, host: Sender<Input>, mut ended: oneshot::Receiver<()>) {
+/// Carries bytes until it is told to end.
+pub(super) async fn carry(
+    sockets: Sockets,
+    inputs: Sender<Input>,
+    mut ended: oneshot::Receiver<()>,
+) {
     let udp = Arc::new(sockets.udp);
-    let talk = tokio::spawn(datagram_write_loop(
+    let datagram_writer = tokio::spawn(datagram_write_loop(
         Arc::clone(&udp),
         sockets.datagram_sender,
     ));
-    let listen = tokio::spawn(datagram_read_loop(udp, host.clone()));
-    let room = Arc::new(Semaphore::new(CONNECTIONS_MAX));
+    let listen = tokio::spawn(datagram_read_loop(udp, inputs.clone()));
+    let free_places = Arc::new(Semaphore::new(CONNECTIONS_MAX));
     let mut peers = BY_APP;
     loop {
         let accepted = tokio::select! {
@@ -67,69 +72,69 @@ pub(super) async fn carry(sockets: Sockets, host: Sender<Input>, mut ended: ones
         let (stream, from) = match accepted {
             Ok(accepted) => accepted,
             Err(cause) => {
-                // Out of descriptors, or gone before it was looked at: neither ends the listener.
+                // The process has no free descriptor, or the client has left already: the listener goes on.
                 tracing::warn!(%cause, "an app connection was not accepted");
                 sleep(PAUSE).await;
                 continue;
             }
         };
-        let Ok(place) = Arc::clone(&room).try_acquire_owned() else {
-            tracing::warn!(%from, "an app connection was refused: the house is full");
+        let Ok(place) = Arc::clone(&free_places).try_acquire_owned() else {
+            tracing::warn!(%from, "an app connection was refused: the server is full");
             continue;
         };
-        let (peer, host) = (Peer(peers), host.clone());
+        let (peer, inputs) = (Peer(peers), inputs.clone());
         peers += 1;
         tokio::spawn(async move {
-            serve(stream, from, peer, host).await;
+            serve(stream, from, peer, inputs).await;
             drop(place);
         });
     }
-    talk.abort();
+    datagram_writer.abort();
     listen.abort();
-    // Every connection's task has a turn to send what it has.
+    // Every connection's task gets a turn to send its queued bytes.
     sleep(LAST_TURN).await;
 }
 
-/// Carries one connection from its first moment to its last.
-async fn serve(stream: TcpStream, from: SocketAddr, peer: Peer, host: Sender<Input>) {
+/// Carries one connection from start to end.
+async fn serve(stream: TcpStream, from: SocketAddr, peer: Peer, inputs: Sender<Input>) {
     if let Err(cause) = stream.set_nodelay(true) {
-        tracing::debug!(%cause, "an app connection was gone at once");
+        tracing::debug!(%cause, "an app connection ended at once");
         return;
     }
-    let (near, far) = line();
+    let (near, far) = connection_queue();
     let opened = AppInput::Opened {
         peer,
         from,
-        line: near,
+        queue: near,
     };
-    // A host that is gone hears nothing: the thread ends soon.
-    let _ = host.send(Input::App(opened));
+    // If the server thread has ended, this thread ends soon too.
+    let _ = inputs.send(Input::App(opened));
     let (read, write) = stream.into_split();
     tokio::select! {
-        why = read_loop(read, peer, &host) => tracing::info!(peer = peer.0, %from, %why, "an app connection ended"),
+        why = read_loop(read, peer, &inputs) => tracing::info!(peer = peer.0, %from, %why, "an app connection ended"),
         why = write_loop(write, far) => tracing::info!(peer = peer.0, %from, %why, "an app connection was ended"),
     }
-    let _ = host.send(Input::App(AppInput::Ended { peer }));
+    let _ = inputs.send(Input::App(AppInput::Ended { peer }));
 }
 
-/// Why a connection is over, in words for the log.
-type Why = &'static str;
+/// Reason for the end of a connection, for the log.
+type EndReason = &'static str;
 
-/// Reads no further than the host thread keeps up.
-async fn read_loop(mut read: OwnedReadHalf, peer: Peer, host: &Sender<Input>) -> Why {
+/// Reads no further than the server thread keeps up.
+async fn read_loop(mut read: OwnedReadHalf, peer: Peer, inputs: &Sender<Input>) -> EndReason {
     let credit = ByteCredit::new(IN_FLIGHT_BYTES);
     let mut buffer = vec![0; READ_BYTES_MAX];
-    let mut patience = FIRST_BYTES;
+    let mut time_limit = FIRST_BYTES;
     loop {
-        let count = match timeout(patience, read.read(&mut buffer)).await {
-            Ok(Ok(0)) => return "the client closed it",
+        let count = match timeout(time_limit, read.read(&mut buffer)).await {
+            Ok(Ok(0)) => return "the client closed the connection",
             Ok(Ok(count)) => count,
-            Ok(Err(_)) => return "it broke",
+            Ok(Err(_)) => return "the connection broke",
             Err(_) => return "the client was silent",
         };
-        patience = IDLE;
+        time_limit = IDLE;
         let piece = credit.admit(&buffer[..count]).await;
-        if host
+        if inputs
             .send(Input::App(AppInput::Bytes { peer, piece }))
             .is_err()
         {
@@ -138,20 +143,20 @@ async fn read_loop(mut read: OwnedReadHalf, peer: Peer, host: &Sender<Input>) ->
     }
 }
 
-/// Writes what is queued, piece by piece and no faster than a client can bear.
-async fn write_loop(mut write: OwnedWriteHalf, mut line: AppConnectionReader) -> Why {
+/// Writes queued pieces, no faster than a client can read them.
+async fn write_loop(mut write: OwnedWriteHalf, mut queue: AppConnectionReader) -> EndReason {
     let mut rate_limiter = rate_limiter::of_bytes();
-    while let Some(bytes) = line.queue.recv().await {
+    while let Some(bytes) = queue.queue.recv().await {
         rate_limiter.spend(bytes.len()).await;
         match timeout(WRITE, write.write_all(&bytes)).await {
-            Ok(Ok(())) => line.left(bytes.len()),
-            Ok(Err(_)) => return "it broke",
+            Ok(Ok(())) => queue.left(bytes.len()),
+            Ok(Err(_)) => return "the connection broke",
             Err(_) => return "the client does not read",
         }
     }
-    // The host has said its last.
+    // The server thread has dropped its end.
     let _ = timeout(FLUSH, write.shutdown()).await;
-    "the server closed it"
+    "the server closed the connection"
 }
 
 async fn datagram_write_loop(udp: Arc<UdpSocket>, datagram_sender: Arc<DatagramSender>) {
@@ -163,16 +168,16 @@ async fn datagram_write_loop(udp: Arc<UdpSocket>, datagram_sender: Arc<DatagramS
     }
 }
 
-async fn datagram_read_loop(udp: Arc<UdpSocket>, host: Sender<Input>) {
+async fn datagram_read_loop(udp: Arc<UdpSocket>, inputs: Sender<Input>) {
     let credit = ByteCredit::new(DATAGRAMS_IN_FLIGHT_BYTES);
     let mut buffer = [0; DATAGRAM_BYTES_MAX];
     loop {
         let (count, from) = match udp.recv_from(&mut buffer).await {
-            Ok(heard) => heard,
-            // What we sent before was refused by somebody, which tells us nothing new.
+            Ok(received) => received,
+            // An earlier datagram was refused by its destination; datagrams carry no promise.
             Err(cause) if cause.kind() == io::ErrorKind::ConnectionRefused => continue,
             Err(cause) => {
-                tracing::warn!(%cause, "a datagram was not heard");
+                tracing::warn!(%cause, "a datagram was not received");
                 sleep(PAUSE).await;
                 continue;
             }
@@ -180,7 +185,7 @@ async fn datagram_read_loop(udp: Arc<UdpSocket>, host: Sender<Input>) {
         let Some(piece) = credit.try_admit(&buffer[..count]) else {
             continue;
         };
-        if host
+        if inputs
             .send(Input::App(AppInput::Datagram { from, piece }))
             .is_err()
         {
@@ -189,7 +194,7 @@ async fn datagram_read_loop(udp: Arc<UdpSocket>, host: Sender<Input>) {
     }
 }
 
-/// Between two attempts at what failed for want of something.
+/// Pause before a failed accept is tried again.
 const PAUSE: Duration = Duration::from_millis(50);
-/// Long enough for a turn of each task, short enough that nobody waits for it.
+/// Long enough for a turn of each task, short enough not to delay a stop.
 const LAST_TURN: Duration = Duration::from_millis(2);

@@ -1,4 +1,4 @@
-//! The second listener of a server: bound here, run by the endpoint's thread
+//! The APP listener of a server: bound here, served by the server's loop.
 
 use core::fmt;
 use core::net::SocketAddr;
@@ -19,30 +19,30 @@ use super::io::{Sockets, carry};
 use crate::quic::Input;
 use crate::socket;
 
-/// Where clients of the paper's protocol are awaited.
+/// Address and rate of the APP listener.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AppListen {
     /// The address of both TCP and UDP; port 0 picks one that is free for both.
     pub address: SocketAddr,
-    /// Datagrams to one address in about a millisecond; none: as fast as they come.
+    /// Datagrams to one address in about a millisecond; `None` for no limit.
     pub datagrams_per_ms: Option<u32>,
 }
 
-/// Why the second listener cannot be opened.
+/// Reason why the APP listener cannot be opened.
 #[derive(Debug)]
 pub enum AppBindError {
     /// The address cannot be bound.
     Address {
-        /// Which address.
+        /// The address.
         address: SocketAddr,
-        /// What the system says.
+        /// The system's error.
         cause: io::Error,
     },
     /// The I/O thread cannot start.
     Thread(io::Error),
 }
 
-/// The listener, as the host thread has it.
+/// The server thread's end of the listener.
 #[derive(Debug)]
 pub(crate) struct AppListener {
     address: SocketAddr,
@@ -52,18 +52,18 @@ pub(crate) struct AppListener {
     thread: Option<JoinHandle<()>>,
 }
 
-/// How an endpoint is fed by the listener and drained for it; nothing, if it knows no such clients.
+/// Calls between the server loop and an endpoint with APP clients; no-ops for an endpoint without.
 pub(crate) struct AppHooks<E> {
     handle: fn(&mut E, Instant, AppInput, &mut AppListener),
     poll: fn(&mut E) -> Option<AppTransmit>,
 }
 
-/// Ports to try when any will do, but for both kinds.
+/// Ports to try when any port will do that is free for both TCP and UDP.
 const PORTS_TRIED: usize = 16;
 
 impl AppListener {
-    /// Binds the address for both kinds and starts the I/O thread.
-    pub(crate) fn open(listen: AppListen, host: Sender<Input>) -> Result<Self, AppBindError> {
+    /// Binds the address for TCP and UDP and starts the I/O thread.
+    pub(crate) fn open(listen: AppListen, inputs: Sender<Input>) -> Result<Self, AppBindError> {
         let address = listen.address;
         let wrong = |cause| AppBindError::Address { address, cause };
         let runtime = socket::runtime().map_err(AppBindError::Thread)?;
@@ -81,7 +81,7 @@ impl AppListener {
         };
         let thread = thread::Builder::new()
             .name("rhumb-app-io".into())
-            .spawn(move || runtime.block_on(carry(sockets, host, ended)))
+            .spawn(move || runtime.block_on(carry(sockets, inputs, ended)))
             .map_err(AppBindError::Thread)?;
         Ok(Self {
             address,
@@ -96,7 +96,7 @@ impl AppListener {
         self.address
     }
 
-    /// Hands on what an endpoint wants sent. A connection that is closed, or takes too little, is not heard any more.
+    /// Queues a transmission of the endpoint. A connection that is closed or too slow is not read any more.
     fn send(&mut self, transmit: AppTransmit) {
         match transmit {
             AppTransmit::Bytes { to, bytes } => {
@@ -116,7 +116,7 @@ impl Drop for AppListener {
     fn drop(&mut self) {
         self.lines.clear();
         if let Some(end) = self.end.take() {
-            // Already over: nothing to end.
+            // An error means that the thread has ended already.
             let _ = end.send(());
         }
         if let Some(thread) = self.thread.take()
@@ -139,7 +139,7 @@ fn bind_both(address: SocketAddr) -> io::Result<(TcpListener, UdpSocket)> {
                 udp.set_nonblocking(true)?;
                 return Ok((TcpListener::from_std(tcp)?, UdpSocket::from_std(udp)?));
             }
-            // The port that TCP was given may be another's on UDP.
+            // The port that TCP got may be taken on UDP.
             Err(_) if address.port() == 0 && tries < PORTS_TRIED => {}
             Err(cause) => return Err(cause),
         }
@@ -147,7 +147,7 @@ fn bind_both(address: SocketAddr) -> io::Result<(TcpListener, UdpSocket)> {
 }
 
 impl<E> AppHooks<E> {
-    /// Of an endpoint that knows no clients of the paper's protocol.
+    /// Hooks of an endpoint without APP clients.
     pub(crate) fn none() -> Self {
         Self {
             handle: |_, _, _, _| {},
@@ -155,7 +155,7 @@ impl<E> AppHooks<E> {
         }
     }
 
-    /// Lets the endpoint handle what came.
+    /// Passes an input to the endpoint.
     pub(crate) fn handle(
         &self,
         endpoint: &mut E,
@@ -166,7 +166,7 @@ impl<E> AppHooks<E> {
         (self.handle)(endpoint, now, input, listener);
     }
 
-    /// Sends all that the endpoint has to say.
+    /// Queues all transmissions of the endpoint.
     pub(crate) fn drain(&self, endpoint: &mut E, listener: &mut AppListener) {
         while let Some(transmit) = (self.poll)(endpoint) {
             listener.send(transmit);
@@ -175,7 +175,7 @@ impl<E> AppHooks<E> {
 }
 
 impl<E: AppEndpoint> AppHooks<E> {
-    /// Of an endpoint that knows them.
+    /// Hooks of an endpoint with APP clients.
     pub(crate) fn of_endpoint() -> Self {
         Self {
             handle,

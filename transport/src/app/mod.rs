@@ -1,6 +1,6 @@
-//! TCP and UDP for clients of the paper's protocol.
+//! TCP and UDP for clients of the APP protocol.
 //!
-//! Understands nothing of what it carries. Every queue is bounded; connections that say nothing are ended.
+//! Interprets no bytes. Every queue is bounded; silent connections are ended.
 
 mod connection;
 mod datagram_queues;

@@ -1,28 +1,28 @@
-//! How fast a client of the paper's protocol is spoken to.
+//! Rate limits of what is sent to APP clients.
 //!
-//! The published one reads TCP each 30 ms, 64 KiB at most, and loses a message that a read cuts; its UDP buffer holds 277
-//! datagrams. What is sent in spans keeps within both, if each connection and each address has a rate_limiter of its own.
+//! The published client reads TCP every 30 ms, 64 KiB at most, and loses a message that a read cuts; its UDP buffer
+//! holds 277 datagrams. Sending in spans keeps within both, with one limiter for each connection and each address.
 
 use std::time::Duration;
 
 use tokio::time::{Instant, sleep_until};
 
-/// So much in each span of time, and no more.
+/// A budget for each span of time.
 #[derive(Clone, Debug)]
 pub(super) struct RateLimiter {
     span: Duration,
     most: usize,
-    /// When the span ends in which something was spent last.
+    /// End of the span in which budget was last spent.
     until: Option<Instant>,
     spent: usize,
 }
 
-/// Of a TCP connection: a read takes it whole, with three quarters of room to spare.
+/// Limit of a TCP connection: one read takes a whole span, which fills a quarter of it.
 pub(super) const fn of_bytes() -> RateLimiter {
     RateLimiter::new(Duration::from_millis(35), 16 << 10)
 }
 
-/// Of one address: so many datagrams in about a millisecond.
+/// Limit of one address: so many datagrams in about a millisecond.
 pub(super) fn of_datagrams(per_millisecond: u32) -> RateLimiter {
     RateLimiter::new(Duration::from_millis(1), (per_millisecond as usize).max(1))
 }
@@ -37,11 +37,11 @@ impl RateLimiter {
         }
     }
 
-    /// Spends so much at a moment.
+    /// Spends an amount at a moment.
     ///
     /// # Errors
     ///
-    /// The moment from which on it can be spent. What is more than a span takes has a span for itself.
+    /// The moment from which on it can be spent. An amount above the budget of a span gets a span of its own.
     pub(super) fn try_spend(&mut self, now: Instant, amount: usize) -> Result<(), Instant> {
         match self.until {
             Some(until) if now < until => {
@@ -58,14 +58,14 @@ impl RateLimiter {
         Ok(())
     }
 
-    /// Waits until so much may be spent, and spends it.
+    /// Waits until the amount can be spent, and spends it.
     pub(super) async fn spend(&mut self, amount: usize) {
         while let Err(at) = self.try_spend(Instant::now(), amount) {
             sleep_until(at).await;
         }
     }
 
-    /// Whether nothing that was spent counts any more.
+    /// Whether the last span is over: the limiter equals a new one.
     pub(super) fn is_over(&self, now: Instant) -> bool {
         self.until.is_none_or(|until| now >= until)
     }
@@ -76,7 +76,7 @@ mod tests {
     use super::*;
 
     #[tokio::test(start_paused = true)]
-    async fn a_span_takes_so_much_and_the_next_one_as_much_again() {
+    async fn each_span_has_the_full_budget() {
         let begun = Instant::now();
         let mut rate_limiter = of_bytes();
         let mut moments = Vec::new();
@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn what_is_more_than_a_span_takes_has_one_for_itself() {
+    async fn an_amount_above_the_budget_gets_its_own_span() {
         let begun = Instant::now();
         let mut rate_limiter = of_bytes();
         rate_limiter.spend(1).await;

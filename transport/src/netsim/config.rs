@@ -1,6 +1,6 @@
-//! What a link does to those who use it, and how that is written.
+//! Configuration of a simulated link, and its text form.
 //!
-//! Carries nothing. Terms that exist are possible: no share beyond the whole, no burst that its loss cannot have.
+//! Carries nothing. Invariant: no probability exceeds one, and the burst length allows the loss.
 
 use std::fmt;
 use std::str::FromStr;
@@ -9,49 +9,50 @@ use rhumb_protocol::Span;
 
 use super::probability::Probability;
 
-/// The config of one direction of a link.
+/// Configuration of one direction of a link.
 ///
-/// Written as a list, `rtt=100ms,loss=5%,burst=3,jitter=10ms,dup=1%,reorder=2%,rate=1mbit,queue=64kB`, in any order; what
-/// is left out is perfect, and the empty text is a perfect link. Times need `s`, `ms` or `us`; shares `%`; rates `bit`,
-/// `kbit`, `mbit` or `gbit` (per second); sizes `B`, `kB` or `MB` (powers of 1000); `burst` is a raw_peer count of packets.
-/// `rtt` covers both directions, so one direction's delay is half of it; `delay` is one direction's and may stand instead.
+/// Written as a list, `rtt=100ms,loss=5%,burst=3,jitter=10ms,dup=1%,reorder=2%,rate=1mbit,queue=64kB`, in any order.
+/// Omitted parameters are perfect, and the empty text is a perfect link. Times need `s`, `ms` or `us`; shares `%`;
+/// rates `bit`, `kbit`, `mbit` or `gbit` (per second); sizes `B`, `kB` or `MB` (powers of 1000); `burst` is a plain
+/// count of packets. `rtt` covers both directions: the delay of one is half of it. `delay` sets one direction and may
+/// be used instead.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LinkConfig {
-    /// What every packet takes.
+    /// Delay of every packet.
     pub delay: Span,
-    /// What a packet takes beyond, in [0, jitter], each as likely; order is kept.
+    /// Additional delay of a packet, uniform in [0, jitter]; order is kept.
     pub jitter: Span,
-    /// How many packets are lost.
+    /// Share of packets that are lost.
     pub loss: Probability,
-    /// Mean length of a run of losses, in packets; below 2, each packet is lost by itself.
+    /// Mean length of a run of losses, in packets; below 2, losses are independent.
     pub burst: u32,
-    /// How many packets arrive twice.
+    /// Share of packets that arrive twice.
     pub duplicates: Probability,
-    /// How many packets are held back by up to 20 ms while later ones pass.
+    /// Share of packets that are delayed by up to 20 ms while later ones pass.
     pub reorder: Probability,
-    /// Bytes per second that pass; none means all.
+    /// Rate limit, bytes per second; `None` for no limit.
     pub rate_bytes: Option<u64>,
-    /// Bytes that wait where the rate is limited; those beyond are lost.
+    /// Queued bytes before the rate limit; those beyond are lost.
     pub queue_bytes: u64,
 }
 
-/// What is wrong with written config.
+/// Error of a written configuration.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum LinkConfigError {
     /// This part is not of the form `name=value`.
     NoValue(String),
-    /// Nothing is called that.
+    /// No parameter has this name.
     UnknownName(String),
-    /// The value of this name is not a number with one of its units.
+    /// The value is not a number with one of the units of its name.
     BadValue {
-        /// Which name.
+        /// The name.
         name: String,
-        /// What was written.
+        /// The value.
         value: String,
-        /// The units that it may have.
+        /// The allowed units.
         units: &'static str,
     },
-    /// Bursts so short cannot make up so much loss: loss ≤ burst / (burst + 1).
+    /// Bursts of this length cannot cause so much loss: loss ≤ burst / (burst + 1).
     BurstTooShort {
         /// The loss.
         loss: Probability,
@@ -73,7 +74,7 @@ impl LinkConfig {
         queue_bytes: 128_000,
     };
 
-    /// Nothing but a delay: half of a round trip.
+    /// A delay of half a round trip and nothing else.
     #[must_use]
     pub const fn round_trip(rtt: Span) -> Self {
         Self {
@@ -152,7 +153,7 @@ impl LinkConfig {
     }
 }
 
-/// Units with their size in the smallest one; the longer suffix first where one ends another.
+/// Units with their size in the smallest one; a suffix comes before one that it ends with.
 struct Units(&'static [(&'static str, u64)]);
 const TIMES_NS: Units = Units(&[("ms", 1_000_000), ("us", 1_000), ("s", 1_000_000_000)]);
 const SHARES_MILLIONTHS: Units = Units(&[("%", 10_000)]);
@@ -164,7 +165,7 @@ const RATES_BITS: Units = Units(&[
 ]);
 const SIZES_BYTES: Units = Units(&[("kB", 1_000), ("MB", 1_000_000), ("B", 1)]);
 
-/// A decimal number with a unit, in the smallest unit; none if it is anything else, negative or too large.
+/// A decimal number with a unit, in the smallest unit; `None` if the text is malformed, negative or too large.
 fn number(text: &str, units: Units) -> Option<u64> {
     let (digits, size) = units
         .0
@@ -203,36 +204,36 @@ impl FromStr for LinkConfig {
 }
 
 impl fmt::Display for LinkConfig {
-    /// The shortest text that reads back as these config; every term that is not perfect.
+    /// The shortest text that parses as this configuration: every parameter that is not perfect.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let perfect = Self::PERFECT;
         let mut parts = Vec::new();
-        let mut tell = |differs: bool, part: String| {
+        let mut write = |differs: bool, part: String| {
             if differs {
                 parts.push(part);
             }
         };
-        tell(
+        write(
             self.delay != perfect.delay,
             format!("delay={}", time(self.delay)),
         );
-        tell(
+        write(
             self.jitter != perfect.jitter,
             format!("jitter={}", time(self.jitter)),
         );
-        tell(self.loss != perfect.loss, format!("loss={}", self.loss));
-        tell(self.burst != perfect.burst, format!("burst={}", self.burst));
-        tell(
+        write(self.loss != perfect.loss, format!("loss={}", self.loss));
+        write(self.burst != perfect.burst, format!("burst={}", self.burst));
+        write(
             self.duplicates != perfect.duplicates,
             format!("dup={}", self.duplicates),
         );
-        tell(
+        write(
             self.reorder != perfect.reorder,
             format!("reorder={}", self.reorder),
         );
         let rate_bits = u128::from(self.rate_bytes.unwrap_or(0)) * 8;
-        tell(self.rate_bytes.is_some(), format!("rate={rate_bits}bit"));
-        tell(
+        write(self.rate_bytes.is_some(), format!("rate={rate_bits}bit"));
+        write(
             self.queue_bytes != perfect.queue_bytes,
             format!("queue={}B", self.queue_bytes),
         );
@@ -255,7 +256,7 @@ impl fmt::Display for LinkConfigError {
             Self::NoValue(part) => write!(f, "{part:?} is not of the form name=value"),
             Self::UnknownName(name) => write!(
                 f,
-                "no link term is called {name:?}: there are rtt, delay, jitter, loss, burst, dup, reorder, rate and queue"
+                "no link parameter is called {name:?}: there are rtt, delay, jitter, loss, burst, dup, reorder, rate and queue"
             ),
             Self::BadValue { name, value, units } => {
                 write!(
@@ -333,7 +334,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_displayed_reads_back(
+        fn a_displayed_config_parses_back(
             delay in 0_u64..10_000_000_000, jitter in 0_u64..10_000_000_000, loss in 0_u32..=700_000, burst in 3_u32..50,
             dup in 0_u32..=1_000_000, reorder in 0_u32..=1_000_000, rate in proptest::option::of(1_u64..1 << 40), queue in 0_u64..1 << 40,
         ) {

@@ -1,32 +1,32 @@
-//! What a link did, counted.
+//! Counters of a link.
 //!
-//! Pieces and bytes as they were pushed: no headers are added.
+//! Pieces and bytes as pushed: no headers are added.
 
 use std::ops::AddAssign;
 
 use bytes::Bytes;
 
-/// What happened on one lane of a link.
+/// Counters of one lane of a link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LinkCounts {
     /// Pushed in.
     pub pushed: Tally,
-    /// Lost on the way; on the control lane, each time sent again.
+    /// Lost; on the control lane, each time sent again.
     pub lost: Tally,
     /// Lost because the queue before the rate limit was full; on the control lane, sent again.
     pub overflowed: Tally,
-    /// ReplicaSwitch made.
+    /// Copies made.
     pub duplicated: Tally,
-    /// Popped out, copies included.
+    /// Popped, copies included.
     pub delivered: Tally,
 }
 
-/// How many pieces, and their bytes.
+/// Count of pieces, and of their bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
     /// Pieces.
     pub pieces: u64,
-    /// Bytes, as pushed: no headers.
+    /// Bytes, as pushed, without headers.
     pub bytes: u64,
 }
 

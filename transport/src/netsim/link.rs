@@ -1,7 +1,8 @@
-//! One direction of a simulated link: late, twice, disordered or lost.
+//! One direction of a simulated link: delay, copies, reordering, loss.
 //!
-//! Neither clock nor socket; says when to look again. On the control lane nothing is lost, copied or disordered: what the
-//! link loses there is sent again, by the config that hold then. The same seed and calls give the same result, to the bit.
+//! No clock and no socket; the link names the moment of its next step. On the control lane nothing is lost, copied or
+//! reordered: a lost piece is sent again under the configuration of that time. Equal seeds and calls give equal
+//! results to the bit.
 
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BinaryHeap, VecDeque};
@@ -13,7 +14,7 @@ use super::config::LinkConfig;
 use super::counts::LinkCounts;
 use super::rng::{Odds, SimRng};
 
-/// What kind of carriage a piece is due.
+/// Reliability of a piece.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Lane {
     /// Arrives, in order.
@@ -28,7 +29,7 @@ pub struct Link {
     config: LinkConfig,
     rng: SimRng,
     burst_state: BurstState,
-    /// When the bytes pushed so far have passed the rate limit.
+    /// Moment at which the bytes pushed so far have passed the rate limit.
     free_at: Instant,
     /// Order is kept by arriving no earlier than this.
     latest_state: Instant,
@@ -41,14 +42,15 @@ pub struct Link {
     counts: [LinkCounts; 2],
 }
 
-/// Whether a run of losses is on. Source: Gilbert (1960) and Elliott (1963), where the bad state loses everything.
+/// Whether a run of losses is in progress. Source: Gilbert (1960) and Elliott (1963), where the bad state loses
+/// everything.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum BurstState {
     Good,
     Bad,
 }
 
-/// A piece under way, ordered so that the heap yields the earliest, and the first pushed of those.
+/// A piece in transit, ordered so that the heap yields the earliest one, and of equal ones the first pushed.
 #[derive(Clone, Debug)]
 struct Packet {
     at: Instant,
@@ -70,20 +72,20 @@ enum Payload {
     },
 }
 
-/// How long a reordered packet is held back at most: some packets' worth at any tick rate.
+/// Greatest delay of a reordered packet: some packets at any tick rate.
 const HOLD_BACK: Span = Span::from_millis(20);
 
-/// What a sender waits beyond a round trip before it sends control bytes again. Source: RFC 9002, section 6.2.1 (max_ack_delay).
+/// Time beyond a round trip before a sender repeats control bytes. Source: RFC 9002, section 6.2.1 (max_ack_delay).
 const ACK_DELAY: Span = Span::from_millis(25);
 
-/// Waits double up to 2⁶ of the first, as a probe timeout backs off.
+/// Waits double up to 2⁶ times the first, as a probe timeout backs off.
 const BACKOFF_MAX: u32 = 6;
 
-/// Control bytes travel in packets of this size, each lost by itself.
+/// Size of the packets of control bytes; each is lost on its own.
 const CONTROL_PACKET_BYTES: usize = 1_200;
 
 impl Link {
-    /// A link whose rng is fixed by the seed.
+    /// A link whose random numbers follow from the seed.
     #[must_use]
     pub fn new(config: LinkConfig, seed: u64) -> Self {
         Self {
@@ -102,7 +104,7 @@ impl Link {
         }
     }
 
-    /// Changes the config for what is pushed, or sent again, from now on.
+    /// Changes the configuration for pieces that are pushed, or sent again, from now on.
     pub fn set_config(&mut self, config: LinkConfig) {
         self.config = config;
     }
@@ -127,7 +129,7 @@ impl Link {
         }
     }
 
-    /// Bytes that wait where the rate is limited.
+    /// Bytes that are queued before the rate limit.
     #[must_use]
     pub fn waiting_bytes(&self, now: Instant) -> u64 {
         let rate_bytes = u128::from(self.config.rate_bytes.unwrap_or(0));
@@ -143,26 +145,26 @@ impl Link {
         Some((lane, bytes))
     }
 
-    /// When something may arrive; none if nothing is under way. It may turn out to be lost again.
+    /// When a piece may arrive; `None` if nothing is in transit. The piece may still be lost again.
     #[must_use]
     pub fn next_at(&self) -> Option<Instant> {
         let waiting = (!self.out.is_empty()).then_some(Instant::ZERO);
         waiting.or_else(|| self.in_flight_packets.peek().map(|flight| flight.at))
     }
 
-    /// The config that hold now.
+    /// The present configuration.
     #[must_use]
     pub fn config(&self) -> LinkConfig {
         self.config
     }
 
-    /// What happened so far on a lane.
+    /// The counters of a lane.
     #[must_use]
     pub fn counts(&self, lane: Lane) -> LinkCounts {
         self.counts[lane as usize]
     }
 
-    /// Whether a piece of this lane is still under way.
+    /// Whether a piece of this lane is in transit.
     #[must_use]
     pub fn carries(&self, lane: Lane) -> bool {
         let under_way = |flight: &Packet| flight.payload.lane() == lane;
@@ -187,7 +189,7 @@ impl Link {
         self.fly(at, Payload::State(bytes));
     }
 
-    /// Sends control bytes, for the first time or again: on their way, or to be retried after a wait.
+    /// Sends control bytes, for the first time or again: they are in transit, or retried after a wait.
     fn push_control(&mut self, now: Instant, retry: Payload) {
         let Payload::Retry {
             place,
@@ -227,7 +229,7 @@ impl Link {
         );
     }
 
-    /// When bytes have passed the rate limit; none if the queue before it is full.
+    /// When bytes have passed the rate limit; `None` if its queue is full.
     fn pass_rate(&mut self, now: Instant, bytes_len: usize) -> Option<Instant> {
         let Some(rate_bytes) = self.config.rate_bytes else {
             return Some(now);
@@ -253,7 +255,7 @@ impl Link {
         self.latest_state
     }
 
-    /// Decides one packet's loss and turns the burst_state for the next.
+    /// Decides one packet's loss and updates the burst state for the next.
     ///
     /// A run of losses ends with probability 1/b, so its mean length is b; it begins with probability p/(b(1−p)), so that the
     /// share of packets lost is p.
@@ -290,7 +292,7 @@ impl Link {
         });
     }
 
-    /// Lands what has arrived by now and sends again what is due for it.
+    /// Delivers the pieces that have arrived by now and sends due control bytes again.
     fn advance(&mut self, now: Instant) {
         while self
             .in_flight_packets

@@ -1,6 +1,6 @@
-//! A network that exists only in memory, the same each time.
+//! A simulated network in memory, the same in each run.
 //!
-//! No socket, no clock, no thread: the same seed and the same calls give the same run, to the bit.
+//! No socket, clock or thread: equal seeds and calls give equal runs, to the bit.
 
 mod config;
 mod counts;

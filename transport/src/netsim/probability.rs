@@ -1,22 +1,22 @@
-//! A part of a whole, as a count of millionths.
+//! A probability, as a count of millionths.
 //!
-//! Not a float, so that it reads, prints and decides alike everywhere.
+//! Not a float: it parses, prints and decides alike on every platform.
 
 use std::fmt;
 
-/// A share of packets, in [0, 1], kept in millionths.
+/// A share of packets, in [0, 1], in millionths.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Probability {
     millionths: u32,
 }
 
 impl Probability {
-    /// None of them.
+    /// No packet.
     pub const NONE: Self = Self { millionths: 0 };
-    /// All of them.
+    /// Every packet.
     pub const ALL: Self = Self { millionths: WHOLE };
 
-    /// So many of a million; more than all are all.
+    /// A share in millionths; more than a million counts as all.
     #[must_use]
     pub const fn from_millionths(millionths: u32) -> Self {
         let millionths = if millionths > WHOLE {
@@ -27,7 +27,7 @@ impl Probability {
         Self { millionths }
     }
 
-    /// So many of a hundred; more than all are all.
+    /// A share in percent; more than a hundred counts as all.
     #[must_use]
     pub const fn from_percent(percent: u32) -> Self {
         Self::from_millionths(percent.saturating_mul(WHOLE / 100))
@@ -39,7 +39,7 @@ impl Probability {
         self.millionths
     }
 
-    /// What is left of the whole.
+    /// One minus this share.
     #[must_use]
     pub const fn rest(self) -> Self {
         Self {
@@ -48,7 +48,7 @@ impl Probability {
     }
 }
 
-/// The millionths of a whole.
+/// Millionths in one.
 const WHOLE: u32 = 1_000_000;
 
 impl fmt::Display for Probability {

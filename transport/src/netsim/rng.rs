@@ -1,6 +1,6 @@
-//! Seeded chance in whole numbers.
+//! Seeded random decisions in whole numbers.
 //!
-//! Knows no packets. Integer arithmetic only: the same draws on every platform.
+//! No packets here. Integer arithmetic only: the same draws on every platform.
 
 use rand_pcg::Pcg32;
 use rand_pcg::rand_core::Rng;
@@ -8,7 +8,7 @@ use rhumb_protocol::Span;
 
 use super::probability::Probability;
 
-/// A sequence of decisions that its seed fixes.
+/// A sequence of decisions that follows from its seed.
 #[derive(Clone, Debug)]
 pub(super) struct SimRng {
     draws: Pcg32,
@@ -41,7 +41,7 @@ impl SimRng {
         u64::from(self.draws.next_u32()) < odds.0
     }
 
-    /// A span in [0, `span_max`], each as likely.
+    /// A uniform span in [0, `span_max`].
     pub(super) fn span(&mut self, span_max: Span) -> Span {
         let choices = u128::from(span_max.as_nanos()) + 1;
         let ns = (u128::from(self.draws.next_u64()) * choices) >> 64;
@@ -49,5 +49,5 @@ impl SimRng {
     }
 }
 
-/// The generator's stream number; any odd constant will do, this is PCG's own example.
+/// The generator's stream number: any odd constant will do, this is PCG's own example.
 const STREAM: u64 = 0x0a02_bdbf_7bb3_c0a7;

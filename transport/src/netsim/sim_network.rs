@@ -1,7 +1,7 @@
 //! A server and its clients, joined by simulated links, in virtual time.
 //!
-//! Has no thread and no clock. Does what `QuicServer::run` and its clients do, so that an endpoint cannot tell them apart;
-//! what it leaves out is the handshake and the idle time-out (see `sever`). The same seed gives the same run, to the bit.
+//! No thread and no clock. An endpoint cannot tell it from `QuicServer::run` and its clients; it leaves out the
+//! handshake and the idle timeout (see `sever`). Equal seeds give equal runs, to the bit.
 
 use std::collections::VecDeque;
 
@@ -13,7 +13,7 @@ use super::counts::LinkCounts;
 use super::link::{Lane, Link};
 use crate::link_meter::LinkMeter;
 
-/// Which sim_direction a link leads.
+/// Direction of a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Direction {
     /// From a client to the server.
@@ -22,16 +22,16 @@ pub enum Direction {
     Down,
 }
 
-/// Why a run came to rest.
+/// Reason why a run returned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RunStop {
-    /// Nothing is under sim_direction and nobody wants to be woken.
+    /// Nothing is in transit and no endpoint has a timeout.
     Idle,
-    /// The moment that was asked for has come.
+    /// The deadline has come.
     Deadline,
 }
 
-/// One server, many clients, and what lies between them.
+/// One server, its clients, and the links between them.
 ///
 /// Client `n` is `Peer(n)` to the server; the server is `Peer(0)` to each client.
 #[derive(Debug)]
@@ -43,17 +43,17 @@ pub struct SimNetwork<S, C> {
     clients: Vec<SimClient<C>>,
 }
 
-/// A client and its sim_direction to the server.
+/// A client and its links.
 #[derive(Debug)]
 struct SimClient<C> {
     client: C,
     up: SimDirection,
     down: SimDirection,
-    connected: Connected,
+    connected: SimConnection,
     link_meter: LinkMeter,
 }
 
-/// One direction: a link, and what its control lane carries in order.
+/// One direction: a link, and the order of its control lane.
 #[derive(Debug)]
 struct SimDirection {
     link: Link,
@@ -70,31 +70,31 @@ enum SimControl {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum SenderState {
     Open,
-    /// The sender has closed: it says and hears nothing more.
+    /// The sender has closed: it sends and receives nothing more.
     Closed,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Connected {
+enum SimConnection {
     Yes,
     No,
 }
 
-/// What came out of a link.
+/// One delivery of a link.
 enum Delivered {
     Control(Bytes),
     State(Bytes),
     Close(u32),
 }
 
-/// The server, as each client names it.
+/// The server's peer number at each client.
 const SERVER: Peer = Peer(0);
 
-/// Turns at one moment after which an endpoint must be asking for a wake-up that it never lets pass.
+/// Turns at one moment after which an endpoint must be setting a timeout again and again.
 const TURNS_PER_MOMENT_MAX: u32 = 100_000;
 
 impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
-    /// An network without clients, at time zero; its links will have these config.
+    /// A network without clients, at time zero; its links get this configuration.
     #[must_use]
     pub fn new(server: S, config: LinkConfig, seed: u64) -> Self {
         Self {
@@ -106,7 +106,7 @@ impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
         }
     }
 
-    /// Joins a client to the server, at once for both, and returns its index.
+    /// Connects a client to the server, at once for both, and returns its index.
     pub fn connect(&mut self, client: C) -> usize {
         let index = self.clients.len();
         let sim_direction = |direction| SimDirection {
@@ -119,7 +119,7 @@ impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
             client,
             up,
             down,
-            connected: Connected::Yes,
+            connected: SimConnection::Yes,
             link_meter: LinkMeter::new(self.now),
         });
         self.server.handle_opened(self.now, peer(index));
@@ -128,28 +128,28 @@ impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
         index
     }
 
-    /// Ends a connection for both ends at once, as a time-out or a fault would; nothing if it had ended.
+    /// Ends a connection for both ends at once, as a timeout or a fault would; no-op if it has ended.
     ///
     /// # Panics
     ///
     /// If no client has this index.
     pub fn sever(&mut self, index: usize, ending: Ending) {
-        if self.clients[index].connected == Connected::Yes {
+        if self.clients[index].connected == SimConnection::Yes {
             self.end(index, ending);
             self.drain();
         }
     }
 
-    /// Changes the config of every link, and of those to come.
+    /// Changes the configuration of every present and later link.
     pub fn set_config(&mut self, config: LinkConfig) {
         self.config = config;
-        for alias in &mut self.clients {
-            alias.up.link.set_config(config);
-            alias.down.link.set_config(config);
+        for sim_client in &mut self.clients {
+            sim_client.up.link.set_config(config);
+            sim_client.down.link.set_config(config);
         }
     }
 
-    /// Changes the config of one client's link in one direction.
+    /// Changes the configuration of one client's link in one direction.
     ///
     /// # Panics
     ///
@@ -161,19 +161,19 @@ impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
             .set_config(config);
     }
 
-    /// Lets time pass to this moment, everything that is due by then included.
+    /// Advances time to this moment, inclusive of everything that is due by then.
     ///
     /// # Panics
     ///
-    /// If an endpoint asks again and again for a wake-up that has passed.
+    /// If an endpoint sets a timeout in the past again and again.
     pub fn run_until(&mut self, deadline: Instant) {
         self.run(deadline);
         self.now = self.now.max(deadline);
     }
 
-    /// Lets time pass until nothing is left to happen, or to this moment.
+    /// Advances time until nothing is left to happen, or to this moment.
     ///
-    /// An endpoint that always wants another wake-up, as a free-running server does, never rests before the deadline.
+    /// An endpoint that always sets another timeout, as a free-running server does, never rests before the deadline.
     ///
     /// # Panics
     ///
@@ -187,12 +187,12 @@ impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
         RunStop::Deadline
     }
 
-    /// The server, to give it commands; what it says leaves when time passes.
+    /// The server, for commands; its transmissions leave when time advances.
     pub fn server_mut(&mut self) -> &mut S {
         &mut self.server
     }
 
-    /// A client, to give it commands; what it says leaves when time passes.
+    /// A client, for commands; its transmissions leave when time advances.
     ///
     /// # Panics
     ///
@@ -201,7 +201,7 @@ impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
         &mut self.clients[index].client
     }
 
-    /// The moment it is.
+    /// The present moment.
     #[must_use]
     pub fn now(&self) -> Instant {
         self.now
@@ -223,13 +223,13 @@ impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
         &self.clients[index].client
     }
 
-    /// How many clients ever connected.
+    /// How many clients have ever connected.
     #[must_use]
     pub fn clients(&self) -> usize {
         self.clients.len()
     }
 
-    /// What happened on a client's link.
+    /// The counters of a client's link.
     ///
     /// # Panics
     ///
@@ -249,7 +249,7 @@ impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
             turns = if at > self.now { 0 } else { turns + 1 };
             assert!(
                 turns < TURNS_PER_MOMENT_MAX,
-                "an endpoint wants a wake-up that it never lets pass"
+                "an endpoint sets a timeout in the past again and again"
             );
             self.now = self.now.max(at);
             self.deliver();
@@ -262,18 +262,18 @@ impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
     /// The earliest moment at which anything happens.
     fn next_at(&self) -> Option<Instant> {
         let wake = |endpoint: Option<rhumb_protocol::Wake>| endpoint.map(|wake| wake.at);
-        let aliases = self.clients.iter().flat_map(|alias| {
-            let links = [&alias.up, &alias.down]
+        let aliases = self.clients.iter().flat_map(|sim_client| {
+            let links = [&sim_client.up, &sim_client.down]
                 .into_iter()
                 .filter_map(|sim_direction| sim_direction.link.next_at());
             links
-                .filter(|_| alias.connected == Connected::Yes)
-                .chain(wake(alias.client.poll_timeout()))
+                .filter(|_| sim_client.connected == SimConnection::Yes)
+                .chain(wake(sim_client.client.poll_timeout()))
         });
         aliases.chain(wake(self.server.poll_timeout())).min()
     }
 
-    /// Hands over all that has arrived, client by client.
+    /// Delivers everything that has arrived, client by client.
     fn deliver(&mut self) {
         for index in 0..self.clients.len() {
             while let Some(arrival) = self.arrival(index, Direction::Up) {
@@ -286,11 +286,11 @@ impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
     }
 
     fn arrival(&mut self, index: usize, direction: Direction) -> Option<Delivered> {
-        let alias = &mut self.clients[index];
-        if alias.connected == Connected::No {
+        let sim_client = &mut self.clients[index];
+        if sim_client.connected == SimConnection::No {
             return None;
         }
-        alias.sim_direction_mut(direction).pop(self.now)
+        sim_client.sim_direction_mut(direction).pop(self.now)
     }
 
     fn deliver_up(&mut self, index: usize, arrival: Delivered) {
@@ -305,65 +305,65 @@ impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
 
     fn deliver_down(&mut self, index: usize, arrival: Delivered) {
         let now = self.now;
-        let alias = &mut self.clients[index];
-        let deaf = alias.up.sender_state == SenderState::Closed;
+        let sim_client = &mut self.clients[index];
+        let deaf = sim_client.up.sender_state == SenderState::Closed;
         match arrival {
             Delivered::Close(code) => self.end(index, Ending::Closed(code)),
             _ if deaf => {}
-            Delivered::Control(bytes) => alias.client.handle_control(now, SERVER, &bytes),
-            Delivered::State(bytes) => alias.client.handle_datagram(now, SERVER, &bytes),
+            Delivered::Control(bytes) => sim_client.client.handle_control(now, SERVER, &bytes),
+            Delivered::State(bytes) => sim_client.client.handle_datagram(now, SERVER, &bytes),
         }
     }
 
     fn end(&mut self, index: usize, ending: Ending) {
-        let alias = &mut self.clients[index];
-        alias.connected = Connected::No;
-        alias.client.handle_ended(self.now, SERVER, ending);
+        let sim_client = &mut self.clients[index];
+        sim_client.connected = SimConnection::No;
+        sim_client.client.handle_ended(self.now, SERVER, ending);
         self.server.handle_ended(self.now, peer(index), ending);
     }
 
-    /// Wakes whoever is due.
+    /// Calls the endpoints whose timeout is due.
     fn wake(&mut self) {
         let now = self.now;
         if is_due(&self.server, now) {
             self.server.handle_timeout(now);
         }
-        for alias in &mut self.clients {
-            if is_due(&alias.client, now) {
-                alias.client.handle_timeout(now);
+        for sim_client in &mut self.clients {
+            if is_due(&sim_client.client, now) {
+                sim_client.client.handle_timeout(now);
             }
         }
     }
 
-    /// Tells the server how the links to its clients do.
+    /// Reports the links of its clients to the server.
     fn report(&mut self) {
         let now = self.now;
-        for (index, alias) in self.clients.iter_mut().enumerate() {
-            if alias.connected == Connected::No || !alias.link_meter.is_due(now) {
+        for (index, sim_client) in self.clients.iter_mut().enumerate() {
+            if sim_client.connected == SimConnection::No || !sim_client.link_meter.is_due(now) {
                 continue;
             }
-            let link = &alias.down.link;
+            let link = &sim_client.down.link;
             let pushed = |lane| link.counts(lane).pushed.bytes;
             let handed = pushed(Lane::State) + pushed(Lane::Control);
             let delay = |sim_direction: &SimDirection| sim_direction.link.config().delay.as_nanos();
-            let round_trip = Span::from_nanos(delay(&alias.up) + delay(&alias.down));
+            let round_trip = Span::from_nanos(delay(&sim_client.up) + delay(&sim_client.down));
             let waiting = link.waiting_bytes(now);
-            let report = alias.link_meter.read(now, handed, waiting, round_trip);
+            let report = sim_client.link_meter.read(now, handed, waiting, round_trip);
             self.server.handle_link(now, peer(index), &report);
         }
     }
 
-    /// Puts all that the endpoints say onto the links.
+    /// Pushes the endpoints' transmissions into the links.
     fn drain(&mut self) {
         while let Some(transmit) = self.server.poll_transmit() {
             let index = usize::try_from(addressee(&transmit).0).ok();
-            if let Some(alias) = index.and_then(|index| self.clients.get_mut(index)) {
-                alias.send(Direction::Down, self.now, transmit);
+            if let Some(sim_client) = index.and_then(|index| self.clients.get_mut(index)) {
+                sim_client.send(Direction::Down, self.now, transmit);
             }
         }
-        for alias in &mut self.clients {
-            while let Some(transmit) = alias.client.poll_transmit() {
-                alias.send(Direction::Up, self.now, transmit);
+        for sim_client in &mut self.clients {
+            while let Some(transmit) = sim_client.client.poll_transmit() {
+                sim_client.send(Direction::Up, self.now, transmit);
             }
         }
     }
@@ -371,7 +371,7 @@ impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
 
 impl<C> SimClient<C> {
     fn send(&mut self, direction: Direction, now: Instant, transmit: Transmit) {
-        if self.connected == Connected::Yes {
+        if self.connected == SimConnection::Yes {
             self.sim_direction_mut(direction).push(now, transmit);
         }
     }
@@ -442,7 +442,7 @@ fn peer(index: usize) -> Peer {
     Peer(index as u64)
 }
 
-/// Every link has chance of its own, and none changes when another client joins.
+/// Every link has random numbers of its own; none changes when another client connects.
 fn direction_seed(seed: u64, index: usize, direction: Direction) -> u64 {
     let link = 2 * index as u64 + direction as u64;
     seed ^ link.wrapping_add(1).wrapping_mul(GOLDEN_RATIO)

@@ -1,6 +1,6 @@
-//! What a server proves itself with: a certificate chain and its key.
+//! A server's certificate chain and its key.
 //!
-//! Renews nothing and asks no authority. A `Certificate` that exists is usable: key and chain belong together.
+//! Renews nothing and asks no authority. Invariant: key and chain of a `Certificate` belong together.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -21,19 +21,19 @@ pub struct Certificate {
     fingerprint: Fingerprint,
 }
 
-/// Why there is no certificate to serve, or no root to trust.
+/// Reason why a certificate or a root cannot be used.
 #[derive(Debug)]
 pub enum CertificateError {
     /// The file cannot be read, or is not PEM.
     Unreadable {
-        /// Which file.
+        /// The file.
         file: PathBuf,
-        /// What is wrong with it.
+        /// The parser's error.
         cause: PemError,
     },
     /// The file has no certificate.
     NoCertificate {
-        /// Which file.
+        /// The file.
         file: PathBuf,
     },
     /// The certificate cannot serve, or the key is not its key.
@@ -42,29 +42,29 @@ pub enum CertificateError {
         certificate: PathBuf,
         /// The file of the key.
         key: PathBuf,
-        /// What TLS says.
+        /// The TLS error.
         cause: rustls::Error,
     },
     /// A root in this file cannot be trusted.
     Root {
-        /// Which file.
+        /// The file.
         file: PathBuf,
-        /// What TLS says.
+        /// The TLS error.
         cause: rustls::Error,
     },
     /// No certificate can be made for these names.
     Development {
-        /// What is wrong.
+        /// The generator's error.
         cause: rcgen::Error,
     },
 }
 
 impl Certificate {
-    /// Makes a self-signed certificate for `names` (host names or addresses), new at each call. Clients pin its fingerprint.
+    /// Makes a self-signed certificate for `names` (host names or addresses), new at each call, for clients to pin.
     ///
     /// # Errors
     ///
-    /// [`CertificateError::Development`] if a name is no name.
+    /// [`CertificateError::Development`] if a name is invalid.
     pub fn development<N: Into<String>>(
         names: impl IntoIterator<Item = N>,
     ) -> Result<Self, CertificateError> {
@@ -80,7 +80,7 @@ impl Certificate {
     ///
     /// # Errors
     ///
-    /// The file that is missing, not PEM, or does not belong to the other.
+    /// [`CertificateError`] names the file that is missing, not PEM, or does not fit the other.
     pub fn from_pem_files(
         certificate: impl AsRef<Path>,
         key: impl AsRef<Path>,
@@ -95,7 +95,7 @@ impl Certificate {
         })
     }
 
-    /// What a client pins.
+    /// The fingerprint for clients to pin.
     #[must_use]
     pub fn fingerprint(&self) -> Fingerprint {
         self.fingerprint
@@ -119,7 +119,7 @@ impl Certificate {
             .with_no_client_auth()
             .with_single_cert(chain, key)?;
         tls.alpn_protocols = vec![ALPN.to_vec()];
-        // Nobody resumes: commands must not ride on replayable data, and tickets cost bytes at each join.
+        // No session is resumed: commands must not ride on replayable data, and tickets cost bytes at each join.
         tls.send_tls13_tickets = 0;
         Ok(Self {
             tls: Arc::new(tls),
@@ -128,7 +128,7 @@ impl Certificate {
     }
 }
 
-/// All certificates of a PEM file, at least one.
+/// All certificates of a PEM file; at least one.
 pub(super) fn read_certificates(
     file: &Path,
 ) -> Result<Vec<CertificateDer<'static>>, CertificateError> {
@@ -156,7 +156,7 @@ impl fmt::Display for CertificateError {
             Self::Unreadable { file, cause } => {
                 write!(f, "cannot read {} as pem: {cause}", file.display())
             }
-            Self::NoCertificate { file } => write!(f, "{} holds no certificate", file.display()),
+            Self::NoCertificate { file } => write!(f, "{} has no certificate", file.display()),
             Self::Unusable {
                 certificate,
                 key,

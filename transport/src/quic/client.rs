@@ -1,6 +1,7 @@
-//! A QUIC client for a plain frame loop: every call returns when asked to.
+//! QUIC client for a frame loop: every call returns within a given time.
 //!
-//! Does not resolve names, speak the protocol or reconnect. Sockets live on a thread of its own, joined when it is dropped.
+//! Does not resolve names, interpret bytes or reconnect. Its sockets run on a thread of its own, joined when it is
+//! dropped.
 
 use std::fmt;
 use std::io;
@@ -12,7 +13,7 @@ use std::time::Duration;
 
 use bytes::Bytes;
 
-use super::client_io::{self, Attempt, Connected};
+use super::client_io::{self, Attempt, EstablishedConnection};
 use super::code::TransportCode;
 use super::connect_error::ConnectError;
 use super::inbox::{Inbox, Received};
@@ -21,28 +22,28 @@ use super::trust::{self, Trust};
 use super::tuning;
 use crate::socket;
 
-/// Whom to connect to, and how to know them.
+/// The server to connect to, and how to authenticate it.
 #[derive(Clone, Debug)]
 pub struct ClientOptions {
-    /// The server's address; names are for the receiver to resolve.
+    /// The server's address; the caller resolves names.
     pub server: SocketAddr,
-    /// The name that the server's certificate shall bear; a pinned certificate may bear any.
+    /// The name that the server's certificate must have; a pinned certificate may have any.
     pub server_name: String,
-    /// What makes its certificate the right one.
+    /// Condition under which the certificate is trusted.
     pub trust: Trust,
-    /// The local address; none means any of the server's family.
+    /// The local address; `None` for any of the server's family.
     pub bind: Option<SocketAddr>,
 }
 
-/// A standing connection to a server, until one end closes it.
+/// An open connection to a server, until one end closes it.
 pub struct QuicClient {
-    connected: Connected,
+    connected: EstablishedConnection,
     inbox: Arc<Inbox>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl ClientOptions {
-    /// A server at an address, by the name `localhost`, from any local address.
+    /// A server at an address, with the name `localhost`, from any local address.
     #[must_use]
     pub fn new(server: SocketAddr, trust: Trust) -> Self {
         Self {
@@ -55,11 +56,11 @@ impl ClientOptions {
 }
 
 impl QuicClient {
-    /// Connects, waiting for it no longer than `patience`.
+    /// Connects within `patience`.
     ///
     /// # Errors
     ///
-    /// What was wrong, where; see [`ConnectError`].
+    /// [`ConnectError`] tells the cause and the address.
     pub fn connect(options: ClientOptions, patience: Duration) -> Result<Self, ConnectError> {
         let ClientOptions {
             server,
@@ -99,22 +100,22 @@ impl QuicClient {
                 thread: Some(thread),
             }),
             Err(_) => Err(ConnectError::Thread(io::Error::other(
-                "it ended before it connected",
+                "the thread ended before it connected",
             ))),
         }
     }
 
-    /// The next thing heard, waiting for it no longer than `patience`; zero only looks.
+    /// The next received item, within `patience`; zero does not wait.
     ///
-    /// Control bytes come before datagrams that wait at the same time. [`Received::Ended`] comes once, after all the rest;
-    /// after it this returns nothing, at once.
+    /// Control bytes come before datagrams that wait at the same time. [`Received::Ended`] comes once, after
+    /// everything else; from then on this returns `None` at once.
     pub fn recv(&mut self, patience: Duration) -> Option<Received> {
         self.inbox.take(patience)
     }
 
-    /// Appends bytes to the control stream, without waiting.
+    /// Appends bytes to the control stream without waiting.
     ///
-    /// If too many wait unsent the connection closes with [`TransportCode::CONTROL_OVERFLOW`].
+    /// If the queue is full the connection closes with [`TransportCode::CONTROL_OVERFLOW`].
     pub fn send_control(&self, bytes: Bytes) {
         if self.connected.control.send(bytes).is_err() {
             self.connected
@@ -123,7 +124,8 @@ impl QuicClient {
         }
     }
 
-    /// Sends one datagram, without waiting. One larger than [`max_datagram_bytes`](Self::max_datagram_bytes) is not sent.
+    /// Sends one datagram without waiting. One larger than [`max_datagram_bytes`](Self::max_datagram_bytes) is
+    /// dropped.
     pub fn send_state(&self, bytes: Bytes) {
         let bytes_len = bytes.len();
         if let Err(cause) = self.connected.connection.send_datagram(bytes) {
@@ -131,7 +133,7 @@ impl QuicClient {
         }
     }
 
-    /// Ends the connection with a code, once what was sent before has arrived or after a short wait.
+    /// Ends the connection with a code, once the queued bytes have arrived or after a short wait.
     pub fn close(&self, code: u32) {
         self.connected.control.close(&self.connected.closing, code);
     }
@@ -142,7 +144,7 @@ impl QuicClient {
         WireStatistics::of(&self.connected.connection)
     }
 
-    /// Datagrams that arrived and were dropped because the receiver did not take them in time.
+    /// Received datagrams that were dropped because the caller did not take them in time.
     #[must_use]
     pub fn state_dropped(&self) -> u64 {
         self.inbox.state_dropped()
@@ -165,7 +167,7 @@ impl QuicClient {
 }
 
 impl Drop for QuicClient {
-    /// Closes if nobody did, and waits until the server could be told: little more than half a second at most.
+    /// Closes if neither end did, and waits for the close frame to leave: little more than half a second at most.
     fn drop(&mut self) {
         self.inbox.abandon();
         self.close(TransportCode::LEFT.0);

@@ -1,6 +1,6 @@
-//! The client's I/O thread: connects once, then carries to the end.
+//! I/O thread of the client: connects once and carries until the end.
 //!
-//! Interprets nothing and never tries again. Why not is said in `connect_error`.
+//! Interprets nothing and never retries. `connect_error` names the reasons of a failure.
 
 use std::net::{SocketAddr, UdpSocket};
 use std::sync::Arc;
@@ -22,7 +22,7 @@ use super::inbox::Inbox;
 use super::trust::CertificateCheck;
 use super::tuning::{CLOSE_LEAVES, DATAGRAM_BYTES_MIN};
 
-/// All that an attempt needs.
+/// Parameters of one connection attempt.
 pub(super) struct Attempt {
     pub(super) server: SocketAddr,
     pub(super) server_name: String,
@@ -33,15 +33,15 @@ pub(super) struct Attempt {
     pub(super) patience: Duration,
 }
 
-/// The receiver's side of a connection.
+/// The caller's side of a connection.
 #[derive(Debug)]
-pub(super) struct Connected {
+pub(super) struct EstablishedConnection {
     pub(super) connection: Connection,
     pub(super) control: ControlSender,
     pub(super) closing: Arc<Closing>,
 }
 
-/// The I/O thread's side.
+/// The I/O thread's side of a connection.
 struct ClientConnection {
     connection: Connection,
     closing: Arc<Closing>,
@@ -50,10 +50,10 @@ struct ClientConnection {
     recv: RecvStream,
 }
 
-/// Connects, reports, and carries the connection until it has ended and the other side could be told.
+/// Connects, reports, and carries the connection until it has ended and its close frame has left.
 pub(super) async fn run(
     attempt: Attempt,
-    ready: SyncSender<Result<Connected, ConnectError>>,
+    ready: SyncSender<Result<EstablishedConnection, ConnectError>>,
     inbox: Arc<Inbox>,
 ) {
     let (server, patience) = (attempt.server, attempt.patience);
@@ -65,7 +65,7 @@ pub(super) async fn run(
             }
             carried
         }
-        // The receiver waits for this word; without it there is nothing to tell.
+        // The caller waits for the result; without a caller there is nothing to report.
         Err(error) => return drop(ready.send(Err(error))),
     };
     let ClientConnection {
@@ -83,16 +83,18 @@ pub(super) async fn run(
     )
     .0;
     inbox.put_end(ending);
-    let told = async {
-        while !closing.has_told() {
+    let close_frame_left = async {
+        while !closing.close_has_left() {
             sleep(STEP).await;
         }
     };
-    // Not told in time: the server will scene_event the silence.
-    let _ = timeout(CLOSE_LEAVES, told).await;
+    // If the frame does not leave in time, the server's idle timeout ends the connection.
+    let _ = timeout(CLOSE_LEAVES, close_frame_left).await;
 }
 
-async fn connect(attempt: Attempt) -> Result<(Connected, ClientConnection), ConnectError> {
+async fn connect(
+    attempt: Attempt,
+) -> Result<(EstablishedConnection, ClientConnection), ConnectError> {
     let Attempt {
         server,
         server_name,
@@ -103,7 +105,7 @@ async fn connect(attempt: Attempt) -> Result<(Connected, ClientConnection), Conn
         patience,
     } = attempt;
     let mut local = EndpointConfig::default();
-    // One connection per socket: the address names it, so packets to us need no connection id.
+    // One connection per socket: the address identifies it, so that packets to this end need no connection id.
     local.cid_generator(|| Box::new(Unnamed));
     let endpoint = Endpoint::new(local, None, socket, Arc::new(TokioRuntime))
         .map_err(|cause| ConnectError::LocalSocket { bind, cause })?;
@@ -129,7 +131,7 @@ async fn connect(attempt: Attempt) -> Result<(Connected, ClientConnection), Conn
     }
     let (send, recv) = connection.open_bi().await.map_err(failed)?;
     let (control, writer) = control_queue();
-    let connected = Connected {
+    let connected = EstablishedConnection {
         connection: connection.clone(),
         control,
         closing: Arc::clone(&closing),
@@ -163,8 +165,8 @@ async fn read_state(connection: &Connection, inbox: &Inbox) {
     }
 }
 
-/// One read of the control stream.
+/// Bytes of one read of the control stream, at most.
 const READ_BYTES_MAX: usize = 64 << 10;
 
-/// How often to look whether the close frame has left.
+/// Interval of the checks whether the close frame has left.
 const STEP: Duration = Duration::from_millis(1);

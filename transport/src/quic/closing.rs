@@ -1,6 +1,6 @@
-//! How one connection is ended from here, and how its end is told.
+//! End of one connection: requested, performed and named in one place.
 //!
-//! Waits for nothing itself but what it is asked to. The first code given is the one that counts.
+//! Waits only where the caller asks for it. The first close code counts.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -11,14 +11,14 @@ use tokio::sync::Notify;
 
 use super::code::TransportCode;
 
-/// The end of a connection: asked for, given and told in one place, from any thread.
+/// The end of a connection: requested, performed and named from any thread.
 #[derive(Debug)]
 pub(super) struct Closing {
     connection: Connection,
     own_code: AtomicU64,
-    /// UDP datagrams sent before this end closed: the next one bears the close frame.
+    /// UDP datagrams sent before this end closed: the next one carries the close frame.
     sent_before: AtomicU64,
-    asked: Notify,
+    flush_requested: Notify,
 }
 
 /// Larger than any close code: this end has not closed.
@@ -30,7 +30,7 @@ impl Closing {
             connection: connection.clone(),
             own_code: AtomicU64::new(NOT_CLOSED),
             sent_before: AtomicU64::new(0),
-            asked: Notify::new(),
+            flush_requested: Notify::new(),
         })
     }
 
@@ -40,22 +40,22 @@ impl Closing {
         self.finish();
     }
 
-    /// Closes once what was sent before has arrived, or after a short wait; see `ControlWriter::run`.
+    /// Closes once the queued bytes have arrived, or after a short wait; see `ControlWriter::run`.
     pub(super) fn after_flush(&self, code: u32) {
         self.note(code);
-        self.asked.notify_one();
+        self.flush_requested.notify_one();
     }
 
-    /// Waits until a close after a flush is asked for. For one waiter.
-    pub(super) async fn asked(&self) {
-        self.asked.notified().await;
+    /// Waits until a close after a flush is requested. For one waiter.
+    pub(super) async fn flush_requested(&self) {
+        self.flush_requested.notified().await;
     }
 
-    /// Closes with the code that was asked for, unless the connection has ended already: its first end is the true one.
+    /// Closes with the requested code, unless the connection has ended already: the first end counts.
     pub(super) fn finish(&self) {
         let code = self.own_code().unwrap_or(TransportCode::LEFT.0);
         self.note(code);
-        // Closing again would overwrite the reason that quinn keeps.
+        // Closing again would overwrite quinn's reason.
         if self.connection.close_reason().is_none() {
             self.sent_before
                 .store(self.sent_datagrams(), Ordering::Relaxed);
@@ -81,8 +81,8 @@ impl Closing {
         }
     }
 
-    /// Whether nobody is left to tell: the close frame has left, or the connection ended otherwise.
-    pub(super) fn has_told(&self) -> bool {
+    /// Whether the end is complete: the close frame has left, or the connection ended otherwise.
+    pub(super) fn close_has_left(&self) -> bool {
         match self.connection.close_reason() {
             Some(ConnectionError::LocallyClosed) => {
                 self.sent_datagrams() > self.sent_before.load(Ordering::Relaxed)
@@ -101,7 +101,7 @@ impl Closing {
     }
 
     fn note(&self, code: u32) {
-        // Taken already: the first code counts.
+        // An error means that an earlier code is set: the first code counts.
         let _ = self.own_code.compare_exchange(
             NOT_CLOSED,
             code.into(),

@@ -1,27 +1,27 @@
-//! Close codes that the transport itself gives, above those of the protocol.
+//! Close codes of the transport, above those of the protocol.
 //!
-//! What the protocol's own codes mean is not known here: they pass through as numbers.
+//! The protocol's own codes pass through as numbers.
 
 use std::fmt;
 
-/// A QUIC application close code that a transport gives on its own account.
+/// A QUIC application close code of the transport.
 ///
-/// Codes from 0x100 up are the transport's; those below are the conversation's.
+/// Codes from 0x100 on belong to the transport, those below to the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct TransportCode(pub u32);
 
 impl TransportCode {
-    /// The least number of these codes.
+    /// The least of these codes.
     pub const FIRST: u32 = 0x100;
-    /// The end left without a reason of its own.
+    /// The end left without a reason.
     pub const LEFT: Self = Self(0x100);
     /// The server is stopping; another attempt later may find it again.
     pub const GOING_AWAY: Self = Self(0x101);
-    /// More control bytes waited for this peer than the bound allows: it reads too slowly.
+    /// More control bytes wait for this peer than the bound allows: the peer reads too slowly.
     pub const CONTROL_OVERFLOW: Self = Self(0x102);
-    /// The client opened no control stream in time, or broke the one it had.
+    /// The client opened no control stream in time, or broke it.
     pub const NO_CONTROL_STREAM: Self = Self(0x103);
-    /// The peer's datagrams are absent or too small for the protocol.
+    /// The peer's datagrams are disabled or too small for the protocol.
     pub const NO_DATAGRAMS: Self = Self(0x104);
 }
 

@@ -1,6 +1,6 @@
-//! Why a client has no connection, so that its user knows what to do.
+//! Reasons of a failed connection attempt, for the user to act on.
 //!
-//! Tries nothing again. A refused certificate outranks the alert that QUIC reports for it.
+//! Nothing is retried. A refused certificate outranks the alert that QUIC reports for it.
 
 use std::fmt;
 use std::io;
@@ -13,70 +13,70 @@ use super::certificate::CertificateError;
 use super::fingerprint::Fingerprint;
 use super::trust::{CertificateCheck, Distrust};
 
-/// Why a client has no connection.
+/// Reason of a failed connection attempt.
 #[derive(Debug)]
 pub enum ConnectError {
     /// Nothing answered in time.
     NothingAnswers {
-        /// Where.
+        /// The server's address.
         server: SocketAddr,
-        /// For how long it was tried.
+        /// The duration of the attempt.
         patience: Duration,
     },
     /// The server's certificate is not the pinned one.
     WrongFingerprint {
-        /// Where.
+        /// The server's address.
         server: SocketAddr,
-        /// What was pinned.
+        /// The pinned fingerprint.
         expected: Fingerprint,
-        /// What the server showed.
+        /// The fingerprint of the server's certificate.
         presented: Fingerprint,
     },
-    /// The trusted roots do not watermark for the server's certificate under its name.
+    /// No trusted root signed the server's certificate for its name.
     Untrusted {
-        /// Where.
+        /// The server's address.
         server: SocketAddr,
-        /// The name that was asked for.
+        /// The requested name.
         server_name: String,
-        /// What TLS says.
+        /// The TLS error.
         cause: rustls::Error,
     },
-    /// What answers speaks another protocol, or another version of it.
+    /// The server speaks another protocol, or another version of this one.
     OtherProtocol {
-        /// Where.
+        /// The server's address.
         server: SocketAddr,
     },
-    /// The server turned the attempt away: it is full, or stopping.
+    /// The server refused the attempt: it is full, or stopping.
     Refused {
-        /// Where.
+        /// The server's address.
         server: SocketAddr,
     },
-    /// The handshake failed otherwise.
+    /// The handshake failed for another reason.
     Handshake {
-        /// Where.
+        /// The server's address.
         server: SocketAddr,
-        /// What QUIC says.
+        /// The QUIC error.
         cause: ConnectionError,
     },
-    /// The file of trusted roots is of no use.
+    /// The file of trusted roots cannot be used.
     Roots(CertificateError),
-    /// The server's name is no name.
+    /// The server's name is invalid.
     ServerName {
         /// The name.
         server_name: String,
     },
-    /// The server's address cannot be connected to from here.
+    /// The server's address cannot be reached from this machine.
     ServerAddress {
         /// The address.
         server: SocketAddr,
-        /// The local address tried.
+        /// The local address of the attempt.
         bind: SocketAddr,
     },
     /// The local socket failed.
     LocalSocket {
         /// The local address.
         bind: SocketAddr,
-        /// What the system says.
+        /// The system's error.
         cause: io::Error,
     },
     /// The I/O thread cannot start, or failed.
@@ -84,7 +84,7 @@ pub enum ConnectError {
 }
 
 impl ConnectError {
-    /// What a failed handshake means, given what the certificate's verifier said.
+    /// The meaning of a failed handshake, given the verifier's refusal.
     pub(super) fn from_handshake(
         cause: ConnectionError,
         server: SocketAddr,
@@ -134,7 +134,7 @@ impl ConnectError {
     }
 }
 
-/// The TLS alert that says so. Source: RFC 7301, section 3.2.
+/// TLS alert for an unknown application protocol. Source: RFC 7301, section 3.2.
 const NO_APPLICATION_PROTOCOL: u8 = 120;
 
 impl fmt::Display for ConnectError {
@@ -179,7 +179,7 @@ impl fmt::Display for ConnectError {
             Self::ServerName { server_name } => {
                 write!(
                     f,
-                    "{server_name:?} is no server name: give a host name or an address"
+                    "{server_name:?} is not a server name: give a host name or an address"
                 )
             }
             Self::ServerAddress { server, bind } => {

@@ -1,7 +1,7 @@
-//! What names a connection in each packet, as short as it may be.
+//! Connection ids, as short as possible.
 //!
-//! Packets to a client need no name: one socket has one connection. Packets to a server need one, so that a connection
-//! outlives a change of address; guessing one gains nothing, since every packet is authenticated.
+//! Packets to a client need no id: one socket has one connection. Packets to a server need one, so that a connection
+//! survives a change of address. Guessing an id gains nothing, since every packet is authenticated.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -9,19 +9,19 @@ use std::time::Duration;
 use quinn::rustls::crypto::CryptoProvider;
 use quinn::{ConnectionId, ConnectionIdGenerator};
 
-/// Bytes of the names that a server gives: with some 5,000 in use at most, one draw in a million is drawn again.
+/// Bytes of a server's ids: with some 5,000 in use at most, one draw in a million is repeated.
 pub(super) const SERVER_ID_BYTES: usize = 4;
 
-/// Names no connection: packets are told apart by address alone.
+/// Generates empty ids: the address alone identifies the connection.
 pub(super) struct Unnamed;
 
-/// Names connections by chance.
+/// Generates random ids.
 pub(super) struct Short {
     provider: Arc<CryptoProvider>,
 }
 
 impl Short {
-    /// Chance is the provider's.
+    /// Uses the provider's random numbers.
     pub(super) const fn new(provider: Arc<CryptoProvider>) -> Self {
         Self { provider }
     }

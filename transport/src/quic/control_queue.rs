@@ -1,6 +1,6 @@
-//! Control bytes on their way out: a bounded queue and its writer.
+//! Outgoing control bytes: a bounded queue and its writer.
 //!
-//! Does not cut or understand the bytes. ControlCommand is kept; nothing that was accepted is dropped while the connection lives.
+//! Neither cuts nor interprets the bytes. Order is kept; accepted bytes are not dropped while the connection lives.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -15,23 +15,23 @@ use super::code::TransportCode;
 use super::tuning::{CONTROL_QUEUE_BYTES, FLUSH};
 use crate::piece::PIECE_COST_BYTES;
 
-/// The near end of a connection's control lane; usable from any thread. Dropping it ends the connection.
+/// The sending end of a connection's control lane; usable from any thread. Dropping it ends the connection.
 #[derive(Debug)]
 pub(super) struct ControlSender {
     commands: mpsc::UnboundedSender<ControlCommand>,
     waiting_bytes: Arc<AtomicUsize>,
 }
 
-/// The far end, which the I/O thread empties.
+/// The reading end, which the I/O thread empties.
 #[derive(Debug)]
 pub(super) struct ControlWriter {
     commands: mpsc::UnboundedReceiver<ControlCommand>,
     waiting_bytes: Arc<AtomicUsize>,
 }
 
-/// More bytes wait than the bound allows.
+/// Error: the queue has reached its bound.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Overflow;
+pub(super) struct ControlQueueOverflow;
 
 #[derive(Debug)]
 enum ControlCommand {
@@ -57,23 +57,23 @@ pub(super) fn control_queue() -> (ControlSender, ControlWriter) {
 }
 
 impl ControlSender {
-    /// Appends bytes to the stream, without waiting.
+    /// Appends bytes to the stream without waiting.
     ///
     /// # Errors
     ///
-    /// The bound is reached; the bytes are not taken and the connection is of no more use.
-    pub(super) fn send(&self, bytes: Bytes) -> Result<(), Overflow> {
+    /// The queue has reached its bound: the bytes are not taken and the connection cannot be used any more.
+    pub(super) fn send(&self, bytes: Bytes) -> Result<(), ControlQueueOverflow> {
         let cost = bytes.len() + PIECE_COST_BYTES;
         let waiting = self.waiting_bytes.fetch_add(cost, Ordering::Relaxed);
         if waiting + cost > CONTROL_QUEUE_BYTES {
-            return Err(Overflow);
+            return Err(ControlQueueOverflow);
         }
-        // No writer, no connection: its end is reported elsewhere.
+        // Without a writer the connection has ended; its end is reported separately.
         let _ = self.commands.send(ControlCommand::Send(bytes));
         Ok(())
     }
 
-    /// Ends the connection with `code`, after what was sent before has arrived or after a short wait.
+    /// Ends the connection with `code`, once the queued bytes have arrived or after a short wait.
     pub(super) fn close(&self, closing: &Closing, code: u32) {
         closing.after_flush(code);
         let _ = self.commands.send(ControlCommand::Finish);
@@ -81,12 +81,12 @@ impl ControlSender {
 }
 
 impl ControlWriter {
-    /// Writes what is queued until the connection ends, or ends it when that is asked for.
+    /// Writes queued bytes until the connection ends, or ends it on request.
     ///
-    /// A peer that does not read cannot hold up the end for longer than `FLUSH`.
+    /// A peer that does not read delays the end by `FLUSH` at most.
     pub(super) async fn run(&mut self, closing: &Closing, stream: &mut SendStream) {
         let late = async {
-            closing.asked().await;
+            closing.flush_requested().await;
             sleep(FLUSH).await;
         };
         tokio::select! {
@@ -99,7 +99,7 @@ impl ControlWriter {
         }
     }
 
-    /// Writes to the last order and waits until all of it has arrived.
+    /// Writes up to the last command and waits until all bytes have arrived.
     async fn write(
         &mut self,
         closing: &Closing,

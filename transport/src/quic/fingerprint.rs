@@ -1,6 +1,6 @@
-//! The name of a certificate, for a client to pin.
+//! Fingerprint of a certificate, for a client to pin.
 //!
-//! Trusts nothing by itself; see `trust`.
+//! Decides no trust by itself; see `trust`.
 
 use std::fmt;
 use std::str::FromStr;
@@ -11,12 +11,12 @@ use ring::digest;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Fingerprint(pub [u8; 32]);
 
-/// What is wrong with a written fingerprint.
+/// Error of a written fingerprint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FingerprintError {
-    /// It has so many characters rather than 64.
+    /// The text has this many characters rather than 64.
     Length(usize),
-    /// The character at this place is no hexadecimal digit.
+    /// The character at this place is not a hexadecimal digit.
     Digit(usize),
 }
 
@@ -64,7 +64,7 @@ impl fmt::Display for FingerprintError {
             }
             Self::Digit(at) => write!(
                 f,
-                "character {} of the fingerprint is no hexadecimal digit",
+                "character {} of the fingerprint is not a hexadecimal digit",
                 at + 1
             ),
         }
@@ -78,7 +78,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_fingerprint_reads_back_as_it_was_written() {
+    fn a_displayed_fingerprint_parses_back() {
         let print = Fingerprint::of(b"abc");
         let text = print.to_string();
         assert_eq!(
@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_fingerprint_says_what_is_wrong() {
+    fn a_malformed_fingerprint_error_names_the_fault() {
         assert_eq!(
             "ab".parse::<Fingerprint>(),
             Err(FingerprintError::Length(2))

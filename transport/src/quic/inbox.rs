@@ -1,6 +1,7 @@
-//! What a client's I/O thread heard and its receiver has not yet taken.
+//! Received bytes between a client's I/O thread and its caller.
 //!
-//! Bounded lane by lane: control holds the stream back, state drops its oldest. The end is told once, after all the rest.
+//! Bounded lane by lane: control stops reading the stream, state drops its oldest. The end comes once, after
+//! everything else.
 
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard};
@@ -13,29 +14,29 @@ use tokio::sync::Notify;
 use super::tuning::{CONTROL_IN_FLIGHT_BYTES, STATE_INBOX_BYTES};
 use crate::piece::PIECE_COST_BYTES;
 
-/// One thing that a client heard.
+/// One received item of a client.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Received {
     /// The next bytes of the control stream, cut anywhere.
     Control(Bytes),
     /// One state datagram.
     State(Bytes),
-    /// The connection is gone; nothing follows.
+    /// The connection has ended; nothing follows.
     Ended(Ending),
 }
 
-/// The meeting place of the two threads.
+/// The queues between the two threads.
 #[derive(Debug, Default)]
 pub(super) struct Inbox {
     waiting: Mutex<InboxState>,
     arrival: Condvar,
-    room: Notify,
+    space_freed: Notify,
 }
 
 #[derive(Debug, Default)]
 struct InboxState {
-    control: Lane,
-    state: Lane,
+    control: InboxQueue,
+    state: InboxQueue,
     state_dropped: u64,
     ending: Option<Ending>,
     end: End,
@@ -43,7 +44,7 @@ struct InboxState {
 }
 
 #[derive(Debug, Default)]
-struct Lane {
+struct InboxQueue {
     pieces: VecDeque<Bytes>,
     cost_bytes: usize,
 }
@@ -63,14 +64,14 @@ enum ReceiverState {
 }
 
 impl Inbox {
-    /// Takes control bytes in, once there is room. Without a receiver they are ballistic_torque_free away.
+    /// Adds control bytes, once the bound allows. Without a receiver they are dropped.
     pub(super) async fn put_control(&self, bytes: &Bytes) {
         while !self.try_put_control(bytes) {
-            self.room.notified().await;
+            self.space_freed.notified().await;
         }
     }
 
-    /// Takes a datagram in, dropping the oldest that wait if they are too many.
+    /// Adds a datagram; drops the oldest ones beyond the bound.
     pub(super) fn put_state(&self, bytes: &Bytes) {
         let mut waiting = self.lock();
         waiting.state.push(bytes);
@@ -81,13 +82,13 @@ impl Inbox {
         self.arrival.notify_one();
     }
 
-    /// Takes the end in.
+    /// Adds the end.
     pub(super) fn put_end(&self, ending: Ending) {
         self.lock().ending = Some(ending);
         self.arrival.notify_one();
     }
 
-    /// The next thing heard, control first, waiting for it no longer than `patience`.
+    /// The next item, control first, within `patience`.
     pub(super) fn take(&self, patience: Duration) -> Option<Received> {
         let mut waiting = self.lock();
         if let Some(received) = self.next(&mut waiting) {
@@ -114,10 +115,10 @@ impl Inbox {
         }
     }
 
-    /// Nobody will take anything any more.
+    /// The receiver takes nothing any more.
     pub(super) fn abandon(&self) {
         self.lock().receiver = ReceiverState::Gone;
-        self.room.notify_one();
+        self.space_freed.notify_one();
     }
 
     /// Datagrams dropped so far.
@@ -140,7 +141,7 @@ impl Inbox {
 
     fn next(&self, waiting: &mut InboxState) -> Option<Received> {
         if let Some(bytes) = waiting.control.pop() {
-            self.room.notify_one();
+            self.space_freed.notify_one();
             return Some(Received::Control(bytes));
         }
         if let Some(bytes) = waiting.state.pop() {
@@ -161,7 +162,7 @@ impl Inbox {
 
 const LOCK: &str = "nothing panics while the inbox is locked";
 
-impl Lane {
+impl InboxQueue {
     fn push(&mut self, bytes: &Bytes) {
         self.cost_bytes += bytes.len() + PIECE_COST_BYTES;
         self.pieces.push_back(bytes.clone());
@@ -185,13 +186,13 @@ mod tests {
         inbox.put_end(Ending::TimedOut);
         inbox.put_state(&state);
         assert!(inbox.try_put_control(&control));
-        let mut heard = Vec::new();
+        let mut received_items = Vec::new();
         while let Some(received) = inbox.take(Duration::MAX) {
-            heard.push(received);
+            received_items.push(received);
         }
         let ended = Received::Ended(Ending::TimedOut);
         assert_eq!(
-            heard,
+            received_items,
             [Received::Control(control), Received::State(state), ended]
         );
     }

@@ -1,6 +1,6 @@
-//! What the sockets tell the host thread, bounded.
+//! Inputs from the sockets to the server thread, bounded.
 //!
-//! Decides nothing. Each waiting piece holds a permit of its connection, given back when the piece was handled.
+//! Each waiting piece holds a permit of its connection, returned when the piece is handled.
 
 use std::sync::Arc;
 
@@ -12,26 +12,26 @@ use super::control_queue::ControlSender;
 use crate::app::AppInput;
 use crate::piece::Piece;
 
-/// One thing for the host thread to handle.
+/// One input for the server thread.
 #[derive(Debug)]
 pub(crate) enum Input {
-    /// A connection stands.
+    /// A connection was opened.
     Opened { peer: Peer, handles: PeerHandles },
-    /// Bytes of its control stream.
+    /// Bytes of a control stream.
     Control { peer: Peer, piece: Piece },
-    /// One of its datagrams.
+    /// A datagram.
     State { peer: Peer, piece: Piece },
-    /// It is gone; its last word.
+    /// A connection has ended; its last input.
     Ended { peer: Peer, ending: Ending },
-    /// Something at the second listener.
+    /// An input of the APP listener.
     App(AppInput),
-    /// The server shall stop.
+    /// The server must stop.
     Stop,
-    /// The I/O thread is over: nothing more will come.
+    /// The I/O thread has ended; the last input.
     IoOver,
 }
 
-/// How the host thread speaks to one connection.
+/// The server thread's handles of one connection.
 #[derive(Debug)]
 pub(crate) struct PeerHandles {
     pub(super) connection: Connection,

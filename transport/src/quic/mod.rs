@@ -1,7 +1,7 @@
 //! QUIC for both ends: control as one stream, state as datagrams.
 //!
-//! Nothing here understands what it carries. Each end has a thread of its own for the sockets; what passes between that
-//! thread and the receiver's is bounded, lane by lane.
+//! No bytes are interpreted here. Each end has a thread of its own for the sockets; the queues between that thread and
+//! its caller are bounded lane by lane.
 
 mod certificate;
 mod client;

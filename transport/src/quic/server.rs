@@ -1,6 +1,7 @@
-//! A QUIC server: bound here, then run by the thread that owns the endpoint.
+//! QUIC server: bound here, run by the thread that owns the endpoint.
 //!
-//! Neither speaks the protocol nor steps a world. The receiver's thread feeds the endpoint; a second one has the sockets.
+//! Neither interprets the protocol nor steps a world. The caller's thread feeds the endpoint; a second one owns the
+//! sockets.
 
 use std::fmt;
 use std::io;
@@ -19,7 +20,7 @@ use super::connection_id::Short;
 use super::fingerprint::Fingerprint;
 use super::input::Input;
 use super::server_io;
-use super::server_loop::{ServeError, ServerLoop};
+use super::server_loop::{EndpointLoop, ServeError};
 use super::statistics::ServerStatistics;
 use super::stop::Stop;
 use super::tuning;
@@ -27,16 +28,16 @@ use super::watch::ServerWatch;
 use crate::app::{AppBindError, AppEndpoint, AppHooks, AppListen, AppListener};
 use crate::socket;
 
-/// Where to listen, and as whom.
+/// Address and certificate of a server.
 #[derive(Clone, Debug)]
 pub struct ServerOptions {
     /// The UDP address; port 0 picks a free one.
     pub listen: SocketAddr,
-    /// What the server proves itself with.
+    /// The server's certificate.
     pub certificate: Certificate,
 }
 
-/// A server that is bound but not yet run. Clients may already connect; they wait.
+/// A server that is bound but not yet running. Clients can connect already; they wait.
 #[derive(Debug)]
 pub struct QuicServer {
     local_addr: SocketAddr,
@@ -48,30 +49,30 @@ pub struct QuicServer {
     io: IoThread,
 }
 
-/// Why a server cannot listen.
+/// Reason why a server cannot listen.
 #[derive(Debug)]
 pub enum BindError {
     /// The address cannot be bound.
     Address {
-        /// Which address.
+        /// The address.
         listen: SocketAddr,
-        /// What the system says.
+        /// The system's error.
         cause: io::Error,
     },
-    /// The certificate's TLS side has no cipher suite that QUIC starts with.
+    /// The certificate's TLS configuration has no cipher suite that QUIC starts with.
     Tls(NoInitialCipherSuite),
     /// The I/O thread cannot start.
     Thread(io::Error),
 }
 
-/// The thread with the sockets; it ends when this is dropped.
+/// The thread of the sockets; it ends when this is dropped.
 #[derive(Debug)]
 struct IoThread {
     end: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
 
-/// Tells the server_loop thread that the I/O thread is over, however it ended.
+/// Reports the end of the I/O thread to the server loop, on every path.
 #[derive(Debug)]
 struct CloseOnDrop(mpsc::Sender<Input>);
 
@@ -80,7 +81,7 @@ impl QuicServer {
     ///
     /// # Errors
     ///
-    /// The address, with what the system says of it; or the thread.
+    /// [`BindError`] names the address or the thread that failed.
     pub fn bind(options: ServerOptions) -> Result<Self, BindError> {
         let ServerOptions {
             listen,
@@ -132,23 +133,23 @@ impl QuicServer {
         self.local_addr
     }
 
-    /// What clients pin.
+    /// The fingerprint for clients to pin.
     #[must_use]
     pub fn fingerprint(&self) -> Fingerprint {
         self.fingerprint
     }
 
-    /// A look at the server that outlives the call of [`run`](Self::run).
+    /// Counters of the server that outlive the call of [`run`](Self::run).
     #[must_use]
     pub fn watch(&self) -> ServerWatch {
         self.watch.clone()
     }
 
-    /// Opens a second listener, for clients of the paper's protocol, and says where. They wait until [`run_app`](Self::run_app).
+    /// Opens the listener for APP clients and returns its address. Its clients wait until [`run_app`](Self::run_app).
     ///
     /// # Errors
     ///
-    /// The address, with what the system says of it; or the thread.
+    /// [`AppBindError`] names the address or the thread that failed.
     pub fn listen_app(&mut self, listen: AppListen) -> Result<SocketAddr, AppBindError> {
         let listener = AppListener::open(listen, self.wake.clone())?;
         let address = listener.address();
@@ -156,11 +157,11 @@ impl QuicServer {
         Ok(address)
     }
 
-    /// As [`run`](Self::run), with the clients at the second listener.
+    /// As [`run`](Self::run), with APP clients.
     ///
     /// # Errors
     ///
-    /// [`ServeError`] if the I/O thread is gone.
+    /// [`ServeError`] if the I/O thread has ended.
     pub fn run_app<E: AppEndpoint>(
         self,
         endpoint: &mut E,
@@ -169,17 +170,17 @@ impl QuicServer {
         self.run_with(endpoint, stop, &AppHooks::of_endpoint())
     }
 
-    /// Feeds and drains `endpoint` on the calling thread until `stop` is said.
+    /// Feeds and drains `endpoint` on the calling thread until `stop` is requested.
     ///
-    /// Every `handle_opened` is followed by exactly one `handle_ended`, unless the server stops first; a connection that the
-    /// endpoint or the driver closed ends as `Closed` with the code given, and nothing but its end is heard after `Close`.
-    /// When stopped the endpoint is told nothing more; its peers see [`TransportCode::GOING_AWAY`].
+    /// Exactly one `handle_ended` follows every `handle_opened`, unless the server stops first. A connection that the
+    /// endpoint or the driver closed ends as `Closed` with that code; after `Close` its end is the only further input.
+    /// After a stop the endpoint gets no more inputs; its peers see [`TransportCode::GOING_AWAY`].
     ///
     /// [`TransportCode::GOING_AWAY`]: super::TransportCode::GOING_AWAY
     ///
     /// # Errors
     ///
-    /// [`ServeError`] if the I/O thread is gone.
+    /// [`ServeError`] if the I/O thread has ended.
     pub fn run<E: Endpoint>(
         self,
         endpoint: &mut E,
@@ -195,9 +196,9 @@ impl QuicServer {
         app: &AppHooks<E>,
     ) -> Result<ServerStatistics, ServeError> {
         let wake = self.wake.clone();
-        // A server that is gone needs no waking.
+        // If the server loop has ended, there is nothing to wake.
         stop.on_stop(move || drop(wake.send(Input::Stop)));
-        let mut server_loop = ServerLoop::new(self.inputs, self.watch.clone(), self.listener);
+        let mut server_loop = EndpointLoop::new(self.inputs, self.watch.clone(), self.listener);
         let outcome = server_loop.run(endpoint, app);
         server_loop.close_all();
         drop(self.io);
@@ -207,7 +208,7 @@ impl QuicServer {
 
 impl Drop for CloseOnDrop {
     fn drop(&mut self) {
-        // A server_loop that is gone needs no telling.
+        // If the server loop has ended, there is nothing to report.
         let _ = self.0.send(Input::IoOver);
     }
 }
@@ -215,7 +216,7 @@ impl Drop for CloseOnDrop {
 impl Drop for IoThread {
     fn drop(&mut self) {
         if let Some(end) = self.end.take() {
-            // Already over: nothing to end.
+            // An error means that the thread has ended already.
             let _ = end.send(());
         }
         if let Some(thread) = self.thread.take()

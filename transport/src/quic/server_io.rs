@@ -1,6 +1,6 @@
-//! The server's I/O thread: accepts, and carries to the host thread.
+//! I/O thread of the server: accepts, and carries to the server thread.
 //!
-//! Interprets nothing. What waits for the host is bounded per connection and lane; a full house refuses at the listener.
+//! Interprets nothing. Inputs are bounded per connection and lane; a full server refuses attempts at the listener.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -23,10 +23,10 @@ use super::tuning::{
 use super::watch::ServerWatch;
 use crate::piece::ByteCredit;
 
-/// Accepts until told to end, then turns away whoever still knocks.
+/// Accepts until it is told to end, then refuses the attempts that still arrive.
 pub(super) async fn accept(
     endpoint: Endpoint,
-    host: Sender<Input>,
+    inputs: Sender<Input>,
     watch: ServerWatch,
     mut ended: oneshot::Receiver<()>,
 ) {
@@ -44,23 +44,23 @@ pub(super) async fn accept(
         let peer = Peer(peers);
         peers += 1;
         handshakes.fetch_add(1, Ordering::Relaxed);
-        let (host, watch, handshakes) = (host.clone(), watch.clone(), Arc::clone(&handshakes));
+        let (inputs, watch, handshakes) = (inputs.clone(), watch.clone(), Arc::clone(&handshakes));
         tokio::spawn(async move {
             let connected = timeout(SETUP, connecting).await;
             handshakes.fetch_sub(1, Ordering::Relaxed);
             match connected {
-                Ok(Ok(connection)) => serve(connection, peer, host, watch).await,
+                Ok(Ok(connection)) => serve(connection, peer, inputs, watch).await,
                 Ok(Err(cause)) => tracing::debug!(peer = peer.0, %cause, "handshake failed"),
                 Err(_) => tracing::debug!(peer = peer.0, "handshake took too long"),
             }
         });
     }
     endpoint.close(VarInt::from_u32(TransportCode::GOING_AWAY.0), b"");
-    // Every connection's task has a turn to send its close frame, those in the midst of a handshake too.
+    // Every connection's task gets a turn to send its close frame, those in a handshake too.
     sleep(LAST_TURN).await;
 }
 
-/// Takes an attempt, asks for proof of its address when many wait, or refuses when the house is full.
+/// Accepts an attempt, demands proof of its address when many wait, or refuses it when the server is full.
 fn admit(
     endpoint: &Endpoint,
     incoming: Incoming,
@@ -76,7 +76,7 @@ fn admit(
         && !incoming.remote_address_validated()
         && incoming.may_retry()
     {
-        // It may retry, so this cannot be refused.
+        // The attempt may retry, so that this call cannot fail.
         let _ = incoming.retry();
         return None;
     }
@@ -89,8 +89,8 @@ fn admit(
     }
 }
 
-/// Carries one connection from its first moment to its last.
-async fn serve(connection: Connection, peer: Peer, host: Sender<Input>, watch: ServerWatch) {
+/// Carries one connection from start to end.
+async fn serve(connection: Connection, peer: Peer, inputs: Sender<Input>, watch: ServerWatch) {
     let closing = Closing::of(&connection);
     if connection
         .max_datagram_size()
@@ -107,35 +107,35 @@ async fn serve(connection: Connection, peer: Peer, host: Sender<Input>, watch: S
         control,
         closing: Arc::clone(&closing),
     };
-    // A host that is gone hears nothing: the thread ends soon.
-    let _ = host.send(Input::Opened { peer, handles });
+    // If the server thread has ended, this thread ends soon too.
+    let _ = inputs.send(Input::Opened { peer, handles });
     tokio::join!(
-        carry_control(&connection, peer, &host, &closing, writer),
-        carry_state(&connection, peer, &host, &watch),
+        carry_control(&connection, peer, &inputs, &closing, writer),
+        carry_state(&connection, peer, &inputs, &watch),
     );
     let ending = closing.ended().await;
     tracing::debug!(peer = peer.0, ?ending, "ended");
     watch.ended(peer);
-    let _ = host.send(Input::Ended { peer, ending });
+    let _ = inputs.send(Input::Ended { peer, ending });
 }
 
 /// Both directions of the control stream, from its opening.
 async fn carry_control(
     connection: &Connection,
     peer: Peer,
-    host: &Sender<Input>,
+    inputs: &Sender<Input>,
     closing: &Closing,
     mut writer: ControlWriter,
 ) {
     let opened = tokio::select! {
         opened = timeout(SETUP, connection.accept_bi()) => opened,
-        () = closing.asked() => return closing.finish(),
+        () = closing.flush_requested() => return closing.finish(),
     };
     match opened {
         Ok(Ok((mut send, recv))) => {
             tokio::join!(
                 writer.run(closing, &mut send),
-                read_control(peer, host, closing, recv)
+                read_control(peer, inputs, closing, recv)
             );
         }
         Ok(Err(_)) => {}
@@ -143,18 +143,23 @@ async fn carry_control(
     }
 }
 
-/// Reads no further than the host thread keeps up: QUIC's flow control then holds the client back.
-async fn read_control(peer: Peer, host: &Sender<Input>, closing: &Closing, mut stream: RecvStream) {
+/// Reads no further than the server thread keeps up: QUIC's flow control then slows the client down.
+async fn read_control(
+    peer: Peer,
+    inputs: &Sender<Input>,
+    closing: &Closing,
+    mut stream: RecvStream,
+) {
     let credit = ByteCredit::new(CONTROL_IN_FLIGHT_BYTES);
     loop {
         match stream.read_chunk(READ_BYTES_MAX, true).await {
             Ok(Some(chunk)) => {
                 let piece = credit.admit(&chunk.bytes).await;
-                if host.send(Input::Control { peer, piece }).is_err() {
+                if inputs.send(Input::Control { peer, piece }).is_err() {
                     return;
                 }
             }
-            // The client has said its last; its close will follow.
+            // The client has finished its stream; its close follows.
             Ok(None) | Err(ReadError::ConnectionLost(_)) => return,
             Err(_) => return closing.now(TransportCode::NO_CONTROL_STREAM.0),
         }
@@ -164,14 +169,14 @@ async fn read_control(peer: Peer, host: &Sender<Input>, closing: &Closing, mut s
 async fn carry_state(
     connection: &Connection,
     peer: Peer,
-    host: &Sender<Input>,
+    inputs: &Sender<Input>,
     watch: &ServerWatch,
 ) {
     let credit = ByteCredit::new(STATE_IN_FLIGHT_BYTES);
     while let Ok(bytes) = connection.read_datagram().await {
         match credit.try_admit(&bytes) {
             Some(piece) => {
-                if host.send(Input::State { peer, piece }).is_err() {
+                if inputs.send(Input::State { peer, piece }).is_err() {
                     return;
                 }
             }
@@ -180,8 +185,8 @@ async fn carry_state(
     }
 }
 
-/// Long enough for a turn of each task, short enough that nobody waits for it.
+/// Long enough for a turn of each task, short enough not to delay a stop.
 const LAST_TURN: Duration = Duration::from_millis(2);
 
-/// One read of the control stream.
+/// Bytes of one read of the control stream, at most.
 const READ_BYTES_MAX: usize = 64 << 10;

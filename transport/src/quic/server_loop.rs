@@ -1,6 +1,6 @@
-//! The host thread's loop: inputs in, timeouts on time, transmissions out.
+//! Loop of the server thread: inputs, timeouts, transmissions.
 //!
-//! Touches no socket: it speaks to connections that the I/O thread drives. It sleeps whenever there is nothing to do.
+//! Touches no socket: the I/O thread drives the connections. It sleeps whenever there is nothing to do.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -20,20 +20,20 @@ use crate::app::{AppHooks, AppListener};
 use crate::clock::Clock;
 use crate::link_meter::LinkMeter;
 
-/// Why a server stopped without being asked.
+/// Reason why a server stopped by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ServeError {
-    /// The thread with the sockets is gone: it failed, and the log says why.
+    /// The thread of the sockets failed; the log has the cause.
     IoThreadLost,
 }
 
-/// What the host thread knows of the network.
+/// The server thread's view of the network.
 #[derive(Debug)]
-pub(super) struct ServerLoop {
+pub(super) struct EndpointLoop {
     clock: Clock,
     inputs: Receiver<Input>,
     peers: BTreeMap<Peer, OpenConnection>,
-    /// Datagrams of the drain in progress: they leave after its control bytes, so that both can share a packet.
+    /// Datagrams of the present drain: they leave after its control bytes, so that both can share a packet.
     states: Vec<(Peer, Bytes)>,
     watch: ServerWatch,
     listener: Option<AppListener>,
@@ -44,28 +44,28 @@ struct OpenConnection {
     handles: PeerHandles,
     connection_state: ConnectionState,
     link_meter: LinkMeter,
-    /// Bytes of datagrams that were handed over.
+    /// Bytes of all datagrams handed over.
     handed_bytes: u64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ConnectionState {
     Open,
-    /// Closed from here: only its end is still of interest.
+    /// Closed by this end: only the connection's end is still awaited.
     Closing,
 }
 
-/// Whether the loop goes on.
+/// Whether the loop continues.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum LoopControl {
     Go,
     Stop,
 }
 
-/// Inputs handled before transmissions and timers have their turn.
+/// Inputs handled before transmissions and timers get their turn.
 const INPUTS_PER_TURN: usize = 256;
 
-impl ServerLoop {
+impl EndpointLoop {
     pub(super) fn new(
         inputs: Receiver<Input>,
         watch: ServerWatch,
@@ -103,20 +103,20 @@ impl ServerLoop {
         }
     }
 
-    /// Closes every connection and waits a little for the news to leave.
+    /// Closes every connection and waits a little for the close frames to leave.
     pub(super) fn close_all(&mut self) {
         for standing in self.peers.values() {
             standing.handles.closing.now(TransportCode::GOING_AWAY.0);
         }
-        let told = |standing: &OpenConnection| standing.handles.closing.has_told();
+        let has_left = |standing: &OpenConnection| standing.handles.closing.close_has_left();
         let mut patience = CLOSE_LEAVES;
-        while !self.peers.values().all(told) && !patience.is_zero() {
+        while !self.peers.values().all(has_left) && !patience.is_zero() {
             thread::sleep(STEP);
             patience = patience.saturating_sub(STEP);
         }
     }
 
-    /// Waits for an input or the endpoint's next moment, and handles what came.
+    /// Waits for an input or the endpoint's next moment, and handles the input.
     fn wait<E: Endpoint>(
         &mut self,
         endpoint: &mut E,
@@ -165,12 +165,12 @@ impl ServerLoop {
                 endpoint.handle_opened(now, peer);
             }
             Input::Control { peer, piece } => {
-                if self.talks(peer) {
+                if self.is_open(peer) {
                     endpoint.handle_control(now, peer, &piece.bytes);
                 }
             }
             Input::State { peer, piece } => {
-                if self.talks(peer) {
+                if self.is_open(peer) {
                     endpoint.handle_datagram(now, peer, &piece.bytes);
                 }
             }
@@ -189,7 +189,7 @@ impl ServerLoop {
         Ok(LoopControl::Go)
     }
 
-    /// Tells the endpoint how the links of those do to whom it said something lately.
+    /// Reports the links of recently served connections to the endpoint.
     fn report<E: Endpoint>(&mut self, endpoint: &mut E) {
         let now = self.clock.now();
         for (peer, standing) in &mut self.peers {
@@ -261,19 +261,19 @@ impl ServerLoop {
         }
     }
 
-    fn talks(&mut self, peer: Peer) -> bool {
+    fn is_open(&mut self, peer: Peer) -> bool {
         open(&mut self.peers, peer).is_some()
     }
 }
 
-/// The handles of a peer that was not closed from here.
+/// The handles of a peer that this end has not closed.
 fn open(peers: &mut BTreeMap<Peer, OpenConnection>, peer: Peer) -> Option<&mut OpenConnection> {
     peers
         .get_mut(&peer)
         .filter(|standing| standing.connection_state == ConnectionState::Open)
 }
 
-/// How often to look whether the close frames have left.
+/// Interval of the checks whether the close frames have left.
 const STEP: Duration = Duration::from_millis(1);
 
 impl fmt::Display for ServeError {

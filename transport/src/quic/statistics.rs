@@ -1,11 +1,11 @@
-//! What really crossed the wire, below everything that we call a message.
+//! Traffic on the wire, below the protocol's messages.
 //!
-//! Counts UDP payloads: headers of UDP and IP (28 or 48 bytes a datagram) are not in them.
+//! Counts UDP payloads, without the headers of UDP and IP (28 or 48 bytes a datagram).
 
 use std::ops::AddAssign;
 use std::time::Duration;
 
-/// One connection's traffic since it began, as UDP saw it; or the sum over several.
+/// Traffic of one connection since it began, in UDP payloads; or the sum over several.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WireStatistics {
     /// UDP payload bytes sent.
@@ -16,24 +16,24 @@ pub struct WireStatistics {
     pub received_bytes: u64,
     /// UDP datagrams received.
     pub received_datagrams: u64,
-    /// QUIC packets that this end sent and believes lost.
+    /// QUIC packets that this end sent and considers lost.
     pub lost_packets: u64,
-    /// Round-trip time as QUIC estimates it now; the greatest, in a sum.
+    /// Round-trip time as QUIC estimates it now; in a sum, the greatest.
     pub round_trip: Duration,
 }
 
-/// What a server counted over its whole life.
+/// Counters of a server over its whole life.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ServerStatistics {
-    /// Connections that stood.
+    /// Connections that were opened.
     pub opened: u64,
-    /// Connections that ended.
+    /// Connections that have ended.
     pub ended: u64,
-    /// Attempts turned away because the house was full.
+    /// Attempts refused because the server was full.
     pub refused: u64,
-    /// Connections closed because their control lane was too slow.
+    /// Connections closed because their peer read control bytes too slowly.
     pub control_overflows: u64,
-    /// Datagrams from clients dropped because the host thread was behind.
+    /// Datagrams from clients dropped because the server thread was late.
     pub state_dropped: u64,
     /// Datagrams to clients that were larger than the path allows.
     pub state_oversized: u64,

@@ -1,30 +1,30 @@
-//! The word that ends a running server, said from any thread.
+//! Request to stop a running server, from any thread.
 //!
-//! Not safe inside a signal handler itself: it locks. Once said it stays said.
+//! Not safe inside a signal handler, since it locks. A request cannot be withdrawn.
 
 use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard};
 
-/// Asks a running server to stop; all clones are one.
+/// Requests a running server to stop; all clones are one request.
 #[derive(Clone, Default)]
 pub struct Stop {
-    shared: Arc<Mutex<Shared>>,
+    shared: Arc<Mutex<StopState>>,
 }
 
 #[derive(Default)]
-struct Shared {
+struct StopState {
     asked: bool,
     wakes: Vec<Box<dyn Fn() + Send>>,
 }
 
 impl Stop {
-    /// A word not yet said.
+    /// No request yet.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Says it. Servers that run with this word close their connections and return; later ones return at once.
+    /// Requests the stop. Servers that run with it close their connections and return; later ones return at once.
     pub fn stop(&self) {
         let mut shared = self.lock();
         shared.asked = true;
@@ -33,13 +33,13 @@ impl Stop {
         }
     }
 
-    /// Whether it was said.
+    /// Whether the stop was requested.
     #[must_use]
     pub fn is_asked(&self) -> bool {
         self.lock().asked
     }
 
-    /// Calls `wake` once when the word is said, or now if it was.
+    /// Calls `wake` once at the request, or now if it was made already.
     pub(super) fn on_stop(&self, wake: impl Fn() + Send + 'static) {
         let mut shared = self.lock();
         if shared.asked {
@@ -49,7 +49,7 @@ impl Stop {
         }
     }
 
-    fn lock(&self) -> MutexGuard<'_, Shared> {
+    fn lock(&self) -> MutexGuard<'_, StopState> {
         self.shared.lock().expect("a wake-up never panics")
     }
 }

@@ -1,7 +1,7 @@
-//! Whom a client takes for its server.
+//! Authentication of a server by its client.
 //!
-//! Pins or asks roots, nothing between; a pin never waives the proof that the server holds the certificate's key.
-//! What was refused is remembered, so that the receiver learns more than an alert number.
+//! Either a pinned certificate or trusted roots. A pin never waives the proof that the server has the certificate's
+//! key. A refusal is stored, so that the caller learns more than an alert number.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
@@ -19,41 +19,41 @@ use super::certificate::{CertificateError, read_certificates};
 use super::fingerprint::Fingerprint;
 use super::tuning::ALPN;
 
-/// What makes a certificate the right one.
+/// Condition under which a certificate is trusted.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Trust {
-    /// It is this one.
+    /// The certificate has this fingerprint.
     Fingerprint(Fingerprint),
-    /// A root of this PEM file signed it for the server's name.
+    /// A root of this PEM file signed the certificate for the server's name.
     Roots(PathBuf),
 }
 
-/// Why a certificate was not trusted.
+/// Reason why a certificate is not trusted.
 #[derive(Clone, Debug)]
 pub(super) enum Distrust {
-    /// It is another than the pinned one.
+    /// The certificate is not the pinned one.
     OtherFingerprint {
         expected: Fingerprint,
         presented: Fingerprint,
     },
-    /// The roots do not watermark for it.
+    /// No root signed the certificate.
     Roots(rustls::Error),
 }
 
-/// Where a verifier leaves word of what it refused.
+/// Stores the refusal of a verifier.
 #[derive(Clone, Debug, Default)]
 pub(super) struct CertificateCheck {
     refused: Arc<OnceLock<Distrust>>,
 }
 
 impl CertificateCheck {
-    /// Why the certificate was refused, if it was.
+    /// Reason of the refusal, if the certificate was refused.
     pub(super) fn refusal(&self) -> Option<&Distrust> {
         self.refused.get()
     }
 }
 
-/// The client's TLS side, and where its refusal is to be read.
+/// The client's TLS configuration, and the place of its refusal.
 ///
 /// # Errors
 ///
@@ -83,7 +83,7 @@ pub(super) fn tls(
     Ok((Arc::new(tls), certificate_check))
 }
 
-/// The client's TLS side alone.
+/// The client's TLS configuration alone.
 ///
 /// # Errors
 ///
@@ -159,7 +159,7 @@ impl ServerCertVerifier for Verifier {
             Distrust::OtherFingerprint { .. } => Refusal::ApplicationVerificationFailure.into(),
             Distrust::Roots(cause) => cause.clone(),
         };
-        // One handshake per verifier: the first word is the only one.
+        // One handshake per verifier: an earlier refusal cannot exist.
         let _ = self.certificate_check.refused.set(distrust);
         Err(cause)
     }

@@ -1,6 +1,6 @@
-//! Every number that QUIC is configured with, and why.
+//! All parameters of QUIC, with their reasons.
 //!
-//! Opens nothing. Both ends agree by construction: the same file configures both.
+//! Opens nothing. Both ends agree by construction: this file configures both.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -11,64 +11,64 @@ use quinn::{ClientConfig, IdleTimeout, ServerConfig, TransportConfig, VarInt, ru
 
 use crate::piece::PIECE_COST_BYTES;
 
-/// The application protocol, as TLS names it.
+/// The application protocol, by its TLS name.
 pub(crate) const ALPN: &[u8] = b"rhumb/1";
 
-/// Bytes of a state datagram that each connection carries from its first moment (PROTOCOL 1.1-4).
+/// Bytes of a state datagram that each connection can carry from its start (PROTOCOL 1.1-4).
 ///
 /// Derived: a UDP payload of 1,200, less 38 for QUIC (flags 1, connection id 8 at most, packet number 4, tag 16, frame header 9).
-/// Payload: the `max_datagram_frame_size` of a peer counts the frame header too, and must be 9 more.
+/// Payload only: `max_datagram_frame_size` counts the frame header too, and must be 9 more.
 pub const DATAGRAM_BYTES_MIN: usize = 1_162;
 
-/// Silence after which a connection counts as lost.
+/// Silence after which a connection is considered lost.
 const IDLE_MS: VarInt = VarInt::from_u32(10_000);
 
-/// The client breaks silence after this long (PROTOCOL 1.4-2); three chances before `IDLE_MS`, and none is taken while a
-/// quiet scene is watermark_tick for each two and a half seconds.
+/// The client breaks silence after this long (PROTOCOL 1.4-2): three attempts before `IDLE_MS`. None is needed while a
+/// quiet scene sends a watermark every two and a half seconds.
 const KEEP_ALIVE: Duration = Duration::from_secs(3);
 
-/// A handshake, and then the opening of the control stream, may each take this long.
+/// Time limit of a handshake, and again of the opening of the control stream.
 pub(super) const SETUP: Duration = Duration::from_secs(5);
 
-/// A closing end waits this long at most for its last control bytes to be written and acknowledged.
+/// A closing end waits this long at most until its last control bytes are written and acknowledged.
 pub(super) const FLUSH: Duration = Duration::from_millis(500);
 
-/// An ending end waits this long at most for its close frame to leave.
+/// A closing end waits this long at most for its close frame to leave.
 pub(super) const CLOSE_LEAVES: Duration = Duration::from_millis(100);
 
-/// Connections that one server holds. With every bound below at its limit each costs some 7 MiB.
+/// Connections of one server. With every bound below at its limit each costs some 7 MiB.
 pub(super) const CONNECTIONS_MAX: usize = 1_024;
 
 /// Handshakes in progress beyond which a client must first prove its address.
 pub(super) const HANDSHAKES_UNPROVEN_MAX: usize = 64;
 
-/// Control bytes that wait to be sent to one peer before it is given up as too slow: more than the snapshot of a scene
-/// with as many bodies as a scene may have, at some 60 bytes each.
+/// Queued control bytes before a peer is dropped as too slow: more than the snapshot of the largest possible scene, at
+/// some 60 bytes per body.
 pub(super) const CONTROL_QUEUE_BYTES: usize = 12 << 20;
 
 /// Control bytes between the sockets and the receiver, per connection; beyond them the stream is not read.
 pub(super) const CONTROL_IN_FLIGHT_BYTES: usize = 256 << 10;
 
-/// State bytes between the sockets and a server's host thread, per connection; beyond them datagrams are dropped.
+/// State bytes between the sockets and the server thread, per connection; beyond them datagrams are dropped.
 pub(super) const STATE_IN_FLIGHT_BYTES: usize = 1 << 20;
 
-/// State bytes that wait for a client's receiver; beyond them the oldest datagrams are dropped.
+/// State bytes that wait for a client's caller; beyond them the oldest datagrams are dropped.
 pub(super) const STATE_INBOX_BYTES: usize = 4 << 20;
 
 /// Unsent datagrams per connection: a tick's burst of 500 full packets and more, yet never seconds of stale state.
 pub(super) const DATAGRAM_SEND_BYTES: usize = 1 << 20;
 
-/// Datagrams that quinn holds before our own task takes them.
+/// Datagrams that quinn holds before this crate's task takes them.
 const DATAGRAM_RECEIVE_BYTES: usize = 1 << 20;
 
-/// Stream bytes that a peer may have unread at a server, and at a client that is told a whole scene.
+/// Unread stream bytes of a peer at a server, and at a client that receives a whole scene.
 const SERVER_STREAM_WINDOW: VarInt = VarInt::from_u32(256 << 10);
 const CLIENT_STREAM_WINDOW: VarInt = VarInt::from_u32(1 << 20);
 
 /// Stream bytes kept for retransmission, per connection.
 const SEND_WINDOW: u64 = 1 << 20;
 
-/// Connection attempts not yet looked at, and the bytes that they may hold: some 5 MiB where quinn allows 100.
+/// Connection attempts that wait to be accepted, and their bytes: some 5 MiB where quinn allows 100.
 const INCOMING_MAX: usize = 1_024;
 const INCOMING_BYTES: u64 = 16 << 10;
 const INCOMING_BYTES_TOTAL: u64 = 4 << 20;
@@ -76,7 +76,7 @@ const INCOMING_BYTES_TOTAL: u64 = 4 << 20;
 const _: () = assert!(500 * (1_200 + PIECE_COST_BYTES) < DATAGRAM_SEND_BYTES);
 const _: () = assert!(CONTROL_QUEUE_BYTES + DATAGRAM_SEND_BYTES + SEND_WINDOW as usize <= 16 << 20);
 
-/// A server's configuration from its TLS side.
+/// A server's configuration from its TLS configuration.
 ///
 /// # Errors
 ///
@@ -96,7 +96,7 @@ pub(super) fn server(tls: Arc<rustls::ServerConfig>) -> Result<ServerConfig, NoI
     Ok(config)
 }
 
-/// A client's configuration from its TLS side.
+/// A client's configuration from its TLS configuration.
 ///
 /// # Errors
 ///
@@ -115,7 +115,7 @@ pub(super) fn client(tls: Arc<rustls::ClientConfig>) -> Result<ClientConfig, NoI
 
 fn common() -> TransportConfig {
     let mut transport = TransportConfig::default();
-    // State is latest-wins: a controller that halves its window at each random loss would hold it back for seconds.
+    // New state supersedes old: a controller that halves its window at each random loss would delay state for seconds.
     transport.congestion_controller_factory(Arc::new(BbrConfig::default()));
     transport
         .max_concurrent_uni_streams(VarInt::from_u32(0))

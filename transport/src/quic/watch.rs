@@ -1,6 +1,6 @@
-//! A look at a running server from outside its threads.
+//! Counters of a running server, read from outside its threads.
 //!
-//! Changes nothing. What it says of a connection stays in the sums after the connection ended.
+//! Changes nothing. The sums keep a connection's counts after its end.
 
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
@@ -15,11 +15,11 @@ use super::statistics::{ServerStatistics, WireStatistics};
 /// Reads a server's counters while it runs and after; all clones are one.
 #[derive(Clone, Debug, Default)]
 pub struct ServerWatch {
-    shared: Arc<Shared>,
+    shared: Arc<WatchState>,
 }
 
 #[derive(Debug, Default)]
-struct Shared {
+struct WatchState {
     connections: Mutex<Connections>,
     counters: Counters,
 }
@@ -42,7 +42,7 @@ pub(super) struct Counters {
 }
 
 impl ServerWatch {
-    /// What the server counted so far.
+    /// The present counters.
     #[must_use]
     pub fn statistics(&self) -> ServerStatistics {
         let read = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
@@ -57,7 +57,7 @@ impl ServerWatch {
         }
     }
 
-    /// The traffic of each standing connection, by peer.
+    /// The traffic of each open connection, by peer.
     #[must_use]
     pub fn connections(&self) -> Vec<(Peer, SocketAddr, WireStatistics)> {
         let connections = self.lock();
@@ -71,7 +71,7 @@ impl ServerWatch {
         connections.standing.iter().map(row).collect()
     }
 
-    /// The traffic of all connections, standing and ended.
+    /// The traffic of all connections, open and ended.
     #[must_use]
     pub fn traffic(&self) -> WireStatistics {
         let connections = self.lock();

@@ -1,6 +1,6 @@
-//! A raw_peer client: connects once, on a thread of its own.
+//! Raw client: connects once, on its own thread.
 //!
-//! Checks of the server what its trust says, and nothing else.
+//! Checks the server's certificate as its trust demands, and nothing else.
 
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::sync::{Arc, mpsc};
@@ -16,13 +16,15 @@ use super::connection::{RawConnection, RawPeerEnd};
 use crate::quic::{Trust, client_tls};
 use crate::socket;
 
-/// How long a close frame has to leave.
+/// Time for a close frame to leave.
 const CLOSE_LEAVES: Duration = Duration::from_millis(50);
 
 impl RawConnection {
-    /// Connects to a server, waiting for it no longer than `patience`.
+    /// Connects to a server within `patience`.
     ///
     /// # Errors
+    ///
+    /// [`RawPeerError`] names what is missing, or how the handshake ended.
     ///
     /// [`RawPeerError`] says what is missing, or how the handshake ended.
     pub fn connect(
@@ -59,7 +61,7 @@ impl RawConnection {
                     );
                     let endpoint = match endpoint {
                         Ok(endpoint) => endpoint,
-                        // The caller waits for this word; without it there is nothing to tell.
+                        // The caller waits for the result; without a caller there is nothing to report.
                         Err(cause) => return drop(ready.send(Err(RawPeerError::Host(cause)))),
                     };
                     carry(&endpoint, config, server, &name, patience, &ready).await;
@@ -71,7 +73,7 @@ impl RawConnection {
     }
 }
 
-/// Connects, hands the line over, and stays until it has ended.
+/// Connects, hands the connection over, and stays until it has ended.
 async fn carry(
     endpoint: &Endpoint,
     config: ClientConfig,
@@ -96,6 +98,6 @@ async fn carry(
         return;
     }
     connection.closed().await;
-    // Not gone in time: the server will scene_event the silence.
+    // If the frame does not leave in time, the server's idle timeout ends the connection.
     let _ = timeout(CLOSE_LEAVES, endpoint.wait_idle()).await;
 }

@@ -1,6 +1,6 @@
-//! What a raw peer offers in its handshake, and why it did not come to one.
+//! Handshake parameters of a raw peer, and reasons for a failed handshake.
 //!
-//! The defaults are those of PROTOCOL 1; each may be changed for the worse.
+//! The defaults are those of PROTOCOL 1; a test may replace each by a bad value.
 
 use std::fmt;
 use std::io;
@@ -11,33 +11,33 @@ use quinn::{IdleTimeout, TransportConfig, VarInt};
 use super::connection::RawPeerEnd;
 use crate::quic::CertificateError;
 
-/// What an end offers in its handshake.
+/// Handshake parameters of one end.
 #[derive(Clone, Debug)]
 pub struct RawPeerConfig {
-    /// The application protocols that it speaks, by TLS's names.
+    /// The application protocols that it offers, by their TLS names.
     pub alpn: Vec<Vec<u8>>,
-    /// The longest datagram that it takes; none means that it takes none.
+    /// The longest datagram that it accepts; `None` disables datagrams.
     pub datagram_bytes: Option<u16>,
-    /// Silence after which it takes the connection for lost.
+    /// Silence after which it considers the connection lost.
     pub idle: Duration,
-    /// How often it breaks a silence; none means never.
+    /// Interval of keep-alive packets; `None` for none.
     pub keep_alive: Option<Duration>,
-    /// Streams of each kind that it lets the peer open.
+    /// Streams of each kind that the peer may open.
     pub streams: u32,
-    /// Bytes that the peer may say on a stream before this end has read them.
+    /// Bytes that the peer may send on a stream before this end reads them.
     pub window_bytes: u32,
 }
 
-/// Why there is no line.
+/// Reason why there is no connection.
 #[derive(Debug)]
 pub enum RawPeerError {
-    /// The file of roots, or a certificate, is of no use.
+    /// The file of roots, or a certificate, cannot be used.
     Certificate(CertificateError),
-    /// A socket or a thread of this machine.
+    /// A socket or a thread of this machine failed.
     Host(io::Error),
-    /// The TLS side cannot be used for QUIC.
+    /// The TLS configuration cannot be used for QUIC.
     Tls(String),
-    /// The handshake ended so.
+    /// The handshake ended.
     Handshake(RawPeerEnd),
 }
 

@@ -1,6 +1,6 @@
-//! One connection of a raw peer: what is said on it, and what was events.
+//! One connection of a raw peer: what it sends, and its events.
 //!
-//! The tasks live on an I/O thread; the caller's thread tells them what to do and takes what they saw.
+//! The tasks run on an I/O thread; the caller's thread gives them operations and takes their events.
 
 use std::fmt;
 use std::net::SocketAddr;
@@ -12,44 +12,44 @@ use quinn::{Connection, ConnectionError, ReadError, RecvStream, SendStream, VarI
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 use tokio::sync::watch;
 
-/// Something that was events on a line.
+/// An event of a connection.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum RawEvent {
-    /// The peer opened a stream: the how manyeth that it opened, and whether both may speak on it.
+    /// The peer opened a stream.
     Opened {
-        /// Whether both may speak on it.
+        /// Whether the stream is bidirectional.
         both_ways: bool,
     },
-    /// Bytes of the control stream, cut anywhere.
+    /// Bytes of the control stream, cut at any place.
     Control(Bytes),
-    /// The peer says no more on the control stream.
+    /// The peer finished the control stream.
     ControlFinished,
-    /// The peer broke off the control stream with this code.
+    /// The peer reset the control stream with this code.
     ControlReset(u64),
     /// A datagram.
     Datagram(Bytes),
-    /// The connection is over; the last that is events.
+    /// The connection has ended; the last event.
     Ended(RawPeerEnd),
 }
 
-/// How a connection ended, as this end saw it.
+/// How a connection ended, as this end observed it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum RawPeerEnd {
     /// The peer's application closed it with this code.
     Closed(u64),
-    /// The peer's QUIC closed it with this code: a TLS alert is 0x100 and more.
+    /// The peer's QUIC closed it with this code: TLS alerts start at 0x100.
     Transport(u64),
-    /// This end's QUIC could not bear what the peer said.
+    /// This end's QUIC found the peer at fault.
     Fault(String),
-    /// Nothing was heard for the idle time.
+    /// Nothing was received for the idle time.
     TimedOut,
-    /// The peer knows nothing of it.
+    /// The peer does not know the connection any more.
     Reset,
     /// This end closed it.
     Here,
 }
 
-/// What the caller wants of the I/O thread.
+/// Operations of the I/O thread.
 enum Op {
     OpenControl,
     OpenAnother { both_ways: bool },
@@ -58,7 +58,8 @@ enum Op {
     Break(u64),
 }
 
-/// One connection, on which its parent_candidate says what it likes; it ends when either end closes it, or when this is dropped.
+/// A connection without a protocol: its owner decides every byte. It ends when either end closes it, or when it is
+/// dropped.
 #[derive(Debug)]
 pub struct RawConnection {
     connection: Connection,
@@ -75,10 +76,10 @@ struct ConnectionTask {
 }
 
 impl RawConnection {
-    /// A line over a connection that stands; to be called inside the runtime that carries it.
+    /// Wraps an open connection; must be called inside the runtime that drives it.
     pub(super) fn over(connection: Connection) -> Self {
         let (ops, wanted) = unbounded_channel();
-        let (events, heard) = mpsc::channel();
+        let (events, receiver) = mpsc::channel();
         let (reads, may_read) = watch::channel(true);
         let parent = |events: &Sender<RawEvent>| ConnectionTask {
             connection: connection.clone(),
@@ -92,34 +93,34 @@ impl RawConnection {
         Self {
             connection,
             ops,
-            events: heard,
+            events: receiver,
             reads,
         }
     }
 
-    /// Opens the control stream; the peer hears of it with the first bytes.
+    /// Opens the control stream; the peer sees it with the first bytes.
     pub fn open_control(&self) {
-        self.wants(Op::OpenControl);
+        self.request(Op::OpenControl);
     }
 
-    /// Opens one stream more and says a byte on it.
+    /// Opens another stream and sends one byte on it.
     pub fn open_another(&self, both_ways: bool) {
-        self.wants(Op::OpenAnother { both_ways });
+        self.request(Op::OpenAnother { both_ways });
     }
 
-    /// Says bytes on the control stream.
+    /// Sends bytes on the control stream.
     pub fn say(&self, bytes: impl Into<Bytes>) {
-        self.wants(Op::Control(bytes.into()));
+        self.request(Op::Control(bytes.into()));
     }
 
-    /// Says that no more comes on the control stream.
+    /// Finishes the control stream.
     pub fn finish(&self) {
-        self.wants(Op::Finish);
+        self.request(Op::Finish);
     }
 
-    /// Breaks off the control stream, both ways.
+    /// Resets the control stream in both directions.
     pub fn break_off(&self, code: u64) {
-        self.wants(Op::Break(code));
+        self.request(Op::Break(code));
     }
 
     /// Sends one datagram; `false` when QUIC cannot.
@@ -128,13 +129,13 @@ impl RawConnection {
         self.connection.send_datagram(bytes.into()).is_ok()
     }
 
-    /// The longest datagram that the peer takes now.
+    /// The longest datagram that the peer accepts now.
     #[must_use]
     pub fn datagram_bytes_max(&self) -> Option<usize> {
         self.connection.max_datagram_size()
     }
 
-    /// Whether the control stream is read: who does not read lets its peer's bytes wait there.
+    /// Whether the control stream is read: unread bytes wait at the peer.
     pub fn read_control(&self, reads: bool) {
         self.reads.send_replace(reads);
     }
@@ -144,19 +145,19 @@ impl RawConnection {
         self.connection.close(VarInt::from_u32(code), b"");
     }
 
-    /// The next thing events, waiting for it no longer than `patience`.
+    /// The next event, within `patience`.
     #[must_use]
     pub fn hear(&mut self, patience: Duration) -> Option<RawEvent> {
         self.events.recv_timeout(patience).ok()
     }
 
-    /// Where the peer is.
+    /// Address of the peer.
     #[must_use]
     pub fn peer(&self) -> SocketAddr {
         self.connection.remote_address()
     }
 
-    /// What the handshake agreed on, by TLS's name.
+    /// The negotiated application protocol, by its TLS name.
     #[must_use]
     pub fn alpn(&self) -> Option<Vec<u8>> {
         let data = self.connection.handshake_data()?;
@@ -171,8 +172,8 @@ impl RawConnection {
         (stats.udp_tx.bytes, stats.udp_rx.bytes)
     }
 
-    fn wants(&self, op: Op) {
-        // A line that has ended carries nothing more, which its end has told.
+    fn request(&self, op: Op) {
+        // A connection that has ended carries nothing more, and has reported its end.
         let _ = self.ops.send(op);
     }
 }
@@ -186,8 +187,8 @@ impl Drop for RawConnection {
 }
 
 impl ConnectionTask {
-    /// Tells what was events; who dropped the line wants to know no more.
-    fn tell(&self, events: RawEvent) {
+    /// Reports an event; a dropped connection takes none.
+    fn report(&self, events: RawEvent) {
         let _ = self.events.send(events);
     }
 
@@ -197,10 +198,10 @@ impl ConnectionTask {
                 return;
             }
             match stream.read_chunk(64 << 10, true).await {
-                Ok(Some(chunk)) => self.tell(RawEvent::Control(chunk.bytes)),
-                Ok(None) => return self.tell(RawEvent::ControlFinished),
+                Ok(Some(chunk)) => self.report(RawEvent::Control(chunk.bytes)),
+                Ok(None) => return self.report(RawEvent::ControlFinished),
                 Err(ReadError::Reset(code)) => {
-                    return self.tell(RawEvent::ControlReset(code.into_inner()));
+                    return self.report(RawEvent::ControlReset(code.into_inner()));
                 }
                 Err(_) => return,
             }
@@ -210,19 +211,19 @@ impl ConnectionTask {
 
 async fn datagrams(parent: ConnectionTask) {
     while let Ok(bytes) = parent.connection.read_datagram().await {
-        parent.tell(RawEvent::Datagram(bytes));
+        parent.report(RawEvent::Datagram(bytes));
     }
 }
 
 async fn streams_one_way(parent: ConnectionTask) {
     let mut kept = Vec::new();
     while let Ok(stream) = parent.connection.accept_uni().await {
-        parent.tell(RawEvent::Opened { both_ways: false });
+        parent.report(RawEvent::Opened { both_ways: false });
         kept.push(stream);
     }
 }
 
-/// Carries the control stream, whoever opens it, and does what the caller wants.
+/// Carries the control stream, whichever end opens it, and performs the caller's operations.
 async fn streams_both_ways(parent: ConnectionTask, mut wanted: UnboundedReceiver<Op>) {
     let connection = parent.connection.clone();
     let mut control: Option<SendStream> = None;
@@ -231,7 +232,7 @@ async fn streams_both_ways(parent: ConnectionTask, mut wanted: UnboundedReceiver
         tokio::select! {
             opened = connection.accept_bi() => {
                 let Ok((send, recv)) = opened else { return };
-                parent.tell(RawEvent::Opened { both_ways: true });
+                parent.report(RawEvent::Opened { both_ways: true });
                 if control.is_none() {
                     control = Some(send);
                     read(&parent, recv);
@@ -253,7 +254,7 @@ async fn streams_both_ways(parent: ConnectionTask, mut wanted: UnboundedReceiver
                     Some(Op::OpenAnother { both_ways }) => {
                         open_another(&connection, both_ways, &mut others).await
                     }
-                    Some(op) => speak(&mut control, op).await,
+                    Some(op) => perform(&mut control, op).await,
                 };
                 if !done && connection.close_reason().is_some() {
                     return;
@@ -278,7 +279,7 @@ async fn open_another(
     others: &mut Vec<(Option<SendStream>, Option<RecvStream>)>,
 ) -> bool {
     let patience = Duration::from_millis(200);
-    // A peer that allows no more streams lets this wait for ever.
+    // If the peer allows no more streams, this would wait for ever.
     let opened = tokio::time::timeout(patience, async {
         if both_ways {
             let (send, recv) = connection.open_bi().await.ok()?;
@@ -290,13 +291,13 @@ async fn open_another(
     let Ok(Some((mut send, recv))) = opened.await else {
         return false;
     };
-    let said = send.write_all(&[0]).await.is_ok();
+    let written = send.write_all(&[0]).await.is_ok();
     others.push((Some(send), recv));
-    said
+    written
 }
 
-/// Does to the control stream what is wanted, if there is one.
-async fn speak(control: &mut Option<SendStream>, op: Op) -> bool {
+/// Performs an operation on the control stream, if there is one.
+async fn perform(control: &mut Option<SendStream>, op: Op) -> bool {
     let Some(stream) = control else {
         return false;
     };
@@ -310,7 +311,7 @@ async fn speak(control: &mut Option<SendStream>, op: Op) -> bool {
 
 async fn end(parent: ConnectionTask) {
     let end = RawPeerEnd::from(parent.connection.closed().await);
-    parent.tell(RawEvent::Ended(end));
+    parent.report(RawEvent::Ended(end));
 }
 
 impl From<ConnectionError> for RawPeerEnd {

@@ -1,7 +1,7 @@
-//! QUIC ends without parameters_list, for who tries others: they do as they are told.
+//! Raw QUIC peers: they send whatever a test tells them to.
 //!
-//! No part of a session: nothing is bounded but by how long a trial lasts, nothing is refreshed, and every end that is
-//! events is told as it was events. What a connection says and hears is the caller's matter, down to its streams.
+//! No session. Nothing is bounded except the duration of a test, nothing is repaired, and every end is reported as
+//! observed. The caller decides all content of a connection, down to its streams.
 
 mod client;
 mod config;

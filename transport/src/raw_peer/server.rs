@@ -1,6 +1,6 @@
-//! A raw_peer server: takes whoever comes, and leaves all else to its caller.
+//! Raw server: accepts every connection and leaves the rest to its caller.
 //!
-//! Its lines live on its thread, and end with it.
+//! Its connections run on its thread and end with it.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -22,7 +22,7 @@ use crate::socket;
 pub struct RawPeerServer {
     address: SocketAddr,
     fingerprint: Fingerprint,
-    lines: Receiver<Result<RawConnection, RawPeerError>>,
+    connections: Receiver<Result<RawConnection, RawPeerError>>,
     end: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -32,7 +32,7 @@ impl RawPeerServer {
     ///
     /// # Errors
     ///
-    /// [`RawPeerError`] says what is missing.
+    /// [`RawPeerError`] names what is missing.
     pub fn listen(
         listen: SocketAddr,
         certificate: &Certificate,
@@ -53,7 +53,7 @@ impl RawPeerServer {
                 .map_err(RawPeerError::Host)?
         };
         let address = endpoint.local_addr().map_err(RawPeerError::Host)?;
-        let (arrived, lines) = mpsc::channel();
+        let (arrived, connections) = mpsc::channel();
         let (end, ended) = oneshot::channel();
         let thread = thread::Builder::new()
             .name("rhumb-raw_peer-server".into())
@@ -62,35 +62,35 @@ impl RawPeerServer {
         Ok(Self {
             address,
             fingerprint: certificate.fingerprint(),
-            lines,
+            connections,
             end: Some(end),
             thread: Some(thread),
         })
     }
 
-    /// Where it listens.
+    /// The address that it listens at.
     #[must_use]
     pub const fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// What clients pin.
+    /// The fingerprint for clients to pin.
     #[must_use]
     pub const fn fingerprint(&self) -> Fingerprint {
         self.fingerprint
     }
 
-    /// The next who came, or how its handshake ended; `None` when nobody did within `patience`.
+    /// The next connection, or how its handshake ended; `None` when none arrives within `patience`.
     #[must_use]
     pub fn accept(&self, patience: Duration) -> Option<Result<RawConnection, RawPeerError>> {
-        self.lines.recv_timeout(patience).ok()
+        self.connections.recv_timeout(patience).ok()
     }
 }
 
 impl Drop for RawPeerServer {
     fn drop(&mut self) {
         if let Some(end) = self.end.take() {
-            // Already over: nothing to end.
+            // An error means that the thread has ended already.
             let _ = end.send(());
         }
         if let Some(thread) = self.thread.take()
@@ -113,12 +113,12 @@ async fn accept(
                 let Some(incoming) = incoming else { break };
                 let arrived = arrived.clone();
                 tokio::spawn(async move {
-                    let line = match incoming.await {
+                    let connection = match incoming.await {
                         Ok(connection) => Ok(RawConnection::over(connection)),
                         Err(error) => Err(RawPeerError::Handshake(error.into())),
                     };
-                    // Who listens no more wants nobody.
-                    let _ = arrived.send(line);
+                    // A dropped server takes no connections.
+                    let _ = arrived.send(connection);
                 });
             }
         }

@@ -1,4 +1,4 @@
-//! Every end is told, once, with its code, after what was said before it.
+//! Every end is reported once, with its code, after the earlier bytes.
 
 use bytes::Bytes;
 use rhumb_protocol::{Ending, Peer};
@@ -7,7 +7,7 @@ use rhumb_transport::{Received, TransportCode};
 use crate::support::{Event, PATIENCE, Running, read_control};
 
 #[test]
-fn a_stopped_server_tells_its_clients() {
+fn a_stopped_server_closes_its_clients() {
     let mut server = Running::echo();
     let mut client = server.connect();
     client.send_control(Bytes::from_static(b"hello"));
@@ -20,7 +20,7 @@ fn a_stopped_server_tells_its_clients() {
 }
 
 #[test]
-fn what_the_endpoint_said_before_closing_arrives() {
+fn bytes_sent_before_a_close_arrive() {
     let server = Running::echo();
     let mut client = server.connect();
     client.send_control(Bytes::from_static(b"!"));
@@ -40,7 +40,7 @@ fn what_the_endpoint_said_before_closing_arrives() {
 }
 
 #[test]
-fn a_client_that_closes_tells_its_code() {
+fn a_closing_client_delivers_its_code() {
     let server = Running::echo();
     let client = server.connect();
     client.send_control(Bytes::from_static(b"last word"));
@@ -56,7 +56,7 @@ fn a_client_that_closes_tells_its_code() {
 }
 
 #[test]
-fn a_dropped_client_has_left() {
+fn a_dropped_client_closes_its_connection() {
     let server = Running::echo();
     drop(server.connect());
     assert_eq!(
@@ -71,7 +71,7 @@ fn a_dropped_client_has_left() {
 }
 
 #[test]
-fn a_stop_said_early_stops_at_once() {
+fn a_stop_before_the_run_returns_at_once() {
     let mut server = Running::echo();
     let statistics = server.stop();
     assert_eq!(statistics.opened, 0);

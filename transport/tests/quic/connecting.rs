@@ -1,4 +1,4 @@
-//! A connection is had from the right server only, or an error says why.
+//! A client connects to the right server only; an error names the cause.
 
 use std::fs;
 use std::net::UdpSocket;
@@ -18,7 +18,7 @@ use rhumb_transport::{
 use crate::support::{PATIENCE, Running};
 
 #[test]
-fn a_wrong_fingerprint_is_refused_and_both_are_named() {
+fn a_wrong_fingerprint_error_names_both_fingerprints() {
     let server = Running::echo();
     let pinned = Fingerprint([7; 32]);
     let options = ClientOptions {
@@ -43,7 +43,7 @@ fn a_wrong_fingerprint_is_refused_and_both_are_named() {
 }
 
 #[test]
-fn silence_is_reported_when_patience_ends() {
+fn a_silent_server_is_reported_after_the_time_limit() {
     let silent = UdpSocket::bind("127.0.0.1:0").unwrap();
     let address = silent.local_addr().unwrap();
     let options = ClientOptions::new(address, Trust::Fingerprint(Fingerprint([0; 32])));
@@ -60,7 +60,7 @@ fn silence_is_reported_when_patience_ends() {
 }
 
 #[test]
-fn another_protocol_is_told_apart() {
+fn another_protocol_has_its_own_error() {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
@@ -98,7 +98,7 @@ fn another_protocol_is_told_apart() {
 }
 
 #[test]
-fn roots_vouch_for_a_name_and_for_no_other() {
+fn roots_are_trusted_for_the_certified_name_only() {
     let folder = folder("roots");
     let made = rcgen::generate_simple_self_signed(["physics.test".to_owned()]).unwrap();
     let (certificate, key) = (folder.join("certificate.pem"), folder.join("key.pem"));
@@ -159,7 +159,7 @@ fn a_taken_address_is_named() {
     assert!(matches!(error, BindError::Address { .. }));
 }
 
-/// A folder of this process's own, so that runs at once do not meet.
+/// A folder of this process's own, so that parallel runs do not share it.
 fn folder(name: &str) -> PathBuf {
     let own = format!("{name}-{}", process::id());
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(own);

@@ -1,4 +1,4 @@
-//! What is sent on a lane arrives on it, bounded, and at whom it was sent to.
+//! Bytes arrive at their addressee on the lane they were sent on, bounded.
 
 use std::sync::mpsc::channel;
 
@@ -37,7 +37,7 @@ fn a_long_control_stream_arrives_whole_and_in_order() {
 }
 
 #[test]
-fn two_clients_hear_only_their_own() {
+fn each_client_receives_only_its_own_bytes() {
     let server = Running::echo();
     let mut clients = [server.connect(), server.connect()];
     for (client, word) in clients.iter().zip([b"one", b"two"]) {
@@ -45,19 +45,19 @@ fn two_clients_hear_only_their_own() {
         client.send_state(Bytes::from_static(word));
     }
     for (client, word) in clients.iter_mut().zip([b"one", b"two"]) {
-        let mut heard = Vec::new();
-        while heard.len() < 2 {
-            heard.push(client.recv(PATIENCE).unwrap());
+        let mut received = Vec::new();
+        while received.len() < 2 {
+            received.push(client.recv(PATIENCE).unwrap());
         }
         let word = Bytes::from_static(word);
-        assert!(heard.contains(&Received::Control(word.clone())));
-        assert!(heard.contains(&Received::State(word)));
+        assert!(received.contains(&Received::Control(word.clone())));
+        assert!(received.contains(&Received::State(word)));
     }
     assert_eq!(server.watch.connections().len(), 2);
 }
 
 #[test]
-fn a_flood_of_control_bytes_is_held_back_at_the_sender() {
+fn a_flood_of_control_bytes_waits_at_the_sender() {
     let (release, prefilter) = channel();
     let server = Running::start(
         Certificate::development(["localhost"]).unwrap(),
@@ -66,7 +66,7 @@ fn a_flood_of_control_bytes_is_held_back_at_the_sender() {
     let mut client = server.connect();
     let piece = Bytes::from(vec![0; 16 << 10]);
     let mut sent = 0;
-    // The host thread stands still: the server takes in two bounds' worth, then the client's own queue fills.
+    // The server thread stands still: the server takes in two bounds' worth, then the client's own queue fills.
     let ending = loop {
         client.send_control(piece.clone());
         sent += piece.len();

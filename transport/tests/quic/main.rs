@@ -1,6 +1,7 @@
-//! QUIC end to end on loopback: what both ends promise their callers.
+//! QUIC end to end on loopback: the promises of both ends.
 //!
-//! Real sockets and threads; every wait is for an event, and a patience only bounds a failure. Proves carrying, not timing.
+//! Real sockets and threads; every wait is for an event, and a time limit only bounds a failure. Proves delivery, not
+//! timing.
 
 mod closing;
 mod connecting;

@@ -1,4 +1,4 @@
-//! Bare ends say what they are told, and tell how it ended.
+//! Raw peers send exactly what a test orders and report how they ended.
 
 use std::time::Duration;
 
@@ -23,15 +23,15 @@ fn connect(server: &RawPeerServer, config: &RawPeerConfig) -> Result<RawConnecti
 fn pair() -> (RawPeerServer, RawConnection, RawConnection) {
     let server = server(&RawPeerConfig::default());
     let client = connect(&server, &RawPeerConfig::default()).expect("it is let in");
-    let there = server.accept(PATIENCE).expect("somebody came");
-    (server, client, there.expect("and shook hands"))
+    let there = server.accept(PATIENCE).expect("a client connects");
+    (server, client, there.expect("the handshake succeeds"))
 }
 
-/// All bytes of the control stream up to so many.
-fn control(line: &mut RawConnection, length: usize) -> Vec<u8> {
+/// Bytes of the control stream, up to this length.
+fn control(connection: &mut RawConnection, length: usize) -> Vec<u8> {
     let mut bytes = Vec::new();
     while bytes.len() < length {
-        match line.hear(PATIENCE) {
+        match connection.hear(PATIENCE) {
             Some(RawEvent::Control(more)) => bytes.extend_from_slice(&more),
             Some(RawEvent::Opened { both_ways }) => assert!(both_ways),
             other => panic!("{other:?}"),
@@ -54,7 +54,7 @@ fn both_peers_send_and_receive_on_both_lanes() {
 }
 
 #[test]
-fn a_code_is_seen_as_it_was_given() {
+fn a_close_code_arrives_unchanged() {
     let (_server, client, mut there) = pair();
     client.close(0x3fff_1234);
     let ended = Some(RawEvent::Ended(RawPeerEnd::Closed(0x3fff_1234)));

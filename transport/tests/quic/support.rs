@@ -1,6 +1,6 @@
-//! A server that echoes on a thread of its own, and its clients.
+//! An echo server on a thread of its own, and its clients.
 //!
-//! Promises nothing itself. A server that is dropped is stopped and joined.
+//! Proves nothing itself. A dropped server is stopped and joined.
 
 use std::collections::VecDeque;
 use std::net::{Ipv4Addr, SocketAddr};
@@ -15,29 +15,29 @@ use rhumb_transport::{
     ServerStatistics, ServerWatch, Stop, Trust,
 };
 
-/// Longer than anything here takes; reached only by a failure.
+/// Longer than any step of these tests; reached only by a failure.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(20);
 
-/// What an [`Echo`] tells the test.
+/// An event of [`Echo`] for the test.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Event {
     Opened(Peer),
     Ended(Peer, Ending),
 }
 
-/// Sends back what it hears; the control byte `!` makes it say `bye` and close with code 7.
+/// Returns the received bytes; the control byte `!` makes it send `bye` and close with code 7.
 pub(crate) struct Echo {
     out: VecDeque<Transmit>,
     events: Sender<Event>,
-    /// Each connection waits here before it is opened, if the test wants to hold the host thread.
-    prefilter: Option<Receiver<()>>,
+    /// Each connection waits here before it is opened, if the test wants to block the server thread.
+    open_gate: Option<Receiver<()>>,
 }
 
 impl Endpoint for Echo {
     fn handle_opened(&mut self, _: Instant, peer: Peer) {
         let _ = self.events.send(Event::Opened(peer));
-        if let Some(prefilter) = &self.prefilter {
-            let _ = prefilter.recv();
+        if let Some(open_gate) = &self.open_gate {
+            let _ = open_gate.recv();
         }
     }
 
@@ -91,12 +91,12 @@ impl Running {
         )
     }
 
-    pub(crate) fn start(certificate: Certificate, prefilter: Option<Receiver<()>>) -> Self {
+    pub(crate) fn start(certificate: Certificate, open_gate: Option<Receiver<()>>) -> Self {
         let (sender, events) = channel();
         let echo = Echo {
             out: VecDeque::new(),
             events: sender,
-            prefilter,
+            open_gate,
         };
         let (
             Bound {
@@ -141,14 +141,14 @@ impl Drop for Running {
     }
 }
 
-/// Where and what a running server is.
+/// Address and fingerprint of a running server.
 pub(crate) struct Bound {
     pub(crate) address: SocketAddr,
     pub(crate) fingerprint: Fingerprint,
     pub(crate) watch: ServerWatch,
 }
 
-/// Runs any endpoint on a thread of its own.
+/// Runs an endpoint on a thread of its own.
 pub(crate) fn serve<E: Endpoint + Send + 'static>(
     certificate: Certificate,
     mut endpoint: E,
@@ -176,7 +176,7 @@ pub(crate) fn serve<E: Endpoint + Send + 'static>(
     (bound, stop, thread)
 }
 
-/// Reads control bytes until there are as many as expected, or the connection ends.
+/// Reads control bytes until the expected count, or until the connection ends.
 pub(crate) fn read_control(client: &mut QuicClient, bytes_len: usize) -> Vec<u8> {
     let mut read = Vec::new();
     while read.len() < bytes_len {
