@@ -1,16 +1,16 @@
-//! What several messages say: names of things, and what a surface does.
+//! Fields that several messages share: names and surfaces.
 
 use core::fmt;
 
 use crate::wire::fields;
 
 fields! {
-    /// Names an actor, a shape or a joint, which have separate numbers.
+    /// Names an actor, a shape or a joint; each kind has its own numbers.
     #[derive(Eq, PartialOrd, Ord, Hash)]
     Id {
-        /// The simulation; zero in the shape's name of `AttachShape` and `DetachShape`, whatever the session's is.
+        /// The simulation; always zero in the shape's name of `AttachShape` and `DetachShape`.
         simulation: u32,
-        /// Which of them.
+        /// Number within its kind.
         object: u32,
     }
 }
@@ -24,7 +24,7 @@ fields! {
         static_friction: f32,
         /// Coefficient.
         kinetic_friction: f32,
-        /// Share of the closing speed given back.
+        /// Share of the closing speed that is returned.
         restitution: f32,
     }
 }

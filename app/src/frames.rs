@@ -1,35 +1,35 @@
-//! Where one message on a stream ends and the next begins.
+//! Framing: splits a byte stream into messages.
 //!
-//! The published plug-in sends torques without a header: 24 zero bytes, then 20 of body. Such a one is read as what it is
-//! meant to be; whoever trusted its length of zero would lose the stream.
+//! The published plug-in sends torques without a header: 24 zero bytes, then 20 of body. Such bytes are decoded as a
+//! torque: a length of zero would lose the stream.
 
 use alloc::vec::Vec;
 
 use crate::header::{HEADER_BYTES, Header};
 use crate::kind::Kind;
-use crate::malformed::Malformed;
+use crate::malformed::MalformedMessage;
 use crate::message::Message;
-use crate::wire::Reader;
+use crate::wire::FieldReader;
 
 /// A message, with its sender's counter.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Framed {
-    /// The counter, as it came.
+pub struct FramedMessage {
+    /// The counter, as received.
     pub index: u32,
     /// The message.
     pub message: Message,
 }
 
-/// Cuts a stream of bytes into messages. Holds at most one unfinished message and what came with it.
+/// Splits a stream of bytes into messages. Holds at most one unfinished message and the bytes received with it.
 #[derive(Debug, Default)]
-pub struct Frames {
+pub struct MessageFraming {
     buffer: Vec<u8>,
-    /// Bytes at the front of the buffer that were handed out already.
+    /// Bytes at the front of the buffer that are decoded already.
     taken: usize,
 }
 
-impl Frames {
-    /// The next bytes of the stream, cut anywhere.
+impl MessageFraming {
+    /// Appends the next bytes of the stream, cut at any place.
     pub fn push(&mut self, bytes: &[u8]) {
         if self.taken > 0 {
             self.buffer.drain(..self.taken);
@@ -42,8 +42,8 @@ impl Frames {
     ///
     /// # Errors
     ///
-    /// [`Malformed`] when the front cannot be a message; nothing after it can be read either.
-    pub fn next_message(&mut self) -> Result<Option<Framed>, Malformed> {
+    /// [`MalformedMessage`] when the front cannot be a message; nothing after it can be decoded either.
+    pub fn next_message(&mut self) -> Result<Option<FramedMessage>, MalformedMessage> {
         let front = &self.buffer[self.taken..];
         let Some(head) = front.first_chunk::<HEADER_BYTES>() else {
             return Ok(None);
@@ -55,19 +55,19 @@ impl Frames {
                 length: TORQUE_BYTES,
             }
         } else {
-            Header::take(&mut Reader::new(head))?
+            Header::take(&mut FieldReader::new(head))?
         };
         let Some(body) = front.get(HEADER_BYTES..header.length) else {
             return Ok(None);
         };
         let message = Message::decode(header.kind, body)?;
         self.taken += header.length;
-        Ok(Some(Framed {
+        Ok(Some(FramedMessage {
             index: header.index,
             message,
         }))
     }
 }
 
-/// A torque, header included.
+/// Bytes of a torque, header included.
 const TORQUE_BYTES: usize = HEADER_BYTES + 20;

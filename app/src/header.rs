@@ -1,30 +1,30 @@
-//! The 24 bytes that every message begins with.
+//! The 24 bytes at the start of every message.
 
 use alloc::vec::Vec;
 
 use crate::kind::Kind;
-use crate::malformed::Malformed;
-use crate::wire::{Field, Reader};
+use crate::malformed::MalformedMessage;
+use crate::wire::{Field, FieldReader};
 
 /// Bytes of a header.
 pub const HEADER_BYTES: usize = 24;
 
-/// The only version there is.
+/// The only version.
 const VERSION: u16 = 1;
 
-/// What a message is, and how long. Timestamp and reserved bytes are nobody's: written as zero, not looked at.
+/// Type and length of a message. Timestamp and reserved bytes are written as zero and not read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Header {
-    /// Its type.
+    /// The message's type.
     pub kind: Kind,
-    /// A counter of its sender's, of use for naming a message at fault and for nothing else: it repeats and goes back.
+    /// The sender's counter. It only serves to name a faulty message: it repeats and goes back.
     pub index: u32,
     /// Bytes of the message, header included.
     pub length: usize,
 }
 
 impl Header {
-    /// Appends it.
+    /// Appends the header.
     pub(crate) fn put(&self, to: &mut Vec<u8>) {
         to.extend_from_slice(&VERSION.to_be_bytes());
         to.extend_from_slice(&self.kind.code().to_be_bytes());
@@ -33,21 +33,21 @@ impl Header {
         [0_u32; 3].put(to);
     }
 
-    /// Reads it off the front.
+    /// Takes the header off the front.
     ///
     /// # Errors
     ///
-    /// [`Malformed`] for another version, an unknown type, or a length that no message of the type has.
-    pub(crate) fn take(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+    /// [`MalformedMessage`] for another version, an unknown type, or a length that no message of the type has.
+    pub(crate) fn take(from: &mut FieldReader<'_>) -> Result<Self, MalformedMessage> {
         let version = from.array().map(u16::from_be_bytes)?;
         let code = from.array().map(u16::from_be_bytes)?;
         let index = u32::take(from)?;
         let bytes = u32::take(from)?;
         from.array::<12>()?;
         if version != VERSION {
-            return Err(Malformed::Version(version));
+            return Err(MalformedMessage::Version(version));
         }
-        let kind = Kind::from_code(code).ok_or(Malformed::UnknownKind(code))?;
+        let kind = Kind::from_code(code).ok_or(MalformedMessage::UnknownKind(code))?;
         let length = kind.check_length(bytes)?;
         Ok(Self {
             kind,

@@ -1,12 +1,12 @@
-//! The types of messages, and how long each may be.
+//! The types of messages, and their least and greatest length.
 
 use crate::header::HEADER_BYTES;
 use crate::limits::{MESSAGE_BYTES_MAX, POINTS_MAX, POSTS_MAX, TEXT_BYTES_MAX};
-use crate::malformed::Malformed;
+use crate::malformed::MalformedMessage;
 
 macro_rules! kinds {
     ($($(#[$doc:meta])* $name:ident = $code:literal, $least:expr, $most:expr;)+) => {
-        /// What a message is about. Its number is its code on the wire.
+        /// Type of a message. Its number is its code on the wire.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
         #[repr(u16)]
         pub enum Kind {
@@ -26,7 +26,7 @@ macro_rules! kinds {
                 }
             }
 
-            /// Least and most bytes behind the header.
+            /// Least and greatest length of the body, bytes.
             pub(crate) const fn body_bytes(self) -> (usize, usize) {
                 match self {
                     $(Self::$name => ($least, $most),)+
@@ -37,47 +37,47 @@ macro_rules! kinds {
 }
 
 kinds! {
-    /// Something was wrong with a message.
+    /// A message was faulty.
     Error = 1, 4, 4 + TEXT_BYTES_MAX;
-    /// A client is there.
+    /// A client logs on.
     Logon = 11, 52, 52;
-    /// It is taken in.
+    /// The server accepts a client.
     LogonReady = 12, 4, 4;
-    /// It is gone.
+    /// A client logs off.
     Logoff = 13, 4, 4;
-    /// Time shall pass.
+    /// Asks the server to advance time.
     AdvanceTime = 14, 8, 8;
-    /// It has passed.
+    /// Reports that time was advanced.
     TimeAdvanced = 15, 4, 4;
     /// Gravity and the ground plane.
     SetWorld = 101, 52, 52;
-    /// An actor that does not move.
+    /// Creates an actor that does not move.
     CreateStaticActor = 102, 40, 40;
-    /// An actor that moves.
+    /// Creates an actor that moves.
     CreateDynamicActor = 103, 68, 68;
-    /// Where an actor stands.
+    /// Sets the pose of a static actor.
     SetStaticActor = 104, 36, 36;
-    /// Where an actor is, and how it moves: the state.
+    /// Pose and velocities of an actor: its state.
     SetDynamicActor = 105, 64, 64;
-    /// Puts an actor elsewhere.
+    /// Sets an actor's position.
     UpdateActorPosition = 106, 20, 20;
-    /// Turns an actor.
+    /// Sets an actor's orientation.
     UpdateActorOrientation = 107, 24, 24;
-    /// How much gravity pulls at an actor.
+    /// Sets an actor's factor on gravity.
     UpdateGravityModifier = 108, 12, 12;
-    /// Sets an actor going.
+    /// Sets an actor's linear velocity.
     UpdateLinearVelocity = 109, 20, 20;
-    /// Sets an actor spinning.
+    /// Sets an actor's angular velocity.
     UpdateAngularVelocity = 110, 20, 20;
     /// The mass of an actor.
     UpdateMass = 111, 12, 12;
-    /// Asks for it.
+    /// Asks for the mass of an actor.
     GetMass = 112, 8, 8;
-    /// Takes an actor out.
+    /// Removes an actor.
     RemoveActor = 113, 8, 8;
-    /// Holds two actors together, or one to the world.
+    /// Joins two actors, or one to the world.
     AddJoint = 201, 128, 128;
-    /// Lets go.
+    /// Removes a joint.
     RemoveJoint = 202, 8, 8;
     /// A ball.
     AddSphere = 301, 24, 24;
@@ -87,25 +87,25 @@ kinds! {
     AddCapsule = 303, 16, 16;
     /// A box.
     AddBox = 304, 20, 20;
-    /// The hull of some points.
+    /// The convex hull of points.
     AddConvexMesh = 305, 12, 12 + 12 * POINTS_MAX;
     /// A mesh of triangles.
     AddTriangleMesh = 306, 16, MESSAGE_BYTES_MAX - HEADER_BYTES;
-    /// A field of heights.
+    /// A height field.
     AddHeightField = 307, 24, 24 + 4 * POSTS_MAX;
-    /// Forgets a shape.
+    /// Removes the definition of a shape.
     RemoveShape = 308, 8, 8;
-    /// Puts a shape on an actor.
+    /// Attaches a shape to an actor.
     AttachShape = 309, 60, 60;
-    /// What a shape on an actor is made of.
+    /// Sets density and surface of a shape on an actor.
     UpdateShapeMaterial = 310, 32, 32;
-    /// Takes a shape off an actor.
+    /// Detaches a shape from an actor.
     DetachShape = 311, 16, 16;
     /// Two actors touch.
     ActorsCollided = 401, 44, 44;
-    /// Pushes an actor.
+    /// Applies a force to an actor.
     ApplyForce = 402, 20, 20;
-    /// Turns an actor.
+    /// Applies a torque to an actor.
     ApplyTorque = 403, 20, 20;
 }
 
@@ -116,15 +116,15 @@ impl Kind {
         self as u16
     }
 
-    /// Whether a message of this type may be so long, header included.
-    pub(crate) const fn check_length(self, bytes: u32) -> Result<usize, Malformed> {
+    /// Checks the length of a message of this type, header included.
+    pub(crate) const fn check_length(self, bytes: u32) -> Result<usize, MalformedMessage> {
         let (least, most) = self.body_bytes();
         let length = bytes as usize;
         if length >= least + HEADER_BYTES && length <= most + HEADER_BYTES {
             Ok(length)
         } else {
             let kind = self.code();
-            Err(Malformed::Length { kind, bytes })
+            Err(MalformedMessage::Length { kind, bytes })
         }
     }
 }

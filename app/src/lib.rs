@@ -1,8 +1,8 @@
-//! The ARCHIMEDES Physics Protocol: messages, framing, who may say what.
+//! The ARCHIMEDES Physics Protocol: messages, framing, sessions.
 //!
-//! The protocol by which OpenSimulator's RemotePhysics plug-in speaks to a physics server: big-endian, control on TCP,
-//! state on UDP. No clock, no socket, no engine. It is read as the published plug-in writes it, its faults included, and
-//! written as that plug-in can bear it. Bytes from a peer cannot panic, and cannot make memory grow beyond `limits`.
+//! OpenSimulator's RemotePhysics plug-in uses this protocol with a physics server: big-endian, control on TCP, state
+//! on UDP. No clock, no socket, no engine. Decoding follows the published plug-in, its faults included; encoding stays
+//! within what it accepts. Bytes from a peer cannot panic, and cannot make memory grow beyond `limits`.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -20,14 +20,14 @@ mod shapes;
 mod wire;
 
 pub use fields::{Id, Surface};
-pub use frames::{Framed, Frames};
+pub use frames::{FramedMessage, MessageFraming};
 pub use header::{HEADER_BYTES, Header};
 pub use kind::Kind;
-pub use malformed::Malformed;
+pub use malformed::MalformedMessage;
 pub use message::{
     ActorsCollided, AddJoint, ApplyForce, ApplyTorque, AttachShape, Byte, CreateDynamicActor,
     CreateStaticActor, DetachShape, ErrorReport, Grip, Logon, Message, Motion, Place, SetWorld,
     Surfacing,
 };
 pub use session::{Session, SessionError};
-pub use shapes::{ConvexMesh, Heights, TriangleMesh};
+pub use shapes::{ConvexMesh, HeightGrid, TriangleMesh};

@@ -1,6 +1,6 @@
-//! Every message there is, in both directions.
+//! All messages, in both directions.
 //!
-//! Numbers are handed on as they came: whether they are finite and in range is decided where they are used.
+//! Numbers are passed on as received: their users check whether they are finite and in range.
 
 use alloc::string::String;
 use alloc::vec::Vec;
@@ -11,12 +11,12 @@ use crate::fields::{Id, Surface};
 use crate::header::{HEADER_BYTES, Header};
 use crate::kind::Kind;
 use crate::limits::TEXT_BYTES_MAX;
-use crate::malformed::Malformed;
-use crate::shapes::{ConvexMesh, Heights, TriangleMesh};
-use crate::wire::{Field, Reader, fields};
+use crate::malformed::MalformedMessage;
+use crate::shapes::{ConvexMesh, HeightGrid, TriangleMesh};
+use crate::wire::{Field, FieldReader, fields};
 
 fields! {
-    /// Who logs on. Of the name the published plug-in sends two characters as UTF-16.
+    /// Logs a client on. The published plug-in sends only two characters of its name, as UTF-16.
     Logon {
         /// The simulation.
         simulation: u32,
@@ -26,19 +26,19 @@ fields! {
 }
 
 fields! {
-    /// Gravity and a plane below everything.
+    /// Sets gravity and a ground plane.
     SetWorld {
         /// The plane's actor.
         plane: Id,
         /// m/s².
         gravity: Vec3,
-        /// Of the plane.
+        /// Coefficient of the plane.
         static_friction: f32,
-        /// Of the plane.
+        /// Coefficient of the plane.
         kinetic_friction: f32,
-        /// Of the plane; the published plug-in puts the collision margin here.
+        /// Restitution of the plane; the published plug-in sends the collision margin here.
         restitution: f32,
-        /// Metres; the published plug-in puts the restitution here.
+        /// Metres; the published plug-in sends the restitution here.
         margin: f32,
         /// Metres along the normal.
         height: f32,
@@ -48,7 +48,7 @@ fields! {
 }
 
 fields! {
-    /// An actor that does not move.
+    /// Creates an actor that does not move.
     CreateStaticActor {
         /// Its name.
         actor: Id,
@@ -56,15 +56,15 @@ fields! {
         position: Vec3,
         /// Actor → world.
         rotation: Quat,
-        /// Zero from the published plug-in, whatever it means.
+        /// Zero from the published plug-in; no meaning is known.
         flags: u32,
     }
 }
 
 fields! {
-    /// An actor that moves.
+    /// Creates an actor that moves.
     CreateDynamicActor {
-        /// Where it is, and how it moves.
+        /// Pose and velocities.
         motion: Motion,
         /// Bit 0: collisions are to be reported.
         flags: u32,
@@ -72,9 +72,9 @@ fields! {
 }
 
 fields! {
-    /// Where an actor stands.
+    /// Pose of an actor.
     Place {
-        /// Which.
+        /// The actor.
         actor: Id,
         /// Metres.
         position: Vec3,
@@ -84,9 +84,9 @@ fields! {
 }
 
 fields! {
-    /// Where an actor is, and how it moves.
+    /// Pose and velocities of an actor.
     Motion {
-        /// Which.
+        /// The actor.
         actor: Id,
         /// Metres.
         position: Vec3,
@@ -102,29 +102,29 @@ fields! {
 }
 
 fields! {
-    /// Holds two actors together; a second one that does not exist is the world.
+    /// Joins two actors; if the second one does not exist, joins the first to the world.
     AddJoint {
         /// The joint's name.
         joint: Id,
-        /// First.
+        /// First actor.
         first: Grip,
-        /// Second.
+        /// Second actor.
         second: Grip,
-        /// Least way along x, y, z, metres; above the most: free.
+        /// Least offset along x, y, z, metres; an axis whose least exceeds its greatest is free.
         linear_lower: Vec3,
-        /// Most.
+        /// Greatest offset, metres.
         linear_upper: Vec3,
-        /// Least turn about x, y, z, radians; above the most: free.
+        /// Least turn about x, y, z, radians; an axis whose least exceeds its greatest is free.
         angular_lower: Vec3,
-        /// Most.
+        /// Greatest turn, radians.
         angular_upper: Vec3,
     }
 }
 
 fields! {
-    /// Where a joint sits in an actor.
+    /// Frame of a joint in an actor.
     Grip {
-        /// Which.
+        /// The actor.
         actor: Id,
         /// Frame → actor.
         rotation: Quat,
@@ -134,13 +134,13 @@ fields! {
 }
 
 fields! {
-    /// Puts a shape on an actor.
+    /// Attaches a shape to an actor.
     AttachShape {
-        /// Which actor.
+        /// The actor.
         actor: Id,
-        /// Which shape; its simulation is zero.
+        /// The shape; its simulation is zero.
         shape: Id,
-        /// What it is made of.
+        /// Its density and surface.
         surface: Surface,
         /// Shape → actor.
         rotation: Quat,
@@ -150,23 +150,23 @@ fields! {
 }
 
 fields! {
-    /// What a shape on an actor is made of from now on.
+    /// Sets density and surface of a shape on an actor.
     Surfacing {
-        /// Which actor.
+        /// The actor.
         actor: Id,
-        /// Which shape.
+        /// The shape.
         shape: Id,
-        /// What.
+        /// Its new density and surface.
         surface: Surface,
     }
 }
 
 fields! {
-    /// Takes a shape off an actor.
+    /// Detaches a shape from an actor.
     DetachShape {
-        /// Which actor.
+        /// The actor.
         actor: Id,
-        /// Which shape; its simulation is zero.
+        /// The shape; its simulation is zero.
         shape: Id,
     }
 }
@@ -174,23 +174,23 @@ fields! {
 fields! {
     /// Two actors touch.
     ActorsCollided {
-        /// Who asked to be told.
+        /// The actor whose collisions are reported.
         colliding: Id,
-        /// The other.
+        /// The other actor.
         collided: Id,
-        /// Metres, world.
+        /// Point of contact, metres, world.
         point: Vec3,
-        /// From the other towards who asked, unit, world.
+        /// Normal from the other actor towards the reported one, unit, world.
         normal: Vec3,
-        /// Metres; negative: they overlap.
+        /// Separation, metres; negative: they overlap.
         separation: f32,
     }
 }
 
 fields! {
-    /// Pushes an actor.
+    /// Applies a force to an actor.
     ApplyForce {
-        /// Which.
+        /// The actor.
         actor: Id,
         /// N, world.
         force: Vec3,
@@ -198,21 +198,21 @@ fields! {
 }
 
 fields! {
-    /// Turns an actor.
+    /// Applies a torque to an actor.
     ApplyTorque {
-        /// Which.
+        /// The actor.
         actor: Id,
         /// N·m, world.
         torque: Vec3,
     }
 }
 
-/// Something was wrong with a message.
+/// Reports a faulty message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ErrorReport {
-    /// The message's index, as it came.
+    /// The message's index, as received.
     pub index: u32,
-    /// What was wrong. Of more than 256 bytes the first are said.
+    /// The fault. Only the first 256 bytes are encoded.
     pub text: String,
 }
 
@@ -225,13 +225,13 @@ impl Field for Byte {
         to.push(self.0);
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+    fn take(from: &mut FieldReader<'_>) -> Result<Self, MalformedMessage> {
         from.array().map(|[byte]| Self(byte))
     }
 }
 
 impl Logon {
-    /// Of a simulation with a name of which the first 48 bytes are said.
+    /// A logon of a simulation; only the first 48 bytes of the name are encoded.
     #[must_use]
     pub fn new(simulation: u32, name: &str) -> Self {
         let mut bytes = [Byte(0); 48];
@@ -255,10 +255,10 @@ impl Field for ErrorReport {
         to.extend_from_slice(&self.text.as_bytes()[..end]);
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+    fn take(from: &mut FieldReader<'_>) -> Result<Self, MalformedMessage> {
         let index = u32::take(from)?;
         let bytes = from.raw(from.left())?;
-        let text = core::str::from_utf8(bytes).map_err(|_| Malformed::Text)?;
+        let text = core::str::from_utf8(bytes).map_err(|_| MalformedMessage::Text)?;
         let text = text.into();
         Ok(Self { index, text })
     }
@@ -266,14 +266,14 @@ impl Field for ErrorReport {
 
 macro_rules! messages {
     ($($(#[$doc:meta])* $name:ident($type:ty),)+) => {
-        /// What either end says.
+        /// A message of either end.
         #[derive(Clone, Debug, PartialEq)]
         pub enum Message {
             $($(#[$doc])* $name($type),)+
         }
 
         impl Message {
-            /// Its type.
+            /// The message's type.
             #[must_use]
             pub const fn kind(&self) -> Kind {
                 match self {
@@ -287,7 +287,7 @@ macro_rules! messages {
                 }
             }
 
-            fn take(kind: Kind, from: &mut Reader<'_>) -> Result<Self, Malformed> {
+            fn take(kind: Kind, from: &mut FieldReader<'_>) -> Result<Self, MalformedMessage> {
                 Ok(match kind {
                     $(Kind::$name => Self::$name(<$type>::take(from)?),)+
                 })
@@ -303,7 +303,7 @@ impl<A: Field, B: Field> Field for (A, B) {
         self.1.put(to);
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+    fn take(from: &mut FieldReader<'_>) -> Result<Self, MalformedMessage> {
         Ok((A::take(from)?, B::take(from)?))
     }
 }
@@ -316,55 +316,55 @@ impl<A: Field, B: Field, C: Field> Field for (A, B, C) {
         self.2.put(to);
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+    fn take(from: &mut FieldReader<'_>) -> Result<Self, MalformedMessage> {
         Ok((A::take(from)?, B::take(from)?, C::take(from)?))
     }
 }
 
 messages! {
-    /// Something was wrong with a message.
+    /// Reports a faulty message.
     Error(ErrorReport),
-    /// A client is there.
+    /// Logs a client on.
     Logon(Logon),
-    /// It is taken in: its simulation.
+    /// Accepts a client: its simulation.
     LogonReady(u32),
-    /// It is gone: its simulation.
+    /// Logs a client off: its simulation.
     Logoff(u32),
-    /// So many seconds shall pass in a simulation.
+    /// Asks to advance time: simulation and seconds.
     AdvanceTime((u32, f32)),
-    /// They have passed in it.
+    /// Reports that time was advanced: the simulation.
     TimeAdvanced(u32),
     /// Gravity and the ground plane.
     SetWorld(SetWorld),
-    /// An actor that does not move.
+    /// Creates an actor that does not move.
     CreateStaticActor(CreateStaticActor),
-    /// An actor that moves.
+    /// Creates an actor that moves.
     CreateDynamicActor(CreateDynamicActor),
-    /// Where an actor stands.
+    /// Sets the pose of a static actor.
     SetStaticActor(Place),
-    /// Where an actor is, and how it moves: the state.
+    /// Pose and velocities of an actor: its state.
     SetDynamicActor(Motion),
-    /// Puts an actor elsewhere: metres.
+    /// Sets an actor's position: metres.
     UpdateActorPosition((Id, Vec3)),
-    /// Turns an actor: actor → world.
+    /// Sets an actor's orientation: actor → world.
     UpdateActorOrientation((Id, Quat)),
-    /// Factor on gravity for an actor.
+    /// Sets an actor's factor on gravity.
     UpdateGravityModifier((Id, f32)),
-    /// Sets an actor going: m/s.
+    /// Sets an actor's linear velocity: m/s.
     UpdateLinearVelocity((Id, Vec3)),
-    /// Sets an actor spinning: rad/s.
+    /// Sets an actor's angular velocity: rad/s.
     UpdateAngularVelocity((Id, Vec3)),
     /// The mass of an actor: kg.
     UpdateMass((Id, f32)),
-    /// Asks for it.
+    /// Asks for the mass of an actor.
     GetMass(Id),
-    /// Takes an actor out.
+    /// Removes an actor.
     RemoveActor(Id),
-    /// Holds two actors together, or one to the world.
+    /// Joins two actors, or one to the world.
     AddJoint(AddJoint),
-    /// Lets go.
+    /// Removes a joint.
     RemoveJoint(Id),
-    /// A ball: its name, its middle, its radius in metres.
+    /// A ball: its name, its centre, its radius in metres.
     AddSphere((Id, Vec3, f32)),
     /// A plane: its name, a constant, and a normal, which the published plug-in leaves zero.
     AddPlane((Id, f32, Vec3)),
@@ -372,31 +372,31 @@ messages! {
     AddCapsule((Id, f32, f32)),
     /// A box: its name and its edges in metres.
     AddBox((Id, Vec3)),
-    /// The hull of some points.
+    /// The convex hull of points.
     AddConvexMesh(ConvexMesh),
     /// A mesh of triangles.
     AddTriangleMesh(TriangleMesh),
-    /// A field of heights.
-    AddHeightField(Heights),
-    /// Forgets a shape.
+    /// A height field.
+    AddHeightField(HeightGrid),
+    /// Removes the definition of a shape.
     RemoveShape(Id),
-    /// Puts a shape on an actor.
+    /// Attaches a shape to an actor.
     AttachShape(AttachShape),
-    /// What a shape on an actor is made of.
+    /// Sets density and surface of a shape on an actor.
     UpdateShapeMaterial(Surfacing),
-    /// Takes a shape off an actor.
+    /// Detaches a shape from an actor.
     DetachShape(DetachShape),
     /// Two actors touch.
     ActorsCollided(ActorsCollided),
-    /// Pushes an actor.
+    /// Applies a force to an actor.
     ApplyForce(ApplyForce),
-    /// Turns an actor.
+    /// Applies a torque to an actor.
     ApplyTorque(ApplyTorque),
 }
 
 impl Message {
-    /// Appends the message with its header. `index`: the sender's counter; the published plug-in writes sixteen bits into
-    /// the upper half.
+    /// Appends the message with its header. `index`: the sender's counter; the published plug-in writes it to the
+    /// upper sixteen bits.
     pub fn encode(&self, index: u32, to: &mut Vec<u8>) {
         let start = to.len();
         let kind = self.kind();
@@ -411,30 +411,30 @@ impl Message {
         to[start + LENGTH_AT..start + LENGTH_AT + 4].copy_from_slice(&length.to_be_bytes());
     }
 
-    /// Reads the body of a message.
+    /// Decodes the body of a message.
     ///
     /// # Errors
     ///
-    /// [`Malformed`] when it is shorter or longer than what it says.
-    pub fn decode(kind: Kind, body: &[u8]) -> Result<Self, Malformed> {
-        let mut reader = Reader::new(body);
+    /// [`MalformedMessage`] when the body is shorter or longer than its content.
+    pub fn decode(kind: Kind, body: &[u8]) -> Result<Self, MalformedMessage> {
+        let mut reader = FieldReader::new(body);
         let message = Self::take(kind, &mut reader)?;
         reader.finish()?;
         Ok(message)
     }
 
-    /// Reads the first message of a datagram; what follows it is nobody's.
+    /// Decodes the first message of a datagram; the bytes after it are ignored.
     ///
     /// # Errors
     ///
-    /// [`Malformed`] when it does not begin with a whole message.
-    pub fn from_datagram(datagram: &[u8]) -> Result<Self, Malformed> {
-        let mut reader = Reader::new(datagram);
+    /// [`MalformedMessage`] when the datagram does not start with a whole message.
+    pub fn from_datagram(datagram: &[u8]) -> Result<Self, MalformedMessage> {
+        let mut reader = FieldReader::new(datagram);
         let header = Header::take(&mut reader)?;
         let body = reader.raw(header.length - HEADER_BYTES)?;
         Self::decode(header.kind, body)
     }
 }
 
-/// Where a header says the length.
+/// Offset of the length in a header.
 const LENGTH_AT: usize = 8;

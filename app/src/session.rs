@@ -1,43 +1,43 @@
-//! One connection at the server: reads messages where they are allowed.
+//! A client's session at the server: accepts messages where allowed.
 //!
-//! A client logs on once, as its first word, and off as its last. Whose simulation it is, the logon says; the names in
-//! later messages are taken for its own, since some of them say simulation zero.
+//! A client logs on once, with its first message, and off with its last. The logon names its simulation; names in
+//! later messages count as of that simulation, since some of them have simulation zero.
 
 use core::fmt;
 
-use crate::frames::{Framed, Frames};
-use crate::malformed::Malformed;
+use crate::frames::{FramedMessage, MessageFraming};
+use crate::malformed::MalformedMessage;
 use crate::message::Message;
 
-/// Where a conversation stands.
+/// Progress of a session.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum SessionState {
-    /// Nothing was said.
+    /// No message yet.
     #[default]
     Silent,
     /// Logged on.
     Active,
-    /// Logged off, or broken.
+    /// Logged off, or failed.
     Over,
 }
 
-/// The server's end of a connection.
+/// The server's end of a session.
 #[derive(Debug, Default)]
 pub struct Session {
-    frames: Frames,
+    frames: MessageFraming,
     state: SessionState,
 }
 
-/// Why a connection cannot go on.
+/// Reason for which a session ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SessionError {
-    /// Its bytes are no messages.
-    Malformed(Malformed),
-    /// It said something before it logged on.
+    /// The bytes are not a message.
+    Malformed(MalformedMessage),
+    /// The client sent another message before its logon.
     NotLoggedOn,
-    /// It logged on twice.
+    /// The client logged on twice.
     LoggedOnTwice,
-    /// It said what only servers say.
+    /// The client sent a message that only servers send.
     ServersWord,
 }
 
@@ -45,9 +45,9 @@ impl fmt::Display for SessionError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Malformed(malformed) => malformed.fmt(f),
-            Self::NotLoggedOn => f.write_str("the first message was no logon"),
-            Self::LoggedOnTwice => f.write_str("it logged on twice"),
-            Self::ServersWord => f.write_str("it said what only servers say"),
+            Self::NotLoggedOn => f.write_str("the first message was not a logon"),
+            Self::LoggedOnTwice => f.write_str("the client logged on twice"),
+            Self::ServersWord => f.write_str("the client sent a message that only servers send"),
         }
     }
 }
@@ -55,19 +55,19 @@ impl fmt::Display for SessionError {
 impl core::error::Error for SessionError {}
 
 impl Session {
-    /// The next bytes of the connection, cut anywhere.
+    /// Appends the next bytes of the connection, cut at any place.
     pub fn handle_bytes(&mut self, bytes: &[u8]) {
         if self.state != SessionState::Over {
             self.frames.push(bytes);
         }
     }
 
-    /// The next message that may be said here; nothing after a logoff.
+    /// The next message that is allowed; `None` after a logoff.
     ///
     /// # Errors
     ///
-    /// [`SessionError`] when the connection cannot go on; then nothing more is heard of it.
-    pub fn poll_message(&mut self) -> Result<Option<Framed>, SessionError> {
+    /// [`SessionError`] when the session cannot continue; from then on it accepts nothing.
+    pub fn poll_message(&mut self) -> Result<Option<FramedMessage>, SessionError> {
         if self.state == SessionState::Over {
             return Ok(None);
         }
@@ -103,6 +103,6 @@ impl Session {
 
     fn end(&mut self) {
         self.state = SessionState::Over;
-        self.frames = Frames::default();
+        self.frames = MessageFraming::default();
     }
 }

@@ -1,7 +1,7 @@
-//! The shapes that are told point by point.
+//! Shapes of many points.
 //!
-//! Counts are checked against the bytes that are there before anything is kept; whether numbers are finite, and indices
-//! name points, is for whoever builds a solid.
+//! Counts are checked against the present bytes before anything is allocated. The solid's builder checks that numbers
+//! are finite and that indices name points.
 
 use alloc::vec::Vec;
 
@@ -9,10 +9,10 @@ use glam::Vec3;
 
 use crate::fields::Id;
 use crate::limits::{POINTS_MAX, POSTS_MAX, TRIANGLES_MAX};
-use crate::malformed::Malformed;
-use crate::wire::{Field, Reader};
+use crate::malformed::MalformedMessage;
+use crate::wire::{Field, FieldReader};
 
-/// The hull of some points.
+/// The convex hull of points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ConvexMesh {
     /// The shape's name.
@@ -28,40 +28,40 @@ pub struct TriangleMesh {
     pub shape: Id,
     /// Metres, in the shape's axes.
     pub points: Vec<Vec3>,
-    /// Three points each, by place.
+    /// Three point indices each.
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// A field of heights: row r and column c stand at x = r · row spacing, y = the height, z = c · column spacing.
+/// A height field: row r and column c are at x = r · row spacing, y = the height, z = c · column spacing.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Heights {
+pub struct HeightGrid {
     /// The shape's name.
     pub shape: Id,
-    /// How many rows.
+    /// Number of rows.
     pub rows: u32,
-    /// How many columns.
+    /// Number of columns.
     pub columns: u32,
-    /// Metres from row to row.
+    /// Distance between rows, metres.
     pub row_spacing: f32,
-    /// Metres from column to column.
+    /// Distance between columns, metres.
     pub column_spacing: f32,
-    /// Metres, row by row.
+    /// Heights, metres, row by row.
     pub heights: Vec<f32>,
 }
 
-/// A count of things of so many bytes each, for which there are bytes.
+/// A count of items of this size, checked against the present bytes.
 fn checked(
     count: u32,
     most: usize,
     bytes_each: usize,
-    from: &Reader<'_>,
-) -> Result<usize, Malformed> {
+    from: &FieldReader<'_>,
+) -> Result<usize, MalformedMessage> {
     let counted = count as usize;
     if counted > most {
-        return Err(Malformed::Count(count));
+        return Err(MalformedMessage::Count(count));
     }
     if counted * bytes_each > from.left() {
-        return Err(Malformed::Truncated);
+        return Err(MalformedMessage::Truncated);
     }
     Ok(counted)
 }
@@ -75,7 +75,7 @@ impl Field for ConvexMesh {
         }
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+    fn take(from: &mut FieldReader<'_>) -> Result<Self, MalformedMessage> {
         let shape = Id::take(from)?;
         let points = u32::take(from)?;
         let points = checked(points, POINTS_MAX, 12, from)?;
@@ -97,7 +97,7 @@ impl Field for TriangleMesh {
         }
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+    fn take(from: &mut FieldReader<'_>) -> Result<Self, MalformedMessage> {
         let shape = Id::take(from)?;
         let points = u32::take(from)?;
         let triangles = u32::take(from)?;
@@ -113,7 +113,7 @@ impl Field for TriangleMesh {
     }
 }
 
-impl Field for Heights {
+impl Field for HeightGrid {
     fn put(&self, to: &mut Vec<u8>) {
         self.shape.put(to);
         self.rows.put(to);
@@ -125,11 +125,13 @@ impl Field for Heights {
         }
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+    fn take(from: &mut FieldReader<'_>) -> Result<Self, MalformedMessage> {
         let shape = Id::take(from)?;
         let (rows, columns) = (u32::take(from)?, u32::take(from)?);
         let (row_spacing, column_spacing) = (f32::take(from)?, f32::take(from)?);
-        let posts = rows.checked_mul(columns).ok_or(Malformed::Count(rows))?;
+        let posts = rows
+            .checked_mul(columns)
+            .ok_or(MalformedMessage::Count(rows))?;
         let posts = checked(posts, POSTS_MAX, 4, from)?;
         let heights = f32::take_all(from, posts)?;
         Ok(Self {

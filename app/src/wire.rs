@@ -1,20 +1,20 @@
-//! Big-endian numbers, and what is made of them field by field.
+//! Big-endian numbers and fields.
 //!
-//! Reading is length-checked and never asserts: the sender may be anyone.
+//! Decoding checks every length and never asserts: the sender may be anyone.
 
 use alloc::vec::Vec;
 
 use glam::{Quat, Vec3};
 
-use crate::malformed::Malformed;
+use crate::malformed::MalformedMessage;
 
 /// Takes values off the front of a slice.
 #[derive(Clone, Debug)]
-pub(crate) struct Reader<'a> {
+pub(crate) struct FieldReader<'a> {
     rest: &'a [u8],
 }
 
-impl<'a> Reader<'a> {
+impl<'a> FieldReader<'a> {
     pub(crate) const fn new(bytes: &'a [u8]) -> Self {
         Self { rest: bytes }
     }
@@ -23,38 +23,41 @@ impl<'a> Reader<'a> {
         self.rest.len()
     }
 
-    pub(crate) fn raw(&mut self, count: usize) -> Result<&'a [u8], Malformed> {
+    pub(crate) fn raw(&mut self, count: usize) -> Result<&'a [u8], MalformedMessage> {
         let split = self.rest.split_at_checked(count);
-        let (taken, rest) = split.ok_or(Malformed::Truncated)?;
+        let (taken, rest) = split.ok_or(MalformedMessage::Truncated)?;
         self.rest = rest;
         Ok(taken)
     }
 
-    pub(crate) fn array<const N: usize>(&mut self) -> Result<[u8; N], Malformed> {
-        let (taken, rest) = self.rest.split_first_chunk().ok_or(Malformed::Truncated)?;
+    pub(crate) fn array<const N: usize>(&mut self) -> Result<[u8; N], MalformedMessage> {
+        let (taken, rest) = self
+            .rest
+            .split_first_chunk()
+            .ok_or(MalformedMessage::Truncated)?;
         self.rest = rest;
         Ok(*taken)
     }
 
-    pub(crate) const fn finish(self) -> Result<(), Malformed> {
+    pub(crate) const fn finish(self) -> Result<(), MalformedMessage> {
         if self.rest.is_empty() {
             Ok(())
         } else {
-            Err(Malformed::TrailingBytes)
+            Err(MalformedMessage::TrailingBytes)
         }
     }
 }
 
-/// A value in the body of a message.
+/// A field in the body of a message.
 pub(crate) trait Field: Sized {
-    /// Appends its bytes.
+    /// Appends the field's bytes.
     fn put(&self, to: &mut Vec<u8>);
 
-    /// Takes it off the front.
-    fn take(from: &mut Reader<'_>) -> Result<Self, Malformed>;
+    /// Takes the field off the front.
+    fn take(from: &mut FieldReader<'_>) -> Result<Self, MalformedMessage>;
 
-    /// Takes so many of them; the caller has checked that there are bytes for them.
-    fn take_all(from: &mut Reader<'_>, count: usize) -> Result<Vec<Self>, Malformed> {
+    /// Takes `count` fields; the caller has checked that their bytes are present.
+    fn take_all(from: &mut FieldReader<'_>, count: usize) -> Result<Vec<Self>, MalformedMessage> {
         (0..count).map(|_| Self::take(from)).collect()
     }
 }
@@ -64,7 +67,7 @@ impl Field for u32 {
         to.extend_from_slice(&self.to_be_bytes());
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+    fn take(from: &mut FieldReader<'_>) -> Result<Self, MalformedMessage> {
         from.array().map(Self::from_be_bytes)
     }
 }
@@ -74,7 +77,7 @@ impl Field for f32 {
         to.extend_from_slice(&self.to_be_bytes());
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+    fn take(from: &mut FieldReader<'_>) -> Result<Self, MalformedMessage> {
         from.array().map(Self::from_be_bytes)
     }
 }
@@ -86,7 +89,7 @@ impl<T: Field + Copy + Default, const N: usize> Field for [T; N] {
         }
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+    fn take(from: &mut FieldReader<'_>) -> Result<Self, MalformedMessage> {
         let mut values = [T::default(); N];
         for value in &mut values {
             *value = T::take(from)?;
@@ -100,7 +103,7 @@ impl Field for Vec3 {
         self.to_array().put(to);
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+    fn take(from: &mut FieldReader<'_>) -> Result<Self, MalformedMessage> {
         <[f32; 3]>::take(from).map(Self::from_array)
     }
 }
@@ -110,7 +113,7 @@ impl Field for Quat {
         self.to_array().put(to);
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+    fn take(from: &mut FieldReader<'_>) -> Result<Self, MalformedMessage> {
         <[f32; 4]>::take(from).map(Self::from_array)
     }
 }
@@ -130,8 +133,8 @@ macro_rules! fields {
             }
 
             fn take(
-                from: &mut $crate::wire::Reader<'_>,
-            ) -> Result<Self, $crate::malformed::Malformed> {
+                from: &mut $crate::wire::FieldReader<'_>,
+            ) -> Result<Self, $crate::malformed::MalformedMessage> {
                 Ok(Self { $($field: $crate::wire::Field::take(from)?,)+ })
             }
         }

@@ -1,12 +1,12 @@
-//! Every message comes back from its bytes, and from no others.
+//! Every message round-trips; other bytes are refused.
 //!
 //! Proved by building bodies of every type from random bytes, by cutting streams anywhere, and by reading noise.
 
 use glam::Vec3;
 use proptest::prelude::*;
 use rhumb_app::{
-    ConvexMesh, ErrorReport, Framed, Frames, Heights, Id, Kind, Malformed, Message, TriangleMesh,
-    limits,
+    ConvexMesh, ErrorReport, FramedMessage, HeightGrid, Id, Kind, MalformedMessage, Message,
+    MessageFraming, TriangleMesh, limits,
 };
 
 /// Bytes of the body of each type whose length is fixed.
@@ -60,7 +60,7 @@ fn message() -> impl Strategy<Value = Message> {
         })
     });
     let heights = (id(), 0..9_u32, 0..9_u32, number()).prop_map(|(shape, rows, columns, some)| {
-        Message::AddHeightField(Heights {
+        Message::AddHeightField(HeightGrid {
             shape,
             rows,
             columns,
@@ -72,22 +72,22 @@ fn message() -> impl Strategy<Value = Message> {
     prop_oneof![8 => plain, 1 => text, 1 => hull, 1 => mesh, 1 => heights]
 }
 
-fn read_all(frames: &mut Frames) -> Result<Vec<Framed>, Malformed> {
-    let mut heard = Vec::new();
+fn read_all(frames: &mut MessageFraming) -> Result<Vec<FramedMessage>, MalformedMessage> {
+    let mut decoded = Vec::new();
     while let Some(framed) = frames.next_message()? {
-        heard.push(framed);
+        decoded.push(framed);
     }
-    Ok(heard)
+    Ok(decoded)
 }
 
 proptest! {
     #[test]
-    fn messages_come_back_however_their_stream_is_cut(
+    fn messages_round_trip_however_their_stream_is_cut(
         messages in prop::collection::vec((message(), 1..=u32::MAX), 1..8),
         cut in 1_usize..400,
     ) {
         let stream: Vec<u8> = messages.iter().flat_map(|(message, index)| encoded(message, *index)).collect();
-        let mut frames = Frames::default();
+        let mut frames = MessageFraming::default();
         let mut again = Vec::new();
         for piece in stream.chunks(cut) {
             frames.push(piece);
@@ -95,7 +95,7 @@ proptest! {
                 again.extend(encoded(&framed.message, framed.index));
             }
         }
-        // By bytes: NaN is no equal of itself.
+        // Compared as bytes: NaN does not equal itself.
         prop_assert_eq!(again, stream);
     }
 
@@ -104,7 +104,7 @@ proptest! {
         let bytes = encoded(&message, 7);
         prop_assert!(Message::from_datagram(&bytes).is_ok());
         for cut in 0..bytes.len() {
-            prop_assert_eq!(Message::from_datagram(&bytes[..cut]), Err(Malformed::Truncated));
+            prop_assert_eq!(Message::from_datagram(&bytes[..cut]), Err(MalformedMessage::Truncated));
         }
         let more = [bytes.clone(), bytes].concat();
         prop_assert!(Message::from_datagram(&more).is_ok());
@@ -114,23 +114,23 @@ proptest! {
     fn every_truncation_of_a_body_is_refused(message in message()) {
         let bytes = encoded(&message, 7);
         let body = &bytes[24..];
-        // A text may end anywhere.
+        // A text may end at any byte.
         let text = matches!(message, Message::Error(_));
         for cut in 0..if text { 4 } else { body.len() } {
-            prop_assert_eq!(Message::decode(message.kind(), &body[..cut]), Err(Malformed::Truncated));
+            prop_assert_eq!(Message::decode(message.kind(), &body[..cut]), Err(MalformedMessage::Truncated));
         }
         if !text {
             let longer = [body, &[0]].concat();
-            prop_assert_eq!(Message::decode(message.kind(), &longer), Err(Malformed::TrailingBytes));
+            prop_assert_eq!(Message::decode(message.kind(), &longer), Err(MalformedMessage::TrailingBytes));
         }
     }
 
     #[test]
-    fn noise_is_read_without_a_panic_and_what_reads_is_written_so(
+    fn noise_never_panics_and_decoded_noise_encodes_back(
         noise in prop::collection::vec(any::<u8>(), 0..400),
         kind in prop::sample::select(Kind::ALL),
     ) {
-        let mut frames = Frames::default();
+        let mut frames = MessageFraming::default();
         frames.push(&noise);
         let _ = read_all(&mut frames);
         let _ = Message::from_datagram(&noise);
@@ -143,22 +143,22 @@ proptest! {
     }
 
     #[test]
-    fn a_wrong_byte_in_a_header_is_no_panic(message in message(), place in 0_usize..24, byte in any::<u8>()) {
+    fn a_wrong_byte_in_a_header_never_panics(message in message(), place in 0_usize..24, byte in any::<u8>()) {
         let mut bytes = encoded(&message, 7);
         bytes[place] = byte;
-        let mut frames = Frames::default();
+        let mut frames = MessageFraming::default();
         frames.push(&bytes);
         let _ = read_all(&mut frames);
     }
 }
 
 #[test]
-fn a_torque_without_a_header_is_understood() {
+fn a_torque_without_a_header_is_decoded() {
     let mut bytes = vec![0; 24];
     let torque = Message::decode(Kind::ApplyTorque, &[7; 20]).unwrap();
     bytes.extend([7; 20]);
     bytes.extend(encoded(&Message::Logoff(1), 9));
-    let mut frames = Frames::default();
+    let mut frames = MessageFraming::default();
     for byte in bytes {
         frames.push(&[byte]);
         if let Some(framed) = frames.next_message().unwrap() {
@@ -173,9 +173,9 @@ fn a_torque_without_a_header_is_understood() {
 }
 
 #[test]
-fn a_header_that_no_message_has_is_refused_before_its_body_is_awaited() {
+fn an_invalid_header_is_refused_before_its_body_arrives() {
     let refused = |bytes: &[u8]| {
-        let mut frames = Frames::default();
+        let mut frames = MessageFraming::default();
         frames.push(bytes);
         frames.next_message().expect_err("the test makes it wrong")
     };
@@ -183,27 +183,33 @@ fn a_header_that_no_message_has_is_refused_before_its_body_is_awaited() {
     header[11] = 29;
     assert_eq!(
         refused(&header),
-        Malformed::Length {
+        MalformedMessage::Length {
             kind: 13,
             bytes: 29
         }
     );
     header[11] = 0;
-    assert_eq!(refused(&header), Malformed::Length { kind: 13, bytes: 0 });
+    assert_eq!(
+        refused(&header),
+        MalformedMessage::Length { kind: 13, bytes: 0 }
+    );
     header[3] = 99;
-    assert_eq!(refused(&header), Malformed::UnknownKind(99));
+    assert_eq!(refused(&header), MalformedMessage::UnknownKind(99));
     header[1] = 2;
-    assert_eq!(refused(&header), Malformed::Version(2));
+    assert_eq!(refused(&header), MalformedMessage::Version(2));
     let mut mesh = [0_u8; 24];
     mesh[1] = 1;
     mesh[2..4].copy_from_slice(&306_u16.to_be_bytes());
     let bytes = limits::MESSAGE_BYTES_MAX as u32 + 1;
     mesh[8..12].copy_from_slice(&bytes.to_be_bytes());
-    assert_eq!(refused(&mesh), Malformed::Length { kind: 306, bytes });
+    assert_eq!(
+        refused(&mesh),
+        MalformedMessage::Length { kind: 306, bytes }
+    );
 }
 
 #[test]
-fn counts_beyond_the_bytes_or_the_limits_are_refused_before_anything_is_kept() {
+fn excessive_counts_are_refused_before_any_allocation() {
     let body = |kind, counts: &[u32]| {
         let mut body = vec![0; 8];
         for count in counts {
@@ -215,26 +221,26 @@ fn counts_beyond_the_bytes_or_the_limits_are_refused_before_anything_is_kept() {
     let many = u32::MAX;
     assert_eq!(
         body(Kind::AddConvexMesh, &[many]),
-        Err(Malformed::Count(many))
+        Err(MalformedMessage::Count(many))
     );
     assert_eq!(
         body(Kind::AddConvexMesh, &[60_000]),
-        Err(Malformed::Truncated)
+        Err(MalformedMessage::Truncated)
     );
     assert_eq!(
         body(Kind::AddTriangleMesh, &[0, many]),
-        Err(Malformed::Count(many))
+        Err(MalformedMessage::Count(many))
     );
     assert_eq!(
         body(Kind::AddHeightField, &[many, 2]),
-        Err(Malformed::Count(many))
+        Err(MalformedMessage::Count(many))
     );
     assert_eq!(
         body(Kind::AddHeightField, &[513, 512]),
-        Err(Malformed::Count(513 * 512))
+        Err(MalformedMessage::Count(513 * 512))
     );
     assert_eq!(
         body(Kind::AddHeightField, &[2, 2]),
-        Err(Malformed::Truncated)
+        Err(MalformedMessage::Truncated)
     );
 }

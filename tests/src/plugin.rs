@@ -9,7 +9,8 @@ use std::net::SocketAddr;
 
 use glam::{Quat, Vec3};
 use rhumb_app::{
-    AttachShape, CreateDynamicActor, Frames, Id, Kind, Logon, Message, Motion, SetWorld, Surface,
+    AttachShape, CreateDynamicActor, Id, Kind, Logon, Message, MessageFraming, Motion, SetWorld,
+    Surface,
 };
 use rhumb_protocol::{Instant, Peer};
 use rhumb_server::ServerLoop;
@@ -38,7 +39,7 @@ impl Recording {
     #[must_use]
     pub fn unpack(packed: &[u8]) -> Self {
         let bytes = zstd::decode_all(packed).expect("a recording of this repository");
-        let mut frames = Frames::default();
+        let mut frames = MessageFraming::default();
         let (mut messages, mut borders) = (Vec::new(), vec![0]);
         let mut fed = 0;
         while fed < bytes.len() {
@@ -97,7 +98,7 @@ pub struct PluginSession {
     pub closed: bool,
     /// One more than frames are over.
     frame: usize,
-    frames: Frames,
+    frames: MessageFraming,
 }
 
 /// What the published plug-in takes in one read, and what fits a segment.
@@ -121,7 +122,7 @@ impl PluginSession {
             stream_bytes: 0,
             frame: 1,
             closed: false,
-            frames: Frames::default(),
+            frames: MessageFraming::default(),
         }
     }
 

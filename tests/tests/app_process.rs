@@ -9,7 +9,7 @@ use std::net::{TcpStream, UdpSocket};
 use std::time::{Duration, Instant};
 
 use glam::Vec3;
-use rhumb_app::{Frames, Kind, Logon, Message};
+use rhumb_app::{Kind, Logon, Message, MessageFraming};
 use rhumb_client::scene::Shape;
 use rhumb_client::{Client, ClientError, JoinMode, Options, PipelineDepth, Tick, Trust};
 use rhumb_tests::{Programme, Recording, ServerProcess, falling};
@@ -27,7 +27,7 @@ const FRAMES_SEEN: usize = 45;
 struct Plugin {
     tcp: TcpStream,
     udp: UdpSocket,
-    frames: Frames,
+    frames: MessageFraming,
 }
 
 /// What the tests rely on.
@@ -49,7 +49,7 @@ impl Plugin {
         Self {
             tcp,
             udp,
-            frames: Frames::default(),
+            frames: MessageFraming::default(),
         }
     }
 
@@ -224,8 +224,8 @@ fn noise_ends_its_own_connection_with_a_reason() {
     assert!(!plugin.hear(None).is_empty());
     server.signal("TERM");
     let log = server.wait().log;
-    assert!(log.contains("version 18245 is not spoken here"), "{log}");
-    assert!(log.contains("the first message was no logon"), "{log}");
+    assert!(log.contains("version 18245 is not supported"), "{log}");
+    assert!(log.contains("the first message was not a logon"), "{log}");
 }
 
 /// What one frame says of its length, for a simulation.

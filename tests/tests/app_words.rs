@@ -6,7 +6,7 @@
 use glam::{Quat, Vec3};
 use rhumb_app::{
     AddJoint, ApplyForce, ApplyTorque, AttachShape, ConvexMesh, CreateDynamicActor,
-    CreateStaticActor, DetachShape, Grip, Heights, Id, Kind, Logon, Message, Motion, SetWorld,
+    CreateStaticActor, DetachShape, Grip, HeightGrid, Id, Kind, Logon, Message, Motion, SetWorld,
     Surface, Surfacing, TriangleMesh,
 };
 use rhumb_protocol::Instant;
@@ -367,7 +367,7 @@ impl Babble {
                     .collect(),
                 points,
             }),
-            5 => Message::AddHeightField(Heights {
+            5 => Message::AddHeightField(HeightGrid {
                 shape,
                 rows: 4,
                 columns: 3,

@@ -1,33 +1,33 @@
-//! An actor as its client has it, and the body that it is in the scene.
+//! An actor of an APP client, and its body in the scene.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{BodyKind, Material, ShapeId};
 use rhumb_reckoning::BodyId;
 
-use super::form::{Frame, Part};
+use super::form::{ActorPart, Frame};
 
 /// An actor.
 #[derive(Clone, Debug)]
 pub(super) struct Actor {
     pub(super) kind: BodyKind,
-    /// Where it was created, or is to be; where it is, its body says.
+    /// Position at its creation or a requested one; the present position is the body's.
     pub(super) position: Vec3,
     pub(super) rotation: Quat,
     pub(super) linear: Vec3,
     pub(super) angular: Vec3,
     pub(super) gravity: f32,
-    /// Whether its collisions are to be reported.
+    /// Whether its collisions are reported.
     pub(super) reports: bool,
-    /// Whether a joint to the world keeps it from turning: an avatar.
+    /// Whether a joint to the world prevents rotation: an avatar.
     pub(super) upright: bool,
-    pub(super) parts: Vec<Part>,
+    pub(super) parts: Vec<ActorPart>,
     pub(super) target_motion: TargetMotion,
-    /// The mass that the client was told, if it asked.
-    pub(super) told_mass: Option<f32>,
+    /// The mass that was sent to the client, if it asked.
+    pub(super) reported_mass: Option<f32>,
     pub(super) body: Option<ActorBody>,
 }
 
-/// What was said of an actor's motion since the last frame.
+/// Motion that was set since the last frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct TargetMotion {
     pub(super) position: Option<Vec3>,
@@ -36,7 +36,7 @@ pub(super) struct TargetMotion {
     pub(super) angular: Option<Vec3>,
 }
 
-/// What an actor is in the scene.
+/// Body of an actor in the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ActorBody {
     pub(super) id: BodyId,
@@ -65,12 +65,12 @@ impl Actor {
                 linear: None,
                 angular: None,
             },
-            told_mass: None,
+            reported_mass: None,
             body: None,
         }
     }
 
-    /// Takes what is requested_authority of its motion for what it is.
+    /// Takes the requested motion as the present one.
     pub(super) fn fulfil(&mut self) {
         let target_motion = std::mem::take(&mut self.target_motion);
         self.position = target_motion.position.unwrap_or(self.position);
@@ -79,10 +79,10 @@ impl Actor {
         self.angular = target_motion.angular.unwrap_or(self.angular);
     }
 
-    /// Takes a shape off it, if it has one of this name.
+    /// Detaches a shape by its name, if the actor has it.
     ///
-    /// The published plug-in keeps the name of an avatar's shape in one place for all avatars: what it takes off an avatar that
-    /// does not have it is the one shape that the avatar has.
+    /// The published plug-in stores one shape name for all avatars: if an avatar lacks the named shape, its only shape
+    /// is meant.
     pub(super) fn detach(&mut self, name: u32) {
         let before = self.parts.len();
         self.parts.retain(|part| part.name != name);

@@ -1,8 +1,8 @@
-//! What body an actor is: its parts as one shape, around its centre of mass.
+//! Body of an actor: its parts as one shape around the centre of mass.
 //!
-//! A body of a scene has its origin in its centre of mass, one shape, one density and one surface. An actor has its origin
-//! anywhere, and shapes with a density and a surface each. The body's density is what gives it the actor's mass; its
-//! surface is that of the part that was attached first.
+//! A body of a scene has its origin in its centre of mass, one shape, one density and one surface. An actor has its
+//! origin anywhere, and several shapes, each with density and surface. The body's density gives it the actor's mass;
+//! its surface is that of the first attached part.
 
 use glam::{Quat, Vec3};
 use rhumb_app::Surface;
@@ -14,10 +14,10 @@ use super::refusal::Refusal;
 
 /// A shape on an actor.
 #[derive(Clone, Debug)]
-pub(super) struct Part {
+pub(super) struct ActorPart {
     /// The client's name of the shape.
     pub(super) name: u32,
-    /// What it was when it was attached; none of a name that nobody defined.
+    /// The shape when it was attached; `None` for an undefined name.
     pub(super) outline: Option<Outline>,
     pub(super) material: Material,
     /// Metres, in the actor's axes.
@@ -26,7 +26,7 @@ pub(super) struct Part {
     pub(super) rotation: Quat,
 }
 
-/// Where a body's axes lie in its actor's.
+/// Pose of a body's axes in its actor's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Frame {
     /// The body's origin, metres.
@@ -35,14 +35,14 @@ pub(super) struct Frame {
     pub(super) rotation: Quat,
 }
 
-/// The body that an actor is.
+/// Body properties of an actor.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Form {
     pub(super) shape: Shape,
     pub(super) frame: Frame,
-    /// None: the scene's own.
+    /// `None`: the scene's own.
     pub(super) material: Option<Material>,
-    /// kg.
+    /// Mass, kg.
     pub(super) mass: f32,
 }
 
@@ -52,7 +52,7 @@ impl Frame {
         rotation: Quat::IDENTITY,
     };
 
-    /// The body's pose of an actor's. One that is the actor's own keeps every bit.
+    /// The body's pose for an actor's. A body that shares the actor's frame keeps every bit.
     pub(super) fn body_of(&self, position: Vec3, rotation: Quat) -> (Vec3, Quat) {
         if *self == Self::IDENTITY {
             return (position, rotation);
@@ -63,7 +63,7 @@ impl Frame {
         (at.as_vec3(), turned.as_quat())
     }
 
-    /// The actor's pose of a body's.
+    /// The actor's pose for a body's.
     pub(super) fn actor_of(&self, position: Vec3, rotation: Quat) -> (Vec3, Quat) {
         if *self == Self::IDENTITY {
             return (position, rotation);
@@ -74,7 +74,7 @@ impl Frame {
     }
 }
 
-/// A rotation of unit length, from one that is about so; the published plug-in rounds.
+/// A rotation of unit length, from one that is nearly so; the published plug-in rounds.
 pub(super) fn unit(rotation: Quat) -> Result<Quat, Refusal> {
     let wide = rotation.as_dquat();
     let squared = wide.length_squared();
@@ -87,7 +87,8 @@ pub(super) fn unit(rotation: Quat) -> Result<Quat, Refusal> {
     Ok(wide.normalize().as_quat())
 }
 
-/// A material of a scene from a surface of a client. What is beyond the limits is at them; what is no number is refused.
+/// A scene's material for a client's surface. Numbers beyond the limits are clamped; numbers that are not finite are
+/// refused.
 pub(super) fn material(surface: &Surface) -> Result<Material, Refusal> {
     let Surface {
         density,
@@ -99,15 +100,15 @@ pub(super) fn material(surface: &Surface) -> Result<Material, Refusal> {
         return Err(Refusal::Number);
     }
     Ok(Material {
-        // An engine knows one coefficient: that of what slides, since what stands is as hard to move as to keep moving.
+        // An engine has one coefficient, that of sliding: a resting body then needs the same force.
         friction: kinetic_friction.clamp(0.0, FRICTION_MAX),
         restitution: restitution.clamp(0.0, 1.0),
         density: density.clamp(DENSITY_MIN, DENSITY_MAX),
     })
 }
 
-/// The mass of an actor of these parts, kg; a kilogram if nothing of it can be touched.
-pub(super) fn mass(kind: BodyKind, parts: &[Part]) -> f32 {
+/// The mass of an actor of these parts, kg; a kilogram without any solid part.
+pub(super) fn mass(kind: BodyKind, parts: &[ActorPart]) -> f32 {
     let counts = |outline: &&Outline| kind == BodyKind::Static || outline.solid().is_some();
     let masses = parts.iter().filter_map(|part| {
         let outline = part.outline.as_ref().filter(counts)?;
@@ -120,9 +121,9 @@ pub(super) fn mass(kind: BodyKind, parts: &[Part]) -> f32 {
     }
 }
 
-/// What an actor of these parts is. `scenes`: the material that needs no mention.
-pub(super) fn form(kind: BodyKind, parts: &[Part], scenes: Material) -> Form {
-    let placed: Vec<(Outline, &Part)> = parts
+/// The body of an actor of these parts. `scenes`: the scene's default material.
+pub(super) fn form(kind: BodyKind, parts: &[ActorPart], scenes: Material) -> Form {
+    let placed: Vec<(Outline, &ActorPart)> = parts
         .iter()
         .filter_map(|part| {
             let outline = part.outline.as_ref()?;
@@ -144,7 +145,7 @@ pub(super) fn form(kind: BodyKind, parts: &[Part], scenes: Material) -> Form {
         _ => several(kind, &placed, mass),
     };
     let Some((_, first)) = placed.first() else {
-        // What has no shape weighs a kilogram, as the engine has it.
+        // A body without shape weighs a kilogram, as in the engine.
         return Form {
             shape,
             frame,
@@ -169,7 +170,7 @@ pub(super) fn form(kind: BodyKind, parts: &[Part], scenes: Material) -> Form {
     }
 }
 
-fn lies(outline: &Outline, part: &Part) -> Frame {
+fn lies(outline: &Outline, part: &ActorPart) -> Frame {
     let rotation = (part.rotation.as_dquat() * outline.rotation.as_dquat()).normalize();
     let offset = part.rotation.as_dquat() * outline.position.as_dvec3();
     let plain = part.rotation == Quat::IDENTITY && outline.rotation == Quat::IDENTITY;
@@ -183,14 +184,14 @@ fn lies(outline: &Outline, part: &Part) -> Frame {
     }
 }
 
-fn single(outline: &Outline, part: &Part) -> (Shape, Frame) {
+fn single(outline: &Outline, part: &ActorPart) -> (Shape, Frame) {
     let (shape, centre) = outline.centred();
     let mut frame = lies(outline, part);
     frame.position += frame.rotation * centre;
     (shape, frame)
 }
 
-fn several(kind: BodyKind, placed: &[(Outline, &Part)], mass: f32) -> (Shape, Frame) {
+fn several(kind: BodyKind, placed: &[(Outline, &ActorPart)], mass: f32) -> (Shape, Frame) {
     let frames: Vec<Frame> = placed
         .iter()
         .map(|(outline, part)| lies(outline, part))
@@ -212,7 +213,7 @@ fn several(kind: BodyKind, placed: &[(Outline, &Part)], mass: f32) -> (Shape, Fr
             rotation: frame.rotation,
             shape: outline.shape.clone(),
         });
-    // Parts are counted when they are attached, and each was checked when it was told.
+    // Parts are counted when they are attached, and each was checked at its definition.
     let compound = Compound::new(parts.collect()).unwrap_or_else(|_| Compound::nothing());
     let frame = Frame {
         position: centre,
@@ -231,8 +232,8 @@ mod tests {
         density: 1_000.0,
     };
 
-    fn part(outline: Outline, position: Vec3, density: f32) -> Part {
-        Part {
+    fn part(outline: Outline, position: Vec3, density: f32) -> ActorPart {
+        ActorPart {
             name: 1,
             outline: Some(outline),
             material: Material { density, ..STONE },
@@ -280,11 +281,11 @@ mod tests {
         assert!(back.distance(Vec3::ONE) < 1e-6 && turned.angle_between(Y) < 1e-3);
     }
 
-    /// A quarter about y.
+    /// A quarter turn about y.
     const Y: Quat = Quat::from_xyzw(0.0, 0.707_106_77, 0.0, 0.707_106_77);
 
     #[test]
-    fn a_hull_off_its_origin_is_put_around_its_centre_of_mass() {
+    fn a_hull_is_centred_on_its_centre_of_mass() {
         let corners: Vec<Vec3> = (0..8)
             .map(|bits| {
                 Vec3::new(
@@ -309,14 +310,14 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_shape_is_nothing_that_weighs_a_kilogram() {
+    fn an_actor_without_shape_weighs_a_kilogram() {
         let form = form(BodyKind::Dynamic, &[], STONE);
         assert_eq!(form.shape, Shape::Compound(Compound::nothing()));
         assert_eq!(form.mass, 1.0);
     }
 
     #[test]
-    fn an_avatars_capsule_stands_upright_and_is_as_tall_as_told() {
+    fn an_avatars_capsule_is_upright_and_has_its_height() {
         let capsule = Outline::capsule(0.3, 1.9).unwrap();
         let mut upright = part(capsule, Vec3::ZERO, 1_062.0);
         upright.rotation = Y;

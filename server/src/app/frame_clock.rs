@@ -1,8 +1,8 @@
-//! How a client's frames become ticks of a scene.
+//! Converts an APP client's frames into ticks of its scene.
 //!
-//! A frame is a binary32 of seconds; a scene's tick is a ratio. The first frame decides: its simplest ratio, cut into as
-//! few ticks as keep each at a sixtieth of a second or less. Frames of another length are paid for tick by tick, and what
-//! is owed is carried on.
+//! A frame is a binary32 of seconds; a scene's tick is a ratio. The first frame decides: its simplest ratio, cut into
+//! as few ticks as keep each at a sixtieth of a second or less. Later frames of another length yield whole ticks; the
+//! remainder is carried over.
 
 use rhumb_reckoning::Rate;
 
@@ -10,21 +10,22 @@ use rhumb_reckoning::Rate;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FrameClock {
     rate: Rate,
-    /// Seconds that passed in frames and not yet in ticks.
-    owed: f64,
+    /// Seconds of frames that are not yet converted to ticks.
+    carried: f64,
 }
 
 /// The longest frame, seconds.
 const FRAME_MAX: f32 = 1.0;
-/// The shortest, seconds: a tick of a thousand a second.
+/// The shortest frame, seconds: a tick of a thousand a second.
 const FRAME_MIN: f32 = 1e-3;
-/// Ticks a second that a frame is cut into at least.
+/// Least tick rate that a frame is cut into.
 const TICKS_PER_SECOND: f64 = 60.0;
-/// A share of a tick that rounding may leave.
+/// Share of a tick that rounding may leave.
 const SLACK: f64 = 1e-3;
 
 impl FrameClock {
-    /// For a client whose first frame is so long; `None` for no time, too much of it, or what is no ratio of small numbers.
+    /// A clock for a client with this first frame; `None` if its time is zero, too long, or not a ratio of small
+    /// numbers.
     pub(super) fn of_frame(seconds: f32) -> Option<Self> {
         if !(FRAME_MIN..=FRAME_MAX).contains(&seconds) {
             return None;
@@ -34,35 +35,35 @@ impl FrameClock {
         let ticks = (length * TICKS_PER_SECOND - SLACK).ceil().max(1.0) as u32;
         let common = gcd(ticks.checked_mul(under)?, over);
         let rate = Rate::new(ticks * under / common, over / common)?;
-        Some(Self { rate, owed: 0.0 })
+        Some(Self { rate, carried: 0.0 })
     }
 
-    /// How the scene ticks.
+    /// Tick rate of the scene.
     pub(super) const fn rate(&self) -> Rate {
         self.rate
     }
 
-    /// The ticks that a frame pays for; `None` for one that is too long or no time.
+    /// The ticks of a frame; `None` for a frame of zero time or too long.
     pub(super) fn ticks(&mut self, seconds: f32) -> Option<u32> {
         if !(0.0..=FRAME_MAX).contains(&seconds) {
             return None;
         }
         let tick = self.rate.step().seconds();
-        let owed = self.owed + f64::from(seconds);
-        let ticks = (owed / tick + SLACK).floor();
-        self.owed = owed - ticks * tick;
+        let carried = self.carried + f64::from(seconds);
+        let ticks = (carried / tick + SLACK).floor();
+        self.carried = carried - ticks * tick;
         Some(ticks as u32)
     }
 }
 
-/// The ratio of the least numbers that rounds to a binary32, if they are small.
+/// The simplest ratio that rounds to a binary32, if its numbers are small.
 fn simplest(value: f32) -> Option<(u32, u32)> {
     // The convergents of its continued fraction, one after the other.
     let mut rest = f64::from(value);
     let (mut before, mut now) = ((0_u64, 1_u64), (1_u64, 0_u64));
     for _ in 0..32 {
-        let whole = rest.floor();
-        let next = |before: u64, now: u64| (whole as u64).checked_mul(now)?.checked_add(before);
+        let integer = rest.floor();
+        let next = |before: u64, now: u64| (integer as u64).checked_mul(now)?.checked_add(before);
         let convergent = (next(before.0, now.0)?, next(before.1, now.1)?);
         if convergent.1 > 1_000_000 {
             return None;
@@ -71,7 +72,7 @@ fn simplest(value: f32) -> Option<(u32, u32)> {
             return Some((convergent.0 as u32, convergent.1 as u32));
         }
         (before, now) = (now, convergent);
-        let fraction = rest - whole;
+        let fraction = rest - integer;
         if fraction <= 0.0 {
             return None;
         }
@@ -96,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn usual_frames_have_the_ratios_that_were_meant() {
+    fn common_frames_get_their_intended_ratios() {
         for (seconds, ticks, over) in [
             (1.0 / 60.0, 60, 1),
             (0.089, 6_000, 89),
@@ -124,14 +125,14 @@ mod tests {
     }
 
     #[test]
-    fn what_other_frames_leave_is_carried_on() {
+    fn the_remainder_of_other_frames_is_carried_over() {
         let mut frame_clock = frame_clock(0.089);
         let sum: u32 = (0..1_000).map(|_| frame_clock.ticks(0.1).unwrap()).sum();
         assert_eq!(sum, 6_741);
     }
 
     #[test]
-    fn no_time_and_too_much_are_refused() {
+    fn zero_and_excessive_times_are_refused() {
         for seconds in [0.0, -1.0, 1.5, f32::NAN, f32::INFINITY, 1e-9] {
             assert!(FrameClock::of_frame(seconds).is_none(), "{seconds}");
         }

@@ -1,14 +1,14 @@
-//! One client of the paper's protocol, and the scene that it leads.
+//! One APP client, and the scene that it leads.
 //!
-//! Reads what it says, does it at its frames, and says what came of that. Its scene is named `app/` and the number of its
-//! simulation; it begins with the first frame and ends with the client.
+//! Handles its messages, applies them at its frames, and reports the results. Its scene is named `app/` with the
+//! number of its simulation; it begins with the first frame and ends with the client.
 
 use core::net::{IpAddr, SocketAddr};
 use core::num::NonZeroU32;
 
 use bytes::Bytes;
 use glam::Vec3;
-use rhumb_app::{ErrorReport, Framed, HEADER_BYTES, Id, Message, Session};
+use rhumb_app::{ErrorReport, FramedMessage, HEADER_BYTES, Id, Message, Session};
 use rhumb_protocol::Peer;
 use rhumb_protocol::scene::{IdRange, PublishSchedule, SceneConfig, SceneName, Stepping};
 use rhumb_reckoning::{Damping, Integrator};
@@ -23,61 +23,61 @@ use super::world_mirror::{ActorPush, MATERIAL, Reply, WorldMirror};
 use crate::outbox::Outbox;
 use crate::scene_runner::{SceneRunner, Stopwatch};
 
-/// A client.
+/// An APP client.
 #[derive(Debug)]
 pub(super) struct Guest {
     pub(super) session: Session,
     pub(super) address: IpAddr,
     pub(super) guest_state: GuestState,
-    /// Where its states go; on TCP while it is not known.
+    /// Destination of its states; TCP while it is unknown.
     pub(super) states_to: Option<SocketAddr>,
-    /// Its scene, once there was a frame.
+    /// Its scene, from its first frame on.
     pub(super) scene: Option<GuestScene>,
     mirror: WorldMirror,
     reporter: StateReporter,
     pub(super) send_queue: SendQueue,
-    /// How many refusals were output since the last frame.
+    /// Refusals reported since the last frame.
     refusals: u32,
 }
 
-/// Where a client stands with its host.
+/// Progress of a client's session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum GuestState {
-    /// It has not logged on.
+    /// Not logged on.
     Silent,
-    /// It has, under this number, which no other has.
+    /// Logged on with this simulation, which no other client has.
     Leads(u32),
-    /// It was sent away, or went: it is not heard any more, and has no scene.
+    /// Closed or logged off: its bytes are ignored, and it has no scene.
     Parted,
 }
 
-/// What a client has of its scene.
+/// A client's scene.
 #[derive(Debug)]
 pub(super) struct GuestScene {
     pub(super) name: SceneName,
-    /// Whose it is.
+    /// The client's simulation.
     pub(super) simulation: u32,
-    /// The indices that its bodies may have.
+    /// Index range of its bodies.
     pub(super) range: IdRange,
     pub(super) frame_clock: FrameClock,
 }
 
-/// What a client's word asks of the host.
+/// Request of a client's message to the server loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum GuestRequest {
     Nothing,
-    /// It is taken in under this number.
+    /// Log the client on with this simulation.
     Logon(u32),
-    /// So many seconds shall pass.
+    /// Advance time by so many seconds.
     Frame(f32),
     Logoff,
 }
 
-/// Refusals that are output and logged between two frames; more are of no use to anybody.
+/// Refusals that are reported and logged between two frames; more would not help.
 const REFUSALS_MAX: u32 = 16;
 /// Bytes of a state.
 const STATE_BYTES: usize = HEADER_BYTES + 64;
-/// As bodies of the paper's engine have it by default.
+/// The defaults of the paper's engine.
 const DAMPING: Damping = Damping {
     linear: 0.0,
     angular: 0.05,
@@ -99,8 +99,8 @@ impl Guest {
         }
     }
 
-    /// Takes a message in.
-    pub(super) fn handle_message(&mut self, framed: &Framed) -> GuestRequest {
+    /// Handles a message.
+    pub(super) fn handle_message(&mut self, framed: &FramedMessage) -> GuestRequest {
         match framed.message {
             Message::Logon(logon) => return GuestRequest::Logon(logon.simulation),
             Message::Logoff(_) => return GuestRequest::Logoff,
@@ -111,7 +111,7 @@ impl Guest {
             Ok(Reply::Nothing) => {}
             Ok(Reply::Mass(mass)) => {
                 if let Message::GetMass(id) = framed.message {
-                    self.say_mass(id.object, mass);
+                    self.send_mass(id.object, mass);
                 }
             }
             Err(refusal) => self.refuse(RefusedMessage::at_once(framed.index, refusal)),
@@ -119,7 +119,7 @@ impl Guest {
         GuestRequest::Nothing
     }
 
-    /// The number under which it has logged on, while it leads something.
+    /// The simulation of a logged-on client.
     pub(super) const fn simulation(&self) -> Option<u32> {
         match self.guest_state {
             GuestState::Leads(simulation) => Some(simulation),
@@ -127,8 +127,8 @@ impl Guest {
         }
     }
 
-    fn say_mass(&mut self, object: u32, mass: f32) {
-        // Who has not logged on has asked nothing.
+    fn send_mass(&mut self, object: u32, mass: f32) {
+        // A client that is not logged on has not asked.
         let Some(simulation) = self.simulation() else {
             return;
         };
@@ -136,7 +136,7 @@ impl Guest {
         self.send_queue.lasting(&Message::UpdateMass((actor, mass)));
     }
 
-    /// A message was not done: its sender is output, which the published plug-in passes over, and so is the log.
+    /// Reports a refused message to the log and to its sender; the published plug-in ignores the report.
     pub(super) fn refuse(&mut self, refused: RefusedMessage) {
         self.refusals += 1;
         if self.refusals > REFUSALS_MAX {
@@ -154,7 +154,7 @@ impl Guest {
             .lasting(&Message::Error(ErrorReport { index, text }));
     }
 
-    /// The config of the scene that begins with a frame so long.
+    /// Configuration of a scene whose first frame has this length.
     pub(super) fn config(&self, seconds: f32) -> Result<(SceneConfig, FrameClock), Refusal> {
         let frame_clock = FrameClock::of_frame(seconds).ok_or(Refusal::Time)?;
         let config = SceneConfig {
@@ -172,7 +172,7 @@ impl Guest {
         Ok((config, frame_clock))
     }
 
-    /// A frame: what was said is done, time passes, and what came of it is said.
+    /// Runs a frame: applies the messages since the last one, advances time, and reports the results.
     pub(super) fn frame(
         &mut self,
         seconds: f32,
@@ -180,7 +180,7 @@ impl Guest {
         options: &AppOptions,
     ) -> Result<(), Refusal> {
         let scene = self.scene.as_mut().ok_or(Refusal::Time)?;
-        let owed = scene.frame_clock.ticks(seconds).ok_or(Refusal::Time)?;
+        let ticks_due = scene.frame_clock.ticks(seconds).ok_or(Refusal::Time)?;
         let simulation = scene.simulation;
         let FrameAt {
             leader,
@@ -189,8 +189,8 @@ impl Guest {
             out,
             ticks_left,
         } = at;
-        // Who asks for more time at once than may pass has its time pass more slowly.
-        let ticks = owed.min(*ticks_left);
+        // A client that requests more time than allowed gets a slower clock.
+        let ticks = ticks_due.min(*ticks_left);
         *ticks_left -= ticks;
         self.refusals = 0;
         let mut lead = Lead {
@@ -213,7 +213,7 @@ impl Guest {
             self.mirror.pushes.clear();
         }
         for (actor, mass) in realised.masses {
-            self.say_mass(actor, mass);
+            self.send_mass(actor, mass);
         }
         for refused in realised.refused {
             self.refuse(refused);
@@ -224,7 +224,7 @@ impl Guest {
         Ok(())
     }
 
-    /// Says states, contacts, and that the frame is over.
+    /// Sends states, contacts, and the end of the frame.
     fn report(&mut self, simulation: u32, runner: &SceneRunner, options: &AppOptions) {
         let report = ReportOptions {
             states: options.states,
@@ -256,7 +256,7 @@ impl Guest {
                 self.send_queue
                     .passing(&over, self.states_to, options.datagrams);
             }
-            // Where states fill what there is, nothing but this says that time goes on.
+            // Where states use all capacity, only this message shows that time advances.
             (TimeAdvanced::Tcp, _) | (TimeAdvanced::Udp, Transport::Stream) => {
                 self.send_queue.lasting(&over)
             }
@@ -264,24 +264,24 @@ impl Guest {
         self.send_queue.flush(self.states_to);
     }
 
-    /// What waits to be written to it on TCP.
+    /// The next bytes for TCP.
     pub(super) fn poll_bytes(&mut self) -> Option<Bytes> {
         self.send_queue.poll_bytes()
     }
 }
 
-/// Where and when a frame passes.
+/// Tick and limits of a frame.
 pub(super) struct FrameAt<'a> {
     pub(super) leader: Peer,
     pub(super) runner: &'a mut SceneRunner,
     pub(super) clock: Stopwatch<'a>,
     pub(super) out: &'a mut Outbox,
-    /// Ticks that may pass before others have their turn.
+    /// Ticks that may pass before other clients get their turn.
     pub(super) ticks_left: &'a mut u32,
 }
 
 impl WorldMirror {
-    /// Pushes what is pushed during this frame, once more for the next tick.
+    /// Applies all forces of this frame once more for the next tick.
     fn push_all(&self, lead: &mut Lead<'_>) {
         for (name, push) in &self.pushes {
             let actor = self.actors.get(name);
@@ -292,7 +292,7 @@ impl WorldMirror {
                 ActorPush::Force(force) => rhumb_protocol::scene::Command::Force { id, force },
                 ActorPush::Torque(torque) => rhumb_protocol::scene::Command::Torque { id, torque },
             };
-            // What does not move is not pushed, whatever its client says.
+            // A static actor is not pushed, whatever its client requests.
             if let Err(error) = lead.command(&command) {
                 tracing::debug!(actor = name, %error, "an actor was not pushed");
             }

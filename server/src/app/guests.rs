@@ -1,7 +1,7 @@
-//! All clients of the paper's protocol, as a host sees them.
+//! All APP clients of the server loop.
 //!
-//! A client says whose simulation it is on TCP and, once, by a datagram, which may come first: simulation and address
-//! join the two. No state is sent to an address that is not that of a guest_state connection.
+//! A client names its simulation on TCP and, once, by a datagram, which may come first: simulation and address match
+//! the two. No state is sent to an address without a logged-on connection.
 
 use core::fmt;
 use core::net::{IpAddr, SocketAddr};
@@ -17,29 +17,30 @@ use super::options::AppOptions;
 use super::refusal::{Refusal, RefusedMessage};
 use crate::server_loop::ServerLoop;
 
-/// The clients of one host.
+/// The APP clients of one server.
 #[derive(Debug, Default)]
 pub(crate) struct Guests {
     options: AppOptions,
     guests: BTreeMap<Peer, Guest>,
-    /// Logons by datagram whose connections have not logged on yet, oldest first.
+    /// Datagram logons without a logged-on connection yet, oldest first.
     unassigned: VecDeque<(u32, SocketAddr)>,
     closing: VecDeque<Peer>,
 }
 
-/// Logons by datagram that are remembered.
-const STRAYS_MAX: usize = 256;
+/// Datagram logons that are stored.
+const DATAGRAM_LOGONS_MAX: usize = 256;
 
-/// Ticks that one read of a client may have pass: two seconds of its time. Its plug-in says eleven frames of six each second.
+/// Ticks that one read of a client may advance: two seconds of its time. Its plug-in sends eleven frames of six ticks
+/// each second.
 const TICKS_AT_ONCE: u32 = 135;
 
-/// Why a client is sent away.
+/// Reason for which the server closes a connection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum CloseCause {
     Broken(SessionError),
     /// Another connection leads this simulation.
     Taken,
-    /// Its scene's engine failed.
+    /// The engine of its scene failed.
     Faulted,
     NoScene(Refusal),
 }
@@ -60,8 +61,8 @@ impl Guests {
         self.options = options;
     }
 
-    /// Where a simulation's states go, if its datagram came before; the last one counts.
-    fn claim_stray(&mut self, simulation: u32, ip: IpAddr) -> Option<SocketAddr> {
+    /// Destination of a simulation's states, if its datagram came first; the last one counts.
+    fn claim_datagram_logon(&mut self, simulation: u32, ip: IpAddr) -> Option<SocketAddr> {
         let is_its = |prediction_error: &(u32, SocketAddr)| {
             prediction_error.0 == simulation && prediction_error.1.ip() == ip
         };
@@ -83,8 +84,8 @@ impl Guests {
 }
 
 impl ServerLoop {
-    /// Looks at every whole message that a client has said.
-    fn hear_guest(&mut self, peer: Peer) -> Result<(), CloseCause> {
+    /// Handles every whole message of a client.
+    fn handle_guest_messages(&mut self, peer: Peer) -> Result<(), CloseCause> {
         let mut ticks_left = TICKS_AT_ONCE;
         loop {
             let Some(guest) = self.guests.guests.get_mut(&peer) else {
@@ -114,7 +115,7 @@ impl ServerLoop {
             return Err(CloseCause::Taken);
         }
         let ip = self.guests.guests.get(&peer).map(|guest| guest.address);
-        let states_to = ip.and_then(|ip| self.guests.claim_stray(simulation, ip));
+        let states_to = ip.and_then(|ip| self.guests.claim_datagram_logon(simulation, ip));
         if let Some(guest) = self.guests.guests.get_mut(&peer) {
             guest.guest_state = GuestState::Leads(simulation);
             guest.states_to = states_to;
@@ -138,7 +139,7 @@ impl ServerLoop {
             && let Err(refusal) = self.begin_scene(peer, seconds)
         {
             return match refusal {
-                // The next frame may be of another length.
+                // The next frame may have another length.
                 Refusal::Time => {
                     if let Some(guest) = self.guests.guests.get_mut(&peer) {
                         guest.refuse(RefusedMessage::at_once(index, refusal));
@@ -177,7 +178,7 @@ impl ServerLoop {
         let Some(guest) = self.guests.guests.get(&peer) else {
             return Ok(());
         };
-        // Only who has logged on has frames.
+        // Only a logged-on client has frames.
         let Some(simulation) = guest.simulation() else {
             return Ok(());
         };
@@ -200,7 +201,7 @@ impl ServerLoop {
         Ok(())
     }
 
-    /// A client is gone or sent away, and its scene with it.
+    /// Removes a client's scene after its end.
     fn dismiss(&mut self, peer: Peer) {
         let Some(guest) = self.guests.guests.get_mut(&peer) else {
             return;
@@ -219,7 +220,7 @@ impl AppEndpoint for ServerLoop {
 
     fn handle_app_waiting(&mut self, _now: Instant, peer: Peer, bytes: usize) {
         if let Some(guest) = self.guests.guests.get_mut(&peer) {
-            guest.send_queue.note_line(bytes);
+            guest.send_queue.note_connection_bytes(bytes);
         }
     }
 
@@ -227,24 +228,24 @@ impl AppEndpoint for ServerLoop {
         let Some(guest) = self.guests.guests.get_mut(&from) else {
             return;
         };
-        // Until its connection is closed, who was sent away may go on talking.
+        // Bytes may still arrive before the connection is closed.
         if guest.guest_state == GuestState::Parted {
             return;
         }
         guest.session.handle_bytes(bytes);
-        if let Err(parting) = self.hear_guest(from) {
-            tracing::warn!(peer = from.0, %parting, "closing the connection of an app client");
+        if let Err(cause) = self.handle_guest_messages(from) {
+            tracing::warn!(peer = from.0, %cause, "closing the connection of an app client");
             self.dismiss(from);
             self.guests.closing.push_back(from);
         }
     }
 
     fn handle_app_datagram(&mut self, _now: Instant, from: SocketAddr, bytes: &[u8]) {
-        // Clients say nothing else by datagram; what else comes is nobody's.
+        // Logons are the only datagrams of clients; others are ignored.
         let Ok(Message::Logon(logon)) = Message::from_datagram(bytes) else {
             return;
         };
-        // Whose states go somewhere already keeps them, whoever else names its simulation.
+        // A client with a destination keeps it, whichever address names its simulation later.
         let waits = |guest: &&mut Guest| {
             guest.simulation() == Some(logon.simulation)
                 && guest.address == from.ip()
@@ -254,7 +255,7 @@ impl AppEndpoint for ServerLoop {
             guest.states_to = Some(from);
             return;
         }
-        if self.guests.unassigned.len() >= STRAYS_MAX {
+        if self.guests.unassigned.len() >= DATAGRAM_LOGONS_MAX {
             self.guests.unassigned.pop_front();
         }
         self.guests.unassigned.push_back((logon.simulation, from));
@@ -340,24 +341,24 @@ mod tests {
     const NOW: Instant = Instant::ZERO;
     const FRAME: Message = Message::AdvanceTime((7, 0.089));
 
-    fn say(host: &mut ServerLoop, peer: Peer, message: &Message) {
+    fn send(server_loop: &mut ServerLoop, peer: Peer, message: &Message) {
         let mut bytes = Vec::new();
         message.encode(0, &mut bytes);
-        host.handle_app_bytes(NOW, peer, &bytes);
+        server_loop.handle_app_bytes(NOW, peer, &bytes);
     }
 
-    /// Connects somebody who logs on and has a frame.
-    fn begin(host: &mut ServerLoop, peer: Peer) {
+    /// Connects a client that logs on and sends a frame.
+    fn begin(server_loop: &mut ServerLoop, peer: Peer) {
         let from = SocketAddr::from(([127, 0, 0, 1], 40_000));
-        host.handle_app_opened(NOW, peer, from);
-        say(host, peer, &Message::Logon(Logon::new(7, "x")));
-        say(host, peer, &FRAME);
+        server_loop.handle_app_opened(NOW, peer, from);
+        send(server_loop, peer, &Message::Logon(Logon::new(7, "x")));
+        send(server_loop, peer, &FRAME);
     }
 
-    /// Who is sent away, of all that a host has to say.
-    fn sent_away(host: &mut ServerLoop) -> Vec<Peer> {
-        let said = core::iter::from_fn(|| host.poll_app());
-        let away = said.filter_map(|transmit| match transmit {
+    /// Connections that the server closes, of all its transmissions.
+    fn closed(server_loop: &mut ServerLoop) -> Vec<Peer> {
+        let transmits = core::iter::from_fn(|| server_loop.poll_app());
+        let away = transmits.filter_map(|transmit| match transmit {
             AppTransmit::Close { to } => Some(to),
             _ => None,
         });
@@ -365,22 +366,22 @@ mod tests {
     }
 
     #[test]
-    fn who_leads_a_scene_whose_engine_fails_is_sent_away_and_may_come_again() {
-        let mut host = ServerLoop::new(|| NOW);
+    fn an_engine_fault_closes_the_leading_client_which_may_return() {
+        let mut server_loop = ServerLoop::new(|| NOW);
         let [first, second] = [1, 2].map(Peer);
-        begin(&mut host, first);
-        assert_eq!(sent_away(&mut host), []);
-        let (_, runner) = host.runners.iter_mut().next().expect("its scene");
+        begin(&mut server_loop, first);
+        assert_eq!(closed(&mut server_loop), []);
+        let (_, runner) = server_loop.runners.iter_mut().next().expect("its scene");
         let broken = Scene::with_engine(*runner.config(), Box::new(Failing)).expect("same config");
         *runner = SceneRunner::new(broken, StreamNames::of_scene(0));
         assert!(runner.lead(first).is_some());
-        say(&mut host, first, &FRAME);
-        assert_eq!(sent_away(&mut host), [first]);
-        assert_eq!(host.scenes().count(), 0);
-        // Its connection is still closing when it comes again.
-        begin(&mut host, second);
-        say(&mut host, second, &FRAME);
-        assert_eq!(sent_away(&mut host), []);
-        assert_eq!(host.scenes().count(), 1);
+        send(&mut server_loop, first, &FRAME);
+        assert_eq!(closed(&mut server_loop), [first]);
+        assert_eq!(server_loop.scenes().count(), 0);
+        // The old connection is still closing when the client comes again.
+        begin(&mut server_loop, second);
+        send(&mut server_loop, second, &FRAME);
+        assert_eq!(closed(&mut server_loop), []);
+        assert_eq!(server_loop.scenes().count(), 1);
     }
 }

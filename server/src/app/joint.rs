@@ -1,8 +1,8 @@
-//! What a client's joint is among those of a scene.
+//! Conversion of an APP client's joint into a joint of a scene.
 //!
-//! A joint of the client says of each of six motions whether it is held, limited or free. Scenes have four kinds of joint;
-//! what is none of them is refused. One to the world that lets an actor go anywhere and keeps it from turning, as avatars
-//! have, is no joint at all but a body that nothing turns.
+//! A client's joint makes each of six motions locked, limited or free. Scenes have four kinds of joint; all other
+//! combinations are refused. A joint to the world that only prevents rotation, as avatars have, becomes a body without
+//! rotation instead.
 
 use glam::{Quat, Vec3};
 use rhumb_app::{AddJoint, Grip};
@@ -12,21 +12,21 @@ use rhumb_reckoning::BodyId;
 use super::form::{Frame, unit};
 use super::refusal::Refusal;
 
-/// What is left of one motion.
+/// Freedom of one motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Freedom {
-    Held,
+    Locked,
     Limited(JointLimits),
     Free,
 }
 
 /// Linear, then angular.
-fn freedoms(told: &AddJoint) -> [[Freedom; 3]; 2] {
+fn freedoms(message: &AddJoint) -> [[Freedom; 3]; 2] {
     let one = |least: f32, most: f32| {
         if least > most {
             Freedom::Free
         } else if least == most {
-            Freedom::Held
+            Freedom::Locked
         } else {
             Freedom::Limited(JointLimits { least, most })
         }
@@ -39,42 +39,42 @@ fn freedoms(told: &AddJoint) -> [[Freedom; 3]; 2] {
         ]
     };
     [
-        three(told.linear_lower, told.linear_upper),
-        three(told.angular_lower, told.angular_upper),
+        three(message.linear_lower, message.linear_upper),
+        three(message.angular_lower, message.angular_upper),
     ]
 }
 
-/// Whether it keeps an actor from turning and leaves it free to go anywhere.
-pub(super) fn is_upright(told: &AddJoint) -> bool {
-    freedoms(told) == [[Freedom::Free; 3], [Freedom::Held; 3]]
+/// Whether it prevents rotation and leaves all translation free.
+pub(super) fn is_upright(message: &AddJoint) -> bool {
+    freedoms(message) == [[Freedom::Free; 3], [Freedom::Locked; 3]]
 }
 
-/// Its kind, and the turn that puts the axis that is left free along x.
-fn kind(told: &AddJoint) -> Option<(JointKind, Quat)> {
-    let [linear, angular] = freedoms(told);
-    let held = |freedoms: [Freedom; 3]| freedoms == [Freedom::Held; 3];
+/// Its kind, and the turn that puts the remaining free axis along x.
+fn kind(message: &AddJoint) -> Option<(JointKind, Quat)> {
+    let [linear, angular] = freedoms(message);
+    let locked = |freedoms: [Freedom; 3]| freedoms == [Freedom::Locked; 3];
     let limits = |freedom| match freedom {
         Freedom::Limited(limits) => Some(limits),
-        Freedom::Held | Freedom::Free => None,
+        Freedom::Locked | Freedom::Free => None,
     };
     let only = |freedoms: [Freedom; 3]| {
-        let mut free = (0..3).filter(|axis| freedoms[*axis] != Freedom::Held);
+        let mut free = (0..3).filter(|axis| freedoms[*axis] != Freedom::Locked);
         free.next().filter(|_| free.next().is_none())
     };
-    if held(linear) && held(angular) {
+    if locked(linear) && locked(angular) {
         return Some((JointKind::Fixed, Quat::IDENTITY));
     }
-    if held(linear)
+    if locked(linear)
         && let Some(axis) = only(angular)
     {
         return Some((JointKind::Revolute(limits(angular[axis])), along(axis)));
     }
-    if held(angular)
+    if locked(angular)
         && let Some(axis) = only(linear)
     {
         return Some((JointKind::Prismatic(limits(linear[axis])), along(axis)));
     }
-    let ball = held(linear) && !angular.contains(&Freedom::Held);
+    let ball = locked(linear) && !angular.contains(&Freedom::Locked);
     let whole = |freedom| {
         limits(freedom).unwrap_or(JointLimits {
             least: -core::f32::consts::PI,
@@ -101,34 +101,34 @@ const fn along(axis: usize) -> Quat {
     }
 }
 
-/// Whether a scene can have it.
-pub(super) fn check(told: &AddJoint) -> Result<(), Refusal> {
-    for grip in [&told.first, &told.second] {
+/// Checks that a scene can have the joint.
+pub(super) fn check(message: &AddJoint) -> Result<(), Refusal> {
+    for grip in [&message.first, &message.second] {
         unit(grip.rotation)?;
         if !grip.anchor.is_finite() {
             return Err(Refusal::Number);
         }
     }
     let limits = [
-        told.linear_lower,
-        told.linear_upper,
-        told.angular_lower,
-        told.angular_upper,
+        message.linear_lower,
+        message.linear_upper,
+        message.angular_lower,
+        message.angular_upper,
     ];
     if !limits.iter().all(|limit| limit.is_finite()) {
         return Err(Refusal::Number);
     }
-    if is_upright(told) || kind(told).is_some() {
+    if is_upright(message) || kind(message).is_some() {
         Ok(())
     } else {
         Err(Refusal::Joint)
     }
 }
 
-/// The joint between two bodies, whose frames lie in their actors as told.
-pub(super) fn between(told: &AddJoint, bodies: [(BodyId, Frame); 2]) -> Option<Joint> {
-    let (kind, turn) = kind(told)?;
-    let grips = [&told.first, &told.second];
+/// The joint between two bodies, whose frames are given in their actors.
+pub(super) fn between(message: &AddJoint, bodies: [(BodyId, Frame); 2]) -> Option<Joint> {
+    let (kind, turn) = kind(message)?;
+    let grips = [&message.first, &message.second];
     let mut frames = [JointFrame::at(Vec3::ZERO); 2];
     for ((to, grip), (_, frame)) in frames.iter_mut().zip(grips).zip(&bodies) {
         *to = in_body(grip, frame, turn).ok()?;

@@ -1,4 +1,4 @@
-//! A scene in the hands of the client that leads it.
+//! A scene under the commands of its leading APP client.
 
 use glam::Vec3;
 use rhumb_protocol::Peer;
@@ -7,11 +7,11 @@ use rhumb_protocol::scene::{Command, CommandError, IdRange};
 use crate::scene::Scene;
 use crate::scene_runner::SceneRunner;
 
-/// A runner, as its leader commands it.
+/// A scene runner, as its leader commands it.
 pub(super) struct Lead<'a> {
     pub(super) runner: &'a mut SceneRunner,
     pub(super) leader: Peer,
-    /// The indices that its bodies may have.
+    /// Index range of its bodies.
     pub(super) range: IdRange,
 }
 

@@ -1,7 +1,7 @@
-//! Keeps what moves above ground that changed.
+//! Keeps moving bodies above ground that changed.
 //!
-//! Ground is a sheet: what a new one buries would fall for ever. Regions set theirs two or three times while things lie on
-//! it already, so what is below is put on top, as much above as it is large.
+//! Ground is a surface: a body below a new one would fall for ever. Regions set their ground two or three times while
+//! bodies already rest on it. A body below the ground is placed above it by its own size.
 
 use glam::{DQuat, DVec3, Quat, Vec3};
 use rhumb_protocol::scene::{BodyKind, Command, Heights, Shape};
@@ -10,7 +10,7 @@ use rhumb_reckoning::BodyId;
 use super::lead::Lead;
 use super::world_mirror::WorldMirror;
 
-/// Lifts what lies below a body's field of heights.
+/// Lifts the bodies below a body's height field.
 pub(super) fn lift(mirror: &WorldMirror, ground: BodyId, lead: &mut Lead<'_>) {
     let scene = lead.scene();
     let (Some(Shape::Heights(field)), Some(at)) =
@@ -25,10 +25,10 @@ pub(super) fn lift(mirror: &WorldMirror, ground: BodyId, lead: &mut Lead<'_>) {
         .filter(|a| a.kind == BodyKind::Dynamic);
     let bodies: Vec<BodyId> = moving.filter_map(|a| a.body).map(|body| body.id).collect();
     for id in bodies {
-        let Some(seen) = lead.scene().observation(id) else {
+        let Some(observation) = lead.scene().observation(id) else {
             continue;
         };
-        let parts = seen.motion.parts();
+        let parts = observation.motion.parts();
         let (position, _) = pose(&parts);
         let mut local = turned.conjugate() * (position - origin);
         let surface = highest_near(&field, local);
@@ -54,7 +54,7 @@ fn pose(parts: &[f32; 13]) -> (DVec3, DQuat) {
     (position.as_dvec3(), rotation.as_dquat().normalize())
 }
 
-/// The highest corner of the cell over or under a point; none beside the field.
+/// The highest corner of the cell at a point; `None` beside the field.
 fn highest_near(field: &Heights, at: DVec3) -> Option<f64> {
     let cell = |along: f64, spacing: f32, count: u32| {
         let place = (along / f64::from(spacing)).floor();

@@ -1,7 +1,7 @@
-//! The paper's protocol, spoken to its existing clients (see `spec/APP.md`).
+//! Server of the APP protocol, for its existing clients (`spec/APP.md`).
 //!
-//! A client leads a scene of its own, which members of this server may watch like any other: same engine, same checks,
-//! same containment. Sockets are the transport's.
+//! Each APP client leads a scene of its own, which other members of this server may subscribe to: same engine, same
+//! checks, same containment. The transport owns the sockets.
 
 mod actor;
 mod form;

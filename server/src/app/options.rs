@@ -1,46 +1,46 @@
-//! What a server of the paper's protocol leaves to its operator.
+//! Options of the APP server for its operator.
 
-/// How clients of the paper's protocol are spoken to. The defaults spare the published plug-in.
+/// How the server sends to APP clients. The defaults protect the published plug-in.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AppOptions {
-    /// How the end of a frame is said.
+    /// Transport of the end of a frame.
     pub time_advanced: TimeAdvanced,
-    /// Of which bodies the state is said in each frame.
+    /// Bodies whose state is sent in each frame.
     pub states: States,
-    /// How many messages a datagram holds.
+    /// Messages per datagram.
     pub datagrams: Datagrams,
 }
 
-/// How the end of a frame is said.
+/// Transport of the end of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum TimeAdvanced {
-    /// On TCP: it is not lost when a burst of states overflows the client's buffer.
+    /// TCP: the message is not lost when a burst of states overflows the client's buffer.
     #[default]
     Tcp,
-    /// Behind the states, as the last datagram of a frame.
+    /// UDP: the last datagram of a frame, after its states.
     Udp,
-    /// Not at all: the published plug-in then keeps no list of what it heard, and shows a frame time of zero.
+    /// None: the published plug-in then keeps no list of received states, and shows a frame time of zero.
     Never,
 }
 
-/// Of which bodies the state is said in each frame.
+/// Bodies whose state is sent in each frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum States {
-    /// Of each that moves, in every frame.
+    /// Every body that can move.
     All,
-    /// Of each that is awake.
+    /// Every body that is awake.
     Active,
-    /// Of each that is elsewhere than was said last; where it comes to rest it is said again on TCP.
+    /// Every body that has moved since its last sent state; a body that comes to rest is sent again on TCP.
     #[default]
     Changed,
 }
 
-/// How many messages a datagram holds.
+/// Messages per datagram.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Datagrams {
     /// One, as the protocol has it: the published plug-in reads no more.
     #[default]
     Single,
-    /// As many as fit 1,472 bytes: for measuring what packing alone would give.
+    /// As many as fit 1,472 bytes: to measure the effect of packing alone.
     Packed,
 }

@@ -1,18 +1,18 @@
-//! A shape as a client told it, in the words of a scene.
+//! Conversion of an APP client's shape into a shape of a scene.
 //!
-//! Checked when it is made: whoever has one may give it to an engine.
+//! Checked when it is made: it can be given to an engine.
 
 use core::f32::consts::FRAC_1_SQRT_2;
 
 use glam::{Quat, Vec3};
-use rhumb_app::{ConvexMesh, Heights as ToldHeights, TriangleMesh};
+use rhumb_app::{ConvexMesh, HeightGrid, TriangleMesh};
 use rhumb_protocol::limits::{EXTENT_MIN, POSTS_MAX};
 use rhumb_protocol::scene::{Heights, Hull, Mesh, Shape};
 
 use super::refusal::Refusal;
 use crate::engine::{Bulk, bulk, hull_of};
 
-/// A shape, and how it lies in the axes in which the client told it.
+/// A shape, and its pose in the axes of the client's definition.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Outline {
     pub(super) shape: Shape,
@@ -21,11 +21,11 @@ pub(super) struct Outline {
     /// Shape → client's axes.
     pub(super) rotation: Quat,
     pub(super) bulk: Bulk,
-    /// What a body that is moved has in its place, if it has no inside.
+    /// Replacement for a dynamic body, if the shape encloses no volume.
     hull: Option<Hull>,
 }
 
-/// Long axes are the client's x and the scene's y: a quarter back about z.
+/// Long axes are the client's x and the scene's y: a quarter turn back about z.
 const Y_TO_X: Quat = Quat::from_xyzw(0.0, 0.0, -FRAC_1_SQRT_2, FRAC_1_SQRT_2);
 
 impl Outline {
@@ -52,13 +52,13 @@ impl Outline {
         })
     }
 
-    /// `edges`: whole lengths, metres.
+    /// `edges`: whole edge lengths, metres.
     pub(super) fn cuboid(edges: Vec3) -> Result<Self, Refusal> {
         let half_extents = edges * 0.5;
         Self::of(Shape::Cuboid { half_extents })
     }
 
-    /// `height`: from cap to cap, so that an avatar is as tall as it should be; no less than the caps' own.
+    /// `height`: from cap to cap, so that an avatar has its intended height; at least that of the caps.
     pub(super) fn capsule(radius: f32, height: f32) -> Result<Self, Refusal> {
         let half_height = (height * 0.5 - radius).max(EXTENT_MIN);
         let capsule = Self::of(Shape::Capsule {
@@ -71,25 +71,25 @@ impl Outline {
         })
     }
 
-    pub(super) fn hull(told: &ConvexMesh) -> Result<Self, Refusal> {
-        Self::of(Shape::Hull(hull_of(&told.points)?))
+    pub(super) fn hull(message: &ConvexMesh) -> Result<Self, Refusal> {
+        Self::of(Shape::Hull(hull_of(&message.points)?))
     }
 
-    /// Of what has no inside the mass is that of its hull, if it has one.
-    pub(super) fn mesh(told: &TriangleMesh) -> Result<Self, Refusal> {
-        let mesh = Mesh::new(&told.points, &told.triangles)?;
-        Ok(Self::sheet(&told.points, Shape::Mesh(mesh)))
+    /// A shape without volume has the mass of its hull, if it has one.
+    pub(super) fn mesh(message: &TriangleMesh) -> Result<Self, Refusal> {
+        let mesh = Mesh::new(&message.points, &message.triangles)?;
+        Ok(Self::sheet(&message.points, Shape::Mesh(mesh)))
     }
 
-    pub(super) fn heights(told: &ToldHeights) -> Result<Self, Refusal> {
-        if told.heights.len() > POSTS_MAX {
+    pub(super) fn heights(message: &HeightGrid) -> Result<Self, Refusal> {
+        if message.heights.len() > POSTS_MAX {
             return Err(Refusal::TooMany);
         }
         let field = Heights::new(
-            told.rows,
-            told.row_spacing,
-            told.column_spacing,
-            &told.heights,
+            message.rows,
+            message.row_spacing,
+            message.column_spacing,
+            &message.heights,
         )?;
         Ok(Self::sheet(&[], Shape::Heights(field)))
     }
@@ -110,7 +110,7 @@ impl Outline {
         }
     }
 
-    /// What a body that is moved can have of it: itself, or the hull of its points. None of ground.
+    /// The shape for a dynamic body: itself, or the hull of its points. `None` for ground.
     pub(super) fn solid(&self) -> Option<Self> {
         if self.shape.is_solid() {
             return Some(self.clone());
@@ -122,7 +122,7 @@ impl Outline {
         })
     }
 
-    /// Itself around its centre of mass, and where that was. A centre that only rounding puts off stays.
+    /// The shape around its centre of mass, and the former centre. A centre that is off by rounding only stays.
     pub(super) fn centred(&self) -> (Shape, Vec3) {
         let centre = self.bulk.centre;
         let rounding = self.shape.bounding_radius().metres() as f32 * ROUNDING;
@@ -138,5 +138,5 @@ impl Outline {
     }
 }
 
-/// A share of its radius by which a hull's centre of mass may be off by rounding alone.
+/// Share of its radius by which rounding alone may displace a hull's centre of mass.
 const ROUNDING: f32 = 1e-4;

@@ -1,7 +1,8 @@
-//! Makes a scene what a client said of its world since the last frame.
+//! Applies an APP client's messages since the last frame to its scene.
 //!
-//! In the order of payload, and once for each actor: one that became another form is taken out and put in again where it
-//! is, under the next generation of its index; one that only moves is moved. Joints come last, when all bodies are there.
+//! In the order of messages, and once for each actor. An actor of another form is removed and added again at its
+//! place, under the next generation of its index; an actor that only moves is moved. Joints come last, when all bodies
+//! exist.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::limits::JOINTS_MAX;
@@ -18,16 +19,16 @@ use super::names::Names;
 use super::refusal::{Refusal, RefusedMessage};
 use super::world_mirror::{JointRecord, MATERIAL, WorldMirror};
 
-/// What came of it that the client should hear.
+/// Results of a frame for the client.
 #[derive(Debug, Default)]
 pub(super) struct FrameResult {
-    /// Masses that are others than were message, kg, by actor.
+    /// Masses that differ from the reported ones, kg, by actor.
     pub(super) masses: Vec<(u32, f32)>,
-    /// What could not be done.
+    /// Messages that could not be applied.
     pub(super) refused: Vec<RefusedMessage>,
 }
 
-/// Where an actor is, and how it moves.
+/// Pose and velocities of an actor.
 #[derive(Clone, Copy, Debug)]
 struct BodyMotion {
     position: Vec3,
@@ -37,11 +38,11 @@ struct BodyMotion {
 }
 
 impl WorldMirror {
-    /// Does all that was said since the last frame.
+    /// Applies all messages since the last frame.
     pub(super) fn realise(&mut self, lead: &mut Lead<'_>) -> FrameResult {
         let mut realised = FrameResult::default();
         for name in std::mem::take(&mut self.removed_joints) {
-            // One that went with a body is gone already.
+            // A joint goes with its body: it may not exist any more.
             let _ = lead.command(&Command::RemoveJoint { id: name });
         }
         for body in std::mem::take(&mut self.removed_bodies) {
@@ -72,12 +73,12 @@ impl WorldMirror {
 
     fn take_out(&mut self, body: &ActorBody, lead: &mut Lead<'_>) {
         self.forget_body(body.id);
-        // One that left the world is gone already.
+        // A body that left the world does not exist any more.
         let _ = lead.command(&Command::RemoveBody { id: body.id });
         self.shape_cache.give_back(body.shape, lead);
-        for held in self.joints.values_mut() {
-            let gone = |id: JointId| lead.scene().joints().get(id).is_none();
-            held.name = held.name.filter(|id| !gone(*id));
+        for record in self.joints.values_mut() {
+            let is_absent = |id: JointId| lead.scene().joints().get(id).is_none();
+            record.name = record.name.filter(|id| !is_absent(*id));
         }
     }
 
@@ -89,10 +90,10 @@ impl WorldMirror {
         realised: &mut FrameResult,
     ) -> Result<(), Refusal> {
         let form = form(actor.kind, &actor.parts, MATERIAL);
-        if let Some(message) = actor.told_mass
+        if let Some(message) = actor.reported_mass
             && (message - form.mass).abs() > message * SAME_MASS
         {
-            actor.told_mass = Some(form.mass);
+            actor.reported_mass = Some(form.mass);
             realised.masses.push((name, form.mass));
         }
         let present = actor
@@ -102,7 +103,7 @@ impl WorldMirror {
             && actor.target_motion.position.is_none()
             && lead.scene().body(body.id).is_none()
         {
-            // It left the world, and nobody says where it is to be.
+            // The body left the world, and no message sets a new position.
             actor.fulfil();
             return Ok(());
         }
@@ -110,7 +111,7 @@ impl WorldMirror {
         let now = actor
             .body
             .zip(present)
-            .map(|(body, seen)| seen_as(&body.frame, &seen));
+            .map(|(body, observation)| actor_motion(&body.frame, &observation));
         if let Some(now) = now {
             actor.position = now.position;
             actor.rotation = now.rotation;
@@ -126,7 +127,7 @@ impl WorldMirror {
         }
     }
 
-    /// Puts an actor into the scene, in place of the body that it was.
+    /// Adds an actor to the scene, in place of its former body.
     fn put_in(
         &mut self,
         name: u32,
@@ -188,7 +189,7 @@ impl WorldMirror {
         let waiting: Vec<u32> = self
             .joints
             .iter()
-            .filter(|(_, held)| held.name.is_none() && !joint::is_upright(&held.message))
+            .filter(|(_, record)| record.name.is_none() && !joint::is_upright(&record.message))
             .map(|(name, _)| *name)
             .collect();
         for name in waiting {
@@ -205,11 +206,11 @@ impl WorldMirror {
             });
             match joined {
                 Ok(id) => {
-                    if let Some(held) = self.joints.get_mut(&name) {
-                        held.name = Some(id);
+                    if let Some(record) = self.joints.get_mut(&name) {
+                        record.name = Some(id);
                     }
                 }
-                // The other actor may come yet.
+                // The other actor may still come.
                 Err(Refusal::JointTo(_)) => {}
                 Err(refusal) => {
                     self.joints.remove(&name);
@@ -221,7 +222,7 @@ impl WorldMirror {
         }
     }
 
-    /// A number that the scene has no joint of, behind the one that was given last.
+    /// A joint number that the scene does not use, after the last one.
     fn free_joint(&self, lead: &Lead<'_>) -> Result<JointId, Refusal> {
         let from = (self.last_joint + 1) % JOINTS_MAX;
         let mut numbers = (from..JOINTS_MAX).chain(0..from).map(JointId);
@@ -229,7 +230,7 @@ impl WorldMirror {
         free.ok_or(Refusal::TooMany)
     }
 
-    /// Has something in the scene that stands for the world, which joints may hold; `index`: of the message of such a joint.
+    /// Adds a body that represents the world, for joints to it; `index`: of the joint's message.
     fn realise_world(&mut self, index: u32, lead: &mut Lead<'_>, realised: &mut FrameResult) {
         let stands = Actor::new(BodyKind::Static, Vec3::ZERO, Quat::IDENTITY);
         let mut world = self.actors.remove(&WORLD).unwrap_or(stands);
@@ -267,14 +268,14 @@ impl WorldMirror {
     }
 }
 
-/// The actor that a joint holds which names one that does not exist.
+/// Name in a joint that no actor has: the world.
 const WORLD: u32 = u32::MAX;
-/// A share of a mass by which rounding may change it.
+/// Share of a mass by which rounding may change it.
 const SAME_MASS: f32 = 1e-6;
 
-/// A body as the actor that it is.
-fn seen_as(frame: &Frame, seen: &Observation) -> BodyMotion {
-    let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = seen.motion.parts();
+/// A body's motion as that of its actor.
+fn actor_motion(frame: &Frame, observation: &Observation) -> BodyMotion {
+    let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = observation.motion.parts();
     let (position, rotation) = frame.actor_of(Vec3::new(px, py, pz), Quat::from_xyzw(x, y, z, w));
     BodyMotion {
         position,
@@ -284,7 +285,7 @@ fn seen_as(frame: &Frame, seen: &Observation) -> BodyMotion {
     }
 }
 
-/// Whether a body is what its actor has become.
+/// Whether a body still matches its actor.
 fn is_as(body: &ActorBody, form: &Form, actor: &Actor, lead: &Lead<'_>) -> bool {
     body.frame == form.frame
         && body.material == form.material
@@ -293,7 +294,7 @@ fn is_as(body: &ActorBody, form: &Form, actor: &Actor, lead: &Lead<'_>) -> bool 
         && lead.scene().shape(body.shape) == Some(&form.shape)
 }
 
-/// Has a body do what was said of its actor's motion.
+/// Applies an actor's requested motion to its body.
 fn steer(
     actor: &Actor,
     body: &ActorBody,

@@ -1,48 +1,48 @@
-//! Why a well-formed message of a client was not done. Nothing of it was.
+//! Reasons why a well-formed APP message is refused, without any effect.
 
 use core::fmt;
 
 use rhumb_protocol::message::Denial;
 use rhumb_protocol::scene::{CommandError, Invalid};
 
-/// Why a message was not done. The client is told, and goes on.
+/// Reason of a refused message. The client is informed and continues.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Refusal {
-    /// A number that is not finite, or is none.
+    /// A number is not finite, or out of range.
     Number,
-    /// A shape with numbers that no engine should be given.
+    /// A shape has invalid numbers.
     Shape(Invalid),
-    /// A shape of which the engine can make no solid.
+    /// The engine cannot make a solid of the shape.
     UnusableShape,
-    /// More actors, shapes, joints, or parts of one actor, than there may be.
+    /// Too many actors, shapes, joints, or parts of one actor.
     TooMany,
-    /// Planes are no shapes here.
+    /// Planes are not supported as shapes.
     Plane,
-    /// A joint that leaves other motions free than any that there are.
+    /// No joint kind leaves these motions free.
     Joint,
-    /// A joint to an actor that there is not.
+    /// The joint's actor does not exist.
     JointTo(u32),
-    /// A frame of no time, of more than a second, or of none that makes ticks.
+    /// The frame's time is zero, more than a second, or not expressible in ticks.
     Time,
-    /// The scene refuses it.
+    /// The scene refuses the command.
     Scene(CommandError),
-    /// No scene can be had.
+    /// No scene is available.
     NoScene(Denial),
 }
 
-/// What was not done, and what it was about.
+/// A refused message and its actor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct RefusedMessage {
-    /// The index of its message; of what fails only at a frame, of the last message that was about it.
+    /// Index of the message; if it fails only at the frame, of the last message about the actor.
     pub(super) index: u32,
-    /// The actor, where a frame failed at one.
+    /// The actor, if the frame failed at one.
     pub(super) actor: Option<u32>,
-    /// Why.
+    /// The reason.
     pub(super) refusal: Refusal,
 }
 
 impl RefusedMessage {
-    /// A message, when it was heard.
+    /// A refusal when the message arrives.
     pub(super) const fn at_once(index: u32, refusal: Refusal) -> Self {
         Self {
             index,
@@ -51,7 +51,7 @@ impl RefusedMessage {
         }
     }
 
-    /// What became of an actor, at a frame.
+    /// A refusal of an actor's changes at a frame.
     pub(super) const fn at_frame(index: u32, actor: u32, refusal: Refusal) -> Self {
         Self {
             index,
@@ -66,14 +66,14 @@ impl fmt::Display for Refusal {
         match self {
             Self::Number => f.write_str("a number is not finite or out of range"),
             Self::Shape(invalid) => write!(f, "the shape is refused: {invalid}"),
-            Self::UnusableShape => f.write_str("the engine can make no solid of the shape"),
-            Self::TooMany => f.write_str("there are as many of these as there may be"),
-            Self::Plane => f.write_str("a plane is no shape here"),
-            Self::Joint => f.write_str("no joint leaves just these motions free"),
-            Self::JointTo(actor) => write!(f, "a joint holds actor {actor}, which there is not"),
-            Self::Time => f.write_str("a frame is longer than nothing and at most a second"),
+            Self::UnusableShape => f.write_str("the engine cannot make a solid of the shape"),
+            Self::TooMany => f.write_str("the limit of these is reached"),
+            Self::Plane => f.write_str("planes are not supported as shapes"),
+            Self::Joint => f.write_str("no joint kind leaves these motions free"),
+            Self::JointTo(actor) => write!(f, "the joint's actor {actor} does not exist"),
+            Self::Time => f.write_str("a frame must be longer than zero and at most a second"),
             Self::Scene(error) => write!(f, "the scene refuses it: {error}"),
-            Self::NoScene(denial) => write!(f, "there is no scene for it: {denial}"),
+            Self::NoScene(denial) => write!(f, "no scene is available: {denial}"),
         }
     }
 }

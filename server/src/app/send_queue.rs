@@ -1,8 +1,7 @@
-//! What waits to be sent to one client, cut so that it hurts nothing.
+//! Queued messages to one APP client, cut to protect its reader.
 //!
-//! The published plug-in loses messages that a read of its own cuts, and reads 64 KiB each 30 ms: so what goes on TCP is
-//! handed on in pieces of whole messages that fit a segment. What goes by datagram has one message in each, unless a
-//! measurement packs them.
+//! The published plug-in loses messages that its own read cuts, and reads 64 KiB every 30 ms. Bytes for TCP leave in
+//! pieces of whole messages that fit a segment. A datagram has one message, unless a measurement packs them.
 
 use core::net::SocketAddr;
 use std::collections::VecDeque;
@@ -12,26 +11,26 @@ use rhumb_app::Message;
 
 use super::options::Datagrams;
 
-/// Messages on their way out.
+/// Queued messages of one client.
 #[derive(Debug, Default)]
 pub(super) struct SendQueue {
-    /// Counts messages, as the protocol has it: sixteen bits in the upper half of the index.
+    /// Counter of messages, as the protocol has it: sixteen bits in the upper half of the index.
     counter: u16,
     piece: Vec<u8>,
     pieces: VecDeque<Bytes>,
     pieces_bytes: usize,
-    /// Bytes that were handed on and have not left yet, as was heard last.
-    line_bytes: usize,
+    /// Last reported count of bytes in the connection's queue.
+    connection_bytes: usize,
     datagram: Vec<u8>,
     datagrams: VecDeque<(SocketAddr, Bytes)>,
 }
 
-/// Bytes of a piece: what fits a segment of an Ethernet.
+/// Bytes of a piece: fits a segment of an Ethernet.
 const PIECE_BYTES_MAX: usize = 1_400;
-/// Bytes of a packed datagram: what fits a packet of an Ethernet.
+/// Bytes of a packed datagram: fits a packet of an Ethernet.
 const DATAGRAM_BYTES_MAX: usize = 1_472;
-/// Bytes that wait for TCP, here and on the line, beyond which nothing is added that newer words supersede: a seventh of a
-/// second at the frame_clock of a line.
+/// Queued bytes for TCP, here and in the connection, beyond which no supersedable message is added: a seventh of a
+/// second at the connection's rate.
 const PASSING_WAIT_MAX: usize = 64 << 10;
 
 impl SendQueue {
@@ -41,18 +40,18 @@ impl SendQueue {
         index
     }
 
-    /// So many bytes that were handed on have not left yet.
-    pub(super) const fn note_line(&mut self, bytes: usize) {
-        self.line_bytes = bytes;
+    /// Takes the count of bytes in the connection's queue.
+    pub(super) const fn note_connection_bytes(&mut self, bytes: usize) {
+        self.connection_bytes = bytes;
     }
 
-    /// Bytes that TCP still takes of what newer words supersede.
+    /// Bytes of supersedable messages that TCP still takes.
     pub(super) fn capacity(&self) -> usize {
-        let waiting = self.line_bytes + self.pieces_bytes + self.piece.len();
+        let waiting = self.connection_bytes + self.pieces_bytes + self.piece.len();
         PASSING_WAIT_MAX.saturating_sub(waiting)
     }
 
-    /// To be delivered, in order.
+    /// Queues a message that must arrive, in order.
     pub(super) fn lasting(&mut self, message: &Message) {
         let start = self.piece.len();
         let index = self.index();
@@ -64,7 +63,7 @@ impl SendQueue {
         }
     }
 
-    /// To be delivered soon or not at all.
+    /// Queues a message that newer ones supersede.
     pub(super) fn passing(
         &mut self,
         message: &Message,
@@ -107,7 +106,7 @@ impl SendQueue {
         }
     }
 
-    /// Nothing more belongs to what is being packed.
+    /// Closes the piece and the datagram in progress.
     pub(super) fn flush(&mut self, to: Option<SocketAddr>) {
         self.close_piece();
         if let Some(to) = to {
@@ -125,7 +124,7 @@ impl SendQueue {
         Some(piece)
     }
 
-    /// The next datagram, and where it goes.
+    /// The next datagram and its destination.
     pub(super) fn poll_datagram(&mut self) -> Option<(SocketAddr, Bytes)> {
         self.datagrams.pop_front()
     }
@@ -187,13 +186,13 @@ mod tests {
     #[test]
     fn queued_bytes_hold_back_only_supersedable_messages() {
         let mut send_queue = SendQueue::default();
-        send_queue.note_line(PASSING_WAIT_MAX);
+        send_queue.note_connection_bytes(PASSING_WAIT_MAX);
         assert_eq!(send_queue.capacity(), 0);
         send_queue.passing(&Message::TimeAdvanced(7), None, Datagrams::Single);
         assert_eq!(drain(&mut send_queue), (vec![], vec![]));
         send_queue.lasting(&Message::TimeAdvanced(7));
         assert_eq!(drain(&mut send_queue), (vec![28], vec![]));
-        send_queue.note_line(PASSING_WAIT_MAX - 1);
+        send_queue.note_connection_bytes(PASSING_WAIT_MAX - 1);
         for _ in 0..2 {
             send_queue.passing(&Message::TimeAdvanced(7), None, Datagrams::Single);
         }

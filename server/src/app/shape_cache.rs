@@ -1,6 +1,7 @@
-//! The shapes that a client's bodies have in its scene, each kept once.
+//! Shapes of an APP client's bodies in its scene, each stored once.
 //!
-//! The published plug-in tells a shape for every object; scenes hold few thousand, and say each to every member.
+//! The published plug-in defines a shape for every object; a scene allows a few thousand, and sends each to every
+//! member.
 
 use std::collections::BTreeMap;
 
@@ -15,14 +16,14 @@ use super::lead::Lead;
 #[derive(Debug, Default)]
 pub(super) struct ShapeCache {
     known: BTreeMap<Vec<u8>, ShapeId>,
-    /// How many bodies have each, and its bytes.
+    /// Number of bodies with each shape, and its bytes.
     users: BTreeMap<ShapeId, (usize, Vec<u8>)>,
-    /// The number that was given out last.
+    /// The last assigned number.
     last: u32,
 }
 
 impl ShapeCache {
-    /// The scene's name of a shape, which one more body has from now on.
+    /// The scene's id of a shape, for one more body.
     pub(super) fn take(
         &mut self,
         shape: &Shape,
@@ -49,7 +50,7 @@ impl ShapeCache {
         Ok(id)
     }
 
-    /// A body less has it.
+    /// Releases a shape for one body.
     pub(super) fn give_back(&mut self, id: ShapeId, lead: &mut Lead<'_>) {
         let Some((users, bytes)) = self.users.get_mut(&id) else {
             return;
@@ -61,12 +62,12 @@ impl ShapeCache {
         self.known.remove(bytes);
         self.users.remove(&id);
         if let Err(error) = lead.command(&Command::RemoveShape { id }) {
-            // A member gave a body of its own this shape.
+            // Another member's body has this shape.
             tracing::debug!(%error, "a shape stays in its scene");
         }
     }
 
-    /// A number that the scene has no shape of: members may have taken any. Beyond the limit if all are taken.
+    /// A number without a shape in the scene: members may have taken any. Beyond the limit if all are taken.
     fn free(&self, lead: &Lead<'_>) -> ShapeId {
         let from = (self.last + 1) % SHAPES_MAX;
         let numbers = (from..SHAPES_MAX).chain(0..from).map(ShapeId);

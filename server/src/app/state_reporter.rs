@@ -1,11 +1,12 @@
-//! What a client hears of its actors after a frame: states and contacts.
+//! Reports actor states and contacts to an APP client after a frame.
 //!
-//! The published plug-in's cost grows with the square of the states that it hears, what is lost last stays lost for ever,
-//! and what comes on two transports has no order. So an actor is spoken of while it is elsewhere than was reported last; where
-//! it has come to rest it is reported again on TCP, some frames later, when every datagram about it has been read or lost.
+//! The cost of the published plug-in grows with the square of the received states, a lost last state stays lost for
+//! ever, and messages on two transports have no order. So an actor's state is sent while it differs from the last sent
+//! one. Some frames after the actor has come to rest, its state is sent again on TCP, when every datagram about it has
+//! been read or lost.
 //!
-//! A client that datagrams do not reach hears all on TCP, as far as there is capacity: who is left out has its turn before who
-//! was output, and has it also when it lies still meanwhile, so that nothing that is true is left unsaid for good.
+//! A client that datagrams do not reach gets all states on TCP, as far as the capacity goes. An omitted actor gets its
+//! turn before an actor that was sent, also when it rests meanwhile, so that every true state is sent in the end.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -20,22 +21,22 @@ use super::world_mirror::WorldMirror;
 use crate::engine::Contact;
 use crate::scene::Scene;
 
-/// What was reported of a client's actors, and what is still to be.
+/// Last sent states of a client's actors, and pending ones.
 #[derive(Debug, Default)]
 pub(super) struct StateReporter {
     frame: u64,
-    /// Where each was reported to be last.
+    /// Last sent pose of each actor.
     reported: BTreeMap<u32, ReportedPose>,
     /// Pairs that touched in the last frame.
     touching: BTreeSet<(u32, u32)>,
-    /// Pairs that touched in this frame, where they did so deepest.
+    /// Pairs that touched in this frame, at their deepest contact.
     touches: BTreeMap<(u32, u32), Contact>,
-    /// Actors that were looked at in this frame.
+    /// Actors whose contacts were read in this frame.
     looked: BTreeSet<u32>,
     contacts: Vec<Contact>,
-    /// Actors for whose states there was no capacity.
+    /// Actors whose states exceeded the capacity.
     left_out: BTreeSet<u32>,
-    /// The actor from which on states were left out last.
+    /// The actor at which states were last cut off.
     turn: u32,
 }
 
@@ -43,11 +44,11 @@ pub(super) struct StateReporter {
 struct ReportedPose {
     position: Vec3,
     rotation: Quat,
-    /// The frame in which it is reported on TCP, if it stays.
+    /// The frame in which the state is sent on TCP, if it does not change.
     settles: Option<u64>,
 }
 
-/// What is to be sent after a frame.
+/// Messages to send after a frame.
 #[derive(Debug, Default)]
 pub(super) struct FrameOutput {
     /// By datagram where those reach the client, in order.
@@ -56,34 +57,34 @@ pub(super) struct FrameOutput {
     pub(super) lasting: Vec<Message>,
 }
 
-/// How a client is output.
+/// Options of one report.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ReportOptions {
-    /// Of which actors.
+    /// Actors whose states are sent.
     pub(super) states: States,
-    /// How it is output what passes.
+    /// Transport of supersedable messages.
     pub(super) transport: Transport,
     /// How many more states TCP takes.
     pub(super) capacity: usize,
 }
 
-/// How a client is output what passes.
+/// Transport of supersedable messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Transport {
-    /// By datagram.
+    /// Datagrams.
     Datagrams,
-    /// On TCP: nobody knows where its datagrams should go.
+    /// TCP: the address for datagrams is unknown.
     Stream,
 }
 
-/// How far an actor may be from where it was reported to be without a word: metres, and half the sine of half the angle.
+/// Greatest difference from the sent pose without a new state: metres, and sine of half the angle, halved.
 const STAYS_M: f32 = 1e-3;
 const STAYS_TURN: f32 = 5e-4;
-/// Frames after which what rests is reported again: datagrams of its last frame have been read or lost then.
+/// Frames after which a resting state is sent again: datagrams of its last frame have been read or lost by then.
 const SETTLED_FRAMES: u64 = 3;
 
 impl StateReporter {
-    /// Looks who touches whom, after a step.
+    /// Reads the contacts after a step.
     pub(super) fn note_contacts(&mut self, mirror: &WorldMirror, scene: &Scene) {
         if !mirror.reports {
             return;
@@ -104,7 +105,7 @@ impl StateReporter {
         self.contacts = contacts;
     }
 
-    /// Two actors touch, as the first has it: output of that one which asks, of two of the one that walks.
+    /// Notes a contact of two actors: it belongs to the actor that asks for reports, and of two such to the avatar.
     fn note(&mut self, first: (u32, &Actor), second: (u32, &Actor), contact: Contact) {
         let rank = |actor: &Actor| (actor.reports, actor.upright);
         if !first.1.reports && !second.1.reports {
@@ -123,7 +124,7 @@ impl StateReporter {
         }
     }
 
-    /// What a frame comes to.
+    /// Messages of a frame.
     pub(super) fn report(
         &mut self,
         simulation: u32,
@@ -155,7 +156,7 @@ impl StateReporter {
             }
             States::Changed => self.find_changed(simulation, mirror, scene, &mut states),
         }
-        // What begins to touch is reported once: it is not left out for what is reported again and again.
+        // The start of a contact is reported once: it takes precedence over repeated states.
         let contacts = self.find_contacts(simulation, mirror);
         let capacity = match options.transport {
             Transport::Datagrams => usize::MAX,
@@ -164,7 +165,7 @@ impl StateReporter {
         self.recall(simulation, mirror, scene, &mut states);
         self.leave_out(&mut states, capacity);
         if options.states == States::Changed {
-            self.note_said(&states);
+            self.note_sent(&states);
             let capacity = match options.transport {
                 Transport::Datagrams => options.capacity,
                 Transport::Stream => capacity - states.len(),
@@ -175,7 +176,7 @@ impl StateReporter {
         output.passing.extend(states.chain(contacts));
     }
 
-    /// States of actors that are elsewhere than was reported last.
+    /// States of actors that differ from the last sent ones.
     fn find_changed(
         &self,
         simulation: u32,
@@ -197,7 +198,7 @@ impl StateReporter {
         }
     }
 
-    /// Adds those who were left out and are not among the states: who lies still by now was not found.
+    /// Adds the omitted actors that are not among the states: an actor at rest was not found.
     fn recall(
         &mut self,
         simulation: u32,
@@ -219,7 +220,7 @@ impl StateReporter {
         }
     }
 
-    /// Leaves as many states as there is capacity for: in turn, by the names of the actors.
+    /// Keeps as many states as the capacity allows, in turn by the names of the actors.
     fn leave_out(&mut self, states: &mut Vec<Motion>, capacity: usize) {
         if states.len() <= capacity {
             return;
@@ -234,8 +235,8 @@ impl StateReporter {
         self.left_out.extend(names);
     }
 
-    /// These are reported now.
-    fn note_said(&mut self, states: &[Motion]) {
+    /// Notes that these states are sent now.
+    fn note_sent(&mut self, states: &[Motion]) {
         let settles = Some(self.frame + SETTLED_FRAMES);
         for motion in states {
             let reported = ReportedPose {
@@ -247,7 +248,8 @@ impl StateReporter {
         }
     }
 
-    /// Says again what has come to rest, as far as there is capacity: what waited longest first. Forgets who is gone.
+    /// Sends again the states of resting actors, as far as the capacity goes: the oldest first. Forgets removed
+    /// actors.
     fn answer_pending(
         &mut self,
         simulation: u32,
@@ -278,7 +280,7 @@ impl StateReporter {
         }
     }
 
-    /// Pairs that began to touch, and each frame those of actors that cannot walk without it.
+    /// Pairs that start to touch, and in each frame those of actors that cannot walk without contacts.
     fn find_contacts(&mut self, simulation: u32, mirror: &WorldMirror) -> Vec<Message> {
         let mut found = Vec::new();
         let id = |object| Id { simulation, object };
@@ -296,7 +298,7 @@ impl StateReporter {
                 separation: contact.separation,
             }));
         }
-        // What sleeps touches on: who wakes beside it has not begun to.
+        // A sleeping pair still touches: an actor that wakes beside it has not started to touch.
         let looked = std::mem::take(&mut self.looked);
         self.touching
             .retain(|(first, second)| !looked.contains(first) && !looked.contains(second));
@@ -312,17 +314,17 @@ impl ReportedPose {
     }
 }
 
-/// The state of an actor that moves; none of one that left the world.
+/// The state of an actor that moves; `None` for one that left the world.
 fn state(id: Id, actor: &Actor, scene: &Scene) -> Option<Motion> {
     let body = actor.body?;
-    let seen = scene.observation(body.id)?;
-    state_of(id, actor, &seen)
+    let observation = scene.observation(body.id)?;
+    state_of(id, actor, &observation)
 }
 
-/// The state of an actor that moves, by what was seen of its body.
-fn state_of(id: Id, actor: &Actor, seen: &Observation) -> Option<Motion> {
+/// The state of an actor that moves, from the observation of its body.
+fn state_of(id: Id, actor: &Actor, observation: &Observation) -> Option<Motion> {
     let body = actor.body.filter(|_| actor.kind == BodyKind::Dynamic)?;
-    let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = seen.motion.parts();
+    let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = observation.motion.parts();
     let (position, rotation) = body
         .frame
         .actor_of(Vec3::new(px, py, pz), Quat::from_xyzw(x, y, z, w));
@@ -359,7 +361,7 @@ mod tests {
         let mut reporter = StateReporter::default();
         let mut output = Vec::new();
         for _ in 0..5 {
-            // As bodies lie in a scene, and not as they are named.
+            // In the order of the bodies in the scene, not of the names.
             let mut states: Vec<Motion> = (0..25).rev().map(|n| motion(n * 1_000)).collect();
             reporter.leave_out(&mut states, 10);
             assert_eq!((states.len(), reporter.left_out.len()), (10, 15));

@@ -1,13 +1,13 @@
-//! What a client said of its world: shapes, actors, joints.
+//! World of an APP client as its messages define it: shapes, actors, joints.
 //!
-//! Knows no scene: what is said takes effect at the next frame, all at once (see `realise`), so that an actor whose parts
-//! and materials come in ten messages becomes a body once. What the published plug-in gets wrong is lived with here: names
-//! that nobody defined, shapes that go while they are in use or come twice, words about actors that are gone.
+//! Knows no scene: changes take effect at the next frame, all at once (see `realise`). An actor whose parts and
+//! materials come in ten messages becomes a body once. Faults of the published plug-in are tolerated: undefined names,
+//! shapes removed in use or defined twice, messages about removed actors.
 
 use std::collections::BTreeMap;
 
 use glam::{Quat, Vec3};
-use rhumb_app::{AddJoint, AttachShape, Framed, Message, Motion, SetWorld, Surface};
+use rhumb_app::{AddJoint, AttachShape, FramedMessage, Message, Motion, SetWorld, Surface};
 use rhumb_protocol::limits::{
     ANGULAR_MAX, BODIES_MAX, COORDINATE_MAX, GRAVITY_MAX, GRAVITY_SCALE_MAX, JOINTS_MAX,
     LINEAR_MAX, PARTS_BYTES_MAX, PARTS_MAX,
@@ -16,13 +16,13 @@ use rhumb_protocol::scene::{BodyKind, JointId, Material};
 use rhumb_reckoning::BodyId;
 
 use super::actor::Actor;
-use super::form::{Part, mass, material, unit};
+use super::form::{ActorPart, mass, material, unit};
 use super::names::Names;
 use super::outline::Outline;
 use super::refusal::Refusal;
 use super::shape_cache::ShapeCache;
 
-/// Everything that one client has.
+/// All objects of one client.
 #[derive(Debug, Default)]
 pub(super) struct WorldMirror {
     pub(super) gravity: Option<Vec3>,
@@ -30,61 +30,61 @@ pub(super) struct WorldMirror {
     shape_bytes: usize,
     pub(super) actors: BTreeMap<u32, Actor>,
     pub(super) joints: BTreeMap<u32, JointRecord>,
-    /// The number in the scene of the joint that was held last.
+    /// The last assigned joint number in the scene.
     pub(super) last_joint: u32,
-    /// Actors that were changed since the last frame, in the order in which they were first.
+    /// Actors that changed since the last frame, in the order of their first change.
     changed: Vec<u32>,
-    /// The index of the message that changed each of them last.
+    /// Index of the last message that changed each actor.
     changed_by: BTreeMap<u32, u32>,
-    /// The index of the message that is heard.
+    /// Index of the present message.
     message_index: u32,
-    /// Names in the scene of bodies that are to go.
+    /// Bodies to remove from the scene.
     pub(super) removed_bodies: Vec<super::actor::ActorBody>,
     pub(super) removed_joints: Vec<JointId>,
     pub(super) pushes: Vec<(u32, ActorPush)>,
     pub(super) names: Names,
     pub(super) shape_cache: ShapeCache,
-    /// The actor of each body, by index.
+    /// The actor of each body, by body index.
     by_body: Vec<Option<(BodyId, u32)>>,
-    /// Whether collisions of any actor were ever asked for.
+    /// Whether any actor ever asked for collision reports.
     pub(super) reports: bool,
 }
 
-/// A joint, and its name in the scene once it holds something there.
+/// A joint, and its number in the scene once it is added there.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct JointRecord {
     pub(super) message: AddJoint,
-    /// The index of the message that message it.
+    /// Index of its message.
     pub(super) index: u32,
     pub(super) name: Option<JointId>,
 }
 
-/// What acts on an actor during the next frame.
+/// Force or torque on an actor during the next frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum ActorPush {
     Force(Vec3),
     Torque(Vec3),
 }
 
-/// What a client hears at once of what it said.
+/// Immediate reply to a message.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Reply {
     Nothing,
-    /// kg.
+    /// Mass, kg.
     Mass(f32),
 }
 
-/// The ground plane.
+/// Name of the ground plane.
 const PLANE: u32 = 0;
-/// Shapes that one client may have defined at one time.
-const SHAPES_TOLD_MAX: usize = 1 << 17;
-/// Bytes that they may take.
+/// Shape definitions of one client, at most.
+const SHAPES_MAX: usize = 1 << 17;
+/// Bytes of these definitions, at most.
 const SHAPE_BYTES_MAX: usize = 64 << 20;
-/// Forces and torques between two frames.
+/// Forces and torques between two frames, at most.
 const PUSHES_MAX: usize = 1 << 16;
-/// Bit of an actor's flags: its collisions are to be reported.
+/// Bit of an actor's flags: report its collisions.
 const REPORTS: u32 = 1;
-/// Of bodies that bring none, as the engine of the paper has it by default.
+/// Default material of the paper's engine.
 pub(super) const MATERIAL: Material = Material {
     friction: 0.2,
     restitution: 0.0,
@@ -92,12 +92,12 @@ pub(super) const MATERIAL: Material = Material {
 };
 
 impl WorldMirror {
-    /// Takes a message in.
+    /// Handles a message.
     ///
     /// # Errors
     ///
-    /// [`Refusal`] says why nothing of it was done. What is said of things that are not there is passed over.
-    pub(super) fn handle_message(&mut self, framed: &Framed) -> Result<Reply, Refusal> {
+    /// [`Refusal`] names the reason; the message had no effect. Messages about absent objects are ignored.
+    pub(super) fn handle_message(&mut self, framed: &FramedMessage) -> Result<Reply, Refusal> {
         self.message_index = framed.index;
         match &framed.message {
             Message::SetWorld(world) => self.set_world(world)?,
@@ -140,13 +140,13 @@ impl WorldMirror {
             }
             Message::AddJoint(message) => self.join(message)?,
             Message::RemoveJoint(id) => self.unjoin(id.object),
-            other => self.hear_motion(other)?,
+            other => self.handle_motion(other)?,
         }
         Ok(Reply::Nothing)
     }
 
-    /// Takes in what is said of how actors move.
-    fn hear_motion(&mut self, message: &Message) -> Result<(), Refusal> {
+    /// Handles a message about an actor's motion.
+    fn handle_motion(&mut self, message: &Message) -> Result<(), Refusal> {
         match *message {
             Message::SetStaticActor(message) => {
                 self.set_target_position(message.actor.object, message.position)?;
@@ -187,7 +187,7 @@ impl WorldMirror {
             Message::ApplyTorque(message) => {
                 self.push(message.actor.object, ActorPush::Torque(message.torque))?;
             }
-            // What is left is the session's, or was refused by it.
+            // Other messages belong to the session, which has handled or refused them.
             _ => {}
         }
         Ok(())
@@ -201,7 +201,7 @@ impl WorldMirror {
         }
         self.gravity = Some(gravity);
         self.remove(PLANE);
-        // What falls so far leaves the world: a plane there is none.
+        // A body that falls this far leaves the world: there is no plane there.
         if world.height <= -COORDINATE_MAX {
             return Ok(());
         }
@@ -209,15 +209,14 @@ impl WorldMirror {
         let middle = normal * (world.height - SLAB_THICK * 0.5);
         let rotation = unit(Quat::from_rotation_arc(Vec3::Z, normal))?;
         let mut actor = Actor::new(BodyKind::Static, middle, rotation);
-        actor.parts.push(Part {
+        actor.parts.push(ActorPart {
             name: PLANE,
             outline: Some(slab),
             material: material(&Surface {
                 density: MATERIAL.density,
                 static_friction: world.static_friction,
                 kinetic_friction: world.kinetic_friction,
-                // The published plug-in says the restitution where the margin belongs, and the other way round: neither is
-                // known for what it is.
+                // The published plug-in swaps restitution and margin: neither can be trusted.
                 restitution: 0.0,
             })?,
             position: Vec3::ZERO,
@@ -243,11 +242,11 @@ impl WorldMirror {
     fn remove(&mut self, name: u32) {
         if let Some(actor) = self.actors.remove(&name) {
             self.removed_bodies.extend(actor.body);
-            self.pushes.retain(|(pushed, _)| *pushed != name);
+            self.pushes.retain(|(pushed_name, _)| *pushed_name != name);
         }
     }
 
-    /// Changes an actor, if it is there.
+    /// Changes an actor, if it exists.
     fn change(&mut self, name: u32, change: impl FnOnce(&mut Actor)) {
         if let Some(actor) = self.actors.get_mut(&name) {
             change(actor);
@@ -255,14 +254,14 @@ impl WorldMirror {
         }
     }
 
-    /// The actor that a body is.
+    /// The actor of a body.
     pub(super) fn actor_of(&self, id: BodyId) -> Option<(u32, &Actor)> {
         let (body, name) = (*self.by_body.get(id.index() as usize)?)?;
         let actor = self.actors.get(&name).filter(|_| body == id)?;
         Some((name, actor))
     }
 
-    /// From now on a body is an actor's.
+    /// Assigns a body to an actor.
     pub(super) fn note_body(&mut self, id: BodyId, name: u32) {
         let index = id.index() as usize;
         if index >= self.by_body.len() {
@@ -271,7 +270,7 @@ impl WorldMirror {
         self.by_body[index] = Some((id, name));
     }
 
-    /// A body is nobody's any more.
+    /// Removes a body's assignment.
     pub(super) fn forget_body(&mut self, id: BodyId) {
         if let Some(place) = self.by_body.get_mut(id.index() as usize) {
             *place = None;
@@ -284,8 +283,8 @@ impl WorldMirror {
         }
     }
 
-    /// Actors to look at, in the order in which they were changed, each with the index of the message that was about it last;
-    /// none after.
+    /// Changed actors in the order of their first change, each with the index of the last message about it. Clears the
+    /// list.
     pub(super) fn take_touched(&mut self) -> Vec<(u32, u32)> {
         let by = std::mem::take(&mut self.changed_by);
         let changed = std::mem::take(&mut self.changed).into_iter();
@@ -318,19 +317,19 @@ impl WorldMirror {
         Ok(())
     }
 
-    /// The mass of an actor, which is message again when it changes. Of one that there is not there is nothing to tell.
+    /// The mass of an actor, sent again whenever it changes. For an absent actor there is no reply.
     fn mass(&mut self, name: u32) -> Reply {
         let Some(actor) = self.actors.get_mut(&name) else {
             return Reply::Nothing;
         };
         let mass = mass(actor.kind, &actor.parts);
-        actor.told_mass = Some(mass);
+        actor.reported_mass = Some(mass);
         Reply::Mass(mass)
     }
 
     fn define(&mut self, name: u32, outline: Outline) -> Result<(), Refusal> {
         let bytes = self.shape_bytes + outline.shape.bytes();
-        if self.shapes.len() >= SHAPES_TOLD_MAX || bytes > SHAPE_BYTES_MAX {
+        if self.shapes.len() >= SHAPES_MAX || bytes > SHAPE_BYTES_MAX {
             return Err(Refusal::TooMany);
         }
         self.forget(name);
@@ -339,7 +338,7 @@ impl WorldMirror {
         Ok(())
     }
 
-    /// Actors that have it keep it.
+    /// Actors keep the shapes that they have.
     fn forget(&mut self, name: u32) {
         if let Some(outline) = self.shapes.remove(&name) {
             self.shape_bytes -= outline.shape.bytes();
@@ -347,7 +346,7 @@ impl WorldMirror {
     }
 
     fn attach(&mut self, message: &AttachShape) -> Result<(), Refusal> {
-        let part = Part {
+        let part = ActorPart {
             name: message.shape.object,
             outline: self.shapes.get(&message.shape.object).cloned(),
             material: material(&message.surface)?,
@@ -383,39 +382,39 @@ impl WorldMirror {
         let name = message.joint.object;
         super::joint::check(message)?;
         self.unjoin(name);
-        let held = JointRecord {
+        let record = JointRecord {
             message: *message,
             index: self.message_index,
             name: None,
         };
-        self.joints.insert(name, held);
+        self.joints.insert(name, record);
         self.set_upright(message);
         Ok(())
     }
 
     fn unjoin(&mut self, name: u32) {
-        let Some(held) = self.joints.remove(&name) else {
+        let Some(record) = self.joints.remove(&name) else {
             return;
         };
-        self.removed_joints.extend(held.name);
-        self.set_upright(&held.message);
+        self.removed_joints.extend(record.name);
+        self.set_upright(&record.message);
     }
 
-    /// Looks again which joints keep an actor from turning.
+    /// Recomputes whether a joint prevents the actor's rotation.
     fn set_upright(&mut self, message: &AddJoint) {
         let name = message.first.actor.object;
-        let keeps = |held: &JointRecord| held.message.first.actor.object == name;
+        let keeps = |record: &JointRecord| record.message.first.actor.object == name;
         let upright = self
             .joints
             .values()
-            .filter(|held| keeps(held))
-            .any(|held| super::joint::is_upright(&held.message));
+            .filter(|record| keeps(record))
+            .any(|record| super::joint::is_upright(&record.message));
         self.change(name, |actor| actor.upright = upright);
     }
 }
 
-/// Bytes that the parts of an actor take, with one more.
-fn bytes(parts: &[Part], more: &Part) -> usize {
+/// Bytes of an actor's parts with one more.
+fn bytes(parts: &[ActorPart], more: &ActorPart) -> usize {
     let outlines = parts
         .iter()
         .chain([more])
@@ -433,7 +432,7 @@ fn moving(message: &Motion) -> Result<Actor, Refusal> {
     Ok(actor)
 }
 
-/// A vector of numbers that are finite and no larger than allowed.
+/// Checks that a vector is finite and within a limit.
 fn within(vector: Vec3, most: f32) -> Result<Vec3, Refusal> {
     if vector.is_finite() && vector.abs().max_element() <= most {
         Ok(vector)
@@ -442,7 +441,7 @@ fn within(vector: Vec3, most: f32) -> Result<Vec3, Refusal> {
     }
 }
 
-/// Edges of the slab that is the ground plane, metres: larger than any region, and not so large that binary32 tells its top
-/// no more; so thick that nothing passes through.
+/// Edges of the slab that is the ground plane, metres: larger than any region, small enough for binary32 to resolve
+/// its top, and thick enough that nothing passes through.
 const SLAB: f32 = 8_192.0;
 const SLAB_THICK: f32 = 20.0;

@@ -7,8 +7,9 @@
 use glam::{Quat, Vec3};
 use rhumb_app::{
     AddJoint, ApplyForce, ApplyTorque, AttachShape, ConvexMesh, CreateDynamicActor,
-    CreateStaticActor, DetachShape, Framed, Frames, Grip, HEADER_BYTES, Heights, Id, Kind, Logon,
-    Malformed, Message, Motion, Place, SetWorld, Surface, Surfacing, TriangleMesh,
+    CreateStaticActor, DetachShape, FramedMessage, Grip, HEADER_BYTES, HeightGrid, Id, Kind, Logon,
+    MalformedMessage, Message, MessageFraming, Motion, Place, SetWorld, Surface, Surfacing,
+    TriangleMesh,
 };
 use rhumb_protocol::Instant;
 use rhumb_server::ServerLoop;
@@ -55,8 +56,8 @@ fn check_body(bytes: &[u8]) {
     }
 }
 
-fn read(stream: &[u8], piece: usize) -> (Vec<Framed>, Option<Malformed>) {
-    let (mut frames, mut all) = (Frames::default(), Vec::new());
+fn read(stream: &[u8], piece: usize) -> (Vec<FramedMessage>, Option<MalformedMessage>) {
+    let (mut frames, mut all) = (MessageFraming::default(), Vec::new());
     for bytes in stream.chunks(piece) {
         frames.push(bytes);
         loop {
@@ -198,7 +199,7 @@ fn shape(script: &mut Script<'_>) -> Message {
                 triangles,
             })
         }
-        5 => Message::AddHeightField(Heights {
+        5 => Message::AddHeightField(HeightGrid {
             shape,
             rows: 3,
             columns: 3,

@@ -10,7 +10,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use rhumb_app::{Frames, Message};
+use rhumb_app::{Message, MessageFraming};
 
 use super::defects::Defects;
 use super::replica::{AppReplica, AwaitedEnd};
@@ -231,7 +231,7 @@ fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
 
 /// Sends up to `message_limit` messages and reads once, each turn.
 fn pump(shared: &PolledState, mut tcp: TcpStream, message_limit: usize) -> io::Result<()> {
-    let mut frames = Frames::default();
+    let mut frames = MessageFraming::default();
     let mut buffer = vec![0; READ_BYTES];
     while !shared.is_over() {
         let turn: Vec<Vec<u8>> = {

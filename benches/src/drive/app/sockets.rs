@@ -7,7 +7,7 @@ use std::net::{SocketAddr, TcpStream, UdpSocket};
 use std::thread;
 use std::time::Duration;
 
-use rhumb_app::{Frames, Message};
+use rhumb_app::{Message, MessageFraming};
 
 use super::defects::Defects;
 use super::replica::AppReplica;
@@ -30,7 +30,7 @@ pub(super) struct Sockets {
 pub(super) struct Direct {
     sockets: Sockets,
     defects: Defects,
-    frames: Frames,
+    frames: MessageFraming,
     buffer: Vec<u8>,
 }
 
@@ -95,7 +95,7 @@ impl Direct {
         Ok(Self {
             sockets,
             defects,
-            frames: Frames::default(),
+            frames: MessageFraming::default(),
             buffer: vec![0; READ_BYTES],
         })
     }
@@ -219,7 +219,7 @@ impl Direct {
 
 /// Processes all messages of a datagram, one or several packed.
 pub(super) fn receive_datagram(datagram: &[u8], replica: &mut AppReplica) -> io::Result<()> {
-    let mut frames = Frames::default();
+    let mut frames = MessageFraming::default();
     frames.push(datagram);
     while let Some(message) = next_message(&mut frames)? {
         replica.receive(&message);
@@ -228,7 +228,7 @@ pub(super) fn receive_datagram(datagram: &[u8], replica: &mut AppReplica) -> io:
 }
 
 /// The next message; undecodable bytes are a server error.
-pub(super) fn next_message(frames: &mut Frames) -> io::Result<Option<Message>> {
+pub(super) fn next_message(frames: &mut MessageFraming) -> io::Result<Option<Message>> {
     let framed = frames.next_message();
     let framed =
         framed.map_err(|malformed| io::Error::new(io::ErrorKind::InvalidData, malformed))?;
