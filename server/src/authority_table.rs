@@ -1,7 +1,7 @@
-//! Who drives which bodies of a scene, and where these are put before a step.
+//! Authority of members over bodies of a scene, and the bodies' targets.
 //!
-//! Knows no members but by name; whether one may drive a body is decided in `room`. Invariants: a body has one driver at
-//! most, and a driver moves no body but its own.
+//! Knows members only by peer; `scene_runner` decides whether a member may take authority. Invariants: at most one
+//! member has authority over a body, and a member moves no other bodies.
 
 use std::collections::BTreeMap;
 
@@ -16,34 +16,34 @@ use rhumb_reckoning::{BodyId, Tick, Tolerance};
 
 use crate::scene::Scene;
 
-/// How the bodies are doing that one member drives.
+/// State of the bodies under one member's authority.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UpstreamStatistics {
-    /// Who drives them.
+    /// The member with authority.
     pub driver: Peer,
-    /// How many they are.
+    /// Number of bodies.
     pub bodies: usize,
-    /// How far they may be from where their driver says they are.
+    /// Tolerance of the upstream.
     pub tolerance: Tolerance,
-    /// The newest tick up to which their driver said everything.
+    /// Newest tick up to which the upstream is complete at its sender.
     pub watermark_tick: Tick,
-    /// What was heard of it.
+    /// Counters of the received upstream.
     pub heard: SubscriberStatistics,
-    /// Steps for which they were put where their driver has them.
+    /// Steps for which the bodies got targets from the upstream.
     pub steps: u64,
-    /// Of these, steps to a tick of which something was heard too late: more of a lead helps.
+    /// Steps for which an update came too late: a larger lead helps.
     pub late_steps: u64,
     /// The newest step.
     pub tick: Tick,
-    /// Whether it and those before it were late, from the lowest bit on.
+    /// Whether the newest steps were late, the newest in the lowest bit.
     late: u128,
-    /// How often a body was left where it was, since its driver had it where no body may be.
+    /// How often a target was refused, since no body may be there.
     pub refused: u64,
 }
 
 impl UpstreamStatistics {
-    /// Whether all that was said of a tick was heard before the step to it, so that each body is there within the tolerance
-    /// of where its driver had it. Never of ticks that are not watermark_tick for, nor of those long ago.
+    /// Whether every update for a tick arrived before the step to it: each body is then within the tolerance of its
+    /// sender's. False for ticks beyond the watermark, and for those long ago.
     #[must_use]
     pub fn was_complete_at(&self, tick: Tick) -> bool {
         let age = self
@@ -54,51 +54,52 @@ impl UpstreamStatistics {
     }
 }
 
-/// What one member drives.
+/// Bodies under one member's authority.
 #[derive(Debug)]
 struct AuthorityGroup {
-    driven: UpstreamReceiver,
-    /// Where each body was put last, as the engine has numbers.
+    receiver: UpstreamReceiver,
+    /// Last target of each body, in the engine's numbers.
     put: BTreeMap<BodyId, (Vec3, Quat)>,
     steps: u64,
     late_steps: u64,
-    /// Which of the last steps were late, the newest in the lowest bit.
+    /// Whether the last steps were late, the newest in the lowest bit.
     late: u128,
     refused: u64,
-    /// Whether they stand still because their driver is silent.
+    /// Whether the bodies stand still because the upstream is silent.
     stale: bool,
 }
 
-/// Steps of which it is remembered whether they were late.
+/// Steps whose lateness is kept.
 const LATE_KEPT: u64 = 128;
 
-/// All that is driven in one scene.
+/// Authority of all members over bodies of one scene.
 #[derive(Debug, Default)]
 pub(crate) struct AuthorityTable {
     groups: BTreeMap<Peer, AuthorityGroup>,
-    holders: BTreeMap<BodyId, Peer>,
+    authorities: BTreeMap<BodyId, Peer>,
 }
 
 impl AuthorityTable {
-    /// Who drives a body.
+    /// The member with authority over a body.
     pub(crate) fn driver(&self, id: BodyId) -> Option<Peer> {
-        self.holders.get(&id).copied()
+        self.authorities.get(&id).copied()
     }
 
-    /// Whether somebody says on a stream of this name how bodies move.
+    /// Whether an upstream has this name.
     pub(crate) fn has(&self, stream: StreamId) -> bool {
         self.groups
             .values()
-            .any(|group| group.driven.stream() == stream)
+            .any(|group| group.receiver.stream() == stream)
     }
 
-    /// A member drives these bodies from now on, in place of what it drove before.
-    pub(crate) fn begin(&mut self, peer: Peer, driven: UpstreamReceiver) {
+    /// Gives a member authority over these bodies, in place of its former ones.
+    pub(crate) fn begin(&mut self, peer: Peer, receiver: UpstreamReceiver) {
         self.end(peer);
-        self.holders.extend(driven.bodies().map(|id| (id, peer)));
-        if driven.bodies().next().is_some() {
+        self.authorities
+            .extend(receiver.bodies().map(|id| (id, peer)));
+        if receiver.bodies().next().is_some() {
             let group = AuthorityGroup {
-                driven,
+                receiver,
                 put: BTreeMap::new(),
                 steps: 0,
                 late_steps: 0,
@@ -110,13 +111,13 @@ impl AuthorityTable {
         }
     }
 
-    /// A member drives nothing any more; what it drove stands still.
+    /// Ends a member's authority; its bodies stand still.
     pub(crate) fn end(&mut self, peer: Peer) {
         let Some(group) = self.groups.remove(&peer) else {
             return;
         };
-        self.holders.retain(|_, driver| *driver != peer);
-        // Who begins and ends without a step between them fills no log.
+        self.authorities.retain(|_, driver| *driver != peer);
+        // A member that begins and ends without a step between is not logged.
         if group.steps == 0 {
             return;
         }
@@ -125,26 +126,26 @@ impl AuthorityTable {
             steps = group.steps,
             late_steps = group.late_steps,
             refused = group.refused,
-            heard = ?group.driven.statistics(),
-            "drives no longer"
+            heard = ?group.receiver.statistics(),
+            "authority ended"
         );
     }
 
-    /// A body has left the scene.
+    /// Removes a body that has left the scene.
     pub(crate) fn remove(&mut self, id: BodyId) {
-        let Some(peer) = self.holders.remove(&id) else {
+        let Some(peer) = self.authorities.remove(&id) else {
             return;
         };
         if let Some(group) = self.groups.get_mut(&peer) {
-            group.driven.remove(id);
-            if group.driven.bodies().next().is_none() {
+            group.receiver.remove(id);
+            if group.receiver.bodies().next().is_none() {
                 self.end(peer);
             }
         }
     }
 
-    /// Takes in what a member says of its bodies; one of another stream is dropped. `false` when the stream can be followed
-    /// no more.
+    /// Handles an upstream packet of a member; drops one of another stream. Returns `false` when the upstream has lost
+    /// sync.
     #[must_use]
     pub(crate) fn handle_datagram(
         &mut self,
@@ -156,61 +157,61 @@ impl AuthorityTable {
             return true;
         };
         let head = datagram.head();
-        if head.stream == group.driven.stream() && is_from_publisher(head.kind) {
-            let since = group.driven.handle_datagram(datagram);
+        if head.stream == group.receiver.stream() && is_from_publisher(head.kind) {
+            let since = group.receiver.handle_datagram(datagram);
             group.note_late(since, present);
         }
-        !group.driven.has_lost_sync()
+        !group.receiver.has_lost_sync()
     }
 
-    /// Has the bodies be where their holders have them after the next step.
+    /// Sets the targets of all bodies for the next step.
     pub(crate) fn set_targets(&mut self, scene: &mut Scene) {
         let tick = scene.tick().next();
         for (peer, group) in &mut self.groups {
             group.put(scene, tick);
             group.steps += 1;
-            let incomplete = !group.driven.is_complete_at(tick);
+            let incomplete = !group.receiver.is_complete_at(tick);
             group.late = group.late << 1 | u128::from(incomplete);
             group.late_steps += u64::from(incomplete);
-            let stale = group.driven.is_stale(tick);
+            let stale = group.receiver.is_stale(tick);
             if stale && !group.stale {
-                let watermark_tick = group.driven.watermark_tick().value();
+                let watermark_tick = group.receiver.watermark_tick().value();
                 tracing::warn!(
                     peer = peer.0,
                     watermark_tick,
-                    "a silent driver's bodies stand still"
+                    "the upstream is silent; its bodies stand still"
                 );
             }
             group.stale = stale;
         }
     }
 
-    /// Asks holders for what was lost, and those that are silent whether they are there.
+    /// Sends NACKs for lost packets, and probes to silent members.
     pub(crate) fn poll_requests(
         &mut self,
         now: Instant,
         tick: Tick,
-        mut say: impl FnMut(Peer, Bytes),
+        mut send: impl FnMut(Peer, Bytes),
     ) {
         let mut questions = Vec::new();
         for (peer, group) in &mut self.groups {
-            group.driven.ask(now, tick, &mut questions);
+            group.receiver.ask(now, tick, &mut questions);
             for question in questions.drain(..) {
-                say(*peer, question);
+                send(*peer, question);
             }
         }
     }
 
-    /// How all are doing.
+    /// Statistics of all upstreams.
     pub(crate) fn statistics(&self, present: Tick) -> impl Iterator<Item = UpstreamStatistics> {
         self.groups
             .iter()
             .map(move |(peer, group)| UpstreamStatistics {
                 driver: *peer,
-                bodies: group.driven.bodies().count(),
-                tolerance: group.driven.tolerance(),
-                watermark_tick: group.driven.watermark_tick(),
-                heard: group.driven.statistics(),
+                bodies: group.receiver.bodies().count(),
+                tolerance: group.receiver.tolerance(),
+                watermark_tick: group.receiver.watermark_tick(),
+                heard: group.receiver.statistics(),
                 steps: group.steps,
                 late_steps: group.late_steps,
                 tick: present,
@@ -221,12 +222,12 @@ impl AuthorityTable {
 }
 
 impl AuthorityGroup {
-    /// Has each body be where it belongs at a tick, after the step to it.
+    /// Sets the target of each body for a tick, before the step to it.
     ///
-    /// One that is to be where it was put before is left alone, so that it and what lies on it may sleep. One that is to be
-    /// where no body may be stays where it is.
+    /// A body whose target is unchanged is left alone, so that it and the bodies on it may sleep. A body whose target
+    /// is not allowed stays where it is.
     fn put(&mut self, scene: &mut Scene, tick: Tick) {
-        for (id, motion) in self.driven.motions(tick) {
+        for (id, motion) in self.receiver.motions(tick) {
             let pose = motion.pose();
             let (position, rotation) = (pose.position.as_vec3(), pose.rotation.as_quat());
             if self.put.get(&id) == Some(&(position, rotation)) {
@@ -244,7 +245,7 @@ impl AuthorityGroup {
         }
     }
 
-    /// More was heard of the ticks from `since` on than was known when the steps to them were taken.
+    /// Notes an update for ticks from `since` on that came after the steps to them.
     fn note_late(&mut self, since: Option<Tick>, present: Tick) {
         let Some(late) = since.and_then(|since| present.since(since)) else {
             return;
@@ -259,7 +260,7 @@ impl AuthorityGroup {
     }
 }
 
-/// Whether the source of a reckoned stream says such a thing.
+/// Whether the publisher of a stream sends this kind of packet.
 const fn is_from_publisher(kind: PacketKind) -> bool {
     matches!(
         kind,

@@ -1,6 +1,6 @@
-//! What is said of a body to those who lack it: what it is, and a track.
+//! Description of a body and its first track, for members that lack it.
 //!
-//! Pure functions of a scene; who is told is decided in `room`.
+//! Pure functions of a scene; `scene_runner` decides who receives them.
 
 use rhumb_protocol::message::SceneEvent;
 use rhumb_protocol::scene::{BodyDesc, BodyKind};
@@ -9,7 +9,7 @@ use rhumb_reckoning::{Anchor, BodyId, BodyState, Predictor, Tick, Track};
 
 use crate::scene::Scene;
 
-/// That a body is in a scene, and moves so.
+/// Event of a body that is in a scene, with its motion.
 pub(crate) fn scene_event(
     scene: &Scene,
     config: BodyDesc,
@@ -24,7 +24,7 @@ pub(crate) fn scene_event(
     }
 }
 
-/// What predictors need to know of a body of a scene.
+/// Parameters of a body's predictions.
 pub(crate) fn parameters(scene: &Scene, id: BodyId) -> Option<PredictionParameters> {
     let config = scene.body(id)?;
     let shape = scene.shape(config.shape)?;
@@ -37,7 +37,7 @@ pub(crate) fn parameters(scene: &Scene, id: BodyId) -> Option<PredictionParamete
     ))
 }
 
-/// What is predicted_motion of a body before anything was said of it.
+/// The track of a body before its first update.
 pub(crate) fn first_track(
     tick: Tick,
     observation: &Observation,
@@ -60,7 +60,7 @@ pub(crate) fn first_track(
     }
 }
 
-/// Every body of a scene as it is now, in order of index.
+/// Every body of a scene at present, in order of index.
 pub(crate) fn everything(scene: &Scene) -> Vec<(BodyId, PredictionParameters, Track, BodyState)> {
     let mut observations = Vec::new();
     scene.observe_all(&mut observations);

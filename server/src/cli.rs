@@ -1,6 +1,6 @@
-//! The command line of `rhumb-server`, so that another binary can be one too.
+//! Command line of `rhumb-server`, reusable by other binaries.
 //!
-//! Start-up lines go to standard output, one fact a line, for people and scripts; the log goes to standard error.
+//! Start-up lines go to standard output, one fact a line, for readers and scripts; the log goes to standard error.
 
 use std::io::{IsTerminal, Write};
 use std::net::SocketAddr;
@@ -30,51 +30,51 @@ pub struct Arguments {
     /// PEM file with the certificate's private key.
     #[arg(long, requires = "cert")]
     key: Option<PathBuf>,
-    /// What to log: off, error, warn, info, debug or trace.
+    /// Log level: off, error, warn, info, debug or trace.
     #[arg(long, default_value = "info")]
     log: LevelFilter,
-    /// Run on this processor core alone, or on these.
+    /// Run on this processor core alone, or on these cores.
     #[arg(long, value_delimiter = ',')]
     core: Vec<usize>,
-    /// Step on so many threads, which all scenes share; more than one needs the feature `parallel`.
+    /// Number of threads to step on, shared by all scenes; more than one needs the feature `parallel`.
     #[arg(long, default_value = "1")]
     threads: NonZeroU32,
-    /// TCP and UDP address for clients of the paper's protocol, such as OpenSimulator's RemotePhysics plug-in.
+    /// TCP and UDP address for APP clients, such as OpenSimulator's RemotePhysics plug-in.
     #[arg(long)]
     app_listen: Option<SocketAddr>,
-    /// How such clients are told that a frame is over.
+    /// How APP clients learn that a frame is over.
     #[arg(long, value_enum, default_value = "tcp", requires = "app_listen")]
-    app_time_advanced: Over,
-    /// Of which bodies such clients are told the state in each frame.
+    app_time_advanced: FrameEnd,
+    /// Bodies whose state is sent to APP clients in each frame.
     #[arg(long, value_enum, default_value = "changed", requires = "app_listen")]
-    app_states: Told,
-    /// Datagrams that such clients are sent in about a millisecond; 0: as fast as they come.
+    app_states: StateSelection,
+    /// Datagrams to each APP client in about a millisecond; 0 for no limit.
     #[arg(long, default_value_t = 64, requires = "app_listen")]
     app_datagram_rate: u32,
-    /// As many states in a datagram as fit, for measurements: the plug-in reads only the first.
+    /// Pack as many states in a datagram as fit, for measurements: the plug-in reads only the first.
     #[arg(long, requires = "app_listen")]
     app_packed: bool,
 }
 
-/// How clients are told that a frame is over.
+/// How APP clients learn that a frame is over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Over {
-    /// On TCP, where it is not lost.
+enum FrameEnd {
+    /// On TCP, where the message is not lost.
     Tcp,
     /// By the last datagram.
     Udp,
-    /// Not at all: spares the plug-in what its lists cost it.
+    /// Not at all: saves the plug-in the cost of its lists.
     Never,
 }
 
-/// Of which bodies clients are told the state.
+/// Bodies whose state is sent to APP clients.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Told {
-    /// Of each that can move.
+enum StateSelection {
+    /// Every body that can move.
     All,
-    /// Of each that is awake.
+    /// Every body that is awake.
     Active,
-    /// Of each that is elsewhere than was told last.
+    /// Every body that has moved since its last sent state.
     Changed,
 }
 
@@ -86,14 +86,14 @@ impl Arguments {
         });
         let options = AppOptions {
             time_advanced: match self.app_time_advanced {
-                Over::Tcp => TimeAdvanced::Tcp,
-                Over::Udp => TimeAdvanced::Udp,
-                Over::Never => TimeAdvanced::Never,
+                FrameEnd::Tcp => TimeAdvanced::Tcp,
+                FrameEnd::Udp => TimeAdvanced::Udp,
+                FrameEnd::Never => TimeAdvanced::Never,
             },
             states: match self.app_states {
-                Told::All => States::All,
-                Told::Active => States::Active,
-                Told::Changed => States::Changed,
+                StateSelection::All => States::All,
+                StateSelection::Active => States::Active,
+                StateSelection::Changed => States::Changed,
             },
             datagrams: if self.app_packed {
                 Datagrams::Packed
@@ -105,7 +105,7 @@ impl Arguments {
     }
 }
 
-/// Runs a server until SIGINT or SIGTERM. Exit code 0 after such a stop, 1 when it cannot start or breaks.
+/// Runs a server until SIGINT or SIGTERM. Exit code 0 after such a stop, 1 when it cannot start or fails.
 pub fn main(arguments: Arguments) -> ExitCode {
     main_with(arguments, None)
 }
@@ -121,7 +121,8 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
     match run(arguments, hooks) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            // Whatever is logged, what keeps a server from starting is said. Nowhere is left to say that this failed.
+            // The cause of a failed start is printed at any log level. If standard error fails too, nothing is left to
+            // try.
             let _ = writeln!(std::io::stderr(), "error: {error}");
             ExitCode::FAILURE
         }
@@ -148,9 +149,9 @@ fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), RunError> {
         Some(listen) => Some(server.listen_app(listen, app_options)?),
         None => None,
     };
-    let asked = stop.clone();
-    // Fails only when a handler stands already: then whoever set it up decides when to stop.
-    if let Err(cause) = ctrlc::set_handler(move || asked.stop()) {
+    let requested = stop.clone();
+    // Fails only when a handler is installed already: its owner decides when to stop.
+    if let Err(cause) = ctrlc::set_handler(move || requested.stop()) {
         tracing::warn!("signals do not stop this server: {cause}");
     }
     announce(&server, &identity, app);
@@ -159,7 +160,7 @@ fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), RunError> {
     Ok(())
 }
 
-/// Tells where the server is and what to pin. A closed standard output does not stop a server.
+/// Prints the address and the fingerprint to pin. A closed standard output does not stop a server.
 fn announce(server: &Server, identity: &Identity, app: Option<SocketAddr>) {
     let kind = match identity {
         Identity::Development => "development, made at start",

@@ -1,15 +1,14 @@
-//! A number that stands for everything that was ever observed in a scene.
+//! Digest of all observations of a scene.
 //!
-//! Two runs are the same to the bit when their checksum_packets are equal; nobody can test_encoder one, since nobody is trusted with it:
-//! it is a comparison, not a signature. It depends on the observations alone, so that a trace of them gives it again,
-//! and on integers alone, so that every platform and language does.
+//! Equal digests mean runs that are equal to the bit. It serves comparison only and is no signature. It depends on
+//! observations alone, so that a trace reproduces it, and on integers alone, so that every platform and language does.
 
 use core::fmt;
 
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::Tick;
 
-/// The digest of a run so far.
+/// The digest of a run up to a tick.
 ///
 /// State: 64 bits, at first [`Digest::START`]. A word w of 32 bits is folded by `s = (s xor w) · K mod 2⁶⁴`, then
 /// `s = s xor (s >> 32)`, with K = 0x9e37_79b9_7f4a_7c15 (2⁶⁴ divided by the golden ratio, odd). A tick folds, in this
@@ -20,12 +19,12 @@ use rhumb_reckoning::Tick;
 pub struct Digest(u64);
 
 impl Digest {
-    /// Of no tick at all.
+    /// The digest before the first tick.
     pub const START: Self = Self(0x7268_756d_6220_7631);
 
     const FACTOR: u64 = 0x9e37_79b9_7f4a_7c15;
 
-    /// Folds in what was observed after a tick.
+    /// Folds in the observations after a tick.
     pub fn fold_tick(&mut self, tick: Tick, observations: &[Observation]) {
         self.fold(tick.value() as u32);
         self.fold((tick.value() >> 32) as u32);
@@ -43,7 +42,7 @@ impl Digest {
         }
     }
 
-    /// As a number.
+    /// The digest as a number.
     #[must_use]
     pub const fn value(self) -> u64 {
         self.0
@@ -89,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn every_word_counts() {
+    fn every_word_changes_the_digest() {
         let one = digest(1, &[observation(1.0)]);
         assert_ne!(one, digest(2, &[observation(1.0)]));
         assert_ne!(one, digest(1, &[observation(-1.0)]));
@@ -106,8 +105,8 @@ mod tests {
     }
 
     #[test]
-    fn it_is_the_same_everywhere() {
-        // Computed from the definition above by another program.
+    fn the_digest_equals_its_definition() {
+        // Computed by another program from the definition above.
         assert_eq!(digest(1, &[]), 0x4c6d_e8a6_4caa_b305);
         assert_eq!(digest(1, &[observation(1.0)]), 0xc837_96b8_99c9_1bed);
     }

@@ -1,6 +1,6 @@
-//! Which member may name bodies with which indices.
+//! Index ranges of members, for the ids of their bodies.
 //!
-//! IndexRanges of members who left are given out again once no body lives in them.
+//! Ranges of former members are granted again once no body lives in them.
 
 use std::collections::BTreeMap;
 
@@ -9,32 +9,33 @@ use rhumb_protocol::limits::{GRANTED_MAX, INDICES_MAX, RANGES_PER_MEMBER_MAX};
 use rhumb_protocol::scene::IdRange;
 use rhumb_reckoning::BodyId;
 
-/// The indices of one scene.
+/// Granted indices of one scene.
 #[derive(Debug, Default)]
 pub(crate) struct Grants {
     end: u32,
-    held: BTreeMap<Peer, Vec<IdRange>>,
+    granted: BTreeMap<Peer, Vec<IdRange>>,
     retired: Vec<IdRange>,
 }
 
-/// What the scene knows of a range: `None` while a body lives in it, otherwise the least generation not yet used.
+/// Vacancy of a range: `None` while a body lives in it, otherwise the least unused generation.
 pub(crate) type IsVacant<'a> = dyn Fn(&IdRange) -> Option<u16> + 'a;
 
 impl Grants {
-    /// Gives a member `count` indices, or `None` when no run of so many is left or it holds too many runs already.
+    /// Grants a member `count` indices; `None` when no run of that length is left or the member has too many runs.
     pub(crate) fn grant(
         &mut self,
         peer: Peer,
         count: u32,
         vacancy: &IsVacant<'_>,
     ) -> Option<IdRange> {
-        let held = self.held.get(&peer).map_or(&[][..], Vec::as_slice);
-        let indices: u32 = held.iter().map(IdRange::count).sum();
-        if held.len() >= RANGES_PER_MEMBER_MAX || count > GRANTED_MAX - indices.min(GRANTED_MAX) {
+        let granted = self.granted.get(&peer).map_or(&[][..], Vec::as_slice);
+        let indices: u32 = granted.iter().map(IdRange::count).sum();
+        if granted.len() >= RANGES_PER_MEMBER_MAX || count > GRANTED_MAX - indices.min(GRANTED_MAX)
+        {
             return None;
         }
         let range = self.reuse(count, vacancy).or_else(|| self.extend(count))?;
-        self.held.entry(peer).or_default().push(range);
+        self.granted.entry(peer).or_default().push(range);
         Some(range)
     }
 
@@ -54,29 +55,28 @@ impl Grants {
         Some(range)
     }
 
-    /// Whether a member may name a body so.
+    /// Whether a member may use an id.
     pub(crate) fn allows(&self, peer: Peer, id: BodyId) -> bool {
-        let ranges = self.held.get(&peer);
+        let ranges = self.granted.get(&peer);
         ranges.is_some_and(|ranges| ranges.iter().any(|range| range.contains(id)))
     }
 
-    /// Which member may name bodies of this index.
-    pub(crate) fn parent_candidate(&self, id: BodyId) -> Option<Peer> {
-        let mut held = self.held.iter();
-        let parent_candidate =
-            held.find(|(_, ranges)| ranges.iter().any(|range| range.contains(id)));
-        parent_candidate.map(|(peer, _)| *peer)
+    /// The member whose range contains an id.
+    pub(crate) fn owner(&self, id: BodyId) -> Option<Peer> {
+        let mut granted = self.granted.iter();
+        let owner = granted.find(|(_, ranges)| ranges.iter().any(|range| range.contains(id)));
+        owner.map(|(peer, _)| *peer)
     }
 
-    /// The range that a member was given first.
+    /// The first range of a member.
     pub(crate) fn first(&self, peer: Peer) -> Option<IdRange> {
-        self.held.get(&peer)?.first().copied()
+        self.granted.get(&peer)?.first().copied()
     }
 
-    /// A member left.
+    /// Frees the ranges of a member that left.
     pub(crate) fn retire(&mut self, peer: Peer) {
         self.retired
-            .extend(self.held.remove(&peer).unwrap_or_default());
+            .extend(self.granted.remove(&peer).unwrap_or_default());
     }
 }
 
@@ -87,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_range_is_given_out_again_when_nothing_lives_in_it() {
+    fn a_range_without_bodies_is_granted_again() {
         let mut grants = Grants::default();
         let (first, second) = (Peer(1), Peer(2));
         let nothing_lives = |_: &IdRange| Some(3);
@@ -96,9 +96,9 @@ mod tests {
         assert!(grants.allows(first, BodyId::new(9, 0)));
         assert!(!grants.allows(first, BodyId::new(10, 0)));
         assert!(!grants.allows(second, BodyId::new(0, 0)));
-        assert_eq!(grants.parent_candidate(BodyId::new(9, 4)), Some(first));
+        assert_eq!(grants.owner(BodyId::new(9, 4)), Some(first));
         grants.retire(first);
-        assert_eq!(grants.parent_candidate(BodyId::new(9, 4)), None);
+        assert_eq!(grants.owner(BodyId::new(9, 4)), None);
         assert!(!grants.allows(first, BodyId::new(0, 0)));
         let other = grants.grant(second, 10, &|_| None).unwrap();
         assert_eq!(other.first(), 10);
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn there_is_an_end_to_indices() {
+    fn indices_are_limited() {
         let mut grants = Grants::default();
         let (mut left, mut member) = (INDICES_MAX, 0);
         while left > 0 {
@@ -127,10 +127,10 @@ mod tests {
         assert!(grants.grant(Peer(1), GRANT, &|_| None).is_some());
         assert!(grants.grant(Peer(1), RESERVE_MAX, &|_| None).is_some());
         assert_eq!(grants.grant(Peer(1), 1, &|_| None), None);
-        // Tables by index are no longer than what it holds, whichever body it adds.
+        // Tables by index are no longer than the member's grant, whichever body it adds.
         assert_eq!(grants.end, GRANTED_MAX);
         assert!(grants.grant(Peer(2), GRANT, &|_| None).is_some());
-        // A range that comes again counts as the whole that it is.
+        // A reused range counts in full.
         grants.retire(Peer(1));
         let nothing_lives = |_: &IdRange| Some(1);
         assert!(grants.grant(Peer(3), RESERVE_MAX, &nothing_lives).is_some());

@@ -1,7 +1,7 @@
-//! What acts on a scene beside its engine, before each step.
+//! Hooks: application code that acts on a scene before each step.
 //!
-//! For whoever embeds a server: thrusters, drivers, players of a script. A hook moves bodies and nothing else; what a
-//! scene consists of is its members' matter, who hear of it by scene_events.
+//! For programs that embed a server: thrusters, drivers, scripts. A hook moves bodies and nothing else; only members
+//! change the bodies of a scene, and learn of it by scene events.
 
 use core::fmt;
 
@@ -9,12 +9,12 @@ use rhumb_protocol::scene::{Command, CommandError, SceneConfig, SceneName};
 
 use crate::scene::Scene;
 
-/// Looks at a scene before each step, and says how its bodies are to be pushed, set going or put elsewhere.
+/// Reads a scene before each step and commands its bodies: forces, velocities, poses.
 ///
-/// A run stays a function of its commands as long as a hook is one of the scene that it sees.
+/// A run stays a function of its commands as long as the hook is a function of the scene.
 pub struct Hook(Box<dyn Act>);
 
-/// What a hook is made of.
+/// The function type of a hook.
 trait Act: FnMut(&Scene, &mut Vec<Command>) + Send {}
 
 impl<F: FnMut(&Scene, &mut Vec<Command>) + Send> Act for F {}
@@ -39,13 +39,13 @@ impl fmt::Debug for Hook {
 /// Gives a scene its hook when it is created.
 pub struct Hooks(Box<dyn Give>);
 
-/// What gives hooks.
+/// The function type of [`Hooks`].
 trait Give: FnMut(&SceneName, &SceneConfig) -> Option<Hook> + Send {}
 
 impl<F: FnMut(&SceneName, &SceneConfig) -> Option<Hook> + Send> Give for F {}
 
 impl Hooks {
-    /// Asked once for each scene that is created.
+    /// `make` is called once for each new scene.
     pub fn new(
         make: impl FnMut(&SceneName, &SceneConfig) -> Option<Hook> + Send + 'static,
     ) -> Self {
@@ -63,12 +63,12 @@ impl fmt::Debug for Hooks {
     }
 }
 
-/// Why a command of a hook was not done. Nothing of it was applied.
+/// Reason why a hook's command was refused; it had no effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum HookError {
-    /// The scene refuses it.
+    /// The scene refuses the command.
     Refused(CommandError),
-    /// It would change what the scene consists of, or its gravity.
+    /// The command would change the bodies of the scene, or its gravity.
     NotAMotion,
 }
 
@@ -76,7 +76,7 @@ impl fmt::Display for HookError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Refused(error) => write!(f, "a hook's command was refused: {error}"),
-            Self::NotAMotion => f.write_str("a hook's command is its members' alone to give"),
+            Self::NotAMotion => f.write_str("a hook's command is reserved for members"),
         }
     }
 }

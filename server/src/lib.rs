@@ -1,10 +1,10 @@
-//! Rhumb's server: an engine behind a trait, scenes, what members hear.
+//! Rhumb's server: engines behind a trait, scenes, streams to members.
 //!
-//! Reads no clock; only `engine::rapier` knows the engine's types, and only `serve` has sockets, by way of the transport.
+//! Reads no clock. Only `engine::rapier` uses the engine's types, and only `serve` has sockets, through the transport.
 //! Invariants: a refused command changes nothing; a state that is not finite never leaves the engine.
 //!
-//! `rhumb-server` is this behind a command line ([`cli`]). Whoever embeds it runs a [`Server`] in a program of its own, and
-//! may give scenes [`Hooks`] that push their bodies beside the engine. What is logged goes to `tracing`.
+//! `rhumb-server` is this crate behind a command line ([`cli`]). A program that embeds it runs a [`Server`], and may
+//! give scenes [`Hooks`] that push their bodies beside the engine. Logs go to `tracing`.
 //!
 //! # Example
 //!
@@ -28,7 +28,7 @@
 //! }));
 //! println!("listening on {}, fingerprint {}", server.address(), server.fingerprint());
 //!
-//! // A clone may go to any other thread, and says there when it is to end.
+//! // A clone can stop the server from any other thread.
 //! let stop = Stop::new();
 //! let statistics = server.run(&stop)?;
 //! println!("{} connections in all", statistics.opened);

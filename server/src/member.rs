@@ -1,6 +1,6 @@
-//! What a scene knows of one of its members.
+//! State of one member of a scene.
 //!
-//! The streams that it hears, and what it waits for. Follows streams by name only; who begins and ends them is the room's matter.
+//! Its streams and pending requests. Streams are known by name only; the scene runner starts and ends them.
 
 use rhumb_protocol::message::{StreamChoice, TakeAuthority};
 use rhumb_protocol::packet::StreamId;
@@ -9,21 +9,21 @@ use rhumb_reckoning::Tick;
 
 use crate::tier_controller::TierController;
 
-/// A client that takes part.
+/// A client that is a member.
 #[derive(Debug)]
 pub(crate) struct Member {
     subscription: StreamId,
-    /// The stream before, until the member has caught up with the present one.
+    /// The former stream, until the member has caught up with the present one.
     previous: Option<StreamId>,
-    /// Number of its last command that was looked at, and is not answered yet.
+    /// Number of its last handled command, while it is not answered.
     pub(crate) unanswered: Option<u64>,
-    /// The snapshot that it is to hear when all that it said at once was looked at; the last one counts.
+    /// The snapshot to send once all its input of one read is handled; the last request counts.
     pub(crate) snapshot_request: Option<SnapshotRequest>,
-    /// Whether its link carries its stream.
+    /// Controls the tier of its stream by the state of its link.
     pub(crate) link: TierController,
 }
 
-/// Which snapshot a member waits for.
+/// The snapshot that a member waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum SnapshotRequest {
     /// That of its stream, again.
@@ -32,7 +32,7 @@ pub(crate) enum SnapshotRequest {
     Other(StreamChoice),
 }
 
-/// What acts in the order in which it was said: a command said after an advance acts after its steps.
+/// Input that acts in the order of its arrival: a command after an advance acts after its steps.
 #[derive(Clone, Debug)]
 pub(crate) enum PendingCommand {
     Command {
@@ -43,12 +43,12 @@ pub(crate) enum PendingCommand {
         to: Tick,
     },
     TakeAuthority(TakeAuthority),
-    /// A packet of the stream on which it says how its bodies move.
+    /// A packet of its upstream.
     Upstream(Vec<u8>),
 }
 
 impl Member {
-    /// Who has just joined and follows a stream.
+    /// A new member that subscribes to a stream.
     pub(crate) const fn new(stream: StreamId, choice: StreamChoice) -> Self {
         Self {
             subscription: stream,
@@ -59,7 +59,7 @@ impl Member {
         }
     }
 
-    /// The stream that it follows.
+    /// The present stream.
     pub(crate) const fn stream(&self) -> StreamId {
         self.subscription
     }
@@ -71,8 +71,8 @@ impl Member {
             .flatten()
     }
 
-    /// Changes to a stream that it does not follow, but may be leaving; returns the one that it hears no more, if there is
-    /// one. It goes on hearing the one that it has a whole copy of.
+    /// Changes to another stream than the present one; returns the stream to unsubscribe, if any. The member stays
+    /// subscribed to the stream of its complete copy.
     pub(crate) fn change(&mut self, to: StreamId) -> Option<StreamId> {
         let before = std::mem::replace(&mut self.subscription, to);
         match self.previous {
@@ -87,7 +87,7 @@ impl Member {
         }
     }
 
-    /// It has caught up with a stream; returns the one that it needs no more, if there is one.
+    /// The member has caught up with a stream; returns the stream to unsubscribe, if any.
     pub(crate) fn caught_up(&mut self, with: StreamId) -> Option<StreamId> {
         if with != self.subscription {
             return None;
@@ -96,7 +96,7 @@ impl Member {
     }
 
     /// Whether it gets the datagrams of a stream.
-    pub(crate) fn hears(&self, stream: StreamId) -> bool {
+    pub(crate) fn receives(&self, stream: StreamId) -> bool {
         self.streams().any(|subscribed| subscribed == stream)
     }
 }

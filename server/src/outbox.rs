@@ -1,6 +1,6 @@
-//! Everything that waits to be sent: what sessions said, and the datagrams.
+//! Outgoing data of all connections: control messages and datagrams.
 //!
-//! Knows the sessions, not the scenes. Datagrams are shared: one packet for many members is one allocation.
+//! Knows sessions, not scenes. Datagrams are shared: one packet for many members is one allocation.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
@@ -9,12 +9,12 @@ use rhumb_protocol::message::{Grease, ServerMessage};
 use rhumb_protocol::session::ServerSession;
 use rhumb_protocol::{Peer, Transmit};
 
-/// The sessions of a host's connections and what they have to send.
+/// The sessions of all connections and their outgoing data.
 #[derive(Debug, Default)]
 pub(crate) struct Outbox {
     sessions: BTreeMap<Peer, ServerSession>,
-    /// Connections whose sessions may have something to send.
-    talking: BTreeSet<Peer>,
+    /// Connections whose sessions may have data to send.
+    sendable: BTreeSet<Peer>,
     ready: VecDeque<Transmit>,
 }
 
@@ -25,12 +25,12 @@ impl Outbox {
 
     pub(crate) fn forget(&mut self, peer: Peer) {
         self.sessions.remove(&peer);
-        self.talking.remove(&peer);
+        self.sendable.remove(&peer);
     }
 
-    /// A connection's session, which may have something to send afterwards.
+    /// A connection's session; it may have data to send afterwards.
     pub(crate) fn session(&mut self, peer: Peer) -> Option<&mut ServerSession> {
-        self.talking.insert(peer);
+        self.sendable.insert(peer);
         self.sessions.get_mut(&peer)
     }
 
@@ -40,7 +40,7 @@ impl Outbox {
         }
     }
 
-    /// Says messages that were encoded once for many.
+    /// Sends messages that were encoded once for many members.
     pub(crate) fn send_encoded(&mut self, to: Peer, messages: &Bytes) {
         if let Some(session) = self.session(to) {
             session.send_encoded(messages);
@@ -52,8 +52,8 @@ impl Outbox {
     }
 
     pub(crate) fn poll(&mut self) -> Option<Transmit> {
-        // What was said goes first: datagrams may be of a stream that it tells of.
-        while let Some(peer) = self.talking.first().copied() {
+        // Messages go first: datagrams may belong to a stream that they announce.
+        while let Some(peer) = self.sendable.first().copied() {
             if let Some(session) = self.sessions.get_mut(&peer) {
                 if let Some(bytes) = session.poll_control() {
                     return Some(Transmit::Control { to: peer, bytes });
@@ -66,7 +66,7 @@ impl Outbox {
                     });
                 }
             }
-            self.talking.remove(&peer);
+            self.sendable.remove(&peer);
         }
         self.ready.pop_front()
     }

@@ -1,21 +1,21 @@
-//! Tells an operator for whom a stream's budget does not suffice
+//! Logs the streams whose budget does not suffice.
 
 use rhumb_protocol::stream::{OverBudget, Publisher};
 use rhumb_reckoning::Tick;
 use tracing::Level;
 
-/// What was told of a stream's budget.
+/// Last logged state of a stream's budget.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct OverBudgetLog {
     /// Bodies waited for a word then.
     waited: bool,
     /// None: nothing yet.
-    told: Option<Tick>,
+    logged_at: Option<Tick>,
 }
 
 impl OverBudgetLog {
-    /// Logs when a budget does not suffice, and who is worst off for it, and when it suffices again: a line a second at most.
-    /// Whoever is off for it is logged by itself where every trace is asked for.
+    /// Logs when a budget does not suffice, with its worst body, and when it suffices again: at most one line a
+    /// second. At trace level every affected body is logged.
     pub(crate) fn log_once_a_second(&mut self, publisher: &Publisher) {
         let (stream, tick) = (publisher.stream(), publisher.tick());
         let waits = |since: Tick| tick.since(since).unwrap_or_default().count();
@@ -23,19 +23,19 @@ impl OverBudgetLog {
             for OverBudget { body, share, since } in publisher.over_budget() {
                 if share > 1.0 {
                     let ticks = waits(since);
-                    tracing::trace!(%stream, %tick, %body, share, ticks, cause = "budget", "a body is off");
+                    tracing::trace!(%stream, %tick, %body, share, ticks, cause = "budget", "a body exceeds its tolerance");
                 }
             }
         }
         let waiting = publisher.waiting();
-        let since_told = self.told.and_then(|told| tick.since(told));
-        let quiet = since_told.is_some_and(|ticks| ticks < publisher.second());
+        let since_logged = self.logged_at.and_then(|logged_at| tick.since(logged_at));
+        let quiet = since_logged.is_some_and(|ticks| ticks < publisher.second());
         if quiet || (waiting == 0 && !self.waited) {
             return;
         }
         *self = Self {
             waited: waiting > 0,
-            told: Some(tick),
+            logged_at: Some(tick),
         };
         let Some(worst) = publisher.worst_waiting() else {
             let over_budget = publisher.statistics().over_budget;
@@ -44,6 +44,6 @@ impl OverBudgetLog {
         };
         let OverBudget { body, share, since } = worst;
         let ticks = waits(since);
-        tracing::info!(%stream, waiting, %body, share, ticks, cause = "budget", "bodies wait for a word");
+        tracing::info!(%stream, waiting, %body, share, ticks, cause = "budget", "bodies wait for an update");
     }
 }

@@ -1,7 +1,7 @@
-//! Which shapes, bodies and joints a scene has, and had.
+//! Present and former shapes, bodies and joints of a scene.
 //!
-//! Knows no engine. Checks the rules of names and numbers; a change that is refused changes nothing. Invariants: each
-//! body's shape is known, each joint's bodies live; of each index the generations only grow.
+//! No engine here. Checks the rules of names and numbers; a refused change changes nothing. Invariants: each body's
+//! shape exists, each joint's bodies live; the generations of an index only grow.
 
 use std::collections::BTreeMap;
 
@@ -18,18 +18,18 @@ use rhumb_reckoning::{BodyId, Damping};
 pub(crate) struct Registry {
     shapes: BTreeMap<ShapeId, ShapeEntry>,
     shape_bytes: usize,
-    /// By index; `None` where none ever was.
+    /// By index; `None` for an index that was never used.
     bodies: Vec<Option<BodyEntry>>,
     count: usize,
     joints: Joints,
-    /// All that bodies ever had: both ends of a stream keep a table for each.
+    /// All damping values that bodies ever had: both ends of a stream keep a table for each.
     dampings: Vec<Damping>,
 }
 
 #[derive(Clone, Debug)]
 struct ShapeEntry {
     shape: Shape,
-    /// Bodies that have it.
+    /// Number of bodies with this shape.
     users: usize,
 }
 
@@ -68,7 +68,7 @@ impl Registry {
         Ok(())
     }
 
-    /// Takes a body in. `damping`: its own or the scene's.
+    /// Adds a body. `damping`: its own or the scene's.
     pub(crate) fn add_body(
         &mut self,
         config: BodyDesc,
@@ -85,7 +85,7 @@ impl Registry {
         if self.count >= BODIES_MAX as usize {
             return Err(CommandError::TooManyBodies);
         }
-        // As predictors have it: what no engine moves is not damped, whatever its config name.
+        // As in predictors: a body that no engine moves has no damping, whatever its description says.
         let damping = match config.kind {
             BodyKind::Dynamic => damping,
             BodyKind::Static | BodyKind::Kinematic => Damping::default(),
@@ -115,7 +115,7 @@ impl Registry {
         Ok(())
     }
 
-    /// Takes a body out, and names the joints that go with it.
+    /// Removes a body, and returns the joints that go with it.
     pub(crate) fn remove_body(&mut self, id: BodyId) -> Result<Vec<JointId>, CommandError> {
         let shape = self.body(id).ok_or(CommandError::UnknownBody(id))?.shape;
         if let Some(Some(known)) = self.bodies.get_mut(id.index() as usize) {
@@ -178,8 +178,8 @@ impl Registry {
         self.shapes.iter().map(|(id, known)| (*id, &known.shape))
     }
 
-    /// `None` while a body lives in the range or one of its indices is used up; otherwise the least generation that no
-    /// body of the range has had.
+    /// The least generation that no body of the range has had; `None` while a body lives in the range or one of its
+    /// indices is used up.
     pub(crate) fn vacancy(&self, range: &IdRange) -> Option<u16> {
         let from = (range.first() as usize).min(self.bodies.len());
         let to = (from + range.count() as usize).min(self.bodies.len());

@@ -1,7 +1,7 @@
-//! One scene: what is in it, the engine that moves it, and its tick.
+//! One scene: its bodies, its engine, and its tick.
 //!
-//! Knows no members: who may command which body is decided before. Invariants: a refused command changes nothing; the
-//! registry and the engine hold the same bodies; a scene whose engine failed takes no commands and steps no more.
+//! Members are not known here; their rights are checked before. Invariants: a refused command changes nothing;
+//! registry and engine have the same bodies; a scene whose engine failed takes no commands and no steps.
 
 use core::fmt;
 use std::collections::BTreeMap;
@@ -30,22 +30,22 @@ pub struct Scene {
     engine: Box<dyn Engine>,
     observations: Vec<Observation>,
     lost: Vec<(BodyId, RemovalCause)>,
-    /// Bodies that were put elsewhere since the last step, as they were before: that is where they were at its tick.
+    /// Bodies that were displaced since the last step, as they were at its tick.
     displaced: BTreeMap<BodyId, Observation>,
     hook: Option<Hook>,
-    /// What the hook wishes before a step.
-    wishes: Vec<Command>,
+    /// The hook's commands before a step.
+    hook_commands: Vec<Command>,
     digest: Digest,
 }
 
-/// What a step did apart from moving bodies.
+/// Results of a step beside the motion of bodies.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stepped {
     /// The tick that was reached.
     pub tick: Tick,
-    /// Bodies that are gone, though nobody asked for it, in the order of ids.
+    /// Bodies that the step removed, in the order of ids.
     pub removed: Vec<(BodyId, RemovalCause)>,
-    /// Why commands of the scene's hook were not done.
+    /// Errors of the hook's refused commands.
     pub refused: Vec<HookError>,
 }
 
@@ -54,7 +54,7 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// [`Invalid`] names the first of the config that is wrong.
+    /// [`Invalid`] names the first invalid part of the configuration.
     pub fn new(config: SceneConfig) -> Result<Self, Invalid> {
         Self::on(config, &Workers::default())
     }
@@ -63,17 +63,17 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// [`Invalid`] names the first of the config that is wrong.
+    /// [`Invalid`] names the first invalid part of the configuration.
     pub fn on(config: SceneConfig, workers: &Workers) -> Result<Self, Invalid> {
         config.check()?;
         Self::with_engine(config, Box::new(RapierEngine::on(&config, workers)))
     }
 
-    /// An empty scene that another engine steps; the engine is empty too and under the config' gravity.
+    /// An empty scene with another engine, which must be empty and have the configuration's gravity.
     ///
     /// # Errors
     ///
-    /// [`Invalid`] names the first of the config that is wrong.
+    /// [`Invalid`] names the first invalid part of the configuration.
     pub fn with_engine(config: SceneConfig, engine: Box<dyn Engine>) -> Result<Self, Invalid> {
         config.check()?;
         Ok(Self {
@@ -86,18 +86,18 @@ impl Scene {
             lost: Vec::new(),
             displaced: BTreeMap::new(),
             hook: None,
-            wishes: Vec::new(),
+            hook_commands: Vec::new(),
             digest: Digest::START,
         })
     }
 
-    /// Does what a command wishes; it acts from the next step on.
+    /// Applies a command; it acts from the next step on.
     ///
-    /// A shape whose number is beyond the limit is unknown, a body whose index is so is not granted.
+    /// A shape whose number is beyond the limit counts as unknown, a body whose index is so as not granted.
     ///
     /// # Errors
     ///
-    /// [`CommandError`] says why nothing was done.
+    /// [`CommandError`] names the reason; nothing has changed.
     pub fn apply(&mut self, command: &Command) -> Result<(), CommandError> {
         self.sound()?;
         command.check().map_err(CommandError::Invalid)?;
@@ -110,7 +110,7 @@ impl Scene {
             Command::AddBody { config, motion } => self.add_body(config, motion)?,
             Command::RemoveBody { id } => {
                 let joints = self.registry.remove_body(id)?;
-                self.let_go(joints);
+                self.forget_joints(joints);
                 self.engine.remove(id);
             }
             Command::SetPose {
@@ -145,7 +145,7 @@ impl Scene {
             }
             Command::RemoveJoint { id } => {
                 self.registry.remove_joint(id)?;
-                self.let_go([id]);
+                self.forget_joints([id]);
             }
         }
         self.sound()
@@ -158,7 +158,7 @@ impl Scene {
     /// [`SceneFault`] when the engine failed, now or before; the tick stays.
     pub fn step(&mut self) -> Result<Stepped, SceneFault> {
         self.observations.clear();
-        let refused = self.ask_hook();
+        let refused = self.run_hook();
         self.engine.step(&mut self.lost)?;
         self.tick = self.tick.next();
         self.displaced.clear();
@@ -166,8 +166,8 @@ impl Scene {
             let (id, _) = self.lost[place];
             // The engine names only bodies that it was given, each once.
             let known = self.registry.remove_body(id);
-            debug_assert!(known.is_ok(), "{id} was lost and is not known");
-            self.let_go(known.unwrap_or_default());
+            debug_assert!(known.is_ok(), "{id} is lost but unknown");
+            self.forget_joints(known.unwrap_or_default());
         }
         self.engine.observe(&mut self.observations);
         self.digest.fold_tick(self.tick, &self.observations);
@@ -178,24 +178,24 @@ impl Scene {
         })
     }
 
-    /// Gives the scene something that acts before each step from now on, in place of what it had.
+    /// Sets the scene's hook, which acts before each step from now on.
     pub fn attach(&mut self, hook: Hook) {
         self.hook = Some(hook);
     }
 
-    /// Does what the hook wishes, and says what of it was not done.
-    fn ask_hook(&mut self) -> Vec<HookError> {
+    /// Applies the hook's commands, and returns the errors of refused ones.
+    fn run_hook(&mut self) -> Vec<HookError> {
         let mut refused = Vec::new();
         let Some(mut hook) = self.hook.take() else {
             return refused;
         };
         if self.sound().is_ok() {
-            let mut wishes = mem::take(&mut self.wishes);
-            hook.act(self, &mut wishes);
-            for command in wishes.drain(..) {
+            let mut hook_commands = mem::take(&mut self.hook_commands);
+            hook.act(self, &mut hook_commands);
+            for command in hook_commands.drain(..) {
                 refused.extend(self.steer(&command).err());
             }
-            self.wishes = wishes;
+            self.hook_commands = hook_commands;
         }
         self.hook = Some(hook);
         refused
@@ -228,8 +228,8 @@ impl Scene {
         Ok(())
     }
 
-    /// Tells the engine of joints that are gone.
-    fn let_go(&mut self, joints: impl IntoIterator<Item = JointId>) {
+    /// Tells the engine of removed joints.
+    fn forget_joints(&mut self, joints: impl IntoIterator<Item = JointId>) {
         for id in joints {
             self.engine.remove_joint(id);
         }
@@ -289,86 +289,86 @@ impl Scene {
         }
     }
 
-    /// Adds what the last step changed: bodies that are awake, and once each that fell asleep or was static and put
-    /// elsewhere, in the order of ids.
+    /// Adds what the last step changed, in the order of ids: each awake body, and once each body that fell asleep or
+    /// was static and displaced.
     pub fn observe(&self, out: &mut Vec<Observation>) {
         out.extend_from_slice(&self.observations);
     }
 
-    /// Adds every body as it was after the last step, in the order of ids; static ones as asleep. One that was put
-    /// elsewhere since is where it was then, and is observed again after the next step.
+    /// Adds every body as of the last step, in the order of ids; static ones as asleep. A body displaced since is at
+    /// its old place, and is observed again after the next step.
     pub fn observe_all(&self, out: &mut Vec<Observation>) {
         let ids = self.registry.bodies().map(|config| config.id);
         let before = |id: &BodyId| self.displaced.get(id).copied();
         out.extend(ids.filter_map(|id| before(&id).or_else(|| self.engine.observe_one(id))));
     }
 
-    /// What [`Self::observe`] adds.
+    /// The observations that [`Self::observe`] adds.
     #[must_use]
     pub fn observations(&self) -> &[Observation] {
         &self.observations
     }
 
-    /// One body as it is now.
+    /// The present observation of a body.
     #[must_use]
     pub fn observation(&self, id: BodyId) -> Option<Observation> {
         self.body(id)?;
         self.engine.observe_one(id)
     }
 
-    /// How many steps it has taken.
+    /// Number of steps taken.
     #[must_use]
     pub const fn tick(&self) -> Tick {
         self.tick
     }
 
-    /// What it was created with.
+    /// The configuration of its creation.
     #[must_use]
     pub const fn config(&self) -> &SceneConfig {
         &self.config
     }
 
-    /// What pulls now, m/s².
+    /// The present gravity, m/s².
     #[must_use]
     pub const fn gravity(&self) -> Vec3 {
         self.gravity
     }
 
-    /// What a body is.
+    /// Description of a body.
     #[must_use]
     pub fn body(&self, id: BodyId) -> Option<&BodyDesc> {
         self.registry.body(id)
     }
 
-    /// What every body is, in the order of ids.
+    /// Descriptions of all bodies, in the order of ids.
     pub fn bodies(&self) -> impl Iterator<Item = &BodyDesc> {
         self.registry.bodies()
     }
 
-    /// How many bodies there are.
+    /// Number of bodies.
     #[must_use]
     pub const fn body_count(&self) -> usize {
         self.registry.body_count()
     }
 
-    /// How many bodies the last step left awake.
+    /// Number of bodies awake after the last step.
     #[must_use]
     pub fn awake_count(&self) -> usize {
         self.engine.awake_count()
     }
 
-    /// What a shape is.
+    /// A shape by its id.
     #[must_use]
     pub fn shape(&self, id: ShapeId) -> Option<&Shape> {
         self.registry.shape(id)
     }
 
-    /// Every shape, in the order of numbers.
+    /// All shapes, in the order of ids.
     pub fn shapes(&self) -> impl Iterator<Item = (ShapeId, &Shape)> {
         self.registry.shapes()
     }
 
-    /// What holds bodies together.
+    /// The joints of the scene.
     #[must_use]
     pub const fn joints(&self) -> &Joints {
         self.registry.joints()
@@ -380,19 +380,19 @@ impl Scene {
         self.shape(self.body(id)?.shape)
     }
 
-    /// Of the least ball around a body's centre of mass that holds it.
+    /// Radius of the least ball around a body's centre of mass that holds the body.
     #[must_use]
     pub fn bounding_radius(&self, id: BodyId) -> Option<Metres> {
         self.shape_of(id).map(Shape::bounding_radius)
     }
 
-    /// How a body resists being turned, if it tumbles when it is free: dynamic, gyroscopic, of unequal moments.
+    /// Moments of inertia of a body that rotates torque-free: dynamic, gyroscopic, with unequal moments.
     #[must_use]
     pub fn inertia(&self, id: BodyId) -> Option<Inertia> {
         self.engine.inertia(id)
     }
 
-    /// Adds, for each body that touches this one after the last step, where they do so deepest.
+    /// Adds one contact for each body that touches this one after the last step: the deepest.
     pub fn contacts(&self, id: BodyId, out: &mut Vec<Contact>) {
         self.engine.contacts(id, out);
     }
@@ -405,14 +405,14 @@ impl Scene {
         self.registry.vacancy(range)
     }
 
-    /// Of everything that was ever observed.
+    /// Digest of all observations so far.
     #[must_use]
     pub const fn digest(&self) -> Digest {
         self.digest
     }
 }
 
-/// Why a scene steps no more.
+/// Reason why a scene takes no more steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SceneFault {
     /// Its engine failed.

@@ -1,6 +1,7 @@
-//! One scene with its members: applies wishes, steps, says what came of it.
+//! One scene with its members: applies commands, steps, publishes.
 //!
-//! Neither sockets nor threads: the host feeds it requests and moments. Order of a tick: wishes, step, observe, send.
+//! Neither sockets nor threads: the server loop feeds it requests and moments. Order of a tick: commands, step,
+//! observe, send.
 
 mod authority;
 mod leader;
@@ -33,7 +34,7 @@ use crate::stream_names::StreamNames;
 use crate::streams::{Stream, Streams};
 use crate::times::{Marks, Times};
 
-/// Reads the host's clock between the stages of a tick.
+/// Reads the server loop's clock between the stages of a tick.
 pub(crate) type Stopwatch<'a> = &'a dyn Fn() -> Instant;
 
 /// One scene with its members.
@@ -45,24 +46,24 @@ pub(crate) struct SceneRunner {
     grants: Grants,
     authority_table: AuthorityTable,
     scene_events: u64,
-    /// SceneEvents given since they were last handed to the members.
+    /// Encoded scene events that the members have not got yet.
     unsent: Vec<u8>,
     target: Tick,
-    /// What was said while steps are still owed to an earlier advance.
+    /// Input that waits for the steps of an earlier advance.
     waiting: VecDeque<(Peer, PendingCommand)>,
     next_step: Option<Instant>,
     last_step: Instant,
     times: Times,
     faulted: bool,
-    /// Whether a client of another protocol says when it steps and ends.
+    /// Whether an APP client leads the scene: only that client steps and ends it.
     led: bool,
 }
 
-/// A free-running scene that is later than so many steps lets time go slower instead of catching up.
+/// A free-running scene that is later than so many steps slows down instead of catching up.
 const CATCH_UP_STEPS: u64 = 5;
 
 impl SceneRunner {
-    /// `names`: what its streams will be called.
+    /// `names`: names of its streams.
     pub(crate) fn new(scene: Scene, names: StreamNames) -> Self {
         let target = scene.tick();
         let streams = Streams::new(scene.config().publish_schedule);
@@ -93,7 +94,7 @@ impl SceneRunner {
         self.members.keys().copied()
     }
 
-    /// When the next step is due: at once in a scene that was told to advance, never in one that nobody sees.
+    /// When the next step is due: at once in a scene that must advance, never in one without members.
     pub(crate) fn next_step(&self) -> Option<Instant> {
         if self.faulted {
             return None;
@@ -104,7 +105,7 @@ impl SceneRunner {
         }
     }
 
-    /// Makes a client a member; it hears the whole scene, then the stream.
+    /// Makes a client a member; it gets the whole scene, then the stream.
     pub(crate) fn join(
         &mut self,
         now: Instant,
@@ -136,7 +137,7 @@ impl SceneRunner {
         Ok(())
     }
 
-    /// A name for a stream that begins now.
+    /// A name for a new stream.
     fn new_stream(&mut self) -> StreamId {
         let (streams, authority_table) = (&self.streams, &self.authority_table);
         self.names
@@ -159,7 +160,7 @@ impl SceneRunner {
             .ok_or(Denial::NoIndicesLeft)
     }
 
-    /// Says where the stream begins, and every shape and body.
+    /// Sends the start of the stream, and every shape and body.
     fn send_snapshot(&mut self, peer: Peer, out: &mut Outbox) {
         let granted = match self.grants.first(peer) {
             Some(range) => range,
@@ -198,7 +199,7 @@ impl SceneRunner {
         self.streams.get(member.stream())
     }
 
-    /// A client is a member no longer. Its bodies stay; what it requested_authority behind an advance that is not reached yet goes.
+    /// Ends a membership. The client's bodies stay; its input behind a pending advance is dropped.
     pub(crate) fn leave(&mut self, peer: Peer) {
         self.waiting.retain(|(sender, _)| *sender != peer);
         self.authority_table.end(peer);
@@ -221,7 +222,7 @@ impl SceneRunner {
         out.send(peer, &answer);
     }
 
-    /// Applies one command, or says why not; later if steps are still owed to an earlier advance.
+    /// Applies or refuses one command; later if steps of an earlier advance are pending.
     pub(crate) fn command(
         &mut self,
         peer: Peer,
@@ -232,12 +233,12 @@ impl SceneRunner {
         self.enqueue(peer, PendingCommand::Command { number, command }, out);
     }
 
-    /// Lets a lockstep scene step to a tick, after what was asked for before.
+    /// Advances a lockstep scene to a tick, after earlier requests.
     pub(crate) fn advance(&mut self, peer: Peer, to: Tick, out: &mut Outbox) {
         self.enqueue(peer, PendingCommand::Advance { to }, out);
     }
 
-    /// A member says what it says only once it has the scene.
+    /// A member's message shows that it has the scene.
     fn note_activity(&mut self, peer: Peer) {
         if let Some(member) = self.members.get_mut(&peer) {
             member.link.note_message();
@@ -246,8 +247,9 @@ impl SceneRunner {
 
     fn enqueue(&mut self, peer: Peer, pending_command: PendingCommand, out: &mut Outbox) {
         self.note_activity(peer);
-        let owed = self.config().stepping == Stepping::Lockstep && self.scene.tick() < self.target;
-        if !owed || self.faulted {
+        let steps_pending =
+            self.config().stepping == Stepping::Lockstep && self.scene.tick() < self.target;
+        if !steps_pending || self.faulted {
             return self.apply_pending_command(peer, pending_command, out);
         }
         if self.waiting.len() < PENDING_COMMANDS_MAX {
@@ -257,7 +259,7 @@ impl SceneRunner {
         }
     }
 
-    /// Grants what waited, up to the next advance that steps are owed to.
+    /// Applies waiting input, up to the next advance with pending steps.
     fn apply_pending(&mut self, out: &mut Outbox) {
         while self.faulted || self.scene.tick() >= self.target {
             let Some((peer, pending_command)) = self.waiting.pop_front() else {
@@ -289,7 +291,7 @@ impl SceneRunner {
                 Some(denial) => out.send(peer, &ServerMessage::Denied(denial)),
                 None => self.target = self.target.max(to),
             },
-            PendingCommand::TakeAuthority(drive) => self.grant_authority(peer, &drive, out),
+            PendingCommand::TakeAuthority(request) => self.grant_authority(peer, &request, out),
             PendingCommand::Upstream(packet) => {
                 if let Ok(datagram) = Datagram::open(&packet) {
                     self.handle_upstream(peer, &datagram, out);
@@ -372,7 +374,7 @@ impl SceneRunner {
         ServerMessage::SceneEvent(scene_event).encode(&mut self.unsent);
     }
 
-    /// Hands new scene_events to every member, encoded once.
+    /// Sends new scene events to every member, encoded once.
     fn send_scene_events(&mut self, out: &mut Outbox) {
         if self.unsent.is_empty() {
             return;
@@ -383,7 +385,7 @@ impl SceneRunner {
         }
     }
 
-    /// All that a member sent at once was looked at: says what came of it.
+    /// Answers the input of one read after all of it was handled.
     pub(crate) fn answer_pending(&mut self, out: &mut Outbox) {
         self.send_scene_events(out);
         let pending_snapshots: Vec<(Peer, SnapshotRequest)> = self
@@ -430,7 +432,7 @@ impl SceneRunner {
         Span::from_nanos(self.config().integrator.rate.step_ns())
     }
 
-    /// One tick: truth, belief, words.
+    /// One tick: step, predict, publish.
     fn tick(&mut self, clock: Stopwatch<'_>, out: &mut Outbox) {
         let begun = clock();
         self.authority_table.set_targets(&mut self.scene);
@@ -440,7 +442,7 @@ impl SceneRunner {
         };
         let after_step = clock();
         for error in stepped.refused {
-            tracing::warn!(%error, "the scene goes on without it");
+            tracing::warn!(%error, "the scene continues without the command");
         }
         for (id, cause) in stepped.removed {
             self.streams.remove(id);
@@ -467,7 +469,7 @@ impl SceneRunner {
         });
     }
 
-    /// The engine failed: everyone is told, and nothing moves any more.
+    /// Informs all members that the engine failed; nothing moves any more.
     fn fault(&mut self, out: &mut Outbox) {
         self.faulted = true;
         self.next_step = None;
@@ -494,23 +496,23 @@ impl SceneRunner {
         let Some(stream) = self.stream_of(peer) else {
             return;
         };
-        let said = stream.sender.statistics();
+        let sent = stream.sender.statistics();
         let inspection = Inspection {
             tick: self.scene.tick(),
             truth: self.scene.digest().value(),
             bodies: self.scene.body_count() as u32,
             awake: self.scene.awake_count() as u32,
-            updates: said.updates,
-            packets: said.packets,
-            packet_bytes: said.bytes,
+            updates: sent.updates,
+            packets: sent.packets,
+            packet_bytes: sent.bytes,
             resynced: stream.sender.resynced(),
-            over_budget: said.over_budget,
+            over_budget: sent.over_budget,
             times: self.times.summary(),
         };
         out.send(peer, &ServerMessage::Inspection(inspection));
     }
 
-    /// The scene is gone: members hear it.
+    /// Informs the members that the scene has ended.
     pub(crate) fn end(mut self, out: &mut Outbox) {
         for peer in self.members.keys() {
             self.authority_table.end(*peer);

@@ -1,6 +1,6 @@
-//! Runs a host behind real sockets until it is told to stop.
+//! Runs a server behind real sockets until it is told to stop.
 //!
-//! What the `rhumb-server` binary does, callable by whoever embeds it.
+//! The function of the `rhumb-server` binary, callable by programs that embed it.
 
 use std::fmt;
 use std::io;
@@ -17,7 +17,7 @@ use crate::engine::{Workers, WorkersError};
 use crate::hook::Hooks;
 use crate::server_loop::ServerLoop;
 
-/// What the server proves itself with.
+/// The server's certificate.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Identity {
     /// A certificate made at start; clients pin its fingerprint.
@@ -31,7 +31,7 @@ pub enum Identity {
     },
 }
 
-/// A server that listens, and is not run yet.
+/// A server that listens, but does not run yet.
 pub struct Server {
     transport: QuicServer,
     hooks: Option<Hooks>,
@@ -39,25 +39,25 @@ pub struct Server {
     workers: Workers,
 }
 
-/// Why a server did not start, or stopped unasked.
+/// Reason why a server did not start, or stopped by itself.
 #[derive(Debug)]
 pub enum RunError {
     /// The certificate cannot be used.
     Certificate(CertificateError),
-    /// The address cannot be listened on.
+    /// Listening at the address failed.
     Bind(BindError),
-    /// The address for clients of the paper's protocol cannot be listened on.
+    /// Listening at the address for APP clients failed.
     AppBind(AppBindError),
-    /// The threads cannot be bound to cores.
+    /// Binding the threads to cores failed.
     Cores {
-        /// Which cores.
+        /// The cores.
         cores: Vec<usize>,
-        /// What the system says.
+        /// The system's error.
         cause: io::Error,
     },
-    /// There are not as many threads to step on.
+    /// The requested number of threads is not available.
     Workers(WorkersError),
-    /// The sockets' thread was lost.
+    /// The thread of the sockets failed.
     Serve(ServeError),
 }
 
@@ -104,19 +104,19 @@ impl Server {
         })
     }
 
-    /// Where it listens.
+    /// The address that it listens at.
     #[must_use]
     pub fn address(&self) -> SocketAddr {
         self.transport.local_addr()
     }
 
-    /// What clients pin.
+    /// The fingerprint for clients to pin.
     #[must_use]
     pub fn fingerprint(&self) -> Fingerprint {
         self.transport.fingerprint()
     }
 
-    /// Awaits clients of the paper's protocol too, and says where.
+    /// Listens for APP clients too, and returns the address.
     ///
     /// # Errors
     ///
@@ -130,36 +130,37 @@ impl Server {
         self.transport.listen_app(listen).map_err(RunError::AppBind)
     }
 
-    /// Gives the scenes that will be created their hooks.
+    /// Sets the hooks of later scenes.
     pub fn attach(&mut self, hooks: Hooks) {
         self.hooks = Some(hooks);
     }
 
-    /// Has the scenes that will be created stepped by these threads.
+    /// Sets the threads that step later scenes.
     pub fn employ(&mut self, workers: Workers) {
         self.workers = workers;
     }
 
-    /// Serves on the calling thread until `stop` is said; then every client hears that the server is going away.
+    /// Serves on the calling thread until `stop` is requested; then every client is told that the server is going
+    /// away.
     ///
     /// # Errors
     ///
-    /// [`RunError::Serve`] if the sockets' thread is lost.
+    /// [`RunError::Serve`] if the thread of the sockets fails.
     pub fn run(self, stop: &Stop) -> Result<ServerStatistics, RunError> {
         let clock = Clock::start();
-        let mut host = ServerLoop::new(move || clock.now());
-        host.employ(self.workers);
+        let mut server_loop = ServerLoop::new(move || clock.now());
+        server_loop.employ(self.workers);
         if let Some(hooks) = self.hooks {
-            host.attach(hooks);
+            server_loop.attach(hooks);
         }
-        host.configure_app(self.app);
+        server_loop.configure_app(self.app);
         self.transport
-            .run_app(&mut host, stop)
+            .run_app(&mut server_loop, stop)
             .map_err(RunError::Serve)
     }
 }
 
-/// The cores that the calling thread may run on, lowest first; none where the system does not tell.
+/// The cores that the calling thread may run on, lowest first; empty where the system does not report them.
 #[cfg(target_os = "linux")]
 #[must_use]
 pub fn usable_cores() -> Vec<usize> {
@@ -170,7 +171,7 @@ pub fn usable_cores() -> Vec<usize> {
         .collect()
 }
 
-/// The cores that the calling thread may run on, lowest first; none where the system does not tell.
+/// The cores that the calling thread may run on, lowest first; empty where the system does not report them.
 #[cfg(not(target_os = "linux"))]
 #[must_use]
 pub fn usable_cores() -> Vec<usize> {

@@ -1,7 +1,7 @@
-//! A server without sockets: connections on one side, scenes on the other.
+//! A server without sockets: connects client connections to scenes.
 //!
-//! Routes each request to the scene that its connection is about. The real driver and the simulated network drive it
-//! alike. It reads no clock but the stopwatch it is given, and that only to measure.
+//! Routes each request to the scene of its connection. The real driver and the simulated network use it alike. It
+//! reads no clock but its stopwatch, which only measures.
 
 use std::collections::BTreeMap;
 
@@ -21,7 +21,7 @@ use crate::scene::Scene;
 use crate::scene_runner::SceneRunner;
 use crate::stream_names::StreamNames;
 
-/// What a connection is about, and whether its client is a member.
+/// The scene of a connection, and whether its client is a member.
 #[derive(Debug)]
 struct Connection {
     scene: Option<SceneName>,
@@ -55,17 +55,17 @@ impl ServerLoop {
         }
     }
 
-    /// Gives scenes that are created from now on their hooks.
+    /// Sets the hooks of later scenes.
     pub fn attach(&mut self, hooks: Hooks) {
         self.hooks = Some(hooks);
     }
 
-    /// Speaks so to clients of the paper's protocol.
+    /// Sets the options for APP clients.
     pub fn configure_app(&mut self, options: AppOptions) {
         self.guests.configure(options);
     }
 
-    /// Has scenes that are created from now on stepped by these threads.
+    /// Sets the threads that step later scenes.
     pub fn employ(&mut self, workers: Workers) {
         self.workers = workers;
     }
@@ -75,7 +75,7 @@ impl ServerLoop {
         self.runners.keys()
     }
 
-    /// How the bodies of a scene are doing that members drive.
+    /// Statistics of all bodies of a scene under a member's authority.
     pub fn drives(&self, scene: &SceneName) -> impl Iterator<Item = UpstreamStatistics> {
         let runner = self.runners.get(scene).into_iter();
         runner.flat_map(SceneRunner::upstream_statistics)
@@ -119,16 +119,16 @@ impl ServerLoop {
                     runner.subscribe(peer, choice);
                 }
             }
-            Request::TakeAuthority(drive) => {
+            Request::TakeAuthority(request) => {
                 if let Some(runner) = self.runners.get_mut(&name) {
-                    runner.take_authority(peer, drive, &mut self.out);
+                    runner.take_authority(peer, request, &mut self.out);
                 }
             }
             request => self.handle_scene_request(now, peer, &name, request),
         }
     }
 
-    /// What a member asks of its scene, and the time, which anybody may ask.
+    /// Handles a member's request to its scene, or any client's time request.
     fn handle_scene_request(
         &mut self,
         now: Instant,
@@ -151,7 +151,7 @@ impl ServerLoop {
             }
             return;
         };
-        // Answers come in the order of what they answer; what was commanded before is answered when it is converged.
+        // Answers keep the order of requests: pending commands are answered first.
         if matches!(
             request,
             Request::Leave | Request::Reserve(_) | Request::Ping(_) | Request::Inspect
@@ -223,14 +223,14 @@ impl ServerLoop {
             return self.out.send(peer, &denial);
         }
         let connection = self.connections.get(&peer);
-        let asked_by_member = connection.is_some_and(|connection| connection.member);
+        let is_member_request = connection.is_some_and(|connection| connection.member);
         self.end_scene(name);
-        if !asked_by_member {
+        if !is_member_request {
             self.out.send(peer, &ServerMessage::Deleted);
         }
     }
 
-    /// A scene is gone; its members hear it.
+    /// Removes a scene and informs its members.
     pub(crate) fn end_scene(&mut self, name: &SceneName) {
         let Some(runner) = self.runners.remove(name) else {
             return;
@@ -244,7 +244,7 @@ impl ServerLoop {
         tracing::info!(scene = %name, "scene deleted");
     }
 
-    /// The runner of which a peer is a member.
+    /// The scene runner of a member.
     fn runner_of(&mut self, peer: Peer) -> Option<&mut SceneRunner> {
         let connection = self.connections.get(&peer)?;
         let name = connection.scene.as_ref().filter(|_| connection.member)?;
@@ -265,7 +265,7 @@ impl Endpoint for ServerLoop {
             member: false,
         };
         self.connections.insert(peer, connection);
-        // Any number does that is seldom twice the same.
+        // Any number will do that is seldom repeated.
         let seed = now.as_nanos() ^ peer.0.rotate_left(48);
         self.out.open(peer, Grease::new(seed));
     }
@@ -322,7 +322,7 @@ impl Endpoint for ServerLoop {
                     runner.handle_mismatch(now, from, stream, mismatch, &mut self.out);
                 }
             }
-            // Everything else comes from the sender of a stream: here, of an upstream.
+            // All other packets come from the publisher of a stream: here, of an upstream.
             _ => runner.handle_upstream_datagram(from, &datagram, &mut self.out),
         }
     }

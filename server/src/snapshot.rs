@@ -1,6 +1,6 @@
-//! What a member hears of a scene at once, when it joins.
+//! Snapshot of a scene for a joining member.
 //!
-//! Bytes only; who hears them is the room's matter.
+//! Encodes only; the scene runner sends it.
 
 use rhumb_protocol::message::{SceneEvent, ServerMessage};
 
@@ -11,18 +11,18 @@ use crate::streams::Stream;
 /// Every shape, change of gravity, body and joint, and the end (PROTOCOL 4.8).
 pub(crate) fn snapshot(scene: &Scene, stream: &Stream) -> Vec<u8> {
     let mut bytes = Vec::new();
-    let mut tell = |scene_event| ServerMessage::SceneEvent(scene_event).encode(&mut bytes);
+    let mut add = |scene_event| ServerMessage::SceneEvent(scene_event).encode(&mut bytes);
     for (id, shape) in scene.shapes() {
         let shape = shape.clone();
-        tell(SceneEvent::ShapeAdded { id, shape });
+        add(SceneEvent::ShapeAdded { id, shape });
     }
-    // A track goes on under the gravity that it was said under.
+    // A track continues under the gravity of its time.
     for (since, gravity) in stream.gravity_changes() {
-        tell(SceneEvent::GravityChanged { since, gravity });
+        add(SceneEvent::GravityChanged { since, gravity });
     }
     for (id, track) in stream.sender.tracks() {
         if let Some(config) = scene.body(id) {
-            tell(body_placement::scene_event(
+            add(body_placement::scene_event(
                 scene,
                 *config,
                 track,
@@ -32,7 +32,7 @@ pub(crate) fn snapshot(scene: &Scene, stream: &Stream) -> Vec<u8> {
     }
     for (id, joint) in scene.joints().iter() {
         let joint = *joint;
-        tell(SceneEvent::JointAdded { id, joint });
+        add(SceneEvent::JointAdded { id, joint });
     }
     ServerMessage::SnapshotEnd.encode(&mut bytes);
     bytes

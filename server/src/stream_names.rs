@@ -1,26 +1,26 @@
-//! What the streams of a scene are called: short names, none again soon.
+//! Names of a scene's streams: short, and not reused soon.
 //!
-//! Late datagrams of a stream that ended must not be taken for those of another. Invariant: a name that was free again
-//! is given only after [`REST`] other streams were named, however few names are free; long names take the rest.
+//! Late datagrams of an ended stream must not be taken for those of another. Invariant: a free name is reused only
+//! after [`REST`] other streams were named, however few names are free; long names fill the gap.
 
 use rhumb_protocol::packet::StreamId;
 
-/// Gives names to streams.
+/// Assigns names to streams.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct StreamNames {
     small: u32,
     large: u32,
-    /// How many streams were named.
+    /// Number of names assigned.
     given: u64,
-    /// Of each small name, how many streams had been named when it was last known to be taken; none if it never was.
+    /// For each small name: the count of names when it was last in use; `None` if never.
     taken: [Option<u64>; StreamId::SMALL.end as usize],
 }
 
-/// So many other streams are named before a small name that is free again comes again.
+/// Number of other streams named before a small name is reused.
 const REST: u64 = 8;
 
 impl StreamNames {
-    /// Those of the so many-th scene of a server: one that follows upon another under its name goes on elsewhere.
+    /// The names of the server's scene of this number: a new scene under an old name starts elsewhere.
     pub(crate) const fn of_scene(number: u32) -> Self {
         Self {
             small: number % StreamId::SMALL.end,
@@ -30,7 +30,7 @@ impl StreamNames {
         }
     }
 
-    /// A name for a stream that begins now: not one of those that are said, or were until lately.
+    /// A name for a new stream: none that is in use or was until lately.
     pub(crate) fn next(&mut self, is_taken: impl Fn(StreamId) -> bool) -> StreamId {
         for (name, taken) in StreamId::SMALL.zip(&mut self.taken) {
             if is_taken(StreamId(name)) {
@@ -58,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_name_comes_again_after_all_others_that_are_free() {
+    fn a_name_is_reused_after_all_other_free_ones() {
         let mut names = StreamNames::of_scene(18);
         let given: Vec<u32> = (0..17)
             .map(|_| names.next(|name| name == StreamId(4)).0)
@@ -70,12 +70,12 @@ mod tests {
     }
 
     #[test]
-    fn a_name_that_is_free_again_rests_though_no_other_small_one_is_free() {
+    fn a_freed_name_rests_even_without_other_free_small_names() {
         let mut names = StreamNames::of_scene(0);
         for name in 0..14 {
             assert_eq!(names.next(|taken| taken.0 < name), StreamId(name));
         }
-        // One changes its tier, again and again, while all others stay as they are.
+        // One member changes its tier again and again, while all others keep theirs.
         let mut last = StreamId(13);
         let mut given = Vec::new();
         for _ in 0..30 {

@@ -1,8 +1,8 @@
-//! Whether a member's link carries its stream, and which tier it should have
+//! Tier controller: chooses the tier that a member's link can carry.
 //!
-//! Decides from measured reports alone; reads no clock and tier_policy nobody itself. Invariants: a move is never undone before
-//! a pause that doubles each time the undoing did not last, so that a link between two tiers does not make a member flap;
-//! and no link is judged by a snapshot on its route_delay.
+//! Decides from measured reports alone; reads no clock and moves no member itself. Invariants: a change is undone only
+//! after a pause, which doubles after each failed trial: a link between two tiers does not make a member flap. No link
+//! is judged while a snapshot is in transit.
 
 mod route_delay;
 mod snapshot_progress;
@@ -16,24 +16,24 @@ use self::route_delay::RouteDelay;
 pub(crate) use self::snapshot_progress::Confirmation;
 use self::snapshot_progress::SnapshotProgress;
 
-/// What a member asked for, what its link did lately, and where it was moved for that.
+/// A member's chosen stream, the state of its link, and the tier changes made for it.
 #[derive(Debug)]
 pub(crate) struct TierController {
     chosen: StreamChoice,
     tier_policy: TierPolicy,
     route_delay: RouteDelay,
     snapshot_progress: SnapshotProgress,
-    /// Since when what is handed over is stuck, since when it comes late for whatever cause, and since when in time.
+    /// Since when queued data is stuck, since when it is late for any cause, and since when it is in time.
     stuck_since: Option<Instant>,
     late_since: Option<Instant>,
     good_since: Option<Instant>,
-    /// When a finer tier was tried again last.
+    /// Time of the last trial of a finer tier.
     tried_at: Option<Instant>,
-    /// For how long a link must do well before the finer tier is tried.
+    /// How long a link must do well before the finer tier is tried.
     hold: Span,
 }
 
-/// The tiers that members are moved among, finest first.
+/// The tiers of tier changes, finest first.
 const TIERS: [Tolerance; 4] = [
     Tolerance::EXACT,
     Tolerance::FINE,
@@ -41,24 +41,24 @@ const TIERS: [Tolerance; 4] = [
     Tolerance::COARSE,
 ];
 
-/// What comes later than this is late: a quarter of a second beside the route_delay itself.
+/// Delay from which on data is late: a quarter of a second beyond the route delay.
 const LATE: Span = Span::from_millis(250);
-/// What comes so late is stuck, wherever it queue_delay.
+/// Delay from which on data is stuck, wherever it is queued.
 const STUCK: Span = Span::from_millis(1_000);
-/// For so long it must wait here beyond [`LATE`], or be stuck, before the link counts as thin.
+/// How long the queue here must be beyond [`LATE`], or stuck, before the link counts as congested.
 const STUCK_FOR: Span = Span::from_millis(500);
-/// For so long it must be late where hardly anything queue_delay here: by then a longer route_delay is known for one.
+/// How long data must be late with hardly any queue here: a longer route is recognised by then.
 const LATE_FOR: Span = Span::from_millis(5_000);
-/// What comes within this is in time.
+/// Delay up to which data is in time.
 const GOOD: Span = Span::from_millis(80);
-/// The first pause before a finer tier is tried again, and the longest.
+/// First pause before a finer tier is tried again; [`HOLD_MOST`] is the longest.
 const HOLD: Span = Span::from_millis(5_000);
 /// See [`HOLD`].
 const HOLD_MOST: Span = Span::from_millis(160_000);
-/// A trial that is given up within this failed.
+/// A trial that ends within this time has failed.
 const TRIAL: Span = Span::from_millis(20_000);
 
-/// Which route_delay to go.
+/// A tier change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum TierDecision {
     Coarser(StreamChoice),
@@ -66,7 +66,7 @@ pub(crate) enum TierDecision {
 }
 
 impl TierController {
-    /// Of who has just joined.
+    /// Controller of a new member.
     pub(crate) const fn new(chosen: StreamChoice) -> Self {
         let Tolerance::Surface(coarsest) = Tolerance::COARSE else {
             panic!("the coarse tier is a length");
@@ -84,7 +84,7 @@ impl TierController {
         }
     }
 
-    /// The member chose its stream itself, and is told its snapshot.
+    /// The member chose its stream, and gets its snapshot.
     pub(crate) fn choose(&mut self, chosen: StreamChoice, expected: Confirmation) {
         *self = Self {
             tier_policy: self.tier_policy,
@@ -94,17 +94,17 @@ impl TierController {
         };
     }
 
-    /// The member says where it may be moved.
+    /// Sets the member's tier policy.
     pub(crate) const fn set_policy(&mut self, tier_policy: TierPolicy) {
         self.tier_policy = tier_policy;
     }
 
-    /// The member said something, whatever it was.
+    /// Notes any message of the member.
     pub(crate) fn note_message(&mut self) {
         self.snapshot_progress.confirm(Confirmation::AnyMessage);
     }
 
-    /// The member tells of a stream how far it heard, and how many packets of it did not come so far.
+    /// Handles a loss report: the member's count of packets lost from a stream.
     pub(crate) fn received_loss_report(&mut self, of: StreamId, lost: Low16) {
         self.snapshot_progress.confirm(Confirmation::LossReport(of));
         self.route_delay.handle_lost_count(lost);
@@ -116,7 +116,7 @@ impl TierController {
             .confirm(Confirmation::Subscribed(with));
     }
 
-    /// A decision was followed: the member is on its route_delay to another stream.
+    /// A decision was carried out: the member changes to another stream.
     pub(crate) fn note_tier_changed(
         &mut self,
         now: Instant,
@@ -136,7 +136,7 @@ impl TierController {
         }
     }
 
-    /// Takes in how the link did; says where the member should be moved from its present stream, if anywhere.
+    /// Handles a link report; returns a tier change for the member, if one is needed.
     pub(crate) fn decide(
         &mut self,
         now: Instant,
@@ -170,7 +170,7 @@ impl TierController {
         }
     }
 
-    /// The next coarser tier than a stream's, if the member may be moved there.
+    /// The next coarser tier, if the member's policy allows it.
     fn coarser(&self, present: StreamChoice) -> Option<StreamChoice> {
         let (TierPolicy::UpTo(coarsest), present) = (self.tier_policy, length(present)?) else {
             return None;
@@ -184,7 +184,7 @@ impl TierController {
         Some(StreamChoice::Within(Tolerance::Surface(next)))
     }
 
-    /// The next finer tier, none finer than the member chose.
+    /// The next finer tier, no finer than the member's choice.
     fn finer(&self, present: StreamChoice) -> Option<StreamChoice> {
         let (chosen, present) = (length(self.chosen)?, length(present)?);
         let tiers = TIERS
@@ -196,7 +196,7 @@ impl TierController {
     }
 }
 
-/// The length of a stream among which members are moved: one of two bounds, a full one, and one with a budget are not.
+/// The length of a stream that takes part in tier changes; `None` for two bounds, full streams and budgets.
 const fn length(choice: StreamChoice) -> Option<LengthBound> {
     match choice {
         StreamChoice::Within(Tolerance::Surface(length)) => Some(length),
@@ -204,16 +204,16 @@ const fn length(choice: StreamChoice) -> Option<LengthBound> {
     }
 }
 
-/// For how long something has held, if it holds now.
+/// How long a condition has held, if it holds now.
 fn lasts(since: &mut Option<Instant>, now: Instant, holds: bool) -> Option<Span> {
     *since = holds.then(|| since.unwrap_or(now));
     since.map(|since| now.since(since))
 }
 
-/// The least rate that a queue is taken to drain at, bytes a second.
+/// Least assumed drain rate of a queue, bytes a second.
 const RATE_LEAST: u64 = 1_000;
 
-/// How long what is handed over now queue_delay here.
+/// How long data handed over now is queued here.
 fn wait(report: &LinkReport) -> Span {
     let over = u128::from(report.over.as_nanos().max(1));
     let rate = u128::from(report.sent_bytes) * 1_000_000_000 / over;
@@ -232,13 +232,13 @@ mod tests {
         StreamChoice::Within(tolerance)
     }
 
-    /// A member on a link of a rate, whose tiers need these rates.
+    /// A member on a link of a rate; its tiers need the rates of `demand`.
     struct SimulatedLink {
         link: TierController,
         present: StreamChoice,
         now: Instant,
         queue: u64,
-        /// Milliseconds.
+        /// Round trip, milliseconds.
         round_trip: u64,
         tier_policy: Vec<StreamChoice>,
     }
@@ -327,7 +327,7 @@ mod tests {
             "{}",
             member.tier_policy.len()
         );
-        assert!(member.tier_policy.len() > 10, "it is tried all the same");
+        assert!(member.tier_policy.len() > 10, "trials continue");
     }
 
     #[test]
@@ -384,7 +384,7 @@ mod tests {
         ] {
             let mut member = begin(expected);
             member.link.caught_up(of);
-            // The stream takes two thirds of what passes: 1.2 MB wait behind the snapshot.
+            // The stream takes two thirds of the rate: 1.2 MB wait behind the snapshot.
             member.run(5, 120_000);
             assert_eq!(member.tier_policy, [], "{expected:?}");
             member.queue = 0;
@@ -442,7 +442,7 @@ mod tests {
         member.round_trip = 350;
         member.run(120, 50_000);
         assert_eq!(member.tier_policy, []);
-        // Nor if it is seen little by little, as a smoothed round trip shows it.
+        // Nor does it when the round trip grows little by little, as a smoothed estimate does.
         for _ in 0..100 {
             member.round_trip += (650 - member.round_trip) / 8;
             member.step(50_000);
@@ -453,7 +453,7 @@ mod tests {
 
     #[test]
     fn queueing_in_the_network_is_congestion() {
-        // A queue that grows by a fifth of a second in each.
+        // A queue that grows by a fifth of a second in each second.
         let mut member = SimulatedLink::new(tier(Tolerance::FINE));
         member.run(10, 50_000);
         while member.tier_policy.is_empty() {
@@ -461,7 +461,7 @@ mod tests {
             member.run(1, 50_000);
             assert!(member.round_trip < 2_000);
         }
-        // One that is full after a second and a half, and loses what does not fit.
+        // A queue that is full after a second and a half, and then loses packets.
         let mut member = SimulatedLink::new(tier(Tolerance::FINE));
         member.run(10, 50_000);
         for second in 0..10 {

@@ -1,18 +1,18 @@
-//! Where a scene's host time goes, stage by stage.
+//! Time spent per scene, stage by stage.
 
 use rhumb_protocol::message::StageTimes;
 use rhumb_protocol::{Instant, Span};
 
-/// Steps over which the median and the 99th percentile are taken.
+/// Steps for the median and the 99th percentile.
 const RECENT: usize = 4_096;
 
-/// The stages of the ticks so far.
+/// Time of the stages of all ticks so far.
 #[derive(Debug, Default)]
 pub(crate) struct Times {
     step_total: u64,
     observe_total: u64,
     publish_total: u64,
-    /// The last steps in nanoseconds; a ring once it is full.
+    /// Duration of the last steps in nanoseconds; a ring once it is full.
     recent: Vec<u64>,
     next: usize,
 }
@@ -40,7 +40,7 @@ impl Times {
         self.next = (self.next + 1) % RECENT;
     }
 
-    /// Who leads the scene was told of it, beside the streams.
+    /// Adds the time of a report to the scene's leader.
     pub(crate) fn add_reporting(&mut self, took: Span) {
         self.publish_total += took.as_nanos();
     }

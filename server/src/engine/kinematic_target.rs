@@ -1,26 +1,26 @@
-//! Where a kinematic body goes next.
+//! Target of a kinematic body for the next step.
 //!
-//! Knows no engine. Poses are kept in f64, so that a velocity kept for hours ends where it should; a turn is the
-//! normalised linear substep of free bodies (RECKONING 2.4), so that those who predict a free spin predict this one.
+//! No engine here. Poses are kept in f64, so that a velocity kept for hours ends at the right place. A turn is the
+//! normalised linear substep of free bodies (RECKONING 2.4), so that predictors of free spin predict it.
 
 use glam::{DQuat, DVec3};
 use rhumb_reckoning::{Integrator, Pose, Twist};
 
-/// The wishes for one kinematic body that moves.
+/// Commanded motion of one kinematic body.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct KinematicTarget {
-    /// Where it is.
+    /// Present pose.
     pose: Pose,
-    /// What it keeps.
+    /// Velocities that it keeps.
     twist: Twist,
-    /// Where it goes first.
+    /// Pose of the next step.
     target: Option<Pose>,
-    /// The velocities by which the last step went, if not to a target.
+    /// Velocities of the last step, unless it went to a target.
     kept: Option<Twist>,
 }
 
 impl KinematicTarget {
-    /// Standing still.
+    /// A body that stands still.
     pub(super) const fn at(pose: Pose) -> Self {
         Self {
             pose,
@@ -30,23 +30,23 @@ impl KinematicTarget {
         }
     }
 
-    /// Goes to a pose in the next step, and stands there.
+    /// Sets the pose of the next step; the body stands still there.
     pub(super) const fn go_to(&mut self, pose: Pose) {
         self.target = Some(pose);
         self.twist = Twist::ZERO;
     }
 
-    /// Keeps velocities from the next step on, or from the pose on that it was told to go to first.
+    /// Keeps velocities from the next step on, or from the target on if one is set.
     pub(super) const fn keep(&mut self, twist: Twist) {
         self.twist = twist;
     }
 
-    /// Whether it would move in the next step.
-    pub(super) fn moves(&self) -> bool {
+    /// Whether it moves in the next step.
+    pub(super) fn is_moving(&self) -> bool {
         self.target.is_some() || self.twist != Twist::ZERO
     }
 
-    /// Its velocities in the last step, unless that went to a target: then the engine knows them.
+    /// Its velocities in the last step, unless that went to a target: then the engine has them.
     pub(super) const fn kept(&self) -> Option<Twist> {
         self.kept
     }
@@ -94,15 +94,15 @@ mod tests {
     };
 
     #[test]
-    fn kept_velocities_carry_a_body_a_second_far_in_sixty_steps() {
-        let mut drive = KinematicTarget::at(Pose::IDENTITY);
-        drive.keep(Twist {
+    fn sixty_steps_move_a_body_by_one_second_of_its_velocity() {
+        let mut kinematic_target = KinematicTarget::at(Pose::IDENTITY);
+        kinematic_target.keep(Twist {
             linear: DVec3::new(3.0, 0.0, 0.0),
             angular: DVec3::new(0.0, 1.0, 0.0),
         });
         let mut pose = Pose::IDENTITY;
         for _ in 0..60 {
-            pose = drive.advance(INTEGRATOR);
+            pose = kinematic_target.advance(INTEGRATOR);
         }
         assert!((pose.position - DVec3::new(3.0, 0.0, 0.0)).length() < 1e-12);
         let turned = 2.0 * pose.rotation.y.atan2(pose.rotation.w);
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_ends_the_velocities_before_it_and_begins_those_after_it() {
+    fn a_pose_replaces_earlier_velocities_and_precedes_later_ones() {
         let target = Pose {
             position: DVec3::new(0.0, 5.0, 0.0),
             ..Pose::IDENTITY
@@ -119,16 +119,16 @@ mod tests {
             linear: DVec3::X,
             ..Twist::ZERO
         };
-        let mut drive = KinematicTarget::at(Pose::IDENTITY);
-        drive.keep(twist);
-        drive.go_to(target);
-        assert_eq!(drive.advance(INTEGRATOR), target);
-        assert_eq!(drive.kept(), None);
-        assert!(!drive.moves());
-        drive.go_to(target);
-        drive.keep(twist);
-        drive.advance(INTEGRATOR);
-        assert!(drive.advance(INTEGRATOR).position.x > 0.0);
-        assert_eq!(drive.kept(), Some(twist));
+        let mut kinematic_target = KinematicTarget::at(Pose::IDENTITY);
+        kinematic_target.keep(twist);
+        kinematic_target.go_to(target);
+        assert_eq!(kinematic_target.advance(INTEGRATOR), target);
+        assert_eq!(kinematic_target.kept(), None);
+        assert!(!kinematic_target.is_moving());
+        kinematic_target.go_to(target);
+        kinematic_target.keep(twist);
+        kinematic_target.advance(INTEGRATOR);
+        assert!(kinematic_target.advance(INTEGRATOR).position.x > 0.0);
+        assert_eq!(kinematic_target.kept(), Some(twist));
     }
 }

@@ -1,7 +1,7 @@
-//! What a scene needs of a physics engine, in a few methods.
+//! Interface between a scene and its physics engine.
 //!
-//! Knows no ticks, no members and no checks: a scene hands it only what it has checked. Invariants: whatever leaves an
-//! engine is finite and inside the world; after a fault it steps and moves nothing any more.
+//! No ticks, members or checks here: a scene passes only checked values. Invariants: every value from an engine is
+//! finite and inside the world; after a fault it neither steps nor moves anything.
 
 mod kinematic_target;
 mod rapier;
@@ -21,141 +21,141 @@ pub use rapier::RapierEngine;
 pub use rapier_solid::{bulk, hull_of};
 pub use rapier_workers::{Workers, WorkersError};
 
-/// A body to be put into an engine, with everything that its config left to the scene filled in.
+/// A body for an engine, with the scene's defaults filled in.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NewBody {
-    /// Its name; no body of the engine has its index.
+    /// Its id; no body of the engine has its index.
     pub id: BodyId,
-    /// Who moves it.
+    /// Kind of its motion.
     pub kind: BodyKind,
-    /// Its solid, one that the engine was given.
+    /// Its shape, known to the engine.
     pub shape: ShapeId,
-    /// Its surface and substance.
+    /// Its surface and density.
     pub material: Material,
-    /// How its free motion dies down.
+    /// Damping of its free motion.
     pub damping: Damping,
     /// Factor on the scene's gravity.
     pub gravity_scale: f32,
     /// Whether the axis of its spin wanders when its moments of inertia differ.
     pub gyroscopic: bool,
-    /// Whether what touches it can turn it.
+    /// Whether contacts can turn it.
     pub turns: bool,
-    /// Where it is, and how it moves.
+    /// Its pose and velocities.
     pub motion: BodyState,
 }
 
-/// What acts on a dynamic body, world frame.
+/// A push of a dynamic body, world frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Push {
-    /// At the centre of mass during the next step, N.
+    /// Force at the centre of mass during the next step, N.
     Force(Vec3),
-    /// During the next step, N·m.
+    /// Torque during the next step, N·m.
     Torque(Vec3),
-    /// At the centre of mass at once, N·s.
+    /// Impulse at the centre of mass at once, N·s.
     Impulse(Vec3),
-    /// At once, N·m·s.
+    /// Angular impulse at once, N·m·s.
     TorqueImpulse(Vec3),
 }
 
 /// A world of rigid bodies that can be stepped.
 ///
-/// Methods other than [`Engine::step`] and [`Engine::add_shape`] never fail: a body that is not there is passed over, and an engine that breaks
-/// is faulted from then on. A change that changes nothing (the pose a body has, no force) wakes nothing.
+/// Only [`Engine::step`] and [`Engine::add_shape`] can fail: an absent body is ignored, and an engine that breaks is
+/// faulted from then on. A change without effect (the present pose, no force) wakes nothing.
 pub trait Engine: Send {
-    /// Makes a solid known under a name that is free.
+    /// Adds a solid under a free id.
     ///
     /// # Errors
     ///
-    /// [`UnusableShape`] when it cannot make one; then nothing has changed.
+    /// [`UnusableShape`] when no solid can be made; nothing has changed.
     fn add_shape(&mut self, id: ShapeId, shape: &Shape) -> Result<(), UnusableShape>;
 
-    /// Forgets a solid that no body has.
+    /// Removes a solid that no body has.
     fn remove_shape(&mut self, id: ShapeId);
 
-    /// Puts a body in.
+    /// Adds a body.
     fn add(&mut self, body: &NewBody);
 
-    /// Takes a body out, with its joints; what rested on it wakes.
+    /// Removes a body with its joints; bodies that rested on it wake.
     fn remove(&mut self, id: BodyId);
 
-    /// Holds two bodies together under a name that is free, and wakes them.
+    /// Joins two bodies under a free id, and wakes them.
     fn add_joint(&mut self, id: JointId, joint: &Joint);
 
-    /// Lets go of what a joint held, and wakes it; one that went with a body is passed over.
+    /// Removes a joint and wakes its bodies; a joint that went with a body is ignored.
     fn remove_joint(&mut self, id: JointId);
 
-    /// Puts a static or dynamic body elsewhere and wakes what it touched; a kinematic one goes there in the next step.
+    /// Displaces a static or dynamic body and wakes what it touched; a kinematic one moves there in the next step.
     ///
     /// A kinematic body then stands still, unless a velocity is set after the pose.
     fn set_pose(&mut self, id: BodyId, position: Vec3, rotation: Quat);
 
-    /// Gives a dynamic body these velocities, or makes a kinematic one keep them.
+    /// Sets the velocities of a dynamic body, or those that a kinematic one keeps.
     fn set_velocity(&mut self, id: BodyId, twist: Twist);
 
     /// Pushes a dynamic body.
     fn push(&mut self, id: BodyId, push: Push);
 
-    /// Changes what pulls at every body, m/s², and wakes them all.
+    /// Sets gravity, m/s², and wakes all bodies.
     fn set_gravity(&mut self, gravity: Vec3);
 
-    /// Steps once and adds to `lost`, in the order of ids, the bodies that are gone because they left the world or are
-    /// no longer finite.
+    /// Steps once and adds to `lost`, in the order of ids, the bodies that were removed because they left the world or
+    /// are not finite any more.
     ///
     /// # Errors
     ///
-    /// [`EngineFault`] in the step that broke, and in each one after it.
+    /// [`EngineFault`] in the step that failed, and in every later one.
     fn step(&mut self, lost: &mut Vec<(BodyId, RemovalCause)>) -> Result<(), EngineFault>;
 
-    /// Adds what the last step changed, in the order of ids: each body that is awake, and once each that fell asleep or
-    /// was a static one that had been put elsewhere.
+    /// Adds what the last step changed, in the order of ids: each awake body, and once each body that fell asleep or
+    /// was static and displaced.
     fn observe(&self, out: &mut Vec<Observation>);
 
-    /// One body as it is now, static ones as asleep.
+    /// The present observation of a body, static ones as asleep.
     fn observe_one(&self, id: BodyId) -> Option<Observation>;
 
-    /// How a body resists being turned, if it tumbles when it is free: dynamic, gyroscopic, of unequal moments.
+    /// Moments of inertia of a body that rotates torque-free: dynamic, gyroscopic, with unequal moments.
     fn inertia(&self, id: BodyId) -> Option<Inertia>;
 
-    /// Adds, for each body that touches this one after the last step, where they do so deepest.
+    /// Adds one contact for each body that touches this one after the last step: the deepest.
     fn contacts(&self, id: BodyId, out: &mut Vec<Contact>);
 
-    /// Bodies that the last step left awake.
+    /// Number of bodies awake after the last step.
     fn awake_count(&self) -> usize;
 
-    /// Why it steps no more, if so.
+    /// The fault, if it takes no more steps.
     fn fault(&self) -> Option<EngineFault>;
 }
 
-/// Where a body touches another one.
+/// Contact of a body with another one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
-    /// The other.
+    /// The other body.
     pub with: BodyId,
-    /// Metres, world frame: on the body that was asked about.
+    /// Metres, world frame: on the queried body.
     pub point: Vec3,
-    /// From the other towards the body that was asked about, unit, world frame.
+    /// From the other body towards the queried one, unit, world frame.
     pub normal: Vec3,
     /// Metres; negative: they overlap.
     pub separation: f32,
 }
 
-/// What an engine makes of a shape that has an inside.
+/// Mass properties of a shape with volume, at density one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bulk {
-    /// Its centre of mass, from where its numbers are counted. Metres.
+    /// Centre of mass in the shape's coordinates, metres.
     pub centre: Vec3,
-    /// m³.
+    /// Volume, m³.
     pub volume: f32,
 }
 
-/// An engine cannot make a solid of a shape, though its numbers are within the limits.
+/// Error: the engine cannot make a solid of a shape, though its numbers are within the limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct UnusableShape;
 
-/// Why an engine steps no more.
+/// Reason why an engine takes no more steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum EngineFault {
-    /// It panicked; what it holds can no longer be trusted.
+    /// It panicked; its state cannot be trusted any more.
     Panicked,
 }
 

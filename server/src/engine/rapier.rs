@@ -1,8 +1,8 @@
 //! Rapier as the engine of a scene.
 //!
-//! Wraps its `PhysicsWorld`; no type of Rapier leaves this file and its helper. Invariants: the world is never stepped
-//! again after a panic, since it may be broken anywhere; bodies that Rapier put into quarantine are out of the world
-//! when the step returns. Rapier caps the speeds of dynamic bodies at 400 m/s and an eighth of a turn per tick.
+//! Wraps its `PhysicsWorld`; no type of Rapier leaves this file and its helpers. Invariants: the world takes no step
+//! after a panic, since any part may be broken. Bodies that Rapier quarantined are removed when the step returns.
+//! Rapier caps the speeds of dynamic bodies at 400 m/s and an eighth of a turn per tick.
 
 use std::collections::BTreeMap;
 use std::mem;
@@ -24,24 +24,25 @@ use super::rapier_solid::{self as solids, Solid};
 use super::rapier_workers::Workers;
 use super::{Contact, Engine, EngineFault, NewBody, Push, UnusableShape};
 
-/// A world of Rapier's.
+/// A Rapier world.
 pub struct RapierEngine {
     world: PhysicsWorld,
     integrator: Integrator,
     sleep: Option<SleepConfig>,
     fault: Option<EngineFault>,
     solids: BTreeMap<ShapeId, Solid>,
-    /// Whether a body had a solid so thin that what is fast could pass through it: dynamic bodies are swept from then on.
+    /// Whether a body ever had a thin solid, which fast bodies could pass through: dynamic bodies are swept from then
+    /// on.
     has_sheets: bool,
-    /// Some may be gone with a body.
+    /// Some may have left with a body.
     joints: BTreeMap<JointId, ImpulseJointHandle>,
-    /// By index of the body.
+    /// Slots by body index.
     places: Vec<Option<BodySlot>>,
     /// Kinematic bodies that move.
     kinematic_targets: BTreeMap<BodyId, KinematicTarget>,
-    /// Bodies on which a force acts until the next step is over.
-    pushed: Vec<RigidBodyHandle>,
-    /// Static bodies that were put elsewhere since the last step.
+    /// Bodies with a force until the next step is over.
+    forced: Vec<RigidBodyHandle>,
+    /// Static bodies that were displaced since the last step.
     displaced: Vec<BodySlot>,
     /// Awake after the last step, in the order of ids.
     awake: Vec<BodySlot>,
@@ -50,7 +51,7 @@ pub struct RapierEngine {
     observed: Vec<Observation>,
 }
 
-/// A body's name, and where Rapier keeps it.
+/// A body's id, and its Rapier handle.
 #[derive(Clone, Copy, Debug)]
 struct BodySlot {
     id: BodyId,
@@ -58,13 +59,13 @@ struct BodySlot {
 }
 
 impl RapierEngine {
-    /// An empty world that steps as `config` say.
+    /// An empty world under this configuration.
     #[must_use]
     pub fn new(config: &SceneConfig) -> Self {
         Self::on(config, &Workers::default())
     }
 
-    /// An empty world that these threads step as `config` say.
+    /// An empty world under this configuration, stepped by these threads.
     #[must_use]
     pub fn on(config: &SceneConfig, workers: &Workers) -> Self {
         let mut world = PhysicsWorld::new();
@@ -84,7 +85,7 @@ impl RapierEngine {
             joints: BTreeMap::new(),
             places: Vec::new(),
             kinematic_targets: BTreeMap::new(),
-            pushed: Vec::new(),
+            forced: Vec::new(),
             displaced: Vec::new(),
             awake: Vec::new(),
             awake_before: Vec::new(),
@@ -92,7 +93,7 @@ impl RapierEngine {
         }
     }
 
-    /// Runs what touches the world; if that panics, the engine is faulted and holds nothing any more.
+    /// Runs code that touches the world; if it panics, the engine is faulted and its world is dropped.
     fn contained(&mut self, work: impl FnOnce(&mut Self)) {
         if self.fault.is_some() {
             return;
@@ -100,7 +101,7 @@ impl RapierEngine {
         if catch_unwind(AssertUnwindSafe(|| work(self))).is_err() {
             self.fault = Some(EngineFault::Panicked);
             let broken = mem::take(&mut self.world);
-            // What cannot even be dropped is of no use to anybody: nothing hangs on the outcome.
+            // A world that cannot even be dropped is leaked: the outcome does not matter.
             let _ = catch_unwind(AssertUnwindSafe(|| drop(broken)));
             self.solids.clear();
             self.joints.clear();
@@ -179,8 +180,8 @@ impl RapierEngine {
         let Some(place) = self.place(id) else { return };
         let body = &mut self.world.bodies[place.handle];
         if body.is_kinematic() {
-            if let Some(drive) = self.kinematic_target_mut(place) {
-                drive.go_to(translate::widen(position, rotation));
+            if let Some(kinematic_target) = self.kinematic_target_mut(place) {
+                kinematic_target.go_to(translate::widen(position, rotation));
             }
             return;
         }
@@ -194,8 +195,8 @@ impl RapierEngine {
     }
 
     fn keep(&mut self, place: BodySlot, twist: Twist) {
-        if let Some(drive) = self.kinematic_target_mut(place) {
-            drive.keep(twist);
+        if let Some(kinematic_target) = self.kinematic_target_mut(place) {
+            kinematic_target.keep(twist);
         }
     }
 
@@ -211,11 +212,12 @@ impl RapierEngine {
         }
     }
 
-    /// TierPolicy what moves by wish, steps, and looks at what came of it.
+    /// Moves kinematic bodies, steps, and reads the results.
     fn advance(&mut self, lost: &mut Vec<(BodyId, RemovalCause)>) {
-        self.kinematic_targets.retain(|_, drive| drive.moves());
-        for (id, drive) in &mut self.kinematic_targets {
-            let next = translate::narrow(&drive.advance(self.integrator));
+        self.kinematic_targets
+            .retain(|_, kinematic_target| kinematic_target.is_moving());
+        for (id, kinematic_target) in &mut self.kinematic_targets {
+            let next = translate::narrow(&kinematic_target.advance(self.integrator));
             let place = self.places.get(id.index() as usize).copied().flatten();
             if let Some(body) = place.and_then(|place| self.world.bodies.get_mut(place.handle)) {
                 let next = translate::nearest(next, *body.rotation());
@@ -223,7 +225,7 @@ impl RapierEngine {
             }
         }
         self.world.step();
-        for handle in self.pushed.drain(..) {
+        for handle in self.forced.drain(..) {
             if let Some(body) = self.world.bodies.get_mut(handle) {
                 translate::unpush(body);
             }
@@ -231,10 +233,10 @@ impl RapierEngine {
         let first = lost.len();
         self.discard_quarantined(lost);
         self.look(lost);
-        let gone = &mut lost[first..];
-        if !gone.is_empty() {
-            gone.sort_unstable_by_key(|(id, _)| *id);
-            for (id, _) in gone.iter() {
+        let left = &mut lost[first..];
+        if !left.is_empty() {
+            left.sort_unstable_by_key(|(id, _)| *id);
+            for (id, _) in left.iter() {
                 self.discard(*id);
             }
             let mut awake = mem::take(&mut self.awake);
@@ -243,7 +245,7 @@ impl RapierEngine {
         }
     }
 
-    /// Takes out what Rapier disabled in this step; its report lasts for one step only.
+    /// Removes the bodies that Rapier disabled in this step; its report lasts for one step only.
     fn discard_quarantined(&mut self, lost: &mut Vec<(BodyId, RemovalCause)>) {
         let quarantine = self.world.quarantine();
         if quarantine.is_empty() {
@@ -278,45 +280,46 @@ impl RapierEngine {
         observed.clear();
         let mut before = self.awake_before.iter().peekable();
         for place in &self.awake {
-            while let Some(gone) = before.next_if(|other| other.id < place.id) {
-                observed.extend(self.fallen_asleep(*gone));
+            while let Some(left) = before.next_if(|other| other.id < place.id) {
+                observed.extend(self.fallen_asleep(*left));
             }
             before.next_if(|other| other.id == place.id);
-            match self.seen(*place, Activity::Awake) {
+            match self.observe_slot(*place, Activity::Awake) {
                 Ok(observation) => observed.push(observation),
                 Err(cause) => lost.push((place.id, cause)),
             }
         }
-        for gone in before {
-            observed.extend(self.fallen_asleep(*gone));
+        for left in before {
+            observed.extend(self.fallen_asleep(*left));
         }
         if !self.displaced.is_empty() {
             self.displaced.sort_unstable_by_key(|place| place.id);
             self.displaced.dedup_by_key(|place| place.id);
             let still_there = self.displaced.iter().filter(|place| self.is_at(**place));
-            observed
-                .extend(still_there.filter_map(|place| self.seen(*place, Activity::Asleep).ok()));
+            observed.extend(
+                still_there.filter_map(|place| self.observe_slot(*place, Activity::Asleep).ok()),
+            );
             observed.sort_unstable_by_key(|observation| observation.id);
             self.displaced.clear();
         }
         self.observed = observed;
     }
 
-    /// Whether the body was not removed since.
+    /// Whether the body is still in its slot.
     fn is_at(&self, place: BodySlot) -> bool {
         self.place(place.id)
             .is_some_and(|now| now.handle == place.handle)
     }
 
-    /// The last of a body that was awake and is so no more, unless it is gone altogether.
+    /// The last observation of a body that fell asleep, unless it was removed.
     fn fallen_asleep(&self, place: BodySlot) -> Option<Observation> {
         if !self.is_at(place) {
             return None;
         }
-        self.seen(place, Activity::Asleep).ok()
+        self.observe_slot(place, Activity::Asleep).ok()
     }
 
-    /// Where a pair of solids touches deepest, seen from the first one's body or the second's.
+    /// The deepest contact of a pair of solids, from the first one's body or the second's.
     fn contact(&self, of: RigidBodyHandle, pair: &ContactPair) -> Option<Contact> {
         if !pair.has_any_active_contact() {
             return None;
@@ -325,7 +328,7 @@ impl RapierEngine {
             [pair.collider1, pair.collider2].map(|handle| self.world.colliders.get(handle));
         let (first, second) = (first?, second?);
         let (manifold, deepest) = pair.find_deepest_contact()?;
-        // From the first towards the second.
+        // From the first solid towards the second.
         let normal = manifold.data.normal;
         let at = |collider: &Collider, point| collider.position().transform_point(point);
         let is_first = first.parent() == Some(of);
@@ -345,8 +348,12 @@ impl RapierEngine {
         finite.then_some(contact)
     }
 
-    /// What can be said of a body, or why it must go.
-    fn seen(&self, place: BodySlot, activity: Activity) -> Result<Observation, RemovalCause> {
+    /// The observation of a body, or the reason to remove it.
+    fn observe_slot(
+        &self,
+        place: BodySlot,
+        activity: Activity,
+    ) -> Result<Observation, RemovalCause> {
         let body = self.body(place).ok_or(RemovalCause::NotFinite)?;
         let kept = if body.is_kinematic() && activity == Activity::Awake {
             self.kinematic_targets
@@ -391,10 +398,11 @@ impl Engine for RapierEngine {
             let [Some(first), Some(second)] = joint.bodies.map(|body| engine.place(body)) else {
                 return;
             };
-            let held = translate::joint(joint);
-            let handle = engine
-                .world
-                .insert_impulse_joint(first.handle, second.handle, held);
+            let rapier_joint = translate::joint(joint);
+            let handle =
+                engine
+                    .world
+                    .insert_impulse_joint(first.handle, second.handle, rapier_joint);
             engine.joints.insert(id, handle);
         });
     }
@@ -423,7 +431,7 @@ impl Engine for RapierEngine {
             let dt = engine.world.integration_parameters.dt;
             translate::push(&mut engine.world.bodies[place.handle], push, dt);
             if matches!(push, Push::Force(_) | Push::Torque(_)) {
-                engine.pushed.push(place.handle);
+                engine.forced.push(place.handle);
             }
         });
     }
@@ -461,7 +469,7 @@ impl Engine for RapierEngine {
         } else {
             Activity::Awake
         };
-        self.seen(place, activity).ok()
+        self.observe_slot(place, activity).ok()
     }
 
     fn inertia(&self, id: BodyId) -> Option<Inertia> {
@@ -511,7 +519,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn after_a_panic_it_holds_nothing_and_steps_no_more() {
+    fn after_a_panic_the_engine_is_empty_and_takes_no_steps() {
         let (material, damping) = (
             Material {
                 friction: 0.5,

@@ -1,6 +1,6 @@
-//! Bodies in Rapier's words, and back.
+//! Conversion of bodies to Rapier and back.
 //!
-//! Translation only; which bodies there are is known in `rapier`.
+//! Conversion only; `rapier` keeps the list of bodies.
 
 use glam::{DQuat, DVec3, Quat, Vec3};
 use rapier3d::math::Pose as RapierPose;
@@ -14,7 +14,7 @@ use rhumb_reckoning::{BodyId, BodyState, Inertia, InvalidMotion, Pose, Twist};
 
 use super::{NewBody, Push};
 
-/// The body, without its solid. A kinematic one's velocities are not Rapier's: see `drive`.
+/// The body without its solid. A kinematic one's velocities are not Rapier's: see `kinematic_target`.
 pub(super) fn body(new_body: &NewBody) -> RigidBody {
     let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = new_body.motion.parts();
     let kind = match new_body.kind {
@@ -40,15 +40,15 @@ pub(super) fn body(new_body: &NewBody) -> RigidBody {
     builder.build()
 }
 
-/// Makes a body fall asleep by a scene's config.
+/// Lets a body fall asleep by a scene's configuration.
 pub(super) fn let_sleep(body: &mut RigidBody, sleep: SleepConfig) {
     let activation = body.activation_mut();
-    // Rapier compares its threshold with half of how fast the fastest point goes.
+    // Rapier compares its threshold with half the speed of the fastest point.
     activation.normalized_linear_threshold = sleep.speed * 0.5;
     activation.time_until_sleep = sleep.seconds;
 }
 
-/// What holds two bodies together.
+/// A Rapier joint of two bodies.
 pub(super) fn joint(joint: &Joint) -> GenericJoint {
     let (locked, free): (_, &[JointAxis]) = match joint.kind {
         JointKind::Fixed => (JointAxesMask::LOCKED_FIXED_AXES, &[]),
@@ -72,17 +72,17 @@ pub(super) fn joint(joint: &Joint) -> GenericJoint {
     builder.build()
 }
 
-/// A name in Rapier's user data.
+/// An id as Rapier's user data.
 fn tag(id: BodyId) -> u128 {
     u128::from(id.generation()) << 32 | u128::from(id.index())
 }
 
-/// The name of a body that [`body`] made.
+/// The id of a body that [`body`] made.
 pub(super) fn id(body: &RigidBody) -> BodyId {
     BodyId::new(body.user_data as u32, (body.user_data >> 32) as u16)
 }
 
-/// A pose whose rotation keeps its very bits if it is of unit length up to rounding, and is normalised otherwise.
+/// A pose whose rotation keeps its exact bits if it is of unit length up to rounding, and is normalised otherwise.
 pub(super) fn pose(position: Vec3, rotation: Quat) -> RapierPose {
     let wide = rotation.as_dquat();
     let rounded_only = (wide.length_squared() - 1.0).abs() <= UNIT_ROUNDING;
@@ -94,16 +94,16 @@ pub(super) fn pose(position: Vec3, rotation: Quat) -> RapierPose {
     RapierPose::from_parts(position, rotation)
 }
 
-/// What a unit quaternion of f32 may lose: four squares, each rounded by at most 2⁻²⁴ relative, and the sum's spread.
+/// Rounding error of a unit quaternion of f32: four squares, each rounded by at most 2⁻²⁴ relative, and the sum's
+/// error.
 const UNIT_ROUNDING: f64 = 1e-6;
 
-/// Rounded to the engine's precision.
+/// A pose rounded to the engine's precision.
 pub(super) fn narrow(pose: &Pose) -> RapierPose {
     RapierPose::from_parts(pose.position.as_vec3(), pose.rotation.as_quat())
 }
 
-/// The pose by that one of its two quaternions which is nearer to a rotation: to Rapier the way to the other is a turn
-/// more, made in one step.
+/// The pose by the nearer of its two quaternions: to Rapier the way to the other one is an extra turn within one step.
 pub(super) fn nearest(pose: RapierPose, to: Quat) -> RapierPose {
     if pose.rotation.dot(to) < 0.0 {
         RapierPose::from_parts(pose.translation, -pose.rotation)
@@ -112,7 +112,7 @@ pub(super) fn nearest(pose: RapierPose, to: Quat) -> RapierPose {
     }
 }
 
-/// In f64, where rounding left the rotation not quite of unit length.
+/// A pose in f64, its rotation normalised.
 pub(super) fn widen(position: Vec3, rotation: Quat) -> Pose {
     let rotation: DQuat = rotation.as_dquat().normalize();
     Pose {
@@ -121,7 +121,7 @@ pub(super) fn widen(position: Vec3, rotation: Quat) -> Pose {
     }
 }
 
-/// What a body does, with its velocities as Rapier has them or as somebody else knows them.
+/// The state of a body, with the velocities of Rapier or the given ones.
 ///
 /// # Errors
 ///
@@ -140,10 +140,10 @@ pub(super) fn motion(body: &RigidBody, kept: Option<Twist>) -> Result<BodyState,
     )
 }
 
-/// How a body resists being turned, if that makes it tumble when it is free.
+/// Moments of inertia of a body, if it rotates torque-free with them.
 ///
-/// A needle or a film so thin that f32 knows one of its moments no more is none that tumbles: it is predicted as one
-/// that keeps its spin, and corrected.
+/// A needle or a film so thin that f32 loses one of its moments gets none: it is predicted with a constant spin, and
+/// corrected.
 pub(super) fn inertia(body: &RigidBody) -> Option<Inertia> {
     if !body.is_dynamic() || !body.gyroscopic_forces_enabled() {
         return None;
@@ -155,8 +155,8 @@ pub(super) fn inertia(body: &RigidBody) -> Option<Inertia> {
     (!inertia.is_isotropic()).then_some(inertia)
 }
 
-/// Pushes a dynamic body, but to no more than the largest speeds that a command may set: what is finite but absurd would
-/// make Rapier give up the body, and each that it touches.
+/// Pushes a dynamic body, but at most to the largest speed that a command may set: a finite but absurd push would make
+/// Rapier give up the body and everything it touches.
 ///
 /// `dt`: length of a step, seconds. Forces stay until [`unpush`].
 pub(super) fn push(body: &mut RigidBody, push: Push, dt: f32) {
@@ -195,7 +195,7 @@ pub(super) fn unpush(body: &mut RigidBody) {
     body.reset_torques(false);
 }
 
-/// The factor in (0, 1] by which a vector is as long as `most`, or one if it is no longer. Frame and unit: the vector's.
+/// The factor in (0, 1] that shortens a vector to `most`, or one if it is shorter. Frame and unit: the vector's.
 fn share_within(vector: Vec3, most: f32) -> f32 {
     let length = vector.as_dvec3().length();
     if length <= f64::from(most) {

@@ -1,7 +1,7 @@
-//! Shapes as Rapier's solids.
+//! Conversion of shapes to Rapier solids.
 //!
-//! What may panic inside Rapier is built where a panic is caught, of a copy: nothing is kept of it. Invariant: a solid's
-//! mass and moments are normal numbers at any density of the limits.
+//! Code that may panic inside Rapier runs on a copy under `catch_unwind`, and nothing of it is kept. Invariant: a
+//! solid's mass and moments are normal numbers at every allowed density.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -15,26 +15,26 @@ use rhumb_protocol::scene::{Heights, Hull, Invalid, Mesh, Shape};
 use super::rapier_body::pose;
 use super::{Bulk, NewBody, UnusableShape};
 
-/// What bodies of one shape share.
+/// Solid that all bodies of one shape share.
 #[derive(Clone)]
 pub(super) struct Solid {
     parts: Vec<(RapierPose, SharedShape)>,
     weighing: Weighing,
-    /// Whether it is thin anywhere, so that what is fast could pass through it between two steps.
+    /// Whether any part of it is thin: fast bodies could pass through it between two steps.
     pub(super) is_sheet: bool,
 }
 
-/// How a body comes by its mass and moments.
+/// Source of a body's mass and moments.
 #[derive(Clone, Copy)]
 enum Weighing {
-    /// By its part's, as the engine has them.
+    /// Its part's, as the engine computes them.
     Plain,
-    /// By its part's, around the origin: a hull is given from the centre of mass, and rounding, or a hull that says
-    /// otherwise, does not move it.
+    /// Its part's, around the origin: a hull is given from its centre of mass, and neither rounding nor a wrong hull
+    /// moves it.
     Centred,
-    /// By what its parts are together, of one unit of density.
+    /// Those of all parts together, at density one.
     Together(MassProperties),
-    /// By nothing that can be touched.
+    /// None: no part can be touched.
     Nothing,
 }
 
@@ -42,7 +42,7 @@ enum Weighing {
 ///
 /// # Errors
 ///
-/// [`UnusableShape`] for a shape of which no faces, or no mass and moments, can be made.
+/// [`UnusableShape`] for a shape without faces, or without normal mass and moments.
 pub(super) fn solid(shape: &Shape) -> Result<Solid, UnusableShape> {
     let mut parts = Vec::new();
     add_parts(shape, RapierPose::IDENTITY, &mut parts)?;
@@ -82,7 +82,7 @@ fn add_parts(
             radius,
         } => SharedShape::cylinder(half_height, radius),
         Shape::Hull(ref hull) => {
-            // Looking for faces among points that rounding makes contradict each other may panic.
+            // The search for faces may panic on points that contradict each other by rounding.
             let made = catch_unwind(|| SharedShape::convex_hull(hull.points()));
             let solid = made.ok().flatten().ok_or(UnusableShape)?;
             check(&solid.mass_properties(1.0))?;
@@ -104,7 +104,7 @@ fn add_parts(
     Ok(())
 }
 
-/// Where the middle of a field is: Rapier counts from there.
+/// Centre of a height field: the origin of Rapier's coordinates.
 fn middle(heights: &Heights) -> RapierPose {
     let half = |count: u32, spacing| (count - 1) as f32 * spacing * 0.5;
     let x = half(heights.rows(), heights.row_spacing());
@@ -114,14 +114,15 @@ fn middle(heights: &Heights) -> RapierPose {
 
 fn ground(heights: &Heights) -> Result<SharedShape, UnusableShape> {
     let (rows, columns) = (heights.rows() as usize, heights.columns() as usize);
-    // Its rows go along z, which are our columns, and its numbers column by column: ours, row by row, are in its order.
+    // Rapier's rows go along z, which are the columns here, and it stores column by column: the row-by-row order here
+    // fits.
     let posts = heights.heights().to_vec();
     let scale = Vec3::new(
         (rows - 1) as f32 * heights.row_spacing(),
         1.0,
         (columns - 1) as f32 * heights.column_spacing(),
     );
-    // Without its fixing of inner edges: with it capsules that stand on flat ground are not held (measured).
+    // Rapier's fix of inner edges stays off: with it, capsules that stand on flat ground fall through (measured).
     let build = || SharedShape::heightfield(Array2::new(columns, rows, posts), scale);
     catch_unwind(build).map_err(|_| UnusableShape)
 }
@@ -132,7 +133,7 @@ fn triangles(mesh: &Mesh) -> Result<SharedShape, UnusableShape> {
     made.ok().and_then(Result::ok).ok_or(UnusableShape)
 }
 
-/// What parts are together, of one unit of density.
+/// Mass properties of all parts together, at density one.
 fn total(parts: &[(RapierPose, SharedShape)]) -> MassProperties {
     let properties = parts.iter().map(|(at, part)| {
         let own = part.mass_properties(1.0);
@@ -153,7 +154,7 @@ fn check(properties: &MassProperties) -> Result<(), UnusableShape> {
     }
 }
 
-/// The solids of a body with their surface and mass.
+/// The colliders of a body with their surface and mass.
 pub(super) fn colliders(new_body: &NewBody, solid: &Solid) -> impl Iterator<Item = Collider> {
     let material = new_body.material;
     solid.parts.iter().map(move |(at, part)| {
@@ -176,7 +177,7 @@ pub(super) fn colliders(new_body: &NewBody, solid: &Solid) -> impl Iterator<Item
     })
 }
 
-/// The mass that a body has beside its solids'.
+/// Mass of a body in addition to its colliders'.
 pub(super) fn mass_beside(new_body: &NewBody, solid: &Solid) -> Option<MassProperties> {
     match solid.weighing {
         Weighing::Plain | Weighing::Centred => None,
@@ -189,16 +190,16 @@ pub(super) fn mass_beside(new_body: &NewBody, solid: &Solid) -> Option<MassPrope
                 unit.principal_inertia_local_frame,
             ))
         }
-        // What has no shape falls all the same: a kilogram that turns like a ball of a metre.
+        // A body without shape falls too: a kilogram with the moments of a ball of one metre.
         Weighing::Nothing => Some(MassProperties::new(Vec3::ZERO, 1.0, Vec3::splat(0.4))),
     }
 }
 
-/// What the engine makes of a shape that has an inside; of a mesh, of what its triangles enclose.
+/// Mass properties of a shape with volume; for a mesh, of the enclosed volume.
 ///
 /// # Errors
 ///
-/// [`UnusableShape`] when it can make no solid of it, or one without mass.
+/// [`UnusableShape`] when no solid can be made, or one without mass.
 pub fn bulk(shape: &Shape) -> Result<Bulk, UnusableShape> {
     let mut parts = Vec::new();
     add_parts(shape, RapierPose::IDENTITY, &mut parts)?;
@@ -210,7 +211,7 @@ pub fn bulk(shape: &Shape) -> Result<Bulk, UnusableShape> {
     })
 }
 
-/// The hull of any number of points as one of as many as a hull may have: those farthest out, in directions all round.
+/// A hull of any number of points, reduced to the allowed number: the farthest points in directions all around.
 ///
 /// # Errors
 ///

@@ -1,6 +1,6 @@
-//! The threads that step scenes: the caller's own, or a pool.
+//! Threads that step scenes: the caller's own, or a pool.
 //!
-//! What a scene does is the same to the bit on any number of threads. Without the feature `parallel` there is one.
+//! Results are equal to the bit on any number of threads. Without the feature `parallel` there is one thread.
 
 use std::fmt;
 use std::num::NonZeroU32;
@@ -11,24 +11,24 @@ use rapier3d::prelude::PhysicsWorld;
 #[cfg(feature = "parallel")]
 use rapier3d::rayon::{ThreadPool, ThreadPoolBuilder};
 
-/// Threads that several scenes may share. By default there is one, or, with the feature, one for each core.
+/// Threads that several scenes may share. By default one, or, with the feature, one for each core.
 #[derive(Clone, Debug, Default)]
 pub struct Workers {
     #[cfg(feature = "parallel")]
     pool: Option<Arc<ThreadPool>>,
 }
 
-/// Why there are not as many threads.
+/// Reason why the requested threads are not available.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum WorkersError {
     /// This program was built to step on one thread.
     OneOnly {
-        /// What was asked for.
+        /// The requested number.
         asked: NonZeroU32,
     },
-    /// The system gives no more threads.
+    /// The system refuses more threads.
     Denied {
-        /// What was asked for.
+        /// The requested number.
         asked: NonZeroU32,
     },
 }
@@ -40,7 +40,7 @@ impl fmt::Display for WorkersError {
                 f,
                 "cannot step on {asked} threads: this program was built without the feature \"parallel\""
             ),
-            Self::Denied { asked } => write!(f, "the system gives no {asked} threads to step on"),
+            Self::Denied { asked } => write!(f, "the system does not provide {asked} threads"),
         }
     }
 }
@@ -48,11 +48,11 @@ impl fmt::Display for WorkersError {
 impl std::error::Error for WorkersError {}
 
 impl Workers {
-    /// So many threads; one unless said.
+    /// A pool of so many threads; one by default.
     ///
     /// # Errors
     ///
-    /// [`WorkersError`] when there cannot be so many.
+    /// [`WorkersError`] when the number is not available.
     #[cfg(feature = "parallel")]
     pub fn new(threads: Option<NonZeroU32>) -> Result<Self, WorkersError> {
         let asked = threads.unwrap_or(NonZeroU32::MIN);
@@ -67,11 +67,11 @@ impl Workers {
         }
     }
 
-    /// So many threads; one unless said.
+    /// A pool of so many threads; one by default.
     ///
     /// # Errors
     ///
-    /// [`WorkersError`] when there cannot be so many.
+    /// [`WorkersError`] when the number is not available.
     #[cfg(not(feature = "parallel"))]
     pub fn new(threads: Option<NonZeroU32>) -> Result<Self, WorkersError> {
         match threads {
@@ -86,13 +86,13 @@ impl Workers {
         cfg!(feature = "parallel")
     }
 
-    /// Has a world stepped by these threads.
+    /// Makes a world use these threads.
     #[cfg(feature = "parallel")]
     pub(super) fn employ(&self, world: &mut PhysicsWorld) {
         world.set_thread_pool(self.pool.clone());
     }
 
-    /// Has a world stepped by these threads.
+    /// Makes a world use these threads.
     #[cfg(not(feature = "parallel"))]
     pub(super) fn employ(&self, _: &mut PhysicsWorld) {}
 }

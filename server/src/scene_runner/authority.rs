@@ -1,4 +1,4 @@
-//! What members do with the bodies that they drive.
+//! Authority of members over bodies: grants and upstream packets.
 
 use rhumb_protocol::Peer;
 use rhumb_protocol::message::{AuthorityError, AuthorityGrant, ServerMessage, TakeAuthority};
@@ -14,19 +14,19 @@ use crate::member::PendingCommand;
 use crate::outbox::Outbox;
 
 impl SceneRunner {
-    /// A member snapshot_request to drive bodies in place of those that it drove before.
-    pub(crate) fn take_authority(&mut self, peer: Peer, drive: TakeAuthority, out: &mut Outbox) {
-        self.enqueue(peer, PendingCommand::TakeAuthority(drive), out);
+    /// Handles a member's request for authority, in place of its former one.
+    pub(crate) fn take_authority(&mut self, peer: Peer, request: TakeAuthority, out: &mut Outbox) {
+        self.enqueue(peer, PendingCommand::TakeAuthority(request), out);
     }
 
-    /// A member says on the control stream how its bodies move: before the steps that it asks for behind it.
+    /// Handles an upstream packet from the control stream: it acts before the advances that follow it.
     pub(crate) fn upstream(&mut self, peer: Peer, packet: Vec<u8>, out: &mut Outbox) {
         if self.config().stepping == Stepping::Lockstep {
             self.enqueue(peer, PendingCommand::Upstream(packet), out);
         }
     }
 
-    /// The same by a datagram. Where members lead, what came at another moment in another run would be another truth.
+    /// Handles an upstream datagram. A lockstep scene drops it: its arrival time would make runs differ.
     pub(crate) fn handle_upstream_datagram(
         &mut self,
         peer: Peer,
@@ -49,7 +49,7 @@ impl SceneRunner {
             .handle_datagram(peer, datagram, self.scene.tick())
         {
             self.authority_table.end(peer);
-            tracing::debug!(peer = peer.0, "lost touch with a driver");
+            tracing::debug!(peer = peer.0, "lost sync with an upstream");
             out.send(
                 peer,
                 &ServerMessage::AuthorityDenied(AuthorityError::LostSync),
@@ -57,13 +57,18 @@ impl SceneRunner {
         }
     }
 
-    pub(super) fn grant_authority(&mut self, peer: Peer, drive: &TakeAuthority, out: &mut Outbox) {
-        // Who is told where a body begins must have heard that there is one.
+    pub(super) fn grant_authority(
+        &mut self,
+        peer: Peer,
+        request: &TakeAuthority,
+        out: &mut Outbox,
+    ) {
+        // A member that learns where a body starts must know the body first.
         self.send_scene_events(out);
-        let answer = match self.begin_authority(peer, drive) {
+        let answer = match self.begin_authority(peer, request) {
             Ok(authority) => ServerMessage::AuthorityGrant(authority),
             Err(error) => {
-                tracing::debug!(peer = peer.0, %error, "may not drive");
+                tracing::debug!(peer = peer.0, %error, "authority refused");
                 ServerMessage::AuthorityDenied(error)
             }
         };
@@ -73,13 +78,13 @@ impl SceneRunner {
     fn begin_authority(
         &mut self,
         peer: Peer,
-        drive: &TakeAuthority,
+        request: &TakeAuthority,
     ) -> Result<AuthorityGrant, AuthorityError> {
         if self.faulted {
             return Err(AuthorityError::SceneFaulted);
         }
-        let mut bodies = Vec::with_capacity(drive.bodies.len());
-        for id in &drive.bodies {
+        let mut bodies = Vec::with_capacity(request.bodies.len());
+        for id in &request.bodies {
             self.check_authority(peer, *id)?;
             let now = self.scene.observation(*id);
             let motion = now.ok_or(AuthorityError::UnknownBody(*id))?.motion;
@@ -94,10 +99,10 @@ impl SceneRunner {
         let scene = &self.scene;
         let integrator = scene.config().integrator;
         let parameters = |id| body_placement::parameters(scene, id);
-        let driven = UpstreamReceiver::new(&authority, drive.tolerance, integrator, parameters);
-        self.authority_table.begin(peer, driven);
+        let receiver = UpstreamReceiver::new(&authority, request.tolerance, integrator, parameters);
+        self.authority_table.begin(peer, receiver);
         for (id, motion) in &authority.bodies {
-            // What was commanded before and is not done yet is over.
+            // Earlier commands to the body that are not carried out yet are void.
             let pose = motion.motion().pose();
             let stands = self.scene.apply(&Command::SetPose {
                 id: *id,
@@ -107,7 +112,7 @@ impl SceneRunner {
             debug_assert!(stands.is_ok(), "a body may be where it is");
         }
         let bodies = authority.bodies.len();
-        tracing::debug!(peer = peer.0, bodies, stream = %stream, "authority_table from now on");
+        tracing::debug!(peer = peer.0, bodies, stream = %stream, "authority granted");
         Ok(authority)
     }
 
@@ -116,11 +121,7 @@ impl SceneRunner {
         if config.kind != BodyKind::Kinematic {
             return Err(AuthorityError::NotKinematic(id));
         }
-        if self
-            .grants
-            .parent_candidate(id)
-            .is_some_and(|parent_candidate| parent_candidate != peer)
-        {
+        if self.grants.owner(id).is_some_and(|owner| owner != peer) {
             return Err(AuthorityError::NotYours(id));
         }
         if self
@@ -133,7 +134,7 @@ impl SceneRunner {
         Ok(())
     }
 
-    /// Who authority_table a body alone says where it is.
+    /// Only the member with authority over a body moves it.
     pub(super) fn check_not_under_authority(&self, command: &Command) -> Result<(), CommandError> {
         match *command {
             Command::SetPose { id, .. } | Command::SetVelocity { id, .. }

@@ -1,7 +1,7 @@
-//! What a client of another protocol does with the scene that it leads.
+//! Commands of an APP client to the scene that it leads.
 //!
-//! It is no member: it names its bodies itself, hears no stream, and alone says when the scene steps and ends. Members
-//! may watch, push and add; they hear of everything by the same scene_events and packets as in any scene.
+//! The leader is no member: it assigns its own body ids, gets no stream, and alone steps and ends the scene. Members
+//! may subscribe, push and add bodies; they get the same scene events and packets as in any scene.
 
 use rhumb_protocol::limits::BODIES_MAX;
 use rhumb_protocol::scene::{Command, CommandError, IdRange};
@@ -12,14 +12,13 @@ use crate::outbox::Outbox;
 use crate::scene::Scene;
 
 impl SceneRunner {
-    /// Gives the scene to a client of another protocol, with the indices that its bodies may have; none when somebody has
-    /// them already.
+    /// Gives the scene to an APP client, with the index range of its bodies; `None` when the range is taken.
     pub(crate) fn lead(&mut self, leader: Peer) -> Option<IdRange> {
         self.led = true;
         self.grant(leader, BODIES_MAX).ok()
     }
 
-    /// Whether a client of another protocol leads it.
+    /// Whether an APP client leads it.
     pub(crate) const fn is_led(&self) -> bool {
         self.led
     }
@@ -29,7 +28,7 @@ impl SceneRunner {
         self.faulted
     }
 
-    /// Does what its leader wishes, and has members hear of it with the next tick.
+    /// Applies a command of the leader; members learn of it with the next tick.
     pub(crate) fn command_of_leader(
         &mut self,
         leader: Peer,
@@ -46,12 +45,12 @@ impl SceneRunner {
         }
     }
 
-    /// To tell its leader of a frame took so long: what publishing is to members.
+    /// Adds the time of a report to the leader: it counts as publishing.
     pub(crate) fn note_reporting(&mut self, took: Span) {
         self.times.add_reporting(took);
     }
 
-    /// What is in it.
+    /// The scene.
     pub(crate) const fn scene(&self) -> &Scene {
         &self.scene
     }

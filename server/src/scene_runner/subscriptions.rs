@@ -1,4 +1,4 @@
-//! What a member asks of its streams: another one, or what it lost.
+//! Requests of a member about its streams: changes, losses, mismatches.
 
 use rhumb_protocol::message::{Denial, ServerMessage, StreamChoice, TierChangeCause, TierPolicy};
 use rhumb_protocol::packet::{ChecksumMismatch, LossReport, StreamId};
@@ -12,8 +12,7 @@ use crate::outbox::Outbox;
 use crate::tier_controller::{Confirmation, TierDecision};
 
 impl SceneRunner {
-    /// A member lost touch with its stream and needs the whole scene again; it is told when the piece is read, and once
-    /// however often it asks in it.
+    /// Handles a request for a new snapshot; several requests in one read get one answer.
     pub(crate) fn resync(&mut self, peer: Peer) {
         if let Some(member) = self.members.get_mut(&peer) {
             member
@@ -22,14 +21,14 @@ impl SceneRunner {
         }
     }
 
-    /// A member snapshot_request another stream; of what it snapshot_request at once the last counts.
+    /// Handles a request for another stream; of several in one read the last counts.
     pub(crate) fn subscribe(&mut self, peer: Peer, choice: StreamChoice) {
         if let Some(member) = self.members.get_mut(&peer) {
             member.snapshot_request = Some(SnapshotRequest::Other(choice));
         }
     }
 
-    /// A member has caught up with the stream that it changed to.
+    /// The member has caught up with the stream that it changed to.
     pub(crate) fn subscribed(&mut self, peer: Peer, with: StreamId) {
         let Some(member) = self.members.get_mut(&peer) else {
             return;
@@ -40,16 +39,17 @@ impl SceneRunner {
         }
     }
 
-    /// A member says where it may be moved.
+    /// Sets a member's tier policy.
     pub(crate) fn set_tier_policy(&mut self, peer: Peer, tier_policy: TierPolicy) {
         if let Some(member) = self.members.get_mut(&peer) {
             member.link.set_policy(tier_policy);
         }
     }
 
-    /// How a member's link did lately: tier_policy it to another tier if it does not carry its own, and back when it does again.
+    /// Handles a link report: changes the member's tier if its link does not carry its stream, and back when it does
+    /// again.
     ///
-    /// Only where nobody waits for ticks: a lockstep scene goes as slowly as its links.
+    /// Only in free-running scenes: a lockstep scene goes as slowly as its links.
     pub(crate) fn handle_link_report(
         &mut self,
         now: Instant,
@@ -79,19 +79,19 @@ impl SceneRunner {
         let expected = match self.change_stream(peer, to) {
             Ok(expected) => expected,
             Err(denial) => {
-                // Tried again with the next report.
-                tracing::debug!(peer = peer.0, ?denial, "a member is not moved");
+                // The next report tries again.
+                tracing::debug!(peer = peer.0, ?denial, "a tier change failed");
                 return;
             }
         };
         self.note_tier_change(now, peer, decision, expected);
         let tolerance = to.tolerance();
-        tracing::info!(peer = peer.0, %tolerance, ?cause, "a member is moved for its link's sake");
+        tracing::info!(peer = peer.0, %tolerance, ?cause, "a tier changes with its link");
         out.send(peer, &ServerMessage::TierChanged { to, cause });
         self.send_snapshot(peer, out);
     }
 
-    /// A member is on its way to another stream. A thin link is spared the one that it leaves.
+    /// Notes a tier change. A congested link is relieved of the former stream at once.
     fn note_tier_change(
         &mut self,
         now: Instant,
@@ -113,7 +113,7 @@ impl SceneRunner {
         }
     }
 
-    /// Gives a member the snapshot that it snapshot_request.
+    /// Starts the requested change of stream and its snapshot.
     pub(super) fn begin_snapshot_change(
         &mut self,
         peer: Peer,
@@ -132,19 +132,21 @@ impl SceneRunner {
         Ok(())
     }
 
-    /// Has a member follow another stream, begun if nobody follows it yet; returns what will show that it has the snapshot
-    /// of that.
+    /// Subscribes a member to another stream, started if it has no subscriber yet; returns the confirmation of its
+    /// snapshot.
     fn change_stream(&mut self, peer: Peer, choice: StreamChoice) -> Result<Confirmation, Denial> {
         let Some(member) = self.members.get(&peer) else {
             return Ok(Confirmation::AnyMessage);
         };
-        let (present, heard) = (member.stream(), member.streams());
+        let (present, received) = (member.stream(), member.streams());
         let wanted = self.streams.of_choice(choice);
         if wanted == Some(present) {
             return Ok(Confirmation::Subscribed(present));
         }
-        // One that it is leaving counts it already.
-        let leaving = heard.into_iter().find(|heard| Some(*heard) == wanted);
+        // The stream that the member is leaving counts already.
+        let leaving = received
+            .into_iter()
+            .find(|received| Some(*received) == wanted);
         let stream = match leaving {
             Some(leaving) => leaving,
             None => match self.streams.subscribe(choice)? {
@@ -153,8 +155,8 @@ impl SceneRunner {
             },
         };
         let member = self.members.get_mut(&peer);
-        if let Some(gone) = member.and_then(|member| member.change(stream)) {
-            self.streams.unsubscribe(gone, peer);
+        if let Some(former) = member.and_then(|member| member.change(stream)) {
+            self.streams.unsubscribe(former, peer);
         }
         Ok(match leaving {
             Some(leaving) => Confirmation::Subscribed(leaving),
@@ -162,10 +164,10 @@ impl SceneRunner {
         })
     }
 
-    /// A member says how far it heard: refreshes what it lost and watermarks for what it could not know of.
+    /// Handles a loss report: refreshes lost tracks and sends watermarks for packets the member could not know of.
     ///
-    /// Of loss_reports that follow each other too fast only the first is answered. Members that lost the same packet before the
-    /// next tick hear the same datagrams, encoded once.
+    /// Of loss reports in too fast succession only the first is answered. Members with the same loss before the next
+    /// tick get the same datagrams, encoded once.
     pub(crate) fn handle_loss_report(
         &mut self,
         now: Instant,
@@ -180,7 +182,7 @@ impl SceneRunner {
         if stream == member.stream() {
             member.link.received_loss_report(stream, loss_report.gone);
         }
-        if !member.hears(stream) {
+        if !member.receives(stream) {
             return;
         }
         let Some(stream) = self.streams.get_mut(stream) else {
@@ -199,7 +201,7 @@ impl SceneRunner {
         }
     }
 
-    /// A member believes otherwise than its stream said: it hears more sums, or the one track in question.
+    /// Handles a checksum mismatch: sends more checksums, or the track in question.
     pub(crate) fn handle_mismatch(
         &mut self,
         now: Instant,
@@ -209,7 +211,7 @@ impl SceneRunner {
         out: &mut Outbox,
     ) {
         let member = self.members.get(&peer);
-        if !member.is_some_and(|member| member.hears(stream)) {
+        if !member.is_some_and(|member| member.receives(stream)) {
             return;
         }
         if let Some(stream) = self.streams.get_mut(stream) {

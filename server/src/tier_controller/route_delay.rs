@@ -1,25 +1,25 @@
-//! How long the route_delay to a member is, apart from what queue_delay on it.
+//! Delay of the route to a member, apart from queueing on it.
 //!
-//! A round trip is longer because something queue_delay on the route_delay, or because the route_delay is another. What queue_delay grows, or is
-//! lost where no more may wait, or queue_delay at this end too; another route_delay does none of that, and counts as the route_delay itself soon.
+//! A round trip grows because data is queued on the route, or because the route has changed. A queue grows, loses
+//! packets when full, or backs up to this end; another route does none of these and soon becomes the base.
 
 use rhumb_protocol::packet::Low16;
 use rhumb_protocol::{Instant, Span};
 
-/// How long the route_delay itself is to a member and back.
+/// Estimate of the route's own round trip.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RouteDelay {
-    /// What counts as the route_delay itself; none before the first report.
+    /// The base round trip; `None` before the first report.
     base_ns: Option<u64>,
     second: Option<Second>,
-    /// The least round trip of the second before, if that was calm: nothing stood here all the time, and nothing was lost.
+    /// Least round trip of the last second, if it was calm: no standing queue at this end, and no loss.
     quiet_ns: Option<u64>,
-    /// Packets that did not come to the member, and whether more of them since the second began.
+    /// Count of lost packets, and whether it grew in the present second.
     lost: Low16,
     loses: bool,
 }
 
-/// The least that was seen in the second that runs.
+/// Minima of the present second.
 #[derive(Clone, Copy, Debug)]
 struct Second {
     began: Instant,
@@ -27,15 +27,15 @@ struct Second {
     queue_delay: Span,
 }
 
-/// How long the route_delay is looked at before it is compared.
+/// Length of one observation.
 const SECOND: Span = Span::from_millis(1_000);
-/// What never queue_delay less than this in a second stands here.
+/// A queue at this end whose least delay in a second exceeds this is standing.
 const STANDING: Span = Span::from_millis(80);
-/// A round trip that grows faster than this in a second has not come to its end.
+/// A round trip that grows faster than this in a second is not steady.
 const STEADY_NS: u64 = 10_000_000;
 
 impl RouteDelay {
-    /// One that was not looked at yet.
+    /// An estimate before the first report.
     pub(super) const fn new() -> Self {
         Self {
             base_ns: None,
@@ -46,13 +46,13 @@ impl RouteDelay {
         }
     }
 
-    /// The member says how many packets did not come so far.
+    /// Takes the member's count of lost packets.
     pub(super) fn handle_lost_count(&mut self, lost: Low16) {
         self.loses |= self.lost != lost;
         self.lost = lost;
     }
 
-    /// By how much a round trip is longer than the route_delay itself, while what is handed over queue_delay so long at this end.
+    /// Delay of a round trip beyond the route's own, with this queue delay at this end.
     pub(super) fn excess_delay(
         &mut self,
         now: Instant,
@@ -60,7 +60,7 @@ impl RouteDelay {
         queue_delay: Span,
     ) -> Span {
         let round_trip_ns = round_trip.as_nanos();
-        // It grows slowly by itself, so that another route_delay that is never calm is not taken for a full queue for ever.
+        // The base grows slowly by itself: a changed route that is never calm does not count as a full queue for ever.
         let usual = self.base_ns.get_or_insert(round_trip_ns);
         *usual = round_trip_ns.min(*usual + round_trip_ns.saturating_sub(*usual) / 512);
         let second = self.second.get_or_insert(Second {
@@ -80,7 +80,7 @@ impl RouteDelay {
         Span::from_nanos(round_trip_ns.saturating_sub(usual))
     }
 
-    /// After two calm seconds, of which the later one was no slower, their round trip is the route_delay itself.
+    /// After two calm seconds, the later no slower, their round trip becomes the base.
     fn look_back(&mut self, over: Second) {
         let loses = std::mem::take(&mut self.loses);
         let quiet_ns = (over.queue_delay <= STANDING && !loses).then_some(over.round_trip_ns);

@@ -1,46 +1,46 @@
-//! Whether the snapshot that a member is told has passed its link.
+//! Progress of a member's snapshot over its link.
 //!
-//! Decides nothing else. Invariant: what queue_delay and does not grow less is no snapshot that passes, whatever the member says.
+//! Invariant: a queue that does not shrink is not a snapshot in transit, whatever the member confirms.
 
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::{Instant, Span};
 
-/// What shows that a member has the snapshot that it is told.
+/// Messages that confirm the snapshot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Confirmation {
-    /// Anything: who joins says nothing before.
+    /// Any message: a joining member sends nothing before.
     AnyMessage,
-    /// An loss_report of a stream that it did not hear before, or that it follows it.
+    /// A loss report of the new stream, or the confirmation of its subscription.
     LossReport(StreamId),
-    /// That it follows a stream; loss_reports of that may be of the copy before.
+    /// The confirmation of a subscription; loss reports of the stream may concern the former copy.
     Subscribed(StreamId),
 }
 
-/// Whether a member's snapshot has passed, and what had to wait behind it.
+/// Whether a member's snapshot has passed, and the queue behind it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SnapshotProgress {
-    /// None when it came.
+    /// `None` once it was confirmed.
     expected: Option<Confirmation>,
-    /// When the link was first looked at with the snapshot on it.
+    /// When the link was first observed with the snapshot in transit.
     begun: Option<Instant>,
-    /// When what waited behind the snapshot has passed, too.
+    /// When the queue behind the snapshot has passed, too.
     over: Option<Instant>,
-    /// The least that waited since it matters, in bytes, and when.
+    /// Least queue since the snapshot passed, in bytes, and its time.
     least: Option<(u64, Instant)>,
 }
 
-/// The link is not judged for so long after a snapshot, or as long as that took: what waited behind it passes, too.
+/// Grace after a snapshot, or as long as the snapshot took: the queue behind it must pass, too.
 const GRACE: Span = Span::from_millis(2_000);
-/// It is never spared longer than this after a snapshot.
+/// Longest grace after a snapshot.
 const GRACE_MOST: Span = Span::from_millis(10_000);
-/// Nor when so much queue_delay, and grows no less by a sixty-fourth in [`GRACE`]: a stream that the link does not carry may hold
-/// up the very snapshot.
+/// No grace for a queue of this delay that does not shrink by a sixty-fourth in [`GRACE`]: an overloaded link may
+/// delay the very snapshot.
 const STANDING: Span = Span::from_millis(250);
-/// Who does not show for so long that it has the snapshot is judged all the same: not every client says what would.
+/// A member without a confirmation is judged after this time: not every client sends one.
 const SNAPSHOT_MOST: Span = Span::from_millis(60_000);
 
 impl SnapshotProgress {
-    /// One that is told now.
+    /// A snapshot that is sent now.
     pub(super) const fn awaiting(expected: Confirmation) -> Self {
         Self {
             expected: Some(expected),
@@ -50,9 +50,9 @@ impl SnapshotProgress {
         }
     }
 
-    /// The member said such a thing.
-    pub(super) fn confirm(&mut self, heard: Confirmation) {
-        let shows = match (self.expected, heard) {
+    /// Handles a message of the member.
+    pub(super) fn confirm(&mut self, received: Confirmation) {
+        let shows = match (self.expected, received) {
             (None, _) => false,
             (Some(Confirmation::AnyMessage), _) => true,
             (
@@ -69,7 +69,7 @@ impl SnapshotProgress {
         }
     }
 
-    /// Whether the link can be judged, where so many bytes wait now, and for so long.
+    /// Whether the link can be judged, with this queue in bytes and in delay.
     pub(super) fn is_over(&mut self, now: Instant, waiting_bytes: u64, queue_delay: Span) -> bool {
         let took = now.since(*self.begun.get_or_insert(now));
         if self.stands(now, waiting_bytes, queue_delay) {
@@ -82,7 +82,7 @@ impl SnapshotProgress {
         now >= *self.over.get_or_insert(now + passes)
     }
 
-    /// Whether what queue_delay has not grown less for a while.
+    /// Whether the queue has not shrunk for a while.
     fn stands(&mut self, now: Instant, waiting_bytes: u64, queue_delay: Span) -> bool {
         let (least, since) = *self.least.get_or_insert((waiting_bytes, now));
         if queue_delay <= STANDING || waiting_bytes < least - least / 64 {

@@ -81,15 +81,15 @@ impl RawConnection {
         let (ops, wanted) = unbounded_channel();
         let (events, receiver) = mpsc::channel();
         let (reads, may_read) = watch::channel(true);
-        let parent = |events: &Sender<RawEvent>| ConnectionTask {
+        let task = |events: &Sender<RawEvent>| ConnectionTask {
             connection: connection.clone(),
             events: events.clone(),
             reads: may_read.clone(),
         };
-        tokio::spawn(datagrams(parent(&events)));
-        tokio::spawn(streams_both_ways(parent(&events), wanted));
-        tokio::spawn(streams_one_way(parent(&events)));
-        tokio::spawn(end(parent(&events)));
+        tokio::spawn(datagrams(task(&events)));
+        tokio::spawn(streams_both_ways(task(&events), wanted));
+        tokio::spawn(streams_one_way(task(&events)));
+        tokio::spawn(end(task(&events)));
         Self {
             connection,
             ops,
@@ -209,33 +209,33 @@ impl ConnectionTask {
     }
 }
 
-async fn datagrams(parent: ConnectionTask) {
-    while let Ok(bytes) = parent.connection.read_datagram().await {
-        parent.report(RawEvent::Datagram(bytes));
+async fn datagrams(task: ConnectionTask) {
+    while let Ok(bytes) = task.connection.read_datagram().await {
+        task.report(RawEvent::Datagram(bytes));
     }
 }
 
-async fn streams_one_way(parent: ConnectionTask) {
+async fn streams_one_way(task: ConnectionTask) {
     let mut kept = Vec::new();
-    while let Ok(stream) = parent.connection.accept_uni().await {
-        parent.report(RawEvent::Opened { both_ways: false });
+    while let Ok(stream) = task.connection.accept_uni().await {
+        task.report(RawEvent::Opened { both_ways: false });
         kept.push(stream);
     }
 }
 
 /// Carries the control stream, whichever end opens it, and performs the caller's operations.
-async fn streams_both_ways(parent: ConnectionTask, mut wanted: UnboundedReceiver<Op>) {
-    let connection = parent.connection.clone();
+async fn streams_both_ways(task: ConnectionTask, mut wanted: UnboundedReceiver<Op>) {
+    let connection = task.connection.clone();
     let mut control: Option<SendStream> = None;
     let mut others = Vec::new();
     loop {
         tokio::select! {
             opened = connection.accept_bi() => {
                 let Ok((send, recv)) = opened else { return };
-                parent.report(RawEvent::Opened { both_ways: true });
+                task.report(RawEvent::Opened { both_ways: true });
                 if control.is_none() {
                     control = Some(send);
-                    read(&parent, recv);
+                    read(&task, recv);
                 } else {
                     others.push((Some(send), Some(recv)));
                 }
@@ -245,7 +245,7 @@ async fn streams_both_ways(parent: ConnectionTask, mut wanted: UnboundedReceiver
                     None => return,
                     Some(Op::OpenControl) => match connection.open_bi().await {
                         Ok((send, recv)) => {
-                            read(&parent, recv);
+                            read(&task, recv);
                             control = Some(send);
                             true
                         }
@@ -264,11 +264,11 @@ async fn streams_both_ways(parent: ConnectionTask, mut wanted: UnboundedReceiver
     }
 }
 
-fn read(parent: &ConnectionTask, recv: RecvStream) {
+fn read(task: &ConnectionTask, recv: RecvStream) {
     let reader = ConnectionTask {
-        connection: parent.connection.clone(),
-        events: parent.events.clone(),
-        reads: parent.reads.clone(),
+        connection: task.connection.clone(),
+        events: task.events.clone(),
+        reads: task.reads.clone(),
     };
     tokio::spawn(reader.read(recv));
 }
@@ -309,9 +309,9 @@ async fn perform(control: &mut Option<SendStream>, op: Op) -> bool {
     }
 }
 
-async fn end(parent: ConnectionTask) {
-    let end = RawPeerEnd::from(parent.connection.closed().await);
-    parent.report(RawEvent::Ended(end));
+async fn end(task: ConnectionTask) {
+    let end = RawPeerEnd::from(task.connection.closed().await);
+    task.report(RawEvent::Ended(end));
 }
 
 impl From<ConnectionError> for RawPeerEnd {
