@@ -26,9 +26,9 @@ pub(crate) struct Member {
 /// The snapshot that a member waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum SnapshotRequest {
-    /// That of its stream, again.
+    /// A snapshot of its present stream.
     Again,
-    /// That of another stream.
+    /// A snapshot of another stream.
     Other(StreamChoice),
 }
 

@@ -7,9 +7,9 @@ use tracing::Level;
 /// Last logged state of a stream's budget.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct OverBudgetLog {
-    /// Bodies waited for a word then.
+    /// Whether bodies waited then.
     waited: bool,
-    /// None: nothing yet.
+    /// Tick of the last line; `None` before the first.
     logged_at: Option<Tick>,
 }
 

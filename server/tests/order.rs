@@ -1,6 +1,6 @@
-//! Wishes act in the order of payload: commands after an advance, after it.
+//! Commands act in the order of sending: a command after an advance, after it.
 //!
-//! Proved on a host without sockets that hears everything in one piece, as it may from a pipelined client.
+//! Proved on a server loop without sockets that receives all messages in one read, as from a pipelined client.
 
 use std::num::NonZeroU32;
 
@@ -44,35 +44,38 @@ fn shape(number: u32) -> ClientMessage {
     })
 }
 
-/// What a host says to messages that it hears in one piece.
+/// The server's messages in reply to messages that it receives in one read.
 fn conversation(messages: &[ClientMessage]) -> Vec<ServerMessage> {
     let mut bytes = Vec::new();
     for message in messages {
         message.encode(&mut bytes);
     }
-    heard(&bytes)
+    replies_to(&bytes)
 }
 
-/// Lets a host hear bytes in one piece and run until nothing is due; returns what it said on the control stream.
-fn heard(bytes: &[u8]) -> Vec<ServerMessage> {
-    let mut host = ServerLoop::new(|| Instant::ZERO);
+/// Feeds bytes in one read and runs until nothing is due; returns the messages on the control stream.
+fn replies_to(bytes: &[u8]) -> Vec<ServerMessage> {
+    let mut server_loop = ServerLoop::new(|| Instant::ZERO);
     let now = Instant::ZERO;
-    host.handle_opened(now, CLIENT);
-    host.handle_control(now, CLIENT, bytes);
-    while host.poll_timeout().is_some() {
-        host.handle_timeout(now);
+    server_loop.handle_opened(now, CLIENT);
+    server_loop.handle_control(now, CLIENT, bytes);
+    while server_loop.poll_timeout().is_some() {
+        server_loop.handle_timeout(now);
     }
     let mut frames = Frames::new();
-    while let Some(transmit) = host.poll_transmit() {
+    while let Some(transmit) = server_loop.poll_transmit() {
         if let Transmit::Control { bytes, .. } = transmit {
             frames.push(&bytes);
         }
     }
-    let mut said = Vec::new();
-    while let Some(framed) = frames.next_frame().expect("a host says whole messages") {
-        said.extend(ServerMessage::decode(&framed).expect("a host speaks the protocol"));
+    let mut replies = Vec::new();
+    while let Some(framed) = frames
+        .next_frame()
+        .expect("the server sends whole messages")
+    {
+        replies.extend(ServerMessage::decode(&framed).expect("the server follows the protocol"));
     }
-    said
+    replies
 }
 
 fn joined(rest: impl IntoIterator<Item = ClientMessage>) -> Vec<ClientMessage> {
@@ -92,7 +95,7 @@ fn joined(rest: impl IntoIterator<Item = ClientMessage>) -> Vec<ClientMessage> {
 #[test]
 fn a_command_after_an_advance_acts_after_its_steps() {
     let advance = |to| ClientMessage::Advance { to: Tick::new(to) };
-    let said = conversation(&joined([
+    let replies = conversation(&joined([
         shape(0),
         advance(3),
         shape(1),
@@ -100,7 +103,7 @@ fn a_command_after_an_advance_acts_after_its_steps() {
         advance(5),
         shape(2),
     ]));
-    let applied: Vec<_> = said
+    let applied: Vec<_> = replies
         .iter()
         .filter_map(|message| match message {
             ServerMessage::Applied { through, tick } => Some((*through, tick.value())),
@@ -110,11 +113,11 @@ fn a_command_after_an_advance_acts_after_its_steps() {
     assert_eq!(applied, [(0, 0), (2, 3), (3, 5)]);
     let refused =
         |message: &&ServerMessage| matches!(message, ServerMessage::Refused { number: 2, .. });
-    assert_eq!(said.iter().filter(refused).count(), 1);
+    assert_eq!(replies.iter().filter(refused).count(), 1);
 }
 
 #[test]
-fn a_motion_that_is_none_is_refused_and_the_conversation_goes_on() {
+fn an_invalid_motion_is_refused_and_the_connection_stays() {
     let id = rhumb_reckoning::BodyId::new(0, 0);
     let motion = BodyState::new([1.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).unwrap();
     let config = BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0));
@@ -127,52 +130,48 @@ fn a_motion_that_is_none_is_refused_and_the_conversation_goes_on() {
     let end = bytes.len();
     bytes[end - 4..].copy_from_slice(&f32::NAN.to_le_bytes());
     shape(1).encode(&mut bytes);
-    let said = heard(&bytes);
+    let replies = replies_to(&bytes);
     let error = CommandError::Invalid(Invalid::NotFinite(Quantity::Position));
-    assert!(said.contains(&ServerMessage::Refused { number: 1, error }));
+    assert!(replies.contains(&ServerMessage::Refused { number: 1, error }));
     let tick = Tick::ZERO;
-    assert!(said.contains(&ServerMessage::Applied { through: 2, tick }));
+    assert!(replies.contains(&ServerMessage::Applied { through: 2, tick }));
 }
 
 #[test]
-fn a_snapshot_asked_for_a_thousand_times_in_one_piece_is_told_once() {
-    let said = conversation(&joined(std::iter::repeat_n(ClientMessage::Resync, 1_000)));
-    let snapshots = said
+fn a_thousand_resyncs_in_one_read_get_one_snapshot() {
+    let replies = conversation(&joined(std::iter::repeat_n(ClientMessage::Resync, 1_000)));
+    let snapshots = replies
         .iter()
         .filter(|message| **message == ServerMessage::SnapshotEnd);
-    assert_eq!(
-        snapshots.count(),
-        2,
-        "one for joining, one for asking again"
-    );
+    assert_eq!(snapshots.count(), 2, "one for the join, one for the resync");
 }
 
 #[test]
-fn what_waits_behind_an_advance_goes_with_its_member() {
+fn commands_behind_an_advance_are_dropped_with_their_member() {
     let to = Tick::new(3);
     let again = ClientMessage::Join(StreamChoice::Full);
-    let said = conversation(&joined([
+    let replies = conversation(&joined([
         ClientMessage::Advance { to },
         shape(0),
         ClientMessage::Leave,
         again,
         shape(1),
     ]));
-    let applied: Vec<_> = said
+    let applied: Vec<_> = replies
         .iter()
         .filter_map(|message| match message {
             ServerMessage::Applied { through, tick } => Some((*through, tick.value())),
             _ => None,
         })
         .collect();
-    // The first command of the second membership; the one before it went with the first.
+    // The first command of the second membership; the earlier one was dropped with the first membership.
     assert_eq!(applied, [(0, 3)]);
 }
 
-/// PROTOCOL 4.2-2. Caught: what a command came to was told behind the answers to what was said after it.
+/// PROTOCOL 4.2-2. Caught: the result of a command came after the answers to later messages.
 #[test]
-fn answers_come_in_the_order_of_what_they_answer() {
-    let said = conversation(&joined([
+fn answers_keep_the_order_of_requests() {
+    let replies = conversation(&joined([
         shape(0),
         ClientMessage::Ping {
             sent: Instant::from_nanos(7),
@@ -184,7 +183,7 @@ fn answers_come_in_the_order_of_what_they_answer() {
         shape(3),
         ClientMessage::Leave,
     ]));
-    let words: Vec<_> = said
+    let answers: Vec<_> = replies
         .iter()
         .filter_map(|message| match message {
             ServerMessage::Applied { through, .. } => Some(format!("applied {through}")),

@@ -1,7 +1,8 @@
-//! A scene refuses what it must, and a refused command changes nothing.
+//! Invalid commands are refused, and a refused command changes nothing.
 //!
-//! The rules of names are proved one by one; that nothing changes, by two scenes of which one never hears what the other
-//! refused, under random commands with absurd numbers and dead ids. A double stands in for an engine that fails.
+//! The rules of ids are proved one by one. Two scenes prove that a refusal has no effect: both get random commands
+//! with absurd numbers and dead ids, but the second only those that the first accepted. A double replaces the engine
+//! to test a fault.
 
 use core::num::NonZeroU32;
 
@@ -144,7 +145,7 @@ fn only_dynamic_bodies_are_pushed_and_static_ones_have_no_velocity() {
 }
 
 #[test]
-fn there_is_an_end_to_different_dampings() {
+fn the_number_of_different_dampings_is_limited() {
     let mut scene = with_shape();
     let damped = |index: u32| {
         let Command::AddBody { mut config, motion } = body(index, 0, BodyKind::Dynamic) else {
@@ -166,7 +167,7 @@ fn there_is_an_end_to_different_dampings() {
 }
 
 #[test]
-fn a_joint_holds_two_bodies_that_live_under_a_free_number() {
+fn a_joint_needs_two_living_bodies_and_a_free_id() {
     let mut scene = with_shape();
     let [a, b] = [0, 1].map(|index| BodyId::new(index, 0));
     let add = |id, bodies| Command::AddJoint {
@@ -204,7 +205,7 @@ fn a_scene_config_is_checked() {
     assert_eq!(answer, Err(Invalid::NotFinite(Quantity::Gravity)));
 }
 
-/// An engine that holds nothing, loses one body and then fails.
+/// An engine without a world: it loses one body and then fails.
 struct Double {
     steps: u32,
     loses: BodyId,
@@ -255,7 +256,7 @@ impl Engine for Double {
 }
 
 #[test]
-fn a_scene_whose_engine_failed_stands_still_and_takes_no_commands() {
+fn a_faulted_scene_takes_no_steps_and_no_commands() {
     let loses = BodyId::new(0, 0);
     let engine = Box::new(Double { steps: 0, loses });
     let mut scene = Scene::with_engine(config(), engine).unwrap();
@@ -275,7 +276,7 @@ fn a_scene_whose_engine_failed_stands_still_and_takes_no_commands() {
     }
 }
 
-/// A number that may be sent but should not.
+/// A number that can be sent but is absurd.
 fn absurd() -> impl Strategy<Value = f32> {
     prop::sample::select(vec![
         0.0,
@@ -321,12 +322,12 @@ fn id() -> impl Strategy<Value = BodyId> {
     ]
 }
 
-/// From what slips through to what fills the world, within the limits for the most part.
+/// From tiny to world-sized, mostly within the limits.
 fn extent() -> impl Strategy<Value = f32> {
     prop_oneof![16 => 0.1_f32..2.0, 1 => Just(1e-3), 1 => Just(1e4), 1 => absurd()]
 }
 
-/// Points on a coarse grid, so that many coincide, lie in lines and planes, or almost do.
+/// Points on a coarse grid, so that many coincide or lie in lines and planes, or almost.
 fn hull() -> impl Strategy<Value = Hull> {
     let coordinate = || (-4_i8..=4).prop_map(|step| f32::from(step) * 0.25);
     let point = (coordinate(), coordinate(), coordinate());
@@ -394,8 +395,8 @@ fn body_desc() -> impl Strategy<Value = BodyDesc> {
     })
 }
 
-/// A body among the others, and the same of a later generation if its index was used.
-fn body_wish() -> impl Strategy<Value = Option<Command>> {
+/// A body of a low index, and of a later generation if its index was used.
+fn body_command() -> impl Strategy<Value = Option<Command>> {
     let place = (vector(2.0), rotation(), vector(20.0), vector(20.0));
     (body_desc(), place).prop_map(|(config, (p, q, v, w))| {
         let made = BodyState::new(p.to_array(), q.to_array(), v.to_array(), w.to_array());
@@ -403,7 +404,7 @@ fn body_wish() -> impl Strategy<Value = Option<Command>> {
     })
 }
 
-fn push_wish() -> impl Strategy<Value = Option<Command>> {
+fn push_command() -> impl Strategy<Value = Option<Command>> {
     let size = prop::sample::select(vec![1.0, 100.0, 1e5, 3e8]);
     (id(), vector(3.0), size, 0..4).prop_map(|(id, vector, size, which)| {
         let (force, torque, impulse) = (vector * size, vector * size, vector * size);
@@ -444,7 +445,7 @@ fn joint() -> impl Strategy<Value = Joint> {
     )
 }
 
-fn wish() -> impl Strategy<Value = Option<Command>> {
+fn step_or_command() -> impl Strategy<Value = Option<Command>> {
     let position = prop_oneof![5 => vector(2.0), 1 => vector(1e5)];
     let pose = (id(), position, rotation()).prop_map(|(id, position, rotation)| Command::SetPose {
         id,
@@ -460,22 +461,22 @@ fn wish() -> impl Strategy<Value = Option<Command>> {
     prop_oneof![
         2 => (shape_id(), shape()).prop_map(|(id, shape)| Some(Command::AddShape { id, shape })),
         1 => shape_id().prop_map(|id| Some(Command::RemoveShape { id })),
-        8 => body_wish(),
+        8 => body_command(),
         2 => id().prop_map(|id| Some(Command::RemoveBody { id })),
         5 => (joint_id(), joint()).prop_map(|(id, joint)| Some(Command::AddJoint { id, joint })),
         1 => joint_id().prop_map(|id| Some(Command::RemoveJoint { id })),
         2 => pose.prop_map(Some),
         2 => velocity.prop_map(Some),
-        4 => push_wish(),
+        4 => push_command(),
         1 => vector(100.0).prop_map(|gravity| Some(Command::SetGravity { gravity })),
         // A step.
         8 => Just(None),
     ]
 }
 
-/// All that can be seen of a scene.
+/// The observable state of a scene.
 #[derive(Debug, PartialEq)]
-struct Seen {
+struct SceneView {
     all: Vec<Observation>,
     bodies: Vec<BodyDesc>,
     shapes: Vec<(ShapeId, Shape)>,
@@ -485,7 +486,7 @@ struct Seen {
     digest: Digest,
 }
 
-impl Seen {
+impl SceneView {
     fn of(scene: &Scene) -> Self {
         let mut all = Vec::new();
         scene.observe_all(&mut all);
@@ -535,25 +536,25 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
 
     #[test]
-    fn no_sequence_panics_and_what_is_refused_changes_nothing(
-        wishes in prop::collection::vec(wish(), 1..100)
+    fn no_sequence_panics_and_refused_commands_change_nothing(
+        actions in prop::collection::vec(step_or_command(), 1..100)
     ) {
-        let (mut hears_all, mut hears_accepted) = (begun(), begun());
-        for wish in wishes {
-            match wish {
-                Some(command) => match hears_all.apply(&command) {
-                    Ok(()) => prop_assert_eq!(hears_accepted.apply(&command), Ok(())),
+        let (mut scene, mut accepted_only) = (begun(), begun());
+        for action in actions {
+            match action {
+                Some(command) => match scene.apply(&command) {
+                    Ok(()) => prop_assert_eq!(accepted_only.apply(&command), Ok(())),
                     Err(error) => prop_assert_ne!(error, CommandError::SceneFaulted),
                 },
                 None => {
-                    let stepped = hears_all.step();
+                    let stepped = scene.step();
                     prop_assert!(stepped.is_ok());
-                    prop_assert_eq!(stepped, hears_accepted.step());
+                    prop_assert_eq!(stepped, accepted_only.step());
                 }
             }
-            let seen = Seen::of(&hears_all);
-            prop_assert_eq!(seen.all.len(), seen.bodies.len());
-            prop_assert_eq!(seen, Seen::of(&hears_accepted));
+            let view = SceneView::of(&scene);
+            prop_assert_eq!(view.all.len(), view.bodies.len());
+            prop_assert_eq!(view, SceneView::of(&accepted_only));
         }
     }
 }

@@ -1,6 +1,6 @@
-//! Each scene does what it is there for: it rests, falls, turns or flies.
+//! Each test scene behaves as intended: it rests, falls, turns or flies.
 //!
-//! Proved by runs in this process, by what is seen of the bodies; recorded checksum_packets are elsewhere.
+//! Proved by runs in this process, from the observations of bodies; recorded digests are elsewhere.
 
 use glam::{DQuat, DVec3, Vec3};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command};
@@ -8,7 +8,7 @@ use rhumb_reckoning::BodyId;
 use rhumb_server::{Hook, Scene};
 use rhumb_sims::{Script, by_name, default_bodies};
 
-/// A scene with its script.
+/// A scene with its script, and the motion at the start.
 struct Played {
     script: Box<dyn Script>,
     scene: Scene,
@@ -16,11 +16,11 @@ struct Played {
 
 impl Played {
     fn new(name: &str, bodies: u32, seed: u64) -> Self {
-        let script = by_name(name, bodies, seed).expect("the test names what there is");
+        let script = by_name(name, bodies, seed).expect("the scene exists");
         let mut scene = Scene::new(script.config()).expect("scripts have good config");
         if let Some(mut controller) = script.controller() {
             scene.attach(Hook::new(move |scene: &Scene, out| {
-                let motion = |id| scene.observation(id).map(|seen| seen.motion);
+                let motion = |id| scene.observation(id).map(|observation| observation.motion);
                 controller.before_step(scene.tick(), &motion, out);
             }));
         }
@@ -28,7 +28,7 @@ impl Played {
     }
 
     fn usual(name: &str) -> Self {
-        let bodies = default_bodies(name).expect("the test names what there is")[0];
+        let bodies = default_bodies(name).expect("the scene exists")[0];
         Self::new(name, bodies, 1)
     }
 
@@ -53,8 +53,8 @@ impl Played {
     }
 
     fn parts(&self, id: BodyId) -> [f32; 13] {
-        let seen = self.scene.observation(id).expect("it is there");
-        seen.motion.parts()
+        let observation = self.scene.observation(id).expect("it is there");
+        observation.motion.parts()
     }
 
     fn place(&self, id: BodyId) -> Vec3 {
@@ -65,7 +65,7 @@ impl Played {
         Vec3::from_slice(&self.parts(id)[7..10])
     }
 
-    /// How much of a body's own upward axis still points up, from one to minus one.
+    /// Upward component of a body's own upward axis, from one to minus one.
     fn upright(&self, id: BodyId) -> f32 {
         let [_, _, _, x, _, z, ..] = self.parts(id);
         1.0 - 2.0 * (x * x + z * z)
@@ -73,7 +73,7 @@ impl Played {
 }
 
 #[test]
-fn ten_thousand_sleep_within_a_second() {
+fn ten_thousand_bodies_sleep_within_a_second() {
     let mut played = Played::usual("rest-10k");
     played.run(1);
     assert_eq!(played.scene.awake_count(), 10_000);
@@ -96,7 +96,7 @@ fn a_player_gathers_cubes_and_the_others_sleep() {
         for id in &cubes {
             assert!(played.velocity(*id).length() < 33.0 && played.place(*id).y > 0.0);
         }
-        // Awake are those about the player.
+        // Only bodies near the player are awake.
         let awake = played.scene.awake_count();
         assert!((1..200).contains(&awake), "{awake} awake at {second} s");
         let (at, velocity) = (played.place(player), played.velocity(player));
@@ -130,7 +130,7 @@ fn ragdolls_hold_together_and_most_sleep() {
     }
     assert_eq!(played.scene.joints().iter().count(), 9 * 20);
     assert_eq!(played.dynamic().len(), 10 * 20);
-    // Some twitch on where a limb lies across another.
+    // A limb that lies across another may keep twitching.
     assert!(
         played.scene.awake_count() <= 60,
         "{}",
@@ -156,7 +156,7 @@ fn a_tower_stands_while_a_wall_falls() {
 }
 
 #[test]
-fn every_domino_falls_and_lies() {
+fn every_domino_falls_and_rests() {
     let mut played = Played::new("dominoes", 40, 1);
     played.run(29);
     let stones = played.dynamic();
@@ -167,7 +167,7 @@ fn every_domino_falls_and_lies() {
 }
 
 #[test]
-fn a_drum_turns_for_ever_and_loses_nobody() {
+fn a_drum_keeps_turning_and_loses_no_body() {
     let mut played = Played::usual("tumbler");
     for _ in 0..14 {
         played.run(60);
@@ -187,7 +187,7 @@ fn a_drum_turns_for_ever_and_loses_nobody() {
 }
 
 #[test]
-fn rain_falls_freely_but_for_the_throws() {
+fn rain_falls_freely_between_throws() {
     let mut played = Played::usual("rain");
     for _ in 0..10 {
         played.run(60);
@@ -225,7 +225,7 @@ fn asteroids_keep_their_speed_within_bounds() {
 }
 
 #[test]
-fn what_rocks_weigh_is_the_cube_of_their_scale() {
+fn the_mass_of_a_rock_is_the_cube_of_its_scale() {
     let mut played = Played::usual("asteroids-plain");
     played.run(1);
     let rocks = played.dynamic();

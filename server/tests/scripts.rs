@@ -1,6 +1,6 @@
-//! What a script's scene does is fixed by its name, bodies and seed.
+//! A script's run depends only on its name, body count and seed.
 //!
-//! Proved by runs in this process, held against each other and against recorded checksum_packets.
+//! Proved by runs in this process, compared with each other and with recorded digests.
 
 use rhumb_protocol::scene::{BodyDesc, BodyKind};
 use rhumb_server::{Digest, Hook, Scene};
@@ -36,7 +36,7 @@ fn run(script: &mut dyn Script, ticks: u32, mut check: impl FnMut(&Scene)) -> Sc
 }
 
 #[test]
-fn one_seed_gives_one_truth_and_a_trace_gives_its_digest() {
+fn equal_seeds_give_equal_runs_and_traces_give_their_digests() {
     for name in NAMES {
         let script = |seed| by_name(name, 30, seed).unwrap();
         let mut traced = Digest::START;
@@ -53,9 +53,9 @@ fn one_seed_gives_one_truth_and_a_trace_gives_its_digest() {
     }
 }
 
-/// Measured once; another value means that every recorded trace and every other machine disagrees with this build.
+/// Measured once; another value means that this build disagrees with every recorded trace and every other machine.
 #[test]
-fn the_truth_is_the_same_to_the_bit_in_every_build() {
+fn runs_are_equal_to_the_bit_in_every_build() {
     for (name, digest) in [
         ("ball-pit", 0x1761_74c9_5f0f_5f77),
         ("asteroids", 0x9a50_9af1_bedd_0caa),
@@ -76,7 +76,7 @@ fn the_truth_is_the_same_to_the_bit_in_every_build() {
 }
 
 #[test]
-fn what_an_observation_leaves_out_has_not_changed() {
+fn unobserved_bodies_have_not_changed() {
     let mut known = std::collections::BTreeMap::new();
     let mut script = by_name("zoo", 20, 5).unwrap();
     run(script.as_mut(), 1_500, |scene| {

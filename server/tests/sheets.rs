@@ -1,7 +1,7 @@
-//! Ground, meshes, compounds, and bodies that nothing turns.
+//! Ground, meshes, compounds, and bodies without rotation.
 //!
-//! Proved by small scenes whose outcome is known, and by random shapes under balls that fall: whatever keeps the limits is
-//! stepped without a fault, and nothing that is not finite is ever said.
+//! Proved by small scenes with known outcome, and by random shapes under falling balls: every shape within the limits
+//! steps without a fault, and every state is finite.
 
 use core::num::NonZeroU32;
 
@@ -53,7 +53,7 @@ fn add(scene: &mut Scene, config: BodyDesc, at: Vec3) -> Result<(), CommandError
     scene.apply(&Command::AddBody { config, motion })
 }
 
-/// Drops a body on a static one; returns where it is two seconds later, and how it is turned.
+/// Drops a body on a static one; returns its pose two seconds later.
 fn drop_on(ground: Shape, falling: Shape, turns: bool, from: Vec3) -> (Vec3, Quat) {
     let mut scene = scene();
     add_shape(&mut scene, 0, ground).expect(VALID);
@@ -94,7 +94,7 @@ fn square() -> Shape {
 const BALL: Shape = Shape::Ball { radius: 0.5 };
 
 #[test]
-fn rows_of_heights_lie_along_x_and_hold_what_falls() {
+fn rows_of_heights_lie_along_x_and_stop_falling_bodies() {
     let (low, _) = drop_on(terrace(), BALL, true, Vec3::new(3.5, 3.0, 12.2));
     assert!((low.y - 0.5).abs() < 0.02, "{low}");
     let (high, _) = drop_on(terrace(), BALL, true, Vec3::new(12.2, 4.0, 3.5));
@@ -114,7 +114,7 @@ fn a_capsule_stands_on_flat_ground_just_above_a_post() {
 }
 
 #[test]
-fn what_falls_fast_does_not_pass_through_a_sheet() {
+fn a_fast_body_does_not_pass_through_a_sheet() {
     let small = Shape::Ball { radius: 0.05 };
     for ground in [square(), terrace()] {
         let (at, _) = drop_on(ground, small.clone(), true, Vec3::new(2.3, 14.0, 2.7));
@@ -123,7 +123,7 @@ fn what_falls_fast_does_not_pass_through_a_sheet() {
 }
 
 #[test]
-fn a_compound_falls_and_lies_as_one() {
+fn a_compound_falls_and_rests_as_one_body() {
     let part = |x: f32| Part {
         position: Vec3::new(x, 0.0, 0.0),
         rotation: Quat::IDENTITY,
@@ -136,7 +136,7 @@ fn a_compound_falls_and_lies_as_one() {
 }
 
 #[test]
-fn what_has_no_parts_falls_through_everything() {
+fn a_body_without_parts_falls_through_everything() {
     let nothing = Shape::Compound(Compound::nothing());
     let (at, _) = drop_on(square(), nothing, true, Vec3::new(0.0, 1.0, 0.0));
     assert!(
@@ -146,11 +146,11 @@ fn what_has_no_parts_falls_through_everything() {
 }
 
 #[test]
-fn what_does_not_turn_stands_on_its_edge() {
+fn a_body_without_rotation_stands_on_its_edge() {
     let plank = Shape::Cuboid {
         half_extents: Vec3::new(0.1, 1.0, 0.1),
     };
-    // Half of it over the edge.
+    // Half of the body beyond the edge.
     let edge = Vec3::new(5.05, 1.2, 0.0);
     let (stands, turned) = drop_on(square(), plank.clone(), false, edge);
     assert_eq!(turned, Quat::IDENTITY);
@@ -160,7 +160,7 @@ fn what_does_not_turn_stands_on_its_edge() {
 }
 
 #[test]
-fn a_dynamic_body_has_no_sheet_and_a_scene_not_too_many_of_them() {
+fn dynamic_bodies_refuse_sheets_and_scenes_limit_their_bytes() {
     let mut scene = scene();
     add_shape(&mut scene, 0, square()).expect(VALID);
     let holed = Compound::new(vec![Part {
@@ -190,7 +190,7 @@ fn a_dynamic_body_has_no_sheet_and_a_scene_not_too_many_of_them() {
 }
 
 #[test]
-fn contacts_name_the_other_and_point_away_from_it() {
+fn contacts_name_the_other_body_and_point_away_from_it() {
     let mut scene = scene();
     add_shape(&mut scene, 0, terrace()).expect(VALID);
     add_shape(&mut scene, 1, BALL).expect(VALID);
@@ -224,7 +224,7 @@ fn corner() -> impl Strategy<Value = Vec3> {
     (part(), part(), part()).prop_map(|(x, y, z)| Vec3::new(x, y, z))
 }
 
-/// Triangles anywhere, some of them lines, points or each other.
+/// Triangles anywhere; some degenerate to lines or points, some coincide.
 fn mesh() -> impl Strategy<Value = Shape> {
     let points = prop::collection::vec(corner(), 3..=8);
     let size = prop::sample::select(vec![0.0_f32, 1e-3, 1.0, 30.0, 9e3]);
@@ -237,7 +237,7 @@ fn mesh() -> impl Strategy<Value = Shape> {
     })
 }
 
-/// Ground, of posts as near and as steep as allowed.
+/// Ground with posts as near and as steep as allowed.
 fn heights() -> impl Strategy<Value = Shape> {
     let spacing = prop::sample::select(vec![1e-3_f32, 0.5, 3.0, 3e3]);
     let steep = prop::sample::select(vec![0.0_f32, 1.0, 9e3]);
@@ -269,14 +269,14 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
     #[test]
-    fn whatever_keeps_the_limits_is_stepped_and_stays_finite(
+    fn shapes_within_the_limits_step_and_stay_finite(
         ground in prop_oneof![mesh(), heights(), compound()],
         falling in prop_oneof![compound(), Just(BALL)],
         places in prop::collection::vec(corner(), 1..6),
         kind in prop::sample::select(vec![BodyKind::Static, BodyKind::Kinematic]),
     ) {
         let mut scene = scene();
-        // What the engine can make no solid of is refused, and nothing has changed.
+        // A shape without a solid is refused, and nothing has changed.
         let made = [(0, ground), (1, falling)].map(|(id, shape)| add_shape(&mut scene, id, shape));
         let _ = add(&mut scene, BodyDesc::plain(GROUND, kind, ShapeId(0)), Vec3::ZERO);
         for (number, place) in places.into_iter().enumerate() {

@@ -1,7 +1,7 @@
-//! What a scene does is the same on any number of threads.
+//! A scene gives equal results on any number of threads.
 //!
-//! Proved on a pile that is large enough for the engine to share its work out. Without the feature `parallel` what is
-//! proved is that nobody gets more threads than there are. That both builds do the same is what `scripts` proves with it.
+//! Proved on a pile that is large enough for the engine to share its work out. Without the feature `parallel`, the
+//! test proves that more threads than one are refused. `scripts` proves that both builds give equal results.
 
 use std::num::NonZeroU32;
 
@@ -12,7 +12,7 @@ fn threads(count: u32) -> Option<NonZeroU32> {
     Some(NonZeroU32::new(count).expect("the tests name no zero"))
 }
 
-/// What 600 balls do in two seconds.
+/// Digest of 600 balls after two seconds.
 fn truth(workers: &Workers) -> u64 {
     let mut script = BallPit::new(600, 1, 5);
     let mut scene = Scene::on(script.config(), workers).expect("a script's config are valid");
@@ -29,7 +29,7 @@ fn truth(workers: &Workers) -> u64 {
 }
 
 #[test]
-fn a_pile_does_the_same_on_any_number_of_threads() {
+fn a_pile_gives_equal_results_on_any_number_of_threads() {
     let one = truth(&Workers::new(threads(1)).unwrap());
     assert_eq!(one, truth(&Workers::default()), "by default");
     if Workers::may_be_many() {

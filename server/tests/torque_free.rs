@@ -1,8 +1,8 @@
-//! What is predicted of a free body that tumbles is what Rapier does with it.
+//! Rapier moves free rotating bodies as the torque-free predictor says.
 //!
-//! Proof: bodies of unequal moments fly free for ten seconds, and each second is compared with what was predicted of
-//! them at the beginning. The engine reckons in f32 and the prediction in f64, so that they part slowly; a body that
-//! spins about its middle axis doubles every difference several times a turn, and is promised less.
+//! Proof: bodies of unequal moments fly freely for ten seconds, and each second is compared with the prediction from
+//! the start. The engine computes in f32 and the prediction in f64, so that they diverge slowly. A spin about the
+//! middle axis doubles every difference several times a turn; its bound is wider.
 
 use core::num::NonZeroU32;
 
@@ -24,12 +24,12 @@ const INTEGRATOR: Integrator = Integrator {
 const TEN_SECONDS: u32 = 600;
 
 /// A body's shape and its spin about its own axes, rad/s.
-struct BallisticTorqueFree {
+struct RotatingBody {
     shape: Shape,
     spin: Vec3,
 }
 
-fn ballistic_torque_free() -> Vec<BallisticTorqueFree> {
+fn rotating_bodies() -> Vec<RotatingBody> {
     let cuboid = |x, y, z| Shape::Cuboid {
         half_extents: Vec3::new(x, y, z),
     };
@@ -41,11 +41,11 @@ fn ballistic_torque_free() -> Vec<BallisticTorqueFree> {
         half_height,
         radius,
     };
-    let of = |shape, [x, y, z]: [f32; 3]| BallisticTorqueFree {
+    let of = |shape, [x, y, z]: [f32; 3]| RotatingBody {
         shape,
         spin: Vec3::new(x, y, z),
     };
-    // A lump whose axes are nobody's: each point has its opposite, so that the centre of mass is where it should be.
+    // A lump without symmetry axes: each point has its opposite, so that the centre of mass is at the origin.
     let corners = [
         Vec3::new(1.2, 0.3, 0.2),
         Vec3::new(0.4, 0.9, -0.1),
@@ -89,7 +89,7 @@ const fn id(index: usize) -> BodyId {
     BodyId::new(index as u32, 0)
 }
 
-fn motion(index: usize, body: &BallisticTorqueFree, linear: Vec3) -> BodyState {
+fn motion(index: usize, body: &RotatingBody, linear: Vec3) -> BodyState {
     let turned = Quat::from_rotation_x(0.3 * index as f32) * Quat::from_rotation_z(0.7);
     let place = Vec3::new(10.0 * index as f32, 0.0, 0.0);
     let spin = turned * body.spin;
@@ -106,8 +106,8 @@ fn apply(scene: &mut Scene, command: &Command) {
     scene.apply(command).expect("the test makes it valid");
 }
 
-/// Every body on its way, with a starting velocity of so many m/s.
-fn scene(config: SceneConfig, bodies: &[BallisticTorqueFree], linear: Vec3) -> Scene {
+/// Every body in free flight, with this starting velocity.
+fn scene(config: SceneConfig, bodies: &[RotatingBody], linear: Vec3) -> Scene {
     let mut scene = Scene::new(config).expect("the test makes it valid");
     for (index, body) in bodies.iter().enumerate() {
         let number = ShapeId(index as u32);
@@ -126,10 +126,10 @@ fn flow(damping: Damping) -> StepCoefficientTable {
     flow
 }
 
-/// Surface error of each body at each tick, metres, of what was predicted at the beginning.
+/// Surface error of each body at each tick, metres, of the prediction from the start.
 fn errors(
     config: SceneConfig,
-    bodies: &[BallisticTorqueFree],
+    bodies: &[RotatingBody],
     linear: Vec3,
     predictor: Predictor,
 ) -> Vec<Vec<f64>> {
@@ -152,12 +152,12 @@ fn errors(
                 flow: &flow,
                 inertia: inertia.as_ref(),
             };
-            let told =
+            let predicted =
                 predictor.predict_with(start, Ticks::new(tick), &conditions, &mut cursors[index]);
             let truth = scene.observation(id(index)).expect("it is there");
             let truth = truth.motion.motion();
             let radius: Metres = scene.bounding_radius(id(index)).expect("it has a shape");
-            let apart = Divergence::between(&truth.pose(), &told.pose()).surface_error(radius);
+            let apart = Divergence::between(&truth.pose(), &predicted.pose()).surface_error(radius);
             errors[index].push(apart.metres());
         }
     }
@@ -170,7 +170,7 @@ fn worst_until(errors: &[Vec<f64>], seconds: usize) -> f64 {
     each.copied().fold(0.0, f64::max)
 }
 
-/// Seconds until a body is a centimetre from where it was predicted; ten if it never is.
+/// Seconds until a body is a centimetre from its prediction; ten if it never is.
 fn seconds_within_a_centimetre(errors: &[f64]) -> f64 {
     let ticks = errors.iter().take_while(|error| **error < 0.01).count();
     ticks as f64 / 60.0
@@ -182,38 +182,33 @@ const DAMPED: Damping = Damping {
 };
 
 #[test]
-fn a_weightless_body_tumbles_as_predicted_for_many_seconds() {
-    let bodies = ballistic_torque_free();
+fn a_weightless_body_rotates_as_predicted_for_many_seconds() {
+    let bodies = rotating_bodies();
     let undamped = config(Vec3::ZERO, Damping::default());
     let plain = errors(undamped, &bodies, Vec3::ZERO, Predictor::TorqueFree);
-    // The engine's rounding changes the speed of a spin, so that errors grow with the square of time. Measured after 10 s:
-    // 0.6 to 0.9 mm for slow spins, 1 to 7 mm at 4 to 7 rad/s, 13 mm at 17 rad/s.
+    // The engine's rounding changes the speed of a spin, so that errors grow with the square of time. Measured after
+    // 10 s: 0.6 to 0.9 mm for slow spins, 1 to 7 mm at 4 to 7 rad/s, 13 mm at 17 rad/s.
     assert!(worst_until(&plain, 1) < 2e-4);
     assert!(worst_until(&plain, 8) < 0.01);
     let slow = [plain[0].clone(), plain[2].clone(), plain[7].clone()];
     assert!(worst_until(&slow, 10) < 1e-3);
     let damped = config(Vec3::ZERO, DAMPED);
     let damped = errors(damped, &bodies, Vec3::ZERO, Predictor::TorqueFree);
-    // Later the engine puts the slowest to sleep.
+    // Later the engine puts the slowest bodies to sleep.
     assert!(worst_until(&damped, 5) < 5e-3);
 }
 
 #[test]
-fn a_thrown_body_tumbles_and_falls_as_predicted() {
+fn a_thrown_body_rotates_and_falls_as_predicted() {
     let config = config(Vec3::new(0.0, -9.81, 0.0), DAMPED);
     let linear = Vec3::new(0.0, 40.0, 3.0);
-    let errors = errors(
-        config,
-        &ballistic_torque_free(),
-        linear,
-        Predictor::BallisticTorqueFree,
-    );
+    let errors = errors(config, &rotating_bodies(), linear, Predictor::BallisticTorqueFree);
     assert!(worst_until(&errors, 5) < 0.01);
 }
 
 #[test]
 fn a_spin_about_the_middle_axis_flips_when_predicted() {
-    let wrench = BallisticTorqueFree {
+    let wrench = RotatingBody {
         shape: Shape::Cuboid {
             half_extents: Vec3::new(0.5, 0.9, 0.2),
         },
@@ -226,9 +221,9 @@ fn a_spin_about_the_middle_axis_flips_when_predicted() {
 }
 
 #[test]
-fn what_spins_faster_than_the_engine_lets_it_is_capped_as_predicted() {
+fn a_spin_above_the_engines_cap_is_capped_as_predicted() {
     let fast = [[80.0, 20.0, -30.0], [3.0, 46.0, 9.0], [-20.0, 20.0, 20.0]].map(|[x, y, z]| {
-        BallisticTorqueFree {
+        RotatingBody {
             shape: Shape::Cuboid {
                 half_extents: Vec3::new(0.3, 0.5, 0.9),
             },
@@ -241,32 +236,27 @@ fn what_spins_faster_than_the_engine_lets_it_is_capped_as_predicted() {
 }
 
 #[test]
-fn a_constant_spin_is_soon_a_centimetre_off() {
+fn a_prediction_with_constant_spin_is_soon_a_centimetre_off() {
     let config = config(Vec3::ZERO, Damping::default());
-    let errors = errors(
-        config,
-        &ballistic_torque_free(),
-        Vec3::ZERO,
-        Predictor::Uniform,
-    );
+    let errors = errors(config, &rotating_bodies(), Vec3::ZERO, Predictor::Uniform);
     for body in &errors {
         assert!(seconds_within_a_centimetre(body) < 1.5);
     }
 }
 
 #[test]
-fn what_does_not_tumble_says_no_inertia() {
-    let cube = BallisticTorqueFree {
+fn bodies_with_constant_spin_have_no_inertia() {
+    let cube = RotatingBody {
         shape: Shape::Cuboid {
             half_extents: Vec3::splat(0.4),
         },
         spin: Vec3::ONE,
     };
-    let ball = BallisticTorqueFree {
+    let ball = RotatingBody {
         shape: Shape::Ball { radius: 0.3 },
         spin: Vec3::ONE,
     };
-    let slab = || BallisticTorqueFree {
+    let slab = || RotatingBody {
         shape: Shape::Cuboid {
             half_extents: Vec3::new(1.0, 0.1, 1.2),
         },
@@ -286,7 +276,7 @@ fn what_does_not_tumble_says_no_inertia() {
         apply(&mut scene, &Command::AddBody { config, motion });
         assert_eq!(scene.inertia(config.id), None);
     }
-    // Without gyroscopic forces the engine keeps a spin as it is.
+    // Without gyroscopic forces the engine keeps a spin unchanged.
     let start = motion(4, &slab(), Vec3::ZERO).motion();
     for _ in 0..TEN_SECONDS {
         scene.step().expect("Rapier steps what it was given");
@@ -297,7 +287,7 @@ fn what_does_not_tumble_says_no_inertia() {
         flow: &flow(Damping::default()),
         inertia: None,
     };
-    let told = Predictor::Uniform.predict(&start, Ticks::new(TEN_SECONDS), &conditions);
-    let apart = Divergence::between(&truth.motion().pose(), &told.pose());
+    let predicted = Predictor::Uniform.predict(&start, Ticks::new(TEN_SECONDS), &conditions);
+    let apart = Divergence::between(&truth.motion().pose(), &predicted.pose());
     assert!(apart.surface_error(Metres::new(1.6)).metres() < 0.01);
 }

@@ -1,6 +1,6 @@
-//! What a scene says of its bodies is what its engine did, once and finite.
+//! Observations of a scene equal its engine's states, once and finite.
 //!
-//! Proved by small scenes whose outcome is known. Time is counted in ticks; nothing here reads a clock.
+//! Proved by small scenes with known outcome. Time is counted in ticks; no test reads a clock.
 
 use core::num::NonZeroU32;
 
@@ -78,7 +78,7 @@ fn empty() -> Scene {
     scene
 }
 
-/// A ball that lies on a floor whose top is y = 0.
+/// A ball at rest on a floor whose top is y = 0.
 fn ball_on_floor() -> Scene {
     let mut scene = empty();
     let (floor, ball) = (Vec3::new(0.0, -1.0, 0.0), Vec3::new(0.0, 0.5, 0.0));
@@ -99,7 +99,7 @@ fn ball_on_floor() -> Scene {
     scene
 }
 
-fn seen(scene: &mut Scene) -> Vec<Observation> {
+fn step_and_observe(scene: &mut Scene) -> Vec<Observation> {
     scene
         .step()
         .expect("an engine of Rapier steps what it was given");
@@ -123,11 +123,11 @@ fn linear(observation: &Observation) -> Vec3 {
 }
 
 #[test]
-fn a_body_that_falls_asleep_is_seen_once_more() {
+fn a_body_that_falls_asleep_is_observed_once_more() {
     let mut scene = ball_on_floor();
     let mut farewells = 0;
     for _ in 0..300 {
-        for observation in seen(&mut scene) {
+        for observation in step_and_observe(&mut scene) {
             assert_eq!(observation.id, BALL);
             if observation.activity == Activity::Asleep {
                 farewells += 1;
@@ -145,7 +145,7 @@ fn a_body_that_falls_asleep_is_seen_once_more() {
 }
 
 #[test]
-fn bodies_sleep_when_their_scene_says() {
+fn bodies_sleep_as_their_scene_configures() {
     let sleeps_after = |sleep| {
         let mut scene =
             Scene::new(SceneConfig { sleep, ..config() }).expect("the test makes it valid");
@@ -177,7 +177,7 @@ fn bodies_sleep_when_their_scene_says() {
 }
 
 #[test]
-fn a_sleeping_body_wakes_for_what_moves_it() {
+fn a_sleeping_body_wakes_when_a_command_moves_it() {
     let id = BALL;
     let up = Vec3::new(0.0, 50.0, 0.0);
     for command in [
@@ -207,12 +207,15 @@ fn a_sleeping_body_wakes_for_what_moves_it() {
         fall_asleep(&mut scene);
         scene.apply(&command).unwrap();
         let woken = |one: &Observation| one.id == BALL && one.activity == Activity::Awake;
-        assert!(seen(&mut scene).iter().any(woken), "{command:?}");
+        assert!(
+            step_and_observe(&mut scene).iter().any(woken),
+            "{command:?}"
+        );
     }
 }
 
 #[test]
-fn what_changes_nothing_wakes_nothing() {
+fn commands_without_effect_wake_nothing() {
     let mut scene = ball_on_floor();
     fall_asleep(&mut scene);
     let place = scene.observation(BALL).unwrap().motion;
@@ -236,12 +239,12 @@ fn what_changes_nothing_wakes_nothing() {
         },
     ] {
         scene.apply(&command).unwrap();
-        assert_eq!(seen(&mut scene), []);
+        assert_eq!(step_and_observe(&mut scene), []);
     }
 }
 
 #[test]
-fn a_static_body_is_seen_once_where_it_was_put() {
+fn a_displaced_static_body_is_observed_once() {
     let mut scene = ball_on_floor();
     fall_asleep(&mut scene);
     let position = Vec3::new(50.0, 0.0, 0.0);
@@ -253,14 +256,18 @@ fn a_static_body_is_seen_once_where_it_was_put() {
         rotation,
     };
     scene.apply(&there).unwrap();
-    let first = seen(&mut scene)[0];
+    let first = step_and_observe(&mut scene)[0];
     assert_eq!((first.id, first.activity), (FLOOR, Activity::Asleep));
     assert_eq!(first.motion.position(), position.to_array());
-    assert!(seen(&mut scene).iter().all(|one| one.id == BALL));
+    assert!(
+        step_and_observe(&mut scene)
+            .iter()
+            .all(|one| one.id == BALL)
+    );
 }
 
 #[test]
-fn a_force_acts_for_one_tick_and_a_blow_at_once() {
+fn a_force_acts_for_one_tick_and_an_impulse_at_once() {
     let mass = 1_000.0 * 4.0 / 3.0 * core::f32::consts::PI * 0.125;
     let push = Vec3::new(60.0 * mass, 0.0, 0.0);
     for (command, change) in [
@@ -289,14 +296,14 @@ fn a_force_acts_for_one_tick_and_a_blow_at_once() {
         );
         scene.apply(&command).unwrap();
         for _ in 0..3 {
-            let speed = linear(&seen(&mut scene)[0]).x;
+            let speed = linear(&step_and_observe(&mut scene)[0]).x;
             assert!((speed - change).abs() < 1e-4, "{command:?}: {speed}");
         }
     }
 }
 
 #[test]
-fn a_kinematic_body_keeps_its_velocity_and_goes_where_it_is_told() {
+fn a_kinematic_body_keeps_its_velocity_and_reaches_its_target() {
     let mut scene = empty();
     let speed = Vec3::new(6.0, 0.0, 0.0);
     add(
@@ -307,7 +314,7 @@ fn a_kinematic_body_keeps_its_velocity_and_goes_where_it_is_told() {
         motion(Vec3::ZERO, speed),
     );
     for tick in 1..=60 {
-        let one = seen(&mut scene)[0];
+        let one = step_and_observe(&mut scene)[0];
         assert_eq!(linear(&one), speed);
         assert!((one.motion.position()[0] - 0.1 * tick as f32).abs() < 1e-5);
     }
@@ -320,17 +327,17 @@ fn a_kinematic_body_keeps_its_velocity_and_goes_where_it_is_told() {
         rotation,
     };
     scene.apply(&there).unwrap();
-    let one = seen(&mut scene)[0];
+    let one = step_and_observe(&mut scene)[0];
     assert_eq!(one.motion.position(), position.to_array());
     assert!((linear(&one) - Vec3::new(0.0, 60.0, 0.0)).length() < 1e-2);
-    let one = seen(&mut scene)[0];
+    let one = step_and_observe(&mut scene)[0];
     assert_eq!(one.motion.position(), position.to_array());
     assert_eq!(linear(&one), Vec3::ZERO);
     fall_asleep(&mut scene);
 }
 
 #[test]
-fn a_rotation_by_its_other_quaternion_is_no_turn() {
+fn the_opposite_quaternion_is_not_a_turn() {
     let mut scene = empty();
     let place = motion(Vec3::ZERO, Vec3::ZERO);
     add(&mut scene, BALL, BodyKind::Kinematic, 1, place);
@@ -343,7 +350,7 @@ fn a_rotation_by_its_other_quaternion_is_no_turn() {
             rotation,
         };
         scene.apply(&there).unwrap();
-        let parts = seen(&mut scene)[0].motion.parts();
+        let parts = step_and_observe(&mut scene)[0].motion.parts();
         assert!(parts[7..].iter().all(|part| part.abs() < 1e-3), "{parts:?}");
     }
 }
@@ -367,11 +374,11 @@ fn a_body_that_leaves_the_world_is_removed_with_its_cause() {
         1,
         motion(Vec3::ZERO, out),
     );
-    assert_eq!(seen(&mut scene)[0].id, again);
+    assert_eq!(step_and_observe(&mut scene)[0].id, again);
 }
 
 #[test]
-fn a_blow_beyond_measure_costs_no_body() {
+fn an_absurd_impulse_removes_no_body() {
     let mut scene = ball_on_floor();
     let id = ShapeId(2);
     let shape = Shape::Ball { radius: 1e-3 };
@@ -397,7 +404,7 @@ fn a_blow_beyond_measure_costs_no_body() {
     }
 }
 
-/// The corners of a box, given from its centre.
+/// The corners of a box around its centre.
 fn box_hull(half: Vec3) -> Shape {
     let corner = |place: u8| {
         let side = |bit: u8| if place & bit == 0 { -1.0 } else { 1.0 };
@@ -408,9 +415,9 @@ fn box_hull(half: Vec3) -> Shape {
 }
 
 #[test]
-fn a_hull_has_its_bodys_origin_for_centre_of_mass_and_its_solids_mass() {
+fn a_hull_has_its_centre_of_mass_at_the_origin_and_its_solids_mass() {
     let half = Vec3::new(0.5, 0.25, 1.0);
-    let ballistic_torque_free = |shape: Shape| {
+    let pushed_body = |shape: Shape| {
         let mut scene = empty();
         let id = ShapeId(2);
         scene.apply(&Command::AddShape { id, shape }).unwrap();
@@ -424,19 +431,19 @@ fn a_hull_has_its_bodys_origin_for_centre_of_mass_and_its_solids_mass() {
         let (force, torque) = (Vec3::new(600.0, 0.0, 0.0), Vec3::new(0.0, 50.0, 9.0));
         scene.apply(&Command::Force { id: BALL, force }).unwrap();
         scene.apply(&Command::Torque { id: BALL, torque }).unwrap();
-        seen(&mut scene);
-        seen(&mut scene)[0].motion.parts()
+        step_and_observe(&mut scene);
+        step_and_observe(&mut scene)[0].motion.parts()
     };
     let (hull, cuboid) = (
-        ballistic_torque_free(box_hull(half)),
-        ballistic_torque_free(Shape::Cuboid { half_extents: half }),
+        pushed_body(box_hull(half)),
+        pushed_body(Shape::Cuboid { half_extents: half }),
     );
     for (one, other) in hull.into_iter().zip(cuboid) {
         assert!((one - other).abs() < 1e-5, "{hull:?} is not {cuboid:?}");
     }
-    // Of a corner off all its neighbours by as much, the origin stays the centre.
+    // A corner hull keeps its origin as centre of mass, though its neighbours are all on one side.
     let corner = Hull::new(&[Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z]).unwrap();
-    let pushed = ballistic_torque_free(Shape::Hull(corner));
+    let pushed = pushed_body(Shape::Hull(corner));
     let speed = 600.0 / 60.0 / (1_000.0 / 6.0);
     assert!((pushed[7] - speed).abs() < 1e-5, "{pushed:?}");
     assert!(pushed[8..10].iter().all(|part| part.abs() < 1e-6));
@@ -458,8 +465,8 @@ fn hulls_come_to_rest_on_a_floor() {
 
 const JOINT: JointId = JointId(3);
 
-/// The ball half a metre beneath the middle of a slab that floats, held to it.
-fn ball_held(kind: JointKind) -> Scene {
+/// The ball half a metre below the middle of a floating slab, joined to it.
+fn joined_ball(kind: JointKind) -> Scene {
     let mut scene = empty();
     let (slab, ball) = (Vec3::ZERO, Vec3::new(0.0, -2.0, 0.0));
     add(
@@ -502,10 +509,10 @@ fn place(scene: &Scene, id: BodyId) -> Vec3 {
 }
 
 #[test]
-fn a_joint_leaves_free_what_its_kind_says() {
+fn a_joint_leaves_the_motions_of_its_kind_free() {
     let push = Vec3::new(0.0, 0.0, 900.0);
     let along = |kind| {
-        let mut scene = ball_held(kind);
+        let mut scene = joined_ball(kind);
         scene
             .apply(&Command::Impulse {
                 id: BALL,
@@ -513,12 +520,12 @@ fn a_joint_leaves_free_what_its_kind_says() {
             })
             .unwrap();
         for _ in 0..20 {
-            seen(&mut scene);
+            step_and_observe(&mut scene);
         }
         place(&scene, BALL)
     };
     let still = Vec3::new(0.0, -2.0, 0.0);
-    // Along z a pendulum about x swings, and nothing slides along x.
+    // A pendulum about x swings along z, and nothing slides along x.
     assert!((along(JointKind::Fixed) - still).length() < 0.02);
     assert!((along(JointKind::Prismatic(None)) - still).length() < 0.02);
     for kind in [JointKind::Revolute(None), JointKind::Spherical(None)] {
@@ -530,24 +537,24 @@ fn a_joint_leaves_free_what_its_kind_says() {
         least: -0.1,
         most: 0.1,
     };
-    let held = along(JointKind::Revolute(Some(narrow)));
-    assert!(held.z > 0.02 && held.z < 0.15, "{held}");
-    let held = along(JointKind::Spherical(Some([narrow; 3])));
-    assert!(held.z > 0.02 && held.z < 0.15, "{held}");
+    let limited = along(JointKind::Revolute(Some(narrow)));
+    assert!(limited.z > 0.02 && limited.z < 0.15, "{limited}");
+    let limited = along(JointKind::Spherical(Some([narrow; 3])));
+    assert!(limited.z > 0.02 && limited.z < 0.15, "{limited}");
 }
 
 #[test]
-fn a_joint_goes_when_it_is_told_to_or_with_a_body_and_wakes_what_it_held() {
+fn removing_a_joint_or_its_body_wakes_the_joined_bodies() {
     for command in [
         Command::RemoveJoint { id: JOINT },
         Command::RemoveBody { id: FLOOR },
     ] {
-        let mut scene = ball_held(JointKind::Fixed);
+        let mut scene = joined_ball(JointKind::Fixed);
         fall_asleep(&mut scene);
         scene.apply(&command).unwrap();
         assert_eq!(scene.joints().iter().count(), 0);
         for _ in 0..30 {
-            seen(&mut scene);
+            step_and_observe(&mut scene);
         }
         assert!(place(&scene, BALL).y < -3.0, "{command:?}");
         let answer = scene.apply(&Command::RemoveJoint { id: JOINT });
@@ -556,8 +563,8 @@ fn a_joint_goes_when_it_is_told_to_or_with_a_body_and_wakes_what_it_held() {
 }
 
 #[test]
-fn a_body_that_is_lost_takes_its_joints_along() {
-    let mut scene = ball_held(JointKind::Spherical(None));
+fn a_lost_body_takes_its_joints_along() {
+    let mut scene = joined_ball(JointKind::Spherical(None));
     scene.apply(&Command::RemoveJoint { id: JOINT }).unwrap();
     let other = BodyId::new(2, 0);
     let edge = Vec3::new(COORDINATE_MAX - 1.0, 0.0, 0.0);
@@ -582,5 +589,5 @@ fn a_body_that_is_lost_takes_its_joints_along() {
     scene
         .apply(&Command::AddJoint { id: JOINT, joint })
         .unwrap();
-    seen(&mut scene);
+    step_and_observe(&mut scene);
 }
