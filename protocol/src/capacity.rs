@@ -1,21 +1,21 @@
-//! Tables that have little more room than they need.
+//! Growth of tables with little spare capacity.
 //!
-//! Doubled room would be half empty on average, for each body and stream.
+//! Doubling leaves half of the capacity empty on average, for each body and stream.
 
 use alloc::vec::Vec;
 
-/// Makes a table at least so long. Its room grows by a thirty-second, so that it is little more than what is in it.
+/// Extends a table to a length. Its capacity grows by a thirty-second, so that little is unused.
 pub(crate) fn grow_to<T>(table: &mut Vec<T>, len: usize, fill: impl FnMut() -> T) {
     if len > table.capacity() {
-        let room = len.max(table.len() + table.len() / 32);
-        table.reserve_exact(room - table.len());
+        let capacity = len.max(table.len() + table.len() / 32);
+        table.reserve_exact(capacity - table.len());
     }
     if len > table.len() {
         table.resize_with(len, fill);
     }
 }
 
-/// Adds to a list that is filled anew again and again. Its room grows by an eighth, while it is short by [`SHORT`].
+/// Appends to a list that is refilled again and again. Its capacity grows by an eighth once it exceeds [`SHORT`].
 pub(crate) fn push<T>(list: &mut Vec<T>, more: T) {
     if list.len() == list.capacity() {
         list.reserve_exact((list.len() / 8).max(SHORT));
@@ -23,7 +23,7 @@ pub(crate) fn push<T>(list: &mut Vec<T>, more: T) {
     list.push(more);
 }
 
-/// Places for which no list asks one by one.
+/// Least capacity growth of a list.
 const SHORT: usize = 64;
 
 #[cfg(test)]

@@ -1,24 +1,24 @@
-//! What many things have in common, each kind kept once.
+//! Interning of values that many bodies share.
 //!
-//! Most bodies of a scene are alike, so that a table of bodies holds the number of a kind in place of all that makes it
-//! one. Invariant: a kind is kept while something is of it, and no longer.
+//! Most bodies of a scene are alike: a table of bodies holds the number of a kind instead of the kind's data.
+//! Invariant: a kind is kept exactly while it has users.
 
 use alloc::collections::BTreeMap;
 use alloc::vec::Vec;
 
-/// What can be common to many.
+/// A value that can be shared.
 pub(crate) trait Internable {
-    /// What two kinds differ by, bit for bit.
+    /// Distinguishes kinds, bit for bit.
     type Key: Ord;
 
-    /// What tells it from others.
+    /// The key of the value.
     fn key(&self) -> Self::Key;
 }
 
-/// Interner, by number.
+/// The interned kinds, by number.
 #[derive(Clone, Debug)]
 pub(crate) struct Interner<K: Internable> {
-    /// With how many are of each; those of none are free.
+    /// Kinds with their user counts; a kind without users is free.
     kinds: Vec<(K, u32)>,
     numbers: BTreeMap<K::Key, u32>,
     free: Vec<u32>,
@@ -39,7 +39,7 @@ impl<K: Internable> Interner<K> {
         &self.kinds[number as usize].0
     }
 
-    /// One more is of this kind; returns its number.
+    /// Adds a user of this kind; returns the kind's number.
     pub(crate) fn join(&mut self, kind: K) -> u32 {
         let key = kind.key();
         if let Some(number) = self.numbers.get(&key) {
@@ -60,7 +60,7 @@ impl<K: Internable> Interner<K> {
         number
     }
 
-    /// One less is of this kind.
+    /// Removes a user of this kind.
     pub(crate) fn leave(&mut self, number: u32) {
         let (kind, members) = &mut self.kinds[number as usize];
         *members -= 1;

@@ -1,4 +1,4 @@
-//! The Rhumb protocol: what is said, in which bytes, and who may say it when.
+//! The Rhumb protocol: messages, packets, and the sessions of both ends.
 //!
 //! No clock, no socket, no engine: both ends are state machines that a driver feeds and drains (see `Endpoint`).
 #![no_std]

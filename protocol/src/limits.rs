@@ -1,14 +1,14 @@
 //! Every bound of the protocol, with assertions that relate them.
 //!
-//! These are what nobody may exceed; a server that refuses earlier says so when it does (PROTOCOL 7-3).
+//! No peer may exceed them; a server with lower limits reports each refusal (PROTOCOL 7-3).
 
-/// Bytes of a state datagram: what fits a QUIC packet of 1,200 bytes with room for its header and tag.
+/// Bytes of a state datagram: fits a QUIC packet of 1,200 bytes with its header and tag.
 pub const DATAGRAM_BYTES_MAX: usize = 1_150;
 /// Updates in one packet.
 pub const UPDATES_PER_PACKET_MAX: usize = 400;
-/// Bytes of one control message, its length and type aside.
+/// Bytes of one control message, without its length and type.
 pub const MESSAGE_BYTES_MAX: usize = 16 * 1024;
-/// Bytes of one control message that is said in pieces: a mesh at its limits.
+/// Bytes of one control message sent in pieces: a mesh at its limits.
 pub const LONG_MESSAGE_BYTES_MAX: usize = 2 << 20;
 /// Bytes of a scene's name in UTF-8.
 pub const SCENE_NAME_BYTES_MAX: usize = 64;
@@ -19,7 +19,7 @@ pub const EXTENSIONS_MAX: usize = 16;
 /// Bytes of one extension's value.
 pub const EXTENSION_BYTES_MAX: usize = 256;
 
-/// Least and greatest bytes that a second of a stream with a budget may take.
+/// Least bytes that a second of a stream with a budget may take; see [`BUDGET_MAX`].
 pub const BUDGET_MIN: u32 = 256;
 /// See [`BUDGET_MIN`].
 pub const BUDGET_MAX: u32 = 1 << 30;
@@ -28,13 +28,13 @@ pub const BUDGET_BURST_MAX: u32 = 1 << 24;
 
 /// Bodies in one scene at one time.
 pub const BODIES_MAX: u32 = 131_072;
-/// Indices of bodies stay below it: more than there are bodies, since each member holds some in reserve.
+/// Bound on body indices: more than bodies, since each member has some in reserve.
 pub const INDICES_MAX: u32 = 1 << 20;
-/// Shapes in one scene. Shape numbers stay below it.
+/// Shapes in one scene. Shape ids are below it.
 pub const SHAPES_MAX: u32 = 8_192;
-/// Joints in one scene. Their numbers stay below it.
+/// Joints in one scene. Joint ids are below it.
 pub const JOINTS_MAX: u32 = 65_536;
-/// Streams of one scene: different tolerances that somebody follows.
+/// Streams of one scene: different choices with subscribers.
 pub const STREAMS_PER_SCENE_MAX: usize = 8;
 /// Scenes of one server.
 pub const SCENES_MAX: usize = 256;
@@ -42,28 +42,28 @@ pub const SCENES_MAX: usize = 256;
 pub const MEMBERS_PER_SCENE_MAX: usize = 64;
 /// Different dampings of one scene's bodies, each of which needs a table at both ends.
 pub const DAMPINGS_MAX: usize = 64;
-/// Kinematic bodies that one member drives.
+/// Kinematic bodies under one member's authority.
 pub const AUTHORITY_BODIES_MAX: usize = 256;
-/// Milliseconds of silence after which the driver of bodies watermarks first: loss is then found in time to be refreshed, and
-/// a body that is spoken of a few times a second costs a watermark or two for each time.
+/// Milliseconds of silence before an upstream's first watermark. Loss is then found in time for a refresh, and a body
+/// with a few updates a second costs a watermark or two for each.
 pub const UPSTREAM_WATERMARK_MS: u32 = 67;
-/// Milliseconds for which a driven body goes on beyond the tick at which its driver should have watermark_tick again.
+/// Milliseconds that a body under authority moves on after a watermark of its upstream is overdue.
 pub const UPSTREAM_GRACE_MS: u32 = 1_000;
 /// Body indices that a member is granted when it joins.
 pub const GRANT: u32 = 4_096;
 /// Body indices that one `Reserve` may ask for.
 pub const RESERVE_MAX: u32 = BODIES_MAX;
-/// Body indices that one member may hold: tables by index are as long as the highest index that has a body.
+/// Body indices of one member, at most: tables by index are as long as the highest index with a body.
 pub const GRANTED_MAX: u32 = GRANT + RESERVE_MAX;
 
-/// Commands and advances that wait behind an advance which the scene has not reached yet.
+/// Commands and advances that wait for an earlier advance, at most.
 pub const PENDING_COMMANDS_MAX: usize = 65_536;
-/// Ranges of indices that one member may hold.
+/// Index ranges of one member, at most.
 pub const RANGES_PER_MEMBER_MAX: usize = 64;
 /// Ticks that an `Advance` may lead ahead of the scene.
 pub const ADVANCE_TICKS_MAX: u64 = 1_024;
 
-/// Largest coordinate, metres: at 1e5 m an f32 still tells 8 mm apart.
+/// Largest coordinate, metres: at 1e5 m an f32 still resolves 8 mm.
 pub const COORDINATE_MAX: f32 = 1e5;
 /// Largest linear velocity in a command, m/s.
 pub const LINEAR_MAX: f32 = 1e3;
@@ -81,9 +81,9 @@ pub const EXTENT_MAX: f32 = 1e4;
 pub const HULL_POINTS_MIN: usize = 4;
 /// Most points of a hull: their count is a byte.
 pub const HULL_POINTS_MAX: usize = 255;
-/// Least thickness of a hull, as a share of its bounding radius: flatter ones have no faces that f32 can tell.
+/// Least thickness of a hull, as a share of its bounding radius: f32 cannot resolve the faces of a flatter one.
 pub const HULL_FLATNESS: f32 = 1e-3;
-/// Most posts of a field of heights: 512 by 512.
+/// Most posts of a height field: 512 by 512.
 pub const POSTS_MAX: usize = 512 * 512;
 /// Most points of a mesh.
 pub const MESH_POINTS_MAX: usize = 65_536;
@@ -91,9 +91,9 @@ pub const MESH_POINTS_MAX: usize = 65_536;
 pub const TRIANGLES_MAX: usize = 65_536;
 /// Most parts of a compound.
 pub const PARTS_MAX: usize = 64;
-/// Bytes that the parts of a compound may take in memory: on the wire they take no more, and fit a long message.
+/// Bytes of a compound's parts in memory: on the wire they take no more, and fit a long message.
 pub const PARTS_BYTES_MAX: usize = 1_664 * 1024;
-/// Bytes that all shapes of a scene may take in memory.
+/// Bytes of all shapes of a scene in memory.
 pub const SHAPE_BYTES_PER_SCENE_MAX: usize = 8 << 20;
 /// Smallest and largest density, kg/m³.
 pub const DENSITY_MIN: f32 = 1e-3;
@@ -115,36 +115,36 @@ pub const SUBSTEPS_MAX: u32 = 16;
 pub const RATE_MAX: u32 = 1_000;
 /// Slowest tick, seconds.
 pub const STEP_SECONDS_MAX: u32 = 1;
-/// Seconds from one published tick to the next, where it is not the next tick.
+/// Greatest time between published ticks, seconds, unless every tick is published.
 pub const PUBLISH_SECONDS_MAX: u32 = 1;
-/// Ticks that a publisher may look back before it speaks.
+/// Greatest lookahead of a publisher, ticks.
 pub const LOOKAHEAD_TICKS_MAX: u32 = 6;
 
-/// Largest tick, packet number and count of scene_events: nine thousand years at 1,000 a second.
+/// Largest tick, packet number and count of scene events: nine thousand years at 1,000 a second.
 pub const COUNT_MAX: u64 = 1 << 48;
 
-/// Packets of a stream whose bodies the publisher remembers, so that it can refresh them.
+/// Packets of a stream whose bodies the publisher keeps, so that it can refresh them.
 pub const HISTORY_PACKETS: usize = 1_024;
 /// Lost packets that one `LossReport` may name.
 pub const LOST_NAMED_MAX: usize = 64;
 /// Parts of one refresh.
 pub const REFRESH_PARTS_MAX: u8 = 64;
-/// A repair_symbol covers packets of so many numbers in a row at most, and so many packets are kept for it at either end.
+/// A repair symbol covers at most so many consecutive packet numbers, and both ends keep so many packets for it.
 pub const FEC_SPAN: u32 = 32;
-/// FecEncoder of different factors: half of the elements of the field in which they are summed.
+/// Repair symbols of different coefficients: half of the elements of their field.
 pub const FEC_ROWS: u8 = 128;
-/// FecEncoder that a subscriber keeps until it heard enough of them.
+/// Repair symbols that a subscriber keeps until it can decode.
 pub const REPAIR_SYMBOLS_KEPT: usize = 16;
-/// Changes of who sits where that a subscriber remembers while something is missing.
+/// Alias changes that a subscriber keeps while packets are missing.
 pub const ALIAS_CHANGES_KEPT: usize = 1_024;
-/// Packets that a subscriber holds back while scene_events are on their way.
+/// Packets that a subscriber holds back while scene events are in transit.
 pub const PACKETS_HELD_MAX: usize = 512;
-/// Sums that one checksums holds.
+/// Ranges in one checksum packet.
 pub const CHECKSUM_RANGES_MAX: usize = 128;
-/// Milliseconds within which a stream that runs freely watermarks, however long it has been silent: QUIC answers each watermark,
-/// and both together must stay below 60 bytes a second, all headers counted (measured: 126 bytes a watermark).
+/// Milliseconds after which a silent free-running stream must send a watermark. QUIC acknowledges each watermark, and
+/// both together must stay below 60 bytes a second with all headers (measured: 126 bytes a watermark).
 pub const SILENCE_MS_MAX: u32 = 2_500;
-/// Ticks that a packet may lie ahead of the newest heard, a minute at 60 Hz; beyond, the stream is begun anew.
+/// Greatest lead of a packet over the newest received tick, a minute at 60 Hz; beyond it the stream starts anew.
 pub const TICK_JUMP_MAX: u64 = 3_600;
 
 // A body's index fits the bits of a gap code, and every message fits its own length.
@@ -154,14 +154,14 @@ const _: () = assert!(
         < MESSAGE_BYTES_MAX
 );
 const _: () = assert!(HULL_POINTS_MAX * 12 + 64 < MESSAGE_BYTES_MAX);
-// A place of a point takes three bytes at most; four of a post. Each fits a message said in pieces, with its names.
+// A point index takes at most three bytes, a post four. Each shape fits a message in pieces, with its ids.
 const _: () = assert!(MESH_POINTS_MAX * 12 + TRIANGLES_MAX * 9 + 64 < LONG_MESSAGE_BYTES_MAX);
 const _: () = assert!(POSTS_MAX * 4 + 64 < LONG_MESSAGE_BYTES_MAX);
 const _: () = assert!(MESH_POINTS_MAX * 12 + TRIANGLES_MAX * 12 < PARTS_BYTES_MAX);
 const _: () = assert!(PARTS_BYTES_MAX + PARTS_MAX * 64 < LONG_MESSAGE_BYTES_MAX);
-// A 16-bit packet number is told apart from the same number a turn earlier as long as it is remembered.
+// A 16-bit packet number is unambiguous as long as the packet is kept.
 const _: () = assert!(HISTORY_PACKETS < 1 << 15);
 const _: () = assert!(TICK_JUMP_MAX < 1 << 15);
-// No two packets of a repair_symbol have the same factor, and what it covers fits its bits.
+// All packets of a repair symbol have different coefficients, and the mask of covered packets fits its bits.
 const _: () = assert!(FEC_SPAN <= FEC_ROWS as u32 && FEC_SPAN <= 32);
 const _: () = assert!(CHECKSUM_RANGES_MAX * 8 + 32 < DATAGRAM_BYTES_MAX);

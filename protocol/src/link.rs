@@ -1,18 +1,18 @@
-//! How a connection's link does, as its driver sees it.
+//! Report on a connection's link by its driver.
 //!
-//! Measured by whoever owns the sockets, or by the simulated network; what follows from it is the endpoint's matter.
+//! The owner of the sockets, or the simulated network, measures; the endpoint decides what follows.
 
 use crate::time::Span;
 
-/// How a link did since the report before.
+/// State of a link since the last report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LinkReport {
     /// Bytes handed over that have not left this end yet.
     pub waiting_bytes: u64,
-    /// Bytes that left.
+    /// Bytes that left this end.
     pub sent_bytes: u64,
-    /// In what time.
+    /// Length of the measurement.
     pub over: Span,
-    /// From here to the peer and back, as last measured; time in `waiting_bytes` aside.
+    /// Last measured round trip to the peer, without the time in `waiting_bytes`.
     pub round_trip: Span,
 }

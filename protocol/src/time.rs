@@ -1,17 +1,17 @@
-//! Moments of host time, as numbers that a test can make up.
+//! Moments of wall-clock time, as plain numbers.
 //!
-//! Nobody here reads a clock: the moment is an argument of every call that needs one.
+//! No clock is read here: the moment is an argument of every call that needs it.
 
 use core::fmt;
 use core::ops::Add;
 
-/// A moment of one host's monotonic clock, in nanoseconds since a zero of its own.
+/// A moment of one machine's monotonic clock, in nanoseconds since the clock's own zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Instant {
     ns: u64,
 }
 
-/// A length of host time in nanoseconds.
+/// A span of wall-clock time in nanoseconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Span {
     ns: u64,
@@ -21,7 +21,7 @@ impl Instant {
     /// The zero of the clock.
     pub const ZERO: Self = Self { ns: 0 };
 
-    /// The moment so many nanoseconds after zero.
+    /// The moment `ns` nanoseconds after zero.
     #[must_use]
     pub const fn from_nanos(ns: u64) -> Self {
         Self { ns }
@@ -33,7 +33,7 @@ impl Instant {
         self.ns
     }
 
-    /// The time since `earlier`, or none at all if that is in fact later.
+    /// The time since `earlier`, or zero if that is later.
     #[must_use]
     pub const fn since(self, earlier: Self) -> Span {
         Span {
@@ -56,13 +56,13 @@ impl Span {
     /// No time.
     pub const ZERO: Self = Self { ns: 0 };
 
-    /// So many nanoseconds.
+    /// A span of nanoseconds.
     #[must_use]
     pub const fn from_nanos(ns: u64) -> Self {
         Self { ns }
     }
 
-    /// So many milliseconds.
+    /// A span of milliseconds.
     #[must_use]
     pub const fn from_millis(ms: u64) -> Self {
         Self { ns: ms * 1_000_000 }

@@ -202,7 +202,12 @@ fn a_weightless_body_rotates_as_predicted_for_many_seconds() {
 fn a_thrown_body_rotates_and_falls_as_predicted() {
     let config = config(Vec3::new(0.0, -9.81, 0.0), DAMPED);
     let linear = Vec3::new(0.0, 40.0, 3.0);
-    let errors = errors(config, &rotating_bodies(), linear, Predictor::BallisticTorqueFree);
+    let errors = errors(
+        config,
+        &rotating_bodies(),
+        linear,
+        Predictor::BallisticTorqueFree,
+    );
     assert!(worst_until(&errors, 5) < 0.01);
 }
 

@@ -1,6 +1,6 @@
-//! Which bodies a member drives: what it asks for, and what it is told.
+//! Messages about a member's authority over bodies.
 //!
-//! Whether it may is decided at the server; how their motion is said is the matter of `session`.
+//! The server decides who may take authority; `session` encodes the motion.
 
 use alloc::vec::Vec;
 use core::fmt;
@@ -13,27 +13,27 @@ use crate::packet::StreamId;
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, OPTIONAL, Wire};
 
-/// What a member wants to drive from now on, in place of what it drove before.
+/// A member's request for authority over bodies, in place of its former ones.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TakeAuthority {
-    /// How far the server's bodies may be from where the member says they are.
+    /// Bound on the distance of the server's bodies from the member's.
     pub tolerance: Tolerance,
-    /// Kinematic bodies in rising order, each once; none to drive nothing any more.
+    /// Kinematic bodies in rising order, each once; an empty list ends the authority.
     pub bodies: Vec<BodyId>,
 }
 
-/// What a member drives from now on: where its stream begins.
+/// A member's grant of authority: the start of its upstream.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AuthorityGrant {
-    /// Name of the stream on which it says how they move.
+    /// Name of the upstream.
     pub stream: StreamId,
     /// The newest tick of the scene.
     pub tick: Tick,
-    /// The bodies, and how each moved at that tick. The place here is the body's index in the stream.
+    /// The bodies and their states at that tick. A body's place is its index in the stream.
     pub bodies: Vec<(BodyId, BodyState)>,
 }
 
-/// Why a member does not drive what it wants to.
+/// Reason of a refused or ended authority.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum AuthorityError {
     /// The scene has no such body.
@@ -42,18 +42,18 @@ pub enum AuthorityError {
     NotYours(BodyId),
     /// The body is static, or the engine moves it.
     NotKinematic(BodyId),
-    /// Another member drives it.
+    /// Another member has authority over it.
     HeldByAnother(BodyId),
     /// The scene's engine has failed.
     SceneFaulted,
-    /// What the member said can be followed no more; nothing is driven until it asks again.
+    /// The upstream has lost sync; the member has no authority until it asks again.
     LostSync,
-    /// Something that a later version has a word for; the code is from [`OPTIONAL`] on.
+    /// A reason of a later version; the code is from [`OPTIONAL`] on.
     Other(u8),
 }
 
 impl AuthorityGrant {
-    /// What both ends believe of a body of this stream before anything was said of it.
+    /// The track of a body of this stream before its first update, at both ends.
     #[must_use]
     pub fn first_track(&self, motion: BodyState) -> Track {
         if motion == motion.stilled() {
@@ -70,13 +70,13 @@ impl AuthorityGrant {
 impl fmt::Display for AuthorityError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::UnknownBody(id) => write!(f, "the scene has no {id} to be driven"),
-            Self::NotYours(id) => write!(f, "{id} is another member's own"),
-            Self::NotKinematic(id) => write!(f, "{id} is not kinematic and cannot be driven"),
-            Self::HeldByAnother(id) => write!(f, "{id} is driven by another member"),
+            Self::UnknownBody(id) => write!(f, "the scene has no {id}"),
+            Self::NotYours(id) => write!(f, "{id} was granted to another member"),
+            Self::NotKinematic(id) => write!(f, "{id} is not kinematic and takes no authority"),
+            Self::HeldByAnother(id) => write!(f, "another member has authority over {id}"),
             Self::SceneFaulted => f.write_str("the scene's engine has failed"),
-            Self::LostSync => f.write_str("what was said of driven bodies can be followed no more"),
-            Self::Other(code) => write!(f, "the server has a reason of its own, number {code}"),
+            Self::LostSync => f.write_str("the upstream has lost sync"),
+            Self::Other(code) => write!(f, "the server gave an unknown reason, number {code}"),
         }
     }
 }
@@ -173,7 +173,7 @@ impl Wire for AuthorityError {
     }
 }
 
-// The longest motion with the longest id, as often as may be, fits a message.
+// The longest motion with the longest id, as often as allowed, fits a message.
 const _: () =
     assert!(AUTHORITY_BODIES_MAX * (3 + 3 + 1 + 13 * 4) + 16 < crate::limits::MESSAGE_BYTES_MAX);
 
@@ -181,8 +181,8 @@ const _: () =
 mod tests {
     use super::*;
 
-    /// That a value comes back as these very bytes, and that no beginning of them is one.
-    fn comes_back<T: Wire + PartialEq + fmt::Debug>(value: &T, bytes: &[u8]) {
+    /// Checks that a value round-trips through these bytes, and that every truncation is refused.
+    fn round_trips<T: Wire + PartialEq + fmt::Debug>(value: &T, bytes: &[u8]) {
         let mut writer = Writer::new();
         value.encode(&mut writer);
         assert_eq!(writer.into_bytes(), bytes);
@@ -198,11 +198,11 @@ mod tests {
     #[test]
     fn authority_messages_round_trip() {
         let (one, other) = (BodyId::new(3, 0), BodyId::new(300, 2));
-        let drive = TakeAuthority {
+        let request = TakeAuthority {
             tolerance: Tolerance::NORMAL,
             bodies: alloc::vec![one, other],
         };
-        comes_back(&drive, &[0, 0xd0, 0x86, 3, 2, 3, 0, 0xac, 2, 2]);
+        round_trips(&request, &[0, 0xd0, 0x86, 3, 2, 3, 0, 0xac, 2, 2]);
         let at = |x| BodyState::new([x, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
         let driving = AuthorityGrant {
             stream: StreamId(7),
@@ -212,9 +212,9 @@ mod tests {
         let bytes = [
             7, 0xac, 2, 1, 3, 0, 0, 0, 0, 0x80, 0x3f, 0, 0, 0, 0, 0, 0, 0, 0,
         ];
-        comes_back(&driving, &bytes);
-        comes_back(&AuthorityError::HeldByAnother(other), &[3, 0xac, 2, 2]);
-        comes_back(&AuthorityError::LostSync, &[5]);
+        round_trips(&driving, &bytes);
+        round_trips(&AuthorityError::HeldByAnother(other), &[3, 0xac, 2, 2]);
+        round_trips(&AuthorityError::LostSync, &[5]);
     }
 
     #[test]
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn a_body_that_stands_is_believed_to_rest() {
+    fn a_body_without_velocity_is_predicted_to_rest() {
         let driving = AuthorityGrant {
             stream: StreamId(0),
             tick: Tick::new(5),

@@ -1,6 +1,6 @@
-//! Which stream of a scene a member wants, and within what.
+//! A member's choice of a stream.
 //!
-//! A name only: who begins and ends streams is the server's matter.
+//! A name only: the server starts and ends streams.
 
 use rhumb_reckoning::{LengthBound, Tolerance, TurnBound};
 
@@ -8,24 +8,24 @@ use crate::stream::Budget;
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-/// Which stream of a scene a member wants.
+/// A stream of a scene that a member chooses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum StreamChoice {
-    /// Reckoned, within this tolerance.
+    /// Predicted, within this tolerance.
     Within(Tolerance),
-    /// The same, held to a budget: where that does not suffice, the stream says how far it exceeds the tolerance.
+    /// The same under a budget: where the budget does not suffice, the stream states its error scale.
     Capped {
-        /// What it promises while the budget suffices.
+        /// Tolerance while the budget suffices.
         tolerance: Tolerance,
-        /// What it may take.
+        /// Bandwidth budget.
         budget: Budget,
     },
-    /// Everything, every tick, to the bit.
+    /// Every state at every tick, exact.
     Full,
 }
 
 impl StreamChoice {
-    /// How far off a copy by this stream may be. A full stream says the very bits: for it this means nothing.
+    /// Tolerance of a copy by this stream. A full stream is exact: for it the value means nothing.
     #[must_use]
     pub const fn tolerance(self) -> Tolerance {
         match self {
@@ -69,11 +69,11 @@ impl Wire for StreamChoice {
     }
 }
 
-/// Before a budget, and the choice that it is for.
+/// Code before a budget and the choice that it limits.
 const CAPPED: u8 = 3;
 
 impl StreamChoice {
-    /// What follows a code, of a choice without a budget.
+    /// Decodes a choice without a budget, after its code.
     fn uncapped(code: u8, from: &mut Reader<'_>) -> Result<Self, Malformed> {
         Ok(match code {
             0 => Self::Within(Tolerance::Surface(decode_length(from)?)),
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tolerance_that_no_stream_offers_is_refused() {
+    fn an_invalid_tolerance_is_refused() {
         for (first, numbers) in [
             (0, &[999_u64][..]),
             (0, &[10_000_001][..]),
@@ -156,7 +156,7 @@ mod tests {
             assert_eq!(refused, Err(Malformed::OutOfRange), "{numbers:?}");
         }
         assert_eq!(read(&[4]), Err(Malformed::UnknownCode));
-        // A full stream has no budget, and a budget none of its own.
+        // A full stream has no budget, and a budget is not nested.
         for inner in [1, 3] {
             let refused = read(&[3, 0xc0, 0x3e, 0xd0, 0x0f, inner]);
             assert_eq!(refused, Err(Malformed::UnknownCode));

@@ -1,4 +1,4 @@
-//! What a client says on the control stream.
+//! Messages of a client on the control stream.
 
 use alloc::vec::Vec;
 
@@ -20,53 +20,53 @@ use crate::wire::{Malformed, OPTIONAL, Wire};
 /// One message of a client. A connection is about one scene, which its `Hello` names.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ClientMessage {
-    /// The first: which versions are spoken, newest first, and which scene it is about.
+    /// The first message: supported versions, newest first, and the scene of the connection.
     Hello {
         /// At least one.
         versions: Vec<u16>,
         /// The scene of this connection.
         scene: SceneName,
-        /// What else is said, by number.
+        /// Extensions by number.
         extensions: Extensions,
     },
     /// Creates the scene.
     Create(SceneConfig),
-    /// Becomes a member and follows a stream.
+    /// Becomes a member and subscribes to a stream.
     Join(StreamChoice),
-    /// Is no longer a member.
+    /// Ends the membership.
     Leave,
-    /// Ends the scene for everyone.
+    /// Ends the scene for all members.
     Delete,
-    /// Wants more body indices.
+    /// Requests more body indices.
     Reserve {
         /// How many; at least one.
         count: u32,
     },
-    /// A wish. The first of a membership has number 0, the next 1, and so on.
+    /// A command. The first of a membership has number 0, the next 1, and so on.
     Command(Command),
     /// Steps a lockstep scene until it has reached a tick.
     Advance {
         /// The tick.
         to: Tick,
     },
-    /// Lost so much that only a new snapshot helps.
+    /// Requests a new snapshot after too much loss.
     Resync,
-    /// What time is it?
+    /// Requests the server's time.
     Ping {
-        /// The client's own moment, which comes back.
+        /// The client's own moment, which the answer repeats.
         sent: Instant,
     },
-    /// How is the scene?
+    /// Requests the state of the scene.
     Inspect,
-    /// Follows another stream from now on, and goes on hearing the one before until the snapshot is whole.
+    /// Subscribes to another stream; the former one continues until the snapshot is complete.
     Subscribe(StreamChoice),
-    /// Has caught up with a stream that it changed to, and needs the one before no more.
+    /// Confirms that the client has caught up with its new stream and no longer needs the former one.
     Subscribed(StreamId),
-    /// AuthorityTable these kinematic bodies from now on.
+    /// Requests authority over these kinematic bodies.
     TakeAuthority(TakeAuthority),
-    /// A packet of the stream on which it says how its driven bodies move, where that must come before an advance.
+    /// An upstream packet that must precede an advance.
     Upstream(Vec<u8>),
-    /// Says where it may be moved when its link is thin.
+    /// Sets the tiers that the server may change to when the link is congested.
     TierPolicy(TierPolicy),
 }
 
@@ -145,8 +145,8 @@ impl ClientMessage {
                 stream.encode(&mut body);
                 kind::FOLLOWED
             }
-            Self::TakeAuthority(drive) => {
-                drive.encode(&mut body);
+            Self::TakeAuthority(request) => {
+                request.encode(&mut body);
                 kind::DRIVE
             }
             Self::Upstream(packet) => {
@@ -162,10 +162,10 @@ impl ClientMessage {
     }
 
     /// Reads a message; `None` for one of an unknown type that may be ignored.
-    ///
+    /// Decodes a message; `None` for an unknown type that may be ignored.
     /// # Errors
     ///
-    /// [`Malformed`] when the bytes are no message that this version knows.
+    /// [`Malformed`] when the bytes are not a message of this version.
     pub fn decode(framed: &Framed) -> Result<Option<Self>, Malformed> {
         let mut from = Reader::new(&framed.body);
         let message = match framed.kind {
@@ -179,7 +179,7 @@ impl ClientMessage {
                 count => Self::Reserve { count },
             },
             kind::COMMAND => match Command::decode(&mut from) {
-                // Such a command is refused alone, so that all else of it must be right.
+                // Only such a command is refused, so that the rest of it must be valid.
                 Err(Malformed::Motion(invalid)) => {
                     from.finish()?;
                     return Err(Malformed::Motion(invalid));

@@ -1,4 +1,4 @@
-//! Why a request about a scene as a whole was turned down.
+//! Reasons of denied requests about a whole scene.
 
 use core::fmt;
 
@@ -6,32 +6,32 @@ use crate::scene::{Invalid, Quantity};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, OPTIONAL, Wire};
 
-/// The answer to a request that cannot be granted. Nothing of it was done; the connection goes on.
+/// The denial of a request. It had no effect; the connection continues.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Denial {
-    /// The server has no scene of the name that the connection was opened with.
+    /// The scene that the connection names does not exist.
     NoSuchScene,
-    /// There is such a scene already.
+    /// A scene of this name exists already.
     SceneExists,
-    /// A number in the config of a new scene is wrong.
+    /// A number in the configuration of a new scene is invalid.
     InvalidConfig(Invalid),
-    /// The server holds as many scenes as it may.
+    /// The server has reached its limit of scenes.
     TooManyScenes,
-    /// The scene has as many members as it may.
+    /// The scene has reached its limit of members.
     TooManyMembers,
-    /// The scene has as many different streams as it may.
+    /// The scene has reached its limit of different streams.
     TooManyStreams,
-    /// The scene has no more body indices to give out.
+    /// The scene has no more body indices to grant.
     NoIndicesLeft,
-    /// The scene runs by the server's clock and is not led by members.
+    /// The scene runs by the server's clock; members cannot advance it.
     NotLockstep,
     /// The advance leads too far ahead.
     TooFarAhead,
     /// The scene's engine has failed; only leaving and deleting are left.
     SceneFaulted,
-    /// A client of another protocol leads the scene, and ends it.
+    /// An APP client leads the scene, and ends it.
     Led,
-    /// Something that a later version has a word for; the code is from [`OPTIONAL`] on.
+    /// A reason of a later version; the code is from [`OPTIONAL`] on.
     Other(u8),
 }
 
@@ -40,20 +40,22 @@ impl fmt::Display for Denial {
         match self {
             Self::NoSuchScene => f.write_str("the server has no scene of that name"),
             Self::SceneExists => f.write_str("a scene of that name exists already"),
-            Self::InvalidConfig(invalid) => write!(f, "the scene's config are wrong: {invalid}"),
-            Self::TooManyScenes => f.write_str("the server holds as many scenes as it may"),
-            Self::TooManyMembers => f.write_str("the scene has as many members as it may"),
-            Self::TooManyStreams => {
-                f.write_str("the scene has as many different tolerances as it may")
+            Self::InvalidConfig(invalid) => {
+                write!(f, "the scene's configuration is invalid: {invalid}")
             }
-            Self::NoIndicesLeft => f.write_str("the scene has no more body indices to give out"),
+            Self::TooManyScenes => f.write_str("the server has reached its limit of scenes"),
+            Self::TooManyMembers => f.write_str("the scene has reached its limit of members"),
+            Self::TooManyStreams => {
+                f.write_str("the scene has reached its limit of different streams")
+            }
+            Self::NoIndicesLeft => f.write_str("the scene has no more body indices to grant"),
             Self::NotLockstep => {
                 f.write_str("the scene runs by the server's clock and cannot be advanced")
             }
             Self::TooFarAhead => f.write_str("the advance leads too far ahead"),
             Self::SceneFaulted => f.write_str("the scene's engine has failed"),
             Self::Led => f.write_str("a client of another protocol leads the scene, and ends it"),
-            Self::Other(code) => write!(f, "the server has a reason of its own, number {code}"),
+            Self::Other(code) => write!(f, "the server gave an unknown reason, number {code}"),
         }
     }
 }

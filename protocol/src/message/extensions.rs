@@ -1,7 +1,7 @@
-//! Fields that an end adds to what the first messages hold, by number.
+//! Extensions: numbered fields of the first messages.
 //!
-//! Knows which numbers may be skipped, and none that means anything yet. What is said of one here is kept as it came, so
-//! that it goes on unchanged (PROTOCOL 3.5).
+//! Tells which extensions may be skipped; none has a meaning yet. Decoded extensions keep their bytes, so that they
+//! are passed on unchanged (PROTOCOL 3.5).
 
 use alloc::vec::Vec;
 
@@ -9,17 +9,17 @@ use crate::limits::{EXTENSION_BYTES_MAX, EXTENSIONS_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-/// One field: its number, and bytes that who knows the number understands.
+/// One field: its number, and bytes with a meaning for peers that know the number.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Extension {
-    /// Even: who does not know it refuses the whole. Odd: who does not know it skips it.
+    /// Even: a peer that does not know it refuses the whole message. Odd: such a peer skips it.
     pub id: u32,
     /// At most [`EXTENSION_BYTES_MAX`].
     pub value: Vec<u8>,
 }
 
 impl Extension {
-    /// Whether who does not know it must refuse what it stands in.
+    /// Whether a peer that does not know it must refuse the message.
     #[must_use]
     pub const fn is_critical(&self) -> bool {
         self.id.is_multiple_of(2)
@@ -31,10 +31,10 @@ impl Extension {
 pub struct Extensions(Vec<Extension>);
 
 impl Extensions {
-    /// None.
+    /// No extensions.
     pub const NONE: Self = Self(Vec::new());
 
-    /// Adds one; `false` when there is one of this number, too many, or too long a value, and then nothing is added.
+    /// Adds one; returns `false` when its number is taken, the list is full, or the value too long.
     #[must_use]
     pub fn insert(&mut self, extension: Extension) -> bool {
         let fits = self.0.len() < EXTENSIONS_MAX && extension.value.len() <= EXTENSION_BYTES_MAX;
@@ -52,7 +52,7 @@ impl Extensions {
         self.0.iter()
     }
 
-    /// Whether one must be known and is not: this version knows none.
+    /// Whether any extension is critical: this version knows none.
     #[must_use]
     pub fn has_unknown_critical(&self) -> bool {
         self.0.iter().any(Extension::is_critical)
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn extensions_come_back_in_order() {
+    fn extensions_round_trip_in_order() {
         let mut extensions = Extensions::NONE;
         let value = |length| alloc::vec![7; length];
         for (id, length, taken) in [

@@ -1,8 +1,8 @@
-//! Where one control message ends and the next begins.
+//! Framing of control messages on a stream.
 //!
-//! A message is its length (a variable integer that counts type and body), a type byte, and a body. Types from 0x80 on
-//! may be ignored by who does not know them; others may not (PROTOCOL 4.1). A body that is too long for one message is said
-//! in pieces before it, each as long as a message may be.
+//! A message is its length (a variable integer that counts type and body), a type byte, and a body. A peer may ignore
+//! unknown types from 0x80 on, but no others (PROTOCOL 4.1). A body too long for one message is preceded by pieces of
+//! itself, each of the greatest message length.
 
 use alloc::vec::Vec;
 
@@ -10,14 +10,14 @@ use crate::limits::{LONG_MESSAGE_BYTES_MAX, MESSAGE_BYTES_MAX};
 use crate::wire::Malformed;
 use crate::wire::bytes::{Reader, Writer};
 
-/// The type of a piece of the body of the message that follows.
+/// Type of a piece of the next message's body.
 const PIECE: u8 = 0;
 
-/// Appends one message, behind the pieces that do not fit it.
+/// Appends one message, after the pieces that do not fit it.
 ///
 /// # Panics
 ///
-/// When the body is longer than the limit of long messages: the caller is one of us.
+/// When the body is longer than the limit of long messages: the caller is part of the product.
 pub fn frame(kind: u8, mut body: &[u8], to: &mut Vec<u8>) {
     assert!(
         body.len() <= LONG_MESSAGE_BYTES_MAX,
@@ -39,7 +39,7 @@ fn frame_one(kind: u8, body: &[u8], to: &mut Vec<u8>) {
     to.extend_from_slice(&writer.into_bytes());
 }
 
-/// One message, still in its bytes.
+/// One message, not decoded yet.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Framed {
     /// Its type.
@@ -48,18 +48,18 @@ pub struct Framed {
     pub body: Vec<u8>,
 }
 
-/// Cuts a stream of bytes into messages. Holds at most one unfinished message and what came with it.
+/// Splits a stream of bytes into messages. Holds at most one unfinished message and the bytes received with it.
 #[derive(Debug, Default)]
 pub struct Frames {
     buffer: Vec<u8>,
-    /// The front of a long body.
+    /// The pieces of a long body so far.
     pieces: Vec<u8>,
-    /// Bytes at the front of the buffer that were handed out already.
+    /// Bytes at the front of the buffer that were returned already.
     taken: usize,
 }
 
 impl Frames {
-    /// Nothing came yet.
+    /// A buffer without bytes.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -69,7 +69,7 @@ impl Frames {
         }
     }
 
-    /// The next bytes of the stream, cut anywhere.
+    /// Appends the next bytes of the stream, cut at any place.
     pub fn push(&mut self, bytes: &[u8]) {
         if self.taken > 0 {
             self.buffer.drain(..self.taken);
@@ -82,7 +82,7 @@ impl Frames {
     ///
     /// # Errors
     ///
-    /// [`Malformed`] when the front cannot be a message; nothing after it can be read either.
+    /// [`Malformed`] when the front cannot be a message; nothing after it can be decoded either.
     pub fn next_frame(&mut self) -> Result<Option<Framed>, Malformed> {
         while let Some(framed) = self.next_one()? {
             if framed.kind == PIECE {
@@ -90,7 +90,7 @@ impl Frames {
             } else if self.pieces.is_empty() {
                 return Ok(Some(framed));
             } else {
-                return self.whole(framed).map(Some);
+                return self.joined(framed).map(Some);
             }
         }
         Ok(None)
@@ -108,8 +108,8 @@ impl Frames {
         Ok(())
     }
 
-    /// A message with the pieces before it.
-    fn whole(&mut self, last: Framed) -> Result<Framed, Malformed> {
+    /// A message joined with the pieces before it.
+    fn joined(&mut self, last: Framed) -> Result<Framed, Malformed> {
         let mut body = core::mem::take(&mut self.pieces);
         if last.body.is_empty() {
             return Err(Malformed::NotCanonical);
@@ -124,7 +124,7 @@ impl Frames {
         })
     }
 
-    /// The next message as it stands.
+    /// The next message or piece.
     fn next_one(&mut self) -> Result<Option<Framed>, Malformed> {
         let mut reader = Reader::new(&self.buffer[self.taken..]);
         let length = match reader.varint_to(MESSAGE_BYTES_MAX as u64 + 1) {
@@ -134,12 +134,12 @@ impl Frames {
             Err(Malformed::OutOfRange) => return Err(Malformed::TooLong),
             Err(malformed) => return Err(malformed),
         };
-        let Ok(whole) = reader.raw(length) else {
+        let Ok(message) = reader.raw(length) else {
             return Ok(None);
         };
         let framed = Framed {
-            kind: whole[0],
-            body: whole[1..].to_vec(),
+            kind: message[0],
+            body: message[1..].to_vec(),
         };
         self.taken = self.buffer.len() - reader.rest().len();
         Ok(Some(framed))
@@ -153,7 +153,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn messages_come_back_however_the_stream_is_cut(
+        fn messages_round_trip_however_the_stream_is_cut(
             bodies in proptest::collection::vec(proptest::collection::vec(any::<u8>(), 0..300), 0..8),
             cut in 1_usize..64,
         ) {
@@ -162,20 +162,20 @@ mod tests {
                 frame(7, body, &mut stream);
             }
             let mut frames = Frames::default();
-            let mut heard = Vec::new();
+            let mut received = Vec::new();
             for chunk in stream.chunks(cut) {
                 frames.push(chunk);
                 while let Some(framed) = frames.next_frame().unwrap() {
                     prop_assert_eq!(framed.kind, 7);
-                    heard.push(framed.body);
+                    received.push(framed.body);
                 }
             }
-            prop_assert_eq!(heard, bodies);
+            prop_assert_eq!(received, bodies);
         }
     }
 
     #[test]
-    fn a_long_message_comes_in_pieces_and_is_whole_again() {
+    fn a_long_message_is_sent_in_pieces_and_joined_again() {
         for length in [
             MESSAGE_BYTES_MAX,
             MESSAGE_BYTES_MAX + 1,
@@ -187,19 +187,19 @@ mod tests {
             frame(7, &body, &mut stream);
             frame(8, &[1], &mut stream);
             let mut frames = Frames::default();
-            let mut heard = Vec::new();
+            let mut received = Vec::new();
             for chunk in stream.chunks(10_000) {
                 frames.push(chunk);
                 while let Some(framed) = frames.next_frame().unwrap() {
-                    heard.push((framed.kind, framed.body));
+                    received.push((framed.kind, framed.body));
                 }
             }
-            assert_eq!(heard, [(7, body), (8, [1].to_vec())]);
+            assert_eq!(received, [(7, body), (8, [1].to_vec())]);
         }
     }
 
     #[test]
-    fn pieces_of_another_length_without_an_end_or_without_need_are_refused() {
+    fn short_unfinished_or_needless_pieces_are_refused() {
         let full = [0; MESSAGE_BYTES_MAX];
         let read = |parts: &[(u8, &[u8])]| {
             let mut stream = Vec::new();
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn a_message_of_no_length_or_too_much_is_refused() {
+    fn a_message_of_zero_or_excessive_length_is_refused() {
         let mut frames = Frames::default();
         frames.push(&[0]);
         assert_eq!(frames.next_frame(), Err(Malformed::OutOfRange));

@@ -1,30 +1,30 @@
-//! Values that mean nothing, so that nobody comes to rely on their absence.
+//! Grease: meaningless values that keep peers tolerant of unknown ones.
 //!
-//! No peer may mind them (PROTOCOL 3.5). Which are said follows from a seed.
+//! Every peer must ignore them (PROTOCOL 3.5). A seed determines the values.
 
 use alloc::vec::Vec;
 
 use super::extensions::{Extension, Extensions};
 use super::frame::frame;
 
-/// Seeded chance for what means nothing: xorshift of 64 bits, multiplied.
+/// Seeded random numbers for grease: xorshift of 64 bits, multiplied.
 ///
 /// Source: Vigna, "An experimental exploration of Marsaglia's xorshift generators, scrambled", 2016, section 5.
 #[derive(Clone, Debug)]
 pub struct Grease(u64);
 
 impl Grease {
-    /// The chance of one connection.
+    /// The random numbers of one connection.
     #[must_use]
     pub const fn new(seed: u64) -> Self {
-        // Neighbouring seeds part at once; zero, which the generator cannot leave, comes of one seed only.
+        // Neighbouring seeds diverge at once; zero, which the generator cannot leave, results from one seed only.
         match seed.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15) {
             0 => Self(1),
             state => Self(state),
         }
     }
 
-    /// A version that is none, among those in `known`, at any place.
+    /// The versions in `known` with a reserved one at a random place.
     #[must_use]
     pub fn versions(&mut self, known: &[u16]) -> Vec<u16> {
         let mut versions = known.to_vec();
@@ -34,7 +34,7 @@ impl Grease {
         versions
     }
 
-    /// One extension that may be skipped.
+    /// One extension that peers skip.
     #[must_use]
     pub fn extensions(&mut self) -> Extensions {
         let mut extensions = Extensions::NONE;
@@ -45,7 +45,7 @@ impl Grease {
         extensions
     }
 
-    /// Appends, each other time, a message that may be ignored.
+    /// Appends a message that peers ignore, every second time.
     pub fn message(&mut self, to: &mut Vec<u8>) {
         if self.below(2) == 0 {
             let kind = 0x8a + 0x10 * self.below(8) as u8;
@@ -68,12 +68,12 @@ impl Grease {
     }
 }
 
-/// Numbers of extensions that never mean anything: this one and each `STRIDE`-th from it on, all odd.
+/// Numbers of reserved extensions: this one and each `STRIDE`-th from it on, all odd.
 const FIRST: u32 = 27;
 /// See [`FIRST`].
 const STRIDE: u32 = 62;
 
-/// Whether a version is one of those that never mean anything.
+/// Whether a version is reserved and has no meaning.
 #[must_use]
 pub const fn is_no_version(version: u16) -> bool {
     version & 0x0f0f == 0x0a0a && version >> 12 == (version >> 4) & 0xf
@@ -101,7 +101,7 @@ mod tests {
 
     #[test]
     fn grease_messages_are_skipped_by_both_peers() {
-        let mut said = 0;
+        let mut sent = 0;
         for seed in 0..200 {
             let mut bytes = Vec::new();
             Grease::new(seed).message(&mut bytes);
@@ -111,10 +111,10 @@ mod tests {
                 assert_eq!(framed.kind & 0x8f, 0x8a);
                 assert_eq!(ClientMessage::decode(&framed), Ok(None));
                 assert_eq!(ServerMessage::decode(&framed), Ok(None));
-                said += 1;
+                sent += 1;
             }
         }
-        assert!((60..140).contains(&said), "{said} of 200");
+        assert!((60..140).contains(&sent), "{sent} of 200");
     }
 
     #[test]

@@ -1,18 +1,18 @@
-//! The inertia of a body, as a scene_event says it.
+//! Encoding of a body's inertia in a scene event.
 //!
-//! Left out where it says nothing: equal moments, and axes that are the body's own (PROTOCOL 4.6).
+//! Omitted where it is implied: equal moments, and axes that are the body's own (PROTOCOL 4.6).
 
 use rhumb_reckoning::Inertia;
 
 use crate::wire::Malformed;
 use crate::wire::bytes::{Reader, Writer};
 
-/// Appends what is known of a body that can tumble.
+/// Encodes the inertia of a body that can rotate torque-free.
 pub(super) fn encode(inertia: Option<&Inertia>, to: &mut Writer) {
     let Some(inertia) = inertia else {
         return to.u8(0);
     };
-    assert!(!inertia.is_isotropic(), "equal moments are not said");
+    assert!(!inertia.is_isotropic(), "equal moments are not encoded");
     let own_axes = bits(inertia.frame()) == bits(Inertia::OWN_AXES);
     to.u8(if own_axes { 1 } else { 2 });
     to.f32s(&inertia.moments());
@@ -21,11 +21,11 @@ pub(super) fn encode(inertia: Option<&Inertia>, to: &mut Writer) {
     }
 }
 
-/// Takes what is known of a body that can tumble.
+/// Decodes the inertia of a body that can rotate torque-free.
 ///
 /// # Errors
 ///
-/// [`Malformed`] for what is no inertia, or says nothing.
+/// [`Malformed`] for an invalid or a redundant inertia.
 pub(super) fn decode(from: &mut Reader<'_>) -> Result<Option<Inertia>, Malformed> {
     let form = from.u8()?;
     let (moments, frame) = match form {

@@ -1,46 +1,46 @@
-//! What a server tells of a scene when asked: for benchmarks and operators.
+//! Inspection of a scene, for benchmarks and operators.
 
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 use rhumb_reckoning::Tick;
 
-/// Host time that one stage of the tick took so far, in nanoseconds.
+/// Wall-clock time of each stage of the ticks so far, in nanoseconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StageTimes {
-    /// In the engine's step, all ticks together.
+    /// Engine step, sum over all ticks.
     pub step_total: u64,
     /// The median step of the last ticks.
     pub step_median: u64,
-    /// The step that one in a hundred of the last ticks exceeded.
+    /// The 99th percentile of the last steps.
     pub step_p99: u64,
-    /// Observing what moved, all ticks together.
+    /// Observing moved bodies, sum over all ticks.
     pub observe_total: u64,
-    /// StreamSelection, encoding and handing over what to say, all ticks together.
+    /// Choosing, encoding and handing over updates, sum over all ticks.
     pub publish_total: u64,
 }
 
-/// A scene at a tick.
+/// The state of a scene at a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Inspection {
-    /// When.
+    /// The tick.
     pub tick: Tick,
-    /// Checksums of everything that was ever observed in it.
+    /// Digest of all observations of the scene.
     pub truth: u64,
-    /// Bodies in it.
+    /// Number of bodies.
     pub bodies: u32,
-    /// Of these awake.
+    /// Number of awake bodies.
     pub awake: u32,
-    /// Updates said so far in the asking member's stream.
+    /// Updates sent so far in the asking member's stream.
     pub updates: u64,
     /// Packets of that stream.
     pub packets: u64,
     /// Their bytes.
     pub packet_bytes: u64,
-    /// Tracks of that stream that some member had otherwise, and was told again.
+    /// Tracks of that stream that were sent again after a checksum mismatch.
     pub resynced: u64,
-    /// Bodies of which that stream over_budget that they were off, for want of budget, each counted at every tick.
+    /// Bodies over budget in that stream, counted at every tick.
     pub over_budget: u64,
-    /// Where the tick's time went.
+    /// Time of the tick's stages.
     pub times: StageTimes,
 }
 

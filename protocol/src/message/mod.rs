@@ -24,7 +24,7 @@ pub use scene_event::{RemovalCause, SceneEvent};
 pub use server::{Joined, ServerMessage, Welcome};
 pub use tier_policy::{TierChangeCause, TierPolicy};
 
-/// The versions of the protocol that this library speaks, newest first.
+/// Supported versions of the protocol, newest first.
 pub const VERSIONS: [u16; 1] = [1];
-/// The first bytes that a client says.
+/// First bytes of a client's control stream.
 pub const MAGIC: [u8; 4] = *b"RHMB";

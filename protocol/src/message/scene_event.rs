@@ -1,6 +1,7 @@
-//! What every member of a scene must know: who came, who left, what pulls.
+//! Scene events: changes of a scene that every member must know.
 //!
-//! A scene_event is encoded once for all members and counted by both ends; each state packet says how many it builds on.
+//! A scene event is encoded once for all members and counted by both ends; each state packet tells the count that it
+//! needs.
 
 use alloc::vec::Vec;
 
@@ -16,7 +17,7 @@ use crate::wire::bits::{BitReader, BitWriter};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-/// Why a body is gone.
+/// Reason of a body's removal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum RemovalCause {
     /// A member removed it.
@@ -27,68 +28,68 @@ pub enum RemovalCause {
     NotFinite,
 }
 
-/// One change of a scene that all members hear of.
+/// One change of a scene, sent to all members.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SceneEvent {
-    /// A shape became known.
+    /// A shape was added.
     ShapeAdded {
-        /// Its number.
+        /// Its id.
         id: ShapeId,
-        /// What it is.
+        /// The shape.
         shape: Shape,
     },
-    /// A shape was forgotten.
+    /// A shape was removed.
     ShapeRemoved {
-        /// Its number.
+        /// Its id.
         id: ShapeId,
     },
-    /// A body is in the scene.
+    /// A body was added.
     BodyPlaced {
-        /// What it is.
+        /// Its description.
         config: BodyDesc,
-        /// How it resists being turned, if it [can tumble](BodyDesc::can_tumble) and its moments are not equal.
+        /// Its moments of inertia, if it [can tumble](BodyDesc::can_tumble) and they are not equal.
         inertia: Option<Inertia>,
-        /// How it moves.
+        /// Its track.
         track: Track,
         /// Its alias in the stream, if it has one.
         alias: Option<u32>,
     },
-    /// A body is no longer in the scene.
+    /// A body was removed.
     BodyRemoved {
-        /// Which.
+        /// The body.
         id: BodyId,
-        /// Why.
+        /// The reason.
         cause: RemovalCause,
     },
-    /// Another gravity pulls.
+    /// Gravity changed.
     GravityChanged {
-        /// From this tick on.
+        /// First tick of the new gravity.
         since: Tick,
         /// m/s², world frame.
         gravity: Vec3,
     },
-    /// The engine failed; the scene stands still for good.
+    /// The engine failed; the scene takes no more steps.
     SceneFaulted {
-        /// The last tick that was whole.
+        /// The last complete tick.
         tick: Tick,
     },
-    /// Two bodies are held together.
+    /// A joint was added.
     JointAdded {
-        /// Its number.
+        /// Its id.
         id: JointId,
-        /// What it is.
+        /// The joint.
         joint: Joint,
     },
-    /// A joint was taken out. Not said of one that goes with a body.
+    /// A joint was removed. Not sent for a joint that goes with a body.
     JointRemoved {
-        /// Its number.
+        /// Its id.
         id: JointId,
     },
-    /// Something that a later version knows, and that changes nothing of what this one does. It counts as any other.
+    /// An event of a later version that changes nothing for this one. It counts like any other.
     Unknown {
         /// From [`OPTIONAL`] on.
         code: u8,
-        /// The rest, as it came.
+        /// The remaining bytes, unchanged.
         fields: Vec<u8>,
     },
 }
@@ -217,7 +218,7 @@ impl Wire for SceneEvent {
     }
 }
 
-/// The bit of a track's first byte that says that its motion is body_state; the predictor is in the bits below it.
+/// Bit of a track's first byte for an exact anchor; the predictor is in the bits below.
 const VERBATIM: u8 = 1 << 3;
 
 impl Wire for Track {

@@ -1,4 +1,4 @@
-//! What a server says on the control stream.
+//! Messages of a server on the control stream.
 
 use alloc::vec::Vec;
 use glam::Vec3;
@@ -22,27 +22,27 @@ use crate::wire::{Malformed, OPTIONAL, Wire};
 /// The answer to `Hello`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Welcome {
-    /// The version that both speak from here on.
+    /// The version of the connection from here on.
     pub version: u16,
-    /// The config of the scene that `Hello` named, if it exists.
+    /// The configuration of the scene that `Hello` named, if it exists.
     pub scene: Option<SceneConfig>,
-    /// What else is said, by number.
+    /// Extensions by number.
     pub extensions: Extensions,
 }
 
-/// The answer to `Join`: where the stream begins. The scene's shapes and bodies follow as scene_events that do not count,
-/// up to `SnapshotEnd`.
+/// The answer to `Join`: the start of the stream. The scene's shapes and bodies follow as scene events that do not
+/// count, up to `SnapshotEnd`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Joined {
-    /// Which stream it is.
+    /// The joined stream.
     pub choice: StreamChoice,
-    /// What the scene was created with.
+    /// The configuration of the scene.
     pub config: SceneConfig,
-    /// Where it begins.
+    /// The start of the stream.
     pub start: StreamStart,
-    /// Body indices for this member to give out.
+    /// Body indices granted to this member.
     pub granted: IdRange,
-    /// What else is said, by number.
+    /// Extensions by number.
     pub extensions: Extensions,
 }
 
@@ -51,39 +51,39 @@ pub struct Joined {
 pub enum ServerMessage {
     /// See [`Welcome`].
     Welcome(Welcome),
-    /// The scene exists now.
+    /// The scene was created.
     Created,
     /// See [`Joined`].
     Joined(Joined),
-    /// The snapshot is whole.
+    /// The snapshot is complete.
     SnapshotEnd,
     /// The client is no longer a member.
     Left,
-    /// The scene is gone: by this client's wish or another's.
+    /// The scene was deleted, by this client or another one.
     Deleted,
     /// More body indices.
     Reserved(IdRange),
-    /// A request about the scene as a whole was turned down; requests are answered in order.
+    /// A request about the whole scene was denied; requests are answered in order.
     Denied(Denial),
     /// All commands up to this number were applied or refused.
     Applied {
-        /// Number of the last.
+        /// Number of the last command.
         through: u64,
-        /// The newest tick: they act in the step that leaves it (PROTOCOL 4.6).
+        /// The newest tick: the commands act in the step after it (PROTOCOL 4.6).
         tick: Tick,
     },
     /// One command was refused.
     Refused {
         /// Its number.
         number: u64,
-        /// Why.
+        /// The reason.
         error: CommandError,
     },
-    /// A change that all members hear of.
+    /// A change sent to all members.
     SceneEvent(SceneEvent),
     /// The answer to `Ping`.
     Pong {
-        /// What the client sent.
+        /// The moment in the client's `Ping`.
         sent: Instant,
         /// The newest tick.
         tick: Tick,
@@ -94,13 +94,13 @@ pub enum ServerMessage {
     Inspection(Inspection),
     /// The answer to `TakeAuthority`.
     AuthorityGrant(AuthorityGrant),
-    /// `TakeAuthority` was refused, and what was driven before goes on; or nothing is driven any more.
+    /// `TakeAuthority` was refused and the former authority stays; or authority has ended.
     AuthorityDenied(AuthorityError),
-    /// The server moves the member to another stream for its link's sake; a snapshot of that stream follows.
+    /// The server changes the member's stream because of its link; a snapshot of the new stream follows.
     TierChanged {
-        /// Which stream.
+        /// The new stream.
         to: StreamChoice,
-        /// Why.
+        /// The reason.
         cause: TierChangeCause,
     },
 }
@@ -262,11 +262,11 @@ impl ServerMessage {
         frame(kind, &body.into_bytes(), to);
     }
 
-    /// Reads a message; `None` for one of an unknown type that may be ignored.
+    /// Decodes a message; `None` for an unknown type that may be ignored.
     ///
     /// # Errors
     ///
-    /// [`Malformed`] when the bytes are no message that this version knows.
+    /// [`Malformed`] when the bytes are not a message of this version.
     pub fn decode(framed: &Framed) -> Result<Option<Self>, Malformed> {
         let mut from = Reader::new(&framed.body);
         let message = match framed.kind {

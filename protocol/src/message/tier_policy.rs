@@ -1,18 +1,18 @@
-//! That a member is moved to another tier for its link, and whether it may be
+//! Tier changes of a member's stream, and the policy that bounds them.
 //!
-//! Who decides that a link is thin, and when, is the server's matter.
+//! The server decides when a link is congested.
 
 use rhumb_reckoning::LengthBound;
 
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-/// Why a server moved a member.
+/// Reason of a tier change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum TierChangeCause {
-    /// The link did not carry the stream.
+    /// The link could not carry the stream.
     LinkCongested,
-    /// The link has carried the coarser stream with ease for so long that the finer one is tried again.
+    /// The link has carried the coarser stream with ease for long enough to try the finer one again.
     LinkRecovered,
 }
 
@@ -33,12 +33,12 @@ impl Wire for TierChangeCause {
     }
 }
 
-/// Where a server may move a member whose link is thin.
+/// Tiers that the server may choose when a member's link is congested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum TierPolicy {
-    /// Nowhere: late and lossy is better than coarse.
+    /// None: late and lossy state is preferred to coarse state.
     Never,
-    /// To tiers as coarse as this.
+    /// Tiers up to this tolerance.
     UpTo(LengthBound),
 }
 

@@ -1,4 +1,4 @@
-//! What a body is, apart from where it is.
+//! Description of a body, apart from its motion.
 
 use rhumb_reckoning::{BodyId, Damping, ToleranceScale};
 
@@ -10,41 +10,41 @@ use crate::limits::GRAVITY_SCALE_MAX;
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-/// Who moves a body.
+/// Kind of a body's motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum BodyKind {
-    /// Nobody.
+    /// It does not move.
     Static,
-    /// The engine.
+    /// The engine moves it.
     Dynamic,
-    /// Its member, by velocities and poses; it pushes others and is not pushed.
+    /// Its member moves it by velocities and poses; it pushes others and is not pushed.
     Kinematic,
 }
 
-/// What everybody who copies a body must know of it once.
+/// Description of a body: everything constant that a copy needs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BodyDesc {
-    /// Its name.
+    /// Its id.
     pub id: BodyId,
-    /// Who moves it.
+    /// Kind of its motion.
     pub kind: BodyKind,
-    /// Its shape, one of the scene's.
+    /// Its shape, which must exist in the scene.
     pub shape: ShapeId,
-    /// The scene's, unless it brings its own.
+    /// `None`: the scene's default.
     pub material: Option<Material>,
-    /// The scene's, unless it brings its own.
+    /// `None`: the scene's default.
     pub damping: Option<Damping>,
     /// Factor on the scene's gravity; one for most.
     pub gravity_scale: f32,
-    /// Whether the axis of its spin wanders when its moments of inertia differ, as physics has it; true for most.
+    /// Whether its axis of spin wanders when its moments of inertia differ, as in physics; true for most.
     pub gyroscopic: bool,
-    /// How much closer or looser than its streams it is followed.
+    /// Factor on the tolerance of its streams.
     pub tolerance_scale: ToleranceScale,
-    /// Whether it can be turned by what touches it; true for most. What cannot is turned by commands alone.
+    /// Whether contacts can turn it; true for most. Otherwise only commands turn it.
     pub turns: bool,
 }
 
-/// Bits of the byte that says what follows.
+/// Bits of the byte that tells which fields follow.
 mod flag {
     pub(super) const KIND: u8 = 0b11;
     pub(super) const MATERIAL: u8 = 1 << 2;
@@ -56,7 +56,7 @@ mod flag {
 }
 
 impl BodyDesc {
-    /// A body of the scene's own material and damping under the scene's own gravity.
+    /// A body with the scene's default material and damping, under the scene's gravity.
     #[must_use]
     pub const fn plain(id: BodyId, kind: BodyKind, shape: ShapeId) -> Self {
         Self {
@@ -72,7 +72,7 @@ impl BodyDesc {
         }
     }
 
-    /// Whether its moments of inertia matter to how it moves when nothing touches it.
+    /// Whether its moments of inertia matter to its free motion.
     #[must_use]
     pub const fn can_tumble(&self) -> bool {
         matches!(self.kind, BodyKind::Dynamic) && self.gyroscopic && self.turns
@@ -82,7 +82,7 @@ impl BodyDesc {
     ///
     /// # Errors
     ///
-    /// [`Invalid`] names the first that is wrong.
+    /// [`Invalid`] names the first invalid number.
     pub fn check(&self) -> Result<(), Invalid> {
         if let Some(material) = &self.material {
             material.check()?;

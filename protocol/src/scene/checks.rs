@@ -1,13 +1,13 @@
-//! What a number in a command must be, and how it is named when it is not.
+//! Checks of the numbers in commands, and their errors.
 //!
-//! One check serves the caller before sending and the server after receiving, so that both give the same answer.
+//! The client checks before sending and the server after receiving, with the same code: both give the same answer.
 
 use core::fmt;
 
 use glam::{Quat, Vec3};
 use rhumb_reckoning::{InvalidMotion, UNIT_LENGTH_SLACK};
 
-/// A quantity of a command that can be wrong. Its number is its code on the wire.
+/// A quantity of a command that can be invalid. Its number is its code on the wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum Quantity {
@@ -45,7 +45,7 @@ pub enum Quantity {
     Substeps = 15,
     /// Ticks per second.
     Rate = 16,
-    /// How many points a hull has.
+    /// Number of a hull's points.
     HullPoints = 17,
     /// Metres.
     HullThickness = 18,
@@ -57,21 +57,21 @@ pub enum Quantity {
     SleepSpeed = 21,
     /// Seconds.
     SleepSeconds = 22,
-    /// Ticks from one that is published to the next.
+    /// Ticks from one publication to the next.
     PublishInterval = 23,
     /// Ticks.
     Lookahead = 24,
-    /// When the streams of a lockstep scene are said.
+    /// Publication times of a lockstep scene.
     LockstepPublishing = 25,
-    /// Rows and columns of heights, and how many these make.
+    /// Rows and columns of heights, and their product.
     Posts = 26,
-    /// How many points a mesh has.
+    /// Number of a mesh's points.
     MeshPoints = 27,
-    /// How many triangles a mesh has.
+    /// Number of a mesh's triangles.
     Triangles = 28,
-    /// Which point is a triangle's.
+    /// Point index of a triangle.
     TrianglePoint = 29,
-    /// How many parts a compound has, and of what kind.
+    /// Number of a compound's parts, and their kind.
     Parts = 30,
 }
 
@@ -151,7 +151,7 @@ impl fmt::Display for Quantity {
             Self::SleepSeconds => "time until bodies sleep",
             Self::PublishInterval => "number of ticks from one publication to the next",
             Self::Lookahead => "lookahead",
-            Self::LockstepPublishing => "publish_schedule of a lockstep scene",
+            Self::LockstepPublishing => "publication time of a lockstep scene",
             Self::Posts => "number of rows and columns of heights",
             Self::MeshPoints => "number of a mesh's points",
             Self::Triangles => "number of a mesh's triangles",
@@ -161,7 +161,7 @@ impl fmt::Display for Quantity {
     }
 }
 
-/// A number that no engine should be given.
+/// A number that is not allowed in a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Invalid {
     /// NaN or infinite.
@@ -189,7 +189,7 @@ impl fmt::Display for Invalid {
             }
             Self::NotFinite(quantity) => write!(f, "{quantity} is NaN or infinite"),
             Self::OutOfRange(Quantity::LockstepPublishing) => f.write_str(
-                "a lockstep scene says its ticks at once: make it free-running to publish with lookahead",
+                "a lockstep scene publishes its ticks at once: make it free-running to publish with lookahead",
             ),
             Self::OutOfRange(quantity) => write!(f, "{quantity} is outside its limits"),
         }
@@ -198,7 +198,7 @@ impl fmt::Display for Invalid {
 
 impl core::error::Error for Invalid {}
 
-/// A number within bounds, both allowed.
+/// Checks a number against inclusive bounds.
 pub(super) fn scalar(value: f32, least: f32, most: f32, quantity: Quantity) -> Result<(), Invalid> {
     if !value.is_finite() {
         return Err(Invalid::NotFinite(quantity));
@@ -209,7 +209,7 @@ pub(super) fn scalar(value: f32, least: f32, most: f32, quantity: Quantity) -> R
     Ok(())
 }
 
-/// A vector each of whose components is at most `most` in size.
+/// Checks that each component of a vector is at most `most` in size.
 pub(super) fn vector(value: Vec3, most: f32, quantity: Quantity) -> Result<(), Invalid> {
     for part in value.to_array() {
         scalar(part, -most, most, quantity)?;
@@ -217,7 +217,7 @@ pub(super) fn vector(value: Vec3, most: f32, quantity: Quantity) -> Result<(), I
     Ok(())
 }
 
-/// A quaternion within the slack of unit length.
+/// Checks that a quaternion is within the slack of unit length.
 pub(super) fn rotation(value: Quat) -> Result<(), Invalid> {
     let squared: f64 = value
         .to_array()

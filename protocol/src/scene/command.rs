@@ -1,6 +1,6 @@
-//! What a member may ask of a scene, and why it may be refused.
+//! Commands of members to a scene, and the reasons of refusals.
 //!
-//! A command is checked whole before it is applied; a refused one changes nothing.
+//! A command is checked as a whole before it is applied; a refused one changes nothing.
 
 use core::fmt;
 
@@ -15,36 +15,36 @@ use crate::limits::{ANGULAR_MAX, COORDINATE_MAX, FORCE_MAX, GRAVITY_MAX, LINEAR_
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, OPTIONAL, Wire};
 
-/// One wish, applied before the next tick in the order of sending.
+/// One command, applied before the next tick in the order of sending.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Command {
-    /// Makes a shape known.
+    /// Adds a shape.
     AddShape {
-        /// Its number, not in use.
+        /// Its id, which must be free.
         id: ShapeId,
-        /// What it is.
+        /// The shape.
         shape: Shape,
     },
-    /// Forgets a shape that no body has.
+    /// Removes a shape that no body has.
     RemoveShape {
-        /// Which.
+        /// The shape.
         id: ShapeId,
     },
-    /// Puts a body into the scene.
+    /// Adds a body to the scene.
     AddBody {
-        /// What it is; its index is one of the member's own.
+        /// Its description; its index is one of the member's own.
         config: BodyDesc,
-        /// Where it is, and how it moves.
+        /// Its pose and velocities.
         motion: BodyState,
     },
-    /// Takes a body out.
+    /// Removes a body.
     RemoveBody {
-        /// Which.
+        /// The body.
         id: BodyId,
     },
-    /// Puts a static or dynamic body elsewhere at once; moves a kinematic one there during the next tick.
+    /// Displaces a static or dynamic body at once; moves a kinematic one there during the next tick.
     SetPose {
-        /// Which.
+        /// The body.
         id: BodyId,
         /// Metres, world frame.
         position: Vec3,
@@ -53,37 +53,37 @@ pub enum Command {
     },
     /// Sets both velocities; a kinematic body then keeps them.
     SetVelocity {
-        /// Which.
+        /// The body.
         id: BodyId,
         /// m/s, world frame.
         linear: Vec3,
         /// rad/s about world axes.
         angular: Vec3,
     },
-    /// Pushes at the centre of mass during the next tick.
+    /// Applies a force at the centre of mass during the next tick.
     Force {
-        /// Which.
+        /// The body.
         id: BodyId,
         /// N, world frame.
         force: Vec3,
     },
-    /// Turns during the next tick.
+    /// Applies a torque during the next tick.
     Torque {
-        /// Which.
+        /// The body.
         id: BodyId,
         /// N·m, world frame.
         torque: Vec3,
     },
-    /// Changes the velocity at once, as a blow at the centre of mass.
+    /// Applies an impulse at the centre of mass: changes the velocity at once.
     Impulse {
-        /// Which.
+        /// The body.
         id: BodyId,
         /// N·s, world frame.
         impulse: Vec3,
     },
-    /// Changes the spin at once.
+    /// Applies an angular impulse: changes the spin at once.
     TorqueImpulse {
-        /// Which.
+        /// The body.
         id: BodyId,
         /// N·m·s, world frame.
         impulse: Vec3,
@@ -93,16 +93,16 @@ pub enum Command {
         /// m/s², world frame.
         gravity: Vec3,
     },
-    /// Holds two bodies together.
+    /// Joins two bodies.
     AddJoint {
-        /// Its number, not in use.
+        /// Its id, which must be free.
         id: JointId,
-        /// What it is.
+        /// The joint.
         joint: Joint,
     },
-    /// Lets go of what a joint held; a joint goes with either of its bodies too.
+    /// Removes a joint; a joint goes with either of its bodies too.
     RemoveJoint {
-        /// Which.
+        /// The joint.
         id: JointId,
     },
 }
@@ -112,7 +112,7 @@ impl Command {
     ///
     /// # Errors
     ///
-    /// [`Invalid`] names the first that is wrong.
+    /// [`Invalid`] names the first invalid number.
     pub fn check(&self) -> Result<(), Invalid> {
         match *self {
             Self::AddShape { ref shape, .. } => shape.check(),
@@ -146,11 +146,11 @@ impl Command {
         }
     }
 
-    /// Checks every number of a motion that somebody gives a body.
+    /// Checks every number of a commanded motion.
     ///
     /// # Errors
     ///
-    /// [`Invalid`] names the first that is wrong.
+    /// [`Invalid`] names the first invalid number.
     pub fn check_motion(motion: &BodyState) -> Result<(), Invalid> {
         let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = motion.parts();
         vector(Vec3::new(px, py, pz), COORDINATE_MAX, Quantity::Position)?;
@@ -302,7 +302,7 @@ impl Wire for Command {
     }
 }
 
-/// Bits of the byte before a body_state motion that say which of its parts follow.
+/// Bits of the byte before an exact motion that tell which of its parts follow.
 mod part {
     pub(super) const ROTATION: u8 = 1;
     pub(super) const LINEAR: u8 = 2;
@@ -361,7 +361,7 @@ impl Wire for BodyState {
     }
 }
 
-/// Refuses a part that should have been left out.
+/// Refuses a part that the encoding omits.
 fn canonical<const N: usize>(values: [f32; N], left_out: [u32; N]) -> Result<[f32; N], Malformed> {
     if values.map(f32::to_bits) == left_out {
         return Err(Malformed::NotCanonical);
@@ -369,14 +369,14 @@ fn canonical<const N: usize>(values: [f32; N], left_out: [u32; N]) -> Result<[f3
     Ok(values)
 }
 
-/// Why a command was refused. Nothing of it was applied.
+/// Reason of a refused command, which had no effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum CommandError {
-    /// A number that no engine should be given.
+    /// A number is not allowed.
     Invalid(Invalid),
-    /// No such body.
+    /// The body does not exist.
     UnknownBody(BodyId),
-    /// No such shape.
+    /// The shape does not exist.
     UnknownShape(ShapeId),
     /// The body's index is in use, or had a body of this generation or a later one.
     BodyIdTaken(BodyId),
@@ -386,9 +386,9 @@ pub enum CommandError {
     ShapeIdTaken(ShapeId),
     /// A body has the shape.
     ShapeInUse(ShapeId),
-    /// The scene holds as many bodies as it may.
+    /// The scene has reached its limit of bodies.
     TooManyBodies,
-    /// The scene's bodies have as many different dampings as they may.
+    /// The scene's bodies have reached the limit of different dampings.
     TooManyDampings,
     /// The body is not of a kind that can be pushed.
     NotPushable(BodyId),
@@ -396,21 +396,21 @@ pub enum CommandError {
     SceneFaulted,
     /// The engine cannot make a solid of the shape.
     ShapeUnfit(ShapeId),
-    /// No such joint.
+    /// The joint does not exist.
     UnknownJoint(JointId),
     /// The joint's number is in use.
     JointIdTaken(JointId),
-    /// The joint would hold the body to itself.
+    /// The joint would join a body to itself.
     JoinedToItself(BodyId),
-    /// A member drives the body, and alone says where it is.
+    /// A member has authority over the body, and alone moves it.
     UnderAuthority(BodyId),
-    /// A dynamic body needs a shape with an inside.
+    /// A dynamic body needs a shape with volume.
     NoInside(ShapeId),
-    /// The scene's shapes take as many bytes as they may.
+    /// The scene's shapes have reached their limit of bytes.
     TooManyShapeBytes,
     /// The server does not know such a command.
     UnknownCommand,
-    /// Something that a later version has a word for; the code is from [`OPTIONAL`] on.
+    /// A reason of a later version; the code is from [`OPTIONAL`] on.
     Other(u8),
 }
 
@@ -424,25 +424,25 @@ impl fmt::Display for CommandError {
             Self::NotGranted(id) => write!(f, "{id} is not one of this member's own"),
             Self::ShapeIdTaken(id) => write!(f, "{id} is taken"),
             Self::ShapeInUse(id) => write!(f, "a body still has {id}"),
-            Self::TooManyBodies => f.write_str("the scene holds as many bodies as it may"),
+            Self::TooManyBodies => f.write_str("the scene has reached its limit of bodies"),
             Self::TooManyDampings => {
-                f.write_str("the scene's bodies have as many different dampings as they may")
+                f.write_str("the scene's bodies have reached the limit of different dampings")
             }
             Self::NotPushable(id) => write!(f, "{id} is static or kinematic and cannot be pushed"),
             Self::SceneFaulted => f.write_str("the scene has faulted and takes no commands"),
             Self::ShapeUnfit(id) => write!(f, "the engine cannot make a solid of {id}"),
             Self::UnknownJoint(id) => write!(f, "the scene has no {id}"),
             Self::JointIdTaken(id) => write!(f, "{id} is taken"),
-            Self::JoinedToItself(id) => write!(f, "a joint cannot hold {id} to itself"),
+            Self::JoinedToItself(id) => write!(f, "a joint cannot join {id} to itself"),
             Self::UnderAuthority(id) => {
-                write!(f, "a member drives {id} and alone says where it is")
+                write!(f, "a member has authority over {id}")
             }
-            Self::NoInside(id) => write!(f, "{id} has no inside, and a dynamic body needs one"),
+            Self::NoInside(id) => write!(f, "{id} has no volume, and a dynamic body needs one"),
             Self::TooManyShapeBytes => {
-                f.write_str("the scene's shapes take as many bytes as they may")
+                f.write_str("the scene's shapes have reached their limit of bytes")
             }
             Self::UnknownCommand => f.write_str("the server does not know such a command"),
-            Self::Other(code) => write!(f, "the server has a reason of its own, number {code}"),
+            Self::Other(code) => write!(f, "the server gave an unknown reason, number {code}"),
         }
     }
 }
@@ -512,7 +512,7 @@ impl Wire for CommandError {
     }
 }
 
-/// A code, then the name of what it is about.
+/// Encodes a code, then the id that the error is about.
 fn named(to: &mut Writer, code: u8, id: &impl Wire) {
     to.u8(code);
     id.encode(to);

@@ -1,6 +1,6 @@
-//! Several shapes that hold together, as one.
+//! Compound shape: several shapes as one.
 //!
-//! One of no parts is a body that nothing touches. Parts have no parts. Cheap to copy: copies share their parts.
+//! A compound without parts touches nothing. Parts are not compounds. Cheap to copy: copies share their parts.
 
 use alloc::sync::Arc;
 use alloc::vec::Vec;
@@ -14,29 +14,29 @@ use crate::limits::{EXTENT_MAX, EXTENT_MIN, PARTS_BYTES_MAX, PARTS_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-/// A shape in another one.
+/// A part of a compound.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Part {
     /// Metres, in the body's axes.
     pub position: Vec3,
     /// Part → body.
     pub rotation: Quat,
-    /// What it is; no compound.
+    /// Its shape; not a compound.
     pub shape: Shape,
 }
 
-/// Parts that hold together; the body's centre of mass is where they are counted from.
+/// Parts in the axes of a body, from its centre of mass.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Compound {
     parts: Arc<[Part]>,
 }
 
 impl Compound {
-    /// What some parts make.
+    /// A compound of these parts.
     ///
     /// # Errors
     ///
-    /// [`Invalid`] when they are too many, when one has parts itself, or for the first number that is wrong.
+    /// [`Invalid`] when they are too many, when one is a compound, or for the first invalid number.
     pub fn new(parts: Vec<Part>) -> Result<Self, Invalid> {
         let compound = Self {
             parts: parts.into(),
@@ -45,7 +45,7 @@ impl Compound {
         Ok(compound)
     }
 
-    /// A shape that nothing touches.
+    /// A shape that touches nothing.
     #[must_use]
     pub fn nothing() -> Self {
         Self {
@@ -59,7 +59,7 @@ impl Compound {
         &self.parts
     }
 
-    /// Of a ball around the centre of mass that holds the balls that hold the parts; a millimetre if that is more.
+    /// Radius of a ball around the centre of mass that holds the bounding balls of all parts; at least a millimetre.
     #[must_use]
     pub fn bounding_radius(&self) -> Metres {
         let reach = |part: &Part| {
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn it_comes_back_from_its_bytes_and_not_from_fewer() {
+    fn a_compound_round_trips_and_truncations_are_refused() {
         let balls = [1.0, 2.0].map(|x| part(x, Shape::Ball { radius: 0.5 }));
         let compound = Compound::new(balls.to_vec()).expect("two balls");
         assert_eq!(compound.bounding_radius().metres(), 2.5);
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_has_a_ball_of_a_millimetre() {
+    fn an_empty_compound_has_a_ball_of_a_millimetre() {
         let radius = Compound::nothing().bounding_radius().metres();
         assert_eq!(radius, f64::from(EXTENT_MIN));
     }

@@ -1,4 +1,4 @@
-//! What a scene is created with and keeps for all its life.
+//! Configuration of a scene, constant for its life.
 
 use core::num::NonZeroU32;
 
@@ -15,21 +15,21 @@ use crate::limits::{
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-/// Who says when the next tick comes.
+/// Source of a scene's next tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stepping {
-    /// A member: the scene stands still until it is told to advance.
+    /// A member: the scene takes steps only when a member advances it.
     Lockstep,
-    /// The server's clock, while anybody is there to see it.
+    /// The server's clock, while the scene has members.
     FreeRunning,
 }
 
-/// When bodies fall asleep.
+/// Conditions under which bodies fall asleep.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SleepConfig {
-    /// A body is still while no point of it is faster, m/s.
+    /// Greatest speed of any point of a body at rest, m/s.
     pub speed: f32,
-    /// It falls asleep once it and all that it touches were still for so long, seconds.
+    /// Time that a body and everything it touches must rest before it falls asleep, seconds.
     pub seconds: f32,
 }
 
@@ -40,22 +40,22 @@ impl SleepConfig {
     }
 }
 
-/// How a scene steps, what pulls at its bodies, and what a body is made of unless it says otherwise.
+/// Configuration of a scene: steps, gravity, and the defaults of its bodies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneConfig {
     /// Tick length and substeps.
     pub integrator: Integrator,
-    /// m/s², world frame, at the scene's beginning.
+    /// Gravity at the start, m/s², world frame.
     pub gravity: Vec3,
-    /// Who leads.
+    /// Source of the next tick.
     pub stepping: Stepping,
-    /// For bodies that bring none.
+    /// Default material of bodies.
     pub material: Material,
-    /// For bodies that bring none.
+    /// Default damping of bodies.
     pub damping: Damping,
-    /// The engine's own habit, unless the scene says otherwise.
+    /// `None`: the engine's own sleep conditions.
     pub sleep: Option<SleepConfig>,
-    /// When its streams are said.
+    /// Publication times of its streams.
     pub publish_schedule: PublishSchedule,
 }
 
@@ -64,7 +64,7 @@ impl SceneConfig {
     ///
     /// # Errors
     ///
-    /// [`Invalid`] names the first that is wrong.
+    /// [`Invalid`] names the first invalid number.
     pub fn check(&self) -> Result<(), Invalid> {
         let rate = self.integrator.rate;
         let fast = u64::from(rate.ticks()) > u64::from(rate.seconds()) * u64::from(RATE_MAX);

@@ -1,7 +1,7 @@
-//! A field of heights, as a shape: ground.
+//! Height field as a shape: ground.
 //!
-//! A sheet, not a solid: it has no inside and no mass, so only what no engine moves may have it. Cheap to copy: copies
-//! share their heights.
+//! A surface, not a solid: it has neither volume nor mass, so that only bodies that no engine moves may have it. Cheap
+//! to copy: copies share their heights.
 
 use alloc::sync::Arc;
 use alloc::vec::Vec;
@@ -24,7 +24,7 @@ pub struct Heights {
     column_spacing: f32,
     /// Row by row.
     heights: Arc<[f32]>,
-    /// Of the farthest post.
+    /// Distance of the farthest post, metres.
     radius: f64,
 }
 
@@ -33,8 +33,8 @@ impl Heights {
     ///
     /// # Errors
     ///
-    /// [`Invalid`] when rows or columns are fewer than two, when there are more posts than allowed or not as many as rows and
-    /// columns make, and when a spacing, a height or the size of the field is not finite or beyond the limits.
+    /// [`Invalid`] when there are fewer than two rows or columns, too many posts, or another count than rows times
+    /// columns; when a spacing, a height or the size of the field is not finite or beyond the limits.
     pub fn new(
         rows: u32,
         row_spacing: f32,
@@ -66,25 +66,25 @@ impl Heights {
         field
     }
 
-    /// How many rows.
+    /// Number of rows.
     #[must_use]
     pub const fn rows(&self) -> u32 {
         self.rows
     }
 
-    /// How many columns.
+    /// Number of columns.
     #[must_use]
     pub const fn columns(&self) -> u32 {
         self.columns
     }
 
-    /// Metres from row to row, along x.
+    /// Distance between rows, along x, metres.
     #[must_use]
     pub const fn row_spacing(&self) -> f32 {
         self.row_spacing
     }
 
-    /// Metres from column to column, along z.
+    /// Distance between columns, along z, metres.
     #[must_use]
     pub const fn column_spacing(&self) -> f32 {
         self.column_spacing
@@ -106,7 +106,7 @@ impl Heights {
         })
     }
 
-    /// Of the least ball around the body's origin that holds it.
+    /// Radius of the least ball around the body's origin that holds the field.
     #[must_use]
     pub const fn bounding_radius(&self) -> Metres {
         Metres::new(self.radius)
@@ -131,10 +131,10 @@ impl Heights {
     }
 }
 
-/// Two fields are equal when all that was said of them is.
+/// Two fields are equal when their sizes, spacings and heights are.
 impl PartialEq for Heights {
     fn eq(&self, other: &Self) -> bool {
-        let told = |field: &Self| {
+        let parameters = |field: &Self| {
             (
                 field.rows,
                 field.columns,
@@ -142,7 +142,7 @@ impl PartialEq for Heights {
                 field.column_spacing,
             )
         };
-        told(self) == told(other) && self.heights == other.heights
+        parameters(self) == parameters(other) && self.heights == other.heights
     }
 }
 
@@ -181,7 +181,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_comes_back_from_its_bytes_and_not_from_fewer() {
+    fn a_height_field_round_trips_and_truncations_are_refused() {
         let field = Heights::new(2, 1.0, 2.0, &[0.0, 1.0, 2.0, 3.0, 4.0, 5.0]).expect("a field");
         assert_eq!((field.rows(), field.columns()), (2, 3));
         let last = field.posts().last();
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_engine_should_build_is_refused_by_what_is_wrong() {
+    fn an_invalid_height_field_error_names_the_fault() {
         let posts = Err(Invalid::OutOfRange(Quantity::Posts));
         let extent = Err(Invalid::OutOfRange(Quantity::Extent));
         assert_eq!(Heights::new(0, 1.0, 1.0, &[]), posts);

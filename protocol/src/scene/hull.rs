@@ -1,7 +1,7 @@
-//! The convex hull of a few points, as a shape.
+//! Convex hull of a few points, as a shape.
 //!
-//! Knows no faces: engines find them. Checks what it can by one pass over the points; whether an engine can make a solid
-//! of them, the engine says. Cheap to copy: copies share their points.
+//! Faces are not known here: engines find them. One pass over the points checks them; only the engine can tell whether
+//! a solid can be made of them. Cheap to copy: copies share their points.
 
 use alloc::sync::Arc;
 use alloc::vec::Vec;
@@ -14,11 +14,11 @@ use crate::limits::{EXTENT_MAX, EXTENT_MIN, HULL_FLATNESS, HULL_POINTS_MAX, HULL
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-/// All that lies between some points. Body's axes, metres, from the centre of mass.
+/// The convex hull of points in the body's axes, metres, from the centre of mass.
 #[derive(Clone, Debug)]
 pub struct Hull {
     points: Arc<[Vec3]>,
-    /// Of the farthest point.
+    /// Distance of the farthest point, metres.
     radius: f64,
 }
 
@@ -54,20 +54,20 @@ impl Hull {
         &self.points
     }
 
-    /// Of the least ball around the centre of mass that holds it.
+    /// Radius of the least ball around the centre of mass that holds the hull.
     #[must_use]
     pub fn bounding_radius(&self) -> Metres {
         Metres::new(self.radius)
     }
 
-    /// Half the size of the least box along the body's axes, around the centre of mass, that holds it.
+    /// Half extents of the least box along the body's axes, around the centre of mass, that holds the hull.
     #[must_use]
     pub fn half_extents(&self) -> Vec3 {
         let sizes = self.points.iter().map(|point| point.abs());
         sizes.fold(Vec3::ZERO, Vec3::max)
     }
 
-    /// Checks every coordinate, and that it has room inside (PROTOCOL 2.6).
+    /// Checks every coordinate, and that the hull has volume (PROTOCOL 2.6).
     pub(super) fn check(&self) -> Result<(), Invalid> {
         for point in self.points.iter() {
             for part in point.to_array() {
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_room_inside_is_refused_as_too_thin() {
+    fn a_hull_without_volume_is_refused_as_too_thin() {
         let thin = Invalid::OutOfRange(Quantity::HullThickness);
         assert_eq!(refused(&[Vec3::ONE; 4]), thin);
         assert_eq!(refused(&[0.0, 1.0, 2.0, 3.0].map(Vec3::splat)), thin);
@@ -157,7 +157,7 @@ mod tests {
             thin
         );
         assert_eq!(refused(&CORNERS.map(|point| point * 1e-3 * 0.5)), thin);
-        // A sheet of a kilometre, a hair thick.
+        // A sheet of a kilometre, half a metre thick.
         let sheet = CORNERS.map(|point| point * Vec3::new(1e3, 1e3, 0.5));
         assert_eq!(refused(&sheet), thin);
         assert!(Hull::new(&CORNERS.map(|point| point * 1e-2)).is_ok());
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_or_too_large_is_refused_by_its_name() {
+    fn an_invalid_hull_error_names_the_fault() {
         for (wrong, invalid) in [
             (f32::NAN, Invalid::NotFinite(Quantity::Extent)),
             (f32::INFINITY, Invalid::NotFinite(Quantity::Extent)),
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn it_comes_back_from_its_bytes_and_not_from_fewer() {
+    fn a_hull_round_trips_and_truncations_are_refused() {
         let hull = Hull::new(&CORNERS).expect("a tetrahedron");
         let mut writer = Writer::new();
         hull.encode(&mut writer);
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn its_ball_reaches_the_farthest_point() {
+    fn the_bounding_ball_reaches_the_farthest_point() {
         let hull = Hull::new(&[Vec3::X, Vec3::Y, Vec3::Z, Vec3::splat(-2.0)]);
         let radius = hull.expect("a tetrahedron").bounding_radius().metres();
         assert_eq!(radius, libm::sqrt(12.0));

@@ -1,4 +1,4 @@
-//! Body indices that one member may give out.
+//! Body indices that a server grants to a member.
 
 use rhumb_reckoning::BodyId;
 
@@ -6,9 +6,9 @@ use crate::limits::INDICES_MAX;
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-/// A run of body indices that a server granted to one member.
+/// A range of body indices granted to one member.
 ///
-/// The member names the bodies it adds, so that it can command them without waiting for an answer.
+/// The member assigns the ids of its bodies, so that it can command them without waiting for an answer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct IdRange {
     first: u32,
@@ -17,7 +17,7 @@ pub struct IdRange {
 }
 
 impl IdRange {
-    /// None at all.
+    /// A range without indices.
     pub const EMPTY: Self = Self {
         first: 0,
         count: 0,
@@ -37,13 +37,13 @@ impl IdRange {
         })
     }
 
-    /// Whether a body's index is one of these.
+    /// Whether a body's index is in the range.
     #[must_use]
     pub fn contains(&self, id: BodyId) -> bool {
         id.index() >= self.first && id.index() - self.first < self.count
     }
 
-    /// A body for the `place`-th of these indices, the first that its member gives it.
+    /// The first id of the `place`-th of these indices.
     #[must_use]
     pub fn id(&self, place: u32) -> Option<BodyId> {
         (place < self.count).then(|| BodyId::new(self.first + place, self.generation))
@@ -55,13 +55,13 @@ impl IdRange {
         self.first
     }
 
-    /// How many there are.
+    /// The number of indices.
     #[must_use]
     pub const fn count(&self) -> u32 {
         self.count
     }
 
-    /// The least generation that their bodies may have.
+    /// The least generation of the ids.
     #[must_use]
     pub const fn generation(&self) -> u16 {
         self.generation

@@ -1,7 +1,7 @@
-//! What holds two bodies together.
+//! Joints between two bodies.
 //!
-//! Each body has a frame in which the joint sits; a kind says which motions of the second frame in the first are free,
-//! and limits say how far. Frames are in the axes of their body, from its centre of mass.
+//! Each body has a frame of the joint. A kind tells which motions of the second frame in the first are free, and
+//! limits bound them. Frames are in the axes of their body, from its centre of mass.
 
 use core::f32::consts::PI;
 use core::fmt;
@@ -35,7 +35,7 @@ impl Wire for JointId {
     }
 }
 
-/// Where a joint sits in one of its bodies.
+/// Frame of a joint in one of its bodies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointFrame {
     /// From the body's centre of mass, along its axes, metres.
@@ -60,7 +60,7 @@ impl JointFrame {
     }
 }
 
-/// How far something that is free may go: radians or metres, both ends allowed.
+/// Limits of a free motion: radians or metres, inclusive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointLimits {
     /// The least.
@@ -76,8 +76,8 @@ impl JointLimits {
     }
 }
 
-/// What a joint leaves free of the second frame in the first. Angles: twice the arc sine of a part of the turn's
-/// quaternion, radians.
+/// Free motions of the second frame in the first. Angles: twice the arc sine of a part of the turn's quaternion,
+/// radians.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum JointKind {
     /// Nothing.
@@ -86,7 +86,7 @@ pub enum JointKind {
     Spherical(Option<[JointLimits; 3]>),
     /// The turn about x.
     Revolute(Option<JointLimits>),
-    /// The way along x.
+    /// The displacement along x.
     Prismatic(Option<JointLimits>),
 }
 
@@ -106,16 +106,16 @@ impl JointKind {
     }
 }
 
-/// Two bodies held together.
+/// A joint of two bodies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Joint {
-    /// What stays free.
+    /// Its free motions.
     pub kind: JointKind,
     /// The bodies, two different ones.
     pub bodies: [BodyId; 2],
-    /// Where it sits in each.
+    /// Its frame in each body.
     pub frames: [JointFrame; 2],
-    /// Whether the two also push each other where they touch.
+    /// Whether the two bodies also collide with each other.
     pub collide: bool,
 }
 
@@ -124,7 +124,7 @@ impl Joint {
     ///
     /// # Errors
     ///
-    /// [`Invalid`] names the first that is wrong.
+    /// [`Invalid`] names the first invalid number.
     pub fn check(&self) -> Result<(), Invalid> {
         for frame in &self.frames {
             frame.check()?;
@@ -138,7 +138,7 @@ impl Joint {
     }
 }
 
-/// Bits of the byte that says what follows.
+/// Bits of the byte that tells which fields follow.
 mod flag {
     pub(super) const KIND: u8 = 0b11;
     pub(super) const COLLIDE: u8 = 1 << 2;
@@ -147,7 +147,7 @@ mod flag {
     pub(super) const ALL: u8 = (1 << 6) - 1;
 }
 
-/// The bits of the rotation that is not said.
+/// Bits of the rotation that the encoding omits.
 const IDENTITY_BITS: [u32; 4] = [0, 0, 0, 1.0_f32.to_bits()];
 
 fn is_identity(rotation: Quat) -> bool {
@@ -282,7 +282,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn it_comes_back_from_its_bytes_and_not_from_fewer(joint in joint()) {
+        fn a_joint_round_trips_and_truncations_are_refused(joint in joint()) {
             let mut writer = Writer::new();
             joint.encode(&mut writer);
             let bytes = writer.into_bytes();
@@ -296,7 +296,7 @@ mod tests {
         }
 
         #[test]
-        fn what_reads_as_a_joint_is_written_so(bytes in prop::collection::vec(any::<u8>(), 0..120)) {
+        fn a_decoded_joint_encodes_to_the_same_bytes(bytes in prop::collection::vec(any::<u8>(), 0..120)) {
             let mut reader = Reader::new(&bytes);
             if let Ok(joint) = Joint::decode(&mut reader) {
                 let mut writer = Writer::new();

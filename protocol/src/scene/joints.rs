@@ -1,6 +1,7 @@
-//! The joints of a scene, by name and by body.
+//! The joints of a scene, by id and by body.
 //!
-//! Kept alike at both ends. Invariant: a joint is found under its name and under both of its bodies, or not at all.
+//! Server and client keep the same table. Invariant: a joint is found under its id and under both of its bodies, or
+//! not at all.
 
 use alloc::collections::{BTreeMap, BTreeSet};
 use alloc::vec::Vec;
@@ -17,7 +18,7 @@ pub struct Joints {
 }
 
 impl Joints {
-    /// Takes a joint in, unless its name is taken; whether it did.
+    /// Adds a joint unless its id is taken; returns whether it was added.
     pub fn insert(&mut self, id: JointId, joint: Joint) -> bool {
         if self.by_id.contains_key(&id) {
             return false;
@@ -27,7 +28,7 @@ impl Joints {
         true
     }
 
-    /// Takes a joint out.
+    /// Removes a joint.
     pub fn remove(&mut self, id: JointId) -> Option<Joint> {
         let joint = self.by_id.remove(&id)?;
         for body in joint.bodies {
@@ -36,23 +37,23 @@ impl Joints {
         Some(joint)
     }
 
-    /// Takes out all joints of a body that goes, in the order of names.
+    /// Removes all joints of a removed body; returns their ids in order.
     pub fn remove_body(&mut self, body: BodyId) -> Vec<JointId> {
         let all = (body, JointId(0))..=(body, JointId(u32::MAX));
-        let gone: Vec<_> = self.by_body.range(all).map(|(_, id)| *id).collect();
-        for id in &gone {
+        let removed: Vec<_> = self.by_body.range(all).map(|(_, id)| *id).collect();
+        for id in &removed {
             self.remove(*id);
         }
-        gone
+        removed
     }
 
-    /// The joint of a name.
+    /// The joint of an id.
     #[must_use]
     pub fn get(&self, id: JointId) -> Option<&Joint> {
         self.by_id.get(&id)
     }
 
-    /// All, in the order of names.
+    /// All joints, in the order of ids.
     pub fn iter(&self) -> impl Iterator<Item = (JointId, &Joint)> {
         self.by_id.iter().map(|(id, joint)| (*id, joint))
     }

@@ -1,18 +1,18 @@
-//! What a body's surface and substance do.
+//! Material of a body: surface and density.
 
 use super::checks::{Invalid, Quantity, scalar};
 use crate::limits::{DENSITY_MAX, DENSITY_MIN, FRICTION_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-/// Friction, bounce and density.
+/// Friction, restitution and density.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {
     /// Coulomb coefficient, ≥ 0.
     pub friction: f32,
-    /// Share of the closing speed given back, in [0, 1].
+    /// Share of the closing speed that is returned, in [0, 1].
     pub restitution: f32,
-    /// kg/m³.
+    /// Density, kg/m³.
     pub density: f32,
 }
 
@@ -20,7 +20,7 @@ impl Material {
     /// Checks every number.
     ///
     /// # Errors
-    ///
+    /// [`Invalid`] names the first invalid number.
     /// [`Invalid`] names the first that is wrong.
     pub fn check(&self) -> Result<(), Invalid> {
         scalar(self.friction, 0.0, FRICTION_MAX, Quantity::Friction)?;

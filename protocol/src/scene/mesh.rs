@@ -1,7 +1,7 @@
-//! A mesh of triangles, as a shape: what stands about and is not convex.
+//! Triangle mesh as a shape: scenery that is not convex.
 //!
-//! A sheet, not a solid: it has no mass, so only what no engine moves may have it. Indices are checked here, since engines
-//! do not. Cheap to copy: copies share their points.
+//! A surface, not a solid: it has no mass, so that only bodies that no engine moves may have it. Indices are checked
+//! here, since engines do not. Cheap to copy: copies share their points.
 
 use alloc::sync::Arc;
 use alloc::vec::Vec;
@@ -14,22 +14,22 @@ use crate::limits::{EXTENT_MAX, MESH_POINTS_MAX, TRIANGLES_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-/// Triangles between points. Body's axes, metres.
+/// Triangles between points, in the body's axes, metres.
 #[derive(Clone, Debug)]
 pub struct Mesh {
     points: Arc<[Vec3]>,
     triangles: Arc<[[u32; 3]]>,
-    /// Of the farthest point.
+    /// Distance of the farthest point, metres.
     radius: f64,
 }
 
 impl Mesh {
-    /// The triangles between some points, each by the places of three of them.
+    /// A mesh of triangles, each given by three point indices.
     ///
     /// # Errors
     ///
-    /// [`Invalid`] when there are none or too many, when a triangle names a point that there is not, or when a coordinate is
-    /// not finite or beyond the limits.
+    /// [`Invalid`] when there are no triangles or too many, when a point index is out of range, or when a coordinate
+    /// is not finite or beyond the limits.
     pub fn new(points: &[Vec3], triangles: &[[u32; 3]]) -> Result<Self, Invalid> {
         let mesh = Self::unchecked(points.to_vec(), triangles.to_vec());
         mesh.check()?;
@@ -52,13 +52,13 @@ impl Mesh {
         &self.points
     }
 
-    /// The triangles, by places of points.
+    /// The triangles, as point indices.
     #[must_use]
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
     }
 
-    /// Of the least ball around the body's origin that holds it.
+    /// Radius of the least ball around the body's origin that holds the mesh.
     #[must_use]
     pub const fn bounding_radius(&self) -> Metres {
         Metres::new(self.radius)
@@ -108,7 +108,7 @@ impl Wire for Mesh {
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
         let points = from.varint_to(MESH_POINTS_MAX as u64)? as usize;
         let count = from.varint_to(TRIANGLES_MAX as u64)? as usize;
-        // A triangle takes three bytes at least: nothing is kept for a count without bytes.
+        // A triangle takes at least three bytes: nothing is allocated for a count without bytes.
         if points * 12 + count * 3 > from.rest().len() {
             return Err(Malformed::Truncated);
         }
@@ -135,7 +135,7 @@ mod tests {
     const CORNERS: [Vec3; 3] = [Vec3::ZERO, Vec3::X, Vec3::Y];
 
     #[test]
-    fn it_comes_back_from_its_bytes_and_not_from_fewer() {
+    fn a_mesh_round_trips_and_truncations_are_refused() {
         let mesh = Mesh::new(&CORNERS, &[[0, 1, 2], [2, 1, 0]]).expect("a mesh");
         let mut writer = Writer::new();
         mesh.encode(&mut writer);
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_engine_should_build_is_refused_by_what_is_wrong() {
+    fn an_invalid_mesh_error_names_the_fault() {
         let wrong = |points: &[Vec3], triangles: &[[u32; 3]]| {
             Mesh::new(points, triangles).expect_err("the test makes it wrong")
         };

@@ -1,4 +1,4 @@
-//! The nouns of a scene as clients and servers name them.
+//! Types of a scene that clients and servers share.
 mod body;
 mod checks;
 mod command;

@@ -1,7 +1,7 @@
-//! When the streams of a scene are said: which ticks, and how late.
+//! Publication times of a scene's streams: which ticks, with what delay.
 //!
-//! Nothing but the config; who keeps them is the observation_history of a scene. Commands and scene_events act at every tick whatever the
-//! publish_schedule.
+//! Configuration only; the observation history of a scene keeps the ticks. Commands and scene events act at every
+//! tick, whatever the schedule.
 
 use core::num::NonZeroU32;
 
@@ -12,24 +12,24 @@ use crate::limits::{LOOKAHEAD_TICKS_MAX, PUBLISH_SECONDS_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-/// At which ticks the streams of a scene are said, and how many ticks later.
+/// Published ticks of a scene's streams, and the delay of their publication.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PublishSchedule {
-    /// The ticks that are spoken of are the multiples of this number.
+    /// Published ticks are the multiples of this number.
     pub publish_interval: NonZeroU32,
-    /// Each is spoken of when the scene has taken so many steps more: what came of it is known then, and what is said
-    /// stays true for longer. All copies are so much later.
+    /// Steps that the scene takes before a tick is published. The publisher knows what follows the tick, so that
+    /// updates stay valid for longer. All copies are later by these ticks.
     pub lookahead: Ticks,
 }
 
 impl PublishSchedule {
-    /// Each tick, at once.
+    /// Every tick, at once.
     pub const EACH_TICK: Self = Self {
         publish_interval: NonZeroU32::MIN,
         lookahead: Ticks::ZERO,
     };
 
-    /// Whether a tick is spoken of.
+    /// Whether a tick is published.
     #[must_use]
     pub const fn publishes(&self, tick: Tick) -> bool {
         tick.value()
@@ -49,14 +49,14 @@ impl PublishSchedule {
         Ok(())
     }
 
-    /// The first tick after another that is spoken of.
+    /// The first published tick after another tick.
     #[must_use]
     pub fn next_published(self, after: Tick) -> Tick {
         let publish_interval = u64::from(self.publish_interval.get());
         Tick::new((after.value() / publish_interval + 1) * publish_interval)
     }
 
-    /// Checks that members who wait for a tick get it before they ask for another.
+    /// Checks that members of a lockstep scene get each tick before they advance further.
     pub(super) fn check_lockstep(self) -> Result<(), Invalid> {
         if self.lookahead == Ticks::ZERO {
             Ok(())

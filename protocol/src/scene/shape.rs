@@ -1,4 +1,4 @@
-//! The shapes that bodies have.
+//! Shapes of bodies.
 
 use core::fmt;
 
@@ -52,7 +52,7 @@ pub enum Shape {
     Capsule {
         /// Half the length of the straight part.
         half_height: f32,
-        /// Of the cylinder and the balls.
+        /// Radius of the cylinder and the balls, metres.
         radius: f32,
     },
     /// A cylinder.
@@ -62,18 +62,18 @@ pub enum Shape {
         /// Metres.
         radius: f32,
     },
-    /// What lies between some points; the body's centre of mass is where they are counted from.
+    /// A convex hull, in coordinates from the body's centre of mass.
     Hull(Hull),
-    /// Ground: for bodies that no engine moves.
+    /// Height field: for bodies that no engine moves.
     Heights(Heights),
-    /// Triangles: for bodies that no engine moves.
+    /// Triangle mesh: for bodies that no engine moves.
     Mesh(Mesh),
-    /// Several shapes that hold together.
+    /// Several shapes as one.
     Compound(Compound),
 }
 
 impl Shape {
-    /// Whether it has an inside, so that it has mass: neither ground nor triangles, nor anything with such a part.
+    /// Whether it has volume and mass: neither a height field nor a mesh, nor a compound with such a part.
     #[must_use]
     pub fn is_solid(&self) -> bool {
         match self {
@@ -87,7 +87,7 @@ impl Shape {
         }
     }
 
-    /// About how many bytes whoever keeps it needs for it.
+    /// Approximate bytes in memory.
     #[must_use]
     pub fn bytes(&self) -> usize {
         let own = size_of::<Self>();
@@ -136,7 +136,7 @@ impl Shape {
         Ok(())
     }
 
-    /// The least ball around the centre of mass that holds the shape (RECKONING 4.5).
+    /// Radius of the least ball around the centre of mass that holds the shape (RECKONING 4.5).
     #[must_use]
     pub fn bounding_radius(&self) -> Metres {
         Metres::new(match *self {
@@ -163,7 +163,7 @@ impl Shape {
         })
     }
 
-    /// What a part of another may be: anything without parts.
+    /// Decodes a part of a compound: any shape but a compound.
     pub(super) fn decode_part(from: &mut Reader<'_>) -> Result<Self, Malformed> {
         Ok(match from.u8()? {
             0 => Self::Ball {
@@ -247,5 +247,5 @@ impl Wire for Shape {
     }
 }
 
-/// The code of what has parts.
+/// Code of a compound.
 const COMPOUND: u8 = 7;

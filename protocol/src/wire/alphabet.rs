@@ -1,13 +1,13 @@
-//! An alphabet as readers look things up in it: which symbol covers a part.
+//! Lookup tables of an alphabet for the range decoder.
 //!
-//! Says nothing that the starts of the symbols do not say; made of them when this is compiled.
+//! Computed at compile time from the starts of the symbols.
 
 use super::range::TOTAL_BITS;
 
-/// Where the parts of each symbol begin, and which symbol covers the first of each stretch of parts.
+/// The start of each symbol's parts, and for each stretch of parts the symbol that covers its first part.
 #[derive(Clone, Debug)]
 pub(crate) struct Alphabet {
-    /// Behind the last symbol stands the end of all parts, over and over.
+    /// After the last symbol, the end of all parts, repeated.
     starts: [u16; STARTS],
     near: [u8; STRETCHES],
 }
@@ -18,20 +18,20 @@ pub(crate) struct SymbolSpan {
     pub(crate) symbol: usize,
     /// The first part.
     pub(crate) start: u32,
-    /// How many parts.
+    /// Number of parts.
     pub(crate) size: u32,
 }
 
-/// No alphabet has more, its end among them.
+/// Greatest number of symbols, with the end.
 const SYMBOLS_MAX: usize = 32;
-/// With two behind each.
+/// Two more entries after the symbols.
 const STARTS: usize = SYMBOLS_MAX + 2;
-/// Parts of a stretch, as a power of two: so few that hardly one has more than two symbols.
+/// Parts of a stretch, as a power of two: few stretches have more than two symbols.
 const STRETCH_BITS: u32 = 6;
 const STRETCHES: usize = 1 << (TOTAL_BITS - STRETCH_BITS);
 
 impl Alphabet {
-    /// Of symbols that begin at these parts, the end of all behind them.
+    /// Tables of symbols that start at these parts, followed by the end.
     pub(crate) const fn new<const N: usize>(of: &[u16; N]) -> Self {
         assert!(N <= SYMBOLS_MAX && of[0] == 0 && of[N - 1] == 1 << TOTAL_BITS);
         let mut starts = [1 << TOTAL_BITS; STARTS];
@@ -62,7 +62,7 @@ impl Alphabet {
         if third <= part {
             return self.beyond(symbol, part);
         }
-        // Which of the two it is can hardly be predicted_after, so nothing is to branch on it.
+        // Which of the two symbols it is cannot be predicted, so that the code must not branch on it.
         let past = u32::from(second <= part);
         let one = past.wrapping_neg();
         let start = first ^ ((first ^ second) & one);
@@ -74,7 +74,7 @@ impl Alphabet {
         }
     }
 
-    /// The same where a stretch has more symbols than two.
+    /// The same for a stretch with more than two symbols.
     fn beyond(&self, mut symbol: usize, part: u32) -> SymbolSpan {
         let start = |symbol: usize| u32::from(self.starts[symbol]);
         while start(symbol + 1) <= part {
@@ -93,7 +93,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_part_is_covered_by_the_last_symbol_that_does_not_begin_after_it() {
+    fn the_lookup_equals_a_linear_search() {
         let dense = [
             0, 1, 2, 3, 4, 60, 70, 71, 72, 128, 4_000, 4_094, 4_095, 4_096,
         ];

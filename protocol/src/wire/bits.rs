@@ -1,13 +1,13 @@
-//! Single bits, low bit of the first byte first, and the codes built of them.
+//! Bits, low bit of the first byte first, and the codes built from them.
 //!
-//! The only place where bits are shifted. Writing asserts; reading never does. The last byte is filled with zeros, and
-//! a reader refuses anything else (PROTOCOL 5.1).
+//! The only place with bit shifts. Writing asserts; reading never does. The last byte is filled with zeros, and a
+//! reader refuses any other filling (PROTOCOL 5.1).
 
 use alloc::vec::Vec;
 
 use super::Malformed;
 
-/// What bits can be put into.
+/// A sink of bits.
 pub trait PutBits {
     /// The low `count` bits of `value`; `count` is at most 32.
     fn bits(&mut self, value: u32, count: u32);
@@ -47,13 +47,13 @@ pub trait PutBits {
     }
 }
 
-/// What bits can be taken out of.
+/// A source of bits.
 pub trait TakeBits {
     /// The next `count` bits as a number; `count` is at most 32.
     ///
     /// # Errors
     ///
-    /// [`Malformed`] when there are none; so for every reader below.
+    /// [`Malformed`] when fewer bits are left; so for every method below.
     fn bits(&mut self, count: u32) -> Result<u32, Malformed>;
 
     /// One bit.
@@ -103,30 +103,30 @@ pub trait TakeBits {
 pub struct BitWriter {
     bytes: Vec<u8>,
     pending: u64,
-    held: u32,
+    pending_bits: u32,
 }
 
 impl BitWriter {
-    /// Continues after whole bytes that were written before.
+    /// Continues after bytes that are written already.
     #[must_use]
     pub fn after(bytes: Vec<u8>) -> Self {
         Self {
             bytes,
             pending: 0,
-            held: 0,
+            pending_bits: 0,
         }
     }
 
-    /// Bits written so far, those before this writer began included.
+    /// Bits written so far, with those before this writer.
     #[must_use]
     pub fn bit_len(&self) -> usize {
-        self.bytes.len() * 8 + self.held as usize
+        self.bytes.len() * 8 + self.pending_bits as usize
     }
 
-    /// Fills the last byte with zeros and hands everything over.
+    /// Fills the last byte with zeros and returns all bytes.
     #[must_use]
     pub fn into_bytes(mut self) -> Vec<u8> {
-        if self.held > 0 {
+        if self.pending_bits > 0 {
             self.bytes.push(self.pending as u8);
         }
         self.bytes
@@ -144,20 +144,20 @@ impl PutBits for BitWriter {
             count == 32 || (count < 32 && value >> count == 0),
             "{value} does not fit {count} bits"
         );
-        self.pending |= u64::from(value) << self.held;
-        self.held += count;
-        while self.held >= 8 {
+        self.pending |= u64::from(value) << self.pending_bits;
+        self.pending_bits += count;
+        while self.pending_bits >= 8 {
             self.bytes.push(self.pending as u8);
             self.pending >>= 8;
-            self.held -= 8;
+            self.pending_bits -= 8;
         }
     }
 }
 
-/// The largest number that a Golomb code may hold: any residual on the widest grid, made unsigned.
+/// Largest number of a Golomb code: any residual on the widest grid, mapped to unsigned.
 pub const GOLOMB_MAX: u32 = (1 << 31) + (1 << 30);
 
-/// How many bits [`BitWriter::golomb`] takes.
+/// Length of the code of [`BitWriter::golomb`] in bits.
 #[must_use]
 pub const fn golomb_len(value: u32, order: u32) -> u32 {
     let extra = (value + (1 << order)).ilog2() - order;
@@ -178,7 +178,7 @@ impl<'a> BitReader<'a> {
         Self { bytes, position: 0 }
     }
 
-    /// How many bits were read.
+    /// Number of bits read.
     #[must_use]
     pub const fn position(&self) -> usize {
         self.position
@@ -213,7 +213,7 @@ impl TakeBits for BitReader<'_> {
             return Err(Malformed::Truncated);
         }
         let first = self.position / 8;
-        // 32 bits from any bit on lie within five bytes.
+        // Any 32 consecutive bits lie within five bytes.
         let mut window = 0_u64;
         for (place, byte) in self.bytes[first..].iter().take(5).enumerate() {
             window |= u64::from(*byte) << (8 * place);
@@ -251,7 +251,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn pieces_come_back_in_order(pieces in proptest::collection::vec(piece(), 0..40)) {
+        fn bit_spans_round_trip_in_order(pieces in proptest::collection::vec(piece(), 0..40)) {
             let mut writer = BitWriter::default();
             let mut expected = 0;
             for piece in &pieces {
@@ -279,7 +279,7 @@ mod tests {
         }
 
         #[test]
-        fn no_bytes_make_a_reader_panic(bytes in proptest::collection::vec(any::<u8>(), 0..40), order in 0_u32..12) {
+        fn no_bytes_make_a_bit_reader_panic(bytes in proptest::collection::vec(any::<u8>(), 0..40), order in 0_u32..12) {
             let mut reader = BitReader::new(&bytes);
             while reader.golomb(order).is_ok() {}
             let mut reader = BitReader::new(&bytes);

@@ -1,7 +1,7 @@
 //! Whole bytes: little-endian numbers and variable-length integers.
 //!
-//! Writing asserts, since the caller is one of us; reading never does, since the sender may be anyone. A variable
-//! integer holds seven bits a byte, low bits first, and only its shortest form is accepted (PROTOCOL 2.2).
+//! Writing asserts, since the caller is part of the product; reading never does, since the sender may be anyone. A
+//! variable integer has seven bits a byte, low bits first, and only its shortest form is accepted (PROTOCOL 2.2).
 
 use alloc::vec::Vec;
 
@@ -21,13 +21,13 @@ impl Writer {
         Self::default()
     }
 
-    /// What was written.
+    /// The written bytes.
     #[must_use]
     pub fn into_bytes(self) -> Vec<u8> {
         self.buffer
     }
 
-    /// How many bytes were written.
+    /// Number of bytes written.
     #[must_use]
     pub fn len(&self) -> usize {
         self.buffer.len()
@@ -70,7 +70,7 @@ impl Writer {
         }
     }
 
-    /// Bytes as they are.
+    /// The bytes unchanged.
     pub fn raw(&mut self, bytes: &[u8]) {
         self.buffer.extend_from_slice(bytes);
     }
@@ -95,7 +95,7 @@ impl<'a> Reader<'a> {
         Self { rest: bytes }
     }
 
-    /// What was not read yet.
+    /// The unread bytes.
     #[must_use]
     pub const fn rest(&self) -> &'a [u8] {
         self.rest
@@ -105,7 +105,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     ///
-    /// [`Malformed::Truncated`] when fewer are left; so for every reader below.
+    /// [`Malformed::Truncated`] when fewer are left; so for every method below.
     pub fn raw(&mut self, count: usize) -> Result<&'a [u8], Malformed> {
         let (taken, rest) = self
             .rest
@@ -197,7 +197,7 @@ impl<'a> Reader<'a> {
             .map(|value| value as u32)
     }
 
-    /// A float, which may be anything.
+    /// A float of any value.
     ///
     /// # Errors
     ///
@@ -219,7 +219,7 @@ impl<'a> Reader<'a> {
         Ok(values)
     }
 
-    /// A length of at most `most`, then so many bytes.
+    /// A length of at most `most`, then as many bytes.
     ///
     /// # Errors
     ///
@@ -236,7 +236,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     ///
-    /// [`Malformed::Trailing`] when something is left.
+    /// [`Malformed::Trailing`] when bytes are left.
     pub fn finish(self) -> Result<(), Malformed> {
         if self.rest.is_empty() {
             Ok(())
@@ -253,7 +253,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_variable_integer_comes_back(value: u64) {
+        fn a_variable_integer_round_trips(value: u64) {
             let mut writer = Writer::new();
             writer.varint(value);
             let bytes = writer.into_bytes();

@@ -1,29 +1,29 @@
-//! Why bytes are not a value.
+//! Errors of decoding.
 
 use core::fmt;
 
 use rhumb_reckoning::InvalidMotion;
 
-/// The bytes are not a value of the protocol.
+/// The bytes do not encode a value of the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Malformed {
-    /// They end too soon.
+    /// The bytes end too soon.
     Truncated,
-    /// Something follows the end.
+    /// Bytes follow the end.
     Trailing,
-    /// A number was not said in its one shortest form.
+    /// A number is not in its shortest form.
     NotCanonical,
-    /// A number lies outside its range.
+    /// A number is outside its range.
     OutOfRange,
-    /// A code that no version so far has given a meaning.
+    /// A code without a meaning in any version so far.
     UnknownCode,
-    /// A command that a later version may know: it is refused, and nothing else is wrong.
+    /// A command that a later version may know: it is refused, and the rest of the message is valid.
     UnknownCommand,
     /// A number is NaN or infinite, or a rotation is not of unit length.
     NotFinite,
-    /// So it is with a motion that was said to the bit.
+    /// The same for an exact motion.
     Motion(InvalidMotion),
-    /// A text is not UTF-8 or holds characters that it may not.
+    /// A text is not UTF-8 or contains forbidden characters.
     Text,
     /// More than a limit allows.
     TooLong,

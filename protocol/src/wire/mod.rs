@@ -1,4 +1,4 @@
-//! Bytes and bits: the only place where numbers become either.
+//! Encoding of values as bytes and bits.
 pub(crate) mod alphabet;
 pub mod bits;
 pub mod bytes;
@@ -9,18 +9,18 @@ pub use malformed::Malformed;
 
 use self::bytes::{Reader, Writer};
 
-/// Codes from here on may be met by who does not know them; what is then done stands with each (PROTOCOL 3.5).
+/// Peers must tolerate unknown codes from here on; the item of each code tells how (PROTOCOL 3.5).
 pub const OPTIONAL: u8 = 0x80;
 
-/// A value with one form in whole bytes.
+/// A value with exactly one encoding in whole bytes.
 pub trait Wire: Sized {
-    /// Appends the value's one form.
+    /// Appends the value's encoding.
     fn encode(&self, to: &mut Writer);
 
     /// Takes a value off the front.
     ///
     /// # Errors
     ///
-    /// [`Malformed`] when the front is not a value of this type in its one form.
+    /// [`Malformed`] when the front is not the encoding of a value of this type.
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed>;
 }

@@ -1,7 +1,7 @@
-//! A range coder: symbols in as many bits as their likelihood is worth.
+//! Range coder: a symbol takes as many bits as its probability demands.
 //!
-//! Thirty-two bits wide, bytes from the most significant down. Writing asserts; reading never does, and refuses every
-//! string but the one that writing gives (PROTOCOL 5.3).
+//! Thirty-two bits wide, most significant byte first. Writing asserts; reading never does, and refuses every string
+//! that writing does not give (PROTOCOL 5.3).
 
 use alloc::vec::Vec;
 
@@ -9,19 +9,19 @@ use super::Malformed;
 use super::alphabet::Alphabet;
 use super::bits::{PutBits, TakeBits};
 
-/// Frequencies of one alphabet add up to two to this power.
+/// The frequencies of an alphabet add up to two to this power.
 pub(crate) const TOTAL_BITS: u32 = 12;
 
-/// The range is never below this when a symbol begins.
+/// Least range at the start of a symbol.
 const RANGE_MIN: u32 = 1 << 24;
 /// Most raw bits that one step takes.
 const RAW_BITS_STEP: u32 = 16;
 
-/// Puts symbols together.
+/// Encodes symbols.
 #[derive(Clone, Debug)]
 pub(crate) struct RangeWriter {
     bytes: Vec<u8>,
-    /// Below 2³²; what exceeds it has been carried into `bytes`.
+    /// Below 2³²; the carry beyond it has been added to `bytes`.
     low: u64,
     range: u32,
 }
@@ -37,7 +37,7 @@ impl Default for RangeWriter {
 }
 
 impl RangeWriter {
-    /// With room for so many bytes.
+    /// A writer with capacity for so many bytes.
     pub(crate) fn with_capacity(bytes: usize) -> Self {
         Self {
             bytes: Vec::with_capacity(bytes),
@@ -49,10 +49,10 @@ impl RangeWriter {
     ///
     /// # Panics
     ///
-    /// When it covers nothing.
+    /// When `size` is zero.
     #[inline]
     pub(crate) fn symbol(&mut self, start: u32, size: u32, bits: u32) {
-        assert!(size > 0, "what has no probability cannot be coded_item");
+        assert!(size > 0, "a symbol without probability cannot be coded");
         let part = self.range >> bits;
         self.low += u64::from(part) * u64::from(start);
         self.range = part * size;
@@ -67,7 +67,7 @@ impl RangeWriter {
         }
     }
 
-    /// The low `count` bits of `value`, each as likely as not; `count` is at most 32.
+    /// The low `count` bits of `value`, all equally likely; `count` is at most 32.
     #[inline]
     pub(crate) fn raw(&mut self, value: u32, count: u32) {
         let low_count = count.min(RAW_BITS_STEP);
@@ -88,12 +88,12 @@ impl RangeWriter {
         }
     }
 
-    /// How many bytes [`Self::into_bytes`] gives at most.
+    /// Greatest length of [`Self::into_bytes`].
     pub(crate) fn byte_len_max(&self) -> usize {
         self.bytes.len() + 4
     }
 
-    /// Ends with the fewest bytes that leave no mismatch, zeros at the end left out.
+    /// Ends with the fewest bytes that determine all symbols; trailing zeros are omitted.
     pub(crate) fn into_bytes(mut self) -> Vec<u8> {
         let tail = shortest_tail(self.low as i64, self.range);
         if tail >> 32 != 0 {
@@ -119,8 +119,8 @@ impl TakeBits for RangeReader<'_> {
     }
 }
 
-/// Of the numbers from `low` up to before `low + range`, the one with the most zero bytes at its low end, of 32 bits;
-/// among those the least.
+/// Of the numbers in `low..low + range`, the one with the most zero bytes at its low end, of 32 bits; among those the
+/// least.
 fn shortest_tail(low: i64, range: u32) -> i64 {
     for zeros in [32, 24, 16, 8] {
         let unit = 1_i64 << zeros;
@@ -132,13 +132,13 @@ fn shortest_tail(low: i64, range: u32) -> i64 {
     low
 }
 
-/// Takes symbols apart.
+/// Decodes symbols.
 #[derive(Clone, Debug)]
 pub(crate) struct RangeReader<'a> {
     bytes: &'a [u8],
-    /// How many were taken, those beyond the end included: zeros stand there.
+    /// Bytes taken, with those beyond the end, which count as zeros.
     taken: u32,
-    /// What was read, from the low end of the range on.
+    /// The read number, from the low end of the range on.
     offset: u32,
     range: u32,
 }
@@ -159,7 +159,7 @@ impl<'a> RangeReader<'a> {
     ///
     /// # Errors
     ///
-    /// [`Malformed::NotCanonical`] for what no symbol is put into.
+    /// [`Malformed::NotCanonical`] for bytes that no symbol encodes to.
     #[inline(always)]
     pub(crate) fn symbol(&mut self, of: &Alphabet) -> Result<usize, Malformed> {
         let symbol = self.symbol_unfilled(of)?;
@@ -167,7 +167,7 @@ impl<'a> RangeReader<'a> {
         Ok(symbol)
     }
 
-    /// The same, to be followed by [`Self::fill`] or [`Self::fill_with_bit`].
+    /// The same without renormalisation: [`Self::fill`] or [`Self::fill_with_bit`] must follow.
     ///
     /// # Errors
     ///
@@ -176,7 +176,7 @@ impl<'a> RangeReader<'a> {
     pub(crate) fn symbol_unfilled(&mut self, of: &Alphabet) -> Result<usize, Malformed> {
         let unit = self.range >> TOTAL_BITS;
         let part = self.offset / unit;
-        // Division leaves a rest at the upper end that nothing is ever put into.
+        // Division leaves a remainder at the upper end that no symbol encodes to.
         if part >> TOTAL_BITS != 0 {
             return Err(Malformed::NotCanonical);
         }
@@ -188,14 +188,14 @@ impl<'a> RangeReader<'a> {
 
     /// Takes as many bytes as bring the range up to [`RANGE_MIN`] again.
     ///
-    /// Without a branch on how many: that is chance.
+    /// Without a branch on their number, which is unpredictable.
     #[inline(always)]
     pub(crate) fn fill(&mut self) {
         let (window, range) = (self.window(), u64::from(self.range) << 32);
         self.widen(window, range);
     }
 
-    /// The same, and then a raw bit if there is one here; unset where there is none.
+    /// The same, then a raw bit if `there` is set; otherwise returns an unset bit.
     ///
     /// # Errors
     ///
@@ -220,16 +220,16 @@ impl<'a> RangeReader<'a> {
         Ok(set)
     }
 
-    /// The offset, and behind it the bytes that come next.
+    /// The offset, followed by the next bytes.
     #[inline(always)]
     fn window(&self) -> u64 {
         u64::from(self.offset) << 32 | u64::from(four_at(self.bytes, self.taken))
     }
 
-    /// Goes on with a window and a range, each with 32 bits behind it, as soon as these are wide enough.
+    /// Continues with a window and a range, each with 32 bits below, once they are wide enough.
     #[inline(always)]
     fn widen(&mut self, window: u64, range: u64) {
-        // Whole bytes of it, none of a range that is wide enough.
+        // Whole bytes; none if the range is wide enough.
         let bits = range.leading_zeros() & 56;
         self.offset = ((window << bits) >> 32) as u32;
         self.range = ((range << bits) >> 32) as u32;
@@ -240,7 +240,7 @@ impl<'a> RangeReader<'a> {
     ///
     /// # Errors
     ///
-    /// [`Malformed`] when so much was read beyond the end that no writer can have meant it.
+    /// [`Malformed`] when more was read beyond the end than any writer omits.
     pub(crate) fn raw(&mut self, count: u32) -> Result<u32, Malformed> {
         let low_count = count.min(RAW_BITS_STEP);
         let mut value = 0;
@@ -253,7 +253,7 @@ impl<'a> RangeReader<'a> {
         Ok(value)
     }
 
-    /// The next of two that are as likely as each other: a raw bit.
+    /// The next raw bit: two equally likely values.
     ///
     /// # Errors
     ///
@@ -275,7 +275,7 @@ impl<'a> RangeReader<'a> {
         Ok(value)
     }
 
-    /// Whether the bytes are the very ones that a writer of these symbols gives.
+    /// Checks that the bytes are exactly those that a writer of these symbols gives.
     ///
     /// # Errors
     ///
@@ -307,7 +307,7 @@ fn four_at(bytes: &[u8], place: u32) -> u32 {
     }
 }
 
-/// The same where the end comes sooner.
+/// The same near the end.
 #[cold]
 fn last_at(bytes: &[u8], place: usize) -> u32 {
     let byte = |place: usize| bytes.get(place).copied().unwrap_or_default();
@@ -363,7 +363,7 @@ mod tests {
         writer.into_bytes()
     }
 
-    /// Reads as many as `like` has, each of the same kind.
+    /// Decodes as many items as `like` has, each of the same kind.
     fn read(bytes: &[u8], like: &[CodedItem]) -> Result<Vec<CodedItem>, Malformed> {
         let mut reader = RangeReader::new(bytes);
         let mut all = Vec::new();
@@ -407,14 +407,14 @@ mod tests {
         }
 
         #[test]
-        fn the_likely_is_short(count in 0_usize..2_000) {
+        fn a_likely_symbol_takes_few_bits(count in 0_usize..2_000) {
             let bytes = written(&alloc::vec![CodedItem::Symbol(0); count]);
             // -log2(3000/4096) is 0.45 bits.
             prop_assert!(bytes.len() <= count * 45 / 800 + 2);
         }
     }
 
-    /// A reader that does what PROTOCOL 5.3 says and nothing else.
+    /// A reader that follows PROTOCOL 5.3 literally.
     struct ReferenceReader<'a> {
         bytes: &'a [u8],
         taken: usize,
@@ -445,7 +445,7 @@ mod tests {
         }
     }
 
-    /// What is read of bytes, one after the other.
+    /// One read operation.
     #[derive(Clone, Copy, Debug)]
     enum ReadStep {
         Symbol,
@@ -465,7 +465,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_bytes_are_read_or_refused_as_by_the_plainest_reader(
+        fn any_bytes_are_decoded_as_by_the_reference_reader(
             bytes in proptest::collection::vec(any::<u8>(), 0..60), steps in proptest::collection::vec(step(), 0..200),
         ) {
             let starts = STARTS.map(u32::from);
@@ -509,7 +509,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_takes_no_bytes() {
+    fn no_symbols_take_no_bytes() {
         assert_eq!(written(&[]), []);
         assert_eq!(read(&[], &[]), Ok(Vec::new()));
         assert_eq!(read(&[1], &[]), Err(Malformed::NotCanonical));
