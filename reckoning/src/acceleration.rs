@@ -126,7 +126,8 @@ mod tests {
     proptest! {
         #[test]
         fn quantised_acceleration_is_a_fixed_point(
-            steps in proptest::array::uniform3(-ACCELERATION_LIMIT..=ACCELERATION_LIMIT), exponent in 0..=ACCELERATION_EXPONENT_MAX,
+            steps in proptest::array::uniform3(-ACCELERATION_LIMIT..=ACCELERATION_LIMIT),
+            exponent in 0..=ACCELERATION_EXPONENT_MAX,
         ) {
             let push = ConstantAcceleration::new(steps, exponent).unwrap();
             let greatest = steps.map(i16::abs).into_iter().max().unwrap();

@@ -171,7 +171,9 @@ mod tests {
         #[test]
         fn stable_rotations_pack_to_themselves(
             largest in 0_u8..4,
-            others in proptest::array::uniform3(prop_oneof![-400_000_i32..=400_000, 302_000..303_000, 370_000..371_000]),
+            others in proptest::array::uniform3(
+                prop_oneof![-400_000_i32..=400_000, 302_000..303_000, 370_000..371_000]
+            ),
         ) {
             let packed = PackedRotation::packed(largest, others);
             if packed.is_surely_stable() {

@@ -34,7 +34,8 @@ pub struct PredictionX4 {
     angular: [[f64; LANES]; 3],
     /// Acceleration: gravity, or that of the predictor.
     gravity: [[f64; LANES]; 3],
-    /// See [`StepCoefficients`](crate::flow::StepCoefficients): `reach`, `velocity`, `fall`, `fall_velocity`, `spin`, and `turns`.
+    /// [`StepCoefficients`](crate::flow::StepCoefficients): `reach`, `velocity`, `fall`, `fall_velocity`, `spin`,
+    /// `turns`.
     row: [[f64; LANES]; 8],
     config: Option<StepConstants>,
 }
@@ -365,7 +366,8 @@ mod tests {
     proptest! {
         #[test]
         fn x4_prediction_equals_scalar_prediction(
-            tracks in proptest::collection::vec((track(), 0_u64..1_400), 1..=4), damping in [0.0_f32..1.0, 0.0_f32..1.0],
+            tracks in proptest::collection::vec((track(), 0_u64..1_400), 1..=4),
+            damping in [0.0_f32..1.0, 0.0_f32..1.0],
         ) {
             let integrator = Integrator { rate: Rate::HZ_60, substeps: NonZeroU32::new(4).unwrap() };
             let mut flow = StepCoefficientTable::new(integrator, Damping { linear: damping[0], angular: damping[1] });
@@ -412,7 +414,8 @@ mod tests {
         #[test]
         fn x4_correction_equals_scalar_correction(
             all in proptest::collection::vec(
-                (track(), 0_u64..1_400, residual(), 1_u32..1_100, prop_oneof![Just(0.5), 1e-3..1e3, Just(1e250)]), 1..=4,
+                (track(), 0_u64..1_400, residual(), 1_u32..1_100, prop_oneof![Just(0.5), 1e-3..1e3, Just(1e250)]),
+                1..=4,
             ),
         ) {
             let integrator = Integrator { rate: Rate::HZ_60, substeps: NonZeroU32::new(4).unwrap() };

@@ -158,7 +158,8 @@ mod tests {
             let sign = if negated { -1.0 } else { 1.0 };
             let truth = resting(&Pose { rotation: predicted.rotation * sign, ..predicted });
             let rest_correction = RestCorrection::of(&truth, &predicted).unwrap();
-            prop_assert_eq!((rest_correction.negated, rest_correction.position, rest_correction.others), (negated, [0; 3], [0; 3]));
+            let steps = (rest_correction.negated, rest_correction.position, rest_correction.others);
+            prop_assert_eq!(steps, (negated, [0; 3], [0; 3]));
             prop_assert!(rest_correction.largest.abs() <= 1, "{}", rest_correction.largest);
         }
     }

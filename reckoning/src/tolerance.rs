@@ -281,9 +281,9 @@ impl FromStr for Tolerance {
 /// A tolerance that no stream can have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum InvalidTolerance {
-    /// The length is no number or outside its range.
+    /// The length is NaN or outside its range.
     Length,
-    /// The angle is no number or outside its range.
+    /// The angle is NaN or outside its range.
     Turn,
 }
 

@@ -173,7 +173,8 @@ proptest! {
 
     #[test]
     fn attached_motion_is_valid_and_encodable(
-        positions in [singles(), singles()], turned in [rotation(), rotation()], linear in singles(), angular in singles(),
+        positions in [singles(), singles()], turned in [rotation(), rotation()],
+        linear in singles(), angular in singles(),
         grid in grid(),
     ) {
         let [parent, body] = [0, 1].map(|i: usize| {

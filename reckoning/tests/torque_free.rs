@@ -113,7 +113,8 @@ fn apart(a: &Motion, b: &Motion) -> f64 {
 proptest! {
     #[test]
     fn torque_free_prediction_equals_the_engines_steps(
-        start in spinning(), inertia in solid(), ticks in 0..FIVE_SECONDS, substeps in 1_u32..9, damping in 0.0_f32..0.5,
+        start in spinning(), inertia in solid(), ticks in 0..FIVE_SECONDS,
+        substeps in 1_u32..9, damping in 0.0_f32..0.5,
     ) {
         let flow = table(substeps, Damping { linear: 0.0, angular: damping });
         let predicted = Predictor::TorqueFree.predict(&start, Ticks::new(ticks), &in_weightlessness(&flow, &inertia));
@@ -144,7 +145,8 @@ proptest! {
         let ball = Inertia::new([moment; 3], frame.to_array().map(|part| part as f32)).unwrap();
         let conditions = in_weightlessness(&flow, &ball);
         let start = moving(rotation, angular);
-        let ends = [Predictor::TorqueFree, Predictor::Uniform].map(|predictor| predictor.predict(&start, Ticks::new(ticks), &conditions));
+        let ends = [Predictor::TorqueFree, Predictor::Uniform]
+            .map(|predictor| predictor.predict(&start, Ticks::new(ticks), &conditions));
         prop_assert!(apart(&ends[0], &ends[1]) < 1e-9, "{}", apart(&ends[0], &ends[1]));
     }
 

@@ -23,7 +23,10 @@ impl OverBudgetLog {
             for OverBudget { body, share, since } in publisher.over_budget() {
                 if share > 1.0 {
                     let ticks = waits(since);
-                    tracing::trace!(%stream, %tick, %body, share, ticks, cause = "budget", "a body exceeds its tolerance");
+                    tracing::trace!(
+                        %stream, %tick, %body, share, ticks, cause = "budget",
+                        "a body exceeds its tolerance"
+                    );
                 }
             }
         }

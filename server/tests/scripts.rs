@@ -11,7 +11,7 @@ fn run(script: &mut dyn Script, ticks: u32, mut check: impl FnMut(&Scene)) -> Sc
     let mut scene = Scene::new(script.config()).expect("the test makes it valid");
     if let Some(mut controller) = script.controller() {
         scene.attach(Hook::new(move |scene: &Scene, out| {
-            let motion = |id| scene.observation(id).map(|seen| seen.motion);
+            let motion = |id| scene.observation(id).map(|observation| observation.motion);
             controller.before_step(scene.tick(), &motion, out);
         }));
     }

@@ -53,7 +53,7 @@ fn rotating_bodies() -> Vec<RotatingBody> {
         Vec3::new(0.7, -0.6, 0.5),
     ];
     let points: Vec<Vec3> = corners.into_iter().flat_map(|at| [at, -at]).collect();
-    let hull = Shape::Hull(Hull::new(&points).expect("it has room inside"));
+    let hull = Shape::Hull(Hull::new(&points).expect("it has volume"));
     vec![
         of(hull.clone(), [0.5, -0.4, 0.3]),
         of(hull, [3.0, 4.0, -2.0]),

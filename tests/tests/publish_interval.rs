@@ -243,6 +243,6 @@ fn a_client_refuses_to_create_a_lockstep_scene_with_lookahead() {
     assert_eq!(asked, Err(Misuse::Invalid(why)));
     assert!(
         why.to_string()
-            .starts_with("a lockstep scene says its ticks at once")
+            .starts_with("a lockstep scene publishes its ticks at once")
     );
 }

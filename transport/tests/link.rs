@@ -183,7 +183,8 @@ fn the_counters_add_up() {
 proptest! {
     #[test]
     fn the_control_lane_carries_everything_in_order(
-        seed: u64, rtt in 0_u64..500, jitter in 0_u64..250, loss in 0_u32..=50, burst in 1_u32..20, reorder in 0_u32..=30, dup in 0_u32..=50,
+        seed: u64, rtt in 0_u64..500, jitter in 0_u64..250, loss in 0_u32..=50, burst in 1_u32..20,
+        reorder in 0_u32..=30, dup in 0_u32..=50,
     ) {
         let burst = burst.max(1);
         let config = LinkConfig {

@@ -279,7 +279,9 @@ mod tests {
         }
 
         #[test]
-        fn no_bytes_make_a_bit_reader_panic(bytes in proptest::collection::vec(any::<u8>(), 0..40), order in 0_u32..12) {
+        fn no_bytes_make_a_bit_reader_panic(
+            bytes in proptest::collection::vec(any::<u8>(), 0..40), order in 0_u32..12,
+        ) {
             let mut reader = BitReader::new(&bytes);
             while reader.golomb(order).is_ok() {}
             let mut reader = BitReader::new(&bytes);

@@ -386,7 +386,8 @@ mod tests {
 
         #[test]
         fn encoding_is_unique(
-            all in proptest::collection::vec(coded_item(), 0..40), bytes in proptest::collection::vec(any::<u8>(), 0..40),
+            all in proptest::collection::vec(coded_item(), 0..40),
+            bytes in proptest::collection::vec(any::<u8>(), 0..40),
         ) {
             if let Ok(read) = read(&bytes, &all) {
                 prop_assert_eq!(written(&read), bytes);

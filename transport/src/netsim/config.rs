@@ -256,7 +256,8 @@ impl fmt::Display for LinkConfigError {
             Self::NoValue(part) => write!(f, "{part:?} is not of the form name=value"),
             Self::UnknownName(name) => write!(
                 f,
-                "no link parameter is called {name:?}: there are rtt, delay, jitter, loss, burst, dup, reorder, rate and queue"
+                "no link parameter is called {name:?}: \
+                there are rtt, delay, jitter, loss, burst, dup, reorder, rate and queue"
             ),
             Self::BadValue { name, value, units } => {
                 write!(
@@ -335,8 +336,10 @@ mod tests {
     proptest! {
         #[test]
         fn a_displayed_config_parses_back(
-            delay in 0_u64..10_000_000_000, jitter in 0_u64..10_000_000_000, loss in 0_u32..=700_000, burst in 3_u32..50,
-            dup in 0_u32..=1_000_000, reorder in 0_u32..=1_000_000, rate in proptest::option::of(1_u64..1 << 40), queue in 0_u64..1 << 40,
+            delay in 0_u64..10_000_000_000, jitter in 0_u64..10_000_000_000,
+            loss in 0_u32..=700_000, burst in 3_u32..50,
+            dup in 0_u32..=1_000_000, reorder in 0_u32..=1_000_000,
+            rate in proptest::option::of(1_u64..1 << 40), queue in 0_u64..1 << 40,
         ) {
             let config = LinkConfig {
                 delay: Span::from_nanos(delay),

@@ -60,7 +60,7 @@ impl QuicClient {
     ///
     /// # Errors
     ///
-    /// [`ConnectError`] tells the cause and the address.
+    /// [`ConnectError`] names the cause and the address.
     pub fn connect(options: ClientOptions, patience: Duration) -> Result<Self, ConnectError> {
         let ClientOptions {
             server,

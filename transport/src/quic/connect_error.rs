@@ -142,7 +142,8 @@ impl fmt::Display for ConnectError {
         match self {
             Self::NothingAnswers { server, patience } => write!(
                 f,
-                "nothing answered at {server} within {patience:?}: check the address, that the server runs, and that udp passes"
+                "nothing answered at {server} within {patience:?}: \
+                check the address, that the server runs, and that udp passes"
             ),
             Self::WrongFingerprint {
                 server,
@@ -150,7 +151,9 @@ impl fmt::Display for ConnectError {
                 presented,
             } => write!(
                 f,
-                "{server} shows another certificate than the pinned one: expected {expected}, presented {presented}; pin the new one if the server's certificate was renewed"
+                "{server} shows another certificate than the pinned one: \
+                expected {expected}, presented {presented}; \
+                pin the new one if the server's certificate was renewed"
             ),
             Self::Untrusted {
                 server,

@@ -16,7 +16,8 @@ pub(crate) const ALPN: &[u8] = b"rhumb/1";
 
 /// Bytes of a state datagram that each connection can carry from its start (PROTOCOL 1.1-4).
 ///
-/// Derived: a UDP payload of 1,200, less 38 for QUIC (flags 1, connection id 8 at most, packet number 4, tag 16, frame header 9).
+/// Derived: a UDP payload of 1,200, less 38 for QUIC (flags 1, connection id 8 at most, packet number 4,
+/// tag 16, frame header 9).
 /// Payload only: `max_datagram_frame_size` counts the frame header too, and must be 9 more.
 pub const DATAGRAM_BYTES_MIN: usize = 1_162;
 
