@@ -25,7 +25,7 @@ use crate::socket;
 #[derive(Debug)]
 pub struct UdpRelay {
     local_addr: SocketAddr,
-    lines: RelayClients,
+    clients: RelayClients,
     end: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -80,7 +80,7 @@ impl UdpRelay {
             let _inside = runtime.enter();
             Socket::new(front).map_err(address)?
         };
-        let lines = RelayClients::default();
+        let clients = RelayClients::default();
         let (end, ended) = oneshot::channel();
         let relay = Relay {
             clock: Clock::start(),
@@ -89,7 +89,7 @@ impl UdpRelay {
             config,
             seed,
             backs: Vec::new(),
-            lines: lines.clone(),
+            clients: clients.clone(),
         };
         let thread = thread::Builder::new()
             .name("rhumb-relay".into())
@@ -97,7 +97,7 @@ impl UdpRelay {
             .map_err(RelayError::Thread)?;
         Ok(Self {
             local_addr,
-            lines,
+            clients,
             end: Some(end),
             thread: Some(thread),
         })
@@ -113,10 +113,10 @@ impl UdpRelay {
     #[must_use]
     pub fn counts(&self, direction: Direction) -> LinkCounts {
         let mut sum = LinkCounts::default();
-        for line in self.lines.lock().iter() {
+        for relay_client in self.clients.lock().iter() {
             let link = match direction {
-                Direction::Up => &line.up,
-                Direction::Down => &line.down,
+                Direction::Up => &relay_client.up,
+                Direction::Down => &relay_client.down,
             };
             sum += link.counts(Lane::State);
         }
@@ -125,9 +125,9 @@ impl UdpRelay {
 
     /// Changes the configuration of all present links.
     pub fn set_config(&self, config: LinkConfig) {
-        for line in self.lines.lock().iter_mut() {
-            line.up.set_config(config);
-            line.down.set_config(config);
+        for relay_client in self.clients.lock().iter_mut() {
+            relay_client.up.set_config(config);
+            relay_client.down.set_config(config);
         }
     }
 }
@@ -159,9 +159,9 @@ struct Relay {
     server: SocketAddr,
     config: LinkConfig,
     seed: u64,
-    /// Each client's socket towards the server, in the order of `lines`.
+    /// Each client's socket towards the server, in the order of `clients`.
     backs: Vec<Arc<Socket>>,
-    lines: RelayClients,
+    clients: RelayClients,
 }
 
 /// A datagram from the server, for the client of this index.
@@ -195,7 +195,7 @@ impl Relay {
                     }
                 }
                 Some(Returned { index, bytes }) = returned.recv() => {
-                    self.lines.lock()[index].down.push(self.clock.now(), bytes, Lane::State);
+                    self.clients.lock()[index].down.push(self.clock.now(), bytes, Lane::State);
                 }
                 () = sleep(wait.unwrap_or_default()), if wait.is_some() => {}
             }
@@ -204,10 +204,10 @@ impl Relay {
     }
 
     fn next_wait(&self) -> Option<Duration> {
-        let lines = self.lines.lock();
-        let moments = lines
+        let clients = self.clients.lock();
+        let moments = clients
             .iter()
-            .flat_map(|line| [line.up.next_at(), line.down.next_at()]);
+            .flat_map(|relay_client| [relay_client.up.next_at(), relay_client.down.next_at()]);
         moments.flatten().min().map(|at| self.clock.until(at))
     }
 
@@ -218,10 +218,10 @@ impl Relay {
         returns: &mpsc::Sender<Returned>,
     ) {
         let known = self
-            .lines
+            .clients
             .lock()
             .iter()
-            .position(|line| line.client == client);
+            .position(|relay_client| relay_client.client == client);
         let index = match known {
             Some(index) => index,
             None => match self.admit(client, returns).await {
@@ -232,7 +232,7 @@ impl Relay {
                 }
             },
         };
-        self.lines.lock()[index]
+        self.clients.lock()[index]
             .up
             .push(self.clock.now(), bytes, Lane::State);
     }
@@ -262,7 +262,7 @@ impl Relay {
             Link::new(self.config, seed),
             Link::new(self.config, seed.wrapping_add(1)),
         );
-        self.lines.lock().push(RelayClient { client, up, down });
+        self.clients.lock().push(RelayClient { client, up, down });
         Ok(Some(index))
     }
 
@@ -281,13 +281,13 @@ impl Relay {
 
     fn due(&self, index: usize, direction: Direction) -> Option<(SocketAddr, Bytes)> {
         let now = self.clock.now();
-        let mut lines = self.lines.lock();
-        let line = &mut lines[index];
+        let mut clients = self.clients.lock();
+        let relay_client = &mut clients[index];
         let link = match direction {
-            Direction::Up => &mut line.up,
-            Direction::Down => &mut line.down,
+            Direction::Up => &mut relay_client.up,
+            Direction::Down => &mut relay_client.down,
         };
-        link.pop(now).map(|(_, bytes)| (line.client, bytes))
+        link.pop(now).map(|(_, bytes)| (relay_client.client, bytes))
     }
 }
 

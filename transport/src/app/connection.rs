@@ -16,7 +16,7 @@ pub(crate) enum AppInput {
     Opened {
         peer: Peer,
         from: SocketAddr,
-        line: AppConnection,
+        connection: AppConnection,
     },
     Bytes {
         peer: Peer,

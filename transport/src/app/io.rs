@@ -105,7 +105,7 @@ async fn serve(stream: TcpStream, from: SocketAddr, peer: Peer, inputs: Sender<I
     let opened = AppInput::Opened {
         peer,
         from,
-        queue: near,
+        connection: near,
     };
     // If the server thread has ended, this thread ends soon too.
     let _ = inputs.send(Input::App(opened));

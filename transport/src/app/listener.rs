@@ -46,7 +46,7 @@ pub enum AppBindError {
 #[derive(Debug)]
 pub(crate) struct AppListener {
     address: SocketAddr,
-    lines: BTreeMap<Peer, AppConnection>,
+    connections: BTreeMap<Peer, AppConnection>,
     datagram_sender: Arc<DatagramSender>,
     end: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
@@ -85,7 +85,7 @@ impl AppListener {
             .map_err(AppBindError::Thread)?;
         Ok(Self {
             address,
-            lines: BTreeMap::new(),
+            connections: BTreeMap::new(),
             datagram_sender,
             end: Some(end),
             thread: Some(thread),
@@ -100,21 +100,21 @@ impl AppListener {
     fn send(&mut self, transmit: AppTransmit) {
         match transmit {
             AppTransmit::Bytes { to, bytes } => {
-                let line = self.lines.get(&to);
-                if line.is_some_and(|line| line.send(bytes).is_err()) {
+                let connection = self.connections.get(&to);
+                if connection.is_some_and(|connection| connection.send(bytes).is_err()) {
                     tracing::warn!(peer = to.0, "an app client reads too slowly, closing");
-                    self.lines.remove(&to);
+                    self.connections.remove(&to);
                 }
             }
             AppTransmit::Datagram { to, bytes } => self.datagram_sender.send(to, bytes),
-            AppTransmit::Close { to } => drop(self.lines.remove(&to)),
+            AppTransmit::Close { to } => drop(self.connections.remove(&to)),
         }
     }
 }
 
 impl Drop for AppListener {
     fn drop(&mut self) {
-        self.lines.clear();
+        self.connections.clear();
         if let Some(end) = self.end.take() {
             // An error means that the thread has ended already.
             let _ = end.send(());
@@ -191,13 +191,17 @@ fn handle<E: AppEndpoint>(
     listener: &mut AppListener,
 ) {
     match input {
-        AppInput::Opened { peer, from, line } => {
-            listener.lines.insert(peer, line);
+        AppInput::Opened {
+            peer,
+            from,
+            connection,
+        } => {
+            listener.connections.insert(peer, connection);
             endpoint.handle_app_opened(now, peer, from);
         }
         AppInput::Bytes { peer, piece } => {
-            if let Some(line) = listener.lines.get(&peer) {
-                endpoint.handle_app_waiting(now, peer, line.waiting_bytes());
+            if let Some(connection) = listener.connections.get(&peer) {
+                endpoint.handle_app_waiting(now, peer, connection.waiting_bytes());
                 endpoint.handle_app_bytes(now, peer, &piece.bytes);
             }
         }
@@ -205,7 +209,7 @@ fn handle<E: AppEndpoint>(
             endpoint.handle_app_datagram(now, from, &piece.bytes);
         }
         AppInput::Ended { peer } => {
-            listener.lines.remove(&peer);
+            listener.connections.remove(&peer);
             endpoint.handle_app_ended(now, peer);
         }
     }

@@ -58,10 +58,10 @@ fn each_client_receives_only_its_own_bytes() {
 
 #[test]
 fn a_flood_of_control_bytes_waits_at_the_sender() {
-    let (release, prefilter) = channel();
+    let (release, open_gate) = channel();
     let server = Running::start(
         Certificate::development(["localhost"]).unwrap(),
-        Some(prefilter),
+        Some(open_gate),
     );
     let mut client = server.connect();
     let piece = Bytes::from(vec![0; 16 << 10]);
