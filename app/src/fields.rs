@@ -18,11 +18,11 @@ fields! {
 fields! {
     /// Density and surface of a shape on an actor.
     Surface {
-        /// kg/m³.
+        /// Density, kg/m³.
         density: f32,
-        /// Coefficient.
+        /// Coefficient of static friction.
         static_friction: f32,
-        /// Coefficient.
+        /// Coefficient of kinetic friction.
         kinetic_friction: f32,
         /// Share of the closing speed that is returned.
         restitution: f32,

@@ -129,10 +129,11 @@ mod tests {
             steps in proptest::array::uniform3(-ACCELERATION_LIMIT..=ACCELERATION_LIMIT),
             exponent in 0..=ACCELERATION_EXPONENT_MAX,
         ) {
-            let push = ConstantAcceleration::new(steps, exponent).unwrap();
+            let quantised = ConstantAcceleration::new(steps, exponent).unwrap();
             let greatest = steps.map(i16::abs).into_iter().max().unwrap();
             prop_assume!(greatest > 0);
-            prop_assert_eq!(ConstantAcceleration::nearest(push.acceleration(), f64::from(greatest)), Some(push));
+            let again = ConstantAcceleration::nearest(quantised.acceleration(), f64::from(greatest));
+            prop_assert_eq!(again, Some(quantised));
         }
 
         #[test]
@@ -140,11 +141,11 @@ mod tests {
             x in 1.0..100.0_f64, y in -100.0..100.0_f64, fineness in 8.0..200.0_f64,
         ) {
             let wanted = DVec3::new(x, y, 0.0);
-            let push = ConstantAcceleration::nearest(wanted, fineness).unwrap();
-            let off = push.acceleration() - wanted;
-            let step = step(push.exponent());
+            let quantised = ConstantAcceleration::nearest(wanted, fineness).unwrap();
+            let off = quantised.acceleration() - wanted;
+            let step = step(quantised.exponent());
             prop_assert!(off.abs().max_element() <= step * 0.5);
-            prop_assert!(step * fineness <= x.max(y.abs()) || push.exponent() == 0);
+            prop_assert!(step * fineness <= x.max(y.abs()) || quantised.exponent() == 0);
         }
     }
 

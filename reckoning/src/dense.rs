@@ -45,17 +45,23 @@ impl DenseTrack {
     pub fn new(track: &Track) -> Self {
         let predictor = predictor_form(track.predictor);
         let (words, form) = match (&track.anchor, track.parent, track.predictor.acceleration()) {
-            (Anchor::Exact(body_state), parent, push) => {
+            (Anchor::Exact(body_state), parent, acceleration) => {
                 assert!(parent.is_none(), "an attached body lies on its grid");
-                assert!(push.is_none(), "an accelerated body lies on its grid");
+                assert!(
+                    acceleration.is_none(),
+                    "an accelerated body lies on its grid"
+                );
                 (body_state.bits(), predictor | EXACT)
             }
-            (Anchor::Quantised(quantised), None, push) => (
-                on_grid(quantised, push.map_or([0; 2], ConstantAcceleration::words)),
+            (Anchor::Quantised(quantised), None, acceleration) => (
+                on_grid(
+                    quantised,
+                    acceleration.map_or([0; 2], ConstantAcceleration::words),
+                ),
                 predictor,
             ),
-            (Anchor::Quantised(quantised), Some(parent), push) => {
-                assert!(push.is_none(), "an attached body rests");
+            (Anchor::Quantised(quantised), Some(parent), acceleration) => {
+                assert!(acceleration.is_none(), "an attached body rests");
                 let parent = [parent.index(), u32::from(parent.generation())];
                 (on_grid(quantised, parent), predictor | ATTACHED)
             }
@@ -208,7 +214,7 @@ mod tests {
         let parent = (any::<u32>(), any::<u16>()).prop_map(|(i, g)| BodyId::new(i, g));
         let free = || prop::sample::select(&Predictor::ALL[..]);
         let parts = proptest::array::uniform3(-ACCELERATION_LIMIT..=ACCELERATION_LIMIT);
-        let push = (parts, 0..=ACCELERATION_EXPONENT_MAX).prop_map(|(steps, exponent)| {
+        let accelerated = (parts, 0..=ACCELERATION_EXPONENT_MAX).prop_map(|(steps, exponent)| {
             Predictor::Accelerated(ConstantAcceleration::new(steps, exponent).unwrap())
         });
         let unaccelerated = free().prop_filter("the anchor is exact", |predictor| {
@@ -216,7 +222,7 @@ mod tests {
         });
         let framed = || quantised().prop_map(Anchor::Quantised);
         let parts = prop_oneof![
-            (prop_oneof![free(), push], framed(), Just(None)),
+            (prop_oneof![free(), accelerated], framed(), Just(None)),
             (Just(Predictor::Rest), framed(), parent.prop_map(Some)),
             (
                 unaccelerated,

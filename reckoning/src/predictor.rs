@@ -128,7 +128,7 @@ impl Predictor {
     #[must_use]
     pub const fn acceleration(self) -> Option<ConstantAcceleration> {
         match self {
-            Self::Accelerated(push) => Some(push),
+            Self::Accelerated(acceleration) => Some(acceleration),
             _ => None,
         }
     }
@@ -146,10 +146,10 @@ impl Predictor {
                     fall_velocity: row.fall_velocity,
                 })
             }
-            Self::Accelerated(push) => {
+            Self::Accelerated(acceleration) => {
                 let (fall, fall_velocity) = conditions.flow.ended(elapsed, ACCELERATION_TICKS);
                 Some(Pull {
-                    acceleration: push.acceleration(),
+                    acceleration: acceleration.acceleration(),
                     fall,
                     fall_velocity,
                 })

@@ -81,7 +81,7 @@ pub(crate) struct AuthorityTable {
 
 impl AuthorityTable {
     /// The member with authority over a body.
-    pub(crate) fn driver(&self, id: BodyId) -> Option<Peer> {
+    pub(crate) fn authority_of(&self, id: BodyId) -> Option<Peer> {
         self.authorities.get(&id).copied()
     }
 
@@ -116,7 +116,7 @@ impl AuthorityTable {
         let Some(group) = self.groups.remove(&peer) else {
             return;
         };
-        self.authorities.retain(|_, driver| *driver != peer);
+        self.authorities.retain(|_, authority| *authority != peer);
         // A member that begins and ends without a step between is not logged.
         if group.steps == 0 {
             return;

@@ -203,7 +203,7 @@ impl<'a> RangeReader<'a> {
     #[inline(always)]
     pub(crate) fn fill_with_bit(&mut self, there: bool) -> Result<bool, Malformed> {
         let (window, range) = (self.window(), u64::from(self.range) << 32);
-        // Of a range that takes bytes the half is whole, behind them; of another it is rounded down.
+        // If the range takes bytes, its half is exact after them; otherwise the half is rounded down.
         let rounded = u64::from(self.range >= RANGE_MIN) << 31;
         // Without a branch on whether there is a bit: nothing is halved for none.
         let part = if there {

@@ -109,7 +109,7 @@ impl SceneRunner {
                 position: pose.position.as_vec3(),
                 rotation: pose.rotation.as_quat(),
             });
-            debug_assert!(stands.is_ok(), "a body may be where it is");
+            debug_assert!(stands.is_ok(), "a body's present pose is allowed");
         }
         let bodies = authority.bodies.len();
         tracing::debug!(peer = peer.0, bodies, stream = %stream, "authority granted");
@@ -126,8 +126,8 @@ impl SceneRunner {
         }
         if self
             .authority_table
-            .driver(id)
-            .is_some_and(|driver| driver != peer)
+            .authority_of(id)
+            .is_some_and(|authority| authority != peer)
         {
             return Err(AuthorityError::HeldByAnother(id));
         }
@@ -138,7 +138,7 @@ impl SceneRunner {
     pub(super) fn check_not_under_authority(&self, command: &Command) -> Result<(), CommandError> {
         match *command {
             Command::SetPose { id, .. } | Command::SetVelocity { id, .. }
-                if self.authority_table.driver(id).is_some() =>
+                if self.authority_table.authority_of(id).is_some() =>
             {
                 Err(CommandError::UnderAuthority(id))
             }

@@ -206,9 +206,9 @@ pub(super) fn predictor_name(predictor: Predictor) -> &'static str {
 pub(super) fn with_predictor(case: CaseJson, predictor: Predictor) -> CaseJson {
     let case = case.text("predictor", predictor_name(predictor));
     match predictor.acceleration() {
-        Some(push) => case
-            .integers("acceleration", &push.steps().map(i32::from))
-            .integer("exponent", push.exponent()),
+        Some(acceleration) => case
+            .integers("acceleration", &acceleration.steps().map(i32::from))
+            .integer("exponent", acceleration.exponent()),
         None => case,
     }
 }
@@ -225,20 +225,26 @@ pub(super) fn accelerations() -> Vec<ConstantAcceleration> {
         ),
         ([3, -1_000, 77], 5),
     ];
-    let push = |(steps, exponent)| {
+    let acceleration = |(steps, exponent)| {
         ConstantAcceleration::new(steps, exponent).expect("it is within the limits")
     };
-    all.map(push).to_vec()
+    all.map(acceleration).to_vec()
 }
 
 /// Every start with every acceleration: during it, just before its end, and after.
 fn accelerated(add: &mut impl FnMut(Predictor, usize, usize, usize, u32), starts: usize) {
     for start in 0..starts {
-        for (place, push) in accelerations().into_iter().enumerate() {
+        for (place, acceleration) in accelerations().into_iter().enumerate() {
             let all = [0, 1, 2, 63, 64, 65, 66, 200, 1_023, 1_024];
             let elapsed = all[(start * 3 + place) % all.len()];
             let table = (start + 2 * place) % INTEGRATORS.len();
-            add(Predictor::Accelerated(push), table, start, place, elapsed);
+            add(
+                Predictor::Accelerated(acceleration),
+                table,
+                start,
+                place,
+                elapsed,
+            );
         }
     }
 }

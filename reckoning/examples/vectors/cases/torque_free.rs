@@ -68,10 +68,10 @@ pub(super) fn torque_free_rotations() -> Vec<CaseJson> {
                 other => (other * other * 17) as u32 % 350,
             };
             let (table, pull) = (number * 7 % tables.len(), number % GRAVITIES.len());
-            let push = accelerations()[number % accelerations().len()];
+            let acceleration = accelerations()[number % accelerations().len()];
             let predictors = [Predictor::TorqueFree, Predictor::BallisticTorqueFree];
             let predictor = match number % 5 {
-                4 => Predictor::Accelerated(push),
+                4 => Predictor::Accelerated(acceleration),
                 other => predictors[other % 2],
             };
             let conditions = Conditions {
