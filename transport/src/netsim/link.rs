@@ -257,8 +257,8 @@ impl Link {
 
     /// Decides one packet's loss and updates the burst state for the next.
     ///
-    /// A run of losses ends with probability 1/b: its mean length is b. It begins with probability p/(b(1−p)): the share
-    /// of lost packets is p.
+    /// A run of losses ends with probability 1/b: its mean length is b. It begins with probability p/(b(1−p)): the
+    /// share of lost packets is p.
     fn loses(&mut self) -> bool {
         let (lost, kept) = (
             self.config.loss.as_millionths(),
