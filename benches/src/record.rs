@@ -98,7 +98,7 @@ pub struct Placed {
     /// Before the step that follows this tick.
     pub tick: Tick,
     /// What it is.
-    pub config: BodyDesc,
+    pub desc: BodyDesc,
     /// Its shape.
     pub shape: Shape,
     /// Where it was placed.

@@ -74,8 +74,8 @@ impl Recording {
 
     /// What a predictor needs to know of a body.
     pub(crate) fn parameters(&self, placed: &Placed) -> PredictionParameters {
-        let inertia = self.inertias.get(&placed.config.id).copied();
-        PredictionParameters::of(&placed.config, &placed.shape, self.damping, inertia)
+        let inertia = self.inertias.get(&placed.desc.id).copied();
+        PredictionParameters::of(&placed.desc, &placed.shape, self.damping, inertia)
     }
 
     /// How many bodies its script was asked for; of a foreign recording, how many its engine moved.
@@ -85,7 +85,7 @@ impl Recording {
             return played.bodies;
         }
         let placed = self.truth.placed.iter();
-        let dynamic = placed.filter(|placed| placed.config.kind == BodyKind::Dynamic);
+        let dynamic = placed.filter(|placed| placed.desc.kind == BodyKind::Dynamic);
         dynamic.count() as u32
     }
 

@@ -80,8 +80,8 @@ fn furnish(client: &mut Client) -> Result<BodyId, Box<dyn std::error::Error>> {
     let mut places = (0..granted.count()).filter_map(|place| granted.id(place));
     let mut add = |client: &mut Client, kind, shape, motion| {
         let id = places.next().ok_or("the server granted too few indices")?;
-        let config = BodyDesc::plain(id, kind, shape);
-        client.command(Command::AddBody { config, motion })?;
+        let desc = BodyDesc::plain(id, kind, shape);
+        client.command(Command::AddBody { desc, motion })?;
         Ok::<BodyId, Box<dyn std::error::Error>>(id)
     };
     let at = |x, y, z| BodyState::new([x, y, z], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);

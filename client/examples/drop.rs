@@ -46,8 +46,8 @@ fn add(
     height: f32,
 ) -> Result<(), Box<dyn std::error::Error>> {
     let motion = BodyState::new([0.0, height, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3])?;
-    let config = BodyDesc::plain(id, kind, shape);
-    client.command(Command::AddBody { config, motion })?;
+    let desc = BodyDesc::plain(id, kind, shape);
+    client.command(Command::AddBody { desc, motion })?;
     Ok(())
 }
 

@@ -32,17 +32,17 @@ impl SceneBuilder {
         self.with(|id| BodyDesc::plain(id, kind, shape), motion, out)
     }
 
-    /// A body of any config.
+    /// A body of any description.
     pub(crate) fn with(
         &mut self,
-        config: impl FnOnce(BodyId) -> BodyDesc,
+        desc: impl FnOnce(BodyId) -> BodyDesc,
         motion: BodyState,
         out: &mut Vec<Command>,
     ) -> BodyId {
         let id = BodyId::new(self.bodies, 0);
         self.bodies += 1;
-        let config = config(id);
-        out.push(Command::AddBody { config, motion });
+        let desc = desc(id);
+        out.push(Command::AddBody { desc, motion });
         id
     }
 

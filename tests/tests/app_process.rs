@@ -152,7 +152,7 @@ fn a_native_client_watches_what_the_plug_in_leads() {
     let copy = client.replica().expect("it has joined");
     let shapes: Vec<Shape> = copy
         .bodies()
-        .filter_map(|config| copy.shape(config.shape).cloned())
+        .filter_map(|desc| copy.shape(desc.shape).cloned())
         .collect();
     let is_ground = |shape: &&Shape| matches!(shape, Shape::Heights(_));
     assert_eq!(shapes.iter().filter(is_ground).count(), 1);

@@ -128,7 +128,7 @@ fn assert_within_limits(stream: &Subscriber, bodies: &[BodyId], what: &str) {
 }
 
 fn bodies(replica: &Replica) -> Vec<BodyId> {
-    replica.bodies().map(|config| config.id).collect()
+    replica.bodies().map(|desc| desc.id).collect()
 }
 
 /// Gives each flip of a datagram to a copy of what the session holds; returns how many changed a track.

@@ -407,7 +407,7 @@ fn grid(client: &mut Client, bodies: u32) {
         let id = ids.next().expect("as many ids as bodies");
         client
             .command(Command::AddBody {
-                config: BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0)),
+                desc: BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0)),
                 motion: still.expect("places of a grid are finite"),
             })
             .expect("the connection stands");

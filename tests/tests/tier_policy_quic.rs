@@ -49,9 +49,9 @@ fn place(client: &mut Client) {
     for index in 0..BALLS {
         let at = [index as f32 * 50.0, 0.0, 0.0];
         let motion = BodyState::new(at, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
-        let config = BodyDesc::plain(BodyId::new(index, 0), BodyKind::Dynamic, ShapeId(0));
+        let desc = BodyDesc::plain(BodyId::new(index, 0), BodyKind::Dynamic, ShapeId(0));
         let motion = motion.expect("a place is finite");
-        let add = Command::AddBody { config, motion };
+        let add = Command::AddBody { desc, motion };
         client.command(add).expect("it is a body");
     }
 }

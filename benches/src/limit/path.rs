@@ -72,7 +72,7 @@ impl<'a> Paths<'a> {
                 of_body.push((tick, seen.motion));
             }
         }
-        let can_move = |placed: &&Placed| placed.config.kind != BodyKind::Static;
+        let can_move = |placed: &&Placed| placed.desc.kind != BodyKind::Static;
         Self {
             recording,
             publish_interval,
@@ -99,7 +99,7 @@ impl<'a> Paths<'a> {
     /// The path of a body; none if it was never there at a frame.
     pub(super) fn get(&self, place: usize) -> Option<Path> {
         let placed = self.placed[place];
-        let id = placed.config.id;
+        let id = placed.desc.id;
         let last = u64::from(self.recording.ticks());
         let end = self.removed.get(&id).map_or(last, |tick| tick.value());
         let seen = self.rows.get(&id).map_or(&[][..], Vec::as_slice);

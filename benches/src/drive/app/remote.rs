@@ -173,10 +173,10 @@ impl AppRemote {
                 .encode(command, &mut encoded)
                 .map_err(AppError::Unsupported)?;
             self.connection.with(|replica, _| match *command {
-                Command::AddBody { config, motion } => {
+                Command::AddBody { desc, motion } => {
                     let [px, py, pz, x, y, z, w, ..] = motion.parts();
                     let rotation = Quat::from_xyzw(x, y, z, w);
-                    replica.place(config.id, Vec3::new(px, py, pz), rotation);
+                    replica.place(desc.id, Vec3::new(px, py, pz), rotation);
                 }
                 Command::RemoveBody { id } => replica.remove(id),
                 _ => {}
