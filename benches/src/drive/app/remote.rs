@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use glam::{Quat, Vec3};
 use rhumb_app::{Logon, Message};
-use rhumb_client::{Client, Inspection, JoinMode, Options, Trust};
+use rhumb_client::{Client, Inspection, JoinMode, JoinOptions, Trust};
 use rhumb_protocol::scene::{Command, SceneConfig};
 use rhumb_reckoning::{BodyId, Tick};
 use rhumb_transport::Clock;
@@ -302,13 +302,13 @@ impl AppRemote {
     /// What the server says of the scene at the end, to a native client that joins for it.
     pub(in crate::drive) fn inspect(&mut self) -> Result<Inspection, DriveError> {
         let scene = format!("app/{SIMULATION}");
-        let options = Options::new(
-            self.process.address.to_string(),
-            Trust::Fingerprint(self.process.fingerprint),
-            scene.parse().expect("a number names a scene"),
-            JoinMode::Join,
-        );
-        let mut client = Client::open(options)?;
+        let trust = Trust::Fingerprint(self.process.fingerprint);
+        let options = JoinOptions {
+            mode: JoinMode::Join,
+            ..JoinOptions::default()
+        };
+        let mut client = Client::connect(&self.process.address.to_string(), trust)?
+            .join_with(&scene, options)?;
         // A client that lost the end of a frame may be ahead of its server.
         let mut looks = READY_LOOKS;
         loop {
