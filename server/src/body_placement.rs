@@ -12,13 +12,13 @@ use crate::scene::Scene;
 /// That a body is in a scene, and moves so.
 pub(crate) fn scene_event(
     scene: &Scene,
-    config: BodyDesc,
+    desc: BodyDesc,
     track: Track,
     alias: Option<u32>,
 ) -> SceneEvent {
     SceneEvent::BodyPlaced {
-        config,
-        inertia: scene.inertia(config.id),
+        desc,
+        inertia: scene.inertia(desc.id),
         track,
         alias,
     }
@@ -26,11 +26,11 @@ pub(crate) fn scene_event(
 
 /// What predictors need to know of a body of a scene.
 pub(crate) fn parameters(scene: &Scene, id: BodyId) -> Option<PredictionParameters> {
-    let config = scene.body(id)?;
-    let shape = scene.shape(config.shape)?;
+    let desc = scene.body(id)?;
+    let shape = scene.shape(desc.shape)?;
     let damping = scene.config().damping;
     Some(PredictionParameters::of(
-        config,
+        desc,
         shape,
         damping,
         scene.inertia(id),

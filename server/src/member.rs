@@ -2,10 +2,8 @@
 //!
 //! The streams that it hears, and what it waits for. Follows streams by name only; who begins and ends them is the room's matter.
 
-use rhumb_protocol::message::{StreamChoice, TakeAuthority};
+use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::packet::StreamId;
-use rhumb_protocol::scene::{Command, CommandError};
-use rhumb_reckoning::Tick;
 
 use crate::tier_controller::TierController;
 
@@ -15,7 +13,9 @@ pub(crate) struct Member {
     subscription: StreamId,
     /// The stream before, until the member has caught up with the present one.
     previous: Option<StreamId>,
-    /// Number of its last command that was looked at, and is not answered yet.
+    /// How many commands of this membership were applied or refused.
+    commands: u64,
+    /// Number of the last of them, until it is answered.
     pub(crate) unanswered: Option<u64>,
     /// The snapshot that it is to hear when all that it said at once was looked at; the last one counts.
     pub(crate) snapshot_request: Option<SnapshotRequest>,
@@ -32,31 +32,25 @@ pub(crate) enum SnapshotRequest {
     Other(StreamChoice),
 }
 
-/// What acts in the order in which it was said: a command said after an advance acts after its steps.
-#[derive(Clone, Debug)]
-pub(crate) enum PendingCommand {
-    Command {
-        number: u64,
-        command: Result<Command, CommandError>,
-    },
-    Advance {
-        to: Tick,
-    },
-    TakeAuthority(TakeAuthority),
-    /// A packet of the stream on which it says how its bodies move.
-    Upstream(Vec<u8>),
-}
-
 impl Member {
     /// Who has just joined and follows a stream.
     pub(crate) const fn new(stream: StreamId, choice: StreamChoice) -> Self {
         Self {
             subscription: stream,
             previous: None,
+            commands: 0,
             unanswered: None,
             snapshot_request: None,
             link: TierController::new(choice),
         }
+    }
+
+    /// The number of the command that is applied or refused now.
+    pub(crate) const fn number_command(&mut self) -> u64 {
+        let number = self.commands;
+        self.commands += 1;
+        self.unanswered = Some(number);
+        number
     }
 
     /// The stream that it follows.

@@ -13,9 +13,10 @@ use rhumb_protocol::limits::{
     ADVANCE_TICKS_MAX, GRANT, MEMBERS_PER_SCENE_MAX, PENDING_COMMANDS_MAX,
 };
 use rhumb_protocol::message::{
-    Denial, Extensions, Inspection, Joined, RemovalCause, SceneEvent, ServerMessage, StreamChoice,
+    ClientMessage, Denial, Extensions, Inspection, Joined, RemovalCause, SceneEvent, ServerMessage,
+    StreamChoice,
 };
-use rhumb_protocol::packet::{Datagram, StreamId};
+use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::{Command, CommandError, SceneConfig, Stepping};
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::stream::{Activity, Observation, StreamStart};
@@ -25,7 +26,7 @@ use rhumb_reckoning::Tick;
 use crate::authority_table::AuthorityTable;
 use crate::body_placement;
 use crate::grants::Grants;
-use crate::member::{Member, PendingCommand, SnapshotRequest};
+use crate::member::{Member, SnapshotRequest};
 use crate::outbox::Outbox;
 use crate::scene::Scene;
 use crate::snapshot::snapshot;
@@ -48,8 +49,8 @@ pub(crate) struct SceneRunner {
     /// SceneEvents given since they were last handed to the members.
     unsent: Vec<u8>,
     target: Tick,
-    /// What was said while steps are still owed to an earlier advance.
-    waiting: VecDeque<(Peer, PendingCommand)>,
+    /// Messages that wait for the steps of an earlier advance.
+    waiting: VecDeque<(Peer, Result<ClientMessage, CommandError>)>,
     next_step: Option<Instant>,
     last_step: Instant,
     times: Times,
@@ -221,22 +222,6 @@ impl SceneRunner {
         out.send(peer, &answer);
     }
 
-    /// Applies one command, or says why not; later if steps are still owed to an earlier advance.
-    pub(crate) fn command(
-        &mut self,
-        peer: Peer,
-        number: u64,
-        command: Result<Command, CommandError>,
-        out: &mut Outbox,
-    ) {
-        self.enqueue(peer, PendingCommand::Command { number, command }, out);
-    }
-
-    /// Lets a lockstep scene step to a tick, after what was asked for before.
-    pub(crate) fn advance(&mut self, peer: Peer, to: Tick, out: &mut Outbox) {
-        self.enqueue(peer, PendingCommand::Advance { to }, out);
-    }
-
     /// A member says what it says only once it has the scene.
     fn note_activity(&mut self, peer: Peer) {
         if let Some(member) = self.members.get_mut(&peer) {
@@ -244,57 +229,68 @@ impl SceneRunner {
         }
     }
 
-    fn enqueue(&mut self, peer: Peer, pending_command: PendingCommand, out: &mut Outbox) {
+    /// Acts on a command, an advance, or a word on authority, in the order of sending: one that was sent after an advance
+    /// waits for the steps of that advance.
+    pub(crate) fn handle_ordered(
+        &mut self,
+        peer: Peer,
+        message: Result<ClientMessage, CommandError>,
+        out: &mut Outbox,
+    ) {
         self.note_activity(peer);
         let owed = self.config().stepping == Stepping::Lockstep && self.scene.tick() < self.target;
         if !owed || self.faulted {
-            return self.apply_pending_command(peer, pending_command, out);
+            return self.act_on(peer, message, out);
         }
         if self.waiting.len() < PENDING_COMMANDS_MAX {
-            self.waiting.push_back((peer, pending_command));
+            self.waiting.push_back((peer, message));
         } else if let Some(session) = out.session(peer) {
             session.close(CloseCode::LIMIT);
         }
     }
 
-    /// Grants what waited, up to the next advance that steps are owed to.
-    fn apply_pending(&mut self, out: &mut Outbox) {
+    /// Acts on messages that waited, up to the next advance that steps are owed to.
+    fn act_on_waiting(&mut self, out: &mut Outbox) {
         while self.faulted || self.scene.tick() >= self.target {
-            let Some((peer, pending_command)) = self.waiting.pop_front() else {
+            let Some((peer, message)) = self.waiting.pop_front() else {
                 break;
             };
-            if self.members.contains_key(&peer) {
-                self.apply_pending_command(peer, pending_command, out);
-            }
+            self.act_on(peer, message, out);
         }
         self.answer_pending(out);
     }
 
-    fn apply_pending_command(
+    fn act_on(
         &mut self,
         peer: Peer,
-        pending_command: PendingCommand,
+        message: Result<ClientMessage, CommandError>,
         out: &mut Outbox,
     ) {
-        match pending_command {
-            PendingCommand::Command { number, command } => {
-                if let Err(error) = command.and_then(|command| self.apply(peer, &command)) {
-                    out.send(peer, &ServerMessage::Refused { number, error });
+        let Some(member) = self.members.get_mut(&peer) else {
+            return;
+        };
+        let command = match message {
+            Ok(ClientMessage::Command(command)) => Ok(command),
+            Err(error) => Err(error),
+            Ok(ClientMessage::Advance { to }) => {
+                match self.check_advance(to) {
+                    Some(denial) => out.send(peer, &ServerMessage::Denied(denial)),
+                    None => self.target = self.target.max(to),
                 }
-                if let Some(member) = self.members.get_mut(&peer) {
-                    member.unanswered = Some(number);
-                }
+                return;
             }
-            PendingCommand::Advance { to } => match self.check_advance(to) {
-                Some(denial) => out.send(peer, &ServerMessage::Denied(denial)),
-                None => self.target = self.target.max(to),
-            },
-            PendingCommand::TakeAuthority(drive) => self.grant_authority(peer, &drive, out),
-            PendingCommand::Upstream(packet) => {
-                if let Ok(datagram) = Datagram::open(&packet) {
-                    self.handle_upstream(peer, &datagram, out);
-                }
+            Ok(ClientMessage::TakeAuthority(request)) => {
+                return self.grant_authority(peer, &request, out);
             }
+            Ok(ClientMessage::Upstream(packet)) => {
+                return self.handle_upstream_message(peer, &packet, out);
+            }
+            // Nothing else depends on its place among the commands.
+            Ok(_) => return,
+        };
+        let number = member.number_command();
+        if let Err(error) = command.and_then(|command| self.apply(peer, &command)) {
+            out.send(peer, &ServerMessage::Refused { number, error });
         }
     }
 
@@ -313,10 +309,10 @@ impl SceneRunner {
         if self.faulted {
             return Err(CommandError::SceneFaulted);
         }
-        if let Command::AddBody { config, .. } = command
-            && !self.grants.allows(peer, config.id)
+        if let Command::AddBody { desc, .. } = command
+            && !self.grants.allows(peer, desc.id)
         {
-            return Err(CommandError::NotGranted(config.id));
+            return Err(CommandError::NotGranted(desc.id));
         }
         self.check_not_under_authority(command)?;
         self.scene.apply(command)?;
@@ -327,23 +323,18 @@ impl SceneRunner {
                 self.record_event(SceneEvent::ShapeAdded { id, shape });
             }
             Command::RemoveShape { id } => self.record_event(SceneEvent::ShapeRemoved { id }),
-            Command::AddBody { config, motion } => {
+            Command::AddBody { desc, motion } => {
                 let observation = Observation {
-                    id: config.id,
+                    id: desc.id,
                     motion,
                     activity: Activity::Awake,
                 };
-                let tumbles = self.scene.inertia(config.id).is_some();
-                let track = body_placement::first_track(tick, &observation, config.kind, tumbles);
-                if let Some(parameters) = body_placement::parameters(&self.scene, config.id) {
-                    self.streams.place(config.id, &parameters, track, motion);
+                let tumbles = self.scene.inertia(desc.id).is_some();
+                let track = body_placement::first_track(tick, &observation, desc.kind, tumbles);
+                if let Some(parameters) = body_placement::parameters(&self.scene, desc.id) {
+                    self.streams.place(desc.id, &parameters, track, motion);
                 }
-                self.record_event(body_placement::scene_event(
-                    &self.scene,
-                    config,
-                    track,
-                    None,
-                ));
+                self.record_event(body_placement::scene_event(&self.scene, desc, track, None));
             }
             Command::RemoveBody { id } => {
                 self.streams.remove(id);
@@ -423,7 +414,7 @@ impl SceneRunner {
             self.authority_table
                 .poll_requests(now, self.scene.tick(), send);
         }
-        self.apply_pending(out);
+        self.act_on_waiting(out);
     }
 
     fn step(&self) -> Span {

@@ -113,9 +113,9 @@ fn scene(config: SceneConfig, bodies: &[BallisticTorqueFree], linear: Vec3) -> S
         let number = ShapeId(index as u32);
         let shape = body.shape.clone();
         apply(&mut scene, &Command::AddShape { id: number, shape });
-        let config = BodyDesc::plain(id(index), BodyKind::Dynamic, number);
+        let desc = BodyDesc::plain(id(index), BodyKind::Dynamic, number);
         let motion = motion(index, body, linear);
-        apply(&mut scene, &Command::AddBody { config, motion });
+        apply(&mut scene, &Command::AddBody { desc, motion });
     }
     scene
 }
@@ -281,10 +281,10 @@ fn what_does_not_tumble_says_no_inertia() {
     let mut steady = BodyDesc::plain(id(4), BodyKind::Dynamic, ShapeId(2));
     still.gyroscopic = true;
     steady.gyroscopic = false;
-    for (index, config) in [(3, still), (4, steady)] {
+    for (index, desc) in [(3, still), (4, steady)] {
         let motion = motion(index, &slab(), Vec3::ZERO);
-        apply(&mut scene, &Command::AddBody { config, motion });
-        assert_eq!(scene.inertia(config.id), None);
+        apply(&mut scene, &Command::AddBody { desc, motion });
+        assert_eq!(scene.inertia(desc.id), None);
     }
     // Without gyroscopic forces the engine keeps a spin as it is.
     let start = motion(4, &slab(), Vec3::ZERO).motion();

@@ -145,11 +145,11 @@ impl Script for Avatars {
                 BodyKind::Kinematic => ToleranceScale::AVATAR,
                 BodyKind::Static | BodyKind::Dynamic => ToleranceScale::USUAL,
             };
-            let config = BodyDesc {
+            let desc = BodyDesc {
                 tolerance_scale,
                 ..BodyDesc::plain(BodyId::new(index, 0), kind, ShapeId(shape))
             };
-            out.push(Command::AddBody { config, motion });
+            out.push(Command::AddBody { desc, motion });
         };
         add(FLOOR, BodyKind::Static, 0, still(Vec3::new(0.0, -0.5, 0.0)));
         add(

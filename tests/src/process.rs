@@ -40,9 +40,9 @@ pub struct ServerProcess {
 }
 
 impl Programme {
-    /// Runs it with arguments that it cannot start with, until it ends.
+    /// Runs it with these arguments until it ends.
     #[must_use]
-    pub fn fail(self, arguments: &[&str]) -> Ended {
+    pub fn run(self, arguments: &[&str]) -> Ended {
         let child = self.spawn(arguments);
         let output = child
             .wait_with_output()

@@ -83,12 +83,12 @@ impl SceneTruth {
             .apply(command)
             .expect("what the server applied can be applied again");
         match *command {
-            Command::AddBody { config, motion } => {
+            Command::AddBody { desc, motion } => {
                 let radius = scene
-                    .bounding_radius(config.id)
+                    .bounding_radius(desc.id)
                     .expect("the body was just added");
                 let poses = vec![(scene.tick(), Some(motion))];
-                self.bodies.insert(config.id, PoseHistory { radius, poses });
+                self.bodies.insert(desc.id, PoseHistory { radius, poses });
             }
             Command::RemoveBody { id } => self.note(id, scene.tick().next(), None),
             _ => {}

@@ -127,8 +127,8 @@ impl ObservationHistory {
     fn claim(&mut self, replica: &Replica, wanted: impl Fn(BodyKind) -> bool) {
         let stream = replica.stream();
         let tick = stream.watermark_tick();
-        for config in replica.bodies().filter(|config| wanted(config.kind)) {
-            let id = config.id;
+        for desc in replica.bodies().filter(|desc| wanted(desc.kind)) {
+            let id = desc.id;
             match stream
                 .bound(id)
                 .expect("a body of the copy has a bound, if only an unknown one")
@@ -194,16 +194,16 @@ impl ObservationHistory {
 ///
 /// At the first body whose config, track or belief differ.
 pub fn assert_same_copy(one: &Replica, other: &Replica) {
-    let ids = |replica: &Replica| replica.bodies().map(|config| config.id).collect::<Vec<_>>();
+    let ids = |replica: &Replica| replica.bodies().map(|desc| desc.id).collect::<Vec<_>>();
     assert_eq!(ids(one), ids(other), "the copies hold different bodies");
     assert_eq!(one.gravity(), other.gravity());
     let (one_stream, other_stream) = (one.stream(), other.stream());
     let tick = one_stream
         .watermark_tick()
         .max(other_stream.watermark_tick());
-    for config in one.bodies() {
-        let id = config.id;
-        assert_eq!(Some(config), other.body(id));
+    for desc in one.bodies() {
+        let id = desc.id;
+        assert_eq!(Some(desc), other.body(id));
         assert_eq!(
             one_stream.track(id),
             other_stream.track(id),
@@ -228,10 +228,10 @@ pub fn copy_digest(so_far: u64, replica: &Replica) -> u64 {
     let mut fold = |word: u32| digest.fold(&word.to_le_bytes());
     let tick = replica.stream().complete();
     fold(tick.value() as u32);
-    for config in replica.bodies() {
-        fold(config.id.index());
-        fold(u32::from(config.id.generation()));
-        let motion = replica.stream().predicted_motion(config.id, tick);
+    for desc in replica.bodies() {
+        fold(desc.id.index());
+        fold(u32::from(desc.id.generation()));
+        let motion = replica.stream().predicted_motion(desc.id, tick);
         let pose = motion
             .expect("a body of the copy is predicted_motion")
             .pose();

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use glam::Vec3;
 use rhumb_app::{Frames, Kind, Logon, Message};
 use rhumb_client::scene::Shape;
-use rhumb_client::{Client, ClientError, JoinMode, Options, PipelineDepth, Tick, Trust};
+use rhumb_client::{Client, ClientError, JoinMode, JoinOptions, PipelineDepth, Tick, Trust};
 use rhumb_tests::{Programme, Recording, ServerProcess, falling};
 
 const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
@@ -146,13 +146,16 @@ fn a_native_client_watches_what_the_plug_in_leads() {
     };
     say_up_to(&mut plugin, frames[FRAMES_SEEN - 1] + 1, &mut reported);
     let trust = Trust::Fingerprint(server.fingerprint);
-    let scene = "app/7".parse().unwrap();
-    let options = Options::new(server.address.to_string(), trust, scene, JoinMode::Join);
-    let mut client = Client::open(options).unwrap();
+    let options = JoinOptions {
+        mode: JoinMode::Join,
+        ..JoinOptions::default()
+    };
+    let connection = Client::connect(&server.address.to_string(), trust).unwrap();
+    let mut client = connection.join_with("app/7", options).unwrap();
     let copy = client.replica().expect("it has joined");
     let shapes: Vec<Shape> = copy
         .bodies()
-        .filter_map(|config| copy.shape(config.shape).cloned())
+        .filter_map(|desc| copy.shape(desc.shape).cloned())
         .collect();
     let is_ground = |shape: &&Shape| matches!(shape, Shape::Heights(_));
     assert_eq!(shapes.iter().filter(is_ground).count(), 1);

@@ -160,14 +160,11 @@ fn a_removed_body_ends_its_authority_and_its_index_can_be_reused() {
     );
     let drive = walk.statistics().expect("one is left");
     assert_eq!((drive.bodies, drive.heard.mismatches), (1, 0));
-    let config = walk.stage.copy(COMMANDER).body(stays).expect("it is there");
+    let desc = walk.stage.copy(COMMANDER).body(stays).expect("it is there");
     let again = BodyId::new(gone.index(), 1);
-    let config = rhumb_protocol::scene::BodyDesc {
-        id: again,
-        ..config
-    };
+    let desc = rhumb_protocol::scene::BodyDesc { id: again, ..desc };
     let motion = Avatars::walk(0, Tick::ZERO).stilled();
-    walk.stage.command(&[Command::AddBody { config, motion }]);
+    walk.stage.command(&[Command::AddBody { desc, motion }]);
     walk.stage.run(Span::from_millis(300));
     assert_eq!(walk.take_authority(&[again, stays]), Ok(vec![again, stays]));
     walk.stage
@@ -264,16 +261,16 @@ fn two_clients_with_authority_move_their_own_bodies_and_see_the_others() {
     let guest = walk.stage.enter(NORMAL);
     let granted = walk.stage.witnesses[guest].granted.expect("it is a member");
     let id = granted.id(0).expect("it was granted some");
-    let mut config = walk
+    let mut desc = walk
         .stage
         .copy(guest)
         .body(Avatars::id(0))
         .expect("it is there");
-    config.id = id;
+    desc.id = id;
     // The same walk, from elsewhere and with other rests.
     let at = |tick| Avatars::walk(3, tick);
     let motion = at(Tick::ZERO).stilled();
-    let add = Command::AddBody { config, motion };
+    let add = Command::AddBody { desc, motion };
     walk.stage
         .network
         .client_mut(guest)

@@ -8,7 +8,7 @@ use std::time::Duration;
 use rhumb_client::PipelineDepth;
 use rhumb_client::scene::{Command, CommandError, SceneConfig, Stepping};
 use rhumb_client::{
-    AuthorityError, BodyId, BodyState, Client, ClientError, ClientEvent, JoinMode, Options,
+    AuthorityError, BodyId, BodyState, Client, ClientError, Event, JoinMode, JoinOptions,
     StreamChoice, Tick, Tolerance, Trust,
 };
 use rhumb_protocol::session::Misuse;
@@ -21,10 +21,12 @@ const CLOSE: Tolerance = Tolerance::FINE;
 /// The same with what f32 rounds.
 const CLOSE_METRES: f32 = 0.020_01;
 
-fn options(server: &ServerProcess, join_mode: JoinMode) -> Options {
+fn join(server: &ServerProcess, options: JoinOptions) -> Client {
     let trust = Trust::Fingerprint(server.fingerprint);
-    let scene = "driven".parse().expect("a scene's name");
-    Options::new(server.address.to_string(), trust, scene, join_mode)
+    let connection = Client::connect(&server.address.to_string(), trust).expect("it is there");
+    connection
+        .join_with("driven", options)
+        .expect("it is there")
 }
 
 /// A scene with one avatar, the client that made it and may drive it, and one that sees every state.
@@ -34,18 +36,22 @@ fn open(server: &ServerProcess, stepping: Stepping) -> (Client, Client) {
         stepping,
         ..script.config()
     };
-    let mut driver = Client::open(options(server, JoinMode::Create(config))).expect("it is there");
+    let create = JoinOptions {
+        mode: JoinMode::Create(config),
+        ..JoinOptions::default()
+    };
+    let mut driver = join(server, create);
     let mut commands = Vec::new();
     script.commands(Tick::ZERO, &mut commands);
     for command in commands {
         driver.command(command).expect("the connection stands");
     }
-    let full = Options {
+    let full = JoinOptions {
+        mode: JoinMode::Join,
         stream: StreamChoice::Full,
-        ..options(server, JoinMode::Join)
+        ..JoinOptions::default()
     };
-    let watcher = Client::open(full).expect("it is there");
-    (driver, watcher)
+    (driver, join(server, full))
 }
 
 /// Waits for the answer to a wish to drive.
@@ -54,10 +60,10 @@ fn answer(client: &mut Client) -> Result<Vec<BodyId>, AuthorityError> {
         client
             .idle(Duration::from_millis(2))
             .expect("the connection stands");
-        while let Some(client_event) = client.poll_event() {
-            match client_event {
-                ClientEvent::AuthorityGrant(bodies) => return Ok(bodies),
-                ClientEvent::AuthorityDenied(error) => return Err(error),
+        while let Some((_, event)) = client.poll_event() {
+            match event {
+                Event::AuthorityGrant(bodies) => return Ok(bodies),
+                Event::AuthorityDenied(error) => return Err(error),
                 _ => {}
             }
         }
@@ -177,7 +183,7 @@ fn a_refused_authority_request_states_its_reason() {
         other
             .idle(Duration::from_millis(2))
             .expect("the connection stands");
-        if let Some(ClientEvent::Refused { error, .. }) = other.poll_event() {
+        if let Some((_, Event::Refused { error, .. })) = other.poll_event() {
             break error;
         }
     };

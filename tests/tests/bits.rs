@@ -5,8 +5,8 @@
 
 use rhumb_protocol::message::Frames;
 use rhumb_protocol::packet::{
-    ChecksumMismatch, Checksums, FullPacket, Head, LossReport, PacketKind, Refresh, RepairSymbol,
-    UpdatePacket, Watermark,
+    ChecksumMismatch, Checksums, Datagram, FullPacket, Head, LossReport, PacketKind, Refresh,
+    RepairSymbol, UpdatePacket, Watermark,
 };
 use rhumb_protocol::session::{ClientSession, Replica};
 use rhumb_protocol::stream::Subscriber;
@@ -128,7 +128,7 @@ fn assert_within_limits(stream: &Subscriber, bodies: &[BodyId], what: &str) {
 }
 
 fn bodies(replica: &Replica) -> Vec<BodyId> {
-    replica.bodies().map(|config| config.id).collect()
+    replica.bodies().map(|desc| desc.id).collect()
 }
 
 /// Gives each flip of a datagram to a copy of what the session holds; returns how many changed a track.

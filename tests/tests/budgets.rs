@@ -115,13 +115,13 @@ fn every_waiting_body_is_updated_in_the_end() {
     stage.run(Span::from_millis(5_000));
     assert_eq!(inspect(&mut stage).over_budget, before);
     let copy = stage.copy(COMMANDER);
-    for config in copy.bodies() {
+    for desc in copy.bodies() {
         let radius = copy
-            .shape(config.shape)
+            .shape(desc.shape)
             .expect("it has a shape")
             .bounding_radius();
         let bound = Some(ErrorBound::Within(Tolerance::NORMAL.reach(radius)));
-        assert_eq!(copy.stream().bound(config.id), bound);
+        assert_eq!(copy.stream().bound(desc.id), bound);
     }
     let truth = stage.truth();
     stage.witnesses[COMMANDER].judge(&truth, "who waited");

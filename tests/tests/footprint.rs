@@ -170,7 +170,7 @@ impl Scene {
         let shape = Shape::Ball { radius: 0.5 };
         let mut scene_events = vec![SceneEvent::ShapeAdded { id: ball, shape }];
         let placed = self.bodies().map(|(id, _, track)| SceneEvent::BodyPlaced {
-            config: BodyDesc {
+            desc: BodyDesc {
                 gravity_scale: 0.0,
                 ..BodyDesc::plain(id, BodyKind::Dynamic, ball)
             },

@@ -76,22 +76,22 @@ impl Good {
         }
         let stream = session.replica().expect("it is a member").stream();
         assert_eq!(stream.complete(), tick);
-        for config in self.scene.bodies() {
+        for desc in self.scene.bodies() {
             let truth = self
                 .scene
-                .observation(config.id)
+                .observation(desc.id)
                 .expect("the scene has its bodies");
             let predicted_motion = stream
-                .predicted_motion(config.id, tick)
+                .predicted_motion(desc.id, tick)
                 .expect("so has the copy");
             let radius = self
                 .scene
-                .bounding_radius(config.id)
+                .bounding_radius(desc.id)
                 .expect("a body has a shape");
             let apart =
                 Divergence::between(&truth.motion.motion().pose(), &predicted_motion.pose());
             let share = Tolerance::NORMAL.share(&apart, radius);
-            assert!(share <= 1.0, "{} is off by {share} tolerances", config.id);
+            assert!(share <= 1.0, "{} is off by {share} tolerances", desc.id);
         }
     }
 }

@@ -13,16 +13,15 @@ use std::time::{Duration, Instant};
 
 use glam::Vec3;
 use rhumb_client::scene::{
-    BodyDesc, BodyKind, Command, Invalid, PublishSchedule, Quantity, SceneConfig, Shape, ShapeId,
-    Stepping,
+    BodyDesc, Command, Invalid, PublishSchedule, Quantity, SceneConfig, Shape, Stepping,
 };
 use rhumb_client::{
-    BodyId, Client, ClientError, ClientEvent, Denial, JoinMode, OpenError, Options, PipelineDepth,
-    StreamChoice, Trust,
+    BodyId, Client, ClientError, Denial, Event, JoinMode, JoinOptions, OpenError, PipelineDepth,
+    ServerConnection, StreamChoice, Trust,
 };
 use rhumb_protocol::Ending;
 use rhumb_protocol::session::Misuse;
-use rhumb_reckoning::{BodyState, Tick, Ticks};
+use rhumb_reckoning::{Tick, Ticks};
 use rhumb_sims::{BallPit, Script};
 use rhumb_tests::{Programme, ServerProcess};
 use rhumb_transport::{ConnectError, TransportCode};
@@ -31,10 +30,17 @@ const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
 /// A free port of loopback.
 const ANYWHERE: &str = "127.0.0.1:0";
 
-fn options(server: &ServerProcess, scene: &str, join_mode: JoinMode) -> Options {
+fn join(server: &ServerProcess, scene: &str, mode: JoinMode) -> Result<Client, OpenError> {
+    let options = JoinOptions {
+        mode,
+        ..JoinOptions::default()
+    };
+    connect(server)?.join_with(scene, options)
+}
+
+fn connect(server: &ServerProcess) -> Result<ServerConnection, OpenError> {
     let trust = Trust::Fingerprint(server.fingerprint);
-    let scene = scene.parse().expect("the tests name scenes well");
-    Options::new(server.address.to_string(), trust, scene, join_mode)
+    Client::connect(&server.address.to_string(), trust)
 }
 
 fn config(stepping: Stepping) -> SceneConfig {
@@ -44,18 +50,18 @@ fn config(stepping: Stepping) -> SceneConfig {
     }
 }
 
-fn open(server: &ServerProcess, scene: &str, join_mode: JoinMode) -> Client {
-    Client::open(options(server, scene, join_mode)).expect("the server is there")
+fn open(server: &ServerProcess, scene: &str, mode: JoinMode) -> Client {
+    join(server, scene, mode).expect("the server is there")
 }
 
-fn refused(options: Options) -> OpenError {
-    match Client::open(options) {
+fn refused<T>(opened: Result<T, OpenError>) -> OpenError {
+    match opened {
         Ok(_) => panic!("a client was let in"),
         Err(error) => error,
     }
 }
 
-/// AuthorityTable a script for so many lockstep ticks and checks that each is shown.
+/// Runs a script for so many lockstep ticks and checks that each is shown.
 fn take_authority(client: &mut Client, script: &mut dyn Script, ticks: u64) {
     for tick in 0..ticks {
         let mut commands = Vec::new();
@@ -150,7 +156,7 @@ fn what_it_cannot_start_with_is_said_in_one_error() {
         (&["--cert", "a.pem"], "--key"),
         (&["--log", "loudly"], "loudly"),
     ] {
-        let ended = SERVER.fail(arguments);
+        let ended = SERVER.run(arguments);
         assert_eq!(ended.code, Some(2), "{arguments:?}: {}", ended.log);
         assert_eq!(ended.log.matches("error:").count(), 1, "{}", ended.log);
         assert!(ended.log.contains(named), "{}", ended.log);
@@ -176,7 +182,7 @@ fn what_it_cannot_read_or_bind_is_named() {
             "no/such.pem",
         ),
     ] {
-        let ended = SERVER.fail(&arguments);
+        let ended = SERVER.run(&arguments);
         assert_eq!(ended.code, Some(1), "{arguments:?}: {}", ended.log);
         assert_eq!(ended.log.lines().count(), 1, "{}", ended.log);
         assert!(ended.log.contains(named), "{}", ended.log);
@@ -187,9 +193,8 @@ fn what_it_cannot_read_or_bind_is_named() {
 #[test]
 fn another_certificate_than_the_pinned_one_is_refused_and_both_are_named() {
     let (server, other) = (SERVER.serve(ANYWHERE), SERVER.serve(ANYWHERE));
-    let mut options = options(&server, "pit", JoinMode::Join);
-    options.trust = Trust::Fingerprint(other.fingerprint);
-    let error = refused(options);
+    let trust = Trust::Fingerprint(other.fingerprint);
+    let error = refused(Client::connect(&server.address.to_string(), trust));
     assert!(
         matches!(
             error,
@@ -205,13 +210,13 @@ fn another_certificate_than_the_pinned_one_is_refused_and_both_are_named() {
 #[test]
 fn where_nothing_listens_patience_ends() {
     let server = SERVER.serve(ANYWHERE);
-    // ErrorBound and never read: nothing answers, and nobody else takes the port.
+    // The socket is bound and never read: nothing answers, and no other process takes the port.
     let silent = UdpSocket::bind(ANYWHERE).unwrap();
-    let mut options = options(&server, "pit", JoinMode::Join);
-    options.server = silent.local_addr().unwrap().to_string();
-    options.patience = Duration::from_millis(300);
+    let address = silent.local_addr().unwrap().to_string();
+    let trust = Trust::Fingerprint(server.fingerprint);
+    let patience = Duration::from_millis(300);
     let begun = Instant::now();
-    let error = refused(options);
+    let error = refused(Client::connect_within(&address, trust, patience));
     assert!(
         matches!(
             error,
@@ -226,7 +231,7 @@ fn where_nothing_listens_patience_ends() {
 #[test]
 fn a_scene_that_does_not_exist_is_denied_by_its_name() {
     let server = SERVER.serve(ANYWHERE);
-    let error = refused(options(&server, "atlantis", JoinMode::Join));
+    let error = refused(join(&server, "atlantis", JoinMode::Join));
     let no_such = matches!(
         error,
         OpenError::Denied {
@@ -238,7 +243,7 @@ fn a_scene_that_does_not_exist_is_denied_by_its_name() {
     assert!(error.to_string().contains("atlantis"), "{error}");
     let free = JoinMode::Create(config(Stepping::FreeRunning));
     let _first = open(&server, "atlantis", free);
-    let error = refused(options(&server, "atlantis", free));
+    let error = refused(join(&server, "atlantis", free));
     let exists = matches!(
         error,
         OpenError::Denied {
@@ -261,19 +266,24 @@ fn a_number_that_is_none_is_misuse_and_the_connection_goes_on() {
         "{error}"
     );
     assert!(error.to_string().contains("gravity"), "{error}");
-    for count in [0, u32::MAX] {
-        let error = client.reserve(count).unwrap_err();
-        assert!(
-            matches!(error, ClientError::Misuse(Misuse::Indices(_))),
-            "{error}"
-        );
-    }
+    assert_eq!(client.new_ids(0).unwrap(), []);
+    let error = client.new_ids(u32::MAX).unwrap_err();
+    assert!(
+        matches!(error, ClientError::Misuse(Misuse::Indices(_))),
+        "{error}"
+    );
+    let nowhere = BodyDesc::dynamic(Shape::ball(0.5)).at(f32::NAN, 0.0, 0.0);
+    let error = client.add_bodies([nowhere]).unwrap_err();
+    assert!(error.to_string().contains("position"), "{error}");
+    let error = refused(connect(&server).unwrap().join("a pit"));
+    assert!(matches!(error, OpenError::SceneName { .. }), "{error}");
+    assert!(error.to_string().contains("\"a pit\""), "{error}");
     take_authority(&mut client, &mut BallPit::new(2, 1, 1), 5);
     let answered = std::iter::from_fn(|| client.poll_event());
     assert!(
         !answered
             .into_iter()
-            .any(|h| matches!(h, ClientEvent::Refused { .. }))
+            .any(|(_, event)| matches!(event, Event::Refused { .. }))
     );
 }
 
@@ -345,7 +355,7 @@ fn members_of_a_deleted_scene_are_notified() {
     assert!(matches!(error, ClientError::SceneDeleted), "{error}");
     let error = other.inspect().unwrap_err();
     assert!(matches!(error, ClientError::SceneDeleted), "{error}");
-    let error = refused(options(&server, "pit", JoinMode::Join));
+    let error = refused(join(&server, "pit", JoinMode::Join));
     assert!(matches!(error, OpenError::Denied { .. }), "{error}");
 }
 
@@ -392,39 +402,57 @@ fn a_client_renders_a_scene_later_by_its_lookahead() {
     assert!(watermark_tick.value().is_multiple_of(2) && watermark_tick + Ticks::new(3) <= newest);
 }
 
-/// A grid of balls that touch nothing and fall nowhere: they sleep soon.
+/// A grid of balls that touch nothing and fall nowhere: they sleep soon. Sent in one call.
 fn grid(client: &mut Client, bodies: u32) {
-    let shape = Shape::Ball { radius: 0.4 };
-    let add = Command::AddShape {
-        id: ShapeId(0),
-        shape,
+    let ball = |place: u32| {
+        let (x, z) = (place % 100, place / 100);
+        BodyDesc::dynamic(Shape::ball(0.4)).at(x as f32, 0.0, z as f32)
     };
-    client.command(add).expect("the connection stands");
-    let mut ids = ids_of(client, bodies);
-    for place in 0..bodies {
-        let position = [(place % 100) as f32, 0.0, (place / 100) as f32];
-        let still = BodyState::new(position, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
-        let id = ids.next().expect("as many ids as bodies");
-        client
-            .command(Command::AddBody {
-                config: BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0)),
-                motion: still.expect("places of a grid are finite"),
-            })
-            .expect("the connection stands");
-        if place % 1_000 == 999 {
-            client
-                .idle(Duration::from_millis(20))
-                .expect("the connection stands");
-        }
-    }
+    let ids = client.add_bodies((0..bodies).map(ball));
+    assert_eq!(ids.expect("the connection stands").len(), bodies as usize);
+    client.flush();
 }
 
-/// So many body ids, of the range that was granted first and of another.
-fn ids_of(client: &mut Client, count: u32) -> impl Iterator<Item = BodyId> + use<> {
-    let first = client.granted();
-    let more = client.reserve(count).expect("there are indices left");
-    let ids = [first, more].into_iter();
-    ids.flat_map(|range| (0..range.count()).filter_map(move |place| range.id(place)))
+#[test]
+fn two_clients_that_add_equal_bodies_at_once_share_the_shapes_and_no_ids() {
+    let server = SERVER.serve(ANYWHERE);
+    let mut one = open(&server, "pit", JoinMode::default());
+    let mut other = connect(&server).unwrap().join("pit").unwrap();
+    let ball = BodyDesc::dynamic(Shape::ball(0.5));
+    let mut ids = one
+        .add_bodies((0..2).map(|x| ball.clone().at(x as f32 * 2.0, 5.0, 0.0)))
+        .unwrap();
+    ids.push(other.add_body(ball.at(8.0, 5.0, 0.0)).unwrap());
+    one.flush();
+    other.flush();
+    let mut shown = Tick::ZERO;
+    while one.view().ids().len() < ids.len() {
+        shown = one.advance(PipelineDepth::LOCKSTEP).unwrap();
+    }
+    let copy = one.replica().unwrap();
+    let shapes = ids.iter().map(|id| copy.body(*id).unwrap().shape);
+    assert_eq!(shapes.collect::<std::collections::BTreeSet<_>>().len(), 1);
+    let placed: Vec<BodyId> = std::iter::from_fn(|| one.poll_event())
+        .filter_map(|(after, event)| match event {
+            Event::BodyPlaced(id) => {
+                assert!(after < shown, "{id} came after {after}, shown at {shown}");
+                Some(id)
+            }
+            Event::Refused { error, .. } => panic!("{error}"),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(placed.len(), ids.len());
+    // An index whose body is gone is given out again, under another generation.
+    one.command(Command::RemoveBody { id: ids[0] }).unwrap();
+    one.advance(PipelineDepth::LOCKSTEP).unwrap();
+    assert_eq!(one.view().position(ids[0]), None);
+    let given = one.new_ids(4_096).unwrap();
+    assert!(given.iter().all(|id| !ids.contains(id)));
+    other.wait(PipelineDepth::LOCKSTEP).unwrap();
+    let refused = std::iter::from_fn(|| other.poll_event())
+        .any(|(_, event)| matches!(event, Event::Refused { .. }));
+    assert!(!refused, "an equal shape is no fault");
 }
 
 #[test]
@@ -479,14 +507,13 @@ fn ten_thousand_bodies_are_joined_while_the_scene_runs() {
             "{id} is off by {off} m between two members of the 5 cm tier"
         );
     }
-    let full = Options {
+    let full = JoinOptions {
+        mode: JoinMode::Join,
         stream: StreamChoice::Full,
-        ..options(&server, "grid", JoinMode::Join)
+        ..JoinOptions::default()
     };
-    assert_eq!(
-        Client::open(full).unwrap().view().ids().len(),
-        BODIES as usize
-    );
+    let third = connect(&server).unwrap().join_with("grid", full).unwrap();
+    assert_eq!(third.view().ids().len(), BODIES as usize);
 }
 
 #[test]

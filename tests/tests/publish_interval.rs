@@ -114,10 +114,8 @@ fn nothing_is_claimed_between_two_published_ticks() {
     let stream = copy.stream();
     let watermark_tick = stream.watermark_tick();
     assert!(watermark_tick.value().is_multiple_of(3) && watermark_tick > Tick::ZERO);
-    let dynamic = copy
-        .bodies()
-        .filter(|config| config.kind == BodyKind::Dynamic);
-    let ids: Vec<BodyId> = dynamic.map(|config| config.id).collect();
+    let dynamic = copy.bodies().filter(|desc| desc.kind == BodyKind::Dynamic);
+    let ids: Vec<BodyId> = dynamic.map(|desc| desc.id).collect();
     let mut known = 0;
     for id in ids {
         assert!(matches!(stream.bound(id), Some(ErrorBound::Within(_))));

@@ -101,8 +101,8 @@ fn moving(position: Vec3, linear: Vec3, angular: Vec3) -> BodyState {
     .expect("the tests make finite motions")
 }
 
-fn add_body(config: BodyDesc, motion: BodyState) -> Command {
-    Command::AddBody { config, motion }
+fn add_body(desc: BodyDesc, motion: BodyState) -> Command {
+    Command::AddBody { desc, motion }
 }
 
 /// A vector with one component replaced, in each of three places.
@@ -423,7 +423,7 @@ fn a_rotation_is_of_unit_length_or_refused() {
 #[test]
 fn the_motion_of_an_added_body_keeps_the_limits_too() {
     let mut rig = Rig::new();
-    let config = BodyDesc::plain(rig.rude.granted.id(1).unwrap(), BodyKind::Dynamic, BALL);
+    let desc = BodyDesc::plain(rig.rude.granted.id(1).unwrap(), BodyKind::Dynamic, BALL);
     let far = Vec3::new(0.0, COORDINATE_MAX.next_up(), 0.0);
     let fast = Vec3::new(LINEAR_MAX.next_up(), 0.0, 0.0);
     let spinning = Vec3::new(0.0, 0.0, ANGULAR_MAX.next_up());
@@ -433,16 +433,16 @@ fn the_motion_of_an_added_body_keeps_the_limits_too() {
         (moving(Vec3::ZERO, Vec3::ZERO, spinning), Quantity::Angular),
     ] {
         let expected = CommandError::Invalid(Invalid::OutOfRange(quantity));
-        rig.assert_refused(add_body(config, motion), expected);
+        rig.assert_refused(add_body(desc, motion), expected);
     }
 }
 
 #[test]
 fn an_added_body_with_a_motion_that_is_not_finite_is_refused() {
     let mut rig = Rig::new();
-    let config = BodyDesc::plain(rig.rude.granted.id(1).unwrap(), BodyKind::Dynamic, BALL);
+    let desc = BodyDesc::plain(rig.rude.granted.id(1).unwrap(), BodyKind::Dynamic, BALL);
     let mut bytes = Vec::new();
-    ClientMessage::Command(add_body(config, still())).encode(&mut bytes);
+    ClientMessage::Command(add_body(desc, still())).encode(&mut bytes);
     let height = 50.0_f32.to_le_bytes();
     let place = bytes
         .windows(4)

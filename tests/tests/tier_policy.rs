@@ -62,7 +62,7 @@ impl Script for RestlessBalls {
             });
             out.extend(ids.map(|id| {
                 Command::AddBody {
-                    config: BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0)),
+                    desc: BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0)),
                     motion: BodyState::new(
                         [id.index() as f32 * 50.0, 0.0, 0.0],
                         [0.0, 0.0, 0.0, 1.0],
@@ -293,7 +293,7 @@ impl Script for StillBodies {
         });
         out.extend((0..4_000).map(|index| {
             Command::AddBody {
-                config: BodyDesc::plain(BodyId::new(index, 0), BodyKind::Static, ShapeId(0)),
+                desc: BodyDesc::plain(BodyId::new(index, 0), BodyKind::Static, ShapeId(0)),
                 motion: BodyState::new(
                     [index as f32 * 2.0, 0.0, 0.0],
                     [0.0, 0.0, 0.0, 1.0],

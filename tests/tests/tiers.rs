@@ -125,17 +125,14 @@ fn whatever_is_not_complete_yet_another_stream_can_be_chosen_and_is_followed() {
 /// Gives a member's copy of a body a track that nobody said; returns the body.
 fn spoil(stage: &mut Stage, member: usize) -> BodyId {
     let copy = stage.copy(member);
-    let moving = |config: &BodyDesc| config.kind == BodyKind::Dynamic;
-    let config = copy
+    let moving = |desc: &BodyDesc| desc.kind == BodyKind::Dynamic;
+    let desc = copy
         .bodies()
         .filter(moving)
         .last()
         .unwrap_or_else(|| panic!("nothing moves of {}", copy.bodies().count()));
-    let shape = copy
-        .shape(config.shape)
-        .expect("a body has a shape")
-        .clone();
-    let parameters = PredictionParameters::of(&config, &shape, stage.config().damping, None);
+    let shape = copy.shape(desc.shape).expect("a body has a shape").clone();
+    let parameters = PredictionParameters::of(&desc, &shape, stage.config().damping, None);
     let elsewhere = BodyState::new([9.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3])
         .expect("a place is finite");
     let track = Track::resting(copy.stream().watermark_tick(), elsewhere);
@@ -144,8 +141,8 @@ fn spoil(stage: &mut Stage, member: usize) -> BodyId {
         .client_mut(member)
         .replica_mut()
         .expect("a member has a copy");
-    assert!(copy.stream_mut().place(config.id, &parameters, track));
-    config.id
+    assert!(copy.stream_mut().place(desc.id, &parameters, track));
+    desc.id
 }
 
 #[test]
@@ -160,7 +157,7 @@ fn a_track_with_a_wrong_checksum_is_named_and_refreshed() {
             stage
                 .copy(other)
                 .bodies()
-                .any(|config| config.kind == BodyKind::Dynamic)
+                .any(|desc| desc.kind == BodyKind::Dynamic)
         });
         // One that is said anew by chance needs no refresh: another is spoiled then.
         let mut spoiled = Vec::new();
@@ -188,9 +185,9 @@ fn a_stream_that_begins_when_bodies_were_just_put_elsewhere_tells_where_they_wer
     let other = stage.enter(NORMAL);
     stage.tick();
     for choice in [COARSE, EXACT, StreamChoice::Full, FINE] {
-        let dynamic = |config: &BodyDesc| config.kind == BodyKind::Dynamic;
+        let dynamic = |desc: &BodyDesc| desc.kind == BodyKind::Dynamic;
         let bodies = stage.copy(other).bodies().filter(dynamic);
-        let ids: Vec<BodyId> = bodies.skip(3).take(4).map(|config| config.id).collect();
+        let ids: Vec<BodyId> = bodies.skip(3).take(4).map(|desc| desc.id).collect();
         let elsewhere = |id: BodyId| Command::SetPose {
             id,
             position: Vec3::new(id.index() as f32 * 3.0, 20.0, 20.0),

@@ -28,8 +28,8 @@ impl Script for WithToleranceScales {
     fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {
         self.script.commands(tick, out);
         for command in out {
-            if let Command::AddBody { config, .. } = command {
-                config.tolerance_scale = (self.tolerance_scale)(config.id.index());
+            if let Command::AddBody { desc, .. } = command {
+                desc.tolerance_scale = (self.tolerance_scale)(desc.id.index());
             }
         }
     }
@@ -72,18 +72,15 @@ fn every_body_is_within_its_scaled_tolerance_in_every_tier() {
     let mut bounded = 0;
     for member in [COMMANDER].into_iter().chain(others) {
         let copy = stage.copy(member);
-        for config in copy
-            .bodies()
-            .filter(|config| config.kind == BodyKind::Dynamic)
-        {
-            assert_eq!(config.tolerance_scale, all_in_turn(config.id.index()));
-            let tolerance = copy.stream().tolerance().scaled(config.tolerance_scale);
+        for desc in copy.bodies().filter(|desc| desc.kind == BodyKind::Dynamic) {
+            assert_eq!(desc.tolerance_scale, all_in_turn(desc.id.index()));
+            let tolerance = copy.stream().tolerance().scaled(desc.tolerance_scale);
             let radius = copy
-                .shape(config.shape)
+                .shape(desc.shape)
                 .expect("it has a shape")
                 .bounding_radius();
             let bound = Some(ErrorBound::Within(tolerance.reach(radius)));
-            assert_eq!(copy.stream().bound(config.id), bound);
+            assert_eq!(copy.stream().bound(desc.id), bound);
             bounded += 1;
         }
     }

@@ -59,9 +59,9 @@ impl Scene {
         table.settle();
         let mut rude = RawPeer::enter(&mut table, "driven");
         let own = rude.granted.id(0).expect("it was granted some");
-        let config = BodyDesc::plain(own, BodyKind::Kinematic, ShapeId(3));
+        let desc = BodyDesc::plain(own, BodyKind::Kinematic, ShapeId(3));
         let motion = still(30.0);
-        rude.command(&mut table, Command::AddBody { config, motion })
+        rude.command(&mut table, Command::AddBody { desc, motion })
             .expect("it may add");
         let driving = take_authority(&mut rude, &mut table, own);
         Self {
@@ -404,9 +404,9 @@ fn datagrams_in_the_wrong_direction_for_the_stepping_change_nothing() {
     table.settle();
     let mut rude = RawPeer::enter(&mut table, "led");
     let own = rude.granted.id(0).expect("it was granted some");
-    let config = BodyDesc::plain(own, BodyKind::Kinematic, ShapeId(3));
+    let desc = BodyDesc::plain(own, BodyKind::Kinematic, ShapeId(3));
     let motion = still(30.0);
-    rude.command(&mut table, Command::AddBody { config, motion })
+    rude.command(&mut table, Command::AddBody { desc, motion })
         .expect("it may add");
     let driving = take_authority(&mut rude, &mut table, own);
     let mut writer = UpdateWriter::new(driving.stream, 0, 1, 0);

@@ -45,7 +45,7 @@ pub enum SceneEvent {
     /// A body is in the scene.
     BodyPlaced {
         /// What it is.
-        config: BodyDesc,
+        desc: BodyDesc,
         /// How it resists being turned, if it [can tumble](BodyDesc::can_tumble) and its moments are not equal.
         inertia: Option<Inertia>,
         /// How it moves.
@@ -106,14 +106,14 @@ impl Wire for SceneEvent {
                 id.encode(to);
             }
             Self::BodyPlaced {
-                config,
+                desc,
                 inertia,
                 track,
                 alias,
             } => {
                 to.u8(2);
-                config.encode(to);
-                if config.can_tumble() {
+                desc.encode(to);
+                if desc.can_tumble() {
                     inertia::encode(inertia.as_ref(), to);
                 }
                 track.encode(to);
@@ -165,15 +165,15 @@ impl Wire for SceneEvent {
                 id: ShapeId::decode(from)?,
             },
             2 => {
-                let config = BodyDesc::decode(from)?;
-                config.check().map_err(|_| Malformed::OutOfRange)?;
-                let inertia = if config.can_tumble() {
+                let desc = BodyDesc::decode(from)?;
+                desc.check().map_err(|_| Malformed::OutOfRange)?;
+                let inertia = if desc.can_tumble() {
                     inertia::decode(from)?
                 } else {
                     None
                 };
                 Self::BodyPlaced {
-                    config,
+                    desc,
                     inertia,
                     track: Track::decode(from)?,
                     alias: (from.varint_to(u64::from(INDICES_MAX))? as u32).checked_sub(1),

@@ -1,5 +1,6 @@
 //! The nouns of a scene as clients and servers name them.
 mod body;
+mod body_builder;
 mod checks;
 mod command;
 mod compound;
@@ -16,6 +17,7 @@ mod publish_schedule;
 mod shape;
 
 pub use body::{BodyDesc, BodyKind};
+pub use body_builder::BodyBuilder;
 pub use checks::{Invalid, Quantity};
 pub use command::{Command, CommandError};
 pub use compound::{Compound, Part};

@@ -284,10 +284,10 @@ mod tests {
     }
 
     fn parameters(id: BodyId) -> Option<PredictionParameters> {
-        let config = BodyDesc::plain(id, BodyKind::Kinematic, ShapeId(0));
+        let desc = BodyDesc::plain(id, BodyKind::Kinematic, ShapeId(0));
         let shape = Shape::Ball { radius: 0.5 };
         Some(PredictionParameters::of(
-            &config,
+            &desc,
             &shape,
             Damping::default(),
             None,

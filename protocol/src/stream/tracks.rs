@@ -61,20 +61,15 @@ impl PredictionParameters {
     /// A body that no engine moves keeps the velocity it is given: nothing damps it and nothing pulls at it. One that cannot
     /// tumble has no inertia, whatever its engine says: listeners are not told of it.
     #[must_use]
-    pub fn of(
-        config: &BodyDesc,
-        shape: &Shape,
-        damping: Damping,
-        inertia: Option<Inertia>,
-    ) -> Self {
+    pub fn of(desc: &BodyDesc, shape: &Shape, damping: Damping, inertia: Option<Inertia>) -> Self {
         let radius = shape.bounding_radius();
-        let tolerance_scale = config.tolerance_scale;
-        match config.kind {
+        let tolerance_scale = desc.tolerance_scale;
+        match desc.kind {
             BodyKind::Dynamic => Self {
                 radius,
-                damping: config.damping.unwrap_or(damping),
-                gravity_scale: config.gravity_scale,
-                inertia: inertia.filter(|_| config.can_tumble()),
+                damping: desc.damping.unwrap_or(damping),
+                gravity_scale: desc.gravity_scale,
+                inertia: inertia.filter(|_| desc.can_tumble()),
                 tolerance_scale,
             },
             BodyKind::Static | BodyKind::Kinematic => Self {
@@ -447,14 +442,14 @@ mod tests {
         let shape = Shape::Ball { radius: 0.5 };
         let inertia = Inertia::new([1.0, 2.0, 2.5], [0.0, 0.0, 0.0, 1.0]).unwrap();
         for (gyroscopic, turns) in [(true, true), (true, false), (false, true), (false, false)] {
-            let config = BodyDesc {
+            let desc = BodyDesc {
                 gyroscopic,
                 turns,
                 ..plain
             };
             let parameters =
-                PredictionParameters::of(&config, &shape, Damping::default(), Some(inertia));
-            assert_eq!(parameters.inertia.is_some(), config.can_tumble());
+                PredictionParameters::of(&desc, &shape, Damping::default(), Some(inertia));
+            assert_eq!(parameters.inertia.is_some(), desc.can_tumble());
         }
     }
 }

@@ -87,8 +87,8 @@ impl ReferenceScene {
             script.commands(scene.tick(), &mut commands);
             for command in &commands {
                 scene.apply(command).expect("a script is obeyed");
-                if let Command::AddBody { config, motion } = command {
-                    motions.insert(config.id, *motion);
+                if let Command::AddBody { desc, motion } = command {
+                    motions.insert(desc.id, *motion);
                 }
             }
             scene.step().expect("the engine steps what scripts build");
@@ -96,11 +96,11 @@ impl ReferenceScene {
                 motions.insert(observation.id, observation.motion);
             }
             if TICKS.contains(&tick) {
-                let can_move = |config: &&BodyDesc| config.kind != BodyKind::Static;
+                let can_move = |desc: &&BodyDesc| desc.kind != BodyKind::Static;
                 let bodies = scene.bodies().filter(can_move);
-                let bodies = bodies.map(|config| {
-                    let motion = motions[&config.id].motion();
-                    (config.id.index(), checksums(&motion))
+                let bodies = bodies.map(|desc| {
+                    let motion = motions[&desc.id].motion();
+                    (desc.id.index(), checksums(&motion))
                 });
                 ticks.insert(tick, bodies.collect());
             }
@@ -216,7 +216,7 @@ impl Script for BallsOnGround {
             let turn = Quat::IDENTITY.to_array();
             let motion = BodyState::new(place.to_array(), turn, linear.to_array(), [0.0; 3]);
             out.push(Command::AddBody {
-                config: BodyDesc::plain(id, kind, shape),
+                desc: BodyDesc::plain(id, kind, shape),
                 motion: motion.expect("balls are placed at finite poses"),
             });
         };

@@ -143,7 +143,7 @@ impl Client {
             StreamChoice::Within(Tolerance::NORMAL),
         ]);
         let bodies: Vec<_> = session.replica().map_or_else(Vec::new, |replica| {
-            replica.bodies().map(|config| config.id).take(3).collect()
+            replica.bodies().map(|desc| desc.id).take(3).collect()
         });
         let _ = match script.below(11) {
             0 => session.join(choice),

@@ -29,7 +29,7 @@ pub(super) fn command(script: &mut Script<'_>, bodies: &[BodyId]) -> Command {
             id: shape_id(script),
         },
         3..6 => Command::AddBody {
-            config: config(script, id),
+            desc: config(script, id),
             motion: motion(script),
         },
         6 => Command::RemoveBody { id },

@@ -174,8 +174,8 @@ impl FuzzedServer {
             assert_eq!(after, before, "{command:?} was refused by {answer:?}");
         }
         let is_own = |id: BodyId| self.rude.granted.contains(id);
-        if let Command::AddBody { config, .. } = &command
-            && !is_own(config.id)
+        if let Command::AddBody { desc, .. } = &command
+            && !is_own(desc.id)
         {
             assert!(answer.is_err(), "{command:?} is of nobody's");
             return;
@@ -205,7 +205,7 @@ impl FuzzedServer {
         let all_there = self
             .truth
             .bodies()
-            .all(|config| stream.track(config.id).is_some());
+            .all(|desc| stream.track(desc.id).is_some());
         assert!(all_there, "a body is missing in the copy");
     }
 
@@ -221,16 +221,16 @@ impl FuzzedServer {
         let mut all = Vec::new();
         self.truth.observe_all(&mut all);
         for seen in all {
-            let config = *self.truth.body(seen.id).expect("what is seen is there");
+            let desc = *self.truth.body(seen.id).expect("what is seen is there");
             // Who came since the last step is reported of with the next.
-            let Some(predicted_motion) = stream.predicted_motion(config.id, tick) else {
+            let Some(predicted_motion) = stream.predicted_motion(desc.id, tick) else {
                 continue;
             };
-            let radius = self.truth.bounding_radius(config.id).expect("a shape");
+            let radius = self.truth.bounding_radius(desc.id).expect("a shape");
             let apart = Divergence::between(&seen.motion.motion().pose(), &predicted_motion.pose());
-            let tolerance = Tolerance::NORMAL.scaled(config.tolerance_scale);
+            let tolerance = Tolerance::NORMAL.scaled(desc.tolerance_scale);
             let share = tolerance.share(&apart, radius);
-            assert!(share <= 1.0, "{} is off by {share} tolerances", config.id);
+            assert!(share <= 1.0, "{} is off by {share} tolerances", desc.id);
         }
     }
 }

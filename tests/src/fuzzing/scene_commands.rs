@@ -80,7 +80,7 @@ fn played(script: &mut Script<'_>) -> u64 {
 
 fn step(scene: &mut Scene) {
     scene.step().expect("what was accepted can be stepped");
-    let ids = scene.bodies().map(|config| config.id);
+    let ids = scene.bodies().map(|desc| desc.id);
     for id in ids.collect::<Vec<_>>() {
         let seen = scene.observation(id).expect("a body is somewhere");
         assert_is_motion(&seen.motion.motion());

@@ -19,10 +19,10 @@ pub fn copy_line(copy: &Replica, tick: Tick) -> String {
 #[must_use]
 pub fn moving(copy: &Replica, tick: Tick) -> String {
     let stream = copy.stream();
-    let moving = copy.bodies().filter_map(|config| {
-        let track = stream.track(config.id)?;
-        let motion = stream.predicted_motion(config.id, tick)?;
-        let (index, generation) = (config.id.index(), config.id.generation());
+    let moving = copy.bodies().filter_map(|desc| {
+        let track = stream.track(desc.id)?;
+        let motion = stream.predicted_motion(desc.id, tick)?;
+        let (index, generation) = (desc.id.index(), desc.id.generation());
         let text = || format!("\"{index}:{generation}\":\"{}\"", bits(&motion));
         (!track.is_exact_rest()).then(text)
     });

@@ -252,7 +252,7 @@ impl Testee<'_> {
             return;
         };
         let command = Command::AddBody {
-            config: BodyDesc::plain(id, BodyKind::Kinematic, ShapeId(0)),
+            desc: BodyDesc::plain(id, BodyKind::Kinematic, ShapeId(0)),
             motion: trajectory(copy.stream().complete()).stilled(),
         };
         self.driven = Some(id);

@@ -138,8 +138,8 @@ pub fn known(replica: &Replica) -> Value {
 fn poses(replica: &Replica) -> u64 {
     let stream = replica.stream();
     let mut digest = Fnv::START;
-    for config in replica.bodies() {
-        if let Some(motion) = stream.predicted_motion(config.id, stream.watermark_tick()) {
+    for desc in replica.bodies() {
+        if let Some(motion) = stream.predicted_motion(desc.id, stream.watermark_tick()) {
             digest.fold_motion(&motion);
         }
     }
@@ -299,9 +299,9 @@ fn disturbance(recording: &Recording, tick: u64, dice: &mut Dice) -> Vec<Command
 
 /// Gives a body that comes a tolerance_scale: each in turn.
 fn classify(command: &mut Command) {
-    if let Command::AddBody { config, .. } = command {
-        let turn = (config.id.index() % 7) as i8;
-        config.tolerance_scale = ToleranceScale::new(turn - 3).expect("one of seven");
+    if let Command::AddBody { desc, .. } = command {
+        let turn = (desc.id.index() % 7) as i8;
+        desc.tolerance_scale = ToleranceScale::new(turn - 3).expect("one of seven");
     }
 }
 
@@ -329,11 +329,11 @@ fn new_bodies() -> Vec<Command> {
     {
         let id = ShapeId(8_000 + place as u32);
         commands.push(Command::AddShape { id, shape });
-        let mut config = BodyDesc::plain(BodyId::new(4_000 + place as u32, 0), kind, id);
-        config.turns = kind == BodyKind::Static;
+        let mut desc = BodyDesc::plain(BodyId::new(4_000 + place as u32, 0), kind, id);
+        desc.turns = kind == BodyKind::Static;
         let motion = BodyState::new(at, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
         let motion = motion.expect("a place is finite");
-        commands.push(Command::AddBody { config, motion });
+        commands.push(Command::AddBody { desc, motion });
     }
     commands
 }

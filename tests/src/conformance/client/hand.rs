@@ -114,7 +114,7 @@ pub(super) fn ball(id: BodyId, predictor: Predictor) -> SceneEvent {
         None => Anchor::Exact(body_state.expect("it is finite")),
     };
     SceneEvent::BodyPlaced {
-        config: BodyDesc::plain(id, BodyKind::Dynamic, SHAPE),
+        desc: BodyDesc::plain(id, BodyKind::Dynamic, SHAPE),
         inertia: None,
         track: Track {
             origin: Tick::new(TICK - 1),

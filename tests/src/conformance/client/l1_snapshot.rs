@@ -96,7 +96,7 @@ fn of_shape(id: BodyId, shape: ShapeId) -> SceneEvent {
             alias,
             ..
         } => SceneEvent::BodyPlaced {
-            config: BodyDesc::plain(id, BodyKind::Dynamic, shape),
+            desc: BodyDesc::plain(id, BodyKind::Dynamic, shape),
             inertia,
             track,
             alias,
@@ -446,7 +446,7 @@ fn comings_and_goings(trial: &mut Trial<'_>) -> CaseResult {
     let Some(first) = first else {
         return Err(Stop::Inconclusive("the pit is empty".into()));
     };
-    let shape = feed.mirror()?.body(first).map(|config| config.shape);
+    let shape = feed.mirror()?.body(first).map(|desc| desc.shape);
     feed.command(Command::RemoveBody { id: first })?;
     feed.step(5)?;
     let again = BodyId::new(first.index(), first.generation() + 1);
@@ -458,7 +458,7 @@ fn comings_and_goings(trial: &mut Trial<'_>) -> CaseResult {
     );
     let motion = motion.map_err(|_| Stop::Inconclusive("the suite errs".into()))?;
     feed.command(Command::AddBody {
-        config: BodyDesc::plain(again, BodyKind::Dynamic, shape.unwrap_or(ShapeId(0))),
+        desc: BodyDesc::plain(again, BodyKind::Dynamic, shape.unwrap_or(ShapeId(0))),
         motion,
     })?;
     feed.step(20)?;

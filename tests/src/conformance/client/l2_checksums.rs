@@ -152,7 +152,7 @@ fn lie_of_one(feed: &mut Interceptor) -> Rc<RefCell<bool>> {
             let message = ServerMessage::decode(&framed);
             match message {
                 Ok(Some(ServerMessage::SceneEvent(SceneEvent::BodyPlaced {
-                    config,
+                    desc,
                     inertia,
                     track,
                     alias,
@@ -169,7 +169,7 @@ fn lie_of_one(feed: &mut Interceptor) -> Rc<RefCell<bool>> {
                         }
                     };
                     let scene_event = SceneEvent::BodyPlaced {
-                        config,
+                        desc,
                         inertia,
                         track,
                         alias,

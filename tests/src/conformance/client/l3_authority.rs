@@ -137,11 +137,11 @@ impl UpstreamTrial {
 fn share_now(feed: &Interceptor) -> Option<(Tick, f64)> {
     let replica = feed.mirror().ok()?;
     let (stream, tick) = (replica.stream(), replica.stream().complete());
-    let config = replica
+    let desc = replica
         .bodies()
-        .find(|config| config.kind == BodyKind::Kinematic)?;
-    let there = stream.predicted_motion(config.id, tick)?.pose();
-    let radius = replica.shape(config.shape)?.bounding_radius();
+        .find(|desc| desc.kind == BodyKind::Kinematic)?;
+    let there = stream.predicted_motion(desc.id, tick)?.pose();
+    let radius = replica.shape(desc.shape)?.bounding_radius();
     let tolerance = Tolerance::Surface(LengthBound::from_micrometres(WITHIN).ok()?);
     let apart = Divergence::between(&trajectory(tick).motion().pose(), &there);
     Some((tick, tolerance.share(&apart, radius)))

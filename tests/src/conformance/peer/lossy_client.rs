@@ -227,9 +227,9 @@ impl LossyClient {
         if seen.contains_key(&tick) || !stream.is_converged() {
             return;
         }
-        let poses = copy.bodies().filter_map(|config| {
-            let predicted_motion = stream.predicted_motion(config.id, tick)?;
-            Some((config.id, predicted_motion.pose()))
+        let poses = copy.bodies().filter_map(|desc| {
+            let predicted_motion = stream.predicted_motion(desc.id, tick)?;
+            Some((desc.id, predicted_motion.pose()))
         });
         seen.insert(tick, poses.collect());
     }

@@ -105,9 +105,9 @@ pub(super) fn is_alike(copy: &Replica, reported: &[Value]) -> bool {
 fn state_of(copy: &Replica) -> CopyState {
     let stream = copy.stream();
     let tick = stream.complete();
-    let all = copy.bodies().filter_map(|config| {
-        let (index, generation) = (config.id.index(), config.id.generation());
-        let motion = stream.predicted_motion(config.id, tick)?;
+    let all = copy.bodies().filter_map(|desc| {
+        let (index, generation) = (desc.id.index(), desc.id.generation());
+        let motion = stream.predicted_motion(desc.id, tick)?;
         Some((format!("{index}:{generation}"), bits(&motion)))
     });
     CopyState {

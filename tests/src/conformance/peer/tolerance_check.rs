@@ -17,8 +17,8 @@ use crate::conformance::outcome::Stop;
 fn worst_share(copy: &Replica, truth: &Replica, tick: Tick) -> Result<f64, Stop> {
     let mut worst = 0.0_f64;
     let mut bodies = 0;
-    for config in truth.bodies() {
-        let id = config.id;
+    for desc in truth.bodies() {
+        let id = desc.id;
         let missing = || Stop::Fail(format!("{id} is in the full stream alone at {tick}"));
         let there = truth
             .stream()
@@ -29,7 +29,7 @@ fn worst_share(copy: &Replica, truth: &Replica, tick: Tick) -> Result<f64, Stop>
             .predicted_motion(id, tick)
             .ok_or_else(missing)?;
         let radius = truth
-            .shape(config.shape)
+            .shape(desc.shape)
             .ok_or_else(missing)?
             .bounding_radius();
         let tolerance = copy.stream().tolerance_of(id).ok_or_else(missing)?;
@@ -80,10 +80,10 @@ pub fn compare_recorded(copy: &LossyClient, truth: &LossyClient) -> Result<usize
             continue;
         };
         for (id, pose) in poses {
-            let (Some(truth), Some(config)) = (wanted.get(id), there.body(*id)) else {
+            let (Some(truth), Some(desc)) = (wanted.get(id), there.body(*id)) else {
                 continue;
             };
-            let radius = there.shape(config.shape).map(Shape::bounding_radius);
+            let radius = there.shape(desc.shape).map(Shape::bounding_radius);
             let (Some(radius), Some(tolerance)) = (radius, here.stream().tolerance_of(*id)) else {
                 continue;
             };

@@ -147,7 +147,7 @@ fn driving(trial: &mut Trial<'_>) -> Result<bool, Stop> {
     guest.must(ball_shape())?;
     let id = body(guest.granted, 0)?;
     guest.must(Command::AddBody {
-        config: BodyDesc::plain(id, BodyKind::Kinematic, BALL),
+        desc: BodyDesc::plain(id, BodyKind::Kinematic, BALL),
         motion: moving(Vec3::ZERO, Vec3::ZERO),
     })?;
     guest.say(&ClientMessage::TakeAuthority(TakeAuthority {

@@ -300,13 +300,13 @@ fn dampings_most(trial: &mut Trial<'_>) -> CaseResult {
     guest.must(ball_shape())?;
     let mut refused = None;
     for number in 0..=DAMPINGS_MAX as u32 {
-        let mut config = BodyDesc::plain(body(guest.granted, number)?, BodyKind::Dynamic, BALL);
-        config.damping = Some(Damping {
+        let mut desc = BodyDesc::plain(body(guest.granted, number)?, BodyKind::Dynamic, BALL);
+        desc.damping = Some(Damping {
             linear: 1.0 + number as f32 / 128.0,
             angular: 0.0,
         });
         let motion = moving(Vec3::X * (2 * number) as f32, Vec3::ZERO);
-        match guest.command(Command::AddBody { config, motion })? {
+        match guest.command(Command::AddBody { desc, motion })? {
             Ok(_) => {}
             Err(error) => {
                 refused = Some(error);

@@ -192,7 +192,7 @@ fn left(trial: &mut Trial<'_>) -> CaseResult {
         matches!(message, ServerMessage::Left).then_some(())
     })?;
     let (_, scene_events) = guest.join(NORMAL)?;
-    let is_it = |scene_event: &SceneEvent| matches!(scene_event, SceneEvent::BodyPlaced { config, .. } if config.id == id);
+    let is_it = |scene_event: &SceneEvent| matches!(scene_event, SceneEvent::BodyPlaced { desc, .. } if desc.id == id);
     ensure(scene_events.iter().any(is_it), "its body stays")?;
     // The first command of a membership is number 0.
     guest.must(Command::RemoveBody { id }).map(drop)

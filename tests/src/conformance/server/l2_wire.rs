@@ -581,7 +581,7 @@ fn snapshot(trial: &mut Trial<'_>) -> CaseResult {
         .map(|scene_event| match scene_event {
             SceneEvent::ShapeAdded { .. } => 0,
             SceneEvent::GravityChanged { .. } => 1,
-            SceneEvent::BodyPlaced { config, .. } => 2 + config.id.index(),
+            SceneEvent::BodyPlaced { desc, .. } => 2 + desc.id.index(),
             SceneEvent::JointAdded { .. } => u32::MAX - 1,
             _ => u32::MAX,
         })

@@ -118,7 +118,7 @@ pub(super) fn cases() -> Vec<Case> {
 /// Puts a kinematic ball somewhere.
 fn lift(id: BodyId, at: Vec3) -> Command {
     Command::AddBody {
-        config: BodyDesc::plain(id, BodyKind::Kinematic, BALL),
+        desc: BodyDesc::plain(id, BodyKind::Kinematic, BALL),
         motion: moving(at, Vec3::ZERO),
     }
 }

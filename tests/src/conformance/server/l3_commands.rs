@@ -60,10 +60,10 @@ const REFUSED: [(&str, Refused); 17] = [
     }),
     ("a body of a shape that is not known", |cast| {
         let shape = ShapeId(77);
-        let config = BodyDesc::plain(cast.nobody, BodyKind::Dynamic, shape);
+        let desc = BodyDesc::plain(cast.nobody, BodyKind::Dynamic, shape);
         let motion = moving(Vec3::Y * 50.0, Vec3::ZERO);
         (
-            Command::AddBody { config, motion },
+            Command::AddBody { desc, motion },
             CommandError::UnknownShape(shape),
         )
     }),
@@ -309,7 +309,7 @@ fn cast(guest: &mut RawClient) -> Result<Fixtures, Stop> {
     guest.must(floor(cast.floor))?;
     guest.must(ball(cast.ball, Vec3::Y * 5.0, Vec3::ZERO))?;
     guest.must(Command::AddBody {
-        config: BodyDesc::plain(cast.lift, BodyKind::Kinematic, BALL),
+        desc: BodyDesc::plain(cast.lift, BodyKind::Kinematic, BALL),
         motion: moving(Vec3::new(5.0, 5.0, 0.0), Vec3::ZERO),
     })?;
     let joint = joint(cast.ball, cast.floor);
@@ -466,20 +466,20 @@ fn no_inside(trial: &mut Trial<'_>, shape: Shape) -> CaseResult {
     let id = ShapeId(5);
     guest.must(Command::AddShape { id, shape })?;
     let motion = moving(Vec3::ZERO, Vec3::ZERO);
-    let config = |kind, place| Ok(BodyDesc::plain(body(guest.granted, place)?, kind, id));
-    let dynamic: Result<_, Stop> = config(BodyKind::Dynamic, 0);
-    let still: Result<_, Stop> = config(BodyKind::Static, 0);
+    let desc = |kind, place| Ok(BodyDesc::plain(body(guest.granted, place)?, kind, id));
+    let dynamic: Result<_, Stop> = desc(BodyKind::Dynamic, 0);
+    let still: Result<_, Stop> = desc(BodyKind::Static, 0);
     let (dynamic, still) = (dynamic?, still?);
     let outcome = guest.command(Command::AddBody {
-        config: dynamic,
+        desc: dynamic,
         motion,
     })?;
     ensure(
         outcome == Err(CommandError::NoInside(id)),
         format!("NoInside, not {outcome:?}"),
     )?;
-    let config = still;
-    guest.must(Command::AddBody { config, motion }).map(drop)
+    let desc = still;
+    guest.must(Command::AddBody { desc, motion }).map(drop)
 }
 
 fn no_parts(trial: &mut Trial<'_>) -> CaseResult {
@@ -488,9 +488,9 @@ fn no_parts(trial: &mut Trial<'_>) -> CaseResult {
     let compound = Compound::new(Vec::new()).map_err(|_| none())?;
     let shape = Shape::Compound(compound);
     guest.must(Command::AddShape { id, shape })?;
-    let config = BodyDesc::plain(body(guest.granted, 0)?, BodyKind::Dynamic, id);
+    let desc = BodyDesc::plain(body(guest.granted, 0)?, BodyKind::Dynamic, id);
     let motion = moving(Vec3::ZERO, Vec3::ZERO);
-    guest.must(Command::AddBody { config, motion }).map(drop)
+    guest.must(Command::AddBody { desc, motion }).map(drop)
 }
 
 fn told_alike(trial: &mut Trial<'_>) -> CaseResult {

@@ -177,7 +177,7 @@ fn hang(trial: &mut Trial<'_>, kind: JointKind) -> Result<HangingBall, Stop> {
     let (hook, hung) = (body(granted, 0)?, body(granted, 1)?);
     follower.must(ball_shape())?;
     follower.must(Command::AddBody {
-        config: BodyDesc::plain(hook, BodyKind::Static, BALL),
+        desc: BodyDesc::plain(hook, BodyKind::Static, BALL),
         motion: moving(Vec3::ZERO, Vec3::ZERO),
     })?;
     follower.must(ball(hung, Vec3::X * 2.0, Vec3::ZERO))?;

@@ -266,9 +266,9 @@ fn put(trial: &mut Trial<'_>) -> CaseResult {
 /// A kinematic ball that stands still where all else falls.
 fn lift(trial: &mut Trial<'_>) -> Result<(LossyClient, BodyId), Stop> {
     let (mut follower, id) = alone(trial, true, FULL)?;
-    let config = BodyDesc::plain(id, BodyKind::Kinematic, BALL);
+    let desc = BodyDesc::plain(id, BodyKind::Kinematic, BALL);
     let motion = moving(Vec3::ZERO, Vec3::ZERO);
-    follower.must(Command::AddBody { config, motion })?;
+    follower.must(Command::AddBody { desc, motion })?;
     Ok((follower, id))
 }
 
@@ -313,9 +313,9 @@ fn lifted(trial: &mut Trial<'_>) -> CaseResult {
 fn pushes(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = alone(trial, false, FULL)?;
     let pushed = body(follower.granted, 1)?;
-    let config = BodyDesc::plain(id, BodyKind::Kinematic, BALL);
+    let desc = BodyDesc::plain(id, BodyKind::Kinematic, BALL);
     let motion = moving(Vec3::ZERO, Vec3::X);
-    follower.must(Command::AddBody { config, motion })?;
+    follower.must(Command::AddBody { desc, motion })?;
     follower.must(ball(pushed, Vec3::X * 1.5, Vec3::ZERO))?;
     follower.advance(Tick::new(2 * SECOND))?;
     let (lift, ball) = (now(&follower, id)?, now(&follower, pushed)?);
@@ -333,10 +333,10 @@ fn scaled(trial: &mut Trial<'_>) -> CaseResult {
     let scales = [0.0, 0.5, -1.0];
     let named = |place: usize| BodyId::new(id.index() + place as u32, id.generation());
     for (place, scale) in scales.into_iter().enumerate() {
-        let mut config = BodyDesc::plain(named(place), BodyKind::Dynamic, BALL);
-        config.gravity_scale = scale;
+        let mut desc = BodyDesc::plain(named(place), BodyKind::Dynamic, BALL);
+        desc.gravity_scale = scale;
         let motion = moving(Vec3::X * (3 * place) as f32, Vec3::ZERO);
-        follower.must(Command::AddBody { config, motion })?;
+        follower.must(Command::AddBody { desc, motion })?;
     }
     follower.advance(Tick::new(SECOND))?;
     let g = f64::from(G);
@@ -366,13 +366,13 @@ fn gravity(trial: &mut Trial<'_>) -> CaseResult {
 
 fn damped(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = alone(trial, false, FULL)?;
-    let mut config = BodyDesc::plain(id, BodyKind::Dynamic, BALL);
-    config.damping = Some(Damping {
+    let mut desc = BodyDesc::plain(id, BodyKind::Dynamic, BALL);
+    desc.damping = Some(Damping {
         linear: 1.0,
         angular: 0.0,
     });
     let motion = moving(Vec3::ZERO, Vec3::X * 10.0);
-    follower.must(Command::AddBody { config, motion })?;
+    follower.must(Command::AddBody { desc, motion })?;
     follower.advance(Tick::new(SECOND))?;
     // 1/e of it is left after a second; steps make a little of it.
     let wanted = 10.0 * (-1.0_f64).exp();
@@ -415,10 +415,10 @@ fn wakes(trial: &mut Trial<'_>) -> CaseResult {
 fn unturned(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = alone(trial, false, FULL)?;
     let other = body(follower.granted, 1)?;
-    let mut config = BodyDesc::plain(id, BodyKind::Dynamic, BALL);
-    config.turns = false;
+    let mut desc = BodyDesc::plain(id, BodyKind::Dynamic, BALL);
+    desc.turns = false;
     let motion = moving(Vec3::ZERO, Vec3::ZERO);
-    follower.must(Command::AddBody { config, motion })?;
+    follower.must(Command::AddBody { desc, motion })?;
     // Beside its middle, so that it would turn.
     follower.must(ball(other, Vec3::new(-2.0, 0.4, 0.0), Vec3::X * 4.0))?;
     follower.advance(Tick::new(2 * SECOND))?;
@@ -442,9 +442,9 @@ fn tumbles(trial: &mut Trial<'_>) -> CaseResult {
         },
     })?;
     let spin = Vec3::new(0.05, 6.0, 0.0);
-    let config = BodyDesc::plain(id, BodyKind::Dynamic, shape);
+    let desc = BodyDesc::plain(id, BodyKind::Dynamic, shape);
     let motion = turning(Vec3::ZERO, Quat::IDENTITY, Vec3::ZERO, spin);
-    follower.must(Command::AddBody { config, motion })?;
+    follower.must(Command::AddBody { desc, motion })?;
     let mut least = f64::INFINITY;
     for tick in 1..=6 * SECOND {
         follower.advance(Tick::new(tick))?;

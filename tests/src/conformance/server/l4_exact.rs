@@ -108,10 +108,10 @@ fn judge(copy: &LossyClient, subject: ReferenceScene, first: u32, tick: Tick) ->
     let recorded = subject.recorded(tick).ok_or_else(unrecorded)?;
     let replica = copy.replica()?;
     let stream = replica.stream();
-    let can_move = |config: &BodyDesc| config.kind != BodyKind::Static;
-    let here = replica.bodies().filter(can_move).filter_map(|config| {
-        let motion = stream.predicted_motion(config.id, tick)?;
-        Some((config.id.index().checked_sub(first)?, checksums(&motion)))
+    let can_move = |desc: &BodyDesc| desc.kind != BodyKind::Static;
+    let here = replica.bodies().filter(can_move).filter_map(|desc| {
+        let motion = stream.predicted_motion(desc.id, tick)?;
+        Some((desc.id.index().checked_sub(first)?, checksums(&motion)))
     });
     let here: BodyDigests = here.collect();
     ensure(
@@ -176,10 +176,10 @@ fn sleeps(trial: &mut Trial<'_>) -> CaseResult {
     let replica = lead.follower.replica()?;
     let stream = replica.stream();
     let mut asleep = 0;
-    for config in replica.bodies() {
-        let (id, place) = (config.id, config.id.index().wrapping_sub(first));
+    for desc in replica.bodies() {
+        let (id, place) = (desc.id, desc.id.index().wrapping_sub(first));
         let rests = stream.track(id).is_some_and(|track| track.is_exact_rest());
-        if config.kind == BodyKind::Static || !rests {
+        if desc.kind == BodyKind::Static || !rests {
             continue;
         }
         let is = stream

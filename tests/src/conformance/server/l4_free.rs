@@ -255,8 +255,8 @@ fn alike(one: &LossyClient, other: &LossyClient, tick: Tick) -> CaseResult {
         sums.0 == sums.1,
         format!("their sums at {tick} are {sums:x?}"),
     )?;
-    for config in one.bodies() {
-        let id = config.id;
+    for desc in one.bodies() {
+        let id = desc.id;
         let predicted_motion = one.stream().predicted_motion(id, tick);
         ensure(
             predicted_motion == other.stream().predicted_motion(id, tick),

@@ -248,9 +248,9 @@ fn command(
     script.commands(tick, &mut commands);
     for mut command in commands {
         rename(&mut command, leader.granted)?;
-        if classes && let Command::AddBody { config, .. } = &mut command {
-            let step = (config.id.index() % 7) as i8 - 3;
-            config.tolerance_scale = ToleranceScale::new(step).unwrap_or(ToleranceScale::USUAL);
+        if classes && let Command::AddBody { desc, .. } = &mut command {
+            let step = (desc.id.index() % 7) as i8 - 3;
+            desc.tolerance_scale = ToleranceScale::new(step).unwrap_or(ToleranceScale::USUAL);
         }
         leader.task(|session| session.command(command))?;
     }
@@ -268,7 +268,7 @@ pub(super) fn rename(command: &mut Command, granted: IdRange) -> CaseResult {
         Ok(())
     };
     match command {
-        Command::AddBody { config, .. } => named(&mut config.id),
+        Command::AddBody { desc, .. } => named(&mut desc.id),
         Command::RemoveBody { id }
         | Command::SetPose { id, .. }
         | Command::SetVelocity { id, .. }

@@ -86,7 +86,7 @@ const PLACE: Vec3 = Vec3::new(1.0, 2.0, 3.0);
 fn take_authority(guest: &mut RawClient, id: BodyId) -> Result<StreamId, Stop> {
     guest.must(ball_shape())?;
     guest.must(Command::AddBody {
-        config: BodyDesc::plain(id, BodyKind::Kinematic, BALL),
+        desc: BodyDesc::plain(id, BodyKind::Kinematic, BALL),
         motion: moving(PLACE, Vec3::ZERO),
     })?;
     guest.say(&ClientMessage::TakeAuthority(TakeAuthority {

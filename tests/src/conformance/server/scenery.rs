@@ -90,7 +90,7 @@ pub(super) fn body(granted: IdRange, place: u32) -> Result<BodyId, Stop> {
 /// Puts a ball somewhere, moving so.
 pub(super) fn ball(id: BodyId, at: Vec3, linear: Vec3) -> Command {
     Command::AddBody {
-        config: BodyDesc::plain(id, BodyKind::Dynamic, BALL),
+        desc: BodyDesc::plain(id, BodyKind::Dynamic, BALL),
         motion: moving(at, linear),
     }
 }
@@ -98,7 +98,7 @@ pub(super) fn ball(id: BodyId, at: Vec3, linear: Vec3) -> Command {
 /// Puts the floor so that its top is at a height of zero.
 pub(super) fn floor(id: BodyId) -> Command {
     Command::AddBody {
-        config: BodyDesc::plain(id, BodyKind::Static, FLOOR),
+        desc: BodyDesc::plain(id, BodyKind::Static, FLOOR),
         motion: moving(Vec3::new(0.0, -1.0, 0.0), Vec3::ZERO),
     }
 }
