@@ -1,4 +1,4 @@
-//! The server's end of an upstream: where one client's bodies belong at a tick.
+//! The server's end of an upstream: where a client's bodies belong.
 //!
 //! Wraps a `StreamReceiver`. Bytes come from anyone: none may panic, memory is bounded, and only granted bodies are
 //! affected. Does not move bodies in the engine.
